@@ -31,14 +31,14 @@ fn errors(got: &Image, expected: &Image) -> Outcome<(f64, f64)> {
     Ok((alpha, r.max(g).max(b)))
 }
 
-/// Draws scenes of one picture size and reports what was found.
+/// Draws scenes of one picture size and reports their errors.
 struct Harness {
     renderer: Renderer,
     report: Report,
     pixels: u32,
 }
 
-/// A picture by quads in which nothing is left out for speed.
+/// Settings of quads without early termination.
 fn by_quads(quads: QuadsSettings) -> Settings {
     Settings { painter: Painter::Quads(quads), termination: 0.0, ..Settings::default() }
 }

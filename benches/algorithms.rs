@@ -1,12 +1,12 @@
-//! Measures what docs/algorithms.md states.
+//! Measures the figures of docs/algorithms.md.
 //!
 //! ```text
 //! cargo bench --bench algorithms -- [SECTION [FILE...]] [--write]
 //! ```
 //!
 //! Sections: thickness, post, peak, gradients, minification, rim, and termination, which takes the files of the scans
-//! to measure. Without a section, all that need no file are measured. `--write` keeps the tables in docs/measurements;
-//! section thickness then also writes docs/thickness.svg.
+//! to measure. Without a section, it measures all sections that need no file. `--write` keeps the tables in
+//! docs/measurements; section thickness then also writes docs/thickness.svg.
 
 #![allow(clippy::print_stdout, reason = "printing its tables is what this program is for")]
 
@@ -33,7 +33,7 @@ use voxsplat::{
 /// A section and its name.
 type Section = (&'static str, fn(&Renderer, &mut Report) -> Outcome);
 
-/// A picture by quads in which nothing is left out for speed.
+/// Settings of quads without early termination.
 fn exact(quads: QuadsSettings) -> Settings {
     Settings { painter: Painter::Quads(quads), termination: 0.0, ..Settings::default() }
 }
@@ -120,7 +120,7 @@ fn plot(curves: &[(String, Vec<(f64, f64)>)]) -> Result<String, std::fmt::Error>
     Ok(svg)
 }
 
-/// Post-shading against its reference, by the parabola and by means.
+/// Post-shading against its reference, with the parabola and with means.
 fn post(renderer: &Renderer, report: &mut Report) -> Outcome {
     report.line("| volume | interslice | rms at 0.25 | 0.5 | 1 | 2 (of 255) |\n|---|---|---|---|---|---|");
     for (name, size) in [("shell", 64), ("marschner-lobb", 64), ("vessels", 64)] {
@@ -142,7 +142,7 @@ fn post(renderer: &Renderer, report: &mut Report) -> Outcome {
     Ok(())
 }
 
-/// The narrow peak of demo:shell:128 at one sheet per voxel, from the view that ray casters were measured at.
+/// The narrow peak of demo:shell:128 at one sheet per voxel, from the view of the measured ray casters.
 fn peak(renderer: &Renderer, report: &mut Report) -> Outcome {
     let (volume, transfer) = demo("shell", 128)?;
     let view = View { azimuth: 30.0, elevation: 20.0, up: DVec3::Y, view_height: Some(1.5 * 128.0), ..View::default() };
@@ -166,7 +166,7 @@ fn peak(renderer: &Renderer, report: &mut Report) -> Outcome {
     Ok(())
 }
 
-/// Mean angle in degrees between the normals that light shows and the true ones, over the pixels of the isosurface at
+/// Mean angle in degrees between the normals of lit pictures and the true normals, over the pixels of the isosurface at
 /// 0.5, in a picture of `size`^2 pixels; and the number of these pixels.
 fn angle(
     renderer: &Renderer,
@@ -177,12 +177,12 @@ fn angle(
 ) -> Outcome<(f64, usize)> {
     let threshold = 0.5;
     let point = |value, opacity| ControlPoint { value, color: [1.0; 3], opacity };
-    // As sharp a surface as the field is smooth.
+    // A surface as sharp as the smooth field permits.
     let points = vec![point(threshold - 0.01, 0.0), point(threshold + 0.01, 1.0)];
     let transfer = TransferFunction::new(points, Some(0.25))?;
     let view = View { azimuth: 33.0, elevation: 40.0, ..View::default() };
     let camera = Camera::new(&view, volume.grid(), [size; 2])?;
-    // Diffuse light from five sides shows the components of the normal.
+    // Diffuse light from five sides gives the components of the normal.
     let shown = |towards: DVec3| -> Outcome<Image> {
         let lights = vec![Light::directional(towards)];
         let lighting =
@@ -207,7 +207,7 @@ fn angle(
         let inside = |t: &f64| (origin + direction * *t).abs().cmple(half).all();
         let steps = (-2000..2000).map(|i| f64::from(i) * 0.05).filter(inside);
         let Some(hit) = steps.clone().find(|t| field(origin + direction * *t) > threshold) else { continue };
-        // If the ray enters inside the surface, the surface is not what is seen.
+        // If the ray enters inside the surface, the surface is not visible.
         if steps.clone().next() == Some(hit) || sides[0].pixels()[index][3] < 0.98 {
             continue;
         }
@@ -215,7 +215,7 @@ fn angle(
         normal *= -normal.dot(direction).signum();
         let value = |side: usize| f64::from(sides[side].pixels()[index][0]);
         let seen = camera.right * (value(0) - value(1)) + camera.up * (value(2) - value(3)) - camera.forward * value(4);
-        // Grazing surfaces are seen together with what is behind them.
+        // Grazing surfaces are mixed with the matter behind them.
         if normal.dot(-direction) > 0.3 && seen.length() > 0.0 {
             sum += seen.normalize().dot(normal).clamp(-1.0, 1.0).acos().to_degrees();
             count += 1;
@@ -261,7 +261,7 @@ fn gradients_at(renderer: &Renderer, report: &mut Report, size: u32) -> Outcome 
     Ok(())
 }
 
-/// Early splat termination on scans: what it leaves out, what it changes, what it saves.
+/// Early splat termination on scans: skipped splats, changes of the picture and saved time.
 fn termination(renderer: &Renderer, report: &mut Report, files: &[String]) -> Outcome {
     report.line("| scan | extinction | termination | hidden | largest change | time of a frame over that without |");
     report.line("|---|---|---|---|---|---|");
@@ -311,7 +311,7 @@ fn termination(renderer: &Renderer, report: &mut Report, files: &[String]) -> Ou
 fn minification(renderer: &Renderer, report: &mut Report) -> Outcome {
     let (volume, _) = demo("shell", 64)?;
     let point = |value, opacity| ControlPoint { value, color: [1.0; 3], opacity };
-    // Thin: alpha is optical depth, and its integral over the picture the mass of the volume.
+    // So thin that alpha is optical depth, and its integral over the picture the mass of the volume.
     let transfer = TransferFunction::new(vec![point(0.1, 0.0), point(1.0, 1e-4)], Some(1.0))?;
     report.line(
         "| projection | antialiasing | 1024 | 512 | 256 | 128 | 64 | 32 | 16 |\n|---|---|---|---|---|---|---|---|---|",
@@ -353,7 +353,7 @@ fn minification(renderer: &Renderer, report: &mut Report) -> Outcome {
     Ok(())
 }
 
-/// Alpha of a uniform box near its faces, over that in the middle.
+/// Alpha of a uniform box near its faces, over the alpha in the middle.
 fn rim(renderer: &Renderer, report: &mut Report) -> Outcome {
     let grid = Grid::axis_parallel([32; 3], [1.0; 3])?;
     let volume = Volume::new(grid, Samples::U8(vec![100; 32 * 32 * 32]))?;
@@ -369,7 +369,7 @@ fn rim(renderer: &Renderer, report: &mut Report) -> Outcome {
             let view = View { view_height: Some(36.0), ..View::default() };
             let camera = Camera::new(&view, volume.grid(), [144; 2])?;
             let image = render(renderer, &volume, &transfer, &camera, &settings)?.image;
-            // Four pixels to a voxel; the box begins 2 voxels, 8 pixels, from the edge of the picture.
+            // Four pixels per voxel; the box begins 2 voxels, 8 pixels, from the edge of the picture.
             let row = |voxels: f64| {
                 let x = 8 + (voxels * 4.0) as usize;
                 (64..80).map(|y| f64::from(image.pixels()[y * 144 + x][3])).sum::<f64>()

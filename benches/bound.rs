@@ -1,14 +1,14 @@
-//! Whether pictures keep the error that they are asked to, and what that costs.
+//! How often pictures keep a requested error, and their cost.
 //!
 //! ```text
 //! cargo bench --bench bound -- [--seeds FIRST..LAST] [--scans DIR] [--size PIXELS] [--write]
 //! ```
 //!
 //! Each seed (0..119) draws a combination: a scene (built-in volumes, opaque and narrow variants of them, and the
-//! volume files of DIR), a view, a model, and a bound E from 3e-4 to 3e-2. `accuracy::choose` takes settings for it.
-//! Their picture is compared with the f64 reference at other pixels than those that chose. Then a grid of ways to draw
-//! is timed (each twice after a frame that is not timed) and measured at the same pixels; the cheapest that keeps E is
-//! what the chosen settings are held to.
+//! volume files of DIR), a view, a model, and a bound E from 3e-4 to 3e-2. `accuracy::choose` chooses settings for it.
+//! Their picture is compared with the f64 reference at other pixels than the pixels of the choice. Then a grid of
+//! settings is timed (each twice after an untimed frame) and measured at the same pixels. The chosen settings are
+//! compared with the cheapest settings of the grid that keep E.
 //!
 //! Prints a row for each combination, and the shares that keep E and 2 E. `--write` keeps them in docs/measurements.
 
@@ -31,9 +31,9 @@ use voxsplat::{
     load,
 };
 
-/// Pixels that choose.
+/// Pixels traced for the choice.
 const CHOOSING: u32 = 2048;
-/// Pixels that check: their grid falls between that of the others.
+/// Pixels traced for the check: their grid lies between the pixels of the choice.
 const CHECKING: u32 = 6000;
 
 /// Steele, Lea and Flood 2014, "Fast splittable pseudorandom number generators".
@@ -66,7 +66,7 @@ struct Combination {
     bound: f64,
 }
 
-/// The same curve with opacities so many times as high, at most 0.99.
+/// The same curve with opacities multiplied by a factor, at most 0.99.
 fn denser(transfer: &TransferFunction, times: f64) -> voxsplat::Result<TransferFunction> {
     let points = transfer.points().iter().map(|p| ControlPoint { opacity: (p.opacity * times).min(0.99), ..*p });
     TransferFunction::new(points.collect(), transfer.unit_distance())
@@ -98,10 +98,10 @@ fn combination(seed: u64, scans: &[PathBuf], size: u32) -> Outcome<Combination> 
     let lit = composite && random.of(&[false, true]);
     let kernel = random.of(&[Kernel::default(), Kernel::default(), Kernel::KAISER_BESSEL]);
     let settings = Settings { model, shading, kernel, lighting: lit.then(Lighting::default), ..Settings::default() };
-    // In smaller pictures kernels of scans grow over 4 voxels, which takes half a minute a frame post-shaded.
+    // In smaller pictures kernels of scans grow over 4 voxels, and a post-shaded frame takes half a minute.
     let size = if from_scans { 2 * size } else { size };
     let camera = Camera::new(&view, volume.grid(), [size; 2])?;
-    // A frame of a post-shaded scan takes minutes in sheets as thin as smaller bounds ask for.
+    // With the thin sheets of smaller bounds, a frame of a post-shaded scan takes minutes.
     let least: f64 = if from_scans && settings.is_post_shaded() { 1e-2 } else { 0.0 };
     let bound = random.of(&[3e-4, 1e-3, 3e-3, 1e-2, 3e-2]);
     let bound = f64::max(bound, least);
@@ -114,7 +114,7 @@ fn combination(seed: u64, scans: &[PathBuf], size: u32) -> Outcome<Combination> 
     Ok(Combination { name, volume, transfer, camera, settings, bound })
 }
 
-/// The grid: what the chosen settings are held to.
+/// The grid of settings with which the choice is compared.
 fn grid(settings: &Settings) -> Vec<Settings> {
     let tiles = |resolution| Painter::Tiles(TilesSettings { resolution });
     let mut all = vec![settings.clone()];
@@ -130,14 +130,14 @@ fn grid(settings: &Settings) -> Vec<Settings> {
     all
 }
 
-/// Seconds of a frame after another.
+/// Seconds of a frame after an untimed frame.
 fn seconds(renderer: &Renderer, scene: &Scene, c: &Combination, settings: &Settings) -> voxsplat::Result<f64> {
     let mut times = Vec::new();
     for _ in 0..3 {
         let start = Instant::now();
         renderer.render(scene, &c.camera, settings)?;
         times.push(start.elapsed().as_secs_f64());
-        // The first of what takes long tells enough.
+        // One frame suffices for slow settings.
         if start.elapsed().as_secs_f64() > 2.0 {
             break;
         }
@@ -159,7 +159,7 @@ fn row(renderer: &Renderer, c: &Combination, report: &mut Report, seed: u64) -> 
     let scene = renderer.prepare(&c.volume, &c.transfer, &c.settings)?;
     let own = seconds(renderer, &scene, c, &chosen.settings)?;
     let mut cheapest = f64::INFINITY;
-    // Ways that take much longer than the chosen one are not the cheapest.
+    // Settings that take much longer than the choice are not the cheapest.
     for settings in grid(&c.settings).into_iter().filter(|_| chosen.keeps) {
         let start = Instant::now();
         let Ok(rendered) = renderer.render(&scene, at, &settings) else { continue };

@@ -1,12 +1,12 @@
-//! The two painters side by side: time of a frame and error, for every kind of picture that both draw.
+//! The two painters side by side: time of a frame and error, for every kind of picture.
 //!
 //! ```text
 //! cargo bench --bench painters -- [--size PIXELS] [--runs N] [--error-size PIXELS] [--write] [VOLUME...]
 //! ```
 //!
 //! For each kind of picture and volume a row of a table: median milliseconds of a frame by `tiles` and by `quads`, in
-//! alternation after one frame each, and their ratio; how far `tiles` is from a ray through every pixel; and the errors
-//! of both against the f64 reference in a picture of the smaller size, in which each pixel has its ray. Differences and
+//! alternation after one frame each, and their ratio; the difference of `tiles` from a ray per pixel; and the errors
+//! of both against the f64 reference in a picture of the smaller size, with a ray for each pixel. Differences and
 //! errors are rms over the four channels of covered pixels, of 255. VOLUME is a file or demo:NAME:SIZE; if none is
 //! given, four built-in volumes are measured. `--write` keeps the table in docs/measurements.
 
@@ -46,9 +46,9 @@ fn options(arguments: &mut Arguments) -> Outcome<Options> {
     Ok(options)
 }
 
-/// The kinds of pictures, and whether their rays go through one eye.
+/// The kinds of pictures, and whether they are in perspective.
 fn kinds() -> Vec<(&'static str, Settings, bool)> {
-    // Voxels smaller than pixels are left to `quads`: for the reference's size, their kernels do not grow.
+    // Without anti-aliasing kernels do not grow at the small size of the reference, so `tiles` does not refuse them.
     let pre = Settings { antialiasing: false, ..Settings::default() };
     let post = Settings { shading: Shading::Post, ..pre.clone() };
     let lit = |settings: &Settings| {
@@ -67,7 +67,7 @@ fn kinds() -> Vec<(&'static str, Settings, bool)> {
     ]
 }
 
-/// `tiles` as it is by default, `tiles` with a ray for each pixel, and `quads`.
+/// `tiles` by default, `tiles` with a ray for each pixel, and `quads`.
 const CAPPED: Painter = Painter::Tiles(TilesSettings { resolution: Resolution::Capped });
 const FULL: Painter = Painter::Tiles(TilesSettings { resolution: Resolution::Full });
 

@@ -1,13 +1,13 @@
 //! The popping experiment (Mueller and Crawfis 1998, "Eliminating popping artifacts in sheet buffer-based splatting").
 //!
-//! A turn from 44 to 46 degrees in small steps: half way the axis of axis-aligned sheets switches, and the picture with
-//! it.
+//! A turn from 44 to 46 degrees in small steps: half way the axis of axis-aligned sheets switches, and the picture
+//! pops.
 //!
 //! ```text
 //! cargo bench --bench popping -- [VOLUME [PIXELS [FOLDER]]] [--write]
 //! ```
 //!
-//! Prints, for each way of splatting, how much of the change from frame to frame the f64 reference does not have: the
+//! Prints, for each kind of sheets, the change from frame to frame beyond the change of the f64 reference: the
 //! largest over all pixels and channels, at the switch and elsewhere. Writes the pictures at 44.8 and 45.2 degrees to
 //! FOLDER (target/popping). VOLUME is demo:marschner-lobb:48, PIXELS 128. `--write` keeps the table in
 //! docs/measurements.
@@ -26,7 +26,7 @@ use voxsplat::{Background, Camera, Image, LoadOptions, Renderer, RendererOptions
 /// Frames, in tenths of a degree.
 const TENTHS: std::ops::RangeInclusive<u32> = 440..=460;
 
-/// The largest difference, over pixels and channels, between the change from `a` to `b` and that from `c` to `d`.
+/// The largest difference, over pixels and channels, between the change from `a` to `b` and the change from `c` to `d`.
 fn excess([a, b]: [&Image; 2], [c, d]: [&Image; 2]) -> f32 {
     let change = |p: &Image, q: &Image| -> Vec<f32> {
         p.pixels().iter().flatten().zip(q.pixels().iter().flatten()).map(|(p, q)| q - p).collect()
@@ -34,7 +34,7 @@ fn excess([a, b]: [&Image; 2], [c, d]: [&Image; 2]) -> f32 {
     change(a, b).iter().zip(change(c, d)).map(|(x, y)| (x - y).abs()).fold(0.0, f32::max)
 }
 
-/// A picture by quads in which nothing is left out for speed.
+/// Settings of quads without early termination.
 fn by_quads(sheets: Sheets, accumulation: Accumulation) -> Settings {
     let quads = QuadsSettings { sheets, accumulation, ..QuadsSettings::default() };
     Settings { painter: Painter::Quads(quads), termination: 0.0, ..Settings::default() }
@@ -79,7 +79,7 @@ fn main() -> Outcome {
             }
             frames.push(image);
         }
-        // At 45 degrees itself either axis may be taken: the switch is in one of the two steps beside it.
+        // At 45 degrees either axis is possible: the switch is in one of the two adjacent steps.
         let (mut switch, mut elsewhere) = (0.0_f32, 0.0_f32);
         for ((tenths, got), want) in TENTHS.zip(frames.windows(2)).zip(truth.windows(2)) {
             let excess = excess([&got[0], &got[1]], [&want[0], &want[1]]);

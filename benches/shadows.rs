@@ -1,13 +1,13 @@
-//! What shadows take: once for a set of lights, and in each frame of a turntable.
+//! The cost of shadows: once per set of lights, and in each frame of a turntable.
 //!
 //! ```text
 //! cargo bench --bench shadows -- [VOLUME...] [--size PIXELS] [--frames N] [--shading pre|post] [--truths] [--write]
 //! ```
 //!
-//! Volumes are files or `demo:NAME:SIZE`, with the transfer function that they have or that is suggested. A directional
-//! light is drawn without shadows, with hard ones and with soft ones; then studio light. Turntables alternate, and each
-//! has a frame that is not timed first. `--truths` compares two truths instead, post-shaded: light found at voxels and
-//! light found at every point.
+//! Volumes are files or `demo:NAME:SIZE`, with their own or the suggested transfer function. A directional light is
+//! drawn without shadows, with hard and with soft shadows; then studio light. Turntables alternate, and each begins
+//! with an untimed frame. `--truths` compares two truths instead, post-shaded: light computed at voxels, and light
+//! computed at every point.
 
 #![allow(clippy::print_stdout, reason = "printing its table is what this program is for")]
 
@@ -30,7 +30,7 @@ const VOLUMES: [&str; 5] =
 /// The volumes whose truths are compared.
 const TRUTHS: [&str; 4] = ["demo:vessels:24", "demo:marschner-lobb:24", "demo:sphere:24", "demo:shepp-logan:24"];
 
-/// What light at voxels leaves out: pictures of 24 x 24 pixels in a hard light from the side.
+/// The error of light at voxels: pictures of 24 x 24 pixels in a hard light from the side.
 fn compare_truths(report: &mut Report, volumes: &[String]) -> Outcome {
     report.line("| volume | light at voxels against light at every point, rms over covered pixels | shadows make |");
     report.line("|---|---|---|");

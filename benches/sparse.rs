@@ -4,7 +4,7 @@
 //! cargo bench --bench sparse -- FILE.raw SIZE FRACTION
 //! ```
 //!
-//! SIZE^3 voxels, of which about FRACTION are over 0 (0.01 is 1 %). The radius of the balls is 1/25 of SIZE, so files
+//! SIZE^3 voxels; about FRACTION of them are over 0 (0.01 is 1 %). The radius of the balls is 1/25 of SIZE, so files
 //! of one FRACTION show the same scene at every SIZE. Prints the command that renders the file.
 
 #![allow(clippy::print_stdout, reason = "printing how to render the file is what this program is for")]
@@ -45,7 +45,7 @@ fn main() -> Outcome {
         plane.par_chunks_mut(size).enumerate().for_each(|(y, row)| {
             row.fill(0);
             for b in &near {
-                // Brightest in the middle, a shell of 40 at the rim.
+                // Brightest in the middle, 40 at the rim.
                 let rest = radius * radius - (b.y - y as f64).powi(2) - (b.z - z as f64).powi(2);
                 if rest > 0.0 {
                     let half = rest.sqrt();

@@ -1,4 +1,4 @@
-//! A picture held against the truth, the same model integrated in f64 along the ray of each pixel:
+//! Compares a picture with the truth, the same model integrated in f64 along the ray of each pixel:
 //! `cargo run --release --example truth -- [PIXELS]` prints the differences and writes truth-difference.png.
 
 #![allow(clippy::print_stdout, reason = "the error is the result of the example")]

@@ -1,4 +1,4 @@
-//! A turn around a volume: one scene, one picture per step, and the time of each:
+//! Turns around a volume: one scene, one picture per step, and the time of each:
 //! `cargo run --release --example turntable -- [FRAMES [PIXELS]]` writes turntable_000.png, turntable_001.png, ...
 
 #![allow(clippy::print_stdout, reason = "the time of a picture is part of the example")]

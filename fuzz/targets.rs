@@ -1,5 +1,5 @@
-//! What is fuzzed, for cargo-fuzz (`fuzz/fuzz_targets`) and for the suite (`tests/suite/hostile/fuzz.rs`): bytes go in,
-//! and a value or an error of one line comes out.
+//! The fuzz targets, for cargo-fuzz (`fuzz/fuzz_targets`) and for the suite (`tests/suite/hostile/fuzz.rs`): from bytes
+//! to a value or an error of one line.
 
 use std::fs::File;
 use std::io::Write;
@@ -21,10 +21,10 @@ pub struct Place {
     zarr: Vec<(PathBuf, Files)>,
 }
 
-/// A function that is fuzzed. It returns whether the bytes were accepted.
+/// A fuzzed function. It returns whether the bytes were accepted.
 pub type Target = fn(&Place, &[u8]) -> bool;
 
-/// Every target by name, with the endings of the fixtures that it begins from.
+/// Every target by name, with the extensions of its seeds among the fixtures.
 pub const TARGETS: &[(&str, Target, &[&str])] = &[
     ("nrrd", |place, bytes| place.volume("fuzzed.nrrd", bytes), &[".nrrd", ".nhdr"]),
     ("nifti", |place, bytes| place.volume("fuzzed.nii", bytes), &[".nii", ".nii.gz", ".hdr", ".hdr.gz"]),
@@ -61,7 +61,7 @@ impl Place {
             let entry = entry?;
             std::fs::copy(entry.path(), folder.join(entry.file_name()))?;
         }
-        // What the header of a pair reads its samples from.
+        // The file of samples of a header.
         std::fs::copy(fixtures.join("pair-i16.img"), folder.join("fuzzed.img"))?;
         for (name, header) in HEADERS {
             let field = if name.ends_with(".mhd") { "ElementDataFile = " } else { "data file: " };
@@ -99,7 +99,7 @@ impl Place {
         let volume = load(&path, &LoadOptions::default());
         let times = volume.as_ref().map_or(1, |volume| volume.contents().times);
         if times > 1 {
-            // Read another way: what is compressed is decompressed once.
+            // Another reader: it decompresses the file once.
             let mut series = TimeSeries::new(&path, &LoadOptions::default());
             checked(series.volume(times - 1));
             checked(series.volume(0));
@@ -152,7 +152,7 @@ impl Place {
         accepted
     }
 
-    /// What [`Place::zarr`] begins from.
+    /// The seeds of [`Place::zarr`].
     pub fn zarr_seeds(&self) -> Vec<Vec<u8>> {
         let of = |(folder, (_, files)): (usize, &(PathBuf, Files))| {
             let seed = |(file, (_, content)): (usize, &(PathBuf, Vec<u8>))| {
@@ -189,7 +189,7 @@ impl Place {
     }
 }
 
-/// Copies a folder, and notes its files and their contents.
+/// Copies a folder, and lists its files with their contents.
 fn copied(from: &Path, to: &Path, files: &mut Files) -> std::io::Result<()> {
     std::fs::create_dir_all(to)?;
     for entry in std::fs::read_dir(from)? {
@@ -206,7 +206,7 @@ fn copied(from: &Path, to: &Path, files: &mut Files) -> std::io::Result<()> {
     Ok(())
 }
 
-/// Reads all of a volume, and what `info` says of it.
+/// Reads a whole volume, and the properties that `info` prints.
 fn checked(volume: Result<Volume, InputError>) -> bool {
     let Some(volume) = accepted(volume) else { return false };
     let Some(samples) = accepted(volume.in_memory()) else { return false };
@@ -219,7 +219,7 @@ fn checked(volume: Result<Volume, InputError>) -> bool {
     true
 }
 
-/// The value; an error must be one line of bearable length, and one that reading has a reason for.
+/// Returns the value; an error must be a reading error of one line of bearable length.
 fn accepted<T, E: Into<Error>>(result: Result<T, E>) -> Option<T> {
     let refused = |error: Error| {
         assert_one_line(&error);

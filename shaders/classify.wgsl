@@ -1,6 +1,6 @@
-// classify: voxels to splats, brick by brick. Each invocation owns a row of a brick. `count` notes the visible voxels
-// of the row, a scan turns the counts into places, `emit` writes the splats there. There are no atomics: the order of
-// the splats is that of the bricks, and in a brick that of the lattice, whatever the scheduling.
+// classify: voxels to splats, brick by brick. Each invocation owns a row of a brick. `count` counts the visible voxels
+// of the row, a scan turns the counts into places, `emit` writes the splats there. There are no atomics: splats have
+// the order of the bricks, and within a brick the order of the lattice, whatever the scheduling.
 // uses: common/dispatch, common/normal, common/resolution, common/splat
 
 // How a sample is stored: 0 u8, 1 i8, 2 u16, 3 i16, 4 f32.
@@ -35,7 +35,7 @@ struct Classify {
     gradient_z: vec3f,
     // Number of the first brick of this batch among the bricks of the store.
     first_brick: u32,
-    // Control points of gradient opacity, behind the others: `sample` is the length of a gradient of samples.
+    // Control points of gradient opacity, after the other points: `sample` is the length of a gradient of samples.
     gradient_points: u32,
     // The base of the transfer function in the units of the samples, and the resolution there, see
     // common/resolution.wgsl.
@@ -55,12 +55,12 @@ struct ControlPoint {
 // Samples of the bricks, brick after brick, x fastest; several to a word, see SAMPLE_TYPE.
 @group(0) @binding(1) var<storage, read> samples: array<u32>;
 @group(0) @binding(2) var<storage, read> control_points: array<ControlPoint>;
-// By row of a brick: its number of visible voxels; after the scan, the place of its first splat.
+// For each row of a brick: its number of visible voxels; after the scan, the place of its first splat.
 @group(0) @binding(3) var<storage, read_write> places: array<u32>;
 @group(0) @binding(4) var<storage, read_write> splats: array<vec2u>;
 // Lattice points of the first voxels of bricks.
 @group(0) @binding(5) var<storage, read> origins: array<vec4u>;
-// By row of a brick: a bit for each voxel, set if it is visible; the lowest bit is the first voxel.
+// For each row of a brick: a bit for each voxel, set if it is visible; the lowest bit is the first voxel.
 @group(0) @binding(6) var<storage, read_write> seen: array<u32>;
 
 // Sample number `i` of the batch.
@@ -133,12 +133,12 @@ fn density(opacity: f32) -> f32 {
     return -log(1.0 - a);
 }
 
-// Whether bricks come with a layer of their neighbours' voxels around them, for gradients.
+// Whether bricks have a layer of neighbouring voxels around them, for gradients.
 fn has_halo() -> bool {
     return LIT || GRADIENT_OPACITY;
 }
 
-// Voxels along the side of a brick as it is stored.
+// Voxels along the side of a stored brick.
 fn stored_edge() -> u32 {
     return select(EDGE, EDGE + 2u, has_halo());
 }
@@ -151,7 +151,7 @@ struct BrickRow {
     point: vec3u,
     // Index of its first sample.
     first: u32,
-    // How many of its voxels are in the lattice.
+    // Number of its voxels in the lattice.
     count: u32,
 }
 
@@ -169,8 +169,8 @@ fn brick_row(index: u32) -> BrickRow {
     return BrickRow(brick, point, first, min(EDGE, classify.dims.x - point.x));
 }
 
-// The world gradient at a sample, by central differences: a vector of moderate length, and what it is to be multiplied
-// by; 0 if the differences are rounding.
+// The world gradient at a sample, by central differences: a vector of moderate length (xyz) and its factor (w); 0 if
+// the differences are rounding.
 fn gradient(i: u32) -> vec4f {
     let row = stored_edge();
     let plane = row * row;
@@ -181,7 +181,7 @@ fn gradient(i: u32) -> vec4f {
     if 0.5 * largest < resolution_at(sample_at(i) - classify.base, classify.faintest) {
         return vec4f(0.0);
     }
-    // Neither the unit of the samples nor that of the world takes it out of the range of f32.
+    // Neither the unit of the samples nor the unit of the world moves it out of the range of f32.
     let d = vec3f(x, y, z) / largest;
     let direction = classify.gradient_x * d.x + classify.gradient_y * d.y + classify.gradient_z * d.z;
     return vec4f(direction, 0.5 * largest);

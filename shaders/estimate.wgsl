@@ -1,5 +1,5 @@
-// estimate: a measure of what the splines through an intermediate image may err by around each of its points: fourth
-// differences along x and y. Splines follow what changes slowly from point to point, and not rims and edges.
+// estimate: the estimated error of splines through an intermediate image around each of its points: fourth differences
+// along x and y. Splines follow slow changes from point to point, but not rims and edges.
 // uses: common/rays
 
 @group(0) @binding(0) var<uniform> rays: Rays;
@@ -18,8 +18,8 @@ fn estimate(@builtin(global_invocation_id) id: vec3u) {
     if any(id.xy >= rays.size) {
         return;
     }
-    // Where points are closer, what is smooth has smaller differences, and the rims of kernels, which no spline
-    // follows, have nearly the same: more of a difference is error. See docs/measurements/2026-11-22-rays.md.
+    // With closer points, smooth parts have smaller differences, and the rims of kernels, which no spline follows, have
+    // nearly the same: a larger share of a difference is error. See docs/measurements/2026-11-22-rays.md.
     let gain = pow(rays.fineness * vec2f(rays.phases), vec2f(1.6));
     let p = vec2i(id.xy);
     var largest = 0.0;

@@ -3,17 +3,16 @@
 // the plane behind it. The planes between slabs cut every kernel; a slab is composited when all kernels that reach it
 // are known.
 //
-// A kernel reaches two or three slabs on either side of its own. Its part in each is nearly its footprint times a
-// linear function of s, the place of its centre along the ray. So a plane needs two sums, its moments: footprints m0,
-// and footprints times s, m1. In dense material, which shows where parts are off by little, it is a parabola, of a
-// third moment m2. The slabs around a plane get their parts from these. The parts of a kernel add up to its footprint,
-// so the optical depth of a ray is that of whole kernels.
+// A kernel reaches two or three slabs on either side of its own slab. Its part in each slab is nearly its footprint
+// times a linear function of s, the place of its centre along the ray. So a plane needs two sums, its moments:
+// footprints m0, and footprints times s, m1. Dense material makes small errors of parts visible, so there the function
+// is a parabola, with a third moment m2. The slabs around a plane get their parts from the moments. The parts of a
+// kernel add up to its footprint, so the optical depth of a ray is the depth of whole kernels.
 //
-// `single` marches one ray. `blocked` marches eight that are a voxel apart: they meet a plane at the same place between
-// its voxels and share the six footprints of a row. `straight` marches those of eight neighbouring pixels along m: they
-// share the voxels that they meet, and find their footprints once. Both are written out eight times, because loops over
-// arrays stay in memory on drivers that do not unroll them: a line with a number sign stands for itself with 0 to 7 in
-// its place (src/gpu/shaders.rs).
+// `single` marches one ray. `blocked` marches eight rays a voxel apart: they meet a plane at the same place between its
+// voxels and share the six footprints of a row. `straight` marches the rays of eight neighbouring pixels along m: they
+// share voxels, and compute their footprints once. Both are written out eight times, because drivers that do not unroll
+// loops keep arrays in memory: a line with a number sign is repeated with 0 to 7 in its place (src/gpu/shaders.rs).
 // uses: common/absorbed, common/march_planes, common/response, voxels/vectors
 
 @group(0) @binding(0) var<uniform> rays: Rays;
@@ -22,10 +21,10 @@
 @group(0) @binding(3) var intermediate: texture_storage_2d<rgba32float, write>;
 // The picture: `single`, `refine`, `layer` and `straight` add to it.
 @group(0) @binding(4) var<storage, read_write> pixels: array<vec4f>;
-// The share of its own ray in each pixel, and the tiles in which there is one.
+// The share of its own ray in each pixel, and the tiles with such pixels.
 @group(0) @binding(3) var<storage, read> refinement: array<f32>;
 @group(0) @binding(5) var<storage, read> refined: Refined;
-// For each pixel, what its ray has gathered in the layers before: premultiplied colour and optical depth.
+// For each pixel, the state of its ray after the nearer lattices: premultiplied colour and optical depth.
 @group(0) @binding(3) var<storage, read_write> gathered_before: array<vec4f>;
 
 // The rays of `single` go through an intermediate image.
@@ -37,8 +36,8 @@ override CURVED: bool = false;
 // Planes that kernels reach before and behind their own: 3, or 4.
 override REACH: i32 = 3;
 
-// What the kernels of a plane add to the slab one to four planes before their own (`ahead`) and behind it, which differ
-// in the sign of m1; the third is 0 for kernels with a radius of at most 2 voxels. Their own slab has the rest.
+// The parts of the kernels of a plane in the slabs one to four planes before their own (`ahead`) and behind it, which
+// differ in the sign of m1; the third is 0 for kernels with a radius of at most 2 voxels. Their own slab has the rest.
 struct Parts {
     own: vec4f,
     ahead1: vec4f,
@@ -85,21 +84,21 @@ fn parts_of(section: Section, sums: Moments) -> Parts {
     );
 }
 
-// The part of the slabs before a border: `part`, unless the border is cut away.
+// The part of the slabs before a border: `part`, unless the border is clipped.
 fn up_to(border: f32, part: vec4f, ends: vec2f, first: vec4f, last: vec4f) -> vec4f {
     return select(select(part, first, border <= ends.x), last, border >= ends.y);
 }
 
-// Where a ray is cut, in planes from a plane of voxels, and what of the kernels of that plane lies before. What is
-// beyond their reach is not added up.
+// The cuts of a ray, in planes from a plane of voxels, and the parts of the kernels of that plane before each cut. They
+// are not computed for cuts beyond the reach of the kernels.
 struct Cut {
     ends: vec2f,
     first: vec4f,
     last: vec4f,
 }
 
-// How far from their plane kernels reach along a ray, in planes: those of radius R at most R (1 + tan) cos, at an angle
-// of the ray to m.
+// The reach of kernels from their plane along a ray, in planes: at most R (1 + tan) cos, for a radius R and the angle
+// between the ray and m.
 fn reach_along() -> f32 {
     return sqrt(2.0 * rays.radius2) * rays.growth_most;
 }
@@ -118,14 +117,14 @@ fn cut_at(places: vec2f, base: vec2f, geometry: RayGeometry, plane: i32, end: i3
     return cut;
 }
 
-// What of whole kernels, `all`, lies before a place.
+// The part of whole kernels, `all`, before a place.
 fn before(place: f32, near: vec4f, all: vec4f) -> vec4f {
     let reach = reach_along();
     return select(select(near, all, place >= reach), vec4f(0.0), place <= -reach);
 }
 
-// What is left of the parts of the kernels of a plane where planes cut the ray: slabs end there. What is before each
-// cut has been added up voxel by voxel, so the optical depth of what is left is exact.
+// The parts of the kernels of a plane between the cuts of the ray: slabs end at a cut. The parts before each cut have
+// been added up voxel by voxel, so the optical depth of the rest is exact.
 fn cut_parts(parts: Parts, all: vec4f, cut: Cut) -> Parts {
     let ends = cut.ends;
     let reach = reach_along();
@@ -153,24 +152,24 @@ fn cut_parts(parts: Parts, all: vec4f, cut: Cut) -> Parts {
     return Parts(c4 - c3, c3 - c2, c2 - c1, c1 - c0, c0 - first, c5 - c4, c6 - c5, c7 - c6, last - c7);
 }
 
-// Optical depth that a slab may lack, or have too much colour for. The fit of parts errs by a little around zero. As
-// long as that is little in optical depth too, errors of neighbours cancel, and to settle them would cost more than it
-// saves: up to four times the error of colours in ordinary material.
+// The tolerated deficit of optical depth, or surplus of colour, of a slab. The fit of parts has small errors around
+// zero. While they are small in optical depth, errors of neighbours cancel. Settling them would increase the error of
+// colours in ordinary material up to fourfold.
 const LEEWAY: f32 = 0.03;
-// The largest slope of a slab's neighbour that shapes the slab, as a multiple of what the slab holds, beside an optical
-// depth of 1: where extinction rises steeper than that, light from the front of the slab is all that counts.
+// The largest slope of a neighbour that shapes a slab, as a multiple of the slab's own optical depth plus 1: if
+// extinction rises more steeply, only light from the front of the slab counts.
 const STEEPEST: f32 = 3.0;
 
-// What the fit of parts gives a slab, made such that no slab lacks much: it holds no less than nothing, and no more of
-// a colour than its extinction can be of, but for the leeway. The slab pays what the slab behind it lacks, and leaves
-// what it lacks itself, or has too much of, to the slab behind it. So the sums over all slabs are those of whole
-// kernels. `x` is the slab, `y` the one behind it, in optical depth.
+// A slab and the slab behind it after settling. Up to the leeway, a settled slab has no negative optical depth, and no
+// more of a colour than its extinction can have. The slab pays the deficit of the slab behind it, and leaves its own
+// deficit or surplus to that slab. So the sums over all slabs are the sums of whole kernels. `x` is the slab, `y` the
+// slab behind it, in optical depth.
 struct Pair {
     x: vec4f,
     y: vec4f,
 }
 
-// What a slab may hold: it lacks extinction and colours alike, and no colour by more.
+// A slab within the leeway: extinction and colours are reduced alike, and no colour has a larger deficit.
 fn within_leeway(slab: vec4f) -> vec4f {
     let kept = slab * (LEEWAY / max(-slab.w, LEEWAY));
     return vec4f(max(kept.rgb, vec3f(-LEEWAY)), kept.w);
@@ -186,10 +185,10 @@ fn settled(slab: vec4f, behind: vec4f) -> Pair {
 
 // Composites the slab of plane `plane`, which waits in `ray`, now that the slab behind it is known.
 //
-// Its colour changes with optical depth u as c(u) = mean + g (u / depth - 1/2), with g from its neighbours: that is
-// right to second order. The integral of c(u) exp(-u) is mean (1 - exp(-depth)) - g f(depth), f(depth) = 1/2 +
-// exp(-depth) / 2 - (1 - exp(-depth)) / depth. The fraction below, for f(depth) / depth^2, errs by 0.04 / depth^2 at
-// most, and not where depth is small.
+// Its colour changes with optical depth u as c(u) = mean + g (u / depth - 1/2), with g from its neighbours: exact to
+// second order. The integral of c(u) exp(-u) is mean (1 - exp(-depth)) - g f(depth), f(depth) = 1/2 + exp(-depth) / 2 -
+// (1 - exp(-depth)) / depth. The fraction below, for f(depth) / depth^2, errs by at most 0.04 / depth^2, and is exact
+// for small depths.
 fn advance(ray: ptr<function, RayState>, behind: vec4f, geometry: RayGeometry) {
     let pair = settled((*ray).slab, behind * (rays.density_scale * geometry.stretch));
     let before = (*ray).before;
@@ -198,10 +197,10 @@ fn advance(ray: ptr<function, RayState>, behind: vec4f, geometry: RayGeometry) {
     let most = STEEPEST * max(pair.x.w, 0.0) + 1.0;
     var x = pair.x;
     var slope = pair.y * (most / max(pair.y.w, most)) - before * (most / max(before.w, most));
-    // The light that arrives times 1 - exp(-depth). The series errs by depth^4 / 120 < 2e-7 of it.
+    // The light that arrives times 1 - exp(-depth). The relative error of the series is depth^4 / 120 < 2e-7.
     let depth = x.w;
     let passed = exp(-(*ray).depth - depth);
-    // Over the depth, or over 1 where the depth is less: squares would leave the range of f32.
+    // Over the depth, or over 1 if the depth is less: squares would leave the range of f32.
     let unit = 1.0 / max(depth, 1.0);
     x *= unit;
     slope *= unit;
@@ -220,17 +219,17 @@ fn advance(ray: ptr<function, RayState>, behind: vec4f, geometry: RayGeometry) {
     (*ray).transmittance = passed;
 }
 
-// A run of planes begins. Of the run before nothing is pending but what its last slab may lack.
+// A run of planes begins. Only the deficit of the last slab of the previous run is pending.
 fn begin_run(ray: ptr<function, RayState>) {
     (*ray).before = vec4f(0.0);
 }
 
-// The optical depth of a ray that has ended. What the last slab lacks is left over: it is taken from the depth.
+// The optical depth of a finished ray, less the remaining deficit of the last slab.
 fn final_depth(ray: RayState) -> f32 {
     return max(ray.depth + min(ray.slab.w, 0.0), 0.0);
 }
 
-// The premultiplied colour of a ray that has ended.
+// The premultiplied colour of a finished ray.
 fn finished(ray: RayState) -> vec4f {
     let depth = final_depth(ray);
     if RESPONSE > 0u {
@@ -241,8 +240,8 @@ fn finished(ray: RayState) -> vec4f {
     return vec4f(clamp(color, vec3f(0.0), rays.brightest * alpha), alpha);
 }
 
-// Planes after the last of a run: kernels reach so many slabs beyond it, and slabs are composited a plane later still.
-// By eight rays that share what they meet kernels reach 2.
+// Planes marched after the last plane of a run: kernels reach 2 REACH slabs beyond it, and slabs are composited a plane
+// later. Kernels of eight rays that share voxels reach 2.
 override FLUSH: i32 = 2 * REACH + 1;
 const FLUSH_EIGHT: i32 = 5;
 
@@ -250,13 +249,13 @@ fn is_opaque(ray: RayState) -> bool {
     return ray.depth > rays.opaque_depth;
 }
 
-// The slabs that planes may still add to, the foremost first: from four before the next plane to three behind it. If
-// kernels reach 3 planes, the first has been composited and the last is empty.
+// The incomplete slabs, the foremost first: from four before the next plane to three behind it. If kernels reach 3
+// planes, the first has been composited and the last is empty.
 struct Slabs {
     s#: vec4f,
 }
 
-// The share of the layer in what is around the place where a ray meets a plane. The shares of all layers add up to 1.
+// The share of the lattice around the point where a ray meets a plane. The shares of all lattices add up to 1.
 fn layer_share(geometry: RayGeometry, plane: i32) -> f32 {
     let growth = growth_at(geometry, plane);
     let near = saturate((growth - rays.fade_in.x) * rays.fade_in.y);
@@ -317,8 +316,8 @@ fn single(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) til
     }
 }
 
-// The rays of pixels through one of several layers, which are marched front to back. Each adds to the pixels what it
-// adds to the colour of their rays.
+// The rays of pixels through one of several lattices, which are marched front to back. Each adds its change of a ray's
+// colour to the pixel.
 @compute @workgroup_size(64)
 fn layer(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile: vec3u) {
     let at = point_of(tile, lane);
@@ -343,7 +342,7 @@ fn layer(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile
     add_to_pixel(at, share * (value - shown));
 }
 
-// The rays of pixels that the intermediate images do not show well enough: a workgroup for each tile of the list.
+// The rays of pixels that the intermediate images reproduce too poorly: a workgroup for each tile of the list.
 @compute @workgroup_size(64)
 fn refine(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) group: vec3u) {
     let index = group.y * REFINED_ROW + group.x;
@@ -371,7 +370,7 @@ struct NearSlabs {
     s3: vec4f,
 }
 
-// `feed` of such kernels, for ray `number` of eight; `is_cut` says whether the plane is near a cut.
+// `feed` for kernels with a radius of at most 2 voxels, for ray `number` of eight. `is_cut`: the plane is near a cut.
 fn feed_near(
     ray: ptr<function, RayState>,
     slabs: ptr<function, NearSlabs>,
@@ -401,19 +400,19 @@ fn restart(ray: ptr<function, RayState>, slabs: ptr<function, NearSlabs>) {
     *slabs = NearSlabs();
 }
 
-// Where eight rays are cut.
+// The cuts of eight rays.
 struct EightCuts {
-    // The base coordinates of each, and the planes between which it is not cut away.
+    // The base coordinates of each ray, and the planes between which it is unclipped.
     bases: array<vec2f, 8>,
     places: array<vec2f, 8>,
-    // The least and the largest of where they begin, and of where they end.
+    // The least and the largest of their beginnings, and of their ends.
     begin: vec2f,
     end: vec2f,
     // For one plane.
     cuts: array<Cut, 8>,
 }
 
-// The cuts of rays `across` to a row, a step `x` apart, in rows a step `y` apart.
+// The cuts of eight rays: `across` in a row, a step `x` apart, in rows a step `y` apart.
 fn eight_cuts(geometry: RayGeometry, across: u32, x: vec2f, y: vec2f) -> EightCuts {
     var eight = EightCuts();
     if CLIP_PLANES > 0u {
@@ -440,7 +439,7 @@ fn planes_of_eight(run: vec2i, eight: ptr<function, EightCuts>) -> vec2i {
     return vec2i(max(run.x, i32((*eight).begin.x) - beyond), min(run.y, i32((*eight).end.y) + beyond + 1));
 }
 
-// Finds the cuts for a plane. False if no ray is cut as near as the kernels of the plane reach, nor cut away there.
+// Computes the cuts for a plane. False if every ray is unclipped within the reach of the kernels of the plane.
 fn find_cuts(eight: ptr<function, EightCuts>, geometry: RayGeometry, plane: i32, end: i32) -> bool {
     if CLIP_PLANES == 0u {
         return false;
@@ -529,9 +528,9 @@ fn blocked(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) ti
     textureStore(intermediate, at + vec2u(#u * rays.phases.x, 0u), finished(ray#));
 }
 
-// The pixels of a block of `straight`: so many across, 2 or 4, and eight in all.
+// The pixels across a block of `straight`, 2 or 4, of eight in all.
 override ACROSS: u32 = 2u;
-// Rows of voxels that reach a ray of a block: 5 to 7. Along a row it is five voxels.
+// Rows of voxels that reach a ray of a block: 5 to 7, five voxels of each.
 override ROWS: u32 = 5u;
 
 // Footprints of the voxels of a row.
@@ -557,7 +556,7 @@ struct FiveVoxels {
     v4: vec4f,
 }
 
-// The voxels of a row from the first or, if `odd`, from the second one of a texel.
+// Five voxels of a row from the first or, if `odd`, from the second voxel of a texel.
 fn five_voxels(texel: vec2i, odd: bool, origin: vec2i) -> FiveVoxels {
     let at = texel_at(texel, origin);
     let t0 = voxels_at(at);
@@ -585,7 +584,7 @@ struct BlockWeights {
     r6: FiveWeights,
 }
 
-// Of ray `number` of a block. `first` is the first voxel as seen from the first ray.
+// The footprints of ray `number` of a block. `first` is the first voxel relative to the first ray.
 fn block_weights(first: vec2f, number: u32) -> BlockWeights {
     let d = first - f32(number % ACROSS) * rays.step_x - f32(number / ACROSS) * rays.step_y;
     var w: BlockWeights;
@@ -630,7 +629,7 @@ fn block_voxels(texel: vec2i, odd: bool, origin: vec2i) -> BlockVoxels {
     return v;
 }
 
-// Of a plane, for one ray. Every kernel has its centre where the ray meets its plane: s is 0.
+// The moments of a plane for one ray. Every kernel has its centre where the ray meets its plane: s is 0.
 fn block_moments(w: BlockWeights, v: BlockVoxels) -> Moments {
     var sum = weighed(w.r0, v.r0) + weighed(w.r1, v.r1) + weighed(w.r2, v.r2) + weighed(w.r3, v.r3)
         + weighed(w.r4, v.r4);
@@ -653,13 +652,13 @@ fn straight(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) t
     let down = 8u / ACROSS;
     let at = tile.xy * 8u + vec2u(lane % down * ACROSS, lane / down * down);
     let geometry = geometry_of(at);
-    // The least place of a ray along a and b.
+    // The least coordinates of a ray along a and b.
     let low = geometry.base + min(vec2f(0.0), f32(ACROSS - 1u) * rays.step_x)
         + min(vec2f(0.0), f32(down - 1u) * rays.step_y);
     let first = vec2i(ceil(low - geometry.footprint_half));
     let odd = (first.x & 1) == 1;
     let d = vec2f(first) - geometry.base;
-    // A loop over an array, which compiles faster: so many numbers stay in memory anyway.
+    // A loop over an array compiles faster, and so many numbers stay in memory anyway.
     var weights: array<BlockWeights, 8>;
     for (var number = 0u; number < 8u; number++) {
         weights[number] = block_weights(d, number);
@@ -677,7 +676,7 @@ fn straight(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) t
         let end = min(planes.y, rays.voxels.z);
         restart(&ray#, &slabs#);
         for (var plane = planes.x; plane < planes.y + FLUSH_EIGHT; plane++) {
-            // Behind the run the rows before the plane, which are zeros.
+            // After the run: the rows before the plane, which are zeros.
             let row = select(-i32(ROWS), first.y, plane < end);
             let v = block_voxels(vec2i(first.x >> 1u, row), odd, plane_texel(plane));
             let is_cut = find_cuts(&eight, geometry, plane, end);

@@ -2,8 +2,8 @@
 // kernels of voxel planes as in gather.wgsl, into slabs of scalar that are classified and lit when they are complete.
 //
 // Classification magnifies small differences of a scalar, so slabs are finer here: half a plane thick. A kernel has
-// parts in eight of them, or sixteen if it is wide, nearly its footprint times parabolas in s: a plane needs three
-// moments.
+// parts in eight slabs, or in sixteen if it is wide. Each part is nearly its footprint times a parabola in s, so a
+// plane needs three moments.
 // uses: common/absorbed, common/light_volume, common/march_parabola, common/march_planes, common/resolution
 
 @group(0) @binding(0) var<uniform> rays: Rays;
@@ -26,7 +26,7 @@ override MAXIMUM: bool = false;
 override MEAN: bool = false;
 
 // Composites the slab that waits in `ray`, now that the slab behind it is known. Its middle is `middle` planes from
-// plane 0. `before` is what was composited last.
+// plane 0. `before` is the slab composited last.
 fn advance(
     ray: ptr<function, RayState>,
     before: Before,
@@ -52,7 +52,7 @@ fn advance(
     return composited;
 }
 
-// What makes the sum of a slab a mean.
+// The factor from the sum of a slab to its mean.
 fn mean_scale(geometry: RayGeometry) -> f32 {
     return 2.0 * rays.density_scale * geometry.direction.z;
 }
@@ -62,7 +62,7 @@ fn means_of(ray: RayState, behind: vec4f, geometry: RayGeometry) -> vec3f {
     return vec3f(ray.before.w, ray.slab.w, behind.w) * mean_scale(geometry);
 }
 
-// The place in the lattice of a ray, `plane` planes from plane 0.
+// The lattice point on a ray, `plane` planes from plane 0.
 fn place_on(geometry: RayGeometry, plane: f32) -> vec3f {
     return rays.to_lattice * vec4f(geometry.base + geometry.shear * plane, plane, 1.0);
 }
@@ -108,7 +108,7 @@ fn add_sample(ray: ptr<function, Marched>, color: vec3f, depth: f32) {
     (*ray).transmittance *= exp(-depth);
 }
 
-// The share of a place on a ray, `plane` planes from plane 0, in the depth of the box.
+// The depth of a place on a ray, `plane` planes from plane 0, as a share of the depth of the box.
 fn depth_at(geometry: RayGeometry, plane: f32) -> f32 {
     return dot(rays.model.xyz, vec3f(geometry.base + plane * geometry.shear, plane)) + rays.model.w;
 }
@@ -141,15 +141,16 @@ fn begin_run(ray: ptr<function, RayState>) {
     (*ray).slab = vec4f(0.0);
 }
 
-// The largest scalar may be the last one, and all count for the mean.
+// The largest scalar may be the last one, and all scalars count for the mean.
 fn is_opaque(ray: RayState) -> bool {
     return !MAXIMUM && !MEAN && ray.depth > rays.opaque_depth;
 }
 
-// Planes after the last of a run: kernels reach so many planes beyond it, and slabs are composited as many late.
+// Planes marched after the last plane of a run: kernels reach REACH planes beyond it, and slabs are composited REACH
+// planes late.
 override FLUSH: i32 = 2 * REACH;
 
-// The slabs that planes may still add to, the foremost first: two for each plane; and what was composited last.
+// The incomplete slabs, the foremost first, two for each plane; and the slab composited last.
 struct Slabs {
     composited: Before,
     s0: vec4f,
@@ -169,8 +170,8 @@ struct Slabs {
     s13: vec4f,
 }
 
-// What the kernels of a plane add to four slabs: terms that are even in s, alike on both sides, and odd ones, which
-// change sign behind.
+// The parts of the kernels of a plane in four slabs: terms that are even in s, equal on both sides, and odd terms,
+// which change sign behind.
 struct FourParts {
     even0: vec4f,
     even1: vec4f,
@@ -268,7 +269,7 @@ fn gather(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) til
     let ray = march_planes(tile, geometry, new_ray());
     var value = vec4f(ray.color, absorbed(ray.depth));
     if MAXIMUM || MEAN {
-        // A ray that met nothing but skipped space has 0, the base, as its largest scalar and as its mean.
+        // A ray through skipped space alone has 0, the base, as its largest scalar and as its mean.
         var scalar = ray.color.x;
         let planes = geometry.inside.y - geometry.inside.x;
         if MEAN {

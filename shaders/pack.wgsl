@@ -13,9 +13,8 @@ override PERSPECTIVE: bool = false;
 @group(0) @binding(4) var<storage, read_write> texels: array<u32>;
 @group(0) @binding(5) var occupied: texture_storage_3d<r32uint, write>;
 
-// Whether the splat before splat `index` is its neighbour along x in the same macrocell, which is marked by that one
-// then: storing to the texture is slow. `place` is the splat's first word; `x` counts from the first voxel that is
-// packed.
+// Whether the splat before splat `index` is its neighbour along x in the same macrocell. That splat then marks the
+// macrocell: stores to the texture are slow. `place` is the splat's first word; `x` counts from the first packed voxel.
 fn follows_in_macrocell(index: u32, place: u32, x: u32) -> bool {
     // In the first word the place along x in the brick is the lowest 5 bits.
     return index > pack.first_splat && (place & 31u) != 0u && x % u32(MACROCELL) != 0u

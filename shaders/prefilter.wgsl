@@ -8,16 +8,15 @@
 // Along y instead of x.
 override DOWN: bool = false;
 
-// The texel some steps along the axis from `at`; beyond the ends of the image, the one at the end. No pixel depends on
-// these.
+// The texel some steps along the axis from `at`; beyond the ends of the image, the texel at the end. No pixel depends
+// on texels beyond the ends.
 fn source_at(at: vec2i, steps: i32) -> vec4f {
     let last = vec2i(textureDimensions(source)) - 1;
     return textureLoad(source, clamp(at + select(vec2i(steps, 0), vec2i(0, steps), DOWN), vec2i(0), last));
 }
 
-// A cubic B-spline is (1, 4, 1) / 6 at the points. The inverse of that filter has the taps sqrt(3) z^|n|, z = sqrt(3) -
-// 2. It is cut after n = 5; the tap at 5 makes up for the rest, so that all taps add up to 1 and a constant stays a
-// constant.
+// A cubic B-spline is (1, 4, 1) / 6 at the points. The inverse of this filter has the taps sqrt(3) z^|n|, z = sqrt(3) -
+// 2. It is truncated after n = 5; the tap at 5 contains the rest, so that all taps add up to 1 and constants stay.
 @compute @workgroup_size(64)
 fn prefilter(@builtin(global_invocation_id) id: vec3u) {
     let p = vec2i(id.xy);

@@ -1,7 +1,7 @@
 // present: the pixels of a region into the caller's texture, one fragment a pixel.
 
-// Whether the texture encodes what is written by the sRGB curve. Pixels hold display values already, so they are
-// decoded first and stored as they are.
+// Whether the texture encodes written values by the sRGB curve. Pixels are display values already, so they are decoded
+// first.
 override SRGB: bool = false;
 
 struct Present {
@@ -15,7 +15,7 @@ struct Present {
 // Premultiplied RGBA.
 @group(0) @binding(1) var<storage, read> pixels: array<vec4f>;
 
-// One triangle over the whole texture; the scissor leaves the region.
+// One triangle over the whole texture; the scissor limits it to the region.
 @vertex
 fn cover(@builtin(vertex_index) corner: u32) -> @builtin(position) vec4f {
     return vec4f(f32(corner & 1u) * 4.0 - 1.0, f32(corner >> 1u) * 4.0 - 1.0, 0.0, 1.0);

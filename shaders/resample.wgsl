@@ -1,23 +1,23 @@
-// resample: an intermediate image to the picture, by cubic B-splines with the coefficients that `prefilter` found.
-// Where the splines may err too much, a pixel gets a share of its own ray instead, which `refine` adds.
+// resample: an intermediate image to the picture, by cubic B-splines with the coefficients of `prefilter`. If the
+// splines may err too much, a pixel gets a share of its own ray instead, which `refine` adds.
 // uses: common/rays
 
 @group(0) @binding(0) var<uniform> rays: Rays;
 // Storage textures are read faster than others on software Vulkan.
 @group(0) @binding(1) var coefficients: texture_storage_2d<rgba32float, read>;
 @group(0) @binding(2) var<storage, read_write> pixels: array<vec4f>;
-// How much the splines may err around each point, and the share of its own ray that each pixel gets for that.
+// The estimated error of splines around each point, and the resulting share of its own ray in each pixel.
 @group(0) @binding(3) var estimates: texture_storage_2d<r32float, read>;
 @group(0) @binding(4) var<storage, read_write> refinement: array<f32>;
 
-// Estimates up to which a pixel is that of the splines, and from which on it is that of its own ray. See
+// The largest estimate at which a pixel uses the splines alone, and the least at which it uses its own ray alone. See
 // docs/measurements/2026-11-22-rays.md.
 const SPLINES: f32 = 0.16;
 const OWN_RAY: f32 = 0.27;
 
-// The estimate at a place, between those of the four points around it.
+// The estimate at a place, interpolated between the four points around it.
 fn estimate_at(whole: vec2f, fraction: vec2f) -> f32 {
-    // Pixels beyond the image show nothing, and may have any estimate.
+    // Pixels beyond the image are empty, and may have any estimate.
     let p = clamp(vec2i(whole), vec2i(0), vec2i(rays.size) - 2);
     let top = vec2f(textureLoad(estimates, p).x, textureLoad(estimates, p + vec2i(1, 0)).x);
     let bottom = vec2f(textureLoad(estimates, p + vec2i(0, 1)).x, textureLoad(estimates, p + 1).x);
@@ -25,8 +25,8 @@ fn estimate_at(whole: vec2f, fraction: vec2f) -> f32 {
     return mix(between.x, between.y, fraction.x);
 }
 
-// Weights of the cubic B-spline for the four coefficients around a place, the fraction `t` of the way from the second
-// of them to the third.
+// Weights of the cubic B-spline for the four coefficients around a place, at a fraction `t` of the way from the second
+// to the third.
 fn cubic(t: f32) -> vec4f {
     let u = 1.0 - t;
     return vec4f(u * u * u, 4.0 + t * t * (3.0 * t - 6.0), 4.0 + u * u * (3.0 * u - 6.0), t * t * t) * (1.0 / 6.0);
@@ -38,14 +38,14 @@ fn row_sum(x: vec4i, y: i32, weights: vec4f) -> vec4f {
         + weights.z * textureLoad(coefficients, vec2i(x.z, y)) + weights.w * textureLoad(coefficients, vec2i(x.w, y));
 }
 
-// One invocation for each pixel. Texture units would add neighbours too, but with weights of 8 bits.
+// One invocation for each pixel. Texture units would also interpolate, but with weights of 8 bits.
 @compute @workgroup_size(64)
 fn resample(@builtin(global_invocation_id) id: vec3u) {
     if any(id.xy >= rays.picture) {
         return;
     }
     let at = rays.pixel_origin + f32(id.x) * rays.pixel_x + f32(id.y) * rays.pixel_y;
-    // Pixels beyond the image have the points at its ends, where nothing shows.
+    // Pixels beyond the image use the points at its ends, which are empty.
     let most = vec2f(rays.size);
     let whole = clamp(floor(at), vec2f(-2.0), most);
     let fraction = clamp(at - whole, vec2f(0.0), vec2f(1.0));
@@ -56,7 +56,7 @@ fn resample(@builtin(global_invocation_id) id: vec3u) {
     let b = cubic(fraction.y);
     let sum = b.x * row_sum(x, y.x, a) + b.y * row_sum(x, y.y, a) + b.z * row_sum(x, y.z, a)
         + b.w * row_sum(x, y.w, a);
-    // Splines overshoot at edges: a premultiplied colour is never above its alpha times the brightest there is.
+    // Splines overshoot at edges: a premultiplied colour is at most its alpha times the brightest colour.
     let alpha = clamp(sum.a, 0.0, 1.0);
     let spline = vec4f(clamp(sum.rgb, vec3f(0.0), alpha * rays.brightest), alpha);
     let estimate = estimate_at(whole, fraction);

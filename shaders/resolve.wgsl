@@ -11,7 +11,7 @@ fn resolve(@builtin(global_invocation_id) id: vec3u) {
     }
     let index = id.y * frame.region.x + id.x;
     let pixel = pixels[index];
-    // Cells may absorb a little less than nothing.
+    // The absorption of cells may be slightly negative.
     let depth = max(pixel.a, 0.0);
     if RESPONSE > 0u {
         pixels[index] = response(depth, frame.model);

@@ -1,5 +1,5 @@
-// scan: exclusive prefix sums, one level at a time. `reduce` sums each block of RUN values. When these sums have been
-// scanned the same way, `spread` replaces each value by the sum of all values before it.
+// scan: exclusive prefix sums, one level at a time. `reduce` sums each block of RUN values. After these sums have been
+// scanned in the same way, `spread` replaces each value by the sum of all values before it.
 // uses: common/dispatch
 
 // Values that one invocation sums; see RUN in src/gpu/scan.rs.

@@ -1,31 +1,31 @@
 // shade: post-shading (Mueller, Moeller and Crawfis 1999, "Splatting without the blur"). Sheets hold means of the
-// scalar: those of a batch, and the last two of the batch before. Each sheet is classified and lit for each pixel,
+// scalar: the sheets of a batch, and the last two of the batch before. Each sheet is classified and lit for each pixel,
 // between its two neighbours, and composited; so shading is one sheet behind splatting. `project` keeps the largest
 // scalar instead, or the mean. Scalars are relative to the transfer function's base, so that the space between splats
 // is 0.
 // uses: common/absorbed, common/frame, common/light_volume, common/march_parabola, common/pixel_ray, common/resolution
 
-// Sheets of a batch: 4 or 8. They are four to a layer; if they are lit, each is a layer of (gradient, scalar), and the
-// gradient is along the axes of the lattice.
+// Sheets of a batch: 4 or 8. A texture layer holds four sheets, or one lit sheet as (gradient, scalar), with the
+// gradient along the axes of the lattice.
 override SHEETS: u32 = 8u;
-// Pieces in which a whole sheet is classified, along the parabola through the means of the sheet and its neighbours.
-// With one, the mean of the sheet is classified.
+// Pieces in which a whole sheet is classified, along the parabola through the means of the sheet and its neighbours. 1
+// classifies the mean of the sheet.
 override SAMPLES: u32 = 4u;
 
 struct Shade {
-    // View depth of the first plane of the first sheet that is shaded, which is the last sheet of the batch before.
+    // View depth of the first plane of the first shaded sheet, which is the last sheet of the batch before.
     depth: f32,
     // 1 if the batch before has splats, otherwise 0.
     previous: f32,
-    // The same of this batch.
+    // The same for this batch.
     current: f32,
     // Place of the length of a gradient in the table of the transfer function: length * gradient_lookup.
     gradient_lookup: f32,
-    // The scalars around 0 at which nothing shows, from x to y, ends included; none if x > y.
+    // The invisible scalars around 0, from x to y, ends included; none if x > y.
     invisible: vec2f,
     // Place of a scalar in the table of the transfer function: scalar * x + y.
     lookup: vec2f,
-    // The first pixel where the batches can show.
+    // The first pixel that the batches can reach.
     low: vec2u,
     // The pixel after the last.
     high: vec2u,
@@ -98,7 +98,7 @@ fn is_invisible_batch(m: Means) -> bool {
     return is_invisible_range(least, largest, shading.invisible);
 }
 
-// The part inside the box of the sheet that begins at view depth `z`, its ends from -1/2 to 1/2; nothing is if x >= y.
+// The part inside the box of the sheet that begins at view depth `z`, its ends from -1/2 to 1/2; empty if x >= y.
 fn part_of_sheet(ray: PixelRay, z: f32) -> vec2f {
     return clamp((ray.inside - z) * frame.inverse_sheet_step, vec2f(0.0), vec2f(1.0)) - 0.5;
 }
@@ -111,7 +111,7 @@ fn from_eye(m: vec3f, z: f32) -> vec3f {
     return m;
 }
 
-// The mean of the gradient in sheet `sheet` of the batch; -1 and -2 are the last ones of the batch before.
+// The mean of the gradient in sheet `sheet` of the batch; -1 and -2 are the last sheets of the batch before.
 fn gradient_of(at: vec2u, sheet: i32) -> vec3f {
     if sheet < 0 {
         return textureLoad(previous, at, i32(SHEETS) + sheet, 0).rgb * shading.previous;
@@ -119,10 +119,10 @@ fn gradient_of(at: vec2u, sheet: i32) -> vec3f {
     return textureLoad(current, at, sheet, 0).rgb * shading.current;
 }
 
-// What a gradient makes of what is there.
+// The effect of a gradient on the matter there.
 struct Surface {
     light: Shine,
-    // The share of extinction that stays.
+    // Gradient opacity: the share of extinction.
     share: f32,
 }
 
@@ -147,7 +147,7 @@ fn surface_of(gradient: vec3f, scalar: f32, ray: PixelRay, z: f32) -> Surface {
     return Surface(light, gradient_share(of_means, shading.gradient_lookup));
 }
 
-// Pieces of half a sheet, which are lit alike; 1 if the mean of the sheet is classified.
+// Pieces of half a sheet, which have the same light; 1 if the mean of the sheet is classified.
 fn half_samples() -> u32 {
     return select(max((SAMPLES + 1u) / 2u, 2u), 1u, SAMPLES == 1u);
 }
@@ -157,7 +157,7 @@ fn whole_samples() -> u32 {
     return select(2u * half_samples(), SAMPLES, LIGHTS == 0u || SAMPLES == 1u);
 }
 
-// What the sheet that begins at view depth `z` is to the one behind it; `means` are those around it.
+// The state in front of the next sheet, behind the sheet at view depth `z`; `means` are the means around that sheet.
 fn before_of(means: vec3f, ray: PixelRay, z: f32) -> Before {
     var before = Before(AT_THE_FACE, Classified());
     if ray.inside.x >= z + frame.sheet_step {
@@ -197,7 +197,7 @@ fn with_sheet(
         return result;
     }
     // Half by half, each lit by the gradient in its middle, on the line through the means beside the sheet. A sheet
-    // that no gradient reaches is not lit, whatever is beside it.
+    // without a gradient is not lit, whatever its neighbours.
     let gradient = gradient_of(at, sheet);
     var quarter = vec3f(0.0);
     if any(gradient != vec3f(0.0)) {
@@ -217,7 +217,7 @@ fn with_sheet(
     return result;
 }
 
-// Composites a part of a sheet with the means `m` around it, behind what is before it.
+// Composites a part of a sheet, with the means `m` around it, behind the state `before`.
 fn march_part(
     pixel: ptr<function, vec4f>,
     m: vec3f,
@@ -277,11 +277,11 @@ fn shade(@builtin(global_invocation_id) id: vec3u) {
     pixels[index] = pixel;
 }
 
-// The mean is kept instead of the largest scalar.
+// Keep the mean instead of the largest scalar.
 override MEAN: bool = false;
 
 // The largest scalar so far (x; y is 1 once there is one; z is its view depth), or the integral (x) over a length in
-// sheets (y), updated with one more sheet.
+// sheets (y), with one more sheet.
 fn updated_projection(so_far: vec3f, means: vec3f, ray: PixelRay, z: f32) -> vec3f {
     let part = part_of_sheet(ray, z);
     if part.x >= part.y {
@@ -338,7 +338,7 @@ fn project(@builtin(global_invocation_id) id: vec3u) {
     pixels[index] = vec4f(so_far, 0.0);
 }
 
-// From the scalar that is kept to its colour.
+// From the kept scalar to its colour.
 @compute @workgroup_size(8, 8)
 fn resolve_projection(@builtin(global_invocation_id) id: vec3u) {
     if any(id.xy >= frame.region) {

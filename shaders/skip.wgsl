@@ -1,18 +1,18 @@
-// skip: for each tile of 8 x 8 rays of the painter `tiles`, the runs of voxel planes in which its rays can meet a voxel
-// that is not empty. Planes are tested four at a time, against macrocells of 4^3 voxels.
+// skip: for each tile of 8 x 8 rays of the painter `tiles`, the runs of voxel planes in which its rays can meet used
+// voxels. Planes are tested four at a time, against macrocells of 4^3 voxels.
 // uses: common/packing, common/rays
 
 @group(0) @binding(0) var<uniform> rays: Rays;
-// A texel for each macrocell: 1 if it has a voxel that is not empty, otherwise 0.
+// A texel for each macrocell: 1 if it has a used voxel, otherwise 0.
 @group(0) @binding(1) var occupied: texture_3d<u32>;
 // Runs as (first plane, plane after the last), at run_index(tile, slot); (0, 0) ends the list of a tile.
 @group(0) @binding(2) var<storage, read_write> runs: array<vec2u>;
 
-// The share of its own ray in each pixel, and the tiles in which there is one.
+// The share of its own ray in each pixel, and the tiles with such pixels.
 @group(0) @binding(3) var<storage, read> refinement: array<f32>;
 @group(0) @binding(4) var<storage, read_write> listed: ListedTiles;
 
-// `Refined`, as it is written.
+// `Refined` in its writable form.
 struct ListedTiles {
     workgroups_x: atomic<u32>,
     workgroups_y: atomic<u32>,
@@ -36,8 +36,8 @@ fn is_occupied(corners: ptr<function, Corners>, first: i32, last: i32) -> bool {
     if first < rays.unskipped || !(*corners).bounded {
         return true;
     }
-    // The rectangle around the corners in all of these planes: rays are straight, so the first and the last plane do.
-    // The initial values are beyond every other f32, but not infinite.
+    // The rectangle around the corners in all these planes: rays are straight, so the first and the last plane suffice.
+    // The initial values are beyond every place, but not infinite.
     var low = vec2f(3e38);
     var high = vec2f(-3e38);
     for (var i = 0u; i < 4u; i++) {
@@ -70,7 +70,7 @@ fn skip(@builtin(global_invocation_id) tile: vec3u) {
     if is_wanted(tile) {
         find_runs(tile);
     } else if all(tile.xy < rays.tiles) {
-        // Rays of no run end at once.
+        // Rays without a run end at once.
         runs[run_index(tile, 0u)] = vec2u(0u);
     }
 }
@@ -79,8 +79,8 @@ fn is_wanted(tile: vec3u) -> bool {
     return all(tile.xy >= rays.clip_low) && all(tile.xy < rays.clip_high);
 }
 
-// The same for the tiles of pixels that have rays of their own, which are listed for `refine`. The order of the list
-// changes no picture.
+// The same for the tiles of pixels with their own rays, which it lists for `refine`. The order of the list changes no
+// picture.
 @compute @workgroup_size(8, 8)
 fn skip_refined(@builtin(global_invocation_id) tile: vec3u) {
     if !is_wanted(tile) {
@@ -119,8 +119,8 @@ fn find_runs(tile: vec3u) {
         if PERSPECTIVE {
             let half = rays.growth_most * footprint_half_of(line.shear);
             corners.footprint_half = max(corners.footprint_half, half);
-            // Corners bound what is between them if all four run along m, so that no shear between them is infinite. A
-            // ray that is marched has a cosine to m of at least 1 / sqrt(3) = 0.58; at 0.2 shears are below 5.
+            // Corners bound the rays between them if all four run along m, so that no shear between them is infinite. A
+            // marched ray has a cosine to m of at least 1 / sqrt(3) = 0.58; at 0.2 shears are below 5.
             corners.bounded = corners.bounded && line.heading.z > 0.2 * length(line.heading);
         }
     }

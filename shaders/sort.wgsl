@@ -1,6 +1,6 @@
 // sort: a stable counting sort of splats by batch. A batch is the consecutive sheets that one pass feeds; a splat goes
 // into every batch that its kernel reaches. Each invocation owns a block of consecutive splats and one counter for each
-// batch. So no atomics are needed, and the order within a batch is that of the splats.
+// batch. So no atomics are needed, and a batch keeps the order of the splats.
 // uses: common/bounds, common/dispatch, common/frame, common/splat
 
 // Sheets are voxel planes (axis-aligned), not slabs.
@@ -18,7 +18,7 @@ struct Sort {
 @group(0) @binding(0) var<uniform> frame: Frame;
 @group(0) @binding(1) var<uniform> sort: Sort;
 @group(0) @binding(2) var<storage, read> splats: array<vec2u>;
-// places[batch * blocks + block]: how many splats of the block go into the batch; after the scan, the place of the
+// places[batch * blocks + block]: the number of splats of the block in the batch; after the scan, the place of the
 // first of them. One more element at the end becomes the total.
 @group(0) @binding(3) var<storage, read_write> places: array<u32>;
 // By batch: the place of its first entry; then the total.

@@ -33,8 +33,8 @@ struct Varyings {
     @builtin(position) position: vec4f,
     // View coordinates of the splat's centre.
     @location(0) @interpolate(flat) center: vec3f,
-    // What a section with a world length of 1 adds to a sheet: (colour, 1) * density * section_scale. Of scalars, what
-    // a mean of 1 adds: (gradient, scalar) * section_scale.
+    // The contribution to a sheet of a section with a world length of 1: (colour, 1) * density * section_scale. For
+    // scalars, the contribution of a mean of 1: (gradient, scalar) * section_scale.
     @location(1) @interpolate(flat) emission: vec4f,
     // 1 / growth of the kernel, see common/bounds.wgsl.
     @location(2) @interpolate(flat) shrink: f32,
@@ -47,7 +47,7 @@ fn to_eye_from(center: vec3f) -> vec3f {
     if PERSPECTIVE {
         let z = center.z + frame.eye_depth;
         let v = vec3f(center.xy + frame.home_slope * z, z);
-        // Made about 1 before it is squared: the eye may be 1e30 away, or on the splat.
+        // Scaled to about 1 before it is squared: the eye may be 1e30 away, or on the splat.
         let size = max(abs(v.x), max(abs(v.y), abs(v.z)));
         if size > 0.0 {
             return -normalize(v / size);
@@ -59,7 +59,7 @@ fn to_eye_from(center: vec3f) -> vec3f {
 @vertex
 fn vertex(@builtin(vertex_index) corner: u32, @location(0) entry: u32) -> Varyings {
     if is_terminated(entry) {
-        // All corners are in one place, so there are no fragments.
+        // All corners coincide, so there are no fragments.
         return Varyings(vec4f(2.0, 2.0, 0.0, 1.0), vec3f(0.0), vec4f(0.0), 1.0, 0u);
     }
     let words = splat_words(entry);
@@ -78,7 +78,7 @@ fn vertex(@builtin(vertex_index) corner: u32, @location(0) entry: u32) -> Varyin
     } else {
         return Varyings(vec4f(2.0, 2.0, 0.0, 1.0), vec3f(0.0), vec4f(0.0), 1.0, 0u);
     }
-    // Within reach of the image: a rasteriser that clips a quad of 1e9 pixels moves its edges.
+    // Clamped to the surroundings of the image: a rasteriser that clips a quad of 1e9 pixels moves its edges.
     let clip = clamp((box.xy + side * box.zw) * frame.clip_scale + frame.clip_offset, vec2f(-2.0), vec2f(2.0));
     var density = splat_weight(words);
     if ADDITIVE {
@@ -107,14 +107,14 @@ fn vertex(@builtin(vertex_index) corner: u32, @location(0) entry: u32) -> Varyin
 }
 
 // The chord of a fragment's ray in a splat's support, and the row of the footprint table for its length. Written out,
-// without loops and arrays: a compiler that does not unroll loops keeps arrays in memory, which took five times as long
-// on lavapipe.
+// without loops and arrays: a compiler that does not unroll loops keeps arrays in memory, which takes five times as
+// long on lavapipe.
 struct Chord {
-    // Places are lattice lengths along the ray from the middle of the chord. Place of the batch's first sheet plane.
+    // Place of the batch's first sheet plane. Places are lattice lengths along the ray from the middle of the chord.
     first: f32,
     // Distance between sheet planes.
     step: f32,
-    // The ends of the chord: half its length before and behind its middle, but for what is cut away.
+    // The ends of the chord: half its length before and behind its middle, or less if it is clipped.
     low: f32,
     high: f32,
     // 1 / half^2.
@@ -151,7 +151,7 @@ fn chord(in: Varyings) -> Chord {
         let slope = plane + frame.home_slope;
         world_per_depth = sqrt(1.0 + dot(slope, slope));
     }
-    // A kernel that is s times as large is the same kernel in a lattice s times as wide.
+    // A kernel s times as large is the same kernel in a lattice s times as wide.
     if GROWN {
         ray *= in.shrink;
         offset *= in.shrink;

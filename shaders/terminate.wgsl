@@ -1,13 +1,13 @@
 // terminate: early splat termination (Mueller, Shareef, Huang and Crawfis 1999, "High-quality splatting on rectilinear
 // grids with efficient culling of occluded voxels"). `tile` finds the opaque tiles of the frame, `mark` marks the
-// entries of a batch whose bounds lie in opaque tiles alone. A pixel that lets through the fraction e of light can
-// change by no more than e, whatever comes behind.
+// entries of a batch whose bounds lie in opaque tiles alone. A pixel with a transmittance of e can change by at most e,
+// whatever lies behind.
 // uses: common/bounds, common/dispatch, common/frame, common/splat
 
 // Entries of one invocation.
 const RUN: u32 = 16u;
-// The most tiles along a side that bounds are held against. A tile is half of what a splat in the middle of the volume
-// spans, so only splats beside the eye span more, and those are drawn.
+// The largest number of tiles along a side for which bounds are tested. A tile is half as wide as a splat in the middle
+// of the volume, so only splats near the eye span more tiles; they are drawn.
 const MAX_SPAN: u32 = 8u;
 
 struct Terminate {
@@ -44,7 +44,7 @@ fn tile(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) group
     if index >= size.x * size.y {
         return;
     }
-    // Opaque stays opaque.
+    // An opaque tile stays opaque.
     if tiles[index] >= frame.opaque_depth {
         return;
     }
@@ -55,7 +55,7 @@ fn tile(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) group
         for (var x = corner.x; x < end.x; x++) {
             least = min(least, pixels[y * frame.region.x + x].a);
         }
-        // One clear pixel settles it.
+        // One pixel that is not opaque suffices.
         if least < frame.opaque_depth {
             return;
         }

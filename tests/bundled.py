@@ -20,7 +20,7 @@ warnings.simplefilter("ignore")
 
 
 def line(project, root, file, volumes, axes=None, origin=None, spacing=None, lossy=False):
-    """Prints what a file holds. `volumes` has the axes time, channel, z, y, x; `axes` is from voxels to the world."""
+    """Prints the contents of a file. `volumes` has the axes time, channel, z, y, x; `axes` maps voxels to the world."""
     volumes = np.asarray(volumes)
     times, channels, *dims = volumes.shape
 
@@ -82,7 +82,7 @@ def one_dicom(project, root, file):
     samples = data.pixel_array
     if data.get("PhotometricInterpretation") == "PALETTE COLOR":
         if not data.original_encoding[1]:
-            # pydicom takes the words of tables for little-endian.
+            # pydicom assumes little-endian words in tables.
             for colour in ("Red", "Green", "Blue"):
                 name = f"{colour}PaletteColorLookupTableData"
                 data[name].value = np.frombuffer(data[name].value, ">u2").astype("<u2").tobytes()
@@ -94,7 +94,7 @@ def one_dicom(project, root, file):
     samples = samples.reshape((frames, data.Rows, data.Columns, 3 if coloured else 1))
 
     def of_frame(frame, group, name):
-        """A value of a frame, wherever it stands."""
+        """A value of a frame, from any of its possible places."""
         for groups in (
             data.get("PerFrameFunctionalGroupsSequence", [None] * frames)[frame],
             data.get("SharedFunctionalGroupsSequence", [None])[0],
@@ -129,7 +129,7 @@ def one_dicom(project, root, file):
         if frames > 1:
             step = (places[order[-1]] - origin) / (frames - 1)
     values = np.moveaxis(values[list(order)], -1, 0)[None]
-    # What the encoder has lost, decoders fill in each in its way; so do conversions of colours.
+    # Decoders fill in the losses of the encoder differently, and convert colours differently.
     syntax = data.file_meta.TransferSyntaxUID
     lossy = syntax.is_compressed and syntax.name.startswith("JPEG Base") or "Extended" in syntax.name
     lossy = lossy or str(syntax) == "1.2.840.10008.1.2.4.91" or "YBR" in data.PhotometricInterpretation
@@ -181,7 +181,7 @@ def mrc(folder):
 def nrrds(folder):
     root = Path(folder) / "pynrrd"
     root.mkdir(exist_ok=True)
-    # As every index of a volume, in an order that no mistake of axes keeps.
+    # Every index of a volume, in an order that any mistake of axes changes.
     base = (np.arange(6 * 5 * 4) * 37 % 113).reshape(6, 5, 4)
     header = {
         "space": "left-posterior-superior",
@@ -194,7 +194,7 @@ def nrrds(folder):
             for suffix in [".nrrd", ".nhdr"]:
                 name = f"{encoding}-{kind}{suffix}"
                 nrrd.write(str(root / name), samples, {**header, "encoding": encoding})
-    # Headers that pynrrd reads and does not write, each before data with other lines or bytes in front.
+    # Headers that pynrrd reads but does not write, each before data with other lines or bytes in front.
     samples = base.astype("<i2")
     raw = samples.tobytes(order="F")
     import bz2

@@ -1,7 +1,7 @@
 #!/bin/sh
 # Runs the tests with other Vulkan drivers, one after the other: sh tests/drivers.sh NAME=ICD.json...
 # NAME is a part of the adapter's name, ICD.json the driver's manifest. Arguments after -- go to `cargo test`.
-# A driver beside the system's finds its own libraries by an LD_LIBRARY_PATH that is set outside.
+# If a driver needs its own libraries, set LD_LIBRARY_PATH.
 #
 #     sh tests/drivers.sh llvmpipe=/usr/share/vulkan/icd.d/lvp_icd.x86_64.json SwiftShader=$HOME/swiftshader/icd.json
 set -eu
@@ -20,7 +20,7 @@ for driver in $drivers; do
     name=${driver%%=*} icd=${driver#*=}
     [ -f "$icd" ] || { echo "drivers: there is no file $icd" >&2; exit 2; }
     echo "drivers: $name by $icd"
-    # The loader of before 1.3.207 knows the second name only.
+    # Loaders before 1.3.207 know only the second name.
     env "VK_DRIVER_FILES=$icd" "VK_ICD_FILENAMES=$icd" "VOXSPLAT_TEST_ADAPTER=$name" sh tests/run.sh "$@" ||
         failed="$failed $name"
 done

@@ -1,6 +1,6 @@
 #!/bin/sh
-# Runs every test, the slow ones too, installing first what is missing besides Rust.
-# Arguments replace those that `cargo test` is given.
+# Runs every test, including slow ones. Installs missing packages other than Rust first.
+# Arguments replace the default arguments of `cargo test`.
 set -eu
 cd "$(dirname "$0")/.."
 # shellcheck source=tests/setup.sh

@@ -1,5 +1,5 @@
-# Sourced by the scripts of this repository, from its root: installs what a fresh Debian or Ubuntu lacks besides Rust.
-# A C linker, and a Vulkan driver with its loader (Mesa's, which needs no GPU). Says nothing where nothing is missing.
+# Sourced by the scripts of this repository, from its root: installs packages that a fresh Debian or Ubuntu lacks
+# besides Rust: a C linker, and Mesa's Vulkan driver, which needs no GPU, with its loader. Silent if nothing is missing.
 # shellcheck shell=sh
 
 setup_fail() {
@@ -19,7 +19,7 @@ int main(void) { return EXIT_SUCCESS; }' >"$setup_dir/try.c"
     return $setup_rc
 }
 
-# Whether a driver manifest names a library that is there: by path, or by a name that the dynamic linker knows.
+# Whether a driver manifest names an existing library: by path, or by a name that the dynamic linker knows.
 setup_icd_works() {
     [ -f "$1" ] || return 1
     setup_lib=$(sed -n 's/.*"library_path"[[:space:]]*:[[:space:]]*"\([^"]*\)".*/\1/p' "$1" | head -n 1)
@@ -31,7 +31,7 @@ setup_icd_works() {
     esac
 }
 
-# Whether Vulkan's loader and at least one driver are there. macOS and Windows render without either.
+# Whether Vulkan's loader and at least one driver are installed. macOS and Windows render without either.
 setup_has_vulkan() {
     [ "$(uname -s)" = Linux ] || return 0
     # ldconfig lies outside the PATH of ordinary users.
@@ -39,7 +39,7 @@ setup_has_vulkan() {
     printf '%s\n' "$setup_libraries" | grep -q 'libvulkan\.so\.1' || return 1
     setup_named=${VK_DRIVER_FILES:-${VK_ICD_FILENAMES:-}}
     if [ -n "$setup_named" ]; then
-        # Named drivers replace all others, and installing one would not help: a bad name is for the user to mend.
+        # Named drivers replace all others, so installing one would not help: the user must correct a wrong name.
         setup_ifs=$IFS
         IFS=:
         for setup_icd in $setup_named; do
@@ -61,7 +61,7 @@ setup_has_vulkan() {
 
 setup_install() {
     command -v apt-get >/dev/null 2>&1 ||
-        setup_fail "missing: $*; without apt-get they have to be installed by hand"
+        setup_fail "missing: $*; there is no apt-get: install them by hand"
     if [ "$(id -u)" -eq 0 ]; then
         setup_root='env'
     elif command -v sudo >/dev/null 2>&1; then
@@ -70,8 +70,8 @@ setup_install() {
         setup_fail "missing: $*; run as root: apt-get update && apt-get install --no-install-recommends $*"
     fi
     echo "setup: installing $*" >&2
-    # Lists of a fresh image are empty or old.
-    setup_log=$(mktemp) || setup_fail "no temporary file can be made"
+    # The package lists of a fresh image are empty or old.
+    setup_log=$(mktemp) || setup_fail "cannot make a temporary file"
     if ! { $setup_root apt-get -qq update &&
         $setup_root DEBIAN_FRONTEND=noninteractive apt-get -qq install -y --no-install-recommends "$@"; } \
         >"$setup_log" 2>&1; then
@@ -96,5 +96,5 @@ if [ -n "$setup_packages" ]; then
     # shellcheck disable=SC2086 # one word per package
     setup_install $setup_packages
     setup_can_link || setup_fail "C programs still do not link"
-    setup_has_vulkan || setup_fail "there is still no Vulkan driver"
+    setup_has_vulkan || setup_fail "there is still no working Vulkan driver"
 fi

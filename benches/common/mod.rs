@@ -1,4 +1,4 @@
-//! What the measuring harnesses share: arguments, medians, the transfer function of a volume, and a report.
+//! Shared parts of the benches: arguments, medians, the transfer function of a volume, and a report.
 
 #![allow(dead_code, reason = "each harness is a program of its own and takes what it needs")]
 
@@ -16,13 +16,13 @@ use voxsplat::report::{compare, today};
 use voxsplat::volume::Statistics;
 use voxsplat::{Image, TransferFunction, Volume};
 
-/// The result of a harness or a part of one.
+/// The result of a bench or of a part of it.
 pub(crate) type Outcome<T = ()> = Result<T, Box<dyn Error>>;
 
-/// The arguments of a harness. Options are `--name VALUE` and may stand anywhere.
+/// The arguments of a bench. Options are `--name VALUE` and may stand anywhere.
 pub(crate) struct Arguments {
     left: Vec<String>,
-    /// As given, for the report.
+    /// The original arguments, for the report.
     given: Vec<String>,
     write: bool,
 }
@@ -30,7 +30,7 @@ pub(crate) struct Arguments {
 impl Arguments {
     /// The arguments of this process.
     ///
-    /// `cargo bench` adds `--bench`. Without it the process ends at once: `cargo test --all-targets` runs harnesses
+    /// `cargo bench` adds `--bench`. Without it the process ends at once: `cargo test --all-targets` runs benches
     /// too, and must not wait for measurements.
     pub(crate) fn of_process() -> Self {
         let mut left: Vec<String> = std::env::args().skip(1).collect();
@@ -42,13 +42,13 @@ impl Arguments {
         Self { left, given, write }
     }
 
-    /// Whether a flag is given.
+    /// Whether the arguments contain a flag.
     #[allow(dead_code, reason = "not every harness has flags of its own")]
     pub(crate) fn flag(&mut self, name: &str) -> bool {
         take_flag(&mut self.left, name)
     }
 
-    /// The value of an option, if it is given.
+    /// The value of an option; `None` without the option.
     pub(crate) fn option<T: FromStr<Err: Error + 'static>>(&mut self, name: &str) -> Outcome<Option<T>> {
         let Some(at) = self.left.iter().position(|a| a == name) else { return Ok(None) };
         self.left.remove(at);
@@ -58,7 +58,7 @@ impl Arguments {
         Ok(Some(self.left.remove(at).parse()?))
     }
 
-    /// What is no option, once all options are taken.
+    /// The arguments that remain after all options have been read.
     pub(crate) fn positional(&self) -> Outcome<&[String]> {
         match self.left.iter().find(|a| a.starts_with("--")) {
             Some(unknown) => Err(format!("unknown option {unknown}").into()),
@@ -73,7 +73,7 @@ fn take_flag(arguments: &mut Vec<String>, name: &str) -> bool {
     arguments.len() < before
 }
 
-/// What a harness found: printed as it comes, and kept in `docs/measurements` if `--write` is given.
+/// The report of a bench: printed line by line, and written to `docs/measurements` with `--write`.
 pub(crate) struct Report {
     name: &'static str,
     arguments: Vec<String>,
@@ -93,7 +93,7 @@ impl Report {
         self.text.push_str(&format!("{line}\n"));
     }
 
-    /// Writes `docs/measurements/DATE-NAME.md` if that was asked for: what was run, on what, and all lines so far.
+    /// Writes `docs/measurements/DATE-NAME.md` with `--write`: the command, the adapter, and all lines so far.
     pub(crate) fn save(&self, adapter: &AdapterInfo) -> Outcome<Option<PathBuf>> {
         if !self.write {
             return Ok(None);
@@ -123,7 +123,7 @@ impl Report {
         Ok(Some(file))
     }
 
-    /// The same, with a word of where.
+    /// Saves the report and prints the name of its file.
     pub(crate) fn finish(self, adapter: &AdapterInfo) -> Outcome {
         if let Some(file) = self.save(adapter)? {
             println!("\nwritten: {}", file.display());
@@ -169,7 +169,7 @@ pub(crate) fn measured(command: &mut Command) -> Outcome<(f64, f64, serde_json::
     Ok((wall, peak, json.unwrap_or_default()))
 }
 
-/// The middle value; NaN if there are none.
+/// The median; NaN without values.
 pub(crate) fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or(f64::NAN)

@@ -1,4 +1,4 @@
-//! How well kernels reconstruct a signal that is known everywhere, with the usual interpolations beside them.
+//! The quality of kernels, and of the usual interpolations, in the reconstruction of a known signal.
 //!
 //! ```text
 //! cargo bench --bench kernels -- [--signal marschner-lobb|gaussians|shepp-logan] [--size N] [--kernel gaussian|blob]
@@ -6,8 +6,8 @@
 //! ```
 //!
 //! Errors of the field are at points at least a voxel inside the outermost samples; errors of rays are errors of its
-//! mean along rays through that box. Ripple is the largest less the least value of a field of samples that are all 1.
-//! Blur is a variance along an axis, voxels^2. Half Nyquist is the share that is left of waves four samples long. Noise
+//! mean along rays through that box. Ripple is the largest minus the least value of a field of samples that are all 1.
+//! Blur is a variance along an axis, voxels^2. Half Nyquist is the remaining share of waves four samples long. Noise
 //! is the noise of the field over the noise of the samples.
 
 #![allow(clippy::print_stdout, reason = "printing its table is what this program is for")]

@@ -1,4 +1,4 @@
-//! The error of a reconstruction, and what it does to any signal.
+//! The error of a reconstruction on known signals, and its properties for any signal.
 
 use std::f64::consts::PI;
 use std::fmt;
@@ -12,11 +12,11 @@ use voxsplat::reconstruction::Reconstruction;
 use voxsplat::settings::{Settings, Shading};
 use voxsplat::volume::{Grid, Samples, Volume};
 
-/// A signal that is known everywhere, over the cube from -1 to 1 along each axis.
+/// A known signal over the cube from -1 to 1 along each axis.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Signal {
-    /// The test signal of Marschner and Lobb (1994), whose finest waves are near what a lattice of 40^3 samples can
-    /// hold.
+    /// The test signal of Marschner and Lobb (1994), whose finest waves are near the limit of a lattice of 40^3
+    /// samples.
     MarschnerLobb,
     /// Five Gaussians of standard deviations 0.045 to 0.3.
     Gaussians,
@@ -48,7 +48,7 @@ impl Signal {
         }
     }
 
-    /// Its mean between two points, by the rule of the midpoint.
+    /// Its mean between two points, by the midpoint rule.
     fn mean(self, from: DVec3, to: DVec3) -> f64 {
         // Waves are 0.1 long and more; at an edge the rule errs by half a step.
         let nodes = if matches!(self, Self::SheppLogan) { 20_000 } else { 2000 };
@@ -57,7 +57,7 @@ impl Signal {
     }
 }
 
-/// A way to turn samples back into a field.
+/// A method of reconstructing a field from samples.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Method {
     /// Linear interpolation along each axis.
@@ -66,13 +66,13 @@ pub(crate) enum Method {
     CatmullRom,
     /// The cubic B-spline along each axis, of samples filtered so that it passes through them (Unser 1999).
     BSpline,
-    /// A sum of kernels, as settings with this kernel and this sharpness have it.
+    /// A sum of kernels, as in a picture with this kernel and this sharpness.
     Splats {
-        /// The kernel as asked for.
+        /// The kernel of the settings.
         kernel: Kernel,
         /// The sharpness, 0 to 1.
         sharpness: f64,
-        /// Post-shading filters samples; pre-shading has the narrower kernel alone.
+        /// Whether samples are filtered, as in post-shading; pre-shading only narrows the kernel.
         shading: Shading,
     },
 }
@@ -95,7 +95,7 @@ impl fmt::Display for Method {
 pub(crate) struct Errors {
     /// Root mean square.
     pub(crate) rms: f64,
-    /// The largest.
+    /// The largest error.
     pub(crate) max: f64,
 }
 
@@ -107,31 +107,31 @@ impl Errors {
     }
 }
 
-/// How good a reconstruction is.
+/// The quality of a reconstruction.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Quality {
-    /// Of the field, at points at least a voxel inside the outermost samples.
+    /// Errors of the field, at points at least a voxel inside the outermost samples.
     pub(crate) field: Errors,
-    /// Of the mean of the field along rays that cross that box.
+    /// Errors of the mean of the field along rays that cross that box.
     pub(crate) rays: Errors,
-    /// The largest less the least value of a field of samples that are all 1.
+    /// The largest minus the least value of a field of samples that are all 1.
     pub(crate) ripple: f64,
     /// The variance of the blur along an axis, voxels^2: of kernel and filter together.
     pub(crate) blur: f64,
-    /// What is left of a wave along an axis that is four samples long: half of Nyquist's frequency.
+    /// The remaining share of a wave along an axis that is four samples long: half of Nyquist's frequency.
     pub(crate) half_nyquist: f64,
-    /// Root mean square of the noise of the field over that of the samples, if theirs is white.
+    /// Root mean square of the noise of the field over the white noise of the samples.
     pub(crate) noise: f64,
 }
 
-/// Voxels between the outermost samples and what is compared.
+/// Voxels between the outermost samples and the compared part.
 const INSET: f64 = 1.0;
-/// Points at which fields are compared, and rays along which they are integrated.
+/// The numbers of points at which fields are compared, and of rays along which they are integrated.
 const POINTS: u32 = 30_000;
 const RAYS: u32 = 300;
-/// Places in a voxel at which the field is added up along a ray.
+/// Integration points per voxel along a ray.
 const STEPS_PER_VOXEL: f64 = 8.0;
-/// The samples along each axis that a measurement may have.
+/// The range of samples along each axis of a measurement.
 const SIZES: std::ops::RangeInclusive<u32> = 8..=256;
 
 impl Method {
@@ -173,7 +173,7 @@ impl Method {
         Ok(Reconstruction { reach, weight, gain: Box::new(gain) })
     }
 
-    /// The coefficients of samples.
+    /// The coefficients for samples.
     pub(crate) fn coefficients(self, volume: &Volume) -> Result<Vec<f64>> {
         let values = |volume: &Volume| -> Result<Vec<f64>> {
             let memory = volume.in_memory()?;
@@ -194,7 +194,7 @@ impl Method {
     }
 }
 
-/// The field at a point of a lattice of n^3 samples, whose outermost repeat beyond its faces.
+/// The field at a point of a lattice of n^3 samples; the outermost samples repeat beyond its faces.
 pub(crate) fn field(reconstruction: &Reconstruction, coefficients: &[f64], n: i64, at: DVec3) -> f64 {
     let reach = i64::from(reconstruction.reach);
     let first = (at.floor().as_i64vec3() - (reach - 1)).to_array();
@@ -211,7 +211,7 @@ pub(crate) fn field(reconstruction: &Reconstruction, coefficients: &[f64], n: i6
     sum
 }
 
-/// The share that is left of a wave, on average over its phase.
+/// The remaining share of a wave, averaged over its phase.
 fn transfer(reconstruction: &Reconstruction, frequency: [f64; 3]) -> f64 {
     let waves = reconstruction.waves(frequency, 16);
     (reconstruction.gain)(frequency) * waves.iter().map(|[real, _]| real).sum::<f64>() / waves.len() as f64
@@ -222,7 +222,7 @@ fn transfer(reconstruction: &Reconstruction, frequency: [f64; 3]) -> f64 {
 fn spline_coefficients(samples: &mut [f64], stride: usize, n: usize) {
     let pole = 3.0_f64.sqrt() - 2.0;
     let at = |i: usize| i * stride;
-    // The sum over the mirrored row, as far as it counts.
+    // The sum over the mirrored row, as far as it matters.
     let mirrored = |i: usize| if (i / (n - 1)).is_multiple_of(2) { i % (n - 1) } else { n - 1 - i % (n - 1) };
     let first: f64 = (0..40).map(|i| samples[at(mirrored(i))] * pole.powi(i as i32)).sum();
     samples[0] = 6.0 * first;
@@ -243,8 +243,8 @@ pub(crate) fn spread(index: u32) -> [f64; 3] {
     [1, 2, 3].map(|power| (0.5 + f64::from(index) / ROOT.powi(power)).fract())
 }
 
-/// Measures how well a method reconstructs a signal that is sampled at the centres of `size`^3 cells of its cube, as
-/// built-in volumes are.
+/// Measures the reconstruction of a signal that is sampled at the centres of `size`^3 cells of its cube, as in built-in
+/// volumes.
 ///
 /// # Errors
 /// [`Error::Setting`] if `size` is not 8 to 256, or the kernel or the sharpness of splats is refused.
@@ -275,7 +275,7 @@ pub(crate) fn measure(signal: Signal, size: u32, method: Method) -> Result<Quali
     let rays: Vec<f64> = (0..RAYS)
         .into_par_iter()
         .map(|index| {
-            // From a face of the box to the opposite one, of each axis in turn.
+            // From a face of the box to the opposite face, for each axis in turn.
             let [[a, b, _], [c, d, _]] = [2 * index, 2 * index + 1].map(spread);
             let mut ends = [[a, b, 0.0], [c, d, 1.0]];
             ends.iter_mut().for_each(|end| end.rotate_right(index as usize % 3));

@@ -1,7 +1,7 @@
 // The part of the image that a splat can touch.
 
 override PERSPECTIVE: bool = false;
-// Whether kernels may be larger than asked for in this frame, where voxels fall closer together than pixels.
+// Whether kernels may grow in this frame, because voxels are closer together than pixels.
 override GROWN: bool = false;
 
 // View coordinates of a lattice point.
@@ -36,8 +36,8 @@ fn bounds_along(axis: vec3f, center: f32, depth: vec3f, z: f32, radius: f32) -> 
     }
     // Planes through the eye, of slope k = x / z, touch the support if (center - k z)^2 = R^2 |axis - k depth|^2. With
     // s = center / z, e = R depth / z and g = R axis: (s - k)^2 = |g / z - k e|^2. The middle and the half extent of
-    // the roots are formed without the square of s, beside which that of a small support would be rounded away, and
-    // without that of z, which may be 1e30.
+    // the roots are formed without the square of s, beside which a small support would be rounded away, and without the
+    // square of z, which may be 1e30.
     let e = depth * (radius / z);
     let g = axis * radius;
     let s = center / z;
@@ -48,7 +48,7 @@ fn bounds_along(axis: vec3f, center: f32, depth: vec3f, z: f32, radius: f32) -> 
 }
 
 // Whether a splat has bounds: it has none if the plane of the eye cuts its support. 1.001 keeps the division in
-// bounds_along() away from 0. `center` is in view coordinates, `growth` as growth_at() gives it.
+// bounds_along() away from 0. `center` is in view coordinates, `growth` comes from growth_at().
 fn bounded(center: vec3f, growth: f32) -> bool {
     return !PERSPECTIVE || center.z + frame.eye_depth > frame.depth_extent * growth * 1.001;
 }
@@ -62,7 +62,7 @@ fn bounds(center: vec3f, growth: f32) -> vec4f {
 }
 
 // The slopes from `low` to `high` at which rays can meet a support that the plane of the eye cuts, in one plane
-// coordinate; the parameters are those of bounds_along().
+// coordinate; the parameters are the same as in bounds_along().
 fn cut_along(axis: vec3f, center: f32, depth: vec3f, z: f32, radius: f32, low: f32, high: f32) -> vec2f {
     let r2 = radius * radius;
     let a = z * z - r2 * dot(depth, depth);
@@ -72,8 +72,8 @@ fn cut_along(axis: vec3f, center: f32, depth: vec3f, z: f32, radius: f32, low: f
     if a >= 0.0 || d <= 0.0 {
         return vec2f(low, high);
     }
-    // Planes of slopes between the roots of a k^2 - 2 b k + c pass the support by. What of it is before the eye lies to
-    // that side of them to which its centre does.
+    // Planes of slopes between the roots of a k^2 - 2 b k + c miss the support. The part of the support in front of the
+    // eye lies on the same side of them as its centre.
     let q = b + select(-1.0, 1.0, b >= 0.0) * sqrt(d);
     let near = c / q;
     let far = q / a;
@@ -91,7 +91,7 @@ fn region_slopes() -> vec4f {
     return vec4f(min(a, b) - frame.quad_pad, max(a, b) + frame.quad_pad);
 }
 
-// Bounds like those of bounds() of such a support within the region.
+// Bounds of such a support within the region, in the form of bounds().
 fn cut_bounds(center: vec3f, growth: f32) -> vec4f {
     let ends = region_slopes();
     let low = ends.xy;

@@ -1,17 +1,17 @@
-// Rays against clipping planes: the part of each ray that is on the inner side of all of them (Cyrus and Beck 1978,
-// "Generalized two- and three-dimensional clipping").
+// Rays against clipping planes: the part of each ray on the inner side of all planes (Cyrus and Beck 1978, "Generalized
+// two- and three-dimensional clipping").
 
-// The number of planes; with 0 nothing is cut away.
+// The number of planes; 0 clips nothing.
 override CLIP_PLANES: u32 = 0u;
 const MAX_CLIP_PLANES: u32 = 8u;
 
-// Before or behind every place on a ray, but not infinite.
+// Beyond every place on a ray, but not infinite.
 const BEYOND: f32 = 1e30;
 
-// Of the part of a ray between two places, what is on the inner side of a plane: where at + slope * place >= 0. Nothing
-// is left if x >= y. A plane and its opposite cut at the same place, to the bit.
+// The part of a ray between two places on the inner side of a plane, where at + slope * place >= 0. It is empty if
+// x >= y. A plane and its opposite cut at the same place, to the bit.
 fn on_inner_side(part: vec2f, at: f32, slope: f32) -> vec2f {
-    // Along the plane, to rounding: all of the ray or nothing.
+    // The ray is parallel to the plane, to rounding: all of it is inside, or nothing.
     let along = abs(slope) < 1e-20;
     let place = -at / select(slope, 1.0, along);
     let first = select(part.x, max(part.x, place), !along && slope > 0.0);

@@ -1,7 +1,7 @@
 // The clipping planes of the painter `quads`.
 // uses: common/clip
 
-// Of the part of a ray between two view depths what is not cut away. `plane` are the ray's plane coordinates.
+// The unclipped part of a ray between two view depths. `plane` are the ray's plane coordinates.
 fn clipped(part: vec2f, plane: vec2f) -> vec2f {
     var inside = part;
     for (var i = 0u; i < CLIP_PLANES; i++) {
@@ -16,7 +16,7 @@ fn clipped(part: vec2f, plane: vec2f) -> vec2f {
     return inside;
 }
 
-// Whether all of a ball around a point is cut away: `center` in view coordinates, `radius` in voxels.
+// Whether a ball around a point is clipped as a whole: `center` in view coordinates, `radius` in voxels.
 fn is_cut_away(center: vec3f, radius: f32) -> bool {
     var least = BEYOND;
     for (var i = 0u; i < CLIP_PLANES; i++) {

@@ -1,11 +1,11 @@
-// What all stages of one frame of the painter `quads` share. World lengths are in a unit of about a voxel (Grid::local
-// in crates/volume/src/volume/grid.rs).
+// Parameters of all stages of one frame of the painter `quads`. World lengths are in a unit of about a voxel
+// (Grid::local in crates/volume/src/volume/grid.rs).
 //
-// View coordinates are x right, y up and z forward. Everything is measured from the home ray, the ray of the picture
-// that goes nearest to the middle of the lattice, so that numbers stay small however far off the axis the volume is: x
-// and y are offsets from the home ray at the same depth. z = 0 is the depth of the middle of the lattice, so that
-// depths stay small numbers however far the eye is. Plane coordinates belong to a ray: in a parallel projection its
-// offset from the home ray, in a perspective one its slopes dx/dz and dy/dz less those of the home ray.
+// View coordinates are x right, y up and z forward. x and y are offsets at the same depth from the home ray, the ray of
+// the picture that passes nearest to the middle of the lattice. So numbers stay small even if the volume is far off the
+// axis. z = 0 is the depth of the middle of the lattice, so depths stay small even if the eye is far away. Plane
+// coordinates belong to a ray: in a parallel projection its offset from the home ray, in perspective the difference of
+// its slopes dx/dz and dy/dz from the slopes of the home ray.
 // uses: common/clip
 
 struct Frame {
@@ -38,10 +38,10 @@ struct Frame {
     // Clip coordinates from plane coordinates.
     clip_scale: vec2f,
     clip_offset: vec2f,
-    // Half extent by which a quad is grown, in plane coordinates: absorbs the rounding of its corners.
+    // Half extent added to a quad, in plane coordinates: absorbs the rounding of its corners.
     quad_pad: vec2f,
-    // What a sheet accumulates per density and world length of a section: sheet_scale / (N unit_distance), N the
-    // integral of the kernel.
+    // Accumulated value per density and world length of a section: sheet_scale / (N unit_distance), N the integral of
+    // the kernel.
     section_scale: f32,
     // Optical depth per accumulated value, 1 / sheet_scale.
     inverse_sheet_scale: f32,
@@ -54,9 +54,9 @@ struct Frame {
     // Axis-aligned sheets: number of the sheet, front to back, of lattice point p: dot(plane_axis, p) + plane_offset.
     plane_axis: vec3f,
     plane_offset: f32,
-    // Half the size of the box that the field of scalars is reconstructed in, voxels.
+    // Half the size of the box in which the field of scalars is reconstructed, voxels.
     box_half: vec3f,
-    // Optical depth at which a pixel counts as opaque: minus the logarithm of the light that it may let through.
+    // Optical depth at which a pixel counts as opaque: minus the logarithm of the tolerated transmittance.
     opaque_depth: f32,
     // Growth of a kernel centred at view depth z: max(1, growth.x + growth.y z).
     growth: vec2f,
@@ -70,7 +70,7 @@ struct Frame {
     // What the model takes. X-ray: `curve` of common/response.wgsl. Coded or attenuated by depth: the share of
     // view depth z in the depth of the box is model.x z + model.y, and model.z is the attenuation.
     model: vec4f,
-    // What is on the inner side of a clipping plane, at view coordinates (x, y, z): dot(xyz, (x, y, z)) + w >= 0, in
-    // voxels. See common/clip.wgsl.
+    // A clipping plane: view coordinates (x, y, z) are on its inner side if dot(xyz, (x, y, z)) + w >= 0, in voxels.
+    // See common/clip.wgsl.
     clip_planes: array<vec4f, MAX_CLIP_PLANES>,
 }

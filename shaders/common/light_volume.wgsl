@@ -1,11 +1,12 @@
-// The light that arrives at each place of a field of scalars: shares of it at voxels or cells, linear between them. The
-// bindings are those of a stage that uses it.
+// The light that arrives at each place of a field of scalars: shares at voxels or cells, linear between them. Each
+// stage that uses it declares the bindings.
 // uses: common/lighting
 
-// Whether light is kept from the field.
+// Whether the field has shadows.
 override SHADOWS: bool = false;
 
-// The shares that arrive at a place of the texture: of the lights that cast shadows (xyz) and of what is around (w).
+// The shares of light that arrive at a place of the texture: of the lights that cast shadows (xyz), and of the ambient
+// light (w).
 fn kept_at(place: vec3f) -> vec4f {
     if !SHADOWS {
         return UNSHADED;

@@ -14,20 +14,20 @@ struct Lighting {
     diffuse: f32,
     forward: vec3f,
     specular: f32,
-    // Unit vectors towards the lights. 0: the light is at the eye. With w = 1 their places, view coordinates from the
+    // Unit vectors towards the lights. 0: the light is at the eye. With w = 1: its place, in view coordinates from the
     // middle of the lattice.
     lights: array<vec4f, 4>,
     // Their red, green and blue.
     colors: array<vec4f, 4>,
-    // From the lattice to such places.
+    // From the lattice to view coordinates from its middle.
     from_lattice: mat4x3f,
     shininess: f32,
-    // Post-shaded: the resolution of a scalar of 0, see common/resolution.wgsl.
+    // Post-shaded: the resolution of a scalar of 0 (see common/resolution.wgsl).
     faintest: f32,
 }
 
-// Light on a colour: the colour is multiplied by `diffuse`, and `specular` is added. The result has the weight
-// `surface`, the colour itself the weight `plain`.
+// Light on a colour: the colour times `diffuse`, plus `specular`, has the weight `surface`; the original colour has the
+// weight `plain`.
 struct Shine {
     diffuse: vec3f,
     specular: vec3f,
@@ -35,12 +35,12 @@ struct Shine {
     plain: f32,
 }
 
-// What leaves a colour as it is.
+// Light that does not change a colour.
 fn no_shine() -> Shine {
     return Shine(vec3f(1.0), vec3f(0.0), 1.0, 0.0);
 }
 
-// All light arrives: of the lights that cast shadows (xyz) and of what is around (w).
+// All light arrives: of the lights that cast shadows (xyz), and the ambient light (w).
 const UNSHADED = vec4f(1.0);
 
 // The unit vector from a place towards a light.
@@ -50,7 +50,7 @@ fn towards_light(index: u32, place: vec3f, to_eye: vec3f) -> vec3f {
     if POINT_LIGHTS {
         let way = light.xyz - place;
         let square = dot(way, way);
-        // At the light itself it comes from the eye.
+        // At the place of the light, light comes from the eye.
         let unit = select(to_eye, way * inverseSqrt(square), square > 1e-20);
         towards = select(towards, unit, light.w > 0.0);
     }
@@ -70,7 +70,7 @@ fn light_from(index: u32, normal: vec3f, place: vec3f, to_eye: vec3f) -> vec2f {
     return vec2f(cosine, pow(max(highlight, 0.0), lighting.shininess));
 }
 
-// The light number `index`, of which the share `kept` arrives.
+// The light number `index`, whose share `kept` arrives.
 fn shine_of(index: u32, normal: vec3f, place: vec3f, to_eye: vec3f, kept: f32) -> Shine {
     let shares = light_from(index, normal, place, to_eye) * kept;
     let color = lighting.colors[index].rgb;
@@ -81,14 +81,14 @@ fn sum_of(a: Shine, b: Shine) -> Shine {
     return Shine(a.diffuse + b.diffuse, a.specular + b.specular, 1.0, 0.0);
 }
 
-// What a colour is multiplied by where there is no surface: what arrives.
+// The factor of a colour without a surface: the light that arrives.
 fn light_without_surface(kept: vec4f) -> f32 {
     let lost = dot(vec3f(1.0) - kept.xyz, vec3f(1.0)) / f32(max(LIGHTS, 1u));
     return 1.0 - lighting.ambient * (1.0 - kept.w) - (1.0 - lighting.ambient) * lost;
 }
 
-// The light on a surface across a gradient of any length, of which the shares `kept` arrive. Without a gradient there
-// is no surface: the colour is as bright as what arrives. `surface` is the weight of the surface
+// The light on a surface across a gradient of any length; `kept` are the shares of light that arrive. Without a
+// gradient there is no surface, and the light that arrives sets the brightness. `surface` is the weight of the surface
 // (common/resolution.wgsl), `point` its place in the lattice.
 fn light_on(gradient: vec3f, surface: f32, point: vec3f, to_eye: vec3f, kept: vec4f) -> Shine {
     let largest = max(abs(gradient.x), max(abs(gradient.y), abs(gradient.z)));
@@ -96,7 +96,7 @@ fn light_on(gradient: vec3f, surface: f32, point: vec3f, to_eye: vec3f, kept: ve
     if largest <= 0.0 {
         return Shine(vec3f(light_without_surface(kept)), vec3f(0.0), 1.0, 0.0);
     }
-    // By its largest component first: squares of large and of small numbers leave the range of f32.
+    // Divided by its largest component first: squares of large and of small numbers leave the range of f32.
     let direction = gradient / largest;
     let facing = select(1.0, -1.0, dot(direction, to_eye) < 0.0);
     let normal = direction * (inverseSqrt(dot(direction, direction)) * facing);
@@ -115,7 +115,7 @@ fn light_on(gradient: vec3f, surface: f32, point: vec3f, to_eye: vec3f, kept: ve
     return Shine(ambient + lighting.diffuse * sum.diffuse, lighting.specular * sum.specular, surface, plain);
 }
 
-// A colour under a light that light_on() gave.
+// A colour under a light from light_on().
 fn lit(color: vec3f, light: Shine) -> vec3f {
     let shaded = clamp(color * light.diffuse + light.specular, vec3f(0.0), vec3f(1.0));
     return light.surface * shaded + light.plain * color;

@@ -1,11 +1,11 @@
 // The march through one slab of scalars, the same for both painters: the parabola through the means of the slab and of
-// its two neighbours in pieces of equal length, along each of which the scalar is linear and the transfer function is
-// integrated exactly. Each stage says what a piece adds: the type `Marched` and `add_sample`. (`shade` keeps optical
-// depth alone between batches, `gather` keeps transmittance beside it.)
+// its two neighbours, in pieces of equal length. Along a piece the scalar is linear and the transfer function is
+// integrated exactly. Each stage defines the sum over pieces: the type `Marched` and `add_sample`. (Between batches
+// `shade` keeps only optical depth; `gather` also keeps transmittance.)
 // uses: common/lighting, common/transfer
 
-// What is before a slab:
-// a slab that shows nothing, or skipped space;
+// The state in front of a slab:
+// an invisible slab, or skipped space;
 const INVISIBLE: u32 = 0u;
 // nothing, if the slab is the first at a face of the volume or at the eye;
 const AT_THE_FACE: u32 = 1u;
@@ -19,17 +19,17 @@ struct Before {
     end: Classified,
 }
 
-// The scalars at the ends of pieces are those of a parabola a little below, so that the mean of each piece is that of
-// the parabola.
+// The parabola whose values at the ends of pieces give each piece the mean of the original parabola; it lies a little
+// below.
 fn marched_parabola(means: vec3f, step: f32) -> vec3f {
     let p = parabola(means);
     return vec3f(p.x - p.z * step * step / 6.0, p.yz);
 }
 
-// `means` are those of the slab before, of the slab and of the slab behind. `part` is the part of the slab that counts,
-// its ends from -1/2 to 1/2; `length` is the length along the ray of a piece. The parabola of the slab before ends
-// nearly where this one begins; the scalar is made continuous, so that what shows between the two is not lost. The
-// result is what this slab is to the one behind it.
+// Marches through a slab. `means` are the means of the slab before, of the slab and of the slab behind. `part` is the
+// part of the slab that counts, its ends from -1/2 to 1/2; `length` is the length along the ray of a piece. The
+// parabola of the slab before ends near the beginning of this parabola; the scalar is made continuous, so that values
+// between the two are not lost. Returns the state in front of the next slab.
 fn march_parabola(
     so_far: ptr<function, Marched>,
     means: vec3f,
@@ -50,7 +50,7 @@ fn march_parabola(
     first = select(first, before.end.scalar, before.kind >= SCALAR);
     first = select(first, means.y, is_whole);
     var begin = before.end;
-    // Piece 0 is no piece: its end is the beginning of the first.
+    // Piece 0 stands for the end of the slab before: it is where the first piece begins.
     var piece = select(0u, 1u, before.kind == CLASSIFIED && !is_whole);
     loop {
         let u = part.x + f32(piece) * step;

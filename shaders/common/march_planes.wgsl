@@ -1,10 +1,9 @@
-// The march of one ray from voxel plane to voxel plane, run after run. Each stage of rays says what a plane adds to the
-// slabs that are not complete: the struct `Slabs`, the functions `feed` and `begin_run`, and FLUSH, the planes that are
-// marched after the last of a run until every slab that the run feeds has been composited; and by `is_opaque` whether a
-// ray ends.
+// The march of one ray from voxel plane to voxel plane, run after run. Each stage of rays defines how a plane adds to
+// incomplete slabs: the struct `Slabs`, and the functions `feed` and `begin_run`. FLUSH is the number of planes marched
+// after the last plane of a run, until every slab of the run has been composited. `is_opaque` ends a ray.
 // uses: common/plane, common/ray_geometry
 
-// `start` is what the ray has gathered before.
+// `start` is the state of the ray before this march.
 fn march_planes(tile: vec3u, geometry: RayGeometry, start: RayState) -> RayState {
     let footprints = footprints_of(geometry);
     var ray = start;

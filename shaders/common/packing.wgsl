@@ -2,18 +2,18 @@
 // plane, one for each voxel along b, stand below one another; `columns` planes stand side by side and make a shelf;
 // shelves stand below one another. MARGIN texels of zeros precede each row, one row of zeros precedes each shelf.
 
-// Texels of zeros before each row. `blocked` in gather.wgsl reads 7 texels from a place of which `texel_at` clamps the
-// start: if a ray misses the row, all of them are zeros, before it or after it.
+// Texels of zeros before each row. `blocked` in gather.wgsl reads 7 texels from a place whose start `texel_at` clamps:
+// if a ray misses the row, all of them are zeros, before or after the row.
 const MARGIN: i32 = 7;
-// Voxels along the side of a macrocell: what `skip` tests and rays skip as a whole.
+// Voxels along the side of a macrocell: `skip` tests macrocells, and rays skip them as a whole.
 const MACROCELL: i32 = 4;
 
 struct Pack {
-    // First lattice point of the box that is packed. Splats outside the box are left out.
+    // First lattice point of the packed box. Splats outside the box are skipped.
     low: vec3u,
-    // The splats that this dispatch looks at: the first one, and the one after the last (end_splat).
+    // The splats of this dispatch: the first one, and the one after the last (end_splat).
     first_splat: u32,
-    // Numbers of the lattice axes that a, b and m run along: 0 x, 1 y, 2 z.
+    // Numbers of the lattice axes of a, b and m: 0 x, 1 y, 2 z.
     axes: vec3u,
     // Voxels along b.
     rows: u32,
@@ -23,10 +23,10 @@ struct Pack {
     row_texels: u32,
     // Texels of a row of the texture.
     width: u32,
-    // The rows of the texture that the buffer holds: the first, and how many.
+    // The rows of the texture in the buffer: the first, and their number.
     first_row: u32,
     row_count: u32,
-    // What is stored as f16 is multiplied by this, to stay in the range of f16.
+    // Factor of values stored as f16, to stay in the range of f16.
     scale: f32,
     end_splat: u32,
     // Voxel planes.
@@ -41,8 +41,8 @@ struct Pack {
     view_z: vec3f,
 }
 
-// Rounded to the nearest number of 11 significant bits, which f16 holds exactly: some drivers cut off when they pack.
-// An f32 has 24 significant bits: half of the lowest bit that stays is added, and the 13 bits below it are cleared.
+// Rounded to the nearest number of 11 significant bits, which f16 holds exactly: some drivers truncate when they pack.
+// An f32 has 24 significant bits: half of the lowest remaining bit is added, and the 13 bits below it are cleared.
 fn rounded(v: vec4f) -> vec4f {
     return bitcast<vec4f>((bitcast<vec4u>(v) + 0x1000u) & vec4u(0xffffe000u));
 }

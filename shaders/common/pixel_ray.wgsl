@@ -1,5 +1,4 @@
-// The ray of a pixel of the painter `quads`, and the part of it that is inside the box of the volume and
-// not cut away.
+// The ray of a pixel of the painter `quads`, and its unclipped part inside the box of the volume.
 // uses: common/clip_view
 
 override PERSPECTIVE: bool = false;
@@ -7,7 +6,7 @@ override PERSPECTIVE: bool = false;
 struct PixelRay {
     // Slopes dx/dz and dy/dz; 0 in a parallel projection.
     slope: vec2f,
-    // View depths between which the ray is in front of the eye, inside the box and not cut away; nothing is if x >= y.
+    // View depths between which the ray is in front of the eye, inside the box and unclipped; empty if x >= y.
     inside: vec2f,
     // World length along the ray per unit of view depth.
     stretch: f32,
@@ -21,7 +20,7 @@ fn pixel_ray(pixel: vec2u) -> PixelRay {
     // Lattice coordinates from the middle of the box: start + direction * view depth.
     var direction = frame.grid_forward;
     var at = plane;
-    // Before every view depth, but not infinite.
+    // In front of every view depth, but not infinite.
     var nearest = -3e38;
     var stretch = 1.0;
     var slope = vec2f(0.0);
@@ -34,7 +33,7 @@ fn pixel_ray(pixel: vec2u) -> PixelRay {
     }
     let start = frame.grid_right * (at.x - frame.offset_x) + frame.grid_up * (at.y - frame.offset_y);
     // The ray against the sides of the box (Kay and Kajiya 1986, "Ray tracing complex scenes"). A component of 0 is
-    // replaced by one so small that the ends it gives are far outside.
+    // replaced by a tiny one, whose ends lie far outside.
     let inverse = 1.0 / select(direction, vec3f(1e-20), abs(direction) < vec3f(1e-20));
     let a = (-frame.box_half - start) * inverse;
     let b = (frame.box_half - start) * inverse;

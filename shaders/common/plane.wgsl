@@ -1,11 +1,11 @@
-// What a ray of the painter `tiles` gathers from one voxel plane.
+// The sums that a ray of the painter `tiles` gathers from one voxel plane.
 // uses: common/packing, common/ray_geometry
 
 // Terms of the footprint's polynomial: 6 or 8.
 override TERMS: u32 = 6u;
-// Texels that are read of a row of voxels, two voxels each. The first voxel may lie one before the kernels that reach
-// the ray, as a texel begins at an even one: n texels do if kernels reach less than n - 1/2 voxels along the row. 3 to
-// 7.
+// Texels read from a row of voxels, two voxels each; 3 to 7. A texel begins at an even voxel, so the first voxel may
+// lie one before the kernels that reach the ray: n texels suffice if kernels reach less than n - 1/2 voxels along the
+// row.
 override TEXELS: u32 = 3u;
 // Kernels have grown in proportion to their depth before the eye.
 override GROWN: bool = false;
@@ -24,12 +24,12 @@ fn footprint(square: f32) -> f32 {
     return sqrt(c2) * ((((high * c2 + f.w) * c2 + f.z) * c2 + f.y) * c2 + f.x);
 }
 
-// The part of that integral before a place `t` on the ray, from the point that is nearest to the centre.
+// The part of that integral before a place `t` on the ray, measured from the point nearest to the centre.
 //
-// With c the half chord, the integral of (c^2 - u^2)^k over u from 0 to t is one of the power k - 1 by parts. The
-// kernel is the polynomial in c^2 - u^2 whose footprint is that of footprint(), so the factors of the footprint's
-// powers are those of these integrals, J, in units of what they are over the half chord for c = 1: J(0) = t, J(k) = c^2
-// J(k - 1) + t (c^2 - t^2)^k / ((2 k + 1) times that unit).
+// With c the half chord, integration by parts reduces the integral of (c^2 - u^2)^k over u from 0 to t to the power
+// k - 1. The kernel is the polynomial in c^2 - u^2 whose footprint is footprint(). So its integral is the sum of the
+// footprint's coefficients times integrals J, each in the unit of its value over the half chord for c = 1: J(0) = t,
+// J(k) = c^2 J(k - 1) + t (c^2 - t^2)^k / ((2 k + 1) times the unit of k).
 fn footprint_before(square: f32, t: f32) -> f32 {
     let c2 = max(rays.radius2 - square, 0.0);
     let c = sqrt(c2);
@@ -65,8 +65,8 @@ fn footprint_before(square: f32, t: f32) -> f32 {
     return 0.5 * (footprint(square) + sum);
 }
 
-// The part of the footprint of the voxel at (du, dv) from where a ray meets its plane that lies before a place along
-// the ray from there; the other parameters are those of weights().
+// The part of a voxel's footprint before a place on the ray. (du, dv) and `place` are measured from the point where the
+// ray meets the plane of the voxel; the other parameters are the parameters of weights().
 fn weight_before(du: f32, dv: f32, place: f32, direction: vec2f, growth: f32) -> f32 {
     let s = du * direction.x + dv * direction.y;
     let square = du * du + dv * dv - s * s;
@@ -77,9 +77,9 @@ fn weight_before(du: f32, dv: f32, place: f32, direction: vec2f, growth: f32) ->
     return footprint_before(square, place - s);
 }
 
-// Footprint w of the voxel at (du, dv) from where a ray meets its plane, w s and w s^2, s the voxel's place along the
-// ray. `direction` is the ray's unit vector, without its component along m. `growth` is that of a kernel at the ray's
-// place, see growth_at().
+// Footprint w of a voxel, w s and w s^2, with s the voxel's place along the ray. (du, dv) is measured from the point
+// where the ray meets the plane of the voxel. `direction` is the ray's unit vector, without its component along m.
+// `growth` is the growth of a kernel on the ray (see growth_at()).
 fn weights(du: f32, dv: f32, direction: vec2f, growth: f32) -> vec3f {
     let s = du * direction.x + dv * direction.y;
     let square = du * du + dv * dv - s * s;
@@ -95,12 +95,12 @@ fn weights(du: f32, dv: f32, direction: vec2f, growth: f32) -> vec3f {
     return vec3f(w, w * s, w * s * s);
 }
 
-// How many times as large as asked for a kernel would be where a ray meets a plane; below 1 it is as asked for.
+// The growth of a kernel where a ray meets a plane; below 1 the kernel does not grow.
 fn growth_at(geometry: RayGeometry, plane: i32) -> f32 {
     return geometry.growth.x + geometry.growth.y * f32(plane);
 }
 
-// What reaches of kernels are multiplied by around there: the growth of the largest of them.
+// The factor of the reach of kernels around that point: the growth of the largest of them.
 fn reach_at(growth: f32) -> f32 {
     if GROWN {
         return clamp(growth + rays.growth_around, 1.0, rays.growth_most);
@@ -117,19 +117,18 @@ fn plane_texel(plane: i32) -> vec2i {
     );
 }
 
-// The place of a plane's texel in the texture. Texels outside the plane become ones of the zeros that surround it.
+// The place of a plane's texel in the texture. Texels outside the plane become texels of the zeros around it.
 fn texel_at(texel: vec2i, origin: vec2i) -> vec2i {
     return vec2i(clamp(texel.x, -MARGIN, rays.row_texels), clamp(texel.y, -1, rays.voxels.y)) + origin;
 }
 
-// The first and the last row of a plane that reach a ray at `b`, within `half` of it; none if the plane is not before
-// `end`.
+// The first and the last row of a plane within `half` of a ray at `b`; none if the plane is not before `end`.
 fn rows_of(plane: i32, end: i32, b: f32, half: f32) -> vec2i {
     let first = i32(ceil(b - half));
     return vec2i(first, select(first - 1, i32(floor(b + half)), plane < end));
 }
 
-// Sums over the voxels of a plane: of footprint times voxel, of that times s, and of that times s^2.
+// Sums over the voxels of a plane: of footprint times voxel, and of this product times s and times s^2.
 struct Moments {
     m0: vec4f,
     m1: vec4f,
@@ -141,7 +140,7 @@ struct Moments {
 struct Footprints {
     // The texel of the first voxel, from the first texel of a plane.
     texel: vec2i,
-    // By row: of the first four voxels, and of the last two.
+    // By row: the footprints of the first four voxels, and of the last two.
     first_four: mat4x4f,
     last_two: mat4x2f,
 }
@@ -188,8 +187,8 @@ fn gathered_straight(footprints: Footprints, plane: i32, end: i32) -> vec4f {
         + row_sum(texel + vec2i(0, 2), origin, a[2], b[2]) + row_sum(texel + vec2i(0, 3), origin, a[3], b[3]);
 }
 
-// The voxels of a row from the first texel that reaches a ray, and where the first of them is from where the ray meets
-// the plane.
+// The voxels of a row from the first texel that reaches a ray, and the place of the first voxel relative to the point
+// where the ray meets the plane.
 struct VoxelRow {
     texel: vec2i,
     du: f32,
@@ -223,7 +222,7 @@ fn row_weights(row: VoxelRow, direction: vec2f, growth: f32) -> RowWeights {
     );
 }
 
-// Adds six voxels of a row in one expression: pair by pair takes a tenth longer on software Vulkan.
+// Adds six voxels of a row in one expression, because addition pair by pair takes a tenth longer on software Vulkan.
 fn add_row(sums: ptr<function, Moments>, w: RowWeights, a: vec4f, b: vec4f, c: vec4f, d: vec4f, e: vec4f, f: vec4f) {
     (*sums).m0 += w.w0.x * a + w.w1.x * b + w.w2.x * c + w.w3.x * d + w.w4.x * e + w.w5.x * f;
     (*sums).m1 += w.w0.y * a + w.w1.y * b + w.w2.y * c + w.w3.y * d + w.w4.y * e + w.w5.y * f;
@@ -243,8 +242,8 @@ fn add_pair(sums: ptr<function, Moments>, row: VoxelRow, texel: i32, direction: 
     (*sums).m2 += w.z * v + x.z * u;
 }
 
-// What of the kernels of a plane is before a place, in planes from there, on the ray that meets plane 0 at `base`; 0 if
-// the plane is not before `end`.
+// The part of the kernels of a plane before a place, in planes from that plane, on the ray that meets plane 0 at
+// `base`; 0 if the plane is not before `end`.
 fn gathered_up_to(place: f32, base: vec2f, geometry: RayGeometry, plane: i32, end: i32) -> vec4f {
     let direction = geometry.direction;
     let center = base + geometry.shear * f32(plane);

@@ -1,19 +1,17 @@
-// What a ray of the painter `tiles` is like, and what it has gathered so far: shared by gather.wgsl and
-// gather_scalars.wgsl.
+// The geometry of a ray of the painter `tiles`, and its state: shared by gather.wgsl and gather_scalars.wgsl.
 // uses: common/rays
 
 // Voxels are scalars.
 override SCALARS: bool = false;
 
-// A section of kernels as asked for, and what a growth less 1, and the square of that, change of it.
+// A section of kernels without growth, and its changes with growth - 1 and with the square of growth - 1.
 struct GrowingSection {
     as_asked: Section,
     once: Section,
     twice: Section,
 }
 
-// What is constant along a ray. Lengths are in voxels unless a name says otherwise; axes (a, b, m) as in
-// common/rays.wgsl.
+// The constants of a ray. Lengths are in voxels unless a name says otherwise; axes (a, b, m) as in common/rays.wgsl.
 struct RayGeometry {
     // The ray meets plane k at base + k shear.
     base: vec2f,
@@ -31,24 +29,24 @@ struct RayGeometry {
     far: GrowingSection,
     // The growth of a kernel where the ray meets plane 0, and its change from plane to plane.
     growth: vec2f,
-    // The planes, as real numbers, between which the ray counts: of scalars in front of the eye and inside the box; of
-    // colours all or, if what the ray meets is behind the eye, none.
+    // The planes, as real numbers, between which the ray counts: for scalars, in front of the eye and inside the box;
+    // for colours all planes, or none if the volume lies behind the eye.
     inside: vec2f,
-    // The planes between which the ray is not cut away.
+    // The planes between which the ray is unclipped.
     cut: vec2f,
     // Unit vector to the eye, view coordinates.
     to_eye: vec3f,
 }
 
-// What a ray has gathered.
+// The sums of a ray so far.
 struct RayState {
-    // Premultiplied colour. Of the largest scalar: color.x is the scalar, color.y is 1 once there is one, and color.z
-    // is its place, in planes. Of the mean: color.x is the sum over slabs.
+    // Premultiplied colour. For the largest scalar: color.x is the scalar, color.y is 1 once there is one, and color.z
+    // is its place, in planes. For the mean: color.x is the sum over slabs.
     color: vec3f,
     // Optical depth, and exp of minus it.
     depth: f32,
     transmittance: f32,
-    // Sums of the last two slabs that are complete: `slab` is composited when the one behind it is complete too.
+    // Sums of the last two complete slabs: `slab` is composited when the next slab is complete.
     before: vec4f,
     slab: vec4f,
 }
@@ -68,7 +66,7 @@ fn section_between(step: u32, fraction: f32, lean: f32) -> Section {
     );
 }
 
-// The same with what growth changes.
+// The same, with the changes by growth.
 fn sections_between(step: u32, fraction: f32, lean: f32) -> GrowingSection {
     return GrowingSection(
         section_between(step, fraction, lean),
@@ -95,7 +93,7 @@ fn geometry_of(point: vec2u) -> RayGeometry {
         geometry.row_half = sqrt(rays.radius2 / square);
         geometry.row_slope = d.x * d.y / square;
         // A ray along m has lean 0 and meets every kernel at s = 0. 1e-4 keeps the quotients finite; if the lean is
-        // less, s is below 2e-4 and its terms hardly matter.
+        // less, s is below 2e-4 and its terms are negligible.
         let lean = max(length(line.shear), 1e-4);
         // The last step ends just before the last entry, so that step + 1 is an entry.
         let place = clamp(lean * SECTION_STEPS, 0.0, f32(SECTIONS) - 1.001);
@@ -109,7 +107,7 @@ fn geometry_of(point: vec2u) -> RayGeometry {
     }
     if SCALARS || PERSPECTIVE {
         // The ray against the sides of the box (Kay and Kajiya 1986, "Ray tracing complex scenes"). A component of 0 is
-        // replaced by one so small that the ends it gives are far outside.
+        // replaced by a tiny one, whose ends lie far outside.
         let shear = select(line.shear, vec2f(1e-20), abs(line.shear) < vec2f(1e-20));
         let a = (rays.box_low.xy - line.base) / shear;
         let b = (rays.box_high.xy - line.base) / shear;
@@ -123,7 +121,7 @@ fn geometry_of(point: vec2u) -> RayGeometry {
         if SCALARS {
             geometry.inside.x = max(geometry.inside.x, eye);
         } else {
-            // The eye is outside the box, so that a ray has all of it before the eye or all behind.
+            // The eye is outside the box, so the box part of a ray lies wholly in front of the eye or wholly behind.
             let in_front = 0.5 * geometry.inside.x + 0.5 * geometry.inside.y > eye;
             geometry.inside = select(vec2f(FAR, -FAR), vec2f(-FAR, FAR), in_front);
         }
@@ -141,22 +139,22 @@ fn geometry_of(point: vec2u) -> RayGeometry {
     return geometry;
 }
 
-// The point of an invocation's ray, in a tile of 8 x 8 neighbours. Eight invocations in a row, which software marches
-// together, are a block of 4 x 2 points: their rays end at more nearly the same depth than those of a row do.
+// The point of an invocation's ray, in a tile of 8 x 8 neighbours. Software marches eight consecutive invocations
+// together. They are a block of 4 x 2 points, whose rays end at more similar depths than the rays of a row.
 fn point_of(tile: vec3u, lane: u32) -> vec2u {
     let x = (lane & 3u) | ((lane >> 1u) & 4u);
     let y = ((lane >> 2u) & 1u) | ((lane >> 3u) & 6u);
     return tile.xy * 8u + vec2u(x, y);
 }
 
-// Run number `slot` of a tile: its first plane, and the one after its last. (0, 0) if there are no more runs, or if the
-// optical depth of the ray makes it opaque.
+// Run number `slot` of a tile: its first plane, and the plane after its last. (0, 0) if there are no more runs, or if
+// the ray is opaque.
 fn run_at(tile: vec3u, slot: u32, depth: f32) -> vec2i {
     let run = vec2i(runs[run_index(tile, slot)]);
     return select(run, vec2i(0), depth > rays.opaque_depth);
 }
 
-// Adds a share of the colour of a pixel, which is 0 at first.
+// Adds a share of the colour of a pixel, which starts at 0.
 fn add_to_pixel(at: vec2u, value: vec4f) {
     if all(at < rays.picture) {
         let index = at.y * rays.picture.x + at.x;
@@ -179,13 +177,13 @@ fn section_at(sections: GrowingSection, geometry: RayGeometry, plane: i32) -> Se
     return sections.as_asked;
 }
 
-// The planes of a run that can matter to a ray: the first, and the one after the last.
+// The planes of a run that can matter to a ray: the first, and the plane after the last.
 fn planes_of(run: vec2i, geometry: RayGeometry) -> vec2i {
     let last = min(run.y, rays.voxels.z);
     if PERSPECTIVE || SCALARS || CLIP_PLANES > 0u {
-        // Planes beyond what counts: those that kernels reach over, one because the slab next to the last one shapes
-        // the curve in it, and one because the conversion to i32 cuts off a fraction. One more because the second plane
-        // is the one after the last.
+        // Planes beyond the counting part: the planes that kernels reach over, one because the next slab shapes the
+        // curve in the last slab, and one because the conversion to i32 truncates. One more because the second plane
+        // is the plane after the last.
         let beyond = REACH + 2;
         let near = i32(max(geometry.inside.x, -FAR)) - beyond;
         return vec2i(max(run.x, near), min(last, i32(min(geometry.inside.y, FAR)) + beyond + 1));

@@ -1,13 +1,13 @@
 // The rays of the painter `tiles`, and the packed volume that they cross.
 //
-// Lattice axes: m is the principal viewing axis, the one that rays run along most closely; a and b are the other two. a
-// is the one along which rays lean less, or of parallel rays the first of the two along which they lean so little that
-// six voxels of a row hold every kernel that reaches a ray. Lengths are in voxels unless a name says otherwise. Voxel
-// planes are numbered front to back along m.
+// Lattice axes: m is the principal viewing axis, the axis closest to the direction of the rays; a and b are the other
+// two. a is the axis along which rays lean less. For parallel rays it is the first of the two along which rays lean so
+// little that six voxels of a row hold every kernel that reaches a ray. Lengths are in voxels unless a name says
+// otherwise. Voxel planes are numbered front to back along m.
 //
 // A ray meets plane k at base + k shear, in (a, b). Base coordinates are the (a, b) of plane 0. Parallel rays share one
-// shear. A ray that runs along two or three axes nearly alike is marched along each of them, and the colours are mixed.
-// Rays through one eye are marched along up to three axes, in either direction.
+// shear. A ray close to a tie of two or three axes is marched along each of them, and the colours are mixed. Rays
+// through one eye are marched along up to three axes, in either direction.
 //
 // Rays go through the points of the intermediate image (Lacroute and Levoy 1994, "Fast volume rendering using a
 // shear-warp factorization of the viewing transformation"). Its points are the pixels of the picture, or `resample`
@@ -15,21 +15,20 @@
 // uses: common/clip
 
 override PERSPECTIVE: bool = false;
-// The volume is a layer: rays go through cells of several levels, coarser ones farther away, and these are of one.
+// Rays go through the lattices of several levels, coarser ones farther away; the volume is one of these lattices.
 override LAYERED: bool = false;
 
 // A distance in planes that is larger than any in a volume and still fits into an i32.
 const FAR: f32 = 1e8;
 
-// Entries of the table of sections, at equal steps of the length of a ray's shear. It is 0 for a ray along m, sqrt(2)
-// for a ray that runs along all three axes alike, and at most 1.55 for a ray in which m has a share: of m at least
-// 0.542, of the others 0.592 each.
+// Entries of the table of sections, at equal steps of the length of a ray's shear. The length is 0 for a ray along m,
+// sqrt(2) for a ray along the diagonal, and at most 1.55 for a ray in which m has a share: its component along m is at
+// least 0.542, the others are at most 0.592.
 const SECTIONS: u32 = 9u;
 const SECTION_STEPS: f32 = 8.0 / 1.55;
-// Tables of sections: their values for kernels as asked for, and the coefficients of their growth less 1 and of the
-// square of that.
+// Tables of sections: their values for kernels without growth, and the coefficients of growth - 1 and of its square.
 const SECTION_POWERS: u32 = 3u;
-// Where the tables of the slabs that only wide kernels of scalars reach begin.
+// The beginning of the tables for slabs that only wide kernels of scalars reach.
 const FAR_SECTIONS: u32 = SECTIONS * SECTION_POWERS;
 
 struct Rays {
@@ -53,13 +52,13 @@ struct Rays {
     heading_y: vec3f,
     // Square of the kernel's radius.
     radius2: f32,
-    // Rays through one eye: a point (a, b, plane) in the middle of the volume that a ray in the middle of all of them
-    // goes through. Places are measured from it, as the eye may be too far away for f32.
+    // Rays through one eye: a point (a, b, plane) in the middle of the volume, on the ray in the middle of all rays.
+    // Places are measured from it, because the eye may be too far away for f32.
     middle: vec3f,
     // Parallel rays: in the row of voxels at distance v along b from a ray, the kernels that reach the ray are centred
     // within row_half of row_slope v along a.
     row_half: f32,
-    // The box that scalars fill or that kernels of colours reach, in (a, b) and planes.
+    // The box of scalars, or the box that kernels of colours reach, in (a, b) and planes.
     box_low: vec3f,
     row_slope: f32,
     box_high: vec3f,
@@ -70,7 +69,7 @@ struct Rays {
     // Planes whose empty macrocells may not be skipped: all of them or none.
     unskipped: i32,
     gradient_y: vec3f,
-    // Runs that a tile has room for.
+    // The largest number of runs of a tile.
     run_slots: u32,
     gradient_z: vec3f,
     // 1 if rays run against m, so that plane 0 is the last of the volume, otherwise 0.
@@ -81,8 +80,8 @@ struct Rays {
     columns: i32,
     // Parallel rays: the kernels of a plane that reach a ray are centred within this distance along a and b.
     footprint_half: vec2f,
-    // Points of the intermediate image between neighbouring rays of a tile, along x and y. With n rays a voxel these
-    // are n: the rays of a tile are a whole voxel apart, and n interleaved tiles, the phases, cover the same area.
+    // Points of the intermediate image between neighbouring rays of a tile, along x and y: n with n rays per voxel. The
+    // rays of a tile are a whole voxel apart, and n interleaved tiles, the phases, cover the same area.
     phases: vec2u,
     // The footprint at squared half chord c2 is sqrt(c2) times the polynomial in c2 of these eight coefficients.
     footprint: vec4f,
@@ -90,17 +89,17 @@ struct Rays {
     // Rays through one eye: slopes dx/dz and dy/dz of point (0, 0) in view coordinates, and the step to the next point.
     slope_origin: vec2f,
     slope_step: vec2f,
-    // The scalars around 0 at which nothing shows, and the place of a scalar among bins: see common/transfer.wgsl.
+    // The invisible scalars around 0, and the place of a scalar among bins: see common/transfer.wgsl.
     invisible: vec2f,
     lookup: vec2f,
     // Width and height of the intermediate image, points.
     size: vec2u,
     // Tiles of 8 x 8 rays across and down, of each phase.
     tiles: vec2u,
-    // The first tiles across and down that are wanted, and the first beyond those.
+    // The requested tiles: the first across and down, and the first beyond.
     clip_low: vec2u,
     clip_high: vec2u,
-    // Where the picture's first pixel is in the intermediate image, and the steps to the next pixels in x and y.
+    // The place of the picture's first pixel in the intermediate image, and the steps to the next pixels in x and y.
     pixel_origin: vec2f,
     pixel_x: vec2f,
     pixel_y: vec2f,
@@ -110,7 +109,7 @@ struct Rays {
     brightest: vec3f,
     // Texels of a row of voxels in the volume's texture: two voxels each.
     row_texels: i32,
-    // The share of these rays in the picture; rays through one eye have shares of their own beside it.
+    // The share of these rays in the picture; rays through one eye also have individual shares.
     share: f32,
     // Points of an intermediate image: the least share of a pixel's own ray in the pixel.
     least_refined: f32,
@@ -118,16 +117,16 @@ struct Rays {
     fineness: f32,
     // Rays through one eye: the eye, in planes.
     eye_plane: f32,
-    // Rays through one eye: the growth of a kernel at `middle`, if it is over 1, and its change along (a, b, m). Other
-    // kernels are of one size.
+    // Rays through one eye: the growth of a kernel at `middle`, if it is over 1, and its change along (a, b, m). Along
+    // parallel rays all kernels have the same size.
     growth_slope: vec3f,
     growth_middle: f32,
-    // The largest growth of all, and how much it is larger than where a ray meets a plane, of the kernels of the plane
-    // that reach the ray.
+    // The largest growth; and the largest difference between the growth of a kernel that reaches a ray and the growth
+    // where the ray meets the kernel's plane.
     growth_most: f32,
     growth_around: f32,
-    // Layers (see LAYERED): the growth at which the share of the layer begins, and over how much it becomes whole, as a
-    // reciprocal; the growth at which nothing of it is left, and over how much it fades before.
+    // LAYERED: the growth at which the share of the lattice begins, and the reciprocal of the range in which it rises
+    // to 1; the growth at which the share ends, and the reciprocal of the range in which it fades before.
     fade_in: vec2f,
     fade_out: vec2f,
     // The place of the length of a gradient among bins: see common/transfer.wgsl.
@@ -137,31 +136,29 @@ struct Rays {
     // From (a, b, plane) to the light volume, and to the lattice.
     to_light: mat4x3f,
     to_lattice: mat4x3f,
-    // What the model takes. X-ray: `curve` of common/response.wgsl. Coded or attenuated by
-    // depth: the share of a place (a, b, plane)
-    // in the depth of the box is dot(model.xyz, place) + model.w.
+    // Parameters of the model. X-ray: `curve` of common/response.wgsl. Coded or attenuated by depth: the share of a
+    // place (a, b, plane) in the depth of the box is dot(model.xyz, place) + model.w.
     model: vec4f,
-    // Parallel rays use the first. Other rays interpolate, and have s in units of the length of their shear.
+    // Parallel rays use the first section. Other rays interpolate, with s in units of the length of their shear.
     sections: array<Section, 2u * FAR_SECTIONS>,
-    // What is on the inner side of a clipping plane, at (a, b, plane): dot(xyz, (a, b, plane)) + w >= 0. See
-    // common/clip.wgsl.
+    // A clipping plane: (a, b, plane) is on its inner side if dot(xyz, (a, b, plane)) + w >= 0. See common/clip.wgsl.
     clip_planes: array<vec4f, MAX_CLIP_PLANES>,
 }
 
-// The parts of a kernel that lie in four slabs before its centre: its footprint times (by_m0 + by_m1 s + by_m2
-// s^2), s the place of its centre along the ray, from where the ray meets its plane. Summed over a plane these are
-// by_m0 m0 + by_m1 m1 + by_m2 m2 of the plane's moments. Behind the centre the sign of s changes.
+// The parts of a kernel in four slabs before its centre: its footprint times (by_m0 + by_m1 s + by_m2 s^2), with s the
+// place of its centre along the ray, measured from the point where the ray meets its plane. Their sums over a plane are
+// by_m0 m0 + by_m1 m1 + by_m2 m2, with the plane's moments. Behind the centre the sign of s changes.
 //
 // Slabs of scalars are half a plane thick; the first component is the foremost slab, two planes before the centre, or
-// four planes if the section is a far one. Slabs of colours are a plane thick; the components are the slabs one to four
-// before the kernel's own, which has the rest.
+// four planes in a far section. Slabs of colours are a plane thick; the components are the slabs one to four before the
+// kernel's own slab, which has the rest.
 struct Section {
     by_m0: vec4f,
     by_m1: vec4f,
     by_m2: vec4f,
 }
 
-// Where run number `slot` of a tile is kept: the runs of a tile are one after the other.
+// The index of run number `slot` of a tile: the runs of a tile are consecutive.
 fn run_index(tile: vec3u, slot: u32) -> u32 {
     return ((tile.z * rays.tiles.y + tile.y) * rays.tiles.x + tile.x) * rays.run_slots + slot;
 }
@@ -192,7 +189,7 @@ fn line_of(point: vec2u) -> Line {
     return Line(place, rays.shear, rays.direction);
 }
 
-// The planes, as real numbers, between which a ray is not cut away; none if x >= y.
+// The planes, as real numbers, between which a ray is unclipped; none if x >= y.
 fn cut_of(base: vec2f, shear: vec2f) -> vec2f {
     var inside = vec2f(-FAR, FAR);
     for (var i = 0u; i < CLIP_PLANES; i++) {
@@ -207,11 +204,12 @@ fn footprint_half_of(shear: vec2f) -> vec2f {
     return sqrt(rays.radius2 * (1.0 + shear * shear));
 }
 
-// How much less of a ray's unit vector may run along an axis than along another, and the axis has a share in the ray.
+// The largest difference between two components of a ray's unit vector at which the axis of the smaller one has a share
+// in the ray.
 const BLEND: f32 = 0.05;
 
-// The share of axis m in the colour of a ray: 1 if the ray runs along m most closely by far, and smoothly less down to
-// 0. The shares of all axes add up to 1. `share` in src/painters/tiles/axis.rs is the same for parallel rays.
+// The share of axis m in the colour of a ray: 1 if m is the closest axis by far, falling smoothly to 0. The shares of
+// all axes add up to 1. `share` in src/painters/tiles/axis.rs is the same for parallel rays.
 fn share_of(line: Line) -> f32 {
     if !PERSPECTIVE {
         return rays.share;
@@ -221,18 +219,18 @@ fn share_of(line: Line) -> f32 {
     let m = smoothstep(-BLEND, BLEND, d.z - max(along.x, along.y));
     let a = smoothstep(-BLEND, BLEND, along.x - max(along.y, along.z));
     let b = smoothstep(-BLEND, BLEND, along.y - max(along.x, along.z));
-    // Against m: d.z is negative, and the sum is that of the two other axes or of the opposite direction.
+    // A ray against m: d.z is negative, and the sum belongs to the other two axes or to the opposite direction.
     return m / max(m + a + b, 0.5) * rays.share;
 }
 
-// A pixel and one share more of its colour. Shares may be rounded to a sum above 1; alpha is none the more.
+// A pixel with one more share of its colour. Shares may be rounded to a sum above 1; alpha is clamped to 1.
 fn with_share(pixel: vec4f, value: vec4f) -> vec4f {
     let sum = pixel + value;
     return vec4f(sum.rgb / max(sum.a, 1.0), min(sum.a, 1.0));
 }
 
-// The tiles of 8 x 8 pixels that have pixels with rays of their own. `workgroups` are those of `refine`, and the first
-// three words are the arguments of its dispatch.
+// The tiles of 8 x 8 pixels with pixels that have their own rays. `workgroups` are the workgroups of `refine`; the
+// first three words are the arguments of its dispatch.
 struct Refined {
     workgroups: vec3u,
     count: u32,

@@ -13,8 +13,8 @@ fn largest_difference(differences: vec3f) -> f32 {
     return max(abs(differences.x), max(abs(differences.y), abs(differences.z)));
 }
 
-// The weight with which a reconstructed scalar is lit as a surface, given its differences along the axes of the
-// lattice: g^4 / (g^4 + 1) with g the largest of them over the resolution.
+// The weight of a reconstructed scalar as a surface, given its differences along the axes of the lattice:
+// g^4 / (g^4 + 1), with g the largest of them over the resolution.
 fn reconstructed_share(differences: vec3f, scalar: f32, faintest: f32) -> f32 {
     let g = min(largest_difference(differences) / resolution_at(scalar, faintest), 1e4);
     let g4 = g * g * g * g;

@@ -1,7 +1,7 @@
-// What an X-ray shows of the optical depth along a ray: src/response.rs explains it.
+// The response of an X-ray: from the optical depth of a ray to a pixel. src/response.rs explains it.
 // uses: common/absorbed
 
-// No X-ray is 0.
+// 0 if the model is no X-ray.
 override RESPONSE: u32 = 0u;
 const ABSORPTION: u32 = 1u;
 const DEPTH: u32 = 2u;
@@ -16,9 +16,10 @@ fn display_value(light: f32) -> f32 {
     return select(1.055 * pow(light, 1.0 / 2.4) - 0.055, light * 12.92, light <= 0.0031308);
 }
 
-// The pixel of an optical depth. `curve` is: of a window the depth that is black, and one over the depth from there to
-// white; of film the exponent of exposure, that times the logarithm of the exposure by the whole beam, the light that
-// passes where nothing absorbs, and one over the light from there to clear film.
+// The pixel of an optical depth. `curve` of a window has the depth of black, and the reciprocal of the range from there
+// to white. `curve` of film has the exponent of exposure, the exponent times the logarithm of the exposure by the whole
+// beam, the light that passes the film without absorption, and the reciprocal of the range from that light to clear
+// film.
 fn response(depth: f32, curve: vec4f) -> vec4f {
     if RESPONSE == DEPTH {
         return vec4f(vec3f(depth), absorbed(depth));

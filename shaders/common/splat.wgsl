@@ -1,4 +1,4 @@
-// A splat as it is stored in `splats`. A scalar takes two words of 32 bits:
+// The format of a splat in `splats`. A scalar takes two words of 32 bits:
 //
 //     place               5 bits each of x, y and z in the brick, then 17 bits of the brick's number in the store
 //     scalar              f32
@@ -7,26 +7,25 @@
 //
 //     place, scalar       the same
 //     gradient            half the differences of its neighbours along the axes of the lattice, x lowest: 18 bits each
-//                         with their sign; then the exponent of the largest as f32 has it, 2^16 steps. Exact to 8e-6
-//                         of the largest. Where all neighbours are equal it is 0
+//                         with their sign; then the exponent of the largest in the form of f32, 2^16 steps. Exact to
+//                         8e-6 of the largest. 0 if all neighbours are equal
 //
 // A classified voxel takes four:
 //
 //     place               the same
 //     density_blue        the 8 high bits of blue, then 24 bits of density: an f32 without the last 8 bits of its
 //                         fraction, so rounded to 1.5e-5 of itself. Density is extinction times the unit distance,
-//                         -ln(1 - opacity): a pure number. Of cells it may be a little below 0
+//                         -ln(1 - opacity): a pure number. The density of cells may be a little below 0
 //     color               13 bits of red, then 14 of green, then the 5 low bits of blue
-//     normal              the direction of the world gradient, and with a floor under gradients the weight of the
-//                         surface, see common/normal.wgsl
+//     normal              the direction of the world gradient (see common/normal.wgsl)
 //
-// Where light is kept from voxels it takes two more:
+// If there are shadows or occlusion it takes two more:
 //
-//     kept                the shares of light that arrive, 16 bits each: of the first three lights, then of what is
-//                         around; 65535 is all of it
+//     kept                the shares of light that arrive, 16 bits each: of the first three lights, then of the ambient
+//                         light; 65535 is all light
 //
 // `origins` are the lattice points at which the bricks of the store begin (xyz), 32^3 places each, and their level (w):
-// a place is a cell of 2^level voxels a side, which stands for them with one kernel in its middle.
+// a place is a cell of 2^level voxels a side, which represents them by one kernel in its middle.
 
 // Splats are scalars, not classified voxels.
 override SCALARS: bool = false;
@@ -41,7 +40,7 @@ fn splat_place(x: u32, y: u32, z: u32, brick: u32) -> u32 {
 // Classified voxels have the words `kept`.
 override SHADOWS: bool = false;
 
-// Where a splat begins.
+// The index of the first word of a splat.
 fn splat_at(index: u32) -> u32 {
     if SCALARS && !GRADIENTS {
         return index;
@@ -63,7 +62,7 @@ fn splat_kept(index: u32) -> vec4f {
     return vec4f(unpack2x16unorm(words.x), unpack2x16unorm(words.y));
 }
 
-// The gradient of a scalar that is lit.
+// The gradient of a lit scalar.
 fn splat_gradient(index: u32) -> vec3f {
     let words = splats[splat_at(index) + 1u];
     let low = bitcast<i32>(words.x);
@@ -109,7 +108,7 @@ const COLOR_STEPS: vec3f = vec3f(8191.0, 16383.0, 8191.0);
 // The words density_blue and color.
 fn packed_appearance(color: vec3f, density: f32) -> vec2u {
     let c = vec3u(round(clamp(color, vec3f(0.0), vec3f(1.0)) * COLOR_STEPS));
-    // To the nearest: half of the lowest bit that stays is added.
+    // To the nearest: half of the lowest remaining bit is added.
     let rounded = (bitcast<u32>(density) + 128u) & 0xffffff00u;
     return vec2u(rounded | (c.b >> 5u), c.r | (c.g << 13u) | (c.b << 27u));
 }

@@ -2,13 +2,13 @@
 // transfer function as segments. Scalars are relative to the transfer function's base, so that the space between splats
 // is 0, and multiplied by a power of two.
 
-// A difference of means that is beyond all that shows: control points are at most 2 from the base.
+// A difference of means beyond all visible values: control points are at most 2 from the base.
 const JUMP: f32 = 64.0;
 
 // The parabola x + y u + z u^2 whose means over three slabs are `m`; the middle slab is from u = -1/2 to 1/2.
 //
 // If one neighbour is far away and the other is not, as beside a voxel without data, the scalar jumps there, and the
-// far one tells nothing of the slab: its difference is taken to be that of the other.
+// far neighbour says nothing about the slab: the difference of the other neighbour replaces its difference.
 fn parabola(m: vec3f) -> vec3f {
     let before = m.y - m.x;
     let behind = m.z - m.y;
@@ -20,17 +20,16 @@ fn parabola(m: vec3f) -> vec3f {
     return vec3f(m.y - second / 12.0, (first + last) * 0.5, second);
 }
 
-// Whether all scalars from `low` to `high` are among those around 0 at which nothing shows, from invisible.x to
-// invisible.y, ends included. There are none if invisible.x > invisible.y.
+// Whether all scalars from `low` to `high` are among the invisible scalars around 0, from invisible.x to invisible.y,
+// ends included. There are none if invisible.x > invisible.y.
 //
-// If three means are invisible, so is the slab. The parabola may leave the range of its means, by a sixth of it; but
-// beside voxels that were left out because they show nothing, only the parabola leaves it, and nothing is there to
-// show.
+// If three means are invisible, so is the slab. The parabola may leave the range of its means by a sixth of the range.
+// But beside voxels that were skipped as invisible only the parabola leaves it, and no visible matter is there.
 fn is_invisible_range(low: f32, high: f32, invisible: vec2f) -> bool {
     return low >= invisible.x && high <= invisible.y;
 }
 
-// The same of three means.
+// The same for three means.
 fn is_invisible(m: vec3f, invisible: vec2f) -> bool {
     return is_invisible_range(min(m.x, min(m.y, m.z)), max(m.x, max(m.y, m.z)), invisible);
 }
@@ -64,13 +63,13 @@ fn place_of_largest(m: vec3f, part: vec2f) -> f32 {
 // A maximum is attenuated by its depth.
 override ATTENUATED: bool = false;
 
-// A value at a share of the depth of the box: what is over the base is less the farther away it is.
+// A value at a share of the depth of the box: its difference from the base falls with depth.
 fn faded(value: f32, depth: f32, attenuation: f32) -> f32 {
     return select(value, value * exp(-attenuation * depth), value > 0.0);
 }
 
-// The largest value of a slab with means `m`, clamped to what is invisible if no mean is larger: then only the parabola
-// is.
+// The largest value of a slab with means `m`. If no mean is visible, it is clamped to the invisible values, which only
+// the parabola exceeds.
 fn shown(largest: f32, m: vec3f, invisible: vec2f) -> f32 {
     let end = select(-3e38, invisible.y, invisible.x <= invisible.y);
     return select(largest, min(largest, end), max(m.x, max(m.y, m.z)) <= end);
@@ -79,25 +78,25 @@ fn shown(largest: f32, m: vec3f, invisible: vec2f) -> f32 {
 // Whether a bin may lie in more than two segments.
 override CROWDED: bool = false;
 
-// The transfer function as segments between knots, along each of which it counts as linear: colour times extinction and
-// extinction; of maxima and means colour and alpha. Rows of `transfer`, a column for each segment: the function where
-// the segment begins, its slope, its integral up to there, and the scalar there. A scalar at a knot belongs to the
-// segment that begins there.
+// The transfer function as linear segments between knots: colour times extinction, and extinction; for maxima and
+// means, colour and alpha. `transfer` has a column for each segment. Its rows are the function at the beginning of the
+// segment, the slope, the integral up to the beginning, and the scalar at the beginning. A scalar at a knot belongs to
+// the segment that begins there.
 const VALUES: u32 = 0u;
 const SLOPES: u32 = 1u;
 const INTEGRALS: u32 = 2u;
 const STARTS: u32 = 3u;
-// Equal bins of scalars: the first and the last segment that lie in a bin, and the starts of the first and of the one
-// behind it.
+// Equal bins of scalars: the first and the last segment in a bin, and the starts of the first segment and of the
+// segment after it.
 const BINS: u32 = 4u;
 const BIN_COUNT: u32 = 4096u;
-// As many bins of lengths of gradients: gradient opacity where a bin begins (x) and where it ends (y).
+// The same number of bins of gradient lengths: gradient opacity at the beginning (x) and at the end (y) of a bin.
 const GRADIENTS: u32 = 5u;
 
 // Whether extinction depends on gradients.
 override GRADIENT_OPACITY: bool = false;
 
-// The share of extinction that stays. length * lookup is the place of a gradient's length among the bins.
+// Gradient opacity: the share of extinction at a gradient. length * lookup is the place of its length among the bins.
 fn gradient_share(gradient: vec3f, lookup: f32) -> f32 {
     if !GRADIENT_OPACITY {
         return 1.0;
@@ -140,15 +139,15 @@ fn classified(scalar: f32, lookup: vec2f) -> Classified {
     return Classified(scalar, segment, value + slope * beyond, integral + (value + slope * (0.5 * beyond)) * beyond);
 }
 
-// The mean of the transfer function between two scalars. Steps and peaks between them count, whatever their width.
+// The mean of the transfer function between two scalars. Steps and peaks of any width between them count.
 fn mean_between(a: Classified, b: Classified) -> vec4f {
     let apart = b.scalar - a.scalar;
-    // If the scalars are nearly alike, the difference of integrals is lost to rounding.
+    // If the scalars are nearly equal, rounding loses the difference of integrals.
     let alike = a.segment == b.segment || abs(apart) <= 1e-4 * (abs(a.scalar) + abs(b.scalar));
     return select((b.integral - a.integral) / select(apart, 1.0, alike), 0.5 * (a.value + b.value), alike);
 }
 
-// Colours tell the depth of the scalar that a projection keeps. The transfer function tells how bright they are.
+// The hue shows the depth of the scalar that a projection keeps, and the transfer function sets its brightness.
 override DEPTH_CODED: bool = false;
 
 // The hue of a depth: red at 0, through yellow, green, cyan and blue, to violet at 1.

@@ -1,5 +1,5 @@
-// The volume of the painter `tiles` on GPUs, scalars. Devices need not read storage textures of two channels
-// (Direct3D 12), so it is sampled.
+// The volume of scalars of the painter `tiles` on GPUs. Some devices cannot read storage textures of two channels
+// (Direct3D 12), so the texture is sampled.
 // uses: voxels/scalar_pairs
 
 @group(0) @binding(1) var volume: texture_2d<u32>;

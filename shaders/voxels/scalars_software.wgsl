@@ -1,4 +1,4 @@
-// The volume of the painter `tiles` on software Vulkan, scalars. vectors.wgsl says why it is a storage texture.
+// The volume of scalars of the painter `tiles` on software Vulkan. vectors.wgsl explains why it is a storage texture.
 // uses: voxels/scalar_pairs
 
 @group(0) @binding(1) var volume: texture_storage_2d<rg32uint, read>;

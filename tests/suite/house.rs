@@ -1,4 +1,4 @@
-//! The house: no file of a crate needs a file that needs the first one, directly or over others.
+//! The structure of the crates: no files of a crate import each other in a circle, and rooms import only lower rooms.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -7,7 +7,7 @@ use std::path::Path;
 /// The place of a file among the modules of its crate; the root has no names.
 type Module = Vec<String>;
 
-/// The modules of a folder of sources with their text, without the files of tests.
+/// The modules of a folder of sources with their text, without test files.
 fn modules(folder: &Path, at: &[String], found: &mut BTreeMap<Module, String>) {
     for entry in fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();
@@ -27,7 +27,7 @@ fn modules(folder: &Path, at: &[String], found: &mut BTreeMap<Module, String>) {
     }
 }
 
-/// A source without comments, without blanks between the parts of paths, and without the tests at its end.
+/// A source without comments, and without the tests at its end.
 fn code(source: &str) -> String {
     let lines = source.lines().map(|line| line.split("//").next().unwrap_or_default());
     let code: String = lines.flat_map(|line| [line, "\n"]).collect();
@@ -41,7 +41,7 @@ fn code(source: &str) -> String {
     code[..end].to_owned()
 }
 
-/// The paths of a tree of names, as behind `use`: `a::{b, c::{d, e}}`.
+/// The paths of a tree of names after `use`: `a::{b, c::{d, e}}`.
 fn expanded(tree: &str) -> Vec<Module> {
     let names = |text: &str| -> Module {
         text.split("::").map(|name| name.split(" as ").next().unwrap_or_default().trim().to_owned()).collect()
@@ -62,7 +62,7 @@ fn expanded(tree: &str) -> Vec<Module> {
     all.map(|tail| head.iter().cloned().chain(tail).collect()).collect()
 }
 
-/// The text of a path that starts here: names, and a tree in braces at its end.
+/// The text of the path at the start of `code`: names, and a tree in braces at its end.
 fn path(code: &str) -> &str {
     let mut depth = 0;
     for (at, c) in code.char_indices() {
@@ -78,7 +78,7 @@ fn path(code: &str) -> &str {
     code
 }
 
-/// The paths in a source, from the root of its crate: `crate::a::b`, and `super::b` of a module.
+/// The paths in a source, from the root of its crate: `crate::a::b`, and `super::b` in a module.
 fn paths(module: &Module, source: &str) -> Vec<Module> {
     let code = code(source);
     let mut all = Vec::new();
@@ -105,8 +105,8 @@ fn paths(module: &Module, source: &str) -> Vec<Module> {
     all
 }
 
-/// The circles of a crate: groups of modules each of which needs all others. The root is the face of the others, so
-/// that paths to it are none.
+/// The circles of a crate: groups of modules in which each module needs all others. Paths to the root do not count,
+/// because the root re-exports the other modules.
 fn circles(modules: &BTreeMap<Module, String>) -> Vec<Vec<String>> {
     let known =
         |path: Module| (1..=path.len()).rev().map(|n| path[..n].to_vec()).find(|path| modules.contains_key(path));

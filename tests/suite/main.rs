@@ -15,7 +15,7 @@ mod house;
 mod support;
 mod truth;
 
-/// Files that are read, and files that are refused.
+/// Accepted files, and refused files.
 mod formats {
     mod dicom;
     pub(crate) mod fixtures;
@@ -56,7 +56,7 @@ mod painters {
     mod tiles_rays;
 }
 
-/// Cells that stand for several voxels.
+/// Cells in place of several voxels.
 mod levels {
     pub(crate) mod colors;
     mod scalars;

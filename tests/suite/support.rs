@@ -1,4 +1,4 @@
-//! What the tests share: one device, volumes, and the only calls of the library that make cameras and pictures.
+//! Shared parts of the tests: one device, volumes, and the only calls of the library that make cameras and pictures.
 
 use std::sync::LazyLock;
 
@@ -21,7 +21,7 @@ use crate::adapter::adapter;
 /// One device for all tests of this binary.
 pub(crate) static RENDERER: LazyLock<Renderer> = LazyLock::new(new_renderer);
 
-/// A device of its own, for tests that count what was made on it.
+/// A separate device, for tests that count its objects.
 pub(crate) fn new_renderer() -> Renderer {
     Renderer::new(&RendererOptions { adapter: Some(adapter()), ..RendererOptions::default() })
         .unwrap_or_else(|e| panic!("{e}; VOXSPLAT_TEST_ADAPTER can name another adapter"))
@@ -46,7 +46,7 @@ pub(crate) fn two_lights() -> Option<Lighting> {
     Some(Lighting { ambient: 0.2, diffuse: 0.5, specular: 0.3, shininess: 12.0, lights, ..Lighting::default() })
 }
 
-/// Quads, and nothing that is allowed to change a picture.
+/// Quads without techniques that may change a picture.
 pub(crate) fn exact_quads() -> Settings {
     with_quads(&Settings { termination: 0.0, level: Level::At(0), ..Settings::default() }, |q| {
         q.precision = Some(Precision::F32)
@@ -65,7 +65,7 @@ pub(crate) fn with_tiles(settings: &Settings, resolution: Resolution) -> Setting
     Settings { painter: Painter::Tiles(TilesSettings { resolution }), ..settings.clone() }
 }
 
-/// Quads, with sheets of another thickness.
+/// Quads with sheets of another thickness.
 pub(crate) fn thick(settings: &Settings, sheet_thickness: f64) -> Settings {
     with_quads(settings, |q| q.sheet_thickness = sheet_thickness)
 }
@@ -83,7 +83,7 @@ pub(crate) fn camera(azimuth: f64, projection: ProjectionKind, volume: &Volume, 
     look(&View { azimuth, elevation: 25.0, projection, ..View::default() }, volume, [size; 2])
 }
 
-/// The place of a pixel in the image, by its number; see `Camera::image_coordinates`.
+/// The image coordinates of a pixel, by its number; see `Camera::image_coordinates`.
 pub(crate) fn coordinates(index: usize, camera: &Camera) -> (f64, f64) {
     let (index, width) = (index as u32, camera.size[0]);
     camera.image_coordinates([index % width, index / width])
@@ -135,7 +135,7 @@ pub(crate) fn rms_of_all(a: &Image, b: &Image) -> f64 {
     compare(a, b, 0.0).unwrap().rms
 }
 
-/// Root mean square over the colours of the pixels that show in 8 bits, in steps of them.
+/// Root mean square over the colours of pixels that are visible in 8 bits, in steps of 8 bits.
 pub(crate) fn rms_in_steps(a: &Image, b: &Image) -> f64 {
     let shown = |p: &[f32; 4]| p[..3].iter().any(|&c| c > 1.0 / 255.0);
     let pixels: Vec<_> = a.pixels().iter().zip(b.pixels()).filter(|(p, q)| shown(p) || shown(q)).collect();
@@ -143,7 +143,7 @@ pub(crate) fn rms_in_steps(a: &Image, b: &Image) -> f64 {
     255.0 * (squares.sum::<f64>() / (3 * pixels.len()) as f64).sqrt()
 }
 
-/// What quads did; fails if another painter drew.
+/// The statistics of quads; fails if another painter drew.
 pub(crate) fn by_quads(rendered: &Rendered) -> QuadsStats {
     *rendered
         .stats
@@ -151,7 +151,7 @@ pub(crate) fn by_quads(rendered: &Rendered) -> QuadsStats {
         .unwrap_or_else(|| panic!("{}: {}", rendered.stats.painter.name(), rendered.stats.painter_reason))
 }
 
-/// What tiles did; fails if another painter drew.
+/// The statistics of tiles; fails if another painter drew.
 pub(crate) fn by_tiles(rendered: &Rendered) -> TilesStats {
     *rendered
         .stats
@@ -159,13 +159,13 @@ pub(crate) fn by_tiles(rendered: &Rendered) -> TilesStats {
         .unwrap_or_else(|| panic!("{}: {}", rendered.stats.painter.name(), rendered.stats.painter_reason))
 }
 
-/// Tiles, with a ray for each pixel, and nothing that is allowed to change a picture.
+/// Tiles with a ray for each pixel, without techniques that may change a picture.
 pub(crate) fn full() -> Settings {
     let exact = Settings { termination: 0.0, antialiasing: false, level: Level::At(0), ..Settings::default() };
     with_tiles(&exact, Resolution::Full)
 }
 
-/// The name by which the test binary runs a test of its own, given the path of its module.
+/// The name of a test on the command line of the test binary, given the path of its module.
 pub(crate) fn own_name(module: &str, test: &str) -> String {
     let (_, path) = module.split_once("::").unwrap();
     format!("{path}::{test}")

@@ -1,7 +1,7 @@
-//! Pictures of the f64 reference, integrated once and kept under `target/truth`.
+//! Pictures of the f64 reference, integrated once and cached under `target/truth`.
 //!
-//! A kept picture is found by a hash of everything that decides it: the reference's sources, the samples, the transfer
-//! function, the camera and the settings that the reference heeds. `target/truth` can be deleted at any time.
+//! The key of a cached picture is a hash of all its inputs: the reference's sources, the samples, the transfer
+//! function, the camera and the settings that the reference uses. `target/truth` can be deleted at any time.
 
 use std::fs;
 use std::io::Write;
@@ -15,7 +15,7 @@ use voxsplat::settings::Settings;
 use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::Volume;
 
-/// Files or folders of `src/` on which the reference's pictures depend, without their endings.
+/// Files or folders of `src/` on which the reference's pictures depend, without their extensions.
 const SOURCES: [&str; 11] = [
     "src/camera",
     "src/clip",
@@ -67,7 +67,7 @@ static SOURCES_HASH: LazyLock<Hash> = LazyLock::new(|| {
     hash
 });
 
-/// The Rust files in a folder, but for its tests.
+/// The Rust files in a folder, except tests.
 fn rust_files(folder: &Path) -> Vec<PathBuf> {
     let Ok(entries) = fs::read_dir(folder) else { return Vec::new() };
     let paths = entries.map(|entry| entry.unwrap().path()).filter(|path| !path.ends_with("tests"));
@@ -86,7 +86,7 @@ fn key(volume: &Volume, transfer: &TransferFunction, camera: &Camera, settings: 
     for index in 0..volume.grid().len() as usize {
         hash.add(&memory.value(index).to_bits().to_le_bytes());
     }
-    // Numbers are written with as many digits as it takes to tell them apart.
+    // Numbers are written with enough digits to distinguish them.
     let Settings {
         model,
         response,
@@ -111,7 +111,7 @@ fn folder() -> PathBuf {
     Path::new(env!("CARGO_TARGET_TMPDIR")).with_file_name("truth")
 }
 
-/// The picture kept in `folder` as `key`, or made and kept now. A file that is cut short or damaged is written anew.
+/// The picture cached in `folder` as `key`; made and cached now if it is missing, truncated or damaged.
 fn kept(folder: &Path, key: u128, [width, height]: [u32; 2], make: impl FnOnce() -> Image) -> Image {
     let path = folder.join(format!("{key:032x}"));
     let pixels = fs::read(&path).ok().and_then(|bytes| decode(&bytes));
@@ -120,7 +120,7 @@ fn kept(folder: &Path, key: u128, [width, height]: [u32; 2], make: impl FnOnce()
     }
     let image = make();
     fs::create_dir_all(folder).unwrap();
-    // Renamed when it is whole: tests in other threads and processes look for it meanwhile.
+    // Renamed when it is complete, because tests in other threads and processes may read it.
     let mut file = tempfile::NamedTempFile::new_in(folder).unwrap();
     file.write_all(&encode(image.pixels())).unwrap();
     file.persist(path).unwrap();

@@ -39,7 +39,7 @@ def groups(numbers, n):
 
 
 def expect(name, color, opacity, low, high, **more):
-    """Samples off the points, where a step is one or the other side. Colours alone are over places from 0 to 1."""
+    """Samples between the points, on either side of a step. Colours without opacities are over places from 0 to 1."""
     values = numpy.linspace(low, high, 57) + (high - low) * 1.7e-4
     place = lambda v: float(v if opacity else (v - low) / (high - low))
     rows = [[place(v), *(color.GetColor(v) if color else [1, 1, 1]),

@@ -28,12 +28,12 @@ TYPES = {
     "u64": np.uint64, "i64": np.int64, "f32": np.float32, "f64": np.float64,
 }
 
-# A rotation in thirds, so that no axis is near another; spacing and origin tell the axes apart.
+# A rotation in thirds, so that no axis is near another; spacing and origin distinguish the axes.
 ROTATION = np.array([[2, -1, 2], [2, 2, -1], [-1, 2, 2]]) / 3
 SPACING = np.array([0.5, 0.75, 2.0])
 ORIGIN = np.array([10.0, -20.0, 30.5])
 OBLIQUE = np.column_stack([ROTATION * SPACING, ORIGIN])
-# Sheared and left-handed: what a general affine may be.
+# Sheared and left-handed: a general affine.
 SHEARED = np.array([[-0.5, 0.25, 0.0, 4.0], [0.0, 1.5, 0.125, 5.0], [0.0, 0.5, 2.0, -6.0]])
 
 expected = []
@@ -53,7 +53,7 @@ def samples(name):
 
 
 def add(file, name, affine, oriented, got, slope=1.0, intercept=0.0):
-    """Notes what is expected of a file, once the reference implementation has read what was meant to be written."""
+    """Records the expected contents of a file, after the reference implementation has read the intended samples."""
     assert got.shape == DIMS, (file, got.shape)
     assert np.array_equal(got, samples(name)), file
     affine = np.asarray(affine, float)[:3, :4].tolist()
@@ -85,7 +85,7 @@ def oriented(space, affine):
 
 
 def write_nrrd(file, data, header, **options):
-    """nrrd.write without the time of writing, so that a file only changes when what it says does."""
+    """nrrd.write without the time of writing, so that a file changes only with its contents."""
     nrrd.write(file, data, header, **options)
     lines = Path(file).read_bytes().split(b"\n")
     Path(file).write_bytes(b"\n".join(line for line in lines if not line.startswith(b"# on 20")))
@@ -128,7 +128,7 @@ add("crlf.nrrd", "i16", np.column_stack([np.diag([1, 2, 3]), [0, 0, 0]]), False,
 by_hand("hex-u16.nrrd", ["type: ushort", *COMMON, "endian: big", "encoding: hex"],
         "\n".join(flat("u16", ">").hex()[i:i + 64] for i in range(0, 240, 64)).encode())
 add("hex-u16.nrrd", "u16", np.eye(4), False, samples("u16"))
-# Two lines, then seven bytes, before the samples; and all but the last bytes skipped.
+# Two lines, then seven bytes, before the samples; and all bytes skipped except the last ones.
 Path("skipped.raw").write_bytes(b"one\ntwo\n1234567" + flat("i16"))
 by_hand("skip.nhdr", ["type: short", *COMMON, "endian: little", "encoding: raw", "line skip: 2", "byte skip: 7",
                       "data file: skipped.raw"])
@@ -145,7 +145,7 @@ by_hand("list.nhdr", ["type: short", *COMMON, "endian: little", "encoding: raw",
 Path("list.nhdr").write_bytes(Path("list.nhdr").read_bytes().rstrip() + b"\n")
 by_hand("pattern.nhdr", ["type: short", *COMMON, "endian: little", "encoding: raw",
                          "data file: slice%02d.raw 7 11 1 2"])
-# Four axes of which one has a single sample, first and last.
+# Four axes; the first or the last has a single sample.
 by_hand("vector-axis.nrrd", ["type: short", "dimension: 4", "sizes: 1 3 4 5", "endian: little", "encoding: raw",
                              "kinds: vector domain domain domain", "space: left-posterior-superior",
                              "space directions: none (-0.5,0,0) (0.25, 1.5, 0.5) (0,0.125,2)",
@@ -226,7 +226,7 @@ check_itk("hounsfield.mha", "i16", oriented=False, slope=0.5, intercept=-1000.0)
 # --- NIfTI --------------------------------------------------------------------------------------------------------
 
 RAS_SHEARED = np.vstack([FLIP @ SHEARED, [0, 0, 0, 1]])
-# A rotation whose third axis is mirrored, which only qfac can say.
+# A rotation whose third axis is mirrored, which only qfac can express.
 RAS_MIRRORED = np.vstack([FLIP @ OBLIQUE * [1, 1, -1, 1], [0, 0, 0, 1]])
 
 

@@ -115,7 +115,7 @@ for file, name, kind, times in [("classic-i16.nc", "i16", "NETCDF3_CLASSIC", 1),
     add(file, name, got, affine, "mm")
 got, _ = nc("no-coordinates.nc", "i16", "NETCDF3_CLASSIC", unit="")
 add("no-coordinates.nc", "i16", got)
-# Packed, and with a value that stands for none: read by tests of their own.
+# Packed, and with a no-data value: separate tests read them.
 nc("packed-i16.nc", "i16", "NETCDF4", packed=(0.5, 273.0), fill_value=-29000)
 
 lines = ",\n".join(json.dumps(e, ensure_ascii=False) for e in expected)

@@ -52,7 +52,7 @@ def zyx(name):
 
 
 def add(file, name, affine, got, oriented=False, slope=1.0, intercept=0.0, unit=""):
-    """Notes what is expected of a file, once the reference implementation has read what was meant to be written."""
+    """Records the expected contents of a file, after the reference implementation has read the intended samples."""
     assert got.shape == DIMS[::-1], (file, got.shape)
     assert np.array_equal(got, zyx(name)), file
     affine = np.asarray(affine, float)[:3, :4].tolist()
@@ -158,7 +158,7 @@ ROTATION = np.array([[2, -1, 2], [2, 2, -1], [-1, 2, 2]]) / 3
 
 
 def vtk_image(name, direction=np.eye(3), cells=False, first=(0, 0, 0), decoys=()):
-    """An image with the samples as its active scalars, behind arrays that are not meant."""
+    """An image with the samples as its active scalars, after other arrays."""
     image = vtk.vtkImageData()
     last = [a + n - (0 if cells else 1) for a, n in zip(first, DIMS)]
     image.SetExtent(first[0], last[0], first[1], last[1], first[2], last[2])
@@ -201,7 +201,7 @@ def vti(file, name, mode, compressor=None, wide=True, big=False, base64=False, *
      "appended": writer.SetDataModeToAppended}[mode]()
     {None: writer.SetCompressorTypeToNone, "zlib": writer.SetCompressorTypeToZLib,
      "lz4": writer.SetCompressorTypeToLZ4}[compressor]()
-    # The least that VTK takes: the samples are in several blocks.
+    # The smallest block size of VTK: the samples are in several blocks.
     writer.SetBlockSize(64)
     writer.SetEncodeAppendedData(base64)
     writer.SetHeaderTypeToUInt64() if wide else writer.SetHeaderTypeToUInt32()
@@ -284,7 +284,7 @@ tifffile.imwrite(one, zyx("i16").astype(">i2")[0], byteorder=">", software=False
                  description="ImageJ=1.54f\nimages=5\nslices=5\nspacing=3.0\nunit=mm\n", **GREY)
 one.write_bytes(one.read_bytes() + zyx("i16").astype(">i2")[1:].tobytes())
 add("one-directory.tif", "i16", diagonal((1, 1, 3)), tifffile.imread(one), unit="mm")
-# The sections of a folder, whose natural order is not that of the alphabet.
+# The sections of a folder, whose natural order is not alphabetical.
 for z in range(5):
     tifffile.imwrite(f"section-{z + 8}.tiff", zyx("i16")[z], metadata=None, software=False, compression="zlib", **GREY)
 
@@ -292,7 +292,7 @@ for z in range(5):
 # --- DICOM --------------------------------------------------------------------------------------------------------
 
 def dataset(data, syntax=pydicom.uid.ExplicitVRLittleEndian, series=1, frames=None, kind="PRIMARY"):
-    """A dataset with pixels; its UIDs are fixed, so that a file only changes when what it says does."""
+    """A dataset with pixels; its UIDs are fixed, so that a file changes only with its contents."""
     meta = pydicom.dataset.FileMetaDataset()
     meta.TransferSyntaxUID = syntax
     meta.MediaStorageSOPClassUID = "1.2.840.10008.5.1.4.1.1.2"
@@ -310,7 +310,7 @@ def dataset(data, syntax=pydicom.uid.ExplicitVRLittleEndian, series=1, frames=No
     out.PixelRepresentation = int(data.dtype.kind == "i")
     if frames:
         out.NumberOfFrames = frames
-    # A sequence with tags that are those of the image, as icons have them.
+    # A sequence with the tags of the image, as icons have them.
     icon = pydicom.Dataset()
     icon.Rows, icon.Columns, icon.BitsAllocated, icon.PixelRepresentation = 1, 1, 8, 0
     icon.PixelData = b"\0\0"
@@ -331,7 +331,7 @@ def check_dicom(file, name, affine, **options):
     add(file, name, affine, got, **options)
 
 
-# A tilted gantry: slices lie askew to the direction in which they follow one another.
+# A tilted gantry: slices are oblique to the direction in which they follow one another.
 PLANE = [1, 0, 0, 0, 0.8, 0.6]
 for z, letter in enumerate("cebad"):
     out = dataset(zyx("i16")[z])
@@ -410,7 +410,7 @@ for name, predictor in [("u8", 1), ("u16", 1), ("i16", 6)]:
     frames = [imagecodecs.ljpeg_encode(frame.view(f"u{frame.itemsize}")) for frame in zyx(name)]
     encapsulated(f"lossless-{name}.dcm", name, pydicom.uid.JPEGLosslessSV1, frames, fragments_per_frame=2)
     check_dicom(f"lossless-{name}.dcm", name, np.eye(4))
-# Of one value in each frame, which even this codec keeps: read by a test of its own.
+# One value in each frame, which even this codec keeps: a separate test reads it.
 frames = [imagecodecs.jpeg8_encode(np.full((4, 3), 50 * z + 3, np.uint8), level=100) for z in range(5)]
 got = encapsulated("baseline-u8.dcm", "u8", pydicom.uid.JPEGBaseline8Bit, frames)
 assert all((frame == 50 * z + 3).all() for z, frame in enumerate(got))

@@ -45,7 +45,7 @@ def all_of(name, channels, times):
 
 
 def add(file, name, got, affine, oriented=False, unit="", labels=()):
-    """Notes what is expected of a file, once the reference implementation has read [t, c, z, y, x] as it was meant."""
+    """Records the expected contents of a file, after the reference implementation has read the intended samples."""
     times, channels = got.shape[:2]
     assert np.array_equal(got, all_of(name, channels, times)), file
     affine = np.asarray(affine, float)[:3, :4].tolist()
@@ -117,7 +117,7 @@ nrrds("vector-first.nrrd", "f32", "cxyz", {"encoding": "gzip", "kinds": ["vector
 nrrds("time-first.nrrd", "u16", "txyz", {"encoding": "ascii", "kinds": ["time"] + ["domain"] * 3}, 1, 3)
 nrrds("five.nrrd", "i16", "cxyzt", {"encoding": "raw", "kinds": ["list"] + ["domain"] * 3 + ["time"],
                                     "space directions": [NONE] + DIRECTIONS + [NONE], **SPACE}, 2, 2)
-# Its samples in two files, neither of which begins where a volume does.
+# Its samples in two files; neither begins at the beginning of a volume.
 header = {"encoding": "raw", "kinds": ["domain"] * 3 + ["time"], "space directions": DIRECTIONS + [NONE], **SPACE}
 nrrds("parts.nhdr", "i16", "xyzt", {**header, "data file": "parts.raw"}, 1, 3)
 whole = Path("parts.raw").read_bytes()

@@ -49,7 +49,7 @@ def diagonal(spacing, origin=(0, 0, 0)):
 
 
 def add(file, name, got, affine, oriented=False, unit="", labels=()):
-    """Notes what is expected of a file, once the reference implementation has read [t, c, z, y, x] as it was meant."""
+    """Records the expected contents of a file, after the reference implementation has read the intended samples."""
     times, channels = got.shape[:2]
     assert np.array_equal(got, all_of(name, channels, times)), file
     affine = np.asarray(affine, float)[:3, :4].tolist()
@@ -75,7 +75,7 @@ def nrrds(file, name, order, header, channels, times):
     add(file, name, got, diagonal(SPACING, ORIGIN), oriented=True)
 
 
-# A list of numbers of each voxel, which are no points in time, such as directions of diffusion.
+# A list of numbers of each voxel that are no time points, such as directions of diffusion.
 nrrds("list-last.nrrd", "i16", "xyzc", {"encoding": "raw", "kinds": ["domain"] * 3 + ["list"],
                                         "space directions": [*PLACE, NONE], **LPS}, 3, 1)
 # 3D Slicer's sequences are lists too, but each frame has an index.
@@ -146,7 +146,7 @@ def item(**elements):
     return out
 
 
-# Slices of three points in time, all at the same positions, which only a tag tells apart: files time-N.dcm, whose
+# Slices of three time points, all at the same positions, which only a tag distinguishes: files time-N.dcm, whose
 # tests change the tag. The times of acquisition pass midnight.
 for t in range(3):
     for z in range(5):
@@ -197,7 +197,7 @@ for file, planar, options in [("rgb-u8.dcm", False, {}), ("planar-u8.dcm", True,
     add(file, "u8", coloured(file, COLOURS, planar, **options), np.eye(4), labels=RGB)
 add("rgb-u16.dcm", "u16", coloured("rgb-u16.dcm", np.moveaxis(all_of("u16", 3, 1)[0], 0, -1), False), np.eye(4),
     labels=RGB)
-# Luma and chroma: what pydicom makes of it is held by a test of its own, in ybr.json.
+# Luma and chroma: a separate test compares with the result of pydicom, in ybr.json.
 coloured("ybr-u8.dcm", COLOURS, False, "YBR_FULL")
 rgb = pydicom.pixels.pixel_array("ybr-u8.dcm", raw=False)
 Path("ybr.json").write_text(json.dumps(np.moveaxis(rgb, -1, 0).reshape(3, -1).tolist()) + "\n")
@@ -223,8 +223,8 @@ frames = [packed(frame, "JPEG2000", no_jp2=True, irreversible=False, mct=1, num_
 encapsulated("jpeg2000-rgb-u8.dcm", frames, pydicom.uid.JPEG2000Lossless, "YBR_RCT")
 got = np.stack([np.asarray(Image.open(io.BytesIO(frame))) for frame in frames])
 add("jpeg2000-rgb-u8.dcm", "u8", np.moveaxis(got, -1, 0)[None], np.eye(4), labels=RGB)
-# Of one colour in each frame, which even this codec nearly keeps: read by a test of its own. In the second file the
-# three components are red, green and blue as they are.
+# One colour in each frame, which even this codec nearly keeps: a separate test reads it. In the second file the
+# three components are red, green and blue without conversion.
 flat = [np.full((4, 3, 3), (50 * z + 3, 200 - 40 * z, 90), np.uint8) for z in range(5)]
 frames = [packed(frame, "JPEG", quality=100, subsampling=0) for frame in flat]
 encapsulated("baseline-ybr-u8.dcm", frames, pydicom.uid.JPEGBaseline8Bit, "YBR_FULL_422")
@@ -240,7 +240,7 @@ for z in range(5):
 
 with h5py.File("half.h5", "w") as file:
     file.create_group("raw").create_dataset("scan", data=volume("f32", 0, 0).astype(np.float16))
-# As levels of an atmosphere: lengths that are not equal, and in other units than the others.
+# Like levels of an atmosphere: unequal lengths, in other units than the other axes.
 for name, heights, unit in [("uneven.nc", [0, 1, 3, 6, 10], "m"), ("unlike.nc", [0, 2, 4, 6, 8], "hPa")]:
     with netCDF4.Dataset(name, "w", format="NETCDF3_CLASSIC") as file:
         for axis, size, values, of in [("z", 5, heights, unit), ("y", 4, [0, 0.75, 1.5, 2.25], "m"),

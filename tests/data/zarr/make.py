@@ -45,8 +45,8 @@ def diagonal(scale=(1, 1, 1), translation=(0, 0, 0)):
 
 
 def add(path, name, got, levels=None, unit="", labels=(), missing=(), fill=0):
-    """Notes what is expected of a folder once the reference has read [.., z, y, x] as it was meant. `levels` are the
-    affines; `missing` is the part of the chunks that are not there, along z."""
+    """Records the expected contents of a folder, after the reference has read the intended samples. `levels` are the
+    affines; `missing` is the range of missing chunks along z."""
     want = sample(name, got.shape)
     if missing:
         want[tuple(missing)] = fill

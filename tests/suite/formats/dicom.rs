@@ -1,4 +1,4 @@
-//! Kinds of DICOM that the fixtures lack, in files made here, and damaged ones of them.
+//! Kinds of DICOM that the fixtures lack, in files made here, and damaged copies of them.
 
 use std::io::Write;
 use std::path::Path;
@@ -13,7 +13,7 @@ const IMPLICIT: &str = "1.2.840.10008.1.2";
 const BIG: &str = "1.2.840.10008.1.2.2";
 const DEFLATED: &str = "1.2.840.10008.1.2.1.99";
 
-/// Elements as they are written: in which order of bytes, and whether with types.
+/// Encoded elements: their byte order, and whether they state their types.
 #[derive(Clone)]
 struct Elements {
     bytes: Vec<u8>,
@@ -35,7 +35,7 @@ impl Elements {
         self.bytes.extend(all);
     }
 
-    /// An element of a length that may lie.
+    /// An element whose stated length may be wrong.
     fn stated(mut self, tag: u32, kind: &str, length: u32, value: &[u8]) -> Self {
         self.number(tag >> 16, 2);
         self.number(tag & 0xffff, 2);
@@ -110,7 +110,7 @@ fn values(bytes: &[u8], number: Option<u32>) -> Result<Vec<f64>, String> {
     Ok((0..in_memory.samples().len()).map(|n| in_memory.value(n)).collect())
 }
 
-/// Elements of a dose of three frames of two pixels, at so many offsets.
+/// Elements of a dose of three frames of two pixels, with this number of offsets.
 fn dose(orientation: &str, offsets: &str) -> Elements {
     let pixels: Vec<u8> = (1..=6).flat_map(|n: u32| (10 * n).to_le_bytes()).collect();
     Elements::new(false, true)
@@ -164,7 +164,7 @@ fn frames_of_doses_lie_at_their_offsets() {
     }
 }
 
-/// Elements of a picture of six pixels in a palette of three entries from 10 on, with so many bits.
+/// Elements of a picture of six pixels in a palette of three entries from 10 on, with this number of bits.
 fn palette(big: bool, bits: u16, packed: bool) -> Elements {
     let mut elements = Elements::new(big, true).picture([6, 1, 1], "PALETTE COLOR", 1, 8);
     for (tag, _) in (0x0028_1101..).zip(0..3) {
@@ -243,7 +243,7 @@ fn bits_follow_one_another_over_the_ends_of_frames() {
 
 #[test]
 fn bytes_in_words_of_big_endian_files_are_in_pairs() {
-    // Frames of three bytes: pairs go over their ends.
+    // Frames of three bytes: pairs of bytes cross their ends.
     let elements = Elements::new(true, true).picture([3, 1, 2], "MONOCHROME2", 1, 8);
     for (kind, expected) in [("OB", [2, 1, 4, 3, 6, 5]), ("OW", [1, 2, 3, 4, 5, 6])] {
         let file = elements.clone().with(0x7fe0_0010, kind, &[2, 1, 4, 3, 6, 5]).file(BIG);
@@ -276,7 +276,7 @@ fn compressed_files_hold_what_plain_ones_do() {
     let packed = Elements { bytes: deflated(&plain.bytes), ..plain.clone() }.file(DEFLATED);
     for file in [packed.clone(), gzip(&plain.file(EXPLICIT)), bzip2(&plain.file(EXPLICIT)), gzip(&packed)] {
         assert_eq!(values(&file, None).unwrap(), expected);
-        // Cut anywhere before the end of the samples, it is refused.
+        // A file truncated anywhere before the end of the samples is refused.
         for end in (0..file.len() - 12).step_by(7) {
             let refused = values(&file[..end], None).err().unwrap_or_default();
             assert_eq!(refused.lines().count(), 1, "{end} of {} bytes: {refused}", file.len());
@@ -297,7 +297,7 @@ fn compressed_files_that_claim_too_much_are_refused() {
     for (file, words) in [
         (claims(1, u32::MAX - 1, &[0; 100]), "cut short"),
         (claims(9, 100, &[0; 100]), "9 frames need 38653526025 bytes, 100 are there"),
-        // Half of a MiB stands for far less than the picture needs.
+        // Half a MiB is far less than the picture needs.
         (claims(1, 1 << 19, &[0; 1 << 19]), "1 frame needs 4294836225 bytes, 524288 are there"),
     ] {
         let error = values(&file, None).unwrap_err();
@@ -328,7 +328,7 @@ fn positions_in_sequences_of_makers_and_pixels_of_icons_do_not_count() {
         let own = new().with(0x0020_9113, "SQ", &item(place(z)));
         item(own.with(0x2005_140f, "SQ", &item(place(z * z))))
     };
-    // Fragments of an icon that end in what begins no element.
+    // Fragments of an icon whose end begins no element.
     let fragments = [0xfe, 0xff, 0x00, 0xe0, 4, 0, 0, 0, 0xff, 0xd8, 0xff, 0xd9, 0xfe, 0xff, 0xdd, 0xe0, 0, 0, 0, 0];
     let icon = new().stated(0x7fe0_0010, "OB", u32::MAX, &fragments);
     let elements = new()
@@ -372,7 +372,7 @@ fn damaged_files_are_read_or_refused() {
 #[cfg(feature = "jpeg2000")]
 fn lossy_samples_beyond_their_bits_are_clipped() {
     let mut frame = std::fs::read(crate::formats::fixtures::path("lossy-u8.j2k")).unwrap();
-    // A JP2 file around the code stream, as some writers put it there, says nothing more.
+    // A JP2 file around the code stream, as some writers add it, changes nothing.
     for boxes in [&b""[..], b"\0\0\0\x0cjP  \r\n\x87\n\0\0\0\x14ftypjp2 \0\0\0\0jp2 \0\0\0\0jp2c"] {
         frame = [boxes, &frame].concat();
         if frame.len() % 2 == 1 {

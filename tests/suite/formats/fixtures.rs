@@ -1,7 +1,7 @@
-//! Every format, encoding and type is read as the reference implementations read it.
+//! Every format, encoding and type gives the values of the reference implementations.
 //!
-//! The files and what nibabel, pynrrd, SimpleITK, NumPy, mrcfile, VTK, tifffile and pydicom say
-//! about them are written by tests/data/volumes/make.py, make_more.py, make_several.py and make_time.py.
+//! tests/data/volumes/make.py, make_more.py, make_several.py and make_time.py write the files, and the values that
+//! nibabel, pynrrd, SimpleITK, NumPy, mrcfile, VTK, tifffile and pydicom read from them.
 
 use std::path::PathBuf;
 
@@ -9,7 +9,7 @@ use serde::Deserialize;
 use voxsplat::formats::{LoadOptions, TimeSeries, load};
 use voxsplat::volume::{Endian, SampleType, Samples, Volume};
 
-/// What a file holds, according to the reference implementation that read it.
+/// The contents of a file, according to the reference implementation that read it.
 #[derive(Deserialize)]
 struct Expected {
     file: String,
@@ -20,7 +20,7 @@ struct Expected {
     oriented: bool,
     slope: f64,
     intercept: f64,
-    /// Of lengths, "" if none is stated; not compared if the table does not have it.
+    /// The unit of lengths, "" if none is stated; not compared if the table lacks it.
     unit: Option<String>,
 }
 
@@ -93,7 +93,7 @@ fn every_file_is_read_as_by_the_reference_implementation() {
     }
 }
 
-/// What a file of several volumes holds.
+/// The contents of a file of several volumes.
 #[derive(Deserialize)]
 struct Several {
     file: String,
@@ -234,7 +234,7 @@ fn broken_hdf5_files_say_what_is_wrong() {
             let cut = folder.path().join(file);
             std::fs::write(&cut, &bytes[..length]).unwrap();
             match load(&cut, &LoadOptions::default()) {
-                // What was cut off need not be needed.
+                // The truncated part may be unnecessary.
                 Ok(volume) => {
                     assert_eq!(volume.in_memory().unwrap().samples(), read(file).in_memory().unwrap().samples())
                 }
@@ -325,7 +325,7 @@ fn slices_of_a_tilted_gantry_are_sorted_by_position() {
         let volume = load(folder.path(), options).unwrap();
         assert_eq!(volume.in_memory().unwrap().samples(), &samples("i16"));
         assert_eq!((volume.rescale(), volume.is_oriented(), volume.value_unit()), ((0.5, -1000.0), true, Some("HU")));
-        // The third axis is no normal of the first two.
+        // The third axis is not normal to the first two.
         assert_affine(&volume, &[[0.5, 0.0, 0.0, 10.0], [0.0, 0.6, 0.0, -20.0], [0.0, 0.45, 2.0, 30.5]], "tilted");
     };
     check(&LoadOptions::default());
@@ -340,7 +340,7 @@ fn slices_of_a_tilted_gantry_are_sorted_by_position() {
     assert!(error.to_string().starts_with("series: 3, but "), "{error}");
 }
 
-/// Three points in time of five slices each, `time-0.dcm` to `time-14.dcm`.
+/// Three time points of five slices each, `time-0.dcm` to `time-14.dcm`.
 fn timed() -> tempfile::TempDir {
     let names: Vec<String> = (0..15).map(|n| format!("time-{n}.dcm")).collect();
     folder_of(&names.iter().map(String::as_str).collect::<Vec<_>>())
@@ -360,12 +360,12 @@ fn slices_at_one_position_are_points_in_time() {
     assert_eq!(at(None).unwrap().contents().time, 0);
     let error = at(Some(3)).unwrap_err().to_string();
     assert!(error.starts_with("time: 3, but ") && error.ends_with("0 to 2"), "{error}");
-    // A slice of one of them that is not there, in names alone: the others keep their number.
+    // One time point lacks a slice, in names alone: the others keep their number.
     std::fs::remove_file(folder.path().join("time-7.dcm")).unwrap();
     let error = at(None).unwrap_err().to_string();
     assert!(error.contains("has 3 slices at one position, such as time-"), "{error}");
     assert!(error.contains("and 2 at another: time-2.dcm and time-12.dcm"), "{error}");
-    // Slices that no tag tells apart.
+    // Slices that no tag distinguishes.
     let folder = timed();
     for n in 5..10 {
         std::fs::copy(path(&format!("time-{}.dcm", n - 5)), folder.path().join(format!("time-{n}.dcm"))).unwrap();
@@ -377,8 +377,8 @@ fn slices_at_one_position_are_points_in_time() {
 #[test]
 fn a_temporal_position_goes_before_the_time_of_acquisition() {
     let folder = timed();
-    // The date of acquisition becomes a position in time, of the same length: 8 digits in place of a date. The last
-    // point in time is the first.
+    // The date of acquisition becomes a temporal position of the same length: 8 digits instead of a date. The last
+    // time point is the first.
     for n in 0..15 {
         let file = folder.path().join(format!("time-{n}.dcm"));
         let mut bytes = std::fs::read(&file).unwrap();
@@ -427,7 +427,7 @@ fn luma_and_chroma_become_red_green_and_blue() {
         let volume = load(path("ybr-u8.dcm"), &options).unwrap();
         let in_memory = volume.in_memory().unwrap();
         let Samples::U8(found) = in_memory.samples() else { panic!() };
-        // The reference rounds once more on its way.
+        // The reference rounds once more.
         assert!(found.iter().zip(&expected).all(|(a, b)| a.abs_diff(*b) <= 1), "{found:?} {expected:?}");
     }
 }
@@ -452,13 +452,13 @@ fn flat_colours_of_jpeg_keep_their_values() {
 #[test]
 fn a_series_is_what_its_volumes_are_one_by_one() {
     let dir = tempfile::tempdir().unwrap();
-    // Compressed as a whole, behind a header, in a file beside it, and not at all; one stays in its file.
+    // Compressed as a whole, after a header, in a separate file, and not at all; one stays in its file.
     let whole = std::fs::read(path("times-i16.nii")).unwrap();
     let mut gzip = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
     std::io::Write::write_all(&mut gzip, &whole).unwrap();
     let gzip = gzip.finish().unwrap();
     std::fs::write(dir.path().join("times.nii.gz"), &gzip).unwrap();
-    // Its end is lost: what comes before is read as ever.
+    // Its end is lost: the part before is still read.
     std::fs::write(dir.path().join("cut.nii.gz"), &gzip[..gzip.len() - 4]).unwrap();
     let files = [
         dir.path().join("times.nii.gz"),
@@ -483,7 +483,7 @@ fn a_series_is_what_its_volumes_are_one_by_one() {
             assert_eq!(series.channel(1, 0).unwrap().contents().time, 1);
         }
     }
-    // What is decompressed has no need of the file any more, and what is drawn none of the series.
+    // A decompressed volume no longer needs the file, and a prepared scene no longer needs the series.
     let file = dir.path().join("times.nii.gz");
     let mut series = TimeSeries::new(&file, &LoadOptions { stream_over: 0, ..LoadOptions::default() });
     let first = series.volume(0).unwrap();

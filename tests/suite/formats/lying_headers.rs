@@ -1,4 +1,4 @@
-//! Headers lie: whatever a file holds, loading it ends in a volume or in one line that says what is wrong.
+//! Headers lie: whatever a file contains, loading it returns a volume or an error of one line.
 
 use std::io::Write;
 use std::path::Path;
@@ -10,7 +10,7 @@ use voxsplat::volume::{SampleType, Samples};
 use crate::formats::fixtures::{folder_of, path};
 use crate::hostile::fuzz::targets::assert_one_line;
 
-/// Loads `bytes` from a file of that name; the error's message.
+/// Loads `bytes` from a file of that name and returns the error's message.
 fn refused(name: &str, bytes: &[u8]) -> String {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join(name);
@@ -25,7 +25,7 @@ fn message(file: &Path, options: &LoadOptions) -> String {
     text
 }
 
-/// The message of an error, which names a cause that loading may have and is one line of bearable length.
+/// Returns the message of an error, after checking that it is a loading error of one line of bearable length.
 fn one_line(error: &InputError) -> String {
     assert_one_line(error);
     format!("{error:#}")
@@ -40,7 +40,7 @@ fn nrrd(lines: &str, data: &[u8]) -> Vec<u8> {
     [b"NRRD0004\n", lines.as_bytes(), b"\n\n", data].concat()
 }
 
-/// A header of one sample per byte, as many as `sizes` says.
+/// A header of one-byte samples, in the number that `sizes` states.
 const NRRD: &str = "type: uchar\ndimension: 3\nsizes: 2 2 2\nencoding: raw";
 
 #[test]
@@ -54,7 +54,7 @@ fn files_that_are_no_volume_are_named() {
     assert_refused("a.nrrd", b"NRRD0009\n", "NRRD0001 to NRRD0005");
     let dicom = [vec![0; 128], b"DICM".to_vec(), vec![0; 500]].concat();
     assert_refused("a.dcm", &dicom, "is damaged");
-    // The first 128 bytes of DICOM are free, and may be those of another format.
+    // The first 128 bytes of DICOM are free, and may look like another format.
     for preamble in [&b"II*\0"[..], b"NRRD0004", b"\x93NUMPY"] {
         let file = [preamble, &vec![0; 128 - preamble.len()], b"DICM", &[0; 500]].concat();
         assert_refused("a.dcm", &file, "is damaged: an element of the type");
@@ -248,7 +248,7 @@ fn samples_of_nrrd_are_found_behind_bytes_and_lines() {
         for (skip, before, lines) in [
             ("byte skip: -1", 0, ""),
             ("byte skip: -1", 5, ""),
-            // More than the samples, so that they go round in the buffer.
+            // More than the samples, so that the buffer wraps around.
             ("byte skip: -1", 9_999, ""),
             ("byte skip: 5", 5, ""),
             ("line skip: 2", 0, "first\nsecond\n"),
@@ -277,7 +277,7 @@ fn damaged_bzip2_says_what_is_wrong() {
     for end in 0..whole.len() - 10 {
         assert_refused("a.nrrd", &nrrd(&header, &whole[..end]), "");
     }
-    // The sum over the block, which stands behind its mark.
+    // The checksum of the block, which follows its mark.
     let mut damaged = whole.clone();
     damaged[10] ^= 1;
     assert_refused("a.nrrd", &nrrd(&header, &damaged), "is damaged: bzip2: invalid data");
@@ -289,7 +289,7 @@ fn damaged_bzip2_says_what_is_wrong() {
         assert_refused("a.nrrd", &claims("2 2 3"), "is cut short: its samples need 12 bytes, 8 are there");
         assert_refused("a.nrrd", &claims("60000 60000 60000"), "is cut short");
     }
-    // Far more than anyone writes before samples.
+    // Far more than any writer puts before samples.
     assert_refused("a.nrrd", &nrrd(&last, &bzip2(&vec![0; 1_000_000])), "bytes before its samples");
     let far = format!("{header}\nbyte skip: 1000000000000");
     assert_refused("a.nrrd", &nrrd(&far, &whole), "ends before byte 1000000000000");
@@ -384,9 +384,9 @@ fn broken_nifti_headers_say_what_is_wrong() {
     }
     assert_refused("a.nii", &changed("nifti2-i16.nii", 8, b"\n\n"), "text mode");
     assert_refused("a.hdr", &std::fs::read(path("pair-i16.hdr")).unwrap(), "a.img");
-    // A slope of 0 stands for none, whatever the intercept.
+    // A slope of 0 means no scaling, whatever the intercept.
     assert!(load_ok(&changed("scaled.nii", slope, &[0; 4])));
-    // --spacing helps where the header has none.
+    // --spacing helps if the header states none.
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("a.nii");
     std::fs::write(&file, changed("qform.nii", pixdim + 4, &[0; 4])).unwrap();
@@ -560,7 +560,7 @@ fn broken_dicom_files_say_what_is_wrong() {
     for (from, to, words) in cases {
         let bytes = replaced(from, to);
         if words.is_empty() {
-            // An unknown transfer syntax is taken for one without compression.
+            // An unknown transfer syntax counts as uncompressed.
             assert!(load_ok(&bytes));
         } else {
             assert_refused("a.dcm", &bytes, words);
@@ -577,7 +577,7 @@ fn broken_dicom_files_say_what_is_wrong() {
     assert_refused("a.dcm", &changed("ybr-u8.dcm", b"YBR_FULL", b"HSV     "), "of the kind \"HSV\": expected grey");
     let high = changed("ybr-u8.dcm", b"\x28\0\x01\x01US\x02\0\x08", b"\x28\0\x01\x01US\x02\0\x07");
     assert_refused("a.dcm", &high, "has 7 bits of YBR_FULL, expected 8 without sign");
-    // The number of frames is that of fragments, or a table tells.
+    // The number of frames is the number of fragments, or a table states it.
     let end = [0xfe, 0xff, 0xdd, 0xe0];
     assert_refused("a.dcm", &changed("rle-i16.dcm", &end, &[0; 4]), "a fragment does not begin where it should");
     let more = changed("rle-i16.dcm", b"\x28\0\x08\0IS\x02\x005 ", b"\x28\0\x08\0IS\x02\x006 ");
@@ -600,7 +600,7 @@ fn broken_dicom_files_say_what_is_wrong() {
     let says = message(folder.path(), &LoadOptions::default());
     assert!(says.contains("two slices at one position: ct-a.dcm and ct-b.dcm"), "{says}");
     std::fs::copy(path("raw-u8.tif"), folder.path().join("a.tif")).unwrap();
-    assert!(message(folder.path(), &LoadOptions::default()).contains("TIFF and DICOM"));
+    assert!(message(folder.path(), &LoadOptions::default()).contains("DICOM and TIFF"));
 }
 
 #[test]

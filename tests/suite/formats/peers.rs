@@ -1,4 +1,4 @@
-//! The files that pydicom, nibabel, mrcfile and pynrrd are tested with hold what these say of them.
+//! The test files of pydicom, nibabel, mrcfile and pynrrd give the values that these packages read.
 //!
 //! The packages come from PyPI, in the versions below, into the target directory; tests/bundled.py reads their files.
 
@@ -10,7 +10,7 @@ use serde::Deserialize;
 use voxsplat::formats::{LoadOptions, load};
 use voxsplat::volume::Volume;
 
-/// What is installed: the references, their test files, and decoders of pixels.
+/// The installed packages: the references, their test files, and decoders of pixels.
 const PACKAGES: [&str; 11] = [
     "pydicom==3.0.1",
     "pydicom-data==1.0.0",
@@ -25,10 +25,10 @@ const PACKAGES: [&str; 11] = [
     "pylibjpeg-openjpeg<3",
 ];
 
-/// Has its test files in its source alone.
+/// The package that has its test files only in its source.
 const SOURCE: &str = "mrcfile==1.5.4";
 
-/// The files that are refused, by the ends of their names, and words of the error.
+/// The refused files, by the ends of their names, with words of the error.
 const REFUSED: [(&str, &str); 30] = [
     // No decoder of JPEG-LS is small and in Rust.
     ("JPEGLSNearLossless_08.dcm", "compressed by JPEG-LS, which is not read"),
@@ -44,7 +44,7 @@ const REFUSED: [(&str, &str); 30] = [
     ("RG1_J2KR.dcm", "the spacing of axis 1 is 0"),
     ("RG1_UNCI.dcm", "the spacing of axis 1 is 0"),
     ("RG1_UNCR.dcm", "the spacing of axis 1 is 0"),
-    // Formats that are not read.
+    // Unsupported formats.
     ("minc1-no-att.mnc", "is a MINC file"),
     ("minc1_1_scale.mnc", "is a MINC file"),
     ("minc1_4d.mnc", "is a MINC file"),
@@ -66,7 +66,7 @@ const REFUSED: [(&str, &str); 30] = [
     ("test.mgz", "is of no format that is read"),
 ];
 
-/// A file as the reference reads it.
+/// The contents of a file, according to the reference.
 #[derive(Deserialize)]
 struct Expected {
     project: String,
@@ -77,13 +77,13 @@ struct Expected {
     axes: Option<[Option<[f64; 3]>; 3]>,
     origin: Option<[f64; 3]>,
     spacing: Option<[f64; 3]>,
-    /// The smallest, the largest and the mean of each channel at each point in time.
+    /// The smallest, the largest and the mean value of each channel at each time point.
     numbers: Vec<Vec<[f64; 3]>>,
-    /// Decoders may differ by rounding.
+    /// The tolerance: decoders may differ by rounding.
     lossy: bool,
 }
 
-/// Installs the packages and returns the lines that the references say; `None` if they cannot be had.
+/// Installs the packages and returns the lines that the references print; `None` if installation fails.
 fn said() -> Option<String> {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("bundled");
     let (python, done) = (folder.join("venv/bin/python"), folder.join(PACKAGES.join(" ").replace(['<', '='], "-")));
@@ -114,11 +114,11 @@ fn numbers_of(volume: &Volume) -> [f64; 3] {
     [values().fold(f64::MAX, f64::min), values().fold(f64::MIN, f64::max), values().sum::<f64>() / count]
 }
 
-/// What differs of a file; the error if it is not read.
+/// The difference between a file and its reference, or the error of reading it.
 fn difference(expected: &Expected) -> Result<Option<String>, String> {
     let channels = expected.numbers[0].len();
     let (mut at, mut all) = (Vec::new(), expected.numbers.iter().zip(0..));
-    // Of long series the first points in time and the last.
+    // For long series, only the first time points and the last.
     at.extend(all.by_ref().take(2));
     at.extend(all.last());
     for (by_channel, time) in at {
@@ -155,7 +155,7 @@ fn difference(expected: &Expected) -> Result<Option<String>, String> {
             if expected.origin.is_some_and(|at| !near(origin, at)) {
                 return Ok(Some(format!("begins at {origin:?}, expected {:?}", expected.origin)));
             }
-            // A reference may give an axis of one sample the length 0.
+            // A reference may give length 0 to an axis of one sample.
             let spacing =
                 expected.spacing.map(|s| std::array::from_fn(|n| if s[n] == 0.0 { lengths[n] } else { s[n] }));
             if spacing.is_some_and(|spacing| !near(lengths, spacing)) {

@@ -14,10 +14,10 @@ use voxsplat::volume::{Endian, SampleType, Statistics, Volume};
 
 use crate::support::{self, RENDERER, exact_quads, headlight, look, prepare_on};
 
-/// Bricks are cut short at the far ends.
+/// Dimensions whose last bricks are incomplete.
 const DIMS: [u32; 3] = [70, 45, 67];
 
-/// A way of writing samples down.
+/// An encoding of samples.
 type Case = (SampleType, Endian, fn(i16) -> Vec<u8>);
 
 /// Two balls far apart, 0 to 100.
@@ -70,7 +70,7 @@ fn a_streamed_volume_gives_the_same_bytes() {
     ];
     let lit = Settings { lighting: headlight(), ..exact_quads() };
     let xray = Settings { model: Model::Xray, ..exact_quads() };
-    // Kernels that grew reach many more scalars.
+    // Grown kernels reach many more scalars.
     let post = Settings { shading: Shading::Post, antialiasing: false, ..exact_quads() };
     for (number, (sample_type, endian, bytes)) in cases.into_iter().enumerate() {
         write(&path, bytes);
@@ -101,7 +101,7 @@ fn bricks_that_show_nothing_are_not_uploaded() {
     assert!((2..=10).contains(&stats.bricks_uploaded), "{}", stats.bricks_uploaded);
     assert_eq!(stats.bytes_uploaded, u64::from(stats.bricks_uploaded) << 15);
     let visible = values().filter(|v| *v > 20).count() as u64;
-    // 16 bytes a splat, and 16 for the place of each brick.
+    // 16 bytes per splat, and 16 for the place of each brick.
     let bytes = 16 * (visible + u64::from(stats.bricks_uploaded));
     assert_eq!((stats.splats_kept, stats.scene_bytes), (visible, bytes));
 }

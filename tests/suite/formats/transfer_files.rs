@@ -1,4 +1,4 @@
-//! Transfer functions in the files of other programs, held to what those programs make of them.
+//! Transfer functions in the files of other programs, compared with the results of these programs.
 
 use std::path::{Path, PathBuf};
 
@@ -41,7 +41,7 @@ fn files_of_other_programs_have_the_colours_and_opacities_that_these_give_them()
             (0..3).for_each(|c| most = most.max((color[c] - row[c + 1].unwrap()).abs()));
             row[4].iter().for_each(|expected| most = most.max((opacity - expected).abs()));
         }
-        // Lines are off curves by 1e-3 at most.
+        // Line segments differ from curves by at most 1e-3.
         assert!(most < 1.2e-3, "{name}: {most}");
     }
 }
@@ -54,7 +54,7 @@ fn several_functions_are_told_apart_by_name() {
     assert!(said.contains("none is \"CT-Wood\": CT-Bone, CT-Edges"), "{said}");
     let said = Imported::load(folder().join("slicer.vp#x")).unwrap_err().to_string();
     assert!(said.contains("one function, and none called \"x\""), "{said}");
-    // A file whose own name has a # is found first.
+    // A file whose name contains a # is found first.
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("a#b.vp");
     std::fs::copy(folder().join("slicer.vp"), &path).unwrap();
@@ -107,7 +107,7 @@ fn what_is_written_for_slicer_is_read_back() {
     assert!(read.transfer.gradient_opacity().is_empty());
     let read = Imported::parse(&transfer.to_slicer_vp(&grid), None).unwrap();
     assert_eq!((read.transfer.points(), read.mean_spacing), (transfer.points(), true));
-    // Magnitudes are over a world unit here and over a mean spacing there.
+    // Magnitudes are per world unit here, and per mean spacing in the other program.
     let edges = [(4.0, 0.0), (40.0, 1.0)].map(|(magnitude, opacity)| GradientPoint { magnitude, opacity });
     let transfer = transfer.with_unit_distance(0.5).unwrap().with_gradient_opacity(edges.to_vec()).unwrap();
     let wide = Grid::axis_parallel([4; 3], [1.0, 2.0, 3.0]).unwrap();

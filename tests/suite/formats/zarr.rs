@@ -1,4 +1,4 @@
-//! Folders of Zarr and OME-Zarr are read as zarr and ome-zarr read them: tests/data/zarr/make.py.
+//! Folders of Zarr and OME-Zarr give the values that zarr and ome-zarr read (tests/data/zarr/make.py).
 
 use std::path::{Path, PathBuf};
 
@@ -20,7 +20,7 @@ struct Expected {
     levels: Vec<[[f64; 4]; 3]>,
     unit: String,
     labels: Vec<String>,
-    /// Sections that are not there, and the value in their place.
+    /// Missing sections, and the value in their place.
     missing: Option<(u32, u32, f64)>,
 }
 
@@ -98,7 +98,7 @@ fn every_folder_is_read_as_by_zarr() {
 
 #[test]
 fn the_level_is_the_coarsest_that_is_fine_enough() {
-    // 4 x 4.5 x 8 µm, in samples of 0.5 x 0.75 x 2 µm and of twice that.
+    // 4 x 4.5 x 8 µm, in samples of 0.5 x 0.75 x 2 µm, and in samples twice as large.
     let level = |level: PyramidLevel| {
         load(folder("image-0.5.zarr"), &LoadOptions { level, ..LoadOptions::default() }).unwrap().contents().level
     };
@@ -112,7 +112,7 @@ fn the_level_is_the_coarsest_that_is_fine_enough() {
     assert!(error.unwrap_err().to_string().contains("has the levels 0 to 1"));
 }
 
-/// A copy of a folder in which a text of a file is another.
+/// A copy of a folder with a text of a file replaced.
 fn changed(from: &str, file: &str, replace: impl Fn(Vec<u8>) -> Vec<u8>) -> tempfile::TempDir {
     fn copied(from: &Path, to: &Path) {
         std::fs::create_dir_all(to).unwrap();

@@ -1,17 +1,17 @@
-//! What a picture may differ by from the f64 reference, for any volume, view, transfer function and settings: what the
-//! random scenes and the hard cases are held to.
+//! The bounds of the random scenes and hard cases: the largest difference of a picture from the f64 reference, for any
+//! volume, view, transfer function and settings.
 //!
 //! | picture | alpha | colour | reason |
 //! |---|---|---|---|
 //! | X-ray, pre-shaded, `quads` | [`FOOTPRINT`] | the same + order | sections of a kernel add up to its footprint |
 //! | the same, `tiles` | [`PACKED`] | the same + order | voxels and colours are packed in half floats |
-//! | the same, rays not one a pixel | [`PACKED`] + [`RESAMPLED`] | the same + order | the promise of `capped` |
+//! | the same, without a ray per pixel | [`PACKED`] + [`RESAMPLED`] | the same + order | the promise of `capped` |
 //! | post-shaded | 1 | 1 | a surface may fall on either side of a pixel; hence root mean squares |
-//! | maximum | 1 | 1 | the scalar is held by [`MAXIMUM`], and the rest by its root mean square |
+//! | maximum | 1 | 1 | [`MAXIMUM`] bounds the scalar; a root mean square bounds the rest |
 //!
-//! *Order* is [`order`]: a slab knows how much matter of which colour it holds, not which lies in front. Lit voxels add
-//! [`LIGHT`], termination adds itself. Root mean squares (of all channels, over covered pixels) of post-shading are
-//! held to [`CLASSIFIED`] times the slope of the transfer function, and to [`STEPPED`] if it is steep.
+//! *Order* is [`order`]: a slab knows its amounts of colours, not their order. Lit voxels add [`LIGHT`], termination
+//! adds itself. The bound of the root mean square of post-shading (all channels, covered pixels) is [`CLASSIFIED`]
+//! times the slope of the transfer function, or [`STEPPED`] if it is steep.
 
 use std::fmt;
 
@@ -28,35 +28,36 @@ use voxsplat::volume::Volume;
 use crate::support::{RENDERER, draw_on, errors, prepare_on, rms_covered};
 use crate::truth::truth;
 
-/// The footprint table errs by 1e-5 of a kernel's peak; some ten kernels lie on each other, and alpha changes by at
-/// most 1/e of a relative change of optical depth. The rest is rounding of f32 sums.
+/// The footprint table errs by 1e-5 of a kernel's peak; some ten kernels overlap, and alpha changes by at most 1/e of a
+/// relative change of optical depth. The rest is rounding of f32 sums.
 pub(crate) const FOOTPRINT: f64 = 1e-4;
-/// Half floats round by 2^-11, of which alpha shows 1/e, colours all; polynomials of footprints err by 5e-5 of the
-/// peak.
+/// Half floats round by 2^-11; alpha shows 1/e of it, colours show all of it. Polynomials of footprints err by 5e-5 of
+/// the peak.
 pub(crate) const PACKED: f64 = 1.5e-3;
-/// What `Resolution::Capped` promises of any pixel.
+/// The error that `Resolution::Capped` promises for any pixel.
 pub(crate) const RESAMPLED: f64 = 1.2e-2;
 /// Voxels are lit with normals of 2 x 16 bits and colours of 8 to 11 bits.
 pub(crate) const LIGHT: f64 = 4e-3;
-/// Scalars are means of slabs. The truncated Gaussian's rims jump by 14 % of its peak, of which a mean may be wrong by
-/// half, 7 % of the range of values; half of it counts as the root of its mean square. The transfer function multiplies
+/// Scalars are means of slabs. The rims of the truncated Gaussian jump by 14 % of its peak, and a mean may be wrong by
+/// half of the jump, 7 % of the range of values; half of that is its root mean square. The transfer function multiplies
 /// it by its slope.
 pub(crate) const CLASSIFIED: f64 = 4e-2;
 /// A step turns an error of the scalar into pixels that are wholly wrong, along the outline of a surface.
 pub(crate) const STEPPED: f64 = 0.2;
-/// The same of kernels narrower than 2 voxels: what shows of a single voxel may be all outline.
+/// The same for kernels narrower than 2 voxels: the picture of a single voxel may be all outline.
 pub(crate) const NARROW_STEPPED: f64 = 0.4;
-/// A maximum shows one scalar in each pixel, and a transfer function may turn a small error of it into any other
-/// colour. So the scalar is held: a pixel may show whatever the transfer function makes of the ray's largest scalar,
-/// give or take this fraction of the range of values. Slabs hold means, which are less than peaks: of a slab t thick
-/// on a peak like a Gaussian's of width s by t^2 / 24 s^2 of it, 8 % if t is 1 and s 0.7.
+/// A maximum shows one scalar in each pixel, and a transfer function may turn a small error of the scalar into any
+/// colour. So the bound is on the scalar: a pixel may have any colour that the transfer function gives to the ray's
+/// largest scalar, plus or minus this fraction of the range of values. Slabs hold means, which are below peaks: a slab
+/// of thickness t on a Gaussian peak of width s is below it by t^2 / 24 s^2 of the peak, 8 % for t = 1 and s = 0.7.
 pub(crate) const MAXIMUM: f64 = 0.1;
-/// The same of kernels that reach no farther than a voxel: s is 0.5, and 17 %.
+/// The same for kernels that reach at most a voxel: s is 0.5, and the fraction 17 %.
 pub(crate) const NARROW_MAXIMUM: f64 = 0.2;
-/// Root mean square of what errors of the scalar do not explain, of pixels that touch the volume or a step.
+/// Root mean square of the differences that errors of the scalar do not explain, in pixels that touch the volume or a
+/// step.
 pub(crate) const UNEXPLAINED: f64 = 3e-2;
 
-/// How far a picture may be from the truth.
+/// The largest difference of a picture from the truth.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Bound {
     pub(crate) alpha: f64,
@@ -64,9 +65,9 @@ pub(crate) struct Bound {
     pub(crate) rms: f64,
 }
 
-/// What a slab of optical depth `depth` can be wrong by if its matter is taken to be mixed evenly, as a fraction of its
-/// alpha and of the range of its colours: the distance in total variation between the light that reaches the eye from
-/// each depth in it, exp(-s) / (1 - exp(-depth)), and 1 / depth. A depth of 0.7 gives 0.09; 0.01 gives 0.0012.
+/// The error of a slab of optical depth `depth` whose matter counts as evenly mixed, as a fraction of its alpha and of
+/// the range of its colours: the distance in total variation between the light that reaches the eye from each depth in
+/// it, exp(-s) / (1 - exp(-depth)), and 1 / depth. A depth of 0.7 gives 0.09; 0.01 gives 0.0012.
 pub(crate) fn order(depth: f64) -> f64 {
     if depth < 1e-6 {
         return depth / 8.0;
@@ -77,7 +78,7 @@ pub(crate) fn order(depth: f64) -> f64 {
     -(-crossing).exp_m1() / alpha - crossing / depth
 }
 
-/// The largest sum of kernels anywhere, over their divisor: a lattice of ones shows no more than this.
+/// The largest sum of kernels anywhere, over their divisor: the largest value of a lattice of ones.
 fn overshoot(kernel: Kernel, normalization: Normalization) -> f64 {
     // Measured on a lattice of 1/20 voxel. (sum over the kernel's integral, the integral)
     let (unit, integral) = match kernel {
@@ -96,14 +97,14 @@ fn overshoot(kernel: Kernel, normalization: Normalization) -> f64 {
     if normalization == Normalization::Peak { unit * integral } else { unit }
 }
 
-/// The largest change of a channel of what is classified, with the opacity of a voxel's depth, from value to value,
+/// The largest change of a channel of the transfer function, with the opacity of a voxel's depth, from value to value,
 /// over the change of the value as a fraction of `range`. Infinite if there is a step.
 fn slope(transfer: &TransferFunction, range: f64, voxel: f64) -> f64 {
     let unit = transfer.unit_distance().unwrap_or(voxel);
     let channels = |value: f64, point: Option<(&[f64; 3], f64)>| {
         let ([r, g, b], opacity) = point.map_or_else(|| transfer.sample(value), |(color, opacity)| (*color, opacity));
         let alpha = -(-TransferFunction::extinction(opacity, unit) * voxel).exp_m1();
-        // Colours show as far as there is opacity.
+        // Opacity bounds the visible share of colours.
         [r, g, b, 1.0].map(|c| c * alpha)
     };
     const PIECES: u32 = 64;
@@ -137,7 +138,7 @@ fn range_of(volume: &Volume, transfer: &TransferFunction) -> f64 {
     if high > low { high - low } else { (high - transfer.base()).abs().max(f64::MIN_POSITIVE) }
 }
 
-/// What a picture may differ by.
+/// The bound of a picture's difference from the truth.
 pub(crate) fn bound(
     volume: &Volume,
     transfer: &TransferFunction,
@@ -146,7 +147,7 @@ pub(crate) fn bound(
     rendered: &Rendered,
 ) -> Bound {
     if matches!(settings.model, Model::Mip | Model::Minip) {
-        // Gaussians are cut off, and sums of them have narrow dips between the rims: minima lie there.
+        // Gaussians are truncated, and their sums have narrow dips between the rims: minima lie there.
         let rms = if settings.model == Model::Minip { 2.0 * UNEXPLAINED } else { UNEXPLAINED };
         return Bound { alpha: 1.0, color: 1.0, rms };
     }
@@ -160,7 +161,7 @@ pub(crate) fn bound(
         PainterStats::Quads(q) => (FOOTPRINT, q.sheet_thickness, 1.0),
         PainterStats::Tiles(t) => {
             let resampled = !matches!(t.spacing, Some(RaySpacing::Pixels(1.0)) | None);
-            // A slab passes what a fit leaves negative on to the next: two of them mix.
+            // A slab passes the deficit of a fit on to the next slab: two slabs mix.
             (if resampled { PACKED + RESAMPLED } else { PACKED }, t.slab_thickness, 2.0)
         }
     };
@@ -201,7 +202,7 @@ fn largest_scalars(
     camera: &Camera,
     settings: &Settings,
 ) -> Vec<Option<f64>> {
-    // A ramp whose base is that of the transfer function.
+    // A ramp with the base of the transfer function.
     let base = transfer.base();
     let farthest = data_range(volume).map(|v| (v - base).abs()).into_iter().fold(f64::MIN_POSITIVE, f64::max);
     let most = 1.1 * farthest * overshoot(settings.kernel, settings.normalization);
@@ -227,8 +228,8 @@ fn shown_between(transfer: &TransferFunction, [low, high]: [f64; 2]) -> [[f64; 2
     })
 }
 
-/// A picture of maxima without what an error of the scalars of up to `error` explains: what is left differs from
-/// the truth.
+/// A picture of maxima without the differences that an error of the scalars of up to `error` explains: only the rest
+/// differs from the truth.
 fn unexplained(
     drawn: &Image,
     truth: &Image,
@@ -250,14 +251,14 @@ fn unexplained(
     Image::new(drawn.width(), drawn.height(), pixels.collect()).unwrap()
 }
 
-/// How a picture differs from the truth, and what it may.
+/// The difference of a picture from the truth, and its bound.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Measured {
     pub(crate) painter: &'static str,
     pub(crate) alpha: f64,
     pub(crate) color: f64,
     pub(crate) rms: f64,
-    /// The pixel of the largest error of alpha or colour: its number, what was drawn and what should have been.
+    /// The pixel of the largest error of alpha or colour: its number, its value and the true value.
     pub(crate) pixel: (usize, [f32; 4], [f32; 4]),
     pub(crate) bound: Bound,
     /// Seconds that the picture took, its scene and its pipelines included.
@@ -284,14 +285,14 @@ impl fmt::Display for Measured {
     }
 }
 
-/// What came of a scene with one painter.
+/// The outcome of a scene with one painter.
 pub(crate) enum Outcome {
     Drawn(Measured, Image),
-    /// A painter need not draw every picture, if it says so.
+    /// The painter refuses the picture, with a reason.
     Refused(String),
 }
 
-/// Renders a scene and measures it. `Err` says what must not be, whatever the scene.
+/// Renders a scene and measures it. `Err` names a fault that no scene may have.
 pub(crate) fn measured(
     volume: &Volume,
     transfer: &TransferFunction,
@@ -314,7 +315,7 @@ pub(crate) fn measured(
     if let Some(pixel) = image.pixels().iter().find(|p| !p.iter().all(|v| v.is_finite())) {
         return Err(format!("{painter}: a pixel is {pixel:?}"));
     }
-    // Colours are premultiplied and at most 1. The slack is what resampling may leave.
+    // Colours are premultiplied and at most 1. The slack allows for resampling.
     let slack = 1e-5 + if bound.alpha > RESAMPLED { RESAMPLED } else { 0.0 };
     let wrong =
         |p: &&[f32; 4]| p[..3].iter().any(|c| f64::from(*c) > f64::from(p[3]) + slack || f64::from(*c) < -slack);
@@ -331,14 +332,6 @@ pub(crate) fn measured(
     };
     let (color, alpha) = errors(&compared, &expected);
     let rms = rms_covered(&compared, &expected);
-    println!(
-        "DATA {painter} {} {} slope {:.3} stepped {} alpha {alpha:.4} colour {color:.4} rms {rms:.4} of {:.4}",
-        settings.model,
-        settings.shading,
-        slope(transfer, range_of(volume, transfer), volume.grid().min_spacing()),
-        settings.kernel.radius() < 2.0,
-        bound.rms
-    );
     let pairs = compared.pixels().iter().zip(expected.pixels()).enumerate();
     let error = |p: &[f32; 4], q: &[f32; 4], channel: usize| f64::from((p[channel] - q[channel]).abs());
     let by = |p: &[f32; 4], q: &[f32; 4]| {

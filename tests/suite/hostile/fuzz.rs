@@ -1,9 +1,9 @@
-//! Every reader, given files that are changed at random: each execution ends in a value or in an error of one line,
-//! without a panic and in bounded memory.
+//! Every reader, on randomly mutated files: each execution returns a value or an error of one line, without a panic and
+//! in bounded memory.
 //!
 //! Execution n of a target is the same in every run. `VOXSPLAT_FUZZ_RUNS` is the number of executions of all targets
 //! together; the long run has 1 000 000. `VOXSPLAT_FUZZ_FIRST` is the number of the first execution of each target, to
-//! repeat one that failed. `VOXSPLAT_FUZZ_TARGET` names the one target that is run.
+//! repeat a failed execution. `VOXSPLAT_FUZZ_TARGET` restricts the run to one target.
 
 #[path = "../../../fuzz/targets.rs"]
 #[allow(unreachable_pub, reason = "the file is shared with the crate of cargo-fuzz")]
@@ -27,10 +27,10 @@ use crate::support::own_name;
 /// Executions in an ordinary run.
 const RUNS: usize = 20_000;
 
-/// Bytes that a process of executions may take, in KiB. Its inputs have a few KiB each, and 2 MiB if they are unpacked.
+/// The memory limit of a process of executions, in KiB. Its inputs have a few KiB each, and 2 MiB if unpacked.
 const MEMORY: usize = 1_500_000;
 
-/// Set in the process whose memory is limited.
+/// The environment variable that marks the process with limited memory.
 const LIMITED: &str = "VOXSPLAT_FUZZ_LIMITED";
 
 /// Marsaglia's xorshift: the same changes in every run.
@@ -54,7 +54,7 @@ impl Random {
     }
 }
 
-/// Text that means something in one of the headers.
+/// Text with a meaning in one of the headers.
 const WORDS: [&[u8]; 34] = [
     b"0",
     b"1",
@@ -92,13 +92,13 @@ const WORDS: [&[u8]; 34] = [
     b"\xff\x80",
 ];
 
-/// Numbers that are likely to be an end of some range.
+/// Numbers that are likely ends of ranges.
 const NUMBERS: [u64; 12] =
     [0, 1, 0x7f, 0x80, 0xff, 0x7fff, 0xffff, 0x7fff_ffff, 0xffff_ffff, 0x7f80_0000, 0x7ff0_0000_0000_0000, u64::MAX];
 
 /// One change of a file.
 fn change(bytes: &mut Vec<u8>, others: &[Vec<u8>], random: &mut Random) {
-    // Most of what can go wrong is in the first bytes.
+    // Most faults lie in the first bytes.
     let reach = if random.below(2) == 0 { bytes.len() } else { bytes.len().min(400) };
     let at = random.below(reach);
     let end = bytes.len().min(at + 1 + random.below(40));
@@ -190,7 +190,7 @@ fn input(target: &str, seeds: &[Vec<u8>], random: &mut Random) -> Vec<u8> {
     }
     if unpacked || random.below(50) == 0 {
         bytes = gzip(&bytes);
-        // And now and then a change of the layer itself.
+        // Sometimes also a change of the compressed data itself.
         if random.below(8) == 0 {
             change(&mut bytes, seeds, random);
         }
@@ -249,7 +249,7 @@ fn number(variable: &str) -> Option<usize> {
     std::env::var(variable).ok().map(|text| text.parse().unwrap_or_else(|_| panic!("{variable}={text}")))
 }
 
-/// Runs this test again in a process that cannot take more memory: an allocation that fails without an error aborts it.
+/// Runs this test again in a process with limited memory: an allocation that fails without an error aborts the process.
 fn in_limited_memory() {
     let program = std::env::current_exe().unwrap();
     let mut command = Command::new("sh");
@@ -264,7 +264,7 @@ fn changed_files_end_in_a_value_or_in_one_line() {
     if cfg!(target_os = "linux") && std::env::var_os(LIMITED).is_none() {
         return in_limited_memory();
     }
-    // Readers work in parallel; for a few samples the hand-over takes most of the time.
+    // Readers work in parallel; with few samples the hand-over takes most of the time.
     rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap().install(execute);
 }
 
@@ -292,7 +292,7 @@ fn execute() {
         }
         let refused = runs - accepted;
         println!("{name}: {accepted} accepted, {refused} refused, {:.1} s", start.elapsed().as_secs_f64());
-        // Both happen, or the changes are too tame or too wild to find anything.
+        // Both outcomes occur, or the changes are too tame or too wild to find faults.
         assert!(
             runs < 1000 || (accepted > runs / 100 && refused > runs / 100),
             "{name}: {accepted} of {runs} accepted"

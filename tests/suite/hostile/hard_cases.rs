@@ -1,5 +1,5 @@
-//! Hard cases: a row each, drawn by both painters in every model and held to the reference within the bounds of
-//! `bounds.rs`. `cargo test --test suite hard_cases:: -- --include-ignored --nocapture` prints what was measured.
+//! Hard cases, one row each: both painters draw them in every model, and differ from the reference within the bounds of
+//! `bounds.rs`. `cargo test --test suite hard_cases:: -- --include-ignored --nocapture` prints the errors.
 
 use glam::{DAffine3, DMat3, DVec3};
 use voxsplat::camera::{ProjectionKind, View};
@@ -14,7 +14,7 @@ use crate::support::{
     RENDERER, demo, errors, exact_quads, headlight, look, prepare_on, render, thick, transfer, with_tiles,
 };
 
-/// A scene that is hard for a reason, its name.
+/// A scene that is hard; its name states the reason.
 struct Case {
     name: String,
     volume: Volume,
@@ -38,7 +38,7 @@ fn models(base: &Settings) -> [(&'static str, Settings); 7] {
     ]
 }
 
-/// Holds each case to its bounds, with `quads` as its settings say and with `tiles`, of all models that `wanted` names.
+/// Checks the bounds of each case, with `quads` by its settings and with `tiles`, in all models that `wanted` names.
 fn hold(cases: Vec<Case>, wanted: &[&str]) {
     let mut failures = Vec::new();
     for Case { name, volume, transfer, view, size, settings } in cases {
@@ -89,7 +89,7 @@ fn case(name: impl Into<String>, view: View) -> Case {
         volume: ball(DAffine3::IDENTITY),
         transfer: tones(),
         view,
-        size: [20, 17],
+        size: [26, 22],
         settings: exact_quads(),
     }
 }
@@ -148,7 +148,7 @@ fn fields_of_view_from_a_degree_to_170() {
         let view = if fov > 100.0 { View { distance: Some(9.0), ..oblique() } } else { oblique() };
         case(format!("field of view {fov} degrees"), through(fov, view))
     };
-    // Where kernels grow over the whole volume, the reference takes a minute for a picture of scalars.
+    // If kernels grow over the whole volume, the reference takes a minute for a picture of scalars.
     hold(vec![fov(170.0)], &["pre", "lit", "xray"]);
     let settings = Settings { antialiasing: false, ..exact_quads() };
     hold(vec![Case { settings, ..fov(170.0) }], &ALL);
@@ -207,7 +207,7 @@ fn lattices_of_any_spacing_origin_shear_and_hand() {
             Case { volume: volume.clone(), ..case(name, oblique()) },
             Case { volume, ..case(format!("{name}, perspective"), through(40.0, oblique())) },
         ];
-        // The truths of scalars whose kernels have grown a hundred times take minutes and gigabytes.
+        // Truths of scalars with kernels grown a hundred times take minutes and gigabytes.
         let models = if name.contains("1000") { &["pre", "lit", "xray"][..] } else { &ALL };
         hold(cases, models);
     }
@@ -292,7 +292,8 @@ fn thousands_of_sheets_of_almost_nothing() {
     let transfer = transfer(&[(0.0, [1.0, 0.5, 0.2], 1e-4)], None);
     let view = View { view_height: Some(8.0), ..View::default() };
     let camera = look(&view, &volume, [9, 9]);
-    // In the middle, off the faces by over a kernel: 4096 voxels, and what the kernels of the first and last stand out.
+    // In the middle, over a kernel away from the faces: 4096 voxels, and the parts of the outermost kernels beyond
+    // them.
     for settings in [exact_quads(), with_tiles(&exact_quads(), Resolution::Capped)] {
         let drawn = measured(&volume, &transfer, &camera, &settings).unwrap();
         let Outcome::Drawn(m, image) = drawn else { panic!("refused") };
@@ -300,7 +301,7 @@ fn thousands_of_sheets_of_almost_nothing() {
         assert!(m.worst() <= 1.0, "{m}");
         let alpha = f64::from(image.pixels()[4 * 9 + 4][3]);
         let expected = 1.0 - (1.0_f64 - 1e-4).powi(4096);
-        // The default Gaussian's sum has ripples of 14 % from voxel to voxel across, whose peak is in the middle.
+        // Across, the sum of default Gaussians has ripples of 14 % from voxel to voxel, with a peak in the middle.
         assert!((alpha / expected - 1.0).abs() < 0.08, "{}: {alpha} {expected}", m.painter);
     }
 }
@@ -336,7 +337,7 @@ fn sheets_of_any_thickness() {
     hold([0.05, 0.3, 1.0, 7.0, 64.0].map(sheets).into(), &["pre", "lit", "xray"]);
 }
 
-/// A volume whose samples are stored in another order, and lie where they were.
+/// The same volume with its samples stored in another order.
 fn reordered(volume: &Volume, axes: [usize; 3], reversed: [bool; 3]) -> Volume {
     let (old, values) = (volume.grid(), volume.in_memory().unwrap());
     let dims = axes.map(|axis| old.dims()[axis]);
@@ -367,8 +368,8 @@ fn reordered(volume: &Volume, axes: [usize; 3], reversed: [bool; 3]) -> Volume {
 fn the_order_of_splats_changes_what_rounding_does() {
     let (volume, transfer) = (ball(DAffine3::IDENTITY), tones());
     // A sum of n terms of one sign in f32 errs by (n - 1) 2^-24 of itself in any order; a ray meets 4 x 4 kernels of
-    // each of 15 planes. Alpha shows 1/e of the relative change of depth at most, colour all; both orders err. The
-    // rest is the footprint at places that are rounded otherwise.
+    // each of 15 planes. Alpha shows at most 1/e of the relative change of depth, colour all of it; both orders err.
+    // The rest comes from footprints at differently rounded places.
     let terms = 4.0 * 4.0 * 15.0;
     let bound = 2.0 * terms * 2.0_f64.powi(-24) + 5e-6;
     for (view, settings) in [
@@ -416,7 +417,7 @@ fn samples_that_are_no_numbers_are_refused_or_replaced() {
         for settings in [exact_quads(), Settings { shading: Shading::Post, ..exact_quads() }] {
             let refused = prepare_on(&RENDERER, &of(value), &transfer, &settings);
             assert!(matches!(refused, Err(Error::Input(InputError::NonFinite { count: 2, .. }))), "{value}");
-            // Transparent: replaced by a value that shows nothing.
+            // Transparent: replaced by an invisible value.
             let replaced = of(value).with_non_finite_replaced(0.0).unwrap();
             let picture = |volume: &Volume| render(volume, &transfer, &look(&oblique(), volume, [20, 20]), &settings);
             assert!(picture(&replaced) == picture(&expected), "{value}");
@@ -426,7 +427,7 @@ fn samples_that_are_no_numbers_are_refused_or_replaced() {
 
 #[test]
 fn a_bound_that_is_broken_is_told() {
-    // What holds the cases would tell: a picture of another volume is not the truth of this one.
+    // The check can fail: a picture of another volume is not the truth of this one.
     let (volume, transfer) = demo("sphere", 8);
     let camera = look(&oblique(), &volume, [8, 8]);
     let Ok(Outcome::Drawn(m, _)) = measured(&volume, &transfer, &camera, &exact_quads()) else { panic!("refused") };

@@ -1,8 +1,8 @@
-//! Scenes from a seed: volume, lattice, view, transfer function and settings. Each is drawn by both painters and held
-//! to the reference within the bounds of `bounds.rs`.
+//! Scenes from a seed: volume, lattice, view, transfer function and settings. Both painters draw each scene, and differ
+//! from the reference within the bounds of `bounds.rs`.
 //!
-//! `VOXSPLAT_RANDOM_SEEDS=0..999 cargo test --test suite random:: -- --nocapture` draws a thousand and prints a table.
-//! A failure prints its seed and its scene; `VOXSPLAT_RANDOM_SEEDS=SEED..SEED` draws it again.
+//! `VOXSPLAT_RANDOM_SEEDS=0..999 cargo test --test suite random:: -- --nocapture` draws a thousand scenes and prints a
+//! table. A failure prints its seed and its scene; `VOXSPLAT_RANDOM_SEEDS=SEED..SEED` draws it again.
 
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
@@ -49,7 +49,7 @@ impl Random {
         low + (self.bits() % u64::from(high - low + 1)) as u32
     }
 
-    /// Whether what happens once in `n` times happens.
+    /// True once in `n` times.
     fn once_in(&mut self, n: u32) -> bool {
         self.whole(1, n) == 1
     }
@@ -63,7 +63,7 @@ impl Random {
     }
 }
 
-/// A scene, and what it was made of.
+/// A scene, and the description of its parts.
 struct Scene {
     kind: &'static str,
     volume: Volume,
@@ -113,12 +113,12 @@ fn field(random: &mut Random, kind: &str, dims: [u32; 3]) -> Vec<f64> {
     values
 }
 
-/// Samples of a type, and the values that 0 and 1 of the field stand for.
+/// Samples of a type, and the values of 0 and 1 of the field.
 fn samples(random: &mut Random, values: &[f64]) -> (Samples, [f64; 2]) {
     macro_rules! integers {
         ($type:ident, $variant:ident) => {{
             let (low, high) = ($type::MIN as f64, $type::MAX as f64);
-            // Not the very ends of 64 bits, which f64 does not hold.
+            // Not the ends of 64 bits, which f64 cannot represent.
             let (low, high) = (low + (high - low) * 1e-3, high - (high - low) * 1e-3);
             let sample = |v: &f64| (low + v * (high - low)).round() as $type;
             (Samples::$variant(values.iter().map(sample).collect()), [low, high])
@@ -206,7 +206,7 @@ fn view(random: &mut Random, grid: &Grid) -> View {
     let extent = grid.corners(0.5)[7].distance(grid.corners(0.5)[0]);
     let perspective = random.once_in(2);
     let fov = random.of(&[1.0, 20.0, 40.0, 60.0, 100.0, 150.0]);
-    // Inside, at a corner, near, and far away; fitted for most.
+    // Inside, at a corner, near, and far away; most are fitted.
     let distance = random.of(&[None, None, None, None, Some(0.1), Some(0.5), Some(3.0), Some(1e3), Some(1e5)]);
     let distance = distance.map(|d: f64| d * extent).filter(|_| perspective);
     let angle = |random: &mut Random| {
@@ -229,7 +229,7 @@ fn view(random: &mut Random, grid: &Grid) -> View {
     }
 }
 
-/// The settings of the two painters: alike but for the painters' own.
+/// The settings for both painters: equal except for the painters' own settings.
 fn settings(random: &mut Random) -> [Settings; 2] {
     let (model, shading) = random.of(&[
         (Model::Composite, Shading::Pre),
@@ -291,7 +291,7 @@ fn scene(seed: u64) -> Scene {
     scene_within(seed, [2, 14])
 }
 
-/// A scene of a volume of so many voxels along an axis.
+/// A scene of a volume with this number of voxels along an axis.
 fn scene_within(seed: u64, [least, most]: [u32; 2]) -> Scene {
     let random = &mut Random(seed);
     let kind = random.of(&["smooth", "noise", "boxes", "bright voxels", "constant", "one voxel", "row", "slice"]);
@@ -309,13 +309,13 @@ fn scene_within(seed: u64, [least, most]: [u32; 2]) -> Scene {
     let (_, transfer) = transfer_function(random, range, grid.min_spacing());
     let view = view(random, &grid);
     let size = [random.whole(1, 40), random.whole(8, 40)];
-    // A sequence of its own: scenes are those of their seeds whether they are cut or not.
+    // A separate sequence: clipping does not change the scene of a seed.
     let clip = clip(&mut Random(seed ^ 0x5851_f42d_4c95_7f2d), &grid);
     let [quads, tiles] = settings(random).map(|settings| Settings { clip: clip.clone(), ..settings });
     Scene { kind, volume, transfer, view, size, quads, tiles }
 }
 
-/// A scene whose kernels have grown 1.5 to 8 times, drawn at the level that `auto` takes.
+/// A scene whose kernels have grown 1.5 to 8 times, drawn at the level of `auto`.
 fn minified(seed: u64) -> Scene {
     let scene = scene_within(seed, [12, 40]);
     let random = &mut Random(seed ^ 0x2545_f491_4f6c_dd1d);
@@ -323,13 +323,13 @@ fn minified(seed: u64) -> Scene {
     let pixels = (f64::from(nx.max(ny).max(nz)) / random.between(1.5, 8.0)).ceil() as u32 + 2;
     let view = View { zoom: 1.0, distance: None, view_height: None, ..scene.view };
     let auto = |settings: Settings| Settings { level: Level::Auto, antialiasing: true, termination: 0.0, ..settings };
-    // Thin sheets, so that what is measured are the cells.
+    // Thin sheets, so that the error comes from the cells.
     let quads = with_quads(&auto(scene.quads), |q| (q.sheets, q.sheet_thickness) = (Sheets::Image, 0.25));
     Scene { view, size: [pixels; 2], quads, tiles: auto(scene.tiles), ..scene }
 }
 
 impl Scene {
-    /// The whole of it, but for the samples.
+    /// The description of the scene, without the samples.
     fn describe(&self, seed: u64) -> String {
         let Self { kind, volume, transfer, view, size, quads, tiles } = self;
         format!(
@@ -341,13 +341,13 @@ impl Scene {
         )
     }
 
-    /// Draws and measures it; the painters that drew it.
+    /// Draws and measures the scene, and returns the painters that drew it.
     fn check(&self) -> Result<Vec<Measured>, String> {
         let camera = match Camera::new(&self.view, self.volume.grid(), self.size) {
             Err(Error::Camera(_)) => return Ok(Vec::new()),
             camera => camera.map_err(|e| format!("{e:#}"))?,
         };
-        // What has no truth is refused by the renderer as well.
+        // If the reference refuses a scene, the renderer refuses it too.
         if let Err(e) = Reference::new(&self.volume, &self.transfer, &self.quads) {
             let refused = measured(&self.volume, &self.transfer, &camera, &self.quads)?;
             return match refused {
@@ -377,7 +377,7 @@ impl Scene {
     }
 }
 
-/// The first and the last seed: those asked for, or else these.
+/// The first and the last seed: from the environment, or these defaults.
 fn seeds(usual: &str) -> (u64, u64) {
     let seeds = std::env::var("VOXSPLAT_RANDOM_SEEDS").unwrap_or_else(|_| usual.to_owned());
     let (first, last) = seeds.split_once("..").unwrap();
@@ -387,7 +387,7 @@ fn seeds(usual: &str) -> (u64, u64) {
 #[test]
 fn random_scenes_keep_within_their_bounds() {
     let (first, last) = seeds("0..49");
-    // Scenes, the worst fraction of the bound, its seed and its errors, by painter and kind of picture.
+    // The number of scenes, the worst fraction of the bound, its seed and its errors, by painter and kind of picture.
     let mut worst: BTreeMap<String, (u32, f64, u64, String)> = BTreeMap::new();
     let mut failures = Vec::new();
     for seed in first..=last {
@@ -426,7 +426,8 @@ fn random_scenes_keep_within_their_bounds() {
 #[test]
 fn cells_are_taken_only_where_they_are_right() {
     let (first, last) = seeds("0..29");
-    // Pictures, of them of cells, of these over 2 of 255 (rms), the worst and its seed, by kind of picture.
+    // The numbers of pictures, of pictures with cells, and of these over 2 of 255 (rms), the worst and its seed, by
+    // kind.
     let mut rows: BTreeMap<String, (u32, u32, u32, f64, u64)> = BTreeMap::new();
     let mut failures = Vec::new();
     for seed in first..=last {

@@ -1,5 +1,5 @@
-//! Turntables that go on: each turn gives the bytes of the first and adds no memory. Mesa 22.3.6 loses a copy of a
-//! shader, 0.2 MB and more, in each dispatch of one that decides anything by uniforms alone.
+//! Long turntables: each turn gives the bytes of the first and adds no memory. Mesa 22.3.6 leaks a copy of a
+//! shader, 0.2 MB and more, in each dispatch of a shader with a branch that depends on uniforms alone.
 
 use std::process::Command;
 
@@ -8,17 +8,17 @@ use voxsplat::settings::{Model, Resolution, Response, Settings, Shading};
 
 use crate::support::{demo, draw_on, exact_quads, headlight, look, new_renderer, own_name, prepare_on, with_tiles};
 
-/// The frames of a turntable, if this process was started to make them.
+/// The environment variable with the number of frames, in a process that makes a turntable.
 const FRAMES: &str = "VOXSPLAT_SOAK_FRAMES";
 
-/// Bytes of the process in memory; `None` where the system does not say.
+/// Resident bytes of the process; `None` if the system does not report them.
 fn resident() -> Option<u64> {
     let statm = std::fs::read_to_string("/proc/self/statm").ok()?;
     // Pages of 4096 bytes on the systems that tests run on.
     statm.split_whitespace().nth(1)?.parse::<u64>().ok().map(|pages| 4096 * pages)
 }
 
-/// Three turns of each kind of scene with each painter, with a device of their own in a process of its own.
+/// Three turns of each kind of scene with each painter, with a separate device in a separate process.
 #[test]
 fn turns() {
     let Some(frames) = std::env::var(FRAMES).ok().and_then(|n| n.parse::<u32>().ok()) else { return };
@@ -45,7 +45,7 @@ fn turns() {
                     let view = View { azimuth, elevation: 20.0, ..View::default() };
                     let rendered = draw_on(&renderer, &scene, &look(&view, &volume, [48; 2]), &settings).unwrap();
                     painter = rendered.stats.painter.name();
-                    // A picture's hash: what is kept of a turn is small.
+                    // The hash of a picture, so that a turn keeps little memory.
                     let pixels = rendered.image.pixels().as_flattened();
                     let hash = pixels.iter().fold(0xcbf2_9ce4_8422_2325_u64, |hash, value| {
                         (hash ^ u64::from(value.to_bits())).wrapping_mul(0x100_0000_01b3)
@@ -54,7 +54,7 @@ fn turns() {
                 }
                 bytes
             };
-            // Two turns to warm up: drivers free what they no longer need some frames later.
+            // Two turns to warm up: drivers free memory some frames later.
             let first = turn();
             assert!(first == turn(), "{name}: the second turn differs");
             let before = resident();
@@ -74,7 +74,7 @@ fn turns() {
     println!("soaked");
 }
 
-/// Runs `turns` alone: memory is the process's, and other tests take theirs.
+/// Runs `turns` in a separate process, because other tests also take memory.
 fn soak(frames: u32) {
     let own = std::env::current_exe().unwrap();
     let name = own_name(module_path!(), "turns");

@@ -1,4 +1,4 @@
-//! Cells that stand for voxels whose kernels have grown, pre-shaded: `--level`.
+//! Cells in place of voxels with grown kernels, pre-shaded: `--level`.
 
 use glam::DVec3;
 use voxsplat::camera::{ProjectionKind, View};
@@ -39,7 +39,7 @@ fn tones(opacity: f64) -> TransferFunction {
     transfer(&[(0.1, [0.2, 0.4, 0.9], 0.0), (0.6, [0.9, 0.7, 0.2], opacity / 2.0), (1.0, [1.0; 3], opacity)], None)
 }
 
-/// Vessels that absorb so little that cells are right from their least growth on.
+/// Vessels of low absorption, so that cells may replace voxels from their least growth on.
 fn faint_vessels() -> (Volume, TransferFunction) {
     let (volume, _) = demo("vessels", 48);
     (volume, transfer(&[(60.0, [0.2, 0.4, 0.9], 0.0), (150.0, [0.9, 0.7, 0.2], 0.03), (255.0, [1.0; 3], 0.05)], None))
@@ -49,7 +49,7 @@ fn auto() -> Settings {
     Settings { termination: 0.0, ..Settings::default() }
 }
 
-/// A view in which the kernels of a volume of `size`^3 voxels grow so much, and the pixels across the picture.
+/// A view in which the kernels of a volume of `size`^3 voxels have this growth, and the pixels across the picture.
 pub(crate) fn grown(size: u32, growth: f64, view: View) -> (View, [u32; 2]) {
     let pixels = (1.3 * f64::from(size) / growth).ceil() as u32;
     (View { view_height: Some(f64::from(pixels) * growth), ..view }, [pixels; 2])
@@ -75,7 +75,7 @@ fn cells_err_by_less_than_a_step_beside_voxels() {
                     assert_eq!(got.stats.levels, [level; 2]);
                     let rms = 255.0 * rms_covered(&got.image, &expected);
                     println!("{name} {growth} {} {rms:.2}", got.stats.painter.name());
-                    // Seen along an axis, the voxels' own kernels, which are cut off, show their lattice.
+                    // Along an axis, the truncated kernels of the voxels themselves show their lattice.
                     let limit = if view.azimuth == 0.0 { 1.5 } else { 1.0 };
                     assert!(
                         rms < limit,
@@ -122,7 +122,7 @@ fn cells_of_every_kernel_model_and_lattice_follow_the_reference() {
     }
 }
 
-/// Light is found voxel by voxel. Cells that had a mean normal erred by 16 of 255 on folds finer than a cell, by 21 on
+/// Light is computed voxel by voxel. Cells with a mean normal erred by 16 of 255 on folds finer than a cell, by 21 on
 /// uniform matter, which has no normal, and by 25 in the shadows of cells.
 #[test]
 fn cells_are_lit_as_their_voxels_are() {
@@ -143,7 +143,7 @@ fn cells_are_lit_as_their_voxels_are() {
     }
 }
 
-/// The optical depth of a cell decides from which growth on it is right: see docs/algorithms.md.
+/// The optical depth of a cell determines the growth from which on it is used: see docs/algorithms.md.
 #[test]
 fn dense_matter_has_finer_cells() {
     let (_, volume) = volumes(48).swap_remove(1);
@@ -166,7 +166,7 @@ fn dense_matter_has_finer_cells() {
     }
 }
 
-/// A view through one eye whose kernels grow from one level to the next within a volume of 48^3 voxels.
+/// A view through one eye in which kernels grow from one level to the next within a volume of 48^3 voxels.
 fn deep(view_height: f64) -> View {
     let projection = ProjectionKind::Perspective { fov: 60.0 };
     View { azimuth: 30.0, elevation: 20.0, projection, view_height: Some(view_height), ..View::default() }
@@ -219,7 +219,7 @@ fn layers_of_every_kernel_model_and_lattice_follow_the_reference() {
         assert!(got.stats.levels[0] < got.stats.levels[1], "case {number}: {:?}", got.stats.levels);
         let rms = 255.0 * rms_covered(&got.image, &expected);
         println!("case {number} {:?}: {rms:.2}", got.stats.levels);
-        // Layers begin at the least growth that cells can have: 1.5 and X-rays 1.8 of 255 along parallel rays too.
+        // Levels begin at the least growth of cells: along parallel rays errors are also 1.5 of 255, of X-rays 1.8.
         assert!(rms < 2.0, "case {number}: rms {rms} of 255");
     }
 }
@@ -267,13 +267,13 @@ fn a_level_is_taken_if_asked_for() {
         before = rms;
     }
     assert!(draw_on(&RENDERER, &scene, &camera, &at(0)).unwrap().image == fine.image);
-    // What kernels of one size do not need, auto does not take.
+    // `auto` uses no cells if kernels do not grow.
     assert_eq!(draw_on(&RENDERER, &scene, &camera, &auto()).unwrap().stats.levels, [0; 2]);
 }
 
 #[test]
 fn sums_over_the_picture_are_kept() {
-    // An X-ray of little depth adds up what the volume absorbs.
+    // An X-ray of small depth adds up the absorption of the volume.
     let (volume, _) = demo("vessels", 48);
     let faint = transfer(&[(20.0, [1.0; 3], 0.0), (255.0, [1.0; 3], 1e-5)], None);
     let view = View { azimuth: 30.0, elevation: 20.0, view_height: Some(120.0), ..View::default() };

@@ -1,4 +1,4 @@
-//! Cells of scalars that stand for voxels whose kernels have grown: post-shading and maxima along parallel rays.
+//! Cells of scalars in place of voxels with grown kernels: post-shading and maxima along parallel rays.
 
 use glam::{DAffine3, DVec3};
 use voxsplat::camera::{ProjectionKind, View};
@@ -35,7 +35,7 @@ fn oblique() -> View {
     View { azimuth: 30.0, elevation: 20.0, ..View::default() }
 }
 
-/// The error of a picture by tiles, rms over covered pixels, of 255, and the level that it took.
+/// The error of a picture by tiles, rms over covered pixels, of 255, and its level.
 fn error(volume: &Volume, transfer: &TransferFunction, view: (View, [u32; 2]), settings: &Settings) -> (f64, u32) {
     let camera = look(&view.0, volume, view.1);
     let got = picture(volume, transfer, &camera, &with_tiles(settings, Resolution::Full));
@@ -48,7 +48,7 @@ fn error(volume: &Volume, transfer: &TransferFunction, view: (View, [u32; 2]), s
 fn cells_of_scalars_err_by_about_a_step_more_than_voxels() {
     for (name, volume) in volumes(32) {
         for view in [oblique(), View::default()] {
-            // Seen along an axis, the voxels' own kernels, which are cut off, show their lattice.
+            // Along an axis, the truncated kernels of the voxels themselves show their lattice.
             let more = if view.azimuth == 0.0 { 1.5 } else { 1.25 };
             for (kind, settings) in [("plain", post()), ("mip", mip())] {
                 let error = |growth| error(&volume, &tones(), grown(32, growth, view.clone()), &settings);
@@ -118,7 +118,7 @@ fn cells_of_scalars_of_every_kernel_and_lattice_follow_the_reference() {
         let view = View { view_height: Some(view_height), ..oblique() };
         let (rms, _) = error(volume, &transfer, (view, [40; 2]), &settings);
         println!("case {number}: {rms:.2}");
-        // By a divisor of 1 what shows is eleven times as dense.
+        // With a divisor of 1, visible matter is eleven times as dense.
         let limit = if settings.normalization == Normalization::Peak { 3.5 } else { 1.5 };
         assert!(rms < limit, "case {number}: rms {rms} of 255");
     }
@@ -126,14 +126,14 @@ fn cells_of_scalars_of_every_kernel_and_lattice_follow_the_reference() {
 
 #[test]
 fn cells_of_scalars_do_not_fade_at_the_faces() {
-    // Of an odd size: cells of two voxels reach beyond it.
+    // An odd size: cells of two voxels reach beyond it.
     let grid = Grid::axis_parallel([31; 3], [1.0; 3]).unwrap();
     let volume = Volume::new(grid, Samples::F32(vec![0.8; 31 * 31 * 31])).unwrap();
     for growth in [2.1, 2.6, 3.4] {
         // No pixel's middle lies on a face.
         let view = View { view_height: Some(29.0 * growth + 0.013), ..View::default() };
         for settings in [post(), lit(), mip()] {
-            // Its sums do not ripple.
+            // Sums of this kernel do not ripple.
             let settings = Settings { kernel: Kernel::KAISER_BESSEL, level: Level::At(1), ..settings };
             let (rms, _) = error(&volume, &tones(), (view.clone(), [29; 2]), &settings);
             assert!(rms < 1.3, "{growth} {settings:?}: rms {rms} of 255");
@@ -177,7 +177,7 @@ fn a_level_of_scalars_is_taken_if_asked_for() {
         assert_eq!(got.stats.levels, [level; 2]);
         assert!(got.image != fine.image);
     }
-    // One scene serves all levels. What kernels of one size do not need, auto does not take.
+    // One scene serves all levels. `auto` uses no cells if kernels do not grow.
     assert!(at(Level::At(0)).image == fine.image);
     assert!(at(Level::Auto).image == fine.image);
     // Quads draw the same cells.

@@ -1,4 +1,4 @@
-//! Light on scalars that are classified after reconstruction: the gradient of the reference for both painters.
+//! Light on post-shaded scalars: both painters use the gradient of the reference.
 
 use voxsplat::camera::{Camera, ProjectionKind, View};
 use voxsplat::image::Image;
@@ -11,7 +11,7 @@ use crate::support::{
 };
 use crate::truth::truth;
 
-/// By quads and by tiles, nothing left out.
+/// Settings of quads and of tiles without early termination.
 fn painters(settings: &Settings) -> [Settings; 2] {
     let exact = Settings { termination: 0.0, painter: exact_quads().painter, ..settings.clone() };
     [exact.clone(), with_tiles(&exact, Resolution::Full)]
@@ -42,7 +42,7 @@ fn assert_close(name: &str, limits: [f64; 2]) {
     }
 }
 
-/// Limits are 1.5 times what was measured.
+/// Limits are 1.5 times the measured errors.
 #[test]
 fn both_painters_light_scalars_by_the_gradient_of_the_reference() {
     assert_close("vessels", [6.5e-3, 8.5e-3]);
@@ -53,7 +53,7 @@ fn both_painters_light_scalars_by_the_gradient_of_the_reference() {
 fn both_painters_light_dense_scalars_by_the_gradient_of_the_reference() {
     assert_close("marschner-lobb", [7.0e-3, 1.1e-2]);
     assert_close("shell", [2.4e-2, 1.3e-2]);
-    // What no gradient reaches is not lit. Tiles fit parts of kernels, and fits end elsewhere.
+    // Matter without a gradient is not lit. Tiles fits parts of kernels, and the fits end elsewhere.
     assert_close("sphere", [8.0e-3, 1.8e-2]);
 }
 
@@ -110,8 +110,8 @@ fn what_is_uniform_is_not_lit() {
     for samples in [Samples::I16(vec![300; 4096]), Samples::F32(vec![777.7; 4096])] {
         let volume = Volume::new(grid, samples).unwrap();
         for camera in views(&volume, 48) {
-            // By quads a lit sheet is classified in halves: other pieces where a face cuts it. Tiles keep lit scalars
-            // as f16, others as f32.
+            // Quads classifies a lit sheet in halves: other pieces if a face cuts it. Tiles stores lit scalars as f16,
+            // unlit scalars as f32.
             for (settings, limit) in painters(&post(headlight())).into_iter().zip([3e-4, 5e-4]) {
                 let lit = render(&volume, &transfer, &camera, &settings);
                 let unlit = render(&volume, &transfer, &camera, &Settings { lighting: None, ..settings });
@@ -124,7 +124,7 @@ fn what_is_uniform_is_not_lit() {
 
 #[test]
 fn a_uniform_inside_has_no_speckles() {
-    // A box around one, in noise that shows nothing.
+    // A box of values around one, in invisible noise.
     let inside = |c: u32| (5..17).contains(&c);
     let value = |i: u32| {
         let p = [i % 22, i / 22 % 22, i / 484];
@@ -142,7 +142,7 @@ fn a_uniform_inside_has_no_speckles() {
     }
 }
 
-/// Fields of 12^3 whose differences are all there is, nothing but rounding, or both in turn.
+/// Fields of 12^3 whose differences are signal, rounding, or both in turn.
 fn fields() -> Vec<(&'static str, Vec<f64>)> {
     let field = |of: &dyn Fn([f64; 3]) -> f64| {
         (0..12_u32.pow(3)).map(|i| of([i % 12, i / 12 % 12, i / 144].map(f64::from))).collect::<Vec<_>>()
@@ -160,7 +160,7 @@ fn fields() -> Vec<(&'static str, Vec<f64>)> {
     ]
 }
 
-/// One definition of the gradient: what the samples hold beyond f32 is no surface to the painters nor to the reference.
+/// One definition of the gradient: differences beyond the resolution of f32 are no surface for painters and reference.
 #[test]
 fn light_is_that_of_the_reference_however_the_samples_are_held() {
     let transfer = transfer(&[(-0.2, [1.0, 0.3, 0.1], 0.02), (1.0, [0.1, 0.5, 1.0], 0.3)], Some(1.0));
@@ -177,8 +177,8 @@ fn light_is_that_of_the_reference_however_the_samples_are_held() {
                 let apart = rms_covered(&pictures[0], &pictures[1]);
                 let error = rms_covered(&pictures[0], &expected);
                 let painter = settings.painter;
-                // At the rim of a kernel the direction of what is left jumps, which is seen where a field is steep, and
-                // tiles fit parts of kernels to 5e-5. Limits are 1.5 times what was measured.
+                // At the rim of a kernel the direction of the remaining gradient jumps, visibly in steep fields, and
+                // tiles fits parts of kernels to 5e-5. Limits are 1.5 times the measured errors.
                 let steep = name.starts_with("decay");
                 let limit = if steep { [1.3e-2, 2.8e-2][tiles] } else { 2e-3 };
                 assert!(apart < 2e-4, "{name}, {shading:?}, {painter:?}: f64 and f32 differ by {apart:e}");

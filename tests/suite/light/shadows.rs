@@ -1,4 +1,4 @@
-//! Light that is kept from voxels: pictures against the f64 truth with light at voxel centres, and what users meet.
+//! Shadows and occlusion: pictures against the f64 truth with light at voxel centres, and effects that users see.
 
 use glam::DVec3;
 use voxsplat::camera::{Camera, View};
@@ -15,7 +15,7 @@ use crate::support::{
 };
 use crate::truth::truth;
 
-/// Lights from above and from the side, with shadows; if `soft`, a large one and occlusion.
+/// Lights from above and from the side, with shadows; if `soft`, one large light and occlusion.
 fn shadows(soft: bool) -> Option<Lighting> {
     let side = Light { color: [0.9, 0.6, 0.3], ..Light::directional(DVec3::new(-1.0, -0.4, 0.3)) };
     let size = if soft { 20.0 } else { 0.0 };
@@ -24,8 +24,8 @@ fn shadows(soft: bool) -> Option<Lighting> {
     Some(Lighting { lights, shadows: 0.9, shadow_bias, occlusion: soft.then_some(5.0), ..Lighting::default() })
 }
 
-/// Light that is kept from scalars is found at voxels, and read between them as the reference does. The errors of
-/// colour are those without shadows and the rounding of the light to half floats.
+/// Shadows of scalars are computed at voxels and interpolated between them, also by the reference. The errors of
+/// colour are the errors without shadows, plus the rounding of light to half floats.
 #[test]
 fn both_painters_show_the_shadows_in_a_field_of_scalars() {
     for name in ["vessels", "marschner-lobb"] {
@@ -44,14 +44,14 @@ fn both_painters_show_the_shadows_in_a_field_of_scalars() {
                 let effect = rms_covered(&shaded, &plain);
                 let what = format!("{name} {projection:?} {soft}: {with:e}, without {without:e}, effect {effect:e}");
                 println!("{what}");
-                // At most 8.2e-3 was measured, by tiles through an eye.
+                // The largest measured error is 8.2e-3, of tiles through one eye.
                 assert!(with < 1.1 * without + 3e-4 && with < 1e-2 && effect > 0.015, "{what}");
             }
         }
     }
 }
 
-/// What light at voxels leaves out: a few hundredths, and less than shadows make.
+/// The error of light at voxels: a few hundredths, and less than the effect of shadows.
 #[test]
 fn light_at_voxels_is_near_light_at_every_point() {
     let (volume, transfer) = demo("sphere", 12);
@@ -73,7 +73,7 @@ fn light_at_voxels_is_near_light_at_every_point() {
     }
 }
 
-/// The errors of colour are those without shadows: 1.5 times what was measured.
+/// The errors of colour are the errors without shadows: limits are 1.5 times the measured errors.
 #[test]
 fn both_painters_show_the_shadows_of_the_reference() {
     for (name, [quads, tiles]) in [("vessels", [3e-3, 4e-3]), ("marschner-lobb", [2e-3, 2e-3])] {
@@ -90,7 +90,7 @@ fn both_painters_show_the_shadows_of_the_reference() {
     }
 }
 
-/// A light at a place shines on each voxel from another side.
+/// A light at a place shines on each voxel from another direction.
 #[test]
 fn both_painters_show_lights_at_places() {
     let (volume, transfer) = demo("vessels", 24);
@@ -182,13 +182,13 @@ fn a_ball_casts_its_shadow_on_a_plate() {
     };
     let [lit, dark] = [[4.0, 4.0], [25.0, 15.5]].map(|[x, y]| at(&with, x, y) / at(&without, x, y));
     assert!(lit > 0.5 && dark < 0.7 * lit, "lit {lit}, in the shadow {dark}");
-    // What is in the dark keeps the ambient light.
+    // Dark matter keeps the ambient light.
     assert!(dark > 0.25, "{dark}");
     let difference = errors(&brightness(1e-9), &without).0;
     assert!(difference < 1e-4, "a shadow without strength: {difference}");
 }
 
-/// Without bias, voxels of opaque matter lie in the shadow of what is around them.
+/// Without bias, voxels of opaque matter lie in the shadow of their neighbours.
 #[test]
 fn opaque_surfaces_are_lit_beyond_the_bias() {
     let volume = ball_over_plate();
@@ -235,7 +235,7 @@ fn light_is_kept_while_the_eye_moves() {
         let classifies = |rendered: &Rendered| rendered.stats.stages.iter().any(|stage| stage.name == "classify");
         assert!(!classifies(&turned), "{shading:?}: light was found anew");
         assert_eq!(draw(&scene, &front, &settings).image.pixels(), first.image.pixels());
-        // Another light on the same scene is another picture, and the first one comes back.
+        // Another light on the same scene makes another picture, and the first light makes the first picture again.
         for lighting in [shadows(false), headlight()] {
             let other = Settings { lighting, ..settings.clone() };
             let change = errors(&draw(&scene, &front, &other).image, &first.image).0;
@@ -245,7 +245,7 @@ fn light_is_kept_while_the_eye_moves() {
     }
 }
 
-/// A picture of cells of scalars reads the light of cells.
+/// A picture of cells of scalars uses the light of cells.
 #[test]
 fn cells_of_scalars_are_in_the_shadow_of_cells() {
     let (volume, transfer) = demo("sphere", 64);
@@ -259,7 +259,7 @@ fn cells_of_scalars_are_in_the_shadow_of_cells() {
     let [with, without] = [0.9, 0.0].map(|strength| rms_covered(&at(1, strength), &at(0, strength)));
     let effect = rms_covered(&at(0, 0.9), &at(0, 0.0));
     println!("{with:e}, without {without:e}, effect {effect:e}");
-    // 1.19e-2 was measured, and 1.14e-2 without shadows.
+    // The measured error is 1.19e-2, without shadows 1.14e-2.
     let close = with < 1.1 * without + 2e-3 && with < 1.5e-2;
     assert!(close && effect > 4.0 * with, "{with:e}, without {without:e}, effect {effect:e}");
 }

@@ -1,4 +1,4 @@
-//! Each algorithm against the f64 reference of its model, and what theory says of it.
+//! Each algorithm against the f64 reference of its model, and against theory.
 
 use glam::DVec3;
 use voxsplat::camera::{ProjectionKind, View};
@@ -28,9 +28,9 @@ fn xray_is_the_exact_line_integral() {
 
 #[test]
 fn xray_of_a_gaussian_mixture_is_its_analytic_projection() {
-    // A mixture of wide Gaussians, sampled, and splatted with a kernel that is a Gaussian as well: the reconstruction
-    // is the mixture convolved with the kernel, and so is its projection. Opacity per unit is small enough for the
-    // transfer function, linear in opacity, to be linear in extinction.
+    // A sampled mixture of wide Gaussians, splatted with a Gaussian kernel: the reconstruction is the mixture convolved
+    // with the kernel, and so is its projection. Opacity per unit is small enough for the transfer function, linear in
+    // opacity, to be linear in extinction.
     let size = 48_u32;
     let blobs = [(DVec3::new(-5.0, 2.0, 1.0), 4.0_f64, 0.7), (DVec3::new(4.0, -3.0, -4.0), 4.3, 0.3)];
     let middle = f64::from(size - 1) / 2.0;
@@ -65,7 +65,7 @@ fn xray_of_a_gaussian_mixture_is_its_analytic_projection() {
             .sum();
         worst = worst.max((f64::from(pixel[3]) - projected * opacity).abs() / peak);
     }
-    // The mixture is cut where the volume ends, 4.5 sigma out at the nearest; opacities are f32.
+    // The volume truncates the mixture at 4.5 sigma or more; opacities are f32.
     assert!(worst < 2e-4, "{worst:e} of the peak");
 }
 
@@ -79,7 +79,7 @@ fn lit_voxels_follow_the_reference() {
         let got = render(&volume, &transfer, &camera, &settings);
         let (color, alpha) = errors(&got, &expected);
         assert!(alpha < 5e-5 && color < 1.5e-3, "{projection:?}: alpha {alpha:e}, colour {color:e}");
-        // And light is no small matter in it.
+        // Light changes the picture considerably.
         let unlit = render(&volume, &transfer, &camera, &Settings { lighting: None, ..settings });
         assert!(errors(&unlit, &got).0 > 0.05);
     }
@@ -103,7 +103,7 @@ fn lit_voxels_of_sheared_grids_follow_the_reference() {
 
 #[test]
 fn axis_aligned_sheets_have_the_alpha_of_image_aligned_ones() {
-    // Whole footprints add up to the same optical depth, whichever sheet they are in.
+    // Whole footprints add up to the same optical depth in any sheet.
     let (volume, transfer) = demo("marschner-lobb", 32);
     for projection in PROJECTIONS {
         let settings = with_quads(&exact_quads(), |q| q.sheets = Sheets::Axis);
@@ -111,7 +111,7 @@ fn axis_aligned_sheets_have_the_alpha_of_image_aligned_ones() {
         let expected = truth(&volume, &transfer, &camera, &settings);
         let (color, alpha) = errors(&render(&volume, &transfer, &camera, &settings), &expected);
         assert!(alpha < 5e-5, "{projection:?}: alpha errs by {alpha:e}");
-        // A footprint is in one sheet as a whole, two voxels too near or too far at most: 1.8e-2 was measured.
+        // A whole footprint lies in one sheet, at most two voxels too near or too far: the measured error is 1.8e-2.
         assert!(color < 0.03, "{projection:?}: colour errs by {color:e}");
     }
 }
@@ -183,7 +183,7 @@ fn maximum_intensity_follows_the_reference() {
     for name in ["shepp-logan", "vessels"] {
         let (volume, transfer) = demo(name, 32);
         for projection in PROJECTIONS {
-            // A kernel without jumps: means over a sheet do not see how high the field is on one side of a jump.
+            // A kernel without jumps: means over a sheet do not resolve the field on either side of a jump.
             let kernel = Kernel::KAISER_BESSEL;
             let settings = thick(&Settings { model: Model::Mip, kernel, ..exact_quads() }, 0.25);
             let camera = camera(33.0, projection, &volume, 40);
@@ -209,7 +209,7 @@ fn a_camera_inside_sees_scalars_in_front_of_it() {
 
 #[test]
 fn a_uniform_box_has_no_rim() {
-    // Post-shaded, a box of one value is uniform to its faces, and ends there.
+    // Post-shaded, a box of one value is uniform up to its faces.
     let grid = Grid::axis_parallel([20, 16, 12], [1.0; 3]).unwrap();
     let volume = Volume::new(grid, Samples::U8(vec![100; 20 * 16 * 12])).unwrap();
     let white = [1.0; 3];
@@ -280,8 +280,8 @@ fn bricks_behind_opaque_pixels_are_hidden_as_a_whole() {
 #[test]
 #[ignore = "slow: 12 pictures of grown kernels"]
 fn minification_keeps_energy() {
-    // Thin enough for alpha to be optical depth: its sum times the area of a pixel is the mass of the volume. Far
-    // enough from the faces for grown kernels to stay inside, where scalars end.
+    // So thin that alpha is optical depth: its sum times the area of a pixel is the mass of the volume. So far
+    // from the faces, at which scalars end, that grown kernels stay inside.
     let at = |i: u32| f64::from(i) - 15.5;
     let samples = (0..32)
         .flat_map(|z| (0..32).flat_map(move |y| (0..32).map(move |x| DVec3::new(at(x), at(y), at(z)))))
@@ -290,8 +290,8 @@ fn minification_keeps_energy() {
     let volume = Volume::new(Grid::axis_parallel([32; 3], [1.0; 3]).unwrap(), Samples::F32(samples)).unwrap();
     let transfer = transfer(&[(0.0, [1.0; 3], 0.0), (1.0, [1.0; 3], 1e-4)], Some(1.0));
     for shading in [Shading::Pre, Shading::Post] {
-        // Perspective magnifies the near half of a large kernel more than it shrinks the far half: by
-        // 3 (s sigma / z)^2, little for an eye as far away as this.
+        // Perspective magnifies the near half of a large kernel more than it shrinks the far half, by 3 (s sigma /
+        // z)^2, which is little for such a distant eye.
         for projection in [ProjectionKind::Orthographic, ProjectionKind::Perspective { fov: 15.0 }] {
             let energy = |size: u32| {
                 let settings = Settings { shading, ..exact_quads() };
@@ -312,7 +312,8 @@ fn minification_keeps_energy() {
 #[test]
 fn axis_aligned_sheets_pop_and_image_aligned_ones_do_not() {
     let (volume, transfer) = demo("marschner-lobb", 24);
-    // The change of the worst channel of any pixel over the angle at which the axis switches, against the true one.
+    // The largest change of a channel of any pixel across the angle at which the axis switches, against the true
+    // change.
     let views = [44.99, 45.01].map(|azimuth| View { azimuth, ..View::default() });
     let cameras = views.map(|view| look(&view, &volume, [48; 2]));
     let expected = cameras.map(|camera| truth(&volume, &transfer, &camera, &exact_quads()));
@@ -347,7 +348,7 @@ fn a_scene_of_another_kind_is_refused() {
         let scene = prepare(&volume, &transfer, prepared);
         for (j, rendered) in settings.iter().enumerate() {
             let result = draw_on(&RENDERER, &scene, &camera, rendered);
-            // A lit scene has all that an unlit picture needs.
+            // A lit scene also serves unlit pictures.
             let fits = i == j || (i, j) == (3, 0);
             assert_eq!(result.is_ok(), fits, "{i} {j}");
             if let Err(e) = result {

@@ -1,4 +1,4 @@
-//! The conventions of cameras: which way angles turn, what is up, and how volumes are fitted into pictures.
+//! The conventions of cameras: the sense of angles, the upward direction, and the framing of volumes.
 
 use glam::{DAffine3, DMat3, DVec3};
 use voxsplat::camera::{Camera, Hull, Projection, ProjectionKind, View};
@@ -10,7 +10,7 @@ use crate::support::{PERSPECTIVE, PROJECTIONS, coordinates, look, transfer};
 /// A box of 10 x 20 x 30 world units around a point that is not the origin.
 fn volume() -> Volume {
     let middle = DVec3::new(3.0, -4.0, 5.0);
-    // 5 x 5 x 5 voxels, whose box reaches half a voxel beyond the outermost ones.
+    // 5 x 5 x 5 voxels, whose box reaches half a voxel beyond the outermost voxels.
     let spacing = DVec3::new(2.0, 4.0, 6.0);
     let map = DAffine3::from_mat3_translation(DMat3::from_diagonal(spacing), middle - 2.0 * spacing);
     Volume::new(Grid::new([5; 3], map).unwrap(), Samples::U8(vec![0; 125])).unwrap()
@@ -41,7 +41,7 @@ fn azimuth_takes_the_eye_to_the_right_and_elevation_up() {
     // An eye on the side of +x looks back along -x.
     assert_axes(&View { azimuth: 90.0, ..View::default() }, [DVec3::Y, DVec3::Z, DVec3::NEG_X]);
     assert_axes(&View { azimuth: -90.0, ..View::default() }, [DVec3::NEG_Y, DVec3::Z, DVec3::X]);
-    // One above looks down, its picture's top where it looked before.
+    // An eye above looks down; the top of its picture points along the former viewing direction.
     assert_axes(&View { elevation: 90.0, ..View::default() }, [DVec3::X, DVec3::Y, DVec3::NEG_Z]);
     let (sin, cos) = 30.0_f64.to_radians().sin_cos();
     let down = [DVec3::X, DVec3::new(0.0, sin, cos), DVec3::new(0.0, cos, -sin)];
@@ -59,9 +59,9 @@ fn azimuth_takes_the_eye_to_the_right_and_elevation_up() {
 
 #[test]
 fn roll_turns_the_camera_counter_clockwise() {
-    // Its top leans to the left, its right side rises.
+    // The top of the camera leans to the left, its right side rises.
     assert_axes(&View { roll: 90.0, ..View::default() }, [DVec3::Z, DVec3::NEG_X, DVec3::Y]);
-    // So the picture turns clockwise: what was at the top is at the right.
+    // So the picture turns clockwise: its former top is at the right.
     let camera = seen(&View { roll: 90.0, ..View::default() });
     assert!(DVec3::Z.dot(camera.right) > 0.99);
 }
@@ -86,7 +86,7 @@ fn up_may_be_any_direction() {
     }
 }
 
-/// The place of a point in the image, and its depth, as rays through it have it.
+/// The place of a point in the image, and its depth along the ray through it.
 fn projected(camera: &Camera, point: DVec3) -> (f64, f64) {
     let (origin, _) = camera.ray(0.0, 0.0);
     let d = point - origin;
@@ -117,7 +117,7 @@ fn a_fitted_volume_just_fits() {
 
 #[test]
 fn what_shows_just_fits_at_every_azimuth() {
-    // A ring of voxels around z and one above, in a volume that is otherwise clear; voxels of 2 x 2 x 1.
+    // A ring of voxels around z and one voxel above, in a transparent volume; voxels of 2 x 2 x 1.
     let mut samples = vec![0_u8; 41 * 41 * 20];
     let mut ring = Vec::new();
     for z in [2, 3] {
@@ -151,7 +151,7 @@ fn what_shows_just_fits_at_every_azimuth() {
                         Projection::Perspective { distance, .. } => distance,
                     });
                     assert!((a / b - 1.0).abs() < 1e-12, "{a} {b}");
-                    // All fits, and touches the margin but for the reach of a kernel: 2 of a height of 6.5 or more.
+                    // All voxels fit, and touch the margin up to the reach of a kernel: 2 of a height of 6.5 or more.
                     let places = ring.iter().map(|&point| projected(&camera, point));
                     let most = places.fold(0.0_f64, |most, (x, y)| most.max(y.abs()).max(x.abs() / aspect));
                     assert!((0.6..0.8).contains(&most), "{projection:?} {size:?} {elevation} {roll}: {most}");
@@ -177,10 +177,10 @@ fn height_distance_and_zoom_are_what_they_say() {
     };
     let perspective = View { projection: ProjectionKind::Perspective { fov: 90.0 }, ..View::default() };
     let close = |(a, b): (f64, f64), (c, d): (f64, f64)| (a - c).abs() < 1e-12 && (b - d).abs() < 1e-12;
-    // The field of view alone decides how far away a height is seen from.
+    // The field of view determines the distance from which a height is seen.
     assert!(close(eye(View { view_height: Some(24.0), ..perspective.clone() }), (1.0, 12.0)));
     assert!(close(eye(View { distance: Some(50.0), ..perspective.clone() }), (1.0, 50.0)));
-    // A height at a distance decides the field of view, and zoom narrows it from where the eye is.
+    // A height at a distance determines the field of view, and zoom narrows it without moving the eye.
     let both = View { view_height: Some(24.0), distance: Some(50.0), ..perspective };
     assert!(close(eye(both.clone()), (0.24, 50.0)));
     assert!(close(eye(View { zoom: 2.0, ..both }), (0.12, 50.0)));
@@ -202,7 +202,7 @@ fn rays_go_through_the_middles_of_pixels_from_the_top_left() {
     let camera = seen(&View { projection, distance: Some(50.0), ..View::default() });
     let (origin, direction) = camera.ray(0.0, 1.0);
     assert!(origin.distance(camera.target - 50.0 * DVec3::Y) < 1e-12);
-    // The field of view is that of the height.
+    // The height determines the field of view.
     let half = direction.angle_between(DVec3::Y).to_degrees();
     assert!((half - 30.0).abs() < 1e-9 && direction.z > 0.0, "{half}");
 }

@@ -1,5 +1,5 @@
-//! Classification of scalars, against the reference: steps, narrow and far segments, values in any unit, and values for
-//! voxels without data.
+//! Classification of scalars, against the reference: steps, narrow and distant segments, values in any unit, and
+//! no-data values.
 
 use voxsplat::camera::{Camera, ProjectionKind, View};
 use voxsplat::kernel::Kernel;
@@ -25,8 +25,8 @@ fn painters(settings: &Settings) -> [Settings; 2] {
         .map(|painter| Settings { painter: painter.painter, ..settings.clone() })
 }
 
-/// Pre-shaded, post-shaded and the maximum, of a kernel without jumps: what a mean over a slab does not see of a jump
-/// is not the point here.
+/// Pre-shaded, post-shaded and the maximum, with a kernel without jumps: the error of slab means at a jump is not
+/// tested here.
 fn models() -> [Settings; 3] {
     let common = Settings { kernel: Kernel::KAISER_BESSEL, antialiasing: false, ..exact_quads() };
     [common.clone(), Settings { shading: Shading::Post, ..common.clone() }, Settings { model: Model::Mip, ..common }]
@@ -50,13 +50,13 @@ fn check(what: &str, volume: &Volume, transfer: &TransferFunction, bounds: [f64;
 #[ignore = "slow: pictures by both painters in three models"]
 fn steps_are_steps() {
     let (volume, _) = demo("vessels", 32);
-    // An isosurface: the first two points share a value. Below it there is nothing.
+    // An isosurface: the first two points share a value. Values below are transparent.
     let surface = transfer(&[(120.0, WHITE, 0.0), (120.0, RED, 0.5), (255.0, YELLOW, 0.5)], None);
     check("surface", &volume, &surface, [1e-3, 3e-2, 0.1]);
     let points = [(0.0, WHITE, 0.0), (100.0, WHITE, 0.0), (100.0, RED, 0.9), (140.0, YELLOW, 0.9), (140.0, RED, 0.0)];
-    // The maximum across a step is all or nothing: by quads 1.4 % of the pixels, at silhouettes, are the other.
+    // The maximum across a step is all or nothing: with quads 1.4 % of the pixels, at silhouettes, flip.
     check("box", &volume, &transfer(&points, None), [1e-3, 4e-2, 0.15]);
-    // The other way round: what is below the step shows.
+    // The other way round: values below the step are visible.
     let below = transfer(&[(120.0, RED, 0.05), (120.0, WHITE, 0.0), (255.0, WHITE, 0.0)], None);
     check("below", &volume, &below, [1e-3, 1e-2, 0.1]);
 }
@@ -64,7 +64,7 @@ fn steps_are_steps() {
 #[test]
 fn narrow_boxes_and_peaks_count_whatever_their_width() {
     let (volume, _) = demo("vessels", 32);
-    // Narrower than the scalar changes between any two places that are looked at.
+    // Narrower than the change of the scalar between any two sampled places.
     for (width, opacity) in [(1.0, 0.5), (0.02, 0.9999)] {
         let points = [
             (0.0, WHITE, 0.0),
@@ -117,7 +117,7 @@ fn many_control_points_are_as_exact_as_few() {
         let error = rms_of_all(&a, &b);
         assert!(error < 1e-3, "{:?} {:?} {:?}: {error:e}", settings.model, settings.shading, settings.painter);
     }
-    // Alternating: 4096 points err by what a slab errs, not by a table's steps.
+    // Alternating: with 4096 points the error is the error of a slab, not of the steps of a table.
     let zigzag: Vec<_> = (0..4096).map(|i| (f64::from(i) / 4095.0, YELLOW, f64::from(i % 2) * 0.3)).collect();
     check("zigzag", &volume, &transfer(&zigzag, None), [2e-3, 1e-2, 0.3]);
 }

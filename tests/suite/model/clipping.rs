@@ -1,4 +1,4 @@
-//! Clipping: what is cut away is gone, and what is left is as it was, to the bounds of pictures that are not cut.
+//! Clipping: clipped matter is gone and kept matter is unchanged, within the bounds of unclipped pictures.
 
 use glam::{DAffine3, DMat3, DVec3};
 use voxsplat::camera::{Camera, Hull, ProjectionKind, View};
@@ -114,7 +114,7 @@ fn cut_pictures_are_those_of_the_reference() {
                             "{name} {projection:?} {model} {painter} {cut_name}: {rms:.1e} (usual {usual:.1e}), \
                              max {max:.1e} ({usual_max:.1e})"
                         );
-                        // The mean of a ray that cuts off a piece thinner than a slab is that of a bit of a parabola.
+                        // On a piece thinner than a slab, the mean of a ray is the mean of a short part of a parabola.
                         let thin = if settings.model == Model::Average { 4e-3 } else { 0.0 };
                         if rms > 1.6 * usual + 1e-4 + thin {
                             failures.push(line);
@@ -191,7 +191,7 @@ fn disjoint_boxes_composited_are_the_whole() {
         let pixels: Vec<[u32; 2]> = (0..31 * 31).map(|i| [i % 31, i / 31]).collect();
         for shading in [Shading::Pre, Shading::Post] {
             let settings = Settings { shading, ..exact_quads() };
-            // The reference: as exact as it is.
+            // The reference, to its own precision.
             let integrated = |clip: &Clip| {
                 let reference = Reference::new(&volume, &transfer, &clipped(&settings, clip)).unwrap();
                 reference.pixels(&seen, &pixels).unwrap()
@@ -200,7 +200,7 @@ fn disjoint_boxes_composited_are_the_whole() {
             let of_boxes = composited(boxes.iter().map(integrated));
             let apart = largest_difference(&whole, &of_boxes, 0..4);
             assert!(apart < 1e-9, "reference {shading}: {apart:e}");
-            // Painters: pre-shaded alpha is that of whole kernels. Colours within a sheet or slab know no order.
+            // Painters: pre-shaded alpha belongs to whole kernels. Colours within a sheet or slab have no order.
             let thin = thick(&settings, 0.25);
             let tiles = Settings { shading, ..full() };
             for (painter, settings, alpha, colors) in
@@ -210,7 +210,7 @@ fn disjoint_boxes_composited_are_the_whole() {
                 let drawn = |clip: &Clip| as_f64(&draw(&scene, &seen, &clipped(settings, clip)).image);
                 let (whole, of_boxes) = (drawn(&Clip::default()), composited(boxes.iter().map(drawn)));
                 let apart = [0..3, 3..4].map(|channels| largest_difference(&whole, &of_boxes, channels));
-                // Post-shaded, a slab that is cut is classified in two parts: errors are those of classification.
+                // Post-shaded, a cut slab is classified in two parts: errors are errors of classification.
                 let [colors, alpha] = if shading == Shading::Pre { [colors, alpha] } else { [3e-3; 2] };
                 assert!(apart[1] < alpha && apart[0] < colors, "{painter} {shading}: {apart:?}");
             }
@@ -218,7 +218,7 @@ fn disjoint_boxes_composited_are_the_whole() {
     }
 }
 
-/// Each half has an intermediate image of its own, which errs at its edges. GUIDE.md has the figures.
+/// Each half has its own intermediate image, which errs at its edges. GUIDE.md has the figures.
 #[test]
 fn halves_of_magnified_folds_are_the_whole_with_a_ray_for_each_pixel() {
     let (volume, transfer) = demo("marschner-lobb", 20);
@@ -229,7 +229,7 @@ fn halves_of_magnified_folds_are_the_whole_with_a_ray_for_each_pixel() {
             with_tiles(&Settings { termination: 0.0, level: Level::At(0), ..Settings::default() }, resolution);
         let scene = prepare(&volume, &transfer, &settings);
         for normal in [DVec3::X, DVec3::Y, DVec3::new(1.0, 1.0, 0.0)] {
-            // What lies towards the eye is in front.
+            // The half towards the eye is in front.
             let halves = [-1.0, 1.0].map(|side| {
                 let plane = Plane::through(volume.grid().center(), side * normal).unwrap();
                 Clip::new(vec![plane]).unwrap()
@@ -242,8 +242,8 @@ fn halves_of_magnified_folds_are_the_whole_with_a_ray_for_each_pixel() {
     }
 }
 
-/// What is in a sheet has no order. So parts err against the whole where a plane divides sheets, by what lies on either
-/// side of it in the same sheet; where it runs between two sheets, rounding alone is left.
+/// The matter of a sheet has no order. So parts differ from the whole if a plane divides sheets, by the matter on
+/// either side of it in the same sheet. If the plane runs between two sheets, only rounding differs.
 #[test]
 fn a_cut_between_sheets_divides_nothing() {
     let (volume, transfer) = demo("vessels", 24);
@@ -286,7 +286,7 @@ fn a_slab_of_one_material_has_the_alpha_of_its_thickness() {
             let seen = look(&view, &volume, [33; 2]);
             let (_, along) = seen.ray(0.0, 0.0);
             let expected = 1.0 - (-tau * thickness / along.dot(normal).abs()).exp();
-            // The blob ripples by 5e-4, and parts of kernels are fitted. The ends are rounded to 1e-6 of a voxel.
+            // The blob ripples by 5e-4, and parts of kernels are fits. The ends are rounded to 1e-6 of a voxel.
             for (shading, limit) in [(Shading::Pre, 2e-3), (Shading::Post, 2e-4 + 4e-6 / thickness)] {
                 let settings = Settings { shading, kernel: Kernel::KAISER_BESSEL, ..exact_quads() };
                 let tiles = Settings { shading, kernel: Kernel::KAISER_BESSEL, ..full() };
@@ -353,8 +353,8 @@ fn what_is_cut_away_casts_no_shadow() {
             let opened = draw(&scene, &seen, &clipped(&settings, &cut)).image;
             let alone = render(&ball, &transfer, &seen, &clipped(&settings, &cut));
             let [difference, before] = [&opened, &shaded].map(|image| rms_covered(image, &alone));
-            // Post-shaded, light is read between voxels from a texture as large as what shows: software Vulkan rounds
-            // such places, by more than the cut changes.
+            // Post-shaded, light is interpolated in a texture as large as the visible part: software Vulkan rounds
+            // its coordinates by more than the change of the cut.
             let limit = if shading == Shading::Pre { 1e-4 } else { 2e-2 };
             assert!(difference < limit && before > 0.1, "{shading} {difference:e} {before:e}");
             let reference = Reference::new(&both, &transfer, &clipped(&settings, &cut)).unwrap();
@@ -387,7 +387,7 @@ fn an_eye_among_what_was_cut_away_sees_what_is_left() {
     let (volume, transfer) = demo("vessels", 24);
     let cut = clip(&[([0.0, 1.0, 0.0], 14.0)]);
     let settings = clipped(&exact_quads(), &cut);
-    // In the middle of what is cut away, looking at the rest.
+    // In the middle of the clipped part, looking at the rest.
     let view = View {
         projection: PERSPECTIVE,
         target: Some(DVec3::new(11.5, 18.0, 11.5)),

@@ -1,4 +1,4 @@
-//! Built-in volumes against what is known of them.
+//! Built-in volumes against their known properties.
 
 use glam::DVec3;
 use voxsplat::camera::View;
@@ -6,8 +6,8 @@ use voxsplat::settings::{Model, Settings};
 
 use crate::support::{coordinates, demo, exact_quads, look, render, transfer};
 
-/// The ellipsoids of the 3-D Shepp-Logan phantom: density, half axes, centre, turn about z in degrees. Written down
-/// again, so that a wrong number in the library's table shows.
+/// The ellipsoids of the 3-D Shepp-Logan phantom: density, half axes, centre, turn about z in degrees. A second copy,
+/// so that the test finds a wrong number in the library's table.
 const ELLIPSOIDS: [(f64, [f64; 3], [f64; 3], f64); 10] = [
     (1.0, [0.69, 0.92, 0.81], [0.0, 0.0, 0.0], 0.0),
     (-0.8, [0.6624, 0.874, 0.78], [0.0, -0.0184, 0.0], 0.0),
@@ -57,8 +57,8 @@ fn xray_of_shepp_logan_approaches_its_analytic_projection() {
         }
         (squares / (64.0 * 64.0)).sqrt() / peak
     };
-    // The phantom has sharp edges, the lattice samples them and the kernel blurs them: what is left falls with the
-    // spacing, the footprints themselves being exact.
+    // The lattice samples the sharp edges of the phantom and the kernel blurs them: the remaining error falls with the
+    // spacing, because footprints are exact.
     let [coarse, fine] = [error(36), error(144)];
     assert!(fine < 0.4 * coarse && fine < 0.02, "{coarse:e} {fine:e}");
 }

@@ -1,4 +1,4 @@
-//! Gradient opacity: pictures against the f64 truth, closed forms, and what users meet.
+//! Gradient opacity: pictures against the f64 truth, closed forms, and effects that users see.
 
 use voxsplat::kernel::Kernel;
 use voxsplat::settings::{Level, Model, Settings, Shading};
@@ -15,7 +15,7 @@ fn thinned(transfer: &TransferFunction, points: &[(f64, f64)]) -> TransferFuncti
     transfer.clone().with_gradient_opacity(points.iter().map(point).collect()).unwrap()
 }
 
-/// The errors are those without gradient opacity: 1.5 times what was measured.
+/// The errors are as large as without gradient opacity: limits are 1.5 times the measured errors.
 #[test]
 fn both_painters_thin_out_what_the_reference_thins_out() {
     let shadings = [(Shading::Pre, [2e-3, 3e-3]), (Shading::Post, [2e-2, 4e-2])];
@@ -38,7 +38,7 @@ fn both_painters_thin_out_what_the_reference_thins_out() {
     }
 }
 
-/// Cells stand for voxels that have been thinned out one by one.
+/// Gradient opacity applies to voxels before they become cells.
 #[test]
 fn cells_are_thinned_out_as_their_voxels_are() {
     let (volume, plain) = demo("marschner-lobb", 64);
@@ -58,17 +58,17 @@ fn cells_are_thinned_out_as_their_voxels_are() {
         let [thin, plain] = [&thin, &plain].map(|transfer| render(&volume, transfer, &camera, &at(0)));
         let effect = rms_covered(&thin, &plain);
         println!("{shading:?}: {with:e}, without {without:e}, effect {effect:e}");
-        // Post-shaded, the gradients of cells are a little shorter than those of voxels.
+        // Post-shaded, the gradients of cells are a little shorter than the gradients of voxels.
         assert!(with < 1.5 * without + 4e-3 && with < 2e-2, "{shading:?}: {with:e}, without {without:e}");
         assert!(effect > 3e-2, "{shading:?}: {effect:e}");
     }
 }
 
-/// A ramp has one gradient: what is left of it is a whole that absorbs as much less.
+/// A ramp has one gradient, so gradient opacity scales the whole absorption.
 #[test]
 fn a_share_of_extinction_stays() {
     let dims = [24, 24, 24];
-    // Along x, 2 a voxel and so 4 a world unit.
+    // Along x, 2 per voxel and so 4 per world unit.
     let samples = Samples::F32((0..24 * 24 * 24).map(|i| 2.0 * (i % 24) as f32).collect());
     let volume = Volume::new(Grid::axis_parallel(dims, [0.5, 0.4, 0.6]).unwrap(), samples).unwrap();
     let plain = transfer(&[(0.0, [0.8, 0.5, 0.2], 0.1)], Some(0.5));

@@ -1,4 +1,5 @@
-//! Labels and masks on lattices of their own: the picture is that of labels on the lattice of the scan.
+//! Labels and masks on other lattices than the scan: the picture equals the picture of labels on the lattice of the
+//! scan.
 
 use glam::{DAffine3, DMat3, DVec3};
 use voxsplat::camera::ProjectionKind;
@@ -29,7 +30,7 @@ fn label([x, y, z]: [usize; 3]) -> u8 {
     }
 }
 
-/// A volume whose samples are those of `sample` at the voxels of a lattice with these axes.
+/// A volume with the samples of `sample` at the voxels of a lattice with these axes.
 fn volume<T: Into<f64>>(
     dims: [usize; 3],
     axes: [DVec3; 3],
@@ -72,7 +73,7 @@ fn others() -> [(&'static str, Volume); 5] {
     };
     let around = [nx + 5, ny + 6, nz + 6];
     let border = ORIGIN - 3.0 * a - 2.0 * b - 4.0 * c;
-    // The middles of the eight fine voxels of a voxel are a quarter of it from its own.
+    // The centres of the eight fine voxels are a quarter of a voxel from the centre of the coarse voxel.
     let fine = [2 * nx, 2 * ny, 2 * nz];
     let corner = ORIGIN - (a + b + c) / 4.0;
     [
@@ -102,7 +103,7 @@ fn labels_on_other_lattices_give_the_picture_of_the_matching_one() {
     assert!(truth[0].pixels() != truth[1].pixels());
     assert!(on_lattice(&matching(), &scan).unwrap().1 == Fit::Same);
     for (name, labels) in others() {
-        // As it is, it is refused; the library says so of masks too.
+        // Without a new lattice the labels are refused, as labels and as masks.
         let refused = |error: Error| error.to_string();
         assert!(refused(over(&labels).unwrap_err()).starts_with("labels: "), "{name}");
         assert!(refused(masked(&labels).unwrap_err()).starts_with("mask: "), "{name}");
@@ -110,7 +111,7 @@ fn labels_on_other_lattices_give_the_picture_of_the_matching_one() {
         assert_eq!(fit, Fit::Nearest { outside: 0.0 }, "{name}");
         assert_eq!(placed.grid(), scan.grid());
         let drawn = [over(&placed).unwrap(), masked(&placed).unwrap()].map(|layers| picture(&layers, &scan));
-        // No label is interpolated, so each voxel has the label that it has in the truth, and a picture its bytes.
+        // No label is interpolated, so each voxel has its true label, and the picture has the same bytes.
         assert!(drawn[0].pixels() == truth[0].pixels() && drawn[1].pixels() == truth[1].pixels(), "{name}");
     }
 }
@@ -134,7 +135,7 @@ fn less_than_half_a_voxel_changes_no_label() {
 fn what_lies_outside_is_told_and_what_lies_elsewhere_is_refused() {
     let (scan, _) = scan();
     let [a, b, c] = axes();
-    // A block of labels of which a quarter lies beyond the last voxels along x.
+    // A block of labels; a quarter of it lies beyond the last voxels along x.
     let block = |along: f64| volume([8, 4, 4], [a, b, c], ORIGIN + along * a, |_| 5_u8, true);
     assert_eq!(on_lattice(&block(24.0), &scan).unwrap().1, Fit::Nearest { outside: 0.25 });
     let refused = |labels: &Volume, reason: &str| {
@@ -146,11 +147,11 @@ fn what_lies_outside_is_told_and_what_lies_elsewhere_is_refused() {
     // The lattices meet, the labels do not.
     let far = volume([60, 4, 4], [a, b, c], ORIGIN, |[x, ..]| u8::from(x > 40), true);
     refused(&far, "nothing of it lies in the volume");
-    // A file that does not say where it lies fits voxel by voxel, or not at all.
+    // A file without a position is matched voxel by voxel, or refused.
     let silent = volume(DIMS, DVec3::AXES, DVec3::ZERO, label, false);
     assert_eq!(on_lattice(&silent, &scan).unwrap().1, Fit::Unplaced);
     refused(&volume([3; 3], DVec3::AXES, DVec3::ZERO, |_| 1_u8, false), "do not say where both lie");
-    // Values of a rescaled file: outside there is label 0, not sample 0.
+    // Values of a rescaled file: outside is label 0, not sample 0.
     let rescaled = volume([8, 4, 4], [a, b, c], ORIGIN + 4.0 * a, |_| 4_u8, true).with_rescale(2.0, -3.0).unwrap();
     let (placed, _) = on_lattice(&rescaled, &scan).unwrap();
     let memory = placed.in_memory().unwrap();

@@ -1,4 +1,4 @@
-//! Several media on one lattice: labels, masks and scalars, by both painters against the f64 reference.
+//! Several layers on one lattice: labels, masks and scalars, by both painters against the f64 reference.
 
 use voxsplat::camera::ProjectionKind;
 use voxsplat::error::Error;
@@ -100,7 +100,7 @@ fn layers_volume(layers: &Layers) -> &'static Volume {
     &VOLUME
 }
 
-/// Both painters are within what they are of one volume: alpha by footprints and half floats, colours by the order of
+/// Both painters err as much as for one volume: alpha by footprints and half floats, colours by the order of
 /// matter in a slab.
 #[test]
 #[ignore = "slow: seven scenes by both painters in two projections, with light and without"]
@@ -160,7 +160,7 @@ fn an_xray_of_layers_adds_their_extinctions() {
     assert!(alpha <= 1e-4 && color <= 1e-4, "{color:e} {alpha:e}");
 }
 
-/// One volume as a layer is the volume.
+/// A volume as a single layer gives the picture of the volume.
 #[test]
 fn one_layer_is_its_volume() {
     let (volume, transfer) = demo("vessels", 32);
@@ -172,7 +172,7 @@ fn one_layer_is_its_volume() {
     ];
     let [alone, layer] = scenes.map(|scene| draw(&scene, &camera, &settings).image);
     assert!(alone.pixels() == layer.pixels());
-    // A mask of all of it changes at most how extinctions are rounded.
+    // A mask of the whole volume changes only the rounding of extinctions.
     let all = Volume::from_slice([32; 3], [1.0; 3], &[1_u8; 32 * 32 * 32]).unwrap();
     let masked = Layers::new(Layer::scalars(&volume, &transfer).masked(&all, &Which::All).unwrap());
     let masked = draw(&RENDERER.prepare_layers(&masked, &settings).unwrap(), &camera, &settings).image;

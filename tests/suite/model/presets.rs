@@ -12,7 +12,7 @@ fn volume(samples: Samples) -> Volume {
     Volume::new(grid, samples).unwrap()
 }
 
-/// The same sequence on every machine: a linear congruential generator, 0..1.
+/// A linear congruential generator, 0..1: the same sequence on every machine.
 fn noise(count: usize) -> Vec<f64> {
     let mut state = 1_u64;
     let next = || {
@@ -42,7 +42,7 @@ fn ct() -> Volume {
     volume(classes(&[(600, -1000.0), (350, 40.0), (50, 900.0)], 30.0))
 }
 
-/// Void, and two tissues of like extent.
+/// Empty space, and two tissues of similar extent.
 fn mri() -> Volume {
     volume(classes(&[(500, 30.0), (250, 400.0), (250, 700.0)], 29.0))
 }
@@ -99,7 +99,7 @@ fn odd_volumes_have_statistics() {
 
 #[test]
 fn presets_of_extreme_ranges_do_not_panic() {
-    // A range past that of f64, and the ends of 64-bit integers.
+    // A range wider than f64, and the ends of 64-bit integers.
     for samples in [Samples::F64(vec![-1.7e308, 0.0, 1.7e308]), Samples::U64(vec![0, 1, u64::MAX])] {
         let volume = volume(samples);
         let s = Statistics::of(&volume).unwrap();
@@ -155,7 +155,7 @@ fn ct_presets_take_hounsfield_units_at_their_word() {
     assert!(opacity("ct-muscle", -100.0) == 0.0 && opacity("ct-muscle", 60.0) > 0.2);
     assert!(opacity("ct-lung", -400.0) > 0.1 && opacity("ct-lung", -800.0) > 0.0);
     assert!([-1000.0, 0.0, 60.0, 900.0].iter().all(|&value| opacity("ct-lung", value) == 0.0));
-    // A file may state them where values do not show them.
+    // A file may state Hounsfield units that the values do not show.
     let flesh = volume(classes(&[(500, 0.0), (500, 60.0)], 9.0));
     let stated = flesh.with_units(Units { value: Some("HU".to_owned()), ..Units::default() });
     assert_eq!(TransferFunction::preset("ct-bone", &stated).unwrap().points(), transfer("ct-bone").points());
@@ -211,21 +211,21 @@ fn presets_need_a_name_and_a_range() {
     assert!(TransferFunction::preset("mri", &one).unwrap_err().to_string().contains("all 5"));
 }
 
-/// Values that a function of two independent numbers in 0..1 makes, and the spacing of a volume of them.
+/// A volume with values of a function of two independent numbers in 0..1, and with this spacing.
 fn made(spacing: f64, of: impl Fn(f64, f64) -> f64) -> Volume {
     let noise = noise(80_000);
     let values: Vec<f32> = noise.chunks(2).map(|n| of(n[0], n[1]) as f32).collect();
     Volume::from_slice([100, 100, 4], [spacing, spacing, 2.0 * spacing], &values).unwrap()
 }
 
-/// The same as unsigned integers.
+/// The same volume in unsigned integers.
 fn counted(spacing: f64, of: impl Fn(f64, f64) -> f64) -> Volume {
     let made = made(spacing, of);
     let values: Vec<u16> = (0..40_000).map(|i| made.in_memory().unwrap().value(i).round() as u16).collect();
     Volume::from_slice([100, 100, 4], [spacing, spacing, 2.0 * spacing], &values).unwrap()
 }
 
-/// A normally distributed number from one in 0..1 (Tukey's lambda distribution of 0.14).
+/// A normally distributed number from a number in 0..1 (Tukey's lambda distribution of 0.14).
 fn normal(p: f64) -> f64 {
     let p = p.clamp(1e-6, 1.0 - 1e-6);
     4.91 * (p.powf(0.14) - (1.0 - p).powf(0.14))

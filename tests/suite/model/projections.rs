@@ -1,4 +1,4 @@
-//! Projections beside the composite: what an X-ray shows of optical depth, minimum and average intensity.
+//! Projections other than the composite: the responses of an X-ray, minimum and average intensity.
 
 use glam::DVec3;
 use voxsplat::camera::{ProjectionKind, View};
@@ -26,7 +26,7 @@ fn an_xray_shows_depth_as_the_reference_does() {
             let rays = with_tiles(&quads, Resolution::Full);
             let expected = truth(&volume, &transfer, &camera, &quads);
             let deepest = expected.pixels().iter().map(|p| f64::from(p[0])).fold(0.0, f64::max);
-            // Normalised to the peak of kernels there is twelve times as much, and of an alpha nothing is left to see.
+            // Normalised to the peak of kernels, optical depth is twelve times as large, and alpha is 1 everywhere.
             let deep = normalization == Normalization::Peak;
             assert!(response != Response::Depth || deepest > if deep { 12.0 } else { 1.0 }, "{deepest}");
             let unit = if response == Response::Depth { deepest } else { 1.0 };
@@ -62,7 +62,7 @@ fn layers_of_cells_add_up_to_the_depth() {
     }
 }
 
-/// By quads in thin sheets, and by rays.
+/// Quads with thin sheets, and rays.
 fn both_painters(model: Model, kernel: Kernel) -> [Settings; 2] {
     let quads = thick(&Settings { model, kernel, ..exact_quads() }, 0.25);
     [with_tiles(&quads, Resolution::Full), quads]
@@ -110,7 +110,7 @@ fn a_minimum_is_the_maximum_of_what_is_mirrored() {
 
 #[test]
 fn what_is_outside_of_the_box_does_not_count() {
-    // A ramp along x, and a transfer function that shows values as alpha. The box is that of the voxels, 1:1:10.
+    // A ramp along x, and a transfer function that shows values as alpha. The box of the voxels is 1:1:10.
     let size = 16;
     let values: Vec<f32> = (0..size * size * size).map(|i| 1.0 + (i % size) as f32).collect();
     let grid = Grid::axis_parallel([size; 3], [1.0, 1.0, 10.0]).unwrap();
@@ -166,7 +166,7 @@ fn colours_of_depth_follow_the_reference() {
                 let rms = rms_covered(&render(&volume, &ramp, &camera, &settings), &expected);
                 let painter = &settings.painter;
                 println!("{model} {azimuth} {projection:?} {painter:?}: {rms:e}");
-                // Single pixels have two maxima nearly alike, at different depths.
+                // Single pixels have two nearly equal maxima at different depths.
                 assert!(rms < 2e-2, "{model} {azimuth} {projection:?} {painter:?}: {rms:e}");
             }
         }
@@ -186,7 +186,7 @@ fn attenuated_maxima_follow_the_reference() {
             let error = rms_covered(&image, &expected);
             let without = rms_covered(&render(&volume, &ramp, &camera, &plain), &expected);
             println!("{projection:?} {:?}: {error:e}, effect {without:e}", settings.painter);
-            // 1.5 times what was measured.
+            // 1.5 times the measured errors.
             assert!(error < 6e-3 && without > 0.1, "{projection:?} {:?}: {error:e}", settings.painter);
         }
     }
@@ -213,7 +213,7 @@ fn the_farther_a_maximum_is_the_dimmer() {
 
 #[test]
 fn the_nearest_is_red_and_the_farthest_violet() {
-    // Bright planes across a box that is seen along z.
+    // Bright planes across a box, seen along z.
     let transfer = transfer(&[(0.0, [1.0; 3], 0.0), (1.0, [1.0; 3], 0.9)], None);
     for (bright, expected) in [(0, [1.0, 0.0, 0.0]), (8, [0.0, 1.0, 0.25]), (16, [0.5, 0.0, 1.0])] {
         let values: Vec<f32> = (0..17_u32.pow(3)).map(|i| if i / (17 * 17) == bright { 1.0 } else { 0.0 }).collect();
@@ -224,7 +224,8 @@ fn the_nearest_is_red_and_the_farthest_violet() {
             let picture = render(&volume, &transfer, &look(&view, &volume, [9; 2]), &settings);
             let [r, g, b, a] = picture.pixels()[40].map(f64::from);
             let color = [r / a, g / a, b / a];
-            // A plane's maximum is half a voxel off an end of the box, or up to a voxel in what repeats its end.
+            // The maximum of a plane is half a voxel from an end of the box, or up to a voxel away in the copies beyond
+            // the end.
             let off = (0..3).map(|c| (color[c] - expected[c]).abs()).fold(0.0, f64::max);
             assert!(off < 0.3, "{bright} {:?}: {color:?}", settings.painter);
         }

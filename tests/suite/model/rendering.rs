@@ -1,4 +1,4 @@
-//! Pictures against the f64 reference, and what must leave them as they are.
+//! Pictures against the f64 reference, and changes that must not alter a picture.
 
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 use voxsplat::camera::{Camera, ProjectionKind, View};
@@ -51,7 +51,7 @@ fn anisotropic_and_sheared_grids_are_as_exact() {
         for projection in PROJECTIONS {
             let camera = camera(50.0, projection, &volume, 40);
             let expected = truth(&volume, &transfer, &camera, &exact_quads());
-            // Second order in the thickness: 2.9e-4, 1.1e-3 and 4.2e-3 were measured.
+            // Second order in the thickness: the measured errors are 2.9e-4, 1.1e-3 and 4.2e-3.
             for (thickness, limit) in [(0.5, 5e-4), (1.0, 2e-3), (2.0, 7e-3)] {
                 let settings = thick(&exact_quads(), thickness);
                 let (color, alpha) = errors(&render(&volume, &transfer, &camera, &settings), &expected);
@@ -78,7 +78,7 @@ fn kernels_and_normalisations_follow_the_reference() {
             let expected = truth(&volume, &transfer, &camera, &settings);
             let (color, alpha) = errors(&render(&volume, &transfer, &camera, &settings), &expected);
             assert!(alpha < 5e-5, "{kernel:?} {normalization:?}: alpha errs by {alpha:e}");
-            // Peak normalisation is twelve times denser: more happens within a sheet.
+            // Peak normalisation is twelve times denser: more matter lies within a sheet.
             let allowed = if normalization == Normalization::Unit { 4e-3 } else { 3e-2 };
             assert!(color < allowed, "{kernel:?} {normalization:?}: colour errs by {color:e}");
         }
@@ -124,7 +124,8 @@ fn densities_of_any_scale_neither_overflow_nor_vanish() {
             for precision in [Precision::F16, Precision::F32] {
                 let settings = with_quads(&exact_quads(), |q| q.precision = Some(precision));
                 let got = render(&volume, &transfer, &camera, &settings);
-                // f16 as software rasterisers round it: each of some fifty sums is cut off, more where kernels grow.
+                // f16 with the rounding of software rasterisers: each of some fifty sums is truncated, more if kernels
+                // grow.
                 let relative = if precision == Precision::F16 { 1.6e-2 } else { 5e-5 };
                 for (g, e) in got.pixels().iter().zip(expected.pixels()) {
                     let (g, e) = (f64::from(g[3]), f64::from(e[3]));
@@ -199,7 +200,7 @@ fn transparent_voxels_change_nothing() {
         (rendered.stats.splats_kept, rendered.image)
     });
     assert_eq!(small.0, large.0);
-    // Sheets cut the ball elsewhere, which does not tell in one of one colour; sums are rounded in another order.
+    // Sheets cut the ball elsewhere, which is invisible with one colour; sums are rounded in another order.
     let (color, alpha) = errors(&small.1, &large.1);
     assert!(alpha < 2e-6 && color < 3e-6, "colour {color:e}, alpha {alpha:e}");
 }

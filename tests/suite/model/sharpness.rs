@@ -1,4 +1,4 @@
-//! Sharper pictures: narrower kernels, and samples filtered for them.
+//! Sharper pictures: narrower kernels, and filtered samples.
 
 use glam::{DAffine3, DMat3, DVec3};
 use voxsplat::camera::View;
@@ -20,7 +20,7 @@ fn post(sharpness: f64) -> Settings {
     Settings { shading: Shading::Post, sharpness, ..Settings::default() }
 }
 
-/// By quads and by tiles, nothing left out.
+/// Settings of quads and of tiles without early termination.
 fn painters(settings: &Settings) -> [Settings; 2] {
     let exact = Settings { termination: 0.0, painter: exact_quads().painter, ..settings.clone() };
     [exact.clone(), with_tiles(&exact, Resolution::Full)]
@@ -39,7 +39,7 @@ fn assert_close(name: &str, size: u32, settings: &Settings, limits: [f64; 2]) {
     }
 }
 
-/// Limits are 1.5 times what was measured.
+/// Limits are 1.5 times the measured errors.
 #[test]
 fn both_painters_show_the_filtered_samples_of_the_reference() {
     assert_close("marschner-lobb", 24, &post(1.0), [6e-4, 2.4e-3]);
@@ -51,7 +51,7 @@ fn both_painters_show_the_filtered_samples_of_the_reference() {
 
 #[test]
 fn sharper_pictures_are_closer_to_the_field_that_was_sampled() {
-    // The same cube, sampled three times as densely along each axis, stands for the field itself.
+    // The same cube, sampled three times as densely along each axis, serves as the true field.
     let (coarse, transfer) = demo("shell", 24);
     let transfer = voxsplat::transfer::TransferFunction::new(transfer.points().to_vec(), Some(1.0)).unwrap();
     let fine = demos::volume("shell", 72).unwrap();
@@ -77,7 +77,7 @@ fn sharper_pictures_are_closer_to_the_field_that_was_sampled() {
 fn pre_shaded_a_sharper_kernel_is_a_narrower_blob() {
     let (volume, transfer) = demo("vessels", 24);
     let camera = camera(20.0, PERSPECTIVE, &volume, 32);
-    // Shadows are cast by kernels too.
+    // Kernels also cast shadows.
     let lights = vec![Light::directional(DVec3::new(0.4, -0.7, 1.0))];
     let lit = Settings {
         lighting: Some(Lighting { lights, shadows: 0.9, ..Lighting::default() }),

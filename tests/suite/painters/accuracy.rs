@@ -1,4 +1,4 @@
-//! Pictures that keep an error.
+//! Pictures within a requested error.
 
 use voxsplat::accuracy::{Truth, choose};
 use voxsplat::error::Error;
@@ -16,11 +16,11 @@ fn chosen_settings_keep_the_bound() {
     for (settings, bound) in [(&lit, 3e-2), (&lit, 3e-4), (&post, 1e-2)] {
         let chosen = choose(&RENDERER, &Layers::of(&volume, &transfer), &camera, settings, bound, 4096).unwrap();
         assert!(chosen.keeps && chosen.estimate.error <= bound, "{bound}: {:?}", chosen.estimate);
-        // All pixels: the choice saw as many.
+        // All pixels: the choice also traced all.
         let truth = Truth::trace(&Layers::of(&volume, &transfer), &camera, &chosen.settings, u32::MAX).unwrap();
         let all = truth.estimate(&chosen.rendered.image).unwrap();
         assert!(all.error <= bound, "{bound}: {all:?}");
-        // What is drawn stays, and the picture is that of the settings.
+        // The content stays, and the settings reproduce the picture.
         assert_eq!((chosen.settings.shading, &chosen.settings.lighting), (settings.shading, &settings.lighting));
         let again = draw(&prepare(&volume, &transfer, &chosen.settings), &camera, &chosen.settings);
         assert_eq!(again.image, chosen.rendered.image);

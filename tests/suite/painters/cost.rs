@@ -1,4 +1,4 @@
-//! No picture costs without bound: counted, not timed.
+//! The cost of every picture is bounded: counted, not timed.
 
 use voxsplat::camera::{ProjectionKind, View};
 use voxsplat::kernel::Kernel;
@@ -16,7 +16,7 @@ fn post() -> Settings {
     Settings { shading: Shading::Post, level: Level::Auto, ..exact_quads() }
 }
 
-/// The volume with other distances between its voxels.
+/// The volume with another spacing.
 fn spaced(volume: &Volume, spacing: [f64; 3]) -> Volume {
     volume.clone().with_grid(Grid::axis_parallel(volume.grid().dims(), spacing).unwrap()).unwrap()
 }
@@ -26,7 +26,7 @@ fn grown_scalars_cost_what_their_picture_costs() {
     let (volume, transfer) = demo("shell", 24);
     let fov = |fov| View { projection: ProjectionKind::Perspective { fov }, ..View::default() };
     let zoom = |zoom| View { zoom, ..View::default() };
-    // Voxels and copies of voxels; quads.
+    // The numbers of voxels and copies of voxels, and of quads.
     let cases = [
         ("zoom 0.01", volume.clone(), zoom(0.01), 48, Kernel::default()),
         ("zoom 1e-4", volume.clone(), zoom(1e-4), 48, Kernel::default()),
@@ -80,7 +80,8 @@ fn levels_give_way_to_each_other_without_a_pop() {
     let settings = post();
     let scene = prepare(&volume, &transfer, &settings);
     for projection in [ProjectionKind::Orthographic, PERSPECTIVE] {
-        // Where cells of 2 voxels begin to have a share, where voxels have none left, and the same of the next level.
+        // Growths at which cells of 2 voxels begin to have a share and voxels lose theirs, and the same for the next
+        // level.
         for growth in [4.0, 4.0 * 2_f64.sqrt(), 8.0, 8.0 * 2_f64.sqrt()] {
             let at = |factor: f64| {
                 let view_height = Some(6.0 * growth * factor);
@@ -88,8 +89,8 @@ fn levels_give_way_to_each_other_without_a_pop() {
                 draw(&scene, &look(&view, &volume, [6; 2]), &settings).image
             };
             let (color, alpha) = errors(&at(1.0 - 5e-6), &at(1.0 + 5e-6));
-            // Along parallel rays a picture has one level, which gives way to the next at once (here at 4 and 8): both
-            // are within 2 of 255 of voxels. 1.2e-3 and 6.1e-3 were measured.
+            // Along parallel rays a picture has one level, which the next replaces at once (here at 4 and 8): both
+            // are within 2 of 255 of voxels. The measured differences are 1.2e-3 and 6.1e-3.
             let limit = if projection == ProjectionKind::Orthographic { 2.0 / 255.0 } else { 1e-3 };
             assert!(color.max(alpha) < limit, "{projection:?}, growth {growth}: {color:e} {alpha:e}");
         }
@@ -101,7 +102,7 @@ fn what_would_cost_too_much_is_refused_in_one_line() {
     let (volume, transfer) = demo("marschner-lobb", 16);
     let volume = spaced(&volume, [1.0, 1.0, 1e10]);
     let settings = post();
-    // Odd: the ray of the middle pixel meets the volume, which is far narrower than a pixel.
+    // An odd size: the ray of the middle pixel meets the volume, which is far narrower than a pixel.
     let camera = look(&View::default(), &volume, [17; 2]);
     let scene = prepare(&volume, &transfer, &settings);
     let error = draw_on(&RENDERER, &scene, &camera, &settings).err().unwrap().to_string();
@@ -122,7 +123,7 @@ fn sheets_that_the_picture_does_not_show_are_left_out() {
     let settings = exact_quads();
     let rendered = picture(&volume, &transfer, &camera, &settings);
     assert!(by_quads(&rendered).sheets < 200, "{}", by_quads(&rendered).sheets);
-    // The one sheet of an X-ray holds all.
+    // The single sheet of an X-ray contains all matter.
     let xray = render(&volume, &transfer, &camera, &Settings { model: Model::Xray, ..settings });
     let alpha = errors(&rendered.image, &xray).1;
     assert!(alpha < 2e-4, "{alpha:e}");
@@ -152,12 +153,12 @@ fn the_reference_ends_and_is_right_in_the_densest_material() {
         let transfer = transfer(&points, Some(unit));
         Reference::new(&volume, &transfer, settings).unwrap().render(&camera).unwrap()
     };
-    // From some density on, all that is seen is the colour of the surface.
+    // From some density on, only the colour of the surface is visible.
     for (settings, bound) in [(exact_quads(), 1e-5), (post(), 1e-5)] {
         let (color, alpha) = errors(&at(1e-14, &settings), &at(1e-30, &settings));
         assert!(color < bound && alpha < 1e-6, "{:?}: {color:e} {alpha:e}", settings.shading);
     }
-    // The rim of such a kernel is 0: which voxels are seen first is a matter of rounding.
+    // The rim of such a kernel is 0: rounding determines the first visible voxels.
     let image = at(1e-30, &Settings { kernel: Kernel::KAISER_BESSEL, ..exact_quads() });
     assert!(image.pixels().iter().flatten().all(|c| (0.0..=1.0).contains(c)));
 }

@@ -1,4 +1,4 @@
-//! Rendering on a device that is the caller's, and into a texture of the caller's.
+//! Rendering on the caller's device, and into the caller's texture.
 
 use voxsplat::camera::{ProjectionKind, View};
 use voxsplat::error::Error;
@@ -45,7 +45,7 @@ impl Host {
         })
     }
 
-    /// The bytes of the texels, row by row, of a width whose rows are multiples of 256 bytes.
+    /// The bytes of the texels, row by row. The width must make rows of a multiple of 256 bytes.
     fn read(&self, texture: &wgpu::Texture) -> Vec<u8> {
         let size = texture.size();
         let row = size.width * texture.format().block_copy_size(None).unwrap();
@@ -77,7 +77,7 @@ fn a_texture_of_the_caller_gets_the_picture() {
     let Host { renderer, .. } = &host(Renderer::FEATURES);
     let host = host(Renderer::FEATURES);
     let (volume, transfer) = demo("vessels", 24);
-    // Post-shaded and lit, sheets hold gradients beside the scalars: this device has room for half floats only.
+    // Post-shaded and lit, sheets hold gradients beside the scalars: the limits of this device permit half floats only.
     let lit = Settings { shading: Shading::Post, lighting: headlight(), ..exact_quads() };
     let lit = with_quads(&lit, |q| q.precision = None);
     for settings in [Settings::default(), exact_quads(), lit] {
@@ -96,11 +96,12 @@ fn a_texture_of_the_caller_gets_the_picture() {
         assert_eq!(difference(&image, floats), 0.0);
         for format in [wgpu::TextureFormat::Rgba8Unorm, wgpu::TextureFormat::Rgba8UnormSrgb] {
             let bytes = render_into(format);
-            // Half a step of rounding, and as much of the encoding of sRGB formats, to which Vulkan allows 0.6 steps.
+            // Half a step of rounding, and another half for the encoding of sRGB formats, to which Vulkan allows 0.6
+            // steps.
             let error = difference(&image, bytes.iter().map(|&b| f32::from(b) / 255.0));
             assert!(error < 1.2 / 255.0, "{format:?}: {error}");
         }
-        // A scene of another device is refused, and so is a texture that does not fit.
+        // A scene of another device is refused, and so is a texture of another size.
         let other = renderer.render(&scene, &camera, &settings);
         assert!(matches!(other, Err(Error::Setting { name: "scene", .. })));
         let small = host.texture([64, 47], wgpu::TextureFormat::Rgba8Unorm);

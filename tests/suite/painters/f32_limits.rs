@@ -1,5 +1,5 @@
-//! The painter quads, and where it shares its geometry the painter tiles, where numbers of f32 would run out: units,
-//! origins, far eyes, wide pictures, thin voxels, wide fields of view, half floats.
+//! The limits of f32 for the painter quads, and for tiles if it shares the geometry: units, origins, distant eyes, wide
+//! pictures, thin voxels, wide fields of view, half floats.
 
 use glam::{DAffine3, DMat3, DVec3};
 use voxsplat::camera::{Camera, Projection, ProjectionKind, View};
@@ -25,7 +25,7 @@ fn placed(unit: f64, origin: f64) -> (Volume, TransferFunction) {
     (volume.with_grid(grid).unwrap(), transfer)
 }
 
-/// The same picture of a volume, whatever its unit of length and its origin.
+/// Compares pictures of a volume in several units of length and origins.
 fn oblique(projection: ProjectionKind, unit: f64, origin: f64, settings: &Settings) -> Image {
     let (volume, transfer) = placed(unit, origin);
     let view = View { azimuth: 33.0, elevation: 20.0, projection, ..View::default() };
@@ -40,7 +40,7 @@ fn models() -> [Settings; 3] {
 #[test]
 fn a_power_of_two_of_the_unit_changes_no_bit() {
     for settings in models() {
-        // Tiles draws no scalars by kernels that grow with the distance.
+        // Tiles draws no scalars with kernels that grow with the distance.
         let tiles = with_tiles(&Settings { antialiasing: false, ..settings.clone() }, Resolution::Capped);
         for settings in [with_quads(&settings, |_| ()), tiles] {
             for projection in PROJECTIONS {
@@ -197,7 +197,7 @@ fn oblique_rays_of_wide_fields_of_view_meet_thin_sheets() {
 
 #[test]
 fn narrow_kernels_are_classified_in_thin_sheets() {
-    // 0.113 (rms) is measured, and 0.1255 in sheets a voxel thick: the field has gaps between the kernels.
+    // The measured rms is 0.113, and 0.1255 with sheets a voxel thick: the field has gaps between the kernels.
     let (volume, transfer) = demo("shell", 24);
     let kernel = Kernel::Gaussian { sigma: 0.25, radius: 0.5 };
     let settings = Settings { shading: Shading::Post, kernel, ..exact_quads() };
@@ -209,7 +209,7 @@ fn narrow_kernels_are_classified_in_thin_sheets() {
 
 #[test]
 fn an_xray_in_half_floats_keeps_what_it_adds() {
-    // A long column, one sheet of which would take 6486 additions.
+    // A long column: one sheet would need 6486 additions.
     let grid = Grid::axis_parallel([8, 8, 512], [1.0; 3]).unwrap();
     let volume = Volume::new(grid, Samples::U8(vec![200; 8 * 8 * 512])).unwrap();
     let transfer = transfer(&[(0.0, [1.0; 3], 0.0), (200.0, [1.0; 3], 0.012)], None);
@@ -220,7 +220,7 @@ fn an_xray_in_half_floats_keeps_what_it_adds() {
         let camera = look(&view, &volume, [24; 2]);
         let [whole, slabs] = [&settings, &half].map(|settings| render(&volume, &transfer, &camera, settings));
         let (_, alpha) = errors(&whole, &slabs);
-        // What drivers lose that cut sums off.
+        // The loss with drivers that truncate sums.
         assert!(alpha < 8e-3, "{projection:?}: {alpha:e}");
     }
 }

@@ -1,7 +1,7 @@
-//! Small pictures, one issue each, held to one 8-bit step.
+//! Small pictures, each for one subject, compared to one 8-bit step.
 //!
-//! `VOXSPLAT_BLESS=front,oblique cargo golden` writes the pictures of these names anew, to be looked at before they are
-//! committed. `cargo golden-page` writes target/golden/index.html, which shows expected picture, actual picture and
+//! `VOXSPLAT_BLESS=front,oblique cargo golden` rewrites the pictures of these names. Look at them before you
+//! commit them. `cargo golden-page` writes target/golden/index.html, which shows expected picture, actual picture and
 //! difference of all goldens side by side. A missing picture fails.
 
 use std::fmt::Write;
@@ -29,7 +29,7 @@ struct Golden {
     outcome: OnceLock<Outcome>,
 }
 
-/// What a golden looks like now, beside how it should.
+/// A golden beside its actual picture.
 struct Outcome {
     actual: Image,
     expected: Image,
@@ -59,9 +59,9 @@ goldens! {
     front: "vessels", View::default(), quads();
     oblique: "marschner-lobb", turned(35.0, 30.0), quads();
     perspective: "marschner-lobb", through_eye(60.0, turned(-50.0, 20.0)), quads();
-    // They meet in the middle.
+    // The two tones meet in the middle.
     two_tones: "sphere", turned(60.0, 0.0), quads();
-    // Translucent ones.
+    // Translucent layers.
     layers: "shepp-logan", turned(20.0, 15.0), quads();
     kaiser_bessel: "marschner-lobb", turned(35.0, 30.0), Settings { kernel: Kernel::KAISER_BESSEL, ..quads() };
     roll_zoom_target: "vessels",
@@ -87,7 +87,7 @@ goldens! {
     rays_post_lit: "vessels", View { zoom: 1.5, ..turned(-40.0, 20.0) },
         Settings { shading: Shading::Post, lighting: headlight(), ..tiles() };
     rays_mip: "vessels", View { zoom: 1.5, ..turned(30.0, 10.0) }, Settings { model: Model::Mip, ..tiles() };
-    // What is drawn beside the volume; letters need a larger picture.
+    // Parts of a figure; letters need a larger picture.
     figure: "vessels", through_eye(30.0, turned(35.0, 25.0)), quads(), everything();
 }
 
@@ -117,7 +117,7 @@ fn everything() -> Figure {
     Figure { scale_bar: true, axes: true, color_bar: true, title, caption, ..Figure::default() }
 }
 
-/// One step of 8 bits. Drivers and processors round differently, which may turn a value over the border of two steps.
+/// One step of 8 bits. Drivers and processors round differently, so a value may cross the border of two steps.
 const STEP: f64 = 1.01 / 255.0;
 
 fn pictures() -> PathBuf {
@@ -128,7 +128,7 @@ fn results() -> PathBuf {
     Path::new(env!("CARGO_TARGET_TMPDIR")).with_file_name("golden")
 }
 
-/// The names of the goldens that are to be written anew.
+/// The names of the goldens to rewrite.
 static BLESSED: LazyLock<Vec<String>> = LazyLock::new(|| {
     let names = std::env::var("VOXSPLAT_BLESS").unwrap_or_default();
     let names: Vec<String> = names.split(',').filter(|name| !name.is_empty()).map(str::to_owned).collect();

@@ -1,4 +1,4 @@
-//! What is left out, counted. `src/gpu/savings_test.rs` has the pictures with and without.
+//! Counts of skipped work. `src/gpu/savings_test.rs` compares pictures with and without it.
 
 use voxsplat::camera::View;
 use voxsplat::kernel::Kernel;
@@ -13,7 +13,7 @@ use crate::support::{
     draw_on, exact_quads, headlight, look, new_renderer, picture, prepare_on, thick, transfer, with_quads,
 };
 
-/// Two balls that fade outwards, one in the middle, over a background that falls away from them: what is dropped is
+/// Two balls that fade outwards, one in the middle, over a background that falls away from them: dropped values are
 /// not 0.
 fn balls() -> (Volume, TransferFunction) {
     let dims = [110, 26, 26];
@@ -51,7 +51,7 @@ fn counted(volume: &Volume, reach: f64) -> [u64; 2] {
 #[test]
 fn post_shading_keeps_exactly_the_scalars_that_can_take_part() {
     let (volume, transfer) = balls();
-    // Two voxels meet in a pixel where each is within a kernel radius of its three sheets.
+    // Two voxels meet in a pixel if each is within a kernel radius of its three sheets.
     for (sheet_thickness, reach) in [(1.0, 2.0 * 2.0 + 3.0), (0.25, 2.0 * 2.0 + 0.75)] {
         let settings = Settings { shading: Shading::Post, antialiasing: false, ..exact_quads() };
         let settings = thick(&settings, sheet_thickness);
@@ -98,14 +98,14 @@ fn only_what_a_scene_needs_is_made_and_sent() {
         let quads = *first.quads().unwrap();
         let splats = first.splats_kept + first.splats_padding;
         let bytes = if settings.is_post_shaded() { 8 } else { 16 };
-        // And the places of bricks.
+        // Also the places of bricks.
         let places = first.scene_bytes - bytes * splats;
         assert!((16..=16 * u64::from(first.bricks_uploaded)).contains(&places), "{settings:?}: {places}");
         assert!(quads.passes <= u64::from(quads.batches));
         if settings.model == Model::Xray {
             assert_eq!((quads.sheets, quads.passes, quads.quads), (1, 1, splats));
         }
-        // Turned, the camera sends what a picture of no splats does, and the list of the bricks' places in the sort.
+        // A turned camera sends as much as a picture without splats, and the list of the bricks' places in the sort.
         for azimuth in [40.0, 200.0] {
             let next = turn(&renderer, &scene, &volume, &settings, azimuth);
             assert_eq!((next.pipelines, next.scene_bytes), (pipelines, first.scene_bytes));
@@ -124,13 +124,13 @@ fn a_change_redoes_only_the_stages_that_depend_on_it() {
     for settings in [pre, post] {
         let scene = prepare_on(&renderer, &volume, &transfer, &settings).unwrap();
         let first = turn(&renderer, &scene, &volume, &settings, 10.0);
-        // Another light: parameters.
+        // Another light sends parameters.
         let lighting = Lighting { lights: vec![Light::directional(glam::DVec3::X)], ..Lighting::default() };
         let light = Settings { lighting: Some(lighting), ..settings.clone() };
         let stats = turn(&renderer, &scene, &volume, &light, 10.0);
         assert_eq!(stats.pipelines, first.pipelines);
         assert!(stats.bytes_sent < 40_000, "light: {} bytes", stats.bytes_sent);
-        // A narrower kernel of the same truncation: another table.
+        // A narrower kernel with the same truncation sends another table.
         let kernel = Kernel::Gaussian { sigma: 0.8, radius: 2.0 };
         let stats = turn(&renderer, &scene, &volume, &Settings { kernel, ..settings.clone() }, 10.0);
         assert_eq!(stats.pipelines, first.pipelines);
@@ -138,7 +138,7 @@ fn a_change_redoes_only_the_stages_that_depend_on_it() {
         let scalars = if settings.is_post_shaded() { stats.scene_bytes } else { 0 };
         let sent = scalars..scalars + 40_000;
         assert!(sent.contains(&stats.bytes_sent), "kernel: {} bytes, scalars {scalars}", stats.bytes_sent);
-        // Another transfer function: no pipelines.
+        // Another transfer function makes no pipelines.
         let points = transfer.points().iter().map(|p| ControlPoint { value: p.value + 10.0, ..*p }).collect();
         let other = TransferFunction::new(points, None).unwrap();
         let scene = prepare_on(&renderer, &volume, &other, &settings).unwrap();

@@ -18,7 +18,7 @@ pub(crate) fn camera(azimuth: f64, elevation: f64, zoom: f64, volume: &Volume, s
     look(&View { azimuth, elevation, zoom, ..View::default() }, volume, [size; 2])
 }
 
-/// From one eye, so far from the middle of the volume where that is given.
+/// A perspective camera, at this distance from the middle of the volume if one is given.
 pub(crate) fn from_eye(
     [azimuth, elevation, fov]: [f64; 3],
     distance: Option<f64>,
@@ -29,11 +29,11 @@ pub(crate) fn from_eye(
     look(&View { azimuth, elevation, projection, distance, ..View::default() }, volume, [size; 2])
 }
 
-/// The largest errors of colour and alpha with a ray per pixel, 1.1 to 2 times those that were measured.
+/// The limits of the errors of colour and alpha with a ray per pixel: 1.1 to 2 times the measured errors.
 ///
-/// What is in a slab is merged: the error of colours is of second order in its thickness, 1 to 1.7 voxels. It is
+/// The matter of a slab is merged: the error of colours is of second order in its thickness, 1 to 1.7 voxels. It is
 /// largest if one colour hides another within a slab, as in thin vessels, and least in ellipsoids of nearly one colour.
-/// Alpha errs by the fit of footprints by polynomials alone.
+/// The error of alpha comes only from the fit of footprints by polynomials.
 const LIMITS: [(&str, f64, f64); 3] =
     [("marschner-lobb", 2e-3, 1e-4), ("vessels", 4e-3, 1.5e-4), ("shepp-logan", 2e-4, 2e-4)];
 
@@ -70,7 +70,7 @@ fn kernels_reach_three_voxels_along_parallel_rays() {
         (wide(Kernel::Gaussian { sigma: 1.3, radius: 3.0 }), 30.0),
         (wide(Kernel::KaiserBessel { radius: 2.6, alpha: 10.4 }), 30.0),
     ];
-    // Of thin vessels along the diagonal, slabs are 1.7 voxels thick: 4.7e-3 by the steep blob.
+    // Along the diagonal slabs of thin vessels are 1.7 voxels thick: 4.7e-3 with the steep blob.
     for (name, limit) in [("marschner-lobb", 3e-3), ("vessels", 6e-3)] {
         let (volume, transfer) = demo(name, 24);
         for (settings, height) in &cases {
@@ -93,8 +93,8 @@ fn kernels_reach_three_voxels_along_parallel_rays() {
 
 #[test]
 fn straight_rays_are_those_that_lean_a_little() {
-    // Straight ones find their footprints once, the others in every plane. Eight share voxels: of 5, 6 or 7 rows, in
-    // blocks of 2 or 4 pixels across. In small pictures that are turned, and of scalars, each is on its own.
+    // Straight rays compute their footprints once, other rays in every plane. Eight share voxels: of 5, 6 or 7 rows, in
+    // blocks of 2 or 4 pixels across. In small turned pictures, and for scalars, rays are separate.
     let post = Settings { shading: Shading::Post, ..full() };
     let cases = [
         full(),
@@ -108,7 +108,7 @@ fn straight_rays_are_those_that_lean_a_little() {
     let upright = [(0.0, 0.0, 0.0, 40), (90.0, 0.0, 0.0, 40), (180.0, 0.0, 0.0, 40), (0.0, 90.0, 0.0, 40)];
     let turned = [(90.0, 0.0, 90.0, 60), (180.0, 0.0, 30.0, 40), (180.0, 0.0, 30.0, 130), (0.0, 90.0, 0.0, 91)];
     for settings in cases {
-        // A maximum of scalars may be that of another voxel.
+        // A maximum of scalars may belong to another voxel.
         let turned = turned.into_iter().filter(|_| settings.model != Model::Mip);
         for (azimuth, elevation, roll, size) in upright.into_iter().chain(turned) {
             let [straight, leaning] = [0.0, 1e-3].map(|degrees| {
@@ -148,7 +148,7 @@ fn rays_through_one_eye_are_those_of_the_reference() {
 fn kernels_grow_with_their_depth_before_an_eye() {
     let grown = Settings { antialiasing: true, ..full() };
     let wide = Kernel::Gaussian { sigma: 1.3, radius: 3.0 };
-    // From 1 in front to 1.5 behind, or as asked for up to the middle; some that are wide and do not grow.
+    // Growths from 1 in front to 1.5 behind, or 1 up to the middle; some kernels are wide and do not grow.
     let cases = [
         (grown.clone(), 24.0),
         (grown.clone(), 19.0),
@@ -205,8 +205,8 @@ fn scalars_of_kernels_that_grew_err_about_as_little_as_by_quads() {
                 assert_eq!(ours.stats.painter.name(), "tiles");
                 assert!(growth > 1.3 && growth <= 2.0, "{growth}");
                 let [ours, by_quads] = [ours, by_quads].map(|got| rms_covered(&got.image, &expected));
-                // Parts of kernels are fitted where sheets of quads take exact means, and a slab is lit by the gradient
-                // in its middle, a sheet by one in each half.
+                // Parts of kernels are fits, and sheets of quads exact means; a slab is lit by the gradient in its
+                // middle, a sheet by one gradient in each half.
                 let share = if settings.lighting.is_some() { 3.0 } else { 1.8 };
                 println!("{name} {projection:?} {azimuth} {growth:.2}: {ours:.1e}, quads {by_quads:.1e}");
                 assert!(ours < share * by_quads, "{name} {projection:?} {azimuth}: {ours:e} {by_quads:e}");
@@ -219,12 +219,11 @@ fn scalars_of_kernels_that_grew_err_about_as_little_as_by_quads() {
 #[ignore = "slow: 30 post-shaded truths"]
 fn scalars_are_classified_about_as_well_as_by_quads() {
     let post = Settings { shading: Shading::Post, ..full() };
-    // A share of quads' error, and a limit of its own for each volume: one and a half times what was measured.
-    // Halves of sheets are lit on their own, and their means are exact: tiles err 1.55 times as much as quads, lit 2.75
-    // times, and by the blob 0.72 times.
-    // Slabs are thinner than sheets, their means less exact where kernels end in a jump. A slab is lit
-    // by the gradient in its middle, a sheet by one in each half. The largest value of a ray is that of a jump in many
-    // pixels of marschner-lobb.
+    // A share of quads' error, and a limit for each volume: one and a half times the measured error. Halves of sheets
+    // are lit separately, and their means are exact: tiles errs 1.55 times as much as quads, lit 2.75 times, and with
+    // the blob 0.72 times. Slabs are thinner than sheets, and their means less exact if kernels end in a jump. A slab
+    // is lit by the gradient in its middle, a sheet by one in each half. In many pixels the largest value of a ray lies
+    // at a jump, as in marschner-lobb.
     let cases = [
         (post.clone(), 1.7, [2.7e-3, 1.6e-3]),
         (Settings { interslice: Interslice::Mean, ..post.clone() }, 1.2, [2.8e-3, 2.6e-3]),
@@ -238,7 +237,7 @@ fn scalars_are_classified_about_as_well_as_by_quads() {
             let cameras = [
                 camera(100.0, -50.0, 1.0, &volume, 36),
                 from_eye([45.0, 35.0, 60.0], None, &volume, 36),
-                // In the middle of it.
+                // The eye is inside the volume.
                 from_eye([10.0, 5.0, 100.0], Some(6.0), &volume, 36),
             ];
             let squares = cameras.map(|camera| {
@@ -256,7 +255,7 @@ fn scalars_are_classified_about_as_well_as_by_quads() {
 
 #[test]
 fn scalars_fill_their_box_and_what_shows_everywhere_shows() {
-    // All opaque at the base too: a uniform box.
+    // Opaque at the base too: a uniform box.
     let grid = Grid::axis_parallel([12, 10, 14], [1.0; 3]).unwrap();
     let volume = Volume::new(grid, Samples::F32(vec![0.25; 12 * 10 * 14])).unwrap();
     let transfer = transfer(&[(0.0, [0.2, 0.4, 0.8], 0.1), (1.0, [0.2, 0.4, 0.8], 0.1)], None);
@@ -304,7 +303,7 @@ fn every_model_that_is_served_follows_the_reference() {
             assert_eq!(got.stats.painter.name(), "tiles");
             let (color, alpha) = errors(&got.image, &expected);
             // A slab is 1.2 voxels thick, which is much of a narrow kernel: it errs by 4.7e-3, others by 9.2e-4.
-            // One sum has no slabs. Alpha is that of footprints fitted by polynomials: 9.4e-5.
+            // A single sum has no slabs. Alpha errs by the fit of footprints by polynomials: 9.4e-5.
             let narrow = settings.kernel.radius() < 2.0;
             let limit = if settings.model == Model::Xray { 1.5e-4 } else { [1.5e-3, 6e-3][usize::from(narrow)] };
             assert!(alpha < 1.5e-4 && color < limit, "{settings:?} {camera:?}: {color:e} {alpha:e}");
@@ -346,7 +345,7 @@ fn termination_is_bounded_and_repeats_are_equal() {
         let settings = Settings { termination: 1e-2, ..exact.clone() };
         let got = draw(&scene, &camera, &settings).image;
         let (color, alpha) = errors(&got, &whole);
-        // Enlarged, an error of the raster can grow by what the spline's weights add up to.
+        // Enlargement can multiply an error of the raster by the sum of the spline's weights.
         assert!(color.max(alpha) < 1.5e-2 && color > 0.0, "{color:e} {alpha:e}");
         assert!(draw(&scene, &camera, &exact).image.pixels() == whole.pixels());
     }
@@ -402,15 +401,15 @@ fn turning_packs_the_volume_once_an_axis() {
         let camera = camera(azimuth, 20.0, 1.0, &volume, 96);
         let stats = draw_on(&renderer, &scene, &camera, &settings).unwrap().stats;
         let packs = stats.stages.iter().any(|s| s.name == "pack");
-        // Software adapters pack dense volumes on the host, which sends what it packed.
+        // Software adapters pack dense volumes on the host, which sends the packed texture.
         let sent = if other_axis && renderer.adapter().is_software() { stats.tiles().unwrap().packed_bytes } else { 0 };
-        // Beside it marches send uniforms, most of them tables of sections: rays of images, and of pixels. The first
-        // picture may send the splats.
+        // Marches also send uniforms, mostly tables of sections: rays of images, and of pixels. The first picture may
+        // send the splats.
         let most = sent + 12_000 + if other_axis { stats.scene_bytes } else { 0 };
         assert!(stats.bytes_sent < most, "{} of {most}", stats.bytes_sent);
         packs
     };
-    // A GPU without timestamps lists no stages; the bytes sent are held all the same.
+    // A GPU without timestamps lists no stages; the sent bytes are still compared.
     let listed = packs(25.0, true);
     assert!(listed || !renderer.adapter().is_software(), "the host has a clock");
     assert!(!packs(10.0, false) && !packs(35.0, false));
@@ -421,7 +420,7 @@ fn turning_packs_the_volume_once_an_axis() {
 fn packing_over_another_light_leaves_nothing_of_it() {
     // Its own, for nobody else to be counted.
     let renderer = new_renderer();
-    // Dense: by the host, if the adapter is software. Sparse: by the device.
+    // The host packs dense volumes if the adapter is software, the device sparse volumes.
     for name in ["marschner-lobb", "vessels"] {
         let (volume, transfer) = demo(name, 48);
         let settings = |lighting| with_tiles(&Settings { lighting, ..full() }, Resolution::Capped);

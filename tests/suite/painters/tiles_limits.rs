@@ -1,4 +1,4 @@
-//! Hard cases of the painter `tiles`: dense material, far eyes, odd lattices, volumes that outgrow its textures.
+//! Hard cases of the painter `tiles`: dense material, distant eyes, odd lattices, volumes that outgrow its textures.
 
 use glam::{DAffine3, DMat3, DVec3};
 use voxsplat::camera::{Camera, ProjectionKind, View};
@@ -17,7 +17,7 @@ fn oblique(projection: ProjectionKind, zoom: f64, volume: &Volume, size: u32) ->
     look(&View { azimuth: 33.0, elevation: 20.0, projection, zoom, ..View::default() }, volume, [size; 2])
 }
 
-/// From a clear blue over red to white, whose opacity of 1 is this optical depth a voxel.
+/// From a transparent blue over red to white; an opacity of 1 is this optical depth per voxel.
 fn opaque([clear, red, white]: [f64; 3], depth: f64) -> TransferFunction {
     let points = [(clear, [0.1, 0.2, 0.9], 0.0), (red, [0.8, 0.1, 0.1], 1.0), (white, [0.9, 0.95, 0.7], 1.0)];
     // Opacity 1 stands for an optical depth of 16 ln 2.
@@ -38,8 +38,9 @@ fn assert_in_range(image: &Image, brightest: [f32; 3], what: &str) {
 
 #[test]
 fn dense_material_is_as_right_as_by_quads() {
-    // Optical depth of a voxel, and the largest error (rms of covered pixels) as a multiple of that of quads. From 69
-    // on the fit of parts shows, which errs by a hundredth of a kernel; by 700 that hides what is behind it.
+    // Optical depth of a voxel, and the largest error (rms of covered pixels) as a multiple of the error of quads. From
+    // 69 on the fit of parts is visible, which errs by a hundredth of a kernel; at 700 such a part hides the matter
+    // behind it.
     let depths = [(0.7, 1.6), (2.3, 0.8), (6.9, 1.0), (11.0, 1.1), (23.0, 1.4), (69.0, 1.5), (700.0, 2.2), (7e3, 3.5)];
     for (name, values, zoom) in [
         ("sphere", [50.0, 100.0, 255.0], 1.0),
@@ -185,8 +186,8 @@ fn neither_origin_nor_unit_of_the_lattice_matters() {
             for (spacing, origin) in [(1e-6, 1e7), (1e-3, 1e9), (1e-9, 0.0), (1e9, 0.0), (1e-30, 0.0), (1e30, 0.0)] {
                 let (color, alpha) = errors(&drawn(spacing, origin), &expected);
                 let what = format!("{settings:?} {projection:?} {spacing:e} {origin:e}");
-                // The middle of the lattice is rounded to 1e-16 of the origin: to 2e-3 of a voxel at worst.
-                // Packed normals are rounded elsewhere in another unit: 2.6e-5 of a lit colour.
+                // The middle of the lattice is rounded to 1e-16 of the origin: at most 2e-3 of a voxel. Packed normals
+                // round differently in another unit: 2.6e-5 of a lit colour.
                 let rounded = if settings.lighting.is_some() { 1e-4 } else { 1e-5 };
                 let limit = if origin == 0.0 { rounded } else { 5e-4 };
                 assert!(color < limit && alpha < limit, "{what}: colour {color:e}, alpha {alpha:e}");
@@ -195,7 +196,7 @@ fn neither_origin_nor_unit_of_the_lattice_matters() {
     }
 }
 
-/// Bright voxels here and there in a volume that is clear otherwise.
+/// Scattered bright voxels in a transparent volume.
 fn sparse(dims: [u32; 3], every: usize) -> Volume {
     let count = dims.into_iter().map(|n| n as usize).product();
     let samples = (0..count).map(|index: usize| if index.is_multiple_of(every) { 200 } else { 0 }).collect();
@@ -208,7 +209,7 @@ fn runs_of_many_planes_are_kept_for_a_part_of_the_picture_at_a_time() {
     let volume = sparse([16, 16, 8192], 40_009);
     let transfer = transfer(&[(0.0, [1.0, 0.5, 0.2], 0.0), (255.0, [1.0, 0.5, 0.2], 0.5)], None);
     let view = View { elevation: 90.0, zoom: 1.2, ..View::default() };
-    // Runs of 8192 planes take 129 bytes a pixel, in parts of at most 256 MiB.
+    // Runs of 8192 planes take 129 bytes per pixel, in parts of at most 256 MiB.
     let camera = look(&view, &volume, [1500; 2]);
     let got = picture(&volume, &transfer, &camera, &full());
     by_tiles(&got);
@@ -233,7 +234,7 @@ fn what_outgrows_a_texture_is_drawn_by_quads() {
 
 #[test]
 fn more_rays_than_a_texture_has_points_are_those_of_pixels() {
-    // One ray a voxel would be more rays than pixels, and than a texture has room for.
+    // One ray per voxel would be more rays than pixels, and more than a texture has texels.
     let volume = sparse([16_500, 8, 8], 10_007);
     let transfer = transfer(&[(0.0, [1.0, 0.5, 0.2], 0.0), (255.0, [1.0, 0.5, 0.2], 0.5)], None);
     let camera = oblique(ProjectionKind::Orthographic, 1.0, &volume, 64);

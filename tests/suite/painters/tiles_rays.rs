@@ -1,4 +1,4 @@
-//! How dense the rays of the painter `tiles` are, and what changes where that or their axis does.
+//! The density of the rays of the painter `tiles`, and the changes of pictures if the density or the axis changes.
 
 use voxsplat::Image;
 use voxsplat::camera::{ProjectionKind, View};
@@ -44,7 +44,7 @@ fn capped_rays_serve_every_kernel_lattice_and_volume() {
     let is_bright = |n: usize| six.contains(&[n % 12, n / 12 % 12, n / 144]);
     let dots = (0..12 * 12 * 12).map(|n| f32::from(u8::from(is_bright(n)))).collect();
     let dots = Volume::new(Grid::axis_parallel([12; 3], [1.0; 3]).unwrap(), Samples::F32(dots)).unwrap();
-    // Every voxel on its own, by a permutation of 24^3 places (Knuth's multiplier).
+    // Independent voxels, by a permutation of 24^3 places (Knuth's multiplier).
     let noise = (0..24_u32.pow(3)).map(|n| n.wrapping_mul(2_654_435_761) as f32 / u32::MAX as f32).collect();
     let noise = Volume::new(Grid::axis_parallel([24; 3], [1.0; 3]).unwrap(), Samples::F32(noise)).unwrap();
     let ramp = |opacity| transfer(&[(0.0, [0.2, 0.4, 0.9], 0.0), (1.0, [1.0, 0.8, 0.3], opacity)], None);
@@ -80,7 +80,7 @@ fn capped_rays_serve_every_kernel_lattice_and_volume() {
     }
 }
 
-/// What a thousandth of a degree changes, by tiles and in truth.
+/// The change by a thousandth of a degree, with tiles and in truth.
 fn pop(source: (&str, u32), settings: &Settings, view: &View, size: u32) -> (f32, f32) {
     let (volume, transfer) = demo(source.0, source.1);
     let cameras = [-0.0005, 0.0005].map(|degrees| {
@@ -120,7 +120,7 @@ fn turning_over_a_tie_of_axes_changes_pictures_as_the_reference() {
 #[test]
 fn turning_past_numbers_of_rays_changes_pictures_as_the_reference() {
     let capped = with_tiles(&full(), Resolution::Capped);
-    // Elevation 0: one shear is 0, and the other passes all windows between numbers of rays.
+    // Elevation 0: one shear is 0, and the other passes every change of the number of rays.
     for azimuth in [1.72, 2.86, 3.434, 4.0, 5.14, 8.53, 10.204, 12.4, 42.92, 43.531, 44.13] {
         let view = View { azimuth, ..View::default() };
         let (got, expected) = pop(("marschner-lobb", 24), &capped, &view, 80);
@@ -148,7 +148,7 @@ fn a_turn_in_steps_of_up_to_a_degree_changes_pictures_as_the_reference() {
             let (got, expected) = frames(settings, azimuth, projection);
             if let Some((got_before, expected_before)) = &before {
                 let beyond = change(&got, got_before) - change(&expected, expected_before);
-                // Slabs of scalars are classified by their means: single pixels of a picture err by more than a step.
+                // Slabs of scalars are classified by their means: single pixels err by more than a step.
                 let limit = if settings.is_post_shaded() { 8e-3 } else { 1.0 / 255.0 };
                 let worst = &mut worst[usize::from(settings.is_post_shaded())];
                 *worst = worst.max(beyond);
@@ -160,7 +160,7 @@ fn a_turn_in_steps_of_up_to_a_degree_changes_pictures_as_the_reference() {
     turn(&capped, ProjectionKind::Orthographic, &mut (0..=360).map(f64::from));
     turn(&capped, through_eye, &mut (0..=90).map(f64::from));
     turn(&post, ProjectionKind::Orthographic, &mut (0..=90).map(f64::from));
-    // Around a tie of axes, and where the number of rays changes.
+    // Around a tie of axes, and around a change of the number of rays.
     for step in [0.01, 0.1] {
         for place in [45.0, 43.5] {
             for settings in [&capped, &post] {
@@ -182,7 +182,7 @@ fn a_seam_between_axes_inside_a_picture_does_not_show() {
         let got = picture(&volume, &transfer, &camera, &settings).image;
         let expected = truth(&volume, &transfer, &camera, &settings);
         let error = |x: usize, y: usize| f64::from(got.pixels()[y * 65 + x][3] - expected.pixels()[y * 65 + x][3]);
-        // The second difference of the error across the seam, against that of the columns around it.
+        // The second difference of the error across the seam, against the columns around it.
         let jump = |x: usize| {
             let rows = (0..65).map(|y| (error(x - 1, y) - 2.0 * error(x, y) + error(x + 1, y)).abs());
             rows.fold(0.0, f64::max)
