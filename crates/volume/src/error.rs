@@ -1,6 +1,6 @@
 //! The one error type of this crate.
 
-use std::fmt::{self, Write as _};
+use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -152,12 +152,22 @@ impl Error {
         Self::Format { path: path.to_owned(), reason: reason.into(), hint: None }
     }
 
+    /// An [`Error::Read`], for `map_err`.
+    pub(crate) fn read(path: &Path) -> impl Fn(io::Error) -> Self {
+        |source| Self::Read { path: path.to_owned(), source }
+    }
+
+    /// An [`Error::Setting`].
+    pub(crate) fn setting(name: &'static str, reason: impl Into<String>) -> Self {
+        Self::Setting { name, reason: reason.into() }
+    }
+
     /// A failed read as [`Error::Format`] if the content is at fault, otherwise as [`Error::Read`].
     pub(crate) fn of_content(path: &Path, source: io::Error) -> Self {
         use io::ErrorKind::{InvalidData, InvalidInput, Other, UnexpectedEof};
         match source.kind() {
             InvalidData | InvalidInput | UnexpectedEof | Other => path.error(format!("is damaged: {source}")),
-            _ => Self::Read { path: path.to_owned(), source },
+            _ => Self::read(path)(source),
         }
     }
 
@@ -216,16 +226,12 @@ pub struct Line<'a>(pub &'a str);
 
 impl fmt::Display for Line<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let plain = |c: char| if c.is_control() { ' ' } else { c };
+        let plain: Vec<char> = self.0.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
         // The end states what is expected, so it is kept as well.
         let half = MAX_REASON / 2;
-        match (self.0.char_indices().nth(half), self.0.char_indices().rev().nth(half - 1)) {
-            (Some((head, _)), Some((tail, _))) if head < tail => {
-                self.0[..head].chars().map(plain).try_for_each(|c| f.write_char(c))?;
-                f.write_str(" ... ")?;
-                self.0[tail..].chars().map(plain).try_for_each(|c| f.write_char(c))
-            }
-            _ => self.0.chars().map(plain).try_for_each(|c| f.write_char(c)),
+        match plain.len() {
+            ..=MAX_REASON => f.write_str(&String::from_iter(&plain)),
+            n => write!(f, "{} ... {}", String::from_iter(&plain[..half]), String::from_iter(&plain[n - half..])),
         }
     }
 }

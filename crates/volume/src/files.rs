@@ -18,21 +18,20 @@ use crate::error::{Error, Result, Subject, refuse_if};
 /// [`Error::Read`] if there is no such file or it cannot be opened; [`Error::Format`] if it is a directory, a pipe, a
 /// socket or a device.
 pub fn open(path: &Path) -> Result<(File, Option<u64>)> {
-    let read_error = |source| Error::Read { path: path.to_owned(), source };
     if path == Path::new("-") {
         refuse_if!(std::io::stdin().is_terminal(), path, "standard input is a terminal, expected a pipe or a file");
-        return Ok((stream().map_err(read_error)?, None));
+        return Ok((stream().map_err(Error::read(path))?, None));
     }
-    let meta = std::fs::metadata(path).map_err(read_error)?;
+    let meta = std::fs::metadata(path).map_err(Error::read(path))?;
     if !meta.is_file() {
         return match standard_input(&meta) {
             Some(stream) => Ok((stream, None)),
             None => Err(not_regular(path, &meta)),
         };
     }
-    let file = open_at_once(path).map_err(read_error)?;
+    let file = open_at_once(path).map_err(Error::read(path))?;
     // The path can lead to another file by now.
-    let meta = file.metadata().map_err(read_error)?;
+    let meta = file.metadata().map_err(Error::read(path))?;
     if meta.is_file() { Ok((file, Some(meta.len()))) } else { Err(not_regular(path, &meta)) }
 }
 
@@ -44,9 +43,7 @@ pub fn read(path: &Path, most: u64) -> Result<Vec<u8>> {
     let (file, _) = open(path)?;
     let mut bytes = Vec::new();
     // `read_to_end` returns an error if there is no memory.
-    file.take(most.saturating_add(1))
-        .read_to_end(&mut bytes)
-        .map_err(|source| Error::Read { path: path.to_owned(), source })?;
+    file.take(most.saturating_add(1)).read_to_end(&mut bytes).map_err(Error::read(path))?;
     refuse_if!(bytes.len() as u64 > most, path, "is too large: expected at most {most} bytes");
     Ok(bytes)
 }

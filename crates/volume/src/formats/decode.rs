@@ -170,7 +170,7 @@ fn check_bytes(input: &Input, count: u64, size: usize, layout: Layout) -> Result
         // At least one digit per sample, and a blank between two samples.
         Layout::Text => (u128::from(count) * 2).saturating_sub(1),
     };
-    if let Some(most) = input.at_most().filter(|most| needed > u128::from(*most)) {
+    if input.at_most().is_some_and(|most| needed > u128::from(most)) {
         let there = match input.exactly_left() {
             Some(left) => format!("{left} are there"),
             None => "and the file cannot hold that many however compressed".to_owned(),

@@ -134,10 +134,12 @@ impl Input {
     /// The file and the offset in it at which the remaining bytes begin; `None` if they are not stored as they are.
     pub(super) fn plain_file(&self) -> Result<Option<(File, u64)>> {
         let (Some(file), Some(left)) = (&self.plain, self.left) else { return Ok(None) };
-        let read_error = |source| Error::Read { path: self.path.clone(), source };
-        let length = file.metadata().map_err(read_error)?.len();
+        let length = file.metadata().map_err(Error::read(&self.path))?.len();
         // A file that has shrunk meanwhile is read as a stream, which reports the missing bytes.
-        length.checked_sub(left).map(|offset| Ok((file.try_clone().map_err(read_error)?, offset))).transpose()
+        length
+            .checked_sub(left)
+            .map(|offset| Ok((file.try_clone().map_err(Error::read(&self.path))?, offset)))
+            .transpose()
     }
 
     /// The next `n` bytes, or fewer at the end of the file, without consuming them.
@@ -296,9 +298,7 @@ impl Input {
     /// Skips `n` lines of any length.
     pub(super) fn skip_lines(&mut self, n: u64) -> Result<()> {
         for _ in 0..n {
-            let passed = self.reader.skip_until(b'\n').map_err(|e| self.io_error(e))?;
-            refuse_if!(passed == 0, self, "ends before line {n}, where its samples should begin");
-            self.passed(passed as u64);
+            refuse_if!(self.skip_past(b'\n')? == 0, self, "ends before line {n}, where its samples should begin");
         }
         Ok(())
     }
@@ -323,11 +323,11 @@ impl Input {
         Ok(Some(String::from_utf8_lossy(&line).into_owned()))
     }
 
-    /// Skips all up to and including the next byte of this value.
-    pub(super) fn skip_past(&mut self, byte: u8) -> Result<()> {
+    /// Skips all up to and including the next byte of this value, and returns the number of bytes.
+    pub(super) fn skip_past(&mut self, byte: u8) -> Result<usize> {
         let passed = self.reader.skip_until(byte).map_err(|e| self.io_error(e))?;
         self.passed(passed as u64);
-        Ok(())
+        Ok(passed)
     }
 
     /// What is between the next `<` and the `>` after it; `None` at the end of the file. A comment ends with its own

@@ -41,10 +41,10 @@ pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
     // Channels are beside each other in a sample; a fourth axis is time, as in ITK.
     let mut axes = vec![(Role::Channel, header.number("ElementNumberOfChannels")?.unwrap_or(1))];
     axes.extend(sizes.iter().enumerate().map(|(a, &size)| (if a < 3 { Role::Space } else { Role::Time }, size)));
-    let (pick, contents) = picked(&header.path, &axes, options)?;
     let sample_type = sample_type(&header)?;
     let placement = placement(&header, n_dims)?;
     let grid = placement.grid(&header.path, &sizes[..n_dims.min(3)], options.spacing)?;
+    let (pick, contents) = picked(&header.path, &axes, options)?;
     let slope: f64 = header.number("ElementToIntensityFunctionSlope")?.unwrap_or(1.0);
     let intercept: f64 = header.number("ElementToIntensityFunctionOffset")?.unwrap_or(0.0);
     if slope == 0.0 || !slope.is_finite() || !intercept.is_finite() {

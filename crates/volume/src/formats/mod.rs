@@ -156,7 +156,7 @@ fn load_from(source: &Path, options: &LoadOptions, unpacked: Option<&Arc<Unpacke
     if let Some(value) = options.replace_nan
         && !value.is_finite()
     {
-        return Err(Error::Setting { name: "replace_nan", reason: format!("{value}, expected a finite number") });
+        return Err(Error::setting("replace_nan", format!("{value}, expected a finite number")));
     }
     let mut volume = match demos::name_in(source) {
         Some(demo) => {
@@ -244,10 +244,9 @@ fn load_folder(folder: &Path, options: &LoadOptions) -> Result<Volume> {
 
 /// The files of a folder that are sections of a volume, by their formats.
 fn parts_of_folder(folder: &Path) -> Result<Vec<(&'static Format, Vec<PathBuf>)>> {
-    let read_error = |source| Error::Read { path: folder.to_owned(), source };
     let mut parts: Vec<(&Format, Vec<PathBuf>)> = Vec::new();
-    for entry in std::fs::read_dir(folder).map_err(read_error)? {
-        let path = entry.map_err(read_error)?.path();
+    for entry in std::fs::read_dir(folder).map_err(Error::read(folder))? {
+        let path = entry.map_err(Error::read(folder))?.path();
         if !path.is_file() {
             continue;
         }
@@ -303,23 +302,20 @@ fn files_within(folder: &Path) -> Vec<PathBuf> {
     files
 }
 
-/// A key that sorts names with numbers as people do: runs of digits are numbers, and 9 goes before 10.
-fn natural(name: &str) -> Vec<(String, usize, String)> {
-    let mut key = Vec::new();
-    let mut rest = name;
-    while !rest.is_empty() {
-        let text_end = rest.find(|c: char| c.is_ascii_digit()).unwrap_or(rest.len());
-        let (text, after) = rest.split_at(text_end);
-        let digits_end = after.find(|c: char| !c.is_ascii_digit()).unwrap_or(after.len());
-        let (digits, after) = after.split_at(digits_end);
+/// A key that sorts names with numbers as people do: runs of digits are numbers, and 9 goes before 10. Names that
+/// differ in leading zeros and capitals alone keep one order.
+fn natural(name: &str) -> (Vec<(String, usize, String)>, String) {
+    let run = |run: &[u8]| {
+        let text = String::from_utf8_lossy(run);
+        if !text.starts_with(|c: char| c.is_ascii_digit()) {
+            return (text.to_lowercase(), 0, String::new());
+        }
         // Of numbers without leading zeros the one with more digits is the larger.
-        let number = digits.trim_start_matches('0');
-        key.push((text.to_lowercase(), number.len(), number.to_owned()));
-        rest = after;
-    }
-    // Names that differ in leading zeros and capitals alone keep one order.
-    key.push((name.to_owned(), 0, String::new()));
-    key
+        let number = text.trim_start_matches('0');
+        (String::new(), number.len(), number.to_owned())
+    };
+    let runs = name.as_bytes().chunk_by(|a, b| a.is_ascii_digit() == b.is_ascii_digit());
+    (runs.map(run).collect(), name.to_owned())
 }
 
 /// Refuses options for bare samples on any other source: they would contradict its header.
@@ -333,7 +329,7 @@ fn refuse_raw_options(path: &Path, options: &LoadOptions, what: &str) -> Result<
     match given.into_iter().find(|(_, given)| *given) {
         Some((name, _)) => {
             let reason = format!("it is for files of bare samples, and {} is {what}", path.display());
-            Err(Error::Setting { name, reason })
+            Err(Error::setting(name, reason))
         }
         None => Ok(()),
     }

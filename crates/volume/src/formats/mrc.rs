@@ -63,12 +63,12 @@ pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
     }
     let [x, y, z] = sizes;
     let axes = [(Role::Channel, channels), (Role::Space, x), (Role::Space, y), (Role::Space, z), (Role::Time, times)];
+    let (placement, units) = placement(&header, &input)?;
+    let grid = placement.grid(&path, &sizes, options.spacing)?;
     let (pick, mut contents) = picked(&path, &axes, options)?;
     if channels > 1 {
         contents.labels = colours(contents.channels);
     }
-    let (placement, units) = placement(&header, &input)?;
-    let grid = placement.grid(&path, &sizes, options.spacing)?;
     let extended = header.int(92, 4);
     refuse_if!(!(0..=MAX_EXTENDED).contains(&extended), input, "has an extended header of {extended} bytes");
     input.skip(extended as u64)?;

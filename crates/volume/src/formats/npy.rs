@@ -55,9 +55,9 @@ pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
     if header.fortran_order {
         axes.reverse();
     }
-    let (pick, contents) = picked(&path, &axes, options)?;
     let placement = Placement::axis_parallel([1.0; 3]);
     let grid = placement.grid(&path, &sizes, options.spacing)?;
+    let (pick, contents) = picked(&path, &axes, options)?;
 
     let (order, kind) = header.descr.split_at_checked(1).unwrap_or_default();
     let endian = match order {

@@ -204,7 +204,7 @@ impl Stack {
         let Some((file, _)) = Input::open_data(path, None)?.plain_file()? else {
             refuse!(path, "is not a regular file");
         };
-        let length = file.metadata().map_err(|source| Error::Read { path: path.to_owned(), source })?.len();
+        let length = file.metadata().map_err(Error::read(path))?.len();
         let limit = usize::try_from(length.saturating_mul(MAX_EXPANSION)).unwrap_or(usize::MAX);
         let mut limits = Limits::default();
         // The first is of texts too, for which memory is taken at once.

@@ -59,10 +59,7 @@ impl Tag {
 /// Text with its entities replaced. Those that no header needs are left as they are.
 fn unescaped(text: &str) -> String {
     let entities = [("&lt;", "<"), ("&gt;", ">"), ("&quot;", "\""), ("&apos;", "'"), ("&amp;", "&")];
-    match text.contains('&') {
-        true => entities.iter().fold(text.to_owned(), |text, (entity, character)| text.replace(entity, character)),
-        false => text.to_owned(),
-    }
+    entities.iter().fold(text.to_owned(), |text, (entity, character)| text.replace(entity, character))
 }
 
 #[cfg(test)]

@@ -13,7 +13,6 @@ pub use sample_type::{Number, ToF64, with_type};
 pub use statistics::{BackgroundEstimate, Statistics};
 pub(crate) use stored::{FileSamples, Stored};
 
-use std::borrow::Cow;
 use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 
@@ -161,13 +160,13 @@ impl Data {
 
 /// A volume with all its samples in memory.
 #[derive(Debug)]
-pub struct InMemory<'a> {
-    samples: Cow<'a, Samples>,
+pub struct InMemory {
+    samples: Arc<Samples>,
     slope: f64,
     intercept: f64,
 }
 
-impl InMemory<'_> {
+impl InMemory {
     /// The samples as stored.
     #[must_use]
     pub fn samples(&self) -> &Samples {
@@ -349,12 +348,8 @@ impl Volume {
     ///
     /// # Errors
     /// [`Error::Read`] and [`Error::Memory`] if samples in a file cannot be read.
-    pub fn in_memory(&self) -> Result<InMemory<'_>> {
-        let samples = match &self.data.stored {
-            Stored::Memory(samples) => Cow::Borrowed(&**samples),
-            Stored::File(_) => Cow::Owned(self.read(0..self.data.stored.len())?),
-        };
-        Ok(InMemory { samples, slope: self.slope, intercept: self.intercept })
+    pub fn in_memory(&self) -> Result<InMemory> {
+        Ok(InMemory { samples: self.shared_samples()?, slope: self.slope, intercept: self.intercept })
     }
 
     /// All samples as stored, shared if they are in memory, or read.
@@ -441,16 +436,12 @@ impl Volume {
                 }
             }
         }
-        match first {
-            None => {
-                self.data.finite.get_or_init(|| true);
-                Ok(())
-            }
-            Some(index) => {
-                let [nx, ny, _] = self.grid.dims().map(|d| d as usize);
-                let first = [index % nx, index / nx % ny, index / (nx * ny)].map(|at| at as u32);
-                Err(Error::NonFinite { count: count as u64, first })
-            }
-        }
+        let Some(index) = first else {
+            self.data.finite.get_or_init(|| true);
+            return Ok(());
+        };
+        let [nx, ny, _] = self.grid.dims().map(|d| d as usize);
+        let first = [index % nx, index / nx % ny, index / (nx * ny)].map(|at| at as u32);
+        Err(Error::NonFinite { count: count as u64, first })
     }
 }

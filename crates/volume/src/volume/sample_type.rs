@@ -4,7 +4,7 @@ use std::str::FromStr;
 
 use super::Samples;
 use crate::error::Error;
-use crate::names::{listed, spelled};
+use crate::names::{listed, named, spelled};
 
 /// The type of a volume's samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -113,19 +113,7 @@ impl Endian {
     }
 }
 
-spelled! { Endian { Little: "little", Big: "big" } }
-
-impl FromStr for Endian {
-    type Err = Error;
-
-    fn from_str(s: &str) -> Result<Self, Error> {
-        match s.to_ascii_lowercase().as_str() {
-            "little" | "le" | "lsb" => Ok(Self::Little),
-            "big" | "be" | "msb" => Ok(Self::Big),
-            _ => Err(Error::Setting { name: "endian", reason: format!("{s:?}, expected little or big") }),
-        }
-    }
-}
+named! { "endian", Endian { Little: "little", Big: "big" } }
 
 /// A number type that the samples of a volume can have: `u8`, `i8`, `u16`, `i16`, `u32`, `i32`, `u64`, `i64`, `f32` or
 /// `f64`.

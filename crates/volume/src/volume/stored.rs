@@ -104,7 +104,7 @@ impl FileSamples {
                 }
                 Ok(())
             })
-            .map_err(|source| Error::Read { path: self.path.clone(), source })?;
+            .map_err(Error::read(&self.path))?;
         Ok(numbers)
     }
 }

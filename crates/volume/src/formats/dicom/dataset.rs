@@ -33,6 +33,9 @@ const MAX_UNPACKED: u64 = 5 << 30;
 /// The deepest sequence within sequences: real ones have under 10.
 const MAX_DEPTH: usize = 32;
 
+/// The most fragments of a file.
+const MAX_FRAGMENTS: usize = 1 << 20;
+
 /// The most frames of a file.
 const MAX_FRAMES: usize = crate::volume::MAX_DIM as usize;
 
@@ -71,6 +74,10 @@ pub(super) struct Dataset {
     pub(super) in_words: bool,
     /// The offset of the pixels in what [`Self::open`] returns, and their length unless they are in fragments.
     pub(super) pixels: Option<(u64, Option<u64>)>,
+    /// The offsets and the lengths of fragments in the same.
+    pub(super) fragments: Vec<[u64; 2]>,
+    /// The first item before the fragments: the offsets of frames, or nothing.
+    pub(super) frame_table: Vec<u8>,
     /// The pixels of a compressed file.
     unpacked: Option<Vec<u8>>,
 }
@@ -88,7 +95,6 @@ impl Dataset {
         let length = input.at_most().unwrap_or(0);
         let mut reader = Reader { input, length, explicit: true, is_sure: false, group: None, set };
         reader.run()?;
-        reader.unpack()?;
         Ok(reader.set)
     }
 
@@ -231,24 +237,51 @@ impl Reader {
         self.elements(0, Place::Top, 0)
     }
 
-    /// Keeps the pixels of a compressed file: no more than the file says that they need.
-    fn unpack(&mut self) -> Result<()> {
-        let (None, Some((_, known))) = (self.input.exactly_left(), self.set.pixels) else { return Ok(()) };
-        let set = &mut self.set;
-        let number = |tag: u32| u64::from(set.u16(tag).unwrap_or(1));
-        let frames = set.numbers(0, super::FRAMES).map_or(1, |[frames]| frames as u64);
+    /// The bytes that the pixels of all frames need, uncompressed.
+    fn needed(&self) -> u64 {
+        let number = |tag: u32| u64::from(self.set.u16(tag).unwrap_or(1));
+        let frames = self.set.numbers(0, super::FRAMES).map_or(1, |[frames]| frames as u64);
         let bits = [super::ROWS, super::COLUMNS, super::CHANNELS, super::BITS_ALLOCATED].map(number);
-        let needed = bits.into_iter().fold(frames, u64::saturating_mul).div_ceil(8);
-        // What is needed is reserved at once. Fragments are mostly far smaller than that, but codecs may expand what
-        // cannot be compressed, and fragments have headers.
-        let (most, room) = match known {
-            Some(known) => (known.min(needed), known.min(needed)),
-            None => (needed.saturating_mul(2).saturating_add(1 << 20), 0),
-        };
-        let mut bytes = reserved(room, || samples_in(&set.path))?;
+        bits.into_iter().fold(frames, u64::saturating_mul).div_ceil(8)
+    }
+
+    /// Keeps the pixels of a compressed file: no more than the file says that they need.
+    fn unpack(&mut self, length: u64) -> Result<u64> {
+        let most = length.min(self.needed());
+        let mut bytes = reserved(most, || samples_in(&self.set.path))?;
         self.input.append(most, &mut bytes)?;
-        set.pixels = Some((0, known.map(|_| bytes.len() as u64)));
-        set.unpacked = Some(bytes);
+        let found = bytes.len() as u64;
+        self.set.unpacked = Some(bytes);
+        Ok(found)
+    }
+
+    /// Finds the fragments that begin here, and keeps them if the file is compressed.
+    fn fragments(&mut self) -> Result<()> {
+        // Codecs may expand what cannot be compressed, and fragments have headers.
+        let most = self.needed().saturating_mul(2).saturating_add(1 << 20);
+        let (mut unpacked, mut is_table) = (Vec::new(), true);
+        while self.left() >= 8
+            && !self.is_at_end()?
+            && let Some(length) = self.next_item("a fragment")?.map(u64::from)
+        {
+            if std::mem::take(&mut is_table) {
+                let kept = length.min(4 * MAX_FRAMES as u64);
+                self.set.frame_table = self.input.bytes(kept as usize)?;
+                self.skip(length - kept)?;
+                continue;
+            }
+            refuse_if!(self.set.fragments.len() == MAX_FRAGMENTS, self.input, "has too many fragments");
+            if self.input.exactly_left().is_some() {
+                self.set.fragments.push([self.place(), length]);
+                self.skip(length)?;
+                continue;
+            }
+            let at = unpacked.len() as u64;
+            refuse_if!(length > most - at, self.input, "is damaged: its fragments are larger than its pixels");
+            self.input.append(length, &mut unpacked)?;
+            self.set.fragments.push([at, unpacked.len() as u64 - at]);
+        }
+        self.set.unpacked = self.input.exactly_left().is_none().then_some(unpacked);
         Ok(())
     }
 
@@ -269,10 +302,17 @@ impl Reader {
             match tag {
                 ITEM_END | SEQUENCE_END => return Ok(()),
                 PIXELS if place == Place::Top => {
-                    let known = (length != UNDEFINED).then_some(u64::from(length));
-                    refuse_if!(known > Some(self.left()), self.input, "{CUT_SHORT}");
                     self.set.in_words = &kind == b"OW";
-                    self.set.pixels = Some((self.length.saturating_sub(self.left()), known));
+                    if length == UNDEFINED {
+                        self.set.pixels = Some((self.place(), None));
+                        return self.fragments();
+                    }
+                    let length = u64::from(length);
+                    refuse_if!(length > self.left(), self.input, "{CUT_SHORT}");
+                    self.set.pixels = match self.input.exactly_left() {
+                        Some(_) => Some((self.place(), Some(length))),
+                        None => Some((0, Some(self.unpack(length)?))),
+                    };
                     return Ok(());
                 }
                 // Compressed pixels of an icon.
@@ -359,6 +399,11 @@ impl Reader {
     /// The bytes to the end of the file.
     fn left(&self) -> u64 {
         self.input.at_most().unwrap_or(0)
+    }
+
+    /// The offset in the file.
+    fn place(&self) -> u64 {
+        self.length.saturating_sub(self.left())
     }
 
     /// The end of so many bytes that begin here.

@@ -226,8 +226,8 @@ fn chosen(source: &Path, sets: Vec<Dataset>, series: Option<u32>) -> Result<Vec<
         }
         None => 0,
         Some(n) if n == 0 || n as usize > all.len() => {
-            let reason = format!("{n}, but {} has 1 to {}: {}", source.display(), all.len(), listed());
-            return Err(Error::Setting { name: "series", reason });
+            let (path, count) = (source.display(), all.len());
+            return Err(Error::setting("series", format!("{n}, but {path} has 1 to {count}: {}", listed())));
         }
         Some(n) => n as usize - 1,
     };
@@ -483,7 +483,7 @@ fn pixels_in(source: &Path, sets: &[Dataset], slices: &[Slice], frame_bits: u64)
             (Some((name, None)), _) => {
                 refuse!(set, "is compressed by {name}, which is not read: decompress it first")
             }
-            (Some((_, Some(codec))), Some((start, None))) => Frames::find(set, start, frames, codec).map(Some),
+            (Some((_, Some(codec))), Some((_, None))) => Frames::find(set, frames, codec).map(Some),
             (Some((name, _)), _) => refuse!(set, "is compressed by {name}, but its pixels are in no fragments"),
             // Refused before memory is reserved.
             (None, Some((_, Some(length)))) => {
@@ -518,7 +518,6 @@ fn pixels_of(set: &Dataset, frames: Option<&Frames>, frame: usize, plane: &Plane
         all = frames.pixels(set, frame, Size { columns, rows, samples, bytes: width, is_rgb })?;
     } else {
         is_planar = matches!(colors, Colors::Rgb { planar: true } | Colors::Ybr { planar: true });
-        let read_error = |source| Error::Read { path: set.path.clone(), source };
         // Single bits follow one another over the ends of frames.
         let first = frame as u64 * plane.frame_bits();
         let (start, end) = (first / 8, (first + plane.frame_bits()).div_ceil(8));
@@ -533,8 +532,10 @@ fn pixels_of(set: &Dataset, frames: Option<&Frames>, frame: usize, plane: &Plane
         let length = to.min(pixels_end).saturating_sub(from);
         let mut bytes: Vec<u8> = reserved(length, || samples_in(&set.path))?;
         bytes.resize(length as usize, 0);
-        let mut file = set.open().map_err(read_error)?;
-        file.seek(SeekFrom::Start(pixels_at + from)).and_then(|_| file.read_exact(&mut bytes)).map_err(read_error)?;
+        let mut file = set.open().map_err(Error::read(&set.path))?;
+        file.seek(SeekFrom::Start(pixels_at + from))
+            .and_then(|_| file.read_exact(&mut bytes))
+            .map_err(Error::read(&set.path))?;
         if is_swapped {
             bytes.as_chunks_mut::<2>().0.iter_mut().for_each(|two| two.reverse());
         }

@@ -195,15 +195,10 @@ fn rotation(header: &Header, input: &Input) -> Result<DMat3> {
 
 /// The file with the samples of a pair, from the name of its header.
 fn image_file(header: &Path, input: &Input) -> Result<PathBuf> {
-    let extensions = match in_capitals(header) {
-        true => [".IMG", ".IMG.GZ", ".img", ".img.gz"],
-        false => [".img", ".img.gz", ".IMG", ".IMG.GZ"],
-    };
-    let missing = || {
-        let expected = with_extension(header, extensions[0]);
+    existing(header, &[".img", ".img.gz", ".IMG", ".IMG.GZ"]).ok_or_else(|| {
+        let expected = with_extension(header, ".img");
         input.error(format!("its samples belong in {}, which is not there", expected.display()))
-    };
-    existing(header, &extensions).ok_or_else(missing)
+    })
 }
 
 /// Whether a file has the extension .img or .img.gz: then it holds the samples of a pair.
@@ -232,10 +227,4 @@ fn with_extension(path: &Path, extension: &str) -> PathBuf {
 fn uncompressed(path: &Path) -> PathBuf {
     let is_gz = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gz"));
     if is_gz { path.with_extension("") } else { path.to_owned() }
-}
-
-/// Whether the extension before .gz is in capitals.
-fn in_capitals(path: &Path) -> bool {
-    let path = uncompressed(path);
-    path.extension().and_then(|e| e.to_str()).is_some_and(|e| e.chars().all(|c| c.is_ascii_uppercase()))
 }

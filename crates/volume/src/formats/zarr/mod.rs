@@ -64,8 +64,7 @@ pub(super) fn read(folder: &Path, options: &LoadOptions) -> Result<Volume> {
     {
         let series = options.series.unwrap_or(1);
         let Some(index) = series.checked_sub(1).filter(|n| is_zarr(&folder.join(n.to_string()))) else {
-            let reason = format!("{series}, but {} has no such image", folder.display());
-            return Err(Error::Setting { name: "series", reason });
+            return Err(Error::setting("series", format!("{series}, but {} has no such image", folder.display())));
         };
         node = Node::read(&folder.join(index.to_string()))?;
     }
@@ -230,7 +229,7 @@ fn chosen_level(folder: &Path, levels: &[Level], axes: &[Axis], asked: PyramidLe
         PyramidLevel::At(n) if (n as usize) < levels.len() => return Ok(n as usize),
         PyramidLevel::At(n) => {
             let reason = format!("{n}, but {} has the levels 0 to {}", folder.display(), levels.len() - 1);
-            return Err(Error::Setting { name: "pyramid", reason });
+            return Err(Error::setting("pyramid", reason));
         }
         PyramidLevel::PixelSize(size) => size,
         PyramidLevel::Pixels(pixels) => {
