@@ -102,12 +102,12 @@ pub(super) fn read(input: &Input, inside: Option<&str>, options: &LoadOptions) -
     }
     refuse_if!(space.len() > 3, input, "{} has {} axes of space, expected at most 3", set.path, space.len());
     let sizes: Vec<i64> = space.iter().map(|&axis| sized(axes[axis].size)).collect();
-    let (placement, length) = placement(&axes, &space);
+    let (placement, length, note) = placement(&axes, &space);
     let grid = placement.grid(path, &sizes, options.spacing)?;
     let all: Axes = axes.iter().rev().map(|axis| (axis.role, sized(axis.size))).collect();
     let (indices, mut contents) = indices(path, &all, options)?;
     if options.spacing.is_none() {
-        contents.notes = notes(&axes, &space);
+        contents.notes.extend(note);
     }
     let selected = |(axis, index): (&Axis, Option<u64>)| {
         let (start, end) = index.map_or((0, axis.size), |index| (index, index + 1));
@@ -273,47 +273,37 @@ fn spread(values: &[f64]) -> Option<[f64; 2]> {
     ends.iter().all(|end| end.is_finite()).then_some(ends)
 }
 
-/// What the caller should know of the spacing: which coordinates are unequally spaced, or that they are in unlike
-/// units.
-fn notes(axes: &[Axis], space: &[usize]) -> Vec<String> {
-    let name = |axis: usize| plain_name(&axes[axis].name).unwrap_or_default();
-    let uneven = |&axis: &usize| {
-        let [least, most] = axes[axis].uneven?;
+/// The position of the lattice with these axes of space, the fastest first, the unit of lengths, and a note if the
+/// coordinates give no position: they are unequally spaced, or in unlike units.
+fn placement(axes: &[Axis], space: &[usize]) -> (Placement, Option<String>, Option<String>) {
+    let mut placement = Placement::axis_parallel([1.0; 3]);
+    let space: Vec<&Axis> = space.iter().map(|&axis| &axes[axis]).collect();
+    let name = |axis: &Axis| plain_name(&axis.name).unwrap_or_default();
+    let noted = |what: String| Some(format!("{what}: samples are taken to be 1 apart unless a spacing is given"));
+    let uneven = |axis: &&Axis| {
+        let [least, most] = axis.uneven?;
         Some(format!("coordinates of {} are {least:.4} to {most:.4} apart", name(axis)))
     };
     let uneven: Vec<String> = space.iter().filter_map(uneven).collect();
     if !uneven.is_empty() {
-        return vec![format!("{}: samples are taken to be 1 apart unless a spacing is given", uneven.join(", "))];
+        return (placement, None, noted(uneven.join(", ")));
     }
-    let all_stated = space.iter().all(|&axis| axes[axis].place.is_some() || axes[axis].size == 1);
-    let units: Vec<String> = space.iter().map(|&axis| axes[axis].unit.clone().unwrap_or_default()).collect();
-    if !all_stated || units.iter().all(|unit| *unit == units[0]) {
-        return Vec::new();
+    if !space.iter().all(|axis| axis.place.is_some() || axis.size == 1) {
+        return (placement, None, None);
     }
-    let of = |(&axis, unit): (&usize, &String)| {
-        format!("{} in {}", name(axis), if unit.is_empty() { "no unit" } else { unit })
-    };
-    let units: Vec<String> = space.iter().zip(&units).map(of).collect();
-    vec![format!("coordinates are {}: samples are taken to be 1 apart unless a spacing is given", units.join(", "))]
-}
-
-/// The position of the lattice with these axes of space, the fastest first, and the unit of lengths.
-fn placement(axes: &[Axis], space: &[usize]) -> (Placement, Option<String>) {
-    let mut placement = Placement::axis_parallel([1.0; 3]);
-    let Some(unit) = space.first().map(|&axis| &axes[axis].unit) else { return (placement, None) };
     // Degrees along two axes and metres along the third are no lengths in one space.
-    let alike =
-        space.iter().all(|&axis| (axes[axis].place.is_some() || axes[axis].size == 1) && axes[axis].unit == *unit);
-    if !alike {
-        return (placement, None);
+    if space.windows(2).any(|pair| pair[0].unit != pair[1].unit) {
+        let unit = |axis: &&Axis| format!("{} in {}", name(axis), axis.unit.as_deref().unwrap_or("no unit"));
+        let units: Vec<String> = space.iter().map(unit).collect();
+        return (placement, None, noted(format!("coordinates are {}", units.join(", "))));
     }
-    for (n, &axis) in space.iter().enumerate() {
-        let [first, step] = axes[axis].place.unwrap_or([0.0, 1.0]);
+    for (n, axis) in space.iter().enumerate() {
+        let [first, step] = axis.place.unwrap_or([0.0, 1.0]);
         placement.directions[n] = DVec3::AXES[n] * step.signum();
         placement.spacing[n] = step.abs();
         placement.origin[n] = first;
     }
-    (placement, unit.clone())
+    (placement, space.first().and_then(|axis| axis.unit.clone()), None)
 }
 
 /// How the samples of a data set are read.
@@ -344,9 +334,7 @@ impl Slabs<'_> {
             NcType::Float => Samples::F32(self.read(count)?),
             NcType::Double => Samples::F64(self.read(count)?),
             NcType::Enum { base, .. } => self.samples(base, unsigned, count)?,
-            _ => {
-                refuse!(self.path, "{} has no numbers: expected integers or floats", self.set.path);
-            }
+            _ => refuse!(self.path, "{} has no numbers: expected integers or floats", self.set.path),
         })
     }
 
@@ -361,21 +349,17 @@ impl Slabs<'_> {
         for start in (0..size).step_by(thick as usize) {
             selections[slowest] = NcSliceInfoElem::Slice { start, end: size.min(start + thick), step: 1 };
             let slab = NcSliceInfo { selections: selections.clone() };
-            let read = self.file.read_variable_slice::<T>(&self.set.path, &slab).map_err(|error| {
-                Error::format(
-                    self.path,
-                    format!("{} is damaged, or of a kind that is not read: {error}", self.set.path),
-                )
-            })?;
+            let failed = |error| format!("{} is damaged, or of a kind that is not read: {error}", self.set.path);
+            let read = self.file.read_variable_slice::<T>(&self.set.path, &slab);
+            let read = read.map_err(|error| self.path.error(failed(error)))?;
             match read.as_slice() {
                 Some(slab) => samples.extend_from_slice(slab),
                 None => samples.extend(read.iter().copied()),
             }
         }
-        if samples.len() as u64 == count {
-            return Ok(samples);
-        }
-        Err(Error::format(self.path, format!("is cut short: {count} samples expected, {} are there", samples.len())))
+        let found = samples.len() as u64;
+        refuse_if!(found != count, self.path, "is cut short: {count} samples expected, {found} are there");
+        Ok(samples)
     }
 }
 

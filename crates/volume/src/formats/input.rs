@@ -136,10 +136,8 @@ impl Input {
         let (Some(file), Some(left)) = (&self.plain, self.left) else { return Ok(None) };
         let length = file.metadata().map_err(Error::read(&self.path))?.len();
         // A file that has shrunk meanwhile is read as a stream, which reports the missing bytes.
-        length
-            .checked_sub(left)
-            .map(|offset| Ok((file.try_clone().map_err(Error::read(&self.path))?, offset)))
-            .transpose()
+        let Some(offset) = length.checked_sub(left) else { return Ok(None) };
+        Ok(Some((file.try_clone().map_err(Error::read(&self.path))?, offset)))
     }
 
     /// The next `n` bytes, or fewer at the end of the file, without consuming them.
@@ -214,21 +212,13 @@ impl Input {
         self
     }
 
-    /// Decodes pairs of hexadecimal digits; blanks between digits are skipped.
-    pub(super) fn unhex(self) -> Self {
-        self.from_digits(4)
-    }
-
-    /// Decodes base64 (RFC 4648); blanks between digits are skipped, and what follows padding is decoded as well.
-    pub(super) fn unbase64(self) -> Self {
-        self.from_digits(6)
-    }
-
-    fn from_digits(mut self, width: u32) -> Self {
+    /// Decodes digits of 4 bits, which are hexadecimal, or of 6 bits, which are base64 (RFC 4648). Blanks between digits
+    /// are skipped, and what follows padding is decoded as well.
+    pub(super) fn decode_digits(&mut self, width: u32) {
         self.left = self.left.map(|n| n.saturating_mul(width.into()) / 8);
         self.plain = None;
-        self.reader = Box::new(BufReader::new(Digits { digits: self.reader, width, bits: 0, held: 0 }));
-        self
+        let digits = std::mem::replace(&mut self.reader, Box::new(io::empty()));
+        self.reader = buffered(Digits { digits, width, bits: 0, held: 0 });
     }
 
     /// Decompresses the stream that begins here by a codec that makes at most so many bytes of one.

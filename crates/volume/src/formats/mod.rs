@@ -363,18 +363,14 @@ fn read_raw(mut input: Input, head: &[u8], options: &LoadOptions) -> Result<Volu
 
 /// The error about a file of no known format.
 fn unknown(input: &Input, head: &[u8]) -> Error {
-    let formats: [(usize, &[u8], &str); 3] = [(0, b"<?xml", "XML"), (0, b"\x89PNG", "PNG"), (0, b"PK\x03\x04", "ZIP")];
-    match formats.iter().find(|(at, magic, _)| head.get(*at..).is_some_and(|h| h.starts_with(magic))) {
-        Some((_, _, name)) => {
-            let reason = "which is not read: convert it to NRRD, NIfTI, MetaImage or NumPy (.npy)";
-            input.error(format!("is a {name} file, {reason}"))
-        }
-        None => {
-            let names: Vec<&str> = FORMATS.iter().map(|format| format.name).collect();
-            let error = input.error(format!("is of no format that is read: {}", names.join(", ")));
-            error.hinted(Hint::GiveDimsAndSampleType)
-        }
+    let others: [(&[u8], &str); 3] = [(b"<?xml", "XML"), (b"\x89PNG", "PNG"), (b"PK\x03\x04", "ZIP")];
+    if let Some((_, name)) = others.iter().find(|(magic, _)| head.starts_with(magic)) {
+        let reason = "which is not read: convert it to NRRD, NIfTI, MetaImage or NumPy (.npy)";
+        return input.error(format!("is a {name} file, {reason}"));
     }
+    let names: Vec<&str> = FORMATS.iter().map(|format| format.name).collect();
+    let error = input.error(format!("is of no format that is read: {}", names.join(", ")));
+    error.hinted(Hint::GiveDimsAndSampleType)
 }
 
 #[cfg(test)]

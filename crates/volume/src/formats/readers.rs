@@ -135,7 +135,7 @@ pub static FORMATS: [Format; 11] = [
         extensions: &["vtk"],
         feature: Some("vtk"),
         begins: |head| head.starts_with(b"# vtk DataFile Version"),
-        read: built!("vtk", Read, |input, _, options| super::vtk::legacy::read(input, options)),
+        read: built!("vtk", Read, |input, _, options| super::vtk::read(input, options, super::vtk::legacy::read)),
         ..PLAIN
     },
     Format {
@@ -147,7 +147,7 @@ pub static FORMATS: [Format; 11] = [
             let head = String::from_utf8_lossy(head);
             head.trim_start_matches('\u{feff}').trim_start().starts_with('<') && head.contains("<VTKFile")
         },
-        read: built!("vtk", Read, |input, _, options| super::vtk::image_data::read(input, options)),
+        read: built!("vtk", Read, |input, _, options| super::vtk::read(input, options, super::vtk::image_data::read)),
         ..PLAIN
     },
     Format {

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use super::LoadOptions;
 use crate::error::{Error, Hint, Result, Subject, refuse};
+use crate::names::listed;
 use crate::volume::{Channel, Contents};
 
 /// What an axis of the samples of a file runs along.
@@ -169,6 +170,20 @@ pub(super) fn colours(channels: u32) -> Vec<Channel> {
     let label =
         |(name, color): &(&str, [u8; 3])| Channel { name: Some((*name).to_owned()), color: Some(*color), window: None };
     names.get(..channels as usize).unwrap_or_default().iter().map(label).collect()
+}
+
+/// What a text of metadata stands for among some choices. The first is the default.
+pub(super) fn choice<T: Copy, const N: usize>(
+    file: &Path,
+    name: &str,
+    text: Option<&str>,
+    choices: [(&str, T); N],
+) -> Result<T> {
+    let text = text.unwrap_or(choices[0].0);
+    match choices.iter().find(|(choice, _)| *choice == text) {
+        Some((_, choice)) => Ok(*choice),
+        None => refuse!(file, "{name} is {text:?}, expected {}", listed(&choices.map(|(choice, _)| choice))),
+    }
 }
 
 /// A size as axes have it; the largest if it is larger.

@@ -146,7 +146,11 @@ pub(super) fn read_files(source: &Path, files: &[PathBuf], options: &LoadOptions
     let (slices, channel) = (times.swap_remove(contents.time as usize), contents.channel as usize);
     let slices = match options.missing_slices {
         MissingSlices::Refuse => slices,
-        MissingSlices::Interpolate => completed(source, &sets, slices, &plane, &mut contents.notes)?,
+        MissingSlices::Interpolate => {
+            let (slices, notes) = completed(source, &sets, slices, plane.normal())?;
+            contents.notes.extend(notes);
+            slices
+        }
     };
     let placement = placed(source, &sets, &slices, &plane)?;
     let sizes = [plane.columns.into(), plane.rows.into(), slices.len() as i64];
@@ -281,6 +285,11 @@ impl Plane {
         Ok(Self { columns, rows, pixels, colors, directions, spacing: [between_columns, between_rows] })
     }
 
+    /// The normal of the plane.
+    fn normal(&self) -> DVec3 {
+        self.directions[0].cross(self.directions[1])
+    }
+
     /// The bits of an uncompressed frame.
     fn frame_bits(&self) -> u64 {
         let samples = u64::from(self.columns) * u64::from(self.rows) * self.colors.stored() as u64;
@@ -316,7 +325,7 @@ fn dose_offsets(set: &Dataset, normal: DVec3, frames: usize) -> Result<Option<Ve
 
 /// The slices along the normal of their plane.
 fn sorted(source: &Path, sets: &[Dataset], plane: &Plane) -> Result<Vec<Slice>> {
-    let normal = plane.directions[0].cross(plane.directions[1]);
+    let normal = plane.normal();
     let mut slices = Vec::new();
     for (file, set) in sets.iter().enumerate() {
         let [frames] = set.numbers(0, FRAMES).unwrap_or([1.0]);
@@ -388,27 +397,31 @@ fn missing(sets: &[Dataset], pair: &[Slice], normal: DVec3, usual: f64) -> Optio
     Some(format!("{count} {are} missing between {before} and {after}, {at}"))
 }
 
-/// The slices with those that are missing between them, which are interpolated; `notes` says so.
-fn completed(
-    source: &Path,
-    sets: &[Dataset],
-    slices: Vec<Slice>,
-    plane: &Plane,
-    notes: &mut Vec<String>,
-) -> Result<Vec<Slice>> {
-    let normal = plane.directions[0].cross(plane.directions[1]);
+/// The distances of neighbouring slices along the normal of their plane, and the usual one; `None` of one slice.
+fn gaps(slices: &[Slice], normal: DVec3) -> Option<(Vec<f64>, f64)> {
     let gap = |pair: &[Slice]| (pair[1].position - pair[0].position).dot(normal);
-    let mut gaps: Vec<f64> = slices.windows(2).map(gap).collect();
-    gaps.sort_by(f64::total_cmp);
-    let Some(&usual) = gaps.get(gaps.len() / 2).filter(|usual| **usual >= APART) else { return Ok(slices) };
-    let lacking =
-        slices.windows(2).map(|pair| missing_in(gap(pair), usual)).fold(slices.len() as u64, u64::saturating_add);
+    let gaps: Vec<f64> = slices.windows(2).map(gap).collect();
+    let mut sorted = gaps.clone();
+    sorted.sort_by(f64::total_cmp);
+    let usual = *sorted.get(sorted.len() / 2)?;
+    Some((gaps, usual))
+}
+
+/// Slices, and notes about them.
+type Noted = (Vec<Slice>, Vec<String>);
+
+/// The slices with those that are missing between them, which are interpolated, and notes that say so.
+fn completed(source: &Path, sets: &[Dataset], slices: Vec<Slice>, normal: DVec3) -> Result<Noted> {
+    let Some((gaps, usual)) = gaps(&slices, normal).filter(|(_, usual)| *usual >= APART) else {
+        return Ok((slices, Vec::new()));
+    };
+    let counts: Vec<u64> = gaps.iter().map(|gap| missing_in(*gap, usual)).collect();
+    let lacking = counts.iter().fold(slices.len() as u64, |sum, count| sum.saturating_add(*count));
     refuse_if!(lacking > u64::from(u16::MAX), source, "has over 65535 slices with those that are missing");
-    let mut all = Vec::new();
-    for pair in slices.windows(2) {
+    let (mut all, mut notes) = (Vec::new(), Vec::new());
+    for (pair, count) in slices.windows(2).zip(counts) {
         let [before, after] = pair else { continue };
         all.push(before.clone());
-        let count = missing_in(gap(pair), usual);
         all.extend((1..=count).map(|n| {
             let share = n as f64 / (count + 1) as f64;
             let position = before.position.lerp(after.position, share);
@@ -417,42 +430,34 @@ fn completed(
         notes.extend(missing(sets, pair, normal, usual).map(|said| said + ": interpolated between their neighbours"));
     }
     all.extend(slices.last().cloned());
-    Ok(all)
+    Ok((all, notes))
 }
 
 /// The position of the lattice, if the slices are the same distance apart.
 fn placed(source: &Path, sets: &[Dataset], slices: &[Slice], plane: &Plane) -> Result<Placement> {
-    let [along_rows, along_columns] = plane.directions;
-    let normal = along_rows.cross(along_columns);
-    let (Some(first), Some(last)) = (slices.first(), slices.last()) else {
-        refuse!(source, "has no slices");
-    };
+    let ([along_rows, along_columns], normal) = (plane.directions, plane.normal());
+    let (Some(first), Some(last)) = (slices.first(), slices.last()) else { refuse!(source, "has no slices") };
     let name = |slice: &Slice| name_of(sets, slice);
-    let mut gaps: Vec<f64> = slices.windows(2).map(|pair| (pair[1].position - pair[0].position).dot(normal)).collect();
-    for (pair, gap) in slices.windows(2).zip(&gaps) {
-        if gap.abs() < APART {
-            refuse!(source, "has two slices at one position: {} and {}", name(&pair[0]), name(&pair[1]));
-        }
-    }
-    let step = if gaps.is_empty() {
-        let single = |tag| sets.first().and_then(|set| set.numbers::<1>(0, tag)).map(|[length]| length);
-        normal * single(BETWEEN_SLICES).or(single(SLICE_THICKNESS)).filter(|length| *length > 0.0).unwrap_or(1.0)
-    } else {
-        let all = gaps.clone();
-        gaps.sort_by(f64::total_cmp);
-        let usual = gaps[gaps.len() / 2];
-        for (pair, gap) in slices.windows(2).zip(all) {
-            let between = format!("{} and {}", name(&pair[0]), name(&pair[1]));
-            if missing_in(gap, usual) > 0 {
-                let all = slices.windows(2).filter_map(|pair| missing(sets, pair, normal, usual));
-                let reason = all.collect::<Vec<String>>().join("; ");
-                return Err(Error::format(source, reason).hinted(Hint::InterpolateSlices));
+    let step = if let Some((gaps, usual)) = gaps(slices, normal) {
+        for (pair, gap) in slices.windows(2).zip(&gaps) {
+            if gap.abs() < APART {
+                refuse!(source, "has two slices at one position: {} and {}", name(&pair[0]), name(&pair[1]));
             }
+        }
+        let missing: Vec<String> = slices.windows(2).filter_map(|pair| missing(sets, pair, normal, usual)).collect();
+        if !missing.is_empty() {
+            return Err(source.error(missing.join("; ")).hinted(Hint::InterpolateSlices));
+        }
+        for (pair, gap) in slices.windows(2).zip(&gaps) {
             if (gap / usual - 1.0).abs() > 0.02 {
+                let between = format!("{} and {}", name(&pair[0]), name(&pair[1]));
                 refuse!(source, "slices are unequally spaced: {gap:.4} between {between}, {usual:.4} elsewhere");
             }
         }
         (last.position - first.position) / (slices.len() - 1) as f64
+    } else {
+        let single = |tag| sets.first().and_then(|set| set.numbers::<1>(0, tag)).map(|[length]| length);
+        normal * single(BETWEEN_SLICES).or(single(SLICE_THICKNESS)).filter(|length| *length > 0.0).unwrap_or(1.0)
     };
     for (n, slice) in slices.iter().enumerate() {
         if slice.position.distance(first.position + step * n as f64) > 0.05 * step.length() {

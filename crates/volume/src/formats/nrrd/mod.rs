@@ -209,6 +209,9 @@ impl Skip {
             Some(bytes) => input.skip(bytes)?,
             None => input = input.skip_to_last(self.total, most.min(MAX_BEFORE))?,
         }
-        Ok(if encoding == Encoding::Hex { input.unhex() } else { input })
+        if encoding == Encoding::Hex {
+            input.decode_digits(4);
+        }
+        Ok(input)
     }
 }

@@ -9,20 +9,12 @@ use crate::formats::decode::{Layout, skip};
 use crate::formats::input::Input;
 use crate::volume::{Endian, SampleType, Volume};
 
-/// Reads the volume of a header that begins here: its first array with one number per sample, or else with several.
-pub(in crate::formats) fn read(input: Input, options: &LoadOptions) -> Result<Volume> {
-    let path = input.path().to_owned();
-    let again = input.at_most().is_some();
+/// Reads the volume of a header that begins here: its first array with one number per sample, or, if `several`, with
+/// any number. `None` if there is no such array.
+pub(in crate::formats) fn read(input: Input, options: &LoadOptions, several: bool) -> Result<Option<Volume>> {
     let mut reader = Reader::open(input)?;
-    let array = match reader.find(false)? {
-        Some(found) => found,
-        None if again && reader.passed => {
-            reader = Reader::open(Input::open(&path, None)?)?;
-            reader.find(true)?.ok_or_else(|| reader.input.error("has changed while it was read"))?
-        }
-        None => refuse!(reader.input, "has no array with one number per sample"),
-    };
-    reader.lattice.read(&array, reader.input, reader.layout, options)
+    let array = reader.find(several)?;
+    array.map(|array| reader.lattice.read(&array, reader.input, reader.layout, options)).transpose()
 }
 
 struct Reader {
@@ -31,8 +23,6 @@ struct Reader {
     lattice: Lattice,
     /// What the arrays to come belong to, and their number.
     of: Option<(At, u64)>,
-    /// Whether an array with several numbers per sample was passed.
-    passed: bool,
 }
 
 impl Reader {
@@ -48,7 +38,7 @@ impl Reader {
             _ => refuse!(input, "its third line is {coding:?}, expected ASCII or BINARY"),
         };
         let lattice = Lattice { extent: [[0, -1]; 3], spacing: [1.0; 3], origin: DVec3::ZERO, directions: DVec3::AXES };
-        Ok(Self { input, layout, lattice, of: None, passed: false })
+        Ok(Self { input, layout, lattice, of: None })
     }
 
     /// Reads up to the first sample of the array; `several` tells whether it may have several numbers per sample.
@@ -119,11 +109,9 @@ impl Reader {
         }
         // Colours are bytes; in text they are fractions of 255.
         let is_fraction = keyword == "COLOR_SCALARS" && self.layout == Layout::Text;
-        if let Some((at, _)) = self.of.filter(|(_, count)| tuples == *count && !is_fraction) {
-            if components == 1 || several {
-                return Ok(Some(Array { at, sample_type: self.sample_type(kind)?, components }));
-            }
-            self.passed = true;
+        let at = self.of.filter(|(_, count)| tuples == *count && !is_fraction && (components == 1 || several));
+        if let Some((at, _)) = at {
+            return Ok(Some(Array { at, sample_type: self.sample_type(kind)?, components }));
         }
         let size = if self.layout == Layout::Text { 1 } else { self.sample_type(kind)?.size() };
         skip(&mut self.input, components.saturating_mul(tuples), size, self.layout)?;

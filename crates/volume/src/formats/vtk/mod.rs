@@ -11,8 +11,22 @@ use super::decode::{Layout, read_all};
 use super::input::Input;
 use super::placement::Placement;
 use super::selection::{Role, picked, sized};
-use crate::error::Result;
+use crate::error::{Result, Subject, refuse_if};
 use crate::volume::{SampleType, Volume};
+
+/// A reader of a format: it takes arrays with several numbers per sample only if it is told to.
+type ReadArray = fn(Input, &LoadOptions, bool) -> Result<Option<Volume>>;
+
+/// Reads the volume of an array with one number per sample, or else with several: for these the file is read again.
+pub(super) fn read(input: Input, options: &LoadOptions, read_array: ReadArray) -> Result<Volume> {
+    let (path, is_stream) = (input.path().to_owned(), input.at_most().is_none());
+    if let Some(volume) = read_array(input, options, false)? {
+        return Ok(volume);
+    }
+    refuse_if!(is_stream, path, "has no array of one number per sample, and is a stream: write it to a file");
+    let found = read_array(Input::open(&path, None)?, options, true)?;
+    found.ok_or_else(|| path.error("has no array of scalars"))
+}
 
 /// Where samples lie in the image: an array belongs to points or to cells.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

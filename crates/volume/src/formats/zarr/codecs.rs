@@ -9,8 +9,9 @@ use flate2::bufread::{MultiGzDecoder, ZlibDecoder};
 use serde_json::Value;
 
 use super::blosc;
-use super::content::{chosen, numbers, zstd};
+use super::content::{numbers, zstd};
 use crate::error::{Damage, Result, Subject, refuse, refuse_if};
+use crate::formats::selection::choice;
 use crate::volume::{Endian, Number};
 
 /// From bytes to bytes.
@@ -87,7 +88,7 @@ impl Chain {
                 }
                 "bytes" if writing.is_none() => {
                     let orders = [("little", Endian::Little), ("big", Endian::Big)];
-                    writing = Some(Writing::Plain(chosen(file, "endian", &options["endian"], orders)?));
+                    writing = Some(Writing::Plain(choice(file, "endian", options["endian"].as_str(), orders)?));
                 }
                 "sharding_indexed" if writing.is_none() => {
                     let inner = numbers(&options["chunk_shape"]);
@@ -101,7 +102,7 @@ impl Chain {
                         chain: Self::of_v3(file, &options["codecs"], &inner, depth + 1)?,
                         index: Self::of_v3(file, &options["index_codecs"], &index_shape, MAX_DEPTH)?,
                         shape: inner,
-                        index_first: chosen(file, "index_location", &options["index_location"], places)?,
+                        index_first: choice(file, "index_location", options["index_location"].as_str(), places)?,
                     })));
                 }
                 other if writing.is_some() => packings.push(Packing::of(file, other, options)?),

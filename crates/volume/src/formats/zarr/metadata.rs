@@ -5,10 +5,11 @@ use std::path::{Path, PathBuf};
 use serde_json::Value;
 
 use super::codecs::Chain;
-use super::content::{chosen, numbers};
+use super::content::numbers;
 use crate::error::{Result, Subject, refuse, refuse_if};
 use crate::files;
 use crate::formats::decode::Kind;
+use crate::formats::selection::choice;
 use crate::volume::{Endian, Number, SampleType};
 
 /// The longest file of metadata that is read, in bytes.
@@ -84,14 +85,14 @@ impl Array {
             _ => refuse!(file, "the dtype {name:?} is unknown"),
         };
         let Some(kind) = Kind::of_numpy(letters) else { refuse!(file, "the dtype {name:?} is not read") };
-        let is_fortran = chosen(file, "order", &value["order"], [("C", false), ("F", true)])?;
+        let is_fortran = choice(file, "order", value["order"].as_str(), [("C", false), ("F", true)])?;
         // What was done last is undone first.
         let compressor = Some(&value["compressor"]).filter(|codec| !codec.is_null());
         let filters = value["filters"].as_array().map(Vec::as_slice).unwrap_or_default();
         refuse_if!(filters.len() > MAX_AXES, file, "{} filters", filters.len());
         let codecs: Vec<&Value> = compressor.into_iter().chain(filters.iter().rev()).collect();
         let separators = [(".", '.'), ("/", '/')];
-        let separator = chosen(file, "dimension_separator", &value["dimension_separator"], separators)?;
+        let separator = choice(file, "dimension_separator", value["dimension_separator"].as_str(), separators)?;
         let chain = Chain::of_v2(file, shape.len(), is_fortran, endian, &codecs)?;
         let fill = value["fill_value"].clone();
         Self { shape, chunks, kind, chain, fill, prefix: "", separator, names: Vec::new() }.checked(file)
@@ -114,7 +115,7 @@ impl Array {
             Some("v2") => ("", [(".", '.'), ("/", '/')]),
             other => refuse!(file, "chunk_key_encoding {:?}", other.unwrap_or_default()),
         };
-        let separator = chosen(file, "separator", &keys["configuration"]["separator"], separators)?;
+        let separator = choice(file, "separator", keys["configuration"]["separator"].as_str(), separators)?;
         let names = value["dimension_names"].as_array().map(Vec::as_slice).unwrap_or_default();
         let names = names.iter().map(|name| name.as_str().unwrap_or_default().to_owned()).collect();
         let chain = Chain::of_v3(file, &value["codecs"], &chunks, 0)?;

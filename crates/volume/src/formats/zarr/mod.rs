@@ -102,17 +102,14 @@ fn no_image(node: &Node) -> Error {
         return Error::format(&node.folder, reason);
     }
     let inside = std::fs::read_dir(&node.folder).into_iter().flatten().flatten().map(|entry| entry.path());
-    let mut names: Vec<String> = inside
-        .filter(|path| is_zarr(path))
-        .filter_map(|path| plain_name(&path.file_name()?.to_string_lossy()))
-        .take(20)
-        .collect();
+    let name = |path: PathBuf| plain_name(&path.file_name()?.to_string_lossy());
+    let mut names: Vec<String> = inside.filter(|path| is_zarr(path)).filter_map(name).take(20).collect();
     names.sort();
-    let reason = match names.is_empty() {
-        true => "is a group of Zarr without an image".to_owned(),
-        false => format!("is a group of Zarr without an image: give one of the folders in it: {}", names.join(", ")),
+    let found = match names.is_empty() {
+        true => String::new(),
+        false => format!(": give one of the folders in it: {}", names.join(", ")),
     };
-    Error::format(&node.folder, reason)
+    node.folder.error(format!("is a group of Zarr without an image{found}"))
 }
 
 /// What axes with these names are; without names they are guessed.
