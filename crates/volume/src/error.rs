@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 /// The result of this crate.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
-/// What can be wrong with a file or a volume.
+/// Faults of a file or a volume.
 ///
 /// `{}` gives the message alone: one line without a trailing full stop. The cause, if there is one, is
 /// [`source`](std::error::Error::source); the message does not repeat it. `{:#}` gives message, cause and way out in
@@ -27,19 +27,19 @@ pub enum Error {
     Read {
         /// The file.
         path: PathBuf,
-        /// What the operating system said.
+        /// The error of the operating system.
         source: io::Error,
     },
     /// A file is malformed, truncated, inconsistent or uses a feature that is not read.
     Format {
         /// The file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// The fault.
         reason: String,
-        /// What the caller can do about it, if anything.
+        /// The remedy, if there is one.
         hint: Option<Hint>,
     },
-    /// A volume that cannot be rendered: empty, too large, a singular grid.
+    /// A volume that cannot be rendered: empty, too large, or with a singular grid.
     Volume(String),
     /// A volume with samples that are NaN or infinite.
     NonFinite {
@@ -52,21 +52,19 @@ pub enum Error {
     Setting {
         /// The setting: the name of its field, with `_` or `-` between words.
         name: &'static str,
-        /// What was given and what would be accepted.
+        /// The given value and the accepted values.
         reason: String,
     },
     /// There is no host memory for a volume or a picture.
     Memory {
-        /// What the memory is for.
+        /// The purpose of the memory.
         what: String,
-        /// Bytes asked for.
+        /// Bytes requested.
         bytes: u64,
     },
 }
 
-/// What the caller can do about an [`Error`]: a way out that a program can offer in its own words.
-///
-/// `Display` says it in the words of the library.
+/// A remedy for an [`Error`], which a program can offer in its own words. `Display` uses the words of the library.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum Hint {
@@ -78,7 +76,7 @@ pub enum Hint {
     GiveDimsAndSampleType,
     /// The header's spacing is no length: state the distance between samples.
     GiveSpacing,
-    /// Some samples are NaN or infinite: choose a number that takes their place.
+    /// Some samples are NaN or infinite: choose a number to replace them.
     ReplaceNonFinite,
     /// The folder holds several series: choose one.
     ChooseSeries,
@@ -124,7 +122,7 @@ macro_rules! refuse_if {
 }
 pub(crate) use refuse_if;
 
-/// What is wrong with the content of a file, for readers that do not know its name: see [`Error::of_content`].
+/// A fault in the content of a file, for readers that do not know its name: see [`Error::of_content`].
 pub(crate) struct Damage;
 
 impl Damage {
@@ -180,7 +178,7 @@ impl Error {
         self
     }
 
-    /// What the caller can do about it, if the message does not state it.
+    /// The remedy, if the message does not state it.
     #[must_use]
     pub fn hint(&self) -> Option<Hint> {
         match self {
@@ -227,7 +225,7 @@ pub struct Line<'a>(pub &'a str);
 impl fmt::Display for Line<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let plain: Vec<char> = self.0.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
-        // The end states what is expected, so it is kept as well.
+        // The end states the accepted values, so it is kept as well.
         let half = MAX_REASON / 2;
         match plain.len() {
             ..=MAX_REASON => f.write_str(&String::from_iter(&plain)),

@@ -35,7 +35,7 @@ pub fn open(path: &Path) -> Result<(File, Option<u64>)> {
     if meta.is_file() { Ok((file, Some(meta.len()))) } else { Err(not_regular(path, &meta)) }
 }
 
-/// The whole content of a file as [`open`] takes it, of at most `most` bytes.
+/// Reads the whole content of a file that [`open`] accepts, of at most `most` bytes.
 ///
 /// # Errors
 /// As [`open`]; [`Error::Format`] if there are more than `most` bytes.
@@ -63,14 +63,14 @@ pub fn read_text(path: &Path, most: u64) -> Result<String> {
 /// Reads a value from a file of JSON, which is read as by [`read_text`].
 ///
 /// # Errors
-/// Those of [`read_text`]; [`Error::Format`] with line and column if the text is no such value.
+/// The errors of [`read_text`]; [`Error::Format`] with line and column if the text is no such value.
 pub fn read_json<T: DeserializeOwned>(path: &Path, most: u64) -> Result<T> {
     let fault =
         |e: serde_json::Error| Error::format(path, format!("line {} column {}: {}", e.line(), e.column(), fault(&e)));
     serde_json::from_str(&read_text(path, most)?).map_err(fault)
 }
 
-/// What is wrong with a JSON text, without the place, in words of JSON.
+/// Returns the fault of a JSON text, without its place, in words of JSON.
 pub fn fault(error: &serde_json::Error) -> String {
     let text = error.to_string();
     let text = text.rsplit_once(" at line ").map_or(text.as_str(), |(message, _)| message);
@@ -84,7 +84,7 @@ pub fn fault(error: &serde_json::Error) -> String {
         ("expected u32", "expected a whole number, 0 or over"),
         ("expected f64", "expected a number"),
     ];
-    // Texts of the file stay as they are: what is said of their kind comes before or after them.
+    // Quoted texts of the file stay as they are; the words about their kind stand before or after them.
     let (head, rest) = text.split_once('"').unwrap_or((text, ""));
     let (quoted, tail) = rest.rsplit_once('"').unwrap_or(("", rest));
     let plain = |text: &str| words.iter().fold(text.to_owned(), |text, (from, to)| text.replace(from, to));

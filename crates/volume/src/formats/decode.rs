@@ -19,7 +19,7 @@ pub(super) enum Layout {
     Text,
 }
 
-/// What a sample is.
+/// The type of samples in a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Kind {
     Whole(SampleType),
@@ -49,7 +49,7 @@ impl Kind {
         }
     }
 
-    /// By the letter and the bytes of NumPy, such as i2.
+    /// The kind with NumPy's letter and number of bytes, such as i2.
     pub(super) fn of_numpy(letters: &str) -> Option<Self> {
         let named = |known: &SampleType| letters == format!("{}{}", &known.name()[..1], known.size());
         match letters {
@@ -60,8 +60,8 @@ impl Kind {
     }
 }
 
-/// Samples of a kind, by an expression that makes a vector of numbers of type `$t`: those of 16-bit floating point are
-/// `u16`, and become f32.
+/// Makes samples of a kind from an expression for a vector of numbers of type `$t`. For 16-bit floating point `$t` is
+/// `u16`, the bits, and the samples are f32.
 macro_rules! samples_of {
     ($kind:expr, $path:expr, $t:ident => $numbers:expr) => {
         match $kind {
@@ -79,7 +79,7 @@ pub(super) use samples_of;
 /// The files of a volume, each opened at its first sample when its turn comes.
 pub(super) type Parts<'a> = &'a mut dyn Iterator<Item = Result<Input>>;
 
-/// Reads the samples that are picked from those of the `n_parts` files of `parts`, which hold equal shares of all.
+/// Reads picked samples from the `n_parts` files of `parts`, which hold equal shares of all samples.
 /// Uncompressed binary samples in one piece of a single file are not read: they stay there until they are needed.
 pub(super) fn read_samples(
     parts: Parts<'_>,
@@ -185,7 +185,7 @@ fn out_of_memory(input: &Input, count: u64, size: usize) -> Error {
     input.error(format!("needs {gib:.1} GiB of memory, more than can be had: crop or downsample it first"))
 }
 
-/// Passes over samples of so many bytes.
+/// Skips `count` samples of `size` bytes.
 pub(super) fn skip(input: &mut Input, count: u64, size: usize, layout: Layout) -> Result<()> {
     let mut token = String::new();
     match layout {

@@ -28,13 +28,13 @@ use crate::volume::{MAX_DIM, Number, Samples, ToF64, Units, Volume, with_samples
 const MAX_SETS: usize = 4096;
 const MAX_DEPTH: usize = 32;
 
-/// The most bytes that are read at once, if an index of the slowest axis does not take more.
+/// The most bytes that are read at once, unless one index of the slowest axis has more.
 const SLAB: u64 = 64 << 20;
 
 /// The largest chunk and the largest slab, in bytes.
 const MAX_CHUNK: usize = 1 << 30;
 
-/// What NetCDF writes where nothing was written, in numbers of floating point.
+/// The default fill values of NetCDF for floating point.
 const NOT_WRITTEN: [f64; 2] = [9.969_209_968_386_869e36, 9.969_21e36_f32 as f64];
 
 /// A data set, and the groups it is in, the innermost first.
@@ -248,7 +248,7 @@ fn axes(file: &NcFile, set: &Set<'_>) -> Vec<Axis> {
         Axis { size: axis.size, role, name: axis.name.clone(), place, uneven, unit: named_unit(&unit) }
     };
     let mut axes: Vec<Axis> = axes.iter().map(named).collect();
-    // Axes whose names say nothing.
+    // The names of the axes state no role.
     let unknown = axes.iter().all(|axis| axis.role == Role::Space && axis.place.is_none());
     if unknown && axes.len() > 3 {
         let sizes: Vec<i64> = axes.iter().rev().map(|axis| sized(axis.size)).collect();
@@ -363,7 +363,7 @@ impl Slabs<'_> {
     }
 }
 
-/// Samples with NaN in place of those that stand for none. Integers become floats if there are such.
+/// Replaces fill values by NaN. Integers become floats if there are fill values.
 fn without_fill(mut samples: Samples, attributes: &[NcAttribute], path: &Path) -> Result<Samples> {
     let stated = ["_FillValue", "missing_value"].into_iter().filter_map(|name| attribute(attributes, name));
     let mut fill: Vec<f64> = stated.filter_map(|attribute| attribute.value.as_f64_vec()).flatten().take(16).collect();
@@ -393,7 +393,7 @@ fn without_fill(mut samples: Samples, attributes: &[NcAttribute], path: &Path) -
     Ok(samples)
 }
 
-/// A vector of so many values.
+/// A vector of `count` values.
 fn filled<T>(count: usize, values: impl Iterator<Item = T>, path: &Path) -> Result<Vec<T>> {
     let mut all = reserved(count as u64, || samples_in(path))?;
     all.extend(values);

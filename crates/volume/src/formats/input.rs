@@ -20,34 +20,33 @@ const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
 /// compressed file can hold, so a header that claims more is refused before memory is reserved.
 pub(super) const MAX_EXPANSION: u64 = 1032;
 
-/// Bzip2 expands at most so much: a block of 900 kB, in which 5 bytes stand for 259, takes 32 bytes or more.
+/// The largest expansion of bzip2: a block of 900 kB, in which 5 bytes stand for 259, has 32 bytes or more.
 const MAX_BZIP2_EXPANSION: u64 = 1 << 21;
 
-/// What may stand between the version of bzip2 and its first bits: the mark of a block, or of the end.
+/// The bytes behind the version of bzip2: the mark of a block, or the mark of the end.
 const BZIP2_MARKS: [[u8; 6]; 2] = [[0x31, 0x41, 0x59, 0x26, 0x53, 0x59], [0x17, 0x72, 0x45, 0x38, 0x50, 0x90]];
 
 /// The longest header line that is read, in bytes: a longer line is not text.
 const MAX_LINE: u64 = 1 << 20;
 
-/// What all lines of a header and the names after it may take together, in bytes: 65 535 names of 400 characters.
+/// The most bytes of all lines of a header and the names after it: 65 535 names of 400 characters.
 const MAX_HEADER: u64 = 32 << 20;
 
-/// What a line takes besides its characters, in bytes: lines are kept in strings, and strings in tables.
+/// The bytes that a line costs besides its characters: lines are kept in strings, and strings in tables.
 const LINE_OVERHEAD: u64 = 64;
 
 /// A file, and the offset in it at which a stream begins.
 type Place = (PathBuf, u64);
 
-/// Compressed streams as files without names that hold what they decompress to, for source files that are read more
-/// than once.
+/// Decompressed streams in files without names, for source files that are read more than once.
 #[derive(Debug, Default)]
 pub(super) struct Unpacked {
-    /// By their places; `None` if it cannot be decompressed, or there is no room for it.
+    /// Files by the places of their streams; `None` if a stream cannot be decompressed, or there is no room for it.
     streams: Mutex<HashMap<Place, Option<Arc<File>>>>,
 }
 
 impl Unpacked {
-    /// The file of a stream, which `reader` makes if it is not there yet, of at most so many bytes.
+    /// The file of a stream of at most `most` bytes. If it is not there yet, `reader` opens the stream to fill it.
     fn file(&self, path: &Path, at: u64, most: u64, reader: impl FnOnce() -> Option<Box<dyn BufRead>>) -> Option<File> {
         let mut streams = self.streams.lock().unwrap_or_else(PoisonError::into_inner);
         let held = streams.entry((path.to_owned(), at)).or_insert_with(|| {
@@ -72,9 +71,9 @@ pub(super) struct Input {
     plain: Option<Arc<File>>,
     /// Upper bound on the bytes left; `None` for streams.
     left: Option<u64>,
-    /// What the lines to come may take, in bytes.
+    /// The bytes that further header lines may have.
     header_left: u64,
-    /// Where what is compressed is kept for the next reading.
+    /// The decompressed streams that are kept for the next reading.
     unpacked: Option<Arc<Unpacked>>,
 }
 
@@ -85,20 +84,20 @@ impl Input {
         Self { unpacked, ..Self::open_plain(path)? }.unpacked_if_marked()
     }
 
-    /// Where what is compressed is kept, for other files of the same volume.
+    /// The decompressed streams that are kept, for other files of the same volume.
     pub(super) fn unpacked(&self) -> Option<Arc<Unpacked>> {
         self.unpacked.clone()
     }
 
-    /// Opens a data file that a header names, as it is, with `unpacked` as for [`Self::open`]. Not even standard input
-    /// is read unless it is a regular file.
+    /// Opens a data file that a header names, without decompression; `unpacked` is used as by [`Self::open`]. Standard
+    /// input is refused unless it is a regular file.
     pub(super) fn open_data(path: &Path, unpacked: Option<Arc<Unpacked>>) -> Result<Self> {
         let input = Self { unpacked, ..Self::open_plain(path)? };
         refuse_if!(input.left.is_none(), input, "is not a regular file, as a data file must be");
         Ok(input)
     }
 
-    /// Opens a file as it is.
+    /// Opens a file without decompression.
     fn open_plain(path: &Path) -> Result<Self> {
         let (file, left) = files::open(path)?;
         let file = Arc::new(file);
@@ -126,7 +125,7 @@ impl Input {
         self.left
     }
 
-    /// The number of bytes left; `None` if it is not known, as in a compressed file.
+    /// The number of bytes left; `None` if it is unknown, for example in a compressed file.
     pub(super) fn exactly_left(&self) -> Option<u64> {
         self.left.filter(|_| self.plain.is_some())
     }
@@ -170,7 +169,7 @@ impl Input {
         self.decompressed_once(MAX_BZIP2_EXPANSION, |reader| buffered(MultiBzDecoder::new(reader)))
     }
 
-    /// Counts on at most so many bytes, if their number is not known.
+    /// Lowers the bound on the bytes left, if their number is unknown.
     pub(super) fn limit(&mut self, most: u64) {
         if self.plain.is_none() {
             self.left = self.left.map(|left| left.min(most));
@@ -185,8 +184,8 @@ impl Input {
         Ok(self.decompressed_once(MAX_EXPANSION, |reader| buffered(ZlibDecoder::new(reader))))
     }
 
-    /// Decompresses the stream that begins here, or takes what it was decompressed to before. A damaged stream is read
-    /// as far as it goes.
+    /// Decompresses the stream that begins here, or opens the file that keeps its content. A damaged stream is read up
+    /// to its damage.
     fn decompressed_once(mut self, expansion: u64, f: fn(Box<dyn BufRead>) -> Box<dyn BufRead>) -> Self {
         if let Some(unpacked) = self.unpacked.clone()
             && let Ok(Some((mut file, at))) = self.plain_file()
@@ -212,8 +211,8 @@ impl Input {
         self
     }
 
-    /// Decodes digits of 4 bits, which are hexadecimal, or of 6 bits, which are base64 (RFC 4648). Blanks between digits
-    /// are skipped, and what follows padding is decoded as well.
+    /// Decodes digits of 4 bits, which are hexadecimal, or of 6 bits, which are base64 (RFC 4648). Blanks between
+    /// digits are skipped, and digits behind padding are decoded as well.
     pub(super) fn decode_digits(&mut self, width: u32) {
         self.left = self.left.map(|n| n.saturating_mul(width.into()) / 8);
         self.plain = None;
@@ -221,7 +220,7 @@ impl Input {
         self.reader = buffered(Digits { digits, width, bits: 0, held: 0 });
     }
 
-    /// Decompresses the stream that begins here by a codec that makes at most so many bytes of one.
+    /// Decompresses the stream that begins here by a codec that makes at most `expansion` bytes of one.
     pub(super) fn decompress(&mut self, expansion: u64, f: impl FnOnce(Box<dyn BufRead>) -> Box<dyn BufRead>) {
         self.left = self.left.map(|_| expanded(self.left, expansion));
         self.plain = None;
@@ -252,7 +251,7 @@ impl Input {
         Ok(true)
     }
 
-    /// Takes bytes that have been read from those that are left.
+    /// Lowers the bytes left by `n` bytes that have been read.
     fn passed(&mut self, n: u64) {
         self.left = self.left.map(|left| left.saturating_sub(n));
     }
@@ -320,7 +319,7 @@ impl Input {
         Ok(passed)
     }
 
-    /// What is between the next `<` and the `>` after it; `None` at the end of the file. A comment ends with its own
+    /// The text between the next `<` and the `>` after it; `None` at the end of the file. A comment ends with its own
     /// mark.
     pub(super) fn tag(&mut self) -> Result<Option<String>> {
         self.skip_past(b'<')?;
@@ -425,7 +424,7 @@ impl Input {
     }
 }
 
-/// The most bytes that so many stand for. Short streams have room for what surrounds them.
+/// The most bytes that `packed` bytes expand to. 64 KiB are added for the headers of short streams.
 fn expanded(packed: Option<u64>, expansion: u64) -> u64 {
     packed.map_or(u64::MAX, |n| n.saturating_mul(expansion).saturating_add(1 << 16))
 }

@@ -47,18 +47,18 @@ pub use crate::files::{read_json, read_text};
 use crate::names::{counted, named};
 use crate::volume::{Endian, SampleType, Volume};
 
-/// Which level of a pyramid is read: of a file that holds the same volume at several resolutions.
+/// The level of a pyramid to read: of a file that holds the same volume at several resolutions.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum PyramidLevel {
     /// The level of this number; 0 is the finest.
     At(u32),
-    /// The coarsest level whose samples are no coarser than pixels, if the longest edge of the volume spans so many.
+    /// The coarsest level with samples no coarser than pixels, if the volume's longest edge spans this many pixels.
     Pixels(f64),
-    /// The coarsest level whose samples are no further apart than this world length.
+    /// The coarsest level with samples at most this world length apart.
     PixelSize(f64),
 }
 
-/// What becomes of a series of DICOM files that lacks slices between others.
+/// The treatment of a DICOM series that lacks slices between others.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum MissingSlices {
     /// It is an error that names their places.
@@ -70,7 +70,7 @@ pub enum MissingSlices {
 
 named!("missing_slices", MissingSlices { Refuse: "refuse", Interpolate: "interpolate" });
 
-/// What the caller knows about a file, or wants done to its samples. The default is to believe its header.
+/// Facts about a file that its header lacks, and choices among its volumes. By default the header decides.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LoadOptions {
     /// Samples along x, y and z of a file without a header; x is fastest.
@@ -94,7 +94,7 @@ pub struct LoadOptions {
     pub channel: Option<u32>,
     /// The series of a folder of DICOM files that holds several, counted from 1 in the order of their numbers.
     pub series: Option<u32>,
-    /// What becomes of a series of DICOM files that lacks slices.
+    /// The treatment of a DICOM series that lacks slices.
     pub missing_slices: MissingSlices,
     /// The level of a pyramid; the finest by default.
     pub level: PyramidLevel,
@@ -148,7 +148,7 @@ pub fn load(source: impl AsRef<Path>, options: &LoadOptions) -> Result<Volume> {
     load_from(source.as_ref(), options, None)
 }
 
-/// As [`load`]; what is compressed is kept in `unpacked`, if that is given, or taken from there.
+/// As [`load`]; decompressed streams are kept in `unpacked`, if that is given, and read from there.
 fn load_from(source: &Path, options: &LoadOptions, unpacked: Option<&Arc<Unpacked>>) -> Result<Volume> {
     if let Some(spacing) = options.spacing {
         check_spacing(spacing)?;

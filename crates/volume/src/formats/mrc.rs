@@ -30,7 +30,7 @@ pub(super) fn is_mrc(head: &[u8]) -> bool {
     head.get(208..212).is_some_and(|word| matches!(word, b"MAP " | b"MAP\0")) && endian(head).is_some()
 }
 
-/// The byte order: by the machine stamp, or, if that is damaged, the order in which mode and axes are those of a map.
+/// The byte order that the machine stamp states or, if it is damaged, the order that gives a valid mode and axes.
 fn endian(head: &[u8]) -> Option<Endian> {
     let plausible = |endian: &Endian| {
         let f = Fields { bytes: head, endian: *endian };
@@ -83,7 +83,7 @@ pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
 /// The mode of samples of 4 bits; each row begins at a byte.
 const NIBBLES: i64 = 101;
 
-/// What samples are, and their number in a voxel.
+/// The type of the samples, and their number in a voxel.
 fn kind(header: &Fields<'_>, input: &Input) -> Result<(Kind, i64)> {
     let sample_type = match header.int(12, 4) {
         0 if header.int(152, 4) == IMOD_STAMP && header.int(156, 4) & 1 == 0 => SampleType::U8,

@@ -20,8 +20,8 @@ pub(super) fn announces_list(text: &str) -> bool {
     text.split_ascii_whitespace().next() == Some("LIST")
 }
 
-/// The data files that a header names in a field of this text: those listed on the lines behind the header, those of
-/// `PATTERN FIRST LAST STEP`, as in `slice%03d.raw 1 60 1`, or the one file of any other text.
+/// The data files that a header names in a field of this text: files listed on the lines behind the header, files of a
+/// pattern `PATTERN FIRST LAST STEP` such as `slice%03d.raw 1 60 1`, or the one file of any other text.
 ///
 /// Up to `max_numbers` numbers at the end of the text belong to the pattern; all after the third are ignored.
 pub(super) fn data_files(header: &Path, text: &str, max_numbers: usize, input: &mut Input) -> Result<Vec<PathBuf>> {
@@ -77,7 +77,7 @@ fn check_name(header: &Path, name: &str) -> Result<()> {
 /// The names of a pattern; `None` if the text is a plain file name.
 fn numbered(header: &Path, text: &str, max_numbers: usize) -> Result<Option<Vec<String>>> {
     let words: Vec<&str> = text.split_ascii_whitespace().collect();
-    // The pattern may contain blanks, so the numbers are taken from the end.
+    // The pattern may contain blanks, so the numbers are read from the end.
     let mut numbers: Vec<i64> = words.iter().rev().map_while(|word| word.parse().ok()).take(max_numbers).collect();
     numbers.reverse();
     let [first, last, step, ..] = numbers[..] else { return Ok(None) };

@@ -25,7 +25,7 @@ pub(super) const MAGIC: &[u8] = b"\x93NUMPY";
 /// The longest header that is read, in bytes. One with a plain type and three sizes has under 200.
 const MAX_HEADER: usize = 1 << 16;
 
-/// What the header says.
+/// The fields of the header.
 #[derive(Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Header {

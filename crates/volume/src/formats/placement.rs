@@ -45,7 +45,7 @@ impl Placement {
     /// The grid of a lattice with these sizes, fastest first, at this position; axes that are not there have one
     /// sample. A given `spacing` replaces the header's.
     ///
-    /// An axis of one sample that has no spacing gets that of the first axis: a picture says nothing of its thickness.
+    /// An axis of one sample without a spacing gets the spacing of the first axis: a picture states no thickness.
     /// Readers make the grid before they read samples, so a header with a singular grid is refused at once.
     pub(super) fn grid(&self, path: &Path, sizes: &[i64], spacing: Option<[f64; 3]>) -> Result<Grid> {
         let dims = lattice(path, sizes)?;

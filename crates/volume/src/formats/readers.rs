@@ -16,7 +16,7 @@ type DataFiles = fn(Input) -> Result<Vec<PathBuf>>;
 
 /// A format of files or folders.
 ///
-/// Which it is of a file the first bytes tell, otherwise the extension.
+/// The first bytes of a file decide on its format, otherwise the extension.
 #[derive(Debug)]
 pub struct Format {
     /// Its name in messages.
@@ -37,7 +37,7 @@ pub struct Format {
     data_files: Option<DataFiles>,
 }
 
-/// What most formats have: one volume in a file, no folder, no data beside the header.
+/// The defaults of a row: one volume in a file, no folder, no data beside the header.
 const PLAIN: Format = Format {
     name: "",
     description: "",
@@ -73,7 +73,7 @@ pub(super) const ZARR: Format = Format {
 
 /// The formats, in the order in which the first bytes of a file are held against them.
 pub static FORMATS: [Format; 11] = [
-    // Its first 128 bytes are free: they may be those of another format, such as TIFF.
+    // Its first 128 bytes are free: they may be the beginning of another format, such as TIFF.
     Format {
         name: "DICOM",
         description: "a file or a folder of slices; all but JPEG-LS and lossy JPEG of 12 bits",
@@ -184,7 +184,7 @@ impl Format {
 
     /// The format that the name of a file promises.
     pub(super) fn of_name(path: &Path) -> Option<&'static Self> {
-        // The extension decides: what is lost of a name that is not UTF-8 does not count.
+        // The extension decides, so a lossy conversion to UTF-8 suffices.
         let name = path.file_name()?.to_string_lossy().to_ascii_lowercase();
         let name = name.strip_suffix(".gz").or_else(|| name.strip_suffix(".bz2")).unwrap_or(&name);
         let extension = name.rsplit_once('.')?.1;

@@ -7,7 +7,7 @@ use crate::error::{Error, Hint, Result, Subject, refuse};
 use crate::names::listed;
 use crate::volume::{Channel, Contents};
 
-/// What an axis of the samples of a file runs along.
+/// The role of an axis of samples in a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Role {
     Space,
@@ -18,7 +18,7 @@ pub(super) enum Role {
 /// The axes of the samples of a file with their sizes, the fastest first.
 pub(super) type Axes = Vec<(Role, i64)>;
 
-/// Which samples of a file are those of the volume: runs of `run` samples, each `step` samples behind the last.
+/// The samples of a file that a volume has: runs of `run` samples, `step` samples apart.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Pick {
     first: u64,
@@ -31,14 +31,14 @@ pub(super) struct Pick {
 }
 
 impl Pick {
-    /// All of so many samples.
+    /// All of `count` samples.
     pub(super) fn all(count: u64) -> Self {
         Self { first: 0, step: 1, run: count, beyond: Vec::new(), all: count }
     }
 
     /// The samples at the chosen indices of some axes and at all of the others; the fastest axis is the first.
     fn of(axes: &[(u64, Option<u64>)]) -> Option<Self> {
-        // No number below is larger than that of all samples.
+        // No number below exceeds the number of all samples.
         let all = axes.iter().try_fold(1_u64, |all, (size, _)| all.checked_mul(*size))?;
         let mut pick = Self { all: 1, ..Self::all(1) };
         for &(size, index) in axes {
@@ -91,8 +91,8 @@ impl Pick {
     }
 }
 
-/// The channel and the point in time that the options ask for. Without a choice the first point in time is taken; of
-/// several channels one must be chosen.
+/// The channel and the point in time that the options request. The default is the first point in time; of several
+/// channels one must be chosen.
 pub(super) fn chosen(path: &Path, options: &LoadOptions, channels: u64, times: u64) -> Result<Contents> {
     let number = |name: &str, found: u64| match u32::try_from(found) {
         Ok(found) if found > 0 => Ok(found),
@@ -148,8 +148,8 @@ pub(super) fn indices(
     Ok((axes.iter().map(index).collect(), contents))
 }
 
-/// What four axes of unknown meaning are, the fastest first: channels if the fastest has at most four samples and all
-/// others more, else points in time along the slowest. Of five axes the two slowest are channels and time.
+/// The roles of four axes of unknown meaning, the fastest first: channels if the fastest has at most four samples and
+/// all others more, else points in time along the slowest. Of five axes the two slowest are channels and time.
 pub(super) fn guessed(sizes: &[i64]) -> Axes {
     let few = 2..=4;
     let roles: &[Role] = match sizes {
@@ -164,7 +164,7 @@ pub(super) fn guessed(sizes: &[i64]) -> Axes {
     sizes.iter().enumerate().map(|(axis, &size)| (role(axis), size)).collect()
 }
 
-/// The labels of so many channels that are colours: red, green and blue, with opacity behind them.
+/// The labels of channels that are colours: red, green and blue, and opacity if there are four.
 pub(super) fn colours(channels: u32) -> Vec<Channel> {
     let names = [("red", [255, 0, 0]), ("green", [0, 255, 0]), ("blue", [0, 0, 255]), ("alpha", [255; 3])];
     let label =
@@ -172,7 +172,7 @@ pub(super) fn colours(channels: u32) -> Vec<Channel> {
     names.get(..channels as usize).unwrap_or_default().iter().map(label).collect()
 }
 
-/// What a text of metadata stands for among some choices. The first is the default.
+/// The choice that a text of metadata names. The first choice is the default.
 pub(super) fn choice<T: Copy, const N: usize>(
     file: &Path,
     name: &str,

@@ -1,7 +1,7 @@
 //! TIFF and BigTIFF: the pages of a file, or the files of a folder in natural order, are the sections of a volume.
 //!
 //! The crate `tiff` finds the pages and decodes them. Pages that are uncompressed and in one piece stay in their file.
-//! Sizes of voxels are those of OME-XML (<https://docs.openmicroscopy.org/ome-model/latest/ome-tiff/>) or of ImageJ; of
+//! Sizes of voxels are stated by OME-XML (<https://docs.openmicroscopy.org/ome-model/latest/ome-tiff/>) or of ImageJ; of
 //! other files 1, because resolutions for printers are no lengths in a volume. ImageJ writes a stack of over 4 GB with
 //! one directory, and only its description says how many sections follow. Both say in which order pages have sections,
 //! channels and points in time; a page of several samples per pixel has channels of its own.
@@ -132,7 +132,7 @@ fn decoded<T: Number>(path: &Path, files: &[PathBuf], pick: &Pick, page: u64) ->
                 let whole = decoder.image_buffer_layout()?.complete_len;
                 let bytes: &mut [u8] = bytemuck::cast_slice_mut(samples);
                 if whole != bytes.len() {
-                    // The crate leaves out samples beyond those of the colours.
+                    // The crate leaves out samples beyond the colours.
                     return Err(TiffError::UnsupportedError(tiff::TiffUnsupportedError::UnsupportedDataType));
                 }
                 decoder.read_image_bytes(bytes)
@@ -162,17 +162,17 @@ struct Stack {
     /// The first page: the others are of its size and type.
     page: Page,
     endian: Endian,
-    /// The directories of pages: those of previews are left out.
+    /// The directories of pages; directories of previews are left out.
     pages: Vec<usize>,
     /// Where samples begin and end if all of them are uncompressed and in one piece.
     plain: Option<[u64; 2]>,
     described: Described,
 }
 
-/// What the description of the first page says.
+/// The facts that the description of the first page states.
 #[derive(Default)]
 struct Described {
-    /// What pages are, the fastest first: one axis is of space.
+    /// The axes of pages, the fastest first; one axis is of space.
     axes: Axes,
     labels: Vec<Channel>,
     /// Whether all pages have one directory, as ImageJ writes large stacks.
@@ -181,7 +181,7 @@ struct Described {
     unit: Option<String>,
 }
 
-/// What a page says of its samples.
+/// The properties of a page.
 struct Page {
     size: [u32; 2],
     kind: Kind,
@@ -207,7 +207,7 @@ impl Stack {
         let length = file.metadata().map_err(Error::read(path))?.len();
         let limit = usize::try_from(length.saturating_mul(MAX_EXPANSION)).unwrap_or(usize::MAX);
         let mut limits = Limits::default();
-        // The first is of texts too, for which memory is taken at once.
+        // The first limit holds for texts too, whose memory is reserved at once.
         limits.decoding_buffer_size = MAX_VALUE.min(limit);
         limits.intermediate_buffer_size = MAX_STRIP.min(limit);
         limits.ifd_value_size = MAX_VALUE.min(limit);
@@ -242,7 +242,7 @@ impl Stack {
             let page = Page::of(&mut decoder, path, length)?;
             chunks = chunks.saturating_add(page.chunks);
             expansion = expansion.max(page.expansion);
-            // An offset takes two bytes at least: beyond, directories share one table, and each would read it.
+            // An offset has two bytes at least. If there are more, directories share a table, and each would read it.
             if chunks.saturating_mul(2) > length {
                 refuse!(path, "has directories that share a table of strips: it is damaged");
             }

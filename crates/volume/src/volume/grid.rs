@@ -134,8 +134,8 @@ impl Grid {
         self.to_world.transform_point3(self.middle())
     }
 
-    /// The world length that painters take as 1: a power of two, and of the three spacings the middle one to within a
-    /// factor of two.
+    /// The world length that painters use as 1: a power of two within a factor of two of the middle one of the three
+    /// spacings.
     pub fn unit(&self) -> f64 {
         let [x, y, z] = self.spacing();
         let middle = x.max(y).min(x.min(y).max(z));
@@ -172,7 +172,7 @@ impl Grid {
         self.corners_from_center(margin).map(|corner| self.center() + corner)
     }
 
-    /// The same, from the world position of the centre of the lattice: a distant origin rounds nothing away.
+    /// The corners relative to the centre of the lattice, so that a distant origin costs no precision.
     pub fn corners_from_center(&self, margin: f64) -> [DVec3; 8] {
         let half = self.middle() + margin;
         std::array::from_fn(|c| {

@@ -86,14 +86,14 @@ pub struct Units {
     pub value: Option<String>,
 }
 
-/// What the file of a volume holds: the volume is one of its channels at one point in time.
+/// The contents of a volume's file: the volume is one of its channels at one point in time.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Contents {
     /// The channel that the volume is, counted from 0.
     pub channel: u32,
     /// The number of channels.
     pub channels: u32,
-    /// What the file says of its channels, in their order; empty if it says nothing.
+    /// Names, colours and windows of the channels, in their order; empty if the file states none.
     pub labels: Vec<Channel>,
     /// The point in time that the volume is of, counted from 0.
     pub time: u32,
@@ -103,11 +103,10 @@ pub struct Contents {
     pub level: u32,
     /// The number of levels.
     pub levels: u32,
-    /// The labels that the file names, of all its channels, if it says that its values are labels; empty if it says no
-    /// more of them.
+    /// The labels of all channels, if the file states that its values are labels; empty if it names none of them.
     pub segments: Option<Vec<Segment>>,
-    /// What of the file the volume could not keep, each as a sentence without a full stop, such as that coordinates are
-    /// unequally spaced.
+    /// Facts of the file that the volume cannot express, such as unequally spaced coordinates; each is a sentence
+    /// without a full stop.
     pub notes: Vec<String>,
 }
 
@@ -118,27 +117,27 @@ impl Default for Contents {
     }
 }
 
-/// What a file says of a label.
+/// A label that a file describes.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Segment {
-    /// The channel whose values it is of: labels of one channel do not overlap.
+    /// The channel that has this label: labels of one channel do not overlap.
     pub channel: u32,
     /// The value.
     pub label: i64,
-    /// What it is of.
+    /// The name of the labelled structure.
     pub name: Option<String>,
     /// Red, green and blue, sRGB.
     pub color: Option<[u8; 3]>,
 }
 
-/// What a file says of a channel.
+/// A channel that a file describes.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Channel {
     /// Such as the name of a dye.
     pub name: Option<String>,
     /// Red, green and blue, sRGB.
     pub color: Option<[u8; 3]>,
-    /// The values from which to which it is to be shown.
+    /// The range of values to show.
     pub window: Option<[f64; 2]>,
 }
 
@@ -146,9 +145,9 @@ pub struct Channel {
 #[derive(Debug)]
 struct Data {
     stored: Stored,
-    /// Whether every sample is finite; empty until it is asked for.
+    /// Whether every sample is finite; empty until it is needed.
     finite: OnceLock<bool>,
-    /// The least and the largest stored sample of each brick, x fastest; empty until they are asked for.
+    /// The least and the largest stored sample of each brick, x fastest; empty until they are needed.
     ranges: OnceLock<Vec<[f64; 2]>>,
 }
 
@@ -196,7 +195,7 @@ fn check_count(grid: &Grid, count: usize) -> Result<()> {
 const PASS: usize = 1 << 22;
 
 impl Volume {
-    /// A volume of a copy of `samples`, x fastest, then y, then z, on a lattice whose axes are the world's.
+    /// A volume of a copy of `samples`, x fastest, then y, then z, on a lattice along the world axes.
     ///
     /// `dims` are the numbers of samples along x, y and z. `spacing` is the world distance between neighbouring samples
     /// along each of them, in any unit of length. The first sample lies at the world's origin; [`Volume::with_grid`]
@@ -262,7 +261,7 @@ impl Volume {
         self
     }
 
-    /// The same volume, with what else its file holds.
+    /// The same volume, with other contents of its file.
     #[must_use]
     pub fn with_contents(mut self, contents: Contents) -> Self {
         self.contents = Arc::new(contents);
@@ -360,7 +359,7 @@ impl Volume {
         }
     }
 
-    /// The same volume with its samples in memory, unless they take more than `bytes`.
+    /// The same volume with its samples in memory, unless they have more than `bytes` bytes.
     pub(crate) fn loaded(mut self, bytes: u64) -> Result<Self> {
         if self.grid.len().saturating_mul(self.sample_type().size() as u64) <= bytes
             && let Stored::File(_) = &self.data.stored
@@ -398,13 +397,13 @@ impl Volume {
         &self.units
     }
 
-    /// What the file of the volume holds besides.
+    /// The contents of the volume's file.
     #[must_use]
     pub fn contents(&self) -> &Contents {
         &self.contents
     }
 
-    /// The unit of world lengths: the one stated, otherwise of patient space millimetres, as DICOM has it.
+    /// The unit of world lengths: the stated unit, or millimetres in patient space, the unit of DICOM.
     #[must_use]
     pub fn length_unit(&self) -> Option<&str> {
         self.units.length.as_deref().or(self.oriented.then_some("mm"))
@@ -416,7 +415,7 @@ impl Volume {
         self.units.value.as_deref()
     }
 
-    /// Refuses NaN and infinite samples: one of them would spoil every pixel that its kernel reaches.
+    /// Refuses NaN and infinite samples: one such sample would spoil every pixel that its kernel reaches.
     ///
     /// # Errors
     /// [`Error::NonFinite`] if there are such samples; [`Error::Read`] and [`Error::Memory`] if samples left in a file

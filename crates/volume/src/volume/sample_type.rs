@@ -48,7 +48,7 @@ impl SampleType {
 
     /// The type with a common name, in any case; runs of blanks count as one.
     ///
-    /// Names are those of C, NumPy and the NRRD format ("unsigned short int", "uint16_t", "ushort"). Plain "long" is
+    /// Accepts names of C, NumPy and the NRRD format ("unsigned short int", "uint16_t", "ushort"). Plain "long" is
     /// not accepted: depending on the writer it has 32 or 64 bits.
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
@@ -74,7 +74,8 @@ impl SampleType {
 
 spelled! {
     SampleType {
-        U8: "u8", I8: "i8", U16: "u16", I16: "i16", U32: "u32", I32: "i32", U64: "u64", I64: "i64", F32: "f32", F64: "f64"
+        U8: "u8", I8: "i8", U16: "u16", I16: "i16", U32: "u32", I32: "i32",
+        U64: "u64", I64: "i64", F32: "f32", F64: "f64",
     }
 }
 
@@ -133,7 +134,7 @@ mod number {
         fn to_f64(self) -> f64;
     }
 
-    /// What the library needs of a sample type; it is not part of the interface.
+    /// The operations on a sample type that the library needs; not part of the interface.
     pub trait Number: bytemuck::Pod + ToF64 {
         /// The same number from the other byte order.
         #[must_use]

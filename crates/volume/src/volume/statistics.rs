@@ -47,7 +47,7 @@ pub struct BackgroundEstimate {
     pub fraction: f64,
 }
 
-/// A power of two that takes values of a range to sizes whose squares and sums f64 holds; 1 for values of usual size.
+/// A power of two that scales values of a range so that f64 holds their squares and sums; 1 for values of usual size.
 fn scale_for(min: f64, max: f64) -> f64 {
     let largest = min.abs().max(max.abs());
     if largest == 0.0 || !largest.is_finite() || (1e-100..1e100).contains(&largest) {
@@ -216,7 +216,7 @@ impl Statistics {
     }
 
     /// The threshold that splits the values over `above` into two classes with the largest variance between them (Otsu
-    /// 1979, "A threshold selection method from gray-level histograms"). `f64::NEG_INFINITY` takes all values.
+    /// 1979, "A threshold selection method from gray-level histograms"). `f64::NEG_INFINITY` includes all values.
     ///
     /// `None` if there are no two classes. With its own result as `above` it splits the brighter class.
     #[must_use]

@@ -1,7 +1,7 @@
 //! The elements of a DICOM file that a volume needs (PS3.5 and PS3.10).
 //!
-//! The crate `dicom-object` is not used: it reads every element into memory, as long as the file says it is, and brings
-//! dictionaries of thousands of tags.
+//! The crate `dicom-object` is not used: it reserves the memory that an element claims, and brings dictionaries of
+//! thousands of tags.
 //!
 //! Files in gzip and deflated elements are read as a stream. Their pixels alone are kept, once their size is known.
 
@@ -42,10 +42,10 @@ const MAX_FRAMES: usize = crate::volume::MAX_DIM as usize;
 /// The transfer syntax whose elements are deflated.
 const DEFLATED: &str = "1.2.840.10008.1.2.1.99";
 
-/// The length of what ends at its own mark.
+/// The length of an element that ends at a mark.
 const UNDEFINED: u32 = u32::MAX;
 
-/// The sequences that have what is needed, in files without types too: of all frames, of each frame, and inside them
+/// The sequences that are read, in files without types too: those of all frames and of each frame, and inside them
 /// positions, orientations, spacings, maps to values, indices of time and delays of triggers. Sequences of makers may
 /// have values of the same names that mean something else.
 const SEQUENCES: [u32; 8] =
@@ -59,7 +59,7 @@ fn longest(tag: u32) -> u64 {
 /// Values by tag: group and element in one number.
 type Values = HashMap<u32, Vec<u8>>;
 
-/// What a file says, without its pixels.
+/// The elements of a file, without its pixels.
 #[derive(Default)]
 pub(super) struct Dataset {
     pub(super) path: PathBuf,
@@ -67,18 +67,18 @@ pub(super) struct Dataset {
     pub(super) syntax: String,
     pub(super) endian: Endian,
     values: Values,
-    /// Of all frames.
+    /// The values that all frames share.
     shared: Values,
     frames: Vec<Values>,
     /// Whether the pixels stand in words of 16 bits, whatever their size.
     pub(super) in_words: bool,
     /// The offset of the pixels in what [`Self::open`] returns, and their length unless they are in fragments.
     pub(super) pixels: Option<(u64, Option<u64>)>,
-    /// The offsets and the lengths of fragments in the same.
+    /// The offsets and the lengths of fragments there.
     pub(super) fragments: Vec<[u64; 2]>,
     /// The first item before the fragments: the offsets of frames, or nothing.
     pub(super) frame_table: Vec<u8>,
-    /// The pixels of a compressed file.
+    /// The decompressed pixels of a compressed file.
     unpacked: Option<Vec<u8>>,
 }
 
@@ -103,7 +103,7 @@ impl Dataset {
         self.path.error(reason)
     }
 
-    /// Opens what has the pixels: the file, or the pixels of a compressed one.
+    /// Opens the file, or the decompressed pixels of a compressed file.
     pub(super) fn open(&self) -> io::Result<Box<dyn Bytes + '_>> {
         Ok(match &self.unpacked {
             Some(bytes) => Box::new(Cursor::new(bytes.as_slice())),
@@ -158,7 +158,7 @@ impl Dataset {
     }
 }
 
-/// A text without what makes its length even.
+/// A text without the padding that makes its length even.
 fn trimmed(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).trim_matches(['\0', ' ']).to_owned()
 }
@@ -169,13 +169,13 @@ fn decimals(bytes: &[u8]) -> Option<Vec<f64>> {
     bytes.split(|byte| *byte == b'\\').map(number).collect()
 }
 
-/// Where an element is.
+/// The part of a file that an element belongs to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Place {
     Top,
     Shared,
     PerFrame,
-    /// Where nothing is needed.
+    /// A sequence whose values are not needed.
     Elsewhere,
 }
 
@@ -406,7 +406,7 @@ impl Reader {
         self.length.saturating_sub(self.left())
     }
 
-    /// The end of so many bytes that begin here.
+    /// The end of an element or item of this length that begins here.
     fn end_of(&self, length: u32) -> u64 {
         if length == UNDEFINED { 0 } else { self.left().saturating_sub(length.into()) }
     }
@@ -438,5 +438,5 @@ impl Reader {
     }
 }
 
-/// What is wrong with a file whose elements are longer than it.
+/// The error about a file that ends within an element.
 const CUT_SHORT: &str = "is cut short: an element ends behind the end of the file";

@@ -1,4 +1,4 @@
-//! Compressed pixels: a sequence of fragments, of which each frame has one or more (PS3.5, A.4).
+//! Compressed pixels: a sequence of fragments; each frame has one or more of them (PS3.5, A.4).
 
 use std::io::{self, Read, Seek, SeekFrom};
 
@@ -10,7 +10,7 @@ use crate::memory::{self, reserved, samples_in};
 use crate::names::counted;
 use crate::volume::Endian;
 
-/// How pixels are compressed.
+/// The codec of compressed pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Codec {
     Rle,
@@ -39,7 +39,7 @@ pub(super) fn syntax_of(uid: &str) -> Option<(&'static str, Option<Codec>)> {
     SYNTAXES.iter().find(|(known, ..)| *known == uid).map(|(_, name, codec)| (*name, *codec))
 }
 
-/// Where the frames of a file are: among its fragments, of which each frame has one or more.
+/// The frames of a file: each has one or more fragments.
 pub(super) struct Frames {
     pub(super) codec: Codec,
     /// The first fragment of each frame.
@@ -69,7 +69,7 @@ impl Size {
 }
 
 impl Frames {
-    /// Parts the fragments of a file among so many frames.
+    /// Distributes the fragments of a file over `frames` frames.
     pub(super) fn find(set: &Dataset, frames: usize, codec: Codec) -> Result<Self> {
         // The table counts from the mark of the first fragment.
         let after = |next: &mut u64, [_, length]: &[u64; 2]| {
@@ -94,7 +94,7 @@ impl Frames {
         }
     }
 
-    /// The samples of a frame as stored, without signs, those of a pixel beside each other.
+    /// Returns the samples of a frame as stored, without signs; the samples of a pixel are neighbours.
     pub(super) fn pixels(&self, set: &Dataset, frame: usize, size: Size) -> Result<Vec<u64>> {
         let first = |frame: usize| self.firsts.get(frame).copied().unwrap_or(set.fragments.len());
         let fragments = set.fragments.get(first(frame)..first(frame + 1)).unwrap_or_default();
@@ -209,10 +209,10 @@ fn unpack_jpeg_2000(packed: &[u8], size: Size, pixels: &mut Vec<u64>) -> io::Res
     let components = decoded.components();
     let found = components.len();
     refuse_if!(found != size.samples, Damage, "{found} components, expected {}", size.samples);
-    // The crate moves signed samples up, as it should unsigned ones alone.
+    // The crate adds half of the range to signed samples too.
     let is_signed = packed.get(42).is_some_and(|precision| precision & 0x80 != 0);
     let moved = if is_signed { 1_i64 << (depth - 1) } else { 0 };
-    // What is not lossless can be just outside of what the bits can say.
+    // Lossy samples can lie just outside of the range.
     let sample = |sample: f32| ((sample.round() as i64).clamp(0, (1 << depth) - 1) - moved).cast_unsigned();
     let all: Vec<&[f32]> = components.iter().map(|component| component.samples()).collect();
     let shortest = all.iter().map(|samples| samples.len()).min().unwrap_or(0);

@@ -56,7 +56,7 @@ const DOSE_UNITS: u32 = 0x3004_0002;
 const FRAME_OFFSETS: u32 = 0x3004_000c;
 const DOSE_SCALING: u32 = 0x3004_000e;
 
-/// The SOP classes of secondary captures begin so.
+/// The beginning of the SOP classes of secondary captures.
 const SECONDARY_CAPTURE: &str = "1.2.840.10008.5.1.4.1.1.7";
 
 /// One section of a volume.
@@ -68,23 +68,27 @@ struct Slice {
     position: DVec3,
     slope: f64,
     intercept: f64,
-    /// Of a missing slice: the next one that is there, and its share. The rest is that of the slice before.
+    /// The next slice that is there and its weight, if this slice is missing; the slice before has the rest.
     behind: Option<(Box<Self>, f64)>,
 }
 
-/// What all slices share.
+/// The properties that all slices share.
 struct Plane {
     columns: u16,
     rows: u16,
     pixels: Pixels,
     colors: Colors,
+    /// Whether each colour has a plane of its own in a frame.
+    planar: bool,
+    /// Bytes of a sample in the volume.
+    bytes: u32,
     /// Directions of rows and columns.
     directions: [DVec3; 2],
     /// Distances between columns and between rows.
     spacing: [f64; 2],
 }
 
-/// How pixels are written.
+/// The bits of a pixel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Pixels {
     /// Bits of a sample: 1, 8, 16 or 32.
@@ -94,33 +98,27 @@ struct Pixels {
     signed: bool,
 }
 
-/// What the samples of a pixel are.
+/// The meaning of the samples of a pixel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Colors {
     Grey,
-    /// Red, green and blue; `planar` if each has a plane of its own in a frame.
-    Rgb {
-        planar: bool,
-    },
+    /// Red, green and blue.
+    Rgb,
     /// Luma and the differences of blue and red, of 8 bits (PS3.3, C.7.6.3.1.2).
-    Ybr {
-        planar: bool,
-    },
+    Ybr,
     /// Two of luma, and the differences that both pixels have, of 8 bits.
     Ybr422,
-    /// An index into tables of red, green and blue with entries of so many bytes.
-    Palette {
-        bytes: u32,
-    },
+    /// An index into tables of red, green and blue.
+    Palette,
 }
 
 impl Colors {
     /// The samples of a pixel in the file.
     fn stored(self) -> usize {
         match self {
-            Self::Grey | Self::Palette { .. } => 1,
+            Self::Grey | Self::Palette => 1,
             Self::Ybr422 => 2,
-            Self::Rgb { .. } | Self::Ybr { .. } => 3,
+            Self::Rgb | Self::Ybr => 3,
         }
     }
 
@@ -183,11 +181,8 @@ pub(super) fn read_files(source: &Path, files: &[PathBuf], options: &LoadOptions
             Samples::$variant(all)
         }};
     }
-    let (bytes, signed) = match plane.colors {
-        Colors::Palette { bytes } => (bytes, false),
-        _ => (plane.pixels.bytes(), plane.pixels.signed),
-    };
-    let samples = match (same, bytes, signed) {
+    let signed = plane.pixels.signed && plane.colors != Colors::Palette;
+    let samples = match (same, plane.bytes, signed) {
         (false, ..) => all!(F32, |value| value as f32),
         (_, 1, false) => all!(U8, |value| value.round() as u8),
         (_, 1, true) => all!(I8, |value| value.round() as i8),
@@ -247,21 +242,20 @@ impl Plane {
     fn of(set: &Dataset, frame: usize) -> Result<Self> {
         let required = |tag: u32, name: &str| set.u16(tag).ok_or_else(|| set.error(format!("has no {name}")));
         let (rows, columns) = (required(ROWS, "number of rows")?, required(COLUMNS, "number of columns")?);
-        let planar = set.u16(PLANAR) == Some(1);
         let photometric = set.text(PHOTOMETRIC);
         // Codecs of colours give red, green and blue; run lengths and lossless JPEG are none.
         let is_lossless = ["1.2.840.10008.1.2.4.57", "1.2.840.10008.1.2.4.70"].contains(&set.syntax.as_str());
         let by_codec = !is_lossless && syntax_of(&set.syntax).is_some_and(|(_, codec)| codec != Some(Codec::Rle));
         let colors = match (set.u16(CHANNELS).unwrap_or(1), photometric.as_str()) {
-            (1, "PALETTE COLOR") => Colors::Palette { bytes: palette::bytes_of_entries(set)? },
+            (1, "PALETTE COLOR") => Colors::Palette,
             (1, _) => Colors::Grey,
-            (3, "RGB" | "YBR_ICT" | "YBR_RCT") => Colors::Rgb { planar },
-            (3, "YBR_FULL" | "YBR_FULL_422" | "YBR_PARTIAL_420") if by_codec => Colors::Rgb { planar },
+            (3, "RGB" | "YBR_ICT" | "YBR_RCT") => Colors::Rgb,
+            (3, "YBR_FULL" | "YBR_FULL_422" | "YBR_PARTIAL_420") if by_codec => Colors::Rgb,
             (3, "YBR_FULL_422") if syntax_of(&set.syntax).is_none() => {
                 refuse_if!(columns % 2 == 1, set, "has {columns} columns of YBR_FULL_422, expected an even number");
                 Colors::Ybr422
             }
-            (3, "YBR_FULL" | "YBR_FULL_422") => Colors::Ybr { planar },
+            (3, "YBR_FULL" | "YBR_FULL_422") => Colors::Ybr,
             (channels, photometric) => {
                 let expected = "grey values, a palette, RGB, YBR_FULL or YBR_FULL_422";
                 refuse!(set, "has {channels} samples per pixel of the kind {photometric:?}: expected {expected}")
@@ -275,14 +269,17 @@ impl Plane {
             refuse!(set, "has {stored} bits up to bit {high} in {allocated}, which is not read");
         }
         let pixels = Pixels { allocated, stored, high, signed: set.u16(SIGNED) == Some(1) };
-        let is_chroma = matches!(colors, Colors::Ybr { .. } | Colors::Ybr422);
+        let is_chroma = matches!(colors, Colors::Ybr | Colors::Ybr422);
         if is_chroma && (allocated, stored, pixels.signed) != (8, 8, false) {
             refuse!(set, "has {stored} bits of {photometric}, expected 8 without sign");
         }
         let [x, y, z, a, b, c] = set.numbers(frame, ORIENTATION).unwrap_or([1.0, 0.0, 0.0, 0.0, 1.0, 0.0]);
         let [between_rows, between_columns] = set.numbers(frame, PIXEL_SPACING).unwrap_or([1.0; 2]);
         let directions = [DVec3::new(x, y, z), DVec3::new(a, b, c)];
-        Ok(Self { columns, rows, pixels, colors, directions, spacing: [between_columns, between_rows] })
+        let planar = set.u16(PLANAR) == Some(1) && matches!(colors, Colors::Rgb | Colors::Ybr);
+        let bytes = if colors == Colors::Palette { palette::bytes_of_entries(set)? } else { allocated.div_ceil(8) };
+        let spacing = [between_columns, between_rows];
+        Ok(Self { columns, rows, pixels, colors, planar, bytes, directions, spacing })
     }
 
     /// The normal of the plane.
@@ -294,13 +291,6 @@ impl Plane {
     fn frame_bits(&self) -> u64 {
         let samples = u64::from(self.columns) * u64::from(self.rows) * self.colors.stored() as u64;
         samples * u64::from(self.pixels.allocated)
-    }
-}
-
-impl Pixels {
-    /// Bytes of a sample.
-    fn bytes(self) -> u32 {
-        self.allocated.div_ceil(8)
     }
 }
 
@@ -336,7 +326,7 @@ fn sorted(source: &Path, sets: &[Dataset], plane: &Plane) -> Result<Vec<Slice>> 
             let near = |a: DVec3, b: DVec3| a.distance(b) < 1e-3;
             let turned = !(0..2).all(|i| near(other.directions[i], plane.directions[i]));
             let scaled = (0..2).any(|i| (other.spacing[i] / plane.spacing[i] - 1.0).abs() > 1e-3);
-            let kind = |plane: &Plane| (plane.columns, plane.rows, plane.pixels, plane.colors);
+            let kind = |p: &Plane| (p.columns, p.rows, p.pixels, p.colors, p.planar, p.bytes);
             if turned || scaled || kind(&other) != kind(plane) {
                 let of = sets.first().map(|set| set.path.display().to_string()).unwrap_or_default();
                 refuse!(set, "has another size, type, spacing or plane than {of}");
@@ -373,13 +363,13 @@ fn name_of(sets: &[Dataset], slice: &Slice) -> String {
     file.to_string_lossy().into_owned()
 }
 
-/// The number of slices that a gap lacks, where slices are usually so far apart.
+/// The number of slices missing in a gap, from the usual distance of slices.
 fn missing_in(gap: f64, usual: f64) -> u64 {
     let times = (gap / usual).round();
     if times >= 2.0 && (gap / usual - times).abs() < 0.05 { times as u64 - 1 } else { 0 }
 }
 
-/// What is said of the slices that are missing between two, if any are.
+/// A sentence about the slices that are missing between two; `None` if there are none.
 fn missing(sets: &[Dataset], pair: &[Slice], normal: DVec3, usual: f64) -> Option<String> {
     let [before, after] = pair else { return None };
     let way = after.position - before.position;
@@ -410,7 +400,7 @@ fn gaps(slices: &[Slice], normal: DVec3) -> Option<(Vec<f64>, f64)> {
 /// Slices, and notes about them.
 type Noted = (Vec<Slice>, Vec<String>);
 
-/// The slices with those that are missing between them, which are interpolated, and notes that say so.
+/// Adds interpolated slices in place of missing ones, and returns notes about them.
 fn completed(source: &Path, sets: &[Dataset], slices: Vec<Slice>, normal: DVec3) -> Result<Noted> {
     let Some((gaps, usual)) = gaps(&slices, normal).filter(|(_, usual)| *usual >= APART) else {
         return Ok((slices, Vec::new()));
@@ -473,7 +463,7 @@ fn placed(source: &Path, sets: &[Dataset], slices: &[Slice], plane: &Plane) -> R
     })
 }
 
-/// Where the pixels of a file are: compressed frames, or `None` if they follow one another.
+/// The compressed frames of each file; `None` if its frames are uncompressed.
 fn pixels_in(source: &Path, sets: &[Dataset], slices: &[Slice], frame_bits: u64) -> Result<Vec<Option<Frames>>> {
     refuse_if!(slices.is_empty(), source, "has no slices");
     let mut is_used = vec![false; sets.len()];
@@ -507,7 +497,8 @@ fn pixels_in(source: &Path, sets: &[Dataset], slices: &[Slice], frame_bits: u64)
 /// The samples of a channel of a frame as stored: bits beside them are masked, and the sign is extended.
 fn pixels_of(set: &Dataset, frames: Option<&Frames>, frame: usize, plane: &Plane, channel: usize) -> Result<Vec<i64>> {
     let (pixels, colors) = (plane.pixels, plane.colors);
-    let (columns, rows, width) = (usize::from(plane.columns), usize::from(plane.rows), pixels.bytes() as usize);
+    let (columns, rows) = (usize::from(plane.columns), usize::from(plane.rows));
+    let width = pixels.allocated.div_ceil(8) as usize;
     let (above, below) = (64 - 1 - pixels.high, 64 - pixels.stored);
     let value = |raw: u64| {
         let raised = raw << above;
@@ -522,7 +513,7 @@ fn pixels_of(set: &Dataset, frames: Option<&Frames>, frame: usize, plane: &Plane
         let is_rgb = set.text(PHOTOMETRIC) == "RGB";
         all = frames.pixels(set, frame, Size { columns, rows, samples, bytes: width, is_rgb })?;
     } else {
-        is_planar = matches!(colors, Colors::Rgb { planar: true } | Colors::Ybr { planar: true });
+        is_planar = plane.planar;
         // Single bits follow one another over the ends of frames.
         let first = frame as u64 * plane.frame_bits();
         let (start, end) = (first / 8, (first + plane.frame_bits()).div_ceil(8));
@@ -564,17 +555,17 @@ fn pixels_of(set: &Dataset, frames: Option<&Frames>, frame: usize, plane: &Plane
     };
     let mut values = reserved(area as u64, || samples_in(&set.path))?;
     match colors {
-        Colors::Ybr { .. } | Colors::Ybr422 => values.extend((0..area).map(|pixel| {
+        Colors::Ybr | Colors::Ybr422 => values.extend((0..area).map(|pixel| {
             let [y, cb, cr] = [0, 1, 2].map(|channel| sample(pixel, channel) as f64);
             let (blue, red) = (cb - 128.0, cr - 128.0);
             let of = [y + 1.402 * red, y - 0.344_136 * blue - 0.714_136 * red, y + 1.772 * blue];
             of[channel].round().clamp(0.0, 255.0) as i64
         })),
-        Colors::Palette { .. } => {
+        Colors::Palette => {
             let table = Table::of(set, channel, pixels.signed)?;
             values.extend((0..area).map(|pixel| table.at(sample(pixel, 0))));
         }
-        Colors::Grey | Colors::Rgb { .. } => values.extend((0..area).map(|pixel| sample(pixel, channel))),
+        Colors::Grey | Colors::Rgb => values.extend((0..area).map(|pixel| sample(pixel, channel))),
     }
     Ok(values)
 }

@@ -73,7 +73,7 @@ fn described(set: &Dataset, channel: u32) -> Option<(usize, u16)> {
     Some((if count == 0 { 1 << 16 } else { count.into() }, first))
 }
 
-/// The entries of a table, or what stands for them. Those of 8 bits are pairs in words.
+/// The entries of a table, or its segments. Entries of 8 bits are pairs in words.
 fn words(set: &Dataset, tag: u32, table: &[u8], bytes: u32) -> Vec<u16> {
     match (bytes, set.endian) {
         (1, Endian::Little) => table.iter().map(|byte| u16::from(*byte)).collect(),

@@ -1,4 +1,4 @@
-//! Points in time: as many slices at each position, told apart by an index or a time.
+//! Points in time: equally many slices at each position, distinguished by an index or a time.
 
 use std::cmp::Ordering;
 use std::path::Path;
@@ -7,7 +7,7 @@ use super::dataset::Dataset;
 use super::{APART, Slice, name_of};
 use crate::error::{Error, Result, Subject, refuse};
 
-/// How what tells slices of one position apart is written.
+/// The encoding of a value that distinguishes the slices of one position.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Written {
     Decimal,
@@ -17,8 +17,9 @@ enum Written {
     Time(u32),
 }
 
-/// What tells points in time apart, the surest first: TemporalPositionIndex, TemporalPositionIdentifier,
-/// NominalCardiacTriggerDelayTime, TriggerTime, FrameReferenceTime, AcquisitionNumber, AcquisitionTime, ContentTime.
+/// The tags that distinguish points in time, the most reliable first: TemporalPositionIndex,
+/// TemporalPositionIdentifier, NominalCardiacTriggerDelayTime, TriggerTime, FrameReferenceTime, AcquisitionNumber,
+/// AcquisitionTime, ContentTime.
 const TIMES: [(u32, Written); 8] = [
     (0x0020_9128, Written::Whole),
     (0x0020_0100, Written::Decimal),
@@ -57,7 +58,7 @@ pub(super) fn in_times(source: &Path, sets: &[Dataset], slices: Vec<Slice>) -> R
         return Err(Error::format(source, reason));
     }
     let examples = at(most);
-    // The tag tells apart the slices at one position, everywhere, and they are sorted by it.
+    // Sorts the slices of a position by the tag, and returns whether it distinguishes them.
     let tells_apart = |there: &mut Vec<Slice>, tag| {
         let order = |a: &Slice, b: &Slice| key_of(sets, a, tag).partial_cmp(&key_of(sets, b, tag));
         there.sort_by(|a, b| order(a, b).unwrap_or(Ordering::Equal));
@@ -75,7 +76,7 @@ pub(super) fn in_times(source: &Path, sets: &[Dataset], slices: Vec<Slice>) -> R
     Ok(volumes)
 }
 
-/// What a tag says of the time of a slice, to be compared; the first number is that of a date.
+/// The time of a slice by a tag, as a key to compare: a date, then a number.
 fn key_of(sets: &[Dataset], slice: &Slice, (tag, written): (u32, Written)) -> Option<[f64; 2]> {
     let set = sets.get(slice.file)?;
     let decimal = |tag: u32| set.numbers::<1>(slice.frame, tag).map(|[number]| number);

@@ -70,7 +70,7 @@ fn data_files(header: &TextHeader, input: &mut Input) -> Result<Option<Vec<PathB
     named.transpose()
 }
 
-/// The units that the header states. A unit of length must be that of all three axes.
+/// The units that the header states. A unit of length counts if all three axes have it.
 fn units(header: &TextHeader, axes: [usize; 3]) -> Units {
     // Quoted, one for each axis; of the space, or of the samples.
     let quoted = |name: &str, of: [usize; 3]| {
@@ -115,7 +115,7 @@ fn layout(header: &TextHeader, sample_type: SampleType, encoding: Encoding) -> R
     }
 }
 
-/// The three spatial axes, fastest first, and what all axes are.
+/// The three spatial axes, fastest first, and the roles of all axes.
 fn spatial_axes(header: &Header) -> Result<([usize; 3], Axes)> {
     let mut axes: Vec<usize> = (0..header.sizes.len()).collect();
     while axes.len() > 3 {

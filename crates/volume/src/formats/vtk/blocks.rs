@@ -7,7 +7,7 @@ use flate2::bufread::ZlibDecoder;
 use crate::error::{Damage, Result, refuse, refuse_if};
 use crate::formats::input::{Input, MAX_EXPANSION, buffered};
 
-/// How blocks are compressed.
+/// The codec of blocks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Codec {
     Zlib,
@@ -52,7 +52,7 @@ struct Blocks {
 
 impl Blocks {
     fn next(&mut self, [packed, size]: [u64; 2]) -> io::Result<()> {
-        // Vectors grow with what is there, not with what is claimed.
+        // Vectors grow with the bytes in the file, not with the claimed size.
         let mut bytes = Vec::new();
         (&mut self.packed).take(packed).read_to_end(&mut bytes)?;
         if (bytes.len() as u64) < packed {

@@ -43,7 +43,7 @@ fn tag(input: &mut Input, name: &str) -> Result<Option<Tag>> {
     Ok(None)
 }
 
-/// The numbers of an attribute, or those that it has if it is not stated.
+/// The numbers of an attribute, or the usual ones if it is not stated.
 fn stated<T: FromStr + Copy, const N: usize>(image: &Tag, file: &Path, name: &str, usual: [T; N]) -> Result<[T; N]> {
     let Some(text) = image.get(name) else { return Ok(usual) };
     numbers(text).ok_or_else(|| file.error(format!("{name} is {text:?}, expected {N} numbers")))
@@ -61,7 +61,7 @@ fn image_lattice(image: &Tag, file: &Path) -> Result<Lattice> {
     })
 }
 
-/// Where the samples of an array are.
+/// The place of an array's samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Place {
     /// Decimal numbers after the tag.
@@ -133,7 +133,7 @@ fn place(tag: &Tag, input: &Input) -> Result<Place> {
     }
 }
 
-/// How the bytes of arrays are written.
+/// The encoding of arrays.
 struct Coding {
     endian: Endian,
     /// Whether the numbers before an array have 8 bytes rather than 4.
@@ -181,7 +181,7 @@ impl Coding {
         let input = match self.codec {
             Some(codec) => decompressed(input, codec, number)?,
             None => {
-                // The length: the lattice says what is needed of it.
+                // The length is not needed: the lattice gives it.
                 number(&mut input)?;
                 input
             }

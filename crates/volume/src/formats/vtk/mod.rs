@@ -14,7 +14,7 @@ use super::selection::{Role, picked, sized};
 use crate::error::{Result, Subject, refuse_if};
 use crate::volume::{SampleType, Volume};
 
-/// A reader of a format: it takes arrays with several numbers per sample only if it is told to.
+/// A reader of a format. The flag permits arrays with several numbers per sample.
 type ReadArray = fn(Input, &LoadOptions, bool) -> Result<Option<Volume>>;
 
 /// Reads the volume of an array with one number per sample, or else with several: for these the file is read again.
@@ -28,7 +28,7 @@ pub(super) fn read(input: Input, options: &LoadOptions, read_array: ReadArray) -
     found.ok_or_else(|| path.error("has no array of scalars"))
 }
 
-/// Where samples lie in the image: an array belongs to points or to cells.
+/// The places of an array's samples in the image: points or cells.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum At {
     Points,
@@ -84,7 +84,7 @@ impl Lattice {
     }
 }
 
-/// As many numbers as the array has, separated by blanks; `None` if there are not so many.
+/// Parses exactly `N` numbers, separated by blanks.
 fn numbers<T: std::str::FromStr + Copy, const N: usize>(text: &str) -> Option<[T; N]> {
     let numbers: Vec<T> = text.split_ascii_whitespace().map(|word| word.parse().ok()).collect::<Option<_>>()?;
     numbers.try_into().ok()

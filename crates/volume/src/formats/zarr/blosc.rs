@@ -140,8 +140,8 @@ pub(super) fn unshuffled(bytes: &[u8], element: usize) -> Vec<u8> {
     out
 }
 
-/// Bytes by elements, from the lowest bits of all, then the next bits, and so on. Elements whose number is no multiple
-/// of 8 stay as they are.
+/// Bytes by elements, from the lowest bits of all elements, then the next bits, and so on. A number of elements that is
+/// no multiple of 8 is returned unchanged.
 fn bits_unshuffled(bytes: Vec<u8>, element: usize) -> Vec<u8> {
     let count = bytes.len() / element;
     if count == 0 || !count.is_multiple_of(8) {

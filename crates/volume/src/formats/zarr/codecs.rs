@@ -1,4 +1,4 @@
-//! What stands between the samples of a chunk and the bytes of its file.
+//! The codecs between the samples of a chunk and the bytes of its file.
 
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
@@ -45,10 +45,10 @@ struct Shards {
     index_first: bool,
 }
 
-/// All that is done to the samples of a chunk.
+/// The codecs of a chunk, from samples to bytes.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Chain {
-    /// For each axis of what is written, the axis before, one after the other.
+    /// Permutations in the order of encoding: for each axis behind one, the axis before it.
     transposed: Vec<Vec<usize>>,
     writing: Writing,
     packings: Vec<Packing>,
@@ -140,14 +140,14 @@ impl Chain {
             }
             Writing::Shards(shards) if self.packings.is_empty() => shards.read(bytes, (&shape, &want), &mut target),
             Writing::Shards(shards) => {
-                // Chunks may be larger than what they hold, and the index has 16 bytes for each.
+                // Compressed chunks may be larger than their content, and the index has 16 bytes for each.
                 let content = self.unpacked(bytes, size.saturating_mul(2).saturating_add(16 * count + 1024))?;
                 shards.read(&Bytes::Memory(&content), (&shape, &want), &mut target)
             }
         }
     }
 
-    /// The bytes before they were packed, of which there are at most about `most`.
+    /// The unpacked bytes; about `most` at most.
     fn unpacked(&self, bytes: &Bytes<'_>, most: u64) -> io::Result<Vec<u8>> {
         // Checksums and incompressible content take a little more.
         let most = usize::try_from(most.saturating_add(most >> 3).saturating_add(1024)).unwrap_or(usize::MAX);
@@ -158,7 +158,7 @@ impl Chain {
         Ok(content)
     }
 
-    /// The length of what is written of so many bytes, if that is always the same.
+    /// The packed length of this many bytes; an error if a codec makes it vary.
     fn fixed_length(&self, bytes: u64) -> io::Result<u64> {
         self.packings.iter().try_fold(bytes, |length, packing| match packing {
             Packing::Crc32c => Ok(length + 4),
@@ -203,7 +203,7 @@ impl Shards {
     }
 }
 
-/// Where samples go: one step along each axis of a chunk is so many samples.
+/// The destination of samples: along each axis of a chunk they are a stride apart.
 pub(super) struct Target<'a, T> {
     pub(super) samples: &'a mut [T],
     pub(super) first: usize,
@@ -211,7 +211,7 @@ pub(super) struct Target<'a, T> {
 }
 
 impl<T: Number> Target<'_, T> {
-    /// Takes the part `want` of samples of this shape, whose last axis is the fastest.
+    /// Copies the part `want` from samples of this shape, whose last axis is the fastest.
     pub(super) fn place(&mut self, bytes: &[u8], endian: Endian, shape: &[u64], want: &[Range<u64>]) {
         let (Some((row, outer)), Some(stride)) = (want.split_last(), self.strides.last()) else { return };
         let from = strides_of(shape);
@@ -254,7 +254,7 @@ pub(super) fn strides_of(shape: &[u64]) -> Vec<usize> {
     strides
 }
 
-/// The indices of a chunk, the part of it that is wanted, and where that begins in all that is wanted.
+/// The indices of a chunk, the wanted part of it, and the place of this part in the whole wanted region.
 pub(super) type Part = (Vec<u64>, Vec<Range<u64>>, Vec<u64>);
 
 /// The chunks of this shape that have part of `want`.
@@ -294,7 +294,7 @@ impl Bytes<'_> {
         }
     }
 
-    /// So many bytes from an offset.
+    /// The `length` bytes at an offset.
     fn range(&self, offset: u64, length: u64) -> io::Result<Vec<u8>> {
         let end = offset.checked_add(length).filter(|end| *end <= self.len());
         let end = end.ok_or_else(|| Damage.error(format!("{length} bytes at {offset}, behind the end")))?;
@@ -331,7 +331,7 @@ impl Packing {
         })
     }
 
-    /// The bytes before, of which there are at most `most`.
+    /// The unpacked bytes; `most` at most.
     fn undone(&self, bytes: &[u8], most: usize) -> io::Result<Vec<u8>> {
         let mut content = Vec::new();
         match self {

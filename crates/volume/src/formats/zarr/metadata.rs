@@ -1,4 +1,4 @@
-//! What the JSON of a folder says: an array, or a group with a pyramid.
+//! The JSON of a folder: an array, or a group with a pyramid.
 
 use std::path::{Path, PathBuf};
 

@@ -4,8 +4,8 @@
 //! An image of OME is a pyramid: the same volume at several resolutions. The coarsest that is fine enough is read,
 //! chunk by chunk; of shards, which are files of many chunks, only the chunks that are needed.
 //!
-//! The crate `zarrs` is not used: it takes 133 packages. What Zarr needs is small: JSON, and codecs of which all but
-//! Blosc's container are crates of their own.
+//! The crate `zarrs` is not used: it adds 133 packages. Zarr needs little: JSON, and codecs, which are crates
+//! except for Blosc's container.
 
 mod blosc;
 mod codecs;
@@ -85,7 +85,7 @@ pub(super) fn read(folder: &Path, options: &LoadOptions) -> Result<Volume> {
     level.read(&axes, contents, options)
 }
 
-/// The value of a key among attributes, or among those of OME.
+/// The value of a key among the attributes of OME, or among all attributes.
 fn first_of<'a>(node: &'a Node, key: &str) -> Option<&'a Value> {
     [&node.attributes["ome"][key], &node.attributes[key]].into_iter().find(|value| !value.is_null())
 }
@@ -112,7 +112,7 @@ fn no_image(node: &Node) -> Error {
     node.folder.error(format!("is a group of Zarr without an image{found}"))
 }
 
-/// What axes with these names are; without names they are guessed.
+/// The axes of an array by their names; without names, roles are guessed.
 fn axes_of_array(folder: &Path, array: &Array) -> Result<Vec<Axis>> {
     let named = |name: &str| Axis { name: name.to_owned(), role: role_of(name, ""), unit: None };
     if array.names.len() == array.shape.len() && array.names.iter().any(|name| !name.is_empty()) {
@@ -175,7 +175,7 @@ fn levels(folder: &Path, image: &Value, axes: usize) -> Result<Vec<Level>> {
         let Some(array) = node.array else { refuse!(node.folder, "is no array") };
         refuse_if!(array.shape.len() != axes, node.folder, "has {} axes, but its image has {axes}", array.shape.len());
         let (mut scale, mut translation) = (vec![1.0; axes], vec![0.0; axes]);
-        // Those of the level come first, then those of all levels.
+        // Transformations of the level come first, then the transformations of all levels.
         for value in [dataset, image].iter().flat_map(|of| of["coordinateTransformations"].as_array()).flatten() {
             match value["type"].as_str() {
                 Some(kind @ ("scale" | "translation")) => {
@@ -198,7 +198,7 @@ fn levels(folder: &Path, image: &Value, axes: usize) -> Result<Vec<Level>> {
     Ok(levels)
 }
 
-/// What the image says of its channels.
+/// The names, colours and windows of the image's channels.
 fn labels(node: &Node) -> Vec<Channel> {
     let list = first_of(node, "omero").and_then(|omero| omero["channels"].as_array());
     let label = |value: &Value| {
@@ -216,7 +216,7 @@ fn labels(node: &Node) -> Vec<Channel> {
     list.into_iter().flatten().take(4096).map(label).collect()
 }
 
-/// The level that is asked for.
+/// The number of the requested level.
 fn chosen_level(folder: &Path, levels: &[Level], axes: &[Axis], asked: PyramidLevel) -> Result<usize> {
     let steps = |level: &Level| -> Vec<f64> {
         let of = level.scale.iter().zip(axes).filter(|(_, axis)| axis.role == Role::Space);
@@ -281,7 +281,7 @@ impl Level {
         Ok(volume.with_units(Units { length, value: None }).with_contents(contents))
     }
 
-    /// The position of the lattice, whose axes are those of space, the fastest first.
+    /// The position of the lattice with these axes of space, the fastest first.
     fn placement(&self, axes: &[Axis], space: &[usize]) -> Placement {
         let named = |axis: usize| ["x", "y", "z"].iter().position(|name| *name == axes[axis].name);
         let mut of_world: Vec<usize> = space.iter().filter_map(|&axis| named(axis)).collect();
@@ -305,7 +305,7 @@ impl Level {
         placement
     }
 
-    /// The part `want` of the array, with so many samples from one index of an axis to the next.
+    /// The part `want` of the array, placed by strides: samples from one index of an axis to the next.
     fn samples<T: Number>(&self, want: &[Range<u64>], strides: &[usize], fill: T) -> Result<Vec<T>> {
         let Self { folder, array, .. } = self;
         let count = want.iter().fold(1_u64, |count, range| count.saturating_mul(range.end - range.start));
