@@ -204,18 +204,12 @@ impl Format {
 
     /// Reads the volume of a file, or the data set of that name in it.
     pub(super) fn read(&self, input: Input, inside: Option<&str>, options: &LoadOptions) -> Result<Volume> {
-        match self.read {
-            Some(read) => read(input, inside, options),
-            None => Err(self.absent(input.path())),
-        }
+        self.read.ok_or_else(|| self.absent(input.path()))?(input, inside, options)
     }
 
     /// Reads a folder, or these files of it.
     pub(super) fn read_folder(&self, folder: &Path, files: &[PathBuf], options: &LoadOptions) -> Result<Volume> {
-        match self.read_folder {
-            Some(read) => read(folder, files, options),
-            None => Err(self.absent(folder)),
-        }
+        self.read_folder.ok_or_else(|| self.absent(folder))?(folder, files, options)
     }
 
     /// The files that a header names besides its own.

@@ -4,7 +4,7 @@ use std::str::FromStr;
 
 use super::Samples;
 use crate::error::Error;
-use crate::names::{listed, named, spelled};
+use crate::names::{listed, spelled};
 
 /// The type of a volume's samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -83,10 +83,8 @@ impl FromStr for SampleType {
     type Err = Error;
 
     fn from_str(s: &str) -> Result<Self, Error> {
-        Self::from_name(s).ok_or_else(|| Error::Setting {
-            name: "sample_type",
-            reason: format!("{s:?} is not a sample type: expected {}", listed(&Self::ALL.map(Self::name))),
-        })
+        let expected = || format!("{s:?} is not a sample type: expected {}", listed(&Self::ALL.map(Self::name)));
+        Self::from_name(s).ok_or_else(|| Error::setting("sample_type", expected()))
     }
 }
 
@@ -114,7 +112,19 @@ impl Endian {
     }
 }
 
-named! { "endian", Endian { Little: "little", Big: "big" } }
+spelled! { Endian { Little: "little", Big: "big" } }
+
+impl FromStr for Endian {
+    type Err = Error;
+
+    fn from_str(s: &str) -> Result<Self, Error> {
+        match s.to_ascii_lowercase().as_str() {
+            "little" | "le" | "lsb" => Ok(Self::Little),
+            "big" | "be" | "msb" => Ok(Self::Big),
+            _ => Err(Error::setting("endian", format!("{s:?}, expected little or big"))),
+        }
+    }
+}
 
 /// A number type that the samples of a volume can have: `u8`, `i8`, `u16`, `i16`, `u32`, `i32`, `u64`, `i64`, `f32` or
 /// `f64`.

@@ -45,15 +45,16 @@ pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
 
     let files = data_files(text, &mut input)?;
     let share = pick.all / files.as_ref().map_or(1, Vec::len) as u64;
-    let skip = Skip::new(text, encoding, share.saturating_mul(sample_type.size() as u64))?;
-    // A data file of bare samples has as many bytes as they need, unless the header says where they begin.
-    let is_exact = files.is_some() && encoding == Encoding::Raw && text.get(["byte skip", "line skip"]).is_none();
+    let (skips, total) = (skips(text, encoding)?, share.saturating_mul(sample_type.size() as u64));
+    // A data file of bare samples has as many bytes as they need, unless the header states where they begin.
+    let is_placed = text.get(["byte skip", "line skip"]).is_some();
+    let is_exact = files.is_some() && encoding == Encoding::Raw && !is_placed;
     let samples = read_shares(text, input, files, (&pick, sample_type, layout), |input| {
-        if let Some(left) = input.exactly_left().filter(|left| is_exact && *left > skip.total) {
+        if let Some(left) = input.exactly_left().filter(|left| is_exact && *left > total) {
             let reason = "expected \"byte skip\" in the header that names it";
-            refuse!(input, "has {} bytes more than its samples need: {reason}", left - skip.total);
+            refuse!(input, "has {} bytes more than its samples need: {reason}", left - total);
         }
-        skip.apply(input, encoding)
+        at_samples(input, encoding, skips, total)
     })?;
     Ok(placement.volume(grid, samples)?.with_units(units(text, axes)).with_contents(contents))
 }
@@ -106,12 +107,11 @@ fn layout(header: &TextHeader, sample_type: SampleType, encoding: Encoding) -> R
     if encoding == Encoding::Text {
         return Ok(Layout::Text);
     }
-    match header.get(["endian"]).map(str::to_ascii_lowercase).as_deref() {
-        Some("little") => Ok(Layout::Binary(Endian::Little)),
-        Some("big") => Ok(Layout::Binary(Endian::Big)),
+    match header.get(["endian"]).map(str::parse) {
+        Some(Ok(endian)) => Ok(Layout::Binary(endian)),
+        Some(Err(_)) => refuse!(header, "endian {:?}, expected little or big", header.required("endian")?),
         None if sample_type.size() == 1 => Ok(Layout::Binary(Endian::NATIVE)),
-        None => Err(header.error(format!("type {sample_type} needs a line \"endian: little\" or \"endian: big\""))),
-        Some(other) => Err(header.error(format!("endian {other:?}, expected little or big"))),
+        None => refuse!(header, "type {sample_type} needs a line \"endian: little\" or \"endian: big\""),
     }
 }
 
@@ -174,44 +174,36 @@ fn placement(header: &Header, axes: [usize; 3]) -> Result<Placement> {
 /// The most bytes before the last samples of a stream, which are kept in memory until its end.
 const MAX_BEFORE: u64 = 64 << 20;
 
-/// Lines and bytes before the samples of each data file.
-struct Skip {
-    lines: u64,
-    /// Bytes to skip; `None`: the samples are the last `total` bytes.
-    bytes: Option<u64>,
-    total: u64,
+/// The lines and the bytes before the samples of each data file; no number of bytes if the samples are the last ones.
+fn skips(header: &TextHeader, encoding: Encoding) -> Result<(u64, Option<u64>)> {
+    let lines = header.number::<i64>("line skip")?.unwrap_or(0);
+    let lines = u64::try_from(lines).map_err(|_| header.error(format!("line skip: {lines} is negative")))?;
+    let bytes = header.number::<i64>("byte skip")?.unwrap_or(0);
+    match u64::try_from(bytes) {
+        Ok(bytes) => Ok((lines, Some(bytes))),
+        Err(_) if bytes != -1 => refuse!(header, "byte skip: {bytes}, expected -1 or more"),
+        Err(_) if matches!(encoding, Encoding::Raw | Encoding::Gzip | Encoding::Bzip2) => Ok((lines, None)),
+        Err(_) => refuse!(header, "byte skip: -1 goes with encoding raw, gzip or bzip2"),
+    }
 }
 
-impl Skip {
-    fn new(header: &TextHeader, encoding: Encoding, total: u64) -> Result<Self> {
-        let lines = header.number::<i64>("line skip")?.unwrap_or(0);
-        let lines = u64::try_from(lines).map_err(|_| header.error(format!("line skip: {lines} is negative")))?;
-        let bytes = match header.number::<i64>("byte skip")?.unwrap_or(0) {
-            -1 if matches!(encoding, Encoding::Raw | Encoding::Gzip | Encoding::Bzip2) => None,
-            -1 => refuse!(header, "byte skip: -1 goes with encoding raw, gzip or bzip2"),
-            n => Some(u64::try_from(n).map_err(|_| header.error(format!("byte skip: {n}, expected -1 or more")))?),
-        };
-        Ok(Self { lines, bytes, total })
+/// Moves to the first of samples of `total` bytes. Lines are skipped before decompression, bytes after it.
+fn at_samples(mut input: Input, encoding: Encoding, (lines, bytes): (u64, Option<u64>), total: u64) -> Result<Input> {
+    input.skip_lines(lines)?;
+    // Bzip2 can hold far more than anyone writes before samples.
+    let most = input.at_most().unwrap_or(u64::MAX).saturating_mul(MAX_EXPANSION).saturating_add(1 << 16);
+    let mut input = match encoding {
+        Encoding::Gzip => input.gunzip(),
+        Encoding::Bzip2 => input.bunzip2(),
+        Encoding::Raw | Encoding::Text | Encoding::Hex => input,
+    };
+    match bytes {
+        Some(bytes) if bytes > most => refuse!(input, "ends before byte {bytes}"),
+        Some(bytes) => input.skip(bytes)?,
+        None => input = input.skip_to_last(total, most.min(MAX_BEFORE))?,
     }
-
-    /// Moves the input to its first sample. Lines are skipped before decompression, bytes after it.
-    fn apply(&self, mut input: Input, encoding: Encoding) -> Result<Input> {
-        input.skip_lines(self.lines)?;
-        // Bzip2 can hold far more than anyone writes before samples.
-        let most = input.at_most().unwrap_or(u64::MAX).saturating_mul(MAX_EXPANSION).saturating_add(1 << 16);
-        let mut input = match encoding {
-            Encoding::Gzip => input.gunzip(),
-            Encoding::Bzip2 => input.bunzip2(),
-            Encoding::Raw | Encoding::Text | Encoding::Hex => input,
-        };
-        match self.bytes {
-            Some(bytes) if bytes > most => refuse!(input, "ends before byte {bytes}"),
-            Some(bytes) => input.skip(bytes)?,
-            None => input = input.skip_to_last(self.total, most.min(MAX_BEFORE))?,
-        }
-        if encoding == Encoding::Hex {
-            input.decode_digits(4);
-        }
-        Ok(input)
+    if encoding == Encoding::Hex {
+        input.decode_digits(4);
     }
+    Ok(input)
 }
