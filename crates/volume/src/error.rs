@@ -1,13 +1,13 @@
 //! The one error type of this crate.
 
-use std::fmt::{self, Write as _};
+use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
 
 /// The result of this crate.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
-/// What can be wrong with a file or a volume.
+/// Faults of a file or a volume.
 ///
 /// `{}` gives the message alone: one line without a trailing full stop. The cause, if there is one, is
 /// [`source`](std::error::Error::source); the message does not repeat it. `{:#}` gives message, cause and way out in
@@ -27,19 +27,19 @@ pub enum Error {
     Read {
         /// The file.
         path: PathBuf,
-        /// What the operating system said.
+        /// The error of the operating system.
         source: io::Error,
     },
     /// A file is malformed, truncated, inconsistent or uses a feature that is not read.
     Format {
         /// The file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// The fault.
         reason: String,
-        /// What the caller can do about it, if anything.
+        /// The remedy, if there is one.
         hint: Option<Hint>,
     },
-    /// A volume that cannot be rendered: empty, too large, a singular grid.
+    /// A volume that cannot be rendered: empty, too large, or with a singular grid.
     Volume(String),
     /// A volume with samples that are NaN or infinite.
     NonFinite {
@@ -52,21 +52,19 @@ pub enum Error {
     Setting {
         /// The setting: the name of its field, with `_` or `-` between words.
         name: &'static str,
-        /// What was given and what would be accepted.
+        /// The given value and the accepted values.
         reason: String,
     },
     /// There is no host memory for a volume or a picture.
     Memory {
-        /// What the memory is for.
+        /// The purpose of the memory.
         what: String,
-        /// Bytes asked for.
+        /// Bytes requested.
         bytes: u64,
     },
 }
 
-/// What the caller can do about an [`Error`]: a way out that a program can offer in its own words.
-///
-/// `Display` says it in the words of the library.
+/// A remedy for an [`Error`], which a program can offer in its own words. `Display` uses the words of the library.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum Hint {
@@ -78,7 +76,7 @@ pub enum Hint {
     GiveDimsAndSampleType,
     /// The header's spacing is no length: state the distance between samples.
     GiveSpacing,
-    /// Some samples are NaN or infinite: choose a number that takes their place.
+    /// Some samples are NaN or infinite: choose a number to replace them.
     ReplaceNonFinite,
     /// The folder holds several series: choose one.
     ChooseSeries,
@@ -106,11 +104,69 @@ impl fmt::Display for Hint {
     }
 }
 
+/// Returns an [`Error`] about a file, or [`Damage`] of its content, from a function: `refuse!(path, "has {n} axes")`.
+macro_rules! refuse {
+    ($subject:expr, $($reason:tt)+) => {
+        return Err($subject.error(format!($($reason)+)))
+    };
+}
+pub(crate) use refuse;
+
+/// As [`refuse!`], if a condition holds: `refuse_if!(n > 3, path, "has {n} axes")`.
+macro_rules! refuse_if {
+    ($condition:expr, $($refusal:tt)+) => {
+        if $condition {
+            $crate::error::refuse!($($refusal)+);
+        }
+    };
+}
+pub(crate) use refuse_if;
+
+/// A fault in the content of a file, for readers that do not know its name: see [`Error::of_content`].
+pub(crate) struct Damage;
+
+impl Damage {
+    pub(crate) fn error(&self, reason: impl Into<String>) -> io::Error {
+        io::Error::new(io::ErrorKind::InvalidData, reason.into())
+    }
+}
+
+/// The file that an error is about.
+pub(crate) trait Subject {
+    /// An [`Error::Format`] about this file.
+    fn error(&self, reason: impl Into<String>) -> Error;
+}
+
+impl Subject for Path {
+    fn error(&self, reason: impl Into<String>) -> Error {
+        Error::format(self, reason)
+    }
+}
+
 impl Error {
     /// An [`Error::Format`] without a hint.
     #[must_use]
     pub fn format(path: &Path, reason: impl Into<String>) -> Self {
         Self::Format { path: path.to_owned(), reason: reason.into(), hint: None }
+    }
+
+    /// An [`Error::Read`], for `map_err`.
+    pub(crate) fn read(path: &Path) -> impl Fn(io::Error) -> Self {
+        |source| Self::Read { path: path.to_owned(), source }
+    }
+
+    /// An [`Error::Setting`].
+    pub(crate) fn setting(name: &'static str, reason: impl Into<String>) -> Self {
+        Self::Setting { name, reason: reason.into() }
+    }
+
+    /// A failed read as [`Error::Format`] if the content is at fault, otherwise as [`Error::Read`].
+    pub(crate) fn of_content(path: &Path, source: io::Error) -> Self {
+        use io::ErrorKind::{InvalidData, InvalidInput, Other, UnexpectedEof};
+        match source.kind() {
+            InvalidData | InvalidInput | UnexpectedEof | Other => path.error(format!("is damaged: {source}")),
+            _ => Self::read(path)(source),
+        }
     }
 
     /// The same error, with a hint if it is an [`Error::Format`].
@@ -122,7 +178,7 @@ impl Error {
         self
     }
 
-    /// What the caller can do about it, if the message does not state it.
+    /// The remedy, if the message does not state it.
     #[must_use]
     pub fn hint(&self) -> Option<Hint> {
         match self {
@@ -168,16 +224,12 @@ pub struct Line<'a>(pub &'a str);
 
 impl fmt::Display for Line<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let plain = |c: char| if c.is_control() { ' ' } else { c };
-        // The end states what is expected, so it is kept as well.
+        let plain: Vec<char> = self.0.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
+        // The end states the accepted values, so it is kept as well.
         let half = MAX_REASON / 2;
-        match (self.0.char_indices().nth(half), self.0.char_indices().rev().nth(half - 1)) {
-            (Some((head, _)), Some((tail, _))) if head < tail => {
-                self.0[..head].chars().map(plain).try_for_each(|c| f.write_char(c))?;
-                f.write_str(" ... ")?;
-                self.0[tail..].chars().map(plain).try_for_each(|c| f.write_char(c))
-            }
-            _ => self.0.chars().map(plain).try_for_each(|c| f.write_char(c)),
+        match plain.len() {
+            ..=MAX_REASON => f.write_str(&String::from_iter(&plain)),
+            n => write!(f, "{} ... {}", String::from_iter(&plain[..half]), String::from_iter(&plain[n - half..])),
         }
     }
 }

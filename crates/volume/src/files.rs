@@ -6,7 +6,7 @@ use std::path::Path;
 
 use serde::de::DeserializeOwned;
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, Subject, refuse_if};
 
 /// Opens a regular file, or standard input if `path` is `-` or leads there. The second value is the length of the file
 /// in bytes; `None` if standard input is a stream.
@@ -18,27 +18,24 @@ use crate::error::{Error, Result};
 /// [`Error::Read`] if there is no such file or it cannot be opened; [`Error::Format`] if it is a directory, a pipe, a
 /// socket or a device.
 pub fn open(path: &Path) -> Result<(File, Option<u64>)> {
-    let read_error = |source| Error::Read { path: path.to_owned(), source };
     if path == Path::new("-") {
-        if std::io::stdin().is_terminal() {
-            return Err(Error::format(path, "standard input is a terminal, expected a pipe or a file"));
-        }
-        return Ok((stream().map_err(read_error)?, None));
+        refuse_if!(std::io::stdin().is_terminal(), path, "standard input is a terminal, expected a pipe or a file");
+        return Ok((stream().map_err(Error::read(path))?, None));
     }
-    let meta = std::fs::metadata(path).map_err(read_error)?;
+    let meta = std::fs::metadata(path).map_err(Error::read(path))?;
     if !meta.is_file() {
         return match standard_input(&meta) {
             Some(stream) => Ok((stream, None)),
             None => Err(not_regular(path, &meta)),
         };
     }
-    let file = open_at_once(path).map_err(read_error)?;
+    let file = open_at_once(path).map_err(Error::read(path))?;
     // The path can lead to another file by now.
-    let meta = file.metadata().map_err(read_error)?;
+    let meta = file.metadata().map_err(Error::read(path))?;
     if meta.is_file() { Ok((file, Some(meta.len()))) } else { Err(not_regular(path, &meta)) }
 }
 
-/// The whole content of a file as [`open`] takes it, of at most `most` bytes.
+/// Reads the whole content of a file that [`open`] accepts, of at most `most` bytes.
 ///
 /// # Errors
 /// As [`open`]; [`Error::Format`] if there are more than `most` bytes.
@@ -46,12 +43,8 @@ pub fn read(path: &Path, most: u64) -> Result<Vec<u8>> {
     let (file, _) = open(path)?;
     let mut bytes = Vec::new();
     // `read_to_end` returns an error if there is no memory.
-    file.take(most.saturating_add(1))
-        .read_to_end(&mut bytes)
-        .map_err(|source| Error::Read { path: path.to_owned(), source })?;
-    if bytes.len() as u64 > most {
-        return Err(Error::format(path, format!("is too large: expected at most {most} bytes")));
-    }
+    file.take(most.saturating_add(1)).read_to_end(&mut bytes).map_err(Error::read(path))?;
+    refuse_if!(bytes.len() as u64 > most, path, "is too large: expected at most {most} bytes");
     Ok(bytes)
 }
 
@@ -70,14 +63,14 @@ pub fn read_text(path: &Path, most: u64) -> Result<String> {
 /// Reads a value from a file of JSON, which is read as by [`read_text`].
 ///
 /// # Errors
-/// Those of [`read_text`]; [`Error::Format`] with line and column if the text is no such value.
+/// The errors of [`read_text`]; [`Error::Format`] with line and column if the text is no such value.
 pub fn read_json<T: DeserializeOwned>(path: &Path, most: u64) -> Result<T> {
     let fault =
         |e: serde_json::Error| Error::format(path, format!("line {} column {}: {}", e.line(), e.column(), fault(&e)));
     serde_json::from_str(&read_text(path, most)?).map_err(fault)
 }
 
-/// What is wrong with a JSON text, without the place, in words of JSON.
+/// Returns the fault of a JSON text, without its place, in words of JSON.
 pub fn fault(error: &serde_json::Error) -> String {
     let text = error.to_string();
     let text = text.rsplit_once(" at line ").map_or(text.as_str(), |(message, _)| message);
@@ -91,7 +84,7 @@ pub fn fault(error: &serde_json::Error) -> String {
         ("expected u32", "expected a whole number, 0 or over"),
         ("expected f64", "expected a number"),
     ];
-    // Texts of the file stay as they are: what is said of their kind comes before or after them.
+    // Quoted texts of the file stay as they are; the words about their kind stand before or after them.
     let (head, rest) = text.split_once('"').unwrap_or((text, ""));
     let (quoted, tail) = rest.rsplit_once('"').unwrap_or(("", rest));
     let plain = |text: &str| words.iter().fold(text.to_owned(), |text, (from, to)| text.replace(from, to));

@@ -1,4 +1,4 @@
-//! Memory whose amount a file or a setting decides: it is had, or there is an error. The process does not abort.
+//! Fallible allocation, for sizes that come from files or settings: an error instead of an abort.
 
 use std::path::Path;
 
@@ -7,7 +7,7 @@ use bytemuck::allocation::try_zeroed_vec;
 
 use crate::error::{Error, Result};
 
-/// An empty vector with room for `count` elements. `what` says what they are.
+/// An empty vector with room for `count` elements. `what` names them in the error.
 pub fn reserved<T>(count: u64, what: impl FnOnce() -> String) -> Result<Vec<T>> {
     let mut elements = Vec::new();
     match usize::try_from(count).map(|count| elements.try_reserve_exact(count)) {
@@ -16,8 +16,8 @@ pub fn reserved<T>(count: u64, what: impl FnOnce() -> String) -> Result<Vec<T>> 
     }
 }
 
-/// A vector of `count` zeros. The system hands its pages out when they are written to, so a file that ends early takes
-/// no time for those that it lacks.
+/// A vector of `count` zeros. The system provides pages when they are written to, so the missing samples of a short
+/// file cost no time.
 pub fn zeroed<T: Zeroable>(count: u64, what: impl FnOnce() -> String) -> Result<Vec<T>> {
     let fits = |count: &usize| count.checked_mul(size_of::<T>()).is_some_and(|bytes| bytes <= isize::MAX as usize);
     let elements = usize::try_from(count).ok().filter(fits).and_then(|count| try_zeroed_vec(count).ok());
@@ -30,12 +30,12 @@ fn refused<T>(count: u64, what: impl FnOnce() -> String) -> Error {
 
 /// Refuses work for which there are no `bytes` of memory.
 ///
-/// It is asked before encoders and decoders of other crates run, which cannot be refused memory without an abort.
+/// To be called before encoders and decoders of other crates, which abort if an allocation fails.
 pub fn check(bytes: u64, what: impl FnOnce() -> String) -> Result<()> {
     reserved::<u8>(bytes, what).map(drop)
 }
 
-/// What memory for samples of a file is for.
+/// The purpose of memory for the samples of a file, for messages.
 pub fn samples_in(path: &Path) -> String {
     format!("the samples of {}", path.display())
 }

@@ -136,7 +136,7 @@ fn broken_nrrd_headers_say_what_is_wrong() {
         ("dimension: 3", "dimension: 17", "expected 1 to 16"),
         ("dimension: 3", "dimension: three", "not a number"),
         ("dimension: 3", "dimension", "not \"field: value\""),
-        ("sizes: 2 2 2", "sizes: 2 2", "2 numbers for 3 axes"),
+        ("sizes: 2 2 2", "sizes: 2 2", "expected 3 numbers"),
         ("sizes: 2 2 2", "sizes: 2 0 2", "dimension 2 is 0"),
         ("sizes: 2 2 2", "sizes: 2 2 -2", "dimension 3 is -2"),
         ("sizes: 2 2 2", "sizes: 2 2 99999999999999999999", "not a number"),
@@ -579,7 +579,11 @@ fn broken_dicom_files_say_what_is_wrong() {
     assert_refused("a.dcm", &high, "has 7 bits of YBR_FULL, expected 8 without sign");
     // The number of frames is the number of fragments, or a table states it.
     let end = [0xfe, 0xff, 0xdd, 0xe0];
-    assert_refused("a.dcm", &changed("rle-i16.dcm", &end, &[0; 4]), "a fragment does not begin where it should");
+    assert_refused(
+        "a.dcm",
+        &changed("rle-i16.dcm", &end, &[0; 4]),
+        "is damaged: (0000,0000) where a fragment should begin",
+    );
     let more = changed("rle-i16.dcm", b"\x28\0\x08\0IS\x02\x005 ", b"\x28\0\x08\0IS\x02\x006 ");
     assert_refused("a.dcm", &more, "6 frames in 5 fragments");
     let rows = b"\x28\0\x10\0US\x02\0\x04";

@@ -136,7 +136,7 @@ fn broken_folders_say_what_is_wrong() {
     let cases = [
         ("v2-i16.zarr", ".zarray", "\"<i2\"", "\"<c8\"", "dtype \"<c8\" is not read"),
         ("v2-i16.zarr", ".zarray", "\"<i2\"", "[[\"a\", \"<i2\"]]", "no simple type"),
-        ("v2-i16.zarr", ".zarray", "\"C\"", "\"K\"", "order \"K\""),
+        ("v2-i16.zarr", ".zarray", "\"C\"", "\"K\"", "order is \"K\""),
         ("v2-gzip.zarr", ".zarray", "\"gzip\"", "\"bz2\"", "codec \"bz2\" is not read"),
         ("v2-i16.zarr", ".zarray", "{", "[", "expected"),
         ("v2-i16.zarr", ".zarray", "\"shape\"", "\"sharp\"", "an array of []"),

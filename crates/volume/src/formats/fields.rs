@@ -9,35 +9,21 @@ pub(super) struct Fields<'a> {
 }
 
 impl Fields<'_> {
-    fn at<const N: usize>(&self, offset: usize) -> [u8; N] {
-        let mut bytes = self.bytes.get(offset..).and_then(|b| b.first_chunk::<N>()).copied().unwrap_or([0; N]);
-        if self.endian == Endian::Big {
-            bytes.reverse();
+    fn bits(&self, offset: usize, size: usize) -> u64 {
+        self.bytes.get(offset..offset + size).map_or(0, |bytes| self.endian.number(bytes))
+    }
+
+    /// The whole number of 1 to 8 bytes at an offset.
+    pub(super) fn int(&self, offset: usize, size: usize) -> i64 {
+        let above = 64 - 8 * size;
+        (self.bits(offset, size) << above).cast_signed() >> above
+    }
+
+    /// The number of floating point of 4 or 8 bytes at an offset.
+    pub(super) fn float(&self, offset: usize, size: usize) -> f64 {
+        match size {
+            4 => f32::from_bits(self.bits(offset, 4) as u32).into(),
+            _ => f64::from_bits(self.bits(offset, 8)),
         }
-        bytes
-    }
-
-    pub(super) fn u8(&self, offset: usize) -> u8 {
-        self.at::<1>(offset)[0]
-    }
-
-    pub(super) fn i16(&self, offset: usize) -> i16 {
-        i16::from_le_bytes(self.at(offset))
-    }
-
-    pub(super) fn i32(&self, offset: usize) -> i32 {
-        i32::from_le_bytes(self.at(offset))
-    }
-
-    pub(super) fn i64(&self, offset: usize) -> i64 {
-        i64::from_le_bytes(self.at(offset))
-    }
-
-    pub(super) fn f32(&self, offset: usize) -> f64 {
-        f32::from_le_bytes(self.at(offset)).into()
-    }
-
-    pub(super) fn f64(&self, offset: usize) -> f64 {
-        f64::from_le_bytes(self.at(offset))
     }
 }

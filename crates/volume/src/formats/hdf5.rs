@@ -17,25 +17,24 @@ use netcdf_reader::{
 };
 
 use super::LoadOptions;
-use super::decode::lattice;
 use super::input::Input;
 use super::placement::{Placement, named_unit, plain_name};
-use super::selection::{Role, chosen, guessed};
-use crate::error::{Error, Hint, Result};
+use super::selection::{Axes, Role, guessed, indices, sized};
+use crate::error::{Error, Hint, Result, Subject, refuse, refuse_if};
 use crate::memory::{reserved, samples_in};
-use crate::volume::{MAX_DIM, Number, Samples, Stored, Units, Volume};
+use crate::volume::{MAX_DIM, Number, Samples, ToF64, Units, Volume, with_samples};
 
 /// The most data sets of a file, and the deepest groups.
 const MAX_SETS: usize = 4096;
 const MAX_DEPTH: usize = 32;
 
-/// The most bytes that are read at once, if an index of the slowest axis does not take more.
+/// The most bytes that are read at once, unless one index of the slowest axis has more.
 const SLAB: u64 = 64 << 20;
 
 /// The largest chunk and the largest slab, in bytes.
 const MAX_CHUNK: usize = 1 << 30;
 
-/// What NetCDF writes where nothing was written, in numbers of floating point.
+/// The default fill values of NetCDF for floating point.
 const NOT_WRITTEN: [f64; 2] = [9.969_209_968_386_869e36, 9.969_21e36_f32 as f64];
 
 /// A data set, and the groups it is in, the innermost first.
@@ -61,7 +60,7 @@ struct Axis {
 pub(super) fn read(input: &Input, inside: Option<&str>, options: &LoadOptions) -> Result<Volume> {
     let path = input.path();
     let Some((file, _)) = input.plain_file()? else {
-        return Err(input.error("is a file of HDF5 or NetCDF in a stream or in gzip: write it to a file, decompressed"));
+        refuse!(input, "is a file of HDF5 or NetCDF in a stream or in gzip: write it to a file, decompressed");
     };
     let failed =
         |error: &dyn std::fmt::Display| input.error(format!("is damaged, or of a kind that is not read: {error}"));
@@ -84,7 +83,7 @@ pub(super) fn read(input: &Input, inside: Option<&str>, options: &LoadOptions) -
     // MINC 1 is NetCDF with variables that scale each slice.
     let scales = |variable: &NcVariable| ["image-max", "image-min"].contains(&variable.name.as_str());
     if root.group("minc-2.0").is_some() || root.variables.iter().any(scales) {
-        return Err(input.error("is a MINC file, whose scales are not read: convert it with mnc2nii"));
+        refuse!(input, "is a MINC file, whose scales are not read: convert it with mnc2nii");
     }
     let mut sets = Vec::new();
     collect(root, "", &[], &mut sets);
@@ -101,34 +100,20 @@ pub(super) fn read(input: &Input, inside: Option<&str>, options: &LoadOptions) -
     while let Some(single) = space.iter().position(|&axis| axes[axis].size == 1).filter(|_| space.len() > 3) {
         space.remove(single);
     }
-    if space.len() > 3 {
-        return Err(input.error(format!("{} has {} axes of space, expected at most 3", set.path, space.len())));
-    }
-    let sizes: Vec<i64> = space.iter().map(|&axis| i64::try_from(axes[axis].size).unwrap_or(i64::MAX)).collect();
-    let dims = lattice(path, &sizes)?;
-    let (placement, length) = placement(&axes, &space);
-    let grid = placement.grid(path, dims, options.spacing)?;
-    let count = |role: Role| axes.iter().filter(|a| a.role == role).fold(1_u64, |n, a| n.saturating_mul(a.size));
-    let mut contents = chosen(path, options, count(Role::Channel), count(Role::Time))?;
+    refuse_if!(space.len() > 3, input, "{} has {} axes of space, expected at most 3", set.path, space.len());
+    let sizes: Vec<i64> = space.iter().map(|&axis| sized(axes[axis].size)).collect();
+    let (placement, length, note) = placement(&axes, &space);
+    let grid = placement.grid(path, &sizes, options.spacing)?;
+    let all: Axes = axes.iter().rev().map(|axis| (axis.role, sized(axis.size))).collect();
+    let (indices, mut contents) = indices(path, &all, options)?;
     if options.spacing.is_none() {
-        contents.notes = notes(&axes, &space);
+        contents.notes.extend(note);
     }
-    let (mut channel, mut time) = (u64::from(contents.channel), u64::from(contents.time));
-    let mut selections: Vec<NcSliceInfoElem> = axes
-        .iter()
-        .rev()
-        .map(|axis| {
-            let number = match axis.role {
-                Role::Space => return NcSliceInfoElem::Slice { start: 0, end: axis.size, step: 1 },
-                Role::Channel => &mut channel,
-                Role::Time => &mut time,
-            };
-            let index = *number % axis.size;
-            *number /= axis.size;
-            NcSliceInfoElem::Slice { start: index, end: index + 1, step: 1 }
-        })
-        .collect();
-    selections.reverse();
+    let selected = |(axis, index): (&Axis, Option<u64>)| {
+        let (start, end) = index.map_or((0, axis.size), |index| (index, index + 1));
+        NcSliceInfoElem::Slice { start, end, step: 1 }
+    };
+    let selections = axes.iter().zip(indices.into_iter().rev()).map(selected).collect();
     let slabs = Slabs { file: &file, set, selections, slowest: space.last().copied(), path };
     let unsigned = text(&set.variable.attributes, "_Unsigned").is_some_and(|text| text == "true");
     let samples = slabs.samples(&set.variable.dtype, unsigned, grid.len())?;
@@ -136,7 +121,7 @@ pub(super) fn read(input: &Input, inside: Option<&str>, options: &LoadOptions) -
     let number = |name: &str| attribute(&set.variable.attributes, name).and_then(|a| a.value.as_f64());
     let (slope, intercept) = (number("scale_factor").unwrap_or(1.0), number("add_offset").unwrap_or(0.0));
     let units = Units { length, value: text(&set.variable.attributes, "units").and_then(|unit| named_unit(&unit)) };
-    let volume = placement.volume(grid, Stored::Memory(Arc::new(samples)))?.with_units(units).with_contents(contents);
+    let volume = placement.volume(grid, samples.into())?.with_units(units).with_contents(contents);
     volume.with_rescale(slope, intercept).map_err(|error| input.error(format!("{}: {error}", set.path)))
 }
 
@@ -151,8 +136,7 @@ fn check_groups(path: &Path, root: &Group) -> Result<Vec<String>> {
             seen += 1;
             let address = group.address();
             if above.contains(&address) || above.len() == MAX_DEPTH || seen > MAX_SETS {
-                let reason = format!("has over {MAX_SETS} groups, or some within themselves by a link");
-                return Err(Error::format(path, reason));
+                refuse!(path, "has over {MAX_SETS} groups, or some within themselves by a link");
             }
             let mut above = above.clone();
             above.push(address);
@@ -264,10 +248,10 @@ fn axes(file: &NcFile, set: &Set<'_>) -> Vec<Axis> {
         Axis { size: axis.size, role, name: axis.name.clone(), place, uneven, unit: named_unit(&unit) }
     };
     let mut axes: Vec<Axis> = axes.iter().map(named).collect();
-    // Axes whose names say nothing.
+    // The names of the axes state no role.
     let unknown = axes.iter().all(|axis| axis.role == Role::Space && axis.place.is_none());
     if unknown && axes.len() > 3 {
-        let sizes: Vec<i64> = axes.iter().rev().map(|axis| i64::try_from(axis.size).unwrap_or(i64::MAX)).collect();
+        let sizes: Vec<i64> = axes.iter().rev().map(|axis| sized(axis.size)).collect();
         let roles = guessed(&sizes);
         axes.iter_mut().rev().zip(roles).for_each(|(axis, (role, _))| axis.role = role);
     }
@@ -289,47 +273,37 @@ fn spread(values: &[f64]) -> Option<[f64; 2]> {
     ends.iter().all(|end| end.is_finite()).then_some(ends)
 }
 
-/// What the caller should know of the spacing: which coordinates are unequally spaced, or that they are in unlike
-/// units.
-fn notes(axes: &[Axis], space: &[usize]) -> Vec<String> {
-    let name = |axis: usize| plain_name(&axes[axis].name).unwrap_or_default();
-    let uneven = |&axis: &usize| {
-        let [least, most] = axes[axis].uneven?;
+/// The position of the lattice with these axes of space, the fastest first, the unit of lengths, and a note if the
+/// coordinates give no position: they are unequally spaced, or in unlike units.
+fn placement(axes: &[Axis], space: &[usize]) -> (Placement, Option<String>, Option<String>) {
+    let mut placement = Placement::axis_parallel([1.0; 3]);
+    let space: Vec<&Axis> = space.iter().map(|&axis| &axes[axis]).collect();
+    let name = |axis: &Axis| plain_name(&axis.name).unwrap_or_default();
+    let noted = |what: String| Some(format!("{what}: samples are taken to be 1 apart unless a spacing is given"));
+    let uneven = |axis: &&Axis| {
+        let [least, most] = axis.uneven?;
         Some(format!("coordinates of {} are {least:.4} to {most:.4} apart", name(axis)))
     };
     let uneven: Vec<String> = space.iter().filter_map(uneven).collect();
     if !uneven.is_empty() {
-        return vec![format!("{}: samples are taken to be 1 apart unless a spacing is given", uneven.join(", "))];
+        return (placement, None, noted(uneven.join(", ")));
     }
-    let all_stated = space.iter().all(|&axis| axes[axis].place.is_some() || axes[axis].size == 1);
-    let units: Vec<String> = space.iter().map(|&axis| axes[axis].unit.clone().unwrap_or_default()).collect();
-    if !all_stated || units.iter().all(|unit| *unit == units[0]) {
-        return Vec::new();
+    if !space.iter().all(|axis| axis.place.is_some() || axis.size == 1) {
+        return (placement, None, None);
     }
-    let of = |(&axis, unit): (&usize, &String)| {
-        format!("{} in {}", name(axis), if unit.is_empty() { "no unit" } else { unit })
-    };
-    let units: Vec<String> = space.iter().zip(&units).map(of).collect();
-    vec![format!("coordinates are {}: samples are taken to be 1 apart unless a spacing is given", units.join(", "))]
-}
-
-/// The position of the lattice with these axes of space, the fastest first, and the unit of lengths.
-fn placement(axes: &[Axis], space: &[usize]) -> (Placement, Option<String>) {
-    let mut placement = Placement::axis_parallel([1.0; 3]);
-    let Some(unit) = space.first().map(|&axis| &axes[axis].unit) else { return (placement, None) };
     // Degrees along two axes and metres along the third are no lengths in one space.
-    let alike =
-        space.iter().all(|&axis| (axes[axis].place.is_some() || axes[axis].size == 1) && axes[axis].unit == *unit);
-    if !alike {
-        return (placement, None);
+    if space.windows(2).any(|pair| pair[0].unit != pair[1].unit) {
+        let unit = |axis: &&Axis| format!("{} in {}", name(axis), axis.unit.as_deref().unwrap_or("no unit"));
+        let units: Vec<String> = space.iter().map(unit).collect();
+        return (placement, None, noted(format!("coordinates are {}", units.join(", "))));
     }
-    for (n, &axis) in space.iter().enumerate() {
-        let [first, step] = axes[axis].place.unwrap_or([0.0, 1.0]);
+    for (n, axis) in space.iter().enumerate() {
+        let [first, step] = axis.place.unwrap_or([0.0, 1.0]);
         placement.directions[n] = DVec3::AXES[n] * step.signum();
         placement.spacing[n] = step.abs();
         placement.origin[n] = first;
     }
-    (placement, unit.clone())
+    (placement, space.first().and_then(|axis| axis.unit.clone()), None)
 }
 
 /// How the samples of a data set are read.
@@ -360,10 +334,7 @@ impl Slabs<'_> {
             NcType::Float => Samples::F32(self.read(count)?),
             NcType::Double => Samples::F64(self.read(count)?),
             NcType::Enum { base, .. } => self.samples(base, unsigned, count)?,
-            _ => {
-                let reason = format!("{} has no numbers: expected integers or floats", self.set.path);
-                return Err(Error::format(self.path, reason));
-            }
+            _ => refuse!(self.path, "{} has no numbers: expected integers or floats", self.set.path),
         })
     }
 
@@ -372,65 +343,59 @@ impl Slabs<'_> {
         let mut selections = self.selections.clone();
         let (slowest, size) = match self.slowest.and_then(|axis| Some((axis, self.selections.get(axis)?))) {
             Some((axis, NcSliceInfoElem::Slice { end, .. })) => (axis, *end),
-            _ => return Err(Error::format(self.path, format!("{} has no axes", self.set.path))),
+            _ => refuse!(self.path, "{} has no axes", self.set.path),
         };
         let thick = (SLAB * size / (count * size_of::<T>() as u64).max(1)).clamp(1, size);
         for start in (0..size).step_by(thick as usize) {
             selections[slowest] = NcSliceInfoElem::Slice { start, end: size.min(start + thick), step: 1 };
             let slab = NcSliceInfo { selections: selections.clone() };
-            let read = self.file.read_variable_slice::<T>(&self.set.path, &slab).map_err(|error| {
-                Error::format(
-                    self.path,
-                    format!("{} is damaged, or of a kind that is not read: {error}", self.set.path),
-                )
-            })?;
+            let failed = |error| format!("{} is damaged, or of a kind that is not read: {error}", self.set.path);
+            let read = self.file.read_variable_slice::<T>(&self.set.path, &slab);
+            let read = read.map_err(|error| self.path.error(failed(error)))?;
             match read.as_slice() {
                 Some(slab) => samples.extend_from_slice(slab),
                 None => samples.extend(read.iter().copied()),
             }
         }
-        if samples.len() as u64 == count {
-            return Ok(samples);
-        }
-        Err(Error::format(self.path, format!("is cut short: {count} samples expected, {} are there", samples.len())))
+        let found = samples.len() as u64;
+        refuse_if!(found != count, self.path, "is cut short: {count} samples expected, {found} are there");
+        Ok(samples)
     }
 }
 
-/// Samples with NaN in place of those that stand for none. Integers become floats if there are such.
+/// Replaces fill values by NaN. Integers become floats if there are fill values.
 fn without_fill(mut samples: Samples, attributes: &[NcAttribute], path: &Path) -> Result<Samples> {
     let stated = ["_FillValue", "missing_value"].into_iter().filter_map(|name| attribute(attributes, name));
     let mut fill: Vec<f64> = stated.filter_map(|attribute| attribute.value.as_f64_vec()).flatten().take(16).collect();
-    fn filled<T: crate::volume::ToF64>(samples: &[T], fill: &[f64]) -> bool {
-        !fill.is_empty() && samples.iter().any(|sample| fill.contains(&sample.to_f64()))
-    }
-    macro_rules! with_nan {
-        ($samples:ident as $t:ty, $variant:ident) => {{
-            if !filled(&$samples, &fill) {
-                return Ok(samples);
-            }
-            let mut floats: Vec<$t> = reserved($samples.len() as u64, || samples_in(path))?;
-            floats.extend($samples.iter().map(|&s| if fill.contains(&(s as f64)) { <$t>::NAN } else { s as $t }));
-            Ok(Samples::$variant(floats))
-        }};
-    }
     match &mut samples {
-        Samples::U8(s) => with_nan!(s as f32, F32),
-        Samples::I8(s) => with_nan!(s as f32, F32),
-        Samples::U16(s) => with_nan!(s as f32, F32),
-        Samples::I16(s) => with_nan!(s as f32, F32),
-        Samples::U32(s) => with_nan!(s as f64, F64),
-        Samples::I32(s) => with_nan!(s as f64, F64),
-        Samples::U64(s) => with_nan!(s as f64, F64),
-        Samples::I64(s) => with_nan!(s as f64, F64),
         Samples::F32(s) => {
             fill.extend(NOT_WRITTEN);
             s.iter_mut().filter(|s| fill.contains(&f64::from(**s))).for_each(|s| *s = f32::NAN);
-            Ok(samples)
         }
         Samples::F64(s) => {
             fill.extend(NOT_WRITTEN);
             s.iter_mut().filter(|s| fill.contains(*s)).for_each(|s| *s = f64::NAN);
-            Ok(samples)
+        }
+        integers => {
+            let is_small = integers.sample_type().size() <= 2;
+            let value = |sample: f64| if fill.contains(&sample) { f64::NAN } else { sample };
+            with_samples!(&*integers, s => {
+                if s.iter().any(|sample| fill.contains(&sample.to_f64())) {
+                    let values = s.iter().map(|sample| value(sample.to_f64()));
+                    samples = match is_small {
+                        true => Samples::F32(filled(s.len(), values.map(|value| value as f32), path)?),
+                        false => Samples::F64(filled(s.len(), values, path)?),
+                    };
+                }
+            });
         }
     }
+    Ok(samples)
+}
+
+/// A vector of `count` values.
+fn filled<T>(count: usize, values: impl Iterator<Item = T>, path: &Path) -> Result<Vec<T>> {
+    let mut all = reserved(count as u64, || samples_in(path))?;
+    all.extend(values);
+    Ok(all)
 }

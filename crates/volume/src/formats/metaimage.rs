@@ -3,18 +3,18 @@
 //! The world of MetaImage is ITK's, which is DICOM's patient space. If the documentation is ambiguous, this reader does
 //! as ITK does: MET_LONG has 32 bits, and a missing byte order means little-endian.
 
-use std::collections::HashMap;
 use std::path::PathBuf;
 
 use glam::DVec3;
 
 use super::LoadOptions;
-use super::decode::{Layout, lattice, read_samples};
+use super::decode::Layout;
 use super::input::Input;
-use super::multifile::DataFiles;
+use super::multifile::{self, read_shares};
 use super::placement::{Placement, named_unit};
 use super::selection::{Role, picked};
-use crate::error::{Error, Result};
+use super::text_header::TextHeader;
+use crate::error::{Result, refuse, refuse_if};
 use crate::volume::{Endian, SampleType, Units, Volume};
 
 /// The fields that a header may begin with. A file that begins otherwise is a MetaImage only by its extension.
@@ -31,222 +31,133 @@ pub(super) fn is_metaimage(head: &[u8]) -> bool {
 
 /// Reads the volume of a header that begins here.
 pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
-    let header = Header::read(&mut input)?;
-    if let Some(kind) = header.get(&["objecttype"])
-        && !kind.eq_ignore_ascii_case("image")
-    {
-        return Err(header.error(format!("ObjectType is {kind:?}, expected Image")));
+    let header = read_header(&mut input)?;
+    if let Some(kind) = header.get(["ObjectType"]).filter(|kind| !kind.eq_ignore_ascii_case("image")) {
+        refuse!(header, "ObjectType is {kind:?}, expected Image");
     }
-    let n_dims = header.n_dims()?;
-    let sizes: Vec<i64> = header.numbers("DimSize", header.required("DimSize")?, n_dims)?;
-    let dims = lattice(&header.path, &sizes[..n_dims.min(3)])?;
+    let n_dims = header.number("NDims")?.unwrap_or(3);
+    refuse_if!(!(2..=4).contains(&n_dims), header, "NDims is {n_dims}, expected 3");
+    let sizes: Vec<i64> = header.list("DimSize", header.required("DimSize")?, n_dims)?;
     // Channels are beside each other in a sample; a fourth axis is time, as in ITK.
-    let mut axes = vec![(Role::Channel, header.number("ElementNumberOfChannels", 1)?)];
+    let mut axes = vec![(Role::Channel, header.number("ElementNumberOfChannels")?.unwrap_or(1))];
     axes.extend(sizes.iter().enumerate().map(|(a, &size)| (if a < 3 { Role::Space } else { Role::Time }, size)));
+    let sample_type = sample_type(&header)?;
+    let placement = placement(&header, n_dims)?;
+    let grid = placement.grid(&header.path, &sizes[..n_dims.min(3)], options.spacing)?;
     let (pick, contents) = picked(&header.path, &axes, options)?;
-    let sample_type = header.sample_type()?;
-    let placement = header.placement(n_dims)?;
-    let grid = placement.grid(&header.path, dims, options.spacing)?;
-    let slope: f64 = header.number("ElementToIntensityFunctionSlope", 1.0)?;
-    let intercept: f64 = header.number("ElementToIntensityFunctionOffset", 0.0)?;
+    let slope: f64 = header.number("ElementToIntensityFunctionSlope")?.unwrap_or(1.0);
+    let intercept: f64 = header.number("ElementToIntensityFunctionOffset")?.unwrap_or(0.0);
     if slope == 0.0 || !slope.is_finite() || !intercept.is_finite() {
-        return Err(
-            header.error(format!("ElementToIntensityFunction {slope} x + {intercept} maps samples to no value"))
-        );
+        refuse!(header, "ElementToIntensityFunction {slope} x + {intercept} maps samples to no value");
     }
 
-    let count = pick.all;
-    let files = header.data_files(&mut input)?;
-    let n = files.as_ref().map_or(1, DataFiles::len);
-    if !count.is_multiple_of(n as u64) {
-        return Err(header.error(format!("{n} data files cannot share {count} samples equally")));
-    }
-    let start = Start {
-        header_size: header.number("HeaderSize", 0)?,
-        compressed: header.flag("CompressedData", false)?,
-        share: (count / n as u64).saturating_mul(sample_type.size() as u64),
-    };
-    let msb = header.flag("BinaryDataByteOrderMSB", false)? || header.flag("ElementByteOrderMSB", false)?;
-    let layout = match header.flag("BinaryData", true)? {
+    let files = data_files(&header, &mut input)?;
+    let share = pick.all / files.as_ref().map_or(1, Vec::len) as u64;
+    let bytes = share.saturating_mul(sample_type.size() as u64);
+    let header_size = header.number("HeaderSize")?.unwrap_or(0);
+    let is_compressed = flag(&header, "CompressedData", false)?;
+    let msb = flag(&header, "BinaryDataByteOrderMSB", false)? || flag(&header, "ElementByteOrderMSB", false)?;
+    let layout = match flag(&header, "BinaryData", true)? {
         true => Layout::Binary(if msb { Endian::Big } else { Endian::Little }),
         false => Layout::Text,
     };
-    let samples = match files {
-        None => {
-            // HeaderSize counts from the start of the file, and the header has been read: the file is opened again.
-            let local = match (start.header_size, input.at_most()) {
-                (0, _) => input,
-                (_, Some(_)) => Input::open_kept(&header.path, input.unpacked())?,
-                (_, None) => return Err(header.error("HeaderSize needs a regular file: a stream is read once")),
-            };
-            read_samples(&mut std::iter::once(start.apply(local)), 1, &pick, sample_type, layout)?
+    if files.is_none() && header_size != 0 {
+        // HeaderSize counts from the start of the file, and the header has been read: the file is opened again.
+        refuse_if!(input.at_most().is_none(), header, "HeaderSize needs a regular file: a stream is read once");
+        input = Input::open(&header.path, input.unpacked())?;
+    }
+    let samples = read_shares(&header, input, files, (&pick, sample_type, layout), |mut input| {
+        match (u64::try_from(header_size), input.exactly_left()) {
+            (Ok(skipped), _) => input.skip(skipped)?,
+            (Err(_), _) if header_size != -1 => refuse!(input, "HeaderSize is {header_size}, expected -1 or more"),
+            (Err(_), _) if is_compressed => refuse!(input, "HeaderSize -1 goes with uncompressed data only"),
+            // The samples are the last bytes.
+            (Err(_), Some(left)) if left >= bytes => input.skip(left - bytes)?,
+            (Err(_), _) => refuse!(input, "is cut short: its samples need {bytes} bytes"),
         }
-        Some(files) => {
-            // Of many files each would be kept open.
-            let unpacked = input.unpacked().filter(|_| n == 1);
-            let mut parts = files.paths().map(|file| start.apply(Input::open_data_kept(&file, unpacked.clone())?));
-            read_samples(&mut parts, n, &pick, sample_type, layout)?
-        }
-    };
+        // CompressedDataSize is not needed: a zlib stream marks its own end.
+        if is_compressed { input.inflate() } else { Ok(input) }
+    })?;
     // ITK does not apply this map but leaves it to its caller. It is how such files state Hounsfield units.
-    let units = Units { length: header.get(&["DistanceUnits"]).and_then(named_unit), value: None };
+    let units = Units { length: header.get(["DistanceUnits"]).and_then(named_unit), value: None };
     Ok(placement.volume(grid, samples)?.with_rescale(slope, intercept)?.with_units(units).with_contents(contents))
 }
 
 /// The data files that the header names which begins here.
 pub(super) fn named_files(mut input: Input) -> Result<Vec<PathBuf>> {
-    let files = Header::read(&mut input)?.data_files(&mut input)?;
-    Ok(files.map_or_else(Vec::new, |files| files.paths().collect()))
+    let header = read_header(&mut input)?;
+    Ok(data_files(&header, &mut input)?.unwrap_or_default())
 }
 
-/// How to find the first sample of a data file.
-struct Start {
-    /// Bytes before the samples; -1: the samples are the last `share` bytes.
-    header_size: i64,
-    compressed: bool,
-    share: u64,
-}
-
-impl Start {
-    fn apply(&self, mut input: Input) -> Result<Input> {
-        match (u64::try_from(self.header_size), input.exactly_left()) {
-            (Ok(bytes), _) => input.skip(bytes)?,
-            (Err(_), _) if self.header_size != -1 => {
-                return Err(input.error(format!("HeaderSize is {}, expected -1 or more", self.header_size)));
-            }
-            (Err(_), _) if self.compressed => {
-                return Err(input.error("HeaderSize -1 goes with uncompressed data only"));
-            }
-            (Err(_), Some(left)) if left >= self.share => input.skip(left - self.share)?,
-            (Err(_), _) => {
-                return Err(input.error(format!("is cut short: its samples need {} bytes", self.share)));
-            }
+/// Reads up to and including the line ElementDataFile, which is the last.
+fn read_header(input: &mut Input) -> Result<TextHeader> {
+    let mut header = TextHeader::new(input, "MetaImage");
+    while let Some(line) = input.line()? {
+        let line = line.trim();
+        if line.is_empty() {
+            continue;
         }
-        // CompressedDataSize is not needed: a zlib stream marks its own end.
-        if self.compressed { input.inflate() } else { Ok(input) }
-    }
-}
-
-/// The fields of a header; names are in lower case.
-struct Header {
-    path: PathBuf,
-    fields: HashMap<String, String>,
-}
-
-impl Header {
-    /// Reads up to and including the line ElementDataFile, which is the last.
-    fn read(input: &mut Input) -> Result<Self> {
-        let mut fields = HashMap::new();
-        while let Some(line) = input.line()? {
-            let line = line.trim();
-            if line.is_empty() {
-                continue;
-            }
-            let Some((name, value)) = line.split_once('=') else {
-                return Err(input.error(format!("header line {line:?} is not \"Field = value\"")));
-            };
-            let name = name.trim().to_ascii_lowercase();
-            let last = name == "elementdatafile";
-            if name != "comment" && fields.insert(name.clone(), value.trim().to_owned()).is_some() {
-                return Err(input.error(format!("field {name:?} is given twice")));
-            }
-            if last {
-                return Ok(Self { path: input.path().to_owned(), fields });
-            }
-        }
-        Err(input.error("the MetaImage header has no field \"ElementDataFile\""))
-    }
-
-    fn error(&self, reason: impl Into<String>) -> Error {
-        Error::format(&self.path, reason)
-    }
-
-    /// The text of the first of these fields that the header has: some fields have several names.
-    fn get(&self, names: &[&str]) -> Option<&str> {
-        names.iter().find_map(|name| self.fields.get(&name.to_ascii_lowercase())).map(String::as_str)
-    }
-
-    fn required(&self, name: &str) -> Result<&str> {
-        self.get(&[name]).ok_or_else(|| self.error(format!("the MetaImage header has no field {name:?}")))
-    }
-
-    fn number<T: std::str::FromStr>(&self, name: &str, default: T) -> Result<T> {
-        let Some(text) = self.get(&[name]) else { return Ok(default) };
-        text.parse().map_err(|_| self.error(format!("{name}: {text:?} is not a number that fits")))
-    }
-
-    fn numbers<T: std::str::FromStr>(&self, name: &str, text: &str, n: usize) -> Result<Vec<T>> {
-        let list: Vec<T> = text.split_ascii_whitespace().map_while(|word| word.parse().ok()).collect();
-        if list.len() != n || text.split_ascii_whitespace().count() != n {
-            return Err(self.error(format!("{name}: {text:?}, expected {n} numbers")));
-        }
-        Ok(list)
-    }
-
-    fn flag(&self, name: &str, default: bool) -> Result<bool> {
-        match self.get(&[name]).map(str::to_ascii_lowercase).as_deref() {
-            None => Ok(default),
-            Some("true" | "t" | "1" | "yes") => Ok(true),
-            Some("false" | "f" | "0" | "no") => Ok(false),
-            Some(other) => Err(self.error(format!("{name}: {other:?}, expected True or False"))),
-        }
-    }
-
-    fn n_dims(&self) -> Result<usize> {
-        match self.number("NDims", 3)? {
-            n @ 2..=4 => Ok(n),
-            n => Err(self.error(format!("NDims is {n}, expected 3"))),
-        }
-    }
-
-    fn sample_type(&self) -> Result<SampleType> {
-        let name = self.required("ElementType")?;
-        Ok(match name.to_ascii_uppercase().as_str() {
-            "MET_UCHAR" => SampleType::U8,
-            "MET_CHAR" => SampleType::I8,
-            "MET_USHORT" => SampleType::U16,
-            "MET_SHORT" => SampleType::I16,
-            "MET_UINT" | "MET_ULONG" => SampleType::U32,
-            "MET_INT" | "MET_LONG" => SampleType::I32,
-            "MET_ULONG_LONG" => SampleType::U64,
-            "MET_LONG_LONG" => SampleType::I64,
-            "MET_FLOAT" => SampleType::F32,
-            "MET_DOUBLE" => SampleType::F64,
-            _ => return Err(self.error(format!("ElementType {name:?} is not read: expected one number per sample"))),
-        })
-    }
-
-    /// The position of a lattice of `n` axes. A 2-D image lies in the plane z = 0.
-    fn placement(&self, n: usize) -> Result<Placement> {
-        let vector = |v: &[f64]| DVec3::new(v[0], v[1], v.get(2).copied().unwrap_or(0.0));
-        let spacing = match self.get(&["ElementSpacing", "ElementSize"]) {
-            Some(text) => self.numbers("ElementSpacing", text, n)?,
-            None => vec![1.0; n],
+        let Some((name, value)) = line.split_once('=') else {
+            refuse!(input, "header line {line:?} is not \"Field = value\"");
         };
-        let mut placement = Placement::axis_parallel([spacing[0], spacing[1], spacing.get(2).copied().unwrap_or(1.0)]);
-        if let Some(text) = self.get(&["Offset", "Position", "Origin", "ImagePosition"]) {
-            placement.origin = vector(&self.numbers("Offset", text, n)?);
+        let name = name.trim().to_ascii_lowercase();
+        if name != "comment" {
+            header.insert(&name, value.trim())?;
         }
-        if let Some(text) = self.get(&["TransformMatrix", "Rotation", "Orientation"]) {
-            let matrix = self.numbers("TransformMatrix", text, n * n)?;
-            for (direction, row) in placement.directions.iter_mut().zip(matrix.chunks_exact(n)) {
-                *direction = vector(row);
-            }
-            placement.oriented = true;
+        if name == "elementdatafile" {
+            break;
         }
-        Ok(placement)
     }
+    header.required("ElementDataFile")?;
+    Ok(header)
+}
 
-    /// The data files; `None` if the samples follow the header.
-    fn data_files(&self, input: &mut Input) -> Result<Option<DataFiles>> {
-        let text = self.required("ElementDataFile")?;
-        let word = text.split_ascii_whitespace().next().unwrap_or_default();
-        match word.to_ascii_uppercase().as_str() {
-            "LOCAL" => Ok(None),
-            "" => Err(self.error("ElementDataFile is empty: expected a file name or LOCAL")),
-            // The number after LIST is the dimension of each file. It does not matter: all files hold equal shares.
-            "LIST" => DataFiles::listed(input).map(Some),
-            _ => DataFiles::named(&self.path, text, 3).map(Some),
-        }
+fn flag(header: &TextHeader, name: &str, default: bool) -> Result<bool> {
+    match header.get([name]).map(str::to_ascii_lowercase).as_deref() {
+        None => Ok(default),
+        Some("true" | "t" | "1" | "yes") => Ok(true),
+        Some("false" | "f" | "0" | "no") => Ok(false),
+        Some(other) => refuse!(header, "{name}: {other:?}, expected True or False"),
     }
+}
+
+fn sample_type(header: &TextHeader) -> Result<SampleType> {
+    let name = header.required("ElementType")?;
+    let known = name.to_ascii_lowercase().strip_prefix("met_").and_then(|name| match name {
+        "ulong" => Some(SampleType::U32),
+        "long" => Some(SampleType::I32),
+        _ => SampleType::from_name(&name.replace('_', " ")),
+    });
+    known.ok_or_else(|| header.error(format!("ElementType {name:?} is not read: expected one number per sample")))
+}
+
+/// The position of a lattice of `n` axes. A 2-D image lies in the plane z = 0.
+fn placement(header: &TextHeader, n: usize) -> Result<Placement> {
+    let stated = |names: &[&str], n: usize| -> Result<Option<Vec<f64>>> {
+        let text = names.iter().find_map(|name| header.get([*name]));
+        text.map(|text| header.list(names[0], text, n)).transpose()
+    };
+    let vector = |v: &[f64]| DVec3::new(v[0], v[1], v.get(2).copied().unwrap_or(0.0));
+    let spacing = stated(&["ElementSpacing", "ElementSize"], n)?.unwrap_or_else(|| vec![1.0; n]);
+    let mut placement = Placement::axis_parallel([spacing[0], spacing[1], spacing.get(2).copied().unwrap_or(1.0)]);
+    if let Some(origin) = stated(&["Offset", "Position", "Origin", "ImagePosition"], n)? {
+        placement.origin = vector(&origin);
+    }
+    if let Some(matrix) = stated(&["TransformMatrix", "Rotation", "Orientation"], n * n)? {
+        for (direction, row) in placement.directions.iter_mut().zip(matrix.chunks_exact(n)) {
+            *direction = vector(row);
+        }
+        placement.oriented = true;
+    }
+    Ok(placement)
+}
+
+/// The data files; `None` if the samples follow the header.
+fn data_files(header: &TextHeader, input: &mut Input) -> Result<Option<Vec<PathBuf>>> {
+    let text = header.required("ElementDataFile")?;
+    refuse_if!(text.is_empty(), header, "ElementDataFile is empty: expected a file name or LOCAL");
+    if text.split_ascii_whitespace().next().is_some_and(|word| word.eq_ignore_ascii_case("LOCAL")) {
+        return Ok(None);
+    }
+    multifile::data_files(&header.path, text, 3, input).map(Some)
 }

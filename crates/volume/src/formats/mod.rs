@@ -17,6 +17,7 @@ mod nrrd;
 mod placement;
 mod readers;
 mod selection;
+mod text_header;
 #[cfg(feature = "tiff")]
 mod tiff;
 mod time_series;
@@ -30,7 +31,7 @@ mod zarr;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use decode::{Layout, lattice, read_all};
+use decode::{Layout, read_all};
 pub use folder::is_zarr;
 use folder::zarr_folder_of;
 use input::{Input, Unpacked};
@@ -41,23 +42,23 @@ use selection::{Pick, chosen};
 pub use time_series::TimeSeries;
 
 use crate::demos;
-use crate::error::{Error, Hint, Result};
+use crate::error::{Error, Hint, Result, Subject, refuse, refuse_if};
 pub use crate::files::{read_json, read_text};
 use crate::names::{counted, named};
 use crate::volume::{Endian, SampleType, Volume};
 
-/// Which level of a pyramid is read: of a file that holds the same volume at several resolutions.
+/// The level of a pyramid to read: of a file that holds the same volume at several resolutions.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum PyramidLevel {
     /// The level of this number; 0 is the finest.
     At(u32),
-    /// The coarsest level whose samples are no coarser than pixels, if the longest edge of the volume spans so many.
+    /// The coarsest level with samples no coarser than pixels, if the volume's longest edge spans this many pixels.
     Pixels(f64),
-    /// The coarsest level whose samples are no further apart than this world length.
+    /// The coarsest level with samples at most this world length apart.
     PixelSize(f64),
 }
 
-/// What becomes of a series of DICOM files that lacks slices between others.
+/// The treatment of a DICOM series that lacks slices between others.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum MissingSlices {
     /// It is an error that names their places.
@@ -69,7 +70,7 @@ pub enum MissingSlices {
 
 named!("missing_slices", MissingSlices { Refuse: "refuse", Interpolate: "interpolate" });
 
-/// What the caller knows about a file, or wants done to its samples. The default is to believe its header.
+/// Facts about a file that its header lacks, and choices among its volumes. By default the header decides.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LoadOptions {
     /// Samples along x, y and z of a file without a header; x is fastest.
@@ -93,7 +94,7 @@ pub struct LoadOptions {
     pub channel: Option<u32>,
     /// The series of a folder of DICOM files that holds several, counted from 1 in the order of their numbers.
     pub series: Option<u32>,
-    /// What becomes of a series of DICOM files that lacks slices.
+    /// The treatment of a DICOM series that lacks slices.
     pub missing_slices: MissingSlices,
     /// The level of a pyramid; the finest by default.
     pub level: PyramidLevel,
@@ -147,7 +148,7 @@ pub fn load(source: impl AsRef<Path>, options: &LoadOptions) -> Result<Volume> {
     load_from(source.as_ref(), options, None)
 }
 
-/// As [`load`]; what is compressed is kept in `unpacked`, if that is given, or taken from there.
+/// As [`load`]; decompressed streams are kept in `unpacked`, if that is given, and read from there.
 fn load_from(source: &Path, options: &LoadOptions, unpacked: Option<&Arc<Unpacked>>) -> Result<Volume> {
     if let Some(spacing) = options.spacing {
         check_spacing(spacing)?;
@@ -155,7 +156,7 @@ fn load_from(source: &Path, options: &LoadOptions, unpacked: Option<&Arc<Unpacke
     if let Some(value) = options.replace_nan
         && !value.is_finite()
     {
-        return Err(Error::Setting { name: "replace_nan", reason: format!("{value}, expected a finite number") });
+        return Err(Error::setting("replace_nan", format!("{value}, expected a finite number")));
     }
     let mut volume = match demos::name_in(source) {
         Some(demo) => {
@@ -194,11 +195,9 @@ fn load_file(
     if let Some(folder) = zarr_folder_of(path) {
         return load_folder(folder, options);
     }
-    let mut input = Input::open_kept(path, unpacked.cloned())?;
+    let mut input = Input::open(path, unpacked.cloned())?;
     let head = input.peek(nifti::HEADER_SIZE)?;
-    if head.is_empty() {
-        return Err(input.error("is empty"));
-    }
+    refuse_if!(head.is_empty(), input, "is empty");
     let content = Format::of_content(&head);
     let has_raw_options = options.dims.is_some() || options.sample_type.is_some();
     // Users may name the image file of a NIfTI pair instead of its header.
@@ -213,14 +212,14 @@ fn load_file(
         && nifti::is_analyze(&head)
         && Format::of_name(path).is_some_and(|format| format.name == "NIfTI")
     {
-        return Err(input.error("is in ANALYZE 7.5 format, which is not read: convert it to NIfTI"));
+        refuse!(input, "is in ANALYZE 7.5 format, which is not read: convert it to NIfTI");
     }
     let Some(format) = content.or(Format::of_name(path)) else { return read_raw(input, &head, options) };
     refuse_raw_options(path, options, &format!("a {} file", format.name))?;
     if let Some(inside) = inside
         && !format.has_sets
     {
-        return Err(input.error(format!("is a {} file, which has no data set {inside:?}", format.name)));
+        refuse!(input, "is a {} file, which has no data set {inside:?}", format.name);
     }
     format.read(input, inside, options)
 }
@@ -234,11 +233,10 @@ fn load_folder(folder: &Path, options: &LoadOptions) -> Result<Volume> {
     let mut parts = parts_of_folder(folder)?;
     refuse_raw_options(folder, options, "a folder")?;
     let Some((format, mut files)) = parts.pop() else {
-        return Err(Error::format(folder, "is a directory without TIFF or DICOM files, and no OME-Zarr"));
+        refuse!(folder, "is a directory without TIFF or DICOM files, and no OME-Zarr");
     };
     if let Some((other, _)) = parts.pop() {
-        let reason = format!("holds {} and {} files: give each a folder of its own", other.name, format.name);
-        return Err(Error::format(folder, reason));
+        refuse!(folder, "holds {} and {} files: give each a folder of its own", other.name, format.name);
     }
     files.sort_by_cached_key(|path| natural(&path.file_name().unwrap_or_default().to_string_lossy()));
     format.read_folder(folder, &files, options)
@@ -246,15 +244,14 @@ fn load_folder(folder: &Path, options: &LoadOptions) -> Result<Volume> {
 
 /// The files of a folder that are sections of a volume, by their formats.
 fn parts_of_folder(folder: &Path) -> Result<Vec<(&'static Format, Vec<PathBuf>)>> {
-    let read_error = |source| Error::Read { path: folder.to_owned(), source };
     let mut parts: Vec<(&Format, Vec<PathBuf>)> = Vec::new();
-    for entry in std::fs::read_dir(folder).map_err(read_error)? {
-        let path = entry.map_err(read_error)?.path();
+    for entry in std::fs::read_dir(folder).map_err(Error::read(folder))? {
+        let path = entry.map_err(Error::read(folder))?.path();
         if !path.is_file() {
             continue;
         }
         // Other files may lie beside the slices, such as notes and previews.
-        let content = Format::of_content(&Input::open(&path)?.peek(nifti::HEADER_SIZE)?);
+        let content = Format::of_content(&Input::open(&path, None)?.peek(nifti::HEADER_SIZE)?);
         let Some(format) = content.filter(|format| format.has_sections && format.allows_name(&path)) else { continue };
         match parts.iter_mut().find(|(of, _)| of.name == format.name) {
             Some((_, files)) => files.push(path),
@@ -273,7 +270,7 @@ fn parts_of_folder(folder: &Path) -> Result<Vec<(&'static Format, Vec<PathBuf>)>
 #[must_use]
 pub fn data_files(source: &Path) -> Vec<PathBuf> {
     let of_header = |file: &Path| -> Result<Vec<PathBuf>> {
-        let mut input = Input::open(file)?;
+        let mut input = Input::open(file, None)?;
         match Format::of_content(&input.peek(nifti::HEADER_SIZE)?).or(Format::of_name(file)) {
             Some(format) => format.data_files(input),
             None if nifti::is_image_name(file) => Ok(nifti::header_of_image(file).into_iter().collect()),
@@ -305,23 +302,20 @@ fn files_within(folder: &Path) -> Vec<PathBuf> {
     files
 }
 
-/// A key that sorts names with numbers as people do: runs of digits are numbers, and 9 goes before 10.
-fn natural(name: &str) -> Vec<(String, usize, String)> {
-    let mut key = Vec::new();
-    let mut rest = name;
-    while !rest.is_empty() {
-        let text_end = rest.find(|c: char| c.is_ascii_digit()).unwrap_or(rest.len());
-        let (text, after) = rest.split_at(text_end);
-        let digits_end = after.find(|c: char| !c.is_ascii_digit()).unwrap_or(after.len());
-        let (digits, after) = after.split_at(digits_end);
+/// A key that sorts names with numbers as people do: runs of digits are numbers, and 9 goes before 10. Names that
+/// differ in leading zeros and capitals alone keep one order.
+fn natural(name: &str) -> (Vec<(String, usize, String)>, String) {
+    let run = |run: &[u8]| {
+        let text = String::from_utf8_lossy(run);
+        if !text.starts_with(|c: char| c.is_ascii_digit()) {
+            return (text.to_lowercase(), 0, String::new());
+        }
         // Of numbers without leading zeros the one with more digits is the larger.
-        let number = digits.trim_start_matches('0');
-        key.push((text.to_lowercase(), number.len(), number.to_owned()));
-        rest = after;
-    }
-    // Names that differ in leading zeros and capitals alone keep one order.
-    key.push((name.to_owned(), 0, String::new()));
-    key
+        let number = text.trim_start_matches('0');
+        (String::new(), number.len(), number.to_owned())
+    };
+    let runs = name.as_bytes().chunk_by(|a, b| a.is_ascii_digit() == b.is_ascii_digit());
+    (runs.map(run).collect(), name.to_owned())
 }
 
 /// Refuses options for bare samples on any other source: they would contradict its header.
@@ -335,7 +329,7 @@ fn refuse_raw_options(path: &Path, options: &LoadOptions, what: &str) -> Result<
     match given.into_iter().find(|(_, given)| *given) {
         Some((name, _)) => {
             let reason = format!("it is for files of bare samples, and {} is {what}", path.display());
-            Err(Error::Setting { name, reason })
+            Err(Error::setting(name, reason))
         }
         None => Ok(()),
     }
@@ -349,15 +343,13 @@ fn read_raw(mut input: Input, head: &[u8], options: &LoadOptions) -> Result<Volu
         (None, None) => return Err(unknown(&input, head)),
     };
     let path = input.path().to_owned();
-    let dims = lattice(&path, &dims.map(i64::from))?;
     let placement = Placement::axis_parallel([1.0; 3]);
-    let grid = placement.grid(&path, dims, options.spacing)?;
+    let grid = placement.grid(&path, &dims.map(i64::from), options.spacing)?;
     input.skip(options.offset)?;
     let needed = grid.len().saturating_mul(sample_type.size() as u64);
     if let Some(left) = input.exactly_left().filter(|left| *left < needed) {
         let ([x, y, z], after) = (dims, if options.offset > 0 { " after the offset" } else { "" });
-        let reason = format!("has {left} bytes{after}, and {x} x {y} x {z} samples of {sample_type} need {needed}");
-        return Err(input.error(reason));
+        refuse!(input, "has {left} bytes{after}, and {x} x {y} x {z} samples of {sample_type} need {needed}");
     }
     let layout = Layout::Binary(options.endian.unwrap_or_default());
     let mut contents = chosen(&path, options, 1, 1)?;
@@ -371,18 +363,14 @@ fn read_raw(mut input: Input, head: &[u8], options: &LoadOptions) -> Result<Volu
 
 /// The error about a file of no known format.
 fn unknown(input: &Input, head: &[u8]) -> Error {
-    let formats: [(usize, &[u8], &str); 3] = [(0, b"<?xml", "XML"), (0, b"\x89PNG", "PNG"), (0, b"PK\x03\x04", "ZIP")];
-    match formats.iter().find(|(at, magic, _)| head.get(*at..).is_some_and(|h| h.starts_with(magic))) {
-        Some((_, _, name)) => {
-            let reason = "which is not read: convert it to NRRD, NIfTI, MetaImage or NumPy (.npy)";
-            input.error(format!("is a {name} file, {reason}"))
-        }
-        None => {
-            let names: Vec<&str> = FORMATS.iter().map(|format| format.name).collect();
-            let error = input.error(format!("is of no format that is read: {}", names.join(", ")));
-            error.hinted(Hint::GiveDimsAndSampleType)
-        }
+    let others: [(&[u8], &str); 3] = [(b"<?xml", "XML"), (b"\x89PNG", "PNG"), (b"PK\x03\x04", "ZIP")];
+    if let Some((_, name)) = others.iter().find(|(magic, _)| head.starts_with(magic)) {
+        let reason = "which is not read: convert it to NRRD, NIfTI, MetaImage or NumPy (.npy)";
+        return input.error(format!("is a {name} file, {reason}"));
     }
+    let names: Vec<&str> = FORMATS.iter().map(|format| format.name).collect();
+    let error = input.error(format!("is of no format that is read: {}", names.join(", ")));
+    error.hinted(Hint::GiveDimsAndSampleType)
 }
 
 #[cfg(test)]

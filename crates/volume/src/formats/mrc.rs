@@ -6,17 +6,16 @@
 //! ChimeraX. If the cell has no size, samples are 1 apart.
 
 use std::path::Path;
-use std::sync::Arc;
 
 use glam::DVec3;
 
 use super::LoadOptions;
-use super::decode::{self, Kind, Layout, lattice, read_all, read_kind};
+use super::decode::{self, Kind, Layout, read_all};
 use super::fields::Fields;
 use super::input::Input;
 use super::placement::Placement;
 use super::selection::{Pick, Role, colours, picked};
-use crate::error::Result;
+use crate::error::{Result, refuse, refuse_if};
 use crate::memory::{reserved, samples_in};
 use crate::volume::{Endian, SampleType, Samples, Stored, Units, Volume};
 
@@ -24,18 +23,18 @@ use crate::volume::{Endian, SampleType, Samples, Stored, Units, Volume};
 const HEADER_SIZE: usize = 1024;
 
 /// The greatest number of bytes of an extended header.
-const MAX_EXTENDED: i32 = 1 << 30;
+const MAX_EXTENDED: i64 = 1 << 30;
 
 /// Whether these are the first bytes of an MRC file: "MAP" at word 53. Old writers left out the blank after it.
 pub(super) fn is_mrc(head: &[u8]) -> bool {
     head.get(208..212).is_some_and(|word| matches!(word, b"MAP " | b"MAP\0")) && endian(head).is_some()
 }
 
-/// The byte order: by the machine stamp, or, if that is damaged, the order in which mode and axes are those of a map.
+/// The byte order that the machine stamp states or, if it is damaged, the order that gives a valid mode and axes.
 fn endian(head: &[u8]) -> Option<Endian> {
     let plausible = |endian: &Endian| {
         let f = Fields { bytes: head, endian: *endian };
-        (0..=127).contains(&f.i32(12)) && (0..=3).contains(&f.i32(64))
+        (0..=127).contains(&f.int(12, 4)) && (0..=3).contains(&f.int(64, 4))
     };
     let stamped = match head.get(212..214)? {
         [0x44, 0x41 | 0x44] => [Endian::Little, Endian::Big],
@@ -49,89 +48,73 @@ fn endian(head: &[u8]) -> Option<Endian> {
 pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
     let bytes = input.bytes(HEADER_SIZE)?;
     let Some(endian) = endian(&bytes) else {
-        return Err(input.error("is not an MRC file: neither byte order gives it a mode and axes"));
+        refuse!(input, "is not an MRC file: neither byte order gives it a mode and axes");
     };
     let header = Fields { bytes: &bytes, endian };
     let path = input.path().to_owned();
-    let mode = Mode::of(&header, &input)?;
-    let mut sizes = [0, 4, 8].map(|at| i64::from(header.i32(at)));
+    let (kind, channels) = kind(&header, &input)?;
+    let mut sizes = [0, 4, 8].map(|at| header.int(at, 4));
     // A stack of volumes has as many sections as all of them together.
-    let (space_group, in_volume) = (header.i32(88), i64::from(header.i32(36)));
+    let (space_group, in_volume) = (header.int(88, 4), header.int(36, 4));
     let mut times = 1;
     if (401..=630).contains(&space_group) && in_volume > 0 && sizes[2] > in_volume {
-        if sizes[2] % in_volume != 0 {
-            return Err(input.error(format!("has {} sections in volumes of {in_volume}", sizes[2])));
-        }
+        refuse_if!(sizes[2] % in_volume != 0, input, "has {} sections in volumes of {in_volume}", sizes[2]);
         (times, sizes[2]) = (sizes[2] / in_volume, in_volume);
     }
-    let dims = lattice(&path, &sizes)?;
     let [x, y, z] = sizes;
-    let coloured = matches!(mode, Mode::Colours);
-    let channels = if coloured { 3 } else { 1 };
     let axes = [(Role::Channel, channels), (Role::Space, x), (Role::Space, y), (Role::Space, z), (Role::Time, times)];
+    let (placement, units) = placement(&header, &input)?;
+    let grid = placement.grid(&path, &sizes, options.spacing)?;
     let (pick, mut contents) = picked(&path, &axes, options)?;
-    if coloured {
+    if channels > 1 {
         contents.labels = colours(contents.channels);
     }
-    let (placement, units) = placement(&header, &input)?;
-    let grid = placement.grid(&path, dims, options.spacing)?;
-    let extended = header.i32(92);
-    if !(0..=MAX_EXTENDED).contains(&extended) {
-        return Err(input.error(format!("has an extended header of {extended} bytes")));
-    }
+    let extended = header.int(92, 4);
+    refuse_if!(!(0..=MAX_EXTENDED).contains(&extended), input, "has an extended header of {extended} bytes");
     input.skip(extended as u64)?;
     let layout = Layout::Binary(endian);
-    let samples = match mode {
-        Mode::Kind(kind) => read_kind(input, &pick, kind, layout)?,
-        Mode::Colours => read_all(input, &pick, SampleType::U8, layout)?,
-        Mode::Nibble => nibbles(input, dims, contents.time, &path)?,
+    let samples = match header.int(12, 4) {
+        NIBBLES => nibbles(input, grid.dims(), contents.time, &path)?,
+        _ => read_all(input, &pick, kind, layout)?,
     };
     Ok(placement.volume(grid, samples)?.with_units(units).with_contents(contents))
 }
 
-/// What a sample is.
-enum Mode {
-    Kind(Kind),
-    /// 4 bits; each row begins at a byte.
-    Nibble,
-    /// Red, green and blue in bytes.
-    Colours,
-}
+/// The mode of samples of 4 bits; each row begins at a byte.
+const NIBBLES: i64 = 101;
 
-impl Mode {
-    fn of(header: &Fields<'_>, input: &Input) -> Result<Self> {
-        let refused = match header.i32(12) {
-            0 if header.i32(152) == IMOD_STAMP && header.i32(156) & 1 == 0 => {
-                return Ok(Self::Kind(Kind::Whole(SampleType::U8)));
-            }
-            0 => return Ok(Self::Kind(Kind::Whole(SampleType::I8))),
-            1 => return Ok(Self::Kind(Kind::Whole(SampleType::I16))),
-            2 => return Ok(Self::Kind(Kind::Whole(SampleType::F32))),
-            6 => return Ok(Self::Kind(Kind::Whole(SampleType::U16))),
-            12 => return Ok(Self::Kind(Kind::Half)),
-            16 => return Ok(Self::Colours),
-            101 => return Ok(Self::Nibble),
-            3 | 4 => "complex numbers",
-            other => return Err(input.error(format!("mode {other} is not read: expected 0, 1, 2, 6, 12, 16 or 101"))),
-        };
-        Err(input.error(format!("its samples are {refused}: save them as one number per voxel")))
-    }
+/// The type of the samples, and their number in a voxel.
+fn kind(header: &Fields<'_>, input: &Input) -> Result<(Kind, i64)> {
+    let sample_type = match header.int(12, 4) {
+        0 if header.int(152, 4) == IMOD_STAMP && header.int(156, 4) & 1 == 0 => SampleType::U8,
+        0 => SampleType::I8,
+        1 => SampleType::I16,
+        2 => SampleType::F32,
+        6 => SampleType::U16,
+        12 => return Ok((Kind::Half, 1)),
+        // Red, green and blue in bytes.
+        16 => return Ok((Kind::Whole(SampleType::U8), 3)),
+        NIBBLES => SampleType::U8,
+        3 | 4 => refuse!(input, "its samples are complex numbers: save them as one number per voxel"),
+        other => refuse!(input, "mode {other} is not read: expected 0, 1, 2, 6, 12, 16 or 101"),
+    };
+    Ok((Kind::Whole(sample_type), 1))
 }
 
 /// The mark of IMOD, which says in the lowest bit of the next word whether bytes are signed.
-const IMOD_STAMP: i32 = 1_146_047_817;
+const IMOD_STAMP: i64 = 1_146_047_817;
 
 /// The position of the lattice, and its unit.
 fn placement(header: &Fields<'_>, input: &Input) -> Result<(Placement, Units)> {
-    let stated = [64, 68, 72].map(|at| header.i32(at));
+    let stated = [64, 68, 72].map(|at| header.int(at, 4));
     // The axis of the cell along columns, rows and sections. All three are 0 in files of before 2000.
     let axes = match stated {
         [0, 0, 0] => [0, 1, 2],
         [c, r, s] if [1, 2, 3].iter().all(|axis| stated.contains(axis)) => [c, r, s].map(|axis| axis as usize - 1),
-        [c, r, s] => return Err(input.error(format!("axes {c}, {r}, {s}: expected 1, 2 and 3 in any order"))),
+        [c, r, s] => refuse!(input, "axes {c}, {r}, {s}: expected 1, 2 and 3 in any order"),
     };
-    let triple = |first: usize| std::array::from_fn::<f64, 3, _>(|i| header.f32(first + 4 * i));
-    let intervals = [28, 32, 36].map(|at| f64::from(header.i32(at)));
+    let triple = |first: usize| std::array::from_fn::<f64, 3, _>(|i| header.float(first + 4 * i, 4));
+    let intervals = [28, 32, 36].map(|at| header.int(at, 4) as f64);
     let (lengths, angles) = (triple(40), triple(52));
     let sized = lengths != [0.0; 3];
     let steps: [f64; 3] = std::array::from_fn(|i| if sized { lengths[i] / intervals[i] } else { 1.0 });
@@ -140,7 +123,7 @@ fn placement(header: &Fields<'_>, input: &Input) -> Result<(Placement, Units)> {
     let mut origin = DVec3::from_array(triple(196));
     if origin == DVec3::ZERO {
         // Counted along columns, rows and sections.
-        origin = (0..3).map(|a| directions[a] * spacing[a] * f64::from(header.i32(16 + 4 * a))).sum();
+        origin = (0..3).map(|a| directions[a] * spacing[a] * header.int(16 + 4 * a, 4) as f64).sum();
     }
     let unit = sized.then(|| "Å".to_owned());
     Ok((Placement { directions, spacing, origin, oriented: false }, Units { length: unit, value: None }))
@@ -171,5 +154,5 @@ fn nibbles(mut input: Input, dims: [u32; 3], time: u32, path: &Path) -> Result<S
     for row_bytes in packed.chunks_exact(bytes) {
         samples.extend(row_bytes.iter().flat_map(|byte| [byte & 15, byte >> 4]).take(row));
     }
-    Ok(Stored::Memory(Arc::new(Samples::U8(samples))))
+    Ok(Samples::U8(samples).into())
 }

@@ -2,9 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
+use super::decode::{Layout, read_samples};
 use super::input::Input;
-use crate::error::{Error, Result};
-use crate::volume::MAX_DIM;
+use super::selection::Pick;
+use super::text_header::TextHeader;
+use crate::error::{Result, Subject, refuse, refuse_if};
+use crate::volume::{MAX_DIM, SampleType, Stored};
 
 /// The most data files of a volume: files hold slices, and no axis has more samples.
 const MAX_FILES: usize = MAX_DIM as usize;
@@ -12,80 +15,53 @@ const MAX_FILES: usize = MAX_DIM as usize;
 /// The longest name of a data file, in bytes: no path is longer on macOS, and a message can show it.
 const MAX_NAME: usize = 1024;
 
-/// The data files of a volume, in order.
-#[derive(Debug)]
-pub(super) struct DataFiles {
-    /// The header's, which names are relative to.
-    folder: PathBuf,
-    names: Names,
+/// Whether the field that names data files announces a list of them behind the header.
+pub(super) fn announces_list(text: &str) -> bool {
+    text.split_ascii_whitespace().next() == Some("LIST")
 }
 
-#[derive(Debug)]
-enum Names {
-    Listed(Vec<String>),
-    /// Names are made one at a time: a header of few bytes can stand for many.
-    Numbered {
-        pattern: String,
-        first: i64,
-        step: i64,
-        count: usize,
-    },
-}
-
-impl DataFiles {
-    /// The names listed on the lines after the header.
-    pub(super) fn listed(input: &mut Input) -> Result<Self> {
-        let mut names = Vec::new();
+/// The data files that a header names in a field of this text: files listed on the lines behind the header, files of a
+/// pattern `PATTERN FIRST LAST STEP` such as `slice%03d.raw 1 60 1`, or the one file of any other text.
+///
+/// Up to `max_numbers` numbers at the end of the text belong to the pattern; all after the third are ignored.
+pub(super) fn data_files(header: &Path, text: &str, max_numbers: usize, input: &mut Input) -> Result<Vec<PathBuf>> {
+    let mut names = Vec::new();
+    // The number after LIST is the dimension of each file. It does not matter: all files hold equal shares.
+    if announces_list(text) {
         while let Some(line) = input.line()? {
+            refuse_if!(names.len() == MAX_FILES, header, "lists over {MAX_FILES} data files");
             let name = line.trim();
-            if name.is_empty() {
-                continue;
-            }
-            if names.len() == MAX_FILES {
-                return Err(input.error(format!("lists over {MAX_FILES} data files")));
-            }
-            check_name(input.path(), name)?;
-            names.push(name.to_owned());
+            check_name(header, name)?;
+            names.extend((!name.is_empty()).then(|| name.to_owned()));
         }
-        if names.is_empty() {
-            return Err(input.error("lists no data files: expected one name per line after LIST"));
-        }
-        Ok(Self::of(input.path(), Names::Listed(names)))
-    }
-
-    /// The files of `PATTERN FIRST LAST STEP`, as in `slice%03d.raw 1 60 1`, or the one file of any other text.
-    ///
-    /// Up to `max_numbers` numbers at the end of the text belong to the pattern; all after the third are ignored.
-    pub(super) fn named(header: &Path, text: &str, max_numbers: usize) -> Result<Self> {
+        refuse_if!(names.is_empty(), header, "lists no data files: expected one name per line after LIST");
+    } else {
         check_name(header, text)?;
-        let names = numbered(header, text, max_numbers)?;
-        Ok(Self::of(header, names.unwrap_or_else(|| Names::Listed(vec![text.to_owned()]))))
+        names = numbered(header, text, max_numbers)?.unwrap_or_else(|| vec![text.to_owned()]);
     }
+    // `join` keeps an absolute name as it is.
+    let folder = header.parent().unwrap_or(Path::new(""));
+    Ok(names.into_iter().map(|name| folder.join(name)).collect())
+}
 
-    fn of(header: &Path, names: Names) -> Self {
-        Self { folder: header.parent().unwrap_or(Path::new("")).to_owned(), names }
-    }
-
-    /// The number of files, at least one.
-    pub(super) fn len(&self) -> usize {
-        match &self.names {
-            Names::Listed(names) => names.len(),
-            Names::Numbered { count, .. } => *count,
-        }
-    }
-
-    /// The paths of the files.
-    pub(super) fn paths(&self) -> impl Iterator<Item = PathBuf> {
-        (0..self.len()).map(|i| match &self.names {
-            // `join` keeps an absolute name as it is.
-            Names::Listed(names) => self.folder.join(&names[i]),
-            Names::Numbered { pattern, first, step, .. } => {
-                // All numbers lie between the first and the last, so they fit.
-                let number = first.wrapping_add(step.wrapping_mul(i as i64));
-                self.folder.join(with_number(pattern, number).unwrap_or_default())
-            }
-        })
-    }
+/// Reads the samples behind a header, or of its data files, which hold equal shares of them. `at_samples` moves to the
+/// first sample of a file.
+pub(super) fn read_shares(
+    header: &TextHeader,
+    input: Input,
+    files: Option<Vec<PathBuf>>,
+    (pick, sample_type, layout): (&Pick, SampleType, Layout),
+    at_samples: impl Fn(Input) -> Result<Input>,
+) -> Result<Stored> {
+    let Some(files) = files else {
+        return read_samples(&mut std::iter::once(at_samples(input)), 1, pick, sample_type, layout);
+    };
+    let (n, count) = (files.len(), pick.all);
+    refuse_if!(!count.is_multiple_of(n as u64), header, "{n} data files cannot share {count} samples equally");
+    // Of many files each would be kept open.
+    let unpacked = input.unpacked().filter(|_| n == 1);
+    let mut parts = files.iter().map(|file| at_samples(Input::open_data(file, unpacked.clone())?));
+    read_samples(&mut parts, n, pick, sample_type, layout)
 }
 
 /// Refuses a name that no file has, or that could steer the terminal in a message.
@@ -95,13 +71,13 @@ fn check_name(header: &Path, name: &str) -> Result<()> {
         () if name.contains(|c: char| c.is_control()) => format!("{name:?}, which has control characters"),
         () => return Ok(()),
     };
-    Err(Error::format(header, format!("names the data file {reason}")))
+    refuse!(header, "names the data file {reason}")
 }
 
 /// The names of a pattern; `None` if the text is a plain file name.
-fn numbered(header: &Path, text: &str, max_numbers: usize) -> Result<Option<Names>> {
+fn numbered(header: &Path, text: &str, max_numbers: usize) -> Result<Option<Vec<String>>> {
     let words: Vec<&str> = text.split_ascii_whitespace().collect();
-    // The pattern may contain blanks, so the numbers are taken from the end.
+    // The pattern may contain blanks, so the numbers are read from the end.
     let mut numbers: Vec<i64> = words.iter().rev().map_while(|word| word.parse().ok()).take(max_numbers).collect();
     numbers.reverse();
     let [first, last, step, ..] = numbers[..] else { return Ok(None) };
@@ -109,22 +85,19 @@ fn numbered(header: &Path, text: &str, max_numbers: usize) -> Result<Option<Name
         return Ok(None);
     }
     let pattern = words[..words.len() - numbers.len()].join(" ");
-    let error = |reason: &str| Err(Error::format(header, format!("data files {text:?}: {reason}")));
-    let span = i128::from(last) - i128::from(first);
-    if step == 0 || span * i128::from(step) < 0 {
-        return error("the step does not lead from the first number to the last");
-    }
-    match usize::try_from(span / i128::from(step) + 1) {
-        Ok(count) if count <= MAX_FILES => match with_number(&pattern, first) {
-            Some(_) => Ok(Some(Names::Numbered { pattern, first, step, count })),
-            None => error("expected one number such as %d or %03d in the name"),
-        },
-        _ => error("too many files"),
+    let [from, to, by] = [first, last, step].map(i128::from);
+    let leads_back = by == 0 || (to - from) * by < 0;
+    refuse_if!(leads_back, header, "data files {text:?}: the step does not lead from the first number to the last");
+    refuse_if!((to - from) / by >= MAX_FILES as i128, header, "data files {text:?}: too many files");
+    let numbers = (0..=(to - from) / by).map(|n| from + n * by);
+    match numbers.map(|number| with_number(&pattern, number)).collect() {
+        Some(names) => Ok(Some(names)),
+        None => refuse!(header, "data files {text:?}: expected one number such as %d or %03d in the name"),
     }
 }
 
 /// `printf` with one integer: %d, %i or %u with an optional width up to 32, zero-padded or not.
-fn with_number(pattern: &str, number: i64) -> Option<String> {
+fn with_number(pattern: &str, number: i128) -> Option<String> {
     let (before, rest) = pattern.split_once('%')?;
     let kind = rest.find(['d', 'i', 'u'])?;
     let (format, after) = (&rest[..kind], &rest[kind + 1..]);
@@ -141,8 +114,7 @@ mod tests {
     use super::*;
 
     fn names(text: &str) -> Option<Vec<String>> {
-        let names = numbered(Path::new("h"), text, 4).unwrap()?;
-        Some(DataFiles::of(Path::new("h"), names).paths().map(|path| path.to_str().unwrap().to_owned()).collect())
+        numbered(Path::new("h"), text, 4).unwrap()
     }
 
     #[test]

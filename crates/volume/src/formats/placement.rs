@@ -4,8 +4,8 @@ use std::path::Path;
 
 use glam::{DAffine3, DMat3, DVec3};
 
-use crate::error::{Error, Hint, Result};
-use crate::volume::{Grid, Stored, Volume};
+use crate::error::{Error, Hint, Result, Subject, refuse};
+use crate::volume::{Grid, MAX_DIM, Stored, Volume};
 
 /// The position of a lattice in the world: neighbouring samples along axis a are `spacing[a] * directions[a]` apart.
 ///
@@ -42,23 +42,22 @@ impl Placement {
         Ok(if self.oriented { volume.with_orientation_known() } else { volume })
     }
 
-    /// The grid of `dims` samples at this position. A given `spacing` replaces the header's.
+    /// The grid of a lattice with these sizes, fastest first, at this position; axes that are not there have one
+    /// sample. A given `spacing` replaces the header's.
     ///
-    /// An axis of one sample that has no spacing gets that of the first axis: a picture says nothing of its thickness.
+    /// An axis of one sample without a spacing gets the spacing of the first axis: a picture states no thickness.
     /// Readers make the grid before they read samples, so a header with a singular grid is refused at once.
-    pub(super) fn grid(&self, path: &Path, dims: [u32; 3], spacing: Option<[f64; 3]>) -> Result<Grid> {
+    pub(super) fn grid(&self, path: &Path, sizes: &[i64], spacing: Option<[f64; 3]>) -> Result<Grid> {
+        let dims = lattice(path, sizes)?;
         let mut axes = self.directions;
-        let stated: [f64; 3] =
-            std::array::from_fn(
-                |a| if dims[a] == 1 && self.spacing[a] == 0.0 { self.spacing[0] } else { self.spacing[a] },
-            );
         for (a, axis) in axes.iter_mut().enumerate() {
+            let stated = if dims[a] == 1 && self.spacing[a] == 0.0 { self.spacing[0] } else { self.spacing[a] };
             match spacing {
                 // A direction of length 0 cannot be kept: the world axis replaces it.
                 Some(spacing) => *axis = axis.normalize_or(DVec3::AXES[a]) * spacing[a],
-                None if stated[a].is_finite() && stated[a] > 0.0 => *axis *= stated[a],
+                None if stated.is_finite() && stated > 0.0 => *axis *= stated,
                 None => {
-                    let reason = format!("the spacing of axis {} is {}, not a positive length", a + 1, stated[a]);
+                    let reason = format!("the spacing of axis {} is {stated}, not a positive length", a + 1);
                     return Err(Error::format(path, reason).hinted(Hint::GiveSpacing));
                 }
             }
@@ -69,6 +68,18 @@ impl Placement {
             other => other,
         })
     }
+}
+
+/// The dimensions of a lattice, each checked to be in the range that a grid accepts; missing ones are 1.
+pub(super) fn lattice(path: &Path, sizes: &[i64]) -> Result<[u32; 3]> {
+    let mut dims = [1; 3];
+    for (axis, (dim, size)) in dims.iter_mut().zip(sizes).enumerate() {
+        match u32::try_from(*size) {
+            Ok(n) if (1..=MAX_DIM).contains(&n) => *dim = n,
+            _ => refuse!(path, "dimension {} is {size}, expected 1 to {MAX_DIM}", axis + 1),
+        }
+    }
+    Ok(dims)
 }
 
 /// A name of a file in one line of bearable length; `None` if it is empty.

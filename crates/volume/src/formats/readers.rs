@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use super::input::Input;
 use super::{LoadOptions, metaimage, mrc, nifti, npy, nrrd};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, Subject};
 use crate::volume::Volume;
 
 /// Reads the volume of a file that begins here, or the data set of that name in it.
@@ -16,7 +16,7 @@ type DataFiles = fn(Input) -> Result<Vec<PathBuf>>;
 
 /// A format of files or folders.
 ///
-/// Which it is of a file the first bytes tell, otherwise the extension.
+/// The first bytes of a file decide on its format, otherwise the extension.
 #[derive(Debug)]
 pub struct Format {
     /// Its name in messages.
@@ -37,7 +37,7 @@ pub struct Format {
     data_files: Option<DataFiles>,
 }
 
-/// What most formats have: one volume in a file, no folder, no data beside the header.
+/// The defaults of a row: one volume in a file, no folder, no data beside the header.
 const PLAIN: Format = Format {
     name: "",
     description: "",
@@ -52,46 +52,38 @@ const PLAIN: Format = Format {
 };
 
 /// A reader that is there if a feature is on.
-macro_rules! optional {
-    ($name:ident, $type:ty, $feature:literal, $reader:expr) => {
+macro_rules! built {
+    ($feature:literal, $type:ty, $reader:expr) => {{
         #[cfg(feature = $feature)]
-        const $name: Option<$type> = Some($reader);
+        const READER: Option<$type> = Some($reader);
         #[cfg(not(feature = $feature))]
-        const $name: Option<$type> = None;
-    };
+        const READER: Option<$type> = None;
+        READER
+    }};
 }
-optional!(READ_VTI, Read, "vtk", |input, _, options| super::vtk::image_data::read(input, options));
-optional!(READ_VTK, Read, "vtk", |input, _, options| super::vtk::legacy::read(input, options));
-optional!(READ_TIFF, Read, "tiff", |input, _, options| super::tiff::read(input, options));
-optional!(READ_TIFFS, ReadFolder, "tiff", super::tiff::read_files);
-optional!(READ_DICOM, Read, "dicom", |input, _, options| {
-    let path = input.path().to_owned();
-    super::dicom::read_files(&path, std::slice::from_ref(&path), options)
-});
-optional!(READ_SLICES, ReadFolder, "dicom", super::dicom::read_files);
-optional!(READ_HDF5, Read, "hdf5", |input, inside, options| super::hdf5::read(&input, inside, options));
-optional!(READ_ZARR, ReadFolder, "zarr", |folder, _, options| super::zarr::read(folder, options));
 
 /// Zarr, whose folders are known by the files of metadata in them.
 pub(super) const ZARR: Format = Format {
     name: "Zarr",
     description: "folders of Zarr 2 and 3, and of OME-Zarr",
     feature: Some("zarr"),
-    read_folder: READ_ZARR,
+    read_folder: built!("zarr", ReadFolder, |folder, _, options| super::zarr::read(folder, options)),
     ..PLAIN
 };
 
 /// The formats, in the order in which the first bytes of a file are held against them.
 pub static FORMATS: [Format; 11] = [
-    // Its first 128 bytes are free: they may be those of another format, such as TIFF.
+    // Its first 128 bytes are free: they may be the beginning of another format, such as TIFF.
     Format {
         name: "DICOM",
         description: "a file or a folder of slices; all but JPEG-LS and lossy JPEG of 12 bits",
         feature: Some("dicom"),
         begins: |head| head.get(128..132) == Some(b"DICM"),
         has_sections: true,
-        read: READ_DICOM,
-        read_folder: READ_SLICES,
+        read: built!("dicom", Read, |input, _, options| {
+            super::dicom::read_files(input.path(), &[input.path().to_owned()], options)
+        }),
+        read_folder: built!("dicom", ReadFolder, super::dicom::read_files),
         ..PLAIN
     },
     Format {
@@ -143,7 +135,7 @@ pub static FORMATS: [Format; 11] = [
         extensions: &["vtk"],
         feature: Some("vtk"),
         begins: |head| head.starts_with(b"# vtk DataFile Version"),
-        read: READ_VTK,
+        read: built!("vtk", Read, |input, _, options| super::vtk::read(input, options, super::vtk::legacy::read)),
         ..PLAIN
     },
     Format {
@@ -155,7 +147,7 @@ pub static FORMATS: [Format; 11] = [
             let head = String::from_utf8_lossy(head);
             head.trim_start_matches('\u{feff}').trim_start().starts_with('<') && head.contains("<VTKFile")
         },
-        read: READ_VTI,
+        read: built!("vtk", Read, |input, _, options| super::vtk::read(input, options, super::vtk::image_data::read)),
         ..PLAIN
     },
     Format {
@@ -165,8 +157,8 @@ pub static FORMATS: [Format; 11] = [
         feature: Some("tiff"),
         begins: |head| [b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"].iter().any(|magic| head.starts_with(*magic)),
         has_sections: true,
-        read: READ_TIFF,
-        read_folder: READ_TIFFS,
+        read: built!("tiff", Read, |input, _, options| super::tiff::read(input, options)),
+        read_folder: built!("tiff", ReadFolder, super::tiff::read_files),
         ..PLAIN
     },
     Format {
@@ -178,7 +170,7 @@ pub static FORMATS: [Format; 11] = [
             let magics: [&[u8]; 5] = [b"\x89HDF\r\n\x1a\n", b"MATLAB 7.3 MAT-file", b"CDF\x01", b"CDF\x02", b"CDF\x05"];
             magics.iter().any(|magic| head.starts_with(magic))
         },
-        read: READ_HDF5,
+        read: built!("hdf5", Read, |input, inside, options| super::hdf5::read(&input, inside, options)),
         ..PLAIN
     },
     ZARR,
@@ -192,7 +184,7 @@ impl Format {
 
     /// The format that the name of a file promises.
     pub(super) fn of_name(path: &Path) -> Option<&'static Self> {
-        // The extension decides: what is lost of a name that is not UTF-8 does not count.
+        // The extension decides, so a lossy conversion to UTF-8 suffices.
         let name = path.file_name()?.to_string_lossy().to_ascii_lowercase();
         let name = name.strip_suffix(".gz").or_else(|| name.strip_suffix(".bz2")).unwrap_or(&name);
         let extension = name.rsplit_once('.')?.1;
@@ -212,18 +204,12 @@ impl Format {
 
     /// Reads the volume of a file, or the data set of that name in it.
     pub(super) fn read(&self, input: Input, inside: Option<&str>, options: &LoadOptions) -> Result<Volume> {
-        match self.read {
-            Some(read) => read(input, inside, options),
-            None => Err(self.absent(input.path())),
-        }
+        self.read.ok_or_else(|| self.absent(input.path()))?(input, inside, options)
     }
 
     /// Reads a folder, or these files of it.
     pub(super) fn read_folder(&self, folder: &Path, files: &[PathBuf], options: &LoadOptions) -> Result<Volume> {
-        match self.read_folder {
-            Some(read) => read(folder, files, options),
-            None => Err(self.absent(folder)),
-        }
+        self.read_folder.ok_or_else(|| self.absent(folder))?(folder, files, options)
     }
 
     /// The files that a header names besides its own.
@@ -234,9 +220,7 @@ impl Format {
     fn absent(&self, path: &Path) -> Error {
         let (name, feature) = (self.name, self.feature.unwrap_or_default());
         let what = if path.is_dir() { "folder" } else { "file" };
-        Error::format(
-            path,
-            format!("is a {name} {what}, and this build has no reader of it: build it with --features {feature}"),
-        )
+        let way_out = format!("build it with --features {feature}");
+        path.error(format!("is a {name} {what}, and this build has no reader of it: {way_out}"))
     }
 }

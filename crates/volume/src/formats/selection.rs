@@ -3,10 +3,11 @@
 use std::path::Path;
 
 use super::LoadOptions;
-use crate::error::{Error, Hint, Result};
+use crate::error::{Error, Hint, Result, Subject, refuse};
+use crate::names::listed;
 use crate::volume::{Channel, Contents};
 
-/// What an axis of the samples of a file runs along.
+/// The role of an axis of samples in a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Role {
     Space,
@@ -17,7 +18,7 @@ pub(super) enum Role {
 /// The axes of the samples of a file with their sizes, the fastest first.
 pub(super) type Axes = Vec<(Role, i64)>;
 
-/// Which samples of a file are those of the volume: runs of `run` samples, each `step` samples behind the last.
+/// The samples of a file that a volume has: runs of `run` samples, `step` samples apart.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Pick {
     first: u64,
@@ -30,14 +31,14 @@ pub(super) struct Pick {
 }
 
 impl Pick {
-    /// All of so many samples.
+    /// All of `count` samples.
     pub(super) fn all(count: u64) -> Self {
         Self { first: 0, step: 1, run: count, beyond: Vec::new(), all: count }
     }
 
     /// The samples at the chosen indices of some axes and at all of the others; the fastest axis is the first.
     fn of(axes: &[(u64, Option<u64>)]) -> Option<Self> {
-        // No number below is larger than that of all samples.
+        // No number below exceeds the number of all samples.
         let all = axes.iter().try_fold(1_u64, |all, (size, _)| all.checked_mul(*size))?;
         let mut pick = Self { all: 1, ..Self::all(1) };
         for &(size, index) in axes {
@@ -90,64 +91,65 @@ impl Pick {
     }
 }
 
-/// The channel and the point in time that the options ask for. Without a choice the first point in time is taken; of
-/// several channels one must be chosen.
+/// The channel and the point in time that the options request. The default is the first point in time; of several
+/// channels one must be chosen.
 pub(super) fn chosen(path: &Path, options: &LoadOptions, channels: u64, times: u64) -> Result<Contents> {
-    let number = |name: &'static str, found: u64| match u32::try_from(found) {
+    let number = |name: &str, found: u64| match u32::try_from(found) {
         Ok(found) if found > 0 => Ok(found),
-        _ => Err(Error::format(path, format!("has {found} {name}"))),
+        _ => refuse!(path, "has {found} {name}"),
     };
     let (channels, times) = (number("channels", channels)?, number("points in time", times)?);
-    let index = |name: &'static str, what: &str, asked: u32, found: u32| match asked {
-        asked if asked < found => Ok(asked),
-        asked => {
-            let range = if found == 1 { "0 alone".to_owned() } else { format!("0 to {}", found - 1) };
-            Err(Error::Setting { name, reason: format!("{asked}, but {} has {what} {range}", path.display()) })
+    let index = |name: &'static str, what: &str, asked: u32, found: u32| {
+        if asked < found {
+            return Ok(asked);
         }
+        let range = if found == 1 { "0 alone".to_owned() } else { format!("0 to {}", found - 1) };
+        Err(Error::Setting { name, reason: format!("{asked}, but {} has {what} {range}", path.display()) })
     };
     let time = index("time", "point in time", options.time.unwrap_or(0), times)?;
-    let channel = match options.channel {
-        Some(channel) => index("channel", "channel", channel, channels)?,
-        None if channels == 1 => 0,
-        None => {
-            let error = Error::format(path, format!("has {channels} channels per sample"));
-            return Err(error.hinted(Hint::ChooseChannel));
-        }
-    };
+    if options.channel.is_none() && channels > 1 {
+        return Err(path.error(format!("has {channels} channels per sample")).hinted(Hint::ChooseChannel));
+    }
+    let channel = index("channel", "channel", options.channel.unwrap_or(0), channels)?;
     Ok(Contents { time, times, channel, channels, ..Contents::default() })
 }
 
 /// The samples of a volume in a file with these axes, the fastest first, and what else the file holds.
 pub(super) fn picked(path: &Path, axes: &[(Role, i64)], options: &LoadOptions) -> Result<(Pick, Contents)> {
-    let count = |role: Role| {
-        let sizes = axes.iter().filter(|(of, _)| *of == role).map(|(_, size)| u64::try_from(*size).unwrap_or(0));
-        sizes.fold(1, u64::saturating_mul)
-    };
-    let contents = chosen(path, options, count(Role::Channel), count(Role::Time))?;
-    // Several axes of one role count as one, the fastest first.
-    let (mut channel, mut time) = (u64::from(contents.channel), u64::from(contents.time));
-    let indexed: Vec<(u64, Option<u64>)> = axes
-        .iter()
-        .map(|&(role, size)| {
-            let size = u64::try_from(size).unwrap_or(0).max(1);
-            let digit = |number: &mut u64| {
-                let digit = *number % size;
-                *number /= size;
-                (size, Some(digit))
-            };
-            match role {
-                Role::Space => (size, None),
-                Role::Channel => digit(&mut channel),
-                Role::Time => digit(&mut time),
-            }
-        })
-        .collect();
-    let pick = Pick::of(&indexed).ok_or_else(|| Error::format(path, "claims more samples than any file has"))?;
+    let (indices, contents) = indices(path, axes, options)?;
+    let size = |(_, size): &(Role, i64)| u64::try_from(*size).unwrap_or(0).max(1);
+    let indexed: Vec<(u64, Option<u64>)> = axes.iter().map(size).zip(indices).collect();
+    let pick = Pick::of(&indexed).ok_or_else(|| path.error("claims more samples than any file has"))?;
     Ok((pick, contents))
 }
 
-/// What four axes of unknown meaning are, the fastest first: channels if the fastest has at most four samples and all
-/// others more, else points in time along the slowest. Of five axes the two slowest are channels and time.
+/// The index along each of these axes, the fastest first, of the chosen channel and point in time, and what else the
+/// file holds; `None` for axes of space. Several axes of one role count as one.
+pub(super) fn indices(
+    path: &Path,
+    axes: &[(Role, i64)],
+    options: &LoadOptions,
+) -> Result<(Vec<Option<u64>>, Contents)> {
+    let size = |size: i64| u64::try_from(size).unwrap_or(0);
+    let count =
+        |role: Role| axes.iter().filter(|axis| axis.0 == role).map(|axis| size(axis.1)).fold(1, u64::saturating_mul);
+    let contents = chosen(path, options, count(Role::Channel), count(Role::Time))?;
+    let (mut channel, mut time) = (u64::from(contents.channel), u64::from(contents.time));
+    let index = |axis: &(Role, i64)| {
+        let number = match axis.0 {
+            Role::Space => return None,
+            Role::Channel => &mut channel,
+            Role::Time => &mut time,
+        };
+        let index = *number % size(axis.1);
+        *number /= size(axis.1);
+        Some(index)
+    };
+    Ok((axes.iter().map(index).collect(), contents))
+}
+
+/// The roles of four axes of unknown meaning, the fastest first: channels if the fastest has at most four samples and
+/// all others more, else points in time along the slowest. Of five axes the two slowest are channels and time.
 pub(super) fn guessed(sizes: &[i64]) -> Axes {
     let few = 2..=4;
     let roles: &[Role] = match sizes {
@@ -162,12 +164,31 @@ pub(super) fn guessed(sizes: &[i64]) -> Axes {
     sizes.iter().enumerate().map(|(axis, &size)| (role(axis), size)).collect()
 }
 
-/// The labels of so many channels that are colours: red, green and blue, with opacity behind them.
+/// The labels of channels that are colours: red, green and blue, and opacity if there are four.
 pub(super) fn colours(channels: u32) -> Vec<Channel> {
     let names = [("red", [255, 0, 0]), ("green", [0, 255, 0]), ("blue", [0, 0, 255]), ("alpha", [255; 3])];
     let label =
         |(name, color): &(&str, [u8; 3])| Channel { name: Some((*name).to_owned()), color: Some(*color), window: None };
     names.get(..channels as usize).unwrap_or_default().iter().map(label).collect()
+}
+
+/// The choice that a text of metadata names. The first choice is the default.
+pub(super) fn choice<T: Copy, const N: usize>(
+    file: &Path,
+    name: &str,
+    text: Option<&str>,
+    choices: [(&str, T); N],
+) -> Result<T> {
+    let text = text.unwrap_or(choices[0].0);
+    match choices.iter().find(|(choice, _)| *choice == text) {
+        Some((_, choice)) => Ok(*choice),
+        None => refuse!(file, "{name} is {text:?}, expected {}", listed(&choices.map(|(choice, _)| choice))),
+    }
+}
+
+/// A size as axes have it; the largest if it is larger.
+pub(super) fn sized(size: u64) -> i64 {
+    i64::try_from(size).unwrap_or(i64::MAX)
 }
 
 /// The sizes of the axes of space.

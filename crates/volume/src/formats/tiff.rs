@@ -1,7 +1,7 @@
 //! TIFF and BigTIFF: the pages of a file, or the files of a folder in natural order, are the sections of a volume.
 //!
 //! The crate `tiff` finds the pages and decodes them. Pages that are uncompressed and in one piece stay in their file.
-//! Sizes of voxels are those of OME-XML (<https://docs.openmicroscopy.org/ome-model/latest/ome-tiff/>) or of ImageJ; of
+//! Sizes of voxels are stated by OME-XML (<https://docs.openmicroscopy.org/ome-model/latest/ome-tiff/>) or of ImageJ; of
 //! other files 1, because resolutions for printers are no lengths in a volume. ImageJ writes a stack of over 4 GB with
 //! one directory, and only its description says how many sections follow. Both say in which order pages have sections,
 //! channels and points in time; a page of several samples per pixel has channels of its own.
@@ -10,7 +10,6 @@ use std::collections::HashSet;
 use std::fs::File;
 use std::io::{BufReader, ErrorKind};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 use tiff::TiffError;
 use tiff::decoder::ifd::Value;
@@ -18,15 +17,15 @@ use tiff::decoder::{Decoder, Limits};
 use tiff::tags::{ByteOrder, Tag};
 
 use super::LoadOptions;
-use super::decode::{Kind, Layout, lattice, of_halves, read_kind};
+use super::decode::{Kind, Layout, read_all, samples_of};
 use super::input::{self, Input};
-use super::placement::{Placement, named_unit, plain_name};
+use super::placement::{Placement, lattice, named_unit, plain_name};
 use super::selection::{Axes, Pick, Role, colours, picked};
 use super::xml;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, Subject, refuse, refuse_if};
 use crate::memory::{samples_in, zeroed};
 use crate::names::counted;
-use crate::volume::{Channel, Endian, Number, SampleType, Samples, Stored, Units, Volume, with_type};
+use crate::volume::{Channel, Endian, Number, Samples, Units, Volume, with_type};
 
 /// No codec expands more: LZW makes at most 4096 bytes of 12 bits.
 const MAX_EXPANSION: u64 = 2731;
@@ -51,7 +50,7 @@ fn expansion(compression: u32) -> u64 {
 /// Reads the volume of a file.
 pub(super) fn read(input: Input, options: &LoadOptions) -> Result<Volume> {
     if input.plain_file()?.is_none() {
-        return Err(input.error("is a TIFF file in a stream or in gzip: write it to a file, decompressed"));
+        refuse!(input, "is a TIFF file in a stream or in gzip: write it to a file, decompressed");
     }
     let path = input.path().to_owned();
     let stack = Stack::open(&path)?;
@@ -60,22 +59,13 @@ pub(super) fn read(input: Input, options: &LoadOptions) -> Result<Volume> {
 
 /// Reads the volume whose sections are in these files.
 pub(super) fn read_files(folder: &Path, files: &[PathBuf], options: &LoadOptions) -> Result<Volume> {
-    let Some(first) = files.first() else { return Err(Error::format(folder, "has no TIFF files")) };
+    let Some(first) = files.first() else { refuse!(folder, "has no TIFF files") };
     let stack = Stack::open(first)?;
     let mut sections = stack.sections()?;
     for file in &files[1..] {
         let next = Stack::open(file)?;
-        if (next.size, next.kind, next.samples) != (stack.size, stack.kind, stack.samples) {
-            let ([w, h], [x, y]) = (next.size, stack.size);
-            return Err(Error::format(
-                file,
-                format!(
-                    "has pages of {w} x {h} {}, but the first file has {x} x {y} {}",
-                    next.kind.name(),
-                    stack.kind.name()
-                ),
-            ));
-        }
+        let (next_pages, pages) = (next.page.described(), stack.page.described());
+        refuse_if!(next_pages != pages, file, "has pages of {next_pages}, but the first file has {pages}");
         sections = sections.saturating_add(next.sections()?);
     }
     read_stacks(folder, &stack, files, &[(Role::Space, sections)], options)
@@ -88,37 +78,30 @@ fn read_stacks(
     pages: &[(Role, i64)],
     options: &LoadOptions,
 ) -> Result<Volume> {
-    let [width, height] = stack.size.map(i64::from);
+    let Page { kind, samples, planar, .. } = stack.page;
+    let [width, height] = stack.page.size.map(i64::from);
     let sections = pages.iter().find(|(role, _)| *role == Role::Space).map_or(1, |(_, size)| *size);
-    let dims = lattice(path, &[width, height, sections])?;
-    let (steps, units) = stack.spacing()?;
+    let steps = stack.described.spacing.unwrap_or([1.0; 3]);
+    refuse_if!(steps.iter().any(|step| !step.is_finite()), stack.path, "has voxels of {steps:?}");
     let placement = Placement::axis_parallel(steps);
-    let grid = placement.grid(path, dims, options.spacing)?;
+    let grid = placement.grid(path, &[width, height, sections], options.spacing)?;
     let mut axes = vec![(Role::Space, width), (Role::Space, height)];
-    axes.insert(if stack.planar { 2 } else { 0 }, (Role::Channel, stack.samples.into()));
+    axes.insert(if planar { 2 } else { 0 }, (Role::Channel, samples.into()));
     axes.extend(pages);
     let (pick, mut contents) = picked(path, &axes, options)?;
     contents.labels = stack.described.labels.clone();
-    if contents.labels.is_empty() && stack.coloured {
+    if contents.labels.is_empty() && stack.page.coloured {
         contents.labels = colours(contents.channels);
     }
     let stored = match (files, stack.plain) {
-        ([file], Some(first)) => {
-            let mut input = Input::open(file)?;
+        ([file], Some([first, _])) => {
+            let mut input = Input::open(file, None)?;
             input.skip(first)?;
-            read_kind(input, &pick, stack.kind, Layout::Binary(stack.endian))?
+            read_all(input, &pick, kind, Layout::Binary(stack.endian))?
         }
-        _ => {
-            let page = u64::from(stack.size[0]) * u64::from(stack.size[1]) * u64::from(stack.samples);
-            let samples = match stack.kind {
-                Kind::Whole(sample_type) => {
-                    with_type!(sample_type, T => T::collected(decoded(path, files, &pick, page)?))
-                }
-                Kind::Half => Samples::F32(of_halves(decoded(path, files, &pick, page)?, path)?),
-            };
-            Stored::Memory(Arc::new(samples))
-        }
+        _ => samples_of!(kind, path, T => decoded::<T>(path, files, &pick, stack.page.len())?).into(),
     };
+    let units = Units { length: stack.described.unit.clone(), value: None };
     Ok(placement.volume(grid, stored)?.with_units(units).with_contents(contents))
 }
 
@@ -131,10 +114,8 @@ fn decoded<T: Number>(path: &Path, files: &[PathBuf], pick: &Pick, page: u64) ->
     let mut first = 0;
     for file in files {
         let mut stack = Stack::open(file)?;
-        let area = u64::from(stack.size[0]) * u64::from(stack.size[1]);
-        if area.saturating_mul(stack.samples.into()) != page || page == 0 {
-            return Err(Error::format(file, "has changed while it was read"));
-        }
+        let area = stack.page.area();
+        refuse_if!(stack.page.len() != page || page == 0, file, "has changed while it was read");
         let mut whole: Vec<T> = Vec::new();
         // The next section that is wanted, if it is in this file.
         let next = |done: usize| {
@@ -151,28 +132,26 @@ fn decoded<T: Number>(path: &Path, files: &[PathBuf], pick: &Pick, page: u64) ->
                 let whole = decoder.image_buffer_layout()?.complete_len;
                 let bytes: &mut [u8] = bytemuck::cast_slice_mut(samples);
                 if whole != bytes.len() {
-                    // The crate leaves out samples beyond those of the colours.
+                    // The crate leaves out samples beyond the colours.
                     return Err(TiffError::UnsupportedError(tiff::TiffUnsupportedError::UnsupportedDataType));
                 }
                 decoder.read_image_bytes(bytes)
             };
-            if stack.samples == 1 {
+            if stack.page.samples == 1 {
                 read(section).map_err(|error| failed(file, error))?;
             } else {
                 if whole.is_empty() {
                     whole = zeroed(page, || samples_in(path))?;
                 }
                 read(&mut whole).map_err(|error| failed(file, error))?;
-                let step = if stack.planar { 1 } else { stack.samples as usize };
+                let step = if stack.page.planar { 1 } else { stack.page.samples as usize };
                 section.iter_mut().zip(whole[offset..].iter().step_by(step)).for_each(|(to, from)| *to = *from);
             }
             done += area as usize;
         }
         first += stack.pages.len() as u64;
     }
-    if done as u64 != count {
-        return Err(Error::format(path, format!("is cut short: {count} samples expected, {done} are there")));
-    }
+    refuse_if!(done as u64 != count, path, "is cut short: {count} samples expected, {done} are there");
     Ok(samples)
 }
 
@@ -180,26 +159,20 @@ fn decoded<T: Number>(path: &Path, files: &[PathBuf], pick: &Pick, page: u64) ->
 struct Stack {
     path: PathBuf,
     decoder: Decoder<BufReader<File>>,
-    size: [u32; 2],
-    kind: Kind,
-    /// The samples of a pixel.
-    samples: u16,
-    /// Whether they are in planes behind one another.
-    planar: bool,
-    /// Whether they are colours.
-    coloured: bool,
+    /// The first page: the others are of its size and type.
+    page: Page,
     endian: Endian,
-    /// The directories of pages: those of previews are left out.
+    /// The directories of pages; directories of previews are left out.
     pages: Vec<usize>,
-    /// The offset of the first sample if all of them are uncompressed and in one piece.
-    plain: Option<u64>,
+    /// Where samples begin and end if all of them are uncompressed and in one piece.
+    plain: Option<[u64; 2]>,
     described: Described,
 }
 
-/// What the description of the first page says.
+/// The facts that the description of the first page states.
 #[derive(Default)]
 struct Described {
-    /// What pages are, the fastest first: one axis is of space.
+    /// The axes of pages, the fastest first; one axis is of space.
     axes: Axes,
     labels: Vec<Channel>,
     /// Whether all pages have one directory, as ImageJ writes large stacks.
@@ -208,48 +181,33 @@ struct Described {
     unit: Option<String>,
 }
 
-/// What a page says of its samples.
-#[derive(PartialEq, Eq)]
+/// The properties of a page.
 struct Page {
     size: [u32; 2],
     kind: Kind,
+    /// The samples of a pixel.
     samples: u16,
+    /// Whether they are in planes behind one another.
     planar: bool,
+    /// Whether they are colours.
     coloured: bool,
     /// The first byte and the byte after the last, if they are uncompressed and in one piece.
     plain: Option<[u64; 2]>,
-    /// The bytes of its samples, decompressed.
-    bytes: u64,
     /// The most bytes that its codec makes of one.
     expansion: u64,
     /// The number of its strips or tiles.
     chunks: u64,
 }
 
-/// Refuses a lattice of `needed` bytes, of which `held` are in the file, each of which becomes at most `expansion`.
-fn check_length(path: &Path, [x, y, z]: [u64; 3], needed: u64, held: u64, expansion: u64) -> Result<()> {
-    if needed <= held.saturating_mul(expansion) {
-        return Ok(());
-    }
-    let size = if z == 1 { format!("{x} x {y}") } else { format!("{x} x {y} x {z}") };
-    let there = if expansion == 1 {
-        format!("{held} are there")
-    } else {
-        format!("and {held} compressed bytes cannot hold that many")
-    };
-    let reason = format!("is cut short, or its header claims too much: {size} samples need {needed} bytes, {there}");
-    Err(Error::format(path, reason))
-}
-
 impl Stack {
     fn open(path: &Path) -> Result<Self> {
-        let Some((file, _)) = Input::open_data(path)?.plain_file()? else {
-            return Err(Error::format(path, "is not a regular file"));
+        let Some((file, _)) = Input::open_data(path, None)?.plain_file()? else {
+            refuse!(path, "is not a regular file");
         };
-        let length = file.metadata().map_err(|source| Error::Read { path: path.to_owned(), source })?.len();
+        let length = file.metadata().map_err(Error::read(path))?.len();
         let limit = usize::try_from(length.saturating_mul(MAX_EXPANSION)).unwrap_or(usize::MAX);
         let mut limits = Limits::default();
-        // The first is of texts too, for which memory is taken at once.
+        // The first limit holds for texts too, whose memory is reserved at once.
         limits.decoding_buffer_size = MAX_VALUE.min(limit);
         limits.intermediate_buffer_size = MAX_STRIP.min(limit);
         limits.ifd_value_size = MAX_VALUE.min(limit);
@@ -272,7 +230,7 @@ impl Stack {
         while decoder.more_images() {
             // A chain of directories that is a ring.
             if !seen.insert(decoder.ifd_pointer().map(|pointer| pointer.0)) {
-                return Err(Error::format(path, "has a directory that follows itself"));
+                refuse!(path, "has a directory that follows itself");
             }
             decoder.next_image().map_err(|error| failed(path, error))?;
             index += 1;
@@ -284,23 +242,13 @@ impl Stack {
             let page = Page::of(&mut decoder, path, length)?;
             chunks = chunks.saturating_add(page.chunks);
             expansion = expansion.max(page.expansion);
-            // An offset takes two bytes at least: beyond, directories share one table, and each would read it.
+            // An offset has two bytes at least. If there are more, directories share a table, and each would read it.
             if chunks.saturating_mul(2) > length {
-                return Err(Error::format(path, "has directories that share a table of strips: it is damaged"));
+                refuse!(path, "has directories that share a table of strips: it is damaged");
             }
-            if (page.size, page.kind, page.samples, page.planar)
-                != (first.size, first.kind, first.samples, first.planar)
-            {
-                let ([w, h], [x, y]) = (page.size, first.size);
-                return Err(Error::format(
-                    path,
-                    format!(
-                        "page {} has {w} x {h} {}, the first has {x} x {y} {}: save pages of one size and type",
-                        index + 1,
-                        page.kind.name(),
-                        first.kind.name()
-                    ),
-                ));
+            let (found, expected, n) = (page.described(), first.described(), index + 1);
+            if found != expected {
+                refuse!(path, "page {n} has {found}, the first has {expected}: save pages of one size and type");
             }
             plain = match (plain, page.plain) {
                 (Some([start, end]), Some([next, last])) if next == end => Some([start, last]),
@@ -308,55 +256,61 @@ impl Stack {
             };
             pages.push(index);
         }
-        let needed = first.bytes.saturating_mul(pages.len() as u64);
-        check_length(
-            path,
-            [first.size[0].into(), first.size[1].into(), pages.len() as u64],
-            needed,
-            length,
-            expansion,
-        )?;
+        first.check_length(path, pages.len() as u64, length, expansion)?;
         let described = Described::of(&text, resolution, pages.len() as i64, first.samples, path)?;
-        let stack = Self {
-            path: path.to_owned(),
-            decoder,
-            size: first.size,
-            kind: first.kind,
-            samples: first.samples,
-            planar: first.planar,
-            coloured: first.coloured,
-            endian,
-            pages,
-            plain: plain.map(|[start, _]| start),
-            described,
-        };
-        if stack.described.together && stack.plain.is_none() {
-            return Err(Error::format(path, "has one directory for several compressed sections: save it anew"));
+        if described.together && plain.is_none() {
+            refuse!(path, "has one directory for several compressed sections: save it anew");
         }
-        Ok(stack)
+        Ok(Self { path: path.to_owned(), decoder, page: first, endian, pages, plain, described })
     }
 
     /// The sections of a file that has nothing else.
     fn sections(&self) -> Result<i64> {
-        let several = self.described.axes.iter().any(|(role, size)| *role != Role::Space && *size != 1);
-        if several {
-            let reason = "has pages of several channels or points in time: such a file is read alone, not in a folder";
-            return Err(Error::format(&self.path, reason));
+        let axes = &self.described.axes;
+        if axes.iter().any(|(role, size)| *role != Role::Space && *size != 1) {
+            let reason = "such a file is read alone, not in a folder";
+            refuse!(self.path, "has pages of several channels or points in time: {reason}");
         }
-        Ok(self.described.axes.iter().map(|(_, size)| *size).fold(1, i64::saturating_mul))
-    }
-
-    /// The distances between samples, and their unit.
-    fn spacing(&self) -> Result<([f64; 3], Units)> {
-        let steps = self.described.spacing.unwrap_or([1.0; 3]);
-        if steps.iter().any(|step| !step.is_finite()) {
-            return Err(Error::format(&self.path, format!("has voxels of {steps:?}")));
-        }
-        Ok((steps, Units { length: self.described.unit.clone(), value: None }))
+        Ok(axes.iter().map(|(_, size)| *size).fold(1, i64::saturating_mul))
     }
 }
 
 impl Page {
+    /// The number of pixels.
+    fn area(&self) -> u64 {
+        u64::from(self.size[0]) * u64::from(self.size[1])
+    }
+
+    /// The number of samples.
+    fn len(&self) -> u64 {
+        self.area().saturating_mul(self.samples.into())
+    }
+
+    /// The size and the type, which all pages share.
+    fn described(&self) -> String {
+        let ([x, y], kind) = (self.size, self.kind.name());
+        match (self.samples, self.planar) {
+            (1, _) => format!("{x} x {y} {kind}"),
+            (n, false) => format!("{x} x {y} pixels of {n} {kind}"),
+            (n, true) => format!("{n} planes of {x} x {y} {kind}"),
+        }
+    }
+
+    /// Refuses pages that need more bytes than those `held` in the file become by an expansion.
+    fn check_length(&self, path: &Path, pages: u64, held: u64, expansion: u64) -> Result<()> {
+        let needed = self.len().saturating_mul(self.kind.size() as u64).saturating_mul(pages);
+        if needed <= held.saturating_mul(expansion) {
+            return Ok(());
+        }
+        let [x, y] = self.size;
+        let size = if pages == 1 { format!("{x} x {y}") } else { format!("{x} x {y} x {pages}") };
+        let there = match expansion {
+            1 => format!("{held} are there"),
+            _ => format!("and {held} compressed bytes cannot hold that many"),
+        };
+        refuse!(path, "is cut short, or its header claims too much: {size} samples need {needed} bytes, {there}")
+    }
+
     /// What the directory that the decoder is at says.
     /// The file has `length` bytes.
     fn of(decoder: &mut Decoder<BufReader<File>>, path: &Path, length: u64) -> Result<Self> {
@@ -379,30 +333,16 @@ impl Page {
                     3 => "are numbers of a palette".to_owned(),
                     _ => format!("have the photometric interpretation {other}"),
                 };
-                return Err(Error::format(
-                    path,
-                    format!("its samples {reason}; save it in grey, black is 0, or in RGB"),
-                ));
+                refuse!(path, "its samples {reason}; save it in grey, black is 0, or in RGB");
             }
         };
         let planar = samples > 1 && number(Tag::PlanarConfiguration, 1)? == 2;
         let bits = number(Tag::BitsPerSample, 1)?;
-        let kind = match (bits, number(Tag::SampleFormat, 1)?) {
-            (8, 1) => Kind::Whole(SampleType::U8),
-            (16, 1) => Kind::Whole(SampleType::U16),
-            (32, 1) => Kind::Whole(SampleType::U32),
-            (64, 1) => Kind::Whole(SampleType::U64),
-            (8, 2) => Kind::Whole(SampleType::I8),
-            (16, 2) => Kind::Whole(SampleType::I16),
-            (32, 2) => Kind::Whole(SampleType::I32),
-            (64, 2) => Kind::Whole(SampleType::I64),
-            (16, 3) => Kind::Half,
-            (32, 3) => Kind::Whole(SampleType::F32),
-            (64, 3) => Kind::Whole(SampleType::F64),
-            (bits, format) => {
-                let reason = format!("has samples of {bits} bits in format {format}, which is not read");
-                return Err(Error::format(path, reason));
-            }
+        let format = number(Tag::SampleFormat, 1)?;
+        let letter = ["", "u", "i", "f"].get(format as usize).copied().unwrap_or_default();
+        let kind = Kind::of_numpy(&format!("{letter}{}", bits / 8)).filter(|_| bits % 8 == 0);
+        let Some(kind) = kind else {
+            refuse!(path, "has samples of {bits} bits in format {format}, which is not read");
         };
         let expansion = expansion(number(Tag::Compression, 1)?);
         let compressed = expansion != 1 || number(Tag::Predictor, 1)? != 1;
@@ -415,22 +355,30 @@ impl Page {
         }
         let counts = table(if in_strips { Tag::StripByteCounts } else { Tag::TileByteCounts })?;
         lattice(path, &[width.into(), height.into()])?;
-        let bytes =
-            u64::from(width).saturating_mul(height.into()).saturating_mul(u64::from(bits / 8) * u64::from(samples));
         let whole = counts.len() == offsets.len();
         // Of a strip that ends behind the end of the file only its beginning is there.
         let there = |(offset, count): (&u64, &u64)| length.saturating_sub(*offset).min(*count);
         let held = if whole { offsets.iter().zip(&counts).map(there).fold(0, u64::saturating_add) } else { length };
-        check_length(path, [width.into(), height.into(), 1], bytes, held.min(length), expansion)?;
-        let mut plain = None;
+        let mut page = Self {
+            size: [width, height],
+            kind,
+            samples,
+            planar,
+            coloured,
+            plain: None,
+            expansion,
+            chunks: offsets.len() as u64,
+        };
+        page.check_length(path, 1, held.min(length), expansion)?;
         if !compressed && in_strips {
+            let bytes = page.len() * kind.size() as u64;
             let next = |(pair, count): (&[u64], &u64)| pair[0].checked_add(*count) == Some(pair[1]);
             let follow = offsets.windows(2).zip(&counts).all(next);
             let total = counts.iter().fold(0, |sum: u64, n| sum.saturating_add(*n));
-            plain = (follow && whole && total == bytes).then(|| [offsets[0], offsets[0].saturating_add(bytes)]);
+            let is_plain = follow && whole && total == bytes;
+            page.plain = is_plain.then(|| [offsets[0], offsets[0].saturating_add(bytes)]);
         }
-        let (size, chunks) = ([width, height], offsets.len() as u64);
-        Ok(Self { size, kind, samples, planar, coloured, plain, bytes, expansion, chunks })
+        Ok(page)
     }
 }
 
@@ -462,8 +410,7 @@ impl Described {
             let pages = counted(images.unsigned_abs(), "page");
             let channels = counted(channels.unsigned_abs(), "channel");
             let at = if times == 1 { "one point in time".to_owned() } else { format!("{times} points in time") };
-            let reason = format!("has {pages} for {channels} at {at}");
-            return Err(Error::format(path, reason));
+            refuse!(path, "has {pages} for {channels} at {at}");
         }
         let axes = vec![(Role::Channel, channels), (Role::Space, images / volumes), (Role::Time, times)];
         let [x, y] = resolution.map(|length| length.unwrap_or(1.0));
@@ -473,14 +420,9 @@ impl Described {
             Some("pixel" | "pixels") | None => None,
             Some(other) => named_unit(other),
         };
-        Ok(Self {
-            axes,
-            labels: Vec::new(),
-            together,
-            // Negative if the stack was turned over.
-            spacing: Some([x, y, z.map_or(1.0, f64::abs)]),
-            unit,
-        })
+        // Negative if the stack was turned over.
+        let spacing = Some([x, y, z.map_or(1.0, f64::abs)]);
+        Ok(Self { axes, together, spacing, unit, ..Self::default() })
     }
 
     fn of_ome(tag: &xml::Tag, text: &str, pages: i64, samples: u16, path: &Path) -> Result<Self> {
@@ -490,8 +432,7 @@ impl Described {
         let stated = sections.saturating_mul(of_pages).saturating_mul(times);
         if stated != pages {
             let pages = counted(pages.unsigned_abs(), "page");
-            let reason = format!("has {pages}, but its OME-XML states {stated}: save it as one file");
-            return Err(Error::format(path, reason));
+            refuse!(path, "has {pages}, but its OME-XML states {stated}: save it as one file");
         }
         let axes = tag.get("DimensionOrder").unwrap_or("XYZCT").chars().filter_map(|axis| match axis {
             'Z' => Some((Role::Space, sections)),
@@ -500,9 +441,7 @@ impl Described {
             _ => None,
         });
         let axes: Axes = axes.collect();
-        if axes.len() != 3 {
-            return Err(Error::format(path, "has no order of its dimensions that is known"));
-        }
+        refuse_if!(axes.len() != 3, path, "has no order of its dimensions that is known");
         let mut labels: Vec<Channel> = xml::Tag::all(text)
             .filter(|tag| tag.name.rsplit(':').next() == Some("Channel"))
             .take(MAX_LABELS)
@@ -526,7 +465,7 @@ impl Described {
         let described = Self { axes, labels, ..Self::default() };
         let Some(x) = lengths[0] else { return Ok(described) };
         if units.iter().zip(lengths).any(|(unit, length)| length.is_some() && *unit != units[0]) {
-            return Err(Error::format(path, format!("states lengths in several units, {}", units.join(", "))));
+            refuse!(path, "states lengths in several units, {}", units.join(", "));
         }
         let spacing = Some([x, lengths[1].unwrap_or(x), lengths[2].unwrap_or(x)]);
         Ok(Self { spacing, unit: named_unit(units[0]), ..described })
@@ -538,14 +477,11 @@ const MAX_LABELS: usize = 4096;
 
 /// The crate's error as one of ours: of the file, or of the content.
 fn failed(path: &Path, error: TiffError) -> Error {
-    let content = [ErrorKind::InvalidData, ErrorKind::InvalidInput, ErrorKind::Other];
     match error {
         TiffError::IoError(source) if source.kind() == ErrorKind::UnexpectedEof => {
-            Error::format(path, "is cut short: a directory or a page ends behind the end of the file")
+            path.error("is cut short: a directory or a page ends behind the end of the file")
         }
-        TiffError::IoError(source) if !content.contains(&source.kind()) => {
-            Error::Read { path: path.to_owned(), source }
-        }
-        other => Error::format(path, format!("is damaged, or TIFF of a kind that is not read: {other}")),
+        TiffError::IoError(source) => Error::of_content(path, source),
+        other => path.error(format!("is damaged, or TIFF of a kind that is not read: {other}")),
     }
 }

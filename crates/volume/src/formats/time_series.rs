@@ -11,8 +11,8 @@ use crate::volume::Volume;
 /// The volumes of a source at its points in time, which [`Contents::times`](crate::volume::Contents::times) of any of
 /// them counts.
 ///
-/// [`load`](super::load) reads each of them too, but decompresses a stream such as that of `scan.nii.gz` from its
-/// beginning for each. This decompresses it once, into a temporary file that has no name and is gone with the series
+/// [`load`](super::load) reads each of them too, but decompresses a stream such as `scan.nii.gz` from its beginning for
+/// each. This type decompresses it once, into a temporary file that has no name and is gone with the series
 /// and its volumes. If there is no room for that, it is decompressed for each volume.
 ///
 /// ```no_run
@@ -33,7 +33,7 @@ pub struct TimeSeries {
 }
 
 impl TimeSeries {
-    /// The series of a source that [`load`](super::load) takes, with options whose `time` does not count. Nothing is
+    /// The series of a source that [`load`](super::load) accepts; `time` of the options is ignored. Nothing is
     /// read yet.
     #[must_use]
     pub fn new(source: impl AsRef<Path>, options: &LoadOptions) -> Self {
@@ -43,8 +43,8 @@ impl TimeSeries {
     /// The volume at a point in time, counted from 0.
     ///
     /// # Errors
-    /// Those of [`load`](super::load); [`Error::Setting`](crate::error::Error::Setting) if the source has no such point
-    /// in time.
+    /// As [`load`](super::load); [`Error::Setting`](crate::error::Error::Setting) if the source has no such point in
+    /// time.
     pub fn volume(&mut self, time: u32) -> Result<Volume> {
         self.read(&LoadOptions { time: Some(time), ..self.options })
     }
@@ -52,7 +52,7 @@ impl TimeSeries {
     /// A channel at a point in time, both counted from 0.
     ///
     /// # Errors
-    /// Those of [`Self::volume`], and [`Error::Setting`](crate::error::Error::Setting) if there is no such channel.
+    /// As [`Self::volume`]; [`Error::Setting`](crate::error::Error::Setting) if there is no such channel.
     pub fn channel(&mut self, time: u32, channel: u32) -> Result<Volume> {
         self.read(&LoadOptions { time: Some(time), channel: Some(channel), ..self.options })
     }

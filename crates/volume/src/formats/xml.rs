@@ -31,7 +31,7 @@ impl Tag {
         text.split('<').skip(1).filter_map(|piece| Self::parse(piece.split_once('>')?.0))
     }
 
-    /// What is between `<` and `>`; `None` if it is no tag.
+    /// Parses the text between `<` and `>`; `None` if it is no tag.
     fn parse(text: &str) -> Option<Self> {
         let text = text.strip_suffix('/').unwrap_or(text);
         let name_end = text.find(|c: char| c.is_ascii_whitespace()).unwrap_or(text.len());
@@ -56,13 +56,10 @@ impl Tag {
     }
 }
 
-/// Text with its entities replaced. Those that no header needs are left as they are.
+/// Text with its entities replaced. Entities that no header needs stay as they are.
 fn unescaped(text: &str) -> String {
     let entities = [("&lt;", "<"), ("&gt;", ">"), ("&quot;", "\""), ("&apos;", "'"), ("&amp;", "&")];
-    match text.contains('&') {
-        true => entities.iter().fold(text.to_owned(), |text, (entity, character)| text.replace(entity, character)),
-        false => text.to_owned(),
-    }
+    entities.iter().fold(text.to_owned(), |text, (entity, character)| text.replace(entity, character))
 }
 
 #[cfg(test)]

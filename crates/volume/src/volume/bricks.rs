@@ -1,4 +1,4 @@
-//! A volume brick by brick. The range of a brick tells whether it shows anything; only visible bricks are read again.
+//! A volume brick by brick. The range of a brick decides whether it is visible; only visible bricks are read again.
 
 use std::ops::Range;
 
@@ -11,7 +11,7 @@ use crate::memory::reserved;
 /// Voxels along the edge of a brick.
 pub const EDGE: usize = 32;
 
-/// Bytes of samples read at a time; more if one row of bricks per thread takes more.
+/// Bytes of samples read at a time; more if one row of bricks per thread has more.
 const READ: usize = 8 << 20;
 
 /// The encoding in which a consumer of bricks wants their samples.
@@ -20,11 +20,15 @@ pub trait RowCoding: Sync {
     fn append<T: Number>(&self, samples: &[T], bytes: &mut Vec<u8>);
 }
 
+/// No encoding, for passes that need ranges alone.
+impl RowCoding for () {
+    fn append<T: Number>(&self, _: &[T], _: &mut Vec<u8>) {}
+}
+
 /// The lattice point of a brick's first voxel, and its encoded samples with the halo around them, x fastest.
 pub type Brick = ([u32; 3], Vec<u8>);
 
-/// A row of bricks along x: their ranges (empty if they were known before), and what was made of each brick that shows
-/// something.
+/// A row of bricks along x: their ranges (empty if they were known before), and the result for each visible brick.
 type Row<B> = (Vec<[f64; 2]>, Vec<Option<B>>);
 
 /// The samples of a row of bricks along x, with the halo in y and z as far as the volume reaches.
@@ -43,7 +47,7 @@ impl Volume {
         self.grid().dims().map(|d| d.div_ceil(EDGE as u32))
     }
 
-    /// Calls `take` for each brick, x fastest: with what `make` makes of its encoded samples if `shows` is true of its
+    /// Calls `take` for each brick, x fastest: with the result of `make` for its encoded samples if `shows` accepts its
     /// range of stored samples, otherwise with `None`. `halo` voxels around a brick are included; outside the volume
     /// they repeat its outermost voxels. `make` runs in parallel.
     ///
@@ -51,8 +55,7 @@ impl Volume {
     /// something.
     ///
     /// # Errors
-    /// [`Error::Read`] and [`Error::Memory`] if samples cannot be read, and
-    /// what `make` and `take` return.
+    /// [`Error::Read`] and [`Error::Memory`] if samples cannot be read, and the errors of `make` and `take`.
     pub fn for_each_brick<B: Send, E: From<Error> + Send>(
         &self,
         shows: &(dyn Fn([f64; 2]) -> bool + Sync),
@@ -95,22 +98,13 @@ impl Volume {
     /// The least and the largest stored sample of each brick, x fastest. The first call reads every sample.
     pub fn ranges(&self) -> Result<&[[f64; 2]]> {
         if self.known_ranges().is_none() {
-            let [across, down, deep] = self.bricks().map(|n| n as usize);
-            let mut found = reserved((across * down * deep) as u64, || "the ranges of bricks".to_owned())?;
-            let row = |j: usize, k: usize| {
-                let (y, z) = (j * EDGE, k * EDGE);
-                Ok(self.strip([y, z].map(|c| c as i64), 0)?.ranges(y, z))
-            };
-            self.for_each_row([down, deep], 0, &row, &mut |ranges| {
-                found.extend(ranges);
-                Ok(())
-            })?;
-            self.keep_ranges(found);
+            self.for_each_brick::<(), Error>(&|_| false, 0, &(), &|_| Ok(()), &mut |_| Ok(()))?;
         }
         Ok(self.known_ranges().unwrap_or_default())
     }
 
-    /// The largest distance of a value from another one. The first call reads every sample, as [`Self::ranges`] does.
+    /// The largest distance of the volume's values from `value`. The first call reads every sample, as
+    /// [`Self::ranges`] does.
     pub fn farthest_from(&self, value: f64) -> Result<f64> {
         let (slope, intercept) = self.rescale();
         Ok(self.ranges()?.iter().flatten().map(|raw| (slope * raw + intercept - value).abs()).fold(0.0, f64::max))
@@ -121,7 +115,7 @@ impl Volume {
     /// that is more.
     ///
     /// # Errors
-    /// What `make` and `take` return.
+    /// The errors of `make` and `take`.
     pub fn for_each_row<R: Send, E: From<Error> + Send>(
         &self,
         [down, deep]: [usize; 2],

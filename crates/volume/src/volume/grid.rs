@@ -38,14 +38,9 @@ impl Grid {
     /// two others.
     pub fn new(dims: [u32; 3], to_world: DAffine3) -> Result<Self> {
         if let Some(axis) = (0..3).find(|&a| dims[a] == 0 || dims[a] > MAX_DIM) {
-            return Err(Error::Volume(format!(
-                "dimension {} is {}, expected 1 to {MAX_DIM} (lattice {} x {} x {})",
-                axis + 1,
-                dims[axis],
-                dims[0],
-                dims[1],
-                dims[2]
-            )));
+            let ([x, y, z], size, n) = (dims, dims[axis], axis + 1);
+            let reason = format!("dimension {n} is {size}, expected 1 to {MAX_DIM} (lattice {x} x {y} x {z})");
+            return Err(Error::Volume(reason));
         }
         let m = to_world.matrix3;
         let axes = [m.x_axis, m.y_axis, m.z_axis];
@@ -68,11 +63,9 @@ impl Grid {
             } else {
                 String::new()
             };
-            return Err(Error::Volume(format!(
-                "the grid's axes do not span space ({flat}spacing {} x {} x {}): check spacing and directions in the \
-                 header",
-                lengths[0], lengths[1], lengths[2]
-            )));
+            let ([x, y, z], check) = (lengths, "check spacing and directions in the header");
+            let reason = format!("the grid's axes do not span space ({flat}spacing {x} x {y} x {z}): {check}");
+            return Err(Error::Volume(reason));
         }
         Ok(Self { dims, to_world, to_lattice: to_world.inverse() })
     }
@@ -141,8 +134,8 @@ impl Grid {
         self.to_world.transform_point3(self.middle())
     }
 
-    /// The world length that painters take as 1: a power of two, and of the three spacings the middle one to within a
-    /// factor of two.
+    /// The world length that painters use as 1: a power of two within a factor of two of the middle one of the three
+    /// spacings.
     pub fn unit(&self) -> f64 {
         let [x, y, z] = self.spacing();
         let middle = x.max(y).min(x.min(y).max(z));
@@ -179,7 +172,7 @@ impl Grid {
         self.corners_from_center(margin).map(|corner| self.center() + corner)
     }
 
-    /// The same, from the world position of the centre of the lattice: a distant origin rounds nothing away.
+    /// The corners relative to the centre of the lattice, so that a distant origin costs no precision.
     pub fn corners_from_center(&self, margin: f64) -> [DVec3; 8] {
         let half = self.middle() + margin;
         std::array::from_fn(|c| {

@@ -13,7 +13,6 @@ pub use sample_type::{Number, ToF64, with_type};
 pub use statistics::{BackgroundEstimate, Statistics};
 pub(crate) use stored::{FileSamples, Stored};
 
-use std::borrow::Cow;
 use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 
@@ -39,17 +38,11 @@ pub enum Samples {
 #[macro_export]
 macro_rules! with_samples {
     ($samples:expr, $s:ident => $body:expr) => {
+        $crate::volume::with_samples!(@ $samples, $s, $body; U8 I8 U16 I16 U32 I32 U64 I64 F32 F64)
+    };
+    (@ $samples:expr, $s:ident, $body:expr; $($variant:ident)+) => {
         match $samples {
-            $crate::volume::Samples::U8($s) => $body,
-            $crate::volume::Samples::I8($s) => $body,
-            $crate::volume::Samples::U16($s) => $body,
-            $crate::volume::Samples::I16($s) => $body,
-            $crate::volume::Samples::U32($s) => $body,
-            $crate::volume::Samples::I32($s) => $body,
-            $crate::volume::Samples::U64($s) => $body,
-            $crate::volume::Samples::I64($s) => $body,
-            $crate::volume::Samples::F32($s) => $body,
-            $crate::volume::Samples::F64($s) => $body,
+            $($crate::volume::Samples::$variant($s) => $body,)+
         }
     };
 }
@@ -93,14 +86,14 @@ pub struct Units {
     pub value: Option<String>,
 }
 
-/// What the file of a volume holds: the volume is one of its channels at one point in time.
+/// The contents of a volume's file: the volume is one of its channels at one point in time.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Contents {
     /// The channel that the volume is, counted from 0.
     pub channel: u32,
     /// The number of channels.
     pub channels: u32,
-    /// What the file says of its channels, in their order; empty if it says nothing.
+    /// Names, colours and windows of the channels, in their order; empty if the file states none.
     pub labels: Vec<Channel>,
     /// The point in time that the volume is of, counted from 0.
     pub time: u32,
@@ -110,11 +103,10 @@ pub struct Contents {
     pub level: u32,
     /// The number of levels.
     pub levels: u32,
-    /// The labels that the file names, of all its channels, if it says that its values are labels; empty if it says no
-    /// more of them.
+    /// The labels of all channels, if the file states that its values are labels; empty if it names none of them.
     pub segments: Option<Vec<Segment>>,
-    /// What of the file the volume could not keep, each as a sentence without a full stop, such as that coordinates are
-    /// unequally spaced.
+    /// Facts of the file that the volume cannot express, such as unequally spaced coordinates; each is a sentence
+    /// without a full stop.
     pub notes: Vec<String>,
 }
 
@@ -125,27 +117,27 @@ impl Default for Contents {
     }
 }
 
-/// What a file says of a label.
+/// A label that a file describes.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Segment {
-    /// The channel whose values it is of: labels of one channel do not overlap.
+    /// The channel that has this label: labels of one channel do not overlap.
     pub channel: u32,
     /// The value.
     pub label: i64,
-    /// What it is of.
+    /// The name of the labelled structure.
     pub name: Option<String>,
     /// Red, green and blue, sRGB.
     pub color: Option<[u8; 3]>,
 }
 
-/// What a file says of a channel.
+/// A channel that a file describes.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Channel {
     /// Such as the name of a dye.
     pub name: Option<String>,
     /// Red, green and blue, sRGB.
     pub color: Option<[u8; 3]>,
-    /// The values from which to which it is to be shown.
+    /// The range of values to show.
     pub window: Option<[f64; 2]>,
 }
 
@@ -153,9 +145,9 @@ pub struct Channel {
 #[derive(Debug)]
 struct Data {
     stored: Stored,
-    /// Whether every sample is finite; empty until it is asked for.
+    /// Whether every sample is finite; empty until it is needed.
     finite: OnceLock<bool>,
-    /// The least and the largest stored sample of each brick, x fastest; empty until they are asked for.
+    /// The least and the largest stored sample of each brick, x fastest; empty until they are needed.
     ranges: OnceLock<Vec<[f64; 2]>>,
 }
 
@@ -167,13 +159,13 @@ impl Data {
 
 /// A volume with all its samples in memory.
 #[derive(Debug)]
-pub struct InMemory<'a> {
-    samples: Cow<'a, Samples>,
+pub struct InMemory {
+    samples: Arc<Samples>,
     slope: f64,
     intercept: f64,
 }
 
-impl InMemory<'_> {
+impl InMemory {
     /// The samples as stored.
     #[must_use]
     pub fn samples(&self) -> &Samples {
@@ -210,7 +202,7 @@ impl PartialEq for Volume {
 const PASS: usize = 1 << 22;
 
 impl Volume {
-    /// A volume of a copy of `samples`, x fastest, then y, then z, on a lattice whose axes are the world's.
+    /// A volume of a copy of `samples`, x fastest, then y, then z, on a lattice along the world axes.
     ///
     /// `dims` are the numbers of samples along x, y and z. `spacing` is the world distance between neighbouring samples
     /// along each of them, in any unit of length. The first sample lies at the world's origin; [`Volume::with_grid`]
@@ -241,21 +233,13 @@ impl Volume {
     /// # Errors
     /// [`Error::Volume`] if the grid has another number of samples.
     pub fn new(grid: Grid, samples: Samples) -> Result<Self> {
-        Self::of(grid, Stored::Memory(Arc::new(samples)))
+        Self::of(grid, samples.into())
     }
 
     pub(crate) fn of(grid: Grid, stored: Stored) -> Result<Self> {
         check_count(&grid, stored.len())?;
-        let data = Arc::new(Data::new(stored));
-        Ok(Self {
-            grid,
-            data,
-            slope: 1.0,
-            intercept: 0.0,
-            oriented: false,
-            units: Units::default(),
-            contents: Arc::default(),
-        })
+        let (data, units, contents) = (Arc::new(Data::new(stored)), Units::default(), Arc::default());
+        Ok(Self { grid, data, slope: 1.0, intercept: 0.0, oriented: false, units, contents })
     }
 
     /// The same samples read as `slope * sample + intercept` (NIfTI's scl_slope and scl_inter, DICOM's rescale).
@@ -284,7 +268,7 @@ impl Volume {
         self
     }
 
-    /// The same volume, with what else its file holds.
+    /// The same volume, with other contents of its file.
     #[must_use]
     pub fn with_contents(mut self, contents: Contents) -> Self {
         self.contents = Arc::new(contents);
@@ -296,12 +280,9 @@ impl Volume {
     /// # Errors
     /// [`Error::Volume`] if the dimensions differ.
     pub fn with_grid(mut self, grid: Grid) -> Result<Self> {
-        if grid.dims() != self.grid.dims() {
-            return Err(Error::Volume(format!(
-                "a grid of {:?} cannot replace one of {:?}",
-                grid.dims(),
-                self.grid.dims()
-            )));
+        let (new, old) = (grid.dims(), self.grid.dims());
+        if new != old {
+            return Err(Error::Volume(format!("a grid of {new:?} cannot replace one of {old:?}")));
         }
         self.grid = grid;
         Ok(self)
@@ -325,7 +306,7 @@ impl Volume {
         }
         let mut stored = match Arc::try_unwrap(self.data) {
             Ok(data) => data.stored,
-            Err(shared) => Stored::Memory(Arc::new(shared.stored.read(0..shared.stored.len())?)),
+            Err(shared) => shared.stored.read(0..shared.stored.len())?.into(),
         };
         stored.replace_non_finite(raw);
         self.data = Arc::new(Data { finite: OnceLock::from(true), ..Data::new(stored) });
@@ -368,12 +349,8 @@ impl Volume {
     ///
     /// # Errors
     /// [`Error::Read`] and [`Error::Memory`] if samples in a file cannot be read.
-    pub fn in_memory(&self) -> Result<InMemory<'_>> {
-        let samples = match &self.data.stored {
-            Stored::Memory(samples) => Cow::Borrowed(&**samples),
-            Stored::File(_) => Cow::Owned(self.read(0..self.data.stored.len())?),
-        };
-        Ok(InMemory { samples, slope: self.slope, intercept: self.intercept })
+    pub fn in_memory(&self) -> Result<InMemory> {
+        Ok(InMemory { samples: self.shared_samples()?, slope: self.slope, intercept: self.intercept })
     }
 
     /// All samples as stored, shared if they are in memory, or read.
@@ -384,13 +361,13 @@ impl Volume {
         }
     }
 
-    /// The same volume with its samples in memory, unless they take more than `bytes`.
+    /// The same volume with its samples in memory, unless they have more than `bytes` bytes.
     pub(crate) fn loaded(mut self, bytes: u64) -> Result<Self> {
         if self.grid.len().saturating_mul(self.sample_type().size() as u64) <= bytes
             && let Stored::File(_) = &self.data.stored
         {
             let samples = self.read(0..self.data.stored.len())?;
-            self.data = Arc::new(Data::new(Stored::Memory(Arc::new(samples))));
+            self.data = Arc::new(Data::new(samples.into()));
         }
         Ok(self)
     }
@@ -422,13 +399,13 @@ impl Volume {
         &self.units
     }
 
-    /// What the file of the volume holds besides.
+    /// The contents of the volume's file.
     #[must_use]
     pub fn contents(&self) -> &Contents {
         &self.contents
     }
 
-    /// The unit of world lengths: the one stated, otherwise of patient space millimetres, as DICOM has it.
+    /// The unit of world lengths: the stated unit, or millimetres in patient space, the unit of DICOM.
     #[must_use]
     pub fn length_unit(&self) -> Option<&str> {
         self.units.length.as_deref().or(self.oriented.then_some("mm"))
@@ -440,7 +417,7 @@ impl Volume {
         self.units.value.as_deref()
     }
 
-    /// Refuses NaN and infinite samples: one of them would spoil every pixel that its kernel reaches.
+    /// Refuses NaN and infinite samples: one such sample would spoil every pixel that its kernel reaches.
     ///
     /// # Errors
     /// [`Error::NonFinite`] if there are such samples; [`Error::Read`] and [`Error::Memory`] if samples left in a file
@@ -460,16 +437,12 @@ impl Volume {
                 }
             }
         }
-        match first {
-            None => {
-                self.data.finite.get_or_init(|| true);
-                Ok(())
-            }
-            Some(index) => {
-                let [nx, ny, _] = self.grid.dims().map(|d| d as usize);
-                let first = [index % nx, index / nx % ny, index / (nx * ny)].map(|at| at as u32);
-                Err(Error::NonFinite { count: count as u64, first })
-            }
-        }
+        let Some(index) = first else {
+            self.data.finite.get_or_init(|| true);
+            return Ok(());
+        };
+        let [nx, ny, _] = self.grid.dims().map(|d| d as usize);
+        let first = [index % nx, index / nx % ny, index / (nx * ny)].map(|at| at as u32);
+        Err(Error::NonFinite { count: count as u64, first })
     }
 }

@@ -26,12 +26,7 @@ impl SampleType {
     /// Bytes per sample.
     #[must_use]
     pub fn size(self) -> usize {
-        match self {
-            Self::U8 | Self::I8 => 1,
-            Self::U16 | Self::I16 => 2,
-            Self::U32 | Self::I32 | Self::F32 => 4,
-            Self::U64 | Self::I64 | Self::F64 => 8,
-        }
+        with_type!(self, T => size_of::<T>())
     }
 
     /// The least and the largest number of an integer type of at most 16 bits: so few that a table has them all.
@@ -53,27 +48,23 @@ impl SampleType {
 
     /// The type with a common name, in any case; runs of blanks count as one.
     ///
-    /// Names are those of C, NumPy and the NRRD format ("unsigned short int", "uint16_t", "ushort"). Plain "long" is
+    /// Accepts names of C, NumPy and the NRRD format ("unsigned short int", "uint16_t", "ushort"). Plain "long" is
     /// not accepted: depending on the writer it has 32 or 64 bits.
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
-        let name = name.to_ascii_lowercase().split_ascii_whitespace().collect::<Vec<_>>().join(" ");
+        let words = name.to_ascii_lowercase().split_ascii_whitespace().collect::<Vec<_>>().join(" ");
+        let name = words.strip_suffix(" int").filter(|name| name.ends_with("short") || name.ends_with("long"));
+        let name =
+            name.unwrap_or(&words).replace("unsigned ", "u").replace("signed ", "").replace("long long", "longlong");
         Some(match name.as_str() {
-            "u8" | "uint8" | "uint8_t" | "uchar" | "unsigned char" | "byte" => Self::U8,
-            "i8" | "int8" | "int8_t" | "char" | "schar" | "signed char" => Self::I8,
-            "u16" | "uint16" | "uint16_t" | "ushort" | "unsigned short" | "unsigned short int" => Self::U16,
-            "i16" | "int16" | "int16_t" | "short" | "short int" | "signed short" | "signed short int" => Self::I16,
-            "u32" | "uint32" | "uint32_t" | "uint" | "unsigned int" => Self::U32,
-            "i32" | "int32" | "int32_t" | "int" | "signed int" => Self::I32,
-            "u64" | "uint64" | "uint64_t" | "ulonglong" | "unsigned long long" | "unsigned long long int" => Self::U64,
-            "i64"
-            | "int64"
-            | "int64_t"
-            | "longlong"
-            | "long long"
-            | "long long int"
-            | "signed long long"
-            | "signed long long int" => Self::I64,
+            "u8" | "uint8" | "uint8_t" | "uchar" | "byte" => Self::U8,
+            "i8" | "int8" | "int8_t" | "char" | "schar" => Self::I8,
+            "u16" | "uint16" | "uint16_t" | "ushort" => Self::U16,
+            "i16" | "int16" | "int16_t" | "short" => Self::I16,
+            "u32" | "uint32" | "uint32_t" | "uint" => Self::U32,
+            "i32" | "int32" | "int32_t" | "int" => Self::I32,
+            "u64" | "uint64" | "uint64_t" | "ulonglong" => Self::U64,
+            "i64" | "int64" | "int64_t" | "longlong" => Self::I64,
             "f32" | "float32" | "float" | "single" => Self::F32,
             "f64" | "float64" | "double" => Self::F64,
             _ => return None,
@@ -83,16 +74,8 @@ impl SampleType {
 
 spelled! {
     SampleType {
-        U8: "u8",
-        I8: "i8",
-        U16: "u16",
-        I16: "i16",
-        U32: "u32",
-        I32: "i32",
-        U64: "u64",
-        I64: "i64",
-        F32: "f32",
-        F64: "f64",
+        U8: "u8", I8: "i8", U16: "u16", I16: "i16", U32: "u32", I32: "i32",
+        U64: "u64", I64: "i64", F32: "f32", F64: "f64",
     }
 }
 
@@ -100,10 +83,8 @@ impl FromStr for SampleType {
     type Err = Error;
 
     fn from_str(s: &str) -> Result<Self, Error> {
-        Self::from_name(s).ok_or_else(|| Error::Setting {
-            name: "sample_type",
-            reason: format!("{s:?} is not a sample type: expected {}", listed(&Self::ALL.map(Self::name))),
-        })
+        let expected = || format!("{s:?} is not a sample type: expected {}", listed(&Self::ALL.map(Self::name)));
+        Self::from_name(s).ok_or_else(|| Error::setting("sample_type", expected()))
     }
 }
 
@@ -120,6 +101,15 @@ pub enum Endian {
 impl Endian {
     /// The byte order of this machine.
     pub const NATIVE: Self = if cfg!(target_endian = "big") { Self::Big } else { Self::Little };
+
+    /// The whole number, without sign, that up to 8 bytes stand for.
+    pub(crate) fn number(self, bytes: &[u8]) -> u64 {
+        let more = |number: u64, byte: &u8| number << 8 | u64::from(*byte);
+        match self {
+            Self::Little => bytes.iter().rev().fold(0, more),
+            Self::Big => bytes.iter().fold(0, more),
+        }
+    }
 }
 
 spelled! { Endian { Little: "little", Big: "big" } }
@@ -131,7 +121,7 @@ impl FromStr for Endian {
         match s.to_ascii_lowercase().as_str() {
             "little" | "le" | "lsb" => Ok(Self::Little),
             "big" | "be" | "msb" => Ok(Self::Big),
-            _ => Err(Error::Setting { name: "endian", reason: format!("{s:?}, expected little or big") }),
+            _ => Err(Error::setting("endian", format!("{s:?}, expected little or big"))),
         }
     }
 }
@@ -154,7 +144,7 @@ mod number {
         fn to_f64(self) -> f64;
     }
 
-    /// What the library needs of a sample type; it is not part of the interface.
+    /// The operations on a sample type that the library needs; not part of the interface.
     pub trait Number: bytemuck::Pod + ToF64 {
         /// The same number from the other byte order.
         #[must_use]

@@ -47,7 +47,7 @@ pub struct BackgroundEstimate {
     pub fraction: f64,
 }
 
-/// A power of two that takes values of a range to sizes whose squares and sums f64 holds; 1 for values of usual size.
+/// A power of two that scales values of a range so that f64 holds their squares and sums; 1 for values of usual size.
 fn scale_for(min: f64, max: f64) -> f64 {
     let largest = min.abs().max(max.abs());
     if largest == 0.0 || !largest.is_finite() || (1e-100..1e100).contains(&largest) {
@@ -109,19 +109,8 @@ impl Statistics {
         let Moments(_, min, max, sum) = found;
         let non_finite = len as u64 - count;
         if count == 0 {
-            let (bins, nan) = (Vec::new(), f64::NAN);
-            return Ok(Self {
-                min: nan,
-                max: nan,
-                mean: nan,
-                std_dev: nan,
-                count,
-                non_finite,
-                bins,
-                first: nan,
-                step: nan,
-                scale,
-            });
+            let (bins, [min, max, mean, std_dev, first, step]) = (Vec::new(), [f64::NAN; 6]);
+            return Ok(Self { min, max, mean, std_dev, count, non_finite, bins, first, step, scale });
         }
         let (mean, range) = (sum / count as f64, max - min);
         let (bin_count, first, step) = if range == 0.0 {
@@ -227,7 +216,7 @@ impl Statistics {
     }
 
     /// The threshold that splits the values over `above` into two classes with the largest variance between them (Otsu
-    /// 1979, "A threshold selection method from gray-level histograms"). `f64::NEG_INFINITY` takes all values.
+    /// 1979, "A threshold selection method from gray-level histograms"). `f64::NEG_INFINITY` includes all values.
     ///
     /// `None` if there are no two classes. With its own result as `above` it splits the brighter class.
     #[must_use]

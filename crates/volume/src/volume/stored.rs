@@ -18,6 +18,12 @@ pub(crate) enum Stored {
     File(FileSamples),
 }
 
+impl From<Samples> for Stored {
+    fn from(samples: Samples) -> Self {
+        Self::Memory(Arc::new(samples))
+    }
+}
+
 /// Binary samples in one piece of a file.
 #[derive(Debug)]
 pub(crate) struct FileSamples {
@@ -98,7 +104,7 @@ impl FileSamples {
                 }
                 Ok(())
             })
-            .map_err(|source| Error::Read { path: self.path.clone(), source })?;
+            .map_err(Error::read(&self.path))?;
         Ok(numbers)
     }
 }

@@ -1,19 +1,19 @@
 //! The elements of a DICOM file that a volume needs (PS3.5 and PS3.10).
 //!
-//! The crate `dicom-object` is not used: it reads every element into memory, as long as the file says it is, and brings
-//! dictionaries of thousands of tags.
+//! The crate `dicom-object` is not used: it reserves the memory that an element claims, and brings dictionaries of
+//! thousands of tags.
 //!
 //! Files in gzip and deflated elements are read as a stream. Their pixels alone are kept, once their size is known.
 
 use std::collections::HashMap;
 use std::fs::File;
-use std::io::{self, BufRead, BufReader, Cursor, Read, Seek};
+use std::io::{self, Cursor, Read, Seek};
 use std::path::{Path, PathBuf};
 
 use flate2::bufread::DeflateDecoder;
 
-use crate::error::{Error, Result};
-use crate::formats::input::{Input, MAX_EXPANSION};
+use crate::error::{Error, Result, Subject, refuse, refuse_if};
+use crate::formats::input::{Input, MAX_EXPANSION, buffered};
 use crate::memory::{reserved, samples_in};
 use crate::volume::Endian;
 
@@ -33,16 +33,19 @@ const MAX_UNPACKED: u64 = 5 << 30;
 /// The deepest sequence within sequences: real ones have under 10.
 const MAX_DEPTH: usize = 32;
 
+/// The most fragments of a file.
+const MAX_FRAGMENTS: usize = 1 << 20;
+
 /// The most frames of a file.
 const MAX_FRAMES: usize = crate::volume::MAX_DIM as usize;
 
 /// The transfer syntax whose elements are deflated.
 const DEFLATED: &str = "1.2.840.10008.1.2.1.99";
 
-/// The length of what ends at its own mark.
+/// The length of an element that ends at a mark.
 const UNDEFINED: u32 = u32::MAX;
 
-/// The sequences that have what is needed, in files without types too: of all frames, of each frame, and inside them
+/// The sequences that are read, in files without types too: those of all frames and of each frame, and inside them
 /// positions, orientations, spacings, maps to values, indices of time and delays of triggers. Sequences of makers may
 /// have values of the same names that mean something else.
 const SEQUENCES: [u32; 8] =
@@ -56,21 +59,26 @@ fn longest(tag: u32) -> u64 {
 /// Values by tag: group and element in one number.
 type Values = HashMap<u32, Vec<u8>>;
 
-/// What a file says, without its pixels.
+/// The elements of a file, without its pixels.
+#[derive(Default)]
 pub(super) struct Dataset {
     pub(super) path: PathBuf,
     /// The UID of the transfer syntax.
     pub(super) syntax: String,
     pub(super) endian: Endian,
     values: Values,
-    /// Of all frames.
+    /// The values that all frames share.
     shared: Values,
     frames: Vec<Values>,
     /// Whether the pixels stand in words of 16 bits, whatever their size.
     pub(super) in_words: bool,
     /// The offset of the pixels in what [`Self::open`] returns, and their length unless they are in fragments.
     pub(super) pixels: Option<(u64, Option<u64>)>,
-    /// The pixels of a compressed file.
+    /// The offsets and the lengths of fragments there.
+    pub(super) fragments: Vec<[u64; 2]>,
+    /// The first item before the fragments: the offsets of frames, or nothing.
+    pub(super) frame_table: Vec<u8>,
+    /// The decompressed pixels of a compressed file.
     unpacked: Option<Vec<u8>>,
 }
 
@@ -81,46 +89,21 @@ impl<T: Read + Seek> Bytes for T {}
 
 impl Dataset {
     pub(super) fn read(path: &Path) -> Result<Self> {
-        let input = Input::open_data(path)?.unpacked_if_marked()?;
-        let mut length = input.at_most().unwrap_or(u64::MAX);
-        let stream = match input.plain_file()? {
-            Some((file, _)) => {
-                let mut file = BufReader::new(file);
-                file.rewind().map_err(|source| Error::Read { path: path.to_owned(), source })?;
-                Stream::File(file)
-            }
-            None => {
-                length = length.min(MAX_UNPACKED);
-                Stream::Packed(input.into_reader())
-            }
-        };
-        let set = Self {
-            path: path.to_owned(),
-            syntax: String::new(),
-            endian: Endian::Little,
-            values: Values::new(),
-            shared: Values::new(),
-            frames: Vec::new(),
-            in_words: false,
-            pixels: None,
-            unpacked: None,
-        };
-        let failed = |source: io::Error| match source.kind() {
-            io::ErrorKind::UnexpectedEof => {
-                Error::format(path, "is cut short: an element ends behind the end of the file")
-            }
-            io::ErrorKind::InvalidData | io::ErrorKind::InvalidInput => {
-                Error::format(path, format!("is damaged: {source}"))
-            }
-            _ => Error::Read { path: path.to_owned(), source },
-        };
-        let mut reader = Reader { stream, at: 0, length, explicit: true, is_sure: false, group: None, set };
-        reader.run().map_err(failed)?;
-        reader.unpack().map_err(failed)??;
+        let mut input = Input::open_data(path, None)?.unpacked_if_marked()?;
+        input.limit(MAX_UNPACKED);
+        let set = Self { path: path.to_owned(), ..Self::default() };
+        let length = input.at_most().unwrap_or(0);
+        let mut reader = Reader { input, length, explicit: true, is_sure: false, group: None, set };
+        reader.run()?;
         Ok(reader.set)
     }
 
-    /// Opens what has the pixels: the file, or the pixels of a compressed one.
+    /// An error about this file.
+    pub(super) fn error(&self, reason: impl Into<String>) -> Error {
+        self.path.error(reason)
+    }
+
+    /// Opens the file, or the decompressed pixels of a compressed file.
     pub(super) fn open(&self) -> io::Result<Box<dyn Bytes + '_>> {
         Ok(match &self.unpacked {
             Some(bytes) => Box::new(Cursor::new(bytes.as_slice())),
@@ -140,8 +123,7 @@ impl Dataset {
     }
 
     pub(super) fn text(&self, tag: u32) -> String {
-        let bytes = self.value(tag).unwrap_or_default();
-        String::from_utf8_lossy(bytes).trim_matches(['\0', ' ']).to_owned()
+        trimmed(self.value(tag).unwrap_or_default())
     }
 
     /// A binary number of 16 bits.
@@ -151,23 +133,18 @@ impl Dataset {
 
     /// Binary numbers of 16 bits.
     pub(super) fn words(&self, tag: u32) -> Option<impl Iterator<Item = u16>> {
-        let word = |bytes: &[u8; 2]| {
-            if self.endian == Endian::Big { u16::from_be_bytes(*bytes) } else { u16::from_le_bytes(*bytes) }
-        };
-        Some(self.value(tag)?.as_chunks::<2>().0.iter().map(word))
+        Some(self.value(tag)?.chunks_exact(2).map(|bytes| self.endian.number(bytes) as u16))
     }
 
     /// A binary whole number of 32 bits, of a frame if it has one of its own.
     pub(super) fn u32(&self, frame: usize, tag: u32) -> Option<u32> {
-        let bytes = self.bytes(frame, tag)?.first_chunk::<4>()?;
-        Some(if self.endian == Endian::Big { u32::from_be_bytes(*bytes) } else { u32::from_le_bytes(*bytes) })
+        self.bytes(frame, tag)?.get(..4).map(|bytes| self.endian.number(bytes) as u32)
     }
 
     /// A binary number of 64-bit floating point, of a frame if it has one of its own; `None` if it is not finite.
     pub(super) fn f64(&self, frame: usize, tag: u32) -> Option<f64> {
-        let bytes = self.bytes(frame, tag)?.first_chunk::<8>()?;
-        let number = if self.endian == Endian::Big { f64::from_be_bytes(*bytes) } else { f64::from_le_bytes(*bytes) };
-        number.is_finite().then_some(number)
+        let bytes = self.bytes(frame, tag)?.get(..8)?;
+        Some(f64::from_bits(self.endian.number(bytes))).filter(|number| number.is_finite())
     }
 
     /// Decimal numbers separated by backslashes; `None` if there are not `N`, or one is not finite.
@@ -181,41 +158,40 @@ impl Dataset {
     }
 }
 
-/// Decimal numbers separated by backslashes; `None` if one is not finite.
-fn decimals(bytes: &[u8]) -> Option<Vec<f64>> {
-    let number = |word: &str| word.trim_matches(['\0', ' ']).parse::<f64>().ok().filter(|n| n.is_finite());
-    String::from_utf8_lossy(bytes).split('\\').map(number).collect()
+/// A text without the padding that makes its length even.
+fn trimmed(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).trim_matches(['\0', ' ']).to_owned()
 }
 
-/// Where an element is.
+/// Decimal numbers separated by backslashes; `None` if one is not finite.
+fn decimals(bytes: &[u8]) -> Option<Vec<f64>> {
+    let number = |word: &[u8]| trimmed(word).parse::<f64>().ok().filter(|n| n.is_finite());
+    bytes.split(|byte| *byte == b'\\').map(number).collect()
+}
+
+/// The part of a file that an element belongs to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Place {
     Top,
     Shared,
     PerFrame,
-    /// Where nothing is needed.
+    /// A sequence whose values are not needed.
     Elsewhere,
 }
 
-/// The bytes of a file from its beginning.
-enum Stream {
-    File(BufReader<File>),
-    Packed(Box<dyn BufRead>),
-}
+/// The marks of an item, of its end, and of the end of a sequence.
+const ITEM: u32 = 0xfffe_e000;
+const ITEM_END: u32 = 0xfffe_e00d;
+const SEQUENCE_END: u32 = 0xfffe_e0dd;
 
-impl Stream {
-    fn reader(&mut self) -> &mut dyn BufRead {
-        match self {
-            Self::File(file) => file,
-            Self::Packed(reader) => reader,
-        }
-    }
-}
+/// The pixels.
+const PIXELS: u32 = 0x7fe0_0010;
 
+/// Reads elements one after the other. Places are counted in bytes from the end of the file, or of a compressed one
+/// from the farthest that it can have.
 struct Reader {
-    stream: Stream,
-    at: u64,
-    /// The length of the file; of a compressed one, the most that it can have.
+    input: Input,
+    /// The length of the file.
     length: u64,
     /// Whether elements have types.
     explicit: bool,
@@ -226,120 +202,124 @@ struct Reader {
     set: Dataset,
 }
 
-fn damaged(what: impl Into<String>) -> io::Error {
-    io::Error::new(io::ErrorKind::InvalidData, what.into())
-}
-
 impl Reader {
-    fn run(&mut self) -> io::Result<()> {
+    fn run(&mut self) -> Result<()> {
         self.skip(132)?;
         // The first group is always little-endian with explicit types.
-        let (mut syntax, mut end) = (Values::new(), u64::MAX);
-        let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).trim_matches(['\0', ' ']).to_owned();
+        let (mut syntax, mut end) = (Values::new(), 0);
         // Behind its end may be anything, if it is deflated.
-        while !(self.at_end()? || self.at >= end && syntax.get(&0x10).is_some_and(|uid| text(uid) == DEFLATED)) {
-            let mut group = [0; 2];
-            self.fill(&mut group)?;
+        let is_deflated = |syntax: &Values| syntax.get(&0x10).is_some_and(|uid| trimmed(uid) == DEFLATED);
+        while !(self.is_at_end()? || self.left() <= end && is_deflated(&syntax)) {
+            let group = self.array()?;
             if group != [2, 0] {
                 self.group = Some(group);
                 break;
             }
             let element = self.u16()?;
             let (_, length) = self.rest_of_header(2)?;
-            let value = self.value(length.into(), MAX_VALUE)?;
-            if let (0, Some(length)) = (element, value.first_chunk::<4>()) {
-                end = self.at.saturating_add(u32::from_le_bytes(*length).into());
+            let too_long = u64::from(length) > MAX_VALUE;
+            refuse_if!(too_long, self.input, "is damaged: a value of {length} bytes, expected at most {MAX_VALUE}");
+            let value = self.input.bytes(length as usize)?;
+            if let (0, Some(length)) = (element, value.get(..4)) {
+                end = self.left().saturating_sub(Endian::Little.number(length));
             }
             syntax.insert(element.into(), value);
         }
-        self.set.syntax = text(&syntax.remove(&0x10).unwrap_or_default());
+        self.set.syntax = trimmed(&syntax.remove(&0x10).unwrap_or_default());
         self.explicit = self.set.syntax != "1.2.840.10008.1.2";
         if self.set.syntax == "1.2.840.10008.1.2.2" {
             self.set.endian = Endian::Big;
         }
         if self.set.syntax == DEFLATED {
-            self.inflate();
+            self.input.decompress(MAX_EXPANSION, |packed| buffered(DeflateDecoder::new(packed)));
+            self.input.limit(MAX_UNPACKED);
         }
-        self.elements(self.length, Place::Top, 0)
+        self.elements(0, Place::Top, 0)
     }
 
-    /// Decompresses what follows.
-    fn inflate(&mut self) {
-        let nothing = Stream::Packed(Box::new(io::empty()));
-        let reader: Box<dyn BufRead> = match std::mem::replace(&mut self.stream, nothing) {
-            Stream::File(file) => Box::new(file),
-            Stream::Packed(reader) => reader,
-        };
-        self.stream = Stream::Packed(Box::new(BufReader::with_capacity(1 << 16, DeflateDecoder::new(reader))));
-        let left = self.length.saturating_sub(self.at).saturating_mul(MAX_EXPANSION);
-        self.length = self.at.saturating_add(left).min(MAX_UNPACKED);
+    /// The bytes that the pixels of all frames need, uncompressed.
+    fn needed(&self) -> u64 {
+        let number = |tag: u32| u64::from(self.set.u16(tag).unwrap_or(1));
+        let frames = self.set.numbers(0, super::FRAMES).map_or(1, |[frames]| frames as u64);
+        let bits = [super::ROWS, super::COLUMNS, super::CHANNELS, super::BITS_ALLOCATED].map(number);
+        bits.into_iter().fold(frames, u64::saturating_mul).div_ceil(8)
     }
 
     /// Keeps the pixels of a compressed file: no more than the file says that they need.
-    fn unpack(&mut self) -> io::Result<Result<()>> {
-        let (Stream::Packed(_), Some((_, known))) = (&self.stream, self.set.pixels) else { return Ok(Ok(())) };
-        let set = &self.set;
-        let number = |tag: u32| u64::from(set.u16(tag).unwrap_or(1));
-        let frames = set.numbers(0, super::FRAMES).map_or(1, |[frames]| frames as u64);
-        let bits = [super::ROWS, super::COLUMNS, super::CHANNELS, super::BITS_ALLOCATED].map(number);
-        let needed = bits.into_iter().fold(frames, u64::saturating_mul).div_ceil(8);
-        // Codecs may expand what cannot be compressed, and fragments have headers.
-        let most = known.unwrap_or(u64::MAX).min(match known {
-            Some(_) => needed,
-            None => needed.saturating_mul(2).saturating_add(1 << 20),
-        });
-        // What is needed is reserved at once. Fragments are mostly far smaller than that.
-        let mut bytes = match reserved(if known.is_some() { most } else { 0 }, || samples_in(&set.path)) {
-            Ok(bytes) => bytes,
-            Err(error) => return Ok(Err(error)),
-        };
-        match self.stream.reader().take(most).read_to_end(&mut bytes) {
-            Ok(_) => {}
-            // What is missing is reported by its number.
-            Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => {}
-            Err(error) => return Err(error),
-        }
-        self.set.pixels = Some((0, known.map(|_| bytes.len() as u64)));
+    fn unpack(&mut self, length: u64) -> Result<u64> {
+        let most = length.min(self.needed());
+        let mut bytes = reserved(most, || samples_in(&self.set.path))?;
+        self.input.append(most, &mut bytes)?;
+        let found = bytes.len() as u64;
         self.set.unpacked = Some(bytes);
-        Ok(Ok(()))
+        Ok(found)
     }
 
-    /// Whether there are no more bytes.
-    fn at_end(&mut self) -> io::Result<bool> {
-        Ok(self.group.is_none() && self.stream.reader().fill_buf()?.is_empty())
+    /// Finds the fragments that begin here, and keeps them if the file is compressed.
+    fn fragments(&mut self) -> Result<()> {
+        // Codecs may expand what cannot be compressed, and fragments have headers.
+        let most = self.needed().saturating_mul(2).saturating_add(1 << 20);
+        let (mut unpacked, mut is_table) = (Vec::new(), true);
+        while self.left() >= 8
+            && !self.is_at_end()?
+            && let Some(length) = self.next_item("a fragment")?.map(u64::from)
+        {
+            if std::mem::take(&mut is_table) {
+                let kept = length.min(4 * MAX_FRAMES as u64);
+                self.set.frame_table = self.input.bytes(kept as usize)?;
+                self.skip(length - kept)?;
+                continue;
+            }
+            refuse_if!(self.set.fragments.len() == MAX_FRAGMENTS, self.input, "has too many fragments");
+            if self.input.exactly_left().is_some() {
+                self.set.fragments.push([self.place(), length]);
+                self.skip(length)?;
+                continue;
+            }
+            let at = unpacked.len() as u64;
+            refuse_if!(length > most - at, self.input, "is damaged: its fragments are larger than its pixels");
+            self.input.append(length, &mut unpacked)?;
+            self.set.fragments.push([at, unpacked.len() as u64 - at]);
+        }
+        self.set.unpacked = self.input.exactly_left().is_none().then_some(unpacked);
+        Ok(())
     }
 
     /// Reads elements up to `end`, or up to the mark that ends an item.
-    fn elements(&mut self, end: u64, place: Place, depth: usize) -> io::Result<()> {
-        if depth > MAX_DEPTH {
-            return Err(damaged("sequences within sequences without end"));
-        }
-        while self.at < end && self.set.pixels.is_none() {
+    fn elements(&mut self, end: u64, place: Place, depth: usize) -> Result<()> {
+        refuse_if!(depth > MAX_DEPTH, self.input, "is damaged: sequences within sequences without end");
+        while self.left() > end && self.set.pixels.is_none() {
             // Where a compressed file ends is known only there.
-            if place == Place::Top && self.at_end()? {
+            if place == Place::Top && self.is_at_end()? {
                 return Ok(());
             }
             let group = match self.group.take() {
-                Some(bytes) => self.number(bytes),
+                Some(bytes) => self.set.endian.number(&bytes) as u16,
                 None => self.u16()?,
             };
-            let element = self.u16()?;
-            let tag = u32::from(group) << 16 | u32::from(element);
+            let tag = u32::from(group) << 16 | u32::from(self.u16()?);
             let (kind, length) = self.rest_of_header(group)?;
             match tag {
-                0xfffe_e00d | 0xfffe_e0dd => return Ok(()),
-                0x7fe0_0010 if place == Place::Top => {
-                    let known = (length != UNDEFINED).then_some(u64::from(length));
-                    if known.is_some_and(|n| n > self.length - self.at) {
-                        return Err(io::ErrorKind::UnexpectedEof.into());
-                    }
+                ITEM_END | SEQUENCE_END => return Ok(()),
+                PIXELS if place == Place::Top => {
                     self.set.in_words = &kind == b"OW";
-                    self.set.pixels = Some((self.at, known));
+                    if length == UNDEFINED {
+                        self.set.pixels = Some((self.place(), None));
+                        return self.fragments();
+                    }
+                    let length = u64::from(length);
+                    refuse_if!(length > self.left(), self.input, "{CUT_SHORT}");
+                    self.set.pixels = match self.input.exactly_left() {
+                        Some(_) => Some((self.place(), Some(length))),
+                        None => Some((0, Some(self.unpack(length)?))),
+                    };
                     return Ok(());
                 }
                 // Compressed pixels of an icon.
-                _ if length == UNDEFINED && (tag == 0x7fe0_0010 || [b"OB", b"OW"].contains(&&kind)) => {
-                    self.skip_fragments()?;
+                _ if length == UNDEFINED && (tag == PIXELS || [b"OB", b"OW"].contains(&&kind)) => {
+                    while let Some(length) = self.next_item("a fragment")? {
+                        self.skip(length.into())?;
+                    }
                 }
                 _ if &kind == b"SQ" || length == UNDEFINED || SEQUENCES.contains(&tag) => {
                     let inside = match (place, tag) {
@@ -355,16 +335,13 @@ impl Reader {
                     self.explicit = explicit;
                 }
                 _ if place != Place::Elsewhere && u64::from(length) <= longest(tag) => {
-                    let value = self.value(length.into(), longest(tag))?;
+                    let value = self.input.bytes(length as usize)?;
                     let values = match place {
-                        Place::Shared => &mut self.set.shared,
-                        Place::PerFrame => match self.set.frames.last_mut() {
-                            Some(frame) => frame,
-                            None => continue,
-                        },
-                        _ => &mut self.set.values,
+                        Place::Shared => Some(&mut self.set.shared),
+                        Place::PerFrame => self.set.frames.last_mut(),
+                        _ => Some(&mut self.set.values),
                     };
-                    values.insert(tag, value);
+                    values.map(|values| values.insert(tag, value));
                 }
                 _ => self.skip(length.into())?,
             }
@@ -373,49 +350,36 @@ impl Reader {
     }
 
     /// Reads the items of a sequence.
-    fn items(&mut self, length: u32, place: Place, outermost: bool, depth: usize) -> io::Result<()> {
-        let end = if length == UNDEFINED { self.length } else { self.at.saturating_add(length.into()) };
-        while self.at < end {
-            let (group, element) = (self.u16()?, self.u16()?);
-            let length = self.u32()?;
-            match (group, element) {
-                (0xfffe, 0xe000) => {
-                    if place == Place::PerFrame && outermost {
-                        if self.set.frames.len() == MAX_FRAMES {
-                            return Err(damaged(format!("over {MAX_FRAMES} frames")));
-                        }
-                        self.set.frames.push(Values::new());
-                    }
-                    let end = if length == UNDEFINED { self.length } else { self.at.saturating_add(length.into()) };
-                    self.elements(end, place, depth + 1)?;
-                }
-                (0xfffe, 0xe0dd) => return Ok(()),
-                _ => return Err(damaged(format!("({group:04x},{element:04x}) where an item should begin"))),
+    fn items(&mut self, length: u32, place: Place, outermost: bool, depth: usize) -> Result<()> {
+        let end = self.end_of(length);
+        while self.left() > end
+            && let Some(length) = self.next_item("an item")?
+        {
+            if place == Place::PerFrame && outermost {
+                refuse_if!(self.set.frames.len() == MAX_FRAMES, self.input, "is damaged: over {MAX_FRAMES} frames");
+                self.set.frames.push(Values::new());
             }
+            self.elements(self.end_of(length), place, depth + 1)?;
         }
         Ok(())
     }
 
-    /// Skips fragments up to the mark that ends them.
-    fn skip_fragments(&mut self) -> io::Result<()> {
-        loop {
-            let (group, element) = (self.u16()?, self.u16()?);
-            let length = self.u32()?;
-            match (group, element) {
-                (0xfffe, 0xe000) => self.skip(length.into())?,
-                (0xfffe, 0xe0dd) => return Ok(()),
-                _ => return Err(damaged(format!("({group:04x},{element:04x}) where a fragment should begin"))),
-            }
+    /// The length of the item or the fragment that begins here; `None` at the end of the sequence.
+    fn next_item(&mut self, what: &str) -> Result<Option<u32>> {
+        let (group, element, length) = (self.u16()?, self.u16()?, self.u32()?);
+        match u32::from(group) << 16 | u32::from(element) {
+            ITEM => Ok(Some(length)),
+            SEQUENCE_END => Ok(None),
+            _ => refuse!(self.input, "is damaged: ({group:04x},{element:04x}) where {what} should begin"),
         }
     }
 
     /// The type and the length of an element whose tag has been read.
-    fn rest_of_header(&mut self, group: u16) -> io::Result<([u8; 2], u32)> {
+    fn rest_of_header(&mut self, group: u16) -> Result<([u8; 2], u32)> {
         if group == 0xfffe {
             return Ok(([0; 2], self.u32()?));
         }
-        let mut four = [0; 4];
-        self.fill(&mut four)?;
+        let four: [u8; 4] = self.array()?;
         let [a, b, ..] = four;
         let kind = [a, b];
         let is_type = kind.iter().all(u8::is_ascii_uppercase);
@@ -424,59 +388,55 @@ impl Reader {
             (self.explicit, self.is_sure) = (is_type, true);
         }
         if !self.explicit && group != 2 {
-            let big = self.set.endian == Endian::Big;
-            return Ok(([0; 2], if big { u32::from_be_bytes(four) } else { u32::from_le_bytes(four) }));
+            return Ok(([0; 2], self.set.endian.number(&four) as u32));
         }
+        let name = String::from_utf8_lossy(&kind);
+        refuse_if!(!is_type, self.input, "is damaged: an element of the type {name:?}");
         let long = [b"OB", b"OD", b"OF", b"OL", b"OV", b"OW", b"SQ", b"SV", b"UC", b"UN", b"UR", b"UT", b"UV"];
-        if !is_type {
-            return Err(damaged(format!("an element of the type {:?}", String::from_utf8_lossy(&kind))));
-        }
-        let [.., c, d] = four;
-        Ok((kind, if long.contains(&&kind) { self.u32()? } else { self.number([c, d]).into() }))
+        Ok((kind, if long.contains(&&kind) { self.u32()? } else { self.set.endian.number(&four[2..]) as u32 }))
     }
 
-    fn value(&mut self, length: u64, most: u64) -> io::Result<Vec<u8>> {
-        if length > most {
-            return Err(damaged(format!("a value of {length} bytes, expected at most {most}")));
-        }
-        let mut value = vec![0; length as usize];
-        self.fill(&mut value)?;
-        Ok(value)
+    /// The bytes to the end of the file.
+    fn left(&self) -> u64 {
+        self.input.at_most().unwrap_or(0)
     }
 
-    fn fill(&mut self, bytes: &mut [u8]) -> io::Result<()> {
-        self.stream.reader().read_exact(bytes)?;
-        self.at += bytes.len() as u64;
+    /// The offset in the file.
+    fn place(&self) -> u64 {
+        self.length.saturating_sub(self.left())
+    }
+
+    /// The end of an element or item of this length that begins here.
+    fn end_of(&self, length: u32) -> u64 {
+        if length == UNDEFINED { 0 } else { self.left().saturating_sub(length.into()) }
+    }
+
+    /// Whether there are no more bytes.
+    fn is_at_end(&mut self) -> Result<bool> {
+        Ok(self.group.is_none() && self.input.is_at_end()?)
+    }
+
+    fn skip(&mut self, n: u64) -> Result<()> {
+        refuse_if!(!self.input.skipped(n)?, self.input, "{CUT_SHORT}");
         Ok(())
     }
 
-    fn skip(&mut self, n: u64) -> io::Result<()> {
-        let to = self.at.checked_add(n).filter(|to| *to <= self.length).ok_or(io::ErrorKind::UnexpectedEof)?;
-        match &mut self.stream {
-            Stream::File(file) => file.seek_relative(n.cast_signed())?,
-            Stream::Packed(reader) => {
-                if io::copy(&mut reader.take(n), &mut io::sink())? < n {
-                    return Err(io::ErrorKind::UnexpectedEof.into());
-                }
-            }
-        }
-        self.at = to;
-        Ok(())
+    fn array<const N: usize>(&mut self) -> Result<[u8; N]> {
+        let mut bytes = [0; N];
+        refuse_if!(self.input.fill(&mut bytes)? < N, self.input, "{CUT_SHORT}");
+        Ok(bytes)
     }
 
-    fn u16(&mut self) -> io::Result<u16> {
-        let mut bytes = [0; 2];
-        self.fill(&mut bytes)?;
-        Ok(self.number(bytes))
+    fn u16(&mut self) -> Result<u16> {
+        let bytes: [u8; 2] = self.array()?;
+        Ok(self.set.endian.number(&bytes) as u16)
     }
 
-    fn number(&self, bytes: [u8; 2]) -> u16 {
-        if self.set.endian == Endian::Big { u16::from_be_bytes(bytes) } else { u16::from_le_bytes(bytes) }
-    }
-
-    fn u32(&mut self) -> io::Result<u32> {
-        let mut bytes = [0; 4];
-        self.fill(&mut bytes)?;
-        Ok(if self.set.endian == Endian::Big { u32::from_be_bytes(bytes) } else { u32::from_le_bytes(bytes) })
+    fn u32(&mut self) -> Result<u32> {
+        let bytes: [u8; 4] = self.array()?;
+        Ok(self.set.endian.number(&bytes) as u32)
     }
 }
+
+/// The error about a file that ends within an element.
+const CUT_SHORT: &str = "is cut short: an element ends behind the end of the file";

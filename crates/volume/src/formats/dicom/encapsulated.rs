@@ -1,18 +1,16 @@
-//! Compressed pixels: a sequence of fragments, of which each frame has one or more (PS3.5, A.4).
+//! Compressed pixels: a sequence of fragments; each frame has one or more of them (PS3.5, A.4).
 
-use std::io::{Read, Seek, SeekFrom};
+use std::io::{self, Read, Seek, SeekFrom};
 
 use jpeg_decoder::{ColorTransform, PixelFormat};
 
 use super::dataset::Dataset;
-use crate::error::{Error, Result};
+use crate::error::{Damage, Error, Result, refuse, refuse_if};
 use crate::memory::{self, reserved, samples_in};
 use crate::names::counted;
+use crate::volume::Endian;
 
-/// The most fragments of a file.
-const MAX_FRAGMENTS: usize = 1 << 20;
-
-/// How pixels are compressed.
+/// The codec of compressed pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Codec {
     Rle,
@@ -41,10 +39,9 @@ pub(super) fn syntax_of(uid: &str) -> Option<(&'static str, Option<Codec>)> {
     SYNTAXES.iter().find(|(known, ..)| *known == uid).map(|(_, name, codec)| (*name, *codec))
 }
 
-/// Where the frames of a file are: the fragments of each, by offset and length.
+/// The frames of a file: each has one or more fragments.
 pub(super) struct Frames {
     pub(super) codec: Codec,
-    fragments: Vec<[u64; 2]>,
     /// The first fragment of each frame.
     firsts: Vec<usize>,
 }
@@ -62,127 +59,100 @@ pub(super) struct Size {
     pub(super) is_rgb: bool,
 }
 
+impl Size {
+    /// Refuses a picture of another size.
+    fn check(self, width: u32, height: u32) -> io::Result<()> {
+        let is_same = (width as usize, height as usize) == (self.columns, self.rows);
+        refuse_if!(!is_same, Damage, "a picture of {width} x {height}");
+        Ok(())
+    }
+}
+
 impl Frames {
-    /// Finds the fragments of a file with so many frames whose pixels begin at `start`.
-    pub(super) fn find(set: &Dataset, start: u64, frames: usize, codec: Codec) -> Result<Self> {
-        let damaged = |reason: &str| Error::format(&set.path, reason);
-        let read_error = |source| Error::Read { path: set.path.clone(), source };
-        let mut file = set.open().map_err(read_error)?;
-        let end = file.seek(SeekFrom::End(0)).map_err(read_error)?;
-        let (mut at, mut table, mut fragments) = (start, None, Vec::new());
-        loop {
-            let mut head = [0; 8];
-            if end.saturating_sub(at) < 8 {
-                break;
-            }
-            file.seek(SeekFrom::Start(at)).and_then(|_| file.read_exact(&mut head)).map_err(read_error)?;
-            let [a, b, c, d, length @ ..] = head;
-            let (length, content) = (u64::from(u32::from_le_bytes(length)), at + 8);
-            match [a, b, c, d] {
-                [0xfe, 0xff, 0x00, 0xe0] if length <= end - content => {}
-                // The mark of the end.
-                [0xfe, 0xff, 0xdd, 0xe0] => break,
-                [0xfe, 0xff, 0x00, 0xe0] => {
-                    return Err(damaged("is cut short: a fragment ends behind the end of the file"));
-                }
-                _ => return Err(damaged("is damaged: a fragment does not begin where it should")),
-            }
-            match &table {
-                // The first item has the offsets of frames, or nothing.
-                None => {
-                    let mut offsets = vec![0; length.min(4 * frames as u64) as usize];
-                    file.read_exact(&mut offsets).map_err(read_error)?;
-                    table = Some(offsets);
-                }
-                Some(_) if fragments.len() == MAX_FRAGMENTS => return Err(damaged("has too many fragments")),
-                Some(_) => fragments.push([content, length]),
-            }
-            at = content + length;
-        }
-        let offsets = table.unwrap_or_default();
-        let (offsets, _) = offsets.as_chunks::<4>();
-        let first = fragments.first().map_or(0, |[content, _]| content - 8);
-        let starting = |offset: &[u8; 4]| {
-            let content = first + u64::from(u32::from_le_bytes(*offset)) + 8;
-            fragments.binary_search_by_key(&content, |[content, _]| *content).ok()
+    /// Distributes the fragments of a file over `frames` frames.
+    pub(super) fn find(set: &Dataset, frames: usize, codec: Codec) -> Result<Self> {
+        // The table counts from the mark of the first fragment.
+        let after = |next: &mut u64, [_, length]: &[u64; 2]| {
+            *next += 8 + length;
+            Some(*next - 8 - length)
         };
+        let places: Vec<u64> = set.fragments.iter().scan(0, after).collect();
+        let (offsets, _) = set.frame_table.as_chunks::<4>();
+        let starting = |offset: &[u8; 4]| places.binary_search(&u32::from_le_bytes(*offset).into()).ok();
         let firsts = match () {
-            () if frames == 1 && !fragments.is_empty() => Some(vec![0]),
-            () if frames == fragments.len() => Some((0..frames).collect()),
+            () if frames == 1 && !places.is_empty() => Some(vec![0]),
+            () if frames == places.len() => Some((0..frames).collect()),
             () if offsets.len() == frames => offsets.iter().map(starting).collect(),
             () => None,
         };
-        let firsts = firsts.filter(|firsts: &Vec<usize>| firsts.is_sorted());
-        let Some(firsts) = firsts else {
-            let (frames, fragments) = (counted(frames as u64, "frame"), counted(fragments.len() as u64, "fragment"));
-            let reason = format!("has {frames} in {fragments}, and no table tells them apart");
-            return Err(Error::format(&set.path, reason));
-        };
-        Ok(Self { codec, fragments, firsts })
+        match firsts.filter(|firsts: &Vec<usize>| firsts.is_sorted()) {
+            Some(firsts) => Ok(Self { codec, firsts }),
+            None => {
+                let (frames, found) = (counted(frames as u64, "frame"), counted(places.len() as u64, "fragment"));
+                refuse!(set, "has {frames} in {found}, and no table tells them apart")
+            }
+        }
     }
 
-    /// The samples of a frame as stored, without signs, those of a pixel beside each other.
+    /// Returns the samples of a frame as stored, without signs; the samples of a pixel are neighbours.
     pub(super) fn pixels(&self, set: &Dataset, frame: usize, size: Size) -> Result<Vec<u64>> {
-        let read_error = |source| Error::Read { path: set.path.clone(), source };
-        let first = self.firsts.get(frame).copied().unwrap_or(self.fragments.len());
-        let end = self.firsts.get(frame + 1).copied().unwrap_or(self.fragments.len());
-        let fragments = self.fragments.get(first..end).unwrap_or_default();
-        let mut file = set.open().map_err(read_error)?;
+        let first = |frame: usize| self.firsts.get(frame).copied().unwrap_or(set.fragments.len());
+        let fragments = set.fragments.get(first(frame)..first(frame + 1)).unwrap_or_default();
+        let mut file = set.open().map_err(Error::read(&set.path))?;
         let mut packed = Vec::new();
         for &[offset, length] in fragments {
-            file.seek(SeekFrom::Start(offset)).map_err(read_error)?;
-            (&mut file).take(length).read_to_end(&mut packed).map_err(read_error)?;
+            file.seek(SeekFrom::Start(offset)).map_err(Error::read(&set.path))?;
+            (&mut file).take(length).read_to_end(&mut packed).map_err(Error::read(&set.path))?;
         }
         let count = size.columns.saturating_mul(size.rows).saturating_mul(size.samples) as u64;
         let what = || samples_in(&set.path);
         // Codecs of other crates cannot be refused memory without an abort.
         memory::check(count.saturating_mul(if self.codec == Codec::Jpeg2000 { 24 } else { 12 }), what)?;
         let mut pixels = reserved(count, what)?;
-        let failed = |reason: String| {
-            let name = syntax_of(&set.syntax).map(|(name, _)| name).unwrap_or_default();
-            Error::format(&set.path, format!("frame {}: {name}: {reason}", frame + 1))
+        let unpacked = match self.codec {
+            Codec::Rle => unpack_rle(&packed, size, &mut pixels),
+            Codec::Jpeg => unpack_jpeg(&packed, size, &mut pixels),
+            Codec::Jpeg2000 => unpack_jpeg_2000(&packed, size, &mut pixels),
         };
-        match self.codec {
-            Codec::Rle => unpack_rle(&packed, size, &mut pixels).map_err(|reason| failed(reason.to_owned()))?,
-            Codec::Jpeg => unpack_jpeg(&packed, size, &mut pixels).map_err(failed)?,
-            Codec::Jpeg2000 => unpack_jpeg_2000(&packed, size, &mut pixels).map_err(failed)?,
-        }
-        if pixels.len() as u64 == count {
-            return Ok(pixels);
-        }
-        Err(failed(format!("{} samples, expected {count}", pixels.len())))
+        let reason = match unpacked {
+            Ok(()) if pixels.len() as u64 == count => return Ok(pixels),
+            Ok(()) => format!("{} samples, expected {count}", pixels.len()),
+            Err(reason) => reason.to_string(),
+        };
+        let name = syntax_of(&set.syntax).map(|(name, _)| name).unwrap_or_default();
+        refuse!(set, "frame {}: {name}: {reason}", frame + 1)
     }
 }
 
 /// Run lengths as in PackBits, of the highest bytes of the first sample of all pixels, then of the next ones, then of
 /// the next sample (PS3.5, G).
-fn unpack_rle(packed: &[u8], size: Size, pixels: &mut Vec<u64>) -> Result<(), &'static str> {
+fn unpack_rle(packed: &[u8], size: Size, pixels: &mut Vec<u64>) -> io::Result<()> {
     let word = |n: usize| {
-        let bytes = packed.get(4 * n..).and_then(<[u8]>::first_chunk::<4>);
-        bytes.map(|bytes| u32::from_le_bytes(*bytes) as usize).ok_or("its header is cut short")
+        let bytes = packed.get(4 * n..4 * n + 4).ok_or_else(|| Damage.error("its header is cut short"))?;
+        Ok::<_, io::Error>(Endian::Little.number(bytes) as usize)
     };
     let segments = word(0)?;
-    if segments != size.bytes * size.samples {
-        return Err("it has another number of segments than a pixel has bytes");
-    }
-    let count = size.columns * size.rows;
+    let are_bytes = segments == size.bytes * size.samples;
+    refuse_if!(!are_bytes, Damage, "it has another number of segments than a pixel has bytes");
+    let (count, cut) = (size.columns * size.rows, || Damage.error("a segment is cut short"));
     pixels.resize(count * size.samples, 0);
     for segment in 0..segments {
         let start = word(1 + segment)?;
         let end = if segment + 1 < segments { word(2 + segment)? } else { packed.len() };
-        let mut bytes = packed.get(start..end).ok_or("a segment ends behind the frame")?.iter().copied();
+        let mut bytes =
+            packed.get(start..end).ok_or_else(|| Damage.error("a segment ends behind the frame"))?.iter().copied();
         let mut to = pixels.iter_mut().skip(segment / size.bytes).step_by(size.samples);
         let mut put = |byte: u8| to.next().map(|pixel| *pixel = *pixel << 8 | u64::from(byte)).is_some();
         let mut done = 0;
         while done < count {
-            let length = bytes.next().ok_or("a segment is cut short")?;
+            let length = bytes.next().ok_or_else(cut)?;
             let (run, repeated) = match length {
                 0..=127 => (usize::from(length) + 1, None),
                 128 => continue,
-                _ => (257 - usize::from(length), Some(bytes.next().ok_or("a segment is cut short")?)),
+                _ => (257 - usize::from(length), Some(bytes.next().ok_or_else(cut)?)),
             };
             for _ in 0..run {
-                let byte = repeated.or_else(|| bytes.next()).ok_or("a segment is cut short")?;
+                let byte = repeated.or_else(|| bytes.next()).ok_or_else(cut)?;
                 // A run may reach behind the last pixel, where the length of a segment was made even.
                 if !put(byte) {
                     break;
@@ -194,68 +164,55 @@ fn unpack_rle(packed: &[u8], size: Size, pixels: &mut Vec<u64>) -> Result<(), &'
     Ok(())
 }
 
-fn unpack_jpeg(packed: &[u8], size: Size, pixels: &mut Vec<u64>) -> Result<(), String> {
+fn unpack_jpeg(packed: &[u8], size: Size, pixels: &mut Vec<u64>) -> io::Result<()> {
     let mut decoder = jpeg_decoder::Decoder::new(packed);
     let most = size.columns.saturating_mul(size.rows).saturating_mul(2).saturating_mul(size.samples);
     decoder.set_max_decoding_buffer_size(most);
     if size.is_rgb {
         decoder.set_color_transform(ColorTransform::RGB);
     }
-    decoder.read_info().map_err(|error| error.to_string())?;
-    let info = decoder.info().ok_or("no header")?;
-    let found = (usize::from(info.width), usize::from(info.height));
-    if found != (size.columns, size.rows) {
-        return Err(format!("a picture of {} x {}", found.0, found.1));
-    }
+    decoder.read_info().map_err(io::Error::other)?;
+    let info = decoder.info().ok_or_else(|| Damage.error("no header"))?;
+    size.check(info.width.into(), info.height.into())?;
     let bytes = match (info.pixel_format, size.samples) {
         (PixelFormat::L8, 1) | (PixelFormat::RGB24, 3) => 1,
         (PixelFormat::L16, 1) => 2,
-        (PixelFormat::L8 | PixelFormat::L16, _) => return Err("grey values, expected colours".to_owned()),
-        (PixelFormat::RGB24 | PixelFormat::CMYK32, _) => return Err("colours, expected grey values".to_owned()),
+        (PixelFormat::L8 | PixelFormat::L16, _) => refuse!(Damage, "grey values, expected colours"),
+        (PixelFormat::RGB24 | PixelFormat::CMYK32, _) => refuse!(Damage, "colours, expected grey values"),
     };
-    if bytes > size.bytes {
-        return Err(format!("{bytes} bytes a pixel, expected {}", size.bytes));
-    }
-    let content = decoder.decode().map_err(|error| error.to_string())?;
-    if bytes == 1 {
-        pixels.extend(content.into_iter().map(u64::from));
-    } else {
-        pixels.extend(content.as_chunks::<2>().0.iter().map(|two| u64::from(u16::from_ne_bytes(*two))));
-    }
+    refuse_if!(bytes > size.bytes, Damage, "{bytes} bytes a pixel, expected {}", size.bytes);
+    let content = decoder.decode().map_err(io::Error::other)?;
+    pixels.extend(content.chunks_exact(bytes).map(|sample| Endian::NATIVE.number(sample)));
     Ok(())
 }
 
 #[cfg(not(feature = "jpeg2000"))]
-fn unpack_jpeg_2000(_: &[u8], _: Size, _: &mut Vec<u64>) -> Result<(), String> {
-    Err("this build has no decoder of it: build it with --features jpeg2000".to_owned())
+fn unpack_jpeg_2000(_: &[u8], _: Size, _: &mut Vec<u64>) -> io::Result<()> {
+    refuse!(Damage, "this build has no decoder of it: build it with --features jpeg2000")
 }
 
 #[cfg(feature = "jpeg2000")]
-fn unpack_jpeg_2000(packed: &[u8], size: Size, pixels: &mut Vec<u64>) -> Result<(), String> {
+fn unpack_jpeg_2000(packed: &[u8], size: Size, pixels: &mut Vec<u64>) -> io::Result<()> {
     use hayro_jpeg2000::{DecodeSettings, DecoderContext, Image};
 
     let settings = DecodeSettings { resolve_palette_indices: false, strict: true, target_resolution: None };
     // The standard wants the code stream alone. Some files have boxes around it, which repeat what DICOM says.
     let start = packed.windows(4).position(|four| four == [0xff, 0x4f, 0xff, 0x51]).unwrap_or(0);
     let packed = packed.get(start..).unwrap_or_default();
-    let image = Image::new(packed, &settings).map_err(|error| error.to_string())?;
-    if (image.width() as usize, image.height() as usize) != (size.columns, size.rows) {
-        return Err(format!("a picture of {} x {}", image.width(), image.height()));
-    }
+    let image = Image::new(packed, &settings).map_err(io::Error::other)?;
+    size.check(image.width(), image.height())?;
     let depth = u32::from(image.original_bit_depth());
-    if depth == 0 || depth > 8 * size.bytes as u32 || depth > 24 {
-        return Err(format!("{depth} bits a pixel, expected at most {}", 8 * size.bytes));
-    }
+    let most = (8 * size.bytes as u32).min(24);
+    refuse_if!(!(1..=most).contains(&depth), Damage, "{depth} bits a pixel, expected at most {most}");
     let mut context = DecoderContext::default();
-    let decoded = image.decode(&mut context).map_err(|error| error.to_string())?;
+    let decoded = image.decode(&mut context).map_err(io::Error::other)?;
     let components = decoded.components();
-    if components.len() != size.samples {
-        return Err(format!("{} components, expected {}", components.len(), size.samples));
-    }
-    // The crate moves signed samples up, as it should unsigned ones alone.
+    let found = components.len();
+    refuse_if!(found != size.samples, Damage, "{found} components, expected {}", size.samples);
+    // The crate adds half of the range to signed samples too.
     let is_signed = packed.get(42).is_some_and(|precision| precision & 0x80 != 0);
     let moved = if is_signed { 1_i64 << (depth - 1) } else { 0 };
-    // What is not lossless can be just outside of what the bits can say.
+    // Lossy samples can lie just outside of the range.
     let sample = |sample: f32| ((sample.round() as i64).clamp(0, (1 << depth) - 1) - moved).cast_unsigned();
     let all: Vec<&[f32]> = components.iter().map(|component| component.samples()).collect();
     let shortest = all.iter().map(|samples| samples.len()).min().unwrap_or(0);

@@ -14,7 +14,6 @@ mod times;
 
 use std::io::SeekFrom;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 use glam::DVec3;
 
@@ -22,13 +21,12 @@ use self::dataset::Dataset;
 use self::encapsulated::{Codec, Frames, Size, syntax_of};
 use self::palette::Table;
 use self::times::in_times;
-use super::decode::lattice;
 use super::placement::Placement;
 use super::{LoadOptions, MissingSlices, selection};
-use crate::error::{Error, Hint, Result};
+use crate::error::{Error, Hint, Result, Subject, refuse, refuse_if};
 use crate::memory::{reserved, samples_in};
 use crate::names::{counted, readable};
-use crate::volume::{Endian, Samples, Stored, Units, Volume};
+use crate::volume::{Endian, Samples, Units, Volume};
 
 const IMAGE_TYPE: u32 = 0x0008_0008;
 const SOP_CLASS: u32 = 0x0008_0016;
@@ -58,7 +56,7 @@ const DOSE_UNITS: u32 = 0x3004_0002;
 const FRAME_OFFSETS: u32 = 0x3004_000c;
 const DOSE_SCALING: u32 = 0x3004_000e;
 
-/// The SOP classes of secondary captures begin so.
+/// The beginning of the SOP classes of secondary captures.
 const SECONDARY_CAPTURE: &str = "1.2.840.10008.5.1.4.1.1.7";
 
 /// One section of a volume.
@@ -70,24 +68,27 @@ struct Slice {
     position: DVec3,
     slope: f64,
     intercept: f64,
-    /// Of a missing slice: the next one that is there, and its share. The rest is that of the slice before.
+    /// The next slice that is there and its weight, if this slice is missing; the slice before has the rest.
     behind: Option<(Box<Self>, f64)>,
 }
 
-/// What all slices share.
-#[derive(PartialEq)]
+/// The properties that all slices share.
 struct Plane {
     columns: u16,
     rows: u16,
     pixels: Pixels,
     colors: Colors,
+    /// Whether each colour has a plane of its own in a frame.
+    planar: bool,
+    /// Bytes of a sample in the volume.
+    bytes: u32,
     /// Directions of rows and columns.
     directions: [DVec3; 2],
     /// Distances between columns and between rows.
     spacing: [f64; 2],
 }
 
-/// How pixels are written.
+/// The bits of a pixel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Pixels {
     /// Bits of a sample: 1, 8, 16 or 32.
@@ -97,33 +98,27 @@ struct Pixels {
     signed: bool,
 }
 
-/// What the samples of a pixel are.
+/// The meaning of the samples of a pixel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Colors {
     Grey,
-    /// Red, green and blue; `planar` if each has a plane of its own in a frame.
-    Rgb {
-        planar: bool,
-    },
+    /// Red, green and blue.
+    Rgb,
     /// Luma and the differences of blue and red, of 8 bits (PS3.3, C.7.6.3.1.2).
-    Ybr {
-        planar: bool,
-    },
+    Ybr,
     /// Two of luma, and the differences that both pixels have, of 8 bits.
     Ybr422,
-    /// An index into tables of red, green and blue with entries of so many bytes.
-    Palette {
-        bytes: u32,
-    },
+    /// An index into tables of red, green and blue.
+    Palette,
 }
 
 impl Colors {
     /// The samples of a pixel in the file.
     fn stored(self) -> usize {
         match self {
-            Self::Grey | Self::Palette { .. } => 1,
+            Self::Grey | Self::Palette => 1,
             Self::Ybr422 => 2,
-            Self::Rgb { .. } | Self::Ybr { .. } => 3,
+            Self::Rgb | Self::Ybr => 3,
         }
     }
 
@@ -139,7 +134,7 @@ pub(super) fn read_files(source: &Path, files: &[PathBuf], options: &LoadOptions
     // A report or a directory file has no pixels.
     sets.retain(|set| set.pixels.is_some());
     let sets = chosen(source, sets, options.series)?;
-    let Some(first) = sets.first() else { return Err(Error::format(source, "is DICOM without pixels")) };
+    let Some(first) = sets.first() else { refuse!(source, "is DICOM without pixels") };
     let plane = Plane::of(first, 0)?;
     let mut times = in_times(source, &sets, sorted(source, &sets, &plane)?)?;
     let mut contents = selection::chosen(source, options, plane.colors.channels().into(), times.len() as u64)?;
@@ -149,11 +144,15 @@ pub(super) fn read_files(source: &Path, files: &[PathBuf], options: &LoadOptions
     let (slices, channel) = (times.swap_remove(contents.time as usize), contents.channel as usize);
     let slices = match options.missing_slices {
         MissingSlices::Refuse => slices,
-        MissingSlices::Interpolate => completed(source, &sets, slices, &plane, &mut contents.notes)?,
+        MissingSlices::Interpolate => {
+            let (slices, notes) = completed(source, &sets, slices, plane.normal())?;
+            contents.notes.extend(notes);
+            slices
+        }
     };
     let placement = placed(source, &sets, &slices, &plane)?;
-    let dims = lattice(source, &[plane.columns.into(), plane.rows.into(), slices.len() as i64])?;
-    let grid = placement.grid(source, dims, options.spacing)?;
+    let sizes = [plane.columns.into(), plane.rows.into(), slices.len() as i64];
+    let grid = placement.grid(source, &sizes, options.spacing)?;
     let maps: Vec<(f64, f64)> = slices.iter().map(|slice| (slice.slope, slice.intercept)).collect();
     let same = maps.windows(2).all(|pair| pair[0] == pair[1]);
     let unit = match (first.text(MODALITY).as_str(), first.text(DOSE_UNITS).as_str()) {
@@ -164,46 +163,35 @@ pub(super) fn read_files(source: &Path, files: &[PathBuf], options: &LoadOptions
     let units = Units { length: None, value: unit.map(str::to_owned) };
 
     let frames = pixels_in(source, &sets, &slices, plane.frame_bits())?;
-    let count = grid.len();
-    let what = || samples_in(source);
     let raw = |slice: &Slice| pixels_of(&sets[slice.file], frames[slice.file].as_ref(), slice.frame, &plane, channel);
-    let read = |slice: &Slice, value: fn(&Slice, i64) -> f64| -> Result<Vec<f64>> {
+    let value = |slice: &Slice, raw: i64| if same { raw as f64 } else { slice.slope * raw as f64 + slice.intercept };
+    let values = |slice: &Slice| -> Result<Vec<f64>> {
         let near = raw(slice)?.into_iter().map(|raw| value(slice, raw));
         Ok(match &slice.behind {
             None => near.collect(),
             Some((next, share)) => near.zip(raw(next)?).map(|(a, b)| a + (value(next, b) - a) * share).collect(),
         })
     };
-    macro_rules! whole {
-        ($variant:ident $t:ty) => {{
-            let mut all: Vec<$t> = reserved(count, what)?;
+    macro_rules! all {
+        ($variant:ident, $sample:expr) => {{
+            let mut all = reserved(grid.len(), || samples_in(source))?;
             for slice in &slices {
-                all.extend(read(slice, |_, raw| raw as f64)?.into_iter().map(|value| value.round() as $t));
+                all.extend(values(slice)?.into_iter().map($sample));
             }
             Samples::$variant(all)
         }};
     }
-    let (bytes, signed) = match plane.colors {
-        Colors::Palette { bytes } => (bytes, false),
-        _ => (plane.pixels.bytes(), plane.pixels.signed),
+    let signed = plane.pixels.signed && plane.colors != Colors::Palette;
+    let samples = match (same, plane.bytes, signed) {
+        (false, ..) => all!(F32, |value| value as f32),
+        (_, 1, false) => all!(U8, |value| value.round() as u8),
+        (_, 1, true) => all!(I8, |value| value.round() as i8),
+        (_, 2, false) => all!(U16, |value| value.round() as u16),
+        (_, 2, true) => all!(I16, |value| value.round() as i16),
+        (_, _, false) => all!(U32, |value| value.round() as u32),
+        (_, _, true) => all!(I32, |value| value.round() as i32),
     };
-    let samples = match (same, bytes, signed) {
-        (false, ..) => {
-            let mut all: Vec<f32> = reserved(count, what)?;
-            for slice in &slices {
-                let values = read(slice, |of, raw| of.slope * raw as f64 + of.intercept)?;
-                all.extend(values.into_iter().map(|value| value as f32));
-            }
-            Samples::F32(all)
-        }
-        (_, 1, false) => whole!(U8 u8),
-        (_, 1, true) => whole!(I8 i8),
-        (_, 2, false) => whole!(U16 u16),
-        (_, 2, true) => whole!(I16 i16),
-        (_, _, false) => whole!(U32 u32),
-        (_, _, true) => whole!(I32 i32),
-    };
-    let volume = placement.volume(grid, Stored::Memory(Arc::new(samples)))?.with_units(units).with_contents(contents);
+    let volume = placement.volume(grid, samples.into())?.with_units(units).with_contents(contents);
     match (same, maps.first()) {
         (true, Some(&(slope, intercept))) => volume.with_rescale(slope, intercept),
         _ => Ok(volume),
@@ -232,16 +220,13 @@ fn chosen(source: &Path, sets: Vec<Dataset>, series: Option<u32>) -> Result<Vec<
     };
     let index = match series {
         None if all.len() > 1 => {
-            let mut error = Error::format(source, format!("holds {} series: {}", all.len(), listed()));
-            if let Error::Format { hint, .. } = &mut error {
-                *hint = Some(Hint::ChooseSeries);
-            }
-            return Err(error);
+            let reason = format!("holds {} series: {}", all.len(), listed());
+            return Err(source.error(reason).hinted(Hint::ChooseSeries));
         }
         None => 0,
         Some(n) if n == 0 || n as usize > all.len() => {
-            let reason = format!("{n}, but {} has 1 to {}: {}", source.display(), all.len(), listed());
-            return Err(Error::Setting { name: "series", reason });
+            let (path, count) = (source.display(), all.len());
+            return Err(Error::setting("series", format!("{n}, but {path} has 1 to {count}: {}", listed())));
         }
         Some(n) => n as usize - 1,
     };
@@ -255,31 +240,25 @@ fn chosen(source: &Path, sets: Vec<Dataset>, series: Option<u32>) -> Result<Vec<
 
 impl Plane {
     fn of(set: &Dataset, frame: usize) -> Result<Self> {
-        let refused = |reason: String| Error::format(&set.path, reason);
-        let required = |tag: u32, name: &str| set.u16(tag).ok_or_else(|| refused(format!("has no {name}")));
+        let required = |tag: u32, name: &str| set.u16(tag).ok_or_else(|| set.error(format!("has no {name}")));
         let (rows, columns) = (required(ROWS, "number of rows")?, required(COLUMNS, "number of columns")?);
-        let planar = set.u16(PLANAR) == Some(1);
         let photometric = set.text(PHOTOMETRIC);
         // Codecs of colours give red, green and blue; run lengths and lossless JPEG are none.
         let is_lossless = ["1.2.840.10008.1.2.4.57", "1.2.840.10008.1.2.4.70"].contains(&set.syntax.as_str());
         let by_codec = !is_lossless && syntax_of(&set.syntax).is_some_and(|(_, codec)| codec != Some(Codec::Rle));
         let colors = match (set.u16(CHANNELS).unwrap_or(1), photometric.as_str()) {
-            (1, "PALETTE COLOR") => Colors::Palette { bytes: palette::bytes_of_entries(set)? },
+            (1, "PALETTE COLOR") => Colors::Palette,
             (1, _) => Colors::Grey,
-            (3, "RGB" | "YBR_ICT" | "YBR_RCT") => Colors::Rgb { planar },
-            (3, "YBR_FULL" | "YBR_FULL_422" | "YBR_PARTIAL_420") if by_codec => Colors::Rgb { planar },
+            (3, "RGB" | "YBR_ICT" | "YBR_RCT") => Colors::Rgb,
+            (3, "YBR_FULL" | "YBR_FULL_422" | "YBR_PARTIAL_420") if by_codec => Colors::Rgb,
             (3, "YBR_FULL_422") if syntax_of(&set.syntax).is_none() => {
-                if columns % 2 == 1 {
-                    return Err(refused(format!("has {columns} columns of YBR_FULL_422, expected an even number")));
-                }
+                refuse_if!(columns % 2 == 1, set, "has {columns} columns of YBR_FULL_422, expected an even number");
                 Colors::Ybr422
             }
-            (3, "YBR_FULL" | "YBR_FULL_422") => Colors::Ybr { planar },
+            (3, "YBR_FULL" | "YBR_FULL_422") => Colors::Ybr,
             (channels, photometric) => {
-                let what = format!("{channels} samples per pixel of the kind {photometric:?}");
-                return Err(refused(format!(
-                    "has {what}: expected grey values, a palette, RGB, YBR_FULL or YBR_FULL_422"
-                )));
+                let expected = "grey values, a palette, RGB, YBR_FULL or YBR_FULL_422";
+                refuse!(set, "has {channels} samples per pixel of the kind {photometric:?}: expected {expected}")
             }
         };
         let allocated = u32::from(required(BITS_ALLOCATED, "number of bits")?);
@@ -287,17 +266,25 @@ impl Plane {
         let high = set.u16(HIGH_BIT).map_or(stored.saturating_sub(1), u32::from);
         let is_packed = allocated == 1 && (colors != Colors::Grey || syntax_of(&set.syntax).is_some());
         if !matches!(allocated, 1 | 8 | 16 | 32) || is_packed || stored == 0 || high >= allocated || stored > high + 1 {
-            return Err(refused(format!("has {stored} bits up to bit {high} in {allocated}, which is not read")));
+            refuse!(set, "has {stored} bits up to bit {high} in {allocated}, which is not read");
         }
         let pixels = Pixels { allocated, stored, high, signed: set.u16(SIGNED) == Some(1) };
-        let is_chroma = matches!(colors, Colors::Ybr { .. } | Colors::Ybr422);
+        let is_chroma = matches!(colors, Colors::Ybr | Colors::Ybr422);
         if is_chroma && (allocated, stored, pixels.signed) != (8, 8, false) {
-            return Err(refused(format!("has {stored} bits of {photometric}, expected 8 without sign")));
+            refuse!(set, "has {stored} bits of {photometric}, expected 8 without sign");
         }
         let [x, y, z, a, b, c] = set.numbers(frame, ORIENTATION).unwrap_or([1.0, 0.0, 0.0, 0.0, 1.0, 0.0]);
         let [between_rows, between_columns] = set.numbers(frame, PIXEL_SPACING).unwrap_or([1.0; 2]);
         let directions = [DVec3::new(x, y, z), DVec3::new(a, b, c)];
-        Ok(Self { columns, rows, pixels, colors, directions, spacing: [between_columns, between_rows] })
+        let planar = set.u16(PLANAR) == Some(1) && matches!(colors, Colors::Rgb | Colors::Ybr);
+        let bytes = if colors == Colors::Palette { palette::bytes_of_entries(set)? } else { allocated.div_ceil(8) };
+        let spacing = [between_columns, between_rows];
+        Ok(Self { columns, rows, pixels, colors, planar, bytes, directions, spacing })
+    }
+
+    /// The normal of the plane.
+    fn normal(&self) -> DVec3 {
+        self.directions[0].cross(self.directions[1])
     }
 
     /// The bits of an uncompressed frame.
@@ -307,26 +294,16 @@ impl Plane {
     }
 }
 
-impl Pixels {
-    /// Bytes of a sample.
-    fn bytes(self) -> u32 {
-        self.allocated.div_ceil(8)
-    }
-}
-
 /// The places of the frames of a dose along the normal of their plane, from the position of the file (PS3.3,
 /// C.8.8.3.2); `None` if it states none.
 fn dose_offsets(set: &Dataset, normal: DVec3, frames: usize) -> Result<Option<Vec<f64>>> {
-    let refused = |reason: String| Err(Error::format(&set.path, reason));
     if frames == 1 || set.value(FRAME_OFFSETS).is_none_or(<[u8]>::is_empty) {
         return Ok(None);
     }
     let Some(mut offsets) = set.list(FRAME_OFFSETS) else {
-        return refused("has offsets of frames that are no numbers".to_owned());
+        refuse!(set, "has offsets of frames that are no numbers");
     };
-    if offsets.len() != frames {
-        return refused(format!("has offsets of {} frames, expected {frames}", offsets.len()));
-    }
+    refuse_if!(offsets.len() != frames, set, "has offsets of {} frames, expected {frames}", offsets.len());
     // Offsets that do not begin with 0 are coordinates along z, which transverse planes may have.
     let start = set.numbers(0, POSITION).map_or(0.0, |[_, _, z]: [f64; 3]| z);
     let first = offsets.first().copied().unwrap_or(0.0);
@@ -338,26 +315,21 @@ fn dose_offsets(set: &Dataset, normal: DVec3, frames: usize) -> Result<Option<Ve
 
 /// The slices along the normal of their plane.
 fn sorted(source: &Path, sets: &[Dataset], plane: &Plane) -> Result<Vec<Slice>> {
-    let normal = plane.directions[0].cross(plane.directions[1]);
+    let normal = plane.normal();
     let mut slices = Vec::new();
     for (file, set) in sets.iter().enumerate() {
         let [frames] = set.numbers(0, FRAMES).unwrap_or([1.0]);
-        if !(1.0..=f64::from(u16::MAX)).contains(&frames) {
-            return Err(Error::format(&set.path, format!("has {frames} frames")));
-        }
+        refuse_if!(!(1.0..=f64::from(u16::MAX)).contains(&frames), set, "has {frames} frames");
         let offsets = dose_offsets(set, normal, frames as usize)?;
         for frame in 0..frames as usize {
             let other = Plane::of(set, frame)?;
             let near = |a: DVec3, b: DVec3| a.distance(b) < 1e-3;
             let turned = !(0..2).all(|i| near(other.directions[i], plane.directions[i]));
             let scaled = (0..2).any(|i| (other.spacing[i] / plane.spacing[i] - 1.0).abs() > 1e-3);
-            if turned
-                || scaled
-                || (other.columns, other.rows, other.pixels) != (plane.columns, plane.rows, plane.pixels)
-                || other.colors != plane.colors
-            {
+            let kind = |p: &Plane| (p.columns, p.rows, p.pixels, p.colors, p.planar, p.bytes);
+            if turned || scaled || kind(&other) != kind(plane) {
                 let of = sets.first().map(|set| set.path.display().to_string()).unwrap_or_default();
-                return Err(Error::format(&set.path, format!("has another size, type, spacing or plane than {of}")));
+                refuse!(set, "has another size, type, spacing or plane than {of}");
             }
             let offset = offsets.as_ref().and_then(|offsets| offsets.get(frame).copied()).unwrap_or(0.0);
             let position = set.numbers(frame, POSITION).map(|place| DVec3::from_array(place) + normal * offset);
@@ -370,13 +342,11 @@ fn sorted(source: &Path, sets: &[Dataset], plane: &Plane) -> Result<Vec<Slice>> 
                 _ => None,
             };
             let Some(position) = position.or_else(|| number().map(|number| normal * number)) else {
-                return Err(Error::format(&set.path, "has no position"));
+                refuse!(set, "has no position");
             };
             let [slope] = set.numbers(frame, SLOPE).or_else(|| set.numbers(0, DOSE_SCALING)).unwrap_or([1.0]);
             let [intercept] = set.numbers(frame, INTERCEPT).unwrap_or([0.0]);
-            if slices.len() > usize::from(u16::MAX) {
-                return Err(Error::format(source, "has over 65535 slices"));
-            }
+            refuse_if!(slices.len() > usize::from(u16::MAX), source, "has over 65535 slices");
             slices.push(Slice { file, frame, position, slope, intercept, behind: None });
         }
     }
@@ -393,13 +363,13 @@ fn name_of(sets: &[Dataset], slice: &Slice) -> String {
     file.to_string_lossy().into_owned()
 }
 
-/// The number of slices that a gap lacks, where slices are usually so far apart.
+/// The number of slices missing in a gap, from the usual distance of slices.
 fn missing_in(gap: f64, usual: f64) -> u64 {
     let times = (gap / usual).round();
     if times >= 2.0 && (gap / usual - times).abs() < 0.05 { times as u64 - 1 } else { 0 }
 }
 
-/// What is said of the slices that are missing between two, if any are.
+/// A sentence about the slices that are missing between two; `None` if there are none.
 fn missing(sets: &[Dataset], pair: &[Slice], normal: DVec3, usual: f64) -> Option<String> {
     let [before, after] = pair else { return None };
     let way = after.position - before.position;
@@ -417,29 +387,31 @@ fn missing(sets: &[Dataset], pair: &[Slice], normal: DVec3, usual: f64) -> Optio
     Some(format!("{count} {are} missing between {before} and {after}, {at}"))
 }
 
-/// The slices with those that are missing between them, which are interpolated; `notes` says so.
-fn completed(
-    source: &Path,
-    sets: &[Dataset],
-    slices: Vec<Slice>,
-    plane: &Plane,
-    notes: &mut Vec<String>,
-) -> Result<Vec<Slice>> {
-    let normal = plane.directions[0].cross(plane.directions[1]);
+/// The distances of neighbouring slices along the normal of their plane, and the usual one; `None` of one slice.
+fn gaps(slices: &[Slice], normal: DVec3) -> Option<(Vec<f64>, f64)> {
     let gap = |pair: &[Slice]| (pair[1].position - pair[0].position).dot(normal);
-    let mut gaps: Vec<f64> = slices.windows(2).map(gap).collect();
-    gaps.sort_by(f64::total_cmp);
-    let Some(&usual) = gaps.get(gaps.len() / 2).filter(|usual| **usual >= APART) else { return Ok(slices) };
-    let lacking =
-        slices.windows(2).map(|pair| missing_in(gap(pair), usual)).fold(slices.len() as u64, u64::saturating_add);
-    if lacking > u64::from(u16::MAX) {
-        return Err(Error::format(source, "has over 65535 slices with those that are missing"));
-    }
-    let mut all = Vec::new();
-    for pair in slices.windows(2) {
+    let gaps: Vec<f64> = slices.windows(2).map(gap).collect();
+    let mut sorted = gaps.clone();
+    sorted.sort_by(f64::total_cmp);
+    let usual = *sorted.get(sorted.len() / 2)?;
+    Some((gaps, usual))
+}
+
+/// Slices, and notes about them.
+type Noted = (Vec<Slice>, Vec<String>);
+
+/// Adds interpolated slices in place of missing ones, and returns notes about them.
+fn completed(source: &Path, sets: &[Dataset], slices: Vec<Slice>, normal: DVec3) -> Result<Noted> {
+    let Some((gaps, usual)) = gaps(&slices, normal).filter(|(_, usual)| *usual >= APART) else {
+        return Ok((slices, Vec::new()));
+    };
+    let counts: Vec<u64> = gaps.iter().map(|gap| missing_in(*gap, usual)).collect();
+    let lacking = counts.iter().fold(slices.len() as u64, |sum, count| sum.saturating_add(*count));
+    refuse_if!(lacking > u64::from(u16::MAX), source, "has over 65535 slices with those that are missing");
+    let (mut all, mut notes) = (Vec::new(), Vec::new());
+    for (pair, count) in slices.windows(2).zip(counts) {
         let [before, after] = pair else { continue };
         all.push(before.clone());
-        let count = missing_in(gap(pair), usual);
         all.extend((1..=count).map(|n| {
             let share = n as f64 / (count + 1) as f64;
             let position = before.position.lerp(after.position, share);
@@ -448,48 +420,38 @@ fn completed(
         notes.extend(missing(sets, pair, normal, usual).map(|said| said + ": interpolated between their neighbours"));
     }
     all.extend(slices.last().cloned());
-    Ok(all)
+    Ok((all, notes))
 }
 
 /// The position of the lattice, if the slices are the same distance apart.
 fn placed(source: &Path, sets: &[Dataset], slices: &[Slice], plane: &Plane) -> Result<Placement> {
-    let [along_rows, along_columns] = plane.directions;
-    let normal = along_rows.cross(along_columns);
-    let (Some(first), Some(last)) = (slices.first(), slices.last()) else {
-        return Err(Error::format(source, "has no slices"));
-    };
+    let ([along_rows, along_columns], normal) = (plane.directions, plane.normal());
+    let (Some(first), Some(last)) = (slices.first(), slices.last()) else { refuse!(source, "has no slices") };
     let name = |slice: &Slice| name_of(sets, slice);
-    let mut gaps: Vec<f64> = slices.windows(2).map(|pair| (pair[1].position - pair[0].position).dot(normal)).collect();
-    for (pair, gap) in slices.windows(2).zip(&gaps) {
-        if gap.abs() < APART {
-            let reason = format!("has two slices at one position: {} and {}", name(&pair[0]), name(&pair[1]));
-            return Err(Error::format(source, reason));
-        }
-    }
-    let step = if gaps.is_empty() {
-        let single = |tag| sets.first().and_then(|set| set.numbers::<1>(0, tag)).map(|[length]| length);
-        normal * single(BETWEEN_SLICES).or(single(SLICE_THICKNESS)).filter(|length| *length > 0.0).unwrap_or(1.0)
-    } else {
-        let all = gaps.clone();
-        gaps.sort_by(f64::total_cmp);
-        let usual = gaps[gaps.len() / 2];
-        for (pair, gap) in slices.windows(2).zip(all) {
-            let between = format!("{} and {}", name(&pair[0]), name(&pair[1]));
-            if missing_in(gap, usual) > 0 {
-                let all = slices.windows(2).filter_map(|pair| missing(sets, pair, normal, usual));
-                let reason = all.collect::<Vec<String>>().join("; ");
-                return Err(Error::format(source, reason).hinted(Hint::InterpolateSlices));
+    let step = if let Some((gaps, usual)) = gaps(slices, normal) {
+        for (pair, gap) in slices.windows(2).zip(&gaps) {
+            if gap.abs() < APART {
+                refuse!(source, "has two slices at one position: {} and {}", name(&pair[0]), name(&pair[1]));
             }
+        }
+        let missing: Vec<String> = slices.windows(2).filter_map(|pair| missing(sets, pair, normal, usual)).collect();
+        if !missing.is_empty() {
+            return Err(source.error(missing.join("; ")).hinted(Hint::InterpolateSlices));
+        }
+        for (pair, gap) in slices.windows(2).zip(&gaps) {
             if (gap / usual - 1.0).abs() > 0.02 {
-                let reason = format!("slices are unequally spaced: {gap:.4} between {between}, {usual:.4} elsewhere");
-                return Err(Error::format(source, reason));
+                let between = format!("{} and {}", name(&pair[0]), name(&pair[1]));
+                refuse!(source, "slices are unequally spaced: {gap:.4} between {between}, {usual:.4} elsewhere");
             }
         }
         (last.position - first.position) / (slices.len() - 1) as f64
+    } else {
+        let single = |tag| sets.first().and_then(|set| set.numbers::<1>(0, tag)).map(|[length]| length);
+        normal * single(BETWEEN_SLICES).or(single(SLICE_THICKNESS)).filter(|length| *length > 0.0).unwrap_or(1.0)
     };
     for (n, slice) in slices.iter().enumerate() {
         if slice.position.distance(first.position + step * n as f64) > 0.05 * step.length() {
-            return Err(Error::format(source, format!("the slice {} is not in a row with the others", name(slice))));
+            refuse!(source, "the slice {} is not in a row with the others", name(slice));
         }
     }
     let length = step.length();
@@ -501,11 +463,9 @@ fn placed(source: &Path, sets: &[Dataset], slices: &[Slice], plane: &Plane) -> R
     })
 }
 
-/// Where the pixels of a file are: compressed frames, or `None` if they follow one another.
+/// The compressed frames of each file; `None` if its frames are uncompressed.
 fn pixels_in(source: &Path, sets: &[Dataset], slices: &[Slice], frame_bits: u64) -> Result<Vec<Option<Frames>>> {
-    if slices.is_empty() {
-        return Err(Error::format(source, "has no slices"));
-    }
+    refuse_if!(slices.is_empty(), source, "has no slices");
     let mut is_used = vec![false; sets.len()];
     slices.iter().for_each(|slice| is_used[slice.file] = true);
     let frames = |(set, is_used): (&Dataset, bool)| {
@@ -514,23 +474,21 @@ fn pixels_in(source: &Path, sets: &[Dataset], slices: &[Slice], frame_bits: u64)
         }
         // All of them, also those at other points in time.
         let frames = set.numbers(0, FRAMES).map_or(1, |[frames]| frames as usize);
-        let refused = |reason: String| Err(Error::format(&set.path, reason));
         match (syntax_of(&set.syntax), set.pixels) {
             (Some((name, None)), _) => {
-                refused(format!("is compressed by {name}, which is not read: decompress it first"))
+                refuse!(set, "is compressed by {name}, which is not read: decompress it first")
             }
-            (Some((_, Some(codec))), Some((start, None))) => Frames::find(set, start, frames, codec).map(Some),
-            (Some((name, _)), _) => refused(format!("is compressed by {name}, but its pixels are in no fragments")),
+            (Some((_, Some(codec))), Some((_, None))) => Frames::find(set, frames, codec).map(Some),
+            (Some((name, _)), _) => refuse!(set, "is compressed by {name}, but its pixels are in no fragments"),
             // Refused before memory is reserved.
             (None, Some((_, Some(length)))) => {
                 let needed = (frames as u64).saturating_mul(frame_bits).div_ceil(8);
-                if length >= needed {
-                    return Ok(None);
-                }
                 let need = if frames == 1 { "frame needs" } else { "frames need" };
-                refused(format!("is cut short: {frames} {need} {needed} bytes, {length} are there"))
+                let is_short = length < needed;
+                refuse_if!(is_short, set, "is cut short: {frames} {need} {needed} bytes, {length} are there");
+                Ok(None)
             }
-            (None, _) => refused(format!("is in the transfer syntax {}, which is not read", set.syntax)),
+            (None, _) => refuse!(set, "is in the transfer syntax {}, which is not read", set.syntax),
         }
     };
     sets.iter().zip(is_used).map(frames).collect()
@@ -539,7 +497,8 @@ fn pixels_in(source: &Path, sets: &[Dataset], slices: &[Slice], frame_bits: u64)
 /// The samples of a channel of a frame as stored: bits beside them are masked, and the sign is extended.
 fn pixels_of(set: &Dataset, frames: Option<&Frames>, frame: usize, plane: &Plane, channel: usize) -> Result<Vec<i64>> {
     let (pixels, colors) = (plane.pixels, plane.colors);
-    let (columns, rows, width) = (usize::from(plane.columns), usize::from(plane.rows), pixels.bytes() as usize);
+    let (columns, rows) = (usize::from(plane.columns), usize::from(plane.rows));
+    let width = pixels.allocated.div_ceil(8) as usize;
     let (above, below) = (64 - 1 - pixels.high, 64 - pixels.stored);
     let value = |raw: u64| {
         let raised = raw << above;
@@ -554,8 +513,7 @@ fn pixels_of(set: &Dataset, frames: Option<&Frames>, frame: usize, plane: &Plane
         let is_rgb = set.text(PHOTOMETRIC) == "RGB";
         all = frames.pixels(set, frame, Size { columns, rows, samples, bytes: width, is_rgb })?;
     } else {
-        is_planar = matches!(colors, Colors::Rgb { planar: true } | Colors::Ybr { planar: true });
-        let read_error = |source| Error::Read { path: set.path.clone(), source };
+        is_planar = plane.planar;
         // Single bits follow one another over the ends of frames.
         let first = frame as u64 * plane.frame_bits();
         let (start, end) = (first / 8, (first + plane.frame_bits()).div_ceil(8));
@@ -570,47 +528,44 @@ fn pixels_of(set: &Dataset, frames: Option<&Frames>, frame: usize, plane: &Plane
         let length = to.min(pixels_end).saturating_sub(from);
         let mut bytes: Vec<u8> = reserved(length, || samples_in(&set.path))?;
         bytes.resize(length as usize, 0);
-        let mut file = set.open().map_err(read_error)?;
-        file.seek(SeekFrom::Start(pixels_at + from)).and_then(|_| file.read_exact(&mut bytes)).map_err(read_error)?;
+        let mut file = set.open().map_err(Error::read(&set.path))?;
+        file.seek(SeekFrom::Start(pixels_at + from))
+            .and_then(|_| file.read_exact(&mut bytes))
+            .map_err(Error::read(&set.path))?;
         if is_swapped {
             bytes.as_chunks_mut::<2>().0.iter_mut().for_each(|two| two.reverse());
         }
         let bytes = bytes.get(before as usize..).unwrap_or_default();
-        let more = |number: u64, byte: &u8| number << 8 | u64::from(*byte);
         if pixels.allocated == 1 {
             let bits = bytes.iter().flat_map(|byte| (0..8).map(move |bit| u64::from(byte >> bit & 1)));
             all.extend(bits.skip((first % 8) as usize).take(count));
         } else {
-            all.extend(bytes.chunks_exact(width).map(|bytes| match set.endian {
-                Endian::Little => bytes.iter().rev().fold(0, more),
-                Endian::Big => bytes.iter().fold(0, more),
-            }));
+            all.extend(bytes.chunks_exact(width).map(|bytes| set.endian.number(bytes)));
         }
     }
     let sample = |pixel: usize, channel: usize| {
-        value(
-            all[match colors {
-                // Two of luma, then what both pixels share.
-                Colors::Ybr422 if channel == 0 => pixel / 2 * 4 + pixel % 2,
-                Colors::Ybr422 => pixel / 2 * 4 + channel + 1,
-                _ if is_planar => channel * area + pixel,
-                _ => pixel * samples + channel,
-            }],
-        )
+        let place = match colors {
+            // Two of luma, then what both pixels share.
+            Colors::Ybr422 if channel == 0 => pixel / 2 * 4 + pixel % 2,
+            Colors::Ybr422 => pixel / 2 * 4 + channel + 1,
+            _ if is_planar => channel * area + pixel,
+            _ => pixel * samples + channel,
+        };
+        value(all[place])
     };
     let mut values = reserved(area as u64, || samples_in(&set.path))?;
     match colors {
-        Colors::Ybr { .. } | Colors::Ybr422 => values.extend((0..area).map(|pixel| {
+        Colors::Ybr | Colors::Ybr422 => values.extend((0..area).map(|pixel| {
             let [y, cb, cr] = [0, 1, 2].map(|channel| sample(pixel, channel) as f64);
             let (blue, red) = (cb - 128.0, cr - 128.0);
             let of = [y + 1.402 * red, y - 0.344_136 * blue - 0.714_136 * red, y + 1.772 * blue];
             of[channel].round().clamp(0.0, 255.0) as i64
         })),
-        Colors::Palette { .. } => {
+        Colors::Palette => {
             let table = Table::of(set, channel, pixels.signed)?;
             values.extend((0..area).map(|pixel| table.at(sample(pixel, 0))));
         }
-        Colors::Grey | Colors::Rgb { .. } => values.extend((0..area).map(|pixel| sample(pixel, channel))),
+        Colors::Grey | Colors::Rgb => values.extend((0..area).map(|pixel| sample(pixel, channel))),
     }
     Ok(values)
 }

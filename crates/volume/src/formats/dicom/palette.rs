@@ -1,7 +1,7 @@
 //! Palettes: tables of red, green and blue by pixel, whole or in segments (PS3.3, C.7.6.3.1.5 and C.7.9.2).
 
 use super::dataset::Dataset;
-use crate::error::{Error, Result};
+use crate::error::{Result, refuse, refuse_if};
 use crate::volume::Endian;
 
 /// The descriptor, the table and the segmented table of red. Green and blue follow by one and two.
@@ -19,26 +19,27 @@ pub(super) struct Table {
 impl Table {
     /// Reads the table of a channel: 0 is red, 1 green, 2 blue.
     pub(super) fn of(set: &Dataset, channel: usize, signed: bool) -> Result<Self> {
-        let refused = |reason: &str| Error::format(&set.path, format!("is in a palette of colours {reason}"));
         let channel = channel as u32;
-        let (count, first) = described(set, channel).ok_or_else(|| refused("without a descriptor"))?;
+        let Some((count, first)) = described(set, channel) else {
+            refuse!(set, "is in a palette of colours without a descriptor");
+        };
         let first = if signed { i64::from(first.cast_signed()) } else { i64::from(first) };
         let bytes = bytes_of_entries(set)?;
-        let entries = match set.value(TABLE + channel) {
-            Some(table) => words(set, TABLE + channel, table, bytes),
-            None => {
-                let table = set.value(SEGMENTS + channel).ok_or_else(|| refused("without tables"))?;
-                let packed = words(set, SEGMENTS + channel, table, bytes);
-                let mut entries = Vec::new();
-                expand(&packed, bytes, count, &mut entries).map_err(|reason| refused(&format!("whose {reason}")))?;
-                entries
-            }
-        };
-        if entries.len() < count {
-            let found = entries.len();
-            return Err(refused(&format!("whose table is cut short: {count} entries expected, {found} are there")));
+        let mut entries = Vec::new();
+        if let Some(table) = set.value(TABLE + channel) {
+            entries = words(set, TABLE + channel, table, bytes);
+        } else {
+            let Some(table) = set.value(SEGMENTS + channel) else {
+                refuse!(set, "is in a palette of colours without tables");
+            };
+            let packed = words(set, SEGMENTS + channel, table, bytes);
+            let expanded = expand(&packed, bytes, count, &mut entries);
+            expanded.map_err(|reason| set.error(format!("is in a palette of colours whose {reason}")))?;
         }
-        Ok(Self { first, entries: entries.into_iter().take(count).collect() })
+        let (found, palette) = (entries.len(), "is in a palette of colours whose table is cut short");
+        refuse_if!(found < count, set, "{palette}: {count} entries expected, {found} are there");
+        entries.truncate(count);
+        Ok(Self { first, entries })
     }
 
     /// The colour of a pixel. Pixels outside of the table have its first or its last entry.
@@ -51,16 +52,17 @@ impl Table {
 
 /// Bytes of an entry, 1 or 2.
 pub(super) fn bytes_of_entries(set: &Dataset) -> Result<u32> {
-    let refused = |reason: String| Err(Error::format(&set.path, format!("is in a palette of colours {reason}")));
-    let Some((count, _)) = described(set, 0) else { return refused("without a descriptor".to_owned()) };
+    let Some((count, _)) = described(set, 0) else { refuse!(set, "is in a palette of colours without a descriptor") };
     let stated = set.words(DESCRIPTOR).and_then(|mut words| words.nth(2)).unwrap_or(0);
-    match (set.value(TABLE), stated) {
+    match (set.value(TABLE).map(<[u8]>::len), stated) {
         // Entries of 8 bits may stand in 16.
-        (Some(table), _) if table.len() >= 2 * count => Ok(2),
+        (Some(length), _) if length >= 2 * count => Ok(2),
         (_, 8) => Ok(1),
         (None, 16) => Ok(2),
-        (Some(table), 16) => refused(format!("whose table is cut short: {} bytes for {count} entries", table.len())),
-        _ => refused(format!("of {stated} bits, expected 8 or 16")),
+        (Some(length), 16) => {
+            refuse!(set, "is in a palette of colours whose table is cut short: {length} bytes for {count} entries")
+        }
+        _ => refuse!(set, "is in a palette of colours of {stated} bits, expected 8 or 16"),
     }
 }
 
@@ -71,7 +73,7 @@ fn described(set: &Dataset, channel: u32) -> Option<(usize, u16)> {
     Some((if count == 0 { 1 << 16 } else { count.into() }, first))
 }
 
-/// The entries of a table, or what stands for them. Those of 8 bits are pairs in words.
+/// The entries of a table, or its segments. Entries of 8 bits are pairs in words.
 fn words(set: &Dataset, tag: u32, table: &[u8], bytes: u32) -> Vec<u16> {
     match (bytes, set.endian) {
         (1, Endian::Little) => table.iter().map(|byte| u16::from(*byte)).collect(),

@@ -1,12 +1,13 @@
-//! Points in time: as many slices at each position, told apart by an index or a time.
+//! Points in time: equally many slices at each position, distinguished by an index or a time.
 
+use std::cmp::Ordering;
 use std::path::Path;
 
 use super::dataset::Dataset;
 use super::{APART, Slice, name_of};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, Subject, refuse};
 
-/// How what tells slices of one position apart is written.
+/// The encoding of a value that distinguishes the slices of one position.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Written {
     Decimal,
@@ -16,8 +17,9 @@ enum Written {
     Time(u32),
 }
 
-/// What tells points in time apart, the surest first: TemporalPositionIndex, TemporalPositionIdentifier,
-/// NominalCardiacTriggerDelayTime, TriggerTime, FrameReferenceTime, AcquisitionNumber, AcquisitionTime, ContentTime.
+/// The tags that distinguish points in time, the most reliable first: TemporalPositionIndex,
+/// TemporalPositionIdentifier, NominalCardiacTriggerDelayTime, TriggerTime, FrameReferenceTime, AcquisitionNumber,
+/// AcquisitionTime, ContentTime.
 const TIMES: [(u32, Written); 8] = [
     (0x0020_9128, Written::Whole),
     (0x0020_0100, Written::Decimal),
@@ -55,31 +57,26 @@ pub(super) fn in_times(source: &Path, sets: &[Dataset], slices: Vec<Slice>) -> R
         };
         return Err(Error::format(source, reason));
     }
-    let Some(tag) = TIMES.into_iter().find(|&tag| {
-        // It tells apart what is at one position, everywhere.
-        positions.iter().all(|there| {
-            let mut keys: Vec<[f64; 2]> = there.iter().filter_map(|slice| key_of(sets, slice, tag)).collect();
-            keys.sort_by(|a, b| a.partial_cmp(b).unwrap_or(std::cmp::Ordering::Equal));
-            keys.dedup();
-            keys.len() == there.len()
-        })
-    }) else {
-        let what = if times == 2 { "two slices".to_owned() } else { format!("{times} slices") };
-        let reason = format!("has {what} at one position: {}, and no number or time tells them apart", at(most));
-        return Err(Error::format(source, reason));
+    let examples = at(most);
+    // Sorts the slices of a position by the tag, and returns whether it distinguishes them.
+    let tells_apart = |there: &mut Vec<Slice>, tag| {
+        let order = |a: &Slice, b: &Slice| key_of(sets, a, tag).partial_cmp(&key_of(sets, b, tag));
+        there.sort_by(|a, b| order(a, b).unwrap_or(Ordering::Equal));
+        there.iter().all(|slice| key_of(sets, slice, tag).is_some())
+            && there.windows(2).all(|pair| order(&pair[0], &pair[1]) == Some(Ordering::Less))
     };
+    if !TIMES.into_iter().any(|tag| positions.iter_mut().all(|there| tells_apart(there, tag))) {
+        let what = if times == 2 { "two slices".to_owned() } else { format!("{times} slices") };
+        refuse!(source, "has {what} at one position: {examples}, and no number or time tells them apart");
+    }
     let mut volumes: Vec<Vec<Slice>> = (0..times).map(|_| Vec::new()).collect();
-    for mut there in positions {
-        there.sort_by(|a, b| {
-            let keys = (key_of(sets, a, tag), key_of(sets, b, tag));
-            keys.0.partial_cmp(&keys.1).unwrap_or(std::cmp::Ordering::Equal)
-        });
+    for there in positions {
         volumes.iter_mut().zip(there).for_each(|(volume, slice)| volume.push(slice));
     }
     Ok(volumes)
 }
 
-/// What a tag says of the time of a slice, to be compared; the first number is that of a date.
+/// The time of a slice by a tag, as a key to compare: a date, then a number.
 fn key_of(sets: &[Dataset], slice: &Slice, (tag, written): (u32, Written)) -> Option<[f64; 2]> {
     let set = sets.get(slice.file)?;
     let decimal = |tag: u32| set.numbers::<1>(slice.frame, tag).map(|[number]| number);

@@ -1,6 +1,6 @@
 //! The fixed layout of the two NIfTI headers.
 
-use crate::error::Result;
+use crate::error::{Result, refuse};
 use crate::formats::fields::Fields;
 use crate::formats::input::Input;
 use crate::volume::Endian;
@@ -43,26 +43,19 @@ pub(super) struct Header {
 
 /// Version, byte order and whether the samples are in the same file, from the first bytes of a file.
 fn recognise(head: &[u8]) -> Option<(bool, Endian, bool)> {
-    let size = head.first_chunk::<4>()?;
-    for endian in [Endian::Little, Endian::Big] {
-        let size = match endian {
-            Endian::Little => u32::from_le_bytes(*size),
-            Endian::Big => u32::from_be_bytes(*size),
-        } as usize;
-        let magic = match size {
-            NIFTI1_SIZE => head.get(344..348)?,
-            NIFTI2_SIZE => head.get(4..8)?,
-            _ => continue,
+    [Endian::Little, Endian::Big].into_iter().find_map(|endian| {
+        let is_nifti2 = match endian.number(head.get(..4)?) as usize {
+            NIFTI1_SIZE => false,
+            NIFTI2_SIZE => true,
+            _ => return None,
         };
-        return match (size, magic) {
-            (NIFTI1_SIZE, b"n+1\0") => Some((false, endian, true)),
-            (NIFTI1_SIZE, b"ni1\0") => Some((false, endian, false)),
-            (NIFTI2_SIZE, b"n+2\0") => Some((true, endian, true)),
-            (NIFTI2_SIZE, b"ni2\0") => Some((true, endian, false)),
+        let magic = if is_nifti2 { head.get(4..8)? } else { head.get(344..348)? };
+        match (is_nifti2, magic) {
+            (false, b"n+1\0") | (true, b"n+2\0") => Some((is_nifti2, endian, true)),
+            (false, b"ni1\0") | (true, b"ni2\0") => Some((is_nifti2, endian, false)),
             _ => None,
-        };
-    }
-    None
+        }
+    })
 }
 
 /// Whether these are the first bytes of a NIfTI header.
@@ -72,9 +65,8 @@ pub(in crate::formats) fn is_nifti(head: &[u8]) -> bool {
 
 /// Whether these are the first bytes of an ANALYZE 7.5 header: NIfTI-1's layout without its magic.
 pub(in crate::formats) fn is_analyze(head: &[u8]) -> bool {
-    let size = NIFTI1_SIZE as u32;
-    head.len() >= NIFTI1_SIZE
-        && head.first_chunk().is_some_and(|s| u32::from_le_bytes(*s) == size || u32::from_be_bytes(*s) == size)
+    let is_size = |endian: Endian| endian.number(&head[..4]) as usize == NIFTI1_SIZE;
+    head.len() >= NIFTI1_SIZE && (is_size(Endian::Little) || is_size(Endian::Big))
 }
 
 impl Header {
@@ -82,55 +74,38 @@ impl Header {
     pub(super) fn read(input: &mut Input) -> Result<Self> {
         let head = input.peek(NIFTI2_SIZE)?;
         let Some((is_nifti2, endian, single_file)) = recognise(&head) else {
-            return Err(input.error("is not a NIfTI file: its header size or its magic is wrong"));
+            refuse!(input, "is not a NIfTI file: its header size or its magic is wrong");
         };
         let size = if is_nifti2 { NIFTI2_SIZE } else { NIFTI1_SIZE };
         let bytes = input.bytes(size)?;
         if is_nifti2 && bytes.get(7..12) != Some(NIFTI2_TAIL) {
-            return Err(input.error("its magic was changed, as a transfer in text mode does: fetch it again as binary"));
+            refuse!(input, "its magic was changed, as a transfer in text mode does: fetch it again as binary");
         }
-        let f = Fields { bytes: &bytes, endian };
-        Ok(if is_nifti2 {
-            Self {
-                is_nifti2,
-                endian,
-                size,
-                single_file,
-                dim: std::array::from_fn(|i| f.i64(16 + 8 * i)),
-                datatype: f.i16(12),
-                pixdim: std::array::from_fn(|i| f.f64(104 + 8 * i)),
-                // f64 holds every offset below 2^53, and no file is larger.
-                vox_offset: f.i64(168) as f64,
-                scl_slope: f.f64(176),
-                scl_inter: f.f64(184),
-                xyzt_units: f.i32(500) as u8,
-                intent_code: f.i32(504),
-                qform_code: f.i32(344),
-                sform_code: f.i32(348),
-                quatern: std::array::from_fn(|i| f.f64(352 + 8 * i)),
-                qoffset: std::array::from_fn(|i| f.f64(376 + 8 * i)),
-                srow: std::array::from_fn(|r| std::array::from_fn(|c| f.f64(400 + 32 * r + 8 * c))),
-            }
-        } else {
-            Self {
-                is_nifti2,
-                endian,
-                size,
-                single_file,
-                dim: std::array::from_fn(|i| f.i16(40 + 2 * i).into()),
-                datatype: f.i16(70),
-                pixdim: std::array::from_fn(|i| f.f32(76 + 4 * i)),
-                vox_offset: f.f32(108),
-                scl_slope: f.f32(112),
-                scl_inter: f.f32(116),
-                xyzt_units: f.u8(123),
-                intent_code: f.i16(68).into(),
-                qform_code: f.i16(252).into(),
-                sform_code: f.i16(254).into(),
-                quatern: std::array::from_fn(|i| f.f32(256 + 4 * i)),
-                qoffset: std::array::from_fn(|i| f.f32(268 + 4 * i)),
-                srow: std::array::from_fn(|r| std::array::from_fn(|c| f.f32(280 + 16 * r + 4 * c))),
-            }
+        let fields = Fields { bytes: &bytes, endian };
+        // Numbers of the two versions have other places and other sizes, and some stand in a row.
+        let version = usize::from(is_nifti2);
+        let int =
+            |at: [usize; 2], size: [usize; 2], i: usize| fields.int(at[version] + i * size[version], size[version]);
+        let float = |at: [usize; 2], i: usize| fields.float(at[version] + i * [4, 8][version], [4, 8][version]);
+        Ok(Self {
+            is_nifti2,
+            endian,
+            size,
+            single_file,
+            dim: std::array::from_fn(|i| int([40, 16], [2, 8], i)),
+            datatype: int([70, 12], [2, 2], 0) as i16,
+            pixdim: std::array::from_fn(|i| float([76, 104], i)),
+            // f64 holds every offset below 2^53, and no file is larger.
+            vox_offset: if is_nifti2 { fields.int(168, 8) as f64 } else { fields.float(108, 4) },
+            scl_slope: float([112, 176], 0),
+            scl_inter: float([116, 184], 0),
+            xyzt_units: int([123, 500], [1, 4], 0) as u8,
+            intent_code: int([68, 504], [2, 4], 0) as i32,
+            qform_code: int([252, 344], [2, 4], 0) as i32,
+            sform_code: int([254, 348], [2, 4], 0) as i32,
+            quatern: std::array::from_fn(|i| float([256, 352], i)),
+            qoffset: std::array::from_fn(|i| float([268, 376], i)),
+            srow: std::array::from_fn(|r| std::array::from_fn(|c| float([280, 400], 4 * r + c))),
         })
     }
 

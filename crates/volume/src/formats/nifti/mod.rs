@@ -17,11 +17,11 @@ use glam::{DMat3, DQuat, DVec3};
 use self::header::Header;
 pub(super) use self::header::{HEADER_SIZE, is_analyze, is_nifti};
 use super::LoadOptions;
-use super::decode::{Layout, lattice, read_all};
+use super::decode::{Layout, read_all};
 use super::input::Input;
 use super::placement::Placement;
-use super::selection::{Axes, Role, colours, picked};
-use crate::error::Result;
+use super::selection::{Axes, Role, colours, picked, spatial};
+use crate::error::{Result, refuse, refuse_if};
 use crate::volume::{SampleType, Units, Volume};
 
 /// Factors from RAS, the world of NIfTI, to LPS, that of DICOM.
@@ -32,11 +32,12 @@ pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
     let header = Header::read(&mut input)?;
     let path = input.path().to_owned();
     let (sample_type, colour_channels) = sample_type(&header, &input)?;
-    let dims = dims(&header, &input)?;
+    let axes = axes(&header, &input, colour_channels)?;
+    let sizes = spatial(&axes);
     let (slope, intercept) = rescale(&header, &input)?;
-    let placement = placement(&header, &input, dims, options.spacing)?;
-    let grid = placement.grid(&path, dims, options.spacing)?;
-    let (pick, mut contents) = picked(&path, &axes(&header, colour_channels), options)?;
+    let placement = placement(&header, &input, &sizes, options.spacing)?;
+    let grid = placement.grid(&path, &sizes, options.spacing)?;
+    let (pick, mut contents) = picked(&path, &axes, options)?;
     if colour_channels > 1 {
         contents.labels = colours(contents.channels);
     }
@@ -47,20 +48,18 @@ pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
     // The offset is a float in NIfTI-1; under 9e15, a little under 2^53, it is exact.
     let offset = header.vox_offset;
     if !(offset >= 0.0 && offset.fract() == 0.0 && offset < 9e15) {
-        return Err(input.error(format!("vox_offset is {offset}, expected a whole number of bytes")));
+        refuse!(input, "vox_offset is {offset}, expected a whole number of bytes");
     }
     let offset = offset as u64;
     let input = if header.single_file {
         let read = header.size as u64;
         // Four bytes after the header say whether extensions follow, so data begin behind them. 0 means right there.
         let first = if offset == 0 { read + 4 } else { offset };
-        if first < read + 4 {
-            return Err(input.error(format!("vox_offset is {offset}, inside the header")));
-        }
+        refuse_if!(first < read + 4, input, "vox_offset is {offset}, inside the header");
         input.skip(first - read)?;
         input
     } else {
-        let mut data = Input::open_kept(&image_file(&path, &input)?, input.unpacked())?;
+        let mut data = Input::open(&image_file(&path, &input)?, input.unpacked())?;
         data.skip(offset)?;
         data
     };
@@ -88,59 +87,55 @@ pub(super) fn named_files(mut input: Input) -> Result<Vec<PathBuf>> {
     if header.single_file { Ok(Vec::new()) } else { Ok(vec![image_file(input.path(), &input)?]) }
 }
 
+/// The types of samples by their codes, and the number of samples in a voxel.
+const DATATYPES: [(i16, SampleType, i64); 12] = [
+    (2, SampleType::U8, 1),
+    (4, SampleType::I16, 1),
+    (8, SampleType::I32, 1),
+    (16, SampleType::F32, 1),
+    (64, SampleType::F64, 1),
+    (256, SampleType::I8, 1),
+    (512, SampleType::U16, 1),
+    (768, SampleType::U32, 1),
+    (1024, SampleType::I64, 1),
+    (1280, SampleType::U64, 1),
+    // Colours.
+    (128, SampleType::U8, 3),
+    (2304, SampleType::U8, 4),
+];
+
 /// The type of the samples, and the number of them in a voxel.
 fn sample_type(header: &Header, input: &Input) -> Result<(SampleType, i64)> {
+    if let Some((_, sample_type, in_voxel)) = DATATYPES.iter().find(|(code, ..)| *code == header.datatype) {
+        return Ok((*sample_type, *in_voxel));
+    }
     let refused = match header.datatype {
-        2 => return Ok((SampleType::U8, 1)),
-        4 => return Ok((SampleType::I16, 1)),
-        8 => return Ok((SampleType::I32, 1)),
-        16 => return Ok((SampleType::F32, 1)),
-        64 => return Ok((SampleType::F64, 1)),
-        256 => return Ok((SampleType::I8, 1)),
-        512 => return Ok((SampleType::U16, 1)),
-        768 => return Ok((SampleType::U32, 1)),
-        1024 => return Ok((SampleType::I64, 1)),
-        1280 => return Ok((SampleType::U64, 1)),
-        // Colours.
-        128 => return Ok((SampleType::U8, 3)),
-        2304 => return Ok((SampleType::U8, 4)),
         1 => "bits",
         32 | 1792 | 2048 => "complex numbers",
         1536 => "128-bit floats",
-        other => return Err(input.error(format!("datatype {other} is unknown"))),
+        other => refuse!(input, "datatype {other} is unknown"),
     };
-    Err(input.error(format!("its samples are {refused}: convert it to integers or floats, one number per voxel")))
-}
-
-fn dims(header: &Header, input: &Input) -> Result<[u32; 3]> {
-    let n = usize::try_from(header.dim[0]).ok().filter(|n| (1..=7).contains(n));
-    let n = n.ok_or_else(|| input.error(format!("dim[0] is {}, expected 1 to 7 axes", header.dim[0])))?;
-    for axis in 6..=n {
-        // Unused axes are 1; some writers leave them 0.
-        if !(0..=1).contains(&header.dim[axis]) {
-            return Err(input.error(format!(
-                "dim[{axis}] is {}, expected at most 5 axes: space, time and channels",
-                header.dim[axis]
-            )));
-        }
-    }
-    lattice(input.path(), &header.dim[1..=n.min(3)])
+    refuse!(input, "its samples are {refused}: convert it to integers or floats, one number per voxel")
 }
 
 /// The axes of the samples: colours are beside each other, the fourth axis is time and the fifth has channels.
-fn axes(header: &Header, colours: i64) -> Axes {
-    let n = usize::try_from(header.dim[0]).unwrap_or(0).min(5);
+fn axes(header: &Header, input: &Input, colours: i64) -> Result<Axes> {
+    let n = header.dim[0];
+    refuse_if!(!(1..=7).contains(&n), input, "dim[0] is {n}, expected 1 to 7 axes");
     let mut axes = vec![(Role::Channel, colours)];
-    for axis in 1..=n {
+    for axis in 1..=n as usize {
+        // Unused axes are 1; some writers leave them 0.
+        let size = if axis > 3 && header.dim[axis] == 0 { 1 } else { header.dim[axis] };
+        let is_extra = axis > 5 && size != 1;
+        refuse_if!(is_extra, input, "dim[{axis}] is {size}, expected at most 5 axes: space, time and channels");
         let role = match axis {
             ..=3 => Role::Space,
             4 => Role::Time,
             _ => Role::Channel,
         };
-        // Unused axes are 1; some writers leave them 0.
-        axes.push((role, if axis > 3 && header.dim[axis] == 0 { 1 } else { header.dim[axis] }));
+        axes.push((role, size));
     }
-    axes
+    Ok(axes)
 }
 
 /// The map from stored numbers to values. A slope that is 0 or not finite means that there is none.
@@ -149,15 +144,13 @@ fn rescale(header: &Header, input: &Input) -> Result<(f64, f64)> {
     if slope == 0.0 || !slope.is_finite() {
         return Ok((1.0, 0.0));
     }
-    if !intercept.is_finite() {
-        return Err(input.error(format!("scl_inter is {intercept}, but scl_slope is {slope}")));
-    }
+    refuse_if!(!intercept.is_finite(), input, "scl_inter is {intercept}, but scl_slope is {slope}");
     Ok((slope, intercept))
 }
 
 /// The position of the lattice: the sform if it has a code, else the qform if it has one. Otherwise the lattice is
 /// centred on the origin and its first axis runs from right to left. This is nibabel's order and its fallback.
-fn placement(header: &Header, input: &Input, dims: [u32; 3], spacing: Option<[f64; 3]>) -> Result<Placement> {
+fn placement(header: &Header, input: &Input, sizes: &[i64], spacing: Option<[f64; 3]>) -> Result<Placement> {
     let ras = if header.sform_code != 0 {
         let [x, y, z] = header.srow;
         let column = |c: usize| DVec3::new(x[c], y[c], z[c]);
@@ -180,7 +173,7 @@ fn placement(header: &Header, input: &Input, dims: [u32; 3], spacing: Option<[f6
     } else {
         let used = spacing.unwrap_or(header.spacing());
         let directions = [-DVec3::X, DVec3::Y, DVec3::Z];
-        let half = |a: usize| directions[a] * used[a] * (f64::from(dims[a]) - 1.0) / 2.0;
+        let half = |a: usize| directions[a] * used[a] * (sizes.get(a).map_or(0.0, |size| *size as f64 - 1.0)) / 2.0;
         // The header does not orient the axes, so the volume does not count as oriented.
         Placement { directions, spacing: header.spacing(), origin: -(half(0) + half(1) + half(2)), oriented: false }
     };
@@ -194,7 +187,7 @@ fn rotation(header: &Header, input: &Input) -> Result<DMat3> {
     // In a half turn a is 0, and rounding of b, c and d can make a^2 negative. nibabel allows three units of rounding.
     let rounding = 3.0 * if header.is_nifti2 { f64::EPSILON } else { f64::from(f32::EPSILON) };
     if a2.is_nan() || a2 <= -rounding {
-        return Err(input.error(format!("quaternion ({b}, {c}, {d}) is no rotation: its length is over 1")));
+        refuse!(input, "quaternion ({b}, {c}, {d}) is no rotation: its length is over 1");
     }
     let a = if a2.abs() < rounding { 0.0 } else { a2.sqrt() };
     Ok(DMat3::from_quat(DQuat::from_xyzw(b, c, d, a).normalize()))
@@ -202,15 +195,10 @@ fn rotation(header: &Header, input: &Input) -> Result<DMat3> {
 
 /// The file with the samples of a pair, from the name of its header.
 fn image_file(header: &Path, input: &Input) -> Result<PathBuf> {
-    let extensions = match in_capitals(header) {
-        true => [".IMG", ".IMG.GZ", ".img", ".img.gz"],
-        false => [".img", ".img.gz", ".IMG", ".IMG.GZ"],
-    };
-    let missing = || {
-        let expected = with_extension(header, extensions[0]);
+    existing(header, &[".img", ".img.gz", ".IMG", ".IMG.GZ"]).ok_or_else(|| {
+        let expected = with_extension(header, ".img");
         input.error(format!("its samples belong in {}, which is not there", expected.display()))
-    };
-    existing(header, &extensions).ok_or_else(missing)
+    })
 }
 
 /// Whether a file has the extension .img or .img.gz: then it holds the samples of a pair.
@@ -239,10 +227,4 @@ fn with_extension(path: &Path, extension: &str) -> PathBuf {
 fn uncompressed(path: &Path) -> PathBuf {
     let is_gz = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gz"));
     if is_gz { path.with_extension("") } else { path.to_owned() }
-}
-
-/// Whether the extension before .gz is in capitals.
-fn in_capitals(path: &Path) -> bool {
-    let path = uncompressed(path);
-    path.extension().and_then(|e| e.to_str()).is_some_and(|e| e.chars().all(|c| c.is_ascii_uppercase()))
 }

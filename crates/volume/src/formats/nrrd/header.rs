@@ -1,22 +1,23 @@
 //! NRRD headers: their fields, and the meaning of the fields that have a value per axis.
 
-use std::collections::{BTreeMap, HashMap};
-use std::path::{Path, PathBuf};
+use std::collections::BTreeMap;
 
-use glam::DVec3;
+use glam::{DVec3, DVec4};
 
-use crate::error::{Error, Result};
+use crate::error::{Result, refuse, refuse_if};
 use crate::formats::input::Input;
+use crate::formats::multifile::announces_list;
 use crate::formats::placement::plain_name;
+use crate::formats::text_header::TextHeader;
 use crate::volume::Segment;
 
 /// The most axes: Teem's limit, NRRD_DIM_MAX.
 const MAX_AXES: usize = 16;
 
-/// The fields of a header. Names are in lower case and keep the blanks between their words.
+/// A header, and what its fields mean.
 pub(super) struct Header {
-    path: PathBuf,
-    fields: HashMap<String, String>,
+    /// The fields, whose names keep the blanks between their words.
+    pub(super) text: TextHeader,
     /// Labels by their numbers in the file, if it is a segmentation of 3D Slicer.
     segments: BTreeMap<u32, Segment>,
     /// Samples along each axis, fastest first, as stated; not yet checked to be positive.
@@ -38,13 +39,13 @@ pub(super) struct Header {
 impl Header {
     /// Reads up to the blank line before attached data, the end of a detached header, or its list of files.
     pub(super) fn read(input: &mut Input) -> Result<Self> {
-        let path = input.path().to_owned();
         let magic = input.line()?.unwrap_or_default();
         let version = magic.trim_end().strip_prefix("NRRD000");
         if !matches!(version, Some("1" | "2" | "3" | "4" | "5")) {
-            return Err(input.error(format!("begins with {magic:?}, expected NRRD0001 to NRRD0005")));
+            refuse!(input, "begins with {magic:?}, expected NRRD0001 to NRRD0005");
         }
-        let (mut fields, mut segments, mut indexed) = (HashMap::new(), BTreeMap::new(), Vec::new());
+        let mut text = TextHeader::new(input, "NRRD");
+        let (mut segments, mut indexed) = (BTreeMap::new(), Vec::new());
         while let Some(line) = input.line()? {
             let line = line.trim_end();
             if line.is_empty() {
@@ -54,7 +55,7 @@ impl Header {
                 continue;
             }
             let Some((name, value)) = line.split_once(':') else {
-                return Err(input.error(format!("header line {line:?} is not \"field: value\"")));
+                refuse!(input, "header line {line:?} is not \"field: value\"");
             };
             // "key:=value" is metadata of an application, such as "axis 3 index type:=numeric".
             if let Some(value) = value.strip_prefix('=') {
@@ -64,36 +65,20 @@ impl Header {
                 continue;
             }
             let name = canonical(name);
-            let is_list = name == "data file" && value.split_ascii_whitespace().next() == Some("LIST");
-            if let Some(first) = fields.insert(name.clone(), value.trim().to_owned()) {
-                return Err(input.error(format!("field {name:?} is given twice: {first:?} and {:?}", value.trim())));
-            }
-            if is_list {
+            text.insert(&name, value.trim())?;
+            if name == "data file" && announces_list(value) {
                 break;
             }
         }
-        Self::interpret(Self {
-            path,
-            fields,
-            segments,
-            sizes: Vec::new(),
-            spacings: None,
-            directions: None,
-            origin: None,
-            time_axis: None,
-            indexed,
-            patient_flip: None,
-        })
+        Self::interpret(text, segments, indexed)
     }
 
-    fn interpret(mut self) -> Result<Self> {
-        let dimension: usize = self.parsed("dimension", self.required("dimension")?)?;
-        if !(1..=MAX_AXES).contains(&dimension) {
-            return Err(self.error(format!("dimension: {dimension}, expected 1 to {MAX_AXES}")));
-        }
-        self.sizes = self.list("sizes", self.required("sizes")?, dimension)?;
-        self.spacings = self.get("spacings").map(|text| self.list("spacings", text, dimension)).transpose()?;
-        let space = self.get("space").unwrap_or("3D-right-handed").to_ascii_lowercase();
+    fn interpret(text: TextHeader, segments: BTreeMap<u32, Segment>, indexed: Vec<usize>) -> Result<Self> {
+        let dimension: usize = text.parsed("dimension", text.required("dimension")?)?;
+        refuse_if!(!(1..=MAX_AXES).contains(&dimension), text, "dimension: {dimension}, expected 1 to {MAX_AXES}");
+        let sizes = text.list("sizes", text.required("sizes")?, dimension)?;
+        let spacings = text.get(["spacings"]).map(|list| text.list("spacings", list, dimension)).transpose()?;
+        let space = text.get(["space"]).unwrap_or("3D-right-handed").to_ascii_lowercase();
         // A fourth coordinate is time.
         let (space, has_time) = match space.as_str() {
             "rast" => ("ras", true),
@@ -101,74 +86,44 @@ impl Header {
             "lpst" => ("lps", true),
             space => space.strip_suffix("-time").map_or((space, false), |space| (space, true)),
         };
-        self.patient_flip = match space {
+        let patient_flip = match space {
             "left-posterior-superior" | "lps" => Some(DVec3::ONE),
             "right-anterior-superior" | "ras" => Some(DVec3::new(-1.0, -1.0, 1.0)),
             "left-anterior-superior" | "las" => Some(DVec3::new(1.0, -1.0, 1.0)),
             // These spaces are not oriented in the patient.
             "scanner-xyz" | "3d-right-handed" | "3d-left-handed" => None,
-            other => return Err(self.error(format!("space {other:?} is unknown"))),
+            other => refuse!(text, "space {other:?} is unknown"),
         };
-        let directions =
-            self.get("space directions").map(|text| self.vectors(text, dimension, has_time)).transpose()?;
-        if let (Some(directions), true) = (&directions, has_time) {
-            let moves = |vector: &Option<(DVec3, f64)>| vector.is_some_and(|(_, time)| time != 0.0);
-            let moving: Vec<usize> = (0..directions.len()).filter(|&axis| moves(&directions[axis])).collect();
-            let still = |&axis: &usize| directions[axis].is_some_and(|(space, _)| space == DVec3::ZERO);
-            self.time_axis = match moving[..] {
-                [] => None,
-                [axis] if still(&axis) => Some(axis),
-                _ => return Err(self.error("space directions: slices at unlike times, which is not read")),
-            };
-        }
-        self.directions = directions.map(|directions| {
-            let in_space = |(axis, vector): (usize, Option<(DVec3, f64)>)| {
-                vector.map(|(space, _)| space).filter(|_| self.time_axis != Some(axis))
-            };
-            directions.into_iter().enumerate().map(in_space).collect()
-        });
-        self.origin = match self.get("space origin").map(|text| self.vectors(text, 1, has_time)).transpose()? {
-            Some(vectors) => match vectors[..] {
-                [Some((origin, _))] => Some(origin),
-                _ => return Err(self.error("space origin: expected one vector such as (0,0,0)")),
-            },
-            None => None,
-        };
-        if self.patient_flip.is_some() && self.directions.is_none() {
-            // A named space without directions does not orient the lattice.
-            self.patient_flip = None;
-        }
-        if let Some(text) = self.get("space dimension") {
-            let n: u32 = self.parsed("space dimension", text)?;
-            if n != if has_time { 4 } else { 3 } {
-                return Err(self.error(format!("space dimension: {n}, expected {}", if has_time { 4 } else { 3 })));
+        let stated =
+            |field: &str, n: usize| text.get([field]).map(|list| vectors(&text, list, n, has_time)).transpose();
+        let mut directions = stated("space directions", dimension)?;
+        let mut time_axis = None;
+        for (axis, vector) in directions.iter_mut().flatten().enumerate() {
+            if let Some(moving) = vector.filter(|vector| vector.w != 0.0) {
+                let is_still = time_axis.is_none() && moving.truncate() == DVec3::ZERO;
+                refuse_if!(!is_still, text, "space directions: slices at unlike times, which is not read");
+                (time_axis, *vector) = (Some(axis), None);
             }
         }
-        Ok(self)
-    }
-
-    pub(super) fn path(&self) -> &Path {
-        &self.path
-    }
-
-    /// An [`Error::Format`] about this header.
-    pub(super) fn error(&self, reason: impl Into<String>) -> Error {
-        Error::format(&self.path, reason)
+        let origin = match stated("space origin", 1)?.as_deref() {
+            None => None,
+            Some([Some(origin)]) => Some(origin.truncate()),
+            Some(_) => refuse!(text, "space origin: expected one vector such as (0,0,0)"),
+        };
+        let coordinates = if has_time { 4 } else { 3 };
+        if let Some(n) = text.number::<u32>("space dimension")?.filter(|n| *n != coordinates) {
+            refuse!(text, "space dimension: {n}, expected {coordinates}");
+        }
+        let directions: Option<Vec<_>> =
+            directions.map(|all| all.into_iter().map(|vector| vector.map(DVec4::truncate)).collect());
+        // A named space without directions does not orient the lattice.
+        let patient_flip = patient_flip.filter(|_| directions.is_some());
+        Ok(Self { text, segments, sizes, spacings, directions, origin, time_axis, indexed, patient_flip })
     }
 
     /// The labels of a segmentation of 3D Slicer.
     pub(super) fn segments(&self) -> Option<Vec<Segment>> {
         (!self.segments.is_empty()).then(|| self.segments.values().cloned().collect())
-    }
-
-    /// The text of a field.
-    pub(super) fn get(&self, name: &str) -> Option<&str> {
-        self.fields.get(name).map(String::as_str)
-    }
-
-    /// The text of a mandatory field.
-    pub(super) fn required(&self, name: &str) -> Result<&str> {
-        self.get(name).ok_or_else(|| self.error(format!("the NRRD header has no field {name:?}")))
     }
 
     /// Whether an axis is spatial: it has a direction or, in a header without directions, a spatial kind.
@@ -181,7 +136,7 @@ impl Header {
 
     /// What an axis is, if that is stated.
     pub(super) fn kind(&self, axis: usize) -> Option<String> {
-        let kind = self.get("kinds")?.split_ascii_whitespace().nth(axis)?.to_ascii_lowercase();
+        let kind = self.text.get(["kinds"])?.split_ascii_whitespace().nth(axis)?.to_ascii_lowercase();
         (kind != "none" && kind != "???").then_some(kind)
     }
 
@@ -192,54 +147,39 @@ impl Header {
         if self.time_axis == Some(axis) || kind.as_deref() == Some("time") {
             return true;
         }
-        let mut labels = self.get("labels").unwrap_or_default().split('"').skip(1).step_by(2);
+        let mut labels = self.text.get(["labels"]).unwrap_or_default().split('"').skip(1).step_by(2);
         let label = labels.nth(axis).unwrap_or_default().to_ascii_lowercase();
         let named = matches!(label.as_str(), "time" | "t" | "frame");
         matches!(kind.as_deref(), None | Some("list")) && (named || self.indexed.contains(&axis))
     }
+}
 
-    fn parsed<T: std::str::FromStr>(&self, name: &str, text: &str) -> Result<T> {
-        text.trim().parse().map_err(|_| self.error(format!("{name}: {text:?} is not a number that fits")))
-    }
-
-    fn list<T: std::str::FromStr>(&self, name: &str, text: &str, n: usize) -> Result<Vec<T>> {
-        let list = text.split_ascii_whitespace().map(|word| self.parsed(name, word)).collect::<Result<Vec<T>>>()?;
-        if list.len() != n {
-            return Err(self.error(format!("{name}: {} numbers for {n} axes", list.len())));
-        }
-        Ok(list)
-    }
-
-    /// Parses `n` vectors, `(x,y,z) none (x,y,z) ...`, or of four numbers, the last of which is time; blanks may stand
-    /// anywhere.
-    fn vectors(&self, text: &str, n: usize, has_time: bool) -> Result<Vec<Option<(DVec3, f64)>>> {
-        let form = if has_time { "(x,y,z,t)" } else { "(x,y,z)" };
-        let bad = || self.error(format!("vectors {text:?}: expected {n} of the form {form} or none"));
-        let mut vectors = Vec::new();
-        let mut rest = text.trim();
-        while !rest.is_empty() {
-            if let Some(after) = rest.strip_prefix("none") {
-                vectors.push(None);
-                rest = after.trim_start();
-                continue;
-            }
-            let (inside, after) = rest.strip_prefix('(').and_then(|r| r.split_once(')')).ok_or_else(bad)?;
-            let numbers: Vec<f64> =
-                inside.split(',').map(|word| word.trim().parse().map_err(|_| bad())).collect::<Result<_>>()?;
-            let (vector, time) = match (&numbers[..], has_time) {
-                (&[x, y, z], false) => (DVec3::new(x, y, z), 0.0),
-                (&[x, y, z, time], true) => (DVec3::new(x, y, z), time),
-                _ => return Err(bad()),
-            };
-            // Some writers put NaN for "none".
-            vectors.push(if vector.is_nan() || time.is_nan() { None } else { Some((vector, time)) });
+/// Parses `n` vectors, `(x,y,z) none (x,y,z) ...`, or of four numbers, the last of which is time; blanks may stand
+/// anywhere.
+fn vectors(header: &TextHeader, text: &str, n: usize, has_time: bool) -> Result<Vec<Option<DVec4>>> {
+    let form = if has_time { "(x,y,z,t)" } else { "(x,y,z)" };
+    let bad = || header.error(format!("vectors {text:?}: expected {n} of the form {form} or none"));
+    let mut vectors = Vec::new();
+    let mut rest = text.trim();
+    while !rest.is_empty() {
+        if let Some(after) = rest.strip_prefix("none") {
+            vectors.push(None);
             rest = after.trim_start();
+            continue;
         }
-        if vectors.len() != n {
-            return Err(bad());
-        }
-        Ok(vectors)
+        let (inside, after) = rest.strip_prefix('(').and_then(|r| r.split_once(')')).ok_or_else(bad)?;
+        let numbers: Vec<f64> =
+            inside.split(',').map(|word| word.trim().parse().map_err(|_| bad())).collect::<Result<_>>()?;
+        let vector = match (&numbers[..], has_time) {
+            (&[x, y, z], false) => DVec4::new(x, y, z, 0.0),
+            (&[x, y, z, time], true) => DVec4::new(x, y, z, time),
+            _ => return Err(bad()),
+        };
+        // Some writers put NaN for "none".
+        vectors.push((!vector.is_nan()).then_some(vector));
+        rest = after.trim_start();
     }
+    if vectors.len() == n { Ok(vectors) } else { Err(bad()) }
 }
 
 /// The most segments that a file may name.

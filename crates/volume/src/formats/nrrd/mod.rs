@@ -11,12 +11,13 @@ use glam::DVec3;
 
 use self::header::Header;
 use super::LoadOptions;
-use super::decode::{Layout, lattice, read_samples};
+use super::decode::Layout;
 use super::input::{Input, MAX_EXPANSION};
-use super::multifile::DataFiles;
+use super::multifile::{self, read_shares};
 use super::placement::{Placement, named_unit};
 use super::selection::{Axes, Role, guessed, picked};
-use crate::error::Result;
+use super::text_header::TextHeader;
+use crate::error::{Result, refuse};
 use crate::volume::{Endian, SampleType, Units, Volume};
 
 /// The `encoding:` of the samples.
@@ -32,79 +33,66 @@ enum Encoding {
 /// Reads the volume of a header that begins here.
 pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
     let header = Header::read(&mut input)?;
-    let sample_type = sample_type(&header)?;
-    let encoding = encoding(&header)?;
-    let layout = layout(&header, sample_type, encoding)?;
+    let (text, path) = (&header.text, &header.text.path);
+    let sample_type = sample_type(text)?;
+    let encoding = encoding(text)?;
+    let layout = layout(text, sample_type, encoding)?;
     let (axes, roles) = spatial_axes(&header)?;
-    let (pick, mut contents) = picked(header.path(), &roles, options)?;
+    let (pick, mut contents) = picked(path, &roles, options)?;
     contents.segments = header.segments();
-    let sizes = axes.map(|a| header.sizes[a]);
-    let dims = lattice(header.path(), &sizes)?;
     let placement = placement(&header, axes)?;
-    let grid = placement.grid(header.path(), dims, options.spacing)?;
-    let count = pick.all;
+    let grid = placement.grid(path, &axes.map(|a| header.sizes[a]), options.spacing)?;
 
-    let skip = Skip::new(&header, encoding, count.saturating_mul(sample_type.size() as u64))?;
-    let files = data_files(&header, &mut input)?;
-    let samples = match files {
-        None => {
-            let part = skip.apply(input, encoding);
-            read_samples(&mut std::iter::once(part), 1, &pick, sample_type, layout)?
+    let files = data_files(text, &mut input)?;
+    let share = pick.all / files.as_ref().map_or(1, Vec::len) as u64;
+    let (skips, total) = (skips(text, encoding)?, share.saturating_mul(sample_type.size() as u64));
+    // A data file of bare samples has as many bytes as they need, unless the header states where they begin.
+    let is_placed = text.get(["byte skip", "line skip"]).is_some();
+    let is_exact = files.is_some() && encoding == Encoding::Raw && !is_placed;
+    let samples = read_shares(text, input, files, (&pick, sample_type, layout), |input| {
+        if let Some(left) = input.exactly_left().filter(|left| is_exact && *left > total) {
+            let reason = "expected \"byte skip\" in the header that names it";
+            refuse!(input, "has {} bytes more than its samples need: {reason}", left - total);
         }
-        Some(files) => {
-            let n = files.len();
-            if !count.is_multiple_of(n as u64) {
-                return Err(header.error(format!("{n} data files cannot share {count} samples equally")));
-            }
-            let skip = Skip { total: skip.total / n as u64, ..skip };
-            // Of many files each would be kept open.
-            let unpacked = input.unpacked().filter(|_| n == 1);
-            let is_placed = header.get("byte skip").is_some() || header.get("line skip").is_some();
-            let mut parts = files.paths().map(|file| {
-                let input = Input::open_data_kept(&file, unpacked.clone())?;
-                match input.exactly_left() {
-                    Some(left) if left > skip.total && encoding == Encoding::Raw && !is_placed => {
-                        let more = left - skip.total;
-                        let reason = "expected \"byte skip\" in the header that names it";
-                        Err(input.error(format!("has {more} bytes more than its samples need: {reason}")))
-                    }
-                    _ => skip.apply(input, encoding),
-                }
-            });
-            read_samples(&mut parts, n, &pick, sample_type, layout)?
-        }
-    };
-    Ok(placement.volume(grid, samples)?.with_units(units(&header, axes)).with_contents(contents))
+        at_samples(input, encoding, skips, total)
+    })?;
+    Ok(placement.volume(grid, samples)?.with_units(units(text, axes)).with_contents(contents))
 }
 
 /// The data files that the header names which begins here.
 pub(super) fn named_files(mut input: Input) -> Result<Vec<PathBuf>> {
     let header = Header::read(&mut input)?;
-    Ok(data_files(&header, &mut input)?.map_or_else(Vec::new, |files| files.paths().collect()))
+    Ok(data_files(&header.text, &mut input)?.unwrap_or_default())
 }
 
-/// The units that the header states. A unit of length must be that of all three axes.
-fn units(header: &Header, axes: [usize; 3]) -> Units {
+/// The data files that the header names; `None` if the samples follow the header.
+fn data_files(header: &TextHeader, input: &mut Input) -> Result<Option<Vec<PathBuf>>> {
+    let named = header.get(["data file"]).map(|text| multifile::data_files(&header.path, text, 4, input));
+    named.transpose()
+}
+
+/// The units that the header states. A unit of length counts if all three axes have it.
+fn units(header: &TextHeader, axes: [usize; 3]) -> Units {
     // Quoted, one for each axis; of the space, or of the samples.
     let quoted = |name: &str, of: [usize; 3]| {
-        let units: Vec<&str> = header.get(name)?.split('"').skip(1).step_by(2).collect();
+        let units: Vec<&str> = header.get([name])?.split('"').skip(1).step_by(2).collect();
         let [x, y, z] = of.map(|axis| units.get(axis).copied());
         x.filter(|_| x == y && y == z).and_then(named_unit)
     };
     Units {
         length: quoted("space units", [0, 1, 2]).or_else(|| quoted("units", axes)),
-        value: header.get("sample units").and_then(named_unit),
+        value: header.get(["sample units"]).and_then(named_unit),
     }
 }
 
-fn sample_type(header: &Header) -> Result<SampleType> {
+fn sample_type(header: &TextHeader) -> Result<SampleType> {
     let name = header.required("type")?;
     SampleType::from_name(name).ok_or_else(|| {
         header.error(format!("type {name:?} is not read: expected an integer of 8 to 64 bits, float or double"))
     })
 }
 
-fn encoding(header: &Header) -> Result<Encoding> {
+fn encoding(header: &TextHeader) -> Result<Encoding> {
     match header.required("encoding")?.to_ascii_lowercase().as_str() {
         "raw" => Ok(Encoding::Raw),
         "gz" | "gzip" => Ok(Encoding::Gzip),
@@ -115,20 +103,19 @@ fn encoding(header: &Header) -> Result<Encoding> {
     }
 }
 
-fn layout(header: &Header, sample_type: SampleType, encoding: Encoding) -> Result<Layout> {
+fn layout(header: &TextHeader, sample_type: SampleType, encoding: Encoding) -> Result<Layout> {
     if encoding == Encoding::Text {
         return Ok(Layout::Text);
     }
-    match header.get("endian").map(str::to_ascii_lowercase).as_deref() {
-        Some("little") => Ok(Layout::Binary(Endian::Little)),
-        Some("big") => Ok(Layout::Binary(Endian::Big)),
+    match header.get(["endian"]).map(str::parse) {
+        Some(Ok(endian)) => Ok(Layout::Binary(endian)),
+        Some(Err(_)) => refuse!(header, "endian {:?}, expected little or big", header.required("endian")?),
         None if sample_type.size() == 1 => Ok(Layout::Binary(Endian::NATIVE)),
-        None => Err(header.error(format!("type {sample_type} needs a line \"endian: little\" or \"endian: big\""))),
-        Some(other) => Err(header.error(format!("endian {other:?}, expected little or big"))),
+        None => refuse!(header, "type {sample_type} needs a line \"endian: little\" or \"endian: big\""),
     }
 }
 
-/// The three spatial axes, fastest first, and what all axes are.
+/// The three spatial axes, fastest first, and the roles of all axes.
 fn spatial_axes(header: &Header) -> Result<([usize; 3], Axes)> {
     let mut axes: Vec<usize> = (0..header.sizes.len()).collect();
     while axes.len() > 3 {
@@ -153,101 +140,70 @@ fn spatial_axes(header: &Header) -> Result<([usize; 3], Axes)> {
             };
         }
     }
-    let all: Axes = (0..header.sizes.len())
-        .map(|a| match axes.iter().position(|&kept| kept == a) {
-            Some(n) => (roles[n], header.sizes[a]),
-            // An axis of one sample does not matter.
-            None => (Role::Channel, header.sizes[a]),
-        })
-        .collect();
-    let spatial: Vec<usize> =
-        axes.iter().zip(&roles).filter(|(_, role)| **role == Role::Space).map(|(&a, _)| a).collect();
-    match spatial[..] {
-        [x, y, z] => Ok(([x, y, z], all)),
-        _ => {
-            let sizes: Vec<String> = header.sizes.iter().map(i64::to_string).collect();
-            let kinds = header.get("kinds").map(|k| format!(" and kinds {k}")).unwrap_or_default();
-            Err(header.error(format!(
-                "axes of sizes {}{kinds} are not volumes: expected three axes of space",
-                sizes.join(" ")
-            )))
-        }
+    // A dropped axis, of one sample, may be anything.
+    let mut all: Axes = header.sizes.iter().map(|&size| (Role::Channel, size)).collect();
+    axes.iter().zip(roles).for_each(|(&a, role)| all[a].0 = role);
+    axes.retain(|&a| all[a].0 == Role::Space);
+    if let [x, y, z] = axes[..] {
+        return Ok(([x, y, z], all));
     }
+    let sizes = header.sizes.iter().map(i64::to_string).collect::<Vec<_>>().join(" ");
+    let kinds = header.text.get(["kinds"]).map(|k| format!(" and kinds {k}")).unwrap_or_default();
+    refuse!(header.text, "axes of sizes {sizes}{kinds} are not volumes: expected three axes of space")
 }
 
 /// The position of the lattice. Without directions its axes are the world axes.
 fn placement(header: &Header, axes: [usize; 3]) -> Result<Placement> {
+    let origin = header.origin.unwrap_or_default();
     let Some(directions) = &header.directions else {
-        let spacing = match &header.spacings {
-            Some(all) => axes.map(|a| all[a]),
-            None => [1.0; 3],
-        };
-        return Ok(Placement { origin: header.origin.unwrap_or(DVec3::ZERO), ..Placement::axis_parallel(spacing) });
+        let spacing = header.spacings.as_ref().map_or([1.0; 3], |all| axes.map(|a| all[a]));
+        return Ok(Placement { origin, ..Placement::axis_parallel(spacing) });
     };
-    let mut vectors = [DVec3::ZERO; 3];
-    for (vector, a) in vectors.iter_mut().zip(axes) {
-        *vector = directions[a].ok_or_else(|| {
-            header.error(format!("space directions: axis {} has none, but is one of the volume's three", a + 1))
-        })?;
+    if let Some(a) = axes.into_iter().find(|&a| directions[a].is_none()) {
+        refuse!(header.text, "space directions: axis {} has none, but is one of the volume's three", a + 1);
     }
     let placement = Placement {
-        directions: vectors,
+        directions: axes.map(|a| directions[a].unwrap_or_default()),
         spacing: [1.0; 3],
-        origin: header.origin.unwrap_or(DVec3::ZERO),
+        origin,
         oriented: header.patient_flip.is_some(),
     };
     Ok(placement.flipped(header.patient_flip.unwrap_or(DVec3::ONE)))
 }
 
-/// What precedes the samples in each data file.
-#[derive(Clone, Copy)]
-struct Skip {
-    lines: u64,
-    /// Bytes to skip; `None`: the samples are the last `total` bytes.
-    bytes: Option<u64>,
-    total: u64,
-}
+/// The most bytes before the last samples of a stream, which are kept in memory until its end.
+const MAX_BEFORE: u64 = 64 << 20;
 
-impl Skip {
-    fn new(header: &Header, encoding: Encoding, total: u64) -> Result<Self> {
-        let number = |name: &str| -> Result<i64> {
-            let Some(text) = header.get(name) else { return Ok(0) };
-            text.parse().map_err(|_| header.error(format!("{name}: {text:?} is not a whole number")))
-        };
-        let (lines, bytes) = (number("line skip")?, number("byte skip")?);
-        let lines = u64::try_from(lines).map_err(|_| header.error(format!("line skip: {lines} is negative")))?;
-        let bytes = match bytes {
-            -1 if matches!(encoding, Encoding::Raw | Encoding::Gzip | Encoding::Bzip2) => None,
-            -1 => return Err(header.error("byte skip: -1 goes with encoding raw, gzip or bzip2")),
-            n => Some(u64::try_from(n).map_err(|_| header.error(format!("byte skip: {n}, expected -1 or more")))?),
-        };
-        Ok(Self { lines, bytes, total })
-    }
-
-    /// Moves the input to its first sample. Lines are skipped before decompression, bytes after it.
-    fn apply(&self, mut input: Input, encoding: Encoding) -> Result<Input> {
-        input.skip_lines(self.lines)?;
-        // Bzip2 can hold far more than anyone writes before samples.
-        let most = input.at_most().unwrap_or(u64::MAX).saturating_mul(MAX_EXPANSION).saturating_add(1 << 16);
-        let mut input = match encoding {
-            Encoding::Gzip => input.gunzip(),
-            Encoding::Bzip2 => input.bunzip2(),
-            Encoding::Raw | Encoding::Text | Encoding::Hex => input,
-        };
-        match self.bytes {
-            Some(bytes) if bytes > most => return Err(input.error(format!("ends before byte {bytes}"))),
-            Some(bytes) => input.skip(bytes)?,
-            None => input = input.skip_to_last(self.total, most)?,
-        }
-        Ok(if encoding == Encoding::Hex { input.unhex() } else { input })
+/// The lines and the bytes before the samples of each data file; no number of bytes if the samples are the last ones.
+fn skips(header: &TextHeader, encoding: Encoding) -> Result<(u64, Option<u64>)> {
+    let lines = header.number::<i64>("line skip")?.unwrap_or(0);
+    let lines = u64::try_from(lines).map_err(|_| header.error(format!("line skip: {lines} is negative")))?;
+    let bytes = header.number::<i64>("byte skip")?.unwrap_or(0);
+    match u64::try_from(bytes) {
+        Ok(bytes) => Ok((lines, Some(bytes))),
+        Err(_) if bytes != -1 => refuse!(header, "byte skip: {bytes}, expected -1 or more"),
+        Err(_) if matches!(encoding, Encoding::Raw | Encoding::Gzip | Encoding::Bzip2) => Ok((lines, None)),
+        Err(_) => refuse!(header, "byte skip: -1 goes with encoding raw, gzip or bzip2"),
     }
 }
 
-/// The data files; `None` if the samples follow the header.
-fn data_files(header: &Header, input: &mut Input) -> Result<Option<DataFiles>> {
-    let Some(text) = header.get("data file") else { return Ok(None) };
-    // The number after LIST is the dimension of each file. It does not matter: all files hold equal shares.
-    let list = text.split_ascii_whitespace().next() == Some("LIST");
-    let files = if list { DataFiles::listed(input) } else { DataFiles::named(header.path(), text, 4) };
-    files.map(Some)
+/// Moves to the first of samples of `total` bytes. Lines are skipped before decompression, bytes after it.
+fn at_samples(mut input: Input, encoding: Encoding, (lines, bytes): (u64, Option<u64>), total: u64) -> Result<Input> {
+    input.skip_lines(lines)?;
+    // Bzip2 can hold far more than anyone writes before samples.
+    let most = input.at_most().unwrap_or(u64::MAX).saturating_mul(MAX_EXPANSION).saturating_add(1 << 16);
+    let mut input = match encoding {
+        Encoding::Gzip => input.gunzip(),
+        Encoding::Bzip2 => input.bunzip2(),
+        Encoding::Raw | Encoding::Text | Encoding::Hex => input,
+    };
+    match bytes {
+        Some(bytes) if bytes > most => refuse!(input, "ends before byte {bytes}"),
+        Some(bytes) => input.skip(bytes)?,
+        None => input = input.skip_to_last(total, most.min(MAX_BEFORE))?,
+    }
+    if encoding == Encoding::Hex {
+        input.decode_digits(4);
+    }
+    Ok(input)
 }

@@ -4,10 +4,10 @@ use std::io::{self, BufRead, Read};
 
 use flate2::bufread::ZlibDecoder;
 
-use crate::error::Result;
-use crate::formats::input::{Input, MAX_EXPANSION};
+use crate::error::{Damage, Result, refuse, refuse_if};
+use crate::formats::input::{Input, MAX_EXPANSION, buffered};
 
-/// How blocks are compressed.
+/// The codec of blocks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Codec {
     Zlib,
@@ -24,9 +24,7 @@ pub(super) fn decompressed(
     mut number: impl FnMut(&mut Input) -> Result<u64>,
 ) -> Result<Input> {
     let (count, size, last) = (number(&mut input)?, number(&mut input)?, number(&mut input)?);
-    if count > MAX_BLOCKS {
-        return Err(input.error(format!("claims {count} compressed blocks, expected at most {MAX_BLOCKS}")));
-    }
+    refuse_if!(count > MAX_BLOCKS, input, "claims {count} compressed blocks, expected at most {MAX_BLOCKS}");
     let packed = (0..count).map(|_| number(&mut input)).collect::<Result<Vec<u64>>>()?;
     let mut sizes: Vec<[u64; 2]> = packed.into_iter().map(|packed| [packed, size]).collect();
     if let Some([_, size]) = sizes.last_mut()
@@ -36,11 +34,11 @@ pub(super) fn decompressed(
     }
     // No codec expands more, so a block of few bytes cannot claim all memory.
     if let Some([packed, size]) = sizes.iter().find(|[packed, size]| *size / MAX_EXPANSION > *packed) {
-        return Err(input.error(format!("claims that {packed} bytes decompress to {size}")));
+        refuse!(input, "claims that {packed} bytes decompress to {size}");
     }
-    Ok(input.decompressed(|packed| {
-        Box::new(io::BufReader::new(Blocks { packed, codec, sizes: sizes.into_iter(), block: io::Cursor::default() }))
-    }))
+    let blocks = |packed| Blocks { packed, codec, sizes: sizes.into_iter(), block: io::Cursor::default() };
+    input.decompress(MAX_EXPANSION, |packed| buffered(blocks(packed)));
+    Ok(input)
 }
 
 /// Reads the bytes of blocks.
@@ -54,8 +52,7 @@ struct Blocks {
 
 impl Blocks {
     fn next(&mut self, [packed, size]: [u64; 2]) -> io::Result<()> {
-        let damaged = |what: String| io::Error::new(io::ErrorKind::InvalidData, what);
-        // Vectors grow with what is there, not with what is claimed.
+        // Vectors grow with the bytes in the file, not with the claimed size.
         let mut bytes = Vec::new();
         (&mut self.packed).take(packed).read_to_end(&mut bytes)?;
         if (bytes.len() as u64) < packed {
@@ -69,17 +66,15 @@ impl Blocks {
                 ZlibDecoder::new(bytes.as_slice()).take(size.saturating_add(1)).read_to_end(&mut block)?;
             }
             Codec::Lz4 => {
-                let length = usize::try_from(size).map_err(|_| damaged(format!("a block of {size} bytes")))?;
+                let length = usize::try_from(size).map_err(|_| Damage.error(format!("a block of {size} bytes")))?;
                 block.try_reserve_exact(length).map_err(|_| io::ErrorKind::OutOfMemory)?;
                 block.resize(length, 0);
                 let length = lz4_flex::block::decompress_into(&bytes, &mut block)
-                    .map_err(|error| damaged(format!("LZ4: {error}")))?;
+                    .map_err(|error| Damage.error(format!("LZ4: {error}")))?;
                 block.truncate(length);
             }
         }
-        if block.len() as u64 != size {
-            return Err(damaged(format!("a block of {} bytes, expected {size}", block.len())));
-        }
+        refuse_if!(block.len() as u64 != size, Damage, "a block of {} bytes, expected {size}", block.len());
         self.block = io::Cursor::new(block);
         Ok(())
     }

@@ -1,56 +1,36 @@
 //! ImageData in XML, .vti: arrays as text, in base64 or as bytes after the XML, plain or compressed.
 
+use std::path::Path;
+use std::str::FromStr;
+
 use glam::DVec3;
 
 use super::blocks::{Codec, decompressed};
-use super::{At, Lattice, axes, numbers};
-use crate::error::{Error, Result};
+use super::{Array, At, Lattice, numbers};
+use crate::error::{Result, Subject, refuse, refuse_if};
 use crate::formats::LoadOptions;
-use crate::formats::decode::{Layout, lattice, read_all};
+use crate::formats::decode::Layout;
 use crate::formats::input::Input;
-use crate::formats::selection::picked;
+use crate::formats::selection::choice;
 use crate::formats::xml::Tag;
 use crate::volume::{Endian, SampleType, Volume};
 
 /// Reads the volume of a file that begins here: the array that is named as the active scalars, else the first with one
-/// number per sample, else the first with several; of points, else of cells.
-pub(in crate::formats) fn read(input: Input, options: &LoadOptions) -> Result<Volume> {
-    let again = input.at_most().is_some();
-    let path = input.path().to_owned();
-    match read_array(input, options, false) {
-        Ok(Some(volume)) => Ok(volume),
-        Ok(None) if again => {
-            let found = read_array(Input::open(&path)?, options, true)?;
-            found.ok_or_else(|| Error::format(&path, "has no array of scalars"))
-        }
-        Ok(None) => {
-            Err(Error::format(&path, "has no array of one number per sample, and is a stream: write it to a file"))
-        }
-        Err(error) => Err(error),
-    }
-}
-
-/// Reads the array; `several` tells whether it may have several numbers per sample without being named. `None` if
-/// there is no other.
-fn read_array(mut input: Input, options: &LoadOptions, several: bool) -> Result<Option<Volume>> {
+/// number per sample, of points, else of cells; if `several`, the first with several. `None` if there is no such array.
+pub(in crate::formats) fn read(mut input: Input, options: &LoadOptions, several: bool) -> Result<Option<Volume>> {
     let Some(file) = tag(&mut input, "VTKFile")? else {
-        return Err(input.error("is not a VTK file: it has no tag VTKFile"));
+        refuse!(input, "is not a VTK file: it has no tag VTKFile");
     };
     match file.get("type") {
         Some("ImageData") => {}
-        other => return Err(input.error(format!("is of type {:?}, expected ImageData", other.unwrap_or_default()))),
+        other => refuse!(input, "is of type {:?}, expected ImageData", other.unwrap_or_default()),
     }
     let coding = Coding::of(&file, &input)?;
-    let Some(image) = tag(&mut input, "ImageData")? else { return Err(input.error("has no tag ImageData")) };
-    let image_lattice = image_lattice(&image, &input)?;
-    let Some(found) = find(&mut input, image.get("WholeExtent"), several)? else { return Ok(None) };
-    let (sizes, placement) = image_lattice.placed(found.at);
-    let dims = lattice(input.path(), &sizes)?;
-    let grid = placement.grid(input.path(), dims, options.spacing)?;
-    let (pick, contents) = picked(input.path(), &axes(found.components, sizes), options)?;
-    let (input, layout) = coding.at_samples(input, found.place)?;
-    let samples = read_all(input, &pick, found.sample_type, layout)?;
-    Ok(Some(placement.volume(grid, samples)?.with_contents(contents)))
+    let Some(image) = tag(&mut input, "ImageData")? else { refuse!(input, "has no tag ImageData") };
+    let image_lattice = image_lattice(&image, input.path())?;
+    let Some((array, place)) = find(&mut input, image.get("WholeExtent"), several)? else { return Ok(None) };
+    let (input, layout) = coding.at_samples(input, place)?;
+    image_lattice.read(&array, input, layout, options).map(Some)
 }
 
 /// The next tag of this name.
@@ -63,37 +43,25 @@ fn tag(input: &mut Input, name: &str) -> Result<Option<Tag>> {
     Ok(None)
 }
 
-fn image_lattice(image: &Tag, input: &Input) -> Result<Lattice> {
-    fn stated<T: std::str::FromStr + Copy, const N: usize>(
-        image: &Tag,
-        input: &Input,
-        name: &str,
-        default: [T; N],
-    ) -> Result<[T; N]> {
-        let Some(text) = image.get(name) else { return Ok(default) };
-        numbers(text).ok_or_else(|| input.error(format!("{name} is {text:?}, expected {N} numbers")))
-    }
-    let [x0, x1, y0, y1, z0, z1] = stated(image, input, "WholeExtent", [0, -1, 0, -1, 0, -1])?;
-    let m = stated(image, input, "Direction", [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0])?;
+/// The numbers of an attribute, or the usual ones if it is not stated.
+fn stated<T: FromStr + Copy, const N: usize>(image: &Tag, file: &Path, name: &str, usual: [T; N]) -> Result<[T; N]> {
+    let Some(text) = image.get(name) else { return Ok(usual) };
+    numbers(text).ok_or_else(|| file.error(format!("{name} is {text:?}, expected {N} numbers")))
+}
+
+fn image_lattice(image: &Tag, file: &Path) -> Result<Lattice> {
+    let [x0, x1, y0, y1, z0, z1] = stated(image, file, "WholeExtent", [0, -1, 0, -1, 0, -1])?;
+    let m = stated(image, file, "Direction", [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0])?;
     Ok(Lattice {
         extent: [[x0, x1], [y0, y1], [z0, z1]],
-        spacing: stated(image, input, "Spacing", [1.0; 3])?,
-        origin: DVec3::from_array(stated(image, input, "Origin", [0.0; 3])?),
+        spacing: stated(image, file, "Spacing", [1.0; 3])?,
+        origin: DVec3::from_array(stated(image, file, "Origin", [0.0; 3])?),
         // Its columns are the directions of the axes.
         directions: std::array::from_fn(|axis| DVec3::new(m[axis], m[axis + 3], m[axis + 6])),
     })
 }
 
-/// An array of samples.
-struct Array {
-    at: At,
-    sample_type: SampleType,
-    /// The numbers of each sample.
-    components: u64,
-    place: Place,
-}
-
-/// Where the samples of an array are.
+/// The place of an array's samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Place {
     /// Decimal numbers after the tag.
@@ -105,14 +73,14 @@ enum Place {
 }
 
 /// Finds the array of scalars and reads up to its tag, or up to the appended data if it is there.
-fn find(input: &mut Input, whole: Option<&str>, several: bool) -> Result<Option<Array>> {
+fn find(input: &mut Input, whole: Option<&str>, several: bool) -> Result<Option<(Array, Place)>> {
     let (mut at, mut active) = (None, None);
-    let mut refused = false;
-    let mut appended: Option<Array> = None;
+    let same = |a: &str, b: &str| a.split_ascii_whitespace().eq(b.split_ascii_whitespace());
+    let mut appended = None;
     while let Some(tag) = Tag::next(input)? {
         match tag.name.as_str() {
             "Piece" if tag.get("Extent").is_some_and(|extent| whole.is_some_and(|whole| !same(extent, whole))) => {
-                return Err(input.error("is in several pieces: save it as one"));
+                refuse!(input, "is in several pieces: save it as one");
             }
             "PointData" => (at, active) = (Some(At::Points), tag.get("Scalars").map(str::to_owned)),
             "CellData" => (at, active) = (Some(At::Cells), tag.get("Scalars").map(str::to_owned)),
@@ -123,51 +91,33 @@ fn find(input: &mut Input, whole: Option<&str>, several: bool) -> Result<Option<
                     continue;
                 }
                 let components = tag.get("NumberOfComponents").unwrap_or("1");
-                let components = components
-                    .parse::<u64>()
-                    .map_err(|_| input.error(format!("NumberOfComponents is {components:?}, expected a number")))?;
+                let Ok(components) = components.parse::<u64>() else {
+                    refuse!(input, "NumberOfComponents is {components:?}, expected a number");
+                };
                 if components != 1 && active.is_none() && !several {
-                    refused = true;
                     continue;
                 }
-                let array =
-                    Array { at, sample_type: sample_type(&tag, input)?, components, place: place(&tag, input)? };
-                match array.place {
-                    Place::Appended { .. } => appended = Some(array),
-                    Place::Text | Place::Inline => return Ok(Some(array)),
+                let name = tag.get("type").unwrap_or_default();
+                let Some(sample_type) = SampleType::from_name(name) else {
+                    refuse!(input, "has an array of type {name:?}, which is not read");
+                };
+                let array = Array { at, sample_type, components };
+                match place(&tag, input)? {
+                    Place::Appended { offset, .. } => appended = Some((array, offset)),
+                    place => return Ok(Some((array, place))),
                 }
             }
             "AppendedData" => {
-                let Some(Array { place: Place::Appended { offset, .. }, at, sample_type, components }) = appended
-                else {
-                    break;
-                };
-                let base64 = match tag.get("encoding") {
-                    Some("raw") => false,
-                    Some("base64") | None => true,
-                    Some(other) => return Err(input.error(format!("has appended data in the encoding {other:?}"))),
-                };
-                let place = Place::Appended { offset, base64 };
-                return Ok(Some(Array { at, sample_type, components, place }));
+                let Some((array, offset)) = appended.take() else { break };
+                let encodings = [("base64", true), ("raw", false)];
+                let base64 = choice(input.path(), "encoding", tag.get("encoding"), encodings)?;
+                return Ok(Some((array, Place::Appended { offset, base64 })));
             }
             _ => {}
         }
     }
-    match (appended, refused) {
-        (Some(_), _) => Err(input.error("is cut short: it has no appended data")),
-        (None, false) => Err(input.error("has no array of scalars")),
-        (None, true) => Ok(None),
-    }
-}
-
-/// Whether two lists of numbers are the same.
-fn same(a: &str, b: &str) -> bool {
-    a.split_ascii_whitespace().eq(b.split_ascii_whitespace())
-}
-
-fn sample_type(tag: &Tag, input: &Input) -> Result<SampleType> {
-    let name = tag.get("type").unwrap_or_default();
-    SampleType::from_name(name).ok_or_else(|| input.error(format!("has an array of type {name:?}, which is not read")))
+    refuse_if!(appended.is_some(), input, "is cut short: it has no appended data");
+    Ok(None)
 }
 
 fn place(tag: &Tag, input: &Input) -> Result<Place> {
@@ -183,7 +133,7 @@ fn place(tag: &Tag, input: &Input) -> Result<Place> {
     }
 }
 
-/// How the bytes of arrays are written.
+/// The encoding of arrays.
 struct Coding {
     endian: Endian,
     /// Whether the numbers before an array have 8 bytes rather than 4.
@@ -193,26 +143,20 @@ struct Coding {
 
 impl Coding {
     fn of(file: &Tag, input: &Input) -> Result<Self> {
-        let endian = match file.get("byte_order") {
-            Some("LittleEndian") => Endian::Little,
-            Some("BigEndian") => Endian::Big,
-            other => {
-                let found = other.unwrap_or_default();
-                return Err(input.error(format!("byte_order is {found:?}, expected LittleEndian or BigEndian")));
-            }
-        };
-        let wide = match file.get("header_type") {
-            Some("UInt32") | None => false,
-            Some("UInt64") => true,
-            Some(other) => return Err(input.error(format!("header_type is {other:?}, expected UInt32 or UInt64"))),
-        };
+        let orders = [("LittleEndian", Endian::Little), ("BigEndian", Endian::Big)];
+        let order = file.get("byte_order").or(Some(""));
+        let endian = choice(input.path(), "byte_order", order, orders)?;
+        let numbers = [("UInt32", false), ("UInt64", true)];
+        let wide = choice(input.path(), "header_type", file.get("header_type"), numbers)?;
         let codec = match file.get("compressor") {
             None | Some("") => None,
             Some("vtkZLibDataCompressor") => Some(Codec::Zlib),
             Some("vtkLZ4DataCompressor") => Some(Codec::Lz4),
             Some(other) => {
-                let reason = "which is not read: save it with ZLib, LZ4 or no compression";
-                return Err(input.error(format!("is compressed by {other:?}, {reason}")));
+                refuse!(
+                    input,
+                    "is compressed by {other:?}, which is not read: save it with ZLib, LZ4 or no compression"
+                )
             }
         };
         Ok(Self { endian, wide, codec })
@@ -220,27 +164,24 @@ impl Coding {
 
     /// Moves from the end of a tag to the first sample.
     fn at_samples(&self, mut input: Input, place: Place) -> Result<(Input, Layout)> {
-        let mut input = match place {
+        let is_base64 = match place {
             Place::Text => return Ok((input, Layout::Text)),
-            Place::Inline => input.unbase64(),
+            Place::Inline => true,
             Place::Appended { offset, base64 } => {
                 input.skip_past(b'_')?;
                 input.skip(offset)?;
-                if base64 { input.unbase64() } else { input }
+                base64
             }
         };
-        let number = |input: &mut Input| -> Result<u64> {
-            let bytes = input.bytes(if self.wide { 8 } else { 4 })?;
-            let more = |number: u64, byte: &u8| number << 8 | u64::from(*byte);
-            Ok(match self.endian {
-                Endian::Little => bytes.iter().rev().fold(0, more),
-                Endian::Big => bytes.iter().fold(0, more),
-            })
-        };
+        if is_base64 {
+            input.decode_digits(6);
+        }
+        let number =
+            |input: &mut Input| -> Result<u64> { Ok(self.endian.number(&input.bytes(if self.wide { 8 } else { 4 })?)) };
         let input = match self.codec {
             Some(codec) => decompressed(input, codec, number)?,
             None => {
-                // The length: the lattice says what is needed of it.
+                // The length is not needed: the lattice gives it.
                 number(&mut input)?;
                 input
             }

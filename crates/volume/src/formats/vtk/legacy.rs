@@ -2,34 +2,19 @@
 
 use glam::DVec3;
 
-use super::{At, Lattice, axes, numbers};
-use crate::error::Result;
+use super::{Array, At, Lattice, numbers};
+use crate::error::{Error, Result, Subject, refuse, refuse_if};
 use crate::formats::LoadOptions;
-use crate::formats::decode::{Layout, lattice, read_all};
+use crate::formats::decode::{Layout, skip};
 use crate::formats::input::Input;
-use crate::formats::selection::picked;
 use crate::volume::{Endian, SampleType, Volume};
 
-/// Reads the volume of a header that begins here: its first array with one number per sample, or else with several.
-pub(in crate::formats) fn read(input: Input, options: &LoadOptions) -> Result<Volume> {
-    let path = input.path().to_owned();
-    let again = input.at_most().is_some();
+/// Reads the volume of a header that begins here: its first array with one number per sample, or, if `several`, with
+/// any number. `None` if there is no such array.
+pub(in crate::formats) fn read(input: Input, options: &LoadOptions, several: bool) -> Result<Option<Volume>> {
     let mut reader = Reader::open(input)?;
-    let (at, sample_type, components) = match reader.find(false)? {
-        Some(found) => found,
-        None if again && reader.passed => {
-            reader = Reader::open(Input::open(&path)?)?;
-            reader.find(true)?.ok_or_else(|| reader.input.error("has changed while it was read"))?
-        }
-        None => return Err(reader.input.error("has no array with one number per sample")),
-    };
-    let Reader { input, layout, lattice: placed, .. } = reader;
-    let (sizes, placement) = placed.placed(at);
-    let dims = lattice(&path, &sizes)?;
-    let grid = placement.grid(&path, dims, options.spacing)?;
-    let (pick, contents) = picked(&path, &axes(components, sizes), options)?;
-    let samples = read_all(input, &pick, sample_type, layout)?;
-    Ok(placement.volume(grid, samples)?.with_contents(contents))
+    let array = reader.find(several)?;
+    array.map(|array| reader.lattice.read(&array, reader.input, reader.layout, options)).transpose()
 }
 
 struct Reader {
@@ -38,107 +23,57 @@ struct Reader {
     lattice: Lattice,
     /// What the arrays to come belong to, and their number.
     of: Option<(At, u64)>,
-    /// Whether an array with several numbers per sample was passed.
-    passed: bool,
 }
 
 impl Reader {
     /// Reads the three lines that every file begins with.
     fn open(mut input: Input) -> Result<Self> {
         let magic = input.line()?.unwrap_or_default();
-        if !magic.starts_with("# vtk DataFile Version") {
-            return Err(input.error("is not a legacy VTK file"));
-        }
+        refuse_if!(!magic.starts_with("# vtk DataFile Version"), input, "is not a legacy VTK file");
         input.line()?;
         let coding = input.line()?.unwrap_or_default();
         let layout = match coding.trim().to_ascii_uppercase().as_str() {
             "ASCII" => Layout::Text,
             "BINARY" => Layout::Binary(Endian::Big),
-            _ => return Err(input.error(format!("its third line is {coding:?}, expected ASCII or BINARY"))),
+            _ => refuse!(input, "its third line is {coding:?}, expected ASCII or BINARY"),
         };
         let lattice = Lattice { extent: [[0, -1]; 3], spacing: [1.0; 3], origin: DVec3::ZERO, directions: DVec3::AXES };
-        Ok(Self { input, layout, lattice, of: None, passed: false })
+        Ok(Self { input, layout, lattice, of: None })
     }
 
     /// Reads up to the first sample of the array; `several` tells whether it may have several numbers per sample.
-    fn find(&mut self, several: bool) -> Result<Option<(At, SampleType, u64)>> {
+    fn find(&mut self, several: bool) -> Result<Option<Array>> {
         while let Some(line) = self.input.line()? {
             let line = line.trim();
-            let Some(keyword) = line.split_ascii_whitespace().next() else { continue };
+            let words: Vec<&str> = line.split_ascii_whitespace().collect();
+            let Some(keyword) = words.first() else { continue };
             let rest = line[keyword.len()..].trim();
-            let words: Vec<&str> = rest.split_ascii_whitespace().collect();
-            let bad = |input: &Input| input.error(format!("header line {line:?} is not understood"));
+            let path = self.input.path().to_owned();
+            let bad = || path.error(format!("header line {line:?} is not understood"));
             match keyword.to_ascii_uppercase().as_str() {
-                "DATASET" if rest.eq_ignore_ascii_case("STRUCTURED_POINTS") => {}
-                "DATASET" => return Err(self.input.error(format!("is of type {rest:?}, expected STRUCTURED_POINTS"))),
+                "DATASET" => {
+                    let is_image = rest.eq_ignore_ascii_case("STRUCTURED_POINTS");
+                    refuse_if!(!is_image, path, "is of type {rest:?}, expected STRUCTURED_POINTS");
+                }
                 "DIMENSIONS" => {
-                    let dims: [i64; 3] = numbers(rest).ok_or_else(|| bad(&self.input))?;
+                    let dims: [i64; 3] = numbers(rest).ok_or_else(bad)?;
                     self.lattice.extent = dims.map(|n| [0, n.saturating_sub(1)]);
                 }
                 "EXTENT" => {
-                    let [x0, x1, y0, y1, z0, z1] = numbers(rest).ok_or_else(|| bad(&self.input))?;
+                    let [x0, x1, y0, y1, z0, z1] = numbers(rest).ok_or_else(bad)?;
                     self.lattice.extent = [[x0, x1], [y0, y1], [z0, z1]];
                 }
-                "SPACING" | "ASPECT_RATIO" => {
-                    self.lattice.spacing = numbers(rest).ok_or_else(|| bad(&self.input))?;
-                }
-                "ORIGIN" => {
-                    self.lattice.origin = DVec3::from_array(numbers(rest).ok_or_else(|| bad(&self.input))?);
-                }
-                "POINT_DATA" | "CELL_DATA" => {
-                    let at = if keyword.eq_ignore_ascii_case("POINT_DATA") { At::Points } else { At::Cells };
-                    self.of = Some((at, rest.parse().map_err(|_| bad(&self.input))?));
-                }
-                "SCALARS" => {
-                    let (at, count) = self.of.ok_or_else(|| bad(&self.input))?;
-                    let (Some(kind), components) = (words.get(1), words.get(2).copied().unwrap_or("1")) else {
-                        return Err(bad(&self.input));
-                    };
-                    let table = self.input.line()?.unwrap_or_default();
-                    if !table.trim().to_ascii_uppercase().starts_with("LOOKUP_TABLE") {
-                        return Err(self.input.error(format!("expected LOOKUP_TABLE before samples, not {table:?}")));
-                    }
-                    let components = components.parse().map_err(|_| bad(&self.input))?;
-                    if components == 1 || several {
-                        return Ok(Some((at, self.sample_type(kind)?, components)));
-                    }
-                    self.pass(kind, components, count)?;
-                }
-                // Bytes; in text they are fractions of 255.
-                "COLOR_SCALARS" => {
-                    let (at, count) = self.of.ok_or_else(|| bad(&self.input))?;
-                    let components = words.get(1).and_then(|text| text.parse().ok()).ok_or_else(|| bad(&self.input))?;
-                    if (components == 1 || several) && self.layout != Layout::Text {
-                        return Ok(Some((at, SampleType::U8, components)));
-                    }
-                    match self.layout {
-                        Layout::Text => self.skip("unsigned_char", components, count)?,
-                        Layout::Binary(_) => self.pass("unsigned_char", components, count)?,
-                    }
-                }
-                "VECTORS" | "NORMALS" => {
-                    let (at, count) = self.of.ok_or_else(|| bad(&self.input))?;
-                    let kind = words.get(1).ok_or_else(|| bad(&self.input))?;
-                    if several {
-                        return Ok(Some((at, self.sample_type(kind)?, 3)));
-                    }
-                    self.pass(kind, 3, count)?;
-                }
+                "SPACING" | "ASPECT_RATIO" => self.lattice.spacing = numbers(rest).ok_or_else(bad)?,
+                "ORIGIN" => self.lattice.origin = DVec3::from_array(numbers(rest).ok_or_else(bad)?),
+                "POINT_DATA" => self.of = Some((At::Points, rest.parse().map_err(|_| bad())?)),
+                "CELL_DATA" => self.of = Some((At::Cells, rest.parse().map_err(|_| bad())?)),
                 // Its arrays follow, each behind a line of its own.
                 "FIELD" => {}
                 // Names and units of components, up to a blank line.
                 "METADATA" => while self.input.line()?.is_some_and(|line| !line.trim().is_empty()) {},
-                _ => {
-                    // An array of a field: NAME COMPONENTS TUPLES TYPE.
-                    let [components, tuples, kind] = words[..] else { return Err(bad(&self.input)) };
-                    let number = |text: &str| text.parse::<u64>().map_err(|_| bad(&self.input));
-                    let (components, tuples) = (number(components)?, number(tuples)?);
-                    match self.of {
-                        Some((at, count)) if tuples == count && (components == 1 || several) => {
-                            return Ok(Some((at, self.sample_type(kind)?, components)));
-                        }
-                        Some((_, count)) if tuples == count => self.pass(kind, components, tuples)?,
-                        _ => self.skip(kind, components, tuples)?,
+                keyword => {
+                    if let Some(array) = self.array(keyword, &words[1..], several, bad)? {
+                        return Ok(Some(array));
                     }
                 }
             }
@@ -146,40 +81,50 @@ impl Reader {
         Ok(None)
     }
 
-    /// Skips an array with several numbers per sample.
-    fn pass(&mut self, kind: &str, components: u64, tuples: u64) -> Result<()> {
-        self.passed = true;
-        self.skip(kind, components, tuples)
+    /// The array that a line begins, or `None` if it is skipped.
+    fn array(
+        &mut self,
+        keyword: &str,
+        words: &[&str],
+        several: bool,
+        bad: impl Fn() -> Error,
+    ) -> Result<Option<Array>> {
+        let is_field = !["SCALARS", "COLOR_SCALARS", "VECTORS", "NORMALS"].contains(&keyword);
+        let (kind, components, tuples) = match (keyword, words) {
+            ("SCALARS", [_, kind]) => (*kind, "1", None),
+            ("SCALARS", [_, kind, components, ..]) => (*kind, *components, None),
+            ("COLOR_SCALARS", [_, components, ..]) => ("unsigned_char", *components, None),
+            ("VECTORS" | "NORMALS", [_, kind, ..]) => (*kind, "3", None),
+            // An array of a field: NAME COMPONENTS TUPLES TYPE.
+            (_, [components, tuples, kind]) if is_field => (*kind, *components, Some(*tuples)),
+            _ => return Err(bad()),
+        };
+        let components: u64 = components.parse().map_err(|_| bad())?;
+        let tuples: Option<u64> = tuples.map(|tuples| tuples.parse().map_err(|_| bad())).transpose()?;
+        let Some(tuples) = tuples.or(self.of.map(|(_, count)| count)) else { return Err(bad()) };
+        if keyword == "SCALARS" {
+            let table = self.input.line()?.unwrap_or_default();
+            let is_table = table.trim().to_ascii_uppercase().starts_with("LOOKUP_TABLE");
+            refuse_if!(!is_table, self.input, "expected LOOKUP_TABLE before samples, not {table:?}");
+        }
+        // Colours are bytes; in text they are fractions of 255.
+        let is_fraction = keyword == "COLOR_SCALARS" && self.layout == Layout::Text;
+        let at = self.of.filter(|(_, count)| tuples == *count && !is_fraction && (components == 1 || several));
+        if let Some((at, _)) = at {
+            return Ok(Some(Array { at, sample_type: self.sample_type(kind)?, components }));
+        }
+        let size = if self.layout == Layout::Text { 1 } else { self.sample_type(kind)?.size() };
+        skip(&mut self.input, components.saturating_mul(tuples), size, self.layout)?;
+        Ok(None)
     }
 
     fn sample_type(&self, name: &str) -> Result<SampleType> {
-        let refused = || self.input.error(format!("has an array of type {name:?}, which is not read"));
-        let name = name.to_ascii_lowercase();
-        match name.as_str() {
+        let known = match name.to_ascii_lowercase().as_str() {
             // As 64-bit Unix has them, where nearly all such files are written.
-            "long" | "vtktypeint64" => Ok(SampleType::I64),
-            "unsigned_long" | "vtktypeuint64" => Ok(SampleType::U64),
-            _ => SampleType::from_name(&name.replace('_', " ")).ok_or_else(refused),
-        }
-    }
-
-    /// Skips an array.
-    fn skip(&mut self, kind: &str, components: u64, tuples: u64) -> Result<()> {
-        let count = components.saturating_mul(tuples);
-        match self.layout {
-            Layout::Binary(_) => {
-                let size = self.sample_type(kind)?.size() as u64;
-                self.input.skip(count.saturating_mul(size))
-            }
-            Layout::Text => {
-                let mut token = String::new();
-                for _ in 0..count {
-                    if !self.input.token(&mut token)? {
-                        return Err(self.input.error("ends before its samples"));
-                    }
-                }
-                Ok(())
-            }
-        }
+            "long" | "vtktypeint64" => Some(SampleType::I64),
+            "unsigned_long" | "vtktypeuint64" => Some(SampleType::U64),
+            other => SampleType::from_name(&other.replace('_', " ")),
+        };
+        known.ok_or_else(|| self.input.error(format!("has an array of type {name:?}, which is not read")))
     }
 }

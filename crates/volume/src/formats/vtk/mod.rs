@@ -6,14 +6,41 @@ pub(super) mod legacy;
 
 use glam::DVec3;
 
+use super::LoadOptions;
+use super::decode::{Layout, read_all};
+use super::input::Input;
 use super::placement::Placement;
-use super::selection::Role;
+use super::selection::{Role, picked, sized};
+use crate::error::{Result, Subject, refuse_if};
+use crate::volume::{SampleType, Volume};
 
-/// Where samples lie in the image: an array belongs to points or to cells.
+/// A reader of a format. The flag permits arrays with several numbers per sample.
+type ReadArray = fn(Input, &LoadOptions, bool) -> Result<Option<Volume>>;
+
+/// Reads the volume of an array with one number per sample, or else with several: for these the file is read again.
+pub(super) fn read(input: Input, options: &LoadOptions, read_array: ReadArray) -> Result<Volume> {
+    let (path, is_stream) = (input.path().to_owned(), input.at_most().is_none());
+    if let Some(volume) = read_array(input, options, false)? {
+        return Ok(volume);
+    }
+    refuse_if!(is_stream, path, "has no array of one number per sample, and is a stream: write it to a file");
+    let found = read_array(Input::open(&path, None)?, options, true)?;
+    found.ok_or_else(|| path.error("has no array of scalars"))
+}
+
+/// The places of an array's samples in the image: points or cells.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum At {
     Points,
     Cells,
+}
+
+/// An array of samples.
+struct Array {
+    at: At,
+    sample_type: SampleType,
+    /// The numbers of each sample.
+    components: u64,
 }
 
 /// The lattice of an image.
@@ -43,15 +70,21 @@ impl Lattice {
         }
         (sizes, Placement { directions: self.directions, spacing: self.spacing, origin, oriented: false })
     }
+
+    /// Reads the volume of an array whose first sample begins here.
+    fn read(&self, array: &Array, input: Input, layout: Layout, options: &LoadOptions) -> Result<Volume> {
+        let path = input.path().to_owned();
+        let (sizes, placement) = self.placed(array.at);
+        let grid = placement.grid(&path, &sizes, options.spacing)?;
+        let mut axes = vec![(Role::Channel, sized(array.components))];
+        axes.extend(sizes.map(|size| (Role::Space, size)));
+        let (pick, contents) = picked(&path, &axes, options)?;
+        let samples = read_all(input, &pick, array.sample_type, layout)?;
+        Ok(placement.volume(grid, samples)?.with_contents(contents))
+    }
 }
 
-/// The axes of an array with so many numbers for each sample of a lattice.
-fn axes(components: u64, [x, y, z]: [i64; 3]) -> [(Role, i64); 4] {
-    let channels = i64::try_from(components).unwrap_or(i64::MAX);
-    [(Role::Channel, channels), (Role::Space, x), (Role::Space, y), (Role::Space, z)]
-}
-
-/// As many numbers as the array has, separated by blanks; `None` if there are not so many.
+/// Parses exactly `N` numbers, separated by blanks.
 fn numbers<T: std::str::FromStr + Copy, const N: usize>(text: &str) -> Option<[T; N]> {
     let numbers: Vec<T> = text.split_ascii_whitespace().map(|word| word.parse().ok()).collect::<Option<_>>()?;
     numbers.try_into().ok()

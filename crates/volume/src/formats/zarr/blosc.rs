@@ -1,11 +1,12 @@
 //! Blosc's container (<https://github.com/Blosc/c-blosc/blob/main/README_CHUNK_FORMAT.rst>): blocks, each shuffled and
 //! compressed on its own.
 
-use std::io::Read;
+use std::io::{self, Read};
 
 use flate2::bufread::ZlibDecoder;
 
-use super::content::{Damage, damaged, zstd};
+use super::content::zstd;
+use crate::error::{Damage, refuse, refuse_if};
 
 /// Bytes of the header.
 const HEADER: usize = 16;
@@ -14,43 +15,25 @@ const HEADER: usize = 16;
 const MAX_SPLITS: usize = 16;
 const MIN_PART: usize = 128;
 
-/// How blocks are compressed.
-#[derive(Clone, Copy)]
-enum Codec {
-    BloscLz,
-    Lz4,
-    Zlib,
-    Zstd,
-}
-
 /// The content of a container that has at most `most` bytes.
-pub(super) fn decompressed(bytes: &[u8], most: usize) -> Result<Vec<u8>, Damage> {
+pub(super) fn decompressed(bytes: &[u8], most: usize) -> io::Result<Vec<u8>> {
+    let cut = || Damage.error("Blosc: cut short");
     let number = |at: usize| {
         let four = bytes.get(at..).and_then(<[u8]>::first_chunk::<4>);
-        four.map(|four| u32::from_le_bytes(*four) as usize).ok_or_else(|| damaged("Blosc: cut short"))
+        four.map(|four| u32::from_le_bytes(*four) as usize).ok_or_else(cut)
     };
     let (size, block_size, packed) = (number(4)?, number(8)?, number(12)?);
     let (flags, element) = (bytes[2], usize::from(bytes[3]).max(1));
     if size > most || packed > bytes.len() {
-        return Err(damaged(format!("Blosc: {packed} bytes that hold {size}, expected at most {most}")));
+        refuse!(Damage, "Blosc: {packed} bytes that hold {size}, expected at most {most}");
     }
     if flags & 2 != 0 {
-        let whole = bytes.get(HEADER..HEADER + size).ok_or_else(|| damaged("Blosc: cut short"))?;
-        return Ok(whole.to_vec());
+        return bytes.get(HEADER..HEADER + size).map(<[u8]>::to_vec).ok_or_else(cut);
     }
-    let codec = match flags >> 5 {
-        0 => Codec::BloscLz,
-        1 => Codec::Lz4,
-        3 => Codec::Zlib,
-        4 => Codec::Zstd,
-        2 => return Err(damaged("Blosc: compressed by Snappy, which is not read")),
-        other => return Err(damaged(format!("Blosc: the compressor {other} is unknown"))),
-    };
-    if block_size == 0 {
-        return if size == 0 { Ok(Vec::new()) } else { Err(damaged("Blosc: blocks of 0 bytes")) };
-    }
+    refuse_if!(block_size == 0 && size > 0, Damage, "Blosc: blocks of 0 bytes");
+    let blocks = size.div_ceil(block_size.max(1));
     let mut content = Vec::new();
-    for block in 0..size.div_ceil(block_size) {
+    for block in 0..blocks {
         let length = block_size.min(size - block * block_size);
         let splits = flags & 0x10 == 0
             && element <= MAX_SPLITS
@@ -62,22 +45,18 @@ pub(super) fn decompressed(bytes: &[u8], most: usize) -> Result<Vec<u8>, Damage>
         let mut whole = Vec::new();
         for _ in 0..parts {
             let packed = number(at)?;
-            let part = bytes.get(at + 4..).and_then(|rest| rest.get(..packed));
-            let part = part.ok_or_else(|| damaged("Blosc: a block that ends behind its container"))?;
+            let Some(part) = bytes.get(at + 4..).and_then(|rest| rest.get(..packed)) else {
+                refuse!(Damage, "Blosc: a block that ends behind its container");
+            };
             at += 4 + packed;
-            let wanted = length / parts;
+            let (before, wanted) = (whole.len(), length / parts);
             if packed == wanted {
                 whole.extend_from_slice(part);
             } else {
-                let before = whole.len();
-                codec.append(part, wanted, &mut whole)?;
-                if whole.len() - before != wanted {
-                    return Err(damaged(format!(
-                        "Blosc: a block of {} bytes, expected {wanted}",
-                        whole.len() - before
-                    )));
-                }
+                append(flags >> 5, part, wanted, &mut whole)?;
             }
+            let found = whole.len() - before;
+            refuse_if!(found != wanted, Damage, "Blosc: a block of {found} bytes, expected {wanted}");
         }
         if flags & 1 != 0 && element > 1 {
             whole = unshuffled(&whole, element);
@@ -89,35 +68,29 @@ pub(super) fn decompressed(bytes: &[u8], most: usize) -> Result<Vec<u8>, Damage>
     Ok(content)
 }
 
-impl Codec {
-    /// Appends the content of a part, of at most `most` bytes.
-    fn append(self, part: &[u8], most: usize, out: &mut Vec<u8>) -> Result<(), Damage> {
-        let failed = |error: &dyn std::fmt::Display| damaged(format!("Blosc: {error}"));
-        match self {
-            Self::BloscLz => blosclz(part, most, out),
-            Self::Lz4 => {
-                out.extend(lz4_flex::block::decompress(part, most).map_err(|error| failed(&error))?);
-                Ok(())
-            }
-            Self::Zlib => {
-                let read = ZlibDecoder::new(part).take(most as u64 + 1).read_to_end(out);
-                read.map(drop).map_err(|error| failed(&error))
-            }
-            Self::Zstd => {
-                out.extend(zstd(part, most)?);
-                Ok(())
-            }
+/// Appends the content of a part by the compressor of this number, of at most `most` bytes.
+fn append(compressor: u8, part: &[u8], most: usize, out: &mut Vec<u8>) -> io::Result<()> {
+    match compressor {
+        0 => blosclz(part, most, out)?,
+        1 => {
+            let content = lz4_flex::block::decompress(part, most);
+            out.extend(content.map_err(|error| Damage.error(format!("Blosc: {error}")))?);
         }
+        2 => refuse!(Damage, "Blosc: compressed by Snappy, which is not read"),
+        3 => drop(ZlibDecoder::new(part).take(most as u64 + 1).read_to_end(out)?),
+        4 => out.extend(zstd(part, most)?),
+        other => refuse!(Damage, "Blosc: the compressor {other} is unknown"),
     }
+    Ok(())
 }
 
 /// BloscLZ, a kind of FastLZ: runs of literals, and matches up to 8191 + 65535 bytes back.
-fn blosclz(packed: &[u8], most: usize, out: &mut Vec<u8>) -> Result<(), Damage> {
+fn blosclz(packed: &[u8], most: usize, out: &mut Vec<u8>) -> io::Result<()> {
     const NEAR: usize = 8191;
     let start = out.len();
     let mut bytes = packed.iter().map(|byte| usize::from(*byte));
     let mut next = || bytes.next();
-    let cut = || damaged("BloscLZ: cut short");
+    let cut = || Damage.error("BloscLZ: cut short");
     // The first token is one of literals.
     let mut token = next().map(|first| first & 31);
     while let Some(control) = token {
@@ -143,18 +116,14 @@ fn blosclz(packed: &[u8], most: usize, out: &mut Vec<u8>) -> Result<(), Damage> 
                 back += next().ok_or_else(cut)?;
             }
             let from = out.len().checked_sub(back + 1).filter(|from| *from >= start);
-            let from = from.ok_or_else(|| damaged("BloscLZ: a match before the first byte"))?;
-            if out.len() - start + length + 3 > most {
-                return Err(damaged("BloscLZ: more bytes than expected"));
-            }
+            let from = from.ok_or_else(|| Damage.error("BloscLZ: a match before the first byte"))?;
+            refuse_if!(out.len() - start + length + 3 > most, Damage, "BloscLZ: more bytes than expected");
             // A match may reach into what it makes.
             for at in from..from + length + 3 {
                 out.push(out[at]);
             }
         }
-        if out.len() - start > most {
-            return Err(damaged("BloscLZ: more bytes than expected"));
-        }
+        refuse_if!(out.len() - start > most, Damage, "BloscLZ: more bytes than expected");
         token = next();
     }
     Ok(())
@@ -171,8 +140,8 @@ pub(super) fn unshuffled(bytes: &[u8], element: usize) -> Vec<u8> {
     out
 }
 
-/// Bytes by elements, from the lowest bits of all, then the next bits, and so on. Elements whose number is no multiple
-/// of 8 stay as they are.
+/// Bytes by elements, from the lowest bits of all elements, then the next bits, and so on. A number of elements that is
+/// no multiple of 8 is returned unchanged.
 fn bits_unshuffled(bytes: Vec<u8>, element: usize) -> Vec<u8> {
     let count = bytes.len() / element;
     if count == 0 || !count.is_multiple_of(8) {
@@ -199,7 +168,7 @@ mod tests {
     fn matches_reach_back_and_into_themselves() {
         let decoded = |packed: &[u8], most: usize| {
             let mut out = vec![7];
-            blosclz(packed, most, &mut out).map(|()| out[1..].to_vec()).map_err(|Damage(text)| text)
+            blosclz(packed, most, &mut out).map(|()| out[1..].to_vec()).map_err(|error| error.to_string())
         };
         // Two literals, three bytes from one back, a literal.
         assert_eq!(decoded(&[1, b'a', b'b', 32, 0, 0, b'c'], 6).unwrap(), b"abbbbc");

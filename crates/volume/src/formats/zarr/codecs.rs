@@ -1,14 +1,17 @@
-//! What stands between the samples of a chunk and the bytes of its file.
+//! The codecs between the samples of a chunk and the bytes of its file.
 
 use std::fs::File;
-use std::io::{Read, Seek, SeekFrom};
+use std::io::{self, Read, Seek, SeekFrom};
 use std::ops::Range;
+use std::path::Path;
 
 use flate2::bufread::{MultiGzDecoder, ZlibDecoder};
 use serde_json::Value;
 
 use super::blosc;
-use super::content::{Damage, damaged, numbers, text, zstd};
+use super::content::{numbers, zstd};
+use crate::error::{Damage, Result, Subject, refuse, refuse_if};
+use crate::formats::selection::choice;
 use crate::volume::{Endian, Number};
 
 /// From bytes to bytes.
@@ -42,10 +45,10 @@ struct Shards {
     index_first: bool,
 }
 
-/// All that is done to the samples of a chunk.
+/// The codecs of a chunk, from samples to bytes.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Chain {
-    /// For each axis of what is written, the axis before, one after the other.
+    /// Permutations in the order of encoding: for each axis behind one, the axis before it.
     transposed: Vec<Vec<usize>>,
     writing: Writing,
     packings: Vec<Packing>,
@@ -59,65 +62,54 @@ const MAX_CODECS: usize = 16;
 
 impl Chain {
     /// The chain of Zarr 2: an order, a byte order, filters and a compressor.
-    pub(super) fn of_v2(axes: usize, fortran: bool, endian: Endian, codecs: &[&Value]) -> Result<Self, Damage> {
+    pub(super) fn of_v2(file: &Path, axes: usize, fortran: bool, endian: Endian, codecs: &[&Value]) -> Result<Self> {
         let transposed = if fortran { vec![(0..axes).rev().collect()] } else { Vec::new() };
-        let packings = codecs.iter().map(|codec| Packing::of(text(codec, "id")?, codec)).collect::<Result<_, _>>()?;
+        let packing = |codec: &&Value| Packing::of(file, codec["id"].as_str().unwrap_or_default(), codec);
+        let packings = codecs.iter().map(packing).collect::<Result<_>>()?;
         Ok(Self { transposed, writing: Writing::Plain(endian), packings })
     }
 
     /// The chain of Zarr 3 for chunks of this shape.
-    pub(super) fn of_v3(codecs: &Value, shape: &[u64], depth: usize) -> Result<Self, Damage> {
+    pub(super) fn of_v3(file: &Path, codecs: &Value, shape: &[u64], depth: usize) -> Result<Self> {
         let list = codecs.as_array().filter(|list| list.len() <= MAX_CODECS && depth <= MAX_DEPTH);
-        let list = list.ok_or_else(|| damaged("its codecs are no list of bearable length"))?;
+        let Some(list) = list else { refuse!(file, "its codecs are no list of bearable length") };
         let mut shape = shape.to_vec();
         let (mut transposed, mut writing, mut packings) = (Vec::new(), None, Vec::new());
         for codec in list {
-            let name = codec.as_str().map_or_else(|| text(codec, "name"), Ok)?;
+            let name = codec.as_str().or(codec["name"].as_str()).unwrap_or_default();
             let options = &codec["configuration"];
             match name {
                 "transpose" if writing.is_none() => {
-                    let order = numbers(&options["order"]).unwrap_or_default();
-                    let order: Vec<usize> = order.into_iter().map(|axis| axis as usize).collect();
-                    if order.len() != shape.len() || !(0..shape.len()).all(|axis| order.contains(&axis)) {
-                        return Err(damaged(format!("transpose: the order {order:?} of {} axes", shape.len())));
-                    }
+                    let order: Vec<usize> = numbers(&options["order"]).into_iter().map(|axis| axis as usize).collect();
+                    let is_order = order.len() == shape.len() && (0..shape.len()).all(|axis| order.contains(&axis));
+                    refuse_if!(!is_order, file, "transpose: the order {order:?} of {} axes", shape.len());
                     shape = order.iter().map(|&axis| shape[axis]).collect();
                     transposed.push(order);
                 }
                 "bytes" if writing.is_none() => {
-                    let endian = match options["endian"].as_str() {
-                        Some("little") | None => Endian::Little,
-                        Some("big") => Endian::Big,
-                        Some(other) => return Err(damaged(format!("endian {other:?}, expected little or big"))),
-                    };
-                    writing = Some(Writing::Plain(endian));
+                    let orders = [("little", Endian::Little), ("big", Endian::Big)];
+                    writing = Some(Writing::Plain(choice(file, "endian", options["endian"].as_str(), orders)?));
                 }
                 "sharding_indexed" if writing.is_none() => {
-                    let inner = numbers(&options["chunk_shape"]).unwrap_or_default();
+                    let inner = numbers(&options["chunk_shape"]);
                     let divides = inner.len() == shape.len()
                         && inner.iter().zip(&shape).all(|(inner, outer)| *inner > 0 && outer % inner == 0);
-                    if !divides {
-                        return Err(damaged(format!("chunks of {inner:?} in shards of {shape:?}")));
-                    }
+                    refuse_if!(!divides, file, "chunks of {inner:?} in shards of {shape:?}");
                     let chunks = inner.iter().zip(&shape).map(|(inner, outer)| outer / inner);
                     let index_shape: Vec<u64> = chunks.chain([2]).collect();
-                    let index_first = match options["index_location"].as_str() {
-                        Some("start") => true,
-                        Some("end") | None => false,
-                        Some(other) => return Err(damaged(format!("index_location {other:?}"))),
-                    };
+                    let places = [("end", false), ("start", true)];
                     writing = Some(Writing::Shards(Box::new(Shards {
-                        chain: Self::of_v3(&options["codecs"], &inner, depth + 1)?,
-                        index: Self::of_v3(&options["index_codecs"], &index_shape, MAX_DEPTH)?,
+                        chain: Self::of_v3(file, &options["codecs"], &inner, depth + 1)?,
+                        index: Self::of_v3(file, &options["index_codecs"], &index_shape, MAX_DEPTH)?,
                         shape: inner,
-                        index_first,
+                        index_first: choice(file, "index_location", options["index_location"].as_str(), places)?,
                     })));
                 }
-                other if writing.is_some() => packings.push(Packing::of(other, options)?),
-                other => return Err(damaged(format!("the codec {other:?} is not read"))),
+                other if writing.is_some() => packings.push(Packing::of(file, other, options)?),
+                other => refuse!(file, "the codec {other:?} is not read"),
             }
         }
-        let writing = writing.ok_or_else(|| damaged("its codecs make no bytes of samples"))?;
+        let Some(writing) = writing else { refuse!(file, "its codecs make no bytes of samples") };
         // What is written last is read first.
         packings.reverse();
         Ok(Self { transposed, writing, packings })
@@ -129,7 +121,7 @@ impl Chain {
         bytes: &Bytes<'_>,
         (shape, want): (&[u64], &[Range<u64>]),
         target: &mut Target<'_, T>,
-    ) -> Result<(), Damage> {
+    ) -> io::Result<()> {
         let (mut shape, mut want, mut strides) = (shape.to_vec(), want.to_vec(), target.strides.clone());
         for order in &self.transposed {
             shape = order.iter().map(|&axis| shape[axis]).collect();
@@ -142,23 +134,21 @@ impl Chain {
         match &self.writing {
             Writing::Plain(endian) => {
                 let content = self.unpacked(bytes, size)?;
-                if content.len() as u64 != size {
-                    return Err(damaged(format!("a chunk of {} bytes, expected {size}", content.len())));
-                }
+                refuse_if!(content.len() as u64 != size, Damage, "a chunk of {} bytes, expected {size}", content.len());
                 target.place(&content, *endian, &shape, &want);
                 Ok(())
             }
             Writing::Shards(shards) if self.packings.is_empty() => shards.read(bytes, (&shape, &want), &mut target),
             Writing::Shards(shards) => {
-                // Chunks may be larger than what they hold, and the index has 16 bytes for each.
+                // Compressed chunks may be larger than their content, and the index has 16 bytes for each.
                 let content = self.unpacked(bytes, size.saturating_mul(2).saturating_add(16 * count + 1024))?;
                 shards.read(&Bytes::Memory(&content), (&shape, &want), &mut target)
             }
         }
     }
 
-    /// The bytes before they were packed, of which there are at most about `most`.
-    fn unpacked(&self, bytes: &Bytes<'_>, most: u64) -> Result<Vec<u8>, Damage> {
+    /// The unpacked bytes; about `most` at most.
+    fn unpacked(&self, bytes: &Bytes<'_>, most: u64) -> io::Result<Vec<u8>> {
         // Checksums and incompressible content take a little more.
         let most = usize::try_from(most.saturating_add(most >> 3).saturating_add(1024)).unwrap_or(usize::MAX);
         let mut content = bytes.range(0, bytes.len())?;
@@ -168,12 +158,12 @@ impl Chain {
         Ok(content)
     }
 
-    /// The length of what is written of so many bytes, if that is always the same.
-    fn fixed_length(&self, bytes: u64) -> Result<u64, Damage> {
+    /// The packed length of this many bytes; an error if a codec makes it vary.
+    fn fixed_length(&self, bytes: u64) -> io::Result<u64> {
         self.packings.iter().try_fold(bytes, |length, packing| match packing {
             Packing::Crc32c => Ok(length + 4),
             Packing::Shuffle(_) => Ok(length),
-            _ => Err(damaged("the index of a shard is compressed")),
+            _ => Err(Damage.error("the index of a shard is compressed")),
         })
     }
 }
@@ -184,11 +174,11 @@ impl Shards {
         bytes: &Bytes<'_>,
         (shape, want): (&[u64], &[Range<u64>]),
         target: &mut Target<'_, T>,
-    ) -> Result<(), Damage> {
+    ) -> io::Result<()> {
         let chunks: Vec<u64> = shape.iter().zip(&self.shape).map(|(outer, inner)| outer / inner).collect();
         let count = chunks.iter().fold(1, |n: u64, size| n.saturating_mul(*size));
         let length = self.index.fixed_length(count.saturating_mul(16))?;
-        let start = bytes.len().checked_sub(length).ok_or_else(|| damaged("a shard without an index"))?;
+        let start = bytes.len().checked_sub(length).ok_or_else(|| Damage.error("a shard without an index"))?;
         let index = bytes.range(if self.index_first { 0 } else { start }, length)?;
         // The file has the index, so it is no larger than the file.
         let mut entries = vec![0_u64; (count * 2) as usize];
@@ -213,7 +203,7 @@ impl Shards {
     }
 }
 
-/// Where samples go: one step along each axis of a chunk is so many samples.
+/// The destination of samples: along each axis of a chunk they are a stride apart.
 pub(super) struct Target<'a, T> {
     pub(super) samples: &'a mut [T],
     pub(super) first: usize,
@@ -221,7 +211,7 @@ pub(super) struct Target<'a, T> {
 }
 
 impl<T: Number> Target<'_, T> {
-    /// Takes the part `want` of samples of this shape, whose last axis is the fastest.
+    /// Copies the part `want` from samples of this shape, whose last axis is the fastest.
     pub(super) fn place(&mut self, bytes: &[u8], endian: Endian, shape: &[u64], want: &[Range<u64>]) {
         let (Some((row, outer)), Some(stride)) = (want.split_last(), self.strides.last()) else { return };
         let from = strides_of(shape);
@@ -264,7 +254,7 @@ pub(super) fn strides_of(shape: &[u64]) -> Vec<usize> {
     strides
 }
 
-/// The indices of a chunk, the part of it that is wanted, and where that begins in all that is wanted.
+/// The indices of a chunk, the wanted part of it, and the place of this part in the whole wanted region.
 pub(super) type Part = (Vec<u64>, Vec<Range<u64>>, Vec<u64>);
 
 /// The chunks of this shape that have part of `want`.
@@ -304,10 +294,10 @@ impl Bytes<'_> {
         }
     }
 
-    /// So many bytes from an offset.
-    fn range(&self, offset: u64, length: u64) -> Result<Vec<u8>, Damage> {
+    /// The `length` bytes at an offset.
+    fn range(&self, offset: u64, length: u64) -> io::Result<Vec<u8>> {
         let end = offset.checked_add(length).filter(|end| *end <= self.len());
-        let end = end.ok_or_else(|| damaged(format!("{length} bytes at {offset}, behind the end")))?;
+        let end = end.ok_or_else(|| Damage.error(format!("{length} bytes at {offset}, behind the end")))?;
         match self {
             Self::Memory(bytes) => Ok(bytes[offset as usize..end as usize].to_vec()),
             Self::File(file, _) => {
@@ -315,14 +305,14 @@ impl Bytes<'_> {
                 let mut bytes = Vec::new();
                 file.seek(SeekFrom::Start(offset))?;
                 file.take(length).read_to_end(&mut bytes)?;
-                if bytes.len() as u64 == length { Ok(bytes) } else { Err(damaged("cut short")) }
+                if bytes.len() as u64 == length { Ok(bytes) } else { Err(Damage.error("cut short")) }
             }
         }
     }
 }
 
 impl Packing {
-    fn of(name: &str, options: &Value) -> Result<Self, Damage> {
+    fn of(file: &Path, name: &str, options: &Value) -> Result<Self> {
         Ok(match name.strip_prefix("numcodecs.").unwrap_or(name) {
             "gzip" => Self::Gzip,
             "zlib" => Self::Zlib,
@@ -332,17 +322,17 @@ impl Packing {
             "crc32c" => Self::Crc32c,
             "shuffle" => match options["elementsize"].as_u64() {
                 Some(size @ 1..=64) => Self::Shuffle(size as usize),
-                _ => return Err(damaged("shuffle: expected an elementsize of 1 to 64")),
+                _ => refuse!(file, "shuffle: expected an elementsize of 1 to 64"),
             },
             other => {
                 let read = "gzip, zlib, zstd, lz4, blosc, shuffle and crc32c are read";
-                return Err(damaged(format!("the codec {other:?} is not read: {read}")));
+                refuse!(file, "the codec {other:?} is not read: {read}")
             }
         })
     }
 
-    /// The bytes before, of which there are at most `most`.
-    fn undone(&self, bytes: &[u8], most: usize) -> Result<Vec<u8>, Damage> {
+    /// The unpacked bytes; `most` at most.
+    fn undone(&self, bytes: &[u8], most: usize) -> io::Result<Vec<u8>> {
         let mut content = Vec::new();
         match self {
             Self::Gzip => drop(MultiGzDecoder::new(bytes).take(most as u64).read_to_end(&mut content)?),
@@ -350,21 +340,19 @@ impl Packing {
             Self::Zstd => content = zstd(bytes, most)?,
             Self::Lz4 => {
                 let Some((length, block)) = bytes.split_first_chunk::<4>() else {
-                    return Err(damaged("LZ4: no length"));
+                    refuse!(Damage, "LZ4: no length");
                 };
                 let length = u32::from_le_bytes(*length) as usize;
                 // A byte stands for at most 255.
                 if length > most || length / 256 > block.len() {
-                    return Err(damaged(format!("LZ4: {} bytes that hold {length}", block.len())));
+                    refuse!(Damage, "LZ4: {} bytes that hold {length}", block.len());
                 }
-                content = lz4_flex::block::decompress(block, length).map_err(|e| damaged(format!("LZ4: {e}")))?;
+                content = lz4_flex::block::decompress(block, length).map_err(|e| Damage.error(format!("LZ4: {e}")))?;
             }
             Self::Blosc => content = blosc::decompressed(bytes, most)?,
             Self::Crc32c => {
-                let Some((body, sum)) = bytes.split_last_chunk::<4>() else { return Err(damaged("no checksum")) };
-                if crc32c(body) != u32::from_le_bytes(*sum) {
-                    return Err(damaged("its checksum is wrong"));
-                }
+                let Some((body, sum)) = bytes.split_last_chunk::<4>() else { refuse!(Damage, "no checksum") };
+                refuse_if!(crc32c(body) != u32::from_le_bytes(*sum), Damage, "its checksum is wrong");
                 content.extend_from_slice(body);
             }
             Self::Shuffle(element) => content = blosc::unshuffled(bytes, *element),

@@ -1,14 +1,15 @@
-//! What the JSON of a folder says: an array, or a group with a pyramid.
+//! The JSON of a folder: an array, or a group with a pyramid.
 
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
 use super::codecs::Chain;
-use super::content::{Damage, damaged, numbers};
-use crate::error::{Error, Result};
+use super::content::numbers;
+use crate::error::{Result, Subject, refuse, refuse_if};
 use crate::files;
 use crate::formats::decode::Kind;
+use crate::formats::selection::choice;
 use crate::volume::{Endian, Number, SampleType};
 
 /// The longest file of metadata that is read, in bytes.
@@ -48,97 +49,83 @@ fn json(path: &Path) -> Result<Option<Value>> {
         return Ok(None);
     }
     let bytes = files::read(path, MAX_JSON)?;
-    serde_json::from_slice(&bytes).map(Some).map_err(|error| Error::format(path, error.to_string()))
+    serde_json::from_slice(&bytes).map(Some).map_err(|error| path.error(error.to_string()))
 }
 
 impl Node {
     pub(super) fn read(folder: &Path) -> Result<Self> {
-        let of = |file: &Path, array: Result<Array, Damage>| array.map_err(|Damage(what)| Error::format(file, what));
+        let folder = folder.to_owned();
         let file = folder.join("zarr.json");
         if let Some(value) = json(&file)? {
             let array = match value["node_type"].as_str() {
-                Some("array") => Some(of(&file, Array::of_v3(&value))?),
+                Some("array") => Some(Array::of_v3(&file, &value)?),
                 Some("group") => None,
-                other => {
-                    return Err(Error::format(&file, format!("has the node_type {:?}", other.unwrap_or_default())));
-                }
+                other => refuse!(file, "has the node_type {:?}", other.unwrap_or_default()),
             };
-            return Ok(Self { folder: folder.to_owned(), array, attributes: value["attributes"].clone() });
+            return Ok(Self { folder, array, attributes: value["attributes"].clone() });
         }
         let file = folder.join(".zarray");
-        let array = json(&file)?.map(|value| of(&file, Array::of_v2(&value))).transpose()?;
+        let array = json(&file)?.map(|value| Array::of_v2(&file, &value)).transpose()?;
         if array.is_none() && !folder.join(".zgroup").is_file() {
-            return Err(Error::format(folder, "has neither zarr.json nor .zarray nor .zgroup"));
+            refuse!(folder, "has neither zarr.json nor .zarray nor .zgroup");
         }
         let attributes = json(&folder.join(".zattrs"))?.unwrap_or_default();
-        Ok(Self { folder: folder.to_owned(), array, attributes })
+        Ok(Self { folder, array, attributes })
     }
 }
 
 impl Array {
-    fn of_v2(value: &Value) -> Result<Self, Damage> {
-        let (shape, chunks) = shapes(&value["shape"], &value["chunks"])?;
-        let name = value["dtype"].as_str().ok_or_else(|| damaged("its dtype is no simple type"))?;
+    fn of_v2(file: &Path, value: &Value) -> Result<Self> {
+        let (shape, chunks) = shapes(file, &value["shape"], &value["chunks"])?;
+        let Some(name) = value["dtype"].as_str() else { refuse!(file, "its dtype is no simple type") };
         let (order, letters) = name.split_at_checked(1).unwrap_or_default();
         let endian = match order {
             ">" => Endian::Big,
             "<" | "|" => Endian::Little,
-            _ => return Err(damaged(format!("the dtype {name:?} is unknown"))),
+            _ => refuse!(file, "the dtype {name:?} is unknown"),
         };
-        let kind = Kind::of_numpy(letters).ok_or_else(|| damaged(format!("the dtype {name:?} is not read")))?;
-        let fortran = match value["order"].as_str() {
-            Some("C") | None => false,
-            Some("F") => true,
-            Some(other) => return Err(damaged(format!("order {other:?}, expected C or F"))),
-        };
+        let Some(kind) = Kind::of_numpy(letters) else { refuse!(file, "the dtype {name:?} is not read") };
+        let is_fortran = choice(file, "order", value["order"].as_str(), [("C", false), ("F", true)])?;
         // What was done last is undone first.
         let compressor = Some(&value["compressor"]).filter(|codec| !codec.is_null());
         let filters = value["filters"].as_array().map(Vec::as_slice).unwrap_or_default();
-        if filters.len() > MAX_AXES {
-            return Err(damaged(format!("{} filters", filters.len())));
-        }
+        refuse_if!(filters.len() > MAX_AXES, file, "{} filters", filters.len());
         let codecs: Vec<&Value> = compressor.into_iter().chain(filters.iter().rev()).collect();
-        let separator = match value["dimension_separator"].as_str() {
-            Some("/") => '/',
-            Some(".") | None => '.',
-            Some(other) => return Err(damaged(format!("dimension_separator {other:?}"))),
-        };
-        let chain = Chain::of_v2(shape.len(), fortran, endian, &codecs)?;
+        let separators = [(".", '.'), ("/", '/')];
+        let separator = choice(file, "dimension_separator", value["dimension_separator"].as_str(), separators)?;
+        let chain = Chain::of_v2(file, shape.len(), is_fortran, endian, &codecs)?;
         let fill = value["fill_value"].clone();
-        Self { shape, chunks, kind, chain, fill, prefix: "", separator, names: Vec::new() }.checked()
+        Self { shape, chunks, kind, chain, fill, prefix: "", separator, names: Vec::new() }.checked(file)
     }
 
-    fn of_v3(value: &Value) -> Result<Self, Damage> {
-        if value["chunk_grid"]["name"].as_str() != Some("regular") {
-            return Err(damaged("its chunks are not those of a regular grid"));
-        }
-        let (shape, chunks) = shapes(&value["shape"], &value["chunk_grid"]["configuration"]["chunk_shape"])?;
-        let name = value["data_type"].as_str().ok_or_else(|| damaged("its data_type is no simple type"))?;
-        let kind = Kind::of_name(name).ok_or_else(|| damaged(format!("the data_type {name:?} is not read")))?;
+    fn of_v3(file: &Path, value: &Value) -> Result<Self> {
+        let is_regular = value["chunk_grid"]["name"].as_str() == Some("regular");
+        refuse_if!(!is_regular, file, "its chunks are not those of a regular grid");
+        let (shape, chunks) = shapes(file, &value["shape"], &value["chunk_grid"]["configuration"]["chunk_shape"])?;
+        let Some(name) = value["data_type"].as_str() else { refuse!(file, "its data_type is no simple type") };
+        let kind = match name {
+            "float16" => Some(Kind::Half),
+            "bool" => Some(Kind::Whole(SampleType::U8)),
+            _ => SampleType::from_name(name).map(Kind::Whole),
+        };
+        let Some(kind) = kind else { refuse!(file, "the data_type {name:?} is not read") };
         let keys = &value["chunk_key_encoding"];
-        let (prefix, usual) = match keys["name"].as_str() {
-            Some("default") => ("c", '/'),
-            Some("v2") => ("", '.'),
-            other => return Err(damaged(format!("chunk_key_encoding {:?}", other.unwrap_or_default()))),
+        let (prefix, separators) = match keys["name"].as_str() {
+            Some("default") => ("c", [("/", '/'), (".", '.')]),
+            Some("v2") => ("", [(".", '.'), ("/", '/')]),
+            other => refuse!(file, "chunk_key_encoding {:?}", other.unwrap_or_default()),
         };
-        let separator = match keys["configuration"]["separator"].as_str() {
-            Some("/") => '/',
-            Some(".") => '.',
-            None => usual,
-            Some(other) => return Err(damaged(format!("separator {other:?}"))),
-        };
+        let separator = choice(file, "separator", keys["configuration"]["separator"].as_str(), separators)?;
         let names = value["dimension_names"].as_array().map(Vec::as_slice).unwrap_or_default();
         let names = names.iter().map(|name| name.as_str().unwrap_or_default().to_owned()).collect();
-        let chain = Chain::of_v3(&value["codecs"], &chunks, 0)?;
+        let chain = Chain::of_v3(file, &value["codecs"], &chunks, 0)?;
         let fill = value["fill_value"].clone();
-        Self { shape, chunks, kind, chain, fill, prefix, separator, names }.checked()
+        Self { shape, chunks, kind, chain, fill, prefix, separator, names }.checked(file)
     }
 
-    fn checked(self) -> Result<Self, Damage> {
+    fn checked(self, file: &Path) -> Result<Self> {
         let bytes = self.chunks.iter().fold(self.kind.size() as u64, |bytes, size| bytes.saturating_mul(*size));
-        if bytes > MAX_CHUNK {
-            return Err(damaged(format!("chunks of {bytes} bytes, expected at most {MAX_CHUNK}")));
-        }
+        refuse_if!(bytes > MAX_CHUNK, file, "chunks of {bytes} bytes, expected at most {MAX_CHUNK}");
         Ok(self)
     }
 
@@ -161,20 +148,10 @@ impl Array {
     }
 }
 
-/// The shape of an array and that of its chunks.
-fn shapes(shape: &Value, chunks: &Value) -> Result<(Vec<u64>, Vec<u64>), Damage> {
-    let (shape, chunks) = (numbers(shape).unwrap_or_default(), numbers(chunks).unwrap_or_default());
+/// The shape of an array and the shape of its chunks.
+fn shapes(file: &Path, shape: &Value, chunks: &Value) -> Result<(Vec<u64>, Vec<u64>)> {
+    let (shape, chunks) = (numbers(shape), numbers(chunks));
     let fits = (1..=MAX_AXES).contains(&shape.len()) && shape.len() == chunks.len() && !chunks.contains(&0);
-    if fits { Ok((shape, chunks)) } else { Err(damaged(format!("an array of {shape:?} in chunks of {chunks:?}"))) }
-}
-
-impl Kind {
-    /// By its name, such as int16.
-    fn of_name(name: &str) -> Option<Self> {
-        match name {
-            "float16" => Some(Self::Half),
-            "bool" => Some(Self::Whole(SampleType::U8)),
-            _ => SampleType::from_name(name).map(Self::Whole),
-        }
-    }
+    refuse_if!(!fits, file, "an array of {shape:?} in chunks of {chunks:?}");
+    Ok((shape, chunks))
 }

@@ -4,8 +4,8 @@
 //! An image of OME is a pyramid: the same volume at several resolutions. The coarsest that is fine enough is read,
 //! chunk by chunk; of shards, which are files of many chunks, only the chunks that are needed.
 //!
-//! The crate `zarrs` is not used: it takes 133 packages. What Zarr needs is small: JSON, and codecs of which all but
-//! Blosc's container are crates of their own.
+//! The crate `zarrs` is not used: it adds 133 packages. Zarr needs little: JSON, and codecs, which are crates
+//! except for Blosc's container.
 
 mod blosc;
 mod codecs;
@@ -14,24 +14,22 @@ mod metadata;
 
 use std::ops::Range;
 use std::path::{Component, Path, PathBuf};
-use std::sync::Arc;
 
 use glam::DVec3;
 use rayon::prelude::*;
 use serde_json::Value;
 
 use self::codecs::{Bytes, Part, Target, parts, strides_of};
-use self::content::Damage;
 use self::metadata::{Array, Node};
-use super::decode::{Kind, lattice, of_halves};
+use super::decode::{Kind, of_halves};
 use super::folder::is_zarr;
 use super::placement::{Placement, named_unit, plain_name};
-use super::selection::{Axes, Role, chosen, guessed};
+use super::selection::{Axes, Role, guessed, indices, sized};
 use super::{LoadOptions, PyramidLevel};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, Subject, refuse, refuse_if};
 use crate::files;
 use crate::memory::{reserved, samples_in, zeroed};
-use crate::volume::{Channel, Contents, Endian, Number, Samples, Stored, Units, Volume, with_type};
+use crate::volume::{Channel, Contents, Endian, Number, Samples, Units, Volume, with_type};
 
 /// The most levels of a pyramid.
 const MAX_LEVELS: usize = 64;
@@ -66,8 +64,7 @@ pub(super) fn read(folder: &Path, options: &LoadOptions) -> Result<Volume> {
     {
         let series = options.series.unwrap_or(1);
         let Some(index) = series.checked_sub(1).filter(|n| is_zarr(&folder.join(n.to_string()))) else {
-            let reason = format!("{series}, but {} has no such image", folder.display());
-            return Err(Error::Setting { name: "series", reason });
+            return Err(Error::setting("series", format!("{series}, but {} has no such image", folder.display())));
         };
         node = Node::read(&folder.join(index.to_string()))?;
     }
@@ -88,7 +85,7 @@ pub(super) fn read(folder: &Path, options: &LoadOptions) -> Result<Volume> {
     level.read(&axes, contents, options)
 }
 
-/// The value of a key among attributes, or among those of OME.
+/// The value of a key among the attributes of OME, or among all attributes.
 fn first_of<'a>(node: &'a Node, key: &str) -> Option<&'a Value> {
     [&node.attributes["ome"][key], &node.attributes[key]].into_iter().find(|value| !value.is_null())
 }
@@ -105,30 +102,26 @@ fn no_image(node: &Node) -> Error {
         return Error::format(&node.folder, reason);
     }
     let inside = std::fs::read_dir(&node.folder).into_iter().flatten().flatten().map(|entry| entry.path());
-    let mut names: Vec<String> = inside
-        .filter(|path| is_zarr(path))
-        .filter_map(|path| plain_name(&path.file_name()?.to_string_lossy()))
-        .take(20)
-        .collect();
+    let name = |path: PathBuf| plain_name(&path.file_name()?.to_string_lossy());
+    let mut names: Vec<String> = inside.filter(|path| is_zarr(path)).filter_map(name).take(20).collect();
     names.sort();
-    let reason = match names.is_empty() {
-        true => "is a group of Zarr without an image".to_owned(),
-        false => format!("is a group of Zarr without an image: give one of the folders in it: {}", names.join(", ")),
+    let found = match names.is_empty() {
+        true => String::new(),
+        false => format!(": give one of the folders in it: {}", names.join(", ")),
     };
-    Error::format(&node.folder, reason)
+    node.folder.error(format!("is a group of Zarr without an image{found}"))
 }
 
-/// What axes with these names are; without names they are guessed.
+/// The axes of an array by their names; without names, roles are guessed.
 fn axes_of_array(folder: &Path, array: &Array) -> Result<Vec<Axis>> {
     let named = |name: &str| Axis { name: name.to_owned(), role: role_of(name, ""), unit: None };
     if array.names.len() == array.shape.len() && array.names.iter().any(|name| !name.is_empty()) {
         return Ok(array.names.iter().map(|name| named(name)).collect());
     }
-    let sizes: Vec<i64> = array.shape.iter().rev().map(|&n| i64::try_from(n).unwrap_or(i64::MAX)).collect();
+    let sizes: Vec<i64> = array.shape.iter().rev().map(|&n| sized(n)).collect();
     let axes: Axes = guessed(&sizes);
     if axes.iter().filter(|(role, _)| *role == Role::Space).count() > 3 {
-        let reason = format!("has {} axes without names, expected at most 5", array.shape.len());
-        return Err(Error::format(folder, reason));
+        refuse!(folder, "has {} axes without names, expected at most 5", array.shape.len());
     }
     Ok(axes.into_iter().rev().map(|(role, _)| Axis { name: String::new(), role, unit: None }).collect())
 }
@@ -164,53 +157,40 @@ fn axes_of_image(folder: &Path, image: &Value) -> Result<Vec<Axis>> {
         });
         Axis { name: name.to_owned(), role, unit }
     };
-    if list.len() > 16 {
-        return Err(Error::format(folder, format!("has {} axes", list.len())));
-    }
+    refuse_if!(list.len() > 16, folder, "has {} axes", list.len());
     Ok(list.iter().map(axis).collect())
 }
 
 /// The levels of a pyramid, the finest first.
 fn levels(folder: &Path, image: &Value, axes: usize) -> Result<Vec<Level>> {
     let list = image["datasets"].as_array().map(Vec::as_slice).unwrap_or_default();
-    if list.is_empty() || list.len() > MAX_LEVELS {
-        return Err(Error::format(folder, format!("has a pyramid of {} levels", list.len())));
-    }
+    refuse_if!(list.is_empty() || list.len() > MAX_LEVELS, folder, "has a pyramid of {} levels", list.len());
     let mut levels = Vec::new();
     for dataset in list {
         let name = dataset["path"].as_str().unwrap_or_default();
         if !Path::new(name).components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir)) {
-            return Err(Error::format(folder, format!("has a dataset at {name:?}, outside of its folder")));
+            refuse!(folder, "has a dataset at {name:?}, outside of its folder");
         }
         let node = Node::read(&folder.join(name))?;
-        let Some(array) = node.array else { return Err(Error::format(&node.folder, "is no array")) };
-        if array.shape.len() != axes {
-            let reason = format!("has {} axes, but its image has {axes}", array.shape.len());
-            return Err(Error::format(&node.folder, reason));
-        }
+        let Some(array) = node.array else { refuse!(node.folder, "is no array") };
+        refuse_if!(array.shape.len() != axes, node.folder, "has {} axes, but its image has {axes}", array.shape.len());
         let (mut scale, mut translation) = (vec![1.0; axes], vec![0.0; axes]);
-        // Those of the level come first, then those of all levels.
+        // Transformations of the level come first, then the transformations of all levels.
         for value in [dataset, image].iter().flat_map(|of| of["coordinateTransformations"].as_array()).flatten() {
-            let numbers =
-                |key: &str| -> Option<Vec<f64>> { value[key].as_array()?.iter().map(Value::as_f64).collect() };
-            let fits = |numbers: &Vec<f64>| numbers.len() == axes && numbers.iter().all(|n| n.is_finite());
             match value["type"].as_str() {
-                Some("scale") => {
-                    let by = numbers("scale").filter(fits);
-                    let by = by.ok_or_else(|| Error::format(folder, format!("has no scale of {axes} numbers")))?;
-                    scale.iter_mut().chain(&mut translation).zip(by.iter().cycle()).for_each(|(n, by)| *n *= by);
-                }
-                Some("translation") => {
-                    let by = numbers("translation").filter(fits);
-                    let by =
-                        by.ok_or_else(|| Error::format(folder, format!("has no translation of {axes} numbers")))?;
-                    translation.iter_mut().zip(by).for_each(|(n, by)| *n += by);
+                Some(kind @ ("scale" | "translation")) => {
+                    let by: Option<Vec<f64>> =
+                        value[kind].as_array().and_then(|by| by.iter().map(Value::as_f64).collect());
+                    let by = by.filter(|by| by.len() == axes && by.iter().all(|n| n.is_finite()));
+                    let Some(by) = by else { refuse!(folder, "has no {kind} of {axes} numbers") };
+                    if kind == "scale" {
+                        scale.iter_mut().chain(&mut translation).zip(by.iter().cycle()).for_each(|(n, by)| *n *= by);
+                    } else {
+                        translation.iter_mut().zip(by).for_each(|(n, by)| *n += by);
+                    }
                 }
                 Some("identity") => {}
-                other => {
-                    let reason = format!("has a transformation of the type {:?}", other.unwrap_or_default());
-                    return Err(Error::format(folder, reason));
-                }
+                other => refuse!(folder, "has a transformation of the type {:?}", other.unwrap_or_default()),
             }
         }
         levels.push(Level { folder: node.folder, array, scale, translation });
@@ -218,7 +198,7 @@ fn levels(folder: &Path, image: &Value, axes: usize) -> Result<Vec<Level>> {
     Ok(levels)
 }
 
-/// What the image says of its channels.
+/// The names, colours and windows of the image's channels.
 fn labels(node: &Node) -> Vec<Channel> {
     let list = first_of(node, "omero").and_then(|omero| omero["channels"].as_array());
     let label = |value: &Value| {
@@ -236,7 +216,7 @@ fn labels(node: &Node) -> Vec<Channel> {
     list.into_iter().flatten().take(4096).map(label).collect()
 }
 
-/// The level that is asked for.
+/// The number of the requested level.
 fn chosen_level(folder: &Path, levels: &[Level], axes: &[Axis], asked: PyramidLevel) -> Result<usize> {
     let steps = |level: &Level| -> Vec<f64> {
         let of = level.scale.iter().zip(axes).filter(|(_, axis)| axis.role == Role::Space);
@@ -246,7 +226,7 @@ fn chosen_level(folder: &Path, levels: &[Level], axes: &[Axis], asked: PyramidLe
         PyramidLevel::At(n) if (n as usize) < levels.len() => return Ok(n as usize),
         PyramidLevel::At(n) => {
             let reason = format!("{n}, but {} has the levels 0 to {}", folder.display(), levels.len() - 1);
-            return Err(Error::Setting { name: "pyramid", reason });
+            return Err(Error::setting("pyramid", reason));
         }
         PyramidLevel::PixelSize(size) => size,
         PyramidLevel::Pixels(pixels) => {
@@ -266,38 +246,22 @@ fn chosen_level(folder: &Path, levels: &[Level], axes: &[Axis], asked: PyramidLe
 impl Level {
     fn read(&self, axes: &[Axis], contents: Contents, options: &LoadOptions) -> Result<Volume> {
         let Self { folder, array, .. } = self;
-        let size = |role: Role| {
-            let of = array.shape.iter().zip(axes).filter(|(_, axis)| axis.role == role);
-            of.fold(1_u64, |size, (n, _)| size.saturating_mul(*n))
-        };
         // Axes of space, the fastest first.
         let space: Vec<usize> = (0..axes.len()).rev().filter(|&axis| axes[axis].role == Role::Space).collect();
-        if !(2..=3).contains(&space.len()) {
-            let reason = format!("has {} axes of space, expected 2 or 3", space.len());
-            return Err(Error::format(folder, reason));
-        }
-        let sizes: Vec<i64> = space.iter().map(|&a| i64::try_from(array.shape[a]).unwrap_or(i64::MAX)).collect();
-        let dims = lattice(folder, &sizes)?;
+        refuse_if!(!(2..=3).contains(&space.len()), folder, "has {} axes of space, expected 2 or 3", space.len());
+        let sizes: Vec<i64> = space.iter().map(|&axis| sized(array.shape[axis])).collect();
         let placement = self.placement(axes, &space);
-        let grid = placement.grid(folder, dims, options.spacing)?;
-        let taken = chosen(folder, options, size(Role::Channel), size(Role::Time))?;
+        let grid = placement.grid(folder, &sizes, options.spacing)?;
+        let all: Axes = axes.iter().zip(&array.shape).rev().map(|(axis, size)| (axis.role, sized(*size))).collect();
+        let (indices, taken) = indices(folder, &all, options)?;
         let mut contents =
             Contents { labels: contents.labels, level: contents.level, levels: contents.levels, ..taken };
         if contents.labels.len() != contents.channels as usize {
             contents.labels.clear();
         }
-        let (mut channel, mut time) = (u64::from(contents.channel), u64::from(contents.time));
-        let mut want: Vec<Range<u64>> = array.shape.iter().map(|size| 0..*size).collect();
+        let part = |(size, index): (&u64, Option<u64>)| index.map_or(0..*size, |index| index..index + 1);
+        let want: Vec<Range<u64>> = array.shape.iter().zip(indices.into_iter().rev()).map(part).collect();
         let mut strides = vec![0; axes.len()];
-        for axis in (0..axes.len()).rev() {
-            let number = match axes[axis].role {
-                Role::Channel => &mut channel,
-                Role::Time => &mut time,
-                Role::Space => continue,
-            };
-            want[axis] = *number % array.shape[axis]..*number % array.shape[axis] + 1;
-            *number /= array.shape[axis];
-        }
         space.iter().fold(1, |stride, &axis| {
             strides[axis] = stride;
             stride * array.shape[axis] as usize
@@ -313,11 +277,11 @@ impl Level {
         };
         let unit = space.first().and_then(|&axis| axes[axis].unit.clone());
         let length = unit.filter(|unit| space.iter().all(|&axis| axes[axis].unit.as_ref() == Some(unit)));
-        let volume = placement.volume(grid, Stored::Memory(Arc::new(samples)))?;
+        let volume = placement.volume(grid, samples.into())?;
         Ok(volume.with_units(Units { length, value: None }).with_contents(contents))
     }
 
-    /// The position of the lattice, whose axes are those of space, the fastest first.
+    /// The position of the lattice with these axes of space, the fastest first.
     fn placement(&self, axes: &[Axis], space: &[usize]) -> Placement {
         let named = |axis: usize| ["x", "y", "z"].iter().position(|name| *name == axes[axis].name);
         let mut of_world: Vec<usize> = space.iter().filter_map(|&axis| named(axis)).collect();
@@ -341,15 +305,13 @@ impl Level {
         placement
     }
 
-    /// The part `want` of the array, with so many samples from one index of an axis to the next.
+    /// The part `want` of the array, placed by strides: samples from one index of an axis to the next.
     fn samples<T: Number>(&self, want: &[Range<u64>], strides: &[usize], fill: T) -> Result<Vec<T>> {
         let Self { folder, array, .. } = self;
         let count = want.iter().fold(1_u64, |count, range| count.saturating_mul(range.end - range.start));
         let counts = want.iter().zip(&array.chunks).map(|(range, size)| range.end.div_ceil(*size) - range.start / size);
         let chunks = counts.fold(1, u64::saturating_mul);
-        if chunks > MAX_CHUNKS {
-            return Err(Error::format(folder, format!("is in {chunks} chunks, expected at most {MAX_CHUNKS}")));
-        }
+        refuse_if!(chunks > MAX_CHUNKS, folder, "is in {chunks} chunks, expected at most {MAX_CHUNKS}");
         let mut samples: Vec<T> = zeroed(count, || samples_in(folder))?;
         let largest = array.chunks.iter().product::<u64>() * size_of::<T>() as u64;
         let at_once = (AT_ONCE / largest.max(1)).clamp(1, rayon::current_num_threads() as u64) as usize;
@@ -390,13 +352,13 @@ impl Level {
                 return if is_zero { Ok(None) } else { filled().map(Some) };
             }
             Err(error) => return Err(error),
-            Ok((_, None)) => return Err(Error::format(path, "is not a regular file")),
+            Ok((_, None)) => refuse!(path, "is not a regular file"),
             Ok((file, Some(length))) => (file, length),
         };
         let mut region = filled()?;
         let mut target = Target { samples: &mut region, first: 0, strides: strides_of(&shape) };
         let read = self.array.chain.read(&Bytes::File(&file, length), (&self.array.chunks, inner), &mut target);
-        read.map_err(|Damage(what)| Error::format(path, what))?;
+        read.map_err(|source| Error::of_content(path, source))?;
         Ok(Some(region))
     }
 }
