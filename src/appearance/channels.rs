@@ -161,7 +161,7 @@ fn window(volume: &Volume, label: &Channel, values: Values) -> Result<Option<Win
     }
     let of_file = label.window.map(|[low, high]| Window { level: f64::midpoint(low, high), width: high - low });
     match of_file.filter(|window| window.ends().is_ok()) {
-        None => Ok(Window::of(&Statistics::of(volume)?)),
+        None => Ok(Window::of_foreground(&Statistics::of(volume)?)),
         window => Ok(window),
     }
 }

@@ -5,12 +5,12 @@
 //!     [--rivals NAME,..] [--painters NAME,..] [--runs N] [--frames N] [--write]
 //! ```
 //!
-//! `race.json` names the scenes, the pictures, the transfer function and the rivals. --work holds the volumes,
-//! and what rivals build. A rival has two commands. `probe` succeeds if the rival is there, and may build it; a rival
-//! that is not there is left out, and the report says so. `command` makes pictures: `{frames}` of a turntable of
-//! 10-degree steps, the first of them into the file `{out}`, and prints one JSON object with `median_s`, the median
-//! seconds of the frames after the first. The environment variable PEERS_WORK is --work, and PEERS_UNIT the distance
-//! that opacities are per, in voxels. --scripts is the folder of the commands' scripts; without it voxsplat runs alone.
+//! `race.json` names the scenes, the pictures, the transfer function and the rivals. --work holds the volumes and the
+//! programs that rivals build. A rival has two commands. `probe` succeeds if the rival is installed, and may build it;
+//! the report names missing rivals. `command` draws `{frames}` pictures of a turntable of 10-degree steps, the first of
+//! them into the file `{out}`, and prints one JSON object with `median_s`, the median seconds of the frames after the
+//! first. The environment variable PEERS_WORK is --work, and PEERS_UNIT the unit of opacities in voxels. --scripts is
+//! the folder of the commands' scripts; without it voxsplat runs alone.
 //!
 //! - VTK and others are packages of PYTHON: `pip install vtk pyvista pygfx rendercanvas wgpu numba pillow`
 //! - OSPRay is part of a package: `pip download ovito==3.17.2 --no-deps -d D`, `unzip 'D/ovito*.whl' 'ovito/plugins/*'
@@ -23,8 +23,8 @@
 //! Prints per scene, picture and entry, as medians: wall time of the command that makes one picture, time of a frame,
 //! peak resident memory of that command, the error against the entry's own truth (rms over the colours of covered
 //! pixels, in steps of 8 bits), and the ratios to the best rival, of those with more than 8 bits. voxsplat's truth is
-//! its f64 reference to 1e-5 of a channel, made once and kept in WORK/truth. The truth of a rival is what
-//! `reference.py` of the scripts makes. Scenes without `truth` and pictures other than unlit ones have no error.
+//! its f64 reference to 1e-5 of a channel, made once and kept in WORK/truth. `reference.py` of the scripts makes the
+//! truth of a rival. Scenes without `truth` and pictures other than unlit ones have no error.
 //! `--write` keeps the tables in docs/measurements, each as soon as it is whole, and a plot of time against error.
 
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "printing its table is what this program is for")]
@@ -61,24 +61,24 @@ struct Config {
     rivals: Vec<Rival>,
 }
 
-/// A volume, and how it is shown.
+/// A volume with its transfer function.
 #[derive(Deserialize, Clone)]
 struct Scene {
     name: String,
     dims: [u32; 3],
-    /// What voxsplat reads; rivals find theirs by the name.
+    /// The file that voxsplat reads; rivals find their files by the name.
     file: String,
     /// The type of its samples, if it has no header.
     r#type: Option<String>,
     /// The value that is 1 in the transfer function.
     one: f64,
-    /// The distance that opacities are per, in voxels.
+    /// The unit of opacities, in voxels.
     unit: f64,
-    /// Whether there is an error to be told.
+    /// Whether an error can be measured.
     truth: bool,
 }
 
-/// What is drawn of a scene.
+/// A kind of picture.
 #[derive(Deserialize, Clone, Copy)]
 struct Kind {
     lit: bool,
@@ -96,11 +96,11 @@ struct Picture {
 #[derive(Deserialize, Clone)]
 struct Rival {
     name: String,
-    /// What its field ends at: the outermost `centers` of voxels, or the faces of their `cells`.
+    /// The end of its field: the outermost `centers` of voxels, or the faces of their `cells`.
     r#box: String,
     probe: Vec<String>,
     command: Vec<String>,
-    /// Arguments for light, for rays through one eye; `None`: it cannot.
+    /// Arguments for light and for rays through one eye; `None` if it lacks them.
     lit: Option<Vec<String>>,
     perspective: Option<Vec<String>>,
     /// The scenes that it draws; all, if there are none.
@@ -109,7 +109,7 @@ struct Rival {
     /// The kind of file that it writes.
     #[serde(default = "png")]
     picture: String,
-    /// It computes with 8 bits, and is not what others are held to.
+    /// Whether it computes with 8 bits, so that others are not compared with it.
     #[serde(default)]
     coarse: bool,
 }
@@ -157,7 +157,7 @@ fn options(arguments: &mut Arguments) -> Outcome<Options> {
     }
 }
 
-/// Those of `all` that a list of names apart by commas has; all without a list.
+/// Returns the items that a list of names parted by commas has; all without a list.
 fn chosen<T: Clone>(all: &[T], list: Option<&String>, name: fn(&T) -> &String) -> Outcome<Vec<T>> {
     let Some(list) = list else { return Ok(all.to_vec()) };
     let find = |wanted: &str| {
@@ -250,7 +250,8 @@ fn colors_of(path: &Path) -> Outcome<Vec<[f64; 3]>> {
     Ok(bytes[samples..].chunks_exact(3).map(|p| [p[0], p[1], p[2]].map(of_255)).collect())
 }
 
-/// Root mean square over the colours of pixels that either covers, of 255; the first as 8 bits hold it.
+/// Returns the root mean square over the colours of pixels that either picture covers, of 255; the first picture is
+/// rounded to 8 bits.
 fn error(picture: &[[f64; 3]], truth: &[[f64; 3]]) -> f64 {
     let rounded = |c: f64| (c.clamp(0.0, 1.0) * 255.0).round();
     let shown = |p: &[f64; 3]| p.iter().any(|&c| c > 1.0 / 255.0);
@@ -260,7 +261,7 @@ fn error(picture: &[[f64; 3]], truth: &[[f64; 3]]) -> f64 {
     (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
 }
 
-/// voxsplat's part: a turntable in this process, and the error of its first picture.
+/// The run of voxsplat: a turntable in this process, and the error of its first picture.
 fn child(race: &Race<'_>, curve: &[[f64; 5]], painter: &str) -> Outcome {
     let Race { options, scene, picture, .. } = race;
     let Kind { lit, post, .. } = picture.kind;
@@ -343,14 +344,14 @@ struct Times {
     error: Option<f64>,
 }
 
-/// What entries draw.
+/// A picture that entries draw.
 struct Race<'a> {
     options: &'a Options,
     scene: &'a Scene,
     picture: &'a Picture,
 }
 
-/// A word of a rival's command with its places filled.
+/// Returns a word of a rival's command with its places filled.
 fn filled(word: &str, options: &Options, places: &[(&str, String)]) -> String {
     let path = |path: &Path| path.to_string_lossy().into_owned();
     let scripts = options.scripts.as_deref().map(path).unwrap_or_default();
@@ -469,8 +470,8 @@ impl Race<'_> {
         Ok(())
     }
 
-    /// Time against error of all entries, the front among them marked. Keeps those of rivals in WORK/rivals, as
-    /// `voxsplat pareto --rivals` reads them.
+    /// Returns time against error of all entries, with the front marked. Keeps the rivals' in WORK/rivals, for
+    /// `voxsplat pareto --rivals`.
     fn points(&self, entries: &[Entry], times: &[Times]) -> Outcome<Vec<Point>> {
         let found =
             entries.iter().zip(times).filter_map(|(entry, t)| Some((entry, median(t.frame.clone()), t.error? / 255.0)));

@@ -5,12 +5,11 @@
 //! ```
 //!
 //! Volumes are the signal of Marschner and Lobb ("An evaluation of reconstruction filters for volume rendering", 1994)
-//! in u8, of which 83 % shows, as bare samples in a folder of their own: 1 GiB at 1024^3. The folder is temporary
-//! unless --work names it. Optical depths and the view are those of the same body at every size, so all pictures show
-//! the same, and larger volumes have more voxels to a pixel.
+//! in u8, 83 % of it visible, as bare samples in a folder of their own: 1 GiB at 1024^3. The folder is temporary unless
+//! --work names it. All sizes show the same body from the same side, so larger volumes have more voxels to a pixel.
 //!
 //! The first table has pictures of 512 x 512 pixels. `command` is the wall time of the command line that makes one from
-//! a cold start, and `memory` its peak resident memory. The rest is told by a turntable of 10-degree steps in a process
+//! a cold start, and `memory` its peak resident memory. The rest comes from a turntable of 10-degree steps in a process
 //! of its own: `classify` and `pack` of its first picture, the median of the frames after the first, and the peak
 //! resident memory. The second table has larger pictures of 256^3 voxels.
 
@@ -61,7 +60,7 @@ struct Scene {
     frames: usize,
 }
 
-/// What a turntable took: seconds, and what it drew.
+/// The seconds and the statistics of a turntable.
 #[derive(Serialize, Deserialize)]
 struct Took {
     load: f64,
@@ -145,7 +144,7 @@ impl Scene {
         Ok([wall, memory])
     }
 
-    /// What a turntable in a process of its own takes, and its peak memory in MiB.
+    /// Runs a turntable in a process of its own. Returns its times, and its peak memory in MiB.
     fn turntable(&self) -> Outcome<(Took, f64)> {
         let mut turn = Command::new(std::env::current_exe()?);
         turn.args(["--bench", "--child", &serde_json::to_string(self)?]);

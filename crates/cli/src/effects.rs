@@ -153,7 +153,7 @@ const RULES: &[Rule] = &[
         "without --max-error or --verify",
     ),
     idle("rate", is_frames, "because files of frames have no rate"),
-    refused("format", is_frames, ": {frame} asks for a file for each frame"),
+    refused("format", is_frames, ": {frame} requests a file for each frame"),
     refused("part resume", is_film, " needs a file for each frame, such as -o frames/{frame}.png"),
 ];
 

@@ -1,6 +1,6 @@
 //! Jobs: arguments that have been checked against each other and by the library, before any file is read.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use glam::DVec3;
 use voxsplat::appearance::{ChannelChoice, OpenChoices, Values};
@@ -14,16 +14,15 @@ use voxsplat::settings::{Painter, Response, Settings};
 use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::{Grid, Units};
 
-use super::args::{FigureArgs, FrameArg, ModelArgs, ParetoArgs, ProjectionArg, RenderArgs, StatsFormat, ViewArgs};
+use super::args::{FigureArgs, FrameArg, ModelArgs, ProjectionArg, RenderArgs, StatsFormat, ViewArgs};
 use super::clip::ClipArg;
 use super::destination::Destination;
 use super::failure::{Failure, refuse};
 use super::layers::LayersJob;
-use super::options::STUDIED;
 use super::parse::{LightArg, Occlusion, PlaceArg, TimeArg};
 use super::scene_file::SceneFile;
 use super::transfer::{Transfer, TransferChoice};
-use super::tune::{Tuning, pairs_without};
+use super::tune::Tuning;
 
 /// The default margin of a picture with a title or a caption, if an option sets the frame or the zoom.
 const FIGURE_MARGIN: f64 = 0.1;
@@ -120,8 +119,7 @@ impl RenderJob {
     pub(crate) fn new(mut args: RenderArgs) -> Result<Self, Failure> {
         args.input.check_one_time()?;
         let Some(output) = args.output.take() else {
-            let missing = "--output FILE is missing: where the picture goes (see --help)";
-            return refuse(missing);
+            return refuse("--output FILE is missing: the destination of the picture (see --help)");
         };
         let output = Destination::checked(output)?;
         if output == Destination::Stdout && args.stats.is_some() {
@@ -132,7 +130,7 @@ impl RenderJob {
 
     /// A picture that goes to `output`.
     pub(crate) fn with_output(args: RenderArgs, output: Destination) -> Result<Self, Failure> {
-        let mut view = view(&args.view)?;
+        let mut view = view(&args.view, args.size)?;
         let makes_room = args.view.fits_by_default();
         let texts = args.figure.title.is_some() || args.figure.caption.is_some();
         if args.view.margin.is_none() && texts && !makes_room {
@@ -140,8 +138,6 @@ impl RenderJob {
         }
         let tuning = Tuning::new(&args.model.tune).map_err(Failure::usage)?;
         let settings = settings(&args.model, &tuning, tuning.painter(args.painter), &view)?;
-        // The validity of a view does not depend on the volume: one voxel is enough, before a long read.
-        Camera::new(&view, &Grid::axis_parallel([1; 3], [1.0; 3])?, args.size)?;
         if settings.response == Response::Depth && !output.keeps_values() {
             return refuse("--response depth is for an .exr: a .png holds 0 to 1, window shows it");
         }
@@ -154,7 +150,7 @@ impl RenderJob {
         let region = args.region.unwrap_or(Region { x: 0, y: 0, width, height });
         region.check_within(args.size)?;
         let legend = args.figure.legend;
-        let (figure, units) = figure(args.figure, args.size, &settings)?;
+        let (figure, units) = figure(&args.figure, args.size, &settings)?;
         let transfer = Transfer::new(&args.model)?;
         let alone = matches!(transfer.choice, TransferChoice::Labels);
         let layers = LayersJob::new(&args.layers, alone)?;
@@ -213,8 +209,8 @@ pub(crate) const NO_LEGEND: &str = "--legend names labels and channels, and ther
     --transfer labels takes values as labels, --colour-bar shows values";
 
 /// Returns the figure on a picture, and its units.
-fn figure(args: FigureArgs, size: [u32; 2], settings: &Settings) -> Result<(Figure, Units), Failure> {
-    let FigureArgs { scale_bar, axes, colour_bar: color_bar, legend: names, title, caption, units } = args;
+pub(crate) fn figure(args: &FigureArgs, size: [u32; 2], settings: &Settings) -> Result<(Figure, Units), Failure> {
+    let FigureArgs { scale_bar, axes, colour_bar: color_bar, legend: names, title, caption, units } = args.clone();
     let figure = Figure { scale_bar, axes, color_bar, legend: Vec::new(), title, caption };
     figure.validate(size, settings.model)?;
     if names {
@@ -226,7 +222,7 @@ fn figure(args: FigureArgs, size: [u32; 2], settings: &Settings) -> Result<(Figu
 }
 
 /// Returns the settings of a picture.
-fn settings(model: &ModelArgs, tuning: &Tuning, painter: Painter, view: &View) -> Result<Settings, Failure> {
+pub(crate) fn settings(model: &ModelArgs, tuning: &Tuning, painter: Painter, view: &View) -> Result<Settings, Failure> {
     let settings = Settings {
         model: model.model,
         response: model.response,
@@ -295,12 +291,13 @@ fn lighting(args: &ModelArgs, tuning: &Tuning, view: &View) -> Result<Option<Lig
 }
 
 /// Returns the region that a picture is fitted to.
-fn frame(args: &ViewArgs) -> FrameArg {
+pub(crate) fn frame(args: &ViewArgs) -> FrameArg {
     let placed = args.target.is_some() || args.view_height.is_some() || args.distance.is_some();
     args.frame.unwrap_or(if placed { FrameArg::Volume } else { FrameArg::Visible })
 }
 
-fn view(args: &ViewArgs) -> Result<View, Failure> {
+/// Returns the view of a picture of some size.
+pub(crate) fn view(args: &ViewArgs, size: [u32; 2]) -> Result<View, Failure> {
     let projection = match args.projection {
         ProjectionArg::Perspective => ProjectionKind::Perspective { fov: args.fov.unwrap_or(DEFAULT_FOV) },
         ProjectionArg::Orthographic => ProjectionKind::Orthographic,
@@ -308,115 +305,21 @@ fn view(args: &ViewArgs) -> Result<View, Failure> {
     if args.up == Some(DVec3::ZERO) || args.direction == Some(DVec3::ZERO) {
         return refuse("--up and --direction: 0,0,0, expected a length over 0");
     }
-    Ok(View {
+    let view = View {
         azimuth: args.azimuth.unwrap_or_default(),
         elevation: args.elevation.unwrap_or_default(),
         roll: args.roll,
         up: args.up.unwrap_or(View::default().up),
         direction: args.direction,
         target: args.target,
-        around: None,
         margin: args.margin.unwrap_or(View::default().margin),
-        reserved: View::default().reserved,
         projection,
         zoom: args.zoom,
         view_height: args.view_height,
         distance: args.distance,
-    })
-}
-
-/// A volume to be drawn in many ways.
-#[derive(Debug)]
-pub(crate) struct ParetoJob {
-    pub(crate) source: PathBuf,
-    pub(crate) load: LoadOptions,
-    pub(crate) transfer: Transfer,
-    /// The requested view, and others.
-    pub(crate) views: Vec<View>,
-    pub(crate) frame: FrameArg,
-    /// Width and height of the pictures, pixels.
-    pub(crate) size: [u32; 2],
-    pub(crate) settings: Settings,
-    pub(crate) clip: Vec<ClipArg>,
-    /// Pairs of `--tune` that the study does not vary.
-    pub(crate) tune: Option<String>,
-    pub(crate) adapter: Option<String>,
-    pub(crate) directory: PathBuf,
-    pub(crate) repeats: u32,
-    pub(crate) sample: u32,
-    pub(crate) patience: f64,
-    pub(crate) resume: bool,
-    pub(crate) rivals: Option<PathBuf>,
-    /// The figure on the pictures of the page.
-    pub(crate) figure: Figure,
-    pub(crate) units: Units,
-}
-
-/// The golden angle, degrees: steps of it spread any number of views evenly.
-const GOLDEN_ANGLE: f64 = 137.507_764_050_037_85;
-
-impl ParetoJob {
-    pub(crate) fn new(args: ParetoArgs) -> Result<Self, Failure> {
-        args.input.check_one_time()?;
-        let first = view(&args.view)?;
-        let tuning = Tuning::new(&args.model.tune).map_err(Failure::usage)?;
-        let settings = settings(&args.model, &tuning, Painter::Auto, &first)?;
-        if settings.response == Response::Depth {
-            return refuse("--response depth is no picture for a report: window shows it");
-        }
-        Camera::new(&first, &Grid::axis_parallel([1; 3], [1.0; 3])?, args.size)?;
-        let (figure, units) = figure(args.figure, args.size, &settings)?;
-        let turned = |i: u32| {
-            let elevations = [0.0, 25.0, -35.0, 55.0, -15.0];
-            View {
-                direction: None,
-                azimuth: first.azimuth + f64::from(i) * GOLDEN_ANGLE,
-                elevation: elevations[i as usize % elevations.len()],
-                ..first.clone()
-            }
-        };
-        let views = std::iter::once(first.clone()).chain((1..args.views).map(turned)).collect();
-        let transfer = Transfer::new(&args.model)?;
-        if args.input.channel.len() > 1 {
-            return refuse("--channel: a study is of one channel");
-        }
-        if matches!(transfer.choice, TransferChoice::Labels) {
-            return refuse("--transfer labels is for render and turntable");
-        }
-        let tune = pairs_without(&args.model.tune, &STUDIED);
-        check_folder(&args.output)?;
-        Ok(Self {
-            load: LoadOptions { stream_over: tuning.stream_over, ..args.input.options_for(&args.view, args.size) },
-            source: args.input.source,
-            transfer,
-            views,
-            frame: frame(&args.view),
-            size: args.size,
-            settings,
-            clip: args.model.clip,
-            tune,
-            adapter: args.adapter,
-            directory: args.output,
-            repeats: args.repeats,
-            sample: tuning.sample,
-            figure,
-            units,
-            patience: args.patience,
-            resume: args.resume,
-            rivals: args.rivals,
-        })
-    }
-}
-
-/// Refuses a folder that cannot be made or written to. It is made after the volume has been read.
-fn check_folder(folder: &Path) -> Result<(), Failure> {
-    let usage = |reason: String| refuse(format!("--output: {}: {reason}", folder.display()));
-    let mut first = folder.join("report.html");
-    while let Some(above) = first.parent().filter(|above| !above.as_os_str().is_empty() && !above.is_dir()) {
-        if above.exists() {
-            return usage(format!("{} is no directory", above.display()));
-        }
-        first = above.to_owned();
-    }
-    check_writable(&first).or_else(|error| usage(format!("{error:#}")))
+        ..View::default()
+    };
+    // The validity of a view does not depend on the volume: one voxel is enough, before a long read.
+    Camera::new(&view, &Grid::axis_parallel([1; 3], [1.0; 3])?, size)?;
+    Ok(view)
 }

@@ -83,12 +83,7 @@ fn run(args: args::Args, matches: &clap::ArgMatches) -> Result<(), Failure> {
     match args.command {
         args::Command::Render(args) => render::run(scene::jobs(*args, line, job::RenderJob::new)?),
         args::Command::Turntable(args) => turntable::run(turntable::TurntableJob::new(*args, line)?),
-        args::Command::Pareto(args) => {
-            let notes = effects::noted(command, vec![matches])?;
-            let job = job::ParetoJob::new(*args)?;
-            notes.iter().for_each(|note| output::say(note));
-            pareto::run(job, line)
-        }
+        args::Command::Pareto(args) => pareto::run(&args, line),
         args::Command::Info(args) => {
             effects::noted(command, vec![matches])?.iter().for_each(|note| output::say(note));
             info::run(&args, &given(command, matches))

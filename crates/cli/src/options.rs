@@ -12,19 +12,6 @@ use super::args;
 use super::given::MAP;
 use super::tune;
 
-/// Keys of `--tune` that a study varies or measures by.
-pub(crate) const STUDIED: [&str; 9] = [
-    "sheets",
-    "accumulate",
-    "sheet-thickness",
-    "precision",
-    "table-error",
-    "resolution",
-    "interslice",
-    "termination",
-    "sample",
-];
-
 /// Returns the options of `voxsplat render` that make settings what they are, with their values. Defaults are left out,
 /// apart from the painter.
 pub(crate) fn options_of(settings: &Settings) -> Vec<String> {

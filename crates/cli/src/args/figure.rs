@@ -5,7 +5,7 @@ use voxsplat::volume::Units;
 use crate::parse;
 
 /// The figure on the finished picture. A PNG has the figure, an EXR keeps the values of the picture.
-#[derive(Debug, clap::Args)]
+#[derive(Debug, Clone, clap::Args)]
 #[command(next_help_heading = "Figure")]
 pub(crate) struct FigureArgs {
     /// Draw a scale bar of a round length

@@ -7,15 +7,14 @@ use crate::parse;
 
 /// Show the properties of a volume file, its histogram, and the command line that renders it.
 #[derive(Debug, clap::Args)]
-#[command(next_help_heading = "Labels")]
 pub(crate) struct InfoArgs {
     #[command(flatten)]
     pub(crate) input: InputArgs,
     /// List labels with their colours, voxels and volumes in place of the rest
-    #[arg(long)]
+    #[arg(long, help_heading = "Labels")]
     pub(crate) labels: bool,
     /// Names, colours and opacities of labels, as for render
-    #[arg(long, value_name = "FILE", requires = "labels")]
+    #[arg(long, value_name = "FILE", requires = "labels", help_heading = "Labels")]
     pub(crate) label_table: Option<PathBuf>,
     /// Print one JSON object
     #[arg(long, help_heading = "Output")]

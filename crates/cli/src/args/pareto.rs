@@ -22,7 +22,7 @@ Examples:
 /// footprint tables, termination, shading and kernels. DIR gets report.html with the plots, the Pareto front as command
 /// lines to copy and pictures of differences; the plots as .svg; all numbers as pareto.csv and pareto.json.
 #[derive(Debug, clap::Args)]
-#[command(after_help = PARETO_EXAMPLES, next_help_heading = "Measurement")]
+#[command(after_help = PARETO_EXAMPLES)]
 pub(crate) struct ParetoArgs {
     #[command(flatten)]
     pub(crate) input: InputArgs,
@@ -34,20 +34,23 @@ pub(crate) struct ParetoArgs {
     #[arg(long, value_name = "WxH", default_value = "512x512", value_parser = parse::size, help_heading = "Output")]
     pub(crate) size: [u32; 2],
     /// Number of views: the requested view and others around the volume; 1 to 16
-    #[arg(long, value_name = "N", default_value_t = 3, value_parser = parse::whole::<u32, 1, 16>)]
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = parse::whole::<u32, 1, 16>,
+        help_heading = "Measurement")]
     pub(crate) views: u32,
     /// Timed frames of each view, each after an untimed frame; 1 to 100
-    #[arg(long, value_name = "N", default_value_t = 3, value_parser = parse::whole::<u32, 1, 100>)]
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = parse::whole::<u32, 1, 100>,
+        help_heading = "Measurement")]
     pub(crate) repeats: u32,
     /// Time settings only once if a frame takes longer than SECONDS
-    #[arg(long, value_name = "SECONDS", default_value_t = 5.0, value_parser = parse::positive)]
+    #[arg(long, value_name = "SECONDS", default_value_t = 5.0, value_parser = parse::positive,
+        help_heading = "Measurement")]
     pub(crate) patience: f64,
     /// Continue an interrupted run of the same command
-    #[arg(long)]
+    #[arg(long, help_heading = "Measurement")]
     pub(crate) resume: bool,
     /// Show other renderers in the plot: a JSON array of objects with name, seconds (per frame) and rms (error against
     /// the renderer's own truth)
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", help_heading = "Measurement")]
     pub(crate) rivals: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) figure: FigureArgs,

@@ -35,7 +35,7 @@ Examples:
 ///
 /// Angles are in degrees. World lengths are in the unit of the file, millimetres for most scans.
 #[derive(Debug, clap::Args)]
-#[command(after_help = RENDER_EXAMPLES, next_help_heading = "Output")]
+#[command(after_help = RENDER_EXAMPLES)]
 pub(crate) struct RenderArgs {
     #[command(flatten)]
     pub(crate) input: InputArgs,
@@ -44,29 +44,31 @@ pub(crate) struct RenderArgs {
     ///
     /// A .png has 8 bits per channel, an .exr 32-bit floats with premultiplied alpha. Required, unless a scene has
     /// outputs of its own.
-    #[arg(short, long, value_name = "FILE")]
+    #[arg(short, long, value_name = "FILE", help_heading = "Output")]
     pub(crate) output: Option<PathBuf>,
     /// Width and height in pixels, or one number for both; 1 to 32768
-    #[arg(long, value_name = "WxH", default_value = "1024x1024", value_parser = parse::size)]
+    #[arg(long, value_name = "WxH", default_value = "1024x1024", value_parser = parse::size, help_heading = "Output")]
     pub(crate) size: [u32; 2],
     /// Render a part of the picture of --size: W x H pixels, X and Y from its top left. The pixels equal the pixels of
     /// the whole picture
-    #[arg(long, value_name = "X,Y,W,H", value_parser = parse::region, conflicts_with_all = ["max_error", "verify"])]
+    #[arg(long, value_name = "X,Y,W,H", value_parser = parse::region, conflicts_with_all = ["max_error", "verify"],
+        help_heading = "Output")]
     pub(crate) region: Option<Region>,
     /// Background of a PNG: #rrggbb, a name such as white, r,g,b from 0 to 1, or transparent
     #[arg(long, aliases = ["background-color", "bg-color"], value_name = "COLOUR", default_value = "black",
-        value_parser = parse::library::<Background>)]
+        value_parser = parse::library::<Background>, help_heading = "Output")]
     pub(crate) background: Background,
     /// Write all options to a scene, FILE.json: `voxsplat render FILE.json -o PICTURE` makes the same picture
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", help_heading = "Output")]
     pub(crate) save_scene: Option<PathBuf>,
     /// Write the transfer function too: .json for this program, .vp.json or .vp for 3D Slicer
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", help_heading = "Output")]
     pub(crate) save_transfer: Option<PathBuf>,
     /// Print statistics and stage times: table or json
     ///
     /// A turntable prints one line of totals, or one JSON object. Put the option after VOLUME. [without FORMAT: table]
-    #[arg(long, value_name = "FORMAT", num_args = 0..=1, default_missing_value = "table", hide_possible_values = true)]
+    #[arg(long, value_name = "FORMAT", num_args = 0..=1, default_missing_value = "table", hide_possible_values = true,
+        help_heading = "Output")]
     pub(crate) stats: Option<StatsFormat>,
 
     #[command(flatten)]

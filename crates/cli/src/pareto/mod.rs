@@ -14,29 +14,33 @@ use glam::DQuat;
 use serde::{Deserialize, Serialize};
 use voxsplat::accuracy::Sample;
 use voxsplat::camera::{Camera, View};
-use voxsplat::figure::Shown;
-use voxsplat::formats::read_json;
-use voxsplat::image::{Background, Image, compare, difference_picture, write_file};
+use voxsplat::figure::{Figure, Shown};
+use voxsplat::formats::{LoadOptions, read_json};
+use voxsplat::image::{Background, Image, check_writable, compare, difference_picture, write_file};
 use voxsplat::kernel::Kernel;
 use voxsplat::layers::Layers;
 use voxsplat::reference::Reference;
 use voxsplat::renderer::{Rendered, Scene};
-use voxsplat::settings::Settings;
+use voxsplat::settings::{Painter, Response, Settings};
 use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::{Statistics, Volume};
 use voxsplat::{Error, Renderer, RendererOptions, formats};
 
+use super::args::ParetoArgs;
 use super::clip::intersection;
 use super::draw::{framed, with_units};
-use super::failure::{Failure, fail};
+use super::effects::noted;
+use super::failure::{Failure, fail, refuse};
 use super::fitted::transfer;
-use super::job::ParetoJob;
+use super::job::{figure, frame, settings, view};
 use super::options::{command_line, file_name, options_of, words};
 use super::output;
 use super::progress::{Progress, Remaining};
 use super::session::say_choice;
 use super::stages::Stages;
 use super::stderr::silenced;
+use super::transfer::{Transfer, TransferChoice};
+use super::tune::{Tuning, pairs_without};
 use date::today;
 use plot::{Marker, Point, plot};
 pub(crate) use study::variants;
@@ -44,11 +48,11 @@ use study::{Errors, Measurement, Variant, front};
 
 /// The subject of a study: an interrupted run continues only if all of it is the same.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-struct ChoiceContext {
+struct Subject {
     /// The arguments of `voxsplat render` that make the picture, with names of files for their paths.
     command: String,
     volume: [u32; 3],
-    /// Returns a checksum of the distribution of the values and of the transfer function: files of one name may differ.
+    /// A checksum of the distribution of the values and of the transfer function: files of one name may differ.
     content: String,
     views: u32,
     size: [u32; 2],
@@ -62,7 +66,7 @@ struct ChoiceContext {
 #[derive(Debug, Serialize, Deserialize)]
 struct Kept {
     #[serde(flatten)]
-    subject: ChoiceContext,
+    subject: Subject,
     /// The day of the last measurement.
     date: String,
     measurements: Vec<Measurement>,
@@ -79,8 +83,7 @@ struct Rival {
 }
 
 /// Options of `voxsplat pareto` alone, and options that a study varies.
-const OWN: [&str; 11] =
-    ["output", "views", "repeats", "patience", "rivals", "resume", "quiet", "shading", "kernel", "level", "tune"];
+const OWN: &str = "output views repeats patience rivals resume quiet shading kernel level tune";
 
 /// The error of the truth: a tenth of the error of the most exact pictures.
 const TOLERANCE: f64 = 1e-6;
@@ -91,47 +94,102 @@ const TURN: f64 = 3.0;
 /// The largest JSON file that is read, in bytes.
 const MAX_JSON: u64 = 64 << 20;
 
-pub(crate) fn run(mut job: ParetoJob, line: (&Command, &ArgMatches)) -> Result<(), Failure> {
-    let rivals =
-        job.rivals.as_deref().map(|path| read_json::<Vec<Rival>>(path, MAX_JSON)).transpose()?.unwrap_or_default();
+/// Keys of `--tune` that a study varies or measures by.
+const STUDIED: &str =
+    "sheets accumulate sheet-thickness precision table-error resolution interslice termination sample";
+
+/// The golden angle, degrees: steps of it spread any number of views evenly.
+const GOLDEN_ANGLE: f64 = 137.507_764_050_037_85;
+
+/// The elevations of the views after the first, degrees, in turn.
+const ELEVATIONS: [f64; 5] = [25.0, -35.0, 55.0, -15.0, 0.0];
+
+pub(crate) fn run(args: &ParetoArgs, line: (&Command, &ArgMatches)) -> Result<(), Failure> {
+    let notes = noted(line.0, vec![line.1])?;
+    args.input.check_one_time()?;
+    let first = view(&args.view, args.size)?;
+    let tuning = Tuning::new(&args.model.tune).map_err(Failure::usage)?;
+    let mut settings = settings(&args.model, &tuning, Painter::Auto, &first)?;
+    if settings.response == Response::Depth {
+        return refuse("--response depth is no picture for a report: window shows it");
+    }
+    let (figure, units) = figure(&args.figure, args.size, &settings)?;
+    let requested = Transfer::new(&args.model)?;
+    if args.input.channel.len() > 1 {
+        return refuse("--channel: a study is of one channel");
+    }
+    if matches!(requested.choice, TransferChoice::Labels) {
+        return refuse("--transfer labels is for render and turntable");
+    }
+    check_folder(&args.output)?;
+    notes.iter().for_each(|note| output::say(note));
+    let rivals: Vec<Rival> = args.rivals.as_deref().map_or(Ok(Vec::new()), |path| read_json(path, MAX_JSON))?;
+    let load = LoadOptions { stream_over: tuning.stream_over, ..args.input.options_for(&args.view, args.size) };
     let (volume, transfer) = {
         let _progress = Progress::spinner("reading");
-        let volume = with_units(formats::load(&job.source, &job.load)?, &job.units);
-        say_choice(&volume, &job.load);
-        let fitted = transfer(&job.source, &job.transfer, &volume, false, &mut Stages::default())?;
+        let volume = with_units(formats::load(&args.input.source, &load)?, &units);
+        say_choice(&volume, &load);
+        let fitted = transfer(&args.input.source, &requested, &volume, false, &mut Stages::default())?;
         fitted.notes.iter().for_each(|note| output::say(note));
         (volume, fitted.transfer)
     };
-    job.settings.clip = intersection(&job.clip, &volume)?;
-    let around = framed(job.frame, &Layers::of_volume(&volume, &transfer), &job.settings.clip)?;
-    let views = job.views.iter().map(|view| View { around: around.clone(), ..view.clone() });
+    settings.clip = intersection(&args.model.clip, &volume)?;
+    let around = framed(frame(&args.view), &Layers::of_volume(&volume, &transfer), &settings.clip)?;
+    let first = View { around, ..first };
+    let turned = (1..args.views).zip(ELEVATIONS.iter().cycle()).map(|(i, &elevation)| {
+        let azimuth = first.azimuth + f64::from(i) * GOLDEN_ANGLE;
+        View { direction: None, azimuth, elevation, ..first.clone() }
+    });
+    let cameras = std::iter::once(first.clone()).chain(turned);
     let cameras: Vec<Camera> =
-        views.map(|view| Camera::new(&view, volume.grid(), job.size)).collect::<Result<_, _>>()?;
-    let options = RendererOptions { adapter: job.adapter.clone(), ..RendererOptions::default() };
+        cameras.map(|view| Camera::new(&view, volume.grid(), args.size)).collect::<Result<_, _>>()?;
+    let options = RendererOptions { adapter: args.adapter.clone(), ..RendererOptions::default() };
     let renderer = silenced(|| Renderer::new(&options))?;
-    let mut base = words(line, &OWN, file_name);
-    base.extend(job.tune.iter().flat_map(|pairs| ["--tune".to_owned(), pairs.clone()]));
+    let mut base = words(line, &OWN.split(' ').collect::<Vec<_>>(), file_name);
+    let tune = pairs_without(&args.model.tune, &STUDIED.split(' ').collect::<Vec<_>>());
+    base.extend(tune.into_iter().flat_map(|pairs| ["--tune".to_owned(), pairs]));
     let adapter = renderer.adapter();
-    let subject = ChoiceContext {
+    let subject = Subject {
         command: command_line(&base),
         volume: volume.grid().dims(),
         content: content(&volume, &transfer)?,
-        views: cameras.len() as u32,
-        size: job.size,
-        sample: job.sample,
+        views: args.views,
+        size: args.size,
+        sample: tuning.sample,
         adapter: adapter.name.clone(),
         driver: adapter.driver.clone(),
         version: env!("CARGO_PKG_VERSION").to_owned(),
     };
-    make_directory(&job.directory)?;
-    let kept = kept(&job, subject)?;
-    let sample = Sample::new(job.size, job.sample);
-    let (job, volume, transfer, variants) = (&job, &volume, &transfer, variants(&job.settings));
-    let mut run =
-        Run { job, renderer, volume, transfer, cameras, sample, variants, kept, scene: None, truths: Vec::new() };
+    make_directory(&args.output)?;
+    let mut run = Run {
+        args,
+        renderer,
+        volume: &volume,
+        transfer: &transfer,
+        cameras,
+        sample: Sample::new(args.size, tuning.sample),
+        variants: variants(&settings),
+        figure,
+        kept: kept(args, subject)?,
+        scene: None,
+        truths: Vec::new(),
+    };
     run.measure()?;
     run.time()?;
     run.write(&rivals)
+}
+
+/// Refuses a folder that cannot be made or written to. It is made after the volume has been read.
+fn check_folder(folder: &Path) -> Result<(), Failure> {
+    let usage = |reason: String| refuse(format!("--output: {}: {reason}", folder.display()));
+    let mut first = folder.join("report.html");
+    while let Some(above) = first.parent().filter(|above| !above.as_os_str().is_empty() && !above.is_dir()) {
+        if above.exists() {
+            return usage(format!("{} is no directory", above.display()));
+        }
+        first = above.to_owned();
+    }
+    check_writable(&first).or_else(|error| usage(format!("{error:#}")))
 }
 
 /// Returns a checksum of the distribution of the values and of the transfer function.
@@ -150,9 +208,9 @@ fn make_directory(path: &Path) -> Result<(), Failure> {
 }
 
 /// Returns the measurements of earlier runs of the same command, if this one resumes them.
-fn kept(job: &ParetoJob, subject: ChoiceContext) -> Result<Kept, Failure> {
-    let numbers = job.directory.join("pareto.json");
-    let measurements = if job.resume && numbers.exists() {
+fn kept(args: &ParetoArgs, subject: Subject) -> Result<Kept, Failure> {
+    let numbers = args.output.join("pareto.json");
+    let measurements = if args.resume && numbers.exists() {
         let found: Kept = read_json(&numbers, MAX_JSON)?;
         if found.subject != subject {
             return fail(format!(
@@ -173,7 +231,7 @@ type Prepared = (bool, Option<Kernel>);
 
 /// A study under way.
 struct Run<'a> {
-    job: &'a ParetoJob,
+    args: &'a ParetoArgs,
     renderer: Renderer,
     volume: &'a Volume,
     transfer: &'a TransferFunction,
@@ -181,6 +239,8 @@ struct Run<'a> {
     /// The pixels that are compared.
     sample: Sample,
     variants: Vec<Variant>,
+    /// The figure on the pictures of the page.
+    figure: Figure,
     kept: Kept,
     /// The scene of the last picture.
     scene: Option<(Prepared, Scene)>,
@@ -192,7 +252,7 @@ impl Run<'_> {
     fn save(&mut self) -> Result<(), Failure> {
         self.kept.date = today();
         let text = serde_json::to_string_pretty(&self.kept).map_err(|e| Failure::failed(e.to_string()))?;
-        Ok(write_file(self.job.directory.join("pareto.json"), text.as_bytes())?)
+        Ok(write_file(self.args.output.join("pareto.json"), text.as_bytes())?)
     }
 
     fn measurement(&self, variant: &Variant) -> Option<usize> {
@@ -233,7 +293,7 @@ impl Run<'_> {
         let start = Instant::now();
         self.scene = None;
         for (view, truth) in truth.iter().enumerate() {
-            if measured.first > self.job.patience {
+            if measured.first > self.args.patience {
                 break;
             }
             let camera = self.cameras[view];
@@ -277,7 +337,7 @@ impl Run<'_> {
             return Ok(truth.clone());
         }
         let number = self.variants.iter().position(|v| v.model == variant.model).unwrap_or(0);
-        let folder = self.job.directory.join("truth");
+        let folder = self.args.output.join("truth");
         let file = |view: usize| folder.join(format!("{number}-{view}.exr"));
         let views = self.cameras.len();
         let truth = if self.kept.measurements.iter().any(|m| m.model == variant.model) && file(views - 1).exists() {
@@ -302,14 +362,14 @@ impl Run<'_> {
 
     /// Times all variants in rounds, so that a busy moment of the machine does not meet one variant alone.
     fn time(&mut self) -> Result<(), Failure> {
-        let repeats = self.job.repeats as usize;
+        let repeats = self.args.repeats as usize;
         let progress = Remaining::new("timing frames", self.variants.len() * repeats);
         for round in 1..=repeats {
             for (done, variant) in self.variants.clone().iter().enumerate() {
                 progress.at((round - 1) * self.variants.len() + done, &format!("{}: {}", variant.model, variant.name));
                 let Some(at) = self.measurement(variant) else { continue };
                 let measured = &self.kept.measurements[at];
-                let slow = measured.seconds().is_some_and(|seconds| seconds > self.job.patience);
+                let slow = measured.seconds().is_some_and(|seconds| seconds > self.args.patience);
                 let views = measured.views as usize;
                 if measured.refused.is_some() || slow || measured.frames.len() >= round * views {
                     continue;
@@ -333,18 +393,19 @@ impl Run<'_> {
     /// Writes the report: numbers, plots and the page.
     fn write(&mut self, rivals: &[Rival]) -> Result<(), Failure> {
         self.save()?;
-        let job = self.job;
+        let directory = &self.args.output;
         let front = front(&self.kept.measurements, |errors| errors.rms);
         let commands: Vec<String> = self.kept.measurements.iter().map(|measured| self.command(measured)).collect();
-        let name = file_name(&job.source.to_string_lossy());
-        write_file(job.directory.join("pareto.csv"), csv(&self.kept.measurements, &front, &commands).as_bytes())?;
-        let title = format!("{name}, {} x {} pixels", job.size[0], job.size[1]);
+        let name = file_name(&self.args.input.source.to_string_lossy());
+        write_file(directory.join("pareto.csv"), csv(&self.kept.measurements, &front, &commands).as_bytes())?;
+        let [width, height] = self.args.size;
+        let title = format!("{name}, {width} x {height} pixels");
         let mut plots = Vec::new();
         for (file, name, error) in ERRORS {
             let points = points(&self.kept.measurements, error, if file == "rms" { rivals } else { &[] });
             let svg = plot(&title, name, &points)
                 .ok_or_else(|| Failure::failed("nothing was timed: there is no plot".to_owned()))?;
-            write_file(job.directory.join(format!("time-{file}.svg")), svg.as_bytes())?;
+            write_file(directory.join(format!("time-{file}.svg")), svg.as_bytes())?;
             plots.push(svg);
         }
         let mut pictures = Vec::new();
@@ -358,16 +419,16 @@ impl Run<'_> {
             let camera = self.cameras[0];
             let mut image = self.draw(&camera, &variant.settings)?.image;
             let difference = difference_picture(&self.sample.of(&image)?, &truth[0], page::GAIN)?;
-            if !job.figure.is_empty() {
+            if !self.figure.is_empty() {
                 let (volume, transfer) = (self.volume, self.transfer);
-                let shown = Shown { volume, transfer, camera: &camera, model: job.settings.model };
-                image = job.figure.draw(&image, Background::default(), &shown)?;
+                let shown = Shown { volume, transfer, camera: &camera, model: variant.settings.model };
+                image = self.figure.draw(&image, Background::default(), &shown)?;
             }
             pictures.push(page::Pictures { title, variant, image, difference });
         }
         let page = page::page(&page::Report {
             name: &name,
-            caption: job.figure.caption.as_deref(),
+            caption: self.figure.caption.as_deref(),
             volume: self.volume,
             kept: &self.kept,
             front: &front,
@@ -375,7 +436,7 @@ impl Run<'_> {
             plots: &plots,
             pictures: &pictures,
         })?;
-        let path = job.directory.join("report.html");
+        let path = directory.join("report.html");
         write_file(&path, page.as_bytes())?;
         output::print(&summary(&self.kept.measurements, &front, &path))
     }

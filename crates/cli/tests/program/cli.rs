@@ -240,7 +240,8 @@ fn help_and_version_go_to_stdout() {
         assert!(output.stderr.is_empty() && !output.stdout.is_empty(), "{arguments}");
     }
     let help = stdout(&voxsplat(dir.path(), "render --help"));
-    for part in ["Examples:", "View:", "Model:", "--tune", "degrees", "ct-soft-tissue", "batlowK"] {
+    for part in ["Examples:", "Input:", "Output:", "View:", "Model:", "--tune", "degrees", "ct-soft-tissue", "batlowK"]
+    {
         assert!(help.contains(part), "{part}");
     }
 }
