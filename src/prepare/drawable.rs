@@ -63,6 +63,9 @@ impl<K, V> Held<K, V> {
     }
 }
 
+/// The light on the voxels of cells, and the shadows.
+type CellsKey = (Option<VoxelLight>, Option<Shadows>);
+
 /// A volume as pre-shading draws it.
 pub(super) struct PreShaded {
     pub(super) layers: Layers,
@@ -70,8 +73,8 @@ pub(super) struct PreShaded {
     pub(super) lit: bool,
     /// The visible voxels, with the shadows on them.
     pub(super) classified: Held<Option<Shadows>, Drawable>,
-    /// The cells of each level, with the light on the voxels and the shadows.
-    pub(super) cells: [Held<(Option<VoxelLight>, Option<Shadows>), Drawable>; MAX_LEVEL as usize + 1],
+    /// The cells of each level.
+    pub(super) cells: [Held<CellsKey, Drawable>; MAX_LEVEL as usize + 1],
 }
 
 /// A volume as post-shading draws it.
@@ -122,7 +125,7 @@ impl PostShaded {
 
     /// Whether things of one value are visible.
     pub(super) fn has_plateaus(&self) -> Result<bool> {
-        let found = || Ok(scalar_cells::has_plateaus(&self.volume, &self.transfer)?);
+        let found = || scalar_cells::has_plateaus(&self.volume, &self.transfer);
         Ok(*self.kept.get_or_make((), found)?)
     }
 }
