@@ -110,8 +110,8 @@ fn before(place: f32, near: vec4f, all: vec4f) -> vec4f {
     return select(select(near, all, place >= reach), vec4f(0.0), place <= -reach);
 }
 
-// The rests of the parts of the kernels of a plane after the cuts, at which slabs end. The sums before each cut have been
-// added up voxel by voxel, so the optical depth of the rests is exact.
+// The rests of the parts of the kernels of a plane after the cuts, at which slabs end. The sums before each cut have
+// been added up voxel by voxel, so the optical depth of the rests is exact.
 fn cut_parts(parts: Slabs, all: vec4f, cut: Cut) -> Slabs {
     let ends = cut.ends;
     let reach = reach_along();

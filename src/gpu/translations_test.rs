@@ -28,7 +28,6 @@ fn values(shader: &str, entry: &str, name: &str) -> &'static [f64] {
         ("splat", "TEXELS") => &[1.0, 2.0, 3.0, 4.0],
         (_, "TEXELS") => &[3.0, 7.0],
         ("gather", "REACH") if entry == "eight" => &[2.0],
-        ("gather", "REACH") => &[2.0, 3.0, 4.0],
         (_, "REACH") => &[2.0, 4.0],
         // It follows from REACH.
         (_, "FLUSH") => &[9.0],
@@ -90,7 +89,11 @@ fn happens(set: &PipelineConstants) -> bool {
     // What cuts does not depend on how many numbers a loop before or behind it takes.
     let number = |name: &str, among: &[f64]| set.get(name).is_some_and(|value| among.contains(value));
     let other = number("TERMS", &[6.0]) || number("TEXELS", &[1.0, 3.0, 4.0]) || number("SAMPLES", &[1.0, 2.0]);
+    // Eight rays in a row go through an intermediate image, blocks of pixels do not.
+    let in_a_row = set.get("ACROSS").map(|&across| across == 8.0);
     let never = [
+        in_a_row.is_some_and(|row| is("RESAMPLED") == Some(!row)),
+        in_a_row == Some(true) && number("ROWS", &[7.0]),
         is("CLIP_PLANES") == Some(true) && other,
         of_scalars && of_light && lit == Some(false),
         projects && lit == Some(true),
