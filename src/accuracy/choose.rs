@@ -58,7 +58,7 @@ const THINNER: [f64; 2] = [0.2, 0.8];
 /// a painter or a level other than auto, and a termination other than the default.
 ///
 /// # Errors
-/// [`Error::Setting`] if the bound is not over 0; those of [`Truth::trace`], [`Renderer::prepare_layers`] and
+/// [`Error::Setting`] if the bound is not over 0; the errors of [`Truth::trace`], [`Renderer::prepare_layers`] and
 /// [`Renderer::render`].
 pub fn choose(
     renderer: &Renderer,
@@ -116,7 +116,7 @@ struct Trial {
     error: f64,
     by_tiles: bool,
     splats: u64,
-    /// The coarsest level that splats were taken from.
+    /// The coarsest level of the splats.
     level: u32,
 }
 
@@ -181,7 +181,7 @@ impl Search<'_> {
             }
         }
         let knobs = base.quads();
-        // An X-ray has one sheet, whatever its thickness.
+        // An X-ray has one sheet at any thickness.
         if last.keeps || matches!(chosen_for, Painter::Tiles(_)) || base.model == Model::Xray {
             return Ok(());
         }

@@ -79,7 +79,7 @@ impl Kernel {
         }
     }
 
-    /// The same kernel, scaled by `growth` in all directions.
+    /// Scales the kernel by `growth` in all directions.
     pub(crate) fn grown(&self, growth: f64) -> Self {
         match *self {
             Self::Gaussian { sigma, radius } => Self::Gaussian { sigma: growth * sigma, radius: growth * radius },

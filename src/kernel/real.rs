@@ -1,4 +1,4 @@
-//! The numbers that sums of kernels are taken in.
+//! The number types of sums of kernels.
 
 use std::ops::{Add, AddAssign, Mul, Sub};
 

@@ -84,7 +84,7 @@ impl Light {
 /// ```
 ///
 /// (Blinn 1977, "Models of light reflection for computer synthesized pictures"). L is the share of the light that
-/// reaches the point and A that of the light from all around ([`Visibility`]): 1 without shadows and without occlusion.
+/// reaches the point and A the share of the ambient light ([`Visibility`]): 1 without shadows and without occlusion.
 /// If the gradient is 0 there is no surface, and the colour is c (ambient A + (1 - ambient) mean of L).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Lighting {

@@ -69,7 +69,7 @@ impl Reconstruction {
         .collect()
     }
 
-    /// Returns the root mean square of the noise of the field over that of the samples, if their noise is white.
+    /// Returns the root mean square of the noise of the field over the noise of the samples, if it is white.
     #[must_use]
     pub fn noise(&self) -> f64 {
         /// Frequencies along an axis, and places between samples.

@@ -71,9 +71,9 @@ impl Cells {
         (low[0] <= high[0]).then(|| std::array::from_fn(|a| [low[a] as i64, high[a] as i64]))
     }
 
-    /// Returns a bound for each place: `most` of the range of the values whose kernels, of support radius `reach`,
+    /// Returns a bound for each place: `bound` of the range of the values whose kernels, of support radius `reach`,
     /// cover the place.
-    pub(super) fn map(&self, reach: f64, most: impl Fn([f64; 2]) -> f64 + Sync) -> Map {
+    pub(super) fn map(&self, reach: f64, bound: impl Fn([f64; 2]) -> f64 + Sync) -> Map {
         // A place is up to half a step from the place of its lookup.
         let around = ((reach + 0.5 * STEP + 0.5).floor() / EDGE as f64).ceil() as usize;
         let mut ranges = self.ranges.clone();
@@ -90,7 +90,7 @@ impl Cells {
                 .collect();
             stride *= count;
         }
-        Map { counts: self.counts, most: ranges.into_par_iter().map(&most).collect() }
+        Map { counts: self.counts, bounds: ranges.into_par_iter().map(&bound).collect() }
     }
 }
 
@@ -98,7 +98,7 @@ impl Cells {
 #[derive(Debug)]
 pub(super) struct Map {
     counts: [usize; 3],
-    most: Vec<f64>,
+    bounds: Vec<f64>,
 }
 
 impl Map {
@@ -108,7 +108,7 @@ impl Map {
             // A float to integer cast saturates.
             (((point[axis] + 0.5) * (1.0 / EDGE as f64)) as usize).min(self.counts[axis] - 1)
         };
-        self.most[(cell(2) * self.counts[1] + cell(1)) * self.counts[0] + cell(0)]
+        self.bounds[(cell(2) * self.counts[1] + cell(1)) * self.counts[0] + cell(0)]
     }
 
     /// Returns the parts of a ray, one lookup long, and their bounds; `None` if there are too many.

@@ -165,7 +165,7 @@ impl Media {
         [medium.scalar(self.index(point)) - medium.base, x, y, z]
     }
 
-    /// Returns the same for the first medium; without `differs` the differences are 0.
+    /// Returns the scalar and the differences of the first medium; without `differs` the differences are 0.
     pub(super) fn first_scalar(&self, point: [usize; 3], differs: bool) -> [f64; 4] {
         self.scalar(&self.media[0], point.map(|p| p as i64), differs)
     }

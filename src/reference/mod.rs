@@ -3,17 +3,13 @@
 //! With j the lattice points, x a point in lattice coordinates, h the kernel, N its divisor and s_j the scale of kernel
 //! j ([`Growth`]; 1 without antialiasing), values w_j at voxels are reconstructed as
 //!
-//! ```text
-//! w(x) = sum_j w_j h((x - j) / s_j) / (s_j^3 N)
-//! ```
+//! ```text w(x) = sum_j w_j h((x - j) / s_j) / (s_j^3 N) ```
 //!
 //! **Composite, pre-shaded.** tau_j and c_j are the extinction and colour that the transfer function gives voxel j
 //! (Westover 1990; Max 1995, "Optical models for direct volume rendering", absorption plus emission):
 //!
-//! ```text
-//! tau = sum of tau_j        e = sum of c_j tau_j        (both reconstructed as above)
-//! C = integral of e(t) exp(-integral_0^t tau) dt        alpha = 1 - exp(-integral of tau dt)
-//! ```
+//! ```text tau = sum of tau_j        e = sum of c_j tau_j        (both reconstructed as above) C = integral of e(t)
+//! exp(-integral_0^t tau) dt        alpha = 1 - exp(-integral of tau dt) ```
 //!
 //! Lit, c_j is [`Lighting::shade`] of colour, gradient, direction to the eye and the light that arrives at voxel j:
 //! exp(-D_j), where D_j integrates tau from the voxel to the light in kernels that have not grown. The gradient along a
@@ -30,39 +26,39 @@
 //! as far as kernels reach (the support radius times the largest scale in the lattice, rounded up), and exists inside
 //! the box of the voxels, half a voxel beyond the outermost samples:
 //!
-//! ```text
-//! f = b + sum of (f_j - b)        tau = extinction of f        e = colour of f times tau        C, alpha as above
-//! ```
+//! ```text f = b + sum of (f_j - b)        tau = extinction of f        e = colour of f times tau        C, alpha as
+//! above ```
 //!
 //! Lit, the colour is shaded with the gradient reconstructed from the central differences of the extended lattice, for
 //! an eye back along the ray, and with the light that arrives at voxels as in pre-shading, trilinear between them.
 //!
 //! **Maximum intensity.** With m the largest f on the ray's part in the box, alpha is the opacity of m over the largest
-//! of the transfer function and the pixel's colour that of m times alpha; no pixel if the ray misses the box.
+//! opacity of the transfer function, and the pixel's colour is the colour of m times alpha. The pixel of a ray that
+//! misses the box is clear.
 //!
 //! Coded by depth, the colour is the hue of the place x of m times the largest channel of the colour of m: with v the
 //! view's direction, h = 4.5 (1/2 + (x - middle of the box) . v / (depth of the box along v)), red, green and blue are
 //! |h - 3| - 1, 2 - |h - 2| and 2 - |h - 4|, each cut off at 0 and 1.
 //!
 //! **Minimum and average intensity.** The same with the smallest f, and with the mean of f over the ray's part in the
-//! box. A minimum is the maximum of -f_j by the transfer function mirrored at 0; b is the base of that.
+//! box. A minimum is the maximum of -f_j by the transfer function mirrored at 0, with the base of the mirrored
+//! function.
 //!
 //! **Clipping.** Only the part of a ray on the inner side of all planes of [`Settings::clip`] counts: tau and e are 0
 //! beyond it, and the largest, the smallest and the mean value are taken over the part. Voxels whose centres are cut
 //! away cast no shadow.
 //!
-//! **Sharpness.** The kernel is [`Settings::reconstruction_kernel`]; the f_j of all but extinction are the
-//! samples filtered for it, in f64, as the renderer filters them in f32.
+//! **Sharpness.** The kernel is [`Settings::reconstruction_kernel`]; the f_j of all but extinction are the samples
+//! filtered for it, in f64, as the renderer filters them in f32.
 //!
 //! Splatting approximates these models by footprints and sheets. Here there are neither: every ray is cut wherever it
 //! enters or leaves a kernel's support and wherever f meets a control point, and Gauss's rule integrates the pieces.
 //! Errors of optical depth, colour and means are about 1e-10 of their size, of lit post-shading 1e-9, of maxima 1e-12.
 //! Settings of sheets, accumulation, termination, precision and the footprint table concern the renderer only.
 //!
-//! A tolerance ([`Reference::with_tolerance`]) takes the same way with longer blocks, and ends rays sooner. In
-//! pre-shading a chord that begins or ends in a block then adds only its first four moments: the error is of second
-//! order, and small if the block is thin. Scalars are cut as without a tolerance, but a step whose nodes hardly differ
-//! is not halved.
+//! With a tolerance ([`Reference::with_tolerance`]) blocks are longer, and rays end sooner. In pre-shading a chord that
+//! begins or ends in a block then adds only its first four moments: the error is of second order, and small if the
+//! block is thin. Scalars are cut as without a tolerance, but a step whose nodes hardly differ is not halved.
 //!
 //! Empty space is skipped: the values around every cell of 4^3 voxels bound the field there.
 //!
@@ -115,7 +111,7 @@ const LONGEST: [f64; 2] = [0.22, 1.1];
 const STEPS: [f64; 2] = [1.0, 3.0];
 /// The error of kernels, over their peak, without a tolerance.
 const KERNEL_ERROR: f64 = 2e-14;
-/// The same over the tolerance.
+/// The error of kernels, over their peak and the tolerance.
 const KERNEL_SHARE: f64 = 1e-3;
 
 /// A volume, ready to be integrated from any camera.
@@ -161,7 +157,7 @@ enum Method {
     PostShaded(Box<Classifier>),
     /// The scalar, relative to the base of the transfer function, which classifies the largest.
     Maximum(TransferFunction),
-    /// The same with the mean.
+    /// The scalar, relative to the base of the transfer function, which classifies the mean.
     Mean(TransferFunction),
 }
 
@@ -179,7 +175,7 @@ impl Reference {
     /// Reads several layers once, pre-shaded; one volume alone as [`Self::new`] does.
     ///
     /// # Errors
-    /// Those of [`Self::new`], and [`Error::Setting`] if several layers are to be post-shaded or projected.
+    /// Those of [`Self::new`], and [`Error::Setting`] for post-shading or a projection of several layers.
     pub fn of_layers(layers: &Layers, settings: &Settings) -> Result<Self> {
         settings.validate()?;
         layers.check(settings)?;

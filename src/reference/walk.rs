@@ -342,7 +342,7 @@ impl<'a> Sight<'a> {
         let step = (end - start) / count;
         let count = count as usize;
         let begin = |block: usize| if block < count { start + block as f64 * step } else { end };
-        // Chords of one plane, and those of the next before blocks are whole, are in so many blocks at most.
+        // The largest number of blocks with chords of one plane, and of the next before blocks are complete.
         let plane = 1.0 / walk.ray.direction[walk.axes[0]].abs();
         let window = (((2.0 * walk.spread() + plane) / step) as usize + 4).min(count).next_power_of_two();
         let Scratch { slots, cuts } = scratch;
