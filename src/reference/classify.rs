@@ -297,7 +297,7 @@ mod tests {
         let volume = Volume::new(grid, Samples::F32(values.clone())).unwrap();
         let point = |value, opacity| ControlPoint { value, color: [1.0, 0.5, 0.25], opacity };
         let transfer = TransferFunction::new(vec![point(0.0, 0.0), point(1.0, 0.9)], Some(0.5)).unwrap();
-        let splats = Splats::new(&Layers::of(&volume, &transfer), &Settings::default()).unwrap();
+        let splats = Splats::new(&Layers::of_volume(&volume, &transfer), &Settings::default()).unwrap();
         assert_eq!(splats.bounds(2), Some([[0, 6], [0, 10], [0, 12]]));
         let bricks = Bricks::new(&splats, Viewer::Towards(DVec3::X));
         let mut last = None;
@@ -319,6 +319,6 @@ mod tests {
         let volume = Volume::new(grid, Samples::U8(vec![9; 27])).unwrap();
         let clear = ControlPoint { value: 0.0, color: [1.0; 3], opacity: 0.0 };
         let transfer = TransferFunction::new(vec![clear], None).unwrap();
-        assert_eq!(Splats::new(&Layers::of(&volume, &transfer), &Settings::default()).unwrap().bounds(2), None);
+        assert_eq!(Splats::new(&Layers::of_volume(&volume, &transfer), &Settings::default()).unwrap().bounds(2), None);
     }
 }

@@ -169,7 +169,7 @@ impl Reference {
     /// samples are NaN, infinite or too far apart, [`Error::Transfer`] if an
     /// extinction overflows.
     pub fn new(volume: &Volume, transfer: &TransferFunction, settings: &Settings) -> Result<Self> {
-        Self::of_layers(&Layers::of(volume, transfer), settings)
+        Self::of_layers(&Layers::of_volume(volume, transfer), settings)
     }
 
     /// Reads several layers once, pre-shaded; one volume alone as [`Self::new`] does.
@@ -185,7 +185,7 @@ impl Reference {
             let (volume, transfer) = mirrored.as_ref().map_or((volume, transfer), |(volume, other)| (volume, other));
             let filtered = settings.prefilter()?.map(|f| f.apply::<f64>(volume, transfer.base(), &Progress::default()));
             let filtered = filtered.transpose()?;
-            layers = Cow::Owned(Layers::of(filtered.as_ref().unwrap_or(volume), transfer));
+            layers = Cow::Owned(Layers::of_volume(filtered.as_ref().unwrap_or(volume), transfer));
         }
         let settings = &Settings { kernel: settings.reconstruction_kernel(), ..settings.clone() };
         let (grid, kernel) = (layers.grid(), settings.kernel);

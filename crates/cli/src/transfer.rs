@@ -43,7 +43,7 @@ impl Transfer {
     pub(crate) fn values(&self) -> Values {
         match (&self.choice, self.window.filter(|_| self.by_window)) {
             (_, Some(window)) => Values::Window(window),
-            (TransferChoice::Suggested, None) => Values::OpenChoices,
+            (TransferChoice::Suggested, None) => Values::Open,
             (TransferChoice::Labels, None) => Values::Labels,
             (TransferChoice::Preset(_) | TransferChoice::Given(_), None) => Values::Transfer,
         }
