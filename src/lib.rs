@@ -33,18 +33,9 @@
 //! `crates/cli`.
 
 pub mod accuracy;
-pub mod adapter;
 pub mod appearance;
-mod budget;
 pub mod camera;
-pub mod clip;
-mod color;
-pub mod demos;
 pub mod error;
-pub mod figure;
-#[cfg(feature = "film")]
-pub mod film;
-mod framing;
 mod gpu;
 pub mod image;
 pub mod kernel;
@@ -54,22 +45,24 @@ mod output;
 mod painters;
 mod prepare;
 pub mod progress;
-pub mod reconstruction;
 pub mod reference;
 pub mod renderer;
-mod response;
 pub mod settings;
 pub mod stats;
 pub mod transfer;
 
-pub use appearance::Appearance;
-pub use camera::{Camera, ProjectionKind, View};
+pub use appearance::{Appearance, demos};
+pub use camera::{Camera, ProjectionKind, View, clip};
 pub use error::{Error, Result};
 pub use formats::{LoadOptions, load};
 pub use glam;
-pub use image::{Background, Image};
+#[cfg(feature = "film")]
+pub use image::film;
+pub use image::{Background, Image, figure};
+pub use kernel::reconstruction;
 pub use renderer::{Rendered, Renderer, RendererOptions, Scene};
 pub use settings::Settings;
+pub use stats::adapter;
 pub use transfer::TransferFunction;
 pub use volume::{Grid, Volume};
 pub use voxsplat_volume::{formats, volume};

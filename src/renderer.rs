@@ -2,7 +2,6 @@
 
 use std::sync::Arc;
 
-use crate::adapter::AdapterInfo;
 use crate::camera::Camera;
 #[cfg(doc)]
 use crate::error::Error;
@@ -24,8 +23,8 @@ use crate::prepare::lattice::Lattice;
 use crate::prepare::levels::ScalarNeed;
 pub use crate::prepare::scene::Scene;
 use crate::progress::Progress;
-use crate::reconstruction::Reconstruction;
 use crate::settings::{Level, Settings, Shading};
+use crate::stats::adapter::AdapterInfo;
 use crate::stats::{StageTime, Stats};
 use crate::transfer::TransferFunction;
 use crate::volume::Volume;
@@ -239,7 +238,7 @@ impl Renderer {
         let context = &self.context;
         scene.check(context, settings)?;
         let noise = (settings.sharpness > 0.0)
-            .then(|| Reconstruction::of_settings(settings))
+            .then(|| settings.reconstruction())
             .transpose()?
             .map(|reconstruction| reconstruction.noise());
         let lights = settings.light_count();

@@ -142,7 +142,7 @@ impl Method {
 
     pub(crate) fn reconstruction(self) -> Result<Reconstruction> {
         if let Some(settings) = self.settings() {
-            return Reconstruction::of_settings(&settings);
+            return settings.reconstruction();
         }
         let along = |weight: fn(f64) -> f64| -> Box<dyn Fn(DVec3) -> f64 + Send + Sync> {
             Box::new(move |d| weight(d.x.abs()) * weight(d.y.abs()) * weight(d.z.abs()))

@@ -1,4 +1,4 @@
-// The response of an X-ray: from the optical depth of a ray to a pixel. src/response.rs explains it.
+// The response of an X-ray: from the optical depth of a ray to a pixel. src/settings/response.rs explains it.
 // uses: common/absorbed
 
 // 0 if the model is no X-ray.

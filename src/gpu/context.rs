@@ -4,8 +4,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::savings::Savings;
-use crate::adapter::{AdapterInfo, AdapterKind};
 use crate::error::{Error, Result};
+use crate::stats::adapter::{AdapterInfo, AdapterKind};
 
 impl From<&wgpu::AdapterInfo> for AdapterInfo {
     fn from(info: &wgpu::AdapterInfo) -> Self {

@@ -3,7 +3,7 @@
 use bytemuck::{Pod, Zeroable};
 use glam::{DAffine3, DVec4};
 
-use crate::clip::Clip;
+use crate::camera::clip::Clip;
 
 /// A classified voxel; shaders/common/splat.wgsl explains the words.
 #[repr(C)]

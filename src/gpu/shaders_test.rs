@@ -74,7 +74,7 @@ fn constants_are_those_of_the_host() {
             "{name}: {constant} is not {value}"
         );
     }
-    let planes = format!("const MAX_CLIP_PLANES: u32 = {}u;", crate::clip::Clip::MAX_PLANES);
+    let planes = format!("const MAX_CLIP_PLANES: u32 = {}u;", crate::camera::clip::Clip::MAX_PLANES);
     assert!(super::shaders::SPLAT.source().contains(&planes), "MAX_CLIP_PLANES");
     for (constant, value) in [("MARGIN", super::layout::MARGIN), ("MACROCELL", super::layout::MACROCELL)] {
         assert!(super::shaders::SKIP.source().contains(&format!("const {constant}: i32 = {value};")), "{constant}");

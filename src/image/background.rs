@@ -2,8 +2,8 @@
 
 use std::str::FromStr;
 
-use crate::color;
 use crate::error::Error;
+use crate::transfer::color;
 
 /// The background behind a picture when it becomes 8-bit pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]

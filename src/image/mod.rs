@@ -1,5 +1,9 @@
 //! Pictures: composited values in f32, their files and their 8-bit pixels.
 
+pub mod figure;
+#[cfg(feature = "film")]
+pub mod film;
+
 mod background;
 mod compare;
 mod file;

@@ -1,5 +1,7 @@
 //! Reconstruction kernels: the density of a voxel around its lattice point.
 
+pub mod reconstruction;
+
 mod footprint;
 pub(crate) mod quadrature;
 mod real;

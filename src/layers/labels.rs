@@ -7,8 +7,8 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::table::{self, Label};
-use crate::color;
 use crate::error::{Error, Result};
+use crate::transfer::color;
 use crate::volume::{Segment, ToF64, Volume, with_samples};
 
 /// The number of voxels with a label.

@@ -6,7 +6,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::{Look, Mask};
-use crate::clip::{Clip, is_inside};
+use crate::camera::clip::{Clip, is_inside};
 use crate::error::Result;
 use crate::volume::Volume;
 

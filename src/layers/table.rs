@@ -5,8 +5,8 @@ use std::path::Path;
 
 use voxsplat_volume::files;
 
-use crate::color;
 use crate::error::{Error, Result};
+use crate::transfer::color;
 
 /// The largest table that is read, in bytes.
 const MAX_BYTES: u64 = 64 << 20;

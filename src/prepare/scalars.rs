@@ -4,7 +4,6 @@
 
 use super::levels::{Cut, ScalarNeed};
 use super::scalar_cells::{Coarse, Filters, differences};
-use crate::budget::{MAX_GROWTH, MAX_PLACES, too_much};
 use crate::error::Result;
 use crate::gpu::context::Context;
 use crate::gpu::layout::{LIT_SCALAR_WORDS, SCALAR_WORDS, packed_gradient};
@@ -13,6 +12,7 @@ use crate::gpu::store::{Drawable, MadeBrick, StoreBuilder};
 use crate::gpu::transfer::{Reduction, Relative, VisibleValues};
 use crate::kernel::{Kernel, Normalization};
 use crate::progress::Progress;
+use crate::settings::budget::{MAX_GROWTH, MAX_PLACES, too_much};
 use crate::transfer::TransferFunction;
 use crate::volume::{BRICK_EDGE as EDGE, Volume};
 

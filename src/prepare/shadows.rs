@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use glam::DVec3;
 use rayon::prelude::*;
 
-use crate::clip::{Side, is_inside};
+use crate::camera::clip::{Side, is_inside};
 use crate::error::Result;
 use crate::gpu::context::Context;
 use crate::gpu::layout::{SHADED_WORDS, Splat};

@@ -7,7 +7,7 @@ use glam::DVec3;
 use super::cells::Cells;
 use super::media::Media;
 use super::ray::{Viewer, Weights};
-use crate::clip::is_inside;
+use crate::camera::clip::is_inside;
 use crate::error::{Error, Result};
 use crate::layers::Layers;
 use crate::lighting::shadow::{Block, Caster, Lattice, Medium, Shares};

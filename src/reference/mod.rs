@@ -82,11 +82,10 @@ use std::sync::{Arc, Mutex, PoisonError};
 use glam::DVec3;
 use rayon::prelude::*;
 
-use crate::budget::{MAX_BLOCKS, MAX_CHORDS, MAX_RAY_CHORDS, too_much};
 use crate::camera::Camera;
 #[cfg(doc)]
 use crate::camera::Growth;
-use crate::clip::Side;
+use crate::camera::clip::Side;
 use crate::error::{Error, Result};
 use crate::image::{Image, Region};
 use crate::kernel::Kernel;
@@ -95,6 +94,7 @@ use crate::layers::Layers;
 use crate::lighting::Lighting;
 use crate::lighting::{Casting, Visibility};
 use crate::progress::Progress;
+use crate::settings::budget::{MAX_BLOCKS, MAX_CHORDS, MAX_RAY_CHORDS, too_much};
 use crate::settings::{Model, Response, Settings};
 use crate::transfer::{Resolution, TransferFunction};
 use crate::volume::{Grid, Volume};

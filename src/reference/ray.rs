@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use crate::clip::Side;
+use crate::camera::clip::Side;
 use crate::volume::Grid;
 
 /// The weights of a splat, which multiply its kernel:

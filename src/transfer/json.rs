@@ -13,8 +13,8 @@ use serde_json::Value;
 use serde_json::value::RawValue;
 
 use super::{ControlPoint, GradientPoint, TransferFunction};
-use crate::color;
 use crate::error::{Error, Result};
+use crate::transfer::color;
 use voxsplat_volume::files::{self, fault};
 
 /// The largest file that is read, in bytes: 1 KiB for each of [`TransferFunction::MAX_POINTS`].

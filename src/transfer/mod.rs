@@ -1,5 +1,6 @@
 //! Transfer functions: from a scalar to a colour and an opacity.
 
+pub(crate) mod color;
 mod export;
 mod gradient;
 mod import;

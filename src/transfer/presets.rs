@@ -4,9 +4,9 @@
 //! Colours darken with falling value, so that depth and edges show without light.
 
 use super::{ControlPoint, GradientPoint, TransferFunction, maps};
-use crate::color;
 use crate::error::{Error, Result};
 use crate::lighting::Lighting;
+use crate::transfer::color;
 use crate::volume::{Statistics, Volume};
 use voxsplat_volume::names::readable;
 
@@ -350,7 +350,8 @@ impl TransferFunction {
 
     /// Fits the preset that [`suggest`] chooses for a volume, and returns it with the reason for the choice.
     ///
-    /// A built-in volume has a better transfer function of its own: [`own_transfer`](crate::demos::own_transfer).
+    /// A built-in volume has a better transfer function of its own:
+    /// [`own_transfer`](crate::appearance::demos::own_transfer).
     ///
     /// # Errors
     /// [`Error::Transfer`] if all values are the same: there is no range to fit to.

@@ -16,15 +16,13 @@ use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::Volume;
 
 /// Files or folders of `src/` on which the reference's pictures depend, without their extensions.
-const SOURCES: [&str; 11] = [
+const SOURCES: [&str; 9] = [
     "src/camera",
-    "src/clip",
     "src/kernel",
     "src/layers",
     "src/lighting",
-    "src/reconstruction/prefilter",
     "src/reference",
-    "src/response",
+    "src/settings/response",
     "src/transfer/mod",
     "src/transfer/gradient",
     "crates/volume/src/volume",

@@ -6,7 +6,7 @@ use glam::DVec3;
 
 use super::frustum::sides;
 use super::plan::Plan;
-use crate::clip::Side;
+use crate::camera::clip::Side;
 use crate::gpu::layout::Area;
 use crate::gpu::store::{BrickSplats, Store};
 use crate::image::Region;

@@ -1,6 +1,6 @@
 //! The part of space that a region of a picture shows.
 
-use crate::clip::{Side, corners};
+use crate::camera::clip::{Side, corners};
 use crate::gpu::view::ViewGeometry;
 use crate::image::Region;
 

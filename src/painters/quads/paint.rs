@@ -5,7 +5,6 @@ use std::sync::Arc;
 use super::plan::{Plan, Target};
 use super::splat::footprint_texture;
 use super::{Drawn, Feed, Inputs, Quads, QuadsKey};
-use crate::budget::{MAX_FRAGMENTS, too_much};
 use crate::error::Result;
 use crate::gpu::context::Context;
 use crate::gpu::recorder::Recorder;
@@ -13,6 +12,7 @@ use crate::gpu::scan::Scan;
 use crate::image::Region;
 use crate::kernel::FootprintTable;
 use crate::painters::painter::{Begun, Job, Painting, Room};
+use crate::settings::budget::{MAX_FRAGMENTS, too_much};
 use crate::settings::{Accumulation, Model, Precision};
 use crate::stats::{PainterStats, QuadsStats};
 

@@ -3,8 +3,8 @@
 use glam::{DMat3, DVec2, DVec3};
 
 use super::frustum::visible_depths;
+use crate::camera::clip::Side;
 use crate::camera::{Camera, Projection};
-use crate::clip::Side;
 use crate::gpu::layout::{Batch, Frame, clip_planes};
 use crate::gpu::view::{ViewGeometry, Weights};
 use crate::image::Region;

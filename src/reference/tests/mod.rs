@@ -332,7 +332,7 @@ fn wrong_settings_are_refused() {
 #[test]
 fn finer_steps_change_nothing() {
     let volume = crate::formats::load("demo:marschner-lobb:16", &crate::formats::LoadOptions::default()).unwrap();
-    let transfer = crate::demos::demo_transfer("marschner-lobb").unwrap();
+    let transfer = crate::appearance::demos::demo_transfer("marschner-lobb").unwrap();
     let lights = vec![Light::HEADLIGHT, Light::directional(DVec3::new(0.2, -1.0, 0.5))];
     let light = Lighting { lights, ambient: 0.6, ..Lighting::default() };
     for (model, shading, lighting) in [

@@ -5,7 +5,7 @@ use super::*;
 fn demo(name: &str, size: u32) -> (Volume, TransferFunction) {
     let source = format!("demo:{name}:{size}");
     let volume = crate::formats::load(&source, &crate::formats::LoadOptions::default()).unwrap();
-    (volume, crate::demos::demo_transfer(name).unwrap())
+    (volume, crate::appearance::demos::demo_transfer(name).unwrap())
 }
 
 /// The same opacities of slabs so many times thinner.

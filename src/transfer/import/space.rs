@@ -3,8 +3,8 @@
 use std::f64::consts::PI;
 
 use super::fault;
-use crate::color::{from_linear, hsv, to_linear};
 use crate::error::Result;
+use crate::transfer::color::{from_linear, hsv, to_linear};
 
 /// A space in which colours between two points are interpolated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

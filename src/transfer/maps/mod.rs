@@ -5,8 +5,8 @@
 
 use super::TransferFunction;
 use super::lines::merged;
-use crate::color;
 use crate::error::{Error, Result};
+use crate::transfer::color;
 
 /// Maps of `colorous`, whose own greys are not linear.
 const COLOROUS: [(&str, colorous::Gradient); 6] = [

@@ -11,14 +11,14 @@ use super::axis::{PrincipalAxis, smoothstep, unordered};
 use super::pack::Packing;
 use super::parts::{Footprint, Sections};
 use crate::camera::Projection;
-use crate::clip::Side;
+use crate::camera::clip::Side;
 use crate::gpu::layout::{self, MACROCELL, TILE};
 use crate::gpu::view::{Fade, half};
 use crate::image::Region;
 use crate::kernel::{Kernel, section};
 use crate::painters::painter::Job;
-use crate::response::Response;
 use crate::settings::Model;
+use crate::settings::response::Response;
 use crate::stats::RaySpacing;
 
 /// Points of the intermediate image beyond those that pixels lie between, on every side: a cubic B-spline reads 2 of

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use voxsplat_volume::volume::{ToF64, Volume, with_samples};
 
-use crate::clip::Side;
+use crate::camera::clip::Side;
 use crate::error::Result;
 
 /// The smallest number of inspected rows and planes of a volume: a frame needs places to within a hundredth.

@@ -4,9 +4,9 @@ use glam::DVec2;
 
 use super::font::Font;
 use super::path::Path;
-use crate::color::{from_linear, luminance, to_linear};
 use crate::error::Result;
 use crate::image::{Background, Image, Region};
+use crate::transfer::color::{from_linear, luminance, to_linear};
 
 /// A picture in the making. Coordinates are pixels of the whole picture, x to the right and y down.
 pub(super) struct Canvas {

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use glam::DVec3;
 use outline::{outline, outline_steps};
 
-use crate::clip::Clip;
+use crate::camera::clip::Clip;
 use crate::error::Result;
 use crate::transfer::TransferFunction;
 use crate::volume::Volume;

@@ -5,8 +5,8 @@ use std::f64::consts::PI;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use crate::error::Result;
-use crate::settings::Settings;
+use super::Prefilter;
+use crate::kernel::Kernel;
 
 /// A function of one argument.
 type Function<T> = Box<dyn Fn(T) -> f64 + Send + Sync>;
@@ -22,20 +22,15 @@ pub struct Reconstruction {
 }
 
 impl Reconstruction {
-    /// Makes the reconstruction of pictures with these settings: their kernel over its integral, and their filter.
-    ///
-    /// # Errors
-    /// [`Error::Setting`](crate::error::Error::Setting) if the settings are refused.
-    pub fn of_settings(settings: &Settings) -> Result<Self> {
-        settings.validate()?;
-        let kernel = settings.reconstruction_kernel();
+    /// Makes the reconstruction by a kernel over its integral, of samples that `prefilter` filters first.
+    #[must_use]
+    pub fn new(kernel: Kernel, prefilter: Option<Prefilter>) -> Self {
         let integral = kernel.integral();
-        let prefilter = settings.prefilter()?;
-        Ok(Self {
+        Self {
             reach: kernel.radius().ceil() as u32,
             weight: Box::new(move |offset| kernel.value(offset.length_squared()) / integral),
             gain: Box::new(move |frequency| prefilter.as_ref().map_or(1.0, |prefilter| prefilter.gain(frequency))),
-        })
+        }
     }
 
     /// Sums weights times a wave (radians a voxel) at each of `places`^3 points between samples, x fastest. Returns

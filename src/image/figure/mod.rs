@@ -366,7 +366,8 @@ mod tests {
             let image = Image::transparent(320, 200).unwrap();
             let image = figure.draw(&image, Background::default(), &shown).unwrap();
             let lengths = image.pixels().chunks_exact(320).rev();
-            let mut lengths = lengths.map(|row| row.iter().map(|p| crate::color::to_linear(p[0].into())).sum::<f64>());
+            let mut lengths =
+                lengths.map(|row| row.iter().map(|p| crate::transfer::color::to_linear(p[0].into())).sum::<f64>());
             let found = lengths.find(|&length| length > 1.0).unwrap();
             assert!((found - bar.pixels).abs() < 0.01, "{found} {}", bar.pixels);
         }
@@ -413,7 +414,8 @@ mod tests {
             let figure = Figure { title: Some("H".to_owned()), ..Figure::default() };
             let image = drawn(&figure, &View::default(), Background::Color(color), WHOLE).unwrap();
             let bytes = image.to_rgba8(Background::Color(color));
-            let luminance = |p: &[u8]| crate::color::luminance([p[0], p[1], p[2]].map(|byte| f64::from(byte) / 255.0));
+            let luminance =
+                |p: &[u8]| crate::transfer::color::luminance([p[0], p[1], p[2]].map(|byte| f64::from(byte) / 255.0));
             let (dark, bright) = bytes
                 .chunks_exact(4)
                 .map(luminance)

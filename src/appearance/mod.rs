@@ -4,13 +4,14 @@
 
 mod channels;
 
+pub mod demos;
+
 use std::fmt;
 use std::path::Path;
 
 pub use channels::{ChannelChoice, ChannelLook, Loaded, Values, load_channels};
 
 use crate::camera::{Camera, View};
-use crate::demos;
 use crate::error::Result;
 use crate::layers::{Labels, Layer, Layers, recognised};
 use crate::lighting::Lighting;

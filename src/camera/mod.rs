@@ -1,9 +1,12 @@
 //! Views as users describe them, and the cameras made of them.
 
+pub mod clip;
+pub(crate) mod framing;
+
 use glam::{DMat3, DQuat, DVec3};
 
+pub use crate::camera::framing::Hull;
 use crate::error::{Error, Result};
-pub use crate::framing::Hull;
 use crate::volume::Grid;
 use voxsplat_volume::vector::unit;
 

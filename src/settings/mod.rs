@@ -1,11 +1,14 @@
 //! Settings of a picture: the model, and its precision.
 
-use crate::clip::Clip;
+pub(crate) mod budget;
+pub(crate) mod response;
+
+use crate::camera::clip::Clip;
 use crate::error::{Error, Result};
+use crate::kernel::reconstruction::{Prefilter, Reconstruction};
 use crate::kernel::{Kernel, Normalization};
 use crate::lighting::{Casting, Lighting};
-use crate::reconstruction::Prefilter;
-pub use crate::response::Response;
+pub use crate::settings::response::Response;
 use crate::transfer::TransferFunction;
 use crate::volume::Volume;
 use voxsplat_volume::names::named;
@@ -222,8 +225,8 @@ pub struct Settings {
     /// A blob of radius 2 replaces a Gaussian; at 1 it is as narrow as [`Kernel::KAISER_BESSEL`]. Post-shading and
     /// projections of intensity also filter the samples, once for a scene: at 1 the field interpolates them as well as
     /// the kernel can, and overshoots beside edges. Noise grows: see [`Stats::noise`](crate::stats::Stats::noise) and
-    /// [`reconstruction`](crate::reconstruction). Filtered samples take 4 bytes each of host memory while the scene
-    /// lives. A pre-shaded blob is refused.
+    /// [`reconstruction`](crate::kernel::reconstruction). Filtered samples take 4 bytes each of host memory while the
+    /// scene lives. A pre-shaded blob is refused.
     pub sharpness: f64,
     /// The painter that draws the splats, with its own knobs.
     pub painter: Painter,
@@ -343,6 +346,15 @@ impl Settings {
     /// [`Error::Setting`] if the kernel is too large.
     pub fn prefilter(&self) -> Result<Option<Prefilter>> {
         self.sharpens().map(|(kernel, sharpness)| Prefilter::new(&kernel, sharpness)).transpose()
+    }
+
+    /// Returns the reconstruction of pictures with these settings: their kernel and their filter.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] if the settings are refused.
+    pub fn reconstruction(&self) -> Result<Reconstruction> {
+        self.validate()?;
+        Ok(Reconstruction::new(self.reconstruction_kernel(), self.prefilter()?))
     }
 
     /// Refuses settings that exclude each other: one row for each rule.

@@ -1,12 +1,14 @@
 //! Statistics of a picture: what was modelled, what was left out, and the time.
 
+pub mod adapter;
+
 use std::fmt;
 
 use serde::Serialize;
 
-use crate::adapter::AdapterInfo;
-use crate::clip::Clip;
+use crate::camera::clip::Clip;
 use crate::settings::{Accumulation, Model, Precision, Shading, Sheets};
+use crate::stats::adapter::AdapterInfo;
 use voxsplat_volume::names::spelled;
 
 /// The time of one stage.

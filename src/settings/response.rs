@@ -3,8 +3,8 @@
 use std::f64::consts::LN_10;
 use std::fmt;
 
-use crate::color::from_linear;
 use crate::error::{Error, Result};
+use crate::transfer::color::from_linear;
 
 /// The pixel of an X-ray as a function of optical depth, the integral of extinction along the ray. A beam of intensity
 /// 1 leaves with the intensity exp(-depth).
