@@ -3,13 +3,17 @@
 //! With j the lattice points, x a point in lattice coordinates, h the kernel, N its divisor and s_j the scale of kernel
 //! j ([`Growth`]; 1 without antialiasing), values w_j at voxels are reconstructed as
 //!
-//! ```text w(x) = sum_j w_j h((x - j) / s_j) / (s_j^3 N) ```
+//! ```text
+//! w(x) = sum_j w_j h((x - j) / s_j) / (s_j^3 N)
+//! ```
 //!
 //! **Composite, pre-shaded.** tau_j and c_j are the extinction and colour that the transfer function gives voxel j
 //! (Westover 1990; Max 1995, "Optical models for direct volume rendering", absorption plus emission):
 //!
-//! ```text tau = sum of tau_j        e = sum of c_j tau_j        (both reconstructed as above) C = integral of e(t)
-//! exp(-integral_0^t tau) dt        alpha = 1 - exp(-integral of tau dt) ```
+//! ```text
+//! tau = sum of tau_j        e = sum of c_j tau_j        (both reconstructed as above)
+//! C = integral of e(t) exp(-integral_0^t tau) dt        alpha = 1 - exp(-integral of tau dt)
+//! ```
 //!
 //! Lit, c_j is [`Lighting::shade`] of colour, gradient, direction to the eye and the light that arrives at voxel j:
 //! exp(-D_j), where D_j integrates tau from the voxel to the light in kernels that have not grown. The gradient along a
@@ -26,8 +30,9 @@
 //! as far as kernels reach (the support radius times the largest scale in the lattice, rounded up), and exists inside
 //! the box of the voxels, half a voxel beyond the outermost samples:
 //!
-//! ```text f = b + sum of (f_j - b)        tau = extinction of f        e = colour of f times tau        C, alpha as
-//! above ```
+//! ```text
+//! f = b + sum of (f_j - b)        tau = extinction of f        e = colour of f times tau        C, alpha as above
+//! ```
 //!
 //! Lit, the colour is shaded with the gradient reconstructed from the central differences of the extended lattice, for
 //! an eye back along the ray, and with the light that arrives at voxels as in pre-shading, trilinear between them.

@@ -30,7 +30,7 @@ const MAX_RADIUS: f64 = 4.0;
 /// At the lattice points the sum of kernels is the convolution B of c with the kernel's own values there, over its
 /// integral. Interpolation requires B c = f. The spectrum of B is real and at most about 1, so a polynomial of B
 /// approximates its inverse well, and needs only convolutions with a small stencil (Chebyshev polynomials; Golub and
-/// Varga 1961). Below [`LEAST`] the inverse g is bent to 0:
+/// Varga 1961). Below its least value the inverse g is bent to 0:
 ///
 /// ```text
 /// g(b) = 1 / b for b >= LEAST,        (2 - u^2) u / LEAST with u = b / LEAST below
