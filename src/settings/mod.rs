@@ -369,7 +369,7 @@ impl Settings {
             (post && axis, "sheets", "post-shading and projections of intensity need sheets along the image, not axis"),
             (post && additive, "accumulation", "post-shading and projections of intensity sum scalars, not opacities"),
             (model != Model::Composite && self.lighting.is_some(), "lighting", "only the composite model is lit"),
-            (!xray && response != Response::default(), "response", "only X-rays have a response: expected absorption"),
+            (!xray && response != Response::default(), "response", "only an X-ray has a response: expected absorption"),
             (self.depth_coded && !extreme, "depth_coded", "only maxima and minima have a depth: expected mip or minip"),
             (self.attenuation > 0.0 && model != Model::Mip, "attenuation", "only maxima are attenuated: expected mip"),
             (xray && self.shading == Shading::Post, "shading", "an X-ray adds up voxels' extinction: it is pre-shaded"),

@@ -113,7 +113,7 @@ fn wrong_arguments_are_one_line_and_exit_2() {
     refused("render demo:sphere -o a.png --model xray --response film:0,3", 2, "an exposure of 0");
     refused("render demo:sphere -o a.png --response film", 2, "only an X-ray");
     refused("pareto demo:sphere -o a --model xray --response depth", 2, "no picture for a report");
-    refused("render demo:sphere -o a.png --depth-coded", 2, "neither mip nor minip");
+    refused("render demo:sphere -o a.png --depth-coded", 2, "expected mip or minip");
     refused(
         "render demo:sphere -o a.png --model mip --depth-coded --colour-bar",
         2,
