@@ -99,7 +99,7 @@ impl<T: Real> Medium<T> {
 
     /// Sums the optical depths of rows of `N` voxels side by side. Depths above [`DARK`] are not exact; unwanted voxels
     /// get an arbitrary depth above it.
-    fn depths<const N: usize>(&self, ray: &Ray<T>, block: &Block<'_>, depths: &mut Vec<[T; N]>) {
+    fn depths<const N: usize>(&self, ray: &Ray<T>, block: &ShadowBlock<'_>, depths: &mut Vec<[T; N]>) {
         depths.clear();
         let begin = |bits: u32, i: usize| if bits >> i & 1 != 0 { T::default() } else { T::from_f64(f64::INFINITY) };
         depths.extend(block.wanted.iter().map(|&bits| std::array::from_fn(|i| begin(bits, i))));
@@ -108,7 +108,7 @@ impl<T: Real> Medium<T> {
 }
 
 /// Rows of voxels side by side.
-pub(crate) struct Block<'a> {
+pub(crate) struct ShadowBlock<'a> {
     /// The lattice point of the first voxel.
     pub(crate) start: [usize; 3],
     /// Number of rows along y.
@@ -121,7 +121,7 @@ pub(crate) struct Block<'a> {
 struct RaySum<'a, T, const N: usize> {
     medium: &'a Medium<T>,
     ray: &'a Ray<T>,
-    block: &'a Block<'a>,
+    block: &'a ShadowBlock<'a>,
     depths: &'a mut [[T; N]],
 }
 
@@ -250,7 +250,7 @@ pub(crate) type Shares<const N: usize> = [[f64; N]; MAX_CASTING + 1];
 
 /// A lattice of kernels with a length.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Lattice {
+pub(crate) struct ShadowLattice {
     pub(crate) kernel: Kernel,
     /// The divisor of sums of kernels.
     pub(crate) divisor: f64,
@@ -265,7 +265,7 @@ pub(crate) struct Lattice {
     pub(crate) voxels: f64,
 }
 
-impl Lattice {
+impl ShadowLattice {
     /// Makes the lattice of a grid, with extinctions per `unit` of the world.
     pub(crate) fn new(grid: &Grid, kernel: Kernel, divisor: f64, unit: f64, voxels: f64) -> Self {
         // In a world measured in the grid's own unit, so that no unit of a file leaves the range of numbers.
@@ -284,12 +284,12 @@ impl Lattice {
 /// The rays from voxels towards the lights.
 pub(crate) struct Caster<T> {
     /// For each light, then for the ambient light.
-    rays: [Rays<T>; MAX_CASTING + 1],
+    rays: [LightRays<T>; MAX_CASTING + 1],
     strength: f64,
 }
 
 /// The rays towards a light.
-enum Rays<T> {
+enum LightRays<T> {
     /// In the same directions from every voxel; none: the full light arrives.
     Along(Vec<Ray<T>>),
     /// To a place.
@@ -297,8 +297,8 @@ enum Rays<T> {
 }
 
 impl<T: Real> Caster<T> {
-    pub(crate) fn new(casting: &Casting, lattice: &Lattice) -> Self {
-        let Lattice { kernel, divisor, dims, to_world, unit, voxels, .. } = lattice;
+    pub(crate) fn new(casting: &Casting, lattice: &ShadowLattice) -> Self {
+        let ShadowLattice { kernel, divisor, dims, to_world, unit, voxels, .. } = lattice;
         let far = dims.iter().map(|&n| (n * n) as f64).sum::<f64>().sqrt() + kernel.radius();
         let bias = casting.bias / voxels;
         let ray = |along: DVec3, reach: f64, share: f64| {
@@ -306,28 +306,28 @@ impl<T: Real> Caster<T> {
             Ray::new(kernel, *dims, along, between, (*to_world * along).length() / unit / divisor, share)
         };
         let to_lattice = to_world.inverse();
-        let mut rays = [const { Rays::Along(Vec::new()) }; MAX_CASTING + 1];
+        let mut rays = [const { LightRays::Along(Vec::new()) }; MAX_CASTING + 1];
         for (rays, origin) in rays.iter_mut().zip(&casting.lights) {
             *rays = match origin {
                 Origin::Directions(towards) => {
                     let share = 1.0 / towards.len().max(1) as f64;
                     let ray = |&towards: &DVec3| ray((to_lattice * towards).normalize(), far, share);
-                    Rays::Along(towards.iter().map(ray).collect())
+                    LightRays::Along(towards.iter().map(ray).collect())
                 }
                 &Origin::Point(place) => {
-                    Rays::To(Converging::new(lattice.to_lattice.transform_point3(place), lattice, bias))
+                    LightRays::To(Converging::new(lattice.to_lattice.transform_point3(place), lattice, bias))
                 }
             };
         }
         if let Some(radius) = casting.occlusion {
             let around = all_around().map(|(along, share)| ray(along, radius / voxels, share));
-            rays[MAX_CASTING] = Rays::Along(around.collect());
+            rays[MAX_CASTING] = LightRays::Along(around.collect());
         }
         Self { rays, strength: casting.strength }
     }
 
     /// Returns the shares of light that reach the wanted voxels of rows.
-    pub(crate) fn shares<const N: usize>(&self, medium: &Medium<T>, block: &Block<'_>) -> Vec<Shares<N>> {
+    pub(crate) fn shares<const N: usize>(&self, medium: &Medium<T>, block: &ShadowBlock<'_>) -> Vec<Shares<N>> {
         let mut shares = vec![[[1.0; N]; MAX_CASTING + 1]; block.wanted.len()];
         let (mut depths, mut means) = (Vec::new(), Vec::new());
         // Cells of a level may absorb a little less than nothing.
@@ -336,8 +336,8 @@ impl<T: Real> Caster<T> {
             means.clear();
             means.resize(block.wanted.len(), [0.0; N]);
             match rays {
-                Rays::Along(rays) if rays.is_empty() => continue,
-                Rays::Along(rays) => {
+                LightRays::Along(rays) if rays.is_empty() => continue,
+                LightRays::Along(rays) => {
                     for ray in rays {
                         medium.depths::<N>(ray, block, &mut depths);
                         for (mean, depth) in means.as_flattened_mut().iter_mut().zip(depths.as_flattened()) {
@@ -345,7 +345,7 @@ impl<T: Real> Caster<T> {
                         }
                     }
                 }
-                Rays::To(place) => {
+                LightRays::To(place) => {
                     let [x, y, z] = block.start;
                     let wanted = (0..block.wanted.len()).flat_map(|row| (0..N).map(move |i| (row, i)));
                     let voxel = |&(row, i): &(usize, usize)| [x + i, y + row % block.down, z + row / block.down];
@@ -417,8 +417,8 @@ mod tests {
         medium
     }
 
-    fn lattice(kernel: Kernel, dims: [usize; 3], to_world: DMat3, unit: f64) -> Lattice {
-        Lattice {
+    fn lattice(kernel: Kernel, dims: [usize; 3], to_world: DMat3, unit: f64) -> ShadowLattice {
+        ShadowLattice {
             kernel,
             divisor: Normalization::Unit.divisor(&kernel),
             dims,
@@ -430,7 +430,7 @@ mod tests {
     }
 
     fn row<T: Real, const N: usize>(caster: &Caster<T>, medium: &Medium<T>, start: [usize; 3]) -> Shares<N> {
-        caster.shares(medium, &Block { start, down: 1, wanted: &[u32::MAX] })[0]
+        caster.shares(medium, &ShadowBlock { start, down: 1, wanted: &[u32::MAX] })[0]
     }
 
     #[test]
@@ -450,7 +450,7 @@ mod tests {
         for kernel in [Kernel::default(), Kernel::KAISER_BESSEL, Kernel::Gaussian { sigma: 0.8, radius: 3.0 }] {
             let settings = Settings { model: Model::Xray, kernel, antialiasing: false, ..Settings::default() };
             let reference = Reference::new(&volume, &transfer, &settings).unwrap();
-            let lattice = Lattice { to_lattice: grid.to_lattice(), ..lattice(kernel, DIMS, to_world, unit) };
+            let lattice = ShadowLattice { to_lattice: grid.to_lattice(), ..lattice(kernel, DIMS, to_world, unit) };
             let at = |[x, y, z]: [usize; 3]| x + DIMS[0] * (y + DIMS[1] * z);
             let media = (medium::<f64>(DIMS, |p| tau(at(p))), medium::<f32>(DIMS, |p| tau(at(p))));
             // Beside the lattice, and in it.
@@ -497,7 +497,7 @@ mod tests {
         let shares = |scale: f64| -> Shares<12> {
             let spacings = [1.0, 1.5, 4.0].map(|spacing| spacing * scale);
             let grid = Grid::axis_parallel(dims.map(|n| n as u32), spacings).unwrap();
-            let lattice = Lattice::new(&grid, Kernel::default(), 11.0, 2.0 * scale, 1.0);
+            let lattice = ShadowLattice::new(&grid, Kernel::default(), 11.0, 2.0 * scale, 1.0);
             row(
                 &Caster::<f32>::new(&casting, &lattice),
                 &medium(dims, |[x, y, z]| noise(x + 12 * (y + 6 * z))),

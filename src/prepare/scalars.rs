@@ -133,7 +133,7 @@ pub(crate) struct Emission<'a> {
     savings: Savings,
     key: EmissionKey,
     /// The voxels, or the cells of each level that has a share in the picture.
-    lattices: Vec<Lattice>,
+    lattices: Vec<ScalarLattice>,
     /// Of each brick of the volume, x fastest, whether it has a voxel that can be visible.
     active: Vec<bool>,
     /// Whether voxels are kept one by one; otherwise bricks are kept whole.
@@ -141,7 +141,7 @@ pub(crate) struct Emission<'a> {
 }
 
 /// The cells of a level, or the voxels as level 0, with the copies beyond the faces.
-struct Lattice {
+struct ScalarLattice {
     level: u32,
     /// The filters that make cells; `None`: the lattice is that of the voxels.
     filters: Option<Filters>,
@@ -161,7 +161,7 @@ struct Lattice {
     counts: [usize; 3],
 }
 
-impl Lattice {
+impl ScalarLattice {
     fn new(
         volume: &Volume,
         level: u32,
@@ -211,9 +211,10 @@ impl<'a> Emission<'a> {
         let halo = need.influence.floor() as usize;
         let singly = savings.voxels && halo <= MAX_HALO && need.cut.is_none();
         let [finest, coarsest] = need.cut.map_or([0, 0], |cut| cut.levels);
-        let lattice = |level| Lattice::new(volume, level, key, if singly { halo } else { 0 });
-        let lattices: Vec<Lattice> = (finest..=coarsest).map(lattice).collect();
-        let places = |lattice: &Lattice| lattice.extended.into_iter().fold(1_u64, |n, d| n.saturating_mul(d as u64));
+        let lattice = |level| ScalarLattice::new(volume, level, key, if singly { halo } else { 0 });
+        let lattices: Vec<ScalarLattice> = (finest..=coarsest).map(lattice).collect();
+        let places =
+            |lattice: &ScalarLattice| lattice.extended.into_iter().fold(1_u64, |n, d| n.saturating_mul(d as u64));
         let places = lattices.iter().map(places).fold(0, u64::saturating_add);
         if need.growth > MAX_GROWTH || places > MAX_PLACES.max(2 * volume.grid().len()) {
             let what = format!("post-shading would copy {} layers of voxels beyond the faces", need.padding);
@@ -247,7 +248,7 @@ impl<'a> Emission<'a> {
     }
 
     /// Whether an active brick of the volume has voxels within the influence of this brick.
-    fn is_near(&self, lattice: &Lattice, brick: [usize; 3]) -> bool {
+    fn is_near(&self, lattice: &ScalarLattice, brick: [usize; 3]) -> bool {
         let [across, down, deep] = self.volume.bricks().map(|n| n as usize);
         let reach = (self.key.need.influence / f64::from(lattice.level).exp2()).ceil() as i64;
         let start = lattice.first(brick);
@@ -262,7 +263,7 @@ impl<'a> Emission<'a> {
     }
 
     /// The bricks along x with these numbers in y and z that can hold splats.
-    fn row(&self, lattice: &Lattice, j: usize, k: usize) -> Result<Vec<MadeBrick>> {
+    fn row(&self, lattice: &ScalarLattice, j: usize, k: usize) -> Result<Vec<MadeBrick>> {
         let takes_part = |i| {
             (self.key.need.cut).is_none_or(|cut: Cut| cut.takes_part(lattice.level, lattice.first([i, j, k]), EDGE))
                 && (!self.savings.bricks || self.is_near(lattice, [i, j, k]))
@@ -289,7 +290,7 @@ impl<'a> Emission<'a> {
     }
 
     /// The number of voxels that a cell counts for; 0: it has no share in the picture.
-    fn count(&self, lattice: &Lattice, cell: [i64; 3]) -> f64 {
+    fn count(&self, lattice: &ScalarLattice, cell: [i64; 3]) -> f64 {
         match self.key.need.cut {
             None => 1.0,
             Some(cut) if cut.reaches(lattice.level, cell, self.volume.grid().dims()) => {
@@ -300,7 +301,7 @@ impl<'a> Emission<'a> {
     }
 
     /// The splats of a brick, given its scalars with the halo around them, and the cells that have no gradient, if any.
-    fn brick(&self, lattice: &Lattice, brick: [usize; 3], scalars: &[f32], flat: &[bool]) -> Result<MadeBrick> {
+    fn brick(&self, lattice: &ScalarLattice, brick: [usize; 3], scalars: &[f32], flat: &[bool]) -> Result<MadeBrick> {
         let (halo, lit) = (lattice.halo, self.key.lit);
         let kept = self.singly.then(|| {
             let active: Vec<bool> = scalars.iter().map(|&s| self.is_active(s)).collect();

@@ -224,7 +224,7 @@ impl Scene {
         let Content::Splats(voxels) = &self.content else { return None };
         let casting = settings.casting()?;
         let divisor = settings.normalization.divisor(&settings.kernel);
-        let lattice = shadow::Lattice::new(&self.grid, settings.kernel, divisor, voxels.layers.unit(), 1.0);
+        let lattice = shadow::ShadowLattice::new(&self.grid, settings.kernel, divisor, voxels.layers.unit(), 1.0);
         Some(Shadows { casting, lattice, clip: settings.clip.sides(&self.grid) })
     }
 
@@ -342,7 +342,7 @@ impl Scene {
         let cells = coarse.map_or(kernel, |(cells, growth)| cells.kernel(&kernel, growth));
         let unit = scalars.transfer.unit_or(self.grid.min_spacing());
         let voxels = coarse.map_or(1.0, |(cells, _)| cells.size());
-        let lattice_of_light = shadow::Lattice::new(&grid, cells, cells.integral() / denser, unit, voxels);
+        let lattice_of_light = shadow::ShadowLattice::new(&grid, cells, cells.integral() / denser, unit, voxels);
         let clip = lattice.settings.clip.sides(&grid);
         let shadows = Shadows { casting, lattice: lattice_of_light, clip };
         let (light, seconds) = scalars.light.get_or_make(shadows.clone(), PartialEq::eq, |_| {

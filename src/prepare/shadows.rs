@@ -14,7 +14,7 @@ use crate::gpu::layout::{SHADED_WORDS, Splat};
 use crate::gpu::splat::{LANES, kept, packed_kept};
 use crate::gpu::store::{BrickSplats, HostBrick, MadeBrick, Row, Store, StoreBuilder, places};
 use crate::lighting::Casting;
-use crate::lighting::shadow::{Block, Caster, Lattice, Medium};
+use crate::lighting::shadow::{Caster, Medium, ShadowBlock, ShadowLattice};
 use crate::progress::Progress;
 use crate::volume::BRICK_EDGE as EDGE;
 use voxsplat_volume::memory::reserved;
@@ -29,7 +29,7 @@ pub(crate) const PLANES: usize = 4;
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Shadows {
     pub(crate) casting: Casting,
-    pub(crate) lattice: Lattice,
+    pub(crate) lattice: ShadowLattice,
     /// The sides of unclipped matter; clipped matter casts no shadows.
     pub(crate) clip: Vec<Side>,
 }
@@ -160,7 +160,7 @@ pub(crate) fn each_share(
         if wanted.iter().all(|&bits| bits == 0) {
             continue;
         }
-        let block = Block { start: [x, y, z + PLANES * number], down: EDGE, wanted };
+        let block = ShadowBlock { start: [x, y, z + PLANES * number], down: EDGE, wanted };
         for (row, shares) in caster.shares::<EDGE>(medium, &block).iter().enumerate() {
             let (y, z) = (y + row % EDGE, block.start[2] + row / EDGE);
             places(wanted[row]).for_each(|at| visit([x + at, y, z], shares.map(|share| share[at])));

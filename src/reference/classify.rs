@@ -10,7 +10,7 @@ use super::ray::{Viewer, Weights};
 use crate::camera::clip::is_inside;
 use crate::error::{Error, Result};
 use crate::layers::Layers;
-use crate::lighting::shadow::{Block, Caster, Lattice, Medium, Shares};
+use crate::lighting::shadow::{Caster, Medium, ShadowBlock, ShadowLattice, Shares};
 use crate::lighting::{Lighting, Visibility};
 use crate::settings::{Model, Settings};
 use crate::transfer::TransferFunction;
@@ -24,7 +24,7 @@ const EDGE: usize = 8;
 
 /// The voxels of a lattice, to be classified.
 #[derive(Debug)]
-pub(super) struct Splats {
+pub(super) struct VoxelValues {
     grid: Grid,
     dims: [usize; 3],
     media: Media,
@@ -52,7 +52,7 @@ struct Shadows {
 impl Shadows {
     /// The light that arrives at the voxels of the brick that begins at a lattice point, row by row.
     fn shares(&self, start: [usize; 3]) -> Vec<Shares<EDGE>> {
-        let block = Block { start, down: EDGE, wanted: &[u32::MAX; EDGE * EDGE] };
+        let block = ShadowBlock { start, down: EDGE, wanted: &[u32::MAX; EDGE * EDGE] };
         self.caster.shares::<EDGE>(&self.medium, &block)
     }
 }
@@ -89,7 +89,7 @@ impl std::fmt::Debug for Shadows {
     }
 }
 
-impl Splats {
+impl VoxelValues {
     /// Reads the volumes once.
     ///
     /// # Errors
@@ -132,7 +132,7 @@ impl Splats {
                 }
             }
             let divisor = settings.normalization.divisor(&settings.kernel);
-            let lattice = Lattice::new(grid, settings.kernel, divisor, 1.0, 1.0);
+            let lattice = ShadowLattice::new(grid, settings.kernel, divisor, 1.0, 1.0);
             splats.shadows = Some(Shadows { caster: Caster::new(&casting, &lattice), medium, bricks: no_bricks(dims) });
         }
         Ok(splats)
@@ -228,7 +228,7 @@ pub(super) struct Bricks {
 pub(super) type Brick = Box<[Weights; EDGE * EDGE * EDGE]>;
 
 impl Bricks {
-    pub(super) fn new(splats: &Splats, viewer: Viewer) -> Self {
+    pub(super) fn new(splats: &VoxelValues, viewer: Viewer) -> Self {
         Self { viewer, bricks: no_bricks(splats.dims) }
     }
 
@@ -236,7 +236,7 @@ impl Bricks {
     /// of the edge is repeated, if the edge is repeated. `last` is the brick of the preceding call.
     pub(super) fn get<'a>(
         &'a self,
-        splats: &Splats,
+        splats: &VoxelValues,
         point: [i64; 3],
         last: &mut Option<(usize, Option<&'a Brick>)>,
     ) -> Weights {
@@ -263,7 +263,7 @@ impl Bricks {
     }
 
     /// Classifies the brick that holds a voxel.
-    fn classified(&self, splats: &Splats, voxel: [usize; 3]) -> Option<Brick> {
+    fn classified(&self, splats: &VoxelValues, voxel: [usize; 3]) -> Option<Brick> {
         let first = voxel.map(|p| p / EDGE * EDGE);
         if !splats.repeats && !splats.may_show(splats.cells.range_of(first, EDGE)) {
             return None;
@@ -297,7 +297,7 @@ mod tests {
         let volume = Volume::new(grid, Samples::F32(values.clone())).unwrap();
         let point = |value, opacity| ControlPoint { value, color: [1.0, 0.5, 0.25], opacity };
         let transfer = TransferFunction::new(vec![point(0.0, 0.0), point(1.0, 0.9)], Some(0.5)).unwrap();
-        let splats = Splats::new(&Layers::of_volume(&volume, &transfer), &Settings::default()).unwrap();
+        let splats = VoxelValues::new(&Layers::of_volume(&volume, &transfer), &Settings::default()).unwrap();
         assert_eq!(splats.bounds(2), Some([[0, 6], [0, 10], [0, 12]]));
         let bricks = Bricks::new(&splats, Viewer::Towards(DVec3::X));
         let mut last = None;
@@ -319,6 +319,9 @@ mod tests {
         let volume = Volume::new(grid, Samples::U8(vec![9; 27])).unwrap();
         let clear = ControlPoint { value: 0.0, color: [1.0; 3], opacity: 0.0 };
         let transfer = TransferFunction::new(vec![clear], None).unwrap();
-        assert_eq!(Splats::new(&Layers::of_volume(&volume, &transfer), &Settings::default()).unwrap().bounds(2), None);
+        assert_eq!(
+            VoxelValues::new(&Layers::of_volume(&volume, &transfer), &Settings::default()).unwrap().bounds(2),
+            None
+        );
     }
 }

@@ -182,7 +182,7 @@ impl Emission<'_> {
 
 /// The classification and light of a reconstructed scalar field.
 #[derive(Debug)]
-pub(super) struct Classifier {
+pub(super) struct FieldClassifier {
     pub(super) transfer: TransferFunction,
     /// The thickness of slab that opacities are per, in world units.
     unit: f64,
@@ -198,7 +198,7 @@ pub(super) struct Classifier {
     to_world: DMat3,
 }
 
-impl Classifier {
+impl FieldClassifier {
     /// Makes the classifier of a grid, with the places of lights relative to its middle.
     pub(super) fn new(
         transfer: &TransferFunction,
@@ -281,7 +281,7 @@ impl Classifier {
 /// The integral of a reconstructed and classified scalar field.
 pub(super) struct Classified<'a> {
     pub(super) sum: RayIntegral,
-    pub(super) classifier: &'a Classifier,
+    pub(super) classifier: &'a FieldClassifier,
     pub(super) ray: LatticeRay,
     /// The light that arrives at a place in the lattice.
     pub(super) arriving: &'a dyn Fn(DVec3) -> Visibility,

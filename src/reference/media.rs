@@ -17,13 +17,13 @@ const SPREAD: f64 = 2.0 * 1.5 * 1.5;
 const FLAT: f64 = 1e-4;
 
 /// The values of a volume, in memory.
-struct Values {
+struct SampleValues {
     samples: Arc<Samples>,
     slope: f64,
     intercept: f64,
 }
 
-impl Values {
+impl SampleValues {
     fn new(volume: &Volume) -> Result<Self> {
         let (slope, intercept) = volume.rescale();
         Ok(Self { samples: volume.shared_samples()?, slope, intercept })
@@ -38,18 +38,18 @@ enum Optics {
     Transfer(TransferFunction),
     Labels(Arc<[Look]>),
     /// The transfer function of alpha or luminance, the channels beside red, and their largest value.
-    Colors(TransferFunction, Vec<Values>, f64),
+    Colors(TransferFunction, Vec<SampleValues>, f64),
 }
 
 struct Medium {
-    values: Values,
+    values: SampleValues,
     optics: Optics,
     unit: f64,
     /// The scalar that differences are relative to.
     base: f64,
     /// Tells differences of scalars that are only rounding.
     resolution: Resolution,
-    mask: Option<(Values, Arc<[i64]>)>,
+    mask: Option<(SampleValues, Arc<[i64]>)>,
     /// The largest extinction of any voxel.
     most: f64,
 }
@@ -97,12 +97,14 @@ impl Media {
                 Matter::Scalars { transfer, .. } => Optics::Transfer(transfer.clone()),
                 Matter::Labels { looks, .. } => Optics::Labels(Arc::clone(looks)),
                 Matter::Colors(colors) => {
-                    let others = colors.channels[1..].iter().chain(&colors.alpha).map(Values::new);
+                    let others = colors.channels[1..].iter().chain(&colors.alpha).map(SampleValues::new);
                     Optics::Colors(colors.transfer.clone(), others.collect::<Result<_>>()?, colors.white)
                 }
             };
-            let mask =
-                layer.mask.as_ref().map(|mask| Ok::<_, Error>((Values::new(&mask.volume)?, Arc::clone(&mask.shown))));
+            let mask = layer
+                .mask
+                .as_ref()
+                .map(|mask| Ok::<_, Error>((SampleValues::new(&mask.volume)?, Arc::clone(&mask.shown))));
             let unit = layer.unit();
             let most = TransferFunction::extinction(layer.max_opacity(), unit);
             if !most.is_finite() {
@@ -112,7 +114,7 @@ impl Media {
                 Matter::Scalars { transfer, .. } => (transfer.base(), Resolution::new(transfer, layer.volume())?),
                 _ => (0.0, Resolution::NONE),
             };
-            let (values, mask) = (Values::new(layer.volume())?, mask.transpose()?);
+            let (values, mask) = (SampleValues::new(layer.volume())?, mask.transpose()?);
             Ok(Medium { values, optics, unit, base, resolution, mask, most })
         };
         Ok(Self {

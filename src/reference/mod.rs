@@ -104,8 +104,8 @@ use crate::settings::{Model, Response, Settings};
 use crate::transfer::{Resolution, TransferFunction};
 use crate::volume::{Grid, Volume};
 use cells::Map;
-use classify::{Bricks, Splats};
-use integrate::{Accuracy, Classified, Classifier, Emission, Fade, Maximum};
+use classify::{Bricks, VoxelValues};
+use integrate::{Accuracy, Classified, Emission, Fade, FieldClassifier, Maximum};
 use profile::Profile;
 use ray::{LatticeRay, Viewer};
 use walk::{Scratch, Sight, Sizes, Visitor, Walk};
@@ -130,7 +130,7 @@ pub struct Reference {
     grid: Grid,
     /// That middle in the world.
     center: DVec3,
-    splats: Splats,
+    splats: VoxelValues,
     /// `None` if weights depend on the viewer.
     bricks: Option<Arc<Bricks>>,
     kernel: Kernel,
@@ -159,7 +159,7 @@ enum Method {
     /// Extinction, whose integral makes the pixel.
     Xray(Response),
     /// The scalar, and its gradient if there is a light.
-    PostShaded(Box<Classifier>),
+    PostShaded(Box<FieldClassifier>),
     /// The scalar, relative to the base of the transfer function, which classifies the largest.
     Maximum(TransferFunction),
     /// The scalar, relative to the base of the transfer function, which classifies the mean.
@@ -199,11 +199,11 @@ impl Reference {
             (Model::Mip | Model::Minip, Some((_, transfer))) => Method::Maximum(transfer.clone()),
             (Model::Average, Some((_, transfer))) => Method::Mean(transfer.clone()),
             (_, Some((volume, transfer))) if settings.is_post_shaded() => Method::PostShaded(Box::new(
-                Classifier::new(transfer, settings.lighting.as_ref(), grid, Resolution::new(transfer, volume)?),
+                FieldClassifier::new(transfer, settings.lighting.as_ref(), grid, Resolution::new(transfer, volume)?),
             )),
             _ => Method::PreShaded,
         };
-        let splats = Splats::new(&layers, settings)?;
+        let splats = VoxelValues::new(&layers, settings)?;
         // The viewer does not matter.
         let bricks = || Arc::new(Bricks::new(&splats, Viewer::Towards(DVec3::Z)));
         let reference = Self {
@@ -427,10 +427,10 @@ impl Reference {
     }
 
     /// Makes rays from an eye, or parallel rays in a direction. `many` rays skip empty space.
-    fn rays(&self, eye: Option<DVec3>, direction: DVec3, sizes: Sizes, many: bool) -> Rays<'_> {
+    fn rays(&self, eye: Option<DVec3>, direction: DVec3, sizes: Sizes, many: bool) -> PixelRays<'_> {
         let viewer = eye.map_or(Viewer::Towards(-direction), Viewer::At);
         let bricks = self.bricks.clone().unwrap_or_else(|| Arc::new(Bricks::new(&self.splats, viewer)));
-        Rays { reference: self, sizes, forward: direction, bricks, map: if many { self.map(sizes) } else { None } }
+        PixelRays { reference: self, sizes, forward: direction, bricks, map: if many { self.map(sizes) } else { None } }
     }
 
     /// Returns bounds of the field around each place.
@@ -464,7 +464,7 @@ impl Reference {
 }
 
 /// The rays of a picture.
-struct Rays<'a> {
+struct PixelRays<'a> {
     reference: &'a Reference,
     sizes: Sizes,
     /// The direction of the view.
@@ -473,7 +473,7 @@ struct Rays<'a> {
     map: Option<Map>,
 }
 
-impl Rays<'_> {
+impl PixelRays<'_> {
     fn sight(&self) -> Sight<'_> {
         let Reference { splats, profile, deviation, longest, .. } = self.reference;
         let [deviation, longest] = [deviation, longest].map(|length| length * self.sizes.least);

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::classify::{Brick, Bricks, Splats};
+use super::classify::{Brick, Bricks, VoxelValues};
 use super::profile::{Profile, RULE, SERIES, Series};
 use super::ray::{LatticeRay, Weights};
 use crate::camera::{Camera, Growth};
@@ -113,7 +113,7 @@ impl Chord {
 /// Walks the lattice planes across a part of a ray along its dominant axis, in the order in which the ray meets them.
 #[derive(Debug)]
 pub(super) struct Walk<'a> {
-    splats: &'a Splats,
+    splats: &'a VoxelValues,
     sizes: Sizes,
     bounds: [[i64; 2]; 3],
     /// The part of the ray that splats reach.
@@ -130,7 +130,7 @@ pub(super) struct Walk<'a> {
 
 impl<'a> Walk<'a> {
     /// Makes the walk of a part of a ray; `None` if it misses the box of the splats.
-    pub(super) fn new(splats: &'a Splats, sizes: Sizes, ray: LatticeRay) -> Option<Self> {
+    pub(super) fn new(splats: &'a VoxelValues, sizes: Sizes, ray: LatticeRay) -> Option<Self> {
         let bounds = splats.bounds(sizes.layers)?;
         let reach = sizes.reach;
         let ray = ray.clipped(&bounds, reach)?;
@@ -298,7 +298,7 @@ pub(super) trait Visitor {
 /// The scene of rays.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sight<'a> {
-    pub(super) splats: &'a Splats,
+    pub(super) splats: &'a VoxelValues,
     pub(super) bricks: &'a Bricks,
     pub(super) profile: &'a Profile,
     pub(super) sizes: Sizes,

@@ -14,7 +14,7 @@ use super::draw::in_words;
 use super::failure::{Failure, fail};
 use super::job::RenderJob;
 use super::output;
-use super::session::{Picture, Session};
+use super::session::{Drawing, Session};
 use super::stages::Stages;
 
 /// Statistics of a picture by the reference.
@@ -59,8 +59,8 @@ pub(crate) fn run(jobs: Vec<RenderJob>) -> Result<(), Failure> {
 }
 
 /// Prints the requested statistics of a finished picture, and holds it to its bound.
-fn report(job: &RenderJob, layers: &Layers, picture: Picture, stages: Stages) -> Result<(), Failure> {
-    let Picture { image, camera, settings, estimate, stats, .. } = picture;
+fn report(job: &RenderJob, layers: &Layers, picture: Drawing, stages: Stages) -> Result<(), Failure> {
+    let Drawing { image, camera, settings, estimate, stats, .. } = picture;
     let Some(mut stats) = stats else {
         let stats = ReferenceStats {
             painter: "reference",

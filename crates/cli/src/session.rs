@@ -76,7 +76,7 @@ fn held<K: PartialEq, V: Clone>(
 }
 
 /// A picture, with its settings and measurements.
-pub(crate) struct Picture {
+pub(crate) struct Drawing {
     /// As rendered, without figure.
     pub(crate) image: Image,
     /// With the figure, if there is one.
@@ -89,7 +89,7 @@ pub(crate) struct Picture {
     pub(crate) stats: Option<Stats>,
 }
 
-impl Picture {
+impl Drawing {
     /// The picture as it is written.
     pub(crate) fn image(&self) -> &Image {
         self.drawn.as_ref().unwrap_or(&self.image)
@@ -305,7 +305,7 @@ impl Session {
         layers: &Layers,
         transfer: &TransferFunction,
         stages: &mut Stages,
-    ) -> Result<Picture, Failure> {
+    ) -> Result<Drawing, Failure> {
         let around = match &self.steady {
             Some(steady) => steady.clone(),
             None => held(
@@ -340,7 +340,7 @@ impl Session {
         let shown = Shown { volume: &self.volume, transfer, camera: &camera, model: job.settings.model };
         let draw = || figure.draw_region(&image, job.region, job.output.background, &shown);
         let drawn = if figure.is_empty() { None } else { Some(stages.time("figure", draw)?) };
-        Ok(Picture { image, drawn, camera, settings, notes, estimate, stats })
+        Ok(Drawing { image, drawn, camera, settings, notes, estimate, stats })
     }
 
     /// Returns the figure of a job, with the names of its legend.

@@ -49,7 +49,7 @@ struct KeyFrame {
 
 /// The destination of frames.
 #[derive(Debug)]
-enum Target {
+enum FilmTarget {
     /// A file for each, by a name with a place for the number.
     Files(String),
     /// One file.
@@ -95,7 +95,7 @@ pub(crate) struct TurntableJob {
     part: [u32; 2],
     rate: f64,
     resume: bool,
-    target: Target,
+    target: FilmTarget,
     /// The command, with names of files for their paths.
     command: String,
 }
@@ -122,7 +122,7 @@ impl Totals {
     }
 }
 
-impl Target {
+impl FilmTarget {
     /// A destination that can be written to, as far as is known before the work.
     fn checked(path: &Path, format: Option<Format>, line: (&Command, &ArgMatches)) -> Result<Self, Failure> {
         if path.as_os_str().is_empty() {
@@ -192,7 +192,7 @@ impl TurntableJob {
         first.choices.open.side = false;
         first.studio.follows |= first.choices.open.light;
         let Destination::File(path) = &first.output.picture else { return refuse("--output: expected a file or -") };
-        let target = Target::checked(path, format, line)?;
+        let target = FilmTarget::checked(path, format, line)?;
         let times = first.times.filter(|time| !matches!(time, TimeArg::One(_)));
         if times.is_some() && first.source == Path::new(STREAM) {
             return refuse("--time: standard input is read once, several time points need a file");
@@ -257,7 +257,7 @@ impl TurntableJob {
         let [part, parts] = self.part.map(u64::from);
         let end = |part: u64| (u64::from(frames) * part / parts) as u32;
         let exists = |frame: u32| match &self.target {
-            Target::Files(name) => self.resume && Path::new(&numbered(name, frame, frames)).is_file(),
+            FilmTarget::Files(name) => self.resume && Path::new(&numbered(name, frame, frames)).is_file(),
             _ => false,
         };
         (end(part - 1)..end(part)).filter(|&frame| !exists(frame)).collect()
@@ -396,13 +396,13 @@ fn write(job: &TurntableJob, frames: Receiver<Done>, size: [u32; 2], count: u32)
     let (rate, background) = (job.rate, job.first.output.background);
     let title = job.title();
     match &job.target {
-        Target::Files(name) => {
+        FilmTarget::Files(name) => {
             for Done { frame, image, notes } in frames {
                 let file = Destination::File(PathBuf::from(numbered(name, frame, count)));
                 file.write(&image, background, &notes)?;
             }
         }
-        Target::Film(path, format) => {
+        FilmTarget::Film(path, format) => {
             let mut file = FilmFile::new(*format, size, count, rate)?;
             let film = &mut file.film;
             film.title(&title);
@@ -412,7 +412,7 @@ fn write(job: &TurntableJob, frames: Receiver<Done>, size: [u32; 2], count: u32)
             }
             file.save(path)?;
         }
-        Target::Stream(format) => {
+        FilmTarget::Stream(format) => {
             let fault = RefCell::new(None);
             let stream = || {
                 let out = BufWriter::new(Watched { out: stdout(), fault: &fault });

@@ -8,7 +8,7 @@ use std::ops::RangeInclusive;
 
 use glam::{DMat3, DVec3};
 
-use super::{CHUNK, DARK, LANES, Lattice, Medium};
+use super::{CHUNK, DARK, LANES, Medium, ShadowLattice};
 use crate::kernel::{FootprintTable, Real, footprint_polynomial};
 
 /// The largest error of a section, as a fraction of the footprint's peak.
@@ -57,8 +57,8 @@ struct Path {
 }
 
 impl Converging {
-    pub(super) fn new(place: DVec3, lattice: &Lattice, bias: f64) -> Self {
-        let Lattice { kernel, divisor, to_world, unit, .. } = *lattice;
+    pub(super) fn new(place: DVec3, lattice: &ShadowLattice, bias: f64) -> Self {
+        let ShadowLattice { kernel, divisor, to_world, unit, .. } = *lattice;
         let table = FootprintTable::new(&kernel, ERROR);
         // Kernels too narrow in their support for that get the finest table.
         let table = table.unwrap_or_else(|_| FootprintTable::with_size(&kernel, 4096, 16));

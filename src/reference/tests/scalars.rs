@@ -216,7 +216,7 @@ fn gradients_are_central_differences_of_the_field() {
         ..settings(Kernel::default(), Model::Composite, Shading::Post)
     };
     let transfer = ramp(&[(0.3, 0.0), (1.0, 1.0)], 1.0);
-    let splats = Splats::new(&Layers::of_volume(&volume, &transfer), &lit).unwrap();
+    let splats = VoxelValues::new(&Layers::of_volume(&volume, &transfer), &lit).unwrap();
     let bricks = Bricks::new(&splats, Viewer::Towards(DVec3::X));
     // What the walk adds up at a point, against f one voxel ahead and behind.
     let to_world = volume.grid().to_world();

@@ -28,7 +28,7 @@ const MAX_HEADER: usize = 1 << 16;
 /// The fields of the header.
 #[derive(Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Header {
+struct NpyHeader {
     /// The type's string, such as `<i2`.
     descr: String,
     fortran_order: bool,
@@ -88,7 +88,7 @@ fn x_fastest(samples: &Samples, dims: [u32; 3], what: impl Fn() -> String) -> Re
     })
 }
 
-fn read_header(input: &mut Input) -> Result<Header> {
+fn read_header(input: &mut Input) -> Result<NpyHeader> {
     let start = input.bytes(8)?;
     let (magic, version) = start.split_at(6);
     refuse_if!(magic != MAGIC, input, "is not a NumPy file: its magic is missing");
@@ -105,13 +105,13 @@ fn read_header(input: &mut Input) -> Result<Header> {
 }
 
 /// Parses the dictionary literal of a header, which is all but JSON; `None` if it does not describe a plain array.
-fn parse(text: &str) -> Option<Header> {
+fn parse(text: &str) -> Option<NpyHeader> {
     let mut json: String = text.chars().filter(|c| !c.is_ascii_whitespace()).collect();
     let words = [(",)", "]"), (",}", "}"), ("(", "["), (")", "]"), ("'", "\""), ("False", "false"), ("True", "true")];
     for (python, word) in words {
         json = json.replace(python, word);
     }
-    serde_json::from_str(&json).ok().filter(|header: &Header| !header.shape.is_empty())
+    serde_json::from_str(&json).ok().filter(|header: &NpyHeader| !header.shape.is_empty())
 }
 
 #[cfg(test)]
@@ -121,7 +121,7 @@ mod tests {
     #[test]
     fn headers_parse_as_python_does() {
         let header = |descr: &str, fortran_order, shape: &[i64]| {
-            Some(Header { descr: descr.to_owned(), fortran_order, shape: shape.to_vec() })
+            Some(NpyHeader { descr: descr.to_owned(), fortran_order, shape: shape.to_vec() })
         };
         let text = "{'descr': '<i2', 'fortran_order': False, 'shape': (5, 4, 3), }        \n";
         assert_eq!(parse(text), header("<i2", false, &[5, 4, 3]));

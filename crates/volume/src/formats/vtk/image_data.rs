@@ -6,7 +6,7 @@ use std::str::FromStr;
 use glam::DVec3;
 
 use super::blocks::{Codec, decompressed};
-use super::{Array, At, Lattice, numbers};
+use super::{Array, At, ImageLattice, numbers};
 use crate::error::{Result, Subject, refuse, refuse_if};
 use crate::formats::LoadOptions;
 use crate::formats::decode::Layout;
@@ -49,10 +49,10 @@ fn stated<T: FromStr + Copy, const N: usize>(image: &Tag, file: &Path, name: &st
     numbers(text).ok_or_else(|| file.error(format!("{name} is {text:?}, expected {N} numbers")))
 }
 
-fn image_lattice(image: &Tag, file: &Path) -> Result<Lattice> {
+fn image_lattice(image: &Tag, file: &Path) -> Result<ImageLattice> {
     let [x0, x1, y0, y1, z0, z1] = stated(image, file, "WholeExtent", [0, -1, 0, -1, 0, -1])?;
     let m = stated(image, file, "Direction", [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0])?;
-    Ok(Lattice {
+    Ok(ImageLattice {
         extent: [[x0, x1], [y0, y1], [z0, z1]],
         spacing: stated(image, file, "Spacing", [1.0; 3])?,
         origin: DVec3::from_array(stated(image, file, "Origin", [0.0; 3])?),

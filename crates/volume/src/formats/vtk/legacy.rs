@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::{Array, At, Lattice, numbers};
+use super::{Array, At, ImageLattice, numbers};
 use crate::error::{Error, Result, Subject, refuse, refuse_if};
 use crate::formats::LoadOptions;
 use crate::formats::decode::{Layout, skip};
@@ -20,7 +20,7 @@ pub(in crate::formats) fn read(input: Input, options: &LoadOptions, several: boo
 struct Reader {
     input: Input,
     layout: Layout,
-    lattice: Lattice,
+    lattice: ImageLattice,
     /// What the arrays to come belong to, and their number.
     of: Option<(At, u64)>,
 }
@@ -37,7 +37,8 @@ impl Reader {
             "BINARY" => Layout::Binary(Endian::Big),
             _ => refuse!(input, "its third line is {coding:?}, expected ASCII or BINARY"),
         };
-        let lattice = Lattice { extent: [[0, -1]; 3], spacing: [1.0; 3], origin: DVec3::ZERO, directions: DVec3::AXES };
+        let lattice =
+            ImageLattice { extent: [[0, -1]; 3], spacing: [1.0; 3], origin: DVec3::ZERO, directions: DVec3::AXES };
         Ok(Self { input, layout, lattice, of: None })
     }
 

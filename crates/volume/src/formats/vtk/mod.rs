@@ -44,7 +44,7 @@ struct Array {
 }
 
 /// The lattice of an image.
-struct Lattice {
+struct ImageLattice {
     /// The first and the last point along each axis.
     extent: [[i64; 2]; 3],
     spacing: [f64; 3],
@@ -53,7 +53,7 @@ struct Lattice {
     directions: [DVec3; 3],
 }
 
-impl Lattice {
+impl ImageLattice {
     /// The samples along each axis, and their position. A sample of a cell is at its centre.
     fn placed(&self, at: At) -> ([i64; 3], Placement) {
         let (mut sizes, mut origin) = ([1; 3], self.origin);

@@ -120,7 +120,7 @@ impl Chain {
         &self,
         bytes: &Bytes<'_>,
         (shape, want): (&[u64], &[Range<u64>]),
-        target: &mut Target<'_, T>,
+        target: &mut ChunkTarget<'_, T>,
     ) -> io::Result<()> {
         let (mut shape, mut want, mut strides) = (shape.to_vec(), want.to_vec(), target.strides.clone());
         for order in &self.transposed {
@@ -130,7 +130,7 @@ impl Chain {
         }
         let count: u64 = shape.iter().fold(1, |n, size| n.saturating_mul(*size));
         let size = count.saturating_mul(size_of::<T>() as u64);
-        let mut target = Target { samples: &mut *target.samples, first: target.first, strides };
+        let mut target = ChunkTarget { samples: &mut *target.samples, first: target.first, strides };
         match &self.writing {
             Writing::Plain(endian) => {
                 let content = self.unpacked(bytes, size)?;
@@ -173,7 +173,7 @@ impl Shards {
         &self,
         bytes: &Bytes<'_>,
         (shape, want): (&[u64], &[Range<u64>]),
-        target: &mut Target<'_, T>,
+        target: &mut ChunkTarget<'_, T>,
     ) -> io::Result<()> {
         let chunks: Vec<u64> = shape.iter().zip(&self.shape).map(|(outer, inner)| outer / inner).collect();
         let count = chunks.iter().fold(1, |n: u64, size| n.saturating_mul(*size));
@@ -184,7 +184,7 @@ impl Shards {
         let mut entries = vec![0_u64; (count * 2) as usize];
         let index_shape: Vec<u64> = chunks.iter().copied().chain([2]).collect();
         let all: Vec<Range<u64>> = index_shape.iter().map(|size| 0..*size).collect();
-        let mut to = Target { strides: strides_of(&index_shape), samples: &mut entries, first: 0 };
+        let mut to = ChunkTarget { strides: strides_of(&index_shape), samples: &mut entries, first: 0 };
         self.index.read(&Bytes::Memory(&index), (&index_shape, &all), &mut to)?;
         let strides = strides_of(&chunks);
         for (chunk, inner, at) in parts(want, &self.shape) {
@@ -195,7 +195,7 @@ impl Shards {
                 continue;
             }
             let first = target.first + at.iter().zip(&target.strides).map(|(n, s)| *n as usize * s).sum::<usize>();
-            let mut target = Target { samples: &mut *target.samples, first, strides: target.strides.clone() };
+            let mut target = ChunkTarget { samples: &mut *target.samples, first, strides: target.strides.clone() };
             let content = bytes.range(offset, length)?;
             self.chain.read(&Bytes::Memory(&content), (&self.shape, &inner), &mut target)?;
         }
@@ -204,13 +204,13 @@ impl Shards {
 }
 
 /// The destination of samples: along each axis of a chunk they are a stride apart.
-pub(super) struct Target<'a, T> {
+pub(super) struct ChunkTarget<'a, T> {
     pub(super) samples: &'a mut [T],
     pub(super) first: usize,
     pub(super) strides: Vec<usize>,
 }
 
-impl<T: Number> Target<'_, T> {
+impl<T: Number> ChunkTarget<'_, T> {
     /// Copies the part `want` from samples of this shape, whose last axis is the fastest.
     pub(super) fn place(&mut self, bytes: &[u8], endian: Endian, shape: &[u64], want: &[Range<u64>]) {
         let (Some((row, outer)), Some(stride)) = (want.split_last(), self.strides.last()) else { return };

@@ -19,7 +19,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 use serde_json::Value;
 
-use self::codecs::{Bytes, Part, Target, parts, strides_of};
+use self::codecs::{Bytes, ChunkTarget, Part, parts, strides_of};
 use self::metadata::{Array, Node};
 use super::decode::{Kind, of_halves};
 use super::folder::is_zarr;
@@ -331,7 +331,7 @@ impl Level {
                 let shape: Vec<u64> = inner.iter().map(|range| range.end - range.start).collect();
                 let all: Vec<Range<u64>> = shape.iter().map(|size| 0..*size).collect();
                 let first = at.iter().zip(strides).map(|(n, stride)| *n as usize * stride).sum();
-                let mut target = Target { samples: &mut samples, first, strides: strides.to_vec() };
+                let mut target = ChunkTarget { samples: &mut samples, first, strides: strides.to_vec() };
                 target.place(bytemuck::cast_slice(&region), Endian::NATIVE, &shape, &all);
             }
         }
@@ -356,7 +356,7 @@ impl Level {
             Ok((file, Some(length))) => (file, length),
         };
         let mut region = filled()?;
-        let mut target = Target { samples: &mut region, first: 0, strides: strides_of(&shape) };
+        let mut target = ChunkTarget { samples: &mut region, first: 0, strides: strides_of(&shape) };
         let read = self.array.chain.read(&Bytes::File(&file, length), (&self.array.chunks, inner), &mut target);
         read.map_err(|source| Error::of_content(path, source))?;
         Ok(Some(region))
