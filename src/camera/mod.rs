@@ -94,6 +94,14 @@ pub enum Projection {
     },
 }
 
+impl Projection {
+    /// The world distance from the eye to the target; `None` if rays are parallel.
+    #[must_use]
+    pub fn eye_distance(&self) -> Option<f64> {
+        if let Self::Perspective { distance, .. } = self { Some(*distance) } else { None }
+    }
+}
+
 /// A camera: an orthonormal frame at a target, and a projection. World coordinates, f64.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Camera {

@@ -6,7 +6,7 @@ use super::layout;
 use super::savings::Savings;
 use super::splat::ToEye;
 use crate::camera::clip::{Side, corners};
-use crate::camera::{Camera, Growth, Projection};
+use crate::camera::{Camera, Growth};
 use crate::image::Region;
 use crate::lighting::{Lighting, Source};
 use crate::settings::{Model, Settings};
@@ -101,10 +101,7 @@ impl ViewGeometry {
         let offset =
             DVec3::new(from_target.dot(camera.right), from_target.dot(camera.up), from_target.dot(camera.forward));
         let farthest = gradients[2].abs().dot(half(grid));
-        let eye_depth = match camera.projection {
-            Projection::Orthographic { .. } => 0.0,
-            Projection::Perspective { distance, .. } => distance + offset.z,
-        };
+        let eye_depth = camera.projection.eye_distance().map_or(0.0, |distance| distance + offset.z);
         let growth = if settings.antialiasing { camera.growth(grid) } else { Growth::NONE };
         let growth = Growth { constant: growth.constant / grown, slope: growth.slope / grown };
         // Of the nearest voxel, or at the eye if the voxel is behind it, and of the farthest.
@@ -207,7 +204,7 @@ impl ViewGeometry {
     }
 
     pub(crate) fn is_perspective(&self) -> bool {
-        matches!(self.camera.projection, Projection::Perspective { .. })
+        self.camera.projection.eye_distance().is_some()
     }
 
     /// Whether opaque pixels end rays.
@@ -238,7 +235,7 @@ impl ViewGeometry {
         for corner in corners(&self.shown().collect::<Vec<Side>>()) {
             let d = self.grid.to_world().matrix3 * corner - camera.target;
             let mut plane = [d.dot(camera.right), d.dot(camera.up)];
-            if let Projection::Perspective { distance, .. } = camera.projection {
+            if let Some(distance) = camera.projection.eye_distance() {
                 let z = d.dot(camera.forward) + distance;
                 // A corner beside or behind the eye bounds no pixels.
                 if z <= 1e-6 * distance {

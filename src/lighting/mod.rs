@@ -18,6 +18,14 @@ pub enum Source {
     Point(DVec3),
 }
 
+impl Source {
+    /// The world direction towards a light that is the same everywhere, for every eye; `None` for other lights.
+    #[must_use]
+    pub fn direction(&self) -> Option<DVec3> {
+        if let Self::Direction(towards) = self { Some(*towards) } else { None }
+    }
+}
+
 /// A light.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Light {

@@ -5,7 +5,7 @@ use glam::{DAffine3, DMat3, DVec3};
 use super::profile::{Range, Scalar, Series};
 use super::ray::{LatticeRay, Weights};
 use super::walk::{Block, Piece, Visitor};
-use crate::lighting::{Lighting, Source, Visibility};
+use crate::lighting::{Lighting, Visibility};
 use crate::transfer::{Resolution, TransferFunction};
 use crate::volume::Grid;
 
@@ -238,11 +238,9 @@ impl FieldClassifier {
     /// which side of the surface the eye, each light, and the direction half way between them are.
     pub(super) fn sides(&self, to_eye: DVec3) -> Vec<Weights> {
         let lights = self.lighting.iter().flat_map(|lighting| &lighting.lights);
-        let halves = lights.filter_map(|light| match light.source {
-            // The direction to a light at a place changes along the ray: halving finds where.
-            Source::Eye | Source::Point(_) => None,
-            Source::Direction(towards) => Some([towards, to_eye + towards.normalize()]),
-        });
+        // The direction to a light at a place changes along the ray: halving finds where.
+        let directions = lights.filter_map(|light| light.source.direction());
+        let halves = directions.map(|towards| [towards, to_eye + towards.normalize()]);
         let eye = self.lighting.as_ref().map(|_| to_eye);
         let directions = eye.into_iter().chain(halves.flatten());
         directions.map(|d| self.to_world.transpose() * d).map(|d| [0.0, d.x, d.y, d.z]).collect()

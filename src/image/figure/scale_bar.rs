@@ -6,7 +6,6 @@ use super::Shown;
 use super::canvas::Canvas;
 use super::number::{label, round_below};
 use super::path::Path;
-use crate::camera::Projection;
 use crate::error::{Error, Result};
 
 /// A length with its label.
@@ -32,7 +31,7 @@ impl Bar {
         let is_plain = shown.volume.grid().spacing() == [1.0; 3];
         let unit = shown.volume.length_unit().unwrap_or(if is_plain { "voxels" } else { "units" });
         let mut text = with_unit(length, unit);
-        if matches!(shown.camera.projection, Projection::Perspective { .. }) {
+        if shown.camera.projection.eye_distance().is_some() {
             text += " at the centre";
         }
         Ok(Self { pixels: length / pixel, text })
