@@ -72,7 +72,7 @@ fn lit_things_of_one_value_have_no_cells() {
     let (rms, level) = error(&volume, &transfer, view, &lit());
     assert_eq!(level, 0);
     println!("rms {rms}");
-    // 5.8 is measured with voxels, whose sheets blur the step at the surface.
+    // 5.8 is measured with voxels.
     assert!(rms < 7.0, "rms {rms} of 255");
 }
 
