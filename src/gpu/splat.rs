@@ -214,12 +214,6 @@ fn converging(light: [f32; 3], places: &Vectors, to_eye: &Vectors) -> Vectors {
 /// The index of ambient light among the shares.
 const AROUND: usize = 3;
 
-/// The words `kept` of a splat.
-pub(crate) fn packed_kept(shares: [f64; 4]) -> [u32; 2] {
-    let [a, b, c, d] = shares.map(|share| nearest(share.clamp(0.0, 1.0) as f32 * 65_535.0));
-    [a | b << 16, c | d << 16]
-}
-
 /// The shares of light that arrive at splats, given the words `kept`.
 pub(crate) fn kept(low: &[u32; LANES], high: &[u32; LANES]) -> [Lanes; 4] {
     let mut kept = [Lanes::default(); 4];

@@ -10,26 +10,16 @@ pub(crate) trait Real:
 {
     /// The number nearest to a value.
     fn from_f64(value: f64) -> Self;
-    /// The square root.
-    fn sqrt(self) -> Self;
 }
 
 impl Real for f32 {
     fn from_f64(value: f64) -> Self {
         value as Self
     }
-
-    fn sqrt(self) -> Self {
-        self.sqrt()
-    }
 }
 
 impl Real for f64 {
     fn from_f64(value: f64) -> Self {
         value
-    }
-
-    fn sqrt(self) -> Self {
-        self.sqrt()
     }
 }

@@ -115,6 +115,9 @@ pub struct Lighting {
     pub shadow_bias: f64,
     /// The distance within which voxels occlude the ambient light of each other, voxels; `None`: no occlusion.
     pub occlusion: Option<f64>,
+    /// Whether shadows and occlusion are sums of all kernels on each ray instead of sweeps through the volume. The light
+    /// of sweeps errs by about 1 of 255 (rms), and takes a tenth of the time or less.
+    pub exact_shadows: bool,
 }
 
 /// The largest number of lights that cast shadows.
@@ -175,9 +178,26 @@ pub(crate) struct Casting {
     bias: f64,
     /// Voxels.
     occlusion: Option<f64>,
+    /// Whether all kernels on each ray are summed.
+    exact: bool,
 }
 
 impl Casting {
+    /// Whether a light casts shadows, or for [`MAX_CASTING`] voxels occlude ambient light.
+    fn casts(&self, light: usize) -> bool {
+        self.lights.get(light).map_or(self.occlusion.is_some(), |origin| !origin.is_none())
+    }
+
+    /// The shadows of one light alone, or for [`MAX_CASTING`] the occlusion of ambient light.
+    pub(crate) fn only(&self, light: usize) -> Self {
+        let mut lights: [Origin; MAX_CASTING] = Default::default();
+        if let Some(origin) = self.lights.get(light) {
+            lights[light] = origin.clone();
+            return Self { lights, occlusion: None, ..*self };
+        }
+        Self { lights, strength: 0.0, ..*self }
+    }
+
     /// The distance from a voxel's centre within which occluders are ignored, voxels.
     pub(crate) fn bias(&self) -> f64 {
         self.bias
@@ -214,6 +234,7 @@ impl Default for Lighting {
             shadows: 0.0,
             shadow_bias: 1.5,
             occlusion: None,
+            exact_shadows: false,
         }
     }
 }
@@ -312,7 +333,13 @@ impl Lighting {
             lights.iter_mut().zip(&self.lights).for_each(|(origin, light)| *origin = light.origin());
         }
         let casts = self.occlusion.is_some() || lights.iter().any(|origin| !origin.is_none());
-        casts.then_some(Casting { lights, strength: self.shadows, bias: self.shadow_bias, occlusion: self.occlusion })
+        casts.then_some(Casting {
+            lights,
+            strength: self.shadows,
+            bias: self.shadow_bias,
+            occlusion: self.occlusion,
+            exact: self.exact_shadows,
+        })
     }
 
     /// Whether some light is at a place.

@@ -13,7 +13,7 @@ use std::ops::Range;
 
 use glam::{DVec3, Vec3};
 
-use super::shadows::Arriving;
+use super::shadows::{Places, shares_at};
 use crate::error::Result;
 use crate::gpu::classify::gradients;
 use crate::gpu::context::Context;
@@ -358,7 +358,7 @@ pub(crate) struct Coarsening<'a> {
     filter: Filter,
     classification: Classification<'a>,
     /// The light on voxels and the shares of it that arrive; `None`: voxels are unlit.
-    light: Option<(&'a VoxelLight, Option<&'a Arriving>)>,
+    light: Option<(&'a VoxelLight, Option<&'a Places<'a>>)>,
     /// Gradients, if light or opacity depends on them.
     steepness: Option<Steepness>,
     /// Cells along each axis.
@@ -384,7 +384,7 @@ impl<'a> Coarsening<'a> {
         volume: &'a Volume,
         transfer: &'a TransferFunction,
         level: u32,
-        light: Option<(&'a VoxelLight, Option<&'a Arriving>)>,
+        light: Option<(&'a VoxelLight, Option<&'a Places<'a>>)>,
     ) -> Self {
         let reduction = Reduction::new(transfer, 1.0);
         let scale = reduction.factor() * volume.grid().unit();
@@ -588,7 +588,7 @@ impl Slices<'_> {
                 let normal = |at: usize| packed_normal([0, 1, 2].map(|axis| directions[axis][at]));
                 let normals = splat::normals(&std::array::from_fn(normal));
                 let first = [run.start, y as usize, z as usize];
-                let kept = arriving.map(|arriving| arriving.at(first));
+                let kept = arriving.map(|arriving| shares_at(arriving, first));
                 light.apply(first, &normals, kept.as_ref(), &mut voxels[run]);
             }
         }

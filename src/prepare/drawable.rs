@@ -8,7 +8,7 @@ use super::levels::ScalarNeed;
 use super::media;
 use super::scalar_cells;
 use super::scalars::{Emission, EmissionKey};
-use super::shadows::{Arriving, Shadows, shaded};
+use super::shadows::{Places, Shadows, shaded};
 use crate::error::{Error, Result};
 use crate::gpu::cache::Cache;
 use crate::gpu::classify::{Classifier, HostClassifier, Input};
@@ -41,14 +41,14 @@ impl<K, V> Held<K, V> {
         &self,
         key: K,
         serves: impl Fn(&K, &K) -> bool,
-        make: impl FnOnce(Option<Arc<V>>) -> Result<Arc<V>>,
+        make: impl FnOnce(Option<(K, Arc<V>)>) -> Result<Arc<V>>,
     ) -> Result<(Arc<V>, f64)> {
         let lock = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let held = {
             let mut held = lock();
             match &*held {
                 Some((of, value)) if serves(of, &key) => return Ok((Arc::clone(value), 0.0)),
-                _ => held.take().map(|(_, value)| value),
+                _ => held.take(),
             }
         };
         // Not made under the lock: the maker waits for a pool of threads, which may hand it work that takes the lock.
@@ -163,8 +163,11 @@ impl PreShaded {
                 None => classify(),
                 Some(shadows) => {
                     // Other shadows lie on the same voxels.
-                    let classified = held.map_or_else(classify, Ok)?;
-                    let stores = shaded(context, &classified.stores, shadows, progress)?;
+                    let (held, classified) = match held {
+                        Some((held, classified)) => (held, classified),
+                        None => (None, classify()?),
+                    };
+                    let stores = shaded(context, &classified.stores, held.as_ref(), shadows, progress)?;
                     Ok(Arc::new(Drawable { stores, bricks: classified.bricks, ..Drawable::default() }))
                 }
             })
@@ -188,8 +191,7 @@ impl PreShaded {
             let shadows = shadows.as_ref();
             let shaded = shadows.map(|_| self.classified(context, pipelines, shadows, progress)).transpose()?;
             context.guarded("classifying the volume", || {
-                let dims = volume.grid().dims();
-                let arriving = shaded.map(|(shaded, _)| Arriving::new(context, &shaded.stores, dims)).transpose()?;
+                let arriving = shaded.as_ref().map(|(shaded, _)| Places::new(context, &shaded.stores)).transpose()?;
                 let light = light.as_ref().map(|light| (light, arriving.as_ref()));
                 Ok(Arc::new(Coarsening::new(volume, transfer, *level, light).emit(context, progress)?))
             })

@@ -10,14 +10,14 @@ use half::f16;
 use rayon::prelude::*;
 use voxsplat_volume::memory::reserved;
 
-use super::shadows::{Shadows, bricks_of, each_share, medium};
+use super::shadows::{Places, Shadows};
 use crate::error::Result;
 use crate::gpu::context::Context;
 use crate::gpu::light_volume::LightVolume;
 use crate::gpu::splat;
-use crate::gpu::store::{BrickSplats, Drawable, HostBrick};
+use crate::gpu::store::Drawable;
 use crate::gpu::transfer::Reduction;
-use crate::lighting::shadow::Caster;
+use crate::lighting::MAX_CASTING;
 use crate::progress::Progress;
 use crate::transfer::TransferFunction;
 use crate::volume::Grid;
@@ -58,35 +58,24 @@ pub(crate) fn light_volume(
     shadows: &Shadows,
     progress: &Progress,
 ) -> Result<LightVolume> {
-    let Shadows { casting, lattice, .. } = shadows;
-    let held = emitted.stores.iter().map(|store| store.on_host(context)).collect::<Result<Vec<_>>>()?;
-    let bricks = bricks_of(&emitted.stores, &held);
-    let medium = medium(&bricks, shadows, &|words| classification.density(words, grid))?;
-    let bounds = bricks.iter().filter(|(_, held)| held.count() > 0).map(|(brick, _)| brick.bounds);
-    let [low, high] = bounds.fold([[u32::MAX; 3], [0; 3]], |[low, high], bounds| {
-        [[0, 1, 2].map(|a| low[a].min(bounds[0][a])), [0, 1, 2].map(|a| high[a].max(bounds[1][a]))]
-    });
-    // Without splats there is one texel.
-    let low = [0, 1, 2].map(|axis| if low[axis] < high[axis] { low[axis] } else { 0 });
-    let size = [0, 1, 2].map(|axis| high[axis].saturating_sub(low[axis]).max(1));
-    let count = size.iter().map(|&n| u64::from(n)).product();
+    let places = Places::new(context, &emitted.stores)?;
+    let [low, size] = places.bounds;
+    let count = size.iter().map(|&n| n as u64).product();
     let mut texels = reserved(count, || "the light in the volume".to_owned())?;
     texels.resize(count as usize, [f16::ONE.to_bits(); 4]);
-    let caster = Caster::new(casting, lattice);
-    for (number, some) in bricks.chunks(64).enumerate() {
-        let shares = |&(brick, held): &(&BrickSplats, &HostBrick)| {
-            let mut found = Vec::with_capacity(held.count() as usize);
-            each_share(&caster, &medium, (brick, held), |point, shares| {
-                found.push((point, shares.map(|share| f16::from_f64(share).to_bits())));
-            });
-            found
-        };
-        let shares: Vec<_> = some.par_iter().map(shares).collect();
-        for ([x, y, z], share) in shares.into_iter().flatten() {
-            let [x, y, z] = [x - low[0] as usize, y - low[1] as usize, z - low[2] as usize];
-            texels[x + size[0] as usize * (y + size[1] as usize * z)] = share;
-        }
-        progress.report("casting shadows", (64 * (number + 1)).min(bricks.len()) as f64 / bricks.len() as f64);
+    let arrival = places.arrival(shadows, &|words| classification.density(words, grid))?;
+    for light in 0..=MAX_CASTING {
+        let report = |part: f64| progress.report("casting shadows", (light as f64 + part) / (MAX_CASTING + 1) as f64);
+        let Some(shares) = arrival.shares(light, &report)? else { continue };
+        texels.par_chunks_mut(size[0]).enumerate().for_each(|(row, texels)| {
+            let [y, z] = [low[1] + row % size[1], low[2] + row / size[1]];
+            let first = arrival.index([low[0], y, z]);
+            for (x, _) in places.row(low[0]..low[0] + size[0], [y, z]) {
+                let share = f32::from(shares[first + x - low[0]]) / 65_535.0;
+                texels[x - low[0]][light] = f16::from_f32(share).to_bits();
+            }
+        });
     }
+    let [low, size] = [low, size].map(|point| point.map(|n| n as u32));
     Ok(LightVolume::new(context, grid, low, size, &texels))
 }

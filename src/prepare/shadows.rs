@@ -1,8 +1,8 @@
 //! shadows: from splats to splats with the shares of light that arrive at them. On the host, for any adapter: once for
 //! a volume, a transfer function and a set of lights.
 
+use std::ops::Range;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -11,19 +11,17 @@ use crate::camera::clip::{Side, is_inside};
 use crate::error::Result;
 use crate::gpu::context::Context;
 use crate::gpu::layout::{SHADED_WORDS, Splat};
-use crate::gpu::splat::{LANES, kept, packed_kept};
+use crate::gpu::splat::{LANES, kept};
 use crate::gpu::store::{BrickSplats, HostBrick, MadeBrick, Row, Store, StoreBuilder, places};
-use crate::lighting::Casting;
-use crate::lighting::shadow::{Caster, Medium, ShadowBlock, ShadowLattice};
+use crate::lighting::shadow::field::CLIPPED;
+use crate::lighting::shadow::{Arrival, ShadowLattice};
+use crate::lighting::{Casting, MAX_CASTING};
 use crate::progress::Progress;
 use crate::volume::BRICK_EDGE as EDGE;
 use voxsplat_volume::memory::reserved;
 
 /// Words of a lit splat without its place and without the shares of light.
 const LIT: usize = size_of::<Splat>() / 4 - 1;
-
-/// Planes of a brick whose sums are computed together, so that their input stays in caches.
-pub(crate) const PLANES: usize = 4;
 
 /// The shadows on a lattice of splats.
 #[derive(Debug, Clone, PartialEq)]
@@ -35,135 +33,151 @@ pub(crate) struct Shadows {
 }
 
 impl Shadows {
+    /// Whether the light of the same number arrives at all voxels alike; for [`MAX_CASTING`] ambient light.
+    fn is_same(&self, other: &Self, light: usize) -> bool {
+        let [own, others] = [self, other].map(|shadows| shadows.casting.only(light));
+        own == others && self.lattice == other.lattice && self.clip == other.clip
+    }
+
     /// Whether the voxel at a lattice point casts shadows.
-    pub(crate) fn casts(&self, point: [usize; 3]) -> bool {
+    fn casts(&self, point: [usize; 3]) -> bool {
+        if self.clip.is_empty() {
+            return true;
+        }
         let from_middle = |axis: usize| point[axis] as f64 - (self.lattice.dims[axis] - 1) as f64 / 2.0;
         is_inside(&self.clip, DVec3::from_array([0, 1, 2].map(from_middle)))
     }
 }
 
-/// Returns lit splats with the shares of light that arrive at each.
+/// Returns lit splats with the shares of light that arrive at each. Splats that hold shares of other shadows keep those
+/// of lights that are the same.
 pub(crate) fn shaded(
     context: &Context,
     stores: &[Store],
+    held: Option<&Shadows>,
     shadows: &Shadows,
     progress: &Progress,
 ) -> Result<Vec<Store>> {
-    let Shadows { casting, lattice, .. } = shadows;
-    let held = stores.iter().map(|store| store.on_host(context)).collect::<Result<Vec<_>>>()?;
-    let bricks = bricks_of(stores, &held);
-    let medium = medium(&bricks, shadows, &|words| f32::from_bits(words[0] & 0xffff_ff00))?;
-    let caster = Caster::new(casting, lattice);
-    let done = AtomicUsize::new(0);
-    let shade = |&(brick, held): &(&BrickSplats, &HostBrick)| -> Result<MadeBrick> {
-        let count = u64::from(held.count());
-        let mut shaded = reserved(count * (SHADED_WORDS - 1) as u64, || "splats of a brick".to_owned())?;
-        let mut splats = held.words.chunks_exact(held.each);
-        each_share(&caster, &medium, (brick, held), |_, shares| {
-            shaded.extend(splats.next().iter().flat_map(|words| &words[..LIT]));
-            shaded.extend(packed_kept(shares));
-        });
-        let number = done.fetch_add(1, Ordering::Relaxed) + 1;
-        progress.report("casting shadows", number as f64 / bricks.len() as f64);
-        let bits: Vec<u32> = held.rows.iter().map(|row| row.bits).collect();
-        Ok(MadeBrick::new(brick.origin, &bits, SHADED_WORDS - 1, shaded))
+    let places = Places::new(context, stores)?;
+    let arrival = places.arrival(shadows, &|words| f32::from_bits(words[0] & 0xffff_ff00))?;
+    let bricks = places.bricks();
+    let copied = |(_, held): &(&BrickSplats, &HostBrick)| -> Result<Vec<u32>> {
+        let words = u64::from(held.count()) * (SHADED_WORDS - 1) as u64;
+        let mut shaded = reserved(words, || "splats of a brick".to_owned())?;
+        for words in held.words.chunks_exact(held.each) {
+            shaded.extend_from_slice(&words[..LIT]);
+            shaded.extend(words.get(LIT..LIT + 2).unwrap_or(&[u32::MAX; 2]));
+        }
+        Ok(shaded)
     };
-    let shaded = bricks.par_iter().map(shade).collect::<Result<Vec<_>>>()?;
+    let mut shaded = bricks.par_iter().map(copied).collect::<Result<Vec<_>>>()?;
+    let is_held = |light| held.is_some_and(|held| held.is_same(shadows, light));
+    for light in (0..=MAX_CASTING).filter(|&light| !is_held(light)) {
+        let report = |part: f64| progress.report("casting shadows", (light as f64 + part) / (MAX_CASTING + 1) as f64);
+        let shares = arrival.shares(light, &report)?;
+        let (word, shift) = (LIT + light / 2, light % 2 * 16);
+        bricks.par_iter().zip(&mut shaded).for_each(|(&brick, shaded)| {
+            for (point, words) in points(brick).zip(shaded.chunks_exact_mut(SHADED_WORDS - 1)) {
+                let share = shares.as_ref().map_or(u16::MAX, |shares| shares[arrival.index(point)]);
+                words[word] = words[word] & !(0xffff << shift) | u32::from(share) << shift;
+            }
+        });
+    }
     let mut stores = StoreBuilder::new(context, 4 * SHADED_WORDS as u64, u32::MAX);
-    shaded.into_iter().try_for_each(|brick| stores.push(brick))?;
+    for ((brick, held), words) in bricks.into_iter().zip(shaded) {
+        let bits: Vec<u32> = held.rows.iter().map(|row| row.bits).collect();
+        stores.push(MadeBrick::new(brick.origin, &bits, SHADED_WORDS - 1, words))?;
+    }
     Ok(stores.finish()?.stores)
 }
 
-/// The shares of light that arrive at the voxels of a lattice.
-pub(crate) struct Arriving {
+/// The splats of a lattice on the host, by place.
+pub(crate) struct Places<'a> {
+    stores: &'a [Store],
+    held: Vec<Arc<Vec<HostBrick>>>,
     /// Bricks along each axis.
-    bricks: [usize; 3],
-    /// By brick, x fastest: the splats of a store, and the number of the brick in it; `None`: the brick has no splats.
-    held: Vec<Option<(Arc<Vec<HostBrick>>, usize)>>,
+    counts: [usize; 3],
+    /// By brick, x fastest: its store, and its number in the store; `None`: the brick has no splats.
+    numbers: Vec<Option<[usize; 2]>>,
+    /// The first lattice point of the box around the splats, and its size; one voxel if there are no splats.
+    pub(crate) bounds: [[usize; 3]; 2],
 }
 
-impl Arriving {
-    /// The shares at the splats of [`shaded`], on a lattice of `dims` points.
-    pub(crate) fn new(context: &Context, shaded: &[Store], dims: [u32; 3]) -> Result<Self> {
-        let bricks = dims.map(|n| (n as usize).div_ceil(EDGE));
-        let mut held = vec![None; bricks.iter().product()];
-        for store in shaded {
-            let splats = store.on_host(context)?;
-            for (number, brick) in store.bricks.iter().enumerate() {
+impl<'a> Places<'a> {
+    pub(crate) fn new(context: &Context, stores: &'a [Store]) -> Result<Self> {
+        let held = stores.iter().map(|store| store.on_host(context)).collect::<Result<Vec<_>>>()?;
+        let bricks = || stores.iter().flat_map(|store| &store.bricks);
+        let bounds =
+            bricks().map(|brick| brick.bounds).filter(|[low, high]| low != high).reduce(|[low, high], bounds| {
+                [[0, 1, 2].map(|a| low[a].min(bounds[0][a])), [0, 1, 2].map(|a| high[a].max(bounds[1][a]))]
+            });
+        let [low, high] = bounds.unwrap_or([[0; 3], [1; 3]]).map(|point| point.map(|n| n as usize));
+        let counts = high.map(|n| n.div_ceil(EDGE));
+        let mut numbers = vec![None; counts.iter().product()];
+        for (store, of) in stores.iter().enumerate() {
+            for (number, brick) in of.bricks.iter().enumerate() {
                 let [x, y, z] = brick.origin.map(|p| p as usize / EDGE);
-                held[x + bricks[0] * (y + bricks[1] * z)] = Some((Arc::clone(&splats), number));
-            }
-        }
-        Ok(Self { bricks, held })
-    }
-
-    /// The shares at [`LANES`] voxels of a row; all light arrives at voxels without a splat.
-    pub(crate) fn at(&self, [first, y, z]: [usize; 3]) -> [[f32; LANES]; 4] {
-        let (mut low, mut high) = ([u32::MAX; LANES], [u32::MAX; LANES]);
-        let row = self.bricks[0] * (y / EDGE + self.bricks[1] * (z / EDGE));
-        for number in first / EDGE..((first + LANES - 1) / EDGE + 1).min(self.bricks[0]) {
-            let Some((splats, brick)) = &self.held[row + number] else { continue };
-            let brick = &splats[*brick];
-            let row = brick.rows[y % EDGE + EDGE * (z % EDGE)];
-            for (x, words) in places(row.bits).zip(brick.words[row.first as usize * brick.each..].chunks(brick.each)) {
-                if let Some(at) = (number * EDGE + x).checked_sub(first).filter(|&at| at < LANES) {
-                    (low[at], high[at]) = (words[LIT], words[LIT + 1]);
+                if brick.bounds[0] != brick.bounds[1] {
+                    numbers[x + counts[0] * (y + counts[1] * z)] = Some([store, number]);
                 }
             }
         }
-        kept(&low, &high)
+        Ok(Self { stores, held, counts, numbers, bounds: [low, [0, 1, 2].map(|a| high[a] - low[a])] })
+    }
+
+    /// The bricks of the stores in order.
+    pub(crate) fn bricks(&self) -> Vec<(&BrickSplats, &HostBrick)> {
+        self.stores.iter().zip(&self.held).flat_map(|(store, held)| store.bricks.iter().zip(held.iter())).collect()
+    }
+
+    /// The splats of a row of the lattice that lie in some columns: their x and their words without the place.
+    pub(crate) fn row(&self, columns: Range<usize>, [y, z]: [usize; 2]) -> impl Iterator<Item = (usize, &[u32])> {
+        let row = self.counts[0] * (y / EDGE + self.counts[1] * (z / EDGE));
+        let is_within = y / EDGE < self.counts[1] && z / EDGE < self.counts[2];
+        let bricks = columns.start / EDGE..columns.end.div_ceil(EDGE).min(self.counts[0]);
+        bricks
+            .filter(move |_| is_within)
+            .flat_map(move |number| {
+                let brick = self.numbers[row + number].map(|[store, brick]| &self.held[store][brick]);
+                let words = brick.into_iter().flat_map(move |brick| {
+                    let row = brick.rows[y % EDGE + EDGE * (z % EDGE)];
+                    places(row.bits).zip(brick.words[row.first as usize * brick.each..].chunks_exact(brick.each))
+                });
+                words.map(move |(x, words)| (number * EDGE + x, words))
+            })
+            .filter(move |(x, _)| columns.contains(x))
+    }
+
+    /// The light that arrives at the splats. `density` gets the words of a splat without the place.
+    pub(crate) fn arrival<'b>(
+        &self,
+        shadows: &'b Shadows,
+        density: &(dyn Fn(&[u32]) -> f32 + Sync),
+    ) -> Result<Arrival<'b>> {
+        let [low, size] = self.bounds;
+        Arrival::new(&shadows.casting, &shadows.lattice, self.bounds, |[y, z], row| {
+            for (x, words) in self.row(low[0]..low[0] + size[0], [y, z]) {
+                let casts = shadows.casts([x, y, z]);
+                row[x - low[0]] = if casts { density(words).max(CLIPPED) } else { CLIPPED };
+            }
+        })
     }
 }
 
-/// The bricks of stores with their splats on the host.
-pub(crate) fn bricks_of<'a>(
-    stores: &'a [Store],
-    held: &'a [Arc<Vec<HostBrick>>],
-) -> Vec<(&'a BrickSplats, &'a HostBrick)> {
-    stores.iter().zip(held).flat_map(|(store, held)| store.bricks.iter().zip(held.iter())).collect()
-}
-
-/// The densities of the splats that cast shadows. `density` gets the words of a splat without the place.
-pub(crate) fn medium(
-    bricks: &[(&BrickSplats, &HostBrick)],
-    shadows: &Shadows,
-    density: &(dyn Fn(&[u32]) -> f32 + Sync),
-) -> Result<Medium<f32>> {
-    let mut medium = Medium::new(shadows.lattice.dims)?;
-    let dense = |(brick, held): &(&BrickSplats, &HostBrick)| {
-        let [x, y, z] = brick.origin.map(|p| p as usize);
-        let rows = held.rows.iter().enumerate();
-        let points = rows.flat_map(|(row, &Row { bits, .. })| {
-            places(bits).map(move |place| [x + place, y + row % EDGE, z + row / EDGE])
-        });
-        let splats = points.zip(held.words.chunks_exact(held.each)).map(|(point, words)| (point, density(words)));
-        splats.filter(|(point, density)| *density > 0.0 && shadows.casts(*point)).collect::<Vec<_>>()
-    };
-    // Some bricks at a time: their densities are in memory twice for a moment.
-    for bricks in bricks.chunks(256) {
-        let found: Vec<_> = bricks.par_iter().map(dense).collect();
-        found.into_iter().flatten().for_each(|(point, density)| medium.set(point, density));
-    }
-    Ok(medium)
-}
-
-/// Calls `visit` for each splat of a brick, in order, with its lattice point and the shares of light that arrive there.
-pub(crate) fn each_share(
-    caster: &Caster<f32>,
-    medium: &Medium<f32>,
-    (brick, held): (&BrickSplats, &HostBrick),
-    mut visit: impl FnMut([usize; 3], [f64; 4]),
-) {
-    let bits: Vec<u32> = held.rows.iter().map(|row| row.bits).collect();
+/// The lattice points of the splats of a brick in order.
+pub(crate) fn points((brick, held): (&BrickSplats, &HostBrick)) -> impl Iterator<Item = [usize; 3]> {
     let [x, y, z] = brick.origin.map(|p| p as usize);
-    for (number, wanted) in bits.chunks_exact(EDGE * PLANES).enumerate() {
-        if wanted.iter().all(|&bits| bits == 0) {
-            continue;
-        }
-        let block = ShadowBlock { start: [x, y, z + PLANES * number], down: EDGE, wanted };
-        for (row, shares) in caster.shares::<EDGE>(medium, &block).iter().enumerate() {
-            let (y, z) = (y + row % EDGE, block.start[2] + row / EDGE);
-            places(wanted[row]).for_each(|at| visit([x + at, y, z], shares.map(|share| share[at])));
-        }
+    held.rows.iter().enumerate().flat_map(move |(row, &Row { bits, .. })| {
+        places(bits).map(move |place| [x + place, y + row % EDGE, z + row / EDGE])
+    })
+}
+
+/// The shares of light that arrive at [`LANES`] voxels of a row, given the splats of [`shaded`]; all light arrives at
+/// voxels without a splat.
+pub(crate) fn shares_at(shaded: &Places<'_>, [first, y, z]: [usize; 3]) -> [[f32; LANES]; 4] {
+    let (mut low, mut high) = ([u32::MAX; LANES], [u32::MAX; LANES]);
+    for (x, words) in shaded.row(first..first + LANES, [y, z]) {
+        (low[x - first], high[x - first]) = (words[LIT], words[LIT + 1]);
     }
+    kept(&low, &high)
 }

@@ -155,7 +155,7 @@ pub(crate) fn casts(given: &Given<'_>) -> bool {
     match given.text("shadows").as_str() {
         "" => is_studio(given),
         "off" => false,
-        strength => strength.parse().ok() != Some(0.0),
+        strength => !matches!(strength.trim_start_matches("exact:").parse(), Ok(0.0)),
     }
 }
 

@@ -19,7 +19,7 @@ use super::clip::ClipArg;
 use super::destination::Destination;
 use super::failure::{Failure, refuse};
 use super::layers::LayersJob;
-use super::parse::{LightArg, Occlusion, PlaceArg, TimeArg};
+use super::parse::{LightArg, Occlusion, PlaceArg, Shadows, TimeArg};
 use super::scene_file::SceneFile;
 use super::transfer::{Transfer, TransferChoice};
 use super::tune::Tuning;
@@ -278,7 +278,10 @@ fn lighting(args: &ModelArgs, tuning: &Tuning, view: &View) -> Result<Option<Lig
     if let Some([ambient, diffuse, specular, shininess]) = args.material {
         lighting = Lighting { ambient, diffuse, specular, shininess, ..lighting };
     }
-    lighting.shadows = args.shadows.unwrap_or(lighting.shadows);
+    if let Some(Shadows { strength, exact }) = args.shadows {
+        let own = if lighting.shadows > 0.0 { lighting.shadows } else { 1.0 };
+        lighting = Lighting { shadows: strength.unwrap_or(own), exact_shadows: exact, ..lighting };
+    }
     if let Some(size) = args.light_size {
         let is_far = |light: &&mut Light| matches!(light.source, Source::Direction(_));
         lighting.lights.iter_mut().filter(is_far).for_each(|light| light.size = size);

@@ -213,13 +213,26 @@ pub(crate) fn material(text: &str) -> Result<[f64; 4], String> {
     expect(list(text), "four numbers AMBIENT,DIFFUSE,SPECULAR,SHININESS")
 }
 
-/// Parses `on`, `off` or a number.
-pub(crate) fn strength(text: &str) -> Result<f64, String> {
-    match text {
-        "on" => Ok(1.0),
-        "off" => Ok(0.0),
-        _ => expect(number(text).ok(), "on, off or a number from 0 to 1"),
-    }
+/// The value of `--shadows`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Shadows {
+    /// `None`: the light's own, or 1.
+    pub(crate) strength: Option<f64>,
+    pub(crate) exact: bool,
+}
+
+/// Parses `on`, `off`, a number or `exact`.
+pub(crate) fn shadows(text: &str) -> Result<Shadows, String> {
+    let strength = |text| match text {
+        "on" => Ok(Some(1.0)),
+        "off" => Ok(Some(0.0)),
+        _ => expect(number(text).ok().map(Some), "on, off, exact or a number from 0 to 1"),
+    };
+    let (is_exact, text) = match text.split_once(':') {
+        Some(("exact", text)) => (true, Some(text)),
+        _ => (text == "exact", (text != "exact").then_some(text)),
+    };
+    Ok(Shadows { strength: text.map(strength).transpose()?.flatten(), exact: is_exact })
 }
 
 /// The value of `--occlusion`: a distance in voxels, or none.

@@ -10,7 +10,7 @@ use voxsplat::transfer::presets::PRESETS;
 
 use crate::clip::{ClipArg, clip};
 use crate::layers::{LabelArg, label};
-use crate::parse::{self, GradientOpacity, LightArg, Occlusion, one_of};
+use crate::parse::{self, GradientOpacity, LightArg, Occlusion, Shadows, one_of};
 use crate::tune::{TuneArg, tune};
 
 /// The help of `--transfer`: presets and colour maps as the library lists them.
@@ -95,9 +95,9 @@ pub(crate) struct ModelArgs {
     #[arg(long, alias = "clip-plane", value_name = "PLANE|SIDE|box:..|voxels:..", value_parser = clip)]
     pub(crate) clip: Vec<ClipArg>,
     /// Shadows of the first three lights at AZ,EL or @X,Y,Z: on, off, or their strength, 0 to 1 [default: off; studio
-    /// 0.85]
-    #[arg(long, value_name = "on|off|STRENGTH", value_parser = parse::strength)]
-    pub(crate) shadows: Option<f64>,
+    /// 0.85]. exact or exact:STRENGTH sums all kernels on each ray to a light, and for occlusion: tens of times slower
+    #[arg(long, value_name = "on|off|STRENGTH|exact", value_parser = parse::shadows)]
+    pub(crate) shadows: Option<Shadows>,
     /// Angular size of lights at AZ,EL, degrees, 0 to 90: larger lights cast softer shadows [default: 0; studio 10]
     #[arg(long, value_name = "DEGREES", value_parser = parse::number)]
     pub(crate) light_size: Option<f64>,

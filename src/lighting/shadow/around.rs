@@ -1,0 +1,176 @@
+//! Ambient occlusion: the optical depths of all voxels along the 26 directions to their neighbours.
+//!
+//! In these directions the rays of a voxel pass through lattice points, at which the field of extinctions, filtered to
+//! the width of kernels, is summed with weights. The weights are those of least squared distance from the sections of
+//! kernels along the ray.
+
+use glam::DVec3;
+use pulp::Arch;
+use rayon::prelude::*;
+use voxsplat_volume::memory::zeroed;
+
+use super::field::{Field, LANES, Planes};
+use super::response::{Response, filter};
+use super::sweep::{nearest, transmitted};
+use super::{ShadowLattice, all_around};
+use crate::error::Result;
+
+/// The variance of the filter as a share of the kernel's, at which the errors of single voxels are least.
+const SHARE: f64 = 0.92;
+
+/// The weight of the sum of weights among squared distances.
+const PINNED: f64 = 900.0;
+
+/// A ray to neighbours.
+struct Ray {
+    /// To the next point.
+    step: [isize; 3],
+    /// The factor of its light.
+    share: f32,
+    /// The weights of the points, the voxel's own first.
+    weights: Vec<f32>,
+}
+
+/// Returns the light that arrives at each voxel of a field from all around, 65535 for all of it, if occluders from the
+/// bias to `radius` count (voxels).
+pub(super) fn arriving(
+    field: &Field,
+    lattice: &ShadowLattice,
+    response: &Response,
+    [bias, radius]: [f64; 2],
+) -> Result<Vec<u16>> {
+    let planes = Planes::across(2, field.size);
+    let weights = filter(SHARE * lattice.kernel.variance());
+    let single: Vec<f32> = weights.iter().map(|&w| w as f32).collect();
+    let filtered = field.filtered(planes, [&single, &single])?;
+    let rays: Vec<Ray> = all_around()
+        .map(|(along, share)| {
+            let step = along.to_array().map(|c| if c.abs() < 0.1 { 0.0 } else { c.signum() });
+            let scale = (lattice.to_world * along).length() / lattice.unit;
+            let weights = weights_along(response, &weights, step, [bias.min(radius), radius]);
+            let weights = weights.into_iter().map(|w| (w * scale) as f32).collect();
+            Ray { step: step.map(|s| s as isize), share: share as f32, weights }
+        })
+        .collect();
+    let [nx, ny, _] = field.size;
+    let mut out: Vec<u16> =
+        zeroed(field.size.iter().map(|&n| n as u64).product(), || "the light in the volume".to_owned())?;
+    let arch = Arch::new();
+    out.par_chunks_mut(nx).enumerate().filter(|(row, _)| !field.filled(*row).is_empty()).for_each(|(row, out)| {
+        arch.dispatch(RowSum { field, filtered: &filtered, rays: &rays, at: [row % ny, row / ny], out });
+    });
+    Ok(out)
+}
+
+/// The light of a row of voxels, as a type so that it is compiled for the widest vectors of the machine.
+struct RowSum<'a> {
+    field: &'a Field,
+    filtered: &'a Field,
+    rays: &'a [Ray],
+    /// The row, as y and z.
+    at: [usize; 2],
+    out: &'a mut [u16],
+}
+
+impl pulp::WithSimd for RowSum<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) {
+        let Self { field, filtered, rays, at: [y, z], out } = self;
+        let [nx, ny, nz] = field.size;
+        let row = y + ny * z;
+        let wanted = field.filled(row);
+        for start in wanted.clone().step_by(LANES) {
+            let is_lit = field.from(row, start as isize)[..LANES].iter().any(|value| *value > 0.0);
+            if !is_lit {
+                continue;
+            }
+            let mut light = [0.0_f32; LANES];
+            for Ray { step: [dx, dy, dz], share, weights } in rays {
+                let mut sums = [0.0_f32; LANES];
+                for (k, &weight) in (0..).zip(weights) {
+                    let y = y.checked_add_signed(k * dy).filter(|&y| y < ny);
+                    let z = z.checked_add_signed(k * dz).filter(|&z| z < nz);
+                    let (Some(y), Some(z), first) = (y, z, start as isize + k * dx) else { break };
+                    let source = y + ny * z;
+                    let filled = filtered.filled(source);
+                    if filled.end as isize <= first || filled.start as isize >= first + LANES as isize {
+                        continue;
+                    }
+                    let values = &filtered.from(source, first)[..LANES];
+                    for i in 0..LANES {
+                        sums[i] += weight * values[i];
+                    }
+                }
+                for i in 0..LANES {
+                    light[i] += share * transmitted(sums[i]);
+                }
+            }
+            let count = wanted.end.min(nx) - start;
+            for (out, light) in out[start..].iter_mut().zip(light).take(count) {
+                // Half of the surroundings of a point on a plane lie behind the plane.
+                *out = nearest((2.0 * light).min(1.0) * 65_535.0);
+            }
+        }
+    }
+}
+
+/// The weights of the points of a ray from a lattice point along `step`, the point itself first, between two distances
+/// in voxels, in units of the divisor of kernels, for a field filtered with `filter`.
+fn weights_along(response: &Response, filter: &[f64], step: [f64; 3], between: [f64; 2]) -> Vec<f64> {
+    let step = DVec3::from_array(step);
+    let along = step.normalize();
+    let reach = filter.len() as i32 - 1;
+    let count = ((between[1] + response.radius()) / step.length()).floor() as usize + 1;
+    let weight = |i: i32| filter.get(i.unsigned_abs() as usize).copied().unwrap_or(0.0);
+    let around = |reach: i32| {
+        let range = move || -reach..=reach;
+        range().flat_map(move |x| range().flat_map(move |y| range().map(move |z| [x, y, z])))
+    };
+    // The products of the filters of two points, and of a filter with the sections.
+    let overlap = |offset: DVec3| -> f64 {
+        let along_axis = |n: i32| (-reach..=reach).map(|i| weight(i) * weight(i + n)).sum::<f64>();
+        offset.to_array().into_iter().map(|c| along_axis(c as i32)).product()
+    };
+    let section = |offset: DVec3| response.section(offset, along, between);
+    let seen = |k: usize| -> f64 {
+        let at = step * k as f64;
+        around(reach)
+            .map(|o| o.map(weight).iter().product::<f64>() * section(at + DVec3::from_array(o.map(f64::from))))
+            .sum()
+    };
+    // All kernels that the ray meets: the columns of points along the ray's main axis.
+    let main = along.abs().max_position();
+    let wide = (response.radius() / along[main].abs()).ceil() as i32;
+    let last = ((between[1] + response.radius()) * along[main].abs()).ceil() as i32;
+    let total: f64 = (-wide..=last)
+        .map(|plane| {
+            let at = step * f64::from(plane);
+            let across = around(wide).filter(|o| o[main] == 0);
+            across.map(|o| section(at + DVec3::from_array(o.map(f64::from)))).sum::<f64>()
+        })
+        .sum();
+    let overlaps: Vec<f64> = (0..count).map(|k| overlap(step * k as f64) + PINNED).collect();
+    let matrix = (0..count).map(|i| (0..count).map(|j| overlaps[i.abs_diff(j)]).collect()).collect();
+    solved(matrix, (0..count).map(|k| seen(k) + PINNED * total).collect())
+}
+
+/// Solves a system of linear equations with a symmetric, positive definite matrix, by elimination.
+fn solved(mut matrix: Vec<Vec<f64>>, mut right: Vec<f64>) -> Vec<f64> {
+    let count = right.len();
+    for i in 0..count {
+        let (above, below) = matrix.split_at_mut(i + 1);
+        let pivot = &above[i];
+        for (row, number) in below.iter_mut().zip(i + 1..) {
+            let factor = row[i] / pivot[i];
+            row[i..].iter_mut().zip(&pivot[i..]).for_each(|(value, above)| *value -= factor * above);
+            right[number] -= factor * right[i];
+        }
+    }
+    for i in (0..count).rev() {
+        let known: f64 = (i + 1..count).map(|j| matrix[i][j] * right[j]).sum();
+        right[i] = (right[i] - known) / matrix[i][i];
+    }
+    right
+}

@@ -1,0 +1,231 @@
+//! Occluders of light on a box of the lattice, and the box seen as planes across the main axis of a direction.
+
+use std::ops::Range;
+
+use rayon::prelude::*;
+use voxsplat_volume::memory::zeroed;
+
+use crate::error::Result;
+
+/// Number of voxels of a row that are summed together.
+pub(super) const LANES: usize = 32;
+
+/// The extinction of an occluder that is lit but casts no shadow.
+pub(crate) const CLIPPED: f32 = 1e-30;
+
+/// Extinctions in a box, x fastest, with zeros at both ends of a row.
+pub(super) struct Field {
+    /// Voxels along x, y and z.
+    pub(super) size: [usize; 3],
+    /// Zeros at either end of a row.
+    pad: usize,
+    values: Vec<f32>,
+    /// For each row, y before z: the columns between the first and the last that are not 0.
+    filled: Vec<Range<u32>>,
+}
+
+/// The rows of a field as planes across an axis other than x.
+#[derive(Clone, Copy)]
+pub(super) struct Planes {
+    pub(super) planes: usize,
+    /// Rows of a plane.
+    pub(super) rows: usize,
+    pub(super) columns: usize,
+    /// Rows of the field from one plane to the next, and from one row of a plane to the next.
+    steps: [usize; 2],
+}
+
+impl Planes {
+    /// The planes of a box across y (1) or z (2).
+    pub(super) fn across(axis: usize, [columns, ny, nz]: [usize; 3]) -> Self {
+        if axis == 1 {
+            Self { planes: ny, rows: nz, columns, steps: [1, ny] }
+        } else {
+            Self { planes: nz, rows: ny, columns, steps: [ny, 1] }
+        }
+    }
+
+    /// The number of a row of the field.
+    pub(super) fn row(&self, plane: usize, row: usize) -> usize {
+        plane * self.steps[0] + row * self.steps[1]
+    }
+
+    /// Hands out the rows of an array, each with its number in the plane: by plane.
+    pub(super) fn split<'a, T>(&self, values: &'a mut [T], pitch: usize) -> Vec<Vec<(usize, &'a mut [T])>> {
+        let mut planes: Vec<Vec<(usize, &'a mut [T])>> = (0..self.planes).map(|_| Vec::new()).collect();
+        for (number, row) in values.chunks_exact_mut(pitch).enumerate() {
+            let (inner, outer) = (number % self.steps[0].max(self.steps[1]), number / self.steps[0].max(self.steps[1]));
+            let (plane, row_number) = if self.steps[0] == 1 { (inner, outer) } else { (outer, inner) };
+            planes[plane].push((row_number, row));
+        }
+        planes
+    }
+}
+
+impl Field {
+    /// An empty field.
+    ///
+    /// # Errors
+    /// [`Error::Memory`](crate::Error::Memory) if 4 bytes for each voxel cannot be allocated.
+    pub(super) fn new(size: [usize; 3], pad: usize) -> Result<Self> {
+        let pitch = size[0] + 2 * pad;
+        let values = zeroed((pitch * size[1] * size[2]) as u64, || "the occluders of light".to_owned())?;
+        Ok(Self { size, pad, values, filled: vec![0..0; size[1] * size[2]] })
+    }
+
+    fn pitch(&self) -> usize {
+        self.size[0] + 2 * self.pad
+    }
+
+    /// Lets `fill` write the rows, given their y and z, except for a margin around all.
+    pub(super) fn fill(&mut self, margin: usize, fill: impl Fn([usize; 2], &mut [f32]) + Sync) {
+        let ([nx, ny, nz], pitch, pad) = (self.size, self.pitch(), self.pad);
+        let within = |n: usize, count: usize| n >= margin && n + margin < count;
+        let rows = self.values.par_chunks_mut(pitch).zip(&mut self.filled).enumerate();
+        rows.map(|(row, of)| ([row % ny, row / ny], of)).for_each(|([y, z], (row, filled))| {
+            if within(y, ny) && within(z, nz) {
+                let row = &mut row[pad..pad + nx];
+                fill([y, z], &mut row[margin..nx - margin]);
+                let first = row.iter().position(|value| *value > 0.0).unwrap_or(0);
+                let end = row.iter().rposition(|value| *value > 0.0).map_or(0, |last| last + 1);
+                *filled = first as u32..end as u32;
+            }
+        });
+    }
+
+    /// The columns of a row that are not 0, and some between them.
+    pub(super) fn filled(&self, row: usize) -> Range<usize> {
+        let Range { start, end } = self.filled[row];
+        start as usize..end as usize
+    }
+
+    /// A row from a column on, which may lie outside by the padding.
+    pub(super) fn from(&self, row: usize, column: isize) -> &[f32] {
+        let start = (row * self.pitch() + self.pad).wrapping_add_signed(column);
+        &self.values[start..(row + 1) * self.pitch()]
+    }
+
+    /// The field with x and z changed for y and x: rows along y, in planes across x.
+    pub(super) fn turned(&self) -> Result<Self> {
+        /// Planes that are read together, from one cache line.
+        const TOGETHER: usize = 16;
+        let [nx, ny, nz] = self.size;
+        let mut turned = Self::new([ny, nz, nx], self.pad)?;
+        let pitch = turned.pitch();
+        let planes = turned.values.par_chunks_mut(TOGETHER * nz * pitch);
+        let filled = turned.filled.par_chunks_mut(TOGETHER * nz);
+        planes.zip(filled).enumerate().for_each(|(number, (values, filled))| {
+            let first = number * TOGETHER;
+            let count = TOGETHER.min(nx - first);
+            for (z, y) in (0..nz).flat_map(|z| (0..ny).map(move |y| (z, y))) {
+                let row = y + ny * z;
+                let of = self.filled(row);
+                if of.end <= first || of.start >= first + count {
+                    continue;
+                }
+                for (i, &value) in self.from(row, first as isize)[..count].iter().enumerate() {
+                    if value > 0.0 {
+                        let at = z + nz * i;
+                        values[at * pitch + self.pad + y] = value;
+                        let (filled, y) = (&mut filled[at], y as u32);
+                        *filled = if filled.start == filled.end { y..y + 1 } else { filled.start..y + 1 };
+                    }
+                }
+            }
+        });
+        Ok(turned)
+    }
+
+    /// The field filtered with symmetric weights, the middle one first: across planes, and within planes along both
+    /// axes.
+    pub(super) fn filtered(&self, planes: Planes, [across, within]: [&[f32]; 2]) -> Result<Self> {
+        let mut filtered = Self::new(self.size, self.pad)?;
+        let (pitch, reach) = (self.pitch(), within.len() - 1);
+        let near = |at: usize, offset: isize, count: usize| at.checked_add_signed(offset).filter(|&n| n < count);
+        let offsets = |weights: &[f32]| {
+            let reach = weights.len() as isize - 1;
+            (-reach..=reach).map(|o| (o, weights[o.unsigned_abs()])).collect::<Vec<_>>()
+        };
+        let (across, within) = (offsets(across), offsets(within));
+        let rows = planes.split(&mut filtered.values, pitch);
+        let ranges = rows.into_par_iter().enumerate().map_init(
+            || [vec![0.0; planes.rows * pitch], vec![0.0; pitch]],
+            |[plane_sum, row_sum], (plane, rows)| {
+                let mut found = vec![0..0; planes.rows];
+                for (row, range) in found.iter_mut().enumerate() {
+                    let sum = &mut plane_sum[row * pitch..][..pitch];
+                    let sources = || {
+                        across.iter().filter_map(|&(o, w)| Some((planes.row(near(plane, o, planes.planes)?, row), w)))
+                    };
+                    *range = sources().fold(0..0, |range, (source, _)| hull(range, self.filled(source)));
+                    if range.start == range.end {
+                        continue;
+                    }
+                    // The ends, which the filter within planes reads, may hold another plane.
+                    sum.fill(0.0);
+                    for (source, weight) in sources() {
+                        add(
+                            &mut sum[self.pad + range.start..self.pad + range.end],
+                            self.from(source, range.start as isize),
+                            weight,
+                        );
+                    }
+                }
+                rows.into_iter()
+                    .map(|(row, out)| {
+                        let sources = || within.iter().filter_map(|&(o, w)| Some((near(row, o, planes.rows)?, w)));
+                        let range = sources().fold(0..0, |range, (source, _)| hull(range, found[source].clone()));
+                        if range.is_empty() {
+                            return (planes.row(plane, row), 0..0);
+                        }
+                        let wide = range.start.saturating_sub(reach)..(range.end + reach).min(self.size[0]);
+                        row_sum.fill(0.0);
+                        for (source, weight) in sources().filter(|(source, _)| !found[*source].is_empty()) {
+                            let from = &plane_sum[source * pitch..][self.pad + range.start..];
+                            add(&mut row_sum[self.pad + range.start..self.pad + range.end], from, weight);
+                        }
+                        for &(o, weight) in &within {
+                            let from = &row_sum[(self.pad + wide.start).wrapping_add_signed(o)..];
+                            add(&mut out[self.pad + wide.start..self.pad + wide.end], from, weight);
+                        }
+                        (planes.row(plane, row), wide.start as u32..wide.end as u32)
+                    })
+                    .collect::<Vec<_>>()
+            },
+        );
+        let ranges: Vec<_> = ranges.collect();
+        ranges.into_iter().flatten().for_each(|(row, range)| filtered.filled[row] = range);
+        Ok(filtered)
+    }
+}
+
+/// Adds a weighted row to another.
+fn add(sum: &mut [f32], row: &[f32], weight: f32) {
+    sum.iter_mut().zip(row).for_each(|(sum, value)| *sum += weight * value);
+}
+
+/// The smallest range that holds two ranges.
+pub(super) fn hull(a: Range<usize>, b: Range<usize>) -> Range<usize> {
+    match (a.is_empty(), b.is_empty()) {
+        (true, _) => b,
+        (_, true) => a,
+        _ => a.start.min(b.start)..a.end.max(b.end),
+    }
+}
+
+/// Turns planes across x, of rows along y, back to rows along x, as [`Field::turned`] turned them.
+pub(super) fn turned_back(turned: &[u16], [nx, ny, nz]: [usize; 3], out: &mut [u16]) {
+    /// Rows that are written together.
+    const TOGETHER: usize = 32;
+    out.par_chunks_mut(nx * ny).enumerate().for_each(|(z, plane)| {
+        for first in (0..ny).step_by(TOGETHER) {
+            for x in 0..nx {
+                let from = &turned[ny * (z + nz * x)..][first..ny.min(first + TOGETHER)];
+                for (y, &value) in (first..).zip(from) {
+                    let out = &mut plane[x + nx * y];
+                    *out = out.saturating_add(value);
+                }
+            }
+        }
+    });
+}

@@ -1,0 +1,234 @@
+//! The response of a sweep to single voxels, and the stencils that mend it near the voxel that is lit.
+
+use crate::kernel::{FootprintTable, Kernel};
+use glam::DVec3;
+
+/// The largest error of a section, as a fraction of the footprint's peak.
+const ERROR: f64 = 1e-6;
+
+/// Weights of a stencil below this share of the integral of a kernel are left out.
+const FAINT: f64 = 1e-3;
+
+/// Samples of a voxel of [`Response::within`].
+const SAMPLES: usize = 64;
+
+/// The variance of the quadratic B-spline by which sweeps read planes.
+const SPLINE_VARIANCE: f64 = 0.25;
+
+/// The response of a sweep to a voxel.
+///
+/// A sweep filters extinctions along the three axes of the lattice, reads each plane across its main axis by a quadratic
+/// B-spline at the places of its rays, adds planes up, and reads the sum by Catmull-Rom splines. So a voxel's kernel is
+/// replaced by a product of the filters and the splines, which has the kernel's integral and its variance.
+pub(super) struct Response {
+    kernel: Kernel,
+    table: FootprintTable,
+    pub(super) divisor: f64,
+    /// Weights of the filter across planes and within planes, the middle one first.
+    pub(super) across: Vec<f64>,
+    pub(super) within: Vec<f64>,
+    /// The response within a plane along one axis, at distances of 1/64 of a voxel from 0 on.
+    response: Vec<f64>,
+}
+
+/// Weights of neighbours in one row of the lattice, from a voxel that is lit.
+pub(super) struct StencilRow {
+    /// Planes towards the light, and rows.
+    pub(super) offset: [i32; 2],
+    /// The first column.
+    pub(super) column: i32,
+    pub(super) weights: Vec<f32>,
+}
+
+/// The largest variance of a filter of three weights none of which is negative and of which the middle one is the
+/// largest.
+const WIDEST: f64 = 2.0 / 3.0;
+
+/// Symmetric weights of a variance (voxels^2), the middle one first: filters of three weights, one after the other.
+pub(super) fn filter(variance: f64) -> Vec<f64> {
+    let times = (variance / WIDEST).ceil().max(1.0);
+    let (side, middle) = (variance / times / 2.0, 1.0 - variance / times);
+    let mut weights = vec![1.0];
+    for _ in 0..times as usize {
+        let at = |i: i32| weights.get(i.unsigned_abs() as usize).copied().unwrap_or(0.0);
+        weights = (0..=weights.len() as i32).map(|i| middle * at(i) + side * (at(i - 1) + at(i + 1))).collect();
+    }
+    weights
+}
+
+/// The quadratic B-spline.
+fn spline(x: f64) -> f64 {
+    let x = x.abs();
+    if x < 0.5 { 0.75 - x * x } else { 0.5 * (1.5 - x).max(0.0).powi(2) }
+}
+
+/// The weights of a quadratic B-spline for the nearest point and its neighbours, given the place relative to it, -1/2
+/// to 1/2.
+pub(super) fn spline_weights(x: f32) -> [f32; 3] {
+    [0.5 * (0.5 - x) * (0.5 - x), 0.75 - x * x, 0.5 * (0.5 + x) * (0.5 + x)]
+}
+
+/// The weights of the Catmull-Rom spline (Catmull and Rom 1974, "A class of local interpolating splines") for the two
+/// points on either side of a place, given its distance from the second, 0 to 1.
+pub(super) fn catmull_rom(f: f32) -> [f32; 4] {
+    let (f2, f3) = (f * f, f * f * f);
+    [-0.5 * f + f2 - 0.5 * f3, 1.0 - 2.5 * f2 + 1.5 * f3, 0.5 * f + 2.0 * f2 - 1.5 * f3, -0.5 * f2 + 0.5 * f3]
+}
+
+impl Response {
+    /// The response for sums of kernels with a divisor; `None` if the kernel is narrower than a sweep can be.
+    pub(super) fn new(kernel: &Kernel, divisor: f64) -> Option<Self> {
+        let variance = kernel.variance();
+        if variance < SPLINE_VARIANCE {
+            return None;
+        }
+        let table = FootprintTable::new(kernel, ERROR).ok()?;
+        let (across, within) = (filter(variance), filter(variance - SPLINE_VARIANCE));
+        // The splines after each other, and the filter: an integral over 64 places of a voxel.
+        let rom = |x: f64| {
+            let x = x.abs();
+            let outside = 2.0 - 4.0 * x + 2.5 * x * x - 0.5 * x.powi(3);
+            if x < 1.0 {
+                1.0 - 2.5 * x * x + 1.5 * x.powi(3)
+            } else if x < 2.0 {
+                outside
+            } else {
+                0.0
+            }
+        };
+        let step = 1.0 / SAMPLES as f64;
+        let splines = |y: f64| -> f64 {
+            (-2 * SAMPLES as i32..=2 * SAMPLES as i32)
+                .map(|i| f64::from(i) * step)
+                .map(|x| rom(x) * spline(y - x))
+                .sum::<f64>()
+                * step
+        };
+        let reach = within.len() as i32 - 1;
+        let count = (reach as usize + 4) * SAMPLES;
+        let response = (0..count).map(|i| i as f64 * step);
+        let response = response
+            .map(|y| (-reach..=reach).map(|o| within[o.unsigned_abs() as usize] * splines(y - f64::from(o))).sum())
+            .collect();
+        Some(Self { kernel: *kernel, table, divisor, across, within, response })
+    }
+
+    /// Voxels by which the filters widen a field.
+    pub(super) fn margin(&self) -> usize {
+        self.across.len().max(self.within.len()) - 1
+    }
+
+    pub(super) fn radius(&self) -> f64 {
+        self.kernel.radius()
+    }
+
+    /// The integral of a kernel in units of the divisor.
+    pub(super) fn integral(&self) -> f64 {
+        self.kernel.integral() / self.divisor
+    }
+
+    /// The least number of planes from a voxel beyond which sweeps serve, given the bias in voxels.
+    pub(super) fn planes(bias: f64, length: f64) -> usize {
+        (bias / length).round() as usize + 1
+    }
+
+    /// The most rows or columns between a voxel and its neighbours in a stencil.
+    pub(super) fn reach(&self, bias: f64) -> usize {
+        let planes = Self::planes(bias, 1.0) + self.across.len();
+        planes + (3.0_f64.sqrt() * self.kernel.radius()).ceil() as usize + self.within.len() + 4
+    }
+
+    /// The response within a plane at a distance along one axis.
+    fn within(&self, y: f64) -> f64 {
+        let at = y.abs() * SAMPLES as f64;
+        let (below, part) = (at as usize, at.fract());
+        let value = |i: usize| self.response.get(i).copied().unwrap_or(0.0);
+        value(below) + part * (value(below + 1) - value(below))
+    }
+
+    /// The section of a kernel along the ray from a lattice point in the unit direction `along` between two distances,
+    /// in units of the divisor, given the offset of the kernel.
+    pub(super) fn section(&self, offset: DVec3, along: DVec3, between: [f64; 2]) -> f64 {
+        let t = offset.dot(along);
+        let r2 = offset.length_squared() - t * t;
+        self.table.section(self.kernel.radius(), r2, between[0] - t, between[1] - t) / self.divisor
+    }
+
+    /// The weights of the voxels near a voxel that is lit: the section of each kernel between two distances, less the
+    /// response of a sweep that adds up the planes beyond `far`; `None`: no sweep. `slopes` are rows and columns a plane
+    /// towards the light.
+    pub(super) fn stencil(&self, slopes: [f64; 2], between: [f64; 2], far: Option<usize>) -> Vec<StencilRow> {
+        let along = DVec3::new(1.0, slopes[0], slopes[1]);
+        let length = along.length();
+        let along = along / length;
+        let radius = self.kernel.radius();
+        let (reach, far) = (self.across.len() as i32 - 1, far.map(|far| far as i32));
+        let last = far.map_or(((between[1] / length) + radius).floor() as i32, |far| far + reach);
+        let wide = (radius * length).max(if far.is_some() { self.within.len() as f64 + 2.5 } else { 0.0 });
+        let (mut weights, mut faint, mut total) = (Vec::new(), 0.0, 0.0);
+        for plane in -(radius.floor() as i32)..=last {
+            let middle = slopes.map(|slope| slope * f64::from(plane));
+            let range = |k: usize| (middle[k] - wide).ceil() as i32..=(middle[k] + wide).floor() as i32;
+            for (row, column) in range(0).flat_map(|row| range(1).map(move |column| (row, column))) {
+                let offset = DVec3::new(f64::from(plane), f64::from(row), f64::from(column));
+                let section = self.section(offset, along, between);
+                // Planes between the voxel and the far ones are not swept.
+                let swept: f64 = far.map_or(0.0, |far| {
+                    let planes = (far + 1).max(plane - reach)..=plane + reach;
+                    planes
+                        .map(|swept| {
+                            let across = self.across[(swept - plane).unsigned_abs() as usize];
+                            let [row, column] = [(row, slopes[0]), (column, slopes[1])]
+                                .map(|(n, slope)| self.within(f64::from(n) - slope * f64::from(swept)));
+                            across * row * column
+                        })
+                        .sum()
+                });
+                let weight = section - swept * length * self.integral();
+                total += section;
+                if weight.abs() < FAINT * self.integral() {
+                    faint += weight;
+                } else {
+                    weights.push(([plane, row], column, weight, section));
+                }
+            }
+        }
+        // The sum stays, so uniform matter absorbs as much as it does.
+        let share =
+            if total > 0.0 { faint / weights.iter().map(|(.., section)| section).sum::<f64>().max(1e-30) } else { 0.0 };
+        let mut rows: Vec<StencilRow> = Vec::new();
+        for (offset, column, weight, section) in weights {
+            let weight = (weight + share * section) as f32;
+            match rows.last_mut() {
+                Some(row) if row.offset == offset => {
+                    row.weights.resize((column - row.column) as usize, 0.0);
+                    row.weights.push(weight);
+                }
+                _ => rows.push(StencilRow { offset, column, weights: vec![weight] }),
+            }
+        }
+        rows
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn show() {
+        for kernel in [Kernel::default(), Kernel::KAISER_BESSEL, Kernel::default().narrowed(0.5).unwrap()] {
+            println!("{kernel:?} {} {:?}", kernel.variance(), FootprintTable::new(&kernel, ERROR).map(|_| ()));
+            let response = Response::new(&kernel, kernel.integral()).unwrap();
+            println!("{:?} {:?}", response.across, response.within);
+            for slopes in [[0.3, 0.2], [0.0, 0.0], [0.9, 0.8]] {
+                let l = (1.0 + slopes[0] * slopes[0] + slopes[1] * slopes[1] as f64).sqrt();
+                let near = Response::planes(1.5, l);
+                let rows = response.stencil(slopes, [1.5, 1e3], Some(near));
+                let n: usize = rows.iter().map(|r| r.weights.len()).sum();
+                let sum: f32 = rows.iter().flat_map(|r| &r.weights).sum();
+                println!("{slopes:?} near {near} taps {n} sum {sum} reach {}", response.reach(1.5));
+            }
+        }
+    }
+}
