@@ -16,7 +16,7 @@ use super::{ShadowLattice, all_around};
 use crate::error::Result;
 
 /// The variance of the filter as a share of the kernel's, at which the errors of single voxels are least.
-const SHARE: f64 = 0.92;
+const SHARE: f64 = 1.1;
 
 /// The weight of the sum of weights among squared distances.
 const PINNED: f64 = 900.0;

@@ -3,8 +3,10 @@
 use crate::kernel::{FootprintTable, Kernel};
 use glam::DVec3;
 
-/// The largest error of a section, as a fraction of the footprint's peak.
-const ERROR: f64 = 1e-6;
+/// The rows of the table of footprints, and their terms: its error is below 1e-5 of a footprint's peak for kernels that
+/// sweeps serve.
+const ROWS: u32 = 512;
+const TERMS: u32 = 12;
 
 /// Weights of a stencil below this share of the integral of a kernel are left out.
 const FAINT: f64 = 1e-3;
@@ -23,7 +25,9 @@ const SPLINE_VARIANCE: f64 = 0.25;
 pub(super) struct Response {
     kernel: Kernel,
     table: FootprintTable,
-    pub(super) divisor: f64,
+    divisor: f64,
+    /// The integral of a kernel in units of the divisor.
+    pub(super) integral: f64,
     /// Weights of the filter across planes and within planes, the middle one first.
     pub(super) across: Vec<f64>,
     pub(super) within: Vec<f64>,
@@ -82,7 +86,7 @@ impl Response {
         if variance < SPLINE_VARIANCE {
             return None;
         }
-        let table = FootprintTable::new(kernel, ERROR).ok()?;
+        let table = FootprintTable::with_size(kernel, ROWS, TERMS);
         let (across, within) = (filter(variance), filter(variance - SPLINE_VARIANCE));
         // The splines after each other, and the filter: an integral over 64 places of a voxel.
         let rom = |x: f64| {
@@ -110,7 +114,7 @@ impl Response {
         let response = response
             .map(|y| (-reach..=reach).map(|o| within[o.unsigned_abs() as usize] * splines(y - f64::from(o))).sum())
             .collect();
-        Some(Self { kernel: *kernel, table, divisor, across, within, response })
+        Some(Self { kernel: *kernel, table, divisor, integral: kernel.integral() / divisor, across, within, response })
     }
 
     /// Voxels by which the filters widen a field.
@@ -120,11 +124,6 @@ impl Response {
 
     pub(super) fn radius(&self) -> f64 {
         self.kernel.radius()
-    }
-
-    /// The integral of a kernel in units of the divisor.
-    pub(super) fn integral(&self) -> f64 {
-        self.kernel.integral() / self.divisor
     }
 
     /// The least number of planes from a voxel beyond which sweeps serve, given the bias in voxels.
@@ -184,9 +183,9 @@ impl Response {
                         })
                         .sum()
                 });
-                let weight = section - swept * length * self.integral();
+                let weight = section - swept * length * self.integral;
                 total += section;
-                if weight.abs() < FAINT * self.integral() {
+                if weight.abs() < FAINT * self.integral {
                     faint += weight;
                 } else {
                     weights.push(([plane, row], column, weight, section));

@@ -132,14 +132,15 @@ impl<'a> Swept<'a> {
             .map(|(n, slope)| n + (slope.abs() * (count - 1) as f64).ceil() as usize + 2 * MARGIN as usize);
         let maps = (0..count).map(|i| {
             [0, 1].map(|k| {
-                let at = shifts[k] + slopes[k] * i as f64;
+                // Whole parts stay whole: sums with whole numbers are exact.
+                let at = ((shifts[k] + slopes[k] * i as f64) * 65_536.0).round() / 65_536.0;
                 Map { into: [1.0, at], back: [1.0, -at] }
             })
         });
         let rays = Rays { ahead: along.x > 0.0, size, maps: maps.collect(), weights: vec![1.0; count], near };
         let far = self.planes.planes as f64 * length + self.planes.rows as f64 + self.planes.columns as f64 + 99.0;
         let stencil = self.response.stencil(slopes, [bias, far * 2.0], Some(near));
-        let factors = [(length * self.response.integral()) as f32, scale as f32];
+        let factors = [(length * self.response.integral) as f32, scale as f32];
         let along = Along { stencil, factors, share: f32::from(share) };
         self.sweep(&rays, &Course::Along(along), out);
     }
@@ -509,7 +510,7 @@ impl To<'_> {
         out: &mut [u16],
     ) {
         let (of, near, response) = (swept.planes, self.rays.near, swept.response);
-        let integral = response.integral();
+        let integral = response.integral;
         let own = swept.field.from(of.row(plane, row), 0);
         for (column, &planes) in wanted.zip(depths) {
             if own[column] <= 0.0 {
