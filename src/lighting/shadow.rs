@@ -23,6 +23,7 @@
 mod around;
 pub(crate) mod exact;
 pub(crate) mod field;
+mod lanes;
 mod response;
 mod sweep;
 

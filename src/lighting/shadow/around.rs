@@ -11,7 +11,8 @@ use voxsplat_volume::memory::zeroed;
 
 use super::field::{Field, LANES, Planes};
 use super::response::{Response, filter};
-use super::sweep::{nearest, transmitted};
+use super::lanes::Lanes;
+use super::sweep::nearest;
 use super::{ShadowLattice, all_around};
 use crate::error::Result;
 
@@ -76,19 +77,20 @@ impl pulp::WithSimd for RowSum<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, _: S) {
+    fn with_simd<S: pulp::Simd>(self, simd: S) {
         let Self { field, filtered, rays, at: [y, z], out } = self;
         let [nx, ny, nz] = field.size;
         let row = y + ny * z;
         let wanted = field.filled(row);
-        for start in wanted.clone().step_by(LANES) {
-            let is_lit = field.from(row, start as isize)[..LANES].iter().any(|value| *value > 0.0);
-            if !is_lit {
+        let mut lights = [0.0; LANES];
+        for start in wanted.clone().step_by(Lanes::<S>::COUNT) {
+            let own = &field.from(row, start as isize)[..Lanes::<S>::COUNT];
+            if own.iter().map(|value| u32::from(*value > 0.0)).sum::<u32>() == 0 {
                 continue;
             }
-            let mut light = [0.0_f32; LANES];
+            let mut light = Lanes::new(simd, 0.0);
             for Ray { step: [dx, dy, dz], share, weights } in rays {
-                let mut sums = [0.0_f32; LANES];
+                let mut sums = Lanes::new(simd, 0.0);
                 for (k, &weight) in (0..).zip(weights) {
                     let y = y.checked_add_signed(k * dy).filter(|&y| y < ny);
                     let z = z.checked_add_signed(k * dz).filter(|&z| z < nz);
@@ -98,17 +100,13 @@ impl pulp::WithSimd for RowSum<'_> {
                     if filled.end as isize <= first || filled.start as isize >= first + LANES as isize {
                         continue;
                     }
-                    let values = &filtered.from(source, first)[..LANES];
-                    for i in 0..LANES {
-                        sums[i] += weight * values[i];
-                    }
+                    sums = sums.plus(simd, weight, Lanes::load(filtered.from(source, first)));
                 }
-                for i in 0..LANES {
-                    light[i] += share * transmitted(sums[i]);
-                }
+                light = light.plus(simd, *share, sums.transmitted(simd));
             }
+            light.store(&mut lights);
             let count = wanted.end.min(nx) - start;
-            for (out, light) in out[start..].iter_mut().zip(light).take(count) {
+            for (out, light) in out[start..].iter_mut().zip(&lights).take(count.min(Lanes::<S>::COUNT)) {
                 // Half of the surroundings of a point on a plane lie behind the plane.
                 *out = nearest((2.0 * light).min(1.0) * 65_535.0);
             }

@@ -13,12 +13,15 @@ use glam::{DMat3, DVec3};
 use pulp::Arch;
 use rayon::prelude::*;
 
-use super::DARK;
 use super::field::{Field, LANES, Planes, hull};
+use super::lanes::Lanes;
 use super::response::{Response, StencilRow, catmull_rom, spline_weights};
 
 /// Rows of the buffer that are swept together, so that they stay in a cache.
 const BAND: usize = 32;
+
+/// The optical depth beyond which the neighbours of a voxel do not count: less than 1 of 255 of the light arrives.
+const FAINT: f32 = 5.5;
 
 /// Places of the buffer beyond those that are read.
 const MARGIN: f64 = 4.0;
@@ -254,7 +257,7 @@ impl pulp::WithSimd for Band<'_, '_> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, _: S) {
+    fn with_simd<S: pulp::Simd>(self, simd: S) {
         let Self { swept, rays, course, first, rows } = self;
         let columns = swept.planes.columns;
         let width = rays.size[1];
@@ -284,7 +287,7 @@ impl pulp::WithSimd for Band<'_, '_> {
             }
             buffer.read(&rows_map, &columns_map, first, row, wanted.clone(), &mut depths);
             match course {
-                Course::Along(along) => along.light(swept, rays, plane, row, wanted, &mut depths, out),
+                Course::Along(along) => along.light(simd, swept, rays, [plane, row], wanted, &mut depths, out),
                 Course::To(to) => to.light(swept, plane, row, wanted, &depths, out),
             }
         }
@@ -339,9 +342,10 @@ impl Buffer {
                 // The buffer is wide enough for all places of a shifted plane.
                 let start = (range.start as f64 - 1.0 - shift) as usize;
                 let end = (range.end as f64 + 1.0 - shift) as usize;
-                let from = &line[middle.start - 2..middle.end + 2];
-                for (sum, from) in sums[start..end].iter_mut().zip(from.windows(3)) {
-                    *sum += a * from[0] + b * from[1] + c * from[2];
+                let sums = &mut sums[start..end];
+                let [from, second, third] = [0, 1, 2].map(|o| &line[middle.start - 2 + o..][..sums.len()]);
+                for i in 0..sums.len() {
+                    sums[i] += a * from[i] + b * second[i] + c * third[i];
                 }
                 start..end
             } else {
@@ -376,15 +380,17 @@ impl Buffer {
         let place = |column: usize| columns.into[0] * column as f64 + columns.into[1];
         let needed = place(wanted.start).floor() as usize - 1..place(wanted.end - 1).floor() as usize + 3;
         let line = &mut self.line[..needed.len()];
-        let sources: [&[f32]; 4] = std::array::from_fn(|i| &self.sums[(index + i) * self.width..][needed.clone()]);
         let [a, b, c, d] = weights;
-        for (i, sum) in line.iter_mut().enumerate() {
-            *sum = a * sources[0][i] + b * sources[1][i] + c * sources[2][i] + d * sources[3][i];
+        let [first, second, third, fourth] =
+            [0, 1, 2, 3].map(|i| &self.sums[(index + i) * self.width + needed.start..][..line.len()]);
+        for i in 0..line.len() {
+            line[i] = a * first[i] + b * second[i] + c * third[i] + d * fourth[i];
         }
         if columns.into[0] == 1.0 {
             let [a, b, c, d] = catmull_rom(columns.into[1].rem_euclid(1.0) as f32);
-            for (depth, from) in depths.iter_mut().zip(line.windows(4)) {
-                *depth = (a * from[0] + b * from[1] + c * from[2] + d * from[3]).max(0.0);
+            let [first, second, third, fourth] = [0, 1, 2, 3].map(|o| &line[o..][..depths.len()]);
+            for i in 0..depths.len() {
+                depths[i] = (a * first[i] + b * second[i] + c * third[i] + d * fourth[i]).max(0.0);
             }
         } else {
             for (depth, column) in depths.iter_mut().zip(wanted) {
@@ -398,18 +404,6 @@ impl Buffer {
     }
 }
 
-/// exp(-x) for x from 0 to [`DARK`], to 3e-4: the 16th power of a series.
-#[inline(always)]
-pub(super) fn transmitted(x: f32) -> f32 {
-    let y = x.clamp(0.0, DARK as f32) * (-1.0 / 16.0);
-    let e =
-        1.0 + y * (1.0 + y * (1.0 / 2.0 + y * (1.0 / 6.0 + y * (1.0 / 24.0 + y * (1.0 / 120.0 + y * (1.0 / 720.0))))));
-    let e = e * e;
-    let e = e * e;
-    let e = e * e;
-    e * e
-}
-
 /// The whole number nearest to a number of 0 to 65535.
 #[inline(always)]
 pub(super) fn nearest(value: f32) -> u16 {
@@ -420,12 +414,12 @@ impl Along {
     /// Adds the light that arrives at the wanted voxels of a row, given their sums of planes.
     #[inline(always)]
     #[expect(clippy::too_many_arguments, reason = "inlined")]
-    fn light(
+    fn light<S: pulp::Simd>(
         &self,
+        simd: S,
         swept: &Swept<'_>,
         rays: &Rays,
-        plane: usize,
-        row: usize,
+        [plane, row]: [usize; 2],
         wanted: Range<usize>,
         depths: &mut [f32],
         out: &mut [u16],
@@ -433,18 +427,15 @@ impl Along {
         let Self { stencil, factors: [planes, all], share } = self;
         let (field, of) = (swept.field, swept.planes);
         depths[wanted.len()..].iter_mut().take(LANES).for_each(|depth| *depth = 0.0);
-        for start in wanted.clone().step_by(LANES) {
-            let own = &field.from(of.row(plane, row), start as isize)[..LANES];
-            let far = &depths[start - wanted.start..][..LANES];
-            let mut sums = [0.0_f32; LANES];
-            let mut is_lit = false;
-            for i in 0..LANES {
-                sums[i] = far[i] * planes;
-                is_lit |= own[i] > 0.0 && sums[i] * all < DARK as f32;
-            }
-            if !is_lit {
+        let mut light = [0.0; LANES];
+        for start in wanted.clone().step_by(Lanes::<S>::COUNT) {
+            let own = &field.from(of.row(plane, row), start as isize)[..Lanes::<S>::COUNT];
+            let far = &depths[start - wanted.start..][..Lanes::<S>::COUNT];
+            let is_lit = own.iter().zip(far).map(|(own, far)| u32::from((*own > 0.0) & (far * planes * all < FAINT)));
+            if is_lit.sum::<u32>() == 0 {
                 continue;
             }
+            let mut sums = Lanes::load(far).times(simd, *planes);
             for StencilRow { offset: [ahead, down], column, weights } in stencil {
                 let ahead = if rays.ahead { *ahead } else { -*ahead } as isize;
                 let plane = plane.checked_add_signed(ahead).filter(|&plane| plane < of.planes);
@@ -455,23 +446,18 @@ impl Along {
                 let first = start as isize + *column as isize;
                 if filled.is_empty()
                     || filled.end as isize <= first
-                    || filled.start as isize >= first + (LANES + weights.len()) as isize
+                    || filled.start as isize >= first + (Lanes::<S>::COUNT + weights.len()) as isize
                 {
                     continue;
                 }
-                let values = &field.from(source, first)[..LANES + weights.len() - 1];
-                for (values, &weight) in values.windows(LANES).zip(weights) {
-                    for i in 0..LANES {
-                        sums[i] += weight * values[i];
-                    }
+                let values = field.from(source, first);
+                for (i, &weight) in weights.iter().enumerate() {
+                    sums = sums.plus(simd, weight, Lanes::load(&values[i..]));
                 }
             }
-            let out = &mut out[start..wanted.end.min(start + LANES)];
-            let mut light = [0_u16; LANES];
-            for i in 0..LANES {
-                light[i] = nearest(share * transmitted(sums[i] * all));
-            }
-            out.iter_mut().zip(light).for_each(|(out, light)| *out += light);
+            sums.times(simd, *all).transmitted(simd).times(simd, *share).store(&mut light);
+            let out = &mut out[start..wanted.end.min(start + Lanes::<S>::COUNT)];
+            out.iter_mut().zip(&light).for_each(|(out, light)| *out += nearest(*light));
         }
     }
 }
@@ -542,13 +528,13 @@ impl To<'_> {
                 }
             } else {
                 let far = scale * length * integral * f64::from(planes);
-                if far >= DARK {
+                if far >= f64::from(FAINT) {
                     far
                 } else {
                     far + scale * sum(near.stencil(slopes), if slopes[0] < 0.0 { -1 } else { 1 })
                 }
             };
-            out[column] = nearest(65_535.0 * transmitted(depth as f32));
+            out[column] = nearest(65_535.0 * (-depth).exp() as f32);
         }
     }
 }

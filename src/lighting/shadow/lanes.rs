@@ -1,0 +1,75 @@
+//! Numbers of voxels of a row, side by side in the vectors of the machine.
+//!
+//! Operations are loops, not closures: a closure is not compiled for the vectors of the machine.
+
+use pulp::Simd;
+
+use super::DARK;
+
+/// Vectors that are summed together: as many as hide the time that a sum takes.
+const VECTORS: usize = 4;
+
+/// A number of each of some voxels of a row.
+#[derive(Clone, Copy)]
+pub(super) struct Lanes<S: Simd>([S::f32s; VECTORS]);
+
+impl<S: Simd> Lanes<S> {
+    /// The number of voxels.
+    pub(super) const COUNT: usize = VECTORS * S::F32_LANES;
+
+    #[inline(always)]
+    pub(super) fn new(simd: S, value: f32) -> Self {
+        Self([simd.splat_f32s(value); VECTORS])
+    }
+
+    /// The first numbers of a slice, which has as many.
+    #[inline(always)]
+    pub(super) fn load(values: &[f32]) -> Self {
+        let (vectors, _) = S::as_simd_f32s(&values[..Self::COUNT]);
+        Self([vectors[0], vectors[1], vectors[2], vectors[3]])
+    }
+
+    #[inline(always)]
+    pub(super) fn store(self, values: &mut [f32]) {
+        let (vectors, _) = S::as_mut_simd_f32s(&mut values[..Self::COUNT]);
+        vectors.copy_from_slice(&self.0);
+    }
+
+    /// These numbers and others times a factor. Products are rounded, so the sums are the same on every machine.
+    #[inline(always)]
+    pub(super) fn plus(mut self, simd: S, factor: f32, others: Self) -> Self {
+        let factor = simd.splat_f32s(factor);
+        for i in 0..VECTORS {
+            self.0[i] = simd.add_f32s(self.0[i], simd.mul_f32s(factor, others.0[i]));
+        }
+        self
+    }
+
+    #[inline(always)]
+    pub(super) fn times(mut self, simd: S, factor: f32) -> Self {
+        let factor = simd.splat_f32s(factor);
+        for i in 0..VECTORS {
+            self.0[i] = simd.mul_f32s(factor, self.0[i]);
+        }
+        self
+    }
+
+    /// exp(-x) for x from 0 to [`DARK`], to 3e-4: the 16th power of a series.
+    #[inline(always)]
+    pub(super) fn transmitted(mut self, simd: S) -> Self {
+        let (zero, dark) = (simd.splat_f32s(0.0), simd.splat_f32s(DARK as f32));
+        let scale = simd.splat_f32s(-1.0 / 16.0);
+        for i in 0..VECTORS {
+            let y = simd.mul_f32s(simd.min_f32s(simd.max_f32s(self.0[i], zero), dark), scale);
+            let mut e = simd.splat_f32s(1.0 / 720.0);
+            for term in [1.0 / 120.0, 1.0 / 24.0, 1.0 / 6.0, 1.0 / 2.0, 1.0, 1.0] {
+                e = simd.add_f32s(simd.mul_f32s(e, y), simd.splat_f32s(term));
+            }
+            for _ in 0..4 {
+                e = simd.mul_f32s(e, e);
+            }
+            self.0[i] = e;
+        }
+        self
+    }
+}
