@@ -10,8 +10,8 @@ use rayon::prelude::*;
 use voxsplat_volume::memory::zeroed;
 
 use super::field::{Field, LANES, Planes};
-use super::response::{Response, filter};
 use super::lanes::Lanes;
+use super::response::{Response, filter};
 use super::sweep::nearest;
 use super::{ShadowLattice, all_around};
 use crate::error::Result;

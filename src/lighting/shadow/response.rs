@@ -9,7 +9,7 @@ const ROWS: u32 = 512;
 const TERMS: u32 = 12;
 
 /// Weights of a stencil below this share of the integral of a kernel are left out.
-const FAINT: f64 = 1e-3;
+const FAINT: f64 = 2e-3;
 
 /// Samples of a voxel of [`Response::within`].
 const SAMPLES: usize = 64;
