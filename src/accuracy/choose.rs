@@ -39,6 +39,8 @@ const AIM: f64 = 0.6;
 const TERMINATION: f64 = 0.2;
 /// The smallest bound for which coarser cells than the picture resolves are tried: their pictures err by more.
 const LEAST_OF_CELLS: f64 = 3e-3;
+/// The smallest bound for which the light of sweeps is tried: pictures with it err by up to about 2 of 255.
+const LEAST_OF_SWEEPS: f64 = 0.01;
 /// Number of splats from which coarser cells save more time than the attempt takes.
 const MANY_SPLATS: u64 = 1 << 20;
 /// Number of levels by which cells may be coarser than the picture resolves.
@@ -54,8 +56,9 @@ const THINNER: [f64; 2] = [0.2, 0.8];
 /// with one set of settings after the other, the cheapest first, and compares it with about `pixels` traced pixels,
 /// until it is close enough.
 ///
-/// Model, shading, kernel, sharpness, light, normalization and antialiasing stay. So do explicit choices in `settings`:
-/// a painter or a level other than auto, and a termination other than the default.
+/// Model, shading, kernel, sharpness, light, normalization and antialiasing stay, but for a bound below 0.01 shadows are
+/// [exact](crate::lighting::Lighting::exact_shadows). So do explicit choices in `settings`: a painter or a level other
+/// than auto, and a termination other than the default.
 ///
 /// # Errors
 /// [`Error::Setting`] if the bound is not over 0; the errors of [`Truth::trace`], [`Renderer::prepare_layers`] and
@@ -75,6 +78,9 @@ pub fn choose(
     let mut base = settings.clone();
     if base.model == Model::Composite && base.termination == Settings::default().termination {
         base.termination = rounded_down(TERMINATION * max_error).min(0.01);
+    }
+    if let Some(lighting) = &mut base.lighting {
+        lighting.exact_shadows |= max_error < LEAST_OF_SWEEPS;
     }
     let scene = renderer.prepare_layers(layers, &base)?;
     let truth = Truth::trace(layers, camera, &base, pixels)?;

@@ -214,19 +214,61 @@ impl Response {
 mod tests {
     use super::*;
 
+    const KERNELS: [Kernel; 3] = [
+        Kernel::Gaussian { sigma: 1.0, radius: 2.0 },
+        Kernel::KAISER_BESSEL,
+        Kernel::Gaussian { sigma: 2.0, radius: 4.0 },
+    ];
+
     #[test]
-    fn show() {
-        for kernel in [Kernel::default(), Kernel::KAISER_BESSEL, Kernel::default().narrowed(0.5).unwrap()] {
-            println!("{kernel:?} {} {:?}", kernel.variance(), FootprintTable::new(&kernel, ERROR).map(|_| ()));
+    fn filters_have_their_variance() {
+        for variance in [0.0, 0.36, 0.61, 2.4, 17.0] {
+            let weights = filter(variance);
+            let moment = |power: i32| -> f64 {
+                let sides = weights.iter().enumerate().skip(1).map(|(i, w)| 2.0 * w * (i as f64).powi(power));
+                sides.sum::<f64>() + if power == 0 { weights[0] } else { 0.0 }
+            };
+            assert!((moment(0) - 1.0).abs() < 1e-12 && (moment(2) - variance).abs() < 1e-12 * (1.0 + variance));
+            assert!(weights.iter().all(|w| *w >= 0.0));
+        }
+    }
+
+    #[test]
+    fn a_sweep_replaces_kernels_by_the_same_integral_and_variance() {
+        for kernel in KERNELS {
             let response = Response::new(&kernel, kernel.integral()).unwrap();
-            println!("{:?} {:?}", response.across, response.within);
-            for slopes in [[0.3, 0.2], [0.0, 0.0], [0.9, 0.8]] {
-                let l = (1.0 + slopes[0] * slopes[0] + slopes[1] * slopes[1] as f64).sqrt();
-                let near = Response::planes(1.5, l);
-                let rows = response.stencil(slopes, [1.5, 1e3], Some(near));
-                let n: usize = rows.iter().map(|r| r.weights.len()).sum();
-                let sum: f32 = rows.iter().flat_map(|r| &r.weights).sum();
-                println!("{slopes:?} near {near} taps {n} sum {sum} reach {}", response.reach(1.5));
+            let places = (-20 * SAMPLES as i32..=20 * SAMPLES as i32).map(|i| f64::from(i) / SAMPLES as f64);
+            let moment =
+                |power: i32| places.clone().map(|y| response.within(y) * y.powi(power)).sum::<f64>() / SAMPLES as f64;
+            let variance = kernel.variance();
+            assert!((moment(0) - 1.0).abs() < 1e-3, "{kernel:?} {}", moment(0));
+            assert!((moment(2) - variance).abs() < 0.01 * variance, "{kernel:?} {} {variance}", moment(2));
+        }
+        let narrow = Kernel::Gaussian { sigma: 0.3, radius: 1.0 };
+        assert!(Response::new(&narrow, narrow.integral()).is_none());
+    }
+
+    /// In uniform matter a stencil and the planes that it leaves to the sweep absorb as much as all sections.
+    #[test]
+    fn stencils_absorb_as_much_as_sections() {
+        for kernel in KERNELS {
+            let response = Response::new(&kernel, kernel.integral()).unwrap();
+            // Not along an axis, where a Gaussian's kernels line up and absorb 5 % less.
+            for (slopes, bias) in [([0.31, -0.72], 1.5), ([-0.93, 0.88], 0.0), ([0.47, 0.13], 4.0)] {
+                let length = DVec3::new(1.0, slopes[0], slopes[1]).length();
+                let near = Response::planes(bias, length);
+                let sum =
+                    |rows: &[StencilRow]| rows.iter().flat_map(|row| &row.weights).map(|w| f64::from(*w)).sum::<f64>();
+                let last = 40.0;
+                let all = sum(&response.stencil(slopes, [bias, last * length], None));
+                let mended = sum(&response.stencil(slopes, [bias, f64::INFINITY], Some(near)));
+                // Half of the last plane lies beyond the end.
+                let swept = (last + 0.5 - (near as f64 + 1.0)) * length;
+                let ripple = 0.06 * length;
+                assert!(
+                    (mended + swept - all).abs() < ripple + 0.01 * all,
+                    "{kernel:?} {slopes:?}: {mended} + {swept}, {all}"
+                );
             }
         }
     }
