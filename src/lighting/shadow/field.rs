@@ -22,6 +22,8 @@ pub(super) struct Field {
     values: Vec<f32>,
     /// For each row, y before z: the columns between the first and the last that are not 0.
     filled: Vec<Range<u32>>,
+    /// For each row of a filtered field, a bit for each block of columns that are not all 0.
+    blocks: Vec<u64>,
 }
 
 /// The rows of a field as planes across an axis other than x.
@@ -70,7 +72,7 @@ impl Field {
     pub(super) fn new(size: [usize; 3], pad: usize) -> Result<Self> {
         let pitch = size[0] + 2 * pad;
         let values = zeroed((pitch * size[1] * size[2]) as u64, || "the occluders of light".to_owned())?;
-        Ok(Self { size, pad, values, filled: vec![0..0; size[1] * size[2]] })
+        Ok(Self { size, pad, values, filled: vec![0..0; size[1] * size[2]], blocks: Vec::new() })
     }
 
     fn pitch(&self) -> usize {
@@ -97,6 +99,23 @@ impl Field {
     pub(super) fn filled(&self, row: usize) -> Range<usize> {
         let Range { start, end } = self.filled[row];
         start as usize..end as usize
+    }
+
+    /// Columns of a block.
+    fn block(&self) -> usize {
+        self.size[0].div_ceil(64).max(LANES)
+    }
+
+    /// Runs of blocks of columns that are not all 0 in some rows of a filtered field, the first of them first.
+    pub(super) fn runs(&self, rows: impl Iterator<Item = usize>) -> impl Iterator<Item = Range<usize>> {
+        let (block, columns) = (self.block(), self.size[0]);
+        let mut bits = rows.fold(0, |bits, row| bits | self.blocks[row]);
+        std::iter::from_fn(move || {
+            let first = bits.trailing_zeros();
+            let count = bits.checked_shr(first)?.trailing_ones();
+            bits &= bits.checked_shr(first + count).map_or(0, |_| u64::MAX << (first + count));
+            Some(first as usize * block..((first + count) as usize * block).min(columns))
+        })
     }
 
     /// A row from a column on, which may lie outside by the padding.
@@ -140,6 +159,8 @@ impl Field {
     /// axes.
     pub(super) fn filtered(&self, planes: Planes, [across, within]: [&[f32]; 2]) -> Result<Self> {
         let mut filtered = Self::new(self.size, self.pad)?;
+        filtered.blocks = vec![0; filtered.filled.len()];
+        let block = self.block();
         let (pitch, reach) = (self.pitch(), within.len() - 1);
         let near = |at: usize, offset: isize, count: usize| at.checked_add_signed(offset).filter(|&n| n < count);
         let offsets = |weights: &[f32]| {
@@ -176,7 +197,7 @@ impl Field {
                         let sources = || within.iter().filter_map(|&(o, w)| Some((near(row, o, planes.rows)?, w)));
                         let range = sources().fold(0..0, |range, (source, _)| hull(range, found[source].clone()));
                         if range.is_empty() {
-                            return (planes.row(plane, row), 0..0);
+                            return (planes.row(plane, row), 0..0, 0);
                         }
                         let wide = range.start.saturating_sub(reach)..(range.end + reach).min(self.size[0]);
                         row_sum.fill(0.0);
@@ -188,13 +209,19 @@ impl Field {
                             let from = &row_sum[(self.pad + wide.start).wrapping_add_signed(o)..];
                             add(&mut out[self.pad + wide.start..self.pad + wide.end], from, weight);
                         }
-                        (planes.row(plane, row), wide.start as u32..wide.end as u32)
+                        let blocks = out[self.pad..self.pad + self.size[0]].chunks(block).enumerate();
+                        let bits = blocks.fold(0, |bits, (i, block)| {
+                            bits | u64::from(block.iter().map(|v| u32::from(*v != 0.0)).sum::<u32>() > 0) << i
+                        });
+                        (planes.row(plane, row), wide.start as u32..wide.end as u32, bits)
                     })
                     .collect::<Vec<_>>()
             },
         );
         let ranges: Vec<_> = ranges.collect();
-        ranges.into_iter().flatten().for_each(|(row, range)| filtered.filled[row] = range);
+        for (row, range, bits) in ranges.into_iter().flatten() {
+            (filtered.filled[row], filtered.blocks[row]) = (range, bits);
+        }
         Ok(filtered)
     }
 }

@@ -267,7 +267,7 @@ impl pulp::WithSimd for Band<'_, '_> {
             width,
             line: vec![0.0; columns.max(width) + 2 * ENDS],
         };
-        let mut depths = vec![0.0_f32; columns + LANES];
+        let mut depths = [0.0_f32; LANES];
         let mut table: Vec<([f32; 3], i32)> = Vec::new();
         let mut added = 0;
         for Row { number, row, out } in rows {
@@ -285,10 +285,18 @@ impl pulp::WithSimd for Band<'_, '_> {
             if wanted.is_empty() {
                 continue;
             }
-            buffer.read(&rows_map, &columns_map, first, row, wanted.clone(), &mut depths);
-            match course {
-                Course::Along(along) => along.light(simd, swept, rays, [plane, row], wanted, &mut depths, out),
-                Course::To(to) => to.light(swept, plane, row, wanted, &depths, out),
+            for start in wanted.clone().step_by(Lanes::<S>::COUNT) {
+                let own = &swept.field.from(source, start as isize)[..Lanes::<S>::COUNT];
+                if own.iter().map(|value| u32::from(*value > 0.0)).sum::<u32>() == 0 {
+                    continue;
+                }
+                let columns = start..wanted.end.min(start + Lanes::<S>::COUNT);
+                depths[columns.len()..].fill(0.0);
+                buffer.read(&rows_map, &columns_map, first, row, columns.clone(), &mut depths);
+                match course {
+                    Course::Along(along) => along.light(simd, swept, rays, [plane, row], columns, &depths, out),
+                    Course::To(to) => to.light(swept, plane, row, columns, &depths, out),
+                }
             }
         }
     }
@@ -324,42 +332,41 @@ impl Buffer {
                 let source = swept.planes.row(plane, row);
                 (!swept.filtered.filled(source).is_empty()).then_some((source, w))
             });
-            let range = sources.clone().fold(0..0, |range, (source, _)| hull(range, swept.filtered.filled(source)));
-            if range.is_empty() {
-                continue;
-            }
-            let line = &mut self.line;
-            let middle = ENDS + range.start..ENDS + range.end;
-            line[middle.start - 3..middle.end + 3].fill(0.0);
-            for (source, w) in sources {
-                let from = swept.filtered.from(source, range.start as isize);
-                line[middle.clone()].iter_mut().zip(from).for_each(|(sum, value)| *sum += w * value);
-            }
-            let sums = &mut self.sums[index * width..][..width];
-            let reached = if is_shifted {
-                let shift = columns_map.back[1].round();
-                let [a, b, c] = spline_weights((columns_map.back[1] - shift) as f32);
-                // The buffer is wide enough for all places of a shifted plane.
-                let start = (range.start as f64 - 1.0 - shift) as usize;
-                let end = (range.end as f64 + 1.0 - shift) as usize;
-                let sums = &mut sums[start..end];
-                let [from, second, third] = [0, 1, 2].map(|o| &line[middle.start - 2 + o..][..sums.len()]);
-                for i in 0..sums.len() {
-                    sums[i] += a * from[i] + b * second[i] + c * third[i];
+            for range in swept.filtered.runs(sources.clone().map(|(source, _)| source)) {
+                let line = &mut self.line;
+                let middle = ENDS + range.start..ENDS + range.end;
+                line[middle.start - 3..middle.end + 3].fill(0.0);
+                for (source, w) in sources.clone() {
+                    let from = swept.filtered.from(source, range.start as isize);
+                    line[middle.clone()].iter_mut().zip(from).for_each(|(sum, value)| *sum += w * value);
                 }
-                start..end
-            } else {
-                let place = |column: f64| (columns_map.into[0] * column + columns_map.into[1]).clamp(0.0, width as f64);
-                let (start, end) = (place(range.start as f64 - 2.0), place(range.end as f64 + 1.0));
-                let places = start.floor() as usize..end.ceil() as usize;
-                for (sum, ([a, b, c], nearest)) in sums[places.clone()].iter_mut().zip(&table[places.clone()]) {
-                    let nearest = (*nearest).clamp(range.start as i32 - 2, range.end as i32 + 1);
-                    let from = &line[(ENDS as i32 + nearest - 1) as usize..][..3];
-                    *sum += a * from[0] + b * from[1] + c * from[2];
-                }
-                places
-            };
-            self.filled[index] = hull(self.filled[index].clone(), reached);
+                let sums = &mut self.sums[index * width..][..width];
+                let reached = if is_shifted {
+                    let shift = columns_map.back[1].round();
+                    let [a, b, c] = spline_weights((columns_map.back[1] - shift) as f32);
+                    // The buffer is wide enough for all places of a shifted plane.
+                    let start = (range.start as f64 - 1.0 - shift) as usize;
+                    let end = (range.end as f64 + 1.0 - shift) as usize;
+                    let sums = &mut sums[start..end];
+                    let [from, second, third] = [0, 1, 2].map(|o| &line[middle.start - 2 + o..][..sums.len()]);
+                    for i in 0..sums.len() {
+                        sums[i] += a * from[i] + b * second[i] + c * third[i];
+                    }
+                    start..end
+                } else {
+                    let place =
+                        |column: f64| (columns_map.into[0] * column + columns_map.into[1]).clamp(0.0, width as f64);
+                    let (start, end) = (place(range.start as f64 - 2.0), place(range.end as f64 + 1.0));
+                    let places = start.floor() as usize..end.ceil() as usize;
+                    for (sum, ([a, b, c], nearest)) in sums[places.clone()].iter_mut().zip(&table[places.clone()]) {
+                        let nearest = (*nearest).clamp(range.start as i32 - 2, range.end as i32 + 1);
+                        let from = &line[(ENDS as i32 + nearest - 1) as usize..][..3];
+                        *sum += a * from[0] + b * from[1] + c * from[2];
+                    }
+                    places
+                };
+                self.filled[index] = hull(self.filled[index].clone(), reached);
+            }
         }
     }
 
@@ -420,22 +427,17 @@ impl Along {
         swept: &Swept<'_>,
         rays: &Rays,
         [plane, row]: [usize; 2],
-        wanted: Range<usize>,
-        depths: &mut [f32],
+        columns: Range<usize>,
+        far: &[f32],
         out: &mut [u16],
     ) {
         let Self { stencil, factors: [planes, all], share } = self;
         let (field, of) = (swept.field, swept.planes);
-        depths[wanted.len()..].iter_mut().take(LANES).for_each(|depth| *depth = 0.0);
-        let mut light = [0.0; LANES];
-        for start in wanted.clone().step_by(Lanes::<S>::COUNT) {
-            let own = &field.from(of.row(plane, row), start as isize)[..Lanes::<S>::COUNT];
-            let far = &depths[start - wanted.start..][..Lanes::<S>::COUNT];
-            let is_lit = own.iter().zip(far).map(|(own, far)| u32::from((*own > 0.0) & (far * planes * all < FAINT)));
-            if is_lit.sum::<u32>() == 0 {
-                continue;
-            }
-            let mut sums = Lanes::load(far).times(simd, *planes);
+        let mut sums = Lanes::load(far).times(simd, *planes);
+        // Where hardly any light is left, the neighbours do not matter.
+        let own = field.from(of.row(plane, row), columns.start as isize);
+        let is_lit = own.iter().zip(far).map(|(own, far)| u32::from((*own > 0.0) & (far * planes * all < FAINT)));
+        if is_lit.sum::<u32>() > 0 {
             for StencilRow { offset: [ahead, down], column, weights } in stencil {
                 let ahead = if rays.ahead { *ahead } else { -*ahead } as isize;
                 let plane = plane.checked_add_signed(ahead).filter(|&plane| plane < of.planes);
@@ -443,7 +445,7 @@ impl Along {
                 let (Some(plane), Some(row)) = (plane, row) else { continue };
                 let source = of.row(plane, row);
                 let filled = field.filled(source);
-                let first = start as isize + *column as isize;
+                let first = columns.start as isize + *column as isize;
                 if filled.is_empty()
                     || filled.end as isize <= first
                     || filled.start as isize >= first + (Lanes::<S>::COUNT + weights.len()) as isize
@@ -455,10 +457,10 @@ impl Along {
                     sums = sums.plus(simd, weight, Lanes::load(&values[i..]));
                 }
             }
-            sums.times(simd, *all).transmitted(simd).times(simd, *share).store(&mut light);
-            let out = &mut out[start..wanted.end.min(start + Lanes::<S>::COUNT)];
-            out.iter_mut().zip(&light).for_each(|(out, light)| *out += nearest(*light));
         }
+        let mut light = [0.0; LANES];
+        sums.times(simd, *all).transmitted(simd).times(simd, *share).store(&mut light);
+        out[columns].iter_mut().zip(&light).for_each(|(out, light)| *out += nearest(*light));
     }
 }
 
