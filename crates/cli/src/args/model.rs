@@ -77,7 +77,7 @@ pub(crate) struct ModelArgs {
     /// shadows and ambient occlusion; in a turntable it stands still, and studio:eye follows the eye. Repeat the option
     /// for up to 4 lights. All but studio and off take :INTENSITY or :#RRGGBB.
     ///
-    /// [default: studio if render uses a preset that shows surfaces, otherwise off]
+    /// [default: studio if render uses a preset or a built-in volume that shows surfaces, otherwise off]
     #[arg(long, value_name = "LIGHT", value_parser = parse::light)]
     pub(crate) light: Vec<LightArg>,
     /// Material of lit surfaces: ambient, diffuse and specular reflection, 0 to 1, and shininess, 1 to 1000
