@@ -132,7 +132,8 @@ pub enum Choice {
         /// The reason to turn the volume.
         reason: &'static str,
     },
-    /// Studio light around the view, because a transfer function or labels show surfaces. Labels have a larger shadow bias.
+    /// Studio light around the view, because a transfer function or labels show surfaces. Labels have a larger shadow
+    /// bias.
     Light {
         /// [`Lighting::shadow_bias`] of labels, in voxels.
         shadow_bias: Option<f64>,

@@ -584,10 +584,8 @@ fn shadows_and_colours_of_lights_reach_the_picture() {
     let library = picture(&volume, &transfer, &camera, &settings).image;
     // 0x80 is not quite a half.
     assert!(crate::support::errors(&program, &library).0 < 5e-3);
-    rendered(
-        dir.path(),
-        "demo:vessels:32 --size 40x32 --light studio --material 0.4,0.7,0.2,24 --sharpness 0 --azimuth 0 --frame volume -o studio.exr",
-    );
+    let arguments = "--light studio --material 0.4,0.7,0.2,24 --sharpness 0 --azimuth 0 --frame volume -o studio.exr";
+    rendered(dir.path(), &format!("demo:vessels:32 --size 40x32 {arguments}"));
     let view = View::default();
     let lighting = Some(Lighting::studio(view.forward().unwrap(), view.up));
     let library = picture(&volume, &transfer, &camera, &Settings { lighting, ..Settings::default() }).image;
