@@ -109,7 +109,7 @@ impl Column {
             let smooth = (place - 1.0) * HALF_HEIGHT * outer;
             let wall = (0.038 * outer).max(3.2 * spacing);
             if smooth < soft + 0.01 {
-                let lip = step(spacing, -spacing, turn.to_lip(across, along) * outer);
+                let lip = step(spacing, -spacing, turn.angle_to_lip(across, along) * outer);
                 if smooth > -wall - soft {
                     let side = across.atan2(along);
                     let ribs = (60.0 * theta + 1.2 * (2.0 * side).cos()).sin() * step(1.6, -0.3, APERTURE - theta);
@@ -133,7 +133,7 @@ impl Column {
 
 impl Turn {
     /// The angle from the lip to a place of the cross-section, negative within the shell: the lip is a wave.
-    fn to_lip(&self, across: f64, along: f64) -> f64 {
+    fn angle_to_lip(&self, across: f64, along: f64) -> f64 {
         let (a, b) = (across * across, along * along);
         // (b - a) / (a + b) is the cosine of twice the angle around the tube.
         let wave = if a + b > 0.0 { 0.05 * (b - a) / (a + b) } else { 0.0 };
