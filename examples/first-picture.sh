@@ -6,5 +6,5 @@ cd "$(dirname "$0")/.."
 . ./tests/setup.sh
 picture=target/first-picture.png
 cargo build --release --locked
-target/release/voxsplat render demo:shepp-logan:96 --azimuth 30 --elevation 20 --size 512 -o "$picture" --stats
+target/release/voxsplat render demo:nautilus -o "$picture"
 echo "The picture is in $PWD/$picture"

@@ -1,5 +1,6 @@
 #!/bin/sh
-# Renders the pictures of GUIDE.md into docs/, except lights.png and presets.png, which show scans.
+# Renders the pictures of GUIDE.md into docs/, except lights.png and presets.png, which show scans, and
+# beside.png, which docs/beside.py draws.
 set -e
 cd "$(dirname "$0")/.."
 cargo build --release --locked
@@ -40,8 +41,8 @@ target/release/voxsplat compare docs/additive.png docs/additive-after.png --tole
 rm docs/additive-after.png
 picture inside demo:vessels:192 --light 40,50 --light headlight --projection perspective --fov 70 --distance 30 \
     --target 0,0,20
-pixels=480 picture vessels demo:vessels:192 --azimuth 30 --elevation 20
-pixels=480 picture shepp-logan demo:shepp-logan:96 --azimuth 30 --elevation 20
+pixels=480 picture vessels demo:vessels:192
+pixels=480 picture shepp-logan demo:shepp-logan:96
 pixels=512 picture figure demo:vessels:128 --azimuth 30 --elevation 20 --background white \
     --scale-bar --axes --colour-bar --title 'A vessel tree' --caption 'demo:vessels:128, parallel rays'
 pixels=40 picture minified demo:vessels:256 --light headlight --azimuth 30 --elevation 10

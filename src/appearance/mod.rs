@@ -17,7 +17,7 @@ use crate::layers::{Labels, Layer, Layers, recognised};
 use crate::lighting::Lighting;
 use crate::settings::{Model, Settings};
 use crate::transfer::TransferFunction;
-use crate::transfer::presets::{self, Preset, Suggestion};
+use crate::transfer::presets::{self, Material, Preset, Suggestion};
 use crate::volume::{Statistics, Volume};
 
 /// Azimuth and elevation of a view of three sides of a box, degrees.
@@ -97,10 +97,10 @@ impl OpenChoices {
 pub struct ChoiceContext<'a> {
     /// The volume.
     pub volume: &'a Volume,
-    /// Whether the volume is built in: its front is known although no file states an orientation.
-    pub built_in: bool,
-    /// The preset of its transfer function, if it has one.
-    pub preset: Option<&'static Preset>,
+    /// Azimuth and elevation that the volume suggests, in degrees, if it is built in.
+    pub view: Option<[f64; 2]>,
+    /// The material of the surfaces that its transfer function shows; `None`: translucent matter.
+    pub material: Option<Material>,
     /// Whether labels are drawn.
     pub labels: bool,
     /// Whether the volume is drawn alone, without labels over it or a mask.
@@ -123,19 +123,22 @@ pub enum Choice {
         /// The reason why it suits.
         reason: String,
     },
-    /// An oblique side, because the file states no orientation. Degrees.
+    /// An oblique side, because the file states no orientation, or the side that a built-in volume suggests. Degrees.
     Side {
         /// [`View::azimuth`].
         azimuth: f64,
         /// [`View::elevation`].
         elevation: f64,
+        /// The reason to turn the volume.
+        reason: &'static str,
     },
-    /// Studio light around the view, because a preset or labels have surfaces. Labels have a larger shadow bias.
+    /// Studio light around the view, because a transfer function or labels show surfaces. Labels have a larger shadow
+    /// bias.
     Light {
         /// [`Lighting::shadow_bias`] of labels, in voxels.
         shadow_bias: Option<f64>,
     },
-    /// [`Settings::sharpness`], because the preset shows surfaces.
+    /// [`Settings::sharpness`], because the transfer function shows surfaces.
     Sharpness(f64),
 }
 
@@ -144,14 +147,18 @@ impl fmt::Display for Choice {
         match self {
             Self::Labels { reason } => write!(f, "values are labels because {reason}"),
             Self::Preset { name, reason } => write!(f, "preset {name} because {reason}"),
-            Self::Side { azimuth, elevation } => {
-                write!(f, "azimuth {azimuth}, elevation {elevation} because the file states no orientation")
+            Self::Side { azimuth, elevation, reason } => {
+                write!(f, "azimuth {azimuth}, elevation {elevation} because {reason}")
             }
-            Self::Light { shadow_bias: None } => f.write_str("studio light because the preset shows surfaces"),
+            Self::Light { shadow_bias: None } => {
+                f.write_str("studio light because the transfer function shows surfaces")
+            }
             Self::Light { shadow_bias: Some(bias) } => {
                 write!(f, "studio light, shadow bias {bias}, because labels have surfaces")
             }
-            Self::Sharpness(sharpness) => write!(f, "sharpness {sharpness} because the preset shows surfaces"),
+            Self::Sharpness(sharpness) => {
+                write!(f, "sharpness {sharpness} because the transfer function shows surfaces")
+            }
         }
     }
 }
@@ -164,14 +171,17 @@ impl ChoiceContext<'_> {
     pub fn make_choices(&self, open: OpenChoices, view: &mut View, settings: &mut Settings) -> Result<Vec<Choice>> {
         let mut choices = Vec::new();
         // The front of a box without an orientation hides most of it.
-        let has_front = self.built_in || self.volume.is_oriented();
-        if open.side && !has_front && !self.volume.grid().dims().contains(&1) {
-            let [azimuth, elevation] = OBLIQUE;
+        let has_front = self.volume.is_oriented() || self.volume.grid().dims().contains(&1);
+        let side = match self.view {
+            Some(side) => Some((side, "the built-in volume suggests this view")).filter(|_| side != [0.0; 2]),
+            None => (!has_front).then_some((OBLIQUE, "the file states no orientation")),
+        };
+        if let Some(([azimuth, elevation], reason)) = side.filter(|_| open.side) {
             (view.azimuth, view.elevation) = (azimuth, elevation);
-            choices.push(Choice::Side { azimuth, elevation });
+            choices.push(Choice::Side { azimuth, elevation, reason });
         }
         let composite = settings.model == Model::Composite;
-        let material = self.preset.and_then(|preset| preset.material);
+        let material = self.material;
         if open.light && composite && (material.is_some() || self.labels) {
             let mut studio = Lighting::studio(view.forward()?, view.up);
             let shadow_bias = material.is_none().then_some(LABEL_BIAS);
@@ -213,19 +223,21 @@ impl Appearance {
     /// # Errors
     /// The errors of [`ValueMeaning::find`].
     pub fn for_file(source: impl AsRef<Path>, volume: &Volume) -> Result<Self> {
-        let meaning = ValueMeaning::find(source, volume, true, || Ok(Statistics::of(volume)?))?;
-        let alone = ChoiceContext { volume, built_in: false, preset: None, labels: false, plain: true };
+        let meaning = ValueMeaning::find(&source, volume, true, || Ok(Statistics::of(volume)?))?;
+        let alone = ChoiceContext { volume, view: None, material: None, labels: false, plain: true };
         match meaning {
             ValueMeaning::Labels { reason } => {
                 let layers = Layers::new(Layer::labels(volume, &Labels::stated(volume))?);
                 Self::new(layers, ChoiceContext { labels: true, ..alone }, Some(Choice::Labels { reason }))
             }
             ValueMeaning::BuiltIn(transfer) => {
-                Self::new(Layers::of_volume(volume, &transfer), ChoiceContext { built_in: true, ..alone }, None)
+                let look = demos::own_look(source);
+                let (view, material) = (look.map(|look| look.view), look.and_then(|look| look.material));
+                Self::new(Layers::of_volume(volume, &transfer), ChoiceContext { view, material, ..alone }, None)
             }
             ValueMeaning::Values { transfer, preset, reason } => {
                 let choice = Choice::Preset { name: preset.name, reason };
-                let context = ChoiceContext { preset: Some(preset), ..alone };
+                let context = ChoiceContext { material: preset.material, ..alone };
                 Self::new(Layers::of_volume(volume, &transfer), context, Some(choice))
             }
         }
@@ -238,8 +250,8 @@ impl Appearance {
     /// [`Error::Input`](crate::Error::Input) and [`Error::Memory`](crate::Error::Memory) if samples cannot be read.
     pub fn for_preset(name: &str, volume: &Volume) -> Result<Self> {
         let layers = Layers::of_volume(volume, &TransferFunction::preset(name, volume)?);
-        let preset = Some(presets::find(name)?);
-        Self::new(layers, ChoiceContext { volume, built_in: false, preset, labels: false, plain: true }, None)
+        let material = presets::find(name)?.material;
+        Self::new(layers, ChoiceContext { volume, view: None, material, labels: false, plain: true }, None)
     }
 
     fn new(layers: Layers, context: ChoiceContext<'_>, chosen: Option<Choice>) -> Result<Self> {

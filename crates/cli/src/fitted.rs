@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use voxsplat::appearance::ValueMeaning;
-use voxsplat::transfer::presets::{self, Preset};
+use voxsplat::demos;
+use voxsplat::transfer::presets::{self, Material, Preset};
 use voxsplat::transfer::{ControlPoint, Imported, TransferFunction, Window};
 use voxsplat::volume::{Statistics, Volume};
 use voxsplat_volume::names::readable;
@@ -18,6 +19,8 @@ pub(crate) struct Fitted {
     pub(crate) transfer: TransferFunction,
     /// The preset that it is.
     pub(crate) preset: Option<&'static Preset>,
+    /// The material of the surfaces that it shows, by its preset or its built-in volume.
+    pub(crate) material: Option<Material>,
     /// Whether there is none, because values are labels.
     pub(crate) labels: bool,
     /// Notes for the user.
@@ -26,7 +29,7 @@ pub(crate) struct Fitted {
 
 impl Fitted {
     fn new(transfer: TransferFunction, preset: Option<&'static Preset>, notes: Vec<String>) -> Self {
-        Self { transfer, preset, labels: false, notes }
+        Self { transfer, preset, material: preset.and_then(|p| p.material), labels: false, notes }
     }
 
     /// A clear transfer function, for layers that have their own.
@@ -68,7 +71,10 @@ pub(crate) fn transfer(
                     format!("note: using --transfer {} because {reason} (choose another: --transfer)", preset.name);
                 Fitted::new(transfer, Some(preset), vec![note])
             }
-            ValueMeaning::BuiltIn(transfer) => Fitted::new(transfer, None, Vec::new()),
+            ValueMeaning::BuiltIn(transfer) => {
+                let material = demos::own_look(source).and_then(|look| look.material);
+                Fitted { material, ..Fitted::new(transfer, None, Vec::new()) }
+            }
             ValueMeaning::Labels { reason } => {
                 let note =
                     format!("note: using --transfer labels because {reason} (show values: --transfer grayscale)");

@@ -4,6 +4,7 @@ use serde::Serialize;
 use voxsplat::accuracy::{Estimate, Truth};
 use voxsplat::camera::Camera;
 use voxsplat::clip::Clip;
+use voxsplat::demos;
 use voxsplat::image::Image;
 use voxsplat::layers::Layers;
 use voxsplat::settings::Settings;
@@ -30,6 +31,7 @@ struct ReferenceStats {
 /// Renders the pictures of jobs of one volume and one device.
 pub(crate) fn run(jobs: Vec<RenderJob>) -> Result<(), Failure> {
     let mut shared: Option<Session> = None;
+    let built_in = jobs.iter().any(|job| demos::name_in(&job.source).is_some());
     for mut job in jobs {
         let mut stages = Stages::default();
         let (session, fitted) = match &mut shared {
@@ -54,6 +56,9 @@ pub(crate) fn run(jobs: Vec<RenderJob>) -> Result<(), Failure> {
             scene.save(&job.source, &job.transfer.choice, &fitted)?;
         }
         report(&job, &layers, picture, stages)?;
+    }
+    if built_in {
+        output::say("note: this volume is built in; try next: voxsplat render FILE -o picture.png");
     }
     Ok(())
 }

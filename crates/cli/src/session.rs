@@ -205,8 +205,8 @@ impl Session {
         job.settings.clip = intersection(&job.clip, &self.volume)?;
         let context = ChoiceContext {
             volume: &self.volume,
-            built_in: demos::own_transfer(&job.source).is_some(),
-            preset: fitted.preset,
+            view: demos::own_look(&job.source).map(|look| look.view),
+            material: fitted.material,
             labels: has_labels,
             plain: job.layers.is_plain(),
         };
@@ -376,20 +376,19 @@ fn may_be_labels(job: &RenderJob) -> bool {
 /// Returns the note on a choice, with the option that undoes it.
 fn note_on(choice: &Choice, follows: bool) -> String {
     let text = match choice {
-        Choice::Side { azimuth, elevation } => {
-            let view = format!("--azimuth {azimuth} --elevation {elevation}");
-            format!("{view} because the file states no orientation (front view: --azimuth 0)")
+        Choice::Side { azimuth, elevation, reason } => {
+            format!("--azimuth {azimuth} --elevation {elevation} because {reason} (front view: --azimuth 0)")
         }
         Choice::Light { shadow_bias } => {
             let name = if follows { "studio:eye" } else { "studio" };
             let (bias, surfaces) = match shadow_bias {
-                None => (String::new(), "the preset shows surfaces"),
+                None => (String::new(), "the transfer function shows surfaces"),
                 Some(bias) => (format!(" --tune shadow-bias={bias}"), "labels have surfaces"),
             };
             format!("--light {name}{bias} because {surfaces} (disable: --light off)")
         }
         Choice::Sharpness(sharpness) => {
-            format!("--sharpness {sharpness} because the preset shows surfaces (disable: --sharpness 0)")
+            format!("--sharpness {sharpness} because the transfer function shows surfaces (disable: --sharpness 0)")
         }
         other => other.to_string(),
     };

@@ -34,7 +34,7 @@ pub(crate) struct Args {
 
 const MAIN_EXAMPLES: &str = "\
 Examples:
-  voxsplat render demo:shepp-logan -o head.png
+  voxsplat render demo:nautilus -o nautilus.png
   voxsplat info scan.nii.gz
   voxsplat render scan.nii.gz -o scan.png --transfer ct-bone --azimuth 30
   voxsplat pareto scan.nii.gz -o speed-against-error

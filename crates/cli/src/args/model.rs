@@ -77,11 +77,11 @@ pub(crate) struct ModelArgs {
     /// shadows and ambient occlusion; in a turntable it stands still, and studio:eye follows the eye. Repeat the option
     /// for up to 4 lights. All but studio and off take :INTENSITY or :#RRGGBB.
     ///
-    /// [default: studio if render uses a preset that shows surfaces, otherwise off]
+    /// [default: studio if render uses a preset or a built-in volume that shows surfaces, otherwise off]
     #[arg(long, value_name = "LIGHT", value_parser = parse::light)]
     pub(crate) light: Vec<LightArg>,
     /// Material of lit surfaces: ambient, diffuse and specular reflection, 0 to 1, and shininess, 1 to 1000
-    /// [default: 0.3,0.7,0.2,24; studio 0.4,0.7,0.2,24; render uses the material of a preset that shows surfaces]
+    /// [default: 0.3,0.7,0.2,24; studio 0.4,0.7,0.2,24; render uses the material of the preset or built-in volume]
     #[arg(long, value_name = "A,D,S,N", value_parser = parse::material)]
     pub(crate) material: Option<[f64; 4]>,
     /// Clip the volume: keep one side of a plane, a box or some voxels
@@ -110,7 +110,7 @@ pub(crate) struct ModelArgs {
     pub(crate) kernel: Option<Kernel>,
     /// Undo the blur of the kernel: 0 (not at all) to 1; noise grows. A Gaussian becomes a narrower Kaiser-Bessel blob.
     /// Post-shaded pictures, mip, minip and average also filter the samples so that the field interpolates them
-    /// [default: 0; render uses 0.5 for a pre-shaded preset that shows surfaces, unless --kernel is given]
+    /// [default: 0; render uses 0.5 for pre-shaded surfaces of a preset or a built-in volume, unless --kernel is given]
     #[arg(long, value_name = "S", value_parser = parse::number)]
     pub(crate) sharpness: Option<f64>,
     /// Level of detail: cells of 2^N voxels along each axis in place of voxels, N 0 to 12; auto uses the coarsest cells

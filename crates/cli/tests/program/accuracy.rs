@@ -25,7 +25,7 @@ fn the_program_keeps_and_verifies_a_bound() {
     let output = run(dir.path(), &format!("{scene} -o a.png --max-error 1e-2 --verify"));
     assert!(output.status.success(), "{}", said(&output));
     assert!(
-        said(&output).contains("note: using --tune termination=0.002 for --max-error 0.01: 99.9 %"),
+        said(&output).contains("note: using --sharpness 0.5 --tune termination=0.002 for --max-error 0.01: 99.9 %"),
         "{}",
         said(&output)
     );

@@ -68,7 +68,33 @@ fn the_library_chooses_what_the_program_draws() {
     assert_eq!(kinds("scan.nrrd"), ["preset", "light", "sharpness"]);
     assert_eq!(kinds("bare.nrrd"), ["preset", "side", "light", "sharpness"]);
     assert_eq!(kinds("labels.nrrd"), ["labels", "light"]);
-    for demo in voxsplat::demos::demos() {
-        assert!(kinds(&format!("demo:{}:24", demo.name)).is_empty());
-    }
+    let suggested = |name: &str| kinds(&format!("demo:{name}:24"));
+    assert_eq!(suggested("nautilus"), ["side", "light", "sharpness"]);
+    assert_eq!(suggested("vessels"), ["side", "light", "sharpness"]);
+    assert_eq!(suggested("marschner-lobb"), ["side"]);
+    assert_eq!(suggested("shepp-logan"), ["side"]);
+    assert!(suggested("sphere").is_empty() && suggested("shell").is_empty());
+}
+
+#[test]
+fn the_first_picture_is_a_lit_nautilus_by_defaults_alone() {
+    let readme = include_str!("../../../../README.md");
+    let script = include_str!("../../../../examples/first-picture.sh");
+    let first = readme.split("```sh\n").nth(1).and_then(|block| block.split_whitespace().nth(1));
+    assert_eq!(first, Some("examples/first-picture.sh"));
+    let line = script.lines().find_map(|line| line.strip_prefix("target/release/voxsplat ")).unwrap();
+    assert_eq!(line, "render demo:nautilus -o \"$picture\"");
+    // The same command on a small volume, in a small picture.
+    let dir = folder();
+    let line = line.replace("demo:nautilus", "demo:nautilus:96").replace("\"$picture\"", "a.png");
+    let output = voxsplat(dir.path(), &format!("{line} --size 128 --adapter {}", adapter()));
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success() && said.contains("using --light studio because"), "{said}");
+    assert!(said.ends_with("try next: voxsplat render FILE -o picture.png\n"), "{said}");
+    let image = Image::load(dir.path().join("a.png")).unwrap();
+    let bright = |pixel: &&[f32; 4]| pixel[0] > 0.5 && pixel[0] > pixel[2];
+    let covered = image.pixels().iter().filter(|pixel| pixel[0] > 0.05).count();
+    let warm = image.pixels().iter().filter(bright).count();
+    // The shell fills more than a quarter of the picture, and a tenth of it is bright and warm.
+    assert!(covered > 128 * 128 / 4 && warm > covered / 10, "{covered} {warm}");
 }

@@ -12,6 +12,8 @@ use rayon::prelude::*;
 use crate::error::{Error, Result};
 use crate::volume::{Grid, Samples, Volume};
 
+mod nautilus;
+
 /// A built-in volume.
 #[derive(Debug, Clone, Copy)]
 pub struct Demo {
@@ -19,37 +21,46 @@ pub struct Demo {
     pub name: &'static str,
     /// A description in one line.
     pub description: &'static str,
-    make: fn(u32) -> Samples,
+    /// Voxels along its longest axis, if none are requested.
+    pub default_size: u32,
+    /// Its sides, the longest 1.
+    proportions: [f64; 3],
+    make: fn([u32; 3]) -> Samples,
 }
 
-/// Voxels along each axis of `demo:NAME`.
-const DEFAULT_SIZE: u32 = 128;
-/// Voxels along each axis: one has no extent, and 1024^3 samples of f32 are 4 GiB.
+impl Demo {
+    /// Voxels along x, y and z, if the longest axis has `size`.
+    fn dims(&self, size: u32) -> [u32; 3] {
+        self.proportions.map(|side| ((side * f64::from(size)).round() as u32).max(2))
+    }
+}
+
+/// Voxels along the longest axis: one has no extent, and 1024^3 samples of f32 are 4 GiB.
 const SIZES: std::ops::RangeInclusive<u32> = 2..=1024;
 
-static DEMOS: [Demo; 5] = [
+static DEMOS: [Demo; 6] = [
     Demo {
-        name: "marschner-lobb",
-        description: "the resolution test of Marschner and Lobb (1994), f32 in 0..1",
-        make: marschner_lobb,
+        name: "nautilus",
+        description: "half of a nautilus shell with chambers, nacre and flames, u8",
+        default_size: 320,
+        proportions: nautilus::PROPORTIONS,
+        make: |dims| Samples::U8(nautilus::samples(dims)),
     },
-    Demo {
-        name: "sphere",
-        description: "a sphere of two tones, left and right halves, u8: the colour is known wherever a ray goes",
-        make: sphere,
-    },
-    Demo { name: "vessels", description: "a branching vessel tree, sparse, u8", make: vessels },
-    Demo {
-        name: "shepp-logan",
-        description: "the 3-D Shepp-Logan head with Toft's contrast, f32 in 0..1",
-        make: shepp_logan,
-    },
-    Demo {
-        name: "shell",
-        description: "a soft shell around a soft core with a narrow peak in the transfer function, f32 in 0..1",
-        make: shell,
-    },
+    cube("marschner-lobb", "the resolution test of Marschner and Lobb (1994), f32 in 0..1", |[size, ..]| {
+        Samples::F32(sampled(size, |p| marschner_lobb_at(p) as f32))
+    }),
+    cube("sphere", "a sphere of two tones, left and right halves, u8: the colour is known wherever a ray goes", sphere),
+    cube("vessels", "a branching vessel tree, sparse, u8", |[size, ..]| vessels(size)),
+    cube("shepp-logan", "the 3-D Shepp-Logan head with Toft's contrast, f32 in 0..1", |[size, ..]| {
+        Samples::F32(sampled(size, |p| shepp_logan_at(p) as f32))
+    }),
+    cube("shell", "a soft shell around a soft core with a narrow peak in the transfer function, f32 in 0..1", shell),
 ];
+
+/// A built-in volume with as many voxels along each axis.
+const fn cube(name: &'static str, description: &'static str, make: fn([u32; 3]) -> Samples) -> Demo {
+    Demo { name, description, default_size: 128, proportions: [1.0; 3], make }
+}
 
 /// The built-in volumes.
 #[must_use]
@@ -57,7 +68,8 @@ pub fn demos() -> &'static [Demo] {
     &DEMOS
 }
 
-/// The built-in volume `name` of `size`^3 voxels, 1 world unit apart, centred on the world's origin.
+/// The built-in volume `name` with `size` voxels along its longest axis, 1 world unit apart, centred on the world's
+/// origin. All are cubes except `nautilus`.
 ///
 /// ```
 /// let volume = voxsplat_volume::demos::volume("sphere", 32)?;
@@ -68,7 +80,7 @@ pub fn demos() -> &'static [Demo] {
 /// # Errors
 /// [`Error::Volume`] if no built-in volume has that name, or if `size` is not 2 to 1024.
 pub fn volume(name: &str, size: u32) -> Result<Volume> {
-    spaced(name, size, [1.0; 3])
+    spaced(name, Some(size), [1.0; 3])
 }
 
 /// What follows `demo:` in a source; `None` if the source is a file.
@@ -80,28 +92,30 @@ pub fn name_in(source: &Path) -> Option<&str> {
 pub fn parsed(name_and_size: &str, spacing: Option<[f64; 3]>) -> Result<Volume> {
     let spacing = spacing.unwrap_or([1.0; 3]);
     let Some((name, size)) = name_and_size.split_once(':') else {
-        return spaced(name_and_size, DEFAULT_SIZE, spacing);
+        return spaced(name_and_size, None, spacing);
     };
     let size = size.parse().map_err(|_| wrong_size(name, format_args!("{size:?}")))?;
-    spaced(name, size, spacing)
+    spaced(name, Some(size), spacing)
 }
 
 fn wrong_size(name: &str, size: impl fmt::Display) -> Error {
     Error::Volume(format!("demo:{name}: size {size}, expected {} to {}", SIZES.start(), SIZES.end()))
 }
 
-fn spaced(name: &str, size: u32, spacing: [f64; 3]) -> Result<Volume> {
+fn spaced(name: &str, size: Option<u32>, spacing: [f64; 3]) -> Result<Volume> {
     let demo = DEMOS.iter().find(|d| d.name == name).ok_or_else(|| {
         let known: Vec<_> = DEMOS.iter().map(|d| d.name).collect();
         Error::Volume(format!("there is no demo:{name}; there are: {}", known.join(", ")))
     })?;
+    let size = size.unwrap_or(demo.default_size);
     if !SIZES.contains(&size) {
         return Err(wrong_size(name, size));
     }
+    let dims = demo.dims(size);
     let spacing = DVec3::from_array(spacing);
-    let origin = -spacing * (f64::from(size - 1) / 2.0);
-    let grid = Grid::new([size; 3], DAffine3::from_mat3_translation(DMat3::from_diagonal(spacing), origin))?;
-    Volume::new(grid, (demo.make)(size))
+    let origin = -spacing * DVec3::from_array(dims.map(|n| f64::from(n - 1) / 2.0));
+    let grid = Grid::new(dims, DAffine3::from_mat3_translation(DMat3::from_diagonal(spacing), origin))?;
+    Volume::new(grid, (demo.make)(dims))
 }
 
 /// Samples a field over the cube [-1, 1]^3 at the centres of size^3 cells, x fastest.
@@ -124,18 +138,14 @@ pub fn marschner_lobb_at(p: DVec3) -> f64 {
     (1.0 - (PI * p.z / 2.0).sin() + alpha * (1.0 + rho)) / (2.0 * (1.0 + alpha))
 }
 
-fn marschner_lobb(size: u32) -> Samples {
-    Samples::F32(sampled(size, |p| marschner_lobb_at(p) as f32))
-}
-
-fn shell(size: u32) -> Samples {
+fn shell([size, ..]: [u32; 3]) -> Samples {
     Samples::F32(sampled(size, |p| {
         let value = (-((p.length() - 0.65) / 0.1).powi(2)).exp() + 0.9 * (-p.length_squared() / (0.18 * 0.18)).exp();
         if value < 1e-6 { 0.0 } else { value.min(1.0) as f32 }
     }))
 }
 
-fn sphere(size: u32) -> Samples {
+fn sphere([size, ..]: [u32; 3]) -> Samples {
     Samples::U8(sampled(size, |p| match p {
         p if p.length_squared() > 0.64 => 0,
         p if p.x < 0.0 => 100,
@@ -188,10 +198,6 @@ pub fn shepp_logan_chord(origin: DVec3, direction: DVec3, length: f64) -> f64 {
         density * (leave - enter)
     };
     ELLIPSOIDS.iter().map(chord).sum()
-}
-
-fn shepp_logan(size: u32) -> Samples {
-    Samples::F32(sampled(size, |p| shepp_logan_at(p) as f32))
 }
 
 /// Steele, Lea and Flood, "Fast splittable pseudorandom number generators" (2014): splitmix64.
@@ -282,8 +288,18 @@ mod tests {
     }
 
     #[test]
+    fn a_size_is_the_number_of_voxels_along_the_longest_axis() {
+        let dims = |name: &str| parsed(name, None).unwrap().grid().dims();
+        assert_eq!(dims("nautilus"), [320, 98, 244]);
+        assert_eq!(dims("nautilus:64"), [64, 20, 49]);
+        assert_eq!(dims("nautilus:2"), [2; 3]);
+        assert_eq!(dims("vessels:16"), [16; 3]);
+    }
+
+    #[test]
     fn bad_names_and_sizes_are_refused() {
-        for (name, part) in [("cow", "there are: marschner-lobb"), ("sphere:1", "2 to 1024"), ("sphere:x", "2 to 1024")]
+        for (name, part) in
+            [("cow", "there are: nautilus, marschner-lobb"), ("sphere:1", "2 to 1024"), ("sphere:x", "2 to 1024")]
         {
             let error = parsed(name, None).unwrap_err().to_string();
             assert!(error.contains(part), "{error}");
