@@ -33,32 +33,40 @@ pub(super) struct Planes {
     /// Rows of a plane.
     pub(super) rows: usize,
     pub(super) columns: usize,
-    /// Rows of the field from one plane to the next, and from one row of a plane to the next.
-    steps: [usize; 2],
+    /// Whether the first rows of all planes come first, in place of all rows of the first plane.
+    is_inner: bool,
 }
 
 impl Planes {
     /// The planes of a box across y (1) or z (2).
     pub(super) fn across(axis: usize, [columns, ny, nz]: [usize; 3]) -> Self {
         if axis == 1 {
-            Self { planes: ny, rows: nz, columns, steps: [1, ny] }
+            Self { planes: ny, rows: nz, columns, is_inner: true }
         } else {
-            Self { planes: nz, rows: ny, columns, steps: [ny, 1] }
+            Self { planes: nz, rows: ny, columns, is_inner: false }
         }
     }
 
     /// The number of a row of the field.
     pub(super) fn row(&self, plane: usize, row: usize) -> usize {
-        plane * self.steps[0] + row * self.steps[1]
+        if self.is_inner { plane + row * self.planes } else { row + plane * self.rows }
+    }
+
+    /// The plane and the row of a row of the field.
+    fn place(&self, number: usize) -> [usize; 2] {
+        if self.is_inner {
+            [number % self.planes, number / self.planes]
+        } else {
+            [number / self.rows, number % self.rows]
+        }
     }
 
     /// Hands out the rows of an array, each with its number in the plane: by plane.
     pub(super) fn split<'a, T>(&self, values: &'a mut [T], pitch: usize) -> Vec<Vec<(usize, &'a mut [T])>> {
         let mut planes: Vec<Vec<(usize, &'a mut [T])>> = (0..self.planes).map(|_| Vec::new()).collect();
         for (number, row) in values.chunks_exact_mut(pitch).enumerate() {
-            let (inner, outer) = (number % self.steps[0].max(self.steps[1]), number / self.steps[0].max(self.steps[1]));
-            let (plane, row_number) = if self.steps[0] == 1 { (inner, outer) } else { (outer, inner) };
-            planes[plane].push((row_number, row));
+            let [plane, number] = self.place(number);
+            planes[plane].push((number, row));
         }
         planes
     }
@@ -93,6 +101,14 @@ impl Field {
                 *filled = first as u32..end as u32;
             }
         });
+    }
+
+    /// A field of the same size, whose rows `fill` writes given their planes and their numbers in them.
+    pub(super) fn of_rows(&self, planes: Planes, fill: impl Fn([usize; 2], &mut [f32]) + Sync) -> Result<Self> {
+        let mut field = Self::new(self.size, self.pad)?;
+        let rows = field.values.par_chunks_mut(field.size[0] + 2 * field.pad).enumerate();
+        rows.for_each(|(row, values)| fill(planes.place(row), &mut values[self.pad..]));
+        Ok(field)
     }
 
     /// The columns of a row that are not 0, and some between them.

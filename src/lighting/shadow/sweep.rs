@@ -16,6 +16,7 @@ use rayon::prelude::*;
 use super::field::{Field, LANES, Planes, hull};
 use super::lanes::Lanes;
 use super::response::{Response, StencilRow, catmull_rom, spline_weights};
+use crate::error::Result;
 
 /// Rows of the buffer that are swept together, so that they stay in a cache.
 const BAND: usize = 32;
@@ -57,13 +58,23 @@ struct Rays {
 
 /// The light of a sweep.
 enum Course<'a> {
-    Along(Along),
+    Along(Along<'a>),
     To(To<'a>),
 }
 
-/// Parallel rays.
-struct Along {
+/// The sums of the neighbours of voxels.
+pub(super) struct Near {
+    ahead: bool,
+    /// The nearest planes, which are not taken from sweeps.
+    planes: usize,
     stencil: Vec<StencilRow>,
+    /// The sums, if several directions share them.
+    sums: Option<Field>,
+}
+
+/// Parallel rays.
+struct Along<'a> {
+    near: &'a Near,
     /// The factor of sums of planes, and of all.
     factors: [f32; 2],
     /// The light that an unshadowed voxel gets.
@@ -116,19 +127,40 @@ impl NearPlace {
     }
 }
 
+/// The length of a unit direction between two planes, and the rows and the columns that it passes.
+fn slopes(along: DVec3) -> (f64, [f64; 2]) {
+    let length = 1.0 / along.x.abs();
+    (length, [along.y * length, along.z * length])
+}
+
 impl<'a> Swept<'a> {
-    pub(super) fn new(field: &'a Field, planes: Planes, response: &'a Response) -> crate::error::Result<Self> {
+    pub(super) fn new(field: &'a Field, planes: Planes, response: &'a Response) -> Result<Self> {
         let weights = [&response.across, &response.within].map(|w| w.iter().map(|&w| w as f32).collect::<Vec<_>>());
         let filtered = field.filtered(planes, [&weights[0], &weights[1]])?;
         Ok(Self { field, planes, filtered, response })
     }
 
-    /// Adds the light from a direction (planes, rows, columns; unit length) to each voxel: `share` if all of it arrives.
-    /// `scale` is the length of a voxel along it, per unit of extinction.
-    pub(super) fn add_parallel(&self, along: DVec3, bias: f64, scale: f64, share: u16, out: &mut [u16]) {
-        let length = 1.0 / along.x.abs();
-        let slopes = [along.y * length, along.z * length];
-        let near = Response::planes(bias, length);
+    /// The sums of the neighbours of voxels towards a direction (planes, rows, columns; unit length): at once, if they
+    /// are `shared` by the sweeps of several directions.
+    pub(super) fn near(&self, along: DVec3, bias: f64, shared: bool) -> Result<Near> {
+        let (length, slopes) = slopes(along);
+        let planes = Response::planes(bias, length);
+        let stencil = self.response.stencil(slopes, [bias, f64::INFINITY], Some(planes));
+        let mut near = Near { ahead: along.x > 0.0, planes, stencil, sums: None };
+        if shared {
+            let arch = Arch::new();
+            near.sums = Some(self.field.of_rows(self.planes, |at, out| {
+                arch.dispatch(NearRow { near: &near, swept: self, at, out });
+            })?);
+        }
+        Ok(near)
+    }
+
+    /// Adds the light from a direction (planes, rows, columns; unit length) to each voxel, given the sums of neighbours
+    /// towards about that direction: `share` if all of it arrives. `scale` is the length of a voxel along the direction,
+    /// per unit of extinction.
+    pub(super) fn add_parallel(&self, near: &Near, along: DVec3, scale: f64, share: u16, out: &mut [u16]) {
+        let (length, slopes) = slopes(along);
         let count = self.planes.planes;
         let shifts = slopes.map(|slope| MARGIN + (-slope * (count - 1) as f64).max(0.0));
         let size = [(self.planes.rows, slopes[0]), (self.planes.columns, slopes[1])]
@@ -140,11 +172,10 @@ impl<'a> Swept<'a> {
                 Map { into: [1.0, at], back: [1.0, -at] }
             })
         });
-        let rays = Rays { ahead: along.x > 0.0, size, maps: maps.collect(), weights: vec![1.0; count], near };
-        let far = self.planes.planes as f64 * length + self.planes.rows as f64 + self.planes.columns as f64 + 99.0;
-        let stencil = self.response.stencil(slopes, [bias, far * 2.0], Some(near));
+        let weights = vec![1.0; count];
+        let rays = Rays { ahead: along.x > 0.0, size, maps: maps.collect(), weights, near: near.planes };
         let factors = [(length * self.response.integral) as f32, scale as f32];
-        let along = Along { stencil, factors, share: f32::from(share) };
+        let along = Along { near, factors, share: f32::from(share) };
         self.sweep(&rays, &Course::Along(along), out);
     }
 
@@ -294,7 +325,7 @@ impl pulp::WithSimd for Band<'_, '_> {
                 depths[columns.len()..].fill(0.0);
                 buffer.read(&rows_map, &columns_map, first, row, columns.clone(), &mut depths);
                 match course {
-                    Course::Along(along) => along.light(simd, swept, rays, [plane, row], columns, &depths, out),
+                    Course::Along(along) => along.light(simd, swept, [plane, row], columns, &depths, out),
                     Course::To(to) => to.light(swept, plane, row, columns, &depths, out),
                 }
             }
@@ -327,18 +358,21 @@ impl Buffer {
                 continue;
             }
             let weights = spline_weights((at - nearest) as f32).map(|w| w * weight);
-            let sources = weights.into_iter().zip(-1..=1).filter_map(|(w, o)| {
-                let row = usize::try_from(nearest as i64 + o).ok().filter(|&row| row < rows)?;
-                let source = swept.planes.row(plane, row);
-                (!swept.filtered.filled(source).is_empty()).then_some((source, w))
-            });
-            for range in swept.filtered.runs(sources.clone().map(|(source, _)| source)) {
+            let row = |o: i64| usize::try_from(nearest as i64 + o).ok().filter(|&row| row < rows);
+            let sources = [-1, 0, 1].map(|o| row(o).map(|row| swept.planes.row(plane, row)));
+            let Some(any) = sources.iter().flatten().next().copied() else { continue };
+            for range in swept.filtered.runs(sources.iter().flatten().copied()) {
                 let line = &mut self.line;
                 let middle = ENDS + range.start..ENDS + range.end;
-                line[middle.start - 3..middle.end + 3].fill(0.0);
-                for (source, w) in sources.clone() {
-                    let from = swept.filtered.from(source, range.start as isize);
-                    line[middle.clone()].iter_mut().zip(from).for_each(|(sum, value)| *sum += w * value);
+                line[middle.start - 3..middle.start].fill(0.0);
+                line[middle.end..middle.end + 3].fill(0.0);
+                // In place of rows that do not exist, another one without weight.
+                let weights: [f32; 3] = std::array::from_fn(|i| if sources[i].is_some() { weights[i] } else { 0.0 });
+                let [first, second, third] = sources
+                    .map(|source| &swept.filtered.from(source.unwrap_or(any), range.start as isize)[..range.len()]);
+                let line_of_run = &mut line[middle.clone()];
+                for i in 0..line_of_run.len() {
+                    line_of_run[i] = weights[0] * first[i] + weights[1] * second[i] + weights[2] * third[i];
                 }
                 let sums = &mut self.sums[index * width..][..width];
                 let reached = if is_shifted {
@@ -417,7 +451,7 @@ pub(super) fn nearest(value: f32) -> u16 {
     (value + 8_388_608.0).to_bits() as u16
 }
 
-impl Along {
+impl Along<'_> {
     /// Adds the light that arrives at the wanted voxels of a row, given their sums of planes.
     #[inline(always)]
     #[expect(clippy::too_many_arguments, reason = "inlined")]
@@ -425,42 +459,87 @@ impl Along {
         &self,
         simd: S,
         swept: &Swept<'_>,
-        rays: &Rays,
         [plane, row]: [usize; 2],
         columns: Range<usize>,
         far: &[f32],
         out: &mut [u16],
     ) {
-        let Self { stencil, factors: [planes, all], share } = self;
-        let (field, of) = (swept.field, swept.planes);
+        let Self { near, factors: [planes, all], share } = self;
+        let source = swept.planes.row(plane, row);
         let mut sums = Lanes::load(far).times(simd, *planes);
-        // Where hardly any light is left, the neighbours do not matter.
-        let own = field.from(of.row(plane, row), columns.start as isize);
-        let is_lit = own.iter().zip(far).map(|(own, far)| u32::from((*own > 0.0) & (far * planes * all < FAINT)));
-        if is_lit.sum::<u32>() > 0 {
-            for StencilRow { offset: [ahead, down], column, weights } in stencil {
-                let ahead = if rays.ahead { *ahead } else { -*ahead } as isize;
-                let plane = plane.checked_add_signed(ahead).filter(|&plane| plane < of.planes);
-                let row = row.checked_add_signed(*down as isize).filter(|&row| row < of.rows);
-                let (Some(plane), Some(row)) = (plane, row) else { continue };
-                let source = of.row(plane, row);
-                let filled = field.filled(source);
-                let first = columns.start as isize + *column as isize;
-                if filled.is_empty()
-                    || filled.end as isize <= first
-                    || filled.start as isize >= first + (Lanes::<S>::COUNT + weights.len()) as isize
-                {
-                    continue;
-                }
-                let values = field.from(source, first);
-                for (i, &weight) in weights.iter().enumerate() {
-                    sums = sums.plus(simd, weight, Lanes::load(&values[i..]));
-                }
+        if let Some(near) = &near.sums {
+            sums = sums.plus(simd, 1.0, Lanes::load(near.from(source, columns.start as isize)));
+        } else {
+            // Where hardly any light is left, the neighbours do not matter.
+            let own = swept.field.from(source, columns.start as isize);
+            let is_lit = own.iter().zip(far).map(|(own, far)| u32::from((*own > 0.0) & (far * planes * all < FAINT)));
+            if is_lit.sum::<u32>() > 0 {
+                sums = near.add(simd, swept, [plane, row], columns.start, sums);
             }
         }
         let mut light = [0.0; LANES];
         sums.times(simd, *all).transmitted(simd).times(simd, *share).store(&mut light);
         out[columns].iter_mut().zip(&light).for_each(|(out, light)| *out += nearest(*light));
+    }
+}
+
+impl Near {
+    /// Adds the neighbours of the voxels of a row from a column on.
+    #[inline(always)]
+    fn add<S: pulp::Simd>(
+        &self,
+        simd: S,
+        swept: &Swept<'_>,
+        [plane, row]: [usize; 2],
+        start: usize,
+        mut sums: Lanes<S>,
+    ) -> Lanes<S> {
+        let (field, of) = (swept.field, swept.planes);
+        for StencilRow { offset: [ahead, down], column, weights } in &self.stencil {
+            let ahead = if self.ahead { *ahead } else { -*ahead } as isize;
+            let plane = plane.checked_add_signed(ahead).filter(|&plane| plane < of.planes);
+            let row = row.checked_add_signed(*down as isize).filter(|&row| row < of.rows);
+            let (Some(plane), Some(row)) = (plane, row) else { continue };
+            let source = of.row(plane, row);
+            let filled = field.filled(source);
+            let first = start as isize + *column as isize;
+            if filled.is_empty()
+                || filled.end as isize <= first
+                || filled.start as isize >= first + (Lanes::<S>::COUNT + weights.len()) as isize
+            {
+                continue;
+            }
+            let values = field.from(source, first);
+            for (i, &weight) in weights.iter().enumerate() {
+                sums = sums.plus(simd, weight, Lanes::load(&values[i..]));
+            }
+        }
+        sums
+    }
+}
+
+/// The sums of neighbours of a row, as a type so that they are compiled for the widest vectors of the machine.
+struct NearRow<'a> {
+    near: &'a Near,
+    swept: &'a Swept<'a>,
+    at: [usize; 2],
+    out: &'a mut [f32],
+}
+
+impl pulp::WithSimd for NearRow<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, simd: S) {
+        let Self { near, swept, at, out } = self;
+        let source = swept.planes.row(at[0], at[1]);
+        let wanted = swept.field.filled(source);
+        for start in wanted.step_by(Lanes::<S>::COUNT) {
+            let own = &swept.field.from(source, start as isize)[..Lanes::<S>::COUNT];
+            if own.iter().map(|value| u32::from(*value > 0.0)).sum::<u32>() > 0 {
+                near.add(simd, swept, at, start, Lanes::new(simd, 0.0)).store(&mut out[start..]);
+            }
+        }
     }
 }
 
