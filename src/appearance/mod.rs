@@ -3,6 +3,7 @@
 //! `voxsplat render FILE` draws the same picture; its options replace choices. [The library](crate) has an example.
 
 mod channels;
+mod suggestion;
 
 pub mod demos;
 
@@ -10,6 +11,7 @@ use std::fmt;
 use std::path::Path;
 
 pub use channels::{ChannelChoice, ChannelLook, Loaded, Values, load_channels};
+pub use suggestion::{Suggestion, suggest};
 
 use crate::camera::{Camera, View};
 use crate::error::Result;
@@ -17,7 +19,7 @@ use crate::layers::{Labels, Layer, Layers, recognised};
 use crate::lighting::Lighting;
 use crate::settings::{Model, Settings};
 use crate::transfer::TransferFunction;
-use crate::transfer::presets::{self, Preset, Suggestion};
+use crate::transfer::presets::{self, Preset, PresetValues};
 use crate::volume::{Statistics, Volume};
 
 /// Azimuth and elevation of a view of three sides of a box, degrees.
@@ -45,14 +47,16 @@ pub enum ValueMeaning {
         transfer: TransferFunction,
         /// The preset.
         preset: &'static Preset,
-        /// The property of the volume that suits the preset.
+        /// The property of the file or of the values that suits the preset.
         reason: String,
+        /// Whether the values decided: see [`Suggestion::is_guess`].
+        is_guess: bool,
     },
 }
 
 impl ValueMeaning {
     /// Finds the meaning of the values of a volume from `source`: a file, or `demo:NAME`. Without `labels`, values are
-    /// never taken for labels. Calls `statistics` only if the values decide.
+    /// never taken for labels. A preset places its points by `values`. Calls `statistics` only if the values decide.
     ///
     /// # Errors
     /// [`Error::Input`](crate::Error::Input) and [`Error::Memory`](crate::Error::Memory) if samples cannot be read;
@@ -61,6 +65,7 @@ impl ValueMeaning {
         source: impl AsRef<Path>,
         volume: &Volume,
         labels: bool,
+        values: PresetValues,
         statistics: impl FnOnce() -> Result<Statistics>,
     ) -> Result<Self> {
         if let Some(transfer) = demos::own_transfer(source) {
@@ -69,8 +74,10 @@ impl ValueMeaning {
         if labels && let Some(reason) = recognised(volume)? {
             return Ok(Self::Labels { reason });
         }
-        let (transfer, Suggestion { name, reason }) = TransferFunction::for_volume(volume, &statistics()?)?;
-        Ok(Self::Values { transfer, preset: presets::find(name)?, reason })
+        let statistics = statistics()?;
+        let Suggestion { name, reason, is_guess } = suggest(volume, &statistics);
+        let transfer = presets::preset(name, volume, &statistics, values)?;
+        Ok(Self::Values { transfer, preset: presets::find(name)?, reason, is_guess })
     }
 }
 
@@ -107,6 +114,9 @@ pub struct ChoiceContext<'a> {
     pub plain: bool,
 }
 
+/// The words after a preset that the values decided.
+pub const GUESS: &str = ", a guess from the histogram,";
+
 /// A choice with its reason. `Display` prints it in the words of the library.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
@@ -122,6 +132,8 @@ pub enum Choice {
         name: &'static str,
         /// The reason why it suits.
         reason: String,
+        /// Whether the values decided: see [`Suggestion::is_guess`].
+        is_guess: bool,
     },
     /// An oblique side, because the file states no orientation. Degrees.
     Side {
@@ -143,7 +155,10 @@ impl fmt::Display for Choice {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Labels { reason } => write!(f, "values are labels because {reason}"),
-            Self::Preset { name, reason } => write!(f, "preset {name} because {reason}"),
+            Self::Preset { name, reason, is_guess } => {
+                let guess = if *is_guess { GUESS } else { "" };
+                write!(f, "preset {name}{guess} because {reason}")
+            }
             Self::Side { azimuth, elevation } => {
                 write!(f, "azimuth {azimuth}, elevation {elevation} because the file states no orientation")
             }
@@ -213,7 +228,7 @@ impl Appearance {
     /// # Errors
     /// The errors of [`ValueMeaning::find`].
     pub fn for_file(source: impl AsRef<Path>, volume: &Volume) -> Result<Self> {
-        let meaning = ValueMeaning::find(source, volume, true, || Ok(Statistics::of(volume)?))?;
+        let meaning = ValueMeaning::find(source, volume, true, PresetValues::Auto, || Ok(Statistics::of(volume)?))?;
         let alone = ChoiceContext { volume, built_in: false, preset: None, labels: false, plain: true };
         match meaning {
             ValueMeaning::Labels { reason } => {
@@ -223,8 +238,8 @@ impl Appearance {
             ValueMeaning::BuiltIn(transfer) => {
                 Self::new(Layers::of_volume(volume, &transfer), ChoiceContext { built_in: true, ..alone }, None)
             }
-            ValueMeaning::Values { transfer, preset, reason } => {
-                let choice = Choice::Preset { name: preset.name, reason };
+            ValueMeaning::Values { transfer, preset, reason, is_guess } => {
+                let choice = Choice::Preset { name: preset.name, reason, is_guess };
                 let context = ChoiceContext { preset: Some(preset), ..alone };
                 Self::new(Layers::of_volume(volume, &transfer), context, Some(choice))
             }

@@ -47,34 +47,42 @@ pub fn suggest(volume: &Volume, statistics: &Statistics) -> Suggestion {
     stated(volume, &shape).map_or_else(|| found(guessed(volume, statistics, &shape), true), |known| found(known, false))
 }
 
+/// Words of descriptions that name a modality.
+const WORDS: [(&str, &[&str]); 3] = [
+    ("CT", &["ct", "cta"]),
+    ("MR", &["mr", "mri", "mra", "tof", "t1", "t1w", "t2", "t2w", "flair", "mprage", "epi", "bold", "fmri", "dwi"]),
+    ("PT", &["pet"]),
+];
+
+/// Words of descriptions that name an angiogram; also words that begin with angio.
+const ANGIOGRAMS: [&str; 3] = ["cta", "mra", "tof"];
+
 /// The preset for the method that the file states.
 fn stated(volume: &Volume, shape: &Shape) -> Option<(&'static str, String)> {
     let origin = &volume.contents().origin;
-    let description = origin.description.as_deref().unwrap_or_default();
     if let Some(unit) = volume.value_unit().filter(|unit| STATISTICS.contains(unit)) {
         return Some(("activation", format!("the file says that its values are statistics ({unit})")));
     }
-    let modality = match (origin.modality.as_deref(), volume.value_unit()) {
-        (Some(modality), _) => modality,
-        (None, Some("HU")) => "CT",
-        (None, _) => return None,
+    let description = origin.description.as_deref().unwrap_or_default();
+    let lower = description.to_lowercase();
+    let words: Vec<&str> = lower.split(|c: char| !c.is_alphanumeric()).collect();
+    let named = || WORDS.into_iter().find(|(_, names)| words.iter().any(|word| names.contains(word)));
+    let (modality, says) = match (origin.modality.as_deref(), volume.value_unit()) {
+        (Some(modality), _) => (modality, format!("the file says {modality}")),
+        (None, Some("HU")) => ("CT", "the file says HU".to_owned()),
+        (None, _) => (named()?.0, format!("the file says {description:?}")),
     };
-    let says = format!("the file says {modality}");
-    let words = description.split(|c: char| !c.is_alphanumeric()).map(str::to_lowercase);
-    let is_angiogram = |word: String| word.starts_with("angio") || ["cta", "mra", "tof"].contains(&word.as_str());
-    let angiogram = || words.into_iter().any(is_angiogram).then(|| format!("{says} and {description:?}"));
+    let is_angiogram = words.iter().any(|word| word.starts_with("angio") || ANGIOGRAMS.contains(word));
     Some(match modality {
-        "CT" | "MR" | "XA" => match (angiogram(), modality) {
-            (Some(reason), _) => ("angiography", reason),
-            (None, "XA") => ("angiography", says),
-            (None, "CT") => ("ct-bone", says),
-            (None, _) if shape.is_brain() => ("mr-brain", format!("{says}, and {}", shape.masked())),
-            (None, _) => ("mri", says),
-        },
+        "CT" | "MR" if is_angiogram => ("angiography", format!("the file says {description:?}")),
+        "CT" => ("ct-bone", says),
+        "MR" if shape.is_brain() => ("mr-brain", format!("{says}, and {}", shape.masked())),
+        "MR" => ("mri", says),
+        "XA" => ("angiography", says),
         "PT" | "NM" => ("pet", says),
         "GM" | "SM" => ("fluorescence", format!("{says}, microscopy")),
         "RTDOSE" => ("field", says),
-        "US" | "IVUS" | "OPT" => ("grayscale", says),
+        "US" | "IVUS" => ("grayscale", says),
         _ => return None,
     })
 }
@@ -83,7 +91,7 @@ fn stated(volume: &Volume, shape: &Shape) -> Option<(&'static str, String)> {
 fn guessed(volume: &Volume, statistics: &Statistics, shape: &Shape) -> (&'static str, String) {
     let &Statistics { min, max, mean, std_dev, .. } = statistics;
     let [least, largest] = [min, max].map(readable);
-    if is_hounsfield(None, statistics) {
+    if is_hounsfield(statistics) {
         return ("ct-bone", format!("values from {least} to {largest} look like Hounsfield units"));
     }
     let (oriented, unit) = (volume.is_oriented(), volume.length_unit());

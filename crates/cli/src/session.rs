@@ -52,6 +52,8 @@ pub(crate) struct Session {
     labels: Vec<(PathBuf, Vec<Volume>)>,
     /// The last legend.
     legend: Held<(Layers, Clip), Vec<LegendEntry>>,
+    /// The least and the largest value of the first volume, once a colour bar needs them.
+    values: Option<[f64; 2]>,
     /// Notes that have been printed.
     said: Vec<String>,
 }
@@ -141,7 +143,6 @@ impl Session {
             let mut read = || {
                 let load = || load_channels(&job.source, &job.load, &job.channels, job.transfer.values());
                 let Loaded { volume, layers, labels, channels } = stages.time("load", load)?;
-                let volume = with_units(volume, &job.figure.units);
                 let mut fitted = fitted(job, &volume, &layers, stages)?;
                 if !channels.is_empty() {
                     let channels: Vec<String> = channels.iter().map(|look| format!("--channel {look}")).collect();
@@ -157,7 +158,7 @@ impl Session {
         stages.append(opening);
         let opened = opened.map(|opened| opened.unwrap_or_else(|panic| std::panic::resume_unwind(panic)));
         let renderer = opened.transpose()?;
-        let session = Self {
+        let mut session = Self {
             volume,
             renderer,
             prepared: None,
@@ -167,8 +168,10 @@ impl Session {
             more,
             labels: Vec::new(),
             legend: None,
+            values: None,
             said: Vec::new(),
         };
+        session.values(&job.figure.drawn)?;
         Ok((session, fitted))
     }
 
@@ -220,14 +223,14 @@ impl Session {
     }
 
     /// Replaces the samples by the ones of another time point.
-    pub(crate) fn go_to(&mut self, job: &RenderJob, series: &mut TimeSeries, time: u32) -> Result<(), Failure> {
+    pub(crate) fn go_to(&mut self, series: &mut TimeSeries, time: u32) -> Result<(), Failure> {
         let Contents { channel, time: now, .. } = *self.volume.contents();
         if time == now {
             return Ok(());
         }
         // The last scene leaves memory before the next samples are read.
         (self.prepared, self.framed) = (None, None);
-        let next = with_units(series.channel(time, channel)?, &job.figure.units);
+        let next = series.channel(time, channel)?;
         for layer in &mut self.channels {
             *layer = layer.with_samples(|of| match of.contents().channel {
                 same if same == channel => Ok(next.clone()),
@@ -254,7 +257,7 @@ impl Session {
         let mut around: Option<Hull> = None;
         for (done, &time) in times.iter().enumerate().filter(|_| job.frame != FrameArg::Volume) {
             progress.at(done, &format!("framing {} of {} time points", done + 1, times.len()));
-            self.go_to(job, series, time)?;
+            self.go_to(series, time)?;
             let layers = self.layers(job, fitted, &mut Stages::default())?;
             let hull = framed(job.frame, &layers, &job.settings.clip)?;
             around = match (around, hull) {
@@ -315,7 +318,8 @@ impl Session {
             )?,
         };
         let figure = self.figure(job, layers)?;
-        let reserved = if job.choices.space { figure.reserved(job.size, transfer)? } else { job.view.reserved };
+        let values = self.values(&figure)?;
+        let reserved = if job.choices.space { figure.reserved(job.size, transfer, values)? } else { job.view.reserved };
         let camera = Camera::new(&View { around, reserved, ..job.view.clone() }, self.volume.grid(), job.size)?;
         let (image, settings, estimate, stats) = match &self.renderer {
             Some(renderer) => {
@@ -337,10 +341,19 @@ impl Session {
         };
         let estimated = estimate.map(|e| Note { name: "Estimated error", text: in_words(&e) });
         let notes = notes(&settings, &figure, estimated);
-        let shown = Shown { volume: &self.volume, transfer, camera: &camera, model: job.settings.model };
+        let volume = &with_units(&self.volume, &job.figure.units);
+        let shown = Shown { volume, transfer, values, camera: &camera, model: job.settings.model };
         let draw = || figure.draw_region(&image, job.region, job.output.background, &shown);
         let drawn = if figure.is_empty() { None } else { Some(stages.time("figure", draw)?) };
         Ok(Drawing { image, drawn, camera, settings, notes, estimate, stats })
+    }
+
+    /// Returns the range of values for the colour bar of a figure, of the first time point for all.
+    fn values(&mut self, figure: &Figure) -> Result<Option<[f64; 2]>, Failure> {
+        if figure.color_bar && self.values.is_none() {
+            self.values = Some(self.volume.value_range()?);
+        }
+        Ok(self.values)
     }
 
     /// Returns the figure of a job, with the names of its legend.

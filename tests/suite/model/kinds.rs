@@ -407,9 +407,8 @@ fn cells(random: &mut Random, count: usize, size: f64, haze: f64) -> Vec<f64> {
 
 /// A normal distribution of unit variance smoothed over neighbours, as maps of statistics are.
 fn smooth_noise(random: &mut Random) -> Vec<f64> {
-    let waves: Vec<([f64; 3], f64)> = (0..60)
-        .map(|_| (std::array::from_fn(|_| 9.0 * random.normal()), random.between(0.0, TAU)))
-        .collect();
+    let waves: Vec<([f64; 3], f64)> =
+        (0..60).map(|_| (std::array::from_fn(|_| 9.0 * random.normal()), random.between(0.0, TAU))).collect();
     field(|p| {
         let wave = |(k, phase): &([f64; 3], f64)| (k[0] * p[0] + k[1] * p[1] + k[2] * p[2] + phase).cos();
         waves.iter().map(wave).sum::<f64>() / (waves.len() as f64 / 2.0).sqrt()
@@ -437,7 +436,8 @@ fn ct(maker: &mut Maker, contrast: f64) -> Vec<Row> {
     let (head_agent, body_agent) = (maker.ct(true, contrast), maker.ct(false, contrast));
     let unsigned = |values: &[f64]| mapped(values, |v| v + 1024.0);
     let vessels = maker.masked(unsigned(&body_agent), false, |tissue| tissue == Blood);
-    let no_bone = maker.masked(unsigned(&head_agent), true, |tissue| tissue != Bone && tissue != Marrow && tissue != Air);
+    let no_bone =
+        maker.masked(unsigned(&head_agent), true, |tissue| tissue != Bone && tissue != Marrow && tissue != Air);
     let fetal = field(|p| {
         let strut = (14.0 * p[0]).sin() * (14.0 * p[1]).cos() + (14.0 * p[2]).sin();
         if radius(p, [0.0; 3], [0.7, 0.7, 2.0]) < 1.0 && strut > 0.75 { 9000.0 } else { 1500.0 }
@@ -502,7 +502,8 @@ fn mr(maker: &mut Maker) -> Vec<Row> {
         Gray => 0.15,
         _ => 0.08,
     });
-    let anisotropy = mapped(&brain(maker, &anisotropy), |v| if v > 0.0 { v * maker.random.between(0.6, 1.6) } else { v });
+    let anisotropy =
+        mapped(&brain(maker, &anisotropy), |v| if v > 0.0 { v * maker.random.between(0.6, 1.6) } else { v });
     let probability = brain(maker, &maker.head.shows(|tissue| f64::from(u8::from(tissue == Gray))));
     vec![
         ("T1 head", "mri", scan(1.0, &signed(&t1_head))),

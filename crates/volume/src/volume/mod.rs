@@ -119,6 +119,9 @@ impl Default for Contents {
     }
 }
 
+/// The largest number of characters of a name that a file states.
+const LONGEST_NAME: usize = 80;
+
 /// The method that made the values of a file, as the file states it.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Origin {
@@ -126,6 +129,18 @@ pub struct Origin {
     pub modality: Option<String>,
     /// Names of the protocol, the sequence or the content.
     pub description: Option<String>,
+}
+
+impl Origin {
+    /// An origin of a modality and descriptions; empty texts state nothing.
+    pub(crate) fn of<'a>(modality: Option<&str>, descriptions: impl IntoIterator<Item = &'a str>) -> Self {
+        let plain = |text: &str| {
+            let plain: String = text.trim().chars().filter(|c| !c.is_control()).take(LONGEST_NAME).collect();
+            (!plain.is_empty()).then_some(plain)
+        };
+        let all: Vec<String> = descriptions.into_iter().filter_map(plain).collect();
+        Self { modality: modality.and_then(plain), description: (!all.is_empty()).then(|| all.join("; ")) }
+    }
 }
 
 /// A label that a file describes.
