@@ -108,11 +108,18 @@ pub struct ChoiceContext<'a> {
     pub built_in: bool,
     /// The preset of its transfer function, if it has one.
     pub preset: Option<&'static Preset>,
+    /// Whether channels are drawn in a colour each.
+    pub channels: bool,
     /// Whether labels are drawn.
     pub labels: bool,
     /// Whether the volume is drawn alone, without labels over it or a mask.
     pub plain: bool,
 }
+
+/// The preset whose material channels have.
+const CHANNELS: &str = "fluorescence";
+
+const PRESET_SURFACES: &str = "the preset shows surfaces";
 
 /// The words after a preset that the values decided.
 pub const GUESS: &str = ", a guess from the histogram,";
@@ -142,8 +149,11 @@ pub enum Choice {
         /// [`View::elevation`].
         elevation: f64,
     },
-    /// Studio light around the view, because a preset or labels have surfaces. Labels have a larger shadow bias.
+    /// Studio light around the view, because a preset, channels or labels have surfaces. Labels have a larger shadow
+    /// bias.
     Light {
+        /// The reason in words.
+        surfaces: &'static str,
         /// [`Lighting::shadow_bias`] of labels, in voxels.
         shadow_bias: Option<f64>,
     },
@@ -162,9 +172,9 @@ impl fmt::Display for Choice {
             Self::Side { azimuth, elevation } => {
                 write!(f, "azimuth {azimuth}, elevation {elevation} because the file states no orientation")
             }
-            Self::Light { shadow_bias: None } => f.write_str("studio light because the preset shows surfaces"),
-            Self::Light { shadow_bias: Some(bias) } => {
-                write!(f, "studio light, shadow bias {bias}, because labels have surfaces")
+            Self::Light { shadow_bias: None, surfaces } => write!(f, "studio light because {surfaces}"),
+            Self::Light { shadow_bias: Some(bias), surfaces } => {
+                write!(f, "studio light, shadow bias {bias}, because {surfaces}")
             }
             Self::Sharpness(sharpness) => write!(f, "sharpness {sharpness} because the preset shows surfaces"),
         }
@@ -186,20 +196,26 @@ impl ChoiceContext<'_> {
             choices.push(Choice::Side { azimuth, elevation });
         }
         let composite = settings.model == Model::Composite;
-        let material = self.preset.and_then(|preset| preset.material);
+        let preset = if self.channels { Some(presets::find(CHANNELS)?) } else { self.preset };
+        let material = preset.and_then(|preset| preset.material);
         if open.light && composite && (material.is_some() || self.labels) {
             let mut studio = Lighting::studio(view.forward()?, view.up);
             let shadow_bias = material.is_none().then_some(LABEL_BIAS);
             studio.shadow_bias = shadow_bias.unwrap_or(studio.shadow_bias);
             settings.lighting = Some(studio);
-            choices.push(Choice::Light { shadow_bias });
+            let surfaces = match (self.channels, shadow_bias) {
+                (true, _) => "channels show surfaces",
+                (false, None) => PRESET_SURFACES,
+                (false, Some(_)) => "labels have surfaces",
+            };
+            choices.push(Choice::Light { shadow_bias, surfaces });
         }
         let Some(material) = material else { return Ok(choices) };
         if open.material {
             settings.lighting = settings.lighting.take().map(|lighting| material.lit(lighting));
         }
         // Post-shading would filter the samples: noise stays as it is unless sharpness is requested.
-        if open.sharpness && composite && !settings.is_post_shaded() && self.plain {
+        if open.sharpness && composite && !settings.is_post_shaded() && self.plain && !self.channels {
             settings.sharpness = SHARPNESS;
             choices.push(Choice::Sharpness(SHARPNESS));
         }
@@ -229,7 +245,8 @@ impl Appearance {
     /// The errors of [`ValueMeaning::find`].
     pub fn for_file(source: impl AsRef<Path>, volume: &Volume) -> Result<Self> {
         let meaning = ValueMeaning::find(source, volume, true, PresetValues::Auto, || Ok(Statistics::of(volume)?))?;
-        let alone = ChoiceContext { volume, built_in: false, preset: None, labels: false, plain: true };
+        let alone =
+            ChoiceContext { volume, built_in: false, preset: None, channels: false, labels: false, plain: true };
         match meaning {
             ValueMeaning::Labels { reason } => {
                 let layers = Layers::new(Layer::labels(volume, &Labels::stated(volume))?);
@@ -246,6 +263,21 @@ impl Appearance {
         }
     }
 
+    /// Chooses the appearance of the contents of a file, which [`load_channels`] returned: channels in a colour each, or
+    /// a volume as [`Self::for_file`] does.
+    ///
+    /// # Errors
+    /// The errors of [`Self::for_file`]; [`Error::Volume`](crate::Error::Volume) if lattices of channels differ.
+    pub fn for_loaded(source: impl AsRef<Path>, loaded: &Loaded) -> Result<Self> {
+        let Loaded { volume, layers, channels, .. } = loaded;
+        let mut layers = layers.iter().cloned();
+        let Some(first) = layers.next() else { return Self::for_file(source, volume) };
+        let layers = layers.try_fold(Layers::new(first), Layers::with)?;
+        let channels = !channels.is_empty();
+        let context = ChoiceContext { volume, built_in: false, preset: None, channels, labels: false, plain: true };
+        Self::new(layers, context, None)
+    }
+
     /// Chooses the appearance of a volume with a preset.
     ///
     /// # Errors
@@ -254,7 +286,11 @@ impl Appearance {
     pub fn for_preset(name: &str, volume: &Volume) -> Result<Self> {
         let layers = Layers::of_volume(volume, &TransferFunction::preset(name, volume)?);
         let preset = Some(presets::find(name)?);
-        Self::new(layers, ChoiceContext { volume, built_in: false, preset, labels: false, plain: true }, None)
+        Self::new(
+            layers,
+            ChoiceContext { volume, built_in: false, preset, channels: false, labels: false, plain: true },
+            None,
+        )
     }
 
     fn new(layers: Layers, context: ChoiceContext<'_>, chosen: Option<Choice>) -> Result<Self> {

@@ -24,6 +24,9 @@ const NARROW: f64 = 0.07;
 /// The least spread of fluorescence, whose brightness has no usual value.
 const WIDE: f64 = 0.25;
 
+/// The largest share of the voxels that sparse cells are.
+const SPARSE: f64 = 0.2;
+
 /// The least brightness of vessels in an angiogram, in multiples of the tissue.
 const VESSELS: f64 = 4.0;
 /// The largest share of the foreground that vessels with surfaces of fat or bone are.
@@ -110,7 +113,8 @@ fn guessed(volume: &Volume, statistics: &Statistics, shape: &Shape) -> (&'static
     if is_coarse && shape.is_hot {
         return ("pet", format!("few and far brighter voxels of {spacing:.1} mm, as uptake in PET"));
     }
-    if !oriented && spread >= WIDE && top >= VESSELS {
+    let is_sparse = shape.is_dim && shape.foreground < SPARSE;
+    if !oriented && (is_sparse || spread >= WIDE && top >= VESSELS) {
         return ("fluorescence", format!("{far}, without a patient orientation, as in microscopy"));
     }
     if (oriented || shape.is_masked) && shape.foreground < TREE {
@@ -129,6 +133,12 @@ fn guessed(volume: &Volume, statistics: &Statistics, shape: &Shape) -> (&'static
     }
     if spread < NARROW / 2.0 && !is_coarse && shape.is_masked && top > 1.1 {
         return ("angiography", format!("{narrow} and nothing is as bright as bone, as in CT angiograms without bone"));
+    }
+    if is_microscopic && !oriented {
+        return (
+            "fluorescence",
+            format!("voxels of {} {}, as in microscopy", readable(spacing), unit.unwrap_or_default()),
+        );
     }
     let wide = format!("no peak of the histogram is as narrow as flesh in CT ({})", percent(spread));
     if shape.is_brain() {
@@ -156,7 +166,9 @@ struct Shape {
     dark: f64,
     /// Whether values gather near `top`, with fewer between them and the tissue.
     has_bright_peak: bool,
-    /// Whether the foreground is mostly dim, and few voxels are far brighter.
+    /// Whether most of the foreground is dim: in the lowest fifth of its range.
+    is_dim: bool,
+    /// Whether most of it is dim, and few voxels are far brighter.
     is_hot: bool,
 }
 
@@ -187,6 +199,7 @@ impl Shape {
         let of_foreground = |share: f64| statistics.quantile_above(background, share);
         let [median, high] = [0.5, 0.995].map(of_foreground);
         let bright = statistics.otsu(object).unwrap_or(object);
+        let is_dim = median - background < 0.2 * (high - background);
         Some(Self {
             floor: least,
             foreground,
@@ -196,7 +209,8 @@ impl Shape {
             bright: over(f64::midpoint(1.0, top)),
             dark: (1.0 - share_over(floor + 0.2 * unit) / foreground).max(0.0),
             has_bright_peak: top > 4.0 / 3.0 && pile >= 0.04 && slope < 2.0 * pile,
-            is_hot: median - background < 0.2 * (high - background) && share_over(bright) < 0.03 * foreground,
+            is_dim,
+            is_hot: is_dim && share_over(bright) < 0.03 * foreground,
         })
     }
 

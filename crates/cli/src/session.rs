@@ -210,6 +210,7 @@ impl Session {
             volume: &self.volume,
             built_in: demos::own_transfer(&job.source).is_some(),
             preset: fitted.preset,
+            channels: self.channels.iter().any(|layer| layer.entry().is_some()),
             labels: has_labels,
             plain: job.layers.is_plain(),
         };
@@ -320,6 +321,9 @@ impl Session {
         let figure = self.figure(job, layers)?;
         let values = self.values(&figure)?;
         let reserved = if job.choices.space { figure.reserved(job.size, transfer, values)? } else { job.view.reserved };
+        if reserved != job.view.reserved {
+            self.say(note_on_space(&figure));
+        }
         let camera = Camera::new(&View { around, reserved, ..job.view.clone() }, self.volume.grid(), job.size)?;
         let (image, settings, estimate, stats) = match &self.renderer {
             Some(renderer) => {
@@ -393,12 +397,9 @@ fn note_on(choice: &Choice, follows: bool) -> String {
             let view = format!("--azimuth {azimuth} --elevation {elevation}");
             format!("{view} because the file states no orientation (front view: --azimuth 0)")
         }
-        Choice::Light { shadow_bias } => {
+        Choice::Light { shadow_bias, surfaces } => {
             let name = if follows { "studio:eye" } else { "studio" };
-            let (bias, surfaces) = match shadow_bias {
-                None => (String::new(), "the preset shows surfaces"),
-                Some(bias) => (format!(" --tune shadow-bias={bias}"), "labels have surfaces"),
-            };
+            let bias = shadow_bias.map(|bias| format!(" --tune shadow-bias={bias}")).unwrap_or_default();
             format!("--light {name}{bias} because {surfaces} (disable: --light off)")
         }
         Choice::Sharpness(sharpness) => {
@@ -407,6 +408,15 @@ fn note_on(choice: &Choice, follows: bool) -> String {
         other => other.to_string(),
     };
     format!("note: using {text}")
+}
+
+/// Returns the note on a frame beside the parts of a figure, with the option that undoes it.
+fn note_on_space(figure: &Figure) -> String {
+    let parts =
+        [(figure.title.is_some(), "title"), (figure.caption.is_some(), "caption"), (figure.color_bar, "colour bar")];
+    let parts: Vec<&str> = parts.into_iter().filter_map(|(drawn, name)| drawn.then_some(name)).collect();
+    let parts = parts.join(" and the ");
+    format!("note: using a smaller frame because the {parts} would lie over the volume (same frame: --frame visible)")
 }
 
 /// Places studio light, if a job requests it, around its view.
