@@ -27,10 +27,13 @@ const WIDE: f64 = 0.25;
 /// The largest share of the voxels that sparse cells are.
 const SPARSE: f64 = 0.2;
 
-/// The least brightness of vessels in an angiogram, in multiples of the tissue.
-const VESSELS: f64 = 4.0;
-/// The largest share of the foreground that vessels with surfaces of fat or bone are.
-const FEW: f64 = 0.06;
+/// The least brightness of the brightest fluorescence, in multiples of most of it.
+const BRIGHT: f64 = 4.0;
+/// The largest share of the foreground that vessels are in an angiogram, for each multiple of the tissue over 2: if
+/// vessels are brighter, fat is brighter too.
+const FEW: f64 = 0.03;
+/// The largest share of the foreground that bone is.
+const MINORITY: f64 = 0.35;
 /// The largest share of the voxels that a vessel tree without tissue is.
 const TREE: f64 = 0.04;
 /// The least brightness of bone in multiples of flesh, both above air: 450 Hounsfield units. Blood with contrast agent
@@ -114,21 +117,21 @@ fn guessed(volume: &Volume, statistics: &Statistics, shape: &Shape) -> (&'static
         return ("pet", format!("few and far brighter voxels of {spacing:.1} mm, as uptake in PET"));
     }
     let is_sparse = shape.is_dim && shape.foreground < SPARSE;
-    if !oriented && (is_sparse || spread >= WIDE && top >= VESSELS) {
+    if !oriented && (is_sparse || spread >= WIDE && top >= BRIGHT) {
         return ("fluorescence", format!("{far}, without a patient orientation, as in microscopy"));
     }
     if (oriented || shape.is_masked) && shape.foreground < TREE {
         let reason = format!("{} of the voxels are over the background, as vessels alone", percent(shape.foreground));
         return ("angiography", reason);
     }
-    if top >= VESSELS && bright <= FEW || shape.is_hot {
+    if bright <= FEW * (top - 2.0) || shape.is_hot {
         return ("angiography", format!("{far}, as vessels with contrast agent or of flowing blood"));
     }
-    if shape.has_bright_peak {
+    if shape.has_bright_peak && shape.is_masked {
         return ("ct-bone", "the brightest values are a peak of their own, as bone in a window of CT".to_owned());
     }
     let narrow = format!("a quarter of the foreground lies within {}", percent(spread));
-    if spread < NARROW && !is_coarse && top >= BONE {
+    if spread < NARROW && !is_coarse && top >= BONE && bright < MINORITY {
         return ("ct-bone", format!("{narrow} and brighter values follow, as flesh and bone in CT"));
     }
     if spread < NARROW / 2.0 && !is_coarse && shape.is_masked && top > 1.1 {

@@ -564,7 +564,13 @@ fn others(maker: &mut Maker) -> Vec<Row> {
     let plume = field(|p| (-30.0 * (p[0] * p[0] + p[1] * p[1]) / (1.2 + p[2])).exp() * (1.5 - p[2]));
     let cosmos = mapped(&noise, |v| (1.5 * v).exp());
     let pressure = mapped(&noise, |v| 101_325.0 + 40.0 * v);
-    let organs = field(|p| f64::from(body(p) as u8));
+    let organs = field(|p| match body(p) {
+        Air => 0.0,
+        Lung => 1.0,
+        Organ => 2.0,
+        Marrow => 3.0,
+        _ => 4.0,
+    });
     let parcels = field(|p| {
         let parcel = p.iter().fold(0.0, |n, c| 4.0 * n + ((c + 1.0) * 1.99).floor());
         if head(p).is_brain() { 1001.0 + (37.0 * parcel) % 101.0 } else { 0.0 }
