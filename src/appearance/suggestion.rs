@@ -143,11 +143,15 @@ fn guessed(volume: &Volume, statistics: &Statistics, shape: &Shape) -> (&'static
             format!("voxels of {} {}, as in microscopy", readable(spacing), unit.unwrap_or_default()),
         );
     }
-    let wide = format!("no peak of the histogram is as narrow as flesh in CT ({})", percent(spread));
+    let no_ct = match () {
+        () if spread >= NARROW => format!("no peak is as narrow as flesh in CT ({} wide)", percent(spread)),
+        () if is_coarse => format!("voxels of {spacing:.1} mm are larger than in CT"),
+        () => "brighter values are not as few and bright as bone in CT".to_owned(),
+    };
     if shape.is_brain() {
-        return ("mr-brain", format!("{wide}, and {}", shape.masked()));
+        return ("mr-brain", format!("{no_ct}, and {}", shape.masked()));
     }
-    ("mri", wide)
+    ("mri", no_ct)
 }
 
 /// The shape of a histogram. Brightness counts from the least value, in multiples of the tissue: the middle of the
