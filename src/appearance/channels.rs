@@ -133,9 +133,7 @@ pub fn load_channels(
         [] => (0..contents.channels).map(|number| ChannelChoice { number, color: None }).collect(),
         _ => requested.to_vec(),
     };
-    let knob = |n: &str, d: f64| std::env::var(n).ok().and_then(|v| v.parse().ok()).unwrap_or(d);
-    let dark = knob("VX_C", DARKEST);
-    let depth = knob("VX_D", CHANNEL_DEPTH) / all.len() as f64;
+    let depth = CHANNEL_DEPTH / all.len() as f64;
     let (mut layers, mut channels) = (Vec::new(), Vec::new());
     for (at, ChannelChoice { number, color }) in all.into_iter().enumerate() {
         let volume = if number == contents.channel { first.clone() } else { one(number)? };
@@ -148,7 +146,7 @@ pub fn load_channels(
         let name = label.name.clone().unwrap_or_else(|| format!("channel {number}"));
         let opacity = opacity(&volume, &statistics, &window, depth)?;
         let layer =
-            Layer::scalars(&volume, &ramp([dark, 1.0].map(|share| float.map(|c| share * c)), opacity, &window)?);
+            Layer::scalars(&volume, &ramp([DARKEST, 1.0].map(|share| float.map(|c| share * c)), opacity, &window)?);
         layers.push(layer.named(LegendEntry { name, color }));
         channels.push(ChannelLook { number, color, name: label.name, range: window.ends()? });
     }
@@ -186,11 +184,7 @@ fn opacity(volume: &Volume, statistics: &Statistics, window: &Window, depth: f64
     };
     let mean = (0..STEPS).map(|step| share(step).powi(2)).sum::<f64>() / f64::from(STEPS);
     let length = (statistics.fraction_above(low) * volume.grid().len() as f64).cbrt();
-    Ok(std::env::var("VX_O")
-        .ok()
-        .and_then(|v| v.parse().ok())
-        .unwrap_or(CHANNEL_OPACITY)
-        .min(depth / (mean * length).max(f64::MIN_POSITIVE)))
+    Ok(CHANNEL_OPACITY.min(depth / (mean * length).max(f64::MIN_POSITIVE)))
 }
 
 /// Colours between two, and opacities that rise over a window.
