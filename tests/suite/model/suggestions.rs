@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use voxsplat::appearance::{ValueMeaning, suggest};
+use voxsplat::formats::{LoadOptions, load};
 use voxsplat::transfer::presets::PresetValues;
 use voxsplat::volume::{Contents, Origin, Statistics, Units, Volume};
 
@@ -93,5 +94,51 @@ fn facts_of_a_file_come_before_its_values() {
     for (modality, description) in [(Some("OT"), None), (None, Some("series 3, octopus")), (None, None)] {
         let suggestion = suggested(&stating("CT body", modality, description));
         assert!(suggestion.name == "ct-bone" && suggestion.is_guess, "{suggestion:?}");
+    }
+}
+
+/// A NIfTI-1 file of 2^3 samples.
+fn nifti(dim_info: u8, intent: u8, descrip: &str) -> Vec<u8> {
+    let mut bytes = vec![0; 352];
+    bytes[..4].copy_from_slice(&348_i32.to_le_bytes());
+    bytes[39] = dim_info;
+    for (axis, size) in [3_i16, 2, 2, 2, 1, 1, 1, 1].into_iter().enumerate() {
+        bytes[40 + 2 * axis..][..2].copy_from_slice(&size.to_le_bytes());
+        bytes[76 + 4 * axis..][..4].copy_from_slice(&1_f32.to_le_bytes());
+    }
+    (bytes[68], bytes[70], bytes[72]) = (intent, 2, 8);
+    bytes[108..112].copy_from_slice(&352_f32.to_le_bytes());
+    bytes[148..148 + descrip.len()].copy_from_slice(descrip.as_bytes());
+    bytes[344..348].copy_from_slice(b"n+1\0");
+    bytes.extend([7; 8]);
+    bytes
+}
+
+#[test]
+fn readers_keep_the_origin_of_values() {
+    let dir = tempfile::tempdir().unwrap();
+    let nrrd = b"NRRD0004\ncontent: TOF of a head\ntype: uchar\ndimension: 3\nsizes: 2 2 2\nencoding: raw\n\
+        modality:=MR\n\n12345678";
+    let metaimage = b"ObjectType = Image\nNDims = 3\nDimSize = 2 2 2\nElementType = MET_UCHAR\nModality = MET_MOD_CT\n\
+        ElementDataFile = LOCAL\n12345678";
+    let data = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/volumes");
+    for (name, bytes, modality, description, unit) in [
+        ("a.nrrd", nrrd.to_vec(), Some("MR"), Some("TOF of a head"), None),
+        ("a.mha", metaimage.to_vec(), Some("CT"), None, None),
+        ("plain.nii", nifti(0, 0, ""), None, None, None),
+        ("axes.nii", nifti(57, 0, "FSL5.0"), Some("MR"), Some("FSL5.0"), None),
+        ("echo.nii", nifti(0, 0, "TE=30;Time=1"), Some("MR"), Some("TE=30;Time=1"), None),
+        ("time.nii", nifti(0, 0, "Time=1;NOTE=2"), None, Some("Time=1;NOTE=2"), None),
+        ("z.nii", nifti(0, 5, "SPM{T_[3.0]}"), None, Some("SPM{T_[3.0]}"), Some("z")),
+        ("t.nii", nifti(0, 0, "SPM{T_[3.0]}"), None, Some("SPM{T_[3.0]}"), Some("t")),
+        ("several.ome.tif", std::fs::read(data.join("several.ome.tif")).unwrap(), Some("GM"), None, None),
+        ("ct-a.dcm", std::fs::read(data.join("ct-a.dcm")).unwrap(), Some("CT"), None, Some("HU")),
+    ] {
+        let path = dir.path().join(name);
+        std::fs::write(&path, bytes).unwrap();
+        let volume = load(&path, &LoadOptions { channel: Some(0), ..LoadOptions::default() }).unwrap();
+        let Origin { modality: is, description: says } = &volume.contents().origin;
+        let found = (is.as_deref(), says.as_deref().filter(|_| name != "ct-a.dcm"), volume.value_unit());
+        assert_eq!(found, (modality, description, unit), "{name}");
     }
 }
