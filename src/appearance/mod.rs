@@ -263,8 +263,8 @@ impl Appearance {
         }
     }
 
-    /// Chooses the appearance of the contents of a file, which [`load_channels`] returned: channels in a colour each, or
-    /// a volume as [`Self::for_file`] does.
+    /// Chooses the appearance of the contents of a file, which [`load_channels`] returned: channels in a colour each,
+    /// or a volume as [`Self::for_file`] does.
     ///
     /// # Errors
     /// The errors of [`Self::for_file`]; [`Error::Volume`](crate::Error::Volume) if lattices of channels differ.

@@ -42,8 +42,8 @@ const BONE: f64 = 1.45;
 /// The largest brightness in a brain without its skull: fat around a head is brighter than white matter.
 const BRAIN: f64 = 1.75;
 
-/// Suggests a preset for a volume: by its file (a DICOM modality, the intent or the description of a NIfTI file, units),
-/// otherwise by its values. Bounds are rules of thumb.
+/// Suggests a preset for a volume: by its file (a DICOM modality, the intent or the description of a NIfTI file,
+/// units), otherwise by its values. Bounds are rules of thumb.
 #[must_use]
 pub fn suggest(volume: &Volume, statistics: &Statistics) -> Suggestion {
     let shape = Shape::of(statistics);

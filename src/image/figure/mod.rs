@@ -54,9 +54,9 @@ pub struct Figure {
     /// sides of the patient: right and left, anterior and posterior, superior and inferior. Otherwise they are X, Y and
     /// Z.
     pub axes: bool,
-    /// The colours of the transfer function over its visible values in the data, at the right, with a curve of its opacity (of a
-    /// slab one unit distance thick) and the unit of the values, if it is known. Colours are unlit. X-rays have no
-    /// colour bar.
+    /// The colours of the transfer function over its visible values in the data, at the right, with a curve of its
+    /// opacity (of a slab one unit distance thick) and the unit of the values, if it is known. Colours are unlit.
+    /// X-rays have no colour bar.
     pub color_bar: bool,
     /// Patches of colour with the names of labels or channels at the upper left (see
     /// [`Layers::legend`](crate::layers::Layers::legend)), in columns over at most half of the picture. If there is no

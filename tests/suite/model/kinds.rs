@@ -294,8 +294,8 @@ fn echo_planar(tissue: Tissue) -> f64 {
     1.4 * fat * gradient_echo(tissue, 80.0, 2000.0, 30.0)
 }
 
-/// Time of flight: fresh blood, and tissue that the pulses saturate, water also by magnetisation transfer. An echo out of
-/// phase takes a part of fat's signal.
+/// Time of flight: fresh blood, and tissue that the pulses saturate, water also by magnetisation transfer. An echo out
+/// of phase takes a part of fat's signal.
 fn time_of_flight(tissue: Tissue) -> f64 {
     let saturated = 3.0 * gradient_echo(tissue, 18.0, 25.0, 4.0);
     match tissue {

@@ -41,8 +41,8 @@ pub(crate) struct ModelArgs {
     /// [default: the values that the file states; for colour maps, the values of the foreground]
     #[arg(long, value_name = "LEVEL,WIDTH", value_parser = parse::window)]
     pub(crate) window: Option<Window>,
-    /// Place the points of a preset at absolute values (Hounsfield units for CT and angiography, scores for activation),
-    /// or fit them to the histogram (fitted)
+    /// Place the points of a preset at absolute values (Hounsfield units for CT and angiography, scores for
+    /// activation), or fit them to the histogram (fitted)
     ///
     /// auto: absolute if the file states these units, or if the values look like Hounsfield units; otherwise fitted. A
     /// unit of --units is a label, and changes no value.
