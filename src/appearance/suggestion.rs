@@ -143,10 +143,12 @@ fn guessed(volume: &Volume, statistics: &Statistics, shape: &Shape) -> (&'static
             format!("voxels of {} {}, as in microscopy", readable(spacing), unit.unwrap_or_default()),
         );
     }
-    let no_ct = match () {
-        () if spread >= NARROW => format!("no peak is as narrow as flesh in CT ({} wide)", percent(spread)),
-        () if is_coarse => format!("voxels of {spacing:.1} mm are larger than in CT"),
-        () => "brighter values are not as few and bright as bone in CT".to_owned(),
+    let no_ct = if spread >= NARROW {
+        format!("no peak is as narrow as flesh in CT ({} wide)", percent(spread))
+    } else if is_coarse {
+        format!("voxels of {spacing:.1} mm are larger than in CT")
+    } else {
+        "brighter values are not as few and bright as bone in CT".to_owned()
     };
     if shape.is_brain() {
         return ("mr-brain", format!("{no_ct}, and {}", shape.masked()));

@@ -186,7 +186,7 @@ impl Phantom {
             let [x, y, z] = [at % EDGE, at / EDGE % EDGE, at / (EDGE * EDGE)];
             let mut shares = [0.0; TISSUES.len()];
             for half in 0..8 {
-                let p = [place(x, half & 1), place(y, half >> 1 & 1), place(z, half >> 2)];
+                let p = [place(x, half & 1), place(y, (half >> 1) & 1), place(z, half >> 2)];
                 shares[of(p) as usize] += 0.125;
             }
             shares
