@@ -17,6 +17,7 @@ use std::time::Instant;
 
 use common::{Arguments, Outcome, Report, median, rms_of_255};
 use glam::DVec3;
+use voxsplat::appearance::suggest;
 use voxsplat::demos::{self, demo_transfer};
 use voxsplat::image::compare;
 use voxsplat::kernel::Kernel;
@@ -267,7 +268,7 @@ fn termination(renderer: &Renderer, report: &mut Report, files: &[String]) -> Ou
     report.line("|---|---|---|---|---|---|");
     for file in files {
         let volume = load(file, &LoadOptions::default())?;
-        let (suggested, _) = TransferFunction::for_volume(&volume, &Statistics::of(&volume)?)?;
+        let suggested = TransferFunction::preset(suggest(&volume, &Statistics::of(&volume)?).name, &volume)?;
         for denser in [1, 16] {
             let point = |p: &ControlPoint| ControlPoint { opacity: 1.0 - (1.0 - p.opacity).powi(denser), ..*p };
             let points = suggested.points().iter().map(point).collect();

@@ -5,9 +5,11 @@ use std::fs::File;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+use voxsplat::appearance::suggest;
 use voxsplat::error::{Error, InputError, Result};
 use voxsplat::formats::{LoadOptions, MissingSlices, PyramidLevel, TimeSeries, load};
 use voxsplat::image::Image;
+use voxsplat::transfer::presets::{self, PresetValues};
 use voxsplat::transfer::{Imported, TransferFunction, Window};
 use voxsplat::volume::{Endian, Grid, SampleType, Statistics, Volume};
 
@@ -214,7 +216,8 @@ fn checked(volume: Result<Volume, InputError>) -> bool {
     if let Some(statistics) = accepted(Statistics::of(&volume)) {
         assert_eq!(statistics.count, volume.grid().len());
         assert_eq!(statistics.histogram().iter().sum::<u64>(), statistics.count);
-        accepted(TransferFunction::for_volume(&volume, &statistics));
+        let name = suggest(&volume, &statistics).name;
+        accepted(presets::preset(name, &volume, &statistics, PresetValues::Auto));
     }
     true
 }

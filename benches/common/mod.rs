@@ -15,6 +15,7 @@ use std::str::FromStr;
 use std::time::{Duration, Instant};
 
 use voxsplat::adapter::AdapterInfo;
+use voxsplat::appearance::suggest;
 use voxsplat::demos::own_transfer;
 use voxsplat::image::compare;
 use voxsplat::volume::Statistics;
@@ -188,6 +189,6 @@ pub(crate) fn rms_of_255(a: &Image, b: &Image) -> voxsplat::Result<f64> {
 pub(crate) fn own_or_suggested(source: &str, volume: &Volume) -> voxsplat::Result<TransferFunction> {
     match own_transfer(source) {
         Some(transfer) => Ok(transfer),
-        None => Ok(TransferFunction::for_volume(volume, &Statistics::of(volume)?)?.0),
+        None => Ok(TransferFunction::preset(suggest(volume, &Statistics::of(volume)?).name, volume)?),
     }
 }

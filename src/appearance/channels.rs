@@ -16,8 +16,12 @@ const COLORS: [[f64; 3]; 6] =
 
 /// The most channels that are drawn unless they are requested.
 const MOST_CHANNELS: u32 = 6;
-/// The opacity of a channel at the upper end of its window, per voxel.
+/// The largest opacity of a channel at the upper end of its window, per voxel.
 const CHANNEL_OPACITY: f64 = 0.2;
+/// The optical depth of all channels along a mean ray through their foreground: matter behind shows through.
+const CHANNEL_DEPTH: f64 = 3.0;
+/// The brightness of a channel at the lower end of its window, as a share of its colour: edges and depth show.
+const DARKEST: f64 = 0.25;
 /// The opacity of the colours of voxels at the upper end of their window, per voxel.
 const COLOR_OPACITY: f64 = 0.4;
 /// Steps of the ramp of opacity, which is the square of the place in the window.
@@ -129,16 +133,20 @@ pub fn load_channels(
         [] => (0..contents.channels).map(|number| ChannelChoice { number, color: None }).collect(),
         _ => requested.to_vec(),
     };
+    let depth = CHANNEL_DEPTH / all.len() as f64;
     let (mut layers, mut channels) = (Vec::new(), Vec::new());
     for (at, ChannelChoice { number, color }) in all.into_iter().enumerate() {
         let volume = if number == contents.channel { first.clone() } else { one(number)? };
         let label = contents.labels.get(number as usize).cloned().unwrap_or_default();
         let of_file = label.color.map(|color| color.map(|c| f64::from(c) / 255.0)).filter(|c| *c != [0.0; 3]);
         let float = color.or(of_file).unwrap_or(COLORS[at % COLORS.len()]);
-        let Some(window) = window(&volume, &label, values)? else { continue };
+        let statistics = Statistics::of(&volume)?;
+        let Some(window) = window(&statistics, &label, values) else { continue };
         let color = float.map(|channel| (255.0 * channel).round() as u8);
         let name = label.name.clone().unwrap_or_else(|| format!("channel {number}"));
-        let layer = Layer::scalars(&volume, &ramp(float, CHANNEL_OPACITY, &window)?);
+        let opacity = opacity(&volume, &statistics, &window, depth)?;
+        let layer =
+            Layer::scalars(&volume, &ramp([DARKEST, 1.0].map(|share| float.map(|c| share * c)), opacity, &window)?);
         layers.push(layer.named(LegendEntry { name, color }));
         channels.push(ChannelLook { number, color, name: label.name, range: window.ends()? });
     }
@@ -155,21 +163,35 @@ fn are_colors(channels: &[Channel]) -> bool {
 }
 
 /// The window of a channel: as requested, of its file, or of its foreground; `None` if all values are the same.
-fn window(volume: &Volume, label: &Channel, values: Values) -> Result<Option<Window>> {
+fn window(statistics: &Statistics, label: &Channel, values: Values) -> Option<Window> {
     if let Values::Window(window) = values {
-        return Ok(Some(window));
+        return Some(window);
     }
     let of_file = label.window.map(|[low, high]| Window { level: f64::midpoint(low, high), width: high - low });
     match of_file.filter(|window| window.ends().is_ok()) {
-        None => Ok(Window::of_foreground(&Statistics::of(volume)?)),
-        window => Ok(window),
+        None => Window::of_foreground(statistics),
+        window => window,
     }
 }
 
-/// One colour, and opacities that rise over a window.
-fn ramp(color: [f64; 3], opacity: f64, window: &Window) -> Result<TransferFunction> {
+/// The opacity of a channel at the upper end of its window: a mean ray through the visible voxels has an optical depth
+/// of at most `depth`. The ray is as long as the edge of a cube of these voxels.
+fn opacity(volume: &Volume, statistics: &Statistics, window: &Window, depth: f64) -> Result<f64> {
+    let [low, high] = window.ends()?;
+    let share = |step: u32| {
+        let value = statistics.quantile_above(low, (f64::from(step) + 0.5) / f64::from(STEPS));
+        ((value - low) / (high - low)).clamp(0.0, 1.0)
+    };
+    let mean = (0..STEPS).map(|step| share(step).powi(2)).sum::<f64>() / f64::from(STEPS);
+    let length = (statistics.fraction_above(low) * volume.grid().len() as f64).cbrt();
+    Ok(CHANNEL_OPACITY.min(depth / (mean * length).max(f64::MIN_POSITIVE)))
+}
+
+/// Colours between two, and opacities that rise over a window.
+fn ramp([dark, bright]: [[f64; 3]; 2], opacity: f64, window: &Window) -> Result<TransferFunction> {
     let point = |i: u32| {
         let share = f64::from(i) / f64::from(STEPS);
+        let color = std::array::from_fn(|c| dark[c] + share * (bright[c] - dark[c]));
         ControlPoint { value: share, color, opacity: opacity * share * share }
     };
     TransferFunction::new((0..=STEPS).map(point).collect(), None)?.stretched(window)
@@ -188,5 +210,5 @@ fn colors(channels: [&Volume; 3], alpha: Option<&Volume>, values: Values) -> Res
         Values::Window(window) => window,
         _ => Window { level: white / 2.0, width: white },
     };
-    Layer::colors(channels, alpha, white, &ramp([1.0; 3], COLOR_OPACITY, &window)?)
+    Layer::colors(channels, alpha, white, &ramp([[1.0; 3]; 2], COLOR_OPACITY, &window)?)
 }

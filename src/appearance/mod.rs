@@ -3,6 +3,7 @@
 //! `voxsplat render FILE` draws the same picture; its options replace choices. [The library](crate) has an example.
 
 mod channels;
+mod suggestion;
 
 pub mod demos;
 
@@ -10,6 +11,7 @@ use std::fmt;
 use std::path::Path;
 
 pub use channels::{ChannelChoice, ChannelLook, Loaded, Values, load_channels};
+pub use suggestion::{Suggestion, suggest};
 
 use crate::camera::{Camera, View};
 use crate::error::Result;
@@ -17,7 +19,7 @@ use crate::layers::{Labels, Layer, Layers, recognised};
 use crate::lighting::Lighting;
 use crate::settings::{Model, Settings};
 use crate::transfer::TransferFunction;
-use crate::transfer::presets::{self, Material, Preset, Suggestion};
+use crate::transfer::presets::{self, Material, Preset, PresetValues};
 use crate::volume::{Statistics, Volume};
 
 /// Azimuth and elevation of a view of three sides of a box, degrees.
@@ -45,14 +47,16 @@ pub enum ValueMeaning {
         transfer: TransferFunction,
         /// The preset.
         preset: &'static Preset,
-        /// The property of the volume that suits the preset.
+        /// The property of the file or of the values that suits the preset.
         reason: String,
+        /// Whether the values decided: see [`Suggestion::is_guess`].
+        is_guess: bool,
     },
 }
 
 impl ValueMeaning {
     /// Finds the meaning of the values of a volume from `source`: a file, or `demo:NAME`. Without `labels`, values are
-    /// never taken for labels. Calls `statistics` only if the values decide.
+    /// never taken for labels. A preset places its points by `values`. Calls `statistics` only if the values decide.
     ///
     /// # Errors
     /// [`Error::Input`](crate::Error::Input) and [`Error::Memory`](crate::Error::Memory) if samples cannot be read;
@@ -61,6 +65,7 @@ impl ValueMeaning {
         source: impl AsRef<Path>,
         volume: &Volume,
         labels: bool,
+        values: PresetValues,
         statistics: impl FnOnce() -> Result<Statistics>,
     ) -> Result<Self> {
         if let Some(transfer) = demos::own_transfer(source) {
@@ -69,8 +74,10 @@ impl ValueMeaning {
         if labels && let Some(reason) = recognised(volume)? {
             return Ok(Self::Labels { reason });
         }
-        let (transfer, Suggestion { name, reason }) = TransferFunction::for_volume(volume, &statistics()?)?;
-        Ok(Self::Values { transfer, preset: presets::find(name)?, reason })
+        let statistics = statistics()?;
+        let Suggestion { name, reason, is_guess } = suggest(volume, &statistics);
+        let transfer = presets::preset(name, volume, &statistics, values)?;
+        Ok(Self::Values { transfer, preset: presets::find(name)?, reason, is_guess })
     }
 }
 
@@ -101,11 +108,21 @@ pub struct ChoiceContext<'a> {
     pub view: Option<[f64; 2]>,
     /// The material of the surfaces that its transfer function shows; `None`: translucent matter.
     pub material: Option<Material>,
+    /// Whether channels are drawn in a colour each.
+    pub channels: bool,
     /// Whether labels are drawn.
     pub labels: bool,
     /// Whether the volume is drawn alone, without labels over it or a mask.
     pub plain: bool,
 }
+
+/// The preset whose material channels have.
+const CHANNELS: &str = "fluorescence";
+
+const PRESET_SURFACES: &str = "the transfer function shows surfaces";
+
+/// The words after a preset that the values decided.
+pub const GUESS: &str = ", a guess from the histogram,";
 
 /// A choice with its reason. `Display` prints it in the words of the library.
 #[derive(Debug, Clone, PartialEq)]
@@ -122,6 +139,8 @@ pub enum Choice {
         name: &'static str,
         /// The reason why it suits.
         reason: String,
+        /// Whether the values decided: see [`Suggestion::is_guess`].
+        is_guess: bool,
     },
     /// An oblique side, because the file states no orientation, or the side that a built-in volume suggests. Degrees.
     Side {
@@ -132,9 +151,11 @@ pub enum Choice {
         /// The reason to turn the volume.
         reason: &'static str,
     },
-    /// Studio light around the view, because a transfer function or labels show surfaces. Labels have a larger shadow
-    /// bias.
+    /// Studio light around the view, because a transfer function, channels or labels show surfaces. Labels have a larger
+    /// shadow bias.
     Light {
+        /// The reason in words.
+        surfaces: &'static str,
         /// [`Lighting::shadow_bias`] of labels, in voxels.
         shadow_bias: Option<f64>,
     },
@@ -146,15 +167,16 @@ impl fmt::Display for Choice {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Labels { reason } => write!(f, "values are labels because {reason}"),
-            Self::Preset { name, reason } => write!(f, "preset {name} because {reason}"),
+            Self::Preset { name, reason, is_guess } => {
+                let guess = if *is_guess { GUESS } else { "" };
+                write!(f, "preset {name}{guess} because {reason}")
+            }
             Self::Side { azimuth, elevation, reason } => {
                 write!(f, "azimuth {azimuth}, elevation {elevation} because {reason}")
             }
-            Self::Light { shadow_bias: None } => {
-                f.write_str("studio light because the transfer function shows surfaces")
-            }
-            Self::Light { shadow_bias: Some(bias) } => {
-                write!(f, "studio light, shadow bias {bias}, because labels have surfaces")
+            Self::Light { shadow_bias: None, surfaces } => write!(f, "studio light because {surfaces}"),
+            Self::Light { shadow_bias: Some(bias), surfaces } => {
+                write!(f, "studio light, shadow bias {bias}, because {surfaces}")
             }
             Self::Sharpness(sharpness) => {
                 write!(f, "sharpness {sharpness} because the transfer function shows surfaces")
@@ -181,20 +203,25 @@ impl ChoiceContext<'_> {
             choices.push(Choice::Side { azimuth, elevation, reason });
         }
         let composite = settings.model == Model::Composite;
-        let material = self.material;
+        let material = if self.channels { presets::find(CHANNELS)?.material } else { self.material };
         if open.light && composite && (material.is_some() || self.labels) {
             let mut studio = Lighting::studio(view.forward()?, view.up);
             let shadow_bias = material.is_none().then_some(LABEL_BIAS);
             studio.shadow_bias = shadow_bias.unwrap_or(studio.shadow_bias);
             settings.lighting = Some(studio);
-            choices.push(Choice::Light { shadow_bias });
+            let surfaces = match (self.channels, shadow_bias) {
+                (true, _) => "channels show surfaces",
+                (false, None) => PRESET_SURFACES,
+                (false, Some(_)) => "labels have surfaces",
+            };
+            choices.push(Choice::Light { shadow_bias, surfaces });
         }
         let Some(material) = material else { return Ok(choices) };
         if open.material {
             settings.lighting = settings.lighting.take().map(|lighting| material.lit(lighting));
         }
         // Post-shading would filter the samples: noise stays as it is unless sharpness is requested.
-        if open.sharpness && composite && !settings.is_post_shaded() && self.plain {
+        if open.sharpness && composite && !settings.is_post_shaded() && self.plain && !self.channels {
             settings.sharpness = SHARPNESS;
             choices.push(Choice::Sharpness(SHARPNESS));
         }
@@ -223,8 +250,8 @@ impl Appearance {
     /// # Errors
     /// The errors of [`ValueMeaning::find`].
     pub fn for_file(source: impl AsRef<Path>, volume: &Volume) -> Result<Self> {
-        let meaning = ValueMeaning::find(&source, volume, true, || Ok(Statistics::of(volume)?))?;
-        let alone = ChoiceContext { volume, view: None, material: None, labels: false, plain: true };
+        let meaning = ValueMeaning::find(&source, volume, true, PresetValues::Auto, || Ok(Statistics::of(volume)?))?;
+        let alone = ChoiceContext { volume, view: None, material: None, channels: false, labels: false, plain: true };
         match meaning {
             ValueMeaning::Labels { reason } => {
                 let layers = Layers::new(Layer::labels(volume, &Labels::stated(volume))?);
@@ -235,12 +262,27 @@ impl Appearance {
                 let (view, material) = (look.map(|look| look.view), look.and_then(|look| look.material));
                 Self::new(Layers::of_volume(volume, &transfer), ChoiceContext { view, material, ..alone }, None)
             }
-            ValueMeaning::Values { transfer, preset, reason } => {
-                let choice = Choice::Preset { name: preset.name, reason };
+            ValueMeaning::Values { transfer, preset, reason, is_guess } => {
+                let choice = Choice::Preset { name: preset.name, reason, is_guess };
                 let context = ChoiceContext { material: preset.material, ..alone };
                 Self::new(Layers::of_volume(volume, &transfer), context, Some(choice))
             }
         }
+    }
+
+    /// Chooses the appearance of the contents of a file, which [`load_channels`] returned: channels in a colour each,
+    /// or a volume as [`Self::for_file`] does.
+    ///
+    /// # Errors
+    /// The errors of [`Self::for_file`]; [`Error::Volume`](crate::Error::Volume) if lattices of channels differ.
+    pub fn for_loaded(source: impl AsRef<Path>, loaded: &Loaded) -> Result<Self> {
+        let Loaded { volume, layers, channels, .. } = loaded;
+        let mut layers = layers.iter().cloned();
+        let Some(first) = layers.next() else { return Self::for_file(source, volume) };
+        let layers = layers.try_fold(Layers::new(first), Layers::with)?;
+        let channels = !channels.is_empty();
+        let context = ChoiceContext { volume, view: None, material: None, channels, labels: false, plain: true };
+        Self::new(layers, context, None)
     }
 
     /// Chooses the appearance of a volume with a preset.
@@ -251,7 +293,8 @@ impl Appearance {
     pub fn for_preset(name: &str, volume: &Volume) -> Result<Self> {
         let layers = Layers::of_volume(volume, &TransferFunction::preset(name, volume)?);
         let material = presets::find(name)?.material;
-        Self::new(layers, ChoiceContext { volume, view: None, material, labels: false, plain: true }, None)
+        let context = ChoiceContext { volume, view: None, material, channels: false, labels: false, plain: true };
+        Self::new(layers, context, None)
     }
 
     fn new(layers: Layers, context: ChoiceContext<'_>, chosen: Option<Choice>) -> Result<Self> {

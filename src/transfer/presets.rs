@@ -8,7 +8,7 @@ use crate::error::{Error, Result};
 use crate::lighting::Lighting;
 use crate::transfer::color;
 use crate::volume::{Statistics, Volume};
-use voxsplat_volume::names::readable;
+use voxsplat_volume::names::named;
 
 /// A named way to make a transfer function from the values of a volume.
 #[derive(Debug, Clone, Copy)]
@@ -228,6 +228,21 @@ impl Ramp {
     }
 }
 
+/// The values at which a preset places its points.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum PresetValues {
+    /// Absolute values if the file states Hounsfield units or statistics, or if the values look like Hounsfield units;
+    /// otherwise fitted.
+    #[default]
+    Auto,
+    /// Absolute values: Hounsfield units for presets of CT and for angiography, and scores of statistics from 3 on.
+    Absolute,
+    /// Fitted to the histogram.
+    Fitted,
+}
+
+named!("preset_values", PresetValues { Auto: "auto", Absolute: "absolute", Fitted: "fitted" });
+
 /// Steps between the control points of a colour map.
 const MAP_STEPS: u32 = 16;
 
@@ -235,9 +250,18 @@ const MAP_STEPS: u32 = 16;
 ///
 /// # Errors
 /// [`Error::Transfer`] if there is no such preset (the message lists them), or if all values are the same.
-pub fn preset(name: &str, volume: &Volume, statistics: &Statistics) -> Result<TransferFunction> {
+pub fn preset(name: &str, volume: &Volume, statistics: &Statistics, values: PresetValues) -> Result<TransferFunction> {
     let preset = find(name)?;
-    let levels = Levels::new(volume.value_unit(), statistics).ok_or_else(|| {
+    let unit = volume.value_unit();
+    let is_absolute = |stated: bool| match values {
+        PresetValues::Auto => stated,
+        PresetValues::Absolute => true,
+        PresetValues::Fitted => false,
+    };
+    let hounsfield = is_absolute(unit == Some("HU") || is_hounsfield(statistics));
+    // A correlation that chance makes depends on the number of samples.
+    let scores = is_absolute(unit.is_some_and(|unit| unit != "r" && STATISTICS.contains(&unit)));
+    let levels = Levels::new(statistics, hounsfield, scores).ok_or_else(|| {
         Error::Transfer(format!(
             "preset {name} adapts to the range of the values, but they are all {}: give control points instead",
             statistics.min
@@ -261,82 +285,8 @@ pub fn find(name: &str) -> Result<&'static Preset> {
     })
 }
 
-/// A preset chosen for a volume, and why.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Suggestion {
-    /// The preset's name.
-    pub name: &'static str,
-    /// The property of the volume that suits the preset.
-    pub reason: String,
-}
-
-/// Suggests a preset by the values of a volume; the reason names the property that decided. Bounds are rules of thumb.
-#[must_use]
-pub fn suggest(volume: &Volume, statistics: &Statistics) -> Suggestion {
-    let (name, reason) = name_and_reason(volume, statistics);
-    Suggestion { name, reason }
-}
-
-fn name_and_reason(volume: &Volume, statistics: &Statistics) -> (&'static str, String) {
-    let &Statistics { min, max, mean, std_dev, .. } = statistics;
-    let [least, largest] = [min, max].map(readable);
-    if is_hounsfield(volume.value_unit(), statistics) {
-        return ("ct-bone", format!("values from {least} to {largest} look like Hounsfield units"));
-    }
-    if let Some(unit) = volume.value_unit().filter(|unit| STATISTICS.contains(unit)) {
-        return ("activation", format!("the file says that its values are statistics ({unit})"));
-    }
-    let oriented = volume.is_oriented();
-    if volume.sample_type().is_float() && !oriented {
-        return ("field", "real numbers without a patient orientation: no scan, a field".to_owned());
-    }
-    let Some(levels) = Levels::new(volume.value_unit(), statistics) else {
-        return ("grayscale", format!("all values are {least}"));
-    };
-    if oriented && -min > max / 4.0 && max > -min / 4.0 && mean.abs() < std_dev / 2.0 {
-        return ("activation", format!("values from {least} to {largest} lie about 0, as statistics do"));
-    }
-    let foreground = statistics.fraction_above(levels.background);
-    let median = statistics.quantile_above(levels.background, 0.5);
-    let skewed = median < between(levels.background, levels.high, 0.2);
-    if !oriented && skewed && foreground < 0.2 {
-        let dark = 100.0 * (1.0 - foreground);
-        let reason = "% are dark and most others dim, without a patient orientation: as in microscopy";
-        return ("fluorescence", format!("{dark:.1} {reason}"));
-    }
-    // Otsu's threshold within the brighter class separates bone or contrast agent from flesh in CT: a minority of the
-    // foreground. In MRI no tissue stands out like that, and about half of the foreground lies on either side.
-    let share = 100.0 * statistics.fraction_above(levels.bright) / foreground.max(f64::MIN_POSITIVE);
-    let bright = format!("{share:.1} % of the foreground is over {}", readable(levels.bright));
-    let spacing = volume.grid().min_spacing();
-    let in_millimetres = volume.length_unit().is_none_or(|unit| unit == "mm");
-    if share < 3.0 && skewed && oriented && in_millimetres && spacing >= 1.8 {
-        return ("pet", format!("{bright} in voxels of {spacing:.1} mm: few and far brighter, as uptake in PET is"));
-    }
-    if share < 3.0 {
-        let reason = "thin and far brighter than the rest, as vessels with contrast agent are";
-        return ("angiography", format!("{bright}: {reason}"));
-    }
-    // The magnitude of complex noise is positive and hardly ever 0. The air of CT scans is noise about a value, or cut
-    // off at one value.
-    let background = 1.0 - foreground;
-    let (floor, at_floor) = (levels.background / 10.0, 1.0 - statistics.fraction_above(min));
-    if (0.0..floor).contains(&min) && at_floor < background / 10.0 {
-        return ("mri", format!("the background is noise from {least} up, as in MRI"));
-    }
-    if share < 30.0 {
-        return ("ct-bone", format!("{bright}: a bright minority, as bone in CT is"));
-    }
-    if at_floor >= background {
-        let masked = 100.0 * at_floor;
-        let reason = format!("{masked:.1} % are {least}, as in masked MRI of brains");
-        return ("mr-brain", format!("no bright minority stands out, and {reason}"));
-    }
-    ("mri", format!("{bright}: no bright minority stands out, as in MRI"))
-}
-
 /// Units of statistics that lie about 0: Student's t, z scores and correlations.
-const STATISTICS: [&str; 3] = ["t", "z", "r"];
+pub(crate) const STATISTICS: [&str; 3] = ["t", "z", "r"];
 
 impl TransferFunction {
     /// Fits a preset to the values of a volume. Reads all samples.
@@ -345,26 +295,15 @@ impl TransferFunction {
     /// [`Error::Transfer`] as [`preset`]; [`Error::Input`] and [`Error::Memory`] if samples left in a file cannot be
     /// read.
     pub fn preset(name: &str, volume: &Volume) -> Result<Self> {
-        preset(name, volume, &Statistics::of(volume)?)
-    }
-
-    /// Fits the preset that [`suggest`] chooses for a volume, and returns it with the reason for the choice.
-    ///
-    /// A built-in volume has a better transfer function of its own:
-    /// [`own_transfer`](crate::appearance::demos::own_transfer).
-    ///
-    /// # Errors
-    /// [`Error::Transfer`] if all values are the same: there is no range to fit to.
-    pub fn for_volume(volume: &Volume, statistics: &Statistics) -> Result<(Self, Suggestion)> {
-        let suggestion = suggest(volume, statistics);
-        Ok((preset(suggestion.name, volume, statistics)?, suggestion))
+        preset(name, volume, &Statistics::of(volume)?, PresetValues::Auto)
     }
 }
 
-/// Whether values are Hounsfield units, or look like them: air (-1000) is far below 0, and bone or contrast agent far
-/// above it. Values far outside the range of scanners are another quantity.
-fn is_hounsfield(unit: Option<&str>, s: &Statistics) -> bool {
-    unit == Some("HU") || s.min < -200.0 && s.max > 300.0 && s.min >= -10_000.0 && s.max <= 100_000.0
+/// Whether values look like Hounsfield units: a hundredth of the voxels or more are air or lung, far below 0, and bone
+/// or contrast agent is far above it. Values far outside the range of scanners are another quantity.
+pub(crate) fn is_hounsfield(s: &Statistics) -> bool {
+    let has_air = s.min < -200.0 && s.fraction_above(-200.0) <= 0.99;
+    has_air && s.max > 300.0 && s.min >= -10_000.0 && s.max <= 100_000.0
 }
 
 /// Statistics of a volume at which presets place their points, ascending except for the last two; neighbours may be
@@ -391,8 +330,8 @@ struct Levels {
 }
 
 impl Levels {
-    /// The levels of values in a unit, if it is known; `None` if all values are the same.
-    fn new(unit: Option<&str>, s: &Statistics) -> Option<Self> {
+    /// The levels of values, which may be Hounsfield units or scores; `None` if all values are the same.
+    fn new(s: &Statistics, hounsfield: bool, scores: bool) -> Option<Self> {
         let object = s.otsu(f64::NEG_INFINITY)?;
         let background = s.background()?.limit.min(object);
         let mut vessel = s.otsu(background).unwrap_or(object).max(object);
@@ -408,10 +347,8 @@ impl Levels {
         let strongest = if far > 0.0 { far } else { s.min.abs().max(s.max.abs()) };
         // Half of normally distributed noise is within 0.6745 standard deviations, and 0.3 % beyond 3. Chance makes a z
         // score or a Student's t over 3 as often.
-        let scores = unit.is_some_and(|unit| unit != "r" && STATISTICS.contains(&unit));
         let noise = if scores { 3.0 } else { s.quantile_above(background.max(0.0), 0.5) / 0.6745 * 3.0 };
         let significant = if noise > 0.0 { noise.min(strongest / 2.0) } else { strongest / 2.0 };
-        let hounsfield = is_hounsfield(unit, s);
         Some(Self { hounsfield, background, object, vessel, bright, top, high, significant, strongest })
     }
 
@@ -428,7 +365,7 @@ impl Levels {
 
 /// The range of values of the foreground, up to its 99.5th percentile; `None` if all values are the same.
 pub(super) fn foreground(statistics: &Statistics) -> Option<[f64; 2]> {
-    Levels::new(None, statistics).map(|levels| [levels.background, levels.high])
+    Levels::new(statistics, false, false).map(|levels| [levels.background, levels.high])
 }
 
 /// Linear interpolation from `a` (f = 0) to `b` (f = 1).

@@ -34,6 +34,7 @@ mod model {
     mod clipping;
     mod demos;
     mod gradient_opacity;
+    mod kinds;
     mod lattices;
     mod layers;
     mod presets;
@@ -41,6 +42,7 @@ mod model {
     mod reconstruction;
     mod rendering;
     mod sharpness;
+    mod suggestions;
 }
 
 /// Painters: precision, limits, cost, devices, golden pictures.

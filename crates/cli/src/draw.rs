@@ -118,8 +118,8 @@ pub(crate) fn framed(frame: FrameArg, layers: &Layers, clip: &Clip) -> Result<Op
 }
 
 /// Returns a volume with the given units, and otherwise the units of its file.
-pub(crate) fn with_units(volume: Volume, given: &Units) -> Volume {
+pub(crate) fn with_units(volume: &Volume, given: &Units) -> Volume {
     let of_file = volume.units().clone();
     let units = Units { length: given.length.clone().or(of_file.length), value: given.value.clone().or(of_file.value) };
-    volume.with_units(units)
+    volume.clone().with_units(units)
 }

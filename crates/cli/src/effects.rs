@@ -39,9 +39,9 @@ const fn idle(options: &'static str, holds: fn(&Given<'_>) -> bool, because: &'s
 /// `formats::load`) or `session::say_choice` refuse or note.
 #[cfg(test)]
 const FREE: &str = "help quiet dims type offset spacing replace-nan channel time pyramid output size region up target \
-                    projection view-height transfer model response depth-coded attenuation light clip kernel sharpness \
-                    labels mask tune tune:normalization tune:antialiasing reference max-error views repeats patience \
-                    rivals frames turn key-frames";
+                    projection view-height transfer transfer-values model response depth-coded attenuation light clip \
+                    kernel sharpness labels mask tune tune:normalization tune:antialiasing reference max-error views \
+                    repeats patience rivals frames turn key-frames";
 
 const BY_KEYS: &str = "because key frames set it";
 const IS_ONE_FILE: &str = "because the volume is one file: only folders hold series";

@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use voxsplat::appearance::ValueMeaning;
+use voxsplat::appearance::{GUESS, ValueMeaning};
 use voxsplat::demos;
-use voxsplat::transfer::presets::{self, Material, Preset};
+use voxsplat::transfer::presets::{self, Material, Preset, PresetValues};
 use voxsplat::transfer::{ControlPoint, Imported, TransferFunction, Window};
 use voxsplat::volume::{Statistics, Volume};
 use voxsplat_volume::names::readable;
@@ -48,7 +48,7 @@ pub(crate) fn transfer(
     stages: &mut Stages,
 ) -> Result<Fitted, Failure> {
     let labels = |notes| Ok(Fitted { labels: true, notes, ..Fitted::clear()? });
-    let mut window = requested.window;
+    let (mut window, values) = (requested.window, requested.values);
     let mut statistics = || stages.time("statistics", || Statistics::of(volume));
     let mut fitted = match &requested.choice {
         TransferChoice::Labels => return labels(Vec::new()),
@@ -63,24 +63,36 @@ pub(crate) fn transfer(
             Fitted::new(transfer, None, notes)
         }
         TransferChoice::Preset(preset) => {
-            Fitted::new(presets::preset(preset.name, volume, &statistics()?)?, Some(preset), Vec::new())
+            let statistics = statistics()?;
+            let transfer = presets::preset(preset.name, volume, &statistics, values)?;
+            let fitted = |values| presets::preset(preset.name, volume, &statistics, values);
+            let mut notes = Vec::new();
+            if values != PresetValues::Auto && fitted(PresetValues::Absolute)? == fitted(PresetValues::Fitted)? {
+                let reason = format!("because preset {} has no absolute values", preset.name);
+                notes.push(format!("note: --transfer-values has no effect {reason}"));
+            }
+            Fitted::new(transfer, Some(preset), notes)
         }
-        TransferChoice::Suggested => match ValueMeaning::find(source, volume, may_be_labels, || Ok(statistics()?))? {
-            ValueMeaning::Values { transfer, preset, reason } => {
-                let note =
-                    format!("note: using --transfer {} because {reason} (choose another: --transfer)", preset.name);
-                Fitted::new(transfer, Some(preset), vec![note])
+        TransferChoice::Suggested => {
+            match ValueMeaning::find(source, volume, may_be_labels, values, || Ok(statistics()?))? {
+                ValueMeaning::Values { transfer, preset, reason, is_guess } => {
+                    let guess = if is_guess { GUESS } else { "" };
+                    let name = preset.name;
+                    let note =
+                        format!("note: using --transfer {name}{guess} because {reason} (choose another: --transfer)");
+                    Fitted::new(transfer, Some(preset), vec![note])
+                }
+                ValueMeaning::BuiltIn(transfer) => {
+                    let material = demos::own_look(source).and_then(|look| look.material);
+                    Fitted { material, ..Fitted::new(transfer, None, Vec::new()) }
+                }
+                ValueMeaning::Labels { reason } => {
+                    let note =
+                        format!("note: using --transfer labels because {reason} (show values: --transfer grayscale)");
+                    return labels(vec![note]);
+                }
             }
-            ValueMeaning::BuiltIn(transfer) => {
-                let material = demos::own_look(source).and_then(|look| look.material);
-                Fitted { material, ..Fitted::new(transfer, None, Vec::new()) }
-            }
-            ValueMeaning::Labels { reason } => {
-                let note =
-                    format!("note: using --transfer labels because {reason} (show values: --transfer grayscale)");
-                return labels(vec![note]);
-            }
-        },
+        }
     };
     if let Some(window) = &window {
         fitted.transfer = fitted.transfer.stretched(window)?;

@@ -4,10 +4,10 @@ use std::path::Path;
 
 use glam::DVec3;
 use serde::Serialize;
-use voxsplat::appearance::ValueMeaning;
+use voxsplat::appearance::{GUESS, ValueMeaning, suggest};
 use voxsplat::error::Error;
 use voxsplat::formats::{self, LoadOptions, PyramidLevel};
-use voxsplat::transfer::presets;
+use voxsplat::transfer::presets::PresetValues;
 use voxsplat::volume::{Channel, Grid, Statistics, Volume};
 use voxsplat_volume::names::readable;
 
@@ -52,6 +52,11 @@ struct Info {
     /// no preset fits.
     preset: Option<&'static str>,
     reason: String,
+    /// Whether the values decided on the preset, because the file does not state its method.
+    guess: bool,
+    /// The method that made the values, as the file states it.
+    modality: Option<String>,
+    description: Option<String>,
     /// The number of time points of the file.
     times: u32,
     /// The time point that is described.
@@ -150,12 +155,17 @@ impl Info {
     fn new(source: &Path, options: &[OptionValues], volume: &Volume, statistics: &Statistics) -> Result<Self, Failure> {
         let grid = volume.grid();
         let (slope, intercept) = volume.rescale();
-        let (preset, reason, fits) = match ValueMeaning::find(source, volume, true, || Ok(statistics.clone())) {
+        let mut guess = false;
+        let meaning = ValueMeaning::find(source, volume, true, PresetValues::Auto, || Ok(statistics.clone()));
+        let (preset, reason, fits) = match meaning {
             Ok(ValueMeaning::BuiltIn(_)) => (None, "a built-in volume has its own transfer function".to_owned(), true),
             Ok(ValueMeaning::Labels { reason }) => (Some(LABELS), reason, true),
-            Ok(ValueMeaning::Values { preset, reason, .. }) => (Some(preset.name), reason, true),
+            Ok(ValueMeaning::Values { preset, reason, is_guess, .. }) => {
+                guess = is_guess;
+                (Some(preset.name), reason, true)
+            }
             Err(Error::Transfer(_)) => {
-                let reason = presets::suggest(volume, statistics).reason;
+                let reason = suggest(volume, statistics).reason;
                 (None, format!("no preset fits: {reason}; write one, and give --transfer FILE.json"), false)
             }
             Err(error) => return Err(error.into()),
@@ -183,6 +193,9 @@ impl Info {
             background: statistics.background().map(|b| [b.limit, b.fraction]),
             preset,
             reason,
+            guess,
+            modality: contents.origin.modality.clone(),
+            description: contents.origin.description.clone(),
             times: contents.times,
             time: contents.time,
             levels: contents.levels,
@@ -217,6 +230,10 @@ impl Info {
         if (self.slope, self.intercept) != (1.0, 0.0) {
             line("values", format!("{} * sample + {}", readable(self.slope), readable(self.intercept)));
         }
+        let origin: Vec<&str> = [&self.modality, &self.description].into_iter().flatten().map(String::as_str).collect();
+        if !origin.is_empty() {
+            line("origin", origin.join(", "));
+        }
         line("spacing", by(&self.spacing));
         for note in &self.notes {
             line("note", note.clone());
@@ -240,7 +257,8 @@ impl Info {
         line("histogram", "(height: logarithm of the count)".to_owned());
         text += &histogram::draw(&self.histogram);
         text += &histogram::axis(&readable(self.min), &readable(self.max));
-        let preset = self.preset.map(|p| format!("{p}: ")).unwrap_or_default();
+        let guess = if self.guess { GUESS.trim_end_matches(',') } else { "" };
+        let preset = self.preset.map(|p| format!("{p}{guess}: ")).unwrap_or_default();
         text += &format!("{:<12} {preset}{}\n", "transfer", self.reason);
         text + &self.command.as_ref().map(|command| format!("{:<12} {command}\n", "render")).unwrap_or_default()
     }

@@ -24,9 +24,6 @@ use super::scene_file::SceneFile;
 use super::transfer::{Transfer, TransferChoice};
 use super::tune::Tuning;
 
-/// The default margin of a picture with a title or a caption, if an option sets the frame or the zoom.
-const FIGURE_MARGIN: f64 = 0.1;
-
 /// The default vertical field of view, degrees.
 const DEFAULT_FOV: f64 = 30.0;
 
@@ -130,12 +127,7 @@ impl RenderJob {
 
     /// A picture that goes to `output`.
     pub(crate) fn with_output(args: RenderArgs, output: Destination) -> Result<Self, Failure> {
-        let mut view = view(&args.view, args.size)?;
-        let makes_room = args.view.fits_by_default();
-        let texts = args.figure.title.is_some() || args.figure.caption.is_some();
-        if args.view.margin.is_none() && texts && !makes_room {
-            view.margin = FIGURE_MARGIN;
-        }
+        let view = view(&args.view, args.size)?;
         let tuning = Tuning::new(&args.model.tune).map_err(Failure::usage)?;
         let settings = settings(&args.model, &tuning, tuning.painter(args.painter), &view)?;
         if settings.response == Response::Depth && !output.keeps_values() {
@@ -184,7 +176,7 @@ impl RenderJob {
                     material: args.model.material.is_none(),
                     sharpness: args.model.kernel.is_none() && args.model.sharpness.is_none(),
                 },
-                space: makes_room,
+                space: args.view.fits_by_default(),
             },
             studio: Studio {
                 requested: args.model.light.iter().any(|light| matches!(light, LightArg::Studio(_))),

@@ -52,6 +52,8 @@ pub(crate) struct Session {
     labels: Vec<(PathBuf, Vec<Volume>)>,
     /// The last legend.
     legend: Held<(Layers, Clip), Vec<LegendEntry>>,
+    /// The least and the largest value of the first volume, once a colour bar needs them.
+    values: Option<[f64; 2]>,
     /// Notes that have been printed.
     said: Vec<String>,
 }
@@ -141,7 +143,6 @@ impl Session {
             let mut read = || {
                 let load = || load_channels(&job.source, &job.load, &job.channels, job.transfer.values());
                 let Loaded { volume, layers, labels, channels } = stages.time("load", load)?;
-                let volume = with_units(volume, &job.figure.units);
                 let mut fitted = fitted(job, &volume, &layers, stages)?;
                 if !channels.is_empty() {
                     let channels: Vec<String> = channels.iter().map(|look| format!("--channel {look}")).collect();
@@ -157,7 +158,7 @@ impl Session {
         stages.append(opening);
         let opened = opened.map(|opened| opened.unwrap_or_else(|panic| std::panic::resume_unwind(panic)));
         let renderer = opened.transpose()?;
-        let session = Self {
+        let mut session = Self {
             volume,
             renderer,
             prepared: None,
@@ -167,8 +168,10 @@ impl Session {
             more,
             labels: Vec::new(),
             legend: None,
+            values: None,
             said: Vec::new(),
         };
+        session.values(&job.figure.drawn)?;
         Ok((session, fitted))
     }
 
@@ -207,6 +210,7 @@ impl Session {
             volume: &self.volume,
             view: demos::own_look(&job.source).map(|look| look.view),
             material: fitted.material,
+            channels: self.channels.iter().any(|layer| layer.entry().is_some()),
             labels: has_labels,
             plain: job.layers.is_plain(),
         };
@@ -220,14 +224,14 @@ impl Session {
     }
 
     /// Replaces the samples by the ones of another time point.
-    pub(crate) fn go_to(&mut self, job: &RenderJob, series: &mut TimeSeries, time: u32) -> Result<(), Failure> {
+    pub(crate) fn go_to(&mut self, series: &mut TimeSeries, time: u32) -> Result<(), Failure> {
         let Contents { channel, time: now, .. } = *self.volume.contents();
         if time == now {
             return Ok(());
         }
         // The last scene leaves memory before the next samples are read.
         (self.prepared, self.framed) = (None, None);
-        let next = with_units(series.channel(time, channel)?, &job.figure.units);
+        let next = series.channel(time, channel)?;
         for layer in &mut self.channels {
             *layer = layer.with_samples(|of| match of.contents().channel {
                 same if same == channel => Ok(next.clone()),
@@ -254,7 +258,7 @@ impl Session {
         let mut around: Option<Hull> = None;
         for (done, &time) in times.iter().enumerate().filter(|_| job.frame != FrameArg::Volume) {
             progress.at(done, &format!("framing {} of {} time points", done + 1, times.len()));
-            self.go_to(job, series, time)?;
+            self.go_to(series, time)?;
             let layers = self.layers(job, fitted, &mut Stages::default())?;
             let hull = framed(job.frame, &layers, &job.settings.clip)?;
             around = match (around, hull) {
@@ -315,7 +319,11 @@ impl Session {
             )?,
         };
         let figure = self.figure(job, layers)?;
-        let reserved = if job.choices.space { figure.reserved(job.size, transfer)? } else { job.view.reserved };
+        let values = self.values(&figure)?;
+        let reserved = if job.choices.space { figure.reserved(job.size, transfer, values)? } else { job.view.reserved };
+        if reserved != job.view.reserved {
+            self.say(note_on_space(&figure));
+        }
         let camera = Camera::new(&View { around, reserved, ..job.view.clone() }, self.volume.grid(), job.size)?;
         let (image, settings, estimate, stats) = match &self.renderer {
             Some(renderer) => {
@@ -337,10 +345,19 @@ impl Session {
         };
         let estimated = estimate.map(|e| Note { name: "Estimated error", text: in_words(&e) });
         let notes = notes(&settings, &figure, estimated);
-        let shown = Shown { volume: &self.volume, transfer, camera: &camera, model: job.settings.model };
+        let volume = &with_units(&self.volume, &job.figure.units);
+        let shown = Shown { volume, transfer, values, camera: &camera, model: job.settings.model };
         let draw = || figure.draw_region(&image, job.region, job.output.background, &shown);
         let drawn = if figure.is_empty() { None } else { Some(stages.time("figure", draw)?) };
         Ok(Drawing { image, drawn, camera, settings, notes, estimate, stats })
+    }
+
+    /// Returns the range of values for the colour bar of a figure, of the first time point for all.
+    fn values(&mut self, figure: &Figure) -> Result<Option<[f64; 2]>, Failure> {
+        if figure.color_bar && self.values.is_none() {
+            self.values = Some(self.volume.value_range()?);
+        }
+        Ok(self.values)
     }
 
     /// Returns the figure of a job, with the names of its legend.
@@ -379,12 +396,9 @@ fn note_on(choice: &Choice, follows: bool) -> String {
         Choice::Side { azimuth, elevation, reason } => {
             format!("--azimuth {azimuth} --elevation {elevation} because {reason} (front view: --azimuth 0)")
         }
-        Choice::Light { shadow_bias } => {
+        Choice::Light { shadow_bias, surfaces } => {
             let name = if follows { "studio:eye" } else { "studio" };
-            let (bias, surfaces) = match shadow_bias {
-                None => (String::new(), "the transfer function shows surfaces"),
-                Some(bias) => (format!(" --tune shadow-bias={bias}"), "labels have surfaces"),
-            };
+            let bias = shadow_bias.map(|bias| format!(" --tune shadow-bias={bias}")).unwrap_or_default();
             format!("--light {name}{bias} because {surfaces} (disable: --light off)")
         }
         Choice::Sharpness(sharpness) => {
@@ -393,6 +407,15 @@ fn note_on(choice: &Choice, follows: bool) -> String {
         other => other.to_string(),
     };
     format!("note: using {text}")
+}
+
+/// Returns the note on a frame beside the parts of a figure, with the option that undoes it.
+fn note_on_space(figure: &Figure) -> String {
+    let parts =
+        [(figure.title.is_some(), "title"), (figure.caption.is_some(), "caption"), (figure.color_bar, "colour bar")];
+    let parts: Vec<&str> = parts.into_iter().filter_map(|(drawn, name)| drawn.then_some(name)).collect();
+    let parts = parts.join(" and the ");
+    format!("note: using a smaller frame because the {parts} would lie over the volume (same frame: --frame visible)")
 }
 
 /// Places studio light, if a job requests it, around its view.

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use voxsplat::appearance::Values;
 use voxsplat::transfer::maps::{self, ColorMap};
-use voxsplat::transfer::presets::{self, Preset};
+use voxsplat::transfer::presets::{self, Preset, PresetValues};
 use voxsplat::transfer::{Imported, Window};
 
 use super::args::ModelArgs;
@@ -32,6 +32,8 @@ pub(crate) struct Transfer {
     pub(crate) choice: TransferChoice,
     /// The values at which it begins and ends.
     pub(crate) window: Option<Window>,
+    /// The values of a preset.
+    pub(crate) values: PresetValues,
     /// Whether only the window was requested.
     by_window: bool,
     /// A replacement for its gradient opacity.
@@ -72,8 +74,12 @@ impl Transfer {
             None if window.is_some() => given(Imported::of_map(&maps::find("gray")?)?),
             None => TransferChoice::Suggested,
         };
+        let values = args.transfer_values;
+        if values != PresetValues::Auto && !matches!(choice, TransferChoice::Suggested | TransferChoice::Preset(_)) {
+            return refuse("--transfer-values is for presets: files have values of their own, --window places maps");
+        }
         let by_window = window.is_some() && args.transfer.is_none();
-        Ok(Self { choice, window, by_window, gradient: args.gradient_opacity.clone() })
+        Ok(Self { choice, window, values, by_window, gradient: args.gradient_opacity.clone() })
     }
 }
 

@@ -373,7 +373,7 @@ fn make(
             && time != session.volume.contents().time
         {
             layers = None;
-            session.go_to(first, series, time)?;
+            session.go_to(series, time)?;
         }
         let layers = match &layers {
             Some(layers) => layers,

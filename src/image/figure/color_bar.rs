@@ -9,8 +9,17 @@ use super::path::Path;
 use crate::error::{Error, Result};
 use crate::transfer::{ControlPoint, TransferFunction};
 
-/// The range of values of a bar: from the first to the last control point, without clear ones at the ends.
-pub(super) fn range(transfer: &TransferFunction) -> Result<[f64; 2]> {
+/// The values of a bar.
+#[derive(Clone, Copy)]
+pub(super) struct Values<'a> {
+    pub(super) transfer: &'a TransferFunction,
+    /// The least and the largest value of the data, if they are known.
+    pub(super) data: Option<[f64; 2]>,
+}
+
+/// The range of values of a bar: from the first to the last control point, without clear ones at the ends, and without
+/// values beyond the data's.
+fn range(transfer: &TransferFunction, values: Option<[f64; 2]>) -> Result<[f64; 2]> {
     let points = transfer.points();
     let clear = |p: &&ControlPoint| p.opacity <= 0.0;
     // The last of the clear points is where opacity begins.
@@ -19,7 +28,8 @@ pub(super) fn range(transfer: &TransferFunction) -> Result<[f64; 2]> {
     let visible = if first < last { [points[first].value, points[last].value] } else { transfer.range() };
     let spread = |[low, high]: [f64; 2]| low < high && (high - low).is_finite();
     let reason = "the transfer function has one value, or values too far apart: there is no range to show";
-    let range = [visible, transfer.range()].into_iter().find(|&range| spread(range));
+    let of_data = values.map(|[low, high]| [visible[0].max(low), visible[1].min(high)]);
+    let range = of_data.into_iter().chain([visible, transfer.range()]).find(|&range| spread(range));
     range.ok_or_else(|| Error::setting("color_bar", reason))
 }
 
@@ -45,8 +55,9 @@ struct Layout {
 
 impl Layout {
     /// Places a bar with its labels at the right of the area between two corners, in the middle of its height.
-    fn new(font: &Font, transfer: &TransferFunction, em: f64, [least, most]: [DVec2; 2]) -> Result<Self> {
-        let range @ [low, high] = range(transfer)?;
+    fn new(font: &Font, values: Values<'_>, em: f64, [least, most]: [DVec2; 2]) -> Result<Self> {
+        let Values { transfer, data } = values;
+        let range @ [low, high] = range(transfer, data)?;
         let tall = room(most.y - least.y, em).min(16.0 * em).floor();
         let top = (f64::midpoint(least.y, most.y) - tall / 2.0).round();
         let (step, values) = ticks(range, (tall / (1.9 * em)).clamp(2.0, 6.0) as usize);
@@ -54,16 +65,16 @@ impl Layout {
         let widest = labels.iter().map(|(_, label)| font.width(label, TEXT * em)).fold(0.0, f64::max);
         let right = (most.x - widest - 0.45 * em).floor();
         let left = right - em.round();
-        let densest =
-            transfer.points().iter().filter(|p| (low..=high).contains(&p.value)).map(|p| p.opacity).fold(0.0, f64::max);
+        let inside = transfer.points().iter().filter(|p| (low..=high).contains(&p.value)).map(|p| p.opacity);
+        let densest = inside.chain([low, high].map(|end| transfer.sample(end).1)).fold(0.0, f64::max);
         let wide = if densest > 0.0 { 2.0 * em } else { 0.0 };
         Ok(Self { range, labels, left, right, top, tall, wide, densest })
     }
 }
 
 /// The left end of a bar that is drawn in an area, with a little space beside it.
-pub(super) fn left_end(font: &Font, transfer: &TransferFunction, em: f64, area: [DVec2; 2]) -> Result<f64> {
-    let layout = Layout::new(font, transfer, em, area)?;
+pub(super) fn left_end(font: &Font, values: Values<'_>, em: f64, area: [DVec2; 2]) -> Result<f64> {
+    let layout = Layout::new(font, values, em, area)?;
     let text = if layout.wide > 0.0 { font.width(&curve_text(layout.densest), CURVE_TEXT * em) } else { 0.0 };
     Ok((layout.left - layout.wide).min(area[1].x - text) - 0.5 * em)
 }
@@ -80,15 +91,11 @@ fn curve_text(densest: f64) -> String {
 }
 
 /// Draws the bar with its labels at the right of the area between two corners, in the middle of its height.
-pub(super) fn draw(
-    canvas: &mut Canvas,
-    transfer: &TransferFunction,
-    unit: Option<&str>,
-    area: [DVec2; 2],
-) -> Result<()> {
+pub(super) fn draw(canvas: &mut Canvas, values: Values<'_>, unit: Option<&str>, area: [DVec2; 2]) -> Result<()> {
+    let transfer = values.transfer;
     let (em, [_, most]) = (canvas.em, area);
     let Layout { range: [low, high], labels, left, right, top, tall, wide, densest } =
-        Layout::new(&canvas.font, transfer, em, area)?;
+        Layout::new(&canvas.font, values, em, area)?;
 
     // The curve of opacity, to the left; the largest opacity is as far from the bar as the panel is wide.
     let rows = tall as u32;
@@ -132,7 +139,21 @@ mod tests {
 
     fn range_of(points: &[(f64, f64)]) -> Result<[f64; 2]> {
         let points = points.iter().map(|&(value, opacity)| ControlPoint { value, color: [1.0; 3], opacity }).collect();
-        range(&TransferFunction::new(points, None).unwrap())
+        range(&TransferFunction::new(points, None).unwrap(), None)
+    }
+
+    #[test]
+    fn a_bar_ends_at_the_values_of_the_data() {
+        let point = |value, opacity| ControlPoint { value, color: [1.0; 3], opacity };
+        let transfer = TransferFunction::new(vec![point(150.0, 0.0), point(1600.0, 0.6)], None).unwrap();
+        for (data, expected) in [
+            ([-1000.0, 900.0], [150.0, 900.0]),
+            ([200.0, 3000.0], [200.0, 1600.0]),
+            // Nothing is visible.
+            ([0.0, 100.0], [150.0, 1600.0]),
+        ] {
+            assert_eq!(range(&transfer, Some(data)).unwrap(), expected, "{data:?}");
+        }
     }
 
     #[test]

@@ -15,7 +15,7 @@
 //! # let camera = Camera::new(&View::default(), volume.grid(), [512, 512])?;
 //! let rendered = renderer.render(&scene, &camera, &settings)?;
 //! let figure = Figure { scale_bar: true, axes: true, title: Some("A head".to_owned()), ..Figure::default() };
-//! let shown = Shown { volume: &volume, transfer: &transfer, camera: &camera, model: settings.model };
+//! let shown = Shown { volume: &volume, transfer: &transfer, values: None, camera: &camera, model: settings.model };
 //! let background = Background::default();
 //! figure.draw(&rendered.image, background, &shown)?.save("figure.png", background)?;
 //! # Ok(())
@@ -54,9 +54,9 @@ pub struct Figure {
     /// sides of the patient: right and left, anterior and posterior, superior and inferior. Otherwise they are X, Y and
     /// Z.
     pub axes: bool,
-    /// The colours of the transfer function over its visible values, at the right, with a curve of its opacity (of a
-    /// slab one unit distance thick) and the unit of the values, if it is known. Colours are unlit. X-rays have no
-    /// colour bar.
+    /// The colours of the transfer function over its visible values in the data, at the right, with a curve of its
+    /// opacity (of a slab one unit distance thick) and the unit of the values, if it is known. Colours are unlit.
+    /// X-rays have no colour bar.
     pub color_bar: bool,
     /// Patches of colour with the names of labels or channels at the upper left (see
     /// [`Layers::legend`](crate::layers::Layers::legend)), in columns over at most half of the picture. If there is no
@@ -75,6 +75,9 @@ pub struct Shown<'a> {
     pub volume: &'a Volume,
     /// Its transfer function.
     pub transfer: &'a TransferFunction,
+    /// The least and the largest value of the data ([`Volume::value_range`]), beyond which a colour bar does not reach;
+    /// `None`: the bar spans the transfer function.
+    pub values: Option<[f64; 2]>,
     /// The camera of the whole picture.
     pub camera: &'a Camera,
     /// The model of a pixel.
@@ -223,17 +226,18 @@ impl Figure {
     }
 
     /// Returns the shares of a picture of a size (width, height) at its left, right, top and bottom that the colour bar
-    /// of a transfer function, the title and the caption take: with them as
+    /// of a transfer function over values ([`Shown::values`]), the title and the caption take: with them as
     /// [`View::reserved`](crate::camera::View::reserved) the volume lies beside the figure. At most a third of the
     /// picture on a side, because the rest would be too small. Scale bar and axes are drawn in corners.
     ///
     /// # Errors
     /// [`Error::Setting`] as [`Self::validate`] if a text is too long, or if a colour bar has no range.
-    pub fn reserved(&self, size: [u32; 2], transfer: &TransferFunction) -> Result<[f64; 4]> {
+    pub fn reserved(&self, size: [u32; 2], transfer: &TransferFunction, values: Option<[f64; 2]>) -> Result<[f64; 4]> {
         let Places { font, em, size: [width, height], title, caption, area, .. } = self.places(size)?;
         let mut right = 0.0;
         if self.color_bar {
-            right = (width - color_bar::left_end(&font, transfer, em, area)?) / width;
+            right =
+                (width - color_bar::left_end(&font, color_bar::Values { transfer, data: values }, em, area)?) / width;
         }
         let [title, caption] = [title, caption].map(|text| match text.lines.as_slice() {
             [] => 0.0,
@@ -299,7 +303,8 @@ impl Figure {
             legend::draw(&mut canvas, &self.legend, self.legend_area(&places));
         }
         if self.color_bar {
-            color_bar::draw(&mut canvas, shown.transfer, shown.volume.value_unit(), *area)?;
+            let values = color_bar::Values { transfer: shown.transfer, data: shown.values };
+            color_bar::draw(&mut canvas, values, shown.volume.value_unit(), *area)?;
         }
         Ok(canvas.into_image())
     }
@@ -334,7 +339,8 @@ mod tests {
     fn drawn(figure: &Figure, view: &View, background: Background, region: Region) -> Result<Image> {
         let (volume, transfer) = (volume(), transfer());
         let camera = Camera::new(view, volume.grid(), [WHOLE.width, WHOLE.height])?;
-        let shown = Shown { volume: &volume, transfer: &transfer, camera: &camera, model: Model::Composite };
+        let shown =
+            Shown { volume: &volume, transfer: &transfer, values: None, camera: &camera, model: Model::Composite };
         let pixels = vec![[0.3, 0.3, 0.3, 0.6]; region.area() as usize];
         figure.draw_region(&Image::new(region.width, region.height, pixels)?, region, background, &shown)
     }
@@ -357,7 +363,8 @@ mod tests {
             let view = View { projection, view_height: Some(height), ..View::default() };
             let (volume, transfer) = (volume(), transfer());
             let camera = Camera::new(&view, volume.grid(), [320, 200]).unwrap();
-            let shown = Shown { volume: &volume, transfer: &transfer, camera: &camera, model: Model::Mip };
+            let shown =
+                Shown { volume: &volume, transfer: &transfer, values: None, camera: &camera, model: Model::Mip };
             let bar = scale_bar::Bar::new(&shown, 0.28 * 320.0).unwrap();
             let length: f64 = text.split(' ').next().unwrap().parse().unwrap();
             assert_eq!(bar.text, text);
@@ -396,7 +403,7 @@ mod tests {
         {
             let figure = Figure { color_bar, title, caption, ..Figure::default() };
             let image = drawn(&figure, &View::default(), Background::default(), WHOLE).unwrap();
-            let reserved = figure.reserved([WHOLE.width, WHOLE.height], &transfer()).unwrap();
+            let reserved = figure.reserved([WHOLE.width, WHOLE.height], &transfer(), None).unwrap();
             let [left, right, top, bottom] = reserved;
             for (index, pixel) in image.pixels().iter().enumerate() {
                 let (x, y) = ((index % 320) as f64 / 320.0, (index / 320) as f64 / 200.0);
@@ -405,7 +412,7 @@ mod tests {
             }
             assert!(reserved.iter().all(|part| (0.0..=MOST_RESERVED).contains(part)) && reserved != [0.0; 4]);
         }
-        assert_eq!(Figure::default().reserved([320, 200], &transfer()).unwrap(), [0.0; 4]);
+        assert_eq!(Figure::default().reserved([320, 200], &transfer(), None).unwrap(), [0.0; 4]);
     }
 
     #[test]
@@ -448,7 +455,7 @@ mod tests {
         if let crate::camera::Projection::Perspective { distance, .. } = &mut camera.projection {
             *distance = -1.0;
         }
-        let shown = Shown { volume: &volume, transfer: &transfer(), camera: &camera, model: composite };
+        let shown = Shown { volume: &volume, transfer: &transfer(), values: None, camera: &camera, model: composite };
         let image = Image::transparent(320, 200).unwrap();
         let error = everything().draw(&image, Background::default(), &shown).unwrap_err();
         assert!(error.to_string().contains("not in front of the eye"), "{error}");

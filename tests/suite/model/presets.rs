@@ -1,9 +1,10 @@
 //! Statistics, presets and transfer files.
 
 use rayon::ThreadPoolBuilder;
+use voxsplat::appearance::suggest;
 use voxsplat::lighting::Lighting;
 use voxsplat::settings::Settings;
-use voxsplat::transfer::presets::{PRESETS, find, preset, suggest};
+use voxsplat::transfer::presets::{PRESETS, PresetValues, find, preset};
 use voxsplat::transfer::{ControlPoint, TransferFunction};
 use voxsplat::volume::{Grid, Samples, Statistics, Units, Volume};
 
@@ -105,7 +106,7 @@ fn presets_of_extreme_ranges_do_not_panic() {
         let s = Statistics::of(&volume).unwrap();
         assert_eq!(s.histogram().iter().sum::<u64>(), 3);
         for p in PRESETS {
-            match preset(p.name, &volume, &s) {
+            match preset(p.name, &volume, &s, PresetValues::Auto) {
                 Ok(transfer) => assert!(transfer.points().iter().all(|p| p.value.is_finite()), "{}", p.name),
                 Err(e) => assert!(!e.to_string().contains('\n'), "{e}"),
             }
@@ -133,7 +134,7 @@ fn presets_are_clear_in_the_background_and_denser_with_value() {
         let limit = s.background().unwrap().limit;
         // A band of values, and the two ends.
         for p in PRESETS.iter().filter(|p| !["ct-lung", "activation"].contains(&p.name)) {
-            let transfer = preset(p.name, &volume, &s).unwrap();
+            let transfer = preset(p.name, &volume, &s, PresetValues::Auto).unwrap();
             assert!(transfer.points().len() >= 2 && transfer.unit_distance().is_none());
             assert!(transfer.points().windows(2).all(|w| w[0].opacity <= w[1].opacity), "{}", p.name);
             for value in [s.min - 1e6, s.min, (s.min + limit) / 2.0, limit] {
@@ -283,13 +284,13 @@ fn suggestions_follow_the_values() {
     let oriented = |volume: Volume| volume.with_orientation_known();
     for (what, volume, name, reason) in [
         ("Hounsfield units", ct(), "ct-bone", "Hounsfield"),
-        ("CT, air at 100", shifted, "ct-bone", "bright minority"),
-        ("CT, windowed", oriented(counted(0.8, windowed)), "ct-bone", "bright minority"),
-        ("two tissues", mri(), "mri", "background is noise"),
-        ("two tissues over an offset", above, "mri", "no bright minority"),
-        ("T2", oriented(counted(1.2, t2)), "mri", "background is noise"),
+        ("CT, air at 100", shifted, "ct-bone", "flesh and bone"),
+        ("CT, windowed", oriented(counted(0.8, windowed)), "ct-bone", "flesh and bone"),
+        ("two tissues", mri(), "mri", "no peak"),
+        ("two tissues over an offset", above, "mri", "no peak"),
+        ("T2", oriented(counted(1.2, t2)), "mri", "as bone in CT"),
         ("masked brain", oriented(counted(1.0, masked)), "mr-brain", "masked"),
-        ("MR angiogram", oriented(counted(0.6, vessels)), "angiography", "far brighter"),
+        ("MR angiogram", oriented(counted(0.6, vessels)), "angiography", "times as bright"),
         ("PET", oriented(counted(4.0, uptake)), "pet", "voxels of 4.0 mm"),
         ("PET, real numbers", oriented(made(4.0, uptake)), "pet", "voxels of 4.0 mm"),
         ("t, stated", stated, "activation", "statistics (t)"),

@@ -146,7 +146,13 @@ impl Golden {
             let size = if self.figure.is_empty() { [64, 56] } else { [192, 160] };
             let camera = look(&self.view, &volume, size);
             let image = render(&volume, &transfer, &camera, &self.settings);
-            let shown = Shown { volume: &volume, transfer: &transfer, camera: &camera, model: self.settings.model };
+            let shown = Shown {
+                volume: &volume,
+                transfer: &transfer,
+                values: None,
+                camera: &camera,
+                model: self.settings.model,
+            };
             let image = self.figure.draw(&image, Background::Transparent, &shown).unwrap();
             let path = pictures().join(format!("{}.png", self.name));
             if BLESSED.iter().any(|name| name == self.name) {

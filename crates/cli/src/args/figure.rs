@@ -28,8 +28,8 @@ pub(crate) struct FigureArgs {
     /// Write TEXT below the picture
     #[arg(long, value_name = "TEXT")]
     pub(crate) caption: Option<String>,
-    /// Units of lengths (scale bar), such as mm, and of values (colour bar), such as HU; either or both [default: the
-    /// units of the file]
+    /// Label lengths (scale bar) with a unit such as mm, and values (colour bar) with a unit such as HU; either or both
+    /// [default: the units of the file]
     #[arg(long, value_name = "length=U,value=U", value_parser = parse::units)]
     pub(crate) units: Option<Units>,
 }

@@ -6,7 +6,7 @@ use voxsplat::kernel::Kernel;
 use voxsplat::settings::{Level, Model, Response, Shading};
 use voxsplat::transfer::Window;
 use voxsplat::transfer::maps;
-use voxsplat::transfer::presets::PRESETS;
+use voxsplat::transfer::presets::{PRESETS, PresetValues};
 
 use crate::clip::{ClipArg, clip};
 use crate::layers::{LabelArg, label};
@@ -41,6 +41,14 @@ pub(crate) struct ModelArgs {
     /// [default: the values that the file states; for colour maps, the values of the foreground]
     #[arg(long, value_name = "LEVEL,WIDTH", value_parser = parse::window)]
     pub(crate) window: Option<Window>,
+    /// Place the points of a preset at absolute values (Hounsfield units for CT and angiography, scores for
+    /// activation), or fit them to the histogram (fitted)
+    ///
+    /// auto: absolute if the file states these units, or if the values look like Hounsfield units; otherwise fitted. A
+    /// unit of --units is a label, and changes no value.
+    #[arg(long, value_name = "auto|absolute|fitted", default_value = "auto", hide_possible_values = true,
+        value_parser = one_of(PresetValues::ALL, PresetValues::name))]
+    pub(crate) transfer_values: PresetValues,
     /// Gradient opacity: multiply opacities by O, 0 to 1, if the value changes by M per world unit; linear between the
     /// points, constant beyond them. Flat interiors become clear and surfaces stay. Or off [default: the transfer
     /// function's]

@@ -56,13 +56,12 @@ pub(crate) struct ViewArgs {
     #[arg(long, alias = "camera-zoom-factor", value_name = "F", default_value_t = 1.0, value_parser = parse::positive)]
     pub(crate) zoom: f64,
     /// Fit the picture to the visible voxels at one size for every azimuth (visible), to the visible voxels as large as
-    /// this view permits (view), or to the box of the lattice (volume) [default: visible, or volume with --target,
-    /// --view-height or --distance]
+    /// this view permits (view), or to the box of the lattice (volume). A colour bar, a title and a caption then lie
+    /// over the picture, and change no pixel beside them [default: visible, beside these parts of a figure; volume with
+    /// --target, --view-height or --distance]
     #[arg(long, value_name = "WHAT")]
     pub(crate) frame: Option<FrameArg>,
-    /// Margin around the framed region: a fraction of the picture on each side, 0 to under 0.5 [default: 0.02 beside
-    /// the colour bar, the title and the caption; with --zoom or --frame they lie over the picture, and 0.1 leaves
-    /// space for texts]
+    /// Margin around the framed region: a fraction of the picture on each side, 0 to under 0.5 [default: 0.02]
     #[arg(long, value_name = "FRACTION", value_parser = parse::tolerance)]
     pub(crate) margin: Option<f64>,
     /// World height that the picture spans at the target [default: the framed region just fits]

@@ -127,11 +127,11 @@ pub(crate) fn run(args: &ParetoArgs, line: (&Command, &ArgMatches)) -> Result<()
     let load = LoadOptions { stream_over: tuning.stream_over, ..args.input.options_for(&args.view, args.size) };
     let (volume, transfer) = {
         let _progress = Progress::spinner("reading");
-        let volume = with_units(formats::load(&args.input.source, &load)?, &units);
+        let volume = formats::load(&args.input.source, &load)?;
         say_choice(&volume, &load);
         let fitted = transfer(&args.input.source, &requested, &volume, false, &mut Stages::default())?;
         fitted.notes.iter().for_each(|note| output::say(note));
-        (volume, fitted.transfer)
+        (with_units(&volume, &units), fitted.transfer)
     };
     settings.clip = intersection(&args.model.clip, &volume)?;
     let around = framed(frame(&args.view), &Layers::of_volume(&volume, &transfer), &settings.clip)?;
@@ -421,7 +421,8 @@ impl Run<'_> {
             let difference = difference_picture(&self.sample.of(&image)?, &truth[0], page::GAIN)?;
             if !self.figure.is_empty() {
                 let (volume, transfer) = (self.volume, self.transfer);
-                let shown = Shown { volume, transfer, camera: &camera, model: variant.settings.model };
+                let values = if self.figure.color_bar { Some(volume.value_range()?) } else { None };
+                let shown = Shown { volume, transfer, values, camera: &camera, model: variant.settings.model };
                 image = self.figure.draw(&image, Background::default(), &shown)?;
             }
             pictures.push(page::Pictures { title, variant, image, difference });

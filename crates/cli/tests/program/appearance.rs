@@ -3,12 +3,12 @@
 use std::fs;
 use std::path::Path;
 
-use voxsplat::appearance::Choice;
+use voxsplat::appearance::{Choice, Values, load_channels};
 use voxsplat::image::{Background, Image};
 use voxsplat::{Appearance, LoadOptions, load};
 
 use crate::adapter::adapter;
-use crate::cli::{folder, voxsplat};
+use crate::cli::{folder, volume_file, voxsplat};
 use crate::support::RENDERER;
 
 /// A NRRD of 24^3 samples of i16.
@@ -21,6 +21,24 @@ fn nrrd(path: &Path, fields: &str, value: impl Fn(f64, [i32; 3]) -> i16) {
     };
     let samples: Vec<u8> = (0..24 * 24 * 24).flat_map(|i| value(i).to_le_bytes()).collect();
     fs::write(path, [header.as_bytes(), &samples].concat()).unwrap();
+}
+
+#[test]
+fn the_library_draws_channels_as_the_program_does() {
+    let dir = folder();
+    fs::copy(volume_file("several.ome.tif"), dir.path().join("several.ome.tif")).unwrap();
+    let line = format!("render several.ome.tif -o program.png --size 48 --adapter {}", adapter());
+    let output = voxsplat(dir.path(), &line);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let source = dir.path().join("several.ome.tif");
+    let loaded = load_channels(&source, &LoadOptions::default(), &[], Values::Open).unwrap();
+    let look = Appearance::for_loaded(&source, &loaded).unwrap();
+    assert!(look.choices.iter().any(|choice| choice.to_string() == "studio light because channels show surfaces"));
+    let scene = RENDERER.prepare_layers(&look.layers, &look.settings).unwrap();
+    let rendered = RENDERER.render(&scene, &look.camera([48, 48]).unwrap(), &look.settings).unwrap();
+    rendered.image.save(dir.path().join("library.png"), Background::default()).unwrap();
+    let [program, library] = ["program.png", "library.png"].map(|name| Image::load(dir.path().join(name)).unwrap());
+    assert!(program == library && program.pixels().iter().any(|pixel| pixel[2] > 0.0));
 }
 
 /// The choices of the library for a volume, whose picture has the pixels of the program's.

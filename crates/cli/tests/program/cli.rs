@@ -321,7 +321,13 @@ fn channels_are_drawn_together() {
         assert!(output.status.success(), "{options}: {said}");
         (Image::load(dir.path().join("a.exr")).unwrap(), said)
     };
-    let (both, said) = drawn("several.ome.tif");
+    let (lit, said) = drawn("several.ome.tif");
+    assert!(
+        said.contains("note: using --light studio because channels show surfaces (disable: --light off)"),
+        "{said}"
+    );
+    let (both, said) = drawn("several.ome.tif --light off");
+    assert!(lit != both);
     assert!(
         said.contains("--channel 0:#0000ff DAPI from ") && said.contains(", --channel 1:#00ff00 GFP from "),
         "{said}"
@@ -463,7 +469,10 @@ fn a_file_without_transfer_says_what_was_taken() {
     assert!(output.status.success());
     let said = String::from_utf8(output.stderr).unwrap();
     let notes: Vec<&str> = said.lines().collect();
-    assert!(notes[0].starts_with("voxsplat: note: using --transfer ct-bone because"), "{said}");
+    assert!(
+        notes[0].starts_with("voxsplat: note: using --transfer mri, a guess from the histogram, because"),
+        "{said}"
+    );
     assert!(notes[1].starts_with("voxsplat: note: using --azimuth 30 --elevation 20 because"), "{said}");
     assert!(notes[2].starts_with("voxsplat: note: using --light studio because"), "{said}");
     assert!(notes[3].starts_with("voxsplat: note: using --sharpness 0.5 because") && notes.len() == 4, "{said}");
@@ -472,6 +481,71 @@ fn a_file_without_transfer_says_what_was_taken() {
     assert!(complaint(&output).starts_with("note: using --transfer "));
     let own = voxsplat(dir.path(), "render demo:sphere:16 -o s.png --reference --size 8");
     assert!(own.status.success() && complaint(&own) == BUILT_IN, "{}", complaint(&own));
+}
+
+#[test]
+fn a_unit_is_a_label_and_an_option_says_that_values_are_absolute() {
+    let dir = folder();
+    let input = ramp(dir.path());
+    let points = |options: &str| -> (Vec<f64>, String) {
+        let line = format!("render {input} -o a.png --save-transfer t.json --size 128 --reference {options}");
+        let output = voxsplat(dir.path(), &line);
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.success(), "{options}: {said}");
+        let saved: serde_json::Value =
+            serde_json::from_slice(&std::fs::read(dir.path().join("t.json")).unwrap()).unwrap();
+        (saved["points"].as_array().unwrap().iter().map(|point| point["value"].as_f64().unwrap()).collect(), said)
+    };
+    for preset in ["ct-bone", "activation"] {
+        let bar = format!("--transfer {preset} --colour-bar");
+        let (fitted, said) = points(&bar);
+        assert!(!said.contains("--transfer-values"), "{said}");
+        for unit in ["HU", "z", "t"] {
+            assert_eq!(points(&format!("{bar} --units value={unit}")).0, fitted, "{preset} in {unit}");
+        }
+        assert_eq!(points(&format!("{bar} --transfer-values fitted")).0, fitted);
+        let absolute = points(&format!("{bar} --transfer-values absolute")).0;
+        let expected = if preset == "ct-bone" { 150.0 } else { -3.0 };
+        assert!(absolute != fitted && absolute.contains(&expected), "{preset}: {absolute:?}");
+    }
+    let said = points("--transfer mri --transfer-values absolute").1;
+    assert!(said.contains("--transfer-values has no effect because preset mri has no absolute values"), "{said}");
+    refused("render demo:sphere -o a.png --transfer map:vik --transfer-values fitted", 2, "is for presets");
+}
+
+#[test]
+fn a_figure_says_that_the_frame_is_smaller_and_an_option_keeps_the_frame() {
+    let dir = folder();
+    let drawn = |options: &str| {
+        let line = format!("render demo:sphere:16 -o a.png --size 160 --reference {options}");
+        let output = voxsplat(dir.path(), &line);
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.success(), "{options}: {said}");
+        (Image::load(dir.path().join("a.png")).unwrap(), said)
+    };
+    let (plain, said) = drawn("");
+    assert!(said.is_empty(), "{said}");
+    let (beside, said) = drawn("--title T --colour-bar");
+    assert_eq!(said.matches("voxsplat: note: ").count(), 1, "{said}");
+    assert!(
+        said.contains("the title and the colour bar would lie over the volume (same frame: --frame visible)"),
+        "{said}"
+    );
+    // Left of the bar and below the title.
+    let covered = |image: &Image| {
+        let rows = image.pixels().chunks(160).skip(24);
+        rows.map(|row| row[..100].iter().filter(|pixel| pixel[0] > 0.02).count()).sum::<usize>()
+    };
+    assert!(covered(&beside) + 500 < covered(&plain), "the volume is smaller");
+    // Whatever sets the frame, texts change no pixel below them.
+    for frame in ["--frame visible", "--frame view", "--frame volume", "--zoom 1.3", "--view-height 20"] {
+        let [(without, _), (with, said)] = ["", "--title T"].map(|title| drawn(&format!("{frame} {title}")));
+        assert!(said.is_empty(), "{frame}: {said}");
+        assert!(without != with && without.pixels()[160 * 24..] == with.pixels()[160 * 24..], "{frame}");
+    }
+    assert!(drawn("--frame visible").0 == plain);
+    // Parts in corners need no space.
+    assert!(drawn("--scale-bar --axes").1.is_empty());
 }
 
 #[test]

@@ -19,6 +19,13 @@ impl Fields<'_> {
         (self.bits(offset, size) << above).cast_signed() >> above
     }
 
+    /// The text of up to `size` bytes at an offset, which a zero byte may end.
+    pub(super) fn text(&self, offset: usize, size: usize) -> String {
+        let bytes = self.bytes.get(offset..offset + size).unwrap_or_default();
+        let end = bytes.iter().position(|&byte| byte == 0).unwrap_or(size);
+        bytes.get(..end).map(String::from_utf8_lossy).unwrap_or_default().trim().to_owned()
+    }
+
     /// The number of floating point of 4 or 8 bytes at an offset.
     pub(super) fn float(&self, offset: usize, size: usize) -> f64 {
         match size {

@@ -15,7 +15,7 @@ use super::placement::{Placement, named_unit};
 use super::selection::{Role, picked};
 use super::text_header::TextHeader;
 use crate::error::{Result, refuse, refuse_if};
-use crate::volume::{Endian, SampleType, Units, Volume};
+use crate::volume::{Endian, Origin, SampleType, Units, Volume};
 
 /// The fields that a header may begin with. A file that begins otherwise is a MetaImage only by its extension.
 const FIRST_FIELDS: [&str; 9] =
@@ -44,7 +44,9 @@ pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
     let sample_type = sample_type(&header)?;
     let placement = placement(&header, n_dims)?;
     let grid = placement.grid(&header.path, &sizes[..n_dims.min(3)], options.spacing)?;
-    let (pick, contents) = picked(&header.path, &axes, options)?;
+    let (pick, mut contents) = picked(&header.path, &axes, options)?;
+    let modality = header.get(["Modality"]).and_then(|name| name.strip_prefix("MET_MOD_"));
+    contents.origin = Origin::of(modality.filter(|name| *name != "OTHER"), header.get(["Name"]));
     let slope: f64 = header.number("ElementToIntensityFunctionSlope")?.unwrap_or(1.0);
     let intercept: f64 = header.number("ElementToIntensityFunctionOffset")?.unwrap_or(0.0);
     if slope == 0.0 || !slope.is_finite() || !intercept.is_finite() {

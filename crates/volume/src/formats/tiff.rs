@@ -25,7 +25,7 @@ use super::xml;
 use crate::error::{Error, Result, Subject, refuse, refuse_if};
 use crate::memory::{samples_in, zeroed};
 use crate::names::counted;
-use crate::volume::{Channel, Endian, Number, Samples, Units, Volume, with_type};
+use crate::volume::{Channel, Endian, Number, Origin, Samples, Units, Volume, with_type};
 
 /// No codec expands more: LZW makes at most 4096 bytes of 12 bits.
 const MAX_EXPANSION: u64 = 2731;
@@ -90,6 +90,7 @@ fn read_stacks(
     axes.extend(pages);
     let (pick, mut contents) = picked(path, &axes, options)?;
     contents.labels = stack.described.labels.clone();
+    contents.origin = Origin::of(stack.described.is_ome.then_some("GM"), []);
     if contents.labels.is_empty() && stack.page.coloured {
         contents.labels = colours(contents.channels);
     }
@@ -179,6 +180,8 @@ struct Described {
     together: bool,
     spacing: Option<[f64; 3]>,
     unit: Option<String>,
+    /// Whether it is of OME, the format of microscopy.
+    is_ome: bool,
 }
 
 /// The properties of a page.
@@ -462,7 +465,7 @@ impl Described {
         let lengths = ["PhysicalSizeX", "PhysicalSizeY", "PhysicalSizeZ"].map(stated);
         let units = ["PhysicalSizeXUnit", "PhysicalSizeYUnit", "PhysicalSizeZUnit"];
         let units = units.map(|name| tag.get(name).unwrap_or("µm"));
-        let described = Self { axes, labels, ..Self::default() };
+        let described = Self { axes, labels, is_ome: true, ..Self::default() };
         let Some(x) = lengths[0] else { return Ok(described) };
         if units.iter().zip(lengths).any(|(unit, length)| length.is_some() && *unit != units[0]) {
             refuse!(path, "states lengths in several units, {}", units.join(", "));

@@ -103,6 +103,16 @@ impl Volume {
         Ok(self.known_ranges().unwrap_or_default())
     }
 
+    /// The least and the largest value. The first call reads every sample, as [`Self::ranges`] does.
+    ///
+    /// # Errors
+    /// [`Error::Read`] and [`Error::Memory`] if samples left in a file cannot be read.
+    pub fn value_range(&self) -> Result<[f64; 2]> {
+        let (slope, intercept) = self.rescale();
+        let values = self.ranges()?.iter().flatten().map(|raw| slope * raw + intercept);
+        Ok(values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| [low.min(value), high.max(value)]))
+    }
+
     /// The largest distance of the volume's values from `value`. The first call reads every sample, as
     /// [`Self::ranges`] does.
     pub fn farthest_from(&self, value: f64) -> Result<f64> {

@@ -105,6 +105,8 @@ pub struct Contents {
     pub levels: u32,
     /// The labels of all channels, if the file states that its values are labels; empty if it names none of them.
     pub segments: Option<Vec<Segment>>,
+    /// The origin of the values.
+    pub origin: Origin,
     /// Facts of the file that the volume cannot express, such as unequally spaced coordinates; each is a sentence
     /// without a full stop.
     pub notes: Vec<String>,
@@ -112,8 +114,32 @@ pub struct Contents {
 
 impl Default for Contents {
     fn default() -> Self {
-        let (labels, notes) = (Vec::new(), Vec::new());
-        Self { channel: 0, channels: 1, labels, time: 0, times: 1, level: 0, levels: 1, segments: None, notes }
+        let (labels, notes, origin) = (Vec::new(), Vec::new(), Origin::default());
+        Self { channel: 0, channels: 1, labels, time: 0, times: 1, level: 0, levels: 1, segments: None, origin, notes }
+    }
+}
+
+/// The largest number of characters of a name that a file states.
+const LONGEST_NAME: usize = 80;
+
+/// The method that made the values of a file, as the file states it.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Origin {
+    /// A modality in the terms of DICOM (PS3.3, C.7.3.1.1.1), such as CT, MR, PT, or GM for microscopy.
+    pub modality: Option<String>,
+    /// Names of the protocol, the sequence or the content.
+    pub description: Option<String>,
+}
+
+impl Origin {
+    /// An origin of a modality and descriptions; empty texts state nothing.
+    pub(crate) fn of<'a>(modality: Option<&str>, descriptions: impl IntoIterator<Item = &'a str>) -> Self {
+        let plain = |text: &str| {
+            let plain: String = text.trim().chars().filter(|c| !c.is_control()).take(LONGEST_NAME).collect();
+            (!plain.is_empty()).then_some(plain)
+        };
+        let all: Vec<String> = descriptions.into_iter().filter_map(plain).collect();
+        Self { modality: modality.and_then(plain), description: (!all.is_empty()).then(|| all.join("; ")) }
     }
 }
 

@@ -26,12 +26,15 @@ use super::{LoadOptions, MissingSlices, selection};
 use crate::error::{Error, Hint, Result, Subject, refuse, refuse_if};
 use crate::memory::{reserved, samples_in};
 use crate::names::{counted, readable};
-use crate::volume::{Endian, Samples, Units, Volume};
+use crate::volume::{Endian, Origin, Samples, Units, Volume};
 
 const IMAGE_TYPE: u32 = 0x0008_0008;
 const SOP_CLASS: u32 = 0x0008_0016;
 const MODALITY: u32 = 0x0008_0060;
 const SERIES_DESCRIPTION: u32 = 0x0008_103e;
+const PROTOCOL: u32 = 0x0018_1030;
+const SEQUENCE: u32 = 0x0018_0024;
+const ANGIO: u32 = 0x0018_0025;
 const SLICE_THICKNESS: u32 = 0x0018_0050;
 const BETWEEN_SLICES: u32 = 0x0018_0088;
 const SERIES_UID: u32 = 0x0020_000e;
@@ -161,6 +164,10 @@ pub(super) fn read_files(source: &Path, files: &[PathBuf], options: &LoadOptions
         _ => None,
     };
     let units = Units { length: None, value: unit.map(str::to_owned) };
+    let described = [SERIES_DESCRIPTION, PROTOCOL, SEQUENCE].map(|tag| first.text(tag));
+    let is_angiogram = first.text(ANGIO).eq_ignore_ascii_case("Y");
+    let descriptions = described.iter().map(String::as_str).chain(is_angiogram.then_some("angiography"));
+    contents.origin = Origin::of(Some(&first.text(MODALITY)), descriptions);
 
     let frames = pixels_in(source, &sets, &slices, plane.frame_bits())?;
     let raw = |slice: &Slice| pixels_of(&sets[slice.file], frames[slice.file].as_ref(), slice.frame, &plane, channel);

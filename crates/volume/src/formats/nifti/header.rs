@@ -32,6 +32,10 @@ pub(super) struct Header {
     pub(super) xyzt_units: u8,
     /// What values are.
     pub(super) intent_code: i32,
+    pub(super) intent_name: String,
+    pub(super) descrip: String,
+    /// The axes of frequency, phase and slices of MRI, in two bits each.
+    pub(super) dim_info: u8,
     pub(super) qform_code: i32,
     pub(super) sform_code: i32,
     /// `quatern_b`, `quatern_c`, `quatern_d`.
@@ -101,6 +105,9 @@ impl Header {
             scl_inter: float([116, 184], 0),
             xyzt_units: int([123, 500], [1, 4], 0) as u8,
             intent_code: int([68, 504], [2, 4], 0) as i32,
+            intent_name: fields.text([328, 508][version], 16),
+            descrip: fields.text([148, 240][version], 80),
+            dim_info: int([39, 524], [1, 1], 0) as u8,
             qform_code: int([252, 344], [2, 4], 0) as i32,
             sform_code: int([254, 348], [2, 4], 0) as i32,
             quatern: std::array::from_fn(|i| float([256, 352], i)),

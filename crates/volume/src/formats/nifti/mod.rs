@@ -22,7 +22,7 @@ use super::input::Input;
 use super::placement::Placement;
 use super::selection::{Axes, Role, colours, picked, spatial};
 use crate::error::{Result, refuse, refuse_if};
-use crate::volume::{SampleType, Units, Volume};
+use crate::volume::{Origin, SampleType, Units, Volume};
 
 /// Factors from RAS, the world of NIfTI, to LPS, that of DICOM.
 const RAS_TO_LPS: DVec3 = DVec3::new(-1.0, -1.0, 1.0);
@@ -44,6 +44,8 @@ pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
 
     // NIFTI_INTENT_LABEL.
     contents.segments = (header.intent_code == 1002).then(Vec::new);
+
+    contents.origin = Origin::of(modality(&header), [header.descrip.as_str(), header.intent_name.as_str()]);
 
     // The offset is a float in NIfTI-1; under 9e15, a little under 2^53, it is exact.
     let offset = header.vox_offset;
@@ -75,10 +77,18 @@ pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
         3 => Some("t"),
         4 => Some("F"),
         5 => Some("z"),
+        // SPM states no intent.
+        _ if header.descrip.starts_with("SPM{T") => Some("t"),
         _ => None,
     };
     let units = Units { length: length.map(str::to_owned), value: value.map(str::to_owned) };
     Ok(placement.volume(grid, samples)?.with_rescale(slope, intercept)?.with_units(units).with_contents(contents))
+}
+
+/// MR if the header has axes of frequency or phase, or an echo time as dcm2niix writes it.
+fn modality(header: &Header) -> Option<&'static str> {
+    let has_echo = header.descrip.split(';').any(|field| field.trim_start().starts_with("TE="));
+    (header.dim_info & 0b1111 != 0 || has_echo).then_some("MR")
 }
 
 /// The file with the samples of the header which begins here, if it is another one.

@@ -9,7 +9,7 @@ use crate::formats::input::Input;
 use crate::formats::multifile::announces_list;
 use crate::formats::placement::plain_name;
 use crate::formats::text_header::TextHeader;
-use crate::volume::Segment;
+use crate::volume::{Origin, Segment};
 
 /// The most axes: Teem's limit, NRRD_DIM_MAX.
 const MAX_AXES: usize = 16;
@@ -18,6 +18,8 @@ const MAX_AXES: usize = 16;
 pub(super) struct Header {
     /// The fields, whose names keep the blanks between their words.
     pub(super) text: TextHeader,
+    /// The modality that an application states among its keys.
+    modality: Option<String>,
     /// Labels by their numbers in the file, if it is a segmentation of 3D Slicer.
     segments: BTreeMap<u32, Segment>,
     /// Samples along each axis, fastest first, as stated; not yet checked to be positive.
@@ -45,7 +47,7 @@ impl Header {
             refuse!(input, "begins with {magic:?}, expected NRRD0001 to NRRD0005");
         }
         let mut text = TextHeader::new(input, "NRRD");
-        let (mut segments, mut indexed) = (BTreeMap::new(), Vec::new());
+        let (mut segments, mut indexed, mut modality) = (BTreeMap::new(), Vec::new(), None);
         while let Some(line) = input.line()? {
             let line = line.trim_end();
             if line.is_empty() {
@@ -62,6 +64,9 @@ impl Header {
                 let axis = name.strip_prefix("axis ").and_then(|rest| rest.strip_suffix(" index type"));
                 indexed.extend(axis.and_then(|axis| axis.parse::<usize>().ok()).filter(|axis| *axis < MAX_AXES));
                 describe(&mut segments, name, value);
+                if ["modality", "dicom_0008_0060_modality"].contains(&name.trim().to_ascii_lowercase().as_str()) {
+                    modality = plain_name(value);
+                }
                 continue;
             }
             let name = canonical(name);
@@ -70,7 +75,7 @@ impl Header {
                 break;
             }
         }
-        Self::interpret(text, segments, indexed)
+        Ok(Self { modality, ..Self::interpret(text, segments, indexed)? })
     }
 
     fn interpret(text: TextHeader, segments: BTreeMap<u32, Segment>, indexed: Vec<usize>) -> Result<Self> {
@@ -118,12 +123,18 @@ impl Header {
             directions.map(|all| all.into_iter().map(|vector| vector.map(DVec4::truncate)).collect());
         // A named space without directions does not orient the lattice.
         let patient_flip = patient_flip.filter(|_| directions.is_some());
-        Ok(Self { text, segments, sizes, spacings, directions, origin, time_axis, indexed, patient_flip })
+        let modality = None;
+        Ok(Self { text, modality, segments, sizes, spacings, directions, origin, time_axis, indexed, patient_flip })
     }
 
     /// The labels of a segmentation of 3D Slicer.
     pub(super) fn segments(&self) -> Option<Vec<Segment>> {
         (!self.segments.is_empty()).then(|| self.segments.values().cloned().collect())
+    }
+
+    /// The origin of the values, as the header states it.
+    pub(super) fn origin_of_values(&self) -> Origin {
+        Origin::of(self.modality.as_deref(), self.text.get(["content"]))
     }
 
     /// Whether an axis is spatial: it has a direction or, in a header without directions, a spatial kind.

@@ -40,6 +40,7 @@ pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
     let (axes, roles) = spatial_axes(&header)?;
     let (pick, mut contents) = picked(path, &roles, options)?;
     contents.segments = header.segments();
+    contents.origin = header.origin_of_values();
     let placement = placement(&header, axes)?;
     let grid = placement.grid(path, &axes.map(|a| header.sizes[a]), options.spacing)?;
 
