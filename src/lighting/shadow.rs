@@ -43,6 +43,9 @@ use crate::volume::Grid;
 /// Optical depths beyond this count as dark: they transmit 1e-7 of the light.
 const DARK: f64 = 16.0;
 
+/// Sweeps across an axis: they get what is swept, the axes of its planes, rows and columns, and the light to be set.
+type Sweeps<'a> = dyn FnMut(&Swept<'_>, [usize; 3], &mut [u16]) -> Result<()> + 'a;
+
 /// The cosine of the angle to the middle of a light within which its directions share the sums of neighbours: 8
 /// degrees, at which a neighbour 4 voxels away moves by half a voxel.
 const NARROW: f64 = 0.99;
@@ -146,7 +149,7 @@ impl<'a> Arrival<'a> {
                 return around::arriving(&self.field, &self.lattice, response, [bias, radius]).map(Some);
             }
             Some(Origin::Directions(towards)) => self.along(response, towards, bias, report)?,
-            Some(&Origin::Point(place)) => self.from_place(response, place, bias, report)?,
+            Some(&Origin::Point(place)) => self.towards_place(response, place, bias, report)?,
         };
         let strength = self.casting.strength as f32;
         shares.par_iter_mut().for_each(|share| {
@@ -167,7 +170,7 @@ impl<'a> Arrival<'a> {
         axis: usize,
         response: &Response,
         out: &mut [u16],
-        sweeps: &mut dyn FnMut(&Swept<'_>, [usize; 3], &mut [u16]) -> Result<()>,
+        sweeps: &mut Sweeps<'_>,
     ) -> Result<()> {
         let [nx, ny, nz] = self.lattice.dims;
         match axis {
@@ -229,7 +232,7 @@ impl<'a> Arrival<'a> {
     }
 
     /// The light from a place in the world.
-    fn from_place(
+    fn towards_place(
         &self,
         response: &Response,
         place: DVec3,

@@ -454,7 +454,6 @@ pub(super) fn nearest(value: f32) -> u16 {
 impl Along<'_> {
     /// Adds the light that arrives at the wanted voxels of a row, given their sums of planes.
     #[inline(always)]
-    #[expect(clippy::too_many_arguments, reason = "inlined")]
     fn light<S: pulp::Simd>(
         &self,
         simd: S,
