@@ -399,10 +399,9 @@ pub(crate) struct HostClassifier<'a> {
     normals: DerivativeFilter,
 }
 
-/// A sample and its appearance.
+/// The appearance of a sample.
 #[derive(Debug, Clone, Copy)]
 struct Entry {
-    sample: f32,
     density: f32,
     /// Words of the splat; `None`: the sample is invisible.
     appearance: Option<[u32; 2]>,
@@ -432,7 +431,7 @@ impl HostClassifier<'_> {
         let (color, opacity) = self.transfer(sample - self.input.coding.origin as f32);
         let shows = self.input.keeps_invisible() || opacity > 0.0;
         let density = density(opacity);
-        Entry { sample, density, appearance: shows.then(|| packed_appearance(color, density)) }
+        Entry { density, appearance: shows.then(|| packed_appearance(color, density)) }
     }
 
     /// `transfer` in shaders/classify.wgsl.
@@ -448,16 +447,13 @@ impl HostClassifier<'_> {
     }
 
     fn brick(&self, (origin, bytes): Brick) -> Result<MadeBrick> {
+        let words = || bytemuck::pod_collect_to_vec::<u8, u16>(&bytes);
+        let (narrow, wide) = (|bits: u8| self.table[usize::from(bits)], |bits: u16| self.table[usize::from(bits)]);
         match self.input.coding.sample_type {
-            0 | 1 => {
-                let entry = |bits: u8| self.table[usize::from(bits)];
-                self.splats(origin, &bytes, |bits| entry(bits).sample, entry)
-            }
-            2 | 3 => {
-                let samples: Vec<u16> = bytemuck::pod_collect_to_vec(&bytes);
-                let entry = |bits: u16| self.table[usize::from(bits)];
-                self.splats(origin, &samples, |bits| entry(bits).sample, entry)
-            }
+            0 => self.splats(origin, &bytes, f32::from, narrow),
+            1 => self.splats(origin, &bytes, |bits| f32::from(bits as i8), narrow),
+            2 => self.splats(origin, &words(), f32::from, wide),
+            3 => self.splats(origin, &words(), |bits| f32::from(bits as i16), wide),
             _ => {
                 let samples: Vec<f32> = bytemuck::pod_collect_to_vec(&bytes);
                 let sample = |sample: f32| sample.clamp(-FAR as f32, FAR as f32);

@@ -55,21 +55,40 @@ impl DerivativeFilter {
     /// Returns the slopes along x, y and z of a cube of `edge`^3 voxels, x fastest, given its values with `halo` voxels
     /// around them: at least as many as the filter reaches.
     pub(crate) fn slopes(&self, field: &[f32], edge: usize, halo: usize) -> [Vec<f32>; 3] {
-        let with_halo = edge + 2 * halo;
-        // Along x, then y, then z: each pass removes the halo of its axis.
-        let along = |field: &[f32], is_slope: bool, lines: usize, stride: usize| {
-            let mut out = vec![0.0; lines * edge * stride];
-            for (out, line) in out.chunks_exact_mut(edge * stride).zip(field.chunks_exact(with_halo * stride)) {
-                let taps = |k: isize| &line[halo.saturating_add_signed(k) * stride..][..edge * stride];
-                if is_slope { self.slope(taps, out) } else { self.smooth(taps, out) }
+        let (wide, reach, plane) = (edge + 2 * halo, self.smooth.len() - 1, edge * edge);
+        let beside = halo - reach..halo + edge + reach;
+        // Each plane is filtered along x and y, and waits until the planes around it are filtered.
+        let [mut sloping, mut smooth] = [vec![0.0; wide * edge], vec![0.0; wide * edge]];
+        let waiting = 2 * reach + 1;
+        let mut planes = vec![0.0; waiting * 3 * plane];
+        let mut slopes = [0, 1, 2].map(|_| vec![0.0; edge * plane]);
+        for z in beside.clone() {
+            for y in beside.clone() {
+                let row = &field[wide * (y + wide * z)..][..wide];
+                let taps = |k: isize| &row[halo.saturating_add_signed(k)..][..edge];
+                self.slope(taps, &mut sloping[edge * y..][..edge]);
+                self.smooth(taps, &mut smooth[edge * y..][..edge]);
             }
-            out
-        };
-        let x = |is_slope| along(field, is_slope, with_halo * with_halo, 1);
-        let y = |field: &[f32], is_slope| along(field, is_slope, with_halo, edge);
-        let z = |field: &[f32], is_slope| along(field, is_slope, 1, edge * edge);
-        let (across, smoothed) = (x(true), x(false));
-        [z(&y(&across, false), false), z(&y(&smoothed, true), false), z(&y(&smoothed, false), true)]
+            let rows = |k: isize| edge * halo.saturating_add_signed(k)..edge * (edge + halo).saturating_add_signed(k);
+            let place = 3 * plane * (z % waiting);
+            let (x, rest) = planes[place..][..3 * plane].split_at_mut(plane);
+            let (y, smoothed) = rest.split_at_mut(plane);
+            self.smooth(|k| &sloping[rows(k)], x);
+            self.slope(|k| &smooth[rows(k)], y);
+            self.smooth(|k| &smooth[rows(k)], smoothed);
+            if z >= halo + reach {
+                let middle = z - reach;
+                let taps = |axis: usize| {
+                    let planes = &planes;
+                    move |k: isize| &planes[plane * (3 * (middle.saturating_add_signed(k) % waiting) + axis)..][..plane]
+                };
+                let [x, y, z] = slopes.each_mut().map(|slopes| &mut slopes[plane * (middle - halo)..][..plane]);
+                self.smooth(taps(0), x);
+                self.smooth(taps(1), y);
+                self.slope(taps(2), z);
+            }
+        }
+        slopes
     }
 }
 

@@ -661,13 +661,7 @@ impl Slices<'_> {
     }
 
     /// Slopes of a run of a row of `nx` voxels by the filter of normals.
-    fn slopes(
-        &self,
-        normals: &DerivativeFilter,
-        [y, z]: [i64; 2],
-        run: &Range<usize>,
-        nx: usize,
-    ) -> [[f32; RUN]; 3] {
+    fn slopes(&self, normals: &DerivativeFilter, [y, z]: [i64; 2], run: &Range<usize>, nx: usize) -> [[f32; RUN]; 3] {
         let start = (y - self.rows.start) as usize * nx + run.start;
         let tap = |axis: usize| {
             move |k: isize| {

@@ -242,7 +242,8 @@ impl Media {
             for (step, j, k) in (1..=2).flat_map(|s| (-2..=2).flat_map(move |j| (-2..=2).map(move |k| (s, j, k)))) {
                 let half = |step: i64| {
                     let mut beside = point;
-                    (beside[axis], beside[across], beside[down]) = (point[axis] + step, point[across] + j, point[down] + k);
+                    (beside[axis], beside[across], beside[down]) =
+                        (point[axis] + step, point[across] + j, point[down] + k);
                     medium.scalar(self.index(beside)) / 2.0
                 };
                 let smooth = |steps: i64| SMOOTH[steps.unsigned_abs() as usize];

@@ -64,6 +64,7 @@ mod levels {
 
 /// Light on scalars, and shadows.
 mod light {
+    mod grain;
     mod scalars;
     mod shadows;
 }
