@@ -332,7 +332,7 @@ impl Classifier<'_> {
 struct Part<'a> {
     layer: &'a Painted<'a>,
     voxels: Vec<Voxel>,
-    /// The slopes along the axes of the scalar, or of the smoothed extinction, without the halo; `None` without light or
-    /// if voxels are equal.
+    /// The slopes along the axes of the scalar, or of the smoothed extinction, without the halo; `None` without light
+    /// or if voxels are equal.
     slopes: Option<[Vec<f32>; 3]>,
 }

@@ -11,8 +11,8 @@ use crate::volume::{Samples, Volume};
 
 /// Number of voxels to either side whose extinctions make the normal of a voxel, if samples jump.
 const REACH: i64 = 4;
-/// The weights of voxels at these distances along an axis in the normals of scalars, and of their differences (Farid and
-/// Simoncelli 2004), scaled so that a ramp of slope 1 has slope 1.
+/// The weights of voxels at these distances along an axis in the normals of scalars, and the weights of their
+/// differences (Farid and Simoncelli 2004), scaled so that a ramp of slope 1 has slope 1.
 const SMOOTH: [f64; 3] = [0.426_375, 0.249_153, 0.037_659];
 const SLOPE: [f64; 3] = [0.0, 0.278_979, 0.110_51];
 /// Twice the variance of the Gaussian weights of these voxels, voxels^2.

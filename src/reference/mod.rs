@@ -23,7 +23,8 @@
 //! takes the gradient to the world.
 //!
 //! With gradient opacity ([`TransferFunction::gradient_opacity`]) tau_j is multiplied by the share for the length of
-//! the gradient by central differences, (f_(j+1) - f_(j-1)) / 2 along each lattice axis; post-shaded, tau is multiplied by the share for the length of the reconstructed gradient.
+//! the gradient by central differences, (f_(j+1) - f_(j-1)) / 2 along each lattice axis; post-shaded, tau is multiplied
+//! by the share for the length of the reconstructed gradient.
 //!
 //! **X-ray.** The same tau; the pixel is [`Response::pixel`] of its integral, by default (alpha, alpha, alpha, alpha).
 //!
