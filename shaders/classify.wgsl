@@ -116,14 +116,14 @@ fn density(opacity: f32) -> f32 {
     return -log(1.0 - a);
 }
 
-// Whether bricks have a layer of neighbouring voxels around them, for gradients.
-fn has_halo() -> bool {
-    return LIT || GRADIENT_OPACITY;
+// Layers of neighbouring voxels around a brick: two for normals, one for gradient opacity alone.
+fn halo() -> u32 {
+    return select(u32(GRADIENT_OPACITY), 2u, LIT);
 }
 
 // Voxels along the side of a stored brick.
 fn stored_edge() -> u32 {
-    return select(EDGE, EDGE + 2u, has_halo());
+    return EDGE + 2u * halo();
 }
 
 // A row of a brick, along x.
@@ -144,30 +144,78 @@ fn brick_row(index: u32) -> BrickRow {
     let z = index / EDGE % EDGE;
     let point = origins[brick].xyz + vec3u(0u, y, z);
     let edge = stored_edge();
-    let halo = u32(has_halo());
-    let first = ((brick * edge + z + halo) * edge + y + halo) * edge + halo;
+    let first = ((brick * edge + z + halo()) * edge + y + halo()) * edge + halo();
     if any(point >= classify.dims) {
         return BrickRow(brick, point, first, 0u);
     }
     return BrickRow(brick, point, first, min(EDGE, classify.dims.x - point.x));
 }
 
-// The world gradient at a sample, by central differences: a vector of moderate length (xyz) and its factor (w); 0 if
-// the differences are rounding.
+// The world gradient at a sample, given the slopes along the axes of the lattice: a vector of moderate length (xyz) and
+// its factor (w); 0 if the slopes are rounding.
+fn world_gradient(slopes: vec3f, i: u32) -> vec4f {
+    let largest = largest_difference(slopes);
+    if largest < resolution_at(sample_at(i) - classify.base, classify.faintest) {
+        return vec4f(0.0);
+    }
+    // Neither the unit of the samples nor the unit of the world moves it out of the range of f32.
+    let d = slopes / largest;
+    let direction = classify.gradient_x * d.x + classify.gradient_y * d.y + classify.gradient_z * d.z;
+    return vec4f(direction, largest);
+}
+
+// The gradient at a sample by central differences, on which gradient opacity depends.
 fn gradient(i: u32) -> vec4f {
     let row = stored_edge();
     let plane = row * row;
     let x = sample_at(i + 1u) - sample_at(i - 1u);
     let y = sample_at(i + row) - sample_at(i - row);
     let z = sample_at(i + plane) - sample_at(i - plane);
-    let largest = largest_difference(vec3f(x, y, z));
-    if 0.5 * largest < resolution_at(sample_at(i) - classify.base, classify.faintest) {
-        return vec4f(0.0);
-    }
-    // Neither the unit of the samples nor the unit of the world moves it out of the range of f32.
-    let d = vec3f(x, y, z) / largest;
-    let direction = classify.gradient_x * d.x + classify.gradient_y * d.y + classify.gradient_z * d.z;
-    return vec4f(direction, 0.5 * largest);
+    return world_gradient(0.5 * vec3f(x, y, z), i);
+}
+
+// The filters of normals, `DerivativeFilter::of_normals` of the host, on five samples of a line.
+fn smoothed(a: f32, b: f32, c: f32, d: f32, e: f32) -> f32 {
+    return 0.426375 * c + 0.249153 * (d + b) + 0.037659 * (e + a);
+}
+
+fn slope(a: f32, b: f32, d: f32, e: f32) -> f32 {
+    return 0.278979 * (d - b) + 0.11051 * (e - a);
+}
+
+// The smoothed sample (x) and the slope (y) of the row around sample number `i`.
+fn along_row(i: u32) -> vec2f {
+    let a = sample_at(i - 2u) - classify.base;
+    let b = sample_at(i - 1u) - classify.base;
+    let c = sample_at(i) - classify.base;
+    let d = sample_at(i + 1u) - classify.base;
+    let e = sample_at(i + 2u) - classify.base;
+    return vec2f(smoothed(a, b, c, d, e), slope(a, b, d, e));
+}
+
+// The smoothed sample (x) and the slopes along x and y (yz) of the plane around sample number `i`.
+fn across_plane(i: u32) -> vec3f {
+    let row = stored_edge();
+    let a = along_row(i - 2u * row);
+    let b = along_row(i - row);
+    let c = along_row(i);
+    let d = along_row(i + row);
+    let e = along_row(i + 2u * row);
+    let across = smoothed(a.y, b.y, c.y, d.y, e.y);
+    return vec3f(smoothed(a.x, b.x, c.x, d.x, e.x), across, slope(a.x, b.x, d.x, e.x));
+}
+
+// The world gradient at a sample by the filters of normals.
+fn normal(i: u32) -> vec4f {
+    let plane = stored_edge() * stored_edge();
+    let a = across_plane(i - 2u * plane);
+    let b = across_plane(i - plane);
+    let c = across_plane(i);
+    let d = across_plane(i + plane);
+    let e = across_plane(i + 2u * plane);
+    let x = smoothed(a.y, b.y, c.y, d.y, e.y);
+    let y = smoothed(a.z, b.z, c.z, d.z, e.z);
+    return world_gradient(vec3f(x, y, slope(a.x, b.x, d.x, e.x)), i);
 }
 
 // The length of a gradient.
@@ -228,7 +276,7 @@ fn emit(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) group
         splats[2u * place] = vec2u(at, appearance.x);
         splats[2u * place + 1u].x = appearance.y;
         if LIT {
-            splats[2u * place + 1u].y = pack_normal(gradient(row.first + i).xyz);
+            splats[2u * place + 1u].y = pack_normal(normal(row.first + i).xyz);
         }
         place += 1u;
     }

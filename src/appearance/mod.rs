@@ -220,8 +220,7 @@ impl ChoiceContext<'_> {
         if open.material {
             settings.lighting = settings.lighting.take().map(|lighting| material.lit(lighting));
         }
-        // Post-shading would filter the samples: noise stays as it is unless sharpness is requested.
-        if open.sharpness && composite && !settings.is_post_shaded() && self.plain && !self.channels {
+        if open.sharpness && composite && self.plain && !self.channels {
             settings.sharpness = SHARPNESS;
             choices.push(Choice::Sharpness(SHARPNESS));
         }

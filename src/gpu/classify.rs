@@ -1,5 +1,7 @@
 //! classify: a volume and a transfer function to a list of splats, on the device or by its twin on the host.
 
+use std::cell::LazyCell;
+
 use bytemuck::Zeroable;
 use rayon::prelude::*;
 
@@ -13,6 +15,7 @@ use super::splat::{density, packed_appearance, packed_normal, resolution_at, wit
 use super::store::{BrickSplats, Bricks, Drawable, MadeBrick, Part, Splats, StoreBuilder};
 use super::transfer::Reduction;
 use crate::error::{Error, Result};
+use crate::kernel::{DerivativeFilter, NORMAL_REACH};
 use crate::progress::Progress;
 use crate::transfer::{self, Resolution, TransferFunction, scaled_share};
 use crate::volume::{BRICK_EDGE as EDGE, Brick, RowCoding, SampleType, ToF64, Volume};
@@ -170,9 +173,10 @@ impl<'a> Input<'a> {
         Ok(Self { context, volume, transfer, lit, progress, coding, points, thinning, resolution, gradients })
     }
 
-    /// Whether bricks come with a layer of their neighbours' voxels around them, for gradients.
-    fn has_halo(&self) -> bool {
-        self.lit || !self.thinning.is_empty()
+    /// The layers of neighbouring voxels around a brick, for normals and for gradient opacity: `halo` in
+    /// shaders/classify.wgsl.
+    fn halo(&self) -> usize {
+        if self.lit { NORMAL_REACH } else { usize::from(!self.thinning.is_empty()) }
     }
 
     /// Whether voxels that do not show become splats too.
@@ -196,7 +200,7 @@ impl<'a> Input<'a> {
         };
         let total = volume.bricks().into_iter().product::<u32>();
         let made = |brick: Brick| Ok::<_, Error>((brick.1.len() as u64, make(brick)?));
-        volume.for_each_brick(&shows, usize::from(self.has_halo()), &self.coding, &made, &mut |brick| {
+        volume.for_each_brick(&shows, self.halo(), &self.coding, &made, &mut |brick| {
             bricks.all += 1;
             if let Some((bytes, brick)) = brick {
                 bricks.uploaded += 1;
@@ -392,12 +396,12 @@ pub(crate) struct HostClassifier<'a> {
     input: &'a Input<'a>,
     /// The entry of each sample of 8 and 16 bits, by its bits.
     table: Vec<Entry>,
+    normals: DerivativeFilter,
 }
 
-/// A sample and its appearance.
+/// The appearance of a sample.
 #[derive(Debug, Clone, Copy)]
 struct Entry {
-    sample: f32,
     density: f32,
     /// Words of the splat; `None`: the sample is invisible.
     appearance: Option<[u32; 2]>,
@@ -406,7 +410,7 @@ struct Entry {
 impl HostClassifier<'_> {
     /// The visible voxels of a volume as splats, brick by brick, with normals if there is light.
     pub(crate) fn run(input: &Input<'_>) -> Result<Drawable> {
-        let mut classifier = HostClassifier { input, table: Vec::new() };
+        let mut classifier = HostClassifier { input, table: Vec::new(), normals: DerivativeFilter::of_normals() };
         classifier.table = match input.coding.sample_type {
             0 => classifier.table(256, |bits| bits as u8 as f32),
             1 => classifier.table(256, |bits| bits as i8 as f32),
@@ -427,7 +431,7 @@ impl HostClassifier<'_> {
         let (color, opacity) = self.transfer(sample - self.input.coding.origin as f32);
         let shows = self.input.keeps_invisible() || opacity > 0.0;
         let density = density(opacity);
-        Entry { sample, density, appearance: shows.then(|| packed_appearance(color, density)) }
+        Entry { density, appearance: shows.then(|| packed_appearance(color, density)) }
     }
 
     /// `transfer` in shaders/classify.wgsl.
@@ -443,16 +447,13 @@ impl HostClassifier<'_> {
     }
 
     fn brick(&self, (origin, bytes): Brick) -> Result<MadeBrick> {
+        let words = || bytemuck::pod_collect_to_vec::<u8, u16>(&bytes);
+        let (narrow, wide) = (|bits: u8| self.table[usize::from(bits)], |bits: u16| self.table[usize::from(bits)]);
         match self.input.coding.sample_type {
-            0 | 1 => {
-                let entry = |bits: u8| self.table[usize::from(bits)];
-                self.splats(origin, &bytes, |bits| entry(bits).sample, entry)
-            }
-            2 | 3 => {
-                let samples: Vec<u16> = bytemuck::pod_collect_to_vec(&bytes);
-                let entry = |bits: u16| self.table[usize::from(bits)];
-                self.splats(origin, &samples, |bits| entry(bits).sample, entry)
-            }
+            0 => self.splats(origin, &bytes, f32::from, narrow),
+            1 => self.splats(origin, &bytes, |bits| f32::from(bits as i8), narrow),
+            2 => self.splats(origin, &words(), f32::from, wide),
+            3 => self.splats(origin, &words(), |bits| f32::from(bits as i16), wide),
             _ => {
                 let samples: Vec<f32> = bytemuck::pod_collect_to_vec(&bytes);
                 let sample = |sample: f32| sample.clamp(-FAR as f32, FAR as f32);
@@ -470,23 +471,24 @@ impl HostClassifier<'_> {
         entry: impl Fn(T) -> Entry,
     ) -> Result<MadeBrick> {
         let Input { lit, thinning, gradients, resolution: [base, faintest], .. } = self.input;
-        let halo = usize::from(self.input.has_halo());
+        let halo = self.input.halo();
         let edge = EDGE + 2 * halo;
         let each = if *lit { 3 } else { 2 };
+        let slopes = LazyCell::new(|| {
+            let field: Vec<f32> = samples.iter().map(|&s| sample(s) - base).collect();
+            self.normals.slopes(&field, EDGE, halo)
+        });
         MadeBrick::of_rows(origin, self.input.volume.grid().dims(), each, |[y, z], count, words| {
             let start = halo + edge * (y + halo + edge * (z + halo));
             let mut bits = 0;
             for (x, &value) in samples[start..][..count].iter().enumerate() {
                 let Entry { density, appearance: Some(mut appearance), .. } = entry(value) else { continue };
-                let gradient = || {
-                    let at = |i: usize| sample(samples[i]);
-                    let i = start + x;
-                    let differences = [1, edge, edge * edge].map(|step| at(i + step) - at(i - step));
-                    gradient_of(gradients, differences, resolution_at(at(i) - base, *faintest))
-                };
-                let gradient = if halo > 0 { gradient() } else { ([0.0; 3], 0.0) };
+                let at = |i: usize| sample(samples[i]);
+                let i = start + x;
+                let gradient = |slopes| gradient_of(gradients, slopes, resolution_at(at(i) - base, *faintest));
                 if !thinning.is_empty() {
-                    let share = scaled_share(thinning, steepness_of(gradient));
+                    let differences = [1, edge, edge * edge].map(|step| 0.5 * (at(i + step) - at(i - step)));
+                    let share = scaled_share(thinning, steepness_of(gradient(differences)));
                     if share <= 0.0 && !self.input.keeps_invisible() {
                         continue;
                     }
@@ -495,7 +497,8 @@ impl HostClassifier<'_> {
                 bits |= 1 << x;
                 words.extend(appearance);
                 if *lit {
-                    words.push(packed_normal(gradient.0));
+                    let inside = x + EDGE * (y + EDGE * z);
+                    words.push(packed_normal(gradient([0, 1, 2].map(|axis| slopes[axis][inside])).0));
                 }
             }
             bits
@@ -503,15 +506,15 @@ impl HostClassifier<'_> {
     }
 }
 
-/// `gradient` in shaders/classify.wgsl, of the differences along the axes of the lattice: a vector and its factor; 0 if
-/// half of the differences is under their resolution.
-pub(crate) fn gradient_of([x, y, z]: &[[f32; 3]; 3], steps: [f32; 3], resolution: f32) -> ([f32; 3], f32) {
-    let largest = steps.iter().fold(0.0_f32, |largest, step| largest.max(step.abs()));
-    if largest <= 0.0 || 0.5 * largest < resolution {
+/// `world_gradient` in shaders/classify.wgsl, of the slopes along the axes of the lattice: a vector and its factor; 0
+/// if the slopes are under their resolution.
+pub(crate) fn gradient_of([x, y, z]: &[[f32; 3]; 3], slopes: [f32; 3], resolution: f32) -> ([f32; 3], f32) {
+    let largest = slopes.iter().fold(0.0_f32, |largest, slope| largest.max(slope.abs()));
+    if largest <= 0.0 || largest < resolution {
         return ([0.0; 3], 0.0);
     }
-    let d = steps.map(|step| step / largest);
-    ([0, 1, 2].map(|i| x[i] * d[0] + y[i] * d[1] + z[i] * d[2]), 0.5 * largest)
+    let d = slopes.map(|slope| slope / largest);
+    ([0, 1, 2].map(|i| x[i] * d[0] + y[i] * d[1] + z[i] * d[2]), largest)
 }
 
 /// The length of such a gradient.

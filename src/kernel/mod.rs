@@ -2,10 +2,12 @@
 
 pub mod reconstruction;
 
+mod derivative;
 mod footprint;
 pub(crate) mod quadrature;
 mod real;
 
+pub(crate) use derivative::{DerivativeFilter, NORMAL_REACH};
 pub(crate) use footprint::{FootprintTable, footprint_polynomial, section, section_by};
 pub(crate) use real::Real;
 

@@ -165,13 +165,7 @@ impl<'a> Arrival<'a> {
     }
 
     /// Sweeps across an axis, with the rows and the columns of planes.
-    fn across(
-        &self,
-        axis: usize,
-        response: &Response,
-        out: &mut [u16],
-        sweeps: &mut Sweeps<'_>,
-    ) -> Result<()> {
+    fn across(&self, axis: usize, response: &Response, out: &mut [u16], sweeps: &mut Sweeps<'_>) -> Result<()> {
         let [nx, ny, nz] = self.lattice.dims;
         match axis {
             0 => {

@@ -21,7 +21,7 @@ use crate::gpu::layout::{Lighting, Splat};
 use crate::gpu::splat::{self, LANES, ToEye, packed_appearance, packed_normal};
 use crate::gpu::store::{Drawable, MadeBrick, StoreBuilder};
 use crate::gpu::transfer::{Reduction, Relative};
-use crate::kernel::Kernel;
+use crate::kernel::{DerivativeFilter, Kernel, NORMAL_REACH};
 use crate::layers::{Look, look_of};
 use crate::progress::Progress;
 use crate::settings::MAX_LEVEL;
@@ -374,6 +374,15 @@ struct Steepness {
     gradients: [Vec3; 3],
     /// Gradient opacity, of gradients of scalars; empty: extinction does not depend on them.
     thinning: Vec<[f32; 2]>,
+    /// The filter of normals; `None`: voxels are unlit.
+    normals: Option<DerivativeFilter>,
+}
+
+impl Steepness {
+    /// The rows and planes to either side that a voxel depends on.
+    fn reach(&self) -> usize {
+        if self.normals.is_some() { NORMAL_REACH } else { 1 }
+    }
 }
 
 /// The least density of a cell that is kept, as a share of the largest of a voxel.
@@ -396,7 +405,12 @@ impl<'a> Coarsening<'a> {
             filter: Filter::new(level, 0.0, &[1.0], REACH),
             classification: Classification::new(volume, ColorSource::Transfer(transfer), 1.0),
             light,
-            steepness: steep.then(|| Steepness { scalars: Relative::new(volume, reduction), gradients, thinning }),
+            steepness: steep.then(|| Steepness {
+                scalars: Relative::new(volume, reduction),
+                gradients,
+                thinning,
+                normals: light.is_some().then(DerivativeFilter::of_normals),
+            }),
             dims: dims_of(volume.grid(), level),
             least: (TransferFunction::extinction(transfer.max_opacity(), 1.0) * LEAST) as f32,
         }
@@ -513,8 +527,11 @@ struct Slice {
     /// The first row.
     first: i64,
     samples: Samples,
-    /// Scalars of all rows for gradients, with the outermost of a row repeated.
+    /// Scalars of all rows for gradient opacity, with the outermost of a row repeated as far as gradients reach.
     scalars: Vec<f32>,
+    /// Scalars of the rows that are lit: slopes along x, slopes along y, and smoothed, each smoothed along the other
+    /// axis of the plane.
+    filtered: [Vec<f32>; 3],
 }
 
 impl Slices<'_> {
@@ -522,7 +539,8 @@ impl Slices<'_> {
     fn advance(&mut self, z: i64) -> Result<()> {
         let Coarsening { volume, steepness, .. } = self.coarsening;
         let [nx, ny, nz] = volume.grid().dims().map(i64::from);
-        let beside = i64::from(steepness.is_some());
+        let reach = steepness.as_ref().map_or(0, Steepness::reach);
+        let beside = reach as i64;
         self.slices.retain(|slice| slice.z >= z - beside);
         let first = (self.rows.start - beside).max(0);
         let end = (self.rows.end + beside).min(ny);
@@ -531,17 +549,48 @@ impl Slices<'_> {
                 continue;
             }
             let samples = volume.read(((z * ny + first) * nx) as usize..((z * ny + end) * nx) as usize)?;
-            let mut scalars = Vec::new();
-            if let Some(Steepness { scalars: of, .. }) = steepness {
-                scalars = reserved((end - first) as u64 * (nx as u64 + 2), || "scalars of a plane".to_owned())?;
+            let (mut scalars, mut filtered) = (Vec::new(), Default::default());
+            if let Some(Steepness { scalars: of, normals, .. }) = steepness {
+                let width = nx as usize + 2 * reach;
+                scalars = reserved((end - first) as u64 * width as u64, || "scalars of a plane".to_owned())?;
                 with_samples!(&samples, s => for row in s.chunks_exact(nx as usize) {
-                    let row = row.first().into_iter().chain(row).chain(row.last());
-                    scalars.extend(row.map(|sample| of.to(sample.to_f64())));
+                    let copies = |at: usize| std::iter::repeat_n(of.to(row[at].to_f64()), reach);
+                    scalars.extend(copies(0));
+                    scalars.extend(row.iter().map(|sample| of.to(sample.to_f64())));
+                    scalars.extend(copies(row.len() - 1));
                 });
+                if let Some(normals) = normals {
+                    filtered = self.filtered(normals, &scalars, nx as usize, first)?;
+                }
             }
-            self.slices.push(Slice { z, first, samples, scalars });
+            self.slices.push(Slice { z, first, samples, scalars, filtered });
         }
         Ok(())
+    }
+
+    /// Filters the rows of a plane that are lit along x and y. `scalars` has the rows from `first` on.
+    fn filtered(&self, normals: &DerivativeFilter, scalars: &[f32], nx: usize, first: i64) -> Result<[Vec<f32>; 3]> {
+        let width = nx + 2 * NORMAL_REACH;
+        let rows = scalars.len() / width;
+        let [mut sloping, mut smooth] = [filled(rows * nx, 0.0)?, filled(rows * nx, 0.0)?];
+        let each = sloping.chunks_exact_mut(nx).zip(smooth.chunks_exact_mut(nx));
+        for (row, (sloping, smooth)) in scalars.chunks_exact(width).zip(each) {
+            let taps = |k: isize| &row[NORMAL_REACH.saturating_add_signed(k)..][..nx];
+            normals.slope(taps, sloping);
+            normals.smooth(taps, smooth);
+        }
+        let count = (self.rows.end - self.rows.start) as usize * nx;
+        let mut filtered = [filled(count, 0.0)?, filled(count, 0.0)?, filled(count, 0.0)?];
+        let [x, y, smoothed] = &mut filtered;
+        let each = x.chunks_exact_mut(nx).zip(y.chunks_exact_mut(nx)).zip(smoothed.chunks_exact_mut(nx));
+        for (row, ((x, y), smoothed)) in self.rows.clone().zip(each) {
+            // Rows beyond the faces are copies of the outermost.
+            let at = |k: isize| (row - first + k as i64).clamp(0, rows as i64 - 1) as usize * nx;
+            normals.smooth(|k| &sloping[at(k)..][..nx], x);
+            normals.slope(|k| &smooth[at(k)..][..nx], y);
+            normals.smooth(|k| &smooth[at(k)..][..nx], smoothed);
+        }
+        Ok(filtered)
     }
 
     /// Classifies a row. Returns a range outside which all voxels are transparent.
@@ -552,39 +601,25 @@ impl Slices<'_> {
         with_samples!(&slice.samples, s => self.coarsening.classification.row(&s[start..start + count], voxels))
     }
 
-    /// Thins the voxels `shown` of a row by gradient opacity and lights them. Gradients are central differences; beyond
-    /// the faces voxels are copies of the outermost.
+    /// Thins the voxels `shown` of a row by gradient opacity and lights them. Beyond the faces voxels are copies of the
+    /// outermost.
     fn apply_gradients(&self, [y, z]: [i64; 2], shown: Range<usize>, voxels: &mut [Emission]) {
-        let Some(Steepness { gradients, thinning, .. }) = &self.coarsening.steepness else { return };
-        let [_, ny, nz] = self.coarsening.volume.grid().dims().map(i64::from);
-        let width = voxels.len() + 2;
-        let row = |y: i64, z: i64| {
-            let (y, z) = (y.clamp(0, ny - 1), z.clamp(0, nz - 1));
-            let slice = self.slices.iter().find(|slice| slice.z == z);
-            slice.map_or(&[][..], |slice| &slice.scalars[(y - slice.first) as usize * width..][..width])
-        };
-        let [here, above, below, behind, before] =
-            [row(y, z), row(y - 1, z), row(y + 1, z), row(y, z - 1), row(y, z + 1)];
+        let Some(steepness) = &self.coarsening.steepness else { return };
         for start in shown.clone().step_by(RUN) {
             let run = start..shown.end.min(start + RUN);
             if voxels[run.clone()].iter().all(|voxel| voxel[3] == 0.0) {
                 continue;
             }
-            let difference = |high: &[f32], low: &[f32], at: usize| {
-                let mut differences = [0.0; RUN];
-                let pairs = high[run.start + at..].iter().zip(&low[run.start + 2 - at..]);
-                differences[..run.len()].iter_mut().zip(pairs).for_each(|(d, (high, low))| *d = high - low);
-                differences
-            };
-            let differences = [difference(here, here, 2), difference(below, above, 1), difference(before, behind, 1)];
-            let (directions, magnitudes) = directions(*gradients, differences);
-            if !thinning.is_empty() {
+            if !steepness.thinning.is_empty() {
+                let (_, magnitudes) = directions(steepness.gradients, self.differences(steepness, [y, z], &run));
                 for (voxel, magnitude) in voxels[run.clone()].iter_mut().zip(magnitudes) {
-                    let share = scaled_share(thinning, magnitude);
+                    let share = scaled_share(&steepness.thinning, magnitude);
                     voxel.iter_mut().for_each(|channel| *channel *= share);
                 }
             }
-            if let Some((light, arriving)) = self.coarsening.light {
+            if let (Some((light, arriving)), Some(normals)) = (self.coarsening.light, &steepness.normals) {
+                let slopes = self.slopes(normals, [y, z], &run, voxels.len());
+                let (directions, _) = directions(steepness.gradients, slopes);
                 let normal = |at: usize| packed_normal([0, 1, 2].map(|axis| directions[axis][at]));
                 let normals = splat::normals(&std::array::from_fn(normal));
                 let first = [run.start, y as usize, z as usize];
@@ -592,6 +627,54 @@ impl Slices<'_> {
                 light.apply(first, &normals, kept.as_ref(), &mut voxels[run]);
             }
         }
+    }
+
+    /// The plane at `z`, or the outermost beyond the faces.
+    fn slice(&self, z: i64) -> Option<&Slice> {
+        let [.., nz] = self.coarsening.volume.grid().dims().map(i64::from);
+        let z = z.clamp(0, nz - 1);
+        self.slices.iter().find(|slice| slice.z == z)
+    }
+
+    /// Central differences of a run of a row, on which gradient opacity depends.
+    fn differences(&self, steepness: &Steepness, [y, z]: [i64; 2], run: &Range<usize>) -> [[f32; RUN]; 3] {
+        let [nx, ny, _] = self.coarsening.volume.grid().dims().map(i64::from);
+        let reach = steepness.reach();
+        let width = nx as usize + 2 * reach;
+        let row = |y: i64, z: i64| {
+            let y = y.clamp(0, ny - 1);
+            self.slice(z).map_or(&[][..], |slice| &slice.scalars[(y - slice.first) as usize * width..][..width])
+        };
+        let difference = |high: &[f32], low: &[f32], step: usize| {
+            let mut differences = [0.0; RUN];
+            let start = run.start + reach;
+            let pairs = high[start + step..].iter().zip(&low[start - step..]);
+            differences[..run.len()].iter_mut().zip(pairs).for_each(|(d, (high, low))| *d = 0.5 * (high - low));
+            differences
+        };
+        let here = row(y, z);
+        [
+            difference(here, here, 1),
+            difference(row(y + 1, z), row(y - 1, z), 0),
+            difference(row(y, z + 1), row(y, z - 1), 0),
+        ]
+    }
+
+    /// Slopes of a run of a row of `nx` voxels by the filter of normals.
+    fn slopes(&self, normals: &DerivativeFilter, [y, z]: [i64; 2], run: &Range<usize>, nx: usize) -> [[f32; RUN]; 3] {
+        let start = (y - self.rows.start) as usize * nx + run.start;
+        let tap = |axis: usize| {
+            move |k: isize| {
+                let plane = self.slice(z + k as i64);
+                plane.map_or(&[][..], |plane| &plane.filtered[axis][start..start + run.len()])
+            }
+        };
+        let mut slopes = [[0.0; RUN]; 3];
+        let [along_x, along_y, along_z] = slopes.each_mut().map(|slopes| &mut slopes[..run.len()]);
+        normals.smooth(tap(0), along_x);
+        normals.smooth(tap(1), along_y);
+        normals.slope(tap(2), along_z);
+        slopes
     }
 }
 
@@ -622,8 +705,8 @@ impl VoxelLight {
 /// Voxels whose gradients are computed together.
 const RUN: usize = LANES;
 
-/// Converts differences of neighbours along the axes of the lattice to gradients in the world: directions of length 1
-/// or 0, and magnitudes.
+/// Converts slopes along the axes of the lattice to gradients in the world: directions of length 1 or 0, and
+/// magnitudes.
 fn directions([gx, gy, gz]: [Vec3; 3], [dx, dy, dz]: [[f32; RUN]; 3]) -> ([[f32; RUN]; 3], [f32; RUN]) {
     let mut directions = [[0.0; RUN]; 3];
     let mut magnitudes = [0.0; RUN];
@@ -635,7 +718,7 @@ fn directions([gx, gy, gz]: [Vec3; 3], [dx, dy, dz]: [[f32; RUN]; 3]) -> ([[f32;
         let square = gradient.length_squared();
         let length = square.sqrt();
         let unit = if length > 0.0 { gradient / length } else { Vec3::ZERO };
-        magnitudes[at] = 0.5 * length * most;
+        magnitudes[at] = length * most;
         directions[0][at] = unit.x;
         directions[1][at] = unit.y;
         directions[2][at] = unit.z;

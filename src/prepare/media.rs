@@ -8,6 +8,7 @@ use crate::gpu::context::Context;
 use crate::gpu::splat::{packed_appearance, packed_normal, resolution_at};
 use crate::gpu::store::{Drawable, MadeBrick, StoreBuilder};
 use crate::gpu::transfer::{Reduction, Relative};
+use crate::kernel::{DerivativeFilter, NORMAL_REACH};
 use crate::layers::{Layer, Layers, Mask, Matter, luminance};
 use crate::progress::Progress;
 use crate::transfer::{Resolution, TransferFunction, scaled_share};
@@ -100,7 +101,7 @@ impl<'a> Painted<'a> {
         })
     }
 
-    /// The difference at a voxel under which differences of scalars are rounding.
+    /// The slope at a voxel under which slopes of scalars are rounding.
     fn resolution(&self, voxel: &Voxel) -> f32 {
         self.faintest.map_or(0.0, |faintest| resolution_at(voxel[4], faintest))
     }
@@ -205,6 +206,8 @@ struct Classifier<'a> {
     lit: bool,
     keep_invisible: bool,
     halo: usize,
+    /// The filter of the normals of scalars, and the filter of smoothed normals.
+    filters: [DerivativeFilter; 2],
 }
 
 /// The visible voxels of layers as splats, brick by brick, with normals if there is light.
@@ -215,11 +218,13 @@ pub(crate) fn classified(context: &Context, layers: &Layers, lit: bool, progress
     let painted = painted.collect::<Result<Vec<Painted<'_>>>>()?;
     let halo = match painted.iter().any(|layer| layer.smoothed) {
         true if lit => REACH,
-        _ => usize::from(lit || painted.iter().any(|layer| !layer.thinning.is_empty())),
+        _ if lit => NORMAL_REACH,
+        _ => usize::from(painted.iter().any(|layer| !layer.thinning.is_empty())),
     };
     let volume = layers.all()[0].volume();
     let (dims, gradients) = (volume.grid().dims(), gradients(volume));
-    let classifier = Classifier { layers: painted, dims, gradients, lit, keep_invisible, halo };
+    let filters = [DerivativeFilter::of_normals(), DerivativeFilter::gaussian(DEVIATION, REACH)];
+    let classifier = Classifier { layers: painted, dims, gradients, lit, keep_invisible, halo, filters };
     let counts @ [across, down, _] = volume.bricks().map(|n| n as usize);
     let mut stores = StoreBuilder::new(context, STRIDE, u32::MAX);
     let row = |j: usize, k: usize| classifier.row([j, k], [across, down]);
@@ -254,9 +259,14 @@ impl Classifier<'_> {
     }
 
     fn with_normals<'a>(&self, layer: &'a Painted<'a>, voxels: Vec<Voxel>) -> Part<'a> {
-        let uniform = || voxels.iter().all(|voxel| voxel[3] == voxels[0][3]);
-        let smoothed = self.lit && layer.smoothed && !uniform();
-        Part { layer, slopes: smoothed.then(|| slopes(&voxels)), voxels }
+        // Extinction if normals are smoothed, otherwise the scalar.
+        let channel = if layer.smoothed { 3 } else { 4 };
+        let uniform = || voxels.iter().all(|voxel| voxel[channel] == voxels[0][channel]);
+        let slopes = || {
+            let field: Vec<f32> = voxels.iter().map(|voxel| voxel[channel]).collect();
+            self.filters[usize::from(layer.smoothed)].slopes(&field, EDGE, self.halo)
+        };
+        Part { layer, slopes: (self.lit && !uniform()).then(slopes), voxels }
     }
 
     /// The splats of the brick that begins at a lattice point.
@@ -292,10 +302,10 @@ impl Classifier<'_> {
         })
     }
 
-    /// Differences of the scalar of a layer along the axes of the lattice, at a voxel of its brick.
+    /// Central differences of the scalar of a layer along the axes of the lattice, at a voxel of its brick.
     fn differences(&self, voxels: &[Voxel], index: usize) -> [f32; 3] {
         let edge = EDGE + 2 * self.halo;
-        [1, edge, edge * edge].map(|step| voxels[index + step][4] - voxels[index - step][4])
+        [1, edge, edge * edge].map(|step| 0.5 * (voxels[index + step][4] - voxels[index - step][4]))
     }
 
     fn emission(&self, Part { layer, voxels, .. }: &Part<'_>, index: usize) -> Emission {
@@ -311,16 +321,10 @@ impl Classifier<'_> {
     /// The normal of a layer at a voxel, by its index in the brick with the halo and in the brick without it; of any
     /// length.
     fn normal(&self, part: &Part<'_>, index: usize, inside: usize) -> [f32; 3] {
-        let (differences, resolution) = match (&part.slopes, part.layer.smoothed) {
-            (Some(slopes), _) => {
-                let slope = [0, 1, 2].map(|axis| slopes[axis][inside]);
-                let most = slope.iter().fold(0.0_f32, |most, s| most.max(s.abs()));
-                (if most > part.layer.flat { slope } else { [0.0; 3] }, 0.0)
-            }
-            (None, true) => ([0.0; 3], 0.0),
-            (None, false) => (self.differences(&part.voxels, index), part.layer.resolution(&part.voxels[index])),
-        };
-        gradient_of(&self.gradients, differences, resolution).0
+        let Some(slopes) = &part.slopes else { return [0.0; 3] };
+        let Part { layer, voxels, .. } = part;
+        let resolution = if layer.smoothed { layer.flat } else { layer.resolution(&voxels[index]) };
+        gradient_of(&self.gradients, [0, 1, 2].map(|axis| slopes[axis][inside]), resolution).0
     }
 }
 
@@ -328,60 +332,7 @@ impl Classifier<'_> {
 struct Part<'a> {
     layer: &'a Painted<'a>,
     voxels: Vec<Voxel>,
-    /// The slopes of the smoothed extinction along the axes, without the halo, if the extinction differs somewhere.
+    /// The slopes along the axes of the scalar, or of the smoothed extinction, without the halo; `None` without light
+    /// or if voxels are equal.
     slopes: Option<[Vec<f32>; 3]>,
-}
-
-/// The weights of the voxels at distances 0 to [`REACH`] in a smoothed field and in its slope.
-fn weights() -> [[f32; REACH + 1]; 2] {
-    let gauss: [f64; REACH + 1] = std::array::from_fn(|k| (-0.5 * (k as f64 / DEVIATION).powi(2)).exp());
-    let sum = gauss[0] + 2.0 * gauss[1..].iter().sum::<f64>();
-    let moment: f64 = (0..=REACH).map(|k| 2.0 * (k * k) as f64 * gauss[k]).sum();
-    [gauss.map(|g| (g / sum) as f32), std::array::from_fn(|k| (k as f64 * gauss[k] / moment) as f32)]
-}
-
-/// The slopes along the axes of the extinction of a brick, smoothed by a Gaussian. The brick has a halo of [`REACH`];
-/// the slopes have none.
-fn slopes(voxels: &[Voxel]) -> [Vec<f32>; 3] {
-    const WITH_HALO: usize = EDGE + 2 * REACH;
-    let [smooth, slope] = weights();
-    let plane = WITH_HALO * WITH_HALO;
-    let field: Vec<f32> = voxels.iter().map(|voxel| voxel[3]).collect();
-    // Along x, then y, then z: each pass removes the halo of its axis.
-    let along = |field: &[f32], is_slope: bool, lines: usize, stride: usize| {
-        let (weights, sign) = if is_slope { (&slope, -1.0) } else { (&smooth, 1.0) };
-        let mut out = vec![0.0; lines * EDGE * stride];
-        for (out, line) in out.chunks_exact_mut(EDGE * stride).zip(field.chunks_exact(WITH_HALO * stride)) {
-            let at = |k: usize| &line[k * stride..][..EDGE * stride];
-            out.iter_mut().zip(at(REACH)).for_each(|(out, v)| *out = weights[0] * v);
-            for (k, weight) in weights.iter().enumerate().skip(1) {
-                let pairs = at(REACH + k).iter().zip(at(REACH - k));
-                out.iter_mut().zip(pairs).for_each(|(out, (b, a))| *out += weight * (b + sign * a));
-            }
-        }
-        out
-    };
-    let x = |is_slope| along(&field, is_slope, plane, 1);
-    let y = |field: &[f32], is_slope| along(field, is_slope, WITH_HALO, EDGE);
-    let z = |field: &[f32], is_slope| along(field, is_slope, 1, EDGE * EDGE);
-    let (across, smoothed) = (x(true), x(false));
-    [z(&y(&across, false), false), z(&y(&smoothed, true), false), z(&y(&smoothed, false), true)]
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn slopes_of_a_ramp_are_its_own() {
-        const WITH_HALO: usize = EDGE + 2 * REACH;
-        let ramp = |i: usize| (i % WITH_HALO) as f32 + 2.0 * (i / WITH_HALO % WITH_HALO) as f32;
-        let voxels: Vec<Voxel> = (0..WITH_HALO.pow(3)).map(|i| [0.0, 0.0, 0.0, ramp(i), 0.0]).collect();
-        for (slopes, expected) in slopes(&voxels).iter().zip([1.0, 2.0, 0.0]) {
-            assert_eq!(slopes.len(), EDGE.pow(3));
-            assert!(slopes.iter().all(|slope| (slope - expected).abs() < 1e-4));
-        }
-        let flat = vec![[0.0, 0.0, 0.0, 0.3, 0.0]; WITH_HALO.pow(3)];
-        assert!(slopes(&flat).iter().flatten().all(|&slope| slope == 0.0));
-    }
 }

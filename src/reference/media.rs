@@ -11,6 +11,10 @@ use crate::volume::{Samples, Volume};
 
 /// Number of voxels to either side whose extinctions make the normal of a voxel, if samples jump.
 const REACH: i64 = 4;
+/// The weights of voxels at these distances along an axis in the normals of scalars, and the weights of their
+/// differences (Farid and Simoncelli 2004), scaled so that a ramp of slope 1 has slope 1.
+const SMOOTH: [f64; 3] = [0.426_375, 0.249_153, 0.037_659];
+const SLOPE: [f64; 3] = [0.0, 0.278_979, 0.110_51];
 /// Twice the variance of the Gaussian weights of these voxels, voxels^2.
 const SPREAD: f64 = 2.0 * 1.5 * 1.5;
 /// The least slope of the smoothed extinction, per voxel, over the largest extinction of the layer.
@@ -230,9 +234,30 @@ impl Media {
         (emission.map(|channel| if tau > 0.0 { channel / tau } else { 0.0 }), tau, normal)
     }
 
+    /// Returns the world gradient of a scalar by the filter of normals; 0 if its slopes are only rounding.
+    fn scalar_normal(&self, medium: &Medium, point: [i64; 3]) -> DVec3 {
+        let slope = |axis: usize| {
+            let [across, down] = [(axis + 1) % 3, (axis + 2) % 3];
+            let mut sum = 0.0;
+            for (step, j, k) in (1..=2).flat_map(|s| (-2..=2).flat_map(move |j| (-2..=2).map(move |k| (s, j, k)))) {
+                let half = |step: i64| {
+                    let mut beside = point;
+                    (beside[axis], beside[across], beside[down]) =
+                        (point[axis] + step, point[across] + j, point[down] + k);
+                    medium.scalar(self.index(beside)) / 2.0
+                };
+                let smooth = |steps: i64| SMOOTH[steps.unsigned_abs() as usize];
+                sum += SLOPE[step as usize] * 2.0 * smooth(j) * smooth(k) * (half(step) - half(-step));
+            }
+            sum
+        };
+        let distance = medium.scalar(self.index(point)) - medium.base;
+        self.to_world * DVec3::from_array(medium.resolution.resolved([0, 1, 2].map(slope), distance))
+    }
+
     fn normal(&self, medium: &Medium, point: [i64; 3]) -> DVec3 {
         if !matches!(medium.optics, Optics::Labels(_)) && medium.mask.is_none() {
-            return self.gradient(medium, point);
+            return self.scalar_normal(medium, point);
         }
         let weight = |d: i64| (-((d * d) as f64) / SPREAD).exp();
         let (mut slope, mut moment) = (DVec3::ZERO, 0.0);

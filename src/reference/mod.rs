@@ -17,11 +17,14 @@
 //!
 //! Lit, c_j is [`Lighting::shade`] of colour, gradient, direction to the eye and the light that arrives at voxel j:
 //! exp(-D_j), where D_j integrates tau from the voxel to the light in kernels that have not grown. The gradient along a
-//! lattice axis is (f_(j+1) - f_(j-1)) / 2, where a neighbour beyond the edge has the value at the edge. The transpose
-//! of the map from the world to the lattice takes it to the world.
+//! lattice axis is the sum over n = 1, 2 of b_n (f_(j+n) - f_(j-n)), smoothed along the other two axes by a_0 f_j + sum
+//! of a_n (f_(j+n) + f_(j-n)), with a = 0.426375, 0.249153, 0.037659 and b = 0.278979, 0.11051 (Farid and Simoncelli
+//! 2004). A neighbour beyond the edge has the value at the edge. The transpose of the map from the world to the lattice
+//! takes the gradient to the world.
 //!
 //! With gradient opacity ([`TransferFunction::gradient_opacity`]) tau_j is multiplied by the share for the length of
-//! that gradient; post-shaded, tau is multiplied by the share for the length of the reconstructed gradient.
+//! the gradient by central differences, (f_(j+1) - f_(j-1)) / 2 along each lattice axis; post-shaded, tau is multiplied
+//! by the share for the length of the reconstructed gradient.
 //!
 //! **X-ray.** The same tau; the pixel is [`Response::pixel`] of its integral, by default (alpha, alpha, alpha, alpha).
 //!

@@ -66,6 +66,7 @@ mod levels {
 
 /// Light on scalars, and shadows.
 mod light {
+    mod grain;
     mod scalars;
     mod shadows;
 }

@@ -118,7 +118,7 @@ pub(crate) struct ModelArgs {
     pub(crate) kernel: Option<Kernel>,
     /// Undo the blur of the kernel: 0 (not at all) to 1; noise grows. A Gaussian becomes a narrower Kaiser-Bessel blob.
     /// Post-shaded pictures, mip, minip and average also filter the samples so that the field interpolates them
-    /// [default: 0; render uses 0.5 for pre-shaded surfaces of a preset or a built-in volume, unless --kernel is given]
+    /// [default: 0; render uses 0.5 for surfaces of a preset or a built-in volume, unless --kernel is given]
     #[arg(long, value_name = "S", value_parser = parse::number)]
     pub(crate) sharpness: Option<f64>,
     /// Level of detail: cells of 2^N voxels along each axis in place of voxels, N 0 to 12; auto uses the coarsest cells

@@ -476,6 +476,8 @@ fn a_file_without_transfer_says_what_was_taken() {
     assert!(notes[1].starts_with("voxsplat: note: using --azimuth 30 --elevation 20 because"), "{said}");
     assert!(notes[2].starts_with("voxsplat: note: using --light studio because"), "{said}");
     assert!(notes[3].starts_with("voxsplat: note: using --sharpness 0.5 because") && notes.len() == 4, "{said}");
+    let post = voxsplat(dir.path(), &format!("render {input} -o r.png --reference --size 8 --shading post"));
+    assert!(String::from_utf8(post.stderr).unwrap().contains("using --sharpness 0.5 because"));
     let without = "--light off --azimuth 0 --sharpness 0";
     let output = voxsplat(dir.path(), &format!("render {input} -o r.png --reference --size 8 {without}"));
     assert!(complaint(&output).starts_with("note: using --transfer "));
