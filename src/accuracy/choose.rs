@@ -56,9 +56,9 @@ const THINNER: [f64; 2] = [0.2, 0.8];
 /// with one set of settings after the other, the cheapest first, and compares it with about `pixels` traced pixels,
 /// until it is close enough.
 ///
-/// Model, shading, kernel, sharpness, light, normalization and antialiasing stay, but for a bound below 0.01 shadows are
-/// [exact](crate::lighting::Lighting::exact_shadows). So do explicit choices in `settings`: a painter or a level other
-/// than auto, and a termination other than the default.
+/// Model, shading, kernel, sharpness, light, normalization and antialiasing stay, but for a bound below 0.01 shadows
+/// are [exact](crate::lighting::Lighting::exact_shadows). So do explicit choices in `settings`: a painter or a level
+/// other than auto, and a termination other than the default.
 ///
 /// # Errors
 /// [`Error::Setting`] if the bound is not over 0; the errors of [`Truth::trace`], [`Renderer::prepare_layers`] and

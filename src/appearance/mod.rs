@@ -151,8 +151,8 @@ pub enum Choice {
         /// The reason to turn the volume.
         reason: &'static str,
     },
-    /// Studio light around the view, because a transfer function, channels or labels show surfaces. Labels have a larger
-    /// shadow bias.
+    /// Studio light around the view, because a transfer function, channels or labels show surfaces. Labels have a
+    /// larger shadow bias.
     Light {
         /// The reason in words.
         surfaces: &'static str,

@@ -115,8 +115,8 @@ pub struct Lighting {
     pub shadow_bias: f64,
     /// The distance within which voxels occlude the ambient light of each other, voxels; `None`: no occlusion.
     pub occlusion: Option<f64>,
-    /// Whether shadows and occlusion are sums of all kernels on each ray instead of sweeps through the volume. The light
-    /// of sweeps errs by about 1 of 255 (rms), and takes a tenth of the time or less.
+    /// Whether shadows and occlusion are sums of all kernels on each ray instead of sweeps through the volume. The
+    /// light of sweeps errs by about 1 of 255 (rms), and takes a tenth of the time or less.
     pub exact_shadows: bool,
 }
 

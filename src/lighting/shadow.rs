@@ -12,8 +12,8 @@
 //! half. So D_j needs no sheets, no steps and no view.
 //!
 //! There are two ways to find it. [`exact`] adds up the sections of all kernels on each ray: thousands of multiply-adds
-//! for each voxel. [`sweep`] adds up sections near the voxel, and beyond them the planes of the volume, resampled once for
-//! all voxels. [`around`] finds ambient occlusion by sums along lattice directions.
+//! for each voxel. [`sweep`] adds up sections near the voxel, and beyond them the planes of the volume, resampled once
+//! for all voxels. [`around`] finds ambient occlusion by sums along lattice directions.
 //!
 //! Splatters before shade one image of the light after another and look the voxel up there: Nulkar and Mueller 2001,
 //! "Splatting with shadows" (a volume of light, by sheets); Zhang and Crawfis 2003, "Shadows and soft shadows with
@@ -132,8 +132,8 @@ impl<'a> Arrival<'a> {
         x + self.lattice.dims[0] * (y + self.lattice.dims[1] * z)
     }
 
-    /// Returns the share of a light that arrives at each voxel of the box ([`Self::index`]), 65535 for all of it; of the
-    /// ambient light for [`MAX_CASTING`]. `None`: all of it, everywhere. `report` gets the part that is done.
+    /// Returns the share of a light that arrives at each voxel of the box ([`Self::index`]), 65535 for all of it; of
+    /// the ambient light for [`MAX_CASTING`]. `None`: all of it, everywhere. `report` gets the part that is done.
     ///
     /// # Errors
     /// [`Error::Memory`](crate::Error::Memory) if 12 bytes for each voxel cannot be allocated.

@@ -19,9 +19,9 @@ const SPLINE_VARIANCE: f64 = 0.25;
 
 /// The response of a sweep to a voxel.
 ///
-/// A sweep filters extinctions along the three axes of the lattice, reads each plane across its main axis by a quadratic
-/// B-spline at the places of its rays, adds planes up, and reads the sum by Catmull-Rom splines. So a voxel's kernel is
-/// replaced by a product of the filters and the splines, which has the kernel's integral and its variance.
+/// A sweep filters extinctions along the three axes of the lattice, reads each plane across its main axis by a
+/// quadratic B-spline at the places of its rays, adds planes up, and reads the sum by Catmull-Rom splines. So a voxel's
+/// kernel is replaced by a product of the filters and the splines, which has the kernel's integral and its variance.
 pub(super) struct Response {
     kernel: Kernel,
     table: FootprintTable,
@@ -154,8 +154,8 @@ impl Response {
     }
 
     /// The weights of the voxels near a voxel that is lit: the section of each kernel between two distances, less the
-    /// response of a sweep that adds up the planes beyond `far`; `None`: no sweep. `slopes` are rows and columns a plane
-    /// towards the light.
+    /// response of a sweep that adds up the planes beyond `far`; `None`: no sweep. `slopes` are rows and columns a
+    /// plane towards the light.
     pub(super) fn stencil(&self, slopes: [f64; 2], between: [f64; 2], far: Option<usize>) -> Vec<StencilRow> {
         let along = DVec3::new(1.0, slopes[0], slopes[1]);
         let length = along.length();

@@ -1,11 +1,12 @@
 //! Sheared accumulation: the optical depths of all voxels towards a light, plane after plane away from the light.
 //!
 //! A buffer holds, for rays of the light through the places of a lattice of its own, the extinctions that they have
-//! passed. It is sheared along the direction of the light, or scaled about the place of the light, so a ray stays at its
-//! place in the buffer: each plane of the volume is read into the buffer once, and the buffer is read at the voxels of a
-//! plane once. Nothing diffuses from plane to plane, as in sweeps that resample the sum (Kniss et al. 2003). The depth of
-//! a voxel is the sum of the planes beyond the nearest few, and an exact sum over its neighbours less the response of the
-//! sweep to them ([`Response`]). A voxel costs 15 multiply-adds and those of its neighbours, wherever it lies.
+//! passed. It is sheared along the direction of the light, or scaled about the place of the light, so a ray stays at
+//! its place in the buffer: each plane of the volume is read into the buffer once, and the buffer is read at the voxels
+//! of a plane once. Nothing diffuses from plane to plane, as in sweeps that resample the sum (Kniss et al. 2003). The
+//! depth of a voxel is the sum of the planes beyond the nearest few, and an exact sum over its neighbours less the
+//! response of the sweep to them ([`Response`]). A voxel costs 15 multiply-adds and those of its neighbours, wherever
+//! it lies.
 
 use std::ops::Range;
 
@@ -157,8 +158,8 @@ impl<'a> Swept<'a> {
     }
 
     /// Adds the light from a direction (planes, rows, columns; unit length) to each voxel, given the sums of neighbours
-    /// towards about that direction: `share` if all of it arrives. `scale` is the length of a voxel along the direction,
-    /// per unit of extinction.
+    /// towards about that direction: `share` if all of it arrives. `scale` is the length of a voxel along the
+    /// direction, per unit of extinction.
     pub(super) fn add_parallel(&self, near: &Near, along: DVec3, scale: f64, share: u16, out: &mut [u16]) {
         let (length, slopes) = slopes(along);
         let count = self.planes.planes;
