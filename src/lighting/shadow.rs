@@ -50,6 +50,10 @@ type Sweeps<'a> = dyn FnMut(&Swept<'_>, [usize; 3], &mut [u16]) -> Result<()> + 
 /// degrees, at which a neighbour 4 voxels away moves by half a voxel.
 const NARROW: f64 = 0.99;
 
+/// The distance in voxels beyond which the rays of a light at a place are parallel: over the largest lattice they turn
+/// by less than a thousandth of a voxel.
+const DISTANT: f64 = 1e9;
+
 /// The shares of light that reach voxels, 0 to 1: of each light that casts shadows, then of the ambient light.
 pub(crate) type Shares<const N: usize> = [[f64; N]; MAX_CASTING + 1];
 
@@ -112,7 +116,7 @@ impl<'a> Arrival<'a> {
     ) -> Result<Self> {
         let response = Response::new(&lattice.kernel, lattice.divisor).filter(|_| !casting.exact);
         let bias = casting.bias / lattice.voxels;
-        let pad = field::LANES + response.as_ref().map_or(0, |response| response.reach(bias));
+        let pad = field::LANES + response.as_ref().map_or(0, |response| response.pad(bias));
         // Kernels absorb light around the box too.
         let margin = response.as_ref().map_or(0, Response::margin);
         let low = low.map(|n| n as i64 - margin as i64);
@@ -149,7 +153,15 @@ impl<'a> Arrival<'a> {
                 return around::arriving(&self.field, &self.lattice, response, [bias, radius]).map(Some);
             }
             Some(Origin::Directions(towards)) => self.along(response, towards, bias, report)?,
-            Some(&Origin::Point(place)) => self.towards_place(response, place, bias, report)?,
+            Some(&Origin::Point(place)) => {
+                let middle = DVec3::from_array(self.lattice.dims.map(|n| (n - 1) as f64 / 2.0));
+                let towards = self.lattice.to_lattice.transform_point3(place) - middle;
+                if towards.length() > DISTANT {
+                    self.along(response, &[self.lattice.to_world * towards], bias, report)?
+                } else {
+                    self.towards_place(response, place, bias, report)?
+                }
+            }
         };
         let strength = self.casting.strength as f32;
         shares.par_iter_mut().for_each(|share| {

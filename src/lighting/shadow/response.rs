@@ -137,6 +137,11 @@ impl Response {
         planes + (3.0_f64.sqrt() * self.kernel.radius()).ceil() as usize + self.within.len() + 4
     }
 
+    /// The most columns beyond a row that stencils read, given the bias in voxels.
+    pub(super) fn pad(&self, bias: f64) -> usize {
+        self.reach(bias) + (3.0 * self.kernel.radius()).ceil() as usize + 2
+    }
+
     /// The response within a plane at a distance along one axis.
     fn within(&self, y: f64) -> f64 {
         let at = y.abs() * SAMPLES as f64;

@@ -101,30 +101,30 @@ pub(super) struct Converging<'a> {
 
 /// The stencils of rays to a place, for slopes of rows 0 to 1 and of columns -1 to 1.
 pub(super) struct NearPlace {
+    /// Slopes from 0 to 1.
+    steps: usize,
     stencils: Vec<Vec<StencilRow>>,
     bias: f64,
     /// Voxels fewer planes than this from the place are summed without a sweep.
     direct: f64,
 }
 
-/// Slopes of [`NearPlace`] from 0 to 1.
-const SLOPES: usize = 32;
-
 impl NearPlace {
     pub(super) fn new(response: &Response, bias: f64) -> Self {
         let near = Response::planes(bias, 1.0);
-        let stencils = (0..(SLOPES + 1) * (2 * SLOPES + 1)).into_par_iter().map(|number| {
-            let [row, column] =
-                [number / (2 * SLOPES + 1), number % (2 * SLOPES + 1)].map(|n| n as f64 / SLOPES as f64);
+        // 32 for the default kernel; wider kernels change less.
+        let steps = (64.0 / response.radius()).clamp(4.0, 32.0) as usize;
+        let stencils = (0..(steps + 1) * (2 * steps + 1)).into_par_iter().map(|number| {
+            let [row, column] = [number / (2 * steps + 1), number % (2 * steps + 1)].map(|n| n as f64 / steps as f64);
             response.stencil([row, column - 1.0], [bias, f64::INFINITY], Some(near))
         });
-        Self { stencils: stencils.collect(), bias, direct: response.reach(bias) as f64 }
+        Self { steps, stencils: stencils.collect(), bias, direct: response.reach(bias) as f64 }
     }
 
     /// The stencil of the nearest slopes.
     fn stencil(&self, [row, column]: [f64; 2]) -> &[StencilRow] {
-        let number = |slope: f64, from: f64| ((slope - from) * SLOPES as f64).round() as usize;
-        &self.stencils[number(row.abs(), 0.0) * (2 * SLOPES + 1) + number(column, -1.0)]
+        let number = |slope: f64, from: f64| ((slope - from) * self.steps as f64).round() as usize;
+        &self.stencils[number(row.abs(), 0.0) * (2 * self.steps + 1) + number(column, -1.0)]
     }
 }
 

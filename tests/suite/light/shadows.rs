@@ -189,6 +189,7 @@ fn lights_at_places_shine_on_lattices_of_any_size() {
         seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (seed >> 33) % most
     };
+    let mut largest = 0.0_f64;
     for case in 0..120 {
         let dims: [u32; 3] = std::array::from_fn(|_| 1 + random(14) as u32);
         let spacing: [f64; 3] = std::array::from_fn(|_| 0.3 + random(30) as f64 / 10.0);
@@ -211,7 +212,15 @@ fn lights_at_places_shine_on_lattices_of_any_size() {
         let reference = Reference::new(&volume, &transfer, &settings).unwrap();
         let pixels = reference.pixels(&camera, &[[1, 1], [2, 2]]).unwrap();
         assert!(pixels.as_flattened().iter().all(|v| v.is_finite()), "{case}: {dims:?} {place}");
+        let picture = |exact_shadows: bool| {
+            let lighting = settings.lighting.clone().map(|lighting| Lighting { exact_shadows, ..lighting });
+            render(&volume, &transfer, &camera, &Settings { lighting, ..settings.clone() })
+        };
+        let error = 255.0 * rms_covered(&picture(false), &picture(true));
+        largest = largest.max(error);
+        assert!(error < 2.0, "{case}: {dims:?} {place}: {error}");
     }
+    println!("largest error {largest:.2} of 255");
 }
 
 /// A ball of radius 6 over a plate 4 thick, in a lattice of 32^3: 1 in them and 0 elsewhere.
