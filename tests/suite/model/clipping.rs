@@ -342,7 +342,7 @@ fn what_is_cut_away_casts_no_shadow() {
     let transfer = transfer(&[(0.0, [1.0; 3], 0.0), (1.0, [0.9, 0.7, 0.5], 0.5)], None);
     let cut = clip(&[([0.0, 0.0, -1.0], -17.0)]);
     let lights = vec![Light::directional(DVec3::new(0.2, -0.3, 1.0))];
-    let lighting = Some(Lighting { lights, shadows: 1.0, ..Lighting::default() });
+    let lighting = Some(Lighting { lights, shadows: 1.0, exact_shadows: true, ..Lighting::default() });
     let seen = camera(20.0, ProjectionKind::Orthographic, &both, 48);
     for shading in Shading::ALL {
         for settings in [exact_quads(), full()] {
