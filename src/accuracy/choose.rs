@@ -79,7 +79,7 @@ pub fn choose(
     if base.model == Model::Composite && base.termination == Settings::default().termination {
         base.termination = rounded_down(TERMINATION * max_error).min(0.01);
     }
-    if let Some(lighting) = &mut base.lighting {
+    if let Some(lighting) = base.lighting.as_mut().filter(|lighting| lighting.casting().is_some()) {
         lighting.exact_shadows |= max_error < LEAST_OF_SWEEPS;
     }
     let scene = renderer.prepare_layers(layers, &base)?;

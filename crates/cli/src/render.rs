@@ -11,6 +11,7 @@ use voxsplat::settings::Settings;
 use voxsplat::stats::{StageTime, Stats};
 
 use super::args::StatsFormat;
+use super::destination::Destination;
 use super::draw::in_words;
 use super::failure::{Failure, fail};
 use super::job::RenderJob;
@@ -31,7 +32,9 @@ struct ReferenceStats {
 /// Renders the pictures of jobs of one volume and one device.
 pub(crate) fn run(jobs: Vec<RenderJob>) -> Result<(), Failure> {
     let mut shared: Option<Session> = None;
-    let built_in = jobs.iter().any(|job| demos::name_in(&job.source).is_some());
+    // Commands that end in a pipe are not a newcomer's.
+    let is_file = |job: &RenderJob| matches!(job.output.picture, Destination::File(_));
+    let built_in = jobs.iter().any(|job| is_file(job) && demos::name_in(&job.source).is_some());
     for mut job in jobs {
         let mut stages = Stages::default();
         let (session, fitted) = match &mut shared {

@@ -3,6 +3,7 @@
 use voxsplat::accuracy::{Truth, choose};
 use voxsplat::error::Error;
 use voxsplat::layers::Layers;
+use voxsplat::lighting::Lighting;
 use voxsplat::settings::{Painter, Settings, Shading};
 
 use crate::support::{PERSPECTIVE, RENDERER, camera, demo, draw, headlight, prepare};
@@ -25,6 +26,21 @@ fn chosen_settings_keep_the_bound() {
         let again = draw(&prepare(&volume, &transfer, &chosen.settings), &camera, &chosen.settings);
         assert_eq!(again.image, chosen.rendered.image);
         assert_eq!(chosen.tried.last().unwrap().settings, chosen.settings);
+    }
+}
+
+/// A bound below the errors of sweeps takes exact shadows, a looser one does not.
+#[test]
+fn strict_bounds_have_exact_shadows() {
+    let (volume, transfer) = demo("vessels", 24);
+    let camera = camera(33.0, PERSPECTIVE, &volume, 32);
+    let lighting = Some(Lighting::studio(camera.forward, camera.up));
+    let settings = Settings { lighting, ..Settings::default() };
+    for (bound, is_exact) in [(3e-2, false), (3e-3, true)] {
+        let chosen =
+            choose(&RENDERER, &Layers::of_volume(&volume, &transfer), &camera, &settings, bound, 1024).unwrap();
+        assert!(chosen.keeps, "{bound}: {:?}", chosen.estimate);
+        assert_eq!(chosen.settings.lighting.unwrap().exact_shadows, is_exact, "{bound}");
     }
 }
 
