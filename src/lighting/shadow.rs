@@ -27,6 +27,8 @@ mod lanes;
 mod response;
 mod sweep;
 
+use std::sync::atomic::{AtomicU16, Ordering};
+
 use glam::{DAffine3, DMat3, DVec3};
 use rayon::prelude::*;
 use voxsplat_volume::memory::zeroed;
@@ -44,7 +46,7 @@ use crate::volume::Grid;
 const DARK: f64 = 16.0;
 
 /// Sweeps across an axis: they get what is swept, the axes of its planes, rows and columns, and the light to be set.
-type Sweeps<'a> = dyn FnMut(&Swept<'_>, [usize; 3], &mut [u16]) -> Result<()> + 'a;
+type Sweeps<'a> = dyn FnMut(&Swept<'_>, [usize; 3], &[AtomicU16]) -> Result<()> + 'a;
 
 /// The cosine of the angle to the middle of a light within which its directions share the sums of neighbours: 8
 /// degrees, at which a neighbour 4 voxels away moves by half a voxel.
@@ -147,7 +149,7 @@ impl<'a> Arrival<'a> {
         }
         let Some(response) = &self.response else { return self.exact(light, report).map(Some) };
         let bias = self.casting.bias / self.lattice.voxels;
-        let mut shares = match self.casting.lights.get(light) {
+        let shares = match self.casting.lights.get(light) {
             None => {
                 let radius = self.casting.occlusion.unwrap_or(0.0) / self.lattice.voxels;
                 return around::arriving(&self.field, &self.lattice, response, [bias, radius]).map(Some);
@@ -163,6 +165,7 @@ impl<'a> Arrival<'a> {
                 }
             }
         };
+        let mut shares: Vec<u16> = shares.into_iter().map(AtomicU16::into_inner).collect();
         let strength = self.casting.strength as f32;
         shares.par_iter_mut().for_each(|share| {
             *share = sweep::nearest(65_535.0 - strength * (65_535.0 - f32::from(*share)));
@@ -171,19 +174,20 @@ impl<'a> Arrival<'a> {
     }
 
     /// No light yet.
-    fn dark(&self) -> Result<Vec<u16>> {
+    fn dark(&self) -> Result<Vec<AtomicU16>> {
         let count = self.lattice.dims.iter().map(|&n| n as u64).product();
-        Ok(zeroed(count, || "the light in the volume".to_owned())?)
+        let dark: Vec<u16> = zeroed(count, || "the light in the volume".to_owned())?;
+        Ok(dark.into_iter().map(AtomicU16::new).collect())
     }
 
     /// Sweeps across an axis, with the rows and the columns of planes.
-    fn across(&self, axis: usize, response: &Response, out: &mut [u16], sweeps: &mut Sweeps<'_>) -> Result<()> {
+    fn across(&self, axis: usize, response: &Response, out: &[AtomicU16], sweeps: &mut Sweeps<'_>) -> Result<()> {
         let [nx, ny, nz] = self.lattice.dims;
         match axis {
             0 => {
                 let turned = self.field.turned()?;
-                let mut light = self.dark()?;
-                sweeps(&Swept::new(&turned, Planes::across(2, [ny, nz, nx]), response)?, [0, 2, 1], &mut light)?;
+                let light = self.dark()?;
+                sweeps(&Swept::new(&turned, Planes::across(2, [ny, nz, nx]), response)?, [0, 2, 1], &light)?;
                 turned_back(&light, [nx, ny, nz], out);
             }
             1 => sweeps(&Swept::new(&self.field, Planes::across(1, [nx, ny, nz]), response)?, [1, 2, 0], out)?,
@@ -199,8 +203,8 @@ impl<'a> Arrival<'a> {
         towards: &[DVec3],
         bias: f64,
         report: &(dyn Fn(f64) + Sync),
-    ) -> Result<Vec<u16>> {
-        let mut shares = self.dark()?;
+    ) -> Result<Vec<AtomicU16>> {
+        let shares = self.dark()?;
         let to_lattice = self.lattice.to_world.inverse();
         let count = towards.len();
         // Whole numbers whose sum is all of the light.
@@ -216,7 +220,7 @@ impl<'a> Arrival<'a> {
                 if mine.is_empty() {
                     continue;
                 }
-                self.across(axis, response, &mut shares, &mut |swept, axes, out| {
+                self.across(axis, response, &shares, &mut |swept, axes, out| {
                     let seen = |along: DVec3| DVec3::from_array(axes.map(|axis| along[axis]));
                     let middle = mine.iter().map(|(along, _)| seen(*along)).sum::<DVec3>().normalize();
                     let is_narrow = mine.iter().all(|(along, _)| seen(*along).dot(middle) > NARROW);
@@ -244,12 +248,12 @@ impl<'a> Arrival<'a> {
         place: DVec3,
         bias: f64,
         report: &(dyn Fn(f64) + Sync),
-    ) -> Result<Vec<u16>> {
+    ) -> Result<Vec<AtomicU16>> {
         let place = self.lattice.to_lattice.transform_point3(place);
         let near = NearPlace::new(response, bias);
-        let mut shares = self.dark()?;
+        let shares = self.dark()?;
         for axis in 0..3 {
-            self.across(axis, response, &mut shares, &mut |swept, axes, out| {
+            self.across(axis, response, &shares, &mut |swept, axes, out| {
                 let rays = Converging {
                     place: DVec3::from_array(axes.map(|axis| place[axis])),
                     to_world: DMat3::from_cols_array_2d(
@@ -269,7 +273,7 @@ impl<'a> Arrival<'a> {
         let [nx, ny, _] = self.lattice.dims;
         if place.round() == place && (0..3).all(|a| (0.0..self.lattice.dims[a] as f64).contains(&place[a])) {
             let [x, y, z] = place.to_array().map(|p| p as usize);
-            shares[x + nx * (y + ny * z)] = u16::MAX;
+            shares[x + nx * (y + ny * z)].store(u16::MAX, Ordering::Relaxed);
         }
         Ok(shares)
     }
@@ -287,7 +291,7 @@ impl<'a> Arrival<'a> {
             let casts = filled.filter(|&x| values[x] > field::CLIPPED);
             casts.for_each(|x| medium.set([x, y, z], values[x]));
         }
-        let mut shares = self.dark()?;
+        let mut shares: Vec<u16> = zeroed((nx * ny * nz) as u64, || "the light in the volume".to_owned())?;
         let slabs = nz.div_ceil(BLOCK[2]);
         let done = std::sync::atomic::AtomicUsize::new(0);
         shares.par_chunks_mut(nx * ny * BLOCK[2]).enumerate().for_each(|(slab, out)| {
@@ -312,7 +316,7 @@ impl<'a> Arrival<'a> {
                     }
                 }
             }
-            let done = done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
+            let done = done.fetch_add(1, Ordering::Relaxed) + 1;
             report(done as f64 / slabs as f64);
         });
         Ok(shares)

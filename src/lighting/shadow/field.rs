@@ -1,6 +1,8 @@
 //! Occluders of light on a box of the lattice, and the box seen as planes across the main axis of a direction.
 
 use std::ops::Range;
+use std::sync::atomic::{AtomicU16, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use rayon::prelude::*;
 use voxsplat_volume::memory::zeroed;
@@ -24,6 +26,37 @@ pub(super) struct Field {
     filled: Vec<Range<u32>>,
     /// For each row of a filtered field, a bit for each block of columns that are not all 0.
     blocks: Vec<u64>,
+    spare: Arc<Spare>,
+}
+
+/// Memory of fields that were dropped, for the next ones: to get it from the system again costs as much as a sweep.
+#[derive(Default)]
+struct Spare(Mutex<Vec<Vec<f32>>>);
+
+impl Spare {
+    /// As many zeros.
+    fn zeros(&self, count: usize) -> Result<Vec<f32>> {
+        let spare = {
+            let mut spare = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+            spare.iter().position(|values| values.capacity() >= count).map(|fit| spare.swap_remove(fit))
+        };
+        match spare {
+            Some(mut values) => {
+                values.truncate(count);
+                values.par_chunks_mut(1 << 16).for_each(|values| values.fill(0.0));
+                values.resize(count, 0.0);
+                Ok(values)
+            }
+            None => Ok(zeroed(count as u64, || "the occluders of light".to_owned())?),
+        }
+    }
+}
+
+impl Drop for Field {
+    fn drop(&mut self) {
+        let values = std::mem::take(&mut self.values);
+        self.spare.0.lock().unwrap_or_else(PoisonError::into_inner).push(values);
+    }
 }
 
 /// The rows of a field as planes across an axis other than x.
@@ -78,9 +111,14 @@ impl Field {
     /// # Errors
     /// [`Error::Memory`](crate::Error::Memory) if 4 bytes for each voxel cannot be allocated.
     pub(super) fn new(size: [usize; 3], pad: usize) -> Result<Self> {
-        let pitch = size[0] + 2 * pad;
-        let values = zeroed((pitch * size[1] * size[2]) as u64, || "the occluders of light".to_owned())?;
-        Ok(Self { size, pad, values, filled: vec![0..0; size[1] * size[2]], blocks: Vec::new() })
+        Self::beside(&Arc::default(), size, pad)
+    }
+
+    /// An empty field that shares spare memory with another one.
+    fn beside(spare: &Arc<Spare>, size: [usize; 3], pad: usize) -> Result<Self> {
+        let values = spare.zeros((size[0] + 2 * pad) * size[1] * size[2])?;
+        let filled = vec![0..0; size[1] * size[2]];
+        Ok(Self { size, pad, values, filled, blocks: Vec::new(), spare: Arc::clone(spare) })
     }
 
     fn pitch(&self) -> usize {
@@ -105,7 +143,7 @@ impl Field {
 
     /// A field of the same size, whose rows `fill` writes given their planes and their numbers in them.
     pub(super) fn of_rows(&self, planes: Planes, fill: impl Fn([usize; 2], &mut [f32]) + Sync) -> Result<Self> {
-        let mut field = Self::new(self.size, self.pad)?;
+        let mut field = Self::beside(&self.spare, self.size, self.pad)?;
         let rows = field.values.par_chunks_mut(field.size[0] + 2 * field.pad).enumerate();
         rows.for_each(|(row, values)| fill(planes.place(row), &mut values[self.pad..]));
         Ok(field)
@@ -145,7 +183,7 @@ impl Field {
         /// Planes that are read together, from one cache line.
         const TOGETHER: usize = 16;
         let [nx, ny, nz] = self.size;
-        let mut turned = Self::new([ny, nz, nx], self.pad)?;
+        let mut turned = Self::beside(&self.spare, [ny, nz, nx], self.pad)?;
         let pitch = turned.pitch();
         let planes = turned.values.par_chunks_mut(TOGETHER * nz * pitch);
         let filled = turned.filled.par_chunks_mut(TOGETHER * nz);
@@ -174,7 +212,7 @@ impl Field {
     /// The field filtered with symmetric weights, the middle one first: across planes, and within planes along both
     /// axes.
     pub(super) fn filtered(&self, planes: Planes, [across, within]: [&[f32]; 2]) -> Result<Self> {
-        let mut filtered = Self::new(self.size, self.pad)?;
+        let mut filtered = Self::beside(&self.spare, self.size, self.pad)?;
         filtered.blocks = vec![0; filtered.filled.len()];
         let block = self.block();
         let (pitch, reach) = (self.pitch(), within.len() - 1);
@@ -256,17 +294,18 @@ pub(super) fn hull(a: Range<usize>, b: Range<usize>) -> Range<usize> {
     }
 }
 
-/// Turns planes across x, of rows along y, back to rows along x, as [`Field::turned`] turned them.
-pub(super) fn turned_back(turned: &[u16], [nx, ny, nz]: [usize; 3], out: &mut [u16]) {
+/// Adds planes across x, of rows along y, to rows along x, as [`Field::turned`] turned them.
+pub(super) fn turned_back(turned: &[AtomicU16], [nx, ny, nz]: [usize; 3], out: &[AtomicU16]) {
     /// Rows that are written together.
     const TOGETHER: usize = 32;
-    out.par_chunks_mut(nx * ny).enumerate().for_each(|(z, plane)| {
+    out.par_chunks(nx * ny).enumerate().for_each(|(z, plane)| {
         for first in (0..ny).step_by(TOGETHER) {
             for x in 0..nx {
                 let from = &turned[ny * (z + nz * x)..][first..ny.min(first + TOGETHER)];
-                for (y, &value) in (first..).zip(from) {
-                    let out = &mut plane[x + nx * y];
-                    *out = out.saturating_add(value);
+                for (y, value) in (first..).zip(from) {
+                    let out = &plane[x + nx * y];
+                    let sum = out.load(Ordering::Relaxed).saturating_add(value.load(Ordering::Relaxed));
+                    out.store(sum, Ordering::Relaxed);
                 }
             }
         }

@@ -9,6 +9,7 @@
 //! it lies.
 
 use std::ops::Range;
+use std::sync::atomic::{AtomicU16, Ordering};
 
 use glam::{DMat3, DVec3};
 use pulp::Arch;
@@ -160,7 +161,7 @@ impl<'a> Swept<'a> {
     /// Adds the light from a direction (planes, rows, columns; unit length) to each voxel, given the sums of neighbours
     /// towards about that direction: `share` if all of it arrives. `scale` is the length of a voxel along the
     /// direction, per unit of extinction.
-    pub(super) fn add_parallel(&self, near: &Near, along: DVec3, scale: f64, share: u16, out: &mut [u16]) {
+    pub(super) fn add_parallel(&self, near: &Near, along: DVec3, scale: f64, share: u16, out: &[AtomicU16]) {
         let (length, slopes) = slopes(along);
         let count = self.planes.planes;
         let shifts = slopes.map(|slope| MARGIN + (-slope * (count - 1) as f64).max(0.0));
@@ -181,7 +182,7 @@ impl<'a> Swept<'a> {
     }
 
     /// Sets the light from a place at the voxels from which it lies mainly across planes, ahead of them or behind.
-    pub(super) fn set_converging(&self, rays: &Converging<'_>, ahead: bool, out: &mut [u16]) {
+    pub(super) fn set_converging(&self, rays: &Converging<'_>, ahead: bool, out: &[AtomicU16]) {
         let Converging { place, near, .. } = rays;
         let count = self.planes.planes;
         // Planes less than half a plane behind the place count by their part before it.
@@ -222,27 +223,10 @@ impl<'a> Swept<'a> {
     }
 
     /// Sweeps all bands of the buffer.
-    fn sweep(&self, rays: &Rays, course: &Course<'_>, out: &mut [u16]) {
-        let bands = rays.size[0].div_ceil(BAND);
-        let mut rows: Vec<Vec<Row<'_>>> = (0..bands).map(|_| Vec::new()).collect();
-        let mut planes = self.planes.split(out, self.planes.columns);
-        if rays.ahead {
-            planes.reverse();
-        }
-        let skipped = self.planes.planes - rays.maps.len();
-        for (number, of_plane) in planes.into_iter().skip(skipped).enumerate() {
-            let map = &rays.maps[number][0];
-            for (row, out) in of_plane {
-                let source = self.planes.row(self.plane(rays, number), row);
-                let place = (map.into[0] * row as f64 + map.into[1]).floor();
-                if !self.field.filled(source).is_empty() && place >= 1.0 && place < rays.size[0] as f64 - 2.0 {
-                    rows[place as usize / BAND].push(Row { number, row, out });
-                }
-            }
-        }
+    fn sweep(&self, rays: &Rays, course: &Course<'_>, out: &[AtomicU16]) {
         let arch = Arch::new();
-        rows.into_par_iter().enumerate().filter(|(_, rows)| !rows.is_empty()).for_each(|(band, rows)| {
-            arch.dispatch(Band { swept: self, rays, course, first: band * BAND, rows });
+        (0..rays.size[0].div_ceil(BAND)).into_par_iter().for_each_init(Buffer::default, |buffer, band| {
+            arch.dispatch(Band { swept: self, rays, course, first: band * BAND, buffer, out });
         });
     }
 
@@ -253,25 +237,20 @@ impl<'a> Swept<'a> {
     }
 }
 
-/// A row of voxels to be lit.
-struct Row<'a> {
-    /// The number of its plane, counted from the light.
-    number: usize,
-    row: usize,
-    out: &'a mut [u16],
-}
-
 /// Rows of the buffer that are swept together, as a type so that the sweep is compiled for the widest vectors of the
 /// machine.
-struct Band<'a, 'b> {
+struct Band<'a> {
     swept: &'a Swept<'a>,
     rays: &'a Rays,
     course: &'a Course<'a>,
     first: usize,
-    rows: Vec<Row<'b>>,
+    buffer: &'a mut Buffer,
+    /// The light of each voxel. No two bands write to the same voxel: it is atomic because their rows lie mixed.
+    out: &'a [AtomicU16],
 }
 
 /// The buffer of a band.
+#[derive(Default)]
 struct Buffer {
     /// The row before the band, those of the band and the two after.
     sums: Vec<f32>,
@@ -285,49 +264,49 @@ struct Buffer {
 /// Zeros at either end of a line.
 const ENDS: usize = 8;
 
-impl pulp::WithSimd for Band<'_, '_> {
+impl pulp::WithSimd for Band<'_> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(self, simd: S) {
-        let Self { swept, rays, course, first, rows } = self;
-        let columns = swept.planes.columns;
-        let width = rays.size[1];
-        let mut buffer = Buffer {
-            sums: vec![0.0; (BAND + 3) * width],
-            filled: vec![0..0; BAND + 3],
-            width,
-            line: vec![0.0; columns.max(width) + 2 * ENDS],
-        };
+        let Self { swept, rays, course, first, buffer, out } = self;
+        let Planes { rows, columns, .. } = swept.planes;
+        buffer.clear(rays.size[1], columns);
         let mut depths = [0.0_f32; LANES];
         let mut table: Vec<([f32; 3], i32)> = Vec::new();
         let mut added = 0;
-        for Row { number, row, out } in rows {
-            while added + rays.near < number {
-                buffer.add(swept, rays, added, first, &mut table);
-                added += 1;
-            }
+        // The places of the band that have a row before them and two after them.
+        let places = [first.max(1), (first + BAND).min(rays.size[0] - 2)].map(|n| n as f64);
+        for (number, [rows_map, columns_map]) in rays.maps.iter().enumerate() {
+            let [low, high] =
+                places.map(|place| ((place - rows_map.into[1]) / rows_map.into[0]).ceil().max(0.0) as usize);
             let plane = swept.plane(rays, number);
-            let source = swept.planes.row(plane, row);
-            let mut wanted = swept.field.filled(source);
-            let [rows_map, columns_map] = rays.maps[number];
-            if let Course::To(to) = course {
-                wanted = to.within(wanted, plane, row);
-            }
-            if wanted.is_empty() {
-                continue;
-            }
-            for start in wanted.clone().step_by(Lanes::<S>::COUNT) {
-                let own = &swept.field.from(source, start as isize)[..Lanes::<S>::COUNT];
-                if own.iter().map(|value| u32::from(*value > 0.0)).sum::<u32>() == 0 {
+            for row in low..high.min(rows) {
+                let source = swept.planes.row(plane, row);
+                let mut wanted = swept.field.filled(source);
+                if let Course::To(to) = course {
+                    wanted = to.within(wanted, plane, row);
+                }
+                if wanted.is_empty() {
                     continue;
                 }
-                let columns = start..wanted.end.min(start + Lanes::<S>::COUNT);
-                depths[columns.len()..].fill(0.0);
-                buffer.read(&rows_map, &columns_map, first, row, columns.clone(), &mut depths);
-                match course {
-                    Course::Along(along) => along.light(simd, swept, [plane, row], columns, &depths, out),
-                    Course::To(to) => to.light(swept, plane, row, columns, &depths, out),
+                while added + rays.near < number {
+                    buffer.add(swept, rays, added, first, &mut table);
+                    added += 1;
+                }
+                let out = &out[source * columns..][..columns];
+                for start in wanted.clone().step_by(Lanes::<S>::COUNT) {
+                    let own = &swept.field.from(source, start as isize)[..Lanes::<S>::COUNT];
+                    if own.iter().map(|value| u32::from(*value > 0.0)).sum::<u32>() == 0 {
+                        continue;
+                    }
+                    let columns = start..wanted.end.min(start + Lanes::<S>::COUNT);
+                    depths[columns.len()..].fill(0.0);
+                    buffer.read(rows_map, columns_map, first, row, columns.clone(), &mut depths);
+                    match course {
+                        Course::Along(along) => along.light(simd, swept, [plane, row], columns, &depths, out),
+                        Course::To(to) => to.light(swept, plane, row, columns, &depths, out),
+                    }
                 }
             }
         }
@@ -335,6 +314,16 @@ impl pulp::WithSimd for Band<'_, '_> {
 }
 
 impl Buffer {
+    /// Makes a buffer of 0 for rows of `width` places and lines of `columns`.
+    fn clear(&mut self, width: usize, columns: usize) {
+        self.width = width;
+        self.sums.clear();
+        self.sums.resize((BAND + 3) * width, 0.0);
+        self.filled.clear();
+        self.filled.resize(BAND + 3, 0..0);
+        self.line.resize(columns.max(width) + 2 * ENDS, 0.0);
+    }
+
     /// Adds a plane.
     #[inline(always)]
     fn add(&mut self, swept: &Swept<'_>, rays: &Rays, number: usize, first: usize, table: &mut Vec<([f32; 3], i32)>) {
@@ -409,7 +398,8 @@ impl Buffer {
     #[inline(always)]
     fn read(&mut self, rows: &Map, columns: &Map, first: usize, row: usize, wanted: Range<usize>, depths: &mut [f32]) {
         let at = rows.into[0] * row as f64 + rows.into[1];
-        let below = at.floor();
+        // Rows belong to the band but for rounding.
+        let below = at.floor().clamp(first as f64, (first + BAND - 1) as f64);
         let weights = catmull_rom((at - below) as f32);
         // The first row of the buffer is the one before the band.
         let index = below as usize - first;
@@ -462,7 +452,7 @@ impl Along<'_> {
         [plane, row]: [usize; 2],
         columns: Range<usize>,
         far: &[f32],
-        out: &mut [u16],
+        out: &[AtomicU16],
     ) {
         let Self { near, factors: [planes, all], share } = self;
         let source = swept.planes.row(plane, row);
@@ -479,7 +469,9 @@ impl Along<'_> {
         }
         let mut light = [0.0; LANES];
         sums.times(simd, *all).transmitted(simd).times(simd, *share).store(&mut light);
-        out[columns].iter_mut().zip(&light).for_each(|(out, light)| *out += nearest(*light));
+        for (out, light) in out[columns].iter().zip(&light) {
+            out.store(out.load(Ordering::Relaxed) + nearest(*light), Ordering::Relaxed);
+        }
     }
 }
 
@@ -574,7 +566,7 @@ impl To<'_> {
         row: usize,
         wanted: Range<usize>,
         depths: &[f32],
-        out: &mut [u16],
+        out: &[AtomicU16],
     ) {
         let (of, near, response) = (swept.planes, self.rays.near, swept.response);
         let integral = response.integral;
@@ -615,7 +607,7 @@ impl To<'_> {
                     far + scale * sum(near.stencil(slopes), if slopes[0] < 0.0 { -1 } else { 1 })
                 }
             };
-            out[column] = nearest(65_535.0 * (-depth).exp() as f32);
+            out[column].store(nearest(65_535.0 * (-depth).exp() as f32), Ordering::Relaxed);
         }
     }
 }
