@@ -273,7 +273,7 @@ impl Appearance {
     /// or a volume as [`Self::for_file`] does.
     ///
     /// # Errors
-    /// The errors of [`Self::for_file`]; [`Error::Volume`](crate::Error::Volume) if lattices of channels differ.
+    /// The errors of [`Self::for_file`]; [`Error::Input`](crate::Error::Input) if lattices of channels differ.
     pub fn for_loaded(source: impl AsRef<Path>, loaded: &Loaded) -> Result<Self> {
         let Loaded { volume, layers, channels, .. } = loaded;
         let mut layers = layers.iter().cloned();
