@@ -119,8 +119,6 @@ pub struct ChoiceContext<'a> {
 /// The preset whose material channels have.
 const CHANNELS: &str = "fluorescence";
 
-const PRESET_SURFACES: &str = "the transfer function shows surfaces";
-
 /// The words after a preset that the values decided.
 pub const GUESS: &str = ", a guess from the histogram,";
 
@@ -211,7 +209,7 @@ impl ChoiceContext<'_> {
             settings.lighting = Some(studio);
             let surfaces = match (self.channels, shadow_bias) {
                 (true, _) => "channels show surfaces",
-                (false, None) => PRESET_SURFACES,
+                (false, None) => "the transfer function shows surfaces",
                 (false, Some(_)) => "labels have surfaces",
             };
             choices.push(Choice::Light { shadow_bias, surfaces });

@@ -27,7 +27,7 @@ mod lanes;
 mod response;
 mod sweep;
 
-use std::sync::atomic::{AtomicU16, Ordering};
+use std::sync::atomic::{AtomicU16, AtomicUsize, Ordering};
 
 use glam::{DAffine3, DMat3, DVec3};
 use rayon::prelude::*;
@@ -293,7 +293,7 @@ impl<'a> Arrival<'a> {
         }
         let mut shares: Vec<u16> = zeroed((nx * ny * nz) as u64, || "the light in the volume".to_owned())?;
         let slabs = nz.div_ceil(BLOCK[2]);
-        let done = std::sync::atomic::AtomicUsize::new(0);
+        let done = AtomicUsize::new(0);
         shares.par_chunks_mut(nx * ny * BLOCK[2]).enumerate().for_each(|(slab, out)| {
             let z = slab * BLOCK[2];
             let planes = out.len() / (nx * ny);
@@ -331,4 +331,42 @@ fn all_around() -> impl Iterator<Item = (DVec3, f64)> {
     let steps = || (-1..=1).map(f64::from);
     let directions = steps().flat_map(move |x| steps().flat_map(move |y| steps().map(move |z| DVec3::new(x, y, z))));
     directions.filter(|d| *d != DVec3::ZERO).map(move |d| (d.normalize(), weights[d.length_squared() as usize - 1]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lighting::{Light, Lighting};
+
+    /// Places whose coordinates have the same fraction put the rays of whole slopes next to whole places of the buffer,
+    /// on either side by rounding.
+    #[test]
+    fn light_from_places_of_any_fraction_arrives_at_the_right_voxels() {
+        let dims = [14, 13, 12];
+        let grid = Grid::axis_parallel(dims.map(|n| n as u32), [1.0; 3]).unwrap();
+        let kernel = Kernel::default();
+        let lattice = ShadowLattice::new(&grid, kernel, kernel.integral(), 1.0, 1.0);
+        let tau = |x: usize, y: usize, z: usize| ((x * 7 + y * 13 + z * 29) % 11) as f32 * 0.02;
+        for tenths in 0..10 {
+            for whole in [[5.0, 6.0, 5.0], [-4.0, 30.0, 2.0], [13.0, 0.0, 25.0]] {
+                let place = DVec3::from_array(whole) + f64::from(tenths) / 10.0;
+                let lights = vec![Light::at(grid.to_world().transform_point3(place))];
+                let shares = |exact_shadows: bool| {
+                    let lighting =
+                        Lighting { lights: lights.clone(), shadows: 1.0, exact_shadows, ..Lighting::default() };
+                    let casting = lighting.casting().unwrap();
+                    let arrival = Arrival::new(&casting, &lattice, [[0; 3], dims], |[y, z], row| {
+                        row.iter_mut().enumerate().for_each(|(x, value)| *value = tau(x, y, z).max(field::CLIPPED));
+                    });
+                    let arrival = arrival.unwrap();
+                    let shares = arrival.shares(0, &|_| ()).unwrap().unwrap();
+                    let points = (0..dims.iter().product()).map(|i| [i % 14, i / 14 % 13, i / 14 / 13]);
+                    points.map(|point| f64::from(shares[arrival.index(point)]) / 257.0).collect::<Vec<_>>()
+                };
+                let (swept, exact) = (shares(false), shares(true));
+                let largest = swept.iter().zip(&exact).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+                assert!(largest < 6.0, "{place}: {largest} of 255");
+            }
+        }
+    }
 }

@@ -84,8 +84,7 @@ impl pulp::WithSimd for RowSum<'_> {
         let wanted = field.filled(row);
         let mut lights = [0.0; LANES];
         for start in wanted.clone().step_by(Lanes::<S>::COUNT) {
-            let own = &field.from(row, start as isize)[..Lanes::<S>::COUNT];
-            if own.iter().map(|value| u32::from(*value > 0.0)).sum::<u32>() == 0 {
+            if !field.shows(row, start, Lanes::<S>::COUNT) {
                 continue;
             }
             let mut light = Lanes::new(simd, 0.0);

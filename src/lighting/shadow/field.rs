@@ -94,6 +94,13 @@ impl Planes {
         }
     }
 
+    /// The number of the row that lies some planes and rows beside another one, if there is one.
+    pub(super) fn beside(&self, [plane, row]: [usize; 2], [planes, rows]: [i32; 2]) -> Option<usize> {
+        let plane = plane.checked_add_signed(planes as isize).filter(|&plane| plane < self.planes)?;
+        let row = row.checked_add_signed(rows as isize).filter(|&row| row < self.rows)?;
+        Some(self.row(plane, row))
+    }
+
     /// Hands out the rows of an array, each with its number in the plane: by plane.
     pub(super) fn split<'a, T>(&self, values: &'a mut [T], pitch: usize) -> Vec<Vec<(usize, &'a mut [T])>> {
         let mut planes: Vec<Vec<(usize, &'a mut [T])>> = (0..self.planes).map(|_| Vec::new()).collect();
@@ -176,6 +183,12 @@ impl Field {
     pub(super) fn from(&self, row: usize, column: isize) -> &[f32] {
         let start = (row * self.pitch() + self.pad).wrapping_add_signed(column);
         &self.values[start..(row + 1) * self.pitch()]
+    }
+
+    /// Whether any of `count` voxels of a row from a column on is not 0.
+    pub(super) fn shows(&self, row: usize, column: usize, count: usize) -> bool {
+        // A sum has no branches, so it is a vector.
+        self.from(row, column as isize)[..count].iter().map(|value| u32::from(*value > 0.0)).sum::<u32>() > 0
     }
 
     /// The field with x and z changed for y and x: rows along y, in planes across x.

@@ -48,6 +48,8 @@ struct Map {
 struct Rays {
     /// Whether the light lies at the end of the last plane.
     ahead: bool,
+    /// Whether they are parallel: columns are then only shifted in the buffer, by shifts of whole 65536ths.
+    is_sheared: bool,
     /// Places of the buffer.
     size: [usize; 2],
     /// For each plane, the nearest to the light first.
@@ -175,7 +177,8 @@ impl<'a> Swept<'a> {
             })
         });
         let weights = vec![1.0; count];
-        let rays = Rays { ahead: along.x > 0.0, size, maps: maps.collect(), weights, near: near.planes };
+        let rays =
+            Rays { ahead: along.x > 0.0, is_sheared: true, size, maps: maps.collect(), weights, near: near.planes };
         let factors = [(length * self.response.integral) as f32, scale as f32];
         let along = Along { near, factors, share: f32::from(share) };
         self.sweep(&rays, &Course::Along(along), out);
@@ -219,7 +222,11 @@ impl<'a> Swept<'a> {
         let weights = distances.iter().map(|distance| (distance + 0.5).clamp(0.0, 1.0) as f32).collect();
         let near_planes = Response::planes(near.bias, 1.0);
         let course = Course::To(To { rays, ahead });
-        self.sweep(&Rays { ahead, size, maps: maps.collect(), weights, near: near_planes }, &course, out);
+        self.sweep(
+            &Rays { ahead, is_sheared: false, size, maps: maps.collect(), weights, near: near_planes },
+            &course,
+            out,
+        );
     }
 
     /// Sweeps all bands of the buffer.
@@ -277,7 +284,7 @@ impl pulp::WithSimd for Band<'_> {
         let mut added = 0;
         // The places of the band that have a row before them and two after them.
         let places = [first.max(1), (first + BAND).min(rays.size[0] - 2)].map(|n| n as f64);
-        for (number, [rows_map, columns_map]) in rays.maps.iter().enumerate() {
+        for (number, [rows_map, _]) in rays.maps.iter().enumerate() {
             let [low, high] =
                 places.map(|place| ((place - rows_map.into[1]) / rows_map.into[0]).ceil().max(0.0) as usize);
             let plane = swept.plane(rays, number);
@@ -296,13 +303,12 @@ impl pulp::WithSimd for Band<'_> {
                 }
                 let out = &out[source * columns..][..columns];
                 for start in wanted.clone().step_by(Lanes::<S>::COUNT) {
-                    let own = &swept.field.from(source, start as isize)[..Lanes::<S>::COUNT];
-                    if own.iter().map(|value| u32::from(*value > 0.0)).sum::<u32>() == 0 {
+                    if !swept.field.shows(source, start, Lanes::<S>::COUNT) {
                         continue;
                     }
                     let columns = start..wanted.end.min(start + Lanes::<S>::COUNT);
                     depths[columns.len()..].fill(0.0);
-                    buffer.read(rows_map, columns_map, first, row, columns.clone(), &mut depths);
+                    buffer.read(rays, number, first, row, columns.clone(), &mut depths);
                     match course {
                         Course::Along(along) => along.light(simd, swept, [plane, row], columns, &depths, out),
                         Course::To(to) => to.light(swept, plane, row, columns, &depths, out),
@@ -331,9 +337,8 @@ impl Buffer {
         let plane = swept.plane(rays, number);
         let [rows_map, columns_map] = rays.maps[number];
         let weight = rays.weights[number];
-        let is_shifted = columns_map.into[0] == 1.0;
         let width = self.width;
-        if !is_shifted {
+        if !rays.is_sheared {
             table.clear();
             table.extend((0..width).map(|n| {
                 let at = columns_map.back[0] * n as f64 + columns_map.back[1];
@@ -365,7 +370,7 @@ impl Buffer {
                     line_of_run[i] = weights[0] * first[i] + weights[1] * second[i] + weights[2] * third[i];
                 }
                 let sums = &mut self.sums[index * width..][..width];
-                let reached = if is_shifted {
+                let reached = if rays.is_sheared {
                     let shift = columns_map.back[1].round();
                     let [a, b, c] = spline_weights((columns_map.back[1] - shift) as f32);
                     // The buffer is wide enough for all places of a shifted plane.
@@ -396,7 +401,8 @@ impl Buffer {
 
     /// Reads the sums at the wanted columns of a row.
     #[inline(always)]
-    fn read(&mut self, rows: &Map, columns: &Map, first: usize, row: usize, wanted: Range<usize>, depths: &mut [f32]) {
+    fn read(&mut self, rays: &Rays, number: usize, first: usize, row: usize, wanted: Range<usize>, depths: &mut [f32]) {
+        let [rows, columns] = rays.maps[number];
         let at = rows.into[0] * row as f64 + rows.into[1];
         // Rows belong to the band but for rounding.
         let below = at.floor().clamp(first as f64, (first + BAND - 1) as f64);
@@ -418,7 +424,7 @@ impl Buffer {
         for i in 0..line.len() {
             line[i] = a * first[i] + b * second[i] + c * third[i] + d * fourth[i];
         }
-        if columns.into[0] == 1.0 {
+        if rays.is_sheared {
             let [a, b, c, d] = catmull_rom(columns.into[1].rem_euclid(1.0) as f32);
             let [first, second, third, fourth] = [0, 1, 2, 3].map(|o| &line[o..][..depths.len()]);
             for i in 0..depths.len() {
@@ -482,17 +488,14 @@ impl Near {
         &self,
         simd: S,
         swept: &Swept<'_>,
-        [plane, row]: [usize; 2],
+        at: [usize; 2],
         start: usize,
         mut sums: Lanes<S>,
     ) -> Lanes<S> {
         let (field, of) = (swept.field, swept.planes);
         for StencilRow { offset: [ahead, down], column, weights } in &self.stencil {
-            let ahead = if self.ahead { *ahead } else { -*ahead } as isize;
-            let plane = plane.checked_add_signed(ahead).filter(|&plane| plane < of.planes);
-            let row = row.checked_add_signed(*down as isize).filter(|&row| row < of.rows);
-            let (Some(plane), Some(row)) = (plane, row) else { continue };
-            let source = of.row(plane, row);
+            let planes = if self.ahead { *ahead } else { -*ahead };
+            let Some(source) = of.beside(at, [planes, *down]) else { continue };
             let filled = field.filled(source);
             let first = start as isize + *column as isize;
             if filled.is_empty()
@@ -527,8 +530,7 @@ impl pulp::WithSimd for NearRow<'_> {
         let source = swept.planes.row(at[0], at[1]);
         let wanted = swept.field.filled(source);
         for start in wanted.step_by(Lanes::<S>::COUNT) {
-            let own = &swept.field.from(source, start as isize)[..Lanes::<S>::COUNT];
-            if own.iter().map(|value| u32::from(*value > 0.0)).sum::<u32>() > 0 {
+            if swept.field.shows(source, start, Lanes::<S>::COUNT) {
                 near.add(simd, swept, at, start, Lanes::new(simd, 0.0)).store(&mut out[start..]);
             }
         }
@@ -583,11 +585,9 @@ impl To<'_> {
             let sum = |stencil: &[StencilRow], down: i32| {
                 let mut sum = 0.0_f32;
                 for StencilRow { offset: [ahead, rows], column: first, weights } in stencil {
-                    let ahead = if self.ahead { *ahead } else { -*ahead } as isize;
-                    let plane = plane.checked_add_signed(ahead).filter(|&plane| plane < of.planes);
-                    let row = row.checked_add_signed((down * rows) as isize).filter(|&row| row < of.rows);
-                    let (Some(plane), Some(row)) = (plane, row) else { continue };
-                    let values = swept.field.from(of.row(plane, row), column as isize + *first as isize);
+                    let planes = if self.ahead { *ahead } else { -*ahead };
+                    let Some(source) = of.beside([plane, row], [planes, down * rows]) else { continue };
+                    let values = swept.field.from(source, column as isize + *first as isize);
                     sum += weights.iter().zip(values).map(|(weight, value)| weight * value).sum::<f32>();
                 }
                 f64::from(sum)

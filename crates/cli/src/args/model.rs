@@ -103,7 +103,8 @@ pub(crate) struct ModelArgs {
     #[arg(long, alias = "clip-plane", value_name = "PLANE|SIDE|box:..|voxels:..", value_parser = clip)]
     pub(crate) clip: Vec<ClipArg>,
     /// Shadows of the first three lights at AZ,EL or @X,Y,Z: on, off, or their strength, 0 to 1 [default: off; studio
-    /// 0.85]. exact or exact:STRENGTH sums all kernels on each ray to a light, and for occlusion: tens of times slower
+    /// 0.85]. exact or exact:STRENGTH sums all kernels on each ray to a light, and for occlusion: about ten times
+    /// slower
     #[arg(long, value_name = "on|off|STRENGTH|exact", value_parser = parse::shadows)]
     pub(crate) shadows: Option<Shadows>,
     /// Angular size of lights at AZ,EL, degrees, 0 to 90: larger lights cast softer shadows [default: 0; studio 10]

@@ -1,27 +1,21 @@
 //! Rays from voxels to a light at a place: each has its own direction and end.
 //!
-//! Such a ray passes most kernels as a whole, and collects their footprint c p(c^2), with the half chord c and a
-//! polynomial p. Kernels in which a ray begins or ends are cut: their sections are looked up.
+//! The sections of the kernels that it meets are looked up in a table of footprints.
 
 use std::ops::RangeInclusive;
 
 use glam::{DMat3, DVec3};
 
 use super::{CHUNK, DARK, Medium, ShadowLattice};
-use crate::kernel::{FootprintTable, Real, footprint_polynomial};
+use crate::kernel::{FootprintTable, Real};
 
 /// The largest error of a section, as a fraction of the footprint's peak.
 const ERROR: f64 = 1e-6;
-
-/// The numbers of terms of the polynomial that are tried.
-const TERMS: RangeInclusive<usize> = 4..=16;
 
 /// Rays to a place in the lattice.
 pub(super) struct Converging {
     place: DVec3,
     table: FootprintTable,
-    /// The coefficients of p, the lowest first.
-    footprint: Vec<f64>,
     radius: f64,
     /// Voxels.
     bias: f64,
@@ -56,15 +50,7 @@ impl Converging {
         let table = FootprintTable::new(&kernel, ERROR);
         // Kernels too narrow in their support for that get the finest table.
         let table = table.unwrap_or_else(|_| FootprintTable::with_size(&kernel, 4096, 16));
-        let mut footprint = Vec::new();
-        for terms in TERMS {
-            let error;
-            (footprint, error) = footprint_polynomial(&kernel, terms);
-            if error <= ERROR {
-                break;
-            }
-        }
-        Self { place, table, footprint, radius: kernel.radius(), bias, to_world, scale: 1.0 / unit / divisor }
+        Self { place, table, radius: kernel.radius(), bias, to_world, scale: 1.0 / unit / divisor }
     }
 
     /// Returns the ray from a voxel; `None` if nothing on it can occlude light.
@@ -102,7 +88,6 @@ impl Converging {
             return 0.0;
         }
         let [u, v] = path.across;
-        let radius2 = self.radius * self.radius;
         let mut sum = 0.0;
         for plane in planes {
             let mut at = path.from;
@@ -119,22 +104,13 @@ impl Converging {
             for (b, a) in range(v).flat_map(|b| range(u).map(move |a| (b, a))) {
                 (at[u], at[v]) = (a, b);
                 let value = medium.value(at.map(|p| p as usize)).to_f64();
+                if value == 0.0 {
+                    continue;
+                }
                 let o = DVec3::from_array([0, 1, 2].map(|axis| f64::from(at[axis] - path.from[axis])));
                 let t = o.dot(path.along);
                 let r2 = o.length_squared() - t * t;
-                let c2 = radius2 - r2;
-                if value == 0.0 || c2 <= 0.0 {
-                    continue;
-                }
-                let (c, [begin, end]) = (c2.sqrt(), [self.bias - t, path.distance - t]);
-                sum += value
-                    * if begin >= c || end <= -c {
-                        0.0
-                    } else if begin <= -c && end >= c {
-                        c * self.footprint.iter().rev().fold(0.0, |sum, a| sum * c2 + a)
-                    } else {
-                        self.table.section(self.radius, r2, begin, end)
-                    };
+                sum += value * self.table.section(self.radius, r2, self.bias - t, path.distance - t);
             }
         }
         sum
