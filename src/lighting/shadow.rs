@@ -36,7 +36,7 @@ use voxsplat_volume::memory::zeroed;
 use self::exact::{Caster, Medium, ShadowBlock};
 use self::field::{Field, Planes, turned_back};
 use self::response::Response;
-use self::sweep::{Converging, NearPlace, Swept};
+use self::sweep::{Converging, Direction, NearPlace, Swept};
 use super::{Casting, MAX_CASTING, Origin};
 use crate::error::Result;
 use crate::kernel::Kernel;
@@ -211,32 +211,32 @@ impl<'a> Arrival<'a> {
         let part = |i: usize| ((i + 1) * 65_535 / count - i * 65_535 / count) as u16;
         let directions: Vec<(DVec3, u16)> =
             towards.iter().enumerate().map(|(i, &d)| ((to_lattice * d).normalize(), part(i))).collect();
+        let middle = directions.iter().map(|(along, _)| *along).sum::<DVec3>().normalize_or_zero();
+        // The directions of a narrow light go together, whatever their own main axes.
+        let is_narrow = count > 1 && directions.iter().all(|(along, _)| along.dot(middle) > NARROW);
+        let main = |along: DVec3| if is_narrow { middle } else { along }.abs().max_position();
         let mut done = 0;
         for axis in 0..3 {
-            let mine = directions.iter().filter(|(along, _)| along.abs().max_position() == axis && count > 0);
-            // Those on either side of the planes have their own neighbours.
-            for ahead in [true, false] {
-                let mine: Vec<_> = mine.clone().filter(|(along, _)| (along[axis] > 0.0) == ahead).collect();
-                if mine.is_empty() {
-                    continue;
-                }
-                self.across(axis, response, &shares, &mut |swept, axes, out| {
-                    let seen = |along: DVec3| DVec3::from_array(axes.map(|axis| along[axis]));
-                    let middle = mine.iter().map(|(along, _)| seen(*along)).sum::<DVec3>().normalize();
-                    let is_narrow = mine.iter().all(|(along, _)| seen(*along).dot(middle) > NARROW);
-                    let shared = (is_narrow && mine.len() > 1).then(|| swept.near(middle, bias, true)).transpose()?;
-                    for &&(along, part) in &mine {
-                        let own = shared.is_none().then(|| swept.near(seen(along), bias, false)).transpose()?;
-                        let scale = (self.lattice.to_world * along).length() / self.lattice.unit;
-                        if let Some(near) = shared.as_ref().or(own.as_ref()) {
-                            swept.add_parallel(near, seen(along), scale, part, out);
-                        }
-                        done += 1;
-                        report(f64::from(done) / count as f64);
-                    }
-                    Ok(())
-                })?;
+            let mine: Vec<_> = directions.iter().filter(|(along, _)| main(*along) == axis).collect();
+            if mine.is_empty() {
+                continue;
             }
+            self.across(axis, response, &shares, &mut |swept, axes, out| {
+                let seen = |along: DVec3| DVec3::from_array(axes.map(|axis| along[axis]));
+                let directions = mine.iter().map(|&&(along, share)| {
+                    let scale = (self.lattice.to_world * along).length() / self.lattice.unit;
+                    Direction { along: seen(along), scale, share }
+                });
+                let directions: Vec<_> = directions.collect();
+                // Those that do not go together have their own neighbours.
+                for together in directions.chunks(if is_narrow { count } else { 1 }) {
+                    let towards = if is_narrow { seen(middle) } else { together[0].along };
+                    swept.add_parallel(&swept.near(towards, bias), together, out);
+                    done += together.len();
+                    report(done as f64 / count as f64);
+                }
+                Ok(())
+            })?;
         }
         Ok(shares)
     }

@@ -24,8 +24,8 @@ const PINNED: f64 = 900.0;
 
 /// A ray to neighbours.
 struct Ray {
-    /// To the next point.
-    step: [isize; 3],
+    /// To the next point: columns, rows and planes.
+    step: [i32; 3],
     /// The factor of its light.
     share: f32,
     /// The weights of the points, the voxel's own first.
@@ -50,14 +50,15 @@ pub(super) fn arriving(
             let scale = (lattice.to_world * along).length() / lattice.unit;
             let weights = weights_along(response, &weights, step, [bias.min(radius), radius]);
             let weights = weights.into_iter().map(|w| (w * scale) as f32).collect();
-            Ray { step: step.map(|s| s as isize), share: share as f32, weights }
+            Ray { step: step.map(|s| s as i32), share: share as f32, weights }
         })
         .collect();
     let [nx, ny, _] = field.size;
     let mut out: Vec<u16> =
         zeroed(field.size.iter().map(|&n| n as u64).product(), || "the light in the volume".to_owned())?;
     let arch = Arch::new();
-    out.par_chunks_mut(nx).enumerate().filter(|(row, _)| !field.filled(*row).is_empty()).for_each(|(row, out)| {
+    let rows = out.par_chunks_mut(nx).enumerate().filter(|(row, _)| !field.filled(*row).is_empty());
+    rows.for_each(|(row, out)| {
         arch.dispatch(RowSum { field, filtered: &filtered, rays: &rays, at: [row % ny, row / ny], out });
     });
     Ok(out)
@@ -78,33 +79,40 @@ impl pulp::WithSimd for RowSum<'_> {
 
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(self, simd: S) {
-        let Self { field, filtered, rays, at: [y, z], out } = self;
-        let [nx, ny, nz] = field.size;
-        let row = y + ny * z;
+        let Self { field, filtered, rays, at, out } = self;
+        let planes = Planes::across(2, field.size);
+        let row = planes.row(at[1], at[0]);
         let wanted = field.filled(row);
+        // The points of all rays that lie in the field, ray after ray: from the first column on, and their weights.
+        let mut points = Vec::with_capacity(256);
+        // For each ray its share and the end of its points.
+        let mut ends = [(0.0, 0); 26];
+        for (end, Ray { step: [dx, dy, dz], share, weights }) in ends.iter_mut().zip(rays) {
+            for (k, &weight) in (0..).zip(weights) {
+                let Some(source) = planes.beside([at[1], at[0]], [k * dz, k * dy]) else { break };
+                if !filtered.filled(source).is_empty() {
+                    points.push((filtered.from(source, wanted.start as isize + (k * dx) as isize), weight));
+                }
+            }
+            *end = (*share, points.len());
+        }
         let mut lights = [0.0; LANES];
         for start in wanted.clone().step_by(Lanes::<S>::COUNT) {
             if !field.shows(row, start, Lanes::<S>::COUNT) {
                 continue;
             }
             let mut light = Lanes::new(simd, 0.0);
-            for Ray { step: [dx, dy, dz], share, weights } in rays {
+            let mut first = 0;
+            for (share, end) in ends {
                 let mut sums = Lanes::new(simd, 0.0);
-                for (k, &weight) in (0..).zip(weights) {
-                    let y = y.checked_add_signed(k * dy).filter(|&y| y < ny);
-                    let z = z.checked_add_signed(k * dz).filter(|&z| z < nz);
-                    let (Some(y), Some(z), first) = (y, z, start as isize + k * dx) else { break };
-                    let source = y + ny * z;
-                    let filled = filtered.filled(source);
-                    if filled.end as isize <= first || filled.start as isize >= first + LANES as isize {
-                        continue;
-                    }
-                    sums = sums.plus(simd, weight, Lanes::load(filtered.from(source, first)));
+                for (values, weight) in &points[first..end] {
+                    sums = sums.plus(simd, *weight, Lanes::load(&values[start - wanted.start..]));
                 }
-                light = light.plus(simd, *share, sums.transmitted(simd));
+                light = light.plus(simd, share, sums.transmitted(simd));
+                first = end;
             }
             light.store(&mut lights);
-            let count = wanted.end.min(nx) - start;
+            let count = wanted.end - start;
             for (out, light) in out[start..].iter_mut().zip(&lights).take(count.min(Lanes::<S>::COUNT)) {
                 // Half of the surroundings of a point on a plane lie behind the plane.
                 *out = nearest((2.0 * light).min(1.0) * 65_535.0);

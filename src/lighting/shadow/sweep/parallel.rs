@@ -1,0 +1,174 @@
+//! Sweeps along directions.
+
+use std::ops::Range;
+use std::sync::atomic::{AtomicU16, Ordering};
+
+use glam::DVec3;
+
+use super::{BAND, FAINT, Light, MARGIN, Map, Rays, Sweep, Swept, nearest};
+use crate::lighting::shadow::field::LANES;
+use crate::lighting::shadow::lanes::Lanes;
+use crate::lighting::shadow::response::{Response, StencilRow};
+
+/// Bytes of the buffers of a band: they stay in a cache of 1 MiB.
+const BUFFERS: usize = 640 << 10;
+
+/// A direction of light.
+#[derive(Clone, Copy)]
+pub(in crate::lighting::shadow) struct Direction {
+    /// Planes, rows and columns; unit length.
+    pub(in crate::lighting::shadow) along: DVec3,
+    /// The length of a voxel along the direction, per unit of extinction.
+    pub(in crate::lighting::shadow) scale: f64,
+    /// What a voxel gets if all light arrives.
+    pub(in crate::lighting::shadow) share: u16,
+}
+
+/// Parallel rays of some directions.
+struct Along<'a> {
+    swept: &'a Swept<'a>,
+    near: &'a Near,
+    /// For each direction the factor of sums of planes, that of all, and the light that an unshadowed voxel gets.
+    factors: Vec<[f32; 3]>,
+}
+
+/// The sums of the neighbours of voxels.
+pub(in crate::lighting::shadow) struct Near {
+    ahead: bool,
+    /// The nearest planes, which are not taken from sweeps.
+    planes: usize,
+    stencil: Vec<StencilRow>,
+}
+
+/// The length of a unit direction between two planes, and the rows and the columns that it passes.
+fn slopes(along: DVec3) -> (f64, [f64; 2]) {
+    let length = 1.0 / along.x.abs();
+    (length, [along.y * length, along.z * length])
+}
+
+impl Swept<'_> {
+    /// The neighbours of voxels towards a direction (planes, rows, columns; unit length).
+    pub(in crate::lighting::shadow) fn near(&self, along: DVec3, bias: f64) -> Near {
+        let (length, slopes) = slopes(along);
+        let planes = Response::planes(bias, length);
+        let stencil = self.response.stencil(slopes, [bias, f64::INFINITY], Some(planes));
+        Near { ahead: along.x > 0.0, planes, stencil }
+    }
+
+    /// Adds the light from some directions to each voxel, given the neighbours towards about these directions.
+    pub(in crate::lighting::shadow) fn add_parallel(&self, near: &Near, directions: &[Direction], out: &[AtomicU16]) {
+        let count = self.planes.planes;
+        let mut directions = directions.to_vec();
+        // Neighbours drift apart the least.
+        directions.sort_by(|a, b| slopes(a.along).1[0].total_cmp(&slopes(b.along).1[0]));
+        let columns = self.planes.columns + 2 * MARGIN as usize + count;
+        let together = (BUFFERS / (4 * 2 * BAND * columns)).max(1);
+        for directions in directions.chunks(directions.len().div_ceil(directions.len().div_ceil(together))) {
+            let slopes: Vec<_> = directions.iter().map(|direction| slopes(direction.along)).collect();
+            let middle = slopes.iter().map(|(_, slopes)| slopes[0]).sum::<f64>() / slopes.len() as f64;
+            let (places, rows) = sheared(middle, self.planes.rows, count);
+            let rays = slopes.iter().map(|(_, slopes)| {
+                let (columns, width) = sheared(slopes[1], self.planes.columns, count);
+                let (rows, _) = sheared(slopes[0], self.planes.rows, count);
+                let drifts = rows.iter().zip(&places).map(|(row, place)| row.into[1] - place.into[1]).collect();
+                let maps = rows.into_iter().zip(columns).map(|(row, column)| [row, column]).collect();
+                Rays { is_sheared: true, width, maps, weights: vec![1.0; count], drifts }
+            });
+            let factors = directions.iter().zip(&slopes).map(|(direction, (length, _))| {
+                let planes = length * self.response.integral;
+                [planes as f32, direction.scale as f32, f32::from(direction.share)]
+            });
+            let light = Along { swept: self, near, factors: factors.collect() };
+            let rays = rays.collect();
+            let sweep =
+                Sweep { swept: self, ahead: near.ahead, near: near.planes, rays, places: (places, rows), light };
+            sweep.run(out);
+        }
+    }
+}
+
+/// The places of rows, or columns, that a direction shifts by a slope from plane to plane, for each plane, and the
+/// number of places.
+fn sheared(slope: f64, count: usize, planes: usize) -> (Vec<Map>, usize) {
+    let shift = MARGIN + (-slope * (planes - 1) as f64).max(0.0);
+    let maps = (0..planes).map(|i| {
+        // Whole parts stay whole: sums with whole numbers are exact.
+        let at = ((shift + slope * i as f64) * 65_536.0).round() / 65_536.0;
+        Map { into: [1.0, at], back: [1.0, -at] }
+    });
+    (maps.collect(), count + (slope.abs() * (planes - 1) as f64).ceil() as usize + 2 * MARGIN as usize)
+}
+
+impl Light for Along<'_> {
+    fn within(&self, columns: Range<usize>, _: [usize; 2]) -> Range<usize> {
+        columns
+    }
+
+    #[inline(always)]
+    fn arrive<S: pulp::Simd>(
+        &self,
+        simd: S,
+        at: [usize; 2],
+        columns: Range<usize>,
+        sums: &[Vec<f32>],
+        out: &[AtomicU16],
+    ) {
+        let source = self.swept.planes.row(at[0], at[1]);
+        let mut light = [0.0; LANES];
+        for start in columns.clone().step_by(Lanes::<S>::COUNT) {
+            let own = self.swept.field.from(source, start as isize);
+            // Where hardly any light is left, the neighbours do not matter.
+            let is_lit = self.factors.iter().zip(sums).any(|([planes, all, _], sums)| {
+                let faint = FAINT / (planes * all);
+                let lit = own.iter().zip(&sums[start..start + Lanes::<S>::COUNT]);
+                lit.map(|(own, &sum)| u32::from((*own > 0.0) & (sum < faint))).sum::<u32>() > 0
+            });
+            let mut near = Lanes::new(simd, 0.0);
+            if is_lit {
+                near = self.near.add(simd, self.swept, at, start, near);
+            }
+            let mut sum = Lanes::new(simd, 0.0);
+            for (&[planes, all, share], sums) in self.factors.iter().zip(sums) {
+                let depth = near.plus(simd, planes, Lanes::load(&sums[start..])).times(simd, all);
+                sum = sum.plus(simd, share, depth.transmitted(simd));
+            }
+            sum.store(&mut light);
+            for (out, light) in out[start..columns.end].iter().zip(&light[..Lanes::<S>::COUNT]) {
+                out.store(out.load(Ordering::Relaxed) + nearest(*light), Ordering::Relaxed);
+            }
+        }
+    }
+}
+
+impl Near {
+    /// Adds the neighbours of the voxels of a row from a column on.
+    #[inline(always)]
+    fn add<S: pulp::Simd>(
+        &self,
+        simd: S,
+        swept: &Swept<'_>,
+        at: [usize; 2],
+        start: usize,
+        mut sums: Lanes<S>,
+    ) -> Lanes<S> {
+        let (field, of) = (swept.field, swept.planes);
+        for StencilRow { offset: [ahead, down], column, weights } in &self.stencil {
+            let planes = if self.ahead { *ahead } else { -*ahead };
+            let Some(source) = of.beside(at, [planes, *down]) else { continue };
+            let filled = field.filled(source);
+            let first = start as isize + *column as isize;
+            if filled.is_empty()
+                || filled.end as isize <= first
+                || filled.start as isize >= first + (Lanes::<S>::COUNT + weights.len()) as isize
+            {
+                continue;
+            }
+            let values = field.from(source, first);
+            for (i, &weight) in weights.iter().enumerate() {
+                sums = sums.plus(simd, weight, Lanes::load(&values[i..]));
+            }
+        }
+        sums
+    }
+}
+
