@@ -118,12 +118,15 @@ impl<'a> Arrival<'a> {
     ) -> Result<Self> {
         let response = Response::new(&lattice.kernel, lattice.divisor).filter(|_| !casting.exact);
         let bias = casting.bias / lattice.voxels;
-        let pad = field::LANES + response.as_ref().map_or(0, |response| response.pad(bias));
         // Kernels absorb light around the box too.
         let margin = response.as_ref().map_or(0, Response::margin);
         let low = low.map(|n| n as i64 - margin as i64);
         let shift = DAffine3::from_translation(-DVec3::from_array(low.map(|n| n as f64)));
         let dims = size.map(|n| n + 2 * margin);
+        // No row of rays or of neighbours is read beyond its zeros.
+        let radius = casting.occlusion.unwrap_or(0.0) / lattice.voxels;
+        let beside = |response: &Response| response.pad(bias).max(response.pad(radius).min(dims[0]));
+        let pad = field::LANES + response.as_ref().map_or(0, beside);
         let lattice = ShadowLattice { dims, to_lattice: shift * lattice.to_lattice, ..lattice.clone() };
         let mut field = Field::new(dims, pad)?;
         field.fill(margin, |[y, z], row| {

@@ -1,10 +1,12 @@
 //! Progress on stderr, if stderr is a terminal and notes are wanted.
 
+use std::cell::RefCell;
+use std::collections::VecDeque;
 use std::io::{IsTerminal, stderr};
 use std::sync::{Mutex, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::{HumanDuration, ProgressBar, ProgressStyle};
 
 use super::output::is_quiet;
 
@@ -64,23 +66,60 @@ pub(crate) fn reporter() -> voxsplat::progress::Progress {
     })
 }
 
+/// The steps whose mean time stands for that of the steps that are left.
+const RECENT: usize = 12;
+
 /// A bar for steps of unlike times, with the current step.
-pub(crate) struct Remaining(Progress);
+pub(crate) struct Remaining {
+    bar: Progress,
+    steps: usize,
+    /// When the last steps began, the oldest first, with the steps that were done then.
+    begun: RefCell<VecDeque<(Instant, usize)>>,
+}
 
 impl Remaining {
     /// Shows a number of steps.
     pub(crate) fn new(what: &'static str, steps: usize) -> Self {
         let bar = ProgressBar::new(steps as u64);
-        Self(Progress::new(
-            bar,
-            "{spinner} {prefix} {wide_bar} {pos}/{len} {elapsed} (about {eta} left)\n  {msg}",
-            what,
-        ))
+        let template = "{spinner} {prefix} {wide_bar} {pos}/{len} {elapsed}{msg}";
+        let bar = Progress::new(bar, template, what);
+        bar.0.set_message("");
+        Self { bar, steps, begun: RefCell::default() }
     }
 
     /// Shows the number of finished steps, and the next one.
     pub(crate) fn at(&self, done: usize, next: &str) {
-        self.0.0.set_position(done as u64);
-        self.0.0.set_message(next.to_owned());
+        let mut begun = self.begun.borrow_mut();
+        begun.push_back((Instant::now(), done));
+        let left = time_left(&begun, self.steps)
+            .map_or_else(String::new, |left| format!(" (about {} left)", HumanDuration(left)));
+        if begun.len() > RECENT {
+            begun.pop_front();
+        }
+        self.bar.0.set_position(done as u64);
+        self.bar.0.set_message(format!("{left}\n  {next}"));
+    }
+}
+
+/// The time of the steps that are left if each takes the mean time of the last ones; `None` before one is done.
+fn time_left(begun: &VecDeque<(Instant, usize)>, steps: usize) -> Option<Duration> {
+    let (&(first, before), &(now, done)) = (begun.front()?, begun.back()?);
+    let recent = done.checked_sub(before).filter(|&recent| recent > 0)?;
+    Some(now.duration_since(first).mul_f64(steps.saturating_sub(done) as f64 / recent as f64))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// After quick steps come slow ones: the time left follows the last steps, not the mean of all.
+    #[test]
+    fn time_left_follows_the_last_steps() {
+        let start = Instant::now();
+        let at = |second: u64, done: usize| (start + Duration::from_secs(second), done);
+        assert_eq!(time_left(&VecDeque::from([at(0, 0)]), 100), None);
+        assert_eq!(time_left(&VecDeque::from([at(0, 0), at(1, 10)]), 100), Some(Duration::from_secs(9)));
+        assert_eq!(time_left(&VecDeque::from([at(1, 10), at(31, 13)]), 100), Some(Duration::from_secs(870)));
+        assert_eq!(time_left(&VecDeque::from([at(1, 10), at(31, 100)]), 100), Some(Duration::ZERO));
     }
 }

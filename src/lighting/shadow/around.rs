@@ -82,37 +82,35 @@ impl pulp::WithSimd for RowSum<'_> {
         let Self { field, filtered, rays, at, out } = self;
         let planes = Planes::across(2, field.size);
         let row = planes.row(at[1], at[0]);
-        let wanted = field.filled(row);
-        // The points of all rays that lie in the field, ray after ray: from the first column on, and their weights.
+        // The points of all rays in the field, ray after ray: the values for all columns, and the weights.
         let mut points = Vec::with_capacity(256);
         // For each ray its share and the end of its points.
         let mut ends = [(0.0, 0); 26];
         for (end, Ray { step: [dx, dy, dz], share, weights }) in ends.iter_mut().zip(rays) {
             for (k, &weight) in (0..).zip(weights) {
-                let Some(source) = planes.beside([at[1], at[0]], [k * dz, k * dy]) else { break };
+                let source = planes.beside([at[1], at[0]], [k * dz, k * dy]);
+                let Some(source) = source.filter(|_| (k * dx).unsigned_abs() < field.size[0] as u32) else { break };
                 if !filtered.filled(source).is_empty() {
-                    points.push((filtered.from(source, wanted.start as isize + (k * dx) as isize), weight));
+                    points.push((filtered.from(source, (k * dx) as isize), weight));
                 }
             }
             *end = (*share, points.len());
         }
         let mut lights = [0.0; LANES];
-        for start in wanted.clone().step_by(Lanes::<S>::COUNT) {
-            if !field.shows(row, start, Lanes::<S>::COUNT) {
-                continue;
-            }
+        let runs = field.runs(std::iter::once(row));
+        for (start, end) in runs.flat_map(|run| run.clone().step_by(Lanes::<S>::COUNT).map(move |at| (at, run.end))) {
             let mut light = Lanes::new(simd, 0.0);
             let mut first = 0;
             for (share, end) in ends {
                 let mut sums = Lanes::new(simd, 0.0);
                 for (values, weight) in &points[first..end] {
-                    sums = sums.plus(simd, *weight, Lanes::load(&values[start - wanted.start..]));
+                    sums = sums.plus(simd, *weight, Lanes::load(&values[start..]));
                 }
                 light = light.plus(simd, share, sums.transmitted(simd));
                 first = end;
             }
             light.store(&mut lights);
-            let count = wanted.end - start;
+            let count = end - start;
             for (out, light) in out[start..].iter_mut().zip(&lights).take(count.min(Lanes::<S>::COUNT)) {
                 // Half of the surroundings of a point on a plane lie behind the plane.
                 *out = nearest((2.0 * light).min(1.0) * 65_535.0);

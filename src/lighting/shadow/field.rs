@@ -24,7 +24,7 @@ pub(super) struct Field {
     values: Vec<f32>,
     /// For each row, y before z: the columns between the first and the last that are not 0.
     filled: Vec<Range<u32>>,
-    /// For each row of a filtered field, a bit for each block of columns that are not all 0.
+    /// For each row, a bit for each block of columns that are not all 0.
     blocks: Vec<u64>,
     spare: Arc<Spare>,
 }
@@ -125,7 +125,8 @@ impl Field {
     fn beside(spare: &Arc<Spare>, size: [usize; 3], pad: usize) -> Result<Self> {
         let values = spare.zeros((size[0] + 2 * pad) * size[1] * size[2])?;
         let filled = vec![0..0; size[1] * size[2]];
-        Ok(Self { size, pad, values, filled, blocks: Vec::new(), spare: Arc::clone(spare) })
+        let blocks = vec![0; size[1] * size[2]];
+        Ok(Self { size, pad, values, filled, blocks, spare: Arc::clone(spare) })
     }
 
     fn pitch(&self) -> usize {
@@ -134,26 +135,19 @@ impl Field {
 
     /// Lets `fill` write the rows, given their y and z, except for a margin around all.
     pub(super) fn fill(&mut self, margin: usize, fill: impl Fn([usize; 2], &mut [f32]) + Sync) {
-        let ([nx, ny, nz], pitch, pad) = (self.size, self.pitch(), self.pad);
+        let ([nx, ny, nz], pitch, pad, block) = (self.size, self.pitch(), self.pad, self.block());
         let within = |n: usize, count: usize| n >= margin && n + margin < count;
-        let rows = self.values.par_chunks_mut(pitch).zip(&mut self.filled).enumerate();
-        rows.map(|(row, of)| ([row % ny, row / ny], of)).for_each(|([y, z], (row, filled))| {
+        let rows = self.values.par_chunks_mut(pitch).zip(&mut self.filled).zip(&mut self.blocks).enumerate();
+        rows.map(|(row, of)| ([row % ny, row / ny], of)).for_each(|([y, z], ((row, filled), blocks))| {
             if within(y, ny) && within(z, nz) {
                 let row = &mut row[pad..pad + nx];
                 fill([y, z], &mut row[margin..nx - margin]);
                 let first = row.iter().position(|value| *value > 0.0).unwrap_or(0);
                 let end = row.iter().rposition(|value| *value > 0.0).map_or(0, |last| last + 1);
                 *filled = first as u32..end as u32;
+                *blocks = bits(row, block);
             }
         });
-    }
-
-    /// A field of the same size, whose rows `fill` writes given their planes and their numbers in them.
-    pub(super) fn of_rows(&self, planes: Planes, fill: impl Fn([usize; 2], &mut [f32]) + Sync) -> Result<Self> {
-        let mut field = Self::beside(&self.spare, self.size, self.pad)?;
-        let rows = field.values.par_chunks_mut(field.size[0] + 2 * field.pad).enumerate();
-        rows.for_each(|(row, values)| fill(planes.place(row), &mut values[self.pad..]));
-        Ok(field)
     }
 
     /// The columns of a row that are not 0, and some between them.
@@ -167,7 +161,7 @@ impl Field {
         self.size[0].div_ceil(64).max(LANES)
     }
 
-    /// Runs of blocks of columns that are not all 0 in some rows of a filtered field, the first of them first.
+    /// Runs of blocks of columns that are not all 0 in some rows, the first of them first.
     pub(super) fn runs(&self, rows: impl Iterator<Item = usize>) -> impl Iterator<Item = Range<usize>> {
         let (block, columns) = (self.block(), self.size[0]);
         let mut bits = rows.fold(0, |bits, row| bits | self.blocks[row]);
@@ -185,22 +179,17 @@ impl Field {
         &self.values[start..(row + 1) * self.pitch()]
     }
 
-    /// Whether any of `count` voxels of a row from a column on is not 0.
-    pub(super) fn shows(&self, row: usize, column: usize, count: usize) -> bool {
-        // A sum has no branches, so it is a vector.
-        self.from(row, column as isize)[..count].iter().map(|value| u32::from(*value > 0.0)).sum::<u32>() > 0
-    }
-
     /// The field with x and z changed for y and x: rows along y, in planes across x.
     pub(super) fn turned(&self) -> Result<Self> {
         /// Planes that are read together, from one cache line.
         const TOGETHER: usize = 16;
         let [nx, ny, nz] = self.size;
         let mut turned = Self::beside(&self.spare, [ny, nz, nx], self.pad)?;
-        let pitch = turned.pitch();
+        let (pitch, block) = (turned.pitch(), turned.block());
         let planes = turned.values.par_chunks_mut(TOGETHER * nz * pitch);
         let filled = turned.filled.par_chunks_mut(TOGETHER * nz);
-        planes.zip(filled).enumerate().for_each(|(number, (values, filled))| {
+        let blocks = turned.blocks.par_chunks_mut(TOGETHER * nz);
+        planes.zip(filled).zip(blocks).enumerate().for_each(|(number, ((values, filled), blocks))| {
             let first = number * TOGETHER;
             let count = TOGETHER.min(nx - first);
             for (z, y) in (0..nz).flat_map(|z| (0..ny).map(move |y| (z, y))) {
@@ -213,6 +202,7 @@ impl Field {
                     if value > 0.0 {
                         let at = z + nz * i;
                         values[at * pitch + self.pad + y] = value;
+                        blocks[at] |= 1 << (y / block);
                         let (filled, y) = (&mut filled[at], y as u32);
                         *filled = if filled.start == filled.end { y..y + 1 } else { filled.start..y + 1 };
                     }
@@ -226,7 +216,6 @@ impl Field {
     /// axes.
     pub(super) fn filtered(&self, planes: Planes, [across, within]: [&[f32]; 2]) -> Result<Self> {
         let mut filtered = Self::beside(&self.spare, self.size, self.pad)?;
-        filtered.blocks = vec![0; filtered.filled.len()];
         let block = self.block();
         let (pitch, reach) = (self.pitch(), within.len() - 1);
         let near = |at: usize, offset: isize, count: usize| at.checked_add_signed(offset).filter(|&n| n < count);
@@ -276,10 +265,7 @@ impl Field {
                             let from = &row_sum[(self.pad + wide.start).wrapping_add_signed(o)..];
                             add(&mut out[self.pad + wide.start..self.pad + wide.end], from, weight);
                         }
-                        let blocks = out[self.pad..self.pad + self.size[0]].chunks(block).enumerate();
-                        let bits = blocks.fold(0, |bits, (i, block)| {
-                            bits | u64::from(block.iter().map(|v| u32::from(*v != 0.0)).sum::<u32>() > 0) << i
-                        });
+                        let bits = bits(&out[self.pad..self.pad + self.size[0]], block);
                         (planes.row(plane, row), wide.start as u32..wide.end as u32, bits)
                     })
                     .collect::<Vec<_>>()
@@ -291,6 +277,13 @@ impl Field {
         }
         Ok(filtered)
     }
+}
+
+/// A bit for each block of a row that is not all 0.
+fn bits(row: &[f32], block: usize) -> u64 {
+    // A sum has no branches, so it is a vector.
+    let is_filled = |block: &[f32]| block.iter().map(|value| u32::from(*value != 0.0)).sum::<u32>() > 0;
+    row.chunks(block).enumerate().fold(0, |bits, (i, block)| bits | u64::from(is_filled(block)) << i)
 }
 
 /// Adds a weighted row to another.

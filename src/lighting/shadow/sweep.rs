@@ -85,7 +85,14 @@ trait Light: Sync {
 
     /// Takes the light that arrives at some columns of a row of the planes, given a row of sums of planes for each of
     /// the rays, to the voxels of the row.
-    fn arrive<S: pulp::Simd>(&self, simd: S, at: [usize; 2], columns: Range<usize>, sums: &[Vec<f32>], out: &[AtomicU16]);
+    fn arrive<S: pulp::Simd>(
+        &self,
+        simd: S,
+        at: [usize; 2],
+        columns: Range<usize>,
+        sums: &[Vec<f32>],
+        out: &[AtomicU16],
+    );
 }
 
 impl<'a> Swept<'a> {
@@ -164,21 +171,14 @@ impl<L: Light> pulp::WithSimd for Band<'_, L> {
                     added += 1;
                 }
                 let out = &out[source * columns..][..columns];
-                let shows = |start: usize| swept.field.shows(source, start, Lanes::<S>::COUNT);
-                let mut start = wanted.start;
-                while start < wanted.end {
-                    let mut end = start;
-                    while end < wanted.end && shows(end) {
-                        end += Lanes::<S>::COUNT;
-                    }
-                    if end > start {
-                        let run = start..end.min(wanted.end);
+                for run in swept.field.runs(std::iter::once(source)) {
+                    let run = run.start.max(wanted.start)..run.end.min(wanted.end);
+                    if !run.is_empty() {
                         for ((buffer, rays), sums) in buffers.iter_mut().zip(rays).zip(sums.iter_mut()) {
                             buffer.read(rays, number, row, run.clone(), &mut sums[run.clone()]);
                         }
                         light.arrive(simd, [plane, row], run, sums, out);
                     }
-                    start = end.max(start + Lanes::<S>::COUNT);
                 }
             }
         }

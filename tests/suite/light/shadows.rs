@@ -181,6 +181,31 @@ fn sweeps_are_near_exact_sums() {
     }
 }
 
+/// No step shows as a light turns past an axis of the lattice, or past a diagonal, at which sweeps change their axis:
+/// from picture to picture sweeps change as exact sums do.
+#[test]
+fn turning_lights_make_no_step() {
+    let (volume, transfer) = demo("vessels", 48);
+    let view = look(&View::default(), &volume, [96; 2]);
+    let picture = |degrees: f64, size: f64, exact_shadows: bool| {
+        let (sin, cos) = degrees.to_radians().sin_cos();
+        let light = Light { size, ..Light::directional(DVec3::new(-sin, -cos, 0.0)) };
+        let lights = vec![light, Light { color: [0.2; 3], ..Light::HEADLIGHT }];
+        let lighting = Some(Lighting { lights, shadows: 1.0, exact_shadows, ..Lighting::default() });
+        render(&volume, &transfer, &view, &Settings { lighting, level: Level::At(0), ..Settings::default() })
+    };
+    for (middle, size) in [(0.0, 0.0), (45.0, 0.0), (0.0, 10.0), (45.0, 10.0)] {
+        let turns = [-2.0, -1.0, -0.1, 0.1, 1.0, 2.0].map(|by| middle + by);
+        let shown = turns.map(|degrees| [false, true].map(|exact| picture(degrees, size, exact)));
+        for (turn, pair) in turns.iter().skip(1).zip(shown.windows(2)) {
+            let [swept, exact] = [0, 1].map(|way| rms_covered(&pair[0][way], &pair[1][way]));
+            let what = format!("{size} degrees wide, to {turn}: {:.3}, exact {:.3}", 255.0 * swept, 255.0 * exact);
+            println!("{what}");
+            assert!((swept - exact).abs() < 0.3 / 255.0, "{what}");
+        }
+    }
+}
+
 /// Bricks reach beyond small lattices.
 #[test]
 fn lights_at_places_shine_on_lattices_of_any_size() {

@@ -105,7 +105,8 @@ impl Buffer {
                         |column: f64| (columns_map.into[0] * column + columns_map.into[1]).clamp(0.0, width as f64);
                     let (start, end) = (place(range.start as f64 - 2.0), place(range.end as f64 + 1.0));
                     let places = start.floor() as usize..end.ceil() as usize;
-                    for (sum, ([a, b, c], nearest)) in sums[places.clone()].iter_mut().zip(&self.table[places.clone()]) {
+                    for (sum, ([a, b, c], nearest)) in sums[places.clone()].iter_mut().zip(&self.table[places.clone()])
+                    {
                         let nearest = (*nearest).clamp(range.start as i32 - 2, range.end as i32 + 1);
                         let from = &line[(ENDS as i32 + nearest - 1) as usize..][..3];
                         *sum += a * from[0] + b * from[1] + c * from[2];
@@ -158,4 +159,3 @@ impl Buffer {
         }
     }
 }
-

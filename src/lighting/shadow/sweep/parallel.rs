@@ -10,8 +10,8 @@ use crate::lighting::shadow::field::LANES;
 use crate::lighting::shadow::lanes::Lanes;
 use crate::lighting::shadow::response::{Response, StencilRow};
 
-/// Bytes of the buffers of a band: they stay in a cache of 1 MiB.
-const BUFFERS: usize = 640 << 10;
+/// Bytes of the buffers of a band, which stay in a cache.
+const BUFFERS: usize = 1280 << 10;
 
 /// A direction of light.
 #[derive(Clone, Copy)]
@@ -171,4 +171,3 @@ impl Near {
         sums
     }
 }
-
