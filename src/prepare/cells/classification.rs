@@ -1,0 +1,100 @@
+//! The emission and absorption of voxels, by a transfer function or by the looks of labels.
+
+use std::ops::Range;
+
+use crate::layers::{Look, look_of};
+use crate::transfer::TransferFunction;
+use crate::volume::{Number, Volume};
+
+/// The emission and absorption of a voxel: colour times density, density.
+pub(crate) type Emission = [f32; 4];
+
+/// The source of the colour and opacity of values.
+#[derive(Clone, Copy)]
+pub(crate) enum ColorSource<'a> {
+    Transfer(&'a TransferFunction),
+    Labels(&'a [Look]),
+}
+
+impl ColorSource<'_> {
+    /// Whether some value of a range, both ends included, may be visible.
+    pub(crate) fn show(&self, [low, high]: [f64; 2]) -> bool {
+        match self {
+            Self::Transfer(transfer) => !transfer.is_invisible([low, high]),
+            Self::Labels(looks) => {
+                let from = looks.partition_point(|look| (look.label as f64) < low);
+                looks[from..].iter().take_while(|look| look.label as f64 <= high).any(|look| look.opacity > 0.0)
+            }
+        }
+    }
+}
+
+/// Classifies samples.
+pub(crate) struct Classification<'a> {
+    looks: ColorSource<'a>,
+    slope: f64,
+    intercept: f64,
+    /// The unit distance of densities, in unit distances of opacities.
+    unit: f64,
+    /// The emission of each sample by its bits, if samples have few bits; otherwise empty.
+    table: Vec<Emission>,
+}
+
+impl<'a> Classification<'a> {
+    pub(crate) fn new(volume: &Volume, looks: ColorSource<'a>, unit: f64) -> Self {
+        let (slope, intercept) = volume.rescale();
+        let mut classification = Self { looks, slope, intercept, unit, table: Vec::new() };
+        if let Some([first, last]) = volume.sample_type().few() {
+            // The bits of negative numbers follow those of the others.
+            let samples = (0..=last).chain(first..0);
+            classification.table = samples.map(|sample| classification.classified(f64::from(sample))).collect();
+        }
+        classification
+    }
+
+    /// Classifies values instead of the samples of a volume.
+    pub(crate) fn of_values(looks: ColorSource<'a>, unit: f64) -> Self {
+        Self { looks, slope: 1.0, intercept: 0.0, unit, table: Vec::new() }
+    }
+
+    /// The emission of a sample.
+    pub(crate) fn classified(&self, sample: f64) -> Emission {
+        let value = self.slope * sample + self.intercept;
+        let (color, opacity) = match self.looks {
+            ColorSource::Transfer(transfer) => transfer.sample(value),
+            ColorSource::Labels(looks) => {
+                look_of(looks, value).map_or(([0.0; 3], 0.0), |look| (look.color, look.opacity))
+            }
+        };
+        let density = TransferFunction::extinction(opacity, 1.0) * self.unit;
+        let [r, g, b] = color.map(|c| (c * density) as f32);
+        [r, g, b, density as f32]
+    }
+
+    /// The emission of a voxel.
+    pub(crate) fn emission<T: Number>(&self, sample: T) -> Emission {
+        match *bytemuck::bytes_of(&sample) {
+            [bits] if !self.table.is_empty() => self.table[usize::from(bits)],
+            [a, b] if !self.table.is_empty() => self.table[usize::from(u16::from_ne_bytes([a, b]))],
+            _ => self.classified(sample.to_f64()),
+        }
+    }
+
+    /// Classifies a row of voxels. Returns a range outside which all are transparent.
+    pub(super) fn row<T: Number>(&self, samples: &[T], voxels: &mut [Emission]) -> Range<usize> {
+        const RUN: usize = 32;
+        let mut shown: Option<Range<usize>> = None;
+        for (run, (samples, voxels)) in samples.chunks(RUN).zip(voxels.chunks_mut(RUN)).enumerate() {
+            let mut most = 0.0_f32;
+            for (sample, voxel) in samples.iter().zip(voxels) {
+                *voxel = self.emission(*sample);
+                most = most.max(voxel[3]);
+            }
+            if most > 0.0 {
+                let start = shown.map_or(run * RUN, |shown| shown.start);
+                shown = Some(start..run * RUN + samples.len());
+            }
+        }
+        shown.unwrap_or_default()
+    }
+}
