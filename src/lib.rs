@@ -24,7 +24,7 @@
 //! [`volume`] (samples on a lattice), [`formats`] (readers), [`demos`] (built-in volumes), [`transfer`] (functions,
 //! presets, JSON), [`kernel`], [`camera`], [`clip`] (planes, boxes), [`lighting`], [`settings`], [`renderer`] (the
 //! GPU), [`mod@reference`] (the same model integrated in f64, to measure against), [`accuracy`] (pictures that keep an
-//! error), [`reconstruction`] (filters of samples), [`image`] (pictures, their files and their differences),
+//! error), [`bricks`] (pictures made by many machines), [`reconstruction`] (filters of samples), [`image`] (pictures, their files and their differences),
 //! [`figure`] (scale bar, axes, colour bar and title on a picture), `film` (GIF, APNG and Y4M), [`stats`],
 //! [`progress`], [`adapter`] and [`error`].
 //!
@@ -34,6 +34,7 @@
 
 pub mod accuracy;
 pub mod appearance;
+pub mod bricks;
 pub mod camera;
 pub mod error;
 mod gpu;

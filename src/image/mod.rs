@@ -13,6 +13,7 @@ pub use background::Background;
 pub use compare::{Comparison, compare, difference_picture};
 pub(crate) use compare::{covered_differences, percentile};
 pub use file::Note;
+pub(crate) use file::check_exr;
 #[cfg(feature = "film")]
 pub(crate) use file::png_encoder;
 pub use region::Region;

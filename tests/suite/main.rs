@@ -13,6 +13,7 @@
 mod adapter;
 mod house;
 mod support;
+mod bricks;
 mod truth;
 
 /// Accepted files, and refused files.

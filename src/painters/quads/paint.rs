@@ -19,6 +19,7 @@ use crate::stats::{PainterStats, QuadsStats};
 /// The painter draws every picture.
 pub(crate) const ROOM: Room = Room {
     refusal: |_, _| None,
+    reach: super::plan::reach,
     // The need is the same in both precisions.
     need: |view, settings, weights| Plan::new(view, settings, weights, Precision::F32).scalar_need(),
     layers: false,
