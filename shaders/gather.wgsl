@@ -301,7 +301,7 @@ fn single(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) til
     let geometry = geometry_of(at);
     let ray = march_planes(tile, geometry, new_ray());
     if BRICK {
-        put(at, share * partial(ray, geometry));
+        put(at, partial(ray, geometry));
     } else {
         put(at, share * finished(ray));
     }

@@ -235,5 +235,9 @@ fn gather(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) til
         let depth = depth_at(geometry, ray.color.z);
         value = select(vec4f(0.0), projected(scalar, depth, rays.lookup), planes > 0.0);
     }
-    add_to_pixel(at, share * value);
+    if BRICK {
+        add_to_pixel(at, value);
+    } else {
+        add_to_pixel(at, share * value);
+    }
 }

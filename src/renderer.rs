@@ -189,8 +189,8 @@ impl Renderer {
         Ok(Rendered { image, stats })
     }
 
-    /// Renders the partial picture of a brick: the region of the picture that it reaches, and the values of its pixels
-    /// as painters leave them. The scalars of projections are in units of values.
+    /// Renders the partial picture of a brick by one family of rays: the region of the picture that the brick reaches,
+    /// and the values of its pixels as painters leave them. The scalars of projections are in units of values.
     pub(crate) fn render_partial(
         &self,
         scene: &Scene,

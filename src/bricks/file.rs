@@ -23,6 +23,12 @@ use voxsplat_volume::files;
 const PLAN: &str = "voxsplat.plan";
 const BRICKS: &str = "voxsplat.bricks";
 
+/// The name of a channel; a family of rays after the first has its number behind it.
+fn channel(values: Values, family: usize, number: usize) -> String {
+    let name = values.channels()[number];
+    if family == 0 { name.to_owned() } else { format!("family{family}.{name}") }
+}
+
 /// The largest file that is read, in bytes.
 const MAX_BYTES: u64 = 32 << 30;
 
@@ -39,11 +45,14 @@ impl Partial {
 
     fn encoded(&self, plan: &Plan) -> io::Result<Vec<u8>> {
         let Region { x, y, width, height } = self.region;
-        let channel = |(number, name): (usize, &str)| {
-            let values: Vec<f32> = self.pixels().iter().map(|pixel| pixel[number]).collect();
-            AnyChannel::new(name, FlatSamples::F32(values))
+        let with_values = |family: usize, number: usize| {
+            let values: Vec<f32> = self.pixels(family).iter().map(|pixel| pixel[number]).collect();
+            // Zeros of a family that no pixel has are left out.
+            let shows = family == 0 || values.iter().any(|&value| value != 0.0);
+            shows.then(|| AnyChannel::new(channel(self.values, family, number).as_str(), FlatSamples::F32(values)))
         };
-        let channels = self.values.channels().into_iter().enumerate().map(channel).collect();
+        let channels = (0..self.families()).flat_map(|family| (0..4).filter_map(move |number| with_values(family, number)));
+        let channels = channels.collect();
         let mut attributes = LayerAttributes::named("part");
         attributes.layer_position = Vec2(x as i32, y as i32);
         for (name, text) in [(PLAN, format!("{:016x}", self.plan)), (BRICKS, self.bricks_text())] {
@@ -97,21 +106,25 @@ impl Partial {
             return Err(refused("it lies beside the picture"));
         };
         let region = Region { x, y, width: layer.size.width() as u32, height: layer.size.height() as u32 };
-        let mut pixels = Image::transparent(region.width, region.height)?;
-        if id == plan.id() {
-            for (number, name) in values.channels().into_iter().enumerate() {
-                let channel = layer.channel_data.list.iter().find(|channel| channel.name == Text::from(name));
-                let Some(FlatSamples::F32(samples)) = channel.map(|channel| &channel.sample_data) else {
-                    return Err(refused(&format!("it has no channel {name} of 32-bit floats")));
+        let mut part = Self { plan: id, bricks, values, region, families: Vec::new() };
+        plan.check_part(&part).map_err(|e| Error::format(path, e.to_string()))?;
+        for family in 0..plan.families() {
+            let mut pixels = Image::transparent(region.width, region.height)?;
+            for number in 0..4 {
+                let name = channel(values, family, number);
+                let found = layer.channel_data.list.iter().find(|channel| channel.name == Text::from(name.as_str()));
+                let samples = match found.map(|channel| &channel.sample_data) {
+                    Some(FlatSamples::F32(samples)) => samples,
+                    None if family > 0 => continue,
+                    _ => return Err(refused(&format!("it has no channel {name} of 32-bit floats"))),
                 };
                 if samples.iter().any(|value| !value.is_finite()) {
                     return Err(refused(&format!("channel {name} has a value that is not finite")));
                 }
                 pixels.pixels_mut().iter_mut().zip(samples).for_each(|(pixel, value)| pixel[number] = *value);
             }
+            part.families.push(pixels);
         }
-        let part = Self { plan: id, bricks, values, region, pixels };
-        plan.check_part(&part).map_err(|e| Error::format(path, e.to_string()))?;
         Ok(part)
     }
 }

@@ -5,6 +5,7 @@ use std::ops::Range;
 use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::image::{Image, Region};
+use crate::painters::painter::FamilyShare;
 use crate::settings::{Model, Settings};
 use crate::transfer::TransferFunction;
 
@@ -13,11 +14,10 @@ use crate::transfer::TransferFunction;
 pub enum Values {
     /// Premultiplied red, green and blue, and optical depth. An X-ray has optical depth alone.
     Emission,
-    /// A sum of weights times the largest value less the base of the transfer function, the sum of weights, the sum of
-    /// weights times the depth of the value in the box of the voxels (0 to 1, if the picture needs it), and the weight
-    /// of rays that meet the box.
+    /// The largest value on the ray less the base of the transfer function, 1 if there is one, its depth in the box of
+    /// the voxels (0 to 1, if the picture needs it), and 1 if the ray meets the box.
     Largest,
-    /// The integral of the value less the base along the ray, the length, 0, and the weight of rays that meet the box.
+    /// The integral of the value less the base along the ray, the length, 0, and 1 if the ray meets the box.
     Mean,
 }
 
@@ -36,9 +36,9 @@ impl Values {
     #[must_use]
     pub fn channels(self) -> [&'static str; 4] {
         match self {
-            Self::Emission => ["R", "G", "B", "depth.optical"],
-            Self::Largest => ["value.sum", "value.weight", "depth.sum", "inside.weight"],
-            Self::Mean => ["value.integral", "value.length", "unused", "inside.weight"],
+            Self::Emission => ["R", "G", "B", "tau"],
+            Self::Largest => ["value", "found", "depth", "inside"],
+            Self::Mean => ["integral", "length", "unused", "inside"],
         }
     }
 
@@ -53,9 +53,9 @@ impl Values {
             }
             Self::Largest => {
                 // Of equal values the nearer one counts.
-                let value = |[sum, weight, ..]: [f64; 4]| if weight > 0.0 { sum / weight } else { f64::NEG_INFINITY };
-                let [value, weight, depth, _] = if value(b) > value(f) { b } else { f };
-                [value, weight, depth, f[3].max(b[3])]
+                let value = |[value, found, ..]: [f64; 4]| if found > 0.0 { value } else { f64::NEG_INFINITY };
+                let [value, found, depth, _] = if value(b) > value(f) { b } else { f };
+                [value, found, depth, f[3].max(b[3])]
             }
             Self::Mean => [sums[0], sums[1], 0.0, f[3].max(b[3])],
         };
@@ -73,7 +73,8 @@ pub struct Partial {
     pub(super) values: Values,
     /// The pixels of the picture that its bricks reach.
     pub(super) region: Region,
-    pub(super) pixels: Image,
+    /// The values of each family of rays.
+    pub(super) families: Vec<Image>,
 }
 
 impl Partial {
@@ -95,10 +96,20 @@ impl Partial {
         self.values
     }
 
-    /// Returns its pixels, row by row from the top.
+    /// Returns the number of families of rays: along the principal axes of the painter tiles near a tie, otherwise 1.
+    /// Each family has slabs of its own, and its values are merged on their own.
     #[must_use]
-    pub fn pixels(&self) -> &[[f32; 4]] {
-        self.pixels.pixels()
+    pub fn families(&self) -> usize {
+        self.families.len()
+    }
+
+    /// Returns the pixels of a family, row by row from the top.
+    ///
+    /// # Panics
+    /// If `family` is not under [`Self::families`].
+    #[must_use]
+    pub fn pixels(&self, family: usize) -> &[[f32; 4]] {
+        self.families[family].pixels()
     }
 
     /// Composites this partial picture over the one of the bricks directly behind. Associative: any tree over the
@@ -110,7 +121,7 @@ impl Partial {
     /// # Errors
     /// [`Error::Setting`] if `back` belongs to another plan or is not directly behind; [`Error::Memory`].
     pub fn over(&self, back: &Self) -> Result<Self> {
-        if self.plan != back.plan || self.values != back.values {
+        if self.plan != back.plan || self.values != back.values || self.families.len() != back.families.len() {
             return Err(Error::setting("parts", "they belong to different plans: merge the parts of one plan"));
         }
         if self.bricks.end != back.bricks.start {
@@ -119,33 +130,47 @@ impl Partial {
             return Err(Error::setting("parts", reason));
         }
         let region = around(self.region, back.region);
-        let mut pixels = self.spread(region)?;
-        let width = region.width as usize;
         let (x, y) = ((back.region.x - region.x) as usize, (back.region.y - region.y) as usize);
-        let rows = pixels.pixels_mut().chunks_exact_mut(width).skip(y);
-        for (row, behind) in rows.zip(back.pixels.pixels().chunks_exact(back.region.width as usize)) {
-            for (front, &back) in row[x..].iter_mut().zip(behind) {
-                *front = self.values.over(*front, back);
+        let mut families = self.spread(region)?;
+        for (pixels, behind) in families.iter_mut().zip(&back.families) {
+            let rows = pixels.pixels_mut().chunks_exact_mut(region.width as usize).skip(y);
+            for (row, behind) in rows.zip(behind.pixels().chunks_exact(back.region.width as usize)) {
+                for (front, &back) in row[x..].iter_mut().zip(behind) {
+                    *front = self.values.over(*front, back);
+                }
             }
         }
-        Ok(Self { bricks: self.bricks.start..back.bricks.end, region, pixels, ..*self })
+        Ok(Self { bricks: self.bricks.start..back.bricks.end, region, families, ..*self })
     }
 
-    /// The pixels in a region around it; 0 beyond.
-    fn spread(&self, region: Region) -> Result<Image> {
-        let mut spread = Image::transparent(region.width, region.height)?;
+    /// The pixels of all families in a region around theirs; 0 beyond.
+    fn spread(&self, region: Region) -> Result<Vec<Image>> {
         let (x, y) = ((self.region.x - region.x) as usize, (self.region.y - region.y) as usize);
         let width = self.region.width as usize;
-        let rows = spread.pixels_mut().chunks_exact_mut(region.width as usize).skip(y);
-        rows.zip(self.pixels.pixels().chunks_exact(width)).for_each(|(to, from)| to[x..x + width].copy_from_slice(from));
-        Ok(spread)
+        let spread = |family: &Image| {
+            let mut spread = Image::transparent(region.width, region.height)?;
+            let rows = spread.pixels_mut().chunks_exact_mut(region.width as usize).skip(y);
+            rows.zip(family.pixels().chunks_exact(width)).for_each(|(to, from)| to[x..x + width].copy_from_slice(from));
+            Ok(spread)
+        };
+        self.families.iter().map(spread).collect()
     }
 
-    /// The whole picture of a camera, classified now that all bricks are known.
-    pub(super) fn picture(&self, look: &Look<'_>, camera: &Camera) -> Result<Image> {
+    /// The whole picture of a camera, classified now that all bricks are known: the sum over families of their pixels
+    /// times their shares.
+    pub(super) fn picture(&self, look: &Look<'_>, camera: &Camera, shares: &[FamilyShare<'_>]) -> Result<Image> {
         let [width, height] = camera.size;
-        let mut image = self.spread(Region { x: 0, y: 0, width, height })?;
-        image.pixels_mut().iter_mut().for_each(|pixel| *pixel = look.shown(self.values, *pixel));
+        let families = self.spread(Region { x: 0, y: 0, width, height })?;
+        let mut image = Image::transparent(width, height)?;
+        for (values, share) in families.iter().zip(shares) {
+            for (number, (pixel, values)) in (0_u32..).zip(image.pixels_mut().iter_mut().zip(values.pixels())) {
+                let share = share([number % width, number / width]);
+                if share > 0.0 {
+                    let shown = look.shown(self.values, *values);
+                    pixel.iter_mut().zip(shown).for_each(|(sum, value)| *sum += (share * value) as f32);
+                }
+            }
+        }
         Ok(image)
     }
 }
@@ -176,9 +201,9 @@ pub(super) struct Look<'a> {
 
 impl Look<'_> {
     /// The premultiplied pixel of the values of all bricks.
-    fn shown(&self, values: Values, pixel: [f32; 4]) -> [f32; 4] {
+    fn shown(&self, values: Values, pixel: [f32; 4]) -> [f64; 4] {
         let [a, b, c, d] = pixel.map(f64::from);
-        let shown = match values {
+        match values {
             Values::Emission if self.settings.model == Model::Xray => self.settings.response.pixel(d.max(0.0)),
             Values::Emission => {
                 // Colours of cells and of fitted slabs may be slightly negative.
@@ -188,10 +213,9 @@ impl Look<'_> {
             }
             // Rays beside the box show nothing; rays through skipped space alone have the base.
             _ if d <= 0.0 => [0.0; 4],
-            Values::Largest => self.projected(if b > 0.0 { a / b } else { 0.0 }, if b > 0.0 { c / b } else { 0.0 }),
+            Values::Largest => self.projected(a, c),
             Values::Mean => self.projected(if b > 0.0 { a / b } else { 0.0 }, 0.0),
-        };
-        shown.map(|channel| channel as f32)
+        }
     }
 
     /// The pixel of a projected value, relative to the base.

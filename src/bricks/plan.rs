@@ -239,7 +239,23 @@ impl Plan {
             _ => self.transfer.clone(),
         };
         let look = Look { settings: &self.settings, brightest: self.brightest, transfer: transfer.as_ref() };
-        merged.picture(&look, &self.camera)
+        let view = self.view();
+        merged.picture(&look, &self.camera, &(self.painter().room().families)(&view))
+    }
+
+    /// The view of the whole lattice.
+    fn view(&self) -> ViewGeometry {
+        let settings = Settings { kernel: self.settings.reconstruction_kernel(), ..self.settings.clone() };
+        ViewGeometry::new(&self.camera, &self.grid, &settings, Savings::default())
+    }
+
+    fn painter(&self) -> PainterKind {
+        if matches!(self.settings.painter, Painter::Quads(_)) { PainterKind::Quads } else { PainterKind::Tiles }
+    }
+
+    /// The number of families of rays.
+    pub(super) fn families(&self) -> usize {
+        (self.painter().room().families)(&self.view()).len()
     }
 
     /// Refuses a partial picture of another plan.
@@ -271,11 +287,19 @@ pub fn brick(renderer: &Renderer, plan: &Plan, number: usize, slice: &Layers) ->
         return Err(Error::setting("brick", reason));
     }
     let owned = owned(&plan.grid, voxels, Held::OPEN);
-    let held = Held { first: [0, 1, 2].map(|axis| held[axis].start), dims: grid.dims(), owned, beyond: plan.beyond };
-    let scene = renderer.prepare_layers(&slice.on_grid(&grid)?, &plan.settings)?.within(plan.grid, held);
-    let (region, pixels, stats) = renderer.render_partial(&scene, &plan.camera, &plan.settings)?;
+    let first = [0, 1, 2].map(|axis| held[axis].start);
+    let held = Held { first, dims: grid.dims(), owned, family: 0, beyond: plan.beyond };
+    let mut scene = renderer.prepare_layers(&slice.on_grid(&grid)?, &plan.settings)?.within(plan.grid, held);
+    let (region, pixels, mut stats) = renderer.render_partial(&scene, &plan.camera, &plan.settings)?;
+    let mut families = vec![pixels];
+    for family in 1..plan.families() {
+        scene = scene.by_family(family);
+        let (_, pixels, next) = renderer.render_partial(&scene, &plan.camera, &plan.settings)?;
+        families.push(pixels);
+        stats.stages.extend(next.stages);
+    }
     let values = Values::of_model(plan.settings.model);
-    Ok((Partial { plan: plan.id, bricks: number..number + 1, values, region, pixels }, stats))
+    Ok((Partial { plan: plan.id, bricks: number..number + 1, values, region, families }, stats))
 }
 
 /// Refuses settings whose pictures cannot be made in bricks.

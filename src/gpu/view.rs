@@ -52,6 +52,8 @@ pub(crate) struct Held {
     /// The least and the largest place that the part owns, in numbers of voxels; [`Self::OPEN`] beyond a face of the
     /// lattice.
     pub(crate) owned: [DVec3; 2],
+    /// The family of rays to draw: see `Room::families` of the painters.
+    pub(crate) family: usize,
     /// How far beyond these places sheets and slabs of the part may reach, in voxels.
     pub(crate) beyond: f64,
 }

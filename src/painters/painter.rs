@@ -17,6 +17,9 @@ use crate::prepare::levels::ScalarNeed;
 use crate::settings::{Model, Settings};
 use crate::stats::PainterStats;
 
+/// The share of a family of rays in a pixel, given its column and row.
+pub(crate) type FamilyShare<'a> = Box<dyn Fn([u32; 2]) -> f64 + 'a>;
+
 /// The functions of a painter, in the order in which they are called.
 pub(crate) struct Room {
     /// Why the painter does not draw a picture, as a sentence; `None` if it does, unless `begin` refuses.
@@ -24,6 +27,9 @@ pub(crate) struct Room {
     /// How far the sheets or slabs of a brick may reach beyond its cuts, and how far voxels beyond its cuts take part in
     /// its partial picture; both in voxels along each axis.
     pub(crate) reach: fn(&ViewGeometry, &Settings) -> [f64; 2],
+    /// The families of rays of a picture. Partial pictures of each are merged on their own, because each has slabs of
+    /// its own; the shares of a pixel add up to 1.
+    pub(crate) families: for<'a> fn(&'a ViewGeometry) -> Vec<FamilyShare<'a>>,
     /// How far the scalars of a post-shaded scene must reach.
     pub(crate) need: fn(&ViewGeometry, &Settings, Weights) -> ScalarNeed,
     /// Whether the painter draws cells of several levels as layers of one picture, coarser ones farther from the eye.

@@ -123,6 +123,11 @@ impl Scene {
         Self { grid, held: Some(held), ..self }
     }
 
+    /// The same brick, drawn by another family of rays.
+    pub(crate) fn by_family(self, family: usize) -> Self {
+        Self { held: self.held.map(|held| Held { family, ..held }), ..self }
+    }
+
     pub(crate) fn held(&self) -> Option<Held> {
         self.held
     }

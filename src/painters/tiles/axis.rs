@@ -4,6 +4,8 @@
 use glam::{DVec2, DVec3};
 
 use crate::camera::{Camera, Projection};
+use crate::gpu::view::ViewGeometry;
+use crate::painters::painter::FamilyShare;
 use crate::volume::Grid;
 
 /// The margin around the picture, as a fraction of half its size, in which rays get axes too: coarse intermediate
@@ -147,6 +149,25 @@ struct Lens {
     right: DVec3,
     up: DVec3,
     forward: DVec3,
+}
+
+/// See [`Room::families`](crate::painters::painter::Room::families): the rays along each principal axis.
+pub(super) fn families(view: &ViewGeometry) -> Vec<FamilyShare<'_>> {
+    let camera = &view.camera;
+    let to_lattice = view.grid.to_lattice().matrix3;
+    let (scale, origin) = camera.pixels();
+    let share_of = |axis: PrincipalAxis| -> FamilyShare<'_> {
+        if !view.is_perspective() {
+            return Box::new(move |_| axis.share);
+        }
+        let m = axis.axes[2];
+        Box::new(move |pixel| {
+            let place = |i: usize| origin[i] + (f64::from(pixel[i]) + 0.5) * scale[i];
+            let ray = to_lattice * (camera.forward + camera.right * place(0) + camera.up * place(1));
+            if (ray[m] < 0.0) == axis.flipped { share(m, ray) } else { 0.0 }
+        })
+    };
+    PrincipalAxis::all(camera, &view.grid).into_iter().map(share_of).collect()
 }
 
 impl Lens {

@@ -138,7 +138,10 @@ impl<'a> Picture<'a> {
         let dims = view.held_dims().map(|n| n + 2 * job.padding);
         // The first lattice point of the stores.
         let origin = view.first() - f64::from(job.padding);
-        let axes = PrincipalAxis::all(&view.camera, &view.grid);
+        let mut axes = PrincipalAxis::all(&view.camera, &view.grid);
+        if let Some(held) = view.held {
+            axes = axes.get(held.family).copied().into_iter().collect();
+        }
         let packings = axes.iter().map(|axis| {
             // A ray meets kernels a radius away, grown ones too; one voxel more for rounding.
             let pyramid = axis.pyramid(&view.camera, &view.grid, origin);
