@@ -200,7 +200,8 @@ impl Renderer {
         camera.validate()?;
         let [width, height] = camera.size;
         let whole = Region { x: 0, y: 0, width, height };
-        let region = self.view(scene, camera, settings).projected_bounds().unwrap_or(Region { width: 1, height: 1, ..whole });
+        let region =
+            self.view(scene, camera, settings).projected_bounds().unwrap_or(Region { width: 1, height: 1, ..whole });
         let mut values = Image::transparent(region.width, region.height)?;
         let stats = self.paint(scene, camera, settings, region, &mut |recorder, painted, part, pixels| {
             put(&mut values, [region, painted, part], recorder, pixels)

@@ -51,7 +51,8 @@ impl Partial {
             let shows = family == 0 || values.iter().any(|&value| value != 0.0);
             shows.then(|| AnyChannel::new(channel(self.values, family, number).as_str(), FlatSamples::F32(values)))
         };
-        let channels = (0..self.families()).flat_map(|family| (0..4).filter_map(move |number| with_values(family, number)));
+        let channels =
+            (0..self.families()).flat_map(|family| (0..4).filter_map(move |number| with_values(family, number)));
         let channels = channels.collect();
         let mut attributes = LayerAttributes::named("part");
         attributes.layer_position = Vec2(x as i32, y as i32);

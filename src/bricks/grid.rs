@@ -33,7 +33,8 @@ impl Chunks {
         for ((axis, sizes), voxels) in ["x", "y", "z"].into_iter().zip(&sizes).zip(dims) {
             let sum: u64 = sizes.iter().copied().map(u64::from).sum();
             if sum != u64::from(voxels) || sizes.contains(&0) {
-                let reason = format!("chunks of {sizes:?} voxels along {axis}, expected sizes over 0 that sum to {voxels}");
+                let reason =
+                    format!("chunks of {sizes:?} voxels along {axis}, expected sizes over 0 that sum to {voxels}");
                 return Err(Error::setting("grid", reason));
             }
         }
@@ -118,9 +119,8 @@ impl Chunks {
         };
         let [x, y, z] = self.counts();
         let all = (0..z).flat_map(|k| (0..y).flat_map(move |j| (0..x).map(move |i| [i, j, k])));
-        let mut all: Vec<([usize; 3], i64)> = all
-            .map(|brick| (brick, (0..3).map(|axis| key(axis, brick[axis] as i64)).sum()))
-            .collect();
+        let mut all: Vec<([usize; 3], i64)> =
+            all.map(|brick| (brick, (0..3).map(|axis| key(axis, brick[axis] as i64)).sum())).collect();
         all.sort_by_key(|(_, key)| *key);
         all
     }

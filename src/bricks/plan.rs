@@ -37,8 +37,9 @@ pub struct Brick {
     pub held: [Range<u32>; 3],
     /// Its order: along every ray the keys of the bricks that the ray meets ascend.
     pub key: i64,
-    /// The number of samples of the slice.
-    pub samples: u64,
+    /// The bytes of memory that drawing it takes at most: samples, visible voxels, textures and pixels. A slice whose
+    /// voxels are all visible takes as much.
+    pub bytes: u64,
 }
 
 /// A plan of a picture: lattice, camera, settings and bricks. It holds no samples.
@@ -72,11 +73,10 @@ struct Document {
 }
 
 impl Plan {
-    /// Returns settings that [`Self::new`] accepts for the look of a picture: without shadows and occlusion, at level
-    /// 0.
+    /// Returns the same settings with light that [`Self::new`] accepts: without shadows and occlusion.
     #[must_use]
     pub fn settings_for(settings: &Settings) -> Settings {
-        let mut settings = Settings { level: Level::At(0), ..settings.clone() };
+        let mut settings = settings.clone();
         if let Some(lighting) = &mut settings.lighting {
             (lighting.shadows, lighting.occlusion) = (0.0, None);
         }
@@ -104,7 +104,7 @@ impl Plan {
         check(settings)?;
         let drawn = Settings { kernel: settings.reconstruction_kernel(), level: Level::At(0), ..settings.clone() };
         let view = ViewGeometry::new(camera, grid, &drawn, Savings::default());
-        let painter = painter(&view, &drawn);
+        let painter = painter(&view, &drawn)?;
         let kind = if matches!(painter, Painter::Quads(_)) { PainterKind::Quads } else { PainterKind::Tiles };
         let settings = Settings { level: Level::At(0), painter, ..settings.clone() };
         let [beyond, reach] = (kind.room().reach)(&view, &Settings { painter, ..drawn });
@@ -121,8 +121,8 @@ impl Plan {
                 start.saturating_sub(halo)..end.saturating_add(halo).min(grid.dims()[axis])
             };
             let held = [0, 1, 2].map(wider);
-            let samples = held.iter().map(|range| range.len() as u64).product();
-            Brick { voxels, held, key, samples }
+            let samples: u64 = held.iter().map(|range| range.len() as u64).product();
+            Brick { voxels, held, key, bytes: samples * bytes_of(layers, &settings) }
         });
         let bricks = bricks.collect();
         Ok(Self { grid: *grid, camera: *camera, settings, transfer, brightest, beyond, bricks, id: 0 }.identified())
@@ -134,8 +134,9 @@ impl Plan {
     /// [`Error::Setting`] if the text is no plan, or one of another version.
     pub fn from_json(text: &str) -> Result<Self> {
         let refused = |reason: String| Error::setting("plan", reason);
-        let document: Document = serde_json::from_str(text)
-            .map_err(|e| refused(format!("line {} column {}: {}", e.line(), e.column(), voxsplat_volume::files::fault(&e))))?;
+        let document: Document = serde_json::from_str(text).map_err(|e| {
+            refused(format!("line {} column {}: {}", e.line(), e.column(), voxsplat_volume::files::fault(&e)))
+        })?;
         let Document { format, dims, to_world, camera, settings, transfer, brightest, beyond, bricks } = document;
         if format != FORMAT {
             return Err(refused(format!("{format:?}, expected {FORMAT:?}: plan again with this program")));
@@ -148,7 +149,10 @@ impl Plan {
         for Brick { voxels, held, .. } in &bricks {
             let fits = |axis: usize| {
                 let (voxels, held) = (&voxels[axis], &held[axis]);
-                held.start <= voxels.start && voxels.start < voxels.end && voxels.end <= held.end && held.end <= dims[axis]
+                held.start <= voxels.start
+                    && voxels.start < voxels.end
+                    && voxels.end <= held.end
+                    && held.end <= dims[axis]
             };
             if !(0..3).all(fits) {
                 return Err(refused(format!("a brick of {voxels:?} in {held:?}, expected parts of {dims:?} voxels")));
@@ -182,9 +186,9 @@ impl Plan {
     fn identified(self) -> Self {
         // FNV-1a, the same on every machine.
         let bytes = format!("{self:?}");
-        let id = bytes.bytes().fold(0xcbf2_9ce4_8422_2325, |hash: u64, byte| {
-            (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
-        });
+        let id = bytes
+            .bytes()
+            .fold(0xcbf2_9ce4_8422_2325, |hash: u64, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3));
         Self { id, ..self }
     }
 
@@ -198,6 +202,15 @@ impl Plan {
     #[must_use]
     pub fn bricks(&self) -> &[Brick] {
         &self.bricks
+    }
+
+    /// Returns a brick by its place in [`Self::bricks`].
+    ///
+    /// # Errors
+    /// [`Error::Setting`] if there is no such brick.
+    pub fn brick(&self, number: usize) -> Result<&Brick> {
+        let last = self.bricks.len().saturating_sub(1);
+        self.bricks.get(number).ok_or_else(|| Error::setting("brick", format!("{number}, expected 0 to {last}")))
     }
 
     /// Returns the lattice of the whole volume.
@@ -277,10 +290,7 @@ impl Plan {
 /// [`Error::Setting`] if there is no such brick or the slice has other dimensions, and the errors of
 /// [`Renderer::prepare_layers`] and [`Renderer::render`].
 pub fn brick(renderer: &Renderer, plan: &Plan, number: usize, slice: &Layers) -> Result<(Partial, Stats)> {
-    let count = plan.bricks.len();
-    let Some(Brick { voxels, held, .. }) = plan.bricks.get(number) else {
-        return Err(Error::setting("brick", format!("{number}, expected 0 to {}", count.saturating_sub(1))));
-    };
+    let Brick { voxels, held, .. } = plan.brick(number)?;
     let grid = plan.grid.part(held)?;
     if slice.grid().dims() != grid.dims() {
         let reason = format!("a slice of {:?} voxels, expected {:?}: {held:?}", slice.grid().dims(), grid.dims());
@@ -318,14 +328,29 @@ fn check(settings: &Settings) -> Result<()> {
 }
 
 /// The painter of all bricks, with a ray for each pixel.
-fn painter(view: &ViewGeometry, settings: &Settings) -> Painter {
+fn painter(view: &ViewGeometry, settings: &Settings) -> Result<Painter> {
+    let refusal = || (PainterKind::Tiles.room().refusal)(view, settings);
     match settings.painter {
-        Painter::Auto if (PainterKind::Tiles.room().refusal)(view, settings).is_some() => {
-            Painter::Quads(QuadsSettings::default())
-        }
-        Painter::Auto | Painter::Tiles(_) => Painter::Tiles(TilesSettings { resolution: Resolution::Full }),
-        quads @ Painter::Quads(_) => quads,
+        quads @ Painter::Quads(_) => Ok(quads),
+        Painter::Auto if refusal().is_some() => Ok(Painter::Quads(QuadsSettings::default())),
+        _ => match refusal() {
+            Some(reason) => Err(Error::setting("painter", reason)),
+            None => Ok(Painter::Tiles(TilesSettings { resolution: Resolution::Full })),
+        },
     }
+}
+
+/// The most bytes of memory for a sample of a slice.
+fn bytes_of(layers: &Layers, settings: &Settings) -> u64 {
+    let samples: u64 = layers.sample_bytes();
+    // Splats on the host and on the device, and the packed texture of the painter tiles.
+    let (splat, packed) = match (settings.is_post_shaded(), settings.lighting.is_some()) {
+        (false, _) => (16, 8),
+        (true, false) => (8, 4),
+        (true, true) => (16, 8),
+    };
+    let filtered = if settings.sharpens().is_some() { 4 } else { 0 };
+    samples + filtered + splat + packed
 }
 
 /// How far samples that change the normal or the gradient of a voxel are from it.

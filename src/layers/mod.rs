@@ -271,6 +271,18 @@ impl Layers {
         self.replaced(|volume| Ok(volume.part(ranges.clone())?))
     }
 
+    /// The bytes of the samples of a voxel.
+    pub(crate) fn sample_bytes(&self) -> u64 {
+        let mut bytes = 0;
+        let add = |volume: &Volume| {
+            bytes += volume.sample_type().size() as u64;
+            Ok(volume.clone())
+        };
+        // No volume is refused.
+        drop(self.replaced(add));
+        bytes
+    }
+
     /// The same layers on another grid of the same dimensions.
     pub(crate) fn on_grid(&self, grid: &Grid) -> Result<Self> {
         self.replaced(|volume| Ok(volume.clone().with_grid(*grid)?))

@@ -68,7 +68,8 @@ fn apart(layers: &Layers, chunks: &Chunks, camera: &Camera, settings: &Settings)
 
 /// The largest difference of each pixel.
 fn difference(a: &Image, b: &Image) -> Vec<f64> {
-    let pixel = |(a, b): (&[f32; 4], &[f32; 4])| a.iter().zip(b).map(|(a, b)| f64::from((a - b).abs())).fold(0.0, f64::max);
+    let pixel =
+        |(a, b): (&[f32; 4], &[f32; 4])| a.iter().zip(b).map(|(a, b)| f64::from((a - b).abs())).fold(0.0, f64::max);
     a.pixels().iter().zip(b.pixels()).map(pixel).collect()
 }
 
@@ -179,7 +180,7 @@ fn unusual_scenes_are_the_whole() {
     let oblique = seen(&volume, 40.0, 20.0, PERSPECTIVE, 48);
     let plane = |normal| Plane::through(volume.grid().center(), normal).unwrap();
     let clip = Clip::new(vec![plane(DVec3::new(0.5, 0.7, -0.4)), plane(DVec3::X)]).unwrap();
-    let small = seen(&volume, 30.0, 10.0, ProjectionKind::Orthographic, 11);
+    let small = seen(&volume, 30.0, 10.0, ProjectionKind::Orthographic, 20);
     let inside = View { distance: Some(0.2), projection: ProjectionKind::Perspective { fov: 90.0 }, ..View::default() };
     let inside = Camera::new(&inside, volume.grid(), [40; 2]).unwrap();
     let post = Settings { shading: Shading::Post, ..exact() };
@@ -422,7 +423,8 @@ fn pictures_that_bricks_cannot_make_are_refused() {
     let error = Chunks::new([16; 3], [vec![16], vec![8, 7], vec![16]]).unwrap_err().to_string();
     assert_eq!(error, "grid: chunks of [8, 7] voxels along y, expected sizes over 0 that sum to 16");
     let plan = Plan::new(&layers, &chunks, &camera, &tiles(&exact())).unwrap();
-    let error = brick(&RENDERER, &plan, 3, &layers).unwrap_err().to_string();
-    assert!(error.starts_with("brick: a slice of [16, 16, 16] voxels, expected "), "{error}");
+    let slice = layers.part(&[0..16, 0..16, 0..9]).unwrap();
+    let error = brick(&RENDERER, &plan, 3, &slice).unwrap_err().to_string();
+    assert!(error.starts_with("brick: a slice of [16, 16, 9] voxels, expected [16, 16, 16]: "), "{error}");
     assert_eq!(brick(&RENDERER, &plan, 8, &layers).unwrap_err().to_string(), "brick: 8, expected 0 to 7");
 }

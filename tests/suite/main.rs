@@ -11,9 +11,9 @@
 
 #[path = "../../src/gpu/adapter_test.rs"]
 mod adapter;
+mod bricks;
 mod house;
 mod support;
-mod bricks;
 mod truth;
 
 /// Accepted files, and refused files.

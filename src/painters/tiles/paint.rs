@@ -223,7 +223,8 @@ impl<'a> Picture<'a> {
         let Job { settings, post, view, .. } = self.job;
         // Partial pictures are composited before anything is resampled. Classification makes edges that only the rays of pixels keep; rays that are shared reach two voxels.
         let full = resolution(settings, self.job.context.info.is_software()) == Resolution::Full;
-        let per_pixel = full || view.held.is_some() || post.is_some() || self.kernel.radius() > MAX_RADIUS || self.is_layered();
+        let per_pixel =
+            full || view.held.is_some() || post.is_some() || self.kernel.radius() > MAX_RADIUS || self.is_layered();
         !per_pixel && self.axes.iter().any(|axis| self.setup(axis).pixel_share() < 1.0)
     }
 
@@ -255,7 +256,8 @@ impl<'a> Picture<'a> {
 
     /// Whether rays run along m so closely that they meet all planes at the same place.
     fn is_straight(&self, PackedAxis { axis, packing, .. }: &PackedAxis) -> bool {
-        let planes = if self.job.view.held.is_some() { self.job.view.grid.dims()[axis.axes[2]] } else { packing.dims[2] };
+        let planes =
+            if self.job.view.held.is_some() { self.job.view.grid.dims()[axis.axes[2]] } else { packing.dims[2] };
         !self.job.view.is_perspective()
             && self.kernel.radius() <= MAX_RADIUS
             && axis.shear().abs().max_element() * f64::from(planes) < STRAIGHT

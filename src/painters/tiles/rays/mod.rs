@@ -93,7 +93,8 @@ impl RaySetup<'_> {
         let Some(held) = self.job.view.held else { return rays };
         let whole = RaySetup { of_whole: true, ..*self };
         let of_whole = lines(&whole, rays.uniforms).uniforms;
-        let [a, b] = held.owned.map(|place| whole.numbered(place).clamp(DVec3::splat(-Held::OPEN), DVec3::splat(Held::OPEN)));
+        let [a, b] =
+            held.owned.map(|place| whole.numbered(place).clamp(DVec3::splat(-Held::OPEN), DVec3::splat(Held::OPEN)));
         let uniforms = layout::Rays {
             owned_low: f3(a.min(b)),
             owned_high: f3(a.max(b)),
