@@ -140,7 +140,7 @@ struct Rays {
     // Parameters of the model. X-ray: `curve` of common/response.wgsl. Coded or attenuated by depth: the share of a
     // place (a, b, plane) in the depth of the box is dot(model.xyz, place) + model.w.
     model: vec4f,
-    // The part of the lattice that a brick owns, in (a, b, plane) of the whole lattice; and the number there of plane 0.
+    // The part of the lattice that a brick owns, in (a, b, plane) of the whole lattice, and where plane 0 is.
     owned_low: vec3f,
     first_plane: f32,
     owned_high: vec3f,

@@ -24,8 +24,8 @@ pub(crate) type FamilyShare<'a> = Box<dyn Fn([u32; 2]) -> f64 + 'a>;
 pub(crate) struct Room {
     /// Why the painter does not draw a picture, as a sentence; `None` if it does, unless `begin` refuses.
     pub(crate) refusal: fn(&ViewGeometry, &Settings) -> Option<String>,
-    /// How far the sheets or slabs of a brick may reach beyond its cuts, and how far voxels beyond its cuts take part in
-    /// its partial picture; both in voxels along each axis.
+    /// How far the sheets or slabs of a brick may reach beyond its cuts, and how far voxels beyond its cuts take part
+    /// in its partial picture; both in voxels along each axis.
     pub(crate) reach: fn(&ViewGeometry, &Settings) -> [f64; 2],
     /// The families of rays of a picture. Partial pictures of each are merged on their own, because each has slabs of
     /// its own; the shares of a pixel add up to 1.

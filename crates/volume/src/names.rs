@@ -63,8 +63,8 @@ macro_rules! spelled {
     };
 }
 
-/// As `spelled!`, `Deserialize` and `FromStr`: it accepts exactly the names, and its error is about the given setting. Where it is
-/// called, `Error` is an error with a variant `Setting { name, reason }`.
+/// As `spelled!`, `Deserialize` and `FromStr`: it accepts exactly the names, and its error is about the given setting.
+/// Where it is called, `Error` is an error with a variant `Setting { name, reason }`.
 #[macro_export]
 macro_rules! named {
     ($setting:literal, $type:ident { $($variant:ident: $name:literal),+ $(,)? }) => {

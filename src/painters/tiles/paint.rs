@@ -221,7 +221,8 @@ impl<'a> Picture<'a> {
     /// Whether some pixels do without rays of their own.
     fn is_resampled(&self) -> bool {
         let Job { settings, post, view, .. } = self.job;
-        // Partial pictures are composited before anything is resampled. Classification makes edges that only the rays of pixels keep; rays that are shared reach two voxels.
+        // Partial pictures are composited before anything is resampled. Classification makes edges that only the rays
+        // of pixels keep; rays that are shared reach two voxels.
         let full = resolution(settings, self.job.context.info.is_software()) == Resolution::Full;
         let per_pixel =
             full || view.held.is_some() || post.is_some() || self.kernel.radius() > MAX_RADIUS || self.is_layered();
