@@ -200,12 +200,24 @@ impl Renderer {
         camera.validate()?;
         let [width, height] = camera.size;
         let whole = Region { x: 0, y: 0, width, height };
-        let region =
-            self.view(scene, camera, settings).projected_bounds().unwrap_or(Region { width: 1, height: 1, ..whole });
-        let mut values = Image::transparent(region.width, region.height)?;
-        let stats = self.paint(scene, camera, settings, region, &mut |recorder, painted, part, pixels| {
-            put(&mut values, [region, painted, part], recorder, pixels)
+        let mut parts: Vec<(Region, Image)> = Vec::new();
+        let stats = self.paint(scene, camera, settings, whole, &mut |recorder, painted, part, pixels| {
+            let mut image = Image::transparent(part.width, part.height)?;
+            put(&mut image, [part, painted, part], recorder, pixels)?;
+            parts.push((part, image));
+            Ok(())
         })?;
+        // A brick that reaches no pixel has one without matter.
+        let nowhere = Region { width: 1, height: 1, ..whole };
+        let region = parts.iter().map(|(part, _)| *part).reduce(Region::around).unwrap_or(nowhere);
+        let mut values = match parts.len() {
+            1 => parts.swap_remove(0).1,
+            _ => {
+                let mut values = Image::transparent(region.width, region.height)?;
+                parts.iter().for_each(|(part, image)| values.put(image, [part.x - region.x, part.y - region.y]));
+                values
+            }
+        };
         if settings.model != Model::Composite && settings.is_post_shaded() {
             let unit = 1.0 / scene.scalars_per_value();
             values.pixels_mut().iter_mut().for_each(|[scalar, ..]| *scalar = (f64::from(*scalar) * unit) as f32);

@@ -6,6 +6,7 @@ use glam::DVec3;
 
 use crate::camera::{Camera, Projection};
 use crate::error::{Error, Result};
+use crate::settings::MAX_LEVEL;
 use crate::volume::Grid;
 
 /// The cuts of a lattice into bricks: along each axis the numbers of the voxels at which chunks begin, the first 0.
@@ -49,7 +50,8 @@ impl Chunks {
         Ok(Self { dims, starts })
     }
 
-    /// Makes this number of chunks along x, y and z, of sizes as equal as whole voxels allow.
+    /// Makes this number of chunks along x, y and z, of about equal sizes. Those of 16 voxels and more begin between
+    /// cells of level 1, those of 32 and more of level 2, and so on.
     ///
     /// # Errors
     /// [`Error::Setting`] if a number is 0 or exceeds the voxels along its axis.
@@ -60,7 +62,11 @@ impl Chunks {
                 return Err(Error::setting("grid", reason));
             }
         }
-        let start = |axis: usize, i: u32| (u64::from(dims[axis]) * u64::from(i) / u64::from(counts[axis])) as u32;
+        let start = |axis: usize, i: u32| {
+            let level = (dims[axis] / counts[axis] / 8).max(1).ilog2();
+            let start = (u64::from(dims[axis]) * u64::from(i) / u64::from(counts[axis])) as u32;
+            start >> level << level
+        };
         let starts = [0, 1, 2].map(|axis| (0..counts[axis]).map(|i| start(axis, i)).collect());
         Ok(Self { dims, starts })
     }
@@ -69,6 +75,12 @@ impl Chunks {
     #[must_use]
     pub fn dims(&self) -> [u32; 3] {
         self.dims
+    }
+
+    /// The coarsest level of which no cell is cut.
+    pub(super) fn level(&self) -> u32 {
+        let starts = self.starts.iter().flatten();
+        starts.map(|start| start.trailing_zeros()).min().unwrap_or_default().min(MAX_LEVEL)
     }
 
     /// Returns the number of chunks along x, y and z.

@@ -45,6 +45,7 @@
 
 mod file;
 mod grid;
+mod memory;
 mod merge;
 mod partial;
 mod plan;

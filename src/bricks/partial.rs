@@ -129,7 +129,7 @@ impl Partial {
             let reason = format!("{back} is not directly behind {front} in the order of the plan");
             return Err(Error::setting("parts", reason));
         }
-        let region = around(self.region, back.region);
+        let region = self.region.around(back.region);
         let (x, y) = ((back.region.x - region.x) as usize, (back.region.y - region.y) as usize);
         let mut families = self.spread(region)?;
         for (pixels, behind) in families.iter_mut().zip(&back.families) {
@@ -145,12 +145,10 @@ impl Partial {
 
     /// The pixels of all families in a region around theirs; 0 beyond.
     fn spread(&self, region: Region) -> Result<Vec<Image>> {
-        let (x, y) = ((self.region.x - region.x) as usize, (self.region.y - region.y) as usize);
-        let width = self.region.width as usize;
+        let at = [self.region.x - region.x, self.region.y - region.y];
         let spread = |family: &Image| {
             let mut spread = Image::transparent(region.width, region.height)?;
-            let rows = spread.pixels_mut().chunks_exact_mut(region.width as usize).skip(y);
-            rows.zip(family.pixels().chunks_exact(width)).for_each(|(to, from)| to[x..x + width].copy_from_slice(from));
+            spread.put(family, at);
             Ok(spread)
         };
         self.families.iter().map(spread).collect()
@@ -181,13 +179,6 @@ pub(super) fn named(bricks: &Range<usize>) -> String {
         1 => format!("brick {}", bricks.start),
         _ => format!("bricks {} to {}", bricks.start, bricks.end.saturating_sub(1)),
     }
-}
-
-/// The smallest region around both.
-fn around(a: Region, b: Region) -> Region {
-    let (x, y) = (a.x.min(b.x), a.y.min(b.y));
-    let (right, bottom) = ((a.x + a.width).max(b.x + b.width), (a.y + a.height).max(b.y + b.height));
-    Region { x, y, width: right - x, height: bottom - y }
 }
 
 /// What turns the values of merged bricks into pixels.

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::grid::{Chunks, owned};
+use super::memory::Memory;
 use super::partial::{Look, Partial, Values, named};
 use crate::camera::Camera;
 use crate::error::{Error, Result};
@@ -16,6 +17,7 @@ use crate::image::Image;
 use crate::kernel::NORMAL_REACH;
 use crate::layers::Layers;
 use crate::painters::choice::PainterKind;
+use crate::prepare::cells;
 use crate::renderer::Renderer;
 use crate::settings::{Level, Model, Painter, QuadsSettings, Resolution, Settings, Sheets, TilesSettings};
 use crate::stats::Stats;
@@ -24,6 +26,9 @@ use crate::volume::Grid;
 
 /// The version of the JSON of a plan.
 const FORMAT: &str = "voxsplat plan 1";
+
+/// Cells at the ends of a slice whose voxels partly lie beyond it.
+const INCOMPLETE: u32 = 4;
 
 /// Voxels to either side that the smoothed normals of labels and masks depend on.
 const SMOOTHED_REACH: u32 = 4;
@@ -37,8 +42,8 @@ pub struct Brick {
     pub held: [Range<u32>; 3],
     /// Its order: along every ray the keys of the bricks that the ray meets ascend.
     pub key: i64,
-    /// The bytes of memory that drawing it takes at most: samples, visible voxels, textures and pixels. A slice whose
-    /// voxels are all visible takes as much.
+    /// The predicted bytes of memory of a process that draws it on software Vulkan, without its picture: 16 bytes a
+    /// pixel and family of rays.
     pub bytes: u64,
 }
 
@@ -83,13 +88,13 @@ impl Plan {
         settings
     }
 
-    /// Plans a picture of layers in bricks. Reads no samples: `layers` may be an overview on the same lattice, or the
-    /// volume itself. The painter is fixed, with a ray for each pixel.
+    /// Plans a picture of layers in bricks. Reads one voxel of 256, for the memory that bricks take. The painter is fixed,
+    /// with a ray for each pixel.
     ///
     /// # Errors
     /// [`Error::Setting`] if `chunks` belong to another lattice, a setting is out of range, or the picture cannot be
-    /// made in bricks: light with shadows or occlusion, axis-aligned sheets, levels above 0. [`Error::Camera`] if the
-    /// camera is not finite.
+    /// made in bricks: light with shadows or occlusion, axis-aligned sheets, a level whose cells the cuts divide or
+    /// that scalars have. [`Error::Camera`] if the camera is not finite.
     pub fn new(layers: &Layers, chunks: &Chunks, camera: &Camera, settings: &Settings) -> Result<Self> {
         let grid = layers.grid();
         camera.validate()?;
@@ -102,27 +107,35 @@ impl Plan {
             return Err(Error::setting("grid", format!("chunks of {:?} voxels for {:?}", chunks.dims(), grid.dims())));
         }
         check(settings)?;
-        let drawn = Settings { kernel: settings.reconstruction_kernel(), level: Level::At(0), ..settings.clone() };
-        let view = ViewGeometry::new(camera, grid, &drawn, Savings::default());
+        let level = level(layers, chunks, camera, settings)?;
+        let settings = Settings { level: Level::At(level), ..settings.clone() };
+        let (view, drawn) = drawn(grid, camera, &settings, level)?;
         let painter = painter(&view, &drawn)?;
         let kind = if matches!(painter, Painter::Quads(_)) { PainterKind::Quads } else { PainterKind::Tiles };
-        let settings = Settings { level: Level::At(0), painter, ..settings.clone() };
+        let settings = Settings { painter, ..settings };
+        // In cells; those at the ends of a slice lack voxels beyond.
         let [beyond, reach] = (kind.room().reach)(&view, &Settings { painter, ..drawn });
-        let halo = beyond.max(reach).ceil() as u32 + normals_reach(layers, &settings) + filter_reach(&settings)?;
+        let incomplete = if level > 0 { INCOMPLETE } else { 0 };
+        let cells = beyond.max(reach).ceil() as u32 + incomplete;
+        let halo = (cells << level) + normals_reach(layers, &settings) + filter_reach(&settings)?;
+        let beyond = beyond * f64::from(level).exp2();
         let transfer = layers.plain().map(|(_, transfer)| transfer.clone());
         let brightest = match (painter, settings.lighting.is_some() || settings.is_post_shaded()) {
             (Painter::Tiles(_), false) => layers.brightest(),
             _ => [1.0; 3],
         };
+        let memory = Memory::new(layers, &settings)?;
         let bricks = chunks.in_order(grid, camera).into_iter().map(|(brick, key)| {
             let voxels = chunks.voxels(brick);
             let wider = |axis: usize| {
                 let Range { start, end } = voxels[axis].clone();
-                start.saturating_sub(halo)..end.saturating_add(halo).min(grid.dims()[axis])
+                // Slices begin between cells.
+                let start = start.saturating_sub(halo) >> level << level;
+                start..end.saturating_add(halo).next_multiple_of(1 << level).min(grid.dims()[axis])
             };
             let held = [0, 1, 2].map(wider);
-            let samples: u64 = held.iter().map(|range| range.len() as u64).product();
-            Brick { voxels, held, key, bytes: samples * bytes_of(layers, &settings) }
+            let bytes = memory.of(&held);
+            Brick { voxels, held, key, bytes }
         });
         let bricks = bricks.collect();
         Ok(Self { grid: *grid, camera: *camera, settings, transfer, brightest, beyond, bricks, id: 0 }.identified())
@@ -318,13 +331,49 @@ fn check(settings: &Settings) -> Result<()> {
         let reason = "shadows and occlusion need the matter of other bricks: expected light without them";
         return Err(Error::setting("lighting", reason));
     }
-    if let Level::At(1..) = settings.level {
-        return Err(Error::setting("level", "bricks are drawn of voxels: expected auto or 0"));
-    }
     if settings.quads().sheets == Sheets::Axis {
         return Err(Error::setting("sheets", "no brick owns an axis-aligned sheet: expected image"));
     }
     Ok(())
+}
+
+/// The level of all bricks. The cuts lie between its cells.
+fn level(layers: &Layers, chunks: &Chunks, camera: &Camera, settings: &Settings) -> Result<u32> {
+    let takes_cells = settings.takes_cells() && layers.plain().is_some();
+    match settings.level {
+        Level::At(level) if level > 0 && !takes_cells => {
+            Err(Error::setting("level", format!("{level}: bricks of scalars are drawn of voxels: expected auto or 0")))
+        }
+        Level::At(level) if level > chunks.level() => {
+            let most = chunks.level();
+            let reason = format!("{level}: bricks begin between cells of level {most} at most: expected up to {most}");
+            Err(Error::setting("level", reason))
+        }
+        Level::At(level) => Ok(level),
+        Level::Auto if !takes_cells => Ok(0),
+        Level::Auto => {
+            let (view, drawn) = drawn(layers.grid(), camera, settings, 0)?;
+            let [x, y, z] = layers.grid().spacing();
+            let denser = drawn.normalization.density(&drawn.kernel);
+            let depth = layers.max_density() / layers.unit() * x.max(y).max(z) * denser;
+            Ok(cells::level_of(&drawn.kernel, view.min_growth(), layers.grid(), depth).min(chunks.level()))
+        }
+    }
+}
+
+/// The view of the lattice that pictures at a level are drawn of, and their settings.
+fn drawn(grid: &Grid, camera: &Camera, settings: &Settings, level: u32) -> Result<(ViewGeometry, Settings)> {
+    let settings = Settings { kernel: settings.reconstruction_kernel(), level: Level::At(level), ..settings.clone() };
+    let voxels = ViewGeometry::new(camera, grid, &settings, Savings::default());
+    if level == 0 {
+        return Ok((voxels, settings));
+    }
+    let growth = voxels.min_growth().max(cells::least_growth(&settings.kernel, level));
+    let kernel = cells::kernel_of(&settings.kernel, growth, level);
+    let grown = growth / f64::from(level).exp2();
+    let settings = Settings { kernel, ..settings }.with_sheets_of(grown);
+    let cells = cells::grid_of(grid, level)?;
+    Ok((ViewGeometry::of_cells(camera, &cells, &settings, Savings::default(), grown, None), settings))
 }
 
 /// The painter of all bricks, with a ray for each pixel.
@@ -338,19 +387,6 @@ fn painter(view: &ViewGeometry, settings: &Settings) -> Result<Painter> {
             None => Ok(Painter::Tiles(TilesSettings { resolution: Resolution::Full })),
         },
     }
-}
-
-/// The most bytes of memory for a sample of a slice.
-fn bytes_of(layers: &Layers, settings: &Settings) -> u64 {
-    let samples: u64 = layers.sample_bytes();
-    // Splats on the host and on the device, and the packed texture of the painter tiles.
-    let (splat, packed) = match (settings.is_post_shaded(), settings.lighting.is_some()) {
-        (false, _) => (16, 8),
-        (true, false) => (8, 4),
-        (true, true) => (16, 8),
-    };
-    let filtered = if settings.sharpens().is_some() { 4 } else { 0 };
-    samples + filtered + splat + packed
 }
 
 /// How far samples that change the normal or the gradient of a voxel are from it.

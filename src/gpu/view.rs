@@ -54,13 +54,27 @@ pub(crate) struct Held {
     pub(crate) owned: [DVec3; 2],
     /// The family of rays to draw: see `Room::families` of the painters.
     pub(crate) family: usize,
-    /// How far beyond these places sheets and slabs of the part may reach, in voxels.
+    /// How far beyond these places sheets and slabs of the part may reach.
     pub(crate) beyond: f64,
 }
 
 impl Held {
     /// A place beyond every voxel, whose quotients stay in the range of f32.
     pub(crate) const OPEN: f64 = 1e9;
+
+    /// The same part of a lattice of cells, each of 2^`level` voxels along an edge. The first voxel and the cuts lie
+    /// between cells. `dims` are the cells that the scene holds, `faces` those before the first voxel.
+    pub(crate) fn of_cells(self, level: u32, dims: [u32; 3], faces: f64) -> Self {
+        let size = f64::from(level).exp2();
+        let cell = |place: f64| if place.abs() < Self::OPEN { (place + 0.5) / size - 0.5 + faces } else { place };
+        Self {
+            first: self.first.map(|voxel| voxel >> level),
+            dims,
+            owned: self.owned.map(|places| DVec3::from_array(places.to_array().map(cell))),
+            beyond: self.beyond / size,
+            ..self
+        }
+    }
 }
 
 /// A camera on a lattice, in local coordinates: see [`Grid::local`]. World means local here.
@@ -175,7 +189,7 @@ impl ViewGeometry {
     }
 
     /// A box of held lattice points from the middle of the lattice, given `padding` copies beyond the faces.
-    fn from_middle(&self, bounds: [[u32; 3]; 2], padding: u32) -> [DVec3; 2] {
+    fn box_around_middle(&self, bounds: [[u32; 3]; 2], padding: u32) -> [DVec3; 2] {
         let origin = half(&self.grid) - self.first() + f64::from(padding);
         bounds.map(|p| DVec3::from_array(p.map(f64::from)) - origin)
     }
@@ -204,7 +218,7 @@ impl ViewGeometry {
     /// copies beyond its faces. True if the lattice is no layer.
     pub(crate) fn layer_holds(&self, bounds: [[u32; 3]; 2], padding: u32) -> bool {
         let Some(fade) = self.fade else { return true };
-        let [low, high] = self.from_middle(bounds, padding);
+        let [low, high] = self.box_around_middle(bounds, padding);
         // Rays meet the plane of a voxel within twice the radius of its kernel.
         let slope = self.growth.slope * self.gradients[2];
         let reach = slope.abs().dot((high - low) / 2.0) + slope.length() * 2.0 * self.max_radius();
@@ -215,7 +229,7 @@ impl ViewGeometry {
     /// Whether voxels of a box may take part in unclipped matter. The lattice of the box has `padding` copies beyond
     /// its faces: scalars matter so far beyond kernels.
     pub(crate) fn may_show(&self, bounds: [[u32; 3]; 2], padding: u32) -> bool {
-        let [low, high] = self.from_middle(bounds, padding);
+        let [low, high] = self.box_around_middle(bounds, padding);
         let (middle, size) = ((low + high - 1.0) / 2.0, (high - low - 1.0) / 2.0);
         let reach = self.max_radius() + f64::from(padding);
         self.clip.iter().all(|(gradient, value)| gradient.dot(middle) + value + gradient.abs().dot(size) + reach >= 0.0)

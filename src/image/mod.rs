@@ -87,6 +87,14 @@ impl Image {
         self.pixels.iter().flat_map(bytes).collect()
     }
 
+    /// Copies a picture into this one, with its top left pixel at a column and row.
+    pub(crate) fn put(&mut self, image: &Self, [x, y]: [u32; 2]) {
+        let columns = x as usize..(x + image.width) as usize;
+        let rows = self.pixels.chunks_exact_mut(self.width as usize).skip(y as usize);
+        rows.zip(image.pixels.chunks_exact(image.width as usize))
+            .for_each(|(to, from)| to[columns.clone()].copy_from_slice(from));
+    }
+
     /// Returns the width in pixels.
     #[must_use]
     pub fn width(&self) -> u32 {

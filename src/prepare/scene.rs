@@ -51,6 +51,11 @@ enum Content {
     Scalars(Box<PostShaded>),
 }
 
+/// The cells of a level before the first voxel of a lattice.
+fn cells_beyond(grid: &Grid, cells: &Grid, level: u32) -> u32 {
+    (cells.dims()[0] - grid.dims()[0].div_ceil(1 << level)) / 2
+}
+
 fn shows(settings: &Settings) -> VisibleValues {
     match settings.model {
         // The volume of a minimum is mirrored.
@@ -235,7 +240,11 @@ impl Scene {
         let grown = growth / f64::from(level).exp2();
         let of_cells = Settings { kernel, normalization: Normalization::Unit, lighting: None, ..settings };
         let settings = of_cells.with_sheets_of(grown);
-        let view = view_of(&grid, &settings, grown);
+        let faces = cells_beyond(&self.grid, &grid, level);
+        let held = self.held.map(|held| {
+            held.of_cells(level, held.dims.map(|count| count.div_ceil(1 << level) + 2 * faces), f64::from(faces))
+        });
+        let view = view_of(&grid, &settings, grown).of_held(held);
         let weights = Weights { unit, ..weights };
         Ok(Lattice { view, settings, weights, level, shadows, light, coarse: None })
     }
