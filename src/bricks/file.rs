@@ -113,7 +113,7 @@ impl Partial {
             let mut pixels = Image::transparent(region.width, region.height)?;
             for number in 0..4 {
                 let name = channel(values, family, number);
-                let found = layer.channel_data.list.iter().find(|channel| channel.name == Text::from(name.as_str()));
+                let found = layer.channel_data.list.iter().find(|channel| channel.name == *name.as_str());
                 let samples = match found.map(|channel| &channel.sample_data) {
                     Some(FlatSamples::F32(samples)) => samples,
                     None if family > 0 => continue,

@@ -5,6 +5,7 @@ use std::ops::Range;
 use crate::error::Result;
 use crate::layers::Layers;
 use crate::settings::{Level, Painter, Settings};
+use crate::volume::Grid;
 
 /// The bytes of the program and its driver, on software Vulkan. Measured; see
 /// docs/measurements/2026-11-25-bricks.md.
@@ -21,11 +22,13 @@ pub(super) struct Memory {
     splat: f64,
     /// Of every sampled voxel, x fastest, whether it is visible; `None`: take all as visible.
     sampled: Option<(Vec<bool>, [usize; 3])>,
+    /// Voxels of the volume between sampled ones.
+    steps: [f64; 3],
 }
 
 impl Memory {
-    /// Samples the voxels of layers. Several layers count as visible everywhere.
-    pub(super) fn new(layers: &Layers, settings: &Settings) -> Result<Self> {
+    /// Samples the voxels of an overview of a volume on `grid`. Several layers count as visible everywhere.
+    pub(super) fn new(layers: &Layers, grid: &Grid, settings: &Settings) -> Result<Self> {
         let (post, lit) = (settings.is_post_shaded(), settings.lighting.is_some());
         let cells = if let Level::At(level) = settings.level { f64::from(3 * level).exp2() } else { 1.0 };
         let filtered = if settings.sharpens().is_some() { 4.0 } else { 0.0 };
@@ -39,7 +42,9 @@ impl Memory {
             (_, true, true) => (8.0, 34.0),
         };
         let voxel = layers.sample_bytes() as f64 + filtered + packed;
-        Ok(Self { voxel, splat, sampled: sampled(layers)? })
+        let coarser = |axis: usize| f64::from(grid.dims()[axis]) / f64::from(layers.grid().dims()[axis]);
+        let steps = std::array::from_fn(|axis| f64::from(STRIDE[axis]) * coarser(axis));
+        Ok(Self { voxel, splat, sampled: sampled(layers)?, steps })
     }
 
     /// The bytes that drawing a slice takes.
@@ -47,7 +52,7 @@ impl Memory {
         let voxels: f64 = held.iter().map(|range| range.len() as f64).product();
         let share = self.sampled.as_ref().map_or(1.0, |(visible, counts)| {
             let places = |axis: usize| {
-                let within = |at: &usize| held[axis].contains(&(*at as u32 * STRIDE[axis]));
+                let within = |at: &usize| held[axis].contains(&((*at as f64 * self.steps[axis]) as u32));
                 (0..counts[axis]).filter(within).collect::<Vec<usize>>()
             };
             let [x, y, z] = [places(0), places(1), places(2)];

@@ -14,7 +14,7 @@
 //! let look = Appearance::for_file("scan.nrrd", &volume)?;
 //! let chunks = Chunks::even(volume.grid().dims(), [2, 2, 2])?;
 //! let settings = Plan::settings_for(&look.settings);
-//! let plan = Plan::new(&look.layers, &chunks, &look.camera([1024, 1024])?, &settings)?;
+//! let plan = Plan::new(&look.layers, volume.grid(), &chunks, &look.camera([1024, 1024])?, &settings)?;
 //! let renderer = Renderer::new(&RendererOptions::default())?;
 //! let mut merged = None;
 //! for (number, next) in plan.bricks().iter().enumerate() {
@@ -39,9 +39,10 @@
 //!
 //! # Limits
 //!
-//! [`Plan::new`] refuses light with shadows or occlusion, axis-aligned sheets and levels above 0: their pictures need
-//! matter of other bricks, or sheets that no brick owns. A ray is marched for each pixel. Each brick ends its own
-//! opaque rays, so matter behind other bricks is drawn although it is hidden.
+//! [`Plan::new`] refuses light with shadows or occlusion, axis-aligned sheets, levels whose cells cuts would divide, and
+//! levels of scalars: their pictures need matter of other bricks, or have sheets or cells that no brick owns. A ray is
+//! marched for each pixel. Each brick ends its own opaque rays, so matter behind other bricks is drawn although it is
+//! hidden.
 
 mod file;
 mod grid;

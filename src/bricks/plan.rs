@@ -88,26 +88,33 @@ impl Plan {
         settings
     }
 
-    /// Plans a picture of layers in bricks. Reads one voxel of 256, for the memory that bricks take. The painter is fixed,
-    /// with a ray for each pixel.
+    /// Plans a picture of a volume on `grid` in bricks. The painter is fixed, with a ray for each pixel.
+    ///
+    /// `overview` has the look of the picture: the volume, or one volume with fewer samples of the same type in the same
+    /// place, such as a coarse level of a pyramid. One of 256 of its samples is read, to predict the memory of bricks.
+    /// Several layers, labels and masks are on `grid` itself.
     ///
     /// # Errors
     /// [`Error::Setting`] if `chunks` belong to another lattice, a setting is out of range, or the picture cannot be
     /// made in bricks: light with shadows or occlusion, axis-aligned sheets, a level whose cells the cuts divide or
     /// that scalars have. [`Error::Camera`] if the camera is not finite.
-    pub fn new(layers: &Layers, chunks: &Chunks, camera: &Camera, settings: &Settings) -> Result<Self> {
-        let grid = layers.grid();
+    pub fn new(overview: &Layers, grid: &Grid, chunks: &Chunks, camera: &Camera, settings: &Settings) -> Result<Self> {
+        let layers = overview;
         camera.validate()?;
         camera.check_scale(grid)?;
         settings.validate()?;
         if layers.plain().is_none() {
             Layers::check_settings(settings)?;
+            if layers.grid().dims() != grid.dims() {
+                let reason = "an overview of several layers, labels or masks has the lattice of the volume";
+                return Err(Error::setting("overview", reason));
+            }
         }
         if chunks.dims() != grid.dims() {
             return Err(Error::setting("grid", format!("chunks of {:?} voxels for {:?}", chunks.dims(), grid.dims())));
         }
         check(settings)?;
-        let level = level(layers, chunks, camera, settings)?;
+        let level = level(layers, grid, chunks, camera, settings)?;
         let settings = Settings { level: Level::At(level), ..settings.clone() };
         let (view, drawn) = drawn(grid, camera, &settings, level)?;
         let painter = painter(&view, &drawn)?;
@@ -124,7 +131,7 @@ impl Plan {
             (Painter::Tiles(_), false) => layers.brightest(),
             _ => [1.0; 3],
         };
-        let memory = Memory::new(layers, &settings)?;
+        let memory = Memory::new(layers, grid, &settings)?;
         let bricks = chunks.in_order(grid, camera).into_iter().map(|(brick, key)| {
             let voxels = chunks.voxels(brick);
             let wider = |axis: usize| {
@@ -338,7 +345,7 @@ fn check(settings: &Settings) -> Result<()> {
 }
 
 /// The level of all bricks. The cuts lie between its cells.
-fn level(layers: &Layers, chunks: &Chunks, camera: &Camera, settings: &Settings) -> Result<u32> {
+fn level(layers: &Layers, grid: &Grid, chunks: &Chunks, camera: &Camera, settings: &Settings) -> Result<u32> {
     let takes_cells = settings.takes_cells() && layers.plain().is_some();
     match settings.level {
         Level::At(level) if level > 0 && !takes_cells => {
@@ -352,11 +359,12 @@ fn level(layers: &Layers, chunks: &Chunks, camera: &Camera, settings: &Settings)
         Level::At(level) => Ok(level),
         Level::Auto if !takes_cells => Ok(0),
         Level::Auto => {
-            let (view, drawn) = drawn(layers.grid(), camera, settings, 0)?;
-            let [x, y, z] = layers.grid().spacing();
+            let (view, drawn) = drawn(grid, camera, settings, 0)?;
+            let [x, y, z] = grid.spacing();
             let denser = drawn.normalization.density(&drawn.kernel);
-            let depth = layers.max_density() / layers.unit() * x.max(y).max(z) * denser;
-            Ok(cells::level_of(&drawn.kernel, view.min_growth(), layers.grid(), depth).min(chunks.level()))
+            let unit = layers.plain().map_or(1.0, |(_, transfer)| transfer.unit_or(grid.min_spacing()));
+            let depth = layers.max_density() / unit * x.max(y).max(z) * denser;
+            Ok(cells::level_of(&drawn.kernel, view.min_growth(), grid, depth).min(chunks.level()))
         }
     }
 }

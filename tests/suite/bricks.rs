@@ -9,6 +9,7 @@ use voxsplat::layers::{Labels, Layer, Layers};
 use voxsplat::settings::{
     Level, Model, Painter, QuadsSettings, Resolution, Response, Settings, Shading, Sheets, TilesSettings,
 };
+use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::{Grid, Samples, Volume};
 
 use crate::support::{PERSPECTIVE, RENDERER, demo, two_lights};
@@ -58,7 +59,7 @@ fn whole(plan: &Plan, layers: &Layers) -> Image {
 
 /// The merged picture, and the largest difference of a channel from the whole one.
 fn apart(layers: &Layers, chunks: &Chunks, camera: &Camera, settings: &Settings) -> f64 {
-    let plan = Plan::new(layers, chunks, camera, settings).unwrap();
+    let plan = Plan::new(layers, layers.grid(), chunks, camera, settings).unwrap();
     let merged = merge(&plan, parts(&plan, layers)).unwrap();
     let whole = whole(&plan, layers);
     let differences = difference(&merged, &whole);
@@ -155,7 +156,7 @@ fn there_is_no_seam_at_cuts() {
         let chunks = Chunks::new([32; 3], [vec![11, 21], vec![16, 16], vec![5, 18, 9]]).unwrap();
         let camera = seen(&volume, azimuth, elevation, ProjectionKind::Orthographic, 64);
         for settings in [tiles(&exact()), quads(&exact())] {
-            let plan = Plan::new(&layers, &chunks, &camera, &settings).unwrap();
+            let plan = Plan::new(&layers, layers.grid(), &chunks, &camera, &settings).unwrap();
             let parts = parts(&plan, &layers);
             let cuts = at_cuts(&plan, &parts);
             let difference = difference(&merge(&plan, parts).unwrap(), &whole(&plan, &layers));
@@ -218,8 +219,30 @@ fn cells_are_the_whole() {
     }
     // Small pictures have cells by themselves.
     let camera = seen(&volume, 33.0, 25.0, ProjectionKind::Orthographic, 16);
-    let plan = Plan::new(&layers, &chunks, &camera, &exact()).unwrap();
+    let plan = Plan::new(&layers, layers.grid(), &chunks, &camera, &exact()).unwrap();
     assert!(matches!(plan.settings().level, Level::At(1..)), "{:?}", plan.settings().level);
+}
+
+/// A plan by an overview draws slices of the volume.
+#[test]
+fn an_overview_makes_the_plan_of_the_volume() {
+    let (volume, transfer) = demo("vessels", 32);
+    let layers = Layers::of_volume(&volume, &transfer);
+    let transfer = TransferFunction::new(transfer.points().to_vec(), Some(volume.grid().min_spacing())).unwrap();
+    let (coarse, _) = demo("vessels", 8);
+    let grid = volume.grid();
+    let axes = grid.to_world().matrix3 * 4.0;
+    let origin = grid.to_world().transform_point3(DVec3::splat(1.5));
+    let coarse = coarse.with_grid(Grid::new([8; 3], DAffine3::from_mat3_translation(axes, origin)).unwrap()).unwrap();
+    let overview = Layers::of_volume(&coarse, &transfer);
+    let chunks = Chunks::even([32; 3], [2, 2, 1]).unwrap();
+    let camera = seen(&volume, 30.0, 20.0, ProjectionKind::Orthographic, 40);
+    let [plan, own] = [&overview, &Layers::of_volume(&volume, &transfer)]
+        .map(|of| Plan::new(of, grid, &chunks, &camera, &exact()).unwrap());
+    assert!(plan.bricks().iter().zip(own.bricks()).all(|(a, b)| (&a.held, a.key) == (&b.held, b.key)));
+    let merged = merge(&plan, parts(&plan, &layers)).unwrap();
+    let largest = difference(&merged, &whole(&own, &layers)).into_iter().fold(0.0, f64::max);
+    assert!(largest < LIMIT, "{largest:e}");
 }
 
 #[test]
@@ -297,8 +320,10 @@ fn random_scene(seed: u64) -> (String, f64) {
     let settings = if random.below(2) == 0 { tiles(settings) } else { quads(settings) };
     let layers = Layers::of_volume(&volume, &transfer);
     // Tiles refuses kernels that have grown to the size of pixels, and an eye among the voxels.
-    let auto = || Plan::new(&layers, &chunks, &camera, &Settings { painter: Painter::Auto, ..settings.clone() });
-    let plan = Plan::new(&layers, &chunks, &camera, &settings).or_else(|_| auto()).unwrap();
+    let auto = || {
+        Plan::new(&layers, layers.grid(), &chunks, &camera, &Settings { painter: Painter::Auto, ..settings.clone() })
+    };
+    let plan = Plan::new(&layers, layers.grid(), &chunks, &camera, &settings).or_else(|_| auto()).unwrap();
     let merged = merge(&plan, parts(&plan, &layers)).unwrap();
     let apart = difference(&merged, &whole(&plan, &layers)).into_iter().fold(0.0, f64::max);
     // A steep transfer function magnifies the rounding of a value.
@@ -341,7 +366,7 @@ fn keys_ascend_along_every_ray() {
         let distance = (random.below(2) == 0).then(|| 60.0 * random.next());
         let view = View { direction: Some(direction), projection, distance, ..View::default() };
         let camera = Camera::new(&view, &grid, [64; 2]).unwrap();
-        let plan = Plan::new(&layers, &chunks, &camera, &quads(&exact())).unwrap();
+        let plan = Plan::new(&layers, layers.grid(), &chunks, &camera, &quads(&exact())).unwrap();
         let inside = |place: DVec3| {
             plan.bricks().iter().position(|brick| {
                 (0..3).all(|a| {
@@ -368,7 +393,9 @@ fn small() -> (Plan, Vec<Partial>) {
     let (volume, transfer) = demo("vessels", 16);
     let layers = Layers::of_volume(&volume, &transfer);
     let chunks = Chunks::even([16; 3], [1, 2, 2]).unwrap();
-    let plan = Plan::new(&layers, &chunks, &seen(&volume, 20.0, 10.0, PERSPECTIVE, 24), &tiles(&exact())).unwrap();
+    let plan =
+        Plan::new(&layers, layers.grid(), &chunks, &seen(&volume, 20.0, 10.0, PERSPECTIVE, 24), &tiles(&exact()))
+            .unwrap();
     let parts = parts(&plan, &layers);
     (plan, parts)
 }
@@ -405,7 +432,9 @@ fn missing_doubled_and_foreign_parts_are_one_line() {
     let (volume, transfer) = demo("vessels", 16);
     let layers = Layers::of_volume(&volume, &transfer);
     let chunks = Chunks::even([16; 3], [1, 2, 2]).unwrap();
-    let other = Plan::new(&layers, &chunks, &seen(&volume, 21.0, 10.0, PERSPECTIVE, 24), &tiles(&exact())).unwrap();
+    let other =
+        Plan::new(&layers, layers.grid(), &chunks, &seen(&volume, 21.0, 10.0, PERSPECTIVE, 24), &tiles(&exact()))
+            .unwrap();
     let error = merge(&other, [a]).unwrap_err().to_string();
     assert_eq!(error, "parts: brick 0 belongs to another plan: draw it by this one");
 }
@@ -441,11 +470,12 @@ fn pictures_that_bricks_cannot_make_are_refused() {
     let layers = Layers::of_volume(&volume, &transfer);
     let camera = seen(&volume, 20.0, 10.0, PERSPECTIVE, 24);
     let chunks = Chunks::even([16; 3], [2; 3]).unwrap();
-    let refused = |settings: Settings| Plan::new(&layers, &chunks, &camera, &settings).unwrap_err().to_string();
+    let refused =
+        |settings: Settings| Plan::new(&layers, layers.grid(), &chunks, &camera, &settings).unwrap_err().to_string();
     let mut lit = Settings { lighting: two_lights(), ..exact() };
     lit.lighting.as_mut().unwrap().shadows = 1.0;
     assert!(refused(lit.clone()).starts_with("lighting: shadows and occlusion need the matter of other bricks"));
-    assert!(Plan::new(&layers, &chunks, &camera, &Plan::settings_for(&lit)).is_ok());
+    assert!(Plan::new(&layers, layers.grid(), &chunks, &camera, &Plan::settings_for(&lit)).is_ok());
     let level = |level| Settings { level: Level::At(level), ..exact() };
     assert!(refused(level(4)).starts_with("level: 4: bricks begin between cells of level 3 at most"));
     let post = Settings { shading: Shading::Post, ..level(1) };
@@ -456,7 +486,7 @@ fn pictures_that_bricks_cannot_make_are_refused() {
     assert_eq!(error, "grid: 17 chunks along y, expected 1 to 16, the number of its voxels");
     let error = Chunks::new([16; 3], [vec![16], vec![8, 7], vec![16]]).unwrap_err().to_string();
     assert_eq!(error, "grid: chunks of [8, 7] voxels along y, expected sizes over 0 that sum to 16");
-    let plan = Plan::new(&layers, &chunks, &camera, &tiles(&exact())).unwrap();
+    let plan = Plan::new(&layers, layers.grid(), &chunks, &camera, &tiles(&exact())).unwrap();
     let slice = layers.part(&[0..16, 0..16, 0..9]).unwrap();
     let error = brick(&RENDERER, &plan, 3, &slice).unwrap_err().to_string();
     assert!(error.starts_with("brick: a slice of [16, 16, 9] voxels, expected [16, 16, 16]: "), "{error}");

@@ -63,7 +63,7 @@ pub(crate) fn run(args: PlanArgs, line: (&Command, &ArgMatches)) -> Result<(), F
             }
         }
         let chunks = Chunks::even(layers.grid().dims(), grid)?;
-        let plan = Plan::new(&layers, &chunks, &camera, &settings)?;
+        let plan = Plan::new(&layers, layers.grid(), &chunks, &camera, &settings)?;
         document::save(&path, &plan, &job.source, options.clone())?;
         let bricks = plan.bricks().len();
         let most = plan.bricks().iter().map(|brick| brick.bytes).max().unwrap_or_default();
