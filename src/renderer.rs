@@ -190,13 +190,14 @@ impl Renderer {
     }
 
     /// Renders the partial picture of a brick by one family of rays: the region of the picture that the brick reaches,
-    /// and the values of its pixels as painters leave them. The scalars of projections are in units of values.
+    /// and the values of its pixels as painters leave them; `None` if it reaches no pixel. The scalars of projections are
+    /// in units of values.
     pub(crate) fn render_partial(
         &self,
         scene: &Scene,
         camera: &Camera,
         settings: &Settings,
-    ) -> Result<(Region, Image, Stats)> {
+    ) -> Result<(Option<(Region, Image)>, Stats)> {
         camera.validate()?;
         let [width, height] = camera.size;
         let whole = Region { x: 0, y: 0, width, height };
@@ -207,22 +208,14 @@ impl Renderer {
             parts.push((part, image));
             Ok(())
         })?;
-        // A brick that reaches no pixel has one without matter.
-        let nowhere = Region { width: 1, height: 1, ..whole };
-        let region = parts.iter().map(|(part, _)| *part).reduce(Region::around).unwrap_or(nowhere);
-        let mut values = match parts.len() {
-            1 => parts.swap_remove(0).1,
-            _ => {
-                let mut values = Image::transparent(region.width, region.height)?;
-                parts.iter().for_each(|(part, image)| values.put(image, [part.x - region.x, part.y - region.y]));
-                values
-            }
-        };
+        let Some(region) = parts.iter().map(|(part, _)| *part).reduce(Region::around) else { return Ok((None, stats)) };
+        let mut values = Image::transparent(region.width, region.height)?;
+        parts.iter().for_each(|(part, image)| values.put(image, [part.x - region.x, part.y - region.y]));
         if settings.model != Model::Composite && settings.is_post_shaded() {
             let unit = 1.0 / scene.scalars_per_value();
             values.pixels_mut().iter_mut().for_each(|[scalar, ..]| *scalar = (f64::from(*scalar) * unit) as f32);
         }
-        Ok((region, values, stats))
+        Ok((Some((region, values)), stats))
     }
 
     /// The view of the voxels of a scene.

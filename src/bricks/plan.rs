@@ -13,7 +13,7 @@ use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::gpu::savings::Savings;
 use crate::gpu::view::{Held, ViewGeometry};
-use crate::image::Image;
+use crate::image::{Image, Region};
 use crate::kernel::NORMAL_REACH;
 use crate::layers::Layers;
 use crate::painters::choice::PainterKind;
@@ -320,14 +320,23 @@ pub fn brick(renderer: &Renderer, plan: &Plan, number: usize, slice: &Layers) ->
     let first = [0, 1, 2].map(|axis| held[axis].start);
     let held = Held { first, dims: grid.dims(), owned, family: 0, beyond: plan.beyond };
     let mut scene = renderer.prepare_layers(&slice.on_grid(&grid)?, &plan.settings)?.within(plan.grid, held);
-    let (region, pixels, mut stats) = renderer.render_partial(&scene, &plan.camera, &plan.settings)?;
-    let mut families = vec![pixels];
+    let (part, mut stats) = renderer.render_partial(&scene, &plan.camera, &plan.settings)?;
+    let mut parts = vec![part];
     for family in 1..plan.families() {
         scene = scene.by_family(family);
-        let (_, pixels, next) = renderer.render_partial(&scene, &plan.camera, &plan.settings)?;
-        families.push(pixels);
+        let (part, next) = renderer.render_partial(&scene, &plan.camera, &plan.settings)?;
+        parts.push(part);
         stats.stages.extend(next.stages);
     }
+    // A brick that reaches no pixel has one without matter.
+    let nowhere = Region { x: 0, y: 0, width: 1, height: 1 };
+    let region = parts.iter().flatten().map(|(region, _)| *region).reduce(Region::around).unwrap_or(nowhere);
+    let in_region = |part: &Option<(Region, Image)>| {
+        let mut family = Image::transparent(region.width, region.height)?;
+        part.iter().for_each(|(of, image)| family.put(image, [of.x - region.x, of.y - region.y]));
+        Ok(family)
+    };
+    let families = parts.iter().map(in_region).collect::<Result<Vec<Image>>>()?;
     let values = Values::of_model(plan.settings.model);
     Ok((Partial { plan: plan.id, bricks: number..number + 1, values, region, families }, stats))
 }
