@@ -190,8 +190,8 @@ impl Renderer {
     }
 
     /// Renders the partial picture of a brick by one family of rays: the region of the picture that the brick reaches,
-    /// and the values of its pixels as painters leave them; `None` if it reaches no pixel. The scalars of projections are
-    /// in units of values.
+    /// and the values of its pixels as painters leave them; `None` if it reaches no pixel. The scalars of projections
+    /// are in units of values.
     pub(crate) fn render_partial(
         &self,
         scene: &Scene,

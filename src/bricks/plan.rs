@@ -90,9 +90,9 @@ impl Plan {
 
     /// Plans a picture of a volume on `grid` in bricks. The painter is fixed, with a ray for each pixel.
     ///
-    /// `overview` has the look of the picture: the volume, or one volume with fewer samples of the same type in the same
-    /// place, such as a coarse level of a pyramid. One of 256 of its samples is read, to predict the memory of bricks.
-    /// Several layers, labels and masks are on `grid` itself.
+    /// `overview` has the look of the picture: the volume, or one volume with fewer samples of the same type in the
+    /// same place, such as a coarse level of a pyramid. One of 256 of its samples is read, to predict the memory of
+    /// bricks. Several layers, labels and masks are on `grid` itself.
     ///
     /// # Errors
     /// [`Error::Setting`] if `chunks` belong to another lattice, a setting is out of range, or the picture cannot be

@@ -6,6 +6,7 @@ use std::path::Path;
 use clap::{ArgMatches, Command};
 use voxsplat::bricks::{Chunks, Plan};
 use voxsplat::image::check_writable;
+use voxsplat::settings::Level;
 
 use super::document;
 use crate::args::PlanArgs;
@@ -67,10 +68,10 @@ pub(crate) fn run(args: PlanArgs, line: (&Command, &ArgMatches)) -> Result<(), F
         document::save(&path, &plan, &job.source, options.clone())?;
         let bricks = plan.bricks().len();
         let most = plan.bricks().iter().map(|brick| brick.bytes).max().unwrap_or_default();
+        let level = if let Level::At(level) = plan.settings().level { level } else { 0 };
+        let (last, most) = (bricks - 1, most as f64 / 1e6);
         output::say(&format!(
-            "planned {bricks} bricks, numbers 0 to {}, of up to {:.1} MB each",
-            bricks - 1,
-            most as f64 / 1e6
+            "planned {bricks} bricks, numbers 0 to {last}, at --level {level}, of up to {most:.0} MB"
         ));
     }
     Ok(())

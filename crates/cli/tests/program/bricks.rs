@@ -40,7 +40,7 @@ fn three_commands_make_the_picture_of_render() {
     let dir = folder();
     let dir = dir.path();
     let said = run(dir, &format!("plan {LOOK} --grid 1x2x2 -o plan.json"));
-    assert!(said.contains("planned 4 bricks, numbers 0 to 3, of up to "), "{said}");
+    assert!(said.contains("planned 4 bricks, numbers 0 to 3, at --level 0, of up to "), "{said}");
     (0..4).for_each(|n| drop(run(dir, &format!("brick plan.json {n} -o part-{n}.exr"))));
     run(dir, "merge plan.json part-3.exr part-1.exr part-0.exr part-2.exr -o merged.exr");
     run(dir, "merge plan.json part-0.exr part-1.exr part-2.exr part-3.exr -o merged.png --background white");
