@@ -53,14 +53,13 @@ fn composite(@builtin(global_invocation_id) id: vec3u) {
     // these neither read nor write the frame.
     var s = array<vec4f, 8>();
     var reached = 0.0;
-    if #u < SHEETS { s[#] = load(at, #u); }
+    if #u < SHEETS { s[#] = load(at, #u); reached += s[#].a; }
+    if reached <= 0.0 {
+        return;
+    }
     if BRICK {
         let owned = pixel_ray(at).owned;
         if #u < SHEETS && !owns_sheet(owned, batch.depth + f32(#) * frame.sheet_step) { s[#] = vec4f(0.0); }
-    }
-    if #u < SHEETS { reached += s[#].a; }
-    if reached <= 0.0 {
-        return;
     }
     let index = at.y * frame.region.x + at.x;
     var pixel = pixels[index];
