@@ -1,25 +1,26 @@
 // composite: the sheets of a batch into the frame, front to back. The frame keeps premultiplied colour and optical
 // depth. Transmittance is exp of minus the depth, so alpha does not gather the rounding of one exponential for each
 // sheet.
-// uses: common/absorbed, common/frame
+// uses: common/absorbed, common/frame, common/pixel_ray
 
 // Sheets of a batch: 1, 2, 4 or 8.
 override SHEETS: u32 = 4u;
 // Sheets hold sums of opacity, not of optical depth.
 override ADDITIVE: bool = false;
 
-// A rectangle of pixels of the region.
-struct Area {
+// The pixels of the region that a batch reaches, and the view depth at which its first sheet begins.
+struct Reached {
     // The first pixel that the batch reaches.
     low: vec2u,
     // The pixel after the last.
     high: vec2u,
+    depth: f32,
 }
 
 @group(0) @binding(0) var<uniform> frame: Frame;
 @group(0) @binding(1) var sheets: texture_2d_array<f32>;
 @group(0) @binding(2) var<storage, read_write> pixels: array<vec4f>;
-@group(0) @binding(3) var<uniform> area: Area;
+@group(0) @binding(3) var<uniform> batch: Reached;
 
 // A texel of a sheet, as colour times optical depth (or opacity) and optical depth (or opacity).
 fn load(at: vec2u, layer: u32) -> vec4f {
@@ -44,8 +45,8 @@ fn with_sheet(pixel: vec4f, sheet: vec4f) -> vec4f {
 
 @compute @workgroup_size(8, 8)
 fn composite(@builtin(global_invocation_id) id: vec3u) {
-    let at = area.low + id.xy;
-    if any(at >= area.high) {
+    let at = batch.low + id.xy;
+    if any(at >= batch.high) {
         return;
     }
     // Written out because software drivers do not unroll a loop over the sheets. Most pixels of most batches are empty:
@@ -56,6 +57,10 @@ fn composite(@builtin(global_invocation_id) id: vec3u) {
     if reached <= 0.0 {
         return;
     }
+    if BRICK {
+        let owned = pixel_ray(at).owned;
+        if #u < SHEETS && !owns_sheet(owned, batch.depth + f32(#) * frame.sheet_step) { s[#] = vec4f(0.0); }
+    }
     let index = at.y * frame.region.x + at.x;
     var pixel = pixels[index];
     if #u < SHEETS { pixel = with_sheet(pixel, s[#]); }
@@ -65,8 +70,8 @@ fn composite(@builtin(global_invocation_id) id: vec3u) {
 // X-ray: a batch is one sheet, of optical depth.
 @compute @workgroup_size(8, 8)
 fn depth(@builtin(global_invocation_id) id: vec3u) {
-    let at = area.low + id.xy;
-    if any(at >= area.high) {
+    let at = batch.low + id.xy;
+    if any(at >= batch.high) {
         return;
     }
     pixels[at.y * frame.region.x + at.x].a += load(at, 0u).r;

@@ -161,17 +161,23 @@ fn settled(slab: vec4f, behind: vec4f) -> Pair {
     return Pair(x, kept + (paid - x));
 }
 
-// Composites the slab of plane `plane`, which waits in `ray`, now that the slab behind it is known.
+// Composites the slab of plane `place`, which waits in `ray`, now that the slab behind it is known.
 //
 // Its colour changes with optical depth u as c(u) = mean + g (u / depth - 1/2), with g from its neighbours: exact to
 // second order. The integral of c(u) exp(-u) is mean (1 - exp(-depth)) - g f(depth), f(depth) = 1/2 + exp(-depth) / 2 -
 // (1 - exp(-depth)) / depth. The fraction below, for f(depth) / depth^2, errs by at most 0.04 / depth^2, and is exact
 // for small depths.
-fn advance(ray: ptr<function, RayState>, behind: vec4f, geometry: RayGeometry) {
+fn advance(ray: ptr<function, RayState>, behind: vec4f, geometry: RayGeometry, place: f32) {
     let pair = settled((*ray).slab, behind * (rays.density_scale * geometry.stretch));
     let before = (*ray).before;
     (*ray).before = pair.x;
     (*ray).slab = pair.y;
+    if BRICK {
+        (*ray).place = place + 1.0;
+        if !is_owned(geometry, place) {
+            return;
+        }
+    }
     let most = STEEPEST * max(pair.x.w, 0.0) + 1.0;
     var x = pair.x;
     var slope = pair.y * (most / max(pair.y.w, most)) - before * (most / max(before.w, most));
@@ -200,6 +206,12 @@ fn advance(ray: ptr<function, RayState>, behind: vec4f, geometry: RayGeometry) {
 // A run of planes begins. Nothing of the run before is pending but the lack of its last slab.
 fn begin_run(ray: ptr<function, RayState>) {
     (*ray).before = vec4f(0.0);
+}
+
+// The premultiplied colour and the optical depth of a finished ray in a brick.
+fn partial(ray: RayState, geometry: RayGeometry) -> vec4f {
+    let lack = select(0.0, min(ray.slab.w, 0.0), is_owned(geometry, ray.place));
+    return vec4f(ray.color, ray.depth + lack);
 }
 
 // The optical depth of a ray that has ended. The lack of the last slab is subtracted.
@@ -232,12 +244,18 @@ fn layer_share(geometry: RayGeometry, plane: i32) -> f32 {
     return near * saturate((rays.fade_out.x - growth) * rays.fade_out.y);
 }
 
-// Adds the parts of a plane to the slabs around it, composites the slab that no later plane reaches, and goes on to the
-// next plane.
-fn add_parts(ray: ptr<function, RayState>, slabs: ptr<function, Slabs>, of_plane: Slabs, geometry: RayGeometry) {
+// Adds the parts of plane `plane` to the slabs around it, composites the slab that no later plane reaches, and goes on
+// to the next plane.
+fn add_parts(
+    ray: ptr<function, RayState>,
+    slabs: ptr<function, Slabs>,
+    of_plane: Slabs,
+    geometry: RayGeometry,
+    plane: i32,
+) {
     var parts = of_plane;
     let complete = (*slabs)[4 - REACH] + parts[4 - REACH];
-    advance(ray, complete, geometry);
+    advance(ray, complete, geometry, f32(plane - REACH - 1));
     if # >= 4 - REACH && # < 4 + REACH { (*slabs)[#] = (*slabs)[# + 1] + parts[# + 1]; }
 }
 
@@ -261,7 +279,7 @@ fn feed(
         let cut = cut_at(geometry.cut, geometry.base, geometry, plane, end);
         parts = cut_parts(parts, sums.m0, Cut(cut.ends, share * cut.first, share * cut.last));
     }
-    add_parts(ray, slabs, parts, geometry);
+    add_parts(ray, slabs, parts, geometry, plane);
 }
 
 // Stores the value of a point of the intermediate image, or adds it to its pixel.
@@ -281,7 +299,12 @@ fn single(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) til
         return;
     }
     let geometry = geometry_of(at);
-    put(at, share * finished(march_planes(tile, geometry, new_ray())));
+    let ray = march_planes(tile, geometry, new_ray());
+    if BRICK {
+        put(at, partial(ray, geometry));
+    } else {
+        put(at, share * finished(ray));
+    }
 }
 
 // The rays of pixels through one of several layers, which are marched front to back. Each layer adds to the pixels the
@@ -349,7 +372,8 @@ fn feed_eight(
     if CLIP_PLANES > 0u && is_cut {
         parts = cut_parts(parts, sums.m0, (*eight).cuts[number]);
     }
-    add_parts(ray, slabs, parts, geometry);
+    // The rays of a brick march one by one: no slab has an owner here.
+    add_parts(ray, slabs, parts, geometry, 0);
 }
 
 // The cuts of eight rays.

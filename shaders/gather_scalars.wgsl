@@ -37,6 +37,7 @@ fn advance(
     var composited = Before(AT_THE_FACE, before.end);
     // The part of the slab that counts, its ends from -1/2 to 1/2.
     let part = clamp(2.0 * (geometry.inside - middle), vec2f(-0.5), vec2f(0.5));
+    let so_far = *ray;
     if part.x < part.y {
         if MAXIMUM {
             update_maximum(ray, behind, geometry, part, middle);
@@ -46,6 +47,10 @@ fn advance(
         } else {
             composited = classify_slab(ray, before, behind, geometry, part, middle);
         }
+    }
+    if BRICK && !is_owned(geometry, middle) {
+        // The slab only shapes its neighbours.
+        *ray = so_far;
     }
     (*ray).before = (*ray).slab;
     (*ray).slab = behind;
@@ -209,7 +214,17 @@ fn gather(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) til
     let geometry = geometry_of(at);
     let ray = march_planes(tile, geometry, new_ray());
     var value = vec4f(ray.color, absorbed(ray.depth));
-    if MAXIMUM || MEAN {
+    if BRICK {
+        value = vec4f(ray.color, ray.depth);
+        let planes = min(geometry.inside.y, geometry.owned.y) - max(geometry.inside.x, geometry.owned.x);
+        let counts = select(0.0, 1.0, planes > 0.0);
+        if MAXIMUM {
+            value = counts * vec4f(ray.color.xy, depth_at(geometry, ray.color.z) * ray.color.y, 1.0);
+        }
+        if MEAN {
+            value = counts * vec4f(0.5 * ray.color.x, planes, 0.0, 1.0);
+        }
+    } else if MAXIMUM || MEAN {
         // A ray through skipped space alone has 0, the base, as its largest scalar and as its mean.
         var scalar = ray.color.x;
         let planes = geometry.inside.y - geometry.inside.x;
@@ -220,5 +235,9 @@ fn gather(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) til
         let depth = depth_at(geometry, ray.color.z);
         value = select(vec4f(0.0), projected(scalar, depth, rays.lookup), planes > 0.0);
     }
-    add_to_pixel(at, share * value);
+    if BRICK {
+        add_to_pixel(at, value);
+    } else {
+        add_to_pixel(at, share * value);
+    }
 }

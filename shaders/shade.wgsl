@@ -177,7 +177,7 @@ fn with_sheet(
     z: f32,
 ) -> vec4f {
     let part = part_of_sheet(ray, z);
-    if part.x >= part.y || is_invisible(means, shading.invisible) {
+    if part.x >= part.y || is_invisible(means, shading.invisible) || !owns_sheet(ray.owned, z) {
         return pixel;
     }
     let m = from_eye(means, z);
@@ -259,7 +259,7 @@ override MEAN: bool = false;
 // sheets (y), with one more sheet.
 fn updated_projection(so_far: vec3f, means: vec3f, ray: PixelRay, z: f32) -> vec3f {
     let part = part_of_sheet(ray, z);
-    if part.x >= part.y {
+    if part.x >= part.y || !owns_sheet(ray.owned, z) {
         return so_far;
     }
     if MEAN {
@@ -298,7 +298,7 @@ fn project(@builtin(global_invocation_id) id: vec3u) {
     pixels[index] = vec4f(so_far, 0.0);
 }
 
-// From the kept scalar to its colour.
+// From the kept scalar to its colour; of a brick to (scalar, 1, depth, 1) or (integral, length, 0, 1).
 @compute @workgroup_size(8, 8)
 fn resolve_projection(@builtin(global_invocation_id) id: vec3u) {
     if any(id.xy >= frame.region) {
@@ -307,7 +307,10 @@ fn resolve_projection(@builtin(global_invocation_id) id: vec3u) {
     let index = id.y * frame.region.x + id.x;
     let kept = pixels[index];
     var color = vec4f(0.0);
-    if kept.y > 0.0 {
+    if BRICK {
+        let depth = frame.model.x * kept.z + frame.model.y;
+        color = vec4f(kept.xy, select(depth, 0.0, MEAN), 1.0) * select(0.0, 1.0, kept.y > 0.0);
+    } else if kept.y > 0.0 {
         let depth = frame.model.x * kept.z + frame.model.y;
         color = projected(select(kept.x, kept.x / kept.y, MEAN), depth, shading.lookup);
     }

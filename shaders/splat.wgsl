@@ -2,7 +2,8 @@
 // the sheet planes of the batch. It adds (colour, 1) times density times section to each sheet of the batch. If splats
 // are scalars, it adds the scalar times the mean of the kernel over the sheet instead, four sheets to a target. If they
 // are lit, it adds (gradient, scalar) times that mean, a sheet to a target.
-// uses: common/absorbed, common/bounds, common/clip_view, common/frame, common/lit_splat, common/splat
+// uses: common/absorbed, common/bounds, common/clip_view, common/frame, common/lit_splat
+// uses: common/owned_view, common/splat
 
 // Texels of a row of the footprint table, four coefficients each: 1 to 4.
 override TEXELS: u32 = 2u;
@@ -12,6 +13,8 @@ override ROWS: u32 = 256u;
 override AXIS: bool = false;
 // Sheets add up opacity, not optical depth.
 override ADDITIVE: bool = false;
+// Kernels end where a brick ends: the one sheet of an X-ray has no owner.
+override CUT_OWNED: bool = false;
 
 struct Batch {
     // View depth of the first sheet plane of the batch. If sheets are voxel planes, of the first sheet plane of the
@@ -171,8 +174,20 @@ fn chord(in: Varyings) -> Chord {
     let half = sqrt(max(half2, 0.0));
     c.low = -half;
     c.high = half;
-    if CLIP_PLANES > 0u && !SCALARS {
-        let inside = (clipped(vec2f(-BEYOND, BEYOND), plane) - in.center.z) * grid_per_depth + along;
+    if (CLIP_PLANES > 0u || CUT_OWNED) && !SCALARS {
+        var part = clipped(vec2f(-BEYOND, BEYOND), plane);
+        if CUT_OWNED {
+            var direction = frame.grid_forward;
+            var at = plane;
+            if PERSPECTIVE {
+                direction += frame.grid_right * plane.x + frame.grid_up * plane.y;
+                at = plane * frame.eye_depth;
+            }
+            let start = frame.grid_right * (at.x - frame.offset_x) + frame.grid_up * (at.y - frame.offset_y);
+            let owned = owned_on(start, direction);
+            part = vec2f(max(part.x, owned.x), min(part.y, owned.y));
+        }
+        let inside = (part - in.center.z) * grid_per_depth + along;
         c.low = clamp(inside.x, -half, half);
         c.high = clamp(inside.y, c.low, half);
     }

@@ -20,13 +20,13 @@
 //! # }
 //! ```
 //!
-//! [`appearance`] makes default choices. Names that most programs use are at the root, others in modules:
-//! [`volume`] (samples on a lattice), [`formats`] (readers), [`demos`] (built-in volumes), [`transfer`] (functions,
-//! presets, JSON), [`kernel`], [`camera`], [`clip`] (planes, boxes), [`lighting`], [`settings`], [`renderer`] (the
-//! GPU), [`mod@reference`] (the same model integrated in f64, to measure against), [`accuracy`] (pictures that keep an
-//! error), [`reconstruction`] (filters of samples), [`image`] (pictures, their files and their differences),
-//! [`figure`] (scale bar, axes, colour bar and title on a picture), `film` (GIF, APNG and Y4M), [`stats`],
-//! [`progress`], [`adapter`] and [`error`].
+//! [`appearance`] makes default choices. Names that most programs use are at the root, others in modules: [`volume`]
+//! (samples on a lattice), [`formats`] (readers), [`demos`] (built-in volumes), [`transfer`] (functions, presets,
+//! JSON), [`kernel`], [`camera`], [`clip`] (planes, boxes), [`lighting`], [`settings`], [`renderer`] (the GPU),
+//! [`mod@reference`] (the same model integrated in f64, to measure against), [`accuracy`] (pictures that keep an
+//! error), [`bricks`] (pictures made by many machines), [`reconstruction`] (filters of samples), [`image`] (pictures,
+//! their files and their differences), [`figure`] (scale bar, axes, colour bar and title on a picture), `film` (GIF,
+//! APNG and Y4M), [`stats`], [`progress`], [`adapter`] and [`error`].
 //!
 //! The features, on by default: `film` writes films; `dicom`, `jpeg2000` (in DICOM), `tiff`, `vtk` and `zarr` are
 //! readers. `hdf5`, which reads HDF5 and NetCDF, is not on by default. The program `voxsplat` is a package of its own,
@@ -34,6 +34,7 @@
 
 pub mod accuracy;
 pub mod appearance;
+pub mod bricks;
 pub mod camera;
 pub mod error;
 mod gpu;

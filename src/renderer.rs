@@ -3,9 +3,7 @@
 use std::sync::Arc;
 
 use crate::camera::Camera;
-#[cfg(doc)]
-use crate::error::Error;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::gpu::cache::Cache;
 use crate::gpu::context::{self, Context, PIXEL_BYTES};
 use crate::gpu::light_volume::PostShading;
@@ -23,7 +21,7 @@ use crate::prepare::lattice::Lattice;
 use crate::prepare::levels::ScalarNeed;
 pub use crate::prepare::scene::Scene;
 use crate::progress::Progress;
-use crate::settings::{Level, Settings, Shading};
+use crate::settings::{Level, Model, Settings, Shading};
 use crate::stats::adapter::AdapterInfo;
 use crate::stats::{StageTime, Stats};
 use crate::transfer::TransferFunction;
@@ -183,11 +181,47 @@ impl Renderer {
     ) -> Result<Rendered> {
         camera.validate()?;
         region.check_within(camera.size)?;
+        check_whole(scene)?;
         let mut image = Image::transparent(region.width, region.height)?;
         let stats = self.paint(scene, camera, settings, region, &mut |recorder, painted, part, pixels| {
             put(&mut image, [region, painted, part], recorder, pixels)
         })?;
         Ok(Rendered { image, stats })
+    }
+
+    /// Renders the partial picture of a brick by one family of rays: the region of the picture that the brick reaches,
+    /// and the values of its pixels as painters leave them; `None` if it reaches no pixel. The scalars of projections
+    /// are in units of values.
+    pub(crate) fn render_partial(
+        &self,
+        scene: &Scene,
+        camera: &Camera,
+        settings: &Settings,
+    ) -> Result<(Option<(Region, Image)>, Stats)> {
+        camera.validate()?;
+        let [width, height] = camera.size;
+        let whole = Region { x: 0, y: 0, width, height };
+        let mut parts: Vec<(Region, Image)> = Vec::new();
+        let stats = self.paint(scene, camera, settings, whole, &mut |recorder, painted, part, pixels| {
+            let mut image = Image::transparent(part.width, part.height)?;
+            put(&mut image, [part, painted, part], recorder, pixels)?;
+            parts.push((part, image));
+            Ok(())
+        })?;
+        let Some(region) = parts.iter().map(|(part, _)| *part).reduce(Region::around) else { return Ok((None, stats)) };
+        let mut values = Image::transparent(region.width, region.height)?;
+        parts.iter().for_each(|(part, image)| values.put(image, [part.x - region.x, part.y - region.y]));
+        if settings.model != Model::Composite && settings.is_post_shaded() {
+            let unit = 1.0 / scene.scalars_per_value();
+            values.pixels_mut().iter_mut().for_each(|[scalar, ..]| *scalar = (f64::from(*scalar) * unit) as f32);
+        }
+        Ok((Some((region, values)), stats))
+    }
+
+    /// The view of the voxels of a scene.
+    fn view(&self, scene: &Scene, camera: &Camera, settings: &Settings) -> ViewGeometry {
+        let settings = Settings { kernel: settings.reconstruction_kernel(), ..settings.clone() };
+        ViewGeometry::new(camera, scene.grid(), &settings, self.context.savings).of_held(scene.held())
     }
 
     /// Renders a picture into a texture of this renderer's device. Pixels that the volume does not reach become
@@ -207,6 +241,7 @@ impl Renderer {
         texture: &wgpu::Texture,
     ) -> Result<Stats> {
         let context = &self.context;
+        check_whole(scene)?;
         present::check_target(texture, camera.size)?;
         let (view, pipeline) = context.guarded("opening the target", || {
             let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
@@ -245,7 +280,7 @@ impl Renderer {
         let settings = &Settings { kernel: settings.reconstruction_kernel(), ..scene.drawn_with(settings) };
         let before = context.traffic();
         camera.check_scale(scene.grid())?;
-        let voxels = ViewGeometry::new(camera, scene.grid(), settings, context.savings);
+        let voxels = self.view(scene, camera, settings);
         let mut choice = Choice::new(context, settings);
         let mut seconds = scene.take_seconds();
         let mut layers;
@@ -368,6 +403,14 @@ impl Renderer {
         let bindable = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size) / PIXEL_BYTES;
         let pixels = bindable.min(MAX_SHEET_BYTES / u64::from(sheet_bytes.max(1))).min(most);
         limits.max_texture_dimension_2d.min(pixels.isqrt() as u32).max(1)
+    }
+}
+
+/// Refuses the scene of a brick.
+fn check_whole(scene: &Scene) -> Result<()> {
+    match scene.held() {
+        Some(_) => Err(Error::setting("scene", "a brick has a partial picture, and no picture of its own")),
+        None => Ok(()),
     }
 }
 

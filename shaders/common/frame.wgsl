@@ -68,6 +68,9 @@ struct Frame {
     // What the model takes. X-ray: `curve` of common/response.wgsl. Coded or attenuated by depth: the share of
     // view depth z in the depth of the box is model.x z + model.y, and model.z is the attenuation.
     model: vec4f,
+    // The part of the lattice that a brick owns, from its middle, in voxels. See common/owned.wgsl.
+    owned_low: vec3f,
+    owned_high: vec3f,
     // The inner side of a clipping plane are the view coordinates (x, y, z) with dot(xyz, (x, y, z)) + w >= 0, in
     // voxels. See common/clip.wgsl.
     clip_planes: array<vec4f, MAX_CLIP_PLANES>,

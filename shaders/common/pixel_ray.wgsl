@@ -1,5 +1,5 @@
 // The ray of a pixel of the painter `quads`, and its unclipped part inside the box of the volume.
-// uses: common/clip_view
+// uses: common/clip_view, common/owned_view
 
 override PERSPECTIVE: bool = false;
 
@@ -8,6 +8,8 @@ struct PixelRay {
     slope: vec2f,
     // View depths between which the ray is in front of the eye, inside the box and unclipped; empty if x >= y.
     inside: vec2f,
+    // View depths between which a brick owns the ray.
+    owned: vec2f,
     // World length along the ray per unit of view depth.
     stretch: f32,
     // Lattice coordinates from the middle of the box at view depth 0, and their change per unit of view depth.
@@ -40,5 +42,9 @@ fn pixel_ray(pixel: vec2u) -> PixelRay {
     let near = min(a, b);
     let far = max(a, b);
     let inside = vec2f(max(max(near.x, near.y), max(near.z, nearest)), min(far.x, min(far.y, far.z)));
-    return PixelRay(slope, clipped(inside, plane), stretch, start, direction);
+    var owned = vec2f(-BEYOND, BEYOND);
+    if BRICK {
+        owned = owned_on(start, direction);
+    }
+    return PixelRay(slope, clipped(inside, plane), owned, stretch, start, direction);
 }

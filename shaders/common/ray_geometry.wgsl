@@ -35,6 +35,8 @@ struct RayGeometry {
     inside: vec2f,
     // The planes between which the ray is unclipped.
     cut: vec2f,
+    // The planes between which a brick owns the ray: borders of slabs.
+    owned: vec2f,
     // Unit vector to the eye, view coordinates.
     to_eye: vec3f,
 }
@@ -50,10 +52,12 @@ struct RayState {
     // Sums of the last two complete slabs: `slab` is composited when the next slab is complete.
     before: vec4f,
     slab: vec4f,
+    // Of a brick: the plane in the middle of the slab that waits.
+    place: f32,
 }
 
 fn new_ray() -> RayState {
-    return RayState(vec3f(0.0), 0.0, 1.0, vec4f(0.0), vec4f(0.0));
+    return RayState(vec3f(0.0), 0.0, 1.0, vec4f(0.0), vec4f(0.0), -FAR);
 }
 
 // Between two entries of the table of sections.
@@ -81,7 +85,7 @@ fn geometry_of(point: vec2u) -> RayGeometry {
     var geometry = RayGeometry(line.base, line.shear, rays.direction, rays.stretch, rays.footprint_half, rays.row_half,
         rays.row_slope, GrowingSection(rays.sections[0], Section(), Section()),
         GrowingSection(rays.sections[FAR_SECTIONS], Section(), Section()), vec2f(1.0, 0.0), vec2f(-FAR, FAR),
-        vec2f(-FAR, FAR), vec3f(0.0, 0.0, -1.0));
+        vec2f(-FAR, FAR), vec2f(-FAR, FAR), vec3f(0.0, 0.0, -1.0));
     if PERSPECTIVE {
         let per_length = inverseSqrt(dot(line.heading, line.heading));
         let d = line.heading * per_length;
@@ -131,6 +135,12 @@ fn geometry_of(point: vec2u) -> RayGeometry {
         geometry.cut = cut_of(line.base, line.shear);
         geometry.inside = vec2f(max(geometry.inside.x, geometry.cut.x), min(geometry.inside.y, geometry.cut.y));
     }
+    if BRICK {
+        // The middles of slabs of colours are planes, and slabs of scalars are half a plane thick.
+        let owned = owned_of(point);
+        let borders = select(ceil(owned) - 0.5, 0.5 * ceil(2.0 * owned - 0.5), SCALARS);
+        geometry.owned = borders - rays.first_plane;
+    }
     if LAYERED {
         // Growth increases along a ray: it follows depth.
         let per_plane = max(geometry.growth.y, 1e-20);
@@ -155,11 +165,20 @@ fn run_at(tile: vec3u, slot: u32, depth: f32) -> vec2i {
     return select(run, vec2i(0), depth > rays.opaque_depth);
 }
 
-// Adds a share of the colour of a pixel, which starts at 0.
+// Whether a brick owns the slab in the middle of which this plane is.
+fn is_owned(geometry: RayGeometry, plane: f32) -> bool {
+    return plane > geometry.owned.x && plane < geometry.owned.y;
+}
+
+// Adds a share of the colour of a pixel, or of a brick's partial picture, which starts at 0.
 fn add_to_pixel(at: vec2u, value: vec4f) {
     if all(at < rays.picture) {
         let index = at.y * rays.picture.x + at.x;
-        pixels[index] = with_share(pixels[index], value);
+        if BRICK {
+            pixels[index] += value;
+        } else {
+            pixels[index] = with_share(pixels[index], value);
+        }
     }
 }
 
@@ -181,13 +200,16 @@ fn section_at(sections: GrowingSection, geometry: RayGeometry, plane: i32) -> Se
 // The planes of a run that can matter to a ray: the first, and the plane after the last.
 fn planes_of(run: vec2i, geometry: RayGeometry) -> vec2i {
     let last = min(run.y, rays.voxels.z);
-    if PERSPECTIVE || SCALARS || CLIP_PLANES > 0u {
+    if PERSPECTIVE || SCALARS || CLIP_PLANES > 0u || BRICK {
         // Planes beyond the counting part: the planes that kernels reach over, one because the next slab shapes the
         // curve in the last slab, and one because the conversion to i32 truncates. One more because the second plane
         // is the plane after the last.
         let beyond = REACH + 2;
-        let near = i32(max(geometry.inside.x, -FAR)) - beyond;
-        return vec2i(max(run.x, near), min(last, i32(min(geometry.inside.y, FAR)) + beyond + 1));
+        // The slab before the first that a brick owns shapes it, and the lack of slabs before moves on to it.
+        let first = max(geometry.inside.x, geometry.owned.x - 4.0);
+        let end = min(geometry.inside.y, geometry.owned.y + 1.0);
+        let near = i32(max(first, -FAR)) - beyond;
+        return vec2i(max(run.x, near), min(last, i32(min(end, FAR)) + beyond + 1));
     }
     return vec2i(run.x, last);
 }

@@ -12,7 +12,7 @@
 // Rays go through the points of the intermediate image (Lacroute and Levoy 1994, "Fast volume rendering using a
 // shear-warp factorization of the viewing transformation"). Its points are the pixels of the picture, or `resample`
 // turns it into the picture.
-// uses: common/clip
+// uses: common/clip, common/owned
 
 override PERSPECTIVE: bool = false;
 // Rays go through the lattices of several levels, coarser ones farther away; the volume is one of these lattices.
@@ -140,6 +140,15 @@ struct Rays {
     // Parameters of the model. X-ray: `curve` of common/response.wgsl. Coded or attenuated by depth: the share of a
     // place (a, b, plane) in the depth of the box is dot(model.xyz, place) + model.w.
     model: vec4f,
+    // The part of the lattice that a brick owns, in (a, b, plane) of the whole lattice, and where plane 0 is.
+    owned_low: vec3f,
+    first_plane: f32,
+    owned_high: vec3f,
+    // `middle`, `origin`, `step_x` and `step_y` of the same rays through the whole lattice.
+    owned_middle: vec3f,
+    owned_origin: vec2f,
+    owned_step_x: vec2f,
+    owned_step_y: vec2f,
     // Parallel rays use the first section. Other rays interpolate, with s in units of the length of their shear.
     sections: array<Section, 2u * FAR_SECTIONS>,
     // The inner side of a clipping plane are the places (a, b, plane) with dot(xyz, (a, b, plane)) + w >= 0. See
@@ -189,6 +198,24 @@ fn line_of(point: vec2u) -> Line {
         return Line(rays.middle.xy + place / heading.z - shear * rays.middle.z, shear, heading);
     }
     return Line(place, rays.shear, rays.direction);
+}
+
+// The planes of the whole lattice, as real numbers, between which a brick owns a ray.
+fn owned_of(point: vec2u) -> vec2f {
+    let x = f32(point.x);
+    let y = f32(point.y);
+    var base = rays.owned_origin + x * rays.owned_step_x + y * rays.owned_step_y;
+    var shear = rays.shear;
+    if PERSPECTIVE {
+        let heading = rays.heading + x * rays.heading_x + y * rays.heading_y;
+        shear = heading.xy / heading.z;
+        base = rays.owned_middle.xy + base / heading.z - shear * rays.owned_middle.z;
+    }
+    let low = rays.owned_low;
+    let high = rays.owned_high;
+    let along_a = owned_along(vec2f(low.z, high.z), base.x, shear.x, low.x, high.x);
+    let owned = owned_along(along_a, base.y, shear.y, low.y, high.y);
+    return clamp(owned, vec2f(-FAR), vec2f(FAR));
 }
 
 // The planes, as real numbers, between which a ray is unclipped; none if x >= y.

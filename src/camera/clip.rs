@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use glam::DVec3;
 use serde::ser::SerializeStruct;
-use serde::{Serialize, Serializer};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use crate::error::{Error, Result};
 use crate::volume::Grid;
@@ -68,12 +68,26 @@ impl Serialize for Plane {
     }
 }
 
+/// The plane as written, to the bit: a unit normal is not normalised again.
+impl<'de> Deserialize<'de> for Plane {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        #[derive(Deserialize)]
+        struct Written {
+            normal: DVec3,
+            offset: f64,
+        }
+        let Written { normal, offset } = Written::deserialize(deserializer)?;
+        let plane = Self::new(normal, offset).map_err(serde::de::Error::custom)?;
+        Ok(if (normal.length() - 1.0).abs() < 1e-12 { Self { normal, offset } } else { plane })
+    }
+}
+
 /// The part of the world that shows: the inner side of all of its planes. By default, all of the world.
 ///
 /// Extinction and emission are 0 outside. Every ray has one interval inside and is integrated there alone: the cut is
 /// exact for every kernel. Pictures of parts that share only their faces add up, composited front to back, to the
 /// picture of the whole. Clipped matter casts no shadow.
-#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Clip {
     planes: Vec<Plane>,

@@ -77,7 +77,7 @@ impl Default for View {
 
 /// The rays of a camera. Pixel (x, y) of a picture of w x h pixels, y down, has image coordinates
 /// sx = (2 (x + 1/2) / w - 1) w/h and sy = 1 - 2 (y + 1/2) / h.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub enum Projection {
     /// The ray starts at target + half_height (sx right + sy up) and runs along forward.
     Orthographic {
@@ -103,7 +103,7 @@ impl Projection {
 }
 
 /// A camera: an orthonormal frame at a target, and a projection. World coordinates, f64.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Camera {
     /// The world point in the middle of the picture.
     pub target: DVec3,

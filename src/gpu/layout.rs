@@ -147,6 +147,10 @@ shared! {
         tile_size: u32,
         _pad: [u32; 2],
         model: [f32; 4],
+        owned_low: [f32; 3],
+        _pad_low: u32,
+        owned_high: [f32; 3],
+        _pad_high: u32,
         clip_planes: ClipPlanes,
     }
 
@@ -163,12 +167,12 @@ shared! {
         first_sheet: u32,
     }
 
-    /// A rectangle of pixels in the buffers of a region, from its first pixel to the one after its last; empty by
-    /// default; `Area` in shaders/composite.wgsl.
-    #[derive(Eq)]
-    struct Area {
+    /// The pixels that a batch reaches, and its first sheet; `Reached` in shaders/composite.wgsl.
+    struct Reached {
         low: [u32; 2],
         high: [u32; 2],
+        depth: f32,
+        _pad: u32,
     }
 
     /// Material and lights in view coordinates; shaders/common/lighting.wgsl.
@@ -276,6 +280,16 @@ shared! {
         to_light: Affine,
         to_lattice: Affine,
         model: [f32; 4],
+        owned_low: [f32; 3],
+        first_plane: f32,
+        owned_high: [f32; 3],
+        _pad_high: u32,
+        owned_middle: [f32; 3],
+        _pad_middle: u32,
+        owned_origin: [f32; 2],
+        owned_step_x: [f32; 2],
+        owned_step_y: [f32; 2],
+        _pad: [u32; 2],
         /// Those of near slabs, then those of far ones.
         sections: [[[Section; SECTIONS]; SECTION_POWERS]; 2],
         clip_planes: ClipPlanes,
@@ -304,6 +318,13 @@ shared! {
         view_z: [f32; 3],
         _pad_z: u32,
     }
+}
+
+/// A rectangle of pixels in the buffers of a region, from its first pixel to the one after its last; empty by default.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Area {
+    pub(crate) low: [u32; 2],
+    pub(crate) high: [u32; 2],
 }
 
 impl Default for Area {

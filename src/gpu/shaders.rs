@@ -66,10 +66,11 @@ macro_rules! files {
 static FILES: &[(&str, &str)] = &files! {
     "classify", "common/absorbed", "common/bounds", "common/clip", "common/clip_view", "common/dispatch",
     "common/frame", "common/light_volume", "common/lighting", "common/lit_splat", "common/march_parabola",
-    "common/march_planes", "common/normal", "common/packing", "common/pixel_ray", "common/plane", "common/ray_geometry",
-    "common/rays", "common/resolution", "common/response", "common/splat", "common/transfer", "composite", "estimate",
-    "gather", "gather_scalars", "pack", "prefilter", "present", "resample", "resolve", "scan", "shade", "skip", "sort",
-    "splat", "terminate", "voxels/scalar_pairs", "voxels/scalars", "voxels/scalars_software", "voxels/vectors",
+    "common/march_planes", "common/normal", "common/owned", "common/owned_view", "common/packing", "common/pixel_ray",
+    "common/plane", "common/ray_geometry", "common/rays", "common/resolution", "common/response", "common/splat",
+    "common/transfer", "composite", "estimate", "gather", "gather_scalars", "pack", "prefilter", "present", "resample",
+    "resolve", "scan", "shade", "skip", "sort", "splat", "terminate", "voxels/scalar_pairs", "voxels/scalars",
+    "voxels/scalars_software", "voxels/vectors",
 };
 
 macro_rules! shaders {

@@ -1,7 +1,7 @@
 //! Shaders checked without a device: every one parses and validates, and its structs are those of `layout.rs`.
 
 use super::layout::{
-    Area, Batch, Classify, ControlPoint, Frame, Lighting, Pack, Present, Rays, Shade, Sort, Terminate,
+    Batch, Classify, ControlPoint, Frame, Lighting, Pack, Present, Rays, Reached, Shade, Sort, Terminate,
 };
 use super::shaders::{ALL, Shader};
 
@@ -55,7 +55,7 @@ fn structs_are_laid_out_alike() {
             assert_eq!(size_of::<$name>(), size, "size of {}", stringify!($name));
         )*};
     }
-    compare!(Classify, ControlPoint, Sort, Batch, Shade, Area, Present, Terminate, Pack, Rays, Lighting, Frame);
+    compare!(Classify, ControlPoint, Sort, Batch, Shade, Reached, Present, Terminate, Pack, Rays, Lighting, Frame);
 }
 
 #[test]

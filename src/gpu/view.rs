@@ -42,6 +42,41 @@ impl Fade {
     pub(crate) const FARTHEST: [f64; 2] = [1e8, 2e8];
 }
 
+/// The voxels of a lattice that a scene holds, and the part of the lattice that its partial pictures show.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Held {
+    /// The first voxel that the scene holds.
+    pub(crate) first: [u32; 3],
+    /// The number of voxels that it holds along each axis.
+    pub(crate) dims: [u32; 3],
+    /// The least and the largest place that the part owns, in numbers of voxels; [`Self::OPEN`] beyond a face of the
+    /// lattice.
+    pub(crate) owned: [DVec3; 2],
+    /// The family of rays to draw: see `Room::families` of the painters.
+    pub(crate) family: usize,
+    /// How far beyond these places sheets and slabs of the part may reach.
+    pub(crate) beyond: f64,
+}
+
+impl Held {
+    /// A place beyond every voxel, whose quotients stay in the range of f32.
+    pub(crate) const OPEN: f64 = 1e9;
+
+    /// The same part of a lattice of cells, each of 2^`level` voxels along an edge. The first voxel and the cuts lie
+    /// between cells. `dims` are the cells that the scene holds, `faces` those before the first voxel.
+    pub(crate) fn of_cells(self, level: u32, dims: [u32; 3], faces: f64) -> Self {
+        let size = f64::from(level).exp2();
+        let cell = |place: f64| if place.abs() < Self::OPEN { (place + 0.5) / size - 0.5 + faces } else { place };
+        Self {
+            first: self.first.map(|voxel| voxel >> level),
+            dims,
+            owned: self.owned.map(|places| DVec3::from_array(places.to_array().map(cell))),
+            beyond: self.beyond / size,
+            ..self
+        }
+    }
+}
+
 /// A camera on a lattice, in local coordinates: see [`Grid::local`]. World means local here.
 #[derive(Debug, Clone)]
 pub(crate) struct ViewGeometry {
@@ -72,6 +107,8 @@ pub(crate) struct ViewGeometry {
     /// The sides of unclipped matter, in the lattice.
     pub(crate) clip: Vec<Side>,
     pub(crate) post_shaded: bool,
+    /// The voxels of the lattice that the scene holds; `None`: all of them.
+    pub(crate) held: Option<Held>,
     /// The optical depth from which on a pixel counts as opaque; infinite without termination.
     pub(crate) opaque_depth: f64,
     pub(crate) savings: Savings,
@@ -126,6 +163,7 @@ impl ViewGeometry {
             faces: half(grid) + beyond,
             clip,
             post_shaded: settings.is_post_shaded(),
+            held: None,
             opaque_depth: if settings.model == Model::Composite && settings.termination > 0.0 {
                 -settings.termination.ln()
             } else {
@@ -133,6 +171,27 @@ impl ViewGeometry {
             },
             savings,
         }
+    }
+
+    /// The same view of a scene that holds a brick.
+    pub(crate) fn of_held(self, held: Option<Held>) -> Self {
+        Self { held, ..self }
+    }
+
+    /// The number of voxels that the scene holds along each axis.
+    pub(crate) fn held_dims(&self) -> [u32; 3] {
+        self.held.map_or(self.grid.dims(), |held| held.dims)
+    }
+
+    /// The first voxel of the lattice that the scene holds.
+    pub(crate) fn first(&self) -> DVec3 {
+        self.held.map_or(DVec3::ZERO, |held| DVec3::from_array(held.first.map(f64::from)))
+    }
+
+    /// A box of held lattice points from the middle of the lattice, given `padding` copies beyond the faces.
+    fn box_around_middle(&self, bounds: [[u32; 3]; 2], padding: u32) -> [DVec3; 2] {
+        let origin = half(&self.grid) - self.first() + f64::from(padding);
+        bounds.map(|p| DVec3::from_array(p.map(f64::from)) - origin)
     }
 
     /// The smallest growth of a kernel in the volume.
@@ -159,7 +218,7 @@ impl ViewGeometry {
     /// copies beyond its faces. True if the lattice is no layer.
     pub(crate) fn layer_holds(&self, bounds: [[u32; 3]; 2], padding: u32) -> bool {
         let Some(fade) = self.fade else { return true };
-        let [low, high] = bounds.map(|p| DVec3::from_array(p.map(f64::from)) - f64::from(padding) - half(&self.grid));
+        let [low, high] = self.box_around_middle(bounds, padding);
         // Rays meet the plane of a voxel within twice the radius of its kernel.
         let slope = self.growth.slope * self.gradients[2];
         let reach = slope.abs().dot((high - low) / 2.0) + slope.length() * 2.0 * self.max_radius();
@@ -170,7 +229,7 @@ impl ViewGeometry {
     /// Whether voxels of a box may take part in unclipped matter. The lattice of the box has `padding` copies beyond
     /// its faces: scalars matter so far beyond kernels.
     pub(crate) fn may_show(&self, bounds: [[u32; 3]; 2], padding: u32) -> bool {
-        let [low, high] = bounds.map(|p| DVec3::from_array(p.map(f64::from)) - f64::from(padding) - half(&self.grid));
+        let [low, high] = self.box_around_middle(bounds, padding);
         let (middle, size) = ((low + high - 1.0) / 2.0, (high - low - 1.0) / 2.0);
         let reach = self.max_radius() + f64::from(padding);
         self.clip.iter().all(|(gradient, value)| gradient.dot(middle) + value + gradient.abs().dot(size) + reach >= 0.0)
@@ -225,6 +284,17 @@ impl ViewGeometry {
         faces.chain(self.clip.iter().copied())
     }
 
+    /// The sides of the part that the scene owns, with the sheets and slabs that reach beyond it.
+    fn owned(&self) -> impl Iterator<Item = Side> {
+        self.held.into_iter().flat_map(|Held { owned: [low, high], beyond, .. }| {
+            let middle = half(&self.grid);
+            (0..3).flat_map(move |a| {
+                let axis = DVec3::AXES[a];
+                [(axis, middle[a] - low[a] + beyond), (-axis, high[a] - middle[a] + beyond)]
+            })
+        })
+    }
+
     /// The smallest rectangle of pixels that holds the projection of all unclipped kernels; `None` if there are none.
     pub(crate) fn projected_bounds(&self) -> Option<Region> {
         let camera = &self.camera;
@@ -232,7 +302,7 @@ impl ViewGeometry {
         let whole = Region { x: 0, y: 0, width: w, height: h };
         let (scale, origin) = camera.pixels();
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-        for corner in corners(&self.shown().collect::<Vec<Side>>()) {
+        for corner in corners(&self.shown().chain(self.owned()).collect::<Vec<Side>>()) {
             let d = self.grid.to_world().matrix3 * corner - camera.target;
             let mut plane = [d.dot(camera.right), d.dot(camera.up)];
             if let Some(distance) = camera.projection.eye_distance() {
@@ -263,7 +333,12 @@ impl ViewGeometry {
         DAffine3::from_mat3_translation(to_view, -(to_view * half(&self.grid)))
     }
 
-    /// The directions from lattice points to the eye.
+    /// The map from held lattice points to view coordinates from the middle of the lattice.
+    fn map_of_held(&self) -> DAffine3 {
+        self.map_of_lattice() * DAffine3::from_translation(self.first())
+    }
+
+    /// The directions from held lattice points to the eye.
     pub(crate) fn to_eye(&self) -> ToEye {
         let camera = &self.camera;
         let eye = camera.eye().unwrap_or(camera.target);
@@ -271,12 +346,12 @@ impl ViewGeometry {
         let axes = [camera.right, camera.up, camera.forward];
         ToEye {
             perspective: self.is_perspective(),
-            eye: self.grid.to_lattice().transform_point3(eye).as_vec3().to_array(),
+            eye: (self.grid.to_lattice().transform_point3(eye) - self.first()).as_vec3().to_array(),
             view: [0, 1, 2].map(|i| axes.map(|axis| axis.dot(to_world.col(i)) as f32)),
         }
     }
 
-    /// Material and lights in view coordinates; all zero without light. Places are lattice points.
+    /// Material and lights in view coordinates; all zero without light. Places are held lattice points.
     pub(crate) fn lighting(&self, lighting: Option<&Lighting>) -> layout::Lighting {
         let Some(lighting) = lighting else { return layout::Lighting::default() };
         let camera = &self.camera;
@@ -311,7 +386,7 @@ impl ViewGeometry {
             specular: lighting.specular as f32,
             lights,
             colors,
-            from_lattice: layout::affine(&self.map_of_lattice()),
+            from_lattice: layout::affine(&self.map_of_held()),
             shininess: lighting.shininess as f32,
             // Painters that light reconstructed gradients fill it in.
             faintest: 0.0,

@@ -226,7 +226,7 @@ fn sort_attributes(bytes: &mut [u8]) {
 
 /// Refuses an EXR whose header claims more than the largest picture: the decoder allocates the memory that the header
 /// claims, for every layer, before it reads pixels.
-fn check_exr(path: &Path, bytes: &[u8]) -> Result<()> {
+pub(crate) fn check_exr(path: &Path, bytes: &[u8]) -> Result<()> {
     let meta = exr::meta::MetaData::read_from_buffered(bytes, false)
         .map_err(|e| Error::format(path, format!("the picture cannot be decoded: {e}")))?;
     let most = Camera::MAX_SIZE as usize;

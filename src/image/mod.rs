@@ -13,6 +13,7 @@ pub use background::Background;
 pub use compare::{Comparison, compare, difference_picture};
 pub(crate) use compare::{covered_differences, percentile};
 pub use file::Note;
+pub(crate) use file::check_exr;
 #[cfg(feature = "film")]
 pub(crate) use file::png_encoder;
 pub use region::Region;
@@ -84,6 +85,14 @@ impl Image {
             [r, g, b, if background == Background::Transparent { byte(alpha) } else { 255 }]
         };
         self.pixels.iter().flat_map(bytes).collect()
+    }
+
+    /// Copies a picture into this one, with its top left pixel at a column and row.
+    pub(crate) fn put(&mut self, image: &Self, [x, y]: [u32; 2]) {
+        let columns = x as usize..(x + image.width) as usize;
+        let rows = self.pixels.chunks_exact_mut(self.width as usize).skip(y as usize);
+        rows.zip(image.pixels.chunks_exact(image.width as usize))
+            .for_each(|(to, from)| to[columns.clone()].copy_from_slice(from));
     }
 
     /// Returns the width in pixels.

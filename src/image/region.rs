@@ -44,6 +44,14 @@ impl Region {
         (width > 0 && height > 0).then_some(Self { x, y, width: width as u32, height: height as u32 })
     }
 
+    /// The smallest region around both.
+    pub(crate) fn around(self, other: Self) -> Self {
+        let (x, y) = (self.x.min(other.x), self.y.min(other.y));
+        let right = (self.x + self.width).max(other.x + other.width);
+        let bottom = (self.y + self.height).max(other.y + other.height);
+        Self { x, y, width: right - x, height: bottom - y }
+    }
+
     /// Splits the region into rectangles of at most `side` pixels a side, row by row.
     pub(crate) fn parts(self, side: u32) -> Vec<Self> {
         let steps = |start: u32, length: u32| {

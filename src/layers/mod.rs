@@ -13,6 +13,7 @@ mod recognise;
 mod shown;
 mod table;
 
+use std::ops::Range;
 use std::sync::Arc;
 
 pub use self::labels::{LabelChange, LabelCount, LabelSelection, Labels, count_labels};
@@ -169,16 +170,32 @@ impl Layer {
     /// [`Error::Setting`] if a volume has another lattice, and the errors of `other`.
     pub fn with_samples(&self, mut other: impl FnMut(&Volume) -> Result<Volume>) -> Result<Self> {
         let mut layer = self.clone();
-        let volumes = match &mut layer.matter {
-            Matter::Scalars { volume, .. } | Matter::Labels { volume, .. } => vec![volume],
-            Matter::Colors(colors) => colors.channels.iter_mut().chain(&mut colors.alpha).collect(),
-        };
-        for volume in volumes {
+        for volume in layer.volumes() {
             let next = other(volume)?;
             check_lattice("volume", volume, &next)?;
             *volume = next;
         }
         Ok(layer)
+    }
+
+    /// The same layer with another volume in place of each, the mask too.
+    fn replaced(&self, other: &mut impl FnMut(&Volume) -> Result<Volume>) -> Result<Self> {
+        let mut layer = self.clone();
+        for volume in layer.volumes() {
+            *volume = other(volume)?;
+        }
+        if let Some(mask) = &mut layer.mask {
+            mask.volume = other(&mask.volume)?;
+        }
+        Ok(layer)
+    }
+
+    /// The volumes, without the mask.
+    fn volumes(&mut self) -> Vec<&mut Volume> {
+        match &mut self.matter {
+            Matter::Scalars { volume, .. } | Matter::Labels { volume, .. } => vec![volume],
+            Matter::Colors(colors) => colors.channels.iter_mut().chain(&mut colors.alpha).collect(),
+        }
     }
 
     fn grid(&self) -> &Grid {
@@ -243,6 +260,37 @@ impl Layers {
         check_lattice("labels", self.layers[0].volume(), layer.volume())?;
         self.layers.push(layer);
         Ok(self)
+    }
+
+    /// Returns the voxels of a box of every layer, given by their numbers along x, y and z: the slice of a brick
+    /// ([`bricks`](crate::bricks)). Labels keep their looks.
+    ///
+    /// # Errors
+    /// The errors of [`Volume::part`].
+    pub fn part(&self, ranges: &[Range<u32>; 3]) -> Result<Self> {
+        self.replaced(|volume| Ok(volume.part(ranges.clone())?))
+    }
+
+    /// The bytes of the samples of a voxel.
+    pub(crate) fn sample_bytes(&self) -> u64 {
+        let mut bytes = 0;
+        let add = |volume: &Volume| {
+            bytes += volume.sample_type().size() as u64;
+            Ok(volume.clone())
+        };
+        // No volume is refused.
+        drop(self.replaced(add));
+        bytes
+    }
+
+    /// The same layers on another grid of the same dimensions.
+    pub(crate) fn on_grid(&self, grid: &Grid) -> Result<Self> {
+        self.replaced(|volume| Ok(volume.clone().with_grid(*grid)?))
+    }
+
+    fn replaced(&self, mut other: impl FnMut(&Volume) -> Result<Volume>) -> Result<Self> {
+        let layers = self.layers.iter().map(|layer| layer.replaced(&mut other)).collect::<Result<_>>()?;
+        Ok(Self { layers })
     }
 
     /// Returns the lattice.

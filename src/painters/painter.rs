@@ -17,10 +17,19 @@ use crate::prepare::levels::ScalarNeed;
 use crate::settings::{Model, Settings};
 use crate::stats::PainterStats;
 
+/// The share of a family of rays in a pixel, given its column and row.
+pub(crate) type FamilyShare<'a> = Box<dyn Fn([u32; 2]) -> f64 + 'a>;
+
 /// The functions of a painter, in the order in which they are called.
 pub(crate) struct Room {
     /// Why the painter does not draw a picture, as a sentence; `None` if it does, unless `begin` refuses.
     pub(crate) refusal: fn(&ViewGeometry, &Settings) -> Option<String>,
+    /// How far the sheets or slabs of a brick may reach beyond its cuts, and how far voxels beyond its cuts take part
+    /// in its partial picture; both in voxels along each axis.
+    pub(crate) reach: fn(&ViewGeometry, &Settings) -> [f64; 2],
+    /// The families of rays of a picture. Partial pictures of each are merged on their own, because each has slabs of
+    /// its own; the shares of a pixel add up to 1.
+    pub(crate) families: for<'a> fn(&'a ViewGeometry) -> Vec<FamilyShare<'a>>,
     /// How far the scalars of a post-shaded scene must reach.
     pub(crate) need: fn(&ViewGeometry, &Settings, Weights) -> ScalarNeed,
     /// Whether the painter draws cells of several levels as layers of one picture, coarser ones farther from the eye.
@@ -72,6 +81,8 @@ impl Job<'_> {
         let shadows = post.map_or(settings.casting().is_some(), |post| post.shadows);
         vec![
             ("PERSPECTIVE", view.is_perspective().into()),
+            ("BRICK", view.held.is_some().into()),
+            ("CUT_OWNED", (view.held.is_some() && settings.model == Model::Xray).into()),
             ("CLIP_PLANES", view.clip.len() as u32),
             ("SCALARS", settings.is_post_shaded().into()),
             ("GRADIENTS", lit_scalars.into()),
@@ -112,7 +123,8 @@ pub(crate) trait Painting {
     /// Makes the pipelines of the picture, or finds those of an earlier picture.
     fn make_pipelines(&self) -> Result<()>;
 
-    /// Paints a region and returns its pixels: premultiplied RGBA, four f32 each, row by row. Only the pixels of `part`
+    /// Paints a region and returns its pixels: premultiplied RGBA, or the values of a partial picture if the
+    /// scene holds a brick; four f32 each, row by row. Only the pixels of `part`
     /// need be right; their bytes are those of the whole region's picture. The last commands may be recorded and not
     /// submitted.
     fn paint(&mut self, recorder: &mut Recorder<'_>, region: Region, part: Region) -> Result<wgpu::Buffer>;

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use glam::DAffine3;
 
 use super::cells::{self, VoxelLight};
-use super::drawable::{Held, PostShaded, PreShaded};
+use super::drawable::{Held as Kept, PostShaded, PreShaded};
 use super::lattice::Lattice;
 use super::levels::ScalarNeed;
 use super::light_volume::{self, Classification, light_volume};
@@ -21,7 +21,7 @@ use crate::gpu::light_volume::{LightVolume, PostShading};
 use crate::gpu::store::Drawable;
 use crate::gpu::timing::on_host;
 use crate::gpu::transfer::{Reduction, TransferTable, VisibleValues};
-use crate::gpu::view::{Fade, ViewGeometry, Weights};
+use crate::gpu::view::{Fade, Held, ViewGeometry, Weights};
 use crate::kernel::{Kernel, Normalization};
 use crate::layers::Layers;
 use crate::lighting::{Lighting, shadow};
@@ -34,6 +34,8 @@ use crate::volume::{Grid, Volume};
 pub struct Scene {
     content: Content,
     grid: Grid,
+    /// The voxels of the grid that the scene holds; `None`: all of them.
+    held: Option<Held>,
     weights: Weights,
     /// Seconds of preparation that no picture has reported yet, as the bits of an f64.
     seconds: AtomicU64,
@@ -49,6 +51,11 @@ enum Content {
     Scalars(Box<PostShaded>),
 }
 
+/// The cells of a level before the first voxel of a lattice.
+fn cells_beyond(grid: &Grid, cells: &Grid, level: u32) -> u32 {
+    (cells.dims()[0] - grid.dims()[0].div_ceil(1 << level)) / 2
+}
+
 fn shows(settings: &Settings) -> VisibleValues {
     match settings.model {
         // The volume of a minimum is mirrored.
@@ -61,7 +68,7 @@ fn shows(settings: &Settings) -> VisibleValues {
 impl Scene {
     fn new(context: &Context, content: Content, grid: Grid, weights: Weights, seconds: f64) -> Self {
         let seconds = AtomicU64::new(seconds.to_bits());
-        Self { content, grid, weights, seconds, device: context.id }
+        Self { content, grid, held: None, weights, seconds, device: context.id }
     }
 
     /// A scene of classified voxels. The first picture classifies them, because the picture decides between voxels and
@@ -106,14 +113,33 @@ impl Scene {
             model: settings.model,
             shows,
             kept: Cache::default(),
-            light: Held::default(),
-            emitted: Held::default(),
+            light: Kept::default(),
+            emitted: Kept::default(),
         };
         Ok(Self::new(context, Content::Scalars(Box::new(scalars)), grid, weights, seconds))
     }
 
     pub(crate) fn grid(&self) -> &Grid {
         &self.grid
+    }
+
+    /// The same scene as a brick of a larger lattice.
+    pub(crate) fn within(self, grid: Grid, held: Held) -> Self {
+        Self { grid, held: Some(held), ..self }
+    }
+
+    /// The same brick, drawn by another family of rays.
+    pub(crate) fn by_family(self, family: usize) -> Self {
+        Self { held: self.held.map(|held| Held { family, ..held }), ..self }
+    }
+
+    pub(crate) fn held(&self) -> Option<Held> {
+        self.held
+    }
+
+    /// The scalars of shaders for each unit of value; 1 for classified voxels.
+    pub(crate) fn scalars_per_value(&self) -> f64 {
+        if let Content::Scalars(scalars) = &self.content { scalars.reduction.factor() } else { 1.0 }
     }
 
     /// Classifies the voxels of a pre-shaded scene before the first picture.
@@ -197,7 +223,7 @@ impl Scene {
         };
         let shadows = self.shadows(&settings);
         if level == 0 {
-            let view = view_of(&self.grid, &settings, 1.0);
+            let view = view_of(&self.grid, &settings, 1.0).of_held(self.held);
             return Ok(Lattice { view, settings, weights, level, shadows, light: None, coarse: None });
         }
         let grid = cells::grid_of(&self.grid, level)?;
@@ -214,7 +240,11 @@ impl Scene {
         let grown = growth / f64::from(level).exp2();
         let of_cells = Settings { kernel, normalization: Normalization::Unit, lighting: None, ..settings };
         let settings = of_cells.with_sheets_of(grown);
-        let view = view_of(&grid, &settings, grown);
+        let faces = cells_beyond(&self.grid, &grid, level);
+        let held = self.held.map(|held| {
+            held.of_cells(level, held.dims.map(|count| count.div_ceil(1 << level) + 2 * faces), f64::from(faces))
+        });
+        let view = view_of(&grid, &settings, grown).of_held(held);
         let weights = Weights { unit, ..weights };
         Ok(Lattice { view, settings, weights, level, shadows, light, coarse: None })
     }

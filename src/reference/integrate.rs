@@ -56,9 +56,9 @@ impl RayIntegral {
         [r, g, b, self.alpha()]
     }
 
-    /// Makes light of a colour (not premultiplied) and an opacity.
-    pub(super) fn uniform(color: [f64; 3], alpha: f64) -> Self {
-        Self { color: color.map(|c| c * alpha), optical_depth: -(-alpha).ln_1p() }
+    /// The integral of a ray that leaves a premultiplied pixel.
+    pub(super) fn of_pixel([r, g, b, alpha]: [f64; 4]) -> Self {
+        Self { color: [r, g, b], optical_depth: -(-alpha).ln_1p() }
     }
 
     /// Integrates a step of the given length, given extinction and emission at the nodes.

@@ -406,15 +406,7 @@ impl Reference {
 
     /// Returns the pixel of a projection from a sum of splats, coded by its depth if there is one.
     fn projected(&self, transfer: &TransferFunction, sum: f64, depth: Option<f64>) -> RayIntegral {
-        let most = transfer.max_opacity();
-        let (mut color, opacity) = transfer.sample(transfer.base() + sum / self.divisor);
-        if let Some(depth) = depth {
-            let h = 4.5 * depth.clamp(0.0, 1.0);
-            let hue = [(h - 3.0).abs() - 1.0, 2.0 - (h - 2.0).abs(), 2.0 - (h - 4.0).abs()];
-            let bright = color.into_iter().fold(0.0, f64::max);
-            color = hue.map(|channel| bright * channel.clamp(0.0, 1.0));
-        }
-        RayIntegral::uniform(color, if most > 0.0 { opacity / most } else { 0.0 })
+        RayIntegral::of_pixel(transfer.projected(sum / self.divisor, depth))
     }
 
     /// Converts a ray to the lattice; `None` if it misses all splats, or the part of the lattice that is not cut away.

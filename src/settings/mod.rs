@@ -84,7 +84,7 @@ pub enum Interslice {
 }
 
 /// The painter that draws the splats, with its own knobs. To set a knob is to choose its painter.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 pub enum Painter {
     /// Tiles, unless it refuses the picture or the picture is an X-ray of few voxels on a software adapter; quads
     /// otherwise. On GPUs tiles has a ray for each pixel, which is expected to be fastest by operations and bytes; no
@@ -105,7 +105,7 @@ pub enum Painter {
 }
 
 /// Knobs of the painter quads.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct QuadsSettings {
     /// The sheets into which splats are gathered.
     pub sheets: Sheets,
@@ -144,7 +144,7 @@ impl Default for QuadsSettings {
 }
 
 /// Knobs of the painter tiles.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 pub struct TilesSettings {
     /// The density of rays.
     pub resolution: Resolution,
@@ -167,7 +167,7 @@ pub(crate) const MAX_LEVEL: u32 = 12;
 
 /// The level of the cells that replace voxels with grown kernels: 2^n voxels along each axis at level n. Cost then
 /// follows the picture instead of the volume (Laur and Hanrahan 1991, "Hierarchical splatting").
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, serde::Serialize, serde::Deserialize)]
 pub enum Level {
     /// The coarsest accurate cells: within 2 of 255 (rms over covered pixels) of voxels with grown kernels.
     ///
@@ -186,7 +186,7 @@ pub enum Level {
 }
 
 /// The settings of a picture.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Settings {
     /// The value of a pixel.
     pub model: Model,

@@ -10,7 +10,7 @@ use crate::transfer::color::from_linear;
 /// 1 leaves with the intensity exp(-depth).
 ///
 /// All responses but [`Self::Depth`] are white with an alpha that rises from 0 to 1 with the depth.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 pub enum Response {
     /// The absorbed share of the beam: alpha = 1 - exp(-depth).
     #[default]

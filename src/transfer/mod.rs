@@ -303,6 +303,22 @@ impl TransferFunction {
         self.points.iter().map(|p| p.opacity).fold(0.0, f64::max)
     }
 
+    /// The premultiplied pixel of the value that a projection keeps, relative to the base; its hue is `depth`, 0 to 1,
+    /// if there is one.
+    pub(crate) fn projected(&self, value: f64, depth: Option<f64>) -> [f64; 4] {
+        let most = self.max_opacity();
+        let (mut color, opacity) = self.sample(self.base() + value);
+        if let Some(depth) = depth {
+            let h = 4.5 * depth.clamp(0.0, 1.0);
+            let hue = [(h - 3.0).abs() - 1.0, 2.0 - (h - 2.0).abs(), 2.0 - (h - 4.0).abs()];
+            let bright = color.into_iter().fold(0.0, f64::max);
+            color = hue.map(|channel| bright * channel.clamp(0.0, 1.0));
+        }
+        let alpha = if most > 0.0 { opacity / most } else { 0.0 };
+        let [r, g, b] = color.map(|channel| channel * alpha);
+        [r, g, b, alpha]
+    }
+
     /// The largest value of each channel of the colours.
     pub(crate) fn brightest(&self) -> [f64; 3] {
         std::array::from_fn(|channel| self.points.iter().map(|p| p.color[channel]).fold(0.0, f64::max))

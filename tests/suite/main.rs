@@ -11,6 +11,7 @@
 
 #[path = "../../src/gpu/adapter_test.rs"]
 mod adapter;
+mod bricks;
 mod house;
 mod support;
 mod truth;

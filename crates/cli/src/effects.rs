@@ -66,6 +66,20 @@ const RULES: &[Rule] = &[
     refused("save-scene verify", |given| given.is_for("turntable"), " is for a picture, not for a turntable"),
     refused("save-transfer colour-bar", shows_labels, " is for transfer functions, not for labels"),
     refused("stats", |given| given.is_for("turntable") && given.is("output", "-"), ": standard output takes the film"),
+    // Bricks.
+    refused(
+        "region reference max-error verify stats save-scene save-transfer",
+        |given| given.is_for("plan"),
+        " is for a picture, not for a plan of bricks",
+    ),
+    refused(
+        "scale-bar axes colour-bar legend title caption units",
+        |given| given.is_for("plan"),
+        ": a picture in bricks has no figure",
+    ),
+    refused("background", |given| given.is_for("plan"), " is for merge, which writes the picture"),
+    refused("adapter", |given| given.is_for("plan"), " is for brick, which draws"),
+    refused(TILES, |given| given.is_for("plan"), ": bricks have a ray for each pixel"),
     // Figure.
     refused(
         "scale-bar axes colour-bar legend title caption",
@@ -206,7 +220,7 @@ mod tests {
         let program = args::built();
         let mut known: Vec<String> =
             Tuning::command().get_arguments().filter_map(|arg| Some(format!("tune:{}", arg.get_long()?))).collect();
-        for name in ["render", "turntable", "pareto"] {
+        for name in ["render", "turntable", "pareto", "plan"] {
             let arguments = program.find_subcommand(name).unwrap().get_arguments();
             known.extend(arguments.filter_map(|arg| arg.get_long().map(str::to_owned)));
         }

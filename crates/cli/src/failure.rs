@@ -92,6 +92,9 @@ fn flag(setting: &str) -> String {
         "sample-type" => "--type".to_owned(),
         "accumulation" => "--tune accumulate".to_owned(),
         "lighting" => "--light".to_owned(),
+        // Arguments without a name.
+        "brick" => "N".to_owned(),
+        "parts" | "plan" => name,
         "color-bar" => "--colour-bar".to_owned(),
         _ if tune::has(&name) => format!("--tune {name}"),
         _ => format!("--{name}"),

@@ -4,6 +4,7 @@
 //! `compare`, the pictures differ, 2 wrong arguments. A signal ends the program as it ends others.
 
 mod args;
+mod bricks;
 mod clip;
 mod compare;
 mod destination;
@@ -84,6 +85,9 @@ fn run(args: args::Args, matches: &clap::ArgMatches) -> Result<(), Failure> {
         args::Command::Render(args) => render::run(scene::jobs(*args, line, job::RenderJob::new)?),
         args::Command::Turntable(args) => turntable::run(turntable::TurntableJob::new(*args, line)?),
         args::Command::Pareto(args) => pareto::run(&args, line),
+        args::Command::Plan(args) => bricks::plan(*args, line),
+        args::Command::Brick(args) => bricks::brick(&args),
+        args::Command::Merge(args) => bricks::merge(&args),
         args::Command::Info(args) => {
             effects::noted(command, vec![matches])?.iter().for_each(|note| output::say(note));
             info::run(&args, &given(command, matches))

@@ -102,6 +102,12 @@ pub(crate) fn dims(text: &str) -> Result<[u32; 3], String> {
 }
 
 /// Parses pixels, `WxH` or one number for both.
+/// Parses `XxYxZ`, numbers from 1 on.
+pub(crate) fn grid(text: &str) -> Result<[u32; 3], String> {
+    let numbers: Option<Vec<u32>> = text.split('x').map(|number| number.parse().ok().filter(|&n| n > 0)).collect();
+    expect(numbers.and_then(|numbers| numbers.try_into().ok()), "expected XxYxZ, such as 2x2x4")
+}
+
 pub(crate) fn size(text: &str) -> Result<[u32; 2], String> {
     let (width, height) = text.split_once(['x', 'X']).unwrap_or((text, text));
     let size = width.trim().parse().ok().zip(height.trim().parse().ok()).map(<[u32; 2]>::from);

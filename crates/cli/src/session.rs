@@ -302,14 +302,14 @@ impl Session {
         stages.time("labels", || job.layers.over(base, read))
     }
 
-    /// Makes the picture of a job.
-    pub(crate) fn picture(
+    /// Makes the camera of a job.
+    pub(crate) fn camera(
         &mut self,
         job: &RenderJob,
         layers: &Layers,
         transfer: &TransferFunction,
         stages: &mut Stages,
-    ) -> Result<Drawing, Failure> {
+    ) -> Result<Camera, Failure> {
         let around = match &self.steady {
             Some(steady) => steady.clone(),
             None => held(
@@ -324,7 +324,20 @@ impl Session {
         if reserved != job.view.reserved {
             self.say(note_on_space(&figure));
         }
-        let camera = Camera::new(&View { around, reserved, ..job.view.clone() }, self.volume.grid(), job.size)?;
+        Ok(Camera::new(&View { around, reserved, ..job.view.clone() }, self.volume.grid(), job.size)?)
+    }
+
+    /// Makes the picture of a job.
+    pub(crate) fn picture(
+        &mut self,
+        job: &RenderJob,
+        layers: &Layers,
+        transfer: &TransferFunction,
+        stages: &mut Stages,
+    ) -> Result<Drawing, Failure> {
+        let camera = self.camera(job, layers, transfer, stages)?;
+        let figure = self.figure(job, layers)?;
+        let values = self.values(&figure)?;
         let (image, settings, estimate, stats) = match &self.renderer {
             Some(renderer) => {
                 let prepared = self.prepared.take().filter(|prepared| prepared.serves(layers, &job.settings));

@@ -63,8 +63,8 @@ macro_rules! spelled {
     };
 }
 
-/// As `spelled!`, and `FromStr`: it accepts exactly the names, and its error is about the given setting. Where it is
-/// called, `Error` is an error with a variant `Setting { name, reason }`.
+/// As `spelled!`, `Deserialize` and `FromStr`: it accepts exactly the names, and its error is about the given setting.
+/// Where it is called, `Error` is an error with a variant `Setting { name, reason }`.
 #[macro_export]
 macro_rules! named {
     ($setting:literal, $type:ident { $($variant:ident: $name:literal),+ $(,)? }) => {
@@ -78,6 +78,13 @@ macro_rules! named {
                     let reason = format!("{text:?}, expected {}", $crate::names::listed(&[$($name),+]));
                     Self::Err::Setting { name: $setting, reason }
                 })
+            }
+        }
+
+        impl<'de> serde::Deserialize<'de> for $type {
+            fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+                let name = String::deserialize(deserializer)?;
+                name.parse().map_err(serde::de::Error::custom)
             }
         }
     };

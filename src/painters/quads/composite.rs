@@ -7,7 +7,7 @@ use super::splat::SheetTextures;
 use super::{DynamicUniforms, Feed, Inputs, QuadsKey, shade};
 use crate::error::{Error, Result};
 use crate::gpu::context::Context;
-use crate::gpu::layout::{Area, Lighting, Shade, affine};
+use crate::gpu::layout::{Area, Lighting, Reached, Shade, affine};
 use crate::gpu::light_volume::PostShading;
 use crate::gpu::pipeline::Binding::{DynamicUniform, Texture, Uniform, Write};
 use crate::gpu::pipeline::texture_view;
@@ -28,7 +28,8 @@ pub(super) struct Consumer {
 pub(super) struct Bound<'a> {
     consumer: &'a Consumer,
     steps: Steps,
-    resolve: wgpu::BindGroup,
+    /// `None`: a brick keeps its frame.
+    resolve: Option<wgpu::BindGroup>,
     workgroups: [u32; 2],
 }
 
@@ -83,15 +84,20 @@ impl Consumer {
             })?;
             self.shading(context, target, (post, inputs.lighting), sheets, pixels, reached)?
         } else {
-            let uniforms = DynamicUniforms::new(context, "composite.areas", reached)?;
+            let batches = (0_u32..).zip(reached).map(|(batch, &Area { low, high })| {
+                let depth = target.plan.sheet_depth(batch * self.sheets_per_pass) as f32;
+                Reached { low, high, depth, _pad: 0 }
+            });
+            let uniforms = DynamicUniforms::new(context, "composite.areas", &batches.collect::<Vec<Reached>>())?;
             let sheets = texture_view(&sheets[0].all);
             let group = [frame.clone(), sheets, pixels.as_entire_binding(), uniforms.binding()];
             let group = self.sheets.bind(context, &group);
             Steps { uniforms, areas: reached.to_vec(), groups: [group.clone(), group] }
         };
         let resolve = match self.feed {
-            Feed::Projection => steps.groups[0].clone(),
-            _ => self.resolve.bind(context, &[frame, pixels.as_entire_binding()]),
+            Feed::Projection => Some(steps.groups[0].clone()),
+            _ if target.plan.view.held.is_some() => None,
+            _ => Some(self.resolve.bind(context, &[frame, pixels.as_entire_binding()])),
         };
         Ok(Bound { consumer: self, steps, resolve, workgroups: target.extent().map(|side| side.div_ceil(8)) })
     }
@@ -151,6 +157,8 @@ impl Bound<'_> {
         (batches..self.steps.areas.len() as u32).for_each(|batch| self.batch(recorder, batch));
         // Projections resolve with the bindings of their steps, which have an offset.
         let offsets: &[u32] = if self.consumer.feed == Feed::Projection { &[0] } else { &[] };
-        self.consumer.resolve.dispatch(recorder, &self.resolve, offsets, flat(self.workgroups));
+        if let Some(resolve) = &self.resolve {
+            self.consumer.resolve.dispatch(recorder, resolve, offsets, flat(self.workgroups));
+        }
     }
 }

@@ -120,7 +120,7 @@ impl Plan<'_> {
     fn center(&self, brick: &BrickSplats) -> DVec3 {
         let [low, high] = brick.bounds.map(|point| DVec3::from_array(point.map(f64::from)));
         let lattice = DVec3::from_array(self.view.grid.dims().map(f64::from)) + f64::from(2 * self.padding);
-        (low + high - lattice) / 2.0
+        (low + high - lattice) / 2.0 + self.view.first()
     }
 
     /// Half the range of the linear function `gradient . x` over the kernels of a brick's splats.

@@ -19,6 +19,8 @@ use crate::stats::{PainterStats, QuadsStats};
 /// The painter draws every picture.
 pub(crate) const ROOM: Room = Room {
     refusal: |_, _| None,
+    reach: super::plan::reach,
+    families: |_| vec![Box::new(|_| 1.0)],
     // The need is the same in both precisions.
     need: |view, settings, weights| Plan::new(view, settings, weights, Precision::F32).scalar_need(),
     layers: false,

@@ -6,7 +6,7 @@ use super::frustum::visible_depths;
 use crate::camera::clip::Side;
 use crate::camera::{Camera, Projection};
 use crate::gpu::layout::{Batch, Frame, clip_planes};
-use crate::gpu::view::{ViewGeometry, Weights};
+use crate::gpu::view::{Held, ViewGeometry, Weights, half};
 use crate::image::Region;
 use crate::kernel::Kernel;
 use crate::prepare::levels::{Cut, ScalarNeed};
@@ -147,6 +147,34 @@ fn image_aligned(view: &ViewGeometry, settings: &Settings, precision: Precision)
     (origin + first * step, step, count)
 }
 
+/// See [`Room::reach`](crate::painters::painter::Room::reach).
+pub(super) fn reach(view: &ViewGeometry, settings: &Settings) -> [f64; 2] {
+    // The one sheet of an X-ray is cut where bricks are.
+    let sheet = match settings.model {
+        Model::Xray => 0.0,
+        _ => image_aligned(view, settings, Precision::F32).1 * longest_ray(view),
+    };
+    // Scalars are classified by the sheets before and behind, and from the end of the sheet before.
+    let around = if view.post_shaded { 2.0 * sheet } else { 0.0 };
+    [0.5 * sheet, 0.5 * sheet + around + view.max_radius()]
+}
+
+/// The longest lattice length of a ray of the picture per unit of view depth.
+fn longest_ray(view: &ViewGeometry) -> f64 {
+    let (scale, origin) = view.camera.pixels();
+    let rotation = view.grid.to_lattice().matrix3;
+    let [w, h] = view.camera.size.map(f64::from);
+    let mut longest = (rotation * view.camera.forward).length();
+    if view.is_perspective() {
+        for (x, y) in [(0.0, 0.0), (w, 0.0), (0.0, h), (w, h)] {
+            let (sx, sy) = (origin[0] + x * scale[0], origin[1] + y * scale[1]);
+            let ray = view.camera.forward + view.camera.right * sx + view.camera.up * sy;
+            longest = longest.max((rotation * ray).length());
+        }
+    }
+    longest
+}
+
 /// The lattice axis of axis-aligned sheets: the normal of its voxel planes, the gradient of its lattice coordinate, is
 /// nearest to the view direction.
 fn sheet_axis(view: &ViewGeometry) -> usize {
@@ -199,19 +227,8 @@ impl<'a> Plan<'a> {
         if !view.post_shaded {
             return ScalarNeed::NONE;
         }
-        let (scale, origin) = view.camera.pixels();
-        let rotation = view.grid.to_lattice().matrix3;
-        let [w, h] = view.camera.size.map(f64::from);
         // The longest lattice length of a sheet along any ray.
-        let mut longest = (rotation * view.camera.forward).length();
-        if view.is_perspective() {
-            for (x, y) in [(0.0, 0.0), (w, 0.0), (0.0, h), (w, h)] {
-                let (sx, sy) = (origin[0] + x * scale[0], origin[1] + y * scale[1]);
-                let ray = view.camera.forward + view.camera.right * sx + view.camera.up * sy;
-                longest = longest.max((rotation * ray).length());
-            }
-        }
-        let sheet = self.sheet_step * longest;
+        let sheet = self.sheet_step * longest_ray(view);
         // A sheet is classified by its mean and the means of its neighbours, any of which may lie beyond the faces. Two
         // voxels may take part at opposite ends of the three.
         let radius = view.max_radius();
@@ -301,8 +318,12 @@ impl<'a> Plan<'a> {
             let slopes = map.transpose() * *gradient;
             slopes.extend(value - slopes.truncate().dot(offset))
         };
+        let open = Held::OPEN;
+        let owned = view.held.map_or([-DVec3::splat(open), DVec3::splat(open)], |held| {
+            held.owned.map(|place| (place - half(&view.grid)).clamp(DVec3::splat(-open), DVec3::splat(open)))
+        });
         Frame {
-            lattice_center: view.grid.dims().map(|d| (d - 1) as f32 / 2.0 + self.padding as f32),
+            lattice_center: f3(half(&view.grid) - view.first() + f64::from(self.padding)),
             radius: view.radius as f32,
             view_x: f3(view.gradients[0] - view.gradients[2] * home_slope.x),
             offset_x: offset.x as f32,
@@ -336,6 +357,10 @@ impl<'a> Plan<'a> {
             tile_size: self.tile_size(),
             _pad: [0; 2],
             model: self.model,
+            owned_low: f3(owned[0]),
+            _pad_low: 0,
+            owned_high: f3(owned[1]),
+            _pad_high: 0,
             clip_planes: clip_planes(view.clip.iter().map(plane)),
         }
     }

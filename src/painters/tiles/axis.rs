@@ -4,6 +4,8 @@
 use glam::{DVec2, DVec3};
 
 use crate::camera::{Camera, Projection};
+use crate::gpu::view::ViewGeometry;
+use crate::painters::painter::FamilyShare;
 use crate::volume::Grid;
 
 /// The margin around the picture, as a fraction of half its size, in which rays get axes too: coarse intermediate
@@ -93,14 +95,14 @@ impl PrincipalAxis {
 
     /// The pyramid of the rays through one eye in which the axis has a share, in a lattice with `padding` layers before
     /// the volume; `None` if rays are parallel.
-    pub(super) fn pyramid(&self, camera: &Camera, grid: &Grid, padding: u32) -> Option<Pyramid> {
+    pub(super) fn pyramid(&self, camera: &Camera, grid: &Grid, origin: DVec3) -> Option<Pyramid> {
         let (lens, eye) = (Lens::new(camera, grid)?, camera.eye()?);
         let part = lens.part(self.axes[2], self.flipped, 1.0 + RAY_MARGIN);
         let edges: Vec<DVec3> = part.into_iter().map(|place| lens.ray(place)).collect();
         let middle: DVec3 = edges.iter().map(|edge| edge.normalize()).sum();
         let sides = (0..edges.len()).map(|i| edges[i].cross(edges[(i + 1) % edges.len()]).normalize_or_zero());
         let sides = sides.map(|side| if side.dot(middle) < 0.0 { -side } else { side }).collect();
-        Some(Pyramid { eye: grid.to_lattice().transform_point3(eye) + f64::from(padding), sides })
+        Some(Pyramid { eye: grid.to_lattice().transform_point3(eye) - origin, sides })
     }
 
     /// The axis m and the axes across it for rays around one, given as a lattice vector and its world length.
@@ -147,6 +149,25 @@ struct Lens {
     right: DVec3,
     up: DVec3,
     forward: DVec3,
+}
+
+/// See [`Room::families`](crate::painters::painter::Room::families): the rays along each principal axis.
+pub(super) fn families(view: &ViewGeometry) -> Vec<FamilyShare<'_>> {
+    let camera = &view.camera;
+    let to_lattice = view.grid.to_lattice().matrix3;
+    let (scale, origin) = camera.pixels();
+    let share_of = |axis: PrincipalAxis| -> FamilyShare<'_> {
+        if !view.is_perspective() {
+            return Box::new(move |_| axis.share);
+        }
+        let m = axis.axes[2];
+        Box::new(move |pixel| {
+            let place = |i: usize| origin[i] + (f64::from(pixel[i]) + 0.5) * scale[i];
+            let ray = to_lattice * (camera.forward + camera.right * place(0) + camera.up * place(1));
+            if (ray[m] < 0.0) == axis.flipped { share(m, ray) } else { 0.0 }
+        })
+    };
+    PrincipalAxis::all(camera, &view.grid).into_iter().map(share_of).collect()
 }
 
 impl Lens {
@@ -287,7 +308,7 @@ mod tests {
             let lens = Lens::new(&camera, &grid).unwrap();
             let eye = grid.to_lattice().transform_point3(camera.eye().unwrap());
             for axis in PrincipalAxis::all(&camera, &grid) {
-                let pyramid = axis.pyramid(&camera, &grid, 0).unwrap();
+                let pyramid = axis.pyramid(&camera, &grid, DVec3::ZERO).unwrap();
                 for i in 0..21 * 21 {
                     let ray = lens.ray(DVec2::new(f64::from(i % 21), f64::from(i / 21)) / 10.0 - 1.0);
                     for distance in [40.0, 60.0, 80.0] {

@@ -2,7 +2,8 @@
 //! level on its own, front to back. Most pictures have one layer.
 
 use super::Canvas;
-use super::paint::{Picture, need, refusal};
+use super::axis::families;
+use super::paint::{Picture, need, reach, refusal};
 use crate::error::Result;
 use crate::gpu::recorder::Recorder;
 use crate::image::Region;
@@ -10,7 +11,7 @@ use crate::painters::painter::{Begun, Job, Painting, Room};
 use crate::stats::{PainterStats, TilesStats};
 
 /// The painter `tiles`: fast, but it refuses some pictures.
-pub(crate) const ROOM: Room = Room { refusal, need, layers: true, begin };
+pub(crate) const ROOM: Room = Room { refusal, reach, families, need, layers: true, begin };
 
 fn begin<'a>(nearest: Job<'a>, behind: Vec<Job<'a>>) -> Result<Begun<'a>> {
     let jobs = std::iter::once(nearest).chain(behind);

@@ -62,6 +62,22 @@ pub(super) fn refusal(view: &ViewGeometry, settings: &Settings) -> Option<String
     None
 }
 
+/// See [`Room::reach`](crate::painters::painter::Room::reach).
+pub(super) fn reach(view: &ViewGeometry, settings: &Settings) -> [f64; 2] {
+    // The planes whose kernels have parts in a slab; as `REACH` of the shaders.
+    let planes = match view.max_radius() / ROUNDING {
+        radius if radius <= 2.0 => 2.0,
+        radius if radius <= 3.0 && !settings.is_post_shaded() => 3.0,
+        _ => 4.0,
+    };
+    // A slab is at most a plane thick. The slabs beside it shape it, and the lack of the two slabs before them moves on
+    // to it. Rays move across by at most 1.1 voxels from plane to plane, and meet kernels within their radius across.
+    let along = planes + 0.5 + 1.0 + 2.0;
+    const LEAN: f64 = 1.1;
+    let across = LEAN * (0.5 + 1.0 + planes) + view.max_radius();
+    [1.0, along.max(across)]
+}
+
 /// A place is classified by the means of its slab and of the two beside it. A slab is half a voxel plane thick, along a
 /// ray at most sqrt(3) / 2 voxels, so three are at most 2.6 voxels. They count as 3: the parts of kernels in slabs are
 /// fitted, and a fit fades a little later than its kernel. The need does not depend on the direction, so that a turn
@@ -119,11 +135,16 @@ impl<'a> Picture<'a> {
             (true, 0) => Voxel::Scalar,
             (true, _) => Voxel::Gradient,
         };
-        let dims = view.grid.dims().map(|n| n + 2 * job.padding);
-        let axes = PrincipalAxis::all(&view.camera, &view.grid);
+        let dims = view.held_dims().map(|n| n + 2 * job.padding);
+        // The first lattice point of the stores.
+        let origin = view.first() - f64::from(job.padding);
+        let mut axes = PrincipalAxis::all(&view.camera, &view.grid);
+        if let Some(held) = view.held {
+            axes = axes.get(held.family).copied().into_iter().collect();
+        }
         let packings = axes.iter().map(|axis| {
             // A ray meets kernels a radius away, grown ones too; one voxel more for rounding.
-            let pyramid = axis.pyramid(&view.camera, &view.grid, job.padding);
+            let pyramid = axis.pyramid(&view.camera, &view.grid, origin);
             let seen = |bounds| {
                 view.layer_holds(bounds, job.padding)
                     && view.may_show(bounds, job.padding)
@@ -199,10 +220,12 @@ impl<'a> Picture<'a> {
 
     /// Whether some pixels do without rays of their own.
     fn is_resampled(&self) -> bool {
-        let Job { settings, post, .. } = self.job;
-        // Classification makes edges that only the rays of pixels keep; rays that are shared reach two voxels.
+        let Job { settings, post, view, .. } = self.job;
+        // Partial pictures are composited before anything is resampled. Classification makes edges that only the rays
+        // of pixels keep; rays that are shared reach two voxels.
         let full = resolution(settings, self.job.context.info.is_software()) == Resolution::Full;
-        let per_pixel = full || post.is_some() || self.kernel.radius() > MAX_RADIUS || self.is_layered();
+        let per_pixel =
+            full || view.held.is_some() || post.is_some() || self.kernel.radius() > MAX_RADIUS || self.is_layered();
         !per_pixel && self.axes.iter().any(|axis| self.setup(axis).pixel_share() < 1.0)
     }
 
@@ -234,16 +257,18 @@ impl<'a> Picture<'a> {
 
     /// Whether rays run along m so closely that they meet all planes at the same place.
     fn is_straight(&self, PackedAxis { axis, packing, .. }: &PackedAxis) -> bool {
+        let planes =
+            if self.job.view.held.is_some() { self.job.view.grid.dims()[axis.axes[2]] } else { packing.dims[2] };
         !self.job.view.is_perspective()
             && self.kernel.radius() <= MAX_RADIUS
-            && axis.shear().abs().max_element() * f64::from(packing.dims[2]) < STRAIGHT
+            && axis.shear().abs().max_element() * f64::from(planes) < STRAIGHT
     }
 
     /// Pixels whose straight rays share the voxels that they meet. None do on GPUs (see [`resolution`]), and none of
     /// scalars, whose classification takes the time.
     fn block(&self, axis: &PackedAxis) -> Option<Block> {
-        let Job { context, post, .. } = self.job;
-        if post.is_some() || !context.info.is_software() {
+        let Job { context, post, view, .. } = self.job;
+        if post.is_some() || view.held.is_some() || !context.info.is_software() {
             return None;
         }
         parallel::block(&self.setup(axis), self.whole())
@@ -297,7 +322,7 @@ impl<'a> Picture<'a> {
     pub(super) fn setup<'s>(&'s self, axis: &'s PackedAxis) -> RaySetup<'s> {
         let PackedAxis { axis, packing, sections } = axis;
         let (job, footprint) = (&self.job, &self.footprint);
-        RaySetup { job, axis, packing: *packing, kernel: self.kernel, footprint, sections }
+        RaySetup { job, axis, packing: *packing, kernel: self.kernel, footprint, sections, of_whole: false }
     }
 
     /// The pipelines of the picture.

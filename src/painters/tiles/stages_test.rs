@@ -546,7 +546,7 @@ fn rays_meet_no_voxel_between_runs() {
                 padding: 0,
             };
             let (packing, footprint, sections) = (packed.packing, &footprint, &sections);
-            let setup = RaySetup { job: &job, axis, packing, kernel, footprint, sections };
+            let setup = RaySetup { job: &job, axis, packing, kernel, footprint, sections, of_whole: false };
             let images = setup.image_rays(region);
             let pixels = (setup.pixel_share() > 0.0).then(|| setup.pixel_rays(region));
             for Rays { uniforms, spacing } in images.into_iter().chain(pixels) {

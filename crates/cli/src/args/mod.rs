@@ -1,5 +1,6 @@
 //! The arguments of the program, and its help.
 
+mod bricks;
 mod figure;
 mod input;
 mod inspect;
@@ -12,6 +13,7 @@ mod view;
 use clap::builder::ValueHint;
 use clap::{Arg, CommandFactory, Parser, Subcommand};
 
+pub(crate) use self::bricks::{BrickArgs, MergeArgs, PlanArgs};
 pub(crate) use self::figure::FigureArgs;
 pub(crate) use self::inspect::{CompareArgs, InfoArgs};
 pub(crate) use self::model::{LayerArgs, ModelArgs};
@@ -50,6 +52,12 @@ pub(crate) enum Command {
     Turntable(Box<TurntableArgs>),
     /// Measure the speed and the error of many settings
     Pareto(Box<ParetoArgs>),
+    /// Plan a picture in bricks, which many machines can draw
+    Plan(Box<PlanArgs>),
+    /// Draw one brick of a plan: a partial picture
+    Brick(BrickArgs),
+    /// Merge partial pictures into the picture of their plan
+    Merge(MergeArgs),
     /// Describe a volume file and show how to render it
     Info(InfoArgs),
     /// Compare two pictures
@@ -78,10 +86,10 @@ const TEXTS: [&str; 4] = ["stats", "title", "caption", "adapter"];
 /// Returns the definition of the program's arguments. `-h` shows the options of [`BASIC`] and the ones of a command
 /// alone. Values may begin with a dash, as negative numbers do.
 pub(crate) fn command() -> clap::Command {
-    let own = [Some("Turntable"), Some("Measurement")];
+    let own = [Some("Turntable"), Some("Measurement"), Some("Bricks")];
     let is_basic = |arg: &Arg| arg.get_long().is_none_or(|long| BASIC.split(' ').any(|basic| basic == long));
     Args::command().mut_subcommands(|command| {
-        let has_many = ["render", "turntable", "pareto"].contains(&command.get_name());
+        let has_many = ["render", "turntable", "pareto", "plan"].contains(&command.get_name());
         command.mut_args(|arg| {
             let is_hidden = has_many && !is_basic(&arg) && !own.contains(&arg.get_help_heading());
             let is_value = arg.get_long().is_some_and(|long| !TEXTS.contains(&long))

@@ -13,6 +13,7 @@ mod accuracy;
 #[path = "../../../../src/gpu/adapter_test.rs"]
 mod adapter;
 mod appearance;
+mod bricks;
 mod cli;
 mod commands;
 mod hostile;

@@ -115,6 +115,17 @@ impl Grid {
         [m.x_axis, m.y_axis, m.z_axis].map(length)
     }
 
+    /// The lattice of a box of these lattice points, given by their numbers along each axis.
+    ///
+    /// # Errors
+    /// [`Error::Volume`] if a range is empty.
+    pub fn part(&self, ranges: &[std::ops::Range<u32>; 3]) -> Result<Self> {
+        let mut to_world = self.to_world;
+        let first = DVec3::from_array(std::array::from_fn(|axis| f64::from(ranges[axis].start)));
+        to_world.translation = to_world.transform_point3(first);
+        Self::new(std::array::from_fn(|axis| ranges[axis].end.saturating_sub(ranges[axis].start)), to_world)
+    }
+
     /// The smallest of the three spacings: the default unit distance of opacities.
     #[must_use]
     pub fn min_spacing(&self) -> f64 {

@@ -357,6 +357,30 @@ impl Volume {
         matches!(self.data.stored, Stored::File(_))
     }
 
+    /// A copy of the voxels of a box, given by their numbers along x, y and z, on their place in the world. Of samples
+    /// in a file only the rows of the box are read.
+    ///
+    /// # Errors
+    /// [`Error::Volume`] if a range is empty or ends beyond the volume; [`Error::Read`] and [`Error::Memory`].
+    pub fn part(&self, ranges: [Range<u32>; 3]) -> Result<Self> {
+        let [nx, ny, _] = self.grid.dims().map(|d| d as usize);
+        if ranges.iter().zip(self.grid.dims()).any(|(range, count)| range.start >= range.end || range.end > count) {
+            return Err(Error::Volume(format!("voxels {ranges:?} are no part of {:?}", self.grid.dims())));
+        }
+        let grid = self.grid.part(&ranges)?;
+        let [x, y, z] = ranges.map(|range| range.start as usize..range.end as usize);
+        // The rows of a plane are read together, and cropped.
+        let rows = |z: usize| self.read(nx * (y.start + ny * z)..nx * (y.end + ny * z));
+        let mut samples = rows(z.start)?.cropped(nx, &x, grid.len())?;
+        for z in z.skip(1) {
+            samples.extend_cropped(&rows(z)?, nx, &x);
+        }
+        let mut part = Self::new(grid, samples)?;
+        (part.slope, part.intercept) = (self.slope, self.intercept);
+        (part.oriented, part.units, part.contents) = (self.oriented, self.units.clone(), Arc::clone(&self.contents));
+        Ok(part)
+    }
+
     /// A copy of a range of the samples, x fastest, as stored.
     pub fn read(&self, range: Range<usize>) -> Result<Samples> {
         self.data.stored.read(range)

@@ -150,6 +150,30 @@ impl Samples {
         with_samples!(self, s => Ok(Number::collected(copied(&s[range])?)))
     }
 
+    /// A copy of some columns of rows of `row` samples, with memory for `most` samples.
+    pub(super) fn cropped(&self, row: usize, columns: &Range<usize>, most: u64) -> Result<Self> {
+        with_samples!(self, s => {
+            let mut copy = reserved(most, || "a part of a volume".to_owned())?;
+            s.chunks_exact(row).for_each(|row| copy.extend_from_slice(&row[columns.clone()]));
+            Ok(Number::collected(copy))
+        })
+    }
+
+    /// Adds some columns of rows of `row` samples of the same type.
+    pub(super) fn extend_cropped(&mut self, rows: &Self, row: usize, columns: &Range<usize>) {
+        macro_rules! extend {
+            ($($variant:ident)+) => {
+                match (self, rows) {
+                    $((Self::$variant(to), Self::$variant(from)) => {
+                        from.chunks_exact(row).for_each(|row| to.extend_from_slice(&row[columns.clone()]));
+                    })+
+                    _ => {}
+                }
+            };
+        }
+        extend!(U8 I8 U16 I16 U32 I32 U64 I64 F32 F64);
+    }
+
     /// The number of NaN and infinite samples, and the index of the first.
     pub(crate) fn non_finite(&self) -> (usize, Option<usize>) {
         fn count<T: Copy + Sync>(s: &[T], is_finite: impl Fn(T) -> bool + Sync) -> (usize, Option<usize>) {

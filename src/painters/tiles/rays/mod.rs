@@ -13,7 +13,7 @@ use super::parts::{Footprint, Sections};
 use crate::camera::Projection;
 use crate::camera::clip::Side;
 use crate::gpu::layout::{self, MACROCELL, TILE};
-use crate::gpu::view::{Fade, half};
+use crate::gpu::view::{Fade, Held, half};
 use crate::image::Region;
 use crate::kernel::{Kernel, section};
 use crate::painters::painter::Job;
@@ -52,6 +52,8 @@ pub(super) struct RaySetup<'a> {
     pub(super) kernel: Kernel,
     pub(super) footprint: &'a Footprint,
     pub(super) sections: &'a Sections,
+    /// Whether places belong to the whole lattice, as the cuts of bricks do, and not to the packed box.
+    pub(super) of_whole: bool,
 }
 
 /// Optical depth of the densest voxel over the longest edge of a voxel: the same in every view, so that nothing that
@@ -62,14 +64,48 @@ pub(super) fn max_depth(job: &Job<'_>) -> f64 {
 }
 
 impl RaySetup<'_> {
-    /// A world point as (a, b, plane) of the packed box.
+    /// A world point as (a, b, plane) of the packed box, or of the whole lattice.
     fn placed(&self, world: DVec3) -> DVec3 {
-        let Self { job, axis, packing, .. } = self;
-        let p = job.view.grid.to_lattice().transform_point3(world) + f64::from(job.padding);
-        let low = DVec3::from_array(unordered(axis.axes, packing.low).map(f64::from));
+        self.numbered(self.job.view.grid.to_lattice().transform_point3(world))
+    }
+
+    /// The same of a place in the lattice.
+    fn numbered(&self, place: DVec3) -> DVec3 {
         // Planes are numbered front to back: if rays run against m, from the last one of the box.
-        let last_plane = f64::from(packing.dims[2]) - 1.0;
-        axis.ordered(p - low) + if axis.flipped { DVec3::Z * last_plane } else { DVec3::ZERO }
+        let last_plane = f64::from(self.planes()) - 1.0;
+        self.axis.ordered(place - self.first()) + if self.axis.flipped { DVec3::Z * last_plane } else { DVec3::ZERO }
+    }
+
+    /// The first lattice point of the packed box, or of the whole lattice.
+    fn first(&self) -> DVec3 {
+        let Self { job, axis, packing, .. } = self;
+        let low = DVec3::from_array(unordered(axis.axes, packing.low).map(f64::from));
+        if self.of_whole { DVec3::ZERO } else { job.view.first() + low - f64::from(job.padding) }
+    }
+
+    /// The number of planes.
+    fn planes(&self) -> u32 {
+        if self.of_whole { self.job.view.grid.dims()[self.axis.axes[2]] } else { self.packing.dims[2] }
+    }
+
+    /// The same rays with the part of each that a brick owns, which all bricks find in numbers of the whole lattice.
+    fn with_owned(&self, rays: Rays, lines: impl Fn(&Self, layout::Rays) -> Rays) -> Rays {
+        let Some(held) = self.job.view.held else { return rays };
+        let whole = RaySetup { of_whole: true, ..*self };
+        let of_whole = lines(&whole, rays.uniforms).uniforms;
+        let [a, b] =
+            held.owned.map(|place| whole.numbered(place).clamp(DVec3::splat(-Held::OPEN), DVec3::splat(Held::OPEN)));
+        let uniforms = layout::Rays {
+            owned_low: f3(a.min(b)),
+            owned_high: f3(a.max(b)),
+            first_plane: (whole.numbered(DVec3::ZERO) - self.numbered(DVec3::ZERO)).z as f32,
+            owned_middle: of_whole.middle,
+            owned_origin: of_whole.origin,
+            owned_step_x: of_whole.step_x,
+            owned_step_y: of_whole.step_y,
+            ..rays.uniforms
+        };
+        Rays { uniforms, ..rays }
     }
 
     /// From (a, b, plane) of the packed box to the lattice.
@@ -126,7 +162,7 @@ impl RaySetup<'_> {
 
     /// The uniforms that do not depend on the projection; 0 where they do.
     fn uniforms(&self, region: Region) -> layout::Rays {
-        let Self { job, axis, packing, kernel, footprint, sections } = self;
+        let Self { job, axis, packing, kernel, footprint, sections, .. } = self;
         let Job { view, settings, weights, post, .. } = **job;
         let radius = kernel.radius();
         let divisor = settings.normalization.divisor(&settings.kernel) * view.parallel_growth().powi(3);
@@ -203,12 +239,11 @@ impl RaySetup<'_> {
 
     /// The rays of the pixels of a region.
     pub(super) fn pixel_rays(&self, region: Region) -> Rays {
-        let common = self.uniforms(region);
-        match self.job.view.camera.projection {
-            Projection::Orthographic { .. } => parallel::pixel_rays(self, region, common),
-            Projection::Perspective { distance, .. } => perspective::pixel_rays(self, region, distance, common),
-        }
-        .in_tiles()
+        let lines = |setup: &Self, common| match setup.job.view.camera.projection {
+            Projection::Orthographic { .. } => parallel::pixel_rays(setup, region, common),
+            Projection::Perspective { distance, .. } => perspective::pixel_rays(setup, region, distance, common),
+        };
+        self.with_owned(lines(self, self.uniforms(region)), lines).in_tiles()
     }
 
     /// The rays of the intermediate images of a region, none if no ray reaches the volume. Each image has a share in

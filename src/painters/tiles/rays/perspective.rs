@@ -71,7 +71,7 @@ fn through([first, steps]: [DVec2; 2], setup: &RaySetup<'_>, distance: f64, comm
     let eye = placed(-camera.forward * distance);
     // The point of that ray at the depth of the target, and the middle plane.
     let near = placed((camera.right * axis.middle.x + camera.up * axis.middle.y) * distance);
-    let plane = (f64::from(setup.packing.dims[2]) - 1.0) / 2.0;
+    let plane = (f64::from(setup.planes()) - 1.0) / 2.0;
     let t = (plane - eye.z) / central.z;
     let numerator = |difference: DVec3| ((difference * central.z - central * difference.z) * t).truncate();
     let middle = near + central * ((plane - near.z) / central.z);

@@ -1,0 +1,64 @@
+//! Pictures in bricks.
+
+use std::path::PathBuf;
+
+use voxsplat::image::Background;
+
+use super::render::RenderArgs;
+use crate::parse;
+
+const PLAN_EXAMPLES: &str = "\
+All options of render that make a picture apply: see voxsplat render --help.
+
+Examples:
+  voxsplat plan ct.nrrd --grid 2x2x2 -o plan.json --transfer ct-bone --azimuth 30
+  for n in 0 1 2 3 4 5 6 7; do voxsplat brick plan.json $n -o part-$n.exr; done
+  voxsplat merge plan.json part-*.exr -o ct.png";
+
+/// Plan a picture in bricks, which many machines can draw.
+///
+/// Writes the facts of the whole picture as JSON: camera, settings, transfer function, and the bricks front to back.
+#[derive(Debug, clap::Args)]
+#[command(after_help = PLAN_EXAMPLES)]
+pub(crate) struct PlanArgs {
+    #[command(flatten)]
+    pub(crate) render: RenderArgs,
+    /// Number of bricks along x, y and z of the lattice
+    #[arg(long, value_name = "XxYxZ", value_parser = parse::grid, help_heading = "Bricks")]
+    pub(crate) grid: [u32; 3],
+}
+
+/// Draw one brick of a plan: a partial picture.
+///
+/// Reads only the samples that the brick needs from files of uncompressed samples in one piece, and otherwise the
+/// volume.
+#[derive(Debug, clap::Args)]
+pub(crate) struct BrickArgs {
+    /// A plan by voxsplat plan
+    pub(crate) plan: PathBuf,
+    /// Number of the brick, from 0 on
+    #[arg(value_name = "N", value_parser = parse::whole::<usize, 0, { u64::MAX }>)]
+    pub(crate) brick: usize,
+    /// Partial picture to write: an OpenEXR with four channels
+    #[arg(short, long, value_name = "FILE")]
+    pub(crate) output: PathBuf,
+    /// Use the adapter whose name contains NAME; see `voxsplat devices` [default: the best adapter]
+    #[arg(long, value_name = "NAME")]
+    pub(crate) adapter: Option<String>,
+}
+
+/// Merge the partial pictures of all bricks of a plan into the picture.
+#[derive(Debug, clap::Args)]
+pub(crate) struct MergeArgs {
+    /// A plan by voxsplat plan
+    pub(crate) plan: PathBuf,
+    /// Partial pictures of all its bricks, in any order
+    #[arg(value_name = "PART", required = true)]
+    pub(crate) parts: Vec<PathBuf>,
+    /// Picture to write: .png, .exr, or - for a PNG on standard output
+    #[arg(short, long, value_name = "FILE")]
+    pub(crate) output: PathBuf,
+    /// Background of a PNG: #rrggbb, a name such as white, r,g,b from 0 to 1, or transparent
+    #[arg(long, value_name = "COLOUR", default_value = "black", value_parser = parse::library::<Background>)]
+    pub(crate) background: Background,
+}

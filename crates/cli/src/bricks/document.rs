@@ -1,0 +1,75 @@
+//! The file of a plan: the library's plan, the volume, and the options that its layers need.
+
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+
+use clap::FromArgMatches;
+use serde::{Deserialize, Serialize};
+use serde_json::value::RawValue;
+use voxsplat::bricks::Plan;
+use voxsplat::image::write_file;
+use voxsplat_volume::files::{fault, read_text};
+
+use crate::args::{self, Args};
+use crate::destination::Destination;
+use crate::failure::{Failure, fail};
+use crate::job::RenderJob;
+
+/// The largest plan that is read, in bytes.
+const MAX_BYTES: u64 = 256 << 20;
+
+/// The file.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Document {
+    /// The version that wrote it.
+    voxsplat: String,
+    /// The volume: a path from the root, or a built-in volume.
+    volume: String,
+    /// The options of `voxsplat render`.
+    options: Vec<String>,
+    plan: Box<RawValue>,
+}
+
+/// Writes a plan. The file appears whole or not at all.
+pub(super) fn save(path: &Path, plan: &Plan, volume: &Path, options: Vec<String>) -> Result<(), Failure> {
+    let volume = match volume.canonicalize() {
+        Ok(path) => path,
+        Err(_) => volume.to_owned(),
+    };
+    let Some(volume) = volume.to_str() else {
+        return fail(format!("{}: its name is not Unicode, as JSON is", volume.display()));
+    };
+    let failed = |e: serde_json::Error| Failure::failed(format!("{}: {e}", path.display()));
+    let document = Document {
+        voxsplat: env!("CARGO_PKG_VERSION").to_owned(),
+        volume: volume.to_owned(),
+        options,
+        plan: RawValue::from_string(plan.to_json()?.trim_end().to_owned()).map_err(failed)?,
+    };
+    let text = serde_json::to_string_pretty(&document).map_err(failed)?;
+    Ok(write_file(path, (text + "\n").as_bytes())?)
+}
+
+/// Reads a plan, and the job of its whole picture.
+pub(super) fn load(path: &Path) -> Result<(Plan, RenderJob), Failure> {
+    let text = read_text(path, MAX_BYTES)?;
+    let no_plan = |reason: String| Failure::failed(format!("{}: no plan: {reason}", path.display()));
+    let Document { volume, options, plan, .. } = serde_json::from_str(&text)
+        .map_err(|e| no_plan(format!("line {} column {}: {}", e.line(), e.column(), fault(&e))))?;
+    let plan = Plan::from_json(plan.get()).map_err(|e| no_plan(e.to_string()))?;
+    let mut words: Vec<OsString> = ["voxsplat", "render"].map(OsString::from).to_vec();
+    words.extend(options.into_iter().map(OsString::from));
+    words.extend(["--".into(), volume.into()]);
+    let parsed = args::command().try_get_matches_from(&words).and_then(|matches| Args::from_arg_matches(&matches));
+    match parsed.map(|args| args.command) {
+        Ok(args::Command::Render(args)) => Ok((plan, RenderJob::with_output(*args, picture())?)),
+        Ok(_) => Err(no_plan("its options are not about a picture".to_owned())),
+        Err(error) => Err(no_plan(error.to_string().lines().next().unwrap_or_default().to_owned())),
+    }
+}
+
+/// The destination of the whole picture, which `merge` decides: one that keeps every value.
+pub(super) fn picture() -> Destination {
+    Destination::File(PathBuf::from("merged.exr"))
+}

@@ -1,0 +1,78 @@
+//! `voxsplat plan`.
+
+use std::ffi::OsString;
+use std::path::Path;
+
+use clap::{ArgMatches, Command};
+use voxsplat::bricks::{Chunks, Plan};
+use voxsplat::image::check_writable;
+use voxsplat::settings::Level;
+
+use super::document;
+use crate::args::PlanArgs;
+use crate::failure::{Failure, refuse};
+use crate::job::{Engine, RenderJob};
+use crate::options::given;
+use crate::scene_file::is_scene;
+use crate::session::Session;
+use crate::stages::Stages;
+use crate::{output, scene};
+
+/// Options of the command alone.
+const OWN: [&str; 3] = ["grid", "output", "quiet"];
+
+pub(crate) fn run(args: PlanArgs, line: (&Command, &ArgMatches)) -> Result<(), Failure> {
+    let PlanArgs { mut render, grid } = args;
+    let Some(path) = render.output.take() else {
+        return refuse("--output FILE is missing: the plan to write (see --help)");
+    };
+    check_writable(&path).map_err(|e| Failure::usage(format!("--output: {e:#}")))?;
+    if is_scene(&render.input.source) {
+        return refuse("a plan is of a volume, not of a scene: give the options of the scene");
+    }
+    render.input.check_one_time()?;
+    let jobs = scene::jobs(render, line, |args| RenderJob::with_output(args, document::picture()))?;
+    let words = given(line.0, line.1).into_iter().filter(|(name, _)| !OWN.contains(&name.as_str()));
+    let mut options = Vec::new();
+    for (name, values) in words {
+        if values.is_empty() {
+            options.push(format!("--{name}"));
+        }
+        for value in values {
+            // Bricks may be drawn from another folder.
+            let path = Path::new(&value);
+            let value = if path.is_file() { path.canonicalize().map(OsString::from).unwrap_or(value) } else { value };
+            let Ok(value) = value.into_string() else {
+                return refuse(format!("--{name}: its value is not Unicode, as JSON is"));
+            };
+            options.push(format!("--{name}={value}"));
+        }
+    }
+    for mut job in jobs {
+        // No device is needed.
+        job.engine = Engine::Reference;
+        let (mut session, fitted) = Session::open(&job, &mut Stages::default())?;
+        session.complete(&mut job, &fitted)?;
+        let layers = session.layers(&job, &fitted, &mut Stages::default())?;
+        let camera = session.camera(&job, &layers, &fitted.transfer, &mut Stages::default())?;
+        let mut settings = job.settings.clone();
+        if job.choices.open.light {
+            settings = Plan::settings_for(&settings);
+            if settings != job.settings {
+                let reason = "shadows need the matter of other bricks";
+                output::say(&format!("note: using light without shadows because {reason} (disable: --light off)"));
+            }
+        }
+        let chunks = Chunks::even(layers.grid().dims(), grid)?;
+        let plan = Plan::new(&layers, layers.grid(), &chunks, &camera, &settings)?;
+        document::save(&path, &plan, &job.source, options.clone())?;
+        let bricks = plan.bricks().len();
+        let most = plan.bricks().iter().map(|brick| brick.bytes).max().unwrap_or_default();
+        let level = if let Level::At(level) = plan.settings().level { level } else { 0 };
+        let (last, most) = (bricks - 1, most as f64 / 1e6);
+        output::say(&format!(
+            "planned {bricks} bricks, numbers 0 to {last}, at --level {level}, of up to {most:.0} MB"
+        ));
+    }
+    Ok(())
+}

@@ -1,0 +1,131 @@
+//! Partial pictures as files: OpenEXR with one part and four channels of 32-bit floats.
+//!
+//! The data window is the box of pixels that the bricks reach, the display window the whole picture. The channels are
+//! [`Values::channels`]. Attributes: `voxsplat.plan`, the plan's number in hexadecimal, and `voxsplat.bricks`, the
+//! first brick and the number after the last, as `FIRST:END`.
+
+use std::io::{self, Cursor, Write};
+use std::path::Path;
+
+use exr::image::{AnyChannel, AnyChannels, FlatSamples, Image as ExrImage, Layer};
+use exr::math::Vec2;
+use exr::meta::attribute::{AttributeValue, IntegerBounds, Text};
+use exr::prelude::{Encoding, LayerAttributes, ReadChannels, ReadLayers, WritableImage};
+
+use super::partial::{Partial, Values};
+use super::plan::Plan;
+use crate::error::{Error, Result};
+use crate::image::{Image, Region, check_exr};
+use crate::output::write_atomically;
+use voxsplat_volume::files;
+
+/// The names of the attributes.
+const PLAN: &str = "voxsplat.plan";
+const BRICKS: &str = "voxsplat.bricks";
+
+/// The name of a channel; a family of rays after the first has its number behind it.
+fn channel(values: Values, family: usize, number: usize) -> String {
+    let name = values.channels()[number];
+    if family == 0 { name.to_owned() } else { format!("family{family}.{name}") }
+}
+
+/// The largest file that is read, in bytes.
+const MAX_BYTES: u64 = 32 << 30;
+
+impl Partial {
+    /// Writes the partial picture as an OpenEXR file. The file appears whole or not at all.
+    ///
+    /// # Errors
+    /// [`Error::Output`] and [`Error::Write`] if it cannot be written.
+    pub fn save(&self, path: impl AsRef<Path>, plan: &Plan) -> Result<()> {
+        let path = path.as_ref();
+        let encoded = self.encoded(plan).map_err(|source| Error::Write { path: path.to_owned(), source })?;
+        write_atomically(path, |file| file.write_all(&encoded))
+    }
+
+    fn encoded(&self, plan: &Plan) -> io::Result<Vec<u8>> {
+        let Region { x, y, width, height } = self.region;
+        let with_values = |family: usize, number: usize| {
+            let values: Vec<f32> = self.pixels(family).iter().map(|pixel| pixel[number]).collect();
+            // Zeros of a family that no pixel has are left out.
+            let shows = family == 0 || values.iter().any(|&value| value != 0.0);
+            shows.then(|| AnyChannel::new(channel(self.values, family, number).as_str(), FlatSamples::F32(values)))
+        };
+        let channels =
+            (0..self.families()).flat_map(|family| (0..4).filter_map(move |number| with_values(family, number)));
+        let channels = channels.collect();
+        let mut attributes = LayerAttributes::named("part");
+        attributes.layer_position = Vec2(x as i32, y as i32);
+        for (name, text) in [(PLAN, format!("{:016x}", self.plan)), (BRICKS, self.bricks_text())] {
+            attributes.other.insert(Text::from(name), AttributeValue::Text(Text::from(text.as_str())));
+        }
+        let size = Vec2(width as usize, height as usize);
+        let layer = Layer::new(size, attributes, Encoding::FAST_LOSSLESS, AnyChannels::sort(channels));
+        let mut image = ExrImage::from_layer(layer);
+        let whole = plan.camera().size.map(|side| side as usize);
+        image.attributes.display_window = IntegerBounds::new((0, 0), (whole[0], whole[1]));
+        let mut file = Cursor::new(Vec::new());
+        image.write().to_buffered(&mut file).map_err(io::Error::other)?;
+        Ok(file.into_inner())
+    }
+
+    fn bricks_text(&self) -> String {
+        format!("{}:{}", self.bricks.start, self.bricks.end)
+    }
+
+    /// Loads a partial picture of a plan.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if the file cannot be read, is damaged or no partial picture; [`Error::Setting`] if it belongs
+    /// to another plan.
+    pub fn load(path: impl AsRef<Path>, plan: &Plan) -> Result<Self> {
+        let path = path.as_ref();
+        let bytes = files::read(path, MAX_BYTES)?;
+        let refused = |reason: &str| Error::format(path, format!("no partial picture: {reason}"));
+        check_exr(path, &bytes)?;
+        let read = exr::prelude::read().no_deep_data().largest_resolution_level().all_channels().first_valid_layer();
+        let image = read
+            .all_attributes()
+            .from_buffered(Cursor::new(&bytes))
+            .map_err(|e| refused(&format!("it cannot be decoded: {e}")))?;
+        let layer = image.layer_data;
+        let text = |name: &str| match layer.attributes.other.get(&Text::from(name)) {
+            Some(AttributeValue::Text(text)) => Some(text.to_string()),
+            _ => None,
+        };
+        let id = text(PLAN).and_then(|text| u64::from_str_radix(&text, 16).ok());
+        let bricks = text(BRICKS).and_then(|text| {
+            let (first, end) = text.split_once(':')?;
+            Some(first.parse().ok()?..end.parse().ok()?)
+        });
+        let (Some(id), Some(bricks)) = (id, bricks) else {
+            return Err(refused("it names no plan: draw it with voxsplat brick"));
+        };
+        let values = Values::of_model(plan.settings().model);
+        let Vec2(x, y) = layer.attributes.layer_position;
+        let (Ok(x), Ok(y)) = (u32::try_from(x), u32::try_from(y)) else {
+            return Err(refused("it lies beside the picture"));
+        };
+        let region = Region { x, y, width: layer.size.width() as u32, height: layer.size.height() as u32 };
+        let mut part = Self { plan: id, bricks, values, region, families: Vec::new() };
+        plan.check_part(&part).map_err(|e| Error::format(path, e.to_string()))?;
+        for family in 0..plan.families() {
+            let mut pixels = Image::transparent(region.width, region.height)?;
+            for number in 0..4 {
+                let name = channel(values, family, number);
+                let found = layer.channel_data.list.iter().find(|channel| channel.name == *name.as_str());
+                let samples = match found.map(|channel| &channel.sample_data) {
+                    Some(FlatSamples::F32(samples)) => samples,
+                    None if family > 0 => continue,
+                    _ => return Err(refused(&format!("it has no channel {name} of 32-bit floats"))),
+                };
+                if samples.iter().any(|value| !value.is_finite()) {
+                    return Err(refused(&format!("channel {name} has a value that is not finite")));
+                }
+                pixels.pixels_mut().iter_mut().zip(samples).for_each(|(pixel, value)| pixel[number] = *value);
+            }
+            part.families.push(pixels);
+        }
+        Ok(part)
+    }
+}

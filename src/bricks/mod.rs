@@ -1,0 +1,57 @@
+//! Pictures made by many machines: a plan of bricks, a partial picture of each brick, and their merged picture.
+//!
+//! A volume that one machine cannot hold is cut into bricks. A [`Plan`] holds all facts of the whole: lattice, camera,
+//! settings, transfer function and the bricks in order. [`brick`] draws one brick of a slice of the samples, the brick
+//! with its halo; bricks need nothing of each other. [`Partial::over`] composites neighbours in order, in any tree, and
+//! [`Plan::picture`] classifies and displays the result.
+//!
+//! ```no_run
+//! use voxsplat::bricks::{Chunks, Plan, brick};
+//! use voxsplat::{Appearance, Renderer, RendererOptions, load};
+//!
+//! # fn main() -> voxsplat::Result<()> {
+//! let volume = load("scan.nrrd", &Default::default())?;
+//! let look = Appearance::for_file("scan.nrrd", &volume)?;
+//! let chunks = Chunks::even(volume.grid().dims(), [2, 2, 2])?;
+//! let settings = Plan::settings_for(&look.settings);
+//! let plan = Plan::new(&look.layers, volume.grid(), &chunks, &look.camera([1024, 1024])?, &settings)?;
+//! let renderer = Renderer::new(&RendererOptions::default())?;
+//! let mut merged = None;
+//! for (number, next) in plan.bricks().iter().enumerate() {
+//!     // On any machine: a slice of the samples, and the plan as JSON.
+//!     let (part, _) = brick(&renderer, &plan, number, &look.layers.part(&next.held)?)?;
+//!     merged = Some(match merged {
+//!         None => part,
+//!         Some(front) => voxsplat::bricks::Partial::over(&front, &part)?,
+//!     });
+//! }
+//! # let merged = merged.unwrap();
+//! plan.picture(&merged)?.save("scan.png", Default::default())
+//! # }
+//! ```
+//!
+//! # Seams
+//!
+//! Painters composite slabs or sheets, and matter within one has no order. A cut through a slab would order it, so the
+//! picture would change along the cut. Therefore each slab of each ray belongs to one brick: the brick that holds its
+//! middle. All bricks place slabs and cuts by the same numbers of the whole lattice, and hold the voxels around the
+//! cuts, their halo. So the merged picture differs from the whole one by the rounding of f32, at cuts as elsewhere.
+//!
+//! # Limits
+//!
+//! [`Plan::new`] refuses light with shadows or occlusion, axis-aligned sheets, levels whose cells cuts would divide,
+//! and levels of scalars: their pictures need matter of other bricks, or have sheets or cells that no brick owns. A ray
+//! is marched for each pixel. Each brick ends its own opaque rays, so matter behind other bricks is drawn although it
+//! is hidden.
+
+mod file;
+mod grid;
+mod memory;
+mod merge;
+mod partial;
+mod plan;
+
+pub use grid::Chunks;
+pub use merge::merge;
+pub use partial::{Partial, Values};
+pub use plan::{Brick, Plan, brick};

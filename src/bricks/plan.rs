@@ -1,0 +1,423 @@
+//! The plan of a picture in bricks: the facts of the whole that bricks need, as JSON.
+
+use std::ops::Range;
+
+use glam::DAffine3;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use super::grid::{Chunks, owned};
+use super::memory::Memory;
+use super::partial::{Look, Partial, Values, named};
+use crate::camera::Camera;
+use crate::error::{Error, Result};
+use crate::gpu::savings::Savings;
+use crate::gpu::view::{Held, ViewGeometry};
+use crate::image::{Image, Region};
+use crate::kernel::NORMAL_REACH;
+use crate::layers::Layers;
+use crate::painters::choice::PainterKind;
+use crate::prepare::cells;
+use crate::renderer::Renderer;
+use crate::settings::{Level, Model, Painter, QuadsSettings, Resolution, Settings, Sheets, TilesSettings};
+use crate::stats::Stats;
+use crate::transfer::TransferFunction;
+use crate::volume::Grid;
+
+/// The version of the JSON of a plan.
+const FORMAT: &str = "voxsplat plan 1";
+
+/// Cells at the ends of a slice whose voxels partly lie beyond it.
+const INCOMPLETE: u32 = 4;
+
+/// Voxels to either side that the smoothed normals of labels and masks depend on.
+const SMOOTHED_REACH: u32 = 4;
+
+/// A brick of a plan.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Brick {
+    /// The voxels that the brick owns, along x, y and z.
+    pub voxels: [Range<u32>; 3],
+    /// The slice of the samples that it needs: its voxels and its halo, within the volume.
+    pub held: [Range<u32>; 3],
+    /// Its order: along every ray the keys of the bricks that the ray meets ascend.
+    pub key: i64,
+    /// The predicted bytes of memory of a process that draws it on software Vulkan, without its picture: 16 bytes a
+    /// pixel and family of rays.
+    pub bytes: u64,
+}
+
+/// A plan of a picture: lattice, camera, settings and bricks. It holds no samples.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Plan {
+    grid: Grid,
+    camera: Camera,
+    settings: Settings,
+    /// The transfer function, if the picture has one layer of scalars.
+    transfer: Option<TransferFunction>,
+    brightest: [f64; 3],
+    /// How far slabs and sheets reach beyond cuts.
+    beyond: f64,
+    bricks: Vec<Brick>,
+    id: u64,
+}
+
+/// The JSON of a plan.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Document {
+    format: String,
+    dims: [u32; 3],
+    to_world: DAffine3,
+    camera: Camera,
+    settings: Settings,
+    transfer: Option<Value>,
+    brightest: [f64; 3],
+    beyond: f64,
+    bricks: Vec<Brick>,
+}
+
+impl Plan {
+    /// Returns the same settings with light that [`Self::new`] accepts: without shadows and occlusion.
+    #[must_use]
+    pub fn settings_for(settings: &Settings) -> Settings {
+        let mut settings = settings.clone();
+        if let Some(lighting) = &mut settings.lighting {
+            (lighting.shadows, lighting.occlusion) = (0.0, None);
+        }
+        settings
+    }
+
+    /// Plans a picture of a volume on `grid` in bricks. The painter is fixed, with a ray for each pixel.
+    ///
+    /// `overview` has the look of the picture: the volume, or one volume with fewer samples of the same type in the
+    /// same place, such as a coarse level of a pyramid. One of 256 of its samples is read, to predict the memory of
+    /// bricks. Several layers, labels and masks are on `grid` itself.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] if `chunks` belong to another lattice, a setting is out of range, or the picture cannot be
+    /// made in bricks: light with shadows or occlusion, axis-aligned sheets, a level whose cells the cuts divide or
+    /// that scalars have. [`Error::Camera`] if the camera is not finite.
+    pub fn new(overview: &Layers, grid: &Grid, chunks: &Chunks, camera: &Camera, settings: &Settings) -> Result<Self> {
+        let layers = overview;
+        camera.validate()?;
+        camera.check_scale(grid)?;
+        settings.validate()?;
+        if layers.plain().is_none() {
+            Layers::check_settings(settings)?;
+            if layers.grid().dims() != grid.dims() {
+                let reason = "an overview of several layers, labels or masks has the lattice of the volume";
+                return Err(Error::setting("overview", reason));
+            }
+        }
+        if chunks.dims() != grid.dims() {
+            return Err(Error::setting("grid", format!("chunks of {:?} voxels for {:?}", chunks.dims(), grid.dims())));
+        }
+        check(settings)?;
+        let level = level(layers, grid, chunks, camera, settings)?;
+        let settings = Settings { level: Level::At(level), ..settings.clone() };
+        let (view, drawn) = drawn(grid, camera, &settings, level)?;
+        let painter = painter(&view, &drawn)?;
+        let kind = if matches!(painter, Painter::Quads(_)) { PainterKind::Quads } else { PainterKind::Tiles };
+        let settings = Settings { painter, ..settings };
+        // In cells; those at the ends of a slice lack voxels beyond.
+        let [beyond, reach] = (kind.room().reach)(&view, &Settings { painter, ..drawn });
+        let incomplete = if level > 0 { INCOMPLETE } else { 0 };
+        let cells = beyond.max(reach).ceil() as u32 + incomplete;
+        let halo = (cells << level) + normals_reach(layers, &settings) + filter_reach(&settings)?;
+        let beyond = beyond * f64::from(level).exp2();
+        let transfer = layers.plain().map(|(_, transfer)| transfer.clone());
+        let brightest = match (painter, settings.lighting.is_some() || settings.is_post_shaded()) {
+            (Painter::Tiles(_), false) => layers.brightest(),
+            _ => [1.0; 3],
+        };
+        let memory = Memory::new(layers, grid, &settings)?;
+        let bricks = chunks.in_order(grid, camera).into_iter().map(|(brick, key)| {
+            let voxels = chunks.voxels(brick);
+            let wider = |axis: usize| {
+                let Range { start, end } = voxels[axis].clone();
+                // Slices begin between cells.
+                let start = start.saturating_sub(halo) >> level << level;
+                start..end.saturating_add(halo).next_multiple_of(1 << level).min(grid.dims()[axis])
+            };
+            let held = [0, 1, 2].map(wider);
+            let bytes = memory.of(&held);
+            Brick { voxels, held, key, bytes }
+        });
+        let bricks = bricks.collect();
+        Ok(Self { grid: *grid, camera: *camera, settings, transfer, brightest, beyond, bricks, id: 0 }.identified())
+    }
+
+    /// Reads a plan from JSON.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] if the text is no plan, or one of another version.
+    pub fn from_json(text: &str) -> Result<Self> {
+        let refused = |reason: String| Error::setting("plan", reason);
+        let document: Document = serde_json::from_str(text).map_err(|e| {
+            refused(format!("line {} column {}: {}", e.line(), e.column(), voxsplat_volume::files::fault(&e)))
+        })?;
+        let Document { format, dims, to_world, camera, settings, transfer, brightest, beyond, bricks } = document;
+        if format != FORMAT {
+            return Err(refused(format!("{format:?}, expected {FORMAT:?}: plan again with this program")));
+        }
+        let grid = Grid::new(dims, to_world)?;
+        camera.validate()?;
+        settings.validate()?;
+        check(&settings)?;
+        let transfer = transfer.map(|value| TransferFunction::from_json(&value.to_string())).transpose()?;
+        for Brick { voxels, held, .. } in &bricks {
+            let fits = |axis: usize| {
+                let (voxels, held) = (&voxels[axis], &held[axis]);
+                held.start <= voxels.start
+                    && voxels.start < voxels.end
+                    && voxels.end <= held.end
+                    && held.end <= dims[axis]
+            };
+            if !(0..3).all(fits) {
+                return Err(refused(format!("a brick of {voxels:?} in {held:?}, expected parts of {dims:?} voxels")));
+            }
+        }
+        Ok(Self { grid, camera, settings, transfer, brightest, beyond, bricks, id: 0 }.identified())
+    }
+
+    /// Returns the plan as JSON. [`Self::from_json`] reads the same plan back.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] if a number is not finite.
+    pub fn to_json(&self) -> Result<String> {
+        let failed = |e: serde_json::Error| Error::setting("plan", e.to_string());
+        let transfer = self.transfer.as_ref().map(|transfer| serde_json::from_str(&transfer.to_json()));
+        let document = Document {
+            format: FORMAT.to_owned(),
+            dims: self.grid.dims(),
+            to_world: self.grid.to_world(),
+            camera: self.camera,
+            settings: self.settings.clone(),
+            transfer: transfer.transpose().map_err(failed)?,
+            brightest: self.brightest,
+            beyond: self.beyond,
+            bricks: self.bricks.clone(),
+        };
+        serde_json::to_string_pretty(&document).map(|text| text + "\n").map_err(failed)
+    }
+
+    /// The same plan with the number of its facts.
+    fn identified(self) -> Self {
+        // FNV-1a, the same on every machine.
+        let bytes = format!("{self:?}");
+        let id = bytes
+            .bytes()
+            .fold(0xcbf2_9ce4_8422_2325, |hash: u64, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3));
+        Self { id, ..self }
+    }
+
+    /// Returns a number that plans of other pictures or other bricks do not share.
+    #[must_use]
+    pub fn id(&self) -> u64 {
+        self.id
+    }
+
+    /// Returns the bricks, front to back.
+    #[must_use]
+    pub fn bricks(&self) -> &[Brick] {
+        &self.bricks
+    }
+
+    /// Returns a brick by its place in [`Self::bricks`].
+    ///
+    /// # Errors
+    /// [`Error::Setting`] if there is no such brick.
+    pub fn brick(&self, number: usize) -> Result<&Brick> {
+        let last = self.bricks.len().saturating_sub(1);
+        self.bricks.get(number).ok_or_else(|| Error::setting("brick", format!("{number}, expected 0 to {last}")))
+    }
+
+    /// Returns the lattice of the whole volume.
+    #[must_use]
+    pub fn grid(&self) -> &Grid {
+        &self.grid
+    }
+
+    /// Returns the camera of the whole picture.
+    #[must_use]
+    pub fn camera(&self) -> &Camera {
+        &self.camera
+    }
+
+    /// Returns the settings of all bricks.
+    #[must_use]
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// Returns the transfer function, if the picture is of one volume alone.
+    #[must_use]
+    pub fn transfer(&self) -> Option<&TransferFunction> {
+        self.transfer.as_ref()
+    }
+
+    /// Returns the picture of a partial picture of all bricks.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] if the partial picture belongs to another plan or lacks bricks; [`Error::Memory`].
+    pub fn picture(&self, merged: &Partial) -> Result<Image> {
+        self.check_part(merged)?;
+        if merged.bricks != (0..self.bricks.len()) {
+            let reason = format!("{} of {} are there, expected all", named(&merged.bricks), self.bricks.len());
+            return Err(Error::setting("parts", reason));
+        }
+        let transfer = match self.settings.model {
+            Model::Minip => self.transfer.as_ref().map(TransferFunction::mirrored),
+            _ => self.transfer.clone(),
+        };
+        let look = Look { settings: &self.settings, brightest: self.brightest, transfer: transfer.as_ref() };
+        let view = self.view();
+        merged.picture(&look, &self.camera, &(self.painter().room().families)(&view))
+    }
+
+    /// The view of the whole lattice.
+    fn view(&self) -> ViewGeometry {
+        let settings = Settings { kernel: self.settings.reconstruction_kernel(), ..self.settings.clone() };
+        ViewGeometry::new(&self.camera, &self.grid, &settings, Savings::default())
+    }
+
+    fn painter(&self) -> PainterKind {
+        if matches!(self.settings.painter, Painter::Quads(_)) { PainterKind::Quads } else { PainterKind::Tiles }
+    }
+
+    /// The number of families of rays.
+    pub(super) fn families(&self) -> usize {
+        (self.painter().room().families)(&self.view()).len()
+    }
+
+    /// Refuses a partial picture of another plan.
+    pub(super) fn check_part(&self, part: &Partial) -> Result<()> {
+        let fits = part.region.check_within(self.camera.size).is_ok()
+            && part.bricks.end <= self.bricks.len()
+            && part.values == Values::of_model(self.settings.model);
+        if part.plan == self.id && fits {
+            return Ok(());
+        }
+        Err(Error::setting("parts", format!("{} belongs to another plan: draw it by this one", named(&part.bricks))))
+    }
+}
+
+/// Draws a brick of a plan, by its place in [`Plan::bricks`], of the slice of all layers that [`Brick::held`] names.
+/// The place of the slice in the world is that of the plan, whatever its own grid says.
+///
+/// # Errors
+/// [`Error::Setting`] if there is no such brick or the slice has other dimensions, and the errors of
+/// [`Renderer::prepare_layers`] and [`Renderer::render`].
+pub fn brick(renderer: &Renderer, plan: &Plan, number: usize, slice: &Layers) -> Result<(Partial, Stats)> {
+    let Brick { voxels, held, .. } = plan.brick(number)?;
+    let grid = plan.grid.part(held)?;
+    if slice.grid().dims() != grid.dims() {
+        let reason = format!("a slice of {:?} voxels, expected {:?}: {held:?}", slice.grid().dims(), grid.dims());
+        return Err(Error::setting("brick", reason));
+    }
+    let owned = owned(&plan.grid, voxels, Held::OPEN);
+    let first = [0, 1, 2].map(|axis| held[axis].start);
+    let held = Held { first, dims: grid.dims(), owned, family: 0, beyond: plan.beyond };
+    let mut scene = renderer.prepare_layers(&slice.on_grid(&grid)?, &plan.settings)?.within(plan.grid, held);
+    let (part, mut stats) = renderer.render_partial(&scene, &plan.camera, &plan.settings)?;
+    let mut parts = vec![part];
+    for family in 1..plan.families() {
+        scene = scene.by_family(family);
+        let (part, next) = renderer.render_partial(&scene, &plan.camera, &plan.settings)?;
+        parts.push(part);
+        stats.stages.extend(next.stages);
+    }
+    // A brick that reaches no pixel has one without matter.
+    let nowhere = Region { x: 0, y: 0, width: 1, height: 1 };
+    let region = parts.iter().flatten().map(|(region, _)| *region).reduce(Region::around).unwrap_or(nowhere);
+    let in_region = |part: &Option<(Region, Image)>| {
+        let mut family = Image::transparent(region.width, region.height)?;
+        part.iter().for_each(|(of, image)| family.put(image, [of.x - region.x, of.y - region.y]));
+        Ok(family)
+    };
+    let families = parts.iter().map(in_region).collect::<Result<Vec<Image>>>()?;
+    let values = Values::of_model(plan.settings.model);
+    Ok((Partial { plan: plan.id, bricks: number..number + 1, values, region, families }, stats))
+}
+
+/// Refuses settings whose pictures cannot be made in bricks.
+fn check(settings: &Settings) -> Result<()> {
+    if settings.casting().is_some() {
+        let reason = "shadows and occlusion need the matter of other bricks: expected light without them";
+        return Err(Error::setting("lighting", reason));
+    }
+    if settings.quads().sheets == Sheets::Axis {
+        return Err(Error::setting("sheets", "no brick owns an axis-aligned sheet: expected image"));
+    }
+    Ok(())
+}
+
+/// The level of all bricks. The cuts lie between its cells.
+fn level(layers: &Layers, grid: &Grid, chunks: &Chunks, camera: &Camera, settings: &Settings) -> Result<u32> {
+    let takes_cells = settings.takes_cells() && layers.plain().is_some();
+    match settings.level {
+        Level::At(level) if level > 0 && !takes_cells => {
+            Err(Error::setting("level", format!("{level}: bricks of scalars are drawn of voxels: expected auto or 0")))
+        }
+        Level::At(level) if level > chunks.level() => {
+            let most = chunks.level();
+            let reason = format!("{level}: bricks begin between cells of level {most} at most: expected up to {most}");
+            Err(Error::setting("level", reason))
+        }
+        Level::At(level) => Ok(level),
+        Level::Auto if !takes_cells => Ok(0),
+        Level::Auto => {
+            let (view, drawn) = drawn(grid, camera, settings, 0)?;
+            let [x, y, z] = grid.spacing();
+            let denser = drawn.normalization.density(&drawn.kernel);
+            let unit = layers.plain().map_or(1.0, |(_, transfer)| transfer.unit_or(grid.min_spacing()));
+            let depth = layers.max_density() / unit * x.max(y).max(z) * denser;
+            Ok(cells::level_of(&drawn.kernel, view.min_growth(), grid, depth).min(chunks.level()))
+        }
+    }
+}
+
+/// The view of the lattice that pictures at a level are drawn of, and their settings.
+fn drawn(grid: &Grid, camera: &Camera, settings: &Settings, level: u32) -> Result<(ViewGeometry, Settings)> {
+    let settings = Settings { kernel: settings.reconstruction_kernel(), level: Level::At(level), ..settings.clone() };
+    let voxels = ViewGeometry::new(camera, grid, &settings, Savings::default());
+    if level == 0 {
+        return Ok((voxels, settings));
+    }
+    let growth = voxels.min_growth().max(cells::least_growth(&settings.kernel, level));
+    let kernel = cells::kernel_of(&settings.kernel, growth, level);
+    let grown = growth / f64::from(level).exp2();
+    let settings = Settings { kernel, ..settings }.with_sheets_of(grown);
+    let cells = cells::grid_of(grid, level)?;
+    Ok((ViewGeometry::of_cells(camera, &cells, &settings, Savings::default(), grown, None), settings))
+}
+
+/// The painter of all bricks, with a ray for each pixel.
+fn painter(view: &ViewGeometry, settings: &Settings) -> Result<Painter> {
+    let refusal = || (PainterKind::Tiles.room().refusal)(view, settings);
+    match settings.painter {
+        quads @ Painter::Quads(_) => Ok(quads),
+        Painter::Auto if refusal().is_some() => Ok(Painter::Quads(QuadsSettings::default())),
+        _ => match refusal() {
+            Some(reason) => Err(Error::setting("painter", reason)),
+            None => Ok(Painter::Tiles(TilesSettings { resolution: Resolution::Full })),
+        },
+    }
+}
+
+/// How far samples that change the normal or the gradient of a voxel are from it.
+fn normals_reach(layers: &Layers, settings: &Settings) -> u32 {
+    let thins = layers.plain().is_some_and(|(_, transfer)| !transfer.gradient_opacity().is_empty());
+    match (settings.lighting.is_some(), layers.plain().is_some()) {
+        (true, true) => NORMAL_REACH as u32,
+        (true, false) => SMOOTHED_REACH,
+        (false, false) => 1,
+        (false, true) => u32::from(thins),
+    }
+}
+
+/// How far samples that change a filtered sample are from it.
+fn filter_reach(settings: &Settings) -> Result<u32> {
+    Ok(settings.prefilter()?.map_or(0, |filter| filter.reach() as u32))
+}

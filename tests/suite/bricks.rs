@@ -1,0 +1,494 @@
+//! Pictures in bricks are the whole picture, at cuts as elsewhere.
+
+use glam::{DAffine3, DMat3, DVec3};
+use voxsplat::bricks::{Chunks, Partial, Plan, brick, merge};
+use voxsplat::camera::{Camera, ProjectionKind, View};
+use voxsplat::clip::{Clip, Plane};
+use voxsplat::image::Image;
+use voxsplat::layers::{Labels, Layer, Layers};
+use voxsplat::settings::{
+    Level, Model, Painter, QuadsSettings, Resolution, Response, Settings, Shading, Sheets, TilesSettings,
+};
+use voxsplat::transfer::TransferFunction;
+use voxsplat::volume::{Grid, Samples, Volume};
+
+use crate::support::{PERSPECTIVE, RENDERER, demo, two_lights};
+
+/// The largest difference of a channel from the whole picture.
+const LIMIT: f64 = 1e-5;
+
+/// Settings without early termination, which ends the rays of each brick on its own.
+fn exact() -> Settings {
+    Settings { termination: 0.0, ..Settings::default() }
+}
+
+fn quads(settings: &Settings) -> Settings {
+    Settings { painter: Painter::Quads(QuadsSettings::default()), ..settings.clone() }
+}
+
+fn tiles(settings: &Settings) -> Settings {
+    Settings { painter: Painter::Tiles(TilesSettings { resolution: Resolution::Full }), ..settings.clone() }
+}
+
+/// The same samples on another lattice.
+fn on(volume: &Volume, axes: DMat3) -> Volume {
+    let grid = Grid::new(volume.grid().dims(), DAffine3::from_mat3_translation(axes, DVec3::new(50.0, -3.0, 7.0)));
+    let memory = volume.in_memory().unwrap();
+    let samples = (0..volume.grid().len() as usize).map(|i| memory.value(i) as f32).collect();
+    Volume::new(grid.unwrap(), Samples::F32(samples)).unwrap()
+}
+
+fn sheared(volume: &Volume) -> Volume {
+    on(volume, DMat3::from_cols(DVec3::new(1.0, 0.2, 0.0), DVec3::new(0.3, 1.0, 0.1), DVec3::new(0.0, -0.4, 2.5)))
+}
+
+/// The parts of a plan, in order.
+fn parts(plan: &Plan, layers: &Layers) -> Vec<Partial> {
+    let draw = |number: usize| {
+        let slice = layers.part(&plan.bricks()[number].held).unwrap();
+        brick(&RENDERER, plan, number, &slice).unwrap().0
+    };
+    (0..plan.bricks().len()).map(draw).collect()
+}
+
+/// The whole picture by the settings of a plan.
+fn whole(plan: &Plan, layers: &Layers) -> Image {
+    let scene = RENDERER.prepare_layers(layers, plan.settings()).unwrap();
+    RENDERER.render(&scene, plan.camera(), plan.settings()).unwrap().image
+}
+
+/// The merged picture, and the largest difference of a channel from the whole one.
+fn apart(layers: &Layers, chunks: &Chunks, camera: &Camera, settings: &Settings) -> f64 {
+    let plan = Plan::new(layers, layers.grid(), chunks, camera, settings).unwrap();
+    let merged = merge(&plan, parts(&plan, layers)).unwrap();
+    let whole = whole(&plan, layers);
+    let differences = difference(&merged, &whole);
+    assert!(whole.pixels().iter().any(|pixel| pixel[3] > 0.05), "the picture is empty");
+    differences.into_iter().fold(0.0, f64::max)
+}
+
+/// The largest difference of each pixel.
+fn difference(a: &Image, b: &Image) -> Vec<f64> {
+    let pixel =
+        |(a, b): (&[f32; 4], &[f32; 4])| a.iter().zip(b).map(|(a, b)| f64::from((a - b).abs())).fold(0.0, f64::max);
+    a.pixels().iter().zip(b.pixels()).map(pixel).collect()
+}
+
+fn seen(volume: &Volume, azimuth: f64, elevation: f64, projection: ProjectionKind, size: u32) -> Camera {
+    let view = View { azimuth, elevation, projection, ..View::default() };
+    Camera::new(&view, volume.grid(), [size; 2]).unwrap()
+}
+
+/// The models and shadings.
+fn models() -> Vec<(&'static str, Settings)> {
+    let base = exact();
+    let post = Settings { shading: Shading::Post, ..base.clone() };
+    let of = |model| Settings { model, ..base.clone() };
+    vec![
+        ("pre", base.clone()),
+        ("pre lit", Settings { lighting: two_lights(), ..base.clone() }),
+        ("post", post.clone()),
+        ("post lit", Settings { lighting: two_lights(), ..post.clone() }),
+        ("post sharp", Settings { sharpness: 0.7, ..post }),
+        ("xray", of(Model::Xray)),
+        ("film", Settings { response: Response::FILM, ..of(Model::Xray) }),
+        ("mip", of(Model::Mip)),
+        ("mip attenuated", Settings { attenuation: 1.5, ..of(Model::Mip) }),
+        ("minip", of(Model::Minip)),
+        ("average", of(Model::Average)),
+    ]
+}
+
+/// Every model by a painter through a projection: the names of those that differ from the whole picture.
+fn differing(projection: ProjectionKind, painter: fn(&Settings) -> Settings) -> Vec<String> {
+    let (volume, transfer) = demo("marschner-lobb", 24);
+    let volume = sheared(&volume);
+    let chunks = Chunks::new([24; 3], [vec![7, 17], vec![12, 12], vec![10, 14]]).unwrap();
+    let camera = seen(&volume, 33.0, 25.0, projection, 40);
+    let apart = |(name, settings): (&str, Settings)| {
+        let apart = apart(&Layers::of_volume(&volume, &transfer), &chunks, &camera, &painter(&settings));
+        println!("{projection:?} {name}: {apart:.1e}");
+        (apart > LIMIT).then(|| format!("{projection:?} {name}: {apart:.1e}"))
+    };
+    models().into_iter().filter_map(apart).collect()
+}
+
+#[test]
+fn every_model_by_rays_through_an_eye_is_the_whole() {
+    assert_eq!(differing(PERSPECTIVE, tiles), [""; 0]);
+}
+
+#[test]
+fn every_model_by_parallel_sheets_is_the_whole() {
+    assert_eq!(differing(ProjectionKind::Orthographic, quads), [""; 0]);
+}
+
+#[test]
+#[ignore = "slow: the other half of the models, painters and projections"]
+fn every_other_model_is_the_whole() {
+    assert_eq!(differing(ProjectionKind::Orthographic, tiles), [""; 0]);
+    assert_eq!(differing(PERSPECTIVE, quads), [""; 0]);
+}
+
+/// Pixels whose neighbours see other bricks: the cuts.
+fn at_cuts(plan: &Plan, parts: &[Partial]) -> Vec<bool> {
+    let [width, height] = plan.camera().size.map(|side| side as usize);
+    let mut seen = vec![0_u64; width * height];
+    for (number, part) in parts.iter().enumerate() {
+        let region = part.region();
+        for (i, pixel) in part.pixels(0).iter().enumerate() {
+            let (x, y) = (i % region.width as usize, i / region.width as usize);
+            if pixel.iter().any(|&value| value != 0.0) {
+                seen[(region.y as usize + y) * width + region.x as usize + x] |= 1 << number;
+            }
+        }
+    }
+    let differs = |i: usize, j: usize| j < seen.len() && seen[i] != seen[j];
+    (0..seen.len()).map(|i| differs(i, i + 1) || differs(i, i + width)).collect()
+}
+
+#[test]
+fn there_is_no_seam_at_cuts() {
+    let (volume, transfer) = demo("marschner-lobb", 32);
+    let layers = Layers::of_volume(&volume, &transfer);
+    // Along a face of the lattice, and obliquely.
+    for (azimuth, elevation) in [(0.0, 0.0), (30.0, 20.0)] {
+        let chunks = Chunks::new([32; 3], [vec![11, 21], vec![16, 16], vec![5, 18, 9]]).unwrap();
+        let camera = seen(&volume, azimuth, elevation, ProjectionKind::Orthographic, 64);
+        for settings in [tiles(&exact()), quads(&exact())] {
+            let plan = Plan::new(&layers, layers.grid(), &chunks, &camera, &settings).unwrap();
+            let parts = parts(&plan, &layers);
+            let cuts = at_cuts(&plan, &parts);
+            let difference = difference(&merge(&plan, parts).unwrap(), &whole(&plan, &layers));
+            let largest = |at_cut: bool| {
+                let some = difference.iter().zip(&cuts).filter(|(_, cut)| **cut == at_cut);
+                (some.clone().count(), some.map(|(d, _)| *d).fold(0.0, f64::max))
+            };
+            let ((pixels, at_cuts), (_, elsewhere)) = (largest(true), largest(false));
+            println!("{azimuth}: {at_cuts:.1e} in {pixels} pixels of cuts, elsewhere {elsewhere:.1e}");
+            assert!(pixels > 60, "{pixels} pixels");
+            assert!(at_cuts < LIMIT.min(2.0 * elsewhere + 1e-6), "{at_cuts:e}, elsewhere {elsewhere:e}");
+        }
+    }
+}
+
+#[test]
+fn unusual_scenes_are_the_whole() {
+    let (volume, transfer) = demo("vessels", 28);
+    let layers = Layers::of_volume(&volume, &transfer);
+    let chunks = Chunks::even([28; 3], [2, 1, 3]).unwrap();
+    let along = seen(&volume, 90.0, 0.0, ProjectionKind::Orthographic, 48);
+    let oblique = seen(&volume, 40.0, 20.0, PERSPECTIVE, 48);
+    let plane = |normal| Plane::through(volume.grid().center(), normal).unwrap();
+    let clip = Clip::new(vec![plane(DVec3::new(0.5, 0.7, -0.4)), plane(DVec3::X)]).unwrap();
+    let small = seen(&volume, 30.0, 10.0, ProjectionKind::Orthographic, 20);
+    let inside = View { distance: Some(0.2), projection: ProjectionKind::Perspective { fov: 90.0 }, ..View::default() };
+    let inside = Camera::new(&inside, volume.grid(), [40; 2]).unwrap();
+    let post = Settings { shading: Shading::Post, ..exact() };
+    for (name, camera, settings) in [
+        ("along a face", &along, tiles(&exact())),
+        ("along a face, quads", &along, quads(&post)),
+        ("clipped", &oblique, tiles(&Settings { clip: clip.clone(), ..exact() })),
+        ("clipped, post", &oblique, quads(&Settings { clip, ..post.clone() })),
+        ("grown kernels", &small, tiles(&exact())),
+        ("the eye inside", &inside, exact()),
+        ("the eye inside, post", &inside, post),
+    ] {
+        let apart = apart(&layers, &chunks, camera, &settings);
+        println!("{name}: {apart:.1e}");
+        assert!(apart < LIMIT, "{name}: {apart:e}");
+    }
+}
+
+#[test]
+fn cells_are_the_whole() {
+    let (volume, transfer) = demo("vessels", 44);
+    let layers = Layers::of_volume(&volume, &transfer);
+    let chunks = Chunks::new([44; 3], [vec![16, 28], vec![44], vec![20, 8, 16]]).unwrap();
+    let lit = Settings { lighting: two_lights(), ..exact() };
+    for (level, projection, settings, size) in [
+        (1, ProjectionKind::Orthographic, tiles(&exact()), 36),
+        (1, PERSPECTIVE, tiles(&lit), 70),
+        (2, PERSPECTIVE, tiles(&exact()), 36),
+        (1, ProjectionKind::Orthographic, quads(&lit), 36),
+    ] {
+        let camera = seen(&volume, 33.0, 25.0, projection, size);
+        let apart = apart(&layers, &chunks, &camera, &Settings { level: Level::At(level), ..settings });
+        println!("level {level} {projection:?}: {apart:.1e}");
+        assert!(apart < LIMIT, "level {level} {projection:?}: {apart:e}");
+    }
+    // Small pictures have cells by themselves.
+    let camera = seen(&volume, 33.0, 25.0, ProjectionKind::Orthographic, 16);
+    let plan = Plan::new(&layers, layers.grid(), &chunks, &camera, &exact()).unwrap();
+    assert!(matches!(plan.settings().level, Level::At(1..)), "{:?}", plan.settings().level);
+}
+
+/// A plan by an overview draws slices of the volume.
+#[test]
+fn an_overview_makes_the_plan_of_the_volume() {
+    let (volume, transfer) = demo("vessels", 32);
+    let layers = Layers::of_volume(&volume, &transfer);
+    let transfer = TransferFunction::new(transfer.points().to_vec(), Some(volume.grid().min_spacing())).unwrap();
+    let (coarse, _) = demo("vessels", 8);
+    let grid = volume.grid();
+    let axes = grid.to_world().matrix3 * 4.0;
+    let origin = grid.to_world().transform_point3(DVec3::splat(1.5));
+    let coarse = coarse.with_grid(Grid::new([8; 3], DAffine3::from_mat3_translation(axes, origin)).unwrap()).unwrap();
+    let overview = Layers::of_volume(&coarse, &transfer);
+    let chunks = Chunks::even([32; 3], [2, 2, 1]).unwrap();
+    let camera = seen(&volume, 30.0, 20.0, ProjectionKind::Orthographic, 40);
+    let [plan, own] = [&overview, &Layers::of_volume(&volume, &transfer)]
+        .map(|of| Plan::new(of, grid, &chunks, &camera, &exact()).unwrap());
+    assert!(plan.bricks().iter().zip(own.bricks()).all(|(a, b)| (&a.held, a.key) == (&b.held, b.key)));
+    let merged = merge(&plan, parts(&plan, &layers)).unwrap();
+    let largest = difference(&merged, &whole(&own, &layers)).into_iter().fold(0.0, f64::max);
+    assert!(largest < LIMIT, "{largest:e}");
+}
+
+#[test]
+fn labels_and_channels_are_the_whole() {
+    let (scan, transfer) = demo("vessels", 24);
+    let number = |i: u32| {
+        let [x, y, z] = [i % 24, i / 24 % 24, i / 576].map(|c| f64::from(c) - 11.5);
+        u8::from((x * x + y * y + z * z).sqrt() < 9.0) + u8::from(x.hypot(y) < 3.0)
+    };
+    let labels: Vec<u8> = (0..24 * 24 * 24).map(number).collect();
+    let labels = Volume::from_slice([24; 3], scan.grid().spacing(), &labels).unwrap();
+    let labels = labels.with_grid(*scan.grid()).unwrap();
+    let layers = Layers::of_volume(&scan, &transfer).with(Layer::labels(&labels, &Labels::default()).unwrap()).unwrap();
+    let chunks = Chunks::even([24; 3], [2, 2, 2]).unwrap();
+    let camera = seen(&scan, 30.0, 20.0, ProjectionKind::Orthographic, 40);
+    for settings in [tiles(&exact()), tiles(&Settings { lighting: two_lights(), ..exact() })] {
+        let apart = apart(&layers, &chunks, &camera, &settings);
+        assert!(apart < LIMIT, "{apart:e}");
+    }
+}
+
+/// Random numbers from 0 to under 1 (Steele, Lea and Flood 2014, splitmix64).
+struct Random(u64);
+
+impl Random {
+    fn next(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    fn below(&mut self, count: usize) -> usize {
+        (self.next() * count as f64) as usize
+    }
+
+    /// Irregular chunks of some voxels.
+    fn sizes(&mut self, voxels: u32, count: usize) -> Vec<u32> {
+        let mut sizes = vec![1; count];
+        (count as u32..voxels).for_each(|_| sizes[self.below(count)] += 1);
+        sizes
+    }
+}
+
+/// A random scene, drawn in bricks: what it is, and the largest difference from the whole picture.
+fn random_scene(seed: u64) -> (String, f64) {
+    let mut random = Random(seed);
+    let grids = [[1, 1, 8], [2, 2, 2], [3, 1, 2], [1, 5, 1], [2, 3, 1], [1, 2, 2], [2, 1, 3], [4, 1, 1], [3, 2, 1]];
+    // One grid of sixteen is large.
+    let counts = if random.below(16) == 0 { [4, 3, 5] } else { grids[random.below(grids.len())] };
+    let name = ["marschner-lobb", "vessels", "shell"][random.below(3)];
+    let (volume, transfer) = demo(name, 20);
+    let mut axis = |at: usize| {
+        let mut axis = DVec3::from_array([0, 1, 2].map(|_| 0.6 * random.next() - 0.3));
+        axis[at] = 0.5 + 2.0 * random.next();
+        axis
+    };
+    let volume = on(&volume, DMat3::from_cols(axis(0), axis(1), axis(2)));
+    let chunks = Chunks::new([20; 3], counts.map(|count| random.sizes(20, count))).unwrap();
+    // One view of six along an axis of the lattice.
+    let direction = match random.below(6) {
+        0 => volume.grid().to_world().matrix3.col(random.below(3)),
+        _ => DVec3::from_array([0, 1, 2].map(|_| random.next() - 0.5)),
+    };
+    let projection = match random.below(3) {
+        0 => ProjectionKind::Perspective { fov: 20.0 + 60.0 * random.next() },
+        _ => ProjectionKind::Orthographic,
+    };
+    let distance = (random.below(8) == 0).then_some(2.0);
+    let view = View { direction: Some(direction), projection, distance, ..View::default() };
+    let camera = Camera::new(&view, volume.grid(), [20 + random.below(12) as u32, 24]).unwrap();
+    let models = models();
+    let (model, settings) = &models[random.below(models.len())];
+    let settings = if random.below(2) == 0 { tiles(settings) } else { quads(settings) };
+    let layers = Layers::of_volume(&volume, &transfer);
+    // Tiles refuses kernels that have grown to the size of pixels, and an eye among the voxels.
+    let auto = || {
+        Plan::new(&layers, layers.grid(), &chunks, &camera, &Settings { painter: Painter::Auto, ..settings.clone() })
+    };
+    let plan = Plan::new(&layers, layers.grid(), &chunks, &camera, &settings).or_else(|_| auto()).unwrap();
+    let merged = merge(&plan, parts(&plan, &layers)).unwrap();
+    let apart = difference(&merged, &whole(&plan, &layers)).into_iter().fold(0.0, f64::max);
+    // A steep transfer function magnifies the rounding of a value.
+    let apart = if name == "shell" { apart / STEEP } else { apart };
+    (format!("{seed}: {name} {model} {counts:?} {projection:?} {distance:?} {:?}", plan.settings().painter), apart)
+}
+
+/// How many times as much rounding shows by the transfer function of the shell, a peak of a hundredth of its values.
+const STEEP: f64 = 5.0;
+
+/// Random scenes that differ from their whole pictures.
+fn differing_scenes(seeds: std::ops::Range<u64>) -> Vec<String> {
+    let scenes = seeds.map(random_scene).filter(|(_, apart)| *apart > LIMIT);
+    scenes.map(|(name, apart)| format!("{name}: {apart:.1e}")).collect()
+}
+
+#[test]
+fn some_random_scenes_are_the_whole() {
+    assert_eq!(differing_scenes(0..8), [""; 0]);
+}
+
+#[test]
+#[ignore = "slow: 200 scenes in up to 60 bricks"]
+fn random_scenes_are_the_whole() {
+    let failures = differing_scenes(8..208);
+    assert!(failures.is_empty(), "{} scenes:\n{}", failures.len(), failures.join("\n"));
+}
+
+#[test]
+fn keys_ascend_along_every_ray() {
+    let mut random = Random(7);
+    let (volume, transfer) = demo("marschner-lobb", 24);
+    let layers = Layers::of_volume(&sheared(&volume), &transfer);
+    let grid = *layers.grid();
+    for _ in 0..40 {
+        let counts = [1 + random.below(5), 1 + random.below(4), 1 + random.below(6)];
+        let chunks = Chunks::new([24; 3], counts.map(|count| random.sizes(24, count))).unwrap();
+        let direction = DVec3::from_array([0, 1, 2].map(|_| random.next() - 0.5));
+        let projection = if random.below(2) == 0 { PERSPECTIVE } else { ProjectionKind::Orthographic };
+        let distance = (random.below(2) == 0).then(|| 60.0 * random.next());
+        let view = View { direction: Some(direction), projection, distance, ..View::default() };
+        let camera = Camera::new(&view, &grid, [64; 2]).unwrap();
+        let plan = Plan::new(&layers, layers.grid(), &chunks, &camera, &quads(&exact())).unwrap();
+        let inside = |place: DVec3| {
+            plan.bricks().iter().position(|brick| {
+                (0..3).all(|a| {
+                    let range = f64::from(brick.voxels[a].start) - 0.5..f64::from(brick.voxels[a].end) - 0.5;
+                    range.contains(&place[a])
+                })
+            })
+        };
+        for _ in 0..20 {
+            let (x, y) = (2.0 * random.next() - 1.0, 2.0 * random.next() - 1.0);
+            let (origin, along) = camera.ray(x, y);
+            let first = if projection == PERSPECTIVE { 0.0 } else { -300.0 };
+            let steps = (0..2000).map(|i| origin + along.normalize() * (first + 0.3 * f64::from(i)));
+            let mut met: Vec<usize> = steps.filter_map(|p| inside(grid.to_lattice().transform_point3(p))).collect();
+            met.dedup();
+            let keys: Vec<i64> = met.iter().map(|&number| plan.bricks()[number].key).collect();
+            assert!(keys.windows(2).all(|pair| pair[0] < pair[1]), "{counts:?} {projection:?}: {keys:?}");
+        }
+    }
+}
+
+/// A small plan and its parts.
+fn small() -> (Plan, Vec<Partial>) {
+    let (volume, transfer) = demo("vessels", 16);
+    let layers = Layers::of_volume(&volume, &transfer);
+    let chunks = Chunks::even([16; 3], [1, 2, 2]).unwrap();
+    let plan =
+        Plan::new(&layers, layers.grid(), &chunks, &seen(&volume, 20.0, 10.0, PERSPECTIVE, 24), &tiles(&exact()))
+            .unwrap();
+    let parts = parts(&plan, &layers);
+    (plan, parts)
+}
+
+#[test]
+fn any_tree_over_the_ordered_bricks_makes_the_same_picture() {
+    let (plan, parts) = small();
+    let [a, b, c, d] = &parts[..] else { panic!("{} parts", parts.len()) };
+    let trees = [
+        a.over(b).unwrap().over(c).unwrap().over(d).unwrap(),
+        a.over(&b.over(&c.over(d).unwrap()).unwrap()).unwrap(),
+        a.over(b).unwrap().over(&c.over(d).unwrap()).unwrap(),
+    ];
+    let pictures = trees.map(|merged| plan.picture(&merged).unwrap());
+    for other in &pictures[1..] {
+        assert!(difference(&pictures[0], other).into_iter().fold(0.0, f64::max) < 1e-6);
+    }
+    // Halves in any order, and one of them merged already.
+    let merged = merge(&plan, [d.clone(), b.over(c).unwrap(), a.clone()]).unwrap();
+    assert!(difference(&pictures[0], &merged).into_iter().fold(0.0, f64::max) < 1e-6);
+    let error = b.over(a).unwrap_err().to_string();
+    assert_eq!(error, "parts: brick 0 is not directly behind brick 1 in the order of the plan");
+}
+
+#[test]
+fn missing_doubled_and_foreign_parts_are_one_line() {
+    let (plan, parts) = small();
+    let refused = |parts: Vec<Partial>| merge(&plan, parts).unwrap_err().to_string();
+    let [a, b, c, d] = [0, 1, 2, 3].map(|i: usize| parts[i].clone());
+    assert_eq!(refused(vec![a.clone(), d.clone()]), "parts: bricks 1 to 2 are missing");
+    assert_eq!(refused(vec![a.clone(), b.clone(), c.clone()]), "parts: brick 3 is missing");
+    assert_eq!(refused(vec![]), "parts: bricks 0 to 3 are missing");
+    assert_eq!(refused(vec![a.clone(), b, a.clone(), c, d]), "parts: brick 0 is there twice, expected each brick once");
+    let (volume, transfer) = demo("vessels", 16);
+    let layers = Layers::of_volume(&volume, &transfer);
+    let chunks = Chunks::even([16; 3], [1, 2, 2]).unwrap();
+    let other =
+        Plan::new(&layers, layers.grid(), &chunks, &seen(&volume, 21.0, 10.0, PERSPECTIVE, 24), &tiles(&exact()))
+            .unwrap();
+    let error = merge(&other, [a]).unwrap_err().to_string();
+    assert_eq!(error, "parts: brick 0 belongs to another plan: draw it by this one");
+}
+
+#[test]
+fn plans_and_parts_survive_their_files() {
+    let (plan, parts) = small();
+    let read = Plan::from_json(&plan.to_json().unwrap()).unwrap();
+    assert_eq!((&read, read.id()), (&plan, plan.id()));
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("part.exr");
+    for part in &parts {
+        part.save(&path, &plan).unwrap();
+        assert_eq!(&Partial::load(&path, &plan).unwrap(), part);
+    }
+    let whole = std::fs::read(&path).unwrap();
+    for end in [0, 10, 300, whole.len() / 2, whole.len() - 1] {
+        std::fs::write(&path, &whole[..end]).unwrap();
+        let error = format!("{:#}", Partial::load(&path, &plan).unwrap_err());
+        assert!(error.contains("part.exr") && !error.contains('\n'), "{end}: {error}");
+    }
+    // Another picture, and no EXR.
+    Image::transparent(4, 4).unwrap().save(&path, Default::default()).unwrap();
+    let error = Partial::load(&path, &plan).unwrap_err().to_string();
+    assert!(error.contains("it names no plan: draw it with voxsplat brick"), "{error}");
+    let error = Plan::from_json("{}").unwrap_err().to_string();
+    assert!(error.starts_with("plan: line 1 column 2: "), "{error}");
+}
+
+#[test]
+fn pictures_that_bricks_cannot_make_are_refused() {
+    let (volume, transfer) = demo("vessels", 16);
+    let layers = Layers::of_volume(&volume, &transfer);
+    let camera = seen(&volume, 20.0, 10.0, PERSPECTIVE, 24);
+    let chunks = Chunks::even([16; 3], [2; 3]).unwrap();
+    let refused =
+        |settings: Settings| Plan::new(&layers, layers.grid(), &chunks, &camera, &settings).unwrap_err().to_string();
+    let mut lit = Settings { lighting: two_lights(), ..exact() };
+    lit.lighting.as_mut().unwrap().shadows = 1.0;
+    assert!(refused(lit.clone()).starts_with("lighting: shadows and occlusion need the matter of other bricks"));
+    assert!(Plan::new(&layers, layers.grid(), &chunks, &camera, &Plan::settings_for(&lit)).is_ok());
+    let level = |level| Settings { level: Level::At(level), ..exact() };
+    assert!(refused(level(4)).starts_with("level: 4: bricks begin between cells of level 3 at most"));
+    let post = Settings { shading: Shading::Post, ..level(1) };
+    assert!(refused(post).starts_with("level: 1: bricks of scalars are drawn of voxels"));
+    let axis = QuadsSettings { sheets: Sheets::Axis, ..QuadsSettings::default() };
+    assert!(refused(Settings { painter: Painter::Quads(axis), ..exact() }).starts_with("sheets: no brick owns"));
+    let error = Chunks::even([16; 3], [2, 17, 1]).unwrap_err().to_string();
+    assert_eq!(error, "grid: 17 chunks along y, expected 1 to 16, the number of its voxels");
+    let error = Chunks::new([16; 3], [vec![16], vec![8, 7], vec![16]]).unwrap_err().to_string();
+    assert_eq!(error, "grid: chunks of [8, 7] voxels along y, expected sizes over 0 that sum to 16");
+    let plan = Plan::new(&layers, layers.grid(), &chunks, &camera, &tiles(&exact())).unwrap();
+    let slice = layers.part(&[0..16, 0..16, 0..9]).unwrap();
+    let error = brick(&RENDERER, &plan, 3, &slice).unwrap_err().to_string();
+    assert!(error.starts_with("brick: a slice of [16, 16, 9] voxels, expected [16, 16, 16]: "), "{error}");
+    assert_eq!(brick(&RENDERER, &plan, 8, &layers).unwrap_err().to_string(), "brick: 8, expected 0 to 7");
+}
