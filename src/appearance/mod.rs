@@ -3,7 +3,11 @@
 //! `voxsplat render FILE` draws the same picture; its options replace choices. [The library](crate) has an example.
 
 mod channels;
+mod clip;
+mod light;
+mod options;
 mod suggestion;
+mod transfer;
 
 pub mod demos;
 
@@ -11,16 +15,23 @@ use std::fmt;
 use std::path::Path;
 
 pub use channels::{ChannelChoice, ChannelLook, Loaded, Values, load_channels};
+pub use clip::ClipSpec;
+pub use light::{LightPlace, LightRequest, LightSpec, OcclusionSpec, ShadowSpec, place_studio};
+pub use options::{command_line, notes, options_of, quoted};
 pub use suggestion::{Suggestion, suggest};
+pub use transfer::{FittedTransfer, GradientSpec, LABELS, MAP, TransferChoice, TransferRequest};
 
-use crate::camera::{Camera, View};
-use crate::error::Result;
+use crate::camera::clip::Clip;
+use crate::camera::{Camera, Hull, View};
+use crate::error::{Error, Result};
+use crate::formats::PyramidLevel;
 use crate::layers::{Labels, Layer, Layers, recognised};
 use crate::lighting::Lighting;
 use crate::settings::{Model, Settings};
 use crate::transfer::TransferFunction;
 use crate::transfer::presets::{self, Material, Preset, PresetValues};
 use crate::volume::{Statistics, Volume};
+use voxsplat_volume::names::named;
 
 /// Azimuth and elevation of a view of three sides of a box, degrees.
 const OBLIQUE: [f64; 2] = [30.0, 20.0];
@@ -78,6 +89,50 @@ impl ValueMeaning {
         let Suggestion { name, reason, is_guess } = suggest(volume, &statistics);
         let transfer = presets::preset(name, volume, &statistics, values)?;
         Ok(Self::Values { transfer, preset: presets::find(name)?, reason, is_guess })
+    }
+}
+
+/// The region that a picture is fitted to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Frame {
+    /// The visible voxels, at one size for every azimuth.
+    Visible,
+    /// The visible voxels, as large as the view permits.
+    View,
+    /// The box of the lattice.
+    Volume,
+}
+
+named! { "frame", Frame { Visible: "visible", View: "view", Volume: "volume" } }
+
+impl Frame {
+    /// Returns the region that suits a view: the box of the lattice if the view has a target or a size of its own.
+    #[must_use]
+    pub fn suited_to(view: &View) -> Self {
+        let placed = view.target.is_some() || view.view_height.is_some() || view.distance.is_some();
+        if placed { Self::Volume } else { Self::Visible }
+    }
+
+    /// Returns the hull that the picture is fitted to; `None` is the box of the lattice.
+    ///
+    /// # Errors
+    /// The errors of [`Layers::hull`].
+    pub fn hull(self, layers: &Layers, clip: &Clip) -> Result<Option<Hull>> {
+        Ok(match self {
+            Self::Volume => None,
+            Self::Visible => layers.hull(clip)?,
+            Self::View => layers.hull(clip)?.map(Hull::from_one_side),
+        })
+    }
+}
+
+/// Returns the level of a pyramid that suits a picture of `size` pixels, width and height: the coarsest level whose
+/// samples are no coarser than pixels.
+#[must_use]
+pub fn pyramid_level(view: &View, size: [u32; 2]) -> PyramidLevel {
+    match view.view_height {
+        Some(height) => PyramidLevel::PixelSize(height / view.zoom / f64::from(size[1])),
+        None => PyramidLevel::Pixels(f64::from(size[0].max(size[1])) * view.zoom),
     }
 }
 

@@ -4,7 +4,6 @@
 //! `compare`, the pictures differ, 2 wrong arguments. A signal ends the program as it ends others.
 
 mod args;
-mod clip;
 mod compare;
 mod destination;
 mod devices;
