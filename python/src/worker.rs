@@ -19,7 +19,7 @@ use crate::error::{DeviceError, internal, raised};
 const TICK: Duration = Duration::from_millis(50);
 
 /// The longest wait for abandoned work when the interpreter ends.
-const LAST_WAIT: Duration = Duration::from_secs(30);
+const LAST_WAIT: Duration = Duration::from_secs(1);
 
 /// The process that has used threads or devices; 0: none yet.
 static PROCESS: AtomicU32 = AtomicU32::new(0);

@@ -131,7 +131,7 @@ class Settings:
     """True, False, a strength of 0 to 1, or ``"exact"``."""
     light_size: float | None = None
     """Angular size of lights at (azimuth, elevation), 0 to 90 degrees."""
-    occlusion: float | bool | None = None
+    occlusion: str | float | bool | None = None
     """Radius of ambient occlusion in voxels, or False."""
     shadow_bias: float | None = None
     """Occluders closer than this many voxels are ignored, 0 to 16."""
@@ -187,7 +187,7 @@ class Volume:
     """
 
     def __init__(self, data: Any, **facts: Any) -> None:
-        self._native = data._native if isinstance(data, Volume) and not facts else volume_of(data, **facts)
+        self._native: _native.Volume = _volume(data, facts)
 
     def info(self) -> dict[str, Any]:
         """Return lattice, values, and the preset that suits them. Reads all samples."""
@@ -487,7 +487,7 @@ def _pixels(size: Any) -> tuple[int, int]:
 
 
 def _checked(view: View) -> View:
-    numbers = {name: _vector(name, getattr(view, name)) for name in ("up", "direction", "target")}
+    numbers: dict[str, Any] = {name: _vector(name, getattr(view, name)) for name in ("up", "direction", "target")}
     return replace(view, **numbers)
 
 

@@ -8,6 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 __version__: str
+__all__ = [
+    "DeviceError",
+    "Image",
+    "Renderer",
+    "Scene",
+    "Volume",
+    "__version__",
+    "adapters",
+    "check",
+    "colour_maps",
+    "presets",
+]
 
 class DeviceError(RuntimeError): ...
 

@@ -97,7 +97,7 @@ def volume_of(
     given["missing_slices"] = None if missing_slices == "refuse" else missing_slices
     _refuse(given, "for files, and the volume is an array: index it")
     found = _found(data)
-    facts = {
+    facts: dict[str, Any] = {
         "oriented": False,
         "slope": 1.0,
         "intercept": 0.0,
@@ -172,7 +172,8 @@ def _by_axis(name: str, values: Sequence[float], axes: str, array: np.ndarray[An
 
 def _with_spacing(matrix: np.ndarray[Any, Any], spacing: tuple[float, ...]) -> np.ndarray[Any, Any]:
     """The same directions with another spacing."""
-    return matrix / np.linalg.norm(matrix, axis=0) * np.array(spacing)
+    turned: np.ndarray[Any, Any] = matrix / np.linalg.norm(matrix, axis=0) * np.array(spacing)
+    return turned
 
 
 def _units(units: Mapping[str, str] | str | None) -> dict[str, str]:
@@ -323,7 +324,7 @@ def _of_pyvista(grid: Any) -> _Found:
     matrix = np.eye(4)
     direction = np.asarray(getattr(grid, "direction_matrix", np.eye(3)), dtype=np.float64)
     matrix[:3, :3] = direction * np.array(grid.spacing)
-    matrix[:3, 3] = np.array(grid.origin) + (0.0 if on_points else matrix[:3, :3] @ [0.5] * 3)
+    matrix[:3, 3] = np.array(grid.origin) + (0.0 if on_points else matrix[:3, :3] @ np.full(3, 0.5))
     # Points lie with x fastest.
     return _Found(np.asarray(scalars).reshape(shape[::-1]), affine=matrix)
 
