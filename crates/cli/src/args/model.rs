@@ -100,7 +100,8 @@ pub(crate) struct ModelArgs {
     /// open. voxels:I0:I1,J0:J1,K0:K1 keeps the cells of voxels I0 to I1 - 1 along the first axis of the lattice,
     /// counted from 0, and so on; a missing number is the end of the volume (voxels:10:20,:,40:). Repeat the option to
     /// keep what all leave; up to 8 planes, 6 of them for a box.
-    #[arg(long, alias = "clip-plane", value_name = "PLANE|SIDE|box:..|voxels:..", value_parser = parse::library::<ClipSpec>)]
+    #[arg(long, alias = "clip-plane", value_name = "PLANE|SIDE|box:..|voxels:..",
+        value_parser = parse::library::<ClipSpec>)]
     pub(crate) clip: Vec<ClipSpec>,
     /// Shadows of the first three lights at AZ,EL or @X,Y,Z: on, off, or their strength, 0 to 1 [default: off; studio
     /// 0.85]. exact or exact:STRENGTH sums all kernels on each ray to a light, and for occlusion: about ten times
