@@ -117,7 +117,7 @@ impl FromStr for OcclusionSpec {
 
 /// The requested light of a picture. `Default` requests nothing: [`make_choices`] may choose it.
 ///
-/// [`make_choices`]: super::ChoiceContext::make_choices
+/// [`make_choices`]: crate::appearance::ChoiceContext::make_choices
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct LightRequest {
     /// The lights; none: open.

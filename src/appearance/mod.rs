@@ -3,6 +3,7 @@
 //! `voxsplat render FILE` draws the same picture; its options replace choices. [The library](crate) has an example.
 
 mod channels;
+mod choice;
 mod clip;
 mod light;
 mod options;
@@ -11,10 +12,10 @@ mod transfer;
 
 pub mod demos;
 
-use std::fmt;
 use std::path::Path;
 
 pub use channels::{ChannelChoice, ChannelLook, Loaded, Values, load_channels};
+pub use choice::{Choice, GUESS, ValueMeaning};
 pub use clip::ClipSpec;
 pub use light::{LightPlace, LightRequest, LightSpec, OcclusionSpec, ShadowSpec, place_studio};
 pub use options::{command_line, notes, options_of, quoted};
@@ -25,11 +26,11 @@ use crate::camera::clip::Clip;
 use crate::camera::{Camera, Hull, View};
 use crate::error::{Error, Result};
 use crate::formats::PyramidLevel;
-use crate::layers::{Labels, Layer, Layers, recognised};
+use crate::layers::{Labels, Layer, Layers};
 use crate::lighting::Lighting;
 use crate::settings::{Model, Settings};
 use crate::transfer::TransferFunction;
-use crate::transfer::presets::{self, Material, Preset, PresetValues};
+use crate::transfer::presets::{self, Material, PresetValues};
 use crate::volume::{Statistics, Volume};
 use voxsplat_volume::names::named;
 
@@ -41,56 +42,6 @@ const SHARPNESS: f64 = 0.5;
 
 /// [`Lighting::shadow_bias`] of labels, voxels: their surfaces are stairs of voxels, which cast shadows on each other.
 const LABEL_BIAS: f64 = 4.0;
-
-/// The meaning of the values of a volume.
-#[derive(Debug, Clone)]
-pub enum ValueMeaning {
-    /// Labels.
-    Labels {
-        /// The property of the volume or its file that indicates labels.
-        reason: String,
-    },
-    /// The values of a built-in volume, with its transfer function.
-    BuiltIn(TransferFunction),
-    /// Values that a preset suits.
-    Values {
-        /// The preset, fitted to the values.
-        transfer: TransferFunction,
-        /// The preset.
-        preset: &'static Preset,
-        /// The property of the file or of the values that suits the preset.
-        reason: String,
-        /// Whether the values decided: see [`Suggestion::is_guess`].
-        is_guess: bool,
-    },
-}
-
-impl ValueMeaning {
-    /// Finds the meaning of the values of a volume from `source`: a file, or `demo:NAME`. Without `labels`, values are
-    /// never taken for labels. A preset places its points by `values`. Calls `statistics` only if the values decide.
-    ///
-    /// # Errors
-    /// [`Error::Input`](crate::Error::Input) and [`Error::Memory`](crate::Error::Memory) if samples cannot be read;
-    /// [`Error::Transfer`](crate::Error::Transfer) if all values are the same.
-    pub fn find(
-        source: impl AsRef<Path>,
-        volume: &Volume,
-        labels: bool,
-        values: PresetValues,
-        statistics: impl FnOnce() -> Result<Statistics>,
-    ) -> Result<Self> {
-        if let Some(transfer) = demos::own_transfer(source) {
-            return Ok(Self::BuiltIn(transfer));
-        }
-        if labels && let Some(reason) = recognised(volume)? {
-            return Ok(Self::Labels { reason });
-        }
-        let statistics = statistics()?;
-        let Suggestion { name, reason, is_guess } = suggest(volume, &statistics);
-        let transfer = presets::preset(name, volume, &statistics, values)?;
-        Ok(Self::Values { transfer, preset: presets::find(name)?, reason, is_guess })
-    }
-}
 
 /// The region that a picture is fitted to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -173,70 +124,6 @@ pub struct ChoiceContext<'a> {
 
 /// The preset whose material channels have.
 const CHANNELS: &str = "fluorescence";
-
-/// The words after a preset that the values decided.
-pub const GUESS: &str = ", a guess from the histogram,";
-
-/// A choice with its reason. `Display` prints it in the words of the library.
-#[derive(Debug, Clone, PartialEq)]
-#[non_exhaustive]
-pub enum Choice {
-    /// Values are labels.
-    Labels {
-        /// The reason to take them for labels.
-        reason: String,
-    },
-    /// A preset.
-    Preset {
-        /// Its name.
-        name: &'static str,
-        /// The reason why it suits.
-        reason: String,
-        /// Whether the values decided: see [`Suggestion::is_guess`].
-        is_guess: bool,
-    },
-    /// An oblique side, because the file states no orientation, or the side that a built-in volume suggests. Degrees.
-    Side {
-        /// [`View::azimuth`].
-        azimuth: f64,
-        /// [`View::elevation`].
-        elevation: f64,
-        /// The reason to turn the volume.
-        reason: &'static str,
-    },
-    /// Studio light around the view, because a transfer function, channels or labels show surfaces. Labels have a
-    /// larger shadow bias.
-    Light {
-        /// The reason in words.
-        surfaces: &'static str,
-        /// [`Lighting::shadow_bias`] of labels, in voxels.
-        shadow_bias: Option<f64>,
-    },
-    /// [`Settings::sharpness`], because the transfer function shows surfaces.
-    Sharpness(f64),
-}
-
-impl fmt::Display for Choice {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Labels { reason } => write!(f, "values are labels because {reason}"),
-            Self::Preset { name, reason, is_guess } => {
-                let guess = if *is_guess { GUESS } else { "" };
-                write!(f, "preset {name}{guess} because {reason}")
-            }
-            Self::Side { azimuth, elevation, reason } => {
-                write!(f, "azimuth {azimuth}, elevation {elevation} because {reason}")
-            }
-            Self::Light { shadow_bias: None, surfaces } => write!(f, "studio light because {surfaces}"),
-            Self::Light { shadow_bias: Some(bias), surfaces } => {
-                write!(f, "studio light, shadow bias {bias}, because {surfaces}")
-            }
-            Self::Sharpness(sharpness) => {
-                write!(f, "sharpness {sharpness} because the transfer function shows surfaces")
-            }
-        }
-    }
-}
 
 impl ChoiceContext<'_> {
     /// Makes the open choices in `view` and `settings`, and returns them.

@@ -4,7 +4,8 @@ use std::path::Path;
 use std::str::FromStr;
 
 use super::channels::Values;
-use super::{Choice, ValueMeaning, demos};
+use super::choice::{Choice, ValueMeaning};
+use super::demos;
 use crate::error::{Error, Result};
 use crate::layers::Layers;
 use crate::settings::Settings;
