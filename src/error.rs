@@ -84,6 +84,8 @@ pub enum Error {
     Image(String),
     /// Two pictures that cannot be compared.
     Compare(String),
+    /// The caller ended the work: see [`Progress::cancelled_by`](crate::progress::Progress::cancelled_by).
+    Cancelled,
 }
 
 impl Error {
@@ -153,6 +155,7 @@ impl fmt::Display for Error {
             Self::Device { stage, reason } => write!(f, "graphics device failed while {stage}: {reason}"),
             Self::Image(reason) => write!(f, "picture: {reason}"),
             Self::Compare(reason) => write!(f, "cannot compare: {reason}"),
+            Self::Cancelled => f.write_str("cancelled"),
         }?;
         if f.alternate() {
             if let Some(source) = std::error::Error::source(self) {

@@ -322,6 +322,7 @@ impl Renderer {
             let (rendered, seconds) = on_host(|| {
                 context.guarded("rendering", || {
                     (0_u32..).zip(&regions).try_for_each(|(done, &(region, part))| {
+                        self.progress.check()?;
                         self.progress.report("rendering", f64::from(done) / regions.len() as f64);
                         let pixels = painting.paint(&mut recorder, region, part)?;
                         take(&mut recorder, region, part, &pixels)

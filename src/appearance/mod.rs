@@ -3,24 +3,36 @@
 //! `voxsplat render FILE` draws the same picture; its options replace choices. [The library](crate) has an example.
 
 mod channels;
+mod choice;
+mod clip;
+mod light;
+mod options;
 mod suggestion;
+mod transfer;
 
 pub mod demos;
 
-use std::fmt;
 use std::path::Path;
 
 pub use channels::{ChannelChoice, ChannelLook, Loaded, Values, load_channels};
+pub use choice::{Choice, GUESS, ValueMeaning};
+pub use clip::ClipSpec;
+pub use light::{LightPlace, LightRequest, LightSpec, OcclusionSpec, ShadowSpec, place_studio};
+pub use options::{command_line, notes, options_of, quoted};
 pub use suggestion::{Suggestion, suggest};
+pub use transfer::{FittedTransfer, GradientSpec, LABELS, MAP, TransferChoice, TransferRequest};
 
-use crate::camera::{Camera, View};
-use crate::error::Result;
-use crate::layers::{Labels, Layer, Layers, recognised};
+use crate::camera::clip::Clip;
+use crate::camera::{Camera, Hull, View};
+use crate::error::{Error, Result};
+use crate::formats::PyramidLevel;
+use crate::layers::{Labels, Layer, Layers};
 use crate::lighting::Lighting;
 use crate::settings::{Model, Settings};
 use crate::transfer::TransferFunction;
-use crate::transfer::presets::{self, Material, Preset, PresetValues};
+use crate::transfer::presets::{self, Material, PresetValues};
 use crate::volume::{Statistics, Volume};
+use voxsplat_volume::names::named;
 
 /// Azimuth and elevation of a view of three sides of a box, degrees.
 const OBLIQUE: [f64; 2] = [30.0, 20.0];
@@ -31,53 +43,47 @@ const SHARPNESS: f64 = 0.5;
 /// [`Lighting::shadow_bias`] of labels, voxels: their surfaces are stairs of voxels, which cast shadows on each other.
 const LABEL_BIAS: f64 = 4.0;
 
-/// The meaning of the values of a volume.
-#[derive(Debug, Clone)]
-pub enum ValueMeaning {
-    /// Labels.
-    Labels {
-        /// The property of the volume or its file that indicates labels.
-        reason: String,
-    },
-    /// The values of a built-in volume, with its transfer function.
-    BuiltIn(TransferFunction),
-    /// Values that a preset suits.
-    Values {
-        /// The preset, fitted to the values.
-        transfer: TransferFunction,
-        /// The preset.
-        preset: &'static Preset,
-        /// The property of the file or of the values that suits the preset.
-        reason: String,
-        /// Whether the values decided: see [`Suggestion::is_guess`].
-        is_guess: bool,
-    },
+/// The region that a picture is fitted to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Frame {
+    /// The visible voxels, at one size for every azimuth.
+    Visible,
+    /// The visible voxels, as large as the view permits.
+    View,
+    /// The box of the lattice.
+    Volume,
 }
 
-impl ValueMeaning {
-    /// Finds the meaning of the values of a volume from `source`: a file, or `demo:NAME`. Without `labels`, values are
-    /// never taken for labels. A preset places its points by `values`. Calls `statistics` only if the values decide.
+named! { "frame", Frame { Visible: "visible", View: "view", Volume: "volume" } }
+
+impl Frame {
+    /// Returns the region that suits a view: the box of the lattice if the view has a target or a size of its own.
+    #[must_use]
+    pub fn suited_to(view: &View) -> Self {
+        let placed = view.target.is_some() || view.view_height.is_some() || view.distance.is_some();
+        if placed { Self::Volume } else { Self::Visible }
+    }
+
+    /// Returns the hull that the picture is fitted to; `None` is the box of the lattice.
     ///
     /// # Errors
-    /// [`Error::Input`](crate::Error::Input) and [`Error::Memory`](crate::Error::Memory) if samples cannot be read;
-    /// [`Error::Transfer`](crate::Error::Transfer) if all values are the same.
-    pub fn find(
-        source: impl AsRef<Path>,
-        volume: &Volume,
-        labels: bool,
-        values: PresetValues,
-        statistics: impl FnOnce() -> Result<Statistics>,
-    ) -> Result<Self> {
-        if let Some(transfer) = demos::own_transfer(source) {
-            return Ok(Self::BuiltIn(transfer));
-        }
-        if labels && let Some(reason) = recognised(volume)? {
-            return Ok(Self::Labels { reason });
-        }
-        let statistics = statistics()?;
-        let Suggestion { name, reason, is_guess } = suggest(volume, &statistics);
-        let transfer = presets::preset(name, volume, &statistics, values)?;
-        Ok(Self::Values { transfer, preset: presets::find(name)?, reason, is_guess })
+    /// The errors of [`Layers::hull`].
+    pub fn hull(self, layers: &Layers, clip: &Clip) -> Result<Option<Hull>> {
+        Ok(match self {
+            Self::Volume => None,
+            Self::Visible => layers.hull(clip)?,
+            Self::View => layers.hull(clip)?.map(Hull::from_one_side),
+        })
+    }
+}
+
+/// Returns the level of a pyramid that suits a picture of `size` pixels, width and height: the coarsest level whose
+/// samples are no coarser than pixels.
+#[must_use]
+pub fn pyramid_level(view: &View, size: [u32; 2]) -> PyramidLevel {
+    match view.view_height {
+        Some(height) => PyramidLevel::PixelSize(height / view.zoom / f64::from(size[1])),
+        None => PyramidLevel::Pixels(f64::from(size[0].max(size[1])) * view.zoom),
     }
 }
 
@@ -118,70 +124,6 @@ pub struct ChoiceContext<'a> {
 
 /// The preset whose material channels have.
 const CHANNELS: &str = "fluorescence";
-
-/// The words after a preset that the values decided.
-pub const GUESS: &str = ", a guess from the histogram,";
-
-/// A choice with its reason. `Display` prints it in the words of the library.
-#[derive(Debug, Clone, PartialEq)]
-#[non_exhaustive]
-pub enum Choice {
-    /// Values are labels.
-    Labels {
-        /// The reason to take them for labels.
-        reason: String,
-    },
-    /// A preset.
-    Preset {
-        /// Its name.
-        name: &'static str,
-        /// The reason why it suits.
-        reason: String,
-        /// Whether the values decided: see [`Suggestion::is_guess`].
-        is_guess: bool,
-    },
-    /// An oblique side, because the file states no orientation, or the side that a built-in volume suggests. Degrees.
-    Side {
-        /// [`View::azimuth`].
-        azimuth: f64,
-        /// [`View::elevation`].
-        elevation: f64,
-        /// The reason to turn the volume.
-        reason: &'static str,
-    },
-    /// Studio light around the view, because a transfer function, channels or labels show surfaces. Labels have a
-    /// larger shadow bias.
-    Light {
-        /// The reason in words.
-        surfaces: &'static str,
-        /// [`Lighting::shadow_bias`] of labels, in voxels.
-        shadow_bias: Option<f64>,
-    },
-    /// [`Settings::sharpness`], because the transfer function shows surfaces.
-    Sharpness(f64),
-}
-
-impl fmt::Display for Choice {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Labels { reason } => write!(f, "values are labels because {reason}"),
-            Self::Preset { name, reason, is_guess } => {
-                let guess = if *is_guess { GUESS } else { "" };
-                write!(f, "preset {name}{guess} because {reason}")
-            }
-            Self::Side { azimuth, elevation, reason } => {
-                write!(f, "azimuth {azimuth}, elevation {elevation} because {reason}")
-            }
-            Self::Light { shadow_bias: None, surfaces } => write!(f, "studio light because {surfaces}"),
-            Self::Light { shadow_bias: Some(bias), surfaces } => {
-                write!(f, "studio light, shadow bias {bias}, because {surfaces}")
-            }
-            Self::Sharpness(sharpness) => {
-                write!(f, "sharpness {sharpness} because the transfer function shows surfaces")
-            }
-        }
-    }
-}
 
 impl ChoiceContext<'_> {
     /// Makes the open choices in `view` and `settings`, and returns them.

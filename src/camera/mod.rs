@@ -22,6 +22,11 @@ pub enum ProjectionKind {
     },
 }
 
+impl ProjectionKind {
+    /// The perspective of 30 degrees, the default field of view.
+    pub const PERSPECTIVE: Self = Self::Perspective { fov: 30.0 };
+}
+
 /// A view as a user describes it. `Default` looks at the front of the volume, orthographic, fitted to the image.
 #[derive(Debug, Clone, PartialEq)]
 pub struct View {
@@ -131,6 +136,8 @@ const LEAST_PIXELS: f64 = 1e-5;
 impl Camera {
     /// The largest width or height of a picture, in pixels.
     pub const MAX_SIZE: u32 = 32_768;
+    /// The default width and height of a picture, in pixels.
+    pub const DEFAULT_SIZE: [u32; 2] = [1024, 1024];
 
     /// Makes the camera of a view of a volume for a picture of `size` (width, height) pixels.
     ///

@@ -208,7 +208,7 @@ impl<'a> Input<'a> {
                 take(brick)?;
             }
             progress.report("classifying", f64::from(bricks.all) / f64::from(total));
-            Ok(())
+            progress.check()
         })?;
         Ok(bricks)
     }

@@ -412,7 +412,7 @@ impl StoreBuilder<'_, HostBrick> {
             made.into_iter().try_for_each(|brick| self.push(brick))?;
             rows += 1;
             progress.report(doing, f64::from(rows) / (down * deep) as f64);
-            Ok(())
+            progress.check()
         })
     }
 }

@@ -1,6 +1,7 @@
 //! Settings of a picture: the model, and its precision.
 
 pub(crate) mod budget;
+pub(crate) mod parse;
 pub(crate) mod response;
 
 use crate::camera::clip::Clip;

@@ -1,21 +1,17 @@
-//! Pictures by the renderer, their framing, and the notes in their files.
+//! Pictures by the renderer, and the notes in their files.
 
-use glam::DVec3;
 use voxsplat::accuracy::{Chosen, Estimate, choose};
-use voxsplat::camera::{Camera, Hull};
-use voxsplat::clip::Clip;
+use voxsplat::appearance::{self, command_line, options_of};
+use voxsplat::camera::Camera;
 use voxsplat::figure::Figure;
 use voxsplat::image::Note;
 use voxsplat::layers::Layers;
-use voxsplat::lighting::Lighting;
 use voxsplat::renderer::{Rendered, Renderer, Scene};
 use voxsplat::settings::Settings;
 use voxsplat::volume::{Units, Volume};
 
-use super::args::FrameArg;
 use super::failure::Failure;
 use super::job::RenderJob;
-use super::options::{command_line, options_of};
 use super::output;
 
 /// A scene, and the layers and settings that it was prepared with.
@@ -86,35 +82,11 @@ pub(crate) fn draw(
 
 /// Returns the notes in the file of a picture: program, settings, error, title and caption.
 pub(crate) fn notes(settings: &Settings, figure: &Figure, of_errors: Option<Note>) -> Vec<Note> {
-    let software = format!("voxsplat {}", env!("CARGO_PKG_VERSION"));
-    let mut options = vec!["--model".to_owned(), settings.model.to_string()];
-    options.extend(options_of(settings));
-    for plane in settings.clip.planes() {
-        let DVec3 { x, y, z } = plane.normal();
-        options.extend(["--clip".to_owned(), format!("{x},{y},{z},{}", plane.offset())]);
-    }
-    let light = settings.lighting.as_ref().map_or_else(
-        || "none".to_owned(),
-        |Lighting { lights, shadows, shadow_bias, occlusion, .. }| {
-            let around = occlusion.map_or_else(|| "off".to_owned(), |radius| radius.to_string());
-            format!("{}, shadows {shadows}, bias {shadow_bias}, occlusion {around}", lights.len())
-        },
-    );
-    let settings = format!("{}; lights: {light}", command_line(&options));
-    let mut notes = vec![Note { name: "Software", text: software }, Note { name: "Settings", text: settings }];
+    let mut notes = appearance::notes(settings);
     notes.extend(of_errors);
     let texts = [("Title", &figure.title), ("Description", &figure.caption)];
     notes.extend(texts.into_iter().filter_map(|(name, text)| Some(Note { name, text: text.clone()? })));
     notes
-}
-
-/// Returns the hull that a picture is fitted to; `None` is the box of the volume.
-pub(crate) fn framed(frame: FrameArg, layers: &Layers, clip: &Clip) -> Result<Option<Hull>, Failure> {
-    Ok(match frame {
-        FrameArg::Volume => None,
-        FrameArg::Visible => layers.hull(clip)?,
-        FrameArg::View => layers.hull(clip)?.map(Hull::from_one_side),
-    })
 }
 
 /// Returns a volume with the given units, and otherwise the units of its file.

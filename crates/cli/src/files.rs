@@ -9,11 +9,11 @@ use std::path::{Path, PathBuf};
 
 use clap::builder::ValueHint;
 use clap::{ArgMatches, Command};
+use voxsplat::appearance::MAP;
 use voxsplat::formats::data_files;
 
 use super::destination::STREAM;
 use super::failure::{Failure, refuse};
-use super::given::MAP;
 
 /// The arguments that name outputs. All others that take a path name inputs.
 const OUTPUTS: [&str; 4] = ["output", "save_scene", "save_transfer", "difference"];

@@ -1,18 +1,15 @@
-//! Transfer functions fitted to volumes.
+//! Transfer functions fitted to volumes, with notes.
 
 use std::path::Path;
 
-use voxsplat::appearance::{GUESS, ValueMeaning};
-use voxsplat::demos;
-use voxsplat::transfer::presets::{self, Material, Preset, PresetValues};
-use voxsplat::transfer::{ControlPoint, Imported, TransferFunction, Window};
+use voxsplat::appearance::{Choice, FittedTransfer, GUESS, TransferChoice, TransferRequest};
+use voxsplat::transfer::presets::{Material, Preset};
+use voxsplat::transfer::{Imported, TransferFunction};
 use voxsplat::volume::{Statistics, Volume};
 use voxsplat_volume::names::readable;
 
 use super::failure::Failure;
-use super::parse::GradientOpacity;
 use super::stages::Stages;
-use super::transfer::{Transfer, TransferChoice};
 
 /// The transfer function of a job.
 pub(crate) struct Fitted {
@@ -28,79 +25,46 @@ pub(crate) struct Fitted {
 }
 
 impl Fitted {
-    fn new(transfer: TransferFunction, preset: Option<&'static Preset>, notes: Vec<String>) -> Self {
-        Self { transfer, preset, material: preset.and_then(|p| p.material), labels: false, notes }
+    fn new(fitted: FittedTransfer, notes: Vec<String>) -> Self {
+        let FittedTransfer { transfer, preset, material, labels, .. } = fitted;
+        Self { transfer, preset, material, labels, notes }
     }
 
     /// A clear transfer function, for layers that have their own.
     pub(crate) fn clear() -> Result<Self, Failure> {
-        let clear = ControlPoint { value: 0.0, color: [0.0; 3], opacity: 0.0 };
-        Ok(Self::new(TransferFunction::new(vec![clear], None)?, None, Vec::new()))
+        Ok(Self::new(FittedTransfer::clear()?, Vec::new()))
     }
 }
 
 /// Returns the transfer function of a job, or none if its values may be labels and are.
 pub(crate) fn transfer(
     source: &Path,
-    requested: &Transfer,
+    requested: &TransferRequest,
     volume: &Volume,
     may_be_labels: bool,
     stages: &mut Stages,
 ) -> Result<Fitted, Failure> {
-    let labels = |notes| Ok(Fitted { labels: true, notes, ..Fitted::clear()? });
-    let (mut window, values) = (requested.window, requested.values);
-    let mut statistics = || stages.time("statistics", || Statistics::of(volume));
-    let mut fitted = match &requested.choice {
-        TransferChoice::Labels => return labels(Vec::new()),
-        TransferChoice::Given(imported) => {
-            // The window places the points of a file, it does not stretch them.
-            let place = match window.take() {
-                None if imported.fits => Window::of_foreground(&statistics()?),
-                given => given,
-            };
-            let transfer = imported.placed(volume.grid(), place.as_ref())?;
-            let notes = notes_on(imported, &transfer, requested.window.is_some(), volume);
-            Fitted::new(transfer, None, notes)
+    let statistics = || stages.time("statistics", || Ok(Statistics::of(volume)?));
+    let fitted = requested.fit(source, volume, may_be_labels, statistics)?;
+    let mut notes = match &requested.choice {
+        TransferChoice::Given(imported) => notes_on(imported, &fitted.transfer, requested.window.is_some(), volume),
+        TransferChoice::Preset(preset) if !fitted.values_matter => {
+            let reason = format!("because preset {} has no absolute values", preset.name);
+            vec![format!("note: --transfer-values has no effect {reason}")]
         }
-        TransferChoice::Preset(preset) => {
-            let statistics = statistics()?;
-            let transfer = presets::preset(preset.name, volume, &statistics, values)?;
-            let fitted = |values| presets::preset(preset.name, volume, &statistics, values);
-            let mut notes = Vec::new();
-            if values != PresetValues::Auto && fitted(PresetValues::Absolute)? == fitted(PresetValues::Fitted)? {
-                let reason = format!("because preset {} has no absolute values", preset.name);
-                notes.push(format!("note: --transfer-values has no effect {reason}"));
-            }
-            Fitted::new(transfer, Some(preset), notes)
-        }
-        TransferChoice::Suggested => {
-            match ValueMeaning::find(source, volume, may_be_labels, values, || Ok(statistics()?))? {
-                ValueMeaning::Values { transfer, preset, reason, is_guess } => {
-                    let guess = if is_guess { GUESS } else { "" };
-                    let name = preset.name;
-                    let note =
-                        format!("note: using --transfer {name}{guess} because {reason} (choose another: --transfer)");
-                    Fitted::new(transfer, Some(preset), vec![note])
-                }
-                ValueMeaning::BuiltIn(transfer) => {
-                    let material = demos::own_look(source).and_then(|look| look.material);
-                    Fitted { material, ..Fitted::new(transfer, None, Vec::new()) }
-                }
-                ValueMeaning::Labels { reason } => {
-                    let note =
-                        format!("note: using --transfer labels because {reason} (show values: --transfer grayscale)");
-                    return labels(vec![note]);
-                }
-            }
-        }
+        _ => Vec::new(),
     };
-    if let Some(window) = &window {
-        fitted.transfer = fitted.transfer.stretched(window)?;
-    }
-    if let Some(GradientOpacity(points)) = &requested.gradient {
-        fitted.transfer = fitted.transfer.with_gradient_opacity(points.clone())?;
-    }
-    Ok(fitted)
+    notes.extend(fitted.choice.as_ref().map(|choice| match choice {
+        Choice::Preset { name, reason, is_guess } => {
+            let guess = if *is_guess { GUESS } else { "" };
+            format!("note: using --transfer {name}{guess} because {reason} (choose another: --transfer)")
+        }
+        Choice::Labels { reason } => {
+            format!("note: using --transfer labels because {reason} (show values: --transfer grayscale)")
+        }
+        other => format!("note: using {other}"),
+    }));
+    Ok(Fitted::new(fitted, notes))
 }
 
 /// Returns notes on what the file of a transfer function leaves open.

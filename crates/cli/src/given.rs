@@ -5,13 +5,8 @@ use std::path::Path;
 use clap::parser::ValueSource;
 use clap::{ArgMatches, Command};
 use serde_json::{Map, Value};
+use voxsplat::appearance::LABELS;
 use voxsplat::formats::{data_files, is_zarr, read_json};
-
-/// The name of the transfer function that takes the values for labels.
-pub(crate) const LABELS: &str = "labels";
-
-/// The prefix of colour maps in the name of a transfer function.
-pub(crate) const MAP: &str = "map:";
 
 /// The largest file of key frames that is read, bytes.
 pub(crate) const MAX_KEY_FRAMES: u64 = 64 << 20;

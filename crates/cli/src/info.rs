@@ -4,7 +4,7 @@ use std::path::Path;
 
 use glam::DVec3;
 use serde::Serialize;
-use voxsplat::appearance::{GUESS, ValueMeaning, suggest};
+use voxsplat::appearance::{GUESS, LABELS, ValueMeaning, suggest};
 use voxsplat::error::Error;
 use voxsplat::formats::{self, LoadOptions, PyramidLevel};
 use voxsplat::transfer::presets::PresetValues;
@@ -13,7 +13,6 @@ use voxsplat_volume::names::readable;
 
 use super::args::InfoArgs;
 use super::failure::Failure;
-use super::given::LABELS;
 use super::options::{OptionValues, quoted};
 use super::progress::Progress;
 use super::session::say_level;

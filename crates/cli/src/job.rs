@@ -3,29 +3,26 @@
 use std::path::PathBuf;
 
 use glam::DVec3;
-use voxsplat::appearance::{ChannelChoice, OpenChoices, Values};
+use voxsplat::appearance::{
+    ChannelChoice, ClipSpec, Frame, LightRequest, OpenChoices, TransferChoice, TransferRequest, Values,
+};
 use voxsplat::camera::{Camera, ProjectionKind, View};
 use voxsplat::figure::{Figure, LegendEntry};
 use voxsplat::formats::LoadOptions;
 use voxsplat::image::{Background, Region, check_writable};
 use voxsplat::layers::Layers;
-use voxsplat::lighting::{Light, Lighting, Source};
 use voxsplat::settings::{Painter, Response, Settings};
 use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::{Grid, Units};
 
-use super::args::{FigureArgs, FrameArg, ModelArgs, ProjectionArg, RenderArgs, StatsFormat, ViewArgs};
-use super::clip::ClipArg;
+use super::args::{FigureArgs, ModelArgs, ProjectionArg, RenderArgs, StatsFormat, ViewArgs};
 use super::destination::Destination;
 use super::failure::{Failure, refuse};
 use super::layers::LayersJob;
-use super::parse::{LightArg, Occlusion, PlaceArg, Shadows, TimeArg};
+use super::parse::TimeArg;
 use super::scene_file::SceneFile;
-use super::transfer::{Transfer, TransferChoice};
+use super::transfer::transfer;
 use super::tune::Tuning;
-
-/// The default vertical field of view, degrees.
-const DEFAULT_FOV: f64 = 30.0;
 
 /// The renderer of a picture.
 #[derive(Debug, Clone)]
@@ -43,18 +40,18 @@ pub(crate) struct RenderJob {
     pub(crate) load: LoadOptions,
     /// The time points of a turntable.
     pub(crate) times: Option<TimeArg>,
-    pub(crate) transfer: Transfer,
+    pub(crate) transfer: TransferRequest,
     pub(crate) layers: LayersJob,
     pub(crate) channels: Vec<ChannelChoice>,
     pub(crate) view: View,
-    pub(crate) frame: FrameArg,
+    pub(crate) frame: Frame,
     /// Width and height of the picture, pixels.
     pub(crate) size: [u32; 2],
     /// The part of it to render.
     pub(crate) region: Region,
     pub(crate) settings: Settings,
     /// The values of `--clip`, which enter the settings once the volume is known.
-    pub(crate) clip: Vec<ClipArg>,
+    pub(crate) clip: Vec<ClipSpec>,
     pub(crate) choices: Choices,
     pub(crate) studio: Studio,
     pub(crate) engine: Engine,
@@ -143,7 +140,7 @@ impl RenderJob {
         region.check_within(args.size)?;
         let legend = args.figure.legend;
         let (figure, units) = figure(&args.figure, args.size, &settings)?;
-        let transfer = Transfer::new(&args.model)?;
+        let transfer = transfer(&args.model)?;
         let alone = matches!(transfer.choice, TransferChoice::Labels);
         let layers = LayersJob::new(&args.layers, alone)?;
         if legend && transfer.values() == Values::Transfer && !layers.has_labels() {
@@ -152,19 +149,20 @@ impl RenderJob {
         if !layers.is_plain() {
             Layers::check_settings(&settings)?;
         }
+        let requested = light(&args.model, &tuning);
         let engine = match args.reference {
             true => Engine::Reference,
             false => Engine::Device { adapter: args.adapter },
         };
         Ok(Self {
-            load: LoadOptions { stream_over: tuning.stream_over, ..args.input.options_for(&args.view, args.size) },
+            load: LoadOptions { stream_over: tuning.stream_over, ..args.input.options_for(&view, args.size) },
             source: args.input.source,
             times: args.input.time,
             transfer,
             layers,
             channels: args.input.channel,
+            frame: args.view.frame.unwrap_or_else(|| Frame::suited_to(&view)),
             view,
-            frame: frame(&args.view),
             size: args.size,
             region,
             settings,
@@ -178,10 +176,7 @@ impl RenderJob {
                 },
                 space: args.view.fits_by_default(),
             },
-            studio: Studio {
-                requested: args.model.light.iter().any(|light| matches!(light, LightArg::Studio(_))),
-                follows: args.model.light.contains(&LightArg::Studio(true)),
-            },
+            studio: Studio { requested: requested.is_studio(), follows: requested.follows() },
             engine,
             output: Outputs {
                 picture: output,
@@ -221,7 +216,7 @@ pub(crate) fn settings(model: &ModelArgs, tuning: &Tuning, painter: Painter, vie
         depth_coded: model.depth_coded,
         attenuation: model.attenuation,
         shading: model.shading,
-        lighting: lighting(model, tuning, view)?,
+        lighting: light(model, tuning).lighting(view)?,
         interslice: tuning.interslice,
         termination: tuning.termination,
         antialiasing: tuning.antialiasing,
@@ -236,65 +231,24 @@ pub(crate) fn settings(model: &ModelArgs, tuning: &Tuning, painter: Painter, vie
     Ok(settings)
 }
 
-/// Returns the lights and their material; `None` if there is no light.
-fn lighting(args: &ModelArgs, tuning: &Tuning, view: &View) -> Result<Option<Lighting>, Failure> {
-    let usage = |message: String| refuse(message);
-    let lit: Vec<LightArg> = args.light.iter().copied().filter(|l| *l != LightArg::Off).collect();
-    if lit.is_empty() {
-        return Ok(None);
+/// Returns the requested light.
+fn light(args: &ModelArgs, tuning: &Tuning) -> LightRequest {
+    LightRequest {
+        lights: args.light.clone(),
+        material: args.material,
+        shadows: args.shadows,
+        light_size: args.light_size,
+        occlusion: args.occlusion,
+        shadow_bias: tuning.shadow_bias,
     }
-    if lit.len() < args.light.len() {
-        return usage("--light: off and other lights contradict each other, give one of them".to_owned());
-    }
-    let mut lighting = if lit.iter().any(|light| matches!(light, LightArg::Studio(_))) {
-        if lit.len() > 1 {
-            return usage("--light: studio is three lights, expected no other --light beside it".to_owned());
-        }
-        Lighting::studio(view.forward()?, view.up)
-    } else {
-        let mut lights = Vec::new();
-        for light in lit {
-            let LightArg::One(place, color) = light else { continue };
-            let light = match place {
-                PlaceArg::Eye => Light::HEADLIGHT,
-                PlaceArg::From(azimuth, elevation) => {
-                    let towards = -View { azimuth, elevation, up: view.up, ..View::default() }.forward()?;
-                    Light::directional(towards)
-                }
-                PlaceArg::At(place) => Light::at(DVec3::from_array(place)),
-            };
-            lights.push(Light { color, ..light });
-        }
-        Lighting { lights, ..Lighting::default() }
-    };
-    if let Some([ambient, diffuse, specular, shininess]) = args.material {
-        lighting = Lighting { ambient, diffuse, specular, shininess, ..lighting };
-    }
-    if let Some(Shadows { strength, exact }) = args.shadows {
-        let own = if lighting.shadows > 0.0 { lighting.shadows } else { 1.0 };
-        lighting = Lighting { shadows: strength.unwrap_or(own), exact_shadows: exact, ..lighting };
-    }
-    if let Some(size) = args.light_size {
-        let is_far = |light: &&mut Light| matches!(light.source, Source::Direction(_));
-        lighting.lights.iter_mut().filter(is_far).for_each(|light| light.size = size);
-    }
-    if let Some(Occlusion(radius)) = args.occlusion {
-        lighting.occlusion = radius;
-    }
-    lighting.shadow_bias = tuning.shadow_bias.unwrap_or(lighting.shadow_bias);
-    Ok(Some(lighting))
-}
-
-/// Returns the region that a picture is fitted to.
-pub(crate) fn frame(args: &ViewArgs) -> FrameArg {
-    let placed = args.target.is_some() || args.view_height.is_some() || args.distance.is_some();
-    args.frame.unwrap_or(if placed { FrameArg::Volume } else { FrameArg::Visible })
 }
 
 /// Returns the view of a picture of some size.
 pub(crate) fn view(args: &ViewArgs, size: [u32; 2]) -> Result<View, Failure> {
     let projection = match args.projection {
-        ProjectionArg::Perspective => ProjectionKind::Perspective { fov: args.fov.unwrap_or(DEFAULT_FOV) },
+        ProjectionArg::Perspective => {
+            args.fov.map_or(ProjectionKind::PERSPECTIVE, |fov| ProjectionKind::Perspective { fov })
+        }
         ProjectionArg::Orthographic => ProjectionKind::Orthographic,
     };
     if args.up == Some(DVec3::ZERO) || args.direction == Some(DVec3::ZERO) {

@@ -5,7 +5,6 @@
 
 mod args;
 mod bricks;
-mod clip;
 mod compare;
 mod destination;
 mod devices;

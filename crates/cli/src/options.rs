@@ -6,46 +6,9 @@ use std::path::Path;
 use clap::builder::ValueHint;
 use clap::parser::ValueSource;
 use clap::{Arg, ArgMatches, Command};
-use voxsplat::settings::{Level, Model, Painter, Settings};
+use voxsplat::appearance::{self, MAP};
 
 use super::args;
-use super::given::MAP;
-use super::tune;
-
-/// Returns the options of `voxsplat render` that make settings what they are, with their values. Defaults are left out,
-/// apart from the painter.
-pub(crate) fn options_of(settings: &Settings) -> Vec<String> {
-    let default = Settings::default();
-    let is_composite = settings.model == Model::Composite;
-    let level = |level| match level {
-        Level::Auto => "auto".to_owned(),
-        Level::At(level) => level.to_string(),
-    };
-    let painter = |painter: &Painter| match painter {
-        Painter::Auto => "auto",
-        Painter::Tiles(_) => "tiles",
-        Painter::Quads(_) => "quads",
-    };
-    let text = |s: &Settings| {
-        let shading = if is_composite { s.shading } else { default.shading };
-        [
-            ("--shading", shading.to_string()),
-            ("--response", s.response.to_string()),
-            ("--kernel", s.kernel.to_string()),
-            ("--sharpness", s.sharpness.to_string()),
-            ("--level", level(s.level)),
-            ("--painter", painter(&s.painter).to_owned()),
-            ("--tune", tune::pairs_of(s)),
-            ("--attenuation", s.attenuation.to_string()),
-        ]
-    };
-    let changed = text(settings).into_iter().zip(text(&default)).filter(|(own, default)| own != default);
-    let mut options: Vec<String> = changed.flat_map(|((name, value), _)| [name.to_owned(), value]).collect();
-    if settings.depth_coded {
-        options.push("--depth-coded".to_owned());
-    }
-    options
-}
 
 /// An option by its long name, with its values; a flag has none.
 pub(crate) type OptionValues = (String, Vec<OsString>);
@@ -60,25 +23,14 @@ pub(crate) fn given(command: &Command, matches: &ArgMatches) -> Vec<OptionValues
     command.get_arguments().filter(is_given).filter_map(option).collect()
 }
 
-/// Returns a command line of words, quoted for a shell.
-pub(crate) fn command_line(words: &[String]) -> String {
-    words.iter().map(|word| quoted(word.as_ref())).collect::<Vec<_>>().join(" ")
-}
-
 /// Returns a text as one word of a POSIX shell. Text that is not UTF-8 is written as `$'...'` (POSIX 2024).
 pub(crate) fn quoted(text: &OsStr) -> String {
-    let plain = |c: char| c.is_alphanumeric() || "-_./:,=+@%#".contains(c);
-    match text.to_str() {
-        Some(text) if !text.is_empty() && !text.starts_with('#') && text.chars().all(plain) => text.to_owned(),
-        Some(text) => format!("'{}'", text.replace('\'', r"'\''")),
-        None => {
-            let byte = |&byte: &u8| match char::from(byte) {
-                c if c.is_ascii() && plain(c) => c.to_string(),
-                _ => format!("\\x{byte:02x}"),
-            };
-            format!("$'{}'", text.as_encoded_bytes().iter().map(byte).collect::<String>())
-        }
-    }
+    let byte = |&byte: &u8| match char::from(byte) {
+        c if c.is_ascii_alphanumeric() || "-_./:,=+@%#".contains(c) => c.to_string(),
+        _ => format!("\\x{byte:02x}"),
+    };
+    let bytes = || text.as_encoded_bytes().iter().map(byte).collect::<String>();
+    text.to_str().map_or_else(|| format!("$'{}'", bytes()), appearance::quoted)
 }
 
 /// Returns the words behind a command: its input, and its options but for some. `path` writes paths.
@@ -124,6 +76,8 @@ pub(crate) fn file_name(path: &str) -> String {
 #[cfg(test)]
 mod tests {
     use clap::Parser;
+    use voxsplat::appearance::options_of;
+    use voxsplat::settings::{Model, Settings};
 
     use super::super::args::{Args, Command};
     use super::super::job::RenderJob;
@@ -163,9 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn words_are_quoted_and_left_out() {
-        let all = ["a b", "it's", "--up", "0,1,0", ""].map(str::to_owned);
-        assert_eq!(command_line(&all), r"'a b' 'it'\''s' --up 0,1,0 ''");
+    fn words_are_left_out() {
         let program = args::built();
         let line = "voxsplat pareto a/ct.nrrd -ob/dir --level=2 --resume --transfer c/t.json --zoom 2";
         let matches = args::command().try_get_matches_from(line.split(' ')).unwrap();

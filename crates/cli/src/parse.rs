@@ -10,9 +10,7 @@ use voxsplat::Background;
 use voxsplat::appearance::ChannelChoice;
 use voxsplat::error::Error;
 use voxsplat::image::Region;
-use voxsplat::kernel::Kernel;
-use voxsplat::settings::{Level, Response};
-use voxsplat::transfer::{ControlPoint, GradientPoint, TransferFunction, Window};
+use voxsplat::transfer::Window;
 use voxsplat::volume::Units;
 
 /// The value of `--painter`.
@@ -21,26 +19,6 @@ pub(crate) enum PainterArg {
     Auto,
     Quads,
     Tiles,
-}
-
-/// The value of `--light`.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum LightArg {
-    Off,
-    /// Whether it follows the eye.
-    Studio(bool),
-    /// A light with its colour.
-    One(PlaceArg, [f64; 3]),
-}
-
-/// Where a light is.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum PlaceArg {
-    Eye,
-    /// Azimuth and elevation in degrees, as of an eye.
-    From(f64, f64),
-    /// A place in the world.
-    At([f64; 3]),
 }
 
 /// Parses a value of the library. The error is without the option's name, which `clap` adds.
@@ -185,94 +163,9 @@ pub(crate) fn units(text: &str) -> Result<Units, String> {
     Ok(units)
 }
 
-/// Parses `off`, `studio`, `studio:eye`, or `headlight`, `AZ,EL` or `@X,Y,Z` with `:INTENSITY`, `:#RRGGBB` or
-/// `:INTENSITY,#RRGGBB`.
-pub(crate) fn light(text: &str) -> Result<LightArg, String> {
-    let expected = "off, studio, studio:eye, headlight, AZ,EL in degrees or @X,Y,Z; the last three with :INTENSITY or \
-                    :#RRGGBB";
-    let (place, color) = text.split_once(':').map_or((text, None), |(place, color)| (place, Some(color)));
-    let place = match (place, color) {
-        ("off", None) => return Ok(LightArg::Off),
-        ("studio", None) => return Ok(LightArg::Studio(false)),
-        ("studio", Some("eye")) => return Ok(LightArg::Studio(true)),
-        ("headlight", _) => Some(PlaceArg::Eye),
-        _ => match place.strip_prefix('@') {
-            Some(point) => finite(point).map(PlaceArg::At),
-            None => finite(place).map(|[azimuth, elevation]| PlaceArg::From(azimuth, elevation)),
-        },
-    };
-    let place = expect(place, expected)?;
-    let mut light = [1.0; 3];
-    for part in color.into_iter().flat_map(|color| color.split(',')) {
-        let factors = match (number(part), part.parse()) {
-            (Ok(intensity), _) => Some([intensity; 3]),
-            (Err(_), Ok(Background::Color(color))) => Some(color),
-            _ => None,
-        };
-        light.iter_mut().zip(expect(factors, expected)?).for_each(|(light, factor)| *light *= factor);
-    }
-    Ok(LightArg::One(place, light))
-}
-
 /// Parses ambient, diffuse, specular and shininess.
 pub(crate) fn material(text: &str) -> Result<[f64; 4], String> {
     expect(list(text), "four numbers AMBIENT,DIFFUSE,SPECULAR,SHININESS")
-}
-
-/// The value of `--shadows`.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Shadows {
-    /// `None`: the light's own, or 1.
-    pub(crate) strength: Option<f64>,
-    pub(crate) exact: bool,
-}
-
-/// Parses `on`, `off`, a number or `exact`.
-pub(crate) fn shadows(text: &str) -> Result<Shadows, String> {
-    let strength = |text| match text {
-        "on" => Ok(Some(1.0)),
-        "off" => Ok(Some(0.0)),
-        _ => expect(number(text).ok().map(Some), "on, off, exact or a number from 0 to 1"),
-    };
-    let (is_exact, text) = match text.split_once(':') {
-        Some(("exact", text)) => (true, Some(text)),
-        _ => (text == "exact", (text != "exact").then_some(text)),
-    };
-    Ok(Shadows { strength: text.map(strength).transpose()?.flatten(), exact: is_exact })
-}
-
-/// The value of `--occlusion`: a distance in voxels, or none.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Occlusion(pub(crate) Option<f64>);
-
-/// Parses `off` or a number.
-pub(crate) fn occlusion(text: &str) -> Result<Occlusion, String> {
-    match text {
-        "off" => Ok(Occlusion(None)),
-        _ => expect(number(text).ok().map(Some).map(Occlusion), "off or a radius in voxels"),
-    }
-}
-
-/// The value of `--gradient-opacity`; off has no points.
-#[derive(Debug, Clone, PartialEq)]
-pub(crate) struct GradientOpacity(pub(crate) Vec<GradientPoint>);
-
-/// Parses `off`, or pairs `MAGNITUDE:OPACITY`.
-pub(crate) fn gradient_opacity(text: &str) -> Result<GradientOpacity, String> {
-    if text == "off" {
-        return Ok(GradientOpacity(Vec::new()));
-    }
-    let point = |pair: &str| {
-        let (magnitude, opacity) = pair.split_once(':')?;
-        Some(GradientPoint { magnitude: number(magnitude.trim()).ok()?, opacity: number(opacity.trim()).ok()? })
-    };
-    let points: Option<Vec<GradientPoint>> = text.split(',').map(point).collect();
-    let points =
-        expect(points, "off, or MAGNITUDE:OPACITY pairs such as 10:0,50:1, magnitudes in values per world unit")?;
-    // The validity of the points does not depend on the rest of the transfer function.
-    let any = ControlPoint { value: 0.0, color: [1.0; 3], opacity: 1.0 };
-    let transfer = TransferFunction::new(vec![any], None).and_then(|any| any.with_gradient_opacity(points));
-    transfer.map(|transfer| GradientOpacity(transfer.gradient_opacity().to_vec())).map_err(reason)
 }
 
 /// Parses a finite number.
@@ -303,40 +196,6 @@ pub(crate) fn tolerance(text: &str) -> Result<f64, String> {
     expect(number(text).ok().filter(|&n| n >= 0.0), "a number, 0 or over")
 }
 
-/// Parses `auto` or a number.
-pub(crate) fn level(text: &str) -> Result<Level, String> {
-    match text {
-        "auto" => Ok(Level::Auto),
-        _ => expect(text.parse().ok().map(Level::At), "auto, or a number from 0 to 12"),
-    }
-}
-
-/// Parses `gaussian[:SIGMA,RADIUS]` or `kaiser-bessel[:RADIUS,ALPHA]`.
-pub(crate) fn kernel(text: &str) -> Result<Kernel, String> {
-    let kernel = match name_and_pair(text)? {
-        ("gaussian", None) => Kernel::default(),
-        ("gaussian", Some([sigma, radius])) => Kernel::Gaussian { sigma, radius },
-        ("kaiser-bessel", None) => Kernel::KAISER_BESSEL,
-        ("kaiser-bessel", Some([radius, alpha])) => Kernel::KaiserBessel { radius, alpha },
-        _ => return Err("expected gaussian[:SIGMA,RADIUS] or kaiser-bessel[:RADIUS,ALPHA]".to_owned()),
-    };
-    kernel.validate().map(|()| kernel).map_err(reason)
-}
-
-/// Parses `absorption`, `depth`, `window[:LOW,HIGH]` or `film[:EXPOSURE,GAMMA]`.
-pub(crate) fn response(text: &str) -> Result<Response, String> {
-    let response = match name_and_pair(text)? {
-        ("absorption", None) => Response::Absorption,
-        ("depth", None) => Response::Depth,
-        ("window", None) => Response::WINDOW,
-        ("window", Some([low, high])) => Response::Window { low, high },
-        ("film", None) => Response::FILM,
-        ("film", Some([exposure, gamma])) => Response::Film { exposure, gamma },
-        _ => return Err("expected absorption, depth, window[:LOW,HIGH] or film[:EXPOSURE,GAMMA]".to_owned()),
-    };
-    response.validate().map(|()| response).map_err(reason)
-}
-
 /// Parses `N` or `N:COLOUR`.
 pub(crate) fn channel(text: &str) -> Result<ChannelChoice, String> {
     let (number, color) = text.split_once(':').map_or((text, None), |(number, color)| (number, Some(color)));
@@ -347,12 +206,6 @@ pub(crate) fn channel(text: &str) -> Result<ChannelChoice, String> {
     };
     let channel = number.parse().ok().zip(color).map(|(number, color)| ChannelChoice { number, color });
     expect(channel, "N or N:COLOUR, channels counted from 0")
-}
-
-/// Parses `NAME` or `NAME:NUMBER,NUMBER`.
-fn name_and_pair(text: &str) -> Result<(&str, Option<[f64; 2]>), String> {
-    let Some((name, numbers)) = text.split_once(':') else { return Ok((text, None)) };
-    Ok((name, Some(expect(list(numbers), &format!("two numbers after {name}:, found {numbers:?}"))?)))
 }
 
 #[cfg(test)]
@@ -407,60 +260,6 @@ mod tests {
         for bad in ["", "1,2", "1,2,3,4", "1,nan,2", "a,b,c"] {
             let error = vector(bad).unwrap_err();
             assert!(error.starts_with("expected three numbers"), "{bad}: {error}");
-        }
-    }
-
-    #[test]
-    fn gradient_opacities() {
-        let point = |magnitude, opacity| GradientPoint { magnitude, opacity };
-        assert_eq!(gradient_opacity("1:0, 2.5:1"), Ok(GradientOpacity(vec![point(1.0, 0.0), point(2.5, 1.0)])));
-        assert_eq!(gradient_opacity("off"), Ok(GradientOpacity(Vec::new())));
-        for (bad, expected) in [
-            ("", "expected off, or"),
-            ("1", "expected off, or"),
-            ("1:2", "opacity"),
-            ("2:0,1:1", "magnitude"),
-            ("a:1", "expected off, or"),
-            ("-1:0", "magnitude"),
-        ] {
-            let error = gradient_opacity(bad).unwrap_err();
-            assert!(error.contains(expected), "{bad}: {error}");
-        }
-    }
-
-    #[test]
-    fn kernels() {
-        assert_eq!(kernel("gaussian"), Ok(Kernel::default()));
-        assert_eq!(kernel("gaussian:0.7,2.5"), Ok(Kernel::Gaussian { sigma: 0.7, radius: 2.5 }));
-        assert_eq!(kernel("kaiser-bessel:2,8"), Ok(Kernel::KaiserBessel { radius: 2.0, alpha: 8.0 }));
-        for (bad, expected) in [
-            ("box", "expected gaussian[:SIGMA,RADIUS]"),
-            ("gaussian:", "expected two numbers"),
-            ("gaussian:1", "expected two numbers"),
-            ("gaussian:0,2", "sigma"),
-            ("kaiser-bessel:99,2", "radius"),
-            ("gaussian:nan,1", "sigma"),
-        ] {
-            let error = kernel(bad).unwrap_err();
-            assert!(error.contains(expected), "{bad}: {error}");
-        }
-    }
-
-    #[test]
-    fn responses() {
-        for given in [Response::Absorption, Response::Depth, Response::WINDOW, Response::FILM] {
-            assert_eq!(response(&given.to_string()), Ok(given));
-        }
-        assert_eq!(response("film"), Ok(Response::FILM));
-        for (bad, expected) in [
-            ("white", "expected absorption, depth"),
-            ("depth:1,2", "expected absorption, depth"),
-            ("window:4,1", "the lower one first"),
-            ("film:0,3", "an exposure of 0"),
-            ("film:8", "expected two numbers"),
-        ] {
-            let error = response(bad).unwrap_err();
-            assert!(error.contains(expected), "{bad}: {error}");
         }
     }
 }

@@ -9,6 +9,7 @@ use std::path::Path;
 use clap::builder::ValueHint;
 use clap::{Arg, ArgAction, ArgMatches, Command, FromArgMatches};
 use serde_json::{Map, Value};
+use voxsplat::appearance::MAP;
 use voxsplat::error::InputError;
 use voxsplat::formats::read_json;
 
@@ -16,7 +17,6 @@ use super::args::{Args, RenderArgs};
 use super::destination::STREAM;
 use super::failure::{Failure, refuse};
 use super::files::Files;
-use super::given::MAP;
 use super::job::RenderJob;
 use super::options::{OptionValues, given};
 use super::scene_file::{OF_TRANSFER, SceneFile, VERSION, VOLUME, is_scene};

@@ -4,15 +4,14 @@ use std::ffi::{OsStr, OsString};
 use std::path::{Component, Path, PathBuf};
 
 use serde_json::Value;
+use voxsplat::appearance::{LABELS, TransferChoice};
 use voxsplat::image::{check_writable, write_file};
 use voxsplat::transfer::TransferFunction;
 
 use super::failure::{Failure, refuse};
 use super::fitted::Fitted;
-use super::given::LABELS;
 use super::layers;
 use super::options::OptionValues;
-use super::transfer::TransferChoice;
 
 /// The key of the volume, which has no option.
 pub(crate) const VOLUME: &str = "volume";

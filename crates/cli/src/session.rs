@@ -3,7 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use voxsplat::accuracy::Estimate;
-use voxsplat::appearance::{Choice, ChoiceContext, Loaded, load_channels};
+use voxsplat::appearance::{
+    Choice, ChoiceContext, ClipSpec, Frame, Loaded, TransferChoice, load_channels, place_studio,
+};
 use voxsplat::camera::{Camera, Hull, View};
 use voxsplat::clip::Clip;
 use voxsplat::demos;
@@ -11,7 +13,6 @@ use voxsplat::figure::{Figure, LegendEntry, Shown};
 use voxsplat::formats::{LoadOptions, PyramidLevel, TimeSeries};
 use voxsplat::image::{Image, Note};
 use voxsplat::layers::{Layer, Layers};
-use voxsplat::lighting::Lighting;
 use voxsplat::reference::Reference;
 use voxsplat::renderer::{Renderer, RendererOptions};
 use voxsplat::settings::{Model, Settings};
@@ -20,17 +21,13 @@ use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::{Contents, Volume};
 use voxsplat_volume::names::readable;
 
-use super::args::FrameArg;
-use super::clip::intersection;
-
-use super::draw::{Prepared, draw, framed, in_words, notes, with_units};
+use super::draw::{Prepared, draw, in_words, notes, with_units};
 use super::failure::{Failure, fail, refuse};
 use super::fitted::{Fitted, transfer};
 use super::job::{Engine, NO_LEGEND, RenderJob};
 use super::progress::{self, Progress, Remaining};
 use super::stages::Stages;
 use super::stderr::silenced;
-use super::transfer::TransferChoice;
 use super::{layers, output};
 
 /// The state that pictures of one volume share.
@@ -41,7 +38,7 @@ pub(crate) struct Session {
     /// The scene of the last picture.
     prepared: Option<Prepared>,
     /// The hull that the last picture was fitted to.
-    framed: Held<(FrameArg, Clip, Layers), Option<Hull>>,
+    framed: Held<(Frame, Clip, Layers), Option<Hull>>,
     /// The hull that all pictures are fitted to, if it was found before them; `Some(None)` if nothing is visible.
     steady: Option<Option<Hull>>,
     /// Layers in place of the volume's values, if it has several channels.
@@ -205,7 +202,7 @@ impl Session {
                 "note: the transfer function is for lit surfaces: add --light headlight --material {material}"
             ));
         }
-        job.settings.clip = intersection(&job.clip, &self.volume)?;
+        job.settings.clip = ClipSpec::intersection(&job.clip, &self.volume)?;
         let context = ChoiceContext {
             volume: &self.volume,
             view: demos::own_look(&job.source).map(|look| look.view),
@@ -217,7 +214,9 @@ impl Session {
         let choices = context.make_choices(job.choices.open, &mut job.view, &mut job.settings)?;
         // Studio light that was requested stands around the view.
         if job.studio.follows || choices.iter().any(|choice| matches!(choice, Choice::Side { .. })) {
-            place_studio(job)?;
+            if let Some(lighting) = job.settings.lighting.as_mut().filter(|_| job.studio.requested) {
+                place_studio(lighting, &job.view)?;
+            }
         }
         choices.iter().for_each(|choice| self.say(note_on(choice, job.studio.follows)));
         Ok(())
@@ -256,11 +255,11 @@ impl Session {
     ) -> Result<(), Failure> {
         let progress = Remaining::new("times", times.len());
         let mut around: Option<Hull> = None;
-        for (done, &time) in times.iter().enumerate().filter(|_| job.frame != FrameArg::Volume) {
+        for (done, &time) in times.iter().enumerate().filter(|_| job.frame != Frame::Volume) {
             progress.at(done, &format!("framing {} of {} time points", done + 1, times.len()));
             self.go_to(series, time)?;
             let layers = self.layers(job, fitted, &mut Stages::default())?;
-            let hull = framed(job.frame, &layers, &job.settings.clip)?;
+            let hull = job.frame.hull(&layers, &job.settings.clip)?;
             around = match (around, hull) {
                 (Some(all), Some(hull)) => Some(all.joined(&hull)),
                 (all, hull) => all.or(hull),
@@ -315,7 +314,7 @@ impl Session {
             None => held(
                 &mut self.framed,
                 (job.frame, job.settings.clip.clone(), layers.clone()),
-                |(frame, clip, layers)| stages.time("framing", || framed(*frame, layers, clip)),
+                |(frame, clip, layers)| stages.time("framing", || Ok(frame.hull(layers, clip)?)),
             )?,
         };
         let figure = self.figure(job, layers)?;
@@ -399,8 +398,9 @@ fn fitted(job: &RenderJob, volume: &Volume, channels: &[Layer], stages: &mut Sta
 
 /// Whether a job leaves the meaning of values open, and requests nothing that labels lack.
 fn may_be_labels(job: &RenderJob) -> bool {
-    let for_values = job.transfer.gradient.is_some() || job.figure.drawn.color_bar || job.output.transfer.is_some();
-    !for_values && job.channels.is_empty() && !job.layers.has_labels() && Layers::check_settings(&job.settings).is_ok()
+    let for_values = job.figure.drawn.color_bar || job.output.transfer.is_some();
+    let is_alone = job.channels.is_empty() && !job.layers.has_labels();
+    !for_values && is_alone && job.transfer.may_be_labels(&job.settings)
 }
 
 /// Returns the note on a choice, with the option that undoes it.
@@ -429,14 +429,4 @@ fn note_on_space(figure: &Figure) -> String {
     let parts: Vec<&str> = parts.into_iter().filter_map(|(drawn, name)| drawn.then_some(name)).collect();
     let parts = parts.join(" and the ");
     format!("note: using a smaller frame because the {parts} would lie over the volume (same frame: --frame visible)")
-}
-
-/// Places studio light, if a job requests it, around its view.
-fn place_studio(job: &mut RenderJob) -> Result<(), Failure> {
-    if let Some(lighting) = job.settings.lighting.as_mut().filter(|_| job.studio.requested) {
-        let studio = Lighting::studio(job.view.forward()?, job.view.up);
-        let placed = lighting.lights.iter_mut().zip(studio.lights);
-        placed.for_each(|(light, there)| light.source = there.source);
-    }
-    Ok(())
 }

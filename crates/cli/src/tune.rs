@@ -5,7 +5,7 @@ use std::error::Error as _;
 use clap::{ArgAction, CommandFactory, Parser};
 use voxsplat::kernel::Normalization;
 use voxsplat::settings::{
-    Accumulation, Interslice, Painter, Precision, QuadsSettings, Resolution, Settings, Sheets, TilesSettings,
+    Accumulation, Interslice, Painter, Precision, QuadsSettings, Resolution, Sheets, TilesSettings,
 };
 
 use super::args;
@@ -147,29 +147,6 @@ impl Tuning {
     }
 }
 
-/// Returns the pairs of `--tune` that make settings what they are, parted by commas; empty if they are the defaults.
-pub(crate) fn pairs_of(settings: &Settings) -> String {
-    let mut pairs =
-        vec![("termination", settings.termination.to_string()), ("interslice", settings.interslice.to_string())];
-    match settings.painter {
-        Painter::Auto => {}
-        Painter::Tiles(tiles) => pairs.push(("resolution", tiles.resolution.to_string())),
-        Painter::Quads(quads) => {
-            pairs.push(("sheets", quads.sheets.to_string()));
-            pairs.push(("accumulate", quads.accumulation.to_string()));
-            pairs.push(("sheet-thickness", quads.sheet_thickness.to_string()));
-            pairs.extend(quads.precision.map(|precision| ("precision", precision.to_string())));
-            pairs.extend(quads.table_error.map(|error| ("table-error", error.to_string())));
-        }
-    }
-    let command = Tuning::command();
-    let is_default = |key: &str, value: &str| {
-        args::option(&command, key).is_some_and(|arg| arg.get_default_values().iter().any(|default| default == value))
-    };
-    pairs.retain(|(key, value)| !is_default(key, value));
-    pairs.iter().map(|(key, value)| format!("{key}={value}")).collect::<Vec<_>>().join(",")
-}
-
 /// Returns the pairs of `--tune` whose keys are not among some, as one value; `None` if there are none.
 pub(crate) fn pairs_without(args: &[TuneArg], keys: &[&str]) -> Option<String> {
     let pairs = args.iter().flat_map(|TuneArg(pairs)| pairs).filter(|(key, _)| !keys.contains(&key.as_str()));
@@ -198,6 +175,7 @@ pub(crate) fn help() -> String {
 mod tests {
     use voxsplat::formats::LoadOptions;
     use voxsplat::lighting::Lighting;
+    use voxsplat::settings::Settings;
 
     use super::*;
 

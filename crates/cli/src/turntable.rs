@@ -9,24 +9,24 @@ use std::time::Instant;
 
 use clap::{ArgMatches, Command};
 use serde::{Deserialize, Serialize};
+use voxsplat::appearance::{Frame, TransferChoice, command_line};
 use voxsplat::camera::View;
 use voxsplat::film::{Film, FilmFile, Format};
 use voxsplat::formats::{TimeSeries, read_json};
 use voxsplat::image::{Image, Note};
 
-use super::args::{FrameArg, RenderArgs, TurntableArgs};
+use super::args::{RenderArgs, TurntableArgs};
 use super::destination::{Destination, STREAM};
 use super::failure::{Failure, fail, refuse};
 use super::fitted::Fitted;
 use super::given::MAX_KEY_FRAMES;
 use super::job::RenderJob;
-use super::options::{command_line, file_name, quoted, words};
+use super::options::{file_name, quoted, words};
 use super::parse::TimeArg;
 use super::progress::Remaining;
 use super::render::print_stats;
 use super::session::Session;
 use super::stages::Stages;
-use super::transfer::TransferChoice;
 use super::{output, scene};
 
 /// The place of the number of a frame in the name of its file.
@@ -347,7 +347,7 @@ fn say_times(job: &RenderJob, times: &Range<u32>) {
         TransferChoice::Preset(_) | TransferChoice::Suggested => true,
     };
     let fitted = is_fitted.then_some("the transfer function of the first");
-    let framed = (job.frame != FrameArg::Volume).then_some("one framing for all (disable: --frame volume)");
+    let framed = (job.frame != Frame::Volume).then_some("one framing for all (disable: --frame volume)");
     let shared: Vec<&str> = fitted.into_iter().chain(framed).collect();
     if !shared.is_empty() {
         let (first, last) = (times.start, times.end - 1);

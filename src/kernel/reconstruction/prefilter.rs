@@ -246,6 +246,7 @@ impl Prefilter {
                 rings[order][z % depth] = plane;
             }
             progress.report("sharpening", (step + 1) as f64 / (nz + degree * lag) as f64);
+            progress.check()?;
         }
         let samples: Samples = T::collected(result);
         Ok(Volume::new(*volume.grid(), samples)?.with_rescale(unit, base)?)

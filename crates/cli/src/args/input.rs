@@ -2,11 +2,11 @@
 
 use std::path::PathBuf;
 
-use voxsplat::appearance::ChannelChoice;
+use voxsplat::appearance::{ChannelChoice, pyramid_level};
+use voxsplat::camera::View;
 use voxsplat::formats::{FORMATS, Format, LoadOptions, MissingSlices, PyramidLevel};
 use voxsplat::volume::{Endian, SampleType};
 
-use super::view::ViewArgs;
 use crate::failure::{Failure, refuse};
 use crate::parse::{self, TimeArg, one_of};
 
@@ -77,13 +77,9 @@ pub(crate) struct InputArgs {
 
 impl InputArgs {
     /// The options of a picture: of a pyramid they choose the level that its pixels need.
-    pub(crate) fn options_for(&self, view: &ViewArgs, size: [u32; 2]) -> LoadOptions {
+    pub(crate) fn options_for(&self, view: &View, size: [u32; 2]) -> LoadOptions {
         let options = self.options();
-        let level = match (self.pyramid, view.view_height) {
-            (Some(_), _) => options.level,
-            (None, Some(height)) => PyramidLevel::PixelSize(height / view.zoom / f64::from(size[1])),
-            (None, None) => PyramidLevel::Pixels(f64::from(size[0].max(size[1])) * view.zoom),
-        };
+        let level = if self.pyramid.is_some() { options.level } else { pyramid_level(view, size) };
         LoadOptions { level, ..options }
     }
 

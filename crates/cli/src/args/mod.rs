@@ -20,7 +20,7 @@ pub(crate) use self::model::{LayerArgs, ModelArgs};
 pub(crate) use self::pareto::ParetoArgs;
 pub(crate) use self::render::{RenderArgs, StatsFormat};
 pub(crate) use self::turntable::TurntableArgs;
-pub(crate) use self::view::{FrameArg, ProjectionArg, ViewArgs};
+pub(crate) use self::view::{ProjectionArg, ViewArgs};
 
 /// Render voxel volumes by splatting on the GPU.
 #[derive(Debug, Parser)]

@@ -2,15 +2,15 @@
 
 use std::path::PathBuf;
 
+use voxsplat::appearance::{ClipSpec, GradientSpec, LightSpec, OcclusionSpec, ShadowSpec};
 use voxsplat::kernel::Kernel;
 use voxsplat::settings::{Level, Model, Response, Shading};
 use voxsplat::transfer::Window;
 use voxsplat::transfer::maps;
 use voxsplat::transfer::presets::{PRESETS, PresetValues};
 
-use crate::clip::{ClipArg, clip};
 use crate::layers::{LabelArg, label};
-use crate::parse::{self, GradientOpacity, LightArg, Occlusion, Shadows, one_of};
+use crate::parse::{self, one_of};
 use crate::tune::{TuneArg, tune};
 
 /// The help of `--transfer`: presets and colour maps as the library lists them.
@@ -52,8 +52,8 @@ pub(crate) struct ModelArgs {
     /// Gradient opacity: multiply opacities by O, 0 to 1, if the value changes by M per world unit; linear between the
     /// points, constant beyond them. Flat interiors become clear and surfaces stay. Or off [default: the transfer
     /// function's]
-    #[arg(long, value_name = "M:O,M:O,..|off", value_parser = parse::gradient_opacity)]
-    pub(crate) gradient_opacity: Option<GradientOpacity>,
+    #[arg(long, value_name = "M:O,M:O,..|off", value_parser = parse::library::<GradientSpec>)]
+    pub(crate) gradient_opacity: Option<GradientSpec>,
     /// Model of a pixel: composite, xray, mip, minip or average
     ///
     /// composite is emission and absorption, xray absorption only (white), mip the largest value of the ray, minip the
@@ -65,7 +65,7 @@ pub(crate) struct ModelArgs {
     /// black at depth LOW to white at HIGH: 0,4), film (radiographic film on a light box: exposure relative to half
     /// density, and contrast: 4,3) or depth (the optical depth itself, for an .exr)
     #[arg(long, value_name = "absorption|window[:LOW,HIGH]|film[:EXPOSURE,GAMMA]|depth", default_value = "absorption",
-        value_parser = parse::response)]
+        value_parser = parse::library::<Response>)]
     pub(crate) response: Response,
     /// Projections mip and minip: colour values by depth, from red (nearest) to violet (farthest); the transfer
     /// function sets the brightness
@@ -86,8 +86,8 @@ pub(crate) struct ModelArgs {
     /// for up to 4 lights. All but studio and off take :INTENSITY or :#RRGGBB.
     ///
     /// [default: studio if render uses a preset or a built-in volume that shows surfaces, otherwise off]
-    #[arg(long, value_name = "LIGHT", value_parser = parse::light)]
-    pub(crate) light: Vec<LightArg>,
+    #[arg(long, value_name = "LIGHT", value_parser = parse::library::<LightSpec>)]
+    pub(crate) light: Vec<LightSpec>,
     /// Material of lit surfaces: ambient, diffuse and specular reflection, 0 to 1, and shininess, 1 to 1000
     /// [default: 0.3,0.7,0.2,24; studio 0.4,0.7,0.2,24; render uses the material of the preset or built-in volume]
     #[arg(long, value_name = "A,D,S,N", value_parser = parse::material)]
@@ -100,22 +100,23 @@ pub(crate) struct ModelArgs {
     /// open. voxels:I0:I1,J0:J1,K0:K1 keeps the cells of voxels I0 to I1 - 1 along the first axis of the lattice,
     /// counted from 0, and so on; a missing number is the end of the volume (voxels:10:20,:,40:). Repeat the option to
     /// keep what all leave; up to 8 planes, 6 of them for a box.
-    #[arg(long, alias = "clip-plane", value_name = "PLANE|SIDE|box:..|voxels:..", value_parser = clip)]
-    pub(crate) clip: Vec<ClipArg>,
+    #[arg(long, alias = "clip-plane", value_name = "PLANE|SIDE|box:..|voxels:..",
+        value_parser = parse::library::<ClipSpec>)]
+    pub(crate) clip: Vec<ClipSpec>,
     /// Shadows of the first three lights at AZ,EL or @X,Y,Z: on, off, or their strength, 0 to 1 [default: off; studio
     /// 0.85]. exact or exact:STRENGTH sums all kernels on each ray to a light, and for occlusion: about ten times
     /// slower
-    #[arg(long, value_name = "on|off|STRENGTH|exact", value_parser = parse::shadows)]
-    pub(crate) shadows: Option<Shadows>,
+    #[arg(long, value_name = "on|off|STRENGTH|exact", value_parser = parse::library::<ShadowSpec>)]
+    pub(crate) shadows: Option<ShadowSpec>,
     /// Angular size of lights at AZ,EL, degrees, 0 to 90: larger lights cast softer shadows [default: 0; studio 10]
     #[arg(long, value_name = "DEGREES", value_parser = parse::number)]
     pub(crate) light_size: Option<f64>,
     /// Ambient occlusion: voxels within RADIUS voxels dim each other's ambient light, or off [default: off; studio 8]
-    #[arg(long, value_name = "RADIUS|off", value_parser = parse::occlusion)]
-    pub(crate) occlusion: Option<Occlusion>,
+    #[arg(long, value_name = "RADIUS|off", value_parser = parse::library::<OcclusionSpec>)]
+    pub(crate) occlusion: Option<OcclusionSpec>,
     /// Reconstruction kernel, lengths in voxels: gaussian[:SIGMA,RADIUS] (1,2) or kaiser-bessel[:RADIUS,ALPHA] (2,10.4)
     /// [default: gaussian]
-    #[arg(long, value_name = "KERNEL", value_parser = parse::kernel)]
+    #[arg(long, value_name = "KERNEL", value_parser = parse::library::<Kernel>)]
     pub(crate) kernel: Option<Kernel>,
     /// Undo the blur of the kernel: 0 (not at all) to 1; noise grows. A Gaussian becomes a narrower Kaiser-Bessel blob.
     /// Post-shaded pictures, mip, minip and average also filter the samples so that the field interpolates them
@@ -124,7 +125,7 @@ pub(crate) struct ModelArgs {
     pub(crate) sharpness: Option<f64>,
     /// Level of detail: cells of 2^N voxels along each axis in place of voxels, N 0 to 12; auto uses the coarsest cells
     /// that change a pre-shaded picture by at most 2 of 255 (rms), and a post-shaded one about as little
-    #[arg(long, value_name = "N|auto", default_value = "auto", value_parser = parse::level)]
+    #[arg(long, value_name = "N|auto", default_value = "auto", value_parser = parse::library::<Level>)]
     pub(crate) level: Level,
     /// Knobs of painters, sheets, footprint tables, shadows and readers; --tune help lists them
     #[arg(long, value_name = "KEY=VALUE,..", value_parser = tune, help_heading = "Tuning")]

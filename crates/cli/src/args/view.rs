@@ -2,21 +2,14 @@
 
 use clap::ValueEnum;
 use glam::DVec3;
+use voxsplat::appearance::Frame;
 
-use crate::parse;
+use crate::parse::{self, one_of};
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum ProjectionArg {
     Orthographic,
     Perspective,
-}
-
-/// The region that a picture is fitted to.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum FrameArg {
-    Visible,
-    View,
-    Volume,
 }
 
 /// The view.
@@ -59,8 +52,8 @@ pub(crate) struct ViewArgs {
     /// this view permits (view), or to the box of the lattice (volume). A colour bar, a title and a caption then lie
     /// over the picture, and change no pixel beside them [default: visible, beside these parts of a figure; volume with
     /// --target, --view-height or --distance]
-    #[arg(long, value_name = "WHAT")]
-    pub(crate) frame: Option<FrameArg>,
+    #[arg(long, value_name = "WHAT", value_parser = one_of(Frame::ALL, Frame::name))]
+    pub(crate) frame: Option<Frame>,
     /// Margin around the framed region: a fraction of the picture on each side, 0 to under 0.5 [default: 0.02]
     #[arg(long, value_name = "FRACTION", value_parser = parse::tolerance)]
     pub(crate) margin: Option<f64>,

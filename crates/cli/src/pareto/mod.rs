@@ -13,6 +13,7 @@ use flate2::Crc;
 use glam::DQuat;
 use serde::{Deserialize, Serialize};
 use voxsplat::accuracy::Sample;
+use voxsplat::appearance::{ClipSpec, Frame, TransferChoice, command_line, options_of};
 use voxsplat::camera::{Camera, View};
 use voxsplat::figure::{Figure, Shown};
 use voxsplat::formats::{LoadOptions, read_json};
@@ -27,19 +28,18 @@ use voxsplat::volume::{Statistics, Volume};
 use voxsplat::{Error, Renderer, RendererOptions, formats};
 
 use super::args::ParetoArgs;
-use super::clip::intersection;
-use super::draw::{framed, with_units};
+use super::draw::with_units;
 use super::effects::noted;
 use super::failure::{Failure, fail, refuse};
 use super::fitted::transfer;
-use super::job::{figure, frame, settings, view};
-use super::options::{command_line, file_name, options_of, words};
+use super::job::{figure, settings, view};
+use super::options::{file_name, words};
 use super::output;
 use super::progress::{Progress, Remaining};
 use super::session::say_choice;
 use super::stages::Stages;
 use super::stderr::silenced;
-use super::transfer::{Transfer, TransferChoice};
+use super::transfer::transfer as requested_transfer;
 use super::tune::{Tuning, pairs_without};
 use date::today;
 use plot::{Marker, Point, plot};
@@ -114,7 +114,7 @@ pub(crate) fn run(args: &ParetoArgs, line: (&Command, &ArgMatches)) -> Result<()
         return refuse("--response depth is no picture for a report: window shows it");
     }
     let (figure, units) = figure(&args.figure, args.size, &settings)?;
-    let requested = Transfer::new(&args.model)?;
+    let requested = requested_transfer(&args.model)?;
     if args.input.channel.len() > 1 {
         return refuse("--channel: a study is of one channel");
     }
@@ -124,7 +124,7 @@ pub(crate) fn run(args: &ParetoArgs, line: (&Command, &ArgMatches)) -> Result<()
     check_folder(&args.output)?;
     notes.iter().for_each(|note| output::say(note));
     let rivals: Vec<Rival> = args.rivals.as_deref().map_or(Ok(Vec::new()), |path| read_json(path, MAX_JSON))?;
-    let load = LoadOptions { stream_over: tuning.stream_over, ..args.input.options_for(&args.view, args.size) };
+    let load = LoadOptions { stream_over: tuning.stream_over, ..args.input.options_for(&first, args.size) };
     let (volume, transfer) = {
         let _progress = Progress::spinner("reading");
         let volume = formats::load(&args.input.source, &load)?;
@@ -133,8 +133,9 @@ pub(crate) fn run(args: &ParetoArgs, line: (&Command, &ArgMatches)) -> Result<()
         fitted.notes.iter().for_each(|note| output::say(note));
         (with_units(&volume, &units), fitted.transfer)
     };
-    settings.clip = intersection(&args.model.clip, &volume)?;
-    let around = framed(frame(&args.view), &Layers::of_volume(&volume, &transfer), &settings.clip)?;
+    settings.clip = ClipSpec::intersection(&args.model.clip, &volume)?;
+    let frame = args.view.frame.unwrap_or_else(|| Frame::suited_to(&first));
+    let around = frame.hull(&Layers::of_volume(&volume, &transfer), &settings.clip)?;
     let first = View { around, ..first };
     let turned = (1..args.views).zip(ELEVATIONS.iter().cycle()).map(|(i, &elevation)| {
         let azimuth = first.azimuth + f64::from(i) * GOLDEN_ANGLE;

@@ -1,0 +1,58 @@
+//! The native module of the Python package `voxsplat`: volumes of arrays and files, renderers, scenes and pictures.
+//!
+//! `voxsplat/__init__.py` and `voxsplat/convert.py` are the interface of the package. This module takes their checked
+//! values, calls the library without the interpreter's lock, and turns errors into Python's.
+
+mod error;
+mod image;
+mod render;
+mod request;
+mod volume;
+mod worker;
+
+use pyo3::prelude::*;
+use voxsplat::transfer::maps;
+use voxsplat::transfer::presets::PRESETS;
+
+/// Returns name and description of each preset.
+#[pyfunction]
+fn presets() -> Vec<(&'static str, &'static str)> {
+    PRESETS.iter().map(|preset| (preset.name, preset.description)).collect()
+}
+
+/// Returns the names of the colour maps.
+#[pyfunction]
+fn colour_maps() -> Vec<&'static str> {
+    maps::names()
+}
+
+/// Returns the adapters, best first, as JSON. Opens none of them.
+#[pyfunction]
+fn adapters(py: Python<'_>) -> PyResult<String> {
+    worker::check_process()?;
+    let adapters = py.detach(voxsplat::renderer::adapters);
+    serde_json::to_string(&adapters).map_err(|fault| error::internal(&fault.to_string()))
+}
+
+#[pymodule]
+fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    let py = module.py();
+    module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    module.add("DeviceError", py.get_type::<error::DeviceError>())?;
+    module.add_class::<volume::Volume>()?;
+    module.add_class::<render::Renderer>()?;
+    module.add_class::<render::Scene>()?;
+    module.add_class::<image::Image>()?;
+    for function in [
+        wrap_pyfunction!(presets, module)?,
+        wrap_pyfunction!(colour_maps, module)?,
+        wrap_pyfunction!(adapters, module)?,
+        wrap_pyfunction!(request::check, module)?,
+    ] {
+        module.add_function(function)?;
+    }
+    // A picture that Ctrl-C ended may still run on the device, which must not vanish under it.
+    let wait = wrap_pyfunction!(worker::wait_for_abandoned, module)?;
+    py.import("atexit")?.call_method1("register", (wait,))?;
+    Ok(())
+}

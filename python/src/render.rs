@@ -1,0 +1,126 @@
+//! Renderers and scenes.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use pyo3::prelude::*;
+use voxsplat::appearance::{Frame, place_studio};
+use voxsplat::camera::{Camera, Hull};
+use voxsplat::error::Result;
+use voxsplat::image::{Background, Region};
+
+use crate::error::raised;
+use crate::image::Image;
+use crate::request::{Look, SettingsFields, ViewFields, ViewRequest};
+use crate::volume::Volume;
+use crate::worker::{Device, discard};
+
+/// A graphics device, opened for the first scene.
+#[pyclass(frozen, module = "voxsplat")]
+pub(crate) struct Renderer {
+    device: Arc<Device>,
+}
+
+/// A volume prepared for pictures.
+#[pyclass(frozen, module = "voxsplat")]
+pub(crate) struct Scene {
+    /// `None` in a forked process that drops it.
+    prepared: Option<Arc<Prepared>>,
+    #[pyo3(get)]
+    choices: Vec<String>,
+}
+
+struct Prepared {
+    look: Look,
+    scene: voxsplat::Scene,
+    /// The hulls that pictures were fitted to.
+    hulls: Mutex<Vec<(Frame, Option<Hull>)>>,
+}
+
+impl Prepared {
+    fn hull(&self, frame: Frame) -> Result<Option<Hull>> {
+        let mut hulls = self.hulls.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, hull)) = hulls.iter().find(|(of, _)| *of == frame) {
+            return Ok(hull.clone());
+        }
+        let hull = frame.hull(&self.look.layers, &self.look.settings.clip)?;
+        hulls.push((frame, hull.clone()));
+        Ok(hull)
+    }
+}
+
+#[pymethods]
+impl Renderer {
+    #[new]
+    fn new(adapter: Option<String>) -> Self {
+        Self { device: Device::new(adapter) }
+    }
+
+    /// Prepares a volume. Lights stand around the view; its size chooses the level of a pyramid.
+    fn prepare(
+        &self,
+        py: Python<'_>,
+        volume: &Volume,
+        settings: SettingsFields,
+        view: ViewFields,
+        size: [u32; 2],
+        progress: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Scene> {
+        let view = view.request(size).map_err(|fault| raised(&fault))?;
+        let request = settings.request(&view.view).map_err(|fault| raised(&fault))?;
+        let source = volume.source();
+        let mut prepared = self.device.run(py, progress, move |renderer| {
+            let mut look = request.look(&source, view, size)?;
+            let scene = renderer.prepare_layers(&look.layers, &look.settings)?;
+            let choices = std::mem::take(&mut look.choices);
+            Ok((Prepared { look, scene, hulls: Mutex::default() }, choices))
+        })?;
+        let choices = std::mem::take(&mut prepared.1);
+        Ok(Scene { prepared: Some(Arc::new(prepared.0)), choices })
+    }
+
+    /// Renders a scene of this renderer.
+    #[expect(clippy::too_many_arguments, reason = "keywords of Python")]
+    fn render(
+        &self,
+        py: Python<'_>,
+        scene: &Scene,
+        view: Option<ViewFields>,
+        size: [u32; 2],
+        region: Option<[u32; 4]>,
+        background: &str,
+        progress: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Image> {
+        let background: Background = background.parse().map_err(|fault| raised(&fault))?;
+        let view = view.map(|view| view.request(size)).transpose().map_err(|fault| raised(&fault))?;
+        let [width, height] = size;
+        let [x, y, width, height] = region.unwrap_or([0, 0, width, height]);
+        let region = Region { x, y, width, height };
+        let Some(prepared) = scene.prepared.clone() else { return Err(crate::error::internal("a scene is gone")) };
+        let choices = scene.choices.clone();
+        let (rendered, settings) = self.device.run(py, progress, move |renderer| {
+            let Look { layers, view: chosen, settings, follows, .. } = &prepared.look;
+            let ViewRequest { mut view, frame, is_open } = view.unwrap_or_else(|| chosen.clone());
+            if is_open {
+                (view.azimuth, view.elevation) = (chosen.view.azimuth, chosen.view.elevation);
+            }
+            let mut settings = settings.clone();
+            if let Some(lighting) = settings.lighting.as_mut().filter(|_| *follows) {
+                place_studio(lighting, &view)?;
+            }
+            view.around = prepared.hull(frame)?;
+            let camera = Camera::new(&view, layers.grid(), size)?;
+            Ok((renderer.render_region(&prepared.scene, &camera, &settings, region)?, settings))
+        })?;
+        Image::new(rendered, &settings, background, choices)
+    }
+
+    fn close(&self) {
+        self.device.close();
+    }
+}
+
+impl Drop for Scene {
+    fn drop(&mut self) {
+        discard(self.prepared.take());
+    }
+}

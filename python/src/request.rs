@@ -1,0 +1,259 @@
+//! The view and the settings that Python requests, and the appearance that the library makes of them.
+
+use std::path::{Path, PathBuf};
+
+use pyo3::prelude::*;
+use voxsplat::appearance::{
+    Choice, ChoiceContext, ClipSpec, Frame, LightRequest, Loaded, OpenChoices, TransferRequest, demos, place_studio,
+    pyramid_level,
+};
+use voxsplat::camera::{Camera, ProjectionKind, View};
+use voxsplat::error::{Error, Result};
+use voxsplat::glam::DVec3;
+use voxsplat::layers::{Labels, Layer, Layers};
+use voxsplat::settings::{Painter, QuadsSettings, Settings, TilesSettings};
+use voxsplat::transfer::Window;
+use voxsplat::volume::{Grid, Statistics};
+
+use crate::error::raised;
+use crate::volume::Source;
+
+/// The attributes of `voxsplat.View`.
+#[derive(FromPyObject)]
+pub(crate) struct ViewFields {
+    azimuth: Option<f64>,
+    elevation: Option<f64>,
+    roll: f64,
+    up: Option<[f64; 3]>,
+    direction: Option<[f64; 3]>,
+    target: Option<[f64; 3]>,
+    projection: String,
+    fov: Option<f64>,
+    zoom: f64,
+    frame: Option<String>,
+    margin: Option<f64>,
+    view_height: Option<f64>,
+    distance: Option<f64>,
+}
+
+/// The attributes of `voxsplat.Settings`, as texts where the command line has texts.
+#[derive(FromPyObject)]
+pub(crate) struct SettingsFields {
+    transfer: Option<PathBuf>,
+    window: Option<[f64; 2]>,
+    transfer_values: String,
+    gradient_opacity: Option<String>,
+    model: String,
+    response: String,
+    depth_coded: bool,
+    attenuation: f64,
+    shading: String,
+    light: Vec<String>,
+    material: Option<[f64; 4]>,
+    shadows: Option<String>,
+    light_size: Option<f64>,
+    occlusion: Option<String>,
+    shadow_bias: Option<f64>,
+    clip: Vec<String>,
+    kernel: Option<String>,
+    sharpness: Option<f64>,
+    level: String,
+    painter: String,
+    resolution: Option<String>,
+    sheet_thickness: Option<f64>,
+    termination: f64,
+    antialiasing: bool,
+}
+
+/// A view, with the choices that it leaves open.
+#[derive(Debug, Clone)]
+pub(crate) struct ViewRequest {
+    pub(crate) view: View,
+    pub(crate) frame: Frame,
+    /// Whether the side of the volume is open.
+    pub(crate) is_open: bool,
+}
+
+/// Settings, with the choices that they leave open.
+pub(crate) struct Request {
+    transfer: TransferRequest,
+    settings: Settings,
+    light: LightRequest,
+    clip: Vec<ClipSpec>,
+    open: OpenChoices,
+}
+
+/// The look of a volume.
+pub(crate) struct Look {
+    pub(crate) layers: Layers,
+    /// The view that the request or the library chose.
+    pub(crate) view: ViewRequest,
+    pub(crate) settings: Settings,
+    /// Whether light follows the eye.
+    pub(crate) follows: bool,
+    /// The choices of the library in words.
+    pub(crate) choices: Vec<String>,
+}
+
+/// Refuses a view and settings that no volume can be drawn with.
+#[pyfunction]
+pub(crate) fn check(view: Option<ViewFields>, settings: Option<SettingsFields>, size: [u32; 2]) -> PyResult<()> {
+    let view = view.map_or(Ok(View::default()), |view| Ok(view.request(size)?.view));
+    let view = view.map_err(|fault| raised(&fault))?;
+    settings.map_or(Ok(()), |settings| settings.request(&view).map(drop)).map_err(|fault| raised(&fault))
+}
+
+impl ViewFields {
+    /// Returns the view of a picture of some size.
+    pub(crate) fn request(&self, size: [u32; 2]) -> Result<ViewRequest> {
+        let default = View::default();
+        let setting = |name, reason: String| Err(Error::Setting { name, reason });
+        let projection = match self.projection.as_str() {
+            "orthographic" if self.fov.is_none() => ProjectionKind::Orthographic,
+            "orthographic" => return setting("fov", "it is for projection=\"perspective\"".to_owned()),
+            "perspective" => self.fov.map_or(ProjectionKind::PERSPECTIVE, |fov| ProjectionKind::Perspective { fov }),
+            other => return setting("projection", format!("{other:?}, expected orthographic or perspective")),
+        };
+        if self.direction.is_some() && (self.azimuth.is_some() || self.elevation.is_some()) {
+            return setting("direction", "it replaces azimuth and elevation, give one of them".to_owned());
+        }
+        let view = View {
+            azimuth: self.azimuth.unwrap_or_default(),
+            elevation: self.elevation.unwrap_or_default(),
+            roll: self.roll,
+            up: self.up.map_or(default.up, DVec3::from_array),
+            direction: self.direction.map(DVec3::from_array),
+            target: self.target.map(DVec3::from_array),
+            margin: self.margin.unwrap_or(default.margin),
+            projection,
+            zoom: self.zoom,
+            view_height: self.view_height,
+            distance: self.distance,
+            ..default
+        };
+        // The validity of a view does not depend on the volume: one voxel is enough.
+        Camera::new(&view, &Grid::axis_parallel([1; 3], [1.0; 3])?, size)?;
+        let frame = self.frame.as_deref().map(str::parse).transpose()?;
+        let turned = [self.azimuth, self.elevation].iter().any(Option::is_some) || self.roll != 0.0;
+        Ok(ViewRequest {
+            frame: frame.unwrap_or_else(|| Frame::suited_to(&view)),
+            view,
+            is_open: !turned && self.up.is_none() && self.direction.is_none(),
+        })
+    }
+}
+
+impl SettingsFields {
+    /// Returns the request for pictures; lights stand around a view.
+    pub(crate) fn request(&self, view: &View) -> Result<Request> {
+        let parsed = |texts: &[String]| texts.iter().map(|text| text.parse()).collect::<Result<Vec<_>>>();
+        let light = LightRequest {
+            lights: parsed(&self.light)?,
+            material: self.material,
+            shadows: self.shadows.as_deref().map(str::parse).transpose()?,
+            light_size: self.light_size,
+            occlusion: self.occlusion.as_deref().map(str::parse).transpose()?,
+            shadow_bias: self.shadow_bias,
+        };
+        let kernel = self.kernel.as_deref().map(str::parse).transpose()?;
+        let settings = Settings {
+            model: self.model.parse()?,
+            response: self.response.parse()?,
+            depth_coded: self.depth_coded,
+            attenuation: self.attenuation,
+            shading: self.shading.parse()?,
+            lighting: light.lighting(view)?,
+            termination: self.termination,
+            antialiasing: self.antialiasing,
+            level: self.level.parse()?,
+            kernel: kernel.unwrap_or_default(),
+            sharpness: self.sharpness.unwrap_or_default(),
+            painter: self.painter()?,
+            ..Settings::default()
+        };
+        settings.validate()?;
+        let window = self.window.map(|[level, width]| Window { level, width });
+        window.map(|window| window.ends()).transpose()?;
+        let gradient = self.gradient_opacity.as_deref().map(str::parse).transpose()?;
+        Ok(Request {
+            transfer: TransferRequest::new(self.transfer.as_deref(), window, self.transfer_values.parse()?, gradient)?,
+            open: OpenChoices {
+                side: false,
+                light: light.lights.is_empty(),
+                material: self.material.is_none(),
+                sharpness: kernel.is_none() && self.sharpness.is_none(),
+            },
+            clip: self.clip.iter().map(|text| text.parse()).collect::<Result<_>>()?,
+            settings,
+            light,
+        })
+    }
+
+    /// Returns the painter; a knob of a painter chooses its painter.
+    fn painter(&self) -> Result<Painter> {
+        let resolution = self.resolution.as_deref().map(str::parse).transpose()?;
+        let tiles = Painter::Tiles(TilesSettings { resolution: resolution.unwrap_or_default() });
+        let default = QuadsSettings::default();
+        let sheet_thickness = self.sheet_thickness.unwrap_or(default.sheet_thickness);
+        let quads = Painter::Quads(QuadsSettings { sheet_thickness, ..default });
+        match (self.painter.as_str(), resolution.is_some(), self.sheet_thickness.is_some()) {
+            ("auto", false, false) => Ok(Painter::Auto),
+            ("auto" | "tiles", _, false) => Ok(tiles),
+            ("auto" | "quads", false, _) => Ok(quads),
+            ("auto" | "tiles" | "quads", ..) => {
+                let reason = "resolution is for tiles and sheet_thickness for quads".to_owned();
+                Err(Error::Setting { name: "painter", reason })
+            }
+            (other, ..) => {
+                Err(Error::Setting { name: "painter", reason: format!("{other:?}, expected auto, tiles or quads") })
+            }
+        }
+    }
+}
+
+impl Request {
+    /// Loads a volume and makes the choices that the request leaves open, as `voxsplat render` does.
+    pub(crate) fn look(mut self, source: &Source, mut view: ViewRequest, size: [u32; 2]) -> Result<Look> {
+        let path = source.path();
+        let Loaded { volume, layers: channels, labels, channels: looks } =
+            source.load(self.transfer.values(), pyramid_level(&view.view, size))?;
+        let mut choices: Vec<String> = looks.iter().map(|look| format!("channel {look}")).collect();
+        let (base, material, has_labels) = if channels.is_empty() {
+            let may_be_labels = self.transfer.may_be_labels(&self.settings);
+            let fitted =
+                self.transfer.fit(Path::new(&path), &volume, may_be_labels, || Ok(Statistics::of(&volume)?))?;
+            choices.extend(fitted.choice.iter().map(Choice::to_string));
+            let base = match fitted.labels {
+                true => std::iter::once(&volume)
+                    .chain(&labels)
+                    .map(|volume| Layer::labels(volume, &Labels::stated(volume)))
+                    .collect::<Result<_>>()?,
+                false => vec![Layer::scalars(&volume, &fitted.transfer)],
+            };
+            (base, fitted.material, fitted.labels)
+        } else {
+            (channels, None, false)
+        };
+        let channels = base.iter().any(|layer| layer.entry().is_some());
+        let mut base = base.into_iter();
+        let first = base.next().map(Layers::new).ok_or_else(|| Error::Image("nothing to draw".to_owned()))?;
+        let layers = base.try_fold(first, Layers::with)?;
+        self.settings.clip = ClipSpec::intersection(&self.clip, &volume)?;
+        let context = ChoiceContext {
+            volume: &volume,
+            view: demos::own_look(&path).map(|look| look.view),
+            material,
+            channels,
+            labels: has_labels,
+            plain: true,
+        };
+        let open = OpenChoices { side: view.is_open, ..self.open };
+        let made = context.make_choices(open, &mut view.view, &mut self.settings)?;
+        if let Some(lighting) = self.settings.lighting.as_mut().filter(|_| self.light.is_studio()) {
+            place_studio(lighting, &view.view)?;
+        }
+        choices.extend(made.iter().map(Choice::to_string));
+        let follows = self.light.follows();
+        Ok(Look { layers, view, settings: self.settings, follows, choices })
+    }
+}

@@ -1,0 +1,218 @@
+"""Pictures: the same as the command's, as arrays, with errors of Python."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import voxsplat as vs
+from conftest import command, samples
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({}, ""),
+        ({"size": (120, 90), "azimuth": -30, "elevation": 15, "projection": "perspective", "fov": 40}, "--size 120x90 "
+         "--azimuth -30 --elevation 15 --projection perspective --fov 40"),
+        ({"transfer": "viridis", "size": 80, "sharpness": 1, "shading": "post", "clip": "R", "background": "white"},
+         "--transfer viridis --size 80 --sharpness 1 --shading post --clip R --background white"),
+        ({"transfer": "map:magma", "size": 80, "model": "mip", "attenuation": 2, "frame": "view", "direction": (1, 2, -1)},
+         "--transfer map:magma --size 80 --model mip --attenuation 2 --frame view --direction 1,2,-1"),
+        ({"window": (40, 60), "size": 80, "light": [(40, 30), "headlight:0.5"], "shadows": True, "occlusion": 4,
+          "light_size": 5, "material": (0.3, 0.6, 0.2, 20), "kernel": "gaussian:0.8,2", "termination": 0},
+         "--window 40,60 --size 80 --light 40,30 --light headlight:0.5 --shadows on --occlusion 4 --light-size 5 "
+         "--material 0.3,0.6,0.2,20 --kernel gaussian:0.8,2 --tune termination=0"),
+        ({"size": 80, "light": "studio", "roll": 20, "sheet_thickness": 0.5, "spacing": (3, 1, 1), "zoom": 1.5,
+          "clip": ["voxels:5:,:,:", "0,0,1"]}, "--size 80 --light studio --roll 20 --tune sheet-thickness=0.5 "
+         "--spacing 1,1,3 --zoom 1.5 --clip voxels:5:,:,: --clip 0,0,1"),
+    ],
+)
+def test_the_package_and_the_command_write_the_same_png(
+    scan: Path, tmp_path: Path, options: dict[str, Any], words: str
+) -> None:
+    command("render", scan, "-o", tmp_path / "command.png", *words.split())
+    vs.render(scan, **options).save(tmp_path / "package.png")
+    assert (tmp_path / "package.png").read_bytes() == (tmp_path / "command.png").read_bytes()
+
+
+def test_built_in_volumes_and_labels_are_the_command_s_too(tmp_path: Path) -> None:
+    labels = np.zeros((12, 12, 12), np.uint8)
+    labels[2:6, 2:9, 3:8], labels[7:10, 4:11, 2:10] = 1, 2
+    np.save(tmp_path / "labels.npy", labels)
+    for volume in ["demo:nautilus:24", tmp_path / "labels.npy"]:
+        command("render", volume, "-o", tmp_path / "command.png", "--size", 64)
+        image = vs.render(volume, size=64)
+        assert image.to_png() == (tmp_path / "command.png").read_bytes()
+    assert any("labels" in choice for choice in image.choices)
+    assert np.array_equal(vs.render(labels, size=64), image)
+
+
+def test_a_picture_is_an_array_and_a_png() -> None:
+    image = vs.render(samples(), size=(60, 40))
+    array = np.asarray(image)
+    assert array.shape == image.shape == (40, 60, 4)
+    assert array.dtype == np.float32
+    assert image.size == (60, 40)
+    assert not array.flags.writeable
+    assert array is np.asarray(image)
+    assert np.array(image).flags.writeable
+    assert np.asarray(image, dtype=np.float64).dtype == np.float64
+    # Premultiplied: no channel exceeds alpha for colours of at most 1.
+    assert array[..., 3].max() > 0.5
+    assert (array[..., :3].max(axis=-1) <= array[..., 3] + 1e-5).all()
+    over = np.round(255 * np.clip(array[..., :3].astype(float) + (1 - array[..., 3:].astype(float)), 0, 1))
+    assert np.array_equal(image.rgba8("white")[..., :3], over)
+    png = image._repr_png_()
+    assert png.startswith(b"\x89PNG")
+    assert png == image.to_png()
+    assert image.to_png("transparent") != png
+    assert image.stats["size"] == [60, 40]
+    assert image.stats["voxels"] == samples().size
+    assert any(choice.startswith("azimuth 30") for choice in image.choices)
+
+
+def test_files_appear_whole_or_not_at_all(tmp_path: Path) -> None:
+    image = vs.render(samples(), size=32)
+    image.save(tmp_path / "a.exr")
+    with pytest.raises(ValueError, match="written as .png or .exr"):
+        image.save(tmp_path / "a.jpg")
+    with pytest.raises(FileNotFoundError):
+        image.save(tmp_path / "no" / "a.png")
+    assert [path.name for path in tmp_path.iterdir()] == ["a.exr"]
+    command("compare", tmp_path / "a.exr", tmp_path / "a.exr")
+
+
+def test_scenes_serve_many_views_and_light_stays() -> None:
+    first = vs.View(azimuth=10, elevation=20)
+    with vs.Renderer() as renderer:
+        scene = renderer.prepare(samples(), "ct-bone", view=first, size=(64, 48))
+        assert np.array_equal(renderer.render(scene, size=(64, 48)), vs.render(
+            samples(), "ct-bone", size=(64, 48), azimuth=10, elevation=20))
+        turned = renderer.render(scene, azimuth=100, size=(64, 48))
+        alone = vs.render(samples(), "ct-bone", size=(64, 48), azimuth=100)
+        # The light of one picture stands around its own view.
+        assert not np.array_equal(turned, alone)
+        follows = renderer.prepare(samples(), "ct-bone", light="studio:eye", view=first)
+        assert np.array_equal(renderer.render(follows, azimuth=100, size=(64, 48)), vs.render(
+            samples(), "ct-bone", size=(64, 48), azimuth=100, light="studio"))
+        part = renderer.render(scene, size=(64, 48), region=(10, 5, 30, 20))
+        assert np.array_equal(part, np.asarray(renderer.render(scene, size=(64, 48)))[5:25, 10:40])
+    with pytest.raises(ValueError, match="the renderer is closed"):
+        renderer.render(scene)
+    with vs.Renderer() as other, pytest.raises(ValueError, match="another"):
+        other.render(scene, size=16)
+
+
+def test_transfer_functions_come_as_points_dictionaries_and_files(tmp_path: Path) -> None:
+    points = [(10, "#202040", 0.0), (40, (0.8, 0.5, 0.2), 0.2), (80, "#ffffff", 0.9)]
+    table = {"points": [{"value": v, "color": c, "opacity": o} for v, c, o in points]}
+    (tmp_path / "t.json").write_text(__import__("json").dumps(table))
+    pictures = [np.asarray(vs.render(samples(), t, size=48)) for t in (points, table, tmp_path / "t.json")]
+    assert pictures[0].any()
+    assert all(np.array_equal(pictures[0], picture) for picture in pictures)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"size": (0, 1)}, "size: 0x1 pixels, expected 1x1"),
+        ({"size": (1.5, 2)}, "size: (1.5, 2), expected 2 whole numbers"),
+        ({"size": 40000}, "size: 40000x40000 pixels"),
+        ({"light": "moon"}, "light: expected off, studio"),
+        ({"light": [False, "headlight"]}, "light: off and other lights contradict"),
+        ({"model": "mip", "light": "studio"}, "light: only the composite model is lit"),
+        ({"sharpness": 3}, "sharpness: 3, expected 0 to 1"),
+        ({"azimuth": float("nan")}, "azimuth is NaN"),
+        ({"transfer": "ct-bones"}, 'transfer: "ct-bones", expected a file, map:NAME, labels or one of ct-bone'),
+        ({"transfer": 3}, "transfer: int, expected a name"),
+        ({"spacing": (1, 2)}, "spacing: (1, 2), expected 3 numbers"),
+        ({"spacing": (1, 0, 2)}, "expected lengths over 0"),
+        ({"affine": np.zeros((4, 4))}, "the grid's axes do not span space"),
+        ({"axes": "abc"}, "axes: 'abc', expected an order of the letters"),
+        ({"time": 1}, "time: it is for files"),
+        ({"clip": "L"}, "clip: L: the file does not state the patient's sides"),
+        ({"shading": "mid"}, 'shading: "mid", expected pre'),
+        ({"painter": "tiles", "sheet_thickness": 1}, "painter: resolution is for tiles"),
+        ({"fov": 20}, "fov: it is for projection"),
+        ({"background": "blurple"}, 'background: "blurple", expected'),
+        ({"region": (0, 0, 90, 90), "size": 64}, "region"),
+        ({"occlusion": True}, "occlusion: True, expected a radius"),
+    ],
+)
+def test_values_out_of_range_are_value_errors_of_one_line(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=".") as error:
+        vs.render(samples(), **options)
+    assert message in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("volume", "kind", "message"),
+    [
+        (np.ones((3, 3, 3), complex), ValueError, "an array of type complex128 cannot be drawn"),
+        (np.array([["a"]]), ValueError, "cannot be drawn"),
+        (np.ones(5), ValueError, "an array of shape (5,) has 1 axes, expected three"),
+        (np.ones((2, 3, 4, 5)), ValueError, "choose a time point or a channel by an index"),
+        (np.ones((0, 3, 4)), ValueError, "has no samples"),
+        (np.full((3, 3, 3), np.nan), ValueError, "27 samples are NaN or infinite"),
+        (np.ma.masked_less(samples(), 5), ValueError, "the array masks samples"),
+        ("nothing.nrrd", FileNotFoundError, "nothing.nrrd"),
+        (Path(__file__), ValueError, "test_render.py"),
+        ("demo:nothing", ValueError, "nothing"),
+        (None, ValueError, "cannot be drawn"),
+    ],
+)
+def test_volumes_that_cannot_be_drawn_are_errors_of_one_line(volume: Any, kind: type[Exception], message: str) -> None:
+    with pytest.raises(kind) as error:
+        vs.render(volume, size=16)
+    assert message in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_names_that_do_not_exist_are_type_errors() -> None:
+    with pytest.raises(TypeError, match="'asimuth' is no option"):
+        vs.render(samples(), asimuth=3)
+
+
+def test_pictures_that_no_memory_holds_are_memory_errors() -> None:
+    # A view of one sample as 2^45: the copy is refused before any of it is made.
+    vast = np.broadcast_to(np.float64(1), (65535, 65535, 8192))
+    with pytest.raises(MemoryError, match="no memory for the samples of a volume"):
+        vs.render(vast, "ct-bone", size=16)
+
+
+def test_progress_is_called_and_ends_the_work() -> None:
+    calls: list[tuple[str, float]] = []
+    volume = np.random.default_rng(1).random((64, 64, 64), dtype=np.float32)
+    vs.render(volume, size=32, progress=lambda stage, done: calls.append((stage, done)))
+    assert calls
+    assert calls[-1] == ("rendering", 1.0)
+    assert all(0 <= done <= 1 for _, done in calls)
+
+    def refuse(_: str, __: float) -> None:
+        raise LookupError("enough")
+
+    with pytest.raises(LookupError, match="enough"):
+        vs.render(volume, size=32, progress=refuse)
+    # The device serves the next picture.
+    assert np.asarray(vs.render(volume, size=32)).any()
+
+
+def test_progress_shows_a_bar(capsys: pytest.CaptureFixture[str]) -> None:
+    vs.render(samples(), size=32, progress=True)
+    assert "rendering" in capsys.readouterr().err
+
+
+def test_what_there_is_is_listed() -> None:
+    assert "bone" in vs.presets()["ct-bone"]
+    assert "viridis" in vs.colour_maps()
+    assert {"name", "backend", "kind", "driver"} <= vs.adapters()[0].keys()
+    facts = vs.info(samples(), spacing=(2, 1, 1), units={"length": "mm", "value": "HU"}, modality="CT")
+    assert facts["shape"] == [20, 30, 40]
+    assert facts["spacing"] == [2, 1, 1]
+    assert facts["transfer"] == "ct-bone"
+    assert not facts["is_guess"]
+    assert facts["max"] == samples().max()

@@ -1,0 +1,78 @@
+"""The native module: the interface of the package is `voxsplat`."""
+
+from collections.abc import Callable, Mapping
+from os import PathLike
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+__version__: str
+__all__ = [
+    "DeviceError",
+    "Image",
+    "Renderer",
+    "Scene",
+    "Volume",
+    "__version__",
+    "adapters",
+    "check",
+    "colour_maps",
+    "presets",
+]
+
+class DeviceError(RuntimeError): ...
+
+@final
+class Volume:
+    @staticmethod
+    def of_array(array: NDArray[Any], facts: Mapping[str, Any]) -> Volume: ...
+    @staticmethod
+    def of_file(path: str | PathLike[str], facts: Mapping[str, Any]) -> Volume: ...
+    def info(self) -> dict[str, Any]: ...
+
+@final
+class Renderer:
+    def __new__(cls, adapter: str | None) -> Renderer: ...
+    def prepare(
+        self,
+        volume: Volume,
+        settings: Any,
+        view: Any,
+        size: tuple[int, int],
+        progress: Callable[[str, float], object] | None,
+    ) -> Scene: ...
+    def render(
+        self,
+        scene: Scene,
+        view: Any,
+        size: tuple[int, int],
+        region: tuple[int, int, int, int] | None,
+        background: str,
+        progress: Callable[[str, float], object] | None,
+    ) -> Image: ...
+    def close(self) -> None: ...
+
+@final
+class Scene:
+    @property
+    def choices(self) -> list[str]: ...
+
+@final
+class Image:
+    @property
+    def size(self) -> tuple[int, int]: ...
+    @property
+    def array(self) -> NDArray[np.float32]: ...
+    @property
+    def stats(self) -> dict[str, Any]: ...
+    @property
+    def choices(self) -> list[str]: ...
+    def rgba8(self, background: str | None) -> NDArray[np.uint8]: ...
+    def to_png(self, background: str | None) -> bytes: ...
+    def save(self, path: str | PathLike[str], background: str | None) -> None: ...
+
+def presets() -> list[tuple[str, str]]: ...
+def colour_maps() -> list[str]: ...
+def adapters() -> str: ...
+def check(view: Any, settings: Any, size: tuple[int, int]) -> None: ...

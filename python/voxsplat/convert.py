@@ -1,0 +1,380 @@
+"""Volumes of the objects that Python programs hold.
+
+Objects are told apart by their attributes, so that no package is imported that the caller does not use. Each package
+has its own custom for the order of axes, spacing, origin and orientation:
+
+=====================  ======================  ==================================================================
+object                 axes of its array       place in the world
+=====================  ======================  ==================================================================
+ndarray and the like   z, y, x                 ``spacing`` in the order of the shape; no orientation
+xarray.DataArray       by the names of dims    coordinates, if equally spaced; units of coordinates and values
+nibabel image          x, y, z                 ``affine``, from RAS to LPS; oriented if the header has a form
+SimpleITK.Image        z, y, x                 spacing, origin and direction, LPS; oriented
+pyvista.ImageData      x, y, z                 spacing, origin and direction; no orientation
+=====================  ======================  ==================================================================
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from . import _native
+
+__all__ = ["volume_of"]
+
+_IDENTITY = np.eye(4)
+# From right, anterior, superior to left, posterior, superior.
+_TO_LPS = np.diag([-1.0, -1.0, 1.0, 1.0])
+# Names of dimensions: of arrays in general, of patients and of the earth.
+_NAMES = {
+    "x": ("x", "i", "col", "column", "lon", "longitude", "width", "right", "left"),
+    "y": ("y", "j", "row", "lat", "latitude", "height", "anterior", "posterior"),
+    "z": ("z", "k", "slice", "plane", "depth", "lev", "level", "altitude", "superior", "inferior"),
+}
+
+
+class _Found:
+    """An array with the facts that its object states."""
+
+    def __init__(self, array: Any, **facts: Any) -> None:
+        self.array = array
+        self.axes: str = facts.pop("axes", "zyx")
+        self.affine: np.ndarray[Any, Any] | None = facts.pop("affine", None)
+        self.facts: dict[str, Any] = facts
+
+
+def volume_of(
+    data: Any,
+    *,
+    spacing: Sequence[float] | None = None,
+    origin: Sequence[float] | None = None,
+    axes: str | None = None,
+    affine: Any = None,
+    space: str | None = None,
+    units: Mapping[str, str] | str | None = None,
+    modality: str | None = None,
+    replace_nan: float | None = None,
+    time: int | None = None,
+    channel: int | None = None,
+    dims: Sequence[int] | None = None,
+    dtype: Any = None,
+    endian: str | None = None,
+    offset: int = 0,
+    series: int | None = None,
+    missing_slices: str = "refuse",
+    pyramid: int | None = None,
+) -> _native.Volume:
+    """Return the volume of an array, an image of another package, or a file. See `voxsplat.Volume`."""
+    if isinstance(data, _native.Volume):
+        return data
+    path = _path(data)
+    if path is not None:
+        given = {"origin": origin, "axes": axes, "affine": affine, "space": space, "units": units, "modality": modality}
+        _refuse(given, "for arrays, and the volume is a file")
+        return _native.Volume.of_file(
+            path,
+            {
+                "dims": None if dims is None else tuple(int(n) for n in dims),
+                "dtype": None if dtype is None else (dtype if isinstance(dtype, str) else np.dtype(dtype).name),
+                "endian": endian,
+                "offset": offset,
+                # Files are described in the order x, y, z everywhere; Python in the order of the shape.
+                "spacing": None if spacing is None else _numbers("spacing", spacing)[::-1],
+                "replace_nan": replace_nan,
+                "time": time,
+                "channel": channel,
+                "series": series,
+                "missing_slices": missing_slices,
+                "pyramid": pyramid,
+            },
+        )
+    given = {"time": time, "channel": channel, "dims": dims, "dtype": dtype, "endian": endian, "series": series}
+    given |= {"offset": offset or None, "pyramid": pyramid}
+    given["missing_slices"] = None if missing_slices == "refuse" else missing_slices
+    _refuse(given, "for files, and the volume is an array: index it")
+    found = _found(data)
+    facts: dict[str, Any] = {
+        "oriented": False,
+        "slope": 1.0,
+        "intercept": 0.0,
+        "length_unit": None,
+        "value_unit": None,
+        "modality": None,
+        "description": None,
+    }
+    facts |= found.facts
+    if modality is not None:
+        facts["modality"] = modality
+    facts |= _units(units)
+    if axes is None:
+        axes = found.axes
+    array = _zyx(_samples(found.array), axes)
+    if affine is not None:
+        _refuse({"spacing": spacing, "origin": origin}, "stated by the affine too, give one of them")
+        matrix = np.array(affine, dtype=np.float64)
+        if matrix.shape != (4, 4):
+            raise ValueError(f"affine: an array of shape {matrix.shape}, expected 4 x 4")
+    else:
+        matrix = (_IDENTITY if found.affine is None else found.affine).copy()
+        if spacing is not None:
+            matrix[:3, :3] = _with_spacing(matrix[:3, :3], _by_axis("spacing", spacing, axes, array))
+        if origin is not None:
+            matrix[:3, 3] = _numbers("origin", origin)
+    if space is not None:
+        if space not in ("LPS", "RAS"):
+            raise ValueError(f"space: {space!r}, expected 'LPS' or 'RAS'")
+        matrix = _TO_LPS @ matrix if space == "RAS" else matrix
+        facts["oriented"] = True
+    facts["affine"] = tuple(tuple(row) for row in matrix[:3].tolist())
+    facts["replace_nan"] = replace_nan
+    return _native.Volume.of_array(array, facts)
+
+
+def _path(data: Any) -> str | None:
+    if isinstance(data, (str, os.PathLike)):
+        path = os.fspath(data)
+        if isinstance(path, bytes):
+            path = os.fsdecode(path)
+        return path
+    return None
+
+
+def _refuse(given: Mapping[str, Any], reason: str) -> None:
+    for name, value in given.items():
+        if value is not None:
+            raise ValueError(f"{name}: it is {reason}")
+
+
+def _numbers(name: str, values: Sequence[float], count: int = 3) -> tuple[float, ...]:
+    try:
+        numbers = tuple(float(value) for value in values)
+    except TypeError:
+        numbers = ()
+    if len(numbers) != count:
+        raise ValueError(f"{name}: {values!r}, expected {count} numbers")
+    return numbers
+
+
+def _by_axis(name: str, values: Sequence[float], axes: str, array: np.ndarray[Any, Any]) -> tuple[float, ...]:
+    """Numbers in the order of the axes of an array, as x, y, z."""
+    letters = axes.lower()
+    numbers = _numbers(name, values, len(letters))
+    of = dict(zip(letters, numbers, strict=True))
+    spread = tuple(of.get(letter, 1.0) for letter in "xyz")
+    if any(not (value > 0 and np.isfinite(value)) for value in spread):
+        raise ValueError(f"{name}: {values!r}, expected lengths over 0")
+    return spread
+
+
+def _with_spacing(matrix: np.ndarray[Any, Any], spacing: tuple[float, ...]) -> np.ndarray[Any, Any]:
+    """The same directions with another spacing."""
+    turned: np.ndarray[Any, Any] = matrix / np.linalg.norm(matrix, axis=0) * np.array(spacing)
+    return turned
+
+
+def _units(units: Mapping[str, str] | str | None) -> dict[str, str]:
+    if units is None:
+        return {}
+    if isinstance(units, str):
+        return {"length_unit": units}
+    known = {"length": "length_unit", "value": "value_unit"}
+    for key in units:
+        if key not in known:
+            raise ValueError(f"units: {key!r}, expected 'length' or 'value'")
+    return {known[key]: str(value) for key, value in units.items()}
+
+
+def _found(data: Any) -> _Found:
+    """The array of an object, with the facts that the object states."""
+    if isinstance(data, np.ndarray):
+        return _Found(data)
+    if hasattr(data, "dataobj") and hasattr(data, "affine") and hasattr(data, "header"):
+        return _of_nibabel(data)
+    if all(hasattr(data, name) for name in ("GetSpacing", "GetOrigin", "GetDirection", "GetPixelIDValue")):
+        return _of_simpleitk(data)
+    if all(hasattr(data, name) for name in ("dimensions", "spacing", "origin", "active_scalars")):
+        return _of_pyvista(data)
+    if all(hasattr(data, name) for name in ("dims", "coords", "attrs", "values")):
+        return _of_xarray(data)
+    return _Found(data)
+
+
+def _samples(data: Any) -> np.ndarray[Any, Any]:
+    """The numbers of an array-like object, in a type and a byte order of this machine."""
+    if isinstance(data, np.ndarray):
+        array = data
+    elif hasattr(data, "__cuda_array_interface__") or _is_on_device(data):
+        raise ValueError("the array is on a device: copy it to the host first, such as by .cpu() or .get()")
+    elif hasattr(data, "dask") and hasattr(data, "compute"):
+        array = np.asarray(data.compute())
+    elif hasattr(data, "detach") and hasattr(data, "numpy"):
+        array = data.detach().numpy()
+    elif hasattr(data, "__array__") or hasattr(data, "__array_interface__"):
+        array = np.asarray(data)
+    elif hasattr(data, "__dlpack__"):
+        array = np.from_dlpack(data)
+    elif hasattr(data, "shape") and hasattr(data, "__getitem__"):
+        array = np.asarray(data[...])
+    else:
+        array = np.asarray(data)
+    if isinstance(array, np.ma.MaskedArray):
+        if np.ma.is_masked(array):
+            raise ValueError("the array masks samples: fill them, such as by array.filled(0)")
+        array = array.data
+    if array.ndim == 2:
+        array = array[np.newaxis]
+    return _native_type(array)
+
+
+def _is_on_device(data: Any) -> bool:
+    device = getattr(data, "__dlpack_device__", None)
+    # 1 is memory of the host, 3 memory of the host that CUDA has pinned.
+    return device is not None and int(device()[0]) not in (1, 3)
+
+
+def _native_type(array: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    kind = array.dtype.kind
+    if kind == "b":
+        return array.view(np.uint8)
+    if kind not in "iuf":
+        raise ValueError(f"an array of type {array.dtype} cannot be drawn, expected integers or real numbers")
+    wanted = array.dtype.newbyteorder("=")
+    if kind == "f" and array.dtype.itemsize not in (4, 8):
+        wanted = np.dtype(np.float32 if array.dtype.itemsize < 4 else np.float64)
+    if wanted != array.dtype or not array.flags.aligned:
+        array = array.astype(wanted)
+    return array
+
+
+def _zyx(array: np.ndarray[Any, Any], axes: str) -> np.ndarray[Any, Any]:
+    """The same memory with the axes z, y, x. Axes of length 1 may be missing from the names."""
+    letters = axes.lower()
+    if len(letters) == 2 and array.shape[0] == 1:
+        letters = next(letter for letter in "zyx" if letter not in letters) + letters
+    if sorted(letters) != ["x", "y", "z"]:
+        raise ValueError(f"axes: {axes!r}, expected an order of the letters z, y and x, such as 'zyx'")
+    if array.ndim != 3:
+        hint = "" if array.ndim < 3 else ": choose a time point or a channel by an index"
+        raise ValueError(f"an array of shape {array.shape} has {array.ndim} axes, expected three (z, y, x){hint}")
+    if 0 in array.shape:
+        raise ValueError(f"an array of shape {array.shape} has no samples")
+    return array.transpose([letters.index(letter) for letter in "zyx"])
+
+
+def _of_nibabel(image: Any) -> _Found:
+    header, proxy = image.header, image.dataobj
+    slope, intercept = 1.0, 0.0
+    if hasattr(proxy, "get_unscaled"):
+        array = proxy.get_unscaled()
+        slope, intercept = float(proxy.slope), float(proxy.inter)
+    else:
+        array = np.asanyarray(proxy)
+    array = np.asarray(array)
+    while array.ndim > 3 and array.shape[-1] == 1:
+        array = array[..., 0]
+    forms = [int(header[form]) for form in ("sform_code", "qform_code") if form in header]
+    facts: dict[str, Any] = {"slope": slope, "intercept": intercept, "oriented": any(forms) if forms else True}
+    description = _text(header, "descrip")
+    facts["description"] = description or None
+    if hasattr(header, "get_xyzt_units"):
+        facts["length_unit"] = {"meter": "m", "mm": "mm", "micron": "µm"}.get(header.get_xyzt_units()[0])
+    if "intent_code" in header:
+        # Statistics, by the numbers of NIfTI; SPM states none.
+        units = {2: "r", 3: "t", 4: "F", 5: "z"}
+        facts["value_unit"] = units.get(int(header["intent_code"]), "t" if description.startswith("SPM{T") else None)
+    if "dim_info" in header:
+        # Axes of frequency or phase, or an echo time as dcm2niix writes it.
+        has_echo = any(field.strip().startswith("TE=") for field in description.split(";"))
+        facts["modality"] = "MR" if int(header["dim_info"]) & 15 or has_echo else None
+    return _Found(array, axes="xyz", affine=_TO_LPS @ np.asarray(image.affine, dtype=np.float64), **facts)
+
+
+def _text(header: Any, field: str) -> str:
+    return bytes(header[field]).split(b"\0")[0].decode("latin-1").strip() if field in header else ""
+
+
+def _of_simpleitk(image: Any) -> _Found:
+    if image.GetNumberOfComponentsPerPixel() != 1:
+        raise ValueError("an image of vectors: choose a component, such as by SimpleITK.VectorIndexSelectionCast")
+    if image.GetDimension() != 3:
+        raise ValueError(f"an image of {image.GetDimension()} dimensions, expected 3: extract a volume")
+    # The view of the samples that SimpleITK offers without importing it here: its own module has the function.
+    module = __import__(type(image).__module__.split(".")[0])
+    array = module.GetArrayViewFromImage(image)
+    matrix = np.eye(4)
+    matrix[:3, :3] = np.array(image.GetDirection()).reshape(3, 3) * np.array(image.GetSpacing())
+    matrix[:3, 3] = image.GetOrigin()
+    return _Found(array, affine=matrix, oriented=True)
+
+
+def _of_pyvista(grid: Any) -> _Found:
+    scalars = grid.active_scalars
+    if scalars is None:
+        raise ValueError("the grid has no active scalars: set_active_scalars chooses an array")
+    shape = tuple(int(n) for n in grid.dimensions)
+    on_points = len(scalars) == np.prod(shape)
+    if not on_points:
+        shape = tuple(max(n - 1, 1) for n in shape)
+    if np.ndim(scalars) != 1 or len(scalars) != np.prod(shape):
+        raise ValueError(f"scalars of shape {np.shape(scalars)}, expected one number for each point or cell")
+    matrix = np.eye(4)
+    direction = np.asarray(getattr(grid, "direction_matrix", np.eye(3)), dtype=np.float64)
+    matrix[:3, :3] = direction * np.array(grid.spacing)
+    matrix[:3, 3] = np.array(grid.origin) + (0.0 if on_points else matrix[:3, :3] @ np.full(3, 0.5))
+    # Points lie with x fastest.
+    return _Found(np.asarray(scalars).reshape(shape[::-1]), affine=matrix)
+
+
+def _of_xarray(data: Any) -> _Found:
+    names = [str(name) for name in data.dims]
+    letters = _letters(names)
+    for name, size in zip(names, data.shape, strict=True):
+        if letters[name] is None and size != 1:
+            raise ValueError(f"dimension {name!r} has {size} values: choose one, such as by .isel({name}=0)")
+    spatial = [name for name in names if letters[name] is not None]
+    data = data.isel({name: 0 for name in names if letters[name] is None})
+    axes = "".join(str(letters[name]) for name in spatial)
+    matrix, units = np.eye(4), set()
+    for name in spatial:
+        axis = "xyz".index(str(letters[name]))
+        if name in data.coords and data.coords[name].ndim == 1 and data.coords[name].dtype.kind in "iuf":
+            coordinate = data.coords[name]
+            first, step = _equally_spaced(name, np.asarray(coordinate.values, dtype=np.float64))
+            matrix[axis, axis], matrix[axis, 3] = step, first
+            units.add(coordinate.attrs.get("units"))
+    facts: dict[str, Any] = {"value_unit": data.attrs.get("units")}
+    if len(units) == 1:
+        facts["length_unit"] = units.pop()
+    if "long_name" in data.attrs:
+        facts["description"] = str(data.attrs["long_name"])
+    return _Found(data.data, axes=axes, affine=matrix, **facts)
+
+
+def _letters(names: Sequence[str]) -> dict[str, str | None]:
+    """The letter of each dimension: by its name, otherwise z, y and x of the last three."""
+    letters: dict[str, str | None] = {
+        name: next((letter for letter, known in _NAMES.items() if name.lower() in known), None) for name in names
+    }
+    given = [letter for letter in letters.values() if letter is not None]
+    if len(set(given)) == len(given) and len(given) in (2, 3):
+        return letters
+    last = names[-3:]
+    return dict.fromkeys(names) | dict(zip(last, "zyx"[-len(last) :], strict=True))
+
+
+def _equally_spaced(name: str, values: np.ndarray[Any, Any]) -> tuple[float, float]:
+    """The first of equally spaced coordinates and their step."""
+    if len(values) < 2:
+        return float(values[0]), 1.0
+    step = (values[-1] - values[0]) / (len(values) - 1)
+    steps = np.diff(values)
+    if not np.isfinite(step) or step == 0 or np.abs(steps - step).max() > 1e-3 * abs(step):
+        raise ValueError(
+            f"coordinate {name!r} is not equally spaced (steps {steps.min():g} to {steps.max():g}): "
+            "interpolate it, or drop the coordinate and give spacing="
+        )
+    return float(values[0]), float(step)

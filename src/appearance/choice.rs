@@ -1,0 +1,126 @@
+//! The meaning of values, and the choices that the library makes, with reasons.
+
+use std::fmt;
+use std::path::Path;
+
+use super::demos;
+use super::suggestion::{Suggestion, suggest};
+use crate::error::Result;
+use crate::layers::recognised;
+use crate::transfer::TransferFunction;
+use crate::transfer::presets::{self, Preset, PresetValues};
+use crate::volume::{Statistics, Volume};
+
+/// The meaning of the values of a volume.
+#[derive(Debug, Clone)]
+pub enum ValueMeaning {
+    /// Labels.
+    Labels {
+        /// The property of the volume or its file that indicates labels.
+        reason: String,
+    },
+    /// The values of a built-in volume, with its transfer function.
+    BuiltIn(TransferFunction),
+    /// Values that a preset suits.
+    Values {
+        /// The preset, fitted to the values.
+        transfer: TransferFunction,
+        /// The preset.
+        preset: &'static Preset,
+        /// The property of the file or of the values that suits the preset.
+        reason: String,
+        /// Whether the values decided: see [`Suggestion::is_guess`].
+        is_guess: bool,
+    },
+}
+
+impl ValueMeaning {
+    /// Finds the meaning of the values of a volume from `source`: a file, or `demo:NAME`. Without `labels`, values are
+    /// never taken for labels. A preset places its points by `values`. Calls `statistics` only if the values decide.
+    ///
+    /// # Errors
+    /// [`Error::Input`](crate::Error::Input) and [`Error::Memory`](crate::Error::Memory) if samples cannot be read;
+    /// [`Error::Transfer`](crate::Error::Transfer) if all values are the same.
+    pub fn find(
+        source: impl AsRef<Path>,
+        volume: &Volume,
+        labels: bool,
+        values: PresetValues,
+        statistics: impl FnOnce() -> Result<Statistics>,
+    ) -> Result<Self> {
+        if let Some(transfer) = demos::own_transfer(source) {
+            return Ok(Self::BuiltIn(transfer));
+        }
+        if labels && let Some(reason) = recognised(volume)? {
+            return Ok(Self::Labels { reason });
+        }
+        let statistics = statistics()?;
+        let Suggestion { name, reason, is_guess } = suggest(volume, &statistics);
+        let transfer = presets::preset(name, volume, &statistics, values)?;
+        Ok(Self::Values { transfer, preset: presets::find(name)?, reason, is_guess })
+    }
+}
+
+/// The words after a preset that the values decided.
+pub const GUESS: &str = ", a guess from the histogram,";
+
+/// A choice with its reason. `Display` prints it in the words of the library.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub enum Choice {
+    /// Values are labels.
+    Labels {
+        /// The reason to take them for labels.
+        reason: String,
+    },
+    /// A preset.
+    Preset {
+        /// Its name.
+        name: &'static str,
+        /// The reason why it suits.
+        reason: String,
+        /// Whether the values decided: see [`Suggestion::is_guess`].
+        is_guess: bool,
+    },
+    /// An oblique side, because the file states no orientation, or the side that a built-in volume suggests. Degrees.
+    Side {
+        /// [`View::azimuth`].
+        azimuth: f64,
+        /// [`View::elevation`].
+        elevation: f64,
+        /// The reason to turn the volume.
+        reason: &'static str,
+    },
+    /// Studio light around the view, because a transfer function, channels or labels show surfaces. Labels have a
+    /// larger shadow bias.
+    Light {
+        /// The reason in words.
+        surfaces: &'static str,
+        /// [`Lighting::shadow_bias`] of labels, in voxels.
+        shadow_bias: Option<f64>,
+    },
+    /// [`Settings::sharpness`], because the transfer function shows surfaces.
+    Sharpness(f64),
+}
+
+impl fmt::Display for Choice {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Labels { reason } => write!(f, "values are labels because {reason}"),
+            Self::Preset { name, reason, is_guess } => {
+                let guess = if *is_guess { GUESS } else { "" };
+                write!(f, "preset {name}{guess} because {reason}")
+            }
+            Self::Side { azimuth, elevation, reason } => {
+                write!(f, "azimuth {azimuth}, elevation {elevation} because {reason}")
+            }
+            Self::Light { shadow_bias: None, surfaces } => write!(f, "studio light because {surfaces}"),
+            Self::Light { shadow_bias: Some(bias), surfaces } => {
+                write!(f, "studio light, shadow bias {bias}, because {surfaces}")
+            }
+            Self::Sharpness(sharpness) => {
+                write!(f, "sharpness {sharpness} because the transfer function shows surfaces")
+            }
+        }
+    }
+}
