@@ -38,6 +38,16 @@ impl Image {
         Ok(Self { image, stats, background, notes: appearance::notes(settings), choices, array: PyOnceLock::new() })
     }
 
+    /// The merged picture of bricks, without statistics.
+    pub(crate) fn merged(
+        image: voxsplat::Image,
+        notes: Vec<Note>,
+        background: Background,
+        choices: Vec<String>,
+    ) -> Self {
+        Self { image, stats: "{}".to_owned(), background, notes, choices, array: PyOnceLock::new() }
+    }
+
     fn behind(&self, background: Option<&str>) -> PyResult<Background> {
         background.map_or(Ok(self.background), str::parse).map_err(|fault| raised(&fault))
     }

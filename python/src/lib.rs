@@ -3,6 +3,7 @@
 //! `voxsplat/__init__.py` and `voxsplat/convert.py` are the interface of the package. This module takes their checked
 //! values, calls the library without the interpreter's lock, and turns errors into Python's.
 
+mod bricks;
 mod error;
 mod image;
 mod render;
@@ -43,6 +44,8 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<render::Renderer>()?;
     module.add_class::<render::Scene>()?;
     module.add_class::<image::Image>()?;
+    module.add_class::<bricks::Plan>()?;
+    module.add_class::<bricks::Partial>()?;
     for function in [
         wrap_pyfunction!(presets, module)?,
         wrap_pyfunction!(colour_maps, module)?,

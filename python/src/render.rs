@@ -8,6 +8,7 @@ use voxsplat::camera::{Camera, Hull};
 use voxsplat::error::Result;
 use voxsplat::image::{Background, Region};
 
+use crate::bricks::{Partial, Plan};
 use crate::error::raised;
 use crate::image::Image;
 use crate::request::{Look, SettingsFields, ViewFields, ViewRequest};
@@ -112,6 +113,23 @@ impl Renderer {
             Ok((renderer.render_region(&prepared.scene, &camera, &settings, region)?, settings))
         })?;
         Image::new(rendered, &settings, background, choices)
+    }
+
+    /// Draws a brick of a plan, given the slice of the samples that it needs.
+    fn brick(
+        &self,
+        py: Python<'_>,
+        plan: &Plan,
+        number: usize,
+        slice: &Volume,
+        progress: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Partial> {
+        let (plan, source) = (Arc::clone(&plan.plan), slice.source());
+        let part = self.device.run(py, progress, move |renderer| {
+            let layers = Plan::slice(&plan, &source.samples()?)?;
+            Ok(voxsplat::bricks::brick(renderer, &plan, number, &layers)?.0)
+        })?;
+        Ok(Partial::new(part))
     }
 
     fn close(&self) {

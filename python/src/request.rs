@@ -212,6 +212,11 @@ impl SettingsFields {
 }
 
 impl Request {
+    /// Whether the library chooses the light.
+    pub(crate) fn has_open_light(&self) -> bool {
+        self.open.light
+    }
+
     /// Loads a volume and makes the choices that the request leaves open, as `voxsplat render` does.
     pub(crate) fn look(mut self, source: &Source, mut view: ViewRequest, size: [u32; 2]) -> Result<Look> {
         let path = source.path();

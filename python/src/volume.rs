@@ -136,6 +136,16 @@ impl Source {
         }
     }
 
+    /// The finite samples of an array, or of a file.
+    pub(crate) fn samples(&self) -> Result<voxsplat::Volume> {
+        let volume = match self {
+            Self::Memory(volume) => volume.clone(),
+            Self::File { path, options, .. } => formats::load(path, options)?,
+        };
+        volume.check_finite()?;
+        Ok(volume)
+    }
+
     fn describe(&self) -> Result<serde_json::Value> {
         let volume = match self {
             Self::Memory(volume) => volume.clone(),

@@ -1,8 +1,8 @@
 //! Partial pictures as files: OpenEXR with one part and four channels of 32-bit floats.
 //!
 //! The data window is the box of pixels that the bricks reach, the display window the whole picture. The channels are
-//! [`Values::channels`]. Attributes: `voxsplat.plan`, the plan's number in hexadecimal, and `voxsplat.bricks`, the
-//! first brick and the number after the last, as `FIRST:END`.
+//! [`Values::channels`]. Attributes: `voxsplat.plan`, the plan's number in hexadecimal, `voxsplat.bricks`, the first
+//! brick and the number after the last, as `FIRST:END`, and `voxsplat.families`, the number of families of rays.
 
 use std::io::{self, Cursor, Write};
 use std::path::Path;
@@ -22,6 +22,10 @@ use voxsplat_volume::files;
 /// The names of the attributes.
 const PLAN: &str = "voxsplat.plan";
 const BRICKS: &str = "voxsplat.bricks";
+const FAMILIES: &str = "voxsplat.families";
+
+/// The most families of rays: one for each axis of the lattice.
+const MOST_FAMILIES: usize = 3;
 
 /// The name of a channel; a family of rays after the first has its number behind it.
 fn channel(values: Values, family: usize, number: usize) -> String {
@@ -37,13 +41,17 @@ impl Partial {
     ///
     /// # Errors
     /// [`Error::Output`] and [`Error::Write`] if it cannot be written.
-    pub fn save(&self, path: impl AsRef<Path>, plan: &Plan) -> Result<()> {
+    pub fn save(&self, path: impl AsRef<Path>) -> Result<()> {
         let path = path.as_ref();
-        let encoded = self.encoded(plan).map_err(|source| Error::Write { path: path.to_owned(), source })?;
+        let encoded = self.to_exr().map_err(|source| Error::Write { path: path.to_owned(), source })?;
         write_atomically(path, |file| file.write_all(&encoded))
     }
 
-    fn encoded(&self, plan: &Plan) -> io::Result<Vec<u8>> {
+    /// Returns the bytes of the OpenEXR file.
+    ///
+    /// # Errors
+    /// The encoder's.
+    pub fn to_exr(&self) -> io::Result<Vec<u8>> {
         let Region { x, y, width, height } = self.region;
         let with_values = |family: usize, number: usize| {
             let values: Vec<f32> = self.pixels(family).iter().map(|pixel| pixel[number]).collect();
@@ -56,13 +64,15 @@ impl Partial {
         let channels = channels.collect();
         let mut attributes = LayerAttributes::named("part");
         attributes.layer_position = Vec2(x as i32, y as i32);
-        for (name, text) in [(PLAN, format!("{:016x}", self.plan)), (BRICKS, self.bricks_text())] {
+        let families = self.families().to_string();
+        for (name, text) in [(PLAN, format!("{:016x}", self.plan)), (BRICKS, self.bricks_text()), (FAMILIES, families)]
+        {
             attributes.other.insert(Text::from(name), AttributeValue::Text(Text::from(text.as_str())));
         }
         let size = Vec2(width as usize, height as usize);
         let layer = Layer::new(size, attributes, Encoding::FAST_LOSSLESS, AnyChannels::sort(channels));
         let mut image = ExrImage::from_layer(layer);
-        let whole = plan.camera().size.map(|side| side as usize);
+        let whole = self.size.map(|side| side as usize);
         image.attributes.display_window = IntegerBounds::new((0, 0), (whole[0], whole[1]));
         let mut file = Cursor::new(Vec::new());
         image.write().to_buffered(&mut file).map_err(io::Error::other)?;
@@ -76,17 +86,30 @@ impl Partial {
     /// Loads a partial picture of a plan.
     ///
     /// # Errors
-    /// [`Error::Input`] if the file cannot be read, is damaged or no partial picture; [`Error::Setting`] if it belongs
-    /// to another plan.
+    /// [`Error::Input`] if the file cannot be read, is damaged, no partial picture, or belongs to another plan.
     pub fn load(path: impl AsRef<Path>, plan: &Plan) -> Result<Self> {
         let path = path.as_ref();
         let bytes = files::read(path, MAX_BYTES)?;
-        let refused = |reason: &str| Error::format(path, format!("no partial picture: {reason}"));
         check_exr(path, &bytes)?;
+        let part = Self::decoded(&bytes).and_then(|part| plan.check_part(&part).map(|()| part));
+        part.map_err(|e| Error::format(path, e.to_string()))
+    }
+
+    /// Reads a partial picture from the bytes of its OpenEXR file.
+    ///
+    /// # Errors
+    /// [`Error::Input`] or [`Error::Setting`] if they are damaged or no partial picture; [`Error::Memory`].
+    pub fn from_exr(bytes: &[u8]) -> Result<Self> {
+        check_exr(Path::new("part"), bytes)?;
+        Self::decoded(bytes)
+    }
+
+    fn decoded(bytes: &[u8]) -> Result<Self> {
+        let refused = |reason: &str| Error::setting("parts", format!("no partial picture: {reason}"));
         let read = exr::prelude::read().no_deep_data().largest_resolution_level().all_channels().first_valid_layer();
         let image = read
             .all_attributes()
-            .from_buffered(Cursor::new(&bytes))
+            .from_buffered(Cursor::new(bytes))
             .map_err(|e| refused(&format!("it cannot be decoded: {e}")))?;
         let layer = image.layer_data;
         let text = |name: &str| match layer.attributes.other.get(&Text::from(name)) {
@@ -98,28 +121,45 @@ impl Partial {
             let (first, end) = text.split_once(':')?;
             Some(first.parse().ok()?..end.parse().ok()?)
         });
-        let (Some(id), Some(bricks)) = (id, bricks) else {
+        let families = text(FAMILIES).and_then(|text| text.parse().ok()).filter(|count| *count <= MOST_FAMILIES);
+        let (Some(plan), Some(bricks), Some(families)) = (id, bricks, families) else {
             return Err(refused("it names no plan: draw it with voxsplat brick"));
         };
-        let values = Values::of_model(plan.settings().model);
+        let samples = |values: Values, family: usize, number: usize| {
+            let name = channel(values, family, number);
+            layer
+                .channel_data
+                .list
+                .iter()
+                .find(|channel| channel.name == *name.as_str())
+                .map(|found| &found.sample_data)
+        };
+        let all = [Values::Emission, Values::Largest, Values::Mean];
+        let Some(values) = all.into_iter().find(|values| samples(*values, 0, 0).is_some()) else {
+            return Err(refused("it has the channels of no model"));
+        };
         let Vec2(x, y) = layer.attributes.layer_position;
         let (Ok(x), Ok(y)) = (u32::try_from(x), u32::try_from(y)) else {
             return Err(refused("it lies beside the picture"));
         };
+        let whole = image.attributes.display_window.size;
+        let size = [whole.width() as u32, whole.height() as u32];
         let region = Region { x, y, width: layer.size.width() as u32, height: layer.size.height() as u32 };
-        let mut part = Self { plan: id, bricks, values, region, families: Vec::new() };
-        plan.check_part(&part).map_err(|e| Error::format(path, e.to_string()))?;
-        for family in 0..plan.families() {
+        region.check_within(size)?;
+        let mut part = Self { plan, bricks, values, size, region, families: Vec::new() };
+        for family in 0..families {
             let mut pixels = Image::transparent(region.width, region.height)?;
             for number in 0..4 {
-                let name = channel(values, family, number);
-                let found = layer.channel_data.list.iter().find(|channel| channel.name == *name.as_str());
-                let samples = match found.map(|channel| &channel.sample_data) {
+                let samples = match samples(values, family, number) {
                     Some(FlatSamples::F32(samples)) => samples,
                     None if family > 0 => continue,
-                    _ => return Err(refused(&format!("it has no channel {name} of 32-bit floats"))),
+                    _ => {
+                        let name = channel(values, family, number);
+                        return Err(refused(&format!("it has no channel {name} of 32-bit floats")));
+                    }
                 };
                 if samples.iter().any(|value| !value.is_finite()) {
+                    let name = channel(values, family, number);
                     return Err(refused(&format!("channel {name} has a value that is not finite")));
                 }
                 pixels.pixels_mut().iter_mut().zip(samples).for_each(|(pixel, value)| pixel[number] = *value);

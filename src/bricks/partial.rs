@@ -71,6 +71,8 @@ pub struct Partial {
     /// The places of its bricks in the order of the plan.
     pub(super) bricks: Range<usize>,
     pub(super) values: Values,
+    /// Width and height of the whole picture.
+    pub(super) size: [u32; 2],
     /// The pixels of the picture that its bricks reach.
     pub(super) region: Region,
     /// The values of each family of rays.

@@ -293,8 +293,9 @@ impl Plan {
 
     /// Refuses a partial picture of another plan.
     pub(super) fn check_part(&self, part: &Partial) -> Result<()> {
-        let fits = part.region.check_within(self.camera.size).is_ok()
+        let fits = part.size == self.camera.size
             && part.bricks.end <= self.bricks.len()
+            && part.families.len() == self.families()
             && part.values == Values::of_model(self.settings.model);
         if part.plan == self.id && fits {
             return Ok(());
@@ -338,7 +339,8 @@ pub fn brick(renderer: &Renderer, plan: &Plan, number: usize, slice: &Layers) ->
     };
     let families = parts.iter().map(in_region).collect::<Result<Vec<Image>>>()?;
     let values = Values::of_model(plan.settings.model);
-    Ok((Partial { plan: plan.id, bricks: number..number + 1, values, region, families }, stats))
+    let part = Partial { plan: plan.id, bricks: number..number + 1, values, size: plan.camera.size, region, families };
+    Ok((part, stats))
 }
 
 /// Refuses settings whose pictures cannot be made in bricks.

@@ -34,5 +34,5 @@ pub(crate) fn run(args: &BrickArgs) -> Result<(), Failure> {
     let options = RendererOptions { adapter: args.adapter.clone(), progress: progress::reporter() };
     let renderer = silenced(|| Renderer::new(&options))?;
     let (part, _) = bricks::brick(&renderer, &plan, args.brick, &slice)?;
-    Ok(part.save(&args.output, &plan)?)
+    Ok(part.save(&args.output)?)
 }

@@ -1,0 +1,168 @@
+//! Plans of pictures in bricks, and partial pictures.
+
+use std::ops::Range;
+use std::sync::Arc;
+
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::PyBytes;
+use voxsplat::appearance::notes;
+use voxsplat::bricks::{self, Chunks};
+use voxsplat::camera::Camera;
+use voxsplat::glam::{DAffine3, DMat3, DVec3};
+use voxsplat::image::Background;
+use voxsplat::layers::Layers;
+use voxsplat::volume::Grid;
+
+use crate::error::raised;
+use crate::image::Image;
+use crate::request::{SettingsFields, ViewFields};
+use crate::volume::Volume;
+use crate::worker::check_process;
+
+/// A plan of a picture in bricks.
+#[pyclass(frozen, module = "voxsplat._native")]
+pub(crate) struct Plan {
+    pub(crate) plan: Arc<bricks::Plan>,
+    #[pyo3(get)]
+    choices: Vec<String>,
+}
+
+/// What the matter of consecutive bricks leaves in each pixel.
+#[pyclass(frozen, module = "voxsplat._native")]
+pub(crate) struct Partial {
+    part: bricks::Partial,
+}
+
+/// The voxels of a brick or of its slice, along z, y and x: the first, and the one after the last.
+type Voxels = [(u32, u32); 3];
+
+fn voxels(ranges: &[Range<u32>; 3]) -> Voxels {
+    [2, 1, 0].map(|axis| (ranges[axis].start, ranges[axis].end))
+}
+
+#[pymethods]
+impl Plan {
+    /// Plans a picture of a volume of `dims` (x, y, z) voxels with chunks of these sizes along x, y and z. `overview`
+    /// is the volume, or has fewer samples in the same place; `affine` has the world point of the first voxel and the
+    /// steps of the volume itself, as columns of 3 x 4 numbers, `None` for those of the overview.
+    #[new]
+    #[expect(clippy::too_many_arguments, reason = "keywords of Python")]
+    fn new(
+        py: Python<'_>,
+        overview: &Volume,
+        settings: SettingsFields,
+        view: ViewFields,
+        size: [u32; 2],
+        dims: [u32; 3],
+        affine: Option<[[f64; 4]; 3]>,
+        chunks: [Vec<u32>; 3],
+    ) -> PyResult<Self> {
+        check_process()?;
+        let view = view.request(size).map_err(|fault| raised(&fault))?;
+        let request = settings.request(&view.view).map_err(|fault| raised(&fault))?;
+        let has_open_light = request.has_open_light();
+        let source = overview.source();
+        let planned = py.detach(move || {
+            let mut look = request.look(&source, view, size)?;
+            let grid = match affine {
+                Some(rows) => {
+                    let [x, y, z, origin] = [0, 1, 2, 3].map(|column| DVec3::from_array(rows.map(|row| row[column])));
+                    Grid::new(dims, DAffine3::from_mat3_translation(DMat3::from_cols(x, y, z), origin))?
+                }
+                None => *look.layers.grid(),
+            };
+            if has_open_light {
+                let settings = bricks::Plan::settings_for(&look.settings);
+                if settings != look.settings {
+                    look.choices
+                        .push("light without shadows because shadows need the matter of other bricks".to_owned());
+                }
+                look.settings = settings;
+            }
+            let mut view = look.view.view;
+            view.around = look.view.frame.hull(&look.layers, &look.settings.clip)?;
+            let camera = Camera::new(&view, &grid, size)?;
+            let chunks = Chunks::new(dims, chunks)?;
+            Ok((bricks::Plan::new(&look.layers, &grid, &chunks, &camera, &look.settings)?, look.choices))
+        });
+        let (plan, choices) = planned.map_err(|fault| raised(&fault))?;
+        Ok(Self { plan: Arc::new(plan), choices })
+    }
+
+    /// Reads a plan from its JSON.
+    #[staticmethod]
+    fn from_json(text: &str, choices: Vec<String>) -> PyResult<Self> {
+        let plan = bricks::Plan::from_json(text).map_err(|fault| raised(&fault))?;
+        Ok(Self { plan: Arc::new(plan), choices })
+    }
+
+    fn to_json(&self) -> PyResult<String> {
+        self.plan.to_json().map_err(|fault| raised(&fault))
+    }
+
+    /// The bricks, front to back: their voxels, the slices that they need, and the bytes that drawing one takes.
+    #[getter]
+    fn bricks(&self) -> Vec<(Voxels, Voxels, u64)> {
+        self.plan.bricks().iter().map(|brick| (voxels(&brick.voxels), voxels(&brick.held), brick.bytes)).collect()
+    }
+
+    /// Width and height of the picture, pixels.
+    #[getter]
+    fn size(&self) -> [u32; 2] {
+        self.plan.camera().size
+    }
+
+    /// The picture of a partial picture of all bricks.
+    fn picture(&self, py: Python<'_>, merged: &Partial, background: &str) -> PyResult<Image> {
+        let background: Background = background.parse().map_err(|fault| raised(&fault))?;
+        let image = py.detach(|| self.plan.picture(&merged.part)).map_err(|fault| raised(&fault))?;
+        Ok(Image::merged(image, notes(self.plan.settings()), background, self.choices.clone()))
+    }
+}
+
+impl Plan {
+    /// The layers of a slice of the volume.
+    pub(crate) fn slice(plan: &bricks::Plan, volume: &voxsplat::Volume) -> voxsplat::error::Result<Layers> {
+        let missing = || voxsplat::error::Error::Setting {
+            name: "plan",
+            reason: "it is of labels or channels, whose bricks the command draws: voxsplat brick".to_owned(),
+        };
+        Ok(Layers::of_volume(volume, plan.transfer().ok_or_else(missing)?))
+    }
+}
+
+impl Partial {
+    pub(crate) fn new(part: bricks::Partial) -> Self {
+        Self { part }
+    }
+}
+
+#[pymethods]
+impl Partial {
+    /// Reads a partial picture from the bytes of its OpenEXR file.
+    #[staticmethod]
+    fn from_bytes(py: Python<'_>, bytes: &[u8]) -> PyResult<Self> {
+        let part = py.detach(|| bricks::Partial::from_exr(bytes)).map_err(|fault| raised(&fault))?;
+        Ok(Self { part })
+    }
+
+    /// The bytes of the OpenEXR file of this partial picture.
+    fn to_bytes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
+        let bytes = py.detach(|| self.part.to_exr()).map_err(|fault| PyValueError::new_err(fault.to_string()))?;
+        Ok(PyBytes::new(py, &bytes))
+    }
+
+    /// The first of its bricks, and the one after the last.
+    #[getter]
+    fn bricks(&self) -> (usize, usize) {
+        let Range { start, end } = self.part.bricks();
+        (start, end)
+    }
+
+    /// Composites this partial picture over the one directly behind.
+    fn over(&self, py: Python<'_>, back: &Self) -> PyResult<Self> {
+        let part = py.detach(|| self.part.over(&back.part)).map_err(|fault| raised(&fault))?;
+        Ok(Self { part })
+    }
+}
