@@ -17,6 +17,7 @@ use crate::image::{Image, Region};
 use crate::kernel::NORMAL_REACH;
 use crate::layers::Layers;
 use crate::painters::choice::PainterKind;
+use crate::painters::painter::FamilyShare;
 use crate::prepare::cells;
 use crate::renderer::Renderer;
 use crate::settings::{Level, Model, Painter, QuadsSettings, Resolution, Settings, Sheets, TilesSettings};
@@ -291,6 +292,22 @@ impl Plan {
         (self.painter().room().families)(&self.view()).len()
     }
 
+    /// Whether each family of rays has a share in pixels that a brick reaches.
+    fn families_of(&self, held: Held) -> Vec<bool> {
+        let whole = self.view();
+        let families = (self.painter().room().families)(&whole);
+        let Some(bounds) = self.view().of_held(Some(held)).projected_bounds() else {
+            return vec![false; families.len()];
+        };
+        // Kernels of cells reach a little farther than kernels of voxels.
+        const MARGIN: u32 = 16;
+        let [width, height] = self.camera.size;
+        let columns = bounds.x.saturating_sub(MARGIN)..(bounds.x + bounds.width + MARGIN).min(width);
+        let rows = bounds.y.saturating_sub(MARGIN)..(bounds.y + bounds.height + MARGIN).min(height);
+        let has = |share: FamilyShare<'_>| rows.clone().any(|y| columns.clone().any(|x| share([x, y]) > 0.0));
+        families.into_iter().map(has).collect()
+    }
+
     /// Refuses a partial picture of another plan.
     pub(super) fn check_part(&self, part: &Partial) -> Result<()> {
         let fits = part.size == self.camera.size
@@ -320,13 +337,17 @@ pub fn brick(renderer: &Renderer, plan: &Plan, number: usize, slice: &Layers) ->
     let owned = owned(&plan.grid, voxels, Held::OPEN);
     let first = [0, 1, 2].map(|axis| held[axis].start);
     let held = Held { first, dims: grid.dims(), owned, family: 0, beyond: plan.beyond };
+    let seen = plan.families_of(held);
+    let first = seen.iter().position(|&seen| seen).unwrap_or(0);
     let mut scene = renderer.prepare_layers(&slice.on_grid(&grid)?, &plan.settings)?.within(plan.grid, held);
+    scene = scene.by_family(first);
     let (part, mut stats) = renderer.render_partial(&scene, &plan.camera, &plan.settings)?;
-    let mut parts = vec![part];
-    for family in 1..plan.families() {
+    let mut parts = vec![None; seen.len()];
+    parts[first] = part;
+    for family in (first + 1..seen.len()).filter(|&family| seen[family]) {
         scene = scene.by_family(family);
         let (part, next) = renderer.render_partial(&scene, &plan.camera, &plan.settings)?;
-        parts.push(part);
+        parts[family] = part;
         stats.stages.extend(next.stages);
     }
     // A brick that reaches no pixel has one without matter.
