@@ -213,10 +213,12 @@ impl Session {
         };
         let choices = context.make_choices(job.choices.open, &mut job.view, &mut job.settings)?;
         // Studio light that was requested stands around the view.
-        if job.studio.follows || choices.iter().any(|choice| matches!(choice, Choice::Side { .. })) {
-            if let Some(lighting) = job.settings.lighting.as_mut().filter(|_| job.studio.requested) {
-                place_studio(lighting, &job.view)?;
-            }
+        let is_turned = choices.iter().any(|choice| matches!(choice, Choice::Side { .. }));
+        if job.studio.requested
+            && (job.studio.follows || is_turned)
+            && let Some(lighting) = &mut job.settings.lighting
+        {
+            place_studio(lighting, &job.view)?;
         }
         choices.iter().for_each(|choice| self.say(note_on(choice, job.studio.follows)));
         Ok(())
