@@ -109,8 +109,8 @@ impl Plan {
 
     /// Width and height of the picture, pixels.
     #[getter]
-    fn size(&self) -> [u32; 2] {
-        self.plan.camera().size
+    fn size(&self) -> (u32, u32) {
+        self.plan.camera().size.into()
     }
 
     /// The picture of a partial picture of all bricks.

@@ -31,11 +31,15 @@ from numpy.typing import NDArray
 
 from . import _native
 from ._native import DeviceError, __version__
+from .bricks import Brick, Partial, Plan, brick, chunk_sizes, merge
 from .convert import volume_of
 
 __all__ = [
+    "Brick",
     "DeviceError",
     "Image",
+    "Partial",
+    "Plan",
     "Renderer",
     "Scene",
     "Settings",
@@ -43,9 +47,12 @@ __all__ = [
     "Volume",
     "__version__",
     "adapters",
+    "brick",
     "colour_maps",
     "from_napari",
     "info",
+    "merge",
+    "plan",
     "presets",
     "render",
 ]
@@ -423,6 +430,65 @@ def render(
     renderer = _renderer(adapter)
     scene = renderer.prepare(_volume(volume, options), settings=settings, view=view, size=size, progress=progress)
     return renderer.render(scene, size=size, background=background, region=region, progress=progress)
+
+
+def plan(
+    volume: Any,
+    grid: Sequence[Any],
+    *,
+    transfer: Any = None,
+    size: tuple[int, int] = _SIZE,
+    shape: Sequence[int] | None = None,
+    affine: Any = None,
+    **options: Any,
+) -> Plan:
+    """Plan a picture in bricks, which `brick` draws of slices of the samples, on any machine, and `merge` merges.
+
+    Parameters
+    ----------
+    volume
+        The volume, as for `render`; or an overview: an array with fewer samples of the same type in the same place,
+        such as a coarse level of a pyramid or every 8th sample. The transfer function, the frame, the light and the
+        memory of bricks are chosen by it.
+    grid
+        Numbers of chunks along (z, y, x), or three sequences of sizes of chunks in voxels, such as ``darr.chunks``.
+    transfer, size
+        See `render`.
+    shape, affine
+        Of the volume itself, if `volume` is an overview: its shape (z, y, x), and 4 x 4 numbers from its (x, y, z)
+        indices to the world.
+    **options
+        Further fields of `View`, `Settings` and, of the overview, `Volume`. A ray is drawn for each pixel. Light that
+        is not given has no shadows; shadows, occlusion, labels and channels are refused.
+
+    Raises
+    ------
+    ValueError
+        Settings out of range, and pictures that cannot be drawn in bricks.
+    """
+    if shape is not None and (affine is None or len(shape) != 3):
+        raise ValueError("shape: expected three numbers (z, y, x), with an affine of the volume")
+    rows = None
+    if shape is None:
+        if affine is not None:
+            options["affine"] = affine
+    else:
+        matrix = np.array(affine, dtype=np.float64)
+        if matrix.shape != (4, 4):
+            raise ValueError(f"affine: an array of shape {matrix.shape}, expected 4 x 4")
+        rows = tuple(tuple(row) for row in matrix[:3].tolist())
+        clip = options.get("clip") or []
+        if any(str(one).startswith("voxels:") for one in ([clip] if isinstance(clip, str) else clip)):
+            raise ValueError("clip: voxels of an overview are not those of the volume, give a box: box:X0,X1,Y0,Y1,Z0,Z1")
+    names = [{field.name for field in fields(kind)} for kind in (View, Settings)]
+    parts = [{name: options.pop(name) for name in list(options) if name in known} for known in names]
+    view, settings = View(**parts[0]), Settings(transfer=transfer, **parts[1])
+    size = _pixels(size)
+    _native.check(_checked(view), _texts(settings), size)
+    overview = _volume(volume, options)
+    whole = tuple(int(n) for n in (overview.info()["shape"] if shape is None else shape))
+    z, y, x = chunk_sizes(grid, whole)
+    return Plan(_native.Plan(overview, _texts(settings), _checked(view), size, whole[::-1], rows, (x, y, z)))
 
 
 def info(volume: Any, **facts: Any) -> dict[str, Any]:

@@ -11,6 +11,8 @@ __version__: str
 __all__ = [
     "DeviceError",
     "Image",
+    "Partial",
+    "Plan",
     "Renderer",
     "Scene",
     "Volume",
@@ -51,7 +53,46 @@ class Renderer:
         background: str,
         progress: Callable[[str, float], object] | None,
     ) -> Image: ...
+    def brick(
+        self,
+        plan: Plan,
+        number: int,
+        slice: Volume,
+        progress: Callable[[str, float], object] | None,
+    ) -> Partial: ...
     def close(self) -> None: ...
+
+@final
+class Plan:
+    def __new__(
+        cls,
+        overview: Volume,
+        settings: Any,
+        view: Any,
+        size: tuple[int, int],
+        dims: tuple[int, ...],
+        affine: Any,
+        chunks: tuple[list[int], list[int], list[int]],
+    ) -> Plan: ...
+    @staticmethod
+    def from_json(text: str, choices: list[str]) -> Plan: ...
+    def to_json(self) -> str: ...
+    @property
+    def bricks(self) -> list[tuple[list[tuple[int, int]], list[tuple[int, int]], int]]: ...
+    @property
+    def size(self) -> tuple[int, int]: ...
+    @property
+    def choices(self) -> list[str]: ...
+    def picture(self, merged: Partial, background: str) -> Image: ...
+
+@final
+class Partial:
+    @staticmethod
+    def from_bytes(bytes: bytes) -> Partial: ...
+    def to_bytes(self) -> bytes: ...
+    @property
+    def bricks(self) -> tuple[int, int]: ...
+    def over(self, back: Partial) -> Partial: ...
 
 @final
 class Scene:

@@ -24,7 +24,7 @@ import numpy as np
 
 from . import _native
 
-__all__ = ["volume_of"]
+__all__ = ["located", "native_slice", "samples_of", "volume_of"]
 
 _IDENTITY = np.eye(4)
 # From right, anterior, superior to left, posterior, superior.
@@ -96,6 +96,25 @@ def volume_of(
     given |= {"offset": offset or None, "pyramid": pyramid}
     given["missing_slices"] = None if missing_slices == "refuse" else missing_slices
     _refuse(given, "for files, and the volume is an array: index it")
+    array, axes, facts = located(
+        data, spacing=spacing, origin=origin, axes=axes, affine=affine, space=space, units=units, modality=modality
+    )
+    facts["replace_nan"] = replace_nan
+    return _native.Volume.of_array(samples_of(array, axes), facts)
+
+
+def located(
+    data: Any,
+    *,
+    spacing: Sequence[float] | None = None,
+    origin: Sequence[float] | None = None,
+    axes: str | None = None,
+    affine: Any = None,
+    space: str | None = None,
+    units: Mapping[str, str] | str | None = None,
+    modality: str | None = None,
+) -> tuple[Any, str, dict[str, Any]]:
+    """Return the array of an object as it is, its axes, and the facts about it. Reads no samples."""
     found = _found(data)
     facts: dict[str, Any] = {
         "oriented": False,
@@ -112,7 +131,6 @@ def volume_of(
     facts |= _units(units)
     if axes is None:
         axes = found.axes
-    array = _zyx(_samples(found.array), axes)
     if affine is not None:
         _refuse({"spacing": spacing, "origin": origin}, "stated by the affine too, give one of them")
         matrix = np.array(affine, dtype=np.float64)
@@ -121,7 +139,7 @@ def volume_of(
     else:
         matrix = (_IDENTITY if found.affine is None else found.affine).copy()
         if spacing is not None:
-            matrix[:3, :3] = _with_spacing(matrix[:3, :3], _by_axis("spacing", spacing, axes, array))
+            matrix[:3, :3] = _with_spacing(matrix[:3, :3], _by_axis("spacing", spacing, axes))
         if origin is not None:
             matrix[:3, 3] = _numbers("origin", origin)
     if space is not None:
@@ -130,8 +148,21 @@ def volume_of(
         matrix = _TO_LPS @ matrix if space == "RAS" else matrix
         facts["oriented"] = True
     facts["affine"] = tuple(tuple(row) for row in matrix[:3].tolist())
-    facts["replace_nan"] = replace_nan
-    return _native.Volume.of_array(array, facts)
+    return found.array, axes, facts
+
+
+def native_slice(
+    samples: Any, *, slope: float = 1.0, intercept: float = 0.0, replace_nan: float | None = None
+) -> _native.Volume:
+    """Return the volume of a slice of axes (z, y, x), whose place in the world a plan knows."""
+    _, _, facts = located(np.empty((1, 1, 1)))
+    facts |= {"slope": slope, "intercept": intercept, "replace_nan": replace_nan}
+    return _native.Volume.of_array(samples_of(samples, "zyx"), facts)
+
+
+def samples_of(array: Any, axes: str) -> np.ndarray[Any, Any]:
+    """Return the samples of an array as an ndarray of axes (z, y, x)."""
+    return _zyx(_samples(array), axes)
 
 
 def _path(data: Any) -> str | None:
@@ -159,7 +190,7 @@ def _numbers(name: str, values: Sequence[float], count: int = 3) -> tuple[float,
     return numbers
 
 
-def _by_axis(name: str, values: Sequence[float], axes: str, array: np.ndarray[Any, Any]) -> tuple[float, ...]:
+def _by_axis(name: str, values: Sequence[float], axes: str) -> tuple[float, ...]:
     """Numbers in the order of the axes of an array, as x, y, z."""
     letters = axes.lower()
     numbers = _numbers(name, values, len(letters))

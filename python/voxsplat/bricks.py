@@ -1,0 +1,185 @@
+"""Pictures in bricks: for volumes that one machine cannot hold, and for many machines.
+
+    plan = voxsplat.plan(volume, grid=(2, 2, 2), size=(1024, 1024))
+    parts = [voxsplat.brick(plan, b, volume[b.held]) for b in plan.bricks]
+    image = voxsplat.merge(plan, parts)
+
+A plan knows no engine: any executor may draw the bricks, in any order, on any machine. Plans and partial pictures can be
+pickled. `voxsplat.dask` does all of it for Dask arrays and Zarr stores.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from . import _native
+
+__all__ = ["Brick", "Partial", "Plan", "brick", "merge"]
+
+Slices: TypeAlias = tuple[slice, slice, slice]
+
+
+@dataclass(frozen=True)
+class Brick:
+    """A brick of a plan."""
+
+    number: int
+    """Its place in the order of the plan, front to back."""
+    voxels: Slices
+    """The voxels that it owns, along z, y and x."""
+    held: Slices
+    """The slice of the samples that it needs: its voxels and its halo. ``array[brick.held]`` is that slice."""
+    bytes: int
+    """The predicted memory of a process that draws it on software Vulkan, without its picture, 16 bytes a pixel."""
+
+
+class Plan:
+    """A plan of a picture: lattice, camera, settings and bricks. It holds no samples. See `voxsplat.plan`."""
+
+    def __init__(self, native: _native.Plan) -> None:
+        self._native = native
+        self._bricks = [
+            Brick(number, _slices(voxels), _slices(held), size)
+            for number, (voxels, held, size) in enumerate(native.bricks)
+        ]
+
+    @classmethod
+    def from_json(cls, text: str) -> Plan:
+        """Read a plan from its JSON."""
+        return _plan_of(text, [])
+
+    def to_json(self) -> str:
+        """Return the plan as JSON."""
+        return self._native.to_json()
+
+    @property
+    def bricks(self) -> list[Brick]:
+        """The bricks, front to back."""
+        return self._bricks
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the picture, pixels."""
+        return self._native.size
+
+    @property
+    def choices(self) -> list[str]:
+        """The choices that were left open, with their reasons."""
+        return self._native.choices
+
+    def __reduce__(self) -> tuple[Callable[[str, list[str]], Plan], tuple[str, list[str]]]:
+        return _plan_of, (self.to_json(), self.choices)
+
+    def __repr__(self) -> str:
+        width, height = self.size
+        return f"<voxsplat.Plan of {width} x {height} pixels in {len(self._bricks)} bricks>"
+
+
+class Partial:
+    """A partial picture: what the matter of consecutive bricks leaves in each pixel. See `voxsplat.brick`."""
+
+    def __init__(self, native: _native.Partial) -> None:
+        self._native = native
+
+    @classmethod
+    def from_bytes(cls, data: bytes) -> Partial:
+        """Read a partial picture from the bytes of its OpenEXR file."""
+        return cls(_native.Partial.from_bytes(data))
+
+    def to_bytes(self) -> bytes:
+        """Return the bytes of an OpenEXR file, as the command ``voxsplat brick`` writes it."""
+        return self._native.to_bytes()
+
+    @property
+    def bricks(self) -> range:
+        """The numbers of its bricks in the order of the plan."""
+        return range(*self._native.bricks)
+
+    def over(self, back: Partial) -> Partial:
+        """Composite over the partial picture directly behind. Associative: any tree over the ordered bricks will do."""
+        return Partial(self._native.over(back._native))
+
+    def __reduce__(self) -> tuple[Callable[[bytes], Partial], tuple[bytes]]:
+        return Partial.from_bytes, (self.to_bytes(),)
+
+    def __repr__(self) -> str:
+        numbers = self.bricks
+        return f"<voxsplat.Partial of bricks {numbers.start} to {numbers.stop - 1}>"
+
+
+def brick(
+    plan: Plan,
+    which: Brick | int,
+    samples: Any,
+    *,
+    replace_nan: float | None = None,
+    slope: float = 1.0,
+    intercept: float = 0.0,
+    adapter: str | None = None,
+    progress: Any = None,
+) -> Partial:
+    """Draw a brick of a plan, given the samples of its slice: ``array[brick.held]``, axes (z, y, x).
+
+    `replace_nan`, `slope` and `intercept` are those of the volume. Raises ValueError if the slice has another shape.
+    """
+    from . import _renderer, _Reported
+    from .convert import native_slice
+
+    number = which.number if isinstance(which, Brick) else int(which)
+    volume = native_slice(samples, slope=slope, intercept=intercept, replace_nan=replace_nan)
+    with _Reported(progress) as report:
+        return Partial(_renderer(adapter)._native.brick(plan._native, number, volume, report))
+
+
+def merge(plan: Plan, parts: Iterable[Partial], background: str = "black") -> Any:
+    """Merge the partial pictures of all bricks, in any order, into the picture of the plan: a `voxsplat.Image`.
+
+    Raises ValueError if a brick is missing or there twice, or a part belongs to another plan.
+    """
+    from . import Image
+
+    ordered = sorted(parts, key=lambda part: part.bricks.start)
+    expected = 0
+    for part in ordered:
+        if part.bricks.start != expected:
+            state = "missing" if part.bricks.start > expected else "there twice"
+            raise ValueError(f"parts: brick {min(expected, part.bricks.start)} is {state}")
+        expected = part.bricks.stop
+    if expected != len(plan.bricks):
+        raise ValueError(f"parts: bricks {expected} to {len(plan.bricks) - 1} are missing")
+    merged = ordered[0]
+    for part in ordered[1:]:
+        merged = merged.over(part)
+    return Image(plan._native.picture(merged._native, background))
+
+
+def chunk_sizes(grid: Any, shape: Sequence[int]) -> list[list[int]]:
+    """Sizes of chunks along z, y and x: `grid` has numbers of chunks, or sequences of sizes."""
+    if len(grid) != 3:
+        raise ValueError(f"grid: {grid!r}, expected three numbers of chunks or three sequences of sizes (z, y, x)")
+    sizes = []
+    for name, chunks, voxels in zip("zyx", grid, shape, strict=True):
+        if isinstance(chunks, (int, np.integer)):
+            count = int(chunks)
+            if not 1 <= count <= voxels:
+                raise ValueError(f"grid: {count} chunks along {name}, expected 1 to {voxels}")
+            # Chunks begin between cells of the levels that the picture may be drawn at.
+            level = max(voxels // count // 8, 1).bit_length() - 1
+            starts = [voxels * i // count >> level << level for i in range(count)]
+            sizes.append(np.diff([*starts, voxels]).tolist())
+        else:
+            sizes.append([int(size) for size in chunks])
+    return sizes
+
+
+def _plan_of(text: str, choices: list[str]) -> Plan:
+    return Plan(_native.Plan.from_json(text, choices))
+
+
+def _slices(ranges: Sequence[tuple[int, int]]) -> Slices:
+    z, y, x = (slice(start, end) for start, end in ranges)
+    return z, y, x
