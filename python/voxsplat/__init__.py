@@ -380,6 +380,7 @@ def render(
     background: str = "black",
     region: tuple[int, int, int, int] | None = None,
     adapter: str | None = None,
+    executor: Any = None,
     progress: Progress = None,
     **options: Any,
 ) -> Image:
@@ -406,6 +407,9 @@ def render(
         (x, y, width, height) of a part of the picture, whose pixels are the ones of the whole picture.
     adapter
         A part of the name of the graphics adapter: see `adapters`.
+    executor
+        Draws the picture in bricks, by an object with ``submit`` such as `concurrent.futures.ProcessPoolExecutor`: see
+        `voxsplat.dask.render`, whose parameters are options then. Needs ``pip install voxsplat[dask]``.
     progress
         A callback of (stage, fraction), or True for a bar.
     **options
@@ -422,6 +426,24 @@ def render(
     options |= {"kernel": kernel, "sharpness": sharpness}
     if spacing is not None:
         options["spacing"] = spacing
+    if executor is not None:
+        if region is not None:
+            raise ValueError("region: a picture in bricks is drawn whole")
+        try:
+            from .dask import render as render_in_bricks
+        except ImportError as fault:
+            raise ImportError(f"executor= needs Dask ({fault}): pip install voxsplat[dask]") from fault
+        with _Reported(progress) as report:
+            return render_in_bricks(
+                volume,
+                transfer,
+                size=_pixels(size),
+                executor=executor,
+                adapter=adapter,
+                background=background,
+                progress=report,
+                **options,
+            )
     names = [{field.name for field in fields(kind)} for kind in (View, Settings)]
     parts = [{name: options.pop(name) for name in list(options) if name in known} for known in names]
     view, settings = View(**parts[0]), Settings(transfer=transfer, **parts[1])

@@ -29,7 +29,7 @@ from typing import Any, TypeAlias
 
 import distributed
 import numpy as np
-from dask import delayed
+from dask.delayed import delayed
 from dask.utils import parse_bytes
 
 from . import Image, Partial, Plan, _native, brick, merge, plan
@@ -334,7 +334,8 @@ class _Drawn:
         facts = self.source.facts
         options = {"replace_nan": self.replace_nan, "slope": facts["slope"], "intercept": facts["intercept"]}
         merged = self.engine.merged(made, self.source, options | {"adapter": adapter}, report)
-        return merge(made, [merged], background)
+        image: Image = merge(made, [merged], background)
+        return image
 
 
 def _grouped(chunks: list[int], count: int) -> list[int]:
@@ -495,7 +496,7 @@ def _engine(executor: Any) -> Iterator[_Engine]:
         yield _Executor(executor)
         return
     try:
-        current = distributed.Client.current()
+        current = distributed.Client.current()  # type: ignore[no-untyped-call]
     except ValueError:
         current = None
     if current is not None:
@@ -503,8 +504,9 @@ def _engine(executor: Any) -> Iterator[_Engine]:
         return
     count = max(1, min(4, os.cpu_count() or 1))
     threads = {name: "1" for name in ("LP_NUM_THREADS", "RAYON_NUM_THREADS", "OMP_NUM_THREADS")} if count > 1 else {}
-    cluster = distributed.LocalCluster(
-        n_workers=count, threads_per_worker=1, dashboard_address=None, env=threads, silence_logs=logging.ERROR
+    cluster = distributed.LocalCluster(  # type: ignore[no-untyped-call]
+        n_workers=count, threads_per_worker=1, dashboard_address=":0", env=threads, silence_logs=logging.ERROR
     )
-    with cluster, distributed.Client(cluster, set_as_default=False) as client:
+    client = distributed.Client(cluster, set_as_default=False)  # type: ignore[no-untyped-call]
+    with cluster, client:
         yield _Cluster(client)
