@@ -59,6 +59,7 @@ def main() -> None:
     args = parser.parse_args()
     print("| volume, 2 bytes a voxel | workers | bricks | read, GB | moved, GB | depth | seconds | speed-up |")
     print("|---|---|---|---|---|---|---|---|")
+    for name, side in [("2048^3, 17 GB", 2048), ("8192^3, 1.1 TB", 8192)]:
         first = 0.0
         for workers in (1, 10, 100, 1000):
             bricks, read, moved, depth, seconds = simulated(args, side, workers, args.pixels)
