@@ -23,6 +23,7 @@ def python(code: str, **options: Any) -> subprocess.CompletedProcess[str]:
 def test_an_import_is_quick_and_opens_no_device() -> None:
     code = """
 import os, time
+import numpy
 started = time.perf_counter()
 import voxsplat
 took = time.perf_counter() - started
@@ -33,8 +34,8 @@ print(took, len(os.listdir("/proc/self/task")))
     runs = [python(code) for _ in range(5)]
     assert all(run.returncode == 0 for run in runs), runs[0].stderr
     took = min(float(run.stdout.split()[0]) for run in runs)
-    # NumPy takes most of it. The best of five, as the machine may be busy.
-    assert took < 0.15
+    # Beside 0.1 s of NumPy, for 0.15 s together. The best of five, because the machine may be busy.
+    assert took < 0.05
 
 
 def test_without_a_driver_the_first_picture_says_what_to_install() -> None:

@@ -84,9 +84,9 @@ pub enum Choice {
     },
     /// An oblique side, because the file states no orientation, or the side that a built-in volume suggests. Degrees.
     Side {
-        /// [`View::azimuth`].
+        /// [`View::azimuth`](crate::View::azimuth).
         azimuth: f64,
-        /// [`View::elevation`].
+        /// [`View::elevation`](crate::View::elevation).
         elevation: f64,
         /// The reason to turn the volume.
         reason: &'static str,
@@ -96,10 +96,10 @@ pub enum Choice {
     Light {
         /// The reason in words.
         surfaces: &'static str,
-        /// [`Lighting::shadow_bias`] of labels, in voxels.
+        /// [`Lighting::shadow_bias`](crate::lighting::Lighting::shadow_bias) of labels, in voxels.
         shadow_bias: Option<f64>,
     },
-    /// [`Settings::sharpness`], because the transfer function shows surfaces.
+    /// [`Settings::sharpness`](crate::Settings::sharpness), because the transfer function shows surfaces.
     Sharpness(f64),
 }
 

@@ -129,7 +129,7 @@ impl ChoiceContext<'_> {
     /// Makes the open choices in `view` and `settings`, and returns them.
     ///
     /// # Errors
-    /// [`Error::Camera`](crate::Error::Camera) if the view has no direction.
+    /// [`Error::Camera`] if the view has no direction.
     pub fn make_choices(&self, open: OpenChoices, view: &mut View, settings: &mut Settings) -> Result<Vec<Choice>> {
         let mut choices = Vec::new();
         // The front of a box without an orientation hides most of it.
@@ -213,7 +213,7 @@ impl Appearance {
     /// or a volume as [`Self::for_file`] does.
     ///
     /// # Errors
-    /// The errors of [`Self::for_file`]; [`Error::Input`](crate::Error::Input) if lattices of channels differ.
+    /// The errors of [`Self::for_file`]; [`Error::Input`] if lattices of channels differ.
     pub fn for_loaded(source: impl AsRef<Path>, loaded: &Loaded) -> Result<Self> {
         let Loaded { volume, layers, channels, .. } = loaded;
         let mut layers = layers.iter().cloned();
@@ -227,8 +227,8 @@ impl Appearance {
     /// Chooses the appearance of a volume with a preset.
     ///
     /// # Errors
-    /// [`Error::Transfer`](crate::Error::Transfer) if there is no such preset, or if all values are the same;
-    /// [`Error::Input`](crate::Error::Input) and [`Error::Memory`](crate::Error::Memory) if samples cannot be read.
+    /// [`Error::Transfer`] if there is no such preset, or if all values are the same;
+    /// [`Error::Input`] and [`Error::Memory`] if samples cannot be read.
     pub fn for_preset(name: &str, volume: &Volume) -> Result<Self> {
         let layers = Layers::of_volume(volume, &TransferFunction::preset(name, volume)?);
         let material = presets::find(name)?.material;

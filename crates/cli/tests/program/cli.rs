@@ -734,7 +734,7 @@ fn lights_that_cannot_be_are_refused() {
         ("--light-size 4", "--light-size needs a --light"),
         ("--light headlight --shadows on", "a headlight casts none"),
         ("--light 20,30 --light-size 4", "--light-size shows in shadows alone"),
-        ("--light studio --light headlight", "expected no other --light beside it"),
+        ("--light studio --light headlight", "expected no other light beside it"),
         ("--light 20", "expected off, studio, studio:eye, headlight, AZ,EL"),
         ("--light @1,2", "expected off, studio, studio:eye, headlight, AZ,EL"),
         ("--light @1,2,3 --shadows on --light-size 4", "a light at a place is a point"),
