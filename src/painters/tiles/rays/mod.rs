@@ -102,6 +102,8 @@ impl RaySetup<'_> {
             first_plane: (whole.numbered(DVec3::ZERO) - self.numbered(DVec3::ZERO)).z as f32,
             owned_middle: of_whole.middle,
             owned_heading: of_whole.heading,
+            heading_x: of_whole.heading_x,
+            heading_y: of_whole.heading_y,
             owned_corner: [region.x, region.y],
             owned_origin: of_whole.origin,
             owned_step_x: of_whole.step_x,
