@@ -200,6 +200,27 @@ fn unusual_scenes_are_the_whole() {
     }
 }
 
+/// Rays that cross cuts in the middle of slabs: every second column of pixels is a tie between two bricks, which only
+/// the same numbers in both bricks decide alike.
+#[test]
+fn slabs_at_ties_have_one_owner() {
+    let (volume, transfer) = demo("marschner-lobb", 24);
+    let layers = Layers::of_volume(&volume, &transfer);
+    let chunks = Chunks::new([24; 3], [vec![5, 6, 4, 9], vec![13, 11], vec![24]]).unwrap();
+    const SIDE: u32 = 101;
+    let spacing = volume.grid().min_spacing();
+    // Rays move half a voxel from plane to plane, and pixels lie a quarter of a voxel apart in a plane.
+    let view_height = Some(f64::from(SIDE) * 0.25 * spacing * 5.0_f64.sqrt() / 2.5);
+    let direction = Some(DVec3::new(1.0, 0.0, 2.0));
+    let view = View { direction, up: DVec3::Y, view_height, ..View::default() };
+    let camera = Camera::new(&view, volume.grid(), [SIDE; 2]).unwrap();
+    for settings in [tiles(&exact()), quads(&exact()), tiles(&Settings { shading: Shading::Post, ..exact() })] {
+        let apart = apart(&layers, &chunks, &camera, &settings);
+        println!("{apart:.1e}");
+        assert!(apart < LIMIT, "{apart:e}");
+    }
+}
+
 #[test]
 fn cells_are_the_whole() {
     let (volume, transfer) = demo("vessels", 44);
