@@ -347,14 +347,8 @@ fn random_scene(seed: u64) -> (String, f64) {
     let plan = Plan::new(&layers, layers.grid(), &chunks, &camera, &settings).or_else(|_| auto()).unwrap();
     let merged = merge(&plan, parts(&plan, &layers)).unwrap();
     let apart = difference(&merged, &whole(&plan, &layers)).into_iter().fold(0.0, f64::max);
-    // A steep transfer function magnifies the rounding of a value, and no integral averages the rounding of extrema.
-    let is_extremum = matches!(settings.model, Model::Mip | Model::Minip);
-    let apart = if name == "shell" { apart / STEEP } else { apart / if is_extremum { 2.0 } else { 1.0 } };
     (format!("{seed}: {name} {model} {counts:?} {projection:?} {distance:?} {:?}", plan.settings().painter), apart)
 }
-
-/// How many times as much rounding shows by the transfer function of the shell, a peak of a hundredth of its values.
-const STEEP: f64 = 5.0;
 
 /// Random scenes that differ from their whole pictures.
 fn differing_scenes(seeds: std::ops::Range<u64>) -> Vec<String> {
