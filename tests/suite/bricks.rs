@@ -409,9 +409,9 @@ fn small() -> (Plan, Vec<Partial>) {
     let (volume, transfer) = demo("vessels", 16);
     let layers = Layers::of_volume(&volume, &transfer);
     let chunks = Chunks::even([16; 3], [1, 2, 2]).unwrap();
-    let plan =
-        Plan::new(&layers, layers.grid(), &chunks, &seen(&volume, 20.0, 10.0, PERSPECTIVE, 24), &tiles(&exact()))
-            .unwrap();
+    let settings = tiles(&Settings { lighting: two_lights(), ..exact() });
+    let camera = seen(&volume, 20.0, 10.0, PERSPECTIVE, 24);
+    let plan = Plan::new(&layers, layers.grid(), &chunks, &camera, &settings).unwrap();
     let parts = parts(&plan, &layers);
     (plan, parts)
 }
