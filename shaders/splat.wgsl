@@ -177,14 +177,7 @@ fn chord(in: Varyings) -> Chord {
     if (CLIP_PLANES > 0u || CUT_OWNED) && !SCALARS {
         var part = clipped(vec2f(-BEYOND, BEYOND), plane);
         if CUT_OWNED {
-            var direction = frame.grid_forward;
-            var at = plane;
-            if PERSPECTIVE {
-                direction += frame.grid_right * plane.x + frame.grid_up * plane.y;
-                at = plane * frame.eye_depth;
-            }
-            let start = frame.grid_right * (at.x - frame.offset_x) + frame.grid_up * (at.y - frame.offset_y);
-            let owned = owned_on(start, direction);
+            let owned = owned_depths(vec2u(in.position.xy), PERSPECTIVE);
             part = vec2f(max(part.x, owned.x), min(part.y, owned.y));
         }
         let inside = (part - in.center.z) * grid_per_depth + along;

@@ -71,6 +71,9 @@ struct Frame {
     // The part of the lattice that a brick owns, from its middle, in voxels. See common/owned.wgsl.
     owned_low: vec3f,
     owned_high: vec3f,
+    // `pixel_offset` of the whole picture, and the place of the region's first pixel in the picture.
+    picture_offset: vec2f,
+    picture_corner: vec2u,
     // The inner side of a clipping plane are the view coordinates (x, y, z) with dot(xyz, (x, y, z)) + w >= 0, in
     // voxels. See common/clip.wgsl.
     clip_planes: array<vec4f, MAX_CLIP_PLANES>,

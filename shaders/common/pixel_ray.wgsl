@@ -44,7 +44,7 @@ fn pixel_ray(pixel: vec2u) -> PixelRay {
     let inside = vec2f(max(max(near.x, near.y), max(near.z, nearest)), min(far.x, min(far.y, far.z)));
     var owned = vec2f(-BEYOND, BEYOND);
     if BRICK {
-        owned = owned_on(start, direction);
+        owned = owned_depths(pixel, PERSPECTIVE);
     }
     return PixelRay(slope, clipped(inside, plane), owned, stretch, start, direction);
 }

@@ -144,11 +144,14 @@ struct Rays {
     owned_low: vec3f,
     first_plane: f32,
     owned_high: vec3f,
-    // `middle`, `origin`, `step_x` and `step_y` of the same rays through the whole lattice.
+    // `middle`, `heading`, `origin`, `step_x` and `step_y` of the rays of the whole picture through the whole lattice,
+    // and the place of point (0, 0) in the picture.
     owned_middle: vec3f,
+    owned_heading: vec3f,
     owned_origin: vec2f,
     owned_step_x: vec2f,
     owned_step_y: vec2f,
+    owned_corner: vec2u,
     // Parallel rays use the first section. Other rays interpolate, with s in units of the length of their shear.
     sections: array<Section, 2u * FAR_SECTIONS>,
     // The inner side of a clipping plane are the places (a, b, plane) with dot(xyz, (a, b, plane)) + w >= 0. See
@@ -202,12 +205,12 @@ fn line_of(point: vec2u) -> Line {
 
 // The planes of the whole lattice, as real numbers, between which a brick owns a ray.
 fn owned_of(point: vec2u) -> vec2f {
-    let x = f32(point.x);
-    let y = f32(point.y);
+    let x = f32(point.x + rays.owned_corner.x);
+    let y = f32(point.y + rays.owned_corner.y);
     var base = rays.owned_origin + x * rays.owned_step_x + y * rays.owned_step_y;
     var shear = rays.shear;
     if PERSPECTIVE {
-        let heading = rays.heading + x * rays.heading_x + y * rays.heading_y;
+        let heading = rays.owned_heading + x * rays.heading_x + y * rays.heading_y;
         shear = heading.xy / heading.z;
         base = rays.owned_middle.xy + base / heading.z - shear * rays.owned_middle.z;
     }

@@ -125,7 +125,7 @@ impl Plan {
         let [beyond, reach] = (kind.room().reach)(&view, &Settings { painter, ..drawn });
         let incomplete = if level > 0 { INCOMPLETE } else { 0 };
         let cells = beyond.max(reach).ceil() as u32 + incomplete;
-        let halo = (cells << level) + normals_reach(layers, &settings) + filter_reach(&settings)?;
+        let halo = (cells << level) + normals_reach(layers, &settings) + filter_reach(&settings);
         let beyond = beyond * f64::from(level).exp2();
         let transfer = layers.plain().map(|(_, transfer)| transfer.clone());
         let brightest = match (painter, settings.lighting.is_some() || settings.is_post_shaded()) {
@@ -440,7 +440,10 @@ fn normals_reach(layers: &Layers, settings: &Settings) -> u32 {
     }
 }
 
-/// How far samples that change a filtered sample are from it.
-fn filter_reach(settings: &Settings) -> Result<u32> {
-    Ok(settings.prefilter()?.map_or(0, |filter| filter.reach() as u32))
+/// The largest degree of the polynomial that filters samples, in applications of the kernel.
+const FILTER_DEGREE: u32 = 24;
+
+/// How far samples that change a filtered sample are from it at most.
+fn filter_reach(settings: &Settings) -> u32 {
+    settings.sharpens().map_or(0, |(kernel, _)| FILTER_DEGREE * kernel.radius().floor() as u32)
 }

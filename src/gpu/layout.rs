@@ -151,6 +151,8 @@ shared! {
         _pad_low: u32,
         owned_high: [f32; 3],
         _pad_high: u32,
+        picture_offset: [f32; 2],
+        picture_corner: [u32; 2],
         clip_planes: ClipPlanes,
     }
 
@@ -286,10 +288,12 @@ shared! {
         _pad_high: u32,
         owned_middle: [f32; 3],
         _pad_middle: u32,
+        owned_heading: [f32; 3],
+        _pad_heading: u32,
         owned_origin: [f32; 2],
         owned_step_x: [f32; 2],
         owned_step_y: [f32; 2],
-        _pad: [u32; 2],
+        owned_corner: [u32; 2],
         /// Those of near slabs, then those of far ones.
         sections: [[[Section; SECTIONS]; SECTION_POWERS]; 2],
         clip_planes: ClipPlanes,

@@ -105,11 +105,6 @@ impl Prefilter {
         Ok(filter)
     }
 
-    /// How far samples that change a filtered sample are from it, in voxels along each axis.
-    pub(crate) fn reach(&self) -> usize {
-        (self.coefficients.len() - 1) * self.reach
-    }
-
     /// Returns the coefficients of a polynomial of a degree that approximates the inverse. At the response to a
     /// constant it is exact, so that slow waves are right; the rest is fitted at Chebyshev's nodes.
     fn fitted(&self, degree: usize, constant: f64) -> Vec<f64> {

@@ -361,6 +361,8 @@ impl<'a> Plan<'a> {
             _pad_low: 0,
             owned_high: f3(owned[1]),
             _pad_high: 0,
+            picture_offset: f2([origin[0] - home.x, origin[1] - home.y]),
+            picture_corner: [region.x, region.y],
             clip_planes: clip_planes(view.clip.iter().map(plane)),
         }
     }

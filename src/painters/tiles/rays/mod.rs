@@ -89,10 +89,11 @@ impl RaySetup<'_> {
     }
 
     /// The same rays with the part of each that a brick owns, which all bricks find in numbers of the whole lattice.
-    fn with_owned(&self, rays: Rays, lines: impl Fn(&Self, layout::Rays) -> Rays) -> Rays {
+    fn with_owned(&self, rays: Rays, region: Region, lines: impl Fn(&Self, Region, layout::Rays) -> Rays) -> Rays {
         let Some(held) = self.job.view.held else { return rays };
         let whole = RaySetup { of_whole: true, ..*self };
-        let of_whole = lines(&whole, rays.uniforms).uniforms;
+        let [width, height] = self.job.view.camera.size;
+        let of_whole = lines(&whole, Region { x: 0, y: 0, width, height }, rays.uniforms).uniforms;
         let [a, b] =
             held.owned.map(|place| whole.numbered(place).clamp(DVec3::splat(-Held::OPEN), DVec3::splat(Held::OPEN)));
         let uniforms = layout::Rays {
@@ -100,6 +101,10 @@ impl RaySetup<'_> {
             owned_high: f3(a.max(b)),
             first_plane: (whole.numbered(DVec3::ZERO) - self.numbered(DVec3::ZERO)).z as f32,
             owned_middle: of_whole.middle,
+            owned_heading: of_whole.heading,
+            heading_x: of_whole.heading_x,
+            heading_y: of_whole.heading_y,
+            owned_corner: [region.x, region.y],
             owned_origin: of_whole.origin,
             owned_step_x: of_whole.step_x,
             owned_step_y: of_whole.step_y,
@@ -239,11 +244,11 @@ impl RaySetup<'_> {
 
     /// The rays of the pixels of a region.
     pub(super) fn pixel_rays(&self, region: Region) -> Rays {
-        let lines = |setup: &Self, common| match setup.job.view.camera.projection {
+        let lines = |setup: &Self, region, common| match setup.job.view.camera.projection {
             Projection::Orthographic { .. } => parallel::pixel_rays(setup, region, common),
             Projection::Perspective { distance, .. } => perspective::pixel_rays(setup, region, distance, common),
         };
-        self.with_owned(lines(self, self.uniforms(region)), lines).in_tiles()
+        self.with_owned(lines(self, region, self.uniforms(region)), region, lines).in_tiles()
     }
 
     /// The rays of the intermediate images of a region, none if no ray reaches the volume. Each image has a share in
