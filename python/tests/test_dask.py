@@ -137,7 +137,11 @@ def test_missing_and_damaged_chunks_make_no_hole(client: distributed.Client, tmp
 
 
 def test_a_worker_that_is_killed_does_not_matter(whole: vs.Image) -> None:
-    array = da.from_array(samples(np.uint8), chunks=(5, 10, 10))
+    def slow(block: np.ndarray) -> np.ndarray:
+        time.sleep(0.05)
+        return block
+
+    array = da.from_array(samples(np.uint8), chunks=(5, 10, 10)).map_blocks(slow, meta=np.empty((0, 0, 0), np.uint8))
     with (
         distributed.LocalCluster(n_workers=2, threads_per_worker=1, memory_limit="2GB", dashboard_address=":0") as cluster,
         distributed.Client(cluster) as client,
