@@ -22,7 +22,7 @@ use voxsplat_volume::names::named;
 ///
 /// Inside its support ball of radius R, every kernel is an analytic function of y = R^2 - rho^2. This makes its table
 /// of footprints smooth.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub enum Kernel {
     /// exp(-rho^2 / (2 sigma^2)) for rho <= radius, 0 outside (Westover 1990). The default is sigma 1, radius 2.
     Gaussian {

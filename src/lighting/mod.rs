@@ -8,7 +8,7 @@ use self::shadow::Shares;
 use crate::error::{Error, Result};
 
 /// The place of a light.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub enum Source {
     /// At the eye. Its shadows are never visible, so it casts none.
     Eye,
@@ -27,7 +27,7 @@ impl Source {
 }
 
 /// A light.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Light {
     /// The place of the light.
     pub source: Source,
@@ -94,7 +94,7 @@ impl Light {
 /// (Blinn 1977, "Models of light reflection for computer synthesized pictures"). L is the share of the light that
 /// reaches the point and A the share of the ambient light ([`Visibility`]): 1 without shadows and without occlusion.
 /// If the gradient is 0 there is no surface, and the colour is c (ambient A + (1 - ambient) mean of L).
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Lighting {
     /// Share of the colour that shows without any light, 0 to 1.
     pub ambient: f64,

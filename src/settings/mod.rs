@@ -3,7 +3,6 @@
 pub(crate) mod budget;
 pub(crate) mod parse;
 pub(crate) mod response;
-mod written;
 
 use crate::camera::clip::Clip;
 use crate::error::{Error, Result};
@@ -206,7 +205,6 @@ pub struct Settings {
     /// The stage at which the transfer function is applied.
     pub shading: Shading,
     /// The light on surfaces; `None`: colours come from the transfer function alone.
-    #[serde(with = "written")]
     pub lighting: Option<Lighting>,
     /// Clipping in the world. A scene serves pictures with any clipping: only shadows are computed again.
     pub clip: Clip,
@@ -220,7 +218,6 @@ pub struct Settings {
     /// The level of cells that replace voxels with grown kernels.
     pub level: Level,
     /// The reconstruction kernel.
-    #[serde(with = "written::WrittenKernel")]
     pub kernel: Kernel,
     /// The normalisation of sums of kernels.
     pub normalization: Normalization,
