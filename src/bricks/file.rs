@@ -92,7 +92,10 @@ impl Partial {
         let bytes = files::read(path, MAX_BYTES)?;
         check_exr(path, &bytes)?;
         let part = Self::decoded(&bytes).and_then(|part| plan.check_part(&part).map(|()| part));
-        part.map_err(|e| Error::format(path, e.to_string()))
+        part.map_err(|error| match error {
+            Error::Setting { reason, .. } => Error::format(path, reason),
+            error => Error::format(path, error.to_string()),
+        })
     }
 
     /// Reads a partial picture from the bytes of its OpenEXR file.

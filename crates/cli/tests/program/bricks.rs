@@ -58,7 +58,7 @@ fn three_commands_make_the_picture_of_render() {
     std::fs::write(dir.join("part-0.exr"), &whole[..whole.len() / 2]).unwrap();
     refused(dir, "merge plan.json part-0.exr -o a.png", 1, "part-0.exr: ");
     run(dir, &format!("plan {LOOK} --grid 1x2x2 -o other.json --zoom 1.1"));
-    refused(dir, "merge other.json part-1.exr -o a.png", 1, "part-1.exr: parts: brick 1 belongs to another plan");
+    refused(dir, "merge other.json part-1.exr -o a.png", 1, "part-1.exr: brick 1 belongs to another plan");
     assert!(!dir.join("a.png").exists() && !dir.join("part-4.exr").exists());
 }
 
