@@ -100,15 +100,39 @@ def render(
     RuntimeError
         Workers die again and again, or the scheduler is gone.
     """
-    facts = {name: options.pop(name) for name in _FACTS if name in options}
-    report = progress or (lambda stage, done: None)
+    options |= {"size": size, "memory": memory, "bricks": bricks, "missing_chunks": missing_chunks}
+    options |= {"replace_nan": replace_nan, "adapter": adapter, "background": background}
     with _engine(executor) as engine:
-        source = _Source(array, facts, missing_chunks)
-        report("overview", 0.0)
-        drawn = _Drawn(source, engine, replace_nan)
-        report("overview", 1.0)
-        made = drawn.plan(transfer, size, engine.memory(memory), engine.least(bricks), options)
-        return drawn.picture(made, adapter, background, report)
+        return _picture(engine, array, transfer, progress or _unreported, **options)
+
+
+def _picture(
+    engine: _Engine,
+    array: Any,
+    transfer: Any,
+    report: Report,
+    *,
+    size: Any = (1024, 1024),
+    memory: int | str | None = None,
+    bricks: int | None = None,
+    missing_chunks: str = "refuse",
+    replace_nan: float | None = None,
+    adapter: str | None = None,
+    background: str = "black",
+    **options: Any,
+) -> Image:
+    """The picture of `render` by an engine."""
+    facts = {name: options.pop(name) for name in _FACTS if name in options}
+    source = _Source(array, facts, missing_chunks)
+    report("overview", 0.0)
+    drawn = _Drawn(source, engine, replace_nan)
+    report("overview", 1.0)
+    made = drawn.plan(transfer, size, engine.memory(memory), engine.least(bricks), options)
+    return drawn.picture(made, adapter, background, report)
+
+
+def _unreported(stage: str, done: float) -> None:
+    """Nobody asked for the progress."""
 
 
 def turntable(
@@ -135,14 +159,14 @@ def turntable(
     """
     _check_frames(frames, to)
     facts = {name: options.pop(name) for name in _FACTS if name in options}
-    report = progress or (lambda stage, done: None)
+    report = progress or _unreported
     paths = []
     with _engine(executor) as engine:
         drawn = _Drawn(_Source(array, facts, missing_chunks), engine, replace_nan)
         for frame in range(frames):
             turned = options | {"azimuth": azimuth + 360.0 * frame / frames}
             made = drawn.plan(transfer, size, engine.memory(memory), engine.least(bricks), turned)
-            image = drawn.picture(made, adapter, background, lambda stage, done: None)
+            image = drawn.picture(made, adapter, background, _unreported)
             paths.append(_written(image, to, frame))
             report("frames", (frame + 1) / frames)
     return paths
@@ -154,13 +178,14 @@ def film(
     *,
     dim: str = "time",
     to: str = "{frame}.png",
+    executor: Any = None,
     progress: Report | None = None,
     **options: Any,
 ) -> list[str]:
     """Render each time of a series of four axes, the first of them time, or `dim` of an xarray.DataArray.
 
-    Returns the paths. `options` are those of `render`. The first time chooses the preset, unless `transfer` is given:
-    pass values that are the same for all times, such as a file or points, if the values of the times differ.
+    Returns the paths. `options` are those of `render`. Each time chooses its own preset, fitted to its values, unless
+    `transfer` has values that are the same for all times, such as a file or points.
     """
     is_named = hasattr(series, "dims") and hasattr(series, "isel")
     if is_named and dim not in series.dims:
@@ -169,12 +194,13 @@ def film(
         raise ValueError(f"an array of shape {series.shape}, expected four axes, the first of them time")
     count = series.sizes[dim] if is_named else series.shape[0]
     _check_frames(count, to)
+    report = progress or _unreported
     paths = []
-    for frame in range(count):
-        one = series.isel({dim: frame}) if is_named else series[frame]
-        paths.append(_written(render(one, transfer, **options), to, frame))
-        if progress is not None:
-            progress("frames", (frame + 1) / count)
+    with _engine(executor) as engine:
+        for frame in range(count):
+            one = series.isel({dim: frame}) if is_named else series[frame]
+            paths.append(_written(_picture(engine, one, transfer, _unreported, **options), to, frame))
+            report("frames", (frame + 1) / count)
     return paths
 
 
@@ -230,9 +256,7 @@ class _Source:
     def part(self, held: Sequence[slice]) -> Any:
         """A slice: an array of Dask, or what `read` reads."""
         index = [held[self.order.index(axis)] for axis in range(3)]
-        if self.is_dask:
-            return self.array[tuple(index)].transpose(self.order)
-        if isinstance(self.array, np.ndarray):
+        if self.is_dask or isinstance(self.array, np.ndarray):
             return self.array[tuple(index)].transpose(self.order)
         return _Stored(self.array, index, self.order)
 
@@ -389,8 +413,9 @@ class _Cluster(_Engine):
         if given is not None:
             return float(parse_bytes(given))
         # Dask pauses a worker at 0.8 of its limit. Python and its packages take about 150 MB of it.
-        free = [0.8 * info["memory_limit"] - 150e6 if info["memory_limit"] else np.inf for info in self._infos()]
-        return float(min(bytes / info["nthreads"] for bytes, info in zip(free, self._infos())))
+        infos = self._infos()
+        free = [0.8 * info["memory_limit"] - 150e6 if info["memory_limit"] else np.inf for info in infos]
+        return float(min(bytes / info["nthreads"] for bytes, info in zip(free, infos, strict=True)))
 
     def workers(self) -> int:
         return int(sum(info["nthreads"] for info in self._infos()))

@@ -99,9 +99,9 @@ impl Swept<'_> {
         let weights = distances.iter().map(|distance| (distance + 0.5).clamp(0.0, 1.0) as f32).collect();
         let near = Response::planes(near.bias, 1.0);
         let drifts = vec![0.0; maps.len()];
-        let sheared = Rays { is_sheared: false, width: size[1], maps, weights, drifts };
+        let scaled = Rays { is_sheared: false, width: size[1], maps, weights, drifts };
         let light = To { swept: self, rays, ahead };
-        let sweep = Sweep { swept: self, ahead, near, rays: vec![sheared], places: (places, size[0]), light };
+        let sweep = Sweep { swept: self, ahead, near, rays: vec![scaled], places: (places, size[0]), light };
         sweep.run(out);
     }
 }
