@@ -156,8 +156,8 @@ impl<'a> Places<'a> {
         self.stores.iter().zip(&self.held).flat_map(|(store, held)| store.bricks.iter().zip(held.iter())).collect()
     }
 
-    /// The splats of a row of the lattice that lie in some columns: their x, their words without the place and the words
-    /// of the light that arrives.
+    /// The splats of a row of the lattice that lie in some columns: their x, their words without the place, and the
+    /// words of the light that arrives.
     pub(crate) fn row(
         &self,
         columns: Range<usize>,
