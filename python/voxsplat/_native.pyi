@@ -20,6 +20,7 @@ __all__ = [
     "adapters",
     "check",
     "colour_maps",
+    "even_chunks",
     "presets",
 ]
 

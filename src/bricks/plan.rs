@@ -17,7 +17,7 @@ use crate::image::{Image, Region};
 use crate::kernel::NORMAL_REACH;
 use crate::layers::Layers;
 use crate::painters::choice::PainterKind;
-use crate::painters::painter::{FamilyShare, Reach};
+use crate::painters::painter::FamilyShare;
 use crate::prepare::cells;
 use crate::renderer::Renderer;
 use crate::settings::{Level, Model, Painter, QuadsSettings, Resolution, Settings, Sheets, TilesSettings};
@@ -122,12 +122,10 @@ impl Plan {
         let kind = if matches!(painter, Painter::Quads(_)) { PainterKind::Quads } else { PainterKind::Tiles };
         let settings = Settings { painter, ..settings };
         // In cells; those at the ends of a slice lack voxels beyond.
-        let Reach { beyond, voxels: reach } = (kind.room().reach)(&view, &Settings { painter, ..drawn });
+        let [beyond, reach] = (kind.room().reach)(&view, &Settings { painter, ..drawn });
         let incomplete = if level > 0 { INCOMPLETE } else { 0 };
-        let around = normals_reach(layers, &settings) + filter_reach(&settings);
-        // The nearest voxel is half a voxel beyond its cut.
-        let halo = |reach: f64| (((reach + 0.5).floor().max(1.0) as u32 + incomplete) << level) + around;
-        let [low, high] = reach.map(|reach| reach.to_array().map(halo));
+        let cells = beyond.max(reach).ceil() as u32 + incomplete;
+        let halo = (cells << level) + normals_reach(layers, &settings) + filter_reach(&settings);
         let beyond = beyond * f64::from(level).exp2();
         let transfer = layers.plain().map(|(_, transfer)| transfer.clone());
         let brightest = match (painter, settings.lighting.is_some() || settings.is_post_shaded()) {
@@ -140,8 +138,8 @@ impl Plan {
             let wider = |axis: usize| {
                 let Range { start, end } = voxels[axis].clone();
                 // Slices begin between cells.
-                let start = start.saturating_sub(low[axis]) >> level << level;
-                start..end.saturating_add(high[axis]).next_multiple_of(1 << level).min(grid.dims()[axis])
+                let start = start.saturating_sub(halo) >> level << level;
+                start..end.saturating_add(halo).next_multiple_of(1 << level).min(grid.dims()[axis])
             };
             let held = [0, 1, 2].map(wider);
             let bytes = memory.of(&held);

@@ -3,8 +3,6 @@
 //! A painter is a folder beside this file with the functions of a [`Room`]. It says what it refuses and what it needs
 //! of a scene before any work, and begins a [`Painting`] when the splats are there.
 
-use glam::DVec3;
-
 use super::stage::Constant;
 use crate::error::Result;
 use crate::gpu::cache::Cache;
@@ -22,21 +20,13 @@ use crate::stats::PainterStats;
 /// The share of a family of rays in a pixel, given its column and row.
 pub(crate) type FamilyShare<'a> = Box<dyn Fn([u32; 2]) -> f64 + 'a>;
 
-/// The matter beyond the cuts of a brick that takes part in its partial picture.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Reach {
-    /// How far its sheets or slabs may reach beyond its cuts, in voxels.
-    pub(crate) beyond: f64,
-    /// How far voxels are beyond its low and its high cuts, along each axis of the lattice.
-    pub(crate) voxels: [DVec3; 2],
-}
-
 /// The functions of a painter, in the order in which they are called.
 pub(crate) struct Room {
     /// Why the painter does not draw a picture, as a sentence; `None` if it does, unless `begin` refuses.
     pub(crate) refusal: fn(&ViewGeometry, &Settings) -> Option<String>,
-    /// What of a lattice takes part in the partial picture of a brick.
-    pub(crate) reach: fn(&ViewGeometry, &Settings) -> Reach,
+    /// How far the sheets or slabs of a brick may reach beyond its cuts, and how far voxels beyond its cuts take part
+    /// in its partial picture; both in voxels along each axis.
+    pub(crate) reach: fn(&ViewGeometry, &Settings) -> [f64; 2],
     /// The families of rays of a picture. Partial pictures of each are merged on their own, because each has slabs of
     /// its own; the shares of a pixel add up to 1.
     pub(crate) families: for<'a> fn(&'a ViewGeometry) -> Vec<FamilyShare<'a>>,

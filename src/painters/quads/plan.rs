@@ -9,7 +9,6 @@ use crate::gpu::layout::{Batch, Frame, clip_planes};
 use crate::gpu::view::{Held, ViewGeometry, Weights, half};
 use crate::image::Region;
 use crate::kernel::Kernel;
-use crate::painters::painter::Reach;
 use crate::prepare::levels::{Cut, ScalarNeed};
 use crate::settings::{Level, Model, Precision, Settings, Sheets};
 
@@ -149,7 +148,7 @@ fn image_aligned(view: &ViewGeometry, settings: &Settings, precision: Precision)
 }
 
 /// See [`Room::reach`](crate::painters::painter::Room::reach).
-pub(super) fn reach(view: &ViewGeometry, settings: &Settings) -> Reach {
+pub(super) fn reach(view: &ViewGeometry, settings: &Settings) -> [f64; 2] {
     // The one sheet of an X-ray is cut where bricks are.
     let sheet = match settings.model {
         Model::Xray => 0.0,
@@ -157,7 +156,7 @@ pub(super) fn reach(view: &ViewGeometry, settings: &Settings) -> Reach {
     };
     // Scalars are classified by the sheets before and behind, and from the end of the sheet before.
     let around = if view.post_shaded { 2.0 * sheet } else { 0.0 };
-    Reach { beyond: 0.5 * sheet, voxels: [DVec3::splat(0.5 * sheet + around + view.max_radius()); 2] }
+    [0.5 * sheet, 0.5 * sheet + around + view.max_radius()]
 }
 
 /// The longest lattice length of a ray of the picture per unit of view depth.

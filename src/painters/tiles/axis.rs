@@ -105,19 +105,6 @@ impl PrincipalAxis {
         Some(Pyramid { eye: grid.to_lattice().transform_point3(eye) - origin, sides })
     }
 
-    /// The least and the largest number of voxels that the rays of a picture move along each axis of the lattice from
-    /// plane to plane.
-    pub(super) fn shears(&self, camera: &Camera, grid: &Grid) -> [DVec3; 2] {
-        let [_, _, m] = self.axes;
-        let shear = |ray: DVec3| ray / ray[m].abs();
-        let Some(lens) = Lens::new(camera, grid) else {
-            return [shear(grid.to_lattice().matrix3 * camera.forward); 2];
-        };
-        // They are largest at the corners of a convex part.
-        let shears = lens.part(m, self.flipped, 1.0 + RAY_MARGIN).into_iter().map(|place| shear(lens.ray(place)));
-        shears.fold([DVec3::INFINITY, DVec3::NEG_INFINITY], |[low, high], shear| [low.min(shear), high.max(shear)])
-    }
-
     /// The axis m and the axes across it for rays around one, given as a lattice vector and its world length.
     fn along([a, b]: [usize; 2], m: usize, flipped: bool, ray: DVec3, world: f64, lean: f64) -> Self {
         let unit = ray.normalize();

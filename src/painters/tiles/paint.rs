@@ -2,8 +2,6 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use glam::DVec3;
-
 use super::axis::PrincipalAxis;
 use super::pack::{Lit, Packed, Packing, Voxel};
 use super::parts::{Footprint, Sections, SlabKind};
@@ -15,7 +13,7 @@ use crate::gpu::recorder::{MAX_WORK, Recorder};
 use crate::gpu::view::{ViewGeometry, Weights};
 use crate::image::Region;
 use crate::kernel::Kernel;
-use crate::painters::painter::{Job, Reach};
+use crate::painters::painter::Job;
 use crate::prepare::levels::ScalarNeed;
 use crate::settings::{Model, Painter, Resolution, Settings};
 use crate::stats::TilesStats;
@@ -65,28 +63,19 @@ pub(super) fn refusal(view: &ViewGeometry, settings: &Settings) -> Option<String
 }
 
 /// See [`Room::reach`](crate::painters::painter::Room::reach).
-pub(super) fn reach(view: &ViewGeometry, settings: &Settings) -> Reach {
+pub(super) fn reach(view: &ViewGeometry, settings: &Settings) -> [f64; 2] {
     // The planes whose kernels have parts in a slab; as `REACH` of the shaders.
     let planes = match view.max_radius() / ROUNDING {
         radius if radius <= 2.0 => 2.0,
         radius if radius <= 3.0 && !settings.is_post_shaded() => 3.0,
         _ => 4.0,
     };
-    // Planes before a slab and behind it, as in `planes_of` of shaders/common/ray_geometry.wgsl: the slabs beside it
-    // shape it, and the lack of two slabs before them moves on to it.
-    let (before, behind) = (planes + 3.0, planes + 1.0);
-    let mut voxels = [DVec3::ZERO; 2];
-    for axis in PrincipalAxis::all(&view.camera, &view.grid) {
-        let [least, most] = axis.shears(&view.camera, &view.grid);
-        // Kernels reach rays across. A slab lies half a voxel within the cuts at least.
-        let m = axis.axes[2];
-        let across = view.max_radius() * (DVec3::ONE + least.abs().max(most.abs()).powf(2.0)).map(f64::sqrt);
-        let around = DVec3::from_array([0, 1, 2].map(|i| if i == m { -0.5 } else { across[i] }));
-        let low = (before * most).max(-behind * least).max(DVec3::ZERO) + around;
-        let high = (-before * least).max(behind * most).max(DVec3::ZERO) + around;
-        voxels = [voxels[0].max(low), voxels[1].max(high)];
-    }
-    Reach { beyond: 1.0, voxels }
+    // A slab is at most a plane thick. The slabs beside it shape it, and the lack of the two slabs before them moves on
+    // to it. Rays move across by at most 1.1 voxels from plane to plane, and meet kernels within their radius across.
+    let along = planes + 0.5 + 1.0 + 2.0;
+    const LEAN: f64 = 1.1;
+    let across = LEAN * (0.5 + 1.0 + planes) + view.max_radius();
+    [1.0, along.max(across)]
 }
 
 /// A place is classified by the means of its slab and of the two beside it. A slab is half a voxel plane thick, along a
