@@ -51,6 +51,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
         wrap_pyfunction!(colour_maps, module)?,
         wrap_pyfunction!(adapters, module)?,
         wrap_pyfunction!(request::check, module)?,
+        wrap_pyfunction!(bricks::even_chunks, module)?,
     ] {
         module.add_function(function)?;
     }
