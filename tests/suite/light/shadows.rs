@@ -342,6 +342,23 @@ fn light_is_kept_while_the_eye_moves() {
     }
 }
 
+/// A scene keeps its occluders for lights that turn: across each axis, and until the shadows change otherwise.
+#[test]
+fn turned_lights_shine_as_on_a_new_scene() {
+    let (volume, transfer) = demo("vessels", 24);
+    let camera = camera(20.0, PROJECTIONS[0], &volume, 32);
+    let studio = |towards: DVec3| Lighting::studio(towards, DVec3::Z);
+    let lights = [DVec3::Y, DVec3::new(1.0, 0.3, 0.2), DVec3::new(0.2, 0.1, 1.0), DVec3::NEG_X].map(studio);
+    let wider = Lighting { occlusion: Some(4.0), shadow_bias: 2.5, ..lights[1].clone() };
+    let settings = |lighting: &Lighting| Settings { lighting: Some(lighting.clone()), level: Level::At(0), ..full() };
+    let scene = prepare(&volume, &transfer, &settings(&lights[0]));
+    for lighting in lights.iter().chain([&wider, &lights[1]]) {
+        let settings = settings(lighting);
+        let new = prepare(&volume, &transfer, &settings);
+        assert_eq!(draw(&scene, &camera, &settings).image.pixels(), draw(&new, &camera, &settings).image.pixels());
+    }
+}
+
 /// A picture of cells of scalars uses the light of cells.
 #[test]
 fn cells_of_scalars_are_in_the_shadow_of_cells() {
