@@ -16,7 +16,7 @@ pub(crate) struct Splat {
 }
 
 /// The words of a [`Splat`].
-pub(crate) const LIT_WORDS: usize = 4;
+pub(crate) const LIT_WORDS: usize = size_of::<Splat>() / 4;
 /// The words of a classified voxel with shadows: those of [`Splat`], and two of the light that arrives.
 pub(crate) const SHADED_WORDS: usize = LIT_WORDS + 2;
 

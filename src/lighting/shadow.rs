@@ -163,14 +163,16 @@ impl Arrival {
         Ok(Self { casting: casting.clone(), low, lattice, field, response, kept: Default::default(), keeps: false })
     }
 
-    /// The arrival of other lights at the same voxels, whose occluders are kept for more lights, unless they take much
-    /// memory.
-    pub(crate) fn kept_for(mut self, casting: &Casting) -> Self {
+    /// The arrival of other lights at the same voxels.
+    pub(crate) fn under(self, casting: &Casting) -> Self {
+        Self { casting: casting.clone(), ..self }
+    }
+
+    /// The same, whose occluders are kept for other lights, unless they take much memory.
+    pub(crate) fn keeping(self) -> Self {
         /// Bytes of a field: there are at most five.
         const MOST: usize = 64 << 20;
-        self.casting = casting.clone();
-        self.keeps = self.field.bytes() <= MOST;
-        self
+        Self { keeps: self.field.bytes() <= MOST, ..self }
     }
 
     /// Whether the occluders are kept for more lights.

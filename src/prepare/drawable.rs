@@ -162,7 +162,10 @@ impl PreShaded {
         };
         self.classified.get_or_make(shadows.cloned(), PartialEq::eq, |held| {
             context.guarded("classifying the volume", || match shadows {
-                None => classify(),
+                None => {
+                    self.occluders.clear();
+                    classify()
+                }
                 Some(shadows) => {
                     // Other shadows lie on the same voxels.
                     let (held, classified) = match held {

@@ -36,9 +36,9 @@ impl Shadows {
         own == others && self.lattice == other.lattice && self.clip == other.clip
     }
 
-    /// The same for all lights.
-    fn of_any_lights(&self) -> Self {
-        Self { casting: self.casting.without_lights(), lattice: self.lattice.clone(), clip: self.clip.clone() }
+    /// The same without lights.
+    fn without_lights(&self) -> Self {
+        Self { casting: self.casting.only(MAX_CASTING), ..self.clone() }
     }
 
     /// Whether the voxel at a lattice point casts shadows.
@@ -56,14 +56,19 @@ impl Shadows {
 pub(crate) struct Occluders(Mutex<Option<(Shadows, Arrival)>>);
 
 impl Occluders {
-    /// The arrival of light at the voxels with these shadows, whatever their lights.
+    /// Forgets them.
+    pub(crate) fn clear(&self) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = None;
+    }
+
+    /// The arrival of the light of these shadows, if they are the same without lights.
     fn taken(&self, shadows: &Shadows) -> Option<Arrival> {
         let kept = self.0.lock().unwrap_or_else(PoisonError::into_inner).take();
-        kept.filter(|(of, _)| *of == shadows.of_any_lights()).map(|(_, arrival)| arrival)
+        kept.filter(|(of, _)| *of == shadows.without_lights()).map(|(_, arrival)| arrival.under(&shadows.casting))
     }
 
     fn keep(&self, shadows: &Shadows, arrival: Arrival) {
-        let kept = arrival.is_kept().then(|| (shadows.of_any_lights(), arrival));
+        let kept = arrival.is_kept().then(|| (shadows.without_lights(), arrival));
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = kept;
     }
 }
@@ -81,10 +86,12 @@ pub(crate) fn shaded(
     let splats = Places::new(context, stores)?;
     let arrival = match occluders.taken(shadows) {
         Some(arrival) => arrival,
-        None => splats.arrival(shadows, &|words| f32::from_bits(words[0] & 0xffff_ff00))?,
+        None => {
+            let arrival = splats.arrival(shadows, &|words| f32::from_bits(words[0] & 0xffff_ff00))?;
+            // Lights that changed once may do so again.
+            if held.is_some() { arrival.keeping() } else { arrival }
+        }
     };
-    // Lights that changed once may do so again.
-    let arrival = if held.is_some() { arrival.kept_for(&shadows.casting) } else { arrival };
     let bricks = splats.bricks();
     let kept = |(_, held): &(&BrickSplats, &HostBrick)| -> Result<Vec<[u32; 2]>> {
         let mut kept = reserved(u64::from(held.count()), || "the light on splats".to_owned())?;
