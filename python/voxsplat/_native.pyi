@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 __version__: str
 __all__ = [
+    "Counts",
     "DeviceError",
     "Image",
     "Partial",
@@ -20,6 +21,7 @@ __all__ = [
     "adapters",
     "check",
     "colour_maps",
+    "needs_counts",
     "presets",
 ]
 
@@ -39,6 +41,8 @@ class Renderer:
     def prepare(
         self,
         volume: Volume,
+        labels: Volume | None,
+        mask: Volume | None,
         settings: Any,
         view: Any,
         size: tuple[int, int],
@@ -72,6 +76,7 @@ class Plan:
         size: tuple[int, int],
         dims: tuple[int, ...],
         affine: Any,
+        counts: Counts | None,
         chunks: tuple[list[int], list[int], list[int]],
     ) -> Plan: ...
     @staticmethod
@@ -95,6 +100,18 @@ class Partial:
     def over(self, back: Partial) -> Partial: ...
 
 @final
+class Counts:
+    def __new__(cls, json: str) -> Counts: ...
+    @staticmethod
+    def of(part: Volume) -> Counts: ...
+    def refined(self, part: Volume) -> Counts: ...
+    def plus(self, other: Counts) -> Counts: ...
+    @property
+    def is_complete(self) -> bool: ...
+    def to_json(self) -> str: ...
+    def __reduce__(self) -> tuple[type[Counts], tuple[str]]: ...
+
+@final
 class Scene:
     @property
     def choices(self) -> list[str]: ...
@@ -116,4 +133,5 @@ class Image:
 def presets() -> list[tuple[str, str]]: ...
 def colour_maps() -> list[str]: ...
 def adapters() -> str: ...
+def needs_counts(settings: Any) -> bool: ...
 def check(view: Any, settings: Any, size: tuple[int, int]) -> None: ...
