@@ -11,7 +11,7 @@ use voxsplat::appearance::{ChannelChoice, Loaded, Values, load_channels, suggest
 use voxsplat::error::{Error, Result};
 use voxsplat::formats::{self, LoadOptions, MissingSlices, PyramidLevel};
 use voxsplat::glam::{DAffine3, DMat3, DVec3};
-use voxsplat::layers::on_lattice;
+use voxsplat::layers::{Fit, on_lattice};
 use voxsplat::volume::{Contents, Grid, Origin, Sample, Statistics, Units};
 use voxsplat_volume::memory::zeroed;
 
@@ -158,7 +158,11 @@ impl Source {
             Error::Setting { reason, .. } => Error::Setting { name: option, reason },
             other => other,
         });
-        Ok(placed?.0)
+        match placed? {
+            // Framing takes the place of the labels from their lattice.
+            (labels, Fit::Unplaced) => Ok(labels.with_grid(*volume.grid())?),
+            (labels, _) => Ok(labels),
+        }
     }
 
     fn describe(&self) -> Result<serde_json::Value> {

@@ -313,7 +313,9 @@ mod tests {
         let few: Vec<i16> = numbers.iter().map(|&n| (i64::from(n) - 70_300) as i16).collect();
         assert_eq!(in_parts(&few, &ends), whole(&few));
         assert_eq!(whole(&few).count, 5000);
-        assert_eq!([whole(&few).max, whole(&few).min], [10.0 + 150.0, 10.0 - 0.5 * 3798.0]);
+        let ends_of = |v: &i16| 10.0 - 0.5 * f64::from(*v);
+        let [least, largest] = [few.iter().min(), few.iter().max()].map(|v| v.map(ends_of));
+        assert_eq!([Some(whole(&few).max), Some(whole(&few).min)], [least, largest]);
         let wide: Vec<u32> = numbers.iter().map(|n| n * 5_000).collect();
         assert_eq!(in_parts(&wide, &ends).histogram(), whole(&wide).histogram());
     }
