@@ -34,6 +34,13 @@ pub(crate) struct Partial {
     part: bricks::Partial,
 }
 
+/// Returns the sizes of `counts` chunks of `dims` voxels, both along x, y and z.
+#[pyfunction]
+pub(crate) fn even_chunks(dims: [u32; 3], counts: [i64; 3]) -> PyResult<[Vec<u32>; 3]> {
+    let counts = counts.map(|count| count.clamp(0, u32::MAX.into()) as u32);
+    Ok(Chunks::even(dims, counts).map_err(|fault| raised(&fault))?.sizes())
+}
+
 /// The voxels of a brick or of its slice, along z, y and x: the first, and the one after the last.
 type Voxels = [(u32, u32); 3];
 
@@ -112,10 +119,11 @@ impl Plan {
         self.plan.camera().size.into()
     }
 
-    /// The picture of a partial picture of all bricks.
-    fn picture(&self, py: Python<'_>, merged: &Partial, background: &str) -> PyResult<Image> {
+    /// The picture of the partial pictures of all bricks.
+    fn merge(&self, py: Python<'_>, parts: Vec<Py<Partial>>, background: &str) -> PyResult<Image> {
         let background: Background = background.parse().map_err(|fault| raised(&fault))?;
-        let image = py.detach(|| self.plan.picture(&merged.part)).map_err(|fault| raised(&fault))?;
+        let merged = || bricks::merge(&self.plan, parts.iter().map(|part| &part.get().part));
+        let image = py.detach(merged).map_err(|fault| raised(&fault))?;
         Ok(Image::merged(image, notes(self.plan.settings()), background, self.choices.clone()))
     }
 }

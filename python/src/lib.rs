@@ -54,6 +54,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
         wrap_pyfunction!(adapters, module)?,
         wrap_pyfunction!(request::check, module)?,
         wrap_pyfunction!(counts::needs_counts, module)?,
+        wrap_pyfunction!(bricks::even_chunks, module)?,
     ] {
         module.add_function(function)?;
     }

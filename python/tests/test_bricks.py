@@ -86,7 +86,7 @@ def test_what_does_not_fit_is_refused() -> None:
         (parts[:2], "missing"),
         (parts[1:], "brick 0 is missing"),
         ([*parts, parts[1]], "brick 1 is there twice"),
-        ([vs.brick(other, 0, array[other.bricks[0].held]), *parts[1:]], "different plans"),
+        ([vs.brick(other, 0, array[other.bricks[0].held]), *parts[1:]], "brick 0 belongs to another plan"),
         ([], "missing"),
     ]:
         with pytest.raises(ValueError, match=reason):

@@ -18,6 +18,7 @@ import numpy as np
 
 from . import _native
 from .convert import native_slice
+from .image import Image
 from .progress import Reported
 from .renderer import kept_renderer
 
@@ -135,45 +136,24 @@ def brick(
         return Partial(kept_renderer(adapter)._native.brick(plan._native, number, volume, report))
 
 
-def merge(plan: Plan, parts: Iterable[Partial], background: str = "black") -> Any:
+def merge(plan: Plan, parts: Iterable[Partial], background: str = "black") -> Image:
     """Merge the partial pictures of all bricks, in any order, into the picture of the plan: a `voxsplat.Image`.
 
     Raises ValueError if a brick is missing or there twice, or a part belongs to another plan.
     """
-    from . import Image
-
-    ordered = sorted(parts, key=lambda part: part.bricks.start)
-    expected = 0
-    for part in ordered:
-        if part.bricks.start != expected:
-            state = "missing" if part.bricks.start > expected else "there twice"
-            raise ValueError(f"parts: brick {min(expected, part.bricks.start)} is {state}")
-        expected = part.bricks.stop
-    if expected != len(plan.bricks):
-        raise ValueError(f"parts: bricks {expected} to {len(plan.bricks) - 1} are missing")
-    merged = ordered[0]
-    for part in ordered[1:]:
-        merged = merged.over(part)
-    return Image(plan._native.picture(merged._native, background))
+    return Image(plan._native.merge([part._native for part in parts], background))
 
 
 def chunk_sizes(grid: Any, shape: Sequence[int]) -> list[list[int]]:
     """Sizes of chunks along z, y and x: `grid` has numbers of chunks, or sequences of sizes."""
     if len(grid) != 3:
         raise ValueError(f"grid: {grid!r}, expected three numbers of chunks or three sequences of sizes (z, y, x)")
-    sizes = []
-    for name, chunks, voxels in zip("zyx", grid, shape, strict=True):
-        if isinstance(chunks, (int, np.integer)):
-            count = int(chunks)
-            if not 1 <= count <= voxels:
-                raise ValueError(f"grid: {count} chunks along {name}, expected 1 to {voxels}")
-            # Chunks begin between cells of the levels that the picture may be drawn at.
-            level = max(voxels // count // 8, 1).bit_length() - 1
-            starts = [voxels * i // count >> level << level for i in range(count)]
-            sizes.append(np.diff([*starts, voxels]).tolist())
-        else:
-            sizes.append([int(size) for size in chunks])
-    return sizes
+    counts = [int(chunks) if isinstance(chunks, (int, np.integer)) else None for chunks in grid]
+    even = _native.even_chunks(tuple(shape)[::-1], tuple(1 if count is None else count for count in counts)[::-1])[::-1]
+    return [
+        [int(size) for size in chunks] if count is None else sizes
+        for chunks, count, sizes in zip(grid, counts, even, strict=True)
+    ]
 
 
 def _plan_of(text: str, choices: list[str]) -> Plan:

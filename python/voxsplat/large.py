@@ -98,8 +98,7 @@ class Large:
         parts = [(one.number, self.source.part(one.held)) for one in made.bricks]
         shared = (made, self.slice_facts, self.adapter)
         merged: Partial = self.engine.reduced(_drawn, shared, parts, _over, look, draws=True)
-        image: Image = merge(made, [merged], self.background)
-        return image
+        return merge(made, [merged], self.background)
 
     def _plan(self, options: dict[str, Any]) -> Plan:
         """Cut the volume until every brick fits into memory."""

@@ -197,19 +197,28 @@ fn section_at(sections: GrowingSection, geometry: RayGeometry, plane: i32) -> Se
     return sections.as_asked;
 }
 
-// The planes of a run that can matter to a ray: the first, and the plane after the last.
-fn planes_of(run: vec2i, geometry: RayGeometry) -> vec2i {
-    let last = min(run.y, rays.voxels.z);
-    if PERSPECTIVE || SCALARS || CLIP_PLANES > 0u || BRICK {
+// The planes of a run that can matter to a ray: the first, the plane after the last, and the plane after the last that
+// completes a slab.
+fn planes_of(run: vec2i, geometry: RayGeometry) -> vec3i {
+    var first = run.x;
+    var end = min(run.y, rays.voxels.z);
+    if PERSPECTIVE || SCALARS || CLIP_PLANES > 0u {
         // Planes beyond the counting part: the planes that kernels reach over, one because the next slab shapes the
         // curve in the last slab, and one because the conversion to i32 truncates. One more because the second plane
         // is the plane after the last.
         let beyond = REACH + 2;
-        // The slab before the first that a brick owns shapes it, and the lack of slabs before moves on to it.
-        let first = max(geometry.inside.x, geometry.owned.x - 4.0);
-        let end = min(geometry.inside.y, geometry.owned.y + 1.0);
-        let near = i32(max(first, -FAR)) - beyond;
-        return vec2i(max(run.x, near), min(last, i32(min(end, FAR)) + beyond + 1));
+        first = max(first, i32(max(geometry.inside.x, -FAR)) - beyond);
+        end = min(end, i32(min(geometry.inside.y, FAR)) + beyond + 1);
     }
-    return vec2i(run.x, last);
+    var last = end + FLUSH;
+    if BRICK {
+        // The slab before the first that a brick owns shapes it. The lack of colours of two slabs before moves on to
+        // it.
+        let owned = vec2i(floor(geometry.owned));
+        let before = select(2, 1, SCALARS);
+        first = max(first, owned.x - before - REACH);
+        last = min(last, owned.y + FLUSH - REACH + 1);
+        end = min(end, last);
+    }
+    return vec3i(first, end, last);
 }

@@ -25,6 +25,7 @@ impl Chunks {
     /// let chunks = Chunks::new([10, 8, 4], [vec![4, 4, 2], vec![3, 5], vec![4]])?;
     /// assert_eq!(chunks.counts(), [3, 2, 1]);
     /// assert_eq!(chunks.voxels([2, 1, 0]), [8..10, 3..8, 0..4]);
+    /// assert_eq!(chunks.sizes(), [vec![4, 4, 2], vec![3, 5], vec![4]]);
     /// # Ok::<(), voxsplat::error::Error>(())
     /// ```
     ///
@@ -87,6 +88,15 @@ impl Chunks {
     #[must_use]
     pub fn counts(&self) -> [usize; 3] {
         [0, 1, 2].map(|axis| self.starts[axis].len())
+    }
+
+    /// Returns the sizes of chunks in voxels along x, y and z, as [`Self::new`] takes them.
+    #[must_use]
+    pub fn sizes(&self) -> [Vec<u32>; 3] {
+        std::array::from_fn(|axis| {
+            let starts = self.starts[axis].iter().chain([&self.dims[axis]]);
+            starts.clone().zip(starts.skip(1)).map(|(start, end)| end - start).collect()
+        })
     }
 
     /// Returns the voxels of a brick, given its numbers along x, y and z.

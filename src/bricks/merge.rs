@@ -1,16 +1,19 @@
 //! Merges the partial pictures of all bricks.
 
+use std::borrow::Borrow;
+
 use super::partial::{Partial, named};
 use super::plan::Plan;
 use crate::error::{Error, Result};
 use crate::image::Image;
 
-/// Merges partial pictures in any order into the picture of their plan.
+/// Merges partial pictures in any order, owned or borrowed, into the picture of their plan.
 ///
 /// # Errors
 /// [`Error::Setting`] if a brick is missing or there twice, or a part belongs to another plan; [`Error::Memory`].
-pub fn merge(plan: &Plan, parts: impl IntoIterator<Item = Partial>) -> Result<Image> {
-    let mut parts: Vec<Partial> = parts.into_iter().collect();
+pub fn merge<P: Borrow<Partial>>(plan: &Plan, parts: impl IntoIterator<Item = P>) -> Result<Image> {
+    let parts: Vec<P> = parts.into_iter().collect();
+    let mut parts: Vec<&Partial> = parts.iter().map(Borrow::borrow).collect();
     parts.sort_by_key(|part| (part.bricks.start, part.bricks.end));
     let mut next = 0;
     for part in &parts {
@@ -35,7 +38,8 @@ pub fn merge(plan: &Plan, parts: impl IntoIterator<Item = Partial>) -> Result<Im
     }
     let mut parts = parts.into_iter();
     let first = parts.next().ok_or_else(|| Error::setting("parts", "there are none"))?;
-    plan.picture(&parts.try_fold(first, |front, back| front.over(&back))?)
+    let Some(second) = parts.next() else { return plan.picture(first) };
+    plan.picture(&parts.try_fold(first.over(second)?, |front, back| front.over(back))?)
 }
 
 /// Bricks as the subject of a sentence.

@@ -15,8 +15,10 @@ pub(crate) struct Splat {
     pub normal: u32,
 }
 
-/// The words of a classified voxel with shadows: those of [`Splat`] and two more.
-pub(crate) const SHADED_WORDS: usize = 6;
+/// The words of a [`Splat`].
+pub(crate) const LIT_WORDS: usize = 4;
+/// The words of a classified voxel with shadows: those of [`Splat`], and two of the light that arrives.
+pub(crate) const SHADED_WORDS: usize = LIT_WORDS + 2;
 
 /// The words of an unlit and of a lit splat of a scalar; shaders/common/splat.wgsl explains them.
 pub(crate) const SCALAR_WORDS: usize = 2;

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use super::cache::Cache;
 use super::context::Context;
-use super::layout::{MAX_BRICKS, place};
+use super::layout::{LIT_WORDS, MAX_BRICKS, SHADED_WORDS, place};
 use super::recorder::Recorder;
 use crate::error::Result;
 use crate::progress::Progress;
@@ -56,11 +56,13 @@ pub(crate) enum Splats {
 #[derive(Debug, PartialEq)]
 pub(crate) struct HostBrick {
     /// The rows of the brick along x, y before z.
-    pub(crate) rows: Vec<Row>,
-    /// Words of a splat without its place.
+    pub(crate) rows: Arc<Vec<Row>>,
+    /// Words of a splat without its place and without the light that arrives.
     pub(crate) each: usize,
-    /// These words, splat after splat.
-    pub(crate) words: Vec<u32>,
+    /// These words, splat after splat: the same under any light.
+    pub(crate) words: Arc<Vec<u32>>,
+    /// The two words of the light that arrives at each splat, of [`SHADED_WORDS`]; empty: all light arrives.
+    pub(crate) light: Vec<[u32; 2]>,
 }
 
 /// A row of a brick along x.
@@ -117,7 +119,12 @@ impl HostBrick {
             first += bits.count_ones();
             row
         };
-        Self { rows: bits.iter().map(row).collect(), each, words }
+        Self { rows: Arc::new(bits.iter().map(row).collect()), each, words: Arc::new(words), light: Vec::new() }
+    }
+
+    /// The same splats under a light.
+    pub(crate) fn under(&self, light: Vec<[u32; 2]>) -> Self {
+        Self { rows: Arc::clone(&self.rows), words: Arc::clone(&self.words), each: self.each, light }
     }
 
     pub(crate) fn count(&self) -> u32 {
@@ -125,18 +132,20 @@ impl HostBrick {
     }
 
     fn bytes(&self) -> u64 {
-        (size_of_val(self.rows.as_slice()) + size_of_val(self.words.as_slice())) as u64
+        let light = size_of_val(self.light.as_slice());
+        (size_of_val(self.rows.as_slice()) + size_of_val(self.words.as_slice()) + light) as u64
     }
 
     /// The splats in the format of the device, of `stride` bytes each, in the brick of this number.
     fn splats(&self, stride: u64, number: u32) -> Result<Vec<u32>> {
         let words = stride as usize / 4;
         let mut splats = reserved(u64::from(self.count()) * words as u64, || "splats of a brick".to_owned())?;
-        let mut values = self.words.chunks_exact(self.each);
-        for (row, &Row { bits, .. }) in (0..).zip(&self.rows) {
+        let (mut values, mut light) = (self.words.chunks_exact(self.each), self.light.iter());
+        for (row, &Row { bits, .. }) in (0..).zip(&*self.rows) {
             for x in places(bits) {
                 splats.push(place([x as u32, row % EDGE as u32, row / EDGE as u32], number));
                 splats.extend_from_slice(values.next().unwrap_or_default());
+                splats.extend(light.next().into_iter().flatten());
                 splats.resize(splats.len().next_multiple_of(words), 0);
             }
         }
@@ -146,12 +155,19 @@ impl HostBrick {
     /// Reads the splats of a brick from the format of the device, of `words` words each.
     fn from_device(splats: &[u32], words: usize) -> Result<Self> {
         let mut bits = vec![0_u32; EDGE * EDGE];
-        let mut values = reserved((splats.len() / words * (words - 1)) as u64, || "splats of a brick".to_owned())?;
+        let (count, is_shaded) = (splats.len() / words, words == SHADED_WORDS);
+        let each = if is_shaded { LIT_WORDS } else { words } - 1;
+        let subject = || "splats of a brick".to_owned();
+        let mut values = reserved((count * each) as u64, subject)?;
+        let mut light = reserved(if is_shaded { count as u64 } else { 0 }, subject)?;
         for splat in splats.chunks_exact(words) {
             bits[splat[0] as usize >> 5 & (EDGE * EDGE - 1)] |= 1 << (splat[0] & 31);
-            values.extend_from_slice(&splat[1..]);
+            values.extend_from_slice(&splat[1..=each]);
+            if is_shaded {
+                light.push([splat[each + 1], splat[each + 2]]);
+            }
         }
-        Ok(Self::new(&bits, words - 1, values))
+        Ok(Self { light, ..Self::new(&bits, each, values) })
     }
 }
 

@@ -198,6 +198,11 @@ impl Casting {
         Self { lights, strength: 0.0, ..*self }
     }
 
+    /// The same without lights.
+    pub(crate) fn without_lights(&self) -> Self {
+        Self { lights: Default::default(), strength: 0.0, ..*self }
+    }
+
     /// The distance from a voxel's centre within which occluders are ignored, voxels.
     pub(crate) fn bias(&self) -> f64 {
         self.bias

@@ -28,10 +28,10 @@ mod response;
 mod sweep;
 
 use std::sync::atomic::{AtomicU16, AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
 
 use glam::{DAffine3, DMat3, DVec3};
 use rayon::prelude::*;
-use voxsplat_volume::memory::zeroed;
 
 use self::exact::{Caster, Medium, ShadowBlock};
 use self::field::{Field, Planes, turned_back};
@@ -93,8 +93,8 @@ impl ShadowLattice {
 }
 
 /// The light that arrives at the voxels of a box.
-pub(crate) struct Arrival<'a> {
-    casting: &'a Casting,
+pub(crate) struct Arrival {
+    casting: Casting,
     /// The first lattice point of the box.
     low: [i64; 3],
     /// The lattice of the box.
@@ -102,16 +102,44 @@ pub(crate) struct Arrival<'a> {
     field: Field,
     /// `None`: by exact sums.
     response: Option<Response>,
+    /// The field across each axis, if it is kept for other lights.
+    kept: [Mutex<Option<Across>>; 3],
+    keeps: bool,
 }
 
-impl<'a> Arrival<'a> {
+/// The field across an axis.
+struct Across {
+    /// Its rows along y: across x.
+    turned: Option<Field>,
+    filtered: Field,
+}
+
+/// The share of a light that arrives at each voxel of the box of an [`Arrival`].
+pub(crate) struct Arriving<'a> {
+    arrival: &'a Arrival,
+    shares: field::Shares,
+    strength: f32,
+}
+
+impl Arriving<'_> {
+    /// Returns the shares at the voxels of a row from a lattice point on, 65535 for all of the light.
+    pub(crate) fn from(&self, point: [usize; 3]) -> impl Fn(usize) -> u16 {
+        let shares = &self.shares.values[self.arrival.index(point)..];
+        move |place| {
+            let share = f32::from(shares[place].load(Ordering::Relaxed));
+            sweep::nearest(65_535.0 - self.strength * (65_535.0 - share))
+        }
+    }
+}
+
+impl Arrival {
     /// Light on the voxels of a box of `size` voxels from `low` on. `fill` gets the y and z of a row, and writes its
     /// extinctions, 0 for voxels that are not lit and [`CLIPPED`](field::CLIPPED) for those that cast no shadow.
     ///
     /// # Errors
     /// [`Error::Memory`](crate::Error::Memory) if 4 bytes for each voxel cannot be allocated.
     pub(crate) fn new(
-        casting: &'a Casting,
+        casting: &Casting,
         lattice: &ShadowLattice,
         [low, size]: [[usize; 3]; 2],
         fill: impl Fn([usize; 2], &mut [f32]) + Sync,
@@ -132,30 +160,47 @@ impl<'a> Arrival<'a> {
         field.fill(margin, |[y, z], row| {
             fill([y as i64 + low[1], z as i64 + low[2]].map(|n| n as usize), row);
         });
-        Ok(Self { casting, low, lattice, field, response })
+        Ok(Self { casting: casting.clone(), low, lattice, field, response, kept: Default::default(), keeps: false })
+    }
+
+    /// The arrival of other lights at the same voxels, whose occluders are kept for more lights, unless they take much
+    /// memory.
+    pub(crate) fn kept_for(mut self, casting: &Casting) -> Self {
+        /// Bytes of a field: there are at most five.
+        const MOST: usize = 64 << 20;
+        self.casting = casting.clone();
+        self.keeps = self.field.bytes() <= MOST;
+        self
+    }
+
+    /// Whether the occluders are kept for more lights.
+    pub(crate) fn is_kept(&self) -> bool {
+        self.keeps
     }
 
     /// The number of a lattice point of the box.
-    pub(crate) fn index(&self, point: [usize; 3]) -> usize {
+    fn index(&self, point: [usize; 3]) -> usize {
         let [x, y, z] = [0, 1, 2].map(|axis| (point[axis] as i64 - self.low[axis]) as usize);
         x + self.lattice.dims[0] * (y + self.lattice.dims[1] * z)
     }
 
-    /// Returns the share of a light that arrives at each voxel of the box ([`Self::index`]), 65535 for all of it; of
-    /// the ambient light for [`MAX_CASTING`]. `None`: all of it, everywhere. `report` gets the part that is done.
+    /// Returns the share of a light that arrives at each voxel of the box; of the ambient light for [`MAX_CASTING`].
+    /// `None`: all of it, everywhere. `report` gets the part that is done.
     ///
     /// # Errors
     /// [`Error::Memory`](crate::Error::Memory) if 12 bytes for each voxel cannot be allocated.
-    pub(crate) fn shares(&self, light: usize, report: &(dyn Fn(f64) + Sync)) -> Result<Option<Vec<u16>>> {
+    pub(crate) fn shares(&self, light: usize, report: &(dyn Fn(f64) + Sync)) -> Result<Option<Arriving<'_>>> {
         if !self.casting.casts(light) {
             return Ok(None);
         }
-        let Some(response) = &self.response else { return self.exact(light, report).map(Some) };
+        let arriving = |shares, strength| Some(Arriving { arrival: self, shares, strength });
+        let Some(response) = &self.response else { return Ok(arriving(self.exact(light, report)?, 1.0)) };
         let bias = self.casting.bias / self.lattice.voxels;
         let shares = match self.casting.lights.get(light) {
             None => {
                 let radius = self.casting.occlusion.unwrap_or(0.0) / self.lattice.voxels;
-                return around::arriving(&self.field, &self.lattice, response, [bias, radius]).map(Some);
+                let shares = around::arriving(&self.field, &self.lattice, response, [bias, radius])?;
+                return Ok(arriving(shares, 1.0));
             }
             Some(Origin::Directions(towards)) => self.along(response, towards, bias, report)?,
             Some(&Origin::Point(place)) => {
@@ -168,33 +213,38 @@ impl<'a> Arrival<'a> {
                 }
             }
         };
-        let mut shares: Vec<u16> = shares.into_iter().map(AtomicU16::into_inner).collect();
-        let strength = self.casting.strength as f32;
-        shares.par_iter_mut().for_each(|share| {
-            *share = sweep::nearest(65_535.0 - strength * (65_535.0 - f32::from(*share)));
-        });
-        Ok(Some(shares))
-    }
-
-    /// No light yet.
-    fn dark(&self) -> Result<Vec<AtomicU16>> {
-        let count = self.lattice.dims.iter().map(|&n| n as u64).product();
-        let dark: Vec<u16> = zeroed(count, || "the light in the volume".to_owned())?;
-        Ok(dark.into_iter().map(AtomicU16::new).collect())
+        Ok(arriving(shares, self.casting.strength as f32))
     }
 
     /// Sweeps across an axis, with the rows and the columns of planes.
     fn across(&self, axis: usize, response: &Response, out: &[AtomicU16], sweeps: &mut Sweeps<'_>) -> Result<()> {
         let [nx, ny, nz] = self.lattice.dims;
-        match axis {
-            0 => {
-                let turned = self.field.turned()?;
-                let light = self.dark()?;
-                sweeps(&Swept::new(&turned, Planes::across(2, [ny, nz, nx]), response)?, [0, 2, 1], &light)?;
-                turned_back(&light, [nx, ny, nz], out);
+        let (planes, axes) = match axis {
+            0 => (Planes::across(2, [ny, nz, nx]), [0, 2, 1]),
+            1 => (Planes::across(1, [nx, ny, nz]), [1, 2, 0]),
+            _ => (Planes::across(2, [nx, ny, nz]), [2, 1, 0]),
+        };
+        let lock = || self.kept[axis].lock().unwrap_or_else(PoisonError::into_inner);
+        let kept = lock().take();
+        let across = match kept {
+            Some(across) => across,
+            None => {
+                let turned = (axis == 0).then(|| self.field.turned()).transpose()?;
+                let filtered = sweep::filtered(turned.as_ref().unwrap_or(&self.field), planes, response)?;
+                Across { turned, filtered }
             }
-            1 => sweeps(&Swept::new(&self.field, Planes::across(1, [nx, ny, nz]), response)?, [1, 2, 0], out)?,
-            _ => sweeps(&Swept::new(&self.field, Planes::across(2, [nx, ny, nz]), response)?, [2, 1, 0], out)?,
+        };
+        let field = across.turned.as_ref().unwrap_or(&self.field);
+        let swept = Swept { field, planes, filtered: &across.filtered, response };
+        if axis == 0 {
+            let light = self.field.dark()?;
+            sweeps(&swept, axes, &light.values)?;
+            turned_back(&light.values, [nx, ny, nz], out);
+        } else {
+            sweeps(&swept, axes, out)?;
+        }
+        if self.keeps {
+            *lock() = Some(across);
         }
         Ok(())
     }
@@ -206,8 +256,8 @@ impl<'a> Arrival<'a> {
         towards: &[DVec3],
         bias: f64,
         report: &(dyn Fn(f64) + Sync),
-    ) -> Result<Vec<AtomicU16>> {
-        let shares = self.dark()?;
+    ) -> Result<field::Shares> {
+        let shares = self.field.dark()?;
         let to_lattice = self.lattice.to_world.inverse();
         let count = towards.len();
         // Whole numbers whose sum is all of the light.
@@ -224,7 +274,7 @@ impl<'a> Arrival<'a> {
             if mine.is_empty() {
                 continue;
             }
-            self.across(axis, response, &shares, &mut |swept, axes, out| {
+            self.across(axis, response, &shares.values, &mut |swept, axes, out| {
                 let seen = |along: DVec3| DVec3::from_array(axes.map(|axis| along[axis]));
                 let directions = mine.iter().map(|&&(along, share)| {
                     let scale = (self.lattice.to_world * along).length() / self.lattice.unit;
@@ -251,12 +301,12 @@ impl<'a> Arrival<'a> {
         place: DVec3,
         bias: f64,
         report: &(dyn Fn(f64) + Sync),
-    ) -> Result<Vec<AtomicU16>> {
+    ) -> Result<field::Shares> {
         let place = self.lattice.to_lattice.transform_point3(place);
         let near = NearPlace::new(response, bias);
-        let shares = self.dark()?;
+        let shares = self.field.dark()?;
         for axis in 0..3 {
-            self.across(axis, response, &shares, &mut |swept, axes, out| {
+            self.across(axis, response, &shares.values, &mut |swept, axes, out| {
                 let rays = Converging {
                     place: DVec3::from_array(axes.map(|axis| place[axis])),
                     to_world: DMat3::from_cols_array_2d(
@@ -276,13 +326,13 @@ impl<'a> Arrival<'a> {
         let [nx, ny, _] = self.lattice.dims;
         if place.round() == place && (0..3).all(|a| (0.0..self.lattice.dims[a] as f64).contains(&place[a])) {
             let [x, y, z] = place.to_array().map(|p| p as usize);
-            shares[x + nx * (y + ny * z)].store(u16::MAX, Ordering::Relaxed);
+            shares.values[x + nx * (y + ny * z)].store(u16::MAX, Ordering::Relaxed);
         }
         Ok(shares)
     }
 
     /// The share of a light by exact sums.
-    fn exact(&self, light: usize, report: &(dyn Fn(f64) + Sync)) -> Result<Vec<u16>> {
+    fn exact(&self, light: usize, report: &(dyn Fn(f64) + Sync)) -> Result<field::Shares> {
         /// Voxels along the edges of blocks.
         const BLOCK: [usize; 3] = [32, 32, 4];
         let [nx, ny, nz] = self.lattice.dims;
@@ -294,10 +344,10 @@ impl<'a> Arrival<'a> {
             let casts = filled.filter(|&x| values[x] > field::CLIPPED);
             casts.for_each(|x| medium.set([x, y, z], values[x]));
         }
-        let mut shares: Vec<u16> = zeroed((nx * ny * nz) as u64, || "the light in the volume".to_owned())?;
+        let mut shares = self.field.dark()?;
         let slabs = nz.div_ceil(BLOCK[2]);
         let done = AtomicUsize::new(0);
-        shares.par_chunks_mut(nx * ny * BLOCK[2]).enumerate().for_each(|(slab, out)| {
+        shares.values.par_chunks_mut(nx * ny * BLOCK[2]).enumerate().for_each(|(slab, out)| {
             let z = slab * BLOCK[2];
             let planes = out.len() / (nx * ny);
             for (x, y) in (0..ny).step_by(BLOCK[1]).flat_map(|y| (0..nx).step_by(BLOCK[0]).map(move |x| (x, y))) {
@@ -315,7 +365,7 @@ impl<'a> Arrival<'a> {
                 for (row, found) in caster.shares::<{ BLOCK[0] }>(&medium, &block).iter().enumerate() {
                     let out = &mut out[nx * (y + row % down + ny * (row / down)) + x..][..BLOCK[0].min(nx - x)];
                     for (out, share) in out.iter_mut().zip(found[light]) {
-                        *out = sweep::nearest(65_535.0 * share.clamp(0.0, 1.0) as f32);
+                        *out.get_mut() = sweep::nearest(65_535.0 * share.clamp(0.0, 1.0) as f32);
                     }
                 }
             }
@@ -364,7 +414,7 @@ mod tests {
                     let arrival = arrival.unwrap();
                     let shares = arrival.shares(0, &|_| ()).unwrap().unwrap();
                     let points = (0..dims.iter().product()).map(|i| [i % 14, i / 14 % 13, i / 14 / 13]);
-                    points.map(|point| f64::from(shares[arrival.index(point)]) / 257.0).collect::<Vec<_>>()
+                    points.map(|point| f64::from(shares.from(point)(0)) / 257.0).collect::<Vec<_>>()
                 };
                 let (swept, exact) = (shares(false), shares(true));
                 let largest = swept.iter().zip(&exact).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);

@@ -8,7 +8,7 @@ use super::levels::ScalarNeed;
 use super::media;
 use super::scalar_cells;
 use super::scalars::{Emission, EmissionKey};
-use super::shadows::{Places, Shadows, shaded};
+use super::shadows::{Occluders, Places, Shadows, shaded};
 use crate::error::{Error, Result};
 use crate::gpu::cache::Cache;
 use crate::gpu::classify::{Classifier, HostClassifier, Input};
@@ -73,6 +73,8 @@ pub(super) struct PreShaded {
     pub(super) lit: bool,
     /// The visible voxels, with the shadows on them.
     pub(super) classified: Held<Option<Shadows>, Drawable>,
+    /// The occluders of shadows.
+    occluders: Occluders,
     /// The cells of each level.
     pub(super) cells: [Held<CellsKey, Drawable>; MAX_LEVEL as usize + 1],
 }
@@ -132,7 +134,7 @@ impl PostShaded {
 
 impl PreShaded {
     pub(super) fn new(layers: Layers, lit: bool) -> Self {
-        Self { layers, lit, classified: Held::default(), cells: Default::default() }
+        Self { layers, lit, classified: Held::default(), occluders: Occluders::default(), cells: Default::default() }
     }
 
     /// The visible voxels, and the seconds that it took to make them.
@@ -167,7 +169,8 @@ impl PreShaded {
                         Some((held, classified)) => (held, classified),
                         None => (None, classify()?),
                     };
-                    let stores = shaded(context, &classified.stores, held.as_ref(), shadows, progress)?;
+                    let (stores, occluders) = (&classified.stores, &self.occluders);
+                    let stores = shaded(context, stores, held.as_ref(), occluders, shadows, progress)?;
                     Ok(Arc::new(Drawable { stores, bricks: classified.bricks, ..Drawable::default() }))
                 }
             })

@@ -66,12 +66,12 @@ pub(crate) fn light_volume(
     let arrival = places.arrival(shadows, &|words| classification.density(words, grid))?;
     for light in 0..=MAX_CASTING {
         let report = |part: f64| progress.report("casting shadows", (light as f64 + part) / (MAX_CASTING + 1) as f64);
-        let Some(shares) = arrival.shares(light, &report)? else { continue };
+        let Some(arriving) = arrival.shares(light, &report)? else { continue };
         texels.par_chunks_mut(size[0]).enumerate().for_each(|(row, texels)| {
             let [y, z] = [low[1] + row % size[1], low[2] + row / size[1]];
-            let first = arrival.index([low[0], y, z]);
-            for (x, _) in places.row(low[0]..low[0] + size[0], [y, z]) {
-                let share = f32::from(shares[first + x - low[0]]) / 65_535.0;
+            let share = arriving.from([low[0], y, z]);
+            for (x, ..) in places.row(low[0]..low[0] + size[0], [y, z]) {
+                let share = f32::from(share(x - low[0])) / 65_535.0;
                 texels[x - low[0]][light] = f16::from_f32(share).to_bits();
             }
         });

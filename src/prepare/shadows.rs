@@ -2,7 +2,7 @@
 //! a volume, a transfer function and a set of lights.
 
 use std::ops::Range;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use crate::camera::clip::{Side, is_inside};
 use crate::error::Result;
 use crate::gpu::context::Context;
-use crate::gpu::layout::{SHADED_WORDS, Splat};
+use crate::gpu::layout::SHADED_WORDS;
 use crate::gpu::splat::{LANES, kept};
 use crate::gpu::store::{BrickSplats, HostBrick, MadeBrick, Row, Store, StoreBuilder, places};
 use crate::lighting::shadow::field::CLIPPED;
@@ -19,9 +19,6 @@ use crate::lighting::{Casting, MAX_CASTING};
 use crate::progress::Progress;
 use crate::volume::BRICK_EDGE as EDGE;
 use voxsplat_volume::memory::reserved;
-
-/// Words of a lit splat without its place and without the shares of light.
-const LIT: usize = size_of::<Splat>() / 4 - 1;
 
 /// The shadows on a lattice of splats.
 #[derive(Debug, Clone, PartialEq)]
@@ -39,6 +36,11 @@ impl Shadows {
         own == others && self.lattice == other.lattice && self.clip == other.clip
     }
 
+    /// The same for all lights.
+    fn of_any_lights(&self) -> Self {
+        Self { casting: self.casting.without_lights(), lattice: self.lattice.clone(), clip: self.clip.clone() }
+    }
+
     /// Whether the voxel at a lattice point casts shadows.
     fn casts(&self, point: [usize; 3]) -> bool {
         if self.clip.is_empty() {
@@ -49,44 +51,68 @@ impl Shadows {
     }
 }
 
+/// The occluders on a lattice of splats, kept for lights that move, and the shadows that they are for.
+#[derive(Default)]
+pub(crate) struct Occluders(Mutex<Option<(Shadows, Arrival)>>);
+
+impl Occluders {
+    /// The arrival of light at the voxels with these shadows, whatever their lights.
+    fn taken(&self, shadows: &Shadows) -> Option<Arrival> {
+        let kept = self.0.lock().unwrap_or_else(PoisonError::into_inner).take();
+        kept.filter(|(of, _)| *of == shadows.of_any_lights()).map(|(_, arrival)| arrival)
+    }
+
+    fn keep(&self, shadows: &Shadows, arrival: Arrival) {
+        let kept = arrival.is_kept().then(|| (shadows.of_any_lights(), arrival));
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = kept;
+    }
+}
+
 /// Returns lit splats with the shares of light that arrive at each. Splats that hold shares of other shadows keep those
 /// of lights that are the same.
 pub(crate) fn shaded(
     context: &Context,
     stores: &[Store],
     held: Option<&Shadows>,
+    occluders: &Occluders,
     shadows: &Shadows,
     progress: &Progress,
 ) -> Result<Vec<Store>> {
-    let places = Places::new(context, stores)?;
-    let arrival = places.arrival(shadows, &|words| f32::from_bits(words[0] & 0xffff_ff00))?;
-    let bricks = places.bricks();
-    let copied = |(_, held): &(&BrickSplats, &HostBrick)| -> Result<Vec<u32>> {
-        let words = u64::from(held.count()) * (SHADED_WORDS - 1) as u64;
-        let mut shaded = reserved(words, || "splats of a brick".to_owned())?;
-        for words in held.words.chunks_exact(held.each) {
-            shaded.extend_from_slice(&words[..LIT]);
-            shaded.extend(words.get(LIT..LIT + 2).unwrap_or(&[u32::MAX; 2]));
-        }
-        Ok(shaded)
+    let splats = Places::new(context, stores)?;
+    let arrival = match occluders.taken(shadows) {
+        Some(arrival) => arrival,
+        None => splats.arrival(shadows, &|words| f32::from_bits(words[0] & 0xffff_ff00))?,
     };
-    let mut shaded = bricks.par_iter().map(copied).collect::<Result<Vec<_>>>()?;
+    // Lights that changed once may do so again.
+    let arrival = if held.is_some() { arrival.kept_for(&shadows.casting) } else { arrival };
+    let bricks = splats.bricks();
+    let kept = |(_, held): &(&BrickSplats, &HostBrick)| -> Result<Vec<[u32; 2]>> {
+        let mut kept = reserved(u64::from(held.count()), || "the light on splats".to_owned())?;
+        kept.extend_from_slice(&held.light);
+        kept.resize(held.count() as usize, [u32::MAX; 2]);
+        Ok(kept)
+    };
+    let mut kept = bricks.par_iter().map(kept).collect::<Result<Vec<_>>>()?;
     let is_held = |light| held.is_some_and(|held| held.is_same(shadows, light));
     for light in (0..=MAX_CASTING).filter(|&light| !is_held(light)) {
         let report = |part: f64| progress.report("casting shadows", (light as f64 + part) / (MAX_CASTING + 1) as f64);
-        let shares = arrival.shares(light, &report)?;
-        let (word, shift) = (LIT + light / 2, light % 2 * 16);
-        bricks.par_iter().zip(&mut shaded).for_each(|(&brick, shaded)| {
-            for (point, words) in points(brick).zip(shaded.chunks_exact_mut(SHADED_WORDS - 1)) {
-                let share = shares.as_ref().map_or(u16::MAX, |shares| shares[arrival.index(point)]);
-                words[word] = words[word] & !(0xffff << shift) | u32::from(share) << shift;
+        let arriving = arrival.shares(light, &report)?;
+        let (word, shift) = (light / 2, light % 2 * 16);
+        bricks.par_iter().zip(&mut kept).for_each(|(&brick, kept)| {
+            for (Row { bits, first }, point) in rows(brick) {
+                let shares = arriving.as_ref().map(|arriving| arriving.from(point));
+                let lowest = bits.trailing_zeros() as usize;
+                for (place, kept) in places(bits).zip(&mut kept[first as usize..]) {
+                    let share = shares.as_ref().map_or(u16::MAX, |share| share(place - lowest));
+                    kept[word] = kept[word] & !(0xffff << shift) | u32::from(share) << shift;
+                }
             }
         });
     }
+    occluders.keep(shadows, arrival);
     let mut stores = StoreBuilder::new(context, 4 * SHADED_WORDS as u64, u32::MAX);
-    for ((brick, held), words) in bricks.into_iter().zip(shaded) {
-        let bits: Vec<u32> = held.rows.iter().map(|row| row.bits).collect();
-        stores.push(MadeBrick::new(brick.origin, &bits, SHADED_WORDS - 1, words))?;
+    for ((&brick, held), kept) in bricks.into_iter().zip(kept) {
+        stores.push(MadeBrick { brick, splats: held.under(kept), copies: 0 })?;
     }
     Ok(stores.finish()?.stores)
 }
@@ -130,8 +156,13 @@ impl<'a> Places<'a> {
         self.stores.iter().zip(&self.held).flat_map(|(store, held)| store.bricks.iter().zip(held.iter())).collect()
     }
 
-    /// The splats of a row of the lattice that lie in some columns: their x and their words without the place.
-    pub(crate) fn row(&self, columns: Range<usize>, [y, z]: [usize; 2]) -> impl Iterator<Item = (usize, &[u32])> {
+    /// The splats of a row of the lattice that lie in some columns: their x, their words without the place, and the
+    /// words of the light that arrives.
+    pub(crate) fn row(
+        &self,
+        columns: Range<usize>,
+        [y, z]: [usize; 2],
+    ) -> impl Iterator<Item = (usize, &[u32], [u32; 2])> {
         let row = self.counts[0] * (y / EDGE + self.counts[1] * (z / EDGE));
         let is_within = y / EDGE < self.counts[1] && z / EDGE < self.counts[2];
         let bricks = columns.start / EDGE..columns.end.div_ceil(EDGE).min(self.counts[0]);
@@ -139,24 +170,22 @@ impl<'a> Places<'a> {
             .filter(move |_| is_within)
             .flat_map(move |number| {
                 let brick = self.numbers[row + number].map(|[store, brick]| &self.held[store][brick]);
-                let words = brick.into_iter().flat_map(move |brick| {
-                    let row = brick.rows[y % EDGE + EDGE * (z % EDGE)];
-                    places(row.bits).zip(brick.words[row.first as usize * brick.each..].chunks_exact(brick.each))
+                let splats = brick.into_iter().flat_map(move |brick| {
+                    let Row { bits, first } = brick.rows[y % EDGE + EDGE * (z % EDGE)];
+                    let words = brick.words[first as usize * brick.each..].chunks_exact(brick.each);
+                    let light = brick.light.get(first as usize..).unwrap_or_default().iter().copied();
+                    places(bits).zip(words).zip(light.chain(std::iter::repeat([u32::MAX; 2])))
                 });
-                words.map(move |(x, words)| (number * EDGE + x, words))
+                splats.map(move |((x, words), light)| (number * EDGE + x, words, light))
             })
-            .filter(move |(x, _)| columns.contains(x))
+            .filter(move |(x, ..)| columns.contains(x))
     }
 
     /// The light that arrives at the splats. `density` gets the words of a splat without the place.
-    pub(crate) fn arrival<'b>(
-        &self,
-        shadows: &'b Shadows,
-        density: &(dyn Fn(&[u32]) -> f32 + Sync),
-    ) -> Result<Arrival<'b>> {
+    pub(crate) fn arrival(&self, shadows: &Shadows, density: &(dyn Fn(&[u32]) -> f32 + Sync)) -> Result<Arrival> {
         let [low, size] = self.bounds;
         Arrival::new(&shadows.casting, &shadows.lattice, self.bounds, |[y, z], row| {
-            for (x, words) in self.row(low[0]..low[0] + size[0], [y, z]) {
+            for (x, words, _) in self.row(low[0]..low[0] + size[0], [y, z]) {
                 let casts = shadows.casts([x, y, z]);
                 row[x - low[0]] = if casts { density(words).max(CLIPPED) } else { CLIPPED };
             }
@@ -164,11 +193,12 @@ impl<'a> Places<'a> {
     }
 }
 
-/// The lattice points of the splats of a brick in order.
-pub(crate) fn points((brick, held): (&BrickSplats, &HostBrick)) -> impl Iterator<Item = [usize; 3]> {
+/// The rows of a brick that have splats, each with the lattice point of its first splat.
+fn rows((brick, held): (&BrickSplats, &HostBrick)) -> impl Iterator<Item = (Row, [usize; 3])> {
     let [x, y, z] = brick.origin.map(|p| p as usize);
-    held.rows.iter().enumerate().flat_map(move |(row, &Row { bits, .. })| {
-        places(bits).map(move |place| [x + place, y + row % EDGE, z + row / EDGE])
+    held.rows.iter().enumerate().filter(|(_, row)| row.bits != 0).map(move |(number, &row)| {
+        let lowest = row.bits.trailing_zeros() as usize;
+        (row, [x + lowest, y + number % EDGE, z + number / EDGE])
     })
 }
 
@@ -176,8 +206,8 @@ pub(crate) fn points((brick, held): (&BrickSplats, &HostBrick)) -> impl Iterator
 /// voxels without a splat.
 pub(crate) fn shares_at(shaded: &Places<'_>, [first, y, z]: [usize; 3]) -> [[f32; LANES]; 4] {
     let (mut low, mut high) = ([u32::MAX; LANES], [u32::MAX; LANES]);
-    for (x, words) in shaded.row(first..first + LANES, [y, z]) {
-        (low[x - first], high[x - first]) = (words[LIT], words[LIT + 1]);
+    for (x, _, light) in shaded.row(first..first + LANES, [y, z]) {
+        [low[x - first], high[x - first]] = light;
     }
     kept(&low, &high)
 }

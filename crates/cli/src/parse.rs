@@ -1,6 +1,7 @@
 //! Parsers of option values. Their errors state the accepted values.
 
 use std::fmt;
+use std::ops::RangeInclusive;
 use std::str::FromStr;
 
 use clap::ValueEnum;
@@ -133,18 +134,27 @@ impl fmt::Display for TimeArg {
     }
 }
 
+/// The first and the last of `N` or `FIRST-LAST`.
+fn ends(text: &str) -> Option<(u32, u32)> {
+    let number = |text: &str| text.trim().parse::<u32>().ok().filter(|number| *number < u32::MAX);
+    let (first, last) = text.split_once('-').unwrap_or((text, text));
+    number(first).zip(number(last)).filter(|(first, last)| first <= last)
+}
+
 /// Parses `N`, `FIRST-LAST` or `all`.
 pub(crate) fn time(text: &str) -> Result<TimeArg, String> {
-    let number = |text: &str| text.trim().parse::<u32>().ok().filter(|number| *number < u32::MAX);
-    let time = match text.split_once('-') {
+    let time = match ends(text) {
         _ if text == "all" => Some(TimeArg::All),
-        None => number(text).map(TimeArg::One),
-        Some((first, last)) => {
-            let ends = number(first).zip(number(last)).filter(|(first, last)| first <= last);
-            ends.map(|(first, last)| TimeArg::Range(first, last))
-        }
+        Some((first, last)) if text.contains('-') => Some(TimeArg::Range(first, last)),
+        one => one.map(|(time, _)| TimeArg::One(time)),
     };
     expect(time, "N, FIRST-LAST or all, time points counted from 0")
+}
+
+/// Parses `N` or `FIRST-LAST`.
+pub(crate) fn bricks(text: &str) -> Result<RangeInclusive<usize>, String> {
+    let bricks = ends(text).map(|(first, last)| first as usize..=last as usize);
+    expect(bricks, "N or FIRST-LAST, bricks counted from 0")
 }
 
 /// Parses `length=U`, `value=U`, or both parted by a comma.

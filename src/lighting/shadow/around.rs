@@ -4,12 +4,13 @@
 //! the width of kernels, is summed with weights. The weights are those of least squared distance from the sections of
 //! kernels along the ray.
 
+use std::sync::atomic::AtomicU16;
+
 use glam::DVec3;
 use pulp::Arch;
 use rayon::prelude::*;
-use voxsplat_volume::memory::zeroed;
 
-use super::field::{Field, LANES, Planes};
+use super::field::{Field, LANES, Planes, Shares};
 use super::lanes::Lanes;
 use super::response::{Response, filter};
 use super::sweep::nearest;
@@ -39,7 +40,7 @@ pub(super) fn arriving(
     lattice: &ShadowLattice,
     response: &Response,
     [bias, radius]: [f64; 2],
-) -> Result<Vec<u16>> {
+) -> Result<Shares> {
     let planes = Planes::across(2, field.size);
     let weights = filter(SHARE * lattice.kernel.variance());
     let single: Vec<f32> = weights.iter().map(|&w| w as f32).collect();
@@ -54,10 +55,9 @@ pub(super) fn arriving(
         })
         .collect();
     let [nx, ny, _] = field.size;
-    let mut out: Vec<u16> =
-        zeroed(field.size.iter().map(|&n| n as u64).product(), || "the light in the volume".to_owned())?;
+    let mut out = field.dark()?;
     let arch = Arch::new();
-    let rows = out.par_chunks_mut(nx).enumerate().filter(|(row, _)| !field.filled(*row).is_empty());
+    let rows = out.values.par_chunks_mut(nx).enumerate().filter(|(row, _)| !field.filled(*row).is_empty());
     rows.for_each(|(row, out)| {
         arch.dispatch(RowSum { field, filtered: &filtered, rays: &rays, at: [row % ny, row / ny], out });
     });
@@ -71,7 +71,7 @@ struct RowSum<'a> {
     rays: &'a [Ray],
     /// The row, as y and z.
     at: [usize; 2],
-    out: &'a mut [u16],
+    out: &'a mut [AtomicU16],
 }
 
 impl pulp::WithSimd for RowSum<'_> {
@@ -113,7 +113,7 @@ impl pulp::WithSimd for RowSum<'_> {
             let count = end - start;
             for (out, light) in out[start..].iter_mut().zip(&lights).take(count.min(Lanes::<S>::COUNT)) {
                 // Half of the surroundings of a point on a plane lie behind the plane.
-                *out = nearest((2.0 * light).min(1.0) * 65_535.0);
+                *out.get_mut() = nearest((2.0 * light).min(1.0) * 65_535.0);
             }
         }
     }

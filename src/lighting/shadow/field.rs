@@ -4,6 +4,7 @@ use std::ops::Range;
 use std::sync::atomic::{AtomicU16, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
+use bytemuck::Zeroable;
 use rayon::prelude::*;
 use voxsplat_volume::memory::zeroed;
 
@@ -29,33 +30,55 @@ pub(super) struct Field {
     spare: Arc<Spare>,
 }
 
-/// Memory of fields that were dropped, for the next ones: to get it from the system again costs as much as a sweep.
-#[derive(Default)]
-struct Spare(Mutex<Vec<Vec<f32>>>);
+/// The light that arrives at the voxels of a field, 65535 for all of it.
+pub(super) struct Shares {
+    pub(super) values: Vec<AtomicU16>,
+    spare: Arc<Spare>,
+}
 
-impl Spare {
-    /// As many zeros.
-    fn zeros(&self, count: usize) -> Result<Vec<f32>> {
-        let spare = {
-            let mut spare = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-            spare.iter().position(|values| values.capacity() >= count).map(|fit| spare.swap_remove(fit))
-        };
-        match spare {
-            Some(mut values) => {
-                values.truncate(count);
-                values.par_chunks_mut(1 << 16).for_each(|values| values.fill(0.0));
-                values.resize(count, 0.0);
-                Ok(values)
-            }
-            None => Ok(zeroed(count as u64, || "the occluders of light".to_owned())?),
+/// Memory of fields and of light that were dropped, for the next ones: to get it from the system again costs as much as
+/// a sweep.
+#[derive(Default)]
+struct Spare {
+    fields: Mutex<Vec<Vec<f32>>>,
+    shares: Mutex<Vec<Vec<AtomicU16>>>,
+}
+
+/// As many zeros, in spare memory if there is some.
+fn zeros<T: Zeroable + Send>(
+    spare: &Mutex<Vec<Vec<T>>>,
+    count: usize,
+    what: impl FnOnce() -> String,
+) -> Result<Vec<T>> {
+    let spare = {
+        let mut spare = spare.lock().unwrap_or_else(PoisonError::into_inner);
+        spare.iter().position(|values| values.capacity() >= count).map(|fit| spare.swap_remove(fit))
+    };
+    match spare {
+        Some(mut values) => {
+            values.truncate(count);
+            values.par_chunks_mut(1 << 16).for_each(|values| values.fill_with(T::zeroed));
+            values.resize_with(count, T::zeroed);
+            Ok(values)
         }
+        None => Ok(zeroed(count as u64, what)?),
     }
+}
+
+/// Keeps memory for the next ones.
+fn give_back<T>(spare: &Mutex<Vec<Vec<T>>>, values: &mut Vec<T>) {
+    spare.lock().unwrap_or_else(PoisonError::into_inner).push(std::mem::take(values));
 }
 
 impl Drop for Field {
     fn drop(&mut self) {
-        let values = std::mem::take(&mut self.values);
-        self.spare.0.lock().unwrap_or_else(PoisonError::into_inner).push(values);
+        give_back(&self.spare.fields, &mut self.values);
+    }
+}
+
+impl Drop for Shares {
+    fn drop(&mut self) {
+        give_back(&self.spare.shares, &mut self.values);
     }
 }
 
@@ -123,10 +146,23 @@ impl Field {
 
     /// An empty field that shares spare memory with another one.
     fn beside(spare: &Arc<Spare>, size: [usize; 3], pad: usize) -> Result<Self> {
-        let values = spare.zeros((size[0] + 2 * pad) * size[1] * size[2])?;
+        let count = (size[0] + 2 * pad) * size[1] * size[2];
+        let values = zeros(&spare.fields, count, || "the occluders of light".to_owned())?;
         let filled = vec![0..0; size[1] * size[2]];
         let blocks = vec![0; size[1] * size[2]];
         Ok(Self { size, pad, values, filled, blocks, spare: Arc::clone(spare) })
+    }
+
+    /// No light at any voxel.
+    pub(super) fn dark(&self) -> Result<Shares> {
+        let what = || "the light in the volume".to_owned();
+        let values = zeros(&self.spare.shares, self.size.iter().product(), what)?;
+        Ok(Shares { values, spare: Arc::clone(&self.spare) })
+    }
+
+    /// Bytes of memory.
+    pub(super) fn bytes(&self) -> usize {
+        size_of_val(self.values.as_slice())
     }
 
     fn pitch(&self) -> usize {

@@ -40,8 +40,9 @@ const MARGIN: f64 = 4.0;
 pub(super) struct Swept<'a> {
     pub(super) field: &'a Field,
     pub(super) planes: Planes,
-    filtered: Field,
-    response: &'a Response,
+    /// The field as [`filtered`] filters it.
+    pub(super) filtered: &'a Field,
+    pub(super) response: &'a Response,
 }
 
 /// The places of a plane's rows, or columns, in the buffer, and of the buffer's in the plane: factor and summand.
@@ -95,12 +96,10 @@ trait Light: Sync {
     );
 }
 
-impl<'a> Swept<'a> {
-    pub(super) fn new(field: &'a Field, planes: Planes, response: &'a Response) -> Result<Self> {
-        let weights = [&response.across, &response.within].map(|w| w.iter().map(|&w| w as f32).collect::<Vec<_>>());
-        let filtered = field.filtered(planes, [&weights[0], &weights[1]])?;
-        Ok(Self { field, planes, filtered, response })
-    }
+/// The field that sweeps add up.
+pub(super) fn filtered(field: &Field, planes: Planes, response: &Response) -> Result<Field> {
+    let weights = [&response.across, &response.within].map(|w| w.iter().map(|&w| w as f32).collect::<Vec<_>>());
+    field.filtered(planes, [&weights[0], &weights[1]])
 }
 
 impl<L: Light> Sweep<'_, L> {

@@ -1,5 +1,6 @@
 //! Pictures in bricks.
 
+use std::ops::RangeInclusive;
 use std::path::PathBuf;
 
 use voxsplat::image::Background;
@@ -12,7 +13,8 @@ All options of render that make a picture apply: see voxsplat render --help.
 
 Examples:
   voxsplat plan ct.nrrd --grid 2x2x2 -o plan.json --transfer ct-bone --azimuth 30
-  for n in 0 1 2 3 4 5 6 7; do voxsplat brick plan.json $n -o part-$n.exr; done
+  voxsplat brick plan.json 0-3 -o part-0.exr
+  voxsplat brick plan.json 4-7 -o part-1.exr
   voxsplat merge plan.json part-*.exr -o ct.png";
 
 /// Plan a picture in bricks, which many machines can draw.
@@ -28,17 +30,23 @@ pub(crate) struct PlanArgs {
     pub(crate) grid: [u32; 3],
 }
 
-/// Draw one brick of a plan: a partial picture.
+const BRICK_EXAMPLES: &str = "\
+Examples:
+  voxsplat brick plan.json 0 -o part-0.exr
+  voxsplat brick plan.json 8-15 -o part-1.exr   # one partial picture of eight bricks";
+
+/// Draw a brick of a plan, or bricks in a row: a partial picture.
 ///
-/// Reads only the samples that the brick needs from files of uncompressed samples in one piece, and otherwise the
-/// volume.
+/// Bricks in a row are drawn one after the other with one device, and composited. Reads only the samples of a brick at
+/// a time from files of uncompressed samples in one piece, and otherwise the volume.
 #[derive(Debug, clap::Args)]
+#[command(after_help = BRICK_EXAMPLES)]
 pub(crate) struct BrickArgs {
     /// A plan by voxsplat plan
     pub(crate) plan: PathBuf,
-    /// Number of the brick, from 0 on
-    #[arg(value_name = "N", value_parser = parse::whole::<usize, 0, { u64::MAX }>)]
-    pub(crate) brick: usize,
+    /// Number of the brick, from 0 on, or FIRST-LAST
+    #[arg(value_name = "N", value_parser = parse::bricks)]
+    pub(crate) bricks: RangeInclusive<usize>,
     /// Partial picture to write: an OpenEXR with four channels
     #[arg(short, long, value_name = "FILE")]
     pub(crate) output: PathBuf,

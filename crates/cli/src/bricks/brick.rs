@@ -1,6 +1,6 @@
 //! `voxsplat brick`.
 
-use voxsplat::bricks;
+use voxsplat::bricks::{self, Partial};
 use voxsplat::formats::load;
 use voxsplat::image::check_writable;
 use voxsplat::layers::Layers;
@@ -18,21 +18,27 @@ use crate::stderr::silenced;
 pub(crate) fn run(args: &BrickArgs) -> Result<(), Failure> {
     check_writable(&args.output).map_err(|e| Failure::usage(format!("--output: {e:#}")))?;
     let (plan, mut job) = document::load(&args.plan)?;
-    let held = plan.brick(args.brick)?.held.clone();
-    let slice = match plan.transfer() {
-        // Samples in one piece of a file stay there, and only the slice is read.
+    plan.brick(*args.bricks.end())?;
+    let layers = match plan.transfer() {
+        // Samples in one piece of a file stay there, and only slices are read.
         Some(transfer) => {
             job.load.stream_over = 0;
-            Layers::of_volume(&load(&job.source, &job.load)?.part(held)?, transfer)
+            Layers::of_volume(&load(&job.source, &job.load)?, transfer)
         }
         None => {
             job.engine = Engine::Reference;
             let (mut session, fitted) = Session::open(&job, &mut Stages::default())?;
-            session.layers(&job, &fitted, &mut Stages::default())?.part(&held)?
+            session.layers(&job, &fitted, &mut Stages::default())?
         }
     };
     let options = RendererOptions { adapter: args.adapter.clone(), progress: progress::reporter() };
     let renderer = silenced(|| Renderer::new(&options))?;
-    let (part, _) = bricks::brick(&renderer, &plan, args.brick, &slice)?;
+    let draw = |number: usize| -> Result<Partial, Failure> {
+        let slice = layers.part(&plan.brick(number)?.held)?;
+        Ok(bricks::brick(&renderer, &plan, number, &slice)?.0)
+    };
+    let first = draw(*args.bricks.start())?;
+    let mut others = args.bricks.clone().skip(1);
+    let part = others.try_fold(first, |front, number| Ok::<_, Failure>(front.over(&draw(number)?)?))?;
     Ok(part.save(&args.output)?)
 }

@@ -50,6 +50,15 @@ fn three_commands_make_the_picture_of_render() {
     assert!(apart.iter().all(|&channel| channel < 1e-5), "{apart:?}");
     assert_eq!(Image::load(dir.join("merged.png")).unwrap().pixels()[0], [1.0; 4]);
 
+    // Bricks in a row leave one partial picture.
+    run(dir, "brick plan.json 1-3 -o row.exr");
+    run(dir, "merge plan.json row.exr part-0.exr -o rows.exr");
+    let apart = compare(&Image::load(dir.join("rows.exr")).unwrap(), &whole, 0.0).unwrap().max_channel;
+    assert!(apart.iter().all(|&channel| channel < 1e-5), "{apart:?}");
+    refused(dir, "merge plan.json row.exr part-0.exr part-2.exr -o a.png", 2, "parts: brick 2 is there twice");
+    refused(dir, "brick plan.json 3-4 -o part-4.exr", 2, "N: 4, expected 0 to 3");
+    refused(dir, "brick plan.json 3-1 -o part-4.exr", 2, "N or FIRST-LAST, bricks counted from 0");
+
     refused(dir, "brick plan.json 4 -o part-4.exr", 2, "N: 4, expected 0 to 3");
     refused(dir, "merge plan.json part-0.exr part-1.exr part-3.exr -o a.png", 2, "parts: brick 2 is missing");
     refused(dir, "merge plan.json part-0.exr part-0.exr -o a.png", 2, "parts: brick 0 is there twice");

@@ -32,6 +32,8 @@ struct Run<'a> {
     each: usize,
     /// The words of the splats and of some that follow.
     words: &'a [u32],
+    /// The light that arrives at these splats; empty: all of it.
+    light: &'a [[u32; 2]],
 }
 
 impl Run<'_> {
@@ -42,6 +44,15 @@ impl Run<'_> {
             *place = words[index];
         }
         column
+    }
+
+    /// The words of the light that arrives at each splat.
+    fn kept(&self) -> [[u32; LANES]; 2] {
+        let mut kept = [[u32::MAX; LANES]; 2];
+        for (place, light) in self.light.iter().take(LANES).enumerate() {
+            (0..2).for_each(|word| kept[word][place] = light[word]);
+        }
+        kept
     }
 }
 
@@ -79,7 +90,7 @@ impl Packing {
             Voxel::Color { lights, shadows } => self.fill(recorder, volume, &bricks, |run| {
                 let (mut colors, densities) = splat::appearances(&run.column(0), &run.column(1));
                 if lights > 0 {
-                    let kept = shadows.then(|| splat::kept(&run.column(3), &run.column(4)));
+                    let kept = shadows.then(|| run.kept()).map(|[low, high]| splat::kept(&low, &high));
                     let to_eye = lit.to_eye.at(&run.xs, run.y, run.z);
                     let lighting = lit.lighting;
                     let places = lit.points.then(|| splat::places(lighting, &run.xs, run.y, run.z));
@@ -210,11 +221,14 @@ impl Packing {
                             continue;
                         }
                         let before = (bits & ((1 << wanted.trailing_zeros()) - 1)).count_ones();
-                        let words = &held.words[(first + before) as usize * held.each..];
+                        let number = (first + before) as usize;
+                        let words = &held.words[number * held.each..];
+                        let mut light = held.light.get(number..).unwrap_or_default();
                         let at = |axis: usize, place: u32| (place - low[axis] - corner[axis]) as usize * steps[axis];
                         let line = start + at(1, y) + at(2, z);
                         for words in words.chunks(held.each * LANES) {
-                            let mut run = Run { xs: [x0; LANES], y, z, each: held.each, words };
+                            let mut run = Run { xs: [x0; LANES], y, z, each: held.each, words, light };
+                            light = light.get(LANES..).unwrap_or_default();
                             let count = run.xs.iter_mut().zip(&mut rest).map(|(to, x)| *to = x).count();
                             if count == 0 {
                                 break;
