@@ -30,7 +30,8 @@ use crate::volume::Volume;
 /// Options of a renderer.
 #[derive(Debug, Clone, Default)]
 pub struct RendererOptions {
-    /// A part of the name of the adapter, letter case ignored; `None` uses the best adapter.
+    /// A part of the name of the adapter, letter case ignored, or `#` and its index in [`adapters`], from 0; `None` uses
+    /// the best adapter.
     pub adapter: Option<String>,
     /// Called with the progress of scene preparation and of the emission of scalars.
     pub progress: Progress,
@@ -73,7 +74,7 @@ const MAX_SHEET_BYTES: u64 = 256 << 20;
 impl Renderer {
     /// Opens a device.
     ///
-    /// # Errors [`Error::NoAdapter`] if there is no adapter, none of this name, or it cannot be opened.
+    /// # Errors [`Error::NoAdapter`] if there is no adapter, none of this name or index, or it cannot be opened.
     pub fn new(options: &RendererOptions) -> Result<Self> {
         Ok(Self {
             context: Context::new(options.adapter.as_deref())?,

@@ -9,15 +9,15 @@ use pyo3::types::PyBytes;
 use voxsplat::appearance::notes;
 use voxsplat::bricks::{self, Chunks};
 use voxsplat::camera::Camera;
-use voxsplat::glam::{DAffine3, DMat3, DVec3};
 use voxsplat::image::Background;
 use voxsplat::layers::Layers;
 use voxsplat::volume::Grid;
 
+use crate::counts::Counts;
 use crate::error::raised;
 use crate::image::Image;
-use crate::request::{SettingsFields, ViewFields};
-use crate::volume::Volume;
+use crate::request::{Beside, SettingsFields, ViewFields, Whole};
+use crate::volume::{self, Volume};
 use crate::worker::check_process;
 
 /// A plan of a picture in bricks.
@@ -52,7 +52,8 @@ fn voxels(ranges: &[Range<u32>; 3]) -> Voxels {
 impl Plan {
     /// Plans a picture of a volume of `dims` (x, y, z) voxels with chunks of these sizes along x, y and z. `overview`
     /// is the volume, or has fewer samples in the same place; `affine` has the world point of the first voxel and the
-    /// steps of the volume itself, as columns of 3 x 4 numbers, `None` for those of the overview.
+    /// steps of the volume itself, as columns of 3 x 4 numbers, `None` for those of the overview. `counts` are of all
+    /// samples, `None` for those of the overview.
     #[new]
     #[expect(clippy::too_many_arguments, reason = "keywords of Python")]
     fn new(
@@ -63,6 +64,7 @@ impl Plan {
         size: [u32; 2],
         dims: [u32; 3],
         affine: Option<[[f64; 4]; 3]>,
+        counts: Option<&Counts>,
         chunks: [Vec<u32>; 3],
     ) -> PyResult<Self> {
         check_process()?;
@@ -70,15 +72,12 @@ impl Plan {
         let request = settings.request(&view.view).map_err(|fault| raised(&fault))?;
         let has_open_light = request.has_open_light();
         let source = overview.source();
+        let counts = counts.map(|counts| counts.counts.clone());
         let planned = py.detach(move || {
-            let mut look = request.look(&source, view, size)?;
-            let grid = match affine {
-                Some(rows) => {
-                    let [x, y, z, origin] = [0, 1, 2, 3].map(|column| DVec3::from_array(rows.map(|row| row[column])));
-                    Grid::new(dims, DAffine3::from_mat3_translation(DMat3::from_cols(x, y, z), origin))?
-                }
-                None => *look.layers.grid(),
-            };
+            let grid = affine.map(|rows| Grid::new(dims, volume::affine(&rows))).transpose()?;
+            let beside = Beside { whole: grid.map(|grid| Whole { grid, counts }), ..Beside::default() };
+            let mut look = request.look(&source, &beside, view, size)?;
+            let grid = grid.unwrap_or(*look.layers.grid());
             if has_open_light {
                 let settings = bricks::Plan::settings_for(&look.settings);
                 if settings != look.settings {

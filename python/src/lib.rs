@@ -4,6 +4,7 @@
 //! values, calls the library without the interpreter's lock, and turns errors into Python's.
 
 mod bricks;
+mod counts;
 mod error;
 mod image;
 mod render;
@@ -46,11 +47,13 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<image::Image>()?;
     module.add_class::<bricks::Plan>()?;
     module.add_class::<bricks::Partial>()?;
+    module.add_class::<counts::Counts>()?;
     for function in [
         wrap_pyfunction!(presets, module)?,
         wrap_pyfunction!(colour_maps, module)?,
         wrap_pyfunction!(adapters, module)?,
         wrap_pyfunction!(request::check, module)?,
+        wrap_pyfunction!(counts::needs_counts, module)?,
         wrap_pyfunction!(bricks::even_chunks, module)?,
     ] {
         module.add_function(function)?;

@@ -11,7 +11,7 @@ use voxsplat::image::{Background, Region};
 use crate::bricks::{Partial, Plan};
 use crate::error::raised;
 use crate::image::Image;
-use crate::request::{Look, SettingsFields, ViewFields, ViewRequest};
+use crate::request::{Beside, Look, SettingsFields, ViewFields, ViewRequest};
 use crate::volume::Volume;
 use crate::worker::{Device, discard};
 
@@ -56,11 +56,15 @@ impl Renderer {
         Self { device: Device::new(adapter) }
     }
 
-    /// Prepares a volume. Lights stand around the view; its size chooses the level of a pyramid.
+    /// Prepares a volume, maybe with labels over it and a mask. Lights stand around the view; its size chooses the
+    /// level of a pyramid.
+    #[expect(clippy::too_many_arguments, reason = "keywords of Python")]
     fn prepare(
         &self,
         py: Python<'_>,
         volume: &Volume,
+        labels: Option<&Volume>,
+        mask: Option<&Volume>,
         settings: SettingsFields,
         view: ViewFields,
         size: [u32; 2],
@@ -69,8 +73,9 @@ impl Renderer {
         let view = view.request(size).map_err(|fault| raised(&fault))?;
         let request = settings.request(&view.view).map_err(|fault| raised(&fault))?;
         let source = volume.source();
+        let beside = Beside { labels: labels.map(Volume::source), mask: mask.map(Volume::source), whole: None };
         let mut prepared = self.device.run(py, progress, move |renderer| {
-            let mut look = request.look(&source, view, size)?;
+            let mut look = request.look(&source, &beside, view, size)?;
             let scene = renderer.prepare_layers(&look.layers, &look.settings)?;
             let choices = std::mem::take(&mut look.choices);
             Ok((Prepared { look, scene, hulls: Mutex::default() }, choices))

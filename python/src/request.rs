@@ -4,16 +4,16 @@ use std::path::{Path, PathBuf};
 
 use pyo3::prelude::*;
 use voxsplat::appearance::{
-    Choice, ChoiceContext, ClipSpec, Frame, LightRequest, Loaded, OpenChoices, TransferRequest, demos, place_studio,
-    pyramid_level,
+    Choice, ChoiceContext, ClipSpec, Frame, LabelLooks, LightRequest, Loaded, OpenChoices, TransferRequest, demos,
+    place_studio, pyramid_level,
 };
 use voxsplat::camera::{Camera, ProjectionKind, View};
 use voxsplat::error::{Error, Result};
 use voxsplat::glam::DVec3;
-use voxsplat::layers::{Labels, Layer, Layers};
+use voxsplat::layers::{LabelSelection, Layer, Layers};
 use voxsplat::settings::{Painter, QuadsSettings, Settings, TilesSettings};
 use voxsplat::transfer::Window;
-use voxsplat::volume::{Grid, Statistics};
+use voxsplat::volume::{Counts, Grid, Statistics};
 
 use crate::error::raised;
 use crate::volume::Source;
@@ -63,6 +63,8 @@ pub(crate) struct SettingsFields {
     sheet_thickness: Option<f64>,
     termination: f64,
     antialiasing: bool,
+    label: Vec<String>,
+    label_table: Option<PathBuf>,
 }
 
 /// A view, with the choices that it leaves open.
@@ -80,7 +82,26 @@ pub(crate) struct Request {
     settings: Settings,
     light: LightRequest,
     clip: Vec<ClipSpec>,
+    looks: LabelLooks,
     open: OpenChoices,
+}
+
+/// Volumes and facts beside the volume of a request.
+#[derive(Default)]
+pub(crate) struct Beside {
+    /// Labels over the volume.
+    pub(crate) labels: Option<Source>,
+    /// Labels other than 0 where the volume is shown.
+    pub(crate) mask: Option<Source>,
+    /// Facts about a volume of which only an overview is at hand.
+    pub(crate) whole: Option<Whole>,
+}
+
+/// Facts about all samples of a volume.
+pub(crate) struct Whole {
+    pub(crate) grid: Grid,
+    /// `None`: the values of the overview decide.
+    pub(crate) counts: Option<Counts>,
 }
 
 /// The look of a volume.
@@ -184,6 +205,10 @@ impl SettingsFields {
                 sharpness: kernel.is_none() && self.sharpness.is_none(),
             },
             clip: self.clip.iter().map(|text| text.parse()).collect::<Result<_>>()?,
+            looks: LabelLooks::new(
+                self.label_table.as_deref(),
+                &self.label.iter().map(|text| text.parse()).collect::<Result<Vec<_>>>()?,
+            )?,
             settings,
             light,
         })
@@ -217,40 +242,67 @@ impl Request {
         self.open.light
     }
 
+    /// Whether the values of all samples decide on the transfer function.
+    pub(crate) fn needs_statistics(&self) -> bool {
+        self.transfer.needs_statistics()
+    }
+
     /// Loads a volume and makes the choices that the request leaves open, as `voxsplat render` does.
-    pub(crate) fn look(mut self, source: &Source, mut view: ViewRequest, size: [u32; 2]) -> Result<Look> {
+    pub(crate) fn look(
+        mut self,
+        source: &Source,
+        beside: &Beside,
+        mut view: ViewRequest,
+        size: [u32; 2],
+    ) -> Result<Look> {
         let path = source.path();
+        let Beside { labels: over, mask, whole } = beside;
+        let plain = over.is_none() && mask.is_none();
+        if !plain {
+            Layers::check_settings(&self.settings)?;
+        }
         let Loaded { volume, layers: channels, labels, channels: looks } =
             source.load(self.transfer.values(), pyramid_level(&view.view, size))?;
         let mut choices: Vec<String> = looks.iter().map(|look| format!("channel {look}")).collect();
-        let (base, material, has_labels) = if channels.is_empty() {
-            let may_be_labels = self.transfer.may_be_labels(&self.settings);
-            let fitted =
-                self.transfer.fit(Path::new(&path), &volume, may_be_labels, || Ok(Statistics::of(&volume)?))?;
+        let (base, material, is_labels) = if channels.is_empty() {
+            let may_be_labels = over.is_none() && self.transfer.may_be_labels(&self.settings);
+            // The overview with the steps of the whole volume.
+            let stepped = |whole: &Whole| {
+                volume.clone().with_grid(Grid::new(volume.grid().dims(), whole.grid.to_world())?).map_err(Error::from)
+            };
+            let described = whole.as_ref().map_or_else(|| Ok(volume.clone()), stepped)?;
+            let statistics = || match whole.as_ref().and_then(|whole| whole.counts.as_ref()) {
+                Some(counts) => Ok(Statistics::of_counts(counts, volume.rescale())),
+                None => Ok(Statistics::of(&volume)?),
+            };
+            let fitted = self.transfer.fit(Path::new(&path), &described, may_be_labels, statistics)?;
             choices.extend(fitted.choice.iter().map(Choice::to_string));
-            let base = match fitted.labels {
-                true => std::iter::once(&volume)
-                    .chain(&labels)
-                    .map(|volume| Layer::labels(volume, &Labels::stated(volume)))
-                    .collect::<Result<_>>()?,
+            let layers = match fitted.labels {
+                true => {
+                    let all = std::iter::once(&volume).chain(&labels);
+                    all.map(|volume| self.looks.layer(volume, "transfer")).collect::<Result<_>>()?
+                }
                 false => vec![Layer::scalars(&volume, &fitted.transfer)],
             };
-            (base, fitted.material, fitted.labels)
+            (layers, fitted.material, fitted.labels)
         } else {
             (channels, None, false)
         };
         let channels = base.iter().any(|layer| layer.entry().is_some());
-        let mut base = base.into_iter();
-        let first = base.next().map(Layers::new).ok_or_else(|| Error::Image("nothing to draw".to_owned()))?;
-        let layers = base.try_fold(first, Layers::with)?;
+        let placed = |source: &Option<Source>, option| -> Result<Option<voxsplat::Volume>> {
+            source.as_ref().map(|source| source.on_lattice(&volume, option)).transpose()
+        };
+        let (mask, over) = (placed(mask, "mask")?, placed(over, "labels")?);
+        let mask = mask.as_ref().map(|mask| (mask, &LabelSelection::All));
+        let layers = self.looks.over(base, mask, over.as_slice())?;
         self.settings.clip = ClipSpec::intersection(&self.clip, &volume)?;
         let context = ChoiceContext {
             volume: &volume,
             view: demos::own_look(&path).map(|look| look.view),
             material,
             channels,
-            labels: has_labels,
-            plain: true,
+            labels: is_labels || over.is_some(),
+            plain,
         };
         let open = OpenChoices { side: view.is_open, ..self.open };
         let made = context.make_choices(open, &mut view.view, &mut self.settings)?;

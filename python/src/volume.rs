@@ -11,6 +11,7 @@ use voxsplat::appearance::{ChannelChoice, Loaded, Values, load_channels, suggest
 use voxsplat::error::{Error, Result};
 use voxsplat::formats::{self, LoadOptions, MissingSlices, PyramidLevel};
 use voxsplat::glam::{DAffine3, DMat3, DVec3};
+use voxsplat::layers::{Fit, on_lattice};
 use voxsplat::volume::{Contents, Grid, Origin, Sample, Statistics, Units};
 use voxsplat_volume::memory::zeroed;
 
@@ -138,19 +139,34 @@ impl Source {
 
     /// The finite samples of an array, or of a file.
     pub(crate) fn samples(&self) -> Result<voxsplat::Volume> {
-        let volume = match self {
-            Self::Memory(volume) => volume.clone(),
-            Self::File { path, options, .. } => formats::load(path, options)?,
-        };
+        let volume = self.read()?;
         volume.check_finite()?;
         Ok(volume)
     }
 
+    /// The samples of an array, or of a file.
+    pub(crate) fn read(&self) -> Result<voxsplat::Volume> {
+        match self {
+            Self::Memory(volume) => Ok(volume.clone()),
+            Self::File { path, options, .. } => Ok(formats::load(path, options)?),
+        }
+    }
+
+    /// The labels of an array or a file on the lattice of a volume, for a setting `option`.
+    pub(crate) fn on_lattice(&self, volume: &voxsplat::Volume, option: &'static str) -> Result<voxsplat::Volume> {
+        let placed = on_lattice(&self.samples()?, volume).map_err(|error| match error {
+            Error::Setting { reason, .. } => Error::Setting { name: option, reason },
+            other => other,
+        });
+        match placed? {
+            // Framing takes the place of the labels from their lattice.
+            (labels, Fit::Unplaced) => Ok(labels.with_grid(*volume.grid())?),
+            (labels, _) => Ok(labels),
+        }
+    }
+
     fn describe(&self) -> Result<serde_json::Value> {
-        let volume = match self {
-            Self::Memory(volume) => volume.clone(),
-            Self::File { path, options, .. } => formats::load(path, options)?,
-        };
+        let volume = self.read()?;
         let statistics = Statistics::of(&volume)?;
         let suggestion = suggest(&volume, &statistics);
         let grid = volume.grid();
@@ -183,10 +199,15 @@ impl Source {
     }
 }
 
+/// The map of three rows of four numbers.
+pub(crate) fn affine(rows: &[[f64; 4]; 3]) -> DAffine3 {
+    let [x, y, z, origin] = [0, 1, 2, 3].map(|column| DVec3::from_array(rows.map(|row| row[column])));
+    DAffine3::from_mat3_translation(DMat3::from_cols(x, y, z), origin)
+}
+
 /// The volume with the facts that its array does not state.
 fn with_facts(volume: voxsplat::Volume, facts: &Facts) -> Result<voxsplat::Volume> {
-    let [x, y, z, origin] = [0, 1, 2, 3].map(|column| DVec3::from_array(facts.affine.map(|row| row[column])));
-    let to_world = DAffine3::from_mat3_translation(DMat3::from_cols(x, y, z), origin);
+    let to_world = affine(&facts.affine);
     let units = Units { length: facts.length_unit.clone(), value: facts.value_unit.clone() };
     let origin = Origin { modality: facts.modality.clone(), description: facts.description.clone() };
     let grid = Grid::new(volume.grid().dims(), to_world)?;

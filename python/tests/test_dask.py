@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import concurrent.futures
 import contextlib
+import json
 import multiprocessing
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -22,6 +25,7 @@ import xarray
 import zarr
 from conftest import samples
 from test_bricks import difference
+from voxsplat.large import Large
 
 OPTIONS = {"size": (100, 80), "light": "headlight", "azimuth": 35, "termination": 0.0}
 # Seconds after which a test has failed: nothing may hang.
@@ -110,6 +114,68 @@ def test_other_executors_draw(whole: vs.Image, tmp_path: Path) -> None:
     assert difference(image, whole) < 1e-5
     with pytest.raises(ValueError, match="submit"):
         vd.render(stored, executor=object())
+
+
+def test_the_executor_of_dask_draws(client: distributed.Client, whole: vs.Image) -> None:
+    image = limited(lambda: vs.render(samples(np.uint8), spacing=(2, 1, 1), executor=client.get_executor(), **OPTIONS))
+    assert difference(image, whole) < 1e-5
+
+
+def test_executors_need_no_dask(tmp_path: Path) -> None:
+    (tmp_path / "dask.py").write_text("raise ImportError('there is no Dask')")
+    code = """
+import concurrent.futures, numpy, sys, voxsplat
+array = numpy.random.default_rng(1).integers(0, 99, (40, 40, 40)).astype(numpy.uint8)
+with concurrent.futures.ThreadPoolExecutor(1) as pool:
+    image = voxsplat.render(array, executor=pool, bricks=2, memory="1 GB", size=40, light=False)
+assert numpy.asarray(image)[..., 3].max() > 0 and "distributed" not in sys.modules
+"""
+    package = Path(vs.__file__).parents[1]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(map(str, (tmp_path, package)))}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=LIMIT)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("kind", ["u1", "f4"])
+def test_presets_are_those_of_the_whole_volume(
+    client: distributed.Client, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    # Every third sample is planned by; the brightest and the darkest samples lie between them.
+    monkeypatch.setattr("voxsplat.large._OVERVIEW", 1500)
+    monkeypatch.setattr("voxsplat.sources._BLOCK", 4000)
+    array = samples(np.float64) * 1.5
+    array[0, 0, 0], array[9, 12, 15:18] = -80, 250
+    array = (array + 80 if kind == "u1" else array + 0.25).astype(kind)
+    for transfer, facts in [("ct-bone", {}), ("angiography", {}), (None, {"modality": "CT"}), ("map:viridis", {})]:
+        options = {"size": (60, 50), "light": False, "frame": "volume", "spacing": (2, 1, 1)} | facts
+        made = {}
+        for name, volume in [("memory", array), ("dask", da.from_array(array, chunks=(7, 16, 11)))]:
+            large = Large(vd._Cluster(client, None), volume, transfer, None, bricks=2, azimuth=20, **options)
+            assert large.step == 3
+            made[name] = json.loads(large._plan(large.options).to_json())["transfer"]
+        whole = vs.plan(array, (1, 1, 2), transfer=transfer, azimuth=20, **options)
+        assert made["dask"] == made["memory"] == json.loads(whole.to_json())["transfer"]
+
+
+def test_bricks_take_resources_of_workers(whole: vs.Image) -> None:
+    with (
+        distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=":0", resources={"GPU": 1}) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        cluster.new_spec["options"]["resources"] = {}
+        cluster.scale(2)
+        client.wait_for_workers(2)
+        named = lambda: [os.environ.setdefault("DRAWS", "1"), "#0"][1]  # noqa: E731
+        image = limited(
+            lambda: vd.render(
+                samples(np.uint8), spacing=(2, 1, 1), bricks=6, resources={"GPU": 1}, adapter=named, **OPTIONS
+            )
+        )
+        assert difference(image, whole) < 1e-5
+        drew = client.run(lambda dask_worker: (dict(dask_worker.state.total_resources), "DRAWS" in os.environ))
+        assert sorted(drew.values(), key=lambda pair: pair[1]) == [({}, False), ({"GPU": 1}, True)]
+        with pytest.raises(ValueError, match="takes 2 of 'GPU', and workers have 1"):
+            vd.render(samples(np.uint8), resources={"GPU": 2}, **OPTIONS)
 
 
 def test_bricks_fit_into_memory(client: distributed.Client) -> None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
+import nibabel
 import numpy as np
 import pytest
 import voxsplat as vs
@@ -216,3 +218,39 @@ def test_what_there_is_is_listed() -> None:
     assert facts["transfer"] == "ct-bone"
     assert not facts["is_guess"]
     assert facts["max"] == samples().max()
+
+
+def test_labels_and_masks_are_those_of_the_command(scan: Path, tmp_path: Path) -> None:
+    volume = nibabel.load(scan)
+    # A label over the right half, another in a corner.
+    labels = np.zeros((40, 30, 20), np.uint8)
+    labels[20:, 10:20, 5:15], labels[:10, :10, :10] = 3, 7
+    path = tmp_path / "labels.nii"
+    nibabel.save(nibabel.Nifti1Image(labels, volume.affine), path)
+    options = ["--label", "3:red", "--label", "7:0.25", "--size", "80"]
+    command("render", scan, "-o", tmp_path / "labels.png", "--labels", path, *options)
+    looks = {"label": {3: "red", 7: 0.25}, "size": 80}
+
+    def pixels(png: bytes) -> bytes:
+        # After the notes, which name files.
+        return png[png.index(b"IDAT") :]
+
+    # A bare array has the axes of the volume.
+    for given in (nibabel.load(path), str(path), labels):
+        assert pixels(vs.render(volume, labels=given, **looks).to_png()) == pixels((tmp_path / "labels.png").read_bytes())
+    command("render", scan, "-o", tmp_path / "mask.png", "--mask", path, "--size", "80")
+    image = vs.render(volume, mask=labels > 0, size=80)
+    assert pixels(image.to_png()) == pixels((tmp_path / "mask.png").read_bytes())
+    for faults in ({"labels": labels[1:]}, {"mask": labels[1:]}, {"labels": labels, "label": "3"}):
+        with pytest.raises(ValueError, match=list(faults)[-1]):
+            vs.render(volume, **faults)
+    with pytest.raises(ValueError, match="in bricks"):
+        vs.render(volume, labels=labels, executor=object())
+
+
+def test_adapters_are_chosen_by_index() -> None:
+    array = samples(np.uint8)
+    name = vs.adapters()[0]["name"]
+    assert vs.render(array, size=8, adapter="#0").stats["adapter"]["name"] == name
+    with pytest.raises(vs.DeviceError, match=f'none is "#9"; there are: #0 {re.escape(name)}'):
+        vs.render(array, size=8, adapter="#9")

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 __version__: str
 __all__ = [
+    "Counts",
     "DeviceError",
     "Image",
     "Partial",
@@ -21,6 +22,7 @@ __all__ = [
     "check",
     "colour_maps",
     "even_chunks",
+    "needs_counts",
     "presets",
 ]
 
@@ -40,6 +42,8 @@ class Renderer:
     def prepare(
         self,
         volume: Volume,
+        labels: Volume | None,
+        mask: Volume | None,
         settings: Any,
         view: Any,
         size: tuple[int, int],
@@ -73,6 +77,7 @@ class Plan:
         size: tuple[int, int],
         dims: tuple[int, ...],
         affine: Any,
+        counts: Counts | None,
         chunks: tuple[list[int], list[int], list[int]],
     ) -> Plan: ...
     @staticmethod
@@ -96,6 +101,18 @@ class Partial:
     def over(self, back: Partial) -> Partial: ...
 
 @final
+class Counts:
+    def __new__(cls, json: str) -> Counts: ...
+    @staticmethod
+    def of(part: Volume) -> Counts: ...
+    def refined(self, part: Volume) -> Counts: ...
+    def plus(self, other: Counts) -> Counts: ...
+    @property
+    def is_complete(self) -> bool: ...
+    def to_json(self) -> str: ...
+    def __reduce__(self) -> tuple[type[Counts], tuple[str]]: ...
+
+@final
 class Scene:
     @property
     def choices(self) -> list[str]: ...
@@ -117,5 +134,6 @@ class Image:
 def presets() -> list[tuple[str, str]]: ...
 def colour_maps() -> list[str]: ...
 def adapters() -> str: ...
+def needs_counts(settings: Any) -> bool: ...
 def even_chunks(dims: tuple[int, ...], counts: tuple[int, ...]) -> list[list[int]]: ...
 def check(view: Any, settings: Any, size: tuple[int, int]) -> None: ...

@@ -17,6 +17,10 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from . import _native
+from .convert import native_slice
+from .image import Image
+from .progress import Reported
+from .renderer import kept_renderer
 
 __all__ = ["Brick", "Partial", "Plan", "brick", "merge"]
 
@@ -126,22 +130,17 @@ def brick(
 
     `replace_nan`, `slope` and `intercept` are those of the volume. Raises ValueError if the slice has another shape.
     """
-    from . import _renderer, _Reported
-    from .convert import native_slice
-
     number = which.number if isinstance(which, Brick) else int(which)
     volume = native_slice(samples, slope=slope, intercept=intercept, replace_nan=replace_nan)
-    with _Reported(progress) as report:
-        return Partial(_renderer(adapter)._native.brick(plan._native, number, volume, report))
+    with Reported(progress) as report:
+        return Partial(kept_renderer(adapter)._native.brick(plan._native, number, volume, report))
 
 
-def merge(plan: Plan, parts: Iterable[Partial], background: str = "black") -> Any:
+def merge(plan: Plan, parts: Iterable[Partial], background: str = "black") -> Image:
     """Merge the partial pictures of all bricks, in any order, into the picture of the plan: a `voxsplat.Image`.
 
     Raises ValueError if a brick is missing or there twice, or a part belongs to another plan.
     """
-    from . import Image
-
     return Image(plan._native.merge([part._native for part in parts], background))
 
 

@@ -170,6 +170,16 @@ impl TransferRequest {
         self.gradient.is_none() && Layers::check_settings(settings).is_ok()
     }
 
+    /// Whether [`Self::fit`] may need statistics: of presets, and of files that are stretched over the values.
+    #[must_use]
+    pub fn needs_statistics(&self) -> bool {
+        match &self.choice {
+            TransferChoice::Suggested | TransferChoice::Preset(_) => true,
+            TransferChoice::Given(imported) => imported.fits && self.window.is_none(),
+            TransferChoice::Labels => false,
+        }
+    }
+
     /// Fits the transfer function to a volume from `source`: a file, or `demo:NAME`. Finds that values are labels only
     /// if they may be. Calls `statistics` only if it needs them.
     ///

@@ -46,6 +46,28 @@ pub(crate) fn adapters() -> Vec<AdapterInfo> {
     pollster::block_on(enumerate()).into_iter().map(|(info, _)| info).collect()
 }
 
+/// The index of the adapter that `wanted` names among names, best first: a part of its name, letter case ignored, or
+/// its index behind `#`. `None` is the best.
+fn chosen(wanted: Option<&str>, names: &[&str]) -> Result<usize> {
+    if names.is_empty() {
+        return Err(Error::NoAdapter(
+            "no Vulkan, Metal or DX12 driver found; on Debian and Ubuntu `apt-get install mesa-vulkan-drivers \
+             libvulkan1` gives a software one"
+                .to_owned(),
+        ));
+    }
+    let Some(wanted) = wanted else { return Ok(0) };
+    let part = wanted.to_lowercase();
+    let found = match wanted.strip_prefix('#') {
+        Some(index) => index.parse().ok().filter(|index| *index < names.len()),
+        None => names.iter().position(|name| name.to_lowercase().contains(&part)),
+    };
+    found.ok_or_else(|| {
+        let known: Vec<String> = names.iter().enumerate().map(|(index, name)| format!("#{index} {name}")).collect();
+        Error::NoAdapter(format!("none is {wanted:?}; there are: {}", known.join(", ")))
+    })
+}
+
 /// Devices opened so far.
 static OPENED: AtomicU64 = AtomicU64::new(0);
 
@@ -102,24 +124,11 @@ impl Context {
         }
     }
 
-    /// Opens the best adapter, or the first whose name contains `name` (letter case ignored).
-    pub(crate) fn new(name: Option<&str>) -> Result<Self> {
-        let found = pollster::block_on(enumerate());
-        if found.is_empty() {
-            return Err(Error::NoAdapter(
-                "no Vulkan, Metal or DX12 driver found; on Debian and Ubuntu `apt-get install mesa-vulkan-drivers \
-                 libvulkan1` gives a software one"
-                    .to_owned(),
-            ));
-        }
-        let wanted = name.map(str::to_lowercase);
-        let names: Vec<String> = found.iter().map(|(info, _)| info.name.clone()).collect();
-        let (info, adapter) = found
-            .into_iter()
-            .find(|(info, _)| wanted.as_ref().is_none_or(|w| info.name.to_lowercase().contains(w)))
-            .ok_or_else(|| {
-                Error::NoAdapter(format!("none is named {:?}; there are: {}", name.unwrap_or(""), names.join(", ")))
-            })?;
+    /// Opens the adapter that `wanted` names.
+    pub(crate) fn new(wanted: Option<&str>) -> Result<Self> {
+        let mut found = pollster::block_on(enumerate());
+        let names: Vec<&str> = found.iter().map(|(info, _)| info.name.as_str()).collect();
+        let (info, adapter) = found.swap_remove(chosen(wanted, &names)?);
         let features = adapter.features() & Self::FEATURES;
         let limits = adapter.limits();
         let request = adapter.request_device(&wgpu::DeviceDescriptor {
@@ -337,4 +346,23 @@ impl Context {
 /// Driver messages run over many lines; an error of this library is one.
 fn one_line(message: &str) -> String {
     message.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn adapters_are_chosen_by_a_part_of_their_name_or_by_index() {
+        let names = ["Card A", "Card B", "llvmpipe"];
+        let index = |wanted: &str| chosen(Some(wanted), &names);
+        assert_eq!(chosen(None, &names).unwrap(), 0);
+        assert_eq!(["b", "LLVM", "card", "#0", "#2"].map(|wanted| index(wanted).unwrap()), [1, 2, 0, 0, 2]);
+        for wanted in ["#3", "#-1", "#", "#b", "nvidia"] {
+            let error = index(wanted).unwrap_err().to_string();
+            let expected = format!("none is {wanted:?}; there are: #0 Card A, #1 Card B, #2 llvmpipe");
+            assert!(error.contains(&expected), "{error}");
+        }
+        assert!(chosen(None, &[]).unwrap_err().to_string().contains("mesa-vulkan-drivers"));
+    }
 }

@@ -1,5 +1,6 @@
 //! `voxsplat devices`.
 
+use voxsplat::adapter::AdapterInfo;
 use voxsplat::renderer::adapters;
 
 use super::failure::{Failure, fail};
@@ -15,7 +16,8 @@ pub(crate) fn run() -> Result<(), Failure> {
         );
     }
     let width = adapters.iter().map(|a| a.name.chars().count()).max().unwrap_or(0);
-    let lines: String =
-        adapters.iter().map(|a| format!("{:width$}  {:10}  {:7}  {}\n", a.name, a.kind, a.backend, a.driver)).collect();
-    output::print(&lines)
+    let line = |(index, a): (usize, &AdapterInfo)| {
+        format!("#{index}  {:width$}  {:10}  {:7}  {}\n", a.name, a.kind, a.backend, a.driver)
+    };
+    output::print(&adapters.iter().enumerate().map(line).collect::<String>())
 }

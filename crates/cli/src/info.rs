@@ -4,7 +4,7 @@ use std::path::Path;
 
 use glam::DVec3;
 use serde::Serialize;
-use voxsplat::appearance::{GUESS, LABELS, ValueMeaning, suggest};
+use voxsplat::appearance::{GUESS, LABELS, LabelLooks, ValueMeaning, suggest};
 use voxsplat::error::Error;
 use voxsplat::formats::{self, LoadOptions, PyramidLevel};
 use voxsplat::transfer::presets::PresetValues;
@@ -131,7 +131,7 @@ pub(crate) fn run(args: &InfoArgs, options: &[OptionValues]) -> Result<(), Failu
         let mut load = args.input.options();
         load.replace_nan = load.replace_nan.or(Some(0.0));
         let volume = formats::load(&args.input.source, &load)?;
-        let listed = layers::list(&volume, &layers::Looks::new(args.label_table.as_deref(), &[])?)?;
+        let listed = layers::list(&volume, &LabelLooks::new(args.label_table.as_deref(), &[])?)?;
         return if args.json { output::print_json(&listed) } else { layers::print(&listed, volume.length_unit()) };
     }
     let (volume, statistics) = {

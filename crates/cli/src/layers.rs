@@ -2,12 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-use voxsplat::Background;
+use voxsplat::appearance::LabelLooks;
 use voxsplat::error::{Error, Hint};
 use voxsplat::formats::{self, LoadOptions};
-use voxsplat::layers::{
-    Fit, Label, LabelChange, LabelCount, LabelSelection, Labels, Layer, Layers, count_labels, on_lattice,
-};
+use voxsplat::layers::{Fit, Label, LabelCount, LabelSelection, Layer, Layers, count_labels, on_lattice};
 use voxsplat::volume::Volume;
 use voxsplat_volume::names::readable;
 
@@ -15,68 +13,14 @@ use super::args::LayerArgs;
 use super::failure::{Failure, refuse};
 use super::output;
 
-/// A change of the looks of labels.
-#[derive(Debug, Clone, PartialEq)]
-pub(crate) struct LabelArg {
-    which: LabelSelection,
-    look: LabelChange,
-}
-
-/// Parses `WHICH:OPACITY`, `WHICH:xFACTOR`, `WHICH:on`, `WHICH:off` or `WHICH:COLOUR`.
-pub(crate) fn label(text: &str) -> Result<LabelArg, String> {
-    let expected = "expected WHICH:LOOK; WHICH is all, numbers such as 1,4,7-9, or a name, and LOOK an opacity from 0 \
-                    to 1, xF (a factor of the opacity from 0 to 1), on, off or a colour";
-    let (which, look) = text.rsplit_once(':').ok_or(expected)?;
-    let factor = look.strip_prefix('x').and_then(|factor| factor.parse().ok());
-    if let Some(factor) = factor.filter(|factor| (0.0..=1.0).contains(factor)) {
-        return Ok(LabelArg { which: which.parse().map_err(|_| expected)?, look: LabelChange::Factor(factor) });
-    }
-    let look = match (look, look.parse::<f64>(), look.parse()) {
-        ("on", ..) => LabelChange::Opacity(1.0),
-        ("off", ..) => LabelChange::Opacity(0.0),
-        (_, Ok(opacity), _) if (0.0..=1.0).contains(&opacity) => LabelChange::Opacity(opacity),
-        (_, Err(_), Ok(Background::Color(color))) => LabelChange::Color(color),
-        _ => return Err(expected.to_owned()),
-    };
-    Ok(LabelArg { which: which.parse().map_err(|_| expected)?, look })
-}
-
 /// The layers of a job beside its volume, or in place of its values.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct LayersJob {
     /// Whether the volume is one of labels.
     pub(crate) alone: bool,
     labels: Option<PathBuf>,
-    looks: Looks,
+    looks: LabelLooks,
     mask: Option<(PathBuf, LabelSelection)>,
-}
-
-/// The looks of labels.
-#[derive(Debug, Clone, Default)]
-pub(crate) struct Looks {
-    table: Option<Labels>,
-    changes: Vec<LabelArg>,
-}
-
-impl Looks {
-    pub(crate) fn new(table: Option<&Path>, changes: &[LabelArg]) -> Result<Self, Failure> {
-        let looks = Self { table: table.map(Labels::load).transpose()?, changes: changes.to_vec() };
-        // Whether changes are valid does not depend on the labels.
-        looks.changed(Labels::default())?;
-        Ok(looks)
-    }
-
-    fn changed(&self, mut labels: Labels) -> Result<Labels, Failure> {
-        for LabelArg { which, look } in &self.changes {
-            labels = labels.changed(which.clone(), *look)?;
-        }
-        Ok(labels)
-    }
-
-    /// Returns the labels of a volume: of the table or else of the volume's file, changed by options.
-    pub(crate) fn of(&self, volume: &Volume) -> Result<Labels, Failure> {
-        self.changed(self.table.clone().unwrap_or_else(|| Labels::stated(volume)))
-    }
 }
 
 impl LayersJob {
@@ -86,7 +30,7 @@ impl LayersJob {
             let message = "--labels: the volume is one of labels itself, by --transfer labels; leave out either";
             return refuse(message);
         }
-        let looks = Looks::new(label_table.as_deref(), label)?;
+        let looks = LabelLooks::new(label_table.as_deref(), label)?;
         Ok(Self { alone, labels: labels.clone(), looks, mask: mask.as_deref().map(masked).transpose()? })
     }
 
@@ -102,35 +46,28 @@ impl LayersJob {
 
     /// Returns the layer of a volume of labels.
     pub(crate) fn of_labels(&self, volume: &Volume) -> Result<Layer, Failure> {
-        let option = if self.alone { "transfer" } else { "labels" };
-        Layer::labels(volume, &self.looks.of(volume)?).map_err(|error| named(error, option).into())
+        Ok(self.looks.layer(volume, if self.alone { "transfer" } else { "labels" })?)
     }
 
     /// Returns layers with the mask and the labels of the job. `read` reads volumes of labels onto the lattice of the
     /// layers.
     pub(crate) fn over(
         &self,
-        mut base: Vec<Layer>,
+        base: Vec<Layer>,
         mut read: impl FnMut(&'static str, &Path) -> Result<Vec<Volume>, Failure>,
     ) -> Result<Layers, Failure> {
-        if let Some((path, which)) = &self.mask {
-            let masks = read("mask", path)?;
-            let [mask] = masks.as_slice() else {
+        let masks = self.mask.as_ref().map(|(path, _)| read("mask", path)).transpose()?;
+        let mask = match (&self.mask, masks.as_deref()) {
+            (Some((_, which)), Some([mask])) => Some((mask, which)),
+            (Some((path, _)), Some(masks)) => {
                 let (path, count) = (path.display(), masks.len());
                 let message = format!("--mask: {path} has {count} layers of labels, expected one");
                 return refuse(message);
-            };
-            let masked = |layer: Layer| layer.masked(mask, which).map_err(|error| named(error, "mask"));
-            base = base.into_iter().map(masked).collect::<Result<_, _>>()?;
-        }
-        if let Some(path) = &self.labels {
-            for volume in read("labels", path)? {
-                base.push(self.of_labels(&volume)?);
             }
-        }
-        let mut layers = base.into_iter();
-        let first = layers.next().map(Layers::new).ok_or_else(|| Failure::failed("nothing to draw".to_owned()))?;
-        Ok(layers.try_fold(first, Layers::with)?)
+            _ => None,
+        };
+        let labels = self.labels.as_ref().map(|path| read("labels", path)).transpose()?;
+        Ok(self.looks.over(base, mask, &labels.unwrap_or_default())?)
     }
 }
 
@@ -148,14 +85,6 @@ pub(crate) fn parted(text: &Path) -> (PathBuf, &str) {
 fn masked(text: &Path) -> Result<(PathBuf, LabelSelection), Failure> {
     let (file, labels) = parted(text);
     Ok((file, labels.strip_prefix(':').map_or(Ok(LabelSelection::All), str::parse)?))
-}
-
-/// Returns an error of a setting with the name of the option that was typed.
-pub(crate) fn named(error: Error, option: &'static str) -> Error {
-    match error {
-        Error::Setting { reason, .. } => Error::Setting { name: option, reason },
-        other => other,
-    }
 }
 
 /// Reads the volumes of labels of a file, mostly one. NaN is label 0.
@@ -187,8 +116,10 @@ pub(crate) fn placed(
 ) -> Result<(Vec<Volume>, Option<String>), Failure> {
     let mut note = None;
     let mut on = |volume: Volume| {
-        let (placed, fit) = on_lattice(&volume, of).map_err(|error| match named(error, option) {
-            Error::Setting { name, reason } => Error::Setting { name, reason: format!("{}: {reason}", path.display()) },
+        let (placed, fit) = on_lattice(&volume, of).map_err(|error| match error {
+            Error::Setting { reason, .. } => {
+                Error::Setting { name: option, reason: format!("{}: {reason}", path.display()) }
+            }
             other => other,
         })?;
         let said = |text: String| Some(format!("note: --{option} {}: {text}", path.display()));
@@ -229,7 +160,7 @@ pub(crate) struct Listed {
     volume: f64,
 }
 
-pub(crate) fn list(volume: &Volume, looks: &Looks) -> Result<Vec<Listed>, Failure> {
+pub(crate) fn list(volume: &Volume, looks: &LabelLooks) -> Result<Vec<Listed>, Failure> {
     let cell = volume.grid().to_world().matrix3.determinant().abs();
     let looks = looks.of(volume)?;
     let listed = |count: LabelCount| {
@@ -283,29 +214,6 @@ pub(crate) fn print(listed: &[Listed], unit: Option<&str>) -> Result<(), Failure
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn labels_are_told_by_number_range_and_name() {
-        let numbers = |ranges: &[[i64; 2]]| LabelSelection::Numbers(ranges.to_vec());
-        for (text, which, look) in [
-            ("3:0.5", numbers(&[[3, 3]]), LabelChange::Opacity(0.5)),
-            ("-4--2,7:off", numbers(&[[-4, -2], [7, 7]]), LabelChange::Opacity(0.0)),
-            ("all:on", LabelSelection::All, LabelChange::Opacity(1.0)),
-            (
-                "Left kidney:#ff0000",
-                LabelSelection::Name("Left kidney".to_owned()),
-                LabelChange::Color([1.0, 0.0, 0.0]),
-            ),
-            ("2-3:x0.25", numbers(&[[2, 3]]), LabelChange::Factor(0.25)),
-            ("a:b:red", LabelSelection::Name("a:b".to_owned()), LabelChange::Color([1.0, 0.0, 0.0])),
-        ] {
-            assert_eq!(label(text), Ok(LabelArg { which, look }), "{text}");
-        }
-        for bad in ["3", "3:2", ":0.5", "3:-1", "3:transparent", "3:x2", "all:x", "all:xred"] {
-            let error = label(bad).unwrap_err();
-            assert!(error.starts_with("expected WHICH:LOOK"), "{bad}: {error}");
-        }
-    }
 
     #[test]
     fn volumes_have_units_that_fit() {

@@ -50,7 +50,7 @@ pub(crate) struct BrickArgs {
     /// Partial picture to write: an OpenEXR with four channels
     #[arg(short, long, value_name = "FILE")]
     pub(crate) output: PathBuf,
-    /// Use the adapter whose name contains NAME; see `voxsplat devices` [default: the best adapter]
+    /// Use the adapter whose name contains NAME, or #N of `voxsplat devices` [default: the best adapter]
     #[arg(long, value_name = "NAME")]
     pub(crate) adapter: Option<String>,
 }

@@ -2,14 +2,13 @@
 
 use std::path::PathBuf;
 
-use voxsplat::appearance::{ClipSpec, GradientSpec, LightSpec, OcclusionSpec, ShadowSpec};
+use voxsplat::appearance::{ClipSpec, GradientSpec, LabelSpec, LightSpec, OcclusionSpec, ShadowSpec};
 use voxsplat::kernel::Kernel;
 use voxsplat::settings::{Level, Model, Response, Shading};
 use voxsplat::transfer::Window;
 use voxsplat::transfer::maps;
 use voxsplat::transfer::presets::{PRESETS, PresetValues};
 
-use crate::layers::{LabelArg, label};
 use crate::parse::{self, one_of};
 use crate::tune::{TuneArg, tune};
 
@@ -151,8 +150,8 @@ pub(crate) struct LayerArgs {
     /// WHICH is all, numbers (1,4,7-9) or a name of the table. LOOK is an opacity from 0 to 1, xF (multiply the opacity
     /// by F, 0 to 1), on, off or a colour. Repeat the option; later changes apply to the result of earlier ones:
     /// --label all:0.2 --label 3:on.
-    #[arg(long, value_name = "WHICH:LOOK", value_parser = label)]
-    pub(crate) label: Vec<LabelArg>,
+    #[arg(long, value_name = "WHICH:LOOK", value_parser = parse::library::<LabelSpec>)]
+    pub(crate) label: Vec<LabelSpec>,
     /// Show the volume only inside another volume's labels other than 0, or inside LABELS (1,4,7-9); on another lattice
     /// the nearest voxel counts
     #[arg(long, value_name = "FILE[:LABELS]")]

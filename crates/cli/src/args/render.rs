@@ -85,7 +85,7 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "PAINTER", default_value = "auto", help_heading = "Device")]
     pub(crate) painter: PainterArg,
 
-    /// Use the adapter whose name contains NAME; see `voxsplat devices` [default: the best adapter]
+    /// Use the adapter whose name contains NAME, or #N of `voxsplat devices` [default: the best adapter]
     #[arg(long, value_name = "NAME", value_parser = NonEmptyStringValueParser::new(), help_heading = "Device")]
     pub(crate) adapter: Option<String>,
     /// Use the cheapest settings whose error is at most E, 0 to 1

@@ -788,6 +788,17 @@ fn devices_names_the_adapter_that_tests_run_on() {
     let own = table.lines().find(|line| line.to_lowercase().contains(&adapter().to_lowercase()));
     let columns = ["discrete", "integrated", "virtual", "other", "cpu"];
     assert!(own.is_some_and(|line| columns.iter().any(|kind| line.contains(kind))), "{table}");
+    // Its index names it too.
+    let index = own.and_then(|line| line.split_whitespace().next()).unwrap();
+    let rendered = |adapter: &str| {
+        let input = ramp(dir.path());
+        voxsplat(dir.path(), &format!("render {input} -o {}.png --size 8 --stats --adapter {adapter}", &adapter[1..]))
+    };
+    let output = rendered(index);
+    assert!(output.status.success(), "{output:?}");
+    assert!(stdout(&output).to_lowercase().contains(&adapter().to_lowercase()), "{output:?}");
+    let error = complaint(&rendered("#99"));
+    assert!(error.contains("none is \"#99\"; there are: #0 "), "{error}");
 }
 
 #[test]

@@ -1,12 +1,14 @@
 //! Volumes: scalar samples on a lattice, its position in the world, and the map from samples to values.
 
 mod bricks;
+mod counts;
 mod grid;
 mod sample_type;
 mod statistics;
 mod stored;
 
 pub use bricks::{Brick, EDGE as BRICK_EDGE, RowCoding, Strip};
+pub use counts::Counts;
 pub use grid::{Grid, MAX_DIM};
 pub use sample_type::{Endian, Sample, SampleType};
 pub use sample_type::{Number, ToF64, with_type};

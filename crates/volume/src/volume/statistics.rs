@@ -1,18 +1,11 @@
 //! Statistics of a volume's values: range, mean, histogram, and the end of the background.
 
-use std::ops::Range;
-
-use rayon::prelude::*;
-
-use super::{ToF64, Volume, with_samples};
+use super::Volume;
+use super::counts::{Counts, Occupied, scale_for};
 use crate::error::Result;
 
-/// The most bins counted: one per value of 8 and 16 bit samples.
-const MAX_BINS: usize = 65_536;
 /// The most bins of [`Statistics::histogram`]: as many as a page or a terminal can show.
 const SHOWN_BINS: usize = 256;
-/// The fewest samples per task. A task owns up to 512 KiB of bins, so small tasks would mostly clear and add bins.
-const MIN_CHUNK: usize = 1 << 20;
 /// Thresholds ignore values over this quantile: a few very bright voxels would stretch the classes.
 const NOT_OUTLIERS: f64 = 0.9995;
 
@@ -47,35 +40,6 @@ pub struct BackgroundEstimate {
     pub fraction: f64,
 }
 
-/// A power of two that scales values of a range so that f64 holds their squares and sums; 1 for values of usual size.
-fn scale_for(min: f64, max: f64) -> f64 {
-    let largest = min.abs().max(max.abs());
-    if largest == 0.0 || !largest.is_finite() || (1e-100..1e100).contains(&largest) {
-        return 1.0;
-    }
-    (-largest.log2().floor().clamp(-1000.0, 1000.0)).exp2()
-}
-
-/// Count, minimum, maximum and sum of the finite samples of a chunk.
-#[derive(Clone, Copy)]
-struct Moments(u64, f64, f64, f64);
-
-impl Moments {
-    const NONE: Self = Self(0, f64::INFINITY, f64::NEG_INFINITY, 0.0);
-
-    fn plus(self, o: Self) -> Self {
-        Self(self.0 + o.0, self.1.min(o.1), self.2.max(o.2), self.3 + o.3)
-    }
-}
-
-/// Folds the finite samples of a range, with one piece in memory at a time.
-fn folded<T>(volume: &Volume, range: Range<usize>, first: T, add: impl Fn(T, f64) -> T) -> Result<T> {
-    range.clone().step_by(MIN_CHUNK).try_fold(first, |so_far, start| {
-        let samples = volume.read(start..range.end.min(start + MIN_CHUNK))?;
-        Ok(with_samples!(&samples, s => s.iter().map(|v| v.to_f64()).filter(|v| v.is_finite()).fold(so_far, &add)))
-    })
-}
-
 impl Statistics {
     /// Counts the samples on all cores. The result does not depend on the number of cores.
     ///
@@ -83,62 +47,20 @@ impl Statistics {
     /// [`Error::Read`](crate::error::Error::Read) and [`Error::Memory`](crate::error::Error::Memory) if samples left in
     /// a file cannot be read.
     pub fn of(volume: &Volume) -> Result<Self> {
-        Ok(Self::of_raw(volume)?.rescaled(volume.rescale()))
+        let first = Counts::of(volume)?;
+        let counts = if first.is_complete() { first } else { first.refined(volume)? };
+        Ok(Self::of_counts(&counts, volume.rescale()))
     }
 
-    fn of_raw(volume: &Volume) -> Result<Self> {
-        let (len, integers) = (volume.grid().len() as usize, !volume.sample_type().is_float());
-        // Chunks depend on the length alone and their sums are added in order, so all machines compute the same
-        // figures.
-        let chunk = MIN_CHUNK.max(len.div_ceil(64));
-        let chunks: Vec<usize> = (0..len).step_by(chunk).collect();
-        let moments = |scale: f64| -> Result<Moments> {
-            let add = |m: Moments, v: f64| m.plus(Moments(1, v * scale, v * scale, v * scale));
-            let parts: Vec<Moments> = chunks
-                .par_iter()
-                .map(|&start| folded(volume, start..len.min(start + chunk), Moments::NONE, add))
-                .collect::<Result<_>>()?;
-            Ok(parts.into_iter().fold(Moments::NONE, Moments::plus))
-        };
-        let mut found = moments(1.0)?;
-        let Moments(count, least, largest, _) = found;
-        let scale = scale_for(least, largest);
-        if scale != 1.0 {
-            found = moments(scale)?;
-        }
-        let Moments(_, min, max, sum) = found;
-        let non_finite = len as u64 - count;
-        if count == 0 {
-            let (bins, [min, max, mean, std_dev, first, step]) = (Vec::new(), [f64::NAN; 6]);
-            return Ok(Self { min, max, mean, std_dev, count, non_finite, bins, first, step, scale });
-        }
-        let (mean, range) = (sum / count as f64, max - min);
-        let (bin_count, first, step) = if range == 0.0 {
-            (1, min, 1.0)
-        } else if integers && range < MAX_BINS as f64 {
-            (range as usize + 1, min, 1.0)
-        } else {
-            let step = range / MAX_BINS as f64;
-            (MAX_BINS, min + step / 2.0, step)
-        };
-        let parts: Vec<(f64, Vec<u64>)> = chunks
-            .par_iter()
-            .map(|&start| {
-                let add = |(squares, mut bins): (f64, Vec<u64>), v: f64| {
-                    let v = v * scale;
-                    bins[(((v - min) / step) as usize).min(bin_count - 1)] += 1;
-                    (squares + (v - mean) * (v - mean), bins)
-                };
-                folded(volume, start..len.min(start + chunk), (0.0, vec![0_u64; bin_count]), add)
-            })
-            .collect::<Result<_>>()?;
-        let variance = parts.iter().map(|p| p.0).sum::<f64>() / count as f64;
-        let mut bins = vec![0; bin_count];
-        for (_, part) in &parts {
-            bins.iter_mut().zip(part).for_each(|(b, p)| *b += p);
-        }
-        let (mean, std_dev) = (mean / scale, variance.sqrt() / scale);
-        Ok(Self { min: least, max: largest, mean, std_dev, count, non_finite, bins, first, step, scale })
+    /// Makes statistics of the counts of all samples, in values of slope and intercept. If the counts are not complete,
+    /// the histogram is empty, and mean and standard deviation are NaN.
+    #[must_use]
+    pub fn of_counts(counts: &Counts, (slope, intercept): (f64, f64)) -> Self {
+        let (&Counts { range, count, non_finite, .. }, binned) = (counts, counts.occupied());
+        let [min, max] = range.unwrap_or([f64::NAN; 2]);
+        let Occupied { bins, first, step, scale, mean, squares } = binned.unwrap_or_default();
+        let (mean, std_dev) = (mean / scale, (squares / count as f64).sqrt() / scale);
+        Self { min, max, mean, std_dev, count, non_finite, bins, first, step, scale }.rescaled((slope, intercept))
     }
 
     fn rescaled(mut self, (slope, intercept): (f64, f64)) -> Self {

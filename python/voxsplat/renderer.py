@@ -1,0 +1,186 @@
+"""Volumes, devices, and scenes on them."""
+
+from __future__ import annotations
+
+import os
+import threading
+from dataclasses import replace
+from types import TracebackType
+from typing import Any
+
+from . import _native
+from .convert import volume_of
+from .image import Image
+from .packages import found_in
+from .progress import Progress, Reported
+from .settings import SIZE, Settings, View, as_texts, checked, pixels, split, whole_numbers
+
+__all__ = ["Renderer", "Scene", "Volume", "kept_renderer", "native_volume"]
+
+
+class Volume:
+    """Samples with a place in the world, for many pictures.
+
+    Parameters
+    ----------
+    data
+        An array of three axes, or an object that has one: ndarray, xarray, Zarr, Dask (computed), DLPack, nibabel,
+        SimpleITK, pyvista; or a path, a folder of slices, ``"demo:NAME"``. Types are bool, every integer type and every
+        real type. The samples are copied once, at their width, whatever the order of the axes in memory; float16 and
+        foreign byte orders are converted.
+    spacing
+        World lengths between samples, in the order of the shape.
+    origin
+        World point (x, y, z) of the first sample.
+    axes
+        The axes of the array: ``"zyx"`` by default, ``"xyz"`` for arrays that nibabel indexes.
+    affine
+        4 x 4 numbers, from (x, y, z) indices to the world, in place of spacing and origin.
+    space
+        ``"LPS"`` or ``"RAS"``: the affine leads to a patient, whose front is shown and whose sides clip.
+    units
+        The unit of lengths, such as ``"mm"``, or ``{"length": .., "value": ..}``. Values in ``"HU"`` are CT.
+    modality
+        In the terms of DICOM: ``"CT"``, ``"MR"``, ``"PT"``; it decides on the preset.
+    replace_nan
+        Replaces NaN and infinite samples, which are refused otherwise.
+    time, channel, dims, dtype, endian, offset, series, missing_slices, pyramid
+        Of files, as the options of the command; spacing is then in the order (z, y, x) as well.
+    """
+
+    def __init__(self, data: Any, **facts: Any) -> None:
+        self._native: _native.Volume = native_volume(data, facts)
+
+    def info(self) -> dict[str, Any]:
+        """Return lattice, values, and the preset that suits them. Reads all samples."""
+        return self._native.info()
+
+    def __repr__(self) -> str:
+        return f"<voxsplat.Volume at {id(self):#x}>"
+
+
+class Scene:
+    """A volume prepared by a `Renderer` with its settings, for many views."""
+
+    def __init__(self, native: _native.Scene) -> None:
+        self._native = native
+
+    @property
+    def choices(self) -> list[str]:
+        """The choices that were left open, with their reasons."""
+        return self._native.choices
+
+
+class Renderer:
+    """A graphics device, opened for the first scene. Threads may each have one, or share one in turn.
+
+        with voxsplat.Renderer() as renderer:
+            scene = renderer.prepare(volume, "ct-bone")
+            for azimuth in range(0, 360, 10):
+                renderer.render(scene, azimuth=azimuth).save(f"{azimuth}.png")
+    """
+
+    def __init__(self, adapter: str | None = None) -> None:
+        """Choose the adapter by a part of its name or ``"#1"``, its index in `adapters`; None chooses the best one."""
+        self._native = _native.Renderer(adapter)
+
+    def prepare(
+        self,
+        volume: Any,
+        transfer: Any = None,
+        settings: Settings | None = None,
+        view: View | None = None,
+        *,
+        labels: Any = None,
+        mask: Any = None,
+        size: tuple[int, int] = SIZE,
+        progress: Progress = None,
+        **changes: Any,
+    ) -> Scene:
+        """Prepare a volume. Studio light stands around `view` and stays there when the view turns.
+
+        `labels` and `mask` are as of `voxsplat.render`. `changes` are fields of `Settings`, and of `Volume` for a volume
+        that is none yet.
+        """
+        (changed,) = split(changes, Settings)
+        settings = replace(settings or Settings(), **changed)
+        if transfer is not None:
+            settings = replace(settings, transfer=transfer)
+        texts, view, size = as_texts(settings), checked(view or View()), pixels(size)
+        over, shown = (_beside(one, volume, changes) for one in (labels, mask))
+        source = native_volume(volume, changes)
+        with Reported(progress) as report:
+            scene = self._native.prepare(source, over, shown, texts, view, size, report)
+        return Scene(scene)
+
+    def render(
+        self,
+        scene: Scene,
+        view: View | None = None,
+        *,
+        size: tuple[int, int] = SIZE,
+        region: tuple[int, int, int, int] | None = None,
+        background: str = "black",
+        progress: Progress = None,
+        **changes: Any,
+    ) -> Image:
+        """Render a scene of this renderer: `size` is (width, height), 1 to 32768 pixels.
+
+        Without a view the picture has the view that the scene was prepared with. `changes` are fields of `View`.
+        `region` is (x, y, width, height), a part of the picture with the same pixels.
+        """
+        if changes:
+            view = replace(view or View(), **changes)
+        given = None if view is None else checked(view)
+        part = None if region is None else whole_numbers("region", region, 4)
+        with Reported(progress) as report:
+            image = self._native.render(scene._native, given, pixels(size), part, background, report)  # type: ignore[arg-type]
+        return Image(image)
+
+    def close(self) -> None:
+        """Close the device. Scenes and pictures of the renderer stay, but the scenes cannot be rendered."""
+        self._native.close()
+
+    def __enter__(self) -> Renderer:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+_thread = threading.local()
+
+
+def kept_renderer(adapter: str | None) -> Renderer:
+    """Return the renderer that this thread keeps for `render`."""
+    kept: tuple[str | None, int, Renderer] | None = getattr(_thread, "renderer", None)
+    if kept is not None and kept[:2] == (adapter, os.getpid()):
+        return kept[2]
+    renderer = Renderer(adapter)
+    _thread.renderer = (adapter, os.getpid(), renderer)
+    return renderer
+
+
+def _beside(data: Any, volume: Any, facts: dict[str, Any]) -> _native.Volume | None:
+    """The volume of labels or a mask. A bare array has the axes of the array of the volume."""
+    if data is None or isinstance(data, Volume):
+        return None if data is None else data._native
+    has_axes = isinstance(volume, (Volume, str, os.PathLike))
+    axes = facts.get("axes") or (None if has_axes else found_in(volume).axes)
+    is_bare = not isinstance(data, (str, os.PathLike)) and found_in(data).affine is None
+    return volume_of(data, axes=axes if is_bare else None, replace_nan=0.0)
+
+
+def native_volume(data: Any, facts: dict[str, Any]) -> _native.Volume:
+    """Return the native volume of an object, with facts that it does not state: the parameters of `Volume`."""
+    if isinstance(data, Volume):
+        if facts:
+            raise ValueError(f"{next(iter(facts))}: the volume is a voxsplat.Volume already")
+        return data._native
+    known = volume_of.__kwdefaults__ or {}
+    for name in facts:
+        if name not in known:
+            raise TypeError(f"{name!r} is no option of View, Settings or Volume")
+    return volume_of(data, **facts)

@@ -1,0 +1,225 @@
+"""The view and the settings of a picture, and their values for the native module."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+__all__ = ["SIZE", "Settings", "View", "as_texts", "checked", "pixels", "split", "whole_numbers"]
+
+SIZE = (1024, 1024)
+
+
+@dataclass(frozen=True, kw_only=True)
+class View:
+    """Where the eye is. Angles are in degrees, lengths in the unit of the volume's world.
+
+    A view without `azimuth`, `elevation`, `roll`, `up` and `direction` shows the side that suits the volume: the front
+    of an oriented volume, otherwise azimuth 30 and elevation 20.
+    """
+
+    azimuth: float | None = None
+    """Turns the eye about `up`, from the front towards world +x."""
+    elevation: float | None = None
+    """Raises the eye towards `up`."""
+    roll: float = 0.0
+    """Turns the camera about its axis, counter-clockwise."""
+    up: Sequence[float] | None = None
+    """World direction (x, y, z) that is up in the picture; (0, 0, 1) by default."""
+    direction: Sequence[float] | None = None
+    """World direction from the eye to the target, in place of azimuth and elevation."""
+    target: Sequence[float] | None = None
+    """World point (x, y, z) in the middle of the picture."""
+    projection: str = "orthographic"
+    """``"orthographic"`` or ``"perspective"``."""
+    fov: float | None = None
+    """Vertical field of view of a perspective, over 0 and under 180; 30 by default."""
+    zoom: float = 1.0
+    """Magnification, over 0."""
+    frame: str | None = None
+    """What is fitted: ``"visible"`` voxels, as large for every azimuth, ``"view"`` or ``"volume"``, its box."""
+    margin: float | None = None
+    """Free fraction of the picture at each side, 0 to under 0.5; 0.02 by default."""
+    view_height: float | None = None
+    """World height that the picture spans at the target."""
+    distance: float | None = None
+    """World distance from the eye to the target, in perspective."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """What is drawn, and how. Fields that are None are chosen for the volume.
+
+    Texts are spelled as options of the command ``voxsplat render``; its guide describes their effects.
+    """
+
+    transfer: Any = None
+    """A preset (see `presets`), a file of a transfer function, ``"map:NAME"``, ``"labels"``, a dictionary such as
+    ``{"points": [{"value": 0, "color": "#ffffff", "opacity": 0}, ..]}``, or a sequence of (value, colour, opacity);
+    opacities belong to slabs as thick as the smallest spacing."""
+    window: Sequence[float] | None = None
+    """(level, width): the values that the transfer function spans."""
+    transfer_values: str = "auto"
+    """Whether a preset uses ``"absolute"`` values or is ``"fitted"``; ``"auto"``."""
+    gradient_opacity: str | Sequence[tuple[float, float]] | None = None
+    """Pairs (magnitude, factor of the opacity), magnitudes in values per world unit, or ``"off"``."""
+    model: str = "composite"
+    """``"composite"``, ``"xray"``, ``"mip"``, ``"minip"`` or ``"average"``."""
+    response: str = "absorption"
+    """Of an X-ray: ``"absorption"``, ``"depth"``, ``"window[:LOW,HIGH]"`` or ``"film[:EXPOSURE,GAMMA]"``."""
+    depth_coded: bool = False
+    """Whether colours of mip and minip encode depth."""
+    attenuation: float = 0.0
+    """Of mip: dims distant values by up to exp(-attenuation), 0 to 20."""
+    shading: str = "pre"
+    """``"pre"`` (fast) or ``"post"`` (sharp)."""
+    light: str | bool | Sequence[Any] | None = None
+    """``"studio"``, ``"studio:eye"``, ``"headlight"``, ``"AZ,EL"``, ``"@X,Y,Z"``, (azimuth, elevation), False (off),
+    or a list of up to 4."""
+    material: Sequence[float] | None = None
+    """(ambient, diffuse, specular, shininess): three of 0 to 1, and 1 to 1000."""
+    shadows: str | bool | float | None = None
+    """True, False, a strength of 0 to 1, or ``"exact"``."""
+    light_size: float | None = None
+    """Angular size of lights at (azimuth, elevation), 0 to 90 degrees."""
+    occlusion: str | float | bool | None = None
+    """Radius of ambient occlusion in voxels, or False."""
+    shadow_bias: float | None = None
+    """Occluders closer than this many voxels are ignored, 0 to 16."""
+    clip: str | Sequence[Any] | None = None
+    """Parts to keep: ``"R"`` (a side of the patient), ``"voxels:10:20,:,40:"`` (x, y, z), ``"box:X0,X1,Y0,Y1,Z0,Z1"``,
+    ``"NX,NY,NZ[,D]"``, or a list of them; up to 8 planes."""
+    kernel: str | None = None
+    """``"gaussian[:SIGMA,RADIUS]"`` or ``"kaiser-bessel[:RADIUS,ALPHA]"``, lengths in voxels."""
+    sharpness: float | None = None
+    """The share of the kernel's blur that is undone, 0 to 1."""
+    level: str | int = "auto"
+    """Cells of 2^level voxels replace voxels, 0 to 12; ``"auto"``."""
+    painter: str = "auto"
+    """``"auto"``, ``"tiles"`` or ``"quads"``."""
+    resolution: str | None = None
+    """Of tiles: ``"capped"`` or ``"full"``, a ray for each pixel."""
+    sheet_thickness: float | None = None
+    """Of quads: thickness of a sheet in voxels, 0.05 to 64; 1 by default."""
+    termination: float = 1e-3
+    """Light below which rays end, 0 to under 1. No channel of the picture changes by more."""
+    antialiasing: bool = True
+    """Whether kernels grow if voxels are closer together than pixels."""
+    label: Mapping[Any, Any] | str | Sequence[str] | None = None
+    """Looks of labels: ``{3: "red", "liver": 0.2, "1,4,7-9": "off"}`` or texts such as ``"all:0.2"``. A look is an
+    opacity of 0 to 1, ``"x0.5"`` (a factor of it), ``"on"``, ``"off"`` or a colour; later looks change earlier ones."""
+    label_table: str | os.PathLike[str] | None = None
+    """A file with names, colours and opacities of labels."""
+
+
+def split(options: dict[str, Any], *kinds: type) -> list[dict[str, Any]]:
+    """Take the fields of dataclasses out of keyword arguments."""
+    names = [{field.name for field in fields(kind)} for kind in kinds]
+    return [{name: options.pop(name) for name in list(options) if name in known} for known in names]
+
+
+def whole_numbers(name: str, values: Sequence[int], count: int) -> tuple[int, ...]:
+    """Return whole numbers of 0 to 2^32 - 1. Raises ValueError for others."""
+    try:
+        numbers = tuple(int(value) for value in values)
+        is_whole = all(number == value for number, value in zip(numbers, values, strict=True))
+    except (TypeError, ValueError):
+        numbers, is_whole = (), False
+    if len(numbers) != count or not is_whole or not all(0 <= number < 1 << 32 for number in numbers):
+        raise ValueError(f"{name}: {values!r}, expected {count} whole numbers of pixels")
+    return numbers
+
+
+def pixels(size: Any) -> tuple[int, int]:
+    """Return a size in pixels; one number is a square."""
+    width, height = whole_numbers("size", (size, size) if isinstance(size, int) else size, 2)
+    return width, height
+
+
+def checked(view: View) -> View:
+    """Return a view whose vectors are tuples of numbers."""
+    numbers: dict[str, Any] = {name: _vector(name, getattr(view, name)) for name in ("up", "direction", "target")}
+    return replace(view, **numbers)
+
+
+def _vector(name: str, values: Sequence[float] | None, count: int = 3) -> tuple[float, ...] | None:
+    if values is None:
+        return None
+    vector = tuple(float(value) for value in values)
+    if len(vector) != count:
+        raise ValueError(f"{name}: {values!r}, expected {count} numbers")
+    return vector
+
+
+def as_texts(settings: Settings) -> Settings:
+    """Return settings as the texts and numbers of the native module."""
+    gradient, occlusion, shadows = settings.gradient_opacity, settings.occlusion, settings.shadows
+    if gradient is not None and not isinstance(gradient, str):
+        gradient = ",".join(f"{float(magnitude)!r}:{float(opacity)!r}" for magnitude, opacity in gradient) or "off"
+    if isinstance(shadows, bool):
+        shadows = "on" if shadows else "off"
+    if occlusion is True:
+        raise ValueError("occlusion: True, expected a radius in voxels or False")
+    return replace(
+        settings,
+        transfer=_transfer(settings.transfer),
+        window=_vector("window", settings.window, 2),
+        gradient_opacity=gradient,
+        light=_lights(settings.light),
+        material=_vector("material", settings.material, 4),
+        shadows=None if shadows is None else str(shadows),
+        occlusion=None if occlusion is None else "off" if occlusion is False else str(occlusion),
+        clip=[] if settings.clip is None else [settings.clip] if isinstance(settings.clip, str) else list(settings.clip),
+        level=str(settings.level),
+        label=_labels(settings.label),
+    )
+
+
+def _labels(label: Mapping[Any, Any] | str | Sequence[str] | None) -> list[str]:
+    """Looks of labels as texts."""
+    if label is None or isinstance(label, str):
+        return [] if label is None else [label]
+    if isinstance(label, Mapping):
+        return [f"{which}:{_look(look)}" for which, look in label.items()]
+    return [str(one) for one in label]
+
+
+def _look(look: Any) -> Any:
+    if isinstance(look, bool):
+        return "on" if look else "off"
+    return look if isinstance(look, (str, int, float)) else "#" + "".join(f"{round(255 * c):02x}" for c in look)
+
+
+def _transfer(transfer: Any) -> Any:
+    """A transfer function as a name or as the text of a file."""
+    if transfer is None or isinstance(transfer, (str, os.PathLike)):
+        return transfer
+    if isinstance(transfer, Mapping):
+        return json.dumps(transfer)
+    try:
+        points = [{"value": float(value), "color": _colour(color), "opacity": float(opacity)}
+                  for value, color, opacity in transfer]
+    except (TypeError, ValueError) as fault:
+        expected = "a name, a path, a dictionary or (value, colour, opacity) points"
+        raise ValueError(f"transfer: {type(transfer).__name__}, expected {expected}") from fault
+    return json.dumps({"points": points})
+
+
+def _colour(color: Any) -> Any:
+    return color if isinstance(color, str) else [float(channel) for channel in color]
+
+
+def _lights(light: Any) -> list[str]:
+    if light is None:
+        return []
+    if isinstance(light, bool):
+        return ["studio" if light else "off"]
+    if isinstance(light, str):
+        return [light]
+    # A pair of angles, or several lights.
+    if len(light) == 2 and all(isinstance(number, (int, float)) for number in light):
+        return [f"{light[0]},{light[1]}"]
+    return [text for one in light for text in _lights(one)]
