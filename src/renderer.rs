@@ -30,7 +30,7 @@ use crate::volume::Volume;
 /// Options of a renderer.
 #[derive(Debug, Clone, Default)]
 pub struct RendererOptions {
-    /// A part of the name of the adapter, letter case ignored, or `#` and its index in [`adapters`], from 0; `None` uses
+    /// A part of the name of the adapter, letter case ignored, or `#` and its index in [`adapters`], from 0. `None` is
     /// the best adapter.
     pub adapter: Option<String>,
     /// Called with the progress of scene preparation and of the emission of scalars.
