@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use super::cells::{Coarsening, VoxelLight};
 use super::lattice::Lattice;
 use super::levels::ScalarNeed;
+use super::light_volume::FallenLight;
 use super::media;
 use super::scalar_cells;
 use super::scalars::{Emission, EmissionKey};
@@ -13,7 +14,6 @@ use crate::error::{Error, Result};
 use crate::gpu::cache::Cache;
 use crate::gpu::classify::{Classifier, HostClassifier, Input};
 use crate::gpu::context::Context;
-use crate::gpu::light_volume::LightVolume;
 use crate::gpu::scan::Scan;
 use crate::gpu::store::Drawable;
 use crate::gpu::timing::on_host;
@@ -95,7 +95,7 @@ pub(super) struct PostShaded {
     /// The tables by which scalars are classified, and whether the volume has plateaus.
     pub(super) kept: Cache,
     /// The light that arrives.
-    pub(super) light: Held<Shadows, LightVolume>,
+    pub(super) light: Held<Shadows, FallenLight>,
     pub(super) emitted: Held<EmissionKey, Drawable>,
 }
 

@@ -1,9 +1,12 @@
 //! light-volume: the share of each light that arrives at each place of a field of scalars, for post-shading (Kniss et
-//! al. 2003 compute a light volume for each view; this one once for a volume, a transfer function and a set of lights).
+//! al. 2003 compute a light volume for each view; this one once for a volume, a transfer function and a set of lights,
+//! and for a light that moves only its own share).
 //! On the host, for any adapter.
 //!
 //! The scalars of voxels, or of cells, are classified like splats of pre-shading, and the sums of `lighting/shadow.rs`
 //! give the light that arrives at each visible one. Rays interpolate linearly between them.
+
+use std::sync::Arc;
 
 use glam::DVec3;
 use half::f16;
@@ -18,6 +21,7 @@ use crate::gpu::splat;
 use crate::gpu::store::Drawable;
 use crate::gpu::transfer::Reduction;
 use crate::lighting::MAX_CASTING;
+use crate::lighting::shadow::Arrival;
 use crate::progress::Progress;
 use crate::transfer::TransferFunction;
 use crate::volume::Grid;
@@ -49,33 +53,67 @@ impl Classification<'_> {
     }
 }
 
-/// Computes the light at the places of `grid` that have splats of scalars.
-pub(crate) fn light_volume(
-    context: &Context,
-    emitted: &Drawable,
-    grid: &Grid,
-    classification: &Classification<'_>,
-    shadows: &Shadows,
-    progress: &Progress,
-) -> Result<LightVolume> {
-    let places = Places::new(context, &emitted.stores)?;
-    let [low, size] = places.bounds;
-    let count = size.iter().map(|&n| n as u64).product();
-    let mut texels = reserved(count, || "the light in the volume".to_owned())?;
-    texels.resize(count as usize, [f16::ONE.to_bits(); 4]);
-    let arrival = places.arrival(shadows, &|words| classification.density(words, grid))?;
-    for light in 0..=MAX_CASTING {
-        let report = |part: f64| progress.report("casting shadows", (light as f64 + part) / (MAX_CASTING + 1) as f64);
-        let Some(arriving) = arrival.shares(light, &report)? else { continue };
-        texels.par_chunks_mut(size[0]).enumerate().for_each(|(row, texels)| {
-            let [y, z] = [low[1] + row % size[1], low[2] + row / size[1]];
-            let share = arriving.from([low[0], y, z]);
-            for (x, ..) in places.row(low[0]..low[0] + size[0], [y, z]) {
-                let share = f32::from(share(x - low[0])) / 65_535.0;
-                texels[x - low[0]][light] = f16::from_f32(share).to_bits();
+/// The light at places that have splats of scalars, and the matter that it falls on if this is kept for other lights.
+pub(crate) struct FallenLight {
+    pub(crate) volume: Arc<LightVolume>,
+    kept: Option<Kept>,
+}
+
+/// What other lights on the same matter need.
+struct Kept {
+    emitted: Drawable,
+    arrival: Arrival,
+    texels: Vec<[u16; 4]>,
+}
+
+impl FallenLight {
+    /// Computes the light at the places of `grid` that have splats of scalars, which `emit` makes. Lights that are the
+    /// same as in `held` keep theirs.
+    pub(crate) fn new(
+        context: &Context,
+        held: Option<(Shadows, Arc<Self>)>,
+        grid: &Grid,
+        emit: impl FnOnce() -> Result<Drawable>,
+        classification: &Classification<'_>,
+        shadows: &Shadows,
+        progress: &Progress,
+    ) -> Result<Self> {
+        let is_turned = held.is_some();
+        let kept = held.filter(|(of, _)| of.without_lights() == shadows.without_lights());
+        let kept = kept.and_then(|(of, held)| Some((of, Arc::into_inner(held)?.kept?)));
+        let (of, emitted, arrival, mut texels) = match kept {
+            Some((of, Kept { emitted, arrival, texels })) => (Some(of), emitted, Some(arrival), texels),
+            None => (None, emit()?, None, Vec::new()),
+        };
+        let places = Places::new(context, &emitted.stores)?;
+        let [low, size] = places.bounds;
+        let arrival = match arrival {
+            Some(arrival) => arrival.under(&shadows.casting),
+            None => {
+                let count = size.iter().map(|&n| n as u64).product();
+                texels = reserved(count, || "the light in the volume".to_owned())?;
+                texels.resize(count as usize, [f16::ONE.to_bits(); 4]);
+                let arrival = places.arrival(shadows, &|words| classification.density(words, grid))?;
+                // Lights that changed once may do so again.
+                if is_turned { arrival.keeping() } else { arrival }
             }
-        });
+        };
+        let is_held = |light| of.as_ref().is_some_and(|of| of.is_same(shadows, light));
+        for light in (0..=MAX_CASTING).filter(|&light| !is_held(light)) {
+            let done = |part: f64| (light as f64 + part) / (MAX_CASTING + 1) as f64;
+            let arriving = arrival.shares(light, &|part| progress.report("casting shadows", done(part)))?;
+            texels.par_chunks_mut(size[0]).enumerate().for_each(|(row, texels)| {
+                let [y, z] = [low[1] + row % size[1], low[2] + row / size[1]];
+                let share = arriving.as_ref().map(|arriving| arriving.from([low[0], y, z]));
+                for (x, ..) in places.row(low[0]..low[0] + size[0], [y, z]) {
+                    let share = share.as_ref().map_or(u16::MAX, |share| share(x - low[0]));
+                    texels[x - low[0]][light] = f16::from_f32(f32::from(share) / 65_535.0).to_bits();
+                }
+            });
+        }
+        let [low, size] = [low, size].map(|point| point.map(|n| n as u32));
+        let volume = Arc::new(LightVolume::new(context, grid, low, size, &texels));
+        let kept = arrival.is_kept().then_some(Kept { emitted, arrival, texels });
+        Ok(Self { volume, kept })
     }
-    let [low, size] = [low, size].map(|point| point.map(|n| n as u32));
-    Ok(LightVolume::new(context, grid, low, size, &texels))
 }

@@ -9,7 +9,7 @@ use super::cells::{self, VoxelLight};
 use super::drawable::{Held as Kept, PostShaded, PreShaded};
 use super::lattice::Lattice;
 use super::levels::ScalarNeed;
-use super::light_volume::{self, Classification, light_volume};
+use super::light_volume::{self, Classification, FallenLight};
 use super::scalar_cells::{self, Coarse};
 use super::scalars::EmissionKey;
 use super::shadows::Shadows;
@@ -375,19 +375,20 @@ impl Scene {
         let lattice_of_light = shadow::ShadowLattice::new(&grid, cells, cells.integral() / denser, unit, voxels);
         let clip = lattice.settings.clip.sides(&grid);
         let shadows = Shadows { casting, lattice: lattice_of_light, clip };
-        let (light, seconds) = scalars.light.get_or_make(shadows.clone(), PartialEq::eq, |_| {
+        let (light, seconds) = scalars.light.get_or_make(shadows.clone(), PartialEq::eq, |held| {
             context.guarded("casting shadows", || {
                 // All light on a place that may show lies between voxels so near.
                 let need = ScalarNeed { influence: kernel.radius() + 2.0, ..ScalarNeed::NONE };
                 let lit = !scalars.transfer.gradient_opacity().is_empty();
                 let coarse = coarse.map(|(cells, _)| cells);
-                let emitted =
-                    scalars.emit(context, &EmissionKey { kernel, normalization, need, lit, coarse }, progress)?;
+                let emit =
+                    || scalars.emit(context, &EmissionKey { kernel, normalization, need, lit, coarse }, progress);
                 let PostShaded { transfer, reduction, .. } = scalars.as_ref();
                 let classification = Classification { transfer, reduction };
-                Ok(Arc::new(light_volume(context, &emitted, &grid, &classification, &shadows, progress)?))
+                FallenLight::new(context, held, &grid, emit, &classification, &shadows, progress).map(Arc::new)
             })
         })?;
+        let light = Arc::clone(&light.volume);
         let to_light = light.map_from(&lattice.coarse.map_or(Ok(self.grid), |(cells, ..)| cells.grid(&self.grid))?);
         Ok((Some(PostShading { table, light, shadows: true, to_light }), seconds))
     }

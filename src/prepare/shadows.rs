@@ -31,13 +31,13 @@ pub(crate) struct Shadows {
 
 impl Shadows {
     /// Whether the light of the same number arrives at all voxels alike; for [`MAX_CASTING`] ambient light.
-    fn is_same(&self, other: &Self, light: usize) -> bool {
+    pub(super) fn is_same(&self, other: &Self, light: usize) -> bool {
         let [own, others] = [self, other].map(|shadows| shadows.casting.only(light));
         own == others && self.lattice == other.lattice && self.clip == other.clip
     }
 
     /// The same without lights.
-    fn without_lights(&self) -> Self {
+    pub(super) fn without_lights(&self) -> Self {
         Self { casting: self.casting.only(MAX_CASTING), ..self.clone() }
     }
 

@@ -351,12 +351,18 @@ fn turned_lights_shine_as_on_a_new_scene() {
     let lights = [DVec3::Y, DVec3::new(1.0, 0.3, 0.2), DVec3::new(0.2, 0.1, 1.0), DVec3::NEG_X].map(studio);
     let wider = Lighting { occlusion: Some(4.0), shadow_bias: 2.5, ..lights[1].clone() };
     let without_shadows = Lighting::default();
-    let settings = |lighting: &Lighting| Settings { lighting: Some(lighting.clone()), level: Level::At(0), ..full() };
-    let scene = prepare(&volume, &transfer, &settings(&lights[0]));
-    for lighting in lights.iter().chain([&without_shadows, &lights[0], &lights[1], &wider, &lights[2]]) {
-        let settings = settings(lighting);
-        let new = prepare(&volume, &transfer, &settings);
-        assert_eq!(draw(&scene, &camera, &settings).image.pixels(), draw(&new, &camera, &settings).image.pixels());
+    for shading in [Shading::Pre, Shading::Post] {
+        let settings = |lighting: &Lighting| {
+            let lighting = Some(lighting.clone());
+            Settings { lighting, shading, level: Level::At(0), ..full() }
+        };
+        let scene = prepare(&volume, &transfer, &settings(&lights[0]));
+        for lighting in lights.iter().chain([&without_shadows, &lights[0], &lights[1], &wider, &lights[2]]) {
+            let settings = settings(lighting);
+            let new = prepare(&volume, &transfer, &settings);
+            let [turned, new] = [&scene, &new].map(|scene| draw(scene, &camera, &settings).image);
+            assert_eq!(turned.pixels(), new.pixels(), "{shading:?}");
+        }
     }
 }
 
