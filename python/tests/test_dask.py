@@ -213,10 +213,10 @@ def test_bricks_fit_into_memory(client: distributed.Client) -> None:
     array = da.zeros((200, 200, 200), chunks=(50, 50, 50), dtype=np.uint8) + da.arange(200, dtype=np.uint8)
     options = OPTIONS | {"transfer": [(0, "#ffffff", 0.0), (199, "#ffffff", 0.5)], "bricks": 1}
     one = limited(lambda: vd.render(array, memory="4GB", **options))
-    several = limited(lambda: vd.render(array, memory="110MB", **options))
+    several = limited(lambda: vd.render(array, memory="180MB", **options))
     assert difference(one, several) < 1e-5
-    with pytest.raises(MemoryError, match=r"takes \d+ MB, a worker has 60 MB"):
-        limited(lambda: vd.render(array, memory="60MB", **options))
+    with pytest.raises(MemoryError, match=r"takes \d+ MB, a worker has 100 MB"):
+        limited(lambda: vd.render(array, memory="100MB", **options))
 
 
 def test_missing_and_damaged_chunks_make_no_hole(client: distributed.Client, tmp_path: Path) -> None:

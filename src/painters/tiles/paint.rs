@@ -322,7 +322,7 @@ impl<'a> Picture<'a> {
     pub(super) fn setup<'s>(&'s self, axis: &'s PackedAxis) -> RaySetup<'s> {
         let PackedAxis { axis, packing, sections } = axis;
         let (job, footprint) = (&self.job, &self.footprint);
-        RaySetup { job, axis, packing: *packing, kernel: self.kernel, footprint, sections, of_whole: false }
+        RaySetup { job, axis, packing: *packing, kernel: self.kernel, footprint, sections }
     }
 
     /// The pipelines of the picture.
