@@ -11,8 +11,8 @@ use crate::volume::Grid;
 /// measured; see docs/measurements/2026-11-25-bricks.md.
 const PROGRAM: f64 = 112.0 * 1048576.0;
 
-/// The bytes of the pipelines of each further family.
-const FAMILY: f64 = 33.0 * 1048576.0;
+/// Bytes of further families of rays: half of the pipelines that they may need, for some need none.
+const FAMILIES: f64 = 17.0 * 1048576.0;
 
 /// Voxels between sampled ones along x, y and z.
 const STRIDE: [u32; 3] = [4, 8, 8];
@@ -54,12 +54,12 @@ impl Memory {
         Ok(Self { voxel, boxed, splat, sampled: sampled(layers)?, steps })
     }
 
-    /// The bytes that drawing a slice takes with this number of families of rays.
-    pub(super) fn of(&self, held: &[Range<u32>; 3], families: usize) -> u64 {
+    /// The bytes that drawing a slice takes, by one family of rays or by several.
+    pub(super) fn of(&self, held: &[Range<u32>; 3], has_families: bool) -> u64 {
         let voxels: f64 = held.iter().map(|range| range.len() as f64).product();
         let (boxed, visible) = self.visible(held).unwrap_or((voxels, voxels));
         let of_voxels = voxels * self.voxel + boxed * self.boxed + visible * self.splat;
-        (PROGRAM + FAMILY * (families as f64 - 1.0) + of_voxels) as u64
+        (PROGRAM + if has_families { FAMILIES } else { 0.0 } + of_voxels) as u64
     }
 
     /// The voxels of the box around the visible voxels of a slice, and the visible voxels.

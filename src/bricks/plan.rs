@@ -148,9 +148,9 @@ impl Plan {
         let mut plan = Self { grid: *grid, camera: *camera, settings, transfer, brightest, beyond, bricks, id: 0 };
         // A few pixels show which families of rays a brick has.
         let step = (camera.size[0].min(camera.size[1]) / 16).max(1);
-        let families =
-            |brick: &Brick| plan.families_of(plan.held(brick), step).into_iter().filter(|seen| *seen).count();
-        let bytes: Vec<u64> = plan.bricks.iter().map(|brick| memory.of(&brick.held, families(brick).max(1))).collect();
+        let families = |brick: &Brick| plan.families_of(plan.held(brick), step).into_iter().filter(|seen| *seen);
+        let bytes = plan.bricks.iter().map(|brick| memory.of(&brick.held, families(brick).count() > 1));
+        let bytes: Vec<u64> = bytes.collect();
         plan.bricks.iter_mut().zip(bytes).for_each(|(brick, bytes)| brick.bytes = bytes);
         Ok(plan.identified())
     }

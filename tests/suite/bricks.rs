@@ -324,7 +324,7 @@ fn halos_hold_what_shapes_a_brick() {
     let layers = Layers::of_volume(&volume, &transfer);
     let chunks = Chunks::new([44; 3], [vec![15, 12, 17], vec![16, 11, 17], vec![14, 13, 17]]).unwrap();
     for projection in [ProjectionKind::Orthographic, PERSPECTIVE] {
-        let camera = seen(&volume, 33.0, 25.0, projection, 64);
+        let camera = seen(&volume, 33.0, 25.0, projection, 90);
         for ((name, settings), painter) in models().into_iter().flat_map(|of| [tiles, quads].map(|by| (of.clone(), by)))
         {
             let plan = Plan::new(&layers, layers.grid(), &chunks, &camera, &painter(&settings)).unwrap();
@@ -337,16 +337,8 @@ fn halos_hold_what_shapes_a_brick() {
             };
             let (more, fewer) = (apart(40), apart(-20));
             let of = format!("{projection:?} {name} {:?}", plan.settings().painter);
-            println!(
-                "{of}: {more:.1e}, {:.0e} {:.0e} {:.0e} {:.0e}, without a halo {fewer:.1e}",
-                apart(-1),
-                apart(-2),
-                apart(-3),
-                apart(-4)
-            );
-            // Rays have the same numbers, to the bit, whatever is packed; sheets lie where the slice is.
-            let most = if matches!(plan.settings().painter, Painter::Tiles(_)) { 1e-7 } else { LIMIT };
-            assert!(more < most, "{of}: {more:e}");
+            println!("{of}: {more:.1e}, without a halo {fewer:.1e}");
+            assert!(more < LIMIT, "{of}: {more:e}");
             assert!(fewer > 1e-3, "{of}: {fewer:e}");
         }
     }
@@ -417,25 +409,21 @@ fn random_scene(seed: u64) -> (String, f64) {
     (format!("{seed}: {name} {model} {counts:?} {projection:?} {distance:?} {:?}", plan.settings().painter), apart)
 }
 
-/// Random scenes that differ from their whole pictures, and the largest difference.
-fn differing_scenes(seeds: std::ops::Range<u64>) -> (Vec<String>, f64) {
-    let scenes: Vec<_> = seeds.map(random_scene).filter(|(_, apart)| *apart > LIMIT).collect();
-    let most = scenes.iter().map(|(_, apart)| *apart).fold(0.0, f64::max);
-    (scenes.iter().map(|(name, apart)| format!("{name}: {apart:.1e}")).collect(), most)
+/// Random scenes that differ from their whole pictures.
+fn differing_scenes(seeds: std::ops::Range<u64>) -> Vec<String> {
+    let scenes = seeds.map(random_scene).filter(|(_, apart)| *apart > LIMIT);
+    scenes.map(|(name, apart)| format!("{name}: {apart:.1e}")).collect()
 }
 
 #[test]
 fn some_random_scenes_are_the_whole() {
-    assert_eq!(differing_scenes(0..8).0, [""; 0]);
+    assert_eq!(differing_scenes(0..8), [""; 0]);
 }
 
 #[test]
 #[ignore = "slow: 200 scenes in up to 60 bricks"]
 fn random_scenes_are_the_whole() {
-    // Measured: one scene is apart by 3.8e-5 in a pixel. Rays start at f32 numbers of the box of voxels that a brick
-    // packs, so the rim of a kernel may fall on the other side of a ray.
-    let (failures, most) = differing_scenes(8..208);
-    assert!(failures.len() <= 3 && most < 1e-4, "{} scenes:\n{}", failures.len(), failures.join("\n"));
+    assert_eq!(differing_scenes(8..208), [""; 0]);
 }
 
 #[test]
