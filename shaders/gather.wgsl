@@ -510,6 +510,7 @@ fn eight(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile
         + min(vec2f(0.0), f32(down - 1u) * rays.step_y);
     let first = vec2i(ceil(low - geometry.footprint_half)) - rays.first.xy;
     let odd = (first.x & 1) == 1;
+    let voxel = rays.first.xy;
     var weights: array<RowsOfWeights, 8>;
     if ACROSS < 8u {
         // A loop over an array, which compiles faster: 280 numbers stay in memory anyway.
@@ -537,7 +538,7 @@ fn eight(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile
                 let center = geometry.base + geometry.shear * f32(plane);
                 let rows = rows_of(plane, planes.y, center.y, geometry.footprint_half.y);
                 for (var row = rows.x; row <= rows.y; row++) {
-                    let at_row = voxel_row(geometry, center, row, origin, geometry.row_half);
+                    let at_row = voxel_row(geometry, center, row, origin, geometry.row_half, voxel);
                     let w = row_weights(at_row, direction, 1.0);
                     // Voxels a0, b0, a1, b1 ... a6 of the row, from a0 on for the first ray.
                     let t# = voxels_at(at_row.texel + vec2i(#, 0));

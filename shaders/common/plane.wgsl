@@ -180,11 +180,12 @@ struct VoxelRow {
     dv: f32,
 }
 
-fn voxel_row(geometry: RayGeometry, center: vec2f, row: i32, origin: vec2i, half: f32) -> VoxelRow {
+// `voxel` is the first voxel of the packed volume: it is read once for all rows.
+fn voxel_row(geometry: RayGeometry, center: vec2f, row: i32, origin: vec2i, half: f32, voxel: vec2i) -> VoxelRow {
     let dv = f32(row) - center.y;
-    let first = (i32(ceil(center.x + dv * geometry.row_slope - half)) - rays.first.x) & -2;
-    let texel = texel_at(vec2i(first >> 1u, row - rays.first.y), origin);
-    return VoxelRow(texel, f32(rays.first.x + first) - center.x, dv);
+    let first = (i32(ceil(center.x + dv * geometry.row_slope - half)) - voxel.x) & -2;
+    let texel = texel_at(vec2i(first >> 1u, row - voxel.y), origin);
+    return VoxelRow(texel, f32(voxel.x + first) - center.x, dv);
 }
 
 // Weights of the first six voxels of a row.
@@ -232,9 +233,10 @@ fn gathered_up_to(place: f32, base: vec2f, geometry: RayGeometry, plane: i32, en
     let half = geometry.row_half * reach;
     let origin = plane_texel(plane);
     let along = place / direction.z;
+    let voxel = rays.first.xy;
     var sum = vec4f(0.0);
     for (var row = rows.x; row <= rows.y; row++) {
-        let at = voxel_row(geometry, center, row, origin, half);
+        let at = voxel_row(geometry, center, row, origin, half, voxel);
         for (var texel = 0; texel < i32(TEXELS); texel++) {
             let t = voxels_at(at.texel + vec2i(texel, 0));
             let du = at.du + f32(2 * texel);
@@ -257,9 +259,10 @@ fn gathered(geometry: RayGeometry, footprints: Footprints, plane: i32, end: i32)
     let rows = rows_of(plane, end, center.y, geometry.footprint_half.y * reach);
     let half = geometry.row_half * reach;
     let origin = plane_texel(plane);
+    let voxel = rays.first.xy;
     var sums = Moments();
     for (var row = rows.x; row <= rows.y; row++) {
-        let at = voxel_row(geometry, center, row, origin, half);
+        let at = voxel_row(geometry, center, row, origin, half, voxel);
         let t0 = voxels_at(at.texel);
         let t1 = voxels_at(at.texel + vec2i(1, 0));
         let t2 = voxels_at(at.texel + vec2i(2, 0));
