@@ -7,8 +7,8 @@ use crate::layers::Layers;
 use crate::settings::{Level, Painter, Settings};
 use crate::volume::Grid;
 
-/// The bytes of the program, its driver and the pipelines of one family of rays, on software Vulkan. All numbers here are
-/// measured; see docs/measurements/2026-11-25-bricks.md.
+/// The bytes of the program, its driver and the pipelines of one family of rays, on software Vulkan. All numbers here
+/// are measured; see docs/measurements/2026-11-25-bricks.md.
 const PROGRAM: f64 = 112.0 * 1048576.0;
 
 /// Bytes of further families of rays: half of the pipelines that they may need, for some need none.

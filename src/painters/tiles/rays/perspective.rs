@@ -63,8 +63,8 @@ fn through([first, steps]: [DVec2; 2], setup: &RaySetup<'_>, distance: f64, comm
     let first = setup.plane(first);
     let [step_x, step_y] = [DVec2::new(next.x - first.x, 0.0), DVec2::new(0.0, next.y - first.y)].map(heading);
     // Places are measured from the point in plane 0, the middle one, that a ray in the middle of all that run along m
-    // goes through: measured from an eye that is far away they would cancel. Let c be the heading of that ray, E the eye and
-    // M = E + t c the point. A ray of heading h meets the middle plane at E + t c.m / h.m h = M + t (c.m h - h.m c) /
+    // goes through: measured from an eye that is far away they would cancel. Let c be the heading of that ray, E the
+    // eye and M = E + t c the point. A ray of heading h meets plane 0 at E + t c.m / h.m h = M + t (c.m h - h.m c) /
     // h.m. The numerator is linear in h, and 0 for h = c: it is the numerator of the difference.
     let central = forward + heading(axis.middle);
     let placed = |from_target: DVec3| setup.placed(camera.target + from_target);
