@@ -408,11 +408,12 @@ fn eight_cuts(geometry: RayGeometry) -> EightCuts {
 
 // The planes of a run that can matter to one of the rays.
 fn planes_of_eight(run: vec2i, eight: ptr<function, EightCuts>) -> vec2i {
+    let planes = rays.first.z + run;
     if CLIP_PLANES == 0u {
-        return run;
+        return planes;
     }
     let beyond = REACH + 2;
-    return vec2i(max(run.x, i32((*eight).begin.x) - beyond), min(run.y, i32((*eight).end.y) + beyond + 1));
+    return vec2i(max(planes.x, i32((*eight).begin.x) - beyond), min(planes.y, i32((*eight).end.y) + beyond + 1));
 }
 
 // Computes the cuts for a plane. False if every ray is unclipped within the reach of the kernels of the plane.
@@ -507,13 +508,14 @@ fn eight(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile
     // Of a block of pixels: the least place of a ray along a and b, and the first voxel that reaches a ray.
     let low = geometry.base + min(vec2f(0.0), f32(ACROSS - 1u) * rays.step_x)
         + min(vec2f(0.0), f32(down - 1u) * rays.step_y);
-    let first = vec2i(ceil(low - geometry.footprint_half));
+    let first = vec2i(ceil(low - geometry.footprint_half)) - rays.first.xy;
     let odd = (first.x & 1) == 1;
+    let voxel = rays.first.xy;
     var weights: array<RowsOfWeights, 8>;
     if ACROSS < 8u {
         // A loop over an array, which compiles faster: 280 numbers stay in memory anyway.
         for (var number = 0u; number < 8u; number++) {
-            let d = vec2f(first) - geometry.base - f32(number % ACROSS) * rays.step_x
+            let d = vec2f(rays.first.xy + first) - geometry.base - f32(number % ACROSS) * rays.step_x
                 - f32(number / ACROSS) * rays.step_y;
             weights[number] = rows_of_weights(d);
         }
@@ -528,16 +530,15 @@ fn eight(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile
             break;
         }
         let planes = planes_of_eight(run, &cuts);
-        let end = min(planes.y, rays.voxels.z);
         begin_run(&ray#); slabs# = Slabs();
         for (var plane = planes.x; plane < planes.y + FLUSH; plane++) {
             let origin = plane_texel(plane);
             var sums# = Moments();
             if ACROSS == 8u {
                 let center = geometry.base + geometry.shear * f32(plane);
-                let rows = rows_of(plane, end, center.y, geometry.footprint_half.y);
+                let rows = rows_of(plane, planes.y, center.y, geometry.footprint_half.y);
                 for (var row = rows.x; row <= rows.y; row++) {
-                    let at_row = voxel_row(geometry, center, row, origin, geometry.row_half);
+                    let at_row = voxel_row(geometry, center, row, origin, geometry.row_half, voxel);
                     let w = row_weights(at_row, direction, 1.0);
                     // Voxels a0, b0, a1, b1 ... a6 of the row, from a0 on for the first ray.
                     let t# = voxels_at(at_row.texel + vec2i(#, 0));
@@ -555,12 +556,12 @@ fn eight(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile
             } else {
                 // Behind the run the rows before the plane, which are zeros. Every kernel has its centre where the ray
                 // meets its plane: s is 0.
-                let top = vec2i(first.x >> 1u, select(-i32(ROWS), first.y, plane < end));
+                let top = vec2i(first.x >> 1u, select(-i32(ROWS), first.y, plane < planes.y));
                 var voxels: RowsOfVoxels;
                 if #u < ROWS { voxels.r# = five_voxels(top + vec2i(0, #), odd, origin); }
                 sums#.m0 = sum_of_rows(weights[#], voxels);
             }
-            let is_cut = find_cuts(&cuts, geometry, plane, end);
+            let is_cut = find_cuts(&cuts, geometry, plane, planes.y);
             feed_eight(&ray#, &slabs#, sums#, geometry, &cuts, #u, is_cut);
             depth = least(
                 vec4f(ray0.depth, ray1.depth, ray2.depth, ray3.depth),

@@ -114,7 +114,8 @@ fn find_runs(tile: vec3u) {
     corners.bounded = true;
     for (var i = 0u; i < 4u; i++) {
         let line = line_of(points[i]);
-        corners.bases[i] = line.base;
+        // Here voxels are numbered from the first of the packed volume.
+        corners.bases[i] = line.base + line.shear * f32(rays.first.z) - vec2f(rays.first.xy);
         corners.shears[i] = line.shear;
         if PERSPECTIVE {
             let half = rays.growth_most * footprint_half_of(line.shear);

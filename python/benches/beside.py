@@ -3,8 +3,9 @@
     python python/benches/beside.py            # prints a table; each package draws in a process of its own
     python python/benches/beside.py --size 128 --out /tmp/pictures
 
-The same volume (a shell with waves, u8), transfer function, orthographic view and size for all, without light and
-without a display. A frame turns the volume by 10 degrees and writes a PNG. The packages need not be installed: `-`.
+The same volume (a shell with waves, u8), transfer function, orthographic view and size for all, without light. Only
+napari needs a display, such as the one of `xvfb-run -a python ...`. A frame turns the volume by 10 degrees and writes a
+PNG. The packages need not be installed: `-`.
 """
 
 from __future__ import annotations
@@ -98,7 +99,50 @@ def vedo(array: Any, names: list[str]) -> Any:
         plotter.azimuth(10)
 
 
-PACKAGES = (voxsplat, pyvista, pyvista_fixed_point, vedo)
+# Its canvas needs a display, such as Xvfb, and a window that is shown: others are black.
+def napari(array: Any, names: list[str]) -> Any:
+    import napari
+
+    values = np.array([0, *(value for value, _, _ in POINTS), 255])
+    colors = np.array([(*rgb, alpha) for _, rgb, alpha in (POINTS[0], *POINTS, POINTS[-1])])
+    viewer = napari.Viewer(ndisplay=3)
+    colormap = napari.utils.Colormap(colors, controls=values / 255)
+    viewer.add_image(array, rendering="translucent", colormap=colormap, contrast_limits=(0, 255))
+    viewer.camera.zoom = PICTURE[1] / len(array)
+    for frame, name in enumerate(names):
+        turn, lift = np.radians((10 * frame, 20))
+        ahead = (-np.sin(lift), np.cos(lift) * np.cos(turn), -np.cos(lift) * np.sin(turn))
+        viewer.camera.set_view_direction(ahead, (1, 0, 0))
+        viewer.screenshot(name, size=PICTURE[::-1], scale=1, flash=False)
+        yield
+
+
+def yt(array: Any, names: list[str]) -> Any:
+    import yt
+
+    yt.set_log_level("error")
+    data = {("stream", "value"): array.transpose(2, 1, 0).astype(float)}
+    scene = yt.create_scene(yt.load_uniform_grid(data, data["stream", "value"].shape), ("stream", "value"), "plane-parallel")
+    function = yt.ColorTransferFunction((0, 255), grey_opacity=True)
+    values, colors, opacities = zip(*POINTS, strict=True)
+    # Per length of the box, which is 1.
+    extinction = -np.log1p(-np.interp(function.alpha.x, values, opacities)) * len(array)
+    function.alpha.y = extinction
+    for channel, of_points in zip((function.red, function.green, function.blue), zip(*colors, strict=True), strict=True):
+        channel.y = np.interp(channel.x, values, of_points) * extinction
+    scene[0].set_log(False)
+    scene[0].transfer_function = function
+    scene.camera.resolution = PICTURE
+    scene.camera.width = 1
+    for frame, name in enumerate(names):
+        turn, lift = np.radians((10 * frame, 20))
+        ahead = (-np.cos(lift) * np.sin(turn), np.cos(lift) * np.cos(turn), -np.sin(lift))
+        scene.camera.switch_orientation(ahead, (0, 0, 1))
+        scene.save(name, sigma_clip=None)
+        yield
+
+
+PACKAGES = (voxsplat, pyvista, pyvista_fixed_point, vedo, napari, yt)
 
 
 def measure(package: Any, size: int, frames: int, out: Path) -> dict[str, Any]:

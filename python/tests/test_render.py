@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import ast
+import base64
+import io
+import json
 import re
 from pathlib import Path
 from typing import Any
 
 import nibabel
 import numpy as np
+import PIL.Image
 import pytest
 import voxsplat as vs
-from conftest import command, samples
+from conftest import REPOSITORY, command, samples
 
 
 @pytest.mark.parametrize(
@@ -254,3 +259,20 @@ def test_adapters_are_chosen_by_index() -> None:
     assert vs.render(array, size=8, adapter="#0").stats["adapter"]["name"] == name
     with pytest.raises(vs.DeviceError, match=f'none is "#9"; there are: #0 {re.escape(name)}'):
         vs.render(array, size=8, adapter="#9")
+
+
+def test_the_notebook_shows_what_its_cells_draw() -> None:
+    notebook = json.loads((REPOSITORY / "python/examples/first-pictures.ipynb").read_text())
+    names: dict[str, Any] = {}
+    shown = 0
+    for cell in notebook["cells"]:
+        *statements, last = ast.parse("".join(cell["source"])).body
+        exec(compile(ast.Module(statements, []), "cell", "exec"), names)
+        assert isinstance(last, ast.Expr)
+        image = eval(compile(ast.Expression(last.value), "cell", "eval"), names)
+        outputs = (output.get("data", {}) for output in cell["outputs"])
+        kept = next(data["image/png"] for data in outputs if "image/png" in data)
+        drawn, kept = (np.asarray(PIL.Image.open(io.BytesIO(png)), float) for png in (image._repr_png_(), base64.b64decode(kept)))
+        assert np.abs(drawn - kept).mean() < 1
+        shown += 1
+    assert shown == 3

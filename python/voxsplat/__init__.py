@@ -110,8 +110,8 @@ def render(
     adapter
         A part of the name of the graphics adapter, or ``"#1"``, its index in `adapters`.
     executor
-        Draws the picture in bricks, by an object with ``submit`` such as `concurrent.futures.ProcessPoolExecutor`: see
-        `voxsplat.dask.render`, whose parameters are options then.
+        Draws the picture in bricks, by an object with ``submit`` or ``map`` such as
+        `concurrent.futures.ProcessPoolExecutor`: see `voxsplat.dask.render`, whose parameters are options then.
     progress
         A callback of (stage, fraction), or True for a bar.
     **options

@@ -7,8 +7,8 @@
     vd.film(series, to="times/{frame}.png")
 
 The current client of Dask draws, otherwise a cluster on this machine, which ends with the call; or an executor of
-another engine: ``executor=`` takes whatever has `submit`, such as `concurrent.futures.ProcessPoolExecutor` or
-`mpi4py.futures.MPIPoolExecutor`.
+another engine: ``executor=`` takes whatever has `submit` or `map`, such as `concurrent.futures.ProcessPoolExecutor`,
+`mpi4py.futures.MPIPoolExecutor` or `multiprocessing.Pool`.
 
 A picture is planned by an overview, every n-th sample of the array, and by counts of all samples, which choose the preset
 and its range as `voxsplat.render` does. Then each brick is a task: it carries the plan and the samples of a slice, and
@@ -76,7 +76,7 @@ def render(
     bricks
         The least number of bricks; by default two for each worker.
     executor
-        An executor: has ``submit(function, *arguments)``, which returns a future.
+        An executor: has ``submit(function, *arguments)``, which returns a future, or ``map(function, values)``.
     resources
         Resources of Dask's workers that drawing a brick takes, such as ``{"GPU": 1}``.
     missing_chunks

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import concurrent.futures
+import itertools
 import os
 import re
 from collections import deque
@@ -71,16 +72,22 @@ class Here(Engine):
         return _joined((task(shared, key, part) for key, part in parts), len(parts), join, look)
 
 
+def _called(call: tuple[Task, Any, Any, Any]) -> Any:
+    task, shared, key, part = call
+    return task(shared, key, part)
+
+
 class Executor(Engine):
-    """Whatever has `submit`."""
+    """Whatever has `submit` or `map`."""
 
     def __init__(self, executor: Any) -> None:
-        if not callable(getattr(executor, "submit", None)):
-            raise ValueError(f"executor: {type(executor).__name__}, expected an object with submit")
+        self.submits = callable(getattr(executor, "submit", None))
+        if not self.submits and not callable(getattr(executor, "map", None)):
+            raise ValueError(f"executor: {type(executor).__name__}, expected an object with submit or map")
         self.executor = executor
 
     def workers(self) -> int:
-        names = ("_max_workers", "num_workers")
+        names = ("_max_workers", "num_workers", "_processes")
         known = (getattr(self.executor, name, None) for name in names)
         return next((int(count) for count in known if count), os.cpu_count() or 1)
 
@@ -98,12 +105,15 @@ class Executor(Engine):
     def _results(self, task: Task, shared: Any, parts: list[tuple[Any, Any]]) -> Iterator[Any]:
         """The results in order. Few tasks wait at a time, because each may carry samples."""
         waiting: deque[Any] = deque()
+        few = 2 * self.workers()
+        # The executor may not know Dask.
+        calls = ((task, shared, key, part.compute() if hasattr(part, "dask") else part) for key, part in parts)
         try:
-            for key, part in parts:
-                # The executor may not know Dask.
-                sent = part.compute() if hasattr(part, "dask") else part
-                waiting.append(self.executor.submit(task, shared, key, sent))
-                if len(waiting) >= 2 * self.workers():
+            while not self.submits and (some := list(itertools.islice(calls, few))):
+                yield from self.executor.map(_called, some)
+            for call in calls:
+                waiting.append(self.executor.submit(*call))
+                if len(waiting) >= few:
                     yield waiting.popleft().result()
             while waiting:
                 yield waiting.popleft().result()

@@ -94,7 +94,8 @@ fn reach_at(growth: f32) -> f32 {
 
 // The texel of the volume's texture that holds the first voxels of a plane.
 fn plane_texel(plane: i32) -> vec2i {
-    let k = select(plane, rays.voxels.z - 1 - plane, rays.flipped == 1);
+    let number = plane - rays.first.z;
+    let k = select(number, rays.voxels.z - 1 - number, rays.flipped == 1);
     return vec2i(
         k % rays.columns * (rays.row_texels + MARGIN) + MARGIN,
         k / rays.columns * (rays.voxels.y + 1) + 1,
@@ -132,11 +133,11 @@ struct Footprints {
 fn footprints_of(geometry: RayGeometry) -> Footprints {
     var footprints: Footprints;
     if STRAIGHT {
-        // An even voxel, where a texel begins.
-        let first = vec2i(ceil(geometry.base - geometry.footprint_half)) & vec2i(-2, -1);
+        // An even voxel of the packed volume, where a texel begins.
+        let first = (vec2i(ceil(geometry.base - geometry.footprint_half)) - rays.first.xy) & vec2i(-2, -1);
         footprints.texel = vec2i(first.x >> 1u, first.y);
         for (var row = 0; row < 4; row++) {
-            let d = vec2f(first + vec2i(0, row)) - geometry.base;
+            let d = vec2f(rays.first.xy + first + vec2i(0, row)) - geometry.base;
             let x = d.x + vec4f(0.0, 1.0, 2.0, 3.0);
             let square = x * x + d.y * d.y;
             let y = d.x + vec2f(4.0, 5.0);
@@ -179,10 +180,12 @@ struct VoxelRow {
     dv: f32,
 }
 
-fn voxel_row(geometry: RayGeometry, center: vec2f, row: i32, origin: vec2i, half: f32) -> VoxelRow {
+// `voxel` is the first voxel of the packed volume: it is read once for all rows.
+fn voxel_row(geometry: RayGeometry, center: vec2f, row: i32, origin: vec2i, half: f32, voxel: vec2i) -> VoxelRow {
     let dv = f32(row) - center.y;
-    let first = i32(ceil(center.x + dv * geometry.row_slope - half)) & -2;
-    return VoxelRow(texel_at(vec2i(first >> 1u, row), origin), f32(first) - center.x, dv);
+    let first = (i32(ceil(center.x + dv * geometry.row_slope - half)) - voxel.x) & -2;
+    let texel = texel_at(vec2i(first >> 1u, row - voxel.y), origin);
+    return VoxelRow(texel, f32(voxel.x + first) - center.x, dv);
 }
 
 // Weights of the first six voxels of a row.
@@ -230,9 +233,10 @@ fn gathered_up_to(place: f32, base: vec2f, geometry: RayGeometry, plane: i32, en
     let half = geometry.row_half * reach;
     let origin = plane_texel(plane);
     let along = place / direction.z;
+    let voxel = rays.first.xy;
     var sum = vec4f(0.0);
     for (var row = rows.x; row <= rows.y; row++) {
-        let at = voxel_row(geometry, center, row, origin, half);
+        let at = voxel_row(geometry, center, row, origin, half, voxel);
         for (var texel = 0; texel < i32(TEXELS); texel++) {
             let t = voxels_at(at.texel + vec2i(texel, 0));
             let du = at.du + f32(2 * texel);
@@ -255,9 +259,10 @@ fn gathered(geometry: RayGeometry, footprints: Footprints, plane: i32, end: i32)
     let rows = rows_of(plane, end, center.y, geometry.footprint_half.y * reach);
     let half = geometry.row_half * reach;
     let origin = plane_texel(plane);
+    let voxel = rays.first.xy;
     var sums = Moments();
     for (var row = rows.x; row <= rows.y; row++) {
-        let at = voxel_row(geometry, center, row, origin, half);
+        let at = voxel_row(geometry, center, row, origin, half, voxel);
         let t0 = voxels_at(at.texel);
         let t1 = voxels_at(at.texel + vec2i(1, 0));
         let t2 = voxels_at(at.texel + vec2i(2, 0));

@@ -89,7 +89,7 @@ fn geometry_of(point: vec2u) -> RayGeometry {
     if PERSPECTIVE {
         let per_length = inverseSqrt(dot(line.heading, line.heading));
         let d = line.heading * per_length;
-        let slope = rays.slope_origin + vec2f(point) * rays.slope_step;
+        let slope = rays.slope_origin + vec2f(point + rays.corner) * rays.slope_step;
         let slant = sqrt(1.0 + dot(slope, slope));
         geometry.direction = d;
         geometry.stretch = slant * per_length;
@@ -106,8 +106,8 @@ fn geometry_of(point: vec2u) -> RayGeometry {
         geometry.near = sections_between(step, place - f32(step), lean);
         geometry.far = sections_between(step + FAR_SECTIONS, place - f32(step), lean);
         let slope_along = dot(rays.growth_slope, vec3f(line.shear, 1.0));
-        let at_first = vec3f(line.base, 0.0) - rays.middle;
-        geometry.growth = vec2f(rays.growth_middle + dot(rays.growth_slope, at_first), slope_along);
+        let at_first = rays.growth_middle + dot(rays.growth_slope.xy, line.base - rays.middle);
+        geometry.growth = vec2f(at_first, slope_along);
         geometry.to_eye = -vec3f(slope, 1.0) / slant;
     }
     if SCALARS || PERSPECTIVE {
@@ -137,9 +137,8 @@ fn geometry_of(point: vec2u) -> RayGeometry {
     }
     if BRICK {
         // The middles of slabs of colours are planes, and slabs of scalars are half a plane thick.
-        let owned = owned_of(point);
-        let borders = select(ceil(owned) - 0.5, 0.5 * ceil(2.0 * owned - 0.5), SCALARS);
-        geometry.owned = borders - rays.first_plane;
+        let owned = owned_of(line);
+        geometry.owned = select(ceil(owned) - 0.5, 0.5 * ceil(2.0 * owned - 0.5), SCALARS);
     }
     if LAYERED {
         // Growth increases along a ray: it follows depth.
@@ -158,8 +157,8 @@ fn point_of(tile: vec3u, lane: u32) -> vec2u {
     return tile.xy * 8u + vec2u(x, y);
 }
 
-// Run number `slot` of a tile: its first plane, and the plane after its last. (0, 0) if there are no more runs, or if
-// the ray is opaque.
+// Run number `slot` of a tile: its first plane, and the plane after its last, from the first plane of the packed
+// volume on. (0, 0) if there are no more runs, or if the ray is opaque.
 fn run_at(tile: vec3u, slot: u32, depth: f32) -> vec2i {
     let run = vec2i(runs[run_index(tile, slot)]);
     return select(run, vec2i(0), depth > rays.opaque_depth);
@@ -200,12 +199,12 @@ fn section_at(sections: GrowingSection, geometry: RayGeometry, plane: i32) -> Se
 // The planes of a run that can matter to a ray: the first, the plane after the last, and the plane after the last that
 // completes a slab.
 fn planes_of(run: vec2i, geometry: RayGeometry) -> vec3i {
-    var first = run.x;
-    var end = min(run.y, rays.voxels.z);
+    var first = rays.first.z + run.x;
+    var end = rays.first.z + run.y;
     if PERSPECTIVE || SCALARS || CLIP_PLANES > 0u {
         // Planes beyond the counting part: the planes that kernels reach over, one because the next slab shapes the
-        // curve in the last slab, and one because the conversion to i32 truncates. One more because the second plane
-        // is the plane after the last.
+        // curve in the last slab, and one because the conversion to i32 truncates, towards 0. One more because the
+        // second plane is the plane after the last.
         let beyond = REACH + 2;
         first = max(first, i32(max(geometry.inside.x, -FAR)) - beyond);
         end = min(end, i32(min(geometry.inside.y, FAR)) + beyond + 1);

@@ -3,7 +3,8 @@
 // Lattice axes: m is the principal viewing axis, the axis closest to the direction of the rays; a and b are the other
 // two. a is the axis along which rays lean less. For parallel rays it is the first of the two along which rays lean so
 // little that six voxels of a row hold every kernel that reaches a ray. Lengths are in voxels unless a name says
-// otherwise. Voxel planes are numbered front to back along m.
+// otherwise. Voxels are numbered along (a, b, m) from one in the middle of the whole lattice, whatever part of it is
+// packed, so that the rays of all bricks have the same numbers; planes are numbered front to back along m.
 //
 // A ray meets plane k at base + k shear, in (a, b). Base coordinates are the (a, b) of plane 0. Parallel rays share one
 // shear. A ray close to a tie of two or three axes is marched along each of them, and the colours are mixed. Rays
@@ -34,7 +35,7 @@ const FAR_SECTIONS: u32 = SECTIONS * SECTION_POWERS;
 
 struct Rays {
     // Parallel rays: base coordinates of point (0, 0) of the intermediate image, and the steps to its neighbours. Rays
-    // through one eye: the same in plane `middle.z`, from `middle` and times the component of `heading` along m.
+    // through one eye: the same from `middle`, times the component of `heading` along m.
     origin: vec2f,
     step_x: vec2f,
     step_y: vec2f,
@@ -53,9 +54,13 @@ struct Rays {
     heading_y: vec3f,
     // Square of the kernel's radius.
     radius2: f32,
-    // Rays through one eye: a point (a, b, plane) in the middle of the volume that a ray in the middle of all of them
-    // goes through. Places are measured from it, because the eye may be too far away for f32.
-    middle: vec3f,
+    // Rays through one eye: the base coordinates of a ray in the middle of all of them. Places are measured from it,
+    // because the eye may be too far away for f32.
+    middle: vec2f,
+    // The number of point (0, 0) among the points that places are measured from.
+    corner: vec2u,
+    // The first voxel of the packed volume along a and b, and its first plane.
+    first: vec3i,
     // Parallel rays: in the row of voxels at distance v along b from a ray, the kernels that reach the ray are centred
     // within row_half of row_slope v along a.
     row_half: f32,
@@ -73,7 +78,7 @@ struct Rays {
     // The largest number of runs of a tile.
     run_slots: u32,
     gradient_z: vec3f,
-    // 1 if rays run against m, so that plane 0 is the last of the volume, otherwise 0.
+    // 1 if rays run against m, so that the first plane is the last of the texture, otherwise 0.
     flipped: i32,
     // Voxels along a, b and m.
     voxels: vec3i,
@@ -140,18 +145,9 @@ struct Rays {
     // Parameters of the model. X-ray: `curve` of common/response.wgsl. Coded or attenuated by depth: the share of a
     // place (a, b, plane) in the depth of the box is dot(model.xyz, place) + model.w.
     model: vec4f,
-    // The part of the lattice that a brick owns, in (a, b, plane) of the whole lattice, and where plane 0 is.
+    // The part of the lattice that a brick owns, in (a, b, plane).
     owned_low: vec3f,
-    first_plane: f32,
     owned_high: vec3f,
-    // `middle`, `heading`, `origin`, `step_x` and `step_y` of the rays of the whole picture through the whole lattice,
-    // and the place of point (0, 0) in the picture.
-    owned_middle: vec3f,
-    owned_heading: vec3f,
-    owned_origin: vec2f,
-    owned_step_x: vec2f,
-    owned_step_y: vec2f,
-    owned_corner: vec2u,
     // Parallel rays use the first section. Other rays interpolate, with s in units of the length of their shear.
     sections: array<Section, 2u * FAR_SECTIONS>,
     // The inner side of a clipping plane are the places (a, b, plane) with dot(xyz, (a, b, plane)) + w >= 0. See
@@ -192,32 +188,23 @@ struct Line {
 
 // The line of the ray through a point of the intermediate image.
 fn line_of(point: vec2u) -> Line {
-    let x = f32(point.x);
-    let y = f32(point.y);
+    let x = f32(point.x + rays.corner.x);
+    let y = f32(point.y + rays.corner.y);
     let place = rays.origin + x * rays.step_x + y * rays.step_y;
     if PERSPECTIVE {
         let heading = rays.heading + x * rays.heading_x + y * rays.heading_y;
         let shear = heading.xy / heading.z;
-        return Line(rays.middle.xy + place / heading.z - shear * rays.middle.z, shear, heading);
+        return Line(rays.middle + place / heading.z, shear, heading);
     }
     return Line(place, rays.shear, rays.direction);
 }
 
-// The planes of the whole lattice, as real numbers, between which a brick owns a ray.
-fn owned_of(point: vec2u) -> vec2f {
-    let x = f32(point.x + rays.owned_corner.x);
-    let y = f32(point.y + rays.owned_corner.y);
-    var base = rays.owned_origin + x * rays.owned_step_x + y * rays.owned_step_y;
-    var shear = rays.shear;
-    if PERSPECTIVE {
-        let heading = rays.owned_heading + x * rays.heading_x + y * rays.heading_y;
-        shear = heading.xy / heading.z;
-        base = rays.owned_middle.xy + base / heading.z - shear * rays.owned_middle.z;
-    }
+// The planes, as real numbers, between which a brick owns a ray.
+fn owned_of(line: Line) -> vec2f {
     let low = rays.owned_low;
     let high = rays.owned_high;
-    let along_a = owned_along(vec2f(low.z, high.z), base.x, shear.x, low.x, high.x);
-    let owned = owned_along(along_a, base.y, shear.y, low.y, high.y);
+    let along_a = owned_along(vec2f(low.z, high.z), line.base.x, line.shear.x, low.x, high.x);
+    let owned = owned_along(along_a, line.base.y, line.shear.y, low.y, high.y);
     return clamp(owned, vec2f(-FAR), vec2f(FAR));
 }
 

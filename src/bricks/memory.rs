@@ -7,18 +7,23 @@ use crate::layers::Layers;
 use crate::settings::{Level, Painter, Settings};
 use crate::volume::Grid;
 
-/// The bytes of the program and its driver, on software Vulkan. Measured; see
-/// docs/measurements/2026-11-25-bricks.md.
-const PROGRAM: f64 = 75.0 * 1048576.0;
+/// The bytes of the program, its driver and the pipelines of one family of rays, on software Vulkan. All numbers here
+/// are measured; see docs/measurements/2026-11-25-bricks.md.
+const PROGRAM: f64 = 112.0 * 1048576.0;
+
+/// Bytes of further families of rays: half of the pipelines that they may need, for some need none.
+const FAMILIES: f64 = 17.0 * 1048576.0;
 
 /// Voxels between sampled ones along x, y and z.
 const STRIDE: [u32; 3] = [4, 8, 8];
 
 /// Predicts the memory of bricks.
 pub(super) struct Memory {
-    /// Bytes of each voxel of a slice: samples, filtered samples, and the packed texture of the painter tiles.
+    /// Bytes of each voxel of a slice: its sample, and its filtered sample.
     voxel: f64,
-    /// Bytes of each visible voxel.
+    /// Bytes of each voxel of the box around the visible ones: the packed texture of the painter tiles and its margins.
+    boxed: f64,
+    /// Bytes of each visible voxel: its splat, and the memory that making and drawing splats takes beside.
     splat: f64,
     /// Of every sampled voxel, x fastest, whether it is visible; `None`: take all as visible.
     sampled: Option<(Vec<bool>, [usize; 3])>,
@@ -30,37 +35,56 @@ impl Memory {
     /// Samples the voxels of an overview of a volume on `grid`. Several layers count as visible everywhere.
     pub(super) fn new(layers: &Layers, grid: &Grid, settings: &Settings) -> Result<Self> {
         let (post, lit) = (settings.is_post_shaded(), settings.lighting.is_some());
-        let cells = if let Level::At(level) = settings.level { f64::from(3 * level).exp2() } else { 1.0 };
-        let filtered = if settings.sharpens().is_some() { 4.0 } else { 0.0 };
-        // Measured on a scan of 512^3: splats, and the memory that making and drawing them takes beside.
-        let (packed, splat) = match (settings.painter, post, lit) {
+        let level = if let Level::At(level) = settings.level { level } else { 0 };
+        let (boxed, splat) = match (settings.painter, post, lit) {
             (Painter::Quads(_), false, _) => (0.0, 91.0),
             (Painter::Quads(_), true, _) => (0.0, 110.0),
-            // Cells of a level take the place of voxels.
-            (_, false, _) => (8.0 / cells, 12.0 / cells),
-            (_, true, false) => (4.0, 21.0),
-            (_, true, true) => (8.0, 34.0),
+            // Cells take the place of voxels once they are made.
+            (_, false, _) if level == 1 => (3.5, 0.0),
+            (_, false, _) if level > 1 => (2.0, 0.0),
+            (_, false, false) => (9.6, 8.0),
+            (_, false, true) => (9.6, 11.6),
+            (_, true, false) => (7.2, 3.1),
+            (_, true, true) => (14.7, 8.2),
         };
-        let voxel = layers.sample_bytes() as f64 + filtered + packed;
+        // Filtered samples are f32. Noise that the filter makes visible is not known here.
+        let voxel = layers.sample_bytes() as f64 + if settings.sharpens().is_some() { 4.0 } else { 0.0 };
         let coarser = |axis: usize| f64::from(grid.dims()[axis]) / f64::from(layers.grid().dims()[axis]);
         let steps = std::array::from_fn(|axis| f64::from(STRIDE[axis]) * coarser(axis));
-        Ok(Self { voxel, splat, sampled: sampled(layers)?, steps })
+        Ok(Self { voxel, boxed, splat, sampled: sampled(layers)?, steps })
     }
 
-    /// The bytes that drawing a slice takes.
-    pub(super) fn of(&self, held: &[Range<u32>; 3]) -> u64 {
+    /// The bytes that drawing a slice takes, by one family of rays or by several.
+    pub(super) fn of(&self, held: &[Range<u32>; 3], has_families: bool) -> u64 {
         let voxels: f64 = held.iter().map(|range| range.len() as f64).product();
-        let share = self.sampled.as_ref().map_or(1.0, |(visible, counts)| {
-            let places = |axis: usize| {
-                let within = |at: &usize| held[axis].contains(&((*at as f64 * self.steps[axis]) as u32));
-                (0..counts[axis]).filter(within).collect::<Vec<usize>>()
-            };
-            let [x, y, z] = [places(0), places(1), places(2)];
-            let rows = z.iter().flat_map(|z| y.iter().map(move |y| counts[0] * (y + counts[1] * z)));
-            let found = rows.flat_map(|row| x.iter().map(move |x| visible[row + x])).filter(|&visible| visible).count();
-            found as f64 / (x.len() * y.len() * z.len()).max(1) as f64
-        });
-        (PROGRAM + voxels * (self.voxel + share * self.splat)) as u64
+        let (boxed, visible) = self.visible(held).unwrap_or((voxels, voxels));
+        let of_voxels = voxels * self.voxel + boxed * self.boxed + visible * self.splat;
+        (PROGRAM + if has_families { FAMILIES } else { 0.0 } + of_voxels) as u64
+    }
+
+    /// The voxels of the box around the visible voxels of a slice, and the visible voxels.
+    fn visible(&self, held: &[Range<u32>; 3]) -> Option<(f64, f64)> {
+        let (visible, counts) = self.sampled.as_ref()?;
+        let places = |axis: usize| {
+            let within = |at: &usize| held[axis].contains(&((*at as f64 * self.steps[axis]) as u32));
+            (0..counts[axis]).filter(within).collect::<Vec<usize>>()
+        };
+        let places = [0, 1, 2].map(places);
+        let (mut found, mut ends) = (0_u32, [(usize::MAX, 0); 3]);
+        for (&z, &y) in places[2].iter().flat_map(|z| places[1].iter().map(move |y| (z, y))) {
+            let row = counts[0] * (y + counts[1] * z);
+            for &x in places[0].iter().filter(|&&x| visible[row + x]) {
+                found += 1;
+                ends.iter_mut().zip([x, y, z]).for_each(|(end, at)| *end = (end.0.min(at), end.1.max(at)));
+            }
+        }
+        // A sampled voxel stands for those half way to the next.
+        let side = |axis: usize| {
+            let (low, high) = ends[axis];
+            ((high + 1).saturating_sub(low) as f64 * self.steps[axis]).min(held[axis].len() as f64)
+        };
+        let each: f64 = self.steps.iter().product();
+        Some(((0..3).map(side).product(), f64::from(found) * each))
     }
 }
 

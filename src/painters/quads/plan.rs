@@ -154,9 +154,15 @@ pub(super) fn reach(view: &ViewGeometry, settings: &Settings) -> [f64; 2] {
         Model::Xray => 0.0,
         _ => image_aligned(view, settings, Precision::F32).1 * longest_ray(view),
     };
-    // Scalars are classified by the sheets before and behind, and from the end of the sheet before.
-    let around = if view.post_shaded { 2.0 * sheet } else { 0.0 };
+    // Scalars are classified by the sheets before and behind, and from the end of the sheet before. They are there if
+    // they may take part where a visible voxel does, so visible voxels matter farther on.
+    let around = if view.post_shaded { 2.0 * sheet + influence(view, sheet) } else { 0.0 };
     [0.5 * sheet, 0.5 * sheet + around + view.max_radius()]
+}
+
+/// See [`ScalarNeed::influence`]: two voxels may take part at opposite ends of three sheets of this length.
+fn influence(view: &ViewGeometry, sheet: f64) -> f64 {
+    2.0 * view.max_radius() + 3.0 * sheet
 }
 
 /// The longest lattice length of a ray of the picture per unit of view depth.
@@ -229,10 +235,9 @@ impl<'a> Plan<'a> {
         }
         // The longest lattice length of a sheet along any ray.
         let sheet = self.sheet_step * longest_ray(view);
-        // A sheet is classified by its mean and the means of its neighbours, any of which may lie beyond the faces. Two
-        // voxels may take part at opposite ends of the three.
+        // A sheet is classified by its mean and the means of its neighbours, any of which may lie beyond the faces.
         let radius = view.max_radius();
-        let need = ScalarNeed::new(view, radius + 2.0 * sheet, 2.0 * radius + 3.0 * sheet);
+        let need = ScalarNeed::new(view, radius + 2.0 * sheet, influence(view, sheet));
         match Cut::new(view, &self.kernel, 2.0 * sheet).filter(|_| self.takes_cells) {
             Some(cut) => need.with_cells(cut),
             None => need,

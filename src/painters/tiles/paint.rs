@@ -75,7 +75,9 @@ pub(super) fn reach(view: &ViewGeometry, settings: &Settings) -> [f64; 2] {
     let along = planes + 0.5 + 1.0 + 2.0;
     const LEAN: f64 = 1.1;
     let across = LEAN * (0.5 + 1.0 + planes) + view.max_radius();
-    [1.0, along.max(across)]
+    // Scalars are there if they may take part where a visible voxel does, so visible voxels matter farther on.
+    let influence = if settings.is_post_shaded() { influence(view) } else { 0.0 };
+    [1.0, along.max(across) + influence]
 }
 
 /// A place is classified by the means of its slab and of the two beside it. A slab is half a voxel plane thick, along a
@@ -86,9 +88,15 @@ pub(super) fn need(view: &ViewGeometry, settings: &Settings, _weights: Weights) 
     if !settings.is_post_shaded() {
         return ScalarNeed::NONE;
     }
-    const SLABS: f64 = 3.0;
-    let radius = view.max_radius();
-    ScalarNeed::new(view, radius + 2.0 / 3.0 * SLABS, 2.0 * radius + SLABS)
+    ScalarNeed::new(view, view.max_radius() + 2.0 / 3.0 * SLABS, influence(view))
+}
+
+/// How long three slabs of scalars count.
+const SLABS: f64 = 3.0;
+
+/// See [`ScalarNeed::influence`].
+fn influence(view: &ViewGeometry) -> f64 {
+    2.0 * view.max_radius() + SLABS
 }
 
 /// A picture in progress.
@@ -322,7 +330,7 @@ impl<'a> Picture<'a> {
     pub(super) fn setup<'s>(&'s self, axis: &'s PackedAxis) -> RaySetup<'s> {
         let PackedAxis { axis, packing, sections } = axis;
         let (job, footprint) = (&self.job, &self.footprint);
-        RaySetup { job, axis, packing: *packing, kernel: self.kernel, footprint, sections, of_whole: false }
+        RaySetup { job, axis, packing: *packing, kernel: self.kernel, footprint, sections }
     }
 
     /// The pipelines of the picture.

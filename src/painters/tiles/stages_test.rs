@@ -489,7 +489,7 @@ fn runs(context: &Context, packed: &Packed, uniforms: &layout::Rays, perspective
     (0..tiles).map(of).collect()
 }
 
-/// Where a ray meets a plane; nothing if it is not marched along this axis.
+/// Where a ray meets a plane, both from the first of the packed volume; nothing if it is not marched along this axis.
 fn line(uniforms: &layout::Rays, perspective: bool, [x, y]: [u32; 2]) -> Option<impl Fn(f64) -> DVec2> {
     let v2 = |v: [f32; 2]| DVec2::from_array(v.map(f64::from));
     let v3 = |v: [f32; 3]| DVec3::from_array(v.map(f64::from));
@@ -502,10 +502,10 @@ fn line(uniforms: &layout::Rays, perspective: bool, [x, y]: [u32; 2]) -> Option<
             return None;
         }
         shear = heading.truncate() / heading.z;
-        let middle = v3(uniforms.middle);
-        base = middle.truncate() + base / heading.z - shear * middle.z;
+        base = v2(uniforms.middle) + base / heading.z;
     }
-    Some(move |plane: f64| base + shear * plane)
+    let first = DVec3::from_array(uniforms.first.map(f64::from));
+    Some(move |plane: f64| base + shear * (plane + first.z) - first.truncate())
 }
 
 #[test]
@@ -546,7 +546,7 @@ fn rays_meet_no_voxel_between_runs() {
                 padding: 0,
             };
             let (packing, footprint, sections) = (packed.packing, &footprint, &sections);
-            let setup = RaySetup { job: &job, axis, packing, kernel, footprint, sections, of_whole: false };
+            let setup = RaySetup { job: &job, axis, packing, kernel, footprint, sections };
             let images = setup.image_rays(region);
             let pixels = (setup.pixel_share() > 0.0).then(|| setup.pixel_rays(region));
             for Rays { uniforms, spacing } in images.into_iter().chain(pixels) {

@@ -52,8 +52,6 @@ pub(super) struct RaySetup<'a> {
     pub(super) kernel: Kernel,
     pub(super) footprint: &'a Footprint,
     pub(super) sections: &'a Sections,
-    /// Whether places belong to the whole lattice, as the cuts of bricks do, and not to the packed box.
-    pub(super) of_whole: bool,
 }
 
 /// Optical depth of the densest voxel over the longest edge of a voxel: the same in every view, so that nothing that
@@ -64,56 +62,37 @@ pub(super) fn max_depth(job: &Job<'_>) -> f64 {
 }
 
 impl RaySetup<'_> {
-    /// A world point as (a, b, plane) of the packed box, or of the whole lattice.
+    /// A world point as (a, b, plane).
     fn placed(&self, world: DVec3) -> DVec3 {
         self.numbered(self.job.view.grid.to_lattice().transform_point3(world))
     }
 
-    /// The same of a place in the lattice.
+    /// The same of a place in the lattice. Voxels are numbered from one in the middle of the whole lattice, whatever
+    /// part of it is packed: so the rays of a brick are those of the whole picture, to the bit. Planes are numbered
+    /// front to back.
     fn numbered(&self, place: DVec3) -> DVec3 {
-        // Planes are numbered front to back: if rays run against m, from the last one of the box.
-        let last_plane = f64::from(self.planes()) - 1.0;
-        self.axis.ordered(place - self.first()) + if self.axis.flipped { DVec3::Z * last_plane } else { DVec3::ZERO }
+        let middle = self.job.view.grid.dims().map(|count| f64::from(count / 2));
+        self.axis.ordered(place - DVec3::from_array(middle))
     }
 
-    /// The first lattice point of the packed box, or of the whole lattice.
+    /// The first voxel of the packed box along a and b, and its first plane.
     fn first(&self) -> DVec3 {
         let Self { job, axis, packing, .. } = self;
-        let low = DVec3::from_array(unordered(axis.axes, packing.low).map(f64::from));
-        if self.of_whole { DVec3::ZERO } else { job.view.first() + low - f64::from(job.padding) }
+        let [a, b, m] = packing.low;
+        let front = if axis.flipped { m + packing.dims[2] - 1 } else { m };
+        let low = DVec3::from_array(unordered(axis.axes, [a, b, front]).map(f64::from));
+        self.numbered(job.view.first() + low - f64::from(job.padding))
     }
 
-    /// The number of planes.
-    fn planes(&self) -> u32 {
-        if self.of_whole { self.job.view.grid.dims()[self.axis.axes[2]] } else { self.packing.dims[2] }
+    /// The least and the largest (a, b, plane) that a brick owns.
+    fn owned(&self) -> [DVec3; 2] {
+        let open = DVec3::splat(Held::OPEN);
+        let Some(held) = self.job.view.held else { return [-open, open] };
+        let [a, b] = held.owned.map(|place| self.numbered(place).clamp(-open, open));
+        [a.min(b), a.max(b)]
     }
 
-    /// The same rays with the part of each that a brick owns, which all bricks find in numbers of the whole lattice.
-    fn with_owned(&self, rays: Rays, region: Region, lines: impl Fn(&Self, Region, layout::Rays) -> Rays) -> Rays {
-        let Some(held) = self.job.view.held else { return rays };
-        let whole = RaySetup { of_whole: true, ..*self };
-        let [width, height] = self.job.view.camera.size;
-        let of_whole = lines(&whole, Region { x: 0, y: 0, width, height }, rays.uniforms).uniforms;
-        let [a, b] =
-            held.owned.map(|place| whole.numbered(place).clamp(DVec3::splat(-Held::OPEN), DVec3::splat(Held::OPEN)));
-        let uniforms = layout::Rays {
-            owned_low: f3(a.min(b)),
-            owned_high: f3(a.max(b)),
-            first_plane: (whole.numbered(DVec3::ZERO) - self.numbered(DVec3::ZERO)).z as f32,
-            owned_middle: of_whole.middle,
-            owned_heading: of_whole.heading,
-            heading_x: of_whole.heading_x,
-            heading_y: of_whole.heading_y,
-            owned_corner: [region.x, region.y],
-            owned_origin: of_whole.origin,
-            owned_step_x: of_whole.step_x,
-            owned_step_y: of_whole.step_y,
-            ..rays.uniforms
-        };
-        Rays { uniforms, ..rays }
-    }
-
-    /// From (a, b, plane) of the packed box to the lattice.
+    /// From (a, b, plane) to the lattice.
     fn map_to_lattice(&self) -> DAffine3 {
         let place = |p: DVec3| self.placed(self.job.view.grid.to_world().transform_point3(p));
         let zero = place(DVec3::ZERO);
@@ -182,7 +161,7 @@ impl RaySetup<'_> {
         // View coordinates of a gradient along each axis of the lattice: the transpose of the map from view to lattice.
         let axes = DMat3::from_cols(view.camera.right, view.camera.up, view.camera.forward);
         let gradients = (view.grid.to_lattice().matrix3 * axes).transpose();
-        let [box_low, box_high] = self.bounds();
+        let ([box_low, box_high], [owned_low, owned_high]) = (self.bounds(), self.owned());
         // A fade over no growth is whole at once.
         let rate = |[from, to]: [f64; 2]| (1.0 / (to - from).max(1e-6)) as f32;
         let (fade_in, fade_out) = view.fade.map_or(([0.0; 2], [0.0; 2]), |Fade { begins, ends }| {
@@ -197,6 +176,9 @@ impl RaySetup<'_> {
             radius2: (radius * radius) as f32,
             box_low: f3(box_low),
             box_high: f3(box_high),
+            owned_low: f3(owned_low),
+            owned_high: f3(owned_high),
+            first: self.first().as_ivec3().to_array(),
             gradient_x: f3(gradients.x_axis),
             gradient_y: f3(gradients.y_axis),
             gradient_z: f3(gradients.z_axis),
@@ -244,11 +226,13 @@ impl RaySetup<'_> {
 
     /// The rays of the pixels of a region.
     pub(super) fn pixel_rays(&self, region: Region) -> Rays {
-        let lines = |setup: &Self, region, common| match setup.job.view.camera.projection {
-            Projection::Orthographic { .. } => parallel::pixel_rays(setup, region, common),
-            Projection::Perspective { distance, .. } => perspective::pixel_rays(setup, region, distance, common),
+        let size = [region.width, region.height];
+        let common = layout::Rays { size, corner: [region.x, region.y], ..self.uniforms(region) };
+        let rays = match self.job.view.camera.projection {
+            Projection::Orthographic { .. } => parallel::pixel_rays(self, common),
+            Projection::Perspective { distance, .. } => perspective::pixel_rays(self, distance, common),
         };
-        self.with_owned(lines(self, region, self.uniforms(region)), region, lines).in_tiles()
+        rays.in_tiles()
     }
 
     /// The rays of the intermediate images of a region, none if no ray reaches the volume. Each image has a share in
@@ -334,9 +318,12 @@ fn level_for_kernel(kernel: &Kernel) -> f64 {
     (2.0 * (0.58 / width).log2()).max((rim - 0.15) / 0.15).max(0.0).ceil()
 }
 
+/// The middle of the first pixel of a picture, in pixels.
+const FIRST_PIXEL: DVec2 = DVec2::splat(0.5);
+
 /// The middle of the first pixel of a region, in pixels of the picture.
 fn first_pixel(region: Region) -> DVec2 {
-    DVec2::new(f64::from(region.x), f64::from(region.y)) + 0.5
+    DVec2::new(f64::from(region.x), f64::from(region.y)) + FIRST_PIXEL
 }
 
 fn f2(v: DVec2) -> [f32; 2] {

@@ -1,10 +1,11 @@
 //! Parallel rays: their intermediate image lies in plane 0 of the volume, with whole numbers of rays per voxel along a
 //! and b, so that rays meet every plane alike and can share footprints.
 
-use glam::{DMat2, DVec2};
+use glam::{DMat2, DVec2, DVec3};
 
 use super::{
-    RaySetup, Rays, SPLINE_MARGIN, ends, f2, f3, first_pixel, level_for_depth, level_for_kernel, max_depth, smoothstep,
+    FIRST_PIXEL, RaySetup, Rays, SPLINE_MARGIN, ends, f2, f3, first_pixel, level_for_depth, level_for_kernel,
+    max_depth, smoothstep,
 };
 use crate::gpu::layout;
 use crate::image::Region;
@@ -70,7 +71,7 @@ fn marched(level: f64) -> f64 {
 
 /// The eight pixels of a region that best share the voxels that their rays along the axis meet.
 pub(in crate::painters::tiles) fn block(setup: &RaySetup<'_>, region: Region) -> Option<Block> {
-    let [_, step_x, step_y] = pixels_at(setup, region);
+    let [_, step_x, step_y] = pixels_at(setup, first_pixel(region));
     block_of(step_x, step_y, setup.kernel.radius())
 }
 
@@ -86,14 +87,13 @@ fn block_of(step_x: DVec2, step_y: DVec2, radius: f64) -> Option<Block> {
     blocks.min_by_key(|block| block.rows)
 }
 
-/// The rays of the pixels of a region.
-pub(super) fn pixel_rays(setup: &RaySetup<'_>, region: Region, common: layout::Rays) -> Rays {
-    let [first, step_x, step_y] = pixels_at(setup, region);
+/// The rays of pixels, numbered from the first pixel of the picture.
+pub(super) fn pixel_rays(setup: &RaySetup<'_>, common: layout::Rays) -> Rays {
+    let [first, step_x, step_y] = pixels_at(setup, FIRST_PIXEL);
     let uniforms = layout::Rays {
         origin: f2(first),
         step_x: f2(step_x),
         step_y: f2(step_y),
-        size: [region.width, region.height],
         pixel_x: [1.0, 0.0],
         pixel_y: [0.0, 1.0],
         // The images that these rays refine have shares.
@@ -133,17 +133,16 @@ fn along(setup: &RaySetup<'_>, common: layout::Rays) -> layout::Rays {
     }
 }
 
-/// Where the ray of a region's first pixel meets plane 0, and the steps to its neighbours' in x and y.
-fn pixels_at(setup: &RaySetup<'_>, region: Region) -> [DVec2; 3] {
+/// Where the ray of a pixel meets plane 0, and the steps to its neighbours' in x and y.
+fn pixels_at(setup: &RaySetup<'_>, pixel: DVec2) -> [DVec2; 3] {
     let shear = setup.axis.shear();
     let base = |p: DVec2| {
         let (camera, plane) = (&setup.job.view.camera, setup.plane(p));
         let p = setup.placed(camera.target + (camera.right * plane.x + camera.up * plane.y));
         p.truncate() - shear * p.z
     };
-    let corner = first_pixel(region);
-    let first = base(corner);
-    [first, base(corner + DVec2::X) - first, base(corner + DVec2::Y) - first]
+    let first = base(pixel);
+    [first, base(pixel + DVec2::X) - first, base(pixel + DVec2::Y) - first]
 }
 
 /// The distance along a and b, from where a ray meets a plane, within which the kernels that reach it are centred.
@@ -160,7 +159,7 @@ fn through_points(
     common: layout::Rays,
 ) -> Option<layout::Rays> {
     let shear = setup.axis.shear();
-    let [first, pixel_x, pixel_y] = pixels_at(setup, region);
+    let [first, pixel_x, pixel_y] = pixels_at(setup, first_pixel(region));
     let steps = DVec2::from_array(per_voxel.map(f64::from)).recip();
     // The part of the volume that the region sees, in base coordinates.
     let volume_ends = base_ends(setup, shear);
@@ -192,11 +191,12 @@ fn through_points(
 
 /// The least and the largest base coordinates of rays that reach a kernel of the packed box.
 fn base_ends(setup: &RaySetup<'_>, shear: DVec2) -> [DVec2; 2] {
-    let dims = setup.packing.dims.map(f64::from);
+    let first = setup.first();
+    let last = first + DVec3::from_array(setup.packing.dims.map(f64::from)) - 1.0;
     let half = footprint_half(setup.kernel.radius(), shear);
-    // How far rays move between the first plane and the last.
-    let drift = shear * (dims[2] - 1.0);
-    [-half - drift.max(DVec2::ZERO), DVec2::new(dims[0], dims[1]) - 1.0 + half - drift.min(DVec2::ZERO)]
+    // How far rays move from plane 0 to the first plane of the box, and to the last.
+    let [near, far] = [first, last].map(|end| shear * end.z);
+    [first.truncate() - half - near.max(far), last.truncate() + half - near.min(far)]
 }
 
 #[cfg(test)]

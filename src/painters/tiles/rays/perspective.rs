@@ -4,7 +4,8 @@
 use glam::{DVec2, DVec3};
 
 use super::{
-    RaySetup, Rays, SPLINE_MARGIN, f2, f3, first_pixel, level_for_depth, level_for_kernel, max_depth, smoothstep,
+    FIRST_PIXEL, RaySetup, Rays, SPLINE_MARGIN, f2, f3, first_pixel, level_for_depth, level_for_kernel, max_depth,
+    smoothstep,
 };
 use crate::gpu::layout;
 use crate::image::Region;
@@ -21,10 +22,9 @@ pub(super) fn pixel_share(setup: &RaySetup<'_>, distance: f64) -> f64 {
     smoothstep(none, all, pitch(setup, distance))
 }
 
-/// The rays of the pixels of a region.
-pub(super) fn pixel_rays(setup: &RaySetup<'_>, region: Region, distance: f64, common: layout::Rays) -> Rays {
-    let common = layout::Rays { size: [region.width, region.height], ..common };
-    through([first_pixel(region), DVec2::ONE], setup, distance, common)
+/// The rays of pixels, numbered from the first pixel of the picture.
+pub(super) fn pixel_rays(setup: &RaySetup<'_>, distance: f64, common: layout::Rays) -> Rays {
+    through([FIRST_PIXEL, DVec2::ONE], setup, distance, common)
 }
 
 /// The rays of the intermediate image of a region, `None` if the axis has no share in it.
@@ -62,22 +62,21 @@ fn through([first, steps]: [DVec2; 2], setup: &RaySetup<'_>, distance: f64, comm
     let next = setup.plane(first + steps);
     let first = setup.plane(first);
     let [step_x, step_y] = [DVec2::new(next.x - first.x, 0.0), DVec2::new(0.0, next.y - first.y)].map(heading);
-    // Places are measured from the point in the middle plane that a ray in the middle of all that run along m goes
-    // through: measured from an eye that is far away they would cancel. Let c be the heading of that ray, E the eye and
-    // M = E + t c the point. A ray of heading h meets the middle plane at E + t c.m / h.m h = M + t (c.m h - h.m c) /
+    // Places are measured from the point in plane 0, the middle one, that a ray in the middle of all that run along m
+    // goes through: measured from an eye that is far away they would cancel. Let c be the heading of that ray, E the
+    // eye and M = E + t c the point. A ray of heading h meets plane 0 at E + t c.m / h.m h = M + t (c.m h - h.m c) /
     // h.m. The numerator is linear in h, and 0 for h = c: it is the numerator of the difference.
     let central = forward + heading(axis.middle);
     let placed = |from_target: DVec3| setup.placed(camera.target + from_target);
     let eye = placed(-camera.forward * distance);
-    // The point of that ray at the depth of the target, and the middle plane.
+    // The point of that ray at the depth of the target.
     let near = placed((camera.right * axis.middle.x + camera.up * axis.middle.y) * distance);
-    let plane = (f64::from(setup.planes()) - 1.0) / 2.0;
-    let t = (plane - eye.z) / central.z;
+    let t = -eye.z / central.z;
     let numerator = |difference: DVec3| ((difference * central.z - central * difference.z) * t).truncate();
-    let middle = near + central * ((plane - near.z) / central.z);
+    let middle = near - central * (near.z / central.z);
     // The growth where that is, and its change along the lattice.
     let (growth, most) = view.depth_growth();
-    let depth = distance + (plane - near.z) / central.z;
+    let depth = distance - near.z / central.z;
     let growth_slope = axis.ordered(grid.to_world().matrix3.transpose() * camera.forward) * growth.slope;
     let uniforms = layout::Rays {
         heading: f3(forward + heading(first)),
@@ -86,7 +85,7 @@ fn through([first, steps]: [DVec2; 2], setup: &RaySetup<'_>, distance: f64, comm
         origin: f2(numerator(heading(first - axis.middle))),
         step_x: f2(numerator(step_x)),
         step_y: f2(numerator(step_y)),
-        middle: f3(middle),
+        middle: f2(middle.truncate()),
         // Farther than any volume has planes it makes no difference.
         eye_plane: eye.z.clamp(-1e8, 1e8) as f32,
         growth_slope: f3(growth_slope),
