@@ -5,7 +5,7 @@ use std::sync::Arc;
 use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::gpu::cache::Cache;
-use crate::gpu::context::{self, Context, PIXEL_BYTES};
+use crate::gpu::context::{self, Context, PIXEL_BYTES, Traffic};
 use crate::gpu::light_volume::PostShading;
 use crate::gpu::present::{self, Present};
 use crate::gpu::recorder::Recorder;
@@ -23,7 +23,7 @@ pub use crate::prepare::scene::Scene;
 use crate::progress::Progress;
 use crate::settings::{Level, Model, Settings, Shading};
 use crate::stats::adapter::AdapterInfo;
-use crate::stats::{StageTime, Stats};
+use crate::stats::{Counts, StageTime, Stats};
 use crate::transfer::TransferFunction;
 use crate::volume::Volume;
 
@@ -110,6 +110,20 @@ impl Renderer {
     #[must_use]
     pub fn adapter(&self) -> &AdapterInfo {
         &self.context.info
+    }
+
+    /// Runs the stages of GPUs on a software adapter too. Otherwise stages that are faster on the host run there. Counts
+    /// of a GPU's work ([`Self::counts`]) need no GPU then; pictures take longer.
+    #[must_use]
+    pub fn with_device_stages(self) -> Self {
+        Self { context: self.context.with_device_stages(), ..self }
+    }
+
+    /// The work that the device has received from this renderer so far, and the memory that it holds now.
+    #[must_use]
+    pub fn counts(&self) -> Counts {
+        let Traffic { sent, dispatches, submissions, waits, .. } = self.context.traffic();
+        Counts { dispatches, submissions, waits, uploaded: sent, resident: self.context.resident() }
     }
 
     /// Prepares a volume for pictures with these settings. The scene depends only on the model, the shading and whether
@@ -368,6 +382,10 @@ impl Renderer {
                 + nearest.post.as_ref().map_or(0, |p| p.light.bytes),
             frame_bytes: traffic.allocated - before.allocated,
             bytes_sent: traffic.sent - before.sent,
+            dispatches: traffic.dispatches - before.dispatches,
+            submissions: traffic.submissions - before.submissions,
+            waits: traffic.waits - before.waits,
+            bytes_resident: context.resident(),
             pipelines: traffic.pipelines,
             stages,
         })

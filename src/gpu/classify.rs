@@ -333,9 +333,7 @@ impl Job<'_> {
         let mut recorder = Recorder::untimed(context);
         {
             let mut pass = recorder.compute_pass("classify");
-            pass.set_pipeline(&self.count);
-            pass.set_bind_group(0, &bindings(&uniform(&parameters)?, &none), &[]);
-            pass.dispatch_workgroups(x, y, 1);
+            pass.dispatch(&self.count, &bindings(&uniform(&parameters)?, &none), &[], [x, y, 1]);
             self.scan.record(context, &mut pass, &places, runs + 1)?;
         }
         let places = recorder.read_back("classify.places_staging", &places, places_bytes)?;

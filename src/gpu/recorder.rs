@@ -26,6 +26,28 @@ pub(crate) struct Readback {
     bytes: u64,
 }
 
+/// A compute pass whose dispatches are counted.
+pub(crate) struct ComputePass<'a> {
+    pass: wgpu::ComputePass<'a>,
+    context: &'a Context,
+}
+
+impl ComputePass<'_> {
+    /// Dispatches so many workgroups of a pipeline with its bindings.
+    pub(crate) fn dispatch(
+        &mut self,
+        pipeline: &wgpu::ComputePipeline,
+        group: &wgpu::BindGroup,
+        offsets: &[u32],
+        [x, y, z]: [u32; 3],
+    ) {
+        self.context.dispatched();
+        self.pass.set_pipeline(pipeline);
+        self.pass.set_bind_group(0, group, offsets);
+        self.pass.dispatch_workgroups(x, y, z);
+    }
+}
+
 /// Extends two-dimensional workgroups by a third dimension of one.
 pub(crate) fn flat([x, y]: [u32; 2]) -> [u32; 3] {
     [x, y, 1]
@@ -47,11 +69,12 @@ impl<'a> Recorder<'a> {
     }
 
     /// A compute pass of a stage, for several dispatches.
-    pub(crate) fn compute_pass(&mut self, stage: &'static str) -> wgpu::ComputePass<'_> {
-        self.encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+    pub(crate) fn compute_pass(&mut self, stage: &'static str) -> ComputePass<'_> {
+        let pass = self.encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
             label: Some(stage),
             timestamp_writes: self.timing.compute(self.context, stage),
-        })
+        });
+        ComputePass { pass, context: self.context }
     }
 
     /// A compute pass of one dispatch.
@@ -61,12 +84,9 @@ impl<'a> Recorder<'a> {
         pipeline: &wgpu::ComputePipeline,
         group: &wgpu::BindGroup,
         offsets: &[u32],
-        [x, y, z]: [u32; 3],
+        workgroups: [u32; 3],
     ) {
-        let mut pass = self.compute_pass(stage);
-        pass.set_pipeline(pipeline);
-        pass.set_bind_group(0, group, offsets);
-        pass.dispatch_workgroups(x, y, z);
+        self.compute_pass(stage).dispatch(pipeline, group, offsets, workgroups);
     }
 
     /// Like [`Self::dispatch`], with the number of workgroups in the first three words of a buffer.
@@ -77,7 +97,8 @@ impl<'a> Recorder<'a> {
         group: &wgpu::BindGroup,
         workgroups: &wgpu::Buffer,
     ) {
-        let mut pass = self.compute_pass(stage);
+        let ComputePass { mut pass, context } = self.compute_pass(stage);
+        context.dispatched();
         pass.set_pipeline(pipeline);
         pass.set_bind_group(0, group, &[]);
         pass.dispatch_workgroups_indirect(workgroups, 0);
@@ -132,7 +153,7 @@ impl<'a> Recorder<'a> {
     /// Counts recorded work, and submits it when it reaches the limit of a submission.
     pub(crate) fn worked(&mut self, work: u64) {
         self.work = self.work.saturating_add(work);
-        if self.work >= MAX_WORK && !self.context.info.is_software() {
+        if self.work >= MAX_WORK && !self.context.is_software() {
             self.submit();
         }
     }
@@ -141,7 +162,7 @@ impl<'a> Recorder<'a> {
     pub(crate) fn submit(&mut self) {
         self.work = 0;
         let recorded = std::mem::replace(&mut self.encoder, encoder(self.context));
-        self.context.queue.submit([recorded.finish()]);
+        self.context.submit(Some(recorded.finish()));
     }
 
     /// Runs a stage on the host.

@@ -268,12 +268,9 @@ fn scan_matches_its_twin() {
         let values: Vec<u32> = (0..count).map(|i: u32| i.wrapping_mul(2_654_435_761) >> 29).collect();
         let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
         let buffer = context.upload("test.values", bytemuck::cast_slice(&values), usage).unwrap();
-        let mut encoder = context.device.create_command_encoder(&Default::default());
-        {
-            let mut pass = encoder.begin_compute_pass(&Default::default());
-            scan.record(&context, &mut pass, &buffer, u64::from(count)).unwrap();
-        }
-        context.queue.submit([encoder.finish()]);
+        let mut recorder = Recorder::untimed(&context);
+        scan.record(&context, &mut recorder.compute_pass("scan"), &buffer, u64::from(count)).unwrap();
+        recorder.submit();
         assert!(words(&download(&context, &buffer, u64::from(count) * 4)) == twins::scan(&values), "{count}");
     }
 }

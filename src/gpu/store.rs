@@ -195,7 +195,7 @@ fn upload(context: &Context, bricks: &[HostBrick], stride: u64, count: u32) -> R
         (at, waiting) = (at + bytes, waiting + bytes);
         if waiting > SENT {
             // Copies in flight take memory until they have arrived.
-            context.queue.submit([]);
+            context.submit(None);
             context.wait("sending splats")?;
             waiting = 0;
         }
@@ -279,7 +279,7 @@ pub(crate) trait Part: Sized {
 
 impl Part for HostBrick {
     fn join(context: &Context, parts: Vec<Self>, stride: u64, count: u32) -> Result<Splats> {
-        if context.info.is_software() {
+        if context.is_software() {
             return Ok(Splats::Host(Arc::new(parts)));
         }
         Ok(Splats::Device(upload(context, &parts, stride, count)?))

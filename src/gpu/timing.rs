@@ -74,7 +74,7 @@ impl Timing {
             encoder.resolve_query_set(set, 0..SET.min(count - first), &resolved, u64::from(first) * 8);
         }
         encoder.copy_buffer_to_buffer(&resolved, 0, &staging, 0, bytes);
-        context.queue.submit([encoder.finish()]);
+        context.submit(Some(encoder.finish()));
         let data = context.read("reading timestamps", &staging)?;
         let ticks: Vec<u64> = data[..bytes as usize].chunks_exact(8).map(bytemuck::pod_read_unaligned).collect();
         let second = f64::from(context.queue.get_timestamp_period()) * 1e-9;

@@ -150,7 +150,7 @@ impl PreShaded {
                 None => media::classified(context, &self.layers, self.lit, progress)?,
                 Some((volume, transfer)) => {
                     let input = Input::new(context, volume, transfer, self.lit, progress)?;
-                    if context.info.is_software() {
+                    if context.is_software() {
                         // Such a device is the host, which classifies faster without it.
                         HostClassifier::run(&input)?
                     } else {

@@ -223,7 +223,7 @@ impl<'a> Picture<'a> {
         let Job { settings, post, view, .. } = self.job;
         // Partial pictures are composited before anything is resampled. Classification makes edges that only the rays
         // of pixels keep; rays that are shared reach two voxels.
-        let full = resolution(settings, self.job.context.info.is_software()) == Resolution::Full;
+        let full = resolution(settings, self.job.context.is_software()) == Resolution::Full;
         let per_pixel =
             full || view.held.is_some() || post.is_some() || self.kernel.radius() > MAX_RADIUS || self.is_layered();
         !per_pixel && self.axes.iter().any(|axis| self.setup(axis).pixel_share() < 1.0)
@@ -268,7 +268,7 @@ impl<'a> Picture<'a> {
     /// scalars, whose classification takes the time.
     fn block(&self, axis: &PackedAxis) -> Option<Block> {
         let Job { context, post, view, .. } = self.job;
-        if post.is_some() || view.held.is_some() || !context.info.is_software() {
+        if post.is_some() || view.held.is_some() || !context.is_software() {
             return None;
         }
         parallel::block(&self.setup(axis), self.whole())
@@ -278,7 +278,7 @@ impl<'a> Picture<'a> {
     pub(super) fn is_left_to_quads(&self) -> bool {
         let [width, height] = self.job.view.camera.size.map(u64::from);
         self.job.settings.painter == Painter::Auto
-            && self.job.context.info.is_software()
+            && self.job.context.is_software()
             && self.job.settings.model == Model::Xray
             && matches!(self.ray_kind(), RayKind::Pixels | RayKind::Straight | RayKind::StraightBlocks(_))
             && PIXELS_PER_QUAD * self.job.splats() < width * height
@@ -364,7 +364,7 @@ impl Picture<'_> {
 
     /// See [`Painting::most_pixels`](crate::painters::painter::Painting::most_pixels).
     pub(super) fn most_pixels(&self) -> u64 {
-        if self.job.context.info.is_software() {
+        if self.job.context.is_software() {
             return u64::MAX;
         }
         // Each pixel may have its own ray beside the rays of the images.

@@ -246,7 +246,7 @@ fn constants(voxel: Voxel, perspective: bool, points: bool) -> Vec<Constant> {
 }
 
 fn packed(context: &Context, store: Store, axes: [usize; 3], voxel: Voxel, max_weight: f64) -> Packed {
-    let stage = (!context.info.is_software()).then(|| pack::stage(context, &constants(voxel, false, false)));
+    let stage = (!context.is_software()).then(|| pack::stage(context, &constants(voxel, false, false)));
     packed_by(context, (stage.as_ref(), false, false), store, axes, voxel, max_weight, |_| true)
 }
 

@@ -131,7 +131,7 @@ impl Packing {
     pub(super) fn is_for_host(&self, context: &Context, splats: u64) -> bool {
         const BYTES: u64 = 28;
         let [width, height] = self.size.map(u64::from);
-        context.info.is_software() && BYTES * splats > width * height * self.voxel.texel()
+        context.is_software() && BYTES * splats > width * height * self.voxel.texel()
     }
 
     /// Macrocells along a, b and m.
