@@ -198,7 +198,8 @@ impl Renderer {
         region.check_within(camera.size)?;
         check_whole(scene)?;
         let mut image = Image::transparent(region.width, region.height)?;
-        let stats = self.paint(scene, camera, settings, region, &mut |recorder, painted, part, pixels| {
+        let recorder = Recorder::timed(&self.context);
+        let stats = self.paint(scene, camera, settings, region, recorder, &mut |recorder, painted, part, pixels| {
             put(&mut image, [region, painted, part], recorder, pixels)
         })?;
         Ok(Rendered { image, stats })
@@ -217,7 +218,8 @@ impl Renderer {
         let [width, height] = camera.size;
         let whole = Region { x: 0, y: 0, width, height };
         let mut parts: Vec<(Region, Image)> = Vec::new();
-        let stats = self.paint(scene, camera, settings, whole, &mut |recorder, painted, part, pixels| {
+        let recorder = Recorder::timed(&self.context);
+        let stats = self.paint(scene, camera, settings, whole, recorder, &mut |recorder, painted, part, pixels| {
             let mut image = Image::transparent(part.width, part.height)?;
             put(&mut image, [part, painted, part], recorder, pixels)?;
             parts.push((part, image));
@@ -240,7 +242,10 @@ impl Renderer {
     }
 
     /// Renders a picture into a texture of this renderer's device. Pixels that the volume does not reach become
-    /// transparent. Returns the statistics; nothing is read back.
+    /// transparent. Returns the statistics, without the times of stages on the device.
+    ///
+    /// The painter tiles, and so `auto`, neither reads back nor waits for the device once the scene holds the splats of
+    /// the picture. Quads reads the number of splats in each batch of sheets.
     ///
     /// The texture has the size of the camera's picture, one sample, four float or normalised channels, and the usage
     /// `RENDER_ATTACHMENT`. It receives display values with premultiplied alpha, stored unchanged in sRGB formats too.
@@ -267,7 +272,7 @@ impl Renderer {
         })?;
         let [width, height] = camera.size;
         let whole = Region { x: 0, y: 0, width, height };
-        self.paint(scene, camera, settings, whole, &mut |recorder, painted, _, pixels| {
+        self.paint(scene, camera, settings, whole, Recorder::untimed(context), &mut |recorder, painted, _, pixels| {
             pipeline.record(recorder, &view, painted, pixels)?;
             recorder.submit();
             Ok(())
@@ -281,6 +286,7 @@ impl Renderer {
         camera: &Camera,
         settings: &Settings,
         wanted: Region,
+        mut recorder: Recorder<'_>,
         take: &mut Take<'_>,
     ) -> Result<Stats> {
         camera.validate()?;
@@ -333,7 +339,6 @@ impl Renderer {
             let (made, seconds) = on_host(|| painting.make_pipelines());
             made?;
             stages.push(StageTime::host("pipelines", seconds));
-            let mut recorder = Recorder::timed(context);
             let (rendered, seconds) = on_host(|| {
                 context.guarded("rendering", || {
                     (0_u32..).zip(&regions).try_for_each(|(done, &(region, part))| {
@@ -445,6 +450,7 @@ fn put(
     pixels: &wgpu::Buffer,
 ) -> Result<()> {
     let pixels = recorder.read_back("picture.staging", pixels, painted.area() * PIXEL_BYTES)?;
+    recorder.resolve_times()?;
     recorder.submit();
     let pixels: Vec<[f32; 4]> = pixels.values(recorder.context, "rendering")?;
     let columns = |of: Region| (part.x - of.x) as usize..(part.x - of.x + part.width) as usize;

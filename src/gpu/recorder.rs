@@ -150,6 +150,11 @@ impl<'a> Recorder<'a> {
         Ok(Readback { staging, bytes })
     }
 
+    /// Records that the host can read the times of the stages so far, once it has waited for the next submission.
+    pub(crate) fn resolve_times(&mut self) -> Result<()> {
+        self.timing.resolve(self.context, &mut self.encoder)
+    }
+
     /// Counts recorded work, and submits it when it reaches the limit of a submission.
     pub(crate) fn worked(&mut self, work: u64) {
         self.work = self.work.saturating_add(work);
@@ -172,8 +177,8 @@ impl<'a> Recorder<'a> {
         result
     }
 
-    /// The time of each stage: stages on the host, then stages on the device in the order of their first pass. Stages
-    /// on the device are left out without timestamps.
+    /// The time of each stage: stages on the host, then stages on the device in the order of their first pass, up to
+    /// the last [`Self::resolve_times`]. Stages on the device are left out without timestamps.
     pub(crate) fn times(self) -> Result<Vec<StageTime>> {
         let on_host = self.on_host.into_iter().map(|(name, seconds)| StageTime::host(name, seconds));
         let on_device = self.timing.finish(self.context)?.into_iter();
