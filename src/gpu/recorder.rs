@@ -123,6 +123,11 @@ impl<'a> Recorder<'a> {
         self.encoder.copy_buffer_to_buffer(from, 0, to, at, bytes);
     }
 
+    /// Sets the first `bytes` of a buffer to 0.
+    pub(crate) fn clear(&mut self, buffer: &wgpu::Buffer, bytes: u64) {
+        self.encoder.clear_buffer(buffer, 0, Some(bytes));
+    }
+
     /// Copies a buffer of rows of `row_bytes` bytes into a texture, from row `first_row` on.
     pub(crate) fn copy_rows(
         &mut self,

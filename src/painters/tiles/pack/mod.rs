@@ -4,6 +4,8 @@
 mod device;
 mod host;
 
+use device::Bands;
+
 use std::ops::Range;
 
 use crate::error::Result;
@@ -172,6 +174,8 @@ pub(crate) struct Packed {
     pub(super) scale: f64,
     /// Bytes on the device.
     pub(super) bytes: u64,
+    /// The splats of each band; `None`: the host packs.
+    bands: Option<Bands>,
 }
 
 /// The light on packed voxels.
@@ -185,7 +189,7 @@ pub(super) struct Lit<'a> {
 /// The stage that packs on the device.
 pub(super) fn stage(context: &Context, constants: &[Constant]) -> Stage {
     let marks = Binding::StorageTexture(wgpu::TextureFormat::R32Uint, wgpu::TextureViewDimension::D3);
-    let slots = [Uniform, Uniform, Read, Read, Write, marks];
+    let slots = [Uniform, Uniform, Read, Read, Write, marks, Read];
     Stage::new(context, shaders::PACK, ("pack", "voxels"), &slots, constants)
 }
 
@@ -205,12 +209,18 @@ impl Packing {
             Voxel::Scalar => 1.0,
             _ => (F16_HEADROOM / max_weight.max(f64::MIN_POSITIVE)).log2().floor().exp2().min(MAX_SCALE),
         };
-        let textures = match over {
-            Some(Packed { volume, occupied, .. }) => [volume, occupied].map(|view| view.texture().clone()),
-            None => self.textures(recorder.context),
+        let (textures, bands) = match over {
+            Some(Packed { volume, occupied, bands, .. }) => ([volume, occupied].map(|v| v.texture().clone()), bands),
+            None => (self.textures(recorder.context), None),
         };
-        match stage {
-            Some(stage) => self.fill_on_device(recorder, stage, stores, lit, scale as f32, &textures)?,
+        let bands = match (stage, bands) {
+            (Some(_), None) => Some(self.bands(recorder.context, stores)?),
+            (_, bands) => bands,
+        };
+        match stage.zip(bands.as_ref()) {
+            Some((stage, bands)) => {
+                self.fill_on_device(recorder, stage, (stores, bands), lit, scale as f32, &textures)?;
+            }
             None => recorder
                 .on_host("pack", |recorder| self.fill_on_host(recorder, stores, lit, scale as f32, &textures))?,
         }
@@ -224,6 +234,7 @@ impl Packing {
             occupied,
             scale,
             bytes: width * height * self.voxel.texel() + macrocells * 4,
+            bands,
         })
     }
 }
