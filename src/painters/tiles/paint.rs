@@ -296,12 +296,12 @@ impl<'a> Picture<'a> {
         let lit = Lit { lighting: &self.lighting, to_eye: view.to_eye(), points: settings.has_point_lights() };
         let held = self.job.kept.get_or_make((), || Ok(Mutex::<Vec<Arc<Packed>>>::default()))?;
         let mut held = held.lock().unwrap_or_else(PoisonError::into_inner);
-        // Drop unusable packings first, so that old and new are never in memory together. Colours may be lit from the
-        // eye: lit ones are packed over, because textures that exist are not cleared first.
+        // Drop unusable packings first, so that old and new are never in memory together. Colours under another light
+        // are packed over, because textures that exist are not cleared first.
         let is_served = |packed: &Packed| self.axes.iter().any(|axis| self.serves(axis, packed));
-        let is_lit = matches!(self.voxel, Voxel::Color { lights: 1.., .. });
+        let light = lit.on(self.voxel);
         let served = held.drain(..).filter(|packed| is_served(packed));
-        let (spare, reusable): (Vec<_>, Vec<_>) = served.partition(|_| is_lit);
+        let (reusable, spare): (Vec<_>, Vec<_>) = served.partition(|packed| packed.light == light);
         let mut spare: Vec<Packed> = spare.into_iter().filter_map(Arc::into_inner).collect();
         let mut packed: Vec<Arc<Packed>> = Vec::new();
         for axis in &self.axes {

@@ -174,6 +174,8 @@ pub(crate) struct Packed {
     pub(super) scale: f64,
     /// Bytes on the device.
     pub(super) bytes: u64,
+    /// The light on the voxels; `None`: their colours do not depend on light.
+    pub(super) light: Option<PackedLight>,
     /// The splats of each band; `None`: the host packs.
     bands: Option<Bands>,
 }
@@ -184,6 +186,23 @@ pub(super) struct Lit<'a> {
     pub(super) to_eye: ToEye,
     /// Some light is at a place.
     pub(super) points: bool,
+}
+
+/// All that lit colours depend on besides the splats.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct PackedLight {
+    lighting: Vec<u8>,
+    to_eye: Option<ToEye>,
+}
+
+impl Lit<'_> {
+    /// The light on voxels of a kind; `None`: their colours do not depend on light.
+    pub(super) fn on(&self, voxel: Voxel) -> Option<PackedLight> {
+        let is_lit = matches!(voxel, Voxel::Color { lights: 1.., .. });
+        // Along parallel rays all voxels have one direction to the eye.
+        let to_eye = self.to_eye.perspective.then(|| self.to_eye.clone());
+        is_lit.then(|| PackedLight { lighting: bytemuck::bytes_of(self.lighting).to_vec(), to_eye })
+    }
 }
 
 /// The stage that packs on the device.
@@ -234,6 +253,7 @@ impl Packing {
             occupied,
             scale,
             bytes: width * height * self.voxel.texel() + macrocells * 4,
+            light: lit.on(self.voxel),
             bands,
         })
     }
