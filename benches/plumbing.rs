@@ -155,7 +155,10 @@ impl Host {
     /// A device of its own for a picture, so that no other scene is in its memory.
     fn new(device_stages: bool) -> Outcome<Self> {
         let best = adapters().into_iter().next().ok_or("no adapter")?;
-        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
+        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
+            backends: wgpu::Backends::VULKAN | wgpu::Backends::METAL | wgpu::Backends::DX12,
+            ..wgpu::InstanceDescriptor::new_without_display_handle()
+        });
         let found = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
         let adapter = found.into_iter().find(|a| a.get_info().name == best.name).ok_or("no adapter")?;
         let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor {

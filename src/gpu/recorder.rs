@@ -3,6 +3,7 @@
 use super::context::Context;
 use super::timing::{Timing, add, on_host};
 use crate::error::Result;
+use crate::stats::adapter::AdapterKind;
 use crate::stats::{Clock, StageTime};
 
 /// Recorded commands, with their device and the times of their stages.
@@ -16,9 +17,21 @@ pub(crate) struct Recorder<'a> {
     work: u64,
 }
 
-/// The largest work of a submission on a GPU, in fragments of splats: by their operations and the sheets that they
-/// blend, a few tenths of a second on the slowest. Operating systems reset a GPU whose commands take seconds.
-pub(crate) const MAX_WORK: u64 = 200_000_000;
+/// The largest work of a submission on a GPU that shares the processor's memory, in fragments of splats: by their
+/// operations and the sheets that they blend, a few tenths of a second on the slowest. Operating systems reset a GPU
+/// whose commands take seconds.
+const MAX_WORK: u64 = 200_000_000;
+/// How many times as much a GPU with memory of its own does: smaller submissions do not fill it.
+const DISCRETE: u64 = 10;
+
+/// The largest work of a submission, in fragments of splats.
+pub(crate) fn max_work(context: &Context) -> u64 {
+    match context.info.kind {
+        _ if context.is_software() => u64::MAX,
+        AdapterKind::Discrete => DISCRETE * MAX_WORK,
+        _ => MAX_WORK,
+    }
+}
 
 /// A copy of a buffer that the host can read once the commands before it are done.
 pub(crate) struct Readback {
@@ -163,7 +176,7 @@ impl<'a> Recorder<'a> {
     /// Counts recorded work, and submits it when it reaches the limit of a submission.
     pub(crate) fn worked(&mut self, work: u64) {
         self.work = self.work.saturating_add(work);
-        if self.work >= MAX_WORK && !self.context.is_software() {
+        if self.work >= max_work(self.context) {
             self.submit();
         }
     }

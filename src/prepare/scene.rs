@@ -367,7 +367,7 @@ impl Scene {
             return Ok((Some(PostShading { table, light, shadows: false, to_light: DAffine3::IDENTITY }), 0.0));
         };
         let (kernel, normalization) = lattice.kernel_of_voxels();
-        let (coarse, grid) = self.lit_cells(&kernel, lattice.level)?;
+        let (coarse, grid) = self.lit_cells(context, &kernel, lattice.level)?;
         let denser = normalization.density(&kernel);
         let cells = coarse.map_or(kernel, |(cells, growth)| cells.kernel(&kernel, growth));
         let unit = scalars.transfer.unit_or(self.grid.min_spacing());
@@ -394,16 +394,20 @@ impl Scene {
 
     /// The lattice of the light of a post-shaded picture: voxels, or cells and the growth of the kernels that they
     /// stand for. It is no finer than the lattice of the picture and no larger than a light volume may be.
-    fn lit_cells(&self, kernel: &Kernel, level: u32) -> Result<(Option<(Coarse, f64)>, Grid)> {
+    fn lit_cells(&self, context: &Context, kernel: &Kernel, level: u32) -> Result<(Option<(Coarse, f64)>, Grid)> {
+        let longest = context.limits.max_texture_dimension_3d;
         for level in level..=MAX_LEVEL {
             let growth = cells::least_growth(kernel, level);
             let coarse = (level > 0).then(|| (Coarse::new(kernel, growth, Some(level)), growth));
             let grid = coarse.map_or(Ok(self.grid), |(cells, _)| cells.grid(&self.grid))?;
-            if grid.len() <= light_volume::MAX_CELLS {
+            if grid.len() <= light_volume::MAX_CELLS && grid.dims().into_iter().all(|cells| cells <= longest) {
                 return Ok((coarse, grid));
             }
         }
-        Err(Error::volume("no light volume has room for as many voxels"))
+        Err(context.unsupported(format!(
+            "holds volumes of at most {longest} voxels a side, and the light in this volume outgrows them: render \
+             without shadows, or pre-shaded"
+        )))
     }
 
     /// Refuses a scene of another device, and settings that it was not prepared for.

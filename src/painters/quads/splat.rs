@@ -10,7 +10,7 @@ use crate::gpu::context::Context;
 use crate::gpu::layout::Area;
 use crate::gpu::pipeline::Binding::{DynamicUniform, Read, ReadTexture, Uniform};
 use crate::gpu::pipeline::{Render, bind, layout, module, texture_view};
-use crate::gpu::recorder::{MAX_WORK, Recorder};
+use crate::gpu::recorder::{Recorder, max_work};
 use crate::gpu::shaders;
 use crate::kernel::FootprintTable;
 use crate::painters::stage::declared;
@@ -178,7 +178,7 @@ impl Splats<'_> {
         let wipe = self.stage.wipe.as_ref().filter(|_| 2 * part < all && part > 0);
         let most = match context.is_software() {
             true => SOFTWARE_PASS,
-            false => u32::try_from(MAX_WORK / self.quad_pixels.max(1)).unwrap_or(u32::MAX).max(1),
+            false => u32::try_from(max_work(context) / self.quad_pixels.max(1)).unwrap_or(u32::MAX).max(1),
         };
         let passes = passes(spans, batch, most);
         for (number, pieces) in passes.into_iter().enumerate() {
