@@ -11,7 +11,7 @@
 //! - `first`: the volume is prepared and drawn
 //! - `next`: the camera turns by 10 degrees
 //! - `light`: a light in a direction replaces another one (lit pictures)
-//! - `transfer`: the visible values begin a little higher, then the opacities of the first function return, doubled
+//! - `transfer`: the visible values begin lower (`Renderer::set_transfer`, after another change that is not counted)
 //! - `clip`: a clipping plane moves
 //!
 //! Frames are drawn into a texture (`Renderer::render_into`). Columns: dispatches and draws, submissions, waits of the
@@ -89,12 +89,12 @@ impl RaceScene {
         Ok(load(file, &raw)?)
     }
 
-    /// The curve of the race with values moved by a share of the range and opacities multiplied.
-    fn transfer(&self, curve: &[[f64; 5]], moved: f64, times: f64) -> Outcome<TransferFunction> {
+    /// The curve of the race with values moved by a share of the range.
+    fn transfer(&self, curve: &[[f64; 5]], moved: f64) -> Outcome<TransferFunction> {
         let point = |&[value, r, g, b, opacity]: &[f64; 5]| ControlPoint {
             value: self.one * (value + moved),
             color: [r, g, b],
-            opacity: times * opacity,
+            opacity,
         };
         Ok(TransferFunction::new(curve.iter().map(point).collect(), Some(self.unit))?)
     }
@@ -224,7 +224,7 @@ fn events(
         Camera::new(&view, volume.grid(), [SIZE; 2])
     };
     let settings = kind.settings();
-    let transfer = of.transfer(curve, 0.0, 1.0)?;
+    let transfer = of.transfer(curve, 0.0)?;
     let at = camera(AZIMUTH)?;
     let mut made = None;
     let first = host.counted(|| {
@@ -248,14 +248,15 @@ fn events(
     let moved = clipped(0.1)?;
     take("clip", host.counted(|| host.draw(&scene, &at, &moved))?);
     host.draw(&scene, &at, &settings)?;
-    for (moved, times) in [(0.02, 1.0), (0.0, 2.0)] {
-        let other = of.transfer(curve, moved, times)?;
-        let counted = host.counted(|| {
-            scene = renderer.prepare(volume, &other, &settings)?;
+    let mut change = |moved| -> Outcome<(Counts, u64)> {
+        let other = of.transfer(curve, moved)?;
+        host.counted(|| {
+            renderer.set_transfer(&mut scene, &other)?;
             host.draw(&scene, &at, &settings)
-        })?;
-        take("transfer", counted);
-    }
+        })
+    };
+    change(0.02)?;
+    take("transfer", change(-0.03)?);
     Ok(())
 }
 

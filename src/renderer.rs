@@ -161,6 +161,18 @@ impl Renderer {
         self.prepared(layers, settings)
     }
 
+    /// Gives a scene another transfer function, and the next picture shows it. On GPUs no sample is sent again: the
+    /// scene holds samples from the first change on.
+    ///
+    /// A pre-shaded picture has the bytes of a scene that was prepared with the function. A post-shaded one may differ
+    /// slightly, because the base value is farther from the visible ones, in which sums of kernels err more.
+    ///
+    /// # Errors [`Error::Input`] if the scene has several layers, which have no single transfer function, and the
+    /// errors of [`Self::prepare`].
+    pub fn set_transfer(&self, scene: &mut Scene, transfer: &TransferFunction) -> Result<()> {
+        scene.set_transfer(transfer)
+    }
+
     fn prepared(&self, layers: &Layers, settings: &Settings) -> Result<Scene> {
         let scene = Scene::of_splats(&self.context, layers, settings.lighting.is_some());
         if settings.level == Level::At(0) {

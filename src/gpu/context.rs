@@ -314,6 +314,18 @@ impl Context {
         texture.create_view(&Default::default())
     }
 
+    /// A storage texture of f32 in RGBA whose rows begin with these texels; the others are 0.
+    pub(crate) fn float_rows(&self, label: &str, rows: &[Vec<[f32; 4]>]) -> wgpu::TextureView {
+        let usage = wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::COPY_DST;
+        let (format, flat) = (wgpu::TextureFormat::Rgba32Float, wgpu::TextureDimension::D2);
+        let width = rows.iter().map(Vec::len).max().unwrap_or(0).max(1) as u32;
+        let texture = self.texture(label, format, [width, rows.len() as u32, 1], flat, usage);
+        for (y, row) in (0..).zip(rows).filter(|(_, row)| !row.is_empty()) {
+            self.write_texels(&texture, [0, y, 0], bytemuck::cast_slice(row), [row.len() as u32, 1, 1]);
+        }
+        texture.create_view(&Default::default())
+    }
+
     /// Sends bytes into a texture, from this texel on.
     pub(crate) fn write_texels(
         &self,

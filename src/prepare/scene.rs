@@ -56,6 +56,16 @@ fn cells_beyond(grid: &Grid, cells: &Grid, level: u32) -> u32 {
     (cells.dims()[0] - grid.dims()[0].div_ceil(1 << level)) / 2
 }
 
+/// The weights of the splats of layers.
+fn weights(layers: &Layers, grid: &Grid, lit: bool) -> Weights {
+    Weights {
+        max: layers.max_density(),
+        unit: layers.unit() / grid.unit(),
+        // Light may turn any colour white.
+        brightest: if lit { [1.0; 3] } else { layers.brightest() },
+    }
+}
+
 fn shows(settings: &Settings) -> VisibleValues {
     match settings.model {
         // The volume of a minimum is mirrored.
@@ -75,12 +85,7 @@ impl Scene {
     /// cells.
     pub(crate) fn of_splats(context: &Context, layers: &Layers, lit: bool) -> Self {
         let grid = *layers.grid();
-        let weights = Weights {
-            max: layers.max_density(),
-            unit: layers.unit() / grid.unit(),
-            // Light may turn any colour white.
-            brightest: if lit { [1.0; 3] } else { layers.brightest() },
-        };
+        let weights = weights(layers, &grid, lit);
         Self::new(context, Content::Splats(Box::new(PreShaded::new(layers.clone(), lit))), grid, weights, 0.0)
     }
 
@@ -115,8 +120,26 @@ impl Scene {
             kept: Cache::default(),
             light: Kept::default(),
             emitted: Kept::default(),
+            whole: false,
         };
         Ok(Self::new(context, Content::Scalars(Box::new(scalars)), grid, weights, seconds))
+    }
+
+    /// Takes another transfer function. The samples that are on the device serve it.
+    pub(crate) fn set_transfer(&mut self, transfer: &TransferFunction) -> Result<()> {
+        match &mut self.content {
+            Content::Scalars(scalars) => {
+                let mirrored = (scalars.model == Model::Minip).then(|| transfer.mirrored());
+                scalars.set_transfer(mirrored.unwrap_or_else(|| transfer.clone()))?;
+                let largest = scalars.volume.farthest_from(scalars.reduction.base())?;
+                self.weights.max = scalars.reduction.length(largest);
+            }
+            Content::Splats(voxels) => {
+                voxels.set_transfer(transfer)?;
+                self.weights = weights(&voxels.layers, &self.grid, voxels.lit);
+            }
+        }
+        Ok(())
     }
 
     pub(crate) fn grid(&self) -> &Grid {
@@ -381,8 +404,11 @@ impl Scene {
                 let need = ScalarNeed { influence: kernel.radius() + 2.0, ..ScalarNeed::NONE };
                 let lit = !scalars.transfer.gradient_opacity().is_empty();
                 let coarse = coarse.map(|(cells, _)| cells);
-                let emitted =
-                    scalars.emit(context, &EmissionKey { kernel, normalization, need, lit, coarse }, progress)?;
+                let emitted = scalars.emit(
+                    context,
+                    &EmissionKey { kernel, normalization, need, lit, coarse, whole: false },
+                    progress,
+                )?;
                 let PostShaded { transfer, reduction, .. } = scalars.as_ref();
                 let classification = Classification { transfer, reduction };
                 Ok(Arc::new(light_volume(context, &emitted, &grid, &classification, &shadows, progress)?))
