@@ -293,10 +293,8 @@ fn main() -> Outcome {
                     continue;
                 }
                 let Row { scene, picture, event, dispatches, submissions, waits, uploaded, resident, visible } = row;
-                report.line(format!(
-                    "| {scene} | {picture} | {event} | {dispatches} | {submissions} | {waits} | {uploaded} | {resident} \
-                     | {visible} |"
-                ));
+                let counts = format!("{dispatches} | {submissions} | {waits} | {uploaded} | {resident} | {visible}");
+                report.line(format!("| {scene} | {picture} | {event} | {counts} |"));
             }
         }
     }

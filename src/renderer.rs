@@ -112,8 +112,8 @@ impl Renderer {
         &self.context.info
     }
 
-    /// Runs the stages of GPUs on a software adapter too. Otherwise stages that are faster on the host run there. Counts
-    /// of a GPU's work ([`Self::counts`]) need no GPU then; pictures take longer.
+    /// Runs the stages of GPUs on a software adapter too. Otherwise stages that are faster on the host run there.
+    /// Counts of a GPU's work ([`Self::counts`]) need no GPU then; pictures take longer.
     #[must_use]
     pub fn with_device_stages(self) -> Self {
         Self { context: self.context.with_device_stages(), ..self }

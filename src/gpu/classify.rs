@@ -239,8 +239,8 @@ impl Classifier {
         }
     }
 
-    /// The visible voxels of a volume as splats, brick by brick, with normals if there is light. `held` holds the samples
-    /// of all bricks on the device; `None`: samples of visible bricks are on the device a batch at a time.
+    /// The visible voxels of a volume as splats, brick by brick, with normals if there is light. `held` holds the
+    /// samples of all bricks on the device; `None`: samples of visible bricks are on the device a batch at a time.
     pub(crate) fn run(&self, scan: &Scan, input: &Input<'_>, held: Option<&HeldSamples>) -> Result<Drawable> {
         let Input { context, volume, lit, coding, points, thinning, resolution: [base, faintest], .. } = input;
         let constants = [
@@ -320,8 +320,8 @@ impl HeldSamples {
     fn run(&self, input: &Input<'_>, take: &mut dyn FnMut(&BrickBatch) -> Result<()>) -> Result<Bricks> {
         let key = (input.coding.sample_type, input.coding.reduction, input.halo());
         let lock = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        // Not locked meanwhile: reading samples waits for a pool of threads, which may hand over work that takes the lock.
-        // Samples in another format are dropped first, so that both are never in memory together.
+        // Not locked meanwhile: reading samples waits for a pool of threads, which may hand over work that takes the
+        // lock. Samples in another format are dropped first, so that both are never in memory together.
         let held = lock().take().filter(|(of, _)| *of == key);
         let (mut batches, mut bytes) = (Vec::new(), 0);
         match held {

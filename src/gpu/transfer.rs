@@ -4,8 +4,8 @@ use super::context::Context;
 use crate::transfer::{ControlPoint, Resolution, TransferFunction};
 use crate::volume::{RowCoding, ToF64, Volume};
 
-/// Rows of the texture that describe segments, as in shaders/common/transfer.wgsl: before the row of the bins of scalars
-/// and the row of the bins of gradients.
+/// Rows of the texture that describe segments, as in shaders/common/transfer.wgsl: before the row of the bins of
+/// scalars and the row of the bins of gradients.
 const SEGMENT_ROWS: usize = 4;
 /// Equal bins of scalars that lead to segments: few enough for the table of a usual function to have less than 64 KiB.
 const BINS: usize = 2048;
@@ -48,8 +48,8 @@ impl Reduction {
         Self::around(transfer.base(), transfer.extent_or(largest))
     }
 
-    /// The reduction for a function that others replace, given the lowest and the highest value: its base is so far below
-    /// the visible values that it serves functions that show lower values too.
+    /// The reduction for a function that others replace, given the lowest and the highest value: its base is so far
+    /// below the visible values that it serves functions that show lower values too.
     pub(crate) fn for_edits(transfer: &TransferFunction, range: [f64; 2]) -> Self {
         let base = transfer.base();
         let extent = transfer.extent_or(farthest(range, base));

@@ -29,7 +29,7 @@ const PLANE_WORK: u64 = 4;
 const SCALAR_PLANE_WORK: u64 = 12;
 /// The texels of a plane that rays along m read by the default kernel: 5 rows of 3.
 const PLANE_TEXELS: u64 = 15;
-/// The work of a plane that clipping cuts, in planes: its kernels are summed up to the cut besides, each by its section.
+/// The work of a plane that clipping cuts, in planes: its kernels are also summed up to the cut, each by its section.
 const CUT_WORK: u64 = 3;
 
 /// Optical depth of a voxel from which on parts of kernels are parabolas. Fitted by lines they err by 0.13 of 255 (rms)

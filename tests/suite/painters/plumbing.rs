@@ -2,7 +2,7 @@
 //! up by them, and they are the same on software.
 
 use glam::DVec3;
-use voxsplat::camera::{Camera, View};
+use voxsplat::camera::Camera;
 use voxsplat::clip::{Clip, Plane};
 use voxsplat::error::Error;
 use voxsplat::layers::{Layer, Layers};
@@ -11,14 +11,10 @@ use voxsplat::renderer::{Rendered, Renderer, Scene};
 use voxsplat::settings::{Level, Settings, Shading};
 use voxsplat::stats::{Clock, Stats};
 use voxsplat::transfer::{ControlPoint, TransferFunction};
-use voxsplat::volume::{Grid, Samples, Volume};
 use voxsplat::wgpu;
 
 use super::embed::{Host, host};
-use crate::support::{
-    PROJECTIONS, RENDERER, camera, demo, draw_on, headlight, look, new_renderer, prepare, prepare_on, rms_in_steps,
-    rms_of_all, transfer,
-};
+use crate::support::{PROJECTIONS, RENDERER, camera, demo, draw_on, headlight, new_renderer, prepare_on, rms_of_all};
 
 /// Pre- and post-shaded pictures of voxels, unlit and lit.
 fn kinds() -> [Settings; 4] {
@@ -120,32 +116,8 @@ fn a_lit_picture_is_packed_again_only_under_another_light() {
     }
 }
 
-/// The device has 3-D textures of 2048 texels a side, as WebGPU promises.
-#[test]
-fn light_in_a_long_volume_fits_into_the_textures_of_the_device() {
-    let host = host(Renderer::FEATURES);
-    let dims = [2500, 5, 5];
-    let sample = |i: u32| if i % dims[0] % 50 < 25 { 200 } else { 0 };
-    let samples = Samples::U8((0..dims.iter().product()).map(sample).collect());
-    let volume = Volume::new(Grid::axis_parallel(dims, [1.0; 3]).unwrap(), samples).unwrap();
-    let transfer = transfer(&[(50.0, [1.0; 3], 0.0), (200.0, [1.0, 0.5, 0.2], 0.5)], None);
-    let lights = vec![Light::directional(DVec3::new(1.0, 0.3, 0.2))];
-    let lighting = Some(Lighting { lights, shadows: 1.0, ..Lighting::default() });
-    let [_, post, ..] = kinds();
-    let settings = Settings { lighting, ..post };
-    let camera = look(&View { elevation: 30.0, view_height: Some(40.0), ..View::default() }, &volume, [64; 2]);
-    let [coarse, fine] = [&host.renderer, &*RENDERER].map(|renderer| {
-        let scene = prepare_on(renderer, &volume, &transfer, &settings).unwrap();
-        draw_on(renderer, &scene, &camera, &settings).unwrap().image
-    });
-    let unlit = Settings { lighting: None, ..settings.clone() };
-    let unlit = draw_on(&RENDERER, &prepare(&volume, &transfer, &unlit), &camera, &unlit).unwrap().image;
-    let [error, light] = [&coarse, &unlit].map(|image| rms_in_steps(image, &fine));
-    assert!(4.0 * error < light, "{error} of 255; light changes {light}");
-}
-
-/// Pre-shaded pictures have the bytes of a scene that was prepared with the function. Post-shaded ones differ by sums of
-/// kernels around another base: by less than half a step of 8 bits.
+/// Pre-shaded pictures have the bytes of a scene that was prepared with the function. Post-shaded ones differ by sums
+/// of kernels around another base: by less than half a step of 8 bits.
 #[test]
 fn another_transfer_function_sends_a_table_and_no_samples() {
     let (volume, first) = demo("vessels", 64);
