@@ -161,14 +161,15 @@ impl Renderer {
         self.prepared(layers, settings)
     }
 
-    /// Gives a scene another transfer function, and the next picture shows it. On GPUs no sample is sent again: the
-    /// scene holds samples from the first change on.
+    /// Gives a scene another transfer function, and the next picture shows it. The first change sends the samples of
+    /// the whole volume, which the scene then holds. On GPUs further changes send a table and no samples, unless the
+    /// picture is drawn of pre-shaded cells or has post-shaded shadows: both are made on the host.
     ///
     /// A pre-shaded picture has the bytes of a scene that was prepared with the function. A post-shaded one may differ
     /// slightly, because the base value is farther from the visible ones, in which sums of kernels err more.
     ///
-    /// # Errors [`Error::Input`] if the scene has several layers, which have no single transfer function, and the
-    /// errors of [`Self::prepare`].
+    /// # Errors [`Error::Setting`] if the scene has several layers, which have no single transfer function, and
+    /// [`Error::Input`] if the samples cannot be read.
     pub fn set_transfer(&self, scene: &mut Scene, transfer: &TransferFunction) -> Result<()> {
         scene.set_transfer(transfer)
     }
