@@ -12,12 +12,14 @@ override PERSPECTIVE: bool = false;
 // Rows of the texture: two words for each classified voxel and each lit scalar, one for each other scalar.
 @group(0) @binding(4) var<storage, read_write> texels: array<u32>;
 @group(0) @binding(5) var occupied: texture_storage_3d<r32uint, write>;
+// Runs of splats, a workgroup each: the first one, and the one after the last.
+@group(0) @binding(6) var<storage, read> runs: array<vec2u>;
 
 // Whether the splat before splat `index` is its neighbour along x in the same macrocell. That splat then marks the
 // macrocell: stores to the texture are slow. `place` is the splat's first word; `x` counts from the first packed voxel.
 fn follows_in_macrocell(index: u32, place: u32, x: u32) -> bool {
     // In the first word the place along x in the brick is the lowest 5 bits.
-    return index > pack.first_splat && (place & 31u) != 0u && x % u32(MACROCELL) != 0u
+    return index > 0u && (place & 31u) != 0u && x % u32(MACROCELL) != 0u
         && splat_words(index - 1u).x + 1u == place;
 }
 
@@ -36,12 +38,8 @@ fn shaded_color(index: u32, words: vec2u) -> vec3f {
     return lit_splat(color, appearance.y, splat_kept(index), splat_lattice(words), to_eye);
 }
 
-@compute @workgroup_size(WORKGROUP)
-fn voxels(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
-    let index = pack.first_splat + invocation_index(id, groups);
-    if index >= pack.end_splat {
-        return;
-    }
+// Packs a splat.
+fn pack_splat(index: u32) {
     let words = splat_words(index);
     let point = splat_point(words) - pack.low;
     let place = vec3u(point[pack.axes.x], point[pack.axes.y], point[pack.axes.z]);
@@ -73,4 +71,20 @@ fn voxels(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) gro
     v = rounded(v);
     texels[2u * voxel] = pack2x16float(v.xy);
     texels[2u * voxel + 1u] = pack2x16float(v.zw);
+}
+
+@compute @workgroup_size(WORKGROUP)
+fn voxels(
+    @builtin(workgroup_id) id: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let number = id.x + id.y * groups.x;
+    if number >= pack.run_count {
+        return;
+    }
+    let run = runs[pack.first_run + number];
+    for (var index = run.x + lane; index < run.y; index += WORKGROUP) {
+        pack_splat(index);
+    }
 }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::gpu::cache::Cache;
-use crate::gpu::context::{self, Context, PIXEL_BYTES};
+use crate::gpu::context::{self, Context, PIXEL_BYTES, Traffic};
 use crate::gpu::light_volume::PostShading;
 use crate::gpu::present::{self, Present};
 use crate::gpu::recorder::Recorder;
@@ -23,7 +23,7 @@ pub use crate::prepare::scene::Scene;
 use crate::progress::Progress;
 use crate::settings::{Level, Model, Settings, Shading};
 use crate::stats::adapter::AdapterInfo;
-use crate::stats::{StageTime, Stats};
+use crate::stats::{Counts, StageTime, Stats};
 use crate::transfer::TransferFunction;
 use crate::volume::Volume;
 
@@ -112,6 +112,20 @@ impl Renderer {
         &self.context.info
     }
 
+    /// Runs the stages of GPUs on a software adapter too. Otherwise stages that are faster on the host run there.
+    /// Counts of a GPU's work ([`Self::counts`]) need no GPU then; pictures take longer.
+    #[must_use]
+    pub fn with_device_stages(self) -> Self {
+        Self { context: self.context.with_device_stages(), ..self }
+    }
+
+    /// The work that the device has received from this renderer so far, and the memory that it holds now.
+    #[must_use]
+    pub fn counts(&self) -> Counts {
+        let Traffic { sent, dispatches, submissions, waits, .. } = self.context.traffic();
+        Counts { dispatches, submissions, waits, uploaded: sent, resident: self.context.resident() }
+    }
+
     /// Prepares a volume for pictures with these settings. The scene depends only on the model, the shading and whether
     /// there is light; of a sharpened post-shaded picture also on kernel and sharpness. Invisible voxels are dropped.
     ///
@@ -145,6 +159,19 @@ impl Renderer {
         settings.validate()?;
         layers.check(settings)?;
         self.prepared(layers, settings)
+    }
+
+    /// Gives a scene another transfer function, and the next picture shows it. The first change sends the samples of
+    /// the whole volume, which the scene then holds. On GPUs further changes send a table and no samples, unless the
+    /// picture is drawn of pre-shaded cells or has post-shaded shadows: both are made on the host.
+    ///
+    /// A pre-shaded picture has the bytes of a scene that was prepared with the function. A post-shaded one may differ
+    /// slightly, because the base value is farther from the visible ones, in which sums of kernels err more.
+    ///
+    /// # Errors [`Error::Setting`] if the scene has several layers, which have no single transfer function, and
+    /// [`Error::Input`] if the samples cannot be read.
+    pub fn set_transfer(&self, scene: &mut Scene, transfer: &TransferFunction) -> Result<()> {
+        scene.set_transfer(transfer)
     }
 
     fn prepared(&self, layers: &Layers, settings: &Settings) -> Result<Scene> {
@@ -184,7 +211,8 @@ impl Renderer {
         region.check_within(camera.size)?;
         check_whole(scene)?;
         let mut image = Image::transparent(region.width, region.height)?;
-        let stats = self.paint(scene, camera, settings, region, &mut |recorder, painted, part, pixels| {
+        let recorder = Recorder::timed(&self.context);
+        let stats = self.paint(scene, camera, settings, region, recorder, &mut |recorder, painted, part, pixels| {
             put(&mut image, [region, painted, part], recorder, pixels)
         })?;
         Ok(Rendered { image, stats })
@@ -203,7 +231,8 @@ impl Renderer {
         let [width, height] = camera.size;
         let whole = Region { x: 0, y: 0, width, height };
         let mut parts: Vec<(Region, Image)> = Vec::new();
-        let stats = self.paint(scene, camera, settings, whole, &mut |recorder, painted, part, pixels| {
+        let recorder = Recorder::timed(&self.context);
+        let stats = self.paint(scene, camera, settings, whole, recorder, &mut |recorder, painted, part, pixels| {
             let mut image = Image::transparent(part.width, part.height)?;
             put(&mut image, [part, painted, part], recorder, pixels)?;
             parts.push((part, image));
@@ -226,7 +255,10 @@ impl Renderer {
     }
 
     /// Renders a picture into a texture of this renderer's device. Pixels that the volume does not reach become
-    /// transparent. Returns the statistics; nothing is read back.
+    /// transparent. Returns the statistics, without the times of stages on the device.
+    ///
+    /// The painter tiles, and so `auto`, neither reads back nor waits for the device once the scene holds the splats of
+    /// the picture. Quads reads the number of splats in each batch of sheets.
     ///
     /// The texture has the size of the camera's picture, one sample, four float or normalised channels, and the usage
     /// `RENDER_ATTACHMENT`. It receives display values with premultiplied alpha, stored unchanged in sRGB formats too.
@@ -253,7 +285,7 @@ impl Renderer {
         })?;
         let [width, height] = camera.size;
         let whole = Region { x: 0, y: 0, width, height };
-        self.paint(scene, camera, settings, whole, &mut |recorder, painted, _, pixels| {
+        self.paint(scene, camera, settings, whole, Recorder::untimed(context), &mut |recorder, painted, _, pixels| {
             pipeline.record(recorder, &view, painted, pixels)?;
             recorder.submit();
             Ok(())
@@ -267,6 +299,7 @@ impl Renderer {
         camera: &Camera,
         settings: &Settings,
         wanted: Region,
+        mut recorder: Recorder<'_>,
         take: &mut Take<'_>,
     ) -> Result<Stats> {
         camera.validate()?;
@@ -319,7 +352,6 @@ impl Renderer {
             let (made, seconds) = on_host(|| painting.make_pipelines());
             made?;
             stages.push(StageTime::host("pipelines", seconds));
-            let mut recorder = Recorder::timed(context);
             let (rendered, seconds) = on_host(|| {
                 context.guarded("rendering", || {
                     (0_u32..).zip(&regions).try_for_each(|(done, &(region, part))| {
@@ -368,6 +400,10 @@ impl Renderer {
                 + nearest.post.as_ref().map_or(0, |p| p.light.bytes),
             frame_bytes: traffic.allocated - before.allocated,
             bytes_sent: traffic.sent - before.sent,
+            dispatches: traffic.dispatches - before.dispatches,
+            submissions: traffic.submissions - before.submissions,
+            waits: traffic.waits - before.waits,
+            bytes_resident: context.resident(),
             pipelines: traffic.pipelines,
             stages,
         })
@@ -427,6 +463,7 @@ fn put(
     pixels: &wgpu::Buffer,
 ) -> Result<()> {
     let pixels = recorder.read_back("picture.staging", pixels, painted.area() * PIXEL_BYTES)?;
+    recorder.resolve_times()?;
     recorder.submit();
     let pixels: Vec<[f32; 4]> = pixels.values(recorder.context, "rendering")?;
     let columns = |of: Region| (part.x - of.x) as usize..(part.x - of.x + part.width) as usize;

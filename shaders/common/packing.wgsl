@@ -11,8 +11,8 @@ const MACROCELL: i32 = 4;
 struct Pack {
     // First lattice point of the packed box. Splats outside the box are skipped.
     low: vec3u,
-    // The splats of this dispatch: the first one, and the one after the last (end_splat).
-    first_splat: u32,
+    // The runs of splats of this dispatch: the first one, and their number (run_count).
+    first_run: u32,
     // Numbers of the lattice axes of a, b and m: 0 x, 1 y, 2 z.
     axes: vec3u,
     // Voxels along b.
@@ -28,7 +28,7 @@ struct Pack {
     row_count: u32,
     // The factor of values that are stored as f16, to stay in the range of f16.
     scale: f32,
-    end_splat: u32,
+    run_count: u32,
     // Voxel planes.
     planes: u32,
     // Lattice point of the eye.

@@ -89,9 +89,10 @@ const STARTS: u32 = 3u;
 // Equal bins of scalars: the first and the last segment in a bin, and the starts of the first segment and of the
 // segment after it.
 const BINS: u32 = 4u;
-const BIN_COUNT: u32 = 4096u;
-// The same number of bins of gradient lengths: gradient opacity at the beginning (x) and at the end (y) of a bin.
+const BIN_COUNT: u32 = 2048u;
+// Equal bins of gradient lengths: gradient opacity at the beginning (x) and at the end (y) of a bin.
 const GRADIENTS: u32 = 5u;
+const GRADIENT_BIN_COUNT: u32 = 4096u;
 
 // Whether extinction depends on gradients.
 override GRADIENT_OPACITY: bool = false;
@@ -101,7 +102,7 @@ fn gradient_share(gradient: vec3f, lookup: f32) -> f32 {
     if !GRADIENT_OPACITY {
         return 1.0;
     }
-    let place = clamp(length(gradient) * lookup, 0.0, f32(BIN_COUNT) - 0.5);
+    let place = clamp(length(gradient) * lookup, 0.0, f32(GRADIENT_BIN_COUNT) - 0.5);
     let bin = textureLoad(transfer, vec2u(u32(place), GRADIENTS));
     return mix(bin.x, bin.y, min(fract(place), 1.0));
 }

@@ -1,6 +1,7 @@
 //! classify: a volume and a transfer function to a list of splats, on the device or by its twin on the host.
 
 use std::cell::LazyCell;
+use std::sync::{Mutex, PoisonError};
 
 use bytemuck::Zeroable;
 use rayon::prelude::*;
@@ -20,12 +21,17 @@ use crate::progress::Progress;
 use crate::transfer::{self, Resolution, TransferFunction, scaled_share};
 use crate::volume::{BRICK_EDGE as EDGE, Brick, RowCoding, SampleType, ToF64, Volume};
 
-/// Bricks of one batch, a million voxels: the memory that preparing a scene needs besides its splats, and far within
+/// Bricks of one batch, 4 million voxels: the memory that preparing a scene needs besides its splats, and far within
 /// every limit.
-const BATCH: usize = 32;
+const BATCH: usize = 128;
 
-/// The largest number of splats that are joined: meanwhile they are in memory twice.
-const JOINED: u32 = 1 << 19;
+/// The largest number of splats that are joined: meanwhile they are in memory twice. On a GPU each store is a dispatch.
+const JOINED: u32 = 1 << 23;
+const SOFTWARE_JOINED: u32 = 1 << 19;
+
+fn joined(context: &Context) -> u32 {
+    if context.is_software() { SOFTWARE_JOINED } else { JOINED }
+}
 
 /// The limit of control points and samples that shaders see: differences stay in the range of f32.
 const FAR: f64 = 1e36;
@@ -184,23 +190,26 @@ impl<'a> Input<'a> {
         !self.context.savings.voxels
     }
 
-    /// Calls `take` with the result of `make`, which runs in parallel, for each brick that may show, in order.
+    /// Whether a brick with samples in this range may show.
+    fn may_show(&self, range: [f64; 2]) -> bool {
+        let (slope, intercept) = self.volume.rescale();
+        let [a, b] = range.map(|raw| slope * raw + intercept);
+        !self.context.savings.bricks || self.keeps_invisible() || !self.transfer.is_invisible([a.min(b), a.max(b)])
+    }
+
+    /// Calls `take` with the result of `make`, which runs in parallel, for each brick that `shows` accepts, given the
+    /// range of its samples, in order.
     fn each_brick<B: Send>(
         &self,
+        shows: &(dyn Fn([f64; 2]) -> bool + Sync),
         make: &(dyn Fn(Brick) -> Result<B> + Sync),
         take: &mut dyn FnMut(B) -> Result<()>,
     ) -> Result<Bricks> {
-        let Self { volume, transfer, progress, .. } = self;
+        let Self { volume, progress, .. } = self;
         let mut bricks = Bricks::default();
-        let (slope, intercept) = volume.rescale();
-        let keep = !self.context.savings.bricks || self.keeps_invisible();
-        let shows = |range: [f64; 2]| {
-            let [a, b] = range.map(|raw| slope * raw + intercept);
-            keep || !transfer.is_invisible([a.min(b), a.max(b)])
-        };
         let total = volume.bricks().into_iter().product::<u32>();
         let made = |brick: Brick| Ok::<_, Error>((brick.1.len() as u64, make(brick)?));
-        volume.for_each_brick(&shows, self.halo(), &self.coding, &made, &mut |brick| {
+        volume.for_each_brick(shows, self.halo(), &self.coding, &made, &mut |brick| {
             bricks.all += 1;
             if let Some((bytes, brick)) = brick {
                 bricks.uploaded += 1;
@@ -230,8 +239,9 @@ impl Classifier {
         }
     }
 
-    /// The visible voxels of a volume as splats, brick by brick, with normals if there is light.
-    pub(crate) fn run(&self, scan: &Scan, input: &Input<'_>) -> Result<Drawable> {
+    /// The visible voxels of a volume as splats, brick by brick, with normals if there is light. `held` holds the
+    /// samples of all bricks on the device; `None`: samples of visible bricks are on the device a batch at a time.
+    pub(crate) fn run(&self, scan: &Scan, input: &Input<'_>, held: Option<&HeldSamples>) -> Result<Drawable> {
         let Input { context, volume, lit, coding, points, thinning, resolution: [base, faintest], .. } = input;
         let constants = [
             ("SAMPLE_TYPE", f64::from(coding.sample_type)),
@@ -266,17 +276,78 @@ impl Classifier {
                 _pad: 0,
             },
         };
-        let mut batch = BrickBatch::default();
-        let mut stores = StoreBuilder::new(context, STRIDE, JOINED);
-        let bricks = input.each_brick(&Ok, &mut |([x, y, z], bytes)| {
-            batch.origins.push([x, y, z, 0]);
-            batch.bytes.extend_from_slice(&bytes);
-            if batch.origins.len() == BATCH { job.run(&std::mem::take(&mut batch), &mut stores) } else { Ok(()) }
-        })?;
-        if !batch.origins.is_empty() {
-            job.run(&batch, &mut stores)?;
-        }
+        let mut stores = StoreBuilder::new(context, STRIDE, joined(context));
+        let bricks = match held {
+            None => input.batches(&|range| input.may_show(range), &mut |batch| job.run(&batch, &mut stores))?,
+            Some(held) => held.run(input, &mut |batch| job.run(batch, &mut stores))?,
+        };
         Ok(Drawable { bricks, ..stores.finish()? })
+    }
+}
+
+impl Input<'_> {
+    /// Calls `take` with the bricks that `shows` accepts, in batches on the device.
+    fn batches(
+        &self,
+        shows: &(dyn Fn([f64; 2]) -> bool + Sync),
+        take: &mut dyn FnMut(BrickBatch) -> Result<()>,
+    ) -> Result<Bricks> {
+        let (mut origins, mut bytes) = (Vec::new(), Vec::new());
+        let bricks = self.each_brick(shows, &Ok, &mut |([x, y, z], samples)| {
+            origins.push([x, y, z, 0]);
+            bytes.extend_from_slice(&samples);
+            if origins.len() < BATCH {
+                return Ok(());
+            }
+            take(BrickBatch::new(self.context, std::mem::take(&mut origins), &std::mem::take(&mut bytes))?)
+        })?;
+        if !origins.is_empty() {
+            take(BrickBatch::new(self.context, origins, &bytes)?)?;
+        }
+        Ok(bricks)
+    }
+}
+
+/// The samples of a volume on the device, for any transfer function.
+#[derive(Default)]
+pub(crate) struct HeldSamples(Mutex<Option<(SamplesKey, Vec<BrickBatch>)>>);
+
+/// The format of samples on the device: their type, their reduction and the voxels around each brick.
+type SamplesKey = (u32, Option<Reduction>, usize);
+
+impl HeldSamples {
+    /// Calls `take` with the batches that may show. Sends the samples first if the device does not hold them.
+    fn run(&self, input: &Input<'_>, take: &mut dyn FnMut(&BrickBatch) -> Result<()>) -> Result<Bricks> {
+        let key = (input.coding.sample_type, input.coding.reduction, input.halo());
+        let lock = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        // Not locked meanwhile: reading samples waits for a pool of threads, which may hand over work that takes the
+        // lock. Samples in another format are dropped first, so that both are never in memory together.
+        let held = lock().take().filter(|(of, _)| *of == key);
+        let (mut batches, mut bytes) = (Vec::new(), 0);
+        match held {
+            Some((_, held)) => batches = held,
+            None => {
+                let mut keep = |batch| {
+                    batches.push(batch);
+                    // Copies in flight take memory until they have arrived.
+                    input.context.submit(None);
+                    input.context.wait("sending samples")
+                };
+                bytes = input.batches(&|_| true, &mut keep)?.bytes;
+            }
+        }
+        let ranges = input.volume.ranges()?;
+        let mut bricks = Bricks { all: ranges.len() as u32, bytes, ..Bricks::default() };
+        for (batch, ranges) in batches.iter().zip(ranges.chunks(BATCH)) {
+            let shown = ranges.iter().filter(|range| input.may_show(**range)).count() as u32;
+            bricks.uploaded += shown;
+            if shown > 0 {
+                take(batch)?;
+            }
+            input.progress.check()?;
+        }
+        *lock() = Some((key, batches));
+        Ok(bricks)
     }
 }
 
@@ -289,11 +360,23 @@ pub(crate) fn gradients(volume: &Volume) -> [[f32; 3]; 3] {
 /// Bytes of a splat.
 pub(crate) const STRIDE: u64 = size_of::<Splat>() as u64;
 
-/// Bricks that are classified together.
-#[derive(Default)]
+/// Bricks that are classified together, on the device.
 struct BrickBatch {
+    /// Lattice points of the first voxels.
     origins: Vec<[u32; 4]>,
-    bytes: Vec<u8>,
+    /// The same on the device.
+    places: wgpu::Buffer,
+    /// The samples with the voxels around each brick.
+    samples: wgpu::Buffer,
+}
+
+impl BrickBatch {
+    fn new(context: &Context, origins: Vec<[u32; 4]>, samples: &[u8]) -> Result<Self> {
+        let storage = wgpu::BufferUsages::STORAGE;
+        let usage = storage | wgpu::BufferUsages::COPY_SRC;
+        let places = context.upload("classify.origins", bytemuck::cast_slice(&origins), usage)?;
+        Ok(Self { origins, places, samples: context.upload("classify.samples", samples, storage)? })
+    }
 }
 
 /// The state that all batches of a volume share.
@@ -318,24 +401,20 @@ impl Job<'_> {
         let uniform = |parameters: &Classify| {
             context.upload("classify.parameters", bytemuck::bytes_of(parameters), wgpu::BufferUsages::UNIFORM)
         };
-        let samples = context.upload("classify.samples", &batch.bytes, storage)?;
-        let origins = context.upload("classify.origins", bytemuck::cast_slice(&batch.origins), storage)?;
         // One place more than runs: the scan leaves the total there.
         let (places_bytes, seen_bytes) = ((runs + 1) * 4, runs * 4);
         let places = context.buffer("classify.places", places_bytes, storage | wgpu::BufferUsages::COPY_SRC)?;
         let seen = context.buffer("classify.seen", seen_bytes, storage | wgpu::BufferUsages::COPY_SRC)?;
         let none = context.buffer("classify.no_splats", 16, storage)?;
         let bindings = |parameters: &wgpu::Buffer, splats: &wgpu::Buffer| {
-            let resources = [parameters, &samples, &self.points, &places, splats, &origins, &seen];
+            let resources = [parameters, &batch.samples, &self.points, &places, splats, &batch.places, &seen];
             bind(context, "classify", self.layout, &resources.map(wgpu::Buffer::as_entire_binding))
         };
         let (x, y) = context.workgroups(runs, WORKGROUP);
         let mut recorder = Recorder::untimed(context);
         {
             let mut pass = recorder.compute_pass("classify");
-            pass.set_pipeline(&self.count);
-            pass.set_bind_group(0, &bindings(&uniform(&parameters)?, &none), &[]);
-            pass.dispatch_workgroups(x, y, 1);
+            pass.dispatch(&self.count, &bindings(&uniform(&parameters)?, &none), &[], [x, y, 1]);
             self.scan.record(context, &mut pass, &places, runs + 1)?;
         }
         let places = recorder.read_back("classify.places_staging", &places, places_bytes)?;
@@ -359,7 +438,8 @@ impl Job<'_> {
         let bricks = bricks.map(|(&[x, y, z, _], (place, seen))| {
             BrickSplats::new([x, y, z], first_splat + place, seen.iter().copied())
         });
-        stores.add(ClassifiedPart { splats, count: visible }, visible, bricks);
+        let part = ClassifiedPart { splats, count: visible, places: batch.places.clone() };
+        stores.add(part, visible, bricks);
         Ok(())
     }
 }
@@ -368,26 +448,30 @@ impl Job<'_> {
 struct ClassifiedPart {
     splats: wgpu::Buffer,
     count: u32,
+    /// The origins of the bricks.
+    places: wgpu::Buffer,
 }
 
 impl Part for ClassifiedPart {
-    fn join(context: &Context, parts: Vec<Self>, stride: u64, count: u32) -> Result<Splats> {
+    fn join(context: &Context, parts: Vec<Self>, stride: u64, count: u32) -> Result<(Splats, Option<wgpu::Buffer>)> {
         if let [part] = parts.as_slice() {
-            return Ok(Splats::Device(part.splats.clone()));
+            return Ok((Splats::Device(part.splats.clone()), Some(part.places.clone())));
         }
         let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC;
         let joined = context.buffer("classify.store", u64::from(count) * stride, usage)?;
+        let origins = context.buffer("splats.origins", parts.iter().map(|part| part.places.size()).sum(), usage)?;
         let mut recorder = Recorder::untimed(context);
-        let mut at = 0;
+        let (mut at, mut brick) = (0, 0);
         for part in &parts {
             let bytes = u64::from(part.count) * STRIDE;
             recorder.copy(&part.splats, &joined, at, bytes);
-            at += bytes;
+            recorder.copy(&part.places, &origins, brick, part.places.size());
+            (at, brick) = (at + bytes, brick + part.places.size());
         }
         recorder.submit();
         // Waiting here frees the parts before others are made.
         context.wait("classifying the volume")?;
-        Ok(Splats::Device(joined))
+        Ok((Splats::Device(joined), Some(origins)))
     }
 }
 
@@ -418,8 +502,11 @@ impl HostClassifier<'_> {
             3 => classifier.table(65_536, |bits| bits as i16 as f32),
             _ => Vec::new(),
         };
-        let mut stores = StoreBuilder::new(input.context, STRIDE, JOINED);
-        let bricks = input.each_brick(&|brick| classifier.brick(brick), &mut |brick| stores.push(brick))?;
+        let mut stores = StoreBuilder::new(input.context, STRIDE, joined(input.context));
+        let bricks =
+            input.each_brick(&|range| input.may_show(range), &|brick| classifier.brick(brick), &mut |brick| {
+                stores.push(brick)
+            })?;
         Ok(Drawable { bricks, ..stores.finish()? })
     }
 

@@ -87,13 +87,15 @@ pub(crate) struct Context {
     /// The first report of the device outside error scopes: the reason of its loss, or an error.
     failure: Arc<Mutex<Option<String>>>,
     traffic: Mutex<Traffic>,
+    /// Whether the device is the host, so that twins on the host are faster than stages on the device.
+    software: bool,
     /// Distinguishes this device from others of the program.
     pub(crate) id: u64,
     /// What is left out: everything possible, except in tests.
     pub(crate) savings: Savings,
 }
 
-/// The resources made on a device since it was opened.
+/// The ledger of a device: all that was made on it and sent to it since it was opened.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Traffic {
     /// Bytes of buffers and textures.
@@ -101,6 +103,12 @@ pub(crate) struct Traffic {
     /// Bytes sent into them by the host.
     pub(crate) sent: u64,
     pub(crate) pipelines: u32,
+    /// Dispatches of compute shaders, and draws.
+    pub(crate) dispatches: u64,
+    /// Submissions of commands.
+    pub(crate) submissions: u64,
+    /// Waits of the host for the device.
+    pub(crate) waits: u64,
 }
 
 impl Context {
@@ -111,6 +119,7 @@ impl Context {
     /// A device that is open already. Its error callbacks stay the owner's.
     pub(crate) fn of_device(device: wgpu::Device, queue: wgpu::Queue, info: AdapterInfo) -> Self {
         let (limits, features) = (device.limits(), device.features() & Self::FEATURES);
+        let software = info.is_software();
         Self {
             device,
             queue,
@@ -119,9 +128,20 @@ impl Context {
             features,
             failure: Arc::default(),
             traffic: Mutex::default(),
+            software,
             id: OPENED.fetch_add(1, Ordering::Relaxed),
             savings: Savings::default(),
         }
+    }
+
+    /// The same device, on which stages run as on a GPU.
+    pub(crate) fn with_device_stages(self) -> Self {
+        Self { software: false, ..self }
+    }
+
+    /// Whether the device is the host: a software adapter, unless stages run as on a GPU.
+    pub(crate) fn is_software(&self) -> bool {
+        self.software
     }
 
     /// Opens the adapter that `wanted` names.
@@ -187,10 +207,32 @@ impl Context {
         self.features.contains(wgpu::Features::FLOAT32_BLENDABLE)
     }
 
+    /// Submits commands to the device.
+    pub(crate) fn submit(&self, commands: Option<wgpu::CommandBuffer>) {
+        self.count(|traffic| traffic.submissions += 1);
+        self.queue.submit(commands);
+    }
+
+    /// Counts a dispatch or a draw that was recorded.
+    pub(crate) fn dispatched(&self) {
+        self.count(|traffic| traffic.dispatches += 1);
+    }
+
+    /// Bytes of memory of all buffers and textures of the device, staging buffers of wgpu included. Metal counts none.
+    pub(crate) fn resident(&self) -> u64 {
+        let counters = self.device.get_internal_counters().hal;
+        (counters.buffer_memory.read() + counters.texture_memory.read()).max(0) as u64
+    }
+
     /// Waits until the device has done all submitted work.
     pub(crate) fn wait(&self, stage: &str) -> Result<()> {
+        self.count(|traffic| traffic.waits += 1);
+        self.poll(stage, wgpu::PollType::wait_indefinitely())
+    }
+
+    fn poll(&self, stage: &str, how: wgpu::PollType) -> Result<()> {
         self.device
-            .poll(wgpu::PollType::wait_indefinitely())
+            .poll(how)
             .map(|_| ())
             .map_err(|e| Error::Device { stage: stage.to_owned(), reason: one_line(&e.to_string()) })
     }
@@ -272,6 +314,18 @@ impl Context {
         texture.create_view(&Default::default())
     }
 
+    /// A storage texture of f32 in RGBA whose rows begin with these texels; the others are 0.
+    pub(crate) fn float_rows(&self, label: &str, rows: &[Vec<[f32; 4]>]) -> wgpu::TextureView {
+        let usage = wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::COPY_DST;
+        let (format, flat) = (wgpu::TextureFormat::Rgba32Float, wgpu::TextureDimension::D2);
+        let width = rows.iter().map(Vec::len).max().unwrap_or(0).max(1) as u32;
+        let texture = self.texture(label, format, [width, rows.len() as u32, 1], flat, usage);
+        for (y, row) in (0..).zip(rows).filter(|(_, row)| !row.is_empty()) {
+            self.write_texels(&texture, [0, y, 0], bytemuck::cast_slice(row), [row.len() as u32, 1, 1]);
+        }
+        texture.create_view(&Default::default())
+    }
+
     /// Sends bytes into a texture, from this texel on.
     pub(crate) fn write_texels(
         &self,
@@ -304,8 +358,17 @@ impl Context {
         self.count(|traffic| traffic.pipelines += 1);
     }
 
-    /// Reads the whole of a buffer that was made with `MAP_READ`.
+    /// Waits for the device, and reads the whole of a buffer that was made with `MAP_READ`.
     pub(crate) fn read(&self, stage: &str, buffer: &wgpu::Buffer) -> Result<Vec<u8>> {
+        self.read_after(stage, buffer, || self.wait(stage))
+    }
+
+    /// Like [`Self::read`], if the host has waited for the commands that write the buffer already.
+    pub(crate) fn read_done(&self, stage: &str, buffer: &wgpu::Buffer) -> Result<Vec<u8>> {
+        self.read_after(stage, buffer, || self.poll(stage, wgpu::PollType::Poll))
+    }
+
+    fn read_after(&self, stage: &str, buffer: &wgpu::Buffer, ready: impl FnOnce() -> Result<()>) -> Result<Vec<u8>> {
         let failed = |e: &dyn std::fmt::Display| Error::Device {
             stage: stage.to_owned(),
             reason: format!("the result cannot be read back: {}", one_line(&e.to_string())),
@@ -315,7 +378,7 @@ impl Context {
             // If the wait has failed, nobody receives.
             let _ = done.send(result);
         });
-        self.wait(stage)?;
+        ready()?;
         // If several threads wait, another thread may be the one that learns that the buffer is mapped: by now it is
         // about to pass that on.
         match outcome.recv_timeout(MAP_TIMEOUT) {

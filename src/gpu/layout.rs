@@ -298,7 +298,7 @@ shared! {
     /// How splats are packed for the painter `tiles`; each field is explained in shaders/common/packing.wgsl.
     struct Pack {
         low: [u32; 3],
-        first_splat: u32,
+        first_run: u32,
         axes: [u32; 3],
         rows: u32,
         columns: u32,
@@ -307,7 +307,7 @@ shared! {
         first_row: u32,
         row_count: u32,
         scale: f32,
-        end_splat: u32,
+        run_count: u32,
         planes: u32,
         eye: [f32; 3],
         across: u32,

@@ -52,6 +52,7 @@ impl Present {
         pass.set_pipeline(&self.pipeline);
         pass.set_bind_group(0, &group, &[]);
         pass.set_scissor_rect(region.x, region.y, region.width, region.height);
+        context.dispatched();
         pass.draw(0..3, 0..1);
         Ok(())
     }

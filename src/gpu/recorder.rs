@@ -3,6 +3,7 @@
 use super::context::Context;
 use super::timing::{Timing, add, on_host};
 use crate::error::Result;
+use crate::stats::adapter::AdapterKind;
 use crate::stats::{Clock, StageTime};
 
 /// Recorded commands, with their device and the times of their stages.
@@ -16,14 +17,48 @@ pub(crate) struct Recorder<'a> {
     work: u64,
 }
 
-/// The largest work of a submission on a GPU, in fragments of splats: by their operations and the sheets that they
-/// blend, a few tenths of a second on the slowest. Operating systems reset a GPU whose commands take seconds.
-pub(crate) const MAX_WORK: u64 = 200_000_000;
+/// The largest work of a submission on a GPU that shares the processor's memory, in fragments of splats: by their
+/// operations and the sheets that they blend, a few tenths of a second on the slowest. Operating systems reset a GPU
+/// whose commands take seconds.
+const MAX_WORK: u64 = 200_000_000;
+/// How many times as much a GPU with memory of its own does: smaller submissions do not fill it.
+const DISCRETE: u64 = 10;
+
+/// The largest work of a submission, in fragments of splats.
+pub(crate) fn max_work(context: &Context) -> u64 {
+    match context.info.kind {
+        _ if context.is_software() => u64::MAX,
+        AdapterKind::Discrete => DISCRETE * MAX_WORK,
+        _ => MAX_WORK,
+    }
+}
 
 /// A copy of a buffer that the host can read once the commands before it are done.
 pub(crate) struct Readback {
     staging: wgpu::Buffer,
     bytes: u64,
+}
+
+/// A compute pass whose dispatches are counted.
+pub(crate) struct ComputePass<'a> {
+    pass: wgpu::ComputePass<'a>,
+    context: &'a Context,
+}
+
+impl ComputePass<'_> {
+    /// Dispatches so many workgroups of a pipeline with its bindings.
+    pub(crate) fn dispatch(
+        &mut self,
+        pipeline: &wgpu::ComputePipeline,
+        group: &wgpu::BindGroup,
+        offsets: &[u32],
+        [x, y, z]: [u32; 3],
+    ) {
+        self.context.dispatched();
+        self.pass.set_pipeline(pipeline);
+        self.pass.set_bind_group(0, group, offsets);
+        self.pass.dispatch_workgroups(x, y, z);
+    }
 }
 
 /// Extends two-dimensional workgroups by a third dimension of one.
@@ -47,11 +82,12 @@ impl<'a> Recorder<'a> {
     }
 
     /// A compute pass of a stage, for several dispatches.
-    pub(crate) fn compute_pass(&mut self, stage: &'static str) -> wgpu::ComputePass<'_> {
-        self.encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+    pub(crate) fn compute_pass(&mut self, stage: &'static str) -> ComputePass<'_> {
+        let pass = self.encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
             label: Some(stage),
             timestamp_writes: self.timing.compute(self.context, stage),
-        })
+        });
+        ComputePass { pass, context: self.context }
     }
 
     /// A compute pass of one dispatch.
@@ -61,12 +97,9 @@ impl<'a> Recorder<'a> {
         pipeline: &wgpu::ComputePipeline,
         group: &wgpu::BindGroup,
         offsets: &[u32],
-        [x, y, z]: [u32; 3],
+        workgroups: [u32; 3],
     ) {
-        let mut pass = self.compute_pass(stage);
-        pass.set_pipeline(pipeline);
-        pass.set_bind_group(0, group, offsets);
-        pass.dispatch_workgroups(x, y, z);
+        self.compute_pass(stage).dispatch(pipeline, group, offsets, workgroups);
     }
 
     /// Like [`Self::dispatch`], with the number of workgroups in the first three words of a buffer.
@@ -77,7 +110,8 @@ impl<'a> Recorder<'a> {
         group: &wgpu::BindGroup,
         workgroups: &wgpu::Buffer,
     ) {
-        let mut pass = self.compute_pass(stage);
+        let ComputePass { mut pass, context } = self.compute_pass(stage);
+        context.dispatched();
         pass.set_pipeline(pipeline);
         pass.set_bind_group(0, group, &[]);
         pass.dispatch_workgroups_indirect(workgroups, 0);
@@ -100,6 +134,11 @@ impl<'a> Recorder<'a> {
     /// Copies the first `bytes` of a buffer to another, from byte `at` on.
     pub(crate) fn copy(&mut self, from: &wgpu::Buffer, to: &wgpu::Buffer, at: u64, bytes: u64) {
         self.encoder.copy_buffer_to_buffer(from, 0, to, at, bytes);
+    }
+
+    /// Sets the first `bytes` of a buffer to 0.
+    pub(crate) fn clear(&mut self, buffer: &wgpu::Buffer, bytes: u64) {
+        self.encoder.clear_buffer(buffer, 0, Some(bytes));
     }
 
     /// Copies a buffer of rows of `row_bytes` bytes into a texture, from row `first_row` on.
@@ -129,10 +168,15 @@ impl<'a> Recorder<'a> {
         Ok(Readback { staging, bytes })
     }
 
+    /// Records that the host can read the times of the stages so far, once it has waited for the next submission.
+    pub(crate) fn resolve_times(&mut self) -> Result<()> {
+        self.timing.resolve(self.context, &mut self.encoder)
+    }
+
     /// Counts recorded work, and submits it when it reaches the limit of a submission.
     pub(crate) fn worked(&mut self, work: u64) {
         self.work = self.work.saturating_add(work);
-        if self.work >= MAX_WORK && !self.context.info.is_software() {
+        if self.work >= max_work(self.context) {
             self.submit();
         }
     }
@@ -141,7 +185,7 @@ impl<'a> Recorder<'a> {
     pub(crate) fn submit(&mut self) {
         self.work = 0;
         let recorded = std::mem::replace(&mut self.encoder, encoder(self.context));
-        self.context.queue.submit([recorded.finish()]);
+        self.context.submit(Some(recorded.finish()));
     }
 
     /// Runs a stage on the host.
@@ -151,8 +195,8 @@ impl<'a> Recorder<'a> {
         result
     }
 
-    /// The time of each stage: stages on the host, then stages on the device in the order of their first pass. Stages
-    /// on the device are left out without timestamps.
+    /// The time of each stage: stages on the host, then stages on the device in the order of their first pass, up to
+    /// the last [`Self::resolve_times`]. Stages on the device are left out without timestamps.
     pub(crate) fn times(self) -> Result<Vec<StageTime>> {
         let on_host = self.on_host.into_iter().map(|(name, seconds)| StageTime::host(name, seconds));
         let on_device = self.timing.finish(self.context)?.into_iter();

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use super::cache::Cache;
 use super::context::Context;
 use super::pipeline::{Binding, bind, buffer_range, compute, layout, module};
+use super::recorder::ComputePass;
 use super::shaders;
 use crate::error::Result;
 
@@ -37,7 +38,7 @@ impl Scan {
     pub(crate) fn record(
         &self,
         context: &Context,
-        pass: &mut wgpu::ComputePass<'_>,
+        pass: &mut ComputePass<'_>,
         values: &wgpu::Buffer,
         count: u64,
     ) -> Result<()> {
@@ -50,16 +51,13 @@ impl Scan {
             &[buffer_range(values, 0, count * 4), buffer_range(&sums, 0, runs * 4)],
         );
         let (x, y) = context.workgroups(runs, WORKGROUP);
+        let workgroups = [x, y, 1];
         // A single run has no higher level: its offset is the zero of a new buffer.
         if runs > 1 {
-            pass.set_pipeline(&self.reduce);
-            pass.set_bind_group(0, &group, &[]);
-            pass.dispatch_workgroups(x, y, 1);
+            pass.dispatch(&self.reduce, &group, &[], workgroups);
             self.record(context, pass, &sums, runs)?;
         }
-        pass.set_pipeline(&self.spread);
-        pass.set_bind_group(0, &group, &[]);
-        pass.dispatch_workgroups(x, y, 1);
+        pass.dispatch(&self.spread, &group, &[], workgroups);
         Ok(())
     }
 }

@@ -45,7 +45,7 @@ fn words(bytes: &[u8]) -> Vec<u32> {
 fn classified(context: &Context, volume: &Volume, transfer: &TransferFunction) -> Vec<Store> {
     let progress = Progress::default();
     let input = Input::new(context, volume, transfer, false, &progress).unwrap();
-    Classifier::new(context).run(&Scan::new(context), &input).unwrap().stores
+    Classifier::new(context).run(&Scan::new(context), &input, None).unwrap().stores
 }
 
 /// The stage on the host gives the same splats as the one on the device, but for the rounding of drivers.
@@ -71,7 +71,7 @@ fn classify_on_the_host_matches_the_device() {
             let transfer = steps().with_gradient_opacity(thinning).unwrap();
             let progress = Progress::default();
             let input = Input::new(&context, &volume, &transfer, lit, &progress).unwrap();
-            let device = Classifier::new(&context).run(&Scan::new(&context), &input).unwrap();
+            let device = Classifier::new(&context).run(&Scan::new(&context), &input, None).unwrap();
             let host = HostClassifier::run(&input).unwrap();
             let words = |store: &Store| -> Vec<Splat> {
                 let bytes = download(&context, &store.on_device(&context).unwrap(), u64::from(store.count) * 16);
@@ -268,12 +268,9 @@ fn scan_matches_its_twin() {
         let values: Vec<u32> = (0..count).map(|i: u32| i.wrapping_mul(2_654_435_761) >> 29).collect();
         let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
         let buffer = context.upload("test.values", bytemuck::cast_slice(&values), usage).unwrap();
-        let mut encoder = context.device.create_command_encoder(&Default::default());
-        {
-            let mut pass = encoder.begin_compute_pass(&Default::default());
-            scan.record(&context, &mut pass, &buffer, u64::from(count)).unwrap();
-        }
-        context.queue.submit([encoder.finish()]);
+        let mut recorder = Recorder::untimed(&context);
+        scan.record(&context, &mut recorder.compute_pass("scan"), &buffer, u64::from(count)).unwrap();
+        recorder.submit();
         assert!(words(&download(&context, &buffer, u64::from(count) * 4)) == twins::scan(&values), "{count}");
     }
 }

@@ -195,7 +195,7 @@ fn upload(context: &Context, bricks: &[HostBrick], stride: u64, count: u32) -> R
         (at, waiting) = (at + bytes, waiting + bytes);
         if waiting > SENT {
             // Copies in flight take memory until they have arrived.
-            context.queue.submit([]);
+            context.submit(None);
             context.wait("sending splats")?;
             waiting = 0;
         }
@@ -207,15 +207,20 @@ fn upload(context: &Context, bricks: &[HostBrick], stride: u64, count: u32) -> R
 static MADE: AtomicU64 = AtomicU64::new(0);
 
 impl Store {
+    /// Splats with the origins of their bricks on the device; `None`: they are sent.
     pub(crate) fn new(
         context: &Context,
-        splats: Splats,
+        (splats, origins): (Splats, Option<wgpu::Buffer>),
         stride: u64,
         count: u32,
         bricks: Vec<BrickSplats>,
     ) -> Result<Self> {
-        let origins: Vec<[u32; 4]> = bricks.iter().map(|b| [b.origin[0], b.origin[1], b.origin[2], b.level]).collect();
-        let origins = context.upload("splats.origins", bytemuck::cast_slice(&origins), wgpu::BufferUsages::STORAGE)?;
+        let send = || {
+            let place = |b: &BrickSplats| [b.origin[0], b.origin[1], b.origin[2], b.level];
+            let places: Vec<[u32; 4]> = bricks.iter().map(place).collect();
+            context.upload("splats.origins", bytemuck::cast_slice(&places), wgpu::BufferUsages::STORAGE)
+        };
+        let origins = origins.map_or_else(send, Ok)?;
         let id = MADE.fetch_add(1, Ordering::Relaxed);
         Ok(Self { splats: Mutex::new(splats), id, stride, count, origins, bricks })
     }
@@ -273,16 +278,16 @@ impl Store {
 
 /// Splats to be joined into a store.
 pub(crate) trait Part: Sized {
-    /// Joins parts to `count` splats of `stride` bytes each.
-    fn join(context: &Context, parts: Vec<Self>, stride: u64, count: u32) -> Result<Splats>;
+    /// Joins parts to `count` splats of `stride` bytes each, and the origins of their bricks if the device has them.
+    fn join(context: &Context, parts: Vec<Self>, stride: u64, count: u32) -> Result<(Splats, Option<wgpu::Buffer>)>;
 }
 
 impl Part for HostBrick {
-    fn join(context: &Context, parts: Vec<Self>, stride: u64, count: u32) -> Result<Splats> {
-        if context.info.is_software() {
-            return Ok(Splats::Host(Arc::new(parts)));
+    fn join(context: &Context, parts: Vec<Self>, stride: u64, count: u32) -> Result<(Splats, Option<wgpu::Buffer>)> {
+        if context.is_software() {
+            return Ok((Splats::Host(Arc::new(parts)), None));
         }
-        Ok(Splats::Device(upload(context, &parts, stride, count)?))
+        Ok((Splats::Device(upload(context, &parts, stride, count)?), None))
     }
 }
 

@@ -12,8 +12,10 @@ const SET: u32 = 4096;
 #[derive(Default)]
 pub(crate) struct Timing {
     sets: Vec<wgpu::QuerySet>,
-    /// The stage of each pair of queries.
+    /// The stage of each pair of queries since the last were resolved.
     stages: Vec<&'static str>,
+    /// Resolved queries, and their stages.
+    resolved: Vec<(wgpu::Buffer, Vec<&'static str>)>,
     enabled: bool,
 }
 
@@ -59,29 +61,36 @@ impl Timing {
         Some(wgpu::RenderPassTimestampWrites { query_set, beginning_of_pass_write_index, end_of_pass_write_index })
     }
 
-    /// Seconds per stage, in the order in which the stages first ran; none without timestamps.
-    pub(crate) fn finish(self, context: &Context) -> Result<Vec<(&'static str, f64)>> {
+    /// Records that the timestamps so far become readable by the host.
+    pub(crate) fn resolve(&mut self, context: &Context, encoder: &mut wgpu::CommandEncoder) -> Result<()> {
         if self.stages.is_empty() {
-            return Ok(Vec::new());
+            return Ok(());
         }
         let count = 2 * self.stages.len() as u32;
         let bytes = u64::from(count) * 8;
         use wgpu::BufferUsages as Usages;
         let resolved = context.buffer("timing.resolved", bytes, Usages::QUERY_RESOLVE | Usages::COPY_SRC)?;
         let staging = context.buffer("timing.staging", bytes, Usages::MAP_READ | Usages::COPY_DST)?;
-        let mut encoder = context.device.create_command_encoder(&Default::default());
         for (set, first) in self.sets.iter().zip((0..count).step_by(SET as usize)) {
             encoder.resolve_query_set(set, 0..SET.min(count - first), &resolved, u64::from(first) * 8);
         }
         encoder.copy_buffer_to_buffer(&resolved, 0, &staging, 0, bytes);
-        context.queue.submit([encoder.finish()]);
-        let data = context.read("reading timestamps", &staging)?;
-        let ticks: Vec<u64> = data[..bytes as usize].chunks_exact(8).map(bytemuck::pod_read_unaligned).collect();
+        self.sets.clear();
+        self.resolved.push((staging, std::mem::take(&mut self.stages)));
+        Ok(())
+    }
+
+    /// Seconds per stage, in the order in which the stages first ran; none without timestamps. The host has waited for
+    /// the submission of the last [`Self::resolve`].
+    pub(crate) fn finish(self, context: &Context) -> Result<Vec<(&'static str, f64)>> {
         let second = f64::from(context.queue.get_timestamp_period()) * 1e-9;
         let mut sums: Vec<(&'static str, f64)> = Vec::new();
-        for (stage, pair) in self.stages.iter().zip(ticks.chunks_exact(2)) {
-            let seconds = pair[1].saturating_sub(pair[0]) as f64 * second;
-            add(&mut sums, stage, seconds);
+        for (staging, stages) in self.resolved {
+            let ticks: Vec<u64> = bytemuck::pod_collect_to_vec(&context.read_done("reading timestamps", &staging)?);
+            for (stage, pair) in stages.iter().zip(ticks.chunks_exact(2)) {
+                let seconds = pair[1].saturating_sub(pair[0]) as f64 * second;
+                add(&mut sums, stage, seconds);
+            }
         }
         Ok(sums)
     }

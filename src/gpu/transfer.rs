@@ -4,12 +4,13 @@ use super::context::Context;
 use crate::transfer::{ControlPoint, Resolution, TransferFunction};
 use crate::volume::{RowCoding, ToF64, Volume};
 
-/// Rows of the texture, as in shaders/common/transfer.wgsl.
-const ROWS: usize = 6;
-/// The row of the bins of scalars.
-const BIN_ROW: usize = 4;
-/// Equal bins of scalars that lead to segments; as many of lengths of gradients.
-const BINS: usize = 4096;
+/// Rows of the texture that describe segments, as in shaders/common/transfer.wgsl: before the row of the bins of
+/// scalars and the row of the bins of gradients.
+const SEGMENT_ROWS: usize = 4;
+/// Equal bins of scalars that lead to segments: few enough for the table of a usual function to have less than 64 KiB.
+const BINS: usize = 2048;
+/// Equal bins of lengths of gradients.
+const GRADIENT_BINS: usize = 4096;
 /// The largest number of segments: every device has textures of this width.
 const MAX_SEGMENTS: usize = 8192;
 /// The largest deviation of the function from linear in a segment: a fraction of its value and a fraction of its
@@ -19,6 +20,15 @@ const BEND: [f64; 2] = [3e-4, 1e-5];
 const MAX_HALVINGS: u32 = 10;
 /// The share of a bin by which rounding may place a scalar in the bin beside it.
 const BIN_ROUNDING: f64 = 0.05;
+
+/// The largest distance of the values of a range from a value.
+fn farthest([lowest, highest]: [f64; 2], value: f64) -> f64 {
+    (highest - value).abs().max((lowest - value).abs())
+}
+
+/// The least scalar of the farthest control point of a function that replaces another one. Smaller ones lose precision,
+/// because shaders take differences over 64 for jumps.
+const LEAST_EDITED: f64 = 0.125;
 
 /// How values become the scalars of shaders: relative to the transfer function's base, times a power of two that brings
 /// the farthest relevant control point to between 1 and 2. Data in any unit give the same scalars.
@@ -35,10 +45,37 @@ impl Reduction {
 
     /// The reduction of values that are at most `largest` from the base.
     pub(crate) fn new(transfer: &TransferFunction, largest: f64) -> Self {
+        Self::around(transfer.base(), transfer.extent_or(largest))
+    }
+
+    /// The reduction for a function that others replace, given the lowest and the highest value: its base is so far
+    /// below the visible values that it serves functions that show lower values too.
+    pub(crate) fn for_edits(transfer: &TransferFunction, range: [f64; 2]) -> Self {
         let base = transfer.base();
-        let extent = transfer.extent_or(largest);
+        let extent = transfer.extent_or(farthest(range, base));
+        let below = (base - extent).max(range[0]);
+        let base = if below < base && transfer.is_invisible([below, base]) { below } else { base };
+        Self::around(base, 2.0 * extent)
+    }
+
+    /// Whether scalars serve a function: their base is invisible, and its points are about as far from it as shaders
+    /// expect.
+    pub(crate) fn serves(&self, transfer: &TransferFunction, range: [f64; 2]) -> bool {
+        let base = transfer.base();
+        let extent = transfer.extent_or(farthest(range, base));
+        let reach = self.length(extent + (self.base - base).abs());
+        transfer.is_invisible([self.base.min(base), self.base.max(base)]) && (LEAST_EDITED..=2.0).contains(&reach)
+    }
+
+    /// The reduction of values of this extent around a base.
+    fn around(base: f64, extent: f64) -> Self {
         let exponent = extent.clamp(f64::MIN_POSITIVE, f64::MAX).log2().floor();
         Self { base, factor: (-exponent).clamp(-1020.0, 1020.0).exp2() }
+    }
+
+    /// The value of a scalar of 0.
+    pub(crate) fn base(&self) -> f64 {
+        self.base
     }
 
     /// Scalars for each unit of value.
@@ -148,25 +185,23 @@ impl TransferTable {
             }
         };
         let segments = Segments::new(transfer.knots(), reduction, &value);
-        let (mut texels, lookup, crowded) = segments.texels();
-        let width = (texels.len() / 4 / ROWS) as u32;
+        let (mut rows, lookup, crowded) = segments.rows();
         let steepest = transfer.gradient_opacity().last().map_or(0.0, |p| p.magnitude);
-        let share = |place: usize| transfer.gradient_share(steepest * place as f64 / BINS as f64) as f32;
-        let gradients = texels.len() - 4 * width as usize;
-        for (bin, texel) in texels[gradients..].chunks_exact_mut(4).take(BINS).enumerate() {
-            texel[..2].copy_from_slice(&[share(bin), share(bin + 1)]);
-        }
+        let thins = !transfer.gradient_opacity().is_empty();
+        let share = |place: usize| transfer.gradient_share(steepest * place as f64 / GRADIENT_BINS as f64) as f32;
+        let bin = |bin: usize| [share(bin), share(bin + 1), 0.0, 0.0];
+        rows.push(if thins { (0..GRADIENT_BINS).map(bin).collect() } else { Vec::new() });
         let most = steepest * steepness * reduction.factor;
-        let gradient_lookup = if most > 0.0 { BINS as f64 / most } else { 0.0 };
+        let gradient_lookup = if most > 0.0 { GRADIENT_BINS as f64 / most } else { 0.0 };
         let around = transfer.invisible_around(reduction.base);
         let end =
             |value: f64| if value.is_finite() { reduction.scalar(value) } else { value.signum() as f32 * f32::MAX };
         Self {
-            texture: context.float_texture("shade.transfer", [width, ROWS as u32], &texels),
+            texture: context.float_rows("shade.transfer", &rows),
             invisible: around.map_or([1.0, -1.0], |ends| ends.map(end)),
             lookup,
             crowded,
-            thins: !transfer.gradient_opacity().is_empty(),
+            thins,
             gradient_lookup: gradient_lookup.min(f64::from(f32::MAX)) as f32,
             faintest: reduction.faintest(resolution),
         }
@@ -262,23 +297,22 @@ impl Segments {
         [[0.0; 4]].into_iter().chain(inner).collect()
     }
 
-    /// The texture row by row, the place of scalars among the bins, and whether a bin lies in more than two segments.
-    fn texels(&self) -> (Vec<f32>, [f32; 2], bool) {
+    /// The rows of the texture but for gradients, the place of scalars among the bins, and whether a bin lies in more
+    /// than two segments.
+    fn rows(&self) -> (Vec<Vec<[f32; 4]>>, [f32; 2], bool) {
         let Self(segments) = self;
-        let width = segments.len().max(BINS);
-        let mut texels = vec![[0.0_f32; 4]; width * ROWS];
-        let (rows, bins) = texels.split_at_mut(width * BIN_ROW);
         // Integrals begin at the base, where scalars are the most precise.
         let integrals = self.integrals();
         // The first segment has no start: its integral begins at its end.
         let start = |index: usize| segments[index.max(1).min(segments.len() - 1)].start;
         let origin = integrals[segments.partition_point(|s| s.start <= 0.0).saturating_sub(1)];
+        let mut rows = vec![Vec::with_capacity(segments.len()); SEGMENT_ROWS];
         for (index, (segment, end)) in segments.iter().zip(self.ends()).enumerate() {
             let [value, last] = segment.values;
             let slope = std::array::from_fn(|c| (last[c] - value[c]) / (end - segment.start));
             let integral = std::array::from_fn(|c| integrals[index][c] - origin[c]);
-            for (row, texel) in [value, slope, integral, [start(index); 4]].into_iter().enumerate() {
-                rows[row * width + index] = texel.map(|c| c.clamp(f64::from(f32::MIN), f64::from(f32::MAX)) as f32);
+            for (row, texel) in rows.iter_mut().zip([value, slope, integral, [start(index); 4]]) {
+                row.push(texel.map(|c| c.clamp(f64::from(f32::MIN), f64::from(f32::MAX)) as f32));
             }
         }
         let knots: Vec<f64> = segments.iter().skip(1).map(|s| s.start).collect();
@@ -288,13 +322,14 @@ impl Segments {
         let scale = BINS as f64 / span;
         let segment = |place: f64| knots.partition_point(|knot| (knot - low) * scale <= place);
         let mut crowded = false;
-        for (bin, texel) in bins.iter_mut().take(BINS).enumerate() {
+        let bin = |bin: usize| {
             let first = if bin == 0 { 0 } else { segment(bin as f64 - BIN_ROUNDING) };
             let last = if bin + 1 == BINS { knots.len() } else { segment(bin as f64 + 1.0 + BIN_ROUNDING) };
             let next = knots.get(first).map_or(f32::MAX, |&knot| knot as f32);
-            *texel = [first as f32, last as f32, start(first) as f32, next];
             crowded |= last > first + 1;
-        }
-        (texels.into_flattened(), [scale as f32, (-low * scale) as f32], crowded)
+            [first as f32, last as f32, start(first) as f32, next]
+        };
+        rows.push((0..BINS).map(bin).collect());
+        (rows, [scale as f32, (-low * scale) as f32], crowded)
     }
 }

@@ -34,7 +34,7 @@ impl Choice {
         let (kind, reason) = match settings.painter {
             Painter::Quads(_) => (PainterKind::Quads, "requested"),
             Painter::Tiles(_) => (PainterKind::Tiles, "requested"),
-            Painter::Auto if context.info.is_software() => (PainterKind::Tiles, "the adapter is software"),
+            Painter::Auto if context.is_software() => (PainterKind::Tiles, "the adapter is software"),
             Painter::Auto => (PainterKind::Tiles, EXPECTED),
         };
         Self::with_precision(context, kind, reason.to_owned())

@@ -2,7 +2,7 @@
 
 use crate::gpu::context::Context;
 use crate::gpu::pipeline::{self, Binding, compute, module};
-use crate::gpu::recorder::Recorder;
+use crate::gpu::recorder::{ComputePass, Recorder};
 use crate::gpu::scan::WORKGROUP;
 use crate::gpu::shaders::Shader;
 
@@ -94,14 +94,12 @@ impl Stage {
     /// Adds a dispatch to a pass.
     pub(crate) fn record(
         &self,
-        pass: &mut wgpu::ComputePass<'_>,
+        pass: &mut ComputePass<'_>,
         group: &wgpu::BindGroup,
         offsets: &[u32],
-        [x, y, z]: [u32; 3],
+        workgroups: [u32; 3],
     ) {
-        pass.set_pipeline(&self.pipeline);
-        pass.set_bind_group(0, group, offsets);
-        pass.dispatch_workgroups(x, y, z);
+        pass.dispatch(&self.pipeline, group, offsets, workgroups);
     }
 }
 

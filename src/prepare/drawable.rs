@@ -12,7 +12,7 @@ use super::scalars::{Emission, EmissionKey};
 use super::shadows::{Occluders, Places, Shadows, shaded};
 use crate::error::{Error, Result};
 use crate::gpu::cache::Cache;
-use crate::gpu::classify::{Classifier, HostClassifier, Input};
+use crate::gpu::classify::{Classifier, HeldSamples, HostClassifier, Input};
 use crate::gpu::context::Context;
 use crate::gpu::scan::Scan;
 use crate::gpu::store::Drawable;
@@ -75,6 +75,8 @@ pub(super) struct PreShaded {
     pub(super) classified: Held<Option<Shadows>, Drawable>,
     /// The occluders of shadows.
     occluders: Occluders,
+    /// The samples on the device, held from the first change of the transfer function on.
+    samples: Option<HeldSamples>,
     /// The cells of each level.
     pub(super) cells: [Held<CellsKey, Drawable>; MAX_LEVEL as usize + 1],
 }
@@ -97,6 +99,8 @@ pub(super) struct PostShaded {
     /// The light that arrives.
     pub(super) light: Held<Shadows, FallenLight>,
     pub(super) emitted: Held<EmissionKey, Drawable>,
+    /// Whether the splats serve other transfer functions too.
+    pub(super) whole: bool,
 }
 
 impl PostShaded {
@@ -118,11 +122,28 @@ impl PostShaded {
     ) -> Result<(Arc<Drawable>, f64)> {
         let (kernel, normalization) = lattice.kernel_of_voxels();
         let coarse = lattice.coarse.map(|(coarse, ..)| coarse);
-        let key = EmissionKey { kernel, normalization, need, lit: lattice.settings.lighting.is_some(), coarse };
+        let (lit, whole) = (lattice.settings.lighting.is_some(), self.whole);
+        let key = EmissionKey { kernel, normalization, need, lit, coarse, whole };
         self.emitted.get_or_make(key, EmissionKey::serves, |held| {
             drop(held);
             Ok(Arc::new(self.emit(context, &key, progress)?))
         })
+    }
+
+    /// Takes another transfer function. From the first change on there are splats of all voxels, which serve further
+    /// functions.
+    pub(super) fn set_transfer(&mut self, transfer: TransferFunction) -> Result<()> {
+        let range = self.volume.value_range()?;
+        if !(self.whole && self.reduction.serves(&transfer, range)) {
+            self.reduction = Reduction::for_edits(&transfer, range);
+            self.emitted.clear();
+            self.whole = true;
+        }
+        self.resolution = Resolution::new(&transfer, &self.volume)?;
+        self.transfer = transfer;
+        self.kept = Cache::default();
+        self.light.clear();
+        Ok(())
     }
 
     /// Whether things of one value are visible.
@@ -134,7 +155,30 @@ impl PostShaded {
 
 impl PreShaded {
     pub(super) fn new(layers: Layers, lit: bool) -> Self {
-        Self { layers, lit, classified: Held::default(), occluders: Occluders::default(), cells: Default::default() }
+        Self {
+            layers,
+            lit,
+            classified: Held::default(),
+            occluders: Occluders::default(),
+            samples: None,
+            cells: Default::default(),
+        }
+    }
+
+    /// Takes another transfer function. From now on the device holds the samples.
+    pub(super) fn set_transfer(&mut self, transfer: &TransferFunction) -> Result<()> {
+        let Some((volume, _)) = self.layers.plain() else {
+            return Err(Error::setting(
+                "transfer",
+                "several layers have no single transfer function: prepare them anew",
+            ));
+        };
+        self.layers = Layers::of_volume(volume, transfer);
+        self.classified.clear();
+        self.occluders.clear();
+        self.cells.iter().for_each(Held::clear);
+        self.samples.get_or_insert_default();
+        Ok(())
     }
 
     /// The visible voxels, and the seconds that it took to make them.
@@ -150,12 +194,12 @@ impl PreShaded {
                 None => media::classified(context, &self.layers, self.lit, progress)?,
                 Some((volume, transfer)) => {
                     let input = Input::new(context, volume, transfer, self.lit, progress)?;
-                    if context.info.is_software() {
+                    if context.is_software() {
                         // Such a device is the host, which classifies faster without it.
                         HostClassifier::run(&input)?
                     } else {
                         let classifier = pipelines.get_or_make((), || Ok(Classifier::new(context)))?;
-                        classifier.run(&*Scan::of(pipelines, context)?, &input)?
+                        classifier.run(&*Scan::of(pipelines, context)?, &input, self.samples.as_ref())?
                     }
                 }
             }))

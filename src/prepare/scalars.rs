@@ -30,6 +30,8 @@ pub(crate) struct EmissionKey {
     pub(crate) lit: bool,
     /// The cells that stand for voxels along parallel rays; `None`: voxels, or the cells of [`ScalarNeed::cut`].
     pub(crate) coarse: Option<Coarse>,
+    /// Whether invisible voxels become splats too, for other transfer functions.
+    pub(crate) whole: bool,
 }
 
 impl EmissionKey {
@@ -76,7 +78,7 @@ struct Invisible([f64; 2]);
 
 impl Invisible {
     fn new(transfer: &TransferFunction, reduction: &Reduction, shows: VisibleValues, magnification: f64) -> Self {
-        let base = transfer.base();
+        let base = reduction.base();
         let around = transfer.invisible_around(base);
         let ends = match shows {
             VisibleValues::Opaque => around,
@@ -209,7 +211,7 @@ impl<'a> Emission<'a> {
     ) -> Result<Self> {
         let (savings, need) = (context.savings, key.need);
         let halo = need.influence.floor() as usize;
-        let singly = savings.voxels && halo <= MAX_HALO && need.cut.is_none();
+        let singly = savings.voxels && !key.whole && halo <= MAX_HALO && need.cut.is_none();
         let [finest, coarsest] = need.cut.map_or([0, 0], |cut| cut.levels);
         let lattice = |level| ScalarLattice::new(volume, level, key, if singly { halo } else { 0 });
         let lattices: Vec<ScalarLattice> = (finest..=coarsest).map(lattice).collect();
@@ -244,7 +246,7 @@ impl<'a> Emission<'a> {
 
     /// Whether a scalar can be visible.
     fn is_active(&self, scalar: f32) -> bool {
-        !self.savings.voxels || !self.invisible.holds(f64::from(scalar))
+        !self.savings.voxels || self.key.whole || !self.invisible.holds(f64::from(scalar))
     }
 
     /// Whether an active brick of the volume has voxels within the influence of this brick.

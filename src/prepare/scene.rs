@@ -56,6 +56,16 @@ fn cells_beyond(grid: &Grid, cells: &Grid, level: u32) -> u32 {
     (cells.dims()[0] - grid.dims()[0].div_ceil(1 << level)) / 2
 }
 
+/// The weights of the splats of layers.
+fn weights(layers: &Layers, grid: &Grid, lit: bool) -> Weights {
+    Weights {
+        max: layers.max_density(),
+        unit: layers.unit() / grid.unit(),
+        // Light may turn any colour white.
+        brightest: if lit { [1.0; 3] } else { layers.brightest() },
+    }
+}
+
 fn shows(settings: &Settings) -> VisibleValues {
     match settings.model {
         // The volume of a minimum is mirrored.
@@ -75,12 +85,7 @@ impl Scene {
     /// cells.
     pub(crate) fn of_splats(context: &Context, layers: &Layers, lit: bool) -> Self {
         let grid = *layers.grid();
-        let weights = Weights {
-            max: layers.max_density(),
-            unit: layers.unit() / grid.unit(),
-            // Light may turn any colour white.
-            brightest: if lit { [1.0; 3] } else { layers.brightest() },
-        };
+        let weights = weights(layers, &grid, lit);
         Self::new(context, Content::Splats(Box::new(PreShaded::new(layers.clone(), lit))), grid, weights, 0.0)
     }
 
@@ -115,8 +120,26 @@ impl Scene {
             kept: Cache::default(),
             light: Kept::default(),
             emitted: Kept::default(),
+            whole: false,
         };
         Ok(Self::new(context, Content::Scalars(Box::new(scalars)), grid, weights, seconds))
+    }
+
+    /// Takes another transfer function. The samples that are on the device serve it.
+    pub(crate) fn set_transfer(&mut self, transfer: &TransferFunction) -> Result<()> {
+        match &mut self.content {
+            Content::Scalars(scalars) => {
+                let mirrored = (scalars.model == Model::Minip).then(|| transfer.mirrored());
+                scalars.set_transfer(mirrored.unwrap_or_else(|| transfer.clone()))?;
+                let largest = scalars.volume.farthest_from(scalars.reduction.base())?;
+                self.weights.max = scalars.reduction.length(largest);
+            }
+            Content::Splats(voxels) => {
+                voxels.set_transfer(transfer)?;
+                self.weights = weights(&voxels.layers, &self.grid, voxels.lit);
+            }
+        }
+        Ok(())
     }
 
     pub(crate) fn grid(&self) -> &Grid {
@@ -367,7 +390,7 @@ impl Scene {
             return Ok((Some(PostShading { table, light, shadows: false, to_light: DAffine3::IDENTITY }), 0.0));
         };
         let (kernel, normalization) = lattice.kernel_of_voxels();
-        let (coarse, grid) = self.lit_cells(&kernel, lattice.level)?;
+        let (coarse, grid) = self.lit_cells(context, &kernel, lattice.level)?;
         let denser = normalization.density(&kernel);
         let cells = coarse.map_or(kernel, |(cells, growth)| cells.kernel(&kernel, growth));
         let unit = scalars.transfer.unit_or(self.grid.min_spacing());
@@ -381,8 +404,8 @@ impl Scene {
                 let need = ScalarNeed { influence: kernel.radius() + 2.0, ..ScalarNeed::NONE };
                 let lit = !scalars.transfer.gradient_opacity().is_empty();
                 let coarse = coarse.map(|(cells, _)| cells);
-                let emit =
-                    || scalars.emit(context, &EmissionKey { kernel, normalization, need, lit, coarse }, progress);
+                let key = EmissionKey { kernel, normalization, need, lit, coarse, whole: false };
+                let emit = || scalars.emit(context, &key, progress);
                 let PostShaded { transfer, reduction, .. } = scalars.as_ref();
                 let classification = Classification { transfer, reduction };
                 FallenLight::new(context, held, &grid, emit, &classification, &shadows, progress).map(Arc::new)
@@ -395,16 +418,20 @@ impl Scene {
 
     /// The lattice of the light of a post-shaded picture: voxels, or cells and the growth of the kernels that they
     /// stand for. It is no finer than the lattice of the picture and no larger than a light volume may be.
-    fn lit_cells(&self, kernel: &Kernel, level: u32) -> Result<(Option<(Coarse, f64)>, Grid)> {
+    fn lit_cells(&self, context: &Context, kernel: &Kernel, level: u32) -> Result<(Option<(Coarse, f64)>, Grid)> {
+        let longest = context.limits.max_texture_dimension_3d;
         for level in level..=MAX_LEVEL {
             let growth = cells::least_growth(kernel, level);
             let coarse = (level > 0).then(|| (Coarse::new(kernel, growth, Some(level)), growth));
             let grid = coarse.map_or(Ok(self.grid), |(cells, _)| cells.grid(&self.grid))?;
-            if grid.len() <= light_volume::MAX_CELLS {
+            if grid.len() <= light_volume::MAX_CELLS && grid.dims().into_iter().all(|cells| cells <= longest) {
                 return Ok((coarse, grid));
             }
         }
-        Err(Error::volume("no light volume has room for as many voxels"))
+        Err(context.unsupported(format!(
+            "holds volumes of at most {longest} voxels a side, and the light in this volume outgrows them: render \
+             without shadows, or pre-shaded"
+        )))
     }
 
     /// Refuses a scene of another device, and settings that it was not prepared for.

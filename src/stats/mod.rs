@@ -102,10 +102,35 @@ pub struct Stats {
     /// Bytes sent to the device for this picture: parameters and lists of bricks, and splats of scalars unless the
     /// device holds them from the picture before.
     pub bytes_sent: u64,
+    /// Dispatches of compute shaders and draws for this picture.
+    pub dispatches: u64,
+    /// Submissions of commands to the device for this picture.
+    pub submissions: u64,
+    /// Times that the host waited for the device for this picture.
+    pub waits: u64,
+    /// Bytes of memory that the device holds after this picture, for all scenes, with the memory that wgpu keeps for
+    /// transfers. 0 on Metal, which does not count.
+    pub bytes_resident: u64,
     /// Pipelines that this renderer has made so far, for all scenes and pictures.
     pub pipelines: u32,
     /// The time of each stage.
     pub stages: Vec<StageTime>,
+}
+
+/// The work that a device has received since it was opened, and the memory that it holds now.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+pub struct Counts {
+    /// Dispatches of compute shaders, and draws.
+    pub dispatches: u64,
+    /// Submissions of commands.
+    pub submissions: u64,
+    /// Times that the host waited for the device.
+    pub waits: u64,
+    /// Bytes sent to the device.
+    pub uploaded: u64,
+    /// Bytes of memory of all buffers and textures of the device, with the memory that wgpu keeps for transfers. 0 on
+    /// Metal, which does not count.
+    pub resident: u64,
 }
 
 /// Statistics of the painter of a picture.
@@ -305,6 +330,8 @@ impl Stats {
         let packed = self.tiles().map_or(0, |t| t.packed_bytes);
         let [volume, picture, sent] = [self.scene_bytes + packed, self.frame_bytes, self.bytes_sent].map(grouped);
         writeln!(f, "\nGPU memory   {volume} bytes of volume, {picture} of picture; {sent} sent for it")?;
+        let [dispatches, submissions, waits] = [self.dispatches, self.submissions, self.waits].map(grouped);
+        writeln!(f, "commands     {dispatches} dispatches in {submissions} submissions, {waits} waits")?;
         writeln!(f, "pipelines    {} made so far", self.pipelines)?;
         for stage in &self.stages {
             writeln!(f, "{:<12} {:>9.3} ms  ({} clock)", stage.name, stage.seconds * 1e3, stage.clock)?;

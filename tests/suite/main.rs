@@ -50,9 +50,10 @@ mod model {
 mod painters {
     mod accuracy;
     mod cost;
-    mod embed;
+    pub(crate) mod embed;
     mod f32_limits;
     mod golden;
+    mod plumbing;
     mod savings;
     pub(crate) mod tiles;
     mod tiles_limits;

@@ -169,7 +169,7 @@ fn sheets_per_pass(context: &Context, feed: Feed, precision: Precision) -> Resul
     if feed == Feed::Depth {
         return Ok(1);
     }
-    let preferred = if context.info.is_software() || feed.sheets_per_layer() > 1 { 8 } else { 4 };
+    let preferred = if context.is_software() || feed.sheets_per_layer() > 1 { 8 } else { 4 };
     let largest = batch_sizes(context, feed, precision).filter(|&n| n <= preferred).max();
     largest.ok_or_else(|| context.unsupported(format!("cannot draw into the {precision} sheets of one pass at once")))
 }

@@ -10,7 +10,7 @@ use crate::gpu::context::Context;
 use crate::gpu::layout::Area;
 use crate::gpu::pipeline::Binding::{DynamicUniform, Read, ReadTexture, Uniform};
 use crate::gpu::pipeline::{Render, bind, layout, module, texture_view};
-use crate::gpu::recorder::{MAX_WORK, Recorder};
+use crate::gpu::recorder::{Recorder, max_work};
 use crate::gpu::shaders;
 use crate::kernel::FootprintTable;
 use crate::painters::stage::declared;
@@ -170,14 +170,15 @@ impl Splats<'_> {
         batch: u32,
         area: Area,
     ) {
+        let context = recorder.context;
         // Drivers clear large parts faster.
         let [width, height] = area.size();
         let part = u64::from(width) * u64::from(height);
         let all = u64::from(self.extent[0]) * u64::from(self.extent[1]);
         let wipe = self.stage.wipe.as_ref().filter(|_| 2 * part < all && part > 0);
-        let most = match recorder.context.info.is_software() {
+        let most = match context.is_software() {
             true => SOFTWARE_PASS,
-            false => u32::try_from(MAX_WORK / self.quad_pixels.max(1)).unwrap_or(u32::MAX).max(1),
+            false => u32::try_from(max_work(context) / self.quad_pixels.max(1)).unwrap_or(u32::MAX).max(1),
         };
         let passes = passes(spans, batch, most);
         for (number, pieces) in passes.into_iter().enumerate() {
@@ -197,6 +198,7 @@ impl Splats<'_> {
             if let (0, Some(wipe)) = (number, wipe) {
                 pass.set_pipeline(wipe);
                 pass.set_scissor_rect(area.low[0], area.low[1], width, height);
+                context.dispatched();
                 pass.draw(0..3, 0..1);
                 pass.set_scissor_rect(0, 0, self.extent[0], self.extent[1]);
             }
@@ -206,6 +208,7 @@ impl Splats<'_> {
                 quads += piece.len() as u64;
                 pass.set_bind_group(0, &self.groups[index], &[self.batches.offset(batch)]);
                 pass.set_vertex_buffer(0, spans[index].entries.slice(..));
+                context.dispatched();
                 pass.draw(0..4, piece);
             }
             drop(pass);

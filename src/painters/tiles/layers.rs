@@ -5,7 +5,7 @@ use super::Canvas;
 use super::axis::families;
 use super::paint::{Picture, need, reach, refusal};
 use crate::error::Result;
-use crate::gpu::recorder::Recorder;
+use crate::gpu::recorder::{Recorder, max_work};
 use crate::image::Region;
 use crate::painters::painter::{Begun, Job, Painting, Room};
 use crate::stats::{PainterStats, TilesStats};
@@ -38,7 +38,10 @@ impl Painting for Layers<'_> {
     }
 
     fn most_pixels(&self) -> u64 {
-        self.0.iter().map(Picture::most_pixels).min().unwrap_or(u64::MAX)
+        let Some(Picture { job, .. }) = self.0.first() else { return u64::MAX };
+        // A region goes through all layers in one submission.
+        let work: u64 = self.0.iter().map(Picture::pixel_work).sum();
+        max_work(job.context) / work.max(1)
     }
 
     fn make_pipelines(&self) -> Result<()> {

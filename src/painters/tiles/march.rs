@@ -40,7 +40,7 @@ pub(super) fn skip(context: &Context, constants: &[Constant]) -> Stage {
 
 /// The stage that marches the rays of a picture.
 pub(super) fn gather(context: &Context, key: &TilesKey) -> Stage {
-    let software = context.info.is_software();
+    let software = context.is_software();
     let image = StorageTexture(FORMAT, wgpu::TextureViewDimension::D2);
     let of_colors = |entry, state| (shaders::GATHER, entry, vec![state, Write]);
     let of_scalars = |shader| {
@@ -120,7 +120,7 @@ pub(super) struct Refiner {
 
 impl Refiner {
     pub(super) fn new(context: &Context, key: &TilesKey) -> Self {
-        let volume = key.voxel.binding(context.info.is_software());
+        let volume = key.voxel.binding(context.is_software());
         let slots = [Uniform, volume, Read, Read, Write, Read];
         Self {
             skip: Stage::new(context, shaders::SKIP, ("skip", "skip_refined"), &SKIP, &key.constants),

@@ -9,7 +9,7 @@ use super::rays::{RaySetup, Rays, max_depth, parallel};
 use super::{Block, Canvas, MAX_RADIUS, MAX_SINGLE_RADIUS, RayKind, STRAIGHT, Tiles, TilesKey};
 use crate::error::Result;
 use crate::gpu::layout::{self, TILE};
-use crate::gpu::recorder::{MAX_WORK, Recorder};
+use crate::gpu::recorder::Recorder;
 use crate::gpu::view::{ViewGeometry, Weights};
 use crate::image::Region;
 use crate::kernel::Kernel;
@@ -22,11 +22,15 @@ use crate::stats::TilesStats;
 /// rays of pixels, and most rays meet nothing. Measured; see `docs/measurements`.
 const PIXELS_PER_QUAD: u64 = 8;
 
-/// The work of a plane of a ray, in units of the work of a fragment of a splat: 15 texels of 16 bytes and some 800
-/// operations, where a fragment has 150 and blends up to 8 sheets.
+/// The work of [`PLANE_TEXELS`] texels of a plane of a ray, in units of the work of a fragment of a splat: 16 bytes a
+/// texel and some 800 operations, where a fragment has 150 and blends up to 8 sheets.
 const PLANE_WORK: u64 = 4;
 /// The same for scalars: two slabs with three moments each, classified in pieces.
 const SCALAR_PLANE_WORK: u64 = 12;
+/// The texels of a plane that rays along m read by the default kernel: 5 rows of 3.
+const PLANE_TEXELS: u64 = 15;
+/// The work of a plane that clipping cuts, in planes: its kernels are also summed up to the cut, each by its section.
+const CUT_WORK: u64 = 3;
 
 /// Optical depth of a voxel from which on parts of kernels are parabolas. Fitted by lines they err by 0.13 of 255 (rms)
 /// there, and by 0.9 at 2.3.
@@ -183,25 +187,15 @@ impl<'a> Picture<'a> {
 
     fn key(&self) -> TilesKey {
         let Job { context, view, .. } = self.job;
-        // A ball of the lattice reaches as far along a row.
         let growth = view.depth_growth().1;
-        let along_row = |axis: &PackedAxis| growth * self.kernel.radius() / (1.0 - axis.axis.lean.powi(2)).sqrt();
-        // n texels serve a reach of up to n - 1/2 voxels; of the largest kernels, along the rays that lean most, it is
-        // 5.9.
-        let texels = self.axes.iter().map(along_row).fold(0.0, f64::max) + 0.5;
-        let reach = match growth * self.kernel.radius() / ROUNDING {
-            radius if radius <= 2.0 => 2,
-            radius if radius <= 3.0 && self.kind != SlabKind::Scalars => 3,
-            _ => 4,
-        };
         let rays = self.ray_kind();
         let mut constants = self.job.constants();
         constants.extend([
             ("GROWN", (growth > 1.0).into()),
             ("CURVED", (self.kind == SlabKind::DenseColors).into()),
             ("TERMS", self.footprint.terms()),
-            ("TEXELS", texels.floor().clamp(2.0, 6.0) as u32 + 1),
-            ("REACH", reach),
+            ("TEXELS", self.row_texels()),
+            ("REACH", self.reach()),
             ("STRAIGHT", (rays == RayKind::Straight).into()),
             ("RESAMPLED", rays.is_resampled().into()),
             ("LAYERED", (rays == RayKind::Layered).into()),
@@ -211,6 +205,30 @@ impl<'a> Picture<'a> {
         }
         let is_for_host = |axis: &PackedAxis| axis.packing.is_for_host(context, self.job.splats());
         TilesKey { voxel: self.voxel, rays, packs_on_host: self.axes.first().is_some_and(is_for_host), constants }
+    }
+
+    /// Texels of a row that reach a ray.
+    fn row_texels(&self) -> u32 {
+        // A ball of the lattice reaches as far along a row.
+        let along_row = |axis: &PackedAxis| self.largest_radius() / (1.0 - axis.axis.lean.powi(2)).sqrt();
+        // n texels serve a reach of up to n - 1/2 voxels; of the largest kernels, along the rays that lean most, it is
+        // 5.9.
+        let texels = self.axes.iter().map(along_row).fold(0.0, f64::max) + 0.5;
+        texels.floor().clamp(2.0, 6.0) as u32 + 1
+    }
+
+    /// Planes to either side whose kernels have parts in a slab.
+    fn reach(&self) -> u32 {
+        match self.largest_radius() / ROUNDING {
+            radius if radius <= 2.0 => 2,
+            radius if radius <= 3.0 && self.kind != SlabKind::Scalars => 3,
+            _ => 4,
+        }
+    }
+
+    /// The radius of the largest kernels, in voxels.
+    fn largest_radius(&self) -> f64 {
+        self.job.view.depth_growth().1 * self.kernel.radius()
     }
 
     fn ray_kind(&self) -> RayKind {
@@ -231,7 +249,7 @@ impl<'a> Picture<'a> {
         let Job { settings, post, view, .. } = self.job;
         // Partial pictures are composited before anything is resampled. Classification makes edges that only the rays
         // of pixels keep; rays that are shared reach two voxels.
-        let full = resolution(settings, self.job.context.info.is_software()) == Resolution::Full;
+        let full = resolution(settings, self.job.context.is_software()) == Resolution::Full;
         let per_pixel =
             full || view.held.is_some() || post.is_some() || self.kernel.radius() > MAX_RADIUS || self.is_layered();
         !per_pixel && self.axes.iter().any(|axis| self.setup(axis).pixel_share() < 1.0)
@@ -276,7 +294,7 @@ impl<'a> Picture<'a> {
     /// scalars, whose classification takes the time.
     fn block(&self, axis: &PackedAxis) -> Option<Block> {
         let Job { context, post, view, .. } = self.job;
-        if post.is_some() || view.held.is_some() || !context.info.is_software() {
+        if post.is_some() || view.held.is_some() || !context.is_software() {
             return None;
         }
         parallel::block(&self.setup(axis), self.whole())
@@ -286,7 +304,7 @@ impl<'a> Picture<'a> {
     pub(super) fn is_left_to_quads(&self) -> bool {
         let [width, height] = self.job.view.camera.size.map(u64::from);
         self.job.settings.painter == Painter::Auto
-            && self.job.context.info.is_software()
+            && self.job.context.is_software()
             && self.job.settings.model == Model::Xray
             && matches!(self.ray_kind(), RayKind::Pixels | RayKind::Straight | RayKind::StraightBlocks(_))
             && PIXELS_PER_QUAD * self.job.splats() < width * height
@@ -304,12 +322,12 @@ impl<'a> Picture<'a> {
         let lit = Lit { lighting: &self.lighting, to_eye: view.to_eye(), points: settings.has_point_lights() };
         let held = self.job.kept.get_or_make((), || Ok(Mutex::<Vec<Arc<Packed>>>::default()))?;
         let mut held = held.lock().unwrap_or_else(PoisonError::into_inner);
-        // Drop unusable packings first, so that old and new are never in memory together. Colours may be lit from the
-        // eye: lit ones are packed over, because textures that exist are not cleared first.
+        // Drop unusable packings first, so that old and new are never in memory together. Colours under another light
+        // are packed over, because textures that exist are not cleared first.
         let is_served = |packed: &Packed| self.axes.iter().any(|axis| self.serves(axis, packed));
-        let is_lit = matches!(self.voxel, Voxel::Color { lights: 1.., .. });
+        let light = lit.on(self.voxel);
         let served = held.drain(..).filter(|packed| is_served(packed));
-        let (spare, reusable): (Vec<_>, Vec<_>) = served.partition(|_| is_lit);
+        let (reusable, spare): (Vec<_>, Vec<_>) = served.partition(|packed| packed.light == light);
         let mut spare: Vec<Packed> = spare.into_iter().filter_map(Arc::into_inner).collect();
         let mut packed: Vec<Arc<Packed>> = Vec::new();
         for axis in &self.axes {
@@ -370,20 +388,23 @@ impl Picture<'_> {
         rays.map(bytes).fold(MIN_PIXEL_BYTES, u32::max)
     }
 
-    /// See [`Painting::most_pixels`](crate::painters::painter::Painting::most_pixels).
-    pub(super) fn most_pixels(&self) -> u64 {
-        if self.job.context.info.is_software() {
-            return u64::MAX;
-        }
+    /// The work of a pixel in fragments of splats, averaged over the picture.
+    pub(super) fn pixel_work(&self) -> u64 {
         // Each pixel may have its own ray beside the rays of the images.
         let beside = if self.is_resampled() { self.whole().area() } else { 0 };
+        let is_cut = !self.job.view.clip.is_empty() && self.job.post.is_none();
         let planes = |axis: &PackedAxis| {
             let rays: u64 = self.all_rays(axis).iter().map(Rays::count).sum();
-            (rays + beside) * u64::from(axis.packing.dims[2])
+            let planes = u64::from(axis.packing.dims[2]);
+            // A ray is cut where it enters the clipped volume and where it leaves it.
+            let cut = if is_cut { planes.min(u64::from(2 * (2 * self.reach() + 1))) } else { 0 };
+            u128::from(rays + beside) * u128::from(planes + CUT_WORK * cut)
         };
+        let rows = 2 * self.largest_radius().ceil() as u64 + 1;
+        let texels = rows * u64::from(self.row_texels());
         let each = if self.job.post.is_some() { SCALAR_PLANE_WORK } else { PLANE_WORK };
-        let work: u128 = self.axes.iter().map(|axis| u128::from(each) * u128::from(planes(axis))).sum();
-        (u128::from(MAX_WORK) * u128::from(self.whole().area()) / work.max(1)) as u64
+        let work: u128 = self.axes.iter().map(|axis| u128::from(each * texels) * planes(axis)).sum();
+        (work / u128::from(PLANE_TEXELS * self.whole().area())) as u64
     }
 
     /// Paints a region behind the layers that have been painted.

@@ -226,7 +226,7 @@ fn store<const N: usize>(context: &Context, words: impl Fn([u32; 3]) -> [u32; N]
     let count = splats.len() as u32 / (N as u32 + 1);
     let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
     let buffer = context.upload("test.splats", bytemuck::cast_slice(&splats), usage).unwrap();
-    Store::new(context, Splats::Device(buffer), 4 * (N as u64 + 1), count, bricks).unwrap()
+    Store::new(context, (Splats::Device(buffer), None), 4 * (N as u64 + 1), count, bricks).unwrap()
 }
 
 /// The override constants of the packing of voxels; `points`: some light is at a place.
@@ -246,7 +246,7 @@ fn constants(voxel: Voxel, perspective: bool, points: bool) -> Vec<Constant> {
 }
 
 fn packed(context: &Context, store: Store, axes: [usize; 3], voxel: Voxel, max_weight: f64) -> Packed {
-    let stage = (!context.info.is_software()).then(|| pack::stage(context, &constants(voxel, false, false)));
+    let stage = (!context.is_software()).then(|| pack::stage(context, &constants(voxel, false, false)));
     packed_by(context, (stage.as_ref(), false, false), store, axes, voxel, max_weight, |_| true)
 }
 
@@ -277,7 +277,42 @@ fn packed_by(
     let view = [[1.0, 0.1, -0.2], [0.0, 0.9, 0.3], [0.2, -0.3, 1.1]];
     let to_eye = ToEye { perspective, eye: [20.0, 3.0, -60.0], view };
     let lit = Lit { lighting: &lighting, to_eye, points };
-    packing.pack(&mut Recorder::untimed(context), stage, &stores, &lit, max_weight, None).unwrap()
+    let mut recorder = Recorder::untimed(context);
+    let packed = packing.pack(&mut recorder, stage, &stores, &lit, max_weight, None).unwrap();
+    recorder.submit();
+    packed
+}
+
+/// Without room for the whole texture in a buffer, it is packed in bands: the same bytes, in one submission and without
+/// a wait. A band of whole shelves has each splat once, but for bricks that reach into the next band.
+#[test]
+fn bands_hold_each_splat_about_once_and_wait_for_nothing() {
+    let mut context = context().with_device_stages();
+    let voxel = Voxel::Color { lights: 0, shadows: false };
+    for axes in ORDERS {
+        let whole = read_volume(&context, &packed(&context, store(&context, words_of), axes, voxel, 30.0).volume);
+        let stores = [store(&context, words_of)];
+        let visits = |context: &Context| {
+            let packing = Packing::new(context, &stores, DIMS, false, |_| true, axes, voxel).unwrap();
+            packing.bands(context, &stores).unwrap().visits()
+        };
+        let count = u64::from(stores[0].count);
+        assert_eq!(visits(&context), (1, count));
+        let unlimited = context.limits.max_storage_buffer_binding_size;
+        for binding in [1 << 17, 1 << 16, 1 << 14] {
+            context.limits.max_storage_buffer_binding_size = binding;
+            let (bands, visited) = visits(&context);
+            assert!(bands > 1 && visited <= bands as u64 * count, "{axes:?}: {visited} of {count} in {bands} bands");
+            let store = store(&context, words_of);
+            let before = context.traffic();
+            let banded = packed(&context, store, axes, voxel, 30.0);
+            let after = context.traffic();
+            assert_eq!((after.submissions - before.submissions, after.waits - before.waits), (1, 0));
+            assert!(read_volume(&context, &banded.volume) == whole, "{axes:?} in {bands} bands");
+            assert_occupied(&context, &banded);
+        }
+        context.limits.max_storage_buffer_binding_size = unlimited;
+    }
 }
 
 /// The stage on the host gives the same texels as the one on the device: to the last bit, but where colours are lit.

@@ -11,13 +11,13 @@ use crate::adapter::adapter;
 use crate::support::{demo, exact_quads, headlight, look, with_quads};
 
 /// A device that this test opens itself.
-struct Host {
+pub(crate) struct Host {
     device: wgpu::Device,
     queue: wgpu::Queue,
-    renderer: Renderer,
+    pub(crate) renderer: Renderer,
 }
 
-fn host(features: wgpu::Features) -> Host {
+pub(crate) fn host(features: wgpu::Features) -> Host {
     let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
     let adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
     let named = |a: &wgpu::Adapter| a.get_info().name.to_lowercase().contains(&adapter().to_lowercase());
@@ -32,7 +32,12 @@ fn host(features: wgpu::Features) -> Host {
 }
 
 impl Host {
-    fn texture(&self, [width, height]: [u32; 2], format: wgpu::TextureFormat) -> wgpu::Texture {
+    /// The same device, on which stages run as on a GPU.
+    pub(crate) fn with_device_stages(self) -> Self {
+        Self { renderer: self.renderer.with_device_stages(), ..self }
+    }
+
+    pub(crate) fn texture(&self, [width, height]: [u32; 2], format: wgpu::TextureFormat) -> wgpu::Texture {
         self.device.create_texture(&wgpu::TextureDescriptor {
             label: Some("host.target"),
             size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },

@@ -6,31 +6,108 @@ use bytemuck::Zeroable;
 
 use super::{Lit, Packing};
 use crate::error::Result;
+use crate::gpu::context::Context;
 use crate::gpu::layout::Pack;
 use crate::gpu::pipeline::texture_view;
 use crate::gpu::recorder::Recorder;
 use crate::gpu::splat::ToEye;
 use crate::gpu::store::Store;
-use crate::painters::stage::{Stage, for_each};
+use crate::painters::stage::Stage;
 use crate::painters::tiles::axis::unordered;
 
-/// Bytes of the buffer that is packed and copied to the texture at a time: small beside the volume.
-const BAND: u64 = 16 << 20;
+/// The largest number of bytes of the buffer that is packed and copied to the texture at a time. On a GPU: few
+/// dispatches, and memory that is small beside the volume. On software: near the caches.
+const BAND: u64 = 256 << 20;
+const SOFTWARE_BAND: u64 = 16 << 20;
+
+/// Splats that a workgroup packs: 32 for each invocation.
+const RUN: u32 = 2048;
+
+/// The splats that each band of the texture needs, as the shader reads them. They depend on stores and packing only.
+#[derive(Debug)]
+pub(in crate::painters::tiles) struct Bands {
+    /// Runs of at most [`RUN`] splats.
+    runs: wgpu::Buffer,
+    bands: Vec<Band>,
+}
+
+/// Rows of the texture that are packed together.
+#[derive(Debug)]
+struct Band {
+    rows: Range<u32>,
+    /// The number of a store, the runs of its splats, and the number of these splats.
+    parts: Vec<(usize, Range<u32>, u64)>,
+}
+
+#[cfg(test)]
+impl Bands {
+    /// The number of bands, and the splats that they have together.
+    pub(in crate::painters::tiles) fn visits(&self) -> (usize, u64) {
+        let parts = self.bands.iter().flat_map(|band| &band.parts);
+        (self.bands.len(), parts.map(|(_, _, splats)| splats).sum())
+    }
+}
 
 impl Packing {
+    /// The bands of the texture, with the splats of the bricks that lie in each.
+    pub(in crate::painters::tiles) fn bands(&self, context: &Context, stores: &[Store]) -> Result<Bands> {
+        let mut runs: Vec<[u32; 2]> = Vec::new();
+        let band = |rows: Range<u32>| {
+            let planes = self.planes(rows.clone());
+            let mut parts = Vec::new();
+            for (number, store) in stores.iter().enumerate() {
+                let first = runs.len() as u32;
+                let mut splats = 0;
+                for run in self.splats(store, &planes) {
+                    splats += run.len() as u64;
+                    let end = run.end;
+                    runs.extend(run.step_by(RUN as usize).map(|first| [first, end.min(first.saturating_add(RUN))]));
+                }
+                if splats > 0 {
+                    parts.push((number, first..runs.len() as u32, splats));
+                }
+            }
+            Band { rows, parts }
+        };
+        let bands = self.rows_of_bands(context).into_iter().map(band).collect();
+        let runs = context.upload("pack.runs", bytemuck::cast_slice(&runs), wgpu::BufferUsages::STORAGE)?;
+        Ok(Bands { runs, bands })
+    }
+
+    /// The rows of each band: whole shelves of planes if they fit, so that most bricks are in one band.
+    fn rows_of_bands(&self, context: &Context) -> Vec<Range<u32>> {
+        let [_, height] = self.size;
+        let most = if context.is_software() { SOFTWARE_BAND } else { BAND };
+        let limits = &context.limits;
+        let most = most.min(limits.max_storage_buffer_binding_size).min(limits.max_buffer_size);
+        let rows = (most / self.row_bytes()).clamp(1, u64::from(height)) as u32;
+        let shelf = self.dims[1] + 1;
+        // The first row of the texture is a margin before the first shelf.
+        let (step, margin) = if rows > shelf { ((rows - 1) / shelf * shelf, 1) } else { (rows, 0) };
+        let starts = (0..height).step_by(step as usize).map(|row| if row == 0 { 0 } else { row + margin });
+        let starts: Vec<u32> = starts.filter(|&row| row < height).collect();
+        let ends = starts.iter().skip(1).copied().chain([height]);
+        starts.iter().copied().zip(ends).map(|(start, end)| start..end).collect()
+    }
+
+    /// Bytes of a row of the texture.
+    fn row_bytes(&self) -> u64 {
+        u64::from(self.size[0]) * self.voxel.texel()
+    }
+
     /// Fills the texture of voxels and the texture of macrocells with splats.
     pub(super) fn fill_on_device(
         &self,
         recorder: &mut Recorder<'_>,
         stage: &Stage,
-        stores: &[Store],
+        (stores, Bands { runs, bands }): (&[Store], &Bands),
         lit: &Lit<'_>,
         scale: f32,
         [volume, occupied]: &[wgpu::Texture; 2],
     ) -> Result<()> {
         let context = recorder.context;
         let uniform = wgpu::BufferUsages::UNIFORM;
-        let [width, height] = self.size;
+        let [width, _] = self.size;
         let ToEye { eye, view: [view_x, view_y, view_z], .. } = lit.to_eye;
         let common = Pack {
             low: unordered(self.axes, self.low),
@@ -50,20 +127,21 @@ impl Packing {
         };
         let occupied = occupied.create_view(&wgpu::TextureViewDescriptor::default());
         let lighting = context.upload("pack.lighting", bytemuck::bytes_of(lit.lighting), uniform)?;
-        let row_bytes = u64::from(width) * self.voxel.texel();
-        let band = (BAND / row_bytes).clamp(1, u64::from(height)) as u32;
-        for first_row in (0..height).step_by(band as usize) {
-            let row_count = band.min(height - first_row);
-            let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
-            let texels = context.buffer("pack.texels", u64::from(row_count) * row_bytes, usage)?;
-            let planes = self.planes(first_row..first_row + row_count);
-            for store in stores {
-                let splats = self.splats(store, &planes);
-                if splats.is_empty() {
-                    continue;
-                }
+        let row_bytes = self.row_bytes();
+        // One buffer serves all bands: the device orders what reads and writes it, so that nothing waits.
+        let largest = bands.iter().map(|band| band.rows.len() as u64).max().unwrap_or_default();
+        let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC | wgpu::BufferUsages::COPY_DST;
+        let texels = context.buffer("pack.texels", largest * row_bytes, usage)?;
+        for (number, Band { rows, parts }) in bands.iter().enumerate() {
+            let (first_row, row_count) = (rows.start, rows.len() as u32);
+            // A new buffer holds zeros.
+            if number > 0 {
+                recorder.clear(&texels, u64::from(row_count) * row_bytes);
+            }
+            for (store, part, splats) in parts {
+                let store = &stores[*store];
                 let parameters =
-                    Pack { first_splat: splats.start, end_splat: splats.end, first_row, row_count, ..common };
+                    Pack { first_run: part.start, run_count: part.len() as u32, first_row, row_count, ..common };
                 let parameters = context.upload("pack.parameters", bytemuck::bytes_of(&parameters), uniform)?;
                 let buffer = store.on_device(context)?;
                 let resources = [
@@ -73,23 +151,29 @@ impl Packing {
                     store.origins.as_entire_binding(),
                     texels.as_entire_binding(),
                     texture_view(&occupied),
+                    runs.as_entire_binding(),
                 ];
-                stage.run(recorder, &resources, for_each(context, splats.len() as u64));
+                let (x, y) = context.workgroups(part.len() as u64, 1);
+                stage.run(recorder, &resources, [x, y, 1]);
+                recorder.worked(*splats);
             }
             recorder.copy_rows(&texels, row_bytes, volume, first_row, [width, row_count]);
-            recorder.submit();
-            // One band at a time in memory.
-            context.wait("packing the volume")?;
         }
         Ok(())
     }
 
-    /// The splats of a store from the first to the last that may be in these planes.
-    fn splats(&self, store: &Store, planes: &Range<u32>) -> Range<u32> {
+    /// The runs of splats of a store that may be in these planes: neighbouring bricks are one run.
+    fn splats(&self, store: &Store, planes: &Range<u32>) -> Vec<Range<u32>> {
         let (low, axis) = (self.low[2], self.axes[2]);
         let inside = |[first, end]: [u32; 2]| first < low + planes.end && end > low + planes.start;
         let bricks = store.runs().filter(|(brick, _)| inside(brick.bounds.map(|point| point[axis])));
-        let runs = bricks.map(|(_, run)| run);
-        runs.reduce(|hull, run| hull.start.min(run.start)..hull.end.max(run.end)).unwrap_or(0..0)
+        let mut runs: Vec<Range<u32>> = Vec::new();
+        for (_, run) in bricks {
+            match runs.last_mut() {
+                Some(last) if last.end == run.start => last.end = run.end,
+                _ => runs.push(run),
+            }
+        }
+        runs
     }
 }

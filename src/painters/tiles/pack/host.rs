@@ -134,7 +134,9 @@ impl Packing {
                 self.fill_rows(first + index * ROWS, voxels, &near, &packed);
             });
             // One band is in transfer while the next one is filled.
-            context.wait("packing the volume")?;
+            if first > 0 {
+                context.wait("packing the volume")?;
+            }
             let size = [width, rows.len() as u32, 1];
             context.write_texels(volume, [0, first as u32, 0], bytemuck::cast_slice(band), size);
             recorder.submit();

@@ -4,6 +4,8 @@
 mod device;
 mod host;
 
+use device::Bands;
+
 use std::ops::Range;
 
 use crate::error::Result;
@@ -131,7 +133,7 @@ impl Packing {
     pub(super) fn is_for_host(&self, context: &Context, splats: u64) -> bool {
         const BYTES: u64 = 28;
         let [width, height] = self.size.map(u64::from);
-        context.info.is_software() && BYTES * splats > width * height * self.voxel.texel()
+        context.is_software() && BYTES * splats > width * height * self.voxel.texel()
     }
 
     /// Macrocells along a, b and m.
@@ -172,6 +174,10 @@ pub(crate) struct Packed {
     pub(super) scale: f64,
     /// Bytes on the device.
     pub(super) bytes: u64,
+    /// The light on the voxels; `None`: their colours do not depend on light.
+    pub(super) light: Option<PackedLight>,
+    /// The splats of each band; `None`: the host packs.
+    bands: Option<Bands>,
 }
 
 /// The light on packed voxels.
@@ -182,10 +188,27 @@ pub(super) struct Lit<'a> {
     pub(super) points: bool,
 }
 
+/// All that lit colours depend on besides the splats.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct PackedLight {
+    lighting: Vec<u8>,
+    to_eye: Option<ToEye>,
+}
+
+impl Lit<'_> {
+    /// The light on voxels of a kind; `None`: their colours do not depend on light.
+    pub(super) fn on(&self, voxel: Voxel) -> Option<PackedLight> {
+        let is_lit = matches!(voxel, Voxel::Color { lights: 1.., .. });
+        // Along parallel rays all voxels have one direction to the eye.
+        let to_eye = self.to_eye.perspective.then(|| self.to_eye.clone());
+        is_lit.then(|| PackedLight { lighting: bytemuck::bytes_of(self.lighting).to_vec(), to_eye })
+    }
+}
+
 /// The stage that packs on the device.
 pub(super) fn stage(context: &Context, constants: &[Constant]) -> Stage {
     let marks = Binding::StorageTexture(wgpu::TextureFormat::R32Uint, wgpu::TextureViewDimension::D3);
-    let slots = [Uniform, Uniform, Read, Read, Write, marks];
+    let slots = [Uniform, Uniform, Read, Read, Write, marks, Read];
     Stage::new(context, shaders::PACK, ("pack", "voxels"), &slots, constants)
 }
 
@@ -205,12 +228,18 @@ impl Packing {
             Voxel::Scalar => 1.0,
             _ => (F16_HEADROOM / max_weight.max(f64::MIN_POSITIVE)).log2().floor().exp2().min(MAX_SCALE),
         };
-        let textures = match over {
-            Some(Packed { volume, occupied, .. }) => [volume, occupied].map(|view| view.texture().clone()),
-            None => self.textures(recorder.context),
+        let (textures, bands) = match over {
+            Some(Packed { volume, occupied, bands, .. }) => ([volume, occupied].map(|v| v.texture().clone()), bands),
+            None => (self.textures(recorder.context), None),
         };
-        match stage {
-            Some(stage) => self.fill_on_device(recorder, stage, stores, lit, scale as f32, &textures)?,
+        let bands = match (stage, bands) {
+            (Some(_), None) => Some(self.bands(recorder.context, stores)?),
+            (_, bands) => bands,
+        };
+        match stage.zip(bands.as_ref()) {
+            Some((stage, bands)) => {
+                self.fill_on_device(recorder, stage, (stores, bands), lit, scale as f32, &textures)?;
+            }
             None => recorder
                 .on_host("pack", |recorder| self.fill_on_host(recorder, stores, lit, scale as f32, &textures))?,
         }
@@ -224,6 +253,8 @@ impl Packing {
             occupied,
             scale,
             bytes: width * height * self.voxel.texel() + macrocells * 4,
+            light: lit.on(self.voxel),
+            bands,
         })
     }
 }

@@ -1,0 +1,303 @@
+//! The work that a picture gives to the device, in counts rather than times: any adapter gives the counts of a GPU.
+//!
+//! ```text
+//! cargo bench --bench plumbing -- --work DIR [--device] [--json] [--scenes NAME,..] [--pictures NAME,..] [--write]
+//! ```
+//!
+//! DIR is the folder of the bench `race` (`crates/cli/benches/race.json`): its `vol` holds head512.raw, ml256.npy and
+//! phantom181.npy. `--device` runs the stages of GPUs on a software adapter too. Each scene is drawn in eight pictures:
+//! pre- and post-shaded, unlit and lit by a headlight, along parallel rays and in perspective. A picture has events:
+//!
+//! - `first`: the volume is prepared and drawn
+//! - `next`: the camera turns by 10 degrees
+//! - `light`: a light in a direction replaces another one (lit pictures)
+//! - `transfer`: the visible values begin lower (`Renderer::set_transfer`, after another change that is not counted)
+//! - `clip`: a clipping plane moves
+//!
+//! Frames are drawn into a texture (`Renderer::render_into`). Columns: dispatches and draws, submissions, waits of the
+//! host, bytes sent to the device, bytes of memory of the device after the event, and voxels or cells drawn. `--json`
+//! prints an object a line with `scene`, `picture`, `event`, `dispatches`, `submissions`, `waits`, `uploaded`,
+//! `resident` and `visible`. `--write` keeps the table in docs/measurements.
+
+#![allow(clippy::print_stdout, reason = "printing its table is what this program is for")]
+
+mod common;
+
+use std::path::{Path, PathBuf};
+
+use common::{Arguments, Outcome, Report};
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+use voxsplat::clip::{Clip, Plane};
+use voxsplat::lighting::{Light, Lighting};
+use voxsplat::renderer::adapters;
+use voxsplat::settings::Shading;
+use voxsplat::stats::Counts;
+use voxsplat::transfer::ControlPoint;
+use voxsplat::volume::SampleType;
+use voxsplat::{
+    Camera, LoadOptions, ProjectionKind, Renderer, RendererOptions, Scene, Settings, TransferFunction, View, Volume,
+    load, wgpu,
+};
+
+/// The scenes of the bench `race` that are drawn.
+const SCENES: [&str; 3] = ["head512", "ml256", "phantom181"];
+/// The size of pictures in pixels, and their view, of the bench `race`.
+const SIZE: u32 = 512;
+const AZIMUTH: f64 = 30.0;
+const ELEVATION: f64 = 20.0;
+
+/// The scenes of the bench `race`, and their transfer function.
+#[derive(Deserialize)]
+struct Race {
+    scenes: Vec<RaceScene>,
+    transfer: Vec<[f64; 5]>,
+}
+
+#[derive(Deserialize)]
+struct RaceScene {
+    name: String,
+    dims: [u32; 3],
+    file: String,
+    r#type: Option<String>,
+    /// The value that is 1 in the transfer function.
+    one: f64,
+    /// The unit of opacities, in voxels.
+    unit: f64,
+}
+
+impl RaceScene {
+    fn volume(&self, work: &Path) -> Outcome<Volume> {
+        let file = work.join("vol").join(&self.file);
+        if !file.exists() {
+            return Err(format!(
+                "{} is missing: make it with make_volumes.py of the race's scripts, `PEERS_WORK={} python3 \
+                 make_volumes.py`, and with `--head` for head512",
+                file.display(),
+                work.display()
+            )
+            .into());
+        }
+        let raw = match &self.r#type {
+            Some(name) => LoadOptions {
+                dims: Some(self.dims),
+                sample_type: Some(name.parse::<SampleType>()?),
+                ..LoadOptions::default()
+            },
+            None => LoadOptions::default(),
+        };
+        Ok(load(file, &raw)?)
+    }
+
+    /// The curve of the race with values moved by a share of the range.
+    fn transfer(&self, curve: &[[f64; 5]], moved: f64) -> Outcome<TransferFunction> {
+        let point = |&[value, r, g, b, opacity]: &[f64; 5]| ControlPoint {
+            value: self.one * (value + moved),
+            color: [r, g, b],
+            opacity,
+        };
+        Ok(TransferFunction::new(curve.iter().map(point).collect(), Some(self.unit))?)
+    }
+}
+
+/// A kind of picture.
+#[derive(Clone, Copy)]
+struct Kind {
+    post: bool,
+    lit: bool,
+    perspective: bool,
+}
+
+impl Kind {
+    fn all() -> impl Iterator<Item = Self> {
+        (0..8).map(|bits| Self { post: bits & 4 != 0, lit: bits & 2 != 0, perspective: bits & 1 != 0 })
+    }
+
+    fn name(self) -> String {
+        let pick = |yes, a: &'static str, b: &'static str| if yes { a } else { b };
+        let shading = pick(self.post, "post", "pre");
+        format!("{shading}-{}-{}", pick(self.lit, "lit", "unlit"), pick(self.perspective, "perspective", "parallel"))
+    }
+
+    fn settings(self) -> Settings {
+        let lighting = self.lit.then(|| lights(Light::HEADLIGHT));
+        let shading = if self.post { Shading::Post } else { Shading::Pre };
+        Settings { shading, lighting, ..Settings::default() }
+    }
+}
+
+fn lights(light: Light) -> Lighting {
+    Lighting { lights: vec![light], ..Lighting::default() }
+}
+
+/// The counts of an event.
+#[derive(Serialize)]
+struct Row {
+    scene: String,
+    picture: String,
+    event: &'static str,
+    dispatches: u64,
+    submissions: u64,
+    waits: u64,
+    uploaded: u64,
+    resident: u64,
+    visible: u64,
+}
+
+/// A device with a texture to draw into.
+struct Host {
+    device: wgpu::Device,
+    renderer: Renderer,
+    texture: wgpu::Texture,
+}
+
+impl Host {
+    /// A device of its own for a picture, so that no other scene is in its memory.
+    fn new(device_stages: bool) -> Outcome<Self> {
+        let best = adapters().into_iter().next().ok_or("no adapter")?;
+        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
+            backends: wgpu::Backends::VULKAN | wgpu::Backends::METAL | wgpu::Backends::DX12,
+            ..wgpu::InstanceDescriptor::new_without_display_handle()
+        });
+        let found = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
+        let adapter = found.into_iter().find(|a| a.get_info().name == best.name).ok_or("no adapter")?;
+        let (device, queue) = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor {
+            required_features: adapter.features() & Renderer::FEATURES,
+            required_limits: adapter.limits(),
+            ..Default::default()
+        }))?;
+        let renderer = Renderer::from_device(device.clone(), queue, &adapter, &RendererOptions::default());
+        let renderer = if device_stages { renderer.with_device_stages() } else { renderer };
+        let texture = device.create_texture(&wgpu::TextureDescriptor {
+            label: Some("plumbing.target"),
+            size: wgpu::Extent3d { width: SIZE, height: SIZE, depth_or_array_layers: 1 },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: wgpu::TextureFormat::Rgba8Unorm,
+            usage: wgpu::TextureUsages::RENDER_ATTACHMENT,
+            view_formats: &[],
+        });
+        Ok(Self { device, renderer, texture })
+    }
+
+    /// The counts of `work`, which returns the number of voxels drawn. The wait for the device is not counted.
+    fn counted(&self, work: impl FnOnce() -> Outcome<u64>) -> Outcome<(Counts, u64)> {
+        let before = self.renderer.counts();
+        let visible = work()?;
+        self.device.poll(wgpu::PollType::wait_indefinitely())?;
+        let after = self.renderer.counts();
+        let counts = Counts {
+            dispatches: after.dispatches - before.dispatches,
+            submissions: after.submissions - before.submissions,
+            waits: after.waits - before.waits,
+            uploaded: after.uploaded - before.uploaded,
+            resident: after.resident,
+        };
+        Ok((counts, visible))
+    }
+
+    fn draw(&self, scene: &Scene, camera: &Camera, settings: &Settings) -> Outcome<u64> {
+        let stats = self.renderer.render_into(scene, camera, settings, &self.texture)?;
+        Ok(stats.splats_kept)
+    }
+}
+
+/// Draws the events of a picture, and passes each to `take`.
+fn events(
+    host: &Host,
+    of: &RaceScene,
+    volume: &Volume,
+    curve: &[[f64; 5]],
+    kind: Kind,
+    take: &mut dyn FnMut(&'static str, (Counts, u64)),
+) -> Outcome {
+    let renderer = &host.renderer;
+    let height = 1.5 * f64::from(of.dims.into_iter().max().unwrap_or(1));
+    let camera = |azimuth| {
+        let projection = match kind.perspective {
+            true => ProjectionKind::Perspective { fov: 30.0 },
+            false => ProjectionKind::Orthographic,
+        };
+        let up = DVec3::Y;
+        let view = View { azimuth, elevation: ELEVATION, up, view_height: Some(height), projection, ..View::default() };
+        Camera::new(&view, volume.grid(), [SIZE; 2])
+    };
+    let settings = kind.settings();
+    let transfer = of.transfer(curve, 0.0)?;
+    let at = camera(AZIMUTH)?;
+    let mut made = None;
+    let first = host.counted(|| {
+        let scene = made.insert(renderer.prepare(volume, &transfer, &settings)?);
+        host.draw(scene, &at, &settings)
+    })?;
+    take("first", first);
+    let mut scene = made.ok_or("no scene")?;
+    let turned = camera(AZIMUTH + 10.0)?;
+    take("next", host.counted(|| host.draw(&scene, &turned, &settings))?);
+    if kind.lit {
+        let lit_from = |towards| Settings { lighting: Some(lights(Light::directional(towards))), ..settings.clone() };
+        host.draw(&scene, &at, &lit_from(DVec3::ONE))?;
+        take("light", host.counted(|| host.draw(&scene, &at, &lit_from(DVec3::new(1.0, 1.0, 0.5))))?);
+    }
+    let clipped = |share: f64| -> Outcome<Settings> {
+        let plane = Plane::new(DVec3::X, share * f64::from(of.dims[0]))?;
+        Ok(Settings { clip: Clip::new(vec![plane])?, ..settings.clone() })
+    };
+    host.draw(&scene, &at, &clipped(0.0)?)?;
+    let moved = clipped(0.1)?;
+    take("clip", host.counted(|| host.draw(&scene, &at, &moved))?);
+    host.draw(&scene, &at, &settings)?;
+    let mut change = |moved| -> Outcome<(Counts, u64)> {
+        let other = of.transfer(curve, moved)?;
+        host.counted(|| {
+            renderer.set_transfer(&mut scene, &other)?;
+            host.draw(&scene, &at, &settings)
+        })
+    };
+    change(0.02)?;
+    take("transfer", change(-0.03)?);
+    Ok(())
+}
+
+fn main() -> Outcome {
+    let mut arguments = Arguments::of_process();
+    let work: PathBuf = arguments.option("--work")?.unwrap_or_else(|| PathBuf::from("target/race"));
+    let (device_stages, json) = (arguments.flag("--device"), arguments.flag("--json"));
+    let [scenes, pictures] = ["--scenes", "--pictures"].map(|name| arguments.option::<String>(name));
+    let (scenes, pictures) = (scenes?, pictures?);
+    if let [unknown, ..] = arguments.positional()? {
+        return Err(format!("unknown argument {unknown}").into());
+    }
+    let Race { scenes: of_race, transfer } = serde_json::from_str(include_str!("../crates/cli/benches/race.json"))?;
+    let is_listed = |list: &Option<String>, name: &str| list.as_ref().is_none_or(|l| l.split(',').any(|n| n == name));
+    let mut report = Report::new("plumbing", &arguments);
+    if !json {
+        report.line("| scene | picture | event | dispatches | submissions | waits | uploaded | resident | visible |");
+        report.line("|---|---|---|---|---|---|---|---|---|");
+    }
+    for name in SCENES.into_iter().filter(|name| is_listed(&scenes, name)) {
+        let scene = of_race.iter().find(|scene| scene.name == name).ok_or_else(|| format!("the race has no {name}"))?;
+        let volume = scene.volume(&work)?;
+        for kind in Kind::all().filter(|kind| is_listed(&pictures, &kind.name())) {
+            let host = Host::new(device_stages)?;
+            let mut rows = Vec::new();
+            events(&host, scene, &volume, &transfer, kind, &mut |event, (counts, visible)| {
+                let Counts { dispatches, submissions, waits, uploaded, resident } = counts;
+                let (scene, picture) = (name.to_owned(), kind.name());
+                rows.push(Row { scene, picture, event, dispatches, submissions, waits, uploaded, resident, visible });
+            })?;
+            for row in rows {
+                if json {
+                    println!("{}", serde_json::to_string(&row)?);
+                    continue;
+                }
+                let Row { scene, picture, event, dispatches, submissions, waits, uploaded, resident, visible } = row;
+                let counts = format!("{dispatches} | {submissions} | {waits} | {uploaded} | {resident} | {visible}");
+                report.line(format!("| {scene} | {picture} | {event} | {counts} |"));
+            }
+        }
+    }
+    let best = adapters().into_iter().next().ok_or("no adapter")?;
+    report.finish(&best)
+}

@@ -1,0 +1,163 @@
+//! Counts of the work that a picture gives to the device: dispatches, submissions, waits and bytes sent. A GPU is held
+//! up by them, and they are the same on software.
+
+use glam::DVec3;
+use voxsplat::camera::Camera;
+use voxsplat::clip::{Clip, Plane};
+use voxsplat::error::Error;
+use voxsplat::layers::{Layer, Layers};
+use voxsplat::lighting::{Light, Lighting};
+use voxsplat::renderer::{Rendered, Renderer, Scene};
+use voxsplat::settings::{Level, Settings, Shading};
+use voxsplat::stats::{Clock, Stats};
+use voxsplat::transfer::{ControlPoint, TransferFunction};
+use voxsplat::wgpu;
+
+use super::embed::{Host, host};
+use crate::support::{PROJECTIONS, RENDERER, camera, demo, draw_on, headlight, new_renderer, prepare_on, rms_of_all};
+
+/// Pre- and post-shaded pictures of voxels, unlit and lit.
+fn kinds() -> [Settings; 4] {
+    // Without anti-aliasing the scalars that a picture needs do not depend on the view.
+    let pre = Settings { level: Level::At(0), antialiasing: false, ..Settings::default() };
+    let post = Settings { shading: Shading::Post, ..pre.clone() };
+    let lit = |settings: &Settings| Settings { lighting: headlight(), ..settings.clone() };
+    [lit(&pre), lit(&post), pre, post]
+}
+
+/// The same picture with another light, if it is lit, and the same picture with a clipping plane at this place.
+fn changed(settings: &Settings, place: f64) -> [Settings; 2] {
+    let light = Lighting { lights: vec![Light::directional(DVec3::new(place, 1.0, 1.0))], ..Lighting::default() };
+    let lit = Settings { lighting: settings.lighting.as_ref().map(|_| light), ..settings.clone() };
+    let plane = Plane::new(DVec3::X, place).unwrap();
+    [lit, Settings { clip: Clip::new(vec![plane]).unwrap(), ..settings.clone() }]
+}
+
+/// Draws a frame into a texture.
+fn frame(host: &Host, scene: &Scene, camera: &Camera, settings: &Settings) -> Stats {
+    let texture = host.texture(camera.size, wgpu::TextureFormat::Rgba8Unorm);
+    host.renderer.render_into(scene, camera, settings, &texture).unwrap()
+}
+
+#[test]
+fn frames_into_a_texture_wait_for_nothing_and_send_parameters_only() {
+    let (volume, transfer) = demo("vessels", 40);
+    for on_device in [true, false] {
+        let host = host(Renderer::FEATURES);
+        let host = if on_device { host.with_device_stages() } else { host };
+        for (settings, projection) in kinds().into_iter().flat_map(|kind| PROJECTIONS.map(|p| (kind.clone(), p))) {
+            let scene = prepare_on(&host.renderer, &volume, &transfer, &settings).unwrap();
+            let draw = |azimuth, settings: &Settings| {
+                frame(&host, &scene, &camera(azimuth, projection, &volume, 96), settings)
+            };
+            draw(20.0, &settings);
+            let [lit, clipped] = changed(&settings, 0.0);
+            let [other_light, moved] = changed(&settings, 2.0);
+            draw(20.0, &lit);
+            draw(20.0, &clipped);
+            for (event, azimuth, settings) in [
+                ("next", 30.0, &settings),
+                ("next", 120.0, &settings),
+                ("light", 30.0, &other_light),
+                ("clip", 30.0, &moved),
+            ] {
+                let stats = draw(azimuth, settings);
+                let what = format!("{event}, on the device {on_device}, {projection:?}: {settings:?}");
+                assert!(stats.tiles().is_some(), "{what}");
+                assert_eq!(stats.waits, 0, "{what}");
+                assert!(stats.submissions <= 2, "{} submissions: {what}", stats.submissions);
+                assert!(stats.dispatches < 30, "{} dispatches: {what}", stats.dispatches);
+                // Stages on the host send the packed volume.
+                assert!(!on_device || stats.bytes_sent < 40_000, "{} bytes: {what}", stats.bytes_sent);
+            }
+        }
+    }
+}
+
+#[test]
+fn a_picture_waits_once_for_its_pixels_and_times() {
+    let renderer = new_renderer();
+    let (volume, transfer) = demo("vessels", 40);
+    for settings in kinds() {
+        let scene = prepare_on(&renderer, &volume, &transfer, &settings).unwrap();
+        let draw = |azimuth| {
+            draw_on(&renderer, &scene, &camera(azimuth, PROJECTIONS[0], &volume, 96), &settings).unwrap().stats
+        };
+        draw(20.0);
+        let stats = draw(25.0);
+        assert_eq!(stats.waits, 1, "{settings:?}");
+        let seconds = stats.stages.iter().find(|stage| stage.name == "gather" && stage.clock == Clock::Device);
+        assert!(seconds.is_some_and(|stage| stage.seconds > 0.0), "{:?}", stats.stages);
+    }
+}
+
+#[test]
+fn a_lit_picture_is_packed_again_only_under_another_light() {
+    let renderer = new_renderer().with_device_stages();
+    let (volume, transfer) = demo("vessels", 40);
+    let [settings, ..] = kinds();
+    for projection in PROJECTIONS {
+        let scene = prepare_on(&renderer, &volume, &transfer, &settings).unwrap();
+        let draw = |azimuth, settings: &Settings| {
+            draw_on(&renderer, &scene, &camera(azimuth, projection, &volume, 96), settings).unwrap()
+        };
+        let first = draw(20.0, &settings);
+        let [light, _] = changed(&settings, 2.0);
+        let packs = |stats: &Stats| stats.stages.iter().any(|stage| stage.name == "pack");
+        let again = draw(20.0, &settings);
+        assert!(packs(&first.stats) && !packs(&again.stats), "{projection:?}");
+        assert!(again.image == first.image);
+        for (azimuth, settings) in [(24.0, &settings), (20.0, &light)] {
+            let other = draw(azimuth, settings);
+            assert!(packs(&other.stats) && other.image != first.image, "{projection:?}, {azimuth}");
+        }
+        let back = draw(20.0, &settings);
+        assert!(packs(&back.stats) && back.image == first.image, "{projection:?}");
+    }
+}
+
+/// Pre-shaded pictures have the bytes of a scene that was prepared with the function. Post-shaded ones differ by sums
+/// of kernels around another base: by less than half a step of 8 bits.
+#[test]
+fn another_transfer_function_sends_a_table_and_no_samples() {
+    let (volume, first) = demo("vessels", 64);
+    let [low, high] = first.range();
+    let moved = |share: f64| {
+        let shift = |p: &ControlPoint| ControlPoint { value: p.value + share * (high - low), ..*p };
+        TransferFunction::new(first.points().iter().map(shift).collect(), first.unit_distance()).unwrap()
+    };
+    for on_device in [true, false] {
+        let renderer = if on_device { new_renderer().with_device_stages() } else { new_renderer() };
+        for settings in kinds() {
+            let camera = camera(20.0, PROJECTIONS[1], &volume, 96);
+            let draw = |scene: &Scene| draw_on(&renderer, scene, &camera, &settings).unwrap();
+            let mut scene = prepare_on(&renderer, &volume, &first, &settings).unwrap();
+            let before = draw(&scene).image;
+            for (change, share) in [0.05, -0.05, 0.0].into_iter().enumerate() {
+                let other = moved(share);
+                renderer.set_transfer(&mut scene, &other).unwrap();
+                let Rendered { image, stats } = draw(&scene);
+                let what = format!("{share}, on the device {on_device}: {settings:?}");
+                // On software the host classifies and packs, and sends the packed volume.
+                if on_device && change > 0 {
+                    assert!(stats.bytes_sent < 64 << 10, "{} bytes: {what}", stats.bytes_sent);
+                }
+                let expected = draw(&prepare_on(&renderer, &volume, &other, &settings).unwrap()).image;
+                let error = 255.0 * rms_of_all(&image, &expected);
+                let allowed = if settings.is_post_shaded() { 0.5 } else { 0.0 };
+                assert!(error <= allowed, "{error} of 255: {what}");
+                assert!(share == 0.0 || image != before, "{what}");
+            }
+        }
+    }
+}
+
+#[test]
+fn several_layers_take_no_transfer_function() {
+    let (volume, transfer) = demo("vessels", 12);
+    let layer = || Layer::scalars(&volume, &transfer);
+    let layers = Layers::new(layer()).with(layer()).unwrap();
+    let mut scene = RENDERER.prepare_layers(&layers, &Settings::default()).unwrap();
+    let refused = RENDERER.set_transfer(&mut scene, &transfer);
+    assert!(matches!(refused, Err(Error::Setting { name: "transfer", .. })));
+}
