@@ -20,6 +20,11 @@ fn parabola(m: vec3f) -> vec3f {
     return vec3f(m.y - second / 12.0, (first + last) * 0.5, second);
 }
 
+// A parabola at a place.
+fn value_at(p: vec3f, u: f32) -> f32 {
+    return p.x + (p.y + p.z * u) * u;
+}
+
 // Whether all scalars from `low` to `high` are among the invisible scalars around 0, from invisible.x to invisible.y,
 // ends included. There are none if invisible.x > invisible.y.
 //
@@ -92,6 +97,11 @@ const BINS: u32 = 4u;
 const BIN_COUNT: u32 = 4096u;
 // The same number of bins of gradient lengths: gradient opacity at the beginning (x) and at the end (y) of a bin.
 const GRADIENTS: u32 = 5u;
+// Of scalars from a bin on. x, y: a range of scalars without opacity around the bin, without its end; empty if there is
+// none. Over the scalars up to RANGE_BINS bins on: the largest difference of slopes (z), and the largest squared
+// extinction times the largest difference of colours (w).
+const RANGES: u32 = 6u;
+const RANGE_BINS: f32 = 256.0;
 
 // Whether extinction depends on gradients.
 override GRADIENT_OPACITY: bool = false;
@@ -104,6 +114,12 @@ fn gradient_share(gradient: vec3f, lookup: f32) -> f32 {
     let place = clamp(length(gradient) * lookup, 0.0, f32(BIN_COUNT) - 0.5);
     let bin = textureLoad(transfer, vec2u(u32(place), GRADIENTS));
     return mix(bin.x, bin.y, min(fract(place), 1.0));
+}
+
+// The texel of RANGES for scalars from `low` on.
+fn range_from(low: f32, lookup: vec2f) -> vec4f {
+    let place = clamp(low * lookup.x + lookup.y, 0.0, f32(BIN_COUNT - 1u));
+    return textureLoad(transfer, vec2u(u32(place), RANGES));
 }
 
 // The transfer function at a scalar.
