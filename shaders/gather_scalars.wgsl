@@ -1,6 +1,5 @@
 // gather-scalars: rays of the painter `tiles` through voxels that are scalars, one ray for each pixel. They gather the
 // kernels of voxel planes as in gather.wgsl, into slabs of scalar that are classified and lit when they are complete.
-// `gather` marches one ray, `pair` marches the rays of two pixels.
 //
 // Classification magnifies small differences of a scalar, so slabs are finer here: half a plane thick. A kernel has
 // parts in eight slabs, or in sixteen if it is wide. Each part is nearly its footprint times a parabola in s, so a
@@ -78,9 +77,6 @@ fn kept_on(geometry: RayGeometry, plane: f32) -> vec4f {
     return kept_at(rays.to_light * vec4f(geometry.base + geometry.shear * plane, plane, 1.0));
 }
 
-// The largest error of one piece instead of several, in optical depth.
-const ERROR_OF_ONE: f32 = 2.5e-4;
-
 fn classify_slab(
     ray: ptr<function, RayState>,
     before: Before,
@@ -93,18 +89,14 @@ fn classify_slab(
     if is_invisible(means, rays.invisible) {
         return Before(INVISIBLE, before.end);
     }
-    let width = part.y - part.x;
-    // Where pieces end on the parabola. One piece ends a little farther from it than several do.
-    let p = parabola(means);
-    let several = marched_parabola(means, width / f32(rays.samples));
-    let begin = begin_of(value_at(several, part.x), before, rays.invisible);
-    let end = value_at(several, part.y);
-    let top = value_at(p, clamp(-0.5 * p.y / select(p.z, 1.0, p.z == 0.0), part.x, part.y));
-    let beyond = p.z * width * width / 6.0;
-    let low = min(min(begin, end), top) - max(beyond, 0.0);
-    let high = max(max(begin, end), top) - min(beyond, 0.0);
-    let range = range_from(low, rays.lookup);
-    if low >= range.x && high < range.y {
+    // The least and the largest scalar of the pieces: where the slab begins and ends, at the extremum, or the mean.
+    let p = marched_parabola(means, (part.y - part.x) / f32(rays.samples));
+    let begin = begin_of(value_at(p, part.x), before, rays.invisible);
+    let end = value_at(p, part.y);
+    let extremum = value_at(p, clamp(-0.5 * p.y / select(p.z, 1.0, p.z == 0.0), part.x, part.y));
+    let low = min(min(begin, end), min(extremum, means.y));
+    let high = max(max(begin, end), max(extremum, means.y));
+    if is_clear(low, high, rays.lookup) {
         return Before(SCALAR, Classified(end, 0u, vec4f(0.0), vec4f(0.0)));
     }
     var light = no_shine();
@@ -118,12 +110,9 @@ fn classify_slab(
         light = light_on(gradient, surface, place_on(geometry, middle), geometry.to_eye, kept_on(geometry, middle));
         share = gradient_share(of_means, rays.gradient_lookup);
     }
-    let length = 0.5 * width * share * geometry.stretch / geometry.direction.z;
-    let error = length * (abs(p.z) * width * width * range.z / 32.0 + length * range.w / 8.0);
-    let is_straight = (high - low) * rays.lookup.x <= RANGE_BINS && error <= ERROR_OF_ONE;
-    let samples = select(rays.samples, 1u, is_straight);
-    return march_parabola(ray, means, part, before, samples, rays.samples == 1u, length / f32(samples), rays.lookup,
-        rays.invisible, light);
+    let step = (part.y - part.x) / f32(rays.samples);
+    let length = 0.5 * step * share * geometry.stretch / geometry.direction.z;
+    return march_parabola(ray, means, part, before, rays.samples, length, rays.lookup, rays.invisible, light);
 }
 
 alias Marched = RayState;
@@ -218,18 +207,22 @@ fn feed(
     }
     // The middle of the slab that waits.
     let middle = f32(plane) - f32(REACH) - 0.25;
-    // A loop, because twice the code takes twice as long to compile.
-    for (var half = 0u; half < 2u; half++) {
-        let behind = select((*slabs).sums[8 - 2 * REACH], (*slabs).sums[9 - 2 * REACH], half == 1u);
-        (*slabs).composited = advance(ray, (*slabs).composited, behind, geometry, middle + 0.5 * f32(half));
-    }
+    let first = advance(ray, (*slabs).composited, (*slabs).sums[8 - 2 * REACH], geometry, middle);
+    (*slabs).composited = advance(ray, first, (*slabs).sums[9 - 2 * REACH], geometry, middle + 0.5);
     // On to the next plane.
     if # >= 8 - 2 * REACH { (*slabs).sums[#] = (*slabs).sums[# + 2]; }
     if # < 2 * REACH { (*slabs).sums[8 + #] = (*slabs).sums[10 + #]; }
 }
 
-// Adds a finished ray to its pixel.
-fn add_ray(at: vec2u, share: f32, ray: RayState, geometry: RayGeometry) {
+@compute @workgroup_size(64)
+fn gather(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile: vec3u) {
+    let at = point_of(tile, lane);
+    let share = share_of(line_of(at));
+    if PERSPECTIVE && share == 0.0 {
+        return;
+    }
+    let geometry = geometry_of(at);
+    let ray = march_planes(tile, geometry, new_ray());
     var value = vec4f(ray.color, absorbed(ray.depth));
     if BRICK {
         value = vec4f(ray.color, ray.depth);
@@ -257,150 +250,4 @@ fn add_ray(at: vec2u, share: f32, ray: RayState, geometry: RayGeometry) {
     } else {
         add_to_pixel(at, share * value);
     }
-}
-
-@compute @workgroup_size(64)
-fn gather(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile: vec3u) {
-    let at = point_of(tile, lane);
-    let share = share_of(line_of(at));
-    if PERSPECTIVE && share == 0.0 {
-        return;
-    }
-    let geometry = geometry_of(at);
-    add_ray(at, share, march_planes(tile, geometry, new_ray()), geometry);
-}
-
-// A ray where it meets a plane.
-struct Meeting {
-    center: vec2f,
-    direction: vec2f,
-    growth: f32,
-    half: f32,
-    row_slope: f32,
-    // The first row of voxels that reach the ray, and the last.
-    rows: vec2i,
-}
-
-fn meeting_of(geometry: RayGeometry, plane: i32, end: i32) -> Meeting {
-    let center = geometry.base + geometry.shear * f32(plane);
-    let growth = growth_at(geometry, plane);
-    let reach = reach_at(growth);
-    let rows = rows_of(plane, end, center.y, geometry.footprint_half.y * reach);
-    return Meeting(center, geometry.direction.xy, growth, geometry.row_half * reach, geometry.row_slope, rows);
-}
-
-// The places along a row of voxels between which they reach the ray.
-fn reached_of(ray: Meeting, row: f32) -> vec2f {
-    let middle = ray.center.x + (row - ray.center.y) * ray.row_slope;
-    return vec2f(middle - ray.half, middle + ray.half);
-}
-
-// Six voxels of a row.
-struct SixVoxels {
-    a: vec4f,
-    b: vec4f,
-    c: vec4f,
-    d: vec4f,
-    e: vec4f,
-    f: vec4f,
-}
-
-// Adds voxels of a row from `first` on to the sums of a ray.
-fn add_six(sums: ptr<function, Moments>, ray: Meeting, first: vec2f, v: SixVoxels) {
-    let at = first - ray.center;
-    let w = row_weights(VoxelRow(vec2i(0), at.x, at.y), ray.direction, ray.growth);
-    add_row(sums, w, v.a, v.b, v.c, v.d, v.e, v.f);
-}
-
-fn add_two(sums: ptr<function, Moments>, ray: Meeting, first: vec2f, v: vec4f, u: vec4f) {
-    let at = first - ray.center;
-    let w = weights(at.x, at.y, ray.direction, ray.growth);
-    let x = weights(at.x + 1.0, at.y, ray.direction, ray.growth);
-    (*sums).m0 += w.x * v + x.x * u;
-    (*sums).m1 += w.y * v + x.y * u;
-    (*sums).m2 += w.z * v + x.z * u;
-}
-
-struct MomentsOfTwo {
-    r0: Moments,
-    r1: Moments,
-}
-
-// The moments of a plane for two rays, which share the voxels that they meet; 0 if the plane is not before `end`. A
-// voxel that does not reach a ray has a footprint of 0 there.
-fn gathered_by_two(g0: RayGeometry, g1: RayGeometry, plane: i32, end: i32) -> MomentsOfTwo {
-    let m0 = meeting_of(g0, plane, end);
-    let m1 = meeting_of(g1, plane, end);
-    let last_row = max(m0.rows.y, m1.rows.y);
-    let origin = plane_texel(plane);
-    var sums0 = Moments();
-    var sums1 = Moments();
-    for (var row = min(m0.rows.x, m1.rows.x); row <= last_row && plane < end; row++) {
-        let y = f32(row);
-        let s0 = reached_of(m0, y);
-        let s1 = reached_of(m1, y);
-        let first = i32(ceil(min(s0.x, s1.x))) & -2;
-        let last = i32(floor(max(s0.y, s1.y)));
-        let texel = texel_at(vec2i(first >> 1u, row), origin);
-        let at = vec2f(f32(first), y);
-        let t0 = voxels_at(texel);
-        let t1 = voxels_at(texel + vec2i(1, 0));
-        let t2 = voxels_at(texel + vec2i(2, 0));
-        let v = SixVoxels(first_of(t0), second_of(t0), first_of(t1), second_of(t1), first_of(t2), second_of(t2));
-        add_six(&sums0, m0, at, v);
-        add_six(&sums1, m1, at, v);
-        for (var voxel = 6; first + voxel <= last; voxel += 2) {
-            let t = voxels_at(texel + vec2i(voxel / 2, 0));
-            let place = at + vec2f(f32(voxel), 0.0);
-            add_two(&sums0, m0, place, first_of(t), second_of(t));
-            add_two(&sums1, m1, place, first_of(t), second_of(t));
-        }
-    }
-    return MomentsOfTwo(sums0, sums1);
-}
-
-// The rays of two pixels side by side, which share the voxels that they meet. Both end before the invocation does.
-@compute @workgroup_size(32)
-fn pair(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile: vec3u) {
-    // Eight invocations in a row are a block of 4 x 4 pixels.
-    let block = vec2u((lane >> 3u) & 1u, lane >> 4u);
-    let at = tile.xy * 8u + block * 4u + vec2u((lane & 1u) * 2u, (lane >> 1u) & 3u);
-    let next = at + vec2u(1u, 0u);
-    let shares = vec2f(share_of(line_of(at)), share_of(line_of(next)));
-    if PERSPECTIVE && all(shares == vec2f(0.0)) {
-        return;
-    }
-    // A ray without a share, which may run across m, is marched as the other.
-    let g0 = geometry_of(select(at, next, shares.x == 0.0));
-    let g1 = geometry_of(select(next, at, shares.y == 0.0));
-    var ray0 = new_ray();
-    var ray1 = new_ray();
-    for (var slot = 0u; ; slot++) {
-        let run = run_at(tile, slot, min(ray0.depth, ray1.depth));
-        if run.y == 0 {
-            break;
-        }
-        let p0 = planes_of(run, g0);
-        let p1 = planes_of(run, g1);
-        let end = max(p0.y, p1.y);
-        let last = max(p0.z, p1.z);
-        var slabs0 = Slabs();
-        var slabs1 = Slabs();
-        begin_run(&ray0);
-        begin_run(&ray1);
-        for (var plane = min(p0.x, p1.x); plane < last; plane++) {
-            let sums = gathered_by_two(g0, g1, plane, end);
-            if !is_opaque(ray0) {
-                feed(&ray0, &slabs0, sums.r0, g0, plane, end);
-            }
-            if !is_opaque(ray1) {
-                feed(&ray1, &slabs1, sums.r1, g1, plane, end);
-            }
-            if is_opaque(ray0) && is_opaque(ray1) {
-                break;
-            }
-        }
-    }
-    add_ray(at, shares.x, ray0, g0);
-    add_ray(next, shares.y, ray1, g1);
 }

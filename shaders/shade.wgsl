@@ -219,8 +219,7 @@ fn march_part(
     surface: Surface,
 ) -> Before {
     let length = (part.y - part.x) / f32(samples) * frame.sheet_step * ray.stretch * surface.share;
-    return march_parabola(pixel, m, part, before, samples, samples == 1u, length, shading.lookup, shading.invisible,
-        surface.light);
+    return march_parabola(pixel, m, part, before, samples, length, shading.lookup, shading.invisible, surface.light);
 }
 
 // Colour (rgb) and optical depth (a) so far.

@@ -33,16 +33,14 @@ fn begin_of(first: f32, before: Before, invisible: vec2f) -> f32 {
     return select(begin, before.end.scalar, before.kind >= SCALAR);
 }
 
-// Marches the part of a slab that counts, with its ends from -1/2 to 1/2, in `samples` pieces, or at its mean. `means`
-// belong to the slab before, the slab and the slab behind; `length` is the length along the ray of a piece. Returns the
-// matter before the slab behind.
+// Marches the part of a slab that counts, with its ends from -1/2 to 1/2. `means` belong to the slab before, the slab
+// and the slab behind; `length` is the length along the ray of a piece. Returns the matter before the slab behind.
 fn march_parabola(
     so_far: ptr<function, Marched>,
     means: vec3f,
     part: vec2f,
     before: Before,
     samples: u32,
-    at_mean: bool,
     length: f32,
     lookup: vec2f,
     invisible: vec2f,
@@ -50,14 +48,15 @@ fn march_parabola(
 ) -> Before {
     let step = (part.y - part.x) / f32(samples);
     let p = marched_parabola(means, step);
-    var first = begin_of(value_at(p, part.x), before, invisible);
-    first = select(first, means.y, at_mean);
+    // A slab of one sample is classified at its mean.
+    let is_whole = samples == 1u;
+    let first = select(begin_of(value_at(p, part.x), before, invisible), means.y, is_whole);
     var begin = before.end;
     // Piece 0 stands for the end of the slab before: it is where the first piece begins.
-    var piece = select(0u, 1u, before.kind == CLASSIFIED && !at_mean);
+    var piece = select(0u, 1u, before.kind == CLASSIFIED && !is_whole);
     loop {
         let u = part.x + f32(piece) * step;
-        let scalar = select(value_at(p, u), means.y, at_mean);
+        let scalar = select(value_at(p, u), means.y, is_whole);
         let end = classified(select(scalar, first, piece == 0u), lookup);
         let c = mean_between(begin, end);
         if c.a > 0.0 && piece > 0u {

@@ -97,11 +97,8 @@ const BINS: u32 = 4u;
 const BIN_COUNT: u32 = 4096u;
 // The same number of bins of gradient lengths: gradient opacity at the beginning (x) and at the end (y) of a bin.
 const GRADIENTS: u32 = 5u;
-// Of scalars from a bin on. x, y: a range of scalars without opacity around the bin, without its end; empty if there is
-// none. Over the scalars up to RANGE_BINS bins on: the largest difference of slopes (z), and the largest squared
-// extinction times the largest difference of colours (w).
-const RANGES: u32 = 6u;
-const RANGE_BINS: f32 = 256.0;
+// The bins of scalars: the range of scalars without opacity around a bin, from x to y without y; none if x > y.
+const CLEAR: u32 = 6u;
 
 // Whether extinction depends on gradients.
 override GRADIENT_OPACITY: bool = false;
@@ -116,10 +113,11 @@ fn gradient_share(gradient: vec3f, lookup: f32) -> f32 {
     return mix(bin.x, bin.y, min(fract(place), 1.0));
 }
 
-// The texel of RANGES for scalars from `low` on.
-fn range_from(low: f32, lookup: vec2f) -> vec4f {
+// Whether no scalar from `low` to `high` has opacity: both are in one range without opacity.
+fn is_clear(low: f32, high: f32, lookup: vec2f) -> bool {
     let place = clamp(low * lookup.x + lookup.y, 0.0, f32(BIN_COUNT - 1u));
-    return textureLoad(transfer, vec2u(u32(place), RANGES));
+    let clear = textureLoad(transfer, vec2u(u32(place), CLEAR));
+    return low >= clear.x && high < clear.y;
 }
 
 // The transfer function at a scalar.

@@ -6,14 +6,12 @@ use crate::volume::{RowCoding, ToF64, Volume};
 
 /// Rows of the texture, as in shaders/common/transfer.wgsl.
 const ROWS: usize = 7;
-/// The rows of the bins of scalars, of the bins of gradients, and of ranges of scalars from a bin on.
+/// The rows of the bins of scalars, of the bins of gradients, and of the ranges without opacity around bins.
 const BIN_ROW: usize = 4;
 const GRADIENT_ROW: usize = 5;
-const RANGE_ROW: usize = 6;
+const CLEAR_ROW: usize = 6;
 /// Equal bins of scalars that lead to segments; as many of lengths of gradients.
 const BINS: usize = 4096;
-/// The bins of a range of scalars whose bends are known; RANGE_BINS in shaders/common/transfer.wgsl.
-const RANGE_BINS: f64 = 256.0;
 /// The largest number of segments: every device has textures of this width.
 const MAX_SEGMENTS: usize = 8192;
 /// The largest deviation of the function from linear in a segment: a fraction of its value and a fraction of its
@@ -300,20 +298,14 @@ impl Segments {
             crowded |= last > first + 1;
         }
         let clear = self.clear();
-        for (bin, texel) in texels[width * RANGE_ROW..].iter_mut().take(BINS).enumerate() {
-            // Beyond the first and the last bin are all scalars beyond.
-            let place = |bin: f64| match bin {
-                bin if bin <= 0.0 => f64::from(f32::MIN),
-                bin if bin >= BINS as f64 => f64::from(f32::MAX),
-                bin => low + bin / scale,
-            };
-            let [begin, end, until] =
-                [-BIN_ROUNDING, 1.0 + BIN_ROUNDING, RANGE_BINS + 1.0 + BIN_ROUNDING].map(|by| place(bin as f64 + by));
+        for (bin, texel) in texels[width * CLEAR_ROW..].iter_mut().take(BINS).enumerate() {
+            // Scalars beyond all bins are in the first and in the last.
+            let begin = if bin == 0 { f64::from(f32::MIN) } else { low + bin as f64 / scale };
+            let end = if bin + 1 == BINS { f64::from(f32::MAX) } else { low + (bin as f64 + 1.0) / scale };
             let around = clear.iter().filter(|[from, to]| *from < end && *to > begin);
             let widest = around.max_by(|a, b| (a[1] - a[0]).total_cmp(&(b[1] - b[0])));
             let [from, to] = widest.copied().unwrap_or([1.0, -1.0]);
-            let [bend, mixture] = self.bends(begin, until);
-            *texel = [from, to, bend, mixture].map(|c| c.min(f64::from(f32::MAX)) as f32);
+            *texel = [from as f32, to as f32, 0.0, 0.0];
         }
         (texels.into_flattened(), [scale as f32, (-low * scale) as f32], crowded)
     }
@@ -332,94 +324,34 @@ impl Segments {
         }
         ranges
     }
-
-    /// Of the scalars between two: the largest difference of slopes of a channel, and the largest squared extinction
-    /// times the largest difference of a channel of colours.
-    fn bends(&self, low: f64, high: f64) -> [f64; 2] {
-        let first = self.0.partition_point(|s| s.start <= low).saturating_sub(1);
-        let until = self.0.partition_point(|s| s.start < high).max(first + 1).min(self.0.len());
-        let mut slopes = [[f64::INFINITY, f64::NEG_INFINITY]; 4];
-        let mut colors = [[f64::INFINITY, f64::NEG_INFINITY]; 3];
-        let mut most = 0.0_f64;
-        let mut before: Option<Value> = None;
-        let extend = |range: &mut [f64; 2], x: f64| *range = [range[0].min(x), range[1].max(x)];
-        for index in first..until {
-            let Segment { start, values: [value, last] } = self.0[index];
-            let end = self.0.get(index + 1).map_or(f64::from(f32::MAX), |next| next.start);
-            // Beyond rounding, a step.
-            let differs = |(a, b): (f64, f64)| (a - b).abs() > 1e-6 * a.max(b);
-            if before.is_some_and(|before| before.into_iter().zip(value).any(differs)) {
-                return [f64::INFINITY; 2];
-            }
-            before = Some(last);
-            for (channel, range) in slopes.iter_mut().enumerate() {
-                extend(range, (last[channel] - value[channel]) / (end - start));
-            }
-            for v in [value, last].into_iter().filter(|v| v[3] > 0.0) {
-                most = most.max(v[3]);
-                for (channel, range) in colors.iter_mut().enumerate() {
-                    extend(range, v[channel] / v[3]);
-                }
-            }
-        }
-        let widest = |ranges: &[[f64; 2]]| ranges.iter().map(|[low, high]| high - low).fold(0.0, f64::max);
-        [widest(&slopes), most * most * widest(&colors)]
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// The table of points (value, opacity, red), whose base is 0.
-    fn table(points: &[(f64, f64, f64)]) -> (Vec<[f32; 4]>, [f32; 2]) {
+    #[test]
+    fn bins_know_the_range_without_opacity_around_them() {
+        // Clear, a peak, clear, a step to opacity, a step back, clear beyond.
         let points =
-            points.iter().map(|&(value, opacity, red)| ControlPoint { value, color: [red, 0.0, 0.0], opacity });
-        let points: Vec<_> = points.collect();
-        let transfer = TransferFunction::new(points.clone(), None).unwrap();
-        // Linear, so that each pair of points is one segment.
+            [(0.0, 0.0), (0.25, 0.0), (0.375, 0.5), (0.5, 0.0), (0.75, 0.0), (0.75, 0.5), (1.0, 0.5), (1.0, 0.0)];
+        let points = points.map(|(value, opacity)| ControlPoint { value, color: [1.0; 3], opacity });
+        let transfer = TransferFunction::new(points.to_vec(), None).unwrap();
         let value =
             |color: [f64; 3], opacity: f64| [color[0] * opacity, color[1] * opacity, color[2] * opacity, opacity];
-        let (texels, lookup, _) = Segments::new(&points, &Reduction::new(&transfer, 1.0), &value).texels();
-        let texels = texels.chunks_exact(4).map(|texel| [texel[0], texel[1], texel[2], texel[3]]).collect();
-        (texels, lookup)
-    }
-
-    #[test]
-    fn ranges_hold_the_scalars_without_opacity_and_the_bends_from_a_bin_on() {
-        // Clear up to 0.25, a peak up to 0.5, clear up to 0.75, a ramp to 1, of another colour from there on.
-        let points =
-            [(0.0, 0.0, 0.0), (0.25, 0.0, 1.0), (0.375, 0.5, 1.0), (0.5, 0.0, 1.0), (0.75, 0.0, 0.0), (1.0, 0.5, 0.0)];
-        let (texels, [scale, shift]) = table(&points);
-        let width = texels.len() / ROWS;
-        let at = |scalar: f32| texels[width * RANGE_ROW + ((scalar * scale + shift) as usize).min(BINS - 1)];
-        let one = f64::from(scale).recip() * BINS as f64;
-        assert!((one - 1.0).abs() < 1e-6, "bins from 0 to {one}");
-        assert_eq!(at(0.1)[..2], [f32::MIN, 0.25]);
-        assert_eq!(at(0.6)[..2], [0.5, 0.75]);
-        // The bin of a knot, in which a clear range begins.
-        assert_eq!(at(0.5)[..2], [0.5, 0.75]);
-        let around_peak = at(0.3);
-        assert!(around_peak[0] > around_peak[1], "{around_peak:?}");
-        // A range is a sixteenth of all scalars. On one side of the peak nothing bends, at its top slopes are 4 and -4.
-        let bends = |scalar| at(scalar)[2];
-        assert_eq!([bends(0.1), bends(0.28), bends(0.35), bends(0.6), bends(0.8)], [0.0, 0.0, 8.0, 0.0, 0.0]);
-        // Up to the peak from before it, and beyond the last point.
-        assert_eq!([bends(0.22), bends(0.72), bends(0.99)], [4.0, 2.0, 2.0]);
-        // Colours do not change but between the peak and the ramp, where nothing shows.
-        assert!((0..100).all(|i| at(i as f32 / 100.0)[3] == 0.0));
-    }
-
-    #[test]
-    fn ranges_know_steps_and_changes_of_colour() {
-        let points = [(0.0, 0.2, 0.0), (0.5, 0.2, 0.0), (0.5, 0.4, 0.0), (0.75, 0.4, 0.0), (1.0, 0.4, 1.0)];
-        let (texels, [scale, shift]) = table(&points);
-        let width = texels.len() / ROWS;
-        let at = |scalar: f32| texels[width * RANGE_ROW + ((scalar * scale + shift) as usize).min(BINS - 1)];
-        assert_eq!(at(0.3)[2..], [0.0, 0.0]);
-        assert!(at(0.45)[2] > 1e30 && at(0.45)[3] > 1e30, "a step: {:?}", at(0.45));
-        // From a bin of 0.8 red grows by 0.4 over the ends of the segment, whose squared extinction is 0.16.
-        let [.., mixture] = at(0.8);
-        assert!((mixture - 0.16).abs() < 1e-6, "{mixture}");
+        let (texels, [scale, shift], _) = Segments::new(&points, &Reduction::new(&transfer, 1.0), &value).texels();
+        let row = &texels[texels.len() / ROWS * CLEAR_ROW..];
+        // As is_clear() in shaders/common/transfer.wgsl.
+        let is_clear = |low: f32, high: f32| {
+            let bin = (low * scale + shift).clamp(0.0, (BINS - 1) as f32) as usize;
+            low >= row[4 * bin] && high < row[4 * bin + 1]
+        };
+        for [low, high] in [[-9.0, 0.2], [0.0, 0.2499], [0.5, 0.6], [0.6, 0.7499], [1.0, 1.1], [3.0, 1e30]] {
+            assert!(is_clear(low, high), "{low} to {high}");
+        }
+        // Through an end, through the whole peak, within it, and up to the step.
+        for [low, high] in [[0.2, 0.26], [0.2, 0.6], [0.3, 0.31], [0.4999, 0.6], [0.7, 0.75], [0.8, 0.9], [0.9, 2.0]] {
+            assert!(!is_clear(low, high), "{low} to {high}");
+        }
     }
 }

@@ -46,8 +46,7 @@ pub(super) fn gather(context: &Context, key: &TilesKey) -> Stage {
     let of_scalars = |shader| {
         let transfer = ReadTexture(wgpu::TextureFormat::Rgba32Float);
         let light = FilteredTexture(wgpu::TextureViewDimension::D3);
-        let entry = if key.in_pairs { "pair" } else { "gather" };
-        (shader, entry, vec![Write, Uniform, transfer, light, Sampler])
+        (shader, "gather", vec![Write, Uniform, transfer, light, Sampler])
     };
     let (shader, entry, slots) = match (key.voxel, key.rays) {
         (Voxel::Scalar, _) if software => of_scalars(shaders::GATHER_SCALARS_SOFTWARE),

@@ -80,8 +80,6 @@ impl RayKind {
 pub(crate) struct TilesKey {
     voxel: Voxel,
     rays: RayKind,
-    /// The rays of two pixels through scalars share the voxels that they meet.
-    in_pairs: bool,
     packs_on_host: bool,
     /// Override constants of all shaders.
     constants: Vec<Constant>,

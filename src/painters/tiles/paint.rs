@@ -202,21 +202,7 @@ impl<'a> Picture<'a> {
             constants.extend([("ACROSS", across), ("ROWS", rows)]);
         }
         let is_for_host = |axis: &PackedAxis| axis.packing.is_for_host(context, self.job.splats());
-        TilesKey {
-            voxel: self.voxel,
-            rays,
-            in_pairs: self.is_in_pairs(rays),
-            packs_on_host: self.axes.first().is_some_and(is_for_host),
-            constants,
-        }
-    }
-
-    /// Whether the rays of two pixels through scalars share the voxels that they meet: on software adapters, where
-    /// loads and conversions take a third of the time of gathering. On GPUs the state of two rays outgrows the
-    /// registers of an invocation. Straight rays have found their footprints before.
-    fn is_in_pairs(&self, rays: RayKind) -> bool {
-        let Job { context, post, view, .. } = self.job;
-        post.is_some() && context.info.is_software() && view.held.is_none() && rays != RayKind::Straight
+        TilesKey { voxel: self.voxel, rays, packs_on_host: self.axes.first().is_some_and(is_for_host), constants }
     }
 
     fn ray_kind(&self) -> RayKind {
