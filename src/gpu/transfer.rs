@@ -336,10 +336,10 @@ mod tests {
         let points =
             [(0.0, 0.0), (0.25, 0.0), (0.375, 0.5), (0.5, 0.0), (0.75, 0.0), (0.75, 0.5), (1.0, 0.5), (1.0, 0.0)];
         let points = points.map(|(value, opacity)| ControlPoint { value, color: [1.0; 3], opacity });
-        let transfer = TransferFunction::new(points.to_vec(), None).unwrap();
         let value =
             |color: [f64; 3], opacity: f64| [color[0] * opacity, color[1] * opacity, color[2] * opacity, opacity];
-        let (texels, [scale, shift], _) = Segments::new(&points, &Reduction::new(&transfer, 1.0), &value).texels();
+        let (texels, [scale, shift], _) =
+            Segments::new(&points, &Reduction { base: 0.0, factor: 1.0 }, &value).texels();
         let row = &texels[texels.len() / ROWS * CLEAR_ROW..];
         // As is_clear() in shaders/common/transfer.wgsl.
         let is_clear = |low: f32, high: f32| {
