@@ -20,11 +20,6 @@ fn parabola(m: vec3f) -> vec3f {
     return vec3f(m.y - second / 12.0, (first + last) * 0.5, second);
 }
 
-// A parabola at a place.
-fn value_at(p: vec3f, u: f32) -> f32 {
-    return p.x + (p.y + p.z * u) * u;
-}
-
 // Whether all scalars from `low` to `high` are among the invisible scalars around 0, from invisible.x to invisible.y,
 // ends included. There are none if invisible.x > invisible.y.
 //
@@ -97,8 +92,6 @@ const BINS: u32 = 4u;
 const BIN_COUNT: u32 = 4096u;
 // The same number of bins of gradient lengths: gradient opacity at the beginning (x) and at the end (y) of a bin.
 const GRADIENTS: u32 = 5u;
-// The bins of scalars: the range of scalars without opacity around a bin, from x to y without y; none if x > y.
-const CLEAR: u32 = 6u;
 
 // Whether extinction depends on gradients.
 override GRADIENT_OPACITY: bool = false;
@@ -111,13 +104,6 @@ fn gradient_share(gradient: vec3f, lookup: f32) -> f32 {
     let place = clamp(length(gradient) * lookup, 0.0, f32(BIN_COUNT) - 0.5);
     let bin = textureLoad(transfer, vec2u(u32(place), GRADIENTS));
     return mix(bin.x, bin.y, min(fract(place), 1.0));
-}
-
-// Whether no scalar from `low` to `high` has opacity: both are in one range without opacity.
-fn is_clear(low: f32, high: f32, lookup: vec2f) -> bool {
-    let place = clamp(low * lookup.x + lookup.y, 0.0, f32(BIN_COUNT - 1u));
-    let clear = textureLoad(transfer, vec2u(u32(place), CLEAR));
-    return low >= clear.x && high < clear.y;
 }
 
 // The transfer function at a scalar.

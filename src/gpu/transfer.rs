@@ -5,11 +5,9 @@ use crate::transfer::{ControlPoint, Resolution, TransferFunction};
 use crate::volume::{RowCoding, ToF64, Volume};
 
 /// Rows of the texture, as in shaders/common/transfer.wgsl.
-const ROWS: usize = 7;
-/// The rows of the bins of scalars, of the bins of gradients, and of the ranges without opacity around bins.
+const ROWS: usize = 6;
+/// The row of the bins of scalars.
 const BIN_ROW: usize = 4;
-const GRADIENT_ROW: usize = 5;
-const CLEAR_ROW: usize = 6;
 /// Equal bins of scalars that lead to segments; as many of lengths of gradients.
 const BINS: usize = 4096;
 /// The largest number of segments: every device has textures of this width.
@@ -154,7 +152,7 @@ impl TransferTable {
         let width = (texels.len() / 4 / ROWS) as u32;
         let steepest = transfer.gradient_opacity().last().map_or(0.0, |p| p.magnitude);
         let share = |place: usize| transfer.gradient_share(steepest * place as f64 / BINS as f64) as f32;
-        let gradients = 4 * width as usize * GRADIENT_ROW;
+        let gradients = texels.len() - 4 * width as usize;
         for (bin, texel) in texels[gradients..].chunks_exact_mut(4).take(BINS).enumerate() {
             texel[..2].copy_from_slice(&[share(bin), share(bin + 1)]);
         }
@@ -297,61 +295,6 @@ impl Segments {
             *texel = [first as f32, last as f32, start(first) as f32, next];
             crowded |= last > first + 1;
         }
-        let clear = self.clear();
-        for (bin, texel) in texels[width * CLEAR_ROW..].iter_mut().take(BINS).enumerate() {
-            // Scalars beyond all bins are in the first and in the last.
-            let begin = if bin == 0 { f64::from(f32::MIN) } else { low + bin as f64 / scale };
-            let end = if bin + 1 == BINS { f64::from(f32::MAX) } else { low + (bin as f64 + 1.0) / scale };
-            let around = clear.iter().filter(|[from, to]| *from < end && *to > begin);
-            let widest = around.max_by(|a, b| (a[1] - a[0]).total_cmp(&(b[1] - b[0])));
-            let [from, to] = widest.copied().unwrap_or([1.0, -1.0]);
-            *texel = [from as f32, to as f32, 0.0, 0.0];
-        }
         (texels.into_flattened(), [scale as f32, (-low * scale) as f32], crowded)
-    }
-
-    /// The ranges of scalars without opacity: where each begins, and where it ends.
-    fn clear(&self) -> Vec<[f64; 2]> {
-        let mut ranges: Vec<[f64; 2]> = Vec::new();
-        for (segment, end) in self.0.iter().zip(self.ends()) {
-            if segment.values.iter().any(|value| value[3] > 0.0) {
-                continue;
-            }
-            match ranges.last_mut() {
-                Some(last) if last[1] >= segment.start => last[1] = end,
-                _ => ranges.push([segment.start, end]),
-            }
-        }
-        ranges
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn bins_know_the_range_without_opacity_around_them() {
-        // Clear, a peak, clear, a step to opacity, a step back, clear beyond.
-        let points =
-            [(0.0, 0.0), (0.25, 0.0), (0.375, 0.5), (0.5, 0.0), (0.75, 0.0), (0.75, 0.5), (1.0, 0.5), (1.0, 0.0)];
-        let points = points.map(|(value, opacity)| ControlPoint { value, color: [1.0; 3], opacity });
-        let value =
-            |color: [f64; 3], opacity: f64| [color[0] * opacity, color[1] * opacity, color[2] * opacity, opacity];
-        let (texels, [scale, shift], _) =
-            Segments::new(&points, &Reduction { base: 0.0, factor: 1.0 }, &value).texels();
-        let row = &texels[texels.len() / ROWS * CLEAR_ROW..];
-        // As is_clear() in shaders/common/transfer.wgsl.
-        let is_clear = |low: f32, high: f32| {
-            let bin = (low * scale + shift).clamp(0.0, (BINS - 1) as f32) as usize;
-            low >= row[4 * bin] && high < row[4 * bin + 1]
-        };
-        for [low, high] in [[-9.0, 0.2], [0.0, 0.2499], [0.5, 0.6], [0.6, 0.7499], [1.0, 1.1], [3.0, 1e30]] {
-            assert!(is_clear(low, high), "{low} to {high}");
-        }
-        // Through an end, through the whole peak, within it, and up to the step.
-        for [low, high] in [[0.2, 0.26], [0.2, 0.6], [0.3, 0.31], [0.4999, 0.6], [0.7, 0.75], [0.8, 0.9], [0.9, 2.0]] {
-            assert!(!is_clear(low, high), "{low} to {high}");
-        }
     }
 }
