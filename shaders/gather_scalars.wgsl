@@ -89,16 +89,6 @@ fn classify_slab(
     if is_invisible(means, rays.invisible) {
         return Before(INVISIBLE, before.end);
     }
-    // The least and the largest scalar of the pieces: where the slab begins and ends, at the extremum, or the mean.
-    let p = marched_parabola(means, (part.y - part.x) / f32(rays.samples));
-    let begin = begin_of(value_at(p, part.x), before, rays.invisible);
-    let end = value_at(p, part.y);
-    let extremum = value_at(p, clamp(-0.5 * p.y / select(p.z, 1.0, p.z == 0.0), part.x, part.y));
-    let low = min(min(begin, end), min(extremum, means.y));
-    let high = max(max(begin, end), max(extremum, means.y));
-    if is_clear(low, high, rays.lookup) {
-        return Before(SCALAR, Classified(end, 0u, vec4f(0.0), vec4f(0.0)));
-    }
     var light = no_shine();
     var share = 1.0;
     if LIGHTS > 0u {

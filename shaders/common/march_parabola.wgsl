@@ -26,15 +26,10 @@ fn marched_parabola(means: vec3f, step: f32) -> vec3f {
     return vec3f(p.x - p.z * step * step / 6.0, p.yz);
 }
 
-// The scalar where a slab begins whose parabola begins with `first`. The parabola of the slab before ends nearly there;
-// the scalar is made continuous, so that visible scalars between the two are not lost.
-fn begin_of(first: f32, before: Before, invisible: vec2f) -> f32 {
-    let begin = select(first, clamp(first, invisible.x, invisible.y), before.kind == INVISIBLE);
-    return select(begin, before.end.scalar, before.kind >= SCALAR);
-}
-
 // Marches the part of a slab that counts, with its ends from -1/2 to 1/2. `means` belong to the slab before, the slab
-// and the slab behind; `length` is the length along the ray of a piece. Returns the matter before the slab behind.
+// and the slab behind; `length` is the length along the ray of a piece. The parabola of the slab before ends nearly
+// where this one begins; the scalar is made continuous, so that visible scalars between the two are not lost. Returns
+// the matter before the slab behind.
 fn march_parabola(
     so_far: ptr<function, Marched>,
     means: vec3f,
@@ -50,13 +45,16 @@ fn march_parabola(
     let p = marched_parabola(means, step);
     // A slab of one sample is classified at its mean.
     let is_whole = samples == 1u;
-    let first = select(begin_of(value_at(p, part.x), before, invisible), means.y, is_whole);
+    var first = p.x + (p.y + p.z * part.x) * part.x;
+    first = select(first, clamp(first, invisible.x, invisible.y), before.kind == INVISIBLE);
+    first = select(first, before.end.scalar, before.kind >= SCALAR);
+    first = select(first, means.y, is_whole);
     var begin = before.end;
     // Piece 0 stands for the end of the slab before: it is where the first piece begins.
     var piece = select(0u, 1u, before.kind == CLASSIFIED && !is_whole);
     loop {
         let u = part.x + f32(piece) * step;
-        let scalar = select(value_at(p, u), means.y, is_whole);
+        let scalar = select(p.x + (p.y + p.z * u) * u, means.y, is_whole);
         let end = classified(select(scalar, first, piece == 0u), lookup);
         let c = mean_between(begin, end);
         if c.a > 0.0 && piece > 0u {

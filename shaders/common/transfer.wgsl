@@ -20,11 +20,6 @@ fn parabola(m: vec3f) -> vec3f {
     return vec3f(m.y - second / 12.0, (first + last) * 0.5, second);
 }
 
-// A parabola at a place.
-fn value_at(p: vec3f, u: f32) -> f32 {
-    return p.x + (p.y + p.z * u) * u;
-}
-
 // Whether all scalars from `low` to `high` are among the invisible scalars around 0, from invisible.x to invisible.y,
 // ends included. There are none if invisible.x > invisible.y.
 //
@@ -95,11 +90,8 @@ const STARTS: u32 = 3u;
 // segment after it.
 const BINS: u32 = 4u;
 const BIN_COUNT: u32 = 2048u;
-// The range of scalars without opacity around each bin of scalars, from x to y without y; none if x > y. A texel has two
-// bins.
-const CLEAR: u32 = 5u;
 // Equal bins of gradient lengths: gradient opacity at the beginning (x) and at the end (y) of a bin.
-const GRADIENTS: u32 = 6u;
+const GRADIENTS: u32 = 5u;
 const GRADIENT_BIN_COUNT: u32 = 4096u;
 
 // Whether extinction depends on gradients.
@@ -113,14 +105,6 @@ fn gradient_share(gradient: vec3f, lookup: f32) -> f32 {
     let place = clamp(length(gradient) * lookup, 0.0, f32(GRADIENT_BIN_COUNT) - 0.5);
     let bin = textureLoad(transfer, vec2u(u32(place), GRADIENTS));
     return mix(bin.x, bin.y, min(fract(place), 1.0));
-}
-
-// Whether no scalar from `low` to `high` has opacity: both are in one range without opacity.
-fn is_clear(low: f32, high: f32, lookup: vec2f) -> bool {
-    let bin = u32(clamp(low * lookup.x + lookup.y, 0.0, f32(BIN_COUNT - 1u)));
-    let pair = textureLoad(transfer, vec2u(bin / 2u, CLEAR));
-    let clear = select(pair.xy, pair.zw, bin % 2u == 1u);
-    return low >= clear.x && high < clear.y;
 }
 
 // The transfer function at a scalar.

@@ -4,8 +4,8 @@ use super::context::Context;
 use crate::transfer::{ControlPoint, Resolution, TransferFunction};
 use crate::volume::{RowCoding, ToF64, Volume};
 
-/// Rows of the texture that describe segments, as in shaders/common/transfer.wgsl: before the rows of the bins
-/// of scalars, of the ranges without opacity around them, and of the bins of gradients.
+/// Rows of the texture that describe segments, as in shaders/common/transfer.wgsl: before the row of the bins of
+/// scalars and the row of the bins of gradients.
 const SEGMENT_ROWS: usize = 4;
 /// Equal bins of scalars that lead to segments: few enough for the table of a usual function to have less than 64 KiB.
 const BINS: usize = 2048;
@@ -330,65 +330,6 @@ impl Segments {
             [first as f32, last as f32, start(first) as f32, next]
         };
         rows.push((0..BINS).map(bin).collect());
-        let clear = self.clear();
-        let around = |bin: usize| {
-            // Scalars beyond all bins are in the first and in the last.
-            let begin = if bin == 0 { f64::from(f32::MIN) } else { low + bin as f64 / scale };
-            let end = if bin + 1 == BINS { f64::from(f32::MAX) } else { low + (bin as f64 + 1.0) / scale };
-            let around = clear.iter().filter(|[from, to]| *from < end && *to > begin);
-            let widest = around.max_by(|a, b| (a[1] - a[0]).total_cmp(&(b[1] - b[0])));
-            widest.map_or([1.0, -1.0], |range| range.map(|end| end as f32))
-        };
-        let pair = |pair: usize| {
-            let [[a, b], [c, d]] = [around(2 * pair), around(2 * pair + 1)];
-            [a, b, c, d]
-        };
-        rows.push((0..BINS / 2).map(pair).collect());
         (rows, [scale as f32, (-low * scale) as f32], crowded)
-    }
-
-    /// The ranges of scalars without opacity: where each begins, and where it ends.
-    fn clear(&self) -> Vec<[f64; 2]> {
-        let mut ranges: Vec<[f64; 2]> = Vec::new();
-        for (segment, end) in self.0.iter().zip(self.ends()) {
-            if segment.values.iter().any(|value| value[3] > 0.0) {
-                continue;
-            }
-            match ranges.last_mut() {
-                Some(last) if last[1] >= segment.start => last[1] = end,
-                _ => ranges.push([segment.start, end]),
-            }
-        }
-        ranges
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn bins_know_the_range_without_opacity_around_them() {
-        // Clear, a peak, clear, a step to opacity, a step back, clear beyond.
-        let points =
-            [(0.0, 0.0), (0.25, 0.0), (0.375, 0.5), (0.5, 0.0), (0.75, 0.0), (0.75, 0.5), (1.0, 0.5), (1.0, 0.0)];
-        let points = points.map(|(value, opacity)| ControlPoint { value, color: [1.0; 3], opacity });
-        let transfer = TransferFunction::new(points.to_vec(), None).unwrap();
-        let value =
-            |color: [f64; 3], opacity: f64| [color[0] * opacity, color[1] * opacity, color[2] * opacity, opacity];
-        let (rows, [scale, shift], _) = Segments::new(&points, &Reduction::new(&transfer, 1.0), &value).rows();
-        let row = rows[SEGMENT_ROWS + 1].as_flattened();
-        // As is_clear() in shaders/common/transfer.wgsl.
-        let is_clear = |low: f32, high: f32| {
-            let bin = (low * scale + shift).clamp(0.0, (BINS - 1) as f32) as usize;
-            low >= row[2 * bin] && high < row[2 * bin + 1]
-        };
-        for [low, high] in [[-9.0, 0.2], [0.0, 0.2499], [0.5, 0.6], [0.6, 0.7499], [1.0, 1.1], [3.0, 1e30]] {
-            assert!(is_clear(low, high), "{low} to {high}");
-        }
-        // Through an end, through the whole peak, within it, and up to the step.
-        for [low, high] in [[0.2, 0.26], [0.2, 0.6], [0.3, 0.31], [0.4999, 0.6], [0.7, 0.75], [0.8, 0.9], [0.9, 2.0]] {
-            assert!(!is_clear(low, high), "{low} to {high}");
-        }
     }
 }
