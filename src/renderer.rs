@@ -165,8 +165,8 @@ impl Renderer {
     /// the whole volume, which the scene then holds. On GPUs further changes send a table and no samples, unless the
     /// picture is drawn of pre-shaded cells or has post-shaded shadows: both are made on the host.
     ///
-    /// A pre-shaded picture has the bytes of a scene that was prepared with the function. A post-shaded one differs by up
-    /// to 0.5 of 255 (rms), because sums of kernels err more if the base value is farther from the visible ones.
+    /// A pre-shaded picture has the bytes of a scene that was prepared with the function. A post-shaded one differs by
+    /// up to 0.5 of 255 (rms), because sums of kernels err more if the base value is farther from the visible ones.
     ///
     /// # Errors [`Error::Setting`] if the scene has several layers, which have no single transfer function, and
     /// [`Error::Input`] if the samples cannot be read.
