@@ -306,7 +306,7 @@ impl Segments {
         // The first segment has no start: its integral begins at its end.
         let start = |index: usize| segments[index.max(1).min(segments.len() - 1)].start;
         let origin = integrals[segments.partition_point(|s| s.start <= 0.0).saturating_sub(1)];
-        let mut rows = vec![Vec::with_capacity(segments.len()); SEGMENT_ROWS];
+        let mut rows = vec![Vec::new(); SEGMENT_ROWS];
         for (index, (segment, end)) in segments.iter().zip(self.ends()).enumerate() {
             let [value, last] = segment.values;
             let slope = std::array::from_fn(|c| (last[c] - value[c]) / (end - segment.start));
