@@ -22,12 +22,13 @@ const MIN_CHUNK: usize = 1 << 20;
 /// ```
 /// use voxsplat_volume::volume::{Counts, Statistics, Volume};
 ///
-/// # fn main() -> Result<(), voxsplat_volume::error::Error> {
+/// # fn main() -> Result<(), voxsplat_volume::Error> {
 /// let parts = [[0.0, 0.5], [3.0, 1.5]];
-/// let volumes = parts.map(|part| Volume::from_slice([2, 1, 1], [1.0; 3], &part).unwrap());
-/// let mut counts = Counts::of(&volumes[0])?.plus(Counts::of(&volumes[1])?);
+/// let left = Volume::from_slice([2, 1, 1], [1.0; 3], &parts[0])?;
+/// let right = Volume::from_slice([2, 1, 1], [1.0; 3], &parts[1])?;
+/// let mut counts = Counts::of(&left)?.plus(Counts::of(&right)?);
 /// if !counts.is_complete() {
-///     counts = counts.refined(&volumes[0])?.plus(counts.refined(&volumes[1])?);
+///     counts = counts.refined(&left)?.plus(counts.refined(&right)?);
 /// }
 /// let whole = Volume::from_slice([4, 1, 1], [1.0; 3], parts.as_flattened())?;
 /// assert_eq!(Statistics::of_counts(&counts, (1.0, 0.0)).histogram(), Statistics::of(&whole)?.histogram());
