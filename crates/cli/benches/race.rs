@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! cargo bench --bench race -- --work DIR [--scripts DIR --python PYTHON] [--scenes NAME,..] [--pictures NAME,..]
-//!     [--rivals NAME,..] [--painters NAME,..] [--runs N] [--frames N] [--write]
+//!     [--rivals NAME,..] [--painters NAME,..] [--size N] [--runs N] [--frames N] [--no-truth] [--write]
 //! ```
 //!
 //! `race.json` names the scenes, the pictures, the transfer function and the rivals. --work holds the volumes and the
@@ -24,7 +24,8 @@
 //! peak resident memory of that command, the error against the entry's own truth (rms over the colours of covered
 //! pixels, in steps of 8 bits), and the ratios to the best rival, of those with more than 8 bits. voxsplat's truth is
 //! its f64 reference to 1e-5 of a channel, made once and kept in WORK/truth. `reference.py` of the scripts makes the
-//! truth of a rival. Scenes without `truth` and pictures other than unlit ones have no error.
+//! truth of a rival, of unlit pictures alone: no two rivals light alike. Scenes without `truth` have no error, and with
+//! --no-truth none has. The first picture of each entry stays in WORK/pictures.
 //! `--write` keeps the tables in docs/measurements, each as soon as it is whole, and a plot of time against error.
 
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "printing its table is what this program is for")]
@@ -126,13 +127,16 @@ struct Options {
     pictures: Option<String>,
     rivals: Option<String>,
     painters: String,
+    /// Width and height of pictures in pixels.
+    size: u32,
+    /// Whether errors are measured.
+    truth: bool,
     runs: usize,
     frames: usize,
     /// In a child process: the painter of its scene and picture.
     child: Option<String>,
 }
 
-const SIZE: u32 = 512;
 const AZIMUTH: f64 = 30.0;
 const ELEVATION: f64 = 20.0;
 /// Seconds after which a turntable of ours ends early.
@@ -147,6 +151,8 @@ fn options(arguments: &mut Arguments) -> Outcome<Options> {
         pictures: arguments.option("--pictures")?,
         rivals: arguments.option("--rivals")?,
         painters: arguments.option("--painters")?.unwrap_or_else(|| "auto".to_owned()),
+        size: arguments.option("--size")?.unwrap_or(512),
+        truth: !arguments.flag("--no-truth"),
         runs: arguments.option("--runs")?.unwrap_or(5),
         frames: arguments.option("--frames")?.unwrap_or(8).max(2),
         child: arguments.option("--child")?,
@@ -193,7 +199,7 @@ impl Scene {
         Ok(TransferFunction::new(curve.iter().map(point).collect(), Some(self.unit))?)
     }
 
-    fn camera(&self, kind: Kind, volume: &Volume, azimuth: f64) -> Outcome<Camera> {
+    fn camera(&self, kind: Kind, volume: &Volume, azimuth: f64, size: u32) -> Outcome<Camera> {
         let projection = match kind.perspective {
             true => ProjectionKind::Perspective { fov: 30.0 },
             false => ProjectionKind::Orthographic,
@@ -206,12 +212,13 @@ impl Scene {
             projection,
             ..View::default()
         };
-        Ok(Camera::new(&view, volume.grid(), [SIZE; 2])?)
+        Ok(Camera::new(&view, volume.grid(), [size; 2])?)
     }
 
-    fn arguments(&self, kind: Kind, work: &Path, transfer: &Path, out: &Path) -> Vec<String> {
-        let [volume, transfer, out] = [&self.path(work), transfer, out].map(|path| path.to_string_lossy().into_owned());
-        let [size, azimuth, elevation] = [f64::from(SIZE), AZIMUTH, ELEVATION].map(|number| number.to_string());
+    fn arguments(&self, kind: Kind, options: &Options, transfer: &Path, out: &Path) -> Vec<String> {
+        let [volume, transfer, out] =
+            [&self.path(&options.work), transfer, out].map(|path| path.to_string_lossy().into_owned());
+        let [size, azimuth, elevation] = [f64::from(options.size), AZIMUTH, ELEVATION].map(|number| number.to_string());
         let height = self.view_height().to_string();
         let [x, y, z] = self.dims;
         let dims = format!("{x},{y},{z}");
@@ -239,13 +246,13 @@ fn colors(image: &Image) -> Vec<[f64; 3]> {
     image.pixels().iter().map(|p| [p[0], p[1], p[2]].map(f64::from)).collect()
 }
 
-/// Colours of a picture in a file, binary PPM included.
-fn colors_of(path: &Path) -> Outcome<Vec<[f64; 3]>> {
+/// Colours of a square picture in a file, binary PPM included.
+fn colors_of(path: &Path, size: u32) -> Outcome<Vec<[f64; 3]>> {
     if path.extension().is_none_or(|extension| extension != "ppm") {
         return Ok(colors(&Image::load(path)?));
     }
     let bytes = std::fs::read(path)?;
-    let samples = bytes.len().checked_sub((SIZE * SIZE * 3) as usize).ok_or("a PPM of another size")?;
+    let samples = bytes.len().checked_sub((size * size * 3) as usize).ok_or("a PPM of another size")?;
     let of_255 = |c: u8| f64::from(c) / 255.0;
     Ok(bytes[samples..].chunks_exact(3).map(|p| [p[0], p[1], p[2]].map(of_255)).collect())
 }
@@ -283,7 +290,7 @@ fn child(race: &Race<'_>, curve: &[[f64; 5]], painter: &str) -> Outcome {
     let mut times = Vec::new();
     let mut first = None;
     for frame in 0..options.frames {
-        let camera = scene.camera(picture.kind, &volume, AZIMUTH + 10.0 * frame as f64)?;
+        let camera = scene.camera(picture.kind, &volume, AZIMUTH + 10.0 * frame as f64, options.size)?;
         let start = Instant::now();
         let image = renderer.render(&prepared, &camera, &settings)?.image;
         times.push(start.elapsed().as_secs_f64());
@@ -294,12 +301,12 @@ fn child(race: &Race<'_>, curve: &[[f64; 5]], painter: &str) -> Outcome {
     }
     let mut own_error = None;
     if race.has_truth() {
-        let kept = options.work.join("truth").join(format!("{}.exr", scene.name));
+        let kept = options.work.join("truth").join(format!("{}.exr", race.name()));
         let truth = if kept.exists() {
             Image::load(&kept)?
         } else {
-            eprintln!("{}: the reference is made", scene.name);
-            let camera = scene.camera(picture.kind, &volume, AZIMUTH)?;
+            eprintln!("{}: the reference is made", race.name());
+            let camera = scene.camera(picture.kind, &volume, AZIMUTH, options.size)?;
             let reference = Reference::new(&volume, &transfer, &settings)?.with_tolerance(Reference::TOLERANCE);
             let truth = reference.render(&camera)?;
             std::fs::create_dir_all(options.work.join("truth"))?;
@@ -382,23 +389,45 @@ impl Rival {
 }
 
 impl Race<'_> {
+    /// The scene, the picture and its size, for names of files.
+    fn name(&self) -> String {
+        format!("{}-{}-{}", self.scene.name, self.picture.name, self.options.size)
+    }
+
     fn has_truth(&self) -> bool {
-        let Kind { lit, perspective, post } = self.picture.kind;
-        self.scene.truth && !lit && !perspective && !post
+        self.scene.truth && self.options.truth
+    }
+
+    /// Whether rivals have a truth too.
+    fn is_comparable(&self) -> bool {
+        self.has_truth() && !self.picture.kind.lit
+    }
+
+    /// Keeps the first picture of an entry.
+    fn keep(&self, entry: &Entry, picture: &Path) -> Outcome {
+        let folder = self.options.work.join("pictures");
+        std::fs::create_dir_all(&folder)?;
+        let extension = picture.extension().unwrap_or_default().to_string_lossy();
+        std::fs::copy(picture, folder.join(format!("{}-{}.{extension}", self.name(), entry.name())))?;
+        Ok(())
     }
 
     /// One picture from a cold start, and a turntable.
     fn run(&self, entry: &Entry, transfer: &Path, times: &mut Times) -> Outcome {
-        let Options { work, scripts, python, frames, .. } = self.options;
+        let Options { work, scripts, python, frames, size, .. } = self.options;
         let kind = self.picture.kind;
         match entry {
             Entry::Own(painter) => {
-                let arguments = self.scene.arguments(kind, work, transfer, &work.join("race.png"));
+                let out = work.join("race.png");
+                let arguments = self.scene.arguments(kind, self.options, transfer, &out);
                 let mut once = Command::new(env!("CARGO_BIN_EXE_voxsplat"));
                 let (wall, memory, _) = measured(once.args(arguments).args(["--painter", painter]))?;
+                self.keep(entry, &out)?;
                 let mut turn = Command::new(std::env::current_exe()?);
+                turn.args((!self.options.truth).then_some("--no-truth"));
                 turn.args(["--bench", "--child", painter, "--scenes", &self.scene.name]);
-                turn.args(["--pictures", &self.picture.name, "--frames", &frames.to_string(), "--work"]).arg(work);
+                turn.args(["--pictures", &self.picture.name, "--frames", &frames.to_string()]);
+                turn.args(["--size", &size.to_string(), "--work"]).arg(work);
                 let (_, _, json) = measured(&mut turn)?;
                 times.cold.push(wall);
                 times.memory.push(memory);
@@ -412,6 +441,7 @@ impl Race<'_> {
                     let places = [
                         ("{scene}", self.scene.name.clone()),
                         ("{frames}", frames.to_string()),
+                        ("{size}", size.to_string()),
                         ("{out}", out.to_string_lossy().into_owned()),
                         ("{nx}", nx),
                         ("{ny}", ny),
@@ -427,18 +457,20 @@ impl Race<'_> {
                     command
                 };
                 let (wall, memory, _) = measured(&mut command(1))?;
-                if times.cold.is_empty() && self.has_truth() {
-                    let truth = work.join("truth").join(format!("{}.{}.npy", self.scene.name, rival.r#box));
+                self.keep(entry, &out)?;
+                if times.cold.is_empty() && self.is_comparable() {
+                    let truth = work.join("truth").join(format!("{}.{}.npy", self.name(), rival.r#box));
                     if !truth.exists() {
                         std::fs::create_dir_all(work.join("truth"))?;
                         let script = scripts.as_ref().ok_or("no scripts")?.join("reference.py");
                         let mut make = Command::new(python);
                         make.arg(script).arg(work.join("vol").join(format!("{}.npy", self.scene.name)));
-                        make.args(["--box", &rival.r#box, "--npy"]).arg(&truth);
+                        make.args(["--size", &size.to_string(), "--box", &rival.r#box, "--npy"]).arg(&truth);
+                        make.args(kind.perspective.then_some(["--proj", "persp"]).into_iter().flatten());
                         make.arg("--out").arg(work.join("truth.png"));
                         measured(make.env("PEERS_WORK", work).env("PEERS_UNIT", self.scene.unit.to_string()))?;
                     }
-                    times.error = Some(error(&colors_of(&out)?, &numpy(&truth)?));
+                    times.error = Some(error(&colors_of(&out, *size)?, &numpy(&truth)?));
                 }
                 let (_, _, json) = measured(&mut command(*frames))?;
                 times.cold.push(wall);
@@ -464,7 +496,7 @@ impl Race<'_> {
             }
         }
         print(report, &format!("{}, {}", self.scene.name, self.picture.name), &entries, &times);
-        if self.has_truth() {
+        if self.is_comparable() && !self.picture.kind.perspective {
             plotted.extend(self.points(&entries, &times)?);
         }
         Ok(())
@@ -528,8 +560,10 @@ fn main() -> Outcome {
             if let Some(page) = report.save(adapter)?
                 && !plotted.is_empty()
             {
-                let title =
-                    format!("{SIZE} x {SIZE} pixels, unlit, parallel rays: each renderer against its own truth");
+                let title = format!(
+                    "{0} x {0} pixels, unlit, parallel rays: each renderer against its own truth",
+                    options.size
+                );
                 let svg = plot(&title, "rms error of covered pixels", &plotted).ok_or("nothing was timed")?;
                 std::fs::write(page.with_extension("svg"), svg)?;
             }
