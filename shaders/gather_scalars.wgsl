@@ -34,11 +34,12 @@ fn advance(
     geometry: RayGeometry,
     middle: f32,
 ) -> Before {
-    var composited = Before(AT_THE_FACE, before.end);
+    let shows = middle > (*ray).place;
+    var composited = Before(select(INVISIBLE, AT_THE_FACE, shows), before.end);
     // The part of the slab that counts, its ends from -1/2 to 1/2.
     let part = clamp(2.0 * (geometry.inside - middle), vec2f(-0.5), vec2f(0.5));
     let so_far = *ray;
-    if part.x < part.y {
+    if shows && part.x < part.y {
         if MAXIMUM {
             update_maximum(ray, behind, geometry, part, middle);
         } else if MEAN {
@@ -140,8 +141,9 @@ fn update_maximum(
     (*ray).color.y = 1.0;
 }
 
-// A run of planes begins: nothing before it is pending.
-fn begin_run(ray: ptr<function, RayState>) {
+// A run of planes begins, with voxels that may show from plane `first` on: nothing before it is pending.
+fn begin_run(ray: ptr<function, RayState>, first: i32) {
+    (*ray).place = f32(first - REACH - 1);
     (*ray).before = vec4f(0.0);
     (*ray).slab = vec4f(0.0);
 }

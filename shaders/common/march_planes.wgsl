@@ -14,7 +14,7 @@ fn march_planes(tile: vec3u, geometry: RayGeometry, start: RayState) -> RayState
         }
         let planes = planes_of(run, geometry);
         var slabs = Slabs();
-        begin_run(&ray);
+        begin_run(&ray, rays.first.z + run.x);
         for (var plane = planes.x; plane < planes.z; plane++) {
             feed(&ray, &slabs, gathered(geometry, footprints, plane, planes.y), geometry, plane, planes.y);
             if is_opaque(ray) {
