@@ -1,6 +1,6 @@
 // pack: splats into the texture that the painter `tiles` marches through (see common/packing.wgsl), and a mark for each
-// macrocell of 4^3 voxels that has a splat which may show. Classified voxels become f16 of (colour, 1) times density, lit scalars f16
-// of (gradient, scalar), other scalars stay f32.
+// macrocell of 4^3 voxels that has a splat which may show. Classified voxels become f16 of (colour, 1) times density,
+// lit scalars f16 of (gradient, scalar), other scalars stay f32.
 // uses: common/dispatch, common/lit_splat, common/packing, common/splat
 
 override PERSPECTIVE: bool = false;

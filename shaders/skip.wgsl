@@ -132,8 +132,8 @@ fn find_runs(tile: vec3u) {
         }
     }
     var slot = 0u;
-    // The largest gap, in planes, that does not end a run: the slab next to a run shapes the curve in its last slab. Runs
-    // of scalars are marched from 2 REACH + 1 planes before their first to as many behind their last.
+    // The largest gap, in planes, that does not end a run: the slab next to a run shapes the curve in its last slab.
+    // Runs of scalars are marched from 2 REACH + 1 planes before their first to as many behind their last.
     let gap = select(MACROCELL, 4 * REACH + 4, SCALARS);
     // The run so far, from plane `start` to before plane `end`; none yet if `end` is 0.
     var start = 0;

@@ -52,8 +52,8 @@ struct RayState {
     // Sums of the last two complete slabs: `slab` is composited when the next slab is complete.
     before: vec4f,
     slab: vec4f,
-    // Of a brick of colours: the plane in the middle of the slab that waits. Of scalars: the plane before which slabs of
-    // the run show nothing; their sums are incomplete.
+    // Of a brick of colours: the plane in the middle of the slab that waits. Of scalars: the plane before which slabs
+    // of the run show nothing; their sums are incomplete.
     place: f32,
 }
 
