@@ -204,7 +204,7 @@ fn advance(ray: ptr<function, RayState>, behind: vec4f, geometry: RayGeometry, p
 }
 
 // A run of planes begins. Nothing of the run before is pending but the lack of its last slab.
-fn begin_run(ray: ptr<function, RayState>, _first: i32) {
+fn begin_run(ray: ptr<function, RayState>) {
     (*ray).before = vec4f(0.0);
 }
 

@@ -141,9 +141,8 @@ fn update_maximum(
     (*ray).color.y = 1.0;
 }
 
-// A run of planes begins, with voxels that may show from plane `first` on: nothing before it is pending.
-fn begin_run(ray: ptr<function, RayState>, first: i32) {
-    (*ray).place = f32(first - REACH - 1);
+// A run of planes begins: nothing before it is pending.
+fn begin_run(ray: ptr<function, RayState>) {
     (*ray).before = vec4f(0.0);
     (*ray).slab = vec4f(0.0);
 }
