@@ -34,12 +34,11 @@ fn advance(
     geometry: RayGeometry,
     middle: f32,
 ) -> Before {
-    let shows = middle > (*ray).place;
-    var composited = Before(select(INVISIBLE, AT_THE_FACE, shows), before.end);
+    var composited = Before(AT_THE_FACE, before.end);
     // The part of the slab that counts, its ends from -1/2 to 1/2.
     let part = clamp(2.0 * (geometry.inside - middle), vec2f(-0.5), vec2f(0.5));
     let so_far = *ray;
-    if shows && part.x < part.y {
+    if part.x < part.y {
         if MAXIMUM {
             update_maximum(ray, behind, geometry, part, middle);
         } else if MEAN {

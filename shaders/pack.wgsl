@@ -1,6 +1,6 @@
 // pack: splats into the texture that the painter `tiles` marches through (see common/packing.wgsl), and a mark for each
-// macrocell of 4^3 voxels that has a splat which may show. Classified voxels become f16 of (colour, 1) times density,
-// lit scalars f16 of (gradient, scalar), other scalars stay f32.
+// macrocell of 4^3 voxels that has a splat. Classified voxels become f16 of (colour, 1) times density, lit scalars f16
+// of (gradient, scalar), other scalars stay f32.
 // uses: common/dispatch, common/lit_splat, common/packing, common/splat
 
 override PERSPECTIVE: bool = false;
@@ -15,21 +15,12 @@ override PERSPECTIVE: bool = false;
 // Runs of splats, a workgroup each: the first one, and the one after the last.
 @group(0) @binding(6) var<storage, read> runs: array<vec2u>;
 
-// Whether something may show within the reach of a splat's kernel.
-fn may_show(words: vec2u) -> bool {
-    let weight = splat_weight(words);
-    return !SCALARS || weight < pack.least_invisible || weight > pack.largest_invisible;
-}
-
-// Whether the splat before splat `index` is its neighbour along x in the same macrocell, and marks it: stores to the
-// texture are slow. `place` is the splat's first word; `x` counts from the first packed voxel.
+// Whether the splat before splat `index` is its neighbour along x in the same macrocell. That splat then marks the
+// macrocell: stores to the texture are slow. `place` is the splat's first word; `x` counts from the first packed voxel.
 fn follows_in_macrocell(index: u32, place: u32, x: u32) -> bool {
     // In the first word the place along x in the brick is the lowest 5 bits.
-    if index == 0u || (place & 31u) == 0u || x % u32(MACROCELL) == 0u {
-        return false;
-    }
-    let before = splat_words(index - 1u);
-    return before.x + 1u == place && may_show(before);
+    return index > 0u && (place & 31u) != 0u && x % u32(MACROCELL) != 0u
+        && splat_words(index - 1u).x + 1u == place;
 }
 
 // The colour of a classified voxel under the lights.
@@ -56,7 +47,7 @@ fn pack_splat(index: u32) {
     if any(place >= vec3u(pack.across, pack.rows, pack.planes)) {
         return;
     }
-    if may_show(words) && !follows_in_macrocell(index, words.x, point.x) {
+    if !follows_in_macrocell(index, words.x, point.x) {
         textureStore(occupied, place / u32(MACROCELL), vec4u(1u));
     }
     let row = place.z / pack.columns * (pack.rows + 1u) + 1u + place.y;

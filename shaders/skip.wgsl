@@ -1,9 +1,9 @@
-// skip: for each tile of 8 x 8 rays of the painter `tiles`, the runs of voxel planes in which its rays can meet voxels
-// that may show. Planes are tested four at a time, against macrocells of 4^3 voxels.
+// skip: for each tile of 8 x 8 rays of the painter `tiles`, the runs of voxel planes in which its rays can meet used
+// voxels. Planes are tested four at a time, against macrocells of 4^3 voxels.
 // uses: common/packing, common/rays
 
 @group(0) @binding(0) var<uniform> rays: Rays;
-// A texel for each macrocell: 1 if it has a voxel that may show, otherwise 0.
+// A texel for each macrocell: 1 if it has a used voxel, otherwise 0.
 @group(0) @binding(1) var occupied: texture_3d<u32>;
 // Runs as (first plane, plane after the last), at run_index(tile, slot); (0, 0) ends the list of a tile.
 @group(0) @binding(2) var<storage, read_write> runs: array<vec2u>;
@@ -20,12 +20,6 @@ struct ListedTiles {
     count: atomic<u32>,
     tiles: array<u32>,
 }
-
-// Voxels are scalars.
-override SCALARS: bool = false;
-
-// Planes that kernels reach before and behind their own.
-override REACH: i32 = 2;
 
 // The rays at the corners of a tile, as lines through the planes.
 struct Corners {
@@ -132,10 +126,8 @@ fn find_runs(tile: vec3u) {
         }
     }
     var slot = 0u;
-    // The largest gap, in planes, that does not end a run: the slab next to a run shapes the curve in its last slab.
-    // Runs of scalars are marched from 2 REACH + 1 planes before their first to as many behind their last.
-    let gap = select(MACROCELL, 4 * REACH + 4, SCALARS);
-    // The run so far, from plane `start` to before plane `end`; none yet if `end` is 0.
+    // The run so far, from plane `start` to before plane `end`; none yet if `end` is 0. A gap of one macrocell does not
+    // end a run: the slab next to a run shapes the curve in its last slab.
     var start = 0;
     var end = 0;
     let planes = i32(textureDimensions(occupied).z) * MACROCELL;
@@ -144,7 +136,7 @@ fn find_runs(tile: vec3u) {
         if is_occupied(&corners, first, last) {
             if end == 0 {
                 start = first;
-            } else if first > end + gap {
+            } else if first > end + MACROCELL {
                 runs[run_index(tile, slot)] = vec2u(u32(start), u32(end));
                 slot++;
                 start = first;

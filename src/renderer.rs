@@ -428,7 +428,6 @@ impl Renderer {
             settings: &lattice.settings,
             kept: &drawable.kept,
             stores: &drawable.stores,
-            invisible: drawable.invisible,
             weights: lattice.weights,
             post: post.as_ref(),
             padding: need.padding,

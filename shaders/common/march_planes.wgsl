@@ -15,9 +15,6 @@ fn march_planes(tile: vec3u, geometry: RayGeometry, start: RayState) -> RayState
         let planes = planes_of(run, geometry);
         var slabs = Slabs();
         begin_run(&ray);
-        if SCALARS {
-            ray.place = f32(rays.first.z + run.x - REACH - 1);
-        }
         for (var plane = planes.x; plane < planes.z; plane++) {
             feed(&ray, &slabs, gathered(geometry, footprints, plane, planes.y), geometry, plane, planes.y);
             if is_opaque(ray) {

@@ -37,10 +37,7 @@ struct Pack {
     across: u32,
     // View coordinates of a step along each axis of the lattice.
     view_x: vec3f,
-    // Scalars from this one on, up to the largest, show nothing around them; none if it is larger.
-    least_invisible: f32,
     view_y: vec3f,
-    largest_invisible: f32,
     view_z: vec3f,
 }
 

@@ -52,8 +52,7 @@ struct RayState {
     // Sums of the last two complete slabs: `slab` is composited when the next slab is complete.
     before: vec4f,
     slab: vec4f,
-    // Of a brick of colours: the plane in the middle of the slab that waits. Of scalars: the plane before which slabs
-    // of the run show nothing; their sums are incomplete.
+    // Of a brick: the plane in the middle of the slab that waits.
     place: f32,
 }
 
@@ -202,14 +201,6 @@ fn section_at(sections: GrowingSection, geometry: RayGeometry, plane: i32) -> Se
 fn planes_of(run: vec2i, geometry: RayGeometry) -> vec3i {
     var first = rays.first.z + run.x;
     var end = rays.first.z + run.y;
-    var last = end + FLUSH;
-    if SCALARS {
-        // Kernels of voxels that may show reach REACH planes, and a slab shows because of the slab beside it. Planes as
-        // far beyond have parts in these slabs.
-        last += 1;
-        first = max(first - FLUSH - 1, rays.first.z);
-        end = min(last, rays.first.z + rays.voxels.z);
-    }
     if PERSPECTIVE || SCALARS || CLIP_PLANES > 0u {
         // Planes beyond the counting part: the planes that kernels reach over, one because the next slab shapes the
         // curve in the last slab, and one because the conversion to i32 truncates, towards 0. One more because the
@@ -218,7 +209,7 @@ fn planes_of(run: vec2i, geometry: RayGeometry) -> vec3i {
         first = max(first, i32(max(geometry.inside.x, -FAR)) - beyond);
         end = min(end, i32(min(geometry.inside.y, FAR)) + beyond + 1);
     }
-    last = min(last, end + FLUSH);
+    var last = end + FLUSH;
     if BRICK {
         // The slab before the first that a brick owns shapes it. The lack of colours of two slabs before moves on to
         // it.

@@ -312,9 +312,9 @@ shared! {
         eye: [f32; 3],
         across: u32,
         view_x: [f32; 3],
-        least_invisible: f32,
+        _pad_x: u32,
         view_y: [f32; 3],
-        largest_invisible: f32,
+        _pad_y: u32,
         view_z: [f32; 3],
         _pad_z: u32,
     }

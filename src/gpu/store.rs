@@ -298,8 +298,6 @@ pub(crate) struct Drawable {
     pub(crate) bricks: Bricks,
     /// Splats that are copies of voxels beyond the faces of the volume.
     pub(crate) copies: u64,
-    /// The least and the largest scalar that is visible nowhere, whatever surrounds it; `None`: every splat may show.
-    pub(crate) invisible: Option<[f32; 2]>,
     /// Resources that painters made of the splats.
     pub(crate) kept: Cache,
 }

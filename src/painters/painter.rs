@@ -51,8 +51,6 @@ pub(crate) struct Job<'a> {
     /// The splats.
     pub(crate) stores: &'a [Store],
     pub(crate) weights: Weights,
-    /// See [`Drawable::invisible`](crate::gpu::store::Drawable).
-    pub(crate) invisible: Option<[f32; 2]>,
     /// The tables that classify and light scalars; `None` for classified voxels.
     pub(crate) post: Option<&'a PostShading>,
     /// Layers of the lattice beyond the faces of the volume.

@@ -92,16 +92,6 @@ impl Invisible {
         Self(ends.map(|end| reduction.length((end - base) / magnification)))
     }
 
-    /// The least and the largest f32 of the interval; the first is larger if it is empty.
-    fn to_f32(self) -> [f32; 2] {
-        let Self([low, high]) = self;
-        let (least, largest) = (low as f32, high as f32);
-        [
-            if f64::from(least) < low { least.next_up() } else { least },
-            if f64::from(largest) > high { largest.next_down() } else { largest },
-        ]
-    }
-
     fn holds(self, scalar: f64) -> bool {
         let Self([low, high]) = self;
         low <= scalar && scalar <= high
@@ -251,9 +241,7 @@ impl<'a> Emission<'a> {
         }
         let scalars = stores.finish()?;
         context.wait("emitting scalars")?;
-        // Cells of several levels have their shares of a picture as factors.
-        let invisible = self.singly.then(|| self.invisible.to_f32());
-        Ok(Drawable { invisible, ..scalars })
+        Ok(scalars)
     }
 
     /// Whether a scalar can be visible.

@@ -162,8 +162,7 @@ impl<'a> Picture<'a> {
                     && view.may_show(bounds, job.padding)
                     && pyramid.as_ref().is_none_or(|rays| rays.reaches(bounds, view.max_radius() + 1.0))
             };
-            let packing = Packing::new(context, stores, dims, job.base_shows(), seen, axis.axes, voxel)?;
-            Some(packing.without(job.invisible))
+            Packing::new(context, stores, dims, job.base_shows(), seen, axis.axes, voxel)
         });
         let packings: Option<Vec<Packing>> = packings.collect();
         let packings = packings.ok_or("tiles packs the volume into a texture, and this volume does not fit")?;

@@ -260,7 +260,7 @@ fn packed_by(
     seen: impl Fn([[u32; 3]; 2]) -> bool,
 ) -> Packed {
     let stores = [store];
-    let packing = Packing::new(context, &stores, DIMS, false, seen, axes, voxel).unwrap().without(Some(INVISIBLE));
+    let packing = Packing::new(context, &stores, DIMS, false, seen, axes, voxel).unwrap();
     let lighting = Lighting {
         right: [0.9, 0.1, -0.2],
         up: [-0.1, 0.8, 0.3],
@@ -444,21 +444,14 @@ fn voxels_are_packed_where_rays_look_for_them() {
     }
 }
 
-/// Scalars that mark no macrocell, ends included.
-const INVISIBLE: [f32; 2] = [-4.0, 2.5];
-
-/// Asserts that the marked macrocells are those with splats, of scalars those with visible ones.
+/// Asserts that the marked macrocells are those with splats.
 fn assert_occupied(context: &Context, packed: &Packed) {
     let binding = Binding::IntegerTexture(wgpu::TextureViewDimension::D3);
     let marks = texels(context, &packed.occupied, binding, "texture_3d<u32>", "textureLoad(texels, p, 0)");
     let [na, nb, _] = packed.packing.dims.map(|n| n.div_ceil(MACROCELL));
-    let (shown, [low, high]) = (points(), INVISIBLE);
-    let marks_cell = |&point: &[u32; 3]| {
-        let is_color = matches!(packed.packing.voxel, Voxel::Color { .. });
-        shown.contains(&point) && (is_color || !(low..=high).contains(&scalar_of(point)))
-    };
+    let shown = points();
     let mut expected = vec![0; marks.len()];
-    for (place, _) in places(packed.packing).filter(|(_, point)| marks_cell(point)) {
+    for (place, _) in places(packed.packing).filter(|(_, point)| shown.contains(point)) {
         let [a, b, m] = place.map(|n| n / MACROCELL);
         expected[((m * nb + b) * na + a) as usize] = 1;
     }
@@ -584,7 +577,6 @@ fn rays_meet_no_voxel_between_runs() {
                 settings: &settings,
                 stores: &[],
                 weights: Weights { max: 0.1, unit: 1.0, brightest: [1.0; 3] },
-                invisible: None,
                 post: None,
                 padding: 0,
             };

@@ -119,8 +119,6 @@ impl Packing {
             scale,
             planes: self.dims[2],
             across: self.dims[0],
-            least_invisible: self.invisible[0],
-            largest_invisible: self.invisible[1],
             eye,
             view_x,
             view_y,

@@ -156,13 +156,7 @@ fn part(brick: &BrickSplats, from: [u32; 3], to: [u32; 3]) -> Option<(u32, Range
 }
 
 impl Packing {
-    /// Whether something may show within the reach of the kernel of a splat with this first word.
-    fn may_show(&self, word: u32) -> bool {
-        let (weight, [low, high]) = (f32::from_bits(word), self.invisible);
-        matches!(self.voxel, Voxel::Color { .. }) || weight < low || weight > high
-    }
-
-    /// A mark for each macrocell with splats that may show.
+    /// A mark for each macrocell with splats.
     fn marks(&self, bricks: &[Held<'_>]) -> Result<Vec<u32>> {
         let [na, nb, nm] = self.macrocells();
         let count = u64::from(na) * u64::from(nb) * u64::from(nm);
@@ -175,19 +169,13 @@ impl Packing {
             let Some((mask, ys, zs)) = part(brick, low, ends) else { continue };
             let [x0, y0, z0] = brick.origin;
             for (z, y) in zs.flat_map(|z| ys.clone().map(move |y| (z, y))) {
-                let row = held.rows[(y - y0) as usize + EDGE * (z - z0) as usize];
-                let mut bits = row.bits & mask;
+                let mut bits = held.rows[(y - y0) as usize + EDGE * (z - z0) as usize].bits & mask;
                 let line = (y - low[1]) / MACROCELL * step_y + (z - low[2]) / MACROCELL * step_z;
                 while bits != 0 {
-                    let place = bits.trailing_zeros();
-                    let x = x0 + place - low[0];
-                    // On to the next voxel: after one that marks, in another macrocell.
-                    let mut rest = place + 1;
-                    let before = row.bits & !(u32::MAX << place);
-                    if self.may_show(held.words[held.each * (row.first + before.count_ones()) as usize]) {
-                        marks[(line + x / MACROCELL * step_x) as usize] = 1;
-                        rest = MACROCELL - x % MACROCELL + place;
-                    }
+                    let x = x0 + bits.trailing_zeros() - low[0];
+                    marks[(line + x / MACROCELL * step_x) as usize] = 1;
+                    // On to the next voxel in another macrocell.
+                    let rest = MACROCELL - x % MACROCELL + bits.trailing_zeros();
                     bits &= u32::MAX.checked_shl(rest).unwrap_or(0);
                 }
             }

@@ -75,8 +75,6 @@ pub(super) struct Packing {
     pub(super) row_texels: u32,
     /// Width and height of the texture.
     size: [u32; 2],
-    /// The least and the largest scalar whose voxel marks no macrocell; none if the first is larger.
-    invisible: [f32; 2],
 }
 
 impl Packing {
@@ -122,13 +120,7 @@ impl Packing {
             columns: columns as u32,
             row_texels,
             size: [width as u32, height as u32],
-            invisible: [f32::MAX, f32::MIN],
         })
-    }
-
-    /// The same, where scalars from the first to the second show nothing around them.
-    pub(super) fn without(self, invisible: Option<[f32; 2]>) -> Self {
-        Self { invisible: invisible.unwrap_or(self.invisible), ..self }
     }
 
     /// Whether there is no voxel in the box.
