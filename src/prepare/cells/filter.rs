@@ -99,9 +99,10 @@ impl Filter {
         for (run, weights) in self.weights.chunks(TAPS).enumerate() {
             let taps = voxels[run * TAPS..].windows(weights.len()).step_by(self.size);
             for (cell, taps) in cells.iter_mut().zip(taps) {
-                for (weight, voxel) in weights.iter().zip(taps) {
-                    cell.iter_mut().zip(voxel).for_each(|(sum, channel)| *sum += weight * channel);
-                }
+                // By value, so that the four channels are one vector.
+                *cell = weights.iter().zip(taps).fold(*cell, |sums, (weight, voxel)| {
+                    std::array::from_fn(|channel| sums[channel] + weight * voxel[channel])
+                });
             }
         }
     }
