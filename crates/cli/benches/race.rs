@@ -9,8 +9,9 @@
 //! programs that rivals build. A rival has two commands. `probe` succeeds if the rival is installed, and may build it;
 //! the report names missing rivals. `command` draws `{frames}` pictures of a turntable of 10-degree steps, the first of
 //! them into the file `{out}`, and prints one JSON object with `median_s`, the median seconds of the frames after the
-//! first. The environment variable PEERS_WORK is --work, and PEERS_UNIT the unit of opacities in voxels. --scripts is
-//! the folder of the commands' scripts; without it voxsplat runs alone.
+//! first. The environment variable PEERS_WORK is --work, and PEERS_UNIT the unit of opacities in voxels: a
+//! script that does not read it draws another scene if that is not 1 (head512). --scripts is the folder of the commands'
+//! scripts; without it voxsplat runs alone.
 //!
 //! - VTK and others are packages of PYTHON: `pip install vtk pyvista pygfx rendercanvas wgpu numba pillow`
 //! - OSPRay is part of a package: `pip download ovito==3.17.2 --no-deps -d D`, `unzip 'D/ovito*.whl' 'ovito/plugins/*'
@@ -24,8 +25,9 @@
 //! peak resident memory of that command, the error against the entry's own truth (rms over the colours of covered
 //! pixels, in steps of 8 bits), and the ratios to the best rival, of those with more than 8 bits. voxsplat's truth is
 //! its f64 reference to 1e-5 of a channel, made once and kept in WORK/truth. `reference.py` of the scripts makes the
-//! truth of a rival, of unlit pictures alone: no two rivals light alike. Scenes without `truth` have no error, and with
-//! --no-truth none has. The first picture of each entry stays in WORK/pictures.
+//! truth of a rival, of unlit pictures along parallel rays: no two rivals light alike. Scenes without `truth` have no
+//! error. The truth of lit pictures takes minutes and more each; --no-truth leaves all errors out. The first picture of
+//! each entry stays in WORK/pictures.
 //! `--write` keeps the tables in docs/measurements, each as soon as it is whole, and a plot of time against error.
 
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "printing its table is what this program is for")]
@@ -394,13 +396,15 @@ impl Race<'_> {
         format!("{}-{}-{}", self.scene.name, self.picture.name, self.options.size)
     }
 
+    /// Whether the error of voxsplat's picture is measured.
     fn has_truth(&self) -> bool {
         self.scene.truth && self.options.truth
     }
 
-    /// Whether rivals have a truth too.
+    /// Whether the errors of rivals are measured too.
     fn is_comparable(&self) -> bool {
-        self.has_truth() && !self.picture.kind.lit
+        let Kind { lit, perspective, .. } = self.picture.kind;
+        self.has_truth() && !lit && !perspective
     }
 
     /// Keeps the first picture of an entry.
@@ -466,7 +470,6 @@ impl Race<'_> {
                         let mut make = Command::new(python);
                         make.arg(script).arg(work.join("vol").join(format!("{}.npy", self.scene.name)));
                         make.args(["--size", &size.to_string(), "--box", &rival.r#box, "--npy"]).arg(&truth);
-                        make.args(kind.perspective.then_some(["--proj", "persp"]).into_iter().flatten());
                         make.arg("--out").arg(work.join("truth.png"));
                         measured(make.env("PEERS_WORK", work).env("PEERS_UNIT", self.scene.unit.to_string()))?;
                     }
@@ -496,7 +499,7 @@ impl Race<'_> {
             }
         }
         print(report, &format!("{}, {}", self.scene.name, self.picture.name), &entries, &times);
-        if self.is_comparable() && !self.picture.kind.perspective {
+        if self.is_comparable() {
             plotted.extend(self.points(&entries, &times)?);
         }
         Ok(())
