@@ -9,8 +9,8 @@
 //! programs that rivals build. A rival has two commands. `probe` succeeds if the rival is installed, and may build it;
 //! the report names missing rivals. `command` draws `{frames}` pictures of a turntable of 10-degree steps, the first of
 //! them into the file `{out}`, and prints one JSON object with `median_s`, the median seconds of the frames after the
-//! first. The environment variable PEERS_WORK is --work, and PEERS_UNIT the unit of opacities in voxels: a
-//! script that does not read it draws another scene if that is not 1 (head512). --scripts is the folder of the commands'
+//! first. The environment variable PEERS_WORK is --work, and PEERS_UNIT the unit of opacities in voxels: a script
+//! that does not read it draws another scene if the unit is not 1 (head512). --scripts is the folder of the commands'
 //! scripts; without it voxsplat runs alone.
 //!
 //! - VTK and others are packages of PYTHON: `pip install vtk pyvista pygfx rendercanvas wgpu numba pillow`
