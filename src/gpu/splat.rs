@@ -8,7 +8,7 @@ use crate::transfer::Resolution;
 const COLOR_STEPS: [f32; 3] = [8191.0, 16383.0, 8191.0];
 
 /// The bits for "no direction".
-const NO_NORMAL: u32 = 0x8000_8000;
+pub(crate) const NO_NORMAL: u32 = 0x8000_8000;
 
 /// -ln(1 - opacity): `density` in shaders/classify.wgsl.
 pub(crate) fn density(opacity: f32) -> f32 {
@@ -48,6 +48,7 @@ pub(crate) fn resolution_at(scalar: f32, faintest: f32) -> f32 {
 }
 
 /// The bits of the direction of a vector of any length.
+#[inline]
 pub(crate) fn packed_normal([x, y, z]: [f32; 3]) -> u32 {
     let sum = x.abs() + y.abs() + z.abs();
     if sum.partial_cmp(&0.0) != Some(std::cmp::Ordering::Greater) {
@@ -74,12 +75,12 @@ pub(crate) fn gradient([low, high]: [u32; 2]) -> [f32; 3] {
 pub(crate) const LANES: usize = 16;
 
 /// A number of each of these splats.
-type Lanes = [f32; LANES];
+pub(crate) type Lanes = [f32; LANES];
 /// A vector of each of them.
-type Vectors = [Lanes; 3];
+pub(crate) type Vectors = [Lanes; 3];
 
 /// The colours and the densities of splats, given the words density_blue and color.
-pub(crate) fn appearances(density_blue: &[u32; LANES], color: &[u32; LANES]) -> (Vectors, Lanes) {
+fn appearances(density_blue: &[u32; LANES], color: &[u32; LANES]) -> (Vectors, Lanes) {
     let mut colors = Vectors::default();
     let mut densities = Lanes::default();
     for i in 0..LANES {
@@ -94,7 +95,7 @@ pub(crate) fn appearances(density_blue: &[u32; LANES], color: &[u32; LANES]) -> 
 }
 
 /// Unpacked normals of splats.
-pub(crate) struct Normals {
+struct Normals {
     /// Octahedral coordinates.
     places: [Lanes; 2],
     /// 1, or 0 for "no direction".
@@ -102,7 +103,7 @@ pub(crate) struct Normals {
 }
 
 /// Unpacks the words of normals.
-pub(crate) fn normals(words: &[u32; LANES]) -> Normals {
+fn unpacked(words: &[u32; LANES]) -> Normals {
     let (mut px, mut py, mut weights) = (Lanes::default(), Lanes::default(), Lanes::default());
     for i in 0..LANES {
         let half = |bits: u32| (((bits << 16) as i32 >> 16) as f32 / 32767.0).max(-1.0);
@@ -178,8 +179,11 @@ pub(crate) struct ToEye {
 }
 
 impl ToEye {
+    /// The directions along parallel rays: all the same.
+    pub(crate) const PARALLEL: Self = Self { perspective: false, eye: [0.0; 3], view: [[0.0; 3]; 3] };
+
     /// The directions from these points of a row, in view coordinates.
-    pub(crate) fn at(&self, xs: &[u32; LANES], y: u32, z: u32) -> Vectors {
+    fn at(&self, xs: &[u32; LANES], y: u32, z: u32) -> Vectors {
         if !self.perspective {
             return [[0.0; LANES], [0.0; LANES], [-1.0; LANES]];
         }
@@ -190,7 +194,7 @@ impl ToEye {
 }
 
 /// The places of lattice points in the coordinates of lights.
-pub(crate) fn places(lighting: &Lighting, xs: &[u32; LANES], y: u32, z: u32) -> Vectors {
+fn places(lighting: &Lighting, xs: &[u32; LANES], y: u32, z: u32) -> Vectors {
     let [along_x, along_y, along_z, origin] = lighting.from_lattice;
     std::array::from_fn(|axis| {
         let start = along_y[axis] * y as f32 + along_z[axis] * z as f32 + origin[axis];
@@ -215,7 +219,7 @@ fn converging(light: [f32; 3], places: &Vectors, to_eye: &Vectors) -> Vectors {
 const AROUND: usize = 3;
 
 /// The shares of light that arrive at splats, given the words `kept`.
-pub(crate) fn kept(low: &[u32; LANES], high: &[u32; LANES]) -> [Lanes; 4] {
+fn kept([low, high]: &[[u32; LANES]; 2]) -> [Lanes; 4] {
     let mut kept = [Lanes::default(); 4];
     for i in 0..LANES {
         let shares = [low[i] & 0xffff, low[i] >> 16, high[i] & 0xffff, high[i] >> 16];
@@ -229,7 +233,7 @@ pub(crate) fn kept(low: &[u32; LANES], high: &[u32; LANES]) -> [Lanes; 4] {
 ///
 /// `kept` are the shares of the light that arrive from lights with shadows and from all around; `None`: all of it.
 /// `places` are the places of the splats; `None`: no light has a position.
-pub(crate) fn light(
+fn light(
     lighting: &Lighting,
     lights: u32,
     colors: &mut Vectors,
@@ -296,6 +300,77 @@ pub(crate) fn light(
             // Without a normal there is no surface.
             color[i] = weights[i] * lit.clamp(0.0, 1.0) + (1.0 - weights[i]) * shown[i] * color[i];
         }
+    }
+}
+
+/// The light of a picture on splats.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct SplatLight {
+    pub(crate) lighting: Lighting,
+    /// The number of lights.
+    pub(crate) lights: u32,
+    /// Whether a light has a position.
+    pub(crate) points: bool,
+    pub(crate) to_eye: ToEye,
+}
+
+impl SplatLight {
+    /// Lights splats of these colours at points of a row. `kept` are the words of the light that arrives; `None`: all
+    /// of it.
+    pub(crate) fn apply(
+        &self,
+        (xs, [y, z]): (&[u32; LANES], [u32; 2]),
+        colors: &mut Vectors,
+        normals: &[u32; LANES],
+        kept_words: Option<&[[u32; LANES]; 2]>,
+    ) {
+        let Self { lighting, lights, points, to_eye } = self;
+        let to_eye = to_eye.at(xs, y, z);
+        let places = points.then(|| places(lighting, xs, y, z));
+        light(lighting, *lights, colors, &unpacked(normals), kept_words.map(kept).as_ref(), places.as_ref(), &to_eye);
+    }
+}
+
+/// Up to [`LANES`] splats of a row of a brick.
+pub(crate) struct SplatRun<'a> {
+    /// Lattice points of the splats along x; arbitrary beyond the last.
+    pub(crate) xs: [u32; LANES],
+    pub(crate) y: u32,
+    pub(crate) z: u32,
+    /// Words of a splat without its place.
+    pub(crate) each: usize,
+    /// The words of the splats and of some that follow.
+    pub(crate) words: &'a [u32],
+    /// The light that arrives at these splats; empty: all of it.
+    pub(crate) light: &'a [[u32; 2]],
+}
+
+impl SplatRun<'_> {
+    /// Word number `index` of each splat; 0 beyond the last.
+    pub(crate) fn column(&self, index: usize) -> [u32; LANES] {
+        let mut column = [0; LANES];
+        for (place, words) in column.iter_mut().zip(self.words.chunks_exact(self.each)) {
+            *place = words[index];
+        }
+        column
+    }
+
+    /// The words of the light that arrives at each splat; `None`: all of it.
+    fn kept(&self) -> Option<[[u32; LANES]; 2]> {
+        let mut kept = [[u32::MAX; LANES]; 2];
+        for (place, light) in self.light.iter().take(LANES).enumerate() {
+            (0..2).for_each(|word| kept[word][place] = light[word]);
+        }
+        (!self.light.is_empty()).then_some(kept)
+    }
+
+    /// The colours under a light, `None` for unlit ones, and the densities of classified splats.
+    pub(crate) fn appearances(&self, light: Option<&SplatLight>) -> (Vectors, Lanes) {
+        let (mut colors, densities) = appearances(&self.column(0), &self.column(1));
+        if let Some(light) = light {
+            light.apply((&self.xs, [self.y, self.z]), &mut colors, &self.column(2), self.kept().as_ref());
+        }
+        (colors, densities)
     }
 }
 

@@ -8,6 +8,7 @@ use super::cache::Cache;
 use super::context::Context;
 use super::layout::{LIT_WORDS, MAX_BRICKS, SHADED_WORDS, place};
 use super::recorder::Recorder;
+use super::splat::{LANES, SplatRun};
 use crate::error::Result;
 use crate::progress::Progress;
 use crate::volume::{BRICK_EDGE as EDGE, Volume};
@@ -129,6 +130,27 @@ impl HostBrick {
 
     pub(crate) fn count(&self) -> u32 {
         self.rows.last().map_or(0, |row| row.first + row.bits.count_ones())
+    }
+
+    /// The splats of a row of the brick that lie at some of the places `within`, which are neighbours, a few at a time;
+    /// the number of splats of a run. The first place of the row is at this lattice point.
+    pub(crate) fn runs(
+        &self,
+        Row { bits, first }: Row,
+        within: u32,
+        [x, y, z]: [u32; 3],
+    ) -> impl Iterator<Item = (SplatRun<'_>, usize)> {
+        let (each, wanted) = (self.each, bits & within);
+        let lowest = wanted & wanted.wrapping_neg();
+        let number = (first + (bits & lowest.wrapping_sub(1)).count_ones()) as usize;
+        let mut xs = places(wanted).map(move |place| x + place as u32);
+        let mut light = self.light.get(number..).unwrap_or_default();
+        self.words[number * each..].chunks(each * LANES).map_while(move |words| {
+            let mut run = SplatRun { xs: [x; LANES], y, z, each, words, light };
+            light = light.get(LANES..).unwrap_or_default();
+            let count = run.xs.iter_mut().zip(&mut xs).map(|(to, x)| *to = x).count();
+            (count > 0).then_some((run, count))
+        })
     }
 
     fn bytes(&self) -> u64 {

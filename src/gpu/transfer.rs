@@ -89,6 +89,7 @@ impl Reduction {
     }
 
     /// The scalar of a value.
+    #[inline]
     pub(crate) fn scalar(&self, value: f64) -> f32 {
         self.length(value - self.base) as f32
     }
@@ -99,6 +100,7 @@ impl Reduction {
     }
 
     /// A difference of values in units of scalars.
+    #[inline]
     pub(crate) fn length(&self, difference: f64) -> f64 {
         (difference * self.factor).clamp(-Self::LIMIT, Self::LIMIT)
     }
@@ -122,6 +124,7 @@ impl Relative {
         Self { slope: 1.0, intercept: 0.0, reduction }
     }
 
+    #[inline]
     pub(crate) fn to(&self, raw: f64) -> f32 {
         self.reduction.scalar(self.slope * raw + self.intercept)
     }

@@ -341,11 +341,11 @@ impl ViewGeometry {
     /// The directions from held lattice points to the eye.
     pub(crate) fn to_eye(&self) -> ToEye {
         let camera = &self.camera;
-        let eye = camera.eye().unwrap_or(camera.target);
+        let Some(eye) = camera.eye() else { return ToEye::PARALLEL };
         let to_world = self.grid.to_world().matrix3;
         let axes = [camera.right, camera.up, camera.forward];
         ToEye {
-            perspective: self.is_perspective(),
+            perspective: true,
             eye: (self.grid.to_lattice().transform_point3(eye) - self.first()).as_vec3().to_array(),
             view: [0, 1, 2].map(|i| axes.map(|axis| axis.dot(to_world.col(i)) as f32)),
         }

@@ -7,33 +7,34 @@
 //! negative, so a cell may absorb a little less than nothing.
 //!
 //! Cells have no normals: lit by a mean normal, uniform matter erred by 20 of 255 and folds finer than a cell by 30. So
-//! cells are made anew if a light or the eye moves.
+//! cells are made anew if a light or the eye moves. From the second time on the normals of the voxels are kept.
 
 mod classification;
 mod filter;
+mod lit;
+mod slices;
 
 use std::ops::Range;
 
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 
-use self::filter::REACH;
-use super::shadows::{Places, shares_at};
+use self::filter::{Lines, REACH};
 use crate::error::Result;
-use crate::gpu::classify::gradients;
 use crate::gpu::context::Context;
-use crate::gpu::layout::{Lighting, Splat};
-use crate::gpu::splat::{self, LANES, ToEye, packed_appearance, packed_normal};
+use crate::gpu::layout::Splat;
+use crate::gpu::splat::packed_appearance;
 use crate::gpu::store::{Drawable, MadeBrick, StoreBuilder};
-use crate::gpu::transfer::{Reduction, Relative};
-use crate::kernel::{DerivativeFilter, Kernel, NORMAL_REACH};
+use crate::kernel::Kernel;
 use crate::progress::Progress;
 use crate::settings::MAX_LEVEL;
-use crate::transfer::{TransferFunction, scaled_share};
-use crate::volume::{BRICK_EDGE as EDGE, Grid, Samples, ToF64, Volume, with_samples};
+use crate::transfer::TransferFunction;
+use crate::volume::{BRICK_EDGE as EDGE, Grid, Volume};
 use voxsplat_volume::memory::reserved;
 
 pub(crate) use self::classification::{Classification, ColorSource, Emission};
 pub(crate) use self::filter::{Filter, response};
+pub(crate) use self::lit::LitSplats;
+pub(crate) use self::slices::{KeptNormals, Source};
 
 /// The least standard deviation of the kernels of cells, in cells: narrower kernels would show the lattice. The default
 /// Gaussian has it at a growth of 1.5.
@@ -132,76 +133,34 @@ fn dims_of(grid: &Grid, level: u32) -> [usize; 3] {
     grid.dims().map(|d| d.div_ceil(1 << level) as usize + 2 * REACH)
 }
 
-/// The light of one picture on voxels that become cells; it depends on the eye.
-#[derive(Debug, Clone, PartialEq)]
-pub(crate) struct VoxelLight {
-    pub(crate) lighting: Lighting,
-    /// The number of lights.
-    pub(crate) lights: u32,
-    /// Whether a light has a position.
-    pub(crate) points: bool,
-    pub(crate) to_eye: ToEye,
+/// The voxels that become cells.
+pub(crate) enum Voxels<'a> {
+    /// Classified and lit on the way.
+    Samples(Source<'a>),
+    /// Voxels in shadows: splats hold the light that arrives.
+    Splats(LitSplats<'a>),
 }
 
 /// Makes the cells of a level of a volume.
 pub(crate) struct Coarsening<'a> {
     volume: &'a Volume,
+    voxels: Voxels<'a>,
     filter: Filter,
-    classification: Classification<'a>,
-    /// The light on voxels and the shares of it that arrive; `None`: voxels are unlit.
-    light: Option<(&'a VoxelLight, Option<&'a Places<'a>>)>,
-    /// Gradients, if light or opacity depends on them.
-    steepness: Option<Steepness>,
     /// Cells along each axis.
     dims: [usize; 3],
     /// Cells of a lower density are left out.
     least: f32,
 }
 
-/// The inputs of gradients and what depends on them.
-struct Steepness {
-    scalars: Relative,
-    /// World gradients of the lattice coordinates.
-    gradients: [Vec3; 3],
-    /// Gradient opacity, of gradients of scalars; empty: extinction does not depend on them.
-    thinning: Vec<[f32; 2]>,
-    /// The filter of normals; `None`: voxels are unlit.
-    normals: Option<DerivativeFilter>,
-}
-
-impl Steepness {
-    /// The rows and planes to either side that a voxel depends on.
-    fn reach(&self) -> usize {
-        if self.normals.is_some() { NORMAL_REACH } else { 1 }
-    }
-}
-
 /// The least density of a cell that is kept, as a share of the largest of a voxel.
 const LEAST: f64 = 1.0 / 1024.0;
 
 impl<'a> Coarsening<'a> {
-    pub(crate) fn new(
-        volume: &'a Volume,
-        transfer: &'a TransferFunction,
-        level: u32,
-        light: Option<(&'a VoxelLight, Option<&'a Places<'a>>)>,
-    ) -> Self {
-        let reduction = Reduction::new(transfer, 1.0);
-        let scale = reduction.factor() * volume.grid().unit();
-        let thinning = transfer.scaled_gradient_opacity(scale);
-        let steep = light.is_some() || !thinning.is_empty();
-        let gradients = gradients(volume).map(Vec3::from_array);
+    pub(crate) fn new(volume: &'a Volume, transfer: &TransferFunction, level: u32, voxels: Voxels<'a>) -> Self {
         Self {
             volume,
+            voxels,
             filter: Filter::new(level, 0.0, &[1.0], REACH),
-            classification: Classification::new(volume, ColorSource::Transfer(transfer), 1.0),
-            light,
-            steepness: steep.then(|| Steepness {
-                scalars: Relative::new(volume, reduction),
-                gradients,
-                thinning,
-                normals: light.is_some().then(DerivativeFilter::of_normals),
-            }),
             dims: dims_of(volume.grid(), level),
             least: (TransferFunction::extinction(transfer.max_opacity(), 1.0) * LEAST) as f32,
         }
@@ -229,43 +188,42 @@ impl<'a> Coarsening<'a> {
             voxels.start.clamp(0, n)..voxels.end.clamp(0, n)
         };
         let rows = within(&ys, ny);
-        // The cells of the row of bricks, and a plane of cells for the voxels of one plane.
+        // The cells of the row of bricks, and of the voxels of a few planes and rows on the way there.
         let mut cells = filled(across * ys.len() * zs.len(), [0.0; 4])?;
-        let mut plane = filled(across * ys.len(), [0.0; 4])?;
-        let mut slices = Slices { coarsening: self, rows: rows.clone(), slices: Vec::new() };
+        let mut planes = Lines::new(across * ys.len())?;
+        let mut narrow = Lines::new(across)?;
+        let mut slices = match &self.voxels {
+            Voxels::Samples(source) => Ok(source.slices(rows.clone())),
+            Voxels::Splats(splats) => Err(splats),
+        };
         // A row with room for empty voxels before the first and behind the last.
         let all = self.filter.voxels(0, across as i64);
         let mut voxels = vec![[0.0; 4]; (all.end - all.start) as usize];
         let begin = (-all.start) as usize;
-        let mut narrow = vec![[0.0; 4]; across];
         for z in within(&zs, nz) {
-            slices.advance(z)?;
-            let mut shows = false;
+            if let Ok(slices) = &mut slices {
+                slices.advance(z)?;
+            }
+            let plane = planes.next();
             for y in rows.clone() {
                 let inside = &mut voxels[begin..begin + nx as usize];
-                let shown = slices.classify([y, z], inside);
+                let shown = match &slices {
+                    Ok(slices) => slices.row([y, z], inside),
+                    Err(splats) => splats.row([y as usize, z as usize], inside),
+                };
                 if shown.is_empty() {
                     continue;
                 }
-                shows = true;
-                slices.apply_gradients([y, z], shown.clone(), inside);
                 let reached = self.filter.reached(&shown, across);
-                let narrow = &mut narrow[reached.clone()];
                 let start = reached.start * self.filter.size();
-                self.filter.gather(&voxels[start..], narrow);
-                for (cell, weight) in self.filter.cells(y, ys.start, ys.end) {
-                    let sums = &mut plane[(cell - ys.start) * across + reached.start..];
-                    add(sums.as_flattened_mut(), weight, narrow.as_flattened());
-                }
+                self.filter.gather(&voxels[start..], &mut narrow.next()[reached.clone()]);
+                narrow.add((y, reached), &self.filter, &ys, plane);
             }
-            if shows {
-                for (cell, weight) in self.filter.cells(z, zs.start, zs.end) {
-                    let sums = &mut cells[(cell - zs.start) * plane.len()..];
-                    add(sums.as_flattened_mut(), weight, plane.as_flattened());
-                }
-                plane.fill([0.0; 4]);
+            if narrow.finish(&self.filter, &ys, plane) {
+                planes.add((z, 0..across * ys.len()), &self.filter, &zs, &mut cells);
             }
         }
+        planes.finish(&self.filter, &zs, &mut cells);
         let mut bricks: Vec<_> =
             (0..across.div_ceil(EDGE)).map(|i| self.brick(&cells, [i, j, k])).collect::<Result<_>>()?;
         bricks.retain(|made| made.splats.count() > 0);
@@ -304,217 +262,6 @@ pub(super) fn add(sums: &mut [f32], weight: f32, values: &[f32]) {
     if weight != 0.0 {
         sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += weight * value);
     }
-}
-
-/// A few planes of some rows of voxels; for gradients also the rows and planes beside them.
-struct Slices<'a> {
-    coarsening: &'a Coarsening<'a>,
-    rows: Range<i64>,
-    slices: Vec<Slice>,
-}
-
-struct Slice {
-    z: i64,
-    /// The first row.
-    first: i64,
-    samples: Samples,
-    /// Scalars of all rows for gradient opacity, with the outermost of a row repeated as far as gradients reach.
-    scalars: Vec<f32>,
-    /// Scalars of the rows that are lit: slopes along x, slopes along y, and smoothed, each smoothed along the other
-    /// axis of the plane.
-    filtered: [Vec<f32>; 3],
-}
-
-impl Slices<'_> {
-    /// Reads the plane `z`: the first, or the one after the plane before.
-    fn advance(&mut self, z: i64) -> Result<()> {
-        let Coarsening { volume, steepness, .. } = self.coarsening;
-        let [nx, ny, nz] = volume.grid().dims().map(i64::from);
-        let reach = steepness.as_ref().map_or(0, Steepness::reach);
-        let beside = reach as i64;
-        self.slices.retain(|slice| slice.z >= z - beside);
-        let first = (self.rows.start - beside).max(0);
-        let end = (self.rows.end + beside).min(ny);
-        for z in (z - beside).max(0)..=(z + beside).min(nz - 1) {
-            if self.slices.iter().any(|slice| slice.z == z) {
-                continue;
-            }
-            let samples = volume.read(((z * ny + first) * nx) as usize..((z * ny + end) * nx) as usize)?;
-            let (mut scalars, mut filtered) = (Vec::new(), Default::default());
-            if let Some(Steepness { scalars: of, normals, .. }) = steepness {
-                let width = nx as usize + 2 * reach;
-                scalars = reserved((end - first) as u64 * width as u64, || "scalars of a plane".to_owned())?;
-                with_samples!(&samples, s => for row in s.chunks_exact(nx as usize) {
-                    let copies = |at: usize| std::iter::repeat_n(of.to(row[at].to_f64()), reach);
-                    scalars.extend(copies(0));
-                    scalars.extend(row.iter().map(|sample| of.to(sample.to_f64())));
-                    scalars.extend(copies(row.len() - 1));
-                });
-                if let Some(normals) = normals {
-                    filtered = self.filtered(normals, &scalars, nx as usize, first)?;
-                }
-            }
-            self.slices.push(Slice { z, first, samples, scalars, filtered });
-        }
-        Ok(())
-    }
-
-    /// Filters the rows of a plane that are lit along x and y. `scalars` has the rows from `first` on.
-    fn filtered(&self, normals: &DerivativeFilter, scalars: &[f32], nx: usize, first: i64) -> Result<[Vec<f32>; 3]> {
-        let width = nx + 2 * NORMAL_REACH;
-        let rows = scalars.len() / width;
-        let [mut sloping, mut smooth] = [filled(rows * nx, 0.0)?, filled(rows * nx, 0.0)?];
-        let each = sloping.chunks_exact_mut(nx).zip(smooth.chunks_exact_mut(nx));
-        for (row, (sloping, smooth)) in scalars.chunks_exact(width).zip(each) {
-            let taps = |k: isize| &row[NORMAL_REACH.saturating_add_signed(k)..][..nx];
-            normals.slope(taps, sloping);
-            normals.smooth(taps, smooth);
-        }
-        let count = (self.rows.end - self.rows.start) as usize * nx;
-        let mut filtered = [filled(count, 0.0)?, filled(count, 0.0)?, filled(count, 0.0)?];
-        let [x, y, smoothed] = &mut filtered;
-        let each = x.chunks_exact_mut(nx).zip(y.chunks_exact_mut(nx)).zip(smoothed.chunks_exact_mut(nx));
-        for (row, ((x, y), smoothed)) in self.rows.clone().zip(each) {
-            // Rows beyond the faces are copies of the outermost.
-            let at = |k: isize| (row - first + k as i64).clamp(0, rows as i64 - 1) as usize * nx;
-            normals.smooth(|k| &sloping[at(k)..][..nx], x);
-            normals.slope(|k| &smooth[at(k)..][..nx], y);
-            normals.smooth(|k| &smooth[at(k)..][..nx], smoothed);
-        }
-        Ok(filtered)
-    }
-
-    /// Classifies a row. Returns a range outside which all voxels are transparent.
-    fn classify(&self, [y, z]: [i64; 2], voxels: &mut [Emission]) -> Range<usize> {
-        let Some(slice) = self.slices.iter().find(|slice| slice.z == z) else { return 0..0 };
-        let count = voxels.len();
-        let start = (y - slice.first) as usize * count;
-        with_samples!(&slice.samples, s => self.coarsening.classification.row(&s[start..start + count], voxels))
-    }
-
-    /// Thins the voxels `shown` of a row by gradient opacity and lights them. Beyond the faces voxels are copies of the
-    /// outermost.
-    fn apply_gradients(&self, [y, z]: [i64; 2], shown: Range<usize>, voxels: &mut [Emission]) {
-        let Some(steepness) = &self.coarsening.steepness else { return };
-        for start in shown.clone().step_by(RUN) {
-            let run = start..shown.end.min(start + RUN);
-            if voxels[run.clone()].iter().all(|voxel| voxel[3] == 0.0) {
-                continue;
-            }
-            if !steepness.thinning.is_empty() {
-                let (_, magnitudes) = directions(steepness.gradients, self.differences(steepness, [y, z], &run));
-                for (voxel, magnitude) in voxels[run.clone()].iter_mut().zip(magnitudes) {
-                    let share = scaled_share(&steepness.thinning, magnitude);
-                    voxel.iter_mut().for_each(|channel| *channel *= share);
-                }
-            }
-            if let (Some((light, arriving)), Some(normals)) = (self.coarsening.light, &steepness.normals) {
-                let slopes = self.slopes(normals, [y, z], &run, voxels.len());
-                let (directions, _) = directions(steepness.gradients, slopes);
-                let normal = |at: usize| packed_normal([0, 1, 2].map(|axis| directions[axis][at]));
-                let normals = splat::normals(&std::array::from_fn(normal));
-                let first = [run.start, y as usize, z as usize];
-                let kept = arriving.map(|arriving| shares_at(arriving, first));
-                light.apply(first, &normals, kept.as_ref(), &mut voxels[run]);
-            }
-        }
-    }
-
-    /// The plane at `z`, or the outermost beyond the faces.
-    fn slice(&self, z: i64) -> Option<&Slice> {
-        let [.., nz] = self.coarsening.volume.grid().dims().map(i64::from);
-        let z = z.clamp(0, nz - 1);
-        self.slices.iter().find(|slice| slice.z == z)
-    }
-
-    /// Central differences of a run of a row, on which gradient opacity depends.
-    fn differences(&self, steepness: &Steepness, [y, z]: [i64; 2], run: &Range<usize>) -> [[f32; RUN]; 3] {
-        let [nx, ny, _] = self.coarsening.volume.grid().dims().map(i64::from);
-        let reach = steepness.reach();
-        let width = nx as usize + 2 * reach;
-        let row = |y: i64, z: i64| {
-            let y = y.clamp(0, ny - 1);
-            self.slice(z).map_or(&[][..], |slice| &slice.scalars[(y - slice.first) as usize * width..][..width])
-        };
-        let difference = |high: &[f32], low: &[f32], step: usize| {
-            let mut differences = [0.0; RUN];
-            let start = run.start + reach;
-            let pairs = high[start + step..].iter().zip(&low[start - step..]);
-            differences[..run.len()].iter_mut().zip(pairs).for_each(|(d, (high, low))| *d = 0.5 * (high - low));
-            differences
-        };
-        let here = row(y, z);
-        [
-            difference(here, here, 1),
-            difference(row(y + 1, z), row(y - 1, z), 0),
-            difference(row(y, z + 1), row(y, z - 1), 0),
-        ]
-    }
-
-    /// Slopes of a run of a row of `nx` voxels by the filter of normals.
-    fn slopes(&self, normals: &DerivativeFilter, [y, z]: [i64; 2], run: &Range<usize>, nx: usize) -> [[f32; RUN]; 3] {
-        let start = (y - self.rows.start) as usize * nx + run.start;
-        let tap = |axis: usize| {
-            move |k: isize| {
-                let plane = self.slice(z + k as i64);
-                plane.map_or(&[][..], |plane| &plane.filtered[axis][start..start + run.len()])
-            }
-        };
-        let mut slopes = [[0.0; RUN]; 3];
-        let [along_x, along_y, along_z] = slopes.each_mut().map(|slopes| &mut slopes[..run.len()]);
-        normals.smooth(tap(0), along_x);
-        normals.smooth(tap(1), along_y);
-        normals.slope(tap(2), along_z);
-        slopes
-    }
-}
-
-impl VoxelLight {
-    /// Lights up to [`RUN`] voxels of a row from a lattice point on.
-    fn apply(
-        &self,
-        [x, y, z]: [usize; 3],
-        normals: &splat::Normals,
-        kept: Option<&[[f32; LANES]; 4]>,
-        voxels: &mut [Emission],
-    ) {
-        let xs = std::array::from_fn(|at| (x + at) as u32);
-        let (y, z) = (y as u32, z as u32);
-        let mut colors = [[0.0; LANES]; 3];
-        for (at, [r, g, b, density]) in voxels.iter().enumerate().filter(|(_, voxel)| voxel[3] > 0.0) {
-            [colors[0][at], colors[1][at], colors[2][at]] = [r / density, g / density, b / density];
-        }
-        let to_eye = self.to_eye.at(&xs, y, z);
-        let places = self.points.then(|| splat::places(&self.lighting, &xs, y, z));
-        splat::light(&self.lighting, self.lights, &mut colors, normals, kept, places.as_ref(), &to_eye);
-        for (at, voxel) in voxels.iter_mut().enumerate() {
-            (0..3).for_each(|channel| voxel[channel] = colors[channel][at] * voxel[3]);
-        }
-    }
-}
-
-/// Voxels whose gradients are computed together.
-const RUN: usize = LANES;
-
-/// Converts slopes along the axes of the lattice to gradients in the world: directions of length 1 or 0, and
-/// magnitudes.
-fn directions([gx, gy, gz]: [Vec3; 3], [dx, dy, dz]: [[f32; RUN]; 3]) -> ([[f32; RUN]; 3], [f32; RUN]) {
-    let mut directions = [[0.0; RUN]; 3];
-    let mut magnitudes = [0.0; RUN];
-    for at in 0..RUN {
-        // Divided by the largest, no square leaves the range of f32.
-        let most = dx[at].abs().max(dy[at].abs()).max(dz[at].abs());
-        let scale = if most > f32::MIN_POSITIVE && most < f32::MAX { 1.0 / most } else { 0.0 };
-        let gradient = gx * (scale * dx[at]) + gy * (scale * dy[at]) + gz * (scale * dz[at]);
-        let square = gradient.length_squared();
-        let length = square.sqrt();
-        let unit = if length > 0.0 { gradient / length } else { Vec3::ZERO };
-        magnitudes[at] = length * most;
-        directions[0][at] = unit.x;
-        directions[1][at] = unit.y;
-        directions[2][at] = unit.z;
-    }
-    (directions, magnitudes)
 }
 
 #[cfg(test)]

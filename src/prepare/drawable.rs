@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use super::cells::{Coarsening, VoxelLight};
+use super::cells::{Coarsening, KeptNormals, LitSplats, Source, Voxels};
 use super::lattice::Lattice;
 use super::levels::ScalarNeed;
 use super::light_volume::FallenLight;
@@ -15,6 +15,7 @@ use crate::gpu::cache::Cache;
 use crate::gpu::classify::{Classifier, HeldSamples, HostClassifier, Input};
 use crate::gpu::context::Context;
 use crate::gpu::scan::Scan;
+use crate::gpu::splat::SplatLight;
 use crate::gpu::store::Drawable;
 use crate::gpu::timing::on_host;
 use crate::gpu::transfer::{Reduction, VisibleValues};
@@ -58,13 +59,18 @@ impl<K, V> Held<K, V> {
         Ok((made, seconds))
     }
 
+    /// Whether a value is held.
+    fn is_made(&self) -> bool {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).is_some()
+    }
+
     pub(super) fn clear(&self) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = None;
     }
 }
 
 /// The light on the voxels of cells, and the shadows.
-type CellsKey = (Option<VoxelLight>, Option<Shadows>);
+type CellsKey = (Option<SplatLight>, Option<Shadows>);
 
 /// A volume as pre-shading draws it.
 pub(super) struct PreShaded {
@@ -77,6 +83,8 @@ pub(super) struct PreShaded {
     occluders: Occluders,
     /// The samples on the device, held from the first change of the transfer function on.
     samples: Option<HeldSamples>,
+    /// The normals of voxels, held from the second light on cells on.
+    normals: Held<(), KeptNormals>,
     /// The cells of each level.
     pub(super) cells: [Held<CellsKey, Drawable>; MAX_LEVEL as usize + 1],
 }
@@ -161,6 +169,7 @@ impl PreShaded {
             classified: Held::default(),
             occluders: Occluders::default(),
             samples: None,
+            normals: Held::default(),
             cells: Default::default(),
         }
     }
@@ -176,6 +185,7 @@ impl PreShaded {
         self.layers = Layers::of_volume(volume, transfer);
         self.classified.clear();
         self.occluders.clear();
+        self.normals.clear();
         self.cells.iter().for_each(Held::clear);
         self.samples.get_or_insert_default();
         Ok(())
@@ -236,14 +246,27 @@ impl PreShaded {
             return Err(Error::volume("several layers have no cells"));
         };
         self.cells[*level as usize].get_or_make((light.clone(), shadows.clone()), PartialEq::eq, |held| {
+            let changed = held.is_some();
             // Cells of another light are not in memory together with the new ones.
             drop(held);
-            let shadows = shadows.as_ref();
-            let shaded = shadows.map(|_| self.classified(context, pipelines, shadows, progress)).transpose()?;
+            let shaded = shadows.as_ref().map(|shadows| self.classified(context, pipelines, Some(shadows), progress));
+            let shaded = shaded.transpose()?;
             context.guarded("classifying the volume", || {
-                let arriving = shaded.as_ref().map(|(shaded, _)| Places::new(context, &shaded.stores)).transpose()?;
-                let light = light.as_ref().map(|light| (light, arriving.as_ref()));
-                Ok(Arc::new(Coarsening::new(volume, transfer, *level, light).emit(context, progress)?))
+                let light = light.as_ref();
+                let normals;
+                let voxels = match (&shaded, light) {
+                    (Some((shaded, _)), Some(light)) => {
+                        Voxels::Splats(LitSplats { places: Places::new(context, &shaded.stores)?, light })
+                    }
+                    // A light that has changed may do so again.
+                    (_, Some(_)) if changed || self.normals.is_made() => {
+                        let find = |_| Ok(Arc::new(KeptNormals::new(volume, transfer)?));
+                        normals = self.normals.get_or_make((), |_, _| true, find)?.0;
+                        Voxels::Samples(Source::new(volume, transfer, light, Some(&normals)))
+                    }
+                    _ => Voxels::Samples(Source::new(volume, transfer, light, None)),
+                };
+                Ok(Arc::new(Coarsening::new(volume, transfer, *level, voxels).emit(context, progress)?))
             })
         })
     }

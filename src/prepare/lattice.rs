@@ -1,8 +1,8 @@
 //! The lattices that a picture is drawn of: voxels, or the cells of levels that stand for voxels.
 
-use super::cells::VoxelLight;
 use super::scalar_cells::Coarse;
 use super::shadows::Shadows;
+use crate::gpu::splat::SplatLight;
 use crate::gpu::view::{ViewGeometry, Weights};
 use crate::kernel::{Kernel, Normalization};
 use crate::settings::Settings;
@@ -18,7 +18,7 @@ pub(crate) struct Lattice {
     /// The shadows on voxels; `None`: all light arrives.
     pub(crate) shadows: Option<Shadows>,
     /// The light on the voxels of cells; the cells are drawn unlit.
-    pub(crate) light: Option<VoxelLight>,
+    pub(crate) light: Option<SplatLight>,
     /// Cells of scalars, and the kernel and normalisation of their voxels.
     pub(crate) coarse: Option<(Coarse, Kernel, Normalization)>,
 }

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use glam::DAffine3;
 
-use super::cells::{self, VoxelLight};
+use super::cells;
 use super::drawable::{Held as Kept, PostShaded, PreShaded};
 use super::lattice::Lattice;
 use super::levels::ScalarNeed;
@@ -18,6 +18,7 @@ use crate::error::{Error, Result};
 use crate::gpu::cache::Cache;
 use crate::gpu::context::Context;
 use crate::gpu::light_volume::{LightVolume, PostShading};
+use crate::gpu::splat::SplatLight;
 use crate::gpu::store::Drawable;
 use crate::gpu::timing::on_host;
 use crate::gpu::transfer::{Reduction, TransferTable, VisibleValues};
@@ -250,7 +251,7 @@ impl Scene {
             return Ok(Lattice { view, settings, weights, level, shadows, light: None, coarse: None });
         }
         let grid = cells::grid_of(&self.grid, level)?;
-        let light = settings.lighting.as_ref().map(|lighting| VoxelLight {
+        let light = settings.lighting.as_ref().map(|lighting| SplatLight {
             lighting: voxels.lighting(Some(lighting)),
             lights: settings.light_count(),
             points: settings.has_point_lights(),

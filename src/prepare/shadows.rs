@@ -11,7 +11,6 @@ use crate::camera::clip::{Side, is_inside};
 use crate::error::Result;
 use crate::gpu::context::Context;
 use crate::gpu::layout::SHADED_WORDS;
-use crate::gpu::splat::{LANES, kept};
 use crate::gpu::store::{BrickSplats, HostBrick, MadeBrick, Row, Store, StoreBuilder, places};
 use crate::lighting::shadow::field::CLIPPED;
 use crate::lighting::shadow::{Arrival, ShadowLattice};
@@ -163,36 +162,39 @@ impl<'a> Places<'a> {
         self.stores.iter().zip(&self.held).flat_map(|(store, held)| store.bricks.iter().zip(held.iter())).collect()
     }
 
-    /// The splats of a row of the lattice that lie in some columns: their x, their words without the place, and the
-    /// words of the light that arrives.
-    pub(crate) fn row(
+    /// The bricks with splats in a row of the lattice, and of these `bricks` along it: the x of the first place of each,
+    /// and the row of the brick.
+    pub(crate) fn bricks_of_row(
         &self,
-        columns: Range<usize>,
+        bricks: Range<usize>,
         [y, z]: [usize; 2],
-    ) -> impl Iterator<Item = (usize, &[u32], [u32; 2])> {
+    ) -> impl Iterator<Item = (usize, &HostBrick, Row)> {
         let row = self.counts[0] * (y / EDGE + self.counts[1] * (z / EDGE));
         let is_within = y / EDGE < self.counts[1] && z / EDGE < self.counts[2];
-        let bricks = columns.start / EDGE..columns.end.div_ceil(EDGE).min(self.counts[0]);
-        bricks
-            .filter(move |_| is_within)
-            .flat_map(move |number| {
-                let brick = self.numbers[row + number].map(|[store, brick]| &self.held[store][brick]);
-                let splats = brick.into_iter().flat_map(move |brick| {
-                    let Row { bits, first } = brick.rows[y % EDGE + EDGE * (z % EDGE)];
-                    let words = brick.words[first as usize * brick.each..].chunks_exact(brick.each);
-                    let light = brick.light.get(first as usize..).unwrap_or_default().iter().copied();
-                    places(bits).zip(words).zip(light.chain(std::iter::repeat([u32::MAX; 2])))
-                });
-                splats.map(move |((x, words), light)| (number * EDGE + x, words, light))
-            })
-            .filter(move |(x, ..)| columns.contains(x))
+        let bricks = bricks.start..bricks.end.min(self.counts[0]);
+        bricks.filter(move |_| is_within).filter_map(move |number| {
+            let [store, brick] = self.numbers[row + number]?;
+            let brick = &self.held[store][brick];
+            let row = brick.rows[y % EDGE + EDGE * (z % EDGE)];
+            (row.bits != 0).then_some((number * EDGE, brick, row))
+        })
+    }
+
+    /// The splats of a row of the lattice that lie in some columns: their x, and their words without the place.
+    pub(crate) fn row(&self, columns: Range<usize>, place: [usize; 2]) -> impl Iterator<Item = (usize, &[u32])> {
+        let bricks = columns.start / EDGE..columns.end.div_ceil(EDGE);
+        let splats = self.bricks_of_row(bricks, place).flat_map(|(start, brick, Row { bits, first })| {
+            let words = brick.words[first as usize * brick.each..].chunks_exact(brick.each);
+            places(bits).zip(words).map(move |(x, words)| (start + x, words))
+        });
+        splats.filter(move |(x, _)| columns.contains(x))
     }
 
     /// The light that arrives at the splats. `density` gets the words of a splat without the place.
     pub(crate) fn arrival(&self, shadows: &Shadows, density: &(dyn Fn(&[u32]) -> f32 + Sync)) -> Result<Arrival> {
         let [low, size] = self.bounds;
         Arrival::new(&shadows.casting, &shadows.lattice, self.bounds, |[y, z], row| {
-            for (x, words, _) in self.row(low[0]..low[0] + size[0], [y, z]) {
+            for (x, words) in self.row(low[0]..low[0] + size[0], [y, z]) {
                 let casts = shadows.casts([x, y, z]);
                 row[x - low[0]] = if casts { density(words).max(CLIPPED) } else { CLIPPED };
             }
@@ -207,14 +209,4 @@ fn rows((brick, held): (&BrickSplats, &HostBrick)) -> impl Iterator<Item = (Row,
         let lowest = row.bits.trailing_zeros() as usize;
         (row, [x + lowest, y + number % EDGE, z + number / EDGE])
     })
-}
-
-/// The shares of light that arrive at [`LANES`] voxels of a row, given the splats of [`shaded`]; all light arrives at
-/// voxels without a splat.
-pub(crate) fn shares_at(shaded: &Places<'_>, [first, y, z]: [usize; 3]) -> [[f32; LANES]; 4] {
-    let (mut low, mut high) = ([u32::MAX; LANES], [u32::MAX; LANES]);
-    for (x, _, light) in shaded.row(first..first + LANES, [y, z]) {
-        [low[x - first], high[x - first]] = light;
-    }
-    kept(&low, &high)
 }

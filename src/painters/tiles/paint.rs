@@ -3,13 +3,14 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::axis::PrincipalAxis;
-use super::pack::{Lit, Packed, Packing, Voxel};
+use super::pack::{Packed, Packing, Voxel};
 use super::parts::{Footprint, Sections, SlabKind};
 use super::rays::{RaySetup, Rays, max_depth, parallel};
 use super::{Block, Canvas, MAX_RADIUS, MAX_SINGLE_RADIUS, RayKind, STRAIGHT, Tiles, TilesKey};
 use crate::error::Result;
 use crate::gpu::layout::{self, TILE};
 use crate::gpu::recorder::Recorder;
+use crate::gpu::splat::SplatLight;
 use crate::gpu::view::{ViewGeometry, Weights};
 use crate::image::Region;
 use crate::kernel::Kernel;
@@ -319,15 +320,20 @@ impl<'a> Picture<'a> {
     /// The splats as each axis reads them: packed for an earlier picture of the scene, or now.
     fn pack(&self, recorder: &mut Recorder<'_>, pipelines: &Tiles) -> Result<Vec<Arc<Packed>>> {
         let Job { view, settings, stores, weights, .. } = self.job;
-        let lit = Lit { lighting: &self.lighting, to_eye: view.to_eye(), points: settings.has_point_lights() };
+        let light = SplatLight {
+            lighting: self.lighting,
+            lights: settings.light_count(),
+            points: settings.has_point_lights(),
+            to_eye: view.to_eye(),
+        };
         let held = self.job.kept.get_or_make((), || Ok(Mutex::<Vec<Arc<Packed>>>::default()))?;
         let mut held = held.lock().unwrap_or_else(PoisonError::into_inner);
         // Drop unusable packings first, so that old and new are never in memory together. Colours under another light
         // are packed over, because textures that exist are not cleared first.
         let is_served = |packed: &Packed| self.axes.iter().any(|axis| self.serves(axis, packed));
-        let light = lit.on(self.voxel);
+        let packed_light = self.voxel.is_lit().then_some(&light);
         let served = held.drain(..).filter(|packed| is_served(packed));
-        let (reusable, spare): (Vec<_>, Vec<_>) = served.partition(|packed| packed.light == light);
+        let (reusable, spare): (Vec<_>, Vec<_>) = served.partition(|packed| packed.light.as_ref() == packed_light);
         let mut spare: Vec<Packed> = spare.into_iter().filter_map(Arc::into_inner).collect();
         let mut packed: Vec<Arc<Packed>> = Vec::new();
         for axis in &self.axes {
@@ -336,7 +342,14 @@ impl<'a> Picture<'a> {
                 Some(packed) => packed,
                 None => {
                     let over = spare.iter().position(|packed| self.serves(axis, packed)).map(|i| spare.swap_remove(i));
-                    Arc::new(axis.packing.pack(recorder, pipelines.packer.as_ref(), stores, &lit, weights.max, over)?)
+                    Arc::new(axis.packing.pack(
+                        recorder,
+                        pipelines.packer.as_ref(),
+                        stores,
+                        &light,
+                        weights.max,
+                        over,
+                    )?)
                 }
             });
         }

@@ -8,7 +8,7 @@ use half::f16;
 
 use super::axis::PrincipalAxis;
 use super::march::{find_runs, skip};
-use super::pack::{self, Lit, Packed, Packing, Voxel};
+use super::pack::{self, Packed, Packing, Voxel};
 use super::parts::{Footprint, Sections, SlabKind};
 use super::rays::{RaySetup, Rays};
 use super::resample::{ESTIMATES, FORMAT, IntermediateImage, Resampler};
@@ -20,7 +20,7 @@ use crate::gpu::layout::{self, Lighting, MACROCELL, MARGIN, Splat, TILE, packed_
 use crate::gpu::pipeline::{Binding, bind, compute, layout as group_layout, texture_view};
 use crate::gpu::recorder::Recorder;
 use crate::gpu::savings::Savings;
-use crate::gpu::splat::ToEye;
+use crate::gpu::splat::{SplatLight, ToEye};
 use crate::gpu::store::{BrickSplats, Splats, Store};
 use crate::gpu::twins_test as twins;
 use crate::gpu::view::{ViewGeometry, Weights};
@@ -276,9 +276,10 @@ fn packed_by(
     };
     let view = [[1.0, 0.1, -0.2], [0.0, 0.9, 0.3], [0.2, -0.3, 1.1]];
     let to_eye = ToEye { perspective, eye: [20.0, 3.0, -60.0], view };
-    let lit = Lit { lighting: &lighting, to_eye, points };
+    let lights = if let Voxel::Color { lights, .. } = voxel { lights } else { 0 };
+    let light = SplatLight { lighting, lights, points, to_eye };
     let mut recorder = Recorder::untimed(context);
-    let packed = packing.pack(&mut recorder, stage, &stores, &lit, max_weight, None).unwrap();
+    let packed = packing.pack(&mut recorder, stage, &stores, &light, max_weight, None).unwrap();
     recorder.submit();
     packed
 }

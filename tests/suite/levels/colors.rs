@@ -299,12 +299,23 @@ fn levels_that_cannot_be_are_refused() {
 #[test]
 fn the_same_bytes_whatever_was_drawn_before() {
     let (volume, transfer) = demo("shell", 40);
-    let scene = prepare_on(&RENDERER, &volume, &transfer, &auto()).unwrap();
+    let thinned = transfer.clone().with_gradient_opacity(vec![[0.0, 0.2], [40.0, 1.0]]).unwrap();
     let small = look(&View { azimuth: 20.0, ..View::default() }, &volume, [16; 2]);
+    let turned = look(&View { azimuth: 50.0, ..View::default() }, &volume, [16; 2]);
     let large = look(&View { azimuth: 20.0, ..View::default() }, &volume, [80; 2]);
     let layers = look(&deep(60.0), &volume, [40; 2]);
-    let draw = |camera| draw_on(&RENDERER, &scene, camera, &auto()).unwrap().image;
-    let first = [draw(&small), draw(&large), draw(&layers)];
-    assert!([draw(&small), draw(&large), draw(&layers)] == first);
-    assert!(errors(&first[0], &picture(&volume, &transfer, &small, &auto()).image) == (0.0, 0.0));
+    let shadowed = two_lights().map(|lighting| Lighting { shadows: 0.8, ..lighting });
+    for (transfer, lighting) in
+        [(&transfer, None), (&transfer, headlight()), (&thinned, two_lights()), (&transfer, shadowed)]
+    {
+        let settings = Settings { lighting, ..auto() };
+        let scene = prepare_on(&RENDERER, &volume, transfer, &settings).unwrap();
+        let draw = |camera| draw_on(&RENDERER, &scene, camera, &settings).unwrap().image;
+        let cameras = [&small, &turned, &large, &layers];
+        let first = cameras.map(draw);
+        assert!(cameras.map(draw) == first);
+        for (camera, first) in cameras.into_iter().zip(&first) {
+            assert!(errors(first, &picture(&volume, transfer, camera, &settings).image) == (0.0, 0.0));
+        }
+    }
 }

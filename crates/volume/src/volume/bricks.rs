@@ -121,8 +121,8 @@ impl Volume {
     }
 
     /// Calls `make` for each row of bricks along x with the row's number in y and in z, in parallel, and `take` with
-    /// the results in order, y fastest. Rows in flight hold about 8 MiB of samples, or one row per thread if
-    /// that is more.
+    /// the results in order, y fastest. Results wait of about 8 MiB of samples, or of four rows per thread if that is
+    /// more: rows take unequal times, and threads wait for the last of a group.
     ///
     /// # Errors
     /// The errors of `make` and `take`.
@@ -136,7 +136,7 @@ impl Volume {
         let edge = EDGE + 2 * halo;
         let bytes = edge * edge * self.grid().dims()[0] as usize * self.sample_type().size();
         let rows: Vec<usize> = (0..down * deep).collect();
-        for group in rows.chunks((READ / bytes).max(rayon::current_num_threads())) {
+        for group in rows.chunks((READ / bytes).max(4 * rayon::current_num_threads())) {
             let made: Vec<R> = group.par_iter().map(|&row| make(row % down, row / down)).collect::<Result<_, E>>()?;
             made.into_iter().try_for_each(&mut *take)?;
         }

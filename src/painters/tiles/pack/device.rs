@@ -4,13 +4,13 @@ use std::ops::Range;
 
 use bytemuck::Zeroable;
 
-use super::{Lit, Packing};
+use super::Packing;
 use crate::error::Result;
 use crate::gpu::context::Context;
 use crate::gpu::layout::Pack;
 use crate::gpu::pipeline::texture_view;
 use crate::gpu::recorder::Recorder;
-use crate::gpu::splat::ToEye;
+use crate::gpu::splat::{SplatLight, ToEye};
 use crate::gpu::store::Store;
 use crate::painters::stage::Stage;
 use crate::painters::tiles::axis::unordered;
@@ -101,14 +101,14 @@ impl Packing {
         recorder: &mut Recorder<'_>,
         stage: &Stage,
         (stores, Bands { runs, bands }): (&[Store], &Bands),
-        lit: &Lit<'_>,
+        light: &SplatLight,
         scale: f32,
         [volume, occupied]: &[wgpu::Texture; 2],
     ) -> Result<()> {
         let context = recorder.context;
         let uniform = wgpu::BufferUsages::UNIFORM;
         let [width, _] = self.size;
-        let ToEye { eye, view: [view_x, view_y, view_z], .. } = lit.to_eye;
+        let ToEye { eye, view: [view_x, view_y, view_z], .. } = light.to_eye;
         let common = Pack {
             low: unordered(self.axes, self.low),
             axes: self.axes.map(|axis| axis as u32),
@@ -126,7 +126,7 @@ impl Packing {
             ..Pack::zeroed()
         };
         let occupied = occupied.create_view(&wgpu::TextureViewDescriptor::default());
-        let lighting = context.upload("pack.lighting", bytemuck::bytes_of(lit.lighting), uniform)?;
+        let lighting = context.upload("pack.lighting", bytemuck::bytes_of(&light.lighting), uniform)?;
         let row_bytes = self.row_bytes();
         // One buffer serves all bands: the device orders what reads and writes it, so that nothing waits.
         let largest = bands.iter().map(|band| band.rows.len() as u64).max().unwrap_or_default();

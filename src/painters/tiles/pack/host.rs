@@ -5,12 +5,12 @@ use std::ops::Range;
 use bytemuck::Pod as Words;
 use rayon::prelude::*;
 
-use super::{Lit, Packing, Voxel};
+use super::{Packing, Voxel};
 use crate::error::Result;
 use crate::gpu::layout::{MACROCELL, MARGIN};
 use crate::gpu::recorder::Recorder;
-use crate::gpu::splat::{self, LANES};
-use crate::gpu::store::{BrickSplats, HostBrick, Row, Store, places};
+use crate::gpu::splat::{self, LANES, SplatLight, SplatRun};
+use crate::gpu::store::{BrickSplats, HostBrick, Store};
 use crate::painters::tiles::axis::unordered;
 use crate::volume::BRICK_EDGE as EDGE;
 use voxsplat_volume::memory::reserved;
@@ -22,40 +22,6 @@ const BAND: u64 = 4 << 20;
 /// that cache lines are read once.
 const ROWS: usize = 16;
 
-/// Splats of a row of a brick.
-struct Run<'a> {
-    /// Lattice points of the splats along x; arbitrary beyond the last.
-    xs: [u32; LANES],
-    y: u32,
-    z: u32,
-    /// Words of a splat without its place.
-    each: usize,
-    /// The words of the splats and of some that follow.
-    words: &'a [u32],
-    /// The light that arrives at these splats; empty: all of it.
-    light: &'a [[u32; 2]],
-}
-
-impl Run<'_> {
-    /// Word number `index` of each splat; 0 beyond the last.
-    fn column(&self, index: usize) -> [u32; LANES] {
-        let mut column = [0; LANES];
-        for (place, words) in column.iter_mut().zip(self.words.chunks_exact(self.each)) {
-            *place = words[index];
-        }
-        column
-    }
-
-    /// The words of the light that arrives at each splat.
-    fn kept(&self) -> [[u32; LANES]; 2] {
-        let mut kept = [[u32::MAX; LANES]; 2];
-        for (place, light) in self.light.iter().take(LANES).enumerate() {
-            (0..2).for_each(|word| kept[word][place] = light[word]);
-        }
-        kept
-    }
-}
-
 /// A brick with its splats.
 type Held<'a> = (BrickSplats, &'a HostBrick);
 
@@ -65,7 +31,7 @@ impl Packing {
         &self,
         recorder: &mut Recorder<'_>,
         stores: &[Store],
-        lit: &Lit<'_>,
+        light: &SplatLight,
         scale: f32,
         [volume, occupied]: &[wgpu::Texture; 2],
     ) -> Result<()> {
@@ -87,16 +53,8 @@ impl Packing {
                 }
                 splat::halves(&gradients, &scalars)
             }),
-            Voxel::Color { lights, shadows } => self.fill(recorder, volume, &bricks, |run| {
-                let (mut colors, densities) = splat::appearances(&run.column(0), &run.column(1));
-                if lights > 0 {
-                    let kept = shadows.then(|| run.kept()).map(|[low, high]| splat::kept(&low, &high));
-                    let to_eye = lit.to_eye.at(&run.xs, run.y, run.z);
-                    let lighting = lit.lighting;
-                    let places = lit.points.then(|| splat::places(lighting, &run.xs, run.y, run.z));
-                    let normals = splat::normals(&run.column(2));
-                    splat::light(lighting, lights, &mut colors, &normals, kept.as_ref(), places.as_ref(), &to_eye);
-                }
+            Voxel::Color { lights, .. } => self.fill(recorder, volume, &bricks, |run| {
+                let (mut colors, densities) = run.appearances((lights > 0).then_some(light));
                 let weights = densities.map(|density| density * scale);
                 for color in &mut colors {
                     color.iter_mut().zip(weights).for_each(|(c, weight)| *c *= weight);
@@ -112,7 +70,7 @@ impl Packing {
         recorder: &mut Recorder<'_>,
         volume: &wgpu::Texture,
         bricks: &[Held<'_>],
-        packed: impl Fn(&Run<'_>) -> [V; LANES] + Sync,
+        packed: impl Fn(&SplatRun<'_>) -> [V; LANES] + Sync,
     ) -> Result<()> {
         let context = recorder.context;
         let [width, height] = self.size;
@@ -189,7 +147,7 @@ impl Packing {
         first: usize,
         voxels: &mut [V],
         bricks: &[Held<'_>],
-        packed: &impl Fn(&Run<'_>) -> [V; LANES],
+        packed: &impl Fn(&SplatRun<'_>) -> [V; LANES],
     ) {
         let [across, down, deep] = self.dims.map(|n| n as usize);
         let row = 2 * self.size[0] as usize;
@@ -216,25 +174,10 @@ impl Packing {
                 let [x0, y0, z0] = brick.origin;
                 for z in zs {
                     for y in ys.clone() {
-                        let Row { bits, first } = held.rows[(y - y0) as usize + EDGE * (z - z0) as usize];
-                        let wanted = bits & mask;
-                        let mut rest = places(wanted).map(|x| x0 + x as u32);
-                        if wanted == 0 {
-                            continue;
-                        }
-                        let before = (bits & ((1 << wanted.trailing_zeros()) - 1)).count_ones();
-                        let number = (first + before) as usize;
-                        let words = &held.words[number * held.each..];
-                        let mut light = held.light.get(number..).unwrap_or_default();
+                        let row = held.rows[(y - y0) as usize + EDGE * (z - z0) as usize];
                         let at = |axis: usize, place: u32| (place - low[axis] - corner[axis]) as usize * steps[axis];
                         let line = start + at(1, y) + at(2, z);
-                        for words in words.chunks(held.each * LANES) {
-                            let mut run = Run { xs: [x0; LANES], y, z, each: held.each, words, light };
-                            light = light.get(LANES..).unwrap_or_default();
-                            let count = run.xs.iter_mut().zip(&mut rest).map(|(to, x)| *to = x).count();
-                            if count == 0 {
-                                break;
-                            }
+                        for (run, count) in held.runs(row, mask, [x0, y, z]) {
                             for (x, voxel) in run.xs.into_iter().zip(packed(&run)).take(count) {
                                 voxels[line + at(0, x)] = voxel;
                             }

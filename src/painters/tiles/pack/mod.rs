@@ -10,11 +10,11 @@ use std::ops::Range;
 
 use crate::error::Result;
 use crate::gpu::context::Context;
-use crate::gpu::layout::{Lighting, MACROCELL, MARGIN};
+use crate::gpu::layout::{MACROCELL, MARGIN};
 use crate::gpu::pipeline::Binding::{self, Read, Uniform, Write};
 use crate::gpu::recorder::Recorder;
 use crate::gpu::shaders;
-use crate::gpu::splat::ToEye;
+use crate::gpu::splat::SplatLight;
 use crate::gpu::store::Store;
 use crate::painters::stage::{Constant, Stage};
 
@@ -35,6 +35,11 @@ impl Voxel {
     /// Bytes of a texel, which holds two voxels.
     fn texel(self) -> u64 {
         if self == Self::Scalar { 8 } else { 16 }
+    }
+
+    /// Whether its colour depends on light.
+    pub(super) fn is_lit(self) -> bool {
+        matches!(self, Self::Color { lights: 1.., .. })
     }
 
     /// The binding of the texture that rays read.
@@ -175,34 +180,9 @@ pub(crate) struct Packed {
     /// Bytes on the device.
     pub(super) bytes: u64,
     /// The light on the voxels; `None`: their colours do not depend on light.
-    pub(super) light: Option<PackedLight>,
+    pub(super) light: Option<SplatLight>,
     /// The splats of each band; `None`: the host packs.
     bands: Option<Bands>,
-}
-
-/// The light on packed voxels.
-pub(super) struct Lit<'a> {
-    pub(super) lighting: &'a Lighting,
-    pub(super) to_eye: ToEye,
-    /// Some light is at a place.
-    pub(super) points: bool,
-}
-
-/// All that lit colours depend on besides the splats.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct PackedLight {
-    lighting: Vec<u8>,
-    to_eye: Option<ToEye>,
-}
-
-impl Lit<'_> {
-    /// The light on voxels of a kind; `None`: their colours do not depend on light.
-    pub(super) fn on(&self, voxel: Voxel) -> Option<PackedLight> {
-        let is_lit = matches!(voxel, Voxel::Color { lights: 1.., .. });
-        // Along parallel rays all voxels have one direction to the eye.
-        let to_eye = self.to_eye.perspective.then(|| self.to_eye.clone());
-        is_lit.then(|| PackedLight { lighting: bytemuck::bytes_of(self.lighting).to_vec(), to_eye })
-    }
 }
 
 /// The stage that packs on the device.
@@ -220,7 +200,7 @@ impl Packing {
         recorder: &mut Recorder<'_>,
         stage: Option<&Stage>,
         stores: &[Store],
-        lit: &Lit<'_>,
+        light: &SplatLight,
         max_weight: f64,
         over: Option<Packed>,
     ) -> Result<Packed> {
@@ -238,10 +218,10 @@ impl Packing {
         };
         match stage.zip(bands.as_ref()) {
             Some((stage, bands)) => {
-                self.fill_on_device(recorder, stage, (stores, bands), lit, scale as f32, &textures)?;
+                self.fill_on_device(recorder, stage, (stores, bands), light, scale as f32, &textures)?;
             }
             None => recorder
-                .on_host("pack", |recorder| self.fill_on_host(recorder, stores, lit, scale as f32, &textures))?,
+                .on_host("pack", |recorder| self.fill_on_host(recorder, stores, light, scale as f32, &textures))?,
         }
         let [volume, occupied] = textures.map(|texture| texture.create_view(&wgpu::TextureViewDescriptor::default()));
         let [width, height] = self.size.map(u64::from);
@@ -253,7 +233,7 @@ impl Packing {
             occupied,
             scale,
             bytes: width * height * self.voxel.texel() + macrocells * 4,
-            light: lit.on(self.voxel),
+            light: self.voxel.is_lit().then(|| light.clone()),
             bands,
         })
     }
