@@ -14,7 +14,13 @@ import nibabel
 import nrrd
 import numpy as np
 import pydicom
+from nibabel.brikhead import AFNIImage
+from nibabel.freesurfer.mghformat import MGHImage
+from nibabel.parrec import PARRECImage
 from pydicom.pixels import apply_color_lut
+
+# Images whose header always places them.
+PLACED = (AFNIImage, MGHImage, PARRECImage)
 
 warnings.simplefilter("ignore")
 
@@ -155,7 +161,10 @@ def nifti():
         volumes = values.reshape(dims + (-1,), order="F").transpose(3, 2, 1, 0)[:, None]
         affine, origin, spacing = None, None, image.header.get_zooms()[:3]
         header = image.header
-        if isinstance(image, nibabel.Nifti1Image | nibabel.Nifti1Pair) and (header["qform_code"] or header["sform_code"]):
+        is_placed = isinstance(image, PLACED)
+        if isinstance(image, nibabel.Nifti1Image | nibabel.Nifti1Pair):
+            is_placed = header["qform_code"] or header["sform_code"]
+        if is_placed:
             # From +x to the right and +y to the front to DICOM's axes.
             flipped = np.diag([-1, -1, 1]) @ image.affine[:3]
             affine, origin, spacing = flipped[:, :3].T, flipped[:, 3], None

@@ -77,7 +77,7 @@ def _of_nibabel(image: Any) -> Found:
         facts["length_unit"] = {"meter": "m", "mm": "mm", "micron": "µm"}.get(header.get_xyzt_units()[0])
     if "intent_code" in header:
         # Statistics, by the numbers of NIfTI; SPM states none.
-        units = {2: "r", 3: "t", 4: "F", 5: "z"}
+        units = {2: "r", 3: "t", 4: "F", 5: "z", 22: "p"}
         facts["value_unit"] = units.get(int(header["intent_code"]), "t" if description.startswith("SPM{T") else None)
     if "dim_info" in header:
         # Axes of frequency or phase, or an echo time as dcm2niix writes it.

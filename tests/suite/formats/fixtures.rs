@@ -1,7 +1,7 @@
 //! Every format, encoding and type gives the values of the reference implementations.
 //!
-//! tests/data/volumes/make.py, make_more.py, make_several.py and make_time.py write the files, and the values that
-//! nibabel, pynrrd, SimpleITK, NumPy, mrcfile, VTK, tifffile and pydicom read from them.
+//! tests/data/volumes/make.py, make_more.py, make_several.py, make_time.py and make_neuro.py write the files, and the
+//! values that nibabel, pynrrd, SimpleITK, NumPy, mrcfile, VTK, tifffile and pydicom read from them.
 
 use std::path::PathBuf;
 
@@ -29,6 +29,7 @@ fn expected() -> Vec<Expected> {
         |name: &str| -> Vec<Expected> { serde_json::from_str(&std::fs::read_to_string(path(name)).unwrap()).unwrap() };
     let mut all = table("expected.json");
     all.extend(table("expected-more.json"));
+    all.extend(table("expected-neuro.json"));
     all
 }
 
@@ -137,6 +138,7 @@ fn every_channel_at_every_time_is_read_as_by_the_reference_implementation() {
         |name: &str| -> Vec<Several> { serde_json::from_str(&std::fs::read_to_string(path(name)).unwrap()).unwrap() };
     let mut all = table("expected-several.json");
     all.extend(table("expected-time.json"));
+    all.extend(table("expected-neuro-times.json"));
     if cfg!(feature = "hdf5") {
         all.extend(table("expected-hdf5.json"));
     }
@@ -202,7 +204,7 @@ fn scales_and_fill_values_of_netcdf_are_applied() {
 fn a_data_set_is_chosen_by_its_path() {
     let error = format!("{:#}", load(path("two.h5"), &LoadOptions::default()).unwrap_err());
     assert!(error.contains("holds 2 data sets: /raw/first of 5 x 4 x 3, /raw/second of 5 x 4 x 3"), "{error}");
-    assert!(error.contains("FILE:/PATH"), "{error}");
+    assert!(error.contains("FILE:NAME"), "{error}");
     let error = load(format!("{}:/third", path("two.h5")), &LoadOptions::default()).unwrap_err().to_string();
     assert!(error.contains("has no data set \"/third\": there are /table of 4, /raw/first"), "{error}");
     let error = load(format!("{}:/a", path("raw-i16.nrrd")), &LoadOptions::default()).unwrap_err().to_string();

@@ -4,7 +4,7 @@ use std::io::Write;
 use std::path::Path;
 
 use voxsplat::error::InputError;
-use voxsplat::formats::{LoadOptions, load};
+use voxsplat::formats::{AxisOrder, LoadOptions, load};
 use voxsplat::volume::{SampleType, Samples};
 
 use crate::formats::fixtures::{folder_of, path};
@@ -91,6 +91,7 @@ fn options_for_bare_samples_are_refused_elsewhere() {
         ("sample_type", LoadOptions { sample_type: Some(SampleType::I16), ..LoadOptions::default() }),
         ("endian", LoadOptions { endian: Some("big".parse().unwrap()), ..LoadOptions::default() }),
         ("offset", LoadOptions { offset: 1, ..LoadOptions::default() }),
+        ("axis_order", LoadOptions { axis_order: Some(AxisOrder::Zyx), ..LoadOptions::default() }),
     ];
     for (name, options) in options {
         for source in [file.as_str(), "demo:sphere:8"] {
