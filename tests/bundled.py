@@ -16,11 +16,12 @@ import numpy as np
 import pydicom
 from nibabel.brikhead import AFNIImage
 from nibabel.freesurfer.mghformat import MGHImage
+from nibabel.minc1 import Minc1Image
 from nibabel.parrec import PARRECImage
 from pydicom.pixels import apply_color_lut
 
 # Images whose header always places them.
-PLACED = (AFNIImage, MGHImage, PARRECImage)
+PLACED = (AFNIImage, MGHImage, Minc1Image, PARRECImage)
 
 warnings.simplefilter("ignore")
 
@@ -157,6 +158,10 @@ def nifti():
         except Exception as error:
             print(f"{file}: {type(error).__name__}: {error}", file=sys.stderr)
             continue
+        matrix = image.affine
+        if isinstance(image, Minc1Image):
+            # Axes are in the order of the file: time, z, y, x.
+            values, matrix = values.T, matrix[:, [2, 1, 0, 3]]
         dims = values.shape[:3]
         volumes = values.reshape(dims + (-1,), order="F").transpose(3, 2, 1, 0)[:, None]
         affine, origin, spacing = None, None, image.header.get_zooms()[:3]
@@ -166,7 +171,7 @@ def nifti():
             is_placed = header["qform_code"] or header["sform_code"]
         if is_placed:
             # From +x to the right and +y to the front to DICOM's axes.
-            flipped = np.diag([-1, -1, 1]) @ image.affine[:3]
+            flipped = np.diag([-1, -1, 1]) @ matrix[:3]
             affine, origin, spacing = flipped[:, :3].T, flipped[:, 3], None
         line("nibabel", root, file, volumes, affine, origin, spacing)
 

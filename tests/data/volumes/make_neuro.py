@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""Writes archives of NumPy and the volumes of neuroimaging packages: FreeSurfer, AFNI and Philips. Beside them it writes
-expected-neuro.json and expected-neuro-times.json: what NumPy and nibabel read there.
+"""Writes archives of NumPy and the volumes of neuroimaging packages: FreeSurfer, AFNI, Philips and MINC. Beside them it
+writes expected-neuro.json, expected-neuro-times.json and expected-minc.json: what NumPy and nibabel read there.
 
-    pip install numpy==2.4.6 nibabel==5.4.2
+    pip install numpy==2.4.6 nibabel==5.4.2 h5py==3.16.0 scipy==1.17.1
     python make_neuro.py
 
 Samples are the samples of make.py, at several points in time the samples of make_several.py. Affines are 3 x 4, from
@@ -15,9 +15,11 @@ import os
 import time
 from pathlib import Path
 
+import h5py
 import nibabel as nib
 import numpy as np
 from nibabel.freesurfer.mghformat import MGHImage
+from scipy.io import netcdf_file
 
 os.chdir(Path(__file__).parent)
 DIMS = (3, 4, 5)
@@ -29,7 +31,7 @@ SPACING = np.array([0.75, 1.5, 3.0])
 ORIGIN = np.array([10.0, -20.0, 30.5])
 AFFINE = np.vstack([np.column_stack([ROTATION * SPACING, ORIGIN]), [0, 0, 0, 1]])
 
-expected, times = [], []
+expected, times, minc = [], [], []
 
 
 def samples(name, t=0):
@@ -158,6 +160,74 @@ philips("raw-u16.PAR", "u16", samples("u16")[..., None], "V4", range(5))
 philips("times-u16.PAR", "u16", series("u16")[..., :2], "V4.2", [2 * (4 - z) + t for t in range(2) for z in range(5)])
 
 
+# --- MINC ---------------------------------------------------------------------------------------------------------
+
+# Axes that are oblique, one of which runs backwards.
+STEPS, STARTS = SPACING * [1, -1, 1], ROTATION.T @ ORIGIN
+
+
+def axes_of_minc(add):
+    for a, name in enumerate(["xspace", "yspace", "zspace"]):
+        add(name, dict(start=STARTS[a], step=STEPS[a], direction_cosines=ROTATION[:, a], units=b"mm", spacing=b"regular__"))
+
+
+def minc1(file, name, low, high, scaled, **attributes):
+    """`low` and `high` are values of the ends of the valid range, along the axes `scaled`."""
+    with netcdf_file(file, "w") as out:
+        for axis, size in zip(["xspace", "yspace", "zspace"], DIMS):
+            out.createDimension(axis, size)
+
+        def variable(title, kind, along, values, stated):
+            found = out.createVariable(title, kind, along)
+            found[...] = values
+            for key, value in stated.items():
+                setattr(found, key, value)
+
+        axes_of_minc(lambda title, stated: variable(title, "i", (), 0, stated))
+        kind = {"u8": "b", "i16": "h"}[name]
+        values = samples(name).T
+        variable("image", kind, ("zspace", "yspace", "xspace"), values.astype(np.int8 if name == "u8" else np.int16), attributes)
+        variable("image-min", "d", scaled, low, {})
+        variable("image-max", "d", scaled, high, {})
+    return nib.load(file)
+
+
+def minc2(file, name, low, high, valid):
+    with h5py.File(file, "w", track_order=False) as out:
+        def dimension(title, stated):
+            found = out.create_dataset(f"minc-2.0/dimensions/{title}", data=0)
+            for key, value in stated.items():
+                found.attrs[key] = np.bytes_(value) if isinstance(value, bytes) else value
+
+        axes_of_minc(dimension)
+        image = out.create_dataset("minc-2.0/image/0/image", data=samples(name).T, compression="gzip")
+        image.attrs["dimorder"] = np.bytes_("zspace,yspace,xspace")
+        image.attrs["valid_range"] = np.array(valid, float)
+        for title, value in [("image-min", low), ("image-max", high)]:
+            out.create_dataset(f"minc-2.0/image/0/{title}", data=float(value))
+    return nib.load(file)
+
+
+def check_minc(file, name, image, low, high, valid):
+    slope = (high - low) / (valid[1] - valid[0])
+    intercept = low - valid[0] * slope
+    assert np.allclose(np.asanyarray(image.dataobj), samples(name).T * slope + intercept), file
+    # Axes of nibabel are in the order of the file: z, y, x.
+    affine = (FLIP @ image.affine[:3])[:, [2, 1, 0, 3]]
+    minc.append(dict(file=file, type=name, affine=affine.tolist(), oriented=True, slope=slope, intercept=intercept, unit="mm"))
+
+
+check_minc("minc1-i16.mnc", "i16", minc1("minc1-i16.mnc", "i16", -3.0, 5.5, (), signtype=b"signed__"), -3.0, 5.5,
+           [-32768, 32767])
+check_minc("minc2-u8.mnc", "u8", minc2("minc2-u8.mnc", "u8", 0.25, 4.0, [1, 250]), 0.25, 4.0, [1, 250])
+# Sections with ranges of their own, and integers beyond the valid range, which a separate test reads.
+low, high = -np.arange(5.0), np.arange(5.0) + 1
+image = minc1("sections-u8.mnc", "u8", low, high, ("zspace",), valid_range=np.array([20.0, 150.0]), signtype=b"unsigned")
+slopes = (high - low) / 130
+values = np.clip(samples("u8").T, 20, 150) * slopes[:, None, None] + (low - 20 * slopes)[:, None, None]
+assert np.allclose(np.asanyarray(image.dataobj), values)
+
+
 def table(file, entries):
     lines = ",\n".join(json.dumps(e, ensure_ascii=False) for e in sorted(entries, key=lambda e: e["file"]))
     Path(file).write_text(f"[\n{lines}\n]\n")
@@ -165,3 +235,4 @@ def table(file, entries):
 
 table("expected-neuro.json", expected)
 table("expected-neuro-times.json", times)
+table("expected-minc.json", minc)

@@ -30,6 +30,9 @@ fn expected() -> Vec<Expected> {
     let mut all = table("expected.json");
     all.extend(table("expected-more.json"));
     all.extend(table("expected-neuro.json"));
+    if cfg!(feature = "hdf5") {
+        all.extend(table("expected-minc.json"));
+    }
     all
 }
 
@@ -197,6 +200,45 @@ fn scales_and_fill_values_of_netcdf_are_applied() {
     let values = volume.in_memory().unwrap();
     assert_eq!(values.value(0), 0.0);
     assert!((1..60).all(|n| values.value(n) == f64::from(stored[n]) * 0.5 + 273.0));
+}
+
+#[cfg(feature = "hdf5")]
+#[test]
+fn sections_of_minc_have_ranges_of_their_own() {
+    let volume = read("sections-u8.mnc");
+    let Samples::U8(stored) = samples("u8") else { panic!() };
+    let value = |(n, sample): (usize, &u8)| {
+        let [low, high] = [-(n as f64 / 12.0).floor(), (n as f64 / 12.0).floor() + 1.0];
+        let slope = (high - low) / 130.0;
+        (slope * f64::from(*sample).clamp(20.0, 150.0) + (low - 20.0 * slope)) as f32
+    };
+    let expected = stored.iter().enumerate().map(value).collect();
+    assert_eq!(volume.in_memory().unwrap().samples(), &Samples::F32(expected));
+    assert_eq!(volume.rescale(), (1.0, 0.0));
+    // The integers themselves are a data set like any other.
+    let integers = load(format!("{}:/image-max", path("sections-u8.mnc")), &LoadOptions::default()).unwrap();
+    assert_eq!(integers.grid().dims(), [5, 1, 1]);
+}
+
+#[cfg(feature = "hdf5")]
+#[test]
+fn broken_minc_files_say_what_is_wrong() {
+    let folder = tempfile::tempdir().unwrap();
+    let whole = std::fs::read(path("minc1-i16.mnc")).unwrap();
+    let refused = |from: &[u8], to: &[u8], words: &str| {
+        let mut bytes = whole.clone();
+        let at = bytes.windows(from.len()).position(|window| window == from).unwrap();
+        bytes[at..at + to.len()].copy_from_slice(to);
+        let file = folder.path().join("a.mnc");
+        std::fs::write(&file, bytes).unwrap();
+        let error = load(&file, &LoadOptions::default()).unwrap_err().to_string();
+        assert!(error.contains(words), "{words}: {error}");
+    };
+    refused(b"regular__", b"irregular", "has sections at irregular distances along");
+    refused(b"zspace", b"zspice", "has the axis \"zspice\", expected xspace, yspace, zspace");
+    refused(b"zspace", b"yspace", "has the axis yspace twice");
+    refused(&5.5_f64.to_be_bytes(), &f64::NAN.to_be_bytes(), "image-max has 1 numbers, expected [] that are finite");
+    refused(&0.75_f64.to_be_bytes(), &f64::NAN.to_be_bytes(), "spacing of axis 1 is NaN");
 }
 
 #[cfg(feature = "hdf5")]

@@ -73,7 +73,7 @@ pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
     let sign = header.other_order(grid.dims()).filter(|_| options.axis_order.is_none());
     contents.notes.extend(sign.map(|sign| {
         let shape = header.shape_text();
-        format!("the array of shape {shape} is read as (z, y, x), but {sign}: axis order xyz reads it as (x, y, z)")
+        format!("using axis order zyx for the array of shape {shape}, but {sign} (the other choice: axis order xyz)")
     }));
 
     let endian = match header.descr.as_bytes().first() {

@@ -222,7 +222,7 @@ mod tests {
         let (dims, _, note) = read("True", None);
         assert_eq!(dims, [4, 3, 2]);
         assert!(
-            note.starts_with("the array of shape (2, 3, 4) is read as (z, y, x), but it is in Fortran order"),
+            note.starts_with("using axis order zyx for the array of shape (2, 3, 4), but it is in Fortran order"),
             "{note}"
         );
     }
@@ -233,7 +233,9 @@ mod tests {
             let file = archive(&[("a.npy", array(shape, 200, "False"), true)], false);
             loaded(&file, "", &LoadOptions::default()).unwrap().contents().notes.join(";")
         };
-        assert!(note("(10, 10, 2)").contains("its last axis is short, as slices are: axis order xyz"));
+        assert!(
+            note("(10, 10, 2)").contains("its last axis is short, as slices are (the other choice: axis order xyz)")
+        );
         assert_eq!(note("(2, 10, 10)"), "");
         assert_eq!(note("(5, 4, 10)"), "");
         assert_eq!(note("(5, 5, 8)"), "");

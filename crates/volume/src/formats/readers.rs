@@ -210,7 +210,7 @@ pub static FORMATS: [Format; 15] = [
     },
     Format {
         name: "HDF5 or NetCDF",
-        description: "FILE:/SET, MATLAB's .mat of version 7.3 too",
+        description: "FILE:/SET; MATLAB's .mat of version 7.3 and MINC too",
         feature: Some("hdf5"),
         has_sets: true,
         begins: |head| {
