@@ -61,7 +61,9 @@ def found_in(data: Any) -> Found:
 def _of_nibabel(image: Any) -> Found:
     header, proxy = image.header, image.dataobj
     slope, intercept = 1.0, 0.0
-    if hasattr(proxy, "get_unscaled"):
+    # Volumes of AFNI and Philips have several factors, which nibabel applies.
+    has_one_map = hasattr(proxy, "slope") and getattr(proxy, "scaling", None) is None
+    if has_one_map:
         array = proxy.get_unscaled()
         slope, intercept = float(proxy.slope), float(proxy.inter)
     else:
