@@ -285,6 +285,8 @@ mod tests {
         refused(&changed(entry + 28, &[255]), "its directory does not list its members");
         refused(&changed(end + 10, &[2]), "its directory does not list its members");
         refused(&changed(end + 12, &[255, 255, 255]), "does not precede its end");
+        let escape = archive(&[("\x1b[2J\na.npy", array("(2, 3, 40)", 24, "False"), true)], false);
+        refused(&escape, "a.npz:[2Ja: is cut short");
         let claims = archive(&[("a.npy", array("(60000, 60000, 60000)", 24, "False"), true)], false);
         refused(&claims, "216000000000000 bytes");
         let none = archive(&[("a.npy", array("(3,)", 3, "False"), true)], false);

@@ -13,6 +13,7 @@ use flate2::bufread::DeflateDecoder;
 
 use super::fields::Fields;
 use super::input::{Input, MAX_EXPANSION, Unpacked, buffered};
+use super::placement::plain_name;
 use crate::error::{Damage, Error, Result, Subject, refuse, refuse_if};
 use crate::volume::Endian;
 
@@ -75,7 +76,7 @@ impl Archive {
     pub(super) fn member(&self, member: &Member, unpacked: Option<Arc<Unpacked>>) -> Result<Input> {
         let Member { name, at, packed, size, .. } = member;
         let mut path = self.path.clone().into_os_string();
-        path.push(format!(":{}", name.strip_suffix(".npy").unwrap_or(name)));
+        path.push(format!(":{}", plain_name(name.strip_suffix(".npy").unwrap_or(name)).unwrap_or_default()));
         let path = PathBuf::from(path);
         let header = read_at(&path, &self.file, *at, LOCAL)?;
         refuse_if!(!header.starts_with(MAGIC), path, "is damaged: the directory leads to no member at byte {at}");
