@@ -124,6 +124,8 @@ pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
 
 impl Header {
     fn read(input: &mut Input) -> Result<Self> {
+        let is_header = is_afni(&input.peek(80)?);
+        refuse_if!(!is_header, input, "is not an AFNI header: it does not begin with the type of an attribute");
         let mut attributes = HashMap::new();
         // The fields of an attribute are its type, its name, its number of values and the values, then a blank line.
         let (mut name, mut fields, mut text) = (String::new(), 0, String::new());

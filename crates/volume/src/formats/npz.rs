@@ -63,8 +63,9 @@ pub(super) fn read(input: Input, inside: Option<&str>, options: &LoadOptions) ->
             return npy::read(open(member)?, options);
         }
     }
-    let arrays = members.map(|member| Ok(Array { member, header: npy::header(open(member)?)? }));
-    let arrays = arrays.collect::<Result<Vec<Array<'_>>>>()?;
+    // Of headers nothing is kept: to keep a member is to decompress all of it.
+    let array = |member| Ok(Array { member, header: npy::header(archive.member(member, None)?)? });
+    let arrays = members.map(array).collect::<Result<Vec<Array<'_>>>>()?;
     let of = |least: usize| arrays.iter().filter(|array| array.axes() >= least).collect::<Vec<_>>();
     let listed = |arrays: &[&Array<'_>]| {
         let mut texts: Vec<String> = arrays.iter().take(MAX_LISTED).map(|array| array.text()).collect();

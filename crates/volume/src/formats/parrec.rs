@@ -179,6 +179,8 @@ fn mapped(samples: &Samples, maps: impl Iterator<Item = (f64, f64)>, section: us
 
 impl Header {
     fn read(input: &mut Input) -> Result<Self> {
+        let is_header = is_parrec(&input.peek(80)?);
+        refuse_if!(!is_header, input, "is not a Philips header: it does not begin with DATA DESCRIPTION FILE");
         let (mut fields, mut sections) = (HashMap::new(), Vec::new());
         while let Some(line) = input.line()? {
             let line = line.trim_matches(|c: char| c.is_whitespace() || c == '\u{feff}');
@@ -403,6 +405,8 @@ mod tests {
         }
         let unlike = table(&[("1", "2"), ("2", "2")]).replacen(" 0.5 0.25", " 0.5 0.5", 1);
         assert!(loaded(&unlike, 4, 0).unwrap_err().to_string().contains("section 2 differs from the first one"));
+        let other = loaded("PAR2", 4, 0).unwrap_err().to_string();
+        assert!(other.ends_with("is not a Philips header: it does not begin with DATA DESCRIPTION FILE"), "{other}");
         assert!(loaded(FIELDS, 4, 0).unwrap_err().to_string().contains("has no table of sections"));
         let short = loaded(&whole, 3, 0).unwrap_err().to_string();
         assert!(short.contains("4 samples need 8 bytes, 6 are there"), "{short}");
