@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use voxsplat::appearance::suggest;
 use voxsplat::error::{Error, InputError, Result};
-use voxsplat::formats::{LoadOptions, MissingSlices, PyramidLevel, TimeSeries, load};
+use voxsplat::formats::{AxisOrder, LoadOptions, MissingSlices, PyramidLevel, TimeSeries, load};
 use voxsplat::image::Image;
 use voxsplat::transfer::presets::{self, PresetValues};
 use voxsplat::transfer::{Imported, TransferFunction, Window};
@@ -32,13 +32,17 @@ pub const TARGETS: &[(&str, Target, &[&str])] = &[
     ("nifti", |place, bytes| place.volume("fuzzed.nii", bytes), &[".nii", ".nii.gz", ".hdr", ".hdr.gz"]),
     ("metaimage", |place, bytes| place.volume("fuzzed.mha", bytes), &[".mha", ".mhd"]),
     ("npy", |place, bytes| place.volume("fuzzed.npy", bytes), &[".npy", ".npy.gz"]),
+    ("npz", |place, bytes| place.volume("fuzzed.npz", bytes), &[".npz"]),
+    ("mgh", |place, bytes| place.volume("fuzzed.mgh", bytes), &[".mgh", ".mgz"]),
+    ("afni", |place, bytes| place.volume("fuzzed.HEAD", bytes), &[".HEAD"]),
+    ("philips", |place, bytes| place.volume("fuzzed.PAR", bytes), &[".PAR"]),
     ("mrc", |place, bytes| place.volume("fuzzed.mrc", bytes), &[".mrc", ".map", ".ccp4", ".mrc.gz"]),
     ("vti", |place, bytes| place.volume("fuzzed.vti", bytes), &[".vti"]),
     ("vtk", |place, bytes| place.volume("fuzzed.vtk", bytes), &[".vtk"]),
     ("tiff", |place, bytes| place.volume("fuzzed.tif", bytes), &[".tif", ".tiff"]),
     ("dicom", |place, bytes| place.volume("fuzzed.dcm", bytes), &[".dcm"]),
     #[cfg(feature = "hdf5")]
-    ("hdf5", |place, bytes| place.volume("fuzzed.h5", bytes), &[".h5", ".nc", ".mat"]),
+    ("hdf5", |place, bytes| place.volume("fuzzed.h5", bytes), &[".h5", ".nc", ".mat", ".mnc"]),
     ("zarr", Place::zarr, &[]),
     ("raw", Place::raw, &[".raw", ".img", ".raw.gz"]),
     ("data", Place::data, &[".raw.gz", ".zraw", ".z", ".raw"]),
@@ -63,8 +67,10 @@ impl Place {
             let entry = entry?;
             std::fs::copy(entry.path(), folder.join(entry.file_name()))?;
         }
-        // The file of samples of a header.
-        std::fs::copy(fixtures.join("pair-i16.img"), folder.join("fuzzed.img"))?;
+        // The files of samples of headers.
+        for (from, to) in [("pair-i16.img", "img"), ("scaled-i16+orig.BRIK", "BRIK"), ("raw-u16.REC", "REC")] {
+            std::fs::copy(fixtures.join(from), folder.join(format!("fuzzed.{to}")))?;
+        }
         for (name, header) in HEADERS {
             let field = if name.ends_with(".mhd") { "ElementDataFile = " } else { "data file: " };
             std::fs::write(folder.join(format!("fuzzed-{name}")), format!("{header}{field}fuzzed.data\n"))?;
@@ -119,6 +125,7 @@ impl Place {
             sample_type: Some(SampleType::ALL[usize::from(kind) % SampleType::ALL.len()]),
             endian: Some(if order & 1 == 0 { Endian::Little } else { Endian::Big }),
             offset: u64::from(skip).saturating_pow(u32::from(order >> 4)),
+            axis_order: (order & 4 != 0).then_some(AxisOrder::Xyz),
             spacing: (order & 2 == 0).then(|| std::array::from_fn(|a| 10_f64.powi(i32::from(options[8 + a]) - 128))),
             replace_nan: (replace & 1 == 0).then(|| 10_f64.powi(i32::from(replace) - 128)),
             time: None,

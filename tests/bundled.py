@@ -14,7 +14,14 @@ import nibabel
 import nrrd
 import numpy as np
 import pydicom
+from nibabel.brikhead import AFNIImage
+from nibabel.freesurfer.mghformat import MGHImage
+from nibabel.minc1 import Minc1Image
+from nibabel.parrec import PARRECImage
 from pydicom.pixels import apply_color_lut
+
+# Images whose header always places them.
+PLACED = (AFNIImage, MGHImage, Minc1Image, PARRECImage)
 
 warnings.simplefilter("ignore")
 
@@ -151,13 +158,20 @@ def nifti():
         except Exception as error:
             print(f"{file}: {type(error).__name__}: {error}", file=sys.stderr)
             continue
+        matrix = image.affine
+        if isinstance(image, Minc1Image):
+            # Axes are in the order of the file: time, z, y, x.
+            values, matrix = values.T, matrix[:, [2, 1, 0, 3]]
         dims = values.shape[:3]
         volumes = values.reshape(dims + (-1,), order="F").transpose(3, 2, 1, 0)[:, None]
         affine, origin, spacing = None, None, image.header.get_zooms()[:3]
         header = image.header
-        if isinstance(image, nibabel.Nifti1Image | nibabel.Nifti1Pair) and (header["qform_code"] or header["sform_code"]):
+        is_placed = isinstance(image, PLACED)
+        if isinstance(image, nibabel.Nifti1Image | nibabel.Nifti1Pair):
+            is_placed = header["qform_code"] or header["sform_code"]
+        if is_placed:
             # From +x to the right and +y to the front to DICOM's axes.
-            flipped = np.diag([-1, -1, 1]) @ image.affine[:3]
+            flipped = np.diag([-1, -1, 1]) @ matrix[:3]
             affine, origin, spacing = flipped[:, :3].T, flipped[:, 3], None
         line("nibabel", root, file, volumes, affine, origin, spacing)
 

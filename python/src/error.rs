@@ -59,6 +59,7 @@ pub(crate) fn internal(message: &str) -> PyErr {
 fn keyword(setting: &str) -> String {
     match setting {
         "lighting" => "light".to_owned(),
+        "axis_order" => "axes".to_owned(),
         other => other.replace('-', "_"),
     }
 }
@@ -73,7 +74,7 @@ fn remedy(hint: Hint) -> String {
         Hint::ChooseSeries => "choose one with series=N".to_owned(),
         Hint::InterpolateSlices => "fill them in with missing_slices=\"interpolate\"".to_owned(),
         Hint::ChooseChannel => "choose one with channel=N".to_owned(),
-        Hint::ChooseDataset => "give one as \"FILE:/PATH/OF/SET\"".to_owned(),
+        Hint::ChooseDataset => "give one as \"FILE:NAME\"".to_owned(),
         other => other.to_string(),
     }
 }

@@ -55,6 +55,7 @@ struct FileFacts {
     dtype: Option<String>,
     endian: Option<String>,
     offset: u64,
+    axis_order: Option<String>,
     spacing: Option<[f64; 3]>,
     replace_nan: Option<f64>,
     time: Option<u32>,
@@ -85,6 +86,7 @@ impl Volume {
                 spacing: facts.spacing,
                 endian: facts.endian.as_deref().map(str::parse).transpose()?,
                 offset: facts.offset,
+                axis_order: facts.axis_order.as_deref().map(str::parse).transpose()?,
                 replace_nan: facts.replace_nan,
                 time: facts.time,
                 channel: facts.channel,
@@ -209,7 +211,8 @@ pub(crate) fn affine(rows: &[[f64; 4]; 3]) -> DAffine3 {
 fn with_facts(volume: voxsplat::Volume, facts: &Facts) -> Result<voxsplat::Volume> {
     let to_world = affine(&facts.affine);
     let units = Units { length: facts.length_unit.clone(), value: facts.value_unit.clone() };
-    let origin = Origin { modality: facts.modality.clone(), description: facts.description.clone() };
+    let (modality, description) = (facts.modality.clone(), facts.description.clone());
+    let origin = Origin { modality, description, intent: None };
     let grid = Grid::new(volume.grid().dims(), to_world)?;
     let mut volume = volume.with_grid(grid)?.with_rescale(facts.slope, facts.intercept)?.with_units(units);
     volume = volume.with_contents(Contents { origin, ..Contents::default() });

@@ -56,6 +56,30 @@ def test_one_scan_by_many_roads_is_one_picture(scan: Path, expected: np.ndarray)
         assert np.abs(picture(close) - expected).max() < 1e-3
 
 
+def test_files_of_numpy_take_the_order_of_their_axes(tmp_path: Path) -> None:
+    array = samples()
+    np.savez_compressed(tmp_path / "a.npz", scan=array.T, spacing=[1.0, 1.0, 1.0])
+    expected = picture(array)
+    assert np.array_equal(picture(tmp_path / "a.npz", axes="xyz"), expected)
+    assert np.array_equal(picture(f"{tmp_path / 'a.npz'}:scan", axes="xyz"), expected)
+    array.T.copy().tofile(tmp_path / "a.raw")
+    facts = {"dims": array.shape[::-1], "dtype": array.dtype}
+    assert np.array_equal(picture(tmp_path / "a.raw", axes="xyz", **facts), expected)
+    with pytest.raises(ValueError, match="axes: \"yxz\", expected zyx or xyz"):
+        picture(tmp_path / "a.npz", axes="yxz")
+
+
+def test_images_of_nibabel_with_factors_are_scaled(tmp_path: Path) -> None:
+    import nibabel
+
+    fixtures = Path(__file__).parents[2] / "tests" / "data" / "volumes"
+    for name in ("scaled-i16+orig.HEAD", "raw-u16.PAR"):
+        info = vs.Volume(nibabel.load(fixtures / name)).info()
+        of_file = vs.Volume(fixtures / name).info()
+        assert info["affine"] == pytest.approx(np.array(of_file["affine"]))
+        assert (info["min"], info["max"]) == pytest.approx((of_file["min"], of_file["max"]))
+
+
 def test_choices_for_nibabel_and_simpleitk_are_those_for_the_file(scan: Path) -> None:
     import nibabel
     import SimpleITK

@@ -42,7 +42,7 @@ def volume_of(
         return data
     path = _path(data)
     if path is not None:
-        given = {"origin": origin, "axes": axes, "affine": affine, "space": space, "units": units, "modality": modality}
+        given = {"origin": origin, "affine": affine, "space": space, "units": units, "modality": modality}
         _refuse(given, "for arrays, and the volume is a file")
         return _native.Volume.of_file(
             path,
@@ -51,6 +51,7 @@ def volume_of(
                 "dtype": None if dtype is None else (dtype if isinstance(dtype, str) else np.dtype(dtype).name),
                 "endian": endian,
                 "offset": offset,
+                "axis_order": axes,
                 # Files are described in the order x, y, z everywhere; Python in the order of the shape.
                 "spacing": None if spacing is None else _numbers("spacing", spacing)[::-1],
                 "replace_nan": replace_nan,

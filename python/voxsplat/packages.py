@@ -60,8 +60,12 @@ def found_in(data: Any) -> Found:
 
 def _of_nibabel(image: Any) -> Found:
     header, proxy = image.header, image.dataobj
+    # Headers of AFNI, Philips and MINC have no fields by name.
+    fields = header if hasattr(header, "__getitem__") else {}
     slope, intercept = 1.0, 0.0
-    if hasattr(proxy, "get_unscaled"):
+    # Volumes of AFNI and Philips have several factors, which nibabel applies.
+    has_one_map = hasattr(proxy, "slope") and getattr(proxy, "scaling", None) is None
+    if has_one_map:
         array = proxy.get_unscaled()
         slope, intercept = float(proxy.slope), float(proxy.inter)
     else:
@@ -69,20 +73,20 @@ def _of_nibabel(image: Any) -> Found:
     array = np.asarray(array)
     while array.ndim > 3 and array.shape[-1] == 1:
         array = array[..., 0]
-    forms = [int(header[form]) for form in ("sform_code", "qform_code") if form in header]
+    forms = [int(fields[form]) for form in ("sform_code", "qform_code") if form in fields]
     facts: dict[str, Any] = {"slope": slope, "intercept": intercept, "oriented": any(forms) if forms else True}
-    description = _text(header, "descrip")
+    description = _text(fields, "descrip")
     facts["description"] = description or None
     if hasattr(header, "get_xyzt_units"):
         facts["length_unit"] = {"meter": "m", "mm": "mm", "micron": "µm"}.get(header.get_xyzt_units()[0])
-    if "intent_code" in header:
+    if "intent_code" in fields:
         # Statistics, by the numbers of NIfTI; SPM states none.
-        units = {2: "r", 3: "t", 4: "F", 5: "z"}
-        facts["value_unit"] = units.get(int(header["intent_code"]), "t" if description.startswith("SPM{T") else None)
-    if "dim_info" in header:
+        units = {2: "r", 3: "t", 4: "F", 5: "z", 22: "p"}
+        facts["value_unit"] = units.get(int(fields["intent_code"]), "t" if description.startswith("SPM{T") else None)
+    if "dim_info" in fields:
         # Axes of frequency or phase, or an echo time as dcm2niix writes it.
         has_echo = any(field.strip().startswith("TE=") for field in description.split(";"))
-        facts["modality"] = "MR" if int(header["dim_info"]) & 15 or has_echo else None
+        facts["modality"] = "MR" if int(fields["dim_info"]) & 15 or has_echo else None
     return Found(array, axes="xyz", affine=TO_LPS @ np.asarray(image.affine, dtype=np.float64), **facts)
 
 

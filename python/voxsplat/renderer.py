@@ -33,7 +33,8 @@ class Volume:
     origin
         World point (x, y, z) of the first sample.
     axes
-        The axes of the array: ``"zyx"`` by default, ``"xyz"`` for arrays that nibabel indexes.
+        The axes of the array: ``"zyx"`` by default, ``"xyz"`` for arrays that nibabel indexes. Files of NumPy and of
+        bare samples take it too.
     affine
         4 x 4 numbers, from (x, y, z) indices to the world, in place of spacing and origin.
     space

@@ -56,6 +56,8 @@ struct Info {
     /// The method that made the values, as the file states it.
     modality: Option<String>,
     description: Option<String>,
+    /// The meaning of the values, as the file states it.
+    intent: Option<String>,
     /// The number of time points of the file.
     times: u32,
     /// The time point that is described.
@@ -195,6 +197,7 @@ impl Info {
             guess,
             modality: contents.origin.modality.clone(),
             description: contents.origin.description.clone(),
+            intent: contents.origin.intent.clone(),
             times: contents.times,
             time: contents.time,
             levels: contents.levels,
@@ -232,6 +235,9 @@ impl Info {
         let origin: Vec<&str> = [&self.modality, &self.description].into_iter().flatten().map(String::as_str).collect();
         if !origin.is_empty() {
             line("origin", origin.join(", "));
+        }
+        if let Some(intent) = &self.intent {
+            line("intent", intent.clone());
         }
         line("spacing", by(&self.spacing));
         for note in &self.notes {

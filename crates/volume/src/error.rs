@@ -99,7 +99,7 @@ impl fmt::Display for Hint {
             Self::ChooseSeries => "set LoadOptions::series",
             Self::InterpolateSlices => "set LoadOptions::missing_slices",
             Self::ChooseChannel => "set LoadOptions::channel",
-            Self::ChooseDataset => "load FILE:/PATH/OF/SET",
+            Self::ChooseDataset => "load FILE:NAME",
         })
     }
 }

@@ -1,7 +1,7 @@
 //! Every format, encoding and type gives the values of the reference implementations.
 //!
-//! tests/data/volumes/make.py, make_more.py, make_several.py and make_time.py write the files, and the values that
-//! nibabel, pynrrd, SimpleITK, NumPy, mrcfile, VTK, tifffile and pydicom read from them.
+//! tests/data/volumes/make.py, make_more.py, make_several.py, make_time.py and make_neuro.py write the files, and the
+//! values that nibabel, pynrrd, SimpleITK, NumPy, mrcfile, VTK, tifffile and pydicom read from them.
 
 use std::path::PathBuf;
 
@@ -29,6 +29,10 @@ fn expected() -> Vec<Expected> {
         |name: &str| -> Vec<Expected> { serde_json::from_str(&std::fs::read_to_string(path(name)).unwrap()).unwrap() };
     let mut all = table("expected.json");
     all.extend(table("expected-more.json"));
+    all.extend(table("expected-neuro.json"));
+    if cfg!(feature = "hdf5") {
+        all.extend(table("expected-minc.json"));
+    }
     all
 }
 
@@ -137,6 +141,7 @@ fn every_channel_at_every_time_is_read_as_by_the_reference_implementation() {
         |name: &str| -> Vec<Several> { serde_json::from_str(&std::fs::read_to_string(path(name)).unwrap()).unwrap() };
     let mut all = table("expected-several.json");
     all.extend(table("expected-time.json"));
+    all.extend(table("expected-neuro-times.json"));
     if cfg!(feature = "hdf5") {
         all.extend(table("expected-hdf5.json"));
     }
@@ -199,10 +204,49 @@ fn scales_and_fill_values_of_netcdf_are_applied() {
 
 #[cfg(feature = "hdf5")]
 #[test]
+fn sections_of_minc_have_ranges_of_their_own() {
+    let volume = read("sections-u8.mnc");
+    let Samples::U8(stored) = samples("u8") else { panic!() };
+    let value = |(n, sample): (usize, &u8)| {
+        let [low, high] = [-(n as f64 / 12.0).floor(), (n as f64 / 12.0).floor() + 1.0];
+        let slope = (high - low) / 130.0;
+        (slope * f64::from(*sample).clamp(20.0, 150.0) + (low - 20.0 * slope)) as f32
+    };
+    let expected = stored.iter().enumerate().map(value).collect();
+    assert_eq!(volume.in_memory().unwrap().samples(), &Samples::F32(expected));
+    assert_eq!(volume.rescale(), (1.0, 0.0));
+    // The integers themselves are a data set like any other.
+    let integers = load(format!("{}:/image-max", path("sections-u8.mnc")), &LoadOptions::default()).unwrap();
+    assert_eq!(integers.grid().dims(), [5, 1, 1]);
+}
+
+#[cfg(feature = "hdf5")]
+#[test]
+fn broken_minc_files_say_what_is_wrong() {
+    let folder = tempfile::tempdir().unwrap();
+    let whole = std::fs::read(path("minc1-i16.mnc")).unwrap();
+    let refused = |from: &[u8], to: &[u8], words: &str| {
+        let mut bytes = whole.clone();
+        let at = bytes.windows(from.len()).position(|window| window == from).unwrap();
+        bytes[at..at + to.len()].copy_from_slice(to);
+        let file = folder.path().join("a.mnc");
+        std::fs::write(&file, bytes).unwrap();
+        let error = load(&file, &LoadOptions::default()).unwrap_err().to_string();
+        assert!(error.contains(words), "{words}: {error}");
+    };
+    refused(b"regular__", b"irregular", "has sections at irregular distances along");
+    refused(b"zspace", b"zspice", "has the axis \"zspice\", expected xspace, yspace, zspace");
+    refused(b"zspace", b"yspace", "has the axis yspace twice");
+    refused(&5.5_f64.to_be_bytes(), &f64::NAN.to_be_bytes(), "image-max has 1 numbers, expected [] that are finite");
+    refused(&0.75_f64.to_be_bytes(), &f64::NAN.to_be_bytes(), "spacing of axis 1 is NaN");
+}
+
+#[cfg(feature = "hdf5")]
+#[test]
 fn a_data_set_is_chosen_by_its_path() {
     let error = format!("{:#}", load(path("two.h5"), &LoadOptions::default()).unwrap_err());
     assert!(error.contains("holds 2 data sets: /raw/first of 5 x 4 x 3, /raw/second of 5 x 4 x 3"), "{error}");
-    assert!(error.contains("FILE:/PATH"), "{error}");
+    assert!(error.contains("FILE:NAME"), "{error}");
     let error = load(format!("{}:/third", path("two.h5")), &LoadOptions::default()).unwrap_err().to_string();
     assert!(error.contains("has no data set \"/third\": there are /table of 4, /raw/first"), "{error}");
     let error = load(format!("{}:/a", path("raw-i16.nrrd")), &LoadOptions::default()).unwrap_err().to_string();

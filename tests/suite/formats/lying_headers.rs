@@ -4,7 +4,7 @@ use std::io::Write;
 use std::path::Path;
 
 use voxsplat::error::InputError;
-use voxsplat::formats::{LoadOptions, load};
+use voxsplat::formats::{AxisOrder, LoadOptions, load};
 use voxsplat::volume::{SampleType, Samples};
 
 use crate::formats::fixtures::{folder_of, path};
@@ -91,6 +91,7 @@ fn options_for_bare_samples_are_refused_elsewhere() {
         ("sample_type", LoadOptions { sample_type: Some(SampleType::I16), ..LoadOptions::default() }),
         ("endian", LoadOptions { endian: Some("big".parse().unwrap()), ..LoadOptions::default() }),
         ("offset", LoadOptions { offset: 1, ..LoadOptions::default() }),
+        ("axis_order", LoadOptions { axis_order: Some(AxisOrder::Zyx), ..LoadOptions::default() }),
     ];
     for (name, options) in options {
         for source in [file.as_str(), "demo:sphere:8"] {
@@ -327,29 +328,6 @@ fn a_section_of_no_thickness_has_that_of_its_columns() {
     let axes = volume.grid().to_world().matrix3;
     assert_eq!(volume.grid().dims()[2], 1);
     assert!((axes.z_axis.length() / axes.x_axis.length() - 1.0).abs() < 1e-6, "{axes}");
-}
-
-#[cfg(feature = "hdf5")]
-#[test]
-fn minc_1_is_refused_by_name() {
-    // NetCDF of one dimension of two samples, and two variables of bytes: `image` and one that scales it.
-    let word = |number: u32| number.to_be_bytes().to_vec();
-    let name = |text: &str| {
-        let padding = vec![0; text.len().next_multiple_of(4) - text.len()];
-        [word(text.len() as u32), text.as_bytes().to_vec(), padding].concat()
-    };
-    let variable = |text: &str, at: u32| [name(text), word(1), word(0), word(0), word(0), word(1), word(4), word(at)];
-    let parts = |second: &str, at: u32| {
-        let head = [b"CDF\x01".to_vec(), word(0), word(10), word(1), name("x"), word(2), word(0), word(0)].concat();
-        let variables = [variable("image", at), variable(second, at + 4)].as_flattened().concat();
-        [head, word(11), word(2), variables].concat()
-    };
-    let file = |second: &str| {
-        let at = parts(second, 0).len() as u32;
-        [parts(second, at), vec![1; 8]].concat()
-    };
-    assert_refused("a.mnc", &file("image-max"), "is a MINC file, whose scales are not read");
-    assert!(!refused("a.nc", &file("others-max")).contains("MINC"));
 }
 
 /// A fixture with some bytes replaced.

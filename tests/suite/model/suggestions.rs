@@ -65,7 +65,8 @@ fn facts_of_a_file_come_before_its_values() {
     let volume = |name: &str| all.iter().find(|kind| kind.name == name).unwrap().volume.clone();
     let stating = |name: &str, modality: Option<&str>, description: Option<&str>| {
         let [modality, description] = [modality, description].map(|text| text.map(str::to_owned));
-        volume(name).with_contents(Contents { origin: Origin { modality, description }, ..Contents::default() })
+        volume(name)
+            .with_contents(Contents { origin: Origin { modality, description, intent: None }, ..Contents::default() })
     };
     let hounsfield = Units { value: Some("HU".to_owned()), ..Units::default() };
     let flesh = volume("T1 brain").with_units(hounsfield);
@@ -137,7 +138,7 @@ fn readers_keep_the_origin_of_values() {
         let path = dir.path().join(name);
         std::fs::write(&path, bytes).unwrap();
         let volume = load(&path, &LoadOptions { channel: Some(0), ..LoadOptions::default() }).unwrap();
-        let Origin { modality: is, description: says } = &volume.contents().origin;
+        let Origin { modality: is, description: says, .. } = &volume.contents().origin;
         let found = (is.as_deref(), says.as_deref().filter(|_| name != "ct-a.dcm"), volume.value_unit());
         assert_eq!(found, (modality, description, unit), "{name}");
     }

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use voxsplat::appearance::{ChannelChoice, pyramid_level};
 use voxsplat::camera::View;
-use voxsplat::formats::{FORMATS, Format, LoadOptions, MissingSlices, PyramidLevel};
+use voxsplat::formats::{AxisOrder, FORMATS, Format, LoadOptions, MissingSlices, PyramidLevel};
 use voxsplat::volume::{Endian, SampleType};
 
 use crate::failure::{Failure, refuse};
@@ -32,7 +32,7 @@ pub(crate) struct InputArgs {
     /// A volume: a file, a folder of slices, - for standard input, or demo:NAME[:SIZE]
     #[arg(value_name = "VOLUME", long_help = volume_help())]
     pub(crate) source: PathBuf,
-    /// Raw files: number of samples along x (fastest), y and z
+    /// Raw files: number of samples along x (fastest, see --axis-order), y and z
     #[arg(long, value_name = "X,Y,Z", value_parser = parse::dims)]
     pub(crate) dims: Option<[u32; 3]>,
     /// Raw files: type of the samples: u8, i8, u16, i16, u32, i32, u64, i64, f32 or f64
@@ -44,6 +44,11 @@ pub(crate) struct InputArgs {
     /// Raw files: bytes to skip before the samples
     #[arg(long, value_name = "BYTES", default_value_t = 0, value_parser = parse::whole::<u64, 0, { u64::MAX }>)]
     pub(crate) offset: u64,
+    /// NumPy arrays and raw files: order of the axes, zyx (x is the last and the fastest) or xyz [default: zyx]
+    ///
+    /// Arrays of nibabel are indexed (x, y, z). A note says if an array looks so and no order is requested.
+    #[arg(long, value_name = "ORDER", value_parser = parse::library::<AxisOrder>)]
+    pub(crate) axis_order: Option<AxisOrder>,
     /// World distance between samples; replaces the spacing of the file
     #[arg(long, value_name = "X,Y,Z", value_parser = parse::spacing)]
     pub(crate) spacing: Option<[f64; 3]>,
@@ -98,6 +103,7 @@ impl InputArgs {
             spacing: self.spacing,
             endian: self.endian,
             offset: self.offset,
+            axis_order: self.axis_order,
             replace_nan: self.replace_nan,
             time: self.time.map(TimeArg::first),
             channel: self.channel.first().map(|channel| channel.number),

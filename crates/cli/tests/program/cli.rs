@@ -351,6 +351,64 @@ fn channels_are_drawn_together() {
 }
 
 #[test]
+fn the_order_of_axes_is_an_option_and_noted_if_it_looks_wrong() {
+    let dir = folder();
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/volumes");
+    for name in ["fortran-u8.npz", "stored-i16.npz", "no-form.nii"] {
+        std::fs::copy(data.join(name), dir.path().join(name)).unwrap();
+    }
+    let drawn = |options: &str| {
+        let options = format!("render fortran-u8.npz {options} --transfer grayscale --reference --size 8 -o a.exr");
+        let output = voxsplat(dir.path(), &options);
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.success(), "{options}: {said}");
+        (Image::load(dir.path().join("a.exr")).unwrap(), said)
+    };
+    let (default, said) = drawn("");
+    let note = "note: using axis order zyx for the array of shape (5, 4, 3), but it is in Fortran order";
+    assert!(said.contains(note), "{said}");
+    let (zyx, said) = drawn("--axis-order zyx");
+    assert!(zyx == default && !said.contains("axis order"), "{said}");
+    assert!(drawn("--axis-order xyz").0 != default);
+    let says = |options: &str, words: &str| {
+        let said = complaint(&voxsplat(dir.path(), &format!("info {options}")));
+        assert!(said.contains(words), "{options}: {said}");
+    };
+    says(
+        "no-form.nii --axis-order xyz",
+        "--axis-order: it is for files of bare samples and arrays of NumPy, and no-form",
+    );
+    says("stored-i16.npz --axis-order yxz", "zyx or xyz");
+    says("stored-i16.npz:mr", "has no array \"mr\": there are spacing of (3,), ct of (5, 4, 3)");
+    // The raw samples of the array, whose fastest axis is z.
+    std::fs::write(dir.path().join("a.raw"), (0..24).collect::<Vec<u8>>()).unwrap();
+    let lattice = |options: &str| stdout(&voxsplat(dir.path(), &format!("info a.raw --type u8 {options}")));
+    assert!(lattice("--dims 4,3,2 --axis-order xyz").contains("4 x 3 x 2 = 24 voxels"));
+    assert!(lattice("--dims 1,4,6").lines().all(|line| !line.starts_with("note")));
+    std::fs::write(dir.path().join("a.raw"), vec![0; 32]).unwrap();
+    assert!(
+        lattice("--dims 2,4,4").contains("look like the shape (z, y, x) of an array, but dims are numbers along x")
+    );
+}
+
+#[test]
+fn info_tells_the_intent_of_values() {
+    let dir = folder();
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/volumes");
+    let mut nifti = std::fs::read(data.join("no-form.nii")).unwrap();
+    nifti[56..60].copy_from_slice(&12_f32.to_le_bytes());
+    for (code, intent) in [(3_i16, "t statistic with 12 degrees of freedom"), (1002, "labels"), (24, "-log10 p")] {
+        nifti[68..70].copy_from_slice(&code.to_le_bytes());
+        std::fs::write(dir.path().join("a.nii"), &nifti).unwrap();
+        let text = stdout(&voxsplat(dir.path(), "info a.nii"));
+        assert!(text.contains(&format!("\nintent       {intent}\n")), "{text}");
+        let json = voxsplat(dir.path(), "info a.nii --json");
+        let info: serde_json::Value = serde_json::from_slice(&json.stdout).unwrap();
+        assert_eq!(info["intent"], intent);
+    }
+}
+
+#[test]
 fn options_of_labels_go_together() {
     let refused = |options: &str, reason: &str| refused(&format!("render demo:sphere:8 -o a.png {options}"), 2, reason);
     refused("--label 3:off", "--label needs --labels FILE or --transfer labels");

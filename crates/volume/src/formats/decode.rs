@@ -8,7 +8,7 @@ use super::input::Input;
 use super::selection::Pick;
 use crate::error::{Error, Result, refuse, refuse_if};
 use crate::memory::{reserved, samples_in};
-use crate::volume::{Endian, FileSamples, Number, SampleType, Samples, Stored, with_type};
+use crate::volume::{Endian, FileSamples, Number, SampleType, Samples, Stored, with_samples, with_type};
 
 /// The encoding of samples in a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -108,6 +108,17 @@ pub(super) fn read_samples(
 /// As [`read_samples`], from one file.
 pub(super) fn read_all(input: Input, pick: &Pick, kind: impl Into<Kind>, layout: Layout) -> Result<Stored> {
     read_samples(&mut std::iter::once(Ok(input)), 1, pick, kind, layout)
+}
+
+/// Reorders samples from z fastest to x fastest.
+pub(super) fn x_fastest(samples: &Samples, dims: [u32; 3], path: &Path) -> Result<Samples> {
+    let [nx, ny, nz] = dims.map(|d| d as usize);
+    with_samples!(samples, from => {
+        let mut turned = reserved(from.len() as u64, || samples_in(path))?;
+        let at = |i: usize| from[(i % nx * ny + i / nx % ny) * nz + i / (nx * ny)];
+        (0..from.len()).into_par_iter().map(at).collect_into_vec(&mut turned);
+        Ok(Number::collected(turned))
+    })
 }
 
 /// The numbers of 16-bit floating point with these bits.

@@ -9,14 +9,15 @@ pub(super) struct Fields<'a> {
 }
 
 impl Fields<'_> {
-    fn bits(&self, offset: usize, size: usize) -> u64 {
+    /// The unsigned whole number of 1 to 8 bytes at an offset.
+    pub(super) fn uint(&self, offset: usize, size: usize) -> u64 {
         self.bytes.get(offset..offset + size).map_or(0, |bytes| self.endian.number(bytes))
     }
 
     /// The whole number of 1 to 8 bytes at an offset.
     pub(super) fn int(&self, offset: usize, size: usize) -> i64 {
         let above = 64 - 8 * size;
-        (self.bits(offset, size) << above).cast_signed() >> above
+        (self.uint(offset, size) << above).cast_signed() >> above
     }
 
     /// The text of up to `size` bytes at an offset, which a zero byte may end.
@@ -29,8 +30,8 @@ impl Fields<'_> {
     /// The number of floating point of 4 or 8 bytes at an offset.
     pub(super) fn float(&self, offset: usize, size: usize) -> f64 {
         match size {
-            4 => f32::from_bits(self.bits(offset, 4) as u32).into(),
-            _ => f64::from_bits(self.bits(offset, 8)),
+            4 => f32::from_bits(self.uint(offset, 4) as u32).into(),
+            _ => f64::from_bits(self.uint(offset, 8)),
         }
     }
 }

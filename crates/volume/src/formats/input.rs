@@ -9,7 +9,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use bzip2::bufread::MultiBzDecoder;
 use flate2::bufread::{MultiGzDecoder, ZlibDecoder};
 
-use crate::error::{Damage, Error, Result, refuse, refuse_if};
+use crate::error::{Damage, Error, Result, Subject, refuse, refuse_if};
 use crate::files;
 use crate::memory::{reserved, samples_in};
 
@@ -67,10 +67,12 @@ impl Unpacked {
 pub(super) struct Input {
     path: PathBuf,
     reader: Box<dyn BufRead>,
-    /// The file, if the bytes left are its last ones as they are stored.
+    /// The file, if it holds the bytes left as they are.
     plain: Option<Arc<File>>,
     /// Upper bound on the bytes left; `None` for streams.
     left: Option<u64>,
+    /// The bytes of `plain` behind the stream.
+    behind: u64,
     /// The bytes that further header lines may have.
     header_left: u64,
     /// The decompressed streams that are kept for the next reading.
@@ -106,9 +108,40 @@ impl Input {
             reader: buffered(Arc::clone(&file)),
             plain: left.is_some().then_some(file),
             left,
+            behind: 0,
             header_left: MAX_HEADER,
             unpacked: None,
         })
+    }
+
+    /// The `size` bytes from byte `at` of an uncompressed file, as a file of the name `path`. Clones of `file` share
+    /// one place to read at, so only the last part is read.
+    pub(super) fn part(path: PathBuf, file: &File, at: u64, size: u64) -> Result<Self> {
+        let opened = || -> io::Result<(File, u64)> {
+            let mut file = file.try_clone()?;
+            file.seek(SeekFrom::Start(at))?;
+            let length = file.metadata()?.len();
+            Ok((file, length))
+        };
+        let (file, length) = opened().map_err(Error::read(&path))?;
+        let Some(behind) = length.checked_sub(at).and_then(|left| left.checked_sub(size)) else {
+            refuse!(path, "is cut short: it should end at byte {}", at.saturating_add(size));
+        };
+        let file = Arc::new(file);
+        Ok(Self {
+            reader: buffered(Arc::clone(&file).take(size)),
+            plain: Some(file),
+            left: Some(size),
+            behind,
+            path,
+            header_left: MAX_HEADER,
+            unpacked: None,
+        })
+    }
+
+    /// The same stream, with the decompressed streams of `unpacked`.
+    pub(super) fn keeping(self, unpacked: Option<Arc<Unpacked>>) -> Self {
+        Self { unpacked, ..self }
     }
 
     pub(super) fn path(&self) -> &Path {
@@ -135,7 +168,7 @@ impl Input {
         let (Some(file), Some(left)) = (&self.plain, self.left) else { return Ok(None) };
         let length = file.metadata().map_err(Error::read(&self.path))?.len();
         // A file that has shrunk meanwhile is read as a stream, which reports the missing bytes.
-        let Some(offset) = length.checked_sub(left) else { return Ok(None) };
+        let Some(offset) = length.checked_sub(left.saturating_add(self.behind)) else { return Ok(None) };
         Ok(Some((file.try_clone().map_err(Error::read(&self.path))?, offset)))
     }
 
@@ -186,7 +219,11 @@ impl Input {
 
     /// Decompresses the stream that begins here, or opens the file that keeps its content. A damaged stream is read up
     /// to its damage.
-    fn decompressed_once(mut self, expansion: u64, f: fn(Box<dyn BufRead>) -> Box<dyn BufRead>) -> Self {
+    pub(super) fn decompressed_once(
+        mut self,
+        expansion: u64,
+        f: impl Fn(Box<dyn BufRead>) -> Box<dyn BufRead>,
+    ) -> Self {
         if let Some(unpacked) = self.unpacked.clone()
             && let Ok(Some((mut file, at))) = self.plain_file()
         {
@@ -199,7 +236,7 @@ impl Input {
             {
                 let held = Arc::new(held);
                 self.reader = buffered(Arc::clone(&held));
-                (self.plain, self.left) = (Some(held), Some(meta.len()));
+                (self.plain, self.left, self.behind) = (Some(held), Some(meta.len()), 0);
                 return self;
             }
             // The file and its clones have one place to read at.
@@ -243,7 +280,8 @@ impl Input {
             && let Some((mut file, offset)) = self.plain_file()?
         {
             file.seek(SeekFrom::Start(offset + n)).map_err(|e| self.io_error(e))?;
-            self.reader = buffered(file);
+            let left = self.left.map_or(u64::MAX, |left| left - n);
+            self.reader = buffered(file.take(left));
         } else if io::copy(&mut (&mut self.reader).take(n), &mut io::sink()).map_err(|e| self.io_error(e))? < n {
             return Ok(false);
         }

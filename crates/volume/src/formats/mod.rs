@@ -1,5 +1,6 @@
 //! Readers: from the name of a volume to the volume.
 
+mod afni;
 mod decode;
 #[cfg(feature = "dicom")]
 mod dicom;
@@ -9,11 +10,15 @@ mod folder;
 mod hdf5;
 mod input;
 mod metaimage;
+mod mgh;
 mod mrc;
 mod multifile;
 mod nifti;
 mod npy;
+mod npz;
 mod nrrd;
+mod pair;
+mod parrec;
 mod placement;
 mod readers;
 mod selection;
@@ -27,11 +32,12 @@ mod vtk;
 mod xml;
 #[cfg(feature = "zarr")]
 mod zarr;
+mod zip;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use decode::{Layout, read_all};
+use decode::{Layout, read_all, x_fastest};
 pub use folder::is_zarr;
 use folder::zarr_folder_of;
 use input::{Input, Unpacked};
@@ -70,10 +76,22 @@ pub enum MissingSlices {
 
 named!("missing_slices", MissingSlices { Refuse: "refuse", Interpolate: "interpolate" });
 
+/// The order in which the axes of an array index its samples; the last axis is the fastest, as in C.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum AxisOrder {
+    /// Indexed (z, y, x): x is the fastest.
+    #[default]
+    Zyx,
+    /// Indexed (x, y, z): z is the fastest, unless an array of NumPy is in Fortran order.
+    Xyz,
+}
+
+named!("axis_order", AxisOrder { Zyx: "zyx", Xyz: "xyz" });
+
 /// Facts about a file that its header lacks, and choices among its volumes. By default the header decides.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LoadOptions {
-    /// Samples along x, y and z of a file without a header; x is fastest.
+    /// Samples along x, y and z of a file without a header; x is fastest unless `axis_order` says otherwise.
     pub dims: Option<[u32; 3]>,
     /// The sample type of a file without a header.
     pub sample_type: Option<SampleType>,
@@ -84,6 +102,9 @@ pub struct LoadOptions {
     pub endian: Option<Endian>,
     /// Bytes before the first sample of a file without a header.
     pub offset: u64,
+    /// The order of the axes of an array of NumPy, or of a file without a header; `None` is (z, y, x), and a note of
+    /// [`Contents`](crate::volume::Contents) if the array looks otherwise.
+    pub axis_order: Option<AxisOrder>,
     /// The finite number that replaces NaN and infinite samples; `None` makes such samples an error. They are
     /// transparent if the transfer function gives this number no opacity.
     pub replace_nan: Option<f64>,
@@ -111,6 +132,7 @@ impl Default for LoadOptions {
             spacing: None,
             endian: None,
             offset: 0,
+            axis_order: None,
             replace_nan: None,
             time: None,
             channel: None,
@@ -129,12 +151,13 @@ impl Default for LoadOptions {
 /// several points in time or channels `time` and `channel` choose one; [`Volume::contents`] tells how many there are. A
 /// folder is read if it holds DICOM files, whose slices are sorted by position, or TIFF files, which are sections in
 /// natural order: 9 goes before 10; and if it is an array of Zarr 2 or 3 or an image of OME-Zarr, of whose
-/// pyramid `level` chooses. `FILE:SET` is a data set of HDF5 or NetCDF, which need the feature `hdf5`; without a name
-/// the only volume in the file is read.
+/// pyramid `level` chooses. `FILE:SET` is an array of .npz, or a data set of HDF5 or NetCDF, which need the feature
+/// `hdf5`; without a name the only volume in the file is read.
 ///
 /// The content of a file decides on its format; if it has no known beginning, the extension does. Files of every format
-/// but TIFF and HDF5 may be compressed with gzip or bzip2. Files of bare samples need `dims` and `sample_type`. For all
-/// other files these two are an error, as are `endian` and `offset`.
+/// but .npz, TIFF and HDF5 may be compressed with gzip or bzip2. Files of bare samples need `dims` and `sample_type`.
+/// For all other files these two are an error, as are `endian` and `offset`, and `axis_order` for all but arrays of
+/// NumPy.
 ///
 /// # Errors
 /// - [`Error::Read`] if a file cannot be read.
@@ -160,7 +183,7 @@ fn load_from(source: &Path, options: &LoadOptions, unpacked: Option<&Arc<Unpacke
     }
     let mut volume = match demos::name_in(source) {
         Some(demo) => {
-            refuse_raw_options(source, options, "a built-in volume")?;
+            refuse_raw_options(source, options, "a built-in volume", false)?;
             chosen(source, options, 1, 1)?;
             demos::parsed(demo, options.spacing)?
         }
@@ -200,11 +223,10 @@ fn load_file(
     refuse_if!(head.is_empty(), input, "is empty");
     let content = Format::of_content(&head);
     let has_raw_options = options.dims.is_some() || options.sample_type.is_some();
-    // Users may name the image file of a NIfTI pair instead of its header.
+    // Users may name the file of the samples instead of its header.
     if content.is_none()
         && !has_raw_options
-        && nifti::is_image_name(path)
-        && let Some(header) = nifti::header_of_image(path)
+        && let Some(header) = Format::header_of(path)
     {
         return load_file(&header, inside, options, unpacked);
     }
@@ -215,7 +237,7 @@ fn load_file(
         refuse!(input, "is in ANALYZE 7.5 format, which is not read: convert it to NIfTI");
     }
     let Some(format) = content.or(Format::of_name(path)) else { return read_raw(input, &head, options) };
-    refuse_raw_options(path, options, &format!("a {} file", format.name))?;
+    refuse_raw_options(path, options, &format!("a {} file", format.name), format.is_array)?;
     if let Some(inside) = inside
         && !format.has_sets
     {
@@ -227,11 +249,11 @@ fn load_file(
 /// Reads a folder of Zarr, or the sections that are files of a folder.
 fn load_folder(folder: &Path, options: &LoadOptions) -> Result<Volume> {
     if is_zarr(folder) {
-        refuse_raw_options(folder, options, "a folder")?;
+        refuse_raw_options(folder, options, "a folder", false)?;
         return ZARR.read_folder(folder, &[], options);
     }
     let mut parts = parts_of_folder(folder)?;
-    refuse_raw_options(folder, options, "a folder")?;
+    refuse_raw_options(folder, options, "a folder", false)?;
     let Some((format, mut files)) = parts.pop() else {
         refuse!(folder, "is a directory without TIFF or DICOM files, and no OME-Zarr");
     };
@@ -271,10 +293,10 @@ fn parts_of_folder(folder: &Path) -> Result<Vec<(&'static Format, Vec<PathBuf>)>
 pub fn data_files(source: &Path) -> Vec<PathBuf> {
     let of_header = |file: &Path| -> Result<Vec<PathBuf>> {
         let mut input = Input::open(file, None)?;
-        match Format::of_content(&input.peek(nifti::HEADER_SIZE)?).or(Format::of_name(file)) {
-            Some(format) => format.data_files(input),
-            None if nifti::is_image_name(file) => Ok(nifti::header_of_image(file).into_iter().collect()),
-            None => Ok(Vec::new()),
+        match (Format::of_content(&input.peek(nifti::HEADER_SIZE)?), Format::header_of(file)) {
+            (Some(format), _) => format.data_files(input),
+            (None, Some(header)) => Ok(vec![header]),
+            (None, None) => Format::of_name(file).map_or(Ok(Vec::new()), |format| format.data_files(input)),
         }
     };
     if source.is_file() && zarr_folder_of(source).is_none() {
@@ -318,17 +340,20 @@ fn natural(name: &str) -> (Vec<(String, usize, String)>, String) {
     (runs.map(run).collect(), name.to_owned())
 }
 
-/// Refuses options for bare samples on any other source: they would contradict its header.
-fn refuse_raw_options(path: &Path, options: &LoadOptions, what: &str) -> Result<()> {
+/// Refuses options for bare samples on any other source: they would contradict its header. Arrays of NumPy state all
+/// but the order of their axes.
+fn refuse_raw_options(path: &Path, options: &LoadOptions, what: &str, is_array: bool) -> Result<()> {
     let given = [
         ("dims", options.dims.is_some()),
         ("sample_type", options.sample_type.is_some()),
         ("endian", options.endian.is_some()),
         ("offset", options.offset != 0),
+        ("axis_order", options.axis_order.is_some() && !is_array),
     ];
     match given.into_iter().find(|(_, given)| *given) {
         Some((name, _)) => {
-            let reason = format!("it is for files of bare samples, and {} is {what}", path.display());
+            let arrays = if name == "axis_order" { " and arrays of NumPy" } else { "" };
+            let reason = format!("it is for files of bare samples{arrays}, and {} is {what}", path.display());
             Err(Error::setting(name, reason))
         }
         None => Ok(()),
@@ -357,8 +382,16 @@ fn read_raw(mut input: Input, head: &[u8], options: &LoadOptions) -> Result<Volu
         let ([x, y, z], end) = (dims, counted(more, "byte"));
         contents.notes.push(format!("{x} x {y} x {z} samples of {sample_type} leave {end} at the end of the file"));
     }
-    let samples = read_all(input, &Pick::all(grid.len()), sample_type, layout)?;
-    Ok(placement.volume(grid, samples)?.with_contents(contents))
+    if options.axis_order.is_none() && npy::looks_reversed(dims) {
+        let ([x, y, z], read) = (dims, "dims are numbers along x, y and z, and x is the fastest");
+        contents.notes.push(format!("{x} x {y} x {z} samples look like the shape (z, y, x) of an array, but {read}"));
+    }
+    let stored = read_all(input, &Pick::all(grid.len()), sample_type, layout)?;
+    let stored = match options.axis_order.unwrap_or_default() {
+        AxisOrder::Zyx => stored,
+        AxisOrder::Xyz => x_fastest(&stored.into_samples()?, dims, &path)?.into(),
+    };
+    Ok(placement.volume(grid, stored)?.with_contents(contents))
 }
 
 /// The error about a file of no known format.

@@ -2,22 +2,21 @@
 //! (<https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html>).
 //!
 //! An array of a volume is indexed (z, y, x), of volumes (time, z, y, x) or (z, y, x, channel), the latter if the last
-//! axis alone has at most four samples. The format states neither spacing nor orientation.
+//! axis alone has at most four samples; or with x first, if `axis_order` says so. The format states neither spacing nor
+//! orientation.
 //!
 //! The crate `npyz` 0.9 is not used: it multiplies the shape unchecked (an overflow panics in a debug build), reserves
 //! up to 4 GiB because the header's length says so, and reads sample by sample.
 
-use rayon::prelude::*;
 use serde::Deserialize;
 
-use super::LoadOptions;
-use super::decode::{Kind, Layout, read_all};
+use super::decode::{Kind, Layout, read_all, x_fastest};
 use super::input::Input;
 use super::placement::Placement;
-use super::selection::{guessed, picked, spatial};
+use super::selection::{guessed, guessed_xyz, picked, spatial};
+use super::{AxisOrder, LoadOptions};
 use crate::error::{Result, refuse, refuse_if};
-use crate::memory::{reserved, samples_in};
-use crate::volume::{Endian, Number, Samples, Volume, with_samples};
+use crate::volume::{Endian, Volume};
 
 /// The first bytes of a .npy file.
 pub(super) const MAGIC: &[u8] = b"\x93NUMPY";
@@ -28,67 +27,106 @@ const MAX_HEADER: usize = 1 << 16;
 /// The fields of the header.
 #[derive(Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct NpyHeader {
+pub(super) struct NpyHeader {
     /// The type's string, such as `<i2`.
     descr: String,
     fortran_order: bool,
-    shape: Vec<i64>,
+    pub(super) shape: Vec<i64>,
 }
 
 /// Reads the volume of a header that begins here.
 pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
     let path = input.path().to_owned();
-    let header = read_header(&mut input)?;
+    let text = header_text(&mut input)?;
+    let unread = || input.error(format!("has a header that is not read: {:?}", text.trim_end()));
+    let header = parse(&text).ok_or_else(unread)?;
     let mut shape = header.shape.clone();
     while shape.len() > 3 {
         let Some(single) = shape.iter().position(|&n| n == 1) else { break };
         shape.remove(single);
     }
-    // The last axis is the fastest, unless the array is in Fortran order: then it is turned when it is read.
-    shape.reverse();
-    let mut axes = guessed(&shape);
+    let order = options.axis_order.unwrap_or_default();
+    let mut axes = match order {
+        AxisOrder::Zyx => {
+            shape.reverse();
+            guessed(&shape)
+        }
+        AxisOrder::Xyz => guessed_xyz(&shape),
+    };
     let sizes = spatial(&axes);
     if sizes.len() != 3 {
-        let expected = "expected (z, y, x), (time, z, y, x), (z, y, x, channel) or (time, channel, z, y, x)";
-        refuse!(input, "has the shape {:?}, {expected}", header.shape);
+        let expected = match order {
+            AxisOrder::Zyx => "(z, y, x), (time, z, y, x), (z, y, x, channel) or (time, channel, z, y, x)",
+            AxisOrder::Xyz => "(x, y, z), (x, y, z, time), (x, y, z, channel) or (x, y, z, time, channel)",
+        };
+        refuse!(input, "has the shape {}, expected {expected}", header.shape_text());
     }
-    if header.fortran_order {
+    // The last axis of an array is the fastest, unless it is in Fortran order. If z is the fastest, samples are turned
+    // when they are read.
+    let is_turned = header.fortran_order == (order == AxisOrder::Zyx);
+    if is_turned {
         axes.reverse();
     }
     let placement = Placement::axis_parallel([1.0; 3]);
     let grid = placement.grid(&path, &sizes, options.spacing)?;
-    let (pick, contents) = picked(&path, &axes, options)?;
+    let (pick, mut contents) = picked(&path, &axes, options)?;
+    let sign = header.other_order(grid.dims()).filter(|_| options.axis_order.is_none());
+    contents.notes.extend(sign.map(|sign| {
+        let shape = header.shape_text();
+        format!("using axis order zyx for the array of shape {shape}, but {sign} (the other choice: axis order xyz)")
+    }));
 
-    let (order, kind) = header.descr.split_at_checked(1).unwrap_or_default();
-    let endian = match order {
-        ">" => Endian::Big,
-        "<" => Endian::Little,
+    let endian = match header.descr.as_bytes().first() {
+        Some(b'>') => Endian::Big,
+        Some(b'<') => Endian::Little,
         _ => Endian::NATIVE,
     };
     let layout = Layout::Binary(endian);
-    let kind = Kind::of_numpy(kind).ok_or_else(|| {
+    let kind = header.kind().ok_or_else(|| {
         input.error(format!("has samples of type {:?}: save it as integers or floats, one per voxel", header.descr))
     })?;
     let stored = read_all(input, &pick, kind, layout)?;
-    let stored = match header.fortran_order {
-        true => x_fastest(&stored.into_samples()?, grid.dims(), || samples_in(&path))?.into(),
+    let stored = match is_turned {
+        true => x_fastest(&stored.into_samples()?, grid.dims(), &path)?.into(),
         false => stored,
     };
     Ok(placement.volume(grid, stored)?.with_contents(contents))
 }
 
-/// Reorders samples from z fastest to x fastest.
-fn x_fastest(samples: &Samples, dims: [u32; 3], what: impl Fn() -> String) -> Result<Samples> {
-    let [nx, ny, nz] = dims.map(|d| d as usize);
-    with_samples!(samples, from => {
-        let mut turned = reserved(from.len() as u64, what)?;
-        let at = |i: usize| from[(i % nx * ny + i / nx % ny) * nz + i / (nx * ny)];
-        (0..from.len()).into_par_iter().map(at).collect_into_vec(&mut turned);
-        Ok(Number::collected(turned))
-    })
+impl NpyHeader {
+    /// The type of the samples; `None` if they are no numbers.
+    pub(super) fn kind(&self) -> Option<Kind> {
+        Kind::of_numpy(self.descr.get(1..)?)
+    }
+
+    /// The shape as Python writes it.
+    pub(super) fn shape_text(&self) -> String {
+        let sizes: Vec<String> = self.shape.iter().map(i64::to_string).collect();
+        format!("({}{})", sizes.join(", "), if sizes.len() == 1 { "," } else { "" })
+    }
+
+    /// Why the array may not be in the default order (z, y, x), if there is a sign of that.
+    fn other_order(&self, dims: [u32; 3]) -> Option<&'static str> {
+        match () {
+            () if self.fortran_order => Some("it is in Fortran order, as arrays of nibabel are"),
+            () if looks_reversed(dims) => Some("its last axis is short, as slices are"),
+            () => None,
+        }
+    }
 }
 
-fn read_header(input: &mut Input) -> Result<NpyHeader> {
+/// Whether the axes of a lattice look as if their order is reversed: a square section is not along x and y.
+pub(super) fn looks_reversed([x, y, z]: [u32; 3]) -> bool {
+    y == z && x > 1 && x <= y / 2
+}
+
+/// The header that begins here; `None` if it does not describe an array of one type.
+pub(super) fn header(mut input: Input) -> Result<Option<NpyHeader>> {
+    Ok(parse(&header_text(&mut input)?))
+}
+
+/// The text of the header that begins here.
+fn header_text(input: &mut Input) -> Result<String> {
     let start = input.bytes(8)?;
     let (magic, version) = start.split_at(6);
     refuse_if!(magic != MAGIC, input, "is not a NumPy file: its magic is missing");
@@ -100,8 +138,7 @@ fn read_header(input: &mut Input) -> Result<NpyHeader> {
     let length = Endian::Little.number(&length) as usize;
     refuse_if!(length > MAX_HEADER, input, "has a header of {length} bytes, expected at most {MAX_HEADER}");
     let text = input.bytes(length)?;
-    let text = String::from_utf8_lossy(&text);
-    parse(&text).ok_or_else(|| input.error(format!("has a header that is not read: {:?}", text.trim_end())))
+    Ok(String::from_utf8_lossy(&text).into_owned())
 }
 
 /// Parses the dictionary literal of a header, which is all but JSON; `None` if it does not describe a plain array.

@@ -7,6 +7,9 @@ use glam::{DAffine3, DMat3, DVec3};
 use crate::error::{Error, Hint, Result, Subject, refuse};
 use crate::volume::{Grid, MAX_DIM, Stored, Volume};
 
+/// Factors from RAS, the world of NIfTI and FreeSurfer, to LPS, the world of DICOM.
+pub(super) const RAS_TO_LPS: DVec3 = DVec3::new(-1.0, -1.0, 1.0);
+
 /// The position of a lattice in the world: neighbouring samples along axis a are `spacing[a] * directions[a]` apart.
 ///
 /// The two are separate so that the user's spacing can replace the header's and keep its directions.

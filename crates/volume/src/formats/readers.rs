@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::input::Input;
-use super::{LoadOptions, metaimage, mrc, nifti, npy, nrrd};
+use super::{LoadOptions, afni, metaimage, mgh, mrc, nifti, npy, npz, nrrd, parrec};
 use crate::error::{Error, Result, Subject};
 use crate::volume::Volume;
 
@@ -13,6 +13,8 @@ type Read = fn(Input, Option<&str>, &LoadOptions) -> Result<Volume>;
 type ReadFolder = fn(&Path, &[PathBuf], &LoadOptions) -> Result<Volume>;
 /// The files that a header names besides its own.
 type DataFiles = fn(Input) -> Result<Vec<PathBuf>>;
+/// The header of a file of samples, if that is its extension and there is one.
+type HeaderOf = fn(&Path) -> Option<PathBuf>;
 
 /// A format of files or folders.
 ///
@@ -29,12 +31,15 @@ pub struct Format {
     pub feature: Option<&'static str>,
     /// Whether a file may hold several data sets: `FILE:SET`.
     pub(super) has_sets: bool,
+    /// Whether it does not state the order of its axes.
+    pub(super) is_array: bool,
     /// Whether a folder may hold files of it that are sections of one volume.
     pub(super) has_sections: bool,
     begins: fn(&[u8]) -> bool,
     read: Option<Read>,
     read_folder: Option<ReadFolder>,
     data_files: Option<DataFiles>,
+    header_of: Option<HeaderOf>,
 }
 
 /// The defaults of a row: one volume in a file, no folder, no data beside the header.
@@ -44,11 +49,13 @@ const PLAIN: Format = Format {
     extensions: &[],
     feature: None,
     has_sets: false,
+    is_array: false,
     has_sections: false,
     begins: |_| false,
     read: None,
     read_folder: None,
     data_files: None,
+    header_of: None,
 };
 
 /// A reader that is there if a feature is on.
@@ -72,7 +79,7 @@ pub(super) const ZARR: Format = Format {
 };
 
 /// The formats, in the order in which the first bytes of a file are held against them.
-pub static FORMATS: [Format; 11] = [
+pub static FORMATS: [Format; 15] = [
     // Its first 128 bytes are free: they may be the beginning of another format, such as TIFF.
     Format {
         name: "DICOM",
@@ -100,7 +107,18 @@ pub static FORMATS: [Format; 11] = [
         description: ".npy",
         extensions: &["npy"],
         begins: |head| head.starts_with(npy::MAGIC),
+        is_array: true,
         read: Some(|input, _, options| npy::read(input, options)),
+        ..PLAIN
+    },
+    Format {
+        name: "NumPy archive",
+        description: ".npz, FILE:ARRAY",
+        extensions: &["npz"],
+        begins: npz::is_npz,
+        has_sets: true,
+        is_array: true,
+        read: Some(npz::read),
         ..PLAIN
     },
     Format {
@@ -110,6 +128,35 @@ pub static FORMATS: [Format; 11] = [
         begins: nifti::is_nifti,
         read: Some(|input, _, options| nifti::read(input, options)),
         data_files: Some(nifti::named_files),
+        header_of: Some(nifti::header_of),
+        ..PLAIN
+    },
+    Format {
+        name: "FreeSurfer",
+        description: ".mgz, .mgh",
+        extensions: &["mgz", "mgh"],
+        begins: mgh::is_mgh,
+        read: Some(|input, _, options| mgh::read(input, options)),
+        ..PLAIN
+    },
+    Format {
+        name: "AFNI",
+        description: ".HEAD with .BRIK",
+        extensions: &["head"],
+        begins: afni::is_afni,
+        read: Some(|input, _, options| afni::read(input, options)),
+        data_files: Some(afni::named_files),
+        header_of: Some(afni::header_of),
+        ..PLAIN
+    },
+    Format {
+        name: "Philips",
+        description: ".PAR with .REC",
+        extensions: &["par"],
+        begins: parrec::is_parrec,
+        read: Some(|input, _, options| parrec::read(input, options)),
+        data_files: Some(parrec::named_files),
+        header_of: Some(parrec::header_of),
         ..PLAIN
     },
     Format {
@@ -163,7 +210,7 @@ pub static FORMATS: [Format; 11] = [
     },
     Format {
         name: "HDF5 or NetCDF",
-        description: "FILE:/SET, MATLAB's .mat of version 7.3 too",
+        description: "FILE:/SET; MATLAB's .mat of version 7.3 and MINC too",
         feature: Some("hdf5"),
         has_sets: true,
         begins: |head| {
@@ -189,6 +236,11 @@ impl Format {
         let name = name.strip_suffix(".gz").or_else(|| name.strip_suffix(".bz2")).unwrap_or(&name);
         let extension = name.rsplit_once('.')?.1;
         FORMATS.iter().find(|format| format.extensions.contains(&extension))
+    }
+
+    /// The header of a file of samples, if that is its extension and there is one.
+    pub(super) fn header_of(image: &Path) -> Option<PathBuf> {
+        FORMATS.iter().filter_map(|format| format.header_of).find_map(|header_of| header_of(image))
     }
 
     /// Whether a file of this format may have that name: one of its extensions, if it has any.

@@ -164,6 +164,21 @@ pub(super) fn guessed(sizes: &[i64]) -> Axes {
     sizes.iter().enumerate().map(|(axis, &size)| (role(axis), size)).collect()
 }
 
+/// As [`guessed`], if the first axis is x: channels if the last has at most four samples and all others more, else
+/// points in time along the fourth axis, and channels along the fifth.
+pub(super) fn guessed_xyz(sizes: &[i64]) -> Axes {
+    let few = 2..=4;
+    let is_short = |c: &i64, others: &[i64]| few.contains(c) && others.iter().all(|size| size > few.end());
+    let beyond: &[Role] = match sizes {
+        [others @ .., c] if sizes.len() == 4 && is_short(c, others) => &[Role::Channel],
+        [_, _, _, _] => &[Role::Time],
+        [_, _, _, _, _] => &[Role::Time, Role::Channel],
+        _ => &[],
+    };
+    let role = |axis: usize| axis.checked_sub(3).and_then(|n| beyond.get(n)).copied().unwrap_or(Role::Space);
+    sizes.iter().enumerate().map(|(axis, &size)| (role(axis), size)).collect()
+}
+
 /// The labels of channels that are colours: red, green and blue, and opacity if there are four.
 pub(super) fn colours(channels: u32) -> Vec<Channel> {
     let names = [("red", [255, 0, 0]), ("green", [0, 255, 0]), ("blue", [0, 0, 255]), ("alpha", [255; 3])];
@@ -280,5 +295,11 @@ mod tests {
         assert_eq!(roles(&[30, 40, 50, 2]), [S, S, S, T]);
         assert_eq!(roles(&[30, 40, 50, 2, 6]), [S, S, S, C, T]);
         assert_eq!(roles(&[30, 40]), [S, S]);
+        let roles = |sizes: &[i64]| guessed_xyz(sizes).into_iter().map(|(role, _)| role).collect::<Vec<_>>();
+        assert_eq!(roles(&[30, 40, 50]), [S, S, S]);
+        assert_eq!(roles(&[30, 40, 50, 3]), [S, S, S, C]);
+        assert_eq!(roles(&[30, 40, 4, 3]), [S, S, S, T]);
+        assert_eq!(roles(&[3, 40, 50, 60]), [S, S, S, T]);
+        assert_eq!(roles(&[30, 40, 50, 6, 2]), [S, S, S, T, C]);
     }
 }

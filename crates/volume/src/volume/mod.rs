@@ -131,6 +131,8 @@ pub struct Origin {
     pub modality: Option<String>,
     /// Names of the protocol, the sequence or the content.
     pub description: Option<String>,
+    /// The meaning of the values, such as "t statistic with 12 degrees of freedom".
+    pub intent: Option<String>,
 }
 
 impl Origin {
@@ -141,7 +143,8 @@ impl Origin {
             (!plain.is_empty()).then_some(plain)
         };
         let all: Vec<String> = descriptions.into_iter().filter_map(plain).collect();
-        Self { modality: modality.and_then(plain), description: (!all.is_empty()).then(|| all.join("; ")) }
+        let description = (!all.is_empty()).then(|| all.join("; "));
+        Self { modality: modality.and_then(plain), description, intent: None }
     }
 }
 

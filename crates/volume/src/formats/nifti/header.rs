@@ -32,6 +32,8 @@ pub(super) struct Header {
     pub(super) xyzt_units: u8,
     /// What values are.
     pub(super) intent_code: i32,
+    /// `intent_p1` to `intent_p3`: parameters of the distribution of a statistic.
+    pub(super) intent_p: [f64; 3],
     pub(super) intent_name: String,
     pub(super) descrip: String,
     /// The axes of frequency, phase and slices of MRI, in two bits each.
@@ -105,6 +107,7 @@ impl Header {
             scl_inter: float([116, 184], 0),
             xyzt_units: int([123, 500], [1, 4], 0) as u8,
             intent_code: int([68, 504], [2, 4], 0) as i32,
+            intent_p: std::array::from_fn(|i| float([56, 80], i)),
             intent_name: fields.text([328, 508][version], 16),
             descrip: fields.text([148, 240][version], 80),
             dim_info: int([39, 524], [1, 1], 0) as u8,

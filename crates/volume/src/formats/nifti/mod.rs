@@ -9,6 +9,7 @@
 //! millimetres.
 
 mod header;
+pub(super) mod intent;
 
 use std::path::{Path, PathBuf};
 
@@ -19,13 +20,11 @@ pub(super) use self::header::{HEADER_SIZE, is_analyze, is_nifti};
 use super::LoadOptions;
 use super::decode::{Layout, read_all};
 use super::input::Input;
-use super::placement::Placement;
+use super::pair::{existing, has_extension, with_extension};
+use super::placement::{Placement, RAS_TO_LPS};
 use super::selection::{Axes, Role, colours, picked, spatial};
 use crate::error::{Result, refuse, refuse_if};
 use crate::volume::{Origin, SampleType, Units, Volume};
-
-/// Factors from RAS, the world of NIfTI, to LPS, that of DICOM.
-const RAS_TO_LPS: DVec3 = DVec3::new(-1.0, -1.0, 1.0);
 
 /// Reads the volume of a header that begins here.
 pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
@@ -42,10 +41,9 @@ pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
         contents.labels = colours(contents.channels);
     }
 
-    // NIFTI_INTENT_LABEL.
-    contents.segments = (header.intent_code == 1002).then(Vec::new);
-
+    contents.segments = intent::are_labels(header.intent_code).then(Vec::new);
     contents.origin = Origin::of(modality(&header), [header.descrip.as_str(), header.intent_name.as_str()]);
+    contents.origin.intent = intent::meaning(header.intent_code, &header.intent_p);
 
     // The offset is a float in NIfTI-1; under 9e15, a little under 2^53, it is exact.
     let offset = header.vox_offset;
@@ -72,15 +70,8 @@ pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
         3 => Some("µm"),
         _ => None,
     };
-    let value = match header.intent_code {
-        2 => Some("r"),
-        3 => Some("t"),
-        4 => Some("F"),
-        5 => Some("z"),
-        // SPM states no intent.
-        _ if header.descrip.starts_with("SPM{T") => Some("t"),
-        _ => None,
-    };
+    // SPM states no intent.
+    let value = intent::unit(header.intent_code).or(header.descrip.starts_with("SPM{T").then_some("t"));
     let units = Units { length: length.map(str::to_owned), value: value.map(str::to_owned) };
     Ok(placement.volume(grid, samples)?.with_rescale(slope, intercept)?.with_units(units).with_contents(contents))
 }
@@ -211,30 +202,7 @@ fn image_file(header: &Path, input: &Input) -> Result<PathBuf> {
     })
 }
 
-/// Whether a file has the extension .img or .img.gz: then it holds the samples of a pair.
-pub(super) fn is_image_name(path: &Path) -> bool {
-    uncompressed(path).extension().is_some_and(|e| e.eq_ignore_ascii_case("img"))
-}
-
 /// The header of the pair that an image file belongs to, if there is one.
-pub(super) fn header_of_image(image: &Path) -> Option<PathBuf> {
-    existing(image, &[".hdr", ".hdr.gz", ".HDR"])
-}
-
-/// The first existing file with the name of `path` and one of the extensions.
-fn existing(path: &Path, extensions: &[&str]) -> Option<PathBuf> {
-    extensions.iter().map(|extension| with_extension(path, extension)).find(|file| file.is_file())
-}
-
-/// The path with its extension, and .gz after it, replaced.
-fn with_extension(path: &Path, extension: &str) -> PathBuf {
-    let mut name = uncompressed(path).with_extension("").into_os_string();
-    name.push(extension);
-    name.into()
-}
-
-/// The path without the extension .gz.
-fn uncompressed(path: &Path) -> PathBuf {
-    let is_gz = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gz"));
-    if is_gz { path.with_extension("") } else { path.to_owned() }
+pub(super) fn header_of(image: &Path) -> Option<PathBuf> {
+    existing(image, &[".hdr", ".hdr.gz", ".HDR"]).filter(|_| has_extension(image, &["img"]))
 }

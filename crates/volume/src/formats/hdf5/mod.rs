@@ -2,7 +2,10 @@
 //! (<https://cfconventions.org>).
 //!
 //! The crate `netcdf-reader` reads NetCDF of all kinds, and HDF5 as NetCDF whose axes have no names. A data set is read
-//! slab by slab.
+//! slab by slab. MINC, which is NetCDF or HDF5 with scales and places of its own, has its own module.
+
+mod minc;
+mod slabs;
 
 use std::path::Path;
 use std::sync::Arc;
@@ -12,24 +15,21 @@ use hdf5_reader::group::Group;
 use hdf5_reader::storage::{DynStorage, FileStorage};
 use hdf5_reader::{Dataset, Datatype, Hdf5File};
 use netcdf_reader::{
-    NcAttribute, NcDimension, NcFile, NcGroup, NcMetadataMode, NcOpenOptions, NcReadable, NcSliceInfo, NcSliceInfoElem,
-    NcType, NcVariable,
+    NcAttribute, NcDimension, NcFile, NcGroup, NcMetadataMode, NcOpenOptions, NcSliceInfoElem, NcType, NcVariable,
 };
 
+use self::slabs::{SLAB, Slabs, attribute, text};
 use super::LoadOptions;
 use super::input::Input;
 use super::placement::{Placement, named_unit, plain_name};
 use super::selection::{Axes, Role, guessed, indices, sized};
 use crate::error::{Error, Hint, Result, Subject, refuse, refuse_if};
 use crate::memory::{reserved, samples_in};
-use crate::volume::{MAX_DIM, Number, Samples, ToF64, Units, Volume, with_samples};
+use crate::volume::{MAX_DIM, Samples, ToF64, Units, Volume, with_samples};
 
 /// The most data sets of a file, and the deepest groups.
 const MAX_SETS: usize = 4096;
 const MAX_DEPTH: usize = 32;
-
-/// The most bytes that are read at once, unless one index of the slowest axis has more.
-const SLAB: u64 = 64 << 20;
 
 /// The largest chunk and the largest slab, in bytes.
 const MAX_CHUNK: usize = 1 << 30;
@@ -80,10 +80,8 @@ pub(super) fn read(input: &Input, inside: Option<&str>, options: &LoadOptions) -
         halves = check_groups(path, &groups)?;
     }
     let root = file.root_group().map_err(|error| failed(&error))?;
-    // MINC 1 is NetCDF with variables that scale each slice.
-    let scales = |variable: &NcVariable| ["image-max", "image-min"].contains(&variable.name.as_str());
-    if root.group("minc-2.0").is_some() || root.variables.iter().any(scales) {
-        refuse!(input, "is a MINC file, whose scales are not read: convert it with mnc2nii");
+    if let Some(image) = minc::image(root, inside) {
+        return minc::read(&file, &image, path, options);
     }
     let mut sets = Vec::new();
     collect(root, "", &[], &mut sets);
@@ -114,7 +112,7 @@ pub(super) fn read(input: &Input, inside: Option<&str>, options: &LoadOptions) -
         NcSliceInfoElem::Slice { start, end, step: 1 }
     };
     let selections = axes.iter().zip(indices.into_iter().rev()).map(selected).collect();
-    let slabs = Slabs { file: &file, set, selections, slowest: space.last().copied(), path };
+    let slabs = Slabs { file: &file, name: &set.path, selections, slowest: space.last().copied(), path };
     let unsigned = text(&set.variable.attributes, "_Unsigned").is_some_and(|text| text == "true");
     let samples = slabs.samples(&set.variable.dtype, unsigned, grid.len())?;
     let samples = without_fill(samples, &set.variable.attributes, path)?;
@@ -212,14 +210,6 @@ fn is_numeric(kind: &NcType) -> bool {
     }
 }
 
-fn attribute<'a>(attributes: &'a [NcAttribute], name: &str) -> Option<&'a NcAttribute> {
-    attributes.iter().find(|attribute| attribute.name == name)
-}
-
-fn text(attributes: &[NcAttribute], name: &str) -> Option<String> {
-    attribute(attributes, name)?.value.as_string()
-}
-
 /// The axes of a data set, the slowest first.
 fn axes(file: &NcFile, set: &Set<'_>) -> Vec<Axis> {
     let axes = &set.variable.dimensions;
@@ -304,63 +294,6 @@ fn placement(axes: &[Axis], space: &[usize]) -> (Placement, Option<String>, Opti
         placement.origin[n] = first;
     }
     (placement, space.first().and_then(|axis| axis.unit.clone()), None)
-}
-
-/// How the samples of a data set are read.
-struct Slabs<'a> {
-    file: &'a NcFile,
-    set: &'a Set<'a>,
-    selections: Vec<NcSliceInfoElem>,
-    /// The slowest axis of space.
-    slowest: Option<usize>,
-    path: &'a Path,
-}
-
-impl Slabs<'_> {
-    fn samples(&self, kind: &NcType, unsigned: bool, count: u64) -> Result<Samples> {
-        Ok(match kind {
-            NcType::Byte if unsigned => {
-                let signed = self.read::<i8>(count)?;
-                Samples::U8(signed.into_iter().map(i8::cast_unsigned).collect())
-            }
-            NcType::Byte => Samples::I8(self.read(count)?),
-            NcType::UByte => Samples::U8(self.read(count)?),
-            NcType::Short => Samples::I16(self.read(count)?),
-            NcType::UShort => Samples::U16(self.read(count)?),
-            NcType::Int => Samples::I32(self.read(count)?),
-            NcType::UInt => Samples::U32(self.read(count)?),
-            NcType::Int64 => Samples::I64(self.read(count)?),
-            NcType::UInt64 => Samples::U64(self.read(count)?),
-            NcType::Float => Samples::F32(self.read(count)?),
-            NcType::Double => Samples::F64(self.read(count)?),
-            NcType::Enum { base, .. } => self.samples(base, unsigned, count)?,
-            _ => refuse!(self.path, "{} has no numbers: expected integers or floats", self.set.path),
-        })
-    }
-
-    fn read<T: Number + NcReadable>(&self, count: u64) -> Result<Vec<T>> {
-        let mut samples: Vec<T> = reserved(count, || samples_in(self.path))?;
-        let mut selections = self.selections.clone();
-        let (slowest, size) = match self.slowest.and_then(|axis| Some((axis, self.selections.get(axis)?))) {
-            Some((axis, NcSliceInfoElem::Slice { end, .. })) => (axis, *end),
-            _ => refuse!(self.path, "{} has no axes", self.set.path),
-        };
-        let thick = (SLAB * size / (count * size_of::<T>() as u64).max(1)).clamp(1, size);
-        for start in (0..size).step_by(thick as usize) {
-            selections[slowest] = NcSliceInfoElem::Slice { start, end: size.min(start + thick), step: 1 };
-            let slab = NcSliceInfo { selections: selections.clone() };
-            let failed = |error| format!("{} is damaged, or of a kind that is not read: {error}", self.set.path);
-            let read = self.file.read_variable_slice::<T>(&self.set.path, &slab);
-            let read = read.map_err(|error| self.path.error(failed(error)))?;
-            match read.as_slice() {
-                Some(slab) => samples.extend_from_slice(slab),
-                None => samples.extend(read.iter().copied()),
-            }
-        }
-        let found = samples.len() as u64;
-        refuse_if!(found != count, self.path, "is cut short: {count} samples expected, {found} are there");
-        Ok(samples)
-    }
 }
 
 /// Replaces fill values by NaN. Integers become floats if there are fill values.

@@ -1,0 +1,89 @@
+//! Samples and attributes of a data set.
+
+use std::path::Path;
+
+use netcdf_reader::{NcAttribute, NcFile, NcReadable, NcSliceInfo, NcSliceInfoElem, NcType};
+
+use crate::error::{Result, Subject, refuse, refuse_if};
+use crate::memory::{reserved, samples_in};
+use crate::volume::{Number, Samples};
+
+/// The most bytes that are read at once, unless one index of the slowest axis has more.
+pub(super) const SLAB: u64 = 64 << 20;
+
+/// The attribute of a name.
+pub(super) fn attribute<'a>(attributes: &'a [NcAttribute], name: &str) -> Option<&'a NcAttribute> {
+    attributes.iter().find(|attribute| attribute.name == name)
+}
+
+/// The text of an attribute.
+pub(super) fn text(attributes: &[NcAttribute], name: &str) -> Option<String> {
+    attribute(attributes, name)?.value.as_string()
+}
+
+/// How the samples of a data set are read.
+pub(super) struct Slabs<'a> {
+    pub(super) file: &'a NcFile,
+    /// The path of the data set.
+    pub(super) name: &'a str,
+    pub(super) selections: Vec<NcSliceInfoElem>,
+    /// The slowest axis of space.
+    pub(super) slowest: Option<usize>,
+    pub(super) path: &'a Path,
+}
+
+impl Slabs<'_> {
+    /// Reads `count` samples. Types of NetCDF-3 have signs unless they are `unsigned`.
+    pub(super) fn samples(&self, kind: &NcType, unsigned: bool, count: u64) -> Result<Samples> {
+        Ok(match kind {
+            NcType::Byte if unsigned => {
+                let signed = self.read::<i8>(count)?;
+                Samples::U8(signed.into_iter().map(i8::cast_unsigned).collect())
+            }
+            NcType::Short if unsigned => {
+                let signed = self.read::<i16>(count)?;
+                Samples::U16(signed.into_iter().map(i16::cast_unsigned).collect())
+            }
+            NcType::Int if unsigned => {
+                let signed = self.read::<i32>(count)?;
+                Samples::U32(signed.into_iter().map(i32::cast_unsigned).collect())
+            }
+            NcType::Byte => Samples::I8(self.read(count)?),
+            NcType::UByte => Samples::U8(self.read(count)?),
+            NcType::Short => Samples::I16(self.read(count)?),
+            NcType::UShort => Samples::U16(self.read(count)?),
+            NcType::Int => Samples::I32(self.read(count)?),
+            NcType::UInt => Samples::U32(self.read(count)?),
+            NcType::Int64 => Samples::I64(self.read(count)?),
+            NcType::UInt64 => Samples::U64(self.read(count)?),
+            NcType::Float => Samples::F32(self.read(count)?),
+            NcType::Double => Samples::F64(self.read(count)?),
+            NcType::Enum { base, .. } => self.samples(base, unsigned, count)?,
+            _ => refuse!(self.path, "{} has no numbers: expected integers or floats", self.name),
+        })
+    }
+
+    fn read<T: Number + NcReadable>(&self, count: u64) -> Result<Vec<T>> {
+        let mut samples: Vec<T> = reserved(count, || samples_in(self.path))?;
+        let mut selections = self.selections.clone();
+        let (slowest, size) = match self.slowest.and_then(|axis| Some((axis, self.selections.get(axis)?))) {
+            Some((axis, NcSliceInfoElem::Slice { end, .. })) => (axis, *end),
+            _ => refuse!(self.path, "{} has no axes", self.name),
+        };
+        let thick = (SLAB * size / (count * size_of::<T>() as u64).max(1)).clamp(1, size);
+        for start in (0..size).step_by(thick as usize) {
+            selections[slowest] = NcSliceInfoElem::Slice { start, end: size.min(start + thick), step: 1 };
+            let slab = NcSliceInfo { selections: selections.clone() };
+            let failed = |error| format!("{} is damaged, or of a kind that is not read: {error}", self.name);
+            let read = self.file.read_variable_slice::<T>(self.name, &slab);
+            let read = read.map_err(|error| self.path.error(failed(error)))?;
+            match read.as_slice() {
+                Some(slab) => samples.extend_from_slice(slab),
+                None => samples.extend(read.iter().copied()),
+            }
+        }
+        let found = samples.len() as u64;
+        refuse_if!(found != count, self.path, "is cut short: {count} samples expected, {found} are there");
+        Ok(samples)
+    }
+}
