@@ -45,7 +45,7 @@ pub fn nearest<'a>(word: &str, names: impl IntoIterator<Item = &'a str>) -> Opti
 
 /// Returns the number of wrong letters if a word is near to a name.
 fn distance(word: &str, name: &str) -> Option<usize> {
-    let most = (word.len() / 4).max(1);
+    let most = ((word.len() + 1) / 4).max(1);
     // A word of any length takes no time.
     let comparable = word.len() <= 2 * name.len() + 1;
     comparable.then(|| osa_distance(word, name)).filter(|distance| *distance <= most)
