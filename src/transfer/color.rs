@@ -124,7 +124,7 @@ mod tests {
     fn misspelt_names_have_a_tip() {
         assert_eq!(tip("Tomatoe"), "; a similar colour exists: tomato");
         assert_eq!(tip("darkslategrai"), "; a similar colour exists: darkslategray");
-        assert_eq!([tip(""), tip("blurple"), tip("#ff00")], ["", "", ""]);
+        assert_eq!([tip(""), tip("nonesuch"), tip("#ff00")], ["", "", ""]);
     }
 
     #[test]

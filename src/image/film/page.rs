@@ -15,7 +15,7 @@ const HEAD: &str = include_str!("page_head.html");
 /// The HTML behind the frames.
 const TAIL: &str = include_str!("page_tail.html");
 
-/// The quality of frames in JPEG, 1 to 100. Their errors are measured in docs/measurements/2026-11-25-pages.md.
+/// The quality of frames in JPEG, 1 to 100. Their errors are measured in docs/measurements/2026-11-25-seconds.md.
 const QUALITY: u8 = 95;
 
 /// A page that is written frame by frame.

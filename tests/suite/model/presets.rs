@@ -332,8 +332,8 @@ fn json_errors_name_the_point_and_the_line() {
         (format!("{{\"points\": [{good},\n{}]}}", good.replace("opacity", "alpha")), "point 2 (line 2): unknown field"),
         (
             format!("{{\"points\": [{}]}}", good.replace("#ffffff", "whitte")),
-            "point 1 (line 1): colour \"whitte\", expected \"#rrggbb\", a colour name of CSS or [red, green, blue] from \
-             0 to 1; a similar colour exists: white",
+            "point 1 (line 1): colour \"whitte\", expected \"#rrggbb\", a colour name of CSS or [red, green, blue] \
+             from 0 to 1; a similar colour exists: white",
         ),
         (format!("{{\"points\": [{}]}}", good.replace("\"#ffffff\"", "[1, 2]")), "point 1 (line 1): colour [1,2], ex"),
         (format!("{{\"points\": [{}]}}", good.replace("\"#ffffff\"", "[1, 2, 0]")), "must lie in 0..1"),

@@ -180,7 +180,7 @@ pub(crate) fn run(args: &ParetoArgs, line: (&Command, &ArgMatches)) -> Result<()
         version: env!("CARGO_PKG_VERSION").to_owned(),
     };
     let rest = |name: fn(&str) -> String| {
-        let words = words(line, &["resume", "seconds"], name);
+        let words = words(line, &["quiet", "resume", "seconds"], name);
         format!("voxsplat pareto {} --resume --seconds 0", command_line(&words))
     };
     make_directory(&args.output)?;
@@ -317,8 +317,8 @@ impl Run<'_> {
             let task = left.remove(at);
             let (Task::Row(variant) | Task::Round(variant)) = task;
             let Variant { model, name, .. } = &self.variants[variant];
-            let seconds = Duration::from_secs_f64(self.plan.left(&left, elapsed));
-            progress.at_left(all - left.len() - 1, &format!("{model}: {name}"), Some(seconds));
+            let seconds = self.plan.left(&left, elapsed).map(Duration::from_secs_f64);
+            progress.at_left(all - left.len() - 1, &format!("{model}: {name}"), seconds);
             match task {
                 Task::Row(variant) => self.row(variant)?,
                 Task::Round(variant) => self.time(variant)?,
@@ -328,7 +328,7 @@ impl Run<'_> {
             let more = left.iter().any(|task| self.plan.fits(*task, self.elapsed()));
             if matches!(task, Task::Row(_)) && more && self.kept.measurements.iter().any(|m| !m.frames.is_empty()) {
                 let seconds = self.plan.left(&left, self.elapsed());
-                self.write(Some(seconds))?;
+                self.write(Some(seconds.unwrap_or_default()))?;
             }
         }
         drop(progress);
