@@ -305,8 +305,8 @@ impl Run<'_> {
     /// Measures the settings, the most telling ones first, until the budget of time is used up. The report is complete
     /// after each row. Returns the front.
     fn measure(&mut self) -> Result<Vec<usize>, Failure> {
-        let mut left = Plan::tasks(&telling(&self.variants), self.args.repeats as usize);
-        left.retain(|task| self.is_open(*task));
+        let order = telling(&self.variants);
+        let mut left = self.tasks(&order);
         let progress = Remaining::new("settings", left.len());
         let all = left.len();
         while !left.is_empty() {
@@ -318,12 +318,12 @@ impl Run<'_> {
             let (Task::Row(variant) | Task::Round(variant)) = task;
             let Variant { model, name, .. } = &self.variants[variant];
             let seconds = self.plan.left(&left, elapsed).map(Duration::from_secs_f64);
-            progress.at_left(all - left.len() - 1, &format!("{model}: {name}"), seconds);
+            progress.at_left(all.saturating_sub(left.len() + 1), &format!("{model}: {name}"), seconds);
             match task {
                 Task::Row(variant) => self.row(variant)?,
                 Task::Round(variant) => self.time(variant)?,
             }
-            left.retain(|task| self.is_open(*task));
+            left = self.tasks(&order);
             self.save()?;
             let more = left.iter().any(|task| self.plan.fits(*task, self.elapsed()));
             if matches!(task, Task::Row(_)) && more && self.kept.measurements.iter().any(|m| !m.frames.is_empty()) {
@@ -336,26 +336,39 @@ impl Run<'_> {
         self.write(None)
     }
 
-    /// Whether a task is left to do.
-    fn is_open(&self, task: Task) -> bool {
-        let (Task::Row(variant) | Task::Round(variant)) = task;
-        let measured = self.measurement(&self.variants[variant]).map(|at| &self.kept.measurements[at]);
-        match (task, measured) {
-            (_, None) => true,
-            (Task::Row(_), Some(measured)) => measured.refused.is_none() && measured.frames.is_empty(),
-            (Task::Round(_), Some(measured)) => self.is_short(measured),
-        }
+    /// Returns the tasks that are left.
+    fn tasks(&self, order: &[usize]) -> Vec<Task> {
+        let open: Vec<(bool, u32)> = self.variants.iter().map(|variant| self.open(variant)).collect();
+        Plan::tasks(order, &open)
     }
 
-    /// Whether frames of a measurement were timed in fewer rounds than requested.
-    fn is_short(&self, measured: &Measurement) -> bool {
-        let slow = measured.seconds().is_some_and(|seconds| seconds > self.args.patience);
-        measured.refused.is_none() && !slow && measured.frames.len() < (self.args.repeats * measured.views) as usize
+    /// Returns whether the row of a variant is to be measured, and the number of further rounds of timing.
+    fn open(&self, variant: &Variant) -> (bool, u32) {
+        let rounds = self.args.repeats - 1;
+        let Some(measured) = self.measurement(variant).map(|at| &self.kept.measurements[at]) else {
+            return (true, rounds);
+        };
+        if measured.refused.is_some() || measured.seconds().is_some_and(|seconds| seconds > self.args.patience) {
+            return (false, 0);
+        }
+        if measured.frames.is_empty() || self.is_cut(measured) {
+            return (true, rounds);
+        }
+        let missing = (self.args.repeats * measured.views).saturating_sub(measured.frames.len() as u32);
+        (false, missing.div_ceil(measured.views.max(1)))
+    }
+
+    /// Whether the budget of time has ended a row before its last view.
+    fn is_cut(&self, measured: &Measurement) -> bool {
+        measured.refused.is_none() && measured.views < self.args.views && measured.first <= self.args.patience
     }
 
     /// Measures the errors of a variant and times it once. A refusal of the renderer is a measurement too.
     fn row(&mut self, index: usize) -> Result<(), Failure> {
         let variant = self.variants[index].clone();
+        if let Some(at) = self.measurement(&variant).filter(|&at| self.is_cut(&self.kept.measurements[at])) {
+            self.kept.measurements.remove(at);
+        }
         if self.measurement(&variant).is_none() {
             let truth = self.truth(index)?;
             let mut measured = Measurement {
@@ -386,7 +399,7 @@ impl Run<'_> {
         let start = Instant::now();
         self.scene = None;
         for (view, truth) in truth.iter().enumerate() {
-            if measured.first > self.args.patience {
+            if measured.first > self.args.patience || view > 0 && self.plan.is_over(self.elapsed()) {
                 break;
             }
             let camera = self.cameras[view];
@@ -461,11 +474,15 @@ impl Run<'_> {
     fn time(&mut self, index: usize) -> Result<(), Failure> {
         let variant = self.variants[index].clone();
         let Some(at) = self.measurement(&variant) else { return Ok(()) };
-        if !self.is_short(&self.kept.measurements[at]) {
+        let measured = &self.kept.measurements[at];
+        if measured.refused.is_some() {
             return Ok(());
         }
-        let begun = self.elapsed();
-        for view in 0..self.kept.measurements[at].views as usize {
+        let (begun, some) = (self.elapsed(), !measured.frames.is_empty());
+        for view in 0..measured.views as usize {
+            if (some || view > 0) && self.plan.is_over(self.elapsed()) {
+                break;
+            }
             let camera = self.cameras[view];
             // A frame that is not timed, then one of another angle.
             self.draw(&camera, &variant.settings)?;
@@ -480,7 +497,8 @@ impl Run<'_> {
     }
 
     fn state(&self, left: Option<f64>) -> State {
-        let short = self.kept.measurements.iter().filter(|measured| self.is_short(measured)).count();
+        let short =
+            self.variants.iter().filter(|v| self.measurement(v).is_some() && self.open(v) != (false, 0)).count();
         State { all: self.variants.len(), short, left, rest: self.rest.clone() }
     }
 

@@ -62,11 +62,14 @@ impl Plan {
         Self { variants: variants.iter().map(of).collect(), budget, done: Vec::new(), traced: Vec::new() }
     }
 
-    /// Returns all tasks in their order: rows, the most telling ones first, then the other rounds of timing, in which a
-    /// busy moment of the machine does not meet one variant alone.
-    pub(crate) fn tasks(telling: &[usize], repeats: usize) -> Vec<Task> {
-        let rounds = (1..repeats).flat_map(|_| (0..telling.len()).map(Task::Round));
-        telling.iter().copied().map(Task::Row).chain(rounds).collect()
+    /// Returns tasks in their order: rows, the most telling ones first, then further rounds of timing, in which a busy
+    /// moment of the machine does not meet one variant alone. `open` has for each variant whether its row is open, and
+    /// the number of rounds.
+    pub(crate) fn tasks(telling: &[usize], open: &[(bool, u32)]) -> Vec<Task> {
+        let rows = telling.iter().copied().filter(|&variant| open[variant].0).map(Task::Row);
+        let most = open.iter().map(|(_, rounds)| *rounds).max().unwrap_or_default();
+        let of_round = |round| (0..open.len()).filter(move |&variant| open[variant].1 > round).map(Task::Round);
+        rows.chain((0..most).flat_map(of_round)).collect()
     }
 
     /// Returns the kind of tracing the truth of a variant.
@@ -125,6 +128,11 @@ impl Plan {
         kinds.into_iter().filter_map(|kind| self.expected(kind)).sum()
     }
 
+    /// Whether the budget is used up, `elapsed` seconds after the start.
+    pub(crate) fn is_over(&self, elapsed: f64) -> bool {
+        self.budget.is_some_and(|budget| elapsed >= budget)
+    }
+
     /// Whether a task is expected to end within the budget, `elapsed` seconds after the start.
     pub(crate) fn fits(&self, task: Task, elapsed: f64) -> bool {
         self.budget.is_none_or(|budget| elapsed + self.seconds(&[task]) < budget)
@@ -154,7 +162,7 @@ mod tests {
     fn the_time_left_is_the_sum_of_each_kind_of_work() {
         let (mut plan, variants) = plan(0.0);
         let order = telling(&variants);
-        let tasks = Plan::tasks(&order, 3);
+        let tasks = Plan::tasks(&order, &vec![(true, 2); variants.len()]);
         assert_eq!(tasks.len(), 3 * variants.len());
         assert_eq!(plan.seconds(&tasks), 0.0, "nothing is known");
         // Every truth takes 7 s, errors take 2 s post-shaded and otherwise 1 s, frames 0.5 s by tiles and 0.25 s.
@@ -194,6 +202,7 @@ mod tests {
     #[test]
     fn a_budget_holds_the_tasks_that_are_expected_to_end_in_it() {
         let (mut plan, _) = plan(10.0);
+        assert!(plan.is_over(10.0) && !plan.is_over(9.9));
         assert!(plan.fits(Task::Row(0), 9.9) && !plan.fits(Task::Row(0), 10.0));
         assert_eq!(plan.left(&[Task::Row(0)], 1.0), None, "nothing is known");
         plan.took(plan.frames(0), 3.0);
@@ -203,6 +212,13 @@ mod tests {
         let tasks = [Task::Round(0), Task::Round(1)];
         assert_eq!([1.0, 8.0, 12.0].map(|elapsed| plan.left(&tasks, elapsed)), [Some(3.5), Some(2.0), Some(0.0)]);
         let unlimited = self::plan(0.0).0;
-        assert!(unlimited.fits(Task::Row(0), 1e9));
+        assert!(unlimited.fits(Task::Row(0), 1e9) && !unlimited.is_over(1e9));
+    }
+
+    #[test]
+    fn open_rows_come_before_rounds_and_rounds_take_turns() {
+        let open = [(true, 1), (false, 2), (true, 0), (false, 0)];
+        let tasks = [Task::Row(2), Task::Row(0), Task::Round(0), Task::Round(1), Task::Round(1)];
+        assert_eq!(Plan::tasks(&[2, 3, 1, 0], &open), tasks);
     }
 }
