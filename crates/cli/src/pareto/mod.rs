@@ -81,7 +81,7 @@ struct Kept {
 struct State {
     /// The number of all settings.
     all: usize,
-    /// Settings whose frames were timed in fewer rounds than requested.
+    /// Settings that were measured in fewer frames than requested.
     short: usize,
     /// The seconds that are left; `None` at the end.
     left: Option<f64>,
@@ -669,7 +669,7 @@ impl State {
     fn missing(&self, kept: &Kept) -> Option<String> {
         let unmeasured = kept.unmeasured.len();
         let rows = (unmeasured > 0).then(|| format!("{unmeasured} of {} settings are not measured", self.all));
-        let short = (self.short > 0).then(|| format!("{} are timed fewer times than requested", self.short));
+        let short = (self.short > 0).then(|| format!("{} are measured in fewer frames than requested", self.short));
         let missing: Vec<String> = rows.into_iter().chain(short).collect();
         (!missing.is_empty()).then(|| format!("{}; this command completes the study", missing.join(", ")))
     }

@@ -154,7 +154,7 @@ fn a_study_whose_time_is_used_up_is_a_whole_report_and_goes_on() {
     assert!(page.contains("<h2>Not measured</h2>") && page.contains("quads, f16"), "{page}");
     assert_eq!((read("pareto.csv").lines().count(), read("time-rms.svg").matches("</svg>").count()), (2, 1));
     let printed = String::from_utf8(output.stdout).unwrap();
-    let missing = format!("{} of {all} settings are not measured, 1 are timed fewer times", all - 1);
+    let missing = format!("{} of {all} settings are not measured, 1 are measured in fewer frames", all - 1);
     assert!(printed.contains(&missing), "{printed}");
     let rest = printed.lines().last().unwrap().split(": voxsplat ").nth(1).unwrap();
     assert!(rest.ends_with(" --resume --seconds 0") && page.contains(rest), "{rest}");
