@@ -104,7 +104,7 @@ def render(
     mask
         Shows the volume only where an array of the volume's shape, an image or a file is not 0.
     background
-        Behind PNGs of the picture: ``"#rrggbb"``, a name or ``"transparent"``. The array has none.
+        Behind PNGs of the picture: ``"#rrggbb"``, a name of CSS or ``"transparent"``. The array has none.
     region
         (x, y, width, height) of a part of the picture, whose pixels are the ones of the whole picture.
     adapter

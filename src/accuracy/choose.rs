@@ -45,16 +45,23 @@ const LEAST_OF_SWEEPS: f64 = 0.01;
 const MANY_SPLATS: u64 = 1 << 20;
 /// Number of levels by which cells may be coarser than the picture resolves.
 const COARSER: u32 = 2;
-/// Largest number of attempts with thinner sheets, or with voxels in place of cells.
-const MOST_THINNER: usize = 5;
 /// The least thickness of sheets, voxels.
 const THINNEST: f64 = 0.05;
+/// The power of the thickness of sheets with which the errors of composites grow.
+const SQUARE: f64 = 2.0;
+/// The least power for which thinner sheets are tried.
+const LEAST_POWER: f64 = 0.5;
 /// The range of factors by which sheets become thinner at once.
-const THINNER: [f64; 2] = [0.2, 0.8];
+const THINNER: [f64; 2] = [0.1, 0.8];
+
+/// The largest number of pictures that [`choose`] draws.
+pub const MOST_PICTURES: usize = 5;
 
 /// Chooses the cheapest settings whose picture keeps an error of `max_error` ([definition](super)). Draws the picture
 /// with one set of settings after the other, the cheapest first, and compares it with about `pixels` traced pixels,
-/// until it is close enough.
+/// until it is close enough. It draws at most [`MOST_PICTURES`] and predicts the thickness of sheets from the errors
+/// so far. If none of the pictures keeps the bound, or thinner sheets are predicted not to, the best one is the result
+/// ([`Chosen::keeps`]).
 ///
 /// Model, shading, kernel, sharpness, light, normalization and antialiasing stay, but for a bound below 0.01 shadows
 /// are [exact](crate::lighting::Lighting::exact_shadows). So do explicit choices in `settings`: a painter or a level
@@ -85,7 +92,8 @@ pub fn choose(
     let scene = renderer.prepare_layers(layers, &base)?;
     let truth = Truth::trace(layers, camera, &base, pixels)?;
     let bound = MARGIN * max_error;
-    let mut search = Search { renderer, scene, camera, truth, bound, tried: Vec::new(), best: None };
+    let mut search =
+        Search { renderer, scene, camera, truth, bound, tried: Vec::new(), best: None, sheets: Vec::new() };
     let first = search.draw(&base)?;
     if first.keeps {
         search.coarser(&base, &first)?;
@@ -114,6 +122,8 @@ struct Search<'a> {
     tried: Vec<Tried>,
     /// The best picture so far, and its place in `tried`.
     best: Option<(usize, Rendered)>,
+    /// Level, thickness of sheets and error of each picture by `quads`, all of the level of the last one.
+    sheets: Vec<(u32, f64, f64)>,
 }
 
 /// The outcome of one attempt.
@@ -137,6 +147,10 @@ impl Search<'_> {
             splats: rendered.stats.splats_kept,
             level: rendered.stats.levels[1],
         };
+        if rendered.stats.quads().is_some() {
+            self.sheets.retain(|(level, ..)| *level == trial.level);
+            self.sheets.push((trial.level, settings.quads().sheet_thickness, trial.error));
+        }
         // After settings that keep the bound only cheaper settings are tried.
         let better = |(at, _): &(usize, Rendered)| trial.keeps || estimate.error < self.tried[*at].estimate.error;
         if self.best.as_ref().is_none_or(better) {
@@ -173,43 +187,82 @@ impl Search<'_> {
     /// Tries more expensive settings after `last`, which misses the bound, until some keep it.
     fn finer(&mut self, mut base: Settings, mut last: Trial) -> Result<()> {
         let chosen_for = base.painter;
-        let level = last.level;
-        let full = Painter::Tiles(TilesSettings { resolution: Resolution::Full });
         let shares_rays = last.by_tiles && chosen_for == Painter::Auto && !base.is_post_shaded();
-        if shares_rays {
-            self.attempt(&Settings { painter: full, ..base.clone() }, &mut last)?;
-        }
-        if !last.keeps && level > 0 && base.level == Level::Auto {
+        // Neither more rays nor thinner sheets make up for the error of cells, so voxels come first.
+        if last.level > 0 && base.level == Level::Auto {
             base.level = Level::At(0);
             self.attempt(&base, &mut last)?;
-            if !last.keeps && shares_rays {
-                self.attempt(&Settings { painter: full, ..base.clone() }, &mut last)?;
-            }
+        }
+        if !last.keeps && shares_rays {
+            let painter = Painter::Tiles(TilesSettings { resolution: Resolution::Full });
+            self.attempt(&Settings { painter, ..base.clone() }, &mut last)?;
         }
         let knobs = base.quads();
         // An X-ray has one sheet at any thickness.
         if last.keeps || matches!(chosen_for, Painter::Tiles(_)) || base.model == Model::Xray {
             return Ok(());
         }
-        // Rays by tiles resolve the depth of a voxel as well as a sheet does.
-        let mut thickness = knobs.sheet_thickness;
-        for _ in 0..MOST_THINNER {
-            // Thinner sheets do not make up for the error of cells, so voxels come first.
-            let coarse = base.level == Level::Auto && last.level > 0;
-            if coarse {
-                base.level = Level::At(0);
-            } else if thickness > THINNEST {
-                let aim = (AIM * self.bound / last.error).sqrt().clamp(THINNER[0], THINNER[1]);
-                thickness = rounded_down(thickness * aim).max(THINNEST);
-            } else {
+        while !last.keeps && self.tried.len() < MOST_PICTURES {
+            // Rays by tiles resolve the depth of a voxel about as well as a sheet does.
+            let mut so_far: Vec<(f64, f64)> =
+                self.sheets.iter().map(|&(_, thickness, error)| (thickness, error)).collect();
+            if so_far.is_empty() {
+                so_far.push((knobs.sheet_thickness, last.error));
+            }
+            let Some(sheet_thickness) = thickness(&so_far, self.bound) else { break };
+            let painter = Painter::Quads(QuadsSettings { sheet_thickness, ..knobs });
+            let drawn = self.tried.len();
+            self.attempt(&Settings { painter, ..base.clone() }, &mut last)?;
+            if self.tried.len() == drawn {
                 break;
             }
-            let painter = Painter::Quads(QuadsSettings { sheet_thickness: thickness, ..knobs });
-            self.attempt(&Settings { painter, ..base.clone() }, &mut last)?;
-            if last.keeps {
-                break;
+            if last.level > 0 && base.level == Level::Auto {
+                base.level = Level::At(0);
             }
         }
         Ok(())
+    }
+}
+
+/// Predicts a thickness of sheets whose picture keeps `bound`, from the thickness and the error of each picture so far,
+/// of which there is one at least; `None` if thinner sheets are predicted not to keep it.
+fn thickness(so_far: &[(f64, f64)], bound: f64) -> Option<f64> {
+    let &(last, error) = so_far.last()?;
+    // Errors grow as a power of the thickness: composites as the square, projections of intensity more slowly.
+    let power = match so_far {
+        [.., (before, error_before), _] => (error_before / error).ln() / (before / last).ln(),
+        _ => SQUARE,
+    };
+    // Near the share of the error that sheets do not change, the power falls to 0.
+    if last <= THINNEST || power.is_nan() || power < LEAST_POWER {
+        return None;
+    }
+    let [least, most] = THINNER.map(|factor| factor * last);
+    let predicted = last * (AIM * bound / error).powf(power.min(SQUARE).recip());
+    Some(rounded_down(predicted.clamp(least, most)).max(THINNEST))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_thickness_of_sheets_is_predicted_from_errors() {
+        // One error: as the square.
+        let one = thickness(&[(1.0, 6e-3)], 1e-3).unwrap();
+        assert!((0.3..=0.316).contains(&one), "{one}");
+        // Errors of 1e-3 + 4e-3 t^2 have to be under 2e-3: sheets of 0.5 are just too thick.
+        let error = |t: f64| 1e-3 + 4e-3 * t * t;
+        let two = thickness(&[(1.0, error(1.0)), (0.6, error(0.6))], 2e-3).unwrap();
+        assert!(error(two) < 2e-3 && two > 0.3, "{two}");
+        // They come near to 1e-3 and stay there, so no thickness keeps 0.5e-3.
+        assert_eq!(thickness(&[(0.2, error(0.2)), (0.1, error(0.1))], 0.5e-3), None);
+        // Errors that grow as the thickness need thinner sheets than errors that grow as its square.
+        let linear = thickness(&[(1.0, 8e-3), (0.5, 4e-3)], 2e-3).unwrap();
+        assert!((0.14..=0.15).contains(&linear), "{linear}");
+        assert_eq!(thickness(&[(1.0, 5e-3), (0.5, 5e-3)], 1e-3), None);
+        assert_eq!(thickness(&[(THINNEST, 5e-3)], 1e-3), None);
+        // No step is larger than tenfold.
+        assert_eq!(thickness(&[(1.0, 1.0)], 1e-9), Some(0.1));
     }
 }

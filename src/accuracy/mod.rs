@@ -8,6 +8,6 @@ mod choose;
 mod estimate;
 mod sample;
 
-pub use choose::{Chosen, Tried, choose};
+pub use choose::{Chosen, MOST_PICTURES, Tried, choose};
 pub use estimate::{Estimate, Truth};
 pub use sample::Sample;

@@ -2,11 +2,12 @@
 
 use std::fmt;
 use std::path::Path;
+use std::str::FromStr;
 
 use crate::error::{Error, Result};
 use crate::formats::{self, LoadOptions};
 use crate::layers::{Layer, LegendEntry};
-use crate::transfer::{ControlPoint, TransferFunction, Window};
+use crate::transfer::{ControlPoint, TransferFunction, Window, color};
 use crate::volume::{Channel, SampleType, Statistics, Volume};
 use voxsplat_volume::names::readable;
 
@@ -34,6 +35,26 @@ pub struct ChannelChoice {
     pub number: u32,
     /// Its colour, each channel 0 to 1; `None` for the colour of the file or a colour that differs from the others.
     pub color: Option<[f64; 3]>,
+}
+
+impl FromStr for ChannelChoice {
+    type Err = Error;
+
+    /// Parses `N` or `N:COLOUR`.
+    fn from_str(text: &str) -> Result<Self> {
+        let (number, name) = text.split_once(':').map_or((text, None), |(number, name)| (number, Some(name)));
+        let parsed = || {
+            let color = match name {
+                Some(name) => Some(color::parse(name)?),
+                None => None,
+            };
+            Some(Self { number: number.parse().ok()?, color })
+        };
+        parsed().ok_or_else(|| {
+            let tip = name.map(color::tip).unwrap_or_default();
+            Error::setting("channel", format!("expected N or N:COLOUR, channels counted from 0{tip}"))
+        })
+    }
 }
 
 /// The request for the values of a file: by what they are shown.
@@ -211,4 +232,24 @@ fn colors(channels: [&Volume; 3], alpha: Option<&Volume>, values: Values) -> Res
         _ => Window { level: white / 2.0, width: white },
     };
     Layer::colors(channels, alpha, white, &ramp([[1.0; 3]; 2], COLOR_OPACITY, &window)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn channels_have_a_number_and_maybe_a_colour() {
+        let channel = |text: &str| text.parse::<ChannelChoice>();
+        assert_eq!(channel("2").unwrap(), ChannelChoice { number: 2, color: None });
+        for red in ["0:#ff0000", "0:Red", "0:#f00", "0:1,0,0"] {
+            assert_eq!(channel(red).unwrap(), ChannelChoice { number: 0, color: Some([1.0, 0.0, 0.0]) });
+        }
+        for bad in ["", "-1", "a", "1:", "1:transparent", "1.5"] {
+            let error = channel(bad).unwrap_err().to_string();
+            assert_eq!(error, "channel: expected N or N:COLOUR, channels counted from 0", "{bad}");
+        }
+        let misspelt = channel("1:fuschia").unwrap_err().to_string();
+        assert!(misspelt.ends_with("; a similar colour exists: fuchsia"), "{misspelt}");
+    }
 }

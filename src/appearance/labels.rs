@@ -4,8 +4,8 @@ use std::path::Path;
 use std::str::FromStr;
 
 use crate::error::{Error, Result};
-use crate::image::Background;
 use crate::layers::{LabelChange, LabelSelection, Labels, Layer, Layers};
+use crate::transfer::color;
 use crate::volume::Volume;
 
 /// A change of the looks of some labels.
@@ -31,17 +31,15 @@ impl FromStr for LabelSpec {
                 ("off", ..) => LabelChange::Opacity(0.0),
                 (_, Some(factor), _) => LabelChange::Factor(factor),
                 (_, None, Ok(_)) => LabelChange::Opacity(share(look)?),
-                (_, None, Err(_)) => match look.parse().ok()? {
-                    Background::Color(color) => LabelChange::Color(color),
-                    _ => return None,
-                },
+                (_, None, Err(_)) => LabelChange::Color(color::parse(look)?),
             };
             Some(Self { which: which.parse().ok()?, change })
         };
         parsed().ok_or_else(|| {
             let expected = "expected WHICH:LOOK; WHICH is all, numbers such as 1,4,7-9, or a name, and LOOK an opacity \
                             from 0 to 1, xF (a factor of the opacity from 0 to 1), on, off or a colour";
-            Error::setting("label", expected)
+            let tip = text.rsplit_once(':').map(|(_, look)| color::tip(look)).unwrap_or_default();
+            Error::setting("label", format!("{expected}{tip}"))
         })
     }
 }
@@ -132,6 +130,7 @@ mod tests {
             ("all:on", LabelSelection::All, LabelChange::Opacity(1.0)),
             ("Left kidney:#ff0000", name("Left kidney"), LabelChange::Color([1.0, 0.0, 0.0])),
             ("2-3:x0.25", numbers(&[[2, 3]]), LabelChange::Factor(0.25)),
+            ("2:Gold", numbers(&[[2, 2]]), LabelChange::Color([1.0, 215.0 / 255.0, 0.0])),
             ("a:b:red", name("a:b"), LabelChange::Color([1.0, 0.0, 0.0])),
         ] {
             assert_eq!(text.parse::<LabelSpec>().unwrap(), LabelSpec { which, change }, "{text}");
@@ -140,5 +139,7 @@ mod tests {
             let error = bad.parse::<LabelSpec>().unwrap_err().to_string();
             assert!(error.contains("expected WHICH:LOOK"), "{bad}: {error}");
         }
+        let misspelt = "3:rebecapurple".parse::<LabelSpec>().unwrap_err().to_string();
+        assert!(misspelt.ends_with("; a similar colour exists: rebeccapurple"), "{misspelt}");
     }
 }

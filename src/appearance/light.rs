@@ -6,9 +6,9 @@ use glam::DVec3;
 
 use crate::camera::View;
 use crate::error::{Error, Result};
-use crate::image::Background;
 use crate::lighting::{Light, Lighting, Source};
 use crate::settings::parse::{expect, finite};
+use crate::transfer::color::{parse as parse_color, tip};
 
 /// A requested light.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -38,11 +38,11 @@ pub enum LightPlace {
 impl FromStr for LightSpec {
     type Err = Error;
 
-    /// Parses `off`, `studio`, `studio:eye`, or `headlight`, `AZ,EL` or `@X,Y,Z` with `:INTENSITY`, `:#RRGGBB` or
-    /// `:INTENSITY,#RRGGBB`.
+    /// Parses `off`, `studio`, `studio:eye`, or `headlight`, `AZ,EL` or `@X,Y,Z` with `:INTENSITY`, `:COLOUR` or
+    /// `:INTENSITY,COLOUR`.
     fn from_str(text: &str) -> Result<Self> {
         let expected = "off, studio, studio:eye, headlight, AZ,EL in degrees or @X,Y,Z; the last three with \
-                        :INTENSITY or :#RRGGBB";
+                        :INTENSITY or :COLOUR";
         let (place, color) = text.split_once(':').map_or((text, None), |(place, color)| (place, Some(color)));
         let place = match (place, color) {
             ("off", None) => return Ok(Self::Off),
@@ -57,12 +57,9 @@ impl FromStr for LightSpec {
         let place = expect("light", place, expected)?;
         let mut light = [1.0; 3];
         for part in color.into_iter().flat_map(|color| color.split(',')) {
-            let factors = match (finite(part), part.parse()) {
-                (Some([intensity]), _) => Some([intensity; 3]),
-                (None, Ok(Background::Color(color))) => Some(color),
-                _ => None,
-            };
-            light.iter_mut().zip(expect("light", factors, expected)?).for_each(|(light, factor)| *light *= factor);
+            let factors = finite(part).map(|[intensity]| [intensity; 3]).or_else(|| parse_color(part));
+            let factors = expect("light", factors, &format!("{expected}{}", tip(part)))?;
+            light.iter_mut().zip(factors).for_each(|(light, factor)| *light *= factor);
         }
         Ok(Self::One(place, light))
     }

@@ -23,26 +23,16 @@ impl Default for Background {
 impl FromStr for Background {
     type Err = Error;
 
-    /// Parses `transparent`, `#rgb`, `#rrggbb`, a colour of HTML 4 by name, or `r,g,b` in 0..1.
+    /// Parses `transparent`, `#rgb`, `#rrggbb`, a colour of CSS by name, or `r,g,b` in 0..1.
     fn from_str(text: &str) -> Result<Self, Error> {
-        let lower = text.trim().to_lowercase();
-        if lower == "transparent" {
+        if text.trim().eq_ignore_ascii_case("transparent") {
             return Ok(Self::Transparent);
         }
-        let color = color::hex(&lower)
-            .or_else(|| color::short_hex(&lower))
-            .or_else(|| color::named(&lower))
-            .or_else(|| channels(&lower));
-        let expected = "expected transparent, #rrggbb, a colour name such as white, or r,g,b in 0..1";
-        color.map(Self::Color).ok_or_else(|| Error::setting("background", format!("{text:?}, {expected}")))
+        color::parse(text).map(Self::Color).ok_or_else(|| {
+            let expected = "expected transparent, #rrggbb, a colour name of CSS such as white, or r,g,b in 0..1";
+            Error::setting("background", format!("{text:?}, {expected}{}", color::tip(text)))
+        })
     }
-}
-
-/// The colour of `r,g,b`, each in 0..1.
-fn channels(text: &str) -> Option<[f64; 3]> {
-    let channels: Option<Vec<f64>> = text.split(',').map(|channel| channel.trim().parse().ok()).collect();
-    let color: [f64; 3] = channels?.try_into().ok()?;
-    color.iter().all(|c| (0.0..=1.0).contains(c)).then_some(color)
 }
 
 #[cfg(test)]
@@ -56,10 +46,13 @@ mod tests {
         assert_eq!(color("#f80"), Background::Color([1.0, 8.0 / 15.0, 0.0]));
         assert_eq!(color("#ff0080"), Background::Color([1.0, 0.0, 128.0 / 255.0]));
         assert_eq!(color("White"), Background::Color([1.0; 3]));
+        assert_eq!(color("lightSlateGrey"), color("#778899"));
         assert_eq!(color("0,0.5,1"), Background::Color([0.0, 0.5, 1.0]));
         for bad in ["", "#12", "#ggg", "blurple", "1,2,3", "0,0", "nan,0,0"] {
             let refused = bad.parse::<Background>().unwrap_err().to_string();
             assert!(refused.starts_with(&format!("background: {bad:?}, expected transparent")), "{refused}");
         }
+        let refused = "stealblue".parse::<Background>().unwrap_err().to_string();
+        assert!(refused.ends_with("; a similar colour exists: steelblue"), "{refused}");
     }
 }

@@ -37,8 +37,11 @@ fn parse(text: &str) -> Result<BTreeMap<i64, Label>, String> {
     let columns = lines().next().and_then(|(_, line)| Columns::of(line));
     let row = |line: &str| columns.as_ref().map_or_else(|| row(line), |columns| columns.row(line));
     let rows = lines().skip(usize::from(columns.is_some())).map(|(number, line)| {
-        let expected = "a number, a name, and red, green, blue and opacity";
-        row(line).ok_or_else(|| format!("line {}: {:?}, expected {expected}", number + 1, line.trim()))
+        row(line).ok_or_else(|| {
+            let expected = "a number, a name, and red, green, blue and opacity";
+            let tip = columns.as_ref().map(|columns| columns.tip(line)).unwrap_or_default();
+            format!("line {}: {:?}, expected {expected}{tip}", number + 1, line.trim())
+        })
     });
     let rows = rows.collect::<Result<Vec<Row>, String>>()?;
     if rows.is_empty() {
@@ -85,7 +88,7 @@ struct Columns {
     separator: char,
     label: usize,
     name: usize,
-    /// One column of #rrggbb, or red, green and blue from 0 to 255.
+    /// One column of #rrggbb or names, or red, green and blue from 0 to 255.
     color: Vec<usize>,
     opacity: Option<usize>,
 }
@@ -111,10 +114,16 @@ impl Columns {
         let number = |at: usize| -> Option<f64> { cells.get(at)?.parse().ok() };
         let color = match self.color.as_slice() {
             &[red, green, blue] => [number(red)?, number(green)?, number(blue)?],
-            hex => color::hex(cells.get(*hex.first()?)?)?.map(|channel| 255.0 * channel),
+            text => color::parse(cells.get(*text.first()?)?)?.map(|channel| 255.0 * channel),
         };
         let opacity = self.opacity.and_then(number).map(|opacity| opacity / 255.0);
         Some((cells.get(self.label)?.parse().ok()?, (*cells.get(self.name)?).to_owned(), color, opacity))
+    }
+
+    /// Returns the end of the error of a row.
+    fn tip(&self, line: &str) -> String {
+        let [text] = self.color.as_slice() else { return String::new() };
+        cells(line, self.separator).nth(*text).map(color::tip).unwrap_or_default()
     }
 }
 
@@ -145,6 +154,10 @@ mod tests {
         );
         let bids = "index\tname\tabbreviation\tcolor\n-3\tWhite matter\tWM\t#ff0000\n";
         assert_eq!(parse(bids).unwrap()[&-3].color, [1.0, 0.0, 0.0]);
+        let named = "index,name,colour\n1,Gut,Salmon\n";
+        assert_eq!(parse(named).unwrap()[&1].color, [250.0 / 255.0, 128.0 / 255.0, 114.0 / 255.0]);
+        let misspelt = parse(&named.replace("Salmon", "samon")).unwrap_err();
+        assert!(misspelt.ends_with("opacity; a similar colour exists: salmon"), "{misspelt}");
         let csv = "LabelValue,Name,Color_R,Color_G,Color_B,Color_A\n4294967295,\"Big, no\",0,255,0,51\n";
         assert!(parse(csv).unwrap_err().starts_with("line 2: "));
         let csv = "LabelValue,Name,Color_R,Color_G,Color_B,Color_A\n4294967295,Big,0,255,0,51\n";

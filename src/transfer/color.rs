@@ -1,25 +1,10 @@
 //! Colours as users write them: red, green and blue from 0 to 1, in display space.
 
-/// The sixteen colours of HTML 4 (<https://www.w3.org/TR/html401/types.html#h-6.5>), "gray" in both spellings.
-const NAMED: [(&str, u32); 17] = [
-    ("black", 0x00_0000),
-    ("silver", 0xc0_c0c0),
-    ("gray", 0x80_8080),
-    ("grey", 0x80_8080),
-    ("white", 0xff_ffff),
-    ("maroon", 0x80_0000),
-    ("red", 0xff_0000),
-    ("purple", 0x80_0080),
-    ("fuchsia", 0xff_00ff),
-    ("green", 0x00_8000),
-    ("lime", 0x00_ff00),
-    ("olive", 0x80_8000),
-    ("yellow", 0xff_ff00),
-    ("navy", 0x00_0080),
-    ("blue", 0x00_00ff),
-    ("teal", 0x00_8080),
-    ("aqua", 0x00_ffff),
-];
+use voxsplat_volume::names::nearest;
+
+/// A line for each name of CSS: the name in lower case, a blank, and six hexadecimal digits
+/// (<https://www.w3.org/TR/css-color-4/#named-colors>).
+const NAMES: &str = include_str!("color_names.txt");
 
 /// Unpacks the colour `0xrrggbb`.
 pub(crate) fn packed(rgb: u32) -> [f64; 3] {
@@ -32,13 +17,38 @@ pub(crate) fn hex(text: &str) -> Option<[f64; 3]> {
 }
 
 /// Parses the colour `#rgb`, which stands for `#rrggbb` with each digit doubled.
-pub(crate) fn short_hex(text: &str) -> Option<[f64; 3]> {
+fn short_hex(text: &str) -> Option<[f64; 3]> {
     digits(text, 3).map(|rgb| [8, 4, 0].map(|shift| f64::from(rgb >> shift & 0xf) / 15.0))
 }
 
-/// Looks up a colour of HTML 4 by its name in lower case.
-pub(crate) fn named(name: &str) -> Option<[f64; 3]> {
-    NAMED.iter().find(|(known, _)| *known == name).map(|(_, rgb)| packed(*rgb))
+/// The names of CSS, each with its digits.
+fn names() -> impl Iterator<Item = (&'static str, &'static str)> {
+    NAMES.lines().filter_map(|line| line.split_once(' '))
+}
+
+/// Looks up a colour of CSS by its name in lower case.
+fn named(name: &str) -> Option<[f64; 3]> {
+    let (_, rgb) = names().find(|(known, _)| *known == name)?;
+    u32::from_str_radix(rgb, 16).ok().map(packed)
+}
+
+/// Parses a colour as users write it: `#rrggbb`, `#rgb`, a name of CSS in any case, or `r,g,b` in 0..1.
+pub(crate) fn parse(text: &str) -> Option<[f64; 3]> {
+    let lower = text.trim().to_lowercase();
+    hex(&lower).or_else(|| short_hex(&lower)).or_else(|| named(&lower)).or_else(|| channels(&lower))
+}
+
+/// Returns the end of an error about a colour: the name of CSS that is most similar to the text, if one is.
+pub(crate) fn tip(text: &str) -> String {
+    let near = nearest(&text.trim().to_lowercase(), names().map(|(name, _)| name));
+    near.map(|name| format!("; a similar colour exists: {name}")).unwrap_or_default()
+}
+
+/// The colour of `r,g,b`, each in 0..1.
+fn channels(text: &str) -> Option<[f64; 3]> {
+    let channels: Option<Vec<f64>> = text.split(',').map(|channel| channel.trim().parse().ok()).collect();
+    let color: [f64; 3] = channels?.try_into().ok()?;
+    color.iter().all(|c| (0.0..=1.0).contains(c)).then_some(color)
 }
 
 /// The colour of a hue, a saturation and a value in 0..1 (Smith 1978, "Color gamut transform pairs").
@@ -87,6 +97,34 @@ mod tests {
         assert_eq!([hsv([0.0, 1.0, 1.0]), hsv([1.0 / 3.0, 1.0, 0.5])], [[1.0, 0.0, 0.0], [0.0, 0.5, 0.0]]);
         assert_eq!(short_hex("#ff8000"), None);
         assert_eq!(named("blurple"), None);
+    }
+
+    #[test]
+    fn all_names_of_css_are_colours_in_any_case() {
+        let all: Vec<&str> = names().map(|(name, _)| name).collect();
+        assert_eq!(all.len(), 148);
+        assert!(all.is_sorted() && all.iter().all(|name| parse(name).is_some()), "{all:?}");
+        for (text, digits) in [
+            ("RebeccaPurple", "#663399"),
+            (" cornflowerblue ", "#6495ed"),
+            ("LIGHTGOLDENRODYELLOW", "#fafad2"),
+            ("tomato", "#ff6347"),
+            ("yellowgreen", "#9acd32"),
+            ("aqua", "#00ffff"),
+        ] {
+            assert_eq!(parse(text), hex(digits), "{text}");
+        }
+        for name in all.iter().filter(|name| name.contains("gray")) {
+            assert_eq!(named(name), named(&name.replace("gray", "grey")), "{name}");
+        }
+        assert_eq!(all.iter().filter(|name| name.contains("grey")).count(), 7);
+    }
+
+    #[test]
+    fn misspelt_names_have_a_tip() {
+        assert_eq!(tip("Tomatoe"), "; a similar colour exists: tomato");
+        assert_eq!(tip("darkslategrai"), "; a similar colour exists: darkslategray");
+        assert_eq!([tip(""), tip("nonesuch"), tip("#ff00")], ["", "", ""]);
     }
 
     #[test]

@@ -1,7 +1,8 @@
 //! Transfer functions as JSON files.
 //!
 //! ```json
-//! {"unit_distance": 1.0, "points": [{"value": 0, "color": "#rrggbb", "opacity": 0.0},
+//! {"unit_distance": 1.0, "points": [{"value": 0, "color": "orange", "opacity": 0.0},
+//!                                   {"value": 0.5, "color": "#rrggbb", "opacity": 0.1},
 //!                                   {"value": 1, "color": [1.0, 0.9, 0.8], "opacity": 0.4}],
 //!  "gradient_opacity": [{"magnitude": 0, "opacity": 0.0}, {"magnitude": 20, "opacity": 1.0}]}
 //! ```
@@ -42,7 +43,7 @@ struct Point {
 
 /// Red, green and blue of a colour in either notation.
 fn channels(color: &Value) -> Option<[f64; 3]> {
-    color.as_str().map_or_else(|| Deserialize::deserialize(color).ok(), color::hex)
+    color.as_str().map_or_else(|| Deserialize::deserialize(color).ok(), color::parse)
 }
 
 impl TransferFunction {
@@ -68,8 +69,11 @@ impl TransferFunction {
             let error = |line: usize, reason: &str| Error::Transfer(format!("point {number} (line {line}): {reason}"));
             let Point { value, color, opacity } =
                 serde_json::from_str(raw.get()).map_err(|e| error(line + e.line() - 1, &fault(&e)))?;
-            let expected = "expected \"#rrggbb\" or [red, green, blue] from 0 to 1";
-            let color = channels(&color).ok_or_else(|| error(line, &format!("colour {color}, {expected}")))?;
+            let color = channels(&color).ok_or_else(|| {
+                let expected = "expected \"#rrggbb\", a colour name of CSS or [red, green, blue] from 0 to 1";
+                let tip = color.as_str().map(color::tip).unwrap_or_default();
+                error(line, &format!("colour {color}, {expected}{tip}"))
+            })?;
             let point = ControlPoint { value, color, opacity };
             point.check(points.last()).map_err(|reason| error(line, &reason))?;
             points.push(point);

@@ -9,6 +9,7 @@ use voxsplat::layers::Layers;
 use voxsplat::renderer::{Rendered, Renderer, Scene};
 use voxsplat::settings::Settings;
 use voxsplat::volume::{Units, Volume};
+use voxsplat_volume::names::counted;
 
 use super::failure::Failure;
 use super::job::RenderJob;
@@ -70,12 +71,12 @@ pub(crate) fn draw(
     let options = command_line(&options_of(&settings));
     let options = if options.is_empty() { "the defaults".to_owned() } else { options };
     let said = in_words(&estimate);
+    let tried = counted(tried.len() as u64, "picture");
     output::say(&match keeps {
-        true => format!("note: using {options} for --max-error {max_error}: {said}"),
-        false => format!(
-            "note: using {options}, the best of {} settings, all of which exceed --max-error {max_error}: {said}",
-            tried.len()
-        ),
+        true => format!("note: using {options} for --max-error {max_error}, found with {tried}: {said}"),
+        false => {
+            format!("note: using {options}, the best of {tried}, all of which exceed --max-error {max_error}: {said}")
+        }
     });
     Ok(((rendered, settings, Some(estimate)), None))
 }

@@ -7,8 +7,6 @@ use std::str::FromStr;
 use clap::ValueEnum;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use glam::DVec3;
-use voxsplat::Background;
-use voxsplat::appearance::ChannelChoice;
 use voxsplat::error::Error;
 use voxsplat::image::Region;
 use voxsplat::transfer::Window;
@@ -206,18 +204,6 @@ pub(crate) fn tolerance(text: &str) -> Result<f64, String> {
     expect(number(text).ok().filter(|&n| n >= 0.0), "a number, 0 or over")
 }
 
-/// Parses `N` or `N:COLOUR`.
-pub(crate) fn channel(text: &str) -> Result<ChannelChoice, String> {
-    let (number, color) = text.split_once(':').map_or((text, None), |(number, color)| (number, Some(color)));
-    let color = match color.map(str::parse) {
-        None => Some(None),
-        Some(Ok(Background::Color(color))) => Some(Some(color)),
-        Some(_) => None,
-    };
-    let channel = number.parse().ok().zip(color).map(|(number, color)| ChannelChoice { number, color });
-    expect(channel, "N or N:COLOUR, channels counted from 0")
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -251,16 +237,6 @@ mod tests {
         assert_eq!(units("value=HU"), Ok(Units { length: None, ..both }));
         for bad in ["", "mm", "length=", "length=mm,width=3", "=mm"] {
             assert!(units(bad).unwrap_err().starts_with("expected length=UNIT"), "{bad}");
-        }
-    }
-
-    #[test]
-    fn channels_have_a_number_and_maybe_a_colour() {
-        assert_eq!(channel("2"), Ok(ChannelChoice { number: 2, color: None }));
-        assert_eq!(channel("0:#ff0000"), Ok(ChannelChoice { number: 0, color: Some([1.0, 0.0, 0.0]) }));
-        for bad in ["", "-1", "a", "1:", "1:transparent", "1.5"] {
-            let error = channel(bad).unwrap_err();
-            assert!(error.starts_with("expected N or N:COLOUR"), "{bad}: {error}");
         }
     }
 

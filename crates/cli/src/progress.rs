@@ -91,11 +91,16 @@ impl Remaining {
     pub(crate) fn at(&self, done: usize, next: &str) {
         let mut begun = self.begun.borrow_mut();
         begun.push_back((Instant::now(), done));
-        let left = time_left(&begun, self.steps)
-            .map_or_else(String::new, |left| format!(" (about {} left)", HumanDuration(left)));
+        let left = time_left(&begun, self.steps);
         if begun.len() > RECENT {
             begun.pop_front();
         }
+        self.at_left(done, next, left);
+    }
+
+    /// Shows the number of finished steps, the next one, and the time that is left.
+    pub(crate) fn at_left(&self, done: usize, next: &str, left: Option<Duration>) {
+        let left = left.map_or_else(String::new, |left| format!(" (about {} left)", HumanDuration(left)));
         self.bar.0.set_position(done as u64);
         self.bar.0.set_message(format!("{left}\n  {next}"));
     }

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Arg, Command};
-use strsim::osa_distance;
+use voxsplat_volume::names::{is_near, nearest};
 
 use super::args;
 use super::destination::STREAM;
@@ -52,11 +52,6 @@ const FOREIGN: [&str; 33] = [
     "overlay segmentation seg atlas labelmap label-map: --labels FILE, --mask FILE",
     "colorbar scalar-bar scalarbar show-colorbar: --colour-bar",
 ];
-
-/// Whether a word is so near to another that it counts as a misspelling.
-fn is_near(word: &str, other: &str) -> bool {
-    osa_distance(word, other) <= (word.len() / 4).max(1)
-}
 
 /// Returns our option for a word of another program or of an earlier version, if the command has all options that the
 /// text names.
@@ -161,7 +156,7 @@ fn of_command(error: &clap::Error) -> Option<String> {
     let word = context(error, ContextKind::InvalidSubcommand)?;
     let program = args::command();
     let names: Vec<&str> = program.get_subcommands().map(Command::get_name).collect();
-    let tip = match names.iter().find(|name| is_near(&word, name)) {
+    let tip = match nearest(&word, names.iter().copied()) {
         Some(near) => format!("; tip: a similar subcommand exists: '{near}'"),
         None if word == "help" => ", expected voxsplat --help or voxsplat COMMAND --help".to_owned(),
         None => format!(", expected {}", names.join(", ")),
@@ -377,16 +372,6 @@ mod tests {
         ] {
             assert_eq!(as_typed(message, &words), spelled);
             assert_eq!(as_typed(message, &[]), message);
-        }
-    }
-
-    #[test]
-    fn a_letter_in_four_may_be_wrong() {
-        for (word, other) in [("azimut", "azimuth"), ("sahdows", "shadows"), ("ligth", "light")] {
-            assert!(is_near(word, other), "{word} {other}");
-        }
-        for (word, other) in [("slice", "size"), ("", "ab"), ("wobble", "zoom")] {
-            assert!(!is_near(word, other), "{word} {other}");
         }
     }
 }

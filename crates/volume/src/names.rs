@@ -1,5 +1,7 @@
 //! One spelling per enum: messages, JSON and the command line all use it.
 
+use strsim::osa_distance;
+
 /// A number of things whose plural ends in s: 1 slice, 2 slices.
 pub fn counted(count: u64, thing: &str) -> String {
     format!("{count} {thing}{}", if count == 1 { "" } else { "s" })
@@ -27,6 +29,26 @@ pub fn readable(value: f64) -> String {
 #[must_use]
 pub fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
+
+/// Whether a word is so near to a name that it counts as its misspelling: one letter in four may be wrong.
+#[must_use]
+pub fn is_near(word: &str, name: &str) -> bool {
+    distance(word, name).is_some()
+}
+
+/// Returns the name that a word misspells, the most similar one.
+pub fn nearest<'a>(word: &str, names: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+    let near = names.into_iter().filter_map(|name| Some((distance(word, name)?, name)));
+    near.min_by_key(|(distance, _)| *distance).map(|(_, name)| name)
+}
+
+/// Returns the number of wrong letters if a word is near to a name.
+fn distance(word: &str, name: &str) -> Option<usize> {
+    let most = ((word.len() + 1) / 4).max(1);
+    // A word of any length takes no time.
+    let comparable = word.len() <= 2 * name.len() + 1;
+    comparable.then(|| osa_distance(word, name)).filter(|distance| *distance <= most)
 }
 
 /// Names the variants of a field-less enum.
@@ -103,6 +125,7 @@ pub fn listed(names: &[&str]) -> String {
 
 #[cfg(test)]
 mod tests {
+    use super::{is_near, nearest};
     use crate::formats::MissingSlices;
     use crate::volume::SampleType;
 
@@ -119,6 +142,19 @@ mod tests {
     fn a_wrong_name_is_told_the_right_ones() {
         let error = "Refuse".parse::<MissingSlices>().unwrap_err().to_string();
         assert_eq!(error, "missing_slices: \"Refuse\", expected refuse or interpolate");
+    }
+
+    #[test]
+    fn a_letter_in_four_may_be_wrong() {
+        for (word, other) in [("azimut", "azimuth"), ("sahdows", "shadows"), ("ligth", "light")] {
+            assert!(is_near(word, other), "{word} {other}");
+        }
+        for (word, other) in [("slice", "size"), ("", "ab"), ("wobble", "zoom")] {
+            assert!(!is_near(word, other), "{word} {other}");
+        }
+        assert_eq!(nearest("browm", ["brow", "brown", "blown"]), Some("brow"));
+        assert_eq!(nearest("brownn", ["blown", "brown"]), Some("brown"));
+        assert!(!is_near(&"brown".repeat(100_000), "brown"));
     }
 
     #[test]

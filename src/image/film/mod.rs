@@ -25,7 +25,7 @@ pub enum Format {
     Apng,
     /// Uncompressed YUV (BT.601, 4:4:4) for encoders of video, such as `ffmpeg -i -`.
     Y4m,
-    /// One HTML page with every frame as PNG, which turns when it is dragged.
+    /// One HTML page with every frame, which turns when it is dragged. Frames are PNG, or JPEG if that is smaller.
     Html,
 }
 
@@ -336,22 +336,45 @@ mod tests {
     fn a_page_has_every_frame_and_what_is_said_of_them() {
         let mut bytes = Vec::new();
         let mut film = Film::new(&mut bytes, Format::Html, [32, 16], 3, 12.5).unwrap();
+        film.title("{lines} <i>");
         frames().iter().for_each(|frame| film.add(frame, Background::default()).unwrap());
         film.describe(vec!["a <b> & {delay}".to_owned()]);
         film.finish().unwrap();
         let text = String::from_utf8(bytes).unwrap();
         assert!(text.contains("<p>a &lt;b&gt; &amp; {delay}</p>") && text.contains("show(frame + 1), 80)"), "{text}");
+        assert!(text.contains("alt=\"{lines} &lt;i&gt;: a volume") && text.contains("width: 32px;"), "{text}");
         assert!(!text.contains("http"), "asks for something of the network");
-        let listed = text.split("const frames = [\n").nth(1).unwrap().split("];").next().unwrap();
-        let files: Vec<&str> = listed.lines().map(|line| line.trim_matches(['"', ','])).collect();
+        let files = files_of(&text);
         assert_eq!(files.len(), 3);
         for (file, frame) in files.into_iter().zip(frames()) {
-            let file = base64::Engine::decode(&base64::engine::general_purpose::STANDARD, file).unwrap();
             let mut reader = png::Decoder::new(io::Cursor::new(&file)).read_info().unwrap();
             let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
             reader.next_frame(&mut pixels).unwrap();
             assert_eq!(off(&frame, &pixels), 0.0);
         }
+    }
+
+    /// The files of the frames of a page.
+    fn files_of(page: &str) -> Vec<Vec<u8>> {
+        let listed = page.split("const frames = [\n").nth(1).unwrap().split("];").next().unwrap();
+        let decoded = |text: &str| base64::Engine::decode(&base64::engine::general_purpose::STANDARD, text).unwrap();
+        listed.lines().map(|line| decoded(line.trim_matches(['"', ',']))).collect()
+    }
+
+    #[test]
+    fn a_frame_of_many_colours_of_a_page_is_a_good_jpeg() {
+        let wave = |i: usize, across: f32, down: f32| {
+            0.5 + 0.4 * ((i % 64) as f32 * across).sin() * ((i / 64) as f32 * down).cos()
+        };
+        let pixel = |i: usize| [wave(i, 0.31, 0.17), wave(i, 0.13, 0.29), wave(i, 0.23, 0.37), 1.0];
+        let frame = Image::new(64, 64, (0..4096).map(pixel).collect()).unwrap();
+        let mut bytes = Vec::new();
+        let mut film = Film::new(&mut bytes, Format::Html, [64, 64], 1, 25.0).unwrap();
+        film.add(&frame, Background::default()).unwrap();
+        film.finish().unwrap();
+        let file = files_of(&String::from_utf8(bytes).unwrap()).remove(0);
+        let read = image::load_from_memory_with_format(&file, image::ImageFormat::Jpeg).unwrap().to_rgb8();
+        assert!(off(&frame, read.as_raw()) < 2.0, "{}", off(&frame, read.as_raw()));
     }
 
     #[test]

@@ -331,8 +331,9 @@ fn json_errors_name_the_point_and_the_line() {
         (format!("{{\"points\": [\n{good},\n\n{{\"value\": 2}}]}}"), "point 2 (line 4): missing field `color`"),
         (format!("{{\"points\": [{good},\n{}]}}", good.replace("opacity", "alpha")), "point 2 (line 2): unknown field"),
         (
-            format!("{{\"points\": [{}]}}", good.replace("#ffffff", "white")),
-            "point 1 (line 1): colour \"white\", expected",
+            format!("{{\"points\": [{}]}}", good.replace("#ffffff", "whitte")),
+            "point 1 (line 1): colour \"whitte\", expected \"#rrggbb\", a colour name of CSS or [red, green, blue] \
+             from 0 to 1; a similar colour exists: white",
         ),
         (format!("{{\"points\": [{}]}}", good.replace("\"#ffffff\"", "[1, 2]")), "point 1 (line 1): colour [1,2], ex"),
         (format!("{{\"points\": [{}]}}", good.replace("\"#ffffff\"", "[1, 2, 0]")), "must lie in 0..1"),

@@ -66,7 +66,7 @@ pub(crate) struct MergeArgs {
     /// Picture to write: .png, .exr, or - for a PNG on standard output
     #[arg(short, long, value_name = "FILE")]
     pub(crate) output: PathBuf,
-    /// Background of a PNG: #rrggbb, a name such as white, r,g,b from 0 to 1, or transparent
+    /// Background of a PNG: #rrggbb, a name of CSS such as white, r,g,b from 0 to 1, or transparent
     #[arg(long, value_name = "COLOUR", default_value = "black", value_parser = parse::library::<Background>)]
     pub(crate) background: Background,
 }

@@ -59,7 +59,7 @@ pub(crate) struct InputArgs {
     ///
     /// [default: all channels, in the colours of the file or in green, magenta, cyan ..; channels that the file calls
     /// red, green and blue are the colours of voxels]
-    #[arg(long, value_name = "N[:COLOUR]", value_parser = parse::channel)]
+    #[arg(long, value_name = "N[:COLOUR]", value_parser = parse::library::<ChannelChoice>)]
     pub(crate) channel: Vec<ChannelChoice>,
     /// Draw time point N, counted from 0; a turntable also takes a range or all [default: 0]
     ///

@@ -82,7 +82,7 @@ pub(crate) struct ModelArgs {
     /// headlight shines from the eye, AZ,EL from the position of an eye at that azimuth and elevation, @X,Y,Z from a
     /// point, equally bright at any distance. studio is a key, a fill and a rim light around the view, with soft
     /// shadows and ambient occlusion; in a turntable it stands still, and studio:eye follows the eye. Repeat the option
-    /// for up to 4 lights. All but studio and off take :INTENSITY or :#RRGGBB.
+    /// for up to 4 lights. All but studio and off take :INTENSITY or :COLOUR.
     ///
     /// [default: studio if render uses a preset or a built-in volume that shows surfaces, otherwise off]
     #[arg(long, value_name = "LIGHT", value_parser = parse::library::<LightSpec>)]

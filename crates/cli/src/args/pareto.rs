@@ -14,13 +14,14 @@ const PARETO_EXAMPLES: &str = "\
 Examples:
   voxsplat pareto demo:vessels:128 -o vessels
   voxsplat pareto ct.nrrd -o ct --transfer ct-bone --light headlight --projection perspective
-  voxsplat pareto ct.nrrd -o ct --transfer ct-bone --light headlight --projection perspective --resume";
+  voxsplat pareto ct.nrrd -o ct --transfer ct-bone --light headlight --projection perspective --resume --seconds 0";
 
 /// Measure the speed and the error of many settings, and report the best compromises.
 ///
 /// Errors are relative to the f64 reference. The study varies painters, density of rays, level of detail, sheets,
 /// footprint tables, termination, shading and kernels. DIR gets report.html with the plots, the Pareto front as command
-/// lines to copy and pictures of differences; the plots as .svg; all numbers as pareto.csv and pareto.json.
+/// lines to copy and pictures of differences; the plots as .svg; all numbers as pareto.csv and pareto.json. All files
+/// are complete from the first measured settings on, and name the settings that --seconds leaves out.
 #[derive(Debug, clap::Args)]
 #[command(after_help = PARETO_EXAMPLES)]
 pub(crate) struct ParetoArgs {
@@ -45,7 +46,11 @@ pub(crate) struct ParetoArgs {
     #[arg(long, value_name = "SECONDS", default_value_t = 5.0, value_parser = parse::positive,
         help_heading = "Measurement")]
     pub(crate) patience: f64,
-    /// Continue an interrupted run of the same command
+    /// Measure for about SECONDS, the most telling settings first; 0: measure everything. --resume goes on
+    #[arg(long, value_name = "SECONDS", default_value_t = 60.0, value_parser = parse::tolerance,
+        help_heading = "Measurement")]
+    pub(crate) seconds: f64,
+    /// Continue a run of the same command that was interrupted or has used up its --seconds
     #[arg(long, help_heading = "Measurement")]
     pub(crate) resume: bool,
     /// Show other renderers in the plot: a JSON array of objects with name, seconds (per frame) and rms (error against

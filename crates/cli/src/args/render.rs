@@ -54,7 +54,7 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "X,Y,W,H", value_parser = parse::region, conflicts_with_all = ["max_error", "verify"],
         help_heading = "Output")]
     pub(crate) region: Option<Region>,
-    /// Background of a PNG: #rrggbb, a name such as white, r,g,b from 0 to 1, or transparent
+    /// Background of a PNG: #rrggbb, a name of CSS such as white, r,g,b from 0 to 1, or transparent
     #[arg(long, aliases = ["background-color", "bg-color"], value_name = "COLOUR", default_value = "black",
         value_parser = parse::library::<Background>, help_heading = "Output")]
     pub(crate) background: Background,

@@ -9,8 +9,8 @@ use crate::parse::{self, one_of};
 
 const TURNTABLE_EXAMPLES: &str = "\
 -o is DIR/{frame}.png or .exr (a file for each frame), FILE.gif (256 colours for all frames), FILE.apng, FILE.y4m,
-FILE.html (a page that turns when it is dragged), or - for standard output. All options of render apply, and a scene
-may take the place of a volume.
+FILE.html (a page that turns by mouse, touch and keys), or - for standard output. All options of render apply, and a
+scene may take the place of a volume.
 
 Examples:
   voxsplat turntable head.nii.gz --frames 72 -o head.gif --size 512 --elevation 15

@@ -2,11 +2,12 @@
 
 mod date;
 mod page;
+mod plan;
 mod plot;
 mod study;
 
 use std::path::Path;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use clap::{ArgMatches, Command};
 use flate2::Crc;
@@ -42,9 +43,10 @@ use super::stderr::silenced;
 use super::transfer::transfer as requested_transfer;
 use super::tune::{Tuning, pairs_without};
 use date::today;
+use plan::{Plan, Task};
 use plot::{Marker, Point, plot};
 pub(crate) use study::variants;
-use study::{Errors, Measurement, Variant, front};
+use study::{Errors, Measurement, Variant, front, telling};
 
 /// The subject of a study: an interrupted run continues only if all of it is the same.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -69,7 +71,22 @@ struct Kept {
     subject: Subject,
     /// The day of the last measurement.
     date: String,
+    /// The settings without a measurement, as model and name.
+    #[serde(default)]
+    unmeasured: Vec<[String; 2]>,
     measurements: Vec<Measurement>,
+}
+
+/// The state of a study, for its report.
+struct State {
+    /// The number of all settings.
+    all: usize,
+    /// Settings that were measured in fewer frames than requested.
+    short: usize,
+    /// The seconds that are left; `None` at the end.
+    left: Option<f64>,
+    /// The command that measures everything that is missing.
+    rest: String,
 }
 
 /// Another renderer's picture of the same scene.
@@ -83,7 +100,7 @@ struct Rival {
 }
 
 /// Options of `voxsplat pareto` alone, and options that a study varies.
-const OWN: &str = "output views repeats patience rivals resume quiet shading kernel level tune";
+const OWN: &str = "output views repeats patience seconds rivals resume quiet shading kernel level tune";
 
 /// The error of the truth: a tenth of the error of the most exact pictures.
 const TOLERANCE: f64 = 1e-6;
@@ -105,6 +122,7 @@ const GOLDEN_ANGLE: f64 = 137.507_764_050_037_85;
 const ELEVATIONS: [f64; 5] = [25.0, -35.0, 55.0, -15.0, 0.0];
 
 pub(crate) fn run(args: &ParetoArgs, line: (&Command, &ArgMatches)) -> Result<(), Failure> {
+    let start = Instant::now();
     let notes = noted(line.0, vec![line.1])?;
     args.input.check_one_time()?;
     let first = view(&args.view, args.size)?;
@@ -161,7 +179,12 @@ pub(crate) fn run(args: &ParetoArgs, line: (&Command, &ArgMatches)) -> Result<()
         driver: adapter.driver.clone(),
         version: env!("CARGO_PKG_VERSION").to_owned(),
     };
+    let rest = |name: fn(&str) -> String| {
+        let words = words(line, &["quiet", "resume", "seconds"], name);
+        format!("voxsplat pareto {} --resume --seconds 0", command_line(&words))
+    };
     make_directory(&args.output)?;
+    let variants = variants(&settings);
     let mut run = Run {
         args,
         renderer,
@@ -169,15 +192,20 @@ pub(crate) fn run(args: &ParetoArgs, line: (&Command, &ArgMatches)) -> Result<()
         transfer: &transfer,
         cameras,
         sample: Sample::new(args.size, tuning.sample),
-        variants: variants(&settings),
+        plan: Plan::new(&variants, args.seconds),
+        variants,
+        clock: Box::new(move || start.elapsed()),
+        rest: rest(file_name),
+        rivals,
         figure,
         kept: kept(args, subject)?,
         scene: None,
         truths: Vec::new(),
+        drawn: Vec::new(),
     };
-    run.measure()?;
-    run.time()?;
-    run.write(&rivals)
+    let front = run.measure()?;
+    let summary = summary(&run.kept, &front, &run.state(None), &args.output.join("report.html"), &rest(str::to_owned));
+    output::print(&summary)
 }
 
 /// Refuses a folder that cannot be made or written to. It is made after the volume has been read.
@@ -224,7 +252,7 @@ fn kept(args: &ParetoArgs, subject: Subject) -> Result<Kept, Failure> {
     } else {
         Vec::new()
     };
-    Ok(Kept { subject, date: today(), measurements })
+    Ok(Kept { subject, date: today(), unmeasured: Vec::new(), measurements })
 }
 
 /// The properties that a scene was prepared for: post-shading, and the kernel that samples were filtered for.
@@ -240,6 +268,12 @@ struct Run<'a> {
     /// The pixels that are compared.
     sample: Sample,
     variants: Vec<Variant>,
+    plan: Plan,
+    /// The time since the start.
+    clock: Box<dyn Fn() -> Duration>,
+    /// The command that measures everything that is missing.
+    rest: String,
+    rivals: Vec<Rival>,
     /// The figure on the pictures of the page.
     figure: Figure,
     kept: Kept,
@@ -247,28 +281,96 @@ struct Run<'a> {
     scene: Option<(Prepared, Scene)>,
     /// The true sampled pixels of each view, by model.
     truths: Vec<(String, Vec<Image>)>,
+    /// The picture of the first view of a variant, and its difference from the truth.
+    drawn: Vec<(Variant, page::Shots)>,
 }
 
 impl Run<'_> {
     fn save(&mut self) -> Result<(), Failure> {
         self.kept.date = today();
+        let missing = self.variants.iter().filter(|variant| self.measurement(variant).is_none());
+        self.kept.unmeasured = missing.map(|variant| [variant.model.clone(), variant.name.clone()]).collect();
         let text = serde_json::to_string_pretty(&self.kept).map_err(|e| Failure::failed(e.to_string()))?;
         Ok(write_file(self.args.output.join("pareto.json"), text.as_bytes())?)
     }
 
-    fn measurement(&self, variant: &Variant) -> Option<usize> {
-        self.kept.measurements.iter().position(|m| m.model == variant.model && m.name == variant.name)
+    fn elapsed(&self) -> f64 {
+        (self.clock)().as_secs_f64()
     }
 
-    /// Measures the errors of all variants. A refusal of the renderer is a measurement too.
-    fn measure(&mut self) -> Result<(), Failure> {
-        let progress = Remaining::new("measuring errors", self.variants.len());
-        for (done, variant) in self.variants.clone().iter().enumerate() {
-            progress.at(done, &format!("{}: {}", variant.model, variant.name));
-            if self.measurement(variant).is_some() {
-                continue;
+    fn measurement(&self, variant: &Variant) -> Option<usize> {
+        self.kept.measurements.iter().position(|measured| is_of(measured, variant))
+    }
+
+    /// Measures the settings, the most telling ones first, until the budget of time is used up. The report is complete
+    /// after each row. Returns the front.
+    fn measure(&mut self) -> Result<Vec<usize>, Failure> {
+        let order = telling(&self.variants);
+        let mut left = self.tasks(&order);
+        let progress = Remaining::new("settings", left.len());
+        let all = left.len();
+        while !left.is_empty() {
+            let elapsed = self.elapsed();
+            // A report needs one row, whatever the budget is.
+            let first = self.kept.measurements.iter().all(|measured| measured.frames.is_empty());
+            let Some(at) = left.iter().position(|task| first || self.plan.fits(*task, elapsed)) else { break };
+            let task = left.remove(at);
+            let (Task::Row(variant) | Task::Round(variant)) = task;
+            let Variant { model, name, .. } = &self.variants[variant];
+            let seconds = self.plan.left(&left, elapsed).map(Duration::from_secs_f64);
+            progress.at_left(all.saturating_sub(left.len() + 1), &format!("{model}: {name}"), seconds);
+            match task {
+                Task::Row(variant) => self.row(variant)?,
+                Task::Round(variant) => self.time(variant)?,
             }
-            let truth = self.truth(variant)?;
+            left = self.tasks(&order);
+            self.save()?;
+            let more = left.iter().any(|task| self.plan.fits(*task, self.elapsed()));
+            if matches!(task, Task::Row(_)) && more && self.kept.measurements.iter().any(|m| !m.frames.is_empty()) {
+                let seconds = self.plan.left(&left, self.elapsed());
+                self.write(Some(seconds.unwrap_or_default()))?;
+            }
+        }
+        drop(progress);
+        self.save()?;
+        self.write(None)
+    }
+
+    /// Returns the tasks that are left.
+    fn tasks(&self, order: &[usize]) -> Vec<Task> {
+        let open: Vec<(bool, u32)> = self.variants.iter().map(|variant| self.open(variant)).collect();
+        Plan::tasks(order, &open)
+    }
+
+    /// Returns whether the row of a variant is to be measured, and the number of further rounds of timing.
+    fn open(&self, variant: &Variant) -> (bool, u32) {
+        let rounds = self.args.repeats - 1;
+        let Some(measured) = self.measurement(variant).map(|at| &self.kept.measurements[at]) else {
+            return (true, rounds);
+        };
+        if measured.refused.is_some() || measured.seconds().is_some_and(|seconds| seconds > self.args.patience) {
+            return (false, 0);
+        }
+        if measured.frames.is_empty() || self.is_cut(measured) {
+            return (true, rounds);
+        }
+        let missing = (self.args.repeats * measured.views).saturating_sub(measured.frames.len() as u32);
+        (false, missing.div_ceil(measured.views.max(1)))
+    }
+
+    /// Whether the budget of time has ended a row before its last view.
+    fn is_cut(&self, measured: &Measurement) -> bool {
+        measured.refused.is_none() && measured.views < self.args.views && measured.first <= self.args.patience
+    }
+
+    /// Measures the errors of a variant and times it once. A refusal of the renderer is a measurement too.
+    fn row(&mut self, index: usize) -> Result<(), Failure> {
+        let variant = self.variants[index].clone();
+        if let Some(at) = self.measurement(&variant).filter(|&at| self.is_cut(&self.kept.measurements[at])) {
+            self.kept.measurements.remove(at);
+        }
+        if self.measurement(&variant).is_none() {
+            let truth = self.truth(index)?;
             let mut measured = Measurement {
                 model: variant.model.clone(),
                 name: variant.name.clone(),
@@ -279,26 +381,29 @@ impl Run<'_> {
                 frames: Vec::new(),
                 errors: Errors::default(),
             };
-            match self.errors(&variant.settings, &truth, &mut measured) {
+            let start = self.elapsed();
+            match self.errors(&variant, &truth, &mut measured) {
                 Err(error) if error.refuses_settings() => measured.refused = Some(format!("{error:#}")),
                 result => result?,
             }
+            if measured.refused.is_none() {
+                self.plan.took(self.plan.errors(index), self.elapsed() - start);
+            }
             self.kept.measurements.push(measured);
-            self.save()?;
         }
-        Ok(())
+        self.time(index)
     }
 
     /// Draws each view from the start and compares it with its truth.
-    fn errors(&mut self, settings: &Settings, truth: &[Image], measured: &mut Measurement) -> Result<(), Error> {
+    fn errors(&mut self, variant: &Variant, truth: &[Image], measured: &mut Measurement) -> Result<(), Error> {
         let start = Instant::now();
         self.scene = None;
         for (view, truth) in truth.iter().enumerate() {
-            if measured.first > self.args.patience {
+            if measured.first > self.args.patience || view > 0 && self.plan.is_over(self.elapsed()) {
                 break;
             }
             let camera = self.cameras[view];
-            let rendered = self.draw(&camera, settings)?;
+            let rendered = self.draw(&camera, &variant.settings)?;
             if measured.first == 0.0 {
                 measured.first = start.elapsed().as_secs_f64();
                 measured.painter = rendered.stats.painter.name().to_owned();
@@ -333,10 +438,12 @@ impl Run<'_> {
 
     /// The true sampled pixels of each view, by the reference. They are traced at most once for a model, and kept for
     /// an interrupted run.
-    fn truth(&mut self, variant: &Variant) -> Result<Vec<Image>, Failure> {
+    fn truth(&mut self, index: usize) -> Result<Vec<Image>, Failure> {
+        let variant = self.variants[index].clone();
         if let Some((_, truth)) = self.truths.iter().find(|(model, _)| *model == variant.model) {
             return Ok(truth.clone());
         }
+        let start = self.elapsed();
         let number = self.variants.iter().position(|v| v.model == variant.model).unwrap_or(0);
         let folder = self.args.output.join("truth");
         let file = |view: usize| folder.join(format!("{number}-{view}.exr"));
@@ -355,45 +462,48 @@ impl Run<'_> {
             for (view, image) in truth.iter().enumerate() {
                 image.save(file(view), Background::Transparent)?;
             }
+            self.plan.took(self.plan.truth(index), self.elapsed() - start);
             truth
         };
-        self.truths.push((variant.model.clone(), truth.clone()));
+        self.plan.has_truth(index);
+        self.truths.push((variant.model, truth.clone()));
         Ok(truth)
     }
 
-    /// Times all variants in rounds, so that a busy moment of the machine does not meet one variant alone.
-    fn time(&mut self) -> Result<(), Failure> {
-        let repeats = self.args.repeats as usize;
-        let progress = Remaining::new("timing frames", self.variants.len() * repeats);
-        for round in 1..=repeats {
-            for (done, variant) in self.variants.clone().iter().enumerate() {
-                progress.at((round - 1) * self.variants.len() + done, &format!("{}: {}", variant.model, variant.name));
-                let Some(at) = self.measurement(variant) else { continue };
-                let measured = &self.kept.measurements[at];
-                let slow = measured.seconds().is_some_and(|seconds| seconds > self.args.patience);
-                let views = measured.views as usize;
-                if measured.refused.is_some() || slow || measured.frames.len() >= round * views {
-                    continue;
-                }
-                for view in 0..views {
-                    let camera = self.cameras[view];
-                    // A frame that is not timed, then one of another angle.
-                    self.draw(&camera, &variant.settings)?;
-                    let turn = DQuat::from_axis_angle(camera.up, TURN.to_radians());
-                    let turned = Camera { forward: turn * camera.forward, right: turn * camera.right, ..camera };
-                    let start = Instant::now();
-                    self.draw(&turned, &variant.settings)?;
-                    self.kept.measurements[at].frames.push(start.elapsed().as_secs_f64());
-                }
-                self.save()?;
-            }
+    /// Times each view of a variant once.
+    fn time(&mut self, index: usize) -> Result<(), Failure> {
+        let variant = self.variants[index].clone();
+        let Some(at) = self.measurement(&variant) else { return Ok(()) };
+        let measured = &self.kept.measurements[at];
+        if measured.refused.is_some() {
+            return Ok(());
         }
+        let (begun, some) = (self.elapsed(), !measured.frames.is_empty());
+        for view in 0..measured.views as usize {
+            if (some || view > 0) && self.plan.is_over(self.elapsed()) {
+                break;
+            }
+            let camera = self.cameras[view];
+            // A frame that is not timed, then one of another angle.
+            self.draw(&camera, &variant.settings)?;
+            let turn = DQuat::from_axis_angle(camera.up, TURN.to_radians());
+            let turned = Camera { forward: turn * camera.forward, right: turn * camera.right, ..camera };
+            let start = Instant::now();
+            self.draw(&turned, &variant.settings)?;
+            self.kept.measurements[at].frames.push(start.elapsed().as_secs_f64());
+        }
+        self.plan.took(self.plan.frames(index), self.elapsed() - begun);
         Ok(())
     }
 
-    /// Writes the report: numbers, plots and the page.
-    fn write(&mut self, rivals: &[Rival]) -> Result<(), Failure> {
-        self.save()?;
+    fn state(&self, left: Option<f64>) -> State {
+        let short =
+            self.variants.iter().filter(|v| self.measurement(v).is_some() && self.open(v) != (false, 0)).count();
+        State { all: self.variants.len(), short, left, rest: self.rest.clone() }
+    }
+
+    /// Writes the report: numbers, plots and the page, each of which is complete at every moment. Returns the front.
+    fn write(&mut self, left: Option<f64>) -> Result<Vec<usize>, Failure> {
         let directory = &self.args.output;
         let front = front(&self.kept.measurements, |errors| errors.rms);
         let commands: Vec<String> = self.kept.measurements.iter().map(|measured| self.command(measured)).collect();
@@ -403,48 +513,66 @@ impl Run<'_> {
         let title = format!("{name}, {width} x {height} pixels");
         let mut plots = Vec::new();
         for (file, name, error) in ERRORS {
-            let points = points(&self.kept.measurements, error, if file == "rms" { rivals } else { &[] });
+            let points = points(&self.kept.measurements, error, if file == "rms" { &self.rivals } else { &[] });
             let svg = plot(&title, name, &points)
                 .ok_or_else(|| Failure::failed("nothing was timed: there is no plot".to_owned()))?;
             write_file(directory.join(format!("time-{file}.svg")), svg.as_bytes())?;
             plots.push(svg);
         }
-        let mut pictures = Vec::new();
         let exact: fn(&Measurement) -> f64 = |measured| measured.errors.rms;
         let fast: fn(&Measurement) -> f64 = |measured| measured.seconds().unwrap_or(f64::INFINITY);
+        let mut best = Vec::new();
         for (title, rank) in [("The most exact of the front", exact), ("The fastest of the front", fast)] {
             let measurements = front.iter().map(|&index| &self.kept.measurements[index]);
-            let best = measurements.min_by(|a, b| rank(a).total_cmp(&rank(b)));
-            let Some(variant) = best.and_then(|best| self.variant(best)).cloned() else { continue };
-            let truth = self.truth(&variant)?;
-            let camera = self.cameras[0];
-            let mut image = self.draw(&camera, &variant.settings)?.image;
-            let difference = difference_picture(&self.sample.of(&image)?, &truth[0], page::GAIN)?;
-            if !self.figure.is_empty() {
-                let (volume, transfer) = (self.volume, self.transfer);
-                let values = if self.figure.color_bar { Some(volume.value_range()?) } else { None };
-                let shown = Shown { volume, transfer, values, camera: &camera, model: variant.settings.model };
-                image = self.figure.draw(&image, Background::default(), &shown)?;
-            }
-            pictures.push(page::Pictures { title, variant, image, difference });
+            let found = measurements.min_by(|a, b| rank(a).total_cmp(&rank(b)));
+            let found = found.and_then(|found| self.variants.iter().position(|v| is_of(found, v)));
+            best.extend(found.map(|variant| (title, variant)));
         }
+        let mut pictures = Vec::new();
+        for (title, index) in best {
+            let variant = self.variants[index].clone();
+            let held = self.drawn.iter().find(|(of, _)| *of == variant).map(|(_, shots)| shots.clone());
+            let shots = match held {
+                Some(shots) => shots,
+                None => self.shots(index)?,
+            };
+            pictures.push(page::Pictures { title, variant, shots });
+        }
+        // Only the pictures of this page are kept for the next one.
+        self.drawn = pictures.iter().map(|of| (of.variant.clone(), of.shots.clone())).collect();
         let page = page::page(&page::Report {
             name: &name,
             caption: self.figure.caption.as_deref(),
             volume: self.volume,
             kept: &self.kept,
+            state: &self.state(left),
             front: &front,
             commands: &commands,
             plots: &plots,
             pictures: &pictures,
-        })?;
-        let path = directory.join("report.html");
-        write_file(&path, page.as_bytes())?;
-        output::print(&summary(&self.kept.measurements, &front, &path))
+        });
+        write_file(self.args.output.join("report.html"), page.as_bytes())?;
+        Ok(front)
+    }
+
+    /// Draws the first view of a variant and its difference from the truth, as files.
+    fn shots(&mut self, index: usize) -> Result<page::Shots, Failure> {
+        let variant = self.variants[index].clone();
+        let truth = self.truth(index)?;
+        let camera = self.cameras[0];
+        let mut image = self.draw(&camera, &variant.settings)?.image;
+        let difference = difference_picture(&self.sample.of(&image)?, &truth[0], page::GAIN)?;
+        if !self.figure.is_empty() {
+            let (volume, transfer) = (self.volume, self.transfer);
+            let values = if self.figure.color_bar { Some(volume.value_range()?) } else { None };
+            let shown = Shown { volume, transfer, values, camera: &camera, model: variant.settings.model };
+            image = self.figure.draw(&image, Background::default(), &shown)?;
+        }
+        Ok([image.to_png(Background::default())?, difference.to_png(Background::default())?])
     }
 
     fn variant(&self, measured: &Measurement) -> Option<&Variant> {
-        self.variants.iter().find(|v| v.model == measured.model && v.name == measured.name)
+        self.variants.iter().find(|variant| is_of(measured, variant))
     }
 
     /// Returns the command that draws the picture of a measurement.
@@ -453,6 +581,11 @@ impl Run<'_> {
         let options = self.variant(measured).map(|v| command_line(&options_of(&v.settings))).unwrap_or_default();
         format!("voxsplat render {base} -o picture.png {options}")
     }
+}
+
+/// Whether a measurement is of a variant.
+fn is_of(measured: &Measurement, variant: &Variant) -> bool {
+    (&measured.model, &measured.name) == (&variant.model, &variant.name)
 }
 
 type ErrorOf = fn(&Errors) -> f64;
@@ -514,14 +647,30 @@ fn csv(measurements: &[Measurement], front: &[usize], commands: &[String]) -> St
     text
 }
 
-/// Returns the front as a table.
-fn summary(measurements: &[Measurement], front: &[usize], page: &Path) -> String {
+/// Returns the front as a table, and the part of the study that is missing.
+fn summary(kept: &Kept, front: &[usize], state: &State, page: &Path, rest: &str) -> String {
     let mut text = format!("{:>3}  {:>10}  {:>9}  {:>9}  way\n", "", "frame, ms", "rms", "99.9 %");
-    for (number, m) in front.iter().filter_map(|&index| measurements.get(index)).enumerate() {
+    for (number, m) in front.iter().filter_map(|&index| kept.measurements.get(index)).enumerate() {
         let milliseconds = m.seconds().unwrap_or(f64::NAN) * 1e3;
         let Errors { rms, p999, .. } = m.errors;
         text +=
             &format!("{:>3}  {milliseconds:>10.1}  {rms:>9.2e}  {p999:>9.2e}  {}: {}\n", number + 1, m.model, m.name);
     }
-    text + &format!("\nreport: {}\n", page.display())
+    text += &format!("\nreport: {}\n", page.display());
+    if let Some(missing) = state.missing(kept) {
+        text += &format!("{missing}: {rest}\n");
+    }
+    text
+}
+
+impl State {
+    /// Returns the part of a study that the budget of time has left out, as a sentence without its end; `None` if
+    /// nothing is missing.
+    fn missing(&self, kept: &Kept) -> Option<String> {
+        let unmeasured = kept.unmeasured.len();
+        let rows = (unmeasured > 0).then(|| format!("{unmeasured} of {} settings are not measured", self.all));
+        let short = (self.short > 0).then(|| format!("{} are measured in fewer frames than requested", self.short));
+        let missing: Vec<String> = rows.into_iter().chain(short).collect();
+        (!missing.is_empty()).then(|| format!("{}; this command completes the study", missing.join(", ")))
+    }
 }

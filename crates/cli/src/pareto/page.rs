@@ -2,12 +2,11 @@
 
 use base64::Engine as _;
 use base64::prelude::BASE64_STANDARD;
-use voxsplat::image::{Background, Image};
-use voxsplat::{Result, Volume};
+use voxsplat::Volume;
 use voxsplat_volume::names::escaped;
 
-use super::Kept;
 use super::study::{Measurement, Variant};
+use super::{Kept, State};
 
 /// The factor that makes differences visible.
 pub(crate) const GAIN: f64 = 50.0;
@@ -19,6 +18,7 @@ pub(crate) struct Report<'a> {
     pub(crate) caption: Option<&'a str>,
     pub(crate) volume: &'a Volume,
     pub(crate) kept: &'a Kept,
+    pub(crate) state: &'a State,
     /// Indices of measurements, fastest first.
     pub(crate) front: &'a [usize],
     /// The command of each measurement.
@@ -28,12 +28,14 @@ pub(crate) struct Report<'a> {
     pub(crate) pictures: &'a [Pictures],
 }
 
-/// A picture of the first view, and its difference from the truth at the sampled pixels.
+/// A picture of the first view, and its difference from the truth at the sampled pixels, as PNG.
+pub(crate) type Shots = [Vec<u8>; 2];
+
+/// Pictures of a variant.
 pub(crate) struct Pictures {
     pub(crate) title: &'static str,
     pub(crate) variant: Variant,
-    pub(crate) image: Image,
-    pub(crate) difference: Image,
+    pub(crate) shots: Shots,
 }
 
 const STYLE: &str = "\
@@ -45,10 +47,11 @@ th:first-child,td:first-child,td.text,th.text{text-align:left;white-space:normal
 tr.front{background:#eef5fb}code{background:#f3f3f3;padding:.1em .3em;overflow-wrap:anywhere;white-space:normal}\
 .pair{display:flex;gap:1em;flex-wrap:wrap}.pair figure{flex:1 1 300px;margin:0}\
 .pair img{width:100%;image-rendering:pixelated;background:#000}figcaption{font-size:.9em;color:#555}\
-dl{display:grid;grid-template-columns:max-content 1fr;gap:.1em 1em}dt{color:#555}dd{margin:0}.wide{overflow-x:auto}";
+dl{display:grid;grid-template-columns:max-content 1fr;gap:.1em 1em}dt{color:#555}dd{margin:0}\
+.progress{background:#fff6e0;padding:.5em .8em}.wide{overflow-x:auto}";
 
 /// Returns the page.
-pub(crate) fn page(report: &Report<'_>) -> Result<String> {
+pub(crate) fn page(report: &Report<'_>) -> String {
     let caption = report.caption.map(|caption| format!(": {caption}")).unwrap_or_default();
     let name = escaped(&format!("{}{caption}", report.name));
     let mut html = format!(
@@ -58,6 +61,7 @@ pub(crate) fn page(report: &Report<'_>) -> Result<String> {
          <h1>{name}: speed against error</h1>\n"
     );
     html += &facts(report);
+    html += &progress(report);
     for plot in report.plots {
         html += plot;
         html += "\n";
@@ -72,15 +76,50 @@ pub(crate) fn page(report: &Report<'_>) -> Result<String> {
     }
     html += "</ol>\n";
     for pictures in report.pictures {
-        html += &pair(pictures)?;
+        html += &pair(pictures);
     }
     html += "<h2>All measurements</h2>\n";
     let mut all: Vec<usize> = (0..report.kept.measurements.len()).collect();
     let seconds = |&index: &usize| report.kept.measurements[index].seconds().unwrap_or(f64::INFINITY);
     all.sort_by(|a, b| seconds(a).total_cmp(&seconds(b)));
     html += &table(report, &all);
+    html += &unmeasured(report.kept);
     html += "</body>\n</html>\n";
-    Ok(html)
+    html
+}
+
+/// The progress of a study that goes on, or the part that is missing at its end.
+fn progress(report: &Report<'_>) -> String {
+    let State { all, left, rest, .. } = report.state;
+    let missing = report.state.missing(report.kept);
+    let text = match (left, missing) {
+        (Some(left), _) => {
+            let measured = all - report.kept.unmeasured.len();
+            format!(
+                "Measuring: {measured} of {all} settings are done, about {left:.0} s are left. Reload this page for \
+                 more. If the study was interrupted, this command continues it:"
+            )
+        }
+        (None, Some(missing)) => format!("The time of --seconds is used up: {missing}:"),
+        (None, None) => return String::new(),
+    };
+    format!("<p class=\"progress\">{} <code>{}</code></p>\n", escaped(&text), escaped(rest))
+}
+
+/// The settings without a measurement, by model.
+fn unmeasured(kept: &Kept) -> String {
+    let mut models: Vec<&str> = kept.unmeasured.iter().map(|[model, _]| model.as_str()).collect();
+    models.dedup();
+    if models.is_empty() {
+        return String::new();
+    }
+    let mut html = "<h2>Not measured</h2>\n<dl>\n".to_owned();
+    for model in models {
+        let names: Vec<&str> =
+            kept.unmeasured.iter().filter(|[of, _]| of == model).map(|[_, name]| name.as_str()).collect();
+        html += &format!("<dt>{}</dt><dd>{}</dd>\n", escaped(model), escaped(&names.join("; ")));
+    }
+    html + "</dl>\n"
 }
 
 fn facts(report: &Report<'_>) -> String {
@@ -146,20 +185,19 @@ fn table(report: &Report<'_>, rows: &[usize]) -> String {
     html + "</table></div>\n"
 }
 
-fn pair(pictures: &Pictures) -> Result<String> {
-    let Pictures { title, variant, image, difference } = pictures;
-    let figure = |image: &Image, caption: &str| -> Result<String> {
-        let png = BASE64_STANDARD.encode(image.to_png(Background::default())?);
-        let alt = escaped(caption);
-        Ok(format!(
+fn pair(pictures: &Pictures) -> String {
+    let Pictures { title, variant, shots: [picture, difference] } = pictures;
+    let figure = |png: &[u8], caption: &str| {
+        let (png, alt) = (BASE64_STANDARD.encode(png), escaped(caption));
+        format!(
             "<figure><img alt=\"{alt}\" src=\"data:image/png;base64,{png}\"><figcaption>{alt}</figcaption></figure>\n"
-        ))
+        )
     };
-    Ok(format!(
+    format!(
         "<h2>{title}</h2>\n<p>{}: {}</p>\n<div class=\"pair\">\n{}{}</div>\n",
         escaped(&variant.model),
         escaped(&variant.name),
-        figure(image, "the picture of the first view")?,
-        figure(difference, &format!("its difference from the truth at the sampled pixels, times {GAIN}"))?
-    ))
+        figure(picture, "the picture of the first view"),
+        figure(difference, &format!("its difference from the truth at the sampled pixels, times {GAIN}"))
+    )
 }

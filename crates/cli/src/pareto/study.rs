@@ -85,6 +85,33 @@ pub(crate) fn variants(base: &Settings) -> Vec<Variant> {
     models.flat_map(|(shading, kernel)| of_model(&Settings { shading, kernel, ..base.clone() })).collect()
 }
 
+/// The rows that tell most, from the first on: both painters, then their settings that change time or error most. Other
+/// rows follow in the order of the grid.
+const TELLING: [&str; 6] =
+    ["tiles", "quads", "tiles, a ray a pixel", "quads, sheets of 0.5", "tiles, level 1", "quads, sheets of 2"];
+
+/// The number of rows by which a model is behind the model before it.
+const ROWS_BEHIND: usize = 4;
+
+/// Returns the order in which [`variants`] tell most, as indices: the shading and kernel of the picture begin, the
+/// other shading follows, then the other kernel.
+pub(crate) fn telling(variants: &[Variant]) -> Vec<usize> {
+    let mut models: Vec<&str> = variants.iter().map(|variant| variant.model.as_str()).collect();
+    models.dedup();
+    let key = |&at: &usize| {
+        let Variant { model, name, .. } = &variants[at];
+        // Models come by shading, and within a shading by kernel.
+        let of = models.iter().position(|other| other == model).unwrap_or_default();
+        let turn = 2 * (of % 2) + of / 2;
+        let rank = TELLING.iter().position(|first| first == name);
+        let rank = rank.or(GRID.iter().position(|(row, ..)| row == name).map(|at| TELLING.len() + at));
+        (rank.unwrap_or_default() + ROWS_BEHIND * turn, turn)
+    };
+    let mut order: Vec<usize> = (0..variants.len()).collect();
+    order.sort_by_key(key);
+    order
+}
+
 fn of_model(base: &Settings) -> Vec<Variant> {
     let kernel = match base.kernel {
         Kernel::Gaussian { sigma, radius } => format!("Gaussian of sigma {sigma} and radius {radius}"),
@@ -204,6 +231,20 @@ mod tests {
         all.insert(0, Measurement { model: "other".to_owned(), ..measured(9.0, 0.9) });
         assert_eq!(front(&all, |errors| errors.rms), [0, 4, 1, 5]);
         assert!(front(&[], |errors| errors.max).is_empty());
+    }
+
+    #[test]
+    fn the_most_telling_settings_come_first() {
+        let all = variants(&Settings::default());
+        let order = telling(&all);
+        let names: Vec<(bool, &str)> =
+            order.iter().map(|&at| (all[at].settings.is_post_shaded(), all[at].name.as_str())).collect();
+        assert_eq!(names[..3], [(false, "tiles"), (false, "quads"), (false, "tiles, a ray a pixel")]);
+        assert!(names[..8].contains(&(true, "tiles")) && names[..8].iter().filter(|(post, _)| *post).count() < 4);
+        let mut sorted = order.clone();
+        sorted.sort_unstable();
+        assert!(sorted.into_iter().eq(0..all.len()));
+        assert!(TELLING.iter().all(|name| GRID.iter().any(|(row, ..)| row == name)));
     }
 
     #[test]

@@ -25,7 +25,9 @@ fn the_program_keeps_and_verifies_a_bound() {
     let output = run(dir.path(), &format!("{scene} -o a.png --max-error 1e-2 --verify"));
     assert!(output.status.success(), "{}", said(&output));
     assert!(
-        said(&output).contains("note: using --sharpness 0.5 --tune termination=0.002 for --max-error 0.01: 99.9 %"),
+        said(&output).contains(
+            "note: using --sharpness 0.5 --tune termination=0.002 for --max-error 0.01, found with 1 picture: 99.9 %"
+        ),
         "{}",
         said(&output)
     );
@@ -56,7 +58,7 @@ fn searches_skip_settings_that_cannot_be_drawn() {
     assert!(refused.status.code() == Some(2) && said(&refused).contains(reason), "{}", said(&refused));
     let chosen = run(dir.path(), &format!("render {scene} -o a.png --max-error 1e-6 --tune sample=64"));
     assert!(chosen.status.success() && said(&chosen).contains("all of which exceed --max-error"), "{}", said(&chosen));
-    let study = "--views 1 --repeats 1 --tune sample=64 --model xray -o report";
+    let study = "--views 1 --repeats 1 --seconds 0 --tune sample=64 --model xray -o report";
     let study = run(dir.path(), &format!("pareto {scene} {study}"));
     assert!(study.status.success(), "{}", said(&study));
     let numbers = std::fs::read_to_string(dir.path().join("report/pareto.json")).unwrap();
@@ -73,8 +75,8 @@ fn the_report_is_whole_and_goes_on_where_it_was_interrupted() {
     let transfer = dir.path().join("t.json");
     std::fs::write(&transfer, serde_json::json!({"points": [point(0.0), point(1.0)]}).to_string()).unwrap();
     let command =
-        "pareto demo:sphere:8 -o report --model xray --size 12 --views 2 --repeats 1 --tune sample=64 --transfer";
-    let command = &format!("{command} {}", transfer.display());
+        "pareto demo:sphere:8 -o report --model xray --size 12 --views 2 --repeats 1 --tune sample=64 --seconds 0";
+    let command = &format!("{command} --transfer {}", transfer.display());
     let output = run(dir.path(), command);
     assert!(output.status.success(), "{}", said(&output));
     let read = |name: &str| std::fs::read_to_string(dir.path().join("report").join(name)).unwrap();
@@ -90,6 +92,9 @@ fn the_report_is_whole_and_goes_on_where_it_was_interrupted() {
         assert!(text.contains("--transfer t.json") && !text.contains(dir.path().to_str().unwrap()), "{text}");
     }
     assert!(!page.contains("src=\"http") && !page.contains("href="), "it needs no other file");
+    assert!(
+        !page.contains("Not measured") && !page.contains("--resume") && numbers["unmeasured"] == serde_json::json!([])
+    );
     assert!(read("time-rms.svg").contains("</svg>") && read("time-p999.svg").contains("</svg>"));
     assert!(String::from_utf8_lossy(&output.stdout).contains("report: report/report.html"));
 
@@ -126,4 +131,48 @@ fn the_report_is_whole_and_goes_on_where_it_was_interrupted() {
     std::fs::write(&rivals, "[{}]").unwrap();
     let broken = run(dir.path(), &format!("{command} --resume --rivals rivals.json"));
     assert!(broken.status.code() == Some(1) && said(&broken).contains("rivals.json: line 1 column "));
+}
+
+/// A budget that is used up at once: the most telling row is there, the rest is named, and the printed command adds it.
+#[test]
+fn a_study_whose_time_is_used_up_is_a_whole_report_and_goes_on() {
+    let dir = tempfile::tempdir().unwrap();
+    let study = "pareto demo:sphere:8 -o report --model xray --size 12 --views 2 --repeats 2 --tune sample=64";
+    let output = run(dir.path(), &format!("{study} --seconds 1e-9"));
+    assert!(output.status.success(), "{}", said(&output));
+    let read = |name: &str| std::fs::read_to_string(dir.path().join("report").join(name)).unwrap();
+    let numbers = || serde_json::from_str::<serde_json::Value>(&read("pareto.json")).unwrap();
+    let count = |numbers: &serde_json::Value, list: &str| numbers[list].as_array().unwrap().len();
+    let first = numbers();
+    let measured = &first["measurements"][0];
+    assert_eq!((count(&first, "measurements"), measured["name"].as_str()), (1, Some("tiles")), "{first}");
+    assert_eq!((count(measured, "frames"), measured["views"].as_u64()), (1, Some(1)), "{first}");
+    let all = count(&first, "unmeasured") + 1;
+    assert!(all > 16, "{all}");
+    let page = read("report.html");
+    assert!(page.ends_with("</html>\n") && page.contains("<svg") && page.contains("data:image/png;base64,"));
+    assert!(page.contains("<h2>Not measured</h2>") && page.contains("quads, f16"), "{page}");
+    assert_eq!((read("pareto.csv").lines().count(), read("time-rms.svg").matches("</svg>").count()), (2, 1));
+    let printed = String::from_utf8(output.stdout).unwrap();
+    let missing = format!("{} of {all} settings are not measured, 1 are measured in fewer frames", all - 1);
+    assert!(printed.contains(&missing), "{printed}");
+    let rest = printed.lines().last().unwrap().split(": voxsplat ").nth(1).unwrap();
+    assert!(rest.ends_with(" --resume --seconds 0") && page.contains(rest), "{rest}");
+
+    let program = env!("CARGO_BIN_EXE_voxsplat");
+    let output = Command::new(program).current_dir(dir.path()).args(rest.split_whitespace()).output().unwrap();
+    assert!(output.status.success(), "{}", said(&output));
+    let whole = numbers();
+    assert_eq!((count(&whole, "measurements"), count(&whole, "unmeasured")), (all, 0));
+    // All views, in both rounds.
+    let rows = whole["measurements"].as_array().unwrap();
+    let is_whole = |row: &&serde_json::Value| row["views"].as_u64() == Some(2) && count(row, "frames") >= 4;
+    assert_eq!(rows.iter().filter(is_whole).count(), rows.iter().filter(|row| row["refused"].is_null()).count());
+    assert!(!read("report.html").contains("Not measured"));
+    let wrong = run(dir.path(), &format!("{study} --seconds -1"));
+    assert!(
+        wrong.status.code() == Some(2) && said(&wrong).contains("expected a number, 0 or over"),
+        "{}",
+        said(&wrong)
+    );
 }

@@ -100,6 +100,7 @@ fn wrong_arguments_are_one_line_and_exit_2() {
     refused("render demo:sphere -o a.png --tune precision=f64", 2, "expected f16 or f32");
     refused("render demo:sphere -o a.png --painter rays", 2, "quads");
     refused("render demo:sphere -o a.png --background beige-ish", 2, "transparent");
+    refused("render demo:sphere -o a.png --background beeige", 2, "a similar colour exists: beige");
     refused("render demo:sphere -o a.png --transfer ct-wood", 2, "ct-bone");
     refused("render demo:sphere -o a.png --spacing 1,0,1", 2, "lengths over 0");
     refused("render demo:sphere -o a.png --dims 1,2", 2, "whole numbers");
@@ -797,6 +798,7 @@ fn lights_that_cannot_be_are_refused() {
         ("--light @1,2", "expected off, studio, studio:eye, headlight, AZ,EL"),
         ("--light @1,2,3 --shadows on --light-size 4", "a light at a place is a point"),
         ("--light 20,30:bright", "expected off, studio, studio:eye, headlight, AZ,EL"),
+        ("--light 20,30:0.5,gould", "; a similar colour exists: gold"),
         ("--light 20,30 --occlusion far", "expected off or a radius in voxels"),
     ] {
         refused(&format!("render demo:sphere:8 -o out.png {arguments}"), 2, reason);

@@ -249,6 +249,57 @@ fn a_turntable_is_the_pictures_of_its_views() {
     assert_eq!(film.stdout.len(), "YUV4MPEG2 W8 H8 F25000:1000 Ip A1:1 C444\n".len() + 4 * (6 + 3 * 64));
 }
 
+/// Events and the frame that each has to show, of six.
+const EVENTS: &str = r#"<script>
+const key = (key, target = document.body) => target.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true }));
+const pointer = (name, clientX, isPrimary = true) => picture.dispatchEvent(
+  new PointerEvent(name, { clientX, isPrimary, pointerId: isPrimary ? 1 : 2, pointerType: "touch", bubbles: true }));
+picture.setPointerCapture = () => {};
+const seen = [];
+const see = () => seen.push(frame);
+key("ArrowRight"); see();
+key("Home"); key("ArrowLeft"); see();
+key("ArrowRight", place); see();
+key("End"); see();
+key("Home"); see();
+pointer("pointerdown", 100); pointer("pointerdown", 300, false); pointer("pointermove", 300, false); see();
+pointer("pointermove", 100 - picture.clientWidth); see();
+pointer("pointerup", 0); pointer("pointermove", 500); see();
+const said = [play.textContent];
+play.click(); said.push(play.textContent);
+key(" "); said.push(play.textContent);
+key(" "); said.push(play.textContent);
+pointer("pointerdown", 100); said.push(play.textContent);
+const wide = document.documentElement.scrollWidth > innerWidth;
+const small = Math.min(play.offsetHeight, place.offsetHeight) < 44;
+document.title = `${seen} ${said} ${place.getAttribute("aria-valuetext")} ${wide} ${small}`;
+</script>"#;
+
+/// In a browser, if there is one: `chromium`, or the program that VOXSPLAT_TEST_BROWSER names.
+#[test]
+fn a_page_turns_by_touch_keys_and_button_and_fits_a_phone() {
+    let dir = folder();
+    let made = voxsplat(dir.path(), "turntable demo:sphere:8 --frames 6 --size 512 -o a.html --light off");
+    assert!(made.status.success());
+    let page = std::fs::read_to_string(dir.path().join("a.html")).unwrap();
+    for part in ["name=\"viewport\"", "touch-action: pan-y", "aria-label=\"Frame\"", "type=\"button\">Play<"] {
+        assert!(page.contains(part), "{part}");
+    }
+    let tested = page.replace("</body>", &format!("{EVENTS}</body>"));
+    std::fs::write(dir.path().join("b.html"), tested).unwrap();
+    let browser = std::env::var_os("VOXSPLAT_TEST_BROWSER").unwrap_or("chromium".into());
+    let options = "--headless --no-sandbox --disable-gpu --window-size=390,844 --dump-dom";
+    let mut command = Command::new(browser);
+    command.args(options.split(' ')).arg(format!("--user-data-dir={}", dir.path().join("profile").display()));
+    let Ok(shown) = command.arg(format!("file://{}", dir.path().join("b.html").display())).output() else {
+        println!("there is no browser: the page is not tried");
+        return;
+    };
+    let text = String::from_utf8_lossy(&shown.stdout).into_owned();
+    let title = text.split("<title>").nth(1).and_then(|title| title.split("</title>").next()).unwrap_or(&text);
+    assert_eq!(title, "1,5,0,5,0,0,3,3 Play,Stop,Play,Stop,Play frame 4 of 6 false false");
+}
+
 #[test]
 fn a_turntable_that_makes_no_sense_is_refused() {
     let all = "turntable demo:sphere:8 --frames 4";
