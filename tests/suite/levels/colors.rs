@@ -7,7 +7,7 @@ use voxsplat::image::Image;
 use voxsplat::kernel::{Kernel, Normalization};
 use voxsplat::lighting::Lighting;
 use voxsplat::settings::{Level, Model, Resolution, Settings};
-use voxsplat::transfer::TransferFunction;
+use voxsplat::transfer::{GradientPoint, TransferFunction};
 use voxsplat::volume::{Grid, Samples, Volume};
 
 use crate::support::{
@@ -299,7 +299,13 @@ fn levels_that_cannot_be_are_refused() {
 #[test]
 fn the_same_bytes_whatever_was_drawn_before() {
     let (volume, transfer) = demo("shell", 40);
-    let thinned = transfer.clone().with_gradient_opacity(vec![[0.0, 0.2], [40.0, 1.0]]).unwrap();
+    let thinned = transfer
+        .clone()
+        .with_gradient_opacity(vec![
+            GradientPoint { magnitude: 0.0, opacity: 0.2 },
+            GradientPoint { magnitude: 40.0, opacity: 1.0 },
+        ])
+        .unwrap();
     let small = look(&View { azimuth: 20.0, ..View::default() }, &volume, [16; 2]);
     let turned = look(&View { azimuth: 50.0, ..View::default() }, &volume, [16; 2]);
     let large = look(&View { azimuth: 20.0, ..View::default() }, &volume, [80; 2]);
