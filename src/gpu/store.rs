@@ -278,7 +278,7 @@ impl Store {
     }
 
     /// The bricks, and which splats they have.
-    fn all_runs(&self) -> impl Iterator<Item = (&BrickSplats, Range<u32>)> {
+    pub(crate) fn all_runs(&self) -> impl Iterator<Item = (&BrickSplats, Range<u32>)> {
         let ends = self.bricks.iter().skip(1).map(|next| next.first).chain([self.count]);
         self.bricks.iter().zip(ends).map(|(brick, end)| (brick, brick.first..end))
     }

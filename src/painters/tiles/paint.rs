@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::axis::PrincipalAxis;
-use super::pack::{Packed, Packing, Voxel};
+use super::pack::{Packed, Packing, Reached, Voxel};
 use super::parts::{Footprint, Sections, SlabKind};
 use super::rays::{RaySetup, Rays, max_depth, parallel};
 use super::{Block, Canvas, MAX_RADIUS, MAX_SINGLE_RADIUS, RayKind, STRAIGHT, Tiles, TilesKey};
@@ -11,6 +11,7 @@ use crate::error::Result;
 use crate::gpu::layout::{self, TILE};
 use crate::gpu::recorder::Recorder;
 use crate::gpu::splat::SplatLight;
+use crate::gpu::store::Store;
 use crate::gpu::view::{ViewGeometry, Weights};
 use crate::image::Region;
 use crate::kernel::Kernel;
@@ -124,6 +125,7 @@ pub(super) struct Picture<'a> {
 pub(super) struct PackedAxis {
     pub(super) axis: PrincipalAxis,
     packing: Packing,
+    reached: Reached,
     sections: Sections,
 }
 
@@ -155,17 +157,22 @@ impl<'a> Picture<'a> {
         if let Some(held) = view.held {
             axes = axes.get(held.family).copied().into_iter().collect();
         }
+        let whole = job.base_shows();
         let packings = axes.iter().map(|axis| {
             // A ray meets kernels a radius away, grown ones too; one voxel more for rounding.
             let pyramid = axis.pyramid(&view.camera, &view.grid, origin);
-            let seen = |bounds| {
+            let reaches = |bounds| {
                 view.layer_holds(bounds, job.padding)
-                    && view.may_show(bounds, job.padding)
                     && pyramid.as_ref().is_none_or(|rays| rays.reaches(bounds, view.max_radius() + 1.0))
             };
-            Packing::new(context, stores, dims, job.base_shows(), seen, axis.axes, voxel)
+            let seen = |bounds| view.may_show(bounds, job.padding) && reaches(bounds);
+            let packing = Packing::new(context, stores, dims, whole, seen, axis.axes, voxel)?;
+            // Clipping is no reason to leave out bricks: what is packed then serves while a plane moves.
+            let of_store = |store: &Store| store.bricks.iter().map(|brick| reaches(brick.bounds)).collect();
+            let limits = !whole && (pyramid.is_some() || view.fade.is_some());
+            Some((packing, limits.then(|| Arc::new(stores.iter().map(of_store).collect()))))
         });
-        let packings: Option<Vec<Packing>> = packings.collect();
+        let packings: Option<Vec<(Packing, Reached)>> = packings.collect();
         let packings = packings.ok_or("tiles packs the volume into a texture, and this volume does not fit")?;
         let dense = max_depth(&job) > DENSE;
         let kind = match post {
@@ -173,9 +180,10 @@ impl<'a> Picture<'a> {
             None if dense => SlabKind::DenseColors,
             None => SlabKind::Colors,
         };
-        let axes = axes.into_iter().zip(packings).filter(|(_, packing)| !packing.is_empty()).map(|(axis, packing)| {
+        let axes = axes.into_iter().zip(packings).filter(|(_, (packing, _))| !packing.is_empty());
+        let axes = axes.map(|(axis, (packing, reached))| {
             let sections = Sections::new(&kernel, &view.camera, &axis, kind, view.depth_growth().1);
-            PackedAxis { axis, packing, sections }
+            PackedAxis { axis, packing, reached, sections }
         });
         let (axes, lighting) = (axes.collect(), job.lighting());
         let drawn = TilesStats::default();
@@ -314,7 +322,7 @@ impl<'a> Picture<'a> {
     /// Whether `packed` holds the splats of this picture in the layout of an axis.
     fn serves(&self, axis: &PackedAxis, packed: &Packed) -> bool {
         let source = self.job.stores.first().map(|store| store.id);
-        axis.packing == packed.packing && source == packed.source
+        axis.packing == packed.packing && source == packed.source && axis.reached == packed.reached
     }
 
     /// The splats as each axis reads them: packed for an earlier picture of the scene, or now.
@@ -345,7 +353,7 @@ impl<'a> Picture<'a> {
                     Arc::new(axis.packing.pack(
                         recorder,
                         pipelines.packer.as_ref(),
-                        stores,
+                        (stores, &axis.reached),
                         &light,
                         weights.max,
                         over,
@@ -359,7 +367,7 @@ impl<'a> Picture<'a> {
 
     /// The inputs of the rays along an axis.
     pub(super) fn setup<'s>(&'s self, axis: &'s PackedAxis) -> RaySetup<'s> {
-        let PackedAxis { axis, packing, sections } = axis;
+        let PackedAxis { axis, packing, sections, .. } = axis;
         let (job, footprint) = (&self.job, &self.footprint);
         RaySetup { job, axis, packing: *packing, kernel: self.kernel, footprint, sections }
     }

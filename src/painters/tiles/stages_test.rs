@@ -279,7 +279,7 @@ fn packed_by(
     let lights = if let Voxel::Color { lights, .. } = voxel { lights } else { 0 };
     let light = SplatLight { lighting, lights, points, to_eye };
     let mut recorder = Recorder::untimed(context);
-    let packed = packing.pack(&mut recorder, stage, &stores, &light, max_weight, None).unwrap();
+    let packed = packing.pack(&mut recorder, stage, (&stores, &None), &light, max_weight, None).unwrap();
     recorder.submit();
     packed
 }
@@ -295,7 +295,7 @@ fn bands_hold_each_splat_about_once_and_wait_for_nothing() {
         let stores = [store(&context, words_of)];
         let visits = |context: &Context| {
             let packing = Packing::new(context, &stores, DIMS, false, |_| true, axes, voxel).unwrap();
-            packing.bands(context, &stores).unwrap().visits()
+            packing.bands(context, &stores, &None).unwrap().visits()
         };
         let count = u64::from(stores[0].count);
         assert_eq!(visits(&context), (1, count));

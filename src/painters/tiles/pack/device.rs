@@ -4,14 +4,14 @@ use std::ops::Range;
 
 use bytemuck::Zeroable;
 
-use super::Packing;
+use super::{Packing, Reached, reaches};
 use crate::error::Result;
 use crate::gpu::context::Context;
 use crate::gpu::layout::Pack;
 use crate::gpu::pipeline::texture_view;
 use crate::gpu::recorder::Recorder;
 use crate::gpu::splat::{SplatLight, ToEye};
-use crate::gpu::store::Store;
+use crate::gpu::store::{BrickSplats, Store};
 use crate::painters::stage::Stage;
 use crate::painters::tiles::axis::unordered;
 
@@ -50,7 +50,12 @@ impl Bands {
 
 impl Packing {
     /// The bands of the texture, with the splats of the bricks that lie in each.
-    pub(in crate::painters::tiles) fn bands(&self, context: &Context, stores: &[Store]) -> Result<Bands> {
+    pub(in crate::painters::tiles) fn bands(
+        &self,
+        context: &Context,
+        stores: &[Store],
+        reached: &Reached,
+    ) -> Result<Bands> {
         let mut runs: Vec<[u32; 2]> = Vec::new();
         let band = |rows: Range<u32>| {
             let planes = self.planes(rows.clone());
@@ -58,7 +63,7 @@ impl Packing {
             for (number, store) in stores.iter().enumerate() {
                 let first = runs.len() as u32;
                 let mut splats = 0;
-                for run in self.splats(store, &planes) {
+                for run in self.splats(store, &planes, |brick| reaches(reached, number, brick)) {
                     splats += run.len() as u64;
                     let end = run.end;
                     runs.extend(run.step_by(RUN as usize).map(|first| [first, end.min(first.saturating_add(RUN))]));
@@ -162,13 +167,14 @@ impl Packing {
         Ok(())
     }
 
-    /// The runs of splats of a store that may be in these planes: neighbouring bricks are one run.
-    fn splats(&self, store: &Store, planes: &Range<u32>) -> Vec<Range<u32>> {
+    /// The runs of splats of a store that may be in these planes and that rays reach: neighbouring bricks are one run.
+    fn splats(&self, store: &Store, planes: &Range<u32>, reaches: impl Fn(usize) -> bool) -> Vec<Range<u32>> {
         let (low, axis) = (self.low[2], self.axes[2]);
         let inside = |[first, end]: [u32; 2]| first < low + planes.end && end > low + planes.start;
-        let bricks = store.runs().filter(|(brick, _)| inside(brick.bounds.map(|point| point[axis])));
+        let inside = |brick: &BrickSplats| inside(brick.bounds.map(|point| point[axis]));
+        let bricks = store.all_runs().enumerate().filter(|(number, (brick, _))| inside(brick) && reaches(*number));
         let mut runs: Vec<Range<u32>> = Vec::new();
-        for (_, run) in bricks {
+        for (_, (_, run)) in bricks.filter(|(_, (_, run))| !run.is_empty()) {
             match runs.last_mut() {
                 Some(last) if last.end == run.start => last.end = run.end,
                 _ => runs.push(run),

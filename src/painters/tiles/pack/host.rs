@@ -5,7 +5,7 @@ use std::ops::Range;
 use bytemuck::Pod as Words;
 use rayon::prelude::*;
 
-use super::{Packing, Voxel};
+use super::{Packing, Reached, Voxel, reaches};
 use crate::error::Result;
 use crate::gpu::layout::{MACROCELL, MARGIN};
 use crate::gpu::recorder::Recorder;
@@ -30,14 +30,17 @@ impl Packing {
     pub(super) fn fill_on_host(
         &self,
         recorder: &mut Recorder<'_>,
-        stores: &[Store],
+        (stores, reached): (&[Store], &Reached),
         light: &SplatLight,
         scale: f32,
         [volume, occupied]: &[wgpu::Texture; 2],
     ) -> Result<()> {
         let context = recorder.context;
         let held = stores.iter().map(|store| store.on_host(context)).collect::<Result<Vec<_>>>()?;
-        let bricks = stores.iter().zip(&held).flat_map(|(store, held)| store.bricks.iter().copied().zip(held.iter()));
+        let bricks = stores.iter().zip(&held).enumerate().flat_map(|(number, (store, held))| {
+            let bricks = store.bricks.iter().copied().zip(held.iter()).enumerate();
+            bricks.filter(move |(brick, _)| reaches(reached, number, *brick)).map(|(_, brick)| brick)
+        });
         let bricks: Vec<Held<'_>> = bricks.collect();
         let marks = self.marks(&bricks)?;
         context.write_texels(occupied, [0; 3], bytemuck::cast_slice(&marks), self.macrocells());

@@ -7,6 +7,7 @@ mod host;
 use device::Bands;
 
 use std::ops::Range;
+use std::sync::Arc;
 
 use crate::error::Result;
 use crate::gpu::context::Context;
@@ -167,12 +168,21 @@ impl Packing {
     }
 }
 
+/// The bricks of each store whose splats rays may reach; `None`: all. Others in the box are left out.
+pub(super) type Reached = Option<Arc<Vec<Vec<bool>>>>;
+
+/// Whether rays may reach the splats of a brick.
+fn reaches(reached: &Reached, store: usize, brick: usize) -> bool {
+    reached.as_ref().is_none_or(|reached| reached[store][brick])
+}
+
 /// A packed volume on the device.
 #[derive(Debug)]
 pub(crate) struct Packed {
     pub(super) packing: Packing,
     /// [`Store::id`] of the first store of its splats.
     pub(super) source: Option<u64>,
+    pub(super) reached: Reached,
     pub(super) volume: wgpu::TextureView,
     pub(super) occupied: wgpu::TextureView,
     /// The factor that densities, or scalars with gradients, were multiplied by: a power of two.
@@ -193,13 +203,13 @@ pub(super) fn stage(context: &Context, constants: &[Constant]) -> Stage {
 }
 
 impl Packing {
-    /// Packs the splats of stores, whose largest weight is `max_weight`, by the stage or without it on the host: into
+    /// Packs the splats of stores that rays reach, whose largest weight is `max_weight`, by the stage or without it on the host: into
     /// new textures, or into the textures of `over`, the same splats in the same layout under another light.
     pub(super) fn pack(
         self,
         recorder: &mut Recorder<'_>,
         stage: Option<&Stage>,
-        stores: &[Store],
+        (stores, reached): (&[Store], &Reached),
         light: &SplatLight,
         max_weight: f64,
         over: Option<Packed>,
@@ -213,15 +223,16 @@ impl Packing {
             None => (self.textures(recorder.context), None),
         };
         let bands = match (stage, bands) {
-            (Some(_), None) => Some(self.bands(recorder.context, stores)?),
+            (Some(_), None) => Some(self.bands(recorder.context, stores, reached)?),
             (_, bands) => bands,
         };
         match stage.zip(bands.as_ref()) {
             Some((stage, bands)) => {
                 self.fill_on_device(recorder, stage, (stores, bands), light, scale as f32, &textures)?;
             }
-            None => recorder
-                .on_host("pack", |recorder| self.fill_on_host(recorder, stores, light, scale as f32, &textures))?,
+            None => recorder.on_host("pack", |recorder| {
+                self.fill_on_host(recorder, (stores, reached), light, scale as f32, &textures)
+            })?,
         }
         let [volume, occupied] = textures.map(|texture| texture.create_view(&wgpu::TextureViewDescriptor::default()));
         let [width, height] = self.size.map(u64::from);
@@ -229,6 +240,7 @@ impl Packing {
         Ok(Packed {
             packing: self,
             source: stores.first().map(|store| store.id),
+            reached: reached.clone(),
             volume,
             occupied,
             scale,
