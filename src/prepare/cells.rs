@@ -18,7 +18,7 @@ use std::ops::Range;
 
 use glam::DVec3;
 
-use self::filter::{Lines, REACH};
+use self::filter::REACH;
 use crate::error::Result;
 use crate::gpu::context::Context;
 use crate::gpu::layout::Splat;
@@ -188,10 +188,9 @@ impl<'a> Coarsening<'a> {
             voxels.start.clamp(0, n)..voxels.end.clamp(0, n)
         };
         let rows = within(&ys, ny);
-        // The cells of the row of bricks, and of the voxels of a few planes and rows on the way there.
+        // The cells of the row of bricks, and a plane of cells for the voxels of one plane.
         let mut cells = filled(across * ys.len() * zs.len(), [0.0; 4])?;
-        let mut planes = Lines::new(across * ys.len())?;
-        let mut narrow = Lines::new(across)?;
+        let mut plane = filled(across * ys.len(), [0.0; 4])?;
         let mut slices = match &self.voxels {
             Voxels::Samples(source) => Ok(source.slices(rows.clone())),
             Voxels::Splats(splats) => Err(splats),
@@ -200,11 +199,12 @@ impl<'a> Coarsening<'a> {
         let all = self.filter.voxels(0, across as i64);
         let mut voxels = vec![[0.0; 4]; (all.end - all.start) as usize];
         let begin = (-all.start) as usize;
+        let mut narrow = vec![[0.0; 4]; across];
         for z in within(&zs, nz) {
             if let Ok(slices) = &mut slices {
                 slices.advance(z)?;
             }
-            let plane = planes.next();
+            let mut shows = false;
             for y in rows.clone() {
                 let inside = &mut voxels[begin..begin + nx as usize];
                 let shown = match &slices {
@@ -214,16 +214,24 @@ impl<'a> Coarsening<'a> {
                 if shown.is_empty() {
                     continue;
                 }
+                shows = true;
                 let reached = self.filter.reached(&shown, across);
+                let narrow = &mut narrow[reached.clone()];
                 let start = reached.start * self.filter.size();
-                self.filter.gather(&voxels[start..], &mut narrow.next()[reached.clone()]);
-                narrow.add((y, reached), &self.filter, &ys, plane);
+                self.filter.gather(&voxels[start..], narrow);
+                for (cell, weight) in self.filter.cells(y, ys.start, ys.end) {
+                    let sums = &mut plane[(cell - ys.start) * across + reached.start..];
+                    add(sums.as_flattened_mut(), weight, narrow.as_flattened());
+                }
             }
-            if narrow.finish(&self.filter, &ys, plane) {
-                planes.add((z, 0..across * ys.len()), &self.filter, &zs, &mut cells);
+            if shows {
+                for (cell, weight) in self.filter.cells(z, zs.start, zs.end) {
+                    let sums = &mut cells[(cell - zs.start) * plane.len()..];
+                    add(sums.as_flattened_mut(), weight, plane.as_flattened());
+                }
+                plane.fill([0.0; 4]);
             }
         }
-        planes.finish(&self.filter, &zs, &mut cells);
         let mut bricks: Vec<_> =
             (0..across.div_ceil(EDGE)).map(|i| self.brick(&cells, [i, j, k])).collect::<Result<_>>()?;
         bricks.retain(|made| made.splats.count() > 0);

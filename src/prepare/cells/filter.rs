@@ -3,8 +3,6 @@
 use std::ops::Range;
 
 use super::classification::Emission;
-use super::filled;
-use crate::error::Result;
 
 /// Cells to either side of a voxel that it is shared among.
 pub(super) const REACH: usize = 3;
@@ -108,81 +106,10 @@ impl Filter {
             }
         }
     }
-}
 
-/// Lines that are added to cells together, so that the sums of cells are read and written less often.
-const LINES: usize = 4;
-
-/// Lines of voxels, or planes, to be shared among cells across them.
-pub(super) struct Lines {
-    /// Places of a line.
-    width: usize,
-    /// All zero but for lines that wait.
-    lines: Vec<Emission>,
-    /// The voxels across the lines at which the lines that wait lie.
-    waiting: Vec<i64>,
-    /// Outside this range, lines that wait are zero.
-    reached: Range<usize>,
-    has_added: bool,
-}
-
-impl Lines {
-    /// Lines of `width` places.
-    pub(super) fn new(width: usize) -> Result<Self> {
-        let lines = filled(LINES * width, [0.0; 4])?;
-        Ok(Self { width, lines, waiting: Vec::with_capacity(LINES), reached: 0..0, has_added: false })
-    }
-
-    /// The next line, all zero.
-    pub(super) fn next(&mut self) -> &mut [Emission] {
-        &mut self.lines[self.waiting.len() * self.width..][..self.width]
-    }
-
-    /// Adds the next line, which lies at a voxel and is zero outside a range, to sums of the cells in a range.
-    pub(super) fn add(
-        &mut self,
-        (voxel, reached): (i64, Range<usize>),
-        filter: &Filter,
-        cells: &Range<usize>,
-        sums: &mut [Emission],
-    ) {
-        let before = if self.waiting.is_empty() { &reached } else { &self.reached };
-        self.reached = before.start.min(reached.start)..before.end.max(reached.end);
-        self.waiting.push(voxel);
-        if self.waiting.len() == LINES {
-            self.add_waiting(filter, cells, sums);
-        }
-    }
-
-    /// Adds the lines that wait. Returns whether there were lines since the last time.
-    pub(super) fn finish(&mut self, filter: &Filter, cells: &Range<usize>, sums: &mut [Emission]) -> bool {
-        self.add_waiting(filter, cells, sums);
-        std::mem::take(&mut self.has_added)
-    }
-
-    fn add_waiting(&mut self, filter: &Filter, cells: &Range<usize>, sums: &mut [Emission]) {
-        if self.waiting.is_empty() {
-            return;
-        }
-        let within = |line: usize| &self.lines[line * self.width..][self.reached.clone()];
-        let [a, b, c, d] = [0, 1, 2, 3].map(|line| within(line).as_flattened());
-        for (cell, sums) in cells.clone().zip(sums.chunks_exact_mut(self.width)) {
-            let mut weights = [0.0; LINES];
-            for (weight, &voxel) in weights.iter_mut().zip(&self.waiting) {
-                *weight = filter.weight(voxel, cell as i64).unwrap_or(0.0);
-            }
-            if weights != [0.0; LINES] {
-                let sums = sums[self.reached.clone()].as_flattened_mut();
-                for ((((sum, a), b), c), d) in sums.iter_mut().zip(a).zip(b).zip(c).zip(d) {
-                    *sum += weights[0] * a + weights[1] * b + (weights[2] * c + weights[3] * d);
-                }
-            }
-        }
-        for line in self.lines.chunks_exact_mut(self.width) {
-            line[self.reached.clone()].fill([0.0; 4]);
-        }
-        self.waiting.clear();
-        self.has_added = true;
+    /// The cells from `cell` to before `end` in which a voxel has weights.
+    pub(super) fn cells(&self, voxel: i64, cell: usize, end: usize) -> impl Iterator<Item = (usize, f32)> {
+        (cell..end).filter_map(move |cell| Some((cell, self.weight(voxel, cell as i64)?)))
     }
 }
 
