@@ -162,7 +162,7 @@ impl<'a> Places<'a> {
         self.stores.iter().zip(&self.held).flat_map(|(store, held)| store.bricks.iter().zip(held.iter())).collect()
     }
 
-    /// The bricks with splats in a row of the lattice, and of these `bricks` along it: the x of the first place of each,
+    /// The bricks with splats in a row of the lattice, of these `bricks` along it: the x of the first place of each,
     /// and the row of the brick.
     pub(crate) fn bricks_of_row(
         &self,

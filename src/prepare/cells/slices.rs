@@ -1,4 +1,5 @@
-//! Voxels from the samples of a volume: classified, thinned by gradient opacity and lit, a few planes of rows at a time.
+//! Voxels from the samples of a volume: classified, thinned by gradient opacity and lit, a few planes of rows at a
+//! time.
 
 use std::ops::Range;
 

@@ -203,8 +203,9 @@ pub(super) fn stage(context: &Context, constants: &[Constant]) -> Stage {
 }
 
 impl Packing {
-    /// Packs the splats of stores that rays reach, whose largest weight is `max_weight`, by the stage or without it on the host: into
-    /// new textures, or into the textures of `over`, the same splats in the same layout under another light.
+    /// Packs the splats of stores that rays reach, whose largest weight is `max_weight`, by the stage or without it on
+    /// the host: into new textures, or into the textures of `over`, the same splats in the same layout under another
+    /// light.
     pub(super) fn pack(
         self,
         recorder: &mut Recorder<'_>,
