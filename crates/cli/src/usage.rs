@@ -284,19 +284,6 @@ mod tests {
     }
 
     #[test]
-    fn a_first_picture_needs_few_options_and_help_has_a_bounded_number() {
-        let program = args::built();
-        let own = |arg: &&Arg| arg.get_long().is_some_and(|long| !["help", "quiet"].contains(&long));
-        let count = |shown: &dyn Fn(&Arg) -> bool| {
-            let render = program.find_subcommand("render").unwrap();
-            render.get_arguments().filter(own).filter(|arg| shown(arg)).count()
-        };
-        let (brief, all) = (count(&|arg| !arg.is_hide_short_help_set()), count(&|_| true));
-        assert!((15..=25).contains(&brief), "-h shows {brief} options");
-        assert!(all <= 66, "--help shows {all} options");
-    }
-
-    #[test]
     fn tips_are_for_misspellings() {
         for (line, tip) in [
             ("render a --azimut 3", Some("'--azimuth'")),
