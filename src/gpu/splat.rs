@@ -315,19 +315,19 @@ pub(crate) struct SplatLight {
 }
 
 impl SplatLight {
-    /// Lights splats of these colours at points of a row. `kept` are the words of the light that arrives; `None`: all
-    /// of it.
+    /// Lights splats of these colours at points of a row. `arriving` are the words of the light that arrives; `None`:
+    /// all of it.
     pub(crate) fn apply(
         &self,
         (xs, [y, z]): (&[u32; LANES], [u32; 2]),
         colors: &mut Vectors,
         normals: &[u32; LANES],
-        kept_words: Option<&[[u32; LANES]; 2]>,
+        arriving: Option<&[[u32; LANES]; 2]>,
     ) {
         let Self { lighting, lights, points, to_eye } = self;
         let to_eye = to_eye.at(xs, y, z);
         let places = points.then(|| places(lighting, xs, y, z));
-        light(lighting, *lights, colors, &unpacked(normals), kept_words.map(kept).as_ref(), places.as_ref(), &to_eye);
+        light(lighting, *lights, colors, &unpacked(normals), arriving.map(kept).as_ref(), places.as_ref(), &to_eye);
     }
 }
 
@@ -357,11 +357,14 @@ impl SplatRun<'_> {
 
     /// The words of the light that arrives at each splat; `None`: all of it.
     fn kept(&self) -> Option<[[u32; LANES]; 2]> {
+        if self.light.is_empty() {
+            return None;
+        }
         let mut kept = [[u32::MAX; LANES]; 2];
         for (place, light) in self.light.iter().take(LANES).enumerate() {
             (0..2).for_each(|word| kept[word][place] = light[word]);
         }
-        (!self.light.is_empty()).then_some(kept)
+        Some(kept)
     }
 
     /// The colours under a light, `None` for unlit ones, and the densities of classified splats.

@@ -132,8 +132,8 @@ impl HostBrick {
         self.rows.last().map_or(0, |row| row.first + row.bits.count_ones())
     }
 
-    /// The splats of a row of the brick that lie at some of the places `within`, which are neighbours, a few at a time;
-    /// the number of splats of a run. The first place of the row is at this lattice point.
+    /// The splats of a row of the brick at the places `within`, which are neighbours, in runs with their numbers of
+    /// splats. The first place of the row is at this lattice point.
     pub(crate) fn runs(
         &self,
         Row { bits, first }: Row,

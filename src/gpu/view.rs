@@ -4,7 +4,7 @@ use glam::{DAffine3, DMat3, DVec3};
 
 use super::layout;
 use super::savings::Savings;
-use super::splat::ToEye;
+use super::splat::{SplatLight, ToEye};
 use crate::camera::clip::{Side, corners};
 use crate::camera::{Camera, Growth};
 use crate::image::Region;
@@ -348,6 +348,16 @@ impl ViewGeometry {
             perspective: true,
             eye: (self.grid.to_lattice().transform_point3(eye) - self.first()).as_vec3().to_array(),
             view: [0, 1, 2].map(|i| axes.map(|axis| axis.dot(to_world.col(i)) as f32)),
+        }
+    }
+
+    /// The light of a picture with these settings on splats.
+    pub(crate) fn splat_light(&self, settings: &Settings) -> SplatLight {
+        SplatLight {
+            lighting: self.lighting(settings.lighting.as_ref()),
+            lights: settings.light_count(),
+            points: settings.has_point_lights(),
+            to_eye: self.to_eye(),
         }
     }
 

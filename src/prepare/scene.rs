@@ -18,7 +18,6 @@ use crate::error::{Error, Result};
 use crate::gpu::cache::Cache;
 use crate::gpu::context::Context;
 use crate::gpu::light_volume::{LightVolume, PostShading};
-use crate::gpu::splat::SplatLight;
 use crate::gpu::store::Drawable;
 use crate::gpu::timing::on_host;
 use crate::gpu::transfer::{Reduction, TransferTable, VisibleValues};
@@ -251,12 +250,7 @@ impl Scene {
             return Ok(Lattice { view, settings, weights, level, shadows, light: None, coarse: None });
         }
         let grid = cells::grid_of(&self.grid, level)?;
-        let light = settings.lighting.as_ref().map(|lighting| SplatLight {
-            lighting: voxels.lighting(Some(lighting)),
-            lights: settings.light_count(),
-            points: settings.has_point_lights(),
-            to_eye: voxels.to_eye(),
-        });
+        let light = settings.lighting.is_some().then(|| voxels.splat_light(&settings));
         let kernel = cells::kernel_of(&settings.kernel, growth, level);
         // Cells are divided by the integral of their kernel. The normalisation of voxels still applies on top.
         let denser = settings.normalization.density(&settings.kernel);

@@ -10,7 +10,6 @@ use super::{Block, Canvas, MAX_RADIUS, MAX_SINGLE_RADIUS, RayKind, STRAIGHT, Til
 use crate::error::Result;
 use crate::gpu::layout::{self, TILE};
 use crate::gpu::recorder::Recorder;
-use crate::gpu::splat::SplatLight;
 use crate::gpu::store::Store;
 use crate::gpu::view::{ViewGeometry, Weights};
 use crate::image::Region;
@@ -328,12 +327,7 @@ impl<'a> Picture<'a> {
     /// The splats as each axis reads them: packed for an earlier picture of the scene, or now.
     fn pack(&self, recorder: &mut Recorder<'_>, pipelines: &Tiles) -> Result<Vec<Arc<Packed>>> {
         let Job { view, settings, stores, weights, .. } = self.job;
-        let light = SplatLight {
-            lighting: self.lighting,
-            lights: settings.light_count(),
-            points: settings.has_point_lights(),
-            to_eye: view.to_eye(),
-        };
+        let light = view.splat_light(settings);
         let held = self.job.kept.get_or_make((), || Ok(Mutex::<Vec<Arc<Packed>>>::default()))?;
         let mut held = held.lock().unwrap_or_else(PoisonError::into_inner);
         // Drop unusable packings first, so that old and new are never in memory together. Colours under another light

@@ -183,9 +183,8 @@ impl Slices<'_> {
         let shown = self.classify(place, voxels);
         let mut kept = self.source.kept.map(|kept| kept.row(place));
         for run in runs(shown.clone(), voxels) {
-            // The voxels that are lit: those with a normal.
+            // The voxels to be lit, and their normals.
             let (mut xs, mut normals, mut count) = ([0; RUN], [0; RUN], 0);
-            let steepness = self.source.steepness.as_ref();
             if let Some(kept) = &mut kept {
                 let shown = run.clone().filter(|&x| shows(&voxels[x]));
                 for ((x, to), normal) in shown.zip(&mut xs).zip(&mut normals) {
@@ -193,11 +192,12 @@ impl Slices<'_> {
                     *normal = kept.next().unwrap_or(NO_NORMAL);
                     count += 1;
                 }
-            } else if let Some((steepness, filter)) = steepness.and_then(|of| Some((of, of.normals.as_ref()?))) {
-                normals = self.normals(steepness, filter, place, &run);
+            } else if let Some(found) = self.normals(place, &run) {
+                normals = found;
                 xs = std::array::from_fn(|at| (run.start + at) as u32);
                 count = run.len();
             }
+            let steepness = self.source.steepness.as_ref();
             if let Some(steepness) = steepness.filter(|steepness| !steepness.thinning.is_empty()) {
                 let (_, magnitudes) = directions(steepness.gradients, self.differences(steepness, place, &run));
                 for (voxel, magnitude) in voxels[run].iter_mut().zip(magnitudes) {
@@ -220,17 +220,14 @@ impl Slices<'_> {
         with_samples!(&slice.samples, s => self.source.classification.row(&s[start..start + count], voxels))
     }
 
-    /// The words of the normals of a run of a row. Beyond the faces voxels are copies of the outermost.
-    fn normals(
-        &self,
-        steepness: &Steepness,
-        filter: &DerivativeFilter,
-        place: [i64; 2],
-        run: &Range<usize>,
-    ) -> [u32; RUN] {
+    /// The words of the normals of a run of a row; `None`: this source finds none. Beyond the faces voxels are copies
+    /// of the outermost.
+    fn normals(&self, place: [i64; 2], run: &Range<usize>) -> Option<[u32; RUN]> {
+        let steepness = self.source.steepness.as_ref()?;
         let [nx, ..] = self.source.volume.grid().dims();
-        let (directions, _) = directions(steepness.gradients, self.slopes(filter, place, run, nx as usize));
-        std::array::from_fn(|at| packed_normal([0, 1, 2].map(|axis| directions[axis][at])))
+        let slopes = self.slopes(steepness.normals.as_ref()?, place, run, nx as usize);
+        let (directions, _) = directions(steepness.gradients, slopes);
+        Some(std::array::from_fn(|at| packed_normal([0, 1, 2].map(|axis| directions[axis][at]))))
     }
 
     /// The plane at `z`, or the outermost beyond the faces.
@@ -343,8 +340,6 @@ impl KeptNormals {
         let [nx, ny, _] = source.volume.grid().dims();
         let mut slices = source.slices(0..i64::from(ny));
         let mut voxels = filled(nx as usize, [0.0; 4])?;
-        let Some(steepness) = &source.steepness else { return Ok(Vec::new()) };
-        let Some(filter) = &steepness.normals else { return Ok(Vec::new()) };
         let plane = |z| {
             slices.advance(z)?;
             let subject = || "normals of voxels".to_owned();
@@ -354,7 +349,7 @@ impl KeptNormals {
                 starts.push(words.len() as u32);
                 let shown = slices.classify([y, z], &mut voxels);
                 for run in runs(shown, &voxels) {
-                    let normals = slices.normals(steepness, filter, [y, z], &run);
+                    let normals = slices.normals([y, z], &run).into_iter().flatten();
                     words.extend(voxels[run].iter().zip(normals).filter(|(voxel, _)| shows(voxel)).map(|(_, n)| n));
                 }
             }

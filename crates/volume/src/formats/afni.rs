@@ -270,7 +270,7 @@ impl Header {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::formats::load;
+    use crate::formats::pair::loaded_by_both;
     use crate::volume::Samples;
 
     /// The attributes of a header of 2 x 3 x 1 samples in two sub-bricks, as kinds, names and values.
@@ -299,14 +299,7 @@ mod tests {
                 text += &format!("\ntype  = {kind}-attribute\nname  = {name}\ncount = {}\n{value}\n", value.len());
             }
         }
-        let folder = tempfile::tempdir().unwrap();
-        std::fs::write(folder.path().join("a+orig.HEAD"), text).unwrap();
-        std::fs::write(folder.path().join("a+orig.BRIK"), samples).unwrap();
-        let options = LoadOptions { time: Some(time), ..LoadOptions::default() };
-        let volume = load(folder.path().join("a+orig.HEAD"), &options)?;
-        let by_samples = load(folder.path().join("a+orig.BRIK"), &options)?;
-        assert_eq!((volume.grid(), volume.contents()), (by_samples.grid(), by_samples.contents()));
-        Ok(volume)
+        loaded_by_both([("a+orig.HEAD", text.as_bytes()), ("a+orig.BRIK", samples)], time)
     }
 
     fn samples() -> Vec<u8> {

@@ -25,3 +25,22 @@ fn uncompressed(path: &Path) -> PathBuf {
     let is_packed = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gz") || e.eq_ignore_ascii_case("bz2"));
     if is_packed { path.with_extension("") } else { path.to_owned() }
 }
+
+/// Loads a time point of the same pair twice, by its header and by its samples, which have to agree.
+#[cfg(test)]
+pub(super) fn loaded_by_both(
+    [(header, text), (data, samples)]: [(&str, &[u8]); 2],
+    time: u32,
+) -> crate::error::Result<crate::volume::Volume> {
+    let folder = tempfile::tempdir().unwrap();
+    let [header, data] = [(header, text), (data, samples)].map(|(name, bytes)| {
+        let path = folder.path().join(name);
+        std::fs::write(&path, bytes).unwrap();
+        path
+    });
+    let options = super::LoadOptions { time: Some(time), ..super::LoadOptions::default() };
+    let volume = super::load(header, &options)?;
+    let by_samples = super::load(data, &options)?;
+    assert_eq!((volume.grid(), volume.contents()), (by_samples.grid(), by_samples.contents()));
+    Ok(volume)
+}

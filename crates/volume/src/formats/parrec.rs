@@ -312,6 +312,7 @@ impl Section {
 mod tests {
     use super::*;
     use crate::formats::load;
+    use crate::formats::pair::loaded_by_both;
 
     const FIELDS: &str = "# === DATA DESCRIPTION FILE ===\n# Research image export tool     V4.2\n\
         .    Protocol name                      :   T1: a test\n\
@@ -327,15 +328,8 @@ mod tests {
 
     /// Loads a volume of a header and of samples of two bytes: 0, 1, 2 ..
     fn loaded(header: &str, samples: u16, time: u32) -> Result<Volume> {
-        let folder = tempfile::tempdir().unwrap();
-        std::fs::write(folder.path().join("a.PAR"), header).unwrap();
         let bytes: Vec<u8> = (0..samples).flat_map(u16::to_le_bytes).collect();
-        std::fs::write(folder.path().join("a.REC"), bytes).unwrap();
-        let options = LoadOptions { time: Some(time), ..LoadOptions::default() };
-        let volume = load(folder.path().join("a.PAR"), &options)?;
-        let by_samples = load(folder.path().join("a.REC"), &options)?;
-        assert_eq!((volume.grid(), volume.contents()), (by_samples.grid(), by_samples.contents()));
-        Ok(volume)
+        loaded_by_both([("a.PAR", header.as_bytes()), ("a.REC", &bytes)], time)
     }
 
     fn table(sections: &[(&str, &str)]) -> String {
