@@ -1,7 +1,8 @@
-//! The work that a picture gives to the device, in counts rather than times: any adapter gives the counts of a GPU.
+//! The work that a picture gives to the device: counts, which any adapter gives as a GPU does, and times.
 //!
 //! ```text
-//! cargo bench --bench plumbing -- --work DIR [--device] [--json] [--scenes NAME,..] [--pictures NAME,..] [--write]
+//! cargo bench --bench plumbing -- --work DIR [--device] [--json] [--scenes NAME,..] [--pictures NAME,..] [--size N]
+//!     [--times N] [--write]
 //! ```
 //!
 //! DIR is the folder of the bench `race` (`crates/cli/benches/race.json`): its `vol` holds head512.raw, ml256.npy and
@@ -14,18 +15,21 @@
 //! - `transfer`: the visible values begin lower (`Renderer::set_transfer`, after another change that is not counted)
 //! - `clip`: a clipping plane moves
 //!
-//! Frames are drawn into a texture (`Renderer::render_into`). Columns: dispatches and draws, submissions, waits of the
-//! host, bytes sent to the device, bytes of memory of the device after the event, and voxels or cells drawn. `--json`
-//! prints an object a line with `scene`, `picture`, `event`, `dispatches`, `submissions`, `waits`, `uploaded`,
-//! `resident` and `visible`. `--write` keeps the table in docs/measurements.
+//! Frames of N pixels squared (512) are drawn into a texture (`Renderer::render_into`). Columns: milliseconds until the
+//! device is done, dispatches and draws, submissions, waits of the host, bytes sent to the device, bytes of memory of
+//! the device after the event, and voxels or cells drawn. `--times` draws N further turns, and the time of `next` is
+//! their median; all other times are of one event. `--json` prints an object a line with `scene`, `picture`, `event`,
+//! `milliseconds`, `dispatches`, `submissions`, `waits`, `uploaded`, `resident` and `visible`. `--write` keeps the table
+//! in docs/measurements.
 
 #![allow(clippy::print_stdout, reason = "printing its table is what this program is for")]
 
 mod common;
 
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
-use common::{Arguments, Outcome, Report};
+use common::{Arguments, Outcome, Report, median};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use voxsplat::clip::{Clip, Plane};
@@ -42,8 +46,7 @@ use voxsplat::{
 
 /// The scenes of the bench `race` that are drawn.
 const SCENES: [&str; 3] = ["head512", "ml256", "phantom181"];
-/// The size of pictures in pixels, and their view, of the bench `race`.
-const SIZE: u32 = 512;
+/// The view of pictures of the bench `race`.
 const AZIMUTH: f64 = 30.0;
 const ELEVATION: f64 = 20.0;
 
@@ -130,12 +133,20 @@ fn lights(light: Light) -> Lighting {
     Lighting { lights: vec![light], ..Lighting::default() }
 }
 
-/// The counts of an event.
+/// What an event takes.
+struct Taken {
+    milliseconds: f64,
+    counts: Counts,
+    visible: u64,
+}
+
+/// An event of a picture.
 #[derive(Serialize)]
 struct Row {
     scene: String,
     picture: String,
     event: &'static str,
+    milliseconds: f64,
     dispatches: u64,
     submissions: u64,
     waits: u64,
@@ -153,7 +164,7 @@ struct Host {
 
 impl Host {
     /// A device of its own for a picture, so that no other scene is in its memory.
-    fn new(device_stages: bool) -> Outcome<Self> {
+    fn new(device_stages: bool, size: u32) -> Outcome<Self> {
         let best = adapters().into_iter().next().ok_or("no adapter")?;
         let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
             backends: wgpu::Backends::VULKAN | wgpu::Backends::METAL | wgpu::Backends::DX12,
@@ -170,7 +181,7 @@ impl Host {
         let renderer = if device_stages { renderer.with_device_stages() } else { renderer };
         let texture = device.create_texture(&wgpu::TextureDescriptor {
             label: Some("plumbing.target"),
-            size: wgpu::Extent3d { width: SIZE, height: SIZE, depth_or_array_layers: 1 },
+            size: wgpu::Extent3d { width: size, height: size, depth_or_array_layers: 1 },
             mip_level_count: 1,
             sample_count: 1,
             dimension: wgpu::TextureDimension::D2,
@@ -181,11 +192,13 @@ impl Host {
         Ok(Self { device, renderer, texture })
     }
 
-    /// The counts of `work`, which returns the number of voxels drawn. The wait for the device is not counted.
-    fn counted(&self, work: impl FnOnce() -> Outcome<u64>) -> Outcome<(Counts, u64)> {
+    /// What `work` takes, which returns the number of voxels drawn. The wait for the device at its end is no count.
+    fn measured(&self, work: impl FnOnce() -> Outcome<u64>) -> Outcome<Taken> {
         let before = self.renderer.counts();
+        let start = Instant::now();
         let visible = work()?;
         self.device.poll(wgpu::PollType::wait_indefinitely())?;
+        let milliseconds = start.elapsed().as_secs_f64() * 1e3;
         let after = self.renderer.counts();
         let counts = Counts {
             dispatches: after.dispatches - before.dispatches,
@@ -194,7 +207,7 @@ impl Host {
             uploaded: after.uploaded - before.uploaded,
             resident: after.resident,
         };
-        Ok((counts, visible))
+        Ok(Taken { milliseconds, counts, visible })
     }
 
     fn draw(&self, scene: &Scene, camera: &Camera, settings: &Settings) -> Outcome<u64> {
@@ -210,7 +223,8 @@ fn events(
     volume: &Volume,
     curve: &[[f64; 5]],
     kind: Kind,
-    take: &mut dyn FnMut(&'static str, (Counts, u64)),
+    turns: usize,
+    take: &mut dyn FnMut(&'static str, Taken),
 ) -> Outcome {
     let renderer = &host.renderer;
     let height = 1.5 * f64::from(of.dims.into_iter().max().unwrap_or(1));
@@ -221,24 +235,33 @@ fn events(
         };
         let up = DVec3::Y;
         let view = View { azimuth, elevation: ELEVATION, up, view_height: Some(height), projection, ..View::default() };
-        Camera::new(&view, volume.grid(), [SIZE; 2])
+        Camera::new(&view, volume.grid(), [host.texture.width(); 2])
     };
     let settings = kind.settings();
     let transfer = of.transfer(curve, 0.0)?;
     let at = camera(AZIMUTH)?;
     let mut made = None;
-    let first = host.counted(|| {
+    let first = host.measured(|| {
         let scene = made.insert(renderer.prepare(volume, &transfer, &settings)?);
         host.draw(scene, &at, &settings)
     })?;
     take("first", first);
     let mut scene = made.ok_or("no scene")?;
     let turned = camera(AZIMUTH + 10.0)?;
-    take("next", host.counted(|| host.draw(&scene, &turned, &settings))?);
+    let mut next = host.measured(|| host.draw(&scene, &turned, &settings))?;
+    let mut times = Vec::new();
+    for turn in 0..turns {
+        let turned = camera(AZIMUTH + 10.0 * (2 + turn) as f64)?;
+        times.push(host.measured(|| host.draw(&scene, &turned, &settings))?.milliseconds);
+    }
+    if turns > 0 {
+        next.milliseconds = median(times);
+    }
+    take("next", next);
     if kind.lit {
         let lit_from = |towards| Settings { lighting: Some(lights(Light::directional(towards))), ..settings.clone() };
         host.draw(&scene, &at, &lit_from(DVec3::ONE))?;
-        take("light", host.counted(|| host.draw(&scene, &at, &lit_from(DVec3::new(1.0, 1.0, 0.5))))?);
+        take("light", host.measured(|| host.draw(&scene, &at, &lit_from(DVec3::new(1.0, 1.0, 0.5))))?);
     }
     let clipped = |share: f64| -> Outcome<Settings> {
         let plane = Plane::new(DVec3::X, share * f64::from(of.dims[0]))?;
@@ -246,11 +269,11 @@ fn events(
     };
     host.draw(&scene, &at, &clipped(0.0)?)?;
     let moved = clipped(0.1)?;
-    take("clip", host.counted(|| host.draw(&scene, &at, &moved))?);
+    take("clip", host.measured(|| host.draw(&scene, &at, &moved))?);
     host.draw(&scene, &at, &settings)?;
-    let mut change = |moved| -> Outcome<(Counts, u64)> {
+    let mut change = |moved| -> Outcome<Taken> {
         let other = of.transfer(curve, moved)?;
-        host.counted(|| {
+        host.measured(|| {
             renderer.set_transfer(&mut scene, &other)?;
             host.draw(&scene, &at, &settings)
         })
@@ -266,6 +289,7 @@ fn main() -> Outcome {
     let (device_stages, json) = (arguments.flag("--device"), arguments.flag("--json"));
     let [scenes, pictures] = ["--scenes", "--pictures"].map(|name| arguments.option::<String>(name));
     let (scenes, pictures) = (scenes?, pictures?);
+    let (size, turns) = (arguments.option("--size")?.unwrap_or(512), arguments.option("--times")?.unwrap_or(0));
     if let [unknown, ..] = arguments.positional()? {
         return Err(format!("unknown argument {unknown}").into());
     }
@@ -273,28 +297,42 @@ fn main() -> Outcome {
     let is_listed = |list: &Option<String>, name: &str| list.as_ref().is_none_or(|l| l.split(',').any(|n| n == name));
     let mut report = Report::new("plumbing", &arguments);
     if !json {
-        report.line("| scene | picture | event | dispatches | submissions | waits | uploaded | resident | visible |");
-        report.line("|---|---|---|---|---|---|---|---|---|");
+        report.line(
+            "| scene | picture | event | ms | dispatches | submissions | waits | uploaded | resident | visible |",
+        );
+        report.line("|---|---|---|---|---|---|---|---|---|---|");
     }
     for name in SCENES.into_iter().filter(|name| is_listed(&scenes, name)) {
         let scene = of_race.iter().find(|scene| scene.name == name).ok_or_else(|| format!("the race has no {name}"))?;
         let volume = scene.volume(&work)?;
         for kind in Kind::all().filter(|kind| is_listed(&pictures, &kind.name())) {
-            let host = Host::new(device_stages)?;
+            let host = Host::new(device_stages, size)?;
             let mut rows = Vec::new();
-            events(&host, scene, &volume, &transfer, kind, &mut |event, (counts, visible)| {
+            events(&host, scene, &volume, &transfer, kind, turns, &mut |event, taken| {
+                let Taken { milliseconds, counts, visible } = taken;
                 let Counts { dispatches, submissions, waits, uploaded, resident } = counts;
-                let (scene, picture) = (name.to_owned(), kind.name());
-                rows.push(Row { scene, picture, event, dispatches, submissions, waits, uploaded, resident, visible });
+                rows.push(Row {
+                    scene: name.to_owned(),
+                    picture: kind.name(),
+                    event,
+                    milliseconds,
+                    dispatches,
+                    submissions,
+                    waits,
+                    uploaded,
+                    resident,
+                    visible,
+                });
             })?;
             for row in rows {
                 if json {
                     println!("{}", serde_json::to_string(&row)?);
                     continue;
                 }
-                let Row { scene, picture, event, dispatches, submissions, waits, uploaded, resident, visible } = row;
+                let Row { scene, picture, event, milliseconds, dispatches, submissions, .. } = row;
+                let Row { waits, uploaded, resident, visible, .. } = row;
                 let counts = format!("{dispatches} | {submissions} | {waits} | {uploaded} | {resident} | {visible}");
-                report.line(format!("| {scene} | {picture} | {event} | {counts} |"));
+                report.line(format!("| {scene} | {picture} | {event} | {milliseconds:.1} | {counts} |"));
             }
         }
     }

@@ -24,10 +24,11 @@ use crate::stats::TilesStats;
 const PIXELS_PER_QUAD: u64 = 8;
 
 /// The work of [`PLANE_TEXELS`] texels of a plane of a ray, in units of the work of a fragment of a splat: 16 bytes a
-/// texel and some 800 operations, where a fragment has 150 and blends up to 8 sheets.
-const PLANE_WORK: u64 = 4;
+/// texel and some 800 operations, where a fragment has 150 and blends up to 8 sheets. Most planes of most rays are
+/// skipped: an H100 takes 7 ms for 10^9 of them and 0.7 s for 10^8 fragments.
+const PLANE_WORK: u64 = 1;
 /// The same for scalars: two slabs with three moments each, classified in pieces.
-const SCALAR_PLANE_WORK: u64 = 12;
+const SCALAR_PLANE_WORK: u64 = 3;
 /// The texels of a plane that rays along m read by the default kernel: 5 rows of 3.
 const PLANE_TEXELS: u64 = 15;
 /// The work of a plane that clipping cuts, in planes: its kernels are also summed up to the cut, each by its section.
@@ -48,6 +49,10 @@ const MAX_SCALAR: f64 = 4096.0;
 /// The least radius of kernels of scalars, in voxels: the fitted parts of narrower kernels in slabs of half a plane err
 /// by half (a maximum of gaussian:0.25,0.5 by 0.26, rms).
 const MIN_SCALAR_RADIUS: f64 = 1.0;
+
+/// The bytes up to which a GPU keeps packed volumes of axes that a picture does not need: a turning volume comes back to
+/// them, and a gigabyte takes 60 ms to allocate (measured; docs/measurements/2026-11-25-gpu.md).
+const KEPT_BYTES: u64 = 3 << 30;
 
 /// The rounding of radii at a limit.
 const ROUNDING: f64 = 1.0 + 1e-6;
@@ -164,8 +169,17 @@ impl<'a> Picture<'a> {
                 view.layer_holds(bounds, job.padding)
                     && pyramid.as_ref().is_none_or(|rays| rays.reaches(bounds, view.max_radius() + 1.0))
             };
-            let seen = |bounds| view.may_show(bounds, job.padding) && reaches(bounds);
-            let packing = Packing::new(context, stores, dims, whole, seen, axis.axes, voxel)?;
+            let pack = |seen: &dyn Fn([[u32; 3]; 2]) -> bool| {
+                Packing::new(context, stores, dims, whole, seen, axis.axes, voxel)
+            };
+            // On a GPU the splats of all bricks, if they fit: they serve every eye and every clip, and to pack anew is
+            // to allocate and copy gigabytes. On software, which packs slowly, those that may show and that rays reach.
+            if !context.is_software()
+                && let Some(packing) = pack(&|_| true)
+            {
+                return Some((packing, None));
+            }
+            let packing = pack(&|bounds| view.may_show(bounds, job.padding) && reaches(bounds))?;
             // Clipping is no reason to leave out bricks: what is packed then serves while a plane moves.
             let of_store = |store: &Store| store.bricks.iter().map(|brick| reaches(brick.bounds)).collect();
             let limits = !whole && (pyramid.is_some() || view.fade.is_some());
@@ -334,8 +348,10 @@ impl<'a> Picture<'a> {
         // are packed over, because textures that exist are not cleared first.
         let is_served = |packed: &Packed| self.axes.iter().any(|axis| self.serves(axis, packed));
         let packed_light = self.voxel.is_lit().then_some(&light);
-        let served = held.drain(..).filter(|packed| is_served(packed));
-        let (reusable, spare): (Vec<_>, Vec<_>) = served.partition(|packed| packed.light.as_ref() == packed_light);
+        let (served, others): (Vec<_>, Vec<_>) = held.drain(..).partition(|packed| is_served(packed));
+        let others = self.kept_of(others);
+        let (reusable, spare): (Vec<_>, Vec<_>) =
+            served.into_iter().partition(|packed| packed.light.as_ref() == packed_light);
         let mut spare: Vec<Packed> = spare.into_iter().filter_map(Arc::into_inner).collect();
         let mut packed: Vec<Arc<Packed>> = Vec::new();
         for axis in &self.axes {
@@ -356,7 +372,24 @@ impl<'a> Picture<'a> {
             });
         }
         held.clone_from(&packed);
+        held.extend(others);
         Ok(packed)
+    }
+
+    /// The packed volumes of other axes that stay on the device beside those of the picture: as many as fit into
+    /// [`KEPT_BYTES`] together, of the same splats, on a GPU.
+    fn kept_of(&self, others: Vec<Arc<Packed>>) -> Vec<Arc<Packed>> {
+        if self.job.context.is_software() {
+            return Vec::new();
+        }
+        let source = self.job.stores.first().map(|store| store.id);
+        let mut bytes: u64 = self.axes.iter().map(|axis| axis.packing.bytes()).sum();
+        let mut fits = |packed: &Arc<Packed>| {
+            let whole = packed.reached.is_none() && packed.source == source && packed.packing.voxel == self.voxel;
+            bytes += packed.bytes;
+            whole && bytes <= KEPT_BYTES
+        };
+        others.into_iter().filter(|packed| fits(packed)).collect()
     }
 
     /// The inputs of the rays along an axis.
@@ -410,7 +443,7 @@ impl Picture<'_> {
         let is_cut = !self.job.view.clip.is_empty() && self.job.post.is_none();
         let planes = |axis: &PackedAxis| {
             let rays: u64 = self.all_rays(axis).iter().map(Rays::count).sum();
-            let planes = u64::from(axis.packing.dims[2]);
+            let planes = self.planes_of_layer(axis);
             // A ray is cut where it enters the clipped volume and where it leaves it.
             let cut = if is_cut { planes.min(u64::from(2 * (2 * self.reach() + 1))) } else { 0 };
             u128::from(rays + beside) * u128::from(planes + CUT_WORK * cut)
@@ -420,6 +453,17 @@ impl Picture<'_> {
         let each = if self.job.post.is_some() { SCALAR_PLANE_WORK } else { PLANE_WORK };
         let work: u128 = self.axes.iter().map(|axis| u128::from(each * texels) * planes(axis)).sum();
         (work / u128::from(PLANE_TEXELS * self.whole().area())) as u64
+    }
+
+    /// The planes that a ray of an axis marches through at most: of a layer, those between the growths at which its
+    /// share begins and ends, and those whose kernels reach them.
+    fn planes_of_layer(&self, PackedAxis { axis, packing, .. }: &PackedAxis) -> u64 {
+        let (view, planes) = (&self.job.view, u64::from(packing.dims[2]));
+        let Some(fade) = view.fade else { return planes };
+        let shear = axis.shear();
+        let per_plane = axis.ordered(view.gradients[2] * view.growth.slope).dot(shear.extend(1.0)).abs();
+        let held = (fade.ends[1] - fade.begins[0]).abs() / per_plane.max(f64::MIN_POSITIVE);
+        planes.min((held as u64).saturating_add(2 * u64::from(self.reach())))
     }
 
     /// Paints a region behind the layers that have been painted.

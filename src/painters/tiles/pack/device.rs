@@ -17,7 +17,7 @@ use crate::painters::tiles::axis::unordered;
 
 /// The largest number of bytes of the buffer that is packed and copied to the texture at a time. On a GPU: few
 /// dispatches, and memory that is small beside the volume. On software: near the caches.
-const BAND: u64 = 256 << 20;
+const BAND: u64 = 64 << 20;
 const SOFTWARE_BAND: u64 = 16 << 20;
 
 /// Splats that a workgroup packs: 32 for each invocation.
@@ -29,6 +29,8 @@ pub(in crate::painters::tiles) struct Bands {
     /// Runs of at most [`RUN`] splats.
     runs: wgpu::Buffer,
     bands: Vec<Band>,
+    /// The buffer that one band after the other is packed in, if it is kept for the next light.
+    texels: Option<wgpu::Buffer>,
 }
 
 /// Rows of the texture that are packed together.
@@ -76,7 +78,7 @@ impl Packing {
         };
         let bands = self.rows_of_bands(context).into_iter().map(band).collect();
         let runs = context.upload("pack.runs", bytemuck::cast_slice(&runs), wgpu::BufferUsages::STORAGE)?;
-        Ok(Bands { runs, bands })
+        Ok(Bands { runs, bands, texels: None })
     }
 
     /// The rows of each band: whole shelves of planes if they fit, so that most bricks are in one band.
@@ -105,7 +107,7 @@ impl Packing {
         &self,
         recorder: &mut Recorder<'_>,
         stage: &Stage,
-        (stores, Bands { runs, bands }): (&[Store], &Bands),
+        (stores, Bands { runs, bands, texels: kept }): (&[Store], &mut Bands),
         light: &SplatLight,
         scale: f32,
         [volume, occupied]: &[wgpu::Texture; 2],
@@ -136,11 +138,12 @@ impl Packing {
         // One buffer serves all bands: the device orders what reads and writes it, so that nothing waits.
         let largest = bands.iter().map(|band| band.rows.len() as u64).max().unwrap_or_default();
         let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC | wgpu::BufferUsages::COPY_DST;
-        let texels = context.buffer("pack.texels", largest * row_bytes, usage)?;
+        let is_new = kept.is_none();
+        let texels = kept.take().map_or_else(|| context.buffer("pack.texels", largest * row_bytes, usage), Ok)?;
         for (number, Band { rows, parts }) in bands.iter().enumerate() {
             let (first_row, row_count) = (rows.start, rows.len() as u32);
             // A new buffer holds zeros.
-            if number > 0 {
+            if number > 0 || !is_new {
                 recorder.clear(&texels, u64::from(row_count) * row_bytes);
             }
             for (store, part, splats) in parts {
@@ -164,6 +167,8 @@ impl Packing {
             }
             recorder.copy_rows(&texels, row_bytes, volume, first_row, [width, row_count]);
         }
+        // Allocating takes longer than packing, and light may move in each frame.
+        *kept = self.voxel.is_lit().then_some(texels);
         Ok(())
     }
 

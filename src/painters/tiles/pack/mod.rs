@@ -142,6 +142,13 @@ impl Packing {
         context.is_software() && BYTES * splats > width * height * self.voxel.texel()
     }
 
+    /// Bytes of the textures of voxels and of macrocells.
+    pub(super) fn bytes(&self) -> u64 {
+        let [width, height] = self.size.map(u64::from);
+        let macrocells: u64 = self.macrocells().into_iter().map(u64::from).product();
+        width * height * self.voxel.texel() + macrocells * 4
+    }
+
     /// Macrocells along a, b and m.
     fn macrocells(&self) -> [u32; 3] {
         self.dims.map(|n| n.div_ceil(MACROCELL))
@@ -223,11 +230,11 @@ impl Packing {
             Some(Packed { volume, occupied, bands, .. }) => ([volume, occupied].map(|v| v.texture().clone()), bands),
             None => (self.textures(recorder.context), None),
         };
-        let bands = match (stage, bands) {
+        let mut bands = match (stage, bands) {
             (Some(_), None) => Some(self.bands(recorder.context, stores, reached)?),
             (_, bands) => bands,
         };
-        match stage.zip(bands.as_ref()) {
+        match stage.zip(bands.as_mut()) {
             Some((stage, bands)) => {
                 self.fill_on_device(recorder, stage, (stores, bands), light, scale as f32, &textures)?;
             }
@@ -236,8 +243,6 @@ impl Packing {
             })?,
         }
         let [volume, occupied] = textures.map(|texture| texture.create_view(&wgpu::TextureViewDescriptor::default()));
-        let [width, height] = self.size.map(u64::from);
-        let macrocells: u64 = self.macrocells().into_iter().map(u64::from).product();
         Ok(Packed {
             packing: self,
             source: stores.first().map(|store| store.id),
@@ -245,7 +250,7 @@ impl Packing {
             volume,
             occupied,
             scale,
-            bytes: width * height * self.voxel.texel() + macrocells * 4,
+            bytes: self.bytes(),
             light: self.voxel.is_lit().then(|| light.clone()),
             bands,
         })
