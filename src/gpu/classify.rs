@@ -9,11 +9,12 @@ use rayon::prelude::*;
 use super::context::Context;
 use super::layout::{Classify, ControlPoint, Splat};
 use super::pipeline::{Binding, bind, compute, flag, layout, module};
-use super::recorder::Recorder;
+use super::recorder::{ComputePass, Recorder};
+use super::rows::{DevicePart, ROWS, Rows, collect};
 use super::scan::{Scan, WORKGROUP};
 use super::shaders;
 use super::splat::{density, packed_appearance, packed_normal, resolution_at, with_density};
-use super::store::{BrickSplats, Bricks, Drawable, MadeBrick, Part, Splats, StoreBuilder};
+use super::store::{Bricks, Drawable, MadeBrick, StoreBuilder};
 use super::transfer::Reduction;
 use crate::error::{Error, Result};
 use crate::kernel::{DerivativeFilter, NORMAL_REACH};
@@ -23,13 +24,13 @@ use crate::volume::{BRICK_EDGE as EDGE, Brick, RowCoding, SampleType, ToF64, Vol
 
 /// Bricks of one batch, 4 million voxels: the memory that preparing a scene needs besides its splats, and far within
 /// every limit.
-const BATCH: usize = 128;
+pub(super) const BATCH: usize = 128;
 
 /// The largest number of splats that are joined: meanwhile they are in memory twice. On a GPU each store is a dispatch.
 const JOINED: u32 = 1 << 23;
 const SOFTWARE_JOINED: u32 = 1 << 19;
 
-fn joined(context: &Context) -> u32 {
+pub(super) fn joined(context: &Context) -> u32 {
     if context.is_software() { SOFTWARE_JOINED } else { JOINED }
 }
 
@@ -38,7 +39,7 @@ const FAR: f64 = 1e36;
 /// The least extent of the control points in unreduced floats: their products stay in the range of f32.
 const LEAST_EXTENT: f64 = 1e-24;
 
-/// How the shader reads samples: SAMPLE_TYPE in shaders/classify.wgsl.
+/// How the shader reads samples: SAMPLE_TYPE in shaders/common/classified.wgsl.
 ///
 /// Types whose every value is exact in f32 are uploaded unchanged. Others, and floats whose control points are near the
 /// ends of the range of f32, are reduced on the host, chunk by chunk, to the scalars of post-shading: a window of 10 at
@@ -145,12 +146,12 @@ impl RowCoding for SampleCoding {
 
 /// A volume to classify, as the stage and its twin on the host read it.
 pub(crate) struct Input<'a> {
-    context: &'a Context,
-    volume: &'a Volume,
+    pub(super) context: &'a Context,
+    pub(super) volume: &'a Volume,
     transfer: &'a TransferFunction,
     /// Whether splats have normals.
     lit: bool,
-    progress: &'a Progress,
+    pub(super) progress: &'a Progress,
     coding: SampleCoding,
     /// The control points as samples are compared with them.
     points: Vec<ControlPoint>,
@@ -180,7 +181,7 @@ impl<'a> Input<'a> {
     }
 
     /// The layers of neighbouring voxels around a brick, for normals and for gradient opacity: `halo` in
-    /// shaders/classify.wgsl.
+    /// shaders/common/classified.wgsl.
     fn halo(&self) -> usize {
         if self.lit { NORMAL_REACH } else { usize::from(!self.thinning.is_empty()) }
     }
@@ -191,7 +192,7 @@ impl<'a> Input<'a> {
     }
 
     /// Whether a brick with samples in this range may show.
-    fn may_show(&self, range: [f64; 2]) -> bool {
+    pub(super) fn may_show(&self, range: [f64; 2]) -> bool {
         let (slope, intercept) = self.volume.rescale();
         let [a, b] = range.map(|raw| slope * raw + intercept);
         !self.context.savings.bricks || self.keeps_invisible() || !self.transfer.is_invisible([a.min(b), a.max(b)])
@@ -242,39 +243,18 @@ impl Classifier {
     /// The visible voxels of a volume as splats, brick by brick, with normals if there is light. `held` holds the
     /// samples of all bricks on the device; `None`: samples of visible bricks are on the device a batch at a time.
     pub(crate) fn run(&self, scan: &Scan, input: &Input<'_>, held: Option<&HeldSamples>) -> Result<Drawable> {
-        let Input { context, volume, lit, coding, points, thinning, resolution: [base, faintest], .. } = input;
-        let constants = [
-            ("SAMPLE_TYPE", f64::from(coding.sample_type)),
-            ("LIT", flag(*lit)),
-            ("GRADIENT_OPACITY", flag(!thinning.is_empty())),
-            ("KEEP_INVISIBLE", flag(input.keeps_invisible())),
-        ];
+        let Input { context, .. } = input;
+        let [sample_type, lit, gradient_opacity] = input.key().constants();
+        let constants = [sample_type, lit, gradient_opacity, ("KEEP_INVISIBLE", flag(input.keeps_invisible()))];
         let pipeline = |entry| compute(context, &self.module, "classify", entry, &self.layout, &constants);
-        let [gradient_x, gradient_y, gradient_z] = input.gradients;
-        let steepness = |&[sample, opacity]: &[f32; 2]| ControlPoint { sample, opacity, ..ControlPoint::zeroed() };
-        let all: Vec<ControlPoint> = points.iter().copied().chain(thinning.iter().map(steepness)).collect();
-        let storage = wgpu::BufferUsages::STORAGE;
         let job = Job {
             context,
             scan,
             layout: &self.layout,
             count: pipeline("count"),
             emit: pipeline("emit"),
-            points: context.upload("classify.control_points", bytemuck::cast_slice(&all), storage)?,
-            parameters: Classify {
-                dims: volume.grid().dims(),
-                bricks: 0,
-                gradient_x,
-                points: points.len() as u32,
-                gradient_y,
-                sample_origin: coding.origin as f32,
-                gradient_z,
-                first_brick: 0,
-                gradient_points: thinning.len() as u32,
-                base: *base,
-                faintest: *faintest,
-                _pad: 0,
-            },
+            points: input.points_on_device()?,
+            parameters: input.parameters(),
         };
         let mut stores = StoreBuilder::new(context, STRIDE, joined(context));
         let bricks = match held {
@@ -285,7 +265,54 @@ impl Classifier {
     }
 }
 
+/// How shaders read the samples of a volume: the constants of shaders/common/classified.wgsl.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(super) struct InputKey {
+    sample_type: u32,
+    lit: bool,
+    gradient_opacity: bool,
+}
+
+impl InputKey {
+    pub(super) fn constants(self) -> [(&'static str, f64); 3] {
+        let Self { sample_type, lit, gradient_opacity } = self;
+        [("SAMPLE_TYPE", f64::from(sample_type)), ("LIT", flag(lit)), ("GRADIENT_OPACITY", flag(gradient_opacity))]
+    }
+}
+
 impl Input<'_> {
+    pub(super) fn key(&self) -> InputKey {
+        let Self { lit, coding, thinning, .. } = self;
+        InputKey { sample_type: coding.sample_type, lit: *lit, gradient_opacity: !thinning.is_empty() }
+    }
+
+    /// The control points of the transfer function, then those of gradient opacity.
+    pub(super) fn points_on_device(&self) -> Result<wgpu::Buffer> {
+        let steepness = |&[sample, opacity]: &[f32; 2]| ControlPoint { sample, opacity, ..ControlPoint::zeroed() };
+        let all: Vec<ControlPoint> = self.points.iter().copied().chain(self.thinning.iter().map(steepness)).collect();
+        self.context.upload("classify.control_points", bytemuck::cast_slice(&all), wgpu::BufferUsages::STORAGE)
+    }
+
+    /// The parameters of shaders, without bricks.
+    pub(super) fn parameters(&self) -> Classify {
+        let [gradient_x, gradient_y, gradient_z] = self.gradients;
+        let [base, faintest] = self.resolution;
+        Classify {
+            dims: self.volume.grid().dims(),
+            bricks: 0,
+            gradient_x,
+            points: self.points.len() as u32,
+            gradient_y,
+            sample_origin: self.coding.origin as f32,
+            gradient_z,
+            first_brick: 0,
+            gradient_points: self.thinning.len() as u32,
+            base,
+            faintest,
+            _pad: 0,
+        }
+    }
+
     /// Calls `take` with the bricks that `shows` accepts, in batches on the device.
     fn batches(
         &self,
@@ -316,8 +343,29 @@ pub(crate) struct HeldSamples(Mutex<Option<(SamplesKey, Vec<BrickBatch>)>>);
 type SamplesKey = (u32, Option<Reduction>, usize);
 
 impl HeldSamples {
-    /// Calls `take` with the batches that may show. Sends the samples first if the device does not hold them.
-    fn run(&self, input: &Input<'_>, take: &mut dyn FnMut(&BrickBatch) -> Result<()>) -> Result<Bricks> {
+    /// The most bytes of samples that are held without a change of the transfer function.
+    const MOST: u64 = 2 << 30;
+
+    /// Whether the samples of a volume are few enough to be held for their own sake.
+    pub(crate) fn fits(input: &Input<'_>) -> bool {
+        let bricks: u64 = input.volume.bricks().into_iter().map(u64::from).product();
+        let edge = (EDGE + 2 * input.halo()) as u64;
+        let bytes = [1, 1, 2, 2, 4][input.coding.sample_type as usize];
+        bricks * edge.pow(3) * bytes <= Self::MOST
+    }
+
+    /// Whether the device holds samples.
+    pub(crate) fn is_held(&self) -> bool {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).is_some()
+    }
+
+    /// Calls `work` with the batches of all bricks. Sends the samples first if the device does not hold them; also
+    /// returns the bytes that were sent.
+    pub(super) fn with<T>(
+        &self,
+        input: &Input<'_>,
+        work: impl FnOnce(&[BrickBatch]) -> Result<T>,
+    ) -> Result<(T, u64)> {
         let key = (input.coding.sample_type, input.coding.reduction, input.halo());
         let lock = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
         // Not locked meanwhile: reading samples waits for a pool of threads, which may hand over work that takes the
@@ -336,18 +384,27 @@ impl HeldSamples {
                 bytes = input.batches(&|_| true, &mut keep)?.bytes;
             }
         }
-        let ranges = input.volume.ranges()?;
-        let mut bricks = Bricks { all: ranges.len() as u32, bytes, ..Bricks::default() };
-        for (batch, ranges) in batches.iter().zip(ranges.chunks(BATCH)) {
-            let shown = ranges.iter().filter(|range| input.may_show(**range)).count() as u32;
-            bricks.uploaded += shown;
-            if shown > 0 {
-                take(batch)?;
-            }
-            input.progress.check()?;
-        }
+        let result = work(&batches)?;
         *lock() = Some((key, batches));
-        Ok(bricks)
+        Ok((result, bytes))
+    }
+
+    /// Calls `take` with the batches that may show.
+    fn run(&self, input: &Input<'_>, take: &mut dyn FnMut(&BrickBatch) -> Result<()>) -> Result<Bricks> {
+        let ranges = input.volume.ranges()?;
+        let mut bricks = Bricks { all: ranges.len() as u32, ..Bricks::default() };
+        let ((), bytes) = self.with(input, |batches| {
+            for (batch, ranges) in batches.iter().zip(ranges.chunks(BATCH)) {
+                let shown = ranges.iter().filter(|range| input.may_show(**range)).count() as u32;
+                bricks.uploaded += shown;
+                if shown > 0 {
+                    take(batch)?;
+                }
+                input.progress.check()?;
+            }
+            Ok(())
+        })?;
+        Ok(Bricks { bytes, ..bricks })
     }
 }
 
@@ -361,13 +418,13 @@ pub(crate) fn gradients(volume: &Volume) -> [[f32; 3]; 3] {
 pub(crate) const STRIDE: u64 = size_of::<Splat>() as u64;
 
 /// Bricks that are classified together, on the device.
-struct BrickBatch {
+pub(super) struct BrickBatch {
     /// Lattice points of the first voxels.
-    origins: Vec<[u32; 4]>,
+    pub(super) origins: Vec<[u32; 4]>,
     /// The same on the device.
-    places: wgpu::Buffer,
+    pub(super) places: wgpu::Buffer,
     /// The samples with the voxels around each brick.
-    samples: wgpu::Buffer,
+    pub(super) samples: wgpu::Buffer,
 }
 
 impl BrickBatch {
@@ -392,86 +449,22 @@ struct Job<'a> {
 
 impl Job<'_> {
     /// Adds the visible voxels of a batch.
-    fn run(&self, batch: &BrickBatch, stores: &mut StoreBuilder<'_, ClassifiedPart>) -> Result<()> {
+    fn run(&self, batch: &BrickBatch, stores: &mut StoreBuilder<'_, DevicePart>) -> Result<()> {
         let context = self.context;
-        let storage = wgpu::BufferUsages::STORAGE;
-        let rows = EDGE * EDGE;
-        let runs = (batch.origins.len() * rows) as u64;
-        let parameters = Classify { bricks: batch.origins.len() as u32, ..self.parameters };
-        let uniform = |parameters: &Classify| {
-            context.upload("classify.parameters", bytemuck::bytes_of(parameters), wgpu::BufferUsages::UNIFORM)
+        let (x, y) = context.workgroups((batch.origins.len() * ROWS) as u64, WORKGROUP);
+        let record = |pass: &mut ComputePass<'_>, first: Option<u32>, Rows { places, seen, splats }: &Rows| {
+            let (bricks, first_brick) = (batch.origins.len() as u32, first.unwrap_or_default());
+            let parameters = Classify { bricks, first_brick, ..self.parameters };
+            let uniform = wgpu::BufferUsages::UNIFORM;
+            let parameters = context.upload("classify.parameters", bytemuck::bytes_of(&parameters), uniform)?;
+            let resources = [&parameters, &batch.samples, &self.points, places, splats, &batch.places, seen];
+            let group = bind(context, "classify", self.layout, &resources.map(wgpu::Buffer::as_entire_binding));
+            let pipeline = if first.is_some() { &self.emit } else { &self.count };
+            pass.dispatch(pipeline, &group, &[], [x, y, 1]);
+            Ok(())
         };
-        // One place more than runs: the scan leaves the total there.
-        let (places_bytes, seen_bytes) = ((runs + 1) * 4, runs * 4);
-        let places = context.buffer("classify.places", places_bytes, storage | wgpu::BufferUsages::COPY_SRC)?;
-        let seen = context.buffer("classify.seen", seen_bytes, storage | wgpu::BufferUsages::COPY_SRC)?;
-        let none = context.buffer("classify.no_splats", 16, storage)?;
-        let bindings = |parameters: &wgpu::Buffer, splats: &wgpu::Buffer| {
-            let resources = [parameters, &batch.samples, &self.points, &places, splats, &batch.places, &seen];
-            bind(context, "classify", self.layout, &resources.map(wgpu::Buffer::as_entire_binding))
-        };
-        let (x, y) = context.workgroups(runs, WORKGROUP);
-        let mut recorder = Recorder::untimed(context);
-        {
-            let mut pass = recorder.compute_pass("classify");
-            pass.dispatch(&self.count, &bindings(&uniform(&parameters)?, &none), &[], [x, y, 1]);
-            self.scan.record(context, &mut pass, &places, runs + 1)?;
-        }
-        let places = recorder.read_back("classify.places_staging", &places, places_bytes)?;
-        let seen = recorder.read_back("classify.seen_staging", &seen, seen_bytes)?;
-        recorder.submit();
-        let places: Vec<u32> = places.values(context, "classifying the volume")?;
-        let seen: Vec<u32> = seen.values(context, "classifying the volume")?;
-        let visible = places[runs as usize];
-        if visible == 0 {
-            return Ok(());
-        }
-        let (first_brick, first_splat) = stores.make_room(visible, batch.origins.len())?;
-        let bytes = u64::from(visible) * STRIDE;
-        let splats = context.buffer("classify.splats", bytes, storage | wgpu::BufferUsages::COPY_SRC)?;
-        let parameters = uniform(&Classify { first_brick, ..parameters })?;
-        recorder.dispatch("classify", &self.emit, &bindings(&parameters, &splats), &[], [x, y, 1]);
-        recorder.submit();
-        // Waiting here keeps one batch of samples on the device, not all of them.
-        context.wait("classifying the volume")?;
-        let bricks = batch.origins.iter().zip(places.iter().step_by(rows).zip(seen.chunks_exact(rows)));
-        let bricks = bricks.map(|(&[x, y, z, _], (place, seen))| {
-            BrickSplats::new([x, y, z], first_splat + place, seen.iter().copied())
-        });
-        let part = ClassifiedPart { splats, count: visible, places: batch.places.clone() };
-        stores.add(part, visible, bricks);
-        Ok(())
-    }
-}
-
-/// Classified splats on the device.
-struct ClassifiedPart {
-    splats: wgpu::Buffer,
-    count: u32,
-    /// The origins of the bricks.
-    places: wgpu::Buffer,
-}
-
-impl Part for ClassifiedPart {
-    fn join(context: &Context, parts: Vec<Self>, stride: u64, count: u32) -> Result<(Splats, Option<wgpu::Buffer>)> {
-        if let [part] = parts.as_slice() {
-            return Ok((Splats::Device(part.splats.clone()), Some(part.places.clone())));
-        }
-        let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC;
-        let joined = context.buffer("classify.store", u64::from(count) * stride, usage)?;
-        let origins = context.buffer("splats.origins", parts.iter().map(|part| part.places.size()).sum(), usage)?;
-        let mut recorder = Recorder::untimed(context);
-        let (mut at, mut brick) = (0, 0);
-        for part in &parts {
-            let bytes = u64::from(part.count) * STRIDE;
-            recorder.copy(&part.splats, &joined, at, bytes);
-            recorder.copy(&part.places, &origins, brick, part.places.size());
-            (at, brick) = (at + bytes, brick + part.places.size());
-        }
-        recorder.submit();
-        // Waiting here frees the parts before others are made.
-        context.wait("classifying the volume")?;
-        Ok((Splats::Device(joined), Some(origins)))
+        let recorder = Recorder::untimed(context);
+        collect(recorder, self.scan, (stores, STRIDE), (&batch.origins, &batch.places), &record)
     }
 }
 
@@ -521,7 +514,7 @@ impl HostClassifier<'_> {
         Entry { density, appearance: shows.then(|| packed_appearance(color, density)) }
     }
 
-    /// `transfer` in shaders/classify.wgsl.
+    /// `transfer` in shaders/common/classified.wgsl.
     fn transfer(&self, sample: f32) -> ([f32; 3], f32) {
         let points = self.input.points.as_slice();
         let above = points.partition_point(|point| point.sample <= sample);
@@ -593,7 +586,7 @@ impl HostClassifier<'_> {
     }
 }
 
-/// `world_gradient` in shaders/classify.wgsl, of the slopes along the axes of the lattice: a vector and its factor; 0
+/// `world_gradient` in shaders/common/classified.wgsl, of the slopes along the axes of the lattice: a vector and its factor; 0
 /// if the slopes are under their resolution.
 pub(crate) fn gradient_of([x, y, z]: &[[f32; 3]; 3], slopes: [f32; 3], resolution: f32) -> ([f32; 3], f32) {
     let largest = slopes.iter().fold(0.0_f32, |largest, slope| largest.max(slope.abs()));

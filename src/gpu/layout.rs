@@ -89,7 +89,7 @@ macro_rules! shared {
 }
 
 shared! {
-    /// Parameters of `classify`; shaders/classify.wgsl.
+    /// Parameters of `classify`; shaders/common/classified.wgsl.
     struct Classify {
         dims: [u32; 3],
         bricks: u32,
@@ -105,7 +105,41 @@ shared! {
         _pad: u32,
     }
 
-    /// A control point of the transfer function in the units of the samples; shaders/classify.wgsl.
+    /// A box of voxels; shaders/lit_voxels.wgsl.
+    struct VoxelBox {
+        low: [i32; 3],
+        first_brick: u32,
+        dims: [u32; 3],
+        end_brick: u32,
+        eye: [f32; 3],
+        _pad_eye: u32,
+        view_x: [f32; 3],
+        _pad_x: u32,
+        view_y: [f32; 3],
+        _pad_y: u32,
+        view_z: [f32; 3],
+        _pad_z: u32,
+    }
+
+    /// Sums along an axis; shaders/coarsen.wgsl.
+    struct Coarsen {
+        dims: [u32; 3],
+        taps: u32,
+        steps: [u32; 3],
+        stride: u32,
+        first: u32,
+        _pad: [u32; 3],
+    }
+
+    /// A box of cells; shaders/cells.wgsl.
+    struct CellBox {
+        dims: [u32; 3],
+        least: f32,
+        bricks: [u32; 3],
+        first_brick: u32,
+    }
+
+    /// A control point of the transfer function in the units of the samples; shaders/common/classified.wgsl.
     struct ControlPoint {
         color: [f32; 3],
         sample: f32,

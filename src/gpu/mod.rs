@@ -3,6 +3,7 @@
 #[cfg(test)]
 pub(crate) mod adapter_test;
 pub(crate) mod cache;
+pub(crate) mod cells;
 pub(crate) mod classify;
 pub(crate) mod context;
 pub(crate) mod layout;
@@ -10,6 +11,7 @@ pub(crate) mod light_volume;
 pub(crate) mod pipeline;
 pub(crate) mod present;
 pub(crate) mod recorder;
+mod rows;
 pub(crate) mod savings;
 #[cfg(test)]
 mod savings_test;

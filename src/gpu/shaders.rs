@@ -64,13 +64,13 @@ macro_rules! files {
 
 /// All files, and their texts.
 static FILES: &[(&str, &str)] = &files! {
-    "classify", "common/absorbed", "common/bounds", "common/clip", "common/clip_view", "common/dispatch",
-    "common/frame", "common/light_volume", "common/lighting", "common/lit_splat", "common/march_parabola",
-    "common/march_planes", "common/normal", "common/owned", "common/owned_view", "common/packing", "common/pixel_ray",
-    "common/plane", "common/ray_geometry", "common/rays", "common/resolution", "common/response", "common/splat",
-    "common/transfer", "composite", "estimate", "gather", "gather_scalars", "pack", "prefilter", "present", "resample",
-    "resolve", "scan", "shade", "skip", "sort", "splat", "terminate", "voxels/scalar_pairs", "voxels/scalars",
-    "voxels/scalars_software", "voxels/vectors",
+    "cells", "classify", "coarsen", "common/absorbed", "common/appearance", "common/bounds", "common/classified",
+    "common/clip", "common/clip_view", "common/dispatch", "common/frame", "common/light_volume", "common/lighting",
+    "common/lit_splat", "common/march_parabola", "common/march_planes", "common/normal", "common/owned",
+    "common/owned_view", "common/packing", "common/pixel_ray", "common/plane", "common/ray_geometry", "common/rays",
+    "common/resolution", "common/response", "common/splat", "common/transfer", "composite", "estimate", "gather",
+    "gather_scalars", "lit_voxels", "pack", "prefilter", "present", "resample", "resolve", "scan", "shade", "skip",
+    "sort", "splat", "terminate", "voxels/scalar_pairs", "voxels/scalars", "voxels/scalars_software", "voxels/vectors",
 };
 
 macro_rules! shaders {
@@ -85,6 +85,9 @@ macro_rules! shaders {
 
 shaders! {
     CLASSIFY: Shader::new("classify"),
+    LIT_VOXELS: Shader::new("lit_voxels"),
+    COARSEN: Shader::new("coarsen"),
+    CELLS: Shader::new("cells"),
     SCAN: Shader::new("scan"),
     SORT: Shader::new("sort"),
     SPLAT: Shader::new("splat"),

@@ -1,7 +1,8 @@
 //! Shaders checked without a device: every one parses and validates, and its structs are those of `layout.rs`.
 
 use super::layout::{
-    Batch, Classify, ControlPoint, Frame, Lighting, Pack, Present, Rays, Reached, Shade, Sort, Terminate,
+    Batch, CellBox, Classify, Coarsen, ControlPoint, Frame, Lighting, Pack, Present, Rays, Reached, Shade, Sort,
+    Terminate, VoxelBox,
 };
 use super::shaders::{ALL, Shader};
 
@@ -55,7 +56,8 @@ fn structs_are_laid_out_alike() {
             assert_eq!(size_of::<$name>(), size, "size of {}", stringify!($name));
         )*};
     }
-    compare!(Classify, ControlPoint, Sort, Batch, Shade, Reached, Present, Terminate, Pack, Rays, Lighting, Frame);
+    compare!(Classify, VoxelBox, Coarsen, CellBox, ControlPoint, Sort, Batch, Shade, Reached, Present, Terminate);
+    compare!(Pack, Rays, Lighting, Frame);
 }
 
 #[test]
@@ -63,6 +65,7 @@ fn constants_are_those_of_the_host() {
     // (shader, constant, the host's value)
     let expected = [
         ("classify", "EDGE", crate::volume::BRICK_EDGE as u64),
+        ("cells", "EDGE", crate::volume::BRICK_EDGE as u64),
         ("scan", "RUN", super::scan::RUN),
         ("terminate", "RUN", crate::painters::quads::terminate::RUN),
         ("scan", "WORKGROUP", super::scan::WORKGROUP),

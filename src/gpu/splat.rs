@@ -10,7 +10,7 @@ const COLOR_STEPS: [f32; 3] = [8191.0, 16383.0, 8191.0];
 /// The bits for "no direction".
 pub(crate) const NO_NORMAL: u32 = 0x8000_8000;
 
-/// -ln(1 - opacity): `density` in shaders/classify.wgsl.
+/// -ln(1 - opacity): `density` in shaders/common/classified.wgsl.
 pub(crate) fn density(opacity: f32) -> f32 {
     let a = opacity.min(1.0 - 1.0 / 65_536.0);
     if a < 0.1 {

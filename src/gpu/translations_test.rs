@@ -23,7 +23,7 @@ fn values(shader: &str, entry: &str, name: &str) -> &'static [f64] {
         ("gather-scalars" | "gather-gradients", "SCALARS") => &FLAG[1..],
         // Vectors of four lights at most.
         (_, "LIGHTS") => &[0.0, 1.0, 4.0],
-        ("classify", "SAMPLE_TYPE") => &[0.0, 1.0, 2.0, 3.0, 4.0],
+        ("classify" | "lit_voxels", "SAMPLE_TYPE") => &[0.0, 1.0, 2.0, 3.0, 4.0],
         // Texels of a row of the footprint table; a row of voxels.
         ("splat", "TEXELS") => &[1.0, 2.0, 3.0, 4.0],
         (_, "TEXELS") => &[3.0, 7.0],

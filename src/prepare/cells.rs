@@ -1,5 +1,6 @@
 //! cells: a volume and a transfer function to classified cells of a level, for pre-shading with grown kernels (Laur and
-//! Hanrahan 1991, "Hierarchical splatting"). On the host: it is memory traffic rather than arithmetic.
+//! Hanrahan 1991, "Hierarchical splatting"). On software, of voxels in shadows, and of volumes whose samples a device does
+//! not hold: on the host. Otherwise the device makes them, see gpu/cells.rs.
 //!
 //! A cell of level n stands for 2^n voxels along each axis. Voxels are classified and lit one by one. A cell holds the
 //! light that they emit and absorb, weighted by the polynomials of degree 5 that interpolate cells at the places of
@@ -20,6 +21,7 @@ use glam::DVec3;
 
 use self::filter::REACH;
 use crate::error::Result;
+use crate::gpu::cells::CellLattice;
 use crate::gpu::context::Context;
 use crate::gpu::layout::Splat;
 use crate::gpu::splat::packed_appearance;
@@ -141,10 +143,8 @@ pub(crate) enum Voxels<'a> {
     Splats(LitSplats<'a>),
 }
 
-/// Makes the cells of a level of a volume.
-pub(crate) struct Coarsening<'a> {
-    volume: &'a Volume,
-    voxels: Voxels<'a>,
+/// The cells of a level of a volume.
+pub(crate) struct Shape {
     filter: Filter,
     /// Cells along each axis.
     dims: [usize; 3],
@@ -155,23 +155,36 @@ pub(crate) struct Coarsening<'a> {
 /// The least density of a cell that is kept, as a share of the largest of a voxel.
 const LEAST: f64 = 1.0 / 1024.0;
 
-impl<'a> Coarsening<'a> {
-    pub(crate) fn new(volume: &'a Volume, transfer: &TransferFunction, level: u32, voxels: Voxels<'a>) -> Self {
+impl Shape {
+    pub(crate) fn new(grid: &Grid, transfer: &TransferFunction, level: u32) -> Self {
         Self {
-            volume,
-            voxels,
             filter: Filter::new(level, 0.0, &[1.0], REACH),
-            dims: dims_of(volume.grid(), level),
+            dims: dims_of(grid, level),
             least: (TransferFunction::extinction(transfer.max_opacity(), 1.0) * LEAST) as f32,
         }
     }
 
+    /// The same as the device needs it.
+    pub(crate) fn on_device(&self) -> CellLattice<'_> {
+        let (first, weights) = self.filter.weights();
+        CellLattice { dims: self.dims, size: self.filter.size(), first, weights, least: self.least }
+    }
+}
+
+/// Makes the cells of a level of a volume on the host.
+pub(crate) struct Coarsening<'a> {
+    pub(crate) volume: &'a Volume,
+    pub(crate) voxels: Voxels<'a>,
+    pub(crate) shape: Shape,
+}
+
+impl Coarsening<'_> {
     /// The cells as splats.
     pub(crate) fn emit(&self, context: &Context, progress: &Progress) -> Result<Drawable> {
         let mut stores = StoreBuilder::new(context, size_of::<Splat>() as u64, u32::MAX);
         // The rows that a row of bricks reads, beyond the rows of a brick of voxels.
-        let halo = (self.filter.voxels(0, EDGE as i64).count() - EDGE).div_ceil(2);
-        let counts = self.dims.map(|n| n.div_ceil(EDGE));
+        let halo = (self.shape.filter.voxels(0, EDGE as i64).count() - EDGE).div_ceil(2);
+        let counts = self.shape.dims.map(|n| n.div_ceil(EDGE));
         stores.push_rows(self.volume, counts, halo, (progress, "classifying"), &|j, k| self.row([j, k]))?;
         let cells = stores.finish()?;
         context.wait("classifying the volume")?;
@@ -180,11 +193,11 @@ impl<'a> Coarsening<'a> {
 
     /// The bricks with cells along x, with these numbers in y and z.
     fn row(&self, [j, k]: [usize; 2]) -> Result<Vec<MadeBrick>> {
-        let [across, down, deep] = self.dims;
+        let [across, down, deep] = self.shape.dims;
         let [ys, zs] = [(j, down), (k, deep)].map(|(brick, n)| brick * EDGE..n.min((brick + 1) * EDGE));
         let [nx, ny, nz] = self.volume.grid().dims().map(i64::from);
         let within = |cells: &Range<usize>, n: i64| {
-            let voxels = self.filter.voxels(cells.start as i64, cells.end as i64);
+            let voxels = self.shape.filter.voxels(cells.start as i64, cells.end as i64);
             voxels.start.clamp(0, n)..voxels.end.clamp(0, n)
         };
         let rows = within(&ys, ny);
@@ -196,7 +209,7 @@ impl<'a> Coarsening<'a> {
             Voxels::Splats(splats) => Err(splats),
         };
         // A row with room for empty voxels before the first and behind the last.
-        let all = self.filter.voxels(0, across as i64);
+        let all = self.shape.filter.voxels(0, across as i64);
         let mut voxels = vec![[0.0; 4]; (all.end - all.start) as usize];
         let begin = (-all.start) as usize;
         let mut narrow = vec![[0.0; 4]; across];
@@ -215,17 +228,17 @@ impl<'a> Coarsening<'a> {
                     continue;
                 }
                 shows = true;
-                let reached = self.filter.reached(&shown, across);
+                let reached = self.shape.filter.reached(&shown, across);
                 let narrow = &mut narrow[reached.clone()];
-                let start = reached.start * self.filter.size();
-                self.filter.gather(&voxels[start..], narrow);
-                for (cell, weight) in self.filter.cells(y, ys.start, ys.end) {
+                let start = reached.start * self.shape.filter.size();
+                self.shape.filter.gather(&voxels[start..], narrow);
+                for (cell, weight) in self.shape.filter.cells(y, ys.start, ys.end) {
                     let sums = &mut plane[(cell - ys.start) * across + reached.start..];
                     add(sums.as_flattened_mut(), weight, narrow.as_flattened());
                 }
             }
             if shows {
-                for (cell, weight) in self.filter.cells(z, zs.start, zs.end) {
+                for (cell, weight) in self.shape.filter.cells(z, zs.start, zs.end) {
                     let sums = &mut cells[(cell - zs.start) * plane.len()..];
                     add(sums.as_flattened_mut(), weight, plane.as_flattened());
                 }
@@ -240,15 +253,15 @@ impl<'a> Coarsening<'a> {
 
     /// The splats of a brick, given the cells of its row of bricks.
     fn brick(&self, cells: &[Emission], brick: [usize; 3]) -> Result<MadeBrick> {
-        let [across, down, _] = self.dims;
+        let [across, down, _] = self.shape.dims;
         let down = EDGE.min(down - brick[1] * EDGE);
         let origin = brick.map(|b| (b * EDGE) as u32);
-        MadeBrick::of_rows(origin, self.dims.map(|n| n as u32), 2, |[y, z], count, words| {
+        MadeBrick::of_rows(origin, self.shape.dims.map(|n| n as u32), 2, |[y, z], count, words| {
             let start = across * (y + down * z) + brick[0] * EDGE;
             let mut bits = 0;
             for (x, cell) in cells[start..start + count].iter().enumerate() {
                 let [r, g, b, density] = *cell;
-                if density.abs() > self.least {
+                if density.abs() > self.shape.least {
                     bits |= 1 << x;
                     words.extend(packed_appearance([r, g, b].map(|c| c / density), density));
                 }

@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use super::cells::{Coarsening, KeptNormals, LitSplats, Source, Voxels};
+use super::cells::{Coarsening, KeptNormals, LitSplats, Shape, Source, Voxels};
 use super::lattice::Lattice;
 use super::levels::ScalarNeed;
 use super::light_volume::FallenLight;
@@ -12,6 +12,7 @@ use super::scalars::{Emission, EmissionKey};
 use super::shadows::{Occluders, Places, Shadows, shaded};
 use crate::error::{Error, Result};
 use crate::gpu::cache::Cache;
+use crate::gpu::cells;
 use crate::gpu::classify::{Classifier, HeldSamples, HostClassifier, Input};
 use crate::gpu::context::Context;
 use crate::gpu::scan::Scan;
@@ -81,8 +82,10 @@ pub(super) struct PreShaded {
     pub(super) classified: Held<Option<Shadows>, Drawable>,
     /// The occluders of shadows.
     occluders: Occluders,
-    /// The samples on the device, held from the first change of the transfer function on.
-    samples: Option<HeldSamples>,
+    /// The samples on the device, held from the first change of the transfer function on, or from the first cells on.
+    samples: HeldSamples,
+    /// Whether the transfer function has changed.
+    edited: bool,
     /// The normals of voxels, held from the second light on cells on.
     normals: Held<(), KeptNormals>,
     /// The cells of each level.
@@ -168,7 +171,8 @@ impl PreShaded {
             lit,
             classified: Held::default(),
             occluders: Occluders::default(),
-            samples: None,
+            samples: HeldSamples::default(),
+            edited: false,
             normals: Held::default(),
             cells: Default::default(),
         }
@@ -187,7 +191,7 @@ impl PreShaded {
         self.occluders.clear();
         self.normals.clear();
         self.cells.iter().for_each(Held::clear);
-        self.samples.get_or_insert_default();
+        self.edited = true;
         Ok(())
     }
 
@@ -209,7 +213,8 @@ impl PreShaded {
                         HostClassifier::run(&input)?
                     } else {
                         let classifier = pipelines.get_or_make((), || Ok(Classifier::new(context)))?;
-                        classifier.run(&*Scan::of(pipelines, context)?, &input, self.samples.as_ref())?
+                        let held = (self.edited || self.samples.is_held()).then_some(&self.samples);
+                        classifier.run(&*Scan::of(pipelines, context)?, &input, held)?
                     }
                 }
             }))
@@ -253,6 +258,14 @@ impl PreShaded {
             let shaded = shaded.transpose()?;
             context.guarded("classifying the volume", || {
                 let light = light.as_ref();
+                let shape = Shape::new(volume.grid(), transfer, *level);
+                if !context.is_software() && shaded.is_none() {
+                    let input = Input::new(context, volume, transfer, self.lit, progress)?;
+                    if HeldSamples::fits(&input) {
+                        let made = cells::run(pipelines, &input, &self.samples, light, &shape.on_device())?;
+                        return Ok(Arc::new(made));
+                    }
+                }
                 let normals;
                 let voxels = match (&shaded, light) {
                     (Some((shaded, _)), Some(light)) => {
@@ -266,7 +279,7 @@ impl PreShaded {
                     }
                     _ => Voxels::Samples(Source::new(volume, transfer, light, None)),
                 };
-                Ok(Arc::new(Coarsening::new(volume, transfer, *level, voxels).emit(context, progress)?))
+                Ok(Arc::new(Coarsening { volume, voxels, shape }.emit(context, progress)?))
             })
         })
     }

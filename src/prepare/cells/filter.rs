@@ -23,6 +23,11 @@ impl Filter {
         self.size
     }
 
+    /// The first voxel with a weight in the first cell, and the weights of the voxels from there on.
+    pub(super) fn weights(&self) -> (i64, &[f32]) {
+        (self.first, &self.weights)
+    }
+
     /// A filter of cells of a level. `beyond` cells lie before the face, and `before` voxels between the end of these
     /// cells and the face. Cells are blurred by the weights `blur`, from the middle one on.
     pub(crate) fn new(level: u32, before: f64, blur: &[f64], beyond: usize) -> Self {

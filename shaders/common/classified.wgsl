@@ -1,0 +1,220 @@
+// The samples of bricks, classified by a transfer function, and their gradients.
+// uses: common/normal, common/resolution
+
+// How a sample is stored: 0 u8, 1 i8, 2 u16, 3 i16, 4 f32.
+override SAMPLE_TYPE: u32 = 0u;
+// Whether splats get normals.
+override LIT: bool = false;
+// Whether extinction depends on gradients.
+override GRADIENT_OPACITY: bool = false;
+// Floats farther out than this are as far as any: their differences stay in the range of f32.
+const FAR: f32 = 1e36;
+// Voxels along the side of a brick.
+const EDGE: u32 = 32u;
+
+struct Classify {
+    // Lattice size.
+    dims: vec3u,
+    // Bricks in this batch.
+    bricks: u32,
+    // World gradients of the lattice coordinates.
+    gradient_x: vec3f,
+    // Control points of the transfer function.
+    points: u32,
+    gradient_y: vec3f,
+    // Subtracted from a sample before it is compared with the control points.
+    sample_origin: f32,
+    gradient_z: vec3f,
+    // Number of the first brick of this batch among the bricks of the store.
+    first_brick: u32,
+    // Control points of gradient opacity, after the other points: `sample` is the length of a gradient of samples.
+    gradient_points: u32,
+    // The base of the transfer function in the units of the samples, and the resolution there, see
+    // common/resolution.wgsl.
+    base: f32,
+    faintest: f32,
+}
+
+struct ControlPoint {
+    color: vec3f,
+    // Value in the units of the samples, minus sample_origin.
+    sample: f32,
+    opacity: f32,
+}
+
+@group(0) @binding(0) var<uniform> classify: Classify;
+// Samples of the bricks, brick after brick, x fastest; several to a word, see SAMPLE_TYPE.
+@group(0) @binding(1) var<storage, read> samples: array<u32>;
+@group(0) @binding(2) var<storage, read> control_points: array<ControlPoint>;
+// Lattice points of the first voxels of bricks.
+@group(0) @binding(5) var<storage, read> origins: array<vec4u>;
+
+// Sample number `i` of the batch.
+fn sample_at(i: u32) -> f32 {
+    if SAMPLE_TYPE == 4u {
+        return clamp(bitcast<f32>(samples[i]), -FAR, FAR);
+    }
+    if SAMPLE_TYPE >= 2u {
+        let bits = samples[i >> 1u] << (16u - 16u * (i & 1u));
+        if SAMPLE_TYPE == 2u {
+            return f32(bits >> 16u);
+        }
+        return f32(bitcast<i32>(bits) >> 16u);
+    }
+    let bits = samples[i >> 2u] << (24u - 8u * (i & 3u));
+    if SAMPLE_TYPE == 0u {
+        return f32(bits >> 24u);
+    }
+    return f32(bitcast<i32>(bits) >> 24u);
+}
+
+// Colour and opacity of a sample by `count` control points from number `first` on: linear between points, constant
+// beyond the first and the last. If several points have the same value, the last of them holds from there on.
+fn looked_up(sample: f32, first: u32, count: u32) -> vec4f {
+    var above = 0u;
+    var end = count;
+    while above < end {
+        let middle = (above + end) / 2u;
+        if control_points[first + middle].sample <= sample {
+            above = middle + 1u;
+        } else {
+            end = middle;
+        }
+    }
+    // The last point that is not above the sample, or the first point; and the point after it.
+    let a = control_points[first + max(above, 1u) - 1u];
+    let b = control_points[first + min(above, count - 1u)];
+    let width = b.sample - a.sample;
+    var f = 0.0;
+    if width > 0.0 {
+        f = clamp((sample - a.sample) / width, 0.0, 1.0);
+    }
+    return vec4f(a.color + (b.color - a.color) * f, a.opacity + (b.opacity - a.opacity) * f);
+}
+
+// Colour and opacity of a sample.
+fn transfer(i: u32) -> vec4f {
+    return looked_up(sample_at(i) - classify.sample_origin, 0u, classify.points);
+}
+
+// -ln(1 - opacity). Below 0.1, where the subtraction would cancel, by its series to opacity^6: the next term is 1.4e-7
+// of it there. The largest opacity is TransferFunction::MAX_OPACITY, 1 - 2^-16.
+fn density(opacity: f32) -> f32 {
+    let a = min(opacity, 0.9999847412109375);
+    if a < 0.1 {
+        return a * (1.0 + a * (1.0 / 2.0 + a * (1.0 / 3.0 + a * (1.0 / 4.0 + a * (1.0 / 5.0 + a * (1.0 / 6.0))))));
+    }
+    return -log(1.0 - a);
+}
+
+// Layers of neighbouring voxels around a brick: two for normals, one for gradient opacity alone.
+fn halo() -> u32 {
+    return select(u32(GRADIENT_OPACITY), 2u, LIT);
+}
+
+// Voxels along the side of a stored brick.
+fn stored_edge() -> u32 {
+    return EDGE + 2u * halo();
+}
+
+// A row of a brick, along x.
+struct BrickRow {
+    // Number of its brick in this batch.
+    brick: u32,
+    // Lattice point of its first voxel.
+    point: vec3u,
+    // Index of its first sample.
+    first: u32,
+    // Number of its voxels in the lattice.
+    count: u32,
+}
+
+fn brick_row(index: u32) -> BrickRow {
+    let brick = index / (EDGE * EDGE);
+    let y = index % EDGE;
+    let z = index / EDGE % EDGE;
+    let point = origins[brick].xyz + vec3u(0u, y, z);
+    let edge = stored_edge();
+    let first = ((brick * edge + z + halo()) * edge + y + halo()) * edge + halo();
+    if any(point >= classify.dims) {
+        return BrickRow(brick, point, first, 0u);
+    }
+    return BrickRow(brick, point, first, min(EDGE, classify.dims.x - point.x));
+}
+
+// The world gradient at a sample, given the slopes along the axes of the lattice: a vector of moderate length (xyz) and
+// its factor (w); 0 if the slopes are rounding.
+fn world_gradient(slopes: vec3f, i: u32) -> vec4f {
+    let largest = largest_difference(slopes);
+    if largest < resolution_at(sample_at(i) - classify.base, classify.faintest) {
+        return vec4f(0.0);
+    }
+    // Neither the unit of the samples nor the unit of the world moves it out of the range of f32.
+    let d = slopes / largest;
+    let direction = classify.gradient_x * d.x + classify.gradient_y * d.y + classify.gradient_z * d.z;
+    return vec4f(direction, largest);
+}
+
+// The gradient at a sample by central differences, on which gradient opacity depends.
+fn gradient(i: u32) -> vec4f {
+    let row = stored_edge();
+    let plane = row * row;
+    let x = sample_at(i + 1u) - sample_at(i - 1u);
+    let y = sample_at(i + row) - sample_at(i - row);
+    let z = sample_at(i + plane) - sample_at(i - plane);
+    return world_gradient(0.5 * vec3f(x, y, z), i);
+}
+
+// The filters of normals, `DerivativeFilter::of_normals` of the host, on five samples of a line.
+fn smoothed(a: f32, b: f32, c: f32, d: f32, e: f32) -> f32 {
+    return 0.426375 * c + 0.249153 * (d + b) + 0.037659 * (e + a);
+}
+
+fn slope(a: f32, b: f32, d: f32, e: f32) -> f32 {
+    return 0.278979 * (d - b) + 0.11051 * (e - a);
+}
+
+// The smoothed sample (x) and the slope (y) of the row around sample number `i`.
+fn along_row(i: u32) -> vec2f {
+    let a = sample_at(i - 2u) - classify.base;
+    let b = sample_at(i - 1u) - classify.base;
+    let c = sample_at(i) - classify.base;
+    let d = sample_at(i + 1u) - classify.base;
+    let e = sample_at(i + 2u) - classify.base;
+    return vec2f(smoothed(a, b, c, d, e), slope(a, b, d, e));
+}
+
+// The smoothed sample (x) and the slopes along x and y (yz) of the plane around sample number `i`.
+fn across_plane(i: u32) -> vec3f {
+    let row = stored_edge();
+    let a = along_row(i - 2u * row);
+    let b = along_row(i - row);
+    let c = along_row(i);
+    let d = along_row(i + row);
+    let e = along_row(i + 2u * row);
+    let across = smoothed(a.y, b.y, c.y, d.y, e.y);
+    return vec3f(smoothed(a.x, b.x, c.x, d.x, e.x), across, slope(a.x, b.x, d.x, e.x));
+}
+
+// The world gradient at a sample by the filters of normals.
+fn normal(i: u32) -> vec4f {
+    let plane = stored_edge() * stored_edge();
+    let a = across_plane(i - 2u * plane);
+    let b = across_plane(i - plane);
+    let c = across_plane(i);
+    let d = across_plane(i + plane);
+    let e = across_plane(i + 2u * plane);
+    let x = smoothed(a.y, b.y, c.y, d.y, e.y);
+    let y = smoothed(a.z, b.z, c.z, d.z, e.z);
+    return world_gradient(vec3f(x, y, slope(a.x, b.x, d.x, e.x)), i);
+}
+
+// The length of a gradient.
+fn magnitude_of(gradient: vec4f) -> f32 {
+    return min(length(gradient.xyz) * gradient.w, FAR);
+}
+
+// The share of extinction that stays at a gradient.
+fn gradient_share(gradient: vec4f) -> f32 {
+    return looked_up(magnitude_of(gradient), classify.points, classify.gradient_points).a;
+}

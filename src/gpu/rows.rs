@@ -1,0 +1,105 @@
+//! Splats that a stage counts and emits row by row of bricks: the count of each row, a scan that turns the counts into
+//! places, and the splats at these places.
+
+use super::context::Context;
+use super::recorder::{ComputePass, Recorder};
+use super::scan::Scan;
+use super::store::{BrickSplats, Part, Splats, StoreBuilder};
+use crate::error::Result;
+use crate::volume::BRICK_EDGE as EDGE;
+
+/// Rows of a brick.
+pub(super) const ROWS: usize = EDGE * EDGE;
+
+/// The buffers of the rows of some bricks.
+pub(super) struct Rows {
+    /// For each row: its number of splats; after the scan, the place of its first splat. One more holds the total.
+    pub(super) places: wgpu::Buffer,
+    /// For each row: the bits of the places with splats.
+    pub(super) seen: wgpu::Buffer,
+    /// The splats; a few bytes while they are counted.
+    pub(super) splats: wgpu::Buffer,
+}
+
+/// Records the dispatch that counts the splats of rows, or that emits them, given the number of the first brick in its
+/// store.
+pub(super) type Record<'a> = dyn Fn(&mut ComputePass<'_>, Option<u32>, &Rows) -> Result<()> + 'a;
+
+/// Splats on the device.
+pub(super) struct DevicePart {
+    splats: wgpu::Buffer,
+    count: u32,
+    /// The origins of the bricks.
+    origins: wgpu::Buffer,
+}
+
+/// Bricks by the lattice points of their first places, on the host and on the device.
+pub(super) type Origins<'a> = (&'a [[u32; 4]], &'a wgpu::Buffer);
+
+/// Adds the splats of bricks, of `stride` bytes each, after what the recorder holds.
+pub(super) fn collect(
+    mut recorder: Recorder<'_>,
+    scan: &Scan,
+    (stores, stride): (&mut StoreBuilder<'_, DevicePart>, u64),
+    (origins, on_device): Origins<'_>,
+    record: &Record<'_>,
+) -> Result<()> {
+    const STAGE: &str = "classifying the volume";
+    let context = recorder.context;
+    let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
+    let count = (origins.len() * ROWS) as u64;
+    let (places_bytes, seen_bytes) = ((count + 1) * 4, count * 4);
+    let mut rows = Rows {
+        places: context.buffer("classify.places", places_bytes, usage)?,
+        seen: context.buffer("classify.seen", seen_bytes, usage)?,
+        splats: context.buffer("classify.no_splats", 16, usage)?,
+    };
+    {
+        let mut pass = recorder.compute_pass("classify");
+        record(&mut pass, None, &rows)?;
+        scan.record(context, &mut pass, &rows.places, count + 1)?;
+    }
+    let places = recorder.read_back("classify.places_staging", &rows.places, places_bytes)?;
+    let seen = recorder.read_back("classify.seen_staging", &rows.seen, seen_bytes)?;
+    recorder.submit();
+    let places: Vec<u32> = places.values(context, STAGE)?;
+    let seen: Vec<u32> = seen.values(context, STAGE)?;
+    let visible = places[count as usize];
+    if visible == 0 {
+        return Ok(());
+    }
+    let (first_brick, first_splat) = stores.make_room(visible, origins.len())?;
+    rows.splats = context.buffer("classify.splats", u64::from(visible) * stride, usage)?;
+    record(&mut recorder.compute_pass("classify"), Some(first_brick), &rows)?;
+    recorder.submit();
+    // Waiting here keeps the inputs of one batch on the device, not of all.
+    context.wait(STAGE)?;
+    let bricks = origins.iter().zip(places.iter().step_by(ROWS).zip(seen.chunks_exact(ROWS)));
+    let bricks = bricks
+        .map(|(&[x, y, z, _], (place, seen))| BrickSplats::new([x, y, z], first_splat + place, seen.iter().copied()));
+    stores.add(DevicePart { splats: rows.splats, count: visible, origins: on_device.clone() }, visible, bricks);
+    Ok(())
+}
+
+impl Part for DevicePart {
+    fn join(context: &Context, parts: Vec<Self>, stride: u64, count: u32) -> Result<(Splats, Option<wgpu::Buffer>)> {
+        if let [part] = parts.as_slice() {
+            return Ok((Splats::Device(part.splats.clone()), Some(part.origins.clone())));
+        }
+        let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC;
+        let joined = context.buffer("classify.store", u64::from(count) * stride, usage)?;
+        let origins = context.buffer("splats.origins", parts.iter().map(|part| part.origins.size()).sum(), usage)?;
+        let mut recorder = Recorder::untimed(context);
+        let (mut at, mut brick) = (0, 0);
+        for part in &parts {
+            let bytes = u64::from(part.count) * stride;
+            recorder.copy(&part.splats, &joined, at, bytes);
+            recorder.copy(&part.origins, &origins, brick, part.origins.size());
+            (at, brick) = (at + bytes, brick + part.origins.size());
+        }
+        recorder.submit();
+        // Waiting here frees the parts before others are made.
+        context.wait("classifying the volume")?;
+        Ok((Splats::Device(joined), Some(origins)))
+    }
+}
