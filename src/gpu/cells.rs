@@ -75,13 +75,7 @@ struct Pass {
 }
 
 impl Pass {
-    fn new(
-        context: &Context,
-        shader: Shader,
-        entries: &[&str],
-        slots: &[Binding],
-        constants: &[(&str, f64)],
-    ) -> Self {
+    fn new(context: &Context, shader: Shader, entries: &[&str], slots: &[Binding], constants: &[(&str, f64)]) -> Self {
         let layout = layout(context, shader.name, wgpu::ShaderStages::COMPUTE, slots);
         let module = module(context, shader);
         let pipeline = |entry: &&str| compute(context, &module, shader.name, entry, &layout, constants);
@@ -179,11 +173,7 @@ pub(crate) fn run(
         parameters: context.upload("cells.classify", bytemuck::bytes_of(&input.parameters()), uniform)?,
         points: input.points_on_device()?,
         lighting: context.upload("cells.lighting", bytemuck::bytes_of(&lighting), uniform)?,
-        weights: context.upload(
-            "cells.weights",
-            bytemuck::cast_slice(lattice.weights),
-            wgpu::BufferUsages::STORAGE,
-        )?,
+        weights: context.upload("cells.weights", bytemuck::cast_slice(lattice.weights), wgpu::BufferUsages::STORAGE)?,
     };
     let (made, bytes) = held.with(input, |batches| job.run(batches))?;
     let all = lattice.dims.into_iter().map(|n| n.div_ceil(EDGE) as u32).product();
@@ -365,9 +355,7 @@ impl Job<'_> {
         let [bx, by, bz] = dims.map(|n| n.div_ceil(EDGE as u32));
         let edge = EDGE as u32;
         let [_, y0, z0] = within.clone().map(|range| range.start as u32);
-        let origin = |brick: u32| {
-            [brick % bx * edge, y0 + brick / bx % by * edge, z0 + brick / (bx * by) * edge, 0]
-        };
+        let origin = |brick: u32| [brick % bx * edge, y0 + brick / bx % by * edge, z0 + brick / (bx * by) * edge, 0];
         let origins: Vec<[u32; 4]> = (0..bx * by * bz).map(origin).collect();
         let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
         let on_device = context.upload("cells.origins", bytemuck::cast_slice(&origins), usage)?;

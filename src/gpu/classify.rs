@@ -361,11 +361,7 @@ impl HeldSamples {
 
     /// Calls `work` with the batches of all bricks. Sends the samples first if the device does not hold them; also
     /// returns the bytes that were sent.
-    pub(super) fn with<T>(
-        &self,
-        input: &Input<'_>,
-        work: impl FnOnce(&[BrickBatch]) -> Result<T>,
-    ) -> Result<(T, u64)> {
+    pub(super) fn with<T>(&self, input: &Input<'_>, work: impl FnOnce(&[BrickBatch]) -> Result<T>) -> Result<(T, u64)> {
         let key = (input.coding.sample_type, input.coding.reduction, input.halo());
         let lock = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
         // Not locked meanwhile: reading samples waits for a pool of threads, which may hand over work that takes the

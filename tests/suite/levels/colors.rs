@@ -5,14 +5,15 @@ use voxsplat::camera::{ProjectionKind, View};
 use voxsplat::error::Error;
 use voxsplat::image::Image;
 use voxsplat::kernel::{Kernel, Normalization};
-use voxsplat::lighting::Lighting;
+use voxsplat::lighting::{Light, Lighting};
+use voxsplat::renderer::Renderer;
 use voxsplat::settings::{Level, Model, Resolution, Settings};
 use voxsplat::transfer::{GradientPoint, TransferFunction};
 use voxsplat::volume::{Grid, Samples, Volume};
 
 use crate::support::{
-    RENDERER, demo, draw_on, errors, exact_quads, headlight, look, picture, prepare_on, render, rms_covered,
-    rms_in_steps, transfer, two_lights, with_tiles,
+    RENDERER, demo, draw_on, errors, exact_quads, headlight, look, new_renderer, picture, prepare_on, render,
+    rms_covered, rms_in_steps, transfer, two_lights, with_tiles,
 };
 use crate::truth::truth;
 
@@ -322,6 +323,58 @@ fn the_same_bytes_whatever_was_drawn_before() {
         assert!(cameras.map(draw) == first);
         for (camera, first) in cameras.into_iter().zip(&first) {
             assert!(errors(first, &picture(&volume, transfer, camera, &settings).image) == (0.0, 0.0));
+        }
+    }
+}
+
+/// Every way of storing samples, thinned and lit from all sides; bricks that end within the volume and beyond it.
+#[test]
+fn the_device_makes_the_cells_of_the_host() {
+    let dims = [70, 37, 45];
+    let value = |i: u32| {
+        let p = [i % 70, i / 70 % 37, i / (70 * 37)].map(|c| f64::from(c) / 8.0);
+        100.0 + 60.0 * p[0].sin() * p[1].cos() + 40.0 * p[2].sin()
+    };
+    let values: Vec<f64> = (0..dims.iter().product()).map(value).collect();
+    let all = [
+        Samples::U8(values.iter().map(|&v| v as u8).collect()),
+        Samples::I16(values.iter().map(|&v| v as i16 - 90).collect()),
+        Samples::F32(values.iter().map(|&v| v as f32 * 1e-3).collect()),
+        Samples::F64(values.iter().map(|&v| v * 1e6 + 4e9).collect()),
+    ];
+    let units: [&dyn Fn(f64) -> f64; 4] = [&|v| v, &|v| v - 90.0, &|v| v * 1e-3, &|v| v * 1e6 + 4e9];
+    let device = new_renderer().with_device_stages();
+    for (samples, unit) in all.into_iter().zip(units) {
+        let volume = Volume::new(Grid::axis_parallel(dims, [1.0, 1.3, 0.8]).unwrap(), samples).unwrap();
+        let plain = transfer(
+            &[(unit(110.0), [0.2, 0.4, 0.9], 0.0), (unit(150.0), [0.9, 0.7, 0.2], 0.1), (unit(200.0), [1.0; 3], 0.3)],
+            None,
+        );
+        let steepness = |magnitude: f64, opacity| GradientPoint { magnitude: unit(magnitude) - unit(0.0), opacity };
+        let thinned = plain.clone().with_gradient_opacity(vec![steepness(2.0, 0.1), steepness(8.0, 1.0)]).unwrap();
+        let place = volume.grid().center() + DVec3::new(30.0, 40.0, -50.0);
+        let at_a_place = Some(Lighting { lights: vec![Light::at(place)], ..Lighting::default() });
+        for (transfer, lighting, level) in
+            [(&plain, None, 1), (&plain, headlight(), 1), (&thinned, two_lights(), 2), (&plain, at_a_place, 3)]
+        {
+            let settings = Settings { lighting, level: Level::At(level), ..auto() };
+            // GPUs have a ray for each pixel by default, software has not.
+            let settings = with_tiles(&settings, Resolution::Full);
+            let through_an_eye = ProjectionKind::Perspective { fov: 10.0 };
+            for projection in [ProjectionKind::Orthographic, through_an_eye] {
+                let view = View { azimuth: 20.0, projection, ..View::default() };
+                let (view, size) = grown(70, 0.9 * f64::from(level).exp2(), view);
+                let camera = look(&view, &volume, size);
+                let draw = |renderer: &Renderer| {
+                    let scene = prepare_on(renderer, &volume, transfer, &settings).unwrap();
+                    draw_on(renderer, &scene, &camera, &settings).unwrap()
+                };
+                let (here, there) = (draw(&RENDERER), draw(&device));
+                assert_eq!(here.stats.levels, [level; 2]);
+                let (color, alpha) = errors(&there.image, &here.image);
+                assert!(color < 1e-4 && alpha < 1e-4, "{color:e} {alpha:e}: {settings:?}");
+                assert!(there.image.pixels().iter().any(|pixel| pixel[3] > 0.1));
+            }
         }
     }
 }

@@ -114,6 +114,28 @@ fn a_lit_picture_is_packed_again_only_under_another_light() {
     }
 }
 
+/// Light on cells changes with every view, and the samples that they are made from stay on the device.
+#[test]
+fn cells_under_another_light_send_no_samples() {
+    let renderer = new_renderer().with_device_stages();
+    let (volume, transfer) = demo("vessels", 64);
+    let [settings, ..] = kinds();
+    let settings = Settings { level: Level::At(1), ..settings };
+    let mut scene = prepare_on(&renderer, &volume, &transfer, &settings).unwrap();
+    let draw = |scene: &Scene, azimuth| {
+        draw_on(&renderer, scene, &camera(azimuth, PROJECTIONS[0], &volume, 40), &settings).unwrap()
+    };
+    let first = draw(&scene, 20.0);
+    assert!(first.stats.bytes_sent > volume.grid().len());
+    let turned = draw(&scene, 30.0);
+    assert!(turned.stats.bytes_sent < 64 << 10, "{} bytes", turned.stats.bytes_sent);
+    assert!(turned.image == draw(&prepare_on(&renderer, &volume, &transfer, &settings).unwrap(), 30.0).image);
+    renderer.set_transfer(&mut scene, &transfer).unwrap();
+    let again = draw(&scene, 20.0);
+    assert!(again.stats.bytes_sent < 64 << 10, "{} bytes", again.stats.bytes_sent);
+    assert!(again.image == first.image);
+}
+
 /// The device has 3-D textures of 2048 texels a side, as WebGPU promises.
 #[test]
 fn light_in_a_long_volume_fits_into_the_textures_of_the_device() {
