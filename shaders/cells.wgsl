@@ -14,6 +14,8 @@ struct CellBox {
     bricks: vec3u,
     // Number of the first brick of the box among the bricks of the store.
     first_brick: u32,
+    // Number of its first splat among the splats of the store.
+    first_splat: u32,
 }
 
 @group(0) @binding(0) var<uniform> inside: CellBox;
@@ -71,7 +73,7 @@ fn emit(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) group
         return;
     }
     let row = cell_row(index);
-    var place = places[index];
+    var place = inside.first_splat + places[index];
     // The lowest bit that is set is the next cell; `rest & (rest - 1)` clears it.
     for (var rest = seen[index]; rest != 0u; rest &= rest - 1u) {
         let i = firstTrailingBit(rest);

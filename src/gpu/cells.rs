@@ -1,9 +1,9 @@
-//! cells: the samples of a volume to classified and lit cells of a level, on the device: shaders/lit_voxels.wgsl,
-//! coarsen.wgsl and cells.wgsl. Boxes of cells are made one after the other: the planes of their voxels a few at a time,
+//! cells: the samples of a volume, or its splats in shadows, to lit cells of a level, on the device:
+//! shaders/lit_voxels.wgsl or lit_splats.wgsl, coarsen.wgsl and cells.wgsl. Boxes of cells are made one after the other: the planes of their voxels a few at a time,
 //! summed along x and y, then the sums along z.
 
 use std::ops::Range;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use bytemuck::Zeroable;
 
@@ -13,12 +13,13 @@ use super::context::Context;
 use super::layout::{CellBox, Coarsen, Lighting, VoxelBox};
 use super::pipeline::{Binding, bind, compute, flag, layout, module};
 use super::recorder::{ComputePass, Recorder};
-use super::rows::{DevicePart, ROWS, Rows, collect};
+use super::rows::{Collected, DevicePart, ROWS, Rows, collect};
 use super::scan::{Scan, WORKGROUP};
 use super::shaders::{self, Shader};
 use super::splat::{SplatLight, ToEye};
-use super::store::{Bricks, Drawable, StoreBuilder};
-use crate::error::Result;
+use super::store::{Bricks, Drawable, Store, StoreBuilder};
+use crate::error::{Error, Result};
+use crate::progress::Progress;
 use crate::volume::BRICK_EDGE as EDGE;
 
 /// The most bytes of a buffer of voxels or of sums: enough of them to fill a GPU.
@@ -117,80 +118,116 @@ impl Coarsener {
     }
 }
 
-/// The pictures whose voxels one pipeline lights.
+/// The voxels of a volume on the device.
+#[derive(Clone, Copy)]
+pub(crate) enum Voxels<'a> {
+    /// Classified and lit on the way.
+    Samples(&'a Input<'a>, &'a HeldSamples),
+    /// Voxels in shadows: splats hold the light that arrives.
+    Splats(&'a [Store]),
+}
+
+/// The pictures whose voxels one pipeline lights. Splats have no input.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 struct VoxelsKey {
-    input: InputKey,
+    input: Option<InputKey>,
     lights: u32,
     points: bool,
     perspective: bool,
 }
 
-/// The pipeline that classifies and lights voxels.
+/// The pipeline that lights voxels.
 struct LitVoxels(Pass);
 
 impl LitVoxels {
     fn new(context: &Context, VoxelsKey { input, lights, points, perspective }: VoxelsKey) -> Self {
         use Binding::{Read, Uniform, Write};
-        let [sample_type, lit, gradient_opacity] = input.constants();
-        let constants = [
-            sample_type,
-            lit,
-            gradient_opacity,
-            ("LIGHTS", f64::from(lights)),
-            ("POINT_LIGHTS", flag(points)),
-            ("PERSPECTIVE", flag(perspective)),
-        ];
-        let slots = [Uniform, Read, Read, Uniform, Write, Read, Uniform];
-        Self(Pass::new(context, shaders::LIT_VOXELS, &["lit_voxels"], &slots, &constants))
+        let mut constants =
+            vec![("LIGHTS", f64::from(lights)), ("POINT_LIGHTS", flag(points)), ("PERSPECTIVE", flag(perspective))];
+        Self(match input {
+            Some(input) => {
+                constants.extend(input.constants());
+                let slots = [Uniform, Read, Read, Uniform, Write, Read, Uniform];
+                Pass::new(context, shaders::LIT_VOXELS, &["lit_voxels"], &slots, &constants)
+            }
+            None => {
+                constants.push(("SHADOWS", flag(true)));
+                let slots = [Uniform, Uniform, Read, Read, Write];
+                Pass::new(context, shaders::LIT_SPLATS, &["lit_splats"], &slots, &constants)
+            }
+        })
     }
 }
 
-/// The cells of a level, of a volume whose samples the device holds, under a light; `None`: unlit.
+/// What a box of cells needs under another light: the places of its splats are the same.
+struct KeptBox {
+    cells: [Range<usize>; 3],
+    collected: Collected,
+}
+
+/// The boxes of all cells that were made together.
+struct KeptBoxes(Vec<KeptBox>);
+
+/// The cells of a level under a light; `None`: unlit. `before` are the cells of the same voxels under another light, whose
+/// memory is used again.
 pub(crate) fn run(
+    context: &Context,
     pipelines: &Cache,
-    input: &Input<'_>,
-    held: &HeldSamples,
-    light: Option<&SplatLight>,
+    (voxels, light): (Voxels<'_>, Option<&SplatLight>),
     lattice: &CellLattice<'_>,
+    before: Option<Drawable>,
+    progress: &Progress,
 ) -> Result<Drawable> {
-    let context = input.context;
     let key = VoxelsKey {
-        input: input.key(),
+        input: match voxels {
+            Voxels::Samples(input, _) => Some(input.key()),
+            Voxels::Splats(_) => None,
+        },
         lights: light.map_or(0, |light| light.lights),
         points: light.is_some_and(|light| light.points),
         perspective: light.is_some_and(|light| light.to_eye.perspective),
     };
     let lighting = light.map_or_else(Lighting::zeroed, |light| light.lighting);
-    let uniform = wgpu::BufferUsages::UNIFORM;
+    let (uniform, storage) = (wgpu::BufferUsages::UNIFORM, wgpu::BufferUsages::STORAGE);
     let job = Job {
-        input,
+        context,
+        progress,
         lattice,
         coarsener: pipelines.get_or_make((), || Ok(Coarsener::new(context)))?,
         lit_voxels: pipelines.get_or_make(key, || Ok(LitVoxels::new(context, key)))?,
         scan: Scan::of(pipelines, context)?,
         to_eye: light.map_or(&ToEye::PARALLEL, |light| &light.to_eye),
-        parameters: context.upload("cells.classify", bytemuck::bytes_of(&input.parameters()), uniform)?,
-        points: input.points_on_device()?,
         lighting: context.upload("cells.lighting", bytemuck::bytes_of(&lighting), uniform)?,
-        weights: context.upload("cells.weights", bytemuck::cast_slice(lattice.weights), wgpu::BufferUsages::STORAGE)?,
+        weights: context.upload("cells.weights", bytemuck::cast_slice(lattice.weights), storage)?,
     };
-    let (made, bytes) = held.with(input, |batches| job.run(batches))?;
-    let all = lattice.dims.into_iter().map(|n| n.div_ceil(EDGE) as u32).product();
-    let uploaded = made.stores.iter().map(|store| store.runs().count() as u32).sum();
-    Ok(Drawable { bricks: Bricks { all, uploaded, bytes }, ..made })
+    match voxels {
+        Voxels::Splats(stores) => job.run(&Source::Splats(stores), before),
+        Voxels::Samples(input, held) => {
+            let classify = context.upload("cells.classify", bytemuck::bytes_of(&input.parameters()), uniform)?;
+            let points = input.points_on_device()?;
+            let (made, bytes) = held.with(input, |batches| {
+                job.run(&Source::Samples { input, batches, classify: &classify, points: &points }, before)
+            })?;
+            Ok(Drawable { bricks: Bricks { bytes, ..made.bricks }, ..made })
+        }
+    }
+}
+
+/// The voxels of all boxes, on the device.
+enum Source<'a> {
+    Samples { input: &'a Input<'a>, batches: &'a [BrickBatch], classify: &'a wgpu::Buffer, points: &'a wgpu::Buffer },
+    Splats(&'a [Store]),
 }
 
 /// The state that all boxes of cells share.
 struct Job<'a> {
-    input: &'a Input<'a>,
+    context: &'a Context,
+    progress: &'a Progress,
     lattice: &'a CellLattice<'a>,
     coarsener: Arc<Coarsener>,
     lit_voxels: Arc<LitVoxels>,
     scan: Arc<Scan>,
     to_eye: &'a ToEye,
-    parameters: wgpu::Buffer,
-    points: wgpu::Buffer,
     lighting: wgpu::Buffer,
     weights: wgpu::Buffer,
 }
@@ -204,50 +241,96 @@ struct Values {
     /// The sums along x and y of all planes of a box.
     planes: wgpu::Buffer,
     cells: wgpu::Buffer,
+    /// The planes of voxels that are lit together.
+    together: usize,
 }
 
 impl Job<'_> {
-    fn run(&self, batches: &[BrickBatch]) -> Result<Drawable> {
-        let Self { input, lattice, .. } = self;
-        let context = input.context;
+    fn run(&self, source: &Source<'_>, before: Option<Drawable>) -> Result<Drawable> {
+        let Self { context, lattice, .. } = self;
         let most = MOST.min(context.limits.max_storage_buffer_binding_size).min(context.limits.max_buffer_size);
         let [across, down, deep] = lattice.dims;
         let rows = lattice.rows(most).min(down);
         let plane = lattice.count(across) * lattice.count(rows);
         let box_planes = lattice.count(EDGE);
-        let planes = ((most / VALUE) as usize / plane).clamp(1, box_planes);
+        let together = ((most / VALUE) as usize / plane).clamp(1, box_planes);
         let buffer = |label, values: usize| {
             let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST;
             context.buffer(label, values as u64 * VALUE, usage)
         };
         let values = Values {
-            voxels: buffer("cells.voxels", plane * planes)?,
-            rows: buffer("cells.rows", across * lattice.count(rows) * planes)?,
+            voxels: buffer("cells.voxels", plane * together)?,
+            rows: buffer("cells.rows", across * lattice.count(rows) * together)?,
             planes: buffer("cells.planes", across * rows * box_planes)?,
             cells: buffer("cells.cells", across * rows * EDGE)?,
+            together,
         };
+        if let Some(before) = before {
+            let kept: Arc<Mutex<Option<KeptBoxes>>> = before.kept.get_or_make((), || Ok(Mutex::default()))?;
+            let kept = kept.lock().unwrap_or_else(PoisonError::into_inner).take();
+            if let Some(boxes) = kept {
+                return self.relight(source, &values, boxes, before);
+            }
+        }
         let mut stores = StoreBuilder::new(context, STRIDE, joined(context));
+        let mut boxes = Vec::new();
         for z in (0..deep).step_by(EDGE) {
             for y in (0..down).step_by(rows) {
                 let cells = [0..across, y..down.min(y + rows), z..deep.min(z + EDGE)];
                 let mut recorder = Recorder::untimed(context);
-                self.sum(&mut recorder, batches, &values, &cells, planes)?;
-                self.collect(recorder, &values.cells, &cells, &mut stores)?;
-                input.progress.check()?;
+                self.sum(&mut recorder, source, &values, &cells)?;
+                let collected = self.collect(recorder, &values.cells, &cells, &mut stores)?;
+                boxes.extend(collected.map(|collected| KeptBox { cells, collected }));
+                self.progress.check()?;
             }
-            input.progress.report("classifying", (z + EDGE).min(deep) as f64 / deep as f64);
+            self.progress.report("classifying", (z + EDGE).min(deep) as f64 / deep as f64);
         }
-        stores.finish()
+        let made = stores.finish()?;
+        // A store that was joined holds the splats; other boxes have theirs in a buffer of their own.
+        boxes.iter_mut().try_for_each(|KeptBox { collected, .. }| {
+            collected.rows.splats = made.stores[collected.store].on_device(context)?;
+            Ok::<_, Error>(())
+        })?;
+        let all = lattice.dims.into_iter().map(|n| n.div_ceil(EDGE) as u32).product();
+        let uploaded = made.stores.iter().map(|store| store.runs().count() as u32).sum();
+        let made = Drawable { bricks: Bricks { all, uploaded, bytes: 0 }, ..made };
+        made.kept.get_or_make((), || Ok(Mutex::new(Some(KeptBoxes(boxes)))))?;
+        Ok(made)
     }
 
-    /// Records the sums of a box of cells, from `together` planes of voxels at a time.
+    /// The same cells under this light, without a wait.
+    fn relight(
+        &self,
+        source: &Source<'_>,
+        values: &Values,
+        boxes: KeptBoxes,
+        Drawable { stores, bricks, .. }: Drawable,
+    ) -> Result<Drawable> {
+        let mut recorder = Recorder::untimed(self.context);
+        for KeptBox { cells, collected: Collected { rows, first_brick, first_splat, .. } } in &boxes.0 {
+            self.sum(&mut recorder, source, values, cells)?;
+            self.emit(
+                &mut recorder.compute_pass("classify"),
+                &values.cells,
+                cells,
+                Some([*first_brick, *first_splat]),
+                rows,
+            )?;
+        }
+        recorder.submit();
+        let stores = stores.into_iter().map(|store| store.over(self.context)).collect::<Result<_>>()?;
+        let made = Drawable { stores, bricks, ..Drawable::default() };
+        made.kept.get_or_make((), || Ok(Mutex::new(Some(boxes))))?;
+        Ok(made)
+    }
+
+    /// Records the sums of a box of cells.
     fn sum(
         &self,
         recorder: &mut Recorder<'_>,
-        batches: &[BrickBatch],
-        Values { voxels, rows, planes, cells: sums }: &Values,
+        source: &Source<'_>,
+        Values { voxels, rows, planes, cells: sums, together }: &Values,
         cells: &[Range<usize>; 3],
-        together: usize,
     ) -> Result<()> {
         let lattice = self.lattice;
         let (size, taps) = (lattice.size, lattice.weights.len() as u32);
@@ -256,11 +339,11 @@ impl Job<'_> {
         let [across, down, deep] = cells.clone().map(|cells| cells.len());
         let common = Coarsen { taps, ..Coarsen::zeroed() };
         let words = |values: [usize; 3]| values.map(|value| value as u32);
-        for z in zs.clone().step_by(together) {
-            let some = z..zs.end.min(z + together as i64);
+        for z in zs.clone().step_by(*together) {
+            let some = z..zs.end.min(z + *together as i64);
             let count = (some.end - some.start) as usize;
             recorder.clear(voxels, (nx * ny * count) as u64 * VALUE);
-            self.light(recorder, batches, voxels, [&xs, &ys, &some])?;
+            self.light(recorder, source, voxels, [&xs, &ys, &some])?;
             let along_x =
                 Coarsen { dims: words([across, ny, count]), steps: words([size, nx, nx * ny]), stride: 1, ..common };
             let along_y = Coarsen {
@@ -303,41 +386,64 @@ impl Job<'_> {
     fn light(
         &self,
         recorder: &mut Recorder<'_>,
-        batches: &[BrickBatch],
+        source: &Source<'_>,
         voxels: &wgpu::Buffer,
         within: [&Range<i64>; 3],
     ) -> Result<()> {
-        let context = recorder.context;
+        let context = self.context;
+        let reaches = |low: [u32; 3], high: [u32; 3]| {
+            let inside =
+                |axis: usize| i64::from(low[axis]) < within[axis].end && i64::from(high[axis]) > within[axis].start;
+            (0..3).all(inside)
+        };
         let ToEye { eye, view: [view_x, view_y, view_z], .. } = *self.to_eye;
-        let ranges = self.input.volume.ranges()?;
-        for (batch, ranges) in batches.iter().zip(ranges.chunks(BATCH)) {
-            let reached = |origin: &[u32; 4]| {
-                (0..3).all(|axis| {
-                    let first = i64::from(origin[axis]);
-                    first < within[axis].end && first + EDGE as i64 > within[axis].start
-                })
-            };
-            let shows = |&at: &usize| reached(&batch.origins[at]) && self.input.may_show(ranges[at]);
-            let mut bricks = (0..batch.origins.len()).filter(shows);
-            let Some(first) = bricks.next() else { continue };
-            let end = bricks.next_back().unwrap_or(first) + 1;
+        // From the first to before the last brick or splat.
+        let inside = |first: u32, end: u32| {
             let parameters = VoxelBox {
                 low: within.map(|range| range.start as i32),
-                first_brick: first as u32,
+                first,
                 dims: within.map(|range| (range.end - range.start) as u32),
-                end_brick: end as u32,
+                end,
                 eye,
                 view_x,
                 view_y,
                 view_z,
                 ..VoxelBox::zeroed()
             };
-            let parameters =
-                context.upload("cells.voxel_box", bytemuck::bytes_of(&parameters), wgpu::BufferUsages::UNIFORM)?;
-            let Self { parameters: classify, points, lighting, .. } = self;
-            let buffers = [classify, &batch.samples, points, lighting, voxels, &batch.places, &parameters];
-            let count = ((end - first) * ROWS * EDGE) as u64;
-            self.lit_voxels.0.record(context, &mut recorder.compute_pass("classify"), 0, &buffers, count);
+            context.upload("cells.voxel_box", bytemuck::bytes_of(&parameters), wgpu::BufferUsages::UNIFORM)
+        };
+        let mut record = |buffers: &[&wgpu::Buffer], count: u64| {
+            self.lit_voxels.0.record(context, &mut recorder.compute_pass("classify"), 0, buffers, count);
+        };
+        match *source {
+            Source::Samples { input, batches, classify, points } => {
+                let ranges = input.volume.ranges()?;
+                for (batch, ranges) in batches.iter().zip(ranges.chunks(BATCH)) {
+                    let shows = |&at: &usize| {
+                        let [x, y, z, _] = batch.origins[at];
+                        reaches([x, y, z], [x, y, z].map(|first| first + EDGE as u32)) && input.may_show(ranges[at])
+                    };
+                    let mut bricks = (0..batch.origins.len()).filter(shows);
+                    let Some(first) = bricks.next() else { continue };
+                    let end = bricks.next_back().unwrap_or(first) + 1;
+                    let inside = inside(first as u32, end as u32)?;
+                    let places = &batch.places;
+                    record(
+                        &[classify, &batch.samples, points, &self.lighting, voxels, places, &inside],
+                        ((end - first) * ROWS * EDGE) as u64,
+                    );
+                }
+            }
+            Source::Splats(stores) => {
+                for store in stores {
+                    let mut runs = store.runs().filter(|(brick, _)| reaches(brick.bounds[0], brick.bounds[1]));
+                    let Some((_, Range { start, end })) = runs.next() else { continue };
+                    let end = runs.last().map_or(end, |(_, run)| run.end);
+                    let splats = store.on_device(context)?;
+                    let buffers = [&inside(start, end)?, &self.lighting, &splats, &store.origins, voxels];
+                    record(&buffers, u64::from(end - start));
+                }
+            }
         }
         Ok(())
     }
@@ -349,27 +455,46 @@ impl Job<'_> {
         cells: &wgpu::Buffer,
         within: &[Range<usize>; 3],
         stores: &mut StoreBuilder<'_, DevicePart>,
-    ) -> Result<()> {
-        let context = recorder.context;
-        let dims = within.clone().map(|range| range.len() as u32);
-        let [bx, by, bz] = dims.map(|n| n.div_ceil(EDGE as u32));
+    ) -> Result<Option<Collected>> {
         let edge = EDGE as u32;
+        let [bx, by, bz] = bricks_of(within);
         let [_, y0, z0] = within.clone().map(|range| range.start as u32);
         let origin = |brick: u32| [brick % bx * edge, y0 + brick / bx % by * edge, z0 + brick / (bx * by) * edge, 0];
         let origins: Vec<[u32; 4]> = (0..bx * by * bz).map(origin).collect();
         let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
-        let on_device = context.upload("cells.origins", bytemuck::cast_slice(&origins), usage)?;
-        let count = (origins.len() * ROWS) as u64;
-        let record = |pass: &mut ComputePass<'_>, first: Option<u32>, Rows { places, seen, splats }: &Rows| {
-            let (least, first_brick) = (self.lattice.least, first.unwrap_or_default());
-            let parameters = CellBox { dims, least, bricks: [bx, by, bx * by * bz], first_brick };
-            let parameters =
-                context.upload("cells.cell_box", bytemuck::bytes_of(&parameters), wgpu::BufferUsages::UNIFORM)?;
-            let entry = usize::from(first.is_some());
-            let buffers = [&parameters, cells, places, seen, splats];
-            self.coarsener.cells.record(context, pass, entry, &buffers, count);
-            Ok(())
+        let on_device = self.context.upload("cells.origins", bytemuck::cast_slice(&origins), usage)?;
+        // Each box has a buffer for its splats.
+        let record = |pass: &mut ComputePass<'_>, first: Option<u32>, rows: &Rows| {
+            self.emit(pass, cells, within, first.map(|first_brick| [first_brick, 0]), rows)
         };
         collect(recorder, &self.scan, (stores, STRIDE), (&origins, &on_device), &record)
     }
+
+    /// Records the dispatch that counts the cells of a box that are kept, or that emits them, given the numbers of the
+    /// first brick and of the first splat.
+    fn emit(
+        &self,
+        pass: &mut ComputePass<'_>,
+        cells: &wgpu::Buffer,
+        within: &[Range<usize>; 3],
+        first: Option<[u32; 2]>,
+        Rows { places, seen, splats }: &Rows,
+    ) -> Result<()> {
+        let [bx, by, bz] = bricks_of(within);
+        let bricks = [bx, by, bx * by * bz];
+        let (dims, least) = (within.clone().map(|range| range.len() as u32), self.lattice.least);
+        let [first_brick, first_splat] = first.unwrap_or_default();
+        let parameters = CellBox { dims, least, bricks, first_brick, first_splat, ..CellBox::zeroed() };
+        let parameters =
+            self.context.upload("cells.cell_box", bytemuck::bytes_of(&parameters), wgpu::BufferUsages::UNIFORM)?;
+        let buffers = [&parameters, cells, places, seen, splats];
+        let count = u64::from(bricks[2]) * ROWS as u64;
+        self.coarsener.cells.record(self.context, pass, usize::from(first.is_some()), &buffers, count);
+        Ok(())
+    }
+}
+
+/// Bricks along each axis of a box of cells.
+fn bricks_of(cells: &[Range<usize>; 3]) -> [u32; 3] {
+    cells.clone().map(|range| range.len().div_ceil(EDGE) as u32)
 }

@@ -460,7 +460,7 @@ impl Job<'_> {
             Ok(())
         };
         let recorder = Recorder::untimed(context);
-        collect(recorder, self.scan, (stores, STRIDE), (&batch.origins, &batch.places), &record)
+        collect(recorder, self.scan, (stores, STRIDE), (&batch.origins, &batch.places), &record).map(|_| ())
     }
 }
 

@@ -105,12 +105,12 @@ shared! {
         _pad: u32,
     }
 
-    /// A box of voxels; shaders/lit_voxels.wgsl.
+    /// A box of voxels; shaders/common/voxel_box.wgsl.
     struct VoxelBox {
         low: [i32; 3],
-        first_brick: u32,
+        first: u32,
         dims: [u32; 3],
-        end_brick: u32,
+        end: u32,
         eye: [f32; 3],
         _pad_eye: u32,
         view_x: [f32; 3],
@@ -137,6 +137,8 @@ shared! {
         least: f32,
         bricks: [u32; 3],
         first_brick: u32,
+        first_splat: u32,
+        _pad: [u32; 3],
     }
 
     /// A control point of the transfer function in the units of the samples; shaders/common/classified.wgsl.

@@ -21,9 +21,19 @@ pub(super) struct Rows {
     pub(super) splats: wgpu::Buffer,
 }
 
-/// Records the dispatch that counts the splats of rows, or that emits them, given the number of the first brick in its
+/// Records the dispatch that counts the splats of rows, or that emits them, given the number of their first brick in its
 /// store.
 pub(super) type Record<'a> = dyn Fn(&mut ComputePass<'_>, Option<u32>, &Rows) -> Result<()> + 'a;
+
+/// The rows of bricks with splats, in a store.
+pub(super) struct Collected {
+    /// Their splats are a part of the store.
+    pub(super) rows: Rows,
+    /// The number of the store, of the first brick in it and of the first splat.
+    pub(super) store: usize,
+    pub(super) first_brick: u32,
+    pub(super) first_splat: u32,
+}
 
 /// Splats on the device.
 pub(super) struct DevicePart {
@@ -36,14 +46,14 @@ pub(super) struct DevicePart {
 /// Bricks by the lattice points of their first places, on the host and on the device.
 pub(super) type Origins<'a> = (&'a [[u32; 4]], &'a wgpu::Buffer);
 
-/// Adds the splats of bricks, of `stride` bytes each, after what the recorder holds.
+/// Adds the splats of bricks, of `stride` bytes each, after what the recorder holds; `None` if there are none.
 pub(super) fn collect(
     mut recorder: Recorder<'_>,
     scan: &Scan,
     (stores, stride): (&mut StoreBuilder<'_, DevicePart>, u64),
     (origins, on_device): Origins<'_>,
     record: &Record<'_>,
-) -> Result<()> {
+) -> Result<Option<Collected>> {
     const STAGE: &str = "classifying the volume";
     let context = recorder.context;
     let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
@@ -66,7 +76,7 @@ pub(super) fn collect(
     let seen: Vec<u32> = seen.values(context, STAGE)?;
     let visible = places[count as usize];
     if visible == 0 {
-        return Ok(());
+        return Ok(None);
     }
     let (first_brick, first_splat) = stores.make_room(visible, origins.len())?;
     rows.splats = context.buffer("classify.splats", u64::from(visible) * stride, usage)?;
@@ -77,8 +87,9 @@ pub(super) fn collect(
     let bricks = origins.iter().zip(places.iter().step_by(ROWS).zip(seen.chunks_exact(ROWS)));
     let bricks = bricks
         .map(|(&[x, y, z, _], (place, seen))| BrickSplats::new([x, y, z], first_splat + place, seen.iter().copied()));
-    stores.add(DevicePart { splats: rows.splats, count: visible, origins: on_device.clone() }, visible, bricks);
-    Ok(())
+    let splats = rows.splats.clone();
+    stores.add(DevicePart { splats, count: visible, origins: on_device.clone() }, visible, bricks);
+    Ok(Some(Collected { rows, store: stores.closed(), first_brick, first_splat }))
 }
 
 impl Part for DevicePart {

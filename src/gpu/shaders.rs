@@ -68,9 +68,10 @@ static FILES: &[(&str, &str)] = &files! {
     "common/clip", "common/clip_view", "common/dispatch", "common/frame", "common/light_volume", "common/lighting",
     "common/lit_splat", "common/march_parabola", "common/march_planes", "common/normal", "common/owned",
     "common/owned_view", "common/packing", "common/pixel_ray", "common/plane", "common/ray_geometry", "common/rays",
-    "common/resolution", "common/response", "common/splat", "common/transfer", "composite", "estimate", "gather",
-    "gather_scalars", "lit_voxels", "pack", "prefilter", "present", "resample", "resolve", "scan", "shade", "skip",
-    "sort", "splat", "terminate", "voxels/scalar_pairs", "voxels/scalars", "voxels/scalars_software", "voxels/vectors",
+    "common/resolution", "common/response", "common/splat", "common/transfer", "common/voxel_box", "composite",
+    "estimate", "gather", "gather_scalars", "lit_splats", "lit_voxels", "pack", "prefilter", "present", "resample",
+    "resolve", "scan", "shade", "skip", "sort", "splat", "terminate", "voxels/scalar_pairs", "voxels/scalars",
+    "voxels/scalars_software", "voxels/vectors",
 };
 
 macro_rules! shaders {
@@ -86,6 +87,7 @@ macro_rules! shaders {
 shaders! {
     CLASSIFY: Shader::new("classify"),
     LIT_VOXELS: Shader::new("lit_voxels"),
+    LIT_SPLATS: Shader::new("lit_splats"),
     COARSEN: Shader::new("coarsen"),
     CELLS: Shader::new("cells"),
     SCAN: Shader::new("scan"),

@@ -258,6 +258,13 @@ impl Store {
         Ok(buffer)
     }
 
+    /// A store for other splats at the same places on the device: in the memory of these.
+    pub(crate) fn over(self, context: &Context) -> Result<Self> {
+        let buffer = self.on_device(context)?;
+        let Self { stride, count, origins, bricks, .. } = self;
+        Self::new(context, (Splats::Device(buffer), Some(origins)), stride, count, bricks)
+    }
+
     /// The splats on the host, brick by brick as in [`Self::bricks`].
     pub(crate) fn on_host(&self, context: &Context) -> Result<Arc<Vec<HostBrick>>> {
         let mut splats = self.splats.lock().unwrap_or_else(PoisonError::into_inner);
@@ -401,6 +408,11 @@ impl<'a, P: Part> StoreBuilder<'a, P> {
             self.close()?;
         }
         Ok((self.bricks.len() as u32, self.held))
+    }
+
+    /// The number of stores before the one that parts are added to.
+    pub(crate) fn closed(&self) -> usize {
+        self.made.stores.len()
     }
 
     pub(crate) fn add(&mut self, part: P, count: u32, bricks: impl IntoIterator<Item = BrickSplats>) {

@@ -252,20 +252,33 @@ impl PreShaded {
         };
         self.cells[*level as usize].get_or_make((light.clone(), shadows.clone()), PartialEq::eq, |held| {
             let changed = held.is_some();
-            // Cells of another light are not in memory together with the new ones.
-            drop(held);
             let shaded = shadows.as_ref().map(|shadows| self.classified(context, pipelines, Some(shadows), progress));
             let shaded = shaded.transpose()?;
             context.guarded("classifying the volume", || {
                 let light = light.as_ref();
                 let shape = Shape::new(volume.grid(), transfer, *level);
-                if !context.is_software() && shaded.is_none() {
-                    let input = Input::new(context, volume, transfer, self.lit, progress)?;
-                    if HeldSamples::fits(&input) {
-                        let made = cells::run(pipelines, &input, &self.samples, light, &shape.on_device())?;
+                // Cells of another light: their memory serves these, or they are dropped before. Shadows lie on splats,
+                // whose densities are rounded, so that other cells may be faint.
+                let before = held.and_then(|((_, of), cells)| {
+                    let serves = of.is_some() == shadows.is_some();
+                    Arc::into_inner(cells).filter(|_| serves)
+                });
+                if !context.is_software() {
+                    let input;
+                    let voxels = match &shaded {
+                        Some((shaded, _)) => Some(cells::Voxels::Splats(&shaded.stores)),
+                        None => {
+                            input = Input::new(context, volume, transfer, self.lit, progress)?;
+                            HeldSamples::fits(&input).then_some(cells::Voxels::Samples(&input, &self.samples))
+                        }
+                    };
+                    if let Some(voxels) = voxels {
+                        let of = (voxels, light);
+                        let made = cells::run(context, pipelines, of, &shape.on_device(), before, progress)?;
                         return Ok(Arc::new(made));
                     }
                 }
+                drop(before);
                 let normals;
                 let voxels = match (&shaded, light) {
                     (Some((shaded, _)), Some(light)) => {

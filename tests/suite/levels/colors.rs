@@ -6,7 +6,7 @@ use voxsplat::error::Error;
 use voxsplat::image::Image;
 use voxsplat::kernel::{Kernel, Normalization};
 use voxsplat::lighting::{Light, Lighting};
-use voxsplat::renderer::Renderer;
+use voxsplat::renderer::{Renderer, Scene};
 use voxsplat::settings::{Level, Model, Resolution, Settings};
 use voxsplat::transfer::{GradientPoint, TransferFunction};
 use voxsplat::volume::{Grid, Samples, Volume};
@@ -312,17 +312,21 @@ fn the_same_bytes_whatever_was_drawn_before() {
     let large = look(&View { azimuth: 20.0, ..View::default() }, &volume, [80; 2]);
     let layers = look(&deep(60.0), &volume, [40; 2]);
     let shadowed = two_lights().map(|lighting| Lighting { shadows: 0.8, ..lighting });
-    for (transfer, lighting) in
-        [(&transfer, None), (&transfer, headlight()), (&thinned, two_lights()), (&transfer, shadowed)]
+    let cases = [(&transfer, None), (&transfer, headlight()), (&thinned, two_lights()), (&transfer, shadowed)];
+    // Software makes cells on the host, a GPU makes them on the device.
+    for (renderer, (transfer, lighting)) in [&RENDERER, &new_renderer().with_device_stages()]
+        .into_iter()
+        .flat_map(|on| cases.clone().map(|case| (on, case)))
     {
         let settings = Settings { lighting, ..auto() };
-        let scene = prepare_on(&RENDERER, &volume, transfer, &settings).unwrap();
-        let draw = |camera| draw_on(&RENDERER, &scene, camera, &settings).unwrap().image;
+        let prepare = || prepare_on(renderer, &volume, transfer, &settings).unwrap();
+        let draw = |scene: &Scene, camera| draw_on(renderer, scene, camera, &settings).unwrap().image;
+        let scene = prepare();
         let cameras = [&small, &turned, &large, &layers];
-        let first = cameras.map(draw);
-        assert!(cameras.map(draw) == first);
+        let first = cameras.map(|camera| draw(&scene, camera));
+        assert!(cameras.map(|camera| draw(&scene, camera)) == first);
         for (camera, first) in cameras.into_iter().zip(&first) {
-            assert!(errors(first, &picture(&volume, transfer, camera, &settings).image) == (0.0, 0.0));
+            assert!(errors(first, &draw(&prepare(), camera)) == (0.0, 0.0));
         }
     }
 }
@@ -354,9 +358,14 @@ fn the_device_makes_the_cells_of_the_host() {
         let thinned = plain.clone().with_gradient_opacity(vec![steepness(2.0, 0.1), steepness(8.0, 1.0)]).unwrap();
         let place = volume.grid().center() + DVec3::new(30.0, 40.0, -50.0);
         let at_a_place = Some(Lighting { lights: vec![Light::at(place)], ..Lighting::default() });
-        for (transfer, lighting, level) in
-            [(&plain, None, 1), (&plain, headlight(), 1), (&thinned, two_lights(), 2), (&plain, at_a_place, 3)]
-        {
+        let shadowed = two_lights().map(|lighting| Lighting { shadows: 0.8, occlusion: Some(4.0), ..lighting });
+        for (transfer, lighting, level) in [
+            (&plain, None, 1),
+            (&plain, headlight(), 1),
+            (&thinned, two_lights(), 2),
+            (&plain, at_a_place, 3),
+            (&thinned, shadowed, 1),
+        ] {
             let settings = Settings { lighting, level: Level::At(level), ..auto() };
             // GPUs have a ray for each pixel by default, software has not.
             let settings = with_tiles(&settings, Resolution::Full);

@@ -129,6 +129,8 @@ fn cells_under_another_light_send_no_samples() {
     assert!(first.stats.bytes_sent > volume.grid().len());
     let turned = draw(&scene, 30.0);
     assert!(turned.stats.bytes_sent < 64 << 10, "{} bytes", turned.stats.bytes_sent);
+    // For its pixels.
+    assert_eq!(turned.stats.waits, 1);
     assert!(turned.image == draw(&prepare_on(&renderer, &volume, &transfer, &settings).unwrap(), 30.0).image);
     renderer.set_transfer(&mut scene, &transfer).unwrap();
     let again = draw(&scene, 20.0);

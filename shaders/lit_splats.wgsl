@@ -1,0 +1,27 @@
+// lit_splats: the voxels of a box that are in shadows, from their splats, which hold the light that arrives. An
+// invocation each.
+// uses: common/dispatch, common/lit_splat, common/splat, common/voxel_box
+
+@group(0) @binding(0) var<uniform> inside: VoxelBox;
+@group(0) @binding(1) var<uniform> lighting: Lighting;
+@group(0) @binding(2) var<storage, read> splats: array<vec2u>;
+@group(0) @binding(3) var<storage, read> origins: array<vec4u>;
+// x fastest; 0 where nothing shows.
+@group(0) @binding(4) var<storage, read_write> voxels: array<vec4f>;
+
+@compute @workgroup_size(WORKGROUP)
+fn lit_splats(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
+    let index = inside.first + invocation_index(id, groups);
+    if index >= inside.end {
+        return;
+    }
+    let words = splat_words(index);
+    let place = place_in_box(splat_point(words));
+    if any(place >= inside.dims) {
+        return;
+    }
+    let appearance = splats[splat_at(index) + 1u];
+    let at = splat_lattice(words);
+    let color = splat_color(words.y, appearance.x);
+    store_voxel(place, lit_splat(color, appearance.y, splat_kept(index), at, towards_eye(at)), splat_weight(words));
+}
