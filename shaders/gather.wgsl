@@ -14,7 +14,7 @@
 // they meet and find their footprints once. Its rays are written out eight times, because loops over arrays stay in
 // memory on drivers that do not unroll them: a line with a number sign stands for itself with 0 to 7 in its place
 // (src/gpu/shaders.rs).
-// uses: common/absorbed, common/march_planes, common/response, voxels/vectors
+// uses: common/absorbed, common/march_planes, common/response
 
 @group(0) @binding(0) var<uniform> rays: Rays;
 @group(0) @binding(2) var<storage, read> runs: array<vec2u>;

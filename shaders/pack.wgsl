@@ -1,6 +1,6 @@
 // pack: splats into the texture that the painter `tiles` marches through (see common/packing.wgsl), and a mark for each
 // macrocell of 4^3 voxels that has a splat. Classified voxels become f16 of (colour, 1) times density, lit scalars f16
-// of (gradient, scalar), other scalars stay f32.
+// of (gradient, scalar), other scalars stay f32. A file of `packed` stores them.
 // uses: common/dispatch, common/lit_splat, common/packing, common/splat
 
 override PERSPECTIVE: bool = false;
@@ -9,8 +9,6 @@ override PERSPECTIVE: bool = false;
 @group(0) @binding(1) var<uniform> lighting: Lighting;
 @group(0) @binding(2) var<storage, read> splats: array<vec2u>;
 @group(0) @binding(3) var<storage, read> origins: array<vec4u>;
-// Rows of the texture: two words for each classified voxel and each lit scalar, one for each other scalar.
-@group(0) @binding(4) var<storage, read_write> texels: array<u32>;
 @group(0) @binding(5) var occupied: texture_storage_3d<r32uint, write>;
 // Runs of splats, a workgroup each: the first one, and the one after the last.
 @group(0) @binding(6) var<storage, read> runs: array<vec2u>;
@@ -51,15 +49,13 @@ fn pack_splat(index: u32) {
         textureStore(occupied, place / u32(MACROCELL), vec4u(1u));
     }
     let row = place.z / pack.columns * (pack.rows + 1u) + 1u + place.y;
-    // The difference of rows before the first wraps around to a large number.
-    let at = row - pack.first_row;
-    if at >= pack.row_count {
+    if !is_stored(row) {
         return;
     }
-    let texel = place.z % pack.columns * (pack.row_texels + u32(MARGIN)) + u32(MARGIN) + place.x / 2u;
-    let voxel = 2u * (at * pack.width + texel) + place.x % 2u;
+    // Two voxels to a step of `row_texels`.
+    let at = 2u * (place.z % pack.columns * (pack.row_texels + u32(MARGIN)) + u32(MARGIN)) + place.x;
     if SCALARS && !GRADIENTS {
-        texels[voxel] = words.y;
+        store(at, row, vec2u(words.y, 0u));
         return;
     }
     var v = vec4f(0.0, 0.0, 0.0, splat_weight(words) * pack.scale);
@@ -69,8 +65,7 @@ fn pack_splat(index: u32) {
         v = vec4f(shaded_color(index, words) * v.w, v.w);
     }
     v = rounded(v);
-    texels[2u * voxel] = pack2x16float(v.xy);
-    texels[2u * voxel + 1u] = pack2x16float(v.zw);
+    store(at, row, vec2u(pack2x16float(v.xy), pack2x16float(v.zw)));
 }
 
 @compute @workgroup_size(WORKGROUP)

@@ -10,7 +10,7 @@ pub(crate) struct Shader {
     /// The stage's name.
     pub name: &'static str,
     file: &'static str,
-    /// The file that reads voxels, if the stage's own file has none.
+    /// The file that reads or stores voxels, if the stage's own file does not.
     voxels: Option<&'static str>,
 }
 
@@ -19,8 +19,8 @@ impl Shader {
         Self { name, file: name, voxels: None }
     }
 
-    const fn of_scalars(name: &'static str, voxels: &'static str) -> Self {
-        Self { name, file: "gather_scalars", voxels: Some(voxels) }
+    const fn with(name: &'static str, file: &'static str, voxels: &'static str) -> Self {
+        Self { name, file, voxels: Some(voxels) }
     }
 
     /// The whole source, with each file once.
@@ -69,9 +69,10 @@ static FILES: &[(&str, &str)] = &files! {
     "common/lit_splat", "common/march_parabola", "common/march_planes", "common/normal", "common/owned",
     "common/owned_view", "common/packing", "common/pixel_ray", "common/plane", "common/ray_geometry", "common/rays",
     "common/resolution", "common/response", "common/splat", "common/transfer", "common/voxel_box", "composite",
-    "estimate", "gather", "gather_scalars", "lit_splats", "lit_voxels", "pack", "prefilter", "present", "resample",
-    "resolve", "scan", "shade", "skip", "sort", "splat", "terminate", "voxels/scalar_pairs", "voxels/scalars",
-    "voxels/scalars_software", "voxels/vectors",
+    "estimate", "gather", "gather_scalars", "lit_splats", "lit_voxels", "pack", "packed/buffer", "packed/scalars",
+    "packed/vectors", "prefilter", "present", "resample", "resolve", "scan", "shade", "skip", "sort", "splat",
+    "terminate", "voxels/scalar_pairs", "voxels/scalars", "voxels/scalars_apart", "voxels/vector_pairs",
+    "voxels/vectors", "voxels/vectors_apart",
 };
 
 macro_rules! shaders {
@@ -97,12 +98,16 @@ shaders! {
     COMPOSITE: Shader::new("composite"),
     SHADE: Shader::new("shade"),
     RESOLVE: Shader::new("resolve"),
-    PACK: Shader::new("pack"),
+    PACK: Shader::with("pack", "pack", "packed/buffer"),
+    PACK_VECTORS: Shader::with("pack-vectors", "pack", "packed/vectors"),
+    PACK_SCALARS: Shader::with("pack-scalars", "pack", "packed/scalars"),
     SKIP: Shader::new("skip"),
-    GATHER: Shader::new("gather"),
-    GATHER_SCALARS: Shader::of_scalars("gather-scalars", "voxels/scalars"),
-    GATHER_SCALARS_SOFTWARE: Shader::of_scalars("gather-scalars-software", "voxels/scalars_software"),
-    GATHER_GRADIENTS: Shader::of_scalars("gather-gradients", "voxels/vectors"),
+    GATHER: Shader::with("gather", "gather", "voxels/vectors"),
+    GATHER_APART: Shader::with("gather-apart", "gather", "voxels/vectors_apart"),
+    GATHER_SCALARS: Shader::with("gather-scalars", "gather_scalars", "voxels/scalars"),
+    GATHER_SCALARS_APART: Shader::with("gather-scalars-apart", "gather_scalars", "voxels/scalars_apart"),
+    GATHER_GRADIENTS: Shader::with("gather-gradients", "gather_scalars", "voxels/vectors"),
+    GATHER_GRADIENTS_APART: Shader::with("gather-gradients-apart", "gather_scalars", "voxels/vectors_apart"),
     PREFILTER: Shader::new("prefilter"),
     ESTIMATE: Shader::new("estimate"),
     RESAMPLE: Shader::new("resample"),

@@ -38,6 +38,8 @@ pub(crate) struct Store {
     splats: Mutex<Splats>,
     /// Distinguishes the stores of the program.
     pub(crate) id: u64,
+    /// The same number: the same places of splats.
+    pub(crate) places: u64,
     /// Bytes of a splat on the device.
     pub(crate) stride: u64,
     pub(crate) count: u32,
@@ -244,7 +246,7 @@ impl Store {
         };
         let origins = origins.map_or_else(send, Ok)?;
         let id = MADE.fetch_add(1, Ordering::Relaxed);
-        Ok(Self { splats: Mutex::new(splats), id, stride, count, origins, bricks })
+        Ok(Self { splats: Mutex::new(splats), id, places: id, stride, count, origins, bricks })
     }
 
     /// The splats on the device: shaders/common/splat.wgsl.
@@ -261,8 +263,9 @@ impl Store {
     /// A store for other splats at the same places on the device: in the memory of these.
     pub(crate) fn over(self, context: &Context) -> Result<Self> {
         let buffer = self.on_device(context)?;
-        let Self { stride, count, origins, bricks, .. } = self;
-        Self::new(context, (Splats::Device(buffer), Some(origins)), stride, count, bricks)
+        let Self { places, stride, count, origins, bricks, .. } = self;
+        let made = Self::new(context, (Splats::Device(buffer), Some(origins)), stride, count, bricks)?;
+        Ok(Self { places, ..made })
     }
 
     /// The splats on the host, brick by brick as in [`Self::bricks`].

@@ -98,7 +98,7 @@ pub(crate) struct Tiles {
 impl Tiles {
     pub(crate) fn new(context: &Context, key: &TilesKey) -> Result<Self> {
         let rest = || {
-            let packer = (!key.packs_on_host).then(|| pack::stage(context, &key.constants));
+            let packer = (!key.packs_on_host).then(|| pack::stage(context, &key.constants, key.voxel));
             let resample = key.rays.is_resampled().then(|| (Resampler::new(context), Refiner::new(context, key)));
             (packer, march::skip(context, &key.constants), resample)
         };

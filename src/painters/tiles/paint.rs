@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::axis::PrincipalAxis;
-use super::pack::{Packed, Packing, Reached, Voxel};
+use super::pack::{Packed, Packing, Reached, Source, Voxel};
 use super::parts::{Footprint, Sections, SlabKind};
 use super::rays::{RaySetup, Rays, max_depth, parallel};
 use super::{Block, Canvas, MAX_RADIUS, MAX_SINGLE_RADIUS, RayKind, STRAIGHT, Tiles, TilesKey};
@@ -332,10 +332,11 @@ impl<'a> Picture<'a> {
             && PIXELS_PER_QUAD * self.job.splats() < width * height
     }
 
-    /// Whether `packed` holds the splats of this picture in the layout of an axis.
+    /// Whether `packed` holds splats at the places of those of this picture, in the layout of an axis.
     fn serves(&self, axis: &PackedAxis, packed: &Packed) -> bool {
-        let source = self.job.stores.first().map(|store| store.id);
-        axis.packing == packed.packing && source == packed.source && axis.reached == packed.reached
+        let places = |source: Option<Source>| source.map(|source| source.places);
+        let same = places(Source::of(self.job.stores)) == places(packed.source);
+        axis.packing == packed.packing && same && axis.reached == packed.reached
     }
 
     /// The splats as each axis reads them: packed for an earlier picture of the scene, or now.
@@ -350,8 +351,9 @@ impl<'a> Picture<'a> {
         let packed_light = self.voxel.is_lit().then_some(&light);
         let (served, others): (Vec<_>, Vec<_>) = held.drain(..).partition(|packed| is_served(packed));
         let others = self.kept_of(others);
-        let (reusable, spare): (Vec<_>, Vec<_>) =
-            served.into_iter().partition(|packed| packed.light.as_ref() == packed_light);
+        let source = Source::of(stores);
+        let is_same = |packed: &Arc<Packed>| packed.light.as_ref() == packed_light && packed.source == source;
+        let (reusable, spare): (Vec<_>, Vec<_>) = served.into_iter().partition(is_same);
         let mut spare: Vec<Packed> = spare.into_iter().filter_map(Arc::into_inner).collect();
         let mut packed: Vec<Arc<Packed>> = Vec::new();
         for axis in &self.axes {
@@ -382,10 +384,12 @@ impl<'a> Picture<'a> {
         if self.job.context.is_software() {
             return Vec::new();
         }
-        let source = self.job.stores.first().map(|store| store.id);
+        let places = |source: Option<Source>| source.map(|source| source.places);
+        let source = places(Source::of(self.job.stores));
         let mut bytes: u64 = self.axes.iter().map(|axis| axis.packing.bytes()).sum();
         let mut fits = |packed: &Arc<Packed>| {
-            let whole = packed.reached.is_none() && packed.source == source && packed.packing.voxel == self.voxel;
+            let whole =
+                packed.reached.is_none() && places(packed.source) == source && packed.packing.voxel == self.voxel;
             bytes += packed.bytes;
             whole && bytes <= KEPT_BYTES
         };

@@ -15,10 +15,8 @@ use crate::gpu::store::{BrickSplats, Store};
 use crate::painters::stage::Stage;
 use crate::painters::tiles::axis::unordered;
 
-/// The largest number of bytes of the buffer that is packed and copied to the texture at a time. On a GPU: few
-/// dispatches, and memory that is small beside the volume. On software: near the caches.
-const BAND: u64 = 64 << 20;
-const SOFTWARE_BAND: u64 = 16 << 20;
+/// The largest number of bytes of the buffer that software packs and copies to the texture at a time: near the caches.
+const BAND: u64 = 16 << 20;
 
 /// Splats that a workgroup packs: 32 for each invocation.
 const RUN: u32 = 2048;
@@ -29,8 +27,6 @@ pub(in crate::painters::tiles) struct Bands {
     /// Runs of at most [`RUN`] splats.
     runs: wgpu::Buffer,
     bands: Vec<Band>,
-    /// The buffer that one band after the other is packed in, if it is kept for the next light.
-    texels: Option<wgpu::Buffer>,
 }
 
 /// Rows of the texture that are packed together.
@@ -78,15 +74,18 @@ impl Packing {
         };
         let bands = self.rows_of_bands(context).into_iter().map(band).collect();
         let runs = context.upload("pack.runs", bytemuck::cast_slice(&runs), wgpu::BufferUsages::STORAGE)?;
-        Ok(Bands { runs, bands, texels: None })
+        Ok(Bands { runs, bands })
     }
 
-    /// The rows of each band: whole shelves of planes if they fit, so that most bricks are in one band.
+    /// The rows of each band: whole shelves of planes if they fit, so that most bricks are in one band. All rows, if
+    /// splats are stored in the texture.
     fn rows_of_bands(&self, context: &Context) -> Vec<Range<u32>> {
         let [_, height] = self.size;
-        let most = if context.is_software() { SOFTWARE_BAND } else { BAND };
+        if self.apart {
+            return std::iter::once(0..height).collect();
+        }
         let limits = &context.limits;
-        let most = most.min(limits.max_storage_buffer_binding_size).min(limits.max_buffer_size);
+        let most = BAND.min(limits.max_storage_buffer_binding_size).min(limits.max_buffer_size);
         let rows = (most / self.row_bytes()).clamp(1, u64::from(height)) as u32;
         let shelf = self.dims[1] + 1;
         // The first row of the texture is a margin before the first shelf.
@@ -107,7 +106,7 @@ impl Packing {
         &self,
         recorder: &mut Recorder<'_>,
         stage: &Stage,
-        (stores, Bands { runs, bands, texels: kept }): (&[Store], &mut Bands),
+        (stores, Bands { runs, bands }): (&[Store], &Bands),
         light: &SplatLight,
         scale: f32,
         [volume, occupied]: &[wgpu::Texture; 2],
@@ -138,13 +137,14 @@ impl Packing {
         // One buffer serves all bands: the device orders what reads and writes it, so that nothing waits.
         let largest = bands.iter().map(|band| band.rows.len() as u64).max().unwrap_or_default();
         let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC | wgpu::BufferUsages::COPY_DST;
-        let is_new = kept.is_none();
-        let texels = kept.take().map_or_else(|| context.buffer("pack.texels", largest * row_bytes, usage), Ok)?;
+        let texels = (!self.apart).then(|| context.buffer("pack.texels", largest * row_bytes, usage)).transpose()?;
+        let view = volume.create_view(&wgpu::TextureViewDescriptor::default());
+        let stored = texels.as_ref().map_or_else(|| texture_view(&view), wgpu::Buffer::as_entire_binding);
         for (number, Band { rows, parts }) in bands.iter().enumerate() {
             let (first_row, row_count) = (rows.start, rows.len() as u32);
             // A new buffer holds zeros.
-            if number > 0 || !is_new {
-                recorder.clear(&texels, u64::from(row_count) * row_bytes);
+            if let Some(texels) = texels.as_ref().filter(|_| number > 0) {
+                recorder.clear(texels, u64::from(row_count) * row_bytes);
             }
             for (store, part, splats) in parts {
                 let store = &stores[*store];
@@ -157,7 +157,7 @@ impl Packing {
                     lighting.as_entire_binding(),
                     buffer.as_entire_binding(),
                     store.origins.as_entire_binding(),
-                    texels.as_entire_binding(),
+                    stored.clone(),
                     texture_view(&occupied),
                     runs.as_entire_binding(),
                 ];
@@ -165,10 +165,10 @@ impl Packing {
                 stage.run(recorder, &resources, [x, y, 1]);
                 recorder.worked(*splats);
             }
-            recorder.copy_rows(&texels, row_bytes, volume, first_row, [width, row_count]);
+            if let Some(texels) = &texels {
+                recorder.copy_rows(texels, row_bytes, volume, first_row, [width, row_count]);
+            }
         }
-        // Allocating takes longer than packing, and light may move in each frame.
-        *kept = self.voxel.is_lit().then_some(texels);
         Ok(())
     }
 

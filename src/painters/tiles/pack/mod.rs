@@ -33,7 +33,7 @@ pub(super) enum Voxel {
 }
 
 impl Voxel {
-    /// Bytes of a texel, which holds two voxels.
+    /// Bytes of two voxels.
     fn texel(self) -> u64 {
         if self == Self::Scalar { 8 } else { 16 }
     }
@@ -44,18 +44,29 @@ impl Voxel {
     }
 
     /// The binding of the texture that rays read.
-    pub(super) fn binding(self, software: bool) -> Binding {
-        if self == Self::Scalar && !software {
+    pub(super) fn binding(self, apart: bool) -> Binding {
+        if apart {
             Binding::IntegerTexture(wgpu::TextureViewDimension::D2)
         } else {
-            Binding::ReadTexture(self.format())
+            Binding::ReadTexture(self.format(apart))
         }
     }
 
     /// The format of that texture.
-    pub(super) fn format(self) -> wgpu::TextureFormat {
-        if self == Self::Scalar { wgpu::TextureFormat::Rg32Uint } else { wgpu::TextureFormat::Rgba32Uint }
+    pub(super) fn format(self, apart: bool) -> wgpu::TextureFormat {
+        match (self, apart) {
+            (Self::Scalar, true) => wgpu::TextureFormat::R32Uint,
+            (Self::Scalar, false) | (_, true) => wgpu::TextureFormat::Rg32Uint,
+            (_, false) => wgpu::TextureFormat::Rgba32Uint,
+        }
     }
+}
+
+/// Whether each voxel has a texel of its own, rather than one together with its neighbour: on GPUs, where splats are
+/// stored in the texture one by one. There a copy of a gigabyte from a buffer to a texture takes 25 ms, and all rays of
+/// a frame 2 to 7 ms (measured; docs/measurements/2026-11-25-gpu.md). Software stores faster in a buffer.
+pub(super) fn is_apart(context: &Context) -> bool {
+    !context.is_software()
 }
 
 /// The most bytes of a packed volume. The box around visible voxels is packed whole; much of it may be empty.
@@ -77,10 +88,12 @@ pub(super) struct Packing {
     pub(super) dims: [u32; 3],
     /// Planes side by side.
     pub(super) columns: u32,
-    /// Texels of a row of voxels, without its margin.
+    /// Pairs of voxels of a row, without its margin.
     pub(super) row_texels: u32,
-    /// Width and height of the texture.
-    size: [u32; 2],
+    /// Whether each voxel has a texel of its own: [`is_apart`].
+    apart: bool,
+    /// Width and height of the texture, in pairs of voxels and in rows.
+    pub(super) size: [u32; 2],
 }
 
 impl Packing {
@@ -106,6 +119,8 @@ impl Packing {
         let dims: [u32; 3] = std::array::from_fn(|i| high[axes[i]].saturating_sub(low[i]));
         let [a, b, m] = dims;
         let limit = u64::from(context.limits.max_texture_dimension_2d);
+        let apart = is_apart(context);
+        let most_pairs = if apart { limit / 2 } else { limit };
         let row_texels = a.div_ceil(2);
         let rows = u64::from(b) + 1;
         // As many planes side by side as make the texture about square.
@@ -115,7 +130,7 @@ impl Packing {
         let align = u64::from(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT) / 8;
         let width = (columns * column + u64::from(MARGIN)).next_multiple_of(align);
         let height = u64::from(m).div_ceil(columns) * rows + 1;
-        let fits = width <= limit && height <= limit && width * height * voxel.texel() <= MAX_BYTES;
+        let fits = width <= most_pairs && height <= limit && width * height * voxel.texel() <= MAX_BYTES;
         let macrocells =
             dims.map(|n| n.div_ceil(MACROCELL)).iter().all(|&n| n <= context.limits.max_texture_dimension_3d);
         (fits && macrocells).then_some(Self {
@@ -125,6 +140,7 @@ impl Packing {
             dims,
             columns: columns as u32,
             row_texels,
+            apart,
             size: [width as u32, height as u32],
         })
     }
@@ -157,13 +173,18 @@ impl Packing {
     /// The textures of the voxels and of the macrocells. Shaders read both as storage, or write them, and buffers are
     /// copied to them.
     fn textures(&self, context: &Context) -> [wgpu::Texture; 2] {
-        let usage =
-            wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST;
-        let texture = |label, format, size, dimension| context.texture(label, format, size, dimension, usage);
+        use wgpu::TextureUsages as Usages;
+        let usage = Usages::STORAGE_BINDING | Usages::TEXTURE_BINDING | Usages::COPY_DST;
+        let texture =
+            |label, format, size, dimension, more| context.texture(label, format, size, dimension, usage | more);
         let [width, height] = self.size;
+        let texels = if self.apart { 2 * width } else { width };
+        // An attachment is cleared by a pass, not by copies of zeros.
+        let cleared = if self.apart { Usages::RENDER_ATTACHMENT } else { Usages::empty() };
+        let (flat, cube) = (wgpu::TextureDimension::D2, wgpu::TextureDimension::D3);
         [
-            texture("pack.volume", self.voxel.format(), [width, height, 1], wgpu::TextureDimension::D2),
-            texture("pack.occupied", wgpu::TextureFormat::R32Uint, self.macrocells(), wgpu::TextureDimension::D3),
+            texture("pack.volume", self.voxel.format(self.apart), [texels, height, 1], flat, cleared),
+            texture("pack.occupied", wgpu::TextureFormat::R32Uint, self.macrocells(), cube, Usages::empty()),
         ]
     }
 
@@ -183,12 +204,28 @@ fn reaches(reached: &Reached, store: usize, brick: usize) -> bool {
     reached.as_ref().is_none_or(|reached| reached[store][brick])
 }
 
+/// The splats of stores.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Source {
+    /// [`Store::id`] of the first store.
+    id: u64,
+    /// [`Store::places`] of the first store.
+    pub(super) places: u64,
+}
+
+impl Source {
+    /// `None` if there are no stores.
+    pub(super) fn of(stores: &[Store]) -> Option<Self> {
+        stores.first().map(|store| Self { id: store.id, places: store.places })
+    }
+}
+
 /// A packed volume on the device.
 #[derive(Debug)]
 pub(crate) struct Packed {
     pub(super) packing: Packing,
-    /// [`Store::id`] of the first store of its splats.
-    pub(super) source: Option<u64>,
+    /// The splats.
+    pub(super) source: Option<Source>,
     pub(super) reached: Reached,
     pub(super) volume: wgpu::TextureView,
     pub(super) occupied: wgpu::TextureView,
@@ -203,10 +240,16 @@ pub(crate) struct Packed {
 }
 
 /// The stage that packs on the device.
-pub(super) fn stage(context: &Context, constants: &[Constant]) -> Stage {
-    let marks = Binding::StorageTexture(wgpu::TextureFormat::R32Uint, wgpu::TextureViewDimension::D3);
-    let slots = [Uniform, Uniform, Read, Read, Write, marks, Read];
-    Stage::new(context, shaders::PACK, ("pack", "voxels"), &slots, constants)
+pub(super) fn stage(context: &Context, constants: &[Constant], voxel: Voxel) -> Stage {
+    let texture = Binding::StorageTexture;
+    let (shader, voxels) = match voxel {
+        _ if !is_apart(context) => (shaders::PACK, Write),
+        Voxel::Scalar => (shaders::PACK_SCALARS, texture(voxel.format(true), wgpu::TextureViewDimension::D2)),
+        _ => (shaders::PACK_VECTORS, texture(voxel.format(true), wgpu::TextureViewDimension::D2)),
+    };
+    let marks = texture(wgpu::TextureFormat::R32Uint, wgpu::TextureViewDimension::D3);
+    let slots = [Uniform, Uniform, Read, Read, voxels, marks, Read];
+    Stage::new(context, shader, ("pack", "voxels"), &slots, constants)
 }
 
 impl Packing {
@@ -230,11 +273,11 @@ impl Packing {
             Some(Packed { volume, occupied, bands, .. }) => ([volume, occupied].map(|v| v.texture().clone()), bands),
             None => (self.textures(recorder.context), None),
         };
-        let mut bands = match (stage, bands) {
+        let bands = match (stage, bands) {
             (Some(_), None) => Some(self.bands(recorder.context, stores, reached)?),
             (_, bands) => bands,
         };
-        match stage.zip(bands.as_mut()) {
+        match stage.zip(bands.as_ref()) {
             Some((stage, bands)) => {
                 self.fill_on_device(recorder, stage, (stores, bands), light, scale as f32, &textures)?;
             }
@@ -245,7 +288,7 @@ impl Packing {
         let [volume, occupied] = textures.map(|texture| texture.create_view(&wgpu::TextureViewDescriptor::default()));
         Ok(Packed {
             packing: self,
-            source: stores.first().map(|store| store.id),
+            source: Source::of(stores),
             reached: reached.clone(),
             volume,
             occupied,
