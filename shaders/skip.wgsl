@@ -105,7 +105,45 @@ fn skip_refined(@builtin(global_invocation_id) tile: vec3u) {
     find_runs(tile);
 }
 
-fn find_runs(tile: vec3u) {
+// The slabs of a tile that are marked by the invocations of a workgroup, a bit each: a volume has at most 2048
+// macrocells along an axis.
+var<workgroup> marked: array<atomic<u32>, 64>;
+
+// `skip` with a workgroup for each tile, whose invocations test slabs of macrocells side by side: GPUs have fewer tiles
+// than they run invocations at a time.
+@compute @workgroup_size(64)
+fn skip_together(@builtin(workgroup_id) tile: vec3u, @builtin(local_invocation_index) lane: u32) {
+    atomicStore(&marked[lane], 0u);
+    workgroupBarrier();
+    let slabs = textureDimensions(occupied).z;
+    if is_wanted(tile) {
+        var corners = corners_of(tile);
+        for (var slab = lane; slab < slabs; slab += 64u) {
+            if is_occupied(&corners, i32(slab) * MACROCELL, last_of(slab)) {
+                atomicOr(&marked[slab / 32u], 1u << (slab % 32u));
+            }
+        }
+    }
+    workgroupBarrier();
+    if lane > 0u {
+        return;
+    }
+    // No slab is marked in a tile that is not wanted.
+    var list = RunList();
+    for (var slab = 0u; slab < slabs; slab++) {
+        if (atomicLoad(&marked[slab / 32u]) & (1u << (slab % 32u))) != 0u {
+            add_slab(&list, tile, slab);
+        }
+    }
+    end_list(&list, tile);
+}
+
+// The last plane of a slab of macrocells.
+fn last_of(slab: u32) -> i32 {
+    return min(i32(slab + 1u) * MACROCELL, rays.voxels.z) - 1;
+}
+
+fn corners_of(tile: vec3u) -> Corners {
     let low = first_ray(tile);
     let high = low + 7u * rays.phases;
     let points = array<vec2u, 4>(low, high, vec2u(high.x, low.y), vec2u(low.x, high.y));
@@ -125,28 +163,50 @@ fn find_runs(tile: vec3u) {
             corners.bounded = corners.bounded && line.heading.z > 0.2 * length(line.heading);
         }
     }
-    var slot = 0u;
-    // The run so far, from plane `start` to before plane `end`; none yet if `end` is 0. A gap of one macrocell does not
-    // end a run: the slab next to a run shapes the curve in its last slab.
-    var start = 0;
-    var end = 0;
-    let planes = i32(textureDimensions(occupied).z) * MACROCELL;
-    for (var first = 0; first < planes; first += MACROCELL) {
-        let last = min(first + MACROCELL, rays.voxels.z) - 1;
-        if is_occupied(&corners, first, last) {
-            if end == 0 {
-                start = first;
-            } else if first > end + MACROCELL {
-                runs[run_index(tile, slot)] = vec2u(u32(start), u32(end));
-                slot++;
-                start = first;
-            }
-            end = last + 1;
+    return corners;
+}
+
+// The runs of a tile so far: the number of those that are listed, and the run from plane `start` to before plane `end`;
+// none yet if `end` is 0.
+struct RunList {
+    slot: u32,
+    start: i32,
+    end: i32,
+}
+
+// Adds an occupied slab of macrocells. A gap of one macrocell does not end a run: the slab next to a run shapes the curve
+// in its last slab.
+fn add_slab(list: ptr<function, RunList>, tile: vec3u, slab: u32) {
+    let first = i32(slab) * MACROCELL;
+    if (*list).end == 0 {
+        (*list).start = first;
+    } else if first > (*list).end + MACROCELL {
+        list_run(list, tile);
+        (*list).start = first;
+    }
+    (*list).end = last_of(slab) + 1;
+}
+
+fn list_run(list: ptr<function, RunList>, tile: vec3u) {
+    runs[run_index(tile, (*list).slot)] = vec2u(u32((*list).start), u32((*list).end));
+    (*list).slot++;
+}
+
+fn end_list(list: ptr<function, RunList>, tile: vec3u) {
+    if (*list).end > 0 {
+        list_run(list, tile);
+    }
+    runs[run_index(tile, (*list).slot)] = vec2u(0u);
+}
+
+fn find_runs(tile: vec3u) {
+    var corners = corners_of(tile);
+    var list = RunList();
+    let slabs = textureDimensions(occupied).z;
+    for (var slab = 0u; slab < slabs; slab++) {
+        if is_occupied(&corners, i32(slab) * MACROCELL, last_of(slab)) {
+            add_slab(&list, tile, slab);
         }
     }
-    if end > 0 {
-        runs[run_index(tile, slot)] = vec2u(u32(start), u32(end));
-        slot++;
-    }
-    runs[run_index(tile, slot)] = vec2u(0u);
+    end_list(&list, tile);
 }

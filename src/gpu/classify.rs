@@ -10,7 +10,7 @@ use super::context::Context;
 use super::layout::{Classify, ControlPoint, Splat};
 use super::pipeline::{Binding, bind, compute, flag, layout, module};
 use super::recorder::{ComputePass, Recorder};
-use super::rows::{DevicePart, ROWS, Rows, collect};
+use super::rows::{Counted, DevicePart, ROWS, Rows, collect};
 use super::scan::{Scan, WORKGROUP};
 use super::shaders;
 use super::splat::{density, packed_appearance, packed_normal, resolution_at, with_density};
@@ -259,7 +259,7 @@ impl Classifier {
         let mut stores = StoreBuilder::new(context, STRIDE, joined(context));
         let bricks = match held {
             None => input.batches(&|range| input.may_show(range), &mut |batch| job.run(&batch, &mut stores))?,
-            Some(held) => held.run(input, &mut |batch| job.run(batch, &mut stores))?,
+            Some(held) => held.run(input, |batches| job.run_all(batches, &mut stores))?,
         };
         Ok(Drawable { bricks, ..stores.finish()? })
     }
@@ -385,22 +385,15 @@ impl HeldSamples {
         Ok((result, bytes))
     }
 
-    /// Calls `take` with the batches that may show.
-    fn run(&self, input: &Input<'_>, take: &mut dyn FnMut(&BrickBatch) -> Result<()>) -> Result<Bricks> {
+    /// Calls `work` with the batches that may show.
+    fn run(&self, input: &Input<'_>, work: impl FnOnce(&[&BrickBatch]) -> Result<()>) -> Result<Bricks> {
         let ranges = input.volume.ranges()?;
-        let mut bricks = Bricks { all: ranges.len() as u32, ..Bricks::default() };
+        let shown = |ranges: &[[f64; 2]]| ranges.iter().filter(|range| input.may_show(**range)).count() as u32;
         let ((), bytes) = self.with(input, |batches| {
-            for (batch, ranges) in batches.iter().zip(ranges.chunks(BATCH)) {
-                let shown = ranges.iter().filter(|range| input.may_show(**range)).count() as u32;
-                bricks.uploaded += shown;
-                if shown > 0 {
-                    take(batch)?;
-                }
-                input.progress.check()?;
-            }
-            Ok(())
+            let shown = batches.iter().zip(ranges.chunks(BATCH)).filter(|(_, ranges)| shown(ranges) > 0);
+            work(&shown.map(|(batch, _)| batch).collect::<Vec<_>>())
         })?;
-        Ok(Bricks { bytes, ..bricks })
+        Ok(Bricks { all: ranges.len() as u32, uploaded: shown(&ranges), bytes })
     }
 }
 
@@ -444,23 +437,50 @@ struct Job<'a> {
 }
 
 impl Job<'_> {
-    /// Adds the visible voxels of a batch.
+    /// Adds the visible voxels of a batch that is on the device no longer than that takes.
     fn run(&self, batch: &BrickBatch, stores: &mut StoreBuilder<'_, DevicePart>) -> Result<()> {
-        let context = self.context;
-        let (x, y) = context.workgroups((batch.origins.len() * ROWS) as u64, WORKGROUP);
-        let record = |pass: &mut ComputePass<'_>, first: Option<u32>, Rows { places, seen, splats }: &Rows| {
-            let (bricks, first_brick) = (batch.origins.len() as u32, first.unwrap_or_default());
-            let parameters = Classify { bricks, first_brick, ..self.parameters };
-            let uniform = wgpu::BufferUsages::UNIFORM;
-            let parameters = context.upload("classify.parameters", bytemuck::bytes_of(&parameters), uniform)?;
-            let resources = [&parameters, &batch.samples, &self.points, places, splats, &batch.places, seen];
-            let group = bind(context, "classify", self.layout, &resources.map(wgpu::Buffer::as_entire_binding));
-            let pipeline = if first.is_some() { &self.emit } else { &self.count };
-            pass.dispatch(pipeline, &group, &[], [x, y, 1]);
-            Ok(())
+        let record = |pass: &mut ComputePass<'_>, first, rows: &Rows| self.record(batch, pass, first, rows);
+        let recorder = Recorder::untimed(self.context);
+        collect(recorder, self.scan, (stores, STRIDE), (&batch.origins, &batch.places), &record)?;
+        self.context.wait("classifying the volume")
+    }
+
+    /// Adds the visible voxels of batches that stay on the device: all are counted, then all are emitted.
+    fn run_all(&self, batches: &[&BrickBatch], stores: &mut StoreBuilder<'_, DevicePart>) -> Result<()> {
+        let mut recorder = Recorder::untimed(self.context);
+        let count = |batch: &&BrickBatch| {
+            let record = |pass: &mut ComputePass<'_>, first, rows: &Rows| self.record(batch, pass, first, rows);
+            Counted::record(&mut recorder, self.scan, batch.origins.len(), &record)
         };
-        let recorder = Recorder::untimed(context);
-        collect(recorder, self.scan, (stores, STRIDE), (&batch.origins, &batch.places), &record).map(|_| ())
+        let counted = batches.iter().map(count).collect::<Result<Vec<_>>>()?;
+        recorder.submit();
+        self.context.wait("classifying the volume")?;
+        for (batch, counted) in batches.iter().zip(counted) {
+            let record = |pass: &mut ComputePass<'_>, first, rows: &Rows| self.record(batch, pass, first, rows);
+            counted.emit(self.context, (stores, STRIDE), (&batch.origins, &batch.places), &record)?;
+        }
+        Ok(())
+    }
+
+    /// Records the dispatch that counts the splats of a batch, or that emits them.
+    fn record(
+        &self,
+        batch: &BrickBatch,
+        pass: &mut ComputePass<'_>,
+        first: Option<u32>,
+        Rows { places, seen, splats }: &Rows,
+    ) -> Result<()> {
+        let context = self.context;
+        let (bricks, first_brick) = (batch.origins.len() as u32, first.unwrap_or_default());
+        let parameters = Classify { bricks, first_brick, ..self.parameters };
+        let uniform = wgpu::BufferUsages::UNIFORM;
+        let parameters = context.upload("classify.parameters", bytemuck::bytes_of(&parameters), uniform)?;
+        let resources = [&parameters, &batch.samples, &self.points, places, splats, &batch.places, seen];
+        let group = bind(context, "classify", self.layout, &resources.map(wgpu::Buffer::as_entire_binding));
+        let pipeline = if first.is_some() { &self.emit } else { &self.count };
+        let (x, y) = context.workgroups((batch.origins.len() * ROWS) as u64, WORKGROUP);
+        pass.dispatch(pipeline, &group, &[], [x, y, 1]);
+        Ok(())
     }
 }
 

@@ -198,7 +198,7 @@ pub(crate) fn flag(value: bool) -> f64 {
     f64::from(u8::from(value))
 }
 
-/// Override constants. No stage uses workgroup memory, so there is none to clear.
+/// Override constants. Stages clear the memory of workgroups themselves.
 fn specialised<'a>(constants: &'a [(&'a str, f64)]) -> wgpu::PipelineCompilationOptions<'a> {
     wgpu::PipelineCompilationOptions { constants, zero_initialize_workgroup_memory: false }
 }

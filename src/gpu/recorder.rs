@@ -213,6 +213,17 @@ impl Readback {
         Ok(bytes)
     }
 
+    /// The bytes as values of a type, if the host has waited for the commands that write them.
+    pub(crate) fn done_values<T: bytemuck::AnyBitPattern + bytemuck::NoUninit>(
+        &self,
+        context: &Context,
+        doing: &str,
+    ) -> Result<Vec<T>> {
+        let mut bytes = context.read_done(doing, &self.staging)?;
+        bytes.truncate(self.bytes as usize);
+        Ok(bytemuck::pod_collect_to_vec(&bytes))
+    }
+
     /// The bytes as values of a type.
     pub(crate) fn values<T: bytemuck::AnyBitPattern + bytemuck::NoUninit>(
         &self,

@@ -2,7 +2,7 @@
 //! places, and the splats at these places.
 
 use super::context::Context;
-use super::recorder::{ComputePass, Recorder};
+use super::recorder::{ComputePass, Readback, Recorder};
 use super::scan::Scan;
 use super::store::{BrickSplats, Part, Splats, StoreBuilder};
 use crate::error::Result;
@@ -46,50 +46,81 @@ pub(super) struct DevicePart {
 /// Bricks by the lattice points of their first places, on the host and on the device.
 pub(super) type Origins<'a> = (&'a [[u32; 4]], &'a wgpu::Buffer);
 
-/// Adds the splats of bricks, of `stride` bytes each, after what the recorder holds; `None` if there are none.
+/// Rows whose splats are counted.
+pub(super) struct Counted {
+    rows: Rows,
+    places: Readback,
+    seen: Readback,
+}
+
+const STAGE: &str = "classifying the volume";
+const USAGE: wgpu::BufferUsages = wgpu::BufferUsages::STORAGE.union(wgpu::BufferUsages::COPY_SRC);
+
+impl Counted {
+    /// Records the count of the splats of so many bricks.
+    pub(super) fn record(recorder: &mut Recorder<'_>, scan: &Scan, bricks: usize, record: &Record<'_>) -> Result<Self> {
+        let context = recorder.context;
+        let count = (bricks * ROWS) as u64;
+        let (places_bytes, seen_bytes) = ((count + 1) * 4, count * 4);
+        let rows = Rows {
+            places: context.buffer("classify.places", places_bytes, USAGE)?,
+            seen: context.buffer("classify.seen", seen_bytes, USAGE)?,
+            splats: context.buffer("classify.no_splats", 16, USAGE)?,
+        };
+        {
+            let mut pass = recorder.compute_pass("classify");
+            record(&mut pass, None, &rows)?;
+            scan.record(context, &mut pass, &rows.places, count + 1)?;
+        }
+        let places = recorder.read_back("classify.places_staging", &rows.places, places_bytes)?;
+        let seen = recorder.read_back("classify.seen_staging", &rows.seen, seen_bytes)?;
+        Ok(Self { rows, places, seen })
+    }
+
+    /// Emits the splats, of `stride` bytes each, and adds them; `None` if there are none. The host has waited for the
+    /// counts.
+    pub(super) fn emit(
+        self,
+        context: &Context,
+        (stores, stride): (&mut StoreBuilder<'_, DevicePart>, u64),
+        (origins, on_device): Origins<'_>,
+        record: &Record<'_>,
+    ) -> Result<Option<Collected>> {
+        let Self { mut rows, places, seen } = self;
+        let places: Vec<u32> = places.done_values(context, STAGE)?;
+        let seen: Vec<u32> = seen.done_values(context, STAGE)?;
+        let visible = places.last().copied().unwrap_or_default();
+        if visible == 0 {
+            return Ok(None);
+        }
+        let (first_brick, first_splat) = stores.make_room(visible, origins.len())?;
+        rows.splats = context.buffer("classify.splats", u64::from(visible) * stride, USAGE)?;
+        let mut recorder = Recorder::untimed(context);
+        record(&mut recorder.compute_pass("classify"), Some(first_brick), &rows)?;
+        recorder.submit();
+        let bricks = origins.iter().zip(places.iter().step_by(ROWS).zip(seen.chunks_exact(ROWS)));
+        let bricks = bricks.map(|(&[x, y, z, _], (place, seen))| {
+            BrickSplats::new([x, y, z], first_splat + place, seen.iter().copied())
+        });
+        let splats = rows.splats.clone();
+        stores.add(DevicePart { splats, count: visible, origins: on_device.clone() }, visible, bricks);
+        Ok(Some(Collected { rows, store: stores.closed(), first_brick, first_splat }))
+    }
+}
+
+/// Counts, emits and adds the splats of bricks after what the recorder holds; `None` if there are none.
 pub(super) fn collect(
     mut recorder: Recorder<'_>,
     scan: &Scan,
-    (stores, stride): (&mut StoreBuilder<'_, DevicePart>, u64),
-    (origins, on_device): Origins<'_>,
+    stores: (&mut StoreBuilder<'_, DevicePart>, u64),
+    origins: Origins<'_>,
     record: &Record<'_>,
 ) -> Result<Option<Collected>> {
-    const STAGE: &str = "classifying the volume";
     let context = recorder.context;
-    let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
-    let count = (origins.len() * ROWS) as u64;
-    let (places_bytes, seen_bytes) = ((count + 1) * 4, count * 4);
-    let mut rows = Rows {
-        places: context.buffer("classify.places", places_bytes, usage)?,
-        seen: context.buffer("classify.seen", seen_bytes, usage)?,
-        splats: context.buffer("classify.no_splats", 16, usage)?,
-    };
-    {
-        let mut pass = recorder.compute_pass("classify");
-        record(&mut pass, None, &rows)?;
-        scan.record(context, &mut pass, &rows.places, count + 1)?;
-    }
-    let places = recorder.read_back("classify.places_staging", &rows.places, places_bytes)?;
-    let seen = recorder.read_back("classify.seen_staging", &rows.seen, seen_bytes)?;
+    let counted = Counted::record(&mut recorder, scan, origins.0.len(), record)?;
     recorder.submit();
-    let places: Vec<u32> = places.values(context, STAGE)?;
-    let seen: Vec<u32> = seen.values(context, STAGE)?;
-    let visible = places[count as usize];
-    if visible == 0 {
-        return Ok(None);
-    }
-    let (first_brick, first_splat) = stores.make_room(visible, origins.len())?;
-    rows.splats = context.buffer("classify.splats", u64::from(visible) * stride, usage)?;
-    record(&mut recorder.compute_pass("classify"), Some(first_brick), &rows)?;
-    recorder.submit();
-    // Waiting here keeps the inputs of one batch on the device, not of all.
     context.wait(STAGE)?;
-    let bricks = origins.iter().zip(places.iter().step_by(ROWS).zip(seen.chunks_exact(ROWS)));
-    let bricks = bricks
-        .map(|(&[x, y, z, _], (place, seen))| BrickSplats::new([x, y, z], first_splat + place, seen.iter().copied()));
-    let splats = rows.splats.clone();
-    stores.add(DevicePart { splats, count: visible, origins: on_device.clone() }, visible, bricks);
-    Ok(Some(Collected { rows, store: stores.closed(), first_brick, first_splat }))
+    counted.emit(context, stores, origins, record)
 }
 
 impl Part for DevicePart {

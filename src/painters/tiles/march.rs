@@ -35,7 +35,13 @@ pub(super) struct Targets<'a> {
 
 /// The stage that finds runs.
 pub(super) fn skip(context: &Context, constants: &[Constant]) -> Stage {
-    Stage::new(context, shaders::SKIP, ("skip", "skip"), &SKIP[..3], constants)
+    let entry = if skips_together(context) { "skip_together" } else { "skip" };
+    Stage::new(context, shaders::SKIP, ("skip", entry), &SKIP[..3], constants)
+}
+
+/// Whether a workgroup finds the runs of one tile, rather than an invocation.
+fn skips_together(context: &Context) -> bool {
+    !context.is_software()
 }
 
 /// The stage that marches the rays of a picture.
@@ -108,7 +114,10 @@ pub(super) fn find_runs(
     let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
     let runs = recorder.context.buffer("skip.runs", 8 * count, usage)?;
     let resources = [rays.as_entire_binding(), texture_view(&packed.occupied), runs.as_entire_binding()];
-    let workgroups = [across.div_ceil(TILE), down.div_ceil(TILE), tiles[2]];
+    // An invocation for each tile, if pixels are refined.
+    let together = skips_together(recorder.context) && others.is_empty();
+    let [across, down] = if together { [across, down] } else { [across, down].map(|tiles| tiles.div_ceil(TILE)) };
+    let workgroups = [across, down, tiles[2]];
     skip.run(recorder, &[&resources, others].concat(), workgroups);
     Ok(runs)
 }

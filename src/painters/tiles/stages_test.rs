@@ -568,9 +568,13 @@ fn line(uniforms: &layout::Rays, perspective: bool, [x, y]: [u32; 2]) -> Option<
     Some(move |plane: f64| base + shear * (plane + first.z) - first.truncate())
 }
 
+/// Runs that invocations find, and runs that workgroups find.
 #[test]
 fn rays_meet_no_voxel_between_runs() {
-    let context = context();
+    [context(), context().with_device_stages()].iter().for_each(assert_runs_hold_voxels);
+}
+
+fn assert_runs_hold_voxels(context: &Context) {
     let grid = Grid::axis_parallel(DIMS, [1.0; 3]).unwrap();
     let kernel = Kernel::default();
     let footprint = Footprint::new(&kernel).unwrap();
@@ -593,9 +597,9 @@ fn rays_meet_no_voxel_between_runs() {
         for axis in &PrincipalAxis::all(&view.camera, &view.grid) {
             let sections = Sections::new(&kernel, &view.camera, axis, SlabKind::Colors, 1.0);
             let packed =
-                packed(&context, store(&context, words_of), axis.axes, Voxel::Color { lights: 0, shadows: false }, 3.0);
+                packed(context, store(context, words_of), axis.axes, Voxel::Color { lights: 0, shadows: false }, 3.0);
             let job = Job {
-                context: &context,
+                context,
                 pipelines: &Cache::default(),
                 kept: &Cache::default(),
                 view: &view,
@@ -614,7 +618,7 @@ fn rays_meet_no_voxel_between_runs() {
                 let voxels: Vec<[u32; 3]> =
                     places(packed.packing).filter(|(_, p)| shown.contains(p)).map(|(at, _)| at).collect();
                 let last = packed.packing.dims[2] - 1;
-                let runs = runs(&context, &packed, &uniforms, perspective);
+                let runs = runs(context, &packed, &uniforms, perspective);
                 let [across, down] = uniforms.tiles;
                 for (number, runs) in (0..).zip(&runs) {
                     planes_of_tiles += u64::from(last + 1);
