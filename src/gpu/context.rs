@@ -1,7 +1,7 @@
 //! The device: chosen, opened, and watched for errors.
 
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 
 use super::savings::Savings;
 use crate::error::{Error, Result};
@@ -25,16 +25,18 @@ impl From<&wgpu::AdapterInfo> for AdapterInfo {
     }
 }
 
-fn instance() -> wgpu::Instance {
+/// One instance for the whole program: without any the drivers are unloaded, and NVIDIA's loads no more than some 30
+/// times (580.159: "cannot allocate memory in static TLS block").
+static INSTANCE: LazyLock<wgpu::Instance> = LazyLock::new(|| {
     wgpu::Instance::new(wgpu::InstanceDescriptor {
         backends: wgpu::Backends::VULKAN | wgpu::Backends::METAL | wgpu::Backends::DX12,
         flags: wgpu::InstanceFlags::empty().with_env(),
         ..wgpu::InstanceDescriptor::new_without_display_handle()
     })
-}
+});
 
 async fn enumerate() -> Vec<(AdapterInfo, wgpu::Adapter)> {
-    let adapters = instance().enumerate_adapters(wgpu::Backends::all()).await;
+    let adapters = INSTANCE.enumerate_adapters(wgpu::Backends::all()).await;
     let mut found: Vec<_> = adapters.into_iter().map(|a| (AdapterInfo::from(&a.get_info()), a)).collect();
     // Of equals, the order of the driver.
     found.sort_by_key(|(info, _)| info.kind);

@@ -130,7 +130,7 @@ pub(super) struct PackedAxis {
     pub(super) axis: PrincipalAxis,
     packing: Packing,
     reached: Reached,
-    sections: Sections,
+    sections: Arc<Sections>,
 }
 
 impl<'a> Picture<'a> {
@@ -195,7 +195,7 @@ impl<'a> Picture<'a> {
         };
         let axes = axes.into_iter().zip(packings).filter(|(_, (packing, _))| !packing.is_empty());
         let axes = axes.map(|(axis, (packing, reached))| {
-            let sections = Sections::new(&kernel, &view.camera, &axis, kind, view.depth_growth().1);
+            let sections = Sections::kept(job.pipelines, (&kernel, kind), &view.camera, &axis, view.depth_growth().1);
             PackedAxis { axis, packing, reached, sections }
         });
         let (axes, lighting) = (axes.collect(), job.lighting());

@@ -1,10 +1,13 @@
 //! Kernels as rays evaluate them: the footprint as a polynomial, and its parts in the slabs around a kernel as linear
 //! or quadratic functions.
 
+use std::sync::Arc;
+
 use glam::{DMat3, DVec3};
 
 use super::axis::PrincipalAxis;
 use crate::camera::{Camera, Projection};
+use crate::gpu::cache::Cache;
 use crate::gpu::layout;
 use crate::kernel::{Kernel, footprint_polynomial, section};
 
@@ -38,7 +41,7 @@ impl Footprint {
 }
 
 /// The contents of slabs, which decide how thick they are and how parts are fitted.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(super) enum SlabKind {
     /// Colours, in slabs a plane thick: x + y s.
     Colors,
@@ -76,6 +79,25 @@ type NearAndFar = [layout::Section; 2];
 pub(super) struct Sections(pub(super) [[[layout::Section; layout::SECTIONS]; layout::SECTION_POWERS]; 2]);
 
 impl Sections {
+    /// The parts for the rays along an axis. Through one eye they depend on the kernel and its growth alone, take 2 ms
+    /// to fit, and are kept for growths up to the next eighth of an octave.
+    pub(super) fn kept(
+        made: &Cache,
+        (kernel, kind): (&Kernel, SlabKind),
+        camera: &Camera,
+        axis: &PrincipalAxis,
+        most: f64,
+    ) -> Arc<Self> {
+        const STEPS: f64 = 8.0;
+        let most = if most > 1.0 { ((most.log2() * STEPS).ceil() / STEPS).exp2() } else { 1.0 };
+        let make = || Self::new(kernel, camera, axis, kind, most);
+        if let Projection::Orthographic { .. } = camera.projection {
+            return Arc::new(make());
+        }
+        let key = (format!("{kernel:?}"), kind, most.to_bits());
+        made.get_or_make(key, || Ok(make())).unwrap_or_else(|_| Arc::new(make()))
+    }
+
     /// `most` is the largest growth of rays through one eye.
     pub(super) fn new(kernel: &Kernel, camera: &Camera, axis: &PrincipalAxis, kind: SlabKind, most: f64) -> Self {
         const NONE: layout::Section = [[0.0; 4]; 3];
