@@ -216,15 +216,16 @@ fn cumulative(c: Chord, k: f32) -> f32 {
 
 // The footprint behind the first sheet plane of the frame.
 fn whole(c: Chord) -> f32 {
-    return cumulative_to(c, c.high) - cumulative(c, 0.0);
+    return max(cumulative_to(c, c.high) - cumulative(c, 0.0), 0.0);
 }
 
-// The section of sheet `k`.
+// The section of sheet `k`. Never below 0: two integrals to the same place may differ by rounding, if the compiler
+// contracts one of them otherwise, and a scalar on the other side of the base would be visible.
 fn section(c: Chord, k: u32) -> f32 {
     if AXIS {
         return select(0.0, whole(c), c.sheet == k);
     }
-    return cumulative(c, f32(k) + 1.0) - cumulative(c, f32(k));
+    return max(cumulative(c, f32(k) + 1.0) - cumulative(c, f32(k)), 0.0);
 }
 
 // The sections of four consecutive sheets, from the five planes around them.
@@ -234,7 +235,7 @@ fn sections(c: Chord, first: u32) -> vec4f {
     }
     let k = f32(first);
     let g = vec4f(cumulative(c, k), cumulative(c, k + 1.0), cumulative(c, k + 2.0), cumulative(c, k + 3.0));
-    return vec4f(g.yzw, cumulative(c, k + 4.0)) - g;
+    return max(vec4f(g.yzw, cumulative(c, k + 4.0)) - g, vec4f(0.0));
 }
 
 struct Sheets1 {
