@@ -19,8 +19,8 @@
 //! device is done, dispatches and draws, submissions, waits of the host, bytes sent to the device, bytes of memory of
 //! the device after the event, and voxels or cells drawn. `--times` draws N further turns, and the time of `next` is
 //! their median; all other times are of one event. `--json` prints an object a line with `scene`, `picture`, `event`,
-//! `milliseconds`, `dispatches`, `submissions`, `waits`, `uploaded`, `resident` and `visible`. `--write` keeps the table
-//! in docs/measurements.
+//! `milliseconds`, `dispatches`, `submissions`, `waits`, `uploaded`, `resident` and `visible`. `--write` keeps the
+//! table in docs/measurements.
 
 #![allow(clippy::print_stdout, reason = "printing its table is what this program is for")]
 

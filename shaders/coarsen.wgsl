@@ -1,5 +1,5 @@
-// coarsen: weighted sums along an axis, from voxels to cells. Each invocation makes a sum; sums along one axis after the
-// other are cells.
+// coarsen: weighted sums along an axis, from voxels to cells. Each invocation makes a sum; sums along one axis after
+// the other are cells.
 // uses: common/dispatch
 
 struct Coarsen {

@@ -174,8 +174,8 @@ struct RunList {
     end: i32,
 }
 
-// Adds an occupied slab of macrocells. A gap of one macrocell does not end a run: the slab next to a run shapes the curve
-// in its last slab.
+// Adds an occupied slab of macrocells. A gap of one macrocell does not end a run: the slab next to a run shapes the
+// curve in its last slab.
 fn add_slab(list: ptr<function, RunList>, tile: vec3u, slab: u32) {
     let first = i32(slab) * MACROCELL;
     if (*list).end == 0 {

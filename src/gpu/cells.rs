@@ -1,6 +1,6 @@
 //! cells: the samples of a volume, or its splats in shadows, to lit cells of a level, on the device:
-//! shaders/lit_voxels.wgsl or lit_splats.wgsl, coarsen.wgsl and cells.wgsl. Boxes of cells are made one after the other: the planes of their voxels a few at a time,
-//! summed along x and y, then the sums along z.
+//! shaders/lit_voxels.wgsl or lit_splats.wgsl, coarsen.wgsl and cells.wgsl. Boxes of cells are made one after the
+//! other: the planes of their voxels a few at a time, summed along x and y, then the sums along z.
 
 use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -168,8 +168,8 @@ struct KeptBox {
 /// The boxes of all cells that were made together.
 struct KeptBoxes(Vec<KeptBox>);
 
-/// The cells of a level under a light; `None`: unlit. `before` are the cells of the same voxels under another light, whose
-/// memory is used again.
+/// The cells of a level under a light; `None`: unlit. `before` are the cells of the same voxels under another light,
+/// whose memory is used again.
 pub(crate) fn run(
     context: &Context,
     pipelines: &Cache,

@@ -602,8 +602,8 @@ impl HostClassifier<'_> {
     }
 }
 
-/// `world_gradient` in shaders/common/classified.wgsl, of the slopes along the axes of the lattice: a vector and its factor; 0
-/// if the slopes are under their resolution.
+/// `world_gradient` in shaders/common/classified.wgsl, of the slopes along the axes of the lattice: a vector and its
+/// factor; 0 if the slopes are under their resolution.
 pub(crate) fn gradient_of([x, y, z]: &[[f32; 3]; 3], slopes: [f32; 3], resolution: f32) -> ([f32; 3], f32) {
     let largest = slopes.iter().fold(0.0_f32, |largest, slope| largest.max(slope.abs()));
     if largest <= 0.0 || largest < resolution {

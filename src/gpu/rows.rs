@@ -21,8 +21,8 @@ pub(super) struct Rows {
     pub(super) splats: wgpu::Buffer,
 }
 
-/// Records the dispatch that counts the splats of rows, or that emits them, given the number of their first brick in its
-/// store.
+/// Records the dispatch that counts the splats of rows, or that emits them, given the number of their first brick in
+/// its store.
 pub(super) type Record<'a> = dyn Fn(&mut ComputePass<'_>, Option<u32>, &Rows) -> Result<()> + 'a;
 
 /// The rows of bricks with splats, in a store.

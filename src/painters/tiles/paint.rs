@@ -50,8 +50,8 @@ const MAX_SCALAR: f64 = 4096.0;
 /// by half (a maximum of gaussian:0.25,0.5 by 0.26, rms).
 const MIN_SCALAR_RADIUS: f64 = 1.0;
 
-/// The bytes up to which a GPU keeps packed volumes of axes that a picture does not need: a turning volume comes back to
-/// them, and a gigabyte takes 60 ms to allocate (measured; docs/measurements/2026-11-25-gpu.md).
+/// The bytes up to which a GPU keeps packed volumes of axes that a picture does not need: a turning volume comes back
+/// to them, and a gigabyte takes 60 ms to allocate (measured; docs/measurements/2026-11-25-gpu.md).
 const KEPT_BYTES: u64 = 3 << 30;
 
 /// The rounding of radii at a limit.

@@ -359,8 +359,7 @@ fn auto_takes_tiles_where_they_serve_and_says_why_not() {
     let near = camera(30.0, 20.0, 1.0, &volume, 64);
     let stats = |settings: &Settings, camera| draw_on(&RENDERER, &scene, camera, settings).map(|r| r.stats);
     let software = RENDERER.adapter().is_software();
-    let expected = if software { "tiles" } else { "quads" };
-    assert_eq!(stats(&auto, &near).unwrap().painter.name(), expected);
+    assert_eq!(stats(&auto, &near).unwrap().painter.name(), "tiles");
     let inside = from_eye([0.0, 0.0, 60.0], Some(5.0), &volume, 64);
     let far = camera(30.0, 20.0, 0.2, &volume, 64);
     let cases = [
@@ -381,13 +380,14 @@ fn auto_takes_tiles_where_they_serve_and_says_why_not() {
     let one = Volume::new(Grid::axis_parallel([3; 3], [1.0; 3]).unwrap(), Samples::F32(vec![1.0; 27])).unwrap();
     let xray = Settings { model: Model::Xray, ..auto.clone() };
     let got = picture(&one, &transfer, &camera(0.0, 0.0, 1.0, &one, 64), &xray).stats;
-    assert_eq!(got.painter.name(), "quads");
+    // Rays are faster on GPUs here too.
+    assert_eq!(got.painter.name(), if software { "quads" } else { "tiles" });
     assert!(!software || got.painter_reason.contains("few voxels"), "{}", got.painter_reason);
     let quads = stats(&with_quads(&auto, |_| ()), &near).unwrap();
     assert_eq!((quads.painter.name(), quads.painter_reason.as_str()), ("quads", "requested"));
     let post = Settings { shading: Shading::Post, ..auto };
     let scene = prepare(&volume, &transfer, &post);
-    assert_eq!(draw(&scene, &near, &post).stats.painter.name(), expected);
+    assert_eq!(draw(&scene, &near, &post).stats.painter.name(), "tiles");
 }
 
 #[test]
