@@ -22,8 +22,14 @@ pub(crate) static RENDERER: LazyLock<Renderer> = LazyLock::new(new_renderer);
 
 /// A separate device, for tests that count its objects.
 pub(crate) fn new_renderer() -> Renderer {
-    Renderer::new(&RendererOptions { adapter: Some(adapter()), ..RendererOptions::default() })
-        .unwrap_or_else(|e| panic!("{e}; VOXSPLAT_TEST_ADAPTER can name another adapter"))
+    let renderer = Renderer::new(&RendererOptions { adapter: Some(adapter()), ..RendererOptions::default() })
+        .unwrap_or_else(|e| panic!("{e}; VOXSPLAT_TEST_ADAPTER can name another adapter"));
+    if runs_on_host(&renderer) { renderer } else { renderer.with_device_stages() }
+}
+
+/// Whether stages that are faster on the host run there: on software, unless VOXSPLAT_TEST_DEVICE_STAGES is set.
+pub(crate) fn runs_on_host(renderer: &Renderer) -> bool {
+    renderer.adapter().is_software() && std::env::var_os("VOXSPLAT_TEST_DEVICE_STAGES").is_none()
 }
 
 pub(crate) fn demo(name: &str, size: u32) -> (Volume, TransferFunction) {

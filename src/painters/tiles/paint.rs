@@ -50,9 +50,10 @@ const MAX_SCALAR: f64 = 4096.0;
 /// by half (a maximum of gaussian:0.25,0.5 by 0.26, rms).
 const MIN_SCALAR_RADIUS: f64 = 1.0;
 
-/// The bytes up to which a GPU keeps packed volumes of axes that a picture does not need: a turning volume comes back
-/// to them, and a gigabyte takes 60 ms to allocate (measured; docs/measurements/2026-11-25-gpu.md).
-const KEPT_BYTES: u64 = 3 << 30;
+/// The bytes up to which a GPU packs all bricks for a picture, and keeps packed volumes of axes that the picture does
+/// not need: a turning volume comes back to them, and a gigabyte takes 60 ms to allocate
+/// (docs/measurements/2026-11-25-gpu.md).
+const KEPT_BYTES: u64 = 4 << 30;
 
 /// The rounding of radii at a limit.
 const ROUNDING: f64 = 1.0 + 1e-6;
@@ -162,30 +163,31 @@ impl<'a> Picture<'a> {
             axes = axes.get(held.family).copied().into_iter().collect();
         }
         let whole = job.base_shows();
-        let packings = axes.iter().map(|axis| {
+        let pack = |axis: &PrincipalAxis, seen: &dyn Fn([[u32; 3]; 2]) -> bool| {
+            Packing::new(context, stores, dims, whole, seen, axis.axes, voxel)
+        };
+        let of_reached = |axis: &PrincipalAxis| {
             // A ray meets kernels a radius away, grown ones too; one voxel more for rounding.
             let pyramid = axis.pyramid(&view.camera, &view.grid, origin);
             let reaches = |bounds| {
                 view.layer_holds(bounds, job.padding)
                     && pyramid.as_ref().is_none_or(|rays| rays.reaches(bounds, view.max_radius() + 1.0))
             };
-            let pack = |seen: &dyn Fn([[u32; 3]; 2]) -> bool| {
-                Packing::new(context, stores, dims, whole, seen, axis.axes, voxel)
-            };
-            // On a GPU the splats of all bricks, if they fit: they serve every eye and every clip, and to pack anew is
-            // to allocate and copy gigabytes. On software, which packs slowly, those that may show and that rays reach.
-            if !context.is_software()
-                && let Some(packing) = pack(&|_| true)
-            {
-                return Some((packing, None));
-            }
-            let packing = pack(&|bounds| view.may_show(bounds, job.padding) && reaches(bounds))?;
+            let packing = pack(axis, &|bounds| view.may_show(bounds, job.padding) && reaches(bounds))?;
             // Clipping is no reason to leave out bricks: what is packed then serves while a plane moves.
             let of_store = |store: &Store| store.bricks.iter().map(|brick| reaches(brick.bounds)).collect();
             let limits = !whole && (pyramid.is_some() || view.fade.is_some());
             Some((packing, limits.then(|| Arc::new(stores.iter().map(of_store).collect()))))
-        });
-        let packings: Option<Vec<(Packing, Reached)>> = packings.collect();
+        };
+        // On a GPU the splats of all bricks, if there is room: they serve every eye and every clip, and to pack anew is
+        // to allocate gigabytes. On software, which packs slowly, those that may show and that rays reach.
+        let of_all = || -> Option<Vec<(Packing, Reached)>> {
+            axes.iter().map(|axis| Some((pack(axis, &|_| true)?, None))).collect()
+        };
+        let has_room =
+            |all: &Vec<(Packing, Reached)>| all.iter().map(|(packing, _)| packing.bytes()).sum::<u64>() <= KEPT_BYTES;
+        let all = if context.is_software() { None } else { of_all().filter(has_room) };
+        let packings = all.or_else(|| axes.iter().map(of_reached).collect());
         let packings = packings.ok_or("tiles packs the volume into a texture, and this volume does not fit")?;
         let dense = max_depth(&job) > DENSE;
         let kind = match post {
@@ -372,6 +374,11 @@ impl<'a> Picture<'a> {
                     )?)
                 }
             });
+        }
+        // Another thread may draw from these volumes as soon as it sees them: its commands must come after those that
+        // pack them.
+        if !packed.iter().all(|packed| reusable.iter().any(|held| Arc::ptr_eq(held, packed))) {
+            recorder.submit();
         }
         held.clone_from(&packed);
         held.extend(others);

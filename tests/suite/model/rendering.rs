@@ -154,6 +154,7 @@ fn the_same_scene_gives_the_same_bytes() {
 
 #[test]
 fn threads_share_a_renderer_and_a_scene() {
+    const ROUNDS: usize = 60;
     let (volume, transfer) = demo("vessels", 24);
     let post = Settings { shading: Shading::Post, ..Settings::default() };
     let quads = [Settings::default(), post].map(|settings| with_quads(&settings, |_| ()));
@@ -166,9 +167,11 @@ fn threads_share_a_renderer_and_a_scene() {
     std::thread::scope(|scope| {
         for first in 0..4 {
             let (jobs, alone) = (&jobs, &alone);
-            // Each starts with another picture.
+            // Each starts with another picture. Rays take turns at volumes that are packed along two axes.
+            let rays = (0..ROUNDS).flat_map(|round| [4 + (first + round) % 2, 6 + (first + round) % 2]);
+            let numbers: Vec<usize> = (first * 2..jobs.len()).chain(0..first * 2).chain(rays).collect();
             scope.spawn(move || {
-                for number in (first * 2..jobs.len()).chain(0..first * 2) {
+                for number in numbers {
                     let (settings, scene, camera) = &jobs[number];
                     assert!(draw(scene, camera, settings).image == alone[number], "picture {number}");
                 }

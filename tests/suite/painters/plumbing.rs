@@ -65,7 +65,8 @@ fn frames_into_a_texture_wait_for_nothing_and_send_parameters_only() {
             let what = format!("{event}, {projection:?}: {settings:?}");
             assert!(stats.tiles().is_some(), "{what}");
             assert_eq!(stats.waits, 0, "{what}");
-            assert!(stats.submissions <= 2, "{} submissions: {what}", stats.submissions);
+            // One clears the target, one packs the volume, one draws.
+            assert!(stats.submissions <= 3, "{} submissions: {what}", stats.submissions);
             assert!(stats.dispatches < 30, "{} dispatches: {what}", stats.dispatches);
             assert!(stats.bytes_sent < 40_000, "{} bytes: {what}", stats.bytes_sent);
         }

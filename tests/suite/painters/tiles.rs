@@ -10,7 +10,8 @@ use voxsplat::volume::{Grid, Samples, Volume};
 
 use crate::support::{
     RENDERER, by_tiles, demo, draw, draw_on, errors, exact_quads, full, headlight, look, new_renderer, picture,
-    prepare, prepare_on, rms_covered, rms_in_steps, rms_of_all, transfer, two_lights, with_quads, with_tiles,
+    prepare, prepare_on, rms_covered, rms_in_steps, rms_of_all, runs_on_host, transfer, two_lights, with_quads,
+    with_tiles,
 };
 use crate::truth::truth;
 
@@ -358,7 +359,7 @@ fn auto_takes_tiles_where_they_serve_and_says_why_not() {
     let scene = prepare(&volume, &transfer, &auto);
     let near = camera(30.0, 20.0, 1.0, &volume, 64);
     let stats = |settings: &Settings, camera| draw_on(&RENDERER, &scene, camera, settings).map(|r| r.stats);
-    let software = RENDERER.adapter().is_software();
+    let software = runs_on_host(&RENDERER);
     assert_eq!(stats(&auto, &near).unwrap().painter.name(), "tiles");
     let inside = from_eye([0.0, 0.0, 60.0], Some(5.0), &volume, 64);
     let far = camera(30.0, 20.0, 0.2, &volume, 64);
@@ -402,7 +403,7 @@ fn turning_packs_the_volume_once_an_axis() {
         let stats = draw_on(&renderer, &scene, &camera, &settings).unwrap().stats;
         let packs = stats.stages.iter().any(|s| s.name == "pack");
         // Software adapters pack dense volumes on the host, which sends the packed texture.
-        let sent = if other_axis && renderer.adapter().is_software() { stats.tiles().unwrap().packed_bytes } else { 0 };
+        let sent = if other_axis && runs_on_host(&renderer) { stats.tiles().unwrap().packed_bytes } else { 0 };
         // Marches also send uniforms, mostly tables of sections: rays of images, and of pixels. The first picture may
         // send the splats.
         let most = sent + 12_000 + if other_axis { stats.scene_bytes } else { 0 };
