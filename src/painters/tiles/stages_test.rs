@@ -366,15 +366,18 @@ fn packing_on_the_host_matches_the_device() {
             let stage = on_device.then(|| pack::stage(context, &constants(voxel, perspective, points), voxel));
             let packed = packed_by(context, (stage.as_ref(), perspective, points), stored, axes, voxel, 30.0, seen);
             assert_occupied(context, &packed);
-            read_volume(context, &packed.volume)
+            let read = read_volume(context, &packed.volume);
+            let voxels: Vec<_> = places(packed.packing).map(|(at, _)| voxel_words(&packed, &read, at)).collect();
+            (read, voxels)
         };
-        let device = run(&apart, true);
+        let (_, stored) = run(&apart, true);
         if pack::is_apart(&context) {
             // The host packs for software only.
             continue;
         }
-        assert_eq!(run(&context, true), device, "{axes:?} {voxel:?}");
-        let host = run(&context, false);
+        let (device, voxels) = run(&context, true);
+        assert_eq!(voxels, stored, "{axes:?} {voxel:?}");
+        let (host, _) = run(&context, false);
         if !matches!(voxel, Voxel::Color { lights: 1.., .. }) {
             assert_eq!(host, device, "{axes:?} {voxel:?}");
             continue;
@@ -387,6 +390,19 @@ fn packing_on_the_host_matches_the_device() {
             let step = device[3] / 1024.0;
             assert!(host.iter().zip(device).all(|(h, d)| (h - d).abs() <= step), "{voxel:?}: {host:?} {device:?}");
             assert_eq!(host[3], device[3]);
+        }
+    }
+}
+
+/// Textures of most GPUs have 16384 texels a side at most.
+#[test]
+fn a_scan_of_512_fits_into_the_textures_of_most_gpus() {
+    for mut context in [context(), context().with_device_stages()] {
+        context.limits.max_texture_dimension_2d = 16_384;
+        for voxel in [Voxel::Color { lights: 0, shadows: false }, Voxel::Scalar, Voxel::Gradient] {
+            let packing = |dims| Packing::new(&context, &[], dims, true, |_| true, [0, 1, 2], voxel);
+            assert!(packing([512; 3]).is_some() && packing([1024, 512, 200]).is_some(), "{voxel:?}");
+            assert!(packing([70_000, 2, 2]).is_none(), "{voxel:?}");
         }
     }
 }

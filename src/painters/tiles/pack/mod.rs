@@ -125,7 +125,8 @@ impl Packing {
         let rows = u64::from(b) + 1;
         // As many planes side by side as make the texture about square.
         let column = u64::from(row_texels + MARGIN);
-        let columns = ((f64::from(m) * rows as f64 / column as f64).sqrt().ceil() as u64).clamp(1, u64::from(m.max(1)));
+        let across = if apart { 2 * column } else { column };
+        let columns = ((f64::from(m) * rows as f64 / across as f64).sqrt().ceil() as u64).clamp(1, u64::from(m.max(1)));
         // A row of a buffer that is copied to a texture begins at a multiple of this; texels have at least 8 bytes.
         let align = u64::from(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT) / 8;
         let width = (columns * column + u64::from(MARGIN)).next_multiple_of(align);
