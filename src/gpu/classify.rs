@@ -393,7 +393,7 @@ impl HeldSamples {
             let shown = batches.iter().zip(ranges.chunks(BATCH)).filter(|(_, ranges)| shown(ranges) > 0);
             work(&shown.map(|(batch, _)| batch).collect::<Vec<_>>())
         })?;
-        Ok(Bricks { all: ranges.len() as u32, uploaded: shown(&ranges), bytes })
+        Ok(Bricks { all: ranges.len() as u32, uploaded: shown(ranges), bytes })
     }
 }
 
