@@ -11,12 +11,13 @@ use super::cache::Cache;
 use super::classify::{BATCH, BrickBatch, HeldSamples, Input, InputKey, STRIDE, joined};
 use super::context::Context;
 use super::layout::{CellBox, Coarsen, Lighting, VoxelBox};
-use super::pipeline::{Binding, bind, compute, flag, layout, module};
+use super::pipeline::Binding;
 use super::recorder::{ComputePass, Recorder};
 use super::rows::{Collected, DevicePart, ROWS, Rows, collect};
-use super::scan::{Scan, WORKGROUP};
-use super::shaders::{self, Shader};
+use super::scan::Scan;
+use super::shaders;
 use super::splat::{SplatLight, ToEye};
+use super::stage::{Stage, for_each};
 use super::store::{Bricks, Drawable, Store, StoreBuilder};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
@@ -69,52 +70,24 @@ impl CellLattice<'_> {
     }
 }
 
-/// A pipeline of one entry point with its bindings.
-struct Pass {
-    layout: wgpu::BindGroupLayout,
-    pipelines: Vec<wgpu::ComputePipeline>,
-}
-
-impl Pass {
-    fn new(context: &Context, shader: Shader, entries: &[&str], slots: &[Binding], constants: &[(&str, f64)]) -> Self {
-        let layout = layout(context, shader.name, wgpu::ShaderStages::COMPUTE, slots);
-        let module = module(context, shader);
-        let pipeline = |entry: &&str| compute(context, &module, shader.name, entry, &layout, constants);
-        let pipelines = entries.iter().map(pipeline).collect();
-        Self { layout, pipelines }
-    }
-
-    /// Records a dispatch of an entry point with `count` invocations.
-    fn record(
-        &self,
-        context: &Context,
-        pass: &mut ComputePass<'_>,
-        entry: usize,
-        buffers: &[&wgpu::Buffer],
-        count: u64,
-    ) {
-        let resources: Vec<_> = buffers.iter().map(|buffer| buffer.as_entire_binding()).collect();
-        let group = bind(context, "cells", &self.layout, &resources);
-        let (x, y) = context.workgroups(count, WORKGROUP);
-        pass.dispatch(&self.pipelines[entry], &group, &[], [x, y, 1]);
-    }
-}
-
-/// The pipelines of cells of any volume.
+/// The stages of cells of any volume. In [`Stats::stages`](crate::stats::Stats::stages) they are part of `classify`.
 struct Coarsener {
-    along_axis: Pass,
-    /// `count` and `emit`.
-    cells: Pass,
+    along_axis: Stage,
+    count: Stage,
+    emit: Stage,
 }
+
+const CLASSIFY: &str = "classify";
 
 impl Coarsener {
     fn new(context: &Context) -> Self {
         use Binding::{Read, Uniform, Write};
-        let cells = [Uniform, Read, Write, Write, Write];
-        Self {
-            along_axis: Pass::new(context, shaders::COARSEN, &["along_axis"], &[Uniform, Read, Read, Write], &[]),
-            cells: Pass::new(context, shaders::CELLS, &["count", "emit"], &cells, &[]),
-        }
+        let along_axis = (CLASSIFY, "along_axis");
+        let slots = [Uniform, Read, Write, Write, Write];
+        let entries = ["count", "emit"].map(|entry| (CLASSIFY, entry));
+        let [count, emit] = Stage::several(context, shaders::CELLS, entries, &slots, &[]);
+        let along_axis = Stage::new(context, shaders::COARSEN, along_axis, &[Uniform, Read, Read, Write], &[]);
+        Self { along_axis, count, emit }
     }
 }
 
@@ -136,24 +109,24 @@ struct VoxelsKey {
     perspective: bool,
 }
 
-/// The pipeline that lights voxels.
-struct LitVoxels(Pass);
+/// The stage that lights voxels.
+struct LitVoxels(Stage);
 
 impl LitVoxels {
     fn new(context: &Context, VoxelsKey { input, lights, points, perspective }: VoxelsKey) -> Self {
         use Binding::{Read, Uniform, Write};
         let mut constants =
-            vec![("LIGHTS", f64::from(lights)), ("POINT_LIGHTS", flag(points)), ("PERSPECTIVE", flag(perspective))];
+            vec![("LIGHTS", lights), ("POINT_LIGHTS", points.into()), ("PERSPECTIVE", perspective.into())];
         Self(match input {
             Some(input) => {
                 constants.extend(input.constants());
                 let slots = [Uniform, Read, Read, Uniform, Write, Read, Uniform];
-                Pass::new(context, shaders::LIT_VOXELS, &["lit_voxels"], &slots, &constants)
+                Stage::new(context, shaders::LIT_VOXELS, (CLASSIFY, "lit_voxels"), &slots, &constants)
             }
             None => {
-                constants.push(("SHADOWS", flag(true)));
+                constants.push(("SHADOWS", 1));
                 let slots = [Uniform, Uniform, Read, Read, Write];
-                Pass::new(context, shaders::LIT_SPLATS, &["lit_splats"], &slots, &constants)
+                Stage::new(context, shaders::LIT_SPLATS, (CLASSIFY, "lit_splats"), &slots, &constants)
             }
         })
     }
@@ -310,7 +283,7 @@ impl Job<'_> {
         for KeptBox { cells, collected: Collected { rows, first_brick, first_splat, .. } } in &boxes.0 {
             self.sum(&mut recorder, source, values, cells)?;
             self.emit(
-                &mut recorder.compute_pass("classify"),
+                &mut recorder.compute_pass(CLASSIFY),
                 &values.cells,
                 cells,
                 Some([*first_brick, *first_splat]),
@@ -377,8 +350,8 @@ impl Job<'_> {
         let count = parameters.dims.into_iter().map(u64::from).product();
         let parameters =
             context.upload("cells.coarsen", bytemuck::bytes_of(parameters), wgpu::BufferUsages::UNIFORM)?;
-        let buffers = [&parameters, &self.weights, from, to];
-        self.coarsener.along_axis.record(context, &mut recorder.compute_pass("classify"), 0, &buffers, count);
+        let buffers = [&parameters, &self.weights, from, to].map(wgpu::Buffer::as_entire_binding);
+        self.coarsener.along_axis.run(recorder, &buffers, for_each(context, count));
         Ok(())
     }
 
@@ -413,7 +386,8 @@ impl Job<'_> {
             context.upload("cells.voxel_box", bytemuck::bytes_of(&parameters), wgpu::BufferUsages::UNIFORM)
         };
         let mut record = |buffers: &[&wgpu::Buffer], count: u64| {
-            self.lit_voxels.0.record(context, &mut recorder.compute_pass("classify"), 0, buffers, count);
+            let resources: Vec<_> = buffers.iter().map(|buffer| buffer.as_entire_binding()).collect();
+            self.lit_voxels.0.run(recorder, &resources, for_each(context, count));
         };
         match *source {
             Source::Samples { input, batches, classify, points } => {
@@ -487,9 +461,10 @@ impl Job<'_> {
         let parameters = CellBox { dims, least, bricks, first_brick, first_splat, ..CellBox::zeroed() };
         let parameters =
             self.context.upload("cells.cell_box", bytemuck::bytes_of(&parameters), wgpu::BufferUsages::UNIFORM)?;
-        let buffers = [&parameters, cells, places, seen, splats];
-        let count = u64::from(bricks[2]) * ROWS as u64;
-        self.coarsener.cells.record(self.context, pass, usize::from(first.is_some()), &buffers, count);
+        let buffers = [&parameters, cells, places, seen, splats].map(wgpu::Buffer::as_entire_binding);
+        let stage = if first.is_some() { &self.coarsener.emit } else { &self.coarsener.count };
+        let workgroups = for_each(self.context, u64::from(bricks[2]) * ROWS as u64);
+        stage.record(pass, &stage.bind(self.context, &buffers), &[], workgroups);
         Ok(())
     }
 }

@@ -1,19 +1,21 @@
 //! classify: a volume and a transfer function to a list of splats, on the device or by its twin on the host.
 
 use std::cell::LazyCell;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use bytemuck::Zeroable;
 use rayon::prelude::*;
 
+use super::cache::Cache;
 use super::context::Context;
 use super::layout::{Classify, ControlPoint, Splat};
-use super::pipeline::{Binding, bind, compute, flag, layout, module};
+use super::pipeline::Binding;
 use super::recorder::{ComputePass, Recorder};
 use super::rows::{Counted, DevicePart, ROWS, Rows, collect};
-use super::scan::{Scan, WORKGROUP};
+use super::scan::Scan;
 use super::shaders;
 use super::splat::{density, packed_appearance, packed_normal, resolution_at, with_density};
+use super::stage::{Constant, Stage, for_each};
 use super::store::{Bricks, Drawable, MadeBrick, StoreBuilder};
 use super::transfer::Reduction;
 use crate::error::{Error, Result};
@@ -224,38 +226,34 @@ impl<'a> Input<'a> {
     }
 }
 
-/// The pipelines of classification, made for one way of reading samples at a time.
+/// The stages of classification, for one way of reading samples.
 pub(crate) struct Classifier {
-    module: wgpu::ShaderModule,
-    layout: wgpu::BindGroupLayout,
+    count: Stage,
+    emit: Stage,
 }
 
 impl Classifier {
-    pub(crate) fn new(context: &Context) -> Self {
+    /// The stages for a volume, made now if there are none.
+    pub(crate) fn of(pipelines: &Cache, input: &Input<'_>) -> Result<Arc<Self>> {
+        pipelines.get_or_make((input.key(), input.keeps_invisible()), || Ok(Self::new(input)))
+    }
+
+    pub(crate) fn new(input: &Input<'_>) -> Self {
         use Binding::{Read, Uniform, Write};
         let slots = [Uniform, Read, Read, Write, Write, Read, Write];
-        Self {
-            module: module(context, shaders::CLASSIFY),
-            layout: layout(context, "classify", wgpu::ShaderStages::COMPUTE, &slots),
-        }
+        let [sample_type, lit, gradient_opacity] = input.key().constants();
+        let constants = [sample_type, lit, gradient_opacity, ("KEEP_INVISIBLE", input.keeps_invisible().into())];
+        let entries = ["count", "emit"].map(|entry| ("classify", entry));
+        let [count, emit] = Stage::several(input.context, shaders::CLASSIFY, entries, &slots, &constants);
+        Self { count, emit }
     }
 
     /// The visible voxels of a volume as splats, brick by brick, with normals if there is light. `held` holds the
     /// samples of all bricks on the device; `None`: samples of visible bricks are on the device a batch at a time.
     pub(crate) fn run(&self, scan: &Scan, input: &Input<'_>, held: Option<&HeldSamples>) -> Result<Drawable> {
-        let Input { context, .. } = input;
-        let [sample_type, lit, gradient_opacity] = input.key().constants();
-        let constants = [sample_type, lit, gradient_opacity, ("KEEP_INVISIBLE", flag(input.keeps_invisible()))];
-        let pipeline = |entry| compute(context, &self.module, "classify", entry, &self.layout, &constants);
-        let job = Job {
-            context,
-            scan,
-            layout: &self.layout,
-            count: pipeline("count"),
-            emit: pipeline("emit"),
-            points: input.points_on_device()?,
-            parameters: input.parameters(),
-        };
+        let context = input.context;
+        let job =
+            Job { context, scan, stages: self, points: input.points_on_device()?, parameters: input.parameters() };
         let mut stores = StoreBuilder::new(context, STRIDE, joined(context));
         let bricks = match held {
             None => input.batches(&|range| input.may_show(range), &mut |batch| job.run(&batch, &mut stores))?,
@@ -274,9 +272,9 @@ pub(super) struct InputKey {
 }
 
 impl InputKey {
-    pub(super) fn constants(self) -> [(&'static str, f64); 3] {
+    pub(super) fn constants(self) -> [Constant; 3] {
         let Self { sample_type, lit, gradient_opacity } = self;
-        [("SAMPLE_TYPE", f64::from(sample_type)), ("LIT", flag(lit)), ("GRADIENT_OPACITY", flag(gradient_opacity))]
+        [("SAMPLE_TYPE", sample_type), ("LIT", lit.into()), ("GRADIENT_OPACITY", gradient_opacity.into())]
     }
 }
 
@@ -429,9 +427,7 @@ impl BrickBatch {
 struct Job<'a> {
     context: &'a Context,
     scan: &'a Scan,
-    layout: &'a wgpu::BindGroupLayout,
-    count: wgpu::ComputePipeline,
-    emit: wgpu::ComputePipeline,
+    stages: &'a Classifier,
     points: wgpu::Buffer,
     parameters: Classify,
 }
@@ -476,10 +472,9 @@ impl Job<'_> {
         let uniform = wgpu::BufferUsages::UNIFORM;
         let parameters = context.upload("classify.parameters", bytemuck::bytes_of(&parameters), uniform)?;
         let resources = [&parameters, &batch.samples, &self.points, places, splats, &batch.places, seen];
-        let group = bind(context, "classify", self.layout, &resources.map(wgpu::Buffer::as_entire_binding));
-        let pipeline = if first.is_some() { &self.emit } else { &self.count };
-        let (x, y) = context.workgroups((batch.origins.len() * ROWS) as u64, WORKGROUP);
-        pass.dispatch(pipeline, &group, &[], [x, y, 1]);
+        let stage = if first.is_some() { &self.stages.emit } else { &self.stages.count };
+        let group = stage.bind(context, &resources.map(wgpu::Buffer::as_entire_binding));
+        stage.record(pass, &group, &[], for_each(context, (batch.origins.len() * ROWS) as u64));
         Ok(())
     }
 }

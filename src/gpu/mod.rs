@@ -20,6 +20,7 @@ pub(crate) mod shaders;
 #[cfg(test)]
 mod shaders_test;
 pub(crate) mod splat;
+pub(crate) mod stage;
 #[cfg(test)]
 mod stages_test;
 pub(crate) mod store;

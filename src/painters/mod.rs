@@ -3,5 +3,4 @@
 pub(crate) mod choice;
 pub(crate) mod painter;
 pub(crate) mod quads;
-pub(crate) mod stage;
 pub(crate) mod tiles;

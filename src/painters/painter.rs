@@ -3,13 +3,13 @@
 //! A painter is a folder beside this file with the functions of a [`Room`]. It says what it refuses and what it needs
 //! of a scene before any work, and begins a [`Painting`] when the splats are there.
 
-use super::stage::Constant;
 use crate::error::Result;
 use crate::gpu::cache::Cache;
 use crate::gpu::context::Context;
 use crate::gpu::layout::Lighting;
 use crate::gpu::light_volume::PostShading;
 use crate::gpu::recorder::Recorder;
+use crate::gpu::stage::Constant;
 use crate::gpu::store::Store;
 use crate::gpu::view::{ViewGeometry, Weights};
 use crate::image::Region;

@@ -212,7 +212,7 @@ impl PreShaded {
                         // Such a device is the host, which classifies faster without it.
                         HostClassifier::run(&input)?
                     } else {
-                        let classifier = pipelines.get_or_make((), || Ok(Classifier::new(context)))?;
+                        let classifier = Classifier::of(pipelines, &input)?;
                         let held = (self.edited || self.samples.is_held()).then_some(&self.samples);
                         classifier.run(&*Scan::of(pipelines, context)?, &input, held)?
                     }

@@ -13,8 +13,8 @@ use crate::gpu::pipeline::Binding::{DynamicUniform, Texture, Uniform, Write};
 use crate::gpu::pipeline::texture_view;
 use crate::gpu::recorder::{Recorder, flat};
 use crate::gpu::shaders;
+use crate::gpu::stage::Stage;
 use crate::gpu::view::half;
-use crate::painters::stage::Stage;
 
 /// The pipelines that bring sheets into the frame, and that make the frame a picture.
 pub(super) struct Consumer {

@@ -25,7 +25,7 @@ use crate::gpu::layout::{Area, Lighting};
 use crate::gpu::light_volume::PostShading;
 use crate::gpu::pipeline::{both, buffer_range};
 use crate::gpu::recorder::Recorder;
-use crate::painters::stage::Constant;
+use crate::gpu::stage::Constant;
 use crate::settings::Precision;
 
 /// The contents of sheets, and their use.

@@ -11,8 +11,8 @@ use crate::gpu::pipeline::buffer_range;
 use crate::gpu::recorder::Recorder;
 use crate::gpu::scan::Scan;
 use crate::gpu::shaders;
+use crate::gpu::stage::{Constant, Stage, for_each};
 use crate::gpu::store::Store;
-use crate::painters::stage::{Constant, Stage, for_each};
 
 /// The least splats that one invocation sorts.
 const MIN_BLOCK: u64 = 64;

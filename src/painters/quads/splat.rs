@@ -12,8 +12,8 @@ use crate::gpu::pipeline::Binding::{DynamicUniform, Read, ReadTexture, Uniform};
 use crate::gpu::pipeline::{Render, bind, layout, module, texture_view};
 use crate::gpu::recorder::{Recorder, max_work};
 use crate::gpu::shaders;
+use crate::gpu::stage::declared;
 use crate::kernel::FootprintTable;
-use crate::painters::stage::declared;
 
 /// The render pipelines that feed sheets and clear them.
 pub(super) struct Splatting {

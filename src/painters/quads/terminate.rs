@@ -9,7 +9,7 @@ use crate::gpu::layout::Terminate;
 use crate::gpu::pipeline::Binding::{DynamicUniform, Read, Uniform, Write};
 use crate::gpu::recorder::Recorder;
 use crate::gpu::shaders;
-use crate::painters::stage::{Constant, Stage, for_each};
+use crate::gpu::stage::{Constant, Stage, for_each};
 
 /// Entries that one invocation tests; RUN in shaders/terminate.wgsl.
 pub(crate) const RUN: u64 = 16;

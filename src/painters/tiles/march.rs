@@ -14,7 +14,7 @@ use crate::gpu::pipeline::Binding::{
 use crate::gpu::pipeline::texture_view;
 use crate::gpu::recorder::Recorder;
 use crate::gpu::shaders::{self, Shader};
-use crate::painters::stage::{Constant, Stage};
+use crate::gpu::stage::{Constant, Stage};
 
 /// The bindings of `skip`, then those that `skip_refined` has beside them.
 const SKIP: [Binding; 5] = [Uniform, IntegerTexture(wgpu::TextureViewDimension::D3), Write, Read, Write];

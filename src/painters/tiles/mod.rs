@@ -24,11 +24,11 @@ use paint::Picture;
 use rays::Rays;
 use resample::{IntermediateImage, Resampler};
 
-use super::stage::{Constant, Stage};
 use crate::error::Result;
 use crate::gpu::context::Context;
 use crate::gpu::pipeline::{both, texture_view};
 use crate::gpu::recorder::Recorder;
+use crate::gpu::stage::{Constant, Stage};
 use crate::image::Region;
 use crate::stats::TilesStats;
 

@@ -6,7 +6,7 @@ use crate::gpu::pipeline::Binding::{self, ReadTexture, StorageTexture, Uniform, 
 use crate::gpu::pipeline::texture_view;
 use crate::gpu::recorder::Recorder;
 use crate::gpu::shaders;
-use crate::painters::stage::{Constant, Stage};
+use crate::gpu::stage::{Constant, Stage};
 
 /// The format of intermediate images.
 pub(super) const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba32Float;

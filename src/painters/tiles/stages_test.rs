@@ -21,13 +21,13 @@ use crate::gpu::pipeline::{Binding, bind, compute, layout as group_layout, textu
 use crate::gpu::recorder::Recorder;
 use crate::gpu::savings::Savings;
 use crate::gpu::splat::{SplatLight, ToEye};
+use crate::gpu::stage::{Constant, Stage};
 use crate::gpu::store::{BrickSplats, Splats, Store};
 use crate::gpu::twins_test as twins;
 use crate::gpu::view::{ViewGeometry, Weights};
 use crate::image::Region;
 use crate::kernel::Kernel;
 use crate::painters::painter::Job;
-use crate::painters::stage::{Constant, Stage};
 use crate::settings::Settings;
 use crate::stats::RaySpacing;
 use crate::volume::Grid;

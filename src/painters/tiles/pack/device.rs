@@ -11,8 +11,8 @@ use crate::gpu::layout::Pack;
 use crate::gpu::pipeline::texture_view;
 use crate::gpu::recorder::Recorder;
 use crate::gpu::splat::{SplatLight, ToEye};
+use crate::gpu::stage::Stage;
 use crate::gpu::store::{BrickSplats, Store};
-use crate::painters::stage::Stage;
 use crate::painters::tiles::axis::unordered;
 
 /// The largest number of bytes of the buffer that software packs and copies to the texture at a time: near the caches.

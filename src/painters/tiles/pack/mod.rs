@@ -16,8 +16,8 @@ use crate::gpu::pipeline::Binding::{self, Read, Uniform, Write};
 use crate::gpu::recorder::Recorder;
 use crate::gpu::shaders;
 use crate::gpu::splat::SplatLight;
+use crate::gpu::stage::{Constant, Stage};
 use crate::gpu::store::Store;
-use crate::painters::stage::{Constant, Stage};
 
 /// The packed data of a voxel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]

@@ -1,10 +1,10 @@
-//! Compute stages of the painters: a pipeline of an entry point, specialised, with the layout of its bindings.
+//! Compute stages: a pipeline of an entry point, specialised, with the layout of its bindings.
 
-use crate::gpu::context::Context;
-use crate::gpu::pipeline::{self, Binding, compute, module};
-use crate::gpu::recorder::{ComputePass, Recorder};
-use crate::gpu::scan::WORKGROUP;
-use crate::gpu::shaders::Shader;
+use super::context::Context;
+use super::pipeline::{self, Binding, compute, module};
+use super::recorder::{ComputePass, Recorder};
+use super::scan::WORKGROUP;
+use super::shaders::Shader;
 
 /// An override constant of shaders and its value. A painter has one list for all of its shaders.
 pub(crate) type Constant = (&'static str, u32);
