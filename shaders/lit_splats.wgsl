@@ -23,5 +23,6 @@ fn lit_splats(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups)
     let appearance = splats[splat_at(index) + 1u];
     let at = splat_lattice(words);
     let color = splat_color(words.y, appearance.x);
-    store_voxel(place, lit_splat(color, appearance.y, splat_kept(index), at, towards_eye(at)), splat_weight(words));
+    let lit = lit_splat(color, appearance.y, splat_kept(index), at, to_eye_from_point(at));
+    store_voxel(place, lit, splat_weight(words));
 }

@@ -31,7 +31,7 @@ fn lit_voxels(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups)
     var color = classified.rgb;
     if LIGHTS > 0u {
         let at = vec3f(point);
-        color = lit_splat(color, pack_normal(normal(i).xyz), UNSHADED, at, towards_eye(at));
+        color = lit_splat(color, pack_normal(normal(i).xyz), UNSHADED, at, to_eye_from_point(at));
     }
     store_voxel(place, color, density);
 }

@@ -30,8 +30,7 @@ fn shaded_color(index: u32, words: vec2u) -> vec3f {
     }
     var to_eye = vec3f(0.0, 0.0, -1.0);
     if PERSPECTIVE {
-        let offset = splat_lattice(words) - pack.eye;
-        to_eye = -normalize(pack.view_x * offset.x + pack.view_y * offset.y + pack.view_z * offset.z);
+        to_eye = towards_eye(splat_lattice(words) - pack.eye, pack.view_x, pack.view_y, pack.view_z);
     }
     return lit_splat(color, appearance.y, splat_kept(index), splat_lattice(words), to_eye);
 }

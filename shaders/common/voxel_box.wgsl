@@ -1,5 +1,6 @@
 // A box of voxels that become cells, see coarsen.wgsl. A voxel is its colour times its density, and its density. The
 // stage binds `inside` and `voxels`.
+// uses: common/lit_splat
 
 // Rays go through one eye.
 override PERSPECTIVE: bool = false;
@@ -20,12 +21,11 @@ struct VoxelBox {
 }
 
 // The unit vector from a lattice point to the eye, in view coordinates.
-fn towards_eye(point: vec3f) -> vec3f {
+fn to_eye_from_point(point: vec3f) -> vec3f {
     if !PERSPECTIVE {
         return vec3f(0.0, 0.0, -1.0);
     }
-    let offset = point - inside.eye;
-    return -normalize(inside.view_x * offset.x + inside.view_y * offset.y + inside.view_z * offset.z);
+    return towards_eye(point - inside.eye, inside.view_x, inside.view_y, inside.view_z);
 }
 
 // The place of a lattice point in the box: at least `dims` outside.

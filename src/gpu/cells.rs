@@ -109,15 +109,14 @@ struct VoxelsKey {
     perspective: bool,
 }
 
-/// The stage that lights voxels.
-struct LitVoxels(Stage);
-
-impl LitVoxels {
-    fn new(context: &Context, VoxelsKey { input, lights, points, perspective }: VoxelsKey) -> Self {
+impl VoxelsKey {
+    /// The stage that lights voxels.
+    fn stage(self, context: &Context) -> Stage {
         use Binding::{Read, Uniform, Write};
+        let Self { input, lights, points, perspective } = self;
         let mut constants =
             vec![("LIGHTS", lights), ("POINT_LIGHTS", points.into()), ("PERSPECTIVE", perspective.into())];
-        Self(match input {
+        match input {
             Some(input) => {
                 constants.extend(input.constants());
                 let slots = [Uniform, Read, Read, Uniform, Write, Read, Uniform];
@@ -128,7 +127,7 @@ impl LitVoxels {
                 let slots = [Uniform, Uniform, Read, Read, Write];
                 Stage::new(context, shaders::LIT_SPLATS, (CLASSIFY, "lit_splats"), &slots, &constants)
             }
-        })
+        }
     }
 }
 
@@ -167,7 +166,7 @@ pub(crate) fn run(
         progress,
         lattice,
         coarsener: pipelines.get_or_make((), || Ok(Coarsener::new(context)))?,
-        lit_voxels: pipelines.get_or_make(key, || Ok(LitVoxels::new(context, key)))?,
+        lit_voxels: pipelines.get_or_make(key, || Ok(key.stage(context)))?,
         scan: Scan::of(pipelines, context)?,
         to_eye: light.map_or(&ToEye::PARALLEL, |light| &light.to_eye),
         lighting: context.upload("cells.lighting", bytemuck::bytes_of(&lighting), uniform)?,
@@ -198,7 +197,7 @@ struct Job<'a> {
     progress: &'a Progress,
     lattice: &'a CellLattice<'a>,
     coarsener: Arc<Coarsener>,
-    lit_voxels: Arc<LitVoxels>,
+    lit_voxels: Arc<Stage>,
     scan: Arc<Scan>,
     to_eye: &'a ToEye,
     lighting: wgpu::Buffer,
@@ -279,18 +278,14 @@ impl Job<'_> {
         boxes: KeptBoxes,
         Drawable { stores, bricks, .. }: Drawable,
     ) -> Result<Drawable> {
-        let mut recorder = Recorder::untimed(self.context);
         for KeptBox { cells, collected: Collected { rows, first_brick, first_splat, .. } } in &boxes.0 {
+            // A submission each: all boxes together may outlast the watchdog of a small GPU.
+            let mut recorder = Recorder::untimed(self.context);
             self.sum(&mut recorder, source, values, cells)?;
-            self.emit(
-                &mut recorder.compute_pass(CLASSIFY),
-                &values.cells,
-                cells,
-                Some([*first_brick, *first_splat]),
-                rows,
-            )?;
+            let first = Some([*first_brick, *first_splat]);
+            self.emit(&mut recorder.compute_pass(CLASSIFY), &values.cells, cells, first, rows)?;
+            recorder.submit();
         }
-        recorder.submit();
         let stores = stores.into_iter().map(|store| store.over(self.context)).collect::<Result<_>>()?;
         let made = Drawable { stores, bricks, ..Drawable::default() };
         made.kept.get_or_make((), || Ok(Mutex::new(Some(boxes))))?;
@@ -387,7 +382,7 @@ impl Job<'_> {
         };
         let mut record = |buffers: &[&wgpu::Buffer], count: u64| {
             let resources: Vec<_> = buffers.iter().map(|buffer| buffer.as_entire_binding()).collect();
-            self.lit_voxels.0.run(recorder, &resources, for_each(context, count));
+            self.lit_voxels.run(recorder, &resources, for_each(context, count));
         };
         match *source {
             Source::Samples { input, batches, classify, points } => {

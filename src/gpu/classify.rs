@@ -257,7 +257,10 @@ impl Classifier {
         let mut stores = StoreBuilder::new(context, STRIDE, joined(context));
         let bricks = match held {
             None => input.batches(&|range| input.may_show(range), &mut |batch| job.run(&batch, &mut stores))?,
-            Some(held) => held.run(input, |batches| job.run_all(batches, &mut stores))?,
+            Some(held) => held.run(input, |batches| {
+                input.progress.check()?;
+                job.run_all(batches, &mut stores)
+            })?,
         };
         Ok(Drawable { bricks, ..stores.finish()? })
     }

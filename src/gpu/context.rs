@@ -360,17 +360,8 @@ impl Context {
         self.count(|traffic| traffic.pipelines += 1);
     }
 
-    /// Waits for the device, and reads the whole of a buffer that was made with `MAP_READ`.
-    pub(crate) fn read(&self, stage: &str, buffer: &wgpu::Buffer) -> Result<Vec<u8>> {
-        self.read_after(stage, buffer, || self.wait(stage))
-    }
-
-    /// Like [`Self::read`], if the host has waited for the commands that write the buffer already.
+    /// Reads the whole of a buffer that was made with `MAP_READ`. The host has waited for the commands that write it.
     pub(crate) fn read_done(&self, stage: &str, buffer: &wgpu::Buffer) -> Result<Vec<u8>> {
-        self.read_after(stage, buffer, || self.poll(stage, wgpu::PollType::Poll))
-    }
-
-    fn read_after(&self, stage: &str, buffer: &wgpu::Buffer, ready: impl FnOnce() -> Result<()>) -> Result<Vec<u8>> {
         let failed = |e: &dyn std::fmt::Display| Error::Device {
             stage: stage.to_owned(),
             reason: format!("the result cannot be read back: {}", one_line(&e.to_string())),
@@ -380,7 +371,7 @@ impl Context {
             // If the wait has failed, nobody receives.
             let _ = done.send(result);
         });
-        ready()?;
+        self.poll(stage, wgpu::PollType::Poll)?;
         // If several threads wait, another thread may be the one that learns that the buffer is mapped: by now it is
         // about to pass that on.
         match outcome.recv_timeout(MAP_TIMEOUT) {

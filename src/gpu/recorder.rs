@@ -206,14 +206,17 @@ impl<'a> Recorder<'a> {
 }
 
 impl Readback {
-    /// The bytes, once all submitted work is done. `doing` completes an error: "while ...".
-    pub(crate) fn bytes(&self, context: &Context, doing: &str) -> Result<Vec<u8>> {
-        let mut bytes = context.read(doing, &self.staging)?;
-        bytes.truncate(self.bytes as usize);
-        Ok(bytes)
+    /// The values, once all submitted work is done. `doing` completes an error: "while ...".
+    pub(crate) fn values<T: bytemuck::AnyBitPattern + bytemuck::NoUninit>(
+        &self,
+        context: &Context,
+        doing: &str,
+    ) -> Result<Vec<T>> {
+        context.wait(doing)?;
+        self.done_values(context, doing)
     }
 
-    /// The bytes as values of a type, if the host has waited for the commands that write them.
+    /// The values, if the host has waited for the commands that write them.
     pub(crate) fn done_values<T: bytemuck::AnyBitPattern + bytemuck::NoUninit>(
         &self,
         context: &Context,
@@ -222,15 +225,6 @@ impl Readback {
         let mut bytes = context.read_done(doing, &self.staging)?;
         bytes.truncate(self.bytes as usize);
         Ok(bytemuck::pod_collect_to_vec(&bytes))
-    }
-
-    /// The bytes as values of a type.
-    pub(crate) fn values<T: bytemuck::AnyBitPattern + bytemuck::NoUninit>(
-        &self,
-        context: &Context,
-        doing: &str,
-    ) -> Result<Vec<T>> {
-        Ok(bytemuck::pod_collect_to_vec(&self.bytes(context, doing)?))
     }
 }
 

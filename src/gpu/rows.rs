@@ -141,7 +141,7 @@ impl Part for DevicePart {
         }
         recorder.submit();
         // Waiting here frees the parts before others are made.
-        context.wait("classifying the volume")?;
+        context.wait(STAGE)?;
         Ok((Splats::Device(joined), Some(origins)))
     }
 }

@@ -35,7 +35,8 @@ fn download(context: &Context, buffer: &wgpu::Buffer, bytes: u64) -> Vec<u8> {
     let mut encoder = context.device.create_command_encoder(&Default::default());
     encoder.copy_buffer_to_buffer(buffer, 0, &staging, 0, bytes);
     context.queue.submit([encoder.finish()]);
-    context.read("test", &staging).unwrap()[..bytes as usize].to_vec()
+    context.wait("test").unwrap();
+    context.read_done("test", &staging).unwrap()[..bytes as usize].to_vec()
 }
 
 fn words(bytes: &[u8]) -> Vec<u32> {

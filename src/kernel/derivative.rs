@@ -14,7 +14,7 @@ pub(crate) struct DerivativeFilter {
 
 impl DerivativeFilter {
     /// The filter of the normals of scalars: five taps whose gradients keep their direction (Farid and Simoncelli 2004,
-    /// "Differentiation of discrete multidimensional signals"), scaled to slope 1. `normal_slopes` in
+    /// "Differentiation of discrete multidimensional signals"), scaled to slope 1. `smoothed` and `slope` in
     /// shaders/common/classified.wgsl has the same weights.
     ///
     /// Central differences turn with the place of a voxel between lattice planes, and keep the noise of six samples:

@@ -1,6 +1,6 @@
 //! cells: a volume and a transfer function to classified cells of a level, for pre-shading with grown kernels (Laur and
-//! Hanrahan 1991, "Hierarchical splatting"). On software, of voxels in shadows, and of volumes whose samples a device
-//! does not hold: on the host. Otherwise the device makes them, see gpu/cells.rs.
+//! Hanrahan 1991, "Hierarchical splatting"). On the host on software, and for volumes whose samples a device does not
+//! hold. Otherwise the device makes them: gpu/cells.rs.
 //!
 //! A cell of level n stands for 2^n voxels along each axis. Voxels are classified and lit one by one. A cell holds the
 //! light that they emit and absorb, weighted by the polynomials of degree 5 that interpolate cells at the places of

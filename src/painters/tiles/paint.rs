@@ -336,9 +336,7 @@ impl<'a> Picture<'a> {
 
     /// Whether `packed` holds splats at the places of those of this picture, in the layout of an axis.
     fn serves(&self, axis: &PackedAxis, packed: &Packed) -> bool {
-        let places = |source: Option<Source>| source.map(|source| source.places);
-        let same = places(Source::of(self.job.stores)) == places(packed.source);
-        axis.packing == packed.packing && same && axis.reached == packed.reached
+        axis.packing == packed.packing && packed.has_places_of(self.job.stores) && axis.reached == packed.reached
     }
 
     /// The splats as each axis reads them: packed for an earlier picture of the scene, or now.
@@ -391,14 +389,12 @@ impl<'a> Picture<'a> {
         if self.job.context.is_software() {
             return Vec::new();
         }
-        let places = |source: Option<Source>| source.map(|source| source.places);
-        let source = places(Source::of(self.job.stores));
         let mut bytes: u64 = self.axes.iter().map(|axis| axis.packing.bytes()).sum();
         let mut fits = |packed: &Arc<Packed>| {
-            let whole =
-                packed.reached.is_none() && places(packed.source) == source && packed.packing.voxel == self.voxel;
-            bytes += packed.bytes;
-            whole && bytes <= KEPT_BYTES
+            let is_whole = packed.reached.is_none() && packed.packing.voxel == self.voxel;
+            let fits = is_whole && packed.has_places_of(self.job.stores) && bytes + packed.bytes <= KEPT_BYTES;
+            bytes += if fits { packed.bytes } else { 0 };
+            fits
         };
         others.into_iter().filter(|packed| fits(packed)).collect()
     }

@@ -211,13 +211,20 @@ pub(super) struct Source {
     /// [`Store::id`] of the first store.
     id: u64,
     /// [`Store::places`] of the first store.
-    pub(super) places: u64,
+    places: u64,
 }
 
 impl Source {
     /// `None` if there are no stores.
     pub(super) fn of(stores: &[Store]) -> Option<Self> {
         stores.first().map(|store| Self { id: store.id, places: store.places })
+    }
+}
+
+impl Packed {
+    /// Whether its splats are at the places of those of these stores.
+    pub(super) fn has_places_of(&self, stores: &[Store]) -> bool {
+        self.source.map(|source| source.places) == stores.first().map(|store| store.places)
     }
 }
 
