@@ -1,7 +1,7 @@
 // composite: the sheets of a batch into the frame, front to back. The frame keeps premultiplied colour and optical
 // depth. Transmittance is exp of minus the depth, so alpha does not gather the rounding of one exponential for each
 // sheet.
-// uses: common/absorbed, common/frame, common/pixel_ray
+// uses: common/absorbed, common/frame, common/half_depth, common/pixel_ray
 
 // Sheets of a batch: 1, 2, 4 or 8.
 override SHEETS: u32 = 4u;
@@ -27,10 +27,15 @@ fn load(at: vec2u, layer: u32) -> vec4f {
     return textureLoad(sheets, at, layer, 0) * frame.inverse_sheet_scale;
 }
 
-// The frame's pixel with one more sheet behind it.
-fn with_sheet(pixel: vec4f, sheet: vec4f) -> vec4f {
+// The frame's pixel with one more sheet behind it, which begins at view depth `z`.
+fn with_sheet(pixel: vec4f, sheet: vec4f, z: f32) -> vec4f {
     if sheet.a <= 0.0 {
         return pixel;
+    }
+    if HALF_DEPTH {
+        let depths = frame.solid_depth.x * (z + vec2f(0.0, frame.sheet_step)) + frame.solid_depth.y;
+        let depth = pixel.a + select(sheet.a, -log(max(1.0 - sheet.a, 1e-30)), ADDITIVE);
+        return vec4f(half_depth(pixel.rgb, pixel.a, depth, depths), depth);
     }
     if ADDITIVE {
         // The sum of opacities is clamped at 1, and the colour scaled with it. A sheet that is full adds an optical
@@ -63,7 +68,7 @@ fn composite(@builtin(global_invocation_id) id: vec3u) {
     }
     let index = at.y * frame.region.x + at.x;
     var pixel = pixels[index];
-    if #u < SHEETS { pixel = with_sheet(pixel, s[#]); }
+    if #u < SHEETS { pixel = with_sheet(pixel, s[#], batch.depth + f32(#) * frame.sheet_step); }
     pixels[index] = pixel;
 }
 

@@ -27,6 +27,7 @@
 @group(0) @binding(5) var<storage, read> refined: Refined;
 // For each pixel, the state of its ray behind the layers before: premultiplied colour and optical depth.
 @group(0) @binding(3) var<storage, read_write> gathered_before: array<vec4f>;
+@group(0) @binding(5) var<storage, read> solid_depths: array<f32>;
 
 // Rays go through an intermediate image.
 override RESAMPLED: bool = false;
@@ -193,12 +194,18 @@ fn advance(ray: ptr<function, RayState>, behind: vec4f, geometry: RayGeometry, p
     let bend = 0.5 * (*ray).transmittance / (12.0 * unit * unit + x.w * (6.0 * unit + 2.0 * x.w));
     let color = x.rgb * mean + bend * (x.rgb * slope.w - x.w * slope.rgb);
     let absorbed = x.w * mean;
-    let leeway = LEEWAY * (*ray).transmittance;
-    (*ray).color += clamp(
-        color,
-        rays.brightest * min(absorbed, 0.0) - leeway,
-        rays.brightest * max(absorbed, 0.0) + leeway,
-    );
+    if HALF_DEPTH {
+        let ends = clamp(place + vec2f(-0.5, 0.5), vec2f(geometry.cut.x), vec2f(geometry.cut.y));
+        let depths = vec2f(depth_of(geometry, ends.x), depth_of(geometry, ends.y));
+        (*ray).color = half_depth((*ray).color, (*ray).depth, (*ray).depth + depth, depths);
+    } else {
+        let leeway = LEEWAY * (*ray).transmittance;
+        (*ray).color += clamp(
+            color,
+            rays.brightest * min(absorbed, 0.0) - leeway,
+            rays.brightest * max(absorbed, 0.0) + leeway,
+        );
+    }
     (*ray).depth += depth;
     (*ray).transmittance = passed;
 }
@@ -226,6 +233,9 @@ fn finished(ray: RayState) -> vec4f {
         return response(depth, rays.model);
     }
     let alpha = absorbed(depth);
+    if HALF_DEPTH {
+        return vec4f(ray.color, alpha);
+    }
     let color = ray.color * min(alpha / max(absorbed(ray.depth), 1e-30), 1.0);
     return vec4f(clamp(color, vec3f(0.0), rays.brightest * alpha), alpha);
 }
@@ -275,7 +285,7 @@ fn feed(
         sums = Moments(share * all.m0, share * all.m1, share * all.m2);
     }
     var parts = parts_of(section_at(geometry.near, geometry, plane), sums);
-    if CLIP_PLANES > 0u {
+    if CUT {
         let cut = cut_at(geometry.cut, geometry.base, geometry, plane, end);
         parts = cut_parts(parts, sums.m0, Cut(cut.ends, share * cut.first, share * cut.last));
     }
@@ -298,7 +308,7 @@ fn single(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) til
     if PERSPECTIVE && share == 0.0 {
         return;
     }
-    let geometry = geometry_of(at);
+    let geometry = geometry_of_pixel(at);
     let ray = march_planes(tile, geometry, new_ray());
     if BRICK {
         put(at, partial(ray, geometry));
@@ -316,7 +326,7 @@ fn layer(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile
     if any(at >= rays.picture) || share == 0.0 {
         return;
     }
-    let geometry = geometry_of(at);
+    let geometry = geometry_of_pixel(at);
     let index = at.y * rays.picture.x + at.x;
     let before = gathered_before[index];
     var ray = new_ray();

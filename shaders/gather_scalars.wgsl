@@ -15,6 +15,7 @@
 // See common/light_volume.wgsl.
 @group(0) @binding(6) var light_volume: texture_3d<f32>;
 @group(0) @binding(7) var light_sampler: sampler;
+@group(0) @binding(8) var<storage, read> solid_depths: array<f32>;
 
 // Planes that kernels reach before and behind their own: 2, or 4.
 override REACH: i32 = 2;
@@ -102,7 +103,14 @@ fn classify_slab(
     }
     let step = (part.y - part.x) / f32(rays.samples);
     let length = 0.5 * step * share * geometry.stretch / geometry.direction.z;
-    return march_parabola(ray, means, part, before, rays.samples, length, rays.lookup, rays.invisible, light);
+    let so_far = *ray;
+    let composited =
+        march_parabola(ray, means, part, before, rays.samples, length, rays.lookup, rays.invisible, light);
+    if HALF_DEPTH {
+        let depths = vec2f(depth_of(geometry, middle + 0.5 * part.x), depth_of(geometry, middle + 0.5 * part.y));
+        (*ray).color = half_depth(so_far.color, so_far.depth, (*ray).depth, depths);
+    }
+    return composited;
 }
 
 alias Marched = RayState;
@@ -211,7 +219,7 @@ fn gather(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) til
     if PERSPECTIVE && share == 0.0 {
         return;
     }
-    let geometry = geometry_of(at);
+    let geometry = geometry_of_pixel(at);
     let ray = march_planes(tile, geometry, new_ray());
     var value = vec4f(ray.color, absorbed(ray.depth));
     if BRICK {

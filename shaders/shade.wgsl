@@ -3,7 +3,8 @@
 // between its two neighbours, and composited; so shading is one sheet behind splatting. `project` keeps the largest
 // scalar instead, or the mean. Scalars are relative to the transfer function's base, so that the space between splats
 // is 0.
-// uses: common/absorbed, common/frame, common/light_volume, common/march_parabola, common/pixel_ray, common/resolution
+// uses: common/absorbed, common/frame, common/half_depth, common/light_volume, common/march_parabola
+// uses: common/pixel_ray, common/resolution
 
 // Sheets of a batch: 4 or 8. A texture layer holds four sheets, or one lit sheet as (gradient, scalar), with the
 // gradient along the axes of the lattice.
@@ -44,6 +45,8 @@ struct Shade {
 // See common/light_volume.wgsl.
 @group(0) @binding(7) var light_volume: texture_3d<f32>;
 @group(0) @binding(8) var light_sampler: sampler;
+// The depth of the solid of each pixel of the region.
+@group(0) @binding(9) var<storage, read> solid_depths: array<f32>;
 
 // Means of consecutive sheets at a pixel: the last three of the batch before, then the four or eight of the batch.
 alias Means = array<f32, 11>;
@@ -92,6 +95,15 @@ fn is_invisible_batch(m: Means) -> bool {
 // The part inside the box of the sheet that begins at view depth `z`, its ends from -1/2 to 1/2; empty if x >= y.
 fn part_of_sheet(ray: PixelRay, z: f32) -> vec2f {
     return clamp((ray.inside - z) * frame.inverse_sheet_step, vec2f(0.0), vec2f(1.0)) - 0.5;
+}
+
+// The ray of a pixel, which ends at the pixel's solid.
+fn ray_to_solid(pixel: vec2u) -> PixelRay {
+    var ray = pixel_ray(pixel);
+    if SOLIDS {
+        ray.inside = before_solid(ray.inside, solid_depths[pixel.y * frame.region.x + pixel.x]);
+    }
+    return ray;
 }
 
 // The means `m` around a sheet. There is no sheet before the one at the eye: its mean is extrapolated.
@@ -208,6 +220,25 @@ fn with_sheet(
     return result;
 }
 
+// `with_sheet`, with half depths in place of colours in a picture of depths.
+fn with_sheet_or_depth(
+    pixel: vec4f,
+    before: f32,
+    means: vec3f,
+    at: vec2u,
+    sheet: i32,
+    ray: PixelRay,
+    z: f32,
+) -> vec4f {
+    let result = with_sheet(pixel, before, means, at, sheet, ray, z);
+    if HALF_DEPTH {
+        let ends = z + (part_of_sheet(ray, z) + 0.5) * frame.sheet_step;
+        let depths = frame.solid_depth.x * ends + frame.solid_depth.y;
+        return vec4f(half_depth(pixel.rgb, pixel.a, result.a, depths), result.a);
+    }
+    return result;
+}
+
 // Composites a part of a sheet, with the means `m` around it, behind the state `before`.
 fn march_part(
     pixel: ptr<function, vec4f>,
@@ -245,10 +276,10 @@ fn shade(@builtin(global_invocation_id) id: vec3u) {
     if pixel.a >= frame.opaque_depth {
         return;
     }
-    let ray = pixel_ray(pixel_at);
+    let ray = ray_to_solid(pixel_at);
     var z = shading.depth;
     let m# = vec3f(m[# + 1], m[# + 2], m[# + 3]);
-    if #u < SHEETS { pixel = with_sheet(pixel, m[#], m#, pixel_at, # - 1, ray, z); z += frame.sheet_step; }
+    if #u < SHEETS { pixel = with_sheet_or_depth(pixel, m[#], m#, pixel_at, # - 1, ray, z); z += frame.sheet_step; }
     pixels[index] = pixel;
 }
 
@@ -285,7 +316,7 @@ fn project(@builtin(global_invocation_id) id: vec3u) {
     if any(pixel_at >= shading.high) {
         return;
     }
-    let ray = pixel_ray(pixel_at);
+    let ray = ray_to_solid(pixel_at);
     if ray.inside.x >= ray.inside.y {
         return;
     }

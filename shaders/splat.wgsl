@@ -31,6 +31,8 @@ struct Batch {
 @group(0) @binding(3) var footprint: texture_storage_2d<rgba32float, read>;
 @group(0) @binding(4) var<storage, read> origins: array<vec4u>;
 @group(0) @binding(5) var<uniform> lighting: Lighting;
+// The depth of the solid of each pixel of the region.
+@group(0) @binding(6) var<storage, read> solid_depths: array<f32>;
 
 struct Varyings {
     @builtin(position) position: vec4f,
@@ -174,8 +176,12 @@ fn chord(in: Varyings) -> Chord {
     let half = sqrt(max(half2, 0.0));
     c.low = -half;
     c.high = half;
-    if (CLIP_PLANES > 0u || CUT_OWNED) && !SCALARS {
+    if (CUT || CUT_OWNED) && !SCALARS {
         var part = clipped(vec2f(-BEYOND, BEYOND), plane);
+        if SOLIDS {
+            let pixel = vec2u(in.position.xy);
+            part = before_solid(part, solid_depths[pixel.y * frame.region.x + pixel.x]);
+        }
         if CUT_OWNED {
             let owned = owned_depths(vec2u(in.position.xy), PERSPECTIVE);
             part = vec2f(max(part.x, owned.x), min(part.y, owned.y));

@@ -12,11 +12,10 @@ use crate::gpu::recorder::Recorder;
 use crate::gpu::store::{Bricks, Drawable};
 use crate::gpu::timing::on_host;
 use crate::gpu::view::ViewGeometry;
-use crate::image::Image;
-use crate::image::Region;
+use crate::image::{DepthMap, Image, Region, check_scale};
 use crate::layers::Layers;
 use crate::painters::choice::Choice;
-use crate::painters::painter::{Begun, Job, Room};
+use crate::painters::painter::{Begun, Depths, Job, Room};
 use crate::prepare::lattice::Lattice;
 use crate::prepare::levels::ScalarNeed;
 pub use crate::prepare::scene::Scene;
@@ -57,6 +56,15 @@ pub struct Rendered {
     pub image: Image,
     /// The statistics.
     pub stats: Stats,
+}
+
+/// A part of a picture that is wanted.
+#[derive(Clone, Copy)]
+struct Shot<'a> {
+    camera: &'a Camera,
+    settings: &'a Settings,
+    wanted: Region,
+    depths: Depths<'a>,
 }
 
 /// A layer of a picture: its lattice and its splats. Most pictures have one.
@@ -207,13 +215,69 @@ impl Renderer {
         settings: &Settings,
         region: Region,
     ) -> Result<Rendered> {
+        self.shot(scene, Shot { camera, settings, wanted: region, depths: Depths::default() })
+    }
+
+    /// Renders a part of a picture, like [`Self::render_region`], without the matter behind solids: each ray ends,
+    /// exactly, at the depth of its pixel. [`Image::over`] lays the picture over a picture of the solids. `solids` has
+    /// the size of the whole picture.
+    ///
+    /// Each pixel has a ray of its own, whatever the painter's resolution.
+    ///
+    /// # Errors
+    /// Like [`Self::render_region`], and [`Error::Setting`] if the sizes differ.
+    pub fn render_before(
+        &self,
+        scene: &Scene,
+        camera: &Camera,
+        settings: &Settings,
+        region: Region,
+        solids: &DepthMap,
+    ) -> Result<Rendered> {
+        let depths = Depths { solids: Some(solids), halves: false };
+        self.shot(scene, Shot { camera, settings, wanted: region, depths })
+    }
+
+    /// Returns the depths of a part of a picture at which rays have lost half of their light, for another renderer to
+    /// combine: a surface at a smaller depth lies mostly before the matter. They are exact to about half a slab of the
+    /// painter, which is about half a voxel. Rays that keep more than half of their light have no depth.
+    ///
+    /// Matter behind `solids` does not count.
+    ///
+    /// # Errors
+    /// Like [`Self::render_before`], and [`Error::Setting`] if the model is not the composite.
+    pub fn depths(
+        &self,
+        scene: &Scene,
+        camera: &Camera,
+        settings: &Settings,
+        region: Region,
+        solids: Option<&DepthMap>,
+    ) -> Result<DepthMap> {
+        if settings.model != Model::Composite {
+            let reason = format!("{}: only the composite model has depths", settings.model.name());
+            return Err(Error::setting("model", reason));
+        }
+        let shot = Shot { camera, settings, wanted: region, depths: Depths { solids, halves: true } };
+        let Rendered { image, .. } = self.shot(scene, shot)?;
+        let unit = scene.grid().unit();
+        Ok(DepthMap::of_halves(&image, &camera.local(scene.grid()), unit))
+    }
+
+    /// Renders a part of a picture of a whole volume and reads it back.
+    fn shot(&self, scene: &Scene, shot: Shot<'_>) -> Result<Rendered> {
+        let Shot { camera, wanted, depths, .. } = shot;
         camera.validate()?;
-        region.check_within(camera.size)?;
+        wanted.check_within(camera.size)?;
+        depths.solids.map_or(Ok(()), |solids| solids.check(camera))?;
+        if depths.halves {
+            check_scale(camera)?;
+        }
         check_whole(scene)?;
-        let mut image = Image::transparent(region.width, region.height)?;
+        let mut image = Image::transparent(wanted.width, wanted.height)?;
         let recorder = Recorder::timed(&self.context);
-        let stats = self.paint(scene, camera, settings, region, recorder, &mut |recorder, painted, part, pixels| {
-            put(&mut image, [region, painted, part], recorder, pixels)
+        let stats = self.paint(scene, shot, recorder, &mut |recorder, painted, part, pixels| {
+            put(&mut image, [wanted, painted, part], recorder, pixels)
         })?;
         Ok(Rendered { image, stats })
     }
@@ -232,7 +296,8 @@ impl Renderer {
         let whole = Region { x: 0, y: 0, width, height };
         let mut parts: Vec<(Region, Image)> = Vec::new();
         let recorder = Recorder::timed(&self.context);
-        let stats = self.paint(scene, camera, settings, whole, recorder, &mut |recorder, painted, part, pixels| {
+        let shot = Shot { camera, settings, wanted: whole, depths: Depths::default() };
+        let stats = self.paint(scene, shot, recorder, &mut |recorder, painted, part, pixels| {
             let mut image = Image::transparent(part.width, part.height)?;
             put(&mut image, [part, painted, part], recorder, pixels)?;
             parts.push((part, image));
@@ -285,7 +350,8 @@ impl Renderer {
         })?;
         let [width, height] = camera.size;
         let whole = Region { x: 0, y: 0, width, height };
-        self.paint(scene, camera, settings, whole, Recorder::untimed(context), &mut |recorder, painted, _, pixels| {
+        let shot = Shot { camera, settings, wanted: whole, depths: Depths::default() };
+        self.paint(scene, shot, Recorder::untimed(context), &mut |recorder, painted, _, pixels| {
             pipeline.record(recorder, &view, painted, pixels)?;
             recorder.submit();
             Ok(())
@@ -296,9 +362,7 @@ impl Renderer {
     fn paint(
         &self,
         scene: &Scene,
-        camera: &Camera,
-        settings: &Settings,
-        wanted: Region,
+        Shot { camera, settings, wanted, depths }: Shot<'_>,
         mut recorder: Recorder<'_>,
         take: &mut Take<'_>,
     ) -> Result<Stats> {
@@ -328,7 +392,7 @@ impl Renderer {
             scene.keep_levels(&lattices);
             let layer = |lattice| self.layer(scene, &room, lattice, &mut seconds);
             layers = lattices.into_iter().map(layer).collect::<Result<Vec<Layer>>>()?;
-            let mut jobs: Vec<Job<'_>> = layers.iter().map(|layer| self.job(layer)).collect();
+            let mut jobs: Vec<Job<'_>> = layers.iter().map(|layer| self.job(layer, depths)).collect();
             match (room.begin)(jobs.remove(0), jobs)? {
                 Begun::Ready(painting) => break painting,
                 Begun::Refused(reason) => choice = Choice::instead(context, settings, reason)?,
@@ -419,7 +483,7 @@ impl Renderer {
         Ok(Layer { lattice, need, post, drawable })
     }
 
-    fn job<'a>(&'a self, layer: &'a Layer) -> Job<'a> {
+    fn job<'a>(&'a self, layer: &'a Layer, depths: Depths<'a>) -> Job<'a> {
         let Layer { lattice, need, post, drawable } = layer;
         Job {
             context: &self.context,
@@ -431,6 +495,7 @@ impl Renderer {
             weights: lattice.weights,
             post: post.as_ref(),
             padding: need.padding,
+            depths,
         }
     }
 

@@ -5,6 +5,13 @@
 override CLIP_PLANES: u32 = 0u;
 const MAX_CLIP_PLANES: u32 = 8u;
 
+// Each pixel has a solid, which ends its ray. Its depth is the view depth from the plane of the camera's target, in
+// units that all lattices of a picture share; BEYOND without a solid.
+override SOLIDS: bool = false;
+
+// Clipping planes or solids cut rays.
+override CUT: bool = false;
+
 // Beyond every place on a ray, but not infinite.
 const BEYOND: f32 = 1e30;
 

@@ -16,6 +16,11 @@ fn clipped(part: vec2f, plane: vec2f) -> vec2f {
     return inside;
 }
 
+// The part of a ray before the solid of its pixel. `solid` is its depth.
+fn before_solid(part: vec2f, solid: f32) -> vec2f {
+    return vec2f(part.x, min(part.y, (solid - frame.solid_depth.y) / frame.solid_depth.x));
+}
+
 // Whether a ball around a point is clipped as a whole: `center` in view coordinates, `radius` in voxels.
 fn is_cut_away(center: vec3f, radius: f32) -> bool {
     var least = BEYOND;

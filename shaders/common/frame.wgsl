@@ -65,6 +65,8 @@ struct Frame {
     // Tiles of early splat termination across and down the region, and pixels along the side of one.
     tiles: u32,
     tile_size: u32,
+    // The depth at view depth z, as solids have it: x z + y.
+    solid_depth: vec2f,
     // What the model takes. X-ray: `curve` of common/response.wgsl. Coded or attenuated by depth: the share of
     // view depth z in the depth of the box is model.x z + model.y, and model.z is the attenuation.
     model: vec4f,

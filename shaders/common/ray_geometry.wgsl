@@ -1,5 +1,6 @@
 // The geometry and the state of a ray of the painter `tiles`, shared by gather.wgsl and gather_scalars.wgsl.
-// uses: common/rays
+// Both declare `solid_depths`, the depth of the solid of each pixel.
+// uses: common/half_depth, common/rays
 
 // Voxels are scalars.
 override SCALARS: bool = false;
@@ -131,7 +132,7 @@ fn geometry_of(point: vec2u) -> RayGeometry {
             geometry.inside = select(vec2f(FAR, -FAR), vec2f(-FAR, FAR), in_front);
         }
     }
-    if CLIP_PLANES > 0u {
+    if CUT {
         geometry.cut = cut_of(line.base, line.shear);
         geometry.inside = vec2f(max(geometry.inside.x, geometry.cut.x), min(geometry.inside.y, geometry.cut.y));
     }
@@ -147,6 +148,25 @@ fn geometry_of(point: vec2u) -> RayGeometry {
         geometry.inside = vec2f(max(geometry.inside.x, ends.x), min(geometry.inside.y, ends.y));
     }
     return geometry;
+}
+
+// The geometry of the ray of a pixel, which ends at the pixel's solid.
+fn geometry_of_pixel(at: vec2u) -> RayGeometry {
+    var geometry = geometry_of(at);
+    if SOLIDS {
+        let pixel = min(at, rays.picture - 1u);
+        let solid = solid_depths[pixel.y * rays.picture.x + pixel.x];
+        let in_front = solid - depth_of(geometry, 0.0);
+        geometry.cut = on_inner_side(geometry.cut, in_front, depth_of(geometry, 0.0) - depth_of(geometry, 1.0));
+        geometry.cut = clamp(geometry.cut, vec2f(-FAR), vec2f(FAR));
+        geometry.inside.y = min(geometry.inside.y, geometry.cut.y);
+    }
+    return geometry;
+}
+
+// The depth of a place on a ray, `plane` planes from plane 0, as solids have it.
+fn depth_of(geometry: RayGeometry, plane: f32) -> f32 {
+    return dot(rays.view_depth, vec4f(geometry.base + geometry.shear * plane, plane, 1.0));
 }
 
 // The point of an invocation's ray, in a tile of 8 x 8 neighbours. Eight invocations in a row, which software marches
@@ -201,7 +221,7 @@ fn section_at(sections: GrowingSection, geometry: RayGeometry, plane: i32) -> Se
 fn planes_of(run: vec2i, geometry: RayGeometry) -> vec3i {
     var first = rays.first.z + run.x;
     var end = rays.first.z + run.y;
-    if PERSPECTIVE || SCALARS || CLIP_PLANES > 0u {
+    if PERSPECTIVE || SCALARS || CUT {
         // Planes beyond the counting part: the planes that kernels reach over, one because the next slab shapes the
         // curve in the last slab, and one because the conversion to i32 truncates, towards 0. One more because the
         // second plane is the plane after the last.

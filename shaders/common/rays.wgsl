@@ -145,6 +145,8 @@ struct Rays {
     // Parameters of the model. X-ray: `curve` of common/response.wgsl. Coded or attenuated by depth: the share of a
     // place (a, b, plane) in the depth of the box is dot(model.xyz, place) + model.w.
     model: vec4f,
+    // The depth of a place (a, b, plane), as solids have it: dot(xyz, place) + w.
+    view_depth: vec4f,
     // The part of the lattice that a brick owns, in (a, b, plane).
     owned_low: vec3f,
     owned_high: vec3f,

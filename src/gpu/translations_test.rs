@@ -101,6 +101,10 @@ fn happens(set: &PipelineConstants) -> bool {
         is("MEAN") == Some(true) && is("MAXIMUM") == Some(true),
         is("DEPTH_CODED") == Some(true) && is("MAXIMUM") == Some(false),
         is("ATTENUATED") == Some(true) && (is("MAXIMUM") == Some(false) || is("MEAN") == Some(true)),
+        // What clipping planes or solids cut; others translate alike.
+        is("CUT").is_some_and(|cut| cut == (is("CLIP_PLANES") != Some(true) && is("SOLIDS") != Some(true))),
+        is("SOLIDS") == Some(true) && (is("CLIP_PLANES") == Some(true) || other),
+        is("HALF_DEPTH") == Some(true) && (other || projects || is("BRICK") == Some(true)),
         // With or without, of four lights: others translate alike.
         is("POINT_LIGHTS") == Some(true) && set.get("LIGHTS").is_some_and(|&lights| lights != 4.0),
     ];

@@ -173,6 +173,13 @@ impl ViewGeometry {
         }
     }
 
+    /// The depth at view depth z as shaders have it, as factors \[a, b\] of a z + b: from the plane of the target, in
+    /// widths of a pixel there, so that all lattices of a picture share it.
+    pub(crate) fn depth_of_z(&self) -> [f64; 2] {
+        let pixel = self.camera.pixel_size().abs();
+        [1.0 / pixel, self.offset.z / pixel]
+    }
+
     /// The same view of a scene that holds a brick.
     pub(crate) fn of_held(self, held: Option<Held>) -> Self {
         Self { held, ..self }

@@ -149,19 +149,8 @@ impl Image {
         let size = (self.width as usize, self.height as usize);
         let pixel = |at: exr::math::Vec2<usize>| <(f32, f32, f32, f32)>::from(self.pixels[at.y() * size.0 + at.x()]);
         let channels = SpecificChannels::rgba(pixel);
-        let mut image = exr::image::Image::from_channels(size, channels);
-        for Note { name, text } in notes {
-            // OpenEXR holds bytes of Latin-1.
-            let text = exr::meta::attribute::Text::from(text.as_str());
-            let name = exr::meta::attribute::Text::from(*name);
-            image.layer_data.attributes.other.insert(name, AttributeValue::Text(text));
-        }
-        // The encoder seeks, so it needs a buffer.
-        let mut file = Cursor::new(Vec::new());
-        image.write().to_buffered(&mut file).map_err(io::Error::other)?;
-        let mut bytes = file.into_inner();
-        sort_attributes(&mut bytes);
-        Ok(bytes)
+        let image = exr::image::Image::from_channels(size, channels);
+        exr_with_notes(image, notes, |image, file| image.write().to_buffered(file))
     }
 
     /// Loads a PNG or EXR picture. The alpha of a PNG is straight, the alpha of an EXR premultiplied.
@@ -198,11 +187,31 @@ impl Image {
     }
 }
 
+/// An encoded EXR with notes as its attributes.
+pub(super) fn exr_with_notes<C>(
+    mut image: exr::image::Image<exr::image::Layer<C>>,
+    notes: &[Note],
+    write: impl FnOnce(&exr::image::Image<exr::image::Layer<C>>, &mut Cursor<Vec<u8>>) -> exr::error::UnitResult,
+) -> io::Result<Vec<u8>> {
+    for Note { name, text } in notes {
+        // OpenEXR holds bytes of Latin-1.
+        let text = exr::meta::attribute::Text::from(text.as_str());
+        let name = exr::meta::attribute::Text::from(*name);
+        image.layer_data.attributes.other.insert(name, AttributeValue::Text(text));
+    }
+    // The encoder seeks, so it needs a buffer.
+    let mut file = Cursor::new(Vec::new());
+    write(&image, &mut file).map_err(io::Error::other)?;
+    let mut bytes = file.into_inner();
+    sort_attributes(&mut bytes);
+    Ok(bytes)
+}
+
 /// The largest number of pixels of a picture that is read: 4 GiB of RGBA in f32.
 const MAX_AREA: u64 = 1 << 28;
 
 /// The largest file that is read, in bytes: the largest picture, and as much again for unused channels.
-const MAX_BYTES: u64 = 32 * MAX_AREA;
+pub(super) const MAX_BYTES: u64 = 32 * MAX_AREA;
 
 /// Sorts the attributes in the header of an encoded EXR with one part by their names. The encoder keeps them in a hash
 /// map, so that the bytes of one picture would differ from run to run. The header keeps its length.

@@ -6,12 +6,15 @@ pub mod film;
 
 mod background;
 mod compare;
+mod depth;
 mod file;
 mod region;
 
 pub use background::Background;
 pub use compare::{Comparison, compare, difference_picture};
 pub(crate) use compare::{covered_differences, percentile};
+pub use depth::DepthMap;
+pub(crate) use depth::check_scale;
 pub use file::Note;
 pub(crate) use file::check_exr;
 #[cfg(feature = "film")]

@@ -12,7 +12,7 @@ use crate::gpu::recorder::Recorder;
 use crate::gpu::stage::Constant;
 use crate::gpu::store::Store;
 use crate::gpu::view::{ViewGeometry, Weights};
-use crate::image::Region;
+use crate::image::{DepthMap, Region};
 use crate::prepare::levels::ScalarNeed;
 use crate::settings::{Model, Settings};
 use crate::stats::PainterStats;
@@ -55,6 +55,23 @@ pub(crate) struct Job<'a> {
     pub(crate) post: Option<&'a PostShading>,
     /// Layers of the lattice beyond the faces of the volume.
     pub(crate) padding: u32,
+    pub(crate) depths: Depths<'a>,
+}
+
+/// The depths that a picture reads and writes.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Depths<'a> {
+    /// The solids that end rays.
+    pub(crate) solids: Option<&'a DepthMap>,
+    /// Pixels are the depths at which rays have lost half of their light, as in shaders/common/half_depth.wgsl.
+    pub(crate) halves: bool,
+}
+
+impl Depths<'_> {
+    /// Whether neighbouring pixels may have rays of very different lengths, so that each needs its own.
+    pub(crate) fn per_pixel(&self) -> bool {
+        self.solids.is_some() || self.halves
+    }
 }
 
 impl Job<'_> {
@@ -68,6 +85,20 @@ impl Job<'_> {
         self.post.is_some_and(|post| post.table.invisible[0] > post.table.invisible[1])
     }
 
+    /// Whether rays are cut.
+    pub(crate) fn is_cut(&self) -> bool {
+        !self.view.clip.is_empty() || self.depths.solids.is_some()
+    }
+
+    /// The depths of solids in the pixels of a region, for shaders; without solids a buffer to be bound.
+    pub(crate) fn solid_depths(&self, region: Region) -> Result<wgpu::Buffer> {
+        let Some(solids) = self.depths.solids else {
+            return self.context.buffer("solids", 0, wgpu::BufferUsages::STORAGE);
+        };
+        let depths = solids.for_shaders(&self.view.camera, self.view.unit, region)?;
+        self.context.upload("solids", bytemuck::cast_slice(&depths), wgpu::BufferUsages::STORAGE)
+    }
+
     /// Material and lights for shaders.
     pub(crate) fn lighting(&self) -> Lighting {
         let faintest = self.post.map_or(0.0, |post| post.table.faintest);
@@ -76,7 +107,7 @@ impl Job<'_> {
 
     /// The override constants that both painters take.
     pub(crate) fn constants(&self) -> Vec<Constant> {
-        let Self { view, settings, post, .. } = *self;
+        let Self { view, settings, post, depths, .. } = *self;
         let lit_scalars = settings.is_post_shaded() && settings.lighting.is_some();
         let shadows = post.map_or(settings.casting().is_some(), |post| post.shadows);
         vec![
@@ -84,6 +115,9 @@ impl Job<'_> {
             ("BRICK", view.held.is_some().into()),
             ("CUT_OWNED", (view.held.is_some() && settings.model == Model::Xray).into()),
             ("CLIP_PLANES", view.clip.len() as u32),
+            ("CUT", self.is_cut().into()),
+            ("SOLIDS", depths.solids.is_some().into()),
+            ("HALF_DEPTH", depths.halves.into()),
             ("SCALARS", settings.is_post_shaded().into()),
             ("GRADIENTS", lit_scalars.into()),
             ("LIGHTS", settings.light_count()),

@@ -43,6 +43,7 @@ mod model {
     mod reconstruction;
     mod rendering;
     mod sharpness;
+    mod solids;
     mod suggestions;
 }
 

@@ -82,7 +82,7 @@ impl Consumer {
                 stage: "shade".to_owned(),
                 reason: "the scene has no transfer function to classify scalars by".to_owned(),
             })?;
-            self.shading(context, target, (post, inputs.lighting), sheets, pixels, reached)?
+            self.shading(context, target, (post, inputs), sheets, pixels, reached)?
         } else {
             let batches = (0_u32..).zip(reached).map(|(batch, &Area { low, high })| {
                 let depth = target.plan.sheet_depth(batch * self.sheets_per_pass) as f32;
@@ -107,7 +107,7 @@ impl Consumer {
         &self,
         context: &Context,
         target: Target<'_>,
-        (post, lighting): (&PostShading, Lighting),
+        (post, inputs): (&PostShading, &Inputs<'_>),
         sheets: &[SheetTextures],
         pixels: &wgpu::Buffer,
         reached: &[Area],
@@ -120,7 +120,7 @@ impl Consumer {
         // Rays are in the lattice from its middle.
         let view = target.plan.view;
         let from_middle = view.map_of_lattice() * DAffine3::from_translation(half(&view.grid));
-        let lighting = Lighting { from_lattice: affine(&from_middle), ..lighting };
+        let lighting = Lighting { from_lattice: affine(&from_middle), ..inputs.lighting };
         let lighting = context.upload("shade.lighting", bytemuck::bytes_of(&lighting), wgpu::BufferUsages::UNIFORM)?;
         let groups = [0, 1].map(|parity| {
             let resources = [
@@ -133,6 +133,7 @@ impl Consumer {
                 pixels.as_entire_binding(),
                 texture_view(&post.light.texture),
                 wgpu::BindingResource::Sampler(&post.light.sampler),
+                inputs.solids.as_entire_binding(),
             ];
             self.sheets.bind(context, &resources)
         });

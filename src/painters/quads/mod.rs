@@ -110,6 +110,8 @@ struct Inputs<'a> {
     lighting: Lighting,
     /// The tables that classify and light scalars.
     post: Option<&'a PostShading>,
+    /// The depths of the solids in the pixels of the region.
+    solids: &'a wgpu::Buffer,
 }
 
 /// The pipelines of the painter.

@@ -109,7 +109,9 @@ impl Painting for Picture<'_> {
     fn paint(&mut self, recorder: &mut Recorder<'_>, region: Region, _part: Region) -> Result<wgpu::Buffer> {
         let quads = self.pipelines()?;
         let Job { context, pipelines, stores, .. } = self.job;
-        let inputs = Inputs { footprint: &self.footprint, lighting: self.job.lighting(), post: self.job.post };
+        let solids = self.job.solid_depths(region)?;
+        let Job { post, .. } = self.job;
+        let inputs = Inputs { footprint: &self.footprint, lighting: self.job.lighting(), post, solids: &solids };
         let (plan, per_pass) = (&self.plan, self.key.sheets_per_pass);
         let frame = context.upload("frame", bytemuck::bytes_of(&plan.frame(region)), wgpu::BufferUsages::UNIFORM)?;
         let target = Target { plan, region, frame: &frame };

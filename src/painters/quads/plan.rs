@@ -360,7 +360,7 @@ impl<'a> Plan<'a> {
             home_slope: f2(home_slope.to_array()),
             tiles: self.tiles(region)[0],
             tile_size: self.tile_size(),
-            _pad: [0; 2],
+            solid_depth: view.depth_of_z().map(|c| c as f32),
             model: self.model,
             owned_low: f3(owned[0]),
             _pad_low: 0,

@@ -6,16 +6,16 @@ use super::plan::Plan;
 use crate::gpu::layout::{Area, Shade, affine};
 use crate::gpu::light_volume::PostShading;
 use crate::gpu::pipeline::Binding::{
-    self, DynamicUniform, FilteredTexture, ReadTexture, Sampler, Texture, Uniform, Write,
+    self, DynamicUniform, FilteredTexture, Read, ReadTexture, Sampler, Texture, Uniform, Write,
 };
 use crate::gpu::view::half;
 
 /// The bindings of shaders/shade.wgsl.
-pub(super) const SLOTS: [Binding; 9] = {
+pub(super) const SLOTS: [Binding; 10] = {
     let sheets = Texture(wgpu::TextureViewDimension::D2Array);
     let transfer = ReadTexture(wgpu::TextureFormat::Rgba32Float);
     let light = FilteredTexture(wgpu::TextureViewDimension::D3);
-    [Uniform, DynamicUniform, Uniform, sheets, sheets, transfer, Write, light, Sampler]
+    [Uniform, DynamicUniform, Uniform, sheets, sheets, transfer, Write, light, Sampler, Read]
 };
 
 /// A step for each batch, whose last sheet waits for its neighbour, and one for the last sheet of all. A step takes the

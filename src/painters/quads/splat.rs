@@ -75,7 +75,7 @@ impl SheetTextures {
 impl Splatting {
     pub(super) fn new(context: &Context, key: &QuadsKey) -> Self {
         let table = ReadTexture(wgpu::TextureFormat::Rgba32Float);
-        let slots = [Uniform, DynamicUniform, Read, table, Read, Uniform];
+        let slots = [Uniform, DynamicUniform, Read, table, Read, Uniform, Read];
         let layout = layout(context, "splat", wgpu::ShaderStages::VERTEX_FRAGMENT, &slots);
         let module = &module(context, shaders::SPLAT);
         let constants = &declared(shaders::SPLAT, &key.constants);
@@ -149,6 +149,7 @@ impl Splatting {
                     texture_view(inputs.footprint),
                     span.piece.origins(),
                     lighting.as_entire_binding(),
+                    inputs.solids.as_entire_binding(),
                 ];
                 bind(context, "splat", &self.layout, &resources)
             })

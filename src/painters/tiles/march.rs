@@ -31,6 +31,8 @@ pub(super) struct Targets<'a> {
     pub(super) lighting: &'a wgpu::Buffer,
     /// The tables that classify and light scalars.
     pub(super) post: Option<&'a PostShading>,
+    /// The depths of the solids in pixels.
+    pub(super) solids: &'a wgpu::Buffer,
 }
 
 /// The stage that finds runs.
@@ -48,11 +50,11 @@ fn skips_together(context: &Context) -> bool {
 pub(super) fn gather(context: &Context, key: &TilesKey) -> Stage {
     let apart = pack::is_apart(context);
     let image = StorageTexture(FORMAT, wgpu::TextureViewDimension::D2);
-    let of_colors = |entry, state| (gather_of_colors(context), entry, vec![state, Write]);
+    let of_colors = |entry, state| (gather_of_colors(context), entry, vec![state, Write, Read]);
     let of_scalars = |shader| {
         let transfer = ReadTexture(wgpu::TextureFormat::Rgba32Float);
         let light = FilteredTexture(wgpu::TextureViewDimension::D3);
-        (shader, "gather", vec![Write, Uniform, transfer, light, Sampler])
+        (shader, "gather", vec![Write, Uniform, transfer, light, Sampler, Read])
     };
     let (shader, entry, slots) = match (key.voxel, key.rays) {
         (Voxel::Scalar, _) if apart => of_scalars(shaders::GATHER_SCALARS_APART),
@@ -78,7 +80,7 @@ pub(super) fn march(
     [skip, gather]: [&Stage; 2],
     packed: &Packed,
     uniforms: &layout::Rays,
-    Targets { rays, state, pixels, lighting, post }: Targets<'_>,
+    Targets { rays, state, pixels, lighting, post, solids }: Targets<'_>,
 ) -> Result<()> {
     let runs = find_runs(recorder, skip, packed, uniforms, rays, &[])?;
     let mut resources = vec![rays.as_entire_binding(), texture_view(&packed.volume), runs.as_entire_binding()];
@@ -93,6 +95,7 @@ pub(super) fn march(
         ]),
         None => resources.extend([state, pixels]),
     }
+    resources.push(solids.as_entire_binding());
     let [across, down] = uniforms.tiles;
     gather.run(recorder, &resources, [across, down, phases(uniforms)]);
     Ok(())

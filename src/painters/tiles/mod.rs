@@ -118,6 +118,7 @@ impl Tiles {
         let Canvas { region, part, .. } = *canvas;
         let uniform = wgpu::BufferUsages::UNIFORM;
         let lighting = context.upload("gather.lighting", bytemuck::bytes_of(&picture.lighting), uniform)?;
+        let solids = picture.job.solid_depths(region)?;
         let mut drawn = TilesStats::default();
         let mut largest = 0.0;
         for (axis, packed) in picture.axes.iter().zip(packed) {
@@ -143,7 +144,8 @@ impl Tiles {
                 let before = if picture.is_layered() { Some(canvas.before(context, &axis.axis)?) } else { None };
                 let state = before.as_ref().map_or(texture_view(&image.textures[0]), wgpu::Buffer::as_entire_binding);
                 let post = picture.job.post;
-                let targets = Targets { rays: &image.rays, state, pixels: &canvas.pixels, lighting: &lighting, post };
+                let (rays_of, pixels) = (&image.rays, &canvas.pixels);
+                let targets = Targets { rays: rays_of, state, pixels, lighting: &lighting, post, solids: &solids };
                 march(recorder, [&self.skip, &self.gather], packed, &rays.uniforms, targets)?;
                 if let Some((resampler, _)) = &self.resample {
                     resampler.run(recorder, &image, &canvas.pixels, &refinement, [region.width, region.height]);

@@ -270,12 +270,16 @@ impl<'a> Picture<'a> {
 
     /// Whether some pixels do without rays of their own.
     fn is_resampled(&self) -> bool {
-        let Job { settings, post, view, .. } = self.job;
+        let Job { settings, post, view, depths, .. } = self.job;
         // Partial pictures are composited before anything is resampled. Classification makes edges that only the rays
         // of pixels keep; rays that are shared reach two voxels.
         let full = resolution(settings, self.job.context.is_software()) == Resolution::Full;
-        let per_pixel =
-            full || view.held.is_some() || post.is_some() || self.kernel.radius() > MAX_RADIUS || self.is_layered();
+        let per_pixel = full
+            || depths.per_pixel()
+            || view.held.is_some()
+            || post.is_some()
+            || self.kernel.radius() > MAX_RADIUS
+            || self.is_layered();
         !per_pixel && self.axes.iter().any(|axis| self.setup(axis).pixel_share() < 1.0)
     }
 
@@ -317,8 +321,8 @@ impl<'a> Picture<'a> {
     /// Pixels whose straight rays share the voxels that they meet. None do on GPUs (see [`resolution`]), and none of
     /// scalars, whose classification takes the time.
     fn block(&self, axis: &PackedAxis) -> Option<Block> {
-        let Job { context, post, view, .. } = self.job;
-        if post.is_some() || view.held.is_some() || !context.is_software() {
+        let Job { context, post, view, depths, .. } = self.job;
+        if post.is_some() || depths.per_pixel() || view.held.is_some() || !context.is_software() {
             return None;
         }
         parallel::block(&self.setup(axis), self.whole())
@@ -447,7 +451,7 @@ impl Picture<'_> {
     pub(super) fn pixel_work(&self) -> u64 {
         // Each pixel may have its own ray beside the rays of the images.
         let beside = if self.is_resampled() { self.whole().area() } else { 0 };
-        let is_cut = !self.job.view.clip.is_empty() && self.job.post.is_none();
+        let is_cut = self.job.is_cut() && self.job.post.is_none();
         let planes = |axis: &PackedAxis| {
             let rays: u64 = self.all_rays(axis).iter().map(Rays::count).sum();
             let planes = self.planes_of_layer(axis);

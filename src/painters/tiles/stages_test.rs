@@ -27,7 +27,7 @@ use crate::gpu::twins_test as twins;
 use crate::gpu::view::{ViewGeometry, Weights};
 use crate::image::Region;
 use crate::kernel::Kernel;
-use crate::painters::painter::Job;
+use crate::painters::painter::{Depths, Job};
 use crate::settings::Settings;
 use crate::stats::RaySpacing;
 use crate::volume::Grid;
@@ -624,6 +624,7 @@ fn assert_runs_hold_voxels(context: &Context) {
                 weights: Weights { max: 0.1, unit: 1.0, brightest: [1.0; 3] },
                 post: None,
                 padding: 0,
+                depths: Depths::default(),
             };
             let (packing, footprint, sections) = (packed.packing, &footprint, &sections);
             let setup = RaySetup { job: &job, axis, packing, kernel, footprint, sections };

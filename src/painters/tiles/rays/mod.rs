@@ -5,7 +5,7 @@ pub(super) mod parallel;
 mod perspective;
 
 use bytemuck::Zeroable;
-use glam::{DAffine3, DMat3, DVec2, DVec3};
+use glam::{DAffine3, DMat3, DVec2, DVec3, DVec4};
 
 use super::axis::{PrincipalAxis, smoothstep, unordered};
 use super::pack::Packing;
@@ -110,6 +110,15 @@ impl RaySetup<'_> {
         layout::clip_planes(self.job.view.clip.iter().map(plane))
     }
 
+    /// The depth of a place (a, b, plane): `view_depth` in shaders/common/rays.wgsl.
+    fn view_depth(&self) -> [f32; 4] {
+        let (view, to_lattice) = (self.job.view, self.map_to_lattice());
+        let [scale, offset] = view.depth_of_z();
+        let from_middle = to_lattice.translation - half(&view.grid);
+        let across = to_lattice.matrix3.transpose() * view.gradients[2];
+        (across.extend(view.gradients[2].dot(from_middle)) * scale + DVec4::W * offset).as_vec4().to_array()
+    }
+
     /// The box of visible matter, as its least and largest (a, b, plane).
     fn bounds(&self) -> [DVec3; 2] {
         let view = self.job.view;
@@ -176,6 +185,7 @@ impl RaySetup<'_> {
             radius2: (radius * radius) as f32,
             box_low: f3(box_low),
             box_high: f3(box_high),
+            view_depth: self.view_depth(),
             owned_low: f3(owned_low),
             owned_high: f3(owned_high),
             first: self.first().as_ivec3().to_array(),
