@@ -25,7 +25,7 @@
 //! JSON), [`kernel`], [`camera`], [`clip`] (planes, boxes), [`lighting`], [`settings`], [`renderer`] (the GPU),
 //! [`mod@reference`] (the same model integrated in f64, to measure against), [`accuracy`] (pictures that keep an
 //! error), [`bricks`] (pictures made by many machines), [`reconstruction`] (filters of samples), [`image`] (pictures,
-//! their files and their differences), [`figure`] (scale bar, axes, colour bar and title on a picture), `film` (GIF,
+//! their files and their differences), [`solids`] (meshes and depth buffers in pictures), [`figure`] (scale bar, axes, colour bar and title on a picture), `film` (GIF,
 //! APNG and Y4M), [`stats`], [`progress`], [`adapter`] and [`error`].
 //!
 //! The features, on by default: `film` writes films; `dicom`, `jpeg2000` (in DICOM), `tiff`, `vtk` and `zarr` are
@@ -49,6 +49,7 @@ pub mod progress;
 pub mod reference;
 pub mod renderer;
 pub mod settings;
+pub mod solids;
 pub mod stats;
 pub mod transfer;
 

@@ -21,6 +21,7 @@ use crate::prepare::levels::ScalarNeed;
 pub use crate::prepare::scene::Scene;
 use crate::progress::Progress;
 use crate::settings::{Level, Model, Settings, Shading};
+use crate::solids::Solids;
 use crate::stats::adapter::AdapterInfo;
 use crate::stats::{Counts, StageTime, Stats};
 use crate::transfer::TransferFunction;
@@ -236,6 +237,35 @@ impl Renderer {
     ) -> Result<Rendered> {
         let depths = Depths { solids: Some(solids), halves: false };
         self.shot(scene, Shot { camera, settings, wanted: region, depths })
+    }
+
+    /// Renders a part of a picture, like [`Self::render_region`], with opaque surfaces in it: the matter before them,
+    /// and behind it the surfaces. Surfaces without colours only hide matter. `solids` has the size of the whole
+    /// picture.
+    ///
+    /// A picture in which a surface covers a part of a pixel is rendered twice, with and without surfaces, because
+    /// matter behind the edge of a surface shows too.
+    ///
+    /// # Errors
+    /// Like [`Self::render_before`].
+    pub fn render_with_solids(
+        &self,
+        scene: &Scene,
+        camera: &Camera,
+        settings: &Settings,
+        region: Region,
+        solids: &Solids,
+    ) -> Result<Rendered> {
+        let mut before = self.render_before(scene, camera, settings, region, &solids.depths)?;
+        let Some(surfaces) = &solids.image else { return Ok(before) };
+        let surfaces = surfaces.part(region)?;
+        before.image = if solids.has_edges() {
+            let whole = self.render_region(scene, camera, settings, region)?;
+            Solids::combined(&surfaces, &before.image, &whole.image)?
+        } else {
+            before.image.over(&surfaces)?
+        };
+        Ok(before)
     }
 
     /// Returns the depths of a part of a picture at which rays have lost half of their light, for another renderer to

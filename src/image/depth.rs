@@ -120,6 +120,29 @@ impl DepthMap {
         Ok((map, image))
     }
 
+    /// Returns a copy of a region of the map.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] if the region reaches beyond the map.
+    pub fn part(&self, region: Region) -> Result<Self> {
+        region.check_within(self.size())?;
+        let columns = region.x as usize..(region.x + region.width) as usize;
+        let rows = self.depths.chunks_exact(self.width as usize).skip(region.y as usize).take(region.height as usize);
+        Self::new(region.width, region.height, rows.flat_map(|row| &row[columns.clone()]).copied().collect())
+    }
+
+    /// Returns the smaller depth of two maps in each pixel.
+    ///
+    /// # Errors
+    /// [`Error::Image`] if the sizes differ.
+    pub fn nearest(&self, other: &Self) -> Result<Self> {
+        if self.size() != other.size() {
+            return Err(Error::Image("depths of pictures of different sizes".to_owned()));
+        }
+        let depths = self.depths.iter().zip(&other.depths).map(|(a, b)| a.min(*b)).collect();
+        Self::new(self.width, self.height, depths)
+    }
+
     /// Refuses depths of another size than the pictures of a camera, and a camera whose depths have no scale.
     pub(crate) fn check(&self, camera: &Camera) -> Result<()> {
         if self.size() != camera.size {

@@ -90,6 +90,20 @@ impl Image {
         self.pixels.iter().flat_map(bytes).collect()
     }
 
+    /// Returns a copy of a region of the picture.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] if the region reaches beyond the picture, [`Error::Memory`].
+    pub fn part(&self, region: Region) -> Result<Self> {
+        region.check_within([self.width, self.height])?;
+        let mut part = Self::transparent(region.width, region.height)?;
+        let columns = region.x as usize..(region.x + region.width) as usize;
+        let rows = self.pixels.chunks_exact(self.width as usize).skip(region.y as usize);
+        let parts = part.pixels.chunks_exact_mut(region.width as usize);
+        parts.zip(rows).for_each(|(to, from)| to.copy_from_slice(&from[columns.clone()]));
+        Ok(part)
+    }
+
     /// Copies a picture into this one, with its top left pixel at a column and row.
     pub(crate) fn put(&mut self, image: &Self, [x, y]: [u32; 2]) {
         let columns = x as usize..(x + image.width) as usize;

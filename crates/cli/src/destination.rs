@@ -3,7 +3,7 @@
 use std::io::{IsTerminal, stdout};
 use std::path::{Path, PathBuf};
 
-use voxsplat::image::{Background, Image, Note};
+use voxsplat::image::{Background, DepthMap, Image, Note};
 
 use super::failure::{Failure, refuse};
 use super::output;
@@ -47,10 +47,19 @@ impl Destination {
     }
 
     /// Writes a picture. A file appears whole or not at all.
-    pub(crate) fn write(&self, image: &Image, background: Background, notes: &[Note]) -> Result<(), Failure> {
-        match self {
-            Self::Stdout => output::print_bytes(&image.to_png_with_notes(background, notes)?),
-            Self::File(path) => Ok(image.save_with_notes(path, background, notes)?),
+    ///
+    /// `depths` are for an .exr, if there are any.
+    pub(crate) fn write(
+        &self,
+        image: &Image,
+        depths: Option<&DepthMap>,
+        background: Background,
+        notes: &[Note],
+    ) -> Result<(), Failure> {
+        match (self, depths) {
+            (Self::Stdout, _) => output::print_bytes(&image.to_png_with_notes(background, notes)?),
+            (Self::File(path), Some(depths)) => Ok(image.save_with_depths(path, depths, notes)?),
+            (Self::File(path), None) => Ok(image.save_with_notes(path, background, notes)?),
         }
     }
 }

@@ -8,6 +8,7 @@ use voxsplat::image::Note;
 use voxsplat::layers::Layers;
 use voxsplat::renderer::{Rendered, Renderer, Scene};
 use voxsplat::settings::Settings;
+use voxsplat::solids::Solids;
 use voxsplat::volume::{Units, Volume};
 use voxsplat_volume::names::counted;
 
@@ -56,6 +57,7 @@ pub(crate) fn draw(
     layers: &Layers,
     camera: &Camera,
     job: &RenderJob,
+    solids: Option<&Solids>,
     prepared: Option<Prepared>,
 ) -> Result<(Drawn, Option<Prepared>), Failure> {
     let Some(max_error) = job.accuracy.max_error else {
@@ -63,7 +65,11 @@ pub(crate) fn draw(
             Some(prepared) => prepared,
             None => Prepared::new(layers, &job.settings, renderer.prepare_layers(layers, &job.settings)?),
         };
-        let rendered = renderer.render_region(&prepared.scene, camera, &job.settings, job.region)?;
+        let scene = &prepared.scene;
+        let rendered = match solids {
+            None => renderer.render_region(scene, camera, &job.settings, job.region)?,
+            Some(solids) => renderer.render_with_solids(scene, camera, &job.settings, job.region, solids)?,
+        };
         return Ok(((rendered, job.settings.clone(), None), Some(prepared)));
     };
     let Chosen { settings, rendered, estimate, keeps, tried } =

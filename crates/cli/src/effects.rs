@@ -40,7 +40,7 @@ const fn idle(options: &'static str, holds: fn(&Given<'_>) -> bool, because: &'s
 #[cfg(test)]
 const FREE: &str = "help quiet dims type offset axis-order spacing replace-nan channel time pyramid output size up \
                     target projection view-height transfer transfer-values model response depth-coded attenuation \
-                    light clip kernel sharpness labels mask tune tune:normalization tune:antialiasing views repeats \
+                    light clip kernel sharpness labels mask mesh tune tune:normalization tune:antialiasing views repeats \
                     patience seconds rivals frames turn key-frames grid";
 
 const BY_KEYS: &str = "because key frames set it";
@@ -142,6 +142,15 @@ const RULES: &[Rule] = &[
         |given| !given.has("labels") && !shows_labels(given),
         " needs --labels FILE or --transfer labels",
     ),
+    // Solids.
+    refused("mesh depth", |given| given.is_for("plan"), ": a picture in bricks has no solids"),
+    refused("mesh depth", |given| given.is_for("pareto"), ": a study is of one volume"),
+    refused(
+        "mesh depth",
+        |given| given.has("reference") || given.has("max-error") || given.has("verify"),
+        ": the reference draws no solids, so leave out --reference, --max-error and --verify",
+    ),
+    refused("depth", |given| given.is_for("turntable"), ": a depth buffer is of one view"),
     // Painters and devices.
     refused(
         QUADS,

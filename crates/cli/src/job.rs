@@ -21,6 +21,7 @@ use super::failure::{Failure, refuse};
 use super::layers::LayersJob;
 use super::parse::TimeArg;
 use super::scene_file::SceneFile;
+use super::solids::SolidsJob;
 use super::transfer::transfer;
 use super::tune::Tuning;
 
@@ -42,6 +43,7 @@ pub(crate) struct RenderJob {
     pub(crate) times: Option<TimeArg>,
     pub(crate) transfer: TransferRequest,
     pub(crate) layers: LayersJob,
+    pub(crate) solids: SolidsJob,
     pub(crate) channels: Vec<ChannelChoice>,
     pub(crate) view: View,
     pub(crate) frame: Frame,
@@ -160,6 +162,7 @@ impl RenderJob {
             times: args.input.time,
             transfer,
             layers,
+            solids: SolidsJob::new(&args.solids)?,
             channels: args.input.channel,
             frame: args.view.frame.unwrap_or_else(|| Frame::suited_to(&view)),
             view,

@@ -29,6 +29,7 @@ mod scene;
 mod scene_file;
 mod session;
 mod signals;
+mod solids;
 mod stages;
 mod stderr;
 mod transfer;

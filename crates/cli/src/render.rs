@@ -14,7 +14,7 @@ use super::args::StatsFormat;
 use super::destination::Destination;
 use super::draw::in_words;
 use super::failure::{Failure, fail};
-use super::job::RenderJob;
+use super::job::{Outputs, RenderJob};
 use super::output;
 use super::session::{Drawing, Session};
 use super::stages::Stages;
@@ -53,8 +53,9 @@ pub(crate) fn run(jobs: Vec<RenderJob>) -> Result<(), Failure> {
         }
         let layers = session.layers(&job, &fitted, &mut stages)?;
         let picture = session.picture(&job, &layers, &fitted.transfer, &mut stages)?;
-        let image = picture.image();
-        stages.time("encode", || job.output.picture.write(image, job.output.background, &picture.notes))?;
+        let depths = session.depths(&job, &layers, &picture, &mut stages)?;
+        let Outputs { picture: output, background, .. } = &job.output;
+        stages.time("encode", || output.write(picture.image(), depths.as_ref(), *background, &picture.notes))?;
         if let Some(scene) = &job.output.scene {
             scene.save(&job.source, &job.transfer.choice, &fitted)?;
         }

@@ -22,8 +22,8 @@ const OF_A_RUN: [&str; 6] = ["output", "save-scene", "save-transfer", "stats", "
 /// Options that make the transfer function.
 pub(crate) const OF_TRANSFER: [&str; 3] = ["transfer", "window", "gradient-opacity"];
 
-/// Options that name files of labels, which may have labels behind them.
-const OF_FILES: [&str; 3] = ["labels", "label-table", "mask"];
+/// Options that name files, which may have labels or a colour behind them.
+const OF_FILES: [&str; 5] = ["labels", "label-table", "mask", "mesh", "depth"];
 
 /// A scene to be written when its picture is done.
 #[derive(Debug, Clone)]

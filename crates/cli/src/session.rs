@@ -11,11 +11,12 @@ use voxsplat::clip::Clip;
 use voxsplat::demos;
 use voxsplat::figure::{Figure, LegendEntry, Shown};
 use voxsplat::formats::{LoadOptions, PyramidLevel, TimeSeries};
-use voxsplat::image::{Image, Note};
+use voxsplat::image::{DepthMap, Image, Note};
 use voxsplat::layers::{Layer, Layers};
 use voxsplat::reference::Reference;
 use voxsplat::renderer::{Renderer, RendererOptions};
 use voxsplat::settings::{Model, Settings};
+use voxsplat::solids::Solids;
 use voxsplat::stats::Stats;
 use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::{Contents, Volume};
@@ -26,6 +27,7 @@ use super::failure::{Failure, fail, refuse};
 use super::fitted::{Fitted, transfer};
 use super::job::{Engine, NO_LEGEND, RenderJob};
 use super::progress::{self, Progress, Remaining};
+use super::solids::HeldSolids;
 use super::stages::Stages;
 use super::stderr::silenced;
 use super::{layers, output};
@@ -47,6 +49,8 @@ pub(crate) struct Session {
     more: Vec<Volume>,
     /// Volumes of labels on its lattice, by their files.
     labels: Vec<(PathBuf, Vec<Volume>)>,
+    /// Meshes of the last job.
+    solids: HeldSolids,
     /// The last legend.
     legend: Held<(Layers, Clip), Vec<LegendEntry>>,
     /// The least and the largest value of the first volume, once a colour bar needs them.
@@ -86,6 +90,8 @@ pub(crate) struct Drawing {
     pub(crate) estimate: Option<Estimate>,
     /// Statistics of the renderer; `None` if the reference made the picture.
     pub(crate) stats: Option<Stats>,
+    /// The surfaces in the picture.
+    pub(crate) solids: Option<Solids>,
 }
 
 impl Drawing {
@@ -164,6 +170,7 @@ impl Session {
             channels,
             more,
             labels: Vec::new(),
+            solids: HeldSolids::default(),
             legend: None,
             values: None,
             said: Vec::new(),
@@ -319,6 +326,8 @@ impl Session {
                 |(frame, clip, layers)| stages.time("framing", || Ok(frame.hull(layers, clip)?)),
             )?,
         };
+        self.solids.read(&job.solids, self.volume.grid())?;
+        let around = around.map(|hull| self.solids.around(hull));
         let figure = self.figure(job, layers)?;
         let values = self.values(&figure)?;
         let reserved = if job.choices.space { figure.reserved(job.size, transfer, values)? } else { job.view.reserved };
@@ -339,10 +348,11 @@ impl Session {
         let camera = self.camera(job, layers, transfer, stages)?;
         let figure = self.figure(job, layers)?;
         let values = self.values(&figure)?;
+        let solids = self.solids.seen(&camera, job.settings.lighting.as_ref())?;
         let (image, settings, estimate, stats) = match &self.renderer {
             Some(renderer) => {
                 let prepared = self.prepared.take().filter(|prepared| prepared.serves(layers, &job.settings));
-                let (drawn, prepared) = draw(renderer, layers, &camera, job, prepared)?;
+                let (drawn, prepared) = draw(renderer, layers, &camera, job, solids.as_ref(), prepared)?;
                 self.prepared = prepared;
                 let (rendered, settings, estimate) = drawn;
                 (rendered.image, settings, estimate, Some(rendered.stats))
@@ -363,7 +373,36 @@ impl Session {
         let shown = Shown { volume, transfer, values, camera: &camera, model: job.settings.model };
         let draw = || figure.draw_region(&image, job.region, job.output.background, &shown);
         let drawn = if figure.is_empty() { None } else { Some(stages.time("figure", draw)?) };
-        Ok(Drawing { image, drawn, camera, settings, notes, estimate, stats })
+        Ok(Drawing { image, drawn, camera, settings, notes, estimate, stats, solids })
+    }
+
+    /// Returns the depths of a picture for its file: of the solids, or nearer ones at which matter has kept half of the
+    /// light. `None` if the file or the model has no depths.
+    pub(crate) fn depths(
+        &mut self,
+        job: &RenderJob,
+        layers: &Layers,
+        picture: &Drawing,
+        stages: &mut Stages,
+    ) -> Result<Option<DepthMap>, Failure> {
+        let Some(renderer) = &self.renderer else { return Ok(None) };
+        if !job.output.picture.keeps_values() || picture.settings.model != Model::Composite {
+            return Ok(None);
+        }
+        let Drawing { camera, settings, solids, .. } = picture;
+        stages.time("depths", || {
+            let prepared = match self.prepared.take() {
+                Some(prepared) => prepared,
+                None => Prepared::new(layers, settings, renderer.prepare_layers(layers, settings)?),
+            };
+            let solids = solids.as_ref().map(|solids| &solids.depths);
+            let depths = renderer.depths(&prepared.scene, camera, settings, job.region, solids)?;
+            self.prepared = Some(prepared);
+            Ok(Some(match solids {
+                Some(solids) => depths.nearest(&solids.part(job.region)?)?,
+                None => depths,
+            }))
+        })
     }
 
     /// Returns the range of values for the colour bar of a figure, of the first time point for all.

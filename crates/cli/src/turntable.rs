@@ -399,7 +399,7 @@ fn write(job: &TurntableJob, frames: Receiver<Done>, size: [u32; 2], count: u32)
         FilmTarget::Files(name) => {
             for Done { frame, image, notes } in frames {
                 let file = Destination::File(PathBuf::from(numbered(name, frame, count)));
-                file.write(&image, background, &notes)?;
+                file.write(&image, None, background, &notes)?;
             }
         }
         FilmTarget::Film(path, format) => {

@@ -111,6 +111,13 @@ impl Hull {
         Self { points: (0..DIRECTIONS).filter_map(|n| farthest(direction(n))).collect(), ..both }
     }
 
+    /// Returns the hull of this hull and places in the world, such as vertices of a mesh.
+    #[must_use]
+    pub fn with_places(&self, places: &[DVec3]) -> Self {
+        let points = places.iter().map(|&place| place - self.origin).collect();
+        self.joined(&Self { points, ..self.clone() })
+    }
+
     /// Returns the same hull, to be fitted as seen from the direction of the view: it fills the picture, and every view
     /// has its own target and scale.
     #[must_use]

@@ -7,6 +7,7 @@ mod inspect;
 mod model;
 mod pareto;
 mod render;
+mod solids;
 mod turntable;
 mod view;
 
@@ -19,6 +20,7 @@ pub(crate) use self::inspect::{CompareArgs, InfoArgs};
 pub(crate) use self::model::{LayerArgs, ModelArgs};
 pub(crate) use self::pareto::ParetoArgs;
 pub(crate) use self::render::{RenderArgs, StatsFormat};
+pub(crate) use self::solids::SolidArgs;
 pub(crate) use self::turntable::TurntableArgs;
 pub(crate) use self::view::{ProjectionArg, ViewArgs};
 
@@ -78,7 +80,7 @@ pub(crate) enum Command {
 
 /// The options of `render` and its relatives for a first picture, which `-h` shows.
 const BASIC: &str = "output size background stats channel time azimuth elevation projection zoom transfer window model \
-                     shading light clip labels label scale-bar colour-bar max-error";
+                     shading light clip labels label mesh scale-bar colour-bar max-error";
 
 /// Options whose values are any text, so that a value with a dash in front is more likely a forgotten value.
 const TEXTS: [&str; 4] = ["stats", "title", "caption", "adapter"];

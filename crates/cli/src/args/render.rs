@@ -9,6 +9,7 @@ use voxsplat::image::{Background, Region};
 use super::figure::FigureArgs;
 use super::input::InputArgs;
 use super::model::{LayerArgs, ModelArgs};
+use super::solids::SolidArgs;
 use super::view::ViewArgs;
 use crate::parse::{self, PainterArg};
 
@@ -28,6 +29,7 @@ Examples:
   voxsplat render head.nii.gz -o half.png --clip R --light studio
   voxsplat render ct.nrrd -o film.png --model xray --response film --azimuth 90
   voxsplat render head.nii.gz -o truth.exr --reference --size 256
+  voxsplat render head.nii.gz -o electrodes.png --mesh electrodes.ply:gold --clip R
   voxsplat render ct.nrrd -o organs.png --labels organs.nrrd --label-table organs.ctbl --label all:0.5
   voxsplat render ct.nrrd -o figure.png --scale-bar --axes --colour-bar --units value=HU --title 'A skull'";
 
@@ -42,8 +44,9 @@ pub(crate) struct RenderArgs {
 
     /// Picture to write: .png, .exr, or - for a PNG on standard output
     ///
-    /// A .png has 8 bits per channel, an .exr 32-bit floats with premultiplied alpha. Required, unless a scene has
-    /// outputs of its own.
+    /// A .png has 8 bits per channel, an .exr 32-bit floats with premultiplied alpha. An .exr of the composite model
+    /// also has a channel Z: the depth at which a ray has lost half of its light, as --depth reads it. Required, unless
+    /// a scene has outputs of its own.
     #[arg(short, long, value_name = "FILE", help_heading = "Output")]
     pub(crate) output: Option<PathBuf>,
     /// Width and height in pixels, or one number for both; 1 to 32768
@@ -79,6 +82,8 @@ pub(crate) struct RenderArgs {
     pub(crate) model: ModelArgs,
     #[command(flatten)]
     pub(crate) layers: LayerArgs,
+    #[command(flatten)]
+    pub(crate) solids: SolidArgs,
 
     /// Draw splats by quads, which draws every picture, or by tiles, which is faster and refuses some; auto uses quads
     /// if tiles refuses, and --tune resolution=full on GPUs. A key of a painter (--tune help) chooses the painter

@@ -19,5 +19,5 @@ pub(crate) fn run(args: &MergeArgs) -> Result<(), Failure> {
     let parts = args.parts.iter().map(|path| Partial::load(path, &plan)).collect::<Result<Vec<_>, _>>()?;
     let mut notes = notes(plan.settings(), &job.figure.drawn, None);
     notes.push(Note { name: "Bricks", text: plan.bricks().len().to_string() });
-    output.write(&merge(&plan, parts)?, args.background, &notes)
+    output.write(&merge(&plan, parts)?, None, args.background, &notes)
 }

@@ -46,6 +46,8 @@ use readers::ZARR;
 pub use readers::{FORMATS, Format};
 use selection::{Pick, chosen};
 pub use time_series::TimeSeries;
+#[cfg(feature = "vtk")]
+pub(crate) use vtk::poly_data::read as read_poly_data;
 
 use crate::demos;
 use crate::error::{Error, Hint, Result, Subject, refuse, refuse_if};

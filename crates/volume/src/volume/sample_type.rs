@@ -40,6 +40,20 @@ impl SampleType {
         }
     }
 
+    /// The number that as many bytes as [`Self::size`] stand for. Whole numbers over 2^53 are rounded.
+    pub(crate) fn number(self, bytes: &[u8], endian: Endian) -> f64 {
+        let bits = endian.number(bytes);
+        match self {
+            Self::U8 | Self::U16 | Self::U32 | Self::U64 => bits as f64,
+            Self::I8 => f64::from(bits as i8),
+            Self::I16 => f64::from(bits as i16),
+            Self::I32 => f64::from(bits as i32),
+            Self::I64 => bits as i64 as f64,
+            Self::F32 => f32::from_bits(bits as u32).into(),
+            Self::F64 => f64::from_bits(bits),
+        }
+    }
+
     /// Whether numbers of this type can be NaN or infinite.
     #[must_use]
     pub fn is_float(self) -> bool {

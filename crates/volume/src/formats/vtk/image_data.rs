@@ -34,7 +34,7 @@ pub(in crate::formats) fn read(mut input: Input, options: &LoadOptions, several:
 }
 
 /// The next tag of this name.
-fn tag(input: &mut Input, name: &str) -> Result<Option<Tag>> {
+pub(super) fn tag(input: &mut Input, name: &str) -> Result<Option<Tag>> {
     while let Some(tag) = Tag::next(input)? {
         if tag.name == name {
             return Ok(Some(tag));
@@ -63,7 +63,7 @@ fn image_lattice(image: &Tag, file: &Path) -> Result<ImageLattice> {
 
 /// The place of an array's samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Place {
+pub(super) enum Place {
     /// Decimal numbers after the tag.
     Text,
     /// In base64 after the tag.
@@ -120,7 +120,7 @@ fn find(input: &mut Input, whole: Option<&str>, several: bool) -> Result<Option<
     Ok(None)
 }
 
-fn place(tag: &Tag, input: &Input) -> Result<Place> {
+pub(super) fn place(tag: &Tag, input: &Input) -> Result<Place> {
     match tag.get("format") {
         Some("ascii") => Ok(Place::Text),
         Some("binary") => Ok(Place::Inline),
@@ -134,7 +134,7 @@ fn place(tag: &Tag, input: &Input) -> Result<Place> {
 }
 
 /// The encoding of arrays.
-struct Coding {
+pub(super) struct Coding {
     endian: Endian,
     /// Whether the numbers before an array have 8 bytes rather than 4.
     wide: bool,
@@ -142,7 +142,7 @@ struct Coding {
 }
 
 impl Coding {
-    fn of(file: &Tag, input: &Input) -> Result<Self> {
+    pub(super) fn of(file: &Tag, input: &Input) -> Result<Self> {
         let orders = [("LittleEndian", Endian::Little), ("BigEndian", Endian::Big)];
         let order = file.get("byte_order").or(Some(""));
         let endian = choice(input.path(), "byte_order", order, orders)?;
@@ -163,7 +163,7 @@ impl Coding {
     }
 
     /// Moves from the end of a tag to the first sample.
-    fn at_samples(&self, mut input: Input, place: Place) -> Result<(Input, Layout)> {
+    pub(super) fn at_samples(&self, mut input: Input, place: Place) -> Result<(Input, Layout)> {
         let is_base64 = match place {
             Place::Text => return Ok((input, Layout::Text)),
             Place::Inline => true,

@@ -3,6 +3,7 @@
 mod blocks;
 pub(super) mod image_data;
 pub(super) mod legacy;
+pub(super) mod poly_data;
 
 use glam::DVec3;
 
