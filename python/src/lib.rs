@@ -9,6 +9,7 @@ mod error;
 mod image;
 mod render;
 mod request;
+mod solids;
 mod volume;
 mod worker;
 
@@ -45,6 +46,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<render::Renderer>()?;
     module.add_class::<render::Scene>()?;
     module.add_class::<image::Image>()?;
+    module.add_class::<solids::Mesh>()?;
     module.add_class::<bricks::Plan>()?;
     module.add_class::<bricks::Partial>()?;
     module.add_class::<counts::Counts>()?;

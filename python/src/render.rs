@@ -2,16 +2,20 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
+use numpy::ndarray::Array2;
+use numpy::{IntoPyArray, PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
 use voxsplat::appearance::{Frame, place_studio};
 use voxsplat::camera::{Camera, Hull};
 use voxsplat::error::Result;
 use voxsplat::image::{Background, Region};
+use voxsplat::settings::Settings;
 
 use crate::bricks::{Partial, Plan};
-use crate::error::raised;
+use crate::error::{internal, raised};
 use crate::image::Image;
 use crate::request::{Beside, Look, SettingsFields, ViewFields, ViewRequest};
+use crate::solids::{Mesh, Requested};
 use crate::volume::Volume;
 use crate::worker::{Device, discard};
 
@@ -46,6 +50,39 @@ impl Prepared {
         let hull = frame.hull(&self.look.layers, &self.look.settings.clip)?;
         hulls.push((frame, hull.clone()));
         Ok(hull)
+    }
+}
+
+/// A part of a picture of a scene.
+struct Shot {
+    prepared: Arc<Prepared>,
+    view: Option<ViewRequest>,
+    size: [u32; 2],
+    region: Region,
+}
+
+impl Shot {
+    fn new(scene: &Scene, view: Option<ViewFields>, size: [u32; 2], region: Option<[u32; 4]>) -> PyResult<Self> {
+        let view = view.map(|view| view.request(size)).transpose().map_err(|fault| raised(&fault))?;
+        let [x, y, width, height] = region.unwrap_or([0, 0, size[0], size[1]]);
+        let region = Region { x, y, width, height };
+        let Some(prepared) = scene.prepared.clone() else { return Err(internal("a scene is gone")) };
+        Ok(Self { prepared, view, size, region })
+    }
+
+    /// The camera and the settings of the picture.
+    fn seen(&self) -> Result<(Camera, Settings)> {
+        let Look { layers, view: chosen, settings, follows, .. } = &self.prepared.look;
+        let ViewRequest { mut view, frame, is_open } = self.view.clone().unwrap_or_else(|| chosen.clone());
+        if is_open {
+            (view.azimuth, view.elevation) = (chosen.view.azimuth, chosen.view.elevation);
+        }
+        let mut settings = settings.clone();
+        if let Some(lighting) = settings.lighting.as_mut().filter(|_| *follows) {
+            place_studio(lighting, &view)?;
+        }
+        view.around = self.prepared.hull(frame)?;
+        Ok((Camera::new(&view, layers.grid(), self.size)?, settings))
     }
 }
 
@@ -94,30 +131,44 @@ impl Renderer {
         size: [u32; 2],
         region: Option<[u32; 4]>,
         background: &str,
+        meshes: Vec<PyRef<'_, Mesh>>,
+        depth: Option<PyReadonlyArray2<'_, f32>>,
         progress: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Image> {
         let background: Background = background.parse().map_err(|fault| raised(&fault))?;
-        let view = view.map(|view| view.request(size)).transpose().map_err(|fault| raised(&fault))?;
-        let [width, height] = size;
-        let [x, y, width, height] = region.unwrap_or([0, 0, width, height]);
-        let region = Region { x, y, width, height };
-        let Some(prepared) = scene.prepared.clone() else { return Err(crate::error::internal("a scene is gone")) };
         let choices = scene.choices.clone();
+        let (shot, solids) = (Shot::new(scene, view, size, region)?, Requested::new(&meshes, depth)?);
         let (rendered, settings) = self.device.run(py, progress, move |renderer| {
-            let Look { layers, view: chosen, settings, follows, .. } = &prepared.look;
-            let ViewRequest { mut view, frame, is_open } = view.unwrap_or_else(|| chosen.clone());
-            if is_open {
-                (view.azimuth, view.elevation) = (chosen.view.azimuth, chosen.view.elevation);
-            }
-            let mut settings = settings.clone();
-            if let Some(lighting) = settings.lighting.as_mut().filter(|_| *follows) {
-                place_studio(lighting, &view)?;
-            }
-            view.around = prepared.hull(frame)?;
-            let camera = Camera::new(&view, layers.grid(), size)?;
-            Ok((renderer.render_region(&prepared.scene, &camera, &settings, region)?, settings))
+            let (camera, settings) = shot.seen()?;
+            let (scene, region) = (&shot.prepared.scene, shot.region);
+            let rendered = match solids.seen(&camera, settings.lighting.as_ref())? {
+                None => renderer.render_region(scene, &camera, &settings, region)?,
+                Some(solids) => renderer.render_with_solids(scene, &camera, &settings, region, &solids)?,
+            };
+            Ok((rendered, settings))
         })?;
         Image::new(rendered, &settings, background, choices)
+    }
+
+    /// Returns the depths at which rays have lost half of their light, height x width.
+    #[expect(clippy::too_many_arguments, reason = "keywords of Python")]
+    fn depths<'py>(
+        &self,
+        py: Python<'py>,
+        scene: &Scene,
+        view: Option<ViewFields>,
+        size: [u32; 2],
+        region: Option<[u32; 4]>,
+        progress: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        let shot = Shot::new(scene, view, size, region)?;
+        let depths = self.device.run(py, progress, move |renderer| {
+            let (camera, settings) = shot.seen()?;
+            renderer.depths(&shot.prepared.scene, &camera, &settings, shot.region, None)
+        })?;
+        let [width, height] = depths.size().map(|side| side as usize);
+        let array = Array2::from_shape_vec((height, width), depths.depths().to_vec());
+        Ok(array.map_err(|fault| internal(&fault.to_string()))?.into_pyarray(py))
     }
 
     /// Draws a brick of a plan, given the slice of the samples that it needs.

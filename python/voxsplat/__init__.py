@@ -74,6 +74,8 @@ def render(
     spacing: Sequence[float] | None = None,
     labels: Any = None,
     mask: Any = None,
+    meshes: Any = None,
+    depth: Any = None,
     background: str = "black",
     region: tuple[int, int, int, int] | None = None,
     adapter: str | None = None,
@@ -103,6 +105,14 @@ def render(
         voxel gets the nearest label. Label 0 is clear. `Settings.label` and `Settings.label_table` have their looks.
     mask
         Shows the volume only where an array of the volume's shape, an image or a file is not 0.
+    meshes
+        Opaque surfaces in the picture, which hide the matter behind them: a mesh or several, each maybe with a colour,
+        ``mesh`` or ``(mesh, "gold")``. A mesh is a path (PLY, STL, OBJ, VTP), a mesh of pyvista or trimesh, or two
+        arrays (vertices, triangles), in the world of the volume: (x, y, z), for patients LPS.
+    depth
+        A depth buffer of the surfaces of another program, (height, width): matter behind it is hidden. A depth is a
+        distance along the view, from the eye or, along parallel rays, from the plane through the target; NaN and
+        infinity are no surface. `Renderer.depths` is its counterpart.
     background
         Behind PNGs of the picture: ``"#rrggbb"``, a name of CSS or ``"transparent"``. The array has none.
     region
@@ -131,7 +141,7 @@ def render(
     if executor is not None:
         if region is not None:
             raise ValueError("region: a picture in bricks is drawn whole")
-        for name, given in [("labels", labels), ("mask", mask)]:
+        for name, given in [("labels", labels), ("mask", mask), ("meshes", meshes), ("depth", depth)]:
             if given is not None:
                 raise ValueError(f"{name}: it is refused in bricks")
         from .engines import Executor
@@ -148,7 +158,9 @@ def render(
     scene = renderer.prepare(
         volume, settings=settings, view=view, labels=labels, mask=mask, size=size, progress=progress, **options
     )
-    return renderer.render(scene, size=size, background=background, region=region, progress=progress)
+    return renderer.render(
+        scene, size=size, background=background, region=region, meshes=meshes, depth=depth, progress=progress
+    )
 
 
 def plan(

@@ -12,6 +12,7 @@ __all__ = [
     "Counts",
     "DeviceError",
     "Image",
+    "Mesh",
     "Partial",
     "Plan",
     "Renderer",
@@ -56,8 +57,18 @@ class Renderer:
         size: tuple[int, int],
         region: tuple[int, int, int, int] | None,
         background: str,
+        meshes: list[Mesh],
+        depth: NDArray[np.float32] | None,
         progress: Callable[[str, float], object] | None,
     ) -> Image: ...
+    def depths(
+        self,
+        scene: Scene,
+        view: Any,
+        size: tuple[int, int],
+        region: tuple[int, int, int, int] | None,
+        progress: Callable[[str, float], object] | None,
+    ) -> NDArray[np.float32]: ...
     def brick(
         self,
         plan: Plan,
@@ -111,6 +122,18 @@ class Counts:
     def is_complete(self) -> bool: ...
     def to_json(self) -> str: ...
     def __reduce__(self) -> tuple[type[Counts], tuple[str]]: ...
+
+@final
+class Mesh:
+    @staticmethod
+    def of_file(path: str | PathLike[str], color: str | None) -> Mesh: ...
+    @staticmethod
+    def of_arrays(
+        vertices: NDArray[np.float32],
+        triangles: NDArray[np.uint32],
+        colors: NDArray[np.uint8] | None,
+        color: str | None,
+    ) -> Mesh: ...
 
 @final
 class Scene:

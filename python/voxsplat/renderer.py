@@ -8,9 +8,13 @@ from dataclasses import replace
 from types import TracebackType
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from . import _native
 from .convert import volume_of
 from .image import Image
+from .meshes import depth_of, meshes_of
 from .packages import found_in
 from .progress import Progress, Reported
 from .settings import SIZE, Settings, View, as_texts, checked, pixels, split, whole_numbers
@@ -122,6 +126,8 @@ class Renderer:
         size: tuple[int, int] = SIZE,
         region: tuple[int, int, int, int] | None = None,
         background: str = "black",
+        meshes: Any = None,
+        depth: Any = None,
         progress: Progress = None,
         **changes: Any,
     ) -> Image:
@@ -129,14 +135,34 @@ class Renderer:
 
         Without a view the picture has the view that the scene was prepared with. `changes` are fields of `View`.
         `region` is (x, y, width, height), a part of the picture with the same pixels.
+
+        `meshes` are opaque surfaces in the picture, and `depth` is a depth buffer that hides matter behind it: see
+        `voxsplat.render`.
         """
-        if changes:
-            view = replace(view or View(), **changes)
-        given = None if view is None else checked(view)
-        part = None if region is None else whole_numbers("region", region, 4)
+        given, part = _part(view, region, changes)
+        solids = (meshes_of(meshes), depth_of(depth))
         with Reported(progress) as report:
-            image = self._native.render(scene._native, given, pixels(size), part, background, report)  # type: ignore[arg-type]
+            image = self._native.render(scene._native, given, pixels(size), part, background, *solids, report)
         return Image(image)
+
+    def depths(
+        self,
+        scene: Scene,
+        view: View | None = None,
+        *,
+        size: tuple[int, int] = SIZE,
+        region: tuple[int, int, int, int] | None = None,
+        progress: Progress = None,
+        **changes: Any,
+    ) -> NDArray[np.float32]:
+        """Return the depths at which rays of a picture have lost half of their light: f32 of shape (height, width).
+
+        A depth is a distance along the view in world units, from the eye or, along parallel rays, from the plane
+        through the target. It is infinite where more than half of the light is left. Parameters are as of `render`.
+        """
+        given, part = _part(view, region, changes)
+        with Reported(progress) as report:
+            return self._native.depths(scene._native, given, pixels(size), part, report)
 
     def close(self) -> None:
         """Close the device. Scenes and pictures of the renderer stay, but the scenes cannot be rendered."""
@@ -149,6 +175,13 @@ class Renderer:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+
+def _part(view: View | None, region: tuple[int, int, int, int] | None, changes: dict[str, Any]) -> tuple[Any, Any]:
+    """The checked view and region of a picture."""
+    if changes:
+        view = replace(view or View(), **changes)
+    return None if view is None else checked(view), None if region is None else whole_numbers("region", region, 4)
 
 
 _thread = threading.local()

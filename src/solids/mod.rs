@@ -94,6 +94,21 @@ impl Solids {
         Ok(Self { depths, image: Some(Image::new(width, height, pixels.collect())?) })
     }
 
+    /// Returns the surfaces before other surfaces that have depths and no colours, such as a depth buffer whose picture
+    /// another program has. Pixels whose own surface lies behind show none.
+    ///
+    /// # Errors
+    /// [`Error::Image`] if the sizes differ.
+    pub fn before(mut self, others: &DepthMap) -> Result<Self> {
+        let depths = self.depths.nearest(others)?;
+        if let Some(image) = &mut self.image {
+            let pairs = self.depths.depths().iter().zip(others.depths());
+            let hidden = image.pixels_mut().iter_mut().zip(pairs).filter(|(_, (own, other))| other < own);
+            hidden.for_each(|(pixel, _)| *pixel = [0.0; 4]);
+        }
+        Ok(Self { depths, ..self })
+    }
+
     /// Whether a surface covers a part of some pixel, so that matter behind it shows too.
     pub(crate) fn has_edges(&self) -> bool {
         let partial = |image: &Image| image.pixels().iter().any(|pixel| pixel[3] > 0.0 && pixel[3] < 1.0);
@@ -105,7 +120,8 @@ impl Solids {
     pub(crate) fn combined(image: &Image, before: &Image, whole: &Image) -> Result<Image> {
         let pixels = image.pixels().iter().zip(before.pixels()).zip(whole.pixels());
         let mixed = pixels.map(|((surface, before), whole)| {
-            let covered = surface[3];
+            // A surface without colours hides the whole pixel.
+            let covered = if surface[3] > 0.0 { surface[3] } else { 1.0 };
             std::array::from_fn(|channel| {
                 covered * before[channel] + (1.0 - before[3]) * surface[channel] + (1.0 - covered) * whole[channel]
             })
@@ -131,16 +147,23 @@ impl MeshSpec {
     pub fn new(path: &Path) -> Result<Self> {
         let whole = || Self { path: path.to_owned(), color: None };
         let Some((file, color)) = path.to_str().and_then(|text| text.rsplit_once(':')) else { return Ok(whole()) };
-        match color::parse(color) {
+        match Self::color(color) {
             _ if file.is_empty() || path.exists() => Ok(whole()),
-            Some(color) => Ok(Self { path: file.into(), color: Some(color) }),
             // A path of Windows, or a file that is not there: to be read as it is.
-            None if color.contains(['/', '\\', '.']) => Ok(whole()),
-            None => {
-                let expected = "expected FILE:COLOUR with #rrggbb, a colour of CSS by name, or r,g,b";
-                Err(Error::setting("mesh", format!("{color:?} is no colour, {expected}{}", color::tip(color))))
-            }
+            Err(_) if color.contains(['/', '\\', '.']) => Ok(whole()),
+            color => Ok(Self { path: file.into(), color: Some(color?) }),
         }
+    }
+
+    /// Reads a colour of a mesh: red, green and blue, 0 to 1.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] if the text is none.
+    pub fn color(text: &str) -> Result<[f64; 3]> {
+        color::parse(text).ok_or_else(|| {
+            let expected = "expected #rrggbb, a colour of CSS by name, or r,g,b from 0 to 1";
+            Error::setting("mesh", format!("{text:?} is no colour, {expected}{}", color::tip(text)))
+        })
     }
 
     /// Loads the mesh. A mesh that states the space RAS is turned into the space of patients, LPS.
@@ -153,5 +176,148 @@ impl MeshSpec {
             mesh.colors.clear();
         }
         Ok(Solid { mesh, color: self.color.unwrap_or(Solid::COLOR) })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+    use crate::camera::{ProjectionKind, View};
+
+    /// A square of two triangles across y, around the origin, as wide as 2 `half`, at `y`.
+    fn square(half: f32, y: f32) -> Mesh {
+        let place = |x: f32, z: f32| [half * x, y, half * z];
+        Mesh {
+            vertices: vec![place(-1.0, -1.0), place(1.0, -1.0), place(1.0, 1.0), place(-1.0, 1.0)],
+            triangles: vec![[0, 1, 2], [0, 2, 3]],
+            ..Mesh::default()
+        }
+    }
+
+    fn camera(projection: ProjectionKind, size: u32) -> Camera {
+        let grid = Grid::axis_parallel([9; 3], [1.0; 3]).unwrap();
+        let view = View { target: Some(DVec3::ZERO), projection, ..View::default() };
+        // Pictures of parallel rays span a height of 8, of one eye as much at a distance of 20.
+        let view = match projection {
+            ProjectionKind::Orthographic => View { view_height: Some(8.0), ..view },
+            ProjectionKind::Perspective { .. } => View { distance: Some(20.0), ..view },
+        };
+        Camera::new(&view, &grid, [size; 2]).unwrap()
+    }
+
+    fn solid(mesh: Mesh) -> Solid {
+        Solid { mesh, color: [0.5, 0.25, 1.0] }
+    }
+
+    const FOV: f64 = 22.619_864_948_040_43;
+
+    #[test]
+    fn a_square_covers_its_pixels_and_parts_of_others() {
+        // 64 pixels span 8 units in the plane of the target: the square spans 38.4 of them.
+        let drawn =
+            |projection, y: f32| Solids::of_meshes(&[solid(square(2.4, y))], &camera(projection, 64), None).unwrap();
+        for (projection, y, depth) in [
+            (ProjectionKind::Orthographic, 0.0, 0.0),
+            (ProjectionKind::Orthographic, -1.5, -1.5),
+            (ProjectionKind::Perspective { fov: FOV }, 0.0, 20.0),
+        ] {
+            let Solids { depths, image } = drawn(projection, y);
+            let image = image.unwrap();
+            let covered: f32 = image.pixels().iter().map(|pixel| pixel[3]).sum();
+            assert!((covered - 38.4 * 38.4).abs() < 39.0, "{covered}");
+            let middle = 32 * 64 + 32;
+            assert!((f64::from(depths.depths()[middle]) - depth).abs() < 1e-5, "{}", depths.depths()[middle]);
+            assert_eq!(image.pixels()[middle][3], 1.0);
+            // A headlight straight on: ambient, diffuse and highlight.
+            let expected = [0.5 + 0.2, 0.25 + 0.2, 1.0];
+            let near = image.pixels()[middle][..3].iter().zip(expected).all(|(a, b)| (a - b).abs() < 2e-3);
+            assert!(near, "{:?}", image.pixels()[middle]);
+            assert!(depths.depths()[0].is_infinite() && image.pixels()[0] == [0.0; 4]);
+            assert!(Solids { depths, image: Some(image) }.has_edges());
+        }
+    }
+
+    #[test]
+    fn a_sphere_has_the_depths_and_normals_of_its_form() {
+        let mut mesh = Mesh::default();
+        let (rings, sectors) = (64, 128);
+        for ring in 0..=rings {
+            for sector in 0..sectors {
+                let (up, turn) = (
+                    std::f64::consts::PI * f64::from(ring) / f64::from(rings),
+                    std::f64::consts::TAU * f64::from(sector) / f64::from(sectors),
+                );
+                let place = DVec3::new(up.sin() * turn.cos(), up.sin() * turn.sin(), up.cos()) * 3.0;
+                mesh.vertices.push(place.as_vec3().to_array());
+            }
+        }
+        for ring in 0..rings {
+            for sector in 0..sectors {
+                let at = |ring: u32, sector: u32| ring * sectors + sector % sectors;
+                let [a, b] = [at(ring, sector), at(ring, sector + 1)];
+                let [c, d] = [at(ring + 1, sector), at(ring + 1, sector + 1)];
+                mesh.triangles.extend([[a, b, c], [b, d, c]]);
+            }
+        }
+        let camera = camera(ProjectionKind::Perspective { fov: FOV }, 64);
+        let lighting = Lighting { ambient: 0.0, diffuse: 1.0, specular: 0.0, ..Lighting::default() };
+        let white = Solid { mesh, color: [1.0; 3] };
+        let Solids { depths, image } = Solids::of_meshes(&[white], &camera, Some(&lighting)).unwrap();
+        let image = image.unwrap();
+        let mut count = 0;
+        for (index, (depth, pixel)) in (0_u32..).zip(depths.depths().iter().zip(image.pixels())) {
+            let (sx, sy) = camera.image_coordinates([index % 64, index / 64]);
+            let (origin, direction) = camera.ray(sx, sy);
+            let along = -origin.dot(direction);
+            let left = 9.0 - (origin + direction * along).length_squared();
+            if pixel[3] < 1.0 || left < 1.0 {
+                continue;
+            }
+            let place = origin + direction * (along - left.sqrt());
+            let expected = (place - origin).dot(camera.forward);
+            assert!((f64::from(*depth) - expected).abs() < 0.01, "{depth}, {expected}");
+            let cosine = -direction.dot(place) / 3.0;
+            assert!((f64::from(pixel[0]) - cosine).abs() < 0.02, "{}, {cosine}", pixel[0]);
+            count += 1;
+        }
+        assert!(count > 1000, "{count}");
+    }
+
+    #[test]
+    fn triangles_behind_the_eye_are_cut_and_nearer_ones_hide_others() {
+        let camera = camera(ProjectionKind::Perspective { fov: FOV }, 16);
+        // A floor from far behind the eye to far before it, below the eye.
+        let floor = Mesh {
+            vertices: vec![[-900.0, -900.0, -1.0], [900.0, -900.0, -1.0], [0.0, 900.0, -1.0]],
+            triangles: vec![[0, 1, 2]],
+            ..Mesh::default()
+        };
+        let solids = Solids::of_meshes(&[solid(floor)], &camera, None).unwrap();
+        let depths = solids.depths.depths();
+        assert!(depths[..7 * 16].iter().all(|depth| depth.is_infinite()));
+        // The lowest row looks down by a slope of 15/16 of 0.2.
+        let lowest = f64::from(depths[15 * 16 + 8]);
+        assert!((lowest - 1.0 / (0.2 * 15.0 / 16.0)).abs() < 0.01, "{lowest}");
+        let pair = [solid(square(2.0, 1.0)), Solid { mesh: square(1.0, -1.0), color: [1.0, 0.0, 0.0] }];
+        let both = Solids::of_meshes(&pair, &camera, None).unwrap();
+        assert!((both.depths.depths()[8 * 16 + 8] - 19.0).abs() < 1e-4);
+        let apart = pair.map(|solid| Solids::of_meshes(&[solid], &camera, None).unwrap());
+        let [far, near] = apart;
+        let joined = far.and(&near).unwrap();
+        assert_eq!(joined.depths.depths()[8 * 16 + 8], both.depths.depths()[8 * 16 + 8]);
+        assert_eq!(joined.image.unwrap().pixels()[8 * 16 + 8], both.image.unwrap().pixels()[8 * 16 + 8]);
+    }
+
+    #[test]
+    fn a_mesh_has_a_color_behind_its_file() {
+        let of = |text: &str| MeshSpec::new(Path::new(text)).map(|MeshSpec { path, color }| (path, color));
+        assert_eq!(of("a.ply").unwrap(), ("a.ply".into(), None));
+        assert_eq!(of("a.ply:red").unwrap(), ("a.ply".into(), Some([1.0, 0.0, 0.0])));
+        assert_eq!(of("C:\\a.ply").unwrap(), ("C:\\a.ply".into(), None));
+        assert_eq!(of("C:\\a.ply:#00f").unwrap(), ("C:\\a.ply".into(), Some([0.0, 0.0, 1.0])));
+        let error = of("a.ply:rde").unwrap_err().to_string();
+        assert!(error.contains("\"rde\" is no colour"), "{error}");
     }
 }

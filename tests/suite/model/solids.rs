@@ -7,6 +7,7 @@ use voxsplat::image::{DepthMap, Image, Region};
 use voxsplat::kernel::Kernel;
 use voxsplat::lighting::{Light, Lighting};
 use voxsplat::settings::{Level, Model, Painter, Resolution, Settings, Shading};
+use voxsplat::solids::{Mesh, Solid, Solids};
 
 use crate::support::{PROJECTIONS, camera, demo, full, new_renderer, prepare_on, with_quads, with_tiles};
 use crate::truth::truth;
@@ -125,5 +126,42 @@ fn rays_that_end_at_their_depth_keep_half_of_their_light() {
             assert!(count > 5 && rms < 1e-2 && most < 4e-2, "{at}");
             println!("{at}");
         }
+    }
+}
+
+/// A square across the ray through the middle of the picture, which covers its right half.
+fn half_plane(camera: &Camera, center: DVec3, half: f64) -> Mesh {
+    let corner = |x: f64, y: f64| (center + camera.right * x + camera.up * y).as_vec3().to_array();
+    Mesh {
+        vertices: vec![corner(0.0, -half), corner(half, -half), corner(half, half), corner(0.0, half)],
+        triangles: vec![[0, 1, 2], [0, 2, 3]],
+        ..Mesh::default()
+    }
+}
+
+#[test]
+fn a_plane_half_through_a_ball_changes_only_pixels_behind_it() {
+    let renderer = new_renderer();
+    let (volume, transfer) = demo("sphere", 32);
+    let center = volume.grid().center();
+    for projection in PROJECTIONS {
+        let seen = camera(30.0, projection, &volume, 64);
+        let solid = Solid { mesh: half_plane(&seen, center, 1e3), color: [0.2, 0.4, 0.6] };
+        let settings = Settings { antialiasing: false, level: Level::At(0), ..with_tiles(&full(), Resolution::Full) };
+        let scene = prepare_on(&renderer, &volume, &transfer, &settings).unwrap();
+        let solids = Solids::of_meshes(&[solid], &seen, None).unwrap();
+        let picture = renderer.render_with_solids(&scene, &seen, &settings, whole(&seen), &solids).unwrap().image;
+        let without = renderer.render(&scene, &seen, &settings).unwrap().image;
+        // The edge of the plane lies on the line between the columns 31 and 32.
+        let beside = largest(&picture, &without, |x| x < 32);
+        assert!(beside <= 1e-6, "{projection:?}: {beside:e} beside the plane");
+        let clip = Clip::new(vec![Plane::through(center, -seen.forward).unwrap()]).unwrap();
+        let before = truth(&volume, &transfer, &seen, &Settings { clip, ..settings });
+        let surfaces = solids.image.unwrap();
+        let expected = before.over(&surfaces).unwrap();
+        let error = largest(&picture, &expected, |x| x >= 32);
+        println!("{projection:?}: {error:e}");
+        assert!(error < 1e-3, "{projection:?}: {error:e}");
+        assert!(largest(&picture, &without, |x| x >= 32) > 0.1, "{projection:?}: the plane does not show");
     }
 }

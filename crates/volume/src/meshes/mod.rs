@@ -84,10 +84,17 @@ fn vtp(path: &Path) -> Result<Mesh> {
 }
 
 impl Mesh {
-    /// Refuses a mesh without triangles, indices beyond its vertices, and places that are not finite.
-    fn checked(self, path: &Path) -> Result<Self> {
+    /// Refuses a mesh without triangles, indices beyond its vertices, colours of other vertices, and places that are not
+    /// finite. `name` is for messages.
+    ///
+    /// # Errors
+    /// [`Error::Format`](crate::Error::Format).
+    pub fn checked(self, name: impl AsRef<Path>) -> Result<Self> {
+        let path = name.as_ref();
         refuse_if!(self.triangles.is_empty(), path, "has no triangle");
         let count = self.vertices.len();
+        let colors = self.colors.len();
+        refuse_if!(colors != 0 && colors != count, path, "has {colors} colours for {count} vertices");
         if let Some(index) = self.triangles.iter().flatten().find(|index| **index as usize >= count) {
             refuse!(path, "has a triangle with vertex {index}, but only {count} vertices");
         }

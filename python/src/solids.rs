@@ -1,0 +1,86 @@
+//! Meshes and depth buffers in pictures.
+
+use std::path::PathBuf;
+
+use numpy::{PyArrayMethods, PyReadonlyArray2};
+use pyo3::prelude::*;
+use voxsplat::camera::Camera;
+use voxsplat::error::Result;
+use voxsplat::image::DepthMap;
+use voxsplat::lighting::Lighting;
+use voxsplat::solids::{MeshSpec, Solid, Solids};
+
+use crate::error::raised;
+
+/// A mesh of triangles, with a colour.
+#[pyclass(frozen, module = "voxsplat")]
+pub(crate) struct Mesh {
+    pub(crate) solid: Solid,
+}
+
+#[pymethods]
+impl Mesh {
+    /// Reads a file, or a file with a colour behind it.
+    #[staticmethod]
+    fn of_file(py: Python<'_>, path: PathBuf, color: Option<&str>) -> PyResult<Self> {
+        let load = || {
+            let spec = MeshSpec::new(&path)?;
+            let color = color.map(MeshSpec::color).transpose()?.or(spec.color);
+            MeshSpec { color, ..spec }.load()
+        };
+        Ok(Self { solid: py.detach(load).map_err(|fault| raised(&fault))? })
+    }
+
+    /// Takes places (n x 3), triangles (m x 3) and, maybe, colours of vertices (n x 3).
+    #[staticmethod]
+    fn of_arrays(
+        vertices: PyReadonlyArray2<'_, f32>,
+        triangles: PyReadonlyArray2<'_, u32>,
+        colors: Option<PyReadonlyArray2<'_, u8>>,
+        color: Option<&str>,
+    ) -> PyResult<Self> {
+        fn rows<T: Copy, const N: usize>(values: Vec<T>) -> Vec<[T; N]> {
+            values.as_chunks().0.to_vec()
+        }
+        let mesh = voxsplat::solids::Mesh {
+            vertices: rows(vertices.to_vec()?),
+            triangles: rows(triangles.to_vec()?),
+            colors: colors.map(|colors| colors.to_vec()).transpose()?.map(rows).unwrap_or_default(),
+            space: None,
+        };
+        let color = color.map(MeshSpec::color).transpose().map_err(|fault| raised(&fault))?;
+        let mesh = mesh.checked("meshes").map_err(|fault| raised(&fault.into()))?;
+        Ok(Self { solid: Solid { mesh, color: color.unwrap_or(Solid::COLOR) } })
+    }
+}
+
+/// The solids that a picture is requested with.
+#[derive(Default)]
+pub(crate) struct Requested {
+    pub(crate) meshes: Vec<Solid>,
+    pub(crate) depths: Option<DepthMap>,
+}
+
+impl Requested {
+    pub(crate) fn new(meshes: &[PyRef<'_, Mesh>], depth: Option<PyReadonlyArray2<'_, f32>>) -> PyResult<Self> {
+        let meshes = meshes.iter().map(|mesh| mesh.solid.clone()).collect();
+        let depths = depth.map(|depth| {
+            let [height, width] = [0, 1].map(|axis| depth.as_array().shape()[axis] as u32);
+            DepthMap::new(width, height, depth.to_vec()?).map_err(|fault| raised(&fault))
+        });
+        Ok(Self { meshes, depths: depths.transpose()? })
+    }
+
+    /// The surfaces as a camera sees them; `None` without any. A depth buffer hides meshes too.
+    pub(crate) fn seen(self, camera: &Camera, lighting: Option<&Lighting>) -> Result<Option<Solids>> {
+        let Self { meshes, depths } = self;
+        if meshes.is_empty() {
+            return Ok(depths.map(|depths| Solids { depths, image: None }));
+        }
+        let drawn = Solids::of_meshes(&meshes, camera, lighting)?;
+        Ok(Some(match depths {
+            None => drawn,
+            Some(depths) => drawn.before(&depths)?,
+        }))
+    }
+}
