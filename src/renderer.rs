@@ -241,10 +241,10 @@ impl Renderer {
 
     /// Renders a part of a picture, like [`Self::render_region`], with opaque surfaces in it: the matter before them,
     /// and behind it the surfaces. Surfaces without colours only hide matter. `solids` has the size of the whole
-    /// picture.
+    /// picture. Pixels without a surface are the ones of [`Self::render_region`].
     ///
-    /// A picture in which a surface covers a part of a pixel is rendered twice, with and without surfaces, because
-    /// matter behind the edge of a surface shows too.
+    /// The rectangle around the surfaces is rendered twice, with all matter and with the matter before them, unless they
+    /// cover every pixel whole: matter behind the edge of a surface shows too.
     ///
     /// # Errors
     /// Like [`Self::render_before`].
@@ -256,16 +256,24 @@ impl Renderer {
         region: Region,
         solids: &Solids,
     ) -> Result<Rendered> {
-        let mut before = self.render_before(scene, camera, settings, region, &solids.depths)?;
-        let Some(surfaces) = &solids.image else { return Ok(before) };
-        let surfaces = surfaces.part(region)?;
-        before.image = if solids.has_edges() {
-            let whole = self.render_region(scene, camera, settings, region)?;
-            Solids::combined(&surfaces, &before.image, &whole.image)?
-        } else {
-            before.image.over(&surfaces)?
+        camera.validate()?;
+        region.check_within(camera.size)?;
+        solids.check(camera)?;
+        let Some(reached) = solids.depths.reached(region) else {
+            return self.render_region(scene, camera, settings, region);
         };
-        Ok(before)
+        let before = self.render_before(scene, camera, settings, reached, &solids.depths)?;
+        if reached == region && solids.covers(region) {
+            let image = match &solids.image {
+                Some(surfaces) => before.image.over(&surfaces.part(region)?)?,
+                None => before.image,
+            };
+            return Ok(Rendered { image, ..before });
+        }
+        let Rendered { mut image, mut stats } = self.render_region(scene, camera, settings, region)?;
+        solids.lay_over(&mut image, region, &before.image, reached);
+        stats.add(&before.stats);
+        Ok(Rendered { image, stats })
     }
 
     /// Returns the depths of a part of a picture at which rays have lost half of their light, for another renderer to

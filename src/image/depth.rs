@@ -131,6 +131,17 @@ impl DepthMap {
         Self::new(region.width, region.height, rows.flat_map(|row| &row[columns.clone()]).copied().collect())
     }
 
+    /// The depth in a column and row.
+    pub(crate) fn at(&self, [x, y]: [u32; 2]) -> f32 {
+        self.depths[y as usize * self.width as usize + x as usize]
+    }
+
+    /// The smallest rectangle in a region that has all of its depths; `None` if it has none.
+    pub(crate) fn reached(&self, region: Region) -> Option<Region> {
+        let pixel = |[x, y]: [u32; 2]| Region { x, y, width: 1, height: 1 };
+        region.pixels().filter(|&at| self.at(at).is_finite()).map(pixel).reduce(Region::around)
+    }
+
     /// Returns the smaller depth of two maps in each pixel.
     ///
     /// # Errors

@@ -130,6 +130,15 @@ impl Image {
         &self.pixels
     }
 
+    /// The pixel in a column and row.
+    pub(crate) fn at(&self, [x, y]: [u32; 2]) -> [f32; 4] {
+        self.pixels[y as usize * self.width as usize + x as usize]
+    }
+
+    pub(crate) fn at_mut(&mut self, [x, y]: [u32; 2]) -> &mut [f32; 4] {
+        &mut self.pixels[y as usize * self.width as usize + x as usize]
+    }
+
     /// Returns the premultiplied pixels, mutable, row by row from the top.
     pub fn pixels_mut(&mut self) -> &mut [[f32; 4]] {
         &mut self.pixels

@@ -21,6 +21,11 @@ impl Region {
         u64::from(self.width) * u64::from(self.height)
     }
 
+    /// The columns and rows of its pixels, row by row.
+    pub(crate) fn pixels(self) -> impl Iterator<Item = [u32; 2]> {
+        (self.y..self.y + self.height).flat_map(move |y| (self.x..self.x + self.width).map(move |x| [x, y]))
+    }
+
     /// Refuses a region without pixels, and a region that reaches beyond a picture of a width and height.
     ///
     /// # Errors

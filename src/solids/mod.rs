@@ -10,7 +10,7 @@ use glam::DVec3;
 
 use crate::camera::Camera;
 use crate::error::{Error, Result};
-use crate::image::{DepthMap, Image};
+use crate::image::{DepthMap, Image, Region};
 use crate::lighting::Lighting;
 use crate::transfer::color;
 use crate::volume::Grid;
@@ -29,14 +29,16 @@ impl Solid {
     /// The colour of meshes without colours: ivory.
     pub const COLOR: [f64; 3] = [0.87, 0.84, 0.76];
 
-    /// Returns whether a vertex lies in the box of a volume, half a voxel around its samples.
+    /// Returns whether the box around the mesh meets the box of a volume, half a voxel around its samples.
     #[must_use]
     pub fn reaches(&self, grid: &Grid) -> bool {
-        let end = DVec3::from_array(grid.dims().map(f64::from)) - 0.5;
-        (0..self.mesh.vertices.len() as u32).any(|vertex| {
+        let places = (0..self.mesh.vertices.len() as u32).map(|vertex| {
             let place = grid.to_lattice().transform_point3(self.mesh.place(vertex));
-            place.cmpge(DVec3::splat(-0.5)).all() && place.cmple(end).all()
-        })
+            [place, place]
+        });
+        let Some([low, high]) = places.reduce(|[low, high], [a, b]| [low.min(a), high.max(b)]) else { return false };
+        let end = DVec3::from_array(grid.dims().map(f64::from)) - 0.5;
+        high.cmpge(DVec3::splat(-0.5)).all() && low.cmple(end).all()
     }
 }
 
@@ -109,24 +111,51 @@ impl Solids {
         Ok(Self { depths, ..self })
     }
 
-    /// Whether a surface covers a part of some pixel, so that matter behind it shows too.
-    pub(crate) fn has_edges(&self) -> bool {
-        let partial = |image: &Image| image.pixels().iter().any(|pixel| pixel[3] > 0.0 && pixel[3] < 1.0);
-        self.image.as_ref().is_some_and(partial)
+    /// Refuses surfaces of another size than the pictures of a camera.
+    pub(crate) fn check(&self, camera: &Camera) -> Result<()> {
+        self.depths.check(camera)?;
+        match &self.image {
+            Some(image) if [image.width(), image.height()] != self.depths.size() => {
+                Err(Error::Image("the surfaces have depths of another size than their picture".to_owned()))
+            }
+            _ => Ok(()),
+        }
     }
 
-    /// Returns the picture of matter and surfaces: premultiplied, C + (1 - alpha) S in pixels that a surface covers.
-    /// `before` is the matter before the surfaces, `whole` all matter, which shows beside the edge of a surface.
-    pub(crate) fn combined(image: &Image, before: &Image, whole: &Image) -> Result<Image> {
-        let pixels = image.pixels().iter().zip(before.pixels()).zip(whole.pixels());
-        let mixed = pixels.map(|((surface, before), whole)| {
-            // A surface without colours hides the whole pixel.
-            let covered = if surface[3] > 0.0 { surface[3] } else { 1.0 };
-            std::array::from_fn(|channel| {
-                covered * before[channel] + (1.0 - before[3]) * surface[channel] + (1.0 - covered) * whole[channel]
-            })
-        });
-        Image::new(image.width(), image.height(), mixed.collect())
+    /// The share of a pixel that its surface covers: 1 if the surface only hides matter.
+    fn coverage(&self, [x, y]: [u32; 2]) -> f32 {
+        if self.depths.at([x, y]).is_infinite() {
+            return 0.0;
+        }
+        self.image.as_ref().map_or(1.0, |image| match image.at([x, y])[3] {
+            // Hidden by a surface without colours.
+            0.0 => 1.0,
+            covered => covered,
+        })
+    }
+
+    /// Whether surfaces cover each pixel of a region whole.
+    pub(crate) fn covers(&self, region: Region) -> bool {
+        region.pixels().all(|pixel| self.coverage(pixel) >= 1.0)
+    }
+
+    /// Lays the surfaces, with the matter before them, over a picture of all matter: premultiplied, C + (1 - alpha) S
+    /// in the part of a pixel that a surface covers. `before` is the picture of a region `reached` inside the `region`
+    /// of `image`.
+    pub(crate) fn lay_over(&self, image: &mut Image, region: Region, before: &Image, reached: Region) {
+        for pixel @ [x, y] in reached.pixels() {
+            let covered = self.coverage(pixel);
+            if covered <= 0.0 {
+                continue;
+            }
+            let matter = before.at([x - reached.x, y - reached.y]);
+            let surface = self.image.as_ref().map_or([0.0; 4], |image| image.at(pixel));
+            let shown = image.at_mut([x - region.x, y - region.y]);
+            for channel in 0..4 {
+                let with_surface = covered * matter[channel] + (1.0 - matter[3]) * surface[channel];
+                shown[channel] = with_surface + (1.0 - covered) * shown[channel];
+            }
+        }
     }
 }
 
@@ -207,6 +236,10 @@ mod tests {
         Camera::new(&view, &grid, [size; 2]).unwrap()
     }
 
+    fn whole(size: u32) -> Region {
+        Region { x: 0, y: 0, width: size, height: size }
+    }
+
     fn solid(mesh: Mesh) -> Solid {
         Solid { mesh, color: [0.5, 0.25, 1.0] }
     }
@@ -235,7 +268,9 @@ mod tests {
             let near = image.pixels()[middle][..3].iter().zip(expected).all(|(a, b)| (a - b).abs() < 2e-3);
             assert!(near, "{:?}", image.pixels()[middle]);
             assert!(depths.depths()[0].is_infinite() && image.pixels()[0] == [0.0; 4]);
-            assert!(Solids { depths, image: Some(image) }.has_edges());
+            let solids = Solids { depths, image: Some(image) };
+            assert_eq!(solids.depths.reached(whole(64)).map(|region| region.width), Some(40));
+            assert!(!solids.covers(whole(64)) && solids.covers(Region { x: 20, y: 20, width: 24, height: 24 }));
         }
     }
 

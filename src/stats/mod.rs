@@ -211,6 +211,23 @@ impl PainterStats {
 }
 
 impl Stats {
+    /// Adds the work for another part of the same picture: times, commands and bytes.
+    pub(crate) fn add(&mut self, other: &Self) {
+        for stage in &other.stages {
+            let same = self.stages.iter_mut().find(|own| own.name == stage.name && own.clock == stage.clock);
+            match same {
+                Some(own) => own.seconds += stage.seconds,
+                None => self.stages.push(stage.clone()),
+            }
+        }
+        self.parts += other.parts;
+        self.frame_bytes += other.frame_bytes;
+        self.bytes_sent += other.bytes_sent;
+        self.dispatches += other.dispatches;
+        self.submissions += other.submissions;
+        self.waits += other.waits;
+    }
+
     /// The statistics of the painter quads; `None` if another painter drew.
     #[must_use]
     pub fn quads(&self) -> Option<&QuadsStats> {

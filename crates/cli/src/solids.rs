@@ -44,7 +44,7 @@ impl HeldSolids {
         for (spec, solid) in job.meshes.iter().zip(&self.meshes) {
             if !solid.reaches(grid) {
                 output::say(&format!(
-                    "note: --mesh {}: no vertex lies in the volume, whose world is LPS for patients",
+                    "note: --mesh {}: it lies beside the volume, whose world is LPS for patients",
                     spec.path.display()
                 ));
             }

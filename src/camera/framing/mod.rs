@@ -114,8 +114,8 @@ impl Hull {
     /// Returns the hull of this hull and places in the world, such as vertices of a mesh.
     #[must_use]
     pub fn with_places(&self, places: &[DVec3]) -> Self {
-        let points = places.iter().map(|&place| place - self.origin).collect();
-        self.joined(&Self { points, ..self.clone() })
+        let points: Vec<DVec3> = places.iter().map(|&place| place - self.origin).collect();
+        self.joined(&Self { points: outermost(points).into(), ..self.clone() })
     }
 
     /// Returns the same hull, to be fitted as seen from the direction of the view: it fills the picture, and every view
@@ -181,6 +181,36 @@ impl Hull {
         });
         extents.fold(f64::NEG_INFINITY, f64::max) + self.reach * direction.length()
     }
+}
+
+/// The outermost of many points: the first and the last along each axis in each of 64 x 64 columns. Less than 1/64 of the
+/// extent of a few points is lost, and mostly nothing, because the columns of another axis keep the points at the sides.
+fn outermost(points: Vec<DVec3>) -> Vec<DVec3> {
+    const COLUMNS: usize = 64;
+    if points.len() <= MOST_POINTS {
+        return points;
+    }
+    let low = points.iter().copied().fold(DVec3::INFINITY, DVec3::min);
+    let high = points.iter().copied().fold(DVec3::NEG_INFINITY, DVec3::max);
+    let per_unit = COLUMNS as f64 / (high - low).max(DVec3::splat(f64::MIN_POSITIVE));
+    let mut kept = Vec::new();
+    for axis in 0..3 {
+        let mut ends: Vec<Option<[DVec3; 2]>> = vec![None; COLUMNS * COLUMNS];
+        for &point in &points {
+            // Casts saturate.
+            let cell = |axis: usize| (((point - low) * per_unit)[axis] as usize).min(COLUMNS - 1);
+            let column = &mut ends[cell((axis + 1) % 3) * COLUMNS + cell((axis + 2) % 3)];
+            let [first, last] = column.get_or_insert([point; 2]);
+            if point[axis] < first[axis] {
+                *first = point;
+            }
+            if point[axis] > last[axis] {
+                *last = point;
+            }
+        }
+        kept.extend(ends.into_iter().flatten().flatten());
+    }
+    kept
 }
 
 #[cfg(test)]

@@ -19,6 +19,7 @@ mod commands;
 mod hostile;
 mod scenes;
 mod segmentations;
+mod solids;
 #[allow(dead_code, reason = "the tests of the library use more of it")]
 #[path = "../../../../tests/suite/support.rs"]
 mod support;
