@@ -39,6 +39,7 @@ picture additive demo:marschner-lobb:48 --tune sheets=axis,accumulate=additive -
 picture additive-after demo:marschner-lobb:48 --tune sheets=axis,accumulate=additive --azimuth 45.1 --elevation 20
 target/release/voxsplat compare docs/additive.png docs/additive-after.png --tolerance 1 --difference docs/pop.png
 rm docs/additive-after.png
+cargo run --release --locked --example solids -- docs/solids.png
 picture inside demo:vessels:192 --light 40,50 --light headlight --projection perspective --fov 70 --distance 30 \
     --target 0,0,20
 pixels=480 picture vessels demo:vessels:192

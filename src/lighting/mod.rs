@@ -358,6 +358,22 @@ impl Lighting {
         lighting
     }
 
+    /// Returns the largest factor by which ambient and diffuse light multiply a channel of the colour of a surface around
+    /// `place`, among surfaces that face the eye or a light, seen in the unit direction `forward`.
+    pub(crate) fn brightest_factor(&self, place: DVec3, forward: DVec3) -> f64 {
+        let towards = |light: &Light| match light.source {
+            Source::Eye => -forward,
+            Source::Direction(towards) => towards.normalize(),
+            Source::Point(light) => (light - place).normalize_or(-forward),
+        };
+        let factor = |normal: DVec3, channel: usize| {
+            let fall = |light: &Light| light.color[channel] * normal.dot(towards(light)).max(0.0);
+            self.ambient + self.diffuse * self.lights.iter().map(fall).sum::<f64>()
+        };
+        let facing = self.lights.iter().map(towards).filter(|normal| normal.dot(forward) < 0.0).chain([-forward]);
+        facing.flat_map(|normal| [0, 1, 2].map(|channel| factor(normal, channel))).fold(0.0, f64::max)
+    }
+
     /// Returns the colour of a point without a surface.
     pub(crate) fn shade_without_surface(&self, color: [f64; 3], visibility: &Visibility) -> [f64; 3] {
         let lights = self.lights.iter().zip(visibility.lights);

@@ -51,11 +51,14 @@ struct Scene<'a> {
     normals: Vec<Vec<[DVec3; 3]>>,
     camera: &'a Camera,
     lighting: &'a Lighting,
+    /// Factor of the colours of meshes: the brightest light shows a colour as it is, not brighter.
+    exposure: f64,
 }
 
 pub(super) fn draw(solids: &[Solid], camera: &Camera, lighting: &Lighting) -> Result<Solids> {
     let normals = solids.par_iter().map(|solid| corner_normals(&solid.mesh)).collect();
-    let scene = Scene { solids, normals, camera, lighting };
+    let exposure = 1.0 / lighting.brightest_factor(camera.target, camera.forward).max(1.0);
+    let scene = Scene { solids, normals, camera, lighting, exposure };
     let [width, height] = camera.size;
     let bands = (height as usize).div_ceil(BAND);
     let triangles: Vec<Projected> = (0_u32..)
@@ -70,7 +73,7 @@ pub(super) fn draw(solids: &[Solid], camera: &Camera, lighting: &Lighting) -> Re
     for (number, triangle) in (0_u32..).zip(&triangles) {
         let rows = triangle.corners.map(|corner| corner.pixel.y);
         let [low, high] = ends(rows, height);
-        (low / BAND..(high + BAND - 1) / BAND).for_each(|band| of_bands[band].push(number));
+        (low / BAND..high.div_ceil(BAND)).for_each(|band| of_bands[band].push(number));
     }
     let area = u64::from(width) * u64::from(height);
     let mut depths: Vec<f32> = reserved(area, || "depths of meshes".to_owned())?;
@@ -228,7 +231,7 @@ impl Scene<'_> {
         let place = mixed(&|corner| solid.mesh.place(vertices[corner]));
         let to_eye =
             self.camera.eye().map_or(-self.camera.forward, |eye| (eye - place).normalize_or(-self.camera.forward));
-        self.lighting.shade(color, normal, place, to_eye, &Visibility::FULL)
+        self.lighting.shade(color.map(|channel| self.exposure * channel), normal, place, to_eye, &Visibility::FULL)
     }
 }
 
