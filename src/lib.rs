@@ -25,8 +25,8 @@
 //! JSON), [`kernel`], [`camera`], [`clip`] (planes, boxes), [`lighting`], [`settings`], [`renderer`] (the GPU),
 //! [`mod@reference`] (the same model integrated in f64, to measure against), [`accuracy`] (pictures that keep an
 //! error), [`bricks`] (pictures made by many machines), [`reconstruction`] (filters of samples), [`image`] (pictures,
-//! their files and their differences), [`solids`] (meshes and depth buffers in pictures), [`figure`] (scale bar, axes, colour bar and title on a picture), `film` (GIF,
-//! APNG and Y4M), [`stats`], [`progress`], [`adapter`] and [`error`].
+//! their files and their differences), [`solids`] (meshes and depth buffers in pictures), [`figure`] (scale bar, axes,
+//! colour bar and title on a picture), `film` (GIF, APNG and Y4M), [`stats`], [`progress`], [`adapter`] and [`error`].
 //!
 //! The features, on by default: `film` writes films; `dicom`, `jpeg2000` (in DICOM), `tiff`, `vtk` and `zarr` are
 //! readers. `hdf5`, which reads HDF5 and NetCDF, is not on by default. The program `voxsplat` is a package of its own,

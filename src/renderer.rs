@@ -243,8 +243,8 @@ impl Renderer {
     /// and behind it the surfaces. Surfaces without colours only hide matter. `solids` has the size of the whole
     /// picture. Pixels without a surface are the ones of [`Self::render_region`].
     ///
-    /// The rectangle around the surfaces is rendered twice, with all matter and with the matter before them, unless they
-    /// cover every pixel whole: matter behind the edge of a surface shows too.
+    /// The rectangle around the surfaces is rendered twice, with all matter and with the matter before them, unless
+    /// they cover every pixel whole: matter behind the edge of a surface shows too.
     ///
     /// # Errors
     /// Like [`Self::render_before`].

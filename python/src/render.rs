@@ -151,7 +151,6 @@ impl Renderer {
     }
 
     /// Returns the depths at which rays have lost half of their light, height x width.
-    #[expect(clippy::too_many_arguments, reason = "keywords of Python")]
     fn depths<'py>(
         &self,
         py: Python<'py>,

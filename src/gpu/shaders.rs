@@ -65,7 +65,8 @@ macro_rules! files {
 /// All files, and their texts.
 static FILES: &[(&str, &str)] = &files! {
     "cells", "classify", "coarsen", "common/absorbed", "common/appearance", "common/bounds", "common/classified",
-    "common/clip", "common/clip_view", "common/dispatch", "common/frame", "common/half_depth", "common/light_volume", "common/lighting",
+    "common/clip", "common/clip_view", "common/dispatch", "common/frame", "common/half_depth",
+    "common/light_volume", "common/lighting",
     "common/lit_splat", "common/march_parabola", "common/march_planes", "common/normal", "common/owned",
     "common/owned_view", "common/packing", "common/pixel_ray", "common/plane", "common/ray_geometry", "common/rays",
     "common/resolution", "common/response", "common/splat", "common/transfer", "common/voxel_box", "composite",

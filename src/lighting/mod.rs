@@ -358,8 +358,8 @@ impl Lighting {
         lighting
     }
 
-    /// Returns the largest factor by which ambient and diffuse light multiply a channel of the colour of a surface around
-    /// `place`, among surfaces that face the eye or a light, seen in the unit direction `forward`.
+    /// Returns the largest factor by which ambient and diffuse light multiply a channel of the colour of a surface
+    /// around `place`, among surfaces that face the eye or a light, seen in the unit direction `forward`.
     pub(crate) fn brightest_factor(&self, place: DVec3, forward: DVec3) -> f64 {
         let towards = |light: &Light| match light.source {
             Source::Eye => -forward,

@@ -64,8 +64,8 @@ impl Solids {
 
     /// Draws meshes as a camera sees them, on the host in f64. A mesh has both sides, smooth normals except at edges of
     /// over 40 degrees, and the light and material of the picture, without shadows; `None` is the default light. Edges
-    /// are smooth: a pixel is covered by as much of 16 samples as hit a surface. Lights whose sum is over 1 are dimmed, so
-    /// that colours keep their hue.
+    /// are smooth: a pixel is covered by as much of 16 samples as hit a surface. Lights whose sum is over 1 are dimmed,
+    /// so that colours keep their hue.
     ///
     /// A pixel has one depth: the median of its samples, on the plane of that sample's triangle. Surfaces behind it in
     /// the same pixel have the depth of the median too.

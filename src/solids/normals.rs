@@ -8,8 +8,8 @@ use super::Mesh;
 /// The cosine of the largest angle between triangles that share a normal: 40 degrees.
 const CREASE: f64 = 0.766;
 
-/// The normal at each corner of each triangle: the sum of the normals of the triangles around its place, by their areas,
-/// that lie within 40 degrees of its own. Triangles without an area have a normal of 0.
+/// The normal at each corner of each triangle: the sum of the normals, by their areas, of the triangles around its
+/// place that lie within 40 degrees of its own. Triangles without an area have a normal of 0.
 pub(super) fn corner_normals(mesh: &Mesh) -> Vec<[DVec3; 3]> {
     let faces: Vec<DVec3> = mesh.triangles.par_iter().map(|&triangle| face(mesh, triangle)).collect();
     let (places, count) = places(mesh);

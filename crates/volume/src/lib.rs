@@ -1,8 +1,8 @@
 //! Volumes for [voxsplat](https://docs.rs/voxsplat): samples on a lattice, and readers of their files. Needs no GPU.
 //!
-//! [`formats`] reads files, [`volume`] holds samples and their lattice, [`demos`] has built-in volumes, [`meshes`] reads
-//! surfaces. The rest is what the renderer shares with them: [`memory`] (allocation that can fail), [`files`] (what may
-//! be opened), [`names`] (spellings in messages) and [`vector`].
+//! [`formats`] reads files, [`volume`] holds samples and their lattice, [`demos`] has built-in volumes, [`meshes`]
+//! reads surfaces. The rest is what the renderer shares with them: [`memory`] (allocation that can fail), [`files`]
+//! (what may be opened), [`names`] (spellings in messages) and [`vector`].
 //!
 //! Features, all on by default but `hdf5`: `dicom` (with JPEG), `jpeg2000` (in DICOM), `tiff`, `vtk`, `zarr`, `hdf5`
 //! (HDF5 and NetCDF).

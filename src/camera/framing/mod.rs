@@ -183,8 +183,8 @@ impl Hull {
     }
 }
 
-/// The outermost of many points: the first and the last along each axis in each of 64 x 64 columns. Less than 1/64 of the
-/// extent of a few points is lost, and mostly nothing, because the columns of another axis keep the points at the sides.
+/// The outermost of many points: the first and the last along each axis in each of 64 x 64 columns. At most 1/64 of the
+/// extent is lost, and mostly nothing, because the columns of another axis keep the points at the sides.
 fn outermost(points: Vec<DVec3>) -> Vec<DVec3> {
     const COLUMNS: usize = 64;
     if points.len() <= MOST_POINTS {

@@ -84,8 +84,8 @@ fn vtp(path: &Path) -> Result<Mesh> {
 }
 
 impl Mesh {
-    /// Refuses a mesh without triangles, indices beyond its vertices, colours of other vertices, and places that are not
-    /// finite. `name` is for messages.
+    /// Refuses a mesh without triangles, indices beyond its vertices, colours of other vertices, and places that are
+    /// not finite. `name` is for messages.
     ///
     /// # Errors
     /// [`Error::Format`](crate::Error::Format).
