@@ -213,6 +213,48 @@ pub(crate) mod tests {
         assert!(refusal("a.ply", &little[..little.len() - 1]).contains("cut short"));
     }
 
+    /// Files by VTK, which tests/data/meshes/make.py writes.
+    #[test]
+    fn meshes_of_another_program_have_their_places() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/meshes");
+        let names = ["binary.ply", "text.ply", "binary.stl", "text.stl", "text.obj"];
+        let names = names.into_iter().chain(
+            if cfg!(feature = "vtk") { &["inline.vtp", "appended.vtp", "text.vtp"][..] } else { &[] }.iter().copied(),
+        );
+        for name in names {
+            let mesh = load(folder.join(name)).unwrap();
+            let area = |[a, b, c]: [u32; 3]| {
+                let [a, b, c] = [a, b, c].map(|vertex| mesh.place(vertex));
+                assert!([a, b, c].iter().all(|place| place.z == 0.5), "{name}");
+                // All turn the same way round.
+                (b - a).cross(c - a).z / 2.0
+            };
+            assert_eq!(mesh.triangles.iter().map(|&triangle| area(triangle)).collect::<Vec<_>>(), [0.5; 2], "{name}");
+            let ends = mesh.vertices.iter().fold([0.0_f32; 2], |[x, y], place| [x.max(place[0]), y.max(place[1])]);
+            assert_eq!(ends, [1.0; 2], "{name}");
+        }
+    }
+
+    #[cfg(feature = "vtk")]
+    #[test]
+    fn bad_files_of_vtk_are_refused_in_one_line() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/meshes");
+        let text = std::fs::read_to_string(folder.join("text.vtp")).unwrap();
+        for (from, to, reason) in [
+            ("PolyData\"", "ImageData\"", "type \"ImageData\", expected PolyData"),
+            ("NumberOfPoints=\"4\"", "NumberOfPoints=\"5000000000\"", "is cut short: its Points need 15000000000"),
+            ("NumberOfPolys=\"1\"", "NumberOfPolys=\"0\"", "no triangle"),
+            ("NumberOfPolys=\"1\"", "NumberOfPolys=\"two\"", "NumberOfPolys is \"two\""),
+            ("0 1 2 3\n", "0 1 2 9\n", "vertex 9, but only 4"),
+        ] {
+            assert!(text.contains(from), "{from}");
+            // The heights are four such numbers too.
+            let bad = text.rsplit_once(from).map(|(before, after)| [before, to, after].concat()).unwrap();
+            let error = refusal("a.vtp", bad.as_bytes());
+            assert!(error.contains(reason), "{error}: expected {reason}");
+        }
+    }
+
     #[test]
     fn bad_meshes_are_refused_in_one_line() {
         for (name, bytes, reason) in [
