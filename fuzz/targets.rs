@@ -8,7 +8,8 @@ use std::path::{Path, PathBuf};
 use voxsplat::appearance::suggest;
 use voxsplat::error::{Error, InputError, Result};
 use voxsplat::formats::{AxisOrder, LoadOptions, MissingSlices, PyramidLevel, TimeSeries, load};
-use voxsplat::image::Image;
+use voxsplat::image::{DepthMap, Image};
+use voxsplat::solids::load_mesh;
 use voxsplat::transfer::presets::{self, PresetValues};
 use voxsplat::transfer::{Imported, TransferFunction, Window};
 use voxsplat::volume::{Endian, Grid, SampleType, Statistics, Volume};
@@ -47,6 +48,10 @@ pub const TARGETS: &[(&str, Target, &[&str])] = &[
     ("raw", Place::raw, &[".raw", ".img", ".raw.gz"]),
     ("data", Place::data, &[".raw.gz", ".zraw", ".z", ".raw"]),
     ("transfer", Place::transfer, &[".json", ".vp", ".xml"]),
+    ("ply", |place, bytes| place.mesh("fuzzed.ply", bytes), &[".ply"]),
+    ("stl", |place, bytes| place.mesh("fuzzed.stl", bytes), &[".stl"]),
+    ("obj", |place, bytes| place.mesh("fuzzed.obj", bytes), &[".obj"]),
+    ("vtp", |place, bytes| place.mesh("fuzzed.vtp", bytes), &[".vtp"]),
     ("png", |place, bytes| place.picture("fuzzed.png", bytes), &[".png"]),
     ("exr", |place, bytes| place.picture("fuzzed.exr", bytes), &[".exr"]),
 ];
@@ -189,8 +194,19 @@ impl Place {
         })
     }
 
+    /// A mesh, whose triangles have vertices with finite places.
+    fn mesh(&self, name: &str, bytes: &[u8]) -> bool {
+        accepted(load_mesh(self.written(name, bytes))).is_some_and(|mesh| {
+            let places = mesh.triangles.iter().flatten().map(|&vertex| mesh.place(vertex));
+            assert!(places.fold(true, |finite, place| finite && place.is_finite()));
+            true
+        })
+    }
+
     fn picture(&self, name: &str, bytes: &[u8]) -> bool {
-        accepted(Image::load(self.written(name, bytes))).is_some_and(|image| {
+        let path = self.written(name, bytes);
+        accepted(DepthMap::load(&path));
+        accepted(Image::load(&path)).is_some_and(|image| {
             let same = voxsplat::image::compare(&image, &image, 0.0);
             assert!(same.is_ok_and(|same| same.rms == 0.0 || image.pixels().iter().flatten().any(|v| !v.is_finite())));
             true

@@ -228,6 +228,12 @@ fn seeds(target: &str, endings: &[&str]) -> Vec<Vec<u8>> {
             others.sort();
             own.iter().chain(&others).map(|file| read(file)).collect()
         }
+        "ply" | "stl" | "obj" | "vtp" => {
+            let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/meshes");
+            let mut files: Vec<_> = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
+            files.sort();
+            files.iter().filter(|file| fits(file)).map(|file| read(file)).collect()
+        }
         "png" | "exr" => {
             let folder = tempfile::tempdir().unwrap();
             let file = folder.path().join(format!("a.{target}"));
