@@ -80,8 +80,8 @@ def write(name, kind, pixels, **more):
         "make_seg.py", "1", "1", series_description="organs", content_label="ORGANS", **more)
     # Dates and random numbers would make each run another file.
     for ds in segmentation.iterall():
-        if ds.tag.group == 0x0008 and ds.VR in ("DA", "TM"):
-            ds.value = "20261126" if ds.VR == "DA" else "000000"
+        if ds.tag.group == 0x0008 and ds.VR in ("DA", "TM") or ds.VR == "DT":
+            ds.value = {"DA": "20261126", "TM": "000000", "DT": "20261126000000"}[ds.VR]
         if ds.keyword == "DimensionOrganizationUID":
             ds.value = ROOT + "8"
     segmentation.save_as(name)

@@ -241,18 +241,19 @@ fn legends_name_what_shows() {
 
 /// An element of DICOM, little-endian with explicit types.
 fn element(tag: u32, kind: &str, value: &[u8]) -> Vec<u8> {
-    let padding = if value.len() % 2 == 0 { &[][..] } else { b" " };
+    let padding = if value.len().is_multiple_of(2) { &[][..] } else { b" " };
     let length = (value.len() + padding.len()) as u16;
     let tag = [(tag >> 16) as u16, tag as u16].map(u16::to_le_bytes).concat();
     [&tag, kind.as_bytes(), &length.to_le_bytes(), value, padding].concat()
 }
 
 /// A slice of the scan that the segmentations of tests/data/volumes are of, in a series.
-fn slice(series: u16, n: u32) -> Vec<u8> {
+pub(crate) fn slice(series: u16, n: u32) -> Vec<u8> {
     let place = [10.0 - 1.2 * f64::from(n), -20.0 + 1.6 * f64::from(n), 30.5].map(|p| p.to_string()).join("\\");
     let word = |tag, word: u16| element(tag, "US", &word.to_le_bytes());
     let text = |tag, kind, text: &str| element(tag, kind, text.as_bytes());
-    let pixels = [&[0xe0, 0x7f, 0x10, 0, b'O', b'W', 0, 0, 240, 0, 0, 0][..], &[0; 240]].concat();
+    let samples: Vec<u8> = (0..120).flat_map(|n| if (36..84).contains(&n) { [0, 4] } else { [0; 2] }).collect();
+    let pixels = [&[0xe0, 0x7f, 0x10, 0, b'O', b'W', 0, 0, 240, 0, 0, 0][..], &samples].concat();
     let elements = [
         text(0x0008_0021, "DA", "20261126"),
         text(0x0008_0060, "CS", "CT"),

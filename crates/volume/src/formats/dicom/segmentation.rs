@@ -60,7 +60,7 @@ pub(super) fn is_one(set: &Dataset) -> bool {
 /// Reads the labels of a segmentation.
 pub(super) fn read(source: &Path, sets: &[Dataset], options: &LoadOptions) -> Result<Volume> {
     let [set] = sets else { refuse!(source, "holds {} segmentations in one series: give the file of one", sets.len()) };
-    let (kind, mut notes) = (kind_of(set)?, Vec::new());
+    let kind = kind_of(set)?;
     // Whatever colours labels have, their samples are the labels.
     let plane = Plane { colors: Colors::Grey, planar: false, ..Plane::of(set, 0)? };
     let mut frames = frames_of(set, &plane, kind)?;
@@ -79,15 +79,14 @@ pub(super) fn read(source: &Path, sets: &[Dataset], options: &LoadOptions) -> Re
     let sizes = [plane.columns.into(), plane.rows.into(), slices as i64];
     let grid = placement.grid(source, &sizes, options.spacing)?;
 
-    let layers = layered(set, &plane, kind, frames, voxels)?;
+    let mut layers = layered(set, &plane, kind, frames, voxels)?;
     let mut contents = selection::chosen(source, options, layers.len() as u64, 1)?;
     if let (Kind::Mask { least }, "FRACTIONAL") = (kind, set.text(KIND).as_str()) {
-        notes.push(format!("voxels belong to a fractional segment from half of its maximum on, {least}"));
+        let note = format!("voxels belong to a fractional segment from half of its maximum on, {least}");
+        contents.notes.push(note);
     }
-    contents.notes = notes;
     contents.origin = Origin::of(Some("SEG"), [set.text(SERIES_DESCRIPTION).as_str()]);
     contents.segments = Some(described(set, &layers)?);
-    let mut layers = layers;
     let Layer { labels, segments } = layers.swap_remove(contents.channel as usize);
     let samples = match segments.iter().all(|number| u8::try_from(*number).is_ok()) {
         false => Samples::U16(labels),
