@@ -43,7 +43,7 @@ if ! cmp -s "$list" "$venv/installed.txt" || ! python_works "$venv/bin/python"; 
 fi
 
 # With the flags of tests/run.sh, so that nothing is compiled twice.
-cargo build --workspace --lib --bins --tests --features hdf5 --locked
+cargo build --workspace --lib --bins --tests --locked
 package=target/python/package
 rm -rf "$package"
 mkdir -p "$package"

@@ -10,4 +10,4 @@ if [ $# -eq 0 ]; then
     set -- -- --include-ignored
 fi
 # The same packages as tests/python.sh builds: their features, and so their dependencies, are compiled once.
-cargo test --workspace --features hdf5 --locked "$@"
+cargo test --workspace --locked "$@"

@@ -5,8 +5,8 @@ use std::path::Path;
 use glam::DVec3;
 use serde::Serialize;
 use voxsplat::appearance::{GUESS, LABELS, LabelLooks, ValueMeaning, suggest};
-use voxsplat::error::Error;
-use voxsplat::formats::{self, LoadOptions, PyramidLevel};
+use voxsplat::error::{Error, Hint};
+use voxsplat::formats::{self, LoadOptions, PyramidLevel, Series};
 use voxsplat::transfer::presets::PresetValues;
 use voxsplat::volume::{Channel, Grid, Statistics, Volume};
 use voxsplat_volume::names::readable;
@@ -132,24 +132,85 @@ pub(crate) fn run(args: &InfoArgs, options: &[OptionValues]) -> Result<(), Failu
     if args.labels {
         let mut load = args.input.options();
         load.replace_nan = load.replace_nan.or(Some(0.0));
-        let volume = formats::load(&args.input.source, &load)?;
-        let listed = layers::list(&volume, &LabelLooks::new(args.label_table.as_deref(), &[])?)?;
-        return if args.json { output::print_json(&listed) } else { layers::print(&listed, volume.length_unit()) };
+        let of = |channel| Ok(formats::load(&args.input.source, &LoadOptions { channel, ..load })?);
+        let first = LoadOptions { channel: load.channel.or(Some(0)), ..load };
+        let Some(first) = loaded(args, &first)? else { return Ok(()) };
+        let unit = first.length_unit().map(str::to_owned);
+        let all = if load.channel.is_some() { vec![first] } else { layers::with_others(first, of)? };
+        let listed = layers::list(&all, &LabelLooks::new(args.label_table.as_deref(), &[])?)?;
+        return if args.json { output::print_json(&listed) } else { layers::print(&listed, unit.as_deref()) };
     }
     let (volume, statistics) = {
-        let _progress = Progress::spinner("reading");
         let load = args.input.options();
         // A file of several channels is described by its first.
         let channel = load.channel.or(Some(0));
         // A level of a pyramid that is read quickly.
         let level = if args.input.pyramid.is_none() { PyramidLevel::Pixels(512.0) } else { load.level };
-        let volume = formats::load(&args.input.source, &LoadOptions { channel, level, ..load })?;
+        let Some(volume) = loaded(args, &LoadOptions { channel, level, ..load })? else { return Ok(()) };
         say_level(&volume, &load);
+        let _progress = Progress::spinner("reading");
         let statistics = Statistics::of(&volume)?;
         (volume, statistics)
     };
     let info = Info::new(&args.input.source, options, &volume, &statistics)?;
     if args.json { output::print_json(&info) } else { output::print(&info.to_text()) }
+}
+
+/// Loads the volume. If it is one of several series and none is requested, prints these and returns `None`.
+fn loaded(args: &InfoArgs, load: &LoadOptions) -> Result<Option<Volume>, Failure> {
+    let source = &args.input.source;
+    let read = {
+        let _progress = Progress::spinner("reading");
+        formats::load(source, load)
+    };
+    match read {
+        Err(error) if error.hint() == Some(Hint::ChooseSeries) => match formats::list_series(source)? {
+            all if all.is_empty() => Err(error.into()),
+            all if args.json => {
+                output::print_json(&serde_json::json!({ "source": source, "series": all })).map(|()| None)
+            }
+            all => output::print(&in_table(source, &all)).map(|()| None),
+        },
+        volume => Ok(Some(volume?)),
+    }
+}
+
+/// The last characters of an identifier that a table shows.
+const SHOWN_OF_UID: usize = 12;
+
+/// Returns a table of series, and the option that chooses one of them.
+fn in_table(source: &Path, all: &[Series]) -> String {
+    let by = |numbers: [String; 3]| numbers.join(" x ");
+    let row = |series: &Series| {
+        let lattice = series.dims.map_or("no volume".to_owned(), |dims| by(dims.map(|dim| dim.to_string())));
+        let times = if series.times > 1 { format!(", {} times", series.times) } else { String::new() };
+        let date = match series.date.as_deref().unwrap_or_default() {
+            date if date.len() == 8 && date.is_ascii() => [&date[..4], &date[4..6], &date[6..]].join("-"),
+            date => date.to_owned(),
+        };
+        let from = series.uid.char_indices().rev().nth(SHOWN_OF_UID).map(|(at, c)| at + c.len_utf8());
+        let uid = from.map_or(series.uid.clone(), |from| format!("…{}", &series.uid[from..]));
+        [
+            series.number.to_string(),
+            series.modality.clone(),
+            series.files.to_string(),
+            lattice + &times,
+            series.spacing.map_or(String::new(), |spacing| by(spacing.map(readable))),
+            date,
+            uid,
+            series.description.clone(),
+        ]
+    };
+    let names = ["series", "modality", "files", "lattice", "spacing", "date", "uid", "description"];
+    let rows: Vec<[String; 8]> = std::iter::once(names.map(str::to_owned)).chain(all.iter().map(row)).collect();
+    let widths: [usize; 8] =
+        std::array::from_fn(|n| rows.iter().map(|row| row[n].chars().count()).max().unwrap_or_default());
+    let line = |row: &[String; 8]| {
+        let cells = row.iter().zip(widths).map(|(cell, width)| format!("{cell:<width$}"));
+        cells.collect::<Vec<_>>().join("  ").trim_end().to_owned() + "\n"
+    };
+    let table: String = rows.iter().map(line).collect();
+    table + &format!("describe one: voxsplat info {} --series N\n", quoted(source.as_os_str()))
 }
 
 impl Info {

@@ -98,7 +98,14 @@ pub(crate) fn read(path: &Path) -> Result<Vec<Volume>, Failure> {
             false => error.into(),
         })
     };
-    let first = of(Some(0))?;
+    with_others(of(Some(0))?, of)
+}
+
+/// Returns all volumes of labels of a file from the first. `of` reads a channel.
+pub(crate) fn with_others(
+    first: Volume,
+    of: impl Fn(Option<u32>) -> Result<Volume, Failure>,
+) -> Result<Vec<Volume>, Failure> {
     let channels = first.contents().channels;
     if channels > 1 && first.contents().segments.is_none() {
         // Its error lists the channels.
@@ -160,16 +167,21 @@ pub(crate) struct Listed {
     volume: f64,
 }
 
-pub(crate) fn list(volume: &Volume, looks: &LabelLooks) -> Result<Vec<Listed>, Failure> {
-    let cell = volume.grid().to_world().matrix3.determinant().abs();
-    let looks = looks.of(volume)?;
-    let listed = |count: LabelCount| {
-        let Label { name, color, opacity } = looks.label(count.label);
-        let [r, g, b] = color.map(|channel| (255.0 * channel).round() as u8);
-        let volume = count.voxels as f64 * cell;
-        Listed { count, name, color: format!("#{r:02x}{g:02x}{b:02x}"), opacity, volume }
-    };
-    Ok(count_labels(volume)?.into_iter().map(listed).collect())
+/// Lists the labels of volumes on one lattice. The voxels without a label are those of the first.
+pub(crate) fn list(volumes: &[Volume], looks: &LabelLooks) -> Result<Vec<Listed>, Failure> {
+    let mut all = Vec::new();
+    for (n, volume) in volumes.iter().enumerate() {
+        let cell = volume.grid().to_world().matrix3.determinant().abs();
+        let looks = looks.of(volume)?;
+        let listed = |count: LabelCount| {
+            let Label { name, color, opacity } = looks.label(count.label);
+            let [r, g, b] = color.map(|channel| (255.0 * channel).round() as u8);
+            let volume = count.voxels as f64 * cell;
+            Listed { count, name, color: format!("#{r:02x}{g:02x}{b:02x}"), opacity, volume }
+        };
+        all.extend(count_labels(volume)?.into_iter().filter(|count| n == 0 || count.label != 0).map(listed));
+    }
+    Ok(all)
 }
 
 /// Units of length in metres, with the least volume that is written in cubes of each.

@@ -8,21 +8,21 @@ use voxsplat::volume::{Samples, Volume};
 
 use crate::formats::fixtures::assert_affine;
 
-const EXPLICIT: &str = "1.2.840.10008.1.2.1";
-const IMPLICIT: &str = "1.2.840.10008.1.2";
+pub(super) const EXPLICIT: &str = "1.2.840.10008.1.2.1";
+pub(super) const IMPLICIT: &str = "1.2.840.10008.1.2";
 const BIG: &str = "1.2.840.10008.1.2.2";
 const DEFLATED: &str = "1.2.840.10008.1.2.1.99";
 
 /// Encoded elements: their byte order, and whether they state their types.
 #[derive(Clone)]
-struct Elements {
-    bytes: Vec<u8>,
+pub(super) struct Elements {
+    pub(super) bytes: Vec<u8>,
     big: bool,
     typed: bool,
 }
 
 impl Elements {
-    fn new(big: bool, typed: bool) -> Self {
+    pub(super) fn new(big: bool, typed: bool) -> Self {
         Self { bytes: Vec::new(), big, typed }
     }
 
@@ -51,7 +51,7 @@ impl Elements {
         self
     }
 
-    fn with(self, tag: u32, kind: &str, value: &[u8]) -> Self {
+    pub(super) fn with(self, tag: u32, kind: &str, value: &[u8]) -> Self {
         let mut value = value.to_vec();
         if value.len() % 2 == 1 {
             value.push(if kind.starts_with('O') { 0 } else { b' ' });
@@ -59,18 +59,18 @@ impl Elements {
         self.stated(tag, kind, value.len() as u32, &value)
     }
 
-    fn text(self, tag: u32, kind: &str, text: &str) -> Self {
+    pub(super) fn text(self, tag: u32, kind: &str, text: &str) -> Self {
         self.with(tag, kind, text.as_bytes())
     }
 
-    fn words(self, tag: u32, words: &[u16]) -> Self {
+    pub(super) fn words(self, tag: u32, words: &[u16]) -> Self {
         let order = if self.big { u16::to_be_bytes } else { u16::to_le_bytes };
         let bytes: Vec<u8> = words.iter().flat_map(|word| order(*word)).collect();
         self.with(tag, "US", &bytes)
     }
 
     /// The size of the picture, its kind, and the bits of a sample.
-    fn picture(self, [columns, rows, frames]: [u16; 3], kind: &str, samples: u16, bits: u16) -> Self {
+    pub(super) fn picture(self, [columns, rows, frames]: [u16; 3], kind: &str, samples: u16, bits: u16) -> Self {
         self.words(0x0028_0002, &[samples])
             .text(0x0028_0004, "CS", kind)
             .words(0x0028_0006, &[0])
@@ -85,7 +85,7 @@ impl Elements {
     }
 
     /// The file of a transfer syntax.
-    fn file(&self, syntax: &str) -> Vec<u8> {
+    pub(super) fn file(&self, syntax: &str) -> Vec<u8> {
         let syntax = Self::new(false, true).text(0x0002_0010, "UI", &format!("{syntax:\0<24}"));
         let length = (syntax.bytes.len() as u32).to_le_bytes();
         let head = Self::new(false, true).with(0x0002_0000, "UL", &length);
@@ -93,7 +93,7 @@ impl Elements {
     }
 }
 
-fn written(bytes: &[u8]) -> tempfile::NamedTempFile {
+pub(super) fn written(bytes: &[u8]) -> tempfile::NamedTempFile {
     let mut file = tempfile::NamedTempFile::new().unwrap();
     file.write_all(bytes).unwrap();
     file
@@ -104,7 +104,7 @@ fn channel(file: &Path, channel: Option<u32>) -> Result<Volume, String> {
 }
 
 /// The values of a channel, or the error.
-fn values(bytes: &[u8], number: Option<u32>) -> Result<Vec<f64>, String> {
+pub(super) fn values(bytes: &[u8], number: Option<u32>) -> Result<Vec<f64>, String> {
     let volume = channel(written(bytes).path(), number)?;
     let in_memory = volume.in_memory().unwrap();
     Ok((0..in_memory.samples().len()).map(|n| in_memory.value(n)).collect())
@@ -389,4 +389,14 @@ fn lossy_samples_beyond_their_bits_are_clipped() {
             assert!((value - square).abs() <= 30.0, "sample {n} is {value}, expected about {square}");
         }
     }
+}
+
+#[test]
+fn a_compression_that_is_not_read_is_named_with_a_way_out() {
+    let fragments = [0xfe, 0xff, 0x00, 0xe0, 0, 0, 0, 0, 0xfe, 0xff, 0xdd, 0xe0, 0, 0, 0, 0];
+    let elements = Elements::new(false, true).picture([3, 1, 1], "MONOCHROME2", 1, 8);
+    let file = elements.stated(0x7fe0_0010, "OB", u32::MAX, &fragments).file("1.2.840.10008.1.2.4.201");
+    let error = values(&file, None).unwrap_err();
+    assert!(error.contains("by high-throughput JPEG 2000 (1.2.840.10008.1.2.4.201), which is not read"), "{error}");
+    assert!(error.ends_with(": decompress it first, by gdcmconv --raw or by decompress of pydicom"), "{error}");
 }

@@ -67,7 +67,7 @@ fn read(file: &str) -> Volume {
 }
 
 /// The affine of a volume, row by row.
-fn affine(volume: &Volume) -> [[f64; 4]; 3] {
+pub(crate) fn affine(volume: &Volume) -> [[f64; 4]; 3] {
     let m = volume.grid().to_world();
     std::array::from_fn(|r| [m.matrix3.x_axis[r], m.matrix3.y_axis[r], m.matrix3.z_axis[r], m.translation[r]])
 }

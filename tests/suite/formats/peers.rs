@@ -29,16 +29,12 @@ const PACKAGES: [&str; 11] = [
 const SOURCE: &str = "mrcfile==1.5.4";
 
 /// The refused files, by the ends of their names, with words of the error.
-const REFUSED: [(&str, &str); 11] = [
-    // No decoder of JPEG-LS is small and in Rust.
-    ("JPEGLSNearLossless_08.dcm", "compressed by JPEG-LS, which is not read"),
-    ("JPEGLSNearLossless_16.dcm", "compressed by JPEG-LS, which is not read"),
-    ("MR_small_jpeg_ls_lossless.dcm", "compressed by JPEG-LS, which is not read"),
-    ("SC_rgb_jls_lossy_line.dcm", "compressed by JPEG-LS, which is not read"),
-    ("SC_rgb_jls_lossy_sample.dcm", "compressed by JPEG-LS, which is not read"),
-    ("emri_small_jpeg_ls_lossless.dcm", "compressed by JPEG-LS, which is not read"),
+const REFUSED: [(&str, &str); 7] = [
+    // Colours in JPEG-LS.
+    ("SC_rgb_jls_lossy_line.dcm", "JPEG-LS: colours, which are not read: decompress it first"),
+    ("SC_rgb_jls_lossy_sample.dcm", "JPEG-LS: colours, which are not read: decompress it first"),
     // Lossy JPEG of 12 bits.
-    ("JPGExtended.dcm", "JPEG extended: unsupported JPEG feature: SamplePrecision(12)"),
+    ("JPGExtended.dcm", "JPEG extended: SamplePrecision(12) is not read: decompress it first"),
     // Their pixels have the size 0.
     ("RG1_J2KI.dcm", "the spacing of axis 1 is 0"),
     ("RG1_J2KR.dcm", "the spacing of axis 1 is 0"),

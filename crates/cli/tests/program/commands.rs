@@ -10,7 +10,8 @@ use flate2::Compression;
 use flate2::write::GzEncoder;
 
 use crate::adapter::adapter;
-use crate::cli::folder;
+use crate::cli::{folder, volume_file};
+use crate::segmentations::slice;
 
 /// The words of a line as a shell parts them, as far as documents need it; nothing behind a `#`.
 fn words(line: &str) -> Vec<String> {
@@ -124,6 +125,9 @@ fn lay_out(dir: &Path) {
     fs::write(dir.join("path.json"), key_frames).unwrap();
     let presets = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/transfer/presets.xml");
     fs::copy(presets, dir.join("presets.xml")).unwrap();
+    fs::create_dir(dir.join("ct")).unwrap();
+    (0..8).for_each(|n| fs::write(dir.join(format!("ct/{n}.dcm")), slice(1, n)).unwrap());
+    fs::copy(volume_file("seg-binary.dcm"), dir.join("seg.dcm")).unwrap();
     run(
         dir,
         &["render", "demo:sphere:16", "-o", "other.exr", "--size", "128", "--adapter", &adapter()].map(str::to_owned),

@@ -8,7 +8,7 @@ use voxsplat::image::{Background, Image};
 use voxsplat::layers::{Labels, recognised};
 use voxsplat::volume::Segment;
 
-use crate::cli::{complaint, folder, stdout, voxsplat};
+use crate::cli::{complaint, folder, stdout, volume_file, voxsplat};
 
 const N: usize = 16;
 
@@ -237,4 +237,115 @@ fn legends_name_what_shows() {
     assert!(
         String::from_utf8_lossy(&output.stderr).contains("not for several channels") && !dir.join("t.json").exists()
     );
+}
+
+/// An element of DICOM, little-endian with explicit types.
+fn element(tag: u32, kind: &str, value: &[u8]) -> Vec<u8> {
+    let padding = if value.len().is_multiple_of(2) { &[][..] } else { b" " };
+    let length = (value.len() + padding.len()) as u16;
+    let tag = [(tag >> 16) as u16, tag as u16].map(u16::to_le_bytes).concat();
+    [&tag, kind.as_bytes(), &length.to_le_bytes(), value, padding].concat()
+}
+
+/// A slice of the scan that the segmentations of tests/data/volumes are of, in a series.
+pub(crate) fn slice(series: u16, n: u32) -> Vec<u8> {
+    let place = [10.0 - 1.2 * f64::from(n), -20.0 + 1.6 * f64::from(n), 30.5].map(|p| p.to_string()).join("\\");
+    let word = |tag, word: u16| element(tag, "US", &word.to_le_bytes());
+    let text = |tag, kind, text: &str| element(tag, kind, text.as_bytes());
+    let samples: Vec<u8> = (0..120).flat_map(|n| if (36..84).contains(&n) { [0, 4] } else { [0; 2] }).collect();
+    let pixels = [&[0xe0, 0x7f, 0x10, 0, b'O', b'W', 0, 0, 240, 0, 0, 0][..], &samples].concat();
+    let elements = [
+        text(0x0008_0021, "DA", "20261126"),
+        text(0x0008_0060, "CS", "CT"),
+        text(0x0008_103e, "LO", &format!("scan {series}")),
+        text(0x0020_000e, "UI", &format!("1.2.3.4.5.6.7.8.{series}")),
+        text(0x0020_0011, "IS", &series.to_string()),
+        text(0x0020_0032, "DS", &place),
+        text(0x0020_0037, "DS", "0.8\\0.6\\0\\0\\0\\-1"),
+        word(0x0028_0010, 10),
+        word(0x0028_0011, 12),
+        text(0x0028_0030, "DS", "0.75\\0.5"),
+        word(0x0028_0100, 16),
+        pixels,
+    ];
+    [vec![0; 128], b"DICM".to_vec(), element(0x0002_0010, "UI", b"1.2.840.10008.1.2.1"), elements.concat()].concat()
+}
+
+#[test]
+fn segmentations_of_dicom_lie_over_their_series() {
+    let dir = folder();
+    let dir = dir.path();
+    fs::create_dir(dir.join("ct")).unwrap();
+    (0..8).for_each(|n| fs::write(dir.join(format!("ct/{n}.dcm")), slice(1, n)).unwrap());
+    for name in ["seg-binary.dcm", "seg-apart.dcm"] {
+        fs::copy(volume_file(name), dir.join(name)).unwrap();
+    }
+    fs::write(dir.join("clear.json"), r#"{"points": [{"value": 0, "color": [0, 0, 0], "opacity": 0}]}"#).unwrap();
+    let over = "ct --transfer clear.json --frame volume --light off --size 32 --labels";
+    let (whole, said) = drawn(dir, &format!("{over} seg-apart.dcm"));
+    assert!(!said.contains("lattice"), "{said}");
+    // The first slice has no frame, so the lattice begins at the second.
+    let (sparse, said) = drawn(dir, &format!("{over} seg-binary.dcm"));
+    assert!(said.contains("(12 x 10 x 7); none of its labelled voxels lie outside"), "{said}");
+    let shown = |image: &Image, color: [usize; 2]| {
+        image.pixels().iter().filter(|pixel| pixel[color[0]] > 0.3 && pixel[color[1]] < 0.1).count()
+    };
+    // The kidney is orange, the tumour that overlaps with it blue.
+    for image in [&whole, &sparse] {
+        assert!(
+            shown(image, [0, 2]) > 20 && shown(image, [2, 0]) > 20,
+            "{} {}",
+            shown(image, [0, 2]),
+            shown(image, [2, 0])
+        );
+    }
+    let (alone, said) = drawn(dir, "seg-binary.dcm --transfer labels --light off --size 32 --label tumour:off");
+    assert!(!said.contains("using --transfer"), "{said}");
+    assert!(shown(&alone, [0, 2]) > 20 && shown(&alone, [2, 0]) == 0);
+    let listed = stdout(&voxsplat(dir, "info seg-apart.dcm --labels"));
+    assert!(listed.lines().any(|l| l.contains("#ff4000") && l.ends_with("Left kidney")), "{listed}");
+    // Of segments that overlap too, with the number of voxels of each.
+    let listed = stdout(&voxsplat(dir, "info seg-binary.dcm --labels"));
+    let lines: Vec<Vec<&str>> = listed.lines().skip(1).map(|line| line.split_whitespace().collect()).collect();
+    let found: Vec<(&str, &str)> = lines.iter().map(|words| (words[0], words[3])).collect();
+    assert_eq!(found, [("0", "748"), ("1", "90"), ("3", "2"), ("2", "40")], "{listed}");
+    let output = voxsplat(dir, "render ct --transfer clear.json --mask seg-binary.dcm -o b.png");
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.code() == Some(2) && said.contains("seg-binary.dcm has 2 layers of labels"), "{said}");
+}
+
+#[test]
+fn series_of_a_folder_are_listed() {
+    let dir = folder();
+    let dir = dir.path();
+    fs::create_dir(dir.join("study")).unwrap();
+    (0..8).for_each(|n| fs::write(dir.join(format!("study/a{n}.dcm")), slice(2, n)).unwrap());
+    (0..3).for_each(|n| fs::write(dir.join(format!("study/b{n}.dcm")), slice(3, 2 * n)).unwrap());
+    fs::copy(volume_file("seg-binary.dcm"), dir.join("study/c.dcm")).unwrap();
+    let output = voxsplat(dir, "render study -o a.png");
+    let said = complaint(&output);
+    assert_eq!(output.status.code(), Some(1));
+    assert_eq!(
+        said,
+        "study: holds 3 series: 1 is CT \"scan 2\" of 8 files, 2 is CT \"scan 3\" of 3 files, 3 is SEG \"organs\" of 1 \
+         file: choose one with --series N (info lists them)"
+    );
+    let table = stdout(&voxsplat(dir, "info study"));
+    let expected = "\
+series  modality  files  lattice      spacing         date        uid            description
+1       CT        8      12 x 10 x 8  0.5 x 0.75 x 2  2026-11-26  ….4.5.6.7.8.2  scan 2
+2       CT        3      12 x 10 x 3  0.5 x 0.75 x 4  2026-11-26  ….4.5.6.7.8.3  scan 3
+3       SEG       1      12 x 10 x 7  0.5 x 0.75 x 2  2026-11-26  …3.8.498.77.5  organs
+describe one: voxsplat info study --series N
+";
+    assert_eq!(table, expected);
+    let json: serde_json::Value = serde_json::from_slice(&voxsplat(dir, "info study --json").stdout).unwrap();
+    assert_eq!(json["series"][1]["dims"], serde_json::json!([12, 10, 3]));
+    assert_eq!(json["series"][2]["uid"], "1.2.826.0.1.3680043.8.498.77.5");
+    assert!(stdout(&voxsplat(dir, "info study --series 2")).contains("lattice      12 x 10 x 3"));
+    let many = dir.join("many");
+    fs::create_dir(&many).unwrap();
+    (10..90).for_each(|n| fs::write(many.join(format!("{n}.dcm")), slice(n, 0)).unwrap());
+    let said = complaint(&voxsplat(dir, "render many -o a.png"));
+    assert!(said.contains("4 is CT \"scan 13\" of 1 file, and 76 others: choose"), "{said}");
 }

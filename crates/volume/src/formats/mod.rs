@@ -22,6 +22,7 @@ mod parrec;
 mod placement;
 mod readers;
 mod selection;
+mod series;
 mod text_header;
 #[cfg(feature = "tiff")]
 mod tiff;
@@ -45,6 +46,7 @@ use placement::{Placement, check_spacing};
 use readers::ZARR;
 pub use readers::{FORMATS, Format};
 use selection::{Pick, chosen};
+pub use series::{Series, list_series};
 pub use time_series::TimeSeries;
 #[cfg(feature = "vtk")]
 pub(crate) use vtk::poly_data::read as read_poly_data;
@@ -115,7 +117,8 @@ pub struct LoadOptions {
     /// The channel of a file that holds several, counted from 0; without it such a file is an error. Which there are
     /// [`Volume::contents`] tells, of any one of them.
     pub channel: Option<u32>,
-    /// The series of a folder of DICOM files that holds several, counted from 1 in the order of their numbers.
+    /// The series of a folder of DICOM files that holds several, counted from 1 in the order of their numbers, as
+    /// [`list_series`] lists them.
     pub series: Option<u32>,
     /// The treatment of a DICOM series that lacks slices.
     pub missing_slices: MissingSlices,

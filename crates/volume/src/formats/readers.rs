@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::input::Input;
-use super::{LoadOptions, afni, metaimage, mgh, mrc, nifti, npy, npz, nrrd, parrec};
+use super::{LoadOptions, Series, afni, metaimage, mgh, mrc, nifti, npy, npz, nrrd, parrec};
 use crate::error::{Error, Result, Subject};
 use crate::volume::Volume;
 
@@ -11,6 +11,8 @@ use crate::volume::Volume;
 type Read = fn(Input, Option<&str>, &LoadOptions) -> Result<Volume>;
 /// Reads a folder, or these files of it.
 type ReadFolder = fn(&Path, &[PathBuf], &LoadOptions) -> Result<Volume>;
+/// Lists the series in these files of a folder.
+type ListSeries = fn(&Path, &[PathBuf]) -> Result<Vec<Series>>;
 /// The files that a header names besides its own.
 type DataFiles = fn(Input) -> Result<Vec<PathBuf>>;
 /// The header of a file of samples, if that is its extension and there is one.
@@ -38,6 +40,7 @@ pub struct Format {
     begins: fn(&[u8]) -> bool,
     read: Option<Read>,
     read_folder: Option<ReadFolder>,
+    pub(super) list_series: Option<ListSeries>,
     data_files: Option<DataFiles>,
     header_of: Option<HeaderOf>,
 }
@@ -54,6 +57,7 @@ const PLAIN: Format = Format {
     begins: |_| false,
     read: None,
     read_folder: None,
+    list_series: None,
     data_files: None,
     header_of: None,
 };
@@ -83,7 +87,7 @@ pub static FORMATS: [Format; 15] = [
     // Its first 128 bytes are free: they may be the beginning of another format, such as TIFF.
     Format {
         name: "DICOM",
-        description: "a file or a folder of slices; all but JPEG-LS and lossy JPEG of 12 bits",
+        description: "a file or a folder of slices, or a segmentation; all but lossy JPEG of 12 bits",
         feature: Some("dicom"),
         begins: |head| head.get(128..132) == Some(b"DICM"),
         has_sections: true,
@@ -91,6 +95,7 @@ pub static FORMATS: [Format; 15] = [
             super::dicom::read_files(input.path(), &[input.path().to_owned()], options)
         }),
         read_folder: built!("dicom", ReadFolder, super::dicom::read_files),
+        list_series: built!("dicom", ListSeries, super::dicom::series),
         ..PLAIN
     },
     Format {

@@ -36,8 +36,11 @@ const MAX_DEPTH: usize = 32;
 /// The most fragments of a file.
 const MAX_FRAGMENTS: usize = 1 << 20;
 
-/// The most frames of a file.
-const MAX_FRAMES: usize = crate::volume::MAX_DIM as usize;
+/// The most frames of a file: a segmentation has one for each segment in each slice.
+pub(super) const MAX_FRAMES: usize = 1 << 20;
+
+/// The most segments of a file: their numbers have 16 bits.
+const MAX_SEGMENTS: usize = 1 << 16;
 
 /// The transfer syntax whose elements are deflated.
 const DEFLATED: &str = "1.2.840.10008.1.2.1.99";
@@ -46,10 +49,15 @@ const DEFLATED: &str = "1.2.840.10008.1.2.1.99";
 const UNDEFINED: u32 = u32::MAX;
 
 /// The sequences that are read, in files without types too: those of all frames and of each frame, and inside them
-/// positions, orientations, spacings, maps to values, indices of time and delays of triggers. Sequences of makers may
-/// have values of the same names that mean something else.
-const SEQUENCES: [u32; 8] =
-    [0x5200_9229, 0x5200_9230, 0x0020_9113, 0x0020_9116, 0x0028_9110, 0x0028_9145, 0x0020_9111, 0x0018_9118];
+/// positions, orientations, spacings, maps to values, indices of time, delays of triggers and segments. Sequences of
+/// makers may have values of the same names that mean something else.
+const SEQUENCES: [u32; 9] =
+    [SHARED, PER_FRAME, 0x0020_9113, 0x0020_9116, 0x0028_9110, 0x0028_9145, 0x0020_9111, 0x0018_9118, 0x0062_000a];
+
+/// The sequences of all frames, of each frame, and of the segments of a segmentation.
+const SHARED: u32 = 0x5200_9229;
+const PER_FRAME: u32 = 0x5200_9230;
+const SEGMENTS: u32 = 0x0062_0002;
 
 /// The longest value of a tag that is kept, in bytes.
 fn longest(tag: u32) -> u64 {
@@ -57,7 +65,7 @@ fn longest(tag: u32) -> u64 {
 }
 
 /// Values by tag: group and element in one number.
-type Values = HashMap<u32, Vec<u8>>;
+pub(super) type Values = HashMap<u32, Vec<u8>>;
 
 /// The elements of a file, without its pixels.
 #[derive(Default)]
@@ -70,6 +78,8 @@ pub(super) struct Dataset {
     /// The values that all frames share.
     shared: Values,
     frames: Vec<Values>,
+    /// The descriptions of segments.
+    pub(super) segments: Vec<Values>,
     /// Whether the pixels stand in words of 16 bits, whatever their size.
     pub(super) in_words: bool,
     /// The offset of the pixels in what [`Self::open`] returns, and their length unless they are in fragments.
@@ -133,7 +143,17 @@ impl Dataset {
 
     /// Binary numbers of 16 bits.
     pub(super) fn words(&self, tag: u32) -> Option<impl Iterator<Item = u16>> {
-        Some(self.value(tag)?.chunks_exact(2).map(|bytes| self.endian.number(bytes) as u16))
+        Some(self.words_of(self.value(tag)?))
+    }
+
+    /// Binary numbers of 16 bits in the bytes of a value.
+    pub(super) fn words_of(&self, bytes: &[u8]) -> impl Iterator<Item = u16> {
+        bytes.chunks_exact(2).map(|bytes| self.endian.number(bytes) as u16)
+    }
+
+    /// A binary number of 16 bits, of a frame if it has one of its own.
+    pub(super) fn frame_u16(&self, frame: usize, tag: u32) -> Option<u16> {
+        self.words_of(self.bytes(frame, tag)?).next()
     }
 
     /// A binary whole number of 32 bits, of a frame if it has one of its own.
@@ -158,9 +178,11 @@ impl Dataset {
     }
 }
 
-/// A text without the padding that makes its length even.
-fn trimmed(bytes: &[u8]) -> String {
-    String::from_utf8_lossy(bytes).trim_matches(['\0', ' ']).to_owned()
+/// A text without the padding that makes its length even; in Latin-1 if it is not in UTF-8.
+pub(super) fn trimmed(bytes: &[u8]) -> String {
+    let latin = || bytes.iter().copied().map(char::from).collect();
+    let text = str::from_utf8(bytes).map_or_else(|_| latin(), str::to_owned);
+    text.trim_matches(['\0', ' ']).to_owned()
 }
 
 /// Decimal numbers separated by backslashes; `None` if one is not finite.
@@ -175,6 +197,7 @@ enum Place {
     Top,
     Shared,
     PerFrame,
+    Segment,
     /// A sequence whose values are not needed.
     Elsewhere,
 }
@@ -321,10 +344,11 @@ impl Reader {
                         self.skip(length.into())?;
                     }
                 }
-                _ if &kind == b"SQ" || length == UNDEFINED || SEQUENCES.contains(&tag) => {
+                _ if &kind == b"SQ" || length == UNDEFINED || tag == SEGMENTS || SEQUENCES.contains(&tag) => {
                     let inside = match (place, tag) {
-                        (Place::Top, 0x5200_9229) => Place::Shared,
-                        (Place::Top, 0x5200_9230) => Place::PerFrame,
+                        (Place::Top, SHARED) => Place::Shared,
+                        (Place::Top, PER_FRAME) => Place::PerFrame,
+                        (Place::Top, SEGMENTS) => Place::Segment,
                         (Place::Shared | Place::PerFrame, _) if SEQUENCES.contains(&tag) => place,
                         _ => Place::Elsewhere,
                     };
@@ -339,6 +363,7 @@ impl Reader {
                     let values = match place {
                         Place::Shared => Some(&mut self.set.shared),
                         Place::PerFrame => self.set.frames.last_mut(),
+                        Place::Segment => self.set.segments.last_mut(),
                         _ => Some(&mut self.set.values),
                     };
                     values.map(|values| values.insert(tag, value));
@@ -355,9 +380,14 @@ impl Reader {
         while self.left() > end
             && let Some(length) = self.next_item("an item")?
         {
-            if place == Place::PerFrame && outermost {
-                refuse_if!(self.set.frames.len() == MAX_FRAMES, self.input, "is damaged: over {MAX_FRAMES} frames");
-                self.set.frames.push(Values::new());
+            let (parts, most) = match place {
+                Place::PerFrame => (Some(&mut self.set.frames), MAX_FRAMES),
+                Place::Segment => (Some(&mut self.set.segments), MAX_SEGMENTS),
+                _ => (None, 0),
+            };
+            if let Some(parts) = parts.filter(|_| outermost) {
+                refuse_if!(parts.len() == most, self.input, "is damaged: over {most} frames or segments");
+                parts.push(Values::new());
             }
             self.elements(self.end_of(length), place, depth + 1)?;
         }

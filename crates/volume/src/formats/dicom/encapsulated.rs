@@ -15,6 +15,7 @@ use crate::volume::Endian;
 pub(super) enum Codec {
     Rle,
     Jpeg,
+    JpegLs,
     Jpeg2000,
 }
 
@@ -24,8 +25,8 @@ const SYNTAXES: [(&str, &str, Option<Codec>); 12] = [
     ("1.2.840.10008.1.2.4.51", "JPEG extended", Some(Codec::Jpeg)),
     ("1.2.840.10008.1.2.4.57", "JPEG lossless", Some(Codec::Jpeg)),
     ("1.2.840.10008.1.2.4.70", "JPEG lossless", Some(Codec::Jpeg)),
-    ("1.2.840.10008.1.2.4.80", "JPEG-LS", None),
-    ("1.2.840.10008.1.2.4.81", "JPEG-LS", None),
+    ("1.2.840.10008.1.2.4.80", "JPEG-LS", Some(Codec::JpegLs)),
+    ("1.2.840.10008.1.2.4.81", "JPEG-LS", Some(Codec::JpegLs)),
     ("1.2.840.10008.1.2.4.90", "JPEG 2000", Some(Codec::Jpeg2000)),
     ("1.2.840.10008.1.2.4.91", "JPEG 2000", Some(Codec::Jpeg2000)),
     ("1.2.840.10008.1.2.4.201", "high-throughput JPEG 2000", None),
@@ -33,6 +34,9 @@ const SYNTAXES: [(&str, &str, Option<Codec>); 12] = [
     ("1.2.840.10008.1.2.4.203", "high-throughput JPEG 2000", None),
     ("1.2.840.10008.1.2.5", "RLE", Some(Codec::Rle)),
 ];
+
+/// The remedy for compressed pixels that are not read.
+pub(super) const DECOMPRESS: &str = "decompress it first, by gdcmconv --raw or by decompress of pydicom";
 
 /// The name of a transfer syntax of compressed pixels, and the codec that reads it.
 pub(super) fn syntax_of(uid: &str) -> Option<(&'static str, Option<Codec>)> {
@@ -112,6 +116,7 @@ impl Frames {
         let unpacked = match self.codec {
             Codec::Rle => unpack_rle(&packed, size, &mut pixels),
             Codec::Jpeg => unpack_jpeg(&packed, size, &mut pixels),
+            Codec::JpegLs => unpack_jpeg_ls(&packed, size, &mut pixels),
             Codec::Jpeg2000 => unpack_jpeg_2000(&packed, size, &mut pixels),
         };
         let reason = match unpacked {
@@ -171,7 +176,10 @@ fn unpack_jpeg(packed: &[u8], size: Size, pixels: &mut Vec<u64>) -> io::Result<(
     if size.is_rgb {
         decoder.set_color_transform(ColorTransform::RGB);
     }
-    decoder.read_info().map_err(io::Error::other)?;
+    decoder.read_info().map_err(|error| match error {
+        jpeg_decoder::Error::Unsupported(what) => Damage.error(format!("{what:?} is not read: {DECOMPRESS}")),
+        other => io::Error::other(other),
+    })?;
     let info = decoder.info().ok_or_else(|| Damage.error("no header"))?;
     size.check(info.width.into(), info.height.into())?;
     let bytes = match (info.pixel_format, size.samples) {
@@ -183,6 +191,17 @@ fn unpack_jpeg(packed: &[u8], size: Size, pixels: &mut Vec<u64>) -> io::Result<(
     refuse_if!(bytes > size.bytes, Damage, "{bytes} bytes a pixel, expected {}", size.bytes);
     let content = decoder.decode().map_err(io::Error::other)?;
     pixels.extend(content.chunks_exact(bytes).map(|sample| Endian::NATIVE.number(sample)));
+    Ok(())
+}
+
+fn unpack_jpeg_ls(packed: &[u8], size: Size, pixels: &mut Vec<u64>) -> io::Result<()> {
+    refuse_if!(size.samples != 1, Damage, "colours, which are not read: {DECOMPRESS}");
+    // The decoder reserves no memory before it has compared the sizes. Where arithmetic is checked for overflow, as in
+    // builds for debugging, it panics on some damaged pictures.
+    let decode = || jpegls::decode(packed, size.columns as u32, size.rows as u32);
+    let decoded = std::panic::catch_unwind(decode).map_err(|_| Damage.error("its samples are out of range"))?;
+    let (samples, ..) = decoded.map_err(io::Error::other)?;
+    pixels.extend(samples.into_iter().map(u64::from));
     Ok(())
 }
 
@@ -225,6 +244,28 @@ fn unpack_jpeg_2000(packed: &[u8], size: Size, pixels: &mut Vec<u64>) -> io::Res
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn damaged_pictures_in_jpeg_ls_are_refused() {
+        let size = Size { columns: 64, rows: 64, samples: 1, bytes: 2, is_rgb: false };
+        let mut seed = 1_u64;
+        for precision in [8, 12, 16] {
+            let header = [0xff, 0xd8, 0xff, 0xf7, 0, 11, precision, 0, 64, 0, 64, 1, 1, 0x11, 0];
+            let scan = [0xff, 0xda, 0, 8, 1, 1, 0, 0, 0, 0];
+            // Few bits that are set are large numbers.
+            let sparse = (0..9000).map(|_| {
+                seed ^= seed << 13;
+                seed ^= seed >> 7;
+                seed ^= seed << 17;
+                seed as u8 & (seed >> 8) as u8 & 0x7f
+            });
+            let packed: Vec<u8> = header.into_iter().chain(scan).chain(sparse).chain([0xff, 0xd9]).collect();
+            let mut pixels = Vec::new();
+            assert!(unpack_jpeg_ls(&packed, size, &mut pixels).is_err());
+            let other = Size { rows: 65, ..size };
+            assert!(unpack_jpeg_ls(&packed, other, &mut pixels).is_err());
+        }
+    }
 
     #[test]
     fn run_lengths_are_those_of_the_standard() {

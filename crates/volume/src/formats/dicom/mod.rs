@@ -4,12 +4,14 @@
 //! spacing of the third axis: a tilted gantry makes a sheared lattice. If each position has as many slices as the
 //! others, these are points in time, in the order of an index or a time that tells them apart. Secondary captures have
 //! no positions: they follow one another by their numbers. The frames of a dose of radiotherapy have offsets along the
-//! normal. Pixels are grey values, colours, entries of a palette or single bits; uncompressed, in RLE, JPEG (baseline
-//! and lossless) or JPEG 2000. Elements may be deflated, and files in gzip.
+//! normal. Segmentations have a module of their own. Pixels are grey values, colours, entries of a palette or single
+//! bits; uncompressed, in RLE, JPEG (baseline and lossless), JPEG-LS or JPEG 2000. Elements may be deflated, and files
+//! in gzip.
 
 mod dataset;
 mod encapsulated;
 mod palette;
+mod segmentation;
 mod times;
 
 use std::io::SeekFrom;
@@ -18,11 +20,11 @@ use std::path::{Path, PathBuf};
 use glam::DVec3;
 
 use self::dataset::Dataset;
-use self::encapsulated::{Codec, Frames, Size, syntax_of};
+use self::encapsulated::{Codec, DECOMPRESS, Frames, Size, syntax_of};
 use self::palette::Table;
 use self::times::in_times;
-use super::placement::Placement;
-use super::{LoadOptions, MissingSlices, selection};
+use super::placement::{Placement, plain_name};
+use super::{LoadOptions, MissingSlices, Series, selection};
 use crate::error::{Error, Hint, Result, Subject, refuse, refuse_if};
 use crate::memory::{reserved, samples_in};
 use crate::names::{counted, readable};
@@ -30,6 +32,9 @@ use crate::volume::{Endian, Origin, Samples, Units, Volume};
 
 const IMAGE_TYPE: u32 = 0x0008_0008;
 const SOP_CLASS: u32 = 0x0008_0016;
+const STUDY_DATE: u32 = 0x0008_0020;
+const SERIES_DATE: u32 = 0x0008_0021;
+const ACQUISITION_DATE: u32 = 0x0008_0022;
 const MODALITY: u32 = 0x0008_0060;
 const SERIES_DESCRIPTION: u32 = 0x0008_103e;
 const PROTOCOL: u32 = 0x0018_1030;
@@ -138,6 +143,9 @@ pub(super) fn read_files(source: &Path, files: &[PathBuf], options: &LoadOptions
     sets.retain(|set| set.pixels.is_some());
     let sets = chosen(source, sets, options.series)?;
     let Some(first) = sets.first() else { refuse!(source, "is DICOM without pixels") };
+    if segmentation::is_one(first) {
+        return segmentation::read(source, &sets, options);
+    }
     let plane = Plane::of(first, 0)?;
     let mut times = in_times(source, &sets, sorted(source, &sets, &plane)?)?;
     let mut contents = selection::chosen(source, options, plane.colors.channels().into(), times.len() as u64)?;
@@ -205,25 +213,44 @@ pub(super) fn read_files(source: &Path, files: &[PathBuf], options: &LoadOptions
     }
 }
 
-/// The files of one series, without localizers if there are others.
-fn chosen(source: &Path, sets: Vec<Dataset>, series: Option<u32>) -> Result<Vec<Dataset>> {
-    let number = |set: &Dataset| set.text(SERIES_NUMBER).parse::<i64>().unwrap_or(i64::MAX);
+/// The files of each series, in the order of their numbers.
+fn by_series(sets: Vec<Dataset>) -> Vec<Vec<Dataset>> {
     let mut all: Vec<(i64, String, Vec<Dataset>)> = Vec::new();
     for set in sets {
         let uid = set.text(SERIES_UID);
         match all.iter_mut().find(|(_, known, _)| *known == uid) {
             Some((.., sets)) => sets.push(set),
-            None => all.push((number(&set), uid, vec![set])),
+            None => all.push((set.text(SERIES_NUMBER).parse().unwrap_or(i64::MAX), uid, vec![set])),
         }
     }
     all.sort_by(|a, b| (a.0, &a.1).cmp(&(b.0, &b.1)));
+    all.into_iter().map(|(.., sets)| sets).collect()
+}
+
+/// The files of a series without localizers, if there are others.
+fn without_localizers(mut sets: Vec<Dataset>) -> Vec<Dataset> {
+    let localizer = |set: &Dataset| set.text(IMAGE_TYPE).split('\\').any(|word| word.trim() == "LOCALIZER");
+    if !sets.iter().all(localizer) {
+        sets.retain(|set| !localizer(set));
+    }
+    sets
+}
+
+/// The most series that an error lists.
+const MOST_LISTED: usize = 4;
+
+/// The files of one series.
+fn chosen(source: &Path, sets: Vec<Dataset>, series: Option<u32>) -> Result<Vec<Dataset>> {
+    let mut all = by_series(sets);
     let listed = || {
-        let line = |(n, (_, _, sets)): (usize, &(i64, String, Vec<Dataset>))| {
+        let line = |(n, sets): (usize, &Vec<Dataset>)| {
             let text = |tag| sets.first().map(|set| set.text(tag)).unwrap_or_default();
             let files = counted(sets.len() as u64, "file");
             format!("{} is {} {:?} of {files}", n + 1, text(MODALITY), text(SERIES_DESCRIPTION))
         };
-        all.iter().enumerate().map(line).collect::<Vec<_>>().join(", ")
+        let lines: Vec<String> = all.iter().enumerate().take(MOST_LISTED).map(line).collect();
+        let others = all.len() - lines.len();
+        lines.join(", ") + &if others > 0 { format!(", and {others} others") } else { String::new() }
     };
     let index = match series {
         None if all.len() > 1 => {
@@ -237,12 +264,58 @@ fn chosen(source: &Path, sets: Vec<Dataset>, series: Option<u32>) -> Result<Vec<
         }
         Some(n) => n as usize - 1,
     };
-    let mut sets = if all.is_empty() { Vec::new() } else { all.swap_remove(index).2 };
-    let localizer = |set: &Dataset| set.text(IMAGE_TYPE).split('\\').any(|word| word.trim() == "LOCALIZER");
-    if !sets.iter().all(localizer) {
-        sets.retain(|set| !localizer(set));
-    }
-    Ok(sets)
+    Ok(if all.is_empty() { Vec::new() } else { without_localizers(all.swap_remove(index)) })
+}
+
+/// Describes the series in these files.
+pub(super) fn series(source: &Path, files: &[PathBuf]) -> Result<Vec<Series>> {
+    let mut sets = files.iter().map(|file| Dataset::read(file)).collect::<Result<Vec<Dataset>>>()?;
+    sets.retain(|set| set.pixels.is_some());
+    let described = |(n, sets): (usize, Vec<Dataset>)| {
+        let text = |tag| {
+            let plain = |set: &Dataset| plain_name(&set.text(tag)).unwrap_or_default();
+            sets.first().map(plain).unwrap_or_default()
+        };
+        let (modality, description, uid) = (text(MODALITY), text(SERIES_DESCRIPTION), text(SERIES_UID));
+        let date = [SERIES_DATE, ACQUISITION_DATE, STUDY_DATE].map(text).into_iter().find(|date| !date.is_empty());
+        let files = sets.len() as u32;
+        let lattice = lattice_of(source, &without_localizers(sets)).ok();
+        Series {
+            number: n as u32 + 1,
+            modality,
+            description,
+            files,
+            dims: lattice.map(|(dims, ..)| dims),
+            times: lattice.map_or(1, |(.., times)| times),
+            spacing: lattice.map(|(_, spacing, _)| spacing),
+            date,
+            uid,
+        }
+    };
+    Ok(by_series(sets).into_iter().enumerate().map(described).collect())
+}
+
+/// The samples of a series along each axis, their distances, and the number of points in time.
+fn lattice_of(source: &Path, sets: &[Dataset]) -> Result<([u32; 3], [f64; 3], u32)> {
+    let Some(first) = sets.first() else { refuse!(source, "is DICOM without pixels") };
+    let plane = Plane::of(first, 0)?;
+    let (slices, step, times) = match (segmentation::is_one(first), sets) {
+        (true, [set]) => segmentation::lattice_of(set, &plane)?,
+        _ => {
+            let times = in_times(source, sets, sorted(source, sets, &plane)?)?;
+            let slices = times.first().map(Vec::as_slice).unwrap_or_default();
+            let usual = gaps(slices, plane.normal()).map(|(_, usual)| usual);
+            (slices.len() as u64, usual.unwrap_or_else(|| single_gap(first)), times.len() as u32)
+        }
+    };
+    let [dx, dy] = plane.spacing;
+    Ok(([plane.columns.into(), plane.rows.into(), slices as u32], [dx, dy, step], times))
+}
+
+/// The distance of slices that the file of a single slice states, or its thickness.
+fn single_gap(set: &Dataset) -> f64 {
+    let stated = |tag| set.numbers::<1>(0, tag).map(|[length]| length).filter(|length| *length > 0.0);
+    stated(BETWEEN_SLICES).or(stated(SLICE_THICKNESS)).unwrap_or(1.0)
 }
 
 impl Plane {
@@ -453,8 +526,7 @@ fn placed(source: &Path, sets: &[Dataset], slices: &[Slice], plane: &Plane) -> R
         }
         (last.position - first.position) / (slices.len() - 1) as f64
     } else {
-        let single = |tag| sets.first().and_then(|set| set.numbers::<1>(0, tag)).map(|[length]| length);
-        normal * single(BETWEEN_SLICES).or(single(SLICE_THICKNESS)).filter(|length| *length > 0.0).unwrap_or(1.0)
+        normal * sets.first().map_or(1.0, single_gap)
     };
     for (n, slice) in slices.iter().enumerate() {
         if slice.position.distance(first.position + step * n as f64) > 0.05 * step.length() {
@@ -475,30 +547,60 @@ fn pixels_in(source: &Path, sets: &[Dataset], slices: &[Slice], frame_bits: u64)
     refuse_if!(slices.is_empty(), source, "has no slices");
     let mut is_used = vec![false; sets.len()];
     slices.iter().for_each(|slice| is_used[slice.file] = true);
-    let frames = |(set, is_used): (&Dataset, bool)| {
-        if !is_used {
-            return Ok(None);
-        }
-        // All of them, also those at other points in time.
-        let frames = set.numbers(0, FRAMES).map_or(1, |[frames]| frames as usize);
-        match (syntax_of(&set.syntax), set.pixels) {
-            (Some((name, None)), _) => {
-                refuse!(set, "is compressed by {name}, which is not read: decompress it first")
-            }
-            (Some((_, Some(codec))), Some((_, None))) => Frames::find(set, frames, codec).map(Some),
-            (Some((name, _)), _) => refuse!(set, "is compressed by {name}, but its pixels are in no fragments"),
-            // Refused before memory is reserved.
-            (None, Some((_, Some(length)))) => {
-                let needed = (frames as u64).saturating_mul(frame_bits).div_ceil(8);
-                let need = if frames == 1 { "frame needs" } else { "frames need" };
-                let is_short = length < needed;
-                refuse_if!(is_short, set, "is cut short: {frames} {need} {needed} bytes, {length} are there");
-                Ok(None)
-            }
-            (None, _) => refuse!(set, "is in the transfer syntax {}, which is not read", set.syntax),
-        }
-    };
+    let frames = |(set, is_used): (&Dataset, bool)| if is_used { frames_in(set, frame_bits) } else { Ok(None) };
     sets.iter().zip(is_used).map(frames).collect()
+}
+
+/// The compressed frames of a file, also those at other points in time; `None` if they are uncompressed, and all there.
+fn frames_in(set: &Dataset, frame_bits: u64) -> Result<Option<Frames>> {
+    let frames = set.numbers(0, FRAMES).map_or(1, |[frames]| frames as usize);
+    match (syntax_of(&set.syntax), set.pixels) {
+        (Some((name, None)), _) => {
+            refuse!(set, "is compressed by {name} ({}), which is not read: {DECOMPRESS}", set.syntax)
+        }
+        (Some((_, Some(codec))), Some((_, None))) => Frames::find(set, frames, codec).map(Some),
+        (Some((name, _)), _) => refuse!(set, "is compressed by {name}, but its pixels are in no fragments"),
+        // Refused before memory is reserved.
+        (None, Some((_, Some(length)))) => {
+            let needed = (frames as u64).saturating_mul(frame_bits).div_ceil(8);
+            let need = if frames == 1 { "frame needs" } else { "frames need" };
+            let is_short = length < needed;
+            refuse_if!(is_short, set, "is cut short: {frames} {need} {needed} bytes, {length} are there");
+            Ok(None)
+        }
+        (None, _) => refuse!(set, "is in the transfer syntax {}, which is not read: {DECOMPRESS}", set.syntax),
+    }
+}
+
+/// The bits before the first of a frame in its first byte: single bits follow one another over the ends of frames.
+fn bits_before(frame: usize, plane: &Plane) -> usize {
+    (frame as u64 * plane.frame_bits() % 8) as usize
+}
+
+/// The bytes of an uncompressed frame.
+fn bytes_of(set: &Dataset, frame: usize, plane: &Plane) -> Result<Vec<u8>> {
+    let first = frame as u64 * plane.frame_bits();
+    let (start, end) = (first / 8, (first + plane.frame_bits()).div_ceil(8));
+    // Bytes in words are read in pairs, from the highest to the lowest.
+    let is_swapped = set.in_words && set.endian == Endian::Big && plane.pixels.allocated <= 8;
+    let before = if is_swapped { start % 2 } else { 0 };
+    let (from, to) = (start - before, if is_swapped { end.next_multiple_of(2) } else { end });
+    let (pixels_at, pixels_end) = match set.pixels {
+        Some((at, length)) => (at, length.unwrap_or(u64::MAX)),
+        None => (0, u64::MAX),
+    };
+    let length = to.min(pixels_end).saturating_sub(from);
+    let mut bytes: Vec<u8> = reserved(length, || samples_in(&set.path))?;
+    bytes.resize(length as usize, 0);
+    let mut file = set.open().map_err(Error::read(&set.path))?;
+    file.seek(SeekFrom::Start(pixels_at + from))
+        .and_then(|_| file.read_exact(&mut bytes))
+        .map_err(Error::read(&set.path))?;
+    if is_swapped {
+        bytes.as_chunks_mut::<2>().0.iter_mut().for_each(|two| two.reverse());
+        bytes.drain(..(before as usize).min(bytes.len()));
+    }
+    Ok(bytes)
 }
 
 /// The samples of a channel of a frame as stored: bits beside them are masked, and the sign is extended.
@@ -521,31 +623,10 @@ fn pixels_of(set: &Dataset, frames: Option<&Frames>, frame: usize, plane: &Plane
         all = frames.pixels(set, frame, Size { columns, rows, samples, bytes: width, is_rgb })?;
     } else {
         is_planar = plane.planar;
-        // Single bits follow one another over the ends of frames.
-        let first = frame as u64 * plane.frame_bits();
-        let (start, end) = (first / 8, (first + plane.frame_bits()).div_ceil(8));
-        // Bytes in words are read in pairs, from the highest to the lowest.
-        let is_swapped = set.in_words && set.endian == Endian::Big && width == 1;
-        let before = if is_swapped { start % 2 } else { 0 };
-        let (from, to) = (start - before, if is_swapped { end.next_multiple_of(2) } else { end });
-        let (pixels_at, pixels_end) = match set.pixels {
-            Some((at, length)) => (at, length.unwrap_or(u64::MAX)),
-            None => (0, u64::MAX),
-        };
-        let length = to.min(pixels_end).saturating_sub(from);
-        let mut bytes: Vec<u8> = reserved(length, || samples_in(&set.path))?;
-        bytes.resize(length as usize, 0);
-        let mut file = set.open().map_err(Error::read(&set.path))?;
-        file.seek(SeekFrom::Start(pixels_at + from))
-            .and_then(|_| file.read_exact(&mut bytes))
-            .map_err(Error::read(&set.path))?;
-        if is_swapped {
-            bytes.as_chunks_mut::<2>().0.iter_mut().for_each(|two| two.reverse());
-        }
-        let bytes = bytes.get(before as usize..).unwrap_or_default();
+        let bytes = bytes_of(set, frame, plane)?;
         if pixels.allocated == 1 {
             let bits = bytes.iter().flat_map(|byte| (0..8).map(move |bit| u64::from(byte >> bit & 1)));
-            all.extend(bits.skip((first % 8) as usize).take(count));
+            all.extend(bits.skip(bits_before(frame, plane)).take(count));
         } else {
             all.extend(bytes.chunks_exact(width).map(|bytes| set.endian.number(bytes)));
         }

@@ -42,6 +42,11 @@ impl Table {
         Ok(Self { first, entries })
     }
 
+    /// Drops the lowest bits of all entries.
+    pub(super) fn shift(&mut self, bits: u32) {
+        self.entries.iter_mut().for_each(|entry| *entry >>= bits);
+    }
+
     /// The colour of a pixel. Pixels outside of the table have its first or its last entry.
     pub(super) fn at(&self, pixel: i64) -> i64 {
         let last = self.entries.len().saturating_sub(1) as i64;
