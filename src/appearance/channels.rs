@@ -154,20 +154,18 @@ pub fn load_channels(
         [] => (0..contents.channels).map(|number| ChannelChoice { number, color: None }).collect(),
         _ => requested.to_vec(),
     };
-    let depth = CHANNEL_DEPTH / all.len() as f64;
+    let count = all.len();
     let (mut layers, mut channels) = (Vec::new(), Vec::new());
     for (at, ChannelChoice { number, color }) in all.into_iter().enumerate() {
         let volume = if number == contents.channel { first.clone() } else { one(number)? };
         let label = contents.labels.get(number as usize).cloned().unwrap_or_default();
         let of_file = label.color.map(|color| color.map(|c| f64::from(c) / 255.0)).filter(|c| *c != [0.0; 3]);
-        let float = color.or(of_file).unwrap_or(COLORS[at % COLORS.len()]);
+        let float = color.or(of_file).unwrap_or(nth_color(at));
         let statistics = Statistics::of(&volume)?;
         let Some(window) = window(&statistics, &label, values) else { continue };
-        let color = float.map(|channel| (255.0 * channel).round() as u8);
+        let color = bytes(float);
         let name = label.name.clone().unwrap_or_else(|| format!("channel {number}"));
-        let opacity = opacity(&volume, &statistics, &window, depth)?;
-        let layer =
-            Layer::scalars(&volume, &ramp([DARKEST, 1.0].map(|share| float.map(|c| share * c)), opacity, &window)?);
+        let layer = Layer::scalars(&volume, &glow(&volume, &statistics, &window, float, count)?);
         layers.push(layer.named(LegendEntry { name, color }));
         channels.push(ChannelLook { number, color, name: label.name, range: window.ends()? });
     }
@@ -175,6 +173,28 @@ pub fn load_channels(
         return Err(Error::volume("all values of every channel are the same"));
     }
     Ok(Loaded { layers, channels, ..first.into() })
+}
+
+/// The colour of a channel without one.
+pub(super) fn nth_color(at: usize) -> [f64; 3] {
+    COLORS[at % COLORS.len()]
+}
+
+/// A colour as bytes.
+pub(super) fn bytes(color: [f64; 3]) -> [u8; 3] {
+    color.map(|channel| (255.0 * channel).round() as u8)
+}
+
+/// The transfer function of one of several channels over a window: a colour, denser and brighter with value.
+pub(super) fn glow(
+    volume: &Volume,
+    statistics: &Statistics,
+    window: &Window,
+    color: [f64; 3],
+    count: usize,
+) -> Result<TransferFunction> {
+    let opacity = opacity(volume, statistics, window, CHANNEL_DEPTH / count as f64)?;
+    ramp([DARKEST, 1.0].map(|share| color.map(|c| share * c)), opacity, window)
 }
 
 /// Whether the first channels are called red, green and blue.

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use voxsplat::accuracy::Estimate;
 use voxsplat::appearance::{
-    Choice, ChoiceContext, ClipSpec, Frame, Loaded, TransferChoice, load_channels, place_studio,
+    Choice, ChoiceContext, ClipSpec, Frame, Loaded, Overlays, TransferChoice, load_channels, place_studio,
 };
 use voxsplat::camera::{Camera, Hull, View};
 use voxsplat::clip::Clip;
@@ -47,6 +47,8 @@ pub(crate) struct Session {
     more: Vec<Volume>,
     /// Volumes of labels on its lattice, by their files.
     labels: Vec<(PathBuf, Vec<Volume>)>,
+    /// Overlays on the lattice of the pictures.
+    pub(crate) overlays: Option<Overlays>,
     /// The last legend.
     legend: Held<(Layers, Clip), Vec<LegendEntry>>,
     /// The least and the largest value of the first volume, once a colour bar needs them.
@@ -145,12 +147,17 @@ impl Session {
                     let channels: Vec<String> = channels.iter().map(|look| format!("--channel {look}")).collect();
                     fitted.notes.push(format!("note: using {} (draw one: --channel N)", channels.join(", ")));
                 }
-                Ok::<_, Failure>((volume, layers, labels, fitted))
+                let colors = layers.len().max(usize::from(fitted.is_channel));
+                let overlays = stages.time("overlays", || layers::overlays(&job.layers.overlays, &volume, colors))?;
+                if let Some(overlays) = &overlays {
+                    fitted.notes.extend(layers::notes_on(overlays, &volume));
+                }
+                Ok::<_, Failure>((volume, layers, labels, overlays, fitted))
             };
             (read(), device.map(|thread| thread.join()))
         });
         drop(progress);
-        let (volume, channels, more, fitted) = read?;
+        let (volume, channels, more, overlays, fitted) = read?;
         say_choice(&volume, &job.load);
         stages.append(opening);
         let opened = opened.map(|opened| opened.unwrap_or_else(|panic| std::panic::resume_unwind(panic)));
@@ -164,6 +171,7 @@ impl Session {
             channels,
             more,
             labels: Vec::new(),
+            overlays,
             legend: None,
             values: None,
             said: Vec::new(),
@@ -189,7 +197,8 @@ impl Session {
             let message = "--colour-bar and --save-transfer are for one transfer function, not for several channels";
             return refuse(message);
         }
-        if job.figure.legend && !has_labels && self.channels.iter().all(|layer| layer.entry().is_none()) {
+        let has_names = self.overlays.is_some() || self.channels.iter().any(|layer| layer.entry().is_some());
+        if job.figure.legend && !has_labels && !has_names {
             return refuse(NO_LEGEND);
         }
         fitted.notes.iter().for_each(|note| self.say(note.clone()));
@@ -209,6 +218,7 @@ impl Session {
             material: fitted.material,
             channels: self.channels.iter().any(|layer| layer.entry().is_some()),
             labels: has_labels,
+            overlays: self.overlays.is_some(),
             plain: job.layers.is_plain(),
         };
         let choices = context.make_choices(job.choices.open, &mut job.view, &mut job.settings)?;
@@ -300,7 +310,11 @@ impl Session {
             ([], false) => vec![Layer::scalars(&self.volume, transfer)],
             (channels, false) => channels.to_vec(),
         };
-        stages.time("labels", || job.layers.over(base, read))
+        let layers = stages.time("labels", || job.layers.over(base, read))?;
+        match &self.overlays {
+            Some(overlays) => Ok(overlays.over(layers)?),
+            None => Ok(layers),
+        }
     }
 
     /// Makes the camera of a job.
@@ -325,7 +339,7 @@ impl Session {
         if reserved != job.view.reserved {
             self.say(note_on_space(&figure));
         }
-        Ok(Camera::new(&View { around, reserved, ..job.view.clone() }, self.volume.grid(), job.size)?)
+        Ok(Camera::new(&View { around, reserved, ..job.view.clone() }, layers.grid(), job.size)?)
     }
 
     /// Makes the picture of a job.
@@ -395,7 +409,7 @@ fn fitted(job: &RenderJob, volume: &Volume, channels: &[Layer], stages: &mut Sta
     if !channels.is_empty() {
         return Fitted::clear();
     }
-    transfer(&job.source, &job.transfer, volume, may_be_labels(job), stages)
+    transfer(&job.source, &job.transfer, volume, may_be_labels(job), !job.layers.overlays.is_empty(), stages)
 }
 
 /// Whether a job leaves the meaning of values open, and requests nothing that labels lack.
