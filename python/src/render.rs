@@ -1,9 +1,10 @@
 //! Renderers and scenes.
 
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use pyo3::prelude::*;
-use voxsplat::appearance::{Frame, place_studio};
+use voxsplat::appearance::{Frame, OverlaySpec, place_studio};
 use voxsplat::camera::{Camera, Hull};
 use voxsplat::error::Result;
 use voxsplat::image::{Background, Region};
@@ -65,6 +66,7 @@ impl Renderer {
         volume: &Volume,
         labels: Option<&Volume>,
         mask: Option<&Volume>,
+        overlays: Vec<(PyRef<'_, Volume>, String, Option<String>, Option<String>)>,
         settings: SettingsFields,
         view: ViewFields,
         size: [u32; 2],
@@ -73,7 +75,13 @@ impl Renderer {
         let view = view.request(size).map_err(|fault| raised(&fault))?;
         let request = settings.request(&view.view).map_err(|fault| raised(&fault))?;
         let source = volume.source();
-        let beside = Beside { labels: labels.map(Volume::source), mask: mask.map(Volume::source), whole: None };
+        let spec = |(volume, name, look, range): &(PyRef<'_, Volume>, String, Option<String>, Option<String>)| {
+            let spec = OverlaySpec::with_look(PathBuf::from(name), look.as_deref(), range.as_deref());
+            Ok((volume.source(), spec.map_err(|fault| raised(&fault))?))
+        };
+        let overlays = overlays.iter().map(spec).collect::<PyResult<_>>()?;
+        let (labels, mask) = (labels.map(Volume::source), mask.map(Volume::source));
+        let beside = Beside { labels, mask, overlays, whole: None };
         let mut prepared = self.device.run(py, progress, move |renderer| {
             let mut look = request.look(&source, &beside, view, size)?;
             let scene = renderer.prepare_layers(&look.layers, &look.settings)?;

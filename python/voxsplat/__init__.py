@@ -74,6 +74,7 @@ def render(
     spacing: Sequence[float] | None = None,
     labels: Any = None,
     mask: Any = None,
+    overlays: Any = (),
     background: str = "black",
     region: tuple[int, int, int, int] | None = None,
     adapter: str | None = None,
@@ -103,6 +104,10 @@ def render(
         voxel gets the nearest label. Label 0 is clear. `Settings.label` and `Settings.label_table` have their looks.
     mask
         Shows the volume only where an array of the volume's shape, an image or a file is not 0.
+    overlays
+        A volume to draw over the volume, or a list of them, each in its own lattice and place: an array, an image or a
+        file, or a tuple (volume, look) or (volume, look, (low, high)). A look is ``"two-sided"``, ``"hot"``, a colour, ``"labels"`` or a transfer
+        function by name; None chooses what suits the values. Without `transfer` the volume becomes grey and translucent.
     background
         Behind PNGs of the picture: ``"#rrggbb"``, a name of CSS or ``"transparent"``. The array has none.
     region
@@ -131,7 +136,7 @@ def render(
     if executor is not None:
         if region is not None:
             raise ValueError("region: a picture in bricks is drawn whole")
-        for name, given in [("labels", labels), ("mask", mask)]:
+        for name, given in [("labels", labels), ("mask", mask), ("overlays", overlays or None)]:
             if given is not None:
                 raise ValueError(f"{name}: it is refused in bricks")
         from .engines import Executor
@@ -146,7 +151,15 @@ def render(
     _native.check(checked(view), as_texts(settings), pixels(size))
     renderer = kept_renderer(adapter)
     scene = renderer.prepare(
-        volume, settings=settings, view=view, labels=labels, mask=mask, size=size, progress=progress, **options
+        volume,
+        settings=settings,
+        view=view,
+        labels=labels,
+        mask=mask,
+        overlays=overlays,
+        size=size,
+        progress=progress,
+        **options,
     )
     return renderer.render(scene, size=size, background=background, region=region, progress=progress)
 

@@ -202,7 +202,15 @@ impl Appearance {
     /// The errors of [`ValueMeaning::find`].
     pub fn for_file(source: impl AsRef<Path>, volume: &Volume) -> Result<Self> {
         let meaning = ValueMeaning::find(&source, volume, true, PresetValues::Auto, || Ok(Statistics::of(volume)?))?;
-        let alone = ChoiceContext { volume, view: None, material: None, channels: false, labels: false, overlays: false, plain: true };
+        let alone = ChoiceContext {
+            volume,
+            view: None,
+            material: None,
+            channels: false,
+            labels: false,
+            overlays: false,
+            plain: true,
+        };
         match meaning {
             ValueMeaning::Labels { reason } => {
                 let layers = Layers::new(Layer::labels(volume, &Labels::stated(volume))?);
@@ -232,7 +240,8 @@ impl Appearance {
         let Some(first) = layers.next() else { return Self::for_file(source, volume) };
         let layers = layers.try_fold(Layers::new(first), Layers::with)?;
         let channels = !channels.is_empty();
-        let context = ChoiceContext { volume, view: None, material: None, channels, labels: false, overlays: false, plain: true };
+        let context =
+            ChoiceContext { volume, view: None, material: None, channels, labels: false, overlays: false, plain: true };
         Self::new(layers, context, None)
     }
 
@@ -244,7 +253,15 @@ impl Appearance {
     pub fn for_preset(name: &str, volume: &Volume) -> Result<Self> {
         let layers = Layers::of_volume(volume, &TransferFunction::preset(name, volume)?);
         let material = presets::find(name)?.material;
-        let context = ChoiceContext { volume, view: None, material, channels: false, labels: false, overlays: false, plain: true };
+        let context = ChoiceContext {
+            volume,
+            view: None,
+            material,
+            channels: false,
+            labels: false,
+            overlays: false,
+            plain: true,
+        };
         Self::new(layers, context, None)
     }
 

@@ -7,12 +7,12 @@ use serde::Serialize;
 
 use super::CHANNELS;
 use super::channels::{self, Loaded, Values, load_channels};
-use super::suggestion::suggest;
 use super::choice::Choice;
+use super::suggestion::suggest;
 use super::transfer::{FittedTransfer, TransferChoice, TransferRequest};
 use crate::error::{Error, Result};
 use crate::formats::LoadOptions;
-use crate::layers::{Fit, Labels, Lattice, Layer, Layers, LegendEntry, luminance, recognised};
+use crate::layers::{Fit, Labels, Lattice, Layer, Layers, LegendEntry, count_labels, recognised};
 use crate::transfer::presets::{self, PresetValues};
 use crate::transfer::{ControlPoint, TransferFunction, Window, color};
 use crate::volume::{Statistics, Volume};
@@ -34,17 +34,27 @@ const CENTRED: f64 = 0.02;
 /// The least share of a side in the range of a two-sided map.
 const ONE_SIDE: f64 = 0.05;
 /// The opacities of a map just over the threshold and at its end, per voxel: it reads as solid.
-const SOLID: [f64; 2] = [0.4, 0.85];
+const SOLID: [f64; 2] = [0.4, 0.95];
 /// The place behind the threshold, as a share of the way to the end, at which a map becomes solid.
 const EDGE: f64 = 0.06;
 
-/// The optical depth of a mean ray through a volume under overlays.
-const SEEN_THROUGH: f64 = 0.8;
-/// The greys of black and white in a volume under overlays.
-const GREY: [f64; 2] = [0.3, 0.95];
+/// Presets of maps, which have no shell that overlays could lie in.
+const MAPS: [&str; 3] = ["activation", "pet", "field"];
+/// The opacity of the shell of a volume under overlays, per voxel.
+const SHELL: f64 = 0.08;
+/// The optical depth of the inside of a volume under overlays, along a mean ray.
+const INSIDE: f64 = 0.4;
+/// The greys of the outside and the inside of the shell.
+const GREY: [f64; 2] = [0.6, 0.95];
+
+/// The most labels of an overlay that is taken for labels because it has few values.
+const FEW_LABELS: usize = 32;
 
 /// Colours from the threshold to the end of a map: dark, middle and bright.
 type Colors = [u32; 3];
+
+/// The colour of values without a look.
+const CLEAR: u32 = 0x40_4040;
 
 /// Colours of one-sided maps in the order of their use. Two neighbours are the sides of a two-sided map.
 const RAMPS: [Colors; 4] = [
@@ -96,8 +106,15 @@ impl OverlaySpec {
     /// # Errors
     /// [`Error::Setting`] if there is no such look or no such range.
     pub fn new(text: &Path) -> Result<Self> {
-        let (file, transfer, range) = parts(text);
-        Self::with_look(file, transfer, range)
+        let (file, rest) = Self::parted(text);
+        let (look, range) = with_range(rest);
+        Self::with_look(file, look.strip_prefix(':'), range)
+    }
+
+    /// Splits `FILE[:TRANSFER][@LO..HI]` into the file and the rest.
+    #[must_use]
+    pub fn parted(text: &Path) -> (PathBuf, &str) {
+        parted(text)
     }
 
     /// Makes a request of a file, and of the texts `TRANSFER` and `LO..HI`.
@@ -150,40 +167,51 @@ impl OverlaySpec {
         stem.to_owned()
     }
 
-    /// Loads the file.
+    /// Loads the file. Samples that are not finite become 0, as programs for statistics mean them.
     ///
     /// # Errors
     /// The errors of [`load_channels`].
     pub fn load(&self) -> Result<Loaded> {
-        let values = match &self.look {
+        let options = LoadOptions { replace_nan: Some(0.0), ..LoadOptions::default() };
+        load_channels(&self.file, &options, &[], self.values())
+    }
+
+    /// Returns the request for the values of the file.
+    #[must_use]
+    pub fn values(&self) -> Values {
+        match &self.look {
             RequestedLook::Open => Values::Open,
             RequestedLook::Transfer(request) => request.values(),
             _ => Values::Transfer,
-        };
-        load_channels(&self.file, &LoadOptions::default(), &[], values)
+        }
     }
 }
 
-/// Splits an overlay into its file, the look and the range.
-fn parts(text: &Path) -> (PathBuf, Option<&str>, Option<&str>) {
-    let whole = || (text.to_owned(), None, None);
-    let Some(all) = text.to_str().filter(|_| !text.exists()) else { return whole() };
-    let (rest, range) = match all.rsplit_once('@') {
+/// Splits a text into the part before `@LO..HI`, and the range.
+fn with_range(text: &str) -> (&str, Option<&str>) {
+    match text.rsplit_once('@') {
         Some((rest, range)) if range.contains("..") || range.parse::<f64>().is_ok() => (rest, Some(range)),
-        _ => (all, None),
-    };
-    let is_volume = |text: &str| Path::new(text).exists() || text.starts_with("demo:");
-    let colons = || rest.match_indices(':').map(|(at, _)| at);
+        _ => (text, None),
+    }
+}
+
+/// Splits an overlay into its file, and its look and range.
+fn parted(text: &Path) -> (PathBuf, &str) {
+    let whole = || (text.to_owned(), "");
+    let Some(all) = text.to_str().filter(|_| !text.exists()) else { return whole() };
+    let end = with_range(all).0.len();
     // The longest file that exists; a built-in volume may have a size behind it.
-    let existing = std::iter::once(rest.len()).chain(colons().collect::<Vec<_>>().into_iter().rev());
-    let found = existing.into_iter().find(|at| match rest[..*at].strip_prefix("demo:") {
+    let is_volume = |text: &str| match text.strip_prefix("demo:") {
         Some(name) => name.split_once(':').map_or(!name.is_empty(), |(_, size)| size.parse::<u32>().is_ok()),
-        None => is_volume(&rest[..*at]),
-    });
+        None => Path::new(text).exists(),
+    };
+    let colons: Vec<usize> = all[..end].match_indices(':').map(|(at, _)| at).collect();
+    let mut ends = std::iter::once(end).chain(colons.iter().rev().copied());
     // Without such a file the first colon ends it, except the colon of a drive.
-    let is_drive = |at: usize| at == 1 && rest[2..].starts_with(['\\', '/']);
-    let at = found.or_else(|| colons().find(|at| !is_drive(*at))).unwrap_or(rest.len());
-    (PathBuf::from(&rest[..at]), rest.get(at + 1..), range)
+    let is_drive = |at: usize| at == 1 && all[2..].starts_with(['\\', '/']);
+    let first = || colons.iter().copied().find(|&at| !is_drive(at));
+    let at = ends.find(|&at| is_volume(&all[..at])).or_else(first).unwrap_or(end);
+    (PathBuf::from(&all[..at]), &all[at..])
 }
 
 /// Parses `LO..HI`.
@@ -317,8 +345,7 @@ impl Overlays {
         let (mut layers, mut all) = (Vec::new(), Vec::new());
         for Overlay { layers: own, look, volume, transfer } in overlays {
             let (dims, fit) = (volume.grid().dims(), Fit::Same);
-            let mut placed =
-                PlacedOverlay { look, dims, fit, is_resampled: false, outside: 0.0, volume, transfer };
+            let mut placed = PlacedOverlay { look, dims, fit, is_resampled: false, outside: 0.0, volume, transfer };
             let in_file = |error| match error {
                 Error::Setting { name, reason } => {
                     Error::Setting { name, reason: format!("{}: {reason}", placed.look.file.display()) }
@@ -349,7 +376,9 @@ impl Overlays {
 
 /// The meaning of the values of an overlay.
 enum Kind {
-    TwoSided { score: Option<f64> },
+    TwoSided {
+        score: Option<f64>,
+    },
     Hot,
     /// A scan, whose values are visible in a range.
     Scan([f64; 2]),
@@ -367,8 +396,12 @@ impl Overlay {
     fn of(spec: &OverlaySpec, loaded: Loaded, used: &mut UsedColors) -> Result<Self> {
         let Loaded { volume, layers, labels, .. } = loaded;
         let (file, name) = (spec.file.clone(), spec.name());
-        let look = |transfer: &str, range, reason| {
-            OverlayLook { file: file.clone(), name: name.clone(), transfer: transfer.to_owned(), range, reason }
+        let look = |transfer: &str, range, reason| OverlayLook {
+            file: file.clone(),
+            name: name.clone(),
+            transfer: transfer.to_owned(),
+            range,
+            reason,
         };
         let given = spec.transfer.clone().unwrap_or_default();
         if !layers.is_empty() {
@@ -380,12 +413,7 @@ impl Overlay {
             let layers = all.map(|volume| Layer::labels(volume, &Labels::stated(volume))).collect::<Result<_>>()?;
             Ok(Self { layers, look, volume: volume.clone(), transfer: None })
         };
-        // A voxel without a number has no look.
-        let numbers = match volume.check_finite() {
-            Ok(()) => volume.clone(),
-            Err(_) => volume.clone().with_non_finite_replaced(0.0)?,
-        };
-        let statistics = || Ok(Statistics::of(&numbers)?);
+        let statistics = || Ok(Statistics::of(&volume)?);
         let (kind, reason) = match &spec.look {
             RequestedLook::Transfer(request) => {
                 let fitted = request.fit(&spec.file, &volume, false, statistics)?;
@@ -400,7 +428,7 @@ impl Overlay {
             }
             RequestedLook::Open => {
                 if spec.range == [None; 2]
-                    && let Some(reason) = recognised(&volume)?
+                    && let Some(reason) = labels_of(&volume)?
                 {
                     return of_labels(look("labels", None, Some(reason)));
                 }
@@ -419,6 +447,7 @@ impl Overlay {
             (None, Some(high)) if high <= least => [high - (most - least).max(f64::EPSILON * high.abs()), high],
             _ => [low.unwrap_or(least), high.unwrap_or(most)],
         };
+        let range = |ends: [f64; 2]| range(ends.map(rounded));
         let over = |range: [f64; 2]| format!("{name} over {}", readable(range[0]));
         let (text, range, transfer, entries) = match kind {
             Kind::TwoSided { score } => {
@@ -454,6 +483,27 @@ impl Overlay {
         let layer = entries.into_iter().map(entry).fold(Layer::scalars(&volume, &transfer), Layer::named);
         Ok(Self { layers: vec![layer], look: look(&text, Some(range), reason), volume, transfer: Some(transfer) })
     }
+}
+
+/// Returns why values are labels; `None` if they are not. A segmentation over a scan may be too small to be recognised
+/// alone.
+fn labels_of(volume: &Volume) -> Result<Option<String>> {
+    if let Some(reason) = recognised(volume)? {
+        return Ok(Some(reason));
+    }
+    if volume.sample_type().is_float() || volume.rescale() != (1.0, 0.0) {
+        return Ok(None);
+    }
+    let counts = count_labels(volume)?;
+    let most = volume.grid().len() / 2;
+    let is_sparse = counts.first().is_some_and(|background| background.label == 0 && background.voxels > most);
+    let number = counts.len().saturating_sub(1);
+    Ok((is_sparse && (1..=FEW_LABELS).contains(&number)).then(|| format!("it has {number} whole numbers in zeros")))
+}
+
+/// A number of three digits, as a person would choose it.
+fn rounded(value: f64) -> f64 {
+    format!("{value:.2e}").parse().unwrap_or(value)
 }
 
 fn constant(statistics: &Statistics) -> Error {
@@ -518,8 +568,10 @@ fn scan_range(volume: &Volume, statistics: &Statistics) -> Result<[f64; 2]> {
 /// A solid map over a range, and under its negative if it has two sides.
 fn solid([low, high]: [f64; 2], hot: Colors, cold: Option<Colors>) -> Result<TransferFunction> {
     let side = |sign: f64, colors: Colors| {
-        let point = |share: f64, rgb: u32, opacity: f64| {
-            ControlPoint { value: sign * (low + share * (high - low)), color: color::packed(rgb), opacity }
+        let point = |share: f64, rgb: u32, opacity: f64| ControlPoint {
+            value: sign * (low + share * (high - low)),
+            color: color::packed(rgb),
+            opacity,
         };
         let [dark, middle, bright] = colors;
         let [edge, end] = SOLID;
@@ -530,7 +582,9 @@ fn solid([low, high]: [f64; 2], hot: Colors, cold: Option<Colors>) -> Result<Tra
             point(1.0, bright, end),
         ]
     };
-    let under = cold.into_iter().flat_map(|cold| side(-1.0, cold)).rev();
+    // Grey between the sides, for a colour bar.
+    let grey = |value: f64| ControlPoint { value, color: color::packed(CLEAR), opacity: 0.0 };
+    let under = cold.into_iter().flat_map(|cold| side(-1.0, cold).into_iter().rev().chain([grey(-low), grey(low)]));
     TransferFunction::new(under.chain(side(1.0, hot)).collect(), None)
 }
 
@@ -555,33 +609,33 @@ impl FittedTransfer {
             let transfer = channels::glow(volume, statistics, &window, channels::nth_color(0), 2)?;
             return Ok((Self { transfer, preset: None, ..self }, Some(Choice::Channel)));
         }
+        if self.preset.is_some_and(|preset| MAPS.contains(&preset.name)) {
+            return Ok((self, None));
+        }
         let transfer = dimmed(&self.transfer, volume, statistics)?;
         Ok((Self { transfer, preset: None, ..self }, Some(Choice::Dimmed)))
     }
 }
 
-/// The transfer function of a volume under overlays, if no other one was requested: grey and translucent, so that the
-/// overlays inside show, and denser at surfaces.
+/// The transfer function of a volume under overlays: a grey shell of the values between its background and its tissue,
+/// as of glass, and a faint inside.
 fn dimmed(transfer: &TransferFunction, volume: &Volume, statistics: &Statistics) -> Result<TransferFunction> {
-    let grey = |color: [f64; 3]| [GREY[0] + (GREY[1] - GREY[0]) * luminance(color); 3];
-    let depth = mean_depth(transfer, volume, statistics);
-    let thinner = (SEEN_THROUGH / depth.max(f64::MIN_POSITIVE)).min(1.0);
-    let points = transfer.points().iter().map(|point| ControlPoint {
-        color: grey(point.color),
-        opacity: 1.0 - (1.0 - point.opacity.min(TransferFunction::MAX_OPACITY)).powf(thinner),
-        ..*point
-    });
-    TransferFunction::new(points.collect(), transfer.unit_distance())
-}
-
-/// The optical depth of a mean ray through the visible voxels, which is as long as the edge of a cube of them.
-fn mean_depth(transfer: &TransferFunction, volume: &Volume, statistics: &Statistics) -> f64 {
-    let spacing = volume.grid().min_spacing();
-    let unit = spacing / transfer.unit_or(spacing);
-    let depth = |value: f64| TransferFunction::extinction(transfer.sample(value).1, 1.0) * unit;
-    let steps = 256;
-    let depths = (0..steps).map(|step| depth(statistics.quantile((f64::from(step) + 0.5) / f64::from(steps))));
-    let visible: Vec<f64> = depths.filter(|depth| *depth > 0.0).collect();
-    let voxels = visible.len() as f64 / f64::from(steps) * volume.grid().len() as f64;
-    visible.iter().sum::<f64>() / (visible.len() as f64).max(1.0) * voxels.cbrt()
+    let points = transfer.points();
+    let first = points.iter().take_while(|point| point.opacity <= 0.0).count().clamp(1, points.len() - 1);
+    let [low, high] = [points[first - 1].value, points[first].value];
+    let at = |share: f64| low + share * (high - low);
+    // A ray through the visible voxels is as long as the edge of a cube of them.
+    let voxels = statistics.fraction_above(at(1.0)) * volume.grid().len() as f64;
+    let inside = (1.0 - (-INSIDE / voxels.cbrt().max(1.0)).exp()).min(SHELL);
+    let point = |value: f64, grey: f64, opacity: f64| ControlPoint { value, color: [grey; 3], opacity };
+    let [dark, bright] = GREY;
+    let end = transfer.range()[1].max(at(2.0));
+    let points = vec![
+        point(low, dark, 0.0),
+        point(at(0.25), dark, SHELL),
+        point(at(0.75), bright, SHELL),
+        point(at(1.25), bright, inside),
+        point(end, bright, inside),
+    ];
+    TransferFunction::new(points, None)
 }

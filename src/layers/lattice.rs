@@ -163,7 +163,7 @@ pub fn on_lattice(labels: &Volume, of: &Volume) -> Result<(Volume, Fit)> {
 #[derive(Clone, Copy)]
 pub(super) struct Values<'a> {
     pub(super) transfer: &'a TransferFunction,
-    /// The value of a voxel without a sample: outside, or not finite.
+    /// The value of a voxel outside.
     pub(super) absent: f64,
 }
 
@@ -185,7 +185,7 @@ pub(super) fn put(
     let stored = volume.shared_samples()?;
     let map = between(&grid, &own);
     let (samples, fit, is_out) = if let Some(Values { transfer, absent }) = values {
-        let shows = |raw: f64| raw.is_finite() && !transfer.is_invisible([slope * raw + intercept; 2]);
+        let shows = |raw: f64| !transfer.is_invisible([slope * raw + intercept; 2]);
         let outside = with_samples!(&*stored, s => share_outside(s, &own, &grid, shows));
         let samples = resample::values(volume, &map, grid.dims(), absent as f32)?;
         // Nothing was found inside.

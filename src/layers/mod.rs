@@ -169,12 +169,11 @@ impl Layer {
 
     /// Returns the same layer on a lattice, and how it was put there. A layer on other points is resampled: labels and
     /// masks as [`on_lattice`] does, values by a cubic spline through the samples, before they are classified. A voxel
-    /// that spans several samples gets their mean. The layer is invisible outside of its own lattice, and where its
-    /// samples are not finite.
+    /// that spans several samples gets their mean. Opacities keep their slab. The layer is invisible outside of its
+    /// own lattice.
     ///
     /// # Errors
-    /// The errors of [`on_lattice`], with the name of the setting `name`; [`Error::Input`] if samples are not finite and
-    /// no value is invisible.
+    /// The errors of [`on_lattice`], with the name of the setting `name`; [`Error::Input`] if samples are not finite.
     pub fn on_lattice(&self, of: &Lattice, name: &'static str) -> Result<(Self, Fit)> {
         let mut layer = self.clone();
         let Some(transfer) = self.transfer() else {
@@ -188,17 +187,21 @@ impl Layer {
         let values = lattice::Values { transfer, absent: hidden.unwrap_or_default() };
         let mut fit = Fit::Same;
         for volume in layer.volumes() {
+            volume.check_finite()?;
             (*volume, fit) = lattice::put(volume, of, name, Some(values))?;
-            if let (Fit::Same | Fit::Unplaced, Some(hidden)) = (fit, hidden)
-                && volume.check_finite().is_err()
-            {
-                *volume = volume.clone().with_non_finite_replaced(hidden)?;
+        }
+        if matches!(fit, Fit::Interpolated { .. }) {
+            // Matter does not get denser in smaller voxels.
+            let unit = self.unit();
+            if let Matter::Scalars { transfer, .. } = &mut layer.matter {
+                *transfer = transfer.with_unit_distance(unit)?;
+            } else if let Matter::Colors(colors) = &mut layer.matter {
+                colors.transfer = colors.transfer.with_unit_distance(unit)?;
             }
         }
         if hidden.is_none() && matches!(fit, Fit::Interpolated { .. }) {
             // No value hides a voxel, so a mask does.
             let own = *self.grid();
-            self.volume().check_finite()?;
             let inside = Volume::from_slice(own.dims(), [1.0; 3], &vec![1_u8; own.len() as usize])?.with_grid(own)?;
             let inside = if self.volume().is_oriented() { inside.with_orientation_known() } else { inside };
             let (volume, _) = lattice::put(&inside, of, name, None)?;

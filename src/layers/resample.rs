@@ -19,7 +19,7 @@ const SHARED: f64 = 1e-6;
 const LINES: usize = 64;
 
 /// Returns the value of a volume at each place of a lattice of `to` points, which `map` maps to the volume's lattice;
-/// `absent` outside, and where the nearest sample is not finite.
+/// `absent` outside.
 ///
 /// Lattices that share their points share their values. Otherwise a cubic spline through the samples is evaluated; a
 /// voxel that spans several samples gets the mean of places spread evenly over it.
@@ -32,20 +32,38 @@ pub(super) fn values(volume: &Volume, map: &DAffine3, to: [u32; 3], absent: f32)
     let (slope, intercept) = volume.rescale();
     let stored = volume.shared_samples()?;
     let mut samples: Vec<f32> = reserved(stored.len() as u64, what)?;
-    (0..stored.len()).into_par_iter().map(|i| (slope * stored.raw(i) + intercept) as f32).collect_into_vec(&mut samples);
+    (0..stored.len())
+        .into_par_iter()
+        .map(|i| (slope * stored.raw(i) + intercept) as f32)
+        .collect_into_vec(&mut samples);
     let is_shared = map.matrix3.abs_diff_eq(DMat3::IDENTITY, SHARED / nx.max(ny).max(nz) as f64)
         && map.translation.abs_diff_eq(map.translation.round(), SHARED);
     let field = Field::new(samples, dims, is_shared);
     let places = if is_shared { vec![DVec3::ZERO] } else { places(&map.matrix3) };
     let [fx, fy, fz] = dims.map(|d| d as f64);
     let end = DVec3::new(fx, fy, fz) - 0.5;
+    // Rows of parallel lattices cross samples along one axis alone.
+    let [along, across, up] = map.matrix3.x_axis.abs().to_array();
+    let is_parallel = !is_shared && places.len() == 1 && across.max(up) * nx as f64 <= SHARED * along;
     placed.par_chunks_mut(nx).enumerate().for_each(|(row, out)| {
         let [y, z] = [row % ny, row / ny].map(|at| at as f64);
         let start = map.transform_point3(DVec3::new(0.0, y, z));
+        let is_near = |axis: usize| (-0.5 - SHARED..end[axis] + SHARED).contains(&start[axis]);
+        if is_parallel && is_near(1) && is_near(2) {
+            let line = field.line(start);
+            for (x, out) in out.iter_mut().enumerate() {
+                let place = start.x + map.matrix3.x_axis.x * x as f64;
+                if (-0.5 - SHARED..end.x + SHARED).contains(&place) {
+                    let (steps, weights) = taps(place, dims[0]);
+                    *out = steps.iter().zip(weights).map(|(i, weight)| weight * line[*i]).sum::<f64>() as f32;
+                }
+            }
+            return;
+        }
         for (x, out) in out.iter_mut().enumerate() {
             let place = start + map.matrix3.x_axis * x as f64;
             let is_inside = place.cmpge(DVec3::splat(-0.5 - SHARED)).all() && place.cmplt(end + SHARED).all();
-            if is_inside && field.is_finite(place) {
+            if is_inside {
                 let sum: f64 = places.iter().map(|offset| field.at(place + *offset)).sum();
                 *out = (sum / places.len() as f64) as f32;
             }
@@ -73,21 +91,14 @@ struct Field {
     dims: [usize; 3],
     /// Whether numbers are samples.
     is_shared: bool,
-    /// Of each sample, whether it is finite; empty if all are.
-    finite: Vec<bool>,
 }
 
 impl Field {
     fn new(mut numbers: Vec<f32>, dims: [usize; 3], is_shared: bool) -> Self {
-        let mut finite = Vec::new();
-        if !numbers.par_iter().all(|number| number.is_finite()) {
-            finite = numbers.par_iter().map(|number| number.is_finite()).collect();
-            numbers.par_iter_mut().filter(|number| !number.is_finite()).for_each(|number| *number = 0.0);
-        }
         if !is_shared {
             prefilter(&mut numbers, dims);
         }
-        Self { numbers, dims, is_shared, finite }
+        Self { numbers, dims, is_shared }
     }
 
     /// The place in memory of the sample nearest to a place.
@@ -96,8 +107,18 @@ impl Field {
         i + self.dims[0] * (j + self.dims[1] * k)
     }
 
-    fn is_finite(&self, place: DVec3) -> bool {
-        self.finite.is_empty() || self.finite[self.nearest(place)]
+    /// The coefficients along x at the y and z of a place.
+    fn line(&self, place: DVec3) -> Vec<f64> {
+        let [nx, ny, _] = self.dims;
+        let [(ys, wy), (zs, wz)] = [1, 2].map(|axis| taps(place[axis], self.dims[axis]));
+        let mut line = vec![0.0; nx];
+        for (z, wz) in zs.into_iter().zip(wz) {
+            for (y, wy) in ys.into_iter().zip(wy) {
+                let row = &self.numbers[nx * (y + ny * z)..][..nx];
+                line.iter_mut().zip(row).for_each(|(sum, number)| *sum += wy * wz * f64::from(*number));
+            }
+        }
+        line
     }
 
     /// The value at a place, whose coordinates are held within half a sample of the lattice.
@@ -253,17 +274,18 @@ mod tests {
     }
 
     #[test]
-    fn coarser_voxels_get_means_and_voxels_without_a_sample_are_absent() {
+    fn coarser_voxels_get_means_and_voxels_outside_are_absent() {
         // Stripes that single places would see as all bright or all dark.
         let volume = of([16, 4, 4], |p| f64::from(p.x as u32 % 2));
-        let map = DAffine3::from_translation(DVec3::new(0.5, 0.0, 0.0)) * DAffine3::from_scale(DVec3::new(2.0, 1.0, 1.0));
+        let map =
+            DAffine3::from_translation(DVec3::new(0.5, 0.0, 0.0)) * DAffine3::from_scale(DVec3::new(2.0, 1.0, 1.0));
         let placed = values(&volume, &map, [8, 4, 4], 9.0).unwrap();
         for (i, value) in placed.iter().enumerate().filter(|(i, _)| (1..7).contains(&(i % 8))) {
             assert!((value - 0.5).abs() < 0.05, "{i}: {value}");
         }
-        let holed = of([4; 3], |p| if p == DVec3::ONE { f64::NAN } else { 2.0 });
-        let placed = values(&holed, &DAffine3::from_translation(DVec3::splat(0.2)), [6, 4, 4], 9.0).unwrap();
-        assert_eq!(placed[1 + 6 * (1 + 4)], 9.0);
-        assert!(placed[4] == 9.0 && placed[5] == 9.0 && placed[3] != 9.0 && placed.iter().all(|v| v.is_finite()));
+        // Half a voxel beyond the last sample ends the lattice.
+        let flat = of([4; 3], |_| 2.0);
+        let placed = values(&flat, &DAffine3::from_translation(DVec3::splat(0.2)), [6, 4, 4], 9.0).unwrap();
+        assert!(placed[..4].iter().all(|value| (value - 2.0).abs() < 1e-5) && placed[4..6] == [9.0; 2], "{placed:?}");
     }
 }

@@ -40,7 +40,7 @@ const fn idle(options: &'static str, holds: fn(&Given<'_>) -> bool, because: &'s
 #[cfg(test)]
 const FREE: &str = "help quiet dims type offset axis-order spacing replace-nan channel time pyramid output size up \
                     target projection view-height transfer transfer-values model response depth-coded attenuation \
-                    light clip kernel sharpness labels mask overlay tune tune:normalization tune:antialiasing views repeats \
+                    light clip kernel sharpness labels mask tune tune:normalization tune:antialiasing views repeats \
                     patience seconds rivals frames turn key-frames grid";
 
 const BY_KEYS: &str = "because key frames set it";
@@ -78,6 +78,7 @@ const RULES: &[Rule] = &[
         ": a picture in bricks has no figure",
     ),
     refused("background", |given| given.is_for("plan"), " is for merge, which writes the picture"),
+    refused("overlay", |given| given.is_for("plan"), ": bricks are of one volume"),
     refused("adapter", |given| given.is_for("plan"), " is for brick, which draws"),
     refused(TILES, |given| given.is_for("plan"), ": bricks have a ray for each pixel"),
     // Figure.

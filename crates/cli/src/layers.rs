@@ -181,12 +181,15 @@ pub(crate) fn notes_on(overlays: &Overlays, base: &Volume) -> Vec<String> {
     for PlacedOverlay { look, dims: own, fit, outside, .. } in &overlays.all {
         let said = |text: String| format!("note: --overlay {}: {text}", look.file.display());
         if let Some(reason) = &look.reason {
-            notes.push(format!("note: using --overlay {look} because {reason} (other: --overlay FILE:TRANSFER@LO..HI)"));
+            notes
+                .push(format!("note: using --overlay {look} because {reason} (other: --overlay FILE:TRANSFER@LO..HI)"));
         }
         let out = share_in_words(*outside);
         match fit {
             Fit::Same => {}
-            Fit::Unplaced => notes.push(said("using voxels of equal numbers because the files state no common space".to_owned())),
+            Fit::Unplaced => {
+                notes.push(said("using voxels of equal numbers because the files state no common space".to_owned()))
+            }
             Fit::Nearest { .. } => notes.push(said(format!(
                 "using the nearest label of each voxel because the lattice is another one ({}); {out} of its labelled \
                  voxels lie outside of the volume",

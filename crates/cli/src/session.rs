@@ -4,7 +4,8 @@ use std::path::{Path, PathBuf};
 
 use voxsplat::accuracy::Estimate;
 use voxsplat::appearance::{
-    Choice, ChoiceContext, ClipSpec, Frame, Loaded, Overlays, TransferChoice, load_channels, place_studio,
+    Choice, ChoiceContext, ClipSpec, Frame, Loaded, Overlays, PlacedOverlay, TransferChoice, load_channels,
+    place_studio,
 };
 use voxsplat::camera::{Camera, Hull, View};
 use voxsplat::clip::Clip;
@@ -18,7 +19,7 @@ use voxsplat::renderer::{Renderer, RendererOptions};
 use voxsplat::settings::{Model, Settings};
 use voxsplat::stats::Stats;
 use voxsplat::transfer::TransferFunction;
-use voxsplat::volume::{Contents, Volume};
+use voxsplat::volume::{Contents, Units, Volume};
 use voxsplat_volume::names::readable;
 
 use super::draw::{Prepared, draw, in_words, notes, with_units};
@@ -335,6 +336,7 @@ impl Session {
         };
         let figure = self.figure(job, layers)?;
         let values = self.values(&figure)?;
+        let transfer = self.bar().and_then(|overlay| overlay.transfer.as_ref()).unwrap_or(transfer);
         let reserved = if job.choices.space { figure.reserved(job.size, transfer, values)? } else { job.view.reserved };
         if reserved != job.view.reserved {
             self.say(note_on_space(&figure));
@@ -373,17 +375,28 @@ impl Session {
         };
         let estimated = estimate.map(|e| Note { name: "Estimated error", text: in_words(&e) });
         let notes = notes(&settings, &figure, estimated);
-        let volume = &with_units(&self.volume, &job.figure.units);
-        let shown = Shown { volume, transfer, values, camera: &camera, model: job.settings.model };
+        let mut volume = with_units(&self.volume, &job.figure.units);
+        let mut transfer = transfer;
+        if let Some(PlacedOverlay { transfer: Some(own), volume: of, .. }) = self.bar() {
+            let Units { length, value } = volume.units().clone();
+            let value = if job.figure.units.value.is_some() { value } else { of.units().value.clone() };
+            (transfer, volume) = (own, volume.with_units(Units { length, value }));
+        }
+        let shown = Shown { volume: &volume, transfer, values, camera: &camera, model: job.settings.model };
         let draw = || figure.draw_region(&image, job.region, job.output.background, &shown);
         let drawn = if figure.is_empty() { None } else { Some(stages.time("figure", draw)?) };
         Ok(Drawing { image, drawn, camera, settings, notes, estimate, stats })
     }
 
+    /// Returns the overlay whose values a colour bar shows: the first one with values.
+    fn bar(&self) -> Option<&PlacedOverlay> {
+        self.overlays.as_ref()?.all.iter().find(|overlay| overlay.transfer.is_some())
+    }
+
     /// Returns the range of values for the colour bar of a figure, of the first time point for all.
     fn values(&mut self, figure: &Figure) -> Result<Option<[f64; 2]>, Failure> {
         if figure.color_bar && self.values.is_none() {
-            self.values = Some(self.volume.value_range()?);
+            self.values = Some(self.bar().map_or(&self.volume, |overlay| &overlay.volume).value_range()?);
         }
         Ok(self.values)
     }
