@@ -13,16 +13,16 @@ use voxsplat_volume::names::readable;
 
 /// Colours of channels without one: pairs that red-green colour-blind people tell apart, as microscopists use them.
 const COLORS: [[f64; 3]; 6] =
-    [[0.0, 1.0, 0.0], [1.0, 0.0, 1.0], [0.0, 1.0, 1.0], [1.0, 1.0, 0.0], [1.0, 0.3, 0.2], [0.3, 0.4, 1.0]];
+    [[0.15, 0.9, 0.3], [0.95, 0.2, 0.85], [0.1, 0.8, 0.95], [0.95, 0.85, 0.15], [0.95, 0.4, 0.2], [0.4, 0.45, 0.95]];
 
 /// The most channels that are drawn unless they are requested.
 const MOST_CHANNELS: u32 = 6;
 /// The largest opacity of a channel at the upper end of its window, per voxel.
-const CHANNEL_OPACITY: f64 = 0.2;
+const CHANNEL_OPACITY: f64 = 0.4;
 /// The optical depth of all channels along a mean ray through their foreground: matter behind shows through.
-const CHANNEL_DEPTH: f64 = 3.0;
+const CHANNEL_DEPTH: f64 = 4.5;
 /// The brightness of a channel at the lower end of its window, as a share of its colour: edges and depth show.
-const DARKEST: f64 = 0.25;
+const DARKEST: f64 = 0.4;
 /// The opacity of the colours of voxels at the upper end of their window, per voxel.
 const COLOR_OPACITY: f64 = 0.4;
 /// Steps of the ramp of opacity, which is the square of the place in the window.

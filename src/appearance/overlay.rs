@@ -639,3 +639,58 @@ fn dimmed(transfer: &TransferFunction, volume: &Volume, statistics: &Statistics)
     ];
     TransferFunction::new(points, None)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The file, the look and the range of an overlay.
+    fn of(text: &str) -> (String, Option<String>, [Option<f64>; 2]) {
+        let spec = OverlaySpec::new(Path::new(text)).unwrap();
+        (spec.file.to_string_lossy().into_owned(), spec.transfer, spec.range)
+    }
+
+    #[test]
+    fn overlays_have_a_file_a_look_and_a_range() {
+        for (text, file, look, range) in [
+            ("z.nii", "z.nii", None, [None, None]),
+            ("z.nii@2.3..8", "z.nii", None, [Some(2.3), Some(8.0)]),
+            ("z.nii@2.3..", "z.nii", None, [Some(2.3), None]),
+            ("z.nii@..-1e2", "z.nii", None, [None, Some(-100.0)]),
+            ("a@b.nii", "a@b.nii", None, [None, None]),
+            ("z.nii:hot", "z.nii", Some("hot"), [None, None]),
+            ("z.nii:map:viridis@0..1", "z.nii", Some("map:viridis"), [Some(0.0), Some(1.0)]),
+            (r"C:\a\z.nii:two-sided@2..", r"C:\a\z.nii", Some("two-sided"), [Some(2.0), None]),
+            ("C:/z.nii:ct-bone", "C:/z.nii", Some("ct-bone"), [None, None]),
+            (r"C:\z.nii", r"C:\z.nii", None, [None, None]),
+            ("demo:sphere:16:gold@1..2", "demo:sphere:16", Some("gold"), [Some(1.0), Some(2.0)]),
+            ("demo:sphere:#ff0000", "demo:sphere", Some("#ff0000"), [None, None]),
+            ("Cargo.toml:labels", "Cargo.toml", Some("labels"), [None, None]),
+        ] {
+            assert_eq!(of(text), (file.to_owned(), look.map(str::to_owned), range), "{text}");
+        }
+        let refused = |text: &str| OverlaySpec::new(Path::new(text)).unwrap_err().to_string();
+        for (text, expected) in [
+            ("", "overlay: expected FILE[:TRANSFER][@LO..HI]"),
+            ("z.nii@3..2", "overlay: @3..2, expected LO under HI"),
+            ("z.nii@..", "overlay: @.., expected @LO..HI"),
+            ("z.nii@nan..2", "overlay: @nan..2, expected @LO..HI"),
+            ("z.nii@2", "overlay: @2, expected @LO..HI"),
+            ("z.nii:hott", "overlay: \"hott\", expected a file, map:NAME"),
+            ("z.nii:two-sided@-2..3", "overlay: @-2..: two-sided shows"),
+            ("z.nii:ct-bone@2..", "overlay: ct-bone takes both ends"),
+            ("z.nii:labels@1..2", "overlay: labels takes both ends of @LO..HI, labels none"),
+        ] {
+            assert!(refused(text).starts_with(expected), "{text}: {}", refused(text));
+        }
+    }
+
+    #[test]
+    fn overlays_use_colours_once() {
+        let mut used = UsedColors::default();
+        let first = used.ramp();
+        // Both sides of a map are new, and neighbours.
+        assert!(first == RAMPS[0] && used.sides() == [RAMPS[2], RAMPS[3]]);
+        assert_eq!(UsedColors::of_channels(2).color(), channels::nth_color(2));
+    }
+}
