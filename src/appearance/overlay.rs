@@ -380,8 +380,8 @@ enum Kind {
         score: Option<f64>,
     },
     Hot,
-    /// A scan, whose values are visible in a range.
-    Scan([f64; 2]),
+    /// A scan, in one colour.
+    Scan,
 }
 
 impl Overlay {
@@ -437,21 +437,29 @@ impl Overlay {
             }
             RequestedLook::TwoSided => (Kind::TwoSided { score: None }, None),
             RequestedLook::Hot => (Kind::Hot, None),
-            RequestedLook::Color(_) => (Kind::Scan(scan_range(&volume, &statistics()?)?), None),
+            RequestedLook::Color(_) => (Kind::Scan, None),
         };
         let statistics = statistics()?;
         let [low, high] = spec.range;
-        // A given end may lie beyond the other one.
-        let range = |[least, most]: [f64; 2]| match (low, high) {
-            (Some(low), None) if low >= most => [low, low + (most - least).max(f64::EPSILON * low.abs())],
-            (None, Some(high)) if high <= least => [high - (most - least).max(f64::EPSILON * high.abs()), high],
-            _ => [low.unwrap_or(least), high.unwrap_or(most)],
+        let range = |found: &dyn Fn() -> Result<Option<[f64; 2]>>| {
+            if let (Some(low), Some(high)) = (low, high) {
+                return Ok([low, high]);
+            }
+            let reason = || format!("all values are {}: give both ends of @LO..HI", readable(statistics.min));
+            let [least, most] =
+                found()?.map(|ends| ends.map(rounded)).ok_or_else(|| Error::setting("overlay", reason()))?;
+            // A given end may lie beyond the other one.
+            let width = most - least;
+            Ok::<_, Error>(match (low, high) {
+                (Some(low), _) if low >= most => [low, low + width],
+                (_, Some(high)) if high <= least => [high - width, high],
+                _ => [low.unwrap_or(least), high.unwrap_or(most)],
+            })
         };
-        let range = |ends: [f64; 2]| range(ends.map(rounded));
         let over = |range: [f64; 2]| format!("{name} over {}", readable(range[0]));
         let (text, range, transfer, entries) = match kind {
             Kind::TwoSided { score } => {
-                let range = range(presets::significance(&statistics, score).ok_or_else(|| constant(&statistics))?);
+                let range = range(&|| Ok(presets::significance(&statistics, score)))?;
                 if range[0] <= 0.0 {
                     return refused(format!("{} has no value over a threshold of 0", file.display()));
                 }
@@ -461,12 +469,12 @@ impl Overlay {
                 (TWO_SIDED.to_owned(), range, transfer, vec![(over(range), hot[1]), (under, cold[1])])
             }
             Kind::Hot => {
-                let range = range(uptake(&statistics).ok_or_else(|| constant(&statistics))?);
+                let range = range(&|| Ok(uptake(&statistics)))?;
                 let hot = used.ramp();
                 (HOT.to_owned(), range, solid(range, hot, None)?, vec![(over(range), hot[1])])
             }
-            Kind::Scan(visible) => {
-                let range = range(visible);
+            Kind::Scan => {
+                let range = range(&|| scan_range(&volume, &statistics))?;
                 let color = match spec.look {
                     RequestedLook::Color(color) => color,
                     _ => used.color(),
@@ -506,10 +514,6 @@ fn rounded(value: f64) -> f64 {
     format!("{value:.2e}").parse().unwrap_or(value)
 }
 
-fn constant(statistics: &Statistics) -> Error {
-    Error::setting("overlay", format!("all values are {}: give @LO..HI", readable(statistics.min)))
-}
-
 /// The colour of a transfer function where it is densest.
 fn transfer_color(transfer: &TransferFunction) -> [f64; 3] {
     let densest = transfer.points().iter().max_by(|a, b| a.opacity.total_cmp(&b.opacity));
@@ -545,7 +549,7 @@ fn kind(volume: &Volume, statistics: &Statistics) -> Result<(Kind, String)> {
     {
         return Ok((Kind::Hot, format!("most values from {least} to {largest} are near {least}")));
     }
-    Ok((Kind::Scan(scan_range(volume, statistics)?), suggestion.reason))
+    Ok((Kind::Scan, suggestion.reason))
 }
 
 /// The threshold and the end of a one-sided map.
@@ -555,14 +559,17 @@ fn uptake(statistics: &Statistics) -> Option<[f64; 2]> {
     Some([low.max(0.0) + UPTAKE * (high - low.max(0.0)), high]).filter(|[low, high]| low < high)
 }
 
-/// The values that are visible by the preset that suits a scan.
-fn scan_range(volume: &Volume, statistics: &Statistics) -> Result<[f64; 2]> {
+/// The values that are visible by the preset that suits a scan; `None` if all are the same.
+fn scan_range(volume: &Volume, statistics: &Statistics) -> Result<Option<[f64; 2]>> {
+    if statistics.min >= statistics.max {
+        return Ok(None);
+    }
     let name = suggest(volume, statistics).name;
     let transfer = presets::preset(name, volume, statistics, PresetValues::Auto)?;
     let points = transfer.points();
     let first = points.iter().take_while(|point| point.opacity <= 0.0).count().saturating_sub(1);
     let [low, high] = [points[first].value, transfer.range()[1]];
-    if low < high { Ok([low, high]) } else { Err(constant(statistics)) }
+    Ok((low < high).then_some([low, high]))
 }
 
 /// A solid map over a range, and under its negative if it has two sides.
@@ -604,7 +611,7 @@ impl FittedTransfer {
             return Ok((self, None));
         }
         if self.preset.is_some_and(|preset| preset.name == CHANNELS) {
-            let [low, high] = scan_range(volume, statistics)?;
+            let Some([low, high]) = scan_range(volume, statistics)? else { return Ok((self, None)) };
             let window = Window { level: f64::midpoint(low, high), width: high - low };
             let transfer = channels::glow(volume, statistics, &window, channels::nth_color(0), 2)?;
             return Ok((Self { transfer, preset: None, ..self }, Some(Choice::Channel)));

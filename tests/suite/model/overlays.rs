@@ -161,7 +161,7 @@ fn overlays_on_an_equal_lattice_are_layers() {
     let fine =
         sampled([30, 30, 30], DMat3::from_diagonal(DVec3::new(-0.5, 0.5, 0.5)), DVec3::new(4.0, -2.0, -3.0), map);
     let (lattice, refused) = Lattice::finest(&scan, [&over, &fine]).unwrap();
-    assert_eq!((lattice.grid.dims(), refused), ([72; 3], None));
+    assert_eq!((lattice.grid.dims(), refused), ([73; 3], None));
     let middle = (lattice.grid.center() - scan.grid().center()).length();
     assert!(middle < 0.5 && lattice.grid.spacing() == [0.5; 3], "{middle}");
     assert_eq!(Lattice::finest(&scan, [&activation()]).unwrap(), (Lattice::of(&scan), None));
@@ -251,7 +251,7 @@ fn overlays_of_other_worlds_are_refused() {
     assert!(text.starts_with("overlay: m.nii: nothing of it lies in the volume"), "{text}");
     let plain = Volume::from_slice([13; 3], [3.0; 3], &[1_u8; 13 * 13 * 13]).unwrap();
     let refused = |volume: Volume| {
-        let spec = OverlaySpec::new("m.nii:gray@0..1".as_ref()).unwrap();
+        let spec = OverlaySpec::new("m.nii:red@0..2".as_ref()).unwrap();
         let overlay = Overlay::new(&spec, volume.into(), &mut UsedColors::default()).unwrap();
         Overlays::new(&scan, vec![overlay]).unwrap_err().to_string()
     };

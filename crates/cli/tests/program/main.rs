@@ -17,6 +17,7 @@ mod bricks;
 mod cli;
 mod commands;
 mod hostile;
+mod overlays;
 mod scenes;
 mod segmentations;
 #[allow(dead_code, reason = "the tests of the library use more of it")]
