@@ -597,7 +597,7 @@ fn solid([low, high]: [f64; 2], hot: Colors, cold: Option<Colors>) -> Result<Tra
 
 impl FittedTransfer {
     /// Returns the transfer function of a volume under overlays: grey and translucent, so that overlays inside show; of
-    /// fluorescence the first colour of channels. A requested one stays as it is. `Display` of the second value says so.
+    /// fluorescence the first colour of channels. A requested one stays as it is. The second value is the choice.
     ///
     /// # Errors
     /// The errors of [`TransferFunction::new`].

@@ -1,6 +1,6 @@
 //! Layers: several media on one lattice, drawn together. Each layer has its own samples and look. Media of other
-//! lattices are put onto the one of the picture first ([`Layer::on_lattice`]). Where layers overlap, extinctions add, and
-//! colours add weighted by extinction:
+//! lattices are put onto the lattice of the picture first ([`Layer::on_lattice`]). Where layers overlap, extinctions
+//! add, and colours add weighted by extinction:
 //!
 //! ```text
 //! tau_j = sum over layers of tau        c_j tau_j = sum over layers of c tau

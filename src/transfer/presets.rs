@@ -363,8 +363,8 @@ impl Levels {
     }
 }
 
-/// The distance from 0 above which a statistic is more than noise, and the distance of the strongest ones; `None` if all
-/// values are the same. Noise is below `score` if the values are scores.
+/// The distance from 0 above which a statistic is more than noise, and the distance of the strongest ones; `None` if
+/// all values are the same. Noise is below `score` if the values are scores.
 pub(crate) fn significance(statistics: &Statistics, score: Option<f64>) -> Option<[f64; 2]> {
     let Levels { significant, strongest, .. } = Levels::new(statistics, false, false)?;
     Some([score.map_or(significant, |score| score.min(strongest / 2.0)), strongest])

@@ -156,8 +156,8 @@ pub(crate) struct LayerArgs {
     /// the nearest voxel counts
     #[arg(long, value_name = "FILE[:LABELS]")]
     pub(crate) mask: Option<PathBuf>,
-    /// Draw another volume over the volume, such as an activation map over a brain or PET over CT; repeat the option for
-    /// more
+    /// Draw another volume over the volume, such as an activation map over a brain or PET over CT; repeat the option
+    /// for more
     ///
     /// Each file lies in its own place and lattice: the finest one is drawn, and values are interpolated onto it.
     /// TRANSFER is two-sided (values over LO hot, under -LO cold), hot, a colour, labels or what --transfer takes; HI
