@@ -283,7 +283,8 @@ impl Request {
             let fitted = if overlays.is_empty() {
                 fitted
             } else {
-                let (fitted, choice) = fitted.under_overlays(&self.transfer, &volume, &Statistics::of(&volume)?)?;
+                let (fitted, choice) =
+                    fitted.under_overlays(&self.transfer, &volume, &Statistics::of(&volume)?, overlays.len())?;
                 used = usize::from(choice == Some(Choice::Channel));
                 choices.extend(choice.iter().map(Choice::to_string));
                 fitted
@@ -307,7 +308,7 @@ impl Request {
         let mask = mask.as_ref().map(|mask| (mask, &LabelSelection::All));
         let mut layers = self.looks.over(base, mask, over.as_slice())?;
         if !overlays.is_empty() {
-            let mut used = UsedColors::of_channels(used);
+            let mut used = UsedColors::new(used, overlays.len());
             let overlay = |(source, spec): &(Source, OverlaySpec)| {
                 Overlay::new(spec, source.load(spec.values(), pyramid_level(&view.view, size))?, &mut used)
             };

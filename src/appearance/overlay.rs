@@ -274,13 +274,15 @@ pub struct Overlay {
 pub struct UsedColors {
     ramps: usize,
     colors: usize,
+    /// The number of channels and overlays.
+    count: usize,
 }
 
 impl UsedColors {
-    /// The colours beside a number of channels.
+    /// The colours of a number of overlays beside channels.
     #[must_use]
-    pub fn of_channels(count: usize) -> Self {
-        Self { colors: count, ..Self::default() }
+    pub fn new(channels: usize, overlays: usize) -> Self {
+        Self { ramps: 0, colors: channels, count: channels + overlays }
     }
 
     fn ramp(&mut self) -> Colors {
@@ -480,7 +482,7 @@ impl Overlay {
                     _ => used.color(),
                 };
                 let window = Window { level: f64::midpoint(range[0], range[1]), width: range[1] - range[0] };
-                let transfer = channels::glow(&volume, &statistics, &window, color, 1)?;
+                let transfer = channels::glow(&volume, &statistics, &window, color, used.count.max(1))?;
                 let [r, g, b] = channels::bytes(color);
                 let packed = u32::from_be_bytes([0, r, g, b]);
                 let text = if given.is_empty() { format!("#{packed:06x}") } else { given };
@@ -502,7 +504,8 @@ fn labels_of(volume: &Volume) -> Result<Option<String>> {
     if volume.sample_type().is_float() || volume.rescale() != (1.0, 0.0) {
         return Ok(None);
     }
-    let counts = count_labels(volume)?;
+    // Over a million different values are no labels.
+    let Ok(counts) = count_labels(volume) else { return Ok(None) };
     let most = volume.grid().len() / 2;
     let is_sparse = counts.first().is_some_and(|background| background.label == 0 && background.voxels > most);
     let number = counts.len().saturating_sub(1);
@@ -596,8 +599,9 @@ fn solid([low, high]: [f64; 2], hot: Colors, cold: Option<Colors>) -> Result<Tra
 }
 
 impl FittedTransfer {
-    /// Returns the transfer function of a volume under overlays: grey and translucent, so that overlays inside show; of
-    /// fluorescence the first colour of channels. A requested one stays as it is. The second value is the choice.
+    /// Returns the transfer function of a volume under a number of overlays: grey and translucent, so that overlays
+    /// inside show; of fluorescence the first colour of channels. A requested one stays as it is. The second value is
+    /// the choice.
     ///
     /// # Errors
     /// The errors of [`TransferFunction::new`].
@@ -606,6 +610,7 @@ impl FittedTransfer {
         request: &TransferRequest,
         volume: &Volume,
         statistics: &Statistics,
+        overlays: usize,
     ) -> Result<(Self, Option<Choice>)> {
         if self.labels || !matches!(request.choice, TransferChoice::Suggested) {
             return Ok((self, None));
@@ -613,7 +618,7 @@ impl FittedTransfer {
         if self.preset.is_some_and(|preset| preset.name == CHANNELS) {
             let Some([low, high]) = scan_range(volume, statistics)? else { return Ok((self, None)) };
             let window = Window { level: f64::midpoint(low, high), width: high - low };
-            let transfer = channels::glow(volume, statistics, &window, channels::nth_color(0), 2)?;
+            let transfer = channels::glow(volume, statistics, &window, channels::nth_color(0), 1 + overlays)?;
             return Ok((Self { transfer, preset: None, ..self }, Some(Choice::Channel)));
         }
         if self.preset.is_some_and(|preset| MAPS.contains(&preset.name)) {
@@ -698,6 +703,6 @@ mod tests {
         let first = used.ramp();
         // Both sides of a map are new, and neighbours.
         assert!(first == RAMPS[0] && used.sides() == [RAMPS[2], RAMPS[3]]);
-        assert_eq!(UsedColors::of_channels(2).color(), channels::nth_color(2));
+        assert_eq!(UsedColors::new(2, 1).color(), channels::nth_color(2));
     }
 }

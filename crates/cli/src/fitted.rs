@@ -44,18 +44,18 @@ pub(crate) fn transfer(
     requested: &TransferRequest,
     volume: &Volume,
     may_be_labels: bool,
-    has_overlays: bool,
+    overlays: usize,
     stages: &mut Stages,
 ) -> Result<Fitted, Failure> {
     let mut found = None;
     let statistics = || stages.time("statistics", || Ok(found.insert(Statistics::of(volume)?).clone()));
     let fitted = requested.fit(source, volume, may_be_labels, statistics)?;
-    let (fitted, under) = match has_overlays {
-        true => {
+    let (fitted, under) = match overlays {
+        0 => (fitted, None),
+        _ => {
             let statistics = found.map_or_else(|| Statistics::of(volume), Ok)?;
-            fitted.under_overlays(requested, volume, &statistics)?
+            fitted.under_overlays(requested, volume, &statistics, overlays)?
         }
-        false => (fitted, None),
     };
     let mut notes = match &requested.choice {
         TransferChoice::Given(imported) => notes_on(imported, &fitted.transfer, requested.window.is_some(), volume),

@@ -166,7 +166,7 @@ pub(crate) fn overlays(specs: &[OverlaySpec], base: &Volume, channels: usize) ->
     if specs.is_empty() {
         return Ok(None);
     }
-    let mut used = UsedColors::of_channels(channels);
+    let mut used = UsedColors::new(channels, specs.len());
     let mut own = Vec::new();
     for spec in specs {
         own.push(Overlay::new(spec, spec.load()?, &mut used)?);

@@ -148,7 +148,7 @@ impl Session {
                     let channels: Vec<String> = channels.iter().map(|look| format!("--channel {look}")).collect();
                     fitted.notes.push(format!("note: using {} (draw one: --channel N)", channels.join(", ")));
                 }
-                let colors = layers.len().max(usize::from(fitted.is_channel));
+                let colors = channels.len().max(usize::from(fitted.is_channel));
                 let overlays = stages.time("overlays", || layers::overlays(&job.layers.overlays, &volume, colors))?;
                 if let Some(overlays) = &overlays {
                     fitted.notes.extend(layers::notes_on(overlays, &volume));
@@ -422,7 +422,7 @@ fn fitted(job: &RenderJob, volume: &Volume, channels: &[Layer], stages: &mut Sta
     if !channels.is_empty() {
         return Fitted::clear();
     }
-    transfer(&job.source, &job.transfer, volume, may_be_labels(job), !job.layers.overlays.is_empty(), stages)
+    transfer(&job.source, &job.transfer, volume, may_be_labels(job), job.layers.overlays.len(), stages)
 }
 
 /// Whether a job leaves the meaning of values open, and requests nothing that labels lack.
