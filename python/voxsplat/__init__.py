@@ -136,8 +136,8 @@ def render(
     if executor is not None:
         if region is not None:
             raise ValueError("region: a picture in bricks is drawn whole")
-        for name, given in [("labels", labels), ("mask", mask), ("overlays", overlays or None)]:
-            if given is not None:
+        for name, given in [("labels", labels), ("mask", mask), ("overlays", overlays)]:
+            if given is not None and not (isinstance(given, (list, tuple)) and not given):
                 raise ValueError(f"{name}: it is refused in bricks")
         from .engines import Executor
         from .large import Large
