@@ -33,27 +33,33 @@ def edge(distance: Field) -> Field:
     return 1 / (1 + np.exp(distance / 0.8))
 
 
-def brain() -> Field:
-    """Two folded hemispheres, white inside grey, at 1.25 mm."""
-    x, y, z = places(136, 1.25)
-    size = np.sqrt(((np.abs(x) - 30) / 34) ** 2 + ((y - 2) / 74) ** 2 + ((z - 4) / 52) ** 2)
+def depth(x: Field, y: Field, z: Field) -> Field:
+    """The distance from the surface of two folded hemispheres, about, mm; negative inside."""
+    size = np.sqrt(((np.abs(x) - 31) / 35) ** 2 + ((y - 2) / 74) ** 2 + ((z - 4) / 52) ** 2)
     # Folds are where a field of waves is 0.
-    folds = np.exp(-((waves(x, y, z, 24, 5) / 0.22) ** 2))
-    outside = (size - 1) * 40 + 7 * folds
-    ventricle = np.sqrt(((np.abs(x) - 12 - 0.15 * y) / 6) ** 2 + ((y - 2) / 26) ** 2 + ((z - 12) / 9) ** 2)
-    return (70 * edge(outside) + 30 * edge(outside + 9)) * (1 - 0.75 * edge((ventricle - 1) * 8))
+    folds = np.exp(-((waves(x, y, z, 26, 5) / 0.16) ** 2))
+    return np.maximum((size - 1) * 42, 2.5 - np.abs(x)) + 13 * folds * np.exp(-(((size - 1) * 42 / 12) ** 2))
+
+
+def brain() -> Field:
+    """White inside grey, at 1.25 mm; 0 outside, as behind a mask."""
+    x, y, z = places(136, 1.25)
+    outside = depth(x, y, z)
+    ventricle = np.sqrt(((np.abs(x) - 11) / 6) ** 2 + ((y - 2) / 26) ** 2 + ((z - 12) / 9) ** 2)
+    tissue = (70 * edge(outside) + 25 * edge(outside + 6)) * (1 - 0.8 * edge((ventricle - 1) * 8))
+    return np.where(tissue < 3, 0, tissue)
 
 
 def activation() -> Field:
-    """Scores at 3 mm: four places over 0, three under 0, and noise."""
+    """Scores at 3 mm in the brain: five places over 0, three under 0, and noise."""
     x, y, z = places(60, 3)
     total = 0.55 * waves(x, y, z, 16, 9)
     for at, width, score in [
-        ((-42, 18, 38), 8, 9), ((40, 20, 40), 7, 6), ((-48, -16, 8), 8, 7), ((4, 62, 4), 9, 8),
-        ((3, -50, 10), 8, -8), ((2, 46, 34), 8, -7), ((44, 44, 30), 8, -6),
+        ((-40, 10, 34), 8, 9), ((38, 14, 36), 7, 6), ((-46, -16, 4), 8, 7), ((8, 58, 4), 9, 8), ((42, -8, -18), 7, 6),
+        ((5, -48, 14), 8, -8), ((6, 40, 32), 8, -7), ((44, 40, 24), 8, -6),
     ]:
         total += score * np.exp(-((x - at[0]) ** 2 + (y - at[1]) ** 2 + (z - at[2]) ** 2) / (2 * width**2))
-    return total
+    return np.where(depth(x, y, z) < 1, total, 0)
 
 
 def volume(field: Field, spacing: float, unit: str | None = None) -> voxsplat.Volume:

@@ -16,6 +16,9 @@ use crate::request::{Beside, Look, SettingsFields, ViewFields, ViewRequest};
 use crate::volume::Volume;
 use crate::worker::{Device, discard};
 
+/// An overlay: its volume, its name, its look and its range.
+type OverlayFields<'a> = (PyRef<'a, Volume>, String, Option<String>, Option<String>);
+
 /// A graphics device, opened for the first scene.
 #[pyclass(frozen, module = "voxsplat")]
 pub(crate) struct Renderer {
@@ -66,7 +69,7 @@ impl Renderer {
         volume: &Volume,
         labels: Option<&Volume>,
         mask: Option<&Volume>,
-        overlays: Vec<(PyRef<'_, Volume>, String, Option<String>, Option<String>)>,
+        overlays: Vec<OverlayFields<'_>>,
         settings: SettingsFields,
         view: ViewFields,
         size: [u32; 2],
@@ -75,7 +78,7 @@ impl Renderer {
         let view = view.request(size).map_err(|fault| raised(&fault))?;
         let request = settings.request(&view.view).map_err(|fault| raised(&fault))?;
         let source = volume.source();
-        let spec = |(volume, name, look, range): &(PyRef<'_, Volume>, String, Option<String>, Option<String>)| {
+        let spec = |(volume, name, look, range): &OverlayFields<'_>| {
             let spec = OverlaySpec::with_look(PathBuf::from(name), look.as_deref(), range.as_deref());
             Ok((volume.source(), spec.map_err(|fault| raised(&fault))?))
         };

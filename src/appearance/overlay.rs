@@ -14,7 +14,7 @@ use crate::error::{Error, Result};
 use crate::formats::LoadOptions;
 use crate::layers::{Fit, Labels, Lattice, Layer, Layers, LegendEntry, count_labels, recognised};
 use crate::transfer::presets::{self, PresetValues};
-use crate::transfer::{ControlPoint, TransferFunction, Window, color};
+use crate::transfer::{ControlPoint, GradientPoint, TransferFunction, Window, color};
 use crate::volume::{Statistics, Volume};
 use voxsplat_volume::names::readable;
 
@@ -44,6 +44,8 @@ const MAPS: [&str; 3] = ["activation", "pet", "field"];
 const SHELL: f64 = 0.08;
 /// The optical depth of the inside of a volume under overlays, along a mean ray.
 const INSIDE: f64 = 0.4;
+/// The changes of value from voxel to voxel that are flat, and a surface, in ranges from the least value to the tissue.
+const FLAT: [f64; 2] = [0.2, 0.5];
 /// The greys of the outside and the inside of the shell.
 const GREY: [f64; 2] = [0.6, 0.95];
 
@@ -646,10 +648,14 @@ fn dimmed(transfer: &TransferFunction, volume: &Volume, statistics: &Statistics)
         point(low, dark, 0.0),
         point(at(0.25), dark, SHELL),
         point(at(0.75), bright, SHELL),
-        point(at(1.25), bright, inside),
-        point(end, bright, inside),
+        point(at(1.25), bright, SHELL),
+        point(end, bright, SHELL),
     ];
-    TransferFunction::new(points, None)
+    // Values of the shell, and jumps to values of the inside.
+    let steep = |share: f64| share * (at(1.0) - statistics.min) / volume.grid().min_spacing();
+    let gradient = [(FLAT[0], inside / SHELL), (FLAT[1], 1.0)];
+    let gradient = gradient.map(|(share, opacity)| GradientPoint { magnitude: steep(share), opacity });
+    TransferFunction::new(points, None)?.with_gradient_opacity(gradient.to_vec())
 }
 
 #[cfg(test)]

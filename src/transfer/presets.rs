@@ -367,7 +367,7 @@ impl Levels {
 /// all values are the same. Noise is below `score` if the values are scores.
 pub(crate) fn significance(statistics: &Statistics, score: Option<f64>) -> Option<[f64; 2]> {
     let Levels { significant, strongest, .. } = Levels::new(statistics, false, false)?;
-    Some([score.map_or(significant, |score| score.min(strongest / 2.0)), strongest])
+    Some([score.map_or(significant, |score| score.min(0.75 * strongest)), strongest])
 }
 
 /// The range of values of the foreground, up to its 99.5th percentile; `None` if all values are the same.
