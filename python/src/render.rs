@@ -1,11 +1,12 @@
 //! Renderers and scenes.
 
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
-use voxsplat::appearance::{Frame, place_studio};
+use voxsplat::appearance::{Frame, OverlaySpec, place_studio};
 use voxsplat::camera::{Camera, Hull};
 use voxsplat::error::Result;
 use voxsplat::image::{Background, Region};
@@ -18,6 +19,9 @@ use crate::request::{Beside, Look, SettingsFields, ViewFields, ViewRequest};
 use crate::solids::{Mesh, Requested};
 use crate::volume::Volume;
 use crate::worker::{Device, discard};
+
+/// An overlay: its volume, its name, its look and its range.
+type OverlayFields<'a> = (PyRef<'a, Volume>, String, Option<String>, Option<String>);
 
 /// A graphics device, opened for the first scene.
 #[pyclass(frozen, module = "voxsplat")]
@@ -102,6 +106,7 @@ impl Renderer {
         volume: &Volume,
         labels: Option<&Volume>,
         mask: Option<&Volume>,
+        overlays: Vec<OverlayFields<'_>>,
         settings: SettingsFields,
         view: ViewFields,
         size: [u32; 2],
@@ -110,7 +115,13 @@ impl Renderer {
         let view = view.request(size).map_err(|fault| raised(&fault))?;
         let request = settings.request(&view.view).map_err(|fault| raised(&fault))?;
         let source = volume.source();
-        let beside = Beside { labels: labels.map(Volume::source), mask: mask.map(Volume::source), whole: None };
+        let spec = |(volume, name, look, range): &OverlayFields<'_>| {
+            let spec = OverlaySpec::with_look(PathBuf::from(name), look.as_deref(), range.as_deref());
+            Ok((volume.source(), spec.map_err(|fault| raised(&fault))?))
+        };
+        let overlays = overlays.iter().map(spec).collect::<PyResult<_>>()?;
+        let (labels, mask) = (labels.map(Volume::source), mask.map(Volume::source));
+        let beside = Beside { labels, mask, overlays, whole: None };
         let mut prepared = self.device.run(py, progress, move |renderer| {
             let mut look = request.look(&source, &beside, view, size)?;
             let scene = renderer.prepare_layers(&look.layers, &look.settings)?;

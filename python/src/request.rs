@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use pyo3::prelude::*;
 use voxsplat::appearance::{
-    Choice, ChoiceContext, ClipSpec, Frame, LabelLooks, LightRequest, Loaded, OpenChoices, TransferRequest, demos,
-    place_studio, pyramid_level,
+    Choice, ChoiceContext, ClipSpec, Frame, LabelLooks, LightRequest, Loaded, OpenChoices, Overlay, OverlaySpec,
+    Overlays, TransferRequest, UsedColors, demos, place_studio, pyramid_level,
 };
 use voxsplat::camera::{Camera, ProjectionKind, View};
 use voxsplat::error::{Error, Result};
@@ -93,6 +93,8 @@ pub(crate) struct Beside {
     pub(crate) labels: Option<Source>,
     /// Labels other than 0 where the volume is shown.
     pub(crate) mask: Option<Source>,
+    /// Volumes over the volume, with their looks.
+    pub(crate) overlays: Vec<(Source, OverlaySpec)>,
     /// Facts about a volume of which only an overview is at hand.
     pub(crate) whole: Option<Whole>,
 }
@@ -256,14 +258,15 @@ impl Request {
         size: [u32; 2],
     ) -> Result<Look> {
         let path = source.path();
-        let Beside { labels: over, mask, whole } = beside;
-        let plain = over.is_none() && mask.is_none();
+        let Beside { labels: over, mask, overlays, whole } = beside;
+        let plain = over.is_none() && mask.is_none() && overlays.is_empty();
         if !plain {
             Layers::check_settings(&self.settings)?;
         }
         let Loaded { volume, layers: channels, labels, channels: looks } =
             source.load(self.transfer.values(), pyramid_level(&view.view, size))?;
         let mut choices: Vec<String> = looks.iter().map(|look| format!("channel {look}")).collect();
+        let mut used = looks.len();
         let (base, material, is_labels) = if channels.is_empty() {
             let may_be_labels = over.is_none() && self.transfer.may_be_labels(&self.settings);
             // The overview with the steps of the whole volume.
@@ -277,6 +280,15 @@ impl Request {
             };
             let fitted = self.transfer.fit(Path::new(&path), &described, may_be_labels, statistics)?;
             choices.extend(fitted.choice.iter().map(Choice::to_string));
+            let fitted = if overlays.is_empty() {
+                fitted
+            } else {
+                let (fitted, choice) =
+                    fitted.under_overlays(&self.transfer, &volume, &Statistics::of(&volume)?, overlays.len())?;
+                used = usize::from(choice == Some(Choice::Channel));
+                choices.extend(choice.iter().map(Choice::to_string));
+                fitted
+            };
             let layers = match fitted.labels {
                 true => {
                     let all = std::iter::once(&volume).chain(&labels);
@@ -294,7 +306,20 @@ impl Request {
         };
         let (mask, over) = (placed(mask, "mask")?, placed(over, "labels")?);
         let mask = mask.as_ref().map(|mask| (mask, &LabelSelection::All));
-        let layers = self.looks.over(base, mask, over.as_slice())?;
+        let mut layers = self.looks.over(base, mask, over.as_slice())?;
+        if !overlays.is_empty() {
+            let mut used = UsedColors::new(used, overlays.len());
+            let overlay = |(source, spec): &(Source, OverlaySpec)| {
+                Overlay::new(spec, source.load(spec.values(), pyramid_level(&view.view, size))?, &mut used)
+            };
+            let own = overlays.iter().map(overlay).collect::<Result<_>>()?;
+            let overlays = Overlays::new(&volume, own)?;
+            let chosen = overlays.all.iter().filter_map(|overlay| {
+                overlay.look.reason.as_ref().map(|reason| format!("overlay {} because {reason}", overlay.look))
+            });
+            choices.extend(chosen);
+            layers = overlays.over(layers)?;
+        }
         self.settings.clip = ClipSpec::intersection(&self.clip, &volume)?;
         let context = ChoiceContext {
             volume: &volume,
@@ -302,6 +327,7 @@ impl Request {
             material,
             channels,
             labels: is_labels || over.is_some(),
+            overlays: !overlays.is_empty(),
             plain,
         };
         let open = OpenChoices { side: view.is_open, ..self.open };

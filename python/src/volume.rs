@@ -11,7 +11,7 @@ use voxsplat::appearance::{ChannelChoice, Loaded, Values, load_channels, suggest
 use voxsplat::error::{Error, Result};
 use voxsplat::formats::{self, LoadOptions, MissingSlices, PyramidLevel};
 use voxsplat::glam::{DAffine3, DMat3, DVec3};
-use voxsplat::layers::{Fit, on_lattice};
+use voxsplat::layers::on_lattice;
 use voxsplat::volume::{Contents, Grid, Origin, Sample, Statistics, Units};
 use voxsplat_volume::memory::zeroed;
 
@@ -160,11 +160,7 @@ impl Source {
             Error::Setting { reason, .. } => Error::Setting { name: option, reason },
             other => other,
         });
-        match placed? {
-            // Framing takes the place of the labels from their lattice.
-            (labels, Fit::Unplaced) => Ok(labels.with_grid(*volume.grid())?),
-            (labels, _) => Ok(labels),
-        }
+        Ok(placed?.0)
     }
 
     fn describe(&self) -> Result<serde_json::Value> {

@@ -225,6 +225,42 @@ def test_what_there_is_is_listed() -> None:
     assert facts["max"] == samples().max()
 
 
+def test_overlays_are_those_of_the_command(scan: Path, tmp_path: Path) -> None:
+    affine = nibabel.load(scan).affine @ np.diag([2, 2, 2, 1])
+    x, y, z = np.meshgrid(*(np.linspace(-1, 1, n) for n in (20, 15, 10)), indexing="ij")
+    scores = (7 * np.sin(3 * x + y) * np.exp(-2 * (y**2 + z**2))).astype(np.float32)
+    image = nibabel.Nifti1Image(scores, affine)
+    image.header["intent_code"] = 5
+    path = tmp_path / "z.nii"
+    nibabel.save(image, path)
+
+    def pixels(png: bytes) -> bytes:
+        # After the notes, which name files.
+        return png[png.index(b"IDAT") :]
+
+    for overlays, words in [
+        (path, [f"{path}"]),
+        ((path, "hot", (2, None)), [f"{path}:hot@2.."]),
+        ([(path, None, (2.5, 6)), (path, "lime")], [f"{path}@2.5..6", f"{path}:lime"]),
+    ]:
+        drawn = vs.render(scan, overlays=overlays, size=64)
+        options = [option for word in words for option in ("--overlay", word)]
+        command("render", scan, *options, "--size", "64", "-o", tmp_path / "a.png")
+        assert pixels(drawn.to_png()) == pixels((tmp_path / "a.png").read_bytes())
+    assert any("two-sided@2.3.." in choice for choice in vs.render(scan, overlays=image, size=16).choices)
+    # A bare array has the axes and the samples of the volume.
+    array = np.zeros((20, 30, 40), np.float32)
+    array[8:12] = 5
+    drawn = np.asarray(vs.render(samples(), overlays=[(array, "#ff0000", (1, 5))], size=32))
+    assert drawn[..., 0].sum() > 1.2 * drawn[..., 2].sum()
+    with pytest.raises(ValueError, match=r"overlay: @5.0..2.0, expected LO under HI"):
+        vs.render(scan, overlays=(image, "hot", (5, 2)), size=16)
+    with pytest.raises(ValueError, match="item 1 is None"):
+        vs.render(scan, overlays=[image, None], size=16)
+    with pytest.raises(ValueError, match="in bricks"):
+        vs.render(samples(), overlays=array, executor=object())
+
+
 def test_labels_and_masks_are_those_of_the_command(scan: Path, tmp_path: Path) -> None:
     volume = nibabel.load(scan)
     # A label over the right half, another in a corner.

@@ -74,6 +74,7 @@ def render(
     spacing: Sequence[float] | None = None,
     labels: Any = None,
     mask: Any = None,
+    overlays: Any = (),
     meshes: Any = None,
     depth: Any = None,
     background: str = "black",
@@ -105,6 +106,11 @@ def render(
         voxel gets the nearest label. Label 0 is clear. `Settings.label` and `Settings.label_table` have their looks.
     mask
         Shows the volume only where an array of the volume's shape, an image or a file is not 0.
+    overlays
+        A volume to draw over the volume, or a list of them, each in its own lattice and place: an array, an image or a
+        file, or a tuple (volume, look) or (volume, look, (low, high)). A look is ``"two-sided"``, ``"hot"``, a colour,
+        ``"labels"`` or a transfer function by name; None chooses what suits the values. Without `transfer` the volume
+        becomes grey and translucent.
     meshes
         Opaque surfaces in the picture, which hide the matter behind them: a mesh or several, each maybe with a colour,
         ``mesh`` or ``(mesh, "gold")``. A mesh is a path (PLY, STL, OBJ, VTP), a mesh of pyvista or trimesh, or two
@@ -141,8 +147,9 @@ def render(
     if executor is not None:
         if region is not None:
             raise ValueError("region: a picture in bricks is drawn whole")
-        for name, given in [("labels", labels), ("mask", mask), ("meshes", meshes), ("depth", depth)]:
-            if given is not None:
+        refused = [("labels", labels), ("mask", mask), ("overlays", overlays), ("meshes", meshes), ("depth", depth)]
+        for name, given in refused:
+            if given is not None and not (isinstance(given, (list, tuple)) and not given):
                 raise ValueError(f"{name}: it is refused in bricks")
         from .engines import Executor
         from .large import Large
@@ -156,7 +163,15 @@ def render(
     _native.check(checked(view), as_texts(settings), pixels(size))
     renderer = kept_renderer(adapter)
     scene = renderer.prepare(
-        volume, settings=settings, view=view, labels=labels, mask=mask, size=size, progress=progress, **options
+        volume,
+        settings=settings,
+        view=view,
+        labels=labels,
+        mask=mask,
+        overlays=overlays,
+        size=size,
+        progress=progress,
+        **options,
     )
     return renderer.render(
         scene, size=size, background=background, region=region, meshes=meshes, depth=depth, progress=progress

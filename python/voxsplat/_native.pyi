@@ -45,6 +45,7 @@ class Renderer:
         volume: Volume,
         labels: Volume | None,
         mask: Volume | None,
+        overlays: list[tuple[Volume, str, str | None, str | None]],
         settings: Any,
         view: Any,
         size: tuple[int, int],

@@ -98,13 +98,14 @@ class Renderer:
         *,
         labels: Any = None,
         mask: Any = None,
+        overlays: Any = (),
         size: tuple[int, int] = SIZE,
         progress: Progress = None,
         **changes: Any,
     ) -> Scene:
         """Prepare a volume. Studio light stands around `view` and stays there when the view turns.
 
-        `labels` and `mask` are as of `voxsplat.render`. `changes` are fields of `Settings`, and of `Volume` for a volume
+        `labels`, `mask` and `overlays` are as of `voxsplat.render`. `changes` are fields of `Settings`, and of `Volume` for a volume
         that is none yet.
         """
         (changed,) = split(changes, Settings)
@@ -113,9 +114,10 @@ class Renderer:
             settings = replace(settings, transfer=transfer)
         texts, view, size = as_texts(settings), checked(view or View()), pixels(size)
         over, shown = (_beside(one, volume, changes) for one in (labels, mask))
+        layers = [_overlay(one, number, volume, changes) for number, one in enumerate(_listed(overlays))]
         source = native_volume(volume, changes)
         with Reported(progress) as report:
-            scene = self._native.prepare(source, over, shown, texts, view, size, report)
+            scene = self._native.prepare(source, over, shown, layers, texts, view, size, report)
         return Scene(scene)
 
     def render(
@@ -205,6 +207,28 @@ def _beside(data: Any, volume: Any, facts: dict[str, Any]) -> _native.Volume | N
     axes = facts.get("axes") or (None if has_axes else found_in(volume).axes)
     is_bare = not isinstance(data, (str, os.PathLike)) and found_in(data).affine is None
     return volume_of(data, axes=axes if is_bare else None, replace_nan=0.0)
+
+
+def _listed(overlays: Any) -> list[Any]:
+    """Overlays as a list: none, one, or a list of them. A tuple is one with its look."""
+    if overlays is None or (isinstance(overlays, tuple) and not overlays):
+        return []
+    return overlays if isinstance(overlays, list) else [overlays]
+
+
+def _overlay(
+    overlay: Any, number: int, volume: Any, facts: dict[str, Any]
+) -> tuple[_native.Volume, str, str | None, str | None]:
+    """An overlay as its volume, its name, its look and its range."""
+    data, look, ends = (*overlay, None, None)[:3] if isinstance(overlay, tuple) else (overlay, None, None)
+    beside = _beside(data, volume, facts)
+    if beside is None:
+        raise ValueError(f"overlays: item {number} is None, expected a volume")
+    name = os.fspath(data) if isinstance(data, (str, os.PathLike)) else f"overlay {number}"
+    if ends is not None:
+        low, high = ("" if end is None else repr(float(end)) for end in ends)
+        ends = f"{low}..{high}"
+    return beside, name, look, ends
 
 
 def native_volume(data: Any, facts: dict[str, Any]) -> _native.Volume:

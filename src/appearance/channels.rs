@@ -13,16 +13,16 @@ use voxsplat_volume::names::readable;
 
 /// Colours of channels without one: pairs that red-green colour-blind people tell apart, as microscopists use them.
 const COLORS: [[f64; 3]; 6] =
-    [[0.0, 1.0, 0.0], [1.0, 0.0, 1.0], [0.0, 1.0, 1.0], [1.0, 1.0, 0.0], [1.0, 0.3, 0.2], [0.3, 0.4, 1.0]];
+    [[0.15, 0.9, 0.3], [0.95, 0.2, 0.85], [0.1, 0.8, 0.95], [0.95, 0.85, 0.15], [0.95, 0.4, 0.2], [0.4, 0.45, 0.95]];
 
 /// The most channels that are drawn unless they are requested.
 const MOST_CHANNELS: u32 = 6;
 /// The largest opacity of a channel at the upper end of its window, per voxel.
-const CHANNEL_OPACITY: f64 = 0.2;
+const CHANNEL_OPACITY: f64 = 0.4;
 /// The optical depth of all channels along a mean ray through their foreground: matter behind shows through.
-const CHANNEL_DEPTH: f64 = 3.0;
+const CHANNEL_DEPTH: f64 = 4.5;
 /// The brightness of a channel at the lower end of its window, as a share of its colour: edges and depth show.
-const DARKEST: f64 = 0.25;
+const DARKEST: f64 = 0.4;
 /// The opacity of the colours of voxels at the upper end of their window, per voxel.
 const COLOR_OPACITY: f64 = 0.4;
 /// Steps of the ramp of opacity, which is the square of the place in the window.
@@ -154,20 +154,18 @@ pub fn load_channels(
         [] => (0..contents.channels).map(|number| ChannelChoice { number, color: None }).collect(),
         _ => requested.to_vec(),
     };
-    let depth = CHANNEL_DEPTH / all.len() as f64;
+    let count = all.len();
     let (mut layers, mut channels) = (Vec::new(), Vec::new());
     for (at, ChannelChoice { number, color }) in all.into_iter().enumerate() {
         let volume = if number == contents.channel { first.clone() } else { one(number)? };
         let label = contents.labels.get(number as usize).cloned().unwrap_or_default();
         let of_file = label.color.map(|color| color.map(|c| f64::from(c) / 255.0)).filter(|c| *c != [0.0; 3]);
-        let float = color.or(of_file).unwrap_or(COLORS[at % COLORS.len()]);
+        let float = color.or(of_file).unwrap_or(nth_color(at));
         let statistics = Statistics::of(&volume)?;
         let Some(window) = window(&statistics, &label, values) else { continue };
-        let color = float.map(|channel| (255.0 * channel).round() as u8);
+        let color = bytes(float);
         let name = label.name.clone().unwrap_or_else(|| format!("channel {number}"));
-        let opacity = opacity(&volume, &statistics, &window, depth)?;
-        let layer =
-            Layer::scalars(&volume, &ramp([DARKEST, 1.0].map(|share| float.map(|c| share * c)), opacity, &window)?);
+        let layer = Layer::scalars(&volume, &glow(&volume, &statistics, &window, float, count)?);
         layers.push(layer.named(LegendEntry { name, color }));
         channels.push(ChannelLook { number, color, name: label.name, range: window.ends()? });
     }
@@ -175,6 +173,28 @@ pub fn load_channels(
         return Err(Error::volume("all values of every channel are the same"));
     }
     Ok(Loaded { layers, channels, ..first.into() })
+}
+
+/// The colour of a channel without one.
+pub(super) fn nth_color(at: usize) -> [f64; 3] {
+    COLORS[at % COLORS.len()]
+}
+
+/// A colour as bytes.
+pub(super) fn bytes(color: [f64; 3]) -> [u8; 3] {
+    color.map(|channel| (255.0 * channel).round() as u8)
+}
+
+/// The transfer function of one of several channels over a window: a colour, denser and brighter with value.
+pub(super) fn glow(
+    volume: &Volume,
+    statistics: &Statistics,
+    window: &Window,
+    color: [f64; 3],
+    count: usize,
+) -> Result<TransferFunction> {
+    let opacity = opacity(volume, statistics, window, CHANNEL_DEPTH / count as f64)?;
+    ramp([DARKEST, 1.0].map(|share| color.map(|c| share * c)), opacity, window)
 }
 
 /// Whether the first channels are called red, green and blue.

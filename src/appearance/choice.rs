@@ -101,6 +101,10 @@ pub enum Choice {
     },
     /// [`Settings::sharpness`](crate::Settings::sharpness), because the transfer function shows surfaces.
     Sharpness(f64),
+    /// A grey and translucent volume, because overlays lie over it.
+    Dimmed,
+    /// A volume in the colour of a channel, because overlays lie over it.
+    Channel,
 }
 
 impl fmt::Display for Choice {
@@ -118,6 +122,8 @@ impl fmt::Display for Choice {
             Self::Light { shadow_bias: Some(bias), surfaces } => {
                 write!(f, "studio light, shadow bias {bias}, because {surfaces}")
             }
+            Self::Dimmed => f.write_str("a grey and translucent volume because overlays lie over it"),
+            Self::Channel => f.write_str("a volume in the colour of a channel because overlays lie over it"),
             Self::Sharpness(sharpness) => {
                 write!(f, "sharpness {sharpness} because the transfer function shows surfaces")
             }

@@ -8,6 +8,7 @@ mod clip;
 mod labels;
 mod light;
 mod options;
+mod overlay;
 mod suggestion;
 mod transfer;
 
@@ -21,6 +22,7 @@ pub use clip::ClipSpec;
 pub use labels::{LabelLooks, LabelSpec};
 pub use light::{LightPlace, LightRequest, LightSpec, OcclusionSpec, ShadowSpec, place_studio};
 pub use options::{command_line, notes, options_of, quoted};
+pub use overlay::{HOT, Overlay, OverlayLook, OverlaySpec, Overlays, PlacedOverlay, TWO_SIDED, UsedColors};
 pub use suggestion::{Suggestion, suggest};
 pub use transfer::{FittedTransfer, GradientSpec, LABELS, MAP, TransferChoice, TransferRequest};
 
@@ -120,12 +122,16 @@ pub struct ChoiceContext<'a> {
     pub channels: bool,
     /// Whether labels are drawn.
     pub labels: bool,
-    /// Whether the volume is drawn alone, without labels over it or a mask.
+    /// Whether overlays are drawn.
+    pub overlays: bool,
+    /// Whether the volume is drawn alone, without labels or overlays over it or a mask.
     pub plain: bool,
 }
 
 /// The preset whose material channels have.
 const CHANNELS: &str = "fluorescence";
+/// The preset whose material overlays have over a volume without one.
+const OVERLAYS: &str = "activation";
 
 impl ChoiceContext<'_> {
     /// Makes the open choices in `view` and `settings`, and returns them.
@@ -145,7 +151,11 @@ impl ChoiceContext<'_> {
             choices.push(Choice::Side { azimuth, elevation, reason });
         }
         let composite = settings.model == Model::Composite;
-        let material = if self.channels { presets::find(CHANNELS)?.material } else { self.material };
+        let material = match (self.channels, self.material) {
+            (true, _) => presets::find(CHANNELS)?.material,
+            (false, None) if self.overlays => presets::find(OVERLAYS)?.material,
+            (false, material) => material,
+        };
         if open.light && composite && (material.is_some() || self.labels) {
             let mut studio = Lighting::studio(view.forward()?, view.up);
             let shadow_bias = material.is_none().then_some(LABEL_BIAS);
@@ -192,7 +202,15 @@ impl Appearance {
     /// The errors of [`ValueMeaning::find`].
     pub fn for_file(source: impl AsRef<Path>, volume: &Volume) -> Result<Self> {
         let meaning = ValueMeaning::find(&source, volume, true, PresetValues::Auto, || Ok(Statistics::of(volume)?))?;
-        let alone = ChoiceContext { volume, view: None, material: None, channels: false, labels: false, plain: true };
+        let alone = ChoiceContext {
+            volume,
+            view: None,
+            material: None,
+            channels: false,
+            labels: false,
+            overlays: false,
+            plain: true,
+        };
         match meaning {
             ValueMeaning::Labels { reason } => {
                 let layers = Layers::new(Layer::labels(volume, &Labels::stated(volume))?);
@@ -222,7 +240,8 @@ impl Appearance {
         let Some(first) = layers.next() else { return Self::for_file(source, volume) };
         let layers = layers.try_fold(Layers::new(first), Layers::with)?;
         let channels = !channels.is_empty();
-        let context = ChoiceContext { volume, view: None, material: None, channels, labels: false, plain: true };
+        let context =
+            ChoiceContext { volume, view: None, material: None, channels, labels: false, overlays: false, plain: true };
         Self::new(layers, context, None)
     }
 
@@ -234,7 +253,15 @@ impl Appearance {
     pub fn for_preset(name: &str, volume: &Volume) -> Result<Self> {
         let layers = Layers::of_volume(volume, &TransferFunction::preset(name, volume)?);
         let material = presets::find(name)?.material;
-        let context = ChoiceContext { volume, view: None, material, channels: false, labels: false, plain: true };
+        let context = ChoiceContext {
+            volume,
+            view: None,
+            material,
+            channels: false,
+            labels: false,
+            overlays: false,
+            plain: true,
+        };
         Self::new(layers, context, None)
     }
 

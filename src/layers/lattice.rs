@@ -1,15 +1,17 @@
-//! Labels on the lattice of another volume.
+//! Volumes on the lattice of another volume.
 
 use std::sync::Arc;
 
 use glam::{DAffine3, DVec3};
 use rayon::prelude::*;
 
+use super::resample;
 use crate::error::{Error, Result};
+use crate::transfer::TransferFunction;
 use crate::volume::{Grid, Number, Samples, ToF64, Volume, with_samples};
 use voxsplat_volume::memory::reserved;
 
-/// The way in which labels were put onto the lattice of another volume.
+/// The way in which a volume was put onto the lattice of another volume.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Fit {
     /// Voxel by voxel: the voxels of both lie in the same places, to less than half a voxel.
@@ -22,16 +24,82 @@ pub enum Fit {
         /// The share, 0 to 1, of the voxels with a label other than 0 that lie outside of the other volume.
         outside: f64,
     },
+    /// Every voxel got an interpolated value.
+    Interpolated {
+        /// The share, 0 to 1, of the visible voxels that lie outside of the other volume.
+        outside: f64,
+    },
 }
 
-/// Whether a file states the place of its lattice, or the spacing of its samples.
-fn is_placed(volume: &Volume) -> bool {
-    volume.is_oriented() || volume.grid().to_world() != DAffine3::IDENTITY
+/// The lattice of a picture.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Lattice {
+    /// Its points.
+    pub grid: Grid,
+    /// Whether its world is the space of a patient.
+    pub is_oriented: bool,
 }
 
-/// Whether the places of two volumes are of one world.
-fn are_comparable(a: &Volume, b: &Volume) -> bool {
-    a.is_oriented() == b.is_oriented() && is_placed(a) && is_placed(b)
+/// The most samples of a lattice that [`Lattice::finest`] makes.
+const MOST_SAMPLES: f64 = (1 << 29) as f64;
+
+/// A lattice is finer than another if its cells are smaller than this share of the other's.
+const FINER: f64 = 0.95;
+
+impl Lattice {
+    /// Returns the lattice of a volume.
+    #[must_use]
+    pub fn of(volume: &Volume) -> Self {
+        Self { grid: *volume.grid(), is_oriented: volume.is_oriented() }
+    }
+
+    /// Returns the lattice of a picture of a volume with others over it: the lattice with the smallest cells, because
+    /// then the finest volume keeps its samples. It fills the box of the volume. Without a finer one it is the lattice
+    /// of the volume, and so it is if a finer one would have over 2^29 samples there; then the second value is their
+    /// number.
+    ///
+    /// # Errors
+    /// The errors of [`Grid::new`].
+    pub fn finest<'a>(base: &Volume, others: impl IntoIterator<Item = &'a Volume>) -> Result<(Self, Option<f64>)> {
+        let own = Self::of(base);
+        let cell = |grid: &Grid| grid.to_world().matrix3.determinant().abs();
+        let finer = others.into_iter().filter(|other| {
+            let is_elsewhere = !matches!(fit(other, &own), Ok(Fit::Same | Fit::Unplaced));
+            is_elsewhere && own.is_comparable(&Self::of(other)) && cell(other.grid()) < FINER * cell(base.grid())
+        });
+        let Some(finest) = finer.min_by(|a, b| cell(a.grid()).total_cmp(&cell(b.grid()))) else {
+            return Ok((own, None));
+        };
+        // The box of the volume, in voxels of the other lattice.
+        let grid = finest.grid();
+        let map = between(base.grid(), grid);
+        let end = DVec3::from_array(base.grid().dims().map(f64::from)) - 0.5;
+        let corner = |c: usize| {
+            let side = |axis: usize| if c >> axis & 1 == 1 { end[axis] } else { -0.5 };
+            map.transform_point3(DVec3::from_array(std::array::from_fn(side)))
+        };
+        let corners: [DVec3; 8] = std::array::from_fn(corner);
+        let (low, high) = corners.iter().fold((corners[0], corners[0]), |(low, high), c| (low.min(*c), high.max(*c)));
+        let (low, high) = ((low - TIE).ceil(), (high + TIE).floor());
+        let counts = high - low + 1.0;
+        let samples = counts.element_product();
+        if counts.min_element() < 1.0 || samples > MOST_SAMPLES {
+            return Ok((own, Some(samples)));
+        }
+        let to_world = grid.to_world() * DAffine3::from_translation(low);
+        let grid = Grid::new(counts.to_array().map(|count| count as u32), to_world)?;
+        Ok((Self { grid, ..own }, None))
+    }
+
+    /// Whether a file states the place of the lattice, or the spacing of its samples.
+    fn is_placed(&self) -> bool {
+        self.is_oriented || self.grid.to_world() != DAffine3::IDENTITY
+    }
+
+    /// Whether the places of two lattices are of one world.
+    fn is_comparable(&self, other: &Self) -> bool {
+        self.is_oriented == other.is_oriented && self.is_placed() && other.is_placed()
+    }
 }
 
 /// The map from lattice coordinates of one lattice to lattice coordinates of another.
@@ -58,14 +126,14 @@ fn apart(grid: &Grid, other: &Grid) -> f64 {
 /// Voxels closer than this are each other's nearest.
 const APART: f64 = 0.5;
 
-/// Returns how the voxels of a volume of labels correspond to another volume, or why they do not.
-pub(super) fn fit(labels: &Volume, of: &Volume) -> Result<Fit, String> {
-    let (grid, own) = (of.grid(), labels.grid());
+/// Returns how the voxels of a volume correspond to the voxels of a lattice, or why they do not.
+pub(super) fn fit(volume: &Volume, of: &Lattice) -> Result<Fit, String> {
+    let (grid, own) = (&of.grid, volume.grid());
     let as_many = own.dims() == grid.dims();
     if as_many && apart(grid, own) < APART {
         return Ok(Fit::Same);
     }
-    let comparable = are_comparable(labels, of);
+    let comparable = of.is_comparable(&Lattice::of(volume));
     if as_many && !comparable {
         return Ok(Fit::Unplaced);
     }
@@ -88,32 +156,63 @@ pub(super) fn fit(labels: &Volume, of: &Volume) -> Result<Fit, String> {
 /// files states an orientation in patient space, or one states no place; [`Error::Input`](crate::Error::Input) and
 /// [`Error::Memory`](crate::Error::Memory).
 pub fn on_lattice(labels: &Volume, of: &Volume) -> Result<(Volume, Fit)> {
-    let (grid, own) = (*of.grid(), *labels.grid());
-    match fit(labels, of) {
-        Ok(fit) => return Ok((labels.clone(), fit)),
-        Err(reason) if !are_comparable(labels, of) => return Err(Error::setting("labels", reason)),
-        Err(_) => {}
-    }
-    let (slope, intercept) = labels.rescale();
-    let stored = labels.shared_samples()?;
-    // As values, the label 0 is a number of every type.
-    let stored = match (slope, intercept) {
-        (1.0, 0.0) => stored,
-        _ => Arc::new(Samples::F64(with_samples!(&*stored, s => values(s, slope, intercept))?)),
-    };
-    let outside = with_samples!(&*stored, s => share_outside(s, &own, &grid));
-    let samples = with_samples!(&*stored, s => nearest(s, &between(&grid, &own), own.dims(), grid.dims()))?;
-    // Cells of coarse labels may reach into the volume although their middles do not.
-    if outside >= 1.0 && with_samples!(&samples, s => s.par_iter().all(|sample| sample.to_f64() == 0.0)) {
-        let reason = "nothing of it lies in the volume: the two are of other places, or one states a wrong place";
-        return Err(Error::setting("labels", reason));
-    }
-    let placed = Volume::new(grid, samples)?.with_units(labels.units().clone());
-    let placed = placed.with_contents(labels.contents().clone());
-    Ok((if of.is_oriented() { placed.with_orientation_known() } else { placed }, Fit::Nearest { outside }))
+    put(labels, &Lattice::of(of), "labels", None)
 }
 
-fn values<T: ToF64>(samples: &[T], slope: f64, intercept: f64) -> Result<Vec<f64>> {
+/// The look of values, which are interpolated.
+#[derive(Clone, Copy)]
+pub(super) struct Values<'a> {
+    pub(super) transfer: &'a TransferFunction,
+    /// The value of a voxel outside.
+    pub(super) absent: f64,
+}
+
+/// Puts a volume onto a lattice: labels by [`on_lattice`], values by a cubic spline. `name` is the setting in errors.
+pub(super) fn put(
+    volume: &Volume,
+    of: &Lattice,
+    name: &'static str,
+    values: Option<Values<'_>>,
+) -> Result<(Volume, Fit)> {
+    let (grid, own) = (of.grid, *volume.grid());
+    match fit(volume, of) {
+        Ok(Fit::Unplaced) => return Ok((volume.clone().with_grid(grid)?, Fit::Unplaced)),
+        Ok(fit) => return Ok((volume.clone(), fit)),
+        Err(reason) if !of.is_comparable(&Lattice::of(volume)) => return Err(Error::setting(name, reason)),
+        Err(_) => {}
+    }
+    let (slope, intercept) = volume.rescale();
+    let stored = volume.shared_samples()?;
+    let map = between(&grid, &own);
+    let (samples, fit, is_out) = if let Some(Values { transfer, absent }) = values {
+        let shows = |raw: f64| !transfer.is_invisible([slope * raw + intercept; 2]);
+        let outside = with_samples!(&*stored, s => share_outside(s, &own, &grid, shows));
+        let samples = resample::values(volume, &map, grid.dims(), absent as f32)?;
+        // Nothing was found inside.
+        let is_out = outside >= 1.0 && samples.par_iter().all(|value| transfer.is_invisible([f64::from(*value); 2]));
+        (Samples::F32(samples), Fit::Interpolated { outside }, is_out)
+    } else {
+        // As values, the label 0 is a number of every type.
+        let stored = match (slope, intercept) {
+            (1.0, 0.0) => stored,
+            _ => Arc::new(Samples::F64(with_samples!(&*stored, s => rescaled(s, slope, intercept))?)),
+        };
+        let outside = with_samples!(&*stored, s => share_outside(s, &own, &grid, |label| label != 0.0));
+        let samples = with_samples!(&*stored, s => nearest(s, &map, own.dims(), grid.dims()))?;
+        // Cells of coarse labels may reach into the volume although their middles do not.
+        let is_out = outside >= 1.0 && with_samples!(&samples, s => s.par_iter().all(|label| label.to_f64() == 0.0));
+        (samples, Fit::Nearest { outside }, is_out)
+    };
+    if is_out {
+        let reason = "nothing of it lies in the volume: the two are of other places, or one states a wrong place";
+        return Err(Error::setting(name, reason));
+    }
+    let placed = Volume::new(grid, samples)?.with_units(volume.units().clone());
+    let placed = placed.with_contents(volume.contents().clone());
+    Ok((if of.is_oriented { placed.with_orientation_known() } else { placed }, fit))
+}
+
+fn rescaled<T: ToF64>(samples: &[T], slope: f64, intercept: f64) -> Result<Vec<f64>> {
     let mut values = reserved(samples.len() as u64, || "labels".to_owned())?;
     values.extend(samples.iter().map(|sample| slope * sample.to_f64() + intercept));
     Ok(values)
@@ -125,18 +224,18 @@ fn is_within(place: DVec3, grid: &Grid) -> bool {
     place.cmpge(DVec3::splat(-0.5)).all() && place.cmple(end).all()
 }
 
-/// The share of the samples other than 0 that lies outside of another lattice.
-fn share_outside<T: ToF64>(samples: &[T], from: &Grid, to: &Grid) -> f64 {
+/// The share of the samples that count which lies outside of another lattice.
+fn share_outside<T: ToF64>(samples: &[T], from: &Grid, to: &Grid, counts: impl Fn(f64) -> bool + Sync) -> f64 {
     let map = between(from, to);
     let [nx, ny, _] = from.dims().map(|d| d as usize);
     let rows = samples.par_chunks(nx).enumerate().map(|(row, samples)| {
         let [y, z] = [row % ny, row / ny].map(|at| at as f64);
-        let mut counts = [0_u64; 2];
-        for x in (0..nx).filter(|&x| samples[x].to_f64() != 0.0) {
+        let mut found = [0_u64; 2];
+        for x in (0..nx).filter(|&x| counts(samples[x].to_f64())) {
             let out = !is_within(map.transform_point3(DVec3::new(x as f64, y, z)), to);
-            counts[usize::from(out)] += 1;
+            found[usize::from(out)] += 1;
         }
-        counts
+        found
     });
     let [within, out] = rows.reduce(|| [0; 2], |a, b| [a[0] + b[0], a[1] + b[1]]);
     if out == 0 { 0.0 } else { out as f64 / (within + out) as f64 }

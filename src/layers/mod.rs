@@ -1,5 +1,6 @@
-//! Layers: several media on one lattice, drawn together. Each layer has its own samples and look. Where layers overlap,
-//! extinctions add, and colours add weighted by extinction:
+//! Layers: several media on one lattice, drawn together. Each layer has its own samples and look. Media of other
+//! lattices are put onto the lattice of the picture first ([`Layer::on_lattice`]). Where layers overlap, extinctions
+//! add, and colours add weighted by extinction:
 //!
 //! ```text
 //! tau_j = sum over layers of tau        c_j tau_j = sum over layers of c tau
@@ -10,6 +11,7 @@
 mod labels;
 mod lattice;
 mod recognise;
+mod resample;
 mod shown;
 mod table;
 
@@ -18,7 +20,7 @@ use std::sync::Arc;
 
 pub use self::labels::{LabelChange, LabelCount, LabelSelection, Labels, count_labels};
 pub(crate) use self::labels::{Look, look_of};
-pub use self::lattice::{Fit, on_lattice};
+pub use self::lattice::{Fit, Lattice, on_lattice};
 pub use self::recognise::recognised;
 pub use self::table::Label;
 use crate::camera::clip::Clip;
@@ -48,8 +50,8 @@ pub struct LegendEntry {
 pub struct Layer {
     pub(crate) matter: Matter,
     pub(crate) mask: Option<Mask>,
-    /// Its line in a legend, unless it is a layer of labels.
-    named: Option<LegendEntry>,
+    /// Its lines in a legend, unless it is a layer of labels.
+    named: Vec<LegendEntry>,
 }
 
 /// Samples with their look.
@@ -95,7 +97,7 @@ pub(crate) struct Mask {
 
 impl Layer {
     fn new(matter: Matter) -> Self {
-        Self { matter, mask: None, named: None }
+        Self { matter, mask: None, named: Vec::new() }
     }
 
     /// Makes a layer of scalars that a transfer function classifies.
@@ -136,16 +138,18 @@ impl Layer {
         Ok(Self::new(Matter::Colors(Box::new(colors))))
     }
 
-    /// Returns the same layer with a line in [`Layers::legend`], such as for a channel. Labels have lines without it.
+    /// Returns the same layer with a further line in [`Layers::legend`], such as for a channel. Labels have lines
+    /// without it.
     #[must_use]
-    pub fn named(self, entry: LegendEntry) -> Self {
-        Self { named: Some(entry), ..self }
+    pub fn named(mut self, entry: LegendEntry) -> Self {
+        self.named.push(entry);
+        self
     }
 
-    /// Returns the line that [`Self::named`] set.
+    /// Returns the first line that [`Self::named`] added.
     #[must_use]
     pub fn entry(&self) -> Option<&LegendEntry> {
-        self.named.as_ref()
+        self.named.first()
     }
 
     /// Returns the same layer, visible only in the voxels whose label in `mask` is one of `which`. Reads `mask` once.
@@ -161,6 +165,56 @@ impl Layer {
             return Err(Error::setting("mask", "no voxel has such a label"));
         }
         Ok(Self { mask: Some(Mask { volume: mask.clone(), shown: shown.into() }), ..self })
+    }
+
+    /// Returns the same layer on a lattice, and how it was put there. A layer on other points is resampled: labels and
+    /// masks as [`on_lattice`] does, values by a cubic spline through the samples, before they are classified. A voxel
+    /// that spans several samples gets their mean. Opacities keep their slab. The layer is invisible outside of its
+    /// own lattice.
+    ///
+    /// # Errors
+    /// The errors of [`on_lattice`], with the name of the setting `name`; [`Error::Input`] if samples are not finite.
+    pub fn on_lattice(&self, of: &Lattice, name: &'static str) -> Result<(Self, Fit)> {
+        let mut layer = self.clone();
+        let Some(transfer) = self.transfer() else {
+            let (mut fit, mut all) = (Fit::Same, layer.volumes());
+            for volume in &mut all {
+                (**volume, fit) = lattice::put(volume, of, name, None)?;
+            }
+            return Ok((layer.with_mask_on(of, name)?, fit));
+        };
+        let hidden = invisible_value(transfer);
+        let values = lattice::Values { transfer, absent: hidden.unwrap_or_default() };
+        let mut fit = Fit::Same;
+        for volume in layer.volumes() {
+            volume.check_finite()?;
+            (*volume, fit) = lattice::put(volume, of, name, Some(values))?;
+        }
+        if matches!(fit, Fit::Interpolated { .. }) {
+            // Matter does not get denser in smaller voxels.
+            let unit = self.unit();
+            if let Matter::Scalars { transfer, .. } = &mut layer.matter {
+                *transfer = transfer.with_unit_distance(unit)?;
+            } else if let Matter::Colors(colors) = &mut layer.matter {
+                colors.transfer = colors.transfer.with_unit_distance(unit)?;
+            }
+        }
+        if hidden.is_none() && matches!(fit, Fit::Interpolated { .. }) {
+            // No value hides a voxel, so a mask does.
+            let own = *self.grid();
+            let inside = Volume::from_slice(own.dims(), [1.0; 3], &vec![1_u8; own.len() as usize])?.with_grid(own)?;
+            let inside = if self.volume().is_oriented() { inside.with_orientation_known() } else { inside };
+            let (volume, _) = lattice::put(&inside, of, name, None)?;
+            layer.mask = layer.mask.or(Some(Mask { volume, shown: [1].into() }));
+        }
+        Ok((layer.with_mask_on(of, name)?, fit))
+    }
+
+    fn with_mask_on(mut self, of: &Lattice, name: &'static str) -> Result<Self> {
+        if let Some(mask) = &mut self.mask {
+            mask.volume = lattice::put(&mask.volume, of, name, None)?.0;
+        }
+        Ok(self)
     }
 
     /// Returns the same layer with other samples, such as of another time point. `other` replaces each volume. Labels
@@ -233,9 +287,18 @@ impl Layer {
     }
 }
 
+/// A value without opacity, exact in f32; `None` if every value has some.
+fn invisible_value(transfer: &TransferFunction) -> Option<f64> {
+    let [low, high] = transfer.range();
+    let width = (high - low).abs().max(1.0);
+    let values = [0.0, low, high, low - width, high + width].into_iter();
+    let all = values.chain(transfer.points().iter().map(|point| point.value)).map(|value| f64::from(value as f32));
+    all.into_iter().find(|value| value.is_finite() && transfer.is_invisible([*value; 2]))
+}
+
 /// Refuses a volume on another lattice.
 fn check_lattice(name: &'static str, volume: &Volume, other: &Volume) -> Result<()> {
-    lattice::fit(other, volume).map(drop).map_err(|reason| Error::setting(name, reason))
+    lattice::fit(other, &Lattice::of(volume)).map(drop).map_err(|reason| Error::setting(name, reason))
 }
 
 impl Layers {
@@ -260,6 +323,15 @@ impl Layers {
         check_lattice("labels", self.layers[0].volume(), layer.volume())?;
         self.layers.push(layer);
         Ok(self)
+    }
+
+    /// Returns the layers on a lattice.
+    ///
+    /// # Errors
+    /// The errors of [`Layer::on_lattice`].
+    pub fn on_lattice(&self, of: &Lattice) -> Result<Self> {
+        let layers = self.layers.iter().map(|layer| Ok(layer.on_lattice(of, "overlay")?.0));
+        Ok(Self { layers: layers.collect::<Result<_>>()? })
     }
 
     /// Returns the voxels of a box of every layer, given by their numbers along x, y and z: the slice of a brick
@@ -339,7 +411,7 @@ impl Layers {
                         color: look.color.map(|channel| (255.0 * channel).round() as u8),
                     }));
                 }
-                _ => entries.extend(layer.named.clone()),
+                _ => entries.extend(layer.named.iter().cloned()),
             }
         }
         Ok(entries)
@@ -399,7 +471,7 @@ impl Layers {
             Settings { level: Level::At(1..), .. } => ("level", "over 0"),
             _ => return Ok(()),
         };
-        let reason = "labels, masks and channels are drawn voxel by voxel, pre-shaded";
+        let reason = "labels, masks, overlays and channels are drawn voxel by voxel, pre-shaded";
         Err(Error::setting(name, format!("{what}, and {reason}")))
     }
 }

@@ -363,6 +363,13 @@ impl Levels {
     }
 }
 
+/// The distance from 0 above which a statistic is more than noise, and the distance of the strongest ones; `None` if
+/// all values are the same. Noise is below `score` if the values are scores.
+pub(crate) fn significance(statistics: &Statistics, score: Option<f64>) -> Option<[f64; 2]> {
+    let Levels { significant, strongest, .. } = Levels::new(statistics, false, false)?;
+    Some([score.map_or(significant, |score| score.min(0.75 * strongest)), strongest])
+}
+
 /// The range of values of the foreground, up to its 99.5th percentile; `None` if all values are the same.
 pub(super) fn foreground(statistics: &Statistics) -> Option<[f64; 2]> {
     Levels::new(statistics, false, false).map(|levels| [levels.background, levels.high])

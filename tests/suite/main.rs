@@ -39,6 +39,7 @@ mod model {
     mod kinds;
     mod lattices;
     mod layers;
+    mod overlays;
     mod presets;
     mod projections;
     mod reconstruction;

@@ -78,6 +78,7 @@ const RULES: &[Rule] = &[
         ": a picture in bricks has no figure",
     ),
     refused("background", |given| given.is_for("plan"), " is for merge, which writes the picture"),
+    refused("overlay", |given| given.is_for("plan"), ": bricks are of one volume"),
     refused("adapter", |given| given.is_for("plan"), " is for brick, which draws"),
     refused(TILES, |given| given.is_for("plan"), ": bricks have a ray for each pixel"),
     // Figure.

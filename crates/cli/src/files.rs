@@ -127,9 +127,10 @@ impl Files {
     }
 }
 
-/// Returns the paths that a value may mean: labels, a data set or a name may stand behind the file.
+/// Returns the paths that a value may mean: labels, a data set, a name or a look may stand behind the file.
 fn readings(value: &OsStr) -> Vec<PathBuf> {
     let value = value.to_str().and_then(|text| text.strip_prefix(MAP)).map_or(value, OsStr::new);
-    let ends = value.to_str().into_iter().flat_map(|text| text.match_indices(['#', ':']).map(|(at, _)| &text[..at]));
+    let ends =
+        value.to_str().into_iter().flat_map(|text| text.match_indices(['#', ':', '@']).map(|(at, _)| &text[..at]));
     std::iter::once(PathBuf::from(value)).chain(ends.map(PathBuf::from)).collect()
 }

@@ -20,6 +20,8 @@ pub(crate) struct Fitted {
     pub(crate) material: Option<Material>,
     /// Whether there is none, because values are labels.
     pub(crate) labels: bool,
+    /// Whether the volume has the colour of the first channel.
+    pub(crate) is_channel: bool,
     /// Notes for the user.
     pub(crate) notes: Vec<String>,
 }
@@ -27,7 +29,7 @@ pub(crate) struct Fitted {
 impl Fitted {
     fn new(fitted: FittedTransfer, notes: Vec<String>) -> Self {
         let FittedTransfer { transfer, preset, material, labels, .. } = fitted;
-        Self { transfer, preset, material, labels, notes }
+        Self { transfer, preset, material, labels, is_channel: false, notes }
     }
 
     /// A clear transfer function, for layers that have their own.
@@ -42,10 +44,19 @@ pub(crate) fn transfer(
     requested: &TransferRequest,
     volume: &Volume,
     may_be_labels: bool,
+    overlays: usize,
     stages: &mut Stages,
 ) -> Result<Fitted, Failure> {
-    let statistics = || stages.time("statistics", || Ok(Statistics::of(volume)?));
+    let mut found = None;
+    let statistics = || stages.time("statistics", || Ok(found.insert(Statistics::of(volume)?).clone()));
     let fitted = requested.fit(source, volume, may_be_labels, statistics)?;
+    let (fitted, under) = match overlays {
+        0 => (fitted, None),
+        _ => {
+            let statistics = found.map_or_else(|| Statistics::of(volume), Ok)?;
+            fitted.under_overlays(requested, volume, &statistics, overlays)?
+        }
+    };
     let mut notes = match &requested.choice {
         TransferChoice::Given(imported) => notes_on(imported, &fitted.transfer, requested.window.is_some(), volume),
         TransferChoice::Preset(preset) if !fitted.values_matter => {
@@ -64,7 +75,8 @@ pub(crate) fn transfer(
         }
         other => format!("note: using {other}"),
     }));
-    Ok(Fitted::new(fitted, notes))
+    notes.extend(under.as_ref().map(|choice| format!("note: using {choice} (as it is: --transfer)")));
+    Ok(Fitted { is_channel: under == Some(Choice::Channel), ..Fitted::new(fitted, notes) })
 }
 
 /// Returns notes on what the file of a transfer function leaves open.

@@ -145,7 +145,7 @@ impl RenderJob {
         let transfer = transfer(&args.model)?;
         let alone = matches!(transfer.choice, TransferChoice::Labels);
         let layers = LayersJob::new(&args.layers, alone)?;
-        if legend && transfer.values() == Values::Transfer && !layers.has_labels() {
+        if legend && transfer.values() == Values::Transfer && !layers.has_labels() && layers.overlays.is_empty() {
             return refuse(NO_LEGEND);
         }
         if !layers.is_plain() {

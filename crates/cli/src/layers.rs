@@ -1,8 +1,8 @@
-//! Labels and masks beside the volume of a job.
+//! Labels, masks and overlays beside the volume of a job.
 
 use std::path::{Path, PathBuf};
 
-use voxsplat::appearance::LabelLooks;
+use voxsplat::appearance::{LabelLooks, Overlay, OverlaySpec, Overlays, PlacedOverlay, UsedColors};
 use voxsplat::error::{Error, Hint};
 use voxsplat::formats::{self, LoadOptions};
 use voxsplat::layers::{Fit, Label, LabelCount, LabelSelection, Layer, Layers, count_labels, on_lattice};
@@ -21,22 +21,25 @@ pub(crate) struct LayersJob {
     labels: Option<PathBuf>,
     looks: LabelLooks,
     mask: Option<(PathBuf, LabelSelection)>,
+    pub(crate) overlays: Vec<OverlaySpec>,
 }
 
 impl LayersJob {
     pub(crate) fn new(args: &LayerArgs, alone: bool) -> Result<Self, Failure> {
-        let LayerArgs { labels, label_table, label, mask } = args;
+        let LayerArgs { labels, label_table, label, mask, overlay } = args;
         if alone && labels.is_some() {
             let message = "--labels: the volume is one of labels itself, by --transfer labels; leave out either";
             return refuse(message);
         }
         let looks = LabelLooks::new(label_table.as_deref(), label)?;
-        Ok(Self { alone, labels: labels.clone(), looks, mask: mask.as_deref().map(masked).transpose()? })
+        let mask = mask.as_deref().map(masked).transpose()?;
+        let overlays = overlay.iter().map(|text| OverlaySpec::new(text)).collect::<Result<_, Error>>()?;
+        Ok(Self { alone, labels: labels.clone(), looks, mask, overlays })
     }
 
     /// Whether only the values of the volume are drawn.
     pub(crate) fn is_plain(&self) -> bool {
-        !self.has_labels() && self.mask.is_none()
+        !self.has_labels() && self.mask.is_none() && self.overlays.is_empty()
     }
 
     /// Whether labels are drawn.
@@ -136,13 +139,9 @@ pub(crate) fn placed(
                 let text = "using voxels of equal numbers because the files state no common space";
                 note = said(text.to_owned());
             }
-            Fit::Nearest { outside } => {
-                let by = volume.grid().dims().map(|d| d.to_string()).join(" x ");
-                let out = match 100.0 * outside {
-                    0.0 => "none".to_owned(),
-                    percent if percent < 0.1 => "under 0.1 %".to_owned(),
-                    percent => format!("{percent:.1} %"),
-                };
+            Fit::Nearest { outside } | Fit::Interpolated { outside } => {
+                let by = by(volume.grid().dims());
+                let out = share_in_words(outside);
                 note = said(format!(
                     "using the nearest label of each voxel because the lattice is another one ({by}); {out} of its \
                      labelled voxels lie outside of the volume"
@@ -153,6 +152,78 @@ pub(crate) fn placed(
     };
     let placed = volumes.into_iter().map(&mut on).collect::<Result<Vec<Volume>, Failure>>()?;
     Ok((placed, note))
+}
+
+/// The numbers of voxels of a lattice in words.
+fn by(dims: [u32; 3]) -> String {
+    dims.map(|d| d.to_string()).join(" x ")
+}
+
+/// A share in words.
+fn share_in_words(share: f64) -> String {
+    match 100.0 * share {
+        0.0 => "none".to_owned(),
+        percent if percent < 0.1 => "under 0.1 %".to_owned(),
+        percent => format!("{percent:.1} %"),
+    }
+}
+
+/// Loads the overlays of a job over a volume, in colours other than the ones of its channels.
+pub(crate) fn overlays(specs: &[OverlaySpec], base: &Volume, channels: usize) -> Result<Option<Overlays>, Failure> {
+    if specs.is_empty() {
+        return Ok(None);
+    }
+    let mut used = UsedColors::new(channels, specs.len());
+    let mut own = Vec::new();
+    for spec in specs {
+        own.push(Overlay::new(spec, spec.load()?, &mut used)?);
+    }
+    Ok(Some(Overlays::new(base, own)?))
+}
+
+/// Returns the notes on overlays over a volume.
+pub(crate) fn notes_on(overlays: &Overlays, base: &Volume) -> Vec<String> {
+    let dims = overlays.lattice.grid.dims();
+    let mut notes: Vec<String> = Vec::new();
+    for PlacedOverlay { look, dims: own, fit, outside, .. } in &overlays.all {
+        let said = |text: String| format!("note: --overlay {}: {text}", look.file.display());
+        if let Some(reason) = &look.reason {
+            notes
+                .push(format!("note: using --overlay {look} because {reason} (other: --overlay FILE:TRANSFER@LO..HI)"));
+        }
+        let out = share_in_words(*outside);
+        match fit {
+            Fit::Same => {}
+            Fit::Unplaced => {
+                notes.push(said("using voxels of equal numbers because the files state no common space".to_owned()))
+            }
+            Fit::Nearest { .. } => notes.push(said(format!(
+                "using the nearest label of each voxel because the lattice is another one ({}); {out} of its labelled \
+                 voxels lie outside of the volume",
+                by(*own)
+            ))),
+            Fit::Interpolated { .. } => notes.push(said(format!(
+                "using interpolated values because the lattice is another one ({}); {out} of its visible voxels lie \
+                 outside of the volume",
+                by(*own)
+            ))),
+        }
+    }
+    if overlays.lattice.grid != *base.grid() {
+        notes.push(format!(
+            "note: using a lattice of {} with the voxels of the finest overlay; the values of the volume are \
+             interpolated",
+            by(dims)
+        ));
+    }
+    if let Some(samples) = overlays.refused {
+        notes.push(format!(
+            "note: using the lattice of the volume because the one of the finest overlay would have {} million voxels; \
+             the overlay is averaged",
+            (samples / 1e6).round()
+        ));
+    }
+    notes
 }
 
 /// The labels of a volume as `info` lists them.

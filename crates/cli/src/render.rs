@@ -2,6 +2,7 @@
 
 use serde::Serialize;
 use voxsplat::accuracy::{Estimate, Truth};
+use voxsplat::appearance::PlacedOverlay;
 use voxsplat::camera::Camera;
 use voxsplat::clip::Clip;
 use voxsplat::demos;
@@ -26,6 +27,8 @@ struct ReferenceStats {
     clip: Clip,
     size: [u32; 2],
     voxels: u64,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    overlays: Vec<PlacedOverlay>,
     stages: Vec<StageTime>,
 }
 
@@ -59,7 +62,8 @@ pub(crate) fn run(jobs: Vec<RenderJob>) -> Result<(), Failure> {
         if let Some(scene) = &job.output.scene {
             scene.save(&job.source, &job.transfer.choice, &fitted)?;
         }
-        report(&job, &layers, picture, stages)?;
+        let overlays = session.overlays.as_ref().map(|overlays| overlays.all.clone());
+        report(&job, &layers, overlays.unwrap_or_default(), picture, stages)?;
     }
     if built_in {
         output::say("note: this volume is built in; try next: voxsplat render FILE -o picture.png");
@@ -68,7 +72,13 @@ pub(crate) fn run(jobs: Vec<RenderJob>) -> Result<(), Failure> {
 }
 
 /// Prints the requested statistics of a finished picture, and holds it to its bound.
-fn report(job: &RenderJob, layers: &Layers, picture: Drawing, stages: Stages) -> Result<(), Failure> {
+fn report(
+    job: &RenderJob,
+    layers: &Layers,
+    overlays: Vec<PlacedOverlay>,
+    picture: Drawing,
+    stages: Stages,
+) -> Result<(), Failure> {
     let Drawing { image, camera, settings, estimate, stats, .. } = picture;
     let Some(mut stats) = stats else {
         let stats = ReferenceStats {
@@ -76,6 +86,7 @@ fn report(job: &RenderJob, layers: &Layers, picture: Drawing, stages: Stages) ->
             clip: settings.clip,
             size: job.size,
             voxels: layers.grid().len(),
+            overlays,
             stages: stages.0,
         };
         return print_stats(job.output.stats, &stats, |stats| {
@@ -95,7 +106,7 @@ fn report(job: &RenderJob, layers: &Layers, picture: Drawing, stages: Stages) ->
     stats.stages.extend(after);
     let verified = job.accuracy.verify.then(|| verify(&image, layers, &camera, &settings, job)).transpose()?;
     let broken = verified.filter(|verified| job.accuracy.max_error.is_some_and(|bound| verified.interval[0] > bound));
-    print_stats(job.output.stats, &RenderStats { stats, estimate, verified }, RenderStats::to_text)?;
+    print_stats(job.output.stats, &RenderStats { stats, overlays, estimate, verified }, RenderStats::to_text)?;
     match (broken, job.accuracy.max_error) {
         (Some(verified), Some(bound)) => fail(format!("--max-error {bound} is exceeded: {}", in_words(&verified))),
         _ => Ok(()),
@@ -107,6 +118,8 @@ fn report(job: &RenderJob, layers: &Layers, picture: Drawing, stages: Stages) ->
 struct RenderStats {
     #[serde(flatten)]
     stats: Stats,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    overlays: Vec<PlacedOverlay>,
     /// By the pixels that chose the settings.
     #[serde(skip_serializing_if = "Option::is_none")]
     estimate: Option<Estimate>,
@@ -120,7 +133,9 @@ impl RenderStats {
         let line = |name: &str, estimate: &Option<Estimate>| {
             estimate.map(|estimate| format!("{name:<12} {}\n", in_words(&estimate))).unwrap_or_default()
         };
-        format!("{}{}{}", self.stats, line("estimated", &self.estimate), line("verified", &self.verified))
+        let overlays: String = self.overlays.iter().map(|overlay| format!("overlay      {}\n", overlay.look)).collect();
+        let [estimated, verified] = [line("estimated", &self.estimate), line("verified", &self.verified)];
+        format!("{}{overlays}{estimated}{verified}", self.stats)
     }
 }
 

@@ -29,7 +29,7 @@ const MAX_BYTES: u64 = 16 << 20;
 const OUTPUTS: &str = "outputs";
 
 /// Options, besides the input's, that pictures of one volume and one device share.
-const SHARED: [&str; 4] = ["adapter", "reference", "units", "save-scene"];
+const SHARED: [&str; 5] = ["adapter", "reference", "units", "save-scene", "overlay"];
 /// The option whose values of a scene and of the command line are joined: later pairs win.
 const TUNE: &str = "tune";
 

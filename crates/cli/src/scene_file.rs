@@ -4,7 +4,7 @@ use std::ffi::{OsStr, OsString};
 use std::path::{Component, Path, PathBuf};
 
 use serde_json::Value;
-use voxsplat::appearance::{LABELS, TransferChoice};
+use voxsplat::appearance::{LABELS, OverlaySpec, TransferChoice};
 use voxsplat::image::{check_writable, write_file};
 use voxsplat::transfer::TransferFunction;
 
@@ -24,6 +24,8 @@ pub(crate) const OF_TRANSFER: [&str; 3] = ["transfer", "window", "gradient-opaci
 
 /// Options that name files, which may have labels or a colour behind them.
 const OF_FILES: [&str; 5] = ["labels", "label-table", "mask", "mesh", "depth"];
+/// The option that names files with looks behind them.
+const OVERLAY: &str = "overlay";
 
 /// A scene to be written when its picture is done.
 #[derive(Debug, Clone)]
@@ -72,7 +74,8 @@ impl SceneFile {
         };
         for (name, values) in self.options.iter().filter(|(name, _)| kept(name)) {
             let placed = |value: &OsString| match OF_FILES.contains(&name.as_str()) {
-                true => moved(folder, value),
+                true => moved(folder, layers::parted(Path::new(value))),
+                false if name == OVERLAY => moved(folder, OverlaySpec::parted(Path::new(value))),
                 false => Ok(text(value)?.to_owned()),
             };
             let values = values.iter().map(|value| Ok(literal(&placed(value)?)));
@@ -102,11 +105,10 @@ fn literal(text: &str) -> Value {
     }
 }
 
-/// Returns the name of a file, maybe with labels behind it, relative to a folder.
-fn moved(folder: &Path, value: &OsStr) -> Result<String, Failure> {
-    let (file, labels) = layers::parted(Path::new(value));
+/// Returns the name of a file relative to a folder, with the text behind it.
+fn moved(folder: &Path, (file, behind): (PathBuf, &str)) -> Result<String, Failure> {
     let file = relative(folder, &file);
-    Ok(text(file.as_os_str())?.to_owned() + labels)
+    Ok(text(file.as_os_str())?.to_owned() + behind)
 }
 
 fn text(value: &OsStr) -> Result<&str, Failure> {

@@ -4,7 +4,8 @@ use std::path::{Path, PathBuf};
 
 use voxsplat::accuracy::Estimate;
 use voxsplat::appearance::{
-    Choice, ChoiceContext, ClipSpec, Frame, Loaded, TransferChoice, load_channels, place_studio,
+    Choice, ChoiceContext, ClipSpec, Frame, Loaded, Overlays, PlacedOverlay, TransferChoice, load_channels,
+    place_studio,
 };
 use voxsplat::camera::{Camera, Hull, View};
 use voxsplat::clip::Clip;
@@ -19,7 +20,7 @@ use voxsplat::settings::{Model, Settings};
 use voxsplat::solids::Solids;
 use voxsplat::stats::Stats;
 use voxsplat::transfer::TransferFunction;
-use voxsplat::volume::{Contents, Volume};
+use voxsplat::volume::{Contents, Units, Volume};
 use voxsplat_volume::names::readable;
 
 use super::draw::{Prepared, draw, in_words, notes, with_units};
@@ -51,6 +52,8 @@ pub(crate) struct Session {
     labels: Vec<(PathBuf, Vec<Volume>)>,
     /// Meshes of the last job.
     solids: HeldSolids,
+    /// Overlays on the lattice of the pictures.
+    pub(crate) overlays: Option<Overlays>,
     /// The last legend.
     legend: Held<(Layers, Clip), Vec<LegendEntry>>,
     /// The least and the largest value of the first volume, once a colour bar needs them.
@@ -151,12 +154,17 @@ impl Session {
                     let channels: Vec<String> = channels.iter().map(|look| format!("--channel {look}")).collect();
                     fitted.notes.push(format!("note: using {} (draw one: --channel N)", channels.join(", ")));
                 }
-                Ok::<_, Failure>((volume, layers, labels, fitted))
+                let colors = channels.len().max(usize::from(fitted.is_channel));
+                let overlays = stages.time("overlays", || layers::overlays(&job.layers.overlays, &volume, colors))?;
+                if let Some(overlays) = &overlays {
+                    fitted.notes.extend(layers::notes_on(overlays, &volume));
+                }
+                Ok::<_, Failure>((volume, layers, labels, overlays, fitted))
             };
             (read(), device.map(|thread| thread.join()))
         });
         drop(progress);
-        let (volume, channels, more, fitted) = read?;
+        let (volume, channels, more, overlays, fitted) = read?;
         say_choice(&volume, &job.load);
         stages.append(opening);
         let opened = opened.map(|opened| opened.unwrap_or_else(|panic| std::panic::resume_unwind(panic)));
@@ -171,6 +179,7 @@ impl Session {
             more,
             labels: Vec::new(),
             solids: HeldSolids::default(),
+            overlays,
             legend: None,
             values: None,
             said: Vec::new(),
@@ -196,7 +205,8 @@ impl Session {
             let message = "--colour-bar and --save-transfer are for one transfer function, not for several channels";
             return refuse(message);
         }
-        if job.figure.legend && !has_labels && self.channels.iter().all(|layer| layer.entry().is_none()) {
+        let has_names = self.overlays.is_some() || self.channels.iter().any(|layer| layer.entry().is_some());
+        if job.figure.legend && !has_labels && !has_names {
             return refuse(NO_LEGEND);
         }
         fitted.notes.iter().for_each(|note| self.say(note.clone()));
@@ -216,6 +226,7 @@ impl Session {
             material: fitted.material,
             channels: self.channels.iter().any(|layer| layer.entry().is_some()),
             labels: has_labels,
+            overlays: self.overlays.is_some(),
             plain: job.layers.is_plain(),
         };
         let choices = context.make_choices(job.choices.open, &mut job.view, &mut job.settings)?;
@@ -307,7 +318,11 @@ impl Session {
             ([], false) => vec![Layer::scalars(&self.volume, transfer)],
             (channels, false) => channels.to_vec(),
         };
-        stages.time("labels", || job.layers.over(base, read))
+        let layers = stages.time("labels", || job.layers.over(base, read))?;
+        match &self.overlays {
+            Some(overlays) => Ok(overlays.over(layers)?),
+            None => Ok(layers),
+        }
     }
 
     /// Makes the camera of a job.
@@ -330,11 +345,12 @@ impl Session {
         let around = around.map(|hull| self.solids.around(hull));
         let figure = self.figure(job, layers)?;
         let values = self.values(&figure)?;
+        let transfer = self.bar().and_then(|overlay| overlay.transfer.as_ref()).unwrap_or(transfer);
         let reserved = if job.choices.space { figure.reserved(job.size, transfer, values)? } else { job.view.reserved };
         if reserved != job.view.reserved {
             self.say(note_on_space(&figure));
         }
-        Ok(Camera::new(&View { around, reserved, ..job.view.clone() }, self.volume.grid(), job.size)?)
+        Ok(Camera::new(&View { around, reserved, ..job.view.clone() }, layers.grid(), job.size)?)
     }
 
     /// Makes the picture of a job.
@@ -369,8 +385,14 @@ impl Session {
         };
         let estimated = estimate.map(|e| Note { name: "Estimated error", text: in_words(&e) });
         let notes = notes(&settings, &figure, estimated);
-        let volume = &with_units(&self.volume, &job.figure.units);
-        let shown = Shown { volume, transfer, values, camera: &camera, model: job.settings.model };
+        let mut volume = with_units(&self.volume, &job.figure.units);
+        let mut transfer = transfer;
+        if let Some(PlacedOverlay { transfer: Some(own), volume: of, .. }) = self.bar() {
+            let Units { length, value } = volume.units().clone();
+            let value = if job.figure.units.value.is_some() { value } else { of.units().value.clone() };
+            (transfer, volume) = (own, volume.with_units(Units { length, value }));
+        }
+        let shown = Shown { volume: &volume, transfer, values, camera: &camera, model: job.settings.model };
         let draw = || figure.draw_region(&image, job.region, job.output.background, &shown);
         let drawn = if figure.is_empty() { None } else { Some(stages.time("figure", draw)?) };
         Ok(Drawing { image, drawn, camera, settings, notes, estimate, stats, solids })
@@ -405,10 +427,15 @@ impl Session {
         })
     }
 
+    /// Returns the overlay whose values a colour bar shows: the first one with values.
+    fn bar(&self) -> Option<&PlacedOverlay> {
+        self.overlays.as_ref()?.all.iter().find(|overlay| overlay.transfer.is_some())
+    }
+
     /// Returns the range of values for the colour bar of a figure, of the first time point for all.
     fn values(&mut self, figure: &Figure) -> Result<Option<[f64; 2]>, Failure> {
         if figure.color_bar && self.values.is_none() {
-            self.values = Some(self.volume.value_range()?);
+            self.values = Some(self.bar().map_or(&self.volume, |overlay| &overlay.volume).value_range()?);
         }
         Ok(self.values)
     }
@@ -434,7 +461,7 @@ fn fitted(job: &RenderJob, volume: &Volume, channels: &[Layer], stages: &mut Sta
     if !channels.is_empty() {
         return Fitted::clear();
     }
-    transfer(&job.source, &job.transfer, volume, may_be_labels(job), stages)
+    transfer(&job.source, &job.transfer, volume, may_be_labels(job), job.layers.overlays.len(), stages)
 }
 
 /// Whether a job leaves the meaning of values open, and requests nothing that labels lack.

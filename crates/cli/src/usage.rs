@@ -13,7 +13,7 @@ use super::tune;
 
 /// Words of other programs and of earlier versions, each row with the option of this program: VTK and ParaView, 3D
 /// Slicer, niivue, MRIcroGL, napari, Blender, ffmpeg and ImageMagick. A command without the option gives no tip.
-const FOREIGN: [&str; 33] = [
+const FOREIGN: [&str; 34] = [
     "preset tf transfer-function opacity-transfer-function lut opacity color-transfer-function: \
      --transfer PRESET or FILE",
     "colour-map color-map colormap colourmap cmap palette clut color-preset colorscale colors: --transfer map:NAME",
@@ -49,7 +49,8 @@ const FOREIGN: [&str; 33] = [
     "sample-distance step step-size samples quality lod: --max-error E sets the accuracy",
     "interpolation interpolate filter smooth linear: --kernel and --sharpness reconstruct",
     "fps framerate frame-rate r: --rate N, frames a second",
-    "overlay segmentation seg atlas labelmap label-map: --labels FILE, --mask FILE",
+    "stat-map statmap activation fusion zmap layer: --overlay FILE[:TRANSFER][@LO..HI]",
+    "segmentation seg atlas labelmap label-map: --labels FILE, --mask FILE",
     "colorbar scalar-bar scalarbar show-colorbar: --colour-bar",
 ];
 

@@ -131,9 +131,9 @@ pub(crate) struct ModelArgs {
     pub(crate) tune: Vec<TuneArg>,
 }
 
-/// Labels, and a mask.
+/// Labels, a mask and overlays.
 #[derive(Debug, clap::Args)]
-#[command(next_help_heading = "Labels")]
+#[command(next_help_heading = "Labels and overlays")]
 pub(crate) struct LayerArgs {
     /// Draw the labels of another volume too
     ///
@@ -156,4 +156,15 @@ pub(crate) struct LayerArgs {
     /// the nearest voxel counts
     #[arg(long, value_name = "FILE[:LABELS]")]
     pub(crate) mask: Option<PathBuf>,
+    /// Draw another volume over the volume, such as an activation map over a brain or PET over CT; repeat the option
+    /// for more
+    ///
+    /// Each file lies in its own place and lattice: the finest one is drawn, and values are interpolated onto it.
+    /// TRANSFER is two-sided (values over LO hot, under -LO cold), hot, a colour, labels or what --transfer takes; HI
+    /// has the brightest colour. Without --transfer the volume below is grey and translucent.
+    ///
+    /// [default: two-sided for statistics, hot for PET and other positive maps, labels for segmentations, otherwise a
+    /// colour for each]
+    #[arg(long, value_name = "FILE[:TRANSFER][@LO..HI]")]
+    pub(crate) overlay: Vec<PathBuf>,
 }

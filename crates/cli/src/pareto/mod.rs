@@ -147,7 +147,7 @@ pub(crate) fn run(args: &ParetoArgs, line: (&Command, &ArgMatches)) -> Result<()
         let _progress = Progress::spinner("reading");
         let volume = formats::load(&args.input.source, &load)?;
         say_choice(&volume, &load);
-        let fitted = transfer(&args.input.source, &requested, &volume, false, &mut Stages::default())?;
+        let fitted = transfer(&args.input.source, &requested, &volume, false, 0, &mut Stages::default())?;
         fitted.notes.iter().for_each(|note| output::say(note));
         (with_units(&volume, &units), fitted.transfer)
     };

@@ -981,7 +981,7 @@ fn a_turntable_goes_through_points_in_time() {
         let line = format!("{name} --size 8 --time 0 --frame volume --azimuth 0 --elevation 0 -o a.png");
         String::from_utf8(rendered(dir.path(), &line).stderr).unwrap()
     };
-    assert!(channels("five.nrrd").contains("--channel 0:#00ff00"));
+    assert!(channels("five.nrrd").contains("--channel 0:#26e64d"));
 }
 
 #[test]

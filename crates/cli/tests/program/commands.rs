@@ -128,10 +128,15 @@ fn lay_out(dir: &Path) {
     fs::create_dir(dir.join("ct")).unwrap();
     (0..8).for_each(|n| fs::write(dir.join(format!("ct/{n}.dcm")), slice(1, n)).unwrap());
     fs::copy(volume_file("seg-binary.dcm"), dir.join("seg.dcm")).unwrap();
+    let mesh = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/meshes/binary.ply");
+    for name in ["contacts.ply", "lead.stl"] {
+        fs::copy(&mesh, dir.join(name)).unwrap();
+    }
     run(
         dir,
         &["render", "demo:sphere:16", "-o", "other.exr", "--size", "128", "--adapter", &adapter()].map(str::to_owned),
     );
+    fs::copy(dir.join("other.exr"), dir.join("blender.exr")).unwrap();
 }
 
 fn run(dir: &Path, arguments: &[String]) {

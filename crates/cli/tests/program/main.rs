@@ -17,6 +17,7 @@ mod bricks;
 mod cli;
 mod commands;
 mod hostile;
+mod overlays;
 mod scenes;
 mod segmentations;
 mod solids;
