@@ -121,6 +121,9 @@ fn lay_out(dir: &Path) {
         gzip.write_all(&samples).unwrap();
         fs::write(dir.join(name), gzip.finish().unwrap()).unwrap();
     }
+    for name in ["t1", "zmap", "atlas", "ct", "pet"] {
+        fs::copy(dir.join("head.nii.gz"), dir.join(format!("{name}.nii.gz"))).unwrap();
+    }
     let key_frames = r#"[{"frame": 0, "azimuth": 0, "elevation": 10, "zoom": 1}, {"frame": 7, "azimuth": 90}]"#;
     fs::write(dir.join("path.json"), key_frames).unwrap();
     let presets = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/transfer/presets.xml");
