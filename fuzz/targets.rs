@@ -197,8 +197,8 @@ impl Place {
     /// A mesh, whose triangles have vertices with finite places.
     fn mesh(&self, name: &str, bytes: &[u8]) -> bool {
         accepted(load_mesh(self.written(name, bytes))).is_some_and(|mesh| {
-            let places = mesh.triangles.iter().flatten().map(|&vertex| mesh.place(vertex));
-            assert!(places.fold(true, |finite, place| finite && place.is_finite()));
+            let mut places = mesh.triangles.iter().flatten().map(|&vertex| mesh.place(vertex));
+            assert!(places.all(|place| place.is_finite()));
             true
         })
     }
