@@ -65,7 +65,7 @@ pub fn load(path: impl AsRef<Path>) -> Result<Mesh> {
         vtp(path)?
     } else if extension == "obj" {
         obj::read(path, &bytes)?
-    } else if stl::is_stl(&bytes) {
+    } else if extension == "stl" && bytes.len() >= stl::BEFORE || stl::is_stl(&bytes) {
         stl::read(path, &bytes)?
     } else {
         refuse!(path, "is no mesh: expected a PLY, STL, OBJ or VTP file");

@@ -8,7 +8,7 @@ use crate::error::{Result, Subject, refuse, refuse_if};
 
 /// Bytes before the number of triangles, and before the first triangle.
 const HEADER: usize = 80;
-const BEFORE: usize = 84;
+pub(super) const BEFORE: usize = 84;
 /// Bytes of a triangle: a normal, three places, and two bytes of no meaning.
 const TRIANGLE: usize = 50;
 
@@ -17,15 +17,19 @@ fn stated(bytes: &[u8]) -> Option<usize> {
     bytes.get(HEADER..)?.first_chunk().map(|count| u32::from_le_bytes(*count) as usize)
 }
 
+/// Whether a file has the length that a binary file of its triangles has.
+fn is_whole(bytes: &[u8]) -> bool {
+    stated(bytes).is_some_and(|count| bytes.len() == BEFORE + TRIANGLE * count)
+}
+
 fn is_text(bytes: &[u8]) -> bool {
-    // Binary files may begin like text, but have the length that they state.
-    let is_whole = stated(bytes).is_some_and(|count| bytes.len() == BEFORE + TRIANGLE * count);
-    !is_whole && bytes.starts_with(b"solid") && !bytes[..bytes.len().min(HEADER)].contains(&0)
+    // Binary files may begin like text.
+    !is_whole(bytes) && bytes.starts_with(b"solid") && !bytes[..bytes.len().min(HEADER)].contains(&0)
 }
 
 /// Whether the bytes can be an STL file.
 pub(super) fn is_stl(bytes: &[u8]) -> bool {
-    is_text(bytes) || bytes.len() >= BEFORE
+    is_text(bytes) || is_whole(bytes)
 }
 
 pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Mesh> {
@@ -48,7 +52,7 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Mesh> {
     } else {
         let count = stated(bytes).unwrap_or_default();
         let Some(triangles) = count.checked_mul(TRIANGLE).and_then(|size| bytes[BEFORE..].get(..size)) else {
-            refuse!(path, "is cut short, or is no STL: {count} triangles need {} bytes", BEFORE + TRIANGLE * count);
+            refuse!(path, "is cut short, or is no STL: {count} triangles need {} bytes", 84 + 50 * count as u64);
         };
         mesh.space = Space::of_comment(&String::from_utf8_lossy(&bytes[..HEADER]));
         let number = |bytes: &[u8]| bytes.first_chunk().map_or(0.0, |bytes| f32::from_le_bytes(*bytes));
