@@ -8,6 +8,7 @@ use voxsplat::kernel::Kernel;
 use voxsplat::lighting::{Light, Lighting};
 use voxsplat::settings::{Level, Model, Painter, Resolution, Settings, Shading};
 use voxsplat::solids::{Mesh, Solid, Solids};
+use voxsplat::volume::Grid;
 
 use crate::support::{PROJECTIONS, camera, demo, full, new_renderer, prepare_on, with_quads, with_tiles};
 use crate::truth::truth;
@@ -60,18 +61,22 @@ fn settings() -> Vec<(&'static str, Settings)> {
 
 #[test]
 fn matter_behind_a_plane_is_cut_in_its_pixels_alone() {
-    let (volume, transfer) = demo("vessels", 24);
-    let center = volume.grid().center();
     let renderer = new_renderer();
+    // Thin matter in voxels ten times as long along z.
+    let (long, thin) = demo("sphere", 24);
+    let long = long.with_grid(Grid::axis_parallel([24; 3], [1.0, 1.0, 10.0]).unwrap()).unwrap();
+    let scenes = [demo("vessels", 24), (long, thin)];
     let normal = DVec3::new(0.3, 0.9, -0.2).normalize();
-    for projection in PROJECTIONS {
-        let seen = camera(30.0, projection, &volume, 48);
+    let all = PROJECTIONS.into_iter().flat_map(|projection| scenes.iter().map(move |scene| (projection, scene)));
+    for (projection, (volume, transfer)) in all {
+        let center = volume.grid().center();
+        let seen = camera(30.0, projection, volume, 48);
         let solids = depths_of_plane(&seen, center, normal, 24..48);
         // The side of the eye is kept.
         let towards = if seen.forward.dot(normal) > 0.0 { -normal } else { normal };
         let clip = Clip::new(vec![Plane::through(center, towards).unwrap()]).unwrap();
         for (name, settings) in settings() {
-            let scene = prepare_on(&renderer, &volume, &transfer, &settings).unwrap();
+            let scene = prepare_on(&renderer, volume, transfer, &settings).unwrap();
             let cut = renderer.render_before(&scene, &seen, &settings, whole(&seen), &solids).unwrap();
             // Each pixel has a ray of its own.
             let full = match settings.painter {
@@ -81,18 +86,19 @@ fn matter_behind_a_plane_is_cut_in_its_pixels_alone() {
             let uncut = renderer.render(&scene, &seen, &full).unwrap().image;
             let clipped = Settings { clip: clip.clone(), ..full };
             let by_clip = renderer.render(&scene, &seen, &clipped).unwrap().image;
-            let at = format!("{projection:?} {name} {:?}", settings.painter);
+            let at = format!("{projection:?} {name} {:?} {:?}", volume.grid().spacing(), settings.painter);
             let outside = largest(&cut.image, &uncut, |x| x < 24);
             assert!(outside <= 1e-6, "{at}: {outside:e} beside the solid");
             let inside = largest(&cut.image, &by_clip, |x| x >= 24);
-            assert!(inside <= 2e-5, "{at}: {inside:e} before the solid");
+            // The places of cuts are rounded otherwise: measured up to 2.2e-5.
+            assert!(inside <= 4e-5, "{at}: {inside:e} before the solid");
             let changed = largest(&cut.image, &uncut, |x| x >= 24);
             // The mean shows little of this transfer function.
             assert!(changed > 2e-2 || settings.model == Model::Average, "{at}: {changed:e} is cut");
             // The truth, whose error is that of a picture with a clipping plane.
-            let expected = truth(&volume, &transfer, &seen, &clipped);
+            let expected = truth(volume, transfer, &seen, &clipped);
             let [error, usual] = [&cut.image, &by_clip].map(|image| largest(image, &expected, |x| x >= 24));
-            assert!(error <= usual + 2e-5, "{at}: {error:e}, a clipping plane {usual:e}");
+            assert!(error <= usual + 4e-5, "{at}: {error:e}, a clipping plane {usual:e}");
         }
     }
 }
