@@ -283,7 +283,7 @@ impl Renderer {
     /// Matter behind `solids` does not count.
     ///
     /// # Errors
-    /// Like [`Self::render_before`], and [`Error::Setting`] if the model is not the composite.
+    /// Like [`Self::render_before`], and [`Error::Setting`] if there are none ([`Settings::has_depths`]).
     pub fn depths(
         &self,
         scene: &Scene,
@@ -292,9 +292,9 @@ impl Renderer {
         region: Region,
         solids: Option<&DepthMap>,
     ) -> Result<DepthMap> {
-        if settings.model != Model::Composite {
-            let reason = format!("{}: only the composite model has depths", settings.model.name());
-            return Err(Error::setting("model", reason));
+        if !settings.has_depths() {
+            let reason = "only the composite model has depths, and not in sheets along an axis";
+            return Err(Error::setting("model", format!("{}: {reason}", settings.model.name())));
         }
         let shot = Shot { camera, settings, wanted: region, depths: Depths { solids, halves: true } };
         let Rendered { image, .. } = self.shot(scene, shot)?;

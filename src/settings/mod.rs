@@ -383,6 +383,13 @@ impl Settings {
         }
     }
 
+    /// Returns whether pictures have depths ([`Renderer::depths`](crate::renderer::Renderer::depths)): those of the
+    /// composite model, unless sheets lie along an axis of the lattice, where a sheet has no single depth.
+    #[must_use]
+    pub fn has_depths(&self) -> bool {
+        self.model == Model::Composite && self.quads().sheets == Sheets::Image
+    }
+
     /// RESPONSE and `curve` in shaders/common/response.wgsl.
     pub(crate) fn xray_response(&self) -> (u32, [f32; 4]) {
         if self.model == Model::Xray { self.response.for_shaders() } else { (0, [0.0; 4]) }

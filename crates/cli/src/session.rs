@@ -408,7 +408,7 @@ impl Session {
         stages: &mut Stages,
     ) -> Result<Option<DepthMap>, Failure> {
         let Some(renderer) = &self.renderer else { return Ok(None) };
-        if !job.output.picture.keeps_values() || picture.settings.model != Model::Composite {
+        if !job.output.picture.keeps_values() || !picture.settings.has_depths() {
             return Ok(None);
         }
         let Drawing { camera, settings, solids, .. } = picture;

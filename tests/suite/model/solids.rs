@@ -6,7 +6,7 @@ use voxsplat::clip::{Clip, Plane};
 use voxsplat::image::{DepthMap, Image, Region};
 use voxsplat::kernel::Kernel;
 use voxsplat::lighting::{Light, Lighting};
-use voxsplat::settings::{Level, Model, Painter, Resolution, Settings, Shading};
+use voxsplat::settings::{Level, Model, Painter, Resolution, Settings, Shading, Sheets};
 use voxsplat::solids::{Mesh, Solid, Solids};
 use voxsplat::volume::Grid;
 
@@ -170,4 +170,21 @@ fn a_plane_half_through_a_ball_changes_only_pixels_behind_it() {
         assert!(error < 1e-3, "{projection:?}: {error:e}");
         assert!(largest(&picture, &without, |x| x >= 32) > 0.1, "{projection:?}: the plane does not show");
     }
+}
+
+#[test]
+fn pictures_without_depths_are_refused() {
+    let renderer = new_renderer();
+    let (volume, transfer) = demo("sphere", 12);
+    let seen = camera(30.0, PROJECTIONS[0], &volume, 16);
+    let axis = with_quads(&Settings::default(), |quads| quads.sheets = Sheets::Axis);
+    for settings in [Settings { model: Model::Xray, ..Settings::default() }, axis] {
+        let scene = prepare_on(&renderer, &volume, &transfer, &settings).unwrap();
+        let error = renderer.depths(&scene, &seen, &settings, whole(&seen), None).unwrap_err().to_string();
+        assert!(error.contains("has depths"), "{error}");
+    }
+    let scene = prepare_on(&renderer, &volume, &transfer, &Settings::default()).unwrap();
+    let small = DepthMap::new(2, 2, vec![1.0; 4]).unwrap();
+    let error = renderer.render_before(&scene, &seen, &Settings::default(), whole(&seen), &small).unwrap_err();
+    assert!(error.to_string().contains("2 x 2 pixels, expected 16 x 16"), "{error}");
 }
