@@ -44,9 +44,9 @@ pub(crate) struct RenderArgs {
 
     /// Picture to write: .png, .exr, or - for a PNG on standard output
     ///
-    /// A .png has 8 bits per channel, an .exr 32-bit floats with premultiplied alpha. An .exr of the composite model
-    /// also has a channel Z: the depth at which a ray has lost half of its light, as --depth reads it. Required, unless
-    /// a scene has outputs of its own.
+    /// A .png has 8 bits per channel, an .exr 32-bit floats with premultiplied alpha. render also writes a channel Z
+    /// into an .exr of the composite model: the depth at which a ray has lost half of its light, as --depth reads it.
+    /// Required, unless a scene has outputs of its own.
     #[arg(short, long, value_name = "FILE", help_heading = "Output")]
     pub(crate) output: Option<PathBuf>,
     /// Width and height in pixels, or one number for both; 1 to 32768
