@@ -197,7 +197,7 @@ fn with_sheet(
     var result = pixel;
     if LIGHTS == 0u {
         march_part(&result, m, part, last, SAMPLES, ray, Surface(no_shine(), 1.0));
-        return result;
+        return behind_sheet(pixel, result, part, z);
     }
     // Half by half, each lit by the gradient in its middle, on the line through the means beside the sheet. A sheet
     // without a gradient is not lit, whatever its neighbours.
@@ -217,23 +217,13 @@ fn with_sheet(
         let surface = surface_of(gradient + quarter, m.y, ray, z + 0.75 * frame.sheet_step);
         march_part(&result, m, rear, middle, half_samples(), ray, surface);
     }
-    return result;
+    return behind_sheet(pixel, result, part, z);
 }
 
-// `with_sheet`, with half depths in place of colours in a picture of depths.
-fn with_sheet_or_depth(
-    pixel: vec4f,
-    before: f32,
-    means: vec3f,
-    at: vec2u,
-    sheet: i32,
-    ray: PixelRay,
-    z: f32,
-) -> vec4f {
-    let result = with_sheet(pixel, before, means, at, sheet, ray, z);
+// A pixel behind a sheet: `result`, or in a picture of depths its half depth in place of colours.
+fn behind_sheet(pixel: vec4f, result: vec4f, part: vec2f, z: f32) -> vec4f {
     if HALF_DEPTH {
-        let ends = z + (part_of_sheet(ray, z) + 0.5) * frame.sheet_step;
-        let depths = frame.solid_depth.x * ends + frame.solid_depth.y;
+        let depths = frame.solid_depth.x * (z + (part + 0.5) * frame.sheet_step) + frame.solid_depth.y;
         return vec4f(half_depth(pixel.rgb, pixel.a, result.a, depths), result.a);
     }
     return result;
@@ -279,7 +269,7 @@ fn shade(@builtin(global_invocation_id) id: vec3u) {
     let ray = ray_to_solid(pixel_at);
     var z = shading.depth;
     let m# = vec3f(m[# + 1], m[# + 2], m[# + 3]);
-    if #u < SHEETS { pixel = with_sheet_or_depth(pixel, m[#], m#, pixel_at, # - 1, ray, z); z += frame.sheet_step; }
+    if #u < SHEETS { pixel = with_sheet(pixel, m[#], m#, pixel_at, # - 1, ray, z); z += frame.sheet_step; }
     pixels[index] = pixel;
 }
 

@@ -74,8 +74,8 @@ impl Shot {
         Ok(Self { prepared, view, size, region })
     }
 
-    /// The camera and the settings of the picture.
-    fn seen(&self) -> Result<(Camera, Settings)> {
+    /// The camera and the settings of the picture, which is fitted to its solids too.
+    fn seen(&self, solids: &Requested) -> Result<(Camera, Settings)> {
         let Look { layers, view: chosen, settings, follows, .. } = &self.prepared.look;
         let ViewRequest { mut view, frame, is_open } = self.view.clone().unwrap_or_else(|| chosen.clone());
         if is_open {
@@ -85,7 +85,7 @@ impl Shot {
         if let Some(lighting) = settings.lighting.as_mut().filter(|_| *follows) {
             place_studio(lighting, &view)?;
         }
-        view.around = self.prepared.hull(frame)?;
+        view.around = self.prepared.hull(frame)?.map(|hull| solids.around(hull));
         Ok((Camera::new(&view, layers.grid(), self.size)?, settings))
     }
 }
@@ -150,7 +150,7 @@ impl Renderer {
         let choices = scene.choices.clone();
         let (shot, solids) = (Shot::new(scene, view, size, region)?, Requested::new(&meshes, depth)?);
         let (rendered, settings) = self.device.run(py, progress, move |renderer| {
-            let (camera, settings) = shot.seen()?;
+            let (camera, settings) = shot.seen(&solids)?;
             let (scene, region) = (&shot.prepared.scene, shot.region);
             let rendered = match solids.seen(&camera, settings.lighting.as_ref())? {
                 None => renderer.render_region(scene, &camera, &settings, region)?,
@@ -173,7 +173,7 @@ impl Renderer {
     ) -> PyResult<Bound<'py, PyArray2<f32>>> {
         let shot = Shot::new(scene, view, size, region)?;
         let depths = self.device.run(py, progress, move |renderer| {
-            let (camera, settings) = shot.seen()?;
+            let (camera, settings) = shot.seen(&Requested::default())?;
             renderer.depths(&shot.prepared.scene, &camera, &settings, shot.region, None)
         })?;
         let [width, height] = depths.size().map(|side| side as usize);

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use numpy::{PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
-use voxsplat::camera::Camera;
+use voxsplat::camera::{Camera, Hull};
 use voxsplat::error::Result;
 use voxsplat::image::DepthMap;
 use voxsplat::lighting::Lighting;
@@ -15,7 +15,7 @@ use crate::error::raised;
 /// A mesh of triangles, with a colour.
 #[pyclass(frozen, module = "voxsplat")]
 pub(crate) struct Mesh {
-    pub(crate) solid: Solid,
+    solid: Solid,
 }
 
 #[pymethods]
@@ -57,8 +57,8 @@ impl Mesh {
 /// The solids that a picture is requested with.
 #[derive(Default)]
 pub(crate) struct Requested {
-    pub(crate) meshes: Vec<Solid>,
-    pub(crate) depths: Option<DepthMap>,
+    meshes: Vec<Solid>,
+    depths: Option<DepthMap>,
 }
 
 impl Requested {
@@ -71,16 +71,14 @@ impl Requested {
         Ok(Self { meshes, depths: depths.transpose()? })
     }
 
-    /// The surfaces as a camera sees them; `None` without any. A depth buffer hides meshes too.
+    /// The hull of some matter and the meshes.
+    pub(crate) fn around(&self, hull: Hull) -> Hull {
+        self.meshes.iter().fold(hull, |hull, solid| hull.with_mesh(&solid.mesh))
+    }
+
+    /// The surfaces as a camera sees them; `None` without any.
     pub(crate) fn seen(self, camera: &Camera, lighting: Option<&Lighting>) -> Result<Option<Solids>> {
-        let Self { meshes, depths } = self;
-        if meshes.is_empty() {
-            return Ok(depths.map(|depths| Solids { depths, image: None }));
-        }
-        let drawn = Solids::of_meshes(&meshes, camera, lighting)?;
-        Ok(Some(match depths {
-            None => drawn,
-            Some(depths) => drawn.before(&depths)?,
-        }))
+        let others = self.depths.map(|depths| Solids { depths, image: None });
+        Solids::seen(&self.meshes, others, camera, lighting)
     }
 }

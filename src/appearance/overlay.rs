@@ -116,7 +116,21 @@ impl OverlaySpec {
     /// Splits `FILE[:TRANSFER][@LO..HI]` into the file and the rest.
     #[must_use]
     pub fn parted(text: &Path) -> (PathBuf, &str) {
-        parted(text)
+        let whole = || (text.to_owned(), "");
+        let Some(all) = text.to_str().filter(|_| !text.exists()) else { return whole() };
+        let end = with_range(all).0.len();
+        // The longest file that exists; a built-in volume may have a size behind it.
+        let is_volume = |text: &str| match text.strip_prefix("demo:") {
+            Some(name) => name.split_once(':').map_or(!name.is_empty(), |(_, size)| size.parse::<u32>().is_ok()),
+            None => Path::new(text).exists(),
+        };
+        let colons: Vec<usize> = all[..end].match_indices(':').map(|(at, _)| at).collect();
+        let mut ends = std::iter::once(end).chain(colons.iter().rev().copied());
+        // Without such a file the first colon ends it, except the colon of a drive.
+        let is_drive = |at: usize| at == 1 && all[2..].starts_with(['\\', '/']);
+        let first = || colons.iter().copied().find(|&at| !is_drive(at));
+        let at = ends.find(|&at| is_volume(&all[..at])).or_else(first).unwrap_or(end);
+        (PathBuf::from(&all[..at]), &all[at..])
     }
 
     /// Makes a request of a file, and of the texts `TRANSFER` and `LO..HI`.
@@ -195,25 +209,6 @@ fn with_range(text: &str) -> (&str, Option<&str>) {
         Some((rest, range)) if range.contains("..") || range.parse::<f64>().is_ok() => (rest, Some(range)),
         _ => (text, None),
     }
-}
-
-/// Splits an overlay into its file, and its look and range.
-fn parted(text: &Path) -> (PathBuf, &str) {
-    let whole = || (text.to_owned(), "");
-    let Some(all) = text.to_str().filter(|_| !text.exists()) else { return whole() };
-    let end = with_range(all).0.len();
-    // The longest file that exists; a built-in volume may have a size behind it.
-    let is_volume = |text: &str| match text.strip_prefix("demo:") {
-        Some(name) => name.split_once(':').map_or(!name.is_empty(), |(_, size)| size.parse::<u32>().is_ok()),
-        None => Path::new(text).exists(),
-    };
-    let colons: Vec<usize> = all[..end].match_indices(':').map(|(at, _)| at).collect();
-    let mut ends = std::iter::once(end).chain(colons.iter().rev().copied());
-    // Without such a file the first colon ends it, except the colon of a drive.
-    let is_drive = |at: usize| at == 1 && all[2..].starts_with(['\\', '/']);
-    let first = || colons.iter().copied().find(|&at| !is_drive(at));
-    let at = ends.find(|&at| is_volume(&all[..at])).or_else(first).unwrap_or(end);
-    (PathBuf::from(&all[..at]), &all[at..])
 }
 
 /// Parses `LO..HI`.

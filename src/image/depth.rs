@@ -33,7 +33,7 @@ const NOTHING: f32 = 1e10;
 const BEYOND: f32 = 1e30;
 
 impl DepthMap {
-    /// Makes a map of depths, row by row from the top. NaN is no depth.
+    /// Makes a map of depths, row by row from the top. Numbers that are not finite are no depths.
     ///
     /// # Errors
     /// [`Error::Image`] if there are not `width * height` depths.
@@ -41,7 +41,7 @@ impl DepthMap {
         if depths.len() as u64 != u64::from(width) * u64::from(height) {
             return Err(Error::Image(format!("{} depths do not make {width} x {height}", depths.len())));
         }
-        let depths = depths.into_iter().map(|depth| if depth.is_nan() { f32::INFINITY } else { depth }).collect();
+        let depths = depths.into_iter().map(|depth| if depth.is_finite() { depth } else { f32::INFINITY }).collect();
         Ok(Self { width, height, depths })
     }
 
@@ -126,9 +126,12 @@ impl DepthMap {
     /// [`Error::Setting`] if the region reaches beyond the map.
     pub fn part(&self, region: Region) -> Result<Self> {
         region.check_within(self.size())?;
-        let columns = region.x as usize..(region.x + region.width) as usize;
-        let rows = self.depths.chunks_exact(self.width as usize).skip(region.y as usize).take(region.height as usize);
-        Self::new(region.width, region.height, rows.flat_map(|row| &row[columns.clone()]).copied().collect())
+        Self::new(region.width, region.height, self.within(region).collect())
+    }
+
+    /// The depths of a region inside the map.
+    fn within(&self, region: Region) -> impl Iterator<Item = f32> {
+        region.pixels().map(|pixel| self.at(pixel))
     }
 
     /// The depth in a column and row.
@@ -170,12 +173,8 @@ impl DepthMap {
     pub(crate) fn for_shaders(&self, camera: &Camera, unit: f64, region: Region) -> Result<Vec<f32>> {
         let (pixel, start) = scale(camera);
         let mut depths = reserved(region.area(), || "depths of solids".to_owned())?;
-        for row in self.depths.chunks_exact(self.width as usize).skip(region.y as usize).take(region.height as usize) {
-            let part = &row[region.x as usize..(region.x + region.width) as usize];
-            depths.extend(
-                part.iter().map(|&depth| (((f64::from(depth) / unit - start) / pixel) as f32).clamp(-BEYOND, BEYOND)),
-            );
-        }
+        let depth = |depth: f32| (((f64::from(depth) / unit - start) / pixel) as f32).clamp(-BEYOND, BEYOND);
+        depths.extend(self.within(region).map(depth));
         Ok(depths)
     }
 
@@ -260,7 +259,7 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("a.exr");
         let image = Image::new(2, 1, vec![[0.25, 0.5, 0.75, 1.0], [0.1, 0.2, 0.3, 0.5]]).unwrap();
-        let depths = DepthMap::new(2, 1, vec![2.5, f32::NAN]).unwrap();
+        let depths = DepthMap::new(2, 1, vec![2.5, f32::NEG_INFINITY]).unwrap();
         assert_eq!(depths.depths(), [2.5, f32::INFINITY]);
         image.save_with_depths(&path, &depths, &[Note { name: "Software", text: "a renderer".to_owned() }]).unwrap();
         assert_eq!(DepthMap::load(&path).unwrap(), (depths.clone(), Some(image.clone())));

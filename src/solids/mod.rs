@@ -78,38 +78,55 @@ impl Solids {
         raster::draw(solids, camera, lighting.unwrap_or(&headlight))
     }
 
-    /// Returns the nearer surface of two in each pixel. A surface that covers a part of a pixel shows the other one
-    /// behind it.
+    /// Returns the surfaces of a picture: meshes as a camera sees them ([`Self::of_meshes`]), and the surfaces of
+    /// another renderer. `None` without any.
     ///
     /// # Errors
-    /// [`Error::Image`] if the sizes differ, or one of them has no colours.
-    pub fn and(self, other: &Self) -> Result<Self> {
-        let (Some(image), Some(behind)) = (&self.image, &other.image) else {
-            return Err(Error::Image("surfaces of a depth buffer without colours have no picture".to_owned()));
-        };
-        let [width, height] = self.depths.size();
-        let depths = self.depths.nearest(&other.depths)?;
-        let pairs = self.depths.depths().iter().zip(other.depths.depths());
-        let pixels = pairs.zip(image.pixels().iter().zip(behind.pixels())).map(|((a, b), (image, behind))| {
-            let (near, far) = if a <= b { (image, behind) } else { (behind, image) };
-            std::array::from_fn(|channel| near[channel] + (1.0 - near[3]) * far[channel])
-        });
-        Ok(Self { depths, image: Some(Image::new(width, height, pixels.collect())?) })
+    /// The errors of [`Self::of_meshes`], and [`Error::Setting`] if the sizes differ.
+    pub fn seen(
+        meshes: &[Solid],
+        others: Option<Self>,
+        camera: &Camera,
+        lighting: Option<&Lighting>,
+    ) -> Result<Option<Self>> {
+        if let Some(others) = &others {
+            others.check(camera)?;
+        }
+        if meshes.is_empty() {
+            return Ok(others);
+        }
+        let drawn = Self::of_meshes(meshes, camera, lighting)?;
+        Ok(Some(match others {
+            Some(others) => drawn.and(others)?,
+            None => drawn,
+        }))
     }
 
-    /// Returns the surfaces before other surfaces that have depths and no colours, such as a depth buffer whose picture
-    /// another program has. Pixels whose own surface lies behind show none.
+    /// Returns the nearer surface of two in each pixel. A surface that covers a part of a pixel shows the other one
+    /// behind it. Surfaces without colours hide others and show nothing, because another program draws them.
     ///
     /// # Errors
     /// [`Error::Image`] if the sizes differ.
-    pub fn before(mut self, others: &DepthMap) -> Result<Self> {
-        let depths = self.depths.nearest(others)?;
-        if let Some(image) = &mut self.image {
-            let pairs = self.depths.depths().iter().zip(others.depths());
-            let hidden = image.pixels_mut().iter_mut().zip(pairs).filter(|(_, (own, other))| other < own);
-            hidden.for_each(|(pixel, _)| *pixel = [0.0; 4]);
-        }
-        Ok(Self { depths, ..self })
+    pub fn and(self, other: Self) -> Result<Self> {
+        let depths = self.depths.nearest(&other.depths)?;
+        let [width, height] = depths.size();
+        let image = match (&self.image, &other.image) {
+            (None, None) => None,
+            (one, two) => {
+                let pixel = |of: &Option<Image>, at| of.as_ref().map_or([0.0; 4], |image| image.at(at));
+                let mut image = Image::transparent(width, height)?;
+                for at in (Region { x: 0, y: 0, width, height }).pixels() {
+                    let is_first = self.depths.at(at) <= other.depths.at(at);
+                    let (near, far) = if is_first { (one, two) } else { (two, one) };
+                    let shown = pixel(near, at);
+                    let passed = if near.is_some() { 1.0 - shown[3] } else { 0.0 };
+                    let behind = pixel(far, at);
+                    *image.at_mut(at) = std::array::from_fn(|channel| shown[channel] + passed * behind[channel]);
+                }
+                Some(image)
+            }
+        };
+        Ok(Self { depths, image })
     }
 
     /// Refuses surfaces of another size than the pictures of a camera.
@@ -341,7 +358,9 @@ mod tests {
         assert!((both.depths.depths()[8 * 16 + 8] - 19.0).abs() < 1e-4);
         let apart = pair.map(|solid| Solids::of_meshes(&[solid], &camera, None).unwrap());
         let [far, near] = apart;
-        let joined = far.and(&near).unwrap();
+        let hidden = far.clone().and(Solids { image: None, ..near.clone() }).unwrap();
+        assert_eq!(hidden.image.unwrap().at([8, 8]), [0.0; 4]);
+        let joined = far.and(near).unwrap();
         assert_eq!(joined.depths.depths()[8 * 16 + 8], both.depths.depths()[8 * 16 + 8]);
         assert_eq!(joined.image.unwrap().pixels()[8 * 16 + 8], both.image.unwrap().pixels()[8 * 16 + 8]);
     }

@@ -145,7 +145,6 @@ const RULES: &[Rule] = &[
     ),
     // Solids.
     refused("mesh depth", |given| given.is_for("plan"), ": a picture in bricks has no solids"),
-    refused("mesh depth", |given| given.is_for("pareto"), ": a study is of one volume"),
     refused(
         "mesh depth",
         |given| given.has("reference") || given.has("max-error") || given.has("verify"),

@@ -132,22 +132,7 @@ pub(crate) fn placed(
             }
             other => other,
         })?;
-        let said = |text: String| Some(format!("note: --{option} {}: {text}", path.display()));
-        match fit {
-            Fit::Same => {}
-            Fit::Unplaced => {
-                let text = "using voxels of equal numbers because the files state no common space";
-                note = said(text.to_owned());
-            }
-            Fit::Nearest { outside } | Fit::Interpolated { outside } => {
-                let by = by(volume.grid().dims());
-                let out = share_in_words(outside);
-                note = said(format!(
-                    "using the nearest label of each voxel because the lattice is another one ({by}); {out} of its \
-                     labelled voxels lie outside of the volume"
-                ));
-            }
-        }
+        note = note_on_fit(option, path, fit, volume.grid().dims()).or(note.take());
         Ok(placed)
     };
     let placed = volumes.into_iter().map(&mut on).collect::<Result<Vec<Volume>, Failure>>()?;
@@ -157,6 +142,24 @@ pub(crate) fn placed(
 /// The numbers of voxels of a lattice in words.
 fn by(dims: [u32; 3]) -> String {
     dims.map(|d| d.to_string()).join(" x ")
+}
+
+/// Returns the note on the way in which a file was put onto the lattice of the picture, if it has another one.
+fn note_on_fit(option: &str, path: &Path, fit: Fit, dims: [u32; 3]) -> Option<String> {
+    let another = |how: &str, outside: f64, voxels: &str| {
+        let (by, out) = (by(dims), share_in_words(outside));
+        format!(
+            "using {how} because the lattice is another one ({by}); {out} of its {voxels} voxels lie outside of the \
+             volume"
+        )
+    };
+    let text = match fit {
+        Fit::Same => return None,
+        Fit::Unplaced => "using voxels of equal numbers because the files state no common space".to_owned(),
+        Fit::Nearest { outside } => another("the nearest label of each voxel", outside, "labelled"),
+        Fit::Interpolated { outside } => another("interpolated values", outside, "visible"),
+    };
+    Some(format!("note: --{option} {}: {text}", path.display()))
 }
 
 /// A share in words.
@@ -185,29 +188,12 @@ pub(crate) fn overlays(specs: &[OverlaySpec], base: &Volume, channels: usize) ->
 pub(crate) fn notes_on(overlays: &Overlays, base: &Volume) -> Vec<String> {
     let dims = overlays.lattice.grid.dims();
     let mut notes: Vec<String> = Vec::new();
-    for PlacedOverlay { look, dims: own, fit, outside, .. } in &overlays.all {
-        let said = |text: String| format!("note: --overlay {}: {text}", look.file.display());
+    for PlacedOverlay { look, dims: own, fit, .. } in &overlays.all {
         if let Some(reason) = &look.reason {
             notes
                 .push(format!("note: using --overlay {look} because {reason} (other: --overlay FILE:TRANSFER@LO..HI)"));
         }
-        let out = share_in_words(*outside);
-        match fit {
-            Fit::Same => {}
-            Fit::Unplaced => {
-                notes.push(said("using voxels of equal numbers because the files state no common space".to_owned()))
-            }
-            Fit::Nearest { .. } => notes.push(said(format!(
-                "using the nearest label of each voxel because the lattice is another one ({}); {out} of its labelled \
-                 voxels lie outside of the volume",
-                by(*own)
-            ))),
-            Fit::Interpolated { .. } => notes.push(said(format!(
-                "using interpolated values because the lattice is another one ({}); {out} of its visible voxels lie \
-                 outside of the volume",
-                by(*own)
-            ))),
-        }
+        notes.extend(note_on_fit("overlay", &look.file, *fit, *own));
     }
     if overlays.lattice.grid != *base.grid() {
         notes.push(format!(

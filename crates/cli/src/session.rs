@@ -285,7 +285,8 @@ impl Session {
                 (all, hull) => all.or(hull),
             };
         }
-        self.steady = Some(around);
+        self.solids.read(&job.solids, self.volume.grid())?;
+        self.steady = Some(around.map(|hull| self.solids.around(hull)));
         Ok(())
     }
 
@@ -333,16 +334,20 @@ impl Session {
         transfer: &TransferFunction,
         stages: &mut Stages,
     ) -> Result<Camera, Failure> {
+        if self.solids.read(&job.solids, self.volume.grid())? {
+            self.framed = None;
+        }
+        let solids = &self.solids;
         let around = match &self.steady {
             Some(steady) => steady.clone(),
             None => held(
                 &mut self.framed,
                 (job.frame, job.settings.clip.clone(), layers.clone()),
-                |(frame, clip, layers)| stages.time("framing", || Ok(frame.hull(layers, clip)?)),
+                |(frame, clip, layers)| {
+                    stages.time("framing", || Ok(frame.hull(layers, clip)?.map(|hull| solids.around(hull))))
+                },
             )?,
         };
-        self.solids.read(&job.solids, self.volume.grid())?;
-        let around = around.map(|hull| self.solids.around(hull));
         let figure = self.figure(job, layers)?;
         let values = self.values(&figure)?;
         let transfer = self.bar().and_then(|overlay| overlay.transfer.as_ref()).unwrap_or(transfer);

@@ -3,7 +3,6 @@
 use std::path::PathBuf;
 
 use voxsplat::camera::{Camera, Hull};
-use voxsplat::glam::DVec3;
 use voxsplat::lighting::Lighting;
 use voxsplat::solids::{MeshSpec, Solid, Solids};
 use voxsplat::volume::Grid;
@@ -34,10 +33,10 @@ pub(crate) struct HeldSolids {
 }
 
 impl HeldSolids {
-    /// Reads the meshes of a job, unless they are here. Notes meshes outside of the volume.
-    pub(crate) fn read(&mut self, job: &SolidsJob, grid: &Grid) -> Result<(), Failure> {
+    /// Reads the meshes of a job, unless they are here, and returns whether it did. Notes meshes outside of the volume.
+    pub(crate) fn read(&mut self, job: &SolidsJob, grid: &Grid) -> Result<bool, Failure> {
         if self.job == *job {
-            return Ok(());
+            return Ok(false);
         }
         self.meshes = job.meshes.iter().map(MeshSpec::load).collect::<Result<_, _>>()?;
         self.job = job.clone();
@@ -49,15 +48,12 @@ impl HeldSolids {
                 ));
             }
         }
-        Ok(())
+        Ok(true)
     }
 
     /// The hull of some matter and the meshes.
     pub(crate) fn around(&self, hull: Hull) -> Hull {
-        let places = |solid: &Solid| -> Vec<DVec3> {
-            solid.mesh.vertices.iter().map(|place| DVec3::from_array(place.map(f64::from))).collect()
-        };
-        self.meshes.iter().fold(hull, |hull, solid| hull.with_places(&places(solid)))
+        self.meshes.iter().fold(hull, |hull, solid| hull.with_mesh(&solid.mesh))
     }
 
     /// The surfaces as a camera sees them; `None` without any.
@@ -73,16 +69,6 @@ impl HeldSolids {
                  {width}x{height}"
             ));
         }
-        if self.meshes.is_empty() {
-            return Ok(loaded.map(|(_, solids)| solids));
-        }
-        let drawn = Solids::of_meshes(&self.meshes, camera, lighting)?;
-        Ok(Some(match loaded {
-            None => drawn,
-            Some((_, solids)) if solids.image.is_some() => drawn.and(&solids)?,
-            Some((path, _)) => {
-                return fail(format!("--depth {}: it has no colours to lie beside those of --mesh", path.display()));
-            }
-        }))
+        Ok(Solids::seen(&self.meshes, loaded.map(|(_, solids)| solids), camera, lighting)?)
     }
 }

@@ -13,7 +13,7 @@ use super::tune;
 
 /// Words of other programs and of earlier versions, each row with the option of this program: VTK and ParaView, 3D
 /// Slicer, niivue, MRIcroGL, napari, Blender, ffmpeg and ImageMagick. A command without the option gives no tip.
-const FOREIGN: [&str; 34] = [
+const FOREIGN: [&str; 36] = [
     "preset tf transfer-function opacity-transfer-function lut opacity color-transfer-function: \
      --transfer PRESET or FILE",
     "colour-map color-map colormap colourmap cmap palette clut color-preset colorscale colors: --transfer map:NAME",
@@ -50,6 +50,8 @@ const FOREIGN: [&str; 34] = [
     "interpolation interpolate filter smooth linear: --kernel and --sharpness reconstruct",
     "fps framerate frame-rate r: --rate N, frames a second",
     "stat-map statmap activation fusion zmap layer: --overlay FILE[:TRANSFER][@LO..HI]",
+    "surface stl ply obj model polydata geometry: --mesh FILE[:COLOUR]",
+    "depth-buffer zbuffer z-buffer depth-map: --depth FILE.exr",
     "segmentation seg atlas labelmap label-map: --labels FILE, --mask FILE",
     "colorbar scalar-bar scalarbar show-colorbar: --colour-bar",
 ];

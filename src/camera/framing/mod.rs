@@ -12,6 +12,7 @@ use crate::camera::clip::Clip;
 use crate::error::Result;
 use crate::transfer::TransferFunction;
 use crate::volume::Volume;
+use voxsplat_volume::meshes::Mesh;
 
 /// The convex hull of the visible voxels of a volume.
 ///
@@ -111,10 +112,11 @@ impl Hull {
         Self { points: (0..DIRECTIONS).filter_map(|n| farthest(direction(n))).collect(), ..both }
     }
 
-    /// Returns the hull of this hull and places in the world, such as vertices of a mesh.
+    /// Returns the hull of this hull and a mesh in the world.
     #[must_use]
-    pub fn with_places(&self, places: &[DVec3]) -> Self {
-        let points: Vec<DVec3> = places.iter().map(|&place| place - self.origin).collect();
+    pub fn with_mesh(&self, mesh: &Mesh) -> Self {
+        let points: Vec<DVec3> =
+            (0..mesh.vertices.len() as u32).map(|vertex| mesh.place(vertex) - self.origin).collect();
         self.joined(&Self { points: outermost(points).into(), ..self.clone() })
     }
 

@@ -108,9 +108,8 @@ impl Painting for Picture<'_> {
     /// The whole region: a splat is hidden if all that it covers is opaque, within the part or not.
     fn paint(&mut self, recorder: &mut Recorder<'_>, region: Region, _part: Region) -> Result<wgpu::Buffer> {
         let quads = self.pipelines()?;
-        let Job { context, pipelines, stores, .. } = self.job;
+        let Job { context, pipelines, stores, post, .. } = self.job;
         let solids = self.job.solid_depths(region)?;
-        let Job { post, .. } = self.job;
         let inputs = Inputs { footprint: &self.footprint, lighting: self.job.lighting(), post, solids: &solids };
         let (plan, per_pass) = (&self.plan, self.key.sheets_per_pass);
         let frame = context.upload("frame", bytemuck::bytes_of(&plan.frame(region)), wgpu::BufferUsages::UNIFORM)?;

@@ -49,7 +49,10 @@ impl Painting for Layers<'_> {
     }
 
     fn paint(&mut self, recorder: &mut Recorder<'_>, region: Region, part: Region) -> Result<wgpu::Buffer> {
-        let mut canvas = Canvas::new(recorder.context, region, part)?;
+        let Some(nearest) = self.0.first() else {
+            return recorder.context.pixels("tiles.pixels", [region.width, region.height]);
+        };
+        let mut canvas = Canvas::new(&nearest.job, region, part)?;
         self.0.iter_mut().try_for_each(|layer| layer.paint(recorder, &mut canvas))?;
         Ok(canvas.pixels)
     }

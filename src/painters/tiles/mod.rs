@@ -30,6 +30,7 @@ use crate::gpu::pipeline::{both, texture_view};
 use crate::gpu::recorder::Recorder;
 use crate::gpu::stage::{Constant, Stage};
 use crate::image::Region;
+use crate::painters::painter::Job;
 use crate::stats::TilesStats;
 
 /// The largest radius of kernels, in voxels, along rays that share footprints: they reach at most two planes and three
@@ -118,7 +119,6 @@ impl Tiles {
         let Canvas { region, part, .. } = *canvas;
         let uniform = wgpu::BufferUsages::UNIFORM;
         let lighting = context.upload("gather.lighting", bytemuck::bytes_of(&picture.lighting), uniform)?;
-        let solids = picture.job.solid_depths(region)?;
         let mut drawn = TilesStats::default();
         let mut largest = 0.0;
         for (axis, packed) in picture.axes.iter().zip(packed) {
@@ -144,8 +144,8 @@ impl Tiles {
                 let before = if picture.is_layered() { Some(canvas.before(context, &axis.axis)?) } else { None };
                 let state = before.as_ref().map_or(texture_view(&image.textures[0]), wgpu::Buffer::as_entire_binding);
                 let post = picture.job.post;
-                let (rays_of, pixels) = (&image.rays, &canvas.pixels);
-                let targets = Targets { rays: rays_of, state, pixels, lighting: &lighting, post, solids: &solids };
+                let Canvas { pixels, solids, .. } = &*canvas;
+                let targets = Targets { rays: &image.rays, state, pixels, lighting: &lighting, post, solids };
                 march(recorder, [&self.skip, &self.gather], packed, &rays.uniforms, targets)?;
                 if let Some((resampler, _)) = &self.resample {
                     resampler.run(recorder, &image, &canvas.pixels, &refinement, [region.width, region.height]);
@@ -174,15 +174,17 @@ struct Canvas {
     part: Region,
     /// Premultiplied RGBA, f32.
     pixels: wgpu::Buffer,
+    /// The depths of the solids in the pixels, the same for all layers.
+    solids: wgpu::Buffer,
     /// The state of rays behind the layers so far, by their principal axis.
     before: Vec<([usize; 3], bool, wgpu::Buffer)>,
 }
 
 impl Canvas {
     /// A region without colour.
-    fn new(context: &Context, region: Region, part: Region) -> Result<Self> {
-        let pixels = context.pixels("tiles.pixels", [region.width, region.height])?;
-        Ok(Self { region, part, pixels, before: Vec::new() })
+    fn new(job: &Job<'_>, region: Region, part: Region) -> Result<Self> {
+        let pixels = job.context.pixels("tiles.pixels", [region.width, region.height])?;
+        Ok(Self { region, part, pixels, solids: job.solid_depths(region)?, before: Vec::new() })
     }
 
     /// The state of the rays along an axis: nothing before the first layer.

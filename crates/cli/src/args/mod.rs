@@ -80,7 +80,7 @@ pub(crate) enum Command {
 
 /// The options of `render` and its relatives for a first picture, which `-h` shows.
 const BASIC: &str = "output size background stats channel time azimuth elevation projection zoom transfer window model \
-                     shading light clip labels label mesh scale-bar colour-bar max-error";
+                     shading light clip labels label overlay mesh scale-bar colour-bar max-error";
 
 /// Options whose values are any text, so that a value with a dash in front is more likely a forgotten value.
 const TEXTS: [&str; 4] = ["stats", "title", "caption", "adapter"];

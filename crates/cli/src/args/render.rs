@@ -29,6 +29,7 @@ Examples:
   voxsplat render head.nii.gz -o half.png --clip R --light studio
   voxsplat render ct.nrrd -o film.png --model xray --response film --azimuth 90
   voxsplat render head.nii.gz -o truth.exr --reference --size 256
+  voxsplat render t1.nii.gz -o map.png --overlay zmap.nii.gz@2.3.. --colour-bar
   voxsplat render head.nii.gz -o electrodes.png --mesh electrodes.ply:gold --clip R
   voxsplat render ct.nrrd -o organs.png --labels organs.nrrd --label-table organs.ctbl --label all:0.5
   voxsplat render ct.nrrd -o figure.png --scale-bar --axes --colour-bar --units value=HU --title 'A skull'";
