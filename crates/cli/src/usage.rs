@@ -50,8 +50,8 @@ const FOREIGN: [&str; 36] = [
     "interpolation interpolate filter smooth linear: --kernel and --sharpness reconstruct",
     "fps framerate frame-rate r: --rate N, frames a second",
     "stat-map statmap activation fusion zmap layer: --overlay FILE[:TRANSFER][@LO..HI]",
-    "surface stl ply obj model polydata geometry: --mesh FILE[:COLOUR]",
-    "depth-buffer zbuffer z-buffer depth-map: --depth FILE.exr",
+    "stl ply obj polydata: --mesh FILE[:COLOUR]",
+    "depth-buffer zbuffer z-buffer: --depth FILE.exr",
     "segmentation seg atlas labelmap label-map: --labels FILE, --mask FILE",
     "colorbar scalar-bar scalarbar show-colorbar: --colour-bar",
 ];
