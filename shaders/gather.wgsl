@@ -471,11 +471,11 @@ struct FiveVoxels {
 }
 
 // Five voxels of a row from the first or, if `odd`, from the second voxel of a texel.
-fn five_voxels(texel: vec2i, odd: bool, origin: vec2i) -> FiveVoxels {
+fn five_voxels(texel: vec2i, odd: bool, origin: Texel) -> FiveVoxels {
     let at = texel_at(texel, origin);
     let t0 = voxels_at(at);
-    let t1 = voxels_at(at + vec2i(1, 0));
-    let t2 = voxels_at(at + vec2i(2, 0));
+    let t1 = voxels_at(along_row(at, 1));
+    let t2 = voxels_at(along_row(at, 2));
     let u0 = select(t0, vec4u(t0.zw, t1.xy), odd);
     let u1 = select(t1, vec4u(t1.zw, t2.xy), odd);
     let u2 = select(t2, t2.zwzw, odd);
@@ -551,7 +551,7 @@ fn eight(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile
                     let at_row = voxel_row(geometry, center, row, origin, geometry.row_half, voxel);
                     let w = row_weights(at_row, direction, 1.0);
                     // Voxels a0, b0, a1, b1 ... a6 of the row, from a0 on for the first ray.
-                    let t# = voxels_at(at_row.texel + vec2i(#, 0));
+                    let t# = voxels_at(along_row(at_row.texel, #));
                     let a# = first_of(t#);
                     let b# = second_of(t#);
                     add_row(&sums0, w, a0, b0, a1, b1, a2, b2);

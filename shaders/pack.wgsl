@@ -47,14 +47,11 @@ fn pack_splat(index: u32) {
     if !follows_in_macrocell(index, words.x, point.x) {
         textureStore(occupied, place / u32(MACROCELL), vec4u(1u));
     }
-    let row = place.z / pack.columns * (pack.rows + 1u) + 1u + place.y;
-    if !is_stored(row) {
+    if !is_stored(place) {
         return;
     }
-    // Two voxels to a step of `row_texels`.
-    let at = 2u * (place.z % pack.columns * (pack.row_texels + u32(MARGIN)) + u32(MARGIN)) + place.x;
     if SCALARS && !GRADIENTS {
-        store(at, row, vec2u(words.y, 0u));
+        store(place, vec2u(words.y, 0u));
         return;
     }
     var v = vec4f(0.0, 0.0, 0.0, splat_weight(words) * pack.scale);
@@ -64,7 +61,7 @@ fn pack_splat(index: u32) {
         v = vec4f(shaded_color(index, words) * v.w, v.w);
     }
     v = rounded(v);
-    store(at, row, vec2u(pack2x16float(v.xy), pack2x16float(v.zw)));
+    store(place, vec2u(pack2x16float(v.xy), pack2x16float(v.zw)));
 }
 
 @compute @workgroup_size(WORKGROUP)

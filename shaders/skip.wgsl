@@ -56,7 +56,8 @@ fn is_occupied(corners: ptr<function, Corners>, first: i32, last: i32) -> bool {
     for (var z = planes.x; z <= planes.y; z++) {
         for (var y = a.y / MACROCELL; y <= b.y / MACROCELL; y++) {
             for (var x = a.x / MACROCELL; x <= b.x / MACROCELL; x++) {
-                if textureLoad(occupied, vec3i(x, y, z), 0).r != 0u {
+                let place = x * rays.along_a + y * rays.along_b + z * rays.along_m;
+                if textureLoad(occupied, place, 0).r != 0u {
                     return true;
                 }
             }
@@ -115,7 +116,7 @@ var<workgroup> marked: array<atomic<u32>, 64>;
 fn skip_together(@builtin(workgroup_id) tile: vec3u, @builtin(local_invocation_index) lane: u32) {
     atomicStore(&marked[lane], 0u);
     workgroupBarrier();
-    let slabs = textureDimensions(occupied).z;
+    let slabs = slab_count();
     if is_wanted(tile) {
         var corners = corners_of(tile);
         for (var slab = lane; slab < slabs; slab += 64u) {
@@ -136,6 +137,11 @@ fn skip_together(@builtin(workgroup_id) tile: vec3u, @builtin(local_invocation_i
         }
     }
     end_list(&list, tile);
+}
+
+// Slabs of macrocells along m.
+fn slab_count() -> u32 {
+    return u32((rays.voxels.z + MACROCELL - 1) / MACROCELL);
 }
 
 // The last plane of a slab of macrocells.
@@ -202,7 +208,7 @@ fn end_list(list: ptr<function, RunList>, tile: vec3u) {
 fn find_runs(tile: vec3u) {
     var corners = corners_of(tile);
     var list = RunList();
-    let slabs = textureDimensions(occupied).z;
+    let slabs = slab_count();
     for (var slab = 0u; slab < slabs; slab++) {
         if is_occupied(&corners, i32(slab) * MACROCELL, last_of(slab)) {
             add_slab(&list, tile, slab);

@@ -1,4 +1,4 @@
-// The texture in which the painter `tiles` keeps a volume. A texel holds two voxels of a row along a. The rows of a
+// The rows of a texture in which the painter `tiles` keeps a volume on software (voxels/rows.wgsl). A texel holds two voxels of a row along a. The rows of a
 // plane, one for each voxel along b, stand below one another; `columns` planes stand side by side and make a shelf;
 // shelves stand below one another. MARGIN texels of zeros precede each row, one row of zeros precedes each shelf.
 
@@ -13,7 +13,7 @@ struct Pack {
     low: vec3u,
     // The runs of splats of this dispatch: the first one, and their number (run_count).
     first_run: u32,
-    // Numbers of the lattice axes of a, b and m: 0 x, 1 y, 2 z.
+    // Numbers of the lattice axes of a, b and m: 0 x, 1 y, 2 z. In a box (voxels/box.wgsl) a is x, b is y and m is z.
     axes: vec3u,
     // Voxels along b.
     rows: u32,

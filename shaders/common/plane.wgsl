@@ -92,19 +92,10 @@ fn reach_at(growth: f32) -> f32 {
     return 1.0;
 }
 
-// The texel of the volume's texture that holds the first voxels of a plane.
-fn plane_texel(plane: i32) -> vec2i {
+// The number of a plane in the packed volume.
+fn packed_plane(plane: i32) -> i32 {
     let number = plane - rays.first.z;
-    let k = select(number, rays.voxels.z - 1 - number, rays.flipped == 1);
-    return vec2i(
-        k % rays.columns * (rays.row_texels + MARGIN) + MARGIN,
-        k / rays.columns * (rays.voxels.y + 1) + 1,
-    );
-}
-
-// The place of a plane's texel in the texture. Texels outside the plane become texels of the zeros around it.
-fn texel_at(texel: vec2i, origin: vec2i) -> vec2i {
-    return vec2i(clamp(texel.x, -MARGIN, rays.row_texels), clamp(texel.y, -1, rays.voxels.y)) + origin;
+    return select(number, rays.voxels.z - 1 - number, rays.flipped == 1);
 }
 
 // The first and the last row of a plane within `half` of a ray at `b`; none if the plane is not before `end`.
@@ -151,11 +142,11 @@ fn footprints_of(geometry: RayGeometry) -> Footprints {
 }
 
 // The sum over six voxels of a row, with weights `a` and `b`.
-fn row_sum(texel: vec2i, origin: vec2i, a: vec4f, b: vec2f) -> vec4f {
+fn row_sum(texel: vec2i, origin: Texel, a: vec4f, b: vec2f) -> vec4f {
     let at = texel_at(texel, origin);
     let t0 = voxels_at(at);
-    let t1 = voxels_at(at + vec2i(1, 0));
-    let t2 = voxels_at(at + vec2i(2, 0));
+    let t1 = voxels_at(along_row(at, 1));
+    let t2 = voxels_at(along_row(at, 2));
     return a.x * first_of(t0) + a.y * second_of(t0) + a.z * first_of(t1) + a.w * second_of(t1) + b.x * first_of(t2)
         + b.y * second_of(t2);
 }
@@ -175,13 +166,13 @@ fn gathered_straight(footprints: Footprints, plane: i32, end: i32) -> vec4f {
 // The voxels of a row from the first texel that reaches a ray, and the place of the first voxel relative to the point
 // where the ray meets the plane.
 struct VoxelRow {
-    texel: vec2i,
+    texel: Texel,
     du: f32,
     dv: f32,
 }
 
 // `voxel` is the first voxel of the packed volume: it is read once for all rows.
-fn voxel_row(geometry: RayGeometry, center: vec2f, row: i32, origin: vec2i, half: f32, voxel: vec2i) -> VoxelRow {
+fn voxel_row(geometry: RayGeometry, center: vec2f, row: i32, origin: Texel, half: f32, voxel: vec2i) -> VoxelRow {
     let dv = f32(row) - center.y;
     let first = (i32(ceil(center.x + dv * geometry.row_slope - half)) - voxel.x) & -2;
     let texel = texel_at(vec2i(first >> 1u, row - voxel.y), origin);
@@ -211,7 +202,7 @@ fn add_row(sums: ptr<function, Moments>, w: RowWeights, a: vec4f, b: vec4f, c: v
 
 // Adds the two voxels of texel number `texel` of a row.
 fn add_pair(sums: ptr<function, Moments>, row: VoxelRow, texel: i32, direction: vec2f, growth: f32) {
-    let t = voxels_at(row.texel + vec2i(texel, 0));
+    let t = voxels_at(along_row(row.texel, texel));
     let v = first_of(t);
     let u = second_of(t);
     let du = row.du + f32(2 * texel);
@@ -238,7 +229,7 @@ fn gathered_up_to(place: f32, base: vec2f, geometry: RayGeometry, plane: i32, en
     for (var row = rows.x; row <= rows.y; row++) {
         let at = voxel_row(geometry, center, row, origin, half, voxel);
         for (var texel = 0; texel < i32(TEXELS); texel++) {
-            let t = voxels_at(at.texel + vec2i(texel, 0));
+            let t = voxels_at(along_row(at.texel, texel));
             let du = at.du + f32(2 * texel);
             sum += weight_before(du, at.dv, along, direction.xy, growth) * first_of(t)
                 + weight_before(du + 1.0, at.dv, along, direction.xy, growth) * second_of(t);
@@ -264,8 +255,8 @@ fn gathered(geometry: RayGeometry, footprints: Footprints, plane: i32, end: i32)
     for (var row = rows.x; row <= rows.y; row++) {
         let at = voxel_row(geometry, center, row, origin, half, voxel);
         let t0 = voxels_at(at.texel);
-        let t1 = voxels_at(at.texel + vec2i(1, 0));
-        let t2 = voxels_at(at.texel + vec2i(2, 0));
+        let t1 = voxels_at(along_row(at.texel, 1));
+        let t2 = voxels_at(along_row(at.texel, 2));
         let w = row_weights(at, direction, growth);
         add_row(&sums, w, first_of(t0), second_of(t0), first_of(t1), second_of(t1), first_of(t2), second_of(t2));
         if TEXELS > 3u {

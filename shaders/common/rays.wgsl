@@ -80,6 +80,10 @@ struct Rays {
     gradient_z: vec3f,
     // 1 if rays run against m, so that the first plane is the last of the texture, otherwise 0.
     flipped: i32,
+    // Steps along a, b and m in the box of packed voxels, and of macrocells.
+    along_a: vec3i,
+    along_b: vec3i,
+    along_m: vec3i,
     // Voxels along a, b and m.
     voxels: vec3i,
     // Planes side by side in the volume's texture.

@@ -1,11 +1,11 @@
-// Where `pack` stores unlit scalars on GPUs: the texture itself.
+// Where `pack` stores unlit scalars on GPUs: the texture itself, see voxels/box.wgsl.
 
-@group(0) @binding(4) var volume: texture_storage_2d<r32uint, write>;
+@group(0) @binding(4) var volume: texture_storage_3d<r32uint, write>;
 
-fn is_stored(row: u32) -> bool {
+fn is_stored(place: vec3u) -> bool {
     return true;
 }
 
-fn store(place: u32, row: u32, words: vec2u) {
-    textureStore(volume, vec2u(place, row), vec4u(words.x, 0u, 0u, 0u));
+fn store(place: vec3u, words: vec2u) {
+    textureStore(volume, place, vec4u(words.x, 0u, 0u, 0u));
 }

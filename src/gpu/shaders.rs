@@ -72,8 +72,8 @@ static FILES: &[(&str, &str)] = &files! {
     "common/resolution", "common/response", "common/splat", "common/transfer", "common/voxel_box", "composite",
     "estimate", "gather", "gather_scalars", "lit_splats", "lit_voxels", "pack", "packed/buffer", "packed/scalars",
     "packed/vectors", "prefilter", "present", "resample", "resolve", "scan", "shade", "skip", "sort", "splat",
-    "terminate", "voxels/scalar_pairs", "voxels/scalars", "voxels/scalars_apart", "voxels/vector_pairs",
-    "voxels/vectors", "voxels/vectors_apart",
+    "terminate", "voxels/box", "voxels/box_of_scalars", "voxels/box_of_vectors", "voxels/rows", "voxels/scalar_pairs",
+    "voxels/scalars", "voxels/vector_pairs", "voxels/vectors",
 };
 
 macro_rules! shaders {
@@ -104,11 +104,11 @@ shaders! {
     PACK_SCALARS: Shader::with("pack-scalars", "pack", "packed/scalars"),
     SKIP: Shader::new("skip"),
     GATHER: Shader::with("gather", "gather", "voxels/vectors"),
-    GATHER_APART: Shader::with("gather-apart", "gather", "voxels/vectors_apart"),
+    GATHER_BOX: Shader::with("gather-box", "gather", "voxels/box_of_vectors"),
     GATHER_SCALARS: Shader::with("gather-scalars", "gather_scalars", "voxels/scalars"),
-    GATHER_SCALARS_APART: Shader::with("gather-scalars-apart", "gather_scalars", "voxels/scalars_apart"),
+    GATHER_SCALARS_BOX: Shader::with("gather-scalars-box", "gather_scalars", "voxels/box_of_scalars"),
     GATHER_GRADIENTS: Shader::with("gather-gradients", "gather_scalars", "voxels/vectors"),
-    GATHER_GRADIENTS_APART: Shader::with("gather-gradients-apart", "gather_scalars", "voxels/vectors_apart"),
+    GATHER_GRADIENTS_BOX: Shader::with("gather-gradients-box", "gather_scalars", "voxels/box_of_vectors"),
     PREFILTER: Shader::new("prefilter"),
     ESTIMATE: Shader::new("estimate"),
     RESAMPLE: Shader::new("resample"),

@@ -1,7 +1,7 @@
 //! skip and gather: the march of rays from voxel plane to voxel plane, past empty macrocells. See shaders/skip.wgsl,
 //! shaders/gather.wgsl and shaders/gather_scalars.wgsl.
 
-use super::pack::{self, Packed, Voxel};
+use super::pack::{Layout, Packed, Voxel};
 use super::resample::FORMAT;
 use super::{RayKind, TilesKey};
 use crate::error::Result;
@@ -48,30 +48,32 @@ fn skips_together(context: &Context) -> bool {
 
 /// The stage that marches the rays of a picture.
 pub(super) fn gather(context: &Context, key: &TilesKey) -> Stage {
-    let apart = pack::is_apart(context);
     let image = StorageTexture(FORMAT, wgpu::TextureViewDimension::D2);
-    let of_colors = |entry, state| (gather_of_colors(context), entry, vec![state, Write, Read]);
+    let of_colors = |entry, state| (gather_of_colors(key.layout), entry, vec![state, Write, Read]);
     let of_scalars = |shader| {
         let transfer = ReadTexture(wgpu::TextureFormat::Rgba32Float);
         let light = FilteredTexture(wgpu::TextureViewDimension::D3);
         (shader, "gather", vec![Write, Uniform, transfer, light, Sampler, Read])
     };
-    let (shader, entry, slots) = match (key.voxel, key.rays) {
-        (Voxel::Scalar, _) if apart => of_scalars(shaders::GATHER_SCALARS_APART),
-        (Voxel::Scalar, _) => of_scalars(shaders::GATHER_SCALARS),
-        (Voxel::Gradient, _) if apart => of_scalars(shaders::GATHER_GRADIENTS_APART),
-        (Voxel::Gradient, _) => of_scalars(shaders::GATHER_GRADIENTS),
-        (_, RayKind::Shared | RayKind::StraightBlocks(_)) => of_colors("eight", image),
-        (_, RayKind::Layered) => of_colors("layer", Write),
+    let (shader, entry, slots) = match (key.voxel, key.layout, key.rays) {
+        (Voxel::Scalar, Layout::Box, _) => of_scalars(shaders::GATHER_SCALARS_BOX),
+        (Voxel::Scalar, Layout::Rows, _) => of_scalars(shaders::GATHER_SCALARS),
+        (Voxel::Gradient, Layout::Box, _) => of_scalars(shaders::GATHER_GRADIENTS_BOX),
+        (Voxel::Gradient, Layout::Rows, _) => of_scalars(shaders::GATHER_GRADIENTS),
+        (_, _, RayKind::Shared | RayKind::StraightBlocks(_)) => of_colors("eight", image),
+        (_, _, RayKind::Layered) => of_colors("layer", Write),
         _ => of_colors("single", image),
     };
-    let slots = [&[Uniform, key.voxel.binding(apart), Read][..], &slots].concat();
+    let slots = [&[Uniform, key.voxel.binding(key.layout), Read][..], &slots].concat();
     Stage::new(context, shader, ("gather", entry), &slots, &key.constants)
 }
 
 /// The shader that marches through colours.
-fn gather_of_colors(context: &Context) -> Shader {
-    if pack::is_apart(context) { shaders::GATHER_APART } else { shaders::GATHER }
+fn gather_of_colors(layout: Layout) -> Shader {
+    match layout {
+        Layout::Rows => shaders::GATHER,
+        Layout::Box => shaders::GATHER_BOX,
+    }
 }
 
 /// Marches the rays along one principal axis.
@@ -138,11 +140,11 @@ pub(super) struct Refiner {
 
 impl Refiner {
     pub(super) fn new(context: &Context, key: &TilesKey) -> Self {
-        let volume = key.voxel.binding(pack::is_apart(context));
+        let volume = key.voxel.binding(key.layout);
         let slots = [Uniform, volume, Read, Read, Write, Read];
         Self {
             skip: Stage::new(context, shaders::SKIP, ("skip", "skip_refined"), &SKIP, &key.constants),
-            refine: Stage::new(context, gather_of_colors(context), ("refine", "refine"), &slots, &key.constants),
+            refine: Stage::new(context, gather_of_colors(key.layout), ("refine", "refine"), &slots, &key.constants),
         }
     }
 

@@ -19,7 +19,7 @@ use std::sync::Arc;
 
 use axis::PrincipalAxis;
 use march::{Refiner, Targets, march};
-use pack::{Packed, Voxel};
+use pack::{Layout, Packed, Voxel};
 use paint::Picture;
 use rays::Rays;
 use resample::{IntermediateImage, Resampler};
@@ -80,6 +80,7 @@ impl RayKind {
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 pub(crate) struct TilesKey {
     voxel: Voxel,
+    layout: Layout,
     rays: RayKind,
     packs_on_host: bool,
     /// Override constants of all shaders.
@@ -99,7 +100,7 @@ pub(crate) struct Tiles {
 impl Tiles {
     pub(crate) fn new(context: &Context, key: &TilesKey) -> Result<Self> {
         let rest = || {
-            let packer = (!key.packs_on_host).then(|| pack::stage(context, &key.constants, key.voxel));
+            let packer = (!key.packs_on_host).then(|| pack::stage(context, &key.constants, key.voxel, key.layout));
             let resample = key.rays.is_resampled().then(|| (Resampler::new(context), Refiner::new(context, key)));
             (packer, march::skip(context, &key.constants), resample)
         };

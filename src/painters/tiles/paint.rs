@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::axis::PrincipalAxis;
-use super::pack::{Packed, Packing, Reached, Source, Voxel};
+use super::pack::{Layout, Packed, Packing, Reached, Source, Voxel};
 use super::parts::{Footprint, Sections, SlabKind};
 use super::rays::{RaySetup, Rays, max_depth, parallel};
 use super::{Block, Canvas, MAX_RADIUS, MAX_SINGLE_RADIUS, RayKind, STRAIGHT, Tiles, TilesKey};
@@ -49,11 +49,6 @@ const MAX_SCALAR: f64 = 4096.0;
 /// The least radius of kernels of scalars, in voxels: the fitted parts of narrower kernels in slabs of half a plane err
 /// by half (a maximum of gaussian:0.25,0.5 by 0.26, rms).
 const MIN_SCALAR_RADIUS: f64 = 1.0;
-
-/// The bytes up to which a GPU packs all bricks for a picture, and keeps packed volumes of axes that the picture does
-/// not need: a turning volume comes back to them, and a gigabyte takes 60 ms to allocate
-/// (docs/measurements/2026-11-25-gpu.md).
-const KEPT_BYTES: u64 = 4 << 30;
 
 /// The rounding of radii at a limit.
 const ROUNDING: f64 = 1.0 + 1e-6;
@@ -118,6 +113,7 @@ pub(super) struct Picture<'a> {
     footprint: Footprint,
     kind: SlabKind,
     voxel: Voxel,
+    layout: Layout,
     pub(super) lighting: layout::Lighting,
     /// The axes of the picture, the one with the largest share first.
     pub(super) axes: Vec<PackedAxis>,
@@ -179,14 +175,13 @@ impl<'a> Picture<'a> {
             let limits = !whole && (pyramid.is_some() || view.fade.is_some());
             Some((packing, limits.then(|| Arc::new(stores.iter().map(of_store).collect()))))
         };
-        // On a GPU the splats of all bricks, if there is room: they serve every eye and every clip, and to pack anew is
-        // to allocate gigabytes. On software, which packs slowly, those that may show and that rays reach.
+        // In a box the splats of all bricks, if they fit: they serve every eye and every clip, and to pack anew is to
+        // allocate a gigabyte. In rows, which belong to an axis, those that may show and that rays reach.
+        let layout = Layout::of(context, dims);
         let of_all = || -> Option<Vec<(Packing, Reached)>> {
             axes.iter().map(|axis| Some((pack(axis, &|_| true)?, None))).collect()
         };
-        let has_room =
-            |all: &Vec<(Packing, Reached)>| all.iter().map(|(packing, _)| packing.bytes()).sum::<u64>() <= KEPT_BYTES;
-        let all = if context.is_software() { None } else { of_all().filter(has_room) };
+        let all = if layout == Layout::Box { of_all() } else { None };
         let packings = all.or_else(|| axes.iter().map(of_reached).collect());
         let packings = packings.ok_or("tiles packs the volume into a texture, and this volume does not fit")?;
         let dense = max_depth(&job) > DENSE;
@@ -202,7 +197,7 @@ impl<'a> Picture<'a> {
         });
         let (axes, lighting) = (axes.collect(), job.lighting());
         let drawn = TilesStats::default();
-        let picture = Self { job, kernel, footprint, kind, voxel, lighting, axes, packed: None, drawn };
+        let picture = Self { job, kernel, footprint, kind, voxel, layout, lighting, axes, packed: None, drawn };
         if picture.outgrows_textures() {
             return Err("tiles has rays at least a voxel apart, and here they do not fit into a texture".to_owned());
         }
@@ -228,7 +223,7 @@ impl<'a> Picture<'a> {
             constants.extend([("ACROSS", across), ("ROWS", rows)]);
         }
         let is_for_host = |axis: &PackedAxis| axis.packing.is_for_host(context, self.job.splats());
-        TilesKey { voxel: self.voxel, rays, packs_on_host: self.axes.first().is_some_and(is_for_host), constants }
+        TilesKey { voxel: self.voxel, layout: self.layout, rays, packs_on_host: self.axes.first().is_some_and(is_for_host), constants }
     }
 
     /// Texels of a row that reach a ray.
@@ -340,7 +335,7 @@ impl<'a> Picture<'a> {
 
     /// Whether `packed` holds splats at the places of those of this picture, in the layout of an axis.
     fn serves(&self, axis: &PackedAxis, packed: &Packed) -> bool {
-        axis.packing == packed.packing && packed.has_places_of(self.job.stores) && axis.reached == packed.reached
+        axis.packing.stored() == packed.packing && packed.has_places_of(self.job.stores) && axis.reached == packed.reached
     }
 
     /// The splats as each axis reads them: packed for an earlier picture of the scene, or now.
@@ -353,8 +348,7 @@ impl<'a> Picture<'a> {
         // are packed over, because textures that exist are not cleared first.
         let is_served = |packed: &Packed| self.axes.iter().any(|axis| self.serves(axis, packed));
         let packed_light = self.voxel.is_lit().then_some(&light);
-        let (served, others): (Vec<_>, Vec<_>) = held.drain(..).partition(|packed| is_served(packed));
-        let others = self.kept_of(others);
+        let served: Vec<_> = held.drain(..).filter(|packed| is_served(packed)).collect();
         let source = Source::of(stores);
         let is_same = |packed: &Arc<Packed>| packed.light.as_ref() == packed_light && packed.source == source;
         let (reusable, spare): (Vec<_>, Vec<_>) = served.into_iter().partition(is_same);
@@ -366,7 +360,7 @@ impl<'a> Picture<'a> {
                 Some(packed) => packed,
                 None => {
                     let over = spare.iter().position(|packed| self.serves(axis, packed)).map(|i| spare.swap_remove(i));
-                    Arc::new(axis.packing.pack(
+                    Arc::new(axis.packing.stored().pack(
                         recorder,
                         pipelines.packer.as_ref(),
                         (stores, &axis.reached),
@@ -383,24 +377,7 @@ impl<'a> Picture<'a> {
             recorder.submit();
         }
         held.clone_from(&packed);
-        held.extend(others);
         Ok(packed)
-    }
-
-    /// The packed volumes of other axes that stay on the device beside those of the picture: as many as fit into
-    /// [`KEPT_BYTES`] together, of the same splats, on a GPU.
-    fn kept_of(&self, others: Vec<Arc<Packed>>) -> Vec<Arc<Packed>> {
-        if self.job.context.is_software() {
-            return Vec::new();
-        }
-        let mut bytes: u64 = self.axes.iter().map(|axis| axis.packing.bytes()).sum();
-        let mut fits = |packed: &Arc<Packed>| {
-            let is_whole = packed.reached.is_none() && packed.packing.voxel == self.voxel;
-            let fits = is_whole && packed.has_places_of(self.job.stores) && bytes + packed.bytes <= KEPT_BYTES;
-            bytes += if fits { packed.bytes } else { 0 };
-            fits
-        };
-        others.into_iter().filter(|packed| fits(packed)).collect()
     }
 
     /// The inputs of the rays along an axis.
@@ -505,7 +482,7 @@ impl Picture<'_> {
         TilesStats {
             slabs,
             slab_thickness: slab_thickness * self.job.view.unit,
-            packed_bytes: self.packed.iter().flatten().map(|packed| packed.bytes).sum(),
+            packed_bytes: self.packed.as_deref().map_or(0, Packed::bytes_of),
             ..self.drawn
         }
     }

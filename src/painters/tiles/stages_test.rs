@@ -8,7 +8,7 @@ use half::f16;
 
 use super::axis::PrincipalAxis;
 use super::march::{find_runs, skip};
-use super::pack::{self, Packed, Packing, Voxel};
+use super::pack::{self, Layout, Packed, Packing, Voxel};
 use super::parts::{Footprint, Sections, SlabKind};
 use super::rays::{RaySetup, Rays};
 use super::resample::{ESTIMATES, FORMAT, IntermediateImage, Resampler};
@@ -34,6 +34,11 @@ use crate::volume::Grid;
 
 fn context() -> Context {
     Context::new(Some(&adapter())).unwrap()
+}
+
+/// With the stages that the adapter runs, and with those of GPUs.
+fn contexts() -> [Context; 2] {
+    [context(), context().with_device_stages()]
 }
 
 /// The texels of a texture, x fastest, as four words each. `ty` is its type in WGSL, `load` the expression that reads
@@ -68,19 +73,24 @@ fn texels(context: &Context, view: &wgpu::TextureView, binding: Binding, ty: &st
     words
 }
 
-/// Pairs of voxels, also of a texture with a texel for each voxel.
-fn read_volume(context: &Context, view: &wgpu::TextureView) -> Vec<[u32; 4]> {
-    let binding = Binding::IntegerTexture(wgpu::TextureViewDimension::D2);
-    let read = texels(context, view, binding, "texture_2d<u32>", "textureLoad(texels, p.xy, 0)");
-    if !pack::is_apart(context) {
-        return read;
-    }
-    let is_scalar = view.texture().format() == wgpu::TextureFormat::R32Uint;
-    let pair = |pair: &[[u32; 4]]| match (pair[0], pair[1]) {
-        ([a, ..], [b, ..]) if is_scalar => [a, b, 0, 1],
-        ([a, b, ..], [c, d, ..]) => [a, b, c, d],
+/// The texels of a packed volume: pairs of voxels in rows, or voxels in a box.
+fn read_volume(context: &Context, packed: &Packed) -> Vec<[u32; 4]> {
+    let (dimension, kind, load) = match packed.packing.layout {
+        Layout::Rows => (wgpu::TextureViewDimension::D2, "texture_2d<u32>", "textureLoad(texels, p.xy, 0)"),
+        Layout::Box => (wgpu::TextureViewDimension::D3, "texture_3d<u32>", "textureLoad(texels, p, 0)"),
     };
-    read.chunks_exact(2).map(pair).collect()
+    texels(context, &packed.volume, Binding::IntegerTexture(dimension), kind, load)
+}
+
+/// The words of all voxels of these texels, margins too.
+fn all_words(packed: &Packed, texels: &[[u32; 4]]) -> impl Iterator<Item = [u32; 2]> {
+    let Packing { layout, voxel, .. } = packed.packing;
+    texels.iter().flat_map(move |&[a, b, c, d]| match (layout, voxel) {
+        (Layout::Rows, Voxel::Scalar) => vec![[a, 0], [b, 0]],
+        (Layout::Rows, _) => vec![[a, b], [c, d]],
+        (Layout::Box, Voxel::Scalar) => vec![[a, 0]],
+        (Layout::Box, _) => vec![[a, b]],
+    })
 }
 
 // ---------------------------------------------------------------------------------------------------------------------
@@ -256,7 +266,8 @@ fn constants(voxel: Voxel, perspective: bool, points: bool) -> Vec<Constant> {
 }
 
 fn packed(context: &Context, store: Store, axes: [usize; 3], voxel: Voxel, max_weight: f64) -> Packed {
-    let stage = (!context.is_software()).then(|| pack::stage(context, &constants(voxel, false, false), voxel));
+    let layout = Layout::of(context, DIMS);
+    let stage = (!context.is_software()).then(|| pack::stage(context, &constants(voxel, false, false), voxel, layout));
     packed_by(context, (stage.as_ref(), false, false), store, axes, voxel, max_weight, |_| true)
 }
 
@@ -289,7 +300,7 @@ fn packed_by(
     let lights = if let Voxel::Color { lights, .. } = voxel { lights } else { 0 };
     let light = SplatLight { lighting, lights, points, to_eye };
     let mut recorder = Recorder::untimed(context);
-    let packed = packing.pack(&mut recorder, stage, (&stores, &None), &light, max_weight, None).unwrap();
+    let packed = packing.stored().pack(&mut recorder, stage, (&stores, &None), &light, max_weight, None).unwrap();
     recorder.submit();
     packed
 }
@@ -299,18 +310,17 @@ fn packed_by(
 #[test]
 fn bands_hold_each_splat_about_once_and_wait_for_nothing() {
     let mut context = context();
-    if pack::is_apart(&context) {
-        // A GPU stores splats in the texture.
+    if Layout::of(&context, DIMS) == Layout::Box {
         return;
     }
     let voxel = Voxel::Color { lights: 0, shadows: false };
-    let stage = pack::stage(&context, &constants(voxel, false, false), voxel);
+    let stage = pack::stage(&context, &constants(voxel, false, false), voxel, Layout::Rows);
     let packed = |context: &Context, axes| {
         let store = store(context, words_of);
         packed_by(context, (Some(&stage), false, false), store, axes, voxel, 30.0, |_| true)
     };
     for axes in ORDERS {
-        let whole = read_volume(&context, &packed(&context, axes).volume);
+        let whole = read_volume(&context, &packed(&context, axes));
         let stores = [store(&context, words_of)];
         let visits = |context: &Context| {
             let packing = Packing::new(context, &stores, DIMS, false, |_| true, axes, voxel).unwrap();
@@ -327,7 +337,7 @@ fn bands_hold_each_splat_about_once_and_wait_for_nothing() {
             let banded = packed(&context, axes);
             let after = context.traffic();
             assert_eq!((after.submissions - before.submissions, after.waits - before.waits), (1, 0));
-            assert!(read_volume(&context, &banded.volume) == whole, "{axes:?} in {bands} bands");
+            assert!(read_volume(&context, &banded) == whole, "{axes:?} in {bands} bands");
             assert_occupied(&context, &banded);
         }
         context.limits.max_storage_buffer_binding_size = unlimited;
@@ -337,7 +347,7 @@ fn bands_hold_each_splat_about_once_and_wait_for_nothing() {
 /// The stage on the host gives the same texels as the one on the device: to the last bit, but where colours are lit.
 #[test]
 fn packing_on_the_host_matches_the_device() {
-    let [context, apart] = [context(), context().with_device_stages()];
+    let [context, gpu] = contexts();
     for (axes, voxel, number) in ORDERS.into_iter().flat_map(|axes| {
         let lit = [1, 4].map(|lights| Voxel::Color { lights, shadows: false });
         let plain = Voxel::Color { lights: 0, shadows: false };
@@ -363,15 +373,18 @@ fn packing_on_the_host_matches_the_device() {
                 Voxel::Scalar => store(context, |p| [made(p)[0]]),
                 _ => store(context, made),
             };
-            let stage = on_device.then(|| pack::stage(context, &constants(voxel, perspective, points), voxel));
+            let layout = Layout::of(context, DIMS);
+            let stage = on_device.then(|| pack::stage(context, &constants(voxel, perspective, points), voxel, layout));
             let packed = packed_by(context, (stage.as_ref(), perspective, points), stored, axes, voxel, 30.0, seen);
             assert_occupied(context, &packed);
-            let read = read_volume(context, &packed.volume);
-            let voxels: Vec<_> = places(packed.packing).map(|(at, _)| voxel_words(&packed, &read, at)).collect();
+            let read = read_volume(context, &packed);
+            let mut voxels: Vec<_> =
+                places(packed.packing).map(|(at, point)| (point, voxel_words(&packed, &read, at))).collect();
+            voxels.sort_by_key(|(point, _)| *point);
             (read, voxels)
         };
-        let (_, stored) = run(&apart, true);
-        if pack::is_apart(&context) {
+        let (_, stored) = run(&gpu, true);
+        if !context.is_software() {
             // The host packs for software only.
             continue;
         }
@@ -397,7 +410,7 @@ fn packing_on_the_host_matches_the_device() {
 /// Textures of most GPUs have 16384 texels a side at most.
 #[test]
 fn a_scan_of_512_fits_into_the_textures_of_most_gpus() {
-    for mut context in [context(), context().with_device_stages()] {
+    for mut context in contexts() {
         context.limits.max_texture_dimension_2d = 16_384;
         for voxel in [Voxel::Color { lights: 0, shadows: false }, Voxel::Scalar, Voxel::Gradient] {
             let packing = |dims| Packing::new(&context, &[], dims, true, |_| true, [0, 1, 2], voxel);
@@ -409,7 +422,12 @@ fn a_scan_of_512_fits_into_the_textures_of_most_gpus() {
 
 /// The words of a packed voxel at (a, b, plane) of the box: two, or one of a scalar.
 fn voxel_words(packed: &Packed, texels: &[[u32; 4]], [a, b, m]: [u32; 3]) -> [u32; 2] {
-    let Packing { columns, row_texels, dims, voxel, .. } = packed.packing;
+    let Packing { columns, row_texels, dims, voxel, layout, .. } = packed.packing;
+    if layout == Layout::Box {
+        let [x, y, _] = dims.map(|n| n + 1);
+        let texel = texels[(a + x * (b + y * m)) as usize];
+        return if voxel == Voxel::Scalar { [texel[0], 0] } else { [texel[0], texel[1]] };
+    }
     let x = m % columns * (row_texels + MARGIN) + MARGIN + a / 2;
     let y = m / columns * (dims[1] + 1) + 1 + b;
     let texel = texels[(y * packed.packing.size[0] + x) as usize];
@@ -449,10 +467,9 @@ fn words_of(point: [u32; 3]) -> [u32; 3] {
 
 #[test]
 fn voxels_are_packed_where_rays_look_for_them() {
-    let context = context();
-    for axes in ORDERS {
-        let packed = packed(&context, store(&context, words_of), axes, Voxel::Color { lights: 0, shadows: false }, 3.0);
-        let volume = read_volume(&context, &packed.volume);
+    for (context, axes) in contexts().iter().flat_map(|context| ORDERS.map(|axes| (context, axes))) {
+        let packed = packed(context, store(context, words_of), axes, Voxel::Color { lights: 0, shadows: false }, 3.0);
+        let volume = read_volume(context, &packed);
         let shown = points();
         let mut found = 0;
         for (place, point) in places(packed.packing) {
@@ -479,9 +496,9 @@ fn voxels_are_packed_where_rays_look_for_them() {
         // Around the rows there is nothing.
         let words = |p: [u32; 3]| voxel_words(&packed, &volume, p);
         let inside: usize = places(packed.packing).filter(|&(place, _)| words(place) != [0, 0]).count();
-        let all = volume.iter().flat_map(|texel| [[texel[0], texel[1]], [texel[2], texel[3]]]);
+        let all = all_words(&packed, &volume);
         assert_eq!(all.filter(|&voxel| voxel != [0, 0]).count(), inside, "{axes:?}");
-        assert_occupied(&context, &packed);
+        assert_occupied(context, &packed);
     }
 }
 
@@ -511,23 +528,22 @@ fn gradient_of([x, y, z]: [u32; 3]) -> [f32; 3] {
 
 #[test]
 fn scalars_keep_their_bits_and_gradients_half_of_them() {
-    let context = context();
     let shown = points();
-    for axes in ORDERS {
-        let stored = store(&context, |p| [scalar_of(p).to_bits()]);
-        let scalars = packed(&context, stored, axes, Voxel::Scalar, 30.0);
-        let volume = read_volume(&context, &scalars.volume);
+    for (context, axes) in contexts().iter().flat_map(|context| ORDERS.map(|axes| (context, axes))) {
+        let stored = store(context, |p| [scalar_of(p).to_bits()]);
+        let scalars = packed(context, stored, axes, Voxel::Scalar, 30.0);
+        let volume = read_volume(context, &scalars);
         for (place, point) in places(scalars.packing) {
             let [got, _] = voxel_words(&scalars, &volume, place);
             let expected = if shown.contains(&point) { scalar_of(point).to_bits() } else { 0 };
             assert_eq!(got, expected, "{axes:?} {point:?}");
         }
-        let stored = store(&context, |p| {
+        let stored = store(context, |p| {
             let [low, high] = packed_gradient(gradient_of(p));
             [scalar_of(p).to_bits(), low, high]
         });
-        let vectors = packed(&context, stored, axes, Voxel::Gradient, 30.0);
-        let volume = read_volume(&context, &vectors.volume);
+        let vectors = packed(context, stored, axes, Voxel::Gradient, 30.0);
+        let volume = read_volume(context, &vectors);
         for (place, point) in places(vectors.packing) {
             let [x, y, z] = gradient_of(point);
             let mut expected = [x, y, z, scalar_of(point)].map(f64::from);
@@ -587,7 +603,7 @@ fn line(uniforms: &layout::Rays, perspective: bool, [x, y]: [u32; 2]) -> Option<
 /// Runs that invocations find, and runs that workgroups find.
 #[test]
 fn rays_meet_no_voxel_between_runs() {
-    [context(), context().with_device_stages()].iter().for_each(assert_runs_hold_voxels);
+    contexts().iter().for_each(assert_runs_hold_voxels);
 }
 
 fn assert_runs_hold_voxels(context: &Context) {
@@ -612,8 +628,8 @@ fn assert_runs_hold_voxels(context: &Context) {
         let view = ViewGeometry::new(&camera, &grid, &settings, Savings::default());
         for axis in &PrincipalAxis::all(&view.camera, &view.grid) {
             let sections = Sections::new(&kernel, &view.camera, axis, SlabKind::Colors, 1.0);
-            let packed =
-                packed(context, store(context, words_of), axis.axes, Voxel::Color { lights: 0, shadows: false }, 3.0);
+            let voxel = Voxel::Color { lights: 0, shadows: false };
+            let packed = packed(context, store(context, words_of), axis.axes, voxel, 3.0);
             let job = Job {
                 context,
                 pipelines: &Cache::default(),
@@ -626,15 +642,16 @@ fn assert_runs_hold_voxels(context: &Context) {
                 padding: 0,
                 depths: Depths::default(),
             };
-            let (packing, footprint, sections) = (packed.packing, &footprint, &sections);
+            let packing = Packing::new(context, &[store(context, words_of)], DIMS, false, |_| true, axis.axes, voxel);
+            let (packing, footprint, sections) = (packing.unwrap(), &footprint, &sections);
             let setup = RaySetup { job: &job, axis, packing, kernel, footprint, sections };
             let images = setup.image_rays(region);
             let pixels = (setup.pixel_share() > 0.0).then(|| setup.pixel_rays(region));
             for Rays { uniforms, spacing } in images.into_iter().chain(pixels) {
                 shared |= matches!(spacing, RaySpacing::PerVoxel(_));
                 let voxels: Vec<[u32; 3]> =
-                    places(packed.packing).filter(|(_, p)| shown.contains(p)).map(|(at, _)| at).collect();
-                let last = packed.packing.dims[2] - 1;
+                    places(packing).filter(|(_, p)| shown.contains(p)).map(|(at, _)| at).collect();
+                let last = packing.dims[2] - 1;
                 let runs = runs(context, &packed, &uniforms, perspective);
                 let [across, down] = uniforms.tiles;
                 for (number, runs) in (0..).zip(&runs) {

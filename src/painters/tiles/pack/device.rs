@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use bytemuck::Zeroable;
 
-use super::{Packing, Reached, reaches};
+use super::{Layout, Packing, Reached, reaches};
 use crate::error::Result;
 use crate::gpu::context::Context;
 use crate::gpu::layout::Pack;
@@ -29,9 +29,10 @@ pub(in crate::painters::tiles) struct Bands {
     bands: Vec<Band>,
 }
 
-/// Rows of the texture that are packed together.
+/// What is packed together.
 #[derive(Debug)]
 struct Band {
+    /// The rows of the texture; none of a box.
     rows: Range<u32>,
     /// The number of a store, the runs of its splats, and the number of these splats.
     parts: Vec<(usize, Range<u32>, u64)>,
@@ -55,8 +56,7 @@ impl Packing {
         reached: &Reached,
     ) -> Result<Bands> {
         let mut runs: Vec<[u32; 2]> = Vec::new();
-        let band = |rows: Range<u32>| {
-            let planes = self.planes(rows.clone());
+        let band = |(rows, planes): (Range<u32>, Range<u32>)| {
             let mut parts = Vec::new();
             for (number, store) in stores.iter().enumerate() {
                 let first = runs.len() as u32;
@@ -72,18 +72,20 @@ impl Packing {
             }
             Band { rows, parts }
         };
-        let bands = self.rows_of_bands(context).into_iter().map(band).collect();
+        let parts = match self.layout {
+            Layout::Rows => {
+                self.rows_of_bands(context).into_iter().map(|rows| (rows.clone(), self.planes(rows))).collect()
+            }
+            Layout::Box => vec![(0..0, 0..self.dims[2])],
+        };
+        let bands = parts.into_iter().map(band).collect();
         let runs = context.upload("pack.runs", bytemuck::cast_slice(&runs), wgpu::BufferUsages::STORAGE)?;
         Ok(Bands { runs, bands })
     }
 
-    /// The rows of each band: whole shelves of planes if they fit, so that most bricks are in one band. All rows, if
-    /// splats are stored in the texture.
+    /// The rows of each band: whole shelves of planes if they fit, so that most bricks are in one band.
     fn rows_of_bands(&self, context: &Context) -> Vec<Range<u32>> {
         let [_, height] = self.size;
-        if self.apart {
-            return std::iter::once(0..height).collect();
-        }
         let limits = &context.limits;
         let most = BAND.min(limits.max_storage_buffer_binding_size).min(limits.max_buffer_size);
         let rows = (most / self.row_bytes()).clamp(1, u64::from(height)) as u32;
@@ -137,7 +139,7 @@ impl Packing {
         // One buffer serves all bands: the device orders what reads and writes it, so that nothing waits.
         let largest = bands.iter().map(|band| band.rows.len() as u64).max().unwrap_or_default();
         let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC | wgpu::BufferUsages::COPY_DST;
-        let texels = (!self.apart).then(|| context.buffer("pack.texels", largest * row_bytes, usage)).transpose()?;
+        let texels = (self.layout == Layout::Rows).then(|| context.buffer("pack.texels", largest * row_bytes, usage)).transpose()?;
         let view = volume.create_view(&wgpu::TextureViewDescriptor::default());
         let stored = texels.as_ref().map_or_else(|| texture_view(&view), wgpu::Buffer::as_entire_binding);
         for (number, Band { rows, parts }) in bands.iter().enumerate() {

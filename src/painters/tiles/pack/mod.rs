@@ -18,6 +18,7 @@ use crate::gpu::shaders;
 use crate::gpu::splat::SplatLight;
 use crate::gpu::stage::{Constant, Stage};
 use crate::gpu::store::Store;
+use crate::painters::tiles::axis::unordered;
 
 /// The packed data of a voxel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
@@ -44,29 +45,40 @@ impl Voxel {
     }
 
     /// The binding of the texture that rays read.
-    pub(super) fn binding(self, apart: bool) -> Binding {
-        if apart {
-            Binding::IntegerTexture(wgpu::TextureViewDimension::D2)
-        } else {
-            Binding::ReadTexture(self.format(apart))
+    pub(super) fn binding(self, layout: Layout) -> Binding {
+        match layout {
+            Layout::Rows => Binding::ReadTexture(self.format(layout)),
+            Layout::Box => Binding::IntegerTexture(wgpu::TextureViewDimension::D3),
         }
     }
 
     /// The format of that texture.
-    pub(super) fn format(self, apart: bool) -> wgpu::TextureFormat {
-        match (self, apart) {
-            (Self::Scalar, true) => wgpu::TextureFormat::R32Uint,
-            (Self::Scalar, false) | (_, true) => wgpu::TextureFormat::Rg32Uint,
-            (_, false) => wgpu::TextureFormat::Rgba32Uint,
+    pub(super) fn format(self, layout: Layout) -> wgpu::TextureFormat {
+        match (self, layout) {
+            (Self::Scalar, Layout::Box) => wgpu::TextureFormat::R32Uint,
+            (Self::Scalar, Layout::Rows) | (_, Layout::Box) => wgpu::TextureFormat::Rg32Uint,
+            (_, Layout::Rows) => wgpu::TextureFormat::Rgba32Uint,
         }
     }
 }
 
-/// Whether each voxel has a texel of its own, rather than one together with its neighbour: on GPUs, where splats are
-/// stored in the texture one by one. There a copy of a gigabyte from a buffer to a texture takes 25 ms, and all rays of
-/// a frame 2 to 7 ms (measured; docs/measurements/2026-11-25-gpu.md). Software stores faster in a buffer.
-pub(super) fn is_apart(context: &Context) -> bool {
-    !context.is_software()
+/// How voxels lie in the texture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(super) enum Layout {
+    /// Rows of pairs of voxels in a flat texture (shaders/common/packing.wgsl), which software reads and fills fastest.
+    Rows,
+    /// A texel for each voxel of the box in a texture of three dimensions. Rays along every axis read the same texture,
+    /// and the stage stores in it voxel by voxel. For GPUs: there a copy of a gigabyte from a buffer to a texture takes
+    /// 25 ms, its allocation 60 ms, and all rays of a frame 2 to 7 ms (measured; docs/measurements/2026-11-25-gpu.md).
+    Box,
+}
+
+impl Layout {
+    /// The layout of boxes in a lattice of `dims` points.
+    pub(super) fn of(context: &Context, dims: [u32; 3]) -> Self {
+        let fits = dims.iter().all(|&n| n < context.limits.max_texture_dimension_3d);
+        if context.is_software() || !fits { Self::Rows } else { Self::Box }
+    }
 }
 
 /// The most bytes of a packed volume. The box around visible voxels is packed whole; much of it may be empty.
@@ -76,33 +88,32 @@ const F16_HEADROOM: f64 = 16_384.0;
 /// The largest factor that densities are scaled by, a power of two: products with it stay in the range of f32.
 const MAX_SCALE: f64 = (1_u128 << 100) as f64;
 
-/// Where the voxels of a volume are in the texture: the rows of shaders/common/packing.wgsl.
+/// Where the voxels of a volume are in the texture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Packing {
     pub(super) voxel: Voxel,
+    pub(super) layout: Layout,
     /// Numbers of the lattice axes a, b and m.
     pub(super) axes: [usize; 3],
     /// First lattice point of the box along a, b and m.
     pub(super) low: [u32; 3],
     /// Lattice points of the box along a, b and m.
     pub(super) dims: [u32; 3],
-    /// Planes side by side.
+    /// Rows: planes side by side.
     pub(super) columns: u32,
-    /// Pairs of voxels of a row, without its margin.
+    /// Rows: pairs of voxels of a row, without its margin.
     pub(super) row_texels: u32,
-    /// Whether each voxel has a texel of its own: [`is_apart`].
-    apart: bool,
-    /// Width and height of the texture, in pairs of voxels and in rows.
+    /// Rows: width and height of the texture, in pairs of voxels and in rows.
     pub(super) size: [u32; 2],
 }
 
 impl Packing {
-    /// The packing of the box around the bricks of splats that are `seen`, or if `whole`, of the lattice of `dims`
+    /// The packing of the box around the bricks of splats that are `seen`, or if `whole`, of the lattice of this many
     /// points; `None` if it does not fit into a texture.
     pub(super) fn new(
         context: &Context,
         stores: &[Store],
-        dims: [u32; 3],
+        lattice: [u32; 3],
         whole: bool,
         seen: impl Fn([[u32; 3]; 2]) -> bool,
         axes: [usize; 3],
@@ -114,36 +125,53 @@ impl Packing {
             let ends = [0, 1, 2].map(ends);
             (ends.map(|(low, _)| low), ends.map(|(_, high)| high))
         });
-        let (low, high) = if whole { ([0; 3], dims) } else { (low, high) };
+        let (low, high) = if whole { ([0; 3], lattice) } else { (low, high) };
         let low = axes.map(|axis| low[axis]);
         let dims: [u32; 3] = std::array::from_fn(|i| high[axes[i]].saturating_sub(low[i]));
-        let [a, b, m] = dims;
-        let limit = u64::from(context.limits.max_texture_dimension_2d);
-        let apart = is_apart(context);
-        let most_pairs = if apart { limit / 2 } else { limit };
+        let layout = Layout::of(context, lattice);
+        let packing = Self { voxel, layout, axes, low, dims, columns: 0, row_texels: 0, size: [0; 2] };
+        let packing = match layout {
+            Layout::Rows => packing.in_rows(),
+            Layout::Box => packing,
+        };
+        let [flat, deep] = [context.limits.max_texture_dimension_2d, context.limits.max_texture_dimension_3d];
+        let fits = packing.size.iter().all(|&n| n <= flat) && packing.macrocells().iter().all(|&n| n <= deep);
+        (fits && packing.voxel_bytes() <= MAX_BYTES).then_some(packing)
+    }
+
+    /// The same voxels in rows of a texture that is about square.
+    fn in_rows(self) -> Self {
+        let [a, b, m] = self.dims;
         let row_texels = a.div_ceil(2);
-        let rows = u64::from(b) + 1;
-        // As many planes side by side as make the texture about square.
-        let column = u64::from(row_texels + MARGIN);
-        let across = if apart { 2 * column } else { column };
-        let columns = ((f64::from(m) * rows as f64 / across as f64).sqrt().ceil() as u64).clamp(1, u64::from(m.max(1)));
+        let (rows, column) = (u64::from(b) + 1, u64::from(row_texels + MARGIN));
+        let columns = ((f64::from(m) * rows as f64 / column as f64).sqrt().ceil() as u64).clamp(1, u64::from(m.max(1)));
         // A row of a buffer that is copied to a texture begins at a multiple of this; texels have at least 8 bytes.
         let align = u64::from(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT) / 8;
         let width = (columns * column + u64::from(MARGIN)).next_multiple_of(align);
         let height = u64::from(m).div_ceil(columns) * rows + 1;
-        let fits = width <= most_pairs && height <= limit && width * height * voxel.texel() <= MAX_BYTES;
-        let macrocells =
-            dims.map(|n| n.div_ceil(MACROCELL)).iter().all(|&n| n <= context.limits.max_texture_dimension_3d);
-        (fits && macrocells).then_some(Self {
-            voxel,
-            axes,
-            low,
-            dims,
-            columns: columns as u32,
-            row_texels,
-            apart,
-            size: [width as u32, height as u32],
-        })
+        let size = [width, height].map(|n| u32::try_from(n).unwrap_or(u32::MAX));
+        Self { columns: columns as u32, row_texels, size, ..self }
+    }
+
+    /// The packing of the voxels as they are stored: in a box they lie along the axes of the lattice, for rays along
+    /// every axis.
+    pub(super) fn stored(self) -> Self {
+        match self.layout {
+            Layout::Rows => self,
+            Layout::Box => {
+                let [low, dims] = [self.low, self.dims].map(|values| unordered(self.axes, values));
+                Self { axes: [0, 1, 2], low, dims, ..self }
+            }
+        }
+    }
+
+    /// The steps along a, b and m in a box of voxels, and of macrocells.
+    pub(super) fn steps(&self) -> [[i32; 3]; 3] {
+        let axes = match self.layout {
+            Layout::Rows => [0, 1, 2],
+            Layout::Box => self.axes,
+        };
+        axes.map(|axis| [0, 1, 2].map(|along| i32::from(along == axis)))
     }
 
     /// Whether there is no voxel in the box.
@@ -155,15 +183,26 @@ impl Packing {
     /// takes about 55 ns for each splat, transfer included, and the host 2 ns for each byte of the whole texture.
     pub(super) fn is_for_host(&self, context: &Context, splats: u64) -> bool {
         const BYTES: u64 = 28;
-        let [width, height] = self.size.map(u64::from);
-        context.is_software() && BYTES * splats > width * height * self.voxel.texel()
+        context.is_software() && BYTES * splats > self.voxel_bytes()
+    }
+
+    /// Bytes of the texture of voxels.
+    fn voxel_bytes(&self) -> u64 {
+        match self.layout {
+            Layout::Rows => self.size.map(u64::from).into_iter().product::<u64>() * self.voxel.texel(),
+            Layout::Box => self.box_texels().map(u64::from).into_iter().product::<u64>() * self.voxel.texel() / 2,
+        }
+    }
+
+    /// Texels of a box along a, b and m: a layer of zeros lies behind the voxels of each axis.
+    fn box_texels(&self) -> [u32; 3] {
+        self.dims.map(|n| n + 1)
     }
 
     /// Bytes of the textures of voxels and of macrocells.
     pub(super) fn bytes(&self) -> u64 {
-        let [width, height] = self.size.map(u64::from);
         let macrocells: u64 = self.macrocells().into_iter().map(u64::from).product();
-        width * height * self.voxel.texel() + macrocells * 4
+        self.voxel_bytes() + macrocells * 4
     }
 
     /// Macrocells along a, b and m.
@@ -176,16 +215,15 @@ impl Packing {
     fn textures(&self, context: &Context) -> [wgpu::Texture; 2] {
         use wgpu::TextureUsages as Usages;
         let usage = Usages::STORAGE_BINDING | Usages::TEXTURE_BINDING | Usages::COPY_DST;
-        let texture =
-            |label, format, size, dimension, more| context.texture(label, format, size, dimension, usage | more);
-        let [width, height] = self.size;
-        let texels = if self.apart { 2 * width } else { width };
-        // An attachment is cleared by a pass, not by copies of zeros.
-        let cleared = if self.apart { Usages::RENDER_ATTACHMENT } else { Usages::empty() };
-        let (flat, cube) = (wgpu::TextureDimension::D2, wgpu::TextureDimension::D3);
+        let texture = |label, format, size, dimension| context.texture(label, format, size, dimension, usage);
+        let cube = wgpu::TextureDimension::D3;
+        let (size, dimension) = match (self.layout, self.size) {
+            (Layout::Rows, [width, height]) => ([width, height, 1], wgpu::TextureDimension::D2),
+            (Layout::Box, _) => (self.box_texels(), cube),
+        };
         [
-            texture("pack.volume", self.voxel.format(self.apart), [texels, height, 1], flat, cleared),
-            texture("pack.occupied", wgpu::TextureFormat::R32Uint, self.macrocells(), cube, Usages::empty()),
+            texture("pack.volume", self.voxel.format(self.layout), size, dimension),
+            texture("pack.occupied", wgpu::TextureFormat::R32Uint, self.macrocells(), cube),
         ]
     }
 
@@ -222,6 +260,12 @@ impl Source {
 }
 
 impl Packed {
+    /// Bytes of the volumes that the axes of a picture read, which may be the same.
+    pub(super) fn bytes_of(packed: &[Arc<Self>]) -> u64 {
+        let is_first = |&(i, volume): &(usize, &Arc<Self>)| !packed[..i].iter().any(|other| Arc::ptr_eq(other, volume));
+        packed.iter().enumerate().filter(is_first).map(|(_, volume)| volume.bytes).sum()
+    }
+
     /// Whether its splats are at the places of those of these stores.
     pub(super) fn has_places_of(&self, stores: &[Store]) -> bool {
         self.source.map(|source| source.places) == stores.first().map(|store| store.places)
@@ -248,14 +292,14 @@ pub(crate) struct Packed {
 }
 
 /// The stage that packs on the device.
-pub(super) fn stage(context: &Context, constants: &[Constant], voxel: Voxel) -> Stage {
-    let texture = Binding::StorageTexture;
-    let (shader, voxels) = match voxel {
-        _ if !is_apart(context) => (shaders::PACK, Write),
-        Voxel::Scalar => (shaders::PACK_SCALARS, texture(voxel.format(true), wgpu::TextureViewDimension::D2)),
-        _ => (shaders::PACK_VECTORS, texture(voxel.format(true), wgpu::TextureViewDimension::D2)),
+pub(super) fn stage(context: &Context, constants: &[Constant], voxel: Voxel, layout: Layout) -> Stage {
+    let texture = |format| Binding::StorageTexture(format, wgpu::TextureViewDimension::D3);
+    let (shader, voxels) = match (layout, voxel) {
+        (Layout::Rows, _) => (shaders::PACK, Write),
+        (Layout::Box, Voxel::Scalar) => (shaders::PACK_SCALARS, texture(voxel.format(layout))),
+        (Layout::Box, _) => (shaders::PACK_VECTORS, texture(voxel.format(layout))),
     };
-    let marks = texture(wgpu::TextureFormat::R32Uint, wgpu::TextureViewDimension::D3);
+    let marks = texture(wgpu::TextureFormat::R32Uint);
     let slots = [Uniform, Uniform, Read, Read, voxels, marks, Read];
     Stage::new(context, shader, ("pack", "voxels"), &slots, constants)
 }

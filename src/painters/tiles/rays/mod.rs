@@ -171,6 +171,7 @@ impl RaySetup<'_> {
         let axes = DMat3::from_cols(view.camera.right, view.camera.up, view.camera.forward);
         let gradients = (view.grid.to_lattice().matrix3 * axes).transpose();
         let ([box_low, box_high], [owned_low, owned_high]) = (self.bounds(), self.owned());
+        let [along_a, along_b, along_m] = packing.steps();
         // A fade over no growth is whole at once.
         let rate = |[from, to]: [f64; 2]| (1.0 / (to - from).max(1e-6)) as f32;
         let (fade_in, fade_out) = view.fade.map_or(([0.0; 2], [0.0; 2]), |Fade { begins, ends }| {
@@ -194,6 +195,9 @@ impl RaySetup<'_> {
             gradient_z: f3(gradients.z_axis),
             // Runs are at least two macrocells apart, and an empty run ends them.
             run_slots: packing.dims[2].div_ceil(MACROCELL).div_ceil(2) + 1,
+            along_a,
+            along_b,
+            along_m,
             voxels: packing.dims.map(|n| n as i32),
             flipped: i32::from(axis.flipped),
             columns: packing.columns as i32,
