@@ -215,23 +215,27 @@ fn cumulative_to(c: Chord, t: f32) -> f32 {
     return sum * t * c.scale;
 }
 
-// The integral to sheet plane `k` of the batch.
-fn cumulative(c: Chord, k: f32) -> f32 {
-    return cumulative_to(c, clamp(c.first + k * c.step, c.low, c.high));
+// The place of sheet plane `k` of the batch, within the chord behind the eye.
+fn place_of_plane(c: Chord, k: f32) -> f32 {
+    return clamp(c.first + k * c.step, c.low, c.high);
 }
 
 // The footprint behind the first sheet plane of the frame.
 fn whole(c: Chord) -> f32 {
-    return max(cumulative_to(c, c.high) - cumulative(c, 0.0), 0.0);
+    return max(cumulative_to(c, c.high) - cumulative_to(c, place_of_plane(c, 0.0)), 0.0);
 }
 
-// The section of sheet `k`. Never below 0: two integrals to the same place may differ by rounding, if the compiler
-// contracts one of them otherwise, and a scalar on the other side of the base would be visible.
+// The section of sheet `k`. Exactly 0 if no part of the chord is in the sheet, and never below 0: two integrals to the
+// same place may differ by rounding, if the compiler contracts one of them otherwise. A scalar on the other side of the
+// base would be visible, and a gradient of rounding would light a sheet that has none.
 fn section(c: Chord, k: u32) -> f32 {
     if AXIS {
         return select(0.0, whole(c), c.sheet == k);
     }
-    return max(cumulative(c, f32(k) + 1.0) - cumulative(c, f32(k)), 0.0);
+    let from_plane = place_of_plane(c, f32(k));
+    let to_plane = place_of_plane(c, f32(k) + 1.0);
+    let part = cumulative_to(c, to_plane) - cumulative_to(c, from_plane);
+    return select(0.0, max(part, 0.0), to_plane > from_plane);
 }
 
 // The sections of four consecutive sheets, from the five planes around them.
@@ -240,8 +244,11 @@ fn sections(c: Chord, first: u32) -> vec4f {
         return select(vec4f(0.0), vec4f(whole(c)), vec4u(0u, 1u, 2u, 3u) + first == vec4u(c.sheet));
     }
     let k = f32(first);
-    let g = vec4f(cumulative(c, k), cumulative(c, k + 1.0), cumulative(c, k + 2.0), cumulative(c, k + 3.0));
-    return max(vec4f(g.yzw, cumulative(c, k + 4.0)) - g, vec4f(0.0));
+    let p = clamp(c.first + (k + vec4f(0.0, 1.0, 2.0, 3.0)) * c.step, vec4f(c.low), vec4f(c.high));
+    let end = place_of_plane(c, k + 4.0);
+    let g = vec4f(cumulative_to(c, p.x), cumulative_to(c, p.y), cumulative_to(c, p.z), cumulative_to(c, p.w));
+    let parts = vec4f(g.yzw, cumulative_to(c, end)) - g;
+    return select(vec4f(0.0), max(parts, vec4f(0.0)), vec4f(p.yzw, end) > p);
 }
 
 struct Sheets1 {

@@ -223,7 +223,13 @@ impl<'a> Picture<'a> {
             constants.extend([("ACROSS", across), ("ROWS", rows)]);
         }
         let is_for_host = |axis: &PackedAxis| axis.packing.is_for_host(context, self.job.splats());
-        TilesKey { voxel: self.voxel, layout: self.layout, rays, packs_on_host: self.axes.first().is_some_and(is_for_host), constants }
+        TilesKey {
+            voxel: self.voxel,
+            layout: self.layout,
+            rays,
+            packs_on_host: self.axes.first().is_some_and(is_for_host),
+            constants,
+        }
     }
 
     /// Texels of a row that reach a ray.
@@ -335,7 +341,9 @@ impl<'a> Picture<'a> {
 
     /// Whether `packed` holds splats at the places of those of this picture, in the layout of an axis.
     fn serves(&self, axis: &PackedAxis, packed: &Packed) -> bool {
-        axis.packing.stored() == packed.packing && packed.has_places_of(self.job.stores) && axis.reached == packed.reached
+        axis.packing.stored() == packed.packing
+            && packed.has_places_of(self.job.stores)
+            && axis.reached == packed.reached
     }
 
     /// The splats as each axis reads them: packed for an earlier picture of the scene, or now.

@@ -139,7 +139,9 @@ impl Packing {
         // One buffer serves all bands: the device orders what reads and writes it, so that nothing waits.
         let largest = bands.iter().map(|band| band.rows.len() as u64).max().unwrap_or_default();
         let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC | wgpu::BufferUsages::COPY_DST;
-        let texels = (self.layout == Layout::Rows).then(|| context.buffer("pack.texels", largest * row_bytes, usage)).transpose()?;
+        let texels = (self.layout == Layout::Rows)
+            .then(|| context.buffer("pack.texels", largest * row_bytes, usage))
+            .transpose()?;
         let view = volume.create_view(&wgpu::TextureViewDescriptor::default());
         let stored = texels.as_ref().map_or_else(|| texture_view(&view), wgpu::Buffer::as_entire_binding);
         for (number, Band { rows, parts }) in bands.iter().enumerate() {
