@@ -1,6 +1,9 @@
 //! The renderer (a device), its scenes (prepared volumes) and their pictures.
 
+use std::ops::Range;
 use std::sync::Arc;
+
+use rayon::prelude::*;
 
 use crate::camera::Camera;
 use crate::error::{Error, Result};
@@ -568,13 +571,16 @@ fn put(
     let pixels = recorder.read_back("picture.staging", pixels, painted.area() * PIXEL_BYTES)?;
     recorder.resolve_times()?;
     recorder.submit();
-    let pixels: Vec<[f32; 4]> = pixels.values(recorder.context, "rendering")?;
-    let columns = |of: Region| (part.x - of.x) as usize..(part.x - of.x + part.width) as usize;
-    let first_row = |of: Region| (part.y - of.y) as usize;
-    let rows = image.pixels_mut().chunks_exact_mut(of_image.width as usize).skip(first_row(of_image));
-    let sources = pixels.chunks_exact(painted.width as usize).skip(first_row(painted));
-    for (row, source) in rows.zip(sources).take(part.height as usize) {
-        row[columns(of_image)].copy_from_slice(&source[columns(painted)]);
-    }
-    Ok(())
+    pixels.read(recorder.context, "rendering", |pixels| {
+        const BYTES: usize = PIXEL_BYTES as usize;
+        let columns = |of: Region| (part.x - of.x) as usize..(part.x - of.x + part.width) as usize;
+        let first_row = |of: Region| (part.y - of.y) as usize;
+        let rows = image.pixels_mut().par_chunks_exact_mut(of_image.width as usize).skip(first_row(of_image));
+        let sources = pixels.par_chunks_exact(painted.width as usize * BYTES).skip(first_row(painted));
+        rows.zip(sources).take(part.height as usize).for_each(|(row, source)| {
+            let Range { start, end } = columns(painted);
+            let row: &mut [u8] = bytemuck::cast_slice_mut(&mut row[columns(of_image)]);
+            row.copy_from_slice(&source[start * BYTES..end * BYTES]);
+        });
+    })
 }

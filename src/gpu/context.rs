@@ -89,6 +89,8 @@ pub(crate) struct Context {
     /// The first report of the device outside error scopes: the reason of its loss, or an error.
     failure: Arc<Mutex<Option<String>>>,
     traffic: Mutex<Traffic>,
+    /// Buffers that the host read from.
+    staging: Mutex<Vec<wgpu::Buffer>>,
     /// Whether the device is the host, so that twins on the host are faster than stages on the device.
     software: bool,
     /// Distinguishes this device from others of the program.
@@ -130,6 +132,7 @@ impl Context {
             features,
             failure: Arc::default(),
             traffic: Mutex::default(),
+            staging: Mutex::default(),
             software,
             id: OPENED.fetch_add(1, Ordering::Relaxed),
             savings: Savings::default(),
@@ -360,14 +363,47 @@ impl Context {
         self.count(|traffic| traffic.pipelines += 1);
     }
 
-    /// Reads the whole of a buffer that was made with `MAP_READ`. The host has waited for the commands that write it.
-    pub(crate) fn read_done(&self, stage: &str, buffer: &wgpu::Buffer) -> Result<Vec<u8>> {
+    /// A buffer of at least so many bytes for copies that the host reads: one that [`Self::read_done`] kept, if there
+    /// is one. The driver takes longer to allocate such memory than to copy to it.
+    pub(crate) fn staging(&self, label: &str, bytes: u64) -> Result<wgpu::Buffer> {
+        let mut kept = self.staging.lock().unwrap_or_else(PoisonError::into_inner);
+        match kept.iter().position(|buffer| (bytes..=4 * bytes).contains(&buffer.size())) {
+            Some(fit) => Ok(kept.swap_remove(fit)),
+            None => self.buffer(label, bytes, wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST),
+        }
+    }
+
+    /// Keeps a buffer of [`Self::staging`] for the next copies.
+    fn keep_staging(&self, buffer: wgpu::Buffer) {
+        /// Bytes of a buffer: fewer cost nothing, more than the pixels of a large picture are not worth their memory.
+        const KEPT: std::ops::RangeInclusive<u64> = 1 << 20..=256 << 20;
+        /// The pixels of a picture, and the next one's.
+        const MOST: usize = 2;
+        let mut kept = self.staging.lock().unwrap_or_else(PoisonError::into_inner);
+        if KEPT.contains(&buffer.size()) {
+            kept.push(buffer);
+        }
+        if kept.len() > MOST {
+            kept.remove(0);
+        }
+    }
+
+    /// Calls `read` with the first `bytes` of a buffer of [`Self::staging`]. The host has waited for the commands that
+    /// write it.
+    pub(crate) fn read_done<T>(
+        &self,
+        stage: &str,
+        buffer: wgpu::Buffer,
+        bytes: u64,
+        read: impl FnOnce(&[u8]) -> T,
+    ) -> Result<T> {
+        let all = ..bytes.next_multiple_of(wgpu::COPY_BUFFER_ALIGNMENT).min(buffer.size());
         let failed = |e: &dyn std::fmt::Display| Error::Device {
             stage: stage.to_owned(),
             reason: format!("the result cannot be read back: {}", one_line(&e.to_string())),
         };
         let (done, outcome) = std::sync::mpsc::channel();
-        buffer.map_async(wgpu::MapMode::Read, .., move |result| {
+        buffer.map_async(wgpu::MapMode::Read, all, move |result| {
             // If the wait has failed, nobody receives.
             let _ = done.send(result);
         });
@@ -379,11 +415,12 @@ impl Context {
             Ok(Err(e)) => return Err(failed(&e)),
             Err(_) => return Err(failed(&"the driver never finished")),
         }
-        let view = buffer.get_mapped_range(..).map_err(|e| failed(&e))?;
-        let bytes = view.to_vec();
+        let view = buffer.get_mapped_range(all).map_err(|e| failed(&e))?;
+        let result = read(&view[..bytes as usize]);
         drop(view);
         buffer.unmap();
-        Ok(bytes)
+        self.keep_staging(buffer);
+        Ok(result)
     }
 
     /// An error that names this adapter.

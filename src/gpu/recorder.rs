@@ -162,8 +162,7 @@ impl<'a> Recorder<'a> {
 
     /// Copies the first `bytes` of a buffer to memory that the host can read after [`Self::submit`].
     pub(crate) fn read_back(&mut self, label: &str, buffer: &wgpu::Buffer, bytes: u64) -> Result<Readback> {
-        let usage = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
-        let staging = self.context.buffer(label, bytes, usage)?;
+        let staging = self.context.staging(label, bytes)?;
         self.copy(buffer, &staging, 0, bytes);
         Ok(Readback { staging, bytes })
     }
@@ -208,7 +207,7 @@ impl<'a> Recorder<'a> {
 impl Readback {
     /// The values, once all submitted work is done. `doing` completes an error: "while ...".
     pub(crate) fn values<T: bytemuck::AnyBitPattern + bytemuck::NoUninit>(
-        &self,
+        self,
         context: &Context,
         doing: &str,
     ) -> Result<Vec<T>> {
@@ -218,13 +217,17 @@ impl Readback {
 
     /// The values, if the host has waited for the commands that write them.
     pub(crate) fn done_values<T: bytemuck::AnyBitPattern + bytemuck::NoUninit>(
-        &self,
+        self,
         context: &Context,
         doing: &str,
     ) -> Result<Vec<T>> {
-        let mut bytes = context.read_done(doing, &self.staging)?;
-        bytes.truncate(self.bytes as usize);
-        Ok(bytemuck::pod_collect_to_vec(&bytes))
+        context.read_done(doing, self.staging, self.bytes, |bytes| bytemuck::pod_collect_to_vec(bytes))
+    }
+
+    /// Calls `read` with the bytes, once all submitted work is done.
+    pub(crate) fn read<T>(self, context: &Context, doing: &str, read: impl FnOnce(&[u8]) -> T) -> Result<T> {
+        context.wait(doing)?;
+        context.read_done(doing, self.staging, self.bytes, read)
     }
 }
 

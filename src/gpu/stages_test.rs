@@ -36,7 +36,7 @@ fn download(context: &Context, buffer: &wgpu::Buffer, bytes: u64) -> Vec<u8> {
     encoder.copy_buffer_to_buffer(buffer, 0, &staging, 0, bytes);
     context.queue.submit([encoder.finish()]);
     context.wait("test").unwrap();
-    context.read_done("test", &staging).unwrap()[..bytes as usize].to_vec()
+    context.read_done("test", staging, bytes, <[u8]>::to_vec).unwrap()
 }
 
 fn words(bytes: &[u8]) -> Vec<u32> {

@@ -4,6 +4,8 @@ use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
+use rayon::prelude::*;
+
 use super::cache::Cache;
 use super::context::Context;
 use super::layout::{LIT_WORDS, MAX_BRICKS, SHADED_WORDS, place};
@@ -205,18 +207,24 @@ pub(crate) fn places(mut bits: u32) -> impl Iterator<Item = usize> {
 }
 
 /// Bytes of splats that are sent to the device at a time.
-const SENT: u64 = 16 << 20;
+const SENT: u64 = 64 << 20;
+/// Bricks whose splats are put into the format of the device together.
+const TOGETHER: usize = 32;
 
 /// Sends splats to the device, of `stride` bytes each, `count` in all.
 fn upload(context: &Context, bricks: &[HostBrick], stride: u64, count: u32) -> Result<wgpu::Buffer> {
     let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC;
     let buffer = context.buffer("store.splats", u64::from(count) * stride, usage)?;
     let (mut at, mut waiting) = (0, 0);
-    for (number, brick) in (0..).zip(bricks) {
-        let splats = brick.splats(stride, number)?;
-        context.write(&buffer, at, bytemuck::cast_slice(&splats));
-        let bytes = size_of_val(splats.as_slice()) as u64;
-        (at, waiting) = (at + bytes, waiting + bytes);
+    // As many at a time as there may be threads.
+    for (first, together) in (0..).step_by(TOGETHER).zip(bricks.chunks(TOGETHER)) {
+        let splats = (first..).zip(together).collect::<Vec<_>>().into_par_iter();
+        let splats = splats.map(|(number, brick)| brick.splats(stride, number)).collect::<Result<Vec<_>>>()?;
+        for splats in splats {
+            context.write(&buffer, at, bytemuck::cast_slice(&splats));
+            let bytes = size_of_val(splats.as_slice()) as u64;
+            (at, waiting) = (at + bytes, waiting + bytes);
+        }
         if waiting > SENT {
             // Copies in flight take memory until they have arrived.
             context.submit(None);

@@ -70,7 +70,7 @@ impl Timing {
         let bytes = u64::from(count) * 8;
         use wgpu::BufferUsages as Usages;
         let resolved = context.buffer("timing.resolved", bytes, Usages::QUERY_RESOLVE | Usages::COPY_SRC)?;
-        let staging = context.buffer("timing.staging", bytes, Usages::MAP_READ | Usages::COPY_DST)?;
+        let staging = context.staging("timing.staging", bytes)?;
         for (set, first) in self.sets.iter().zip((0..count).step_by(SET as usize)) {
             encoder.resolve_query_set(set, 0..SET.min(count - first), &resolved, u64::from(first) * 8);
         }
@@ -86,7 +86,9 @@ impl Timing {
         let second = f64::from(context.queue.get_timestamp_period()) * 1e-9;
         let mut sums: Vec<(&'static str, f64)> = Vec::new();
         for (staging, stages) in self.resolved {
-            let ticks: Vec<u64> = bytemuck::pod_collect_to_vec(&context.read_done("reading timestamps", &staging)?);
+            let bytes = 16 * stages.len() as u64;
+            let read = |bytes: &[u8]| bytemuck::pod_collect_to_vec(bytes);
+            let ticks: Vec<u64> = context.read_done("reading timestamps", staging, bytes, read)?;
             for (stage, pair) in stages.iter().zip(ticks.chunks_exact(2)) {
                 let seconds = pair[1].saturating_sub(pair[0]) as f64 * second;
                 add(&mut sums, stage, seconds);

@@ -161,12 +161,13 @@ impl ScalarNeed {
 
     /// The need for kernels that reach `reach` voxels from any place of the field, and for an `influence` in voxels.
     ///
-    /// The influence is rounded up to sixteenths, so that rounding errors do not change the splats when the camera
-    /// turns.
+    /// The influence is rounded up, so that the splats do not change when the camera turns: to sixteenths for rounding
+    /// errors; through an eye to whole voxels, because kernels grow otherwise wherever the eye is.
     pub(crate) fn new(view: &ViewGeometry, reach: f64, influence: f64) -> Self {
+        let steps = if view.is_perspective() { 1.0 } else { 16.0 };
         Self {
             padding: (reach * (1.0 - 1e-9)).ceil() as u32,
-            influence: (16.0 * influence + 1e-3).ceil() / 16.0,
+            influence: (steps * influence + 1e-3).ceil() / steps,
             cut: None,
             growth: view.max_growth(),
         }

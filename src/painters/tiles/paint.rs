@@ -50,6 +50,9 @@ const MAX_SCALAR: f64 = 4096.0;
 /// by half (a maximum of gaussian:0.25,0.5 by 0.26, rms).
 const MIN_SCALAR_RADIUS: f64 = 1.0;
 
+/// The most bytes of all bricks over those of the bricks that the rays of an eye reach, for which all are packed.
+const MOST_UNSEEN: u64 = 2;
+
 /// The rounding of radii at a limit.
 const ROUNDING: f64 = 1.0 + 1e-6;
 
@@ -182,7 +185,26 @@ impl<'a> Picture<'a> {
             axes.iter().map(|axis| Some((pack(axis, &|_| true)?, None))).collect()
         };
         let all = if layout == Layout::Box { of_all() } else { None };
-        let packings = all.or_else(|| axes.iter().map(of_reached).collect());
+        // After the first eye rows have room for all bricks. They are packed once for the eyes that follow; but colours
+        // in a light are packed anew for every eye, into the same textures.
+        let earlier = kept_volumes(&job)
+            .map(|held| held.lock().unwrap_or_else(PoisonError::into_inner).clone())
+            .unwrap_or_default();
+        let follows = view.is_perspective() && !earlier.is_empty();
+        let of_reached_or_all = |axis: &PrincipalAxis| {
+            let (packing, reached) = of_reached(axis)?;
+            let serves = |packed: &Arc<Packed>| packed.serves((packing, &reached), stores);
+            if !follows || earlier.iter().any(serves) {
+                return Some((packing, reached));
+            }
+            let all = pack(axis, &|_| true).filter(|all| all.bytes() <= MOST_UNSEEN * packing.bytes());
+            Some(match all {
+                Some(all) if voxel.is_lit() => (all, reached),
+                Some(all) => (all, None),
+                None => (packing, reached),
+            })
+        };
+        let packings = all.or_else(|| axes.iter().map(of_reached_or_all).collect());
         let packings = packings.ok_or("tiles packs the volume into a texture, and this volume does not fit")?;
         let dense = max_depth(&job) > DENSE;
         let kind = match post {
@@ -311,9 +333,8 @@ impl<'a> Picture<'a> {
     }
 
     /// Whether rays run along m so closely that they meet all planes at the same place.
-    fn is_straight(&self, PackedAxis { axis, packing, .. }: &PackedAxis) -> bool {
-        let planes =
-            if self.job.view.held.is_some() { self.job.view.grid.dims()[axis.axes[2]] } else { packing.dims[2] };
+    fn is_straight(&self, PackedAxis { axis, .. }: &PackedAxis) -> bool {
+        let planes = self.job.view.grid.dims()[axis.axes[2]];
         !self.job.view.is_perspective()
             && self.kernel.radius() <= MAX_RADIUS
             && axis.shear().abs().max_element() * f64::from(planes) < STRAIGHT
@@ -341,33 +362,37 @@ impl<'a> Picture<'a> {
 
     /// Whether `packed` holds splats at the places of those of this picture, in the layout of an axis.
     fn serves(&self, axis: &PackedAxis, packed: &Packed) -> bool {
-        axis.packing.stored() == packed.packing
-            && packed.has_places_of(self.job.stores)
-            && axis.reached == packed.reached
+        packed.serves((axis.packing, &axis.reached), self.job.stores)
     }
 
     /// The splats as each axis reads them: packed for an earlier picture of the scene, or now.
     fn pack(&self, recorder: &mut Recorder<'_>, pipelines: &Tiles) -> Result<Vec<Arc<Packed>>> {
         let Job { view, settings, stores, weights, .. } = self.job;
         let light = view.splat_light(settings);
-        let held = self.job.kept.get_or_make((), || Ok(Mutex::<Vec<Arc<Packed>>>::default()))?;
+        let held = kept_volumes(&self.job)?;
         let mut held = held.lock().unwrap_or_else(PoisonError::into_inner);
-        // Drop unusable packings first, so that old and new are never in memory together. Colours under another light
-        // are packed over, because textures that exist are not cleared first.
-        let is_served = |packed: &Packed| self.axes.iter().any(|axis| self.serves(axis, packed));
         let packed_light = self.voxel.is_lit().then_some(&light);
-        let served: Vec<_> = held.drain(..).filter(|packed| is_served(packed)).collect();
         let source = Source::of(stores);
-        let is_same = |packed: &Arc<Packed>| packed.light.as_ref() == packed_light && packed.source == source;
-        let (reusable, spare): (Vec<_>, Vec<_>) = served.into_iter().partition(is_same);
-        let mut spare: Vec<Packed> = spare.into_iter().filter_map(Arc::into_inner).collect();
+        let is_same = |packed: &Arc<Packed>| {
+            let is_served = self.axes.iter().any(|axis| self.serves(axis, packed));
+            is_served && packed.light.as_ref() == packed_light && packed.source == source
+        };
+        let (reusable, spare): (Vec<_>, Vec<_>) = held.drain(..).partition(is_same);
+        // Drop unusable packings first, so that old and new are never in memory together. Others are packed over:
+        // textures that exist are not cleared first.
+        let on_host = pipelines.packer.is_none();
+        let has_room =
+            |packed: &Packed, axis: &PackedAxis| packed.has_room_for((axis.packing, &axis.reached), stores, on_host);
+        let spare = spare.into_iter().filter_map(Arc::into_inner);
+        let mut spare: Vec<Packed> =
+            spare.filter(|packed| self.axes.iter().any(|axis| has_room(packed, axis))).collect();
         let mut packed: Vec<Arc<Packed>> = Vec::new();
         for axis in &self.axes {
             let served = packed.iter().chain(&reusable).find(|packed| self.serves(axis, packed)).map(Arc::clone);
             packed.push(match served {
                 Some(packed) => packed,
                 None => {
-                    let over = spare.iter().position(|packed| self.serves(axis, packed)).map(|i| spare.swap_remove(i));
+                    let over = spare.iter().position(|packed| has_room(packed, axis)).map(|i| spare.swap_remove(i));
                     Arc::new(axis.packing.stored().pack(
                         recorder,
                         pipelines.packer.as_ref(),
@@ -400,6 +425,11 @@ impl<'a> Picture<'a> {
         let key = self.key();
         self.job.pipelines.get_or_make(key.clone(), || Tiles::new(self.job.context, &key))
     }
+}
+
+/// The volumes that were packed for the last picture of the same splats.
+fn kept_volumes(job: &Job<'_>) -> Result<Arc<Mutex<Vec<Arc<Packed>>>>> {
+    job.kept.get_or_make((), || Ok(Mutex::default()))
 }
 
 /// How finely rays are spaced. On GPUs, [`Painter::Auto`] takes a ray for each pixel: rays that share footprints go

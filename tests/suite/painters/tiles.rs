@@ -419,6 +419,29 @@ fn turning_packs_the_volume_once_an_axis_or_on_gpus_once() {
     assert_eq!(packs(120.0, in_rows), listed && in_rows, "another axis");
 }
 
+/// From the second eye on all bricks are packed: another eye changes no byte, and packs nothing anew.
+#[test]
+fn eyes_after_the_second_pack_nothing_and_change_no_byte() {
+    let (volume, transfer) = demo("vessels", 96);
+    let renderer = new_renderer();
+    // Rays of each eye reach a part of the bricks.
+    let eyes = [0.0, 2.0, 4.0, -3.0].map(|azimuth| from_eye([azimuth, 1.0, 12.0], Some(150.0), &volume, 48));
+    let lit = Settings { lighting: headlight(), ..full() };
+    let post = Settings { shading: Shading::Post, ..lit.clone() };
+    for (settings, stays) in [(full(), true), (lit, false), (post, true)] {
+        let settings = with_tiles(&settings, Resolution::Capped);
+        let prepare = || prepare_on(&renderer, &volume, &transfer, &settings).unwrap();
+        let scene = prepare();
+        for (number, eye) in eyes.iter().enumerate() {
+            let got = draw_on(&renderer, &scene, eye, &settings).unwrap();
+            let packs = got.stats.stages.iter().any(|stage| stage.name == "pack");
+            assert!(!packs || number < 2 || !stays, "eye {number}");
+            let alone = draw_on(&renderer, &prepare(), eye, &settings).unwrap();
+            assert!(got.image == alone.image, "eye {number} {:?}", settings.shading);
+        }
+    }
+}
+
 #[test]
 fn packing_over_another_light_leaves_nothing_of_it() {
     // Its own, for nobody else to be counted.

@@ -125,6 +125,9 @@ impl Packing {
             let ends = [0, 1, 2].map(ends);
             (ends.map(|(low, _)| low), ends.map(|(_, high)| high))
         });
+        // In whole macrocells of the lattice, so that rays skip the same planes whatever else is packed.
+        let macrocells = |n: u32, round: fn(u32, u32) -> u32| round(n, MACROCELL) * MACROCELL;
+        let (low, high) = (low.map(|n| macrocells(n, |n, m| n / m)), high.map(|n| macrocells(n, u32::div_ceil)));
         let (low, high) = if whole { ([0; 3], lattice) } else { (low, high) };
         let low = axes.map(|axis| low[axis]);
         let dims: [u32; 3] = std::array::from_fn(|i| high[axes[i]].saturating_sub(low[i]));
@@ -266,8 +269,19 @@ impl Packed {
         packed.iter().enumerate().filter(is_first).map(|(_, volume)| volume.bytes).sum()
     }
 
+    /// Whether it is packed like this and holds splats at the places of those of these stores.
+    pub(super) fn serves(&self, (packing, reached): (Packing, &Reached), stores: &[Store]) -> bool {
+        packing.stored() == self.packing && self.has_places_of(stores) && *reached == self.reached
+    }
+
+    /// Whether these splats can be packed over its own: the host writes all of the textures, the stage on the device
+    /// only the places of splats.
+    pub(super) fn has_room_for(&self, (packing, reached): (Packing, &Reached), stores: &[Store], host: bool) -> bool {
+        self.serves((packing, reached), stores) || host && packing.stored() == self.packing
+    }
+
     /// Whether its splats are at the places of those of these stores.
-    pub(super) fn has_places_of(&self, stores: &[Store]) -> bool {
+    fn has_places_of(&self, stores: &[Store]) -> bool {
         self.source.map(|source| source.places) == stores.first().map(|store| store.places)
     }
 }
@@ -306,8 +320,7 @@ pub(super) fn stage(context: &Context, constants: &[Constant], voxel: Voxel, lay
 
 impl Packing {
     /// Packs the splats of stores that rays reach, whose largest weight is `max_weight`, by the stage or without it on
-    /// the host: into new textures, or into the textures of `over`, the same splats in the same layout under another
-    /// light.
+    /// the host: into new textures, or into the textures of `over`, which has room for them.
     pub(super) fn pack(
         self,
         recorder: &mut Recorder<'_>,
