@@ -115,6 +115,12 @@ pub(crate) struct Traffic {
     pub(crate) waits: u64,
 }
 
+/// The error of a buffer that the host cannot read or write.
+fn unmapped(stage: &str, e: &dyn std::fmt::Display) -> Error {
+    let reason = format!("memory of the device cannot be read or written: {}", one_line(&e.to_string()));
+    Error::Device { stage: stage.to_owned(), reason }
+}
+
 impl Context {
     /// Features that are used if the device has them.
     pub(crate) const FEATURES: wgpu::Features =
@@ -244,6 +250,10 @@ impl Context {
 
     /// A buffer of `size` bytes, rounded up to the alignment of copies.
     pub(crate) fn buffer(&self, label: &str, size: u64, usage: wgpu::BufferUsages) -> Result<wgpu::Buffer> {
+        self.new_buffer(label, size, usage, false)
+    }
+
+    fn new_buffer(&self, label: &str, size: u64, usage: wgpu::BufferUsages, is_mapped: bool) -> Result<wgpu::Buffer> {
         let size = size.max(16).next_multiple_of(wgpu::COPY_BUFFER_ALIGNMENT);
         if size > self.limits.max_buffer_size {
             return Err(self.unsupported(format!(
@@ -256,7 +266,7 @@ impl Context {
             label: Some(label),
             size,
             usage,
-            mapped_at_creation: false,
+            mapped_at_creation: is_mapped,
         }))
     }
 
@@ -398,12 +408,19 @@ impl Context {
         read: impl FnOnce(&[u8]) -> T,
     ) -> Result<T> {
         let all = ..bytes.next_multiple_of(wgpu::COPY_BUFFER_ALIGNMENT).min(buffer.size());
-        let failed = |e: &dyn std::fmt::Display| Error::Device {
-            stage: stage.to_owned(),
-            reason: format!("the result cannot be read back: {}", one_line(&e.to_string())),
-        };
+        self.map(stage, &buffer, wgpu::MapMode::Read, all.end)?;
+        let view = buffer.get_mapped_range(all).map_err(|e| unmapped(stage, &e))?;
+        let result = read(&view[..bytes as usize]);
+        drop(view);
+        buffer.unmap();
+        self.keep_staging(buffer);
+        Ok(result)
+    }
+
+    /// Maps the first `bytes` of a buffer. The host has waited for the commands that use it.
+    pub(crate) fn map(&self, stage: &str, buffer: &wgpu::Buffer, mode: wgpu::MapMode, bytes: u64) -> Result<()> {
         let (done, outcome) = std::sync::mpsc::channel();
-        buffer.map_async(wgpu::MapMode::Read, all, move |result| {
+        buffer.map_async(mode, ..bytes, move |result| {
             // If the wait has failed, nobody receives.
             let _ = done.send(result);
         });
@@ -411,16 +428,23 @@ impl Context {
         // If several threads wait, another thread may be the one that learns that the buffer is mapped: by now it is
         // about to pass that on.
         match outcome.recv_timeout(MAP_TIMEOUT) {
-            Ok(Ok(())) => {}
-            Ok(Err(e)) => return Err(failed(&e)),
-            Err(_) => return Err(failed(&"the driver never finished")),
+            Ok(Ok(())) => Ok(()),
+            Ok(Err(e)) => Err(unmapped(stage, &e)),
+            Err(_) => Err(unmapped(stage, &"the driver never finished")),
         }
-        let view = buffer.get_mapped_range(all).map_err(|e| failed(&e))?;
-        let result = read(&view[..bytes as usize]);
-        drop(view);
-        buffer.unmap();
-        self.keep_staging(buffer);
-        Ok(result)
+    }
+
+    /// A buffer that the host writes first, and that is copied from.
+    pub(crate) fn mapped(&self, label: &str, bytes: u64) -> Result<wgpu::Buffer> {
+        self.new_buffer(label, bytes, wgpu::BufferUsages::MAP_WRITE | wgpu::BufferUsages::COPY_SRC, true)
+    }
+
+    /// Writes bytes into a mapped buffer, from byte `at` on, a multiple of 8.
+    pub(crate) fn write_mapped(&self, stage: &str, buffer: &wgpu::Buffer, at: u64, bytes: &[u8]) -> Result<()> {
+        self.count(|traffic| traffic.sent += bytes.len() as u64);
+        let mut view = buffer.get_mapped_range_mut(at..at + bytes.len() as u64).map_err(|e| unmapped(stage, &e))?;
+        view.copy_from_slice(bytes);
+        Ok(())
     }
 
     /// An error that names this adapter.

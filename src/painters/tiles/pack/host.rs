@@ -18,6 +18,9 @@ use voxsplat_volume::memory::reserved;
 /// Bytes of the buffer that is packed and copied to the texture at a time: few enough for the caches.
 const BAND: u64 = 4 << 20;
 
+/// Completes errors: "while ...".
+const DOING: &str = "packing the volume";
+
 /// Rows of the texture that a thread packs at a time. It then reads up to 16 neighbours along a row of the lattice, so
 /// that cache lines are read once.
 const ROWS: usize = 16;
@@ -78,10 +81,11 @@ impl Packing {
         let context = recorder.context;
         let [width, height] = self.size;
         let row = 2 * width as usize;
-        let band_rows = (BAND as usize / (row * size_of::<V>())).next_multiple_of(ROWS).min(height as usize);
-        let mut band = reserved((band_rows * row) as u64, || "a packed volume".to_owned())?;
-        band.resize(band_rows * row, V::zeroed());
-        for first in (0..height as usize).step_by(band_rows) {
+        let row_bytes = (row * size_of::<V>()) as u64;
+        let band_rows = ((BAND / row_bytes) as usize).next_multiple_of(ROWS).min(height as usize);
+        let band = || context.mapped("pack.band", band_rows as u64 * row_bytes);
+        let bands = [band()?, band()?];
+        for (number, first) in (0..height as usize).step_by(band_rows).enumerate() {
             let rows = first..(first + band_rows).min(height as usize);
             let planes = self.planes(rows.start as u32..rows.end as u32);
             let (low, axis) = (self.low[2], self.axes[2]);
@@ -89,18 +93,25 @@ impl Packing {
                 brick.bounds[0][axis] < low + planes.end && brick.bounds[1][axis] > low + planes.start
             };
             let near: Vec<Held<'_>> = bricks.iter().copied().filter(near).collect();
-            let band = &mut band[..rows.len() * row];
-            band.par_chunks_mut(ROWS * row).enumerate().for_each(|(index, voxels)| {
-                voxels.fill(V::zeroed());
-                self.fill_rows(first + index * ROWS, voxels, &near, &packed);
-            });
+            let [band, other] = [&bands[number % 2], &bands[(number + 1) % 2]];
+            // Rows are filled in a cache, and written to the band once.
+            let parts = (0..rows.len()).step_by(ROWS).collect::<Vec<_>>().into_par_iter();
+            parts.try_for_each_init(Vec::new, |voxels, at| {
+                voxels.clear();
+                voxels.resize(ROWS.min(rows.len() - at) * row, V::zeroed());
+                self.fill_rows(first + at, voxels, &near, &packed);
+                context.write_mapped(DOING, band, at as u64 * row_bytes, bytemuck::cast_slice(voxels))
+            })?;
             // One band is in transfer while the next one is filled.
-            if first > 0 {
-                context.wait("packing the volume")?;
+            if number > 0 {
+                context.wait(DOING)?;
             }
-            let size = [width, rows.len() as u32, 1];
-            context.write_texels(volume, [0, first as u32, 0], bytemuck::cast_slice(band), size);
+            band.unmap();
+            recorder.copy_rows(band, row_bytes, volume, first as u32, [width, rows.len() as u32]);
             recorder.submit();
+            if number > 0 && rows.end < height as usize {
+                context.map(DOING, other, wgpu::MapMode::Write, other.size())?;
+            }
         }
         Ok(())
     }
