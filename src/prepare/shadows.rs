@@ -1,5 +1,6 @@
-//! shadows: from splats to splats with the shares of light that arrive at them. On the host, for any adapter: once for
-//! a volume, a transfer function and a set of lights.
+//! shadows: from splats to splats with the shares of light that arrive at them, once for a volume, a transfer function
+//! and a set of lights. On GPUs by [`gpu::shadows`](crate::gpu::shadows); on the host on software adapters, for exact
+//! sums, lights at places, and boxes that outgrow the device.
 
 use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -8,11 +9,13 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::camera::clip::{Side, is_inside};
-use crate::error::Result;
+use crate::error::{Error, Result};
+use crate::gpu::cache::Cache;
 use crate::gpu::context::Context;
-use crate::gpu::layout::SHADED_WORDS;
-use crate::gpu::store::{BrickSplats, HostBrick, MadeBrick, Row, Store, StoreBuilder, places};
+use crate::gpu::shadows::{self, STRIDE, Unlit};
+use crate::gpu::store::{BrickSplats, Drawable, HostBrick, MadeBrick, Row, Store, StoreBuilder, places};
 use crate::lighting::shadow::field::CLIPPED;
+use crate::lighting::shadow::plan::LightPlans;
 use crate::lighting::shadow::{Arrival, ShadowLattice};
 use crate::lighting::{Casting, MAX_CASTING};
 use crate::progress::Progress;
@@ -76,6 +79,54 @@ impl Occluders {
 /// of lights that are the same.
 pub(crate) fn shaded(
     context: &Context,
+    pipelines: &Cache,
+    mut classified: Arc<Drawable>,
+    held: Option<&Shadows>,
+    occluders: &Occluders,
+    shadows: &Shadows,
+    progress: &Progress,
+) -> Result<Vec<Store>> {
+    if !context.is_software() {
+        let over = Arc::get_mut(&mut classified).is_some();
+        let on_device = || shaded_on_device(context, pipelines, (&classified.stores, over), held, shadows, progress);
+        match context.guarded("casting shadows", on_device) {
+            Ok(Some(stores)) => {
+                occluders.clear();
+                return Ok(stores);
+            }
+            // The host needs no memory of the device for the voxels around.
+            Ok(None) | Err(Error::OutOfMemory(_)) => {}
+            Err(e) => return Err(e),
+        }
+    }
+    shaded_on_host(context, &classified.stores, held, occluders, shadows, progress)
+}
+
+/// The lights, with the ambient light, whose shares splats do not hold.
+fn unknown<'a>(held: Option<&'a Shadows>, shadows: &'a Shadows) -> impl Iterator<Item = usize> + 'a {
+    (0..=MAX_CASTING).filter(move |&light| !held.is_some_and(|held| held.is_same(shadows, light)))
+}
+
+/// [`shaded`] by stages of the device; `None` if the host has to find some light. `over`: the memory of the splats may
+/// be used again.
+pub(super) fn shaded_on_device(
+    context: &Context,
+    pipelines: &Cache,
+    (stores, over): (&[Store], bool),
+    held: Option<&Shadows>,
+    shadows: &Shadows,
+    progress: &Progress,
+) -> Result<Option<Vec<Store>>> {
+    let Shadows { casting, lattice, clip } = shadows;
+    let Some(plans) = LightPlans::new(casting, lattice, bounds_of(stores)) else { return Ok(None) };
+    let lights: Vec<usize> = unknown(held, shadows).collect();
+    let unlit = Unlit { stores, over, dims: lattice.dims, clip };
+    shadows::run(context, pipelines, &unlit, &plans, &lights, progress)
+}
+
+/// [`shaded`] on the host.
+pub(super) fn shaded_on_host(
+    context: &Context,
     stores: &[Store],
     held: Option<&Shadows>,
     occluders: &Occluders,
@@ -99,8 +150,7 @@ pub(crate) fn shaded(
         Ok(kept)
     };
     let mut kept = bricks.par_iter().map(kept).collect::<Result<Vec<_>>>()?;
-    let is_held = |light| held.is_some_and(|held| held.is_same(shadows, light));
-    for light in (0..=MAX_CASTING).filter(|&light| !is_held(light)) {
+    for light in unknown(held, shadows) {
         let report = |part: f64| progress.report("casting shadows", (light as f64 + part) / (MAX_CASTING + 1) as f64);
         let arriving = arrival.shares(light, &report)?;
         let (word, shift) = (light / 2, light % 2 * 16);
@@ -116,11 +166,22 @@ pub(crate) fn shaded(
         });
     }
     occluders.keep(shadows, arrival);
-    let mut stores = StoreBuilder::new(context, 4 * SHADED_WORDS as u64, u32::MAX);
+    let mut stores = StoreBuilder::new(context, STRIDE, u32::MAX);
     for ((&brick, held), kept) in bricks.into_iter().zip(kept) {
         stores.push(MadeBrick { brick, splats: held.under(kept), copies: 0 })?;
     }
     Ok(stores.finish()?.stores)
+}
+
+/// The first lattice point of the box around splats, and its size; one voxel if there are no splats.
+fn bounds_of(stores: &[Store]) -> [[usize; 3]; 2] {
+    let bricks = stores.iter().flat_map(|store| &store.bricks);
+    let filled = bricks.map(|brick| brick.bounds).filter(|[low, high]| low != high);
+    let bounds = filled.reduce(|[low, high], bounds| {
+        [[0, 1, 2].map(|a| low[a].min(bounds[0][a])), [0, 1, 2].map(|a| high[a].max(bounds[1][a]))]
+    });
+    let [low, high] = bounds.unwrap_or([[0; 3], [1; 3]]).map(|point| point.map(|n| n as usize));
+    [low, [0, 1, 2].map(|a| high[a] - low[a])]
 }
 
 /// The splats of a lattice on the host, by place.
@@ -131,19 +192,15 @@ pub(crate) struct Places<'a> {
     counts: [usize; 3],
     /// By brick, x fastest: its store, and its number in the store; `None`: the brick has no splats.
     numbers: Vec<Option<[usize; 2]>>,
-    /// The first lattice point of the box around the splats, and its size; one voxel if there are no splats.
+    /// The box around the splats: [`bounds_of`].
     pub(crate) bounds: [[usize; 3]; 2],
 }
 
 impl<'a> Places<'a> {
     pub(crate) fn new(context: &Context, stores: &'a [Store]) -> Result<Self> {
         let held = stores.iter().map(|store| store.on_host(context)).collect::<Result<Vec<_>>>()?;
-        let bricks = || stores.iter().flat_map(|store| &store.bricks);
-        let bounds =
-            bricks().map(|brick| brick.bounds).filter(|[low, high]| low != high).reduce(|[low, high], bounds| {
-                [[0, 1, 2].map(|a| low[a].min(bounds[0][a])), [0, 1, 2].map(|a| high[a].max(bounds[1][a]))]
-            });
-        let [low, high] = bounds.unwrap_or([[0; 3], [1; 3]]).map(|point| point.map(|n| n as usize));
+        let bounds @ [low, size] = bounds_of(stores);
+        let high = [0, 1, 2].map(|a| low[a] + size[a]);
         let counts = high.map(|n| n.div_ceil(EDGE));
         let mut numbers = vec![None; counts.iter().product()];
         for (store, of) in stores.iter().enumerate() {
@@ -154,7 +211,7 @@ impl<'a> Places<'a> {
                 }
             }
         }
-        Ok(Self { stores, held, counts, numbers, bounds: [low, [0, 1, 2].map(|a| high[a] - low[a])] })
+        Ok(Self { stores, held, counts, numbers, bounds })
     }
 
     /// The bricks of the stores in order.

@@ -25,7 +25,7 @@ use super::response::Response;
 use crate::error::Result;
 
 pub(super) use self::converging::{Converging, NearPlace};
-pub(super) use self::parallel::Direction;
+pub(super) use self::parallel::{Direction, parallel_planes};
 
 /// Rows of a band.
 const BAND: usize = 32;

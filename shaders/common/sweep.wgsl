@@ -1,0 +1,44 @@
+// Sweeps of light through a box of voxels, plane after plane away from the light, a few planes at a time: a part.
+
+struct Sweep {
+    // The places in the field between neighbours across planes, rows and columns.
+    steps: vec3u,
+    // Planes of the part.
+    count: u32,
+    // Planes, rows and columns of the box.
+    dims: vec3u,
+    // The first plane of the part, counted from the light.
+    first: u32,
+    // Filtered planes begin so many planes nearer to the light, and so many there are.
+    before: u32,
+    filtered: u32,
+    directions: u32,
+    // 1: the light lies at the end of the last plane; 0: of the first.
+    ahead: u32,
+    // 1: the light is added to the light that has arrived already.
+    adds: u32,
+}
+
+// Rows and columns of zeros at either end of a plane in `planes` and `sums`.
+const ENDS: u32 = 2u;
+
+fn padded() -> vec2u {
+    return sweep.dims.yz + 2u * ENDS;
+}
+
+// The place of a row and a column, counted with the zeros, in the planes of a buffer.
+fn in_plane(plane: u32, row: u32, column: u32) -> u32 {
+    let size = padded();
+    return (plane * size.x + row) * size.y + column;
+}
+
+// The place in the field of a voxel in a plane counted from the light.
+fn in_field(number: u32, row: u32, column: u32) -> u32 {
+    let plane = select(number, sweep.dims.x - 1u - number, sweep.ahead == 1u);
+    return dot(vec3u(plane, row, column), sweep.steps);
+}
+
+// exp(-depth), 1 below depth 0.
+fn transmitted(depth: f32) -> f32 {
+    return exp(-clamp(depth, 0.0, 16.0));
+}

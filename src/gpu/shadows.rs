@@ -1,0 +1,462 @@
+//! shadows: the light that arrives at splats, on the device, without a wait: shaders/occluders.wgsl, filter.wgsl,
+//! sweep.wgsl, around.wgsl and kept.wgsl. The twin of `lighting/shadow.rs`, whose preparations it uses.
+//!
+//! The extinctions of splats become a field over the box around them. A light is found for a few planes of the box at a
+//! time, a part: they are filtered, rays add them up and carry their sums to the next part, and each voxel reads the
+//! sums of its plane. So a part needs little memory besides the field and the light that arrives.
+
+use std::cell::RefCell;
+
+use bytemuck::Zeroable;
+use glam::DVec4;
+
+use super::cache::Cache;
+use super::context::Context;
+use super::layout::{ClipPlanes, LightBox, SHADED_WORDS, Sweep, clip_planes};
+use super::pipeline::Binding;
+use super::recorder::Recorder;
+use super::shaders;
+use super::stage::{DynamicUniforms, Stage, for_each};
+use super::store::{Splats, Store};
+use crate::camera::clip::Side;
+use crate::error::Result;
+use crate::lighting::shadow::plan::{AroundPlan, LightPlan, LightPlans, SweepPlan};
+use crate::progress::Progress;
+
+/// The most bytes of the sums of the rays of a part, unless they are fewer than [`PLANES`].
+const SUMS: u64 = 128 << 20;
+/// The least planes of a part, which is a multiple: stages have so many planes in a workgroup.
+const PLANES: usize = 8;
+/// The most planes of a part.
+const MOST_PLANES: usize = 64;
+/// Planes of a part of occlusion.
+const AROUND_PLANES: usize = 32;
+/// Voxels along the sides of a workgroup.
+const GROUP: u32 = 8;
+/// Rows and columns of zeros at either end of a plane; ENDS in shaders/common/sweep.wgsl.
+const ENDS: usize = 2;
+
+/// The bytes of a splat in shadows.
+pub(crate) const STRIDE: u64 = 4 * SHADED_WORDS as u64;
+
+/// The stages of shadows. In [`Stats::stages`](crate::stats::Stats::stages) they are part of `classify`.
+struct Stages {
+    occluders: [Stage; 2],
+    across: Stage,
+    within: Stage,
+    march: Stage,
+    arrive: Stage,
+    around: Stage,
+    copy: Stage,
+    keep: Stage,
+}
+
+const CLASSIFY: &str = "classify";
+
+impl Stages {
+    fn new(context: &Context) -> Self {
+        use Binding::{DynamicUniform, Read, Uniform, Write};
+        let stage = |shader, entry, slots: &[Binding], constants: &[_]| {
+            Stage::new(context, shader, (CLASSIFY, entry), slots, constants)
+        };
+        let shadows = [("SHADOWS", 1)];
+        let of_splats =
+            |constants: &[_]| stage(shaders::OCCLUDERS, "occluders", &[Uniform, Read, Read, Write], constants);
+        let filtered = [DynamicUniform, Read, Read, Write];
+        let entries = ["across", "within"].map(|entry| (CLASSIFY, entry));
+        let [across, within] = Stage::several(context, shaders::FILTER, entries, &filtered, &[]);
+        let of_voxels = [DynamicUniform, Read, Read, Read, Write, Read, Read, Read];
+        let around = [DynamicUniform, Read, Read, Read, Read, Read, Write];
+        Self {
+            occluders: [of_splats(&[]), of_splats(&shadows)],
+            across,
+            within,
+            march: stage(shaders::SWEEP, "march", &[DynamicUniform, Read, Read, Read, Write], &[]),
+            arrive: stage(shaders::SWEEP, "arrive", &of_voxels, &[]),
+            around: stage(shaders::AROUND, "around", &around, &[]),
+            copy: stage(shaders::KEPT, "copy", &[Uniform, Write, Read], &shadows),
+            keep: stage(shaders::KEPT, "keep", &[Uniform, Write, Read, Read], &shadows),
+        }
+    }
+}
+
+/// Splats in shadows to be.
+pub(crate) struct Unlit<'a> {
+    pub(crate) stores: &'a [Store],
+    /// Whether nothing else needs the splats: if they hold shares of light, their memory serves again.
+    pub(crate) over: bool,
+    /// Voxels along the axes of their lattice.
+    pub(crate) dims: [usize; 3],
+    /// The sides of matter that casts shadows.
+    pub(crate) clip: &'a [Side],
+}
+
+/// Buffers of a device that are made when they are needed, each with its size.
+struct Scratch<'a> {
+    context: &'a Context,
+    held: RefCell<Vec<(&'static str, wgpu::Buffer)>>,
+}
+
+impl Scratch<'_> {
+    /// The buffer of this name, with at least so many numbers.
+    fn get(&self, name: &'static str, values: usize) -> Result<wgpu::Buffer> {
+        let bytes = 4 * values as u64;
+        let mut held = self.held.borrow_mut();
+        if let Some((_, buffer)) = held.iter().find(|(of, buffer)| *of == name && buffer.size() >= bytes) {
+            return Ok(buffer.clone());
+        }
+        held.retain(|(of, _)| *of != name);
+        let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC;
+        let buffer = self.context.buffer(name, bytes, usage)?;
+        held.push((name, buffer.clone()));
+        Ok(buffer)
+    }
+}
+
+/// The planes of a sweep on the device.
+struct Shape {
+    /// Planes, rows and columns.
+    dims: [usize; 3],
+    /// Planes of a part.
+    together: usize,
+    /// Filtered planes of a part.
+    filtered: usize,
+}
+
+impl Shape {
+    /// Numbers of a plane with its zeros.
+    fn plane(&self) -> usize {
+        (self.dims[1] + 2 * ENDS) * (self.dims[2] + 2 * ENDS)
+    }
+
+    fn of_sweep(dims: [usize; 3], directions: usize) -> Self {
+        let plane = Self { dims, together: 0, filtered: 0 }.plane();
+        let most = SUMS as usize / 4 / (plane * directions);
+        let together = (most.min(MOST_PLANES) / PLANES * PLANES).max(PLANES);
+        Self { dims, together, filtered: together }
+    }
+
+    fn of_around(dims: [usize; 3], halo: usize) -> Self {
+        Self { dims, together: AROUND_PLANES, filtered: AROUND_PLANES + 2 * halo }
+    }
+}
+
+/// The lights on a box of voxels.
+struct Job<'a> {
+    context: &'a Context,
+    stages: &'a Stages,
+    plans: &'a LightPlans,
+    scratch: Scratch<'a>,
+    /// The extinctions of the voxels, and the light that arrives at them.
+    field: wgpu::Buffer,
+    shares: wgpu::Buffer,
+    /// The weights of the filters of sweeps, across planes and within.
+    filters: [wgpu::Buffer; 2],
+}
+
+/// Splats with the shares of some lights, of the ambient light for `MAX_CASTING`, and with those that they hold of
+/// other lights; `None` if the host has to find them.
+pub(crate) fn run(
+    context: &Context,
+    pipelines: &Cache,
+    unlit: &Unlit<'_>,
+    plans: &LightPlans,
+    lights: &[usize],
+    progress: &Progress,
+) -> Result<Option<Vec<Store>>> {
+    let lights: Vec<(usize, LightPlan)> = lights.iter().map(|&light| (light, plans.light(light))).collect();
+    if !fits(context, unlit, plans, lights.iter().map(|(_, plan)| plan)) {
+        return Ok(None);
+    }
+    let stages = pipelines.get_or_make((), || Ok(Stages::new(context)))?;
+    let voxels: usize = plans.dims().iter().product();
+    let scratch = Scratch { context, held: RefCell::default() };
+    let storage = wgpu::BufferUsages::STORAGE;
+    let upload = |weights: &Vec<f32>| context.upload("shadows.filter", bytemuck::cast_slice(weights), storage);
+    let [across, within] = plans.filters();
+    let job = Job {
+        context,
+        stages: &stages,
+        plans,
+        field: scratch.get("shadows.field", voxels)?,
+        shares: scratch.get("shadows.shares", voxels)?,
+        scratch,
+        filters: [upload(&across)?, upload(&within)?],
+    };
+    let mut recorder = Recorder::untimed(context);
+    job.fill(&mut recorder, unlit)?;
+    let made = unlit.stores.iter().map(|store| job.kept(&mut recorder, unlit, store)).collect::<Result<Vec<_>>>()?;
+    for (done, (light, plan)) in lights.iter().enumerate() {
+        match plan {
+            LightPlan::Parallel(sweeps) => {
+                for (number, sweep) in sweeps.iter().enumerate() {
+                    job.sweep(&mut recorder, sweep, number > 0)?;
+                }
+            }
+            LightPlan::Around(around) => job.around(&mut recorder, around)?,
+            LightPlan::Full | LightPlan::Host => {}
+        }
+        let is_full = matches!(plan, LightPlan::Full);
+        let strength = if is_full { 0.0 } else { plans.strength(*light) };
+        for (store, unlit) in made.iter().zip(unlit.stores) {
+            // Splats that held no light have all of it.
+            if !is_full || unlit.stride == STRIDE {
+                job.keep(&mut recorder, store, *light, strength)?;
+            }
+        }
+        progress.report("casting shadows", (done + 1) as f64 / lights.len() as f64);
+        progress.check()?;
+    }
+    recorder.submit();
+    Ok(Some(made))
+}
+
+/// Whether stages of the device find these lights, and their buffers fit it.
+fn fits<'a>(
+    context: &Context,
+    unlit: &Unlit<'_>,
+    plans: &LightPlans,
+    lights: impl Iterator<Item = &'a LightPlan>,
+) -> bool {
+    let bindable = context.limits.max_storage_buffer_binding_size.min(context.limits.max_buffer_size);
+    let dims = plans.dims();
+    // Sheared rays take a row more a plane.
+    let longest = dims.into_iter().fold(0, |sum, n| sum.max(n + MOST_PLANES + 4 * ENDS)) as u64;
+    let voxels = dims.iter().try_fold(4_u64, |bytes, &n| bytes.checked_mul(n as u64));
+    let splats = unlit.stores.iter().map(|store| u64::from(store.count) * STRIDE).max().unwrap_or(0);
+    let has_room = |shape: &Shape, directions: usize| {
+        let planes = shape.filtered.max(directions * shape.together);
+        (4 * planes as u64).checked_mul(shape.plane() as u64).is_some_and(|bytes| bytes <= bindable)
+    };
+    let serves = |plan: &LightPlan| match plan {
+        LightPlan::Full => true,
+        LightPlan::Host => false,
+        LightPlan::Parallel(sweeps) => sweeps.iter().all(|sweep| {
+            let directions = sweep.factors.len();
+            has_room(&Shape::of_sweep(sweep.axes.map(|axis| dims[axis]), directions), directions)
+        }),
+        LightPlan::Around(around) => has_room(&Shape::of_around([dims[2], dims[1], dims[0]], around.halo()), 1),
+    };
+    longest <= u64::from(context.limits.max_compute_workgroups_per_dimension)
+        && voxels.is_some_and(|bytes| bytes <= bindable)
+        && splats <= bindable
+        && lights.fold(true, |all, plan| all && serves(plan))
+}
+
+impl Job<'_> {
+    fn light_box(&self, store: &Store) -> LightBox {
+        LightBox {
+            low: self.plans.low().map(|n| n as i32),
+            count: store.count,
+            dims: self.plans.dims().map(|n| n as u32),
+            each: (store.stride / 8) as u32,
+            ..LightBox::zeroed()
+        }
+    }
+
+    /// Records the field of the extinctions of splats.
+    fn fill(&self, recorder: &mut Recorder<'_>, unlit: &Unlit<'_>) -> Result<()> {
+        let context = self.context;
+        recorder.clear(&self.field, self.field.size());
+        // Planes beyond the last one cut nothing.
+        let inside = (0..ClipPlanes::default().len()).map(|_| DVec4::W);
+        let mut planes = clip_planes(inside);
+        let sides = clip_planes(unlit.clip.iter().map(|(gradient, value)| gradient.extend(*value)));
+        planes[..unlit.clip.len()].copy_from_slice(&sides[..unlit.clip.len()]);
+        for store in unlit.stores {
+            let middle = unlit.dims.map(|n| (n - 1) as f32 / 2.0);
+            let parameters = LightBox { middle, clip_planes: planes, ..self.light_box(store) };
+            let parameters = self.uniform(&parameters)?;
+            let buffers = [&parameters, &store.on_device(context)?, &store.origins, &self.field];
+            let stage = &self.stages.occluders[usize::from(store.stride == STRIDE)];
+            stage.run(
+                recorder,
+                &buffers.map(wgpu::Buffer::as_entire_binding),
+                for_each(context, u64::from(store.count)),
+            );
+        }
+        Ok(())
+    }
+
+    fn uniform(&self, parameters: &LightBox) -> Result<wgpu::Buffer> {
+        let usage = wgpu::BufferUsages::UNIFORM;
+        self.context.upload("shadows.light_box", bytemuck::bytes_of(parameters), usage)
+    }
+
+    /// Records the splats of a store with all light, or with the light that they hold.
+    fn kept(&self, recorder: &mut Recorder<'_>, unlit: &Unlit<'_>, store: &Store) -> Result<Store> {
+        let context = self.context;
+        let from = store.on_device(context)?;
+        let mut splats = from.clone();
+        if !(unlit.over && store.stride == STRIDE) {
+            let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC;
+            splats = context.buffer("store.splats", u64::from(store.count) * STRIDE, usage)?;
+            let buffers = [&self.uniform(&self.light_box(store))?, &splats, &from];
+            let workgroups = for_each(context, u64::from(store.count));
+            self.stages.copy.run(recorder, &buffers.map(wgpu::Buffer::as_entire_binding), workgroups);
+        }
+        let splats = (Splats::Device(splats), Some(store.origins.clone()));
+        Store::new(context, splats, STRIDE, store.count, store.bricks.clone())
+    }
+
+    /// Records the share of a light at the splats of a store.
+    fn keep(&self, recorder: &mut Recorder<'_>, store: &Store, light: usize, strength: f32) -> Result<()> {
+        let context = self.context;
+        let (word, shift) = ((light / 2) as u32, (light % 2 * 16) as u32);
+        let parameters = self.uniform(&LightBox { strength, word, shift, ..self.light_box(store) })?;
+        let buffers = [&parameters, &store.on_device(context)?, &store.origins, &self.shares];
+        let workgroups = for_each(context, u64::from(store.count));
+        self.stages.keep.run(recorder, &buffers.map(wgpu::Buffer::as_entire_binding), workgroups);
+        Ok(())
+    }
+
+    /// The parts of a sweep across planes along these lattice axes.
+    fn parts(&self, shape: &Shape, axes: [usize; 3], before: usize, common: Sweep) -> Vec<Sweep> {
+        let [nx, ny, _] = self.plans.dims();
+        let steps = axes.map(|axis| [1, nx, nx * ny][axis] as u32);
+        let firsts = (0..shape.dims[0]).step_by(shape.together);
+        let part = |first: usize| {
+            let count = shape.together.min(shape.dims[0] - first);
+            Sweep {
+                steps,
+                count: count as u32,
+                dims: shape.dims.map(|n| n as u32),
+                first: first as u32,
+                before: before as u32,
+                filtered: (count + shape.filtered - shape.together) as u32,
+                ..common
+            }
+        };
+        firsts.map(part).collect()
+    }
+
+    /// Binds the filters of a field's planes, given their weights.
+    fn filter(
+        &self,
+        uniforms: &DynamicUniforms,
+        shape: &Shape,
+        [across, within]: [&wgpu::Buffer; 2],
+    ) -> Result<Filter<'_>> {
+        let context = self.context;
+        let [half, planes] =
+            ["shadows.across", "shadows.planes"].map(|name| self.scratch.get(name, shape.filtered * shape.plane()));
+        let (half, planes) = (half?, planes?);
+        let bind = |stage: &Stage, buffers: [&wgpu::Buffer; 3]| {
+            let [weights, from, to] = buffers.map(wgpu::Buffer::as_entire_binding);
+            stage.bind(context, &[uniforms.binding(), weights, from, to])
+        };
+        let across = bind(&self.stages.across, [across, &self.field, &half]);
+        let within = bind(&self.stages.within, [within, &half, &planes]);
+        Ok(Filter { stages: self.stages, across, within, planes })
+    }
+
+    fn upload(&self, label: &str, values: &[impl bytemuck::NoUninit]) -> Result<wgpu::Buffer> {
+        self.context.upload(label, bytemuck::cast_slice(values), wgpu::BufferUsages::STORAGE)
+    }
+
+    /// Records the light along directions that go together.
+    fn sweep(&self, recorder: &mut Recorder<'_>, plan: &SweepPlan, adds: bool) -> Result<()> {
+        let context = self.context;
+        let directions = plan.factors.len();
+        let dims = plan.axes.map(|axis| self.plans.dims()[axis]);
+        let shape = Shape::of_sweep(dims, directions);
+        let of_directions = directions * shape.plane();
+        let common =
+            Sweep { directions: directions as u32, ahead: plan.ahead.into(), adds: adds.into(), ..Sweep::zeroed() };
+        let parts = self.parts(&shape, plan.axes, plan.near + 1, common);
+        let uniforms = DynamicUniforms::new(context, "shadows.sweep", &parts)?;
+        let filter = self.filter(&uniforms, &shape, [&self.filters[0], &self.filters[1]])?;
+        let sums = self.scratch.get("shadows.sums", shape.together * of_directions)?;
+        let carried = self.scratch.get("shadows.carried", of_directions)?;
+        let words = |[(row, down), (column, right)]: [(i64, f32); 2]| {
+            [row as i32, down.to_bits() as i32, column as i32, right.to_bits() as i32]
+        };
+        let places: Vec<[i32; 4]> = plan.places.iter().flatten().map(|place| words(*place)).collect();
+        let factors: Vec<[f32; 4]> =
+            plan.factors.iter().map(|&[planes, all, share]| [planes, all, share, 0.0]).collect();
+        let places = self.upload("shadows.places", &places)?;
+        let stencil = self.upload("shadows.stencil", &plan.stencil.rows)?;
+        let weights = self.upload("shadows.weights", &plan.stencil.weights)?;
+        let factors = self.upload("shadows.factors", &factors)?;
+        let bind = |stage: &Stage, buffers: &[&wgpu::Buffer]| {
+            let buffers = buffers.iter().map(|buffer| buffer.as_entire_binding());
+            stage.bind(context, &std::iter::once(uniforms.binding()).chain(buffers).collect::<Vec<_>>())
+        };
+        let march = bind(&self.stages.march, &[&places, &filter.planes, &carried, &sums]);
+        let arrive = [&places, &self.field, &sums, &self.shares, &stencil, &weights, &factors];
+        let arrive = bind(&self.stages.arrive, &arrive);
+        let [_, rows, columns] = dims.map(|n| n as u32);
+        for (number, part) in (0..).zip(&parts) {
+            let offset = uniforms.offset(number);
+            filter.run(recorder, offset, part);
+            if part.first > 0 {
+                recorder.copy(&sums, &carried, 0, 4 * of_directions as u64);
+            }
+            let [first, last] = [part.first, part.first + part.count - 1].map(|plane| &plan.places[plane as usize]);
+            // The rows and columns that the rays of a direction pass between the first plane and the last.
+            let drift = |axis: usize| {
+                first.iter().zip(last).fold(0, |most, (a, b)| most.max(a[axis].0.abs_diff(b[axis].0))) as u32
+            };
+            let groups = |count: u32| count.div_ceil(GROUP);
+            let rays = [groups(columns + 3 + drift(1)), groups(rows + 3 + drift(0)), directions as u32];
+            self.stages.march.dispatch(recorder, &march, &[offset], rays);
+            let voxels = [groups(columns), groups(part.count), rows];
+            self.stages.arrive.dispatch(recorder, &arrive, &[offset], voxels);
+            let reads = 26 * directions + plan.stencil.weights.len();
+            recorder.worked(work(part, reads));
+        }
+        Ok(())
+    }
+
+    /// Records the ambient light that is not occluded.
+    fn around(&self, recorder: &mut Recorder<'_>, plan: &AroundPlan) -> Result<()> {
+        let context = self.context;
+        let axes = [2, 1, 0];
+        let halo = plan.halo();
+        let shape = Shape::of_around(axes.map(|axis| self.plans.dims()[axis]), halo);
+        let parts = self.parts(&shape, axes, halo, Sweep::zeroed());
+        let uniforms = DynamicUniforms::new(context, "shadows.around", &parts)?;
+        let weights = self.upload("shadows.filter", &plan.filter)?;
+        let filter = self.filter(&uniforms, &shape, [&weights; 2])?;
+        let rays = self.upload("shadows.rays", &plan.rays)?;
+        let factors = self.upload("shadows.factors", &plan.shares)?;
+        let weights = self.upload("shadows.weights", &plan.weights)?;
+        let buffers = [&self.field, &filter.planes, &rays, &factors, &weights, &self.shares];
+        let buffers = buffers.map(wgpu::Buffer::as_entire_binding);
+        let resources: Vec<_> = std::iter::once(uniforms.binding()).chain(buffers).collect();
+        let around = self.stages.around.bind(context, &resources);
+        for (number, part) in (0..).zip(&parts) {
+            let offset = uniforms.offset(number);
+            filter.run(recorder, offset, part);
+            let [_, rows, columns] = part.dims;
+            let voxels = [columns.div_ceil(GROUP), rows.div_ceil(GROUP), part.count];
+            self.stages.around.dispatch(recorder, &around, &[offset], voxels);
+            recorder.worked(work(part, plan.weights.len()));
+        }
+        Ok(())
+    }
+}
+
+/// The filters of the planes of parts.
+struct Filter<'a> {
+    stages: &'a Stages,
+    across: wgpu::BindGroup,
+    within: wgpu::BindGroup,
+    /// The filtered planes of the part.
+    planes: wgpu::Buffer,
+}
+
+impl Filter<'_> {
+    fn run(&self, recorder: &mut Recorder<'_>, offset: u32, part: &Sweep) {
+        let [_, rows, columns] = part.dims.map(|n| n + 2 * ENDS as u32);
+        let [rows_of_groups, columns, planes] = [rows, columns, part.filtered].map(|n| n.div_ceil(GROUP));
+        self.stages.across.dispatch(recorder, &self.across, &[offset], [columns, planes, rows]);
+        self.stages.within.dispatch(recorder, &self.within, &[offset], [columns, rows_of_groups, part.filtered]);
+    }
+}
+
+/// The work of a part whose voxels read so many numbers, in fragments of splats, which take some 16 operations.
+fn work(part: &Sweep, reads: usize) -> u64 {
+    let [_, rows, columns] = part.dims.map(u64::from);
+    u64::from(part.count) * rows * columns * (reads as u64 + 20) / 16
+}
