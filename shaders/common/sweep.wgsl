@@ -17,9 +17,11 @@ struct Sweep {
     ahead: u32,
     // 1: the light is added to the light that has arrived already.
     adds: u32,
+    // Rows and columns of the rays whose sums a plane stores.
+    rays: vec2u,
 }
 
-// Rows and columns of zeros at either end of a plane in `planes` and `sums`.
+// Rows and columns of zeros at either end of a filtered plane.
 const ENDS: u32 = 2u;
 
 fn padded() -> vec2u {
@@ -30,6 +32,11 @@ fn padded() -> vec2u {
 fn in_plane(plane: u32, row: u32, column: u32) -> u32 {
     let size = padded();
     return (plane * size.x + row) * size.y + column;
+}
+
+// The place of a ray among the sums of a plane.
+fn in_rays(plane: u32, row: u32, column: u32) -> u32 {
+    return (plane * sweep.rays.x + row) * sweep.rays.y + column;
 }
 
 // The place in the field of a voxel in a plane counted from the light.

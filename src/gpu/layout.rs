@@ -166,7 +166,25 @@ shared! {
         directions: u32,
         ahead: u32,
         adds: u32,
-        _pad: [u32; 3],
+        _pad: u32,
+        rays: [u32; 2],
+    }
+
+    /// The light from a place; shaders/converging.wgsl.
+    struct Converging {
+        place: [f32; 3],
+        bias: f32,
+        to_world_plane: [f32; 3],
+        radius: f32,
+        to_world_row: [f32; 3],
+        direct: f32,
+        to_world_column: [f32; 3],
+        integral: f32,
+        origin: [f32; 2],
+        inverse_divisor: f32,
+        steps: f32,
+        strict: [u32; 2],
+        _pad: [u32; 2],
     }
 
     /// A control point of the transfer function in the units of the samples; shaders/common/classified.wgsl.

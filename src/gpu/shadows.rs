@@ -1,5 +1,5 @@
 //! shadows: the light that arrives at splats, on the device, without a wait: shaders/occluders.wgsl, filter.wgsl,
-//! sweep.wgsl, around.wgsl and kept.wgsl. The twin of `lighting/shadow.rs`, whose preparations it uses.
+//! sweep.wgsl, converging.wgsl, around.wgsl and kept.wgsl. The twin of `lighting/shadow.rs`, whose preparations it uses.
 //!
 //! The extinctions of splats become a field over the box around them. A light is found for a few planes of the box at a
 //! time, a part: they are filtered, rays add them up and carry their sums to the next part, and each voxel reads the
@@ -12,7 +12,7 @@ use glam::DVec4;
 
 use super::cache::Cache;
 use super::context::Context;
-use super::layout::{ClipPlanes, LightBox, SHADED_WORDS, Sweep, clip_planes};
+use super::layout::{ClipPlanes, Converging, LightBox, SHADED_WORDS, Sweep, clip_planes};
 use super::pipeline::Binding;
 use super::recorder::Recorder;
 use super::shaders;
@@ -20,7 +20,7 @@ use super::stage::{DynamicUniforms, Stage, for_each};
 use super::store::{Splats, Store};
 use crate::camera::clip::Side;
 use crate::error::Result;
-use crate::lighting::shadow::plan::{AroundPlan, LightPlan, LightPlans, SweepPlan};
+use crate::lighting::shadow::plan::{AroundPlan, ConvergingPlan, LightPlan, LightPlans, NearPlan, SweepPlan};
 use crate::progress::Progress;
 
 /// The most bytes of the sums of the rays of a part, unless they are fewer than [`PLANES`].
@@ -46,6 +46,8 @@ struct Stages {
     within: Stage,
     march: Stage,
     arrive: Stage,
+    march_to_place: Stage,
+    arrive_from_place: Stage,
     around: Stage,
     copy: Stage,
     keep: Stage,
@@ -66,6 +68,8 @@ impl Stages {
         let entries = ["across", "within"].map(|entry| (CLASSIFY, entry));
         let [across, within] = Stage::several(context, shaders::FILTER, entries, &filtered, &[]);
         let of_voxels = [DynamicUniform, Read, Read, Read, Write, Read, Read, Read];
+        let to_place = [DynamicUniform, Uniform, Read, Read, Read, Write];
+        let from_place = [DynamicUniform, Uniform, Read, Read, Read, Write, Read, Read, Read, Read];
         let around = [DynamicUniform, Read, Read, Read, Read, Read, Write];
         Self {
             occluders: [of_splats(&[]), of_splats(&shadows)],
@@ -73,6 +77,8 @@ impl Stages {
             within,
             march: stage(shaders::SWEEP, "march", &[DynamicUniform, Read, Read, Read, Write], &[]),
             arrive: stage(shaders::SWEEP, "arrive", &of_voxels, &[]),
+            march_to_place: stage(shaders::CONVERGING, "march_to_place", &to_place, &[]),
+            arrive_from_place: stage(shaders::CONVERGING, "arrive_from_place", &from_place, &[]),
             around: stage(shaders::AROUND, "around", &around, &[]),
             copy: stage(shaders::KEPT, "copy", &[Uniform, Write, Read], &shadows),
             keep: stage(shaders::KEPT, "keep", &[Uniform, Write, Read, Read], &shadows),
@@ -117,6 +123,9 @@ impl Scratch<'_> {
 struct Shape {
     /// Planes, rows and columns.
     dims: [usize; 3],
+    /// The rows and columns of rays, for each direction.
+    rays: [usize; 2],
+    directions: usize,
     /// Planes of a part.
     together: usize,
     /// Filtered planes of a part.
@@ -124,20 +133,59 @@ struct Shape {
 }
 
 impl Shape {
-    /// Numbers of a plane with its zeros.
-    fn plane(&self) -> usize {
-        (self.dims[1] + 2 * ENDS) * (self.dims[2] + 2 * ENDS)
+    fn of_sweep(plan: &SweepPlan, dims: [usize; 3]) -> Self {
+        let dims = plan.axes.map(|axis| dims[axis]);
+        Self::of_rays(dims, [dims[1] + 3, dims[2] + 3], plan.factors.len())
     }
 
-    fn of_sweep(dims: [usize; 3], directions: usize) -> Self {
-        let plane = Self { dims, together: 0, filtered: 0 }.plane();
-        let most = SUMS as usize / 4 / (plane * directions);
+    fn of_converging(plan: &ConvergingPlan, dims: [usize; 3]) -> Self {
+        Self::of_rays(plan.axes.map(|axis| dims[axis]), plan.size, 1)
+    }
+
+    fn of_rays(dims: [usize; 3], rays: [usize; 2], directions: usize) -> Self {
+        let most = SUMS as usize / 4 / (rays[0] * rays[1] * directions);
         let together = (most.min(MOST_PLANES) / PLANES * PLANES).max(PLANES);
-        Self { dims, together, filtered: together }
+        Self { dims, rays, directions, together, filtered: together }
     }
 
-    fn of_around(dims: [usize; 3], halo: usize) -> Self {
-        Self { dims, together: AROUND_PLANES, filtered: AROUND_PLANES + 2 * halo }
+    fn of_around(plan: &AroundPlan, [nx, ny, nz]: [usize; 3]) -> Self {
+        let filtered = AROUND_PLANES + 2 * plan.halo();
+        Self { dims: [nz, ny, nx], rays: [0; 2], directions: 1, together: AROUND_PLANES, filtered }
+    }
+
+    /// Numbers of the filtered planes of a part, with their zeros.
+    fn planes(&self) -> usize {
+        self.filtered * (self.dims[1] + 2 * ENDS) * (self.dims[2] + 2 * ENDS)
+    }
+
+    /// The sums of all rays at a plane.
+    fn sums(&self) -> usize {
+        self.rays[0] * self.rays[1] * self.directions
+    }
+}
+
+/// The stencils of rays to places, on the device.
+struct NearPlaces {
+    steps: usize,
+    direct: f32,
+    /// The mean number of weights of a stencil.
+    reads: usize,
+    /// The rows of all stencils, their weights, their first rows and weights, and the table of sections.
+    buffers: [wgpu::Buffer; 4],
+}
+
+impl NearPlaces {
+    fn new(context: &Context, plans: &LightPlans) -> Result<Self> {
+        let NearPlan { steps, direct, stencil, firsts } = plans.near_place();
+        let upload = |bytes: &[u8]| context.upload("shadows.near", bytes, wgpu::BufferUsages::STORAGE);
+        let buffers = [
+            upload(bytemuck::cast_slice(&stencil.rows))?,
+            upload(bytemuck::cast_slice(&stencil.weights))?,
+            upload(bytemuck::cast_slice(&firsts))?,
+            upload(bytemuck::cast_slice(plans.table()))?,
+        ];
+        let reads = stencil.weights.len() / (firsts.len() - 1);
+        Ok(Self { steps, direct, reads, buffers })
     }
 }
 
@@ -193,8 +241,15 @@ pub(crate) fn run(
                     job.sweep(&mut recorder, sweep, number > 0)?;
                 }
             }
+            LightPlan::Converging(sweeps) => {
+                let key = plans.near_key();
+                let near = pipelines.get_or_make(key, || NearPlaces::new(context, plans))?;
+                for sweep in sweeps {
+                    job.converging(&mut recorder, sweep, &near)?;
+                }
+            }
             LightPlan::Around(around) => job.around(&mut recorder, around)?,
-            LightPlan::Full | LightPlan::Host => {}
+            LightPlan::Full => {}
         }
         let is_full = matches!(plan, LightPlan::Full);
         let strength = if is_full { 0.0 } else { plans.strength(*light) };
@@ -219,25 +274,24 @@ fn fits<'a>(
     lights: impl Iterator<Item = &'a LightPlan>,
 ) -> bool {
     let bindable = context.limits.max_storage_buffer_binding_size.min(context.limits.max_buffer_size);
+    let most_groups = u64::from(context.limits.max_compute_workgroups_per_dimension);
     let dims = plans.dims();
     // Sheared rays take a row more a plane.
     let longest = dims.into_iter().fold(0, |sum, n| sum.max(n + MOST_PLANES + 4 * ENDS)) as u64;
     let voxels = dims.iter().try_fold(4_u64, |bytes, &n| bytes.checked_mul(n as u64));
     let splats = unlit.stores.iter().map(|store| u64::from(store.count) * STRIDE).max().unwrap_or(0);
-    let has_room = |shape: &Shape, directions: usize| {
-        let planes = shape.filtered.max(directions * shape.together);
-        (4 * planes as u64).checked_mul(shape.plane() as u64).is_some_and(|bytes| bytes <= bindable)
+    let fits = |values: usize| (4 * values as u64) <= bindable;
+    let has_room = |shape: &Shape| {
+        let longest = shape.rays.into_iter().max().unwrap_or(0) as u64;
+        longest.div_ceil(GROUP.into()) <= most_groups && fits(shape.planes()) && fits(shape.together * shape.sums())
     };
     let serves = |plan: &LightPlan| match plan {
         LightPlan::Full => true,
-        LightPlan::Host => false,
-        LightPlan::Parallel(sweeps) => sweeps.iter().all(|sweep| {
-            let directions = sweep.factors.len();
-            has_room(&Shape::of_sweep(sweep.axes.map(|axis| dims[axis]), directions), directions)
-        }),
-        LightPlan::Around(around) => has_room(&Shape::of_around([dims[2], dims[1], dims[0]], around.halo()), 1),
+        LightPlan::Parallel(sweeps) => sweeps.iter().all(|sweep| has_room(&Shape::of_sweep(sweep, dims))),
+        LightPlan::Converging(sweeps) => sweeps.iter().all(|sweep| has_room(&Shape::of_converging(sweep, dims))),
+        LightPlan::Around(around) => has_room(&Shape::of_around(around, dims)),
     };
-    longest <= u64::from(context.limits.max_compute_workgroups_per_dimension)
+    longest <= most_groups
         && voxels.is_some_and(|bytes| bytes <= bindable)
         && splats <= bindable
         && lights.fold(true, |all, plan| all && serves(plan))
@@ -310,11 +364,11 @@ impl Job<'_> {
         Ok(())
     }
 
-    /// The parts of a sweep across planes along these lattice axes.
-    fn parts(&self, shape: &Shape, axes: [usize; 3], before: usize, common: Sweep) -> Vec<Sweep> {
+    /// The parts of a sweep across planes along these lattice axes, without the planes that it skips.
+    fn parts(&self, shape: &Shape, axes: [usize; 3], skipped: usize, common: Sweep) -> Vec<Sweep> {
         let [nx, ny, _] = self.plans.dims();
         let steps = axes.map(|axis| [1, nx, nx * ny][axis] as u32);
-        let firsts = (0..shape.dims[0]).step_by(shape.together);
+        let firsts = (skipped..shape.dims[0]).step_by(shape.together);
         let part = |first: usize| {
             let count = shape.together.min(shape.dims[0] - first);
             Sweep {
@@ -322,7 +376,8 @@ impl Job<'_> {
                 count: count as u32,
                 dims: shape.dims.map(|n| n as u32),
                 first: first as u32,
-                before: before as u32,
+                rays: shape.rays.map(|n| n as u32),
+                directions: shape.directions as u32,
                 filtered: (count + shape.filtered - shape.together) as u32,
                 ..common
             }
@@ -338,8 +393,7 @@ impl Job<'_> {
         [across, within]: [&wgpu::Buffer; 2],
     ) -> Result<Filter<'_>> {
         let context = self.context;
-        let [half, planes] =
-            ["shadows.across", "shadows.planes"].map(|name| self.scratch.get(name, shape.filtered * shape.plane()));
+        let [half, planes] = ["shadows.across", "shadows.planes"].map(|name| self.scratch.get(name, shape.planes()));
         let (half, planes) = (half?, planes?);
         let bind = |stage: &Stage, buffers: [&wgpu::Buffer; 3]| {
             let [weights, from, to] = buffers.map(wgpu::Buffer::as_entire_binding);
@@ -357,17 +411,13 @@ impl Job<'_> {
     /// Records the light along directions that go together.
     fn sweep(&self, recorder: &mut Recorder<'_>, plan: &SweepPlan, adds: bool) -> Result<()> {
         let context = self.context;
-        let directions = plan.factors.len();
-        let dims = plan.axes.map(|axis| self.plans.dims()[axis]);
-        let shape = Shape::of_sweep(dims, directions);
-        let of_directions = directions * shape.plane();
+        let shape = Shape::of_sweep(plan, self.plans.dims());
         let common =
-            Sweep { directions: directions as u32, ahead: plan.ahead.into(), adds: adds.into(), ..Sweep::zeroed() };
-        let parts = self.parts(&shape, plan.axes, plan.near + 1, common);
+            Sweep { before: plan.near as u32 + 1, ahead: plan.ahead.into(), adds: adds.into(), ..Sweep::zeroed() };
+        let parts = self.parts(&shape, plan.axes, 0, common);
         let uniforms = DynamicUniforms::new(context, "shadows.sweep", &parts)?;
         let filter = self.filter(&uniforms, &shape, [&self.filters[0], &self.filters[1]])?;
-        let sums = self.scratch.get("shadows.sums", shape.together * of_directions)?;
-        let carried = self.scratch.get("shadows.carried", of_directions)?;
+        let [sums, carried] = self.sums(&shape)?;
         let words = |[(row, down), (column, right)]: [(i64, f32); 2]| {
             [row as i32, down.to_bits() as i32, column as i32, right.to_bits() as i32]
         };
@@ -378,32 +428,92 @@ impl Job<'_> {
         let stencil = self.upload("shadows.stencil", &plan.stencil.rows)?;
         let weights = self.upload("shadows.weights", &plan.stencil.weights)?;
         let factors = self.upload("shadows.factors", &factors)?;
-        let bind = |stage: &Stage, buffers: &[&wgpu::Buffer]| {
-            let buffers = buffers.iter().map(|buffer| buffer.as_entire_binding());
-            stage.bind(context, &std::iter::once(uniforms.binding()).chain(buffers).collect::<Vec<_>>())
-        };
-        let march = bind(&self.stages.march, &[&places, &filter.planes, &carried, &sums]);
+        let march = [&places, &filter.planes, &carried, &sums];
+        let march = self.bind(&self.stages.march, &uniforms, &march);
         let arrive = [&places, &self.field, &sums, &self.shares, &stencil, &weights, &factors];
-        let arrive = bind(&self.stages.arrive, &arrive);
-        let [_, rows, columns] = dims.map(|n| n as u32);
+        let arrive = self.bind(&self.stages.arrive, &uniforms, &arrive);
+        let [_, rows, columns] = shape.dims.map(|n| n as u32);
         for (number, part) in (0..).zip(&parts) {
             let offset = uniforms.offset(number);
             filter.run(recorder, offset, part);
             if part.first > 0 {
-                recorder.copy(&sums, &carried, 0, 4 * of_directions as u64);
+                recorder.copy(&sums, &carried, 0, 4 * shape.sums() as u64);
             }
             let [first, last] = [part.first, part.first + part.count - 1].map(|plane| &plan.places[plane as usize]);
             // The rows and columns that the rays of a direction pass between the first plane and the last.
             let drift = |axis: usize| {
                 first.iter().zip(last).fold(0, |most, (a, b)| most.max(a[axis].0.abs_diff(b[axis].0))) as u32
             };
-            let groups = |count: u32| count.div_ceil(GROUP);
-            let rays = [groups(columns + 3 + drift(1)), groups(rows + 3 + drift(0)), directions as u32];
+            let rays = [groups(columns + 3 + drift(1)), groups(rows + 3 + drift(0)), part.directions];
             self.stages.march.dispatch(recorder, &march, &[offset], rays);
             let voxels = [groups(columns), groups(part.count), rows];
             self.stages.arrive.dispatch(recorder, &arrive, &[offset], voxels);
-            let reads = 26 * directions + plan.stencil.weights.len();
+            let reads = 26 * shape.directions + plan.stencil.weights.len();
             recorder.worked(work(part, reads));
+        }
+        Ok(())
+    }
+
+    /// The sums of the rays of a part, and those at the last plane of the part before.
+    fn sums(&self, shape: &Shape) -> Result<[wgpu::Buffer; 2]> {
+        let sums = self.scratch.get("shadows.sums", shape.together * shape.sums())?;
+        Ok([sums, self.scratch.get("shadows.carried", shape.sums())?])
+    }
+
+    /// Binds parts and buffers.
+    fn bind(&self, stage: &Stage, uniforms: &DynamicUniforms, buffers: &[&wgpu::Buffer]) -> wgpu::BindGroup {
+        let buffers = buffers.iter().map(|buffer| buffer.as_entire_binding());
+        stage.bind(self.context, &std::iter::once(uniforms.binding()).chain(buffers).collect::<Vec<_>>())
+    }
+
+    /// Records the light from a place on the voxels of one side.
+    fn converging(&self, recorder: &mut Recorder<'_>, plan: &ConvergingPlan, near: &NearPlaces) -> Result<()> {
+        let context = self.context;
+        let shape = Shape::of_converging(plan, self.plans.dims());
+        let common = Sweep { before: self.plans.near_planes() as u32 + 1, ahead: plan.ahead.into(), ..Sweep::zeroed() };
+        let parts = self.parts(&shape, plan.axes, plan.skipped, common);
+        let uniforms = DynamicUniforms::new(context, "shadows.sweep", &parts)?;
+        let filter = self.filter(&uniforms, &shape, [&self.filters[0], &self.filters[1]])?;
+        let [sums, carried] = self.sums(&shape)?;
+        let places = self.upload("shadows.places", &plan.planes)?;
+        let [to_world_plane, to_world_row, to_world_column] = plan.to_world;
+        let [radius, integral, inverse_divisor] = self.plans.kernel();
+        let place = Converging {
+            place: plan.place,
+            bias: self.plans.bias(),
+            to_world_plane,
+            radius,
+            to_world_row,
+            direct: near.direct,
+            to_world_column,
+            integral,
+            origin: plan.origin,
+            inverse_divisor,
+            steps: near.steps as f32,
+            strict: plan.strict.map(u32::from),
+            ..Converging::zeroed()
+        };
+        let usage = wgpu::BufferUsages::UNIFORM;
+        let place = context.upload("shadows.converging", bytemuck::bytes_of(&place), usage)?;
+        let march = [&place, &places, &filter.planes, &carried, &sums];
+        let march = self.bind(&self.stages.march_to_place, &uniforms, &march);
+        let [stencil, weights, firsts, table] = &near.buffers;
+        let arrive = [&place, &places, &self.field, &sums, &self.shares, stencil, weights, firsts, table];
+        let arrive = self.bind(&self.stages.arrive_from_place, &uniforms, &arrive);
+        let [_, rows, columns] = shape.dims.map(|n| n as u32);
+        let [ray_rows, ray_columns] = shape.rays.map(|n| n as u32);
+        recorder.clear(&carried, 4 * shape.sums() as u64);
+        for (number, part) in (0..).zip(&parts) {
+            let offset = uniforms.offset(number);
+            filter.run(recorder, offset, part);
+            if number > 0 {
+                recorder.copy(&sums, &carried, 0, 4 * shape.sums() as u64);
+            }
+            let rays = [groups(ray_columns), groups(ray_rows), 1];
+            self.stages.march_to_place.dispatch(recorder, &march, &[offset], rays);
+            let voxels = [groups(columns), groups(part.count), rows];
+            self.stages.arrive_from_place.dispatch(recorder, &arrive, &[offset], voxels);
+            recorder.worked(work(part, 26 + near.reads));
         }
         Ok(())
     }
@@ -412,9 +522,8 @@ impl Job<'_> {
     fn around(&self, recorder: &mut Recorder<'_>, plan: &AroundPlan) -> Result<()> {
         let context = self.context;
         let axes = [2, 1, 0];
-        let halo = plan.halo();
-        let shape = Shape::of_around(axes.map(|axis| self.plans.dims()[axis]), halo);
-        let parts = self.parts(&shape, axes, halo, Sweep::zeroed());
+        let shape = Shape::of_around(plan, self.plans.dims());
+        let parts = self.parts(&shape, axes, 0, Sweep { before: plan.halo() as u32, ..Sweep::zeroed() });
         let uniforms = DynamicUniforms::new(context, "shadows.around", &parts)?;
         let weights = self.upload("shadows.filter", &plan.filter)?;
         let filter = self.filter(&uniforms, &shape, [&weights; 2])?;
@@ -422,14 +531,12 @@ impl Job<'_> {
         let factors = self.upload("shadows.factors", &plan.shares)?;
         let weights = self.upload("shadows.weights", &plan.weights)?;
         let buffers = [&self.field, &filter.planes, &rays, &factors, &weights, &self.shares];
-        let buffers = buffers.map(wgpu::Buffer::as_entire_binding);
-        let resources: Vec<_> = std::iter::once(uniforms.binding()).chain(buffers).collect();
-        let around = self.stages.around.bind(context, &resources);
+        let around = self.bind(&self.stages.around, &uniforms, &buffers);
         for (number, part) in (0..).zip(&parts) {
             let offset = uniforms.offset(number);
             filter.run(recorder, offset, part);
             let [_, rows, columns] = part.dims;
-            let voxels = [columns.div_ceil(GROUP), rows.div_ceil(GROUP), part.count];
+            let voxels = [groups(columns), groups(rows), part.count];
             self.stages.around.dispatch(recorder, &around, &[offset], voxels);
             recorder.worked(work(part, plan.weights.len()));
         }
@@ -449,10 +556,16 @@ struct Filter<'a> {
 impl Filter<'_> {
     fn run(&self, recorder: &mut Recorder<'_>, offset: u32, part: &Sweep) {
         let [_, rows, columns] = part.dims.map(|n| n + 2 * ENDS as u32);
-        let [rows_of_groups, columns, planes] = [rows, columns, part.filtered].map(|n| n.div_ceil(GROUP));
-        self.stages.across.dispatch(recorder, &self.across, &[offset], [columns, planes, rows]);
-        self.stages.within.dispatch(recorder, &self.within, &[offset], [columns, rows_of_groups, part.filtered]);
+        let (across, within) =
+            ([groups(columns), groups(part.filtered), rows], [groups(columns), groups(rows), part.filtered]);
+        self.stages.across.dispatch(recorder, &self.across, &[offset], across);
+        self.stages.within.dispatch(recorder, &self.within, &[offset], within);
     }
+}
+
+/// The workgroups along an axis.
+fn groups(count: u32) -> u32 {
+    count.div_ceil(GROUP)
 }
 
 /// The work of a part whose voxels read so many numbers, in fragments of splats, which take some 16 operations.

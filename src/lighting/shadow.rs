@@ -128,6 +128,13 @@ fn axes_across(axis: usize) -> [usize; 3] {
     [[0, 2, 1], [1, 2, 0], [2, 1, 0]][axis]
 }
 
+/// Whether rays to a place that run as much along rows, or columns, as across an axis are left to another axis: rays
+/// along a diagonal belong to the first of its axes.
+fn strict_across(axis: usize) -> [bool; 2] {
+    let [_, rows, columns] = axes_across(axis);
+    [rows < axis, columns < axis]
+}
+
 impl LitBox {
     /// A box of `size` voxels from `low` on.
     fn new(casting: &Casting, lattice: &ShadowLattice, [low, size]: [[usize; 3]; 2]) -> Self {
@@ -384,8 +391,7 @@ impl Arrival {
                     to_world: DMat3::from_cols_array_2d(
                         &axes.map(|axis| (self.lit.lattice.to_world.col(axis) / self.lit.lattice.unit).to_array()),
                     ),
-                    // Rays along a diagonal belong to the first of its axes.
-                    strict: [axes[1] < axis, axes[2] < axis],
+                    strict: strict_across(axis),
                     near: &near,
                 };
                 swept.set_converging(&rays, true, out);

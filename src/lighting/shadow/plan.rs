@@ -1,9 +1,11 @@
 //! The preparations of shadows as numbers for the stages of a device (`gpu/shadows.rs`): the same responses, stencils,
 //! directions and weights as on the host.
 
+use glam::DVec3;
+
 use super::response::{Response, StencilRow};
-use super::sweep::{Direction, parallel_planes};
-use super::{Bundle, LightRays, LitBox, ShadowLattice, around, axes_across};
+use super::sweep::{Direction, NearPlace, Pyramid, parallel_planes};
+use super::{Bundle, LightRays, LitBox, ShadowLattice, around, axes_across, strict_across};
 use crate::lighting::Casting;
 
 /// The plans of lights on a box of voxels.
@@ -18,10 +20,10 @@ pub(crate) enum LightPlan {
     Full,
     /// Sweeps along directions, whose light is added.
     Parallel(Vec<SweepPlan>),
+    /// Sweeps towards a place, each for other voxels.
+    Converging(Vec<ConvergingPlan>),
     /// Sums along the rays to the neighbours of voxels.
     Around(AroundPlan),
-    /// The host finds this light.
-    Host,
 }
 
 /// A sweep along directions that go together.
@@ -39,6 +41,42 @@ pub(crate) struct SweepPlan {
     pub(crate) places: Vec<Vec<[(i64, f32); 2]>>,
     /// For each direction the factor of sums of planes, the factor of all, and the light that an unshadowed voxel gets.
     pub(crate) factors: Vec<[f32; 3]>,
+}
+
+/// A sweep towards a place, for voxels from which it lies mainly across planes, on one side.
+pub(crate) struct ConvergingPlan {
+    /// The lattice axes of planes, rows and columns.
+    pub(crate) axes: [usize; 3],
+    /// Whether the place lies towards the end of the last plane.
+    pub(crate) ahead: bool,
+    /// The planes from the end of the light on that rays do not pass.
+    pub(crate) skipped: usize,
+    /// Rows and columns of rays.
+    pub(crate) size: [usize; 2],
+    /// The place, in planes, rows and columns of the box.
+    pub(crate) place: [f32; 3],
+    /// The world vectors of a step to the next plane, row and column, in the unit that extinctions are per.
+    pub(crate) to_world: [[f32; 3]; 3],
+    /// Whether rays that run as much along rows, or columns, as along planes are left to another axis.
+    pub(crate) strict: [bool; 2],
+    /// The row and the column from which places are counted, near the light: numbers stay small.
+    pub(crate) origin: [f32; 2],
+    /// For each plane from the light: the factor of distances from `origin` among the rays, the row and the column of
+    /// `origin` among the rays, and the weight of the plane; then the distance of rays in the plane, the row and the
+    /// column of the first ray from `origin`, and 0.
+    pub(crate) planes: Vec<[[f32; 4]; 2]>,
+}
+
+/// The stencils of rays to a place.
+pub(crate) struct NearPlan {
+    /// Slopes from 0 to 1: of rows 0 to 1, of columns -1 to 1.
+    pub(crate) steps: usize,
+    /// Voxels fewer planes than this from the place add up sections of kernels.
+    pub(crate) direct: f32,
+    /// All stencils, one after the other.
+    pub(crate) stencil: Stencil,
+    /// For each stencil, and once more at the end, the first row and the first weight.
+    pub(crate) firsts: Vec<[u32; 2]>,
 }
 
 /// Weights of neighbours, row by row.
@@ -97,7 +135,11 @@ impl LightPlans {
                 LightPlan::Parallel(bundles.iter().map(|bundle| self.sweep(bundle)).collect())
             }
             Some(LightRays::Around) => LightPlan::Around(self.around()),
-            Some(LightRays::To(_)) => LightPlan::Host,
+            Some(LightRays::To(place)) => {
+                let place = self.lit.lattice.to_lattice.transform_point3(place);
+                let sides = (0..3).flat_map(|axis| [true, false].map(|ahead| (axis, ahead)));
+                LightPlan::Converging(sides.filter_map(|(axis, ahead)| self.converging(place, axis, ahead)).collect())
+            }
         }
     }
 
@@ -113,10 +155,80 @@ impl LightPlans {
             axes,
             ahead: near.ahead,
             near: near.planes,
-            stencil: Stencil::new(&near.stencil),
+            stencil: Stencil::new(near.stencil.iter()),
             places: places.collect(),
             factors: directions.iter().map(|direction| direction.factors(&self.response)).collect(),
         }
+    }
+
+    /// The sweep across an axis to a lattice point of the box; `None`: its rays pass no voxel.
+    fn converging(&self, place: DVec3, axis: usize, ahead: bool) -> Option<ConvergingPlan> {
+        let lattice = &self.lit.lattice;
+        let axes = axes_across(axis);
+        let dims = axes.map(|axis| lattice.dims[axis]);
+        let seen = DVec3::from_array(axes.map(|axis| place[axis]));
+        let pyramid = Pyramid::new(seen, dims, ahead)?;
+        let origin = [1, 2].map(|k| seen[k].clamp(0.0, (dims[k] - 1) as f64) as f32);
+        let plane = |distance: f64| {
+            let [rows, columns] = pyramid.maps(distance);
+            let [row, column] = [(rows, origin[0]), (columns, origin[1])].map(|(map, origin)| {
+                let origin = f64::from(origin);
+                [(map.into[0] * origin + map.into[1]) as f32, (map.back[1] - origin) as f32]
+            });
+            let weight = Pyramid::weight(distance);
+            [[rows.into[0] as f32, row[0], column[0], weight], [rows.back[0] as f32, row[1], column[1], 0.0]]
+        };
+        let skipped = std::iter::repeat_n([[0.0; 4]; 2], pyramid.skipped);
+        let step = |axis: usize| (lattice.to_world.col(axis) / lattice.unit).as_vec3().to_array();
+        Some(ConvergingPlan {
+            axes,
+            ahead,
+            skipped: pyramid.skipped,
+            size: pyramid.size,
+            place: seen.as_vec3().to_array(),
+            to_world: axes.map(step),
+            strict: strict_across(axis),
+            origin,
+            planes: skipped.chain(pyramid.distances.iter().map(|&distance| plane(distance))).collect(),
+        })
+    }
+
+    /// The nearest planes to a voxel that are not taken from sweeps to a place.
+    pub(crate) fn near_planes(&self) -> usize {
+        Response::planes(self.lit.bias(), 1.0)
+    }
+
+    /// The bias in voxels of the lattice.
+    pub(crate) fn bias(&self) -> f32 {
+        self.lit.bias() as f32
+    }
+
+    /// The radius of kernels, their integral in units of the divisor, and the inverse of the divisor.
+    pub(crate) fn kernel(&self) -> [f32; 3] {
+        [self.response.radius(), self.response.integral, self.response.divisor.recip()].map(|v| v as f32)
+    }
+
+    /// The coefficients of the sections of kernels.
+    pub(crate) fn table(&self) -> &[f32] {
+        self.response.table.coefficients()
+    }
+
+    /// The stencils of rays to a place: the same for the same [`Self::near_key`].
+    pub(crate) fn near_place(&self) -> NearPlan {
+        let near = NearPlace::new(&self.response, self.lit.bias());
+        let mut firsts = vec![[0; 2]];
+        for stencil in &near.stencils {
+            let [row, weight] = firsts[firsts.len() - 1];
+            let weights: usize = stencil.iter().map(|row| row.weights.len()).sum();
+            firsts.push([row + stencil.len() as u32, weight + weights as u32]);
+        }
+        let stencil = Stencil::new(near.stencils.iter().flatten());
+        NearPlan { steps: near.steps, direct: near.direct as f32, stencil, firsts }
+    }
+
+    /// The kernel, the divisor and the bias.
+    pub(crate) fn near_key(&self) -> String {
+        format!("{:?} {} {}", self.lit.lattice.kernel, self.response.divisor, self.lit.bias())
     }
 
     fn around(&self) -> AroundPlan {
@@ -133,14 +245,13 @@ impl LightPlans {
 }
 
 impl Stencil {
-    fn new(rows: &[StencilRow]) -> Self {
-        let row = |StencilRow { offset: [planes, row], column, weights }: &StencilRow| {
-            [*planes, *row, *column, weights.len() as i32]
-        };
-        Self {
-            rows: rows.iter().map(row).collect(),
-            weights: rows.iter().flat_map(|row| &row.weights).copied().collect(),
+    fn new<'a>(stencil: impl Iterator<Item = &'a StencilRow>) -> Self {
+        let (mut rows, mut weights) = (Vec::new(), Vec::new());
+        for StencilRow { offset: [planes, row], column, weights: of_row } in stencil {
+            rows.push([*planes, *row, *column, of_row.len() as i32]);
+            weights.extend_from_slice(of_row);
         }
+        Self { rows, weights }
     }
 }
 
