@@ -31,10 +31,6 @@ fn keep(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) group
         return;
     }
     let arrives = f32(shares[index_in_box(splat_point(splat_words(index)))]);
-    let share = u32(65535.5 - light_box.strength * (65535.0 - arrives)) << light_box.shift;
-    let others = ~(0xffffu << light_box.shift);
     let at = splat_at(index) + 2u;
-    let kept = splats[at];
-    let is_first = light_box.word == 0u;
-    splats[at] = select(vec2u(kept.x, (kept.y & others) | share), vec2u((kept.x & others) | share, kept.y), is_first);
+    splats[at] = with_share(splats[at], arrives);
 }

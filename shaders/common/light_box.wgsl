@@ -24,3 +24,11 @@ fn index_in_box(point: vec3u) -> u32 {
     let place = vec3u(vec3i(point) - light_box.low);
     return place.x + light_box.dims.x * (place.y + light_box.dims.y * place.z);
 }
+
+// The shares of all lights with the share of one, given the light that arrives, 65535 for all of it.
+fn with_share(kept: vec2u, arrives: f32) -> vec2u {
+    let share = u32(65535.5 - light_box.strength * (65535.0 - arrives)) << light_box.shift;
+    let others = ~(0xffffu << light_box.shift);
+    let is_first = light_box.word == 0u;
+    return select(vec2u(kept.x, (kept.y & others) | share), vec2u((kept.x & others) | share, kept.y), is_first);
+}

@@ -64,7 +64,7 @@ macro_rules! files {
 
 /// All files, and their texts.
 static FILES: &[(&str, &str)] = &files! {
-    "around", "cells", "classify", "coarsen", "common/absorbed", "common/appearance", "common/bounds", "common/classified",
+    "around", "box_light", "cells", "classify", "coarsen", "common/absorbed", "common/appearance", "common/bounds", "common/classified",
     "common/clip", "common/clip_view", "common/dispatch", "common/frame", "common/half_depth",
     "common/light_box", "common/light_volume", "common/lighting",
     "common/lit_splat", "common/march_parabola", "common/march_planes", "common/normal", "common/owned",
@@ -98,6 +98,7 @@ shaders! {
     CONVERGING: Shader::new("converging"),
     AROUND: Shader::new("around"),
     KEPT: Shader::new("kept"),
+    BOX_LIGHT: Shader::new("box_light"),
     SCAN: Shader::new("scan"),
     SORT: Shader::new("sort"),
     SPLAT: Shader::new("splat"),

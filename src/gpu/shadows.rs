@@ -6,6 +6,7 @@
 //! sums of its plane. So a part needs little memory besides the field and the light that arrives.
 
 use std::cell::RefCell;
+use std::sync::Arc;
 
 use bytemuck::Zeroable;
 use glam::DVec4;
@@ -13,7 +14,8 @@ use glam::DVec4;
 use super::cache::Cache;
 use super::context::Context;
 use super::layout::{ClipPlanes, Converging, LightBox, SHADED_WORDS, Sweep, clip_planes};
-use super::pipeline::Binding;
+use super::light_volume::LightVolume;
+use super::pipeline::{Binding, texture_view};
 use super::recorder::Recorder;
 use super::shaders;
 use super::stage::{DynamicUniforms, Stage, for_each};
@@ -22,6 +24,7 @@ use crate::camera::clip::Side;
 use crate::error::Result;
 use crate::lighting::shadow::plan::{AroundPlan, ConvergingPlan, LightPlan, LightPlans, NearPlan, SweepPlan};
 use crate::progress::Progress;
+use crate::volume::Grid;
 
 /// The most bytes of the sums of the rays of a part, unless they are fewer than [`PLANES`].
 const SUMS: u64 = 128 << 20;
@@ -51,6 +54,8 @@ struct Stages {
     around: Stage,
     copy: Stage,
     keep: Stage,
+    keep_in_box: Stage,
+    texels: Stage,
 }
 
 const CLASSIFY: &str = "classify";
@@ -62,6 +67,7 @@ impl Stages {
             Stage::new(context, shader, (CLASSIFY, entry), slots, constants)
         };
         let shadows = [("SHADOWS", 1)];
+        let texels = Binding::StorageTexture(wgpu::TextureFormat::Rgba16Float, wgpu::TextureViewDimension::D3);
         let of_splats =
             |constants: &[_]| stage(shaders::OCCLUDERS, "occluders", &[Uniform, Read, Read, Write], constants);
         let filtered = [DynamicUniform, Read, Read, Write];
@@ -82,6 +88,8 @@ impl Stages {
             around: stage(shaders::AROUND, "around", &around, &[]),
             copy: stage(shaders::KEPT, "copy", &[Uniform, Write, Read], &shadows),
             keep: stage(shaders::KEPT, "keep", &[Uniform, Write, Read, Read], &shadows),
+            keep_in_box: stage(shaders::BOX_LIGHT, "keep_in_box", &[Uniform, Write, Read, Read], &[]),
+            texels: stage(shaders::BOX_LIGHT, "texels", &[Uniform, Read, texels], &[]),
         }
     }
 }
@@ -192,7 +200,8 @@ impl NearPlaces {
 /// The lights on a box of voxels.
 struct Job<'a> {
     context: &'a Context,
-    stages: &'a Stages,
+    pipelines: &'a Cache,
+    stages: Arc<Stages>,
     plans: &'a LightPlans,
     scratch: Scratch<'a>,
     /// The extinctions of the voxels, and the light that arrives at them.
@@ -212,74 +221,89 @@ pub(crate) fn run(
     lights: &[usize],
     progress: &Progress,
 ) -> Result<Option<Vec<Store>>> {
-    let lights: Vec<(usize, LightPlan)> = lights.iter().map(|&light| (light, plans.light(light))).collect();
-    if !fits(context, unlit, plans, lights.iter().map(|(_, plan)| plan)) {
+    let lights = planned(plans, lights);
+    let largest = unlit.stores.iter().map(|store| u64::from(store.count) * STRIDE).max();
+    if !fits(context, largest.unwrap_or(0), plans, lights.iter().map(|(_, plan)| plan)) {
         return Ok(None);
     }
-    let stages = pipelines.get_or_make((), || Ok(Stages::new(context)))?;
-    let voxels: usize = plans.dims().iter().product();
-    let scratch = Scratch { context, held: RefCell::default() };
-    let storage = wgpu::BufferUsages::STORAGE;
-    let upload = |weights: &Vec<f32>| context.upload("shadows.filter", bytemuck::cast_slice(weights), storage);
-    let [across, within] = plans.filters();
-    let job = Job {
-        context,
-        stages: &stages,
-        plans,
-        field: scratch.get("shadows.field", voxels)?,
-        shares: scratch.get("shadows.shares", voxels)?,
-        scratch,
-        filters: [upload(&across)?, upload(&within)?],
-    };
+    let job = Job::new(context, pipelines, plans, None)?;
     let mut recorder = Recorder::untimed(context);
     job.fill(&mut recorder, unlit)?;
     let made = unlit.stores.iter().map(|store| job.kept(&mut recorder, unlit, store)).collect::<Result<Vec<_>>>()?;
-    for (done, (light, plan)) in lights.iter().enumerate() {
-        match plan {
-            LightPlan::Parallel(sweeps) => {
-                for (number, sweep) in sweeps.iter().enumerate() {
-                    job.sweep(&mut recorder, sweep, number > 0)?;
-                }
-            }
-            LightPlan::Converging(sweeps) => {
-                let key = plans.near_key();
-                let near = pipelines.get_or_make(key, || NearPlaces::new(context, plans))?;
-                for sweep in sweeps {
-                    job.converging(&mut recorder, sweep, &near)?;
-                }
-            }
-            LightPlan::Around(around) => job.around(&mut recorder, around)?,
-            LightPlan::Full => {}
-        }
-        let is_full = matches!(plan, LightPlan::Full);
-        let strength = if is_full { 0.0 } else { plans.strength(*light) };
+    job.each(&mut recorder, &lights, progress, &mut |recorder, light, plan| {
         for (store, unlit) in made.iter().zip(unlit.stores) {
             // Splats that held no light have all of it.
-            if !is_full || unlit.stride == STRIDE {
-                job.keep(&mut recorder, store, *light, strength)?;
+            if !matches!(plan, LightPlan::Full) || unlit.stride == STRIDE {
+                job.keep(recorder, store, light, plan)?;
             }
         }
-        progress.report("casting shadows", (done + 1) as f64 / lights.len() as f64);
-        progress.check()?;
-    }
+        Ok(())
+    })?;
     recorder.submit();
     Ok(Some(made))
 }
 
-/// Whether stages of the device find these lights, and their buffers fit it.
-fn fits<'a>(
+/// The light that arrives at the voxels of a box, kept for other lights.
+pub(crate) struct BoxLight {
+    /// The first lattice point of the box, and its size.
+    pub(crate) bounds: [[usize; 3]; 2],
+    field: wgpu::Buffer,
+    /// The shares, in the form of splats.
+    kept: wgpu::Buffer,
+}
+
+/// The light on a box of places of `grid` as a texture, with the shares of some lights, of the ambient light for
+/// `MAX_CASTING`, and with those that are held of other lights; `None` if the host has to find them. `field` gives the
+/// extinctions of [`LightPlans::dims`] voxels, if no light is held.
+pub(crate) fn run_on_box(
     context: &Context,
-    unlit: &Unlit<'_>,
-    plans: &LightPlans,
-    lights: impl Iterator<Item = &'a LightPlan>,
-) -> bool {
+    pipelines: &Cache,
+    (grid, bounds): (&Grid, [[usize; 3]; 2]),
+    (plans, lights): (&LightPlans, &[usize]),
+    (held, field): (Option<&BoxLight>, &dyn Fn() -> Result<Vec<f32>>),
+    progress: &Progress,
+) -> Result<Option<(LightVolume, BoxLight)>> {
+    let lights = planned(plans, lights);
+    let voxels: usize = plans.dims().iter().product();
+    if !fits(context, 8 * voxels as u64, plans, lights.iter().map(|(_, plan)| plan)) {
+        return Ok(None);
+    }
+    let job = Job::new(context, pipelines, plans, held)?;
+    let kept = held.map_or_else(|| job.scratch.get("shadows.kept", 2 * voxels), |held| Ok(held.kept.clone()))?;
+    if held.is_none() {
+        context.write(&job.field, 0, bytemuck::cast_slice(&field()?));
+    }
+    let mut recorder = Recorder::untimed(context);
+    job.each(&mut recorder, &lights, progress, &mut |recorder, light, plan| {
+        let parameters = job.uniform(&LightBox { dims: plans.dims().map(|n| n as u32), ..job.share(light, plan) })?;
+        let buffers = [&parameters, &kept, &job.field, &job.shares].map(wgpu::Buffer::as_entire_binding);
+        job.stages.keep_in_box.run(recorder, &buffers, for_each(context, voxels as u64));
+        Ok(())
+    })?;
+    let [low, size] = bounds.map(|point| point.map(|n| n as u32));
+    let volume = LightVolume::stored(context, grid, low, size);
+    let parameters = job.uniform(&LightBox { dims: plans.dims().map(|n| n as u32), ..LightBox::zeroed() })?;
+    let [parameters, found] = [&parameters, &kept].map(wgpu::Buffer::as_entire_binding);
+    let workgroups = size.map(|n| n.div_ceil(4));
+    job.stages.texels.run(&mut recorder, &[parameters, found, texture_view(&volume.texture)], workgroups);
+    recorder.submit();
+    let field = job.field.clone();
+    Ok(Some((volume, BoxLight { bounds, field, kept })))
+}
+
+/// The plans of lights.
+fn planned(plans: &LightPlans, lights: &[usize]) -> Vec<(usize, LightPlan)> {
+    lights.iter().map(|&light| (light, plans.light(light))).collect()
+}
+
+/// Whether the buffers of the stages fit the device: one of so many bytes, and those of lights.
+fn fits<'a>(context: &Context, bytes: u64, plans: &LightPlans, lights: impl Iterator<Item = &'a LightPlan>) -> bool {
     let bindable = context.limits.max_storage_buffer_binding_size.min(context.limits.max_buffer_size);
     let most_groups = u64::from(context.limits.max_compute_workgroups_per_dimension);
     let dims = plans.dims();
     // Sheared rays take a row more a plane.
     let longest = dims.into_iter().fold(0, |sum, n| sum.max(n + MOST_PLANES + 4 * ENDS)) as u64;
     let voxels = dims.iter().try_fold(4_u64, |bytes, &n| bytes.checked_mul(n as u64));
-    let splats = unlit.stores.iter().map(|store| u64::from(store.count) * STRIDE).max().unwrap_or(0);
     let fits = |values: usize| (4 * values as u64) <= bindable;
     let has_room = |shape: &Shape| {
         let longest = shape.rays.into_iter().max().unwrap_or(0) as u64;
@@ -293,11 +317,73 @@ fn fits<'a>(
     };
     longest <= most_groups
         && voxels.is_some_and(|bytes| bytes <= bindable)
-        && splats <= bindable
+        && bytes <= bindable
         && lights.fold(true, |all, plan| all && serves(plan))
 }
 
-impl Job<'_> {
+/// Takes the light that was found to where it is kept.
+type Keep<'a> = dyn FnMut(&mut Recorder<'_>, usize, &LightPlan) -> Result<()> + 'a;
+
+impl<'a> Job<'a> {
+    fn new(context: &'a Context, pipelines: &'a Cache, plans: &'a LightPlans, held: Option<&BoxLight>) -> Result<Self> {
+        let stages = pipelines.get_or_make((), || Ok(Stages::new(context)))?;
+        let voxels: usize = plans.dims().iter().product();
+        let scratch = Scratch { context, held: RefCell::default() };
+        let upload = |weights: &Vec<f32>| {
+            context.upload("shadows.filter", bytemuck::cast_slice(weights), wgpu::BufferUsages::STORAGE)
+        };
+        let [across, within] = plans.filters();
+        Ok(Self {
+            context,
+            pipelines,
+            stages,
+            plans,
+            field: held.map_or_else(|| scratch.get("shadows.field", voxels), |held| Ok(held.field.clone()))?,
+            shares: scratch.get("shadows.shares", voxels)?,
+            scratch,
+            filters: [upload(&across)?, upload(&within)?],
+        })
+    }
+
+    /// Records the light of each plan, and what keeps it.
+    fn each(
+        &self,
+        recorder: &mut Recorder<'_>,
+        lights: &[(usize, LightPlan)],
+        progress: &Progress,
+        keep: &mut Keep<'_>,
+    ) -> Result<()> {
+        for (done, (light, plan)) in lights.iter().enumerate() {
+            match plan {
+                LightPlan::Parallel(sweeps) => {
+                    for (number, sweep) in sweeps.iter().enumerate() {
+                        self.sweep(recorder, sweep, number > 0)?;
+                    }
+                }
+                LightPlan::Converging(sweeps) => {
+                    let make = || NearPlaces::new(self.context, self.plans);
+                    let near = self.pipelines.get_or_make(self.plans.near_key(), make)?;
+                    for sweep in sweeps {
+                        self.converging(recorder, sweep, &near)?;
+                    }
+                }
+                LightPlan::Around(around) => self.around(recorder, around)?,
+                LightPlan::Full => {}
+            }
+            keep(recorder, *light, plan)?;
+            progress.report("casting shadows", (done + 1) as f64 / lights.len() as f64);
+            progress.check()?;
+        }
+        Ok(())
+    }
+
+    /// The place of a light among shares, and the factor of its shadows.
+    fn share(&self, light: usize, plan: &LightPlan) -> LightBox {
+        let strength = if matches!(plan, LightPlan::Full) { 0.0 } else { self.plans.strength(light) };
+        let (word, shift) = ((light / 2) as u32, (light % 2 * 16) as u32);
+        LightBox { strength, word, shift, ..LightBox::zeroed() }
+    }
+
     fn light_box(&self, store: &Store) -> LightBox {
         LightBox {
             low: self.plans.low().map(|n| n as i32),
@@ -354,9 +440,9 @@ impl Job<'_> {
     }
 
     /// Records the share of a light at the splats of a store.
-    fn keep(&self, recorder: &mut Recorder<'_>, store: &Store, light: usize, strength: f32) -> Result<()> {
+    fn keep(&self, recorder: &mut Recorder<'_>, store: &Store, light: usize, plan: &LightPlan) -> Result<()> {
         let context = self.context;
-        let (word, shift) = ((light / 2) as u32, (light % 2 * 16) as u32);
+        let LightBox { strength, word, shift, .. } = self.share(light, plan);
         let parameters = self.uniform(&LightBox { strength, word, shift, ..self.light_box(store) })?;
         let buffers = [&parameters, &store.on_device(context)?, &store.origins, &self.shares];
         let workgroups = for_each(context, u64::from(store.count));
@@ -401,7 +487,7 @@ impl Job<'_> {
         };
         let across = bind(&self.stages.across, [across, &self.field, &half]);
         let within = bind(&self.stages.within, [within, &half, &planes]);
-        Ok(Filter { stages: self.stages, across, within, planes })
+        Ok(Filter { stages: &self.stages, across, within, planes })
     }
 
     fn upload(&self, label: &str, values: &[impl bytemuck::NoUninit]) -> Result<wgpu::Buffer> {

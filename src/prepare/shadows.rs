@@ -20,7 +20,7 @@ use crate::lighting::shadow::{Arrival, ShadowLattice};
 use crate::lighting::{Casting, MAX_CASTING};
 use crate::progress::Progress;
 use crate::volume::BRICK_EDGE as EDGE;
-use voxsplat_volume::memory::reserved;
+use voxsplat_volume::memory::{reserved, zeroed};
 
 /// The shadows on a lattice of splats.
 #[derive(Debug, Clone, PartialEq)]
@@ -86,24 +86,29 @@ pub(crate) fn shaded(
     shadows: &Shadows,
     progress: &Progress,
 ) -> Result<Vec<Store>> {
-    if !context.is_software() {
-        let over = Arc::get_mut(&mut classified).is_some();
-        let on_device = || shaded_on_device(context, pipelines, (&classified.stores, over), held, shadows, progress);
-        match context.guarded("casting shadows", on_device) {
-            Ok(Some(stores)) => {
-                occluders.clear();
-                return Ok(stores);
-            }
-            // The host needs no memory of the device for the voxels around.
-            Ok(None) | Err(Error::OutOfMemory(_)) => {}
-            Err(e) => return Err(e),
-        }
+    let over = Arc::get_mut(&mut classified).is_some();
+    let stores = (classified.stores.as_slice(), over);
+    let made = on_device(context, || shaded_on_device(context, pipelines, stores, held, shadows, progress))?;
+    if let Some(stores) = made {
+        occluders.clear();
+        return Ok(stores);
     }
     shaded_on_host(context, &classified.stores, held, occluders, shadows, progress)
 }
 
+/// Finds light by stages of a GPU; `None` if the device is the host, has too little memory, or the host has to find it.
+pub(super) fn on_device<T>(context: &Context, find: impl FnOnce() -> Result<Option<T>>) -> Result<Option<T>> {
+    if context.is_software() {
+        return Ok(None);
+    }
+    match context.guarded("casting shadows", find) {
+        Err(Error::OutOfMemory(_)) => Ok(None),
+        found => found,
+    }
+}
+
 /// The lights, with the ambient light, whose shares splats do not hold.
-fn unknown<'a>(held: Option<&'a Shadows>, shadows: &'a Shadows) -> impl Iterator<Item = usize> + 'a {
+pub(super) fn unknown<'a>(held: Option<&'a Shadows>, shadows: &'a Shadows) -> impl Iterator<Item = usize> + 'a {
     (0..=MAX_CASTING).filter(move |&light| !held.is_some_and(|held| held.is_same(shadows, light)))
 }
 
@@ -249,13 +254,44 @@ impl<'a> Places<'a> {
 
     /// The light that arrives at the splats. `density` gets the words of a splat without the place.
     pub(crate) fn arrival(&self, shadows: &Shadows, density: &(dyn Fn(&[u32]) -> f32 + Sync)) -> Result<Arrival> {
-        let [low, size] = self.bounds;
-        Arrival::new(&shadows.casting, &shadows.lattice, self.bounds, |[y, z], row| {
-            for (x, words) in self.row(low[0]..low[0] + size[0], [y, z]) {
-                let casts = shadows.casts([x, y, z]);
-                row[x - low[0]] = if casts { density(words).max(CLIPPED) } else { CLIPPED };
-            }
+        Arrival::new(&shadows.casting, &shadows.lattice, self.bounds, |place, row| {
+            self.fill_row(shadows, density, place, row);
         })
+    }
+
+    /// The extinctions of the splats in the box of `plans`, x fastest.
+    pub(crate) fn field(
+        &self,
+        shadows: &Shadows,
+        plans: &LightPlans,
+        density: &(dyn Fn(&[u32]) -> f32 + Sync),
+    ) -> Result<Vec<f32>> {
+        let [nx, ny, nz] = plans.dims();
+        let mut field: Vec<f32> = zeroed((nx * ny * nz) as u64, || "the occluders of light".to_owned())?;
+        let [low, size] = self.bounds;
+        let margin = (nx - size[0]) / 2;
+        field.par_chunks_mut(nx).enumerate().for_each(|(row, values)| {
+            let [y, z] = [row % ny, row / ny].map(|n| n.wrapping_sub(margin));
+            if y < size[1] && z < size[2] {
+                self.fill_row(shadows, density, [low[1] + y, low[2] + z], &mut values[margin..margin + size[0]]);
+            }
+        });
+        Ok(field)
+    }
+
+    /// Writes the extinctions of a row of the box.
+    fn fill_row(
+        &self,
+        shadows: &Shadows,
+        density: &(dyn Fn(&[u32]) -> f32 + Sync),
+        [y, z]: [usize; 2],
+        row: &mut [f32],
+    ) {
+        let [[first, ..], [count, ..]] = self.bounds;
+        for (x, words) in self.row(first..first + count, [y, z]) {
+            let casts = shadows.casts([x, y, z]);
+            row[x - first] = if casts { density(words).max(CLIPPED) } else { CLIPPED };
+        }
     }
 }
 
