@@ -1,8 +1,8 @@
 // sweep: the light along some directions that go together. `march` adds up filtered planes along the rays of each
 // direction and stores the sums at the places of each plane, `arrive` reads them at voxels and adds the neighbours.
 //
-// Rays pass through places of a lattice of their own, which is sheared along their direction. A plane stores the sums of
-// its own rays: those from a place before its first row and column to two after its last. Rays outside have passed
+// Rays pass through places of a lattice of their own, which is sheared along their direction. A plane stores the sums
+// of its own rays: those from a place before its first row and column to two after its last. Rays outside have passed
 // nothing yet, or reach no voxel any more.
 // uses: common/rays_of_sweep
 

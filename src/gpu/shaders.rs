@@ -64,16 +64,16 @@ macro_rules! files {
 
 /// All files, and their texts.
 static FILES: &[(&str, &str)] = &files! {
-    "around", "box_light", "cells", "classify", "coarsen", "common/absorbed", "common/appearance", "common/bounds", "common/classified",
-    "common/clip", "common/clip_view", "common/dispatch", "common/frame", "common/half_depth",
-    "common/light_box", "common/light_volume", "common/lighting",
-    "common/lit_splat", "common/march_parabola", "common/march_planes", "common/normal", "common/owned",
-    "common/owned_view", "common/packing", "common/pixel_ray", "common/plane", "common/ray_geometry", "common/rays",
-    "common/rays_of_sweep", "common/resolution", "common/response", "common/splat", "common/splines", "common/sweep", "common/transfer",
-    "common/voxel_box", "composite", "converging", "estimate", "filter", "gather", "gather_scalars", "kept", "lit_splats",
-    "lit_voxels", "occluders", "pack", "packed/buffer", "packed/scalars", "packed/vectors", "prefilter", "present",
-    "resample", "resolve", "scan", "shade", "skip", "sort", "splat", "sweep", "terminate", "voxels/scalar_pairs", "voxels/scalars", "voxels/scalars_apart", "voxels/vector_pairs",
-    "voxels/vectors", "voxels/vectors_apart",
+    "around", "box_light", "cells", "classify", "coarsen", "common/absorbed", "common/appearance", "common/bounds",
+    "common/classified", "common/clip", "common/clip_view", "common/dispatch", "common/frame", "common/half_depth",
+    "common/light_box", "common/light_volume", "common/lighting", "common/lit_splat", "common/march_parabola",
+    "common/march_planes", "common/normal", "common/owned", "common/owned_view", "common/packing", "common/pixel_ray",
+    "common/plane", "common/ray_geometry", "common/rays", "common/rays_of_sweep", "common/resolution",
+    "common/response", "common/splat", "common/splines", "common/sweep", "common/transfer", "common/voxel_box",
+    "composite", "converging", "estimate", "filter", "gather", "gather_scalars", "kept", "lit_splats", "lit_voxels",
+    "occluders", "pack", "packed/buffer", "packed/scalars", "packed/vectors", "prefilter", "present", "resample",
+    "resolve", "scan", "shade", "skip", "sort", "splat", "sweep", "terminate", "voxels/scalar_pairs", "voxels/scalars",
+    "voxels/scalars_apart", "voxels/vector_pairs", "voxels/vectors", "voxels/vectors_apart",
 };
 
 macro_rules! shaders {

@@ -1,5 +1,6 @@
 //! shadows: the light that arrives at splats, on the device, without a wait: shaders/occluders.wgsl, filter.wgsl,
-//! sweep.wgsl, converging.wgsl, around.wgsl and kept.wgsl. The twin of `lighting/shadow.rs`, whose preparations it uses.
+//! sweep.wgsl, converging.wgsl, around.wgsl and kept.wgsl; at the voxels of a box, box_light.wgsl. The twin of
+//! `lighting/shadow.rs`, whose preparations it uses.
 //!
 //! The extinctions of splats become a field over the box around them. A light is found for a few planes of the box at a
 //! time, a part: they are filtered, rays add them up and carry their sums to the next part, and each voxel reads the

@@ -248,8 +248,9 @@ impl Arriving<'_> {
 }
 
 impl Arrival {
-    /// Light on the voxels of a box: its first lattice point, and its size. `fill` gets the y and z of a row, and writes its
-    /// extinctions, 0 for voxels that are not lit and [`CLIPPED`](field::CLIPPED) for those that cast no shadow.
+    /// Light on the voxels of a box: its first lattice point, and its size. `fill` gets the y and z of a row, and
+    /// writes its extinctions, 0 for voxels that are not lit and [`CLIPPED`](field::CLIPPED) for those that cast no
+    /// shadow.
     ///
     /// # Errors
     /// [`Error::Memory`](crate::Error::Memory) if 4 bytes for each voxel cannot be allocated.

@@ -1,6 +1,6 @@
 //! shadows: from splats to splats with the shares of light that arrive at them, once for a volume, a transfer function
 //! and a set of lights. On GPUs by [`gpu::shadows`](crate::gpu::shadows); on the host on software adapters, for exact
-//! sums, lights at places, and boxes that outgrow the device.
+//! sums, and for boxes that outgrow the device.
 
 use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};

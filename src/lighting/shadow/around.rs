@@ -38,7 +38,8 @@ pub(super) fn filter_of(lattice: &ShadowLattice) -> Vec<f64> {
     filter(SHARE * lattice.kernel.variance())
 }
 
-/// The rays from a voxel if occluders from the bias to `radius` count (voxels), through a field filtered with `weights`.
+/// The rays from a voxel if occluders from the bias to `radius` count (voxels), through a field filtered with
+/// `weights`.
 pub(super) fn rays(
     lattice: &ShadowLattice,
     response: &Response,
