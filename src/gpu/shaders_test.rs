@@ -69,6 +69,9 @@ fn constants_are_those_of_the_host() {
         ("scan", "RUN", super::scan::RUN),
         ("terminate", "RUN", crate::painters::quads::terminate::RUN),
         ("scan", "WORKGROUP", super::scan::WORKGROUP),
+        ("filter", "ENDS", super::shadows::ENDS as u64),
+        ("converging", "TABLE_ROWS", crate::lighting::shadow::plan::TABLE[0].into()),
+        ("converging", "TABLE_TERMS", crate::lighting::shadow::plan::TABLE[1].into()),
     ];
     for (name, constant, value) in expected {
         let shader = ALL.iter().find(|s| s.name == name).unwrap();

@@ -38,7 +38,7 @@ const AROUND_PLANES: usize = 32;
 /// Voxels along the sides of a workgroup.
 const GROUP: u32 = 8;
 /// Rows and columns of zeros at either end of a plane; ENDS in shaders/common/sweep.wgsl.
-const ENDS: usize = 2;
+pub(super) const ENDS: usize = 2;
 
 /// The bytes of a splat in shadows.
 pub(crate) const STRIDE: u64 = 4 * SHADED_WORDS as u64;
@@ -106,7 +106,17 @@ pub(crate) struct Unlit<'a> {
     pub(crate) clip: &'a [Side],
 }
 
-/// Buffers of a device that are made when they are needed, each with its size.
+/// The buffers of the stages with the field of extinctions, for other lights on the same matter.
+pub(crate) struct Buffers(Vec<(&'static str, wgpu::Buffer)>);
+
+impl Buffers {
+    /// Bytes of memory.
+    pub(crate) fn bytes(&self) -> u64 {
+        self.0.iter().map(|(_, buffer)| buffer.size()).sum()
+    }
+}
+
+/// Buffers of a device by their names, made when they are needed.
 struct Scratch<'a> {
     context: &'a Context,
     held: RefCell<Vec<(&'static str, wgpu::Buffer)>>,
@@ -213,23 +223,27 @@ struct Job<'a> {
 }
 
 /// Splats with the shares of some lights, of the ambient light for `MAX_CASTING`, and with those that they hold of
-/// other lights; `None` if the host has to find them.
+/// other lights; `None` if the host has to find them. `held` are the buffers of other lights on the same splats.
 pub(crate) fn run(
     context: &Context,
     pipelines: &Cache,
     unlit: &Unlit<'_>,
     plans: &LightPlans,
     lights: &[usize],
+    held: Option<Buffers>,
     progress: &Progress,
-) -> Result<Option<Vec<Store>>> {
+) -> Result<Option<(Vec<Store>, Buffers)>> {
     let lights = planned(plans, lights);
     let largest = unlit.stores.iter().map(|store| u64::from(store.count) * STRIDE).max();
     if !fits(context, largest.unwrap_or(0), plans, lights.iter().map(|(_, plan)| plan)) {
         return Ok(None);
     }
-    let job = Job::new(context, pipelines, plans, None)?;
+    let is_filled = held.is_some();
+    let job = Job::new(context, pipelines, plans, held)?;
     let mut recorder = Recorder::untimed(context);
-    job.fill(&mut recorder, unlit)?;
+    if !is_filled {
+        job.fill(&mut recorder, unlit)?;
+    }
     let made = unlit.stores.iter().map(|store| job.kept(&mut recorder, unlit, store)).collect::<Result<Vec<_>>>()?;
     job.each(&mut recorder, &lights, progress, &mut |recorder, light, plan| {
         for (store, unlit) in made.iter().zip(unlit.stores) {
@@ -241,16 +255,15 @@ pub(crate) fn run(
         Ok(())
     })?;
     recorder.submit();
-    Ok(Some(made))
+    Ok(Some((made, job.buffers())))
 }
 
 /// The light that arrives at the voxels of a box, kept for other lights.
 pub(crate) struct BoxLight {
     /// The first lattice point of the box, and its size.
     pub(crate) bounds: [[usize; 3]; 2],
-    field: wgpu::Buffer,
-    /// The shares, in the form of splats.
-    kept: wgpu::Buffer,
+    /// With the shares, in the form of splats.
+    buffers: Buffers,
 }
 
 /// The light on a box of places of `grid` as a texture, with the shares of some lights, of the ambient light for
@@ -261,7 +274,7 @@ pub(crate) fn run_on_box(
     pipelines: &Cache,
     (grid, bounds): (&Grid, [[usize; 3]; 2]),
     (plans, lights): (&LightPlans, &[usize]),
-    (held, field): (Option<&BoxLight>, &dyn Fn() -> Result<Vec<f32>>),
+    (held, field): (Option<BoxLight>, &dyn Fn() -> Result<Vec<f32>>),
     progress: &Progress,
 ) -> Result<Option<(LightVolume, BoxLight)>> {
     let lights = planned(plans, lights);
@@ -269,9 +282,10 @@ pub(crate) fn run_on_box(
     if !fits(context, 8 * voxels as u64, plans, lights.iter().map(|(_, plan)| plan)) {
         return Ok(None);
     }
-    let job = Job::new(context, pipelines, plans, held)?;
-    let kept = held.map_or_else(|| job.scratch.get("shadows.kept", 2 * voxels), |held| Ok(held.kept.clone()))?;
-    if held.is_none() {
+    let is_filled = held.is_some();
+    let job = Job::new(context, pipelines, plans, held.map(|held| held.buffers))?;
+    let kept = job.scratch.get("shadows.kept", 2 * voxels)?;
+    if !is_filled {
         context.write(&job.field, 0, bytemuck::cast_slice(&field()?));
     }
     let mut recorder = Recorder::untimed(context);
@@ -288,8 +302,7 @@ pub(crate) fn run_on_box(
     let workgroups = size.map(|n| n.div_ceil(4));
     job.stages.texels.run(&mut recorder, &[parameters, found, texture_view(&volume.texture)], workgroups);
     recorder.submit();
-    let field = job.field.clone();
-    Ok(Some((volume, BoxLight { bounds, field, kept })))
+    Ok(Some((volume, BoxLight { bounds, buffers: job.buffers() })))
 }
 
 /// The plans of lights.
@@ -298,7 +311,12 @@ fn planned(plans: &LightPlans, lights: &[usize]) -> Vec<(usize, LightPlan)> {
 }
 
 /// Whether the buffers of the stages fit the device: one of so many bytes, and those of lights.
-fn fits<'a>(context: &Context, bytes: u64, plans: &LightPlans, lights: impl Iterator<Item = &'a LightPlan>) -> bool {
+fn fits<'a>(
+    context: &Context,
+    bytes: u64,
+    plans: &LightPlans,
+    mut lights: impl Iterator<Item = &'a LightPlan>,
+) -> bool {
     let bindable = context.limits.max_storage_buffer_binding_size.min(context.limits.max_buffer_size);
     let most_groups = u64::from(context.limits.max_compute_workgroups_per_dimension);
     let dims = plans.dims();
@@ -316,20 +334,17 @@ fn fits<'a>(context: &Context, bytes: u64, plans: &LightPlans, lights: impl Iter
         LightPlan::Converging(sweeps) => sweeps.iter().all(|sweep| has_room(&Shape::of_converging(sweep, dims))),
         LightPlan::Around(around) => has_room(&Shape::of_around(around, dims)),
     };
-    longest <= most_groups
-        && voxels.is_some_and(|bytes| bytes <= bindable)
-        && bytes <= bindable
-        && lights.fold(true, |all, plan| all && serves(plan))
+    longest <= most_groups && voxels.is_some_and(|bytes| bytes <= bindable) && bytes <= bindable && lights.all(serves)
 }
 
 /// Takes the light that was found to where it is kept.
 type Keep<'a> = dyn FnMut(&mut Recorder<'_>, usize, &LightPlan) -> Result<()> + 'a;
 
 impl<'a> Job<'a> {
-    fn new(context: &'a Context, pipelines: &'a Cache, plans: &'a LightPlans, held: Option<&BoxLight>) -> Result<Self> {
+    fn new(context: &'a Context, pipelines: &'a Cache, plans: &'a LightPlans, held: Option<Buffers>) -> Result<Self> {
         let stages = pipelines.get_or_make((), || Ok(Stages::new(context)))?;
         let voxels: usize = plans.dims().iter().product();
-        let scratch = Scratch { context, held: RefCell::default() };
+        let scratch = Scratch { context, held: RefCell::new(held.map_or_else(Vec::new, |Buffers(held)| held)) };
         let upload = |weights: &Vec<f32>| {
             context.upload("shadows.filter", bytemuck::cast_slice(weights), wgpu::BufferUsages::STORAGE)
         };
@@ -339,11 +354,15 @@ impl<'a> Job<'a> {
             pipelines,
             stages,
             plans,
-            field: held.map_or_else(|| scratch.get("shadows.field", voxels), |held| Ok(held.field.clone()))?,
+            field: scratch.get("shadows.field", voxels)?,
             shares: scratch.get("shadows.shares", voxels)?,
             scratch,
             filters: [upload(&across)?, upload(&within)?],
         })
+    }
+
+    fn buffers(self) -> Buffers {
+        Buffers(self.scratch.held.into_inner())
     }
 
     /// Records the light of each plan, and what keeps it.

@@ -64,8 +64,15 @@ pub(crate) struct FallenLight {
 
 /// What other lights on the same matter need.
 enum Kept {
-    Host { emitted: Drawable, arrival: Arrival, texels: Vec<[u16; 4]> },
+    Host(Box<HostLight>),
     Device(BoxLight),
+}
+
+/// The splats, what they occlude, and the light at their places.
+struct HostLight {
+    emitted: Drawable,
+    arrival: Arrival,
+    texels: Vec<[u16; 4]>,
 }
 
 impl FallenLight {
@@ -84,7 +91,7 @@ impl FallenLight {
         let kept = held.filter(|(of, _)| of.without_lights() == shadows.without_lights());
         let kept = kept.and_then(|(of, held)| Some((of, Arc::into_inner(held)?.kept?)));
         let on_device = |bounds: [[usize; 3]; 2],
-                         (of, held): (Option<&Shadows>, Option<&BoxLight>),
+                         (of, held): (Option<&Shadows>, Option<BoxLight>),
                          field: &dyn Fn(&LightPlans) -> Result<Vec<f32>>| {
             let made = on_device(context, || {
                 let Some(plans) = LightPlans::new(&shadows.casting, &shadows.lattice, bounds) else { return Ok(None) };
@@ -98,9 +105,12 @@ impl FallenLight {
             }))
         };
         let (of, emitted, arrival, mut texels) = match kept {
-            Some((of, Kept::Host { emitted, arrival, texels })) => (Some(of), emitted, Some(arrival), texels),
+            Some((of, Kept::Host(held))) => {
+                let HostLight { emitted, arrival, texels } = *held;
+                (Some(of), emitted, Some(arrival), texels)
+            }
             Some((of, Kept::Device(light))) => {
-                let made = on_device(light.bounds, (Some(&of), Some(&light)), &|_| Ok(Vec::new()))?;
+                let made = on_device(light.bounds, (Some(&of), Some(light)), &|_| Ok(Vec::new()))?;
                 if let Some(made) = made {
                     return Ok(made);
                 }
@@ -142,7 +152,7 @@ impl FallenLight {
         }
         let [low, size] = [low, size].map(|point| point.map(|n| n as u32));
         let volume = Arc::new(LightVolume::new(context, grid, low, size, &texels));
-        let kept = arrival.is_kept().then_some(Kept::Host { emitted, arrival, texels });
+        let kept = arrival.is_kept().then(|| Kept::Host(Box::new(HostLight { emitted, arrival, texels })));
         Ok(Self { volume, kept })
     }
 }

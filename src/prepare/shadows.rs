@@ -12,7 +12,7 @@ use crate::camera::clip::{Side, is_inside};
 use crate::error::{Error, Result};
 use crate::gpu::cache::Cache;
 use crate::gpu::context::Context;
-use crate::gpu::shadows::{self, STRIDE, Unlit};
+use crate::gpu::shadows::{self, Buffers, STRIDE, Unlit};
 use crate::gpu::store::{BrickSplats, Drawable, HostBrick, MadeBrick, Row, Store, StoreBuilder, places};
 use crate::lighting::shadow::field::CLIPPED;
 use crate::lighting::shadow::plan::LightPlans;
@@ -55,23 +55,38 @@ impl Shadows {
 
 /// The occluders on a lattice of splats, kept for lights that move, and the shadows that they are for.
 #[derive(Default)]
-pub(crate) struct Occluders(Mutex<Option<(Shadows, Arrival)>>);
+pub(crate) struct Occluders {
+    host: Mutex<Option<(Shadows, Arrival)>>,
+    device: Mutex<Option<(Shadows, Buffers)>>,
+}
+
+/// Takes what is kept for the same shadows without lights.
+fn taken<T>(kept: &Mutex<Option<(Shadows, T)>>, shadows: &Shadows) -> Option<T> {
+    let kept = kept.lock().unwrap_or_else(PoisonError::into_inner).take();
+    kept.filter(|(of, _)| *of == shadows.without_lights()).map(|(_, kept)| kept)
+}
+
+fn keep<T>(kept: &Mutex<Option<(Shadows, T)>>, value: Option<(Shadows, T)>) {
+    *kept.lock().unwrap_or_else(PoisonError::into_inner) = value;
+}
 
 impl Occluders {
+    /// The most bytes of buffers of the device that are kept: a lattice of 512^3 voxels has 1.4 GB.
+    const MOST: u64 = 3 << 29;
+
     /// Forgets them.
     pub(crate) fn clear(&self) {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = None;
+        keep(&self.host, None);
+        keep(&self.device, None);
     }
 
     /// The arrival of the light of these shadows, if they are the same without lights.
     fn taken(&self, shadows: &Shadows) -> Option<Arrival> {
-        let kept = self.0.lock().unwrap_or_else(PoisonError::into_inner).take();
-        kept.filter(|(of, _)| *of == shadows.without_lights()).map(|(_, arrival)| arrival.under(&shadows.casting))
+        taken(&self.host, shadows).map(|arrival| arrival.under(&shadows.casting))
     }
 
     fn keep(&self, shadows: &Shadows, arrival: Arrival) {
-        let kept = arrival.is_kept().then(|| (shadows.without_lights(), arrival));
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = kept;
+        keep(&self.host, arrival.is_kept().then(|| (shadows.without_lights(), arrival)));
     }
 }
 
@@ -88,9 +103,9 @@ pub(crate) fn shaded(
 ) -> Result<Vec<Store>> {
     let over = Arc::get_mut(&mut classified).is_some();
     let stores = (classified.stores.as_slice(), over);
-    let made = on_device(context, || shaded_on_device(context, pipelines, stores, held, shadows, progress))?;
-    if let Some(stores) = made {
-        occluders.clear();
+    let find = || shaded_on_device((context, pipelines), stores, held, occluders, shadows, progress);
+    if let Some(stores) = on_device(context, find)? {
+        keep(&occluders.host, None);
         return Ok(stores);
     }
     shaded_on_host(context, &classified.stores, held, occluders, shadows, progress)
@@ -115,10 +130,10 @@ pub(super) fn unknown<'a>(held: Option<&'a Shadows>, shadows: &'a Shadows) -> im
 /// [`shaded`] by stages of the device; `None` if the host has to find some light. `over`: the memory of the splats may
 /// be used again.
 pub(super) fn shaded_on_device(
-    context: &Context,
-    pipelines: &Cache,
+    (context, pipelines): (&Context, &Cache),
     (stores, over): (&[Store], bool),
     held: Option<&Shadows>,
+    occluders: &Occluders,
     shadows: &Shadows,
     progress: &Progress,
 ) -> Result<Option<Vec<Store>>> {
@@ -126,7 +141,14 @@ pub(super) fn shaded_on_device(
     let Some(plans) = LightPlans::new(casting, lattice, bounds_of(stores)) else { return Ok(None) };
     let lights: Vec<usize> = unknown(held, shadows).collect();
     let unlit = Unlit { stores, over, dims: lattice.dims, clip };
-    shadows::run(context, pipelines, &unlit, &plans, &lights, progress)
+    let buffers = taken(&occluders.device, shadows);
+    let made = shadows::run(context, pipelines, &unlit, &plans, &lights, buffers, progress)?;
+    Ok(made.map(|(stores, buffers)| {
+        // Lights that changed once may do so again.
+        let is_kept = held.is_some() && buffers.bytes() <= Occluders::MOST;
+        keep(&occluders.device, is_kept.then(|| (shadows.without_lights(), buffers)));
+        stores
+    }))
 }
 
 /// [`shaded`] on the host.

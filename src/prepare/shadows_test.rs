@@ -120,14 +120,14 @@ fn device_finds_the_light_of_the_host() {
     let mut worst = 0.0_f64;
     for (name, volume, transfer) in &bodies() {
         for (number, (light, lighting)) in lightings().iter().enumerate() {
-            let (of, kernel) = kernels[if number < 6 { 0 } else { number % 3 }];
+            let (wide, kernel) = kernels[if number < 6 { 0 } else { number % 3 }];
             for clip in [Clip::default(), clip.clone()] {
                 let shadows = shadows(volume, lighting, kernel, &clip);
                 let made = classified(&context, volume, transfer);
                 let stores = (made.stores.as_slice(), false);
-                let device = shaded_on_device(&context, &pipelines, stores, None, &shadows, &progress).unwrap();
+                let (of, occluders) = ((&context, &pipelines), Occluders::default());
+                let device = shaded_on_device(of, stores, None, &occluders, &shadows, &progress).unwrap();
                 let device = shares(&context, &device.unwrap());
-                let occluders = Occluders::default();
                 let host = shaded_on_host(&context, &made.stores, None, &occluders, &shadows, &progress).unwrap();
                 let host = shares(&context, &host);
                 assert!(host.len() > 1000 && host.len() == device.len(), "{name}: {} splats", host.len());
@@ -140,7 +140,7 @@ fn device_finds_the_light_of_the_host() {
                 let largest = differences.iter().copied().fold(0.0, f64::max);
                 let above = differences.iter().filter(|difference| **difference > 1e-3).count();
                 let shadowed = host.as_flattened().iter().filter(|share| **share < 50_000).count();
-                let what = format!("{name}, {light}, {of}, {} planes", shadows.clip.len());
+                let what = format!("{name}, {light}, {wide}, {} planes", shadows.clip.len());
                 let of_light = |light: usize| {
                     let pairs = host.iter().zip(&device).map(|(a, b)| a[light].abs_diff(b[light]));
                     pairs.max().unwrap_or(0)
@@ -175,8 +175,9 @@ fn device_keeps_the_light_that_stays() {
     };
     let [first, second] = [DVec3::new(1.0, 0.2, 0.1), DVec3::new(-1.0, 0.3, -0.4)]
         .map(|towards| shadows(volume, &lighting(towards), Kernel::default(), &Clip::default()));
+    let (of, occluders) = ((&context, &pipelines), Occluders::default());
     let run = |stores: (&[Store], bool), held: Option<&Shadows>, shadows: &Shadows| {
-        shaded_on_device(&context, &pipelines, stores, held, shadows, &progress).unwrap().unwrap()
+        shaded_on_device(of, stores, held, &occluders, shadows, &progress).unwrap().unwrap()
     };
     let before = run((&made.stores, false), None, &first);
     let waits = context.traffic().waits;

@@ -8,6 +8,10 @@ use super::sweep::{Direction, NearPlace, Pyramid, parallel_planes};
 use super::{Bundle, LightRays, LitBox, ShadowLattice, around, axes_across, strict_across};
 use crate::lighting::Casting;
 
+/// Rows and terms of [`LightPlans::table`].
+#[cfg(test)]
+pub(crate) const TABLE: [u32; 2] = [super::response::ROWS, super::response::TERMS];
+
 /// The plans of lights on a box of voxels.
 pub(crate) struct LightPlans {
     lit: LitBox,

@@ -103,7 +103,7 @@ fn shadows_wait_for_nothing_and_send_parameters_only() {
     assert!(more < 150_000, "{more} bytes more for {} splats", shadowed.splats_kept);
     for degrees in [10.0, 20.0] {
         let stats = frame(&host, &scene, &camera, &settings(studio(degrees)));
-        let [dispatches, submissions] = [u64::from(stats.dispatches), u64::from(stats.submissions)];
+        let [dispatches, submissions] = [stats.dispatches, stats.submissions];
         println!("{dispatches} dispatches, {submissions} submissions, {} bytes", stats.bytes_sent);
         assert_eq!(stats.waits, 0);
         assert!(submissions <= 4 && dispatches < 70 && stats.bytes_sent < 150_000);
@@ -133,7 +133,7 @@ fn shadows_of_the_device_are_those_of_the_host() {
             let differences = found.pixels().as_flattened().iter().zip(expected.pixels().as_flattened());
             let largest = differences.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
             println!("{name}, {shading:?}: {largest:.1e}");
-            assert!(largest < 2e-3, "{name}, {shading:?}: {largest:e}");
+            assert!(largest < 5e-4, "{name}, {shading:?}: {largest:e}");
             let without = Lighting { shadows: 0.0, occlusion: None, ..settings.lighting.clone().unwrap() };
             let without = Settings { lighting: Some(without), ..settings };
             let scene = prepare_on(&device, volume, transfer, &without).unwrap();
