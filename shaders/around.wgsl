@@ -13,7 +13,7 @@
 @group(0) @binding(5) var<storage, read> weights: array<f32>;
 @group(0) @binding(6) var<storage, read_write> shares: array<u32>;
 
-@compute @workgroup_size(8, 8)
+@compute @workgroup_size(32, 2)
 fn around(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= sweep.dims.z || id.y >= sweep.dims.y {
         return;

@@ -56,7 +56,7 @@ const FAINT_SECTION: f32 = 2e-3;
 const TABLE_ROWS: u32 = 512u;
 const TABLE_TERMS: u32 = 12u;
 
-@compute @workgroup_size(8, 8)
+@compute @workgroup_size(32, 2)
 fn march_to_place(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= sweep.rays.y || id.y >= sweep.rays.x {
         return;
@@ -150,9 +150,10 @@ fn neighbours_towards(voxel: vec3u, slopes: vec2f) -> f32 {
     return neighbours(voxel, rows, stencils[at].y, select(1, -1, slopes.x < 0.0));
 }
 
-// Workgroups are columns by planes, see `across` in filter.wgsl.
-@compute @workgroup_size(8, 8)
-fn arrive_from_place(@builtin(global_invocation_id) id: vec3u) {
+@compute @workgroup_size(LANES)
+fn arrive_from_place(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) lane: u32) {
+    // Column, plane of the part, and row.
+    let id = vec3u(column_and_plane(group, lane), group.z);
     if id.x >= sweep.dims.z || id.y >= sweep.count || id.z >= sweep.dims.y {
         return;
     }

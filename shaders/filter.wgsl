@@ -9,10 +9,11 @@
 @group(0) @binding(2) var<storage, read> values: array<f32>;
 @group(0) @binding(3) var<storage, read_write> planes: array<f32>;
 
-// Workgroups are columns by planes, so that planes across x read and write whole sectors of memory too.
-@compute @workgroup_size(8, 8)
-fn across(@builtin(global_invocation_id) id: vec3u) {
+@compute @workgroup_size(LANES)
+fn across(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) lane: u32) {
     let size = padded();
+    // Column, plane, and row.
+    let id = vec3u(column_and_plane(group, lane), group.z);
     if id.x >= size.y || id.y >= sweep.filtered || id.z >= size.x {
         return;
     }
@@ -33,7 +34,7 @@ fn across(@builtin(global_invocation_id) id: vec3u) {
     planes[in_plane(id.y, id.z, id.x)] = sum;
 }
 
-@compute @workgroup_size(8, 8)
+@compute @workgroup_size(32, 2)
 fn within(@builtin(global_invocation_id) id: vec3u) {
     let size = padded();
     if id.x >= size.y || id.y >= size.x {

@@ -42,7 +42,7 @@ fn is_stored(at: vec2i) -> bool {
     return all(at >= vec2i(0)) && all(at < vec2i(sweep.dims.yz) + 3);
 }
 
-@compute @workgroup_size(8, 8)
+@compute @workgroup_size(32, 2)
 fn march(@builtin(global_invocation_id) id: vec3u) {
     let direction = id.z;
     let begin = place_of(sweep.first, direction).xz;
@@ -75,9 +75,10 @@ fn march(@builtin(global_invocation_id) id: vec3u) {
     }
 }
 
-// Workgroups are columns by planes, see `across` in filter.wgsl.
-@compute @workgroup_size(8, 8)
-fn arrive(@builtin(global_invocation_id) id: vec3u) {
+@compute @workgroup_size(LANES)
+fn arrive(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) lane: u32) {
+    // Column, plane of the part, and row.
+    let id = vec3u(column_and_plane(group, lane), group.z);
     if id.x >= sweep.dims.z || id.y >= sweep.count || id.z >= sweep.dims.y {
         return;
     }

@@ -17,8 +17,20 @@ struct Sweep {
     ahead: u32,
     // 1: the light is added to the light that has arrived already.
     adds: u32,
+    // The base 2 logarithm of the columns of a workgroup of columns and planes.
+    lanes: u32,
     // Rows and columns of the rays whose sums a plane stores.
     rays: vec2u,
+}
+
+// Invocations of a workgroup. Workgroups of columns and rows are 32 x 2: neighbours in memory are read together.
+const LANES: u32 = 64u;
+
+// The column and the plane of an invocation, given its workgroup and its number. Workgroups are 32 columns by 2 planes;
+// of planes across x, which are neighbours in memory, 8 by 8.
+fn column_and_plane(group: vec3u, lane: u32) -> vec2u {
+    let within = vec2u(lane & ((1u << sweep.lanes) - 1u), lane >> sweep.lanes);
+    return (group.xy << vec2u(sweep.lanes, 6u - sweep.lanes)) + within;
 }
 
 // Rows and columns of zeros at either end of a filtered plane.

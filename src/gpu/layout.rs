@@ -166,7 +166,7 @@ shared! {
         directions: u32,
         ahead: u32,
         adds: u32,
-        _pad: u32,
+        lanes: u32,
         rays: [u32; 2],
     }
 

@@ -17,7 +17,7 @@ use super::context::Context;
 use super::layout::{ClipPlanes, Converging, LightBox, SHADED_WORDS, Sweep, clip_planes};
 use super::light_volume::LightVolume;
 use super::pipeline::{Binding, texture_view};
-use super::recorder::Recorder;
+use super::recorder::{ComputePass, Recorder};
 use super::shaders;
 use super::stage::{DynamicUniforms, Stage, for_each};
 use super::store::{Splats, Store};
@@ -29,14 +29,17 @@ use crate::volume::Grid;
 
 /// The most bytes of the sums of the rays of a part, unless they are fewer than [`PLANES`].
 const SUMS: u64 = 128 << 20;
-/// The least planes of a part, which is a multiple: stages have so many planes in a workgroup.
+/// The least planes of a part, which is a multiple: workgroups have up to so many planes.
 const PLANES: usize = 8;
 /// The most planes of a part.
 const MOST_PLANES: usize = 64;
 /// Planes of a part of occlusion.
 const AROUND_PLANES: usize = 32;
-/// Voxels along the sides of a workgroup.
-const GROUP: u32 = 8;
+/// Columns and rows of a workgroup.
+const GROUP: [u32; 2] = [32, 2];
+/// The base 2 logarithm of the columns of a workgroup of columns and planes; if planes lie across x, which are
+/// neighbours in memory.
+const LANES: [u32; 2] = [5, 3];
 /// Rows and columns of zeros at either end of a plane; ENDS in shaders/common/sweep.wgsl.
 pub(super) const ENDS: usize = 2;
 
@@ -326,7 +329,7 @@ fn fits<'a>(
     let fits = |values: usize| (4 * values as u64) <= bindable;
     let has_room = |shape: &Shape| {
         let longest = shape.rays.into_iter().max().unwrap_or(0) as u64;
-        longest.div_ceil(GROUP.into()) <= most_groups && fits(shape.planes()) && fits(shape.together * shape.sums())
+        longest <= most_groups && fits(shape.planes()) && fits(shape.together * shape.sums())
     };
     let serves = |plan: &LightPlan| match plan {
         LightPlan::Full => true,
@@ -482,6 +485,7 @@ impl<'a> Job<'a> {
                 count: count as u32,
                 dims: shape.dims.map(|n| n as u32),
                 first: first as u32,
+                lanes: LANES[usize::from(axes[0] == 0)],
                 rays: shape.rays.map(|n| n as u32),
                 directions: shape.directions as u32,
                 filtered: (count + shape.filtered - shape.together) as u32,
@@ -541,7 +545,6 @@ impl<'a> Job<'a> {
         let [_, rows, columns] = shape.dims.map(|n| n as u32);
         for (number, part) in (0..).zip(&parts) {
             let offset = uniforms.offset(number);
-            filter.run(recorder, offset, part);
             if part.first > 0 {
                 recorder.copy(&sums, &carried, 0, 4 * shape.sums() as u64);
             }
@@ -550,10 +553,13 @@ impl<'a> Job<'a> {
             let drift = |axis: usize| {
                 first.iter().zip(last).fold(0, |most, (a, b)| most.max(a[axis].0.abs_diff(b[axis].0))) as u32
             };
-            let rays = [groups(columns + 3 + drift(1)), groups(rows + 3 + drift(0)), part.directions];
-            self.stages.march.dispatch(recorder, &march, &[offset], rays);
-            let voxels = [groups(columns), groups(part.count), rows];
-            self.stages.arrive.dispatch(recorder, &arrive, &[offset], voxels);
+            let rays = groups(columns + 3 + drift(1), rows + 3 + drift(0), part.directions);
+            let voxels = groups_across(part, columns, part.count, rows);
+            let mut pass = recorder.compute_pass(CLASSIFY);
+            filter.record(&mut pass, offset, part);
+            self.stages.march.record(&mut pass, &march, &[offset], rays);
+            self.stages.arrive.record(&mut pass, &arrive, &[offset], voxels);
+            drop(pass);
             let reads = 26 * shape.directions + plan.stencil.weights.len();
             recorder.worked(work(part, reads));
         }
@@ -611,14 +617,16 @@ impl<'a> Job<'a> {
         recorder.clear(&carried, 4 * shape.sums() as u64);
         for (number, part) in (0..).zip(&parts) {
             let offset = uniforms.offset(number);
-            filter.run(recorder, offset, part);
             if number > 0 {
                 recorder.copy(&sums, &carried, 0, 4 * shape.sums() as u64);
             }
-            let rays = [groups(ray_columns), groups(ray_rows), 1];
-            self.stages.march_to_place.dispatch(recorder, &march, &[offset], rays);
-            let voxels = [groups(columns), groups(part.count), rows];
-            self.stages.arrive_from_place.dispatch(recorder, &arrive, &[offset], voxels);
+            let rays = groups(ray_columns, ray_rows, 1);
+            let voxels = groups_across(part, columns, part.count, rows);
+            let mut pass = recorder.compute_pass(CLASSIFY);
+            filter.record(&mut pass, offset, part);
+            self.stages.march_to_place.record(&mut pass, &march, &[offset], rays);
+            self.stages.arrive_from_place.record(&mut pass, &arrive, &[offset], voxels);
+            drop(pass);
             recorder.worked(work(part, 26 + near.reads));
         }
         Ok(())
@@ -640,10 +648,11 @@ impl<'a> Job<'a> {
         let around = self.bind(&self.stages.around, &uniforms, &buffers);
         for (number, part) in (0..).zip(&parts) {
             let offset = uniforms.offset(number);
-            filter.run(recorder, offset, part);
             let [_, rows, columns] = part.dims;
-            let voxels = [groups(columns), groups(rows), part.count];
-            self.stages.around.dispatch(recorder, &around, &[offset], voxels);
+            let mut pass = recorder.compute_pass(CLASSIFY);
+            filter.record(&mut pass, offset, part);
+            self.stages.around.record(&mut pass, &around, &[offset], groups(columns, rows, part.count));
+            drop(pass);
             recorder.worked(work(part, plan.weights.len()));
         }
         Ok(())
@@ -660,18 +669,22 @@ struct Filter<'a> {
 }
 
 impl Filter<'_> {
-    fn run(&self, recorder: &mut Recorder<'_>, offset: u32, part: &Sweep) {
+    fn record(&self, pass: &mut ComputePass<'_>, offset: u32, part: &Sweep) {
         let [_, rows, columns] = part.dims.map(|n| n + 2 * ENDS as u32);
-        let (across, within) =
-            ([groups(columns), groups(part.filtered), rows], [groups(columns), groups(rows), part.filtered]);
-        self.stages.across.dispatch(recorder, &self.across, &[offset], across);
-        self.stages.within.dispatch(recorder, &self.within, &[offset], within);
+        let across = groups_across(part, columns, part.filtered, rows);
+        self.stages.across.record(pass, &self.across, &[offset], across);
+        self.stages.within.record(pass, &self.within, &[offset], groups(columns, rows, part.filtered));
     }
 }
 
-/// The workgroups along an axis.
-fn groups(count: u32) -> u32 {
-    count.div_ceil(GROUP)
+/// Workgroups of so many columns and rows, by a third number.
+fn groups(columns: u32, rows: u32, others: u32) -> [u32; 3] {
+    [columns.div_ceil(GROUP[0]), rows.div_ceil(GROUP[1]), others]
+}
+
+/// Workgroups of columns and planes of a part, for each row.
+fn groups_across(part: &Sweep, columns: u32, planes: u32, rows: u32) -> [u32; 3] {
+    [columns.div_ceil(1 << part.lanes), planes.div_ceil(64 >> part.lanes), rows]
 }
 
 /// The work of a part whose voxels read so many numbers, in fragments of splats, which take some 16 operations.
