@@ -82,7 +82,10 @@ fn lightings() -> Vec<(&'static str, Lighting)> {
         ("other axes", of(vec![along(-1.0, 0.0, 0.0), along(0.0, 1.0, 0.0), along(0.0, 0.0, -1.0)])),
         ("oblique", of(vec![along(-0.5, -0.7, 0.6), along(0.9, 0.2, -0.3), along(0.1, -0.4, -0.8)])),
         ("diagonals", of(vec![along(1.0, 1.0, 1.0), along(-1.0, 0.0, 1.0), along(1.0, -1.0, 0.0)])),
-        ("a soft light", of(vec![Light { size: 10.0, ..along(0.4, -0.7, 1.0) }])),
+        (
+            "soft lights",
+            of([along(0.4, -0.7, 1.0), along(-1.0, 0.3, 0.4)].map(|light| Light { size: 10.0, ..light }).into()),
+        ),
         ("a wide light", of(vec![Light { size: 100.0, ..along(0.4, -0.7, 1.0) }])),
         ("no bias", Lighting { shadow_bias: 0.0, ..of(vec![along(0.3, -0.9, 0.5)]) }),
         ("a large bias", Lighting { shadow_bias: 4.0, ..of(vec![along(0.3, 0.9, 0.5), along(-0.8, 0.0, 0.1)]) }),
