@@ -7,7 +7,7 @@
 //! sums of its plane. So a part needs little memory besides the field and the light that arrives.
 
 use std::cell::RefCell;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use bytemuck::Zeroable;
 use glam::DVec4;
@@ -16,10 +16,10 @@ use super::cache::Cache;
 use super::context::Context;
 use super::layout::{ClipPlanes, Converging, LightBox, SHADED_WORDS, Sweep, clip_planes};
 use super::light_volume::LightVolume;
-use super::pipeline::{Binding, texture_view};
+use super::pipeline::{Binding, both, texture_view};
 use super::recorder::{ComputePass, Recorder};
-use super::shaders;
-use super::stage::{DynamicUniforms, Stage, for_each};
+use super::shaders::{self, Shader};
+use super::stage::{Constant, DynamicUniforms, Stage, for_each};
 use super::store::{Splats, Store};
 use crate::camera::clip::Side;
 use crate::error::Result;
@@ -46,55 +46,90 @@ pub(super) const ENDS: usize = 2;
 /// The bytes of a splat in shadows.
 pub(crate) const STRIDE: u64 = 4 * SHADED_WORDS as u64;
 
-/// The stages of shadows. In [`Stats::stages`](crate::stats::Stats::stages) they are part of `classify`.
+/// The stages of sweeps along directions and of occlusion, and what keeps their light at splats. In
+/// [`Stats::stages`](crate::stats::Stats::stages) all stages of shadows are part of `classify`.
 struct Stages {
-    occluders: [Stage; 2],
     across: Stage,
     within: Stage,
     march: Stage,
     arrive: Stage,
-    march_to_place: Stage,
-    arrive_from_place: Stage,
     around: Stage,
     copy: Stage,
     keep: Stage,
-    keep_in_box: Stage,
+}
+
+/// The stage that makes the field of splats, of splats with shares of light for the key `true`.
+struct FieldStage(Stage);
+
+/// The stages of sweeps to a place.
+struct PlaceStages {
+    march: Stage,
+    arrive: Stage,
+}
+
+/// The stages that keep light at the voxels of a box.
+struct BoxStages {
+    keep: Stage,
     texels: Stage,
 }
 
 const CLASSIFY: &str = "classify";
 
+/// A stage that takes these constants.
+fn stage(context: &Context, of: Shader, entry: &str, slots: &[Binding], constants: &[Constant]) -> Stage {
+    Stage::new(context, of, (CLASSIFY, entry), slots, constants)
+}
+
+/// Splats have shares of light.
+const SHADOWS: [Constant; 1] = [("SHADOWS", 1)];
+
 impl Stages {
+    fn new(context: &Context) -> Result<Self> {
+        use Binding::{DynamicUniform, Read, Uniform, Write};
+        let filters = || {
+            let entries = ["across", "within"].map(|entry| (CLASSIFY, entry));
+            let filters = Stage::several(context, shaders::FILTER, entries, &[DynamicUniform, Read, Read, Write], &[]);
+            let around = [DynamicUniform, Read, Read, Read, Read, Read, Write];
+            (filters, stage(context, shaders::AROUND, "around", &around, &[]))
+        };
+        let sweeps = || {
+            let rays = [DynamicUniform, Read, Read, Read, Write];
+            let voxels = [DynamicUniform, Read, Read, Read, Write, Read, Read, Read];
+            let march = stage(context, shaders::SWEEP, "march", &rays, &[]);
+            let arrive = stage(context, shaders::SWEEP, "arrive", &voxels, &[]);
+            let copy = stage(context, shaders::KEPT, "copy", &[Uniform, Write, Read], &SHADOWS);
+            let keep = stage(context, shaders::KEPT, "keep", &[Uniform, Write, Read, Read], &SHADOWS);
+            [march, arrive, copy, keep]
+        };
+        let (([across, within], around), [march, arrive, copy, keep]) = both(context, filters, sweeps)?;
+        Ok(Self { across, within, march, arrive, around, copy, keep })
+    }
+}
+
+impl FieldStage {
+    fn new(context: &Context, has_light: bool) -> Self {
+        use Binding::{Read, Uniform, Write};
+        let constants = if has_light { SHADOWS.as_slice() } else { &[] };
+        Self(stage(context, shaders::OCCLUDERS, "occluders", &[Uniform, Read, Read, Write], constants))
+    }
+}
+
+impl PlaceStages {
     fn new(context: &Context) -> Self {
         use Binding::{DynamicUniform, Read, Uniform, Write};
-        let stage = |shader, entry, slots: &[Binding], constants: &[_]| {
-            Stage::new(context, shader, (CLASSIFY, entry), slots, constants)
-        };
-        let shadows = [("SHADOWS", 1)];
-        let texels = Binding::StorageTexture(wgpu::TextureFormat::Rgba16Float, wgpu::TextureViewDimension::D3);
-        let of_splats =
-            |constants: &[_]| stage(shaders::OCCLUDERS, "occluders", &[Uniform, Read, Read, Write], constants);
-        let filtered = [DynamicUniform, Read, Read, Write];
-        let entries = ["across", "within"].map(|entry| (CLASSIFY, entry));
-        let [across, within] = Stage::several(context, shaders::FILTER, entries, &filtered, &[]);
-        let of_voxels = [DynamicUniform, Read, Read, Read, Write, Read, Read, Read];
-        let to_place = [DynamicUniform, Uniform, Read, Read, Read, Write];
-        let from_place = [DynamicUniform, Uniform, Read, Read, Read, Write, Read, Read, Read, Read];
-        let around = [DynamicUniform, Read, Read, Read, Read, Read, Write];
-        Self {
-            occluders: [of_splats(&[]), of_splats(&shadows)],
-            across,
-            within,
-            march: stage(shaders::SWEEP, "march", &[DynamicUniform, Read, Read, Read, Write], &[]),
-            arrive: stage(shaders::SWEEP, "arrive", &of_voxels, &[]),
-            march_to_place: stage(shaders::CONVERGING, "march_to_place", &to_place, &[]),
-            arrive_from_place: stage(shaders::CONVERGING, "arrive_from_place", &from_place, &[]),
-            around: stage(shaders::AROUND, "around", &around, &[]),
-            copy: stage(shaders::KEPT, "copy", &[Uniform, Write, Read], &shadows),
-            keep: stage(shaders::KEPT, "keep", &[Uniform, Write, Read, Read], &shadows),
-            keep_in_box: stage(shaders::BOX_LIGHT, "keep_in_box", &[Uniform, Write, Read, Read], &[]),
-            texels: stage(shaders::BOX_LIGHT, "texels", &[Uniform, Read, texels], &[]),
-        }
+        let rays = [DynamicUniform, Uniform, Read, Read, Read, Write];
+        let voxels = [DynamicUniform, Uniform, Read, Read, Read, Write, Read, Read, Read, Read];
+        let march = stage(context, shaders::CONVERGING, "march_to_place", &rays, &[]);
+        Self { march, arrive: stage(context, shaders::CONVERGING, "arrive_from_place", &voxels, &[]) }
+    }
+}
+
+impl BoxStages {
+    fn new(context: &Context) -> Self {
+        use Binding::{Read, StorageTexture, Uniform, Write};
+        let texels = StorageTexture(wgpu::TextureFormat::Rgba16Float, wgpu::TextureViewDimension::D3);
+        let keep = stage(context, shaders::BOX_LIGHT, "keep_in_box", &[Uniform, Write, Read, Read], &[]);
+        Self { keep, texels: stage(context, shaders::BOX_LIGHT, "texels", &[Uniform, Read, texels], &[]) }
     }
 }
 
@@ -287,6 +322,7 @@ pub(crate) fn run_on_box(
     }
     let is_filled = held.is_some();
     let job = Job::new(context, pipelines, plans, held.map(|held| held.buffers))?;
+    let stages = pipelines.get_or_make((), || Ok(BoxStages::new(context)))?;
     let kept = job.scratch.get("shadows.kept", 2 * voxels)?;
     if !is_filled {
         context.write(&job.field, 0, bytemuck::cast_slice(&field()?));
@@ -295,7 +331,7 @@ pub(crate) fn run_on_box(
     job.each(&mut recorder, &lights, progress, &mut |recorder, light, plan| {
         let parameters = job.uniform(&LightBox { dims: plans.dims().map(|n| n as u32), ..job.share(light, plan) })?;
         let buffers = [&parameters, &kept, &job.field, &job.shares].map(wgpu::Buffer::as_entire_binding);
-        job.stages.keep_in_box.run(recorder, &buffers, for_each(context, voxels as u64));
+        stages.keep.run(recorder, &buffers, for_each(context, voxels as u64));
         Ok(())
     })?;
     let [low, size] = bounds.map(|point| point.map(|n| n as u32));
@@ -303,7 +339,7 @@ pub(crate) fn run_on_box(
     let parameters = job.uniform(&LightBox { dims: plans.dims().map(|n| n as u32), ..LightBox::zeroed() })?;
     let [parameters, found] = [&parameters, &kept].map(wgpu::Buffer::as_entire_binding);
     let workgroups = size.map(|n| n.div_ceil(4));
-    job.stages.texels.run(&mut recorder, &[parameters, found, texture_view(&volume.texture)], workgroups);
+    stages.texels.run(&mut recorder, &[parameters, found, texture_view(&volume.texture)], workgroups);
     recorder.submit();
     Ok(Some((volume, BoxLight { bounds, buffers: job.buffers() })))
 }
@@ -345,7 +381,7 @@ type Keep<'a> = dyn FnMut(&mut Recorder<'_>, usize, &LightPlan) -> Result<()> + 
 
 impl<'a> Job<'a> {
     fn new(context: &'a Context, pipelines: &'a Cache, plans: &'a LightPlans, held: Option<Buffers>) -> Result<Self> {
-        let stages = pipelines.get_or_make((), || Ok(Stages::new(context)))?;
+        let stages = pipelines.get_or_make((), || Stages::new(context))?;
         let voxels: usize = plans.dims().iter().product();
         let scratch = Scratch { context, held: RefCell::new(held.map_or_else(Vec::new, |Buffers(held)| held)) };
         let upload = |weights: &Vec<f32>| {
@@ -384,8 +420,7 @@ impl<'a> Job<'a> {
                     }
                 }
                 LightPlan::Converging(sweeps) => {
-                    let make = || NearPlaces::new(self.context, self.plans);
-                    let near = self.pipelines.get_or_make(self.plans.near_key(), make)?;
+                    let near = self.near_places()?;
                     for sweep in sweeps {
                         self.converging(recorder, sweep, &near)?;
                     }
@@ -398,6 +433,18 @@ impl<'a> Job<'a> {
             progress.check()?;
         }
         Ok(())
+    }
+
+    /// The stencils of rays to places, which are kept.
+    fn near_places(&self) -> Result<Arc<NearPlaces>> {
+        let key = self.plans.near_key();
+        let kept: Arc<Mutex<Option<Arc<NearPlaces>>>> = self.pipelines.get_or_make(key, || Ok(Mutex::default()))?;
+        let lock = || kept.lock().unwrap_or_else(PoisonError::into_inner);
+        let held = lock().clone();
+        // Not made under a lock: the maker waits for a pool of threads, which may hand it work that takes the lock.
+        let near = held.map_or_else(|| NearPlaces::new(self.context, self.plans).map(Arc::new), Ok)?;
+        *lock() = Some(Arc::clone(&near));
+        Ok(near)
     }
 
     /// The place of a light among shares, and the factor of its shadows.
@@ -431,8 +478,9 @@ impl<'a> Job<'a> {
             let parameters = LightBox { middle, clip_planes: planes, ..self.light_box(store) };
             let parameters = self.uniform(&parameters)?;
             let buffers = [&parameters, &store.on_device(context)?, &store.origins, &self.field];
-            let stage = &self.stages.occluders[usize::from(store.stride == STRIDE)];
-            stage.run(
+            let has_light = store.stride == STRIDE;
+            let stage = self.pipelines.get_or_make(has_light, || Ok(FieldStage::new(context, has_light)))?;
+            stage.0.run(
                 recorder,
                 &buffers.map(wgpu::Buffer::as_entire_binding),
                 for_each(context, u64::from(store.count)),
@@ -581,6 +629,7 @@ impl<'a> Job<'a> {
     /// Records the light from a place on the voxels of one side.
     fn converging(&self, recorder: &mut Recorder<'_>, plan: &ConvergingPlan, near: &NearPlaces) -> Result<()> {
         let context = self.context;
+        let stages = self.pipelines.get_or_make((), || Ok(PlaceStages::new(context)))?;
         let shape = Shape::of_converging(plan, self.plans.dims());
         let common = Sweep { before: self.plans.near_planes() as u32 + 1, ahead: plan.ahead.into(), ..Sweep::zeroed() };
         let parts = self.parts(&shape, plan.axes, plan.skipped, common);
@@ -608,10 +657,10 @@ impl<'a> Job<'a> {
         let usage = wgpu::BufferUsages::UNIFORM;
         let place = context.upload("shadows.converging", bytemuck::bytes_of(&place), usage)?;
         let march = [&place, &places, &filter.planes, &carried, &sums];
-        let march = self.bind(&self.stages.march_to_place, &uniforms, &march);
+        let march = self.bind(&stages.march, &uniforms, &march);
         let [stencil, weights, firsts, table] = &near.buffers;
         let arrive = [&place, &places, &self.field, &sums, &self.shares, stencil, weights, firsts, table];
-        let arrive = self.bind(&self.stages.arrive_from_place, &uniforms, &arrive);
+        let arrive = self.bind(&stages.arrive, &uniforms, &arrive);
         let [_, rows, columns] = shape.dims.map(|n| n as u32);
         let [ray_rows, ray_columns] = shape.rays.map(|n| n as u32);
         recorder.clear(&carried, 4 * shape.sums() as u64);
@@ -624,8 +673,8 @@ impl<'a> Job<'a> {
             let voxels = groups_across(part, columns, part.count, rows);
             let mut pass = recorder.compute_pass(CLASSIFY);
             filter.record(&mut pass, offset, part);
-            self.stages.march_to_place.record(&mut pass, &march, &[offset], rays);
-            self.stages.arrive_from_place.record(&mut pass, &arrive, &[offset], voxels);
+            stages.march.record(&mut pass, &march, &[offset], rays);
+            stages.arrive.record(&mut pass, &arrive, &[offset], voxels);
             drop(pass);
             recorder.worked(work(part, 26 + near.reads));
         }
