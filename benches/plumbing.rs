@@ -6,12 +6,13 @@
 //! ```
 //!
 //! DIR is the folder of the bench `race` (`crates/cli/benches/race.json`): its `vol` holds head512.raw, ml256.npy and
-//! phantom181.npy. `--device` runs the stages of GPUs on a software adapter too. Each scene is drawn in eight pictures:
-//! pre- and post-shaded, unlit and lit by a headlight, along parallel rays and in perspective. A picture has events:
+//! phantom181.npy. `--device` runs the stages of GPUs on a software adapter too. Each scene is drawn in twelve
+//! pictures: pre- and post-shaded, unlit, lit by a headlight and in studio light with shadows, along parallel rays and
+//! in perspective. A picture has events:
 //!
 //! - `first`: the volume is prepared and drawn
 //! - `next`: the camera turns by 10 degrees
-//! - `light`: a light in a direction replaces another one (lit pictures)
+//! - `light`: a light in a direction replaces another one, or studio light turns (lit pictures)
 //! - `transfer`: the visible values begin lower (`Renderer::set_transfer`, after another change that is not counted)
 //! - `clip`: a clipping plane moves
 //!
@@ -103,34 +104,66 @@ impl RaceScene {
     }
 }
 
+/// The light of a picture.
+#[derive(Clone, Copy, PartialEq)]
+enum Lit {
+    Unlit,
+    Headlight,
+    /// With shadows and occlusion.
+    Studio,
+}
+
 /// A kind of picture.
 #[derive(Clone, Copy)]
 struct Kind {
     post: bool,
-    lit: bool,
+    lit: Lit,
     perspective: bool,
 }
 
 impl Kind {
     fn all() -> impl Iterator<Item = Self> {
-        (0..8).map(|bits| Self { post: bits & 4 != 0, lit: bits & 2 != 0, perspective: bits & 1 != 0 })
+        let lights = [Lit::Unlit, Lit::Headlight, Lit::Studio];
+        (0..12).map(move |n| Self { post: n >= 6, lit: lights[n % 6 / 2], perspective: n % 2 == 1 })
     }
 
     fn name(self) -> String {
         let pick = |yes, a: &'static str, b: &'static str| if yes { a } else { b };
         let shading = pick(self.post, "post", "pre");
-        format!("{shading}-{}-{}", pick(self.lit, "lit", "unlit"), pick(self.perspective, "perspective", "parallel"))
+        let light = match self.lit {
+            Lit::Unlit => "unlit",
+            Lit::Headlight => "lit",
+            Lit::Studio => "studio",
+        };
+        format!("{shading}-{light}-{}", pick(self.perspective, "perspective", "parallel"))
     }
 
     fn settings(self) -> Settings {
-        let lighting = self.lit.then(|| lights(Light::HEADLIGHT));
         let shading = if self.post { Shading::Post } else { Shading::Pre };
+        let lighting = match self.lit {
+            Lit::Unlit => None,
+            Lit::Headlight => Some(lights(Light::HEADLIGHT)),
+            Lit::Studio => Some(studio(0.0)),
+        };
         Settings { shading, lighting, ..Settings::default() }
+    }
+
+    /// The light of a number.
+    fn other_light(self, number: u32) -> Lighting {
+        match self.lit {
+            Lit::Studio => studio(0.1 * f64::from(number)),
+            _ => lights(Light::directional(DVec3::new(1.0, 1.0, f64::from(number).recip()))),
+        }
     }
 }
 
 fn lights(light: Light) -> Lighting {
     Lighting { lights: vec![light], ..Lighting::default() }
+}
+
+/// Studio light, turned about the vertical axis by an angle in radians.
+fn studio(angle: f64) -> Lighting {
+    Lighting::studio(DVec3::new(angle.sin(), -0.2, angle.cos()), DVec3::Y)
 }
 
 /// What an event takes.
@@ -258,10 +291,10 @@ fn events(
         next.milliseconds = median(times);
     }
     take("next", next);
-    if kind.lit {
-        let lit_from = |towards| Settings { lighting: Some(lights(Light::directional(towards))), ..settings.clone() };
-        host.draw(&scene, &at, &lit_from(DVec3::ONE))?;
-        take("light", host.measured(|| host.draw(&scene, &at, &lit_from(DVec3::new(1.0, 1.0, 0.5))))?);
+    if kind.lit != Lit::Unlit {
+        let lit_by = |number| Settings { lighting: Some(kind.other_light(number)), ..settings.clone() };
+        host.draw(&scene, &at, &lit_by(1))?;
+        take("light", host.measured(|| host.draw(&scene, &at, &lit_by(2)))?);
     }
     let clipped = |share: f64| -> Outcome<Settings> {
         let plane = Plane::new(DVec3::X, share * f64::from(of.dims[0]))?;

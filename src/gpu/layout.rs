@@ -141,6 +141,52 @@ shared! {
         _pad: [u32; 3],
     }
 
+    /// The box of voxels on which light falls; shaders/common/light_box.wgsl.
+    struct LightBox {
+        low: [i32; 3],
+        count: u32,
+        dims: [u32; 3],
+        each: u32,
+        middle: [f32; 3],
+        strength: f32,
+        word: u32,
+        shift: u32,
+        _pad: [u32; 2],
+        clip_planes: ClipPlanes,
+    }
+
+    /// A part of a sweep of light; shaders/common/sweep.wgsl.
+    struct Sweep {
+        steps: [u32; 3],
+        count: u32,
+        dims: [u32; 3],
+        first: u32,
+        before: u32,
+        filtered: u32,
+        directions: u32,
+        ahead: u32,
+        adds: u32,
+        lanes: u32,
+        rays: [u32; 2],
+    }
+
+    /// The light from a place; shaders/converging.wgsl.
+    struct Converging {
+        place: [f32; 3],
+        bias: f32,
+        to_world_plane: [f32; 3],
+        radius: f32,
+        to_world_row: [f32; 3],
+        direct: f32,
+        to_world_column: [f32; 3],
+        integral: f32,
+        origin: [f32; 2],
+        inverse_divisor: f32,
+        steps: f32,
+        strict: [u32; 2],
+        _pad: [u32; 2],
+    }
+
     /// A control point of the transfer function in the units of the samples; shaders/common/classified.wgsl.
     struct ControlPoint {
         color: [f32; 3],

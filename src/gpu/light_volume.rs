@@ -32,38 +32,57 @@ impl LightVolume {
     /// The light at the places of `grid` from `low` on, `size` places along each axis: half floats for three lights and
     /// ambient light, x fastest.
     pub(crate) fn new(context: &Context, grid: &Grid, low: [u32; 3], size: [u32; 3], texels: &[[u16; 4]]) -> Self {
-        // The middle of the first texel is half a texel from the edge.
-        let shift = DAffine3::from_translation(DVec3::splat(0.5) - DVec3::from_array(low.map(f64::from)));
-        let scale = DAffine3::from_scale(DVec3::from_array(size.map(|n| f64::from(n).recip())));
-        Self::of_texels(context, scale * shift * grid.to_lattice(), size, texels)
-    }
-
-    /// A texture for stages that need one and do not read it.
-    pub(crate) fn none(context: &Context) -> Self {
-        Self::of_texels(context, DAffine3::IDENTITY, [1; 3], &[])
-    }
-
-    fn of_texels(context: &Context, from_world: DAffine3, size: [u32; 3], texels: &[[u16; 4]]) -> Self {
-        let usage = wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST;
-        let (format, dimension) = (wgpu::TextureFormat::Rgba16Float, wgpu::TextureDimension::D3);
-        let texture = context.texture("light_volume", format, size, dimension, usage);
+        let from_world = from_world(grid, low, size);
+        let (made, texture) = Self::empty(context, from_world, size, wgpu::TextureUsages::COPY_DST);
         // Plane by plane: a copy of all of it would be in memory twice.
         let plane = (size[0] * size[1]) as usize;
         for (z, texels) in (0..).zip(texels.chunks_exact(plane)) {
             context.write_texels(&texture, [0, 0, z], bytemuck::cast_slice(texels), [size[0], size[1], 1]);
         }
+        made
+    }
+
+    /// The light at such places, which a stage stores.
+    pub(super) fn stored(context: &Context, grid: &Grid, low: [u32; 3], size: [u32; 3]) -> Self {
+        Self::empty(context, from_world(grid, low, size), size, wgpu::TextureUsages::STORAGE_BINDING).0
+    }
+
+    /// A texture for stages that need one and do not read it.
+    pub(crate) fn none(context: &Context) -> Self {
+        let (made, _) = Self::empty(context, DAffine3::IDENTITY, [1; 3], wgpu::TextureUsages::empty());
+        Self { bytes: 0, ..made }
+    }
+
+    /// A light volume with its texture, which has these usages besides its own.
+    fn empty(
+        context: &Context,
+        from_world: DAffine3,
+        size: [u32; 3],
+        usage: wgpu::TextureUsages,
+    ) -> (Self, wgpu::Texture) {
+        let usage = wgpu::TextureUsages::TEXTURE_BINDING | usage;
+        let (format, dimension) = (wgpu::TextureFormat::Rgba16Float, wgpu::TextureDimension::D3);
+        let texture = context.texture("light_volume", format, size, dimension, usage);
         let sampler = context.device.create_sampler(&wgpu::SamplerDescriptor {
             label: Some("light_volume"),
             mag_filter: wgpu::FilterMode::Linear,
             min_filter: wgpu::FilterMode::Linear,
             ..Default::default()
         });
-        let (texture, bytes) = (texture.create_view(&Default::default()), 8 * texels.len() as u64);
-        Self { texture, sampler, from_world, bytes }
+        let bytes = 8 * size.into_iter().map(u64::from).product::<u64>();
+        (Self { texture: texture.create_view(&Default::default()), sampler, from_world, bytes }, texture)
     }
 
     /// The map from a lattice to the texture.
     pub(crate) fn map_from(&self, grid: &Grid) -> DAffine3 {
         self.from_world * grid.to_world()
     }
+}
+
+/// The map from the world to the texture of the places of a grid from `low` on.
+fn from_world(grid: &Grid, low: [u32; 3], size: [u32; 3]) -> DAffine3 {
+    // The middle of the first texel is half a texel from the edge.
+    let shift = DAffine3::from_translation(DVec3::splat(0.5) - DVec3::from_array(low.map(f64::from)));
+    let scale = DAffine3::from_scale(DVec3::from_array(size.map(|n| f64::from(n).recip())));
+    scale * shift * grid.to_lattice()
 }

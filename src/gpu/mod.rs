@@ -19,6 +19,7 @@ pub(crate) mod scan;
 pub(crate) mod shaders;
 #[cfg(test)]
 mod shaders_test;
+pub(crate) mod shadows;
 pub(crate) mod splat;
 pub(crate) mod stage;
 #[cfg(test)]

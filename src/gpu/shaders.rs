@@ -64,16 +64,17 @@ macro_rules! files {
 
 /// All files, and their texts.
 static FILES: &[(&str, &str)] = &files! {
-    "cells", "classify", "coarsen", "common/absorbed", "common/appearance", "common/bounds", "common/classified",
-    "common/clip", "common/clip_view", "common/dispatch", "common/frame", "common/half_depth",
-    "common/light_volume", "common/lighting",
-    "common/lit_splat", "common/march_parabola", "common/march_planes", "common/normal", "common/owned",
-    "common/owned_view", "common/packing", "common/pixel_ray", "common/plane", "common/ray_geometry", "common/rays",
-    "common/resolution", "common/response", "common/splat", "common/transfer", "common/voxel_box", "composite",
-    "estimate", "gather", "gather_scalars", "lit_splats", "lit_voxels", "pack", "packed/buffer", "packed/scalars",
-    "packed/vectors", "prefilter", "present", "resample", "resolve", "scan", "shade", "skip", "sort", "splat",
-    "terminate", "voxels/box", "voxels/box_of_scalars", "voxels/box_of_vectors", "voxels/rows", "voxels/scalar_pairs",
-    "voxels/scalars", "voxels/vector_pairs", "voxels/vectors",
+    "around", "box_light", "cells", "classify", "coarsen", "common/absorbed", "common/appearance", "common/bounds",
+    "common/classified", "common/clip", "common/clip_view", "common/dispatch", "common/frame", "common/half_depth",
+    "common/light_box", "common/light_volume", "common/lighting", "common/lit_splat", "common/march_parabola",
+    "common/march_planes", "common/normal", "common/owned", "common/owned_view", "common/packing", "common/pixel_ray",
+    "common/plane", "common/ray_geometry", "common/rays", "common/rays_of_sweep", "common/resolution",
+    "common/response", "common/splat", "common/splines", "common/sweep", "common/transfer", "common/voxel_box",
+    "composite", "converging", "estimate", "filter", "gather", "gather_scalars", "kept", "lit_splats", "lit_voxels",
+    "occluders", "pack", "packed/buffer", "packed/scalars", "packed/vectors", "prefilter", "present", "resample",
+    "resolve", "scan", "shade", "skip", "sort", "splat", "sweep", "terminate", "voxels/box", "voxels/box_of_scalars",
+    "voxels/box_of_vectors", "voxels/rows", "voxels/scalar_pairs", "voxels/scalars", "voxels/vector_pairs",
+    "voxels/vectors",
 };
 
 macro_rules! shaders {
@@ -92,6 +93,13 @@ shaders! {
     LIT_SPLATS: Shader::new("lit_splats"),
     COARSEN: Shader::new("coarsen"),
     CELLS: Shader::new("cells"),
+    OCCLUDERS: Shader::new("occluders"),
+    FILTER: Shader::new("filter"),
+    SWEEP: Shader::new("sweep"),
+    CONVERGING: Shader::new("converging"),
+    AROUND: Shader::new("around"),
+    KEPT: Shader::new("kept"),
+    BOX_LIGHT: Shader::new("box_light"),
     SCAN: Shader::new("scan"),
     SORT: Shader::new("sort"),
     SPLAT: Shader::new("splat"),

@@ -1,8 +1,8 @@
 //! Shaders checked without a device: every one parses and validates, and its structs are those of `layout.rs`.
 
 use super::layout::{
-    Batch, CellBox, Classify, Coarsen, ControlPoint, Frame, Lighting, Pack, Present, Rays, Reached, Shade, Sort,
-    Terminate, VoxelBox,
+    Batch, CellBox, Classify, Coarsen, ControlPoint, Converging, Frame, LightBox, Lighting, Pack, Present, Rays,
+    Reached, Shade, Sort, Sweep, Terminate, VoxelBox,
 };
 use super::shaders::{ALL, Shader};
 
@@ -57,7 +57,7 @@ fn structs_are_laid_out_alike() {
         )*};
     }
     compare!(Classify, VoxelBox, Coarsen, CellBox, ControlPoint, Sort, Batch, Shade, Reached, Present, Terminate);
-    compare!(Pack, Rays, Lighting, Frame);
+    compare!(Pack, Rays, Lighting, Frame, LightBox, Sweep, Converging);
 }
 
 #[test]
@@ -69,6 +69,9 @@ fn constants_are_those_of_the_host() {
         ("scan", "RUN", super::scan::RUN),
         ("terminate", "RUN", crate::painters::quads::terminate::RUN),
         ("scan", "WORKGROUP", super::scan::WORKGROUP),
+        ("filter", "ENDS", super::shadows::ENDS as u64),
+        ("converging", "TABLE_ROWS", crate::lighting::shadow::plan::TABLE[0].into()),
+        ("converging", "TABLE_TERMS", crate::lighting::shadow::plan::TABLE[1].into()),
     ];
     for (name, constant, value) in expected {
         let shader = ALL.iter().find(|s| s.name == name).unwrap();

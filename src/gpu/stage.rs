@@ -1,10 +1,11 @@
 //! Compute stages: a pipeline of an entry point, specialised, with the layout of its bindings.
 
 use super::context::Context;
-use super::pipeline::{self, Binding, compute, module};
+use super::pipeline::{self, Binding, buffer_range, compute, module};
 use super::recorder::{ComputePass, Recorder};
 use super::scan::WORKGROUP;
 use super::shaders::Shader;
+use crate::error::Result;
 
 /// An override constant of shaders and its value. A painter has one list for all of its shaders.
 pub(crate) type Constant = (&'static str, u32);
@@ -107,4 +108,32 @@ impl Stage {
 pub(crate) fn for_each(context: &Context, count: u64) -> [u32; 3] {
     let (x, y) = context.workgroups(count, WORKGROUP);
     [x, y, 1]
+}
+
+/// Parameters of many draws or dispatches in one uniform buffer, each at an offset that can be bound.
+pub(crate) struct DynamicUniforms {
+    buffer: wgpu::Buffer,
+    stride: u32,
+    size: u64,
+}
+
+impl DynamicUniforms {
+    pub(crate) fn new<T: bytemuck::Pod>(context: &Context, label: &str, parameters: &[T]) -> Result<Self> {
+        let size = size_of::<T>().next_multiple_of(16);
+        let stride = size.next_multiple_of(context.limits.min_uniform_buffer_offset_alignment.max(16) as usize);
+        let mut bytes = vec![0_u8; stride * parameters.len().max(1)];
+        for (slot, parameters) in bytes.chunks_exact_mut(stride).zip(parameters) {
+            slot[..size_of::<T>()].copy_from_slice(bytemuck::bytes_of(parameters));
+        }
+        let buffer = context.upload(label, &bytes, wgpu::BufferUsages::UNIFORM)?;
+        Ok(Self { buffer, stride: stride as u32, size: size as u64 })
+    }
+
+    pub(crate) fn binding(&self) -> wgpu::BindingResource<'_> {
+        buffer_range(&self.buffer, 0, self.size)
+    }
+
+    pub(crate) fn offset(&self, index: u32) -> u32 {
+        index * self.stride
+    }
 }

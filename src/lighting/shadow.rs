@@ -24,6 +24,7 @@ mod around;
 pub(crate) mod exact;
 pub(crate) mod field;
 mod lanes;
+pub(crate) mod plan;
 mod response;
 mod sweep;
 
@@ -92,16 +93,130 @@ impl ShadowLattice {
     }
 }
 
-/// The light that arrives at the voxels of a box.
-pub(crate) struct Arrival {
+/// A box of voxels that are lit, with the voxels around it whose kernels absorb light too.
+struct LitBox {
     casting: Casting,
     /// The first lattice point of the box.
     low: [i64; 3],
     /// The lattice of the box.
     lattice: ShadowLattice,
-    field: Field,
     /// `None`: by exact sums.
     response: Option<Response>,
+    /// Voxels around those that are lit.
+    margin: usize,
+}
+
+/// The rays of a light.
+enum LightRays {
+    /// All around each voxel.
+    Around,
+    Parallel(Vec<Bundle>),
+    /// From a place in the world.
+    To(DVec3),
+}
+
+/// Directions that are swept together, across one axis.
+struct Bundle {
+    axis: usize,
+    /// The direction of the neighbours of voxels: planes, rows and columns.
+    towards: DVec3,
+    directions: Vec<Direction>,
+}
+
+/// The lattice axes of the planes, rows and columns of sweeps across an axis.
+fn axes_across(axis: usize) -> [usize; 3] {
+    [[0, 2, 1], [1, 2, 0], [2, 1, 0]][axis]
+}
+
+/// Whether rays to a place that run as much along rows, or columns, as across an axis are left to another axis: rays
+/// along a diagonal belong to the first of its axes.
+fn strict_across(axis: usize) -> [bool; 2] {
+    let [_, rows, columns] = axes_across(axis);
+    [rows < axis, columns < axis]
+}
+
+impl LitBox {
+    /// A box of `size` voxels from `low` on.
+    fn new(casting: &Casting, lattice: &ShadowLattice, [low, size]: [[usize; 3]; 2]) -> Self {
+        let response = Response::new(&lattice.kernel, lattice.divisor).filter(|_| !casting.exact);
+        // Kernels absorb light around the box too.
+        let margin = response.as_ref().map_or(0, Response::margin);
+        let low = low.map(|n| n as i64 - margin as i64);
+        let shift = DAffine3::from_translation(-DVec3::from_array(low.map(|n| n as f64)));
+        let dims = size.map(|n| n + 2 * margin);
+        let lattice = ShadowLattice { dims, to_lattice: shift * lattice.to_lattice, ..lattice.clone() };
+        Self { casting: casting.clone(), low, lattice, response, margin }
+    }
+
+    /// The bias in voxels of the lattice.
+    fn bias(&self) -> f64 {
+        self.casting.bias / self.lattice.voxels
+    }
+
+    /// The radius of occlusion in voxels of the lattice.
+    fn radius(&self) -> f64 {
+        self.casting.occlusion.unwrap_or(0.0) / self.lattice.voxels
+    }
+
+    /// The factor of the shadows of a light.
+    fn strength(&self, light: usize) -> f32 {
+        if light < MAX_CASTING { self.casting.strength as f32 } else { 1.0 }
+    }
+
+    /// The rays of a light, of the ambient light for [`MAX_CASTING`]; `None`: all of it arrives everywhere.
+    fn rays(&self, light: usize) -> Option<LightRays> {
+        if !self.casting.casts(light) {
+            return None;
+        }
+        Some(match self.casting.lights.get(light) {
+            None => LightRays::Around,
+            Some(Origin::Directions(towards)) => LightRays::Parallel(self.bundles(towards)),
+            Some(&Origin::Point(place)) => {
+                let middle = DVec3::from_array(self.lattice.dims.map(|n| (n - 1) as f64 / 2.0));
+                let towards = self.lattice.to_lattice.transform_point3(place) - middle;
+                if towards.length() > DISTANT {
+                    LightRays::Parallel(self.bundles(&[self.lattice.to_world * towards]))
+                } else {
+                    LightRays::To(place)
+                }
+            }
+        })
+    }
+
+    /// The bundles of some world directions, by axis.
+    fn bundles(&self, towards: &[DVec3]) -> Vec<Bundle> {
+        let to_lattice = self.lattice.to_world.inverse();
+        let count = towards.len();
+        // Whole numbers whose sum is all of the light.
+        let part = |i: usize| ((i + 1) * 65_535 / count - i * 65_535 / count) as u16;
+        let directions: Vec<(DVec3, u16)> =
+            towards.iter().enumerate().map(|(i, &d)| ((to_lattice * d).normalize(), part(i))).collect();
+        let middle = directions.iter().map(|(along, _)| *along).sum::<DVec3>().normalize_or_zero();
+        // The directions of a narrow light go together, whatever their own main axes.
+        let is_narrow = count > 1 && directions.iter().all(|(along, _)| along.dot(middle) > NARROW);
+        let main = |along: DVec3| if is_narrow { middle } else { along }.abs().max_position();
+        let mut bundles = Vec::new();
+        for axis in 0..3 {
+            let seen = |along: DVec3| DVec3::from_array(axes_across(axis).map(|axis| along[axis]));
+            let mine = directions.iter().filter(|(along, _)| main(*along) == axis).map(|&(along, share)| {
+                let scale = (self.lattice.to_world * along).length() / self.lattice.unit;
+                Direction { along: seen(along), scale, share }
+            });
+            let mine: Vec<_> = mine.collect();
+            // Those that do not go together have their own neighbours.
+            bundles.extend(mine.chunks(if is_narrow { count } else { 1 }).map(|together| {
+                let towards = if is_narrow { seen(middle) } else { together[0].along };
+                Bundle { axis, towards, directions: together.to_vec() }
+            }));
+        }
+        bundles
+    }
+}
+
+/// The light that arrives at the voxels of a box.
+pub(crate) struct Arrival {
+    lit: LitBox,
+    field: Field,
     /// The field across each axis, if it is kept for other lights.
     kept: [Mutex<Option<Across>>; 3],
     keeps: bool,
@@ -133,39 +248,33 @@ impl Arriving<'_> {
 }
 
 impl Arrival {
-    /// Light on the voxels of a box of `size` voxels from `low` on. `fill` gets the y and z of a row, and writes its
-    /// extinctions, 0 for voxels that are not lit and [`CLIPPED`](field::CLIPPED) for those that cast no shadow.
+    /// Light on the voxels of a box: its first lattice point, and its size. `fill` gets the y and z of a row, and
+    /// writes its extinctions, 0 for voxels that are not lit and [`CLIPPED`](field::CLIPPED) for those that cast no
+    /// shadow.
     ///
     /// # Errors
     /// [`Error::Memory`](crate::Error::Memory) if 4 bytes for each voxel cannot be allocated.
     pub(crate) fn new(
         casting: &Casting,
         lattice: &ShadowLattice,
-        [low, size]: [[usize; 3]; 2],
+        bounds: [[usize; 3]; 2],
         fill: impl Fn([usize; 2], &mut [f32]) + Sync,
     ) -> Result<Self> {
-        let response = Response::new(&lattice.kernel, lattice.divisor).filter(|_| !casting.exact);
-        let bias = casting.bias / lattice.voxels;
-        // Kernels absorb light around the box too.
-        let margin = response.as_ref().map_or(0, Response::margin);
-        let low = low.map(|n| n as i64 - margin as i64);
-        let shift = DAffine3::from_translation(-DVec3::from_array(low.map(|n| n as f64)));
-        let dims = size.map(|n| n + 2 * margin);
+        let lit = LitBox::new(casting, lattice, bounds);
+        let (dims, low, margin) = (lit.lattice.dims, lit.low, lit.margin);
         // No row of rays or of neighbours is read beyond its zeros.
-        let radius = casting.occlusion.unwrap_or(0.0) / lattice.voxels;
-        let beside = |response: &Response| response.pad(bias).max(response.pad(radius).min(dims[0]));
-        let pad = field::LANES + response.as_ref().map_or(0, beside);
-        let lattice = ShadowLattice { dims, to_lattice: shift * lattice.to_lattice, ..lattice.clone() };
+        let beside = |response: &Response| response.pad(lit.bias()).max(response.pad(lit.radius()).min(dims[0]));
+        let pad = field::LANES + lit.response.as_ref().map_or(0, beside);
         let mut field = Field::new(dims, pad)?;
         field.fill(margin, |[y, z], row| {
             fill([y as i64 + low[1], z as i64 + low[2]].map(|n| n as usize), row);
         });
-        Ok(Self { casting: casting.clone(), low, lattice, field, response, kept: Default::default(), keeps: false })
+        Ok(Self { lit, field, kept: Default::default(), keeps: false })
     }
 
     /// The arrival of other lights at the same voxels.
     pub(crate) fn under(self, casting: &Casting) -> Self {
-        Self { casting: casting.clone(), ..self }
+        Self { lit: LitBox { casting: casting.clone(), ..self.lit }, ..self }
     }
 
     /// The same, whose occluders are kept for other lights, unless they take much memory.
@@ -182,8 +291,8 @@ impl Arrival {
 
     /// The number of a lattice point of the box.
     fn index(&self, point: [usize; 3]) -> usize {
-        let [x, y, z] = [0, 1, 2].map(|axis| (point[axis] as i64 - self.low[axis]) as usize);
-        x + self.lattice.dims[0] * (y + self.lattice.dims[1] * z)
+        let [x, y, z] = [0, 1, 2].map(|axis| (point[axis] as i64 - self.lit.low[axis]) as usize);
+        x + self.lit.lattice.dims[0] * (y + self.lit.lattice.dims[1] * z)
     }
 
     /// Returns the share of a light that arrives at each voxel of the box; of the ambient light for [`MAX_CASTING`].
@@ -192,39 +301,26 @@ impl Arrival {
     /// # Errors
     /// [`Error::Memory`](crate::Error::Memory) if 12 bytes for each voxel cannot be allocated.
     pub(crate) fn shares(&self, light: usize, report: &(dyn Fn(f64) + Sync)) -> Result<Option<Arriving<'_>>> {
-        if !self.casting.casts(light) {
-            return Ok(None);
-        }
+        let LitBox { lattice, response, .. } = &self.lit;
+        let Some(rays) = self.lit.rays(light) else { return Ok(None) };
         let arriving = |shares, strength| Some(Arriving { arrival: self, shares, strength });
-        let Some(response) = &self.response else { return Ok(arriving(self.exact(light, report)?, 1.0)) };
-        let bias = self.casting.bias / self.lattice.voxels;
-        let shares = match self.casting.lights.get(light) {
-            None => {
-                let radius = self.casting.occlusion.unwrap_or(0.0) / self.lattice.voxels;
-                let shares = around::arriving(&self.field, &self.lattice, response, [bias, radius])?;
-                return Ok(arriving(shares, 1.0));
-            }
-            Some(Origin::Directions(towards)) => self.along(response, towards, bias, report)?,
-            Some(&Origin::Point(place)) => {
-                let middle = DVec3::from_array(self.lattice.dims.map(|n| (n - 1) as f64 / 2.0));
-                let towards = self.lattice.to_lattice.transform_point3(place) - middle;
-                if towards.length() > DISTANT {
-                    self.along(response, &[self.lattice.to_world * towards], bias, report)?
-                } else {
-                    self.towards_place(response, place, bias, report)?
-                }
-            }
+        let Some(response) = response else { return Ok(arriving(self.exact(light, report)?, 1.0)) };
+        let bias = self.lit.bias();
+        let shares = match rays {
+            LightRays::Around => around::arriving(&self.field, lattice, response, [bias, self.lit.radius()])?,
+            LightRays::Parallel(bundles) => self.along(response, &bundles, bias, report)?,
+            LightRays::To(place) => self.towards_place(response, place, bias, report)?,
         };
-        Ok(arriving(shares, self.casting.strength as f32))
+        Ok(arriving(shares, self.lit.strength(light)))
     }
 
     /// Sweeps across an axis, with the rows and the columns of planes.
     fn across(&self, axis: usize, response: &Response, out: &[AtomicU16], sweeps: &mut Sweeps<'_>) -> Result<()> {
-        let [nx, ny, nz] = self.lattice.dims;
-        let (planes, axes) = match axis {
-            0 => (Planes::across(2, [ny, nz, nx]), [0, 2, 1]),
-            1 => (Planes::across(1, [nx, ny, nz]), [1, 2, 0]),
-            _ => (Planes::across(2, [nx, ny, nz]), [2, 1, 0]),
+        let [nx, ny, nz] = self.lit.lattice.dims;
+        let axes = axes_across(axis);
+        let planes = match axis {
+            0 => Planes::across(2, [ny, nz, nx]),
+            _ => Planes::across(axis, [nx, ny, nz]),
         };
         let lock = || self.kept[axis].lock().unwrap_or_else(PoisonError::into_inner);
         let kept = lock().take();
@@ -251,44 +347,26 @@ impl Arrival {
         Ok(())
     }
 
-    /// The mean light from some world directions.
+    /// The mean light of bundles.
     fn along(
         &self,
         response: &Response,
-        towards: &[DVec3],
+        bundles: &[Bundle],
         bias: f64,
         report: &(dyn Fn(f64) + Sync),
     ) -> Result<field::Shares> {
         let shares = self.field.dark()?;
-        let to_lattice = self.lattice.to_world.inverse();
-        let count = towards.len();
-        // Whole numbers whose sum is all of the light.
-        let part = |i: usize| ((i + 1) * 65_535 / count - i * 65_535 / count) as u16;
-        let directions: Vec<(DVec3, u16)> =
-            towards.iter().enumerate().map(|(i, &d)| ((to_lattice * d).normalize(), part(i))).collect();
-        let middle = directions.iter().map(|(along, _)| *along).sum::<DVec3>().normalize_or_zero();
-        // The directions of a narrow light go together, whatever their own main axes.
-        let is_narrow = count > 1 && directions.iter().all(|(along, _)| along.dot(middle) > NARROW);
-        let main = |along: DVec3| if is_narrow { middle } else { along }.abs().max_position();
         let mut done = 0;
         for axis in 0..3 {
-            let mine: Vec<_> = directions.iter().filter(|(along, _)| main(*along) == axis).collect();
-            if mine.is_empty() {
+            let mine = || bundles.iter().filter(|bundle| bundle.axis == axis);
+            if mine().next().is_none() {
                 continue;
             }
-            self.across(axis, response, &shares.values, &mut |swept, axes, out| {
-                let seen = |along: DVec3| DVec3::from_array(axes.map(|axis| along[axis]));
-                let directions = mine.iter().map(|&&(along, share)| {
-                    let scale = (self.lattice.to_world * along).length() / self.lattice.unit;
-                    Direction { along: seen(along), scale, share }
-                });
-                let directions: Vec<_> = directions.collect();
-                // Those that do not go together have their own neighbours.
-                for together in directions.chunks(if is_narrow { count } else { 1 }) {
-                    let towards = if is_narrow { seen(middle) } else { together[0].along };
-                    swept.add_parallel(&swept.near(towards, bias), together, out);
-                    done += together.len();
-                    report(done as f64 / count as f64);
+            self.across(axis, response, &shares.values, &mut |swept, _, out| {
+                for Bundle { towards, directions, .. } in mine() {
+                    swept.add_parallel(&response.near(*towards, bias), directions, out);
+                    done += 1;
+                    report(f64::from(done) / bundles.len() as f64);
                 }
                 Ok(())
             })?;
@@ -304,7 +382,7 @@ impl Arrival {
         bias: f64,
         report: &(dyn Fn(f64) + Sync),
     ) -> Result<field::Shares> {
-        let place = self.lattice.to_lattice.transform_point3(place);
+        let place = self.lit.lattice.to_lattice.transform_point3(place);
         let near = NearPlace::new(response, bias);
         let shares = self.field.dark()?;
         for axis in 0..3 {
@@ -312,10 +390,9 @@ impl Arrival {
                 let rays = Converging {
                     place: DVec3::from_array(axes.map(|axis| place[axis])),
                     to_world: DMat3::from_cols_array_2d(
-                        &axes.map(|axis| (self.lattice.to_world.col(axis) / self.lattice.unit).to_array()),
+                        &axes.map(|axis| (self.lit.lattice.to_world.col(axis) / self.lit.lattice.unit).to_array()),
                     ),
-                    // Rays along a diagonal belong to the first of its axes.
-                    strict: [axes[1] < axis, axes[2] < axis],
+                    strict: strict_across(axis),
                     near: &near,
                 };
                 swept.set_converging(&rays, true, out);
@@ -325,8 +402,8 @@ impl Arrival {
             report(f64::from(axis as u32 + 1) / 3.0);
         }
         // All light arrives at a voxel at the place itself.
-        let [nx, ny, _] = self.lattice.dims;
-        if place.round() == place && (0..3).all(|a| (0.0..self.lattice.dims[a] as f64).contains(&place[a])) {
+        let [nx, ny, _] = self.lit.lattice.dims;
+        if place.round() == place && (0..3).all(|a| (0.0..self.lit.lattice.dims[a] as f64).contains(&place[a])) {
             let [x, y, z] = place.to_array().map(|p| p as usize);
             shares.values[x + nx * (y + ny * z)].store(u16::MAX, Ordering::Relaxed);
         }
@@ -337,9 +414,9 @@ impl Arrival {
     fn exact(&self, light: usize, report: &(dyn Fn(f64) + Sync)) -> Result<field::Shares> {
         /// Voxels along the edges of blocks.
         const BLOCK: [usize; 3] = [32, 32, 4];
-        let [nx, ny, nz] = self.lattice.dims;
-        let caster = Caster::<f32>::new(&self.casting.only(light), &self.lattice);
-        let mut medium = Medium::new(self.lattice.dims)?;
+        let [nx, ny, nz] = self.lit.lattice.dims;
+        let caster = Caster::<f32>::new(&self.lit.casting.only(light), &self.lit.lattice);
+        let mut medium = Medium::new(self.lit.lattice.dims)?;
         for (y, z) in (0..nz).flat_map(|z| (0..ny).map(move |y| (y, z))) {
             let filled = self.field.filled(y + ny * z);
             let values = self.field.from(y + ny * z, 0);

@@ -231,9 +231,10 @@ impl PreShaded {
                         Some((held, classified)) => (held, classified),
                         None => (None, classify()?),
                     };
-                    let (stores, occluders) = (&classified.stores, &self.occluders);
-                    let stores = shaded(context, stores, held.as_ref(), occluders, shadows, progress)?;
-                    Ok(Arc::new(Drawable { stores, bricks: classified.bricks, ..Drawable::default() }))
+                    let bricks = classified.bricks;
+                    let (held, occluders) = (held.as_ref(), &self.occluders);
+                    let stores = shaded(context, pipelines, classified, held, occluders, shadows, progress)?;
+                    Ok(Arc::new(Drawable { stores, bricks, ..Drawable::default() }))
                 }
             })
         })

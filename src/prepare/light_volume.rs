@@ -1,7 +1,7 @@
 //! light-volume: the share of each light that arrives at each place of a field of scalars, for post-shading (Kniss et
 //! al. 2003 compute a light volume for each view; this one once for a volume, a transfer function and a set of lights,
 //! and for a light that moves only its own share).
-//! On the host, for any adapter.
+//! Fields are made on the host; GPUs find the light on them by [`gpu::shadows`](crate::gpu::shadows).
 //!
 //! The scalars of voxels, or of cells, are classified like splats of pre-shading, and the sums of `lighting/shadow.rs`
 //! give the light that arrives at each visible one. Rays interpolate linearly between them.
@@ -13,15 +13,18 @@ use half::f16;
 use rayon::prelude::*;
 use voxsplat_volume::memory::reserved;
 
-use super::shadows::{Places, Shadows};
-use crate::error::Result;
+use super::shadows::{Places, Shadows, on_device, unknown};
+use crate::error::{Error, Result};
+use crate::gpu::cache::Cache;
 use crate::gpu::context::Context;
 use crate::gpu::light_volume::LightVolume;
+use crate::gpu::shadows::{BoxLight, run_on_box};
 use crate::gpu::splat;
 use crate::gpu::store::Drawable;
 use crate::gpu::transfer::Reduction;
 use crate::lighting::MAX_CASTING;
 use crate::lighting::shadow::Arrival;
+use crate::lighting::shadow::plan::LightPlans;
 use crate::progress::Progress;
 use crate::transfer::TransferFunction;
 use crate::volume::Grid;
@@ -60,7 +63,13 @@ pub(crate) struct FallenLight {
 }
 
 /// What other lights on the same matter need.
-struct Kept {
+enum Kept {
+    Host(Box<HostLight>),
+    Device(BoxLight),
+}
+
+/// The splats, what they occlude, and the light at their places.
+struct HostLight {
     emitted: Drawable,
     arrival: Arrival,
     texels: Vec<[u16; 4]>,
@@ -70,7 +79,7 @@ impl FallenLight {
     /// Computes the light at the places of `grid` that have splats of scalars, which `emit` makes. Lights that are the
     /// same as in `held` keep theirs.
     pub(crate) fn new(
-        context: &Context,
+        (context, pipelines): (&Context, &Cache),
         held: Option<(Shadows, Arc<Self>)>,
         grid: &Grid,
         emit: impl FnOnce() -> Result<Drawable>,
@@ -81,25 +90,55 @@ impl FallenLight {
         let is_turned = held.is_some();
         let kept = held.filter(|(of, _)| of.without_lights() == shadows.without_lights());
         let kept = kept.and_then(|(of, held)| Some((of, Arc::into_inner(held)?.kept?)));
+        let on_device = |bounds: [[usize; 3]; 2],
+                         (of, held): (Option<&Shadows>, Option<BoxLight>),
+                         field: &dyn Fn(&LightPlans) -> Result<Vec<f32>>| {
+            let made = on_device(context, || {
+                let Some(plans) = LightPlans::new(&shadows.casting, &shadows.lattice, bounds) else { return Ok(None) };
+                let lights: Vec<usize> = unknown(of, shadows).collect();
+                let (lights, field) = ((&plans, lights.as_slice()), || field(&plans));
+                run_on_box(context, pipelines, (grid, bounds), lights, (held, &field), progress)
+            })?;
+            Ok::<_, Error>(made.map(|(volume, light)| {
+                // Lights that changed once may do so again.
+                Self { volume: Arc::new(volume), kept: is_turned.then_some(Kept::Device(light)) }
+            }))
+        };
         let (of, emitted, arrival, mut texels) = match kept {
-            Some((of, Kept { emitted, arrival, texels })) => (Some(of), emitted, Some(arrival), texels),
+            Some((of, Kept::Host(held))) => {
+                let HostLight { emitted, arrival, texels } = *held;
+                (Some(of), emitted, Some(arrival), texels)
+            }
+            Some((of, Kept::Device(light))) => {
+                let made = on_device(light.bounds, (Some(&of), Some(light)), &|_| Ok(Vec::new()))?;
+                if let Some(made) = made {
+                    return Ok(made);
+                }
+                (None, emit()?, None, Vec::new())
+            }
             None => (None, emit()?, None, Vec::new()),
         };
         let places = Places::new(context, &emitted.stores)?;
         let [low, size] = places.bounds;
+        let density = |words: &[u32]| classification.density(words, grid);
+        if arrival.is_none() {
+            let field = |plans: &LightPlans| places.field(shadows, plans, &density);
+            if let Some(made) = on_device(places.bounds, (None, None), &field)? {
+                return Ok(made);
+            }
+        }
         let arrival = match arrival {
             Some(arrival) => arrival.under(&shadows.casting),
             None => {
                 let count = size.iter().map(|&n| n as u64).product();
                 texels = reserved(count, || "the light in the volume".to_owned())?;
                 texels.resize(count as usize, [f16::ONE.to_bits(); 4]);
-                let arrival = places.arrival(shadows, &|words| classification.density(words, grid))?;
+                let arrival = places.arrival(shadows, &density)?;
                 // Lights that changed once may do so again.
                 if is_turned { arrival.keeping() } else { arrival }
             }
         };
-        let is_held = |light| of.as_ref().is_some_and(|of| of.is_same(shadows, light));
-        for light in (0..=MAX_CASTING).filter(|&light| !is_held(light)) {
+        for light in unknown(of.as_ref(), shadows) {
             let done = |part: f64| (light as f64 + part) / (MAX_CASTING + 1) as f64;
             let arriving = arrival.shares(light, &|part| progress.report("casting shadows", done(part)))?;
             texels.par_chunks_mut(size[0]).enumerate().for_each(|(row, texels)| {
@@ -113,7 +152,7 @@ impl FallenLight {
         }
         let [low, size] = [low, size].map(|point| point.map(|n| n as u32));
         let volume = Arc::new(LightVolume::new(context, grid, low, size, &texels));
-        let kept = arrival.is_kept().then_some(Kept { emitted, arrival, texels });
+        let kept = arrival.is_kept().then(|| Kept::Host(Box::new(HostLight { emitted, arrival, texels })));
         Ok(Self { volume, kept })
     }
 }

@@ -11,3 +11,5 @@ pub(crate) mod scalar_cells;
 pub(crate) mod scalars;
 pub(crate) mod scene;
 pub(crate) mod shadows;
+#[cfg(test)]
+mod shadows_test;

@@ -403,7 +403,8 @@ impl Scene {
                 let emit = || scalars.emit(context, &key, progress);
                 let PostShaded { transfer, reduction, .. } = scalars.as_ref();
                 let classification = Classification { transfer, reduction };
-                FallenLight::new(context, held, &grid, emit, &classification, &shadows, progress).map(Arc::new)
+                let of = (context, pipelines);
+                FallenLight::new(of, held, &grid, emit, &classification, &shadows, progress).map(Arc::new)
             })
         })?;
         let light = Arc::clone(&light.volume);

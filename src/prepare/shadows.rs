@@ -1,5 +1,6 @@
-//! shadows: from splats to splats with the shares of light that arrive at them. On the host, for any adapter: once for
-//! a volume, a transfer function and a set of lights.
+//! shadows: from splats to splats with the shares of light that arrive at them, once for a volume, a transfer function
+//! and a set of lights. On GPUs by [`gpu::shadows`](crate::gpu::shadows); on the host on software adapters, for exact
+//! sums, and for boxes that outgrow the device.
 
 use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -8,16 +9,18 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::camera::clip::{Side, is_inside};
-use crate::error::Result;
+use crate::error::{Error, Result};
+use crate::gpu::cache::Cache;
 use crate::gpu::context::Context;
-use crate::gpu::layout::SHADED_WORDS;
-use crate::gpu::store::{BrickSplats, HostBrick, MadeBrick, Row, Store, StoreBuilder, places};
+use crate::gpu::shadows::{self, Buffers, STRIDE, Unlit};
+use crate::gpu::store::{BrickSplats, Drawable, HostBrick, MadeBrick, Row, Store, StoreBuilder, places};
 use crate::lighting::shadow::field::CLIPPED;
+use crate::lighting::shadow::plan::LightPlans;
 use crate::lighting::shadow::{Arrival, ShadowLattice};
 use crate::lighting::{Casting, MAX_CASTING};
 use crate::progress::Progress;
 use crate::volume::BRICK_EDGE as EDGE;
-use voxsplat_volume::memory::reserved;
+use voxsplat_volume::memory::{reserved, zeroed};
 
 /// The shadows on a lattice of splats.
 #[derive(Debug, Clone, PartialEq)]
@@ -52,29 +55,104 @@ impl Shadows {
 
 /// The occluders on a lattice of splats, kept for lights that move, and the shadows that they are for.
 #[derive(Default)]
-pub(crate) struct Occluders(Mutex<Option<(Shadows, Arrival)>>);
+pub(crate) struct Occluders {
+    host: Mutex<Option<(Shadows, Arrival)>>,
+    device: Mutex<Option<(Shadows, Buffers)>>,
+}
+
+/// Takes what is kept for the same shadows without lights.
+fn taken<T>(kept: &Mutex<Option<(Shadows, T)>>, shadows: &Shadows) -> Option<T> {
+    let kept = kept.lock().unwrap_or_else(PoisonError::into_inner).take();
+    kept.filter(|(of, _)| *of == shadows.without_lights()).map(|(_, kept)| kept)
+}
+
+fn keep<T>(kept: &Mutex<Option<(Shadows, T)>>, value: Option<(Shadows, T)>) {
+    *kept.lock().unwrap_or_else(PoisonError::into_inner) = value;
+}
 
 impl Occluders {
+    /// The most bytes of buffers of the device that are kept: a lattice of 512^3 voxels has 1.4 GB.
+    const MOST: u64 = 3 << 29;
+
     /// Forgets them.
     pub(crate) fn clear(&self) {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = None;
+        keep(&self.host, None);
+        keep(&self.device, None);
     }
 
     /// The arrival of the light of these shadows, if they are the same without lights.
     fn taken(&self, shadows: &Shadows) -> Option<Arrival> {
-        let kept = self.0.lock().unwrap_or_else(PoisonError::into_inner).take();
-        kept.filter(|(of, _)| *of == shadows.without_lights()).map(|(_, arrival)| arrival.under(&shadows.casting))
+        taken(&self.host, shadows).map(|arrival| arrival.under(&shadows.casting))
     }
 
     fn keep(&self, shadows: &Shadows, arrival: Arrival) {
-        let kept = arrival.is_kept().then(|| (shadows.without_lights(), arrival));
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = kept;
+        keep(&self.host, arrival.is_kept().then(|| (shadows.without_lights(), arrival)));
     }
 }
 
 /// Returns lit splats with the shares of light that arrive at each. Splats that hold shares of other shadows keep those
 /// of lights that are the same.
 pub(crate) fn shaded(
+    context: &Context,
+    pipelines: &Cache,
+    mut classified: Arc<Drawable>,
+    held: Option<&Shadows>,
+    occluders: &Occluders,
+    shadows: &Shadows,
+    progress: &Progress,
+) -> Result<Vec<Store>> {
+    let over = Arc::get_mut(&mut classified).is_some();
+    let stores = (classified.stores.as_slice(), over);
+    let find = || shaded_on_device((context, pipelines), stores, held, occluders, shadows, progress);
+    if let Some(stores) = on_device(context, find)? {
+        keep(&occluders.host, None);
+        return Ok(stores);
+    }
+    shaded_on_host(context, &classified.stores, held, occluders, shadows, progress)
+}
+
+/// Finds light by stages of a GPU; `None` if the device is the host, has too little memory, or the host has to find it.
+pub(super) fn on_device<T>(context: &Context, find: impl FnOnce() -> Result<Option<T>>) -> Result<Option<T>> {
+    if context.is_software() {
+        return Ok(None);
+    }
+    match context.guarded("casting shadows", find) {
+        Err(Error::OutOfMemory(_)) => Ok(None),
+        found => found,
+    }
+}
+
+/// The lights, with the ambient light, whose shares splats do not hold.
+pub(super) fn unknown<'a>(held: Option<&'a Shadows>, shadows: &'a Shadows) -> impl Iterator<Item = usize> + 'a {
+    (0..=MAX_CASTING).filter(move |&light| !held.is_some_and(|held| held.is_same(shadows, light)))
+}
+
+/// [`shaded`] by stages of the device; `None` if the host has to find some light. `over`: the memory of the splats may
+/// be used again.
+pub(super) fn shaded_on_device(
+    (context, pipelines): (&Context, &Cache),
+    (stores, over): (&[Store], bool),
+    held: Option<&Shadows>,
+    occluders: &Occluders,
+    shadows: &Shadows,
+    progress: &Progress,
+) -> Result<Option<Vec<Store>>> {
+    let Shadows { casting, lattice, clip } = shadows;
+    let Some(plans) = LightPlans::new(casting, lattice, bounds_of(stores)) else { return Ok(None) };
+    let lights: Vec<usize> = unknown(held, shadows).collect();
+    let unlit = Unlit { stores, over, dims: lattice.dims, clip };
+    let buffers = taken(&occluders.device, shadows);
+    let made = shadows::run(context, pipelines, &unlit, &plans, &lights, buffers, progress)?;
+    Ok(made.map(|(stores, buffers)| {
+        // Lights that changed once may do so again.
+        let is_kept = held.is_some() && buffers.bytes() <= Occluders::MOST;
+        keep(&occluders.device, is_kept.then(|| (shadows.without_lights(), buffers)));
+        stores
+    }))
+}
+
+/// [`shaded`] on the host.
+pub(super) fn shaded_on_host(
     context: &Context,
     stores: &[Store],
     held: Option<&Shadows>,
@@ -99,8 +177,7 @@ pub(crate) fn shaded(
         Ok(kept)
     };
     let mut kept = bricks.par_iter().map(kept).collect::<Result<Vec<_>>>()?;
-    let is_held = |light| held.is_some_and(|held| held.is_same(shadows, light));
-    for light in (0..=MAX_CASTING).filter(|&light| !is_held(light)) {
+    for light in unknown(held, shadows) {
         let report = |part: f64| progress.report("casting shadows", (light as f64 + part) / (MAX_CASTING + 1) as f64);
         let arriving = arrival.shares(light, &report)?;
         let (word, shift) = (light / 2, light % 2 * 16);
@@ -116,11 +193,22 @@ pub(crate) fn shaded(
         });
     }
     occluders.keep(shadows, arrival);
-    let mut stores = StoreBuilder::new(context, 4 * SHADED_WORDS as u64, u32::MAX);
+    let mut stores = StoreBuilder::new(context, STRIDE, u32::MAX);
     for ((&brick, held), kept) in bricks.into_iter().zip(kept) {
         stores.push(MadeBrick { brick, splats: held.under(kept), copies: 0 })?;
     }
     Ok(stores.finish()?.stores)
+}
+
+/// The first lattice point of the box around splats, and its size; one voxel if there are no splats.
+fn bounds_of(stores: &[Store]) -> [[usize; 3]; 2] {
+    let bricks = stores.iter().flat_map(|store| &store.bricks);
+    let filled = bricks.map(|brick| brick.bounds).filter(|[low, high]| low != high);
+    let bounds = filled.reduce(|[low, high], bounds| {
+        [[0, 1, 2].map(|a| low[a].min(bounds[0][a])), [0, 1, 2].map(|a| high[a].max(bounds[1][a]))]
+    });
+    let [low, high] = bounds.unwrap_or([[0; 3], [1; 3]]).map(|point| point.map(|n| n as usize));
+    [low, [0, 1, 2].map(|a| high[a] - low[a])]
 }
 
 /// The splats of a lattice on the host, by place.
@@ -131,19 +219,15 @@ pub(crate) struct Places<'a> {
     counts: [usize; 3],
     /// By brick, x fastest: its store, and its number in the store; `None`: the brick has no splats.
     numbers: Vec<Option<[usize; 2]>>,
-    /// The first lattice point of the box around the splats, and its size; one voxel if there are no splats.
+    /// The box around the splats: [`bounds_of`].
     pub(crate) bounds: [[usize; 3]; 2],
 }
 
 impl<'a> Places<'a> {
     pub(crate) fn new(context: &Context, stores: &'a [Store]) -> Result<Self> {
         let held = stores.iter().map(|store| store.on_host(context)).collect::<Result<Vec<_>>>()?;
-        let bricks = || stores.iter().flat_map(|store| &store.bricks);
-        let bounds =
-            bricks().map(|brick| brick.bounds).filter(|[low, high]| low != high).reduce(|[low, high], bounds| {
-                [[0, 1, 2].map(|a| low[a].min(bounds[0][a])), [0, 1, 2].map(|a| high[a].max(bounds[1][a]))]
-            });
-        let [low, high] = bounds.unwrap_or([[0; 3], [1; 3]]).map(|point| point.map(|n| n as usize));
+        let bounds @ [low, size] = bounds_of(stores);
+        let high = [0, 1, 2].map(|a| low[a] + size[a]);
         let counts = high.map(|n| n.div_ceil(EDGE));
         let mut numbers = vec![None; counts.iter().product()];
         for (store, of) in stores.iter().enumerate() {
@@ -154,7 +238,7 @@ impl<'a> Places<'a> {
                 }
             }
         }
-        Ok(Self { stores, held, counts, numbers, bounds: [low, [0, 1, 2].map(|a| high[a] - low[a])] })
+        Ok(Self { stores, held, counts, numbers, bounds })
     }
 
     /// The bricks of the stores in order.
@@ -192,13 +276,44 @@ impl<'a> Places<'a> {
 
     /// The light that arrives at the splats. `density` gets the words of a splat without the place.
     pub(crate) fn arrival(&self, shadows: &Shadows, density: &(dyn Fn(&[u32]) -> f32 + Sync)) -> Result<Arrival> {
-        let [low, size] = self.bounds;
-        Arrival::new(&shadows.casting, &shadows.lattice, self.bounds, |[y, z], row| {
-            for (x, words) in self.row(low[0]..low[0] + size[0], [y, z]) {
-                let casts = shadows.casts([x, y, z]);
-                row[x - low[0]] = if casts { density(words).max(CLIPPED) } else { CLIPPED };
-            }
+        Arrival::new(&shadows.casting, &shadows.lattice, self.bounds, |place, row| {
+            self.fill_row(shadows, density, place, row);
         })
+    }
+
+    /// The extinctions of the splats in the box of `plans`, x fastest.
+    pub(crate) fn field(
+        &self,
+        shadows: &Shadows,
+        plans: &LightPlans,
+        density: &(dyn Fn(&[u32]) -> f32 + Sync),
+    ) -> Result<Vec<f32>> {
+        let [nx, ny, nz] = plans.dims();
+        let mut field: Vec<f32> = zeroed((nx * ny * nz) as u64, || "the occluders of light".to_owned())?;
+        let [low, size] = self.bounds;
+        let margin = (nx - size[0]) / 2;
+        field.par_chunks_mut(nx).enumerate().for_each(|(row, values)| {
+            let [y, z] = [row % ny, row / ny].map(|n| n.wrapping_sub(margin));
+            if y < size[1] && z < size[2] {
+                self.fill_row(shadows, density, [low[1] + y, low[2] + z], &mut values[margin..margin + size[0]]);
+            }
+        });
+        Ok(field)
+    }
+
+    /// Writes the extinctions of a row of the box.
+    fn fill_row(
+        &self,
+        shadows: &Shadows,
+        density: &(dyn Fn(&[u32]) -> f32 + Sync),
+        [y, z]: [usize; 2],
+        row: &mut [f32],
+    ) {
+        let [[first, ..], [count, ..]] = self.bounds;
+        for (x, words) in self.row(first..first + count, [y, z]) {
+            let casts = shadows.casts([x, y, z]);
+            row[x - first] = if casts { density(words).max(CLIPPED) } else { CLIPPED };
+        }
     }
 }
 

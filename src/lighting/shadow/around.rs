@@ -24,13 +24,36 @@ const SHARE: f64 = 1.1;
 const PINNED: f64 = 900.0;
 
 /// A ray to neighbours.
-struct Ray {
+pub(super) struct Ray {
     /// To the next point: columns, rows and planes.
-    step: [i32; 3],
+    pub(super) step: [i32; 3],
     /// The factor of its light.
-    share: f32,
+    pub(super) share: f32,
     /// The weights of the points, the voxel's own first.
-    weights: Vec<f32>,
+    pub(super) weights: Vec<f32>,
+}
+
+/// The weights of the filter of the field along each axis, the middle one first.
+pub(super) fn filter_of(lattice: &ShadowLattice) -> Vec<f64> {
+    filter(SHARE * lattice.kernel.variance())
+}
+
+/// The rays from a voxel if occluders from the bias to `radius` count (voxels), through a field filtered with
+/// `weights`.
+pub(super) fn rays(
+    lattice: &ShadowLattice,
+    response: &Response,
+    weights: &[f64],
+    [bias, radius]: [f64; 2],
+) -> Vec<Ray> {
+    let rays = all_around().map(|(along, share)| {
+        let step = along.to_array().map(|c| if c.abs() < 0.1 { 0.0 } else { c.signum() });
+        let scale = (lattice.to_world * along).length() / lattice.unit;
+        let weights = weights_along(response, weights, step, [bias.min(radius), radius]);
+        let weights = weights.into_iter().map(|w| (w * scale) as f32).collect();
+        Ray { step: step.map(|s| s as i32), share: share as f32, weights }
+    });
+    rays.collect()
 }
 
 /// Returns the light that arrives at each voxel of a field from all around, 65535 for all of it, if occluders from the
@@ -42,18 +65,10 @@ pub(super) fn arriving(
     [bias, radius]: [f64; 2],
 ) -> Result<Shares> {
     let planes = Planes::across(2, field.size);
-    let weights = filter(SHARE * lattice.kernel.variance());
+    let weights = filter_of(lattice);
     let single: Vec<f32> = weights.iter().map(|&w| w as f32).collect();
     let filtered = field.filtered(planes, [&single, &single])?;
-    let rays: Vec<Ray> = all_around()
-        .map(|(along, share)| {
-            let step = along.to_array().map(|c| if c.abs() < 0.1 { 0.0 } else { c.signum() });
-            let scale = (lattice.to_world * along).length() / lattice.unit;
-            let weights = weights_along(response, &weights, step, [bias.min(radius), radius]);
-            let weights = weights.into_iter().map(|w| (w * scale) as f32).collect();
-            Ray { step: step.map(|s| s as i32), share: share as f32, weights }
-        })
-        .collect();
+    let rays = rays(lattice, response, &weights, [bias, radius]);
     let [nx, ny, _] = field.size;
     let mut out = field.dark()?;
     let arch = Arch::new();

@@ -5,8 +5,8 @@ use glam::DVec3;
 
 /// The rows of the table of footprints, and their terms: its error is below 1e-5 of a footprint's peak for kernels that
 /// sweeps serve.
-const ROWS: u32 = 512;
-const TERMS: u32 = 12;
+pub(super) const ROWS: u32 = 512;
+pub(super) const TERMS: u32 = 12;
 
 /// Weights of a stencil below this share of the integral of a kernel are left out.
 const FAINT: f64 = 2e-3;
@@ -24,8 +24,8 @@ const SPLINE_VARIANCE: f64 = 0.25;
 /// kernel is replaced by a product of the filters and the splines, which has the kernel's integral and its variance.
 pub(super) struct Response {
     kernel: Kernel,
-    table: FootprintTable,
-    divisor: f64,
+    pub(super) table: FootprintTable,
+    pub(super) divisor: f64,
     /// The integral of a kernel in units of the divisor.
     pub(super) integral: f64,
     /// Weights of the filter across planes and within planes, the middle one first.

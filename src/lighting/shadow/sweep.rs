@@ -24,8 +24,8 @@ use super::lanes::Lanes;
 use super::response::Response;
 use crate::error::Result;
 
-pub(super) use self::converging::{Converging, NearPlace};
-pub(super) use self::parallel::Direction;
+pub(super) use self::converging::{Converging, NearPlace, Pyramid};
+pub(super) use self::parallel::{Direction, parallel_planes};
 
 /// Rows of a band.
 const BAND: usize = 32;
@@ -47,9 +47,9 @@ pub(super) struct Swept<'a> {
 
 /// The places of a plane's rows, or columns, in the buffer, and of the buffer's in the plane: factor and summand.
 #[derive(Clone, Copy)]
-struct Map {
-    into: [f64; 2],
-    back: [f64; 2],
+pub(super) struct Map {
+    pub(super) into: [f64; 2],
+    pub(super) back: [f64; 2],
 }
 
 /// Rays of one direction, or to one place.

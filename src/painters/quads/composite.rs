@@ -4,7 +4,7 @@ use glam::DAffine3;
 
 use super::plan::Target;
 use super::splat::SheetTextures;
-use super::{DynamicUniforms, Feed, Inputs, QuadsKey, shade};
+use super::{Feed, Inputs, QuadsKey, shade};
 use crate::error::{Error, Result};
 use crate::gpu::context::Context;
 use crate::gpu::layout::{Area, Lighting, Reached, Shade, affine};
@@ -13,7 +13,7 @@ use crate::gpu::pipeline::Binding::{DynamicUniform, Texture, Uniform, Write};
 use crate::gpu::pipeline::texture_view;
 use crate::gpu::recorder::{Recorder, flat};
 use crate::gpu::shaders;
-use crate::gpu::stage::Stage;
+use crate::gpu::stage::{DynamicUniforms, Stage};
 use crate::gpu::view::half;
 
 /// The pipelines that bring sheets into the frame, and that make the frame a picture.

@@ -23,7 +23,7 @@ use crate::error::Result;
 use crate::gpu::context::Context;
 use crate::gpu::layout::{Area, Lighting};
 use crate::gpu::light_volume::PostShading;
-use crate::gpu::pipeline::{both, buffer_range};
+use crate::gpu::pipeline::both;
 use crate::gpu::recorder::Recorder;
 use crate::gpu::stage::Constant;
 use crate::settings::Precision;
@@ -192,33 +192,5 @@ impl Quads {
             drawn.terminated += termination.marked(recorder)?;
         }
         Ok(pixels)
-    }
-}
-
-/// Parameters of many draws or dispatches in one uniform buffer, each at an offset that can be bound.
-struct DynamicUniforms {
-    buffer: wgpu::Buffer,
-    stride: u32,
-    size: u64,
-}
-
-impl DynamicUniforms {
-    fn new<T: bytemuck::Pod>(context: &Context, label: &str, parameters: &[T]) -> Result<Self> {
-        let size = size_of::<T>().next_multiple_of(16);
-        let stride = size.next_multiple_of(context.limits.min_uniform_buffer_offset_alignment.max(16) as usize);
-        let mut bytes = vec![0_u8; stride * parameters.len().max(1)];
-        for (slot, parameters) in bytes.chunks_exact_mut(stride).zip(parameters) {
-            slot[..size_of::<T>()].copy_from_slice(bytemuck::bytes_of(parameters));
-        }
-        let buffer = context.upload(label, &bytes, wgpu::BufferUsages::UNIFORM)?;
-        Ok(Self { buffer, stride: stride as u32, size: size as u64 })
-    }
-
-    fn binding(&self) -> wgpu::BindingResource<'_> {
-        buffer_range(&self.buffer, 0, self.size)
-    }
-
-    fn offset(&self, index: u32) -> u32 {
-        index * self.stride
     }
 }

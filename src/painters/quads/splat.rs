@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use super::plan::Target;
 use super::sort::Span;
-use super::{DynamicUniforms, Feed, Inputs, QuadsKey};
+use super::{Feed, Inputs, QuadsKey};
 use crate::error::Result;
 use crate::gpu::context::Context;
 use crate::gpu::layout::Area;
@@ -12,7 +12,7 @@ use crate::gpu::pipeline::Binding::{DynamicUniform, Read, ReadTexture, Uniform};
 use crate::gpu::pipeline::{Render, bind, layout, module, texture_view};
 use crate::gpu::recorder::{Recorder, max_work};
 use crate::gpu::shaders;
-use crate::gpu::stage::declared;
+use crate::gpu::stage::{DynamicUniforms, declared};
 use crate::kernel::FootprintTable;
 
 /// The render pipelines that feed sheets and clear them.

@@ -1,6 +1,5 @@
 //! terminate: marks the entries of a batch that opaque pixels hide.
 
-use super::DynamicUniforms;
 use super::plan::Target;
 use super::sort::Span;
 use crate::error::Result;
@@ -9,7 +8,7 @@ use crate::gpu::layout::Terminate;
 use crate::gpu::pipeline::Binding::{DynamicUniform, Read, Uniform, Write};
 use crate::gpu::recorder::Recorder;
 use crate::gpu::shaders;
-use crate::gpu::stage::{Constant, Stage, for_each};
+use crate::gpu::stage::{Constant, DynamicUniforms, Stage, for_each};
 
 /// Entries that one invocation tests; RUN in shaders/terminate.wgsl.
 pub(crate) const RUN: u64 = 16;

@@ -7,7 +7,7 @@ use voxsplat::clip::{Clip, Plane};
 use voxsplat::error::Error;
 use voxsplat::layers::{Layer, Layers};
 use voxsplat::lighting::{Light, Lighting};
-use voxsplat::renderer::{Rendered, Renderer, Scene};
+use voxsplat::renderer::{Rendered, Renderer, RendererOptions, Scene};
 use voxsplat::settings::{Level, Settings, Shading};
 use voxsplat::stats::{Clock, Stats};
 use voxsplat::transfer::{ControlPoint, TransferFunction};
@@ -15,8 +15,10 @@ use voxsplat::volume::{Grid, Samples, Volume};
 use voxsplat::wgpu;
 
 use super::embed::{Host, host};
+use crate::adapter::adapter;
 use crate::support::{
-    PROJECTIONS, RENDERER, camera, demo, draw_on, headlight, new_renderer, prepare_on, rms_of_all, transfer,
+    PROJECTIONS, RENDERER, camera, demo, draw_on, exact_quads, headlight, new_renderer, prepare_on, rms_covered,
+    rms_of_all, transfer,
 };
 
 /// Pre- and post-shaded pictures of voxels, unlit and lit.
@@ -69,6 +71,75 @@ fn frames_into_a_texture_wait_for_nothing_and_send_parameters_only() {
             assert!(stats.submissions <= 3, "{} submissions: {what}", stats.submissions);
             assert!(stats.dispatches < 30, "{} dispatches: {what}", stats.dispatches);
             assert!(stats.bytes_sent < 40_000, "{} bytes: {what}", stats.bytes_sent);
+        }
+    }
+}
+
+/// Studio light with shadows and occlusion, turned about the vertical axis.
+fn studio(degrees: f64) -> Lighting {
+    let (sin, cos) = degrees.to_radians().sin_cos();
+    Lighting::studio(DVec3::new(sin, cos, 0.0), DVec3::Z)
+}
+
+/// The shadows of the first picture, and of lights that turn, are found on the device: the host waits for none of them,
+/// and splats do not travel.
+#[test]
+fn shadows_wait_for_nothing_and_send_parameters_only() {
+    let (volume, transfer) = demo("vessels", 40);
+    let host = host(Renderer::FEATURES).with_device_stages();
+    let settings = |lighting: Lighting| Settings { lighting: Some(lighting), ..kinds()[0].clone() };
+    let camera = camera(20.0, PROJECTIONS[0], &volume, 96);
+    let first = |settings: &Settings| {
+        let scene = prepare_on(&host.renderer, &volume, &transfer, settings).unwrap();
+        let stats = frame(&host, &scene, &camera, settings);
+        (scene, stats)
+    };
+    let without = Lighting { shadows: 0.0, occlusion: None, ..studio(0.0) };
+    let (_, unshadowed) = first(&settings(without));
+    let (scene, shadowed) = first(&settings(studio(0.0)));
+    assert_eq!(shadowed.waits, unshadowed.waits);
+    // Stencils, weights and the places of planes: less than two bytes a splat here.
+    let more = shadowed.bytes_sent - unshadowed.bytes_sent;
+    assert!(more < 150_000, "{more} bytes more for {} splats", shadowed.splats_kept);
+    for degrees in [10.0, 20.0] {
+        let stats = frame(&host, &scene, &camera, &settings(studio(degrees)));
+        let [dispatches, submissions] = [stats.dispatches, stats.submissions];
+        println!("{dispatches} dispatches, {submissions} submissions, {} bytes", stats.bytes_sent);
+        assert_eq!(stats.waits, 0);
+        assert!(submissions <= 4 && dispatches < 70 && stats.bytes_sent < 150_000);
+    }
+}
+
+/// Pictures in studio light with the light of the device are those with the light of the host: shares differ by 4e-3
+/// where hardly any light arrives, and by 1e-4 of a picture elsewhere.
+#[test]
+fn shadows_of_the_device_are_those_of_the_host() {
+    let volumes = ["vessels", "shell", "shepp-logan"].map(|name| demo(name, 48));
+    let open = || Renderer::new(&RendererOptions { adapter: Some(adapter()), ..RendererOptions::default() }).unwrap();
+    let [device, host] = [open().with_device_stages(), open()];
+    for ((volume, transfer), shading) in volumes.iter().flat_map(|of| [Shading::Pre, Shading::Post].map(|s| (of, s))) {
+        let place = volume.grid().center() + 60.0 * DVec3::new(-0.5, -0.9, 0.7);
+        let at_place = Lighting { lights: vec![Light::at(place), Light::HEADLIGHT], ..studio(0.0) };
+        for (name, lighting) in [("studio", studio(30.0)), ("at a place", at_place)] {
+            let settings = Settings { shading, lighting: Some(lighting), ..exact_quads() };
+            let camera = camera(30.0, PROJECTIONS[0], volume, 64);
+            let [found, expected] = [&device, &host].map(|on| {
+                let scene = prepare_on(on, volume, transfer, &settings).unwrap();
+                // A light that turns keeps the light that stays.
+                let turned = Settings { lighting: Some(studio(5.0)), ..settings.clone() };
+                draw_on(on, &scene, &camera, &turned).unwrap();
+                draw_on(on, &scene, &camera, &settings).unwrap().image
+            });
+            let differences = found.pixels().as_flattened().iter().zip(expected.pixels().as_flattened());
+            let largest = differences.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+            println!("{name}, {shading:?}: {largest:.1e}");
+            assert!(largest < 5e-4, "{name}, {shading:?}: {largest:e}");
+            let without = Lighting { shadows: 0.0, occlusion: None, ..settings.lighting.clone().unwrap() };
+            let without = Settings { lighting: Some(without), ..settings };
+            let scene = prepare_on(&device, volume, transfer, &without).unwrap();
+            let plain = draw_on(&device, &scene, &camera, &without).unwrap().image;
+            let effect = rms_covered(&plain, &found);
+            assert!(effect > 5e-3, "{name}, {shading:?}: shadows make {effect:e}");
         }
     }
 }

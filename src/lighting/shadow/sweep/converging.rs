@@ -30,11 +30,11 @@ pub(in crate::lighting::shadow) struct Converging<'a> {
 /// The stencils of rays to a place, for slopes of rows 0 to 1 and of columns -1 to 1.
 pub(in crate::lighting::shadow) struct NearPlace {
     /// Slopes from 0 to 1.
-    steps: usize,
-    stencils: Vec<Vec<StencilRow>>,
+    pub(in crate::lighting::shadow) steps: usize,
+    pub(in crate::lighting::shadow) stencils: Vec<Vec<StencilRow>>,
     bias: f64,
     /// Voxels fewer planes than this from the place are summed without a sweep.
-    direct: f64,
+    pub(in crate::lighting::shadow) direct: f64,
 }
 
 impl NearPlace {
@@ -56,49 +56,74 @@ impl NearPlace {
     }
 }
 
-impl Swept<'_> {
-    /// Sets the light from a place at the voxels from which it lies mainly across planes, ahead of them or behind.
-    pub(in crate::lighting::shadow) fn set_converging(&self, rays: &Converging<'_>, ahead: bool, out: &[AtomicU16]) {
-        let Converging { place, near, .. } = rays;
-        let count = self.planes.planes;
+/// The rays to a place through the planes on one side of it.
+pub(in crate::lighting::shadow) struct Pyramid {
+    /// The planes nearest to the end of the light that they do not pass.
+    pub(in crate::lighting::shadow) skipped: usize,
+    /// The distances of the others from the place in planes, the nearest first.
+    pub(in crate::lighting::shadow) distances: Vec<f64>,
+    /// Rows and columns of rays.
+    pub(in crate::lighting::shadow) size: [usize; 2],
+    /// The row and the column of the place, and the least slopes.
+    ranges: [(f64, f64); 2],
+}
+
+impl Pyramid {
+    /// The rays to a place (planes, rows, columns) through a box of planes, rows and columns; `None`: they pass no
+    /// voxel.
+    pub(in crate::lighting::shadow) fn new(
+        place: DVec3,
+        [count, rows, columns]: [usize; 3],
+        ahead: bool,
+    ) -> Option<Self> {
         // Planes less than half a plane behind the place count by their part before it.
         let first = if ahead { count as f64 - 1.0 - place.x } else { place.x };
         let skipped = (0.5 + first).floor().max(0.0) as usize;
-        if skipped >= count {
-            return;
-        }
         // Distances from the place in planes, the nearest first.
         let distances: Vec<f64> = (skipped..count).map(|i| i as f64 - first).collect();
-        let farthest = distances[distances.len() - 1];
-        if farthest <= 0.0 {
-            return;
-        }
+        let farthest = distances.last().copied().filter(|farthest| *farthest > 0.0)?;
         let nearest = distances[0].max(1e-3);
-        let ranges = [(place.y, self.planes.rows), (place.z, self.planes.columns)].map(|(at, count)| {
+        let ranges = [(place.y, rows), (place.z, columns)].map(|(at, count)| {
             let ends = [-at, (count - 1) as f64 - at];
             let least = (ends[0] / nearest).min(ends[0] / farthest).max(-1.0);
             (at, least, (ends[1] / nearest).max(ends[1] / farthest).min(1.0))
         });
         if ranges.iter().any(|(_, least, most)| least > most) {
-            return;
+            return None;
         }
         let size = ranges.map(|(_, least, most)| ((most - least) * farthest).ceil() as usize + 2 * MARGIN as usize + 1);
-        let maps: Vec<_> = distances
-            .iter()
-            .map(|&distance| {
-                ranges.map(|(at, least, _)| {
-                    let (along, factor) = (distance.max(0.0), farthest / distance.max(1e-3));
-                    Map {
-                        into: [factor, MARGIN - least * farthest - at * factor],
-                        back: [along / farthest, at + (least - MARGIN / farthest) * along],
-                    }
-                })
-            })
-            .collect();
+        Some(Self { skipped, distances, size, ranges: ranges.map(|(at, least, _)| (at, least)) })
+    }
+
+    /// The places of the rows and columns of a plane at a distance.
+    pub(in crate::lighting::shadow) fn maps(&self, distance: f64) -> [Map; 2] {
+        let farthest = self.distances[self.distances.len() - 1];
+        self.ranges.map(|(at, least)| {
+            let (along, factor) = (distance.max(0.0), farthest / distance.max(1e-3));
+            Map {
+                into: [factor, MARGIN - least * farthest - at * factor],
+                back: [along / farthest, at + (least - MARGIN / farthest) * along],
+            }
+        })
+    }
+
+    /// The weight of a plane at a distance.
+    pub(in crate::lighting::shadow) fn weight(distance: f64) -> f32 {
+        (distance + 0.5).clamp(0.0, 1.0) as f32
+    }
+}
+
+impl Swept<'_> {
+    /// Sets the light from a place at the voxels from which it lies mainly across planes, ahead of them or behind.
+    pub(in crate::lighting::shadow) fn set_converging(&self, rays: &Converging<'_>, ahead: bool, out: &[AtomicU16]) {
+        let of = self.planes;
+        let Some(pyramid) = Pyramid::new(rays.place, [of.planes, of.rows, of.columns], ahead) else { return };
+        let maps: Vec<_> = pyramid.distances.iter().map(|&distance| pyramid.maps(distance)).collect();
         let places = maps.iter().map(|[rows, _]| *rows).collect();
-        let weights = distances.iter().map(|distance| (distance + 0.5).clamp(0.0, 1.0) as f32).collect();
-        let near = Response::planes(near.bias, 1.0);
+        let weights = pyramid.distances.iter().map(|&distance| Pyramid::weight(distance)).collect();
+        let near = Response::planes(rays.near.bias, 1.0);
         let drifts = vec![0.0; maps.len()];
+        let size = pyramid.size;
         let scaled = Rays { is_sheared: false, width: size[1], maps, weights, drifts };
         let light = To { swept: self, rays, ahead };
         let sweep = Sweep { swept: self, ahead, near, rays: vec![scaled], places: (places, size[0]), light };
@@ -177,7 +202,8 @@ impl Light for To<'_> {
                     far + scale * sum(near.stencil(slopes), if slopes[0] < 0.0 { -1 } else { 1 })
                 }
             };
-            out[column].store(nearest(65_535.0 * (-depth).exp() as f32), Ordering::Relaxed);
+            // Stencils have weights below 0: no more than all light arrives.
+            out[column].store(nearest(65_535.0 * (-depth.max(0.0)).exp() as f32), Ordering::Relaxed);
         }
     }
 }

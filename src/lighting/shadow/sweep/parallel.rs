@@ -34,10 +34,11 @@ struct Along<'a> {
 
 /// The sums of the neighbours of voxels.
 pub(in crate::lighting::shadow) struct Near {
-    ahead: bool,
+    /// Whether the light lies at the end of the last plane.
+    pub(in crate::lighting::shadow) ahead: bool,
     /// The nearest planes, which are not taken from sweeps.
-    planes: usize,
-    stencil: Vec<StencilRow>,
+    pub(in crate::lighting::shadow) planes: usize,
+    pub(in crate::lighting::shadow) stencil: Vec<StencilRow>,
 }
 
 /// The length of a unit direction between two planes, and the rows and the columns that it passes.
@@ -46,15 +47,36 @@ fn slopes(along: DVec3) -> (f64, [f64; 2]) {
     (length, [along.y * length, along.z * length])
 }
 
-impl Swept<'_> {
+impl Response {
     /// The neighbours of voxels towards a direction (planes, rows, columns; unit length).
     pub(in crate::lighting::shadow) fn near(&self, along: DVec3, bias: f64) -> Near {
         let (length, slopes) = slopes(along);
-        let planes = Response::planes(bias, length);
-        let stencil = self.response.stencil(slopes, [bias, f64::INFINITY], Some(planes));
+        let planes = Self::planes(bias, length);
+        let stencil = self.stencil(slopes, [bias, f64::INFINITY], Some(planes));
         Near { ahead: along.x > 0.0, planes, stencil }
     }
+}
 
+impl Direction {
+    /// The factor of sums of planes, the factor of all, and the light that an unshadowed voxel gets.
+    pub(in crate::lighting::shadow) fn factors(&self, response: &Response) -> [f32; 3] {
+        let (length, _) = slopes(self.along);
+        [(length * response.integral) as f32, self.scale as f32, f32::from(self.share)]
+    }
+}
+
+/// The places of the first row and column of each plane among the rays of a direction, the plane nearest to the light
+/// first.
+pub(in crate::lighting::shadow) fn parallel_planes(
+    direction: &Direction,
+    [planes, rows, columns]: [usize; 3],
+) -> Vec<[f64; 2]> {
+    let (_, [down, right]) = slopes(direction.along);
+    let [rows, columns] = [(down, rows), (right, columns)].map(|(slope, count)| sheared(slope, count, planes).0);
+    rows.iter().zip(&columns).map(|(row, column)| [row.into[1], column.into[1]]).collect()
+}
+
+impl Swept<'_> {
     /// Adds the light from some directions to each voxel, given the neighbours towards about these directions.
     pub(in crate::lighting::shadow) fn add_parallel(&self, near: &Near, directions: &[Direction], out: &[AtomicU16]) {
         let count = self.planes.planes;
@@ -74,10 +96,7 @@ impl Swept<'_> {
                 let maps = rows.into_iter().zip(columns).map(|(row, column)| [row, column]).collect();
                 Rays { is_sheared: true, width, maps, weights: vec![1.0; count], drifts }
             });
-            let factors = directions.iter().zip(&slopes).map(|(direction, (length, _))| {
-                let planes = length * self.response.integral;
-                [planes as f32, direction.scale as f32, f32::from(direction.share)]
-            });
+            let factors = directions.iter().map(|direction| direction.factors(self.response));
             let light = Along { swept: self, near, factors: factors.collect() };
             let rays = rays.collect();
             let sweep =

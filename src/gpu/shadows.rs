@@ -1,0 +1,743 @@
+//! shadows: the light that arrives at splats, on the device, without a wait: shaders/occluders.wgsl, filter.wgsl,
+//! sweep.wgsl, converging.wgsl, around.wgsl and kept.wgsl; at the voxels of a box, box_light.wgsl. The twin of
+//! `lighting/shadow.rs`, whose preparations it uses.
+//!
+//! The extinctions of splats become a field over the box around them. A light is found for a few planes of the box at a
+//! time, a part: they are filtered, rays add them up and carry their sums to the next part, and each voxel reads the
+//! sums of its plane. So a part needs little memory besides the field and the light that arrives.
+
+use std::cell::RefCell;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use bytemuck::Zeroable;
+use glam::DVec4;
+
+use super::cache::Cache;
+use super::context::Context;
+use super::layout::{ClipPlanes, Converging, LightBox, SHADED_WORDS, Sweep, clip_planes};
+use super::light_volume::LightVolume;
+use super::pipeline::{Binding, both, texture_view};
+use super::recorder::{ComputePass, Recorder};
+use super::shaders::{self, Shader};
+use super::stage::{Constant, DynamicUniforms, Stage, for_each};
+use super::store::{Splats, Store};
+use crate::camera::clip::Side;
+use crate::error::Result;
+use crate::lighting::shadow::plan::{AroundPlan, ConvergingPlan, LightPlan, LightPlans, NearPlan, SweepPlan};
+use crate::progress::Progress;
+use crate::volume::Grid;
+
+/// The most bytes of the sums of the rays of a part, unless they are fewer than [`PLANES`].
+const SUMS: u64 = 128 << 20;
+/// The least planes of a part, which is a multiple: workgroups have up to so many planes.
+const PLANES: usize = 8;
+/// The most planes of a part.
+const MOST_PLANES: usize = 64;
+/// Planes of a part of occlusion.
+const AROUND_PLANES: usize = 32;
+/// Columns and rows of a workgroup.
+const GROUP: [u32; 2] = [32, 2];
+/// The base 2 logarithm of the columns of a workgroup of columns and planes; if planes lie across x, which are
+/// neighbours in memory.
+const LANES: [u32; 2] = [5, 3];
+/// Rows and columns of zeros at either end of a plane; ENDS in shaders/common/sweep.wgsl.
+pub(super) const ENDS: usize = 2;
+
+/// The bytes of a splat in shadows.
+pub(crate) const STRIDE: u64 = 4 * SHADED_WORDS as u64;
+
+/// The stages of sweeps along directions and of occlusion, and what keeps their light at splats. In
+/// [`Stats::stages`](crate::stats::Stats::stages) all stages of shadows are part of `classify`.
+struct Stages {
+    across: Stage,
+    within: Stage,
+    march: Stage,
+    arrive: Stage,
+    around: Stage,
+    copy: Stage,
+    keep: Stage,
+}
+
+/// The stage that makes the field of splats, of splats with shares of light for the key `true`.
+struct FieldStage(Stage);
+
+/// The stages of sweeps to a place.
+struct PlaceStages {
+    march: Stage,
+    arrive: Stage,
+}
+
+/// The stages that keep light at the voxels of a box.
+struct BoxStages {
+    keep: Stage,
+    texels: Stage,
+}
+
+const CLASSIFY: &str = "classify";
+
+/// A stage that takes these constants.
+fn stage(context: &Context, of: Shader, entry: &str, slots: &[Binding], constants: &[Constant]) -> Stage {
+    Stage::new(context, of, (CLASSIFY, entry), slots, constants)
+}
+
+/// Splats have shares of light.
+const SHADOWS: [Constant; 1] = [("SHADOWS", 1)];
+
+impl Stages {
+    fn new(context: &Context) -> Result<Self> {
+        use Binding::{DynamicUniform, Read, Uniform, Write};
+        let filters = || {
+            let entries = ["across", "within"].map(|entry| (CLASSIFY, entry));
+            let filters = Stage::several(context, shaders::FILTER, entries, &[DynamicUniform, Read, Read, Write], &[]);
+            let around = [DynamicUniform, Read, Read, Read, Read, Read, Write];
+            (filters, stage(context, shaders::AROUND, "around", &around, &[]))
+        };
+        let sweeps = || {
+            let rays = [DynamicUniform, Read, Read, Read, Write];
+            let voxels = [DynamicUniform, Read, Read, Read, Write, Read, Read, Read];
+            let march = stage(context, shaders::SWEEP, "march", &rays, &[]);
+            let arrive = stage(context, shaders::SWEEP, "arrive", &voxels, &[]);
+            let copy = stage(context, shaders::KEPT, "copy", &[Uniform, Write, Read], &SHADOWS);
+            let keep = stage(context, shaders::KEPT, "keep", &[Uniform, Write, Read, Read], &SHADOWS);
+            [march, arrive, copy, keep]
+        };
+        let (([across, within], around), [march, arrive, copy, keep]) = both(context, filters, sweeps)?;
+        Ok(Self { across, within, march, arrive, around, copy, keep })
+    }
+}
+
+impl FieldStage {
+    fn new(context: &Context, has_light: bool) -> Self {
+        use Binding::{Read, Uniform, Write};
+        let constants = if has_light { SHADOWS.as_slice() } else { &[] };
+        Self(stage(context, shaders::OCCLUDERS, "occluders", &[Uniform, Read, Read, Write], constants))
+    }
+}
+
+impl PlaceStages {
+    fn new(context: &Context) -> Self {
+        use Binding::{DynamicUniform, Read, Uniform, Write};
+        let rays = [DynamicUniform, Uniform, Read, Read, Read, Write];
+        let voxels = [DynamicUniform, Uniform, Read, Read, Read, Write, Read, Read, Read, Read];
+        let march = stage(context, shaders::CONVERGING, "march_to_place", &rays, &[]);
+        Self { march, arrive: stage(context, shaders::CONVERGING, "arrive_from_place", &voxels, &[]) }
+    }
+}
+
+impl BoxStages {
+    fn new(context: &Context) -> Self {
+        use Binding::{Read, StorageTexture, Uniform, Write};
+        let texels = StorageTexture(wgpu::TextureFormat::Rgba16Float, wgpu::TextureViewDimension::D3);
+        let keep = stage(context, shaders::BOX_LIGHT, "keep_in_box", &[Uniform, Write, Read, Read], &[]);
+        Self { keep, texels: stage(context, shaders::BOX_LIGHT, "texels", &[Uniform, Read, texels], &[]) }
+    }
+}
+
+/// Splats in shadows to be.
+pub(crate) struct Unlit<'a> {
+    pub(crate) stores: &'a [Store],
+    /// Whether nothing else needs the splats: if they hold shares of light, their memory serves again.
+    pub(crate) over: bool,
+    /// Voxels along the axes of their lattice.
+    pub(crate) dims: [usize; 3],
+    /// The sides of matter that casts shadows.
+    pub(crate) clip: &'a [Side],
+}
+
+/// The buffers of the stages with the field of extinctions, for other lights on the same matter.
+pub(crate) struct Buffers(Vec<(&'static str, wgpu::Buffer)>);
+
+impl Buffers {
+    /// Bytes of memory.
+    pub(crate) fn bytes(&self) -> u64 {
+        self.0.iter().map(|(_, buffer)| buffer.size()).sum()
+    }
+}
+
+/// Buffers of a device by their names, made when they are needed.
+struct Scratch<'a> {
+    context: &'a Context,
+    held: RefCell<Vec<(&'static str, wgpu::Buffer)>>,
+}
+
+impl Scratch<'_> {
+    /// The buffer of this name, with at least so many numbers.
+    fn get(&self, name: &'static str, values: usize) -> Result<wgpu::Buffer> {
+        let bytes = 4 * values as u64;
+        let mut held = self.held.borrow_mut();
+        if let Some((_, buffer)) = held.iter().find(|(of, buffer)| *of == name && buffer.size() >= bytes) {
+            return Ok(buffer.clone());
+        }
+        held.retain(|(of, _)| *of != name);
+        let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC;
+        let buffer = self.context.buffer(name, bytes, usage)?;
+        held.push((name, buffer.clone()));
+        Ok(buffer)
+    }
+}
+
+/// The planes of a sweep on the device.
+struct Shape {
+    /// Planes, rows and columns.
+    dims: [usize; 3],
+    /// The rows and columns of rays, for each direction.
+    rays: [usize; 2],
+    directions: usize,
+    /// Planes of a part.
+    together: usize,
+    /// Filtered planes of a part.
+    filtered: usize,
+}
+
+impl Shape {
+    fn of_sweep(plan: &SweepPlan, dims: [usize; 3]) -> Self {
+        let dims = plan.axes.map(|axis| dims[axis]);
+        Self::of_rays(dims, [dims[1] + 3, dims[2] + 3], plan.factors.len())
+    }
+
+    fn of_converging(plan: &ConvergingPlan, dims: [usize; 3]) -> Self {
+        Self::of_rays(plan.axes.map(|axis| dims[axis]), plan.size, 1)
+    }
+
+    fn of_rays(dims: [usize; 3], rays: [usize; 2], directions: usize) -> Self {
+        let most = SUMS as usize / 4 / (rays[0] * rays[1] * directions);
+        let together = (most.min(MOST_PLANES) / PLANES * PLANES).max(PLANES);
+        Self { dims, rays, directions, together, filtered: together }
+    }
+
+    fn of_around(plan: &AroundPlan, [nx, ny, nz]: [usize; 3]) -> Self {
+        let filtered = AROUND_PLANES + 2 * plan.halo();
+        Self { dims: [nz, ny, nx], rays: [0; 2], directions: 1, together: AROUND_PLANES, filtered }
+    }
+
+    /// Numbers of the filtered planes of a part, with their zeros.
+    fn planes(&self) -> usize {
+        self.filtered * (self.dims[1] + 2 * ENDS) * (self.dims[2] + 2 * ENDS)
+    }
+
+    /// The sums of all rays at a plane.
+    fn sums(&self) -> usize {
+        self.rays[0] * self.rays[1] * self.directions
+    }
+}
+
+/// The stencils of rays to places, on the device.
+struct NearPlaces {
+    steps: usize,
+    direct: f32,
+    /// The mean number of weights of a stencil.
+    reads: usize,
+    /// The rows of all stencils, their weights, their first rows and weights, and the table of sections.
+    buffers: [wgpu::Buffer; 4],
+}
+
+impl NearPlaces {
+    fn new(context: &Context, plans: &LightPlans) -> Result<Self> {
+        let NearPlan { steps, direct, stencil, firsts } = plans.near_place();
+        let upload = |bytes: &[u8]| context.upload("shadows.near", bytes, wgpu::BufferUsages::STORAGE);
+        let buffers = [
+            upload(bytemuck::cast_slice(&stencil.rows))?,
+            upload(bytemuck::cast_slice(&stencil.weights))?,
+            upload(bytemuck::cast_slice(&firsts))?,
+            upload(bytemuck::cast_slice(plans.table()))?,
+        ];
+        let reads = stencil.weights.len() / (firsts.len() - 1);
+        Ok(Self { steps, direct, reads, buffers })
+    }
+}
+
+/// The lights on a box of voxels.
+struct Job<'a> {
+    context: &'a Context,
+    pipelines: &'a Cache,
+    stages: Arc<Stages>,
+    plans: &'a LightPlans,
+    scratch: Scratch<'a>,
+    /// The extinctions of the voxels, and the light that arrives at them.
+    field: wgpu::Buffer,
+    shares: wgpu::Buffer,
+    /// The weights of the filters of sweeps, across planes and within.
+    filters: [wgpu::Buffer; 2],
+}
+
+/// Splats with the shares of some lights, of the ambient light for `MAX_CASTING`, and with those that they hold of
+/// other lights; `None` if the host has to find them. `held` are the buffers of other lights on the same splats.
+pub(crate) fn run(
+    context: &Context,
+    pipelines: &Cache,
+    unlit: &Unlit<'_>,
+    plans: &LightPlans,
+    lights: &[usize],
+    held: Option<Buffers>,
+    progress: &Progress,
+) -> Result<Option<(Vec<Store>, Buffers)>> {
+    let lights = planned(plans, lights);
+    let largest = unlit.stores.iter().map(|store| u64::from(store.count) * STRIDE).max();
+    if !fits(context, largest.unwrap_or(0), plans, lights.iter().map(|(_, plan)| plan)) {
+        return Ok(None);
+    }
+    let is_filled = held.is_some();
+    let job = Job::new(context, pipelines, plans, held)?;
+    let mut recorder = Recorder::untimed(context);
+    if !is_filled {
+        job.fill(&mut recorder, unlit)?;
+    }
+    let made = unlit.stores.iter().map(|store| job.kept(&mut recorder, unlit, store)).collect::<Result<Vec<_>>>()?;
+    job.each(&mut recorder, &lights, progress, &mut |recorder, light, plan| {
+        for (store, unlit) in made.iter().zip(unlit.stores) {
+            // Splats that held no light have all of it.
+            if !matches!(plan, LightPlan::Full) || unlit.stride == STRIDE {
+                job.keep(recorder, store, light, plan)?;
+            }
+        }
+        Ok(())
+    })?;
+    recorder.submit();
+    Ok(Some((made, job.buffers())))
+}
+
+/// The light that arrives at the voxels of a box, kept for other lights.
+pub(crate) struct BoxLight {
+    /// The first lattice point of the box, and its size.
+    pub(crate) bounds: [[usize; 3]; 2],
+    /// With the shares, in the form of splats.
+    buffers: Buffers,
+}
+
+/// The light on a box of places of `grid` as a texture, with the shares of some lights, of the ambient light for
+/// `MAX_CASTING`, and with those that are held of other lights; `None` if the host has to find them. `field` gives the
+/// extinctions of [`LightPlans::dims`] voxels, if no light is held.
+pub(crate) fn run_on_box(
+    context: &Context,
+    pipelines: &Cache,
+    (grid, bounds): (&Grid, [[usize; 3]; 2]),
+    (plans, lights): (&LightPlans, &[usize]),
+    (held, field): (Option<BoxLight>, &dyn Fn() -> Result<Vec<f32>>),
+    progress: &Progress,
+) -> Result<Option<(LightVolume, BoxLight)>> {
+    let lights = planned(plans, lights);
+    let voxels: usize = plans.dims().iter().product();
+    if !fits(context, 8 * voxels as u64, plans, lights.iter().map(|(_, plan)| plan)) {
+        return Ok(None);
+    }
+    let is_filled = held.is_some();
+    let job = Job::new(context, pipelines, plans, held.map(|held| held.buffers))?;
+    let stages = pipelines.get_or_make((), || Ok(BoxStages::new(context)))?;
+    let kept = job.scratch.get("shadows.kept", 2 * voxels)?;
+    if !is_filled {
+        context.write(&job.field, 0, bytemuck::cast_slice(&field()?));
+    }
+    let mut recorder = Recorder::untimed(context);
+    job.each(&mut recorder, &lights, progress, &mut |recorder, light, plan| {
+        let parameters = job.uniform(&LightBox { dims: plans.dims().map(|n| n as u32), ..job.share(light, plan) })?;
+        let buffers = [&parameters, &kept, &job.field, &job.shares].map(wgpu::Buffer::as_entire_binding);
+        stages.keep.run(recorder, &buffers, for_each(context, voxels as u64));
+        Ok(())
+    })?;
+    let [low, size] = bounds.map(|point| point.map(|n| n as u32));
+    let volume = LightVolume::stored(context, grid, low, size);
+    let parameters = job.uniform(&LightBox { dims: plans.dims().map(|n| n as u32), ..LightBox::zeroed() })?;
+    let [parameters, found] = [&parameters, &kept].map(wgpu::Buffer::as_entire_binding);
+    let workgroups = size.map(|n| n.div_ceil(4));
+    stages.texels.run(&mut recorder, &[parameters, found, texture_view(&volume.texture)], workgroups);
+    recorder.submit();
+    Ok(Some((volume, BoxLight { bounds, buffers: job.buffers() })))
+}
+
+/// The plans of lights.
+fn planned(plans: &LightPlans, lights: &[usize]) -> Vec<(usize, LightPlan)> {
+    lights.iter().map(|&light| (light, plans.light(light))).collect()
+}
+
+/// Whether the buffers of the stages fit the device: one of so many bytes, and those of lights.
+fn fits<'a>(
+    context: &Context,
+    bytes: u64,
+    plans: &LightPlans,
+    mut lights: impl Iterator<Item = &'a LightPlan>,
+) -> bool {
+    let bindable = context.limits.max_storage_buffer_binding_size.min(context.limits.max_buffer_size);
+    let most_groups = u64::from(context.limits.max_compute_workgroups_per_dimension);
+    let dims = plans.dims();
+    // Sheared rays take a row more a plane.
+    let longest = dims.into_iter().fold(0, |sum, n| sum.max(n + MOST_PLANES + 4 * ENDS)) as u64;
+    let voxels = dims.iter().try_fold(4_u64, |bytes, &n| bytes.checked_mul(n as u64));
+    let fits = |values: usize| (4 * values as u64) <= bindable;
+    let has_room = |shape: &Shape| {
+        let longest = shape.rays.into_iter().max().unwrap_or(0) as u64;
+        longest <= most_groups && fits(shape.planes()) && fits(shape.together * shape.sums())
+    };
+    let serves = |plan: &LightPlan| match plan {
+        LightPlan::Full => true,
+        LightPlan::Parallel(sweeps) => sweeps.iter().all(|sweep| has_room(&Shape::of_sweep(sweep, dims))),
+        LightPlan::Converging(sweeps) => sweeps.iter().all(|sweep| has_room(&Shape::of_converging(sweep, dims))),
+        LightPlan::Around(around) => has_room(&Shape::of_around(around, dims)),
+    };
+    longest <= most_groups && voxels.is_some_and(|bytes| bytes <= bindable) && bytes <= bindable && lights.all(serves)
+}
+
+/// Takes the light that was found to where it is kept.
+type Keep<'a> = dyn FnMut(&mut Recorder<'_>, usize, &LightPlan) -> Result<()> + 'a;
+
+impl<'a> Job<'a> {
+    fn new(context: &'a Context, pipelines: &'a Cache, plans: &'a LightPlans, held: Option<Buffers>) -> Result<Self> {
+        let stages = pipelines.get_or_make((), || Stages::new(context))?;
+        let voxels: usize = plans.dims().iter().product();
+        let scratch = Scratch { context, held: RefCell::new(held.map_or_else(Vec::new, |Buffers(held)| held)) };
+        let upload = |weights: &Vec<f32>| {
+            context.upload("shadows.filter", bytemuck::cast_slice(weights), wgpu::BufferUsages::STORAGE)
+        };
+        let [across, within] = plans.filters();
+        Ok(Self {
+            context,
+            pipelines,
+            stages,
+            plans,
+            field: scratch.get("shadows.field", voxels)?,
+            shares: scratch.get("shadows.shares", voxels)?,
+            scratch,
+            filters: [upload(&across)?, upload(&within)?],
+        })
+    }
+
+    fn buffers(self) -> Buffers {
+        Buffers(self.scratch.held.into_inner())
+    }
+
+    /// Records the light of each plan, and what keeps it.
+    fn each(
+        &self,
+        recorder: &mut Recorder<'_>,
+        lights: &[(usize, LightPlan)],
+        progress: &Progress,
+        keep: &mut Keep<'_>,
+    ) -> Result<()> {
+        for (done, (light, plan)) in lights.iter().enumerate() {
+            match plan {
+                LightPlan::Parallel(sweeps) => {
+                    for (number, sweep) in sweeps.iter().enumerate() {
+                        self.sweep(recorder, sweep, number > 0)?;
+                    }
+                }
+                LightPlan::Converging(sweeps) => {
+                    let near = self.near_places()?;
+                    for sweep in sweeps {
+                        self.converging(recorder, sweep, &near)?;
+                    }
+                }
+                LightPlan::Around(around) => self.around(recorder, around)?,
+                LightPlan::Full => {}
+            }
+            keep(recorder, *light, plan)?;
+            progress.report("casting shadows", (done + 1) as f64 / lights.len() as f64);
+            progress.check()?;
+        }
+        Ok(())
+    }
+
+    /// The stencils of rays to places, which are kept.
+    fn near_places(&self) -> Result<Arc<NearPlaces>> {
+        let key = self.plans.near_key();
+        let kept: Arc<Mutex<Option<Arc<NearPlaces>>>> = self.pipelines.get_or_make(key, || Ok(Mutex::default()))?;
+        let lock = || kept.lock().unwrap_or_else(PoisonError::into_inner);
+        let held = lock().clone();
+        // Not made under a lock: the maker waits for a pool of threads, which may hand it work that takes the lock.
+        let near = held.map_or_else(|| NearPlaces::new(self.context, self.plans).map(Arc::new), Ok)?;
+        *lock() = Some(Arc::clone(&near));
+        Ok(near)
+    }
+
+    /// The place of a light among shares, and the factor of its shadows.
+    fn share(&self, light: usize, plan: &LightPlan) -> LightBox {
+        let strength = if matches!(plan, LightPlan::Full) { 0.0 } else { self.plans.strength(light) };
+        let (word, shift) = ((light / 2) as u32, (light % 2 * 16) as u32);
+        LightBox { strength, word, shift, ..LightBox::zeroed() }
+    }
+
+    fn light_box(&self, store: &Store) -> LightBox {
+        LightBox {
+            low: self.plans.low().map(|n| n as i32),
+            count: store.count,
+            dims: self.plans.dims().map(|n| n as u32),
+            each: (store.stride / 8) as u32,
+            ..LightBox::zeroed()
+        }
+    }
+
+    /// Records the field of the extinctions of splats.
+    fn fill(&self, recorder: &mut Recorder<'_>, unlit: &Unlit<'_>) -> Result<()> {
+        let context = self.context;
+        recorder.clear(&self.field, self.field.size());
+        // Planes beyond the last one cut nothing.
+        let inside = (0..ClipPlanes::default().len()).map(|_| DVec4::W);
+        let mut planes = clip_planes(inside);
+        let sides = clip_planes(unlit.clip.iter().map(|(gradient, value)| gradient.extend(*value)));
+        planes[..unlit.clip.len()].copy_from_slice(&sides[..unlit.clip.len()]);
+        for store in unlit.stores {
+            let middle = unlit.dims.map(|n| (n - 1) as f32 / 2.0);
+            let parameters = LightBox { middle, clip_planes: planes, ..self.light_box(store) };
+            let parameters = self.uniform(&parameters)?;
+            let buffers = [&parameters, &store.on_device(context)?, &store.origins, &self.field];
+            let has_light = store.stride == STRIDE;
+            let stage = self.pipelines.get_or_make(has_light, || Ok(FieldStage::new(context, has_light)))?;
+            stage.0.run(
+                recorder,
+                &buffers.map(wgpu::Buffer::as_entire_binding),
+                for_each(context, u64::from(store.count)),
+            );
+        }
+        Ok(())
+    }
+
+    fn uniform(&self, parameters: &LightBox) -> Result<wgpu::Buffer> {
+        let usage = wgpu::BufferUsages::UNIFORM;
+        self.context.upload("shadows.light_box", bytemuck::bytes_of(parameters), usage)
+    }
+
+    /// Records the splats of a store with all light, or with the light that they hold.
+    fn kept(&self, recorder: &mut Recorder<'_>, unlit: &Unlit<'_>, store: &Store) -> Result<Store> {
+        let context = self.context;
+        let from = store.on_device(context)?;
+        let mut splats = from.clone();
+        if !(unlit.over && store.stride == STRIDE) {
+            let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC;
+            splats = context.buffer("store.splats", u64::from(store.count) * STRIDE, usage)?;
+            let buffers = [&self.uniform(&self.light_box(store))?, &splats, &from];
+            let workgroups = for_each(context, u64::from(store.count));
+            self.stages.copy.run(recorder, &buffers.map(wgpu::Buffer::as_entire_binding), workgroups);
+        }
+        let splats = (Splats::Device(splats), Some(store.origins.clone()));
+        Store::new(context, splats, STRIDE, store.count, store.bricks.clone())
+    }
+
+    /// Records the share of a light at the splats of a store.
+    fn keep(&self, recorder: &mut Recorder<'_>, store: &Store, light: usize, plan: &LightPlan) -> Result<()> {
+        let context = self.context;
+        let LightBox { strength, word, shift, .. } = self.share(light, plan);
+        let parameters = self.uniform(&LightBox { strength, word, shift, ..self.light_box(store) })?;
+        let buffers = [&parameters, &store.on_device(context)?, &store.origins, &self.shares];
+        let workgroups = for_each(context, u64::from(store.count));
+        self.stages.keep.run(recorder, &buffers.map(wgpu::Buffer::as_entire_binding), workgroups);
+        Ok(())
+    }
+
+    /// The parts of a sweep across planes along these lattice axes, without the planes that it skips.
+    fn parts(&self, shape: &Shape, axes: [usize; 3], skipped: usize, common: Sweep) -> Vec<Sweep> {
+        let [nx, ny, _] = self.plans.dims();
+        let steps = axes.map(|axis| [1, nx, nx * ny][axis] as u32);
+        let firsts = (skipped..shape.dims[0]).step_by(shape.together);
+        let part = |first: usize| {
+            let count = shape.together.min(shape.dims[0] - first);
+            Sweep {
+                steps,
+                count: count as u32,
+                dims: shape.dims.map(|n| n as u32),
+                first: first as u32,
+                lanes: LANES[usize::from(axes[0] == 0)],
+                rays: shape.rays.map(|n| n as u32),
+                directions: shape.directions as u32,
+                filtered: (count + shape.filtered - shape.together) as u32,
+                ..common
+            }
+        };
+        firsts.map(part).collect()
+    }
+
+    /// Binds the filters of a field's planes, given their weights.
+    fn filter(
+        &self,
+        uniforms: &DynamicUniforms,
+        shape: &Shape,
+        [across, within]: [&wgpu::Buffer; 2],
+    ) -> Result<Filter<'_>> {
+        let context = self.context;
+        let [half, planes] = ["shadows.across", "shadows.planes"].map(|name| self.scratch.get(name, shape.planes()));
+        let (half, planes) = (half?, planes?);
+        let bind = |stage: &Stage, buffers: [&wgpu::Buffer; 3]| {
+            let [weights, from, to] = buffers.map(wgpu::Buffer::as_entire_binding);
+            stage.bind(context, &[uniforms.binding(), weights, from, to])
+        };
+        let across = bind(&self.stages.across, [across, &self.field, &half]);
+        let within = bind(&self.stages.within, [within, &half, &planes]);
+        Ok(Filter { stages: &self.stages, across, within, planes })
+    }
+
+    fn upload(&self, label: &str, values: &[impl bytemuck::NoUninit]) -> Result<wgpu::Buffer> {
+        self.context.upload(label, bytemuck::cast_slice(values), wgpu::BufferUsages::STORAGE)
+    }
+
+    /// Records the light along directions that go together.
+    fn sweep(&self, recorder: &mut Recorder<'_>, plan: &SweepPlan, adds: bool) -> Result<()> {
+        let context = self.context;
+        let shape = Shape::of_sweep(plan, self.plans.dims());
+        let common =
+            Sweep { before: plan.near as u32 + 1, ahead: plan.ahead.into(), adds: adds.into(), ..Sweep::zeroed() };
+        let parts = self.parts(&shape, plan.axes, 0, common);
+        let uniforms = DynamicUniforms::new(context, "shadows.sweep", &parts)?;
+        let filter = self.filter(&uniforms, &shape, [&self.filters[0], &self.filters[1]])?;
+        let [sums, carried] = self.sums(&shape)?;
+        let words = |[(row, down), (column, right)]: [(i64, f32); 2]| {
+            [row as i32, down.to_bits() as i32, column as i32, right.to_bits() as i32]
+        };
+        let places: Vec<[i32; 4]> = plan.places.iter().flatten().map(|place| words(*place)).collect();
+        let factors: Vec<[f32; 4]> =
+            plan.factors.iter().map(|&[planes, all, share]| [planes, all, share, 0.0]).collect();
+        let places = self.upload("shadows.places", &places)?;
+        let stencil = self.upload("shadows.stencil", &plan.stencil.rows)?;
+        let weights = self.upload("shadows.weights", &plan.stencil.weights)?;
+        let factors = self.upload("shadows.factors", &factors)?;
+        let march = [&places, &filter.planes, &carried, &sums];
+        let march = self.bind(&self.stages.march, &uniforms, &march);
+        let arrive = [&places, &self.field, &sums, &self.shares, &stencil, &weights, &factors];
+        let arrive = self.bind(&self.stages.arrive, &uniforms, &arrive);
+        let [_, rows, columns] = shape.dims.map(|n| n as u32);
+        for (number, part) in (0..).zip(&parts) {
+            let offset = uniforms.offset(number);
+            if part.first > 0 {
+                recorder.copy(&sums, &carried, 0, 4 * shape.sums() as u64);
+            }
+            let [first, last] = [part.first, part.first + part.count - 1].map(|plane| &plan.places[plane as usize]);
+            // The rows and columns that the rays of a direction pass between the first plane and the last.
+            let drift = |axis: usize| {
+                first.iter().zip(last).fold(0, |most, (a, b)| most.max(a[axis].0.abs_diff(b[axis].0))) as u32
+            };
+            let rays = groups(columns + 3 + drift(1), rows + 3 + drift(0), part.directions);
+            let voxels = groups_across(part, columns, part.count, rows);
+            let mut pass = recorder.compute_pass(CLASSIFY);
+            filter.record(&mut pass, offset, part);
+            self.stages.march.record(&mut pass, &march, &[offset], rays);
+            self.stages.arrive.record(&mut pass, &arrive, &[offset], voxels);
+            drop(pass);
+            let reads = 26 * shape.directions + plan.stencil.weights.len();
+            recorder.worked(work(part, reads));
+        }
+        Ok(())
+    }
+
+    /// The sums of the rays of a part, and those at the last plane of the part before.
+    fn sums(&self, shape: &Shape) -> Result<[wgpu::Buffer; 2]> {
+        let sums = self.scratch.get("shadows.sums", shape.together * shape.sums())?;
+        Ok([sums, self.scratch.get("shadows.carried", shape.sums())?])
+    }
+
+    /// Binds parts and buffers.
+    fn bind(&self, stage: &Stage, uniforms: &DynamicUniforms, buffers: &[&wgpu::Buffer]) -> wgpu::BindGroup {
+        let buffers = buffers.iter().map(|buffer| buffer.as_entire_binding());
+        stage.bind(self.context, &std::iter::once(uniforms.binding()).chain(buffers).collect::<Vec<_>>())
+    }
+
+    /// Records the light from a place on the voxels of one side.
+    fn converging(&self, recorder: &mut Recorder<'_>, plan: &ConvergingPlan, near: &NearPlaces) -> Result<()> {
+        let context = self.context;
+        let stages = self.pipelines.get_or_make((), || Ok(PlaceStages::new(context)))?;
+        let shape = Shape::of_converging(plan, self.plans.dims());
+        let common = Sweep { before: self.plans.near_planes() as u32 + 1, ahead: plan.ahead.into(), ..Sweep::zeroed() };
+        let parts = self.parts(&shape, plan.axes, plan.skipped, common);
+        let uniforms = DynamicUniforms::new(context, "shadows.sweep", &parts)?;
+        let filter = self.filter(&uniforms, &shape, [&self.filters[0], &self.filters[1]])?;
+        let [sums, carried] = self.sums(&shape)?;
+        let places = self.upload("shadows.places", &plan.planes)?;
+        let [to_world_plane, to_world_row, to_world_column] = plan.to_world;
+        let [radius, integral, inverse_divisor] = self.plans.kernel();
+        let place = Converging {
+            place: plan.place,
+            bias: self.plans.bias(),
+            to_world_plane,
+            radius,
+            to_world_row,
+            direct: near.direct,
+            to_world_column,
+            integral,
+            origin: plan.origin,
+            inverse_divisor,
+            steps: near.steps as f32,
+            strict: plan.strict.map(u32::from),
+            ..Converging::zeroed()
+        };
+        let usage = wgpu::BufferUsages::UNIFORM;
+        let place = context.upload("shadows.converging", bytemuck::bytes_of(&place), usage)?;
+        let march = [&place, &places, &filter.planes, &carried, &sums];
+        let march = self.bind(&stages.march, &uniforms, &march);
+        let [stencil, weights, firsts, table] = &near.buffers;
+        let arrive = [&place, &places, &self.field, &sums, &self.shares, stencil, weights, firsts, table];
+        let arrive = self.bind(&stages.arrive, &uniforms, &arrive);
+        let [_, rows, columns] = shape.dims.map(|n| n as u32);
+        let [ray_rows, ray_columns] = shape.rays.map(|n| n as u32);
+        recorder.clear(&carried, 4 * shape.sums() as u64);
+        for (number, part) in (0..).zip(&parts) {
+            let offset = uniforms.offset(number);
+            if number > 0 {
+                recorder.copy(&sums, &carried, 0, 4 * shape.sums() as u64);
+            }
+            let rays = groups(ray_columns, ray_rows, 1);
+            let voxels = groups_across(part, columns, part.count, rows);
+            let mut pass = recorder.compute_pass(CLASSIFY);
+            filter.record(&mut pass, offset, part);
+            stages.march.record(&mut pass, &march, &[offset], rays);
+            stages.arrive.record(&mut pass, &arrive, &[offset], voxels);
+            drop(pass);
+            recorder.worked(work(part, 26 + near.reads));
+        }
+        Ok(())
+    }
+
+    /// Records the ambient light that is not occluded.
+    fn around(&self, recorder: &mut Recorder<'_>, plan: &AroundPlan) -> Result<()> {
+        let context = self.context;
+        let axes = [2, 1, 0];
+        let shape = Shape::of_around(plan, self.plans.dims());
+        let parts = self.parts(&shape, axes, 0, Sweep { before: plan.halo() as u32, ..Sweep::zeroed() });
+        let uniforms = DynamicUniforms::new(context, "shadows.around", &parts)?;
+        let weights = self.upload("shadows.filter", &plan.filter)?;
+        let filter = self.filter(&uniforms, &shape, [&weights; 2])?;
+        let rays = self.upload("shadows.rays", &plan.rays)?;
+        let factors = self.upload("shadows.factors", &plan.shares)?;
+        let weights = self.upload("shadows.weights", &plan.weights)?;
+        let buffers = [&self.field, &filter.planes, &rays, &factors, &weights, &self.shares];
+        let around = self.bind(&self.stages.around, &uniforms, &buffers);
+        for (number, part) in (0..).zip(&parts) {
+            let offset = uniforms.offset(number);
+            let [_, rows, columns] = part.dims;
+            let mut pass = recorder.compute_pass(CLASSIFY);
+            filter.record(&mut pass, offset, part);
+            self.stages.around.record(&mut pass, &around, &[offset], groups(columns, rows, part.count));
+            drop(pass);
+            recorder.worked(work(part, plan.weights.len()));
+        }
+        Ok(())
+    }
+}
+
+/// The filters of the planes of parts.
+struct Filter<'a> {
+    stages: &'a Stages,
+    across: wgpu::BindGroup,
+    within: wgpu::BindGroup,
+    /// The filtered planes of the part.
+    planes: wgpu::Buffer,
+}
+
+impl Filter<'_> {
+    fn record(&self, pass: &mut ComputePass<'_>, offset: u32, part: &Sweep) {
+        let [_, rows, columns] = part.dims.map(|n| n + 2 * ENDS as u32);
+        let across = groups_across(part, columns, part.filtered, rows);
+        self.stages.across.record(pass, &self.across, &[offset], across);
+        self.stages.within.record(pass, &self.within, &[offset], groups(columns, rows, part.filtered));
+    }
+}
+
+/// Workgroups of so many columns and rows, by a third number.
+fn groups(columns: u32, rows: u32, others: u32) -> [u32; 3] {
+    [columns.div_ceil(GROUP[0]), rows.div_ceil(GROUP[1]), others]
+}
+
+/// Workgroups of columns and planes of a part, for each row.
+fn groups_across(part: &Sweep, columns: u32, planes: u32, rows: u32) -> [u32; 3] {
+    [columns.div_ceil(1 << part.lanes), planes.div_ceil(64 >> part.lanes), rows]
+}
+
+/// The work of a part whose voxels read so many numbers, in fragments of splats, which take some 16 operations.
+fn work(part: &Sweep, reads: usize) -> u64 {
+    let [_, rows, columns] = part.dims.map(u64::from);
+    u64::from(part.count) * rows * columns * (reads as u64 + 20) / 16
+}

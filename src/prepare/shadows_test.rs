@@ -1,0 +1,201 @@
+//! The stages of the device against their twins on the host.
+
+use std::sync::Arc;
+
+use glam::{DAffine3, DMat3, DVec3};
+
+use super::shadows::{Occluders, Shadows, shaded_on_device, shaded_on_host};
+use crate::camera::clip::{Clip, Plane};
+use crate::gpu::adapter_test::adapter;
+use crate::gpu::cache::Cache;
+use crate::gpu::classify::{HostClassifier, Input};
+use crate::gpu::context::Context;
+use crate::gpu::store::{Drawable, Store};
+use crate::kernel::{Kernel, Normalization};
+use crate::lighting::shadow::ShadowLattice;
+use crate::lighting::{Light, Lighting};
+use crate::progress::Progress;
+use crate::transfer::{ControlPoint, TransferFunction};
+use crate::volume::{Grid, Samples, Volume};
+
+/// The shares of light at splats, in 1/65535: of three lights and of ambient light.
+fn shares(context: &Context, stores: &[Store]) -> Vec<[u32; 4]> {
+    let of_words = |&[low, high]: &[u32; 2]| [low & 0xffff, low >> 16, high & 0xffff, high >> 16];
+    let of_store = |store: &Store| {
+        let bricks = store.on_host(context).unwrap();
+        bricks.iter().flat_map(|brick| brick.light.iter().map(of_words).collect::<Vec<_>>()).collect::<Vec<_>>()
+    };
+    stores.iter().flat_map(of_store).collect()
+}
+
+fn classified(context: &Context, volume: &Volume, transfer: &TransferFunction) -> Drawable {
+    let progress = Progress::default();
+    HostClassifier::run(&Input::new(context, volume, transfer, true, &progress).unwrap()).unwrap()
+}
+
+/// A volume of a lattice by the values of its points.
+fn volume(grid: Grid, value: impl Fn([f64; 3]) -> f64) -> Volume {
+    let [nx, ny, nz] = grid.dims();
+    let points = (0..nz).flat_map(|z| (0..ny).flat_map(move |y| (0..nx).map(move |x| [x, y, z].map(f64::from))));
+    Volume::new(grid, Samples::U8(points.map(|point| value(point).clamp(0.0, 255.0) as u8).collect())).unwrap()
+}
+
+/// A hash of a lattice point, 0 to 255.
+fn noise([x, y, z]: [f64; 3]) -> f64 {
+    let number = x as u32 + 977 * (y as u32 + 991 * z as u32);
+    f64::from(number.wrapping_mul(2_654_435_761) >> 24)
+}
+
+/// Opacities from a value on to 255.
+fn opaque(from: f64, opacity: f64) -> TransferFunction {
+    let point = |value, opacity| ControlPoint { value, color: [0.7, 0.8, 0.9], opacity };
+    TransferFunction::new(vec![point(from, 0.0), point(255.0, opacity)], Some(1.0)).unwrap()
+}
+
+/// A name, a volume, and its transfer function.
+type Body = (&'static str, Volume, TransferFunction);
+
+fn bodies() -> Vec<Body> {
+    let skewed = DMat3::from_cols(DVec3::X, DVec3::new(0.2, 1.3, 0.0), DVec3::new(0.0, -0.3, 3.0));
+    let skewed = Grid::new([40, 36, 20], DAffine3::from_mat3(skewed)).unwrap();
+    // Longer than a part of a sweep along x and y, and off the faces of the volume.
+    let long = Grid::axis_parallel([150, 74, 40], [1.0; 3]).unwrap();
+    let ball = |[x, y, z]: [f64; 3]| {
+        let distance = |c: [f64; 3]| DVec3::new(x, y, z).distance(DVec3::from_array(c));
+        255.0 - 8.0 * distance([40.0, 30.0, 20.0]).min(distance([112.0, 40.0, 18.0]))
+    };
+    let grains = Grid::axis_parallel([70, 9, 33], [1.0, 1.0, 2.0]).unwrap();
+    vec![
+        ("noise on a skewed lattice", volume(skewed, noise), opaque(200.0, 0.9)),
+        ("two faint balls", volume(long, ball), opaque(100.0, 0.2)),
+        ("dense grains", volume(grains, noise), opaque(180.0, 0.99)),
+    ]
+}
+
+/// Lights along all axes and between them, soft lights, lights at places, and occlusion: up to three lights at a time.
+fn lightings() -> Vec<(&'static str, Lighting)> {
+    let along = |x: f64, y: f64, z: f64| Light::directional(DVec3::new(x, y, z));
+    let at = |x: f64, y: f64, z: f64| Light::at(DVec3::new(x, y, z));
+    let of = |lights: Vec<Light>| Lighting { lights, shadows: 0.9, shadow_bias: 1.5, ..Lighting::default() };
+    vec![
+        ("axes", of(vec![along(1.0, 0.0, 0.0), along(0.0, -1.0, 0.0), along(0.0, 0.0, 1.0)])),
+        ("other axes", of(vec![along(-1.0, 0.0, 0.0), along(0.0, 1.0, 0.0), along(0.0, 0.0, -1.0)])),
+        ("oblique", of(vec![along(-0.5, -0.7, 0.6), along(0.9, 0.2, -0.3), along(0.1, -0.4, -0.8)])),
+        ("diagonals", of(vec![along(1.0, 1.0, 1.0), along(-1.0, 0.0, 1.0), along(1.0, -1.0, 0.0)])),
+        (
+            "soft lights",
+            of([along(0.4, -0.7, 1.0), along(-1.0, 0.3, 0.4)].map(|light| Light { size: 10.0, ..light }).into()),
+        ),
+        ("a wide light", of(vec![Light { size: 100.0, ..along(0.4, -0.7, 1.0) }])),
+        ("no bias", Lighting { shadow_bias: 0.0, ..of(vec![along(0.3, -0.9, 0.5)]) }),
+        ("a large bias", Lighting { shadow_bias: 4.0, ..of(vec![along(0.3, 0.9, 0.5), along(-0.8, 0.0, 0.1)]) }),
+        ("occlusion", Lighting { shadows: 0.0, occlusion: Some(8.0), ..of(Vec::new()) }),
+        ("near occlusion", Lighting { occlusion: Some(1.0), shadow_bias: 0.0, ..of(vec![along(0.0, 0.3, 1.0)]) }),
+        ("a light far away", of(vec![Light::at(DVec3::new(1e12, -2e12, 3e12))])),
+        ("lights around", of(vec![at(-90.0, 20.0, 60.0), at(40.0, 400.0, 30.0), at(20.0, 10.0, -30.5)])),
+        ("lights within", of(vec![at(20.0, 15.0, 25.0), at(30.3, 4.4, 20.7), at(39.5, 11.5, 3.5)])),
+        ("distant lights", of(vec![at(3e3, -2e3, 1e3), at(-1e6, 2e6, 3e6), at(0.0, 0.0, -3e4)])),
+    ]
+}
+
+/// The shadows on a volume.
+fn shadows(volume: &Volume, lighting: &Lighting, kernel: Kernel, clip: &Clip) -> Shadows {
+    let divisor = Normalization::default().divisor(&kernel);
+    Shadows {
+        casting: lighting.casting().unwrap(),
+        lattice: ShadowLattice::new(volume.grid(), kernel, divisor, 1.0, 1.0),
+        clip: clip.sides(volume.grid()),
+    }
+}
+
+/// Both ways find the same light, to 1e-3 of it on average. Where neighbours are left out because hardly any light is
+/// left, which each decides for itself, to the light that is left: exp(-5.5).
+#[test]
+fn device_finds_the_light_of_the_host() {
+    let context = Context::new(Some(&adapter())).unwrap().with_device_stages();
+    let (pipelines, progress) = (Cache::default(), Progress::default());
+    let kernels = [
+        ("the default kernel", Kernel::default()),
+        ("a Kaiser-Bessel kernel", Kernel::KAISER_BESSEL),
+        ("a wide kernel", Kernel::Gaussian { sigma: 1.4, radius: 3.5 }),
+    ];
+    let clip = Clip::new(vec![Plane::new(DVec3::new(-0.8, 0.3, 0.1), -20.0).unwrap()]).unwrap();
+    let mut worst = 0.0_f64;
+    for (name, volume, transfer) in &bodies() {
+        for (number, (light, lighting)) in lightings().iter().enumerate() {
+            let (wide, kernel) = kernels[if number < 6 { 0 } else { number % 3 }];
+            for clip in [Clip::default(), clip.clone()] {
+                let shadows = shadows(volume, lighting, kernel, &clip);
+                let made = classified(&context, volume, transfer);
+                let stores = (made.stores.as_slice(), false);
+                let (of, occluders) = ((&context, &pipelines), Occluders::default());
+                let device = shaded_on_device(of, stores, None, &occluders, &shadows, &progress).unwrap();
+                let device = shares(&context, &device.unwrap());
+                let host = shaded_on_host(&context, &made.stores, None, &occluders, &shadows, &progress).unwrap();
+                let host = shares(&context, &host);
+                assert!(host.len() > 1000 && host.len() == device.len(), "{name}: {} splats", host.len());
+                let differences: Vec<f64> = host
+                    .as_flattened()
+                    .iter()
+                    .zip(device.as_flattened())
+                    .map(|(a, b)| f64::from(a.abs_diff(*b)) / 65_535.0)
+                    .collect();
+                let largest = differences.iter().copied().fold(0.0, f64::max);
+                let above = differences.iter().filter(|difference| **difference > 1e-3).count();
+                let shadowed = host.as_flattened().iter().filter(|share| **share < 50_000).count();
+                let what = format!("{name}, {light}, {wide}, {} planes", shadows.clip.len());
+                let of_light = |light: usize| {
+                    let pairs = host.iter().zip(&device).map(|(a, b)| a[light].abs_diff(b[light]));
+                    pairs.max().unwrap_or(0)
+                };
+                let by_light = [0, 1, 2, 3].map(of_light);
+                println!(
+                    "{what}: {by_light:?} {largest:.1e}, {above} of {} over 1e-3, {shadowed} shadowed",
+                    differences.len()
+                );
+                assert!(shadowed > 100 || !shadows.clip.is_empty(), "{what}: nothing is shadowed");
+                assert!(largest < 4.2e-3 && above * 20 < differences.len(), "{what}: {largest:e}, {above}");
+                worst = worst.max(largest);
+            }
+        }
+    }
+    println!("largest difference {worst:.1e}");
+}
+
+/// Splats that hold light keep the shares of lights that stay, in their own memory if nothing else needs it, and the
+/// device does its part without a wait of the host.
+#[test]
+fn device_keeps_the_light_that_stays() {
+    let context = Context::new(Some(&adapter())).unwrap().with_device_stages();
+    let (pipelines, progress) = (Cache::default(), Progress::default());
+    let (_, volume, transfer) = &bodies()[0];
+    let made = classified(&context, volume, transfer);
+    let lighting = |towards: DVec3| Lighting {
+        lights: vec![Light::directional(DVec3::new(0.3, -0.5, 1.0)), Light::directional(towards)],
+        shadows: 1.0,
+        occlusion: Some(4.0),
+        ..Lighting::default()
+    };
+    let [first, second] = [DVec3::new(1.0, 0.2, 0.1), DVec3::new(-1.0, 0.3, -0.4)]
+        .map(|towards| shadows(volume, &lighting(towards), Kernel::default(), &Clip::default()));
+    let (of, occluders) = ((&context, &pipelines), Occluders::default());
+    let run = |stores: (&[Store], bool), held: Option<&Shadows>, shadows: &Shadows| {
+        shaded_on_device(of, stores, held, &occluders, shadows, &progress).unwrap().unwrap()
+    };
+    let before = run((&made.stores, false), None, &first);
+    let waits = context.traffic().waits;
+    let turned = run((&before, false), Some(&first), &second);
+    let anew = run((&made.stores, false), None, &second);
+    let over = run((&before, true), Some(&first), &second);
+    let none = shadows(volume, &Lighting { shadows: 0.0, ..lighting(DVec3::X) }, Kernel::default(), &Clip::default());
+    let without = run((&turned, false), Some(&second), &none);
+    assert_eq!(context.traffic().waits, waits);
+    let expected = shares(&context, &anew);
+    assert!(shares(&context, &turned) == expected);
+    assert!(shares(&context, &over) == expected);
+    // The memory is the same.
+    assert!(shares(&context, &before) == expected);
+    let without = shares(&context, &without);
+    assert!(without.iter().zip(&expected).all(|(a, b)| a[..3] == [65_535; 3] && a[3] == b[3]));
+    assert!(Arc::new(made).stores.iter().all(|store| store.stride == 16));
+}
