@@ -139,9 +139,11 @@ fn skip_together(@builtin(workgroup_id) tile: vec3u, @builtin(local_invocation_i
     end_list(&list, tile);
 }
 
-// Slabs of macrocells along m.
+// Slabs of macrocells along m. Of the texture's size: Mesa 22 compiles and leaks a shader for each value of a loop's end
+// that depends on uniforms alone.
 fn slab_count() -> u32 {
-    return u32((rays.voxels.z + MACROCELL - 1) / MACROCELL);
+    let size = textureDimensions(occupied);
+    return dot(size, vec3u(rays.along_m));
 }
 
 // The last plane of a slab of macrocells.

@@ -24,7 +24,7 @@ pub use region::Region;
 pub use crate::output::{abandon_unfinished, check_writable, write_file};
 
 use crate::error::{Error, Result};
-use voxsplat_volume::memory::reserved;
+use voxsplat_volume::memory::zeroed;
 
 /// A picture as composited: premultiplied RGBA in f32, rows from the top, pixels of a row from the left.
 ///
@@ -54,9 +54,7 @@ impl Image {
     /// [`Error::Memory`] if there is no memory for it: 16 bytes a pixel.
     pub fn transparent(width: u32, height: u32) -> Result<Self> {
         let count = u64::from(width) * u64::from(height);
-        let mut pixels = reserved(count, || format!("a picture of {width} x {height} pixels"))?;
-        // It fits: as much has just been reserved.
-        pixels.resize(count as usize, [0.0; 4]);
+        let pixels = zeroed(count, || format!("a picture of {width} x {height} pixels"))?;
         Ok(Self { width, height, pixels })
     }
 

@@ -84,7 +84,9 @@ impl Packing {
         let row_bytes = (row * size_of::<V>()) as u64;
         let band_rows = ((BAND / row_bytes) as usize).next_multiple_of(ROWS).min(height as usize);
         let band = || context.mapped("pack.band", band_rows as u64 * row_bytes);
-        let bands = [band()?, band()?];
+        // The second one is the first, if all rows are one band.
+        let one = band()?;
+        let bands = [if band_rows < height as usize { band()? } else { one.clone() }, one];
         for (number, first) in (0..height as usize).step_by(band_rows).enumerate() {
             let rows = first..(first + band_rows).min(height as usize);
             let planes = self.planes(rows.start as u32..rows.end as u32);
