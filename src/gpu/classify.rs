@@ -13,6 +13,7 @@ use super::pipeline::Binding;
 use super::recorder::{ComputePass, Recorder};
 use super::rows::{Counted, DevicePart, ROWS, Rows, collect};
 use super::scan::Scan;
+use super::sender::Sender;
 use super::shaders;
 use super::splat::{density, packed_appearance, packed_normal, resolution_at, with_density};
 use super::stage::{Constant, Stage, for_each};
@@ -27,6 +28,8 @@ use crate::volume::{BRICK_EDGE as EDGE, Brick, RowCoding, SampleType, ToF64, Vol
 /// Bricks of one batch, 4 million voxels: the memory that preparing a scene needs besides its splats, and far within
 /// every limit.
 pub(super) const BATCH: usize = 128;
+/// Completes errors: "while ...".
+const SENDING: &str = "sending samples";
 
 /// The largest number of splats that are joined: meanwhile they are in memory twice. On a GPU each store is a dispatch.
 const JOINED: u32 = 1 << 23;
@@ -188,6 +191,12 @@ impl<'a> Input<'a> {
         if self.lit { NORMAL_REACH } else { usize::from(!self.thinning.is_empty()) }
     }
 
+    /// Bytes of the samples of a brick with its halo.
+    fn brick_bytes(&self) -> u64 {
+        let edge = (EDGE + 2 * self.halo()) as u64;
+        edge.pow(3) * [1, 1, 2, 2, 4][self.coding.sample_type as usize]
+    }
+
     /// Whether voxels that do not show become splats too.
     fn keeps_invisible(&self) -> bool {
         !self.context.savings.voxels
@@ -321,16 +330,21 @@ impl Input<'_> {
         take: &mut dyn FnMut(BrickBatch) -> Result<()>,
     ) -> Result<Bricks> {
         let (mut origins, mut bytes) = (Vec::new(), Vec::new());
+        let count = self.volume.bricks().into_iter().map(u64::from).product::<u64>().min(BATCH as u64);
+        let parts = if count < BATCH as u64 { 1 } else { 2 };
+        let mut sender = Sender::new(self.context, SENDING, (count * self.brick_bytes()).next_multiple_of(4), parts)?;
+        let mut batch = |origins: &mut Vec<[u32; 4]>, bytes: &mut Vec<u8>| {
+            let batch = BrickBatch::new(self.context, &mut sender, std::mem::take(origins), bytes)?;
+            bytes.clear();
+            take(batch)
+        };
         let bricks = self.each_brick(shows, &Ok, &mut |([x, y, z], samples)| {
             origins.push([x, y, z, 0]);
             bytes.extend_from_slice(&samples);
-            if origins.len() < BATCH {
-                return Ok(());
-            }
-            take(BrickBatch::new(self.context, std::mem::take(&mut origins), &std::mem::take(&mut bytes))?)
+            if origins.len() < BATCH { Ok(()) } else { batch(&mut origins, &mut bytes) }
         })?;
         if !origins.is_empty() {
-            take(BrickBatch::new(self.context, origins, &bytes)?)?;
+            batch(&mut origins, &mut bytes)?;
         }
         Ok(bricks)
     }
@@ -350,9 +364,7 @@ impl HeldSamples {
     /// Whether the samples of a volume are few enough to be held for their own sake.
     pub(crate) fn fits(input: &Input<'_>) -> bool {
         let bricks: u64 = input.volume.bricks().into_iter().map(u64::from).product();
-        let edge = (EDGE + 2 * input.halo()) as u64;
-        let bytes = [1, 1, 2, 2, 4][input.coding.sample_type as usize];
-        bricks * edge.pow(3) * bytes <= Self::MOST
+        bricks * input.brick_bytes() <= Self::MOST
     }
 
     /// Whether the device holds samples.
@@ -374,9 +386,7 @@ impl HeldSamples {
             None => {
                 let mut keep = |batch| {
                     batches.push(batch);
-                    // Copies in flight take memory until they have arrived.
-                    input.context.submit(None);
-                    input.context.wait("sending samples")
+                    Ok(())
                 };
                 bytes = input.batches(&|_| true, &mut keep)?.bytes;
             }
@@ -418,11 +428,25 @@ pub(super) struct BrickBatch {
 }
 
 impl BrickBatch {
-    fn new(context: &Context, origins: Vec<[u32; 4]>, samples: &[u8]) -> Result<Self> {
-        let storage = wgpu::BufferUsages::STORAGE;
-        let usage = storage | wgpu::BufferUsages::COPY_SRC;
-        let places = context.upload("classify.origins", bytemuck::cast_slice(&origins), usage)?;
-        Ok(Self { origins, places, samples: context.upload("classify.samples", samples, storage)? })
+    /// `samples` becomes a whole number of words.
+    fn new(context: &Context, sender: &mut Sender<'_>, origins: Vec<[u32; 4]>, samples: &mut Vec<u8>) -> Result<Self> {
+        /// Bytes that a thread writes at a time.
+        const PART: usize = 1 << 20;
+        use wgpu::BufferUsages as Usages;
+        let places = bytemuck::cast_slice(&origins);
+        let places = context.upload("classify.origins", places, Usages::STORAGE | Usages::COPY_SRC)?;
+        samples.resize(samples.len().next_multiple_of(4), 0);
+        let bytes = samples.len() as u64;
+        let buffer = context.buffer("classify.samples", bytes, Usages::STORAGE | Usages::COPY_DST)?;
+        let fill = |staging: &wgpu::Buffer| {
+            samples
+                .par_chunks(PART)
+                .enumerate()
+                .try_for_each(|(number, part)| context.write_mapped(SENDING, staging, (number * PART) as u64, part))
+        };
+        let mut recorder = Recorder::untimed(context);
+        sender.send(&mut recorder, fill, |recorder, staging| recorder.copy(staging, &buffer, 0, bytes))?;
+        Ok(Self { origins, places, samples: buffer })
     }
 }
 

@@ -16,6 +16,7 @@ pub(crate) mod savings;
 #[cfg(test)]
 mod savings_test;
 pub(crate) mod scan;
+pub(crate) mod sender;
 pub(crate) mod shaders;
 #[cfg(test)]
 mod shaders_test;

@@ -10,6 +10,7 @@ use super::cache::Cache;
 use super::context::Context;
 use super::layout::{LIT_WORDS, MAX_BRICKS, SHADED_WORDS, place};
 use super::recorder::Recorder;
+use super::sender::Sender;
 use super::splat::{LANES, SplatRun};
 use crate::error::Result;
 use crate::progress::Progress;
@@ -207,30 +208,41 @@ pub(crate) fn places(mut bits: u32) -> impl Iterator<Item = usize> {
 }
 
 /// Bytes of splats that are sent to the device at a time.
-const SENT: u64 = 64 << 20;
-/// Bricks whose splats are put into the format of the device together.
-const TOGETHER: usize = 32;
+const SENT: u64 = 32 << 20;
+/// Completes errors: "while ...".
+const DOING: &str = "sending splats";
 
 /// Sends splats to the device, of `stride` bytes each, `count` in all.
 fn upload(context: &Context, bricks: &[HostBrick], stride: u64, count: u32) -> Result<wgpu::Buffer> {
     let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC;
     let buffer = context.buffer("store.splats", u64::from(count) * stride, usage)?;
-    let (mut at, mut waiting) = (0, 0);
-    // As many at a time as there may be threads.
-    for (first, together) in (0..).step_by(TOGETHER).zip(bricks.chunks(TOGETHER)) {
-        let splats = (first..).zip(together).collect::<Vec<_>>().into_par_iter();
-        let splats = splats.map(|(number, brick)| brick.splats(stride, number)).collect::<Result<Vec<_>>>()?;
-        for splats in splats {
-            context.write(&buffer, at, bytemuck::cast_slice(&splats));
-            let bytes = size_of_val(splats.as_slice()) as u64;
-            (at, waiting) = (at + bytes, waiting + bytes);
+    // Parts of whole bricks, each with its first byte and those of its bricks.
+    let ends = bricks.iter().scan(0, |end, brick| {
+        *end += u64::from(brick.count()) * stride;
+        Some(*end)
+    });
+    let ends: Vec<u64> = ends.collect();
+    let start_of = |brick: usize| if brick == 0 { 0 } else { ends[brick - 1] };
+    let mut parts: Vec<Range<usize>> = Vec::new();
+    for brick in 0..bricks.len() {
+        match parts.last_mut() {
+            Some(part) if ends[brick] - start_of(part.start) <= SENT => part.end = brick + 1,
+            _ => parts.push(brick..brick + 1),
         }
-        if waiting > SENT {
-            // Copies in flight take memory until they have arrived.
-            context.submit(None);
-            context.wait("sending splats")?;
-            waiting = 0;
-        }
+    }
+    let bytes = |part: &Range<usize>| ends[part.end - 1] - start_of(part.start);
+    let most = parts.iter().map(bytes).max().unwrap_or_default();
+    let mut sender = Sender::new(context, DOING, most, parts.len())?;
+    let mut recorder = Recorder::untimed(context);
+    for part in parts {
+        let (first, bytes) = (start_of(part.start), bytes(&part));
+        let fill = |staging: &wgpu::Buffer| {
+            part.into_par_iter().try_for_each(|brick| {
+                let splats = bricks[brick].splats(stride, brick as u32)?;
+                context.write_mapped(DOING, staging, start_of(brick) - first, bytemuck::cast_slice(&splats))
+            })
+        };
+        sender.send(&mut recorder, fill, |recorder, staging| recorder.copy(staging, &buffer, first, bytes))?;
     }
     Ok(buffer)
 }

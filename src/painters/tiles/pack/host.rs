@@ -9,6 +9,7 @@ use super::{Packing, Reached, Voxel, reaches};
 use crate::error::Result;
 use crate::gpu::layout::{MACROCELL, MARGIN};
 use crate::gpu::recorder::Recorder;
+use crate::gpu::sender::Sender;
 use crate::gpu::splat::{self, LANES, SplatLight, SplatRun};
 use crate::gpu::store::{BrickSplats, HostBrick, Store};
 use crate::painters::tiles::axis::unordered;
@@ -83,11 +84,9 @@ impl Packing {
         let row = 2 * width as usize;
         let row_bytes = (row * size_of::<V>()) as u64;
         let band_rows = ((BAND / row_bytes) as usize).next_multiple_of(ROWS).min(height as usize);
-        let band = || context.mapped("pack.band", band_rows as u64 * row_bytes);
-        // The second one is the first, if all rows are one band.
-        let one = band()?;
-        let bands = [if band_rows < height as usize { band()? } else { one.clone() }, one];
-        for (number, first) in (0..height as usize).step_by(band_rows).enumerate() {
+        let parts = (height as usize).div_ceil(band_rows);
+        let mut sender = Sender::new(context, DOING, band_rows as u64 * row_bytes, parts)?;
+        for first in (0..height as usize).step_by(band_rows) {
             let rows = first..(first + band_rows).min(height as usize);
             let planes = self.planes(rows.start as u32..rows.end as u32);
             let (low, axis) = (self.low[2], self.axes[2]);
@@ -95,25 +94,19 @@ impl Packing {
                 brick.bounds[0][axis] < low + planes.end && brick.bounds[1][axis] > low + planes.start
             };
             let near: Vec<Held<'_>> = bricks.iter().copied().filter(near).collect();
-            let [band, other] = [&bands[number % 2], &bands[(number + 1) % 2]];
             // Rows are filled in a cache, and written to the band once.
-            let parts = (0..rows.len()).step_by(ROWS).collect::<Vec<_>>().into_par_iter();
-            parts.try_for_each_init(Vec::new, |voxels, at| {
-                voxels.clear();
-                voxels.resize(ROWS.min(rows.len() - at) * row, V::zeroed());
-                self.fill_rows(first + at, voxels, &near, &packed);
-                context.write_mapped(DOING, band, at as u64 * row_bytes, bytemuck::cast_slice(voxels))
+            let fill = |band: &wgpu::Buffer| {
+                let parts = (0..rows.len()).step_by(ROWS).collect::<Vec<_>>().into_par_iter();
+                parts.try_for_each_init(Vec::new, |voxels, at| {
+                    voxels.clear();
+                    voxels.resize(ROWS.min(rows.len() - at) * row, V::zeroed());
+                    self.fill_rows(first + at, voxels, &near, &packed);
+                    context.write_mapped(DOING, band, at as u64 * row_bytes, bytemuck::cast_slice(voxels))
+                })
+            };
+            sender.send(recorder, fill, |recorder, band| {
+                recorder.copy_rows(band, row_bytes, volume, first as u32, [width, rows.len() as u32]);
             })?;
-            // One band is in transfer while the next one is filled.
-            if number > 0 {
-                context.wait(DOING)?;
-            }
-            band.unmap();
-            recorder.copy_rows(band, row_bytes, volume, first as u32, [width, rows.len() as u32]);
-            recorder.submit();
-            if number > 0 && rows.end < height as usize {
-                context.map(DOING, other, wgpu::MapMode::Write, other.size())?;
-            }
         }
         Ok(())
     }
