@@ -139,8 +139,8 @@ fn skip_together(@builtin(workgroup_id) tile: vec3u, @builtin(local_invocation_i
     end_list(&list, tile);
 }
 
-// Slabs of macrocells along m. Of the texture's size: Mesa 22 compiles and leaks a shader for each value of a loop's end
-// that depends on uniforms alone.
+// Slabs of macrocells along m, from the size of the texture: Mesa 22 compiles and leaks a shader for each value of a
+// loop's end that depends on uniforms alone.
 fn slab_count() -> u32 {
     let size = textureDimensions(occupied);
     return dot(size, vec3u(rays.along_m));

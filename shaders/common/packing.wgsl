@@ -1,6 +1,7 @@
-// The rows of a texture in which the painter `tiles` keeps a volume on software (voxels/rows.wgsl). A texel holds two voxels of a row along a. The rows of a
-// plane, one for each voxel along b, stand below one another; `columns` planes stand side by side and make a shelf;
-// shelves stand below one another. MARGIN texels of zeros precede each row, one row of zeros precedes each shelf.
+// The rows of a texture in which the painter `tiles` keeps a volume on software (voxels/rows.wgsl). A texel holds two
+// voxels of a row along a. The rows of a plane, one for each voxel along b, stand below one another; `columns` planes
+// stand side by side and make a shelf; shelves stand below one another. MARGIN texels of zeros precede each row, one
+// row of zeros precedes each shelf.
 
 // Texels of zeros before each row. `eight` in gather.wgsl reads 7 texels from a place of which `texel_at` clamps the
 // start: if a ray misses the row, all of them are zeros, before it or after it.

@@ -221,7 +221,7 @@ fn runs_of_many_planes_are_kept_for_a_part_of_the_picture_at_a_time() {
 fn what_outgrows_a_texture_is_drawn_by_quads() {
     let transfer = transfer(&[(0.0, [1.0, 0.5, 0.2], 0.0), (255.0, [1.0, 0.5, 0.2], 0.5)], None);
     // A row of more texels than a texture has.
-    let volume = sparse([69_000, 2, 2], 10_007);
+    let volume = sparse([65_530, 2, 2], 10_007);
     let settings = Settings { antialiasing: false, ..Settings::default() };
     let got = picture(&volume, &transfer, &oblique(ProjectionKind::Orthographic, 1.0, &volume, 64), &settings);
     assert_eq!(got.stats.painter.name(), "quads");
