@@ -224,9 +224,9 @@ fn upload(context: &Context, bricks: &[HostBrick], stride: u64, count: u32) -> R
     let ends: Vec<u64> = ends.collect();
     let start_of = |brick: usize| if brick == 0 { 0 } else { ends[brick - 1] };
     let mut parts: Vec<Range<usize>> = Vec::new();
-    for brick in 0..bricks.len() {
+    for (brick, &end) in ends.iter().enumerate() {
         match parts.last_mut() {
-            Some(part) if ends[brick] - start_of(part.start) <= SENT => part.end = brick + 1,
+            Some(part) if end - start_of(part.start) <= SENT => part.end = brick + 1,
             _ => parts.push(brick..brick + 1),
         }
     }
