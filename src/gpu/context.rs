@@ -442,6 +442,9 @@ impl Context {
     /// Writes bytes into a mapped buffer, from byte `at` on, a multiple of 8.
     pub(crate) fn write_mapped(&self, stage: &str, buffer: &wgpu::Buffer, at: u64, bytes: &[u8]) -> Result<()> {
         self.count(|traffic| traffic.sent += bytes.len() as u64);
+        if bytes.is_empty() {
+            return Ok(());
+        }
         let mut view = buffer.get_mapped_range_mut(at..at + bytes.len() as u64).map_err(|e| unmapped(stage, &e))?;
         view.copy_from_slice(bytes);
         Ok(())
