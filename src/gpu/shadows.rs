@@ -590,27 +590,25 @@ impl<'a> Job<'a> {
         let march = self.bind(&self.stages.march, &uniforms, &march);
         let arrive = [&places, &self.field, &sums, &self.shares, &stencil, &weights, &factors];
         let arrive = self.bind(&self.stages.arrive, &uniforms, &arrive);
-        let [_, rows, columns] = shape.dims.map(|n| n as u32);
-        for (number, part) in (0..).zip(&parts) {
-            let offset = uniforms.offset(number);
-            if part.first > 0 {
-                recorder.copy(&sums, &carried, 0, 4 * shape.sums() as u64);
-            }
+        let rays = |part: &Sweep| {
             let [first, last] = [part.first, part.first + part.count - 1].map(|plane| &plan.places[plane as usize]);
             // The rows and columns that the rays of a direction pass between the first plane and the last.
             let drift = |axis: usize| {
                 first.iter().zip(last).fold(0, |most, (a, b)| most.max(a[axis].0.abs_diff(b[axis].0))) as u32
             };
-            let rays = groups(columns + 3 + drift(1), rows + 3 + drift(0), part.directions);
-            let voxels = groups_across(part, columns, part.count, rows);
-            let mut pass = recorder.compute_pass(CLASSIFY);
-            filter.record(&mut pass, offset, part);
-            self.stages.march.record(&mut pass, &march, &[offset], rays);
-            self.stages.arrive.record(&mut pass, &arrive, &[offset], voxels);
-            drop(pass);
-            let reads = 26 * shape.directions + plan.stencil.weights.len();
-            recorder.worked(work(part, reads));
-        }
+            let [_, rows, columns] = part.dims;
+            groups(columns + 3 + drift(1), rows + 3 + drift(0), part.directions)
+        };
+        let passes = Passes {
+            uniforms: &uniforms,
+            filter: &filter,
+            march: (&self.stages.march, &march),
+            arrive: (&self.stages.arrive, &arrive),
+            sums: [&sums, &carried],
+            carried: 4 * shape.sums() as u64,
+            reads: 26 * shape.directions + plan.stencil.weights.len(),
+        };
+        passes.record(recorder, &parts, &rays);
         Ok(())
     }
 
@@ -661,23 +659,17 @@ impl<'a> Job<'a> {
         let [stencil, weights, firsts, table] = &near.buffers;
         let arrive = [&place, &places, &self.field, &sums, &self.shares, stencil, weights, firsts, table];
         let arrive = self.bind(&stages.arrive, &uniforms, &arrive);
-        let [_, rows, columns] = shape.dims.map(|n| n as u32);
-        let [ray_rows, ray_columns] = shape.rays.map(|n| n as u32);
-        recorder.clear(&carried, 4 * shape.sums() as u64);
-        for (number, part) in (0..).zip(&parts) {
-            let offset = uniforms.offset(number);
-            if number > 0 {
-                recorder.copy(&sums, &carried, 0, 4 * shape.sums() as u64);
-            }
-            let rays = groups(ray_columns, ray_rows, 1);
-            let voxels = groups_across(part, columns, part.count, rows);
-            let mut pass = recorder.compute_pass(CLASSIFY);
-            filter.record(&mut pass, offset, part);
-            stages.march.record(&mut pass, &march, &[offset], rays);
-            stages.arrive.record(&mut pass, &arrive, &[offset], voxels);
-            drop(pass);
-            recorder.worked(work(part, 26 + near.reads));
-        }
+        let passes = Passes {
+            uniforms: &uniforms,
+            filter: &filter,
+            march: (&stages.march, &march),
+            arrive: (&stages.arrive, &arrive),
+            sums: [&sums, &carried],
+            carried: 4 * shape.sums() as u64,
+            reads: 26 + near.reads,
+        };
+        recorder.clear(&carried, passes.carried);
+        passes.record(recorder, &parts, &|Sweep { rays: [rows, columns], .. }| groups(*columns, *rows, 1));
         Ok(())
     }
 
@@ -705,6 +697,40 @@ impl<'a> Job<'a> {
             recorder.worked(work(part, plan.weights.len()));
         }
         Ok(())
+    }
+}
+
+/// The passes of the parts of a sweep.
+struct Passes<'a> {
+    uniforms: &'a DynamicUniforms,
+    filter: &'a Filter<'a>,
+    march: (&'a Stage, &'a wgpu::BindGroup),
+    arrive: (&'a Stage, &'a wgpu::BindGroup),
+    /// The sums of the rays of a part, and those at the last plane of the part before.
+    sums: [&'a wgpu::Buffer; 2],
+    /// The bytes of the sums of a plane.
+    carried: u64,
+    /// The numbers that a voxel reads.
+    reads: usize,
+}
+
+impl Passes<'_> {
+    /// Records all parts, given the workgroups of the rays of each.
+    fn record(&self, recorder: &mut Recorder<'_>, parts: &[Sweep], rays: &dyn Fn(&Sweep) -> [u32; 3]) {
+        let ([sums, carried], (march, of_rays), (arrive, of_voxels)) = (self.sums, self.march, self.arrive);
+        for (number, part) in (0..).zip(parts) {
+            let offset = self.uniforms.offset(number);
+            if number > 0 {
+                recorder.copy(sums, carried, 0, self.carried);
+            }
+            let [_, rows, columns] = part.dims;
+            let mut pass = recorder.compute_pass(CLASSIFY);
+            self.filter.record(&mut pass, offset, part);
+            march.record(&mut pass, of_rays, &[offset], rays(part));
+            arrive.record(&mut pass, of_voxels, &[offset], groups_across(part, columns, part.count, rows));
+            drop(pass);
+            recorder.worked(work(part, self.reads));
+        }
     }
 }
 

@@ -83,6 +83,8 @@ impl Layout {
 
 /// The most bytes of a packed volume. The box around visible voxels is packed whole; much of it may be empty.
 const MAX_BYTES: u64 = 4 << 30;
+/// The most macrocells along an axis of which a workgroup keeps the marks: `marked` in shaders/skip.wgsl.
+const MARKED: u32 = 2048;
 /// The largest density after scaling: a power of two with room below 65504, the largest f16.
 const F16_HEADROOM: f64 = 16_384.0;
 /// The largest factor that densities are scaled by, a power of two: products with it stay in the range of f32.
@@ -138,7 +140,8 @@ impl Packing {
             Layout::Box => packing,
         };
         let [flat, deep] = [context.limits.max_texture_dimension_2d, context.limits.max_texture_dimension_3d];
-        let fits = packing.size.iter().all(|&n| n <= flat) && packing.macrocells().iter().all(|&n| n <= deep);
+        let most = if context.is_software() { deep } else { deep.min(MARKED) };
+        let fits = packing.size.iter().all(|&n| n <= flat) && packing.macrocells().iter().all(|&n| n <= most);
         (fits && packing.voxel_bytes() <= MAX_BYTES).then_some(packing)
     }
 
