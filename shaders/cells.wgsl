@@ -1,5 +1,6 @@
-// cells: the cells of a box as splats, brick by brick, like classify.wgsl: each invocation owns a row of a brick.
-// `count` counts its cells that are kept, a scan turns the counts into places, `emit` writes the splats there.
+// cells: sums along z to the cells of a box as splats, brick by brick, like classify.wgsl. `count` counts the cells that
+// are kept, each invocation in a row of a brick, a scan turns the counts into places, and `emit` writes the splats there,
+// an invocation each.
 // uses: common/appearance, common/dispatch
 
 // Cells along the side of a brick.
@@ -16,24 +17,32 @@ struct CellBox {
     first_brick: u32,
     // Number of its first splat among the splats of the store.
     first_splat: u32,
+    // Voxels along a cell.
+    size: u32,
+    // The plane with the first weight in the first cell: below 0 before the first plane.
+    low: i32,
+    // Planes; beyond them all sums are 0.
+    planes: u32,
 }
 
 @group(0) @binding(0) var<uniform> inside: CellBox;
-// Colour times density, and density; x fastest.
-@group(0) @binding(1) var<storage, read> cells: array<vec4f>;
+@group(0) @binding(1) var<storage, read> weights: array<f32>;
+// Sums along x and y of planes of voxels: colour times density, and density; x fastest.
+@group(0) @binding(2) var<storage, read> planes: array<vec4f>;
 // For each row of a brick: its number of cells; after the scan, the place of its first splat.
-@group(0) @binding(2) var<storage, read_write> places: array<u32>;
+@group(0) @binding(3) var<storage, read_write> places: array<u32>;
 // For each row of a brick: a bit for each cell, set if it is kept; the lowest bit is the first cell.
-@group(0) @binding(3) var<storage, read_write> seen: array<u32>;
-@group(0) @binding(4) var<storage, read_write> splats: array<vec2u>;
+@group(0) @binding(4) var<storage, read_write> seen: array<u32>;
+@group(0) @binding(5) var<storage, read_write> splats: array<vec2u>;
 
 // A row of a brick, along x.
 struct CellRow {
     brick: u32,
     y: u32,
     z: u32,
-    // Index of its first cell.
+    // Place of its first cell in a plane, and the plane with the first weight in it.
     first: u32,
+    low: i32,
     // Number of its cells in the box.
     count: u32,
 }
@@ -44,11 +53,23 @@ fn cell_row(index: u32) -> CellRow {
     let z = index / EDGE % EDGE;
     let row = brick / inside.bricks.x;
     let point = vec3u(brick % inside.bricks.x, row % inside.bricks.y, row / inside.bricks.y) * EDGE + vec3u(0u, y, z);
-    let first = point.x + inside.dims.x * (point.y + inside.dims.y * point.z);
+    let first = point.x + inside.dims.x * point.y;
+    let low = inside.low + i32(point.z * inside.size);
     if any(point >= inside.dims) {
-        return CellRow(brick, y, z, first, 0u);
+        return CellRow(brick, y, z, first, low, 0u);
     }
-    return CellRow(brick, y, z, first, min(EDGE, inside.dims.x - point.x));
+    return CellRow(brick, y, z, first, low, min(EDGE, inside.dims.x - point.x));
+}
+
+// The cell number `i` of a row.
+fn cell_of(row: CellRow, i: u32) -> vec4f {
+    let plane = inside.dims.x * inside.dims.y;
+    let end = min(i32(arrayLength(&weights)), i32(inside.planes) - row.low);
+    var cell = vec4f(0.0);
+    for (var tap = max(0, -row.low); tap < end; tap++) {
+        cell += weights[tap] * planes[row.first + i + u32(row.low + tap) * plane];
+    }
+    return cell;
 }
 
 @compute @workgroup_size(WORKGROUP)
@@ -60,7 +81,7 @@ fn count(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) grou
     let row = cell_row(index);
     var kept = 0u;
     for (var i = 0u; i < row.count; i++) {
-        kept |= u32(abs(cells[row.first + i].w) > inside.least) << i;
+        kept |= u32(abs(cell_of(row, i).w) > inside.least) << i;
     }
     seen[index] = kept;
     places[index] = countOneBits(kept);
@@ -69,19 +90,19 @@ fn count(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) grou
 @compute @workgroup_size(WORKGROUP)
 fn emit(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
     let index = invocation_index(id, groups);
-    if index >= inside.bricks.z * EDGE * EDGE {
+    if index >= inside.bricks.z * EDGE * EDGE * EDGE {
         return;
     }
-    let row = cell_row(index);
-    var place = inside.first_splat + places[index];
-    // The lowest bit that is set is the next cell; `rest & (rest - 1)` clears it.
-    for (var rest = seen[index]; rest != 0u; rest &= rest - 1u) {
-        let i = firstTrailingBit(rest);
-        let cell = cells[row.first + i];
-        let appearance = packed_appearance(cell.rgb / cell.w, cell.w);
-        splats[2u * place] = vec2u(splat_place(i, row.y, row.z, inside.first_brick + row.brick), appearance.x);
-        // Cells have no normals.
-        splats[2u * place + 1u] = vec2u(appearance.y, 0u);
-        place += 1u;
+    let i = index % EDGE;
+    let kept = seen[index / EDGE];
+    if (kept >> i & 1u) == 0u {
+        return;
     }
+    let row = cell_row(index / EDGE);
+    let place = inside.first_splat + places[index / EDGE] + countOneBits(kept & ((1u << i) - 1u));
+    let cell = cell_of(row, i);
+    let appearance = packed_appearance(cell.rgb / cell.w, cell.w);
+    splats[2u * place] = vec2u(splat_place(i, row.y, row.z, inside.first_brick + row.brick), appearance.x);
+    // Cells have no normals.
+    splats[2u * place + 1u] = vec2u(appearance.y, 0u);
 }

@@ -9,8 +9,34 @@ override KEEP_INVISIBLE: bool = false;
 // For each row of a brick: its number of visible voxels; after the scan, the place of its first splat.
 @group(0) @binding(3) var<storage, read_write> places: array<u32>;
 @group(0) @binding(4) var<storage, read_write> splats: array<vec2u>;
+// Lattice points of the first voxels of bricks.
+@group(0) @binding(5) var<storage, read> origins: array<vec4u>;
 // For each row of a brick: a bit for each voxel, set if it is visible; the lowest bit is the first voxel.
 @group(0) @binding(6) var<storage, read_write> seen: array<u32>;
+
+// A row of a brick, along x.
+struct BrickRow {
+    // Number of its brick in this batch.
+    brick: u32,
+    // Lattice point of its first voxel.
+    point: vec3u,
+    // Index of its first sample.
+    first: u32,
+    // Number of its voxels in the lattice.
+    count: u32,
+}
+
+fn brick_row(index: u32) -> BrickRow {
+    let brick = index / (EDGE * EDGE);
+    let y = index % EDGE;
+    let z = index / EDGE % EDGE;
+    let point = origins[brick].xyz + vec3u(0u, y, z);
+    let first = first_sample(brick, y, z);
+    if any(point >= classify.dims) {
+        return BrickRow(brick, point, first, 0u);
+    }
+    return BrickRow(brick, point, first, min(EDGE, classify.dims.x - point.x));
+}
 
 // Whether a sample shows.
 fn shows(i: u32) -> bool {

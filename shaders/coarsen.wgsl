@@ -1,18 +1,22 @@
-// coarsen: weighted sums along an axis, from voxels to cells. Each invocation makes a sum; sums along one axis after
-// the other are cells.
+// coarsen: weighted sums along an axis, on the way from voxels to cells. Each invocation makes a sum; sums along one axis
+// after the other are cells. cells.wgsl sums along z.
 // uses: common/dispatch
 
 struct Coarsen {
     // Sums along each axis.
     dims: vec3u,
-    // The values that a sum is of.
-    taps: u32,
-    // The places in `values` between the first values of sums that are neighbours along each axis.
-    steps: vec3u,
-    // The places between the values of a sum.
-    stride: u32,
     // The place of the first sum in `sums`.
     first: u32,
+    // The places in `values` between values that are neighbours along each axis.
+    steps: vec3u,
+    // Values along the axis of the sums; beyond them all are 0.
+    count: u32,
+    // 1 along the axis of the sums.
+    axis: vec3u,
+    // The value with the first weight in the first sum: below 0 before the first value.
+    low: i32,
+    // Values between sums.
+    size: u32,
 }
 
 @group(0) @binding(0) var<uniform> coarsen: Coarsen;
@@ -27,12 +31,15 @@ fn along_axis(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups)
         return;
     }
     let row = index / coarsen.dims.x;
-    var at = index % coarsen.dims.x * coarsen.steps.x + row % coarsen.dims.y * coarsen.steps.y
-        + row / coarsen.dims.y * coarsen.steps.z;
+    let place = vec3u(index % coarsen.dims.x, row % coarsen.dims.y, row / coarsen.dims.y);
+    let others = place * coarsen.steps * (1u - coarsen.axis);
+    let step = coarsen.steps * coarsen.axis;
+    let along = place * coarsen.axis;
+    let low = coarsen.low + i32((along.x + along.y + along.z) * coarsen.size);
+    let end = min(i32(arrayLength(&weights)), i32(coarsen.count) - low);
     var sum = vec4f(0.0);
-    for (var tap = 0u; tap < coarsen.taps; tap++) {
-        sum += weights[tap] * values[at];
-        at += coarsen.stride;
+    for (var tap = max(0, -low); tap < end; tap++) {
+        sum += weights[tap] * values[others.x + others.y + others.z + u32(low + tap) * (step.x + step.y + step.z)];
     }
     sums[coarsen.first + index] = sum;
 }

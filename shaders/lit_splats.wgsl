@@ -6,7 +6,7 @@
 @group(0) @binding(1) var<uniform> lighting: Lighting;
 @group(0) @binding(2) var<storage, read> splats: array<vec2u>;
 @group(0) @binding(3) var<storage, read> origins: array<vec4u>;
-// x fastest; 0 where nothing shows.
+// Colour times density, and density; x fastest; 0 where nothing shows.
 @group(0) @binding(4) var<storage, read_write> voxels: array<vec4f>;
 
 @compute @workgroup_size(WORKGROUP)
@@ -16,7 +16,8 @@ fn lit_splats(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups)
         return;
     }
     let words = splat_words(index);
-    let place = place_in_box(splat_point(words));
+    // A place before the box wraps around to a large number.
+    let place = splat_point(words) - inside.low;
     if any(place >= inside.dims) {
         return;
     }
@@ -24,5 +25,6 @@ fn lit_splats(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups)
     let at = splat_lattice(words);
     let color = splat_color(words.y, appearance.x);
     let lit = lit_splat(color, appearance.y, splat_kept(index), at, to_eye_from_point(at));
-    store_voxel(place, lit, splat_weight(words));
+    let density = splat_weight(words);
+    voxels[place.x + inside.dims.x * (place.y + inside.dims.y * place.z)] = vec4f(lit * density, density);
 }

@@ -46,8 +46,6 @@ struct ControlPoint {
 // Samples of the bricks, brick after brick, x fastest; several to a word, see SAMPLE_TYPE.
 @group(0) @binding(1) var<storage, read> samples: array<u32>;
 @group(0) @binding(2) var<storage, read> control_points: array<ControlPoint>;
-// Lattice points of the first voxels of bricks.
-@group(0) @binding(5) var<storage, read> origins: array<vec4u>;
 
 // Sample number `i` of the batch.
 fn sample_at(i: u32) -> f32 {
@@ -117,29 +115,10 @@ fn stored_edge() -> u32 {
     return EDGE + 2u * halo();
 }
 
-// A row of a brick, along x.
-struct BrickRow {
-    // Number of its brick in this batch.
-    brick: u32,
-    // Lattice point of its first voxel.
-    point: vec3u,
-    // Index of its first sample.
-    first: u32,
-    // Number of its voxels in the lattice.
-    count: u32,
-}
-
-fn brick_row(index: u32) -> BrickRow {
-    let brick = index / (EDGE * EDGE);
-    let y = index % EDGE;
-    let z = index / EDGE % EDGE;
-    let point = origins[brick].xyz + vec3u(0u, y, z);
+// Index of the first sample of a row of a brick of this batch.
+fn first_sample(brick: u32, y: u32, z: u32) -> u32 {
     let edge = stored_edge();
-    let first = ((brick * edge + z + halo()) * edge + y + halo()) * edge + halo();
-    if any(point >= classify.dims) {
-        return BrickRow(brick, point, first, 0u);
-    }
-    return BrickRow(brick, point, first, min(EDGE, classify.dims.x - point.x));
+    return ((brick * edge + z + halo()) * edge + y + halo()) * edge + halo();
 }
 
 // The world gradient at a sample, given the slopes along the axes of the lattice: a vector of moderate length (xyz) and

@@ -1,6 +1,9 @@
 //! cells: the samples of a volume, or its splats in shadows, to lit cells of a level, on the device:
-//! shaders/lit_voxels.wgsl or lit_splats.wgsl, coarsen.wgsl and cells.wgsl. Boxes of cells are made one after the
-//! other: the planes of their voxels a few at a time, summed along x and y, then the sums along z.
+//! shaders/lit_rows.wgsl or lit_splats.wgsl, coarsen.wgsl and cells.wgsl. Boxes of cells are made one after the other:
+//! the planes of their voxels a few at a time, summed along x and y, then the sums along z.
+//!
+//! Which voxels of the samples are visible, and their normals (normals.wgsl), is found once and kept for other lights
+//! and levels.
 
 use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -8,13 +11,13 @@ use std::sync::{Arc, Mutex, PoisonError};
 use bytemuck::Zeroable;
 
 use super::cache::Cache;
-use super::classify::{BATCH, BrickBatch, HeldSamples, Input, InputKey, STRIDE, joined};
+use super::classify::{BrickBatch, Classifier, HeldSamples, Input, InputKey, STRIDE, VisibleVoxels, joined};
 use super::context::Context;
-use super::layout::{CellBox, Coarsen, Lighting, VoxelBox};
+use super::layout::{CellBox, Classify, Coarsen, Lighting, VoxelBox};
 use super::pipeline::Binding;
-use super::recorder::{ComputePass, Recorder};
+use super::recorder::{ComputePass, Recorder, max_work};
 use super::rows::{Collected, DevicePart, ROWS, Rows, collect};
-use super::scan::Scan;
+use super::scan::{Scan, WORKGROUP};
 use super::shaders;
 use super::splat::{SplatLight, ToEye};
 use super::stage::{Stage, for_each};
@@ -23,17 +26,26 @@ use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::volume::BRICK_EDGE as EDGE;
 
-/// The most bytes of a buffer of voxels or of sums: enough of them to fill a GPU.
-const MOST: u64 = 128 << 20;
+/// The most bytes of a buffer of voxels or of sums. There are two of them, three for voxels in shadows.
+const MOST: u64 = 256 << 20;
 /// Bytes of a voxel or of a sum.
 const VALUE: u64 = 16;
 /// The least planes of voxels that are lit together.
 const PLANES: usize = 8;
+/// Cells that a voxel is shared among along an axis; NODES in shaders/lit_rows.wgsl.
+pub(crate) const NODES: usize = 6;
+/// Sums along x of a workgroup; SUMS in shaders/lit_rows.wgsl.
+const SUMS: usize = WORKGROUP as usize + 1 - NODES;
+/// The work for a voxel whose normal is kept, in fragments of splats, and for one whose normal is found.
+const LIT: u64 = 2;
+const FOUND: u64 = 16;
 
 /// The cells of a level.
 pub(crate) struct CellLattice<'a> {
     /// Cells along each axis.
     pub(crate) dims: [usize; 3],
+    /// Voxels along each axis.
+    pub(crate) voxels: [usize; 3],
     /// Voxels along a cell.
     pub(crate) size: usize,
     /// The first voxel with a weight in the first cell, along each axis.
@@ -45,28 +57,38 @@ pub(crate) struct CellLattice<'a> {
 }
 
 impl CellLattice<'_> {
-    /// The voxels with weights in these cells.
-    fn voxels(&self, cells: &Range<usize>) -> Range<i64> {
-        let start = self.first + (cells.start * self.size) as i64;
-        start..start + ((cells.len().max(1) - 1) * self.size + self.weights.len()) as i64
+    /// The first voxel with a weight in a cell: below 0 before the face.
+    fn low(&self, cell: usize) -> i64 {
+        self.first + (cell * self.size) as i64
     }
 
-    /// The number of voxels with weights in so many cells.
-    fn count(&self, cells: usize) -> usize {
-        let voxels = self.voxels(&(0..cells));
-        (voxels.end - voxels.start) as usize
+    /// The voxels with weights in some cells along an axis.
+    fn voxels(&self, axis: usize, cells: &Range<usize>) -> Range<usize> {
+        let end = self.low(cells.end) - self.size as i64 + self.weights.len() as i64;
+        let [start, end] = [self.low(cells.start), end].map(|voxel| voxel.clamp(0, self.voxels[axis] as i64) as usize);
+        start..end
     }
 
-    /// Cells along y of a box: whole bricks, as many as keep the buffers small.
-    fn rows(&self, most: u64) -> usize {
-        let [across, down, _] = self.dims;
-        let fits = |rows: &usize| {
-            let rows = (rows * EDGE).min(down);
-            let plane = self.count(across) * self.count(rows) * PLANES;
-            let planes = across * rows * self.count(EDGE);
-            plane.max(planes) as u64 * VALUE <= most
+    /// The largest number of voxels with weights in so many cells along an axis.
+    fn count(&self, axis: usize, cells: usize) -> usize {
+        ((cells - 1) * self.size + self.weights.len()).min(self.voxels[axis])
+    }
+
+    /// Cells of a box along y and z: whole bricks, as many as keep the buffers small. A plane of voxels has `width`
+    /// values for each voxel along y.
+    fn box_size(&self, most: u64, width: usize) -> [usize; 2] {
+        let [across, down, deep] = self.dims;
+        let fits = |values: usize| values as u64 * VALUE <= most;
+        let largest = |cells: usize, fits: &dyn Fn(usize) -> bool| {
+            let bricks = cells.div_ceil(EDGE);
+            let most = (1..=bricks).take_while(|bricks| fits((bricks * EDGE).min(cells))).last().unwrap_or(1);
+            // Boxes of much the same size.
+            (bricks.div_ceil(bricks.div_ceil(most)) * EDGE).min(cells)
         };
-        EDGE * (1..=down.div_ceil(EDGE)).take_while(fits).last().unwrap_or(1)
+        let rows = largest(down, &|rows| {
+            fits(width * self.count(1, rows) * PLANES) && fits(across * rows * self.count(2, EDGE.min(deep)))
+        });
+        [rows, largest(deep, &|layers| fits(across * rows * self.count(2, layers)))]
     }
 }
 
@@ -83,7 +105,7 @@ impl Coarsener {
     fn new(context: &Context) -> Self {
         use Binding::{Read, Uniform, Write};
         let along_axis = (CLASSIFY, "along_axis");
-        let slots = [Uniform, Read, Write, Write, Write];
+        let slots = [Uniform, Read, Read, Write, Write, Write];
         let entries = ["count", "emit"].map(|entry| (CLASSIFY, entry));
         let [count, emit] = Stage::several(context, shaders::CELLS, entries, &slots, &[]);
         let along_axis = Stage::new(context, shaders::COARSEN, along_axis, &[Uniform, Read, Read, Write], &[]);
@@ -95,7 +117,7 @@ impl Coarsener {
 #[derive(Clone, Copy)]
 pub(crate) enum Voxels<'a> {
     /// Classified and lit on the way.
-    Samples(&'a Input<'a>, &'a HeldSamples),
+    Samples(&'a Input<'a>, &'a HeldSamples, &'a KeptVoxels),
     /// Voxels in shadows: splats hold the light that arrives.
     Splats(&'a [Store]),
 }
@@ -104,6 +126,7 @@ pub(crate) enum Voxels<'a> {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 struct VoxelsKey {
     input: Option<InputKey>,
+    kept_normals: bool,
     lights: u32,
     points: bool,
     perspective: bool,
@@ -113,14 +136,15 @@ impl VoxelsKey {
     /// The stage that lights voxels.
     fn stage(self, context: &Context) -> Stage {
         use Binding::{Read, Uniform, Write};
-        let Self { input, lights, points, perspective } = self;
+        let Self { input, kept_normals, lights, points, perspective } = self;
         let mut constants =
             vec![("LIGHTS", lights), ("POINT_LIGHTS", points.into()), ("PERSPECTIVE", perspective.into())];
         match input {
             Some(input) => {
+                constants.push(("KEPT_NORMALS", kept_normals.into()));
                 constants.extend(input.constants());
-                let slots = [Uniform, Read, Read, Uniform, Write, Read, Uniform];
-                Stage::new(context, shaders::LIT_VOXELS, (CLASSIFY, "lit_voxels"), &slots, &constants)
+                let slots = [Uniform, Read, Read, Uniform, Write, Read, Uniform, Read, Read, Read];
+                Stage::new(context, shaders::LIT_ROWS, (CLASSIFY, "lit_rows"), &slots, &constants)
             }
             None => {
                 constants.push(("SHADOWS", 1));
@@ -129,6 +153,115 @@ impl VoxelsKey {
             }
         }
     }
+}
+
+/// The visible voxels of a volume and their normals on the device, for all lights and levels.
+#[derive(Default)]
+pub(crate) struct KeptVoxels(Mutex<Option<(Vec<VisibleVoxels>, Normals)>>);
+
+/// The packed normals of visible voxels, 4 bytes each.
+enum Normals {
+    /// There was no light yet.
+    Unlit,
+    /// By buffer of samples.
+    Kept(Vec<wgpu::Buffer>),
+    /// They are found again for each light.
+    NoRoom,
+}
+
+/// The volumes whose normals one pipeline finds.
+#[derive(PartialEq, Eq, Hash)]
+struct NormalsKey(InputKey);
+
+impl KeptVoxels {
+    /// The most bytes of normals: as many as of samples.
+    const MOST: u64 = HeldSamples::MOST;
+
+    /// Drops all voxels, because others are visible.
+    pub(crate) fn clear(&self) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = None;
+    }
+
+    /// Calls `work` with the visible voxels of these samples, and with their normals if they are lit and the normals
+    /// fit. They are found from the first light on and not from the second one on: the same shader finds the normals of
+    /// all pictures, so that drivers cannot round those of a first picture otherwise.
+    fn with<T>(
+        &self,
+        pipelines: &Cache,
+        input: &Input<'_>,
+        batches: &[BrickBatch],
+        is_lit: bool,
+        work: impl FnOnce(&[VisibleVoxels], Option<&[wgpu::Buffer]>) -> Result<T>,
+    ) -> Result<T> {
+        let lock = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let kept = lock().take();
+        let (visible, mut normals) = match kept {
+            Some(kept) => kept,
+            None => {
+                let scan = Scan::of(pipelines, input.context)?;
+                (Classifier::of(pipelines, input)?.visible(&scan, input, batches)?, Normals::Unlit)
+            }
+        };
+        if is_lit && matches!(normals, Normals::Unlit) {
+            normals = Normals::find(pipelines, input, batches, &visible)?;
+        }
+        let result = match &normals {
+            Normals::Kept(normals) if is_lit => work(&visible, Some(normals)),
+            _ => work(&visible, None),
+        }?;
+        *lock() = Some((visible, normals));
+        Ok(result)
+    }
+}
+
+impl Normals {
+    /// Finds the normals of visible voxels, if there is room for them.
+    fn find(pipelines: &Cache, input: &Input<'_>, batches: &[BrickBatch], visible: &[VisibleVoxels]) -> Result<Self> {
+        let context = input.context;
+        let bytes = || visible.iter().map(|part| u64::from(part.count) * 4);
+        let fits = bytes().all(|bytes| bytes <= largest_buffer(context)) && bytes().sum::<u64>() <= KeptVoxels::MOST;
+        if !fits || !context.savings.normals {
+            return Ok(Self::NoRoom);
+        }
+        let buffer = |bytes| context.buffer("cells.normals", bytes, wgpu::BufferUsages::STORAGE);
+        let normals = match context.guarded("keeping normals", || bytes().map(buffer).collect::<Result<Vec<_>>>()) {
+            Err(Error::OutOfMemory(_)) => return Ok(Self::NoRoom),
+            made => made?,
+        };
+        let make = || {
+            use Binding::{Read, Uniform, Write};
+            let slots = [Uniform, Read, Read, Read, Write, Read];
+            Ok(Stage::new(context, shaders::NORMALS, (CLASSIFY, "find"), &slots, &input.key().constants()))
+        };
+        let stage = pipelines.get_or_make(NormalsKey(input.key()), make)?;
+        let points = input.points_on_device()?;
+        // No dispatch outlasts the watchdog of a small GPU.
+        let work = (EDGE * EDGE * EDGE) as u64 * FOUND;
+        let at_once = (max_work(context) / work).max(1) as usize;
+        let mut recorder = Recorder::untimed(context);
+        for ((of_buffer, visible), normals) in BrickBatch::by_buffer(batches).zip(visible).zip(&normals) {
+            let Some(BrickBatch { samples, .. }) = of_buffer.first() else { continue };
+            let all: usize = of_buffer.iter().map(|batch| batch.origins.len()).sum();
+            for first in (0..all).step_by(at_once) {
+                let bricks = at_once.min(all - first);
+                let parameters = Classify { bricks: bricks as u32, first_brick: first as u32, ..input.parameters() };
+                let uniform = wgpu::BufferUsages::UNIFORM;
+                let parameters = context.upload("cells.normals_of", bytemuck::bytes_of(&parameters), uniform)?;
+                let buffers = [&parameters, samples, &points, &visible.places, normals, &visible.seen];
+                let voxels = (bricks * EDGE * EDGE * EDGE) as u64;
+                let buffers = buffers.map(wgpu::Buffer::as_entire_binding);
+                stage.run(&mut recorder, &buffers, for_each(context, voxels));
+                recorder.worked(voxels * FOUND);
+            }
+        }
+        recorder.submit();
+        Ok(Self::Kept(normals))
+    }
+}
+
+/// The most bytes of a buffer that shaders read as a whole.
+fn largest_buffer(context: &Context) -> u64 {
+    context.limits.max_storage_buffer_binding_size.min(context.limits.max_buffer_size)
 }
 
 /// What a box of cells needs under another light: the places of its splats are the same.
@@ -150,35 +283,46 @@ pub(crate) fn run(
     before: Option<Drawable>,
     progress: &Progress,
 ) -> Result<Drawable> {
-    let key = VoxelsKey {
-        input: match voxels {
-            Voxels::Samples(input, _) => Some(input.key()),
-            Voxels::Splats(_) => None,
-        },
-        lights: light.map_or(0, |light| light.lights),
-        points: light.is_some_and(|light| light.points),
-        perspective: light.is_some_and(|light| light.to_eye.perspective),
-    };
-    let lighting = light.map_or_else(Lighting::zeroed, |light| light.lighting);
     let (uniform, storage) = (wgpu::BufferUsages::UNIFORM, wgpu::BufferUsages::STORAGE);
-    let job = Job {
-        context,
-        progress,
-        lattice,
-        coarsener: pipelines.get_or_make((), || Ok(Coarsener::new(context)))?,
-        lit_voxels: pipelines.get_or_make(key, || Ok(key.stage(context)))?,
-        scan: Scan::of(pipelines, context)?,
-        to_eye: light.map_or(&ToEye::PARALLEL, |light| &light.to_eye),
-        lighting: context.upload("cells.lighting", bytemuck::bytes_of(&lighting), uniform)?,
-        weights: context.upload("cells.weights", bytemuck::cast_slice(lattice.weights), storage)?,
+    let lighting = light.map_or_else(Lighting::zeroed, |light| light.lighting);
+    let job = |input: Option<InputKey>, kept_normals| {
+        let key = VoxelsKey {
+            input,
+            kept_normals,
+            lights: light.map_or(0, |light| light.lights),
+            points: light.is_some_and(|light| light.points),
+            perspective: light.is_some_and(|light| light.to_eye.perspective),
+        };
+        Ok::<_, Error>(Job {
+            context,
+            progress,
+            lattice,
+            coarsener: pipelines.get_or_make((), || Ok(Coarsener::new(context)))?,
+            lit_voxels: pipelines.get_or_make(key, || Ok(key.stage(context)))?,
+            scan: Scan::of(pipelines, context)?,
+            to_eye: light.map_or(&ToEye::PARALLEL, |light| &light.to_eye),
+            lighting: context.upload("cells.lighting", bytemuck::bytes_of(&lighting), uniform)?,
+            weights: context.upload("cells.weights", bytemuck::cast_slice(lattice.weights), storage)?,
+        })
     };
     match voxels {
-        Voxels::Splats(stores) => job.run(&Source::Splats(stores), before),
-        Voxels::Samples(input, held) => {
+        Voxels::Splats(stores) => job(None, false)?.run(&Source::Splats(stores), before),
+        Voxels::Samples(input, held, kept) => {
             let classify = context.upload("cells.classify", bytemuck::bytes_of(&input.parameters()), uniform)?;
             let points = input.points_on_device()?;
             let (made, bytes) = held.with(input, |batches| {
-                job.run(&Source::Samples { input, batches, classify: &classify, points: &points }, before)
+                kept.with(pipelines, input, batches, light.is_some(), |visible, normals| {
+                    let mut parts = Vec::new();
+                    for (number, (batches, visible)) in BrickBatch::by_buffer(batches).zip(visible).enumerate() {
+                        let first = parts.last().map_or(0, |before: &Part<'_>| before.bricks.end);
+                        let bricks = batches.iter().map(|batch| batch.origins.len() as u32).sum::<u32>();
+                        let normals = normals.and_then(|normals| normals.get(number));
+                        let samples = &batches[0].samples;
+                        parts.push(Part { bricks: first..first + bricks, samples, visible, normals });
+                    }
+                    let source = Source::Samples { input, parts, classify: &classify, points: &points };
+                    job(Some(input.key()), normals.is_some())?.run(&source, before)
+                })
             })?;
             Ok(Drawable { bricks: Bricks { bytes, ..made.bricks }, ..made })
         }
@@ -187,8 +331,26 @@ pub(crate) fn run(
 
 /// The voxels of all boxes, on the device.
 enum Source<'a> {
-    Samples { input: &'a Input<'a>, batches: &'a [BrickBatch], classify: &'a wgpu::Buffer, points: &'a wgpu::Buffer },
+    Samples { input: &'a Input<'a>, parts: Vec<Part<'a>>, classify: &'a wgpu::Buffer, points: &'a wgpu::Buffer },
     Splats(&'a [Store]),
+}
+
+/// The bricks of a buffer of samples: whole rows along x.
+struct Part<'a> {
+    bricks: Range<u32>,
+    samples: &'a wgpu::Buffer,
+    visible: &'a VisibleVoxels,
+    normals: Option<&'a wgpu::Buffer>,
+}
+
+impl Source<'_> {
+    /// The work for a voxel, in fragments of splats.
+    fn work(&self) -> u64 {
+        match self {
+            Source::Samples { parts, .. } if parts.iter().any(|part| part.normals.is_none()) => FOUND,
+            _ => LIT,
+        }
+    }
 }
 
 /// The state that all boxes of cells share.
@@ -206,13 +368,12 @@ struct Job<'a> {
 
 /// The values on the way from voxels to cells.
 struct Values {
-    /// A few planes of voxels.
-    voxels: wgpu::Buffer,
-    /// Their sums along x.
+    /// A few planes of voxels in shadows; others are summed as they are lit.
+    voxels: Option<wgpu::Buffer>,
+    /// The sums along x of a few planes.
     rows: wgpu::Buffer,
     /// The sums along x and y of all planes of a box.
     planes: wgpu::Buffer,
-    cells: wgpu::Buffer,
     /// The planes of voxels that are lit together.
     together: usize,
 }
@@ -220,21 +381,23 @@ struct Values {
 impl Job<'_> {
     fn run(&self, source: &Source<'_>, before: Option<Drawable>) -> Result<Drawable> {
         let Self { context, lattice, .. } = self;
-        let most = MOST.min(context.limits.max_storage_buffer_binding_size).min(context.limits.max_buffer_size);
+        let most = MOST.min(largest_buffer(context));
         let [across, down, deep] = lattice.dims;
-        let rows = lattice.rows(most).min(down);
-        let plane = lattice.count(across) * lattice.count(rows);
-        let box_planes = lattice.count(EDGE);
-        let together = ((most / VALUE) as usize / plane).clamp(1, box_planes);
+        let in_shadows = matches!(source, Source::Splats(_));
+        let width = if in_shadows { across.max(lattice.voxels[0]) } else { across };
+        let [rows, layers] = lattice.box_size(most, width);
+        let (lines, box_planes) = (lattice.count(1, rows), lattice.count(2, layers));
+        let together = ((most / VALUE) as usize / (width * lines)).clamp(1, box_planes);
+        // Parts of much the same size.
+        let together = box_planes.div_ceil(box_planes.div_ceil(together));
         let buffer = |label, values: usize| {
             let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST;
             context.buffer(label, values as u64 * VALUE, usage)
         };
         let values = Values {
-            voxels: buffer("cells.voxels", plane * together)?,
-            rows: buffer("cells.rows", across * lattice.count(rows) * together)?,
+            voxels: in_shadows.then(|| buffer("cells.voxels", lattice.voxels[0] * lines * together)).transpose()?,
+            rows: buffer("cells.rows", across * lines * together)?,
             planes: buffer("cells.planes", across * rows * box_planes)?,
-            cells: buffer("cells.cells", across * rows * EDGE)?,
             together,
         };
         if let Some(before) = before {
@@ -246,16 +409,16 @@ impl Job<'_> {
         }
         let mut stores = StoreBuilder::new(context, STRIDE, joined(context));
         let mut boxes = Vec::new();
-        for z in (0..deep).step_by(EDGE) {
+        for z in (0..deep).step_by(layers) {
             for y in (0..down).step_by(rows) {
-                let cells = [0..across, y..down.min(y + rows), z..deep.min(z + EDGE)];
+                let cells = [0..across, y..down.min(y + rows), z..deep.min(z + layers)];
                 let mut recorder = Recorder::untimed(context);
                 self.sum(&mut recorder, source, &values, &cells)?;
-                let collected = self.collect(recorder, &values.cells, &cells, &mut stores)?;
+                let collected = self.collect(recorder, &values.planes, &cells, &mut stores)?;
                 boxes.extend(collected.map(|collected| KeptBox { cells, collected }));
                 self.progress.check()?;
             }
-            self.progress.report("classifying", (z + EDGE).min(deep) as f64 / deep as f64);
+            self.progress.report("classifying", (z + layers).min(deep) as f64 / deep as f64);
         }
         let made = stores.finish()?;
         // A store that was joined holds the splats; other boxes have theirs in a buffer of their own.
@@ -278,63 +441,78 @@ impl Job<'_> {
         boxes: KeptBoxes,
         Drawable { stores, bricks, .. }: Drawable,
     ) -> Result<Drawable> {
+        let mut recorder = Recorder::untimed(self.context);
         for KeptBox { cells, collected: Collected { rows, first_brick, first_splat, .. } } in &boxes.0 {
-            // A submission each: all boxes together may outlast the watchdog of a small GPU.
-            let mut recorder = Recorder::untimed(self.context);
             self.sum(&mut recorder, source, values, cells)?;
             let first = Some([*first_brick, *first_splat]);
-            self.emit(&mut recorder.compute_pass(CLASSIFY), &values.cells, cells, first, rows)?;
-            recorder.submit();
+            self.emit(&mut recorder.compute_pass(CLASSIFY), &values.planes, cells, first, rows)?;
         }
+        recorder.submit();
         let stores = stores.into_iter().map(|store| store.over(self.context)).collect::<Result<_>>()?;
         let made = Drawable { stores, bricks, ..Drawable::default() };
         made.kept.get_or_make((), || Ok(Mutex::new(Some(boxes))))?;
         Ok(made)
     }
 
-    /// Records the sums of a box of cells.
+    /// Records the sums along x and y of the planes of a box of cells.
     fn sum(
         &self,
         recorder: &mut Recorder<'_>,
         source: &Source<'_>,
-        Values { voxels, rows, planes, cells: sums, together }: &Values,
+        values: &Values,
         cells: &[Range<usize>; 3],
     ) -> Result<()> {
         let lattice = self.lattice;
-        let (size, taps) = (lattice.size, lattice.weights.len() as u32);
-        let [xs, ys, zs] = [0, 1, 2].map(|axis| lattice.voxels(&cells[axis]));
-        let [nx, ny] = [&xs, &ys].map(|voxels| (voxels.end - voxels.start) as usize);
-        let [across, down, deep] = cells.clone().map(|cells| cells.len());
-        let common = Coarsen { taps, ..Coarsen::zeroed() };
-        let words = |values: [usize; 3]| values.map(|value| value as u32);
-        for z in zs.clone().step_by(*together) {
-            let some = z..zs.end.min(z + *together as i64);
-            let count = (some.end - some.start) as usize;
-            recorder.clear(voxels, (nx * ny * count) as u64 * VALUE);
-            self.light(recorder, source, voxels, [&xs, &ys, &some])?;
-            let along_x =
-                Coarsen { dims: words([across, ny, count]), steps: words([size, nx, nx * ny]), stride: 1, ..common };
-            let along_y = Coarsen {
-                dims: words([across, down, count]),
-                steps: words([1, across * size, across * ny]),
-                stride: across as u32,
-                first: (across * down) as u32 * (z - zs.start) as u32,
-                ..common
-            };
-            self.coarsen(recorder, &along_x, voxels, rows)?;
-            self.coarsen(recorder, &along_y, rows, planes)?;
+        let [xs, ys, zs] = [0, 1, 2].map(|axis| lattice.voxels(axis, &cells[axis]));
+        let [across, down] = [0, 1].map(|axis| cells[axis].len());
+        for z in zs.clone().step_by(values.together) {
+            let within = [xs.clone(), ys.clone(), z..zs.end.min(z + values.together)];
+            let [nx, ny, count] = within.clone().map(|voxels| voxels.len());
+            match source {
+                Source::Samples { .. } => self.light(recorder, source, &values.rows, &within)?,
+                Source::Splats(_) => {
+                    if let Some(voxels) = values.voxels.as_ref().filter(|_| nx * ny > 0) {
+                        recorder.clear(voxels, (nx * ny * count) as u64 * VALUE);
+                        self.light(recorder, source, voxels, &within)?;
+                        let along_x = self.coarsen(0, cells, [across, ny, count], [1, nx, nx * ny], 0);
+                        self.along_axis(recorder, &along_x, voxels, &values.rows)?;
+                    }
+                }
+            }
+            let first = across * down * (z - zs.start);
+            let along_y = self.coarsen(1, cells, [across, down, count], [1, across, across * ny], first);
+            self.along_axis(recorder, &along_y, &values.rows, &values.planes)?;
+            recorder.worked((nx * ny * count) as u64 * source.work());
         }
-        let along_z = Coarsen {
-            dims: words([across, down, deep]),
-            steps: words([1, across, across * down * size]),
-            stride: (across * down) as u32,
-            ..common
-        };
-        self.coarsen(recorder, &along_z, planes, sums)
+        Ok(())
+    }
+
+    /// The sums of a box of cells along an axis: so many along each axis, of values with these steps, from place
+    /// `first` on.
+    fn coarsen(
+        &self,
+        axis: usize,
+        cells: &[Range<usize>; 3],
+        dims: [usize; 3],
+        steps: [usize; 3],
+        first: usize,
+    ) -> Coarsen {
+        let words = |values: [usize; 3]| values.map(|value| value as u32);
+        let voxels = self.lattice.voxels(axis, &cells[axis]);
+        Coarsen {
+            dims: words(dims),
+            first: first as u32,
+            steps: words(steps),
+            count: voxels.len() as u32,
+            axis: std::array::from_fn(|other| u32::from(other == axis)),
+            low: (self.lattice.low(cells[axis].start) - voxels.start as i64) as i32,
+            size: self.lattice.size as u32,
+            ..Coarsen::zeroed()
+        }
     }
 
     /// Records sums along an axis.
-    fn coarsen(
+    fn along_axis(
         &self,
         recorder: &mut Recorder<'_>,
         parameters: &Coarsen,
@@ -350,30 +528,28 @@ impl Job<'_> {
         Ok(())
     }
 
-    /// Records the voxels of a box.
+    /// Records the voxels of a box, or of samples their sums along x.
     fn light(
         &self,
         recorder: &mut Recorder<'_>,
         source: &Source<'_>,
-        voxels: &wgpu::Buffer,
-        within: [&Range<i64>; 3],
+        to: &wgpu::Buffer,
+        within: &[Range<usize>; 3],
     ) -> Result<()> {
-        let context = self.context;
-        let reaches = |low: [u32; 3], high: [u32; 3]| {
-            let inside =
-                |axis: usize| i64::from(low[axis]) < within[axis].end && i64::from(high[axis]) > within[axis].start;
-            (0..3).all(inside)
-        };
+        let Self { context, lattice, .. } = self;
         let ToEye { eye, view: [view_x, view_y, view_z], .. } = *self.to_eye;
+        let across = lattice.dims[0];
         // From the first to before the last brick or splat.
-        let inside = |first: u32, end: u32| {
+        let inside = |Range { start, end }: Range<u32>| {
             let parameters = VoxelBox {
-                low: within.map(|range| range.start as i32),
-                first,
-                dims: within.map(|range| (range.end - range.start) as u32),
+                low: within.clone().map(|range| range.start as u32),
+                first: start,
+                dims: within.clone().map(|range| range.len() as u32),
                 end,
                 eye,
+                cells: across as u32,
                 view_x,
+                first_x: lattice.low(0) as i32,
                 view_y,
                 view_z,
                 ..VoxelBox::zeroed()
@@ -384,32 +560,39 @@ impl Job<'_> {
             let resources: Vec<_> = buffers.iter().map(|buffer| buffer.as_entire_binding()).collect();
             self.lit_voxels.run(recorder, &resources, for_each(context, count));
         };
-        match *source {
-            Source::Samples { input, batches, classify, points } => {
-                let ranges = input.volume.ranges()?;
-                for (batch, ranges) in batches.iter().zip(ranges.chunks(BATCH)) {
-                    let shows = |&at: &usize| {
-                        let [x, y, z, _] = batch.origins[at];
-                        reaches([x, y, z], [x, y, z].map(|first| first + EDGE as u32)) && input.may_show(ranges[at])
-                    };
-                    let mut bricks = (0..batch.origins.len()).filter(shows);
-                    let Some(first) = bricks.next() else { continue };
-                    let end = bricks.next_back().unwrap_or(first) + 1;
-                    let inside = inside(first as u32, end as u32)?;
-                    let places = &batch.places;
-                    record(
-                        &[classify, &batch.samples, points, &self.lighting, voxels, places, &inside],
-                        ((end - first) * ROWS * EDGE) as u64,
-                    );
+        match source {
+            Source::Samples { input, parts, classify, points } => {
+                let [_, ys, zs] = within;
+                if ys.is_empty() || zs.is_empty() {
+                    return Ok(());
+                }
+                let [bricks_x, bricks_y, _] = input.volume.bricks();
+                let row = |y: usize, z: usize| bricks_x * ((y / EDGE) as u32 + bricks_y * (z / EDGE) as u32);
+                let reached = row(ys.start, zs.start)..row(ys.end - 1, zs.end - 1) + bricks_x;
+                let groups = (across.div_ceil(SUMS) * ys.len() * zs.len()) as u64;
+                let reaches = |part: &&Part<'_>| part.bricks.start < reached.end && part.bricks.end > reached.start;
+                for Part { bricks, samples, visible, normals } in parts.iter().filter(reaches) {
+                    let VisibleVoxels { places, seen, .. } = visible;
+                    let (inside, normals) = (inside(bricks.clone())?, normals.unwrap_or(places));
+                    let weights = &self.weights;
+                    let buffers =
+                        [classify, samples, points, &self.lighting, to, weights, &inside, places, seen, normals];
+                    record(&buffers, groups * WORKGROUP);
                 }
             }
             Source::Splats(stores) => {
-                for store in stores {
+                let reaches = |low: [u32; 3], high: [u32; 3]| {
+                    let inside = |axis: usize| {
+                        (low[axis] as usize) < within[axis].end && high[axis] as usize > within[axis].start
+                    };
+                    (0..3).all(inside)
+                };
+                for store in *stores {
                     let mut runs = store.runs().filter(|(brick, _)| reaches(brick.bounds[0], brick.bounds[1]));
                     let Some((_, Range { start, end })) = runs.next() else { continue };
                     let end = runs.last().map_or(end, |(_, run)| run.end);
                     let splats = store.on_device(context)?;
-                    let buffers = [&inside(start, end)?, &self.lighting, &splats, &store.origins, voxels];
+                    let buffers = [&inside(start..end)?, &self.lighting, &splats, &store.origins, to];
                     record(&buffers, u64::from(end - start));
                 }
             }
@@ -421,7 +604,7 @@ impl Job<'_> {
     fn collect(
         &self,
         recorder: Recorder<'_>,
-        cells: &wgpu::Buffer,
+        planes: &wgpu::Buffer,
         within: &[Range<usize>; 3],
         stores: &mut StoreBuilder<'_, DevicePart>,
     ) -> Result<Option<Collected>> {
@@ -434,7 +617,7 @@ impl Job<'_> {
         let on_device = self.context.upload("cells.origins", bytemuck::cast_slice(&origins), usage)?;
         // Each box has a buffer for its splats.
         let record = |pass: &mut ComputePass<'_>, first: Option<u32>, rows: &Rows| {
-            self.emit(pass, cells, within, first.map(|first_brick| [first_brick, 0]), rows)
+            self.emit(pass, planes, within, first.map(|first_brick| [first_brick, 0]), rows)
         };
         collect(recorder, &self.scan, (stores, STRIDE), (&origins, &on_device), &record)
     }
@@ -444,22 +627,34 @@ impl Job<'_> {
     fn emit(
         &self,
         pass: &mut ComputePass<'_>,
-        cells: &wgpu::Buffer,
+        planes: &wgpu::Buffer,
         within: &[Range<usize>; 3],
         first: Option<[u32; 2]>,
         Rows { places, seen, splats }: &Rows,
     ) -> Result<()> {
+        let Self { context, lattice, .. } = self;
         let [bx, by, bz] = bricks_of(within);
         let bricks = [bx, by, bx * by * bz];
-        let (dims, least) = (within.clone().map(|range| range.len() as u32), self.lattice.least);
         let [first_brick, first_splat] = first.unwrap_or_default();
-        let parameters = CellBox { dims, least, bricks, first_brick, first_splat, ..CellBox::zeroed() };
+        let voxels = lattice.voxels(2, &within[2]);
+        let parameters = CellBox {
+            dims: within.clone().map(|range| range.len() as u32),
+            least: lattice.least,
+            bricks,
+            first_brick,
+            first_splat,
+            size: lattice.size as u32,
+            low: (lattice.low(within[2].start) - voxels.start as i64) as i32,
+            planes: voxels.len() as u32,
+        };
         let parameters =
-            self.context.upload("cells.cell_box", bytemuck::bytes_of(&parameters), wgpu::BufferUsages::UNIFORM)?;
-        let buffers = [&parameters, cells, places, seen, splats].map(wgpu::Buffer::as_entire_binding);
-        let stage = if first.is_some() { &self.coarsener.emit } else { &self.coarsener.count };
-        let workgroups = for_each(self.context, u64::from(bricks[2]) * ROWS as u64);
-        stage.record(pass, &stage.bind(self.context, &buffers), &[], workgroups);
+            context.upload("cells.cell_box", bytemuck::bytes_of(&parameters), wgpu::BufferUsages::UNIFORM)?;
+        let buffers = [&parameters, &self.weights, planes, places, seen, splats].map(wgpu::Buffer::as_entire_binding);
+        // Rows are counted, cells are emitted.
+        let (stage, each) =
+            if first.is_some() { (&self.coarsener.emit, ROWS * EDGE) } else { (&self.coarsener.count, ROWS) };
+        let workgroups = for_each(context, u64::from(bricks[2]) * each as u64);
+        stage.record(pass, &stage.bind(context, &buffers), &[], workgroups);
         Ok(())
     }
 }

@@ -1,6 +1,7 @@
 //! classify: a volume and a transfer function to a list of splats, on the device or by its twin on the host.
 
 use std::cell::LazyCell;
+use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use bytemuck::Zeroable;
@@ -9,8 +10,8 @@ use rayon::prelude::*;
 use super::cache::Cache;
 use super::context::Context;
 use super::layout::{Classify, ControlPoint, Splat};
-use super::pipeline::Binding;
-use super::recorder::{ComputePass, Recorder};
+use super::pipeline::{Binding, buffer_range};
+use super::recorder::{ComputePass, Readback, Recorder};
 use super::rows::{Counted, DevicePart, ROWS, Rows, collect};
 use super::scan::Scan;
 use super::sender::Sender;
@@ -30,6 +31,7 @@ use crate::volume::{BRICK_EDGE as EDGE, Brick, RowCoding, SampleType, ToF64, Vol
 pub(super) const BATCH: usize = 128;
 /// Completes errors: "while ...".
 const SENDING: &str = "sending samples";
+const FINDING: &str = "classifying the volume";
 
 /// The largest number of splats that are joined: meanwhile they are in memory twice. On a GPU each store is a dispatch.
 const JOINED: u32 = 1 << 23;
@@ -265,7 +267,7 @@ impl Classifier {
             Job { context, scan, stages: self, points: input.points_on_device()?, parameters: input.parameters() };
         let mut stores = StoreBuilder::new(context, STRIDE, joined(context));
         let bricks = match held {
-            None => input.batches(&|range| input.may_show(range), &mut |batch| job.run(&batch, &mut stores))?,
+            None => input.batches(&|range| input.may_show(range), BATCH, &mut |batch| job.run(&batch, &mut stores))?,
             Some(held) => held.run(input, |batches| {
                 input.progress.check()?;
                 job.run_all(batches, &mut stores)
@@ -273,6 +275,32 @@ impl Classifier {
         };
         Ok(Drawable { bricks, ..stores.finish()? })
     }
+
+    /// Finds the visible voxels of all bricks on the device, buffer of samples by buffer of samples.
+    pub(super) fn visible(&self, scan: &Scan, input: &Input<'_>, batches: &[BrickBatch]) -> Result<Vec<VisibleVoxels>> {
+        let context = input.context;
+        let job =
+            Job { context, scan, stages: self, points: input.points_on_device()?, parameters: input.parameters() };
+        let mut recorder = Recorder::untimed(context);
+        let parts = BrickBatch::by_buffer(batches).map(|part| job.mark(&mut recorder, part));
+        let parts = parts.collect::<Result<Vec<_>>>()?;
+        recorder.submit();
+        context.wait(FINDING)?;
+        let counted = |(visible, total): (VisibleVoxels, Readback)| {
+            let total: Vec<u32> = total.done_values(context, FINDING)?;
+            Ok(VisibleVoxels { count: total.first().copied().unwrap_or_default(), ..visible })
+        };
+        parts.into_iter().map(counted).collect()
+    }
+}
+
+/// The visible voxels of the bricks of a buffer of samples.
+pub(super) struct VisibleVoxels {
+    pub(super) count: u32,
+    /// For each row of a brick, the number of its first visible voxel.
+    pub(super) places: wgpu::Buffer,
+    /// For each row of a brick, the bits of its visible voxels.
+    pub(super) seen: wgpu::Buffer,
 }
 
 /// How shaders read the samples of a volume: the constants of shaders/common/classified.wgsl.
@@ -323,30 +351,63 @@ impl Input<'_> {
         }
     }
 
-    /// Calls `take` with the bricks that `shows` accepts, in batches on the device.
+    /// Calls `take` with the bricks that `shows` accepts, in batches on the device. Each `together` bricks share a
+    /// buffer.
     fn batches(
         &self,
         shows: &(dyn Fn([f64; 2]) -> bool + Sync),
+        together: usize,
         take: &mut dyn FnMut(BrickBatch) -> Result<()>,
     ) -> Result<Bricks> {
-        let (mut origins, mut bytes) = (Vec::new(), Vec::new());
-        let count = self.volume.bricks().into_iter().map(u64::from).product::<u64>().min(BATCH as u64);
-        let parts = if count < BATCH as u64 { 1 } else { 2 };
-        let mut sender = Sender::new(self.context, SENDING, (count * self.brick_bytes()).next_multiple_of(4), parts)?;
-        let mut batch = |origins: &mut Vec<[u32; 4]>, bytes: &mut Vec<u8>| {
-            let batch = BrickBatch::new(self.context, &mut sender, std::mem::take(origins), bytes)?;
+        let context = self.context;
+        let all = self.volume.bricks().into_iter().map(|count| count as usize).product::<usize>();
+        let (count, parts) = (all.min(BATCH), if all < BATCH { 1 } else { 2 });
+        let bytes_of = |bricks: usize| bricks as u64 * self.brick_bytes();
+        let mut sender = Sender::new(context, SENDING, bytes_of(count).next_multiple_of(4), parts)?;
+        let (mut origins, mut bytes, mut sent, mut samples) = (Vec::new(), Vec::new(), 0, None);
+        let mut add = |brick: Option<Brick>| {
+            let is_last = brick.is_none();
+            if let Some(([x, y, z], samples)) = brick {
+                origins.push([x, y, z, 0]);
+                bytes.extend_from_slice(&samples);
+            }
+            let is_full = origins.len() == BATCH || (sent + origins.len()).is_multiple_of(together);
+            if origins.is_empty() || !(is_last || is_full) {
+                return Ok(());
+            }
+            let at = sent % together;
+            let buffer = match samples.take().filter(|_| at > 0) {
+                Some(buffer) => buffer,
+                None => {
+                    let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST;
+                    context.buffer("classify.samples", bytes_of(together.min(all - sent)), usage)?
+                }
+            };
+            samples = Some(buffer.clone());
+            sent += origins.len();
+            let batch = BrickBatch::new(
+                context,
+                &mut sender,
+                std::mem::take(&mut origins),
+                (buffer, bytes_of(at)),
+                &mut bytes,
+            )?;
             bytes.clear();
             take(batch)
         };
-        let bricks = self.each_brick(shows, &Ok, &mut |([x, y, z], samples)| {
-            origins.push([x, y, z, 0]);
-            bytes.extend_from_slice(&samples);
-            if origins.len() < BATCH { Ok(()) } else { batch(&mut origins, &mut bytes) }
-        })?;
-        if !origins.is_empty() {
-            batch(&mut origins, &mut bytes)?;
-        }
+        let bricks = self.each_brick(shows, &Ok, &mut |brick| add(Some(brick)))?;
+        add(None)?;
         Ok(bricks)
+    }
+
+    /// The bricks whose samples share a buffer on a device that holds all of them: whole rows along x, if a buffer can
+    /// hold a row.
+    fn together(&self) -> usize {
+        let limits = &self.context.limits;
+        let most = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size) / self.brick_bytes();
+        let most = usize::try_from(most).unwrap_or(usize::MAX);
+        let row = self.volume.bricks()[0] as usize;
+        if most < row { most.max(1) } else { most / row * row }
     }
 }
 
@@ -359,12 +420,14 @@ type SamplesKey = (u32, Option<Reduction>, usize);
 
 impl HeldSamples {
     /// The most bytes of samples that are held without a change of the transfer function.
-    const MOST: u64 = 2 << 30;
+    pub(super) const MOST: u64 = 2 << 30;
 
-    /// Whether the samples of a volume are few enough to be held for their own sake.
+    /// Whether the samples of a volume are few enough to be held for their own sake, with whole rows of bricks in each
+    /// buffer.
     pub(crate) fn fits(input: &Input<'_>) -> bool {
+        let [row, ..] = input.volume.bricks();
         let bricks: u64 = input.volume.bricks().into_iter().map(u64::from).product();
-        bricks * input.brick_bytes() <= Self::MOST
+        bricks * input.brick_bytes() <= Self::MOST && input.together().is_multiple_of(row as usize)
     }
 
     /// Whether the device holds samples.
@@ -388,7 +451,7 @@ impl HeldSamples {
                     batches.push(batch);
                     Ok(())
                 };
-                bytes = input.batches(&|_| true, &mut keep)?.bytes;
+                bytes = input.batches(&|_| true, input.together(), &mut keep)?.bytes;
             }
         }
         let result = work(&batches)?;
@@ -401,8 +464,13 @@ impl HeldSamples {
         let ranges = input.volume.ranges()?;
         let shown = |ranges: &[[f64; 2]]| ranges.iter().filter(|range| input.may_show(**range)).count() as u32;
         let ((), bytes) = self.with(input, |batches| {
-            let shown = batches.iter().zip(ranges.chunks(BATCH)).filter(|(_, ranges)| shown(ranges) > 0);
-            work(&shown.map(|(batch, _)| batch).collect::<Vec<_>>())
+            let mut rest = &ranges[..];
+            let shows = |batch: &&BrickBatch| {
+                let (of_batch, others) = rest.split_at(batch.origins.len());
+                rest = others;
+                shown(of_batch) > 0
+            };
+            work(&batches.iter().filter(shows).collect::<Vec<_>>())
         })?;
         Ok(Bricks { all: ranges.len() as u32, uploaded: shown(ranges), bytes })
     }
@@ -422,14 +490,22 @@ pub(super) struct BrickBatch {
     /// Lattice points of the first voxels.
     pub(super) origins: Vec<[u32; 4]>,
     /// The same on the device.
-    pub(super) places: wgpu::Buffer,
-    /// The samples with the voxels around each brick.
+    places: wgpu::Buffer,
+    /// The samples with the voxels around each brick, and those of other batches.
     pub(super) samples: wgpu::Buffer,
+    /// The bytes of the samples of these bricks.
+    bytes: Range<u64>,
 }
 
 impl BrickBatch {
-    /// `samples` becomes a whole number of words.
-    fn new(context: &Context, sender: &mut Sender<'_>, origins: Vec<[u32; 4]>, samples: &mut Vec<u8>) -> Result<Self> {
+    /// Sends `samples`, which become a whole number of words, to a place in a buffer.
+    fn new(
+        context: &Context,
+        sender: &mut Sender<'_>,
+        origins: Vec<[u32; 4]>,
+        (buffer, at): (wgpu::Buffer, u64),
+        samples: &mut Vec<u8>,
+    ) -> Result<Self> {
         /// Bytes that a thread writes at a time.
         const PART: usize = 1 << 20;
         use wgpu::BufferUsages as Usages;
@@ -437,7 +513,6 @@ impl BrickBatch {
         let places = context.upload("classify.origins", places, Usages::STORAGE | Usages::COPY_SRC)?;
         samples.resize(samples.len().next_multiple_of(4), 0);
         let bytes = samples.len() as u64;
-        let buffer = context.buffer("classify.samples", bytes, Usages::STORAGE | Usages::COPY_DST)?;
         let fill = |staging: &wgpu::Buffer| {
             samples
                 .par_chunks(PART)
@@ -445,8 +520,19 @@ impl BrickBatch {
                 .try_for_each(|(number, part)| context.write_mapped(SENDING, staging, (number * PART) as u64, part))
         };
         let mut recorder = Recorder::untimed(context);
-        sender.send(&mut recorder, fill, |recorder, staging| recorder.copy(staging, &buffer, 0, bytes))?;
-        Ok(Self { origins, places, samples: buffer })
+        sender.send(&mut recorder, fill, |recorder, staging| recorder.copy(staging, &buffer, at, bytes))?;
+        Ok(Self { origins, places, samples: buffer, bytes: at..at + bytes })
+    }
+
+    /// The batches of each buffer of samples.
+    pub(super) fn by_buffer(batches: &[Self]) -> impl Iterator<Item = &[Self]> {
+        batches.chunk_by(|a, b| a.samples == b.samples)
+    }
+
+    /// The samples of these bricks as a binding. Batches are whole multiples of the alignment of bindings: a brick has
+    /// a multiple of 8 samples.
+    fn binding(&self) -> wgpu::BindingResource<'_> {
+        buffer_range(&self.samples, self.bytes.start, self.bytes.end - self.bytes.start)
     }
 }
 
@@ -485,6 +571,30 @@ impl Job<'_> {
         Ok(())
     }
 
+    /// Records the visible voxels of the batches of a buffer. Their number can be read after a wait.
+    fn mark(&self, recorder: &mut Recorder<'_>, batches: &[BrickBatch]) -> Result<(VisibleVoxels, Readback)> {
+        /// Bytes of a row of a brick.
+        const EACH: u64 = 4;
+        let context = self.context;
+        let rows = batches.iter().map(|batch| (batch.origins.len() * ROWS) as u64).sum::<u64>();
+        let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
+        let places = context.buffer("classify.places", (rows + 1) * EACH, usage)?;
+        let seen = context.buffer("classify.seen", rows * EACH, usage)?;
+        let no_splats = context.buffer("classify.no_splats", 16, usage)?;
+        let mut at = 0;
+        for batch in batches {
+            let bytes = (batch.origins.len() * ROWS) as u64 * EACH;
+            let [places, seen] = [&places, &seen].map(|buffer| buffer_range(buffer, at, bytes));
+            let buffers = [places, seen, no_splats.as_entire_binding()];
+            self.record_into(batch, &mut recorder.compute_pass("classify"), None, buffers)?;
+            recorder.worked(bytes / EACH * EDGE as u64);
+            at += bytes;
+        }
+        self.scan.record(context, &mut recorder.compute_pass("classify"), &places, rows + 1)?;
+        let total = recorder.read_back_from("classify.total", &places, rows * EACH, EACH)?;
+        Ok((VisibleVoxels { count: 0, places, seen }, total))
+    }
+
     /// Records the dispatch that counts the splats of a batch, or that emits them.
     fn record(
         &self,
@@ -493,14 +603,25 @@ impl Job<'_> {
         first: Option<u32>,
         Rows { places, seen, splats }: &Rows,
     ) -> Result<()> {
+        self.record_into(batch, pass, first, [places, seen, splats].map(wgpu::Buffer::as_entire_binding))
+    }
+
+    fn record_into(
+        &self,
+        batch: &BrickBatch,
+        pass: &mut ComputePass<'_>,
+        first: Option<u32>,
+        [places, seen, splats]: [wgpu::BindingResource<'_>; 3],
+    ) -> Result<()> {
         let context = self.context;
         let (bricks, first_brick) = (batch.origins.len() as u32, first.unwrap_or_default());
         let parameters = Classify { bricks, first_brick, ..self.parameters };
         let uniform = wgpu::BufferUsages::UNIFORM;
         let parameters = context.upload("classify.parameters", bytemuck::bytes_of(&parameters), uniform)?;
-        let resources = [&parameters, &batch.samples, &self.points, places, splats, &batch.places, seen];
+        let [parameters, points, origins] =
+            [&parameters, &self.points, &batch.places].map(wgpu::Buffer::as_entire_binding);
         let stage = if first.is_some() { &self.stages.emit } else { &self.stages.count };
-        let group = stage.bind(context, &resources.map(wgpu::Buffer::as_entire_binding));
+        let group = stage.bind(context, &[parameters, batch.binding(), points, places, splats, origins, seen]);
         stage.record(pass, &group, &[], for_each(context, (batch.origins.len() * ROWS) as u64));
         Ok(())
     }

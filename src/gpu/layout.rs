@@ -107,14 +107,14 @@ shared! {
 
     /// A box of voxels; shaders/common/voxel_box.wgsl.
     struct VoxelBox {
-        low: [i32; 3],
+        low: [u32; 3],
         first: u32,
         dims: [u32; 3],
         end: u32,
         eye: [f32; 3],
-        _pad_eye: u32,
+        cells: u32,
         view_x: [f32; 3],
-        _pad_x: u32,
+        first_x: i32,
         view_y: [f32; 3],
         _pad_y: u32,
         view_z: [f32; 3],
@@ -124,10 +124,12 @@ shared! {
     /// Sums along an axis; shaders/coarsen.wgsl.
     struct Coarsen {
         dims: [u32; 3],
-        taps: u32,
-        steps: [u32; 3],
-        stride: u32,
         first: u32,
+        steps: [u32; 3],
+        count: u32,
+        axis: [u32; 3],
+        low: i32,
+        size: u32,
         _pad: [u32; 3],
     }
 
@@ -138,7 +140,9 @@ shared! {
         bricks: [u32; 3],
         first_brick: u32,
         first_splat: u32,
-        _pad: [u32; 3],
+        size: u32,
+        low: i32,
+        planes: u32,
     }
 
     /// The box of voxels on which light falls; shaders/common/light_box.wgsl.

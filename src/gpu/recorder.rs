@@ -162,8 +162,19 @@ impl<'a> Recorder<'a> {
 
     /// Copies the first `bytes` of a buffer to memory that the host can read after [`Self::submit`].
     pub(crate) fn read_back(&mut self, label: &str, buffer: &wgpu::Buffer, bytes: u64) -> Result<Readback> {
+        self.read_back_from(label, buffer, 0, bytes)
+    }
+
+    /// Like [`Self::read_back`], from byte `at` on.
+    pub(crate) fn read_back_from(
+        &mut self,
+        label: &str,
+        buffer: &wgpu::Buffer,
+        at: u64,
+        bytes: u64,
+    ) -> Result<Readback> {
         let staging = self.context.staging(label, bytes)?;
-        self.copy(buffer, &staging, 0, bytes);
+        self.encoder.copy_buffer_to_buffer(buffer, at, &staging, 0, bytes);
         Ok(Readback { staging, bytes })
     }
 

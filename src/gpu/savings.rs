@@ -12,10 +12,12 @@ pub(crate) struct Savings {
     pub(crate) view: bool,
     /// Composites and shades sheets only in pixels that bricks reach.
     pub(crate) pixels: bool,
+    /// Finds the normals of voxels that become cells only once.
+    pub(crate) normals: bool,
 }
 
 impl Default for Savings {
     fn default() -> Self {
-        Self { bricks: true, voxels: true, view: true, pixels: true }
+        Self { bricks: true, voxels: true, view: true, pixels: true, normals: true }
     }
 }

@@ -70,8 +70,8 @@ static FILES: &[(&str, &str)] = &files! {
     "common/march_planes", "common/normal", "common/owned", "common/owned_view", "common/packing", "common/pixel_ray",
     "common/plane", "common/ray_geometry", "common/rays", "common/rays_of_sweep", "common/resolution",
     "common/response", "common/splat", "common/splines", "common/sweep", "common/transfer", "common/voxel_box",
-    "composite", "converging", "estimate", "filter", "gather", "gather_scalars", "kept", "lit_splats", "lit_voxels",
-    "occluders", "pack", "packed/buffer", "packed/scalars", "packed/vectors", "prefilter", "present", "resample",
+    "composite", "converging", "estimate", "filter", "gather", "gather_scalars", "kept", "lit_rows", "lit_splats",
+    "normals", "occluders", "pack", "packed/buffer", "packed/scalars", "packed/vectors", "prefilter", "present", "resample",
     "resolve", "scan", "shade", "skip", "sort", "splat", "sweep", "terminate", "voxels/box", "voxels/box_of_scalars",
     "voxels/box_of_vectors", "voxels/rows", "voxels/scalar_pairs", "voxels/scalars", "voxels/vector_pairs",
     "voxels/vectors",
@@ -89,8 +89,9 @@ macro_rules! shaders {
 
 shaders! {
     CLASSIFY: Shader::new("classify"),
-    LIT_VOXELS: Shader::new("lit_voxels"),
+    LIT_ROWS: Shader::new("lit_rows"),
     LIT_SPLATS: Shader::new("lit_splats"),
+    NORMALS: Shader::new("normals"),
     COARSEN: Shader::new("coarsen"),
     CELLS: Shader::new("cells"),
     OCCLUDERS: Shader::new("occluders"),

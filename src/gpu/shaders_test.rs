@@ -66,6 +66,7 @@ fn constants_are_those_of_the_host() {
     let expected = [
         ("classify", "EDGE", crate::volume::BRICK_EDGE as u64),
         ("cells", "EDGE", crate::volume::BRICK_EDGE as u64),
+        ("lit_rows", "NODES", super::cells::NODES as u64),
         ("scan", "RUN", super::scan::RUN),
         ("terminate", "RUN", crate::painters::quads::terminate::RUN),
         ("scan", "WORKGROUP", super::scan::WORKGROUP),

@@ -148,6 +148,8 @@ pub(crate) struct Shape {
     filter: Filter,
     /// Cells along each axis.
     dims: [usize; 3],
+    /// Voxels along each axis.
+    voxels: [usize; 3],
     /// Cells of a lower density are left out.
     least: f32,
 }
@@ -160,6 +162,7 @@ impl Shape {
         Self {
             filter: Filter::new(level, 0.0, &[1.0], REACH),
             dims: dims_of(grid, level),
+            voxels: grid.dims().map(|d| d as usize),
             least: (TransferFunction::extinction(transfer.max_opacity(), 1.0) * LEAST) as f32,
         }
     }
@@ -167,7 +170,14 @@ impl Shape {
     /// The same as the device needs it.
     pub(crate) fn on_device(&self) -> CellLattice<'_> {
         let (first, weights) = self.filter.weights();
-        CellLattice { dims: self.dims, size: self.filter.size(), first, weights, least: self.least }
+        CellLattice {
+            dims: self.dims,
+            voxels: self.voxels,
+            size: self.filter.size(),
+            first,
+            weights,
+            least: self.least,
+        }
     }
 }
 

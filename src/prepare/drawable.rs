@@ -86,7 +86,9 @@ pub(super) struct PreShaded {
     samples: HeldSamples,
     /// Whether the transfer function has changed.
     edited: bool,
-    /// The normals of voxels, held from the second light on cells on.
+    /// The visible voxels on the device and their normals, held from the first cells on.
+    visible: cells::KeptVoxels,
+    /// The normals of voxels on the host, held from the second light on cells on.
     normals: Held<(), KeptNormals>,
     /// The cells of each level.
     pub(super) cells: [Held<CellsKey, Drawable>; MAX_LEVEL as usize + 1],
@@ -173,6 +175,7 @@ impl PreShaded {
             occluders: Occluders::default(),
             samples: HeldSamples::default(),
             edited: false,
+            visible: cells::KeptVoxels::default(),
             normals: Held::default(),
             cells: Default::default(),
         }
@@ -189,6 +192,7 @@ impl PreShaded {
         self.layers = Layers::of_volume(volume, transfer);
         self.classified.clear();
         self.occluders.clear();
+        self.visible.clear();
         self.normals.clear();
         self.cells.iter().for_each(Held::clear);
         self.edited = true;
@@ -270,7 +274,11 @@ impl PreShaded {
                         Some((shaded, _)) => Some(cells::Voxels::Splats(&shaded.stores)),
                         None => {
                             input = Input::new(context, volume, transfer, self.lit, progress)?;
-                            HeldSamples::fits(&input).then_some(cells::Voxels::Samples(&input, &self.samples))
+                            HeldSamples::fits(&input).then_some(cells::Voxels::Samples(
+                                &input,
+                                &self.samples,
+                                &self.visible,
+                            ))
                         }
                     };
                     if let Some(voxels) = voxels {

@@ -1,0 +1,106 @@
+// lit_rows: sums along x of the voxels of a box, which are classified, thinned by gradient opacity and lit on the way. A
+// workgroup makes sums of a row: its invocations light voxels side by side, then each sums the voxels of a cell.
+// uses: common/classified, common/dispatch, common/lit_splat, common/voxel_box
+
+// Whether the normals of visible voxels are kept: if not, they are found.
+override KEPT_NORMALS: bool = false;
+
+// Cells that a voxel is shared among along an axis.
+const NODES: u32 = 6u;
+// Sums of a workgroup: as many as the voxels of 64 cells have all the values of.
+const SUMS: u32 = WORKGROUP + 1u - NODES;
+// Voxels that a workgroup holds at a time: those of 64 cells of level 1.
+const HELD: u32 = 2u * WORKGROUP;
+
+@group(0) @binding(3) var<uniform> lighting: Lighting;
+// x fastest.
+@group(0) @binding(4) var<storage, read_write> sums: array<vec4f>;
+// As many for each voxel of a cell as a voxel has cells.
+@group(0) @binding(5) var<storage, read> weights: array<f32>;
+@group(0) @binding(6) var<uniform> inside: VoxelBox;
+// For each row of a brick: the number of its first visible voxel among those of all bricks.
+@group(0) @binding(7) var<storage, read> places: array<u32>;
+// For each row of a brick: a bit for each voxel, set if it is visible.
+@group(0) @binding(8) var<storage, read> seen: array<u32>;
+// The packed normals of visible voxels, if they are kept.
+@group(0) @binding(9) var<storage, read> normals: array<u32>;
+
+// Voxels: colour times density, and density.
+var<workgroup> held: array<vec4f, HELD>;
+
+// The voxel at a lattice point in row number `row` of the bricks, whose first sample is number `first`.
+fn lit_voxel(row: u32, first: u32, point: vec3u) -> vec4f {
+    let bits = seen[row];
+    let x = point.x % EDGE;
+    if (bits >> x & 1u) == 0u {
+        return vec4f(0.0);
+    }
+    let i = first + x;
+    let classified = transfer(i);
+    var density = density(classified.a);
+    if GRADIENT_OPACITY {
+        density *= gradient_share(gradient(i));
+    }
+    var color = classified.rgb;
+    if LIGHTS > 0u {
+        var packed: u32;
+        if KEPT_NORMALS {
+            packed = normals[places[row] + countOneBits(bits & ((1u << x) - 1u))];
+        } else {
+            packed = pack_normal(normal(i).xyz);
+        }
+        let at = vec3f(point);
+        color = lit_splat(color, packed, UNSHADED, at, to_eye_from_point(at));
+    }
+    return vec4f(color * density, density);
+}
+
+@compute @workgroup_size(WORKGROUP)
+fn lit_rows(
+    @builtin(local_invocation_index) lane: u32,
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(num_workgroups) groups: vec3u,
+) {
+    let taps = arrayLength(&weights);
+    let size = taps / NODES;
+    let groups_of_row = (inside.cells + SUMS - 1u) / SUMS;
+    let number = group.x + group.y * groups.x;
+    let row = number / groups_of_row;
+    if row >= inside.dims.y * inside.dims.z {
+        return;
+    }
+    let y = inside.low.y + row % inside.dims.y;
+    let z = inside.low.z + row / inside.dims.y;
+    let bricks = (classify.dims + EDGE - 1u) / EDGE;
+    let first_brick = bricks.x * (y / EDGE + bricks.y * (z / EDGE));
+    if first_brick < inside.first || first_brick >= inside.end {
+        return;
+    }
+    let first_cell = number % groups_of_row * SUMS;
+    let end = (min(SUMS, inside.cells - first_cell) - 1u) * size + taps;
+    // The voxels of this invocation's sum begin here among the voxels of the workgroup.
+    let start = lane * size;
+    var sum = vec4f(0.0);
+    for (var before = 0u; before < min(end, WORKGROUP * (taps / NODES)); before += HELD) {
+        for (var n = lane; n < HELD; n += WORKGROUP) {
+            let x = inside.first_x + i32(first_cell * size + before + n);
+            var voxel = vec4f(0.0);
+            if x >= 0 && x < i32(classify.dims.x) {
+                let point = vec3u(u32(x), y, z);
+                let stored = first_brick - inside.first + point.x / EDGE;
+                let first = first_sample(stored, y % EDGE, z % EDGE);
+                voxel = lit_voxel((stored * EDGE + z % EDGE) * EDGE + y % EDGE, first, point);
+            }
+            held[n] = voxel;
+        }
+        workgroupBarrier();
+        for (var n = max(start, before); n < min(start + taps, before + HELD); n++) {
+            sum += weights[n - start] * held[n - before];
+        }
+        workgroupBarrier();
+    }
+    let cell = first_cell + lane;
+    if lane < SUMS && cell < inside.cells {
+        sums[cell + inside.cells * row] = sum;
+    }
+}
