@@ -1,5 +1,5 @@
-// coarsen: weighted sums along an axis, on the way from voxels to cells. Each invocation makes a sum; sums along one axis
-// after the other are cells. cells.wgsl sums along z.
+// coarsen: weighted sums along an axis, on the way from voxels to cells. Each invocation makes a sum; sums along one
+// axis after the other are cells. cells.wgsl sums along z.
 // uses: common/dispatch
 
 struct Coarsen {

@@ -1,5 +1,5 @@
-// lit_rows: sums along x of the voxels of a box, which are classified, thinned by gradient opacity and lit on the way. A
-// workgroup makes sums of a row: its invocations light voxels side by side, then each sums the voxels of a cell.
+// lit_rows: sums along x of the voxels of a box, which are classified, thinned by gradient opacity and lit on the way.
+// A workgroup makes sums of a row: its invocations light voxels side by side, then each sums the voxels of a cell.
 // uses: common/classified, common/dispatch, common/lit_splat, common/voxel_box
 
 // Whether the normals of visible voxels are kept: if not, they are found.

@@ -157,10 +157,10 @@ impl VoxelsKey {
 
 /// The visible voxels of a volume and their normals on the device, for all lights and levels.
 #[derive(Default)]
-pub(crate) struct KeptVoxels(Mutex<Option<(Vec<VisibleVoxels>, Normals)>>);
+pub(crate) struct KeptVoxels(pub(super) Mutex<Option<(Vec<VisibleVoxels>, Normals)>>);
 
 /// The packed normals of visible voxels, 4 bytes each.
-enum Normals {
+pub(super) enum Normals {
     /// There was no light yet.
     Unlit,
     /// By buffer of samples.
@@ -223,7 +223,8 @@ impl Normals {
         if !fits || !context.savings.normals {
             return Ok(Self::NoRoom);
         }
-        let buffer = |bytes| context.buffer("cells.normals", bytes, wgpu::BufferUsages::STORAGE);
+        let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST;
+        let buffer = |bytes| context.buffer("cells.normals", bytes, usage);
         let normals = match context.guarded("keeping normals", || bytes().map(buffer).collect::<Result<Vec<_>>>()) {
             Err(Error::OutOfMemory(_)) => return Ok(Self::NoRoom),
             made => made?,

@@ -361,7 +361,8 @@ impl Input<'_> {
     ) -> Result<Bricks> {
         let context = self.context;
         let all = self.volume.bricks().into_iter().map(|count| count as usize).product::<usize>();
-        let (count, parts) = (all.min(BATCH), if all < BATCH { 1 } else { 2 });
+        let count = all.min(BATCH).min(together);
+        let parts = if count < all { 2 } else { 1 };
         let bytes_of = |bricks: usize| bricks as u64 * self.brick_bytes();
         let mut sender = Sender::new(context, SENDING, bytes_of(count).next_multiple_of(4), parts)?;
         let (mut origins, mut bytes, mut sent, mut samples) = (Vec::new(), Vec::new(), 0, None);

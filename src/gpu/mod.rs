@@ -4,6 +4,8 @@
 pub(crate) mod adapter_test;
 pub(crate) mod cache;
 pub(crate) mod cells;
+#[cfg(test)]
+mod cells_test;
 pub(crate) mod classify;
 pub(crate) mod context;
 pub(crate) mod layout;

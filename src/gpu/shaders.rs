@@ -71,10 +71,10 @@ static FILES: &[(&str, &str)] = &files! {
     "common/plane", "common/ray_geometry", "common/rays", "common/rays_of_sweep", "common/resolution",
     "common/response", "common/splat", "common/splines", "common/sweep", "common/transfer", "common/voxel_box",
     "composite", "converging", "estimate", "filter", "gather", "gather_scalars", "kept", "lit_rows", "lit_splats",
-    "normals", "occluders", "pack", "packed/buffer", "packed/scalars", "packed/vectors", "prefilter", "present", "resample",
-    "resolve", "scan", "shade", "skip", "sort", "splat", "sweep", "terminate", "voxels/box", "voxels/box_of_scalars",
-    "voxels/box_of_vectors", "voxels/rows", "voxels/scalar_pairs", "voxels/scalars", "voxels/vector_pairs",
-    "voxels/vectors",
+    "normals", "occluders", "pack", "packed/buffer", "packed/scalars", "packed/vectors", "prefilter", "present",
+    "resample", "resolve", "scan", "shade", "skip", "sort", "splat", "sweep", "terminate", "voxels/box",
+    "voxels/box_of_scalars", "voxels/box_of_vectors", "voxels/rows", "voxels/scalar_pairs", "voxels/scalars",
+    "voxels/vector_pairs", "voxels/vectors",
 };
 
 macro_rules! shaders {

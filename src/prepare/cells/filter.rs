@@ -142,6 +142,14 @@ mod tests {
     use super::*;
 
     #[test]
+    fn voxels_of_every_level_have_weights_in_six_cells() {
+        for level in 1..=crate::settings::MAX_LEVEL {
+            let filter = Filter::new(level, 0.0, &[1.0], REACH);
+            assert_eq!(filter.weights.len(), crate::gpu::cells::NODES * filter.size, "level {level}");
+        }
+    }
+
+    #[test]
     fn cells_get_what_voxels_that_show_give() {
         for (level, voxels) in [(0, 20), (1, 37), (2, 64), (4, 50), (7, 100)] {
             let filter = Filter::new(level, 0.0, &[1.0], REACH);

@@ -4,7 +4,7 @@
 use std::process::Command;
 
 use voxsplat::camera::View;
-use voxsplat::settings::{Model, Resolution, Response, Settings, Shading};
+use voxsplat::settings::{Level, Model, Resolution, Response, Settings, Shading};
 
 use crate::support::{demo, draw_on, exact_quads, headlight, look, new_renderer, own_name, prepare_on, with_tiles};
 
@@ -26,6 +26,7 @@ fn turns() {
     let base = exact_quads();
     let scenes = [
         ("pre, lit", "vessels", Settings { lighting: headlight(), ..base.clone() }),
+        ("cells", "vessels", Settings { lighting: headlight(), level: Level::At(1), ..base.clone() }),
         ("post", "sphere", Settings { shading: Shading::Post, ..base.clone() }),
         ("xray", "shepp-logan", Settings { model: Model::Xray, ..base.clone() }),
         ("mip", "marschner-lobb", Settings { model: Model::Mip, ..base.clone() }),

@@ -1,0 +1,140 @@
+//! Lit cells of a level on the device: their normals are found once, whatever the buffers hold.
+
+use glam::DVec3;
+
+use super::adapter_test::adapter;
+use super::cache::Cache;
+use super::cells::{self, KeptVoxels, Normals, Voxels};
+use super::classify::{HeldSamples, Input};
+use super::context::Context;
+use super::recorder::Recorder;
+use super::savings::Savings;
+use super::store::Drawable;
+use super::view::ViewGeometry;
+use crate::appearance::demos;
+use crate::camera::{Camera, View};
+use crate::formats::{LoadOptions, load};
+use crate::lighting::{Light, Lighting};
+use crate::prepare::cells::Shape;
+use crate::progress::Progress;
+use crate::settings::Settings;
+use crate::transfer::TransferFunction;
+use crate::volume::Volume;
+
+/// A volume whose cells a device makes.
+struct Subject<'a> {
+    context: &'a Context,
+    volume: &'a Volume,
+    transfer: &'a TransferFunction,
+    pipelines: Cache,
+    held: HeldSamples,
+    kept: KeptVoxels,
+}
+
+impl<'a> Subject<'a> {
+    fn new(context: &'a Context, (volume, transfer): &'a (Volume, TransferFunction)) -> Self {
+        let (pipelines, held, kept) = Default::default();
+        Self { context, volume, transfer, pipelines, held, kept }
+    }
+
+    /// The cells under a light from this side.
+    fn lit(&self, side: f64, before: Option<Drawable>) -> Drawable {
+        let Self { context, volume, transfer, .. } = *self;
+        let lights = vec![Light::HEADLIGHT, Light::directional(DVec3::new(side, 1.0, 0.5))];
+        let settings = Settings { lighting: Some(Lighting { lights, ..Lighting::default() }), ..Settings::default() };
+        let camera = Camera::new(&View::default(), volume.grid(), [32; 2]).unwrap();
+        let light = ViewGeometry::new(&camera, volume.grid(), &settings, Savings::default()).splat_light(&settings);
+        let (shape, progress) = (Shape::new(volume.grid(), transfer, 1), Progress::default());
+        let input = Input::new(context, volume, transfer, true, &progress).unwrap();
+        let voxels = Voxels::Samples(&input, &self.held, &self.kept);
+        let of = (voxels, Some(&light));
+        cells::run(context, &self.pipelines, of, &shape.on_device(), before, &progress).unwrap()
+    }
+
+    /// The words of splats without their places, which name bricks of boxes.
+    fn words(&self, cells: &Drawable) -> Vec<[u32; 2]> {
+        let words = cells.stores.iter().flat_map(|store| {
+            let mut recorder = Recorder::untimed(self.context);
+            let buffer = store.on_device(self.context).unwrap();
+            let words = recorder.read_back("test", &buffer, u64::from(store.count) * store.stride).unwrap();
+            recorder.submit();
+            words.values::<[u32; 4]>(self.context, "test").unwrap()
+        });
+        words.map(|[_, density, color, _]| [density, color]).collect()
+    }
+
+    /// The buffers of normals, and the number of visible voxels.
+    fn normals(&self) -> Option<(Vec<wgpu::Buffer>, u64)> {
+        let kept = self.kept.0.lock().unwrap();
+        let (visible, normals) = kept.as_ref().unwrap();
+        let Normals::Kept(normals) = normals else { return None };
+        Some((normals.clone(), visible.iter().map(|part| u64::from(part.count)).sum()))
+    }
+}
+
+fn vessels(size: u32) -> (Volume, TransferFunction) {
+    let volume = load(format!("demo:vessels:{size}"), &LoadOptions::default()).unwrap();
+    (volume, demos::demo_transfer("vessels").unwrap())
+}
+
+fn context() -> Context {
+    Context::new(Some(&adapter())).unwrap().with_device_stages()
+}
+
+/// A light that moves takes a dispatch for lit rows, one for columns and one for cells. Other normals give other cells.
+#[test]
+fn device_cells_under_other_lights_take_the_normals_that_are_kept() {
+    let context = context();
+    let of = vessels(64);
+    let subject = Subject::new(&context, &of);
+    let first = subject.lit(1.0, None);
+    let (normals, visible) = subject.normals().unwrap();
+    assert!(visible > 1000, "{visible} voxels");
+    assert_eq!(normals.iter().map(wgpu::Buffer::size).sum::<u64>(), 4 * visible);
+    let before = context.traffic();
+    let second = subject.lit(-1.0, Some(first));
+    let after = context.traffic();
+    let counts =
+        [after.dispatches - before.dispatches, after.submissions - before.submissions, after.waits - before.waits];
+    assert_eq!(counts, [3, 1, 0]);
+    assert!(after.allocated - before.allocated < 8 << 20 && after.sent - before.sent < 4096);
+    let expected = subject.words(&second);
+    assert!(expected == subject.words(&Subject::new(&context, &of).lit(-1.0, None)));
+    let none = vec![super::splat::NO_NORMAL; visible as usize];
+    let mut rest = &none[..];
+    for buffer in normals {
+        let (of_buffer, others) = rest.split_at(buffer.size() as usize / 4);
+        context.write(&buffer, 0, bytemuck::cast_slice(of_buffer));
+        rest = others;
+    }
+    let flat = subject.lit(-1.0, Some(second));
+    assert!(expected != subject.words(&flat), "normals are found again");
+}
+
+/// Without room for normals they are found for each light, and small buffers hold a few rows of bricks: the cells are
+/// the same, to a step of their colours and densities where drivers round each shader in their own way.
+#[test]
+fn device_cells_are_the_same_without_kept_normals_and_in_small_buffers() {
+    let context = context();
+    let mut without = self::context();
+    without.savings.normals = false;
+    // Three of the nine rows of bricks, of three bricks each.
+    let mut small = self::context();
+    small.limits.max_storage_buffer_binding_size = 10 * 36_u64.pow(3);
+    let of = vessels(70);
+    let pictures = [&context, &without, &small].map(|context| {
+        let subject = Subject::new(context, &of);
+        let first = subject.lit(1.0, None);
+        let words = subject.words(&first);
+        let buffers = subject.normals().map_or(0, |(normals, _)| normals.len());
+        [words, subject.words(&subject.lit(-1.0, Some(first))), vec![[buffers as u32; 2]]]
+    });
+    let [expected, found, parts] = &pictures;
+    assert_eq!([expected, found, parts].map(|[.., buffers]| buffers[0][0]), [1, 0, 3]);
+    for light in 0..2 {
+        assert!(expected[light].len() > 1000 && expected[0] != expected[1]);
+        for other in [found, parts] {
+            assert!(expected[light] == other[light], "light {light}");
+        }
+    }
+}
