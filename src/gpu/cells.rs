@@ -27,7 +27,7 @@ use crate::progress::Progress;
 use crate::volume::BRICK_EDGE as EDGE;
 
 /// The most bytes of a buffer of voxels or of sums. There are two of them, three for voxels in shadows.
-const MOST: u64 = 256 << 20;
+pub(super) const MOST: u64 = 256 << 20;
 /// Bytes of a voxel or of a sum.
 const VALUE: u64 = 16;
 /// The least planes of voxels that are lit together.
@@ -90,6 +90,29 @@ impl CellLattice<'_> {
         });
         [rows, largest(deep, &|layers| fits(across * rows * self.count(2, layers)))]
     }
+
+    /// The boxes of cells and the planes of voxels that keep buffers within `most` bytes.
+    pub(super) fn plan(&self, most: u64, in_shadows: bool) -> Plan {
+        let across = self.dims[0];
+        let width = if in_shadows { across.max(self.voxels[0]) } else { across };
+        let [rows, layers] = self.box_size(most, width);
+        let (lines, planes) = (self.count(1, rows), self.count(2, layers));
+        let together = ((most / VALUE) as usize / (width * lines)).clamp(1, planes);
+        // Parts of much the same size.
+        Plan { rows, layers, lines, planes, together: planes.div_ceil(planes.div_ceil(together)) }
+    }
+}
+
+/// How cells are made, box by box.
+pub(super) struct Plan {
+    /// Cells of a box along y and z.
+    pub(super) rows: usize,
+    pub(super) layers: usize,
+    /// Voxels of a box along y and z, at most.
+    lines: usize,
+    pub(super) planes: usize,
+    /// The planes of voxels that are lit together.
+    pub(super) together: usize,
 }
 
 /// The stages of cells of any volume. In [`Stats::stages`](crate::stats::Stats::stages) they are part of `classify`.
@@ -385,12 +408,7 @@ impl Job<'_> {
         let most = MOST.min(largest_buffer(context));
         let [across, down, deep] = lattice.dims;
         let in_shadows = matches!(source, Source::Splats(_));
-        let width = if in_shadows { across.max(lattice.voxels[0]) } else { across };
-        let [rows, layers] = lattice.box_size(most, width);
-        let (lines, box_planes) = (lattice.count(1, rows), lattice.count(2, layers));
-        let together = ((most / VALUE) as usize / (width * lines)).clamp(1, box_planes);
-        // Parts of much the same size.
-        let together = box_planes.div_ceil(box_planes.div_ceil(together));
+        let Plan { rows, layers, lines, planes, together } = lattice.plan(most, in_shadows);
         let buffer = |label, values: usize| {
             let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST;
             context.buffer(label, values as u64 * VALUE, usage)
@@ -398,7 +416,7 @@ impl Job<'_> {
         let values = Values {
             voxels: in_shadows.then(|| buffer("cells.voxels", lattice.voxels[0] * lines * together)).transpose()?,
             rows: buffer("cells.rows", across * lines * together)?,
-            planes: buffer("cells.planes", across * rows * box_planes)?,
+            planes: buffer("cells.planes", across * rows * planes)?,
             together,
         };
         if let Some(before) = before {

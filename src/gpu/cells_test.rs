@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::adapter_test::adapter;
 use super::cache::Cache;
-use super::cells::{self, KeptVoxels, Normals, Voxels};
+use super::cells::{self, KeptVoxels, MOST, Normals, Plan, Voxels};
 use super::classify::{HeldSamples, Input};
 use super::context::Context;
 use super::recorder::Recorder;
@@ -19,7 +19,7 @@ use crate::prepare::cells::Shape;
 use crate::progress::Progress;
 use crate::settings::Settings;
 use crate::transfer::TransferFunction;
-use crate::volume::Volume;
+use crate::volume::{Grid, Volume};
 
 /// A volume whose cells a device makes.
 struct Subject<'a> {
@@ -136,5 +136,23 @@ fn device_cells_are_the_same_without_kept_normals_and_in_small_buffers() {
         for other in [found, parts] {
             assert!(expected[light] == other[light], "light {light}");
         }
+    }
+}
+
+/// Each box takes a dispatch for its cells, and each part of its planes one for rows and one for columns. The splats of
+/// a box fit into half a buffer.
+#[test]
+fn cells_of_a_large_scan_take_few_dispatches() {
+    let (_, transfer) = vessels(8);
+    for (size, level, most, at_most) in [(512, 1, MOST, 15), (512, 1, MOST / 2, 45), (1024, 2, MOST, 63)] {
+        let shape = Shape::new(&Grid::axis_parallel([size; 3], [1.0; 3]).unwrap(), &transfer, level);
+        let lattice = shape.on_device();
+        let Plan { rows, layers, planes, together, .. } = lattice.plan(most, false);
+        let boxes = lattice.dims[1].div_ceil(rows) * lattice.dims[2].div_ceil(layers);
+        let dispatches = boxes * (2 * planes.div_ceil(together) + 1);
+        println!("{size}, level {level}: {boxes} boxes, {dispatches} dispatches");
+        assert!(dispatches <= at_most, "{size}, level {level}: {dispatches} dispatches");
+        assert!(lattice.dims[0] * rows * planes * 16 <= most as usize);
+        assert!(lattice.dims[0] * rows * layers * 16 <= most as usize / 2);
     }
 }
