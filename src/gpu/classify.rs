@@ -465,7 +465,7 @@ impl HeldSamples {
         let ranges = input.volume.ranges()?;
         let shown = |ranges: &[[f64; 2]]| ranges.iter().filter(|range| input.may_show(**range)).count() as u32;
         let ((), bytes) = self.with(input, |batches| {
-            let mut rest = &ranges[..];
+            let mut rest = ranges;
             let shows = |batch: &&BrickBatch| {
                 let (of_batch, others) = rest.split_at(batch.origins.len());
                 rest = others;
