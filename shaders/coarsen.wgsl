@@ -7,12 +7,18 @@ struct Coarsen {
     dims: vec3u,
     // The values that a sum is of.
     taps: u32,
-    // The places in `values` between the first values of sums that are neighbours along each axis.
+    // The places in `values` between the first values of sums that are neighbours along each axis; 0 along `axis`.
     steps: vec3u,
     // The places between the values of a sum.
     stride: u32,
     // The place of the first sum in `sums`.
     first: u32,
+    // The axis that is summed along.
+    axis: u32,
+    // Values between neighbouring sums along it, as a fraction in lowest terms. Sum number c begins that many whole
+    // values behind the first. As many sums as the divisor have weights of their own.
+    over: u32,
+    under: u32,
 }
 
 @group(0) @binding(0) var<uniform> coarsen: Coarsen;
@@ -27,11 +33,14 @@ fn along_axis(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups)
         return;
     }
     let row = index / coarsen.dims.x;
-    var at = index % coarsen.dims.x * coarsen.steps.x + row % coarsen.dims.y * coarsen.steps.y
-        + row / coarsen.dims.y * coarsen.steps.z;
+    let place = vec3u(index % coarsen.dims.x, row % coarsen.dims.y, row / coarsen.dims.y);
+    let number = place[coarsen.axis];
+    let steps = place * coarsen.steps;
+    var at = steps.x + steps.y + steps.z + number * coarsen.over / coarsen.under * coarsen.stride;
+    let own = number % coarsen.under * coarsen.taps;
     var sum = vec4f(0.0);
     for (var tap = 0u; tap < coarsen.taps; tap++) {
-        sum += weights[tap] * values[at];
+        sum += weights[own + tap] * values[at];
         at += coarsen.stride;
     }
     sums[coarsen.first + index] = sum;

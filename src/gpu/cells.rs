@@ -34,21 +34,27 @@ const PLANES: usize = 8;
 pub(crate) struct CellLattice<'a> {
     /// Cells along each axis.
     pub(crate) dims: [usize; 3],
-    /// Voxels along a cell.
-    pub(crate) size: usize,
+    /// Voxels along a cell, as a fraction in lowest terms.
+    pub(crate) size: [usize; 2],
     /// The first voxel with a weight in the first cell, along each axis.
     pub(crate) first: i64,
-    /// The weights of the voxels from there on.
-    pub(crate) weights: &'a [f32],
+    /// The weights of the voxels from there on, for as many cells as the divisor of `size`.
+    pub(crate) weights: &'a [Vec<f32>],
     /// Cells of a lower density are left out.
     pub(crate) least: f32,
 }
 
 impl CellLattice<'_> {
-    /// The voxels with weights in these cells.
+    /// The weights in a cell.
+    fn taps(&self) -> usize {
+        self.weights.first().map_or(0, Vec::len)
+    }
+
+    /// The voxels with weights in these cells. A range begins at a cell that lies between voxels as the first one does.
     fn voxels(&self, cells: &Range<usize>) -> Range<i64> {
-        let start = self.first + (cells.start * self.size) as i64;
-        start..start + ((cells.len().max(1) - 1) * self.size + self.weights.len()) as i64
+        let [over, under] = self.size;
+        let first = |cell: usize| self.first + (cell * over / under) as i64;
+        first(cells.start)..first(cells.start + cells.len().max(1) - 1) + self.taps() as i64
     }
 
     /// The number of voxels with weights in so many cells.
@@ -170,7 +176,7 @@ pub(crate) fn run(
         scan: Scan::of(pipelines, context)?,
         to_eye: light.map_or(&ToEye::PARALLEL, |light| &light.to_eye),
         lighting: context.upload("cells.lighting", bytemuck::bytes_of(&lighting), uniform)?,
-        weights: context.upload("cells.weights", bytemuck::cast_slice(lattice.weights), storage)?,
+        weights: context.upload("cells.weights", bytemuck::cast_slice(&lattice.weights.concat()), storage)?,
     };
     match voxels {
         Voxels::Splats(stores) => job.run(&Source::Splats(stores), before),
@@ -301,11 +307,11 @@ impl Job<'_> {
         cells: &[Range<usize>; 3],
     ) -> Result<()> {
         let lattice = self.lattice;
-        let (size, taps) = (lattice.size, lattice.weights.len() as u32);
+        let [over, under] = lattice.size.map(|n| n as u32);
         let [xs, ys, zs] = [0, 1, 2].map(|axis| lattice.voxels(&cells[axis]));
         let [nx, ny] = [&xs, &ys].map(|voxels| (voxels.end - voxels.start) as usize);
         let [across, down, deep] = cells.clone().map(|cells| cells.len());
-        let common = Coarsen { taps, ..Coarsen::zeroed() };
+        let common = Coarsen { taps: lattice.taps() as u32, over, under, ..Coarsen::zeroed() };
         let words = |values: [usize; 3]| values.map(|value| value as u32);
         for z in zs.clone().step_by(*together) {
             let some = z..zs.end.min(z + *together as i64);
@@ -313,11 +319,12 @@ impl Job<'_> {
             recorder.clear(voxels, (nx * ny * count) as u64 * VALUE);
             self.light(recorder, source, voxels, [&xs, &ys, &some])?;
             let along_x =
-                Coarsen { dims: words([across, ny, count]), steps: words([size, nx, nx * ny]), stride: 1, ..common };
+                Coarsen { dims: words([across, ny, count]), steps: words([0, nx, nx * ny]), stride: 1, axis: 0, ..common };
             let along_y = Coarsen {
                 dims: words([across, down, count]),
-                steps: words([1, across * size, across * ny]),
+                steps: words([1, 0, across * ny]),
                 stride: across as u32,
+                axis: 1,
                 first: (across * down) as u32 * (z - zs.start) as u32,
                 ..common
             };
@@ -326,8 +333,9 @@ impl Job<'_> {
         }
         let along_z = Coarsen {
             dims: words([across, down, deep]),
-            steps: words([1, across, across * down * size]),
+            steps: words([1, across, 0]),
             stride: (across * down) as u32,
+            axis: 2,
             ..common
         };
         self.coarsen(recorder, &along_z, planes, sums)

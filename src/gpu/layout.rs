@@ -128,7 +128,9 @@ shared! {
         steps: [u32; 3],
         stride: u32,
         first: u32,
-        _pad: [u32; 3],
+        axis: u32,
+        over: u32,
+        under: u32,
     }
 
     /// A box of cells; shaders/cells.wgsl.

@@ -62,13 +62,12 @@ impl Held {
     /// A place beyond every voxel, whose quotients stay in the range of f32.
     pub(crate) const OPEN: f64 = 1e9;
 
-    /// The same part of a lattice of cells, each of 2^`level` voxels along an edge. The first voxel and the cuts lie
+    /// The same part of a lattice of cells, each of `size` voxels along an edge. The first voxel and the cuts lie
     /// between cells. `dims` are the cells that the scene holds, `faces` those before the first voxel.
-    pub(crate) fn of_cells(self, level: u32, dims: [u32; 3], faces: f64) -> Self {
-        let size = f64::from(level).exp2();
+    pub(crate) fn of_cells(self, size: f64, dims: [u32; 3], faces: f64) -> Self {
         let cell = |place: f64| if place.abs() < Self::OPEN { (place + 0.5) / size - 0.5 + faces } else { place };
         Self {
-            first: self.first.map(|voxel| voxel >> level),
+            first: self.first.map(|voxel| (f64::from(voxel) / size) as u32),
             dims,
             owned: self.owned.map(|places| DVec3::from_array(places.to_array().map(cell))),
             beyond: self.beyond / size,
@@ -211,12 +210,12 @@ impl ViewGeometry {
         self.growths[1]
     }
 
-    /// The growths between which voxels, or cells of the level before, give way to cells of a level that begins at a
-    /// growth of `least`. The ramp is four of these cells deep: over fewer planes the shares of both would not add up
+    /// The growths between which voxels, or smaller cells, give way to cells of `size` voxels that begin at a growth of
+    /// `least`. The ramp is four of these cells deep: over fewer planes the shares of both would not add up
     /// to 1.
-    pub(crate) fn ramp(&self, level: u32, least: f64) -> [f64; 2] {
+    pub(crate) fn ramp(&self, size: f64, least: f64) -> [f64; 2] {
         let [x, y, z] = self.grid.spacing();
-        let depth = 4.0 * f64::from(level).exp2() * x.max(y).max(z);
+        let depth = 4.0 * size * x.max(y).max(z);
         // A quarter less than the least is hardly visible, and only few cells would have deeper ramps.
         [least - (self.growth.slope * depth).min(least / 4.0), least]
     }

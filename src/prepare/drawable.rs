@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use super::cells::{Coarsening, KeptNormals, LitSplats, Shape, Source, Voxels};
+use super::cells::{CellSize, Coarsening, KeptNormals, LitSplats, Shape, Source, Voxels};
 use super::lattice::Lattice;
 use super::levels::ScalarNeed;
 use super::light_volume::FallenLight;
@@ -23,7 +23,7 @@ use crate::gpu::transfer::{Reduction, VisibleValues};
 use crate::kernel::Kernel;
 use crate::layers::Layers;
 use crate::progress::Progress;
-use crate::settings::{MAX_LEVEL, Model};
+use crate::settings::Model;
 use crate::transfer::{Resolution, TransferFunction};
 use crate::volume::Volume;
 
@@ -88,8 +88,8 @@ pub(super) struct PreShaded {
     edited: bool,
     /// The normals of voxels, held from the second light on cells on.
     normals: Held<(), KeptNormals>,
-    /// The cells of each level.
-    pub(super) cells: [Held<CellsKey, Drawable>; MAX_LEVEL as usize + 1],
+    /// The cells of each size.
+    pub(super) cells: [Held<CellsKey, Drawable>; CellSize::COUNT],
 }
 
 /// A volume as post-shading draws it.
@@ -174,7 +174,7 @@ impl PreShaded {
             samples: HeldSamples::default(),
             edited: false,
             normals: Held::default(),
-            cells: Default::default(),
+            cells: std::array::from_fn(|_| Held::default()),
         }
     }
 
@@ -245,19 +245,19 @@ impl PreShaded {
         &self,
         context: &Context,
         pipelines: &Cache,
-        Lattice { level, light, shadows, .. }: &Lattice,
+        Lattice { size, light, shadows, .. }: &Lattice,
         progress: &Progress,
     ) -> Result<(Arc<Drawable>, f64)> {
         let Some((volume, transfer)) = self.layers.plain() else {
             return Err(Error::volume("several layers have no cells"));
         };
-        self.cells[*level as usize].get_or_make((light.clone(), shadows.clone()), PartialEq::eq, |held| {
+        self.cells[size.number()].get_or_make((light.clone(), shadows.clone()), PartialEq::eq, |held| {
             let changed = held.is_some();
             let shaded = shadows.as_ref().map(|shadows| self.classified(context, pipelines, Some(shadows), progress));
             let shaded = shaded.transpose()?;
             context.guarded("classifying the volume", || {
                 let light = light.as_ref();
-                let shape = Shape::new(volume.grid(), transfer, *level);
+                let shape = Shape::new(volume.grid(), transfer, *size);
                 // Cells of another light: their memory serves these, or they are dropped before. Shadows lie on splats,
                 // whose densities are rounded, so that other cells may be faint.
                 let before = held.and_then(|((_, of), cells)| {
