@@ -42,6 +42,24 @@ impl Fade {
     pub(crate) const FARTHEST: [f64; 2] = [1e8, 2e8];
 }
 
+/// The lattice points around the middle of a lattice where a layer may have a share: those at which a linear function
+/// lies between two values.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct LayerPart {
+    at_middle: f64,
+    slope: DVec3,
+    between: [f64; 2],
+}
+
+impl LayerPart {
+    /// Whether it meets a box.
+    pub(crate) fn meets(&self, [low, high]: [DVec3; 2]) -> bool {
+        let middle = self.at_middle + self.slope.dot((low + high) / 2.0);
+        let reach = self.slope.abs().dot((high - low) / 2.0);
+        middle + reach > self.between[0] && middle - reach < self.between[1]
+    }
+}
+
 /// The voxels of a lattice that a scene holds, and the part of the lattice that its partial pictures show.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Held {
@@ -220,16 +238,20 @@ impl ViewGeometry {
         [least - (self.growth.slope * depth).min(least / 4.0), least]
     }
 
+    /// Where the layer may have a share in the picture; `None` if the lattice is no layer.
+    pub(crate) fn layer_part(&self) -> Option<LayerPart> {
+        let Fade { begins, ends } = self.fade?;
+        let slope = self.growth.slope * self.gradients[2];
+        // Rays meet the plane of a voxel within twice the radius of its kernel.
+        let reach = slope.length() * 2.0 * self.max_radius();
+        let at_middle = self.growth.constant + self.growth.slope * self.eye_depth;
+        Some(LayerPart { at_middle, slope, between: [begins[0] - reach, ends[1] + reach] })
+    }
+
     /// Whether the layer may have a share in the picture of the voxels of a box. The lattice of the box has `padding`
     /// copies beyond its faces. True if the lattice is no layer.
     pub(crate) fn layer_holds(&self, bounds: [[u32; 3]; 2], padding: u32) -> bool {
-        let Some(fade) = self.fade else { return true };
-        let [low, high] = self.box_around_middle(bounds, padding);
-        // Rays meet the plane of a voxel within twice the radius of its kernel.
-        let slope = self.growth.slope * self.gradients[2];
-        let reach = slope.abs().dot((high - low) / 2.0) + slope.length() * 2.0 * self.max_radius();
-        let middle = self.growth.constant + self.growth.slope * self.eye_depth + slope.dot((low + high) / 2.0);
-        middle + reach > fade.begins[0] && middle - reach < fade.ends[1]
+        self.layer_part().is_none_or(|part| part.meets(self.box_around_middle(bounds, padding)))
     }
 
     /// Whether voxels of a box may take part in unclipped matter. The lattice of the box has `padding` copies beyond

@@ -27,6 +27,7 @@ use crate::gpu::context::Context;
 use crate::gpu::layout::Splat;
 use crate::gpu::splat::packed_appearance;
 use crate::gpu::store::{Drawable, MadeBrick, StoreBuilder};
+use crate::gpu::view::LayerPart;
 use crate::kernel::Kernel;
 use crate::progress::Progress;
 use crate::settings::MAX_LEVEL;
@@ -186,6 +187,8 @@ pub(crate) struct Coarsening<'a> {
     pub(crate) volume: &'a Volume,
     pub(crate) voxels: Voxels<'a>,
     pub(crate) shape: Shape,
+    /// The part of the lattice of cells whose bricks are made; `None`: all of it.
+    pub(crate) part: Option<LayerPart>,
 }
 
 impl Coarsening<'_> {
@@ -201,16 +204,33 @@ impl Coarsening<'_> {
         Ok(cells)
     }
 
+    /// The bricks along x that are made, with these numbers in y and z: a linear function bounds them.
+    fn bricks_of_row(&self, [j, k]: [usize; 2]) -> Range<usize> {
+        let count = self.shape.dims[0].div_ceil(EDGE);
+        let Some(part) = &self.part else { return 0..count };
+        let middle = DVec3::from_array(self.shape.dims.map(|n| (n as f64 - 1.0) / 2.0));
+        let corner = |brick: [usize; 3]| DVec3::from_array(brick.map(|n| (n * EDGE) as f64)) - middle;
+        let mut made = (0..count).filter(|&i| part.meets([corner([i, j, k]), corner([i + 1, j + 1, k + 1])]));
+        made.next().map_or(0..0, |first| first..made.next_back().unwrap_or(first) + 1)
+    }
+
     /// The bricks with cells along x, with these numbers in y and z.
     fn row(&self, [j, k]: [usize; 2]) -> Result<Vec<MadeBrick>> {
         let [across, down, deep] = self.shape.dims;
         let [ys, zs] = [(j, down), (k, deep)].map(|(brick, n)| brick * EDGE..n.min((brick + 1) * EDGE));
+        let bricks = self.bricks_of_row([j, k]);
+        let xs = bricks.start * EDGE..across.min(bricks.end * EDGE);
+        if xs.is_empty() {
+            return Ok(Vec::new());
+        }
         let [nx, ny, nz] = self.volume.grid().dims().map(i64::from);
         let within = |cells: &Range<usize>, n: i64| {
             let voxels = self.shape.filter.voxels(cells.start as i64, cells.end as i64);
             voxels.start.clamp(0, n)..voxels.end.clamp(0, n)
         };
         let rows = within(&ys, ny);
+        let columns = within(&xs, nx);
+        let columns = columns.start as usize..columns.end as usize;
         // The cells of the row of bricks, and a plane of cells for the voxels of one plane.
         let mut cells = filled(across * ys.len() * zs.len(), [0.0; 4])?;
         let mut plane = filled(across * ys.len(), [0.0; 4])?;
@@ -231,14 +251,16 @@ impl Coarsening<'_> {
             for y in rows.clone() {
                 let inside = &mut voxels[begin..begin + nx as usize];
                 let shown = match &slices {
-                    Ok(slices) => slices.row([y, z], inside),
-                    Err(splats) => splats.row([y as usize, z as usize], inside),
+                    Ok(slices) => slices.row([y, z], &columns, inside),
+                    Err(splats) => splats.row([y as usize, z as usize], &columns, inside),
                 };
                 if shown.is_empty() {
                     continue;
                 }
                 shows = true;
                 let reached = self.shape.filter.reached(&shown, across);
+                let start = reached.start.clamp(xs.start, xs.end);
+                let reached = start..reached.end.clamp(start, xs.end);
                 let narrow = &mut narrow[reached.clone()];
                 self.shape.filter.gather(&voxels, reached.clone(), narrow);
                 for (cell, weight) in self.shape.filter.cells(y, ys.start, ys.end) {
@@ -255,7 +277,7 @@ impl Coarsening<'_> {
             }
         }
         let mut bricks: Vec<_> =
-            (0..across.div_ceil(EDGE)).map(|i| self.brick(&cells, [i, j, k])).collect::<Result<_>>()?;
+            bricks.map(|i| self.brick(&cells, [i, j, k])).collect::<Result<_>>()?;
         bricks.retain(|made| made.splats.count() > 0);
         Ok(bricks)
     }

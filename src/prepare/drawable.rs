@@ -20,6 +20,7 @@ use crate::gpu::splat::SplatLight;
 use crate::gpu::store::Drawable;
 use crate::gpu::timing::on_host;
 use crate::gpu::transfer::{Reduction, VisibleValues};
+use crate::gpu::view::LayerPart;
 use crate::kernel::Kernel;
 use crate::layers::Layers;
 use crate::progress::Progress;
@@ -70,8 +71,8 @@ impl<K, V> Held<K, V> {
     }
 }
 
-/// The light on the voxels of cells, and the shadows.
-type CellsKey = (Option<SplatLight>, Option<Shadows>);
+/// The light on the voxels of cells, the shadows, and the part of the lattice that has cells; `None`: all of it.
+type CellsKey = (Option<SplatLight>, Option<Shadows>, Option<LayerPart>);
 
 /// A volume as pre-shading draws it.
 pub(super) struct PreShaded {
@@ -245,13 +246,17 @@ impl PreShaded {
         &self,
         context: &Context,
         pipelines: &Cache,
-        Lattice { size, light, shadows, .. }: &Lattice,
+        Lattice { view, size, light, shadows, .. }: &Lattice,
         progress: &Progress,
     ) -> Result<(Arc<Drawable>, f64)> {
         let Some((volume, transfer)) = self.layers.plain() else {
             return Err(Error::volume("several layers have no cells"));
         };
-        self.cells[size.number()].get_or_make((light.clone(), shadows.clone()), PartialEq::eq, |held| {
+        // Cells in a light are made anew for every eye, so only where their layer has a share. The device keeps the
+        // places of all cells instead.
+        let of_one_eye = light.as_ref().is_some_and(|light| light.to_eye.perspective) && context.is_software();
+        let part = view.layer_part().filter(|_| of_one_eye);
+        self.cells[size.number()].get_or_make((light.clone(), shadows.clone(), part), PartialEq::eq, |held| {
             let changed = held.is_some();
             let shaded = shadows.as_ref().map(|shadows| self.classified(context, pipelines, Some(shadows), progress));
             let shaded = shaded.transpose()?;
@@ -260,7 +265,7 @@ impl PreShaded {
                 let shape = Shape::new(volume.grid(), transfer, *size);
                 // Cells of another light: their memory serves these, or they are dropped before. Shadows lie on splats,
                 // whose densities are rounded, so that other cells may be faint.
-                let before = held.and_then(|((_, of), cells)| {
+                let before = held.and_then(|((_, of, _), cells)| {
                     let serves = of.is_some() == shadows.is_some();
                     Arc::into_inner(cells).filter(|_| serves)
                 });
@@ -293,7 +298,7 @@ impl PreShaded {
                     }
                     _ => Voxels::Samples(Source::new(volume, transfer, light, None)),
                 };
-                Ok(Arc::new(Coarsening { volume, voxels, shape }.emit(context, progress)?))
+                Ok(Arc::new(Coarsening { volume, voxels, shape, part }.emit(context, progress)?))
             })
         })
     }

@@ -189,8 +189,8 @@ fn perspectives_by_quads_take_the_level_of_the_nearest_voxel() {
 #[test]
 fn layers_of_levels_follow_the_reference() {
     for (name, volume) in volumes(48) {
-        // Levels 0 and 1, and 0 to 2.
-        for (view_height, levels) in [(60.0, [0.0, 1.0]), (100.0, [0.0, 2.0])] {
+        // Levels 0 to 3/2, and 0 to 2.
+        for (view_height, levels) in [(60.0, [0.0, 1.5]), (100.0, [0.0, 2.0])] {
             let camera = look(&deep(view_height), &volume, [40; 2]);
             let expected = truth(&volume, &tones(0.1), &camera, &auto());
             let got = picture(&volume, &tones(0.1), &camera, &with_tiles(&auto(), Resolution::Full));
@@ -331,6 +331,20 @@ fn the_same_bytes_whatever_was_drawn_before() {
     }
 }
 
+#[test]
+fn lit_cells_are_made_where_their_layer_shows() {
+    let (volume, transfer) = (volumes(70).swap_remove(0).1, tones(0.1));
+    let camera = look(&deep(90.0), &volume, [40; 2]);
+    let [unlit, lit] = [None, headlight()].map(|lighting| {
+        let settings = with_tiles(&Settings { lighting, ..auto() }, Resolution::Full);
+        picture(&volume, &transfer, &camera, &settings).stats
+    });
+    assert!(lit.levels == unlit.levels && lit.levels[1] > lit.levels[0] + 0.5, "{:?}", lit.levels);
+    let [unlit, lit] = [unlit, lit].map(|stats| stats.splats_kept);
+    println!("{lit} of {unlit} cells");
+    assert!((lit as f64) < 0.9 * unlit as f64, "{lit} of {unlit} cells");
+}
+
 /// Every way of storing samples, thinned and lit from all sides; bricks that end within the volume and beyond it.
 #[test]
 fn the_device_makes_the_cells_of_the_host() {
@@ -360,26 +374,34 @@ fn the_device_makes_the_cells_of_the_host() {
         let at_a_place = Some(Lighting { lights: vec![Light::at(place)], ..Lighting::default() });
         let shadowed = two_lights().map(|lighting| Lighting { shadows: 0.8, occlusion: Some(4.0), ..lighting });
         for (transfer, lighting, level) in [
-            (&plain, None, 1),
-            (&plain, headlight(), 1),
-            (&thinned, two_lights(), 2),
-            (&plain, at_a_place, 3),
-            (&thinned, shadowed, 1),
+            (&plain, None, 1.0),
+            (&plain, headlight(), 1.0),
+            (&thinned, two_lights(), 2.0),
+            (&plain, at_a_place, 3.0),
+            (&thinned, shadowed, 1.0),
+            (&plain, headlight(), 0.5),
+            (&thinned, two_lights(), 1.5),
         ] {
-            let settings = Settings { lighting, level: Level::At(level), ..auto() };
+            // Only `auto` takes levels with halves, here between growths of 1.125 and 1.5, or 2.25 and 3.
+            let (at, growth) = match level {
+                0.5 => (Level::Auto, 1.3),
+                1.5 => (Level::Auto, 2.6),
+                _ => (Level::At(level as u32), 0.9 * level.exp2()),
+            };
+            let settings = Settings { lighting, level: at, ..auto() };
             // GPUs have a ray for each pixel by default, software has not.
             let settings = with_tiles(&settings, Resolution::Full);
             let through_an_eye = ProjectionKind::Perspective { fov: 10.0 };
             for projection in [ProjectionKind::Orthographic, through_an_eye] {
                 let view = View { azimuth: 20.0, projection, ..View::default() };
-                let (view, size) = grown(70, 0.9 * f64::from(level).exp2(), view);
+                let (view, size) = grown(70, growth, view);
                 let camera = look(&view, &volume, size);
                 let draw = |renderer: &Renderer| {
                     let scene = prepare_on(renderer, &volume, transfer, &settings).unwrap();
                     draw_on(renderer, &scene, &camera, &settings).unwrap()
                 };
                 let (here, there) = (draw(&RENDERER), draw(&device));
-                assert_eq!(here.stats.levels, [level as f32; 2]);
+                assert_eq!(here.stats.levels, [level as f32; 2], "{settings:?}");
                 let (color, alpha) = errors(&there.image, &here.image);
                 assert!(color < 1e-4 && alpha < 1e-4, "{color:e} {alpha:e}: {settings:?}");
                 assert!(there.image.pixels().iter().any(|pixel| pixel[3] > 0.1));
