@@ -382,11 +382,11 @@ fn the_device_makes_the_cells_of_the_host() {
             (&plain, headlight(), 0.5),
             (&thinned, two_lights(), 1.5),
         ] {
-            // Only `auto` takes levels with halves, here between growths of 1.125 and 1.5, or 2.25 and 3.
+            // Only `auto` takes levels with halves, here between growths of 1.2 and 1.8, or 3.2 and 4.8.
             let (at, growth) = match level {
-                0.5 => (Level::Auto, 1.3),
-                1.5 => (Level::Auto, 2.6),
-                _ => (Level::At(level as u32), 0.9 * level.exp2()),
+                0.5 => (Level::Auto, 1.5),
+                1.5 => (Level::Auto, 3.8),
+                _ => (Level::At(level as u32), 0.9 * f64::exp2(level)),
             };
             let settings = Settings { lighting, level: at, ..auto() };
             // GPUs have a ray for each pixel by default, software has not.
