@@ -17,8 +17,9 @@ struct CellBox {
     first_brick: u32,
     // Number of its first splat among the splats of the store.
     first_splat: u32,
-    // Voxels along a cell.
-    size: u32,
+    // Voxels along a cell, as a fraction in lowest terms: as many cells as the divisor have weights of their own.
+    over: u32,
+    under: u32,
     // The plane with the first weight in the first cell: below 0 before the first plane.
     low: i32,
     // Planes; beyond them all sums are 0.
@@ -43,6 +44,9 @@ struct CellRow {
     // Place of its first cell in a plane, and the plane with the first weight in it.
     first: u32,
     low: i32,
+    // The first of its weights, and their number.
+    weights: u32,
+    taps: u32,
     // Number of its cells in the box.
     count: u32,
 }
@@ -54,20 +58,22 @@ fn cell_row(index: u32) -> CellRow {
     let row = brick / inside.bricks.x;
     let point = vec3u(brick % inside.bricks.x, row % inside.bricks.y, row / inside.bricks.y) * EDGE + vec3u(0u, y, z);
     let first = point.x + inside.dims.x * point.y;
-    let low = inside.low + i32(point.z * inside.size);
+    let low = inside.low + i32(point.z * inside.over / inside.under);
+    let taps = arrayLength(&weights) / inside.under;
+    let own = point.z % inside.under * taps;
     if any(point >= inside.dims) {
-        return CellRow(brick, y, z, first, low, 0u);
+        return CellRow(brick, y, z, first, low, own, taps, 0u);
     }
-    return CellRow(brick, y, z, first, low, min(EDGE, inside.dims.x - point.x));
+    return CellRow(brick, y, z, first, low, own, taps, min(EDGE, inside.dims.x - point.x));
 }
 
 // The cell number `i` of a row.
 fn cell_of(row: CellRow, i: u32) -> vec4f {
     let plane = inside.dims.x * inside.dims.y;
-    let end = min(i32(arrayLength(&weights)), i32(inside.planes) - row.low);
+    let end = min(i32(row.taps), i32(inside.planes) - row.low);
     var cell = vec4f(0.0);
     for (var tap = max(0, -row.low); tap < end; tap++) {
-        cell += weights[tap] * planes[row.first + i + u32(row.low + tap) * plane];
+        cell += weights[row.weights + u32(tap)] * planes[row.first + i + u32(row.low + tap) * plane];
     }
     return cell;
 }

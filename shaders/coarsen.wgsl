@@ -15,8 +15,10 @@ struct Coarsen {
     axis: vec3u,
     // The value with the first weight in the first sum: below 0 before the first value.
     low: i32,
-    // Values between sums.
-    size: u32,
+    // Values between sums, as a fraction in lowest terms: sum number c begins that many whole values behind the first.
+    // As many sums as the divisor have weights of their own.
+    over: u32,
+    under: u32,
 }
 
 @group(0) @binding(0) var<uniform> coarsen: Coarsen;
@@ -35,11 +37,15 @@ fn along_axis(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups)
     let others = place * coarsen.steps * (1u - coarsen.axis);
     let step = coarsen.steps * coarsen.axis;
     let along = place * coarsen.axis;
-    let low = coarsen.low + i32((along.x + along.y + along.z) * coarsen.size);
-    let end = min(i32(arrayLength(&weights)), i32(coarsen.count) - low);
+    let number = along.x + along.y + along.z;
+    let low = coarsen.low + i32(number * coarsen.over / coarsen.under);
+    let taps = arrayLength(&weights) / coarsen.under;
+    let own = number % coarsen.under * taps;
+    let end = min(i32(taps), i32(coarsen.count) - low);
     var sum = vec4f(0.0);
     for (var tap = max(0, -low); tap < end; tap++) {
-        sum += weights[tap] * values[others.x + others.y + others.z + u32(low + tap) * (step.x + step.y + step.z)];
+        let place = others.x + others.y + others.z + u32(low + tap) * (step.x + step.y + step.z);
+        sum += weights[own + u32(tap)] * values[place];
     }
     sums[coarsen.first + index] = sum;
 }

@@ -15,7 +15,7 @@ const HELD: u32 = 2u * WORKGROUP;
 @group(0) @binding(3) var<uniform> lighting: Lighting;
 // x fastest.
 @group(0) @binding(4) var<storage, read_write> sums: array<vec4f>;
-// As many for each voxel of a cell as a voxel has cells.
+// As many for each voxel of a cell as a voxel has cells; for as many cells as the divisor of the voxels along a cell.
 @group(0) @binding(5) var<storage, read> weights: array<f32>;
 @group(0) @binding(6) var<uniform> inside: VoxelBox;
 // For each row of a brick: the number of its first visible voxel among those of all bricks.
@@ -61,8 +61,7 @@ fn lit_rows(
     @builtin(workgroup_id) group: vec3u,
     @builtin(num_workgroups) groups: vec3u,
 ) {
-    let taps = arrayLength(&weights);
-    let size = taps / NODES;
+    let taps = arrayLength(&weights) / inside.under;
     let groups_of_row = (inside.cells + SUMS - 1u) / SUMS;
     let number = group.x + group.y * groups.x;
     let row = number / groups_of_row;
@@ -77,13 +76,16 @@ fn lit_rows(
         return;
     }
     let first_cell = number % groups_of_row * SUMS;
-    let end = (min(SUMS, inside.cells - first_cell) - 1u) * size + taps;
-    // The voxels of this invocation's sum begin here among the voxels of the workgroup.
-    let start = lane * size;
+    // The number of the first voxel of the workgroup, and the end of its voxels.
+    let begin = first_cell * inside.over / inside.under;
+    let end = (min(first_cell + SUMS, inside.cells) - 1u) * inside.over / inside.under - begin + taps;
+    // The voxels of this invocation's sum begin here among them, and its weights there.
+    let start = (first_cell + lane) * inside.over / inside.under - begin;
+    let own = (first_cell + lane) % inside.under * taps;
     var sum = vec4f(0.0);
-    for (var before = 0u; before < min(end, WORKGROUP * (taps / NODES)); before += HELD) {
+    for (var before = 0u; before < min(end, WORKGROUP * ((taps + NODES - 1u) / NODES)); before += HELD) {
         for (var n = lane; n < HELD; n += WORKGROUP) {
-            let x = inside.first_x + i32(first_cell * size + before + n);
+            let x = inside.first_x + i32(begin + before + n);
             var voxel = vec4f(0.0);
             if x >= 0 && x < i32(classify.dims.x) {
                 let point = vec3u(u32(x), y, z);
@@ -95,7 +97,7 @@ fn lit_rows(
         }
         workgroupBarrier();
         for (var n = max(start, before); n < min(start + taps, before + HELD); n++) {
-            sum += weights[n - start] * held[n - before];
+            sum += weights[own + n - start] * held[n - before];
         }
         workgroupBarrier();
     }

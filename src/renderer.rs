@@ -440,7 +440,8 @@ impl Renderer {
             }
         };
         let (nearest, farthest) = (&layers[0], &layers[layers.len() - 1]);
-        let levels = nearest.need.cut.map_or([nearest, farthest].map(|layer| layer.lattice.level), |cut| cut.levels);
+        let of_layers = [nearest, farthest].map(|layer| layer.lattice.size.level());
+        let levels = nearest.need.cut.map_or(of_layers, |cut| cut.levels.map(|level| level as f32));
         let mut stages = Vec::new();
         if seconds > 0.0 {
             stages.push(StageTime::host("classify", seconds));

@@ -97,7 +97,7 @@ class Settings:
     sharpness: float | None = None
     """The share of the kernel's blur that is undone, 0 to 1."""
     level: str | int = "auto"
-    """Cells of 2^level voxels replace voxels, 0 to 12; ``"auto"``."""
+    """Cells of 2^level voxels replace voxels, 0 to 12; ``"auto"`` may choose cells between two levels."""
     painter: str = "auto"
     """``"auto"``, ``"tiles"`` or ``"quads"``."""
     resolution: str | None = None

@@ -20,7 +20,10 @@ struct VoxelBox {
     // The first place along x with a weight in the first cell: below 0 before the first face.
     first_x: i32,
     view_y: vec3f,
+    // Voxels along a cell, as a fraction in lowest terms.
+    over: u32,
     view_z: vec3f,
+    under: u32,
 }
 
 // The unit vector from a lattice point to the eye, in view coordinates.

@@ -123,7 +123,7 @@ struct Search<'a> {
     /// The best picture so far, and its place in `tried`.
     best: Option<(usize, Rendered)>,
     /// Level, thickness of sheets and error of each picture by `quads`, all of the level of the last one.
-    sheets: Vec<(u32, f64, f64)>,
+    sheets: Vec<(f32, f64, f64)>,
 }
 
 /// The outcome of one attempt.
@@ -133,7 +133,7 @@ struct Trial {
     by_tiles: bool,
     splats: u64,
     /// The coarsest level of the splats.
-    level: u32,
+    level: f32,
 }
 
 impl Search<'_> {
@@ -173,7 +173,8 @@ impl Search<'_> {
         let coarse = self.bound >= LEAST_OF_CELLS && first.splats >= MANY_SPLATS && base.level == Level::Auto;
         let one_eye = base.is_post_shaded() && self.camera.eye().is_some();
         if coarse && !one_eye && self.scene.has_cells() {
-            for level in first.level + 1..=(first.level + COARSER).min(MAX_LEVEL) {
+            let finest = first.level as u32;
+            for level in finest + 1..=(finest + COARSER).min(MAX_LEVEL) {
                 match self.draw(&Settings { level: Level::At(level), ..base.clone() }) {
                     Ok(trial) if trial.keeps => {}
                     Err(error) if !error.refuses_settings() => return Err(error),
@@ -189,7 +190,7 @@ impl Search<'_> {
         let chosen_for = base.painter;
         let shares_rays = last.by_tiles && chosen_for == Painter::Auto && !base.is_post_shaded();
         // Neither more rays nor thinner sheets make up for the error of cells, so voxels come first.
-        if last.level > 0 && base.level == Level::Auto {
+        if last.level > 0.0 && base.level == Level::Auto {
             base.level = Level::At(0);
             self.attempt(&base, &mut last)?;
         }
@@ -216,7 +217,7 @@ impl Search<'_> {
             if self.tried.len() == drawn {
                 break;
             }
-            if last.level > 0 && base.level == Level::Auto {
+            if last.level > 0.0 && base.level == Level::Auto {
                 base.level = Level::At(0);
             }
         }

@@ -18,7 +18,7 @@ use crate::kernel::NORMAL_REACH;
 use crate::layers::Layers;
 use crate::painters::choice::PainterKind;
 use crate::painters::painter::FamilyShare;
-use crate::prepare::cells;
+use crate::prepare::cells::{self, CellSize};
 use crate::renderer::Renderer;
 use crate::settings::{Level, Model, Painter, QuadsSettings, Resolution, Settings, Sheets, TilesSettings};
 use crate::stats::Stats;
@@ -421,11 +421,12 @@ fn drawn(grid: &Grid, camera: &Camera, settings: &Settings, level: u32) -> Resul
     if level == 0 {
         return Ok((voxels, settings));
     }
-    let growth = voxels.min_growth().max(cells::least_growth(&settings.kernel, level));
-    let kernel = cells::kernel_of(&settings.kernel, growth, level);
-    let grown = growth / f64::from(level).exp2();
+    let size = CellSize::of_level(level);
+    let growth = voxels.min_growth().max(cells::least_growth(&settings.kernel, size));
+    let kernel = cells::kernel_of(&settings.kernel, growth, size);
+    let grown = growth / size.voxels();
     let settings = Settings { kernel, ..settings }.with_sheets_of(grown);
-    let cells = cells::grid_of(grid, level)?;
+    let cells = cells::grid_of(grid, size)?;
     Ok((ViewGeometry::of_cells(camera, &cells, &settings, Savings::default(), grown, None), settings))
 }
 

@@ -35,7 +35,7 @@ const PLANES: usize = 8;
 /// Cells that a voxel is shared among along an axis; NODES in shaders/lit_rows.wgsl.
 pub(crate) const NODES: usize = 6;
 /// Sums along x of a workgroup; SUMS in shaders/lit_rows.wgsl.
-const SUMS: usize = WORKGROUP as usize + 1 - NODES;
+pub(crate) const SUMS: usize = WORKGROUP as usize + 1 - NODES;
 /// The work for a voxel whose normal is kept, in fragments of splats, and for one whose normal is found.
 const LIT: u64 = 2;
 const FOUND: u64 = 16;
@@ -46,12 +46,12 @@ pub(crate) struct CellLattice<'a> {
     pub(crate) dims: [usize; 3],
     /// Voxels along each axis.
     pub(crate) voxels: [usize; 3],
-    /// Voxels along a cell.
-    pub(crate) size: usize,
+    /// Voxels along a cell, as a fraction in lowest terms.
+    pub(crate) size: [usize; 2],
     /// The first voxel with a weight in the first cell, along each axis.
     pub(crate) first: i64,
-    /// The weights of the voxels from there on.
-    pub(crate) weights: &'a [f32],
+    /// The weights of the voxels from there on, for as many cells as the divisor of `size`.
+    pub(crate) weights: &'a [Vec<f32>],
     /// Cells of a lower density are left out.
     pub(crate) least: f32,
 }
@@ -59,19 +59,26 @@ pub(crate) struct CellLattice<'a> {
 impl CellLattice<'_> {
     /// The first voxel with a weight in a cell: below 0 before the face.
     fn low(&self, cell: usize) -> i64 {
-        self.first + (cell * self.size) as i64
+        let [over, under] = self.size;
+        self.first + (cell * over / under) as i64
+    }
+
+    /// The number of weights in a cell.
+    fn taps(&self) -> usize {
+        self.weights.first().map_or(0, Vec::len)
     }
 
     /// The voxels with weights in some cells along an axis.
     fn voxels(&self, axis: usize, cells: &Range<usize>) -> Range<usize> {
-        let end = self.low(cells.end) - self.size as i64 + self.weights.len() as i64;
+        let end = self.low(cells.end.max(1) - 1) + self.taps() as i64;
         let [start, end] = [self.low(cells.start), end].map(|voxel| voxel.clamp(0, self.voxels[axis] as i64) as usize);
         start..end
     }
 
     /// The largest number of voxels with weights in so many cells along an axis.
     fn count(&self, axis: usize, cells: usize) -> usize {
-        ((cells - 1) * self.size + self.weights.len()).min(self.voxels[axis])
+        let [over, under] = self.size;
+        (((cells - 1) * over).div_ceil(under) + self.taps()).min(self.voxels[axis])
     }
 
     /// Cells of a box along y and z: whole bricks, as many as keep the buffers small. A plane of voxels has `width`
@@ -326,7 +333,7 @@ pub(crate) fn run(
             scan: Scan::of(pipelines, context)?,
             to_eye: light.map_or(&ToEye::PARALLEL, |light| &light.to_eye),
             lighting: context.upload("cells.lighting", bytemuck::bytes_of(&lighting), uniform)?,
-            weights: context.upload("cells.weights", bytemuck::cast_slice(lattice.weights), storage)?,
+            weights: context.upload("cells.weights", bytemuck::cast_slice(&lattice.weights.concat()), storage)?,
         })
     };
     match voxels {
@@ -516,8 +523,8 @@ impl Job<'_> {
         steps: [usize; 3],
         first: usize,
     ) -> Coarsen {
-        let words = |values: [usize; 3]| values.map(|value| value as u32);
         let voxels = self.lattice.voxels(axis, &cells[axis]);
+        let [over, under] = words(self.lattice.size);
         Coarsen {
             dims: words(dims),
             first: first as u32,
@@ -525,7 +532,8 @@ impl Job<'_> {
             count: voxels.len() as u32,
             axis: std::array::from_fn(|other| u32::from(other == axis)),
             low: (self.lattice.low(cells[axis].start) - voxels.start as i64) as i32,
-            size: self.lattice.size as u32,
+            over,
+            under,
             ..Coarsen::zeroed()
         }
     }
@@ -558,6 +566,7 @@ impl Job<'_> {
         let Self { context, lattice, .. } = self;
         let ToEye { eye, view: [view_x, view_y, view_z], .. } = *self.to_eye;
         let across = lattice.dims[0];
+        let [over, under] = words(lattice.size);
         // From the first to before the last brick or splat.
         let inside = |Range { start, end }: Range<u32>| {
             let parameters = VoxelBox {
@@ -570,8 +579,9 @@ impl Job<'_> {
                 view_x,
                 first_x: lattice.low(0) as i32,
                 view_y,
+                over,
                 view_z,
-                ..VoxelBox::zeroed()
+                under,
             };
             context.upload("cells.voxel_box", bytemuck::bytes_of(&parameters), wgpu::BufferUsages::UNIFORM)
         };
@@ -656,15 +666,18 @@ impl Job<'_> {
         let bricks = [bx, by, bx * by * bz];
         let [first_brick, first_splat] = first.unwrap_or_default();
         let voxels = lattice.voxels(2, &within[2]);
+        let [over, under] = words(lattice.size);
         let parameters = CellBox {
             dims: within.clone().map(|range| range.len() as u32),
             least: lattice.least,
             bricks,
             first_brick,
             first_splat,
-            size: lattice.size as u32,
+            over,
+            under,
             low: (lattice.low(within[2].start) - voxels.start as i64) as i32,
             planes: voxels.len() as u32,
+            ..CellBox::zeroed()
         };
         let parameters =
             context.upload("cells.cell_box", bytemuck::bytes_of(&parameters), wgpu::BufferUsages::UNIFORM)?;
@@ -676,6 +689,10 @@ impl Job<'_> {
         stage.record(pass, &stage.bind(context, &buffers), &[], workgroups);
         Ok(())
     }
+}
+
+fn words<const N: usize>(values: [usize; N]) -> [u32; N] {
+    values.map(|value| value as u32)
 }
 
 /// Bricks along each axis of a box of cells.

@@ -15,7 +15,7 @@ use crate::appearance::demos;
 use crate::camera::{Camera, View};
 use crate::formats::{LoadOptions, load};
 use crate::lighting::{Light, Lighting};
-use crate::prepare::cells::Shape;
+use crate::prepare::cells::{CellSize, Shape};
 use crate::progress::Progress;
 use crate::settings::Settings;
 use crate::transfer::TransferFunction;
@@ -44,7 +44,7 @@ impl<'a> Subject<'a> {
         let settings = Settings { lighting: Some(Lighting { lights, ..Lighting::default() }), ..Settings::default() };
         let camera = Camera::new(&View::default(), volume.grid(), [32; 2]).unwrap();
         let light = ViewGeometry::new(&camera, volume.grid(), &settings, Savings::default()).splat_light(&settings);
-        let (shape, progress) = (Shape::new(volume.grid(), transfer, 1), Progress::default());
+        let (shape, progress) = (Shape::new(volume.grid(), transfer, CellSize::of_level(1)), Progress::default());
         let input = Input::new(context, volume, transfer, true, &progress).unwrap();
         let voxels = Voxels::Samples(&input, &self.held, &self.kept);
         let of = (voxels, Some(&light));
@@ -145,7 +145,7 @@ fn device_cells_are_the_same_without_kept_normals_and_in_small_buffers() {
 fn cells_of_a_large_scan_take_few_dispatches() {
     let (_, transfer) = vessels(8);
     for (size, level, most, at_most) in [(512, 1, MOST, 15), (512, 1, MOST / 2, 45), (1024, 2, MOST, 63)] {
-        let shape = Shape::new(&Grid::axis_parallel([size; 3], [1.0; 3]).unwrap(), &transfer, level);
+        let shape = Shape::new(&Grid::axis_parallel([size; 3], [1.0; 3]).unwrap(), &transfer, CellSize::of_level(level));
         let lattice = shape.on_device();
         let Plan { rows, layers, planes, together, .. } = lattice.plan(most, false);
         let boxes = lattice.dims[1].div_ceil(rows) * lattice.dims[2].div_ceil(layers);

@@ -116,9 +116,9 @@ shared! {
         view_x: [f32; 3],
         first_x: i32,
         view_y: [f32; 3],
-        _pad_y: u32,
+        over: u32,
         view_z: [f32; 3],
-        _pad_z: u32,
+        under: u32,
     }
 
     /// Sums along an axis; shaders/coarsen.wgsl.
@@ -129,8 +129,9 @@ shared! {
         count: u32,
         axis: [u32; 3],
         low: i32,
-        size: u32,
-        _pad: [u32; 3],
+        over: u32,
+        under: u32,
+        _pad: [u32; 2],
     }
 
     /// A box of cells; shaders/cells.wgsl.
@@ -140,9 +141,11 @@ shared! {
         bricks: [u32; 3],
         first_brick: u32,
         first_splat: u32,
-        size: u32,
+        over: u32,
+        under: u32,
         low: i32,
         planes: u32,
+        _pad: [u32; 3],
     }
 
     /// The box of voxels on which light falls; shaders/common/light_box.wgsl.

@@ -42,6 +42,24 @@ impl Fade {
     pub(crate) const FARTHEST: [f64; 2] = [1e8, 2e8];
 }
 
+/// The lattice points around the middle of a lattice where a layer may have a share: those at which a linear function
+/// lies between two values.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct LayerPart {
+    at_middle: f64,
+    slope: DVec3,
+    between: [f64; 2],
+}
+
+impl LayerPart {
+    /// Whether it meets a box.
+    pub(crate) fn meets(&self, [low, high]: [DVec3; 2]) -> bool {
+        let middle = self.at_middle + self.slope.dot((low + high) / 2.0);
+        let reach = self.slope.abs().dot((high - low) / 2.0);
+        middle + reach > self.between[0] && middle - reach < self.between[1]
+    }
+}
+
 /// The voxels of a lattice that a scene holds, and the part of the lattice that its partial pictures show.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Held {
@@ -62,13 +80,12 @@ impl Held {
     /// A place beyond every voxel, whose quotients stay in the range of f32.
     pub(crate) const OPEN: f64 = 1e9;
 
-    /// The same part of a lattice of cells, each of 2^`level` voxels along an edge. The first voxel and the cuts lie
+    /// The same part of a lattice of cells, each of `size` voxels along an edge. The first voxel and the cuts lie
     /// between cells. `dims` are the cells that the scene holds, `faces` those before the first voxel.
-    pub(crate) fn of_cells(self, level: u32, dims: [u32; 3], faces: f64) -> Self {
-        let size = f64::from(level).exp2();
+    pub(crate) fn of_cells(self, size: f64, dims: [u32; 3], faces: f64) -> Self {
         let cell = |place: f64| if place.abs() < Self::OPEN { (place + 0.5) / size - 0.5 + faces } else { place };
         Self {
-            first: self.first.map(|voxel| voxel >> level),
+            first: self.first.map(|voxel| (f64::from(voxel) / size) as u32),
             dims,
             owned: self.owned.map(|places| DVec3::from_array(places.to_array().map(cell))),
             beyond: self.beyond / size,
@@ -211,26 +228,30 @@ impl ViewGeometry {
         self.growths[1]
     }
 
-    /// The growths between which voxels, or cells of the level before, give way to cells of a level that begins at a
-    /// growth of `least`. The ramp is four of these cells deep: over fewer planes the shares of both would not add up
+    /// The growths between which voxels, or smaller cells, give way to cells of `size` voxels that begin at a growth of
+    /// `least`. The ramp is four of these cells deep: over fewer planes the shares of both would not add up
     /// to 1.
-    pub(crate) fn ramp(&self, level: u32, least: f64) -> [f64; 2] {
+    pub(crate) fn ramp(&self, size: f64, least: f64) -> [f64; 2] {
         let [x, y, z] = self.grid.spacing();
-        let depth = 4.0 * f64::from(level).exp2() * x.max(y).max(z);
+        let depth = 4.0 * size * x.max(y).max(z);
         // A quarter less than the least is hardly visible, and only few cells would have deeper ramps.
         [least - (self.growth.slope * depth).min(least / 4.0), least]
+    }
+
+    /// Where the layer may have a share in the picture; `None` if the lattice is no layer.
+    pub(crate) fn layer_part(&self) -> Option<LayerPart> {
+        let Fade { begins, ends } = self.fade?;
+        let slope = self.growth.slope * self.gradients[2];
+        // Rays meet the plane of a voxel within twice the radius of its kernel.
+        let reach = slope.length() * 2.0 * self.max_radius();
+        let at_middle = self.growth.constant + self.growth.slope * self.eye_depth;
+        Some(LayerPart { at_middle, slope, between: [begins[0] - reach, ends[1] + reach] })
     }
 
     /// Whether the layer may have a share in the picture of the voxels of a box. The lattice of the box has `padding`
     /// copies beyond its faces. True if the lattice is no layer.
     pub(crate) fn layer_holds(&self, bounds: [[u32; 3]; 2], padding: u32) -> bool {
-        let Some(fade) = self.fade else { return true };
-        let [low, high] = self.box_around_middle(bounds, padding);
-        // Rays meet the plane of a voxel within twice the radius of its kernel.
-        let slope = self.growth.slope * self.gradients[2];
-        let reach = slope.abs().dot((high - low) / 2.0) + slope.length() * 2.0 * self.max_radius();
-        let middle = self.growth.constant + self.growth.slope * self.eye_depth + slope.dot((low + high) / 2.0);
-        middle + reach > fade.begins[0] && middle - reach < fade.ends[1]
+        self.layer_part().is_none_or(|part| part.meets(self.box_around_middle(bounds, padding)))
     }
 
     /// Whether voxels of a box may take part in unclipped matter. The lattice of the box has `padding` copies beyond

@@ -2,7 +2,7 @@
 //! Hanrahan 1991, "Hierarchical splatting"). On the host on software, and for volumes whose samples a device does not
 //! hold. Otherwise the device makes them: gpu/cells.rs.
 //!
-//! A cell of level n stands for 2^n voxels along each axis. Voxels are classified and lit one by one. A cell holds the
+//! A cell of level n stands for 2^n voxels along each axis, and of level n + 1/2 for half as many more. Voxels are classified and lit one by one. A cell holds the
 //! light that they emit and absorb, weighted by the polynomials of degree 5 that interpolate cells at the places of
 //! voxels (Lagrange). So the moments of each voxel are kept up to the fifth. Weights farther than a cell away are
 //! negative, so a cell may absorb a little less than nothing.
@@ -13,6 +13,7 @@
 mod classification;
 mod filter;
 mod lit;
+mod size;
 mod slices;
 
 use std::ops::Range;
@@ -26,6 +27,7 @@ use crate::gpu::context::Context;
 use crate::gpu::layout::Splat;
 use crate::gpu::splat::packed_appearance;
 use crate::gpu::store::{Drawable, MadeBrick, StoreBuilder};
+use crate::gpu::view::LayerPart;
 use crate::kernel::Kernel;
 use crate::progress::Progress;
 use crate::settings::MAX_LEVEL;
@@ -36,6 +38,7 @@ use voxsplat_volume::memory::reserved;
 pub(crate) use self::classification::{Classification, ColorSource, Emission};
 pub(crate) use self::filter::{Filter, response};
 pub(crate) use self::lit::LitSplats;
+pub(crate) use self::size::CellSize;
 pub(crate) use self::slices::{KeptNormals, Source};
 
 /// The least standard deviation of the kernels of cells, in cells: narrower kernels would show the lattice. The default
@@ -61,28 +64,37 @@ const THIN: f64 = 0.6;
 /// The exponent by which the first growth of a level rises with the optical depth of denser cells.
 const DENSER: f64 = 0.42;
 
-/// The coarsest level whose cells are accurate for voxels with grown kernels, given the optical depth of a voxel; 0
-/// stands for the voxels. At the coarsest level of all, one cell holds the volume.
-pub(crate) fn level_of(kernel: &Kernel, growth: f64, grid: &Grid, depth: f64) -> u32 {
+/// The largest cells that are accurate for voxels with grown kernels, given the optical depth of a voxel; no larger
+/// than the volume.
+pub(crate) fn size_for(kernel: &Kernel, growth: f64, grid: &Grid, depth: f64) -> CellSize {
     let one = grid.dims().into_iter().max().unwrap_or(1).next_power_of_two().ilog2();
+    let largest = CellSize::of_level(one.min(MAX_LEVEL));
+    let mut size = CellSize::VOXEL;
     // The growth of a picture is often 1.5, to within rounding.
-    let is_right = |level: &u32| right_growth(kernel, *level, depth) <= 1.0001 * growth;
-    (1..=one.min(MAX_LEVEL)).take_while(is_right).last().unwrap_or(0)
+    while size < largest && right_growth(kernel, size.next(), depth) <= 1.0001 * growth {
+        size = size.next();
+    }
+    size
 }
 
-/// The growth of kernels from which on cells of a level are accurate, given the optical depth of a voxel.
+/// The coarsest level whose cells are: see [`size_for`].
+pub(crate) fn level_of(kernel: &Kernel, growth: f64, grid: &Grid, depth: f64) -> u32 {
+    size_for(kernel, growth, grid, depth).level() as u32
+}
+
+/// The growth of kernels from which on cells are accurate, given the optical depth of a voxel.
 ///
 /// Cells ring beside edges by a few hundredths of their optical depth. Denser cells ring more visibly, and kernels that
 /// are wide beside cells smooth the ringing. Measured on noise, boxes, specks, balls, shells and tubes:
 /// docs/measurements/2026-11-23-levels.md.
-pub(crate) fn right_growth(kernel: &Kernel, level: u32, depth: f64) -> f64 {
-    let denser = (depth * f64::from(level).exp2() / THIN).max(1.0);
-    least_growth(kernel, level) * denser.powf(DENSER)
+pub(crate) fn right_growth(kernel: &Kernel, size: CellSize, depth: f64) -> f64 {
+    let denser = (depth * size.voxels() / THIN).max(1.0);
+    least_growth(kernel, size) * denser.powf(DENSER)
 }
 
-/// The least growth of kernels that cells of a level can have.
-pub(crate) fn least_growth(kernel: &Kernel, level: u32) -> f64 {
-    least_deviation(kernel) * f64::from(level).exp2() / kernel.variance().sqrt()
+/// The least growth of kernels that cells can have.
+pub(crate) fn least_growth(kernel: &Kernel, size: CellSize) -> f64 {
+    least_deviation(kernel) * size.voxels() / kernel.variance().sqrt()
 }
 
 /// The least standard deviation of the kernels of cells that stand for voxels of this kernel, in cells.
@@ -91,10 +103,9 @@ fn least_deviation(kernel: &Kernel) -> f64 {
     wide.clamp(LEAST_DEVIATION_OF_WIDE, LEAST_DEVIATION)
 }
 
-/// The kernel of cells of a level, in cells: as broad as the grown kernel of voxels, whose growth is at least
-/// [`least_growth`].
-pub(crate) fn kernel_of(kernel: &Kernel, growth: f64, level: u32) -> Kernel {
-    let grown = kernel.grown(growth / f64::from(level).exp2());
+/// The kernel of cells, in cells: as broad as the grown kernel of voxels, whose growth is at least [`least_growth`].
+pub(crate) fn kernel_of(kernel: &Kernel, growth: f64, size: CellSize) -> Kernel {
+    let grown = kernel.grown(growth / size.voxels());
     let deviation = grown.variance().sqrt();
     // A blob is small where it ends, so cells may have it unchanged.
     if matches!(grown, Kernel::KaiserBessel { .. }) || deviation >= BROAD {
@@ -121,18 +132,18 @@ fn gaussian(radius: f64, deviation: f64) -> Kernel {
     of(f64::midpoint(low, high))
 }
 
-/// The lattice of the cells of a level: cell [`REACH`] lies in the middle of the first 2^n voxels along each axis, and
-/// [`REACH`] cells lie beyond each face.
-pub(crate) fn grid_of(grid: &Grid, level: u32) -> Result<Grid> {
-    let size = f64::from(level).exp2();
+/// The lattice of cells: cell [`REACH`] begins where the volume does along each axis, and [`REACH`] cells lie beyond
+/// each face.
+pub(crate) fn grid_of(grid: &Grid, cells: CellSize) -> Result<Grid> {
+    let size = cells.voxels();
     let mut to_world = grid.to_world();
     to_world.translation = to_world.transform_point3(DVec3::splat((size - 1.0) / 2.0 - size * REACH as f64));
     to_world.matrix3 *= size;
-    Ok(Grid::new(dims_of(grid, level).map(|d| d as u32), to_world)?)
+    Ok(Grid::new(dims_of(grid, cells).map(|d| d as u32), to_world)?)
 }
 
-fn dims_of(grid: &Grid, level: u32) -> [usize; 3] {
-    grid.dims().map(|d| d.div_ceil(1 << level) as usize + 2 * REACH)
+fn dims_of(grid: &Grid, size: CellSize) -> [usize; 3] {
+    grid.dims().map(|d| size.cells(d) as usize + 2 * REACH)
 }
 
 /// The voxels that become cells.
@@ -158,10 +169,10 @@ pub(crate) struct Shape {
 const LEAST: f64 = 1.0 / 1024.0;
 
 impl Shape {
-    pub(crate) fn new(grid: &Grid, transfer: &TransferFunction, level: u32) -> Self {
+    pub(crate) fn new(grid: &Grid, transfer: &TransferFunction, size: CellSize) -> Self {
         Self {
-            filter: Filter::new(level, 0.0, &[1.0], REACH),
-            dims: dims_of(grid, level),
+            filter: Filter::new(size, 0.0, &[1.0], REACH),
+            dims: dims_of(grid, size),
             voxels: grid.dims().map(|d| d as usize),
             least: (TransferFunction::extinction(transfer.max_opacity(), 1.0) * LEAST) as f32,
         }
@@ -169,15 +180,8 @@ impl Shape {
 
     /// The same as the device needs it.
     pub(crate) fn on_device(&self) -> CellLattice<'_> {
-        let (first, weights) = self.filter.weights();
-        CellLattice {
-            dims: self.dims,
-            voxels: self.voxels,
-            size: self.filter.size(),
-            first,
-            weights,
-            least: self.least,
-        }
+        let (size, first, weights) = self.filter.parts();
+        CellLattice { dims: self.dims, voxels: self.voxels, size, first, weights, least: self.least }
     }
 }
 
@@ -186,6 +190,8 @@ pub(crate) struct Coarsening<'a> {
     pub(crate) volume: &'a Volume,
     pub(crate) voxels: Voxels<'a>,
     pub(crate) shape: Shape,
+    /// The part of the lattice of cells whose bricks are made; `None`: all of it.
+    pub(crate) part: Option<LayerPart>,
 }
 
 impl Coarsening<'_> {
@@ -201,16 +207,33 @@ impl Coarsening<'_> {
         Ok(cells)
     }
 
+    /// The bricks along x that are made, with these numbers in y and z: a linear function bounds them.
+    fn bricks_of_row(&self, [j, k]: [usize; 2]) -> Range<usize> {
+        let count = self.shape.dims[0].div_ceil(EDGE);
+        let Some(part) = &self.part else { return 0..count };
+        let middle = DVec3::from_array(self.shape.dims.map(|n| (n as f64 - 1.0) / 2.0));
+        let corner = |brick: [usize; 3]| DVec3::from_array(brick.map(|n| (n * EDGE) as f64)) - middle;
+        let mut made = (0..count).filter(|&i| part.meets([corner([i, j, k]), corner([i + 1, j + 1, k + 1])]));
+        made.next().map_or(0..0, |first| first..made.next_back().unwrap_or(first) + 1)
+    }
+
     /// The bricks with cells along x, with these numbers in y and z.
     fn row(&self, [j, k]: [usize; 2]) -> Result<Vec<MadeBrick>> {
         let [across, down, deep] = self.shape.dims;
         let [ys, zs] = [(j, down), (k, deep)].map(|(brick, n)| brick * EDGE..n.min((brick + 1) * EDGE));
+        let bricks = self.bricks_of_row([j, k]);
+        let xs = bricks.start * EDGE..across.min(bricks.end * EDGE);
+        if xs.is_empty() {
+            return Ok(Vec::new());
+        }
         let [nx, ny, nz] = self.volume.grid().dims().map(i64::from);
         let within = |cells: &Range<usize>, n: i64| {
             let voxels = self.shape.filter.voxels(cells.start as i64, cells.end as i64);
             voxels.start.clamp(0, n)..voxels.end.clamp(0, n)
         };
         let rows = within(&ys, ny);
+        let columns = within(&xs, nx);
+        let columns = columns.start as usize..columns.end as usize;
         // The cells of the row of bricks, and a plane of cells for the voxels of one plane.
         let mut cells = filled(across * ys.len() * zs.len(), [0.0; 4])?;
         let mut plane = filled(across * ys.len(), [0.0; 4])?;
@@ -231,17 +254,18 @@ impl Coarsening<'_> {
             for y in rows.clone() {
                 let inside = &mut voxels[begin..begin + nx as usize];
                 let shown = match &slices {
-                    Ok(slices) => slices.row([y, z], inside),
-                    Err(splats) => splats.row([y as usize, z as usize], inside),
+                    Ok(slices) => slices.row([y, z], &columns, inside),
+                    Err(splats) => splats.row([y as usize, z as usize], &columns, inside),
                 };
                 if shown.is_empty() {
                     continue;
                 }
                 shows = true;
                 let reached = self.shape.filter.reached(&shown, across);
+                let start = reached.start.clamp(xs.start, xs.end);
+                let reached = start..reached.end.clamp(start, xs.end);
                 let narrow = &mut narrow[reached.clone()];
-                let start = reached.start * self.shape.filter.size();
-                self.shape.filter.gather(&voxels[start..], narrow);
+                self.shape.filter.gather(&voxels, reached.clone(), narrow);
                 for (cell, weight) in self.shape.filter.cells(y, ys.start, ys.end) {
                     let sums = &mut plane[(cell - ys.start) * across + reached.start..];
                     add(sums.as_flattened_mut(), weight, narrow.as_flattened());
@@ -256,7 +280,7 @@ impl Coarsening<'_> {
             }
         }
         let mut bricks: Vec<_> =
-            (0..across.div_ceil(EDGE)).map(|i| self.brick(&cells, [i, j, k])).collect::<Result<_>>()?;
+            bricks.map(|i| self.brick(&cells, [i, j, k])).collect::<Result<_>>()?;
         bricks.retain(|made| made.splats.count() > 0);
         Ok(bricks)
     }
@@ -303,7 +327,8 @@ mod tests {
     fn broad_kernels_of_cells_are_those_of_voxels() {
         for kernel in [Kernel::default(), Kernel::KAISER_BESSEL, Kernel::Gaussian { sigma: 1.2, radius: 3.0 }] {
             for (level, growth) in [(1, 3.0), (2, 6.0), (3, 30.0)] {
-                assert_eq!(kernel_of(&kernel, growth, level), kernel.grown(growth / f64::from(level).exp2()));
+                let grown = kernel.grown(growth / f64::from(level).exp2());
+                assert_eq!(kernel_of(&kernel, growth, CellSize::of_level(level)), grown);
             }
         }
     }
@@ -311,15 +336,16 @@ mod tests {
     #[test]
     fn dense_cells_need_a_larger_growth() {
         let kernel = Kernel::default();
-        assert_eq!(right_growth(&kernel, 1, 0.1), least_growth(&kernel, 1));
-        let [thin, dense, opaque] = [0.5, 5.0, 50.0].map(|depth| right_growth(&kernel, 2, depth));
+        let [fine, coarse] = [1, 2].map(CellSize::of_level);
+        assert_eq!(right_growth(&kernel, fine, 0.1), least_growth(&kernel, fine));
+        let [thin, dense, opaque] = [0.5, 5.0, 50.0].map(|depth| right_growth(&kernel, coarse, depth));
         assert!(thin < dense && dense < opaque, "{thin} {dense} {opaque}");
     }
 
     #[test]
     fn no_level_is_coarser_than_the_volume() {
         let grid = Grid::axis_parallel([40, 65, 10], [1.0; 3]).unwrap();
-        let level = |growth| level_of(&Kernel::default(), growth, &grid, 0.0);
-        assert_eq!([1.0, 1.5, 3.0, 50.0, 1e3, 1e9].map(level), [0, 1, 2, 6, 7, 7]);
+        let level = |growth| size_for(&Kernel::default(), growth, &grid, 0.0).level();
+        assert_eq!([1.0, 1.2, 1.5, 2.4, 3.0, 50.0, 1e3, 1e9].map(level), [0.0, 0.5, 1.0, 1.5, 2.0, 6.0, 7.0, 7.0]);
     }
 }

@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use super::cells::{Coarsening, KeptNormals, LitSplats, Shape, Source, Voxels};
+use super::cells::{CellSize, Coarsening, KeptNormals, LitSplats, Shape, Source, Voxels};
 use super::lattice::Lattice;
 use super::levels::ScalarNeed;
 use super::light_volume::FallenLight;
@@ -20,10 +20,11 @@ use crate::gpu::splat::SplatLight;
 use crate::gpu::store::Drawable;
 use crate::gpu::timing::on_host;
 use crate::gpu::transfer::{Reduction, VisibleValues};
+use crate::gpu::view::LayerPart;
 use crate::kernel::Kernel;
 use crate::layers::Layers;
 use crate::progress::Progress;
-use crate::settings::{MAX_LEVEL, Model};
+use crate::settings::Model;
 use crate::transfer::{Resolution, TransferFunction};
 use crate::volume::Volume;
 
@@ -70,8 +71,8 @@ impl<K, V> Held<K, V> {
     }
 }
 
-/// The light on the voxels of cells, and the shadows.
-type CellsKey = (Option<SplatLight>, Option<Shadows>);
+/// The light on the voxels of cells, the shadows, and the part of the lattice that has cells; `None`: all of it.
+type CellsKey = (Option<SplatLight>, Option<Shadows>, Option<LayerPart>);
 
 /// A volume as pre-shading draws it.
 pub(super) struct PreShaded {
@@ -90,8 +91,8 @@ pub(super) struct PreShaded {
     visible: cells::KeptVoxels,
     /// The normals of voxels on the host, held from the second light on cells on.
     normals: Held<(), KeptNormals>,
-    /// The cells of each level.
-    pub(super) cells: [Held<CellsKey, Drawable>; MAX_LEVEL as usize + 1],
+    /// The cells of each size.
+    pub(super) cells: [Held<CellsKey, Drawable>; CellSize::COUNT],
 }
 
 /// A volume as post-shading draws it.
@@ -177,7 +178,7 @@ impl PreShaded {
             edited: false,
             visible: cells::KeptVoxels::default(),
             normals: Held::default(),
-            cells: Default::default(),
+            cells: std::array::from_fn(|_| Held::default()),
         }
     }
 
@@ -249,22 +250,26 @@ impl PreShaded {
         &self,
         context: &Context,
         pipelines: &Cache,
-        Lattice { level, light, shadows, .. }: &Lattice,
+        Lattice { view, size, light, shadows, .. }: &Lattice,
         progress: &Progress,
     ) -> Result<(Arc<Drawable>, f64)> {
         let Some((volume, transfer)) = self.layers.plain() else {
             return Err(Error::volume("several layers have no cells"));
         };
-        self.cells[*level as usize].get_or_make((light.clone(), shadows.clone()), PartialEq::eq, |held| {
+        // Cells in a light are made anew for every eye, so only where their layer has a share. The device keeps the
+        // places of all cells instead.
+        let of_one_eye = light.as_ref().is_some_and(|light| light.to_eye.perspective) && context.is_software();
+        let part = view.layer_part().filter(|_| of_one_eye);
+        self.cells[size.number()].get_or_make((light.clone(), shadows.clone(), part), PartialEq::eq, |held| {
             let changed = held.is_some();
             let shaded = shadows.as_ref().map(|shadows| self.classified(context, pipelines, Some(shadows), progress));
             let shaded = shaded.transpose()?;
             context.guarded("classifying the volume", || {
                 let light = light.as_ref();
-                let shape = Shape::new(volume.grid(), transfer, *level);
+                let shape = Shape::new(volume.grid(), transfer, *size);
                 // Cells of another light: their memory serves these, or they are dropped before. Shadows lie on splats,
                 // whose densities are rounded, so that other cells may be faint.
-                let before = held.and_then(|((_, of), cells)| {
+                let before = held.and_then(|((_, of, _), cells)| {
                     let serves = of.is_some() == shadows.is_some();
                     Arc::into_inner(cells).filter(|_| serves)
                 });
@@ -301,7 +306,7 @@ impl PreShaded {
                     }
                     _ => Voxels::Samples(Source::new(volume, transfer, light, None)),
                 };
-                Ok(Arc::new(Coarsening { volume, voxels, shape }.emit(context, progress)?))
+                Ok(Arc::new(Coarsening { volume, voxels, shape, part }.emit(context, progress)?))
             })
         })
     }

@@ -1,5 +1,6 @@
 //! The lattices that a picture is drawn of: voxels, or the cells of levels that stand for voxels.
 
+use super::cells::CellSize;
 use super::scalar_cells::Coarse;
 use super::shadows::Shadows;
 use crate::gpu::splat::SplatLight;
@@ -7,14 +8,14 @@ use crate::gpu::view::{ViewGeometry, Weights};
 use crate::kernel::{Kernel, Normalization};
 use crate::settings::Settings;
 
-/// How a picture is drawn of the cells of a level; level 0 is the voxels.
+/// How a picture is drawn of the cells of a level; the smallest are the voxels.
 pub(crate) struct Lattice {
     /// The view of the lattice, which is a layer if a picture has several lattices.
     pub(crate) view: ViewGeometry,
     /// The settings, with the kernel of the cells.
     pub(crate) settings: Settings,
     pub(crate) weights: Weights,
-    pub(crate) level: u32,
+    pub(crate) size: CellSize,
     /// The shadows on voxels; `None`: all light arrives.
     pub(crate) shadows: Option<Shadows>,
     /// The light on the voxels of cells; the cells are drawn unlit.

@@ -11,7 +11,7 @@ use std::ops::Range;
 
 use glam::{DMat3, DVec3};
 
-use super::cells::{Filter, LEAST_DEVIATION, add, filled, response};
+use super::cells::{CellSize, Filter, LEAST_DEVIATION, add, filled, response};
 use crate::error::Result;
 use crate::gpu::transfer::Relative;
 use crate::kernel::Kernel;
@@ -211,7 +211,7 @@ impl Filters {
     /// The filters of cells of a level. The first cell begins `before` voxels before the volume along each axis. Cells
     /// are blurred by the weights `blur`, from the middle one on.
     pub(crate) fn new(level: u32, before: [f64; 3], blur: &[f64]) -> Self {
-        Self { axes: before.map(|before| Filter::new(level, before, blur, 0)), beside: 1 }
+        Self { axes: before.map(|before| Filter::new(CellSize::of_level(level), before, blur, 0)), beside: 1 }
     }
 
     /// The voxels with weights in a range of cells along an axis, copies beyond the faces included.

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use glam::DAffine3;
 
-use super::cells;
+use super::cells::{self, CellSize};
 use super::drawable::{Held as Kept, PostShaded, PreShaded};
 use super::lattice::Lattice;
 use super::levels::ScalarNeed;
@@ -52,8 +52,8 @@ enum Content {
 }
 
 /// The cells of a level before the first voxel of a lattice.
-fn cells_beyond(grid: &Grid, cells: &Grid, level: u32) -> u32 {
-    (cells.dims()[0] - grid.dims()[0].div_ceil(1 << level)) / 2
+fn cells_beyond(grid: &Grid, cells: &Grid, size: CellSize) -> u32 {
+    (cells.dims()[0] - size.cells(grid.dims()[0])) / 2
 }
 
 /// The weights of the splats of layers.
@@ -186,17 +186,18 @@ impl Scene {
         if let Some(coarse) = self.coarse(voxels, settings)? {
             return Ok(vec![self.scalar_cells(coarse, voxels, settings, camera)?]);
         }
-        let levels = match settings.level {
-            Level::At(level) => [level; 2],
-            Level::Auto if !settings.takes_cells() || !self.has_cells() => [0; 2],
+        let sizes = match settings.level {
+            Level::At(level) => [CellSize::of_level(level); 2],
+            Level::Auto if !settings.takes_cells() || !self.has_cells() => [CellSize::VOXEL; 2],
             Level::Auto => {
                 let farthest = if layers { voxels.max_growth() } else { voxels.min_growth() };
                 let depth = self.voxel_depth(settings);
-                let level = |growth| cells::level_of(&settings.kernel, growth, &self.grid, depth);
-                [voxels.min_growth(), farthest].map(level)
+                let size = |growth| cells::size_for(&settings.kernel, growth, &self.grid, depth);
+                [voxels.min_growth(), farthest].map(size)
             }
         };
-        (levels[0]..=levels[1]).map(|level| self.lattice(level, levels, voxels, settings, camera)).collect()
+        let all = std::iter::successors(Some(sizes[0]), |size| Some(size.next())).take_while(|&size| size <= sizes[1]);
+        all.map(|size| self.lattice(size, sizes, voxels, settings, camera)).collect()
     }
 
     /// Whether cells can stand for voxels.
@@ -218,53 +219,53 @@ impl Scene {
         densest * x.max(y).max(z) * settings.normalization.density(&settings.kernel)
     }
 
-    /// The cells of one of the levels from the nearest to the farthest.
+    /// The cells of one of the sizes from the nearest to the farthest.
     fn lattice(
         &self,
-        level: u32,
-        [nearest, farthest]: [u32; 2],
+        size: CellSize,
+        [nearest, farthest]: [CellSize; 2],
         voxels: &ViewGeometry,
         settings: &Settings,
         camera: &Camera,
     ) -> Result<Lattice> {
         let (settings, weights) = (settings.clone(), self.weights);
         // Nearer kernels are as wide as the least that cells can have.
-        let least = |level| match settings.level {
-            Level::At(_) => cells::least_growth(&settings.kernel, level),
-            Level::Auto => cells::right_growth(&settings.kernel, level, self.voxel_depth(&settings)),
+        let least = |size| match settings.level {
+            Level::At(_) => cells::least_growth(&settings.kernel, size),
+            Level::Auto => cells::right_growth(&settings.kernel, size, self.voxel_depth(&settings)),
         };
-        let growth = if level == 0 { 1.0 } else { voxels.min_growth().max(least(level)) };
+        let growth = if size == CellSize::VOXEL { 1.0 } else { voxels.min_growth().max(least(size)) };
         let fade = (nearest < farthest).then(|| {
-            let ramp = |level| voxels.ramp(level, least(level)).map(|voxel| voxel / growth);
+            let ramp = |size: CellSize| voxels.ramp(size.voxels(), least(size)).map(|voxel| voxel / growth);
             Fade {
-                begins: if level == nearest { Fade::NEAREST } else { ramp(level) },
-                ends: if level == farthest { Fade::FARTHEST } else { ramp(level + 1) },
+                begins: if size == nearest { Fade::NEAREST } else { ramp(size) },
+                ends: if size == farthest { Fade::FARTHEST } else { ramp(size.next()) },
             }
         });
         let view_of = |grid: &Grid, settings: &Settings, grown| {
             ViewGeometry::of_cells(camera, grid, settings, voxels.savings, grown, fade)
         };
         let shadows = self.shadows(&settings);
-        if level == 0 {
+        if size == CellSize::VOXEL {
             let view = view_of(&self.grid, &settings, 1.0).of_held(self.held);
-            return Ok(Lattice { view, settings, weights, level, shadows, light: None, coarse: None });
+            return Ok(Lattice { view, settings, weights, size, shadows, light: None, coarse: None });
         }
-        let grid = cells::grid_of(&self.grid, level)?;
+        let grid = cells::grid_of(&self.grid, size)?;
         let light = settings.lighting.is_some().then(|| voxels.splat_light(&settings));
-        let kernel = cells::kernel_of(&settings.kernel, growth, level);
+        let kernel = cells::kernel_of(&settings.kernel, growth, size);
         // Cells are divided by the integral of their kernel. The normalisation of voxels still applies on top.
         let denser = settings.normalization.density(&settings.kernel);
         let unit = weights.unit * self.grid.unit() / (grid.unit() * denser);
-        let grown = growth / f64::from(level).exp2();
+        let grown = growth / size.voxels();
         let of_cells = Settings { kernel, normalization: Normalization::Unit, lighting: None, ..settings };
         let settings = of_cells.with_sheets_of(grown);
-        let faces = cells_beyond(&self.grid, &grid, level);
+        let faces = cells_beyond(&self.grid, &grid, size);
         let held = self.held.map(|held| {
-            held.of_cells(level, held.dims.map(|count| count.div_ceil(1 << level) + 2 * faces), f64::from(faces))
+            held.of_cells(size.voxels(), held.dims.map(|count| size.cells(count) + 2 * faces), f64::from(faces))
         });
         let view = view_of(&grid, &settings, grown).of_held(held);
         let weights = Weights { unit, ..weights };
-        Ok(Lattice { view, settings, weights, level, shadows, light, coarse: None })
+        Ok(Lattice { view, settings, weights, size, shadows, light, coarse: None })
     }
 
     /// The shadows on voxels. Cells use them too: shadows of cells erred by up to 25 of 255.
@@ -301,7 +302,7 @@ impl Scene {
             view,
             settings,
             weights,
-            level: coarse.level,
+            size: CellSize::of_level(coarse.level),
             shadows: None,
             light: None,
             coarse: Some((coarse, kernel, normalization)),
@@ -348,8 +349,8 @@ impl Scene {
     /// Drops the cells of a pre-shaded scene at other levels than these lattices have.
     pub(crate) fn keep_levels(&self, lattices: &[Lattice]) {
         if let Content::Splats(voxels) = &self.content {
-            let is_kept = |level: u32| lattices.iter().any(|lattice| lattice.level == level);
-            (0..).zip(&voxels.cells).filter(|(level, _)| !is_kept(*level)).for_each(|(_, cells)| cells.clear());
+            let is_kept = |number: usize| lattices.iter().any(|lattice| lattice.size.number() == number);
+            (0..).zip(&voxels.cells).filter(|(number, _)| !is_kept(*number)).for_each(|(_, cells)| cells.clear());
         }
     }
 
@@ -358,15 +359,15 @@ impl Scene {
         f64::from_bits(self.seconds.swap(0, Ordering::Relaxed))
     }
 
-    /// The table by which scalars are classified on a lattice of cells of a level.
-    fn table(&self, context: &Context, scalars: &PostShaded, level: u32) -> Result<Arc<TransferTable>> {
+    /// The table by which scalars are classified on a lattice of cells.
+    fn table(&self, context: &Context, scalars: &PostShaded, cells: CellSize) -> Result<Arc<TransferTable>> {
         // The local unit of length goes with cells, and their gradients are per cell.
-        let size = f64::from(level).exp2();
+        let size = cells.voxels();
         let unit = scalars.transfer.unit_or(self.grid.min_spacing()) / (self.grid.unit() * size);
         let steepness = self.grid.unit() * size;
         let PostShaded { transfer, reduction, shows, resolution, .. } = scalars;
         let table = || Ok(TransferTable::new(context, transfer, reduction, *shows, unit, steepness, resolution));
-        scalars.kept.get_or_make(level, table)
+        scalars.kept.get_or_make(cells, table)
     }
 
     /// The table and the light of a lattice of a post-shaded scene, and the seconds that it took to find the light, 0
@@ -379,13 +380,13 @@ impl Scene {
         progress: &Progress,
     ) -> Result<(Option<PostShading>, f64)> {
         let Content::Scalars(scalars) = &self.content else { return Ok((None, 0.0)) };
-        let table = self.table(context, scalars, lattice.level)?;
+        let table = self.table(context, scalars, lattice.size)?;
         let Some(casting) = lattice.settings.casting() else {
             let light = pipelines.get_or_make((), || Ok(LightVolume::none(context)))?;
             return Ok((Some(PostShading { table, light, shadows: false, to_light: DAffine3::IDENTITY }), 0.0));
         };
         let (kernel, normalization) = lattice.kernel_of_voxels();
-        let (coarse, grid) = self.lit_cells(context, &kernel, lattice.level)?;
+        let (coarse, grid) = self.lit_cells(context, &kernel, lattice.size.level() as u32)?;
         let denser = normalization.density(&kernel);
         let cells = coarse.map_or(kernel, |(cells, growth)| cells.kernel(&kernel, growth));
         let unit = scalars.transfer.unit_or(self.grid.min_spacing());
@@ -417,7 +418,7 @@ impl Scene {
     fn lit_cells(&self, context: &Context, kernel: &Kernel, level: u32) -> Result<(Option<(Coarse, f64)>, Grid)> {
         let longest = context.limits.max_texture_dimension_3d;
         for level in level..=MAX_LEVEL {
-            let growth = cells::least_growth(kernel, level);
+            let growth = cells::least_growth(kernel, CellSize::of_level(level));
             let coarse = (level > 0).then(|| (Coarse::new(kernel, growth, Some(level)), growth));
             let grid = coarse.map_or(Ok(self.grid), |(cells, _)| cells.grid(&self.grid))?;
             if grid.len() <= light_volume::MAX_CELLS && grid.dims().into_iter().all(|cells| cells <= longest) {
@@ -462,7 +463,7 @@ impl Scene {
         progress: &Progress,
     ) -> Result<(Arc<Drawable>, f64)> {
         match &self.content {
-            Content::Splats(voxels) if lattice.level == 0 => {
+            Content::Splats(voxels) if lattice.size == CellSize::VOXEL => {
                 voxels.classified(context, pipelines, lattice.shadows.as_ref(), progress)
             }
             Content::Splats(voxels) => voxels.cells(context, pipelines, lattice, progress),

@@ -166,14 +166,15 @@ pub enum Resolution {
 /// The coarsest level.
 pub(crate) const MAX_LEVEL: u32 = 12;
 
-/// The level of the cells that replace voxels with grown kernels: 2^n voxels along each axis at level n. Cost then
-/// follows the picture instead of the volume (Laur and Hanrahan 1991, "Hierarchical splatting").
+/// The level of the cells that replace voxels with grown kernels: 2^n voxels along each axis at level n, and half as
+/// many more at level n + 1/2. Cost then follows the picture instead of the volume (Laur and Hanrahan 1991,
+/// "Hierarchical splatting").
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, serde::Serialize, serde::Deserialize)]
 pub enum Level {
     /// The coarsest accurate cells: within 2 of 255 (rms over covered pixels) of voxels with grown kernels.
     ///
     /// In thin matter level 1 replaces voxels if the default Gaussian has grown 1.5 times, level 2 if it has grown 3
-    /// times. Dense matter needs more growth: 2.5 times for level 1 if a cell has an optical depth of 2, 4.9 times at
+    /// times. Pre-shaded pictures have the levels between too: level 1/2 if it has grown 1.125 times. Dense matter needs more growth: 2.5 times for level 1 if a cell has an optical depth of 2, 4.9 times at
     /// 10. The longest axis of the lattice decides. Light does not matter, because voxels are lit before they become
     /// cells. In perspective the level depends on depth; pre-shaded by [`Painter::Quads`] a picture has the level of
     /// its nearest kernels. Post-shaded along parallel rays a picture has one level, a finer one in dense matter; and

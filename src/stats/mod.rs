@@ -85,9 +85,10 @@ pub struct Stats {
     pub bytes_uploaded: u64,
     /// The largest growth of a kernel: kernels grow so that no voxel falls between pixels.
     pub kernel_growth: f64,
-    /// The finest and the coarsest level of the splats. A cell of level n stands for 2^n voxels along each axis if
-    /// kernels have grown so far that they do not resolve single voxels. Level 0 is the voxels.
-    pub levels: [u32; 2],
+    /// The finest and the coarsest level of the splats. A cell of level n stands for 2^n voxels along each axis, and of
+    /// level n + 1/2 for half as many more, if kernels have grown so far that they do not resolve single voxels. Level
+    /// 0 is the voxels.
+    pub levels: [f32; 2],
     /// The sharpness: see [`Settings::sharpness`](crate::settings::Settings::sharpness).
     pub sharpness: f64,
     /// Root mean square of the noise of the reconstructed field over the noise of the samples, if that is white; `None`
@@ -283,15 +284,12 @@ impl Stats {
         if let Some(noise) = self.noise {
             writeln!(f, "sharpness    {}: noise {noise:.2} of that of the samples", self.sharpness)?;
         }
-        match self.levels {
-            [_, 0] => {}
-            [finest, coarsest] if finest == coarsest => {
-                writeln!(f, "level        {finest}: cells of {}^3 voxels", 1_u64 << finest)?;
-            }
-            [finest, coarsest] => {
-                let [small, large] = [finest, coarsest].map(|level| 1_u64 << level);
-                writeln!(f, "levels       {finest} to {coarsest}: cells of {small}^3 to {large}^3 voxels")?;
-            }
+        let [finest, coarsest] = self.levels;
+        let [small, large] = self.levels.map(|level| level.floor().exp2() * (1.0 + level.fract()));
+        if coarsest > finest {
+            writeln!(f, "levels       {finest} to {coarsest}: cells of {small}^3 to {large}^3 voxels")?;
+        } else if finest > 0.0 {
+            writeln!(f, "level        {finest}: cells of {small}^3 voxels")?;
         }
         let error = self.footprint_error;
         match &self.painter {
@@ -321,7 +319,7 @@ impl Stats {
     fn table(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let pixels = self.size.map(u64::from).iter().product::<u64>().saturating_sub(self.pixels_covered);
         let bricks = [self.bricks_uploaded, self.bricks - self.bricks_uploaded].map(u64::from);
-        let dropped = if self.levels[1] > 0 { "show nothing, or are part of a cell" } else { "show nothing" };
+        let dropped = if self.levels[1] > 0.0 { "show nothing, or are part of a cell" } else { "show nothing" };
         let mut rows = vec![
             ("pixels", self.pixels_covered, pixels, "out of reach of the volume, or of the region"),
             ("bricks", bricks[0], bricks[1], "show nothing"),

@@ -67,7 +67,7 @@ struct Took {
     classify: f64,
     pack: f64,
     frame: f64,
-    level: u32,
+    level: f32,
     splats: u64,
     covered: u64,
 }

@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use super::CellSize;
 use super::classification::Emission;
 
 /// Cells to either side of a voxel that it is shared among.
@@ -9,49 +10,60 @@ pub(super) const REACH: usize = 3;
 
 /// The weights by which voxels are shared among cells along an axis.
 pub(crate) struct Filter {
-    /// Voxels along a cell.
-    size: usize,
+    /// Voxels along a cell, as a fraction in lowest terms.
+    size: [usize; 2],
     /// The first voxel with a weight in the first cell; negative because that cell lies beyond the face.
     first: i64,
-    /// The weights of that voxel and of those behind it. The next cell has the same weights, `size` voxels on.
-    weights: Vec<f32>,
+    /// The weights of that voxel and of those behind it, for as many cells as lie differently between voxels: the
+    /// divisor of `size`. The first voxel of cell c is that number of whole voxels behind that c cells are.
+    weights: Vec<Vec<f32>>,
 }
 
 impl Filter {
-    /// Voxels along a cell.
-    pub(super) fn size(&self) -> usize {
-        self.size
-    }
-
-    /// The first voxel with a weight in the first cell, and the weights of the voxels from there on.
-    pub(super) fn weights(&self) -> (i64, &[f32]) {
-        (self.first, &self.weights)
-    }
-
-    /// A filter of cells of a level. `beyond` cells lie before the face, and `before` voxels between the end of these
-    /// cells and the face. Cells are blurred by the weights `blur`, from the middle one on.
-    pub(crate) fn new(level: u32, before: f64, blur: &[f64], beyond: usize) -> Self {
-        let size = f64::from(level).exp2();
-        let in_cells = |voxel: i64| (voxel as f64 + before + 0.5) / size - 0.5;
+    /// A filter of cells. `beyond` cells lie before the face, and `before` voxels between the end of these cells and
+    /// the face. Cells are blurred by the weights `blur`, from the middle one on.
+    pub(crate) fn new(size: CellSize, before: f64, blur: &[f64], beyond: usize) -> Self {
+        let fraction = size.fraction().map(|n| n as usize);
+        let size = size.voxels();
         let reach = blur.len() as i64 - 1;
         let blur = || blur.iter().skip(1).rev().chain(blur).zip(-reach..);
-        let weight = |x: f64| blur().map(|(weight, node)| weight * lagrange(x - node as f64)).sum::<f64>() / size;
-        // More voxels than have weights in a cell 0 that begins at the face; both ends are cut below.
-        let most = ((reach + REACH as i64 + 1) as f64 * size + before).ceil() as i64;
-        let mut first = -most;
-        let mut weights: Vec<f32> = (first..most).map(|voxel| weight(in_cells(voxel)) as f32).collect();
-        weights.truncate(weights.iter().rposition(|&weight| weight != 0.0).map_or(0, |last| last + 1));
-        let none = weights.iter().position(|&weight| weight != 0.0).unwrap_or(0);
-        weights.drain(..none);
-        first += none as i64;
-        let size = size as usize;
-        Self { size, first: first - (beyond * size) as i64, weights }
+        let weight = |cell: usize, voxel: i64| {
+            let x = (voxel as f64 + before + 0.5) / size - 0.5 + beyond as f64 - cell as f64;
+            (blur().map(|(weight, node)| weight * lagrange(x - node as f64)).sum::<f64>() / size) as f32
+        };
+        let ahead = |cell: usize| (cell * fraction[0] / fraction[1]) as i64;
+        // More voxels than have weights in the first cell; both ends are cut below.
+        let middle = -(before + beyond as f64 * size).floor() as i64;
+        let most = ((reach + REACH as i64 + 2) as f64 * size).ceil() as i64;
+        let cells = 0..fraction[1];
+        let counts = |voxel: &i64| cells.clone().any(|cell| weight(cell, voxel + ahead(cell)) != 0.0);
+        let mut found = (middle - most..middle + most).filter(counts);
+        let first = found.next().unwrap_or(0);
+        let last = found.next_back().unwrap_or(first);
+        let of_cell = |cell| (first..=last).map(|voxel| weight(cell, voxel + ahead(cell))).collect();
+        Self { size: fraction, first, weights: cells.clone().map(of_cell).collect() }
+    }
+
+    /// Voxels along a cell as a fraction, the first voxel with a weight in the first cell, and the weights of the
+    /// voxels from there on, for each cell that lies differently between voxels.
+    pub(super) fn parts(&self) -> ([usize; 2], i64, &[Vec<f32>]) {
+        (self.size, self.first, &self.weights)
+    }
+
+    /// The first voxel with a weight in a cell.
+    fn first(&self, cell: i64) -> i64 {
+        let [over, under] = self.size.map(|n| n as i64);
+        self.first + (cell * over).div_euclid(under)
+    }
+
+    /// The weights of the voxels from there on.
+    fn weights(&self, cell: i64) -> &[f32] {
+        &self.weights[cell.rem_euclid(self.weights.len() as i64) as usize]
     }
 
     /// The voxels with weights in the cells from `cell` to before `end`.
     pub(crate) fn voxels(&self, cell: i64, end: i64) -> Range<i64> {
-        let first = |cell: i64| self.first + cell * self.size as i64;
-        first(cell)..first(end - 1) + self.weights.len() as i64
+        self.first(cell)..self.first(end - 1) + self.weights[0].len() as i64
     }
 
     /// For each cell, the first voxel with a weight in it and the weights from there on. The axis has `count` voxels,
@@ -62,7 +74,7 @@ impl Filter {
             let inside = |voxel: i64| voxel.clamp(0, count as i64 - 1) as usize;
             let first = inside(voxels.start);
             let mut taken = vec![0.0; inside(voxels.end - 1) + 1 - first];
-            voxels.zip(&self.weights).for_each(|(voxel, weight)| taken[inside(voxel) - first] += weight);
+            voxels.zip(self.weights(cell)).for_each(|(voxel, weight)| taken[inside(voxel) - first] += weight);
             (first, taken)
         };
         cells.map(of_cell).collect()
@@ -75,7 +87,7 @@ impl Filter {
         let block = |cell: i64| {
             // In the middle of the voxels with weights; one more if a voxel lies in two cells.
             let Range { start, end } = self.voxels(cell, cell + 1);
-            let beside = (end - start - self.size as i64) / 2 - more;
+            let beside = (end - start - self.size[0] as i64) / 2 - more;
             inside(start + beside)..inside(end - beside - 1) + 1
         };
         cells.map(block).collect()
@@ -83,31 +95,36 @@ impl Filter {
 
     /// The weight of a voxel in a cell.
     fn weight(&self, voxel: i64, cell: i64) -> Option<f32> {
-        let at = voxel - self.first - cell * self.size as i64;
-        usize::try_from(at).ok().and_then(|at| self.weights.get(at).copied())
+        let at = usize::try_from(voxel - self.first(cell)).ok()?;
+        self.weights(cell).get(at).copied()
     }
 
     /// The range of the first `cells` cells in which some of these voxels have weights.
     pub(super) fn reached(&self, voxels: &Range<usize>, cells: usize) -> Range<usize> {
-        let size = self.size as i64;
-        let first = (voxels.start as i64 - self.first - self.weights.len() as i64).div_euclid(size) + 1;
-        let end = (voxels.end as i64 - 1 - self.first).div_euclid(size) + 1;
+        let [over, under] = self.size.map(|n| n as i64);
+        // The first cell that begins at this voxel or behind it.
+        let from = |voxel: i64| -(-(voxel - self.first) * under).div_euclid(over);
         let within = |cell: i64| cell.clamp(0, cells as i64) as usize;
-        within(first)..within(end)
+        let taps = self.weights[0].len() as i64;
+        within(from(voxels.start as i64 - taps + 1))..within(from(voxels.end as i64))
     }
 
-    /// Replaces cells by weighted sums of voxels. The first voxel is the first with a weight in the first cell.
-    pub(super) fn gather(&self, voxels: &[Emission], cells: &mut [Emission]) {
+    /// Replaces the cells of a range by weighted sums of voxels. The first voxel is the first with a weight in cell 0.
+    pub(super) fn gather(&self, voxels: &[Emission], range: Range<usize>, cells: &mut [Emission]) {
         cells.fill([0.0; 4]);
         // So few taps at a time let the sums of neighbouring cells overlap: each addition waits for the one before.
         const TAPS: usize = 8;
-        for (run, weights) in self.weights.chunks(TAPS).enumerate() {
-            let taps = voxels[run * TAPS..].windows(weights.len()).step_by(self.size);
-            for (cell, taps) in cells.iter_mut().zip(taps) {
-                // By value, so that the four channels are one vector.
-                *cell = weights.iter().zip(taps).fold(*cell, |sums, (weight, voxel)| {
-                    std::array::from_fn(|channel| sums[channel] + weight * voxel[channel])
-                });
+        let [over, under] = self.size;
+        for (next, cell) in range.take(under).enumerate() {
+            let start = (self.first(cell as i64) - self.first) as usize;
+            for (run, weights) in self.weights(cell as i64).chunks(TAPS).enumerate() {
+                let taps = voxels[start + run * TAPS..].windows(weights.len()).step_by(over);
+                for (cell, taps) in cells[next..].iter_mut().step_by(under).zip(taps) {
+                    // By value, so that the four channels are one vector.
+                    *cell = weights.iter().zip(taps).fold(*cell, |sums, (weight, voxel)| {
+                        std::array::from_fn(|channel| sums[channel] + weight * voxel[channel])
+                    });
+                }
             }
         }
     }
@@ -142,18 +159,27 @@ mod tests {
     use super::*;
 
     #[test]
-    fn voxels_of_every_level_have_weights_in_six_cells() {
-        for level in 1..=crate::settings::MAX_LEVEL {
-            let filter = Filter::new(level, 0.0, &[1.0], REACH);
-            assert_eq!(filter.weights.len(), crate::gpu::cells::NODES * filter.size, "level {level}");
+    fn a_workgroup_of_the_device_holds_the_voxels_of_its_sums() {
+        use crate::gpu::cells::{NODES, SUMS};
+        let mut size = CellSize::VOXEL.next();
+        for _ in 1..CellSize::COUNT {
+            let filter = Filter::new(size, 0.0, &[1.0], REACH);
+            let ([over, under], taps) = (filter.size, filter.weights[0].len());
+            if over.is_power_of_two() {
+                assert_eq!(taps, NODES * over, "{size:?}");
+            }
+            let voxels = ((SUMS - 1) * over).div_ceil(under) + taps;
+            assert!(voxels <= crate::gpu::scan::WORKGROUP as usize * taps.div_ceil(NODES), "{size:?}: {voxels}");
+            size = size.next();
         }
     }
 
     #[test]
     fn cells_get_what_voxels_that_show_give() {
-        for (level, voxels) in [(0, 20), (1, 37), (2, 64), (4, 50), (7, 100)] {
-            let filter = Filter::new(level, 0.0, &[1.0], REACH);
-            let cells = (voxels as usize).div_ceil(filter.size) + 2 * REACH;
+        let mut size = CellSize::VOXEL;
+        for voxels in [20, 37, 64, 50, 100, 41, 97] {
+            let filter = Filter::new(size, 0.0, &[1.0], REACH);
+            let cells = size.cells(voxels as u32) as usize + 2 * REACH;
             let all = filter.voxels(0, cells as i64);
             let begin = (-all.start) as usize;
             for shown in [0..voxels, 0..3, 7..19, voxels - 1..voxels] {
@@ -162,16 +188,17 @@ mod tests {
                 let range = shown.start as usize..shown.end as usize;
                 let reached = filter.reached(&range, cells);
                 let mut got = vec![[0.0; 4]; cells];
-                filter.gather(&row[reached.start * filter.size..], &mut got[reached]);
+                filter.gather(&row, reached.clone(), &mut got[reached]);
                 for (cell, [.., got]) in got.into_iter().enumerate() {
                     let given = |voxel: i64| Some(filter.weight(voxel, cell as i64)? * row[begin + voxel as usize][3]);
                     let expected: f32 = shown.clone().filter_map(given).sum();
                     assert!(
                         (got - expected).abs() < 1e-6 * voxels as f32,
-                        "{level} {shown:?} {cell}: {got} {expected}"
+                        "{size:?} {shown:?} {cell}: {got} {expected}"
                     );
                 }
             }
+            size = size.next();
         }
     }
 }

@@ -14,11 +14,12 @@ pub(crate) struct LitSplats<'a> {
 }
 
 impl LitSplats<'_> {
-    /// The lit voxels of a row. Returns a range outside which all are transparent; if it is empty, `voxels` are left as
-    /// they are.
-    pub(super) fn row(&self, place: [usize; 2], voxels: &mut [Emission]) -> Range<usize> {
+    /// The lit voxels of a row between two columns, and some more. Returns a range outside which all are transparent; if
+    /// it is empty, `voxels` are left as they are.
+    pub(super) fn row(&self, place: [usize; 2], columns: &Range<usize>, voxels: &mut [Emission]) -> Range<usize> {
         let mut shown: Option<Range<usize>> = None;
-        for (first, brick, row) in self.places.bricks_of_row(0..voxels.len().div_ceil(EDGE), place) {
+        let bricks = columns.start / EDGE..columns.end.div_ceil(EDGE);
+        for (first, brick, row) in self.places.bricks_of_row(bricks, place) {
             let shown = shown.get_or_insert_with(|| {
                 voxels.fill([0.0; 4]);
                 first..first

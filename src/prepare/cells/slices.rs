@@ -178,10 +178,16 @@ impl Slices<'_> {
         Ok(())
     }
 
-    /// The voxels of a row of the last plane. Returns a range outside which all are transparent.
-    pub(super) fn row(&self, place: [i64; 2], voxels: &mut [Emission]) -> Range<usize> {
-        let shown = self.classify(place, voxels);
-        let mut kept = self.source.kept.map(|kept| kept.row(place));
+    /// The voxels of a row of the last plane between two columns; others are arbitrary. Returns a range outside which
+    /// all are transparent.
+    pub(super) fn row(&self, place: [i64; 2], columns: &Range<usize>, voxels: &mut [Emission]) -> Range<usize> {
+        let all = self.classify(place, voxels);
+        let shown = all.start.max(columns.start)..all.end.min(columns.end);
+        if shown.is_empty() {
+            return 0..0;
+        }
+        let before = || voxels[all.start..shown.start].iter().filter(|voxel| shows(voxel)).count();
+        let mut kept = self.source.kept.map(|kept| kept.row(place).skip(before()));
         for run in runs(shown.clone(), voxels) {
             // The voxels to be lit, and their normals.
             let (mut xs, mut normals, mut count) = ([0; RUN], [0; RUN], 0);

@@ -449,7 +449,7 @@ fn cells_are_taken_only_where_they_are_right() {
             let shading = if post { "post" } else { "pre" };
             let row = rows.entry(format!("{} {model}, {shading}{lit}{eye}", stats.painter.name())).or_default();
             row.0 += 1;
-            if stats.levels[1] == 0 {
+            if stats.levels[1] == 0.0 {
                 continue;
             }
             row.1 += 1;

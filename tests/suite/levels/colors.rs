@@ -64,7 +64,7 @@ fn cells_err_by_less_than_a_step_beside_voxels() {
         View { azimuth: 45.0, elevation: 35.26, ..View::default() },
     ];
     for (name, volume) in volumes(48) {
-        for (growth, level) in [(1.5, 1), (2.2, 1), (3.0, 2), (5.0, 2)] {
+        for (growth, level) in [(1.2, 0.5), (1.5, 1.0), (2.2, 1.0), (2.4, 1.5), (3.0, 2.0), (5.0, 2.5)] {
             for view in views.clone() {
                 let (view, pixels) = grown(48, growth, view);
                 let camera = look(&view, &volume, pixels);
@@ -113,7 +113,7 @@ fn cells_of_every_kernel_model_and_lattice_follow_the_reference() {
         let expected = truth(volume, &transfer, &camera, &settings);
         for settings in [settings.clone(), Settings { painter: exact_quads().painter, ..settings }] {
             let got = picture(volume, &transfer, &camera, &settings);
-            assert!(got.stats.levels[0] > 0, "case {number}");
+            assert!(got.stats.levels[0] > 0.0, "case {number}");
             let rms = 255.0 * rms_covered(&got.image, &expected);
             println!("case {number} {}: {rms:.2}", got.stats.painter.name());
             // Opaque edges, here by a divisor of 1, are sharper than kernels.
@@ -150,7 +150,7 @@ fn dense_matter_has_finer_cells() {
     let (_, volume) = volumes(48).swap_remove(1);
     let dense =
         |unit| transfer(&[(0.1, [0.2, 0.4, 0.9], 0.0), (0.6, [0.9, 0.7, 0.2], 0.5), (1.0, [1.0; 3], 0.79)], Some(unit));
-    let mut before = u32::MAX;
+    let mut before = f32::INFINITY;
     for unit in [10.0, 1.0, 0.084] {
         for growth in [1.6, 3.2, 6.4] {
             let (view, pixels) = grown(48, growth, View { azimuth: 30.0, elevation: 20.0, ..View::default() });
@@ -181,7 +181,7 @@ fn perspectives_by_quads_take_the_level_of_the_nearest_voxel() {
     let camera = look(&view, &volume, [40; 2]);
     let settings = Settings { level: Level::Auto, ..exact_quads() };
     let got = picture(&volume, &transfer, &camera, &settings);
-    assert_eq!(got.stats.levels, [2; 2]);
+    assert_eq!(got.stats.levels, [2.0; 2]);
     let rms = 255.0 * rms_covered(&got.image, &truth(&volume, &transfer, &camera, &settings));
     assert!(rms < 1.3, "rms {rms} of 255");
 }
@@ -189,8 +189,8 @@ fn perspectives_by_quads_take_the_level_of_the_nearest_voxel() {
 #[test]
 fn layers_of_levels_follow_the_reference() {
     for (name, volume) in volumes(48) {
-        // Levels 0 and 1, and 0 to 2.
-        for (view_height, levels) in [(60.0, [0, 1]), (100.0, [0, 2])] {
+        // Levels 0 to 3/2, and 1/2 to 2.
+        for (view_height, levels) in [(60.0, [0.0, 1.5]), (100.0, [0.5, 2.0])] {
             let camera = look(&deep(view_height), &volume, [40; 2]);
             let expected = truth(&volume, &tones(0.1), &camera, &auto());
             let got = picture(&volume, &tones(0.1), &camera, &with_tiles(&auto(), Resolution::Full));
@@ -256,20 +256,20 @@ fn a_level_is_taken_if_asked_for() {
     let camera = look(&View { azimuth: 30.0, ..View::default() }, &volume, [96; 2]);
     let at = |level| Settings { level: Level::At(level), ..auto() };
     let fine = picture(&volume, &transfer, &camera, &at(0));
-    assert_eq!(fine.stats.levels, [0; 2]);
+    assert_eq!(fine.stats.levels, [0.0; 2]);
     // One scene serves all levels, one after the other.
     let scene = prepare_on(&RENDERER, &volume, &transfer, &auto()).unwrap();
     let mut before = 0.0;
     for level in [1, 2, 3] {
         let got = draw_on(&RENDERER, &scene, &camera, &at(level)).unwrap();
-        assert_eq!(got.stats.levels, [level; 2]);
+        assert_eq!(got.stats.levels, [level as f32; 2]);
         let rms = rms_in_steps(&got.image, &fine.image);
         assert!(rms > before, "coarser cells blur more: {rms}");
         before = rms;
     }
     assert!(draw_on(&RENDERER, &scene, &camera, &at(0)).unwrap().image == fine.image);
     // `auto` uses no cells if kernels do not grow.
-    assert_eq!(draw_on(&RENDERER, &scene, &camera, &auto()).unwrap().stats.levels, [0; 2]);
+    assert_eq!(draw_on(&RENDERER, &scene, &camera, &auto()).unwrap().stats.levels, [0.0; 2]);
 }
 
 #[test]
@@ -331,6 +331,20 @@ fn the_same_bytes_whatever_was_drawn_before() {
     }
 }
 
+#[test]
+fn lit_cells_are_made_where_their_layer_shows() {
+    let (volume, transfer) = (volumes(70).swap_remove(0).1, tones(0.1));
+    let camera = look(&deep(90.0), &volume, [40; 2]);
+    let [unlit, lit] = [None, headlight()].map(|lighting| {
+        let settings = with_tiles(&Settings { lighting, ..auto() }, Resolution::Full);
+        picture(&volume, &transfer, &camera, &settings).stats
+    });
+    assert!(lit.levels == unlit.levels && lit.levels[1] > lit.levels[0] + 0.5, "{:?}", lit.levels);
+    let [unlit, lit] = [unlit, lit].map(|stats| stats.splats_kept);
+    println!("{lit} of {unlit} cells");
+    assert!(lit < unlit, "{lit} of {unlit} cells");
+}
+
 /// Every way of storing samples, thinned and lit from all sides; bricks that end within the volume and beyond it.
 #[test]
 fn the_device_makes_the_cells_of_the_host() {
@@ -360,26 +374,34 @@ fn the_device_makes_the_cells_of_the_host() {
         let at_a_place = Some(Lighting { lights: vec![Light::at(place)], ..Lighting::default() });
         let shadowed = two_lights().map(|lighting| Lighting { shadows: 0.8, occlusion: Some(4.0), ..lighting });
         for (transfer, lighting, level) in [
-            (&plain, None, 1),
-            (&plain, headlight(), 1),
-            (&thinned, two_lights(), 2),
-            (&plain, at_a_place, 3),
-            (&thinned, shadowed, 1),
+            (&plain, None, 1.0),
+            (&plain, headlight(), 1.0),
+            (&thinned, two_lights(), 2.0),
+            (&plain, at_a_place, 3.0),
+            (&thinned, shadowed, 1.0),
+            (&plain, headlight(), 0.5),
+            (&thinned, two_lights(), 1.5),
         ] {
-            let settings = Settings { lighting, level: Level::At(level), ..auto() };
+            // Only `auto` takes levels with halves, here between growths of 1.2 and 1.8, or 3.2 and 4.8.
+            let (at, growth) = match level {
+                0.5 => (Level::Auto, 1.5),
+                1.5 => (Level::Auto, 3.8),
+                _ => (Level::At(level as u32), 0.9 * f64::exp2(level)),
+            };
+            let settings = Settings { lighting, level: at, ..auto() };
             // GPUs have a ray for each pixel by default, software has not.
             let settings = with_tiles(&settings, Resolution::Full);
             let through_an_eye = ProjectionKind::Perspective { fov: 10.0 };
             for projection in [ProjectionKind::Orthographic, through_an_eye] {
                 let view = View { azimuth: 20.0, projection, ..View::default() };
-                let (view, size) = grown(70, 0.9 * f64::from(level).exp2(), view);
+                let (view, size) = grown(70, growth, view);
                 let camera = look(&view, &volume, size);
                 let draw = |renderer: &Renderer| {
                     let scene = prepare_on(renderer, &volume, transfer, &settings).unwrap();
                     draw_on(renderer, &scene, &camera, &settings).unwrap()
                 };
                 let (here, there) = (draw(&RENDERER), draw(&device));
-                assert_eq!(here.stats.levels, [level; 2]);
+                assert!(here.stats.levels[0] == level as f32 && there.stats.levels == here.stats.levels, "{settings:?}");
                 let (color, alpha) = errors(&there.image, &here.image);
                 assert!(color < 1e-4 && alpha < 1e-4, "{color:e} {alpha:e}: {settings:?}");
                 assert!(there.image.pixels().iter().any(|pixel| pixel[3] > 0.1));

@@ -36,7 +36,7 @@ fn oblique() -> View {
 }
 
 /// The error of a picture by tiles, rms over covered pixels, of 255, and its level.
-fn error(volume: &Volume, transfer: &TransferFunction, view: (View, [u32; 2]), settings: &Settings) -> (f64, u32) {
+fn error(volume: &Volume, transfer: &TransferFunction, view: (View, [u32; 2]), settings: &Settings) -> (f64, f32) {
     let camera = look(&view.0, volume, view.1);
     let got = picture(volume, transfer, &camera, &with_tiles(settings, Resolution::Full));
     let expected = truth(volume, transfer, &camera, settings);
@@ -53,7 +53,7 @@ fn cells_of_scalars_err_by_about_a_step_more_than_voxels() {
             for (kind, settings) in [("plain", post()), ("mip", mip())] {
                 let error = |growth| error(&volume, &tones(), grown(32, growth, view.clone()), &settings);
                 let (voxels, _) = error(1.0);
-                for (growth, level) in [(1.5, 1), (2.2, 1), (3.0, 2), (4.5, 2)] {
+                for (growth, level) in [(1.5, 1.0), (2.2, 1.0), (3.0, 2.0), (4.5, 2.0)] {
                     let (rms, of) = error(growth);
                     println!("{name} {kind} {} {growth}: {rms:.2}, {voxels:.2} of voxels", view.azimuth);
                     assert_eq!(of, level);
@@ -68,9 +68,9 @@ fn cells_of_scalars_err_by_about_a_step_more_than_voxels() {
 fn lit_things_of_one_value_have_no_cells() {
     let (volume, transfer) = demo("sphere", 48);
     let view = grown(48, 1.6, oblique());
-    assert_eq!(error(&volume, &transfer, view.clone(), &post()).1, 1);
+    assert_eq!(error(&volume, &transfer, view.clone(), &post()).1, 1.0);
     let (rms, level) = error(&volume, &transfer, view, &lit());
-    assert_eq!(level, 0);
+    assert_eq!(level, 0.0);
     println!("rms {rms}");
     // 5.8 is measured with voxels.
     assert!(rms < 7.0, "rms {rms} of 255");
@@ -161,7 +161,7 @@ fn streamed_volumes_have_the_same_cells() {
     let view = View { view_height: Some(110.0), ..oblique() };
     let draw = |volume: Volume| picture(&volume, &transfer, &look(&view, &volume, [48; 2]), &lit());
     let [streamed, held] = [open(0), open(u64::MAX)].map(draw);
-    assert_eq!(held.stats.levels, [1; 2]);
+    assert_eq!(held.stats.levels, [1.0; 2]);
     assert!(streamed.image == held.image);
 }
 
@@ -172,10 +172,10 @@ fn a_level_of_scalars_is_taken_if_asked_for() {
     let scene = prepare_on(&RENDERER, &volume, &transfer, &post()).unwrap();
     let at = |level| draw_on(&RENDERER, &scene, &camera, &Settings { level, ..post() }).unwrap();
     let fine = at(Level::At(0));
-    assert_eq!(fine.stats.levels, [0; 2]);
+    assert_eq!(fine.stats.levels, [0.0; 2]);
     for level in [1, 2] {
         let got = at(Level::At(level));
-        assert_eq!(got.stats.levels, [level; 2]);
+        assert_eq!(got.stats.levels, [level as f32; 2]);
         assert!(got.image != fine.image);
     }
     // One scene serves all levels. `auto` uses no cells if kernels do not grow.
@@ -185,7 +185,7 @@ fn a_level_of_scalars_is_taken_if_asked_for() {
     let grown = look(&View { view_height: Some(100.0), ..oblique() }, &volume, [40; 2]);
     let quads = Settings { level: Level::Auto, ..Settings { painter: exact_quads().painter, ..post() } };
     let got = picture(&volume, &transfer, &grown, &quads);
-    assert_eq!(got.stats.levels, [1; 2]);
+    assert_eq!(got.stats.levels, [1.0; 2]);
     assert!(255.0 * rms_covered(&got.image, &truth(&volume, &transfer, &grown, &post())) < 1.5);
     // Through one eye levels go by depth.
     let eye = View { projection: ProjectionKind::Perspective { fov: 30.0 }, ..oblique() };
@@ -210,6 +210,6 @@ fn values_far_from_all_that_shows_have_no_cells() {
         let got = picture(&volume, &tones(), &camera, &Settings { level, ..post() });
         (got.stats.levels[1], 255.0 * rms_covered(&got.image, &expected))
     });
-    assert_eq!(level, 0);
+    assert_eq!(level, 0.0);
     assert!(rms < 0.6 * of_cells, "rms {rms} of 255, {of_cells} of cells");
 }

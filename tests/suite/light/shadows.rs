@@ -393,7 +393,7 @@ fn cells_are_in_the_shadow_of_cells() {
     let at = |level| Settings { level: Level::At(level), ..settings.clone() };
     let voxels = render(&volume, &transfer, &camera, &at(0));
     let cells = picture(&volume, &transfer, &camera, &at(1));
-    assert_eq!(cells.stats.levels, [1, 1]);
+    assert_eq!(cells.stats.levels, [1.0; 2]);
     let error = rms_covered(&cells.image, &voxels);
     let without = render(&volume, &transfer, &camera, &Settings { lighting: headlight(), ..at(1) });
     assert!(error < 8e-3 && rms_covered(&without, &voxels) > 4.0 * error, "{error:e}");

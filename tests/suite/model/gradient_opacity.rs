@@ -51,7 +51,7 @@ fn cells_are_thinned_out_as_their_voxels_are() {
             |level| Settings { shading, lighting: lighting.clone(), level: Level::At(level), ..Settings::default() };
         let error = |transfer| {
             let cells = picture(&volume, transfer, &camera, &at(1));
-            assert_eq!(cells.stats.levels, [1, 1]);
+            assert_eq!(cells.stats.levels, [1.0; 2]);
             rms_covered(&cells.image, &render(&volume, transfer, &camera, &at(0)))
         };
         let [with, without] = [&thin, &plain].map(error);
