@@ -425,7 +425,7 @@ impl Renderer {
         let mut layers;
         let mut painting = loop {
             let room = choice.kind.room();
-            let lattices = scene.lattices(&voxels, settings, camera, room.layers)?;
+            let lattices = scene.lattices(context, &voxels, settings, camera, room.layers)?;
             if let Some(reason) = lattices.iter().find_map(|of| (room.refusal)(&of.view, &of.settings)) {
                 choice = Choice::instead(context, settings, reason)?;
                 continue;

@@ -361,8 +361,8 @@ fn sort_matches_its_twin() {
 fn feeding_several_sheets_at_once_changes_nothing_but_the_number_of_quads() {
     let volume = demos::volume("shepp-logan", 32).unwrap();
     let transfer = demos::demo_transfer("shepp-logan").unwrap();
-    let settings =
-        Settings { painter: Painter::Quads(QuadsSettings::default()), termination: 0.0, ..Settings::default() };
+    let painter = Painter::Quads(QuadsSettings::default());
+    let settings = Settings { painter, termination: 0.0, level: Level::At(0), ..Settings::default() };
     let view = View { azimuth: 33.0, ..View::default() };
     let camera = Camera::new(&view, volume.grid(), [32; 2]).unwrap();
     let [single, several] = [1, 4].map(|attachments| {

@@ -279,8 +279,7 @@ impl Coarsening<'_> {
                 plane.fill([0.0; 4]);
             }
         }
-        let mut bricks: Vec<_> =
-            bricks.map(|i| self.brick(&cells, [i, j, k])).collect::<Result<_>>()?;
+        let mut bricks: Vec<_> = bricks.map(|i| self.brick(&cells, [i, j, k])).collect::<Result<_>>()?;
         bricks.retain(|made| made.splats.count() > 0);
         Ok(bricks)
     }

@@ -178,6 +178,7 @@ impl Scene {
     /// eye may have several.
     pub(crate) fn lattices(
         &self,
+        context: &Context,
         voxels: &ViewGeometry,
         settings: &Settings,
         camera: &Camera,
@@ -197,7 +198,18 @@ impl Scene {
             }
         };
         let all = std::iter::successors(Some(sizes[0]), |size| Some(size.next())).take_while(|&size| size <= sizes[1]);
-        all.map(|size| self.lattice(size, sizes, voxels, settings, camera)).collect()
+        let mut all: Vec<CellSize> = all.collect();
+        if all.len() > 1 && !context.is_software() {
+            // On GPUs rays are cheap, and the lit cells of a further layer cost more than they save: a frame of a dense
+            // 512^3 scan took 31 ms in place of 20 (docs/measurements/2026-11-26-half-octaves.md).
+            all = all.into_iter().map(CellSize::whole).collect();
+            all.dedup();
+        }
+        let following = all.iter().skip(1).copied().map(Some).chain([None]);
+        let layers = all.iter().zip(following).enumerate();
+        layers
+            .map(|(number, (&size, next))| self.lattice(size, (number == 0, next), voxels, settings, camera))
+            .collect()
     }
 
     /// Whether cells can stand for voxels.
@@ -219,11 +231,11 @@ impl Scene {
         densest * x.max(y).max(z) * settings.normalization.density(&settings.kernel)
     }
 
-    /// The cells of one of the sizes from the nearest to the farthest.
+    /// The cells of a size: whether they are the nearest, and the size of those behind them.
     fn lattice(
         &self,
         size: CellSize,
-        [nearest, farthest]: [CellSize; 2],
+        (is_nearest, behind): (bool, Option<CellSize>),
         voxels: &ViewGeometry,
         settings: &Settings,
         camera: &Camera,
@@ -235,11 +247,11 @@ impl Scene {
             Level::Auto => cells::right_growth(&settings.kernel, size, self.voxel_depth(&settings)),
         };
         let growth = if size == CellSize::VOXEL { 1.0 } else { voxels.min_growth().max(least(size)) };
-        let fade = (nearest < farthest).then(|| {
+        let fade = (!is_nearest || behind.is_some()).then(|| {
             let ramp = |size: CellSize| voxels.ramp(size.voxels(), least(size)).map(|voxel| voxel / growth);
             Fade {
-                begins: if size == nearest { Fade::NEAREST } else { ramp(size) },
-                ends: if size == farthest { Fade::FARTHEST } else { ramp(size.next()) },
+                begins: if is_nearest { Fade::NEAREST } else { ramp(size) },
+                ends: behind.map_or(Fade::FARTHEST, ramp),
             }
         });
         let view_of = |grid: &Grid, settings: &Settings, grown| {

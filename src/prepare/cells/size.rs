@@ -27,6 +27,11 @@ impl CellSize {
         Self { halves }
     }
 
+    /// The largest size of a whole level that is no larger.
+    pub(crate) const fn whole(self) -> Self {
+        Self::of_level(self.halves.ilog2() - 1)
+    }
+
     /// Whether its level is a whole number.
     const fn is_whole(self) -> bool {
         self.halves.is_power_of_two()
@@ -71,6 +76,7 @@ mod tests {
             if number % 2 == 0 {
                 assert_eq!(size, CellSize::of_level(number as u32 / 2));
             }
+            assert_eq!(size.whole(), CellSize::of_level(number as u32 / 2));
             found.push((size.level(), size.voxels(), size.cells(12)));
             size = size.next();
         }
