@@ -127,8 +127,8 @@ fn marking(job: &Job<'_>) -> Marking {
     };
     let magnification = magnification(&voxels.0, voxels.1) as f32;
     let invisible = if marks_all { Marking::OWN.invisible } else { [low / magnification, high / magnification] };
-    // For a mean all parts of a kernel count: those that are fitted to slabs beyond its radius too, because only the sum
-    // of all is exact. They are in slabs up to as many planes away along a ray that leans by at most 1.1.
+    // For a mean all parts of a kernel count, also those fitted to slabs beyond its radius: only the sum of all parts
+    // is exact. They lie up to REACH planes away (the shaders) along a ray that leans by at most 1.1.
     let radius = view.max_radius() / ROUNDING;
     let reach = match settings.model {
         Model::Average => 3 * if radius <= 2.0 { 2 } else { 4 },
