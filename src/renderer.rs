@@ -536,7 +536,6 @@ impl Renderer {
             stores: &drawable.stores,
             weights: lattice.weights,
             post: post.as_ref(),
-            voxels: lattice.kernel_of_voxels(),
             padding: need.padding,
             depths,
         }

@@ -13,7 +13,6 @@ use crate::gpu::stage::Constant;
 use crate::gpu::store::Store;
 use crate::gpu::view::{ViewGeometry, Weights};
 use crate::image::{DepthMap, Region};
-use crate::kernel::{Kernel, Normalization};
 use crate::prepare::levels::ScalarNeed;
 use crate::settings::{Model, Settings};
 use crate::stats::PainterStats;
@@ -54,8 +53,6 @@ pub(crate) struct Job<'a> {
     pub(crate) weights: Weights,
     /// The tables that classify and light scalars; `None` for classified voxels.
     pub(crate) post: Option<&'a PostShading>,
-    /// The kernel of voxels and the normalisation of their sums. Cells that stand for voxels have other kernels.
-    pub(crate) voxels: (Kernel, Normalization),
     /// Layers of the lattice beyond the faces of the volume.
     pub(crate) padding: u32,
     pub(crate) depths: Depths<'a>,

@@ -9,7 +9,7 @@ use crate::gpu::context::Context;
 use crate::gpu::layout::{self, TILE};
 use crate::gpu::light_volume::PostShading;
 use crate::gpu::pipeline::Binding::{
-    self, FilteredTexture, Read, ReadTexture, Sampler, StorageTexture, Uniform, Write,
+    self, FilteredTexture, IntegerTexture, Read, ReadTexture, Sampler, StorageTexture, Uniform, Write,
 };
 use crate::gpu::pipeline::texture_view;
 use crate::gpu::recorder::Recorder;
@@ -17,7 +17,7 @@ use crate::gpu::shaders::{self, Shader};
 use crate::gpu::stage::{Constant, Stage};
 
 /// The bindings of `skip`, then those that `skip_refined` has beside them.
-const SKIP: [Binding; 5] = [Uniform, Read, Write, Read, Write];
+const SKIP: [Binding; 5] = [Uniform, IntegerTexture(wgpu::TextureViewDimension::D3), Write, Read, Write];
 
 /// The resources that rays are marched with, besides the volume.
 pub(super) struct Targets<'a> {
@@ -53,7 +53,7 @@ pub(super) fn gather(context: &Context, key: &TilesKey) -> Stage {
     let of_scalars = |shader| {
         let transfer = ReadTexture(wgpu::TextureFormat::Rgba32Float);
         let light = FilteredTexture(wgpu::TextureViewDimension::D3);
-        (shader, "gather", vec![Write, Uniform, transfer, light, Sampler, Read, Read])
+        (shader, "gather", vec![Write, Uniform, transfer, light, Sampler, Read])
     };
     let (shader, entry, slots) = match (key.voxel, key.layout, key.rays) {
         (Voxel::Scalar, Layout::Box, _) => of_scalars(shaders::GATHER_SCALARS_BOX),
@@ -98,9 +98,6 @@ pub(super) fn march(
         None => resources.extend([state, pixels]),
     }
     resources.push(solids.as_entire_binding());
-    if post.is_some() {
-        resources.push(packed.marks.as_entire_binding());
-    }
     let [across, down] = uniforms.tiles;
     gather.run(recorder, &resources, [across, down, phases(uniforms)]);
     Ok(())
@@ -121,7 +118,7 @@ pub(super) fn find_runs(
     let count: u64 = tiles.into_iter().chain([uniforms.run_slots]).map(u64::from).product();
     let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
     let runs = recorder.context.buffer("skip.runs", 8 * count, usage)?;
-    let resources = [rays.as_entire_binding(), packed.marks.as_entire_binding(), runs.as_entire_binding()];
+    let resources = [rays.as_entire_binding(), texture_view(&packed.occupied), runs.as_entire_binding()];
     // An invocation for each tile, if pixels are refined.
     let together = skips_together(recorder.context) && others.is_empty();
     let [across, down] = if together { [across, down] } else { [across, down].map(|tiles| tiles.div_ceil(TILE)) };

@@ -103,7 +103,7 @@ impl Packing {
         u64::from(self.size[0]) * self.voxel.texel()
     }
 
-    /// Fills the texture of voxels and the marks of macrocells.
+    /// Fills the texture of voxels and the texture of macrocells with splats.
     pub(super) fn fill_on_device(
         &self,
         recorder: &mut Recorder<'_>,
@@ -111,7 +111,7 @@ impl Packing {
         (stores, Bands { runs, bands }): (&[Store], &Bands),
         light: &SplatLight,
         scale: f32,
-        (volume, marks): (&wgpu::Texture, &wgpu::Buffer),
+        [volume, occupied]: &[wgpu::Texture; 2],
     ) -> Result<()> {
         let context = recorder.context;
         let uniform = wgpu::BufferUsages::UNIFORM;
@@ -127,18 +127,13 @@ impl Packing {
             scale,
             planes: self.dims[2],
             across: self.dims[0],
-            mark_shift: self.mark_shift(),
-            mark_reach: self.marking.reach,
-            mark_steps: self.mark_steps(),
-            least_invisible: self.marking.invisible[0],
-            largest_invisible: self.marking.invisible[1],
             eye,
             view_x,
             view_y,
             view_z,
             ..Pack::zeroed()
         };
-        recorder.clear(marks, self.mark_bytes());
+        let occupied = occupied.create_view(&wgpu::TextureViewDescriptor::default());
         let lighting = context.upload("pack.lighting", bytemuck::bytes_of(&light.lighting), uniform)?;
         let row_bytes = self.row_bytes();
         // One buffer serves all bands: the device orders what reads and writes it, so that nothing waits.
@@ -167,7 +162,7 @@ impl Packing {
                     buffer.as_entire_binding(),
                     store.origins.as_entire_binding(),
                     stored.clone(),
-                    marks.as_entire_binding(),
+                    texture_view(&occupied),
                     runs.as_entire_binding(),
                 ];
                 let (x, y) = context.workgroups(part.len() as u64, 1);
