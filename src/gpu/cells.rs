@@ -26,8 +26,9 @@ use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::volume::BRICK_EDGE as EDGE;
 
-/// The most bytes of a buffer of voxels or of sums. There are two of them, three for voxels in shadows.
-pub(super) const MOST: u64 = 256 << 20;
+/// The most bytes of a buffer of voxels or of sums. There are two of them, three for voxels in shadows, in each frame:
+/// larger ones take fewer dispatches, but twice as large a driver takes 5 ms a frame to allocate them, and 13 for three.
+pub(super) const MOST: u64 = 128 << 20;
 /// Bytes of a voxel or of a sum.
 const VALUE: u64 = 16;
 /// The least planes of voxels that are lit together.

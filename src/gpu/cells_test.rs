@@ -144,7 +144,7 @@ fn device_cells_are_the_same_without_kept_normals_and_in_small_buffers() {
 #[test]
 fn cells_of_a_large_scan_take_few_dispatches() {
     let (_, transfer) = vessels(8);
-    for (size, level, most, at_most) in [(512, 1, MOST, 15), (512, 1, MOST / 2, 45), (1024, 2, MOST, 63)] {
+    for (size, level, most, at_most) in [(512, 1, 2 * MOST, 15), (512, 1, MOST, 45), (1024, 2, 2 * MOST, 63)] {
         let shape =
             Shape::new(&Grid::axis_parallel([size; 3], [1.0; 3]).unwrap(), &transfer, CellSize::of_level(level));
         let lattice = shape.on_device();
