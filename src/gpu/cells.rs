@@ -27,7 +27,8 @@ use crate::progress::Progress;
 use crate::volume::BRICK_EDGE as EDGE;
 
 /// The most bytes of a buffer of voxels or of sums. There are two of them, three for voxels in shadows, in each frame:
-/// larger ones take fewer dispatches, but twice as large a driver takes 5 ms a frame to allocate them, and 13 for three.
+/// larger ones take fewer dispatches, but twice as large a driver takes 5 ms a frame to allocate them, and 13 for
+/// three.
 pub(super) const MOST: u64 = 128 << 20;
 /// Bytes of a voxel or of a sum.
 const VALUE: u64 = 16;

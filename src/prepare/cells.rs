@@ -2,10 +2,10 @@
 //! Hanrahan 1991, "Hierarchical splatting"). On the host on software, and for volumes whose samples a device does not
 //! hold. Otherwise the device makes them: gpu/cells.rs.
 //!
-//! A cell of level n stands for 2^n voxels along each axis, and of level n + 1/2 for half as many more. Voxels are classified and lit one by one. A cell holds the
-//! light that they emit and absorb, weighted by the polynomials of degree 5 that interpolate cells at the places of
-//! voxels (Lagrange). So the moments of each voxel are kept up to the fifth. Weights farther than a cell away are
-//! negative, so a cell may absorb a little less than nothing.
+//! A cell of level n stands for 2^n voxels along each axis, and of level n + 1/2 for half as many more. Voxels are
+//! classified and lit one by one. A cell holds the light that they emit and absorb, weighted by the polynomials of
+//! degree 5 that interpolate cells at the places of voxels (Lagrange). So the moments of each voxel are kept up to the
+//! fifth. Weights farther than a cell away are negative, so a cell may absorb a little less than nothing.
 //!
 //! Cells have no normals: lit by a mean normal, uniform matter erred by 20 of 255 and folds finer than a cell by 30. So
 //! cells are made anew if a light or the eye moves. From the second time on the normals of the voxels are kept.

@@ -199,11 +199,11 @@ impl Scene {
         };
         let all = std::iter::successors(Some(sizes[0]), |size| Some(size.next())).take_while(|&size| size <= sizes[1]);
         let mut all: Vec<CellSize> = all.collect();
-        // On GPUs rays are cheap, and the lit cells of a further layer cost more than they save: a frame of a dense 512^3
-        // scan took 31 ms in place of 20 (docs/measurements/2026-11-26-half-octaves.md).
+        // On GPUs rays are cheap, and the lit cells of a further layer cost more than they save: a frame of a dense
+        // 512^3 scan took 31 ms in place of 20 (docs/measurements/2026-11-26-half-octaves.md).
         let costs = all.len() > 1 && !context.is_software();
-        // Quads have the one size of the nearest kernels. Cells of 3 voxels erred by 6.4 of 255 beside a clipping plane,
-        // through a field of view of 150 degrees.
+        // Quads have the one size of the nearest kernels. Cells of 3 voxels erred by 6.4 of 255 beside a clipping
+        // plane, through a field of view of 150 degrees.
         if costs || voxels.is_perspective() && !layers {
             all = all.into_iter().map(CellSize::whole).collect();
             all.dedup();

@@ -174,12 +174,13 @@ pub enum Level {
     /// The coarsest accurate cells: within 2 of 255 (rms over covered pixels) of voxels with grown kernels.
     ///
     /// In thin matter level 1 replaces voxels if the default Gaussian has grown 1.5 times, level 2 if it has grown 3
-    /// times. Pre-shaded pictures have the levels between too: level 1/2 if it has grown 1.125 times. Dense matter needs more growth: 2.5 times for level 1 if a cell has an optical depth of 2, 4.9 times at
-    /// 10. The longest axis of the lattice decides. Light does not matter, because voxels are lit before they become
-    /// cells. In perspective the level depends on depth; pre-shaded by [`Painter::Quads`] a picture has the level of
-    /// its nearest kernels. Post-shaded along parallel rays a picture has one level, a finer one in dense matter; and
-    /// level 0 if values are over 16 times as far from the transfer function's base as its control points, or if things
-    /// of one value are visible and lit.
+    /// times. Pre-shaded pictures have the levels between too: level 1/2 if it has grown 1.125 times. Dense matter
+    /// needs more growth: 2.5 times for level 1 if a cell has an optical depth of 2, 4.9 times at 10. The longest axis
+    /// of the lattice decides. Light does not matter, because voxels are lit before they become cells. In perspective
+    /// the level depends on depth; pre-shaded by [`Painter::Quads`] a picture has the level of its nearest kernels.
+    /// Post-shaded along parallel rays a picture has one level, a finer one in dense matter; and level 0 if values are
+    /// over 16 times as far from the transfer function's base as its control points, or if things of one value are
+    /// visible and lit.
     #[default]
     Auto,
     /// Cells of this level, 0 to 12, without regard to accuracy. Kernels have at least the smallest width of cells: at

@@ -14,8 +14,8 @@ pub(crate) struct LitSplats<'a> {
 }
 
 impl LitSplats<'_> {
-    /// The lit voxels of a row between two columns, and some more. Returns a range outside which all are transparent; if
-    /// it is empty, `voxels` are left as they are.
+    /// The lit voxels of a row between two columns, and some more. Returns a range outside which all are transparent;
+    /// if it is empty, `voxels` are left as they are.
     pub(super) fn row(&self, place: [usize; 2], columns: &Range<usize>, voxels: &mut [Emission]) -> Range<usize> {
         let mut shown: Option<Range<usize>> = None;
         let bricks = columns.start / EDGE..columns.end.div_ceil(EDGE);

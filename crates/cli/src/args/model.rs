@@ -123,7 +123,8 @@ pub(crate) struct ModelArgs {
     #[arg(long, value_name = "S", value_parser = parse::number)]
     pub(crate) sharpness: Option<f64>,
     /// Level of detail: cells of 2^N voxels along each axis in place of voxels, N 0 to 12; auto uses the coarsest cells
-    /// (also between two levels, of 3 * 2^N / 2 voxels) that change a pre-shaded picture by at most 2 of 255 (rms), and a post-shaded one about as little
+    /// (also between two levels, of 3 * 2^N / 2 voxels) that change a pre-shaded picture by at most 2 of 255 (rms), and
+    /// a post-shaded one about as little
     #[arg(long, value_name = "N|auto", default_value = "auto", value_parser = parse::library::<Level>)]
     pub(crate) level: Level,
     /// Knobs of painters, sheets, footprint tables, shadows and readers; --tune help lists them
