@@ -26,9 +26,9 @@ use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::volume::BRICK_EDGE as EDGE;
 
-/// The most bytes of a buffer of voxels or of sums. There are two of them, three for voxels in shadows, in each frame:
-/// larger ones take fewer dispatches, but twice as large a driver takes 5 ms a frame to allocate them, and 13 for
-/// three.
+/// The most bytes of a buffer of voxels or of sums. There are two of them, three for voxels in shadows, in each frame.
+/// Larger ones take fewer dispatches. But with ones twice as large a frame takes 5 ms longer on an H200, and 13 ms with
+/// three of them: probably to allocate them.
 pub(super) const MOST: u64 = 128 << 20;
 /// Bytes of a voxel or of a sum.
 const VALUE: u64 = 16;
