@@ -112,7 +112,7 @@ fn device_cells_under_other_lights_take_the_normals_that_are_kept() {
 }
 
 /// Without room for normals they are found for each light, and small buffers hold a few rows of bricks: the cells are
-/// the same, to a step of their colours and densities where drivers round each shader in their own way.
+/// the same.
 #[test]
 fn device_cells_are_the_same_without_kept_normals_and_in_small_buffers() {
     let context = context();

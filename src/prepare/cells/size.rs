@@ -1,5 +1,5 @@
 //! The sizes of cells: a half-octave pyramid (Crowley and Stern 1984, "Fast computation of the difference of low-pass
-//! transform"), because a picture of cells twice as large as needed costs up to eight times less than it might.
+//! transform"). With one size an octave cells are up to half as large as they may be, and eight times as many.
 
 use crate::settings::MAX_LEVEL;
 
@@ -58,6 +58,7 @@ impl CellSize {
         (u64::from(voxels) * u64::from(under)).div_ceil(u64::from(over)) as u32
     }
 
+    /// Its level: a whole number and perhaps a half.
     pub(crate) fn level(self) -> f32 {
         self.number() as f32 / 2.0
     }
