@@ -4,9 +4,10 @@ use glam::DVec3;
 
 use super::adapter_test::adapter;
 use super::cache::Cache;
-use super::cells::{self, KeptVoxels, MOST, Normals, Plan, Voxels};
+use super::cells::{self, MOST, Plan, Voxels};
 use super::classify::{HeldSamples, Input};
 use super::context::Context;
+use super::kept_voxels::{KeptVoxels, Normals};
 use super::recorder::Recorder;
 use super::savings::Savings;
 use super::store::Drawable;

@@ -8,6 +8,7 @@ pub(crate) mod cells;
 mod cells_test;
 pub(crate) mod classify;
 pub(crate) mod context;
+pub(crate) mod kept_voxels;
 pub(crate) mod layout;
 pub(crate) mod light_volume;
 pub(crate) mod pipeline;

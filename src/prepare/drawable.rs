@@ -15,6 +15,7 @@ use crate::gpu::cache::Cache;
 use crate::gpu::cells;
 use crate::gpu::classify::{Classifier, HeldSamples, HostClassifier, Input};
 use crate::gpu::context::Context;
+use crate::gpu::kept_voxels::KeptVoxels;
 use crate::gpu::scan::Scan;
 use crate::gpu::splat::SplatLight;
 use crate::gpu::store::Drawable;
@@ -88,7 +89,7 @@ pub(super) struct PreShaded {
     /// Whether the transfer function has changed.
     edited: bool,
     /// The visible voxels on the device and their normals, held from the first cells on.
-    visible: cells::KeptVoxels,
+    visible: KeptVoxels,
     /// The normals of voxels on the host, held from the second light on cells on.
     normals: Held<(), KeptNormals>,
     /// The cells of each size.
@@ -176,7 +177,7 @@ impl PreShaded {
             occluders: Occluders::default(),
             samples: HeldSamples::default(),
             edited: false,
-            visible: cells::KeptVoxels::default(),
+            visible: KeptVoxels::default(),
             normals: Held::default(),
             cells: std::array::from_fn(|_| Held::default()),
         }
