@@ -12,7 +12,7 @@ use bytemuck::Zeroable;
 use super::cache::Cache;
 use super::classify::{BrickBatch, HeldSamples, Input, InputKey, STRIDE, VisibleVoxels, joined};
 use super::context::Context;
-use super::kept_voxels::KeptVoxels;
+use super::kept_voxels::{CLASSIFY, FOUND, KeptVoxels};
 use super::layout::{CellBox, Coarsen, Lighting, VoxelBox};
 use super::pipeline::Binding;
 use super::recorder::{ComputePass, Recorder};
@@ -38,9 +38,8 @@ const PLANES: usize = 8;
 pub(crate) const NODES: usize = 6;
 /// Sums along x of a workgroup; SUMS in shaders/lit_rows.wgsl.
 pub(crate) const SUMS: usize = WORKGROUP as usize + 1 - NODES;
-/// The work for a voxel whose normal is kept, in fragments of splats, and for one whose normal is found.
+/// The work for a voxel whose normal is kept, in fragments of splats.
 const LIT: u64 = 2;
-pub(super) const FOUND: u64 = 16;
 
 /// The cells of a level.
 pub(crate) struct CellLattice<'a> {
@@ -131,8 +130,6 @@ struct Coarsener {
     emit: Stage,
 }
 
-pub(super) const CLASSIFY: &str = "classify";
-
 impl Coarsener {
     fn new(context: &Context) -> Self {
         use Binding::{Read, Uniform, Write};
@@ -185,11 +182,6 @@ impl VoxelsKey {
             }
         }
     }
-}
-
-/// The most bytes of a buffer that shaders read as a whole.
-pub(super) fn largest_buffer(context: &Context) -> u64 {
-    context.limits.max_storage_buffer_binding_size.min(context.limits.max_buffer_size)
 }
 
 /// What a box of cells needs under another light: the places of its splats are the same.
@@ -309,7 +301,7 @@ struct Values {
 impl Job<'_> {
     fn run(&self, source: &Source<'_>, before: Option<Drawable>) -> Result<Drawable> {
         let Self { context, lattice, .. } = self;
-        let most = MOST.min(largest_buffer(context));
+        let most = MOST.min(context.largest_buffer());
         let [across, down, deep] = lattice.dims;
         let in_shadows = matches!(source, Source::Splats(_));
         let Plan { rows, layers, lines, planes, together } = lattice.plan(most, in_shadows);

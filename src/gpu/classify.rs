@@ -404,8 +404,7 @@ impl Input<'_> {
     /// The bricks whose samples share a buffer on a device that holds all of them: whole rows along x, if a buffer can
     /// hold a row.
     fn together(&self) -> usize {
-        let limits = &self.context.limits;
-        let most = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size) / self.brick_bytes();
+        let most = self.context.largest_buffer() / self.brick_bytes();
         let most = usize::try_from(most).unwrap_or(usize::MAX);
         let row = self.volume.bricks()[0] as usize;
         if most < row { most.max(1) } else { most / row * row }

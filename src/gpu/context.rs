@@ -296,6 +296,11 @@ impl Context {
         self.buffer(label, u64::from(width) * u64::from(height) * PIXEL_BYTES, usage)
     }
 
+    /// The most bytes of a buffer that shaders read as a whole.
+    pub(crate) fn largest_buffer(&self) -> u64 {
+        self.limits.max_storage_buffer_binding_size.min(self.limits.max_buffer_size)
+    }
+
     /// A texture of one level, whose bytes are counted.
     pub(crate) fn texture(
         &self,

@@ -1,10 +1,9 @@
-//! The visible voxels of a volume and their normals (shaders/normals.wgsl), kept on the device for the lights and levels
-//! of its cells.
+//! The visible voxels of a volume and their normals (shaders/normals.wgsl), kept on the device for the lights and the
+//! levels of its cells.
 
 use std::sync::{Mutex, PoisonError};
 
 use super::cache::Cache;
-use super::cells::{CLASSIFY, FOUND, largest_buffer};
 use super::classify::{BrickBatch, Classifier, HeldSamples, Input, InputKey, VisibleVoxels};
 use super::layout::Classify;
 use super::pipeline::Binding;
@@ -14,6 +13,11 @@ use super::shaders;
 use super::stage::{Stage, for_each};
 use crate::error::{Error, Result};
 use crate::volume::BRICK_EDGE as EDGE;
+
+/// The stage that cells are part of in [`Stats::stages`](crate::stats::Stats::stages).
+pub(super) const CLASSIFY: &str = "classify";
+/// The work for a voxel whose normal is found, in fragments of splats.
+pub(super) const FOUND: u64 = 16;
 
 /// The visible voxels of a volume and their normals on the device, for all lights and levels.
 #[derive(Default)]
@@ -79,7 +83,7 @@ impl Normals {
     fn find(pipelines: &Cache, input: &Input<'_>, batches: &[BrickBatch], visible: &[VisibleVoxels]) -> Result<Self> {
         let context = input.context;
         let bytes = || visible.iter().map(|part| u64::from(part.count) * 4);
-        let fits = bytes().all(|bytes| bytes <= largest_buffer(context)) && bytes().sum::<u64>() <= KeptVoxels::MOST;
+        let fits = bytes().all(|bytes| bytes <= context.largest_buffer()) && bytes().sum::<u64>() <= KeptVoxels::MOST;
         if !fits || !context.savings.normals {
             return Ok(Self::NoRoom);
         }

@@ -356,7 +356,7 @@ fn fits<'a>(
     plans: &LightPlans,
     mut lights: impl Iterator<Item = &'a LightPlan>,
 ) -> bool {
-    let bindable = context.limits.max_storage_buffer_binding_size.min(context.limits.max_buffer_size);
+    let bindable = context.largest_buffer();
     let most_groups = u64::from(context.limits.max_compute_workgroups_per_dimension);
     let dims = plans.dims();
     // Sheared rays take a row more a plane.

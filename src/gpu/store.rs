@@ -419,7 +419,7 @@ pub(crate) struct StoreBuilder<'a, P> {
 impl<'a, P: Part> StoreBuilder<'a, P> {
     /// Stores of at most `limit` splats of `stride` bytes, or as many as the adapter binds.
     pub(crate) fn new(context: &'a Context, stride: u64, limit: u32) -> Self {
-        let bindable = context.limits.max_storage_buffer_binding_size.min(context.limits.max_buffer_size) / stride;
+        let bindable = context.largest_buffer() / stride;
         let limit = u32::try_from(bindable).unwrap_or(u32::MAX).min(limit);
         Self { context, stride, limit, parts: Vec::new(), bricks: Vec::new(), held: 0, made: Drawable::default() }
     }

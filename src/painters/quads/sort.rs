@@ -92,7 +92,7 @@ impl Sorter {
         stores: &'a [Store],
     ) -> Result<Vec<Span<'a>>> {
         let context = recorder.context;
-        let binding = context.limits.max_storage_buffer_binding_size.min(context.limits.max_buffer_size);
+        let binding = context.largest_buffer();
         // Offsets of storage bindings are multiples of at most 256 bytes: 32 scalars.
         let most = (binding / 4 / target.plan.batches_per_splat(sheets) / 32 * 32).max(32);
         let mut spans = Vec::new();
