@@ -545,7 +545,7 @@ impl Renderer {
     /// [`MAX_SHEET_BYTES`] of sheets, given their bytes a pixel, and `most` pixels.
     fn part_side(&self, sheet_bytes: u32, most: u64) -> u32 {
         let limits = &self.context.limits;
-        let bindable = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size) / PIXEL_BYTES;
+        let bindable = self.context.largest_buffer() / PIXEL_BYTES;
         let pixels = bindable.min(MAX_SHEET_BYTES / u64::from(sheet_bytes.max(1))).min(most);
         limits.max_texture_dimension_2d.min(pixels.isqrt() as u32).max(1)
     }
