@@ -1,5 +1,5 @@
 // Classification of scalars along a ray: a parabola through the means of three consecutive slabs, and `transfer`, the
-// transfer function as segments. Scalars are relative to the transfer function's base, so that the space between splats
+// transfer function and its integral. Scalars are relative to the transfer function's base, so that the space between splats
 // is 0, and multiplied by a power of two.
 
 // A difference of means beyond all visible ones: control points are at most 2 from the base.
@@ -75,23 +75,15 @@ fn shown(largest: f32, m: vec3f, invisible: vec2f) -> f32 {
     return select(largest, min(largest, end), max(m.x, max(m.y, m.z)) <= end);
 }
 
-// Whether a bin may lie in more than two segments.
-override CROWDED: bool = false;
-
-// The transfer function as linear segments between knots: colour times extinction, and extinction; for maxima and
-// means, colour and alpha. `transfer` has a column for each segment. Its rows are the function at the beginning of the
-// segment, the slope, the integral up to the beginning, and the scalar at the beginning. A scalar at a knot belongs to
-// the segment that begins there.
+// The transfer function is linear within equal bins of scalars: colour times extinction, and extinction; for maxima and
+// means, colour and alpha. The rows of `transfer` are the function at the beginning of each bin and behind the last one,
+// and its integral up to the beginning of each bin, in bins. The first and the last bin are constant: they stand for all
+// scalars beyond.
 const VALUES: u32 = 0u;
-const SLOPES: u32 = 1u;
-const INTEGRALS: u32 = 2u;
-const STARTS: u32 = 3u;
-// Equal bins of scalars: the first and the last segment in a bin, and the starts of the first segment and of the
-// segment after it.
-const BINS: u32 = 4u;
-const BIN_COUNT: u32 = 2048u;
+const INTEGRALS: u32 = 1u;
+const BIN_COUNT: u32 = 1600u;
 // Equal bins of gradient lengths: gradient opacity at the beginning (x) and at the end (y) of a bin.
-const GRADIENTS: u32 = 5u;
+const GRADIENTS: u32 = 2u;
 const GRADIENT_BIN_COUNT: u32 = 4096u;
 
 // Whether extinction depends on gradients.
@@ -110,41 +102,29 @@ fn gradient_share(gradient: vec3f, lookup: f32) -> f32 {
 // The transfer function at a scalar.
 struct Classified {
     scalar: f32,
-    segment: u32,
+    // The place of the scalar among the bins.
+    place: f32,
     value: vec4f,
     // The integral of the function up to the scalar.
     integral: vec4f,
 }
 
-// scalar * lookup.x + lookup.y is its place among the bins.
+// The place of a scalar among the bins is (scalar - lookup.x) * lookup.y + 2.
 fn classified(scalar: f32, lookup: vec2f) -> Classified {
-    let place = clamp(scalar * lookup.x + lookup.y, 0.0, f32(BIN_COUNT - 1u));
-    let bin = textureLoad(transfer, vec2u(u32(place), BINS));
-    let beyond_first = scalar >= bin.w;
-    var segment = u32(bin.x) + u32(beyond_first);
-    var start = select(bin.z, bin.w, beyond_first);
-    if CROWDED {
-        var last = select(segment, u32(bin.y), beyond_first);
-        while segment < last {
-            let middle = (segment + last + 1u) / 2u;
-            let reached = textureLoad(transfer, vec2u(middle, STARTS)).x <= scalar;
-            segment = select(segment, middle, reached);
-            last = select(middle - 1u, last, reached);
-        }
-        start = textureLoad(transfer, vec2u(segment, STARTS)).x;
-    }
-    let value = textureLoad(transfer, vec2u(segment, VALUES));
-    let slope = textureLoad(transfer, vec2u(segment, SLOPES));
-    let integral = textureLoad(transfer, vec2u(segment, INTEGRALS));
-    let beyond = scalar - start;
-    return Classified(scalar, segment, value + slope * beyond, integral + (value + slope * (0.5 * beyond)) * beyond);
+    let place = (scalar - lookup.x) * lookup.y + 2.0;
+    let bin = u32(clamp(place, 0.0, f32(BIN_COUNT - 1u)));
+    let beyond = place - f32(bin);
+    let value = textureLoad(transfer, vec2u(bin, VALUES));
+    let integral = textureLoad(transfer, vec2u(bin, INTEGRALS));
+    let rise = (textureLoad(transfer, vec2u(bin + 1u, VALUES)) - value) * beyond;
+    return Classified(scalar, place, value + rise, integral + (value + 0.5 * rise) * beyond);
 }
 
 // The mean of the transfer function between two scalars. Steps and peaks of any width between them count.
 fn mean_between(a: Classified, b: Classified) -> vec4f {
-    let apart = b.scalar - a.scalar;
+    let apart = b.place - a.place;
     // If the scalars are nearly equal, rounding loses the difference of integrals.
-    let alike = a.segment == b.segment || abs(apart) <= 1e-4 * (abs(a.scalar) + abs(b.scalar));
+    let alike = abs(apart) < 0.25 + 1e-4 * (abs(a.place) + abs(b.place));
     return select((b.integral - a.integral) / select(apart, 1.0, alike), 0.5 * (a.value + b.value), alike);
 }
 

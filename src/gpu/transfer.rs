@@ -4,22 +4,19 @@ use super::context::Context;
 use crate::transfer::{ControlPoint, Resolution, TransferFunction};
 use crate::volume::{RowCoding, ToF64, Volume};
 
-/// Rows of the texture that describe segments, as in shaders/common/transfer.wgsl: before the row of the bins of
-/// scalars and the row of the bins of gradients.
-const SEGMENT_ROWS: usize = 4;
-/// Equal bins of scalars that lead to segments: few enough for the table of a usual function to have less than 64 KiB.
-const BINS: usize = 2048;
+/// Equal bins of scalars, BIN_COUNT in shaders/common/transfer.wgsl: few enough for the table of a function without
+/// gradient opacity to have less than 64 KiB.
+const BINS: usize = 1600;
+/// Bins below the lowest scalar at which the function changes, and above the highest one: in the outer of them it is
+/// constant.
+const OUTER_BINS: usize = 2;
 /// Equal bins of lengths of gradients.
 const GRADIENT_BINS: usize = 4096;
-/// The largest number of segments: every device has textures of this width.
-const MAX_SEGMENTS: usize = 8192;
-/// The largest deviation of the function from linear in a segment: a fraction of its value and a fraction of its
-/// largest value.
-const BEND: [f64; 2] = [3e-4, 1e-5];
-/// The largest number of halvings of a segment.
-const MAX_HALVINGS: u32 = 10;
-/// The share of a bin by which rounding may place a scalar in the bin beside it.
-const BIN_ROUNDING: f64 = 0.05;
+/// The least width of a bin, over the largest scalar: a few times the distance of neighbouring floats.
+const LEAST_BIN: f64 = 1e-6;
+/// Gauss-Legendre quadrature of three points on [0, 1]: places and weights.
+const QUADRATURE: [[f64; 2]; 3] =
+    [[0.112_701_665_379_258_3, 5.0 / 18.0], [0.5, 8.0 / 18.0], [0.887_298_334_620_741_7, 5.0 / 18.0]];
 
 /// The largest distance of the values of a range from a value.
 fn farthest([lowest, highest]: [f64; 2], value: f64) -> f64 {
@@ -149,14 +146,12 @@ pub(crate) enum VisibleValues {
 
 /// The table by which shaders classify scalars.
 pub(crate) struct TransferTable {
-    /// Segments between knots, and bins that lead to them.
+    /// The function and its integral by bins of scalars, and gradient opacity by bins of gradients.
     pub(crate) texture: wgpu::TextureView,
     /// The range of invisible scalars around 0, ends included; empty if the first is larger.
     pub(crate) invisible: [f32; 2],
-    /// The place of a scalar among the bins is the scalar times the first, plus the second.
+    /// The scalar at which the inner bins begin, and bins for each scalar.
     pub(crate) lookup: [f32; 2],
-    /// Whether a bin lies in more than two segments.
-    pub(crate) crowded: bool,
     /// Whether extinction depends on gradients, and the place of a gradient's length among its bins: length times this.
     pub(crate) thins: bool,
     pub(crate) gradient_lookup: f32,
@@ -187,8 +182,7 @@ impl TransferTable {
                 [r, g, b, opacity / transfer.max_opacity().max(f64::MIN_POSITIVE)]
             }
         };
-        let segments = Segments::new(transfer.knots(), reduction, &value);
-        let (mut rows, lookup, crowded) = segments.rows();
+        let (mut rows, lookup) = bins(transfer.knots(), reduction, &value);
         let steepest = transfer.gradient_opacity().last().map_or(0.0, |p| p.magnitude);
         let thins = !transfer.gradient_opacity().is_empty();
         let share = |place: usize| transfer.gradient_share(steepest * place as f64 / GRADIENT_BINS as f64) as f32;
@@ -203,7 +197,6 @@ impl TransferTable {
             texture: context.float_rows("shade.transfer", &rows),
             invisible: around.map_or([1.0, -1.0], |ends| ends.map(end)),
             lookup,
-            crowded,
             thins,
             gradient_lookup: gradient_lookup.min(f64::from(f32::MAX)) as f32,
             faintest: reduction.faintest(resolution),
@@ -218,121 +211,164 @@ fn mixed(a: Value, b: Value, f: f64) -> Value {
     std::array::from_fn(|c| a[c] + (b[c] - a[c]) * f)
 }
 
-/// A piece of the transfer function that counts as linear: from its start to the start of the next.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Segment {
-    start: f64,
-    /// The function at its start, and at its end.
-    values: [Value; 2],
-}
+/// The transfer function over the place among the bins: the integral over each bin, in two parts, whose weights fall
+/// from the beginning of the bin and rise to its end by linear interpolation.
+struct BinParts(Vec<[Value; 2]>);
 
-/// The whole transfer function, from the lowest scalar to the largest.
-struct Segments(Vec<Segment>);
-
-impl Segments {
-    fn new(points: &[ControlPoint], reduction: &Reduction, value: &dyn Fn([f64; 3], f64) -> Value) -> Self {
-        // At most as many segments as a texture holds; with more, the function between control points is less exact.
-        let made = (0..)
-            .map(|coarser| Self::within(points, reduction, value, BEND.map(|bend| bend * 4_f64.powi(coarser))))
-            .find(|made| made.0.len() <= MAX_SEGMENTS);
-        made.unwrap_or(Self(Vec::new()))
-    }
-
-    /// Segments in which the function is linear to within `bend`.
-    fn within(
-        points: &[ControlPoint],
-        reduction: &Reduction,
-        value: &dyn Fn([f64; 3], f64) -> Value,
-        bend: [f64; 2],
-    ) -> Self {
-        let at = |p: &ControlPoint| value(p.color, p.opacity);
-        let scalar = |p: &ControlPoint| f64::from(reduction.scalar(p.value));
-        let (Some(first), Some(last)) = (points.first(), points.last()) else { return Self(Vec::new()) };
-        let most = points.iter().map(|p| at(p)[3]).fold(0.0, f64::max);
-        let mut segments = vec![Segment { start: f64::from(f32::MIN), values: [at(first); 2] }];
-        for pair in points.windows(2) {
-            let [a, b] = pair else { continue };
-            let between = |f: f64| {
-                let color = std::array::from_fn(|c| a.color[c] + (b.color[c] - a.color[c]) * f);
-                value(color, a.opacity + (b.opacity - a.opacity) * f)
-            };
-            let allowed = |value: Value| bend[0] * value[3] + bend[1] * most;
-            let [from, to] = [scalar(a), scalar(b)];
-            let mut pending = vec![(0.0, 1.0, MAX_HALVINGS)];
-            while let Some((low, high, halvings)) = pending.pop() {
-                let start = from + (to - from) * low;
-                let (middle, values) = (f64::midpoint(low, high), [low, high].map(between));
-                let (exact, linear) = (between(middle), mixed(values[0], values[1], 0.5));
-                let bent = (0..4).any(|c| (exact[c] - linear[c]).abs() > allowed(exact));
-                if bent && halvings > 0 && from < to {
-                    pending.extend([(middle, high, halvings - 1), (low, middle, halvings - 1)]);
-                } else {
-                    segments.push(Segment { start: f64::from(start as f32), values });
+impl BinParts {
+    /// Adds a smooth part of the function, between two places; `at` is the function at a share of the way.
+    fn add(&mut self, [from, to]: [f64; 2], at: impl Fn(f64) -> Value) {
+        let last = to.min(BINS as f64);
+        let mut start = from.max(0.0);
+        while start < last {
+            let bin = start.floor();
+            let end = last.min(bin + 1.0);
+            for [share, weight] in QUADRATURE {
+                let place = start + (end - start) * share;
+                let value = at((place - from) / (to - from));
+                for (part, near) in self.0[bin as usize].iter_mut().zip([bin + 1.0 - place, place - bin]) {
+                    *part = std::array::from_fn(|c| part[c] + weight * (end - start) * near * value[c]);
                 }
             }
+            start = end;
         }
-        segments.push(Segment { start: scalar(last), values: [at(last); 2] });
-        // Of knots that are one number in shaders, the last holds from there on.
-        let mut kept: Vec<Segment> = Vec::with_capacity(segments.len());
-        for segment in segments {
-            if kept.last().is_some_and(|before| segment.start <= before.start) {
-                kept.pop();
+    }
+
+    /// The function that is linear within every bin: its values at both ends of each bin. Both parts of a bin count for
+    /// their ends, so the integral over any peak is exact, however narrow it is. But a bin in which nothing shows shows
+    /// nothing: its neighbours give all to their other ends.
+    fn linear(&self) -> Vec<Value> {
+        let is_empty = |bin: usize| self.0.get(bin).is_some_and(|parts| parts.iter().flatten().all(|c| *c == 0.0));
+        let is_clear = |end: usize| is_empty(end) || end > 0 && is_empty(end - 1);
+        let mut values = vec![[0.0; 4]; BINS + 1];
+        for (bin, [first, last]) in self.0.iter().enumerate() {
+            let both = std::array::from_fn(|c| first[c] + last[c]);
+            let parts = match [is_clear(bin), is_clear(bin + 1)] {
+                [true, false] => [[0.0; 4], both],
+                [false, true] => [both, [0.0; 4]],
+                _ => [*first, *last],
+            };
+            for (value, part) in values[bin..].iter_mut().zip(parts) {
+                *value = std::array::from_fn(|c| value[c] + part[c]);
             }
-            kept.push(segment);
         }
-        Self(kept)
+        values
     }
+}
 
-    /// Where each segment ends.
-    fn ends(&self) -> impl Iterator<Item = f64> {
-        self.0.iter().skip(1).map(|next| next.start).chain([f64::from(f32::MAX)])
-    }
+/// The integral from place 0 to the beginning of each bin, in bins.
+fn integrals(values: &[Value]) -> Vec<Value> {
+    let mut sum = [0.0; 4];
+    let next = |ends: &[Value]| {
+        let before = sum;
+        let mean = mixed(ends[0], ends[1], 0.5);
+        sum = std::array::from_fn(|c| sum[c] + mean[c]);
+        before
+    };
+    values.windows(2).map(next).collect()
+}
 
-    /// The integral of the function from the first knot to the start of each segment.
-    fn integrals(&self) -> Vec<Value> {
-        let mut sum = [0.0; 4];
-        let inner = self.0.iter().zip(self.ends()).skip(1).map(|(segment, end)| {
-            let before = sum;
-            let mean = mixed(segment.values[0], segment.values[1], 0.5);
-            sum = std::array::from_fn(|c| sum[c] + mean[c] * (end - segment.start));
-            before
+/// The rows of the table for scalars, and the place of scalars among the bins, see [`TransferTable::lookup`].
+fn bins(
+    points: &[ControlPoint],
+    reduction: &Reduction,
+    value: &dyn Fn([f64; 3], f64) -> Value,
+) -> (Vec<Vec<[f32; 4]>>, [f32; 2]) {
+    let at = |p: &ControlPoint| value(p.color, p.opacity);
+    let scalars: Vec<f64> = points.iter().map(|p| f64::from(reduction.scalar(p.value))).collect();
+    let (low, high) = (scalars.first().copied().unwrap_or(0.0), scalars.last().copied().unwrap_or(0.0));
+    let width = ((high - low) / (BINS - 2 * OUTER_BINS) as f64).max(LEAST_BIN * low.abs().max(high.abs()).max(1.0));
+    let place = |scalar: f64| (scalar - low) / width + OUTER_BINS as f64;
+    let [first, last] = [points.first(), points.last()].map(|p| p.map_or([0.0; 4], at));
+    let mut parts = BinParts(vec![[[0.0; 4]; 2]; BINS]);
+    parts.add([0.0, place(low)], |_| first);
+    for (pair, ends) in points.windows(2).zip(scalars.windows(2)) {
+        let ([a, b], &[from, to]) = (pair, ends) else { continue };
+        parts.add([place(from), place(to)], |share| {
+            let color = std::array::from_fn(|c| a.color[c] + (b.color[c] - a.color[c]) * share);
+            value(color, a.opacity + (b.opacity - a.opacity) * share)
         });
-        [[0.0; 4]].into_iter().chain(inner).collect()
+    }
+    parts.add([place(high), BINS as f64], |_| last);
+    let mut values = parts.linear();
+    values[..OUTER_BINS].fill(first);
+    values[BINS + 1 - OUTER_BINS..].fill(last);
+    let integrals = integrals(&values);
+    // Integrals begin at the base, where scalars are the most precise.
+    let origin = integrals[place(0.0).clamp(0.0, (BINS - 1) as f64) as usize];
+    let texel = |value: Value| value.map(|c| c.clamp(f64::from(f32::MIN), f64::from(f32::MAX)) as f32);
+    let integrals = integrals.iter().map(|sum| texel(std::array::from_fn(|c| sum[c] - origin[c])));
+    let rows = vec![values.into_iter().map(texel).collect(), integrals.collect()];
+    (rows, [low as f32, width.recip() as f32])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The table of a function of opacity alone, whose values are the opacities.
+    struct Table {
+        reduction: Reduction,
+        rows: Vec<Vec<[f32; 4]>>,
+        lookup: [f32; 2],
     }
 
-    /// The rows of the texture but for gradients, the place of scalars among the bins, and whether a bin lies in more
-    /// than two segments.
-    fn rows(&self) -> (Vec<Vec<[f32; 4]>>, [f32; 2], bool) {
-        let Self(segments) = self;
-        // Integrals begin at the base, where scalars are the most precise.
-        let integrals = self.integrals();
-        // The first segment has no start: its integral begins at its end.
-        let start = |index: usize| segments[index.max(1).min(segments.len() - 1)].start;
-        let origin = integrals[segments.partition_point(|s| s.start <= 0.0).saturating_sub(1)];
-        let mut rows = vec![Vec::new(); SEGMENT_ROWS];
-        for (index, (segment, end)) in segments.iter().zip(self.ends()).enumerate() {
-            let [value, last] = segment.values;
-            let slope = std::array::from_fn(|c| (last[c] - value[c]) / (end - segment.start));
-            let integral = std::array::from_fn(|c| integrals[index][c] - origin[c]);
-            for (row, texel) in rows.iter_mut().zip([value, slope, integral, [start(index); 4]]) {
-                row.push(texel.map(|c| c.clamp(f64::from(f32::MIN), f64::from(f32::MAX)) as f32));
-            }
+    impl Table {
+        fn new(points: &[(f64, f64)]) -> Self {
+            let point = |&(value, opacity): &(f64, f64)| ControlPoint { value, color: [1.0; 3], opacity };
+            let transfer = TransferFunction::new(points.iter().map(point).collect(), None).unwrap();
+            let reduction = Reduction::new(&transfer, 1.0);
+            let (rows, lookup) = bins(transfer.knots(), &reduction, &|_, opacity| [opacity; 4]);
+            Self { reduction, rows, lookup }
         }
-        let knots: Vec<f64> = segments.iter().skip(1).map(|s| s.start).collect();
-        let (low, high) = (knots.first().copied().unwrap_or(0.0), knots.last().copied().unwrap_or(0.0));
-        // Bins wide enough for rounding to place scalars in the right one.
-        let span = (high - low).max(low.abs().max(high.abs()) / 16.0).max(1e-6);
-        let scale = BINS as f64 / span;
-        let segment = |place: f64| knots.partition_point(|knot| (knot - low) * scale <= place);
-        let mut crowded = false;
-        let bin = |bin: usize| {
-            let first = if bin == 0 { 0 } else { segment(bin as f64 - BIN_ROUNDING) };
-            let last = if bin + 1 == BINS { knots.len() } else { segment(bin as f64 + 1.0 + BIN_ROUNDING) };
-            let next = knots.get(first).map_or(f32::MAX, |&knot| knot as f32);
-            crowded |= last > first + 1;
-            [first as f32, last as f32, start(first) as f32, next]
-        };
-        rows.push((0..BINS).map(bin).collect());
-        (rows, [scale as f32, (-low * scale) as f32], crowded)
+
+        /// The function at a value and its integral up to there, as shaders read them.
+        fn at(&self, value: f64) -> [f32; 2] {
+            let [low, scale] = self.lookup;
+            let place = (self.reduction.scalar(value) - low) * scale + OUTER_BINS as f32;
+            let bin = place.clamp(0.0, BINS as f32 - 1.0) as usize;
+            let beyond = place - bin as f32;
+            let [value, next, integral] = [self.rows[0][bin][3], self.rows[0][bin + 1][3], self.rows[1][bin][3]];
+            let rise = (next - value) * beyond;
+            [value + rise, integral + (value + 0.5 * rise) * beyond]
+        }
+
+        /// The integral between two values.
+        fn integral(&self, from: f64, to: f64) -> f64 {
+            let [from, to] = [from, to].map(|value| f64::from(self.at(value)[1]));
+            (to - from) / (f64::from(self.lookup[1]) * self.reduction.factor)
+        }
+    }
+
+    #[test]
+    fn peaks_keep_their_integral_and_steps_their_height() {
+        // A peak of a hundredth of a bin, two steps, and a step at the end.
+        let peak = [(0.2, 0.0), (0.5, 0.0), (0.500_005, 1.0), (0.500_01, 0.0)];
+        let steps = [(0.7, 0.0), (0.7, 0.25), (0.75, 0.25), (0.75, 0.0), (0.9, 0.0), (0.9, 0.5)];
+        let table = Table::new(&[peak.as_slice(), &steps].concat());
+        for (from, to, expected, error) in
+            [(0.4, 0.6, 5e-6, 1e-8), (0.68, 0.78, 0.0125, 1e-6), (1.0, 3.0, 1.0, 1e-3), (-9.0, 0.4, 0.0, 0.0)]
+        {
+            let got = table.integral(from, to);
+            assert!((got - expected).abs() <= error, "{from} to {to}: {got}");
+        }
+        for (value, opacity) in
+            [(-50.0, 0.0), (0.3, 0.0), (0.6, 0.0), (0.72, 0.25), (0.8, 0.0), (0.91, 0.5), (900.0, 0.5)]
+        {
+            let [got, _] = table.at(value);
+            assert!((got - opacity).abs() < 1e-6, "{value}: {got}");
+        }
+    }
+
+    #[test]
+    fn ramps_are_linear_and_show_nothing_below() {
+        let table = Table::new(&[(0.0, 0.0), (0.25, 0.0), (0.5, 0.8), (1.0, 0.1)]);
+        for value in [0.0, 0.1, 0.2499] {
+            assert_eq!(table.at(value)[0], 0.0);
+        }
+        for (value, opacity) in [(0.3, 0.16), (0.4, 0.48), (0.75, 0.45), (0.999, 0.1014)] {
+            let [got, _] = table.at(value);
+            assert!((got - opacity).abs() < 1e-4, "{value}: {got}");
+        }
     }
 }

@@ -123,7 +123,6 @@ impl Job<'_> {
             ("LIGHTS", settings.light_count()),
             ("POINT_LIGHTS", settings.has_point_lights().into()),
             ("SHADOWS", shadows.into()),
-            ("CROWDED", post.is_some_and(|post| post.table.crowded).into()),
             ("GRADIENT_OPACITY", post.is_some_and(|post| post.table.thins).into()),
             ("RESPONSE", settings.xray_response().0),
             ("MAXIMUM", matches!(settings.model, Model::Mip | Model::Minip).into()),
