@@ -247,13 +247,6 @@ fn is_opaque(ray: RayState) -> bool {
     return ray.depth > rays.opaque_depth;
 }
 
-// The share of the layer around the place where a ray meets a plane. The shares of all layers add up to 1.
-fn layer_share(geometry: RayGeometry, plane: i32) -> f32 {
-    let growth = growth_at(geometry, plane);
-    let near = saturate((growth - rays.fade_in.x) * rays.fade_in.y);
-    return near * saturate((rays.fade_out.x - growth) * rays.fade_out.y);
-}
-
 // Adds the parts of plane `plane` to the slabs around it, composites the slab that no later plane reaches, and goes on
 // to the next plane.
 fn add_parts(
@@ -281,7 +274,7 @@ fn feed(
     var sums = all;
     var share = 1.0;
     if LAYERED {
-        share = layer_share(geometry, plane);
+        share = layer_share(geometry, f32(plane));
         sums = Moments(share * all.m0, share * all.m1, share * all.m2);
     }
     var parts = parts_of(section_at(geometry.near, geometry, plane), sums);

@@ -16,6 +16,8 @@
 @group(0) @binding(6) var light_volume: texture_3d<f32>;
 @group(0) @binding(7) var light_sampler: sampler;
 @group(0) @binding(8) var<storage, read> solid_depths: array<f32>;
+// For each pixel, the state of its ray behind the layers before: premultiplied colour and optical depth.
+@group(0) @binding(9) var<storage, read_write> gathered_before: array<vec4f>;
 
 // Planes that kernels reach before and behind their own: 2, or 4.
 override REACH: i32 = 2;
@@ -102,6 +104,9 @@ fn classify_slab(
         share = gradient_share(of_means, rays.gradient_lookup);
     }
     let step = (part.y - part.x) / f32(rays.samples);
+    if LAYERED {
+        share *= layer_share(geometry, middle);
+    }
     let length = 0.5 * step * share * geometry.stretch / geometry.direction.z;
     let so_far = *ray;
     let composited =
@@ -210,6 +215,28 @@ fn feed(
     // On to the next plane.
     if # >= 8 - 2 * REACH { (*slabs).sums[#] = (*slabs).sums[# + 2]; }
     if # < 2 * REACH { (*slabs).sums[8 + #] = (*slabs).sums[10 + #]; }
+}
+
+// The rays of pixels through one of several layers, which are marched front to back. Each layer adds to the pixels the
+// change of their rays' colours.
+@compute @workgroup_size(64)
+fn layer(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile: vec3u) {
+    let at = point_of(tile, lane);
+    let share = share_of(line_of(at));
+    if any(at >= rays.picture) || share == 0.0 {
+        return;
+    }
+    let geometry = geometry_of_pixel(at);
+    let index = at.y * rays.picture.x + at.x;
+    let before = gathered_before[index];
+    var ray = new_ray();
+    ray.color = before.rgb;
+    ray.depth = before.w;
+    ray.transmittance = exp(-before.w);
+    ray = march_planes(tile, geometry, ray);
+    gathered_before[index] = vec4f(ray.color, ray.depth);
+    let change = vec4f(ray.color, absorbed(ray.depth)) - vec4f(before.rgb, absorbed(before.w));
+    add_to_pixel(at, share * change);
 }
 
 @compute @workgroup_size(64)

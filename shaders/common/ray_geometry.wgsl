@@ -169,6 +169,13 @@ fn depth_of(geometry: RayGeometry, plane: f32) -> f32 {
     return dot(rays.view_depth, vec4f(geometry.base + geometry.shear * plane, plane, 1.0));
 }
 
+// The share of the layer `plane` planes from plane 0 along a ray. The shares of all layers add up to 1.
+fn layer_share(geometry: RayGeometry, plane: f32) -> f32 {
+    let growth = geometry.growth.x + geometry.growth.y * plane;
+    let near = saturate((growth - rays.fade_in.x) * rays.fade_in.y);
+    return near * saturate((rays.fade_out.x - growth) * rays.fade_out.y);
+}
+
 // The point of an invocation's ray, in a tile of 8 x 8 neighbours. Eight invocations in a row, which software marches
 // together, are a block of 4 x 2 points: their rays end at more nearly the same depth than the rays of a row.
 fn point_of(tile: vec3u, lane: u32) -> vec2u {

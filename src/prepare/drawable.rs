@@ -62,6 +62,14 @@ impl<K, V> Held<K, V> {
         Ok((made, seconds))
     }
 
+    /// The key of the value that is held.
+    fn key(&self) -> Option<K>
+    where
+        K: Copy,
+    {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).as_ref().map(|(key, _)| *key)
+    }
+
     /// Whether a value is held.
     fn is_made(&self) -> bool {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).is_some()
@@ -113,7 +121,8 @@ pub(super) struct PostShaded {
     pub(super) kept: Cache,
     /// The light that arrives.
     pub(super) light: Held<Shadows, FallenLight>,
-    pub(super) emitted: Held<EmissionKey, Drawable>,
+    /// The splats by size of cells.
+    pub(super) emitted: [Held<EmissionKey, Drawable>; CellSize::COUNT],
     /// Whether the splats serve other transfer functions too.
     pub(super) whole: bool,
 }
@@ -138,8 +147,14 @@ impl PostShaded {
         let (kernel, normalization) = lattice.kernel_of_voxels();
         let coarse = lattice.coarse.map(|(coarse, ..)| coarse);
         let (lit, whole) = (lattice.settings.lighting.is_some(), self.whole);
-        let key = EmissionKey { kernel, normalization, need, lit, coarse, whole };
-        self.emitted.get_or_make(key, EmissionKey::serves, |held| {
+        let emitted = &self.emitted[lattice.size.number()];
+        let part = lattice.view.layer_part().filter(|_| !whole);
+        let mut key = EmissionKey { kernel, normalization, need, lit, coarse, whole, part };
+        // The first picture makes what its layer shows, and the second one all, for the eyes that follow.
+        if emitted.key().is_some_and(|held| !held.serves(&key)) {
+            key.part = None;
+        }
+        emitted.get_or_make(key, EmissionKey::serves, |held| {
             drop(held);
             Ok(Arc::new(self.emit(context, &key, progress)?))
         })
@@ -151,7 +166,7 @@ impl PostShaded {
         let range = self.volume.value_range()?;
         if !(self.whole && self.reduction.serves(&transfer, range)) {
             self.reduction = Reduction::for_edits(&transfer, range);
-            self.emitted.clear();
+            self.emitted.iter().for_each(Held::clear);
             self.whole = true;
         }
         self.resolution = Resolution::new(&transfer, &self.volume)?;

@@ -22,6 +22,8 @@ pub(crate) struct Lattice {
     pub(crate) light: Option<SplatLight>,
     /// Cells of scalars, and the kernel and normalisation of their voxels.
     pub(crate) coarse: Option<(Coarse, Kernel, Normalization)>,
+    /// The level of the cells on which shadows of scalars lie: one for all lattices of a picture.
+    pub(crate) shadow_level: u32,
 }
 
 impl Lattice {

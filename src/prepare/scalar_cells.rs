@@ -1,8 +1,8 @@
 //! scalar-cells: the scalars of cells, for post-shading if kernels are wider than rays gather. On the host, from the
 //! samples, brick by brick on demand: no volume of cells is kept.
 //!
-//! A cell stands for 2^n voxels along each axis, as for pre-shading (cells.rs): voxels are shared by the same weights,
-//! which keep their moments. Along parallel rays all cells have one kernel, which rays gather. Cells are blurred by the
+//! Cells have the sizes of pre-shading (cells.rs), two an octave: voxels are shared by the same weights, which keep their
+//! moments. Along parallel rays all cells have one kernel, which rays gather; through an eye it grows with depth. Cells are blurred by the
 //! difference to the kernels of voxels, because classification magnifies differences of shape: a Gaussian of the same
 //! variance does not replace a truncated kernel. The middle of the lattice of cells is the middle of the voxels, and
 //! voxels beyond a face are copies of the outermost one.
@@ -40,41 +40,47 @@ const ROUNDING: f64 = 1.0 + 1e-6;
 /// of one picture serve a picture of another size.
 const STEPS: f64 = 16.0;
 
-/// The cells that stand for voxels along parallel rays.
+/// The cells that stand for voxels: of one size along parallel rays, of a layer through an eye.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Coarse {
-    pub(crate) level: u32,
+    pub(crate) cells: CellSize,
     /// Cells are blurred for kernels of voxels with a growth of 2^(step / [`STEPS`]) in cells; `None`: cells have the
     /// grown kernel of voxels.
     step: Option<i32>,
 }
 
 impl Coarse {
-    /// The cells for grown kernels of voxels: of this level, or of the coarsest that can have such kernels.
-    pub(crate) fn new(kernel: &Kernel, growth: f64, level: Option<u32>) -> Self {
-        let least = LEAST_DEVIATION / kernel.variance().sqrt();
-        // Rounding: see `cells::level_of`.
-        let coarsest = (1.0001 * growth / least).log2().floor().max(0.0);
-        let level = level.unwrap_or(coarsest as u32);
+    /// The cells for grown kernels of voxels: of this size, or of the largest that can have such kernels.
+    pub(crate) fn new(kernel: &Kernel, growth: f64, cells: Option<CellSize>) -> Self {
+        let largest = || {
+            // Rounding: see `cells::size_for`.
+            let serves = |cells: &CellSize| least_growth(kernel, *cells) <= 1.0001 * growth;
+            let larger = CellSize::all().skip(1).take_while(serves);
+            larger.last().unwrap_or(CellSize::VOXEL)
+        };
+        let cells = cells.unwrap_or_else(largest);
+        let least = least_growth(kernel, CellSize::VOXEL);
         let steps = |growth: f64| STEPS * growth.log2();
-        let step = steps(1.0001 * growth / f64::from(level).exp2()).floor();
+        let step = steps(1.0001 * growth / cells.voxels()).floor();
         // The least kernel serves coarser cells too; finer cells have the least kernel of the next level.
         let (first, last) = (steps(least).floor(), steps(2.0 * least).floor());
-        Self { level, step: Some(step.clamp(first, last) as i32) }
+        Self { cells, step: Some(step.clamp(first, last) as i32) }
     }
 
     /// The finest cells in which grown kernels of voxels reach no farther than rays gather, up to 8 times as many as
     /// [`Self::new`] returns. Kernels are those of voxels, unless they are so narrow in cells that the lattice of the
     /// cells would be visible.
     pub(crate) fn fine(kernel: &Kernel, growth: f64) -> Self {
-        let level = (growth * kernel.radius() / (REACH * ROUNDING)).log2().ceil().max(0.0) as u32;
-        let deviation = growth * kernel.variance().sqrt() / f64::from(level).exp2();
-        if deviation < SMOOTH_DEVIATION { Self::new(kernel, growth, Some(level)) } else { Self { level, step: None } }
+        let radius = |cells: CellSize| growth * kernel.radius() / cells.voxels();
+        let gathered = |cells: &CellSize| radius(*cells) <= REACH * ROUNDING;
+        let cells = CellSize::all().find(gathered).unwrap_or(CellSize::LARGEST);
+        let deviation = growth * kernel.variance().sqrt() / cells.voxels();
+        if deviation < SMOOTH_DEVIATION { Self::new(kernel, growth, Some(cells)) } else { Self { cells, step: None } }
     }
 
     /// Voxels along an edge of a cell.
     pub(crate) fn size(self) -> f64 {
-        f64::from(self.level).exp2()
+        self.cells.voxels()
     }
 
     /// The growth, in cells, that cells are blurred for.
@@ -92,7 +98,7 @@ impl Coarse {
 
     /// The lattice of the cells.
     pub(crate) fn grid(self, grid: &Grid) -> Result<Grid> {
-        let dims = grid.dims().map(|n| n.div_ceil(1 << self.level));
+        let dims = grid.dims().map(|n| self.cells.cells(n));
         let mut to_world = grid.to_world();
         let half = |dims: [u32; 3]| DVec3::from_array(dims.map(|n| f64::from(n - 1) / 2.0));
         to_world.translation = to_world.transform_point3(half(grid.dims()) - self.size() * half(dims));
@@ -103,21 +109,26 @@ impl Coarse {
     /// The filters that make these cells of voxels with this kernel.
     pub(crate) fn filters(self, kernel: &Kernel, grid: &Grid) -> Filters {
         let blurred = self.blurred();
-        let blur = blurred.map_or_else(|| vec![1.0], |growth| blur(kernel, growth, self.level).to_vec());
+        let blur = blurred.map_or_else(|| vec![1.0], |growth| blur(kernel, growth, self.cells).to_vec());
         let before = grid.dims().map(|voxels| {
-            let cells = voxels.div_ceil(1 << self.level);
+            let cells = self.cells.cells(voxels);
             (f64::from(cells) * self.size() - f64::from(voxels)) / 2.0
         });
-        let filters = Filters::new(self.level, before, &blur);
+        let filters = Filters::new(self.cells, before, &blur);
         let farther = blurred.map_or(0.0, |growth| self.size() * (kernel.radius() * growth - KERNEL.radius()));
         Filters { beside: farther.ceil().max(1.0) as i64, ..filters }
     }
 }
 
-/// The weights of the differences of cells 1, 2 and 3 to either side in the gradients of cells of a level: sums of
-/// these are the central differences of voxels, up to the fifth derivative.
-pub(crate) fn differences(level: u32) -> [f64; 3] {
-    let square = f64::from(level).exp2().powi(-2);
+/// The least growth of kernels of voxels that cells stand for.
+pub(crate) fn least_growth(kernel: &Kernel, cells: CellSize) -> f64 {
+    LEAST_DEVIATION / kernel.variance().sqrt() * cells.voxels()
+}
+
+/// The weights of the differences of cells 1, 2 and 3 to either side in the gradients of cells: sums of these are the
+/// central differences of voxels, up to the fifth derivative.
+pub(crate) fn differences(cells: CellSize) -> [f64; 3] {
+    let square = cells.voxels().powi(-2);
     let nodes = [1.0, 4.0, 9.0];
     nodes.map(|node: f64| {
         let others = nodes.into_iter().filter(|&other| other != node);
@@ -127,7 +138,7 @@ pub(crate) fn differences(level: u32) -> [f64; 3] {
 
 /// The weights along each axis, from the middle one on, by which [`KERNEL`] is blurred to a grown kernel: by least
 /// squares over frequencies along an axis and both kinds of diagonals.
-fn blur(kernel: &Kernel, growth: f64, level: u32) -> [f64; 4] {
+fn blur(kernel: &Kernel, growth: f64, cells: CellSize) -> [f64; 4] {
     /// Frequencies, in steps of a tenth of a radian: up to the next images of the lattice.
     const FREQUENCIES: u32 = 60;
     let (mut squares, mut wanted) = (DMat3::ZERO, DVec3::ZERO);
@@ -143,7 +154,7 @@ fn blur(kernel: &Kernel, growth: f64, level: u32) -> [f64; 4] {
             let along = frequency / axes.sqrt();
             let factor = ratio.powf(axes.recip());
             let importance = (axes * cell * factor.max(0.05).powf(axes - 1.0)).powi(2);
-            let kept = response(level, along);
+            let kept = response(cells, along);
             let waves = DVec3::new(1.0, 2.0, 3.0).map(|n| 2.0 * (n * along).cos() - 2.0) * kept;
             squares += DMat3::from_cols(waves * waves.x, waves * waves.y, waves * waves.z) * importance;
             wanted += waves * (importance * (factor - kept));
@@ -208,10 +219,10 @@ pub(crate) struct CellStrip {
 }
 
 impl Filters {
-    /// The filters of cells of a level. The first cell begins `before` voxels before the volume along each axis. Cells
-    /// are blurred by the weights `blur`, from the middle one on.
-    pub(crate) fn new(level: u32, before: [f64; 3], blur: &[f64]) -> Self {
-        Self { axes: before.map(|before| Filter::new(CellSize::of_level(level), before, blur, 0)), beside: 1 }
+    /// The filters of cells. The first cell begins `before` voxels before the volume along each axis. Cells are blurred
+    /// by the weights `blur`, from the middle one on.
+    pub(crate) fn new(cells: CellSize, before: [f64; 3], blur: &[f64]) -> Self {
+        Self { axes: before.map(|before| Filter::new(cells, before, blur, 0)), beside: 1 }
     }
 
     /// The voxels with weights in a range of cells along an axis, copies beyond the faces included.
@@ -345,7 +356,10 @@ mod tests {
         let point = |value, opacity| ControlPoint { value, color: [1.0; 3], opacity };
         let transfer = TransferFunction::new(vec![point(0.0, 0.0), point(1.0, 1.0)], None).unwrap();
         let relative = Relative::new(&volume, Reduction::new(&transfer, 1.0));
-        Filters::new(level, [0.0; 3], &[1.0]).strip(&volume, &relative, ends, false).unwrap().scalars
+        Filters::new(CellSize::of_level(level), [0.0; 3], &[1.0])
+            .strip(&volume, &relative, ends, false)
+            .unwrap()
+            .scalars
     }
 
     #[test]
@@ -392,8 +406,9 @@ mod tests {
             for growth in [1.0, 2.0, 2.1, 3.9, 5.0, 17.0] {
                 let cells = Coarse::fine(&kernel, growth);
                 assert!(cells.kernel(&kernel, growth).radius() <= REACH * ROUNDING, "{kernel} {growth} {cells:?}");
-                let finer = kernel.radius() * growth / (0.5 * cells.size());
-                assert!(cells.level == 0 || finer > REACH, "{kernel} {growth} {cells:?}");
+                let finer = CellSize::all().take_while(|finer| *finer < cells.cells).last();
+                let gathered = |finer: CellSize| kernel.radius() * growth / finer.voxels() <= REACH;
+                assert!(!finer.is_some_and(gathered), "{kernel} {growth} {cells:?}");
             }
         }
     }

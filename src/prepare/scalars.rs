@@ -2,6 +2,9 @@
 //! visible depends on its surroundings. If kernels have grown, cells stand for voxels (scalar_cells.rs), through one
 //! eye cells of several levels (levels.rs).
 
+use glam::DVec3;
+
+use super::cells::CellSize;
 use super::levels::{Cut, ScalarNeed};
 use super::scalar_cells::{Coarse, Filters, differences};
 use crate::error::Result;
@@ -10,6 +13,7 @@ use crate::gpu::layout::{LIT_SCALAR_WORDS, SCALAR_WORDS, packed_gradient};
 use crate::gpu::savings::Savings;
 use crate::gpu::store::{Drawable, MadeBrick, StoreBuilder};
 use crate::gpu::transfer::{Reduction, Relative, VisibleValues};
+use crate::gpu::view::LayerPart;
 use crate::kernel::{Kernel, Normalization};
 use crate::progress::Progress;
 use crate::settings::budget::{MAX_GROWTH, MAX_PLACES, too_much};
@@ -28,10 +32,12 @@ pub(crate) struct EmissionKey {
     pub(crate) need: ScalarNeed,
     /// Whether splats have gradients.
     pub(crate) lit: bool,
-    /// The cells that stand for voxels along parallel rays; `None`: voxels, or the cells of [`ScalarNeed::cut`].
+    /// The cells of the lattice; `None`: voxels, or the cells of [`ScalarNeed::cut`].
     pub(crate) coarse: Option<Coarse>,
     /// Whether invisible voxels become splats too, for other transfer functions.
     pub(crate) whole: bool,
+    /// The part of the lattice whose bricks have splats; `None`: all of it.
+    pub(crate) part: Option<LayerPart>,
 }
 
 impl EmissionKey {
@@ -45,8 +51,8 @@ impl EmissionKey {
     pub(crate) fn serves(&self, other: &Self) -> bool {
         let influence = other.need.influence..=1.5 * other.need.influence;
         let ScalarNeed { influence: held, growth, .. } = self.need;
-        influence.contains(&held)
-            && *self == Self { need: ScalarNeed { influence: held, growth, ..other.need }, ..*other }
+        let (need, part) = (ScalarNeed { influence: held, growth, ..other.need }, self.part);
+        influence.contains(&held) && (part.is_none() || part == other.part) && *self == Self { need, part, ..*other }
     }
 }
 
@@ -173,13 +179,13 @@ impl ScalarLattice {
         let grid = volume.grid();
         let filters = match coarse {
             Some(coarse) => Some(coarse.filters(kernel, grid)),
-            None => (level > 0).then(|| Filters::new(level, [0.0; 3], &[1.0])),
+            None => (level > 0).then(|| Filters::new(CellSize::of_level(level), [0.0; 3], &[1.0])),
         };
-        // Cells along parallel rays have a lattice of their own, in which they are of level 0.
-        let level_of_cells = coarse.map_or(level, |coarse| coarse.level);
-        let differences = differences(level_of_cells).map(|weight| weight as f32);
+        // Cells that have a lattice of their own are of level 0 in it.
+        let cells = coarse.map_or(CellSize::of_level(level), |coarse| coarse.cells);
+        let differences = differences(cells).map(|weight| weight as f32);
         let padding = need.cut.map_or(need.padding, |cut| cut.padding(level).min(need.padding >> level));
-        let dims = grid.dims().map(|d| d.div_ceil(1 << level_of_cells) as usize);
+        let dims = grid.dims().map(|d| cells.cells(d) as usize);
         let extended = dims.map(|d| d + 2 * padding as usize);
         Self {
             level,
@@ -192,6 +198,13 @@ impl ScalarLattice {
             extended,
             counts: extended.map(|n| n.div_ceil(EDGE)),
         }
+    }
+
+    /// The places of a brick from the middle of the lattice.
+    fn around_middle(&self, brick: [usize; 3]) -> [DVec3; 2] {
+        let middle = DVec3::from_array(self.dims.map(|cells| (cells as f64 - 1.0) / 2.0));
+        let first = DVec3::from_array(self.first(brick).map(|cell| cell as f64)) - middle;
+        [first, first + EDGE as f64]
     }
 
     /// The first cell of a brick; negative among the copies.
@@ -268,6 +281,7 @@ impl<'a> Emission<'a> {
     fn row(&self, lattice: &ScalarLattice, j: usize, k: usize) -> Result<Vec<MadeBrick>> {
         let takes_part = |i| {
             (self.key.need.cut).is_none_or(|cut: Cut| cut.takes_part(lattice.level, lattice.first([i, j, k]), EDGE))
+                && self.key.part.is_none_or(|part| part.meets(lattice.around_middle([i, j, k])))
                 && (!self.savings.bricks || self.is_near(lattice, [i, j, k]))
         };
         let bricks: Vec<[usize; 3]> = (0..lattice.counts[0]).filter(|&i| takes_part(i)).map(|i| [i, j, k]).collect();

@@ -119,7 +119,7 @@ impl Scene {
             shows,
             kept: Cache::default(),
             light: Kept::default(),
-            emitted: Kept::default(),
+            emitted: std::array::from_fn(|_| Kept::default()),
             whole: false,
         };
         Ok(Self::new(context, Content::Scalars(Box::new(scalars)), grid, weights, seconds))
@@ -185,12 +185,13 @@ impl Scene {
         layers: bool,
     ) -> Result<Vec<Lattice>> {
         if let Some(coarse) = self.coarse(voxels, settings)? {
-            return Ok(vec![self.scalar_cells(coarse, voxels, settings, camera)?]);
+            return Ok(vec![self.scalar_cells((coarse, voxels.max_growth(), None), voxels, settings, camera)?]);
         }
-        let sizes = match settings.level {
-            Level::At(level) => [CellSize::of_level(level); 2],
-            Level::Auto if !settings.takes_cells() || !self.has_cells() => [CellSize::VOXEL; 2],
-            Level::Auto => {
+        let sizes = match (settings.level, &self.content) {
+            (Level::At(level), _) => [CellSize::of_level(level); 2],
+            (Level::Auto, Content::Scalars(scalars)) if layers => self.sizes_of_scalars(scalars, voxels, settings)?,
+            (Level::Auto, _) if !settings.takes_cells() || !self.has_cells() => [CellSize::VOXEL; 2],
+            (Level::Auto, _) => {
                 let farthest = if layers { voxels.max_growth() } else { voxels.min_growth() };
                 let depth = self.voxel_depth(settings);
                 let size = |growth| cells::size_for(&settings.kernel, growth, &self.grid, depth);
@@ -210,9 +211,30 @@ impl Scene {
         }
         let following = all.iter().skip(1).copied().map(Some).chain([None]);
         let layers = all.iter().zip(following).enumerate();
-        layers
-            .map(|(number, (&size, next))| self.lattice(size, (number == 0, next), voxels, settings, camera))
-            .collect()
+        let shadow_level = all.first().map_or(0, |nearest| nearest.level() as u32);
+        let lattice = |(number, (&size, next))| {
+            let lattice = self.lattice(size, (number == 0, next), voxels, settings, camera)?;
+            Ok(Lattice { shadow_level, ..lattice })
+        };
+        layers.map(lattice).collect()
+    }
+
+    /// The sizes of the nearest and of the farthest cells of scalars through an eye.
+    fn sizes_of_scalars(
+        &self,
+        scalars: &PostShaded,
+        voxels: &ViewGeometry,
+        settings: &Settings,
+    ) -> Result<[CellSize; 2]> {
+        let serves = settings.model == Model::Composite
+            && voxels.is_perspective()
+            && self.weights.max <= scalar_cells::MOST_SCALAR
+            && !(settings.lighting.is_some() && scalars.has_plateaus()?);
+        let depth = self.voxel_depth(settings);
+        let is_thin = |size: &CellSize| serves && depth * size.voxels() <= scalar_cells::MOST_DEPTH;
+        let largest = CellSize::all().skip(1).take_while(is_thin).last().unwrap_or(CellSize::VOXEL);
+        let size = |growth| Coarse::new(&settings.kernel, growth, None).cells.min(largest);
+        Ok([voxels.min_growth(), voxels.max_growth()].map(size))
     }
 
     /// Whether cells can stand for voxels.
@@ -244,12 +266,19 @@ impl Scene {
         camera: &Camera,
     ) -> Result<Lattice> {
         let (settings, weights) = (settings.clone(), self.weights);
+        let of_scalars = matches!(self.content, Content::Scalars(_));
         // Nearer kernels are as wide as the least that cells can have.
         let least = |size| match settings.level {
+            _ if of_scalars => scalar_cells::least_growth(&settings.kernel, size),
             Level::At(_) => cells::least_growth(&settings.kernel, size),
             Level::Auto => cells::right_growth(&settings.kernel, size, self.voxel_depth(&settings)),
         };
-        let growth = if size == CellSize::VOXEL { 1.0 } else { voxels.min_growth().max(least(size)) };
+        let growth = match size {
+            CellSize::VOXEL => 1.0,
+            // The same cells for all eyes.
+            _ if of_scalars => least(size),
+            _ => voxels.min_growth().max(least(size)),
+        };
         let fade = (!is_nearest || behind.is_some()).then(|| {
             let ramp = |size: CellSize| voxels.ramp(size.voxels(), least(size)).map(|voxel| voxel / growth);
             Fade {
@@ -263,7 +292,11 @@ impl Scene {
         let shadows = self.shadows(&settings);
         if size == CellSize::VOXEL {
             let view = view_of(&self.grid, &settings, 1.0).of_held(self.held);
-            return Ok(Lattice { view, settings, weights, size, shadows, light: None, coarse: None });
+            return Ok(Lattice { view, settings, weights, size, shadows, light: None, coarse: None, shadow_level: 0 });
+        }
+        if of_scalars {
+            let coarse = Coarse::new(&settings.kernel, growth, Some(size));
+            return self.scalar_cells((coarse, growth, fade), voxels, &settings, camera);
         }
         let grid = cells::grid_of(&self.grid, size)?;
         let light = settings.lighting.is_some().then(|| voxels.splat_light(&settings));
@@ -280,7 +313,7 @@ impl Scene {
         });
         let view = view_of(&grid, &settings, grown).of_held(held);
         let weights = Weights { unit, ..weights };
-        Ok(Lattice { view, settings, weights, size, shadows, light, coarse: None })
+        Ok(Lattice { view, settings, weights, size, shadows, light, coarse: None, shadow_level: 0 })
     }
 
     /// The shadows on voxels. Cells use them too: shadows of cells erred by up to 25 of 255.
@@ -292,10 +325,10 @@ impl Scene {
         Some(Shadows { casting, lattice, clip: settings.clip.sides(&self.grid) })
     }
 
-    /// The lattice of the cells of scalars that stand for voxels.
+    /// The lattice of cells of scalars that stand for voxels with kernels of a growth, or of a larger one farther away.
     fn scalar_cells(
         &self,
-        coarse: Coarse,
+        (coarse, growth, fade): (Coarse, f64, Option<Fade>),
         voxels: &ViewGeometry,
         settings: &Settings,
         camera: &Camera,
@@ -304,23 +337,23 @@ impl Scene {
         // Cells are divided by the integral of their kernel. The normalisation of voxels still applies on top.
         let denser = normalization.density(&kernel);
         let weights = Weights { unit: self.weights.unit / denser, ..self.weights };
-        let growth = voxels.max_growth();
         let grown = growth / coarse.size();
         let of_cells =
             Settings { kernel: coarse.kernel(&kernel, growth), normalization: Normalization::Unit, ..settings.clone() };
         let settings = of_cells.with_sheets_of(grown);
         let grid = coarse.grid(&self.grid)?;
-        let mut view = ViewGeometry::of_cells(camera, &grid, &settings, voxels.savings, grown, None);
+        let mut view = ViewGeometry::of_cells(camera, &grid, &settings, voxels.savings, grown, fade);
         // Cells at the faces may reach beyond the faces.
         view.faces = voxels.faces / coarse.size();
         Ok(Lattice {
             view,
             settings,
             weights,
-            size: CellSize::of_level(coarse.level),
+            size: coarse.cells,
             shadows: None,
             light: None,
             coarse: Some((coarse, kernel, normalization)),
+            shadow_level: coarse.cells.level() as u32,
         })
     }
 
@@ -328,20 +361,20 @@ impl Scene {
     /// [`ScalarNeed::cut`].
     fn coarse(&self, voxels: &ViewGeometry, settings: &Settings) -> Result<Option<Coarse>> {
         let Content::Scalars(scalars) = &self.content else { return Ok(None) };
-        let at = |level| Coarse::new(&settings.kernel, voxels.max_growth(), level);
+        let at = |cells| Coarse::new(&settings.kernel, voxels.max_growth(), cells);
         match settings.level {
             Level::At(0) => Ok(None),
             Level::At(_) if voxels.is_perspective() => {
                 let reason = "post-shading through one eye takes its levels by depth: expected auto or 0".to_owned();
                 Err(Error::Setting { name: "level", reason })
             }
-            Level::At(level) => Ok(Some(at(Some(level)))),
+            Level::At(level) => Ok(Some(at(Some(CellSize::of_level(level))))),
             Level::Auto => {
                 let serves = !voxels.is_perspective() && self.weights.max <= scalar_cells::MOST_SCALAR;
                 let dense = |cells: Coarse| self.voxel_depth(settings) * cells.size() > scalar_cells::MOST_DEPTH;
                 let fine = Coarse::fine(&settings.kernel, voxels.max_growth());
                 let cells = Some(at(None)).map(|cells| if dense(cells) { fine } else { cells });
-                let cells = cells.filter(|cells| serves && (1..=MAX_LEVEL).contains(&cells.level));
+                let cells = cells.filter(|cells| serves && cells.cells > CellSize::VOXEL);
                 let lit = cells.is_some() && settings.lighting.is_some();
                 Ok(if lit && scalars.has_plateaus()? { None } else { cells })
             }
@@ -361,11 +394,13 @@ impl Scene {
         settings
     }
 
-    /// Drops the cells of a pre-shaded scene at other levels than these lattices have.
+    /// Drops the cells of other sizes than these lattices have.
     pub(crate) fn keep_levels(&self, lattices: &[Lattice]) {
-        if let Content::Splats(voxels) = &self.content {
-            let is_kept = |number: usize| lattices.iter().any(|lattice| lattice.size.number() == number);
-            (0..).zip(&voxels.cells).filter(|(number, _)| !is_kept(*number)).for_each(|(_, cells)| cells.clear());
+        let is_kept = |number: usize| lattices.iter().any(|lattice| lattice.size.number() == number);
+        let left = |number: &usize| !is_kept(*number);
+        match &self.content {
+            Content::Splats(voxels) => (0..CellSize::COUNT).filter(left).for_each(|n| voxels.cells[n].clear()),
+            Content::Scalars(scalars) => (0..CellSize::COUNT).filter(left).for_each(|n| scalars.emitted[n].clear()),
         }
     }
 
@@ -375,14 +410,13 @@ impl Scene {
     }
 
     /// The table by which scalars are classified on a lattice of cells.
-    fn table(&self, context: &Context, scalars: &PostShaded, cells: CellSize) -> Result<Arc<TransferTable>> {
-        // The local unit of length goes with cells, and their gradients are per cell.
-        let size = cells.voxels();
-        let unit = scalars.transfer.unit_or(self.grid.min_spacing()) / (self.grid.unit() * size);
-        let steepness = self.grid.unit() * size;
+    fn table(&self, context: &Context, scalars: &PostShaded, lattice: &Lattice) -> Result<Arc<TransferTable>> {
+        // Lengths and gradients are in the local unit of the cells.
+        let steepness = lattice.view.unit;
+        let unit = scalars.transfer.unit_or(self.grid.min_spacing()) / steepness;
         let PostShaded { transfer, reduction, shows, resolution, .. } = scalars;
         let table = || Ok(TransferTable::new(context, transfer, reduction, *shows, unit, steepness, resolution));
-        scalars.kept.get_or_make(cells, table)
+        scalars.kept.get_or_make(lattice.size, table)
     }
 
     /// The table and the light of a lattice of a post-shaded scene, and the seconds that it took to find the light, 0
@@ -395,13 +429,13 @@ impl Scene {
         progress: &Progress,
     ) -> Result<(Option<PostShading>, f64)> {
         let Content::Scalars(scalars) = &self.content else { return Ok((None, 0.0)) };
-        let table = self.table(context, scalars, lattice.size)?;
+        let table = self.table(context, scalars, lattice)?;
         let Some(casting) = lattice.settings.casting() else {
             let light = pipelines.get_or_make((), || Ok(LightVolume::none(context)))?;
             return Ok((Some(PostShading { table, light, shadows: false, to_light: DAffine3::IDENTITY }), 0.0));
         };
         let (kernel, normalization) = lattice.kernel_of_voxels();
-        let (coarse, grid) = self.lit_cells(context, &kernel, lattice.size.level() as u32)?;
+        let (coarse, grid) = self.lit_cells(context, &kernel, lattice.shadow_level)?;
         let denser = normalization.density(&kernel);
         let cells = coarse.map_or(kernel, |(cells, growth)| cells.kernel(&kernel, growth));
         let unit = scalars.transfer.unit_or(self.grid.min_spacing());
@@ -415,7 +449,7 @@ impl Scene {
                 let need = ScalarNeed { influence: kernel.radius() + 2.0, ..ScalarNeed::NONE };
                 let lit = !scalars.transfer.gradient_opacity().is_empty();
                 let coarse = coarse.map(|(cells, _)| cells);
-                let key = EmissionKey { kernel, normalization, need, lit, coarse, whole: false };
+                let key = EmissionKey { kernel, normalization, need, lit, coarse, whole: false, part: None };
                 let emit = || scalars.emit(context, &key, progress);
                 let PostShaded { transfer, reduction, .. } = scalars.as_ref();
                 let classification = Classification { transfer, reduction };
@@ -434,7 +468,7 @@ impl Scene {
         let longest = context.limits.max_texture_dimension_3d;
         for level in level..=MAX_LEVEL {
             let growth = cells::least_growth(kernel, CellSize::of_level(level));
-            let coarse = (level > 0).then(|| (Coarse::new(kernel, growth, Some(level)), growth));
+            let coarse = (level > 0).then(|| (Coarse::new(kernel, growth, Some(CellSize::of_level(level))), growth));
             let grid = coarse.map_or(Ok(self.grid), |(cells, _)| cells.grid(&self.grid))?;
             if grid.len() <= light_volume::MAX_CELLS && grid.dims().into_iter().all(|cells| cells <= longest) {
                 return Ok((coarse, grid));

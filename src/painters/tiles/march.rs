@@ -26,6 +26,8 @@ pub(super) struct Targets<'a> {
     /// The intermediate image, which is written if rays do not go through pixels; or the state of the rays of pixels
     /// behind the layers so far.
     pub(super) state: wgpu::BindingResource<'a>,
+    /// Whether the picture has several layers.
+    pub(super) is_layered: bool,
     /// The picture, to which every ray of a pixel adds.
     pub(super) pixels: &'a wgpu::Buffer,
     pub(super) lighting: &'a wgpu::Buffer,
@@ -53,7 +55,12 @@ pub(super) fn gather(context: &Context, key: &TilesKey) -> Stage {
     let of_scalars = |shader| {
         let transfer = ReadTexture(wgpu::TextureFormat::Rgba32Float);
         let light = FilteredTexture(wgpu::TextureViewDimension::D3);
-        (shader, "gather", vec![Write, Uniform, transfer, light, Sampler, Read])
+        let slots = vec![Write, Uniform, transfer, light, Sampler, Read];
+        if key.rays == RayKind::Layered {
+            (shader, "layer", [slots, vec![Write]].concat())
+        } else {
+            (shader, "gather", slots)
+        }
     };
     let (shader, entry, slots) = match (key.voxel, key.layout, key.rays) {
         (Voxel::Scalar, Layout::Box, _) => of_scalars(shaders::GATHER_SCALARS_BOX),
@@ -82,22 +89,27 @@ pub(super) fn march(
     [skip, gather]: [&Stage; 2],
     packed: &Packed,
     uniforms: &layout::Rays,
-    Targets { rays, state, pixels, lighting, post, solids }: Targets<'_>,
+    Targets { rays, state, is_layered, pixels, lighting, post, solids }: Targets<'_>,
 ) -> Result<()> {
     let runs = find_runs(recorder, skip, packed, uniforms, rays, &[])?;
     let mut resources = vec![rays.as_entire_binding(), texture_view(&packed.volume), runs.as_entire_binding()];
-    let pixels = pixels.as_entire_binding();
+    let (pixels, solids) = (pixels.as_entire_binding(), solids.as_entire_binding());
     match post {
-        Some(PostShading { table, light, .. }) => resources.extend([
-            pixels,
-            lighting.as_entire_binding(),
-            texture_view(&table.texture),
-            texture_view(&light.texture),
-            wgpu::BindingResource::Sampler(&light.sampler),
-        ]),
-        None => resources.extend([state, pixels]),
+        Some(PostShading { table, light, .. }) => {
+            resources.extend([
+                pixels,
+                lighting.as_entire_binding(),
+                texture_view(&table.texture),
+                texture_view(&light.texture),
+                wgpu::BindingResource::Sampler(&light.sampler),
+                solids,
+            ]);
+            if is_layered {
+                resources.push(state);
+            }
+        }
+        None => resources.extend([state, pixels, solids]),
     }
-    resources.push(solids.as_entire_binding());
     let [across, down] = uniforms.tiles;
     gather.run(recorder, &resources, [across, down, phases(uniforms)]);
     Ok(())

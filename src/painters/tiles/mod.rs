@@ -146,7 +146,9 @@ impl Tiles {
                 let state = before.as_ref().map_or(texture_view(&image.textures[0]), wgpu::Buffer::as_entire_binding);
                 let post = picture.job.post;
                 let Canvas { pixels, solids, .. } = &*canvas;
-                let targets = Targets { rays: &image.rays, state, pixels, lighting: &lighting, post, solids };
+                let is_layered = before.is_some();
+                let targets =
+                    Targets { rays: &image.rays, state, is_layered, pixels, lighting: &lighting, post, solids };
                 march(recorder, [&self.skip, &self.gather], packed, &rays.uniforms, targets)?;
                 if let Some((resampler, _)) = &self.resample {
                     resampler.run(recorder, &image, &canvas.pixels, &refinement, [region.width, region.height]);

@@ -145,13 +145,18 @@ fn lagrange(x: f64) -> f64 {
     (-2..=3).map(f64::from).filter(|&other| other != node).map(|other| (at - other) / (node - other)).product()
 }
 
-/// The share of a wave along an axis that cells of a level keep, given its frequency in radians per cell.
-pub(crate) fn response(level: u32, frequency: f64) -> f64 {
+/// The share of a wave along an axis that cells keep, given its frequency in radians per cell.
+pub(crate) fn response(cells: CellSize, frequency: f64) -> f64 {
     // More voxels to a cell change nothing.
-    let size = 1_i64 << level.min(3);
-    let at = |voxel: i64| (voxel as f64 + 0.5 * ((size - 1) % 2) as f64) / size as f64;
-    let reach = REACH as i64 * size;
-    (-reach..=reach).map(|voxel| lagrange(at(voxel)) * (frequency * at(voxel)).cos()).sum::<f64>() / size as f64
+    let cells = cells.min(CellSize::of_level(3));
+    let (size, under) = (cells.voxels(), cells.fraction()[1]);
+    let reach = (f64::from(under + REACH as u32 + 1) * size).ceil() as i64;
+    // The cells that lie differently between voxels.
+    let of_cell = |cell: u32| {
+        let places = (-reach..=reach).map(|voxel| (voxel as f64 + 0.5) / size - 0.5 - f64::from(cell));
+        places.map(|place| lagrange(place) * (frequency * place).cos()).sum::<f64>()
+    };
+    (0..under).map(of_cell).sum::<f64>() / (size * f64::from(under))
 }
 
 #[cfg(test)]

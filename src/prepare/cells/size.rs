@@ -17,6 +17,14 @@ impl CellSize {
     /// The number of sizes.
     pub(crate) const COUNT: usize = 2 * MAX_LEVEL as usize + 1;
 
+    /// The size of the largest level.
+    pub(crate) const LARGEST: Self = Self::of_level(MAX_LEVEL);
+
+    /// All sizes, from the voxels on.
+    pub(crate) fn all() -> impl Iterator<Item = Self> {
+        std::iter::successors(Some(Self::VOXEL), |size| (*size < Self::LARGEST).then(|| size.next()))
+    }
+
     pub(crate) const fn of_level(level: u32) -> Self {
         Self { halves: 2 << level }
     }
