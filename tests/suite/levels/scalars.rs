@@ -53,12 +53,39 @@ fn cells_of_scalars_err_by_about_a_step_more_than_voxels() {
             for (kind, settings) in [("plain", post()), ("mip", mip())] {
                 let error = |growth| error(&volume, &tones(), grown(32, growth, view.clone()), &settings);
                 let (voxels, _) = error(1.0);
-                for (growth, level) in [(1.5, 1.0), (2.2, 1.0), (3.0, 2.0), (4.5, 2.0)] {
+                for (growth, level) in [(1.2, 0.5), (1.5, 1.0), (2.2, 1.0), (3.0, 2.0), (4.5, 2.0)] {
                     let (rms, of) = error(growth);
                     println!("{name} {kind} {} {growth}: {rms:.2}, {voxels:.2} of voxels", view.azimuth);
                     assert_eq!(of, level);
                     assert!(rms < voxels + more, "{name} {kind} {}, {growth}: rms {rms} of 255", view.azimuth);
                 }
+            }
+        }
+    }
+}
+
+/// Layers of cells through an eye, whose kernels have grown by about these factors in the middle.
+#[test]
+fn layers_of_cells_of_scalars_err_by_about_a_step_more_than_voxels() {
+    let eye = |azimuth| View { azimuth, projection: ProjectionKind::Perspective { fov: 40.0 }, ..oblique() };
+    for (name, volume) in volumes(32) {
+        // Near a tie of two axes too.
+        for (azimuth, settings) in [(30.0, post()), (44.0, post()), (30.0, lit())] {
+            let is_lit = settings.lighting.is_some();
+            // Most of the ball has one value, and lit things of one value have no cells.
+            if name == "ball" && is_lit {
+                continue;
+            }
+            let error = |growth| error(&volume, &tones(), grown(32, growth, eye(azimuth)), &settings);
+            let (voxels, level) = error(0.7);
+            assert_eq!(level, 0.0);
+            for (growth, farthest) in [(1.4, 1.0), (2.0, 1.0), (3.5, 2.0)] {
+                let (rms, level) = error(growth);
+                println!("{name} {azimuth} lit {is_lit} {growth}: {rms:.2}, {voxels:.2} of voxels");
+                // The normals of cells differ in white noise: by up to 5.2 along parallel rays.
+                let more = if name == "noise" && is_lit { 5.0 } else { 1.25 };
+                assert_eq!(level, farthest, "{name} {growth}");
+                assert!(rms < voxels + more, "{name} {azimuth} lit {is_lit}, {growth}: rms {rms} of 255");
             }
         }
     }
@@ -79,7 +106,7 @@ fn lit_things_of_one_value_have_no_cells() {
 #[test]
 fn light_on_cells_of_scalars_follows_the_reference() {
     let (volume, transfer) = demo("marschner-lobb", 48);
-    for (growth, limit) in [(1.5, 3.5), (2.2, 1.5), (3.0, 3.2)] {
+    for (growth, limit) in [(1.2, 3.5), (1.5, 3.5), (2.2, 1.5), (3.0, 3.2)] {
         let (rms, _) = error(&volume, &transfer, grown(48, growth, oblique()), &lit());
         println!("{growth}: {rms:.2}");
         assert!(rms < limit, "{growth}: rms {rms} of 255");

@@ -69,6 +69,7 @@ fn cells_of_levels_err_little_more_than_voxels() {
             let rendered = picture(&volume, &transfer, &camera, &settings);
             assert!(rendered.stats.levels[1] > 0.0, "{:?}", rendered.stats.levels);
             let error = rms_of_all(&rendered.image, &truth(&volume, &transfer, &camera, &settings));
+            println!("{name} {projection:?} {model}: {error:.1e} {:?}", rendered.stats.levels);
             assert!(error < bound, "{name} {projection:?} {model}: {error:e}");
         }
     }
