@@ -373,7 +373,10 @@ impl Scene {
             }
             Level::At(level) => Ok(Some(at(Some(CellSize::of_level(level))))),
             Level::Auto => {
-                let serves = !voxels.is_perspective() && self.weights.max <= scalar_cells::MOST_SCALAR;
+                let most = 2.0 * scalar_cells::least_growth(&settings.kernel, CellSize::LARGEST);
+                let serves = !voxels.is_perspective()
+                    && voxels.max_growth() < most
+                    && self.weights.max <= scalar_cells::MOST_SCALAR;
                 let dense = |cells: Coarse| self.voxel_depth(settings) * cells.size() > scalar_cells::MOST_DEPTH;
                 let fine = Coarse::fine(&settings.kernel, voxels.max_growth());
                 let cells = Some(at(None)).map(|cells| if dense(cells) { fine } else { cells });
