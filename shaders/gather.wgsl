@@ -411,7 +411,7 @@ fn eight_cuts(geometry: RayGeometry) -> EightCuts {
 
 // The planes of a run that can matter to one of the rays.
 fn planes_of_eight(run: vec2i, eight: ptr<function, EightCuts>) -> vec2i {
-    let planes = rays.first.z + run;
+    let planes = run_planes(run);
     if CLIP_PLANES == 0u {
         return planes;
     }

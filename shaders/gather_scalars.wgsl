@@ -4,7 +4,11 @@
 // Classification magnifies small differences of a scalar, so slabs are finer here: half a plane thick. A kernel has
 // parts in eight slabs, or in sixteen if it is wide. Each part is nearly its footprint times a parabola in s, so a
 // plane needs three moments.
-// uses: common/absorbed, common/light_volume, common/march_parabola, common/march_planes, common/resolution
+//
+// A slab counts if the cell at its plane is marked (common/packing.wgsl): a rule that depends on the place alone,
+// so that a picture does not depend on runs, and a brick has the slabs of the whole picture. Everywhere else every
+// scalar is invisible, but sums of fitted parts of kernels could show a little.
+// uses: common/absorbed, common/light_volume, common/march_parabola, common/plane, common/resolution
 
 @group(0) @binding(0) var<uniform> rays: Rays;
 @group(0) @binding(2) var<storage, read> runs: array<vec2u>;
@@ -16,8 +20,10 @@
 @group(0) @binding(6) var light_volume: texture_3d<f32>;
 @group(0) @binding(7) var light_sampler: sampler;
 @group(0) @binding(8) var<storage, read> solid_depths: array<f32>;
+// The marks of macrocells: see common/packing.wgsl.
+@group(0) @binding(9) var<storage, read> marks: array<u32>;
 // For each pixel, the state of its ray behind the layers before: premultiplied colour and optical depth.
-@group(0) @binding(9) var<storage, read_write> gathered_before: array<vec4f>;
+@group(0) @binding(10) var<storage, read_write> gathered_before: array<vec4f>;
 
 // Planes that kernels reach before and behind their own: 2, or 4.
 override REACH: i32 = 2;
@@ -29,19 +35,19 @@ override MAXIMUM: bool = false;
 override MEAN: bool = false;
 
 // Composites the slab that waits in `ray`, now that the slab behind it is known. Its middle is `middle` planes from
-// plane 0. `before` is the slab composited last.
+// plane 0. `before` is the slab composited last. The slab is invisible if it does not lie at a marked place.
 fn advance(
     ray: ptr<function, RayState>,
     before: Before,
     behind: vec4f,
     geometry: RayGeometry,
     middle: f32,
+    is_marked: bool,
 ) -> Before {
-    var composited = Before(AT_THE_FACE, before.end);
-    // The part of the slab that counts, its ends from -1/2 to 1/2.
-    let part = clamp(2.0 * (geometry.inside - middle), vec2f(-0.5), vec2f(0.5));
+    let part = part_inside(geometry, middle);
+    var composited = Before(unmarked(part), before.end);
     let so_far = *ray;
-    if part.x < part.y {
+    if is_marked && part.x < part.y {
         if MAXIMUM {
             update_maximum(ray, behind, geometry, part, middle);
         } else if MEAN {
@@ -58,6 +64,26 @@ fn advance(
     (*ray).before = (*ray).slab;
     (*ray).slab = behind;
     return composited;
+}
+
+// The part of a slab that is inside the box and unclipped, its ends from -1/2 to 1/2.
+fn part_inside(geometry: RayGeometry, middle: f32) -> vec2f {
+    return clamp(2.0 * (geometry.inside - middle), vec2f(-0.5), vec2f(0.5));
+}
+
+// The kind of a slab that does not count.
+fn unmarked(part: vec2f) -> u32 {
+    return select(AT_THE_FACE, INVISIBLE, part.x < part.y);
+}
+
+// Whether the cell at the place where a ray meets a plane is marked.
+fn is_marked(geometry: RayGeometry, plane: i32) -> bool {
+    let place = vec2i(floor(geometry.base + geometry.shear * f32(plane) + 0.5));
+    let voxel = vec3i(place - rays.first.xy, packed_plane(plane)) + rays.mark_shift;
+    let inside = all(voxel >= vec3i(0)) && all(voxel < rays.macrocells * MACROCELL);
+    let word = marks[select(0u, mark_index(voxel / MACROCELL), inside)];
+    let cell = dot(vec3u(voxel / CELL) & vec3u(1u), rays.mark_bits);
+    return rays.unskipped > 0 || inside && (word >> cell & 1u) != 0u;
 }
 
 // The factor from the sum of a slab to its mean.
@@ -153,19 +179,10 @@ fn update_maximum(
     (*ray).color.y = 1.0;
 }
 
-// A run of planes begins: nothing before it is pending.
-fn begin_run(ray: ptr<function, RayState>) {
-    (*ray).before = vec4f(0.0);
-    (*ray).slab = vec4f(0.0);
-}
-
 // The largest scalar may be the last one, and all scalars count for the mean.
 fn is_opaque(ray: RayState) -> bool {
     return !MAXIMUM && !MEAN && ray.depth > rays.opaque_depth;
 }
-
-// Planes after the last of a run: kernels reach REACH planes beyond it, and slabs wait for as many.
-override FLUSH: i32 = 2 * REACH;
 
 struct Slabs {
     // What was composited last.
@@ -195,26 +212,81 @@ fn add_parts(slabs: ptr<function, Slabs>, slab: i32, section: Section, sums: Mom
     add_part(slabs, slab + 3, vec3f(x.w, y.w, z.w), sums);
 }
 
-// Adds a plane to the slabs that its kernels reach, and composites the two slabs before these.
-fn feed(
+// On to a plane: adds it to the slabs that its kernels reach.
+fn add_plane(
     ray: ptr<function, RayState>,
     slabs: ptr<function, Slabs>,
     sums: Moments,
     geometry: RayGeometry,
     plane: i32,
-    end: i32,
 ) {
+    (*ray).before = (*slabs).sums[8 - 2 * REACH];
+    (*ray).slab = (*slabs).sums[9 - 2 * REACH];
+    if # >= 8 - 2 * REACH { (*slabs).sums[#] = (*slabs).sums[# + 2]; }
+    if # < 2 * REACH { (*slabs).sums[8 + #] = (*slabs).sums[10 + #]; }
     add_parts(slabs, 4, section_at(geometry.near, geometry, plane), sums);
     if REACH > 2 {
         add_parts(slabs, 0, section_at(geometry.far, geometry, plane), sums);
     }
+}
+
+// Composites the two slabs that are complete after a plane.
+fn composite(ray: ptr<function, RayState>, slabs: ptr<function, Slabs>, geometry: RayGeometry, plane: i32) {
+    let at = plane - REACH;
+    let counts = is_marked(geometry, at);
     // The middle of the slab that waits.
-    let middle = f32(plane) - f32(REACH) - 0.25;
-    let first = advance(ray, (*slabs).composited, (*slabs).sums[8 - 2 * REACH], geometry, middle);
-    (*slabs).composited = advance(ray, first, (*slabs).sums[9 - 2 * REACH], geometry, middle + 0.5);
-    // On to the next plane.
-    if # >= 8 - 2 * REACH { (*slabs).sums[#] = (*slabs).sums[# + 2]; }
-    if # < 2 * REACH { (*slabs).sums[8 + #] = (*slabs).sums[10 + #]; }
+    let middle = f32(at) - 0.25;
+    let first = advance(ray, (*slabs).composited, (*slabs).sums[8 - 2 * REACH], geometry, middle, counts);
+    (*slabs).composited = advance(ray, first, (*slabs).sums[9 - 2 * REACH], geometry, middle + 0.5, counts);
+}
+
+// The planes of a run whose slabs a ray composites: the first, and the plane after the last.
+fn counting_planes(run: vec2i, geometry: RayGeometry) -> vec2i {
+    // Slabs beyond the reach of packed planes are empty.
+    let ends = clamp(run - rays.lead, vec2i(-REACH), vec2i(rays.voxels.z + REACH)) + rays.first.z;
+    // The slabs of a plane begin half a plane before it. The slab before the first that a brick owns ends where the
+    // first begins.
+    let first = max(geometry.inside.x, geometry.owned.x);
+    let last = min(geometry.inside.y, geometry.owned.y);
+    return vec2i(
+        max(ends.x, i32(floor(clamp(first, -FAR, FAR)))),
+        min(ends.y, i32(ceil(clamp(last, -FAR, FAR))) + 1),
+    );
+}
+
+// Marches a ray from voxel plane to voxel plane, run after run, from the state `start`.
+fn march(tile: vec3u, geometry: RayGeometry, start: RayState) -> RayState {
+    let footprints = footprints_of(geometry);
+    var ray = start;
+    for (var slot = 0u; ; slot++) {
+        let run = run_at(tile, slot, ray.depth);
+        if run.y == 0 {
+            break;
+        }
+        let counting = counting_planes(run, geometry);
+        // The planes that have parts in the first slabs and in the last.
+        var plane = max(counting.x - REACH, rays.first.z);
+        let end = min(counting.y + REACH, rays.first.z + rays.voxels.z);
+        var slabs = Slabs();
+        slabs.composited.kind = unmarked(part_inside(geometry, f32(counting.x) - 0.75));
+        let last = select(plane, counting.y + REACH, counting.x < counting.y);
+        while plane < last {
+            // Only loops save work on software: planes before the first slabs are gathered by a loop of their own.
+            loop {
+                add_plane(&ray, &slabs, gathered(geometry, footprints, plane, end), geometry, plane);
+                if plane >= counting.x + REACH {
+                    break;
+                }
+                plane++;
+            }
+            composite(&ray, &slabs, geometry, plane);
+            if is_opaque(ray) {
+                break;
+            }
+            plane++;
+        }
+    }
+    return ray;
 }
 
 // The rays of pixels through one of several layers, which are marched front to back. Each layer adds to the pixels the
@@ -233,7 +305,7 @@ fn layer(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile
     ray.color = before.rgb;
     ray.depth = before.w;
     ray.transmittance = exp(-before.w);
-    ray = march_planes(tile, geometry, ray);
+    ray = march(tile, geometry, ray);
     gathered_before[index] = vec4f(ray.color, ray.depth);
     let change = vec4f(ray.color, absorbed(ray.depth)) - vec4f(before.rgb, absorbed(before.w));
     add_to_pixel(at, share * change);
@@ -247,7 +319,7 @@ fn gather(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) til
         return;
     }
     let geometry = geometry_of_pixel(at);
-    let ray = march_planes(tile, geometry, new_ray());
+    let ray = march(tile, geometry, new_ray());
     var value = vec4f(ray.color, absorbed(ray.depth));
     if BRICK {
         value = vec4f(ray.color, ray.depth);

@@ -1,11 +1,13 @@
 // skip: for each tile of 8 x 8 rays of the painter `tiles`, the runs of voxel planes in which its rays can meet used
-// voxels. Planes are tested four at a time, against macrocells of 4^3 voxels.
+// voxels; of scalars, the runs of planes in which its rays pass marked cells. Planes are tested four at a time, of
+// scalars two at a time, against the marks of macrocells.
 // uses: common/packing, common/rays
 
 @group(0) @binding(0) var<uniform> rays: Rays;
-// A texel for each macrocell: 1 if it has a used voxel, otherwise 0.
-@group(0) @binding(1) var occupied: texture_3d<u32>;
-// Runs as (first plane, plane after the last), at run_index(tile, slot); (0, 0) ends the list of a tile.
+// The marks of macrocells: see common/packing.wgsl.
+@group(0) @binding(1) var<storage, read> marks: array<u32>;
+// Runs as (first plane, plane after the last), counted from the first plane of the first macrocells, at
+// run_index(tile, slot); (0, 0) ends the list of a tile.
 @group(0) @binding(2) var<storage, read_write> runs: array<vec2u>;
 
 // The share of its own ray in each pixel, and the tiles with such pixels.
@@ -21,6 +23,14 @@ struct ListedTiles {
     tiles: array<u32>,
 }
 
+// Voxels are scalars.
+override SCALARS: bool = false;
+
+// Planes that are tested together, a slab.
+fn slab_planes() -> i32 {
+    return select(MACROCELL, CELL, SCALARS);
+}
+
 // The rays at the corners of a tile, as lines through the planes.
 struct Corners {
     bases: array<vec2f, 4>,
@@ -31,8 +41,9 @@ struct Corners {
     bounded: bool,
 }
 
-// Whether an occupied macrocell lies where a ray of the tile can meet kernels of the planes from `first` to `last`.
-fn is_occupied(corners: ptr<function, Corners>, first: i32, last: i32) -> bool {
+// Whether a marked cell of a slab lies where a ray of the tile can meet kernels; of scalars, where a ray can pass.
+fn is_occupied(corners: ptr<function, Corners>, slab: u32) -> bool {
+    let first = i32(slab) * slab_planes() - rays.lead;
     if first < rays.unskipped || !(*corners).bounded {
         return true;
     }
@@ -42,28 +53,43 @@ fn is_occupied(corners: ptr<function, Corners>, first: i32, last: i32) -> bool {
     var high = vec2f(-3e38);
     for (var i = 0u; i < 4u; i++) {
         let at_first = (*corners).bases[i] + (*corners).shears[i] * f32(first);
-        let at_last = (*corners).bases[i] + (*corners).shears[i] * f32(last);
+        let at_last = (*corners).bases[i] + (*corners).shears[i] * f32(first + slab_planes() - 1);
         low = min(low, min(at_first, at_last));
         high = max(high, max(at_first, at_last));
     }
-    let a = max(vec2i(ceil(low - (*corners).footprint_half)), vec2i(0));
-    let b = min(vec2i(floor(high + (*corners).footprint_half)), rays.voxels.xy - 1);
+    var a = vec2i(ceil(low - (*corners).footprint_half));
+    var b = vec2i(floor(high + (*corners).footprint_half));
+    if SCALARS {
+        // `is_marked` of gather_scalars.wgsl rounds places, which may differ by rounding.
+        a = vec2i(floor(low + 0.49));
+        b = vec2i(floor(high + 0.51));
+    }
+    a = max(a + rays.mark_shift.xy, vec2i(0));
+    b = min(b + rays.mark_shift.xy, rays.macrocells.xy * MACROCELL - 1);
     if any(a > b) {
         return false;
     }
-    let ends = select(vec2i(first, last), rays.voxels.z - 1 - vec2i(last, first), rays.flipped == 1);
-    let planes = ends / MACROCELL;
-    for (var z = planes.x; z <= planes.y; z++) {
-        for (var y = a.y / MACROCELL; y <= b.y / MACROCELL; y++) {
-            for (var x = a.x / MACROCELL; x <= b.x / MACROCELL; x++) {
-                let place = x * rays.along_a + y * rays.along_b + z * rays.along_m;
-                if textureLoad(occupied, place, 0).r != 0u {
-                    return true;
-                }
+    let plane = i32(slab) * slab_planes();
+    let z = select(plane, rays.macrocells.z * MACROCELL - slab_planes() - plane, rays.flipped == 1);
+    let in_slab = cells_between(z, z + slab_planes() - 1, z / MACROCELL, rays.mark_bits.z);
+    for (var y = a.y / MACROCELL; y <= b.y / MACROCELL; y++) {
+        let in_row = in_slab & cells_between(a.y, b.y, y, rays.mark_bits.y);
+        for (var x = a.x / MACROCELL; x <= b.x / MACROCELL; x++) {
+            let word = marks[mark_index(vec3i(x, y, z / MACROCELL))];
+            if (word & in_row & cells_between(a.x, b.x, x, rays.mark_bits.x)) != 0u {
+                return true;
             }
         }
     }
     return false;
+}
+
+// The cells of macrocell number `number` along an axis in which there are voxels between two, as bits of marks. `axis`
+// is the bit of a cell that is not the first along the axis.
+fn cells_between(first: i32, last: i32, number: i32, axis: u32) -> u32 {
+    let start = number * MACROCELL;
+    let behind = select(0xf0u, select(0xccu, 0xaau, axis == 1u), axis < 4u);
+    return select(0u, ~behind, first < start + CELL) | select(0u, behind, last >= start + CELL);
 }
 
 @compute @workgroup_size(8, 8)
@@ -107,20 +133,21 @@ fn skip_refined(@builtin(global_invocation_id) tile: vec3u) {
 }
 
 // The slabs of a tile that are marked by the invocations of a workgroup, a bit each: a volume has at most 2048
-// macrocells along an axis.
-var<workgroup> marked: array<atomic<u32>, 64>;
+// macrocells along an axis, and a macrocell two slabs.
+var<workgroup> marked: array<atomic<u32>, 128>;
 
 // `skip` with a workgroup for each tile, whose invocations test slabs of macrocells side by side: GPUs have fewer tiles
 // than they run invocations at a time.
 @compute @workgroup_size(64)
 fn skip_together(@builtin(workgroup_id) tile: vec3u, @builtin(local_invocation_index) lane: u32) {
     atomicStore(&marked[lane], 0u);
+    atomicStore(&marked[lane + 64u], 0u);
     workgroupBarrier();
     let slabs = slab_count();
     if is_wanted(tile) {
         var corners = corners_of(tile);
         for (var slab = lane; slab < slabs; slab += 64u) {
-            if is_occupied(&corners, i32(slab) * MACROCELL, last_of(slab)) {
+            if is_occupied(&corners, slab) {
                 atomicOr(&marked[slab / 32u], 1u << (slab % 32u));
             }
         }
@@ -139,16 +166,11 @@ fn skip_together(@builtin(workgroup_id) tile: vec3u, @builtin(local_invocation_i
     end_list(&list, tile);
 }
 
-// Slabs of macrocells along m, from the size of the texture: Mesa 22 compiles and leaks a shader for each value of a
-// loop's end that depends on uniforms alone.
+// Slabs along m, from the size of the buffer: Mesa 22 compiles and leaks a shader for each value of a loop's end that
+// depends on uniforms alone.
 fn slab_count() -> u32 {
-    let size = textureDimensions(occupied);
-    return dot(size, vec3u(rays.along_m));
-}
-
-// The last plane of a slab of macrocells.
-fn last_of(slab: u32) -> i32 {
-    return min(i32(slab + 1u) * MACROCELL, rays.voxels.z) - 1;
+    let layer = u32(max(rays.macrocells.x * rays.macrocells.y, 1));
+    return arrayLength(&marks) / layer * u32(MACROCELL / slab_planes());
 }
 
 fn corners_of(tile: vec3u) -> Corners {
@@ -182,17 +204,17 @@ struct RunList {
     end: i32,
 }
 
-// Adds an occupied slab of macrocells. A gap of one macrocell does not end a run: the slab next to a run shapes the
-// curve in its last slab.
+// Adds an occupied slab. A gap of one macrocell does not end a run of colours: the slab next to a run
+// shapes the curve in its last slab.
 fn add_slab(list: ptr<function, RunList>, tile: vec3u, slab: u32) {
-    let first = i32(slab) * MACROCELL;
+    let first = i32(slab) * slab_planes();
     if (*list).end == 0 {
         (*list).start = first;
-    } else if first > (*list).end + MACROCELL {
+    } else if first > (*list).end + select(MACROCELL, 0, SCALARS) {
         list_run(list, tile);
         (*list).start = first;
     }
-    (*list).end = last_of(slab) + 1;
+    (*list).end = first + slab_planes();
 }
 
 fn list_run(list: ptr<function, RunList>, tile: vec3u) {
@@ -212,7 +234,7 @@ fn find_runs(tile: vec3u) {
     var list = RunList();
     let slabs = slab_count();
     for (var slab = 0u; slab < slabs; slab++) {
-        if is_occupied(&corners, i32(slab) * MACROCELL, last_of(slab)) {
+        if is_occupied(&corners, slab) {
             add_slab(&list, tile, slab);
         }
     }

@@ -77,6 +77,8 @@ struct Layer {
     need: ScalarNeed,
     /// The classification and the light of scalars.
     post: Option<PostShading>,
+    /// See [`Job::magnification`].
+    magnification: Option<f64>,
     drawable: Arc<Drawable>,
 }
 
@@ -522,11 +524,12 @@ impl Renderer {
         *seconds += took;
         let (post, took) = scene.post_shading(&self.context, &self.pipelines, &lattice, &self.progress)?;
         *seconds += took;
-        Ok(Layer { lattice, need, post, drawable })
+        let magnification = scene.magnification(&lattice);
+        Ok(Layer { lattice, need, post, magnification, drawable })
     }
 
     fn job<'a>(&'a self, layer: &'a Layer, depths: Depths<'a>) -> Job<'a> {
-        let Layer { lattice, need, post, drawable } = layer;
+        let Layer { lattice, need, post, magnification, drawable } = layer;
         Job {
             context: &self.context,
             pipelines: &self.pipelines,
@@ -536,6 +539,7 @@ impl Renderer {
             stores: &drawable.stores,
             weights: lattice.weights,
             post: post.as_ref(),
+            magnification: *magnification,
             padding: need.padding,
             depths,
         }

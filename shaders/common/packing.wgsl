@@ -6,8 +6,12 @@
 // Texels of zeros before each row. `eight` in gather.wgsl reads 7 texels from a place of which `texel_at` clamps the
 // start: if a ray misses the row, all of them are zeros, before it or after it.
 const MARGIN: i32 = 7;
-// Voxels along the side of a macrocell: `skip` tests macrocells, and rays skip them as a whole.
+// Voxels along the side of a macrocell, which has 2^3 cells. Macrocells are numbered in the whole lattice, whatever
+// part of it is packed. A buffer has a word of marks for each: cell number c is marked by bit c. Bit 0 of c is the
+// place of the cell along a, bit 1 along b and bit 2 along m (x, y and z in a box). A cell is marked if it has a splat;
+// of scalars, if the kernel of a visible scalar may reach a slab at one of its voxels.
 const MACROCELL: i32 = 4;
+const CELL: i32 = 2;
 
 struct Pack {
     // First lattice point of the packed box. Splats outside the box are skipped.
@@ -38,8 +42,18 @@ struct Pack {
     across: u32,
     // View coordinates of a step along each axis of the lattice.
     view_x: vec3f,
+    // Voxels along each axis within which a splat marks cells.
+    mark_reach: u32,
     view_y: vec3f,
+    // Scalars from the least to the largest are invisible however kernels add them up, and mark nothing; none if the
+    // least is larger.
+    least_invisible: f32,
     view_z: vec3f,
+    largest_invisible: f32,
+    // Voxels along a, b and m from the first voxel of the first macrocell to the first of the box.
+    mark_shift: vec3u,
+    // Steps along a, b and m in the buffer of marks.
+    mark_steps: vec3u,
 }
 
 // Rounded to the nearest number of 11 significant bits, which f16 holds exactly: some drivers truncate when they pack.

@@ -184,11 +184,16 @@ fn point_of(tile: vec3u, lane: u32) -> vec2u {
     return tile.xy * 8u + vec2u(x, y);
 }
 
-// Run number `slot` of a tile: its first plane, and the plane after its last, from the first plane of the packed
-// volume on. (0, 0) if there are no more runs, or if the ray is opaque.
+// Run number `slot` of a tile: its first plane, and the plane after its last, from the first plane of the foremost
+// macrocells on. (0, 0) if there are no more runs, or if the ray is opaque.
 fn run_at(tile: vec3u, slot: u32, depth: f32) -> vec2i {
     let run = vec2i(runs[run_index(tile, slot)]);
     return select(run, vec2i(0), depth > rays.opaque_depth);
+}
+
+// The planes of a run that are packed: the first, and the plane after the last.
+fn run_planes(run: vec2i) -> vec2i {
+    return clamp(run - rays.lead, vec2i(0), vec2i(rays.voxels.z)) + rays.first.z;
 }
 
 // Whether a brick owns the slab in the middle of which this plane is.
@@ -221,30 +226,4 @@ fn section_at(sections: GrowingSection, geometry: RayGeometry, plane: i32) -> Se
         );
     }
     return sections.as_asked;
-}
-
-// The planes of a run that can matter to a ray: the first, the plane after the last, and the plane after the last that
-// completes a slab.
-fn planes_of(run: vec2i, geometry: RayGeometry) -> vec3i {
-    var first = rays.first.z + run.x;
-    var end = rays.first.z + run.y;
-    if PERSPECTIVE || SCALARS || CUT {
-        // Planes beyond the counting part: the planes that kernels reach over, one because the next slab shapes the
-        // curve in the last slab, and one because the conversion to i32 truncates, towards 0. One more because the
-        // second plane is the plane after the last.
-        let beyond = REACH + 2;
-        first = max(first, i32(max(geometry.inside.x, -FAR)) - beyond);
-        end = min(end, i32(min(geometry.inside.y, FAR)) + beyond + 1);
-    }
-    var last = end + FLUSH;
-    if BRICK {
-        // The slab before the first that a brick owns shapes it. The lack of colours of two slabs before moves on to
-        // it.
-        let owned = vec2i(floor(geometry.owned));
-        let before = select(2, 1, SCALARS);
-        first = max(first, owned.x - before - REACH);
-        last = min(last, owned.y + FLUSH - REACH + 1);
-        end = min(end, last);
-    }
-    return vec3i(first, end, last);
 }

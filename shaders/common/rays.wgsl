@@ -80,10 +80,19 @@ struct Rays {
     gradient_z: vec3f,
     // 1 if rays run against m, so that the first plane is the last of the texture, otherwise 0.
     flipped: i32,
-    // Steps along a, b and m in the box of packed voxels, and of macrocells.
+    // Steps along a, b and m in the box of packed voxels.
     along_a: vec3i,
+    // Planes from the first plane of the foremost macrocells to the first plane of the packed volume.
+    lead: i32,
     along_b: vec3i,
+    // Macrocells along a, b and m; and steps along these axes in the buffer of their marks.
+    macrocells: vec3i,
     along_m: vec3i,
+    mark_steps: vec3i,
+    // Voxels along a, b and m from the first voxel of the first macrocell to the first of the packed volume.
+    mark_shift: vec3i,
+    // The bit in the number of a cell of its place along a, b and m.
+    mark_bits: vec3u,
     // Voxels along a, b and m.
     voxels: vec3i,
     // Planes side by side in the volume's texture.
@@ -177,6 +186,12 @@ struct Section {
 // The index of run number `slot` of a tile: the runs of a tile are consecutive.
 fn run_index(tile: vec3u, slot: u32) -> u32 {
     return ((tile.z * rays.tiles.y + tile.y) * rays.tiles.x + tile.x) * rays.run_slots + slot;
+}
+
+// The index of the marks of a macrocell, given its numbers along a, b and m.
+fn mark_index(macrocell: vec3i) -> u32 {
+    let along = macrocell * rays.mark_steps;
+    return u32(along.x + along.y + along.z);
 }
 
 // The first ray of a tile, as a point of the intermediate image; tile.z is the number of its phase.

@@ -341,11 +341,19 @@ shared! {
         gradient_z: [f32; 3],
         flipped: i32,
         along_a: [i32; 3],
-        _pad_a: u32,
+        lead: i32,
         along_b: [i32; 3],
         _pad_b: u32,
+        macrocells: [i32; 3],
+        _pad_cells: u32,
         along_m: [i32; 3],
         _pad_m: u32,
+        mark_steps: [i32; 3],
+        _pad_steps: u32,
+        mark_shift: [i32; 3],
+        _pad_shift: u32,
+        mark_bits: [u32; 3],
+        _pad_bits: u32,
         voxels: [i32; 3],
         columns: i32,
         footprint_half: [f32; 2],
@@ -408,11 +416,15 @@ shared! {
         eye: [f32; 3],
         across: u32,
         view_x: [f32; 3],
-        _pad_x: u32,
+        mark_reach: u32,
         view_y: [f32; 3],
-        _pad_y: u32,
+        least_invisible: f32,
         view_z: [f32; 3],
-        _pad_z: u32,
+        largest_invisible: f32,
+        mark_shift: [u32; 3],
+        _pad_shift: u32,
+        mark_steps: [u32; 3],
+        _pad_steps: u32,
     }
 }
 
@@ -451,6 +463,8 @@ pub(crate) const SECTION_POWERS: usize = 3;
 
 /// Side in voxels of a macrocell, which rays skip as a whole; MACROCELL in shaders/common/packing.wgsl.
 pub(crate) const MACROCELL: u32 = 4;
+/// Side in voxels of a cell of a macrocell; CELL in shaders/common/packing.wgsl.
+pub(crate) const CELL: u32 = 2;
 /// Texels of zeros before each row of packed voxels; MARGIN in shaders/common/packing.wgsl.
 pub(crate) const MARGIN: u32 = 7;
 /// Side of a tile, in rays; a workgroup of `single` is 8 x 8 rays, one of `eight` 8 blocks of 8.

@@ -53,6 +53,8 @@ pub(crate) struct Job<'a> {
     pub(crate) weights: Weights,
     /// The tables that classify and light scalars; `None` for classified voxels.
     pub(crate) post: Option<&'a PostShading>,
+    /// How much reconstruction magnifies scalars at most; `None`: the splats serve other transfer functions too.
+    pub(crate) magnification: Option<f64>,
     /// Layers of the lattice beyond the faces of the volume.
     pub(crate) padding: u32,
     pub(crate) depths: Depths<'a>,

@@ -61,7 +61,7 @@ impl EmissionKey {
 ///
 /// Searched on a grid of a quarter of a voxel, for this kernel and for a broad one; a tenth is added for places
 /// between.
-fn magnification(kernel: &Kernel, normalization: Normalization) -> f64 {
+pub(crate) fn magnification(kernel: &Kernel, normalization: Normalization) -> f64 {
     let reach = kernel.radius().ceil() as i32;
     let cube = |along: &[f64]| -> Vec<[f64; 3]> {
         let plane = |z: f64| along.iter().flat_map(move |&y| along.iter().map(move |&x| [x, y, z]));

@@ -11,7 +11,7 @@ use super::lattice::Lattice;
 use super::levels::ScalarNeed;
 use super::light_volume::{self, Classification, FallenLight};
 use super::scalar_cells::{self, Coarse};
-use super::scalars::EmissionKey;
+use super::scalars::{EmissionKey, magnification};
 use super::shadows::Shadows;
 use crate::camera::Camera;
 use crate::error::{Error, Result};
@@ -385,6 +385,14 @@ impl Scene {
                 Ok(if lit && scalars.has_plateaus()? { None } else { cells })
             }
         }
+    }
+
+    /// How much the reconstruction of a lattice magnifies scalars at most; `None` for classified voxels, and for scalars
+    /// that serve other transfer functions too.
+    pub(crate) fn magnification(&self, lattice: &Lattice) -> Option<f64> {
+        let Content::Scalars(scalars) = &self.content else { return None };
+        let (kernel, normalization) = lattice.kernel_of_voxels();
+        (!scalars.whole).then(|| magnification(&kernel, normalization))
     }
 
     /// The settings as painters draw the scene. If extinction depends on reconstructed gradients, they have a light

@@ -9,7 +9,7 @@ use crate::gpu::context::Context;
 use crate::gpu::layout::{self, TILE};
 use crate::gpu::light_volume::PostShading;
 use crate::gpu::pipeline::Binding::{
-    self, FilteredTexture, IntegerTexture, Read, ReadTexture, Sampler, StorageTexture, Uniform, Write,
+    self, FilteredTexture, Read, ReadTexture, Sampler, StorageTexture, Uniform, Write,
 };
 use crate::gpu::pipeline::texture_view;
 use crate::gpu::recorder::Recorder;
@@ -17,7 +17,7 @@ use crate::gpu::shaders::{self, Shader};
 use crate::gpu::stage::{Constant, Stage};
 
 /// The bindings of `skip`, then those that `skip_refined` has beside them.
-const SKIP: [Binding; 5] = [Uniform, IntegerTexture(wgpu::TextureViewDimension::D3), Write, Read, Write];
+const SKIP: [Binding; 5] = [Uniform, Read, Write, Read, Write];
 
 /// The resources that rays are marched with, besides the volume.
 pub(super) struct Targets<'a> {
@@ -55,7 +55,7 @@ pub(super) fn gather(context: &Context, key: &TilesKey) -> Stage {
     let of_scalars = |shader| {
         let transfer = ReadTexture(wgpu::TextureFormat::Rgba32Float);
         let light = FilteredTexture(wgpu::TextureViewDimension::D3);
-        let slots = vec![Write, Uniform, transfer, light, Sampler, Read];
+        let slots = vec![Write, Uniform, transfer, light, Sampler, Read, Read];
         if key.rays == RayKind::Layered {
             (shader, "layer", [slots, vec![Write]].concat())
         } else {
@@ -103,6 +103,7 @@ pub(super) fn march(
                 texture_view(&light.texture),
                 wgpu::BindingResource::Sampler(&light.sampler),
                 solids,
+                packed.marks.as_entire_binding(),
             ]);
             if is_layered {
                 resources.push(state);
@@ -130,7 +131,7 @@ pub(super) fn find_runs(
     let count: u64 = tiles.into_iter().chain([uniforms.run_slots]).map(u64::from).product();
     let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
     let runs = recorder.context.buffer("skip.runs", 8 * count, usage)?;
-    let resources = [rays.as_entire_binding(), texture_view(&packed.occupied), runs.as_entire_binding()];
+    let resources = [rays.as_entire_binding(), packed.marks.as_entire_binding(), runs.as_entire_binding()];
     // An invocation for each tile, if pixels are refined.
     let together = skips_together(recorder.context) && others.is_empty();
     let [across, down] = if together { [across, down] } else { [across, down].map(|tiles| tiles.div_ceil(TILE)) };

@@ -3,12 +3,12 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::axis::PrincipalAxis;
-use super::pack::{Layout, Packed, Packing, Reached, Source, Voxel};
+use super::pack::{Layout, Marking, Packed, Packing, Reached, Source, Voxel};
 use super::parts::{Footprint, Sections, SlabKind};
 use super::rays::{RaySetup, Rays, max_depth, parallel};
 use super::{Block, Canvas, MAX_RADIUS, MAX_SINGLE_RADIUS, RayKind, STRAIGHT, Tiles, TilesKey};
 use crate::error::Result;
-use crate::gpu::layout::{self, TILE};
+use crate::gpu::layout::{self, CELL, MACROCELL, TILE};
 use crate::gpu::recorder::Recorder;
 use crate::gpu::store::Store;
 use crate::gpu::view::{ViewGeometry, Weights};
@@ -108,6 +108,37 @@ fn influence(view: &ViewGeometry) -> f64 {
     2.0 * view.max_radius() + SLABS
 }
 
+/// A slab counts if a kernel of a visible scalar may reach it. Two slabs belong to the voxel that is nearest to the ray
+/// in their plane: along each axis they reach a voxel beyond it at most, half for rounding and half for a lean of 1. So
+/// a voxel that is more than the radius and one away along an axis does not reach them.
+fn marking(job: &Job<'_>) -> Marking {
+    let Job { view, settings, post, magnification, .. } = job;
+    // Macrocells are numbered in the whole lattice with its copies beyond the faces.
+    let offset = view.first().as_ivec3() - job.padding as i32;
+    let offset = offset.to_array().map(|n| n.rem_euclid(MACROCELL as i32) as u32);
+    let Some(post) = post else { return Marking { offset, ..Marking::OWN } };
+    let [low, high] = post.table.invisible;
+    // All scalars count for a mean, and for a maximum if those below the invisible ones are visible.
+    let marks_all = match settings.model {
+        Model::Composite | Model::Xray => low > high,
+        Model::Mip | Model::Minip => low > f32::MIN,
+        Model::Average => true,
+    };
+    let invisible = match magnification {
+        Some(times) if !marks_all => [low, high].map(|end| (f64::from(end) / times) as f32),
+        _ => Marking::OWN.invisible,
+    };
+    // For a mean all parts of a kernel count, also those fitted to slabs beyond its radius: only the sum of all parts
+    // is exact. They lie up to REACH planes away (the shaders) along a ray that leans by at most 1.1.
+    let radius = view.max_radius() / ROUNDING;
+    let reach = match settings.model {
+        Model::Average => 3 * if radius <= 2.0 { 2 } else { 4 },
+        _ => radius.ceil() as u32,
+    };
+    // Whole cells, so that splats of the same cell mark the same cells.
+    Marking { reach: reach.next_multiple_of(CELL), invisible, offset }
+}
+
 /// A picture in progress.
 pub(super) struct Picture<'a> {
     pub(super) job: Job<'a>,
@@ -162,15 +193,18 @@ impl<'a> Picture<'a> {
             axes = axes.get(held.family).copied().into_iter().collect();
         }
         let whole = job.base_shows();
+        let marking = marking(&job);
         let pack = |axis: &PrincipalAxis, seen: &dyn Fn([[u32; 3]; 2]) -> bool| {
-            Packing::new(context, stores, dims, whole, seen, axis.axes, voxel)
+            Packing::new(context, stores, dims, whole, seen, axis.axes, (voxel, marking))
         };
         let of_reached = |axis: &PrincipalAxis| {
-            // A ray meets kernels a radius away, grown ones too; one voxel more for rounding.
+            // A ray meets kernels a radius away, grown ones too; one voxel more for rounding. Marks of scalars reach as
+            // far along each axis, from a cell beside the ray.
+            let near = view.max_radius() + 1.0;
+            let near = if post.is_some() { 3.0_f64.sqrt() * (f64::from(marking.reach) + 1.5) } else { near };
             let pyramid = axis.pyramid(&view.camera, &view.grid, origin);
             let reaches = |bounds| {
-                view.layer_holds(bounds, job.padding)
-                    && pyramid.as_ref().is_none_or(|rays| rays.reaches(bounds, view.max_radius() + 1.0))
+                view.layer_holds(bounds, job.padding) && pyramid.as_ref().is_none_or(|rays| rays.reaches(bounds, near))
             };
             let packing = pack(axis, &|bounds| view.may_show(bounds, job.padding) && reaches(bounds))?;
             // Clipping is no reason to leave out bricks: what is packed then serves while a plane moves.

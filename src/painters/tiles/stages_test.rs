@@ -8,7 +8,7 @@ use half::f16;
 
 use super::axis::PrincipalAxis;
 use super::march::{find_runs, skip};
-use super::pack::{self, Layout, Packed, Packing, Voxel};
+use super::pack::{self, Layout, Marking, Packed, Packing, Voxel};
 use super::parts::{Footprint, Sections, SlabKind};
 use super::rays::{RaySetup, Rays};
 use super::resample::{ESTIMATES, FORMAT, IntermediateImage, Resampler};
@@ -16,7 +16,7 @@ use crate::camera::{Camera, ProjectionKind, View};
 use crate::gpu::adapter_test::adapter;
 use crate::gpu::cache::Cache;
 use crate::gpu::context::Context;
-use crate::gpu::layout::{self, Lighting, MACROCELL, MARGIN, Splat, TILE, packed_gradient};
+use crate::gpu::layout::{self, CELL, Lighting, MACROCELL, MARGIN, Splat, TILE, packed_gradient};
 use crate::gpu::pipeline::{Binding, bind, compute, layout as group_layout, texture_view};
 use crate::gpu::recorder::Recorder;
 use crate::gpu::savings::Savings;
@@ -281,7 +281,7 @@ fn packed_by(
     seen: impl Fn([[u32; 3]; 2]) -> bool,
 ) -> Packed {
     let stores = [store];
-    let packing = Packing::new(context, &stores, DIMS, false, seen, axes, voxel).unwrap();
+    let packing = Packing::new(context, &stores, DIMS, false, seen, axes, (voxel, marking(voxel))).unwrap();
     let lighting = Lighting {
         right: [0.9, 0.1, -0.2],
         up: [-0.1, 0.8, 0.3],
@@ -323,7 +323,7 @@ fn bands_hold_each_splat_about_once_and_wait_for_nothing() {
         let whole = read_volume(&context, &packed(&context, axes));
         let stores = [store(&context, words_of)];
         let visits = |context: &Context| {
-            let packing = Packing::new(context, &stores, DIMS, false, |_| true, axes, voxel).unwrap();
+            let packing = Packing::new(context, &stores, DIMS, false, |_| true, axes, (voxel, marking(voxel))).unwrap();
             packing.bands(context, &stores, &None).unwrap().visits()
         };
         let count = u64::from(stores[0].count);
@@ -338,7 +338,7 @@ fn bands_hold_each_splat_about_once_and_wait_for_nothing() {
             let after = context.traffic();
             assert_eq!((after.submissions - before.submissions, after.waits - before.waits), (1, 0));
             assert!(read_volume(&context, &banded) == whole, "{axes:?} in {bands} bands");
-            assert_occupied(&context, &banded);
+            assert_marks(&context, &banded);
         }
         context.limits.max_storage_buffer_binding_size = unlimited;
     }
@@ -376,7 +376,7 @@ fn packing_on_the_host_matches_the_device() {
             let layout = Layout::of(context, DIMS);
             let stage = on_device.then(|| pack::stage(context, &constants(voxel, perspective, points), voxel, layout));
             let packed = packed_by(context, (stage.as_ref(), perspective, points), stored, axes, voxel, 30.0, seen);
-            assert_occupied(context, &packed);
+            assert_marks(context, &packed);
             let read = read_volume(context, &packed);
             let mut voxels: Vec<_> =
                 places(packed.packing).map(|(at, point)| (point, voxel_words(&packed, &read, at))).collect();
@@ -413,7 +413,7 @@ fn a_scan_of_512_fits_into_the_textures_of_most_gpus() {
     for mut context in contexts() {
         context.limits.max_texture_dimension_2d = 16_384;
         for voxel in [Voxel::Color { lights: 0, shadows: false }, Voxel::Scalar, Voxel::Gradient] {
-            let packing = |dims| Packing::new(&context, &[], dims, true, |_| true, [0, 1, 2], voxel);
+            let packing = |dims| Packing::new(&context, &[], dims, true, |_| true, [0, 1, 2], (voxel, marking(voxel)));
             assert!(packing([512; 3]).is_some() && packing([1024, 512, 200]).is_some(), "{voxel:?}");
             assert!(packing([70_000, 2, 2]).is_none(), "{voxel:?}");
         }
@@ -498,22 +498,53 @@ fn voxels_are_packed_where_rays_look_for_them() {
         let inside: usize = places(packed.packing).filter(|&(place, _)| words(place) != [0, 0]).count();
         let all = all_words(&packed, &volume);
         assert_eq!(all.filter(|&voxel| voxel != [0, 0]).count(), inside, "{axes:?}");
-        assert_occupied(context, &packed);
+        assert_marks(context, &packed);
     }
 }
 
-/// Asserts that the marked macrocells are those with splats.
-fn assert_occupied(context: &Context, packed: &Packed) {
-    let binding = Binding::IntegerTexture(wgpu::TextureViewDimension::D3);
-    let marks = texels(context, &packed.occupied, binding, "texture_3d<u32>", "textureLoad(texels, p, 0)");
-    let [na, nb, _] = packed.packing.dims.map(|n| n.div_ceil(MACROCELL));
-    let shown = points();
-    let mut expected = vec![0; marks.len()];
-    for (place, _) in places(packed.packing).filter(|(_, point)| shown.contains(point)) {
-        let [a, b, m] = place.map(|n| n / MACROCELL);
-        expected[((m * nb + b) * na + a) as usize] = 1;
+/// Colours mark their cells, scalars the cells around them; macrocells begin before the lattice.
+fn marking(voxel: Voxel) -> Marking {
+    let own = Marking { offset: [1, 2, 3], ..Marking::OWN };
+    if matches!(voxel, Voxel::Color { .. }) { own } else { Marking { reach: 2, invisible: [-4.0, 2.5], ..own } }
+}
+
+/// Asserts that the marked cells are those with splats, of scalars those near visible ones.
+fn assert_marks(context: &Context, packed: &Packed) {
+    let Packing { voxel, axes, low, .. } = packed.packing;
+    let Marking { reach, invisible: [least, largest], offset } = marking(voxel);
+    let [na, nb, nm] = packed.packing.macrocells();
+    let bytes = u64::from(na * nb * nm) * 4;
+    let mut recorder = Recorder::untimed(context);
+    let read = recorder.read_back("test", &packed.marks, bytes).unwrap();
+    recorder.submit();
+    let marks: Vec<u32> = read.values(context, "test").unwrap();
+    let is_marking = |p: [u32; 3]| {
+        let is_color = matches!(voxel, Voxel::Color { .. });
+        is_color || !(least..=largest).contains(&scalar_of(p))
+    };
+    let packed_points = places(packed.packing).map(|(_, point)| point).collect::<BTreeSet<_>>();
+    let marking: Vec<[u32; 3]> = packed_points.intersection(&points()).copied().filter(|&p| is_marking(p)).collect();
+    let shift = packed.packing.mark_shift();
+    // Cells are numbered in the whole lattice.
+    (0..3).for_each(|i| assert_eq!((shift[i] + 64 * MACROCELL - low[i] - offset[axes[i]]) % MACROCELL, 0));
+    let mut count = 0;
+    for (number, &word) in (0..).zip(&marks) {
+        let macrocell = [number % na, number / na % nb, number / na / nb];
+        for cell in 0..8_u32 {
+            // Along each axis the cell has two voxels, and splats mark it from `reach` voxels beyond.
+            let near = |p: &[u32; 3]| {
+                (0..3).all(|i| {
+                    let place = p[axes[i]] - low[i] + shift[i] + reach;
+                    let first = MACROCELL * macrocell[i] + CELL * (cell >> i & 1);
+                    (first..first + CELL + 2 * reach).contains(&place)
+                })
+            };
+            let expected = marking.iter().any(near);
+            assert_eq!(word >> cell & 1 == 1, expected, "{voxel:?} {axes:?} {macrocell:?} {cell}");
+            count += u32::from(expected);
+        }
     }
-    assert!(marks.iter().map(|mark| mark[0]).eq(expected));
+    assert!(count > 0 && count < 6 * na * nb * nm, "{count} of {} marked", 8 * na * nb * nm);
 }
 
 fn scalar_of([x, y, z]: [u32; 3]) -> f32 {
@@ -639,10 +670,12 @@ fn assert_runs_hold_voxels(context: &Context) {
                 stores: &[],
                 weights: Weights { max: 0.1, unit: 1.0, brightest: [1.0; 3] },
                 post: None,
+                magnification: None,
                 padding: 0,
                 depths: Depths::default(),
             };
-            let packing = Packing::new(context, &[store(context, words_of)], DIMS, false, |_| true, axis.axes, voxel);
+            let marking = (voxel, marking(voxel));
+            let packing = Packing::new(context, &[store(context, words_of)], DIMS, false, |_| true, axis.axes, marking);
             let (packing, footprint, sections) = (packing.unwrap(), &footprint, &sections);
             let setup = RaySetup { job: &job, axis, packing, kernel, footprint, sections };
             let images = setup.image_rays(region);
@@ -673,7 +706,8 @@ fn assert_runs_hold_voxels(context: &Context) {
                             if distance2 > kernel.radius().powi(2) - 1e-3 {
                                 continue;
                             }
-                            let inside = runs.iter().any(|&[first, end]| (first..end).contains(&plane));
+                            let from_first = plane + uniforms.lead as u32;
+                            let inside = runs.iter().any(|&[first, end]| (first..end).contains(&from_first));
                             assert!(inside, "{projection:?} ray {x}, {y} misses {a}, {b} of plane {plane}: {runs:?}");
                         }
                     }

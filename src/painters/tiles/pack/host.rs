@@ -5,9 +5,9 @@ use std::ops::Range;
 use bytemuck::Pod as Words;
 use rayon::prelude::*;
 
-use super::{Packing, Reached, Voxel, reaches};
+use super::{BEHIND, Packing, Reached, Voxel, reaches};
 use crate::error::Result;
-use crate::gpu::layout::{MACROCELL, MARGIN};
+use crate::gpu::layout::{CELL, MARGIN};
 use crate::gpu::recorder::Recorder;
 use crate::gpu::sender::Sender;
 use crate::gpu::splat::{self, LANES, SplatLight, SplatRun};
@@ -30,14 +30,14 @@ const ROWS: usize = 16;
 type Held<'a> = (BrickSplats, &'a HostBrick);
 
 impl Packing {
-    /// Fills the texture of voxels and the texture of macrocells with splats.
+    /// Fills the texture of voxels and the marks of macrocells.
     pub(super) fn fill_on_host(
         &self,
         recorder: &mut Recorder<'_>,
         (stores, reached): (&[Store], &Reached),
         light: &SplatLight,
         scale: f32,
-        [volume, occupied]: &[wgpu::Texture; 2],
+        (volume, marks): (&wgpu::Texture, &wgpu::Buffer),
     ) -> Result<()> {
         let context = recorder.context;
         let held = stores.iter().map(|store| store.on_host(context)).collect::<Result<Vec<_>>>()?;
@@ -46,8 +46,7 @@ impl Packing {
             bricks.filter(move |(brick, _)| reaches(reached, number, *brick)).map(|(_, brick)| brick)
         });
         let bricks: Vec<Held<'_>> = bricks.collect();
-        let marks = self.marks(&bricks)?;
-        context.write_texels(occupied, [0; 3], bytemuck::cast_slice(&marks), self.macrocells());
+        context.write(marks, 0, bytemuck::cast_slice(&self.marks(&bricks)?));
         match self.voxel {
             Voxel::Scalar => self.fill(recorder, volume, &bricks, |run| run.column(0)),
             Voxel::Gradient => self.fill(recorder, volume, &bricks, |run| {
@@ -123,27 +122,53 @@ fn part(brick: &BrickSplats, from: [u32; 3], to: [u32; 3]) -> Option<(u32, Range
 }
 
 impl Packing {
-    /// A mark for each macrocell with splats.
+    /// The marks of macrocells.
     fn marks(&self, bricks: &[Held<'_>]) -> Result<Vec<u32>> {
-        let [na, nb, nm] = self.macrocells();
-        let count = u64::from(na) * u64::from(nb) * u64::from(nm);
+        let count = self.mark_bytes() / 4;
         let mut marks = reserved(count, || "the macrocells of a volume".to_owned())?;
         marks.resize(count as usize, 0_u32);
         let low = unordered(self.axes, self.low);
-        let [step_x, step_y, step_z] = unordered(self.axes, [1, na, na * nb]);
         let ends = unordered(self.axes, [0, 1, 2].map(|i| self.low[i] + self.dims[i]));
+        let steps = unordered(self.axes, self.mark_steps()).map(|step| step as usize);
+        let behind = unordered(self.axes, BEHIND);
+        let (shift, reach) = (unordered(self.axes, self.mark_shift()), self.marking.reach);
+        // The cells along an axis that a voxel marks.
+        let marked = |axis: usize, place: u32| {
+            let place = place - low[axis] + shift[axis];
+            [place - reach, place + reach].map(|place| place / CELL)
+        };
+        // Each macrocell of these cells along an axis: its index, and the bits of the cells.
+        let macrocells = |axis: usize, [first, last]: [u32; 2]| {
+            let bits = move |number: u32| {
+                let foremost = if first <= 2 * number { !behind[axis] } else { 0 };
+                foremost | if last > 2 * number { behind[axis] } else { 0 }
+            };
+            (first / 2..=last / 2).map(move |number| (number as usize * steps[axis], bits(number)))
+        };
         for (brick, held) in bricks {
             let Some((mask, ys, zs)) = part(brick, low, ends) else { continue };
             let [x0, y0, z0] = brick.origin;
             for (z, y) in zs.flat_map(|z| ys.clone().map(move |y| (z, y))) {
-                let mut bits = held.rows[(y - y0) as usize + EDGE * (z - z0) as usize].bits & mask;
-                let line = (y - low[1]) / MACROCELL * step_y + (z - low[2]) / MACROCELL * step_z;
+                let row = held.rows[(y - y0) as usize + EDGE * (z - z0) as usize];
+                let mut bits = row.bits & mask;
+                let mut last = None;
                 while bits != 0 {
-                    let x = x0 + bits.trailing_zeros() - low[0];
-                    marks[(line + x / MACROCELL * step_x) as usize] = 1;
-                    // On to the next voxel in another macrocell.
-                    let rest = MACROCELL - x % MACROCELL + bits.trailing_zeros();
-                    bits &= u32::MAX.checked_shl(rest).unwrap_or(0);
+                    let place = bits.trailing_zeros();
+                    let before = row.bits & !(u32::MAX << place);
+                    let xs = marked(0, x0 + place);
+                    let word = || held.words[held.each * (row.first + before.count_ones()) as usize];
+                    // Its neighbour may have marked the same cells.
+                    if last != Some(xs) && self.marking.is_by(self.voxel, word()) {
+                        for (at_z, in_z) in macrocells(2, marked(2, z)) {
+                            for (at_y, in_y) in macrocells(1, marked(1, y)) {
+                                for (at_x, in_x) in macrocells(0, xs) {
+                                    marks[at_x + at_y + at_z] |= in_x & in_y & in_z & 0xff;
+                                }
+                            }
+                        }
+                        last = Some(xs);
+                    }
+                    bits &= bits - 1;
                 }
             }
         }

@@ -85,10 +85,37 @@ impl Layout {
 const MAX_BYTES: u64 = 4 << 30;
 /// The most macrocells along an axis of which a workgroup keeps the marks: `marked` in shaders/skip.wgsl.
 const MARKED: u32 = 2048;
+/// Macrocells before the first lattice point: more than splats reach.
+const BEFORE: u32 = 4;
+/// The cells of a macrocell that are not the first along a, b or m, as bits of its marks.
+const BEHIND: [u32; 3] = [0xaa, 0xcc, 0xf0];
 /// The largest density after scaling: a power of two with room below 65504, the largest f16.
 const F16_HEADROOM: f64 = 16_384.0;
 /// The largest factor that densities are scaled by, a power of two: products with it stay in the range of f32.
 const MAX_SCALE: f64 = (1_u128 << 100) as f64;
+
+/// Which splats mark which macrocells.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Marking {
+    /// Voxels along each axis within which a splat marks macrocells.
+    pub(super) reach: u32,
+    /// The least and the largest scalar that mark nothing; none if the first is larger.
+    pub(super) invisible: [f32; 2],
+    /// Voxels along each axis from the first voxel of a macrocell of the whole lattice to the first lattice point, less
+    /// than a macrocell.
+    pub(super) offset: [u32; 3],
+}
+
+impl Marking {
+    /// A splat marks its macrocell.
+    pub(super) const OWN: Self = Self { reach: 0, invisible: [f32::MAX, f32::MIN], offset: [0; 3] };
+
+    /// Whether a splat marks macrocells, given its weight.
+    fn is_by(&self, voxel: Voxel, weight: u32) -> bool {
+        let (weight, [low, high]) = (f32::from_bits(weight), self.invisible);
+        matches!(voxel, Voxel::Color { .. }) || weight < low || weight > high
+    }
+}
 
 /// Where the voxels of a volume are in the texture.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -107,6 +134,7 @@ pub(super) struct Packing {
     pub(super) row_texels: u32,
     /// Rows: width and height of the texture, in pairs of voxels and in rows.
     pub(super) size: [u32; 2],
+    pub(super) marking: Marking,
 }
 
 impl Packing {
@@ -119,7 +147,7 @@ impl Packing {
         whole: bool,
         seen: impl Fn([[u32; 3]; 2]) -> bool,
         axes: [usize; 3],
-        voxel: Voxel,
+        (voxel, marking): (Voxel, Marking),
     ) -> Option<Self> {
         let boxes = stores.iter().flat_map(Store::runs).map(|(brick, _)| brick.bounds).filter(|&bounds| seen(bounds));
         let (low, high) = boxes.fold(([u32::MAX; 3], [0; 3]), |hull, next| {
@@ -127,6 +155,7 @@ impl Packing {
             let ends = [0, 1, 2].map(ends);
             (ends.map(|(low, _)| low), ends.map(|(_, high)| high))
         });
+        let low = low.map(|n| if n == u32::MAX { 0 } else { n });
         // In whole macrocells of the lattice, so that rays skip the same planes whatever else is packed.
         let macrocells = |n: u32, round: fn(u32, u32) -> u32| round(n, MACROCELL) * MACROCELL;
         let (low, high) = (low.map(|n| macrocells(n, |n, m| n / m)), high.map(|n| macrocells(n, u32::div_ceil)));
@@ -134,7 +163,7 @@ impl Packing {
         let low = axes.map(|axis| low[axis]);
         let dims: [u32; 3] = std::array::from_fn(|i| high[axes[i]].saturating_sub(low[i]));
         let layout = Layout::of(context, lattice);
-        let packing = Self { voxel, layout, axes, low, dims, columns: 0, row_texels: 0, size: [0; 2] };
+        let packing = Self { voxel, layout, axes, low, dims, columns: 0, row_texels: 0, size: [0; 2], marking };
         let packing = match layout {
             Layout::Rows => packing.in_rows(),
             Layout::Box => packing,
@@ -171,13 +200,9 @@ impl Packing {
         }
     }
 
-    /// The steps along a, b and m in a box of voxels, and of macrocells.
+    /// The steps along a, b and m in a box of voxels.
     pub(super) fn steps(&self) -> [[i32; 3]; 3] {
-        let axes = match self.layout {
-            Layout::Rows => [0, 1, 2],
-            Layout::Box => self.axes,
-        };
-        axes.map(|axis| [0, 1, 2].map(|along| i32::from(along == axis)))
+        self.stored_axes().map(|axis| [0, 1, 2].map(|along| i32::from(along == axis)))
     }
 
     /// Whether there is no voxel in the box.
@@ -207,30 +232,68 @@ impl Packing {
 
     /// Bytes of the textures of voxels and of macrocells.
     pub(super) fn bytes(&self) -> u64 {
-        let macrocells: u64 = self.macrocells().into_iter().map(u64::from).product();
-        self.voxel_bytes() + macrocells * 4
+        self.voxel_bytes() + self.mark_bytes()
+    }
+
+    /// The macrocells that splats may mark: the first along a, b and m, and their numbers. They are numbered from
+    /// [`BEFORE`] before the one with the first lattice point.
+    fn marked(&self) -> [[u32; 3]; 2] {
+        let Marking { reach, offset, .. } = self.marking;
+        let place = |i: usize, place: u32| place + offset[self.axes[i]] + BEFORE * MACROCELL;
+        let low = [0, 1, 2].map(|i| (place(i, self.low[i]) - reach) / MACROCELL);
+        let count = |i: usize| (place(i, self.low[i] + self.dims[i]) + reach).div_ceil(MACROCELL) - low[i];
+        [low, [0, 1, 2].map(count)]
     }
 
     /// Macrocells along a, b and m.
-    fn macrocells(&self) -> [u32; 3] {
-        self.dims.map(|n| n.div_ceil(MACROCELL))
+    pub(super) fn macrocells(&self) -> [u32; 3] {
+        self.marked()[1]
     }
 
-    /// The textures of the voxels and of the macrocells. Shaders read both as storage, or write them, and buffers are
-    /// copied to them.
-    fn textures(&self, context: &Context) -> [wgpu::Texture; 2] {
+    /// The steps along a, b and m in the buffer of marks.
+    pub(super) fn mark_steps(&self) -> [u32; 3] {
+        let axes = self.stored_axes();
+        let [nx, ny, _] = unordered(axes, self.macrocells());
+        axes.map(|axis| [1, nx, nx * ny][axis])
+    }
+
+    /// The bit in the number of a cell of its place along a, b and m.
+    pub(super) fn mark_bits(&self) -> [u32; 3] {
+        self.stored_axes().map(|axis| 1 << axis)
+    }
+
+    /// The axes along which voxels and marks are stored, of a, b and m.
+    fn stored_axes(&self) -> [usize; 3] {
+        match self.layout {
+            Layout::Rows => [0, 1, 2],
+            Layout::Box => self.axes,
+        }
+    }
+
+    /// Bytes of the buffer of marks.
+    fn mark_bytes(&self) -> u64 {
+        self.macrocells().into_iter().map(u64::from).product::<u64>() * 4
+    }
+
+    /// Voxels along a, b and m from the first voxel of the first macrocell to the first of the box.
+    pub(super) fn mark_shift(&self) -> [u32; 3] {
+        let [low, _] = self.marked();
+        let place = |i: usize| self.low[i] + self.marking.offset[self.axes[i]] + BEFORE * MACROCELL;
+        [0, 1, 2].map(|i| place(i) - MACROCELL * low[i])
+    }
+
+    /// The texture of the voxels and the buffer of marks. Shaders read the texture as storage, or write it, and buffers
+    /// are copied to it.
+    fn targets(&self, context: &Context) -> Result<(wgpu::Texture, wgpu::Buffer)> {
         use wgpu::TextureUsages as Usages;
         let usage = Usages::STORAGE_BINDING | Usages::TEXTURE_BINDING | Usages::COPY_DST;
-        let texture = |label, format, size, dimension| context.texture(label, format, size, dimension, usage);
-        let cube = wgpu::TextureDimension::D3;
         let (size, dimension) = match (self.layout, self.size) {
             (Layout::Rows, [width, height]) => ([width, height, 1], wgpu::TextureDimension::D2),
-            (Layout::Box, _) => (self.box_texels(), cube),
+            (Layout::Box, _) => (self.box_texels(), wgpu::TextureDimension::D3),
         };
-        [
-            texture("pack.volume", self.voxel.format(self.layout), size, dimension),
-            texture("pack.occupied", wgpu::TextureFormat::R32Uint, self.macrocells(), cube),
-        ]
+        let volume = context.texture("pack.volume", self.voxel.format(self.layout), size, dimension, usage);
+        let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC | wgpu::BufferUsages::COPY_DST;
+        Ok((volume, context.buffer("pack.marks", self.mark_bytes(), usage)?))
     }
 
     /// The planes with voxels in these rows of the texture.
@@ -297,7 +360,8 @@ pub(crate) struct Packed {
     pub(super) source: Option<Source>,
     pub(super) reached: Reached,
     pub(super) volume: wgpu::TextureView,
-    pub(super) occupied: wgpu::TextureView,
+    /// The marks of macrocells: see shaders/common/packing.wgsl.
+    pub(super) marks: wgpu::Buffer,
     /// The factor that densities, or scalars with gradients, were multiplied by: a power of two.
     pub(super) scale: f64,
     /// Bytes on the device.
@@ -316,8 +380,7 @@ pub(super) fn stage(context: &Context, constants: &[Constant], voxel: Voxel, lay
         (Layout::Box, Voxel::Scalar) => (shaders::PACK_SCALARS, texture(voxel.format(layout))),
         (Layout::Box, _) => (shaders::PACK_VECTORS, texture(voxel.format(layout))),
     };
-    let marks = texture(wgpu::TextureFormat::R32Uint);
-    let slots = [Uniform, Uniform, Read, Read, voxels, marks, Read];
+    let slots = [Uniform, Uniform, Read, Read, voxels, Write, Read];
     Stage::new(context, shader, ("pack", "voxels"), &slots, constants)
 }
 
@@ -337,9 +400,12 @@ impl Packing {
             Voxel::Scalar => 1.0,
             _ => (F16_HEADROOM / max_weight.max(f64::MIN_POSITIVE)).log2().floor().exp2().min(MAX_SCALE),
         };
-        let (textures, bands) = match over {
-            Some(Packed { volume, occupied, bands, .. }) => ([volume, occupied].map(|v| v.texture().clone()), bands),
-            None => (self.textures(recorder.context), None),
+        let (volume, marks, bands) = match over {
+            Some(Packed { volume, marks, bands, .. }) => (volume.texture().clone(), marks, bands),
+            None => {
+                let (volume, marks) = self.targets(recorder.context)?;
+                (volume, marks, None)
+            }
         };
         let bands = match (stage, bands) {
             (Some(_), None) => Some(self.bands(recorder.context, stores, reached)?),
@@ -347,19 +413,19 @@ impl Packing {
         };
         match stage.zip(bands.as_ref()) {
             Some((stage, bands)) => {
-                self.fill_on_device(recorder, stage, (stores, bands), light, scale as f32, &textures)?;
+                self.fill_on_device(recorder, stage, (stores, bands), light, scale as f32, (&volume, &marks))?;
             }
             None => recorder.on_host("pack", |recorder| {
-                self.fill_on_host(recorder, (stores, reached), light, scale as f32, &textures)
+                self.fill_on_host(recorder, (stores, reached), light, scale as f32, (&volume, &marks))
             })?,
         }
-        let [volume, occupied] = textures.map(|texture| texture.create_view(&wgpu::TextureViewDescriptor::default()));
+        let volume = volume.create_view(&wgpu::TextureViewDescriptor::default());
         Ok(Packed {
             packing: self,
             source: Source::of(stores),
             reached: reached.clone(),
             volume,
-            occupied,
+            marks,
             scale,
             bytes: self.bytes(),
             light: self.voxel.is_lit().then(|| light.clone()),

@@ -84,6 +84,14 @@ impl RaySetup<'_> {
         self.numbered(job.view.first() + low - f64::from(job.padding))
     }
 
+    /// Planes from the first plane of the foremost macrocells to the first plane of the packed box.
+    fn lead(&self) -> i32 {
+        let Self { axis, packing, .. } = self;
+        let before = packing.mark_shift()[2];
+        let behind = MACROCELL * packing.macrocells()[2] - before - packing.dims[2];
+        (if axis.flipped { behind } else { before }) as i32
+    }
+
     /// The least and the largest (a, b, plane) that a brick owns.
     fn owned(&self) -> [DVec3; 2] {
         let open = DVec3::splat(Held::OPEN);
@@ -193,8 +201,13 @@ impl RaySetup<'_> {
             gradient_x: f3(gradients.x_axis),
             gradient_y: f3(gradients.y_axis),
             gradient_z: f3(gradients.z_axis),
-            // Runs are at least two macrocells apart, and an empty run ends them.
-            run_slots: packing.dims[2].div_ceil(MACROCELL).div_ceil(2) + 1,
+            // Runs are a slab apart or more, of which a macrocell has at most two; and an empty run ends them.
+            run_slots: packing.macrocells()[2] + 1,
+            macrocells: packing.macrocells().map(|n| n as i32),
+            mark_shift: packing.mark_shift().map(|n| n as i32),
+            mark_steps: packing.mark_steps().map(|n| n as i32),
+            mark_bits: packing.mark_bits(),
+            lead: self.lead(),
             along_a,
             along_b,
             along_m,
