@@ -145,33 +145,42 @@ impl Packing {
             };
             (first / 2..=last / 2).map(move |number| (number as usize * steps[axis], bits(number)))
         };
+        // The index of a voxel's own macrocell along an axis, and the bits of its cell.
+        let own = |axis: usize, place: u32| {
+            let cell = (place - low[axis] + shift[axis]) / CELL;
+            ((cell / 2) as usize * steps[axis], if cell % 2 == 1 { behind[axis] } else { !behind[axis] })
+        };
+        // The voxels of a cell mark the same cells. Bits above the marks of a macrocell say which cells have done so.
+        const DONE: u32 = 8;
         for (brick, held) in bricks {
             let Some((mask, ys, zs)) = part(brick, low, ends) else { continue };
             let [x0, y0, z0] = brick.origin;
             for (z, y) in zs.flat_map(|z| ys.clone().map(move |y| (z, y))) {
                 let row = held.rows[(y - y0) as usize + EDGE * (z - z0) as usize];
                 let mut bits = row.bits & mask;
-                let mut last = None;
+                let ((own_z, in_z), (own_y, in_y)) = (own(2, z), own(1, y));
                 while bits != 0 {
                     let place = bits.trailing_zeros();
                     let before = row.bits & !(u32::MAX << place);
-                    let xs = marked(0, x0 + place);
+                    bits &= bits - 1;
+                    let (own_x, in_x) = own(0, x0 + place);
+                    let (index, done) = (own_x + own_y + own_z, (in_x & in_y & in_z & 0xff) << DONE);
                     let word = || held.words[held.each * (row.first + before.count_ones()) as usize];
-                    // Its neighbour may have marked the same cells.
-                    if last != Some(xs) && self.marking.is_by(self.voxel, word()) {
-                        for (at_z, in_z) in macrocells(2, marked(2, z)) {
-                            for (at_y, in_y) in macrocells(1, marked(1, y)) {
-                                for (at_x, in_x) in macrocells(0, xs) {
-                                    marks[at_x + at_y + at_z] |= in_x & in_y & in_z & 0xff;
-                                }
+                    if marks[index] & done != 0 || !self.marking.is_by(self.voxel, word()) {
+                        continue;
+                    }
+                    marks[index] |= done;
+                    for (at_z, in_z) in macrocells(2, marked(2, z)) {
+                        for (at_y, in_y) in macrocells(1, marked(1, y)) {
+                            for (at_x, in_x) in macrocells(0, marked(0, x0 + place)) {
+                                marks[at_x + at_y + at_z] |= in_x & in_y & in_z & 0xff;
                             }
                         }
-                        last = Some(xs);
                     }
-                    bits &= bits - 1;
                 }
             }
         }
+        marks.iter_mut().for_each(|marks| *marks &= (1 << DONE) - 1);
         Ok(marks)
     }
 
