@@ -1,6 +1,6 @@
 // Classification of scalars along a ray: a parabola through the means of three consecutive slabs, and `transfer`, the
-// transfer function and its integral. Scalars are relative to the transfer function's base, so that the space between splats
-// is 0, and multiplied by a power of two.
+// transfer function and its integral. Scalars are relative to the transfer function's base, so that the space between
+// splats is 0, and multiplied by a power of two.
 
 // A difference of means beyond all visible ones: control points are at most 2 from the base.
 const JUMP: f32 = 64.0;
@@ -76,9 +76,9 @@ fn shown(largest: f32, m: vec3f, invisible: vec2f) -> f32 {
 }
 
 // The transfer function is linear within equal bins of scalars: colour times extinction, and extinction; for maxima and
-// means, colour and alpha. The rows of `transfer` are the function at the beginning of each bin and behind the last one,
-// and its integral up to the beginning of each bin, in bins. The first and the last bin are constant: they stand for all
-// scalars beyond.
+// means, colour and alpha. The rows of `transfer` are the function at the beginning of each bin and behind the last
+// one, and its integral up to the beginning of each bin, in bins. The first and the last bin are constant: they stand
+// for all scalars beyond.
 const VALUES: u32 = 0u;
 const INTEGRALS: u32 = 1u;
 const BIN_COUNT: u32 = 1600u;

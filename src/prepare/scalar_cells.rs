@@ -1,11 +1,11 @@
 //! scalar-cells: the scalars of cells, for post-shading if kernels are wider than rays gather. On the host, from the
 //! samples, brick by brick on demand: no volume of cells is kept.
 //!
-//! Cells have the sizes of pre-shading (cells.rs), two an octave: voxels are shared by the same weights, which keep their
-//! moments. Along parallel rays all cells have one kernel, which rays gather; through an eye it grows with depth. Cells are blurred by the
-//! difference to the kernels of voxels, because classification magnifies differences of shape: a Gaussian of the same
-//! variance does not replace a truncated kernel. The middle of the lattice of cells is the middle of the voxels, and
-//! voxels beyond a face are copies of the outermost one.
+//! Cells have the sizes of pre-shading (cells.rs), two an octave: voxels are shared by the same weights, which keep
+//! their moments. Along parallel rays all cells have one kernel, which rays gather; through an eye it grows with depth.
+//! Cells are blurred by the difference to the kernels of voxels, because classification magnifies differences of shape:
+//! a Gaussian of the same variance does not replace a truncated kernel. The middle of the lattice of cells is the
+//! middle of the voxels, and voxels beyond a face are copies of the outermost one.
 
 use std::ops::Range;
 
@@ -67,9 +67,9 @@ impl Coarse {
         Self { cells, step: Some(step.clamp(first, last) as i32) }
     }
 
-    /// The finest cells of a level in which grown kernels of voxels reach no farther than rays gather, up to 8 times as many as
-    /// [`Self::new`] returns. Kernels are those of voxels, unless they are so narrow in cells that the lattice of the
-    /// cells would be visible.
+    /// The finest cells of a level in which grown kernels of voxels reach no farther than rays gather, up to 8 times as
+    /// many as [`Self::new`] returns. Kernels are those of voxels, unless they are so narrow in cells that the lattice
+    /// of the cells would be visible.
     pub(crate) fn fine(kernel: &Kernel, growth: f64) -> Self {
         let radius = |cells: CellSize| growth * kernel.radius() / cells.voxels();
         let gathered = |cells: &CellSize| radius(*cells) <= REACH * ROUNDING;

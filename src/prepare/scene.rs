@@ -387,8 +387,8 @@ impl Scene {
         }
     }
 
-    /// How much the reconstruction of a lattice magnifies scalars at most; `None` for classified voxels, and for scalars
-    /// that serve other transfer functions too.
+    /// How much the reconstruction of a lattice magnifies scalars at most; `None` for classified voxels, and for
+    /// scalars that serve other transfer functions too.
     pub(crate) fn magnification(&self, lattice: &Lattice) -> Option<f64> {
         let Content::Scalars(scalars) = &self.content else { return None };
         let (kernel, normalization) = lattice.kernel_of_voxels();

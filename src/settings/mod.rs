@@ -178,8 +178,8 @@ pub enum Level {
     /// needs more growth: 2.5 times for level 1 if a cell has an optical depth of 2, 4.9 times at 10. The longest axis
     /// of the lattice decides. Light does not matter, because voxels are lit before they become cells. In perspective
     /// the level depends on depth; pre-shaded by [`Painter::Quads`] a picture has the level of its nearest kernels.
-    /// Post-shaded pictures have level 1/2 and whole levels. Along parallel rays a picture has one level, a finer one in
-    /// dense matter. In perspective cells have an optical depth of at most 1; [`Painter::Quads`], and maxima by both
+    /// Post-shaded pictures have level 1/2 and whole levels. Along parallel rays a picture has one level, a finer one
+    /// in dense matter. In perspective cells have an optical depth of at most 1; [`Painter::Quads`], and maxima by both
     /// painters, replace voxels there from a growth of 4 on. Level 0 alone is used if values are over 16 times as far
     /// from the transfer function's base as its control points, or if things of one value are visible and lit.
     #[default]

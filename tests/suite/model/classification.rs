@@ -117,8 +117,8 @@ fn many_control_points_are_as_exact_as_few() {
         let error = rms_of_all(&a, &b);
         assert!(error < 1e-3, "{:?} {:?} {:?}: {error:e}", settings.model, settings.shading, settings.painter);
     }
-    // Alternating, as many as values of 8 bits: the error is the error of a slab, not of a table with a few bins for each
-    // point. With 4096 points, 2.6 in a bin, post-shading errs by 0.05.
+    // Alternating, as many as values of 8 bits: the error is the error of a slab, not of a table with a few bins for
+    // each point. With 4096 points, 2.6 in a bin, post-shading errs by 0.05.
     let zigzag: Vec<_> = (0..256).map(|i| (f64::from(i) / 255.0, YELLOW, f64::from(i % 2) * 0.3)).collect();
     check("zigzag", &volume, &transfer(&zigzag, None), [2e-3, 1e-2, 0.3]);
 }
