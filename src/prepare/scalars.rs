@@ -262,6 +262,11 @@ impl<'a> Emission<'a> {
         !self.savings.voxels || self.key.whole || !self.invisible.holds(f64::from(scalar))
     }
 
+    /// Whether the part of the lattice that has splats reaches into a brick.
+    fn is_shown(&self, lattice: &ScalarLattice, brick: [usize; 3]) -> bool {
+        self.key.part.is_none_or(|part| part.meets(lattice.around_middle(brick)))
+    }
+
     /// Whether an active brick of the volume has voxels within the influence of this brick.
     fn is_near(&self, lattice: &ScalarLattice, brick: [usize; 3]) -> bool {
         let [across, down, deep] = self.volume.bricks().map(|n| n as usize);
@@ -281,8 +286,7 @@ impl<'a> Emission<'a> {
     fn row(&self, lattice: &ScalarLattice, j: usize, k: usize) -> Result<Vec<MadeBrick>> {
         let takes_part = |i| {
             (self.key.need.cut).is_none_or(|cut: Cut| cut.takes_part(lattice.level, lattice.first([i, j, k]), EDGE))
-                && self.key.part.is_none_or(|part| part.meets(lattice.around_middle([i, j, k])))
-                && (!self.savings.bricks || self.is_near(lattice, [i, j, k]))
+                && (!self.savings.bricks || self.is_shown(lattice, [i, j, k]) && self.is_near(lattice, [i, j, k]))
         };
         let bricks: Vec<[usize; 3]> = (0..lattice.counts[0]).filter(|&i| takes_part(i)).map(|i| [i, j, k]).collect();
         let (Some(&leftmost), Some(&rightmost)) = (bricks.first(), bricks.last()) else { return Ok(Vec::new()) };
