@@ -238,18 +238,18 @@ impl BinParts {
     /// their ends, so the integral over any peak is exact, however narrow it is. But a bin in which nothing shows shows
     /// nothing: its neighbours give all to their other ends.
     fn linear(&self) -> Vec<Value> {
-        let is_empty = |bin: usize| self.0.get(bin).is_some_and(|parts| parts.iter().flatten().all(|c| *c == 0.0));
-        let is_clear = |end: usize| is_empty(end) || end > 0 && is_empty(end - 1);
         let mut values = vec![[0.0; 4]; BINS + 1];
-        for (bin, [first, last]) in self.0.iter().enumerate() {
-            let both = std::array::from_fn(|c| first[c] + last[c]);
-            let parts = match [is_clear(bin), is_clear(bin + 1)] {
-                [true, false] => [[0.0; 4], both],
-                [false, true] => [both, [0.0; 4]],
-                _ => [*first, *last],
-            };
-            for (value, part) in values[bin..].iter_mut().zip(parts) {
-                *value = std::array::from_fn(|c| value[c] + part[c]);
+        for c in 0..4 {
+            let is_empty = |bin: usize| self.0.get(bin).is_some_and(|parts| parts.iter().all(|part| part[c] == 0.0));
+            let is_clear = |end: usize| is_empty(end) || end > 0 && is_empty(end - 1);
+            for (bin, [first, last]) in self.0.iter().enumerate() {
+                let (first, last) = match [is_clear(bin), is_clear(bin + 1)] {
+                    [true, false] => (0.0, first[c] + last[c]),
+                    [false, true] => (first[c] + last[c], 0.0),
+                    _ => (first[c], last[c]),
+                };
+                values[bin][c] += first;
+                values[bin + 1][c] += last;
             }
         }
         values
