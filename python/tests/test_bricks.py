@@ -41,7 +41,8 @@ def test_merged_pictures_are_whole_pictures(options: dict) -> None:
     assert len(plan.bricks) == 12
     merged = vs.merge(plan, reversed(drawn(plan, array)))
     assert np.asarray(whole)[..., 3].max() > 0.5
-    assert difference(merged, whole) < 1e-5
+    # A merged projection is classified by the transfer function, a whole one by the table of the device.
+    assert difference(merged, whole) < (5e-4 if options.get("model") == "mip" else 1e-5)
 
 
 def test_light_that_is_not_given_has_no_shadows() -> None:
