@@ -322,11 +322,7 @@ fn layer(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile
     let geometry = geometry_of_pixel(at);
     let index = at.y * rays.picture.x + at.x;
     let before = gathered_before[index];
-    var ray = new_ray();
-    ray.color = before.rgb;
-    ray.depth = before.w;
-    ray.transmittance = exp(-before.w);
-    ray = march_planes(tile, geometry, ray);
+    let ray = march_planes(tile, geometry, ray_behind(before));
     let value = finished(ray);
     gathered_before[index] = vec4f(value.rgb, final_depth(ray));
     var shown = vec4f(before.rgb, absorbed(before.w));

@@ -301,11 +301,7 @@ fn layer(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile
     let geometry = geometry_of_pixel(at);
     let index = at.y * rays.picture.x + at.x;
     let before = gathered_before[index];
-    var ray = new_ray();
-    ray.color = before.rgb;
-    ray.depth = before.w;
-    ray.transmittance = exp(-before.w);
-    ray = march(tile, geometry, ray);
+    let ray = march(tile, geometry, ray_behind(before));
     gathered_before[index] = vec4f(ray.color, ray.depth);
     let change = vec4f(ray.color, absorbed(ray.depth)) - vec4f(before.rgb, absorbed(before.w));
     add_to_pixel(at, share * change);

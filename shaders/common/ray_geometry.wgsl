@@ -61,6 +61,15 @@ fn new_ray() -> RayState {
     return RayState(vec3f(0.0), 0.0, 1.0, vec4f(0.0), vec4f(0.0), -FAR);
 }
 
+// A ray behind the layers before, given the premultiplied colour and the optical depth that it has collected there.
+fn ray_behind(before: vec4f) -> RayState {
+    var ray = new_ray();
+    ray.color = before.rgb;
+    ray.depth = before.w;
+    ray.transmittance = exp(-before.w);
+    return ray;
+}
+
 // Between two entries of the table of sections.
 fn section_between(step: u32, fraction: f32, lean: f32) -> Section {
     let low = rays.sections[step];

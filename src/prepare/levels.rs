@@ -1,5 +1,5 @@
-//! Chooses the cells and levels that stand for voxels in a post-shaded picture through one eye whose kernels have
-//! grown: hierarchical splatting (Laur and Hanrahan 1991), so that cost follows the picture and not the volume.
+//! Chooses the cells and levels that stand for voxels in a post-shaded picture by `quads` through one eye whose kernels
+//! have grown: hierarchical splatting (Laur and Hanrahan 1991), so that cost follows the picture and not the volume.
 
 use glam::DVec3;
 

@@ -1,11 +1,12 @@
 //! scalar-cells: the scalars of cells, for post-shading if kernels are wider than rays gather. On the host, from the
 //! samples, brick by brick on demand: no volume of cells is kept.
 //!
-//! Cells have the sizes of pre-shading (cells.rs), two an octave: voxels are shared by the same weights, which keep
-//! their moments. Along parallel rays all cells have one kernel, which rays gather; through an eye it grows with depth.
-//! Cells are blurred by the difference to the kernels of voxels, because classification magnifies differences of shape:
-//! a Gaussian of the same variance does not replace a truncated kernel. The middle of the lattice of cells is the
-//! middle of the voxels, and voxels beyond a face are copies of the outermost one.
+//! Cells have 3/2 voxels along each axis, or those of a whole level ([`sizes`]): voxels are shared by the weights of
+//! pre-shading (cells.rs), which keep their moments. Along parallel rays all cells have one kernel, which rays gather;
+//! through an eye it grows with depth. Cells are blurred by the difference to the kernels of voxels, because
+//! classification magnifies differences of shape: a Gaussian of the same variance does not replace a truncated kernel.
+//! The middle of the lattice of cells is the middle of the voxels, and voxels beyond a face are copies of the outermost
+//! one.
 
 use std::ops::Range;
 

@@ -1,6 +1,6 @@
 //! scalars: a volume to splats of scalars, for post-shading. On the host, brick by brick: whether a voxel can be
-//! visible depends on its surroundings. If kernels have grown, cells stand for voxels (scalar_cells.rs), through one
-//! eye cells of several levels (levels.rs).
+//! visible depends on its surroundings. If kernels have grown, cells stand for voxels (scalar_cells.rs), by
+//! `quads` through one eye cells of several levels (levels.rs).
 
 use glam::DVec3;
 
