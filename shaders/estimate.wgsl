@@ -2,7 +2,7 @@
 // differences along x and y. Splines follow values that change slowly from point to point, and not rims and edges.
 // uses: common/rays
 
-@group(0) @binding(0) var<uniform> rays: Rays;
+@group(0) @binding(0) var<uniform> uniform_rays: Rays;
 @group(0) @binding(1) var source: texture_storage_2d<rgba32float, read>;
 @group(0) @binding(2) var estimates: texture_storage_2d<r32float, write>;
 
@@ -15,6 +15,7 @@ fn fourth_difference(at: vec2i, step: vec2i) -> f32 {
 
 @compute @workgroup_size(64)
 fn estimate(@builtin(global_invocation_id) id: vec3u) {
+    rays = uniform_rays;
     if any(id.xy >= rays.size) {
         return;
     }

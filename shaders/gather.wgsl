@@ -16,7 +16,7 @@
 // (src/gpu/shaders.rs).
 // uses: common/absorbed, common/march_planes, common/response
 
-@group(0) @binding(0) var<uniform> rays: Rays;
+@group(0) @binding(0) var<uniform> uniform_rays: Rays;
 @group(0) @binding(2) var<storage, read> runs: array<vec2u>;
 // Written if rays go through an intermediate image; read by `prefilter`.
 @group(0) @binding(3) var intermediate: texture_storage_2d<rgba32float, write>;
@@ -296,6 +296,7 @@ fn put(at: vec2u, value: vec4f) {
 
 @compute @workgroup_size(64)
 fn single(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile: vec3u) {
+    rays = uniform_rays;
     let at = point_of(tile, lane);
     let share = share_of(line_of(at));
     if PERSPECTIVE && share == 0.0 {
@@ -314,6 +315,7 @@ fn single(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) til
 // change of their rays' colours.
 @compute @workgroup_size(64)
 fn layer(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile: vec3u) {
+    rays = uniform_rays;
     let at = point_of(tile, lane);
     let share = share_of(line_of(at));
     if any(at >= rays.picture) || share == 0.0 {
@@ -335,6 +337,7 @@ fn layer(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile
 // The rays of pixels that the intermediate images reproduce too poorly: a workgroup for each tile of the list.
 @compute @workgroup_size(64)
 fn refine(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) group: vec3u) {
+    rays = uniform_rays;
     let index = group.y * REFINED_ROW + group.x;
     if index >= refined.count {
         return;
@@ -499,6 +502,7 @@ fn sum_of_rows(weights: RowsOfWeights, voxels: RowsOfVoxels) -> vec4f {
 
 @compute @workgroup_size(8)
 fn eight(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile: vec3u) {
+    rays = uniform_rays;
     // Blocks across a tile of 8 x 8 rays, and rays down a block.
     let down = 8u / ACROSS;
     let at = first_ray(tile) + vec2u(lane % down * ACROSS, lane / down * down) * rays.phases;

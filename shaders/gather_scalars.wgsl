@@ -10,10 +10,12 @@
 // scalar is invisible, but sums of fitted parts of kernels could show a little.
 // uses: common/absorbed, common/light_volume, common/march_parabola, common/plane, common/resolution
 
-@group(0) @binding(0) var<uniform> rays: Rays;
+@group(0) @binding(0) var<uniform> uniform_rays: Rays;
 @group(0) @binding(2) var<storage, read> runs: array<vec2u>;
 @group(0) @binding(3) var<storage, read_write> pixels: array<vec4f>;
-@group(0) @binding(4) var<uniform> lighting: Lighting;
+@group(0) @binding(4) var<uniform> uniform_lighting: Lighting;
+// A copy, as `rays` is.
+var<private> lighting: Lighting;
 // The transfer function: see common/transfer.wgsl.
 @group(0) @binding(5) var transfer: texture_storage_2d<rgba32float, read>;
 // See common/light_volume.wgsl.
@@ -293,6 +295,8 @@ fn march(tile: vec3u, geometry: RayGeometry, start: RayState) -> RayState {
 // change of their rays' colours.
 @compute @workgroup_size(64)
 fn layer(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile: vec3u) {
+    rays = uniform_rays;
+    lighting = uniform_lighting;
     let at = point_of(tile, lane);
     let share = share_of(line_of(at));
     if any(at >= rays.picture) || share == 0.0 {
@@ -309,6 +313,8 @@ fn layer(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile
 
 @compute @workgroup_size(64)
 fn gather(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile: vec3u) {
+    rays = uniform_rays;
+    lighting = uniform_lighting;
     let at = point_of(tile, lane);
     let share = share_of(line_of(at));
     if PERSPECTIVE && share == 0.0 {

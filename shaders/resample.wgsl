@@ -2,7 +2,7 @@
 // splines may err too much, a pixel gets a share of its own ray instead, which `refine` adds.
 // uses: common/rays
 
-@group(0) @binding(0) var<uniform> rays: Rays;
+@group(0) @binding(0) var<uniform> uniform_rays: Rays;
 // Storage textures are read faster than others on software Vulkan.
 @group(0) @binding(1) var coefficients: texture_storage_2d<rgba32float, read>;
 @group(0) @binding(2) var<storage, read_write> pixels: array<vec4f>;
@@ -41,6 +41,7 @@ fn row_sum(x: vec4i, y: i32, weights: vec4f) -> vec4f {
 // One invocation for each pixel. Texture units would also interpolate, but with weights of 8 bits.
 @compute @workgroup_size(64)
 fn resample(@builtin(global_invocation_id) id: vec3u) {
+    rays = uniform_rays;
     if any(id.xy >= rays.picture) {
         return;
     }

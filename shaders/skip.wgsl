@@ -3,7 +3,7 @@
 // scalars two at a time, against the marks of macrocells.
 // uses: common/packing, common/rays
 
-@group(0) @binding(0) var<uniform> rays: Rays;
+@group(0) @binding(0) var<uniform> uniform_rays: Rays;
 // The marks of macrocells: see common/packing.wgsl.
 @group(0) @binding(1) var<storage, read> marks: array<u32>;
 // Runs as (first plane, plane after the last), counted from the first plane of the first macrocells, at
@@ -94,6 +94,7 @@ fn cells_between(first: i32, last: i32, number: i32, axis: u32) -> u32 {
 
 @compute @workgroup_size(8, 8)
 fn skip(@builtin(global_invocation_id) tile: vec3u) {
+    rays = uniform_rays;
     if is_wanted(tile) {
         find_runs(tile);
     } else if all(tile.xy < rays.tiles) {
@@ -110,6 +111,7 @@ fn is_wanted(tile: vec3u) -> bool {
 // changes no picture.
 @compute @workgroup_size(8, 8)
 fn skip_refined(@builtin(global_invocation_id) tile: vec3u) {
+    rays = uniform_rays;
     if !is_wanted(tile) {
         return;
     }
@@ -140,6 +142,7 @@ var<workgroup> marked: array<atomic<u32>, 128>;
 // than they run invocations at a time.
 @compute @workgroup_size(64)
 fn skip_together(@builtin(workgroup_id) tile: vec3u, @builtin(local_invocation_index) lane: u32) {
+    rays = uniform_rays;
     atomicStore(&marked[lane], 0u);
     atomicStore(&marked[lane + 64u], 0u);
     workgroupBarrier();

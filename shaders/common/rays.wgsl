@@ -13,6 +13,10 @@
 // Rays go through the points of the intermediate image (Lacroute and Levoy 1994, "Fast volume rendering using a
 // shear-warp factorization of the viewing transformation"). Its points are the pixels of the picture, or `resample`
 // turns it into the picture.
+//
+// A stage binds `uniform_rays` and copies it into `rays` first: Mesa's software driver loads a member of a uniform lane by
+// lane, again in each pass of a loop, and keeps a copy. Only arrays with an index that is no constant are read from the
+// uniform: a copy of them would lie in memory.
 // uses: common/clip, common/owned
 
 override PERSPECTIVE: bool = false;
@@ -170,6 +174,8 @@ struct Rays {
     clip_planes: array<vec4f, MAX_CLIP_PLANES>,
 }
 
+var<private> rays: Rays;
+
 // The parts of a kernel in four slabs before its centre: its footprint times (by_m0 + by_m1 s + by_m2 s^2), with s the
 // place of its centre along the ray, measured from the point where the ray meets its plane. Their sums over a plane are
 // by_m0 m0 + by_m1 m1 + by_m2 m2, with the plane's moments. Behind the centre the sign of s changes.
@@ -233,7 +239,7 @@ fn owned_of(line: Line) -> vec2f {
 fn cut_of(base: vec2f, shear: vec2f) -> vec2f {
     var inside = vec2f(-FAR, FAR);
     for (var i = 0u; i < CLIP_PLANES; i++) {
-        let side = rays.clip_planes[i];
+        let side = uniform_rays.clip_planes[i];
         inside = on_inner_side(inside, dot(side.xy, base) + side.w, dot(side.xy, shear) + side.z);
     }
     return clamp(inside, vec2f(-FAR), vec2f(FAR));
