@@ -125,7 +125,8 @@ fn mean_between(a: Classified, b: Classified) -> vec4f {
     let apart = b.place - a.place;
     // If the scalars are nearly equal, rounding loses the difference of integrals.
     let alike = abs(apart) < 0.25 + 1e-4 * (abs(a.place) + abs(b.place));
-    return select((b.integral - a.integral) / select(apart, 1.0, alike), 0.5 * (a.value + b.value), alike);
+    let per_bin = 1.0 / select(apart, 1.0, alike);
+    return select((b.integral - a.integral) * per_bin, 0.5 * (a.value + b.value), alike);
 }
 
 // The hue shows the depth of the scalar that a projection keeps, and the transfer function sets its brightness.
