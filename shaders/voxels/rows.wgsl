@@ -6,7 +6,7 @@ alias Texel = vec2i;
 // The texel that holds the first voxels of a plane.
 fn plane_texel(plane: i32) -> Texel {
     let k = packed_plane(plane);
-    // k / columns in floats, exact below 2^22: software Vulkan divides integers lane by lane.
+    // k / columns in floats, exact below 2^21: software Vulkan divides integers lane by lane.
     let row = i32((f32(k) + 0.5) / f32(rays.columns));
     return vec2i(
         (k - row * rays.columns) * (rays.row_texels + MARGIN) + MARGIN,
