@@ -10,7 +10,7 @@ if [ $# -eq 0 ]; then
     set -- -- --include-ignored
 fi
 # Mesa's software driver 22.3.6 crashes once in thousands of pictures of `quads` (docs/hard-cases.md, Drivers), but not
-# without threads of its own. Tests run side by side anyway.
+# without threads of its own. Tests run side by side anyway. Those of Python, above, keep the threads.
 LP_NUM_THREADS=${LP_NUM_THREADS:-0}
 export LP_NUM_THREADS
 # The same packages as tests/python.sh builds: their features, and so their dependencies, are compiled once.

@@ -14,9 +14,9 @@
 // shear-warp factorization of the viewing transformation"). Its points are the pixels of the picture, or `resample`
 // turns it into the picture.
 //
-// A stage binds `uniform_rays` and copies it into `rays` first: Mesa's software driver loads a member of a uniform lane
-// by lane, again in each pass of a loop, and keeps a copy. Only arrays with an index that is no constant are read from
-// the uniform: a copy of them would lie in memory.
+// A stage binds `uniform_rays` and copies it into `rays` first, because Mesa's software driver loads a member of a
+// uniform lane by lane, again in each pass of a loop. Arrays with an index that is no constant are read from the
+// uniform: nothing reads their copies, so compilers leave these out, and others would lie in memory.
 // uses: common/clip, common/owned
 
 override PERSPECTIVE: bool = false;
