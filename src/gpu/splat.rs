@@ -1,6 +1,8 @@
 //! The twin of shaders/common/splat.wgsl, normal.wgsl, resolution.wgsl and lighting.wgsl on the host: the words of
 //! splats and the light on them.
 
+use pulp::{Arch, NullaryFnOnce};
+
 use super::layout::Lighting;
 use crate::transfer::Resolution;
 
@@ -20,6 +22,7 @@ pub(crate) fn density(opacity: f32) -> f32 {
 }
 
 /// The whole number nearest to a number of 0 to 2^22, the even one of two: the sum has no bits for a fraction.
+#[inline(always)]
 fn nearest(value: f32) -> u32 {
     (value + 8_388_608.0).to_bits() & 0x7f_ffff
 }
@@ -38,6 +41,7 @@ pub(crate) fn with_density([density_blue, color]: [u32; 2], density: f32) -> [u3
 }
 
 /// 1 with the sign of a number, of 0 too.
+#[inline(always)]
 fn sign_or_one(v: f32) -> f32 {
     if v >= 0.0 { 1.0 } else { -1.0 }
 }
@@ -80,6 +84,7 @@ pub(crate) type Lanes = [f32; LANES];
 pub(crate) type Vectors = [Lanes; 3];
 
 /// The colours and the densities of splats, given the words density_blue and color.
+#[inline(always)]
 fn appearances(density_blue: &[u32; LANES], color: &[u32; LANES]) -> (Vectors, Lanes) {
     let mut colors = Vectors::default();
     let mut densities = Lanes::default();
@@ -103,6 +108,7 @@ struct Normals {
 }
 
 /// Unpacks the words of normals.
+#[inline(always)]
 fn unpacked(words: &[u32; LANES]) -> Normals {
     let (mut px, mut py, mut weights) = (Lanes::default(), Lanes::default(), Lanes::default());
     for i in 0..LANES {
@@ -115,6 +121,7 @@ fn unpacked(words: &[u32; LANES]) -> Normals {
 }
 
 /// Unit vectors across surfaces in view coordinates, facing the eye; 0 for "no direction".
+#[inline(always)]
 fn facing(lighting: &Lighting, Normals { places, weights }: &Normals, to_eye: &Vectors) -> Vectors {
     let mut normals = Vectors::default();
     let Lighting { right, up, forward, .. } = lighting;
@@ -137,6 +144,7 @@ fn facing(lighting: &Lighting, Normals { places, weights }: &Normals, to_eye: &V
 }
 
 /// x^exponent for x from 0 to a little over 1, to 2e-6.
+#[inline(always)]
 fn power(x: f32, exponent: f32) -> f32 {
     // x = 2^whole * m with m from sqrt(1/2) to sqrt(2), and ln(m) = 2 atanh((m - 1) / (m + 1)).
     let bits = x.max(f32::MIN_POSITIVE).to_bits().wrapping_sub(0x3f35_04f3);
@@ -154,6 +162,7 @@ fn power(x: f32, exponent: f32) -> f32 {
 }
 
 /// Unit vectors opposite to x * step + start, for each x.
+#[inline(always)]
 fn directions(xs: &[u32; LANES], step: [f32; 3], start: [f32; 3]) -> Vectors {
     let (mut vx, mut vy, mut vz) = (Lanes::default(), Lanes::default(), Lanes::default());
     for i in 0..LANES {
@@ -183,6 +192,7 @@ impl ToEye {
     pub(crate) const PARALLEL: Self = Self { perspective: false, eye: [0.0; 3], view: [[0.0; 3]; 3] };
 
     /// The directions from these points of a row, in view coordinates.
+    #[inline(always)]
     fn at(&self, xs: &[u32; LANES], y: u32, z: u32) -> Vectors {
         if !self.perspective {
             return [[0.0; LANES], [0.0; LANES], [-1.0; LANES]];
@@ -194,6 +204,7 @@ impl ToEye {
 }
 
 /// The places of lattice points in the coordinates of lights.
+#[inline(always)]
 fn places(lighting: &Lighting, xs: &[u32; LANES], y: u32, z: u32) -> Vectors {
     let [along_x, along_y, along_z, origin] = lighting.from_lattice;
     std::array::from_fn(|axis| {
@@ -203,6 +214,7 @@ fn places(lighting: &Lighting, xs: &[u32; LANES], y: u32, z: u32) -> Vectors {
 }
 
 /// Unit vectors from places towards a light; to the eye at the light itself.
+#[inline(always)]
 fn converging(light: [f32; 3], places: &Vectors, to_eye: &Vectors) -> Vectors {
     let mut towards = *to_eye;
     for i in 0..LANES {
@@ -219,6 +231,7 @@ fn converging(light: [f32; 3], places: &Vectors, to_eye: &Vectors) -> Vectors {
 const AROUND: usize = 3;
 
 /// The shares of light that arrive at splats, given the words `kept`.
+#[inline(always)]
 fn kept([low, high]: &[[u32; LANES]; 2]) -> [Lanes; 4] {
     let mut kept = [Lanes::default(); 4];
     for i in 0..LANES {
@@ -233,6 +246,7 @@ fn kept([low, high]: &[[u32; LANES]; 2]) -> [Lanes; 4] {
 ///
 /// `kept` are the shares of the light that arrive from lights with shadows and from all around; `None`: all of it.
 /// `places` are the places of the splats; `None`: no light has a position.
+#[inline(always)]
 fn light(
     lighting: &Lighting,
     lights: u32,
@@ -319,12 +333,31 @@ impl SplatLight {
     /// all of it.
     pub(crate) fn apply(
         &self,
-        (xs, [y, z]): (&[u32; LANES], [u32; 2]),
+        points: (&[u32; LANES], [u32; 2]),
         colors: &mut Vectors,
         normals: &[u32; LANES],
         arriving: Option<&[[u32; LANES]; 2]>,
     ) {
-        let Self { lighting, lights, points, to_eye } = self;
+        Arch::new().dispatch(Shining { light: self, points, colors, normals, arriving });
+    }
+}
+
+/// The parameters of [`SplatLight::apply`], as a type so that it is compiled for the widest vectors of the machine.
+struct Shining<'a> {
+    light: &'a SplatLight,
+    points: (&'a [u32; LANES], [u32; 2]),
+    colors: &'a mut Vectors,
+    normals: &'a [u32; LANES],
+    arriving: Option<&'a [[u32; LANES]; 2]>,
+}
+
+impl NullaryFnOnce for Shining<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self { light: SplatLight { lighting, lights, points, to_eye }, colors, normals, arriving, .. } = self;
+        let (xs, [y, z]) = self.points;
         let to_eye = to_eye.at(xs, y, z);
         let places = points.then(|| places(lighting, xs, y, z));
         light(lighting, *lights, colors, &unpacked(normals), arriving.map(kept).as_ref(), places.as_ref(), &to_eye);
@@ -347,6 +380,7 @@ pub(crate) struct SplatRun<'a> {
 
 impl SplatRun<'_> {
     /// Word number `index` of each splat; 0 beyond the last.
+    #[inline(always)]
     pub(crate) fn column(&self, index: usize) -> [u32; LANES] {
         let mut column = [0; LANES];
         for (place, words) in column.iter_mut().zip(self.words.chunks_exact(self.each)) {
@@ -356,6 +390,7 @@ impl SplatRun<'_> {
     }
 
     /// The words of the light that arrives at each splat; `None`: all of it.
+    #[inline(always)]
     fn kept(&self) -> Option<[[u32; LANES]; 2]> {
         if self.light.is_empty() {
             return None;
@@ -369,15 +404,59 @@ impl SplatRun<'_> {
 
     /// The colours under a light, `None` for unlit ones, and the densities of classified splats.
     pub(crate) fn appearances(&self, light: Option<&SplatLight>) -> (Vectors, Lanes) {
-        let (mut colors, densities) = appearances(&self.column(0), &self.column(1));
+        Arch::new().dispatch(Appearances { run: self, light })
+    }
+
+    /// The same for the texture of the painter `tiles`: colours times densities, and densities, which are multiplied by
+    /// `scale` first.
+    pub(crate) fn packed(&self, light: Option<&SplatLight>, scale: f32) -> [[u32; 2]; LANES] {
+        Arch::new().dispatch(Packing { appearances: Appearances { run: self, light }, scale })
+    }
+}
+
+/// The parameters of [`SplatRun::appearances`], as a type like [`Shining`].
+struct Appearances<'a> {
+    run: &'a SplatRun<'a>,
+    light: Option<&'a SplatLight>,
+}
+
+impl NullaryFnOnce for Appearances<'_> {
+    type Output = (Vectors, Lanes);
+
+    #[inline(always)]
+    fn call(self) -> Self::Output {
+        let Self { run, light } = self;
+        let (mut colors, densities) = appearances(&run.column(0), &run.column(1));
         if let Some(light) = light {
-            light.apply((&self.xs, [self.y, self.z]), &mut colors, &self.column(2), self.kept().as_ref());
+            let (points, normals) = ((&run.xs, [run.y, run.z]), &run.column(2));
+            Shining { light, points, colors: &mut colors, normals, arriving: run.kept().as_ref() }.call();
         }
         (colors, densities)
     }
 }
 
+/// The parameters of [`SplatRun::packed`].
+struct Packing<'a> {
+    appearances: Appearances<'a>,
+    scale: f32,
+}
+
+impl NullaryFnOnce for Packing<'_> {
+    type Output = [[u32; 2]; LANES];
+
+    #[inline(always)]
+    fn call(self) -> Self::Output {
+        let (mut colors, mut weights) = self.appearances.call();
+        weights.iter_mut().for_each(|weight| *weight *= self.scale);
+        for color in &mut colors {
+            color.iter_mut().zip(weights).for_each(|(c, weight)| *c *= weight);
+        }
+        halves(&colors, &weights)
+    }
+}
+
 /// Four numbers of each splat as the nearest f16: `rounded` in shaders/common/packing.wgsl, then pack2x16float.
+#[inline(always)]
 pub(crate) fn halves([x, y, z]: &Vectors, w: &Lanes) -> [[u32; 2]; LANES] {
     let half = |value: f32| {
         let bits = value.to_bits().wrapping_add(0x1000) & 0xffff_e000;

@@ -19,6 +19,7 @@ mod slices;
 use std::ops::Range;
 
 use glam::DVec3;
+use pulp::{Arch, NullaryFnOnce};
 
 use self::filter::REACH;
 use crate::error::Result;
@@ -241,9 +242,9 @@ impl Coarsening<'_> {
             Voxels::Samples(source) => Ok(source.slices(rows.clone())),
             Voxels::Splats(splats) => Err(splats),
         };
-        // A row with room for empty voxels before the first and behind the last.
+        // A row with room for empty voxels before the first and behind the last, and for one more.
         let all = self.shape.filter.voxels(0, across as i64);
-        let mut voxels = vec![[0.0; 4]; (all.end - all.start) as usize];
+        let mut voxels = vec![[0.0; 4]; (all.end - all.start) as usize + 1];
         let begin = (-all.start) as usize;
         let mut narrow = vec![[0.0; 4]; across];
         for z in within(&zs, nz) {
@@ -314,6 +315,23 @@ pub(super) fn filled<T: Copy>(count: usize, value: T) -> Result<Vec<T>> {
 /// Adds weighted values to sums.
 pub(super) fn add(sums: &mut [f32], weight: f32, values: &[f32]) {
     if weight != 0.0 {
+        Arch::new().dispatch(Sum { sums, weight, values });
+    }
+}
+
+/// The parameters of [`add`], as a type so that it is compiled for the widest vectors of the machine.
+struct Sum<'a> {
+    sums: &'a mut [f32],
+    weight: f32,
+    values: &'a [f32],
+}
+
+impl NullaryFnOnce for Sum<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self { sums, weight, values } = self;
         sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += weight * value);
     }
 }

@@ -1,13 +1,15 @@
 //! The emission and absorption of voxels, by a transfer function or by the looks of labels.
 
-use std::ops::Range;
-
+use crate::gpu::splat::{LANES, Lanes, Vectors};
 use crate::layers::{Look, look_of};
 use crate::transfer::TransferFunction;
 use crate::volume::{Number, Volume};
 
 /// The emission and absorption of a voxel: colour times density, density.
 pub(crate) type Emission = [f32; 4];
+
+/// The colour of a voxel and its density.
+type Appearance = [f32; 4];
 
 /// The source of the colour and opacity of values.
 #[derive(Clone, Copy)]
@@ -36,8 +38,8 @@ pub(crate) struct Classification<'a> {
     intercept: f64,
     /// The unit distance of densities, in unit distances of opacities.
     unit: f64,
-    /// The emission of each sample by its bits, if samples have few bits; otherwise empty.
-    table: Vec<Emission>,
+    /// The appearance of each sample by its bits, if samples have few bits; otherwise empty.
+    table: Vec<Appearance>,
 }
 
 impl<'a> Classification<'a> {
@@ -57,22 +59,21 @@ impl<'a> Classification<'a> {
         Self { looks, slope: 1.0, intercept: 0.0, unit, table: Vec::new() }
     }
 
-    /// The emission of a sample.
-    pub(crate) fn classified(&self, sample: f64) -> Emission {
+    /// The appearance of a sample.
+    pub(crate) fn classified(&self, sample: f64) -> Appearance {
         let value = self.slope * sample + self.intercept;
-        let (color, opacity) = match self.looks {
+        let ([r, g, b], opacity) = match self.looks {
             ColorSource::Transfer(transfer) => transfer.sample(value),
             ColorSource::Labels(looks) => {
                 look_of(looks, value).map_or(([0.0; 3], 0.0), |look| (look.color, look.opacity))
             }
         };
         let density = TransferFunction::extinction(opacity, 1.0) * self.unit;
-        let [r, g, b] = color.map(|c| (c * density) as f32);
-        [r, g, b, density as f32]
+        [r, g, b, density].map(|value| value as f32)
     }
 
-    /// The emission of a voxel.
-    pub(crate) fn emission<T: Number>(&self, sample: T) -> Emission {
+    /// The appearance of a voxel.
+    fn appearance<T: Number>(&self, sample: T) -> Appearance {
         match *bytemuck::bytes_of(&sample) {
             [bits] if !self.table.is_empty() => self.table[usize::from(bits)],
             [a, b] if !self.table.is_empty() => self.table[usize::from(u16::from_ne_bytes([a, b]))],
@@ -80,21 +81,20 @@ impl<'a> Classification<'a> {
         }
     }
 
-    /// Classifies a row of voxels. Returns a range outside which all are transparent.
-    pub(super) fn row<T: Number>(&self, samples: &[T], voxels: &mut [Emission]) -> Range<usize> {
-        const RUN: usize = 32;
-        let mut shown: Option<Range<usize>> = None;
-        for (run, (samples, voxels)) in samples.chunks(RUN).zip(voxels.chunks_mut(RUN)).enumerate() {
-            let mut most = 0.0_f32;
-            for (sample, voxel) in samples.iter().zip(voxels) {
-                *voxel = self.emission(*sample);
-                most = most.max(voxel[3]);
-            }
-            if most > 0.0 {
-                let start = shown.map_or(run * RUN, |shown| shown.start);
-                shown = Some(start..run * RUN + samples.len());
-            }
+    /// The emission of a voxel.
+    pub(crate) fn emission<T: Number>(&self, sample: T) -> Emission {
+        let [r, g, b, density] = self.appearance(sample);
+        [r * density, g * density, b * density, density]
+    }
+
+    /// The colours and the densities of up to [`LANES`] voxels; 0 beyond the last.
+    pub(super) fn run<T: Number>(&self, samples: &[T]) -> (Vectors, Lanes) {
+        let (mut colors, mut densities) = (Vectors::default(), Lanes::default());
+        for (at, &sample) in samples.iter().take(LANES).enumerate() {
+            let [r, g, b, density] = self.appearance(sample);
+            [colors[0][at], colors[1][at], colors[2][at]] = [r, g, b];
+            densities[at] = density;
         }
-        shown.unwrap_or_default()
+        (colors, densities)
     }
 }

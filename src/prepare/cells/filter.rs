@@ -2,6 +2,8 @@
 
 use std::ops::Range;
 
+use pulp::{Arch, NullaryFnOnce};
+
 use super::CellSize;
 use super::classification::Emission;
 
@@ -17,6 +19,8 @@ pub(crate) struct Filter {
     /// The weights of that voxel and of those behind it, for as many cells as lie differently between voxels: the
     /// divisor of `size`. The first voxel of cell c is that number of whole voxels behind that c cells are.
     weights: Vec<Vec<f32>>,
+    /// The same weights by pairs of voxels, for each of the four channels of both.
+    pairs: Vec<Vec<[f32; 8]>>,
 }
 
 impl Filter {
@@ -41,7 +45,10 @@ impl Filter {
         let first = found.next().unwrap_or(0);
         let last = found.next_back().unwrap_or(first);
         let of_cell = |cell| (first..=last).map(|voxel| weight(cell, voxel + ahead(cell))).collect();
-        Self { size: fraction, first, weights: cells.clone().map(of_cell).collect() }
+        let weights: Vec<Vec<f32>> = cells.clone().map(of_cell).collect();
+        let of_pair = |pair: &[f32]| std::array::from_fn(|i| pair.get(i / 4).copied().unwrap_or(0.0));
+        let pairs = weights.iter().map(|weights| weights.chunks(2).map(of_pair).collect()).collect();
+        Self { size: fraction, first, weights, pairs }
     }
 
     /// Voxels along a cell as a fraction, the first voxel with a weight in the first cell, and the weights of the
@@ -109,29 +116,53 @@ impl Filter {
         within(from(voxels.start as i64 - taps + 1))..within(from(voxels.end as i64))
     }
 
-    /// Replaces the cells of a range by weighted sums of voxels. The first voxel is the first with a weight in cell 0.
+    /// Replaces the cells of a range by weighted sums of voxels. The first voxel is the first with a weight in cell 0;
+    /// behind the last there is room for one more.
     pub(super) fn gather(&self, voxels: &[Emission], range: Range<usize>, cells: &mut [Emission]) {
-        cells.fill([0.0; 4]);
-        // So few taps at a time let the sums of neighbouring cells overlap: each addition waits for the one before.
-        const TAPS: usize = 8;
-        let [over, under] = self.size;
+        let under = self.size[1];
         for (next, cell) in range.take(under).enumerate() {
             let start = (self.first(cell as i64) - self.first) as usize;
-            for (run, weights) in self.weights(cell as i64).chunks(TAPS).enumerate() {
-                let taps = voxels[start + run * TAPS..].windows(weights.len()).step_by(over);
-                for (cell, taps) in cells[next..].iter_mut().step_by(under).zip(taps) {
-                    // By value, so that the four channels are one vector.
-                    *cell = weights.iter().zip(taps).fold(*cell, |sums, (weight, voxel)| {
-                        std::array::from_fn(|channel| sums[channel] + weight * voxel[channel])
-                    });
-                }
-            }
+            let pairs = &self.pairs[cell % under];
+            Arch::new().dispatch(Gather {
+                voxels: &voxels[start..],
+                pairs,
+                cells: &mut cells[next..],
+                size: self.size,
+            });
         }
     }
 
     /// The cells from `cell` to before `end` in which a voxel has weights.
     pub(super) fn cells(&self, voxel: i64, cell: usize, end: usize) -> impl Iterator<Item = (usize, f32)> {
         (cell..end).filter_map(move |cell| Some((cell, self.weight(voxel, cell as i64)?)))
+    }
+}
+
+/// Sums of the voxels of cells that lie alike between voxels, as a type so that it is compiled for the widest vectors of
+/// the machine.
+struct Gather<'a> {
+    voxels: &'a [Emission],
+    pairs: &'a [[f32; 8]],
+    cells: &'a mut [Emission],
+    /// See [`Filter`].
+    size: [usize; 2],
+}
+
+impl NullaryFnOnce for Gather<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self { voxels, pairs, cells, size: [over, under] } = self;
+        let taps = voxels.as_flattened().windows(8 * pairs.len()).step_by(4 * over);
+        for (cell, taps) in cells.iter_mut().step_by(under).zip(taps) {
+            // By value, so that the channels of two voxels are one vector.
+            let mut sums = [0.0; 8];
+            for (weights, taps) in pairs.iter().zip(taps.chunks_exact(8)) {
+                sums = std::array::from_fn(|i| sums[i] + weights[i] * taps[i]);
+            }
+            *cell = std::array::from_fn(|channel| sums[channel] + sums[channel + 4]);
+        }
     }
 }
 
@@ -188,7 +219,7 @@ mod tests {
             let all = filter.voxels(0, cells as i64);
             let begin = (-all.start) as usize;
             for shown in [0..voxels, 0..3, 7..19, voxels - 1..voxels] {
-                let mut row = vec![[0.0_f32; 4]; (all.end - all.start) as usize];
+                let mut row = vec![[0.0_f32; 4]; (all.end - all.start) as usize + 1];
                 shown.clone().for_each(|voxel| row[begin + voxel as usize][3] = 1.0 + 0.1 * voxel as f32);
                 let range = shown.start as usize..shown.end as usize;
                 let reached = filter.reached(&range, cells);

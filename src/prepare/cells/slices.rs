@@ -11,10 +11,11 @@ use super::filled;
 use crate::error::Result;
 use crate::gpu::classify::gradients;
 use crate::gpu::splat::{LANES, NO_NORMAL, SplatLight, packed_normal};
+use crate::gpu::store::places;
 use crate::gpu::transfer::{Reduction, Relative};
 use crate::kernel::{DerivativeFilter, NORMAL_REACH};
 use crate::transfer::{TransferFunction, scaled_share};
-use crate::volume::{Samples, ToF64, Volume, with_samples};
+use crate::volume::{Number, Samples, ToF64, Volume, with_samples};
 use voxsplat_volume::memory::reserved;
 
 /// A volume whose samples become voxels.
@@ -105,6 +106,14 @@ struct Slice {
     filtered: [Vec<f32>; 3],
 }
 
+impl Slice {
+    /// The samples of a row of `count` voxels.
+    fn row(&self, y: i64, count: usize) -> Range<usize> {
+        let start = (y - self.first) as usize * count;
+        start..start + count
+    }
+}
+
 impl Slices<'_> {
     /// Reads the plane `z`: the first, or the one after the plane before.
     pub(super) fn advance(&mut self, z: i64) -> Result<()> {
@@ -179,51 +188,57 @@ impl Slices<'_> {
     }
 
     /// The voxels of a row of the last plane between two columns; others are arbitrary. Returns a range outside which
-    /// all are transparent.
+    /// all of these are transparent.
     pub(super) fn row(&self, place: [i64; 2], columns: &Range<usize>, voxels: &mut [Emission]) -> Range<usize> {
-        let all = self.classify(place, voxels);
-        let shown = all.start.max(columns.start)..all.end.min(columns.end);
-        if shown.is_empty() {
-            return 0..0;
-        }
-        let before = || voxels[all.start..shown.start].iter().filter(|voxel| shows(voxel)).count();
-        let mut kept = self.source.kept.map(|kept| kept.row(place).skip(before()));
-        for run in runs(shown.clone(), voxels) {
-            // The voxels to be lit, and their normals.
-            let (mut xs, mut normals, mut count) = ([0; RUN], [0; RUN], 0);
-            if let Some(kept) = &mut kept {
-                let shown = run.clone().filter(|&x| shows(&voxels[x]));
-                for ((x, to), normal) in shown.zip(&mut xs).zip(&mut normals) {
-                    *to = x as u32;
-                    *normal = kept.next().unwrap_or(NO_NORMAL);
-                    count += 1;
-                }
-            } else if let Some(found) = self.normals(place, &run) {
-                normals = found;
-                xs = std::array::from_fn(|at| (run.start + at) as u32);
-                count = run.len();
-            }
-            let steepness = self.source.steepness.as_ref();
-            if let Some(steepness) = steepness.filter(|steepness| !steepness.thinning.is_empty()) {
-                let (_, magnitudes) = directions(steepness.gradients, self.differences(steepness, place, &run));
-                for (voxel, magnitude) in voxels[run].iter_mut().zip(magnitudes) {
-                    let share = scaled_share(&steepness.thinning, magnitude);
-                    voxel.iter_mut().for_each(|channel| *channel *= share);
-                }
-            }
-            if let Some(light) = self.source.light {
-                shine(light, place, (&xs, &normals, count), voxels);
-            }
-        }
-        shown
+        let Some(slice) = self.slices.iter().find(|slice| slice.z == place[1]) else { return 0..0 };
+        let row = slice.row(place[0], voxels.len());
+        with_samples!(&slice.samples, samples => self.row_of(&samples[row], place, columns, voxels))
     }
 
-    /// Classifies a row. Returns a range outside which all voxels are transparent.
-    fn classify(&self, [y, z]: [i64; 2], voxels: &mut [Emission]) -> Range<usize> {
-        let Some(slice) = self.slices.iter().find(|slice| slice.z == z) else { return 0..0 };
-        let count = voxels.len();
-        let start = (y - slice.first) as usize * count;
-        with_samples!(&slice.samples, s => self.source.classification.row(&s[start..start + count], voxels))
+    /// These voxels of a row, given its samples.
+    fn row_of<T: Number>(
+        &self,
+        samples: &[T],
+        place: [i64; 2],
+        columns: &Range<usize>,
+        voxels: &mut [Emission],
+    ) -> Range<usize> {
+        let Source { classification, light, kept, steepness, .. } = self.source;
+        let mut kept = kept.map(|kept| kept.row(place, columns.start));
+        let thinning = steepness.as_ref().filter(|steepness| !steepness.thinning.is_empty());
+        let mut shown: Option<Range<usize>> = None;
+        for run in runs(columns.clone(), samples.len()) {
+            let seen = kept.as_mut().map(KeptRow::next_run);
+            let voxels = &mut voxels[run.clone()];
+            if matches!(seen, Some((0, _))) {
+                voxels.fill([0.0; 4]);
+                continue;
+            }
+            let (mut colors, mut densities) = classification.run(&samples[run.clone()]);
+            if densities.iter().all(|&density| density == 0.0) {
+                voxels.fill([0.0; 4]);
+                continue;
+            }
+            if let Some(steepness) = thinning {
+                let (_, magnitudes) = directions(steepness.gradients, self.differences(steepness, place, &run));
+                for (density, magnitude) in densities.iter_mut().zip(magnitudes) {
+                    *density *= scaled_share(&steepness.thinning, magnitude);
+                }
+            }
+            if let Some(light) = light {
+                let normals = seen.map(|(_, normals)| normals).or_else(|| self.normals(place, &run));
+                let xs = std::array::from_fn(|at| (run.start + at) as u32);
+                let at = place.map(|place| place as u32);
+                light.apply((&xs, at), &mut colors, &normals.unwrap_or([NO_NORMAL; RUN]), None);
+            }
+            for (at, voxel) in voxels.iter_mut().enumerate() {
+                let density = densities[at];
+                *voxel = [colors[0][at] * density, colors[1][at] * density, colors[2][at] * density, density];
+            }
+            shown = Some(shown.map_or(run.start, |shown| shown.start)..run.end);
+        }
+        let shown = shown.unwrap_or_default();
+        shown.start.max(columns.start)..shown.end.min(columns.end)
     }
 
     /// The words of the normals of a run of a row; `None`: this source finds none. Beyond the faces voxels are copies
@@ -293,41 +308,50 @@ fn resize(values: &mut Vec<f32>, count: usize) -> Result<()> {
     Ok(())
 }
 
-/// The runs of a row in which some voxel shows, given a range outside which none does.
-fn runs(shown: Range<usize>, voxels: &[Emission]) -> Vec<Range<usize>> {
-    let runs = shown.clone().step_by(RUN).map(|start| start..shown.end.min(start + RUN));
-    runs.filter(|run| voxels[run.clone()].iter().any(shows)).collect()
+/// The runs of a row of `count` voxels that have voxels between two columns. Runs begin at multiples of their length.
+fn runs(columns: Range<usize>, count: usize) -> impl Iterator<Item = Range<usize>> {
+    let first = columns.start / RUN * RUN;
+    (first..columns.end.max(first)).step_by(RUN).map(move |start| start..count.min(start + RUN))
 }
 
-fn shows(voxel: &Emission) -> bool {
-    voxel[3] != 0.0
-}
-
-/// Lights `count` voxels of a row, given their places along it and their normals.
-fn shine(
-    light: &SplatLight,
-    place: [i64; 2],
-    (xs, normals, count): (&[u32; RUN], &[u32; RUN], usize),
-    voxels: &mut [Emission],
-) {
-    let mut colors = [[0.0; RUN]; 3];
-    for (at, &x) in xs[..count].iter().enumerate() {
-        let [r, g, b, density] = voxels[x as usize];
-        if density > 0.0 {
-            [colors[0][at], colors[1][at], colors[2][at]] = [r / density, g / density, b / density];
-        }
-    }
-    light.apply((xs, place.map(|place| place as u32)), &mut colors, normals, None);
-    for (at, &x) in xs[..count].iter().enumerate() {
-        let voxel = &mut voxels[x as usize];
-        (0..3).for_each(|channel| voxel[channel] = colors[channel][at] * voxel[3]);
-    }
-}
-
-/// The normals of the voxels that show, kept for lights that move: 4 bytes each.
+/// The normals of the voxels that show, kept for lights that move: 4 bytes each, and a bit for each voxel.
 pub(crate) struct KeptNormals {
-    /// By plane: the place of the first word of each row, and the words.
-    planes: Vec<(Vec<u32>, Vec<u32>)>,
+    planes: Vec<KeptPlane>,
+    /// Runs of a row.
+    runs: usize,
+}
+
+/// The normals of the voxels of a plane that show.
+#[derive(Default)]
+struct KeptPlane {
+    /// For each run of each row, the bits of the voxels that show.
+    seen: Vec<u16>,
+    /// The place of the first word of each row.
+    starts: Vec<u32>,
+    /// The words.
+    words: Vec<u32>,
+}
+
+/// The normals of some voxels of a row, from a run on.
+struct KeptRow<'a> {
+    seen: &'a [u16],
+    words: &'a [u32],
+}
+
+impl KeptRow<'_> {
+    /// The bits of the voxels of the next run that show, and their normals; arbitrary beside them.
+    fn next_run(&mut self) -> (u16, [u32; RUN]) {
+        let Some((&bits, seen)) = self.seen.split_first() else { return (0, [NO_NORMAL; RUN]) };
+        let (words, rest) = self.words.split_at(bits.count_ones() as usize);
+        (self.seen, self.words) = (seen, rest);
+        let mut normals = [NO_NORMAL; RUN];
+        if bits == u16::MAX {
+            normals.copy_from_slice(words);
+        } else {
+            places(bits.into()).zip(words).for_each(|(at, &word)| normals[at] = word);
+        }
+        (bits, normals)
+    }
 }
 
 /// Planes whose normals a thread finds one after the other.
@@ -336,40 +360,56 @@ const PLANES: usize = 16;
 impl KeptNormals {
     pub(crate) fn new(volume: &Volume, transfer: &TransferFunction) -> Result<Self> {
         let source = Source::with_normals(volume, transfer, true);
-        let [.., nz] = volume.grid().dims().map(i64::from);
+        let [nx, _, nz] = volume.grid().dims().map(i64::from);
         let starts: Vec<i64> = (0..nz).step_by(PLANES).collect();
         let planes = starts.into_par_iter().map(|start| Self::planes(&source, start..nz.min(start + PLANES as i64)));
-        Ok(Self { planes: planes.collect::<Result<Vec<_>>>()?.into_iter().flatten().collect() })
+        let planes = planes.collect::<Result<Vec<_>>>()?.into_iter().flatten().collect();
+        Ok(Self { planes, runs: (nx as usize).div_ceil(RUN) })
     }
 
-    fn planes(source: &Source<'_>, planes: Range<i64>) -> Result<Vec<(Vec<u32>, Vec<u32>)>> {
+    fn planes(source: &Source<'_>, planes: Range<i64>) -> Result<Vec<KeptPlane>> {
         let [nx, ny, _] = source.volume.grid().dims();
         let mut slices = source.slices(0..i64::from(ny));
-        let mut voxels = filled(nx as usize, [0.0; 4])?;
         let plane = |z| {
             slices.advance(z)?;
             let subject = || "normals of voxels".to_owned();
-            let mut starts = reserved(u64::from(ny), subject)?;
-            let mut words = reserved(u64::from(nx) * u64::from(ny), subject)?;
+            let words = reserved(u64::from(nx) * u64::from(ny), subject)?;
+            let mut plane = KeptPlane { words, ..KeptPlane::default() };
             for y in 0..i64::from(ny) {
-                starts.push(words.len() as u32);
-                let shown = slices.classify([y, z], &mut voxels);
-                for run in runs(shown, &voxels) {
-                    let normals = slices.normals([y, z], &run).into_iter().flatten();
-                    words.extend(voxels[run].iter().zip(normals).filter(|(voxel, _)| shows(voxel)).map(|(_, n)| n));
-                }
+                plane.starts.push(plane.words.len() as u32);
+                slices.keep([y, z], nx as usize, &mut plane);
             }
-            words.shrink_to_fit();
-            Ok((starts, words))
+            plane.words.shrink_to_fit();
+            Ok(plane)
         };
         planes.map(plane).collect()
     }
 
-    /// The words of the voxels of a row that show, followed by others.
-    fn row(&self, [y, z]: [i64; 2]) -> impl Iterator<Item = u32> {
-        let plane = self.planes.get(z as usize);
-        let words = plane.map_or(&[][..], |(starts, words)| &words[starts[y as usize] as usize..]);
-        words.iter().copied()
+    /// The normals of a row from the run of a column on.
+    fn row(&self, [y, z]: [i64; 2], column: usize) -> KeptRow<'_> {
+        let Some(KeptPlane { seen, starts, words }) = self.planes.get(z as usize) else {
+            return KeptRow { seen: &[], words: &[] };
+        };
+        let seen = &seen[y as usize * self.runs..][..self.runs];
+        let (before, seen) = seen.split_at(column / RUN);
+        let before: u32 = before.iter().map(|bits| bits.count_ones()).sum();
+        KeptRow { seen, words: &words[(starts[y as usize] + before) as usize..] }
+    }
+}
+
+impl Slices<'_> {
+    /// Adds the normals of a row of `count` voxels of the last plane.
+    fn keep(&self, place: [i64; 2], count: usize, plane: &mut KeptPlane) {
+        let Some(slice) = self.slices.iter().find(|slice| slice.z == place[1]) else { return };
+        let row = slice.row(place[0], count);
+        with_samples!(&slice.samples, samples => for run in runs(0..count, count) {
+            let (_, densities) = self.source.classification.run(&samples[row.clone()][run.clone()]);
+            let bits = (0..RUN).filter(|&at| densities[at] != 0.0).fold(0, |bits, at| bits | 1_u16 << at);
+            plane.seen.push(bits);
+            if let Some(normals) = (bits != 0).then(|| self.normals(place, &run)).flatten() {
+                plane.words.extend(places(bits.into()).map(|at| normals[at]));
+            }
+        });
     }
 }
 

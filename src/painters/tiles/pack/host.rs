@@ -59,14 +59,10 @@ impl Packing {
                 }
                 splat::halves(&gradients, &scalars)
             }),
-            Voxel::Color { lights, .. } => self.fill(recorder, volume, &bricks, |run| {
-                let (mut colors, densities) = run.appearances((lights > 0).then_some(light));
-                let weights = densities.map(|density| density * scale);
-                for color in &mut colors {
-                    color.iter_mut().zip(weights).for_each(|(c, weight)| *c *= weight);
-                }
-                splat::halves(&colors, &weights)
-            }),
+            Voxel::Color { lights, .. } => {
+                let light = (lights > 0).then_some(light);
+                self.fill(recorder, volume, &bricks, |run| run.packed(light, scale))
+            }
         }
     }
 
