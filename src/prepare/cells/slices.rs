@@ -436,3 +436,63 @@ fn directions([gx, gy, gz]: [Vec3; 3], [dx, dy, dz]: [[f32; RUN]; 3]) -> ([[f32;
     }
     (directions, magnitudes)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gpu::layout::Lighting;
+    use crate::gpu::splat::ToEye;
+    use crate::transfer::{ControlPoint, GradientPoint};
+
+    #[test]
+    fn rows_with_kept_normals_are_rows_without() {
+        // Runs that show wholly, in part and not at all; the last one is cut.
+        let dims = [45, 7, 6];
+        let points = (0..45 * 7 * 6_u32).map(|i| (i % 45, i / 45 % 7, i / (45 * 7)));
+        let samples =
+            points.map(|(x, y, z)| if x / 9 % 3 == 1 { 0.0 } else { ((x * 37 + y * 11 + z * 5) % 97) as f32 });
+        let volume = Volume::from_slice(dims, [1.0, 1.0, 2.0], &samples.collect::<Vec<_>>()).unwrap();
+        let point = |value, color, opacity| ControlPoint { value, color, opacity };
+        let shown = [point(0.0, [0.2, 0.9, 0.4], 0.0), point(30.0, [0.8; 3], 0.0), point(97.0, [1.0, 0.3, 0.1], 0.6)];
+        let plain = TransferFunction::new(shown.to_vec(), None).unwrap();
+        let ramp = [(0.0, 0.0), (40.0, 1.0)].map(|(magnitude, opacity)| GradientPoint { magnitude, opacity });
+        let thinned = plain.clone().with_gradient_opacity(ramp.to_vec()).unwrap();
+        let lighting = Lighting {
+            right: [1.0, 0.0, 0.0],
+            up: [0.0, 1.0, 0.0],
+            forward: [0.0, 0.0, 1.0],
+            ambient: 0.1,
+            diffuse: 0.7,
+            specular: 0.3,
+            shininess: 20.0,
+            lights: [[0.6, 0.0, -0.8, 0.0]; 4],
+            colors: [[1.0, 0.9, 0.8, 0.0]; 4],
+            ..Lighting::default()
+        };
+        let light = SplatLight { lighting, lights: 1, points: false, to_eye: ToEye::PARALLEL };
+        for transfer in [plain, thinned] {
+            let kept = KeptNormals::new(&volume, &transfer).unwrap();
+            let [found, kept] = [None, Some(&kept)].map(|kept| Source::new(&volume, &transfer, Some(&light), kept));
+            let [mut found, mut kept] = [&found, &kept].map(|source| source.slices(1..6));
+            let mut lit = 0;
+            for (z, columns) in (0..6).zip([0..45, 3..20, 16..32, 44..45, 0..16, 31..40]) {
+                found.advance(z).unwrap();
+                kept.advance(z).unwrap();
+                for y in 1..6 {
+                    let voxels = [&found, &kept].map(|slices| {
+                        let mut voxels = vec![[f32::NAN; 4]; 45];
+                        let shown = slices.row([y, z], &columns, &mut voxels);
+                        assert!(shown.is_empty() || shown.start >= columns.start && shown.end <= columns.end);
+                        let of = |x: usize| if shown.contains(&x) { voxels[x] } else { [0.0; 4] };
+                        // Transparent voxels beside those that show are written too.
+                        assert!(columns.clone().all(|x| of(x) == voxels[x] || shown.is_empty()), "{y} {z} {shown:?}");
+                        columns.clone().map(of).collect::<Vec<_>>()
+                    });
+                    assert_eq!(voxels[0], voxels[1], "{y} {z}");
+                    lit += voxels[0].iter().filter(|[.., density]| *density > 0.0).count();
+                }
+            }
+            assert!(lit > 100, "{lit}");
+        }
+    }
+}
