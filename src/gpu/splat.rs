@@ -479,6 +479,37 @@ mod tests {
     use super::*;
 
     #[test]
+    fn wider_vectors_change_no_bit_of_splats() {
+        let random = |i: u32| (i + 1).wrapping_mul(2_654_435_761) ^ i.wrapping_mul(40_503);
+        let density = |i: u32| (0.01 + (i % 50) as f32).to_bits();
+        let words: Vec<u32> = (0..16).flat_map(|i| [density(i), random(3 * i), random(3 * i + 1)]).collect();
+        let kept: Vec<[u32; 2]> = (0..16).map(|i| [random(100 + i), random(200 + i)]).collect();
+        let lighting = Lighting {
+            right: [0.8, 0.1, 0.0],
+            up: [0.0, 1.1, 0.3],
+            forward: [-0.6, 0.2, 1.0],
+            ambient: 0.15,
+            diffuse: 0.6,
+            specular: 0.3,
+            shininess: 24.0,
+            lights: [[0.0; 4], [0.6, 0.0, -0.8, 0.0], [3.0, 4.0, -5.0, 1.0], [0.0; 4]],
+            colors: [[0.9, 0.8, 0.7, 0.0]; 4],
+            from_lattice: [[0.1, 0.0, 0.0, 0.0], [0.0, 0.1, 0.0, 0.0], [0.0, 0.0, 0.1, 0.0], [0.0; 4]],
+            ..Lighting::default()
+        };
+        let view = [[1.0, 0.0, 0.2], [0.0, 1.0, 0.1], [-0.2, 0.0, 1.0]];
+        let to_eye = ToEye { perspective: true, eye: [40.0, -10.0, -90.0], view };
+        let light = SplatLight { lighting, lights: 3, points: true, to_eye };
+        for (light, kept) in [(None, &[][..]), (Some(&light), &[]), (Some(&light), &kept)] {
+            let xs = std::array::from_fn(|i| 5 + i as u32);
+            let run = SplatRun { xs, y: 3, z: 60, each: 3, words: &words, light: kept };
+            let narrow = Packing { appearances: Appearances { run: &run, light }, scale: 4.0 }.call();
+            assert_eq!(run.packed(light, 4.0), narrow);
+            assert!(narrow.iter().any(|[low, _]| *low != 0));
+        }
+    }
+
+    #[test]
     fn powers_are_those_of_f64() {
         for exponent in [1.0_f32, 2.5, 24.0, 1000.0] {
             for x in (0..=2000).map(|i| i as f32 / 2000.0).chain([1.000_000_1, 0.999_999_9, 1e-30]) {

@@ -138,10 +138,12 @@ impl Filter {
     }
 }
 
-/// Sums of the voxels of cells that lie alike between voxels, as a type so that it is compiled for the widest vectors of
-/// the machine.
+/// Sums of the voxels of cells that lie alike between voxels, as a type so that this is compiled for the widest vectors
+/// of the machine.
 struct Gather<'a> {
+    /// From the first with a weight in the first cell on.
     voxels: &'a [Emission],
+    /// Weights, see [`Filter`].
     pairs: &'a [[f32; 8]],
     cells: &'a mut [Emission],
     /// See [`Filter`].
@@ -207,6 +209,20 @@ mod tests {
             let voxels = ((SUMS - 1) * over).div_ceil(under) + taps;
             assert!(voxels <= crate::gpu::scan::WORKGROUP as usize * taps.div_ceil(NODES), "{size:?}: {voxels}");
             size = size.next();
+        }
+    }
+
+    #[test]
+    fn wider_vectors_change_no_bit_of_cells() {
+        let voxels: Vec<Emission> = (0..64).map(|i| [0, 1, 2, 3].map(|c| ((7 * i + c) as f32).sin())).collect();
+        for size in [CellSize::VOXEL.next(), CellSize::of_level(1)] {
+            let Filter { size, pairs, .. } = Filter::new(size, 0.0, &[1.0], REACH);
+            let [mut wide, mut narrow] = [vec![[0.0; 4]; 20], vec![[0.0; 4]; 20]];
+            let gather = |cells| Gather { voxels: &voxels, pairs: &pairs[0], cells, size };
+            Arch::new().dispatch(gather(&mut wide));
+            gather(&mut narrow).call();
+            assert_eq!(wide, narrow);
+            assert!(wide.iter().filter(|cell| cell[0] != 0.0).count() >= 10);
         }
     }
 
