@@ -1,6 +1,6 @@
 //! The emission and absorption of voxels, by a transfer function or by the looks of labels.
 
-use crate::gpu::splat::{LANES, Lanes, Vectors};
+use crate::gpu::splat::{LANES, Lanes, Vectors, density};
 use crate::layers::{Look, look_of};
 use crate::transfer::TransferFunction;
 use crate::volume::{Number, Volume};
@@ -37,7 +37,7 @@ pub(crate) struct Classification<'a> {
     slope: f64,
     intercept: f64,
     /// The unit distance of densities, in unit distances of opacities.
-    unit: f64,
+    unit: f32,
     /// The appearance of each sample by its bits, if samples have few bits; otherwise empty.
     table: Vec<Appearance>,
 }
@@ -45,7 +45,7 @@ pub(crate) struct Classification<'a> {
 impl<'a> Classification<'a> {
     pub(crate) fn new(volume: &Volume, looks: ColorSource<'a>, unit: f64) -> Self {
         let (slope, intercept) = volume.rescale();
-        let mut classification = Self { looks, slope, intercept, unit, table: Vec::new() };
+        let mut classification = Self { looks, slope, intercept, unit: unit as f32, table: Vec::new() };
         if let Some([first, last]) = volume.sample_type().few() {
             // The bits of negative numbers follow those of the others.
             let samples = (0..=last).chain(first..0);
@@ -56,7 +56,7 @@ impl<'a> Classification<'a> {
 
     /// Classifies values instead of the samples of a volume.
     pub(crate) fn of_values(looks: ColorSource<'a>, unit: f64) -> Self {
-        Self { looks, slope: 1.0, intercept: 0.0, unit, table: Vec::new() }
+        Self { looks, slope: 1.0, intercept: 0.0, unit: unit as f32, table: Vec::new() }
     }
 
     /// The appearance of a sample.
@@ -68,8 +68,8 @@ impl<'a> Classification<'a> {
                 look_of(looks, value).map_or(([0.0; 3], 0.0), |look| (look.color, look.opacity))
             }
         };
-        let density = TransferFunction::extinction(opacity, 1.0) * self.unit;
-        [r, g, b, density].map(|value| value as f32)
+        let [r, g, b, opacity] = [r, g, b, opacity].map(|value| value as f32);
+        [r, g, b, density(opacity) * self.unit]
     }
 
     /// The appearance of a voxel.
