@@ -190,7 +190,7 @@ impl Slices<'_> {
     /// The voxels of a row of the last plane between two columns; others are arbitrary. Returns a range outside which
     /// all of these are transparent.
     pub(super) fn row(&self, place: [i64; 2], columns: &Range<usize>, voxels: &mut [Emission]) -> Range<usize> {
-        let Some(slice) = self.slices.iter().find(|slice| slice.z == place[1]) else { return 0..0 };
+        let Some(slice) = self.slice(place[1]) else { return 0..0 };
         let row = slice.row(place[0], voxels.len());
         with_samples!(&slice.samples, samples => self.row_of(&samples[row], place, columns, voxels))
     }
@@ -249,6 +249,20 @@ impl Slices<'_> {
         let slopes = self.slopes(steepness.normals.as_ref()?, place, run, nx as usize);
         let (directions, _) = directions(steepness.gradients, slopes);
         Some(std::array::from_fn(|at| packed_normal([0, 1, 2].map(|axis| directions[axis][at]))))
+    }
+
+    /// Adds the normals of a row of `count` voxels of the last plane.
+    fn keep(&self, place: [i64; 2], count: usize, plane: &mut KeptPlane) {
+        let Some(slice) = self.slice(place[1]) else { return };
+        let row = slice.row(place[0], count);
+        with_samples!(&slice.samples, samples => for run in runs(0..count, count) {
+            let (_, densities) = self.source.classification.run(&samples[row.clone()][run.clone()]);
+            let bits = (0..RUN).filter(|&at| densities[at] != 0.0).fold(0, |bits, at| bits | 1_u16 << at);
+            plane.seen.push(bits);
+            if let Some(normals) = (bits != 0).then(|| self.normals(place, &run)).flatten() {
+                plane.words.extend(places(bits.into()).map(|at| normals[at]));
+            }
+        });
     }
 
     /// The plane at `z`, or the outermost beyond the faces.
@@ -322,7 +336,6 @@ pub(crate) struct KeptNormals {
 }
 
 /// The normals of the voxels of a plane that show.
-#[derive(Default)]
 struct KeptPlane {
     /// For each run of each row, the bits of the voxels that show.
     seen: Vec<u16>,
@@ -373,8 +386,11 @@ impl KeptNormals {
         let plane = |z| {
             slices.advance(z)?;
             let subject = || "normals of voxels".to_owned();
-            let words = reserved(u64::from(nx) * u64::from(ny), subject)?;
-            let mut plane = KeptPlane { words, ..KeptPlane::default() };
+            let mut plane = KeptPlane {
+                seen: reserved(u64::from(ny) * u64::from(nx).div_ceil(RUN as u64), subject)?,
+                starts: reserved(u64::from(ny), subject)?,
+                words: reserved(u64::from(nx) * u64::from(ny), subject)?,
+            };
             for y in 0..i64::from(ny) {
                 plane.starts.push(plane.words.len() as u32);
                 slices.keep([y, z], nx as usize, &mut plane);
@@ -394,22 +410,6 @@ impl KeptNormals {
         let (before, seen) = seen.split_at(column / RUN);
         let before: u32 = before.iter().map(|bits| bits.count_ones()).sum();
         KeptRow { seen, words: &words[(starts[y as usize] + before) as usize..] }
-    }
-}
-
-impl Slices<'_> {
-    /// Adds the normals of a row of `count` voxels of the last plane.
-    fn keep(&self, place: [i64; 2], count: usize, plane: &mut KeptPlane) {
-        let Some(slice) = self.slices.iter().find(|slice| slice.z == place[1]) else { return };
-        let row = slice.row(place[0], count);
-        with_samples!(&slice.samples, samples => for run in runs(0..count, count) {
-            let (_, densities) = self.source.classification.run(&samples[row.clone()][run.clone()]);
-            let bits = (0..RUN).filter(|&at| densities[at] != 0.0).fold(0, |bits, at| bits | 1_u16 << at);
-            plane.seen.push(bits);
-            if let Some(normals) = (bits != 0).then(|| self.normals(place, &run)).flatten() {
-                plane.words.extend(places(bits.into()).map(|at| normals[at]));
-            }
-        });
     }
 }
 
