@@ -72,7 +72,7 @@ fn emit(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) group
         return;
     }
     let row = brick_row(index);
-    var place = places[index];
+    var place = places[index] - classify.first_splat;
     // The lowest bit that is set is the next visible voxel; `rest & (rest - 1)` clears it.
     for (var rest = seen[index]; rest != 0u; rest &= rest - 1u) {
         let i = firstTrailingBit(rest);

@@ -1,7 +1,7 @@
 // pack: splats into the texture that the painter `tiles` marches through (see common/packing.wgsl), and a mark for each
 // cell of 2^3 voxels that has a splat, of scalars one near a visible splat. Classified voxels become f16 of (colour, 1)
 // times density, lit scalars f16 of (gradient, scalar), other scalars stay f32. A file of `packed` stores them.
-// uses: common/dispatch, common/lit_splat, common/packing, common/splat
+// uses: common/dispatch, common/lit_splat, common/marking, common/packing, common/splat
 
 override PERSPECTIVE: bool = false;
 
@@ -9,7 +9,6 @@ override PERSPECTIVE: bool = false;
 @group(0) @binding(1) var<uniform> lighting: Lighting;
 @group(0) @binding(2) var<storage, read> splats: array<vec2u>;
 @group(0) @binding(3) var<storage, read> origins: array<vec4u>;
-@group(0) @binding(5) var<storage, read_write> marks: array<atomic<u32>>;
 // Runs of splats, a workgroup each: the first one, and the one after the last.
 @group(0) @binding(6) var<storage, read> runs: array<vec2u>;
 
@@ -17,15 +16,6 @@ override PERSPECTIVE: bool = false;
 fn is_marking(words: vec2u) -> bool {
     let weight = splat_weight(words);
     return !SCALARS || weight < pack.least_invisible || weight > pack.largest_invisible;
-}
-
-// The first and the last cell that a splat marks, `place` voxels along a, b and m from the first packed voxel.
-fn first_marked(place: vec3u) -> vec3u {
-    return (place + pack.mark_shift - pack.mark_reach) / u32(CELL);
-}
-
-fn last_marked(place: vec3u) -> vec3u {
-    return (place + pack.mark_shift + pack.mark_reach) / u32(CELL);
 }
 
 // Whether the splat before splat `index` is its neighbour along x and marks the same cells: atomics are slow.
@@ -38,27 +28,6 @@ fn follows_in_cells(index: u32, first_word: u32, place: vec3u, before: vec3u) ->
     let words = splat_words(index - 1u);
     return words.x + 1u == first_word && is_marking(words) && all(first_marked(before) == first_marked(place))
         && all(last_marked(before) == last_marked(place));
-}
-
-// The cells from `first` to `last` of macrocell number `number` along an axis, as bits of marks. `behind` are the bits
-// of its second cell.
-fn cells_between(first: u32, last: u32, number: u32, behind: u32) -> u32 {
-    return select(0u, ~behind, first <= 2u * number) | select(0u, behind, last > 2u * number);
-}
-
-fn mark(place: vec3u) {
-    let first = first_marked(place);
-    let last = last_marked(place);
-    for (var z = first.z / 2u; z <= last.z / 2u; z++) {
-        let in_slab = cells_between(first.z, last.z, z, 0xf0u) & 0xffu;
-        for (var y = first.y / 2u; y <= last.y / 2u; y++) {
-            let in_row = in_slab & cells_between(first.y, last.y, y, 0xccu);
-            for (var x = first.x / 2u; x <= last.x / 2u; x++) {
-                let cells = in_row & cells_between(first.x, last.x, x, 0xaau);
-                atomicOr(&marks[dot(vec3u(x, y, z), pack.mark_steps)], cells);
-            }
-        }
-    }
 }
 
 // The colour of a classified voxel under the lights.

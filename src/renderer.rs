@@ -191,7 +191,7 @@ impl Renderer {
     fn prepared(&self, layers: &Layers, settings: &Settings) -> Result<Scene> {
         let scene = Scene::of_splats(&self.context, layers, settings.lighting.is_some());
         if settings.level == Level::At(0) {
-            scene.classify(&self.context, &self.pipelines, &self.progress)?;
+            scene.classify(&self.context, &self.pipelines, settings, &self.progress)?;
         }
         Ok(scene)
     }

@@ -16,6 +16,11 @@ fn packed_appearance(color: vec3f, density: f32) -> vec2u {
     return vec2u(rounded | (c.b >> 5u), c.r | (c.g << 13u) | (c.b << 27u));
 }
 
+// The density in the word density_blue.
+fn splat_density(density_blue: u32) -> f32 {
+    return bitcast<f32>(density_blue & 0xffffff00u);
+}
+
 fn splat_color(density_blue: u32, color: u32) -> vec3f {
     let blue = (color >> 27u) | ((density_blue & 0xffu) << 5u);
     return vec3f(vec3u(color & 0x1fffu, (color >> 13u) & 0x3fffu, blue)) / COLOR_STEPS;

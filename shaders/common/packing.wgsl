@@ -54,6 +54,8 @@ struct Pack {
     mark_shift: vec3u,
     // Steps along a, b and m in the buffer of marks.
     mark_steps: vec3u,
+    // Whether voxels that do not show are stored too, over those of another volume.
+    clears: u32,
 }
 
 // Rounded to the nearest number of 11 significant bits, which f16 holds exactly: some drivers truncate when they pack.

@@ -90,7 +90,10 @@ fn splat_lattice(words: vec2u) -> vec3f {
 
 // Its density, or its scalar.
 fn splat_weight(words: vec2u) -> f32 {
-    return bitcast<f32>(select(words.y & 0xffffff00u, words.y, SCALARS));
+    if SCALARS {
+        return bitcast<f32>(words.y);
+    }
+    return splat_density(words.y);
 }
 
 // An entry of the sorted list is the index of a splat. Its top bit is set if the splat was terminated.

@@ -233,7 +233,7 @@ pub(crate) fn run(
             let (made, bytes) = held.with(input, |batches| {
                 kept.with(pipelines, input, batches, light.is_some(), |visible, normals| {
                     let mut parts = Vec::new();
-                    for (number, (batches, visible)) in BrickBatch::by_buffer(batches).zip(visible).enumerate() {
+                    for (number, (batches, visible)) in BrickBatch::by_buffer(batches).zip(&**visible).enumerate() {
                         let first = parts.last().map_or(0, |before: &Part<'_>| before.bricks.end);
                         let bricks = batches.iter().map(|batch| batch.origins.len() as u32).sum::<u32>();
                         let normals = normals.and_then(|normals| normals.get(number));

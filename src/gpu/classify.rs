@@ -12,13 +12,13 @@ use super::context::Context;
 use super::layout::{Classify, ControlPoint, Splat};
 use super::pipeline::{Binding, buffer_range};
 use super::recorder::{ComputePass, Readback, Recorder};
-use super::rows::{Counted, DevicePart, ROWS, Rows, collect};
+use super::rows::{DevicePart, ROWS, Rows, collect};
 use super::scan::Scan;
 use super::sender::Sender;
 use super::shaders;
 use super::splat::{density, packed_appearance, packed_normal, resolution_at, with_density};
 use super::stage::{Constant, Stage, for_each};
-use super::store::{Bricks, Drawable, MadeBrick, StoreBuilder};
+use super::store::{BrickSplats, Bricks, Drawable, MadeBrick, StoreBuilder};
 use super::transfer::Reduction;
 use crate::error::{Error, Result};
 use crate::kernel::{DerivativeFilter, NORMAL_REACH};
@@ -241,6 +241,7 @@ impl<'a> Input<'a> {
 pub(crate) struct Classifier {
     count: Stage,
     emit: Stage,
+    extents: Stage,
 }
 
 impl Classifier {
@@ -256,47 +257,70 @@ impl Classifier {
         let constants = [sample_type, lit, gradient_opacity, ("KEEP_INVISIBLE", input.keeps_invisible().into())];
         let entries = ["count", "emit"].map(|entry| ("classify", entry));
         let [count, emit] = Stage::several(input.context, shaders::CLASSIFY, entries, &slots, &constants);
-        Self { count, emit }
+        let entry = ("classify", "extents_of_bricks");
+        let extents = Stage::new(input.context, shaders::EXTENTS, entry, &[Read, Read, Write], &[]);
+        Self { count, emit, extents }
     }
 
-    /// The visible voxels of a volume as splats, brick by brick, with normals if there is light. `held` holds the
-    /// samples of all bricks on the device; `None`: samples of visible bricks are on the device a batch at a time.
-    pub(crate) fn run(&self, scan: &Scan, input: &Input<'_>, held: Option<&HeldSamples>) -> Result<Drawable> {
+    /// The visible voxels of a volume as splats, brick by brick, with normals if there is light. The samples of visible
+    /// bricks are on the device a batch at a time.
+    pub(crate) fn run(&self, scan: &Scan, input: &Input<'_>) -> Result<Drawable> {
         let context = input.context;
-        let job =
-            Job { context, scan, stages: self, points: input.points_on_device()?, parameters: input.parameters() };
+        let job = Job { context, scan, stages: self, input, points: input.points_on_device()? };
         let mut stores = StoreBuilder::new(context, STRIDE, joined(context));
-        let bricks = match held {
-            None => input.batches(&|range| input.may_show(range), BATCH, &mut |batch| job.run(&batch, &mut stores))?,
-            Some(held) => held.run(input, |batches| {
-                input.progress.check()?;
-                job.run_all(batches, &mut stores)
-            })?,
-        };
+        let shows = |range| input.may_show(range);
+        let bricks = input.batches(&shows, BATCH, &mut |batch| job.run(&batch, &mut stores))?;
         Ok(Drawable { bricks, ..stores.finish()? })
     }
 
     /// Finds the visible voxels of all bricks on the device, buffer of samples by buffer of samples.
     pub(super) fn visible(&self, scan: &Scan, input: &Input<'_>, batches: &[BrickBatch]) -> Result<Vec<VisibleVoxels>> {
         let context = input.context;
-        let job =
-            Job { context, scan, stages: self, points: input.points_on_device()?, parameters: input.parameters() };
+        let job = Job { context, scan, stages: self, input, points: input.points_on_device()? };
         let mut recorder = Recorder::untimed(context);
-        let parts = BrickBatch::by_buffer(batches).map(|part| job.mark(&mut recorder, part));
-        let parts = parts.collect::<Result<Vec<_>>>()?;
+        let mut ranges = input.volume.ranges()?;
+        let part = |part: &[BrickBatch]| job.mark(&mut recorder, part, &mut ranges);
+        let parts = BrickBatch::by_buffer(batches).map(part).collect::<Result<Vec<_>>>()?;
         recorder.submit();
         context.wait(FINDING)?;
-        let counted = |(visible, total): (VisibleVoxels, Readback)| {
-            let total: Vec<u32> = total.done_values(context, FINDING)?;
-            Ok(VisibleVoxels { count: total.first().copied().unwrap_or_default(), ..visible })
+        let origins = BrickBatch::by_buffer(batches).map(|part| part.iter().flat_map(|batch| &batch.origins));
+        let counted = |((mut visible, extents), origins): ((VisibleVoxels, Readback), _)| {
+            let extents: Vec<[u32; 4]> = extents.done_values(context, FINDING)?;
+            let brick = |(&[ox, oy, oz, _], &[x, y, z, first]): (&[u32; 4], &[u32; 4])| {
+                BrickSplats::of_places([ox, oy, oz], first, [x, y, z])
+            };
+            visible.bricks = Iterator::zip(origins, &extents).map(brick).collect();
+            visible.count = extents.last().map_or(0, |&[.., all]| all);
+            Ok(visible)
         };
-        parts.into_iter().map(counted).collect()
+        parts.into_iter().zip(origins).map(counted).collect()
+    }
+
+    /// Records the dispatch that counts the splats of a batch of bricks, or that emits them into a store.
+    pub(super) fn record(
+        &self,
+        context: &Context,
+        pass: &mut ComputePass<'_>,
+        (batch, points): (&BrickBatch, &wgpu::Buffer),
+        (parameters, emits): (Classify, bool),
+        [places, seen, splats]: [wgpu::BindingResource<'_>; 3],
+    ) -> Result<()> {
+        let parameters = Classify { bricks: batch.origins.len() as u32, ..parameters };
+        let uniform = wgpu::BufferUsages::UNIFORM;
+        let parameters = context.upload("classify.parameters", bytemuck::bytes_of(&parameters), uniform)?;
+        let [parameters, points, origins] = [&parameters, points, &batch.places].map(wgpu::Buffer::as_entire_binding);
+        let stage = if emits { &self.emit } else { &self.count };
+        let group = stage.bind(context, &[parameters, batch.binding(), points, places, splats, origins, seen]);
+        stage.record(pass, &group, &[], for_each(context, (batch.origins.len() * ROWS) as u64));
+        Ok(())
     }
 }
 
 /// The visible voxels of the bricks of a buffer of samples.
 pub(super) struct VisibleVoxels {
     pub(super) count: u32,
+    /// The bricks, of whose visible voxels the first is numbered among those of the buffer.
+    pub(super) bricks: Vec<BrickSplats>,
     /// For each row of a brick, the number of its first visible voxel.
     pub(super) places: wgpu::Buffer,
     /// For each row of a brick, the bits of its visible voxels.
@@ -312,6 +336,11 @@ pub(super) struct InputKey {
 }
 
 impl InputKey {
+    /// Whether splats have normals.
+    pub(super) fn is_lit(self) -> bool {
+        self.lit
+    }
+
     pub(super) fn constants(self) -> [Constant; 3] {
         let Self { sample_type, lit, gradient_opacity } = self;
         [("SAMPLE_TYPE", sample_type), ("LIT", lit.into()), ("GRADIENT_OPACITY", gradient_opacity.into())]
@@ -319,6 +348,10 @@ impl InputKey {
 }
 
 impl Input<'_> {
+    pub(crate) fn context(&self) -> &Context {
+        self.context
+    }
+
     pub(super) fn key(&self) -> InputKey {
         let Self { lit, coding, thinning, .. } = self;
         InputKey { sample_type: coding.sample_type, lit: *lit, gradient_opacity: !thinning.is_empty() }
@@ -347,8 +380,20 @@ impl Input<'_> {
             gradient_points: self.thinning.len() as u32,
             base,
             faintest,
-            _pad: 0,
+            first_splat: 0,
         }
+    }
+
+    /// Whether the samples of all bricks may take less memory than lists of the splats of visible ones.
+    pub(crate) fn is_dense(&self) -> Result<bool> {
+        let ranges = self.volume.ranges()?;
+        let splats = u64::from(self.shown(ranges)) * (EDGE * EDGE * EDGE) as u64;
+        Ok(ranges.len() as u64 * self.brick_bytes() <= splats * STRIDE)
+    }
+
+    /// The number of bricks that may show of bricks with samples in these ranges.
+    pub(super) fn shown(&self, ranges: &[[f64; 2]]) -> u32 {
+        ranges.iter().filter(|&&range| self.may_show(range)).count() as u32
     }
 
     /// Calls `take` with the bricks that `shows` accepts, in batches on the device. Each `together` bricks share a
@@ -390,7 +435,7 @@ impl Input<'_> {
                 context,
                 &mut sender,
                 std::mem::take(&mut origins),
-                (buffer, bytes_of(at)),
+                (buffer, at, bytes_of(at)),
                 &mut bytes,
             )?;
             bytes.clear();
@@ -413,7 +458,7 @@ impl Input<'_> {
 
 /// The samples of a volume on the device, for any transfer function.
 #[derive(Default)]
-pub(crate) struct HeldSamples(Mutex<Option<(SamplesKey, Vec<BrickBatch>)>>);
+pub(crate) struct HeldSamples(Mutex<Option<(SamplesKey, Arc<Vec<BrickBatch>>)>>);
 
 /// The format of samples on the device: their type, their reduction and the voxels around each brick.
 type SamplesKey = (u32, Option<Reduction>, usize);
@@ -435,44 +480,38 @@ impl HeldSamples {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).is_some()
     }
 
+    /// Drops the samples.
+    pub(crate) fn clear(&self) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = None;
+    }
+
     /// Calls `work` with the batches of all bricks. Sends the samples first if the device does not hold them; also
     /// returns the bytes that were sent.
-    pub(super) fn with<T>(&self, input: &Input<'_>, work: impl FnOnce(&[BrickBatch]) -> Result<T>) -> Result<(T, u64)> {
+    pub(super) fn with<T>(
+        &self,
+        input: &Input<'_>,
+        work: impl FnOnce(&Arc<Vec<BrickBatch>>) -> Result<T>,
+    ) -> Result<(T, u64)> {
         let key = (input.coding.sample_type, input.coding.reduction, input.halo());
         let lock = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
         // Not locked meanwhile: reading samples waits for a pool of threads, which may hand over work that takes the
         // lock. Samples in another format are dropped first, so that both are never in memory together.
         let held = lock().take().filter(|(of, _)| *of == key);
-        let (mut batches, mut bytes) = (Vec::new(), 0);
-        match held {
-            Some((_, held)) => batches = held,
+        let (batches, bytes) = match held {
+            Some((_, held)) => (held, 0),
             None => {
+                let mut batches = Vec::new();
                 let mut keep = |batch| {
                     batches.push(batch);
                     Ok(())
                 };
-                bytes = input.batches(&|_| true, input.together(), &mut keep)?.bytes;
+                let sent = input.batches(&|_| true, input.together(), &mut keep)?;
+                (Arc::new(batches), sent.bytes)
             }
-        }
+        };
         let result = work(&batches)?;
         *lock() = Some((key, batches));
         Ok((result, bytes))
-    }
-
-    /// Calls `work` with the batches that may show.
-    fn run(&self, input: &Input<'_>, work: impl FnOnce(&[&BrickBatch]) -> Result<()>) -> Result<Bricks> {
-        let ranges = input.volume.ranges()?;
-        let shown = |ranges: &[[f64; 2]]| ranges.iter().filter(|range| input.may_show(**range)).count() as u32;
-        let ((), bytes) = self.with(input, |batches| {
-            let mut rest = ranges;
-            let shows = |batch: &&BrickBatch| {
-                let (of_batch, others) = rest.split_at(batch.origins.len());
-                rest = others;
-                shown(of_batch) > 0
-            };
-            work(&batches.iter().filter(shows).collect::<Vec<_>>())
-        })?;
-        Ok(Bricks { all: ranges.len() as u32, uploaded: shown(ranges), bytes })
     }
 }
 
@@ -490,11 +529,13 @@ pub(super) struct BrickBatch {
     /// Lattice points of the first voxels.
     pub(super) origins: Vec<[u32; 4]>,
     /// The same on the device.
-    places: wgpu::Buffer,
+    pub(super) places: wgpu::Buffer,
     /// The samples with the voxels around each brick, and those of other batches.
     pub(super) samples: wgpu::Buffer,
+    /// Bricks before these in that buffer.
+    pub(super) before: usize,
     /// The bytes of the samples of these bricks.
-    bytes: Range<u64>,
+    pub(super) bytes: Range<u64>,
 }
 
 impl BrickBatch {
@@ -503,7 +544,7 @@ impl BrickBatch {
         context: &Context,
         sender: &mut Sender<'_>,
         origins: Vec<[u32; 4]>,
-        (buffer, at): (wgpu::Buffer, u64),
+        (buffer, before, at): (wgpu::Buffer, usize, u64),
         samples: &mut Vec<u8>,
     ) -> Result<Self> {
         /// Bytes that a thread writes at a time.
@@ -521,7 +562,7 @@ impl BrickBatch {
         };
         let mut recorder = Recorder::untimed(context);
         sender.send(&mut recorder, fill, |recorder, staging| recorder.copy(staging, &buffer, at, bytes))?;
-        Ok(Self { origins, places, samples: buffer, bytes: at..at + bytes })
+        Ok(Self { origins, places, samples: buffer, before, bytes: at..at + bytes })
     }
 
     /// The batches of each buffer of samples.
@@ -534,6 +575,12 @@ impl BrickBatch {
     fn binding(&self) -> wgpu::BindingResource<'_> {
         buffer_range(&self.samples, self.bytes.start, self.bytes.end - self.bytes.start)
     }
+
+    /// The values of the rows of some bricks of a buffer of samples, a word each, as a binding.
+    pub(super) fn rows(buffer: &wgpu::Buffer, before: usize, bricks: usize) -> wgpu::BindingResource<'_> {
+        let bytes = |bricks: usize| (bricks * ROWS * size_of::<u32>()) as u64;
+        buffer_range(buffer, bytes(before), bytes(bricks))
+    }
 }
 
 /// The state that all batches of a volume share.
@@ -541,8 +588,8 @@ struct Job<'a> {
     context: &'a Context,
     scan: &'a Scan,
     stages: &'a Classifier,
+    input: &'a Input<'a>,
     points: wgpu::Buffer,
-    parameters: Classify,
 }
 
 impl Job<'_> {
@@ -554,45 +601,47 @@ impl Job<'_> {
         self.context.wait("classifying the volume")
     }
 
-    /// Adds the visible voxels of batches that stay on the device: all are counted, then all are emitted.
-    fn run_all(&self, batches: &[&BrickBatch], stores: &mut StoreBuilder<'_, DevicePart>) -> Result<()> {
-        let mut recorder = Recorder::untimed(self.context);
-        let count = |batch: &&BrickBatch| {
-            let record = |pass: &mut ComputePass<'_>, first, rows: &Rows| self.record(batch, pass, first, rows);
-            Counted::record(&mut recorder, self.scan, batch.origins.len(), &record)
-        };
-        let counted = batches.iter().map(count).collect::<Result<Vec<_>>>()?;
-        recorder.submit();
-        self.context.wait("classifying the volume")?;
-        for (batch, counted) in batches.iter().zip(counted) {
-            let record = |pass: &mut ComputePass<'_>, first, rows: &Rows| self.record(batch, pass, first, rows);
-            counted.emit(self.context, (stores, STRIDE), (&batch.origins, &batch.places), &record)?;
-        }
-        Ok(())
-    }
-
-    /// Records the visible voxels of the batches of a buffer. Their number can be read after a wait.
-    fn mark(&self, recorder: &mut Recorder<'_>, batches: &[BrickBatch]) -> Result<(VisibleVoxels, Readback)> {
-        /// Bytes of a row of a brick.
+    /// Records the visible voxels of the batches of a buffer, of those that may show by the ranges of their bricks, of
+    /// which the first ones are taken. The extents of their bricks can be read after a wait.
+    fn mark(
+        &self,
+        recorder: &mut Recorder<'_>,
+        batches: &[BrickBatch],
+        ranges: &mut &[[f64; 2]],
+    ) -> Result<(VisibleVoxels, Readback)> {
+        /// Bytes of a row of a brick, and of the extents of a brick.
         const EACH: u64 = 4;
+        const EXTENTS: u64 = 16;
         let context = self.context;
-        let rows = batches.iter().map(|batch| (batch.origins.len() * ROWS) as u64).sum::<u64>();
+        let bricks = batches.iter().map(|batch| batch.origins.len()).sum::<usize>();
+        let rows = (bricks * ROWS) as u64;
         let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
         let places = context.buffer("classify.places", (rows + 1) * EACH, usage)?;
         let seen = context.buffer("classify.seen", rows * EACH, usage)?;
         let no_splats = context.buffer("classify.no_splats", 16, usage)?;
-        let mut at = 0;
+        // New buffers hold zeros: the rows of batches that do not show.
         for batch in batches {
-            let bytes = (batch.origins.len() * ROWS) as u64 * EACH;
-            let [places, seen] = [&places, &seen].map(|buffer| buffer_range(buffer, at, bytes));
+            let of_batch = ranges.split_off(..batch.origins.len()).unwrap_or_default();
+            if self.input.shown(of_batch) == 0 {
+                continue;
+            }
+            let [places, seen] =
+                [&places, &seen].map(|buffer| BrickBatch::rows(buffer, batch.before, batch.origins.len()));
             let buffers = [places, seen, no_splats.as_entire_binding()];
-            self.record_into(batch, &mut recorder.compute_pass("classify"), None, buffers)?;
-            recorder.worked(bytes / EACH * EDGE as u64);
-            at += bytes;
+            let parameters = (self.input.parameters(), false);
+            let mut pass = recorder.compute_pass("classify");
+            self.stages.record(context, &mut pass, (batch, &self.points), parameters, buffers)?;
+            drop(pass);
+            recorder.worked((batch.origins.len() * ROWS * EDGE) as u64);
         }
         self.scan.record(context, &mut recorder.compute_pass("classify"), &places, rows + 1)?;
-        let total = recorder.read_back_from("classify.total", &places, rows * EACH, EACH)?;
-        Ok((VisibleVoxels { count: 0, places, seen }, total))
+        let bytes = (bricks as u64 + 1) * EXTENTS;
+        let extents = context.buffer("classify.extents", bytes, usage)?;
+        let buffers = [&places, &seen, &extents].map(wgpu::Buffer::as_entire_binding);
+        let (x, y) = context.workgroups(bricks as u64, 1);
+        self.stages.extents.run(recorder, &buffers, [x, y, 1]);
+        let extents = recorder.read_back("classify.extents_staging", &extents, bytes)?;
+        Ok((VisibleVoxels { count: 0, bricks: Vec::new(), places, seen }, extents))
     }
 
     /// Records the dispatch that counts the splats of a batch, or that emits them.
@@ -603,27 +652,9 @@ impl Job<'_> {
         first: Option<u32>,
         Rows { places, seen, splats }: &Rows,
     ) -> Result<()> {
-        self.record_into(batch, pass, first, [places, seen, splats].map(wgpu::Buffer::as_entire_binding))
-    }
-
-    fn record_into(
-        &self,
-        batch: &BrickBatch,
-        pass: &mut ComputePass<'_>,
-        first: Option<u32>,
-        [places, seen, splats]: [wgpu::BindingResource<'_>; 3],
-    ) -> Result<()> {
-        let context = self.context;
-        let (bricks, first_brick) = (batch.origins.len() as u32, first.unwrap_or_default());
-        let parameters = Classify { bricks, first_brick, ..self.parameters };
-        let uniform = wgpu::BufferUsages::UNIFORM;
-        let parameters = context.upload("classify.parameters", bytemuck::bytes_of(&parameters), uniform)?;
-        let [parameters, points, origins] =
-            [&parameters, &self.points, &batch.places].map(wgpu::Buffer::as_entire_binding);
-        let stage = if first.is_some() { &self.stages.emit } else { &self.stages.count };
-        let group = stage.bind(context, &[parameters, batch.binding(), points, places, splats, origins, seen]);
-        stage.record(pass, &group, &[], for_each(context, (batch.origins.len() * ROWS) as u64));
-        Ok(())
+        let buffers = [places, seen, splats].map(wgpu::Buffer::as_entire_binding);
+        let parameters = Classify { first_brick: first.unwrap_or_default(), ..self.input.parameters() };
+        self.stages.record(self.context, pass, (batch, &self.points), (parameters, first.is_some()), buffers)
     }
 }
 

@@ -1,7 +1,7 @@
 //! The visible voxels of a volume and their normals (shaders/normals.wgsl), kept on the device for the lights and the
 //! levels of its cells.
 
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use super::cache::Cache;
 use super::classify::{BrickBatch, Classifier, HeldSamples, Input, InputKey, VisibleVoxels};
@@ -21,7 +21,7 @@ pub(super) const FOUND: u64 = 16;
 
 /// The visible voxels of a volume and their normals on the device, for all lights and levels.
 #[derive(Default)]
-pub(crate) struct KeptVoxels(pub(super) Mutex<Option<(Vec<VisibleVoxels>, Normals)>>);
+pub(crate) struct KeptVoxels(pub(super) Mutex<Option<(Arc<Vec<VisibleVoxels>>, Normals)>>);
 
 /// The packed normals of visible voxels, 4 bytes each.
 pub(super) enum Normals {
@@ -55,7 +55,7 @@ impl KeptVoxels {
         input: &Input<'_>,
         batches: &[BrickBatch],
         is_lit: bool,
-        work: impl FnOnce(&[VisibleVoxels], Option<&[wgpu::Buffer]>) -> Result<T>,
+        work: impl FnOnce(&Arc<Vec<VisibleVoxels>>, Option<&[wgpu::Buffer]>) -> Result<T>,
     ) -> Result<T> {
         let lock = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let kept = lock().take();
@@ -63,7 +63,7 @@ impl KeptVoxels {
             Some(kept) => kept,
             None => {
                 let scan = Scan::of(pipelines, input.context)?;
-                (Classifier::of(pipelines, input)?.visible(&scan, input, batches)?, Normals::Unlit)
+                (Arc::new(Classifier::of(pipelines, input)?.visible(&scan, input, batches)?), Normals::Unlit)
             }
         };
         if is_lit && matches!(normals, Normals::Unlit) {

@@ -102,7 +102,7 @@ shared! {
         gradient_points: u32,
         base: f32,
         faintest: f32,
-        _pad: u32,
+        first_splat: u32,
     }
 
     /// A box of voxels; shaders/common/voxel_box.wgsl.
@@ -424,7 +424,7 @@ shared! {
         mark_shift: [u32; 3],
         _pad_shift: u32,
         mark_steps: [u32; 3],
-        _pad_steps: u32,
+        clears: u32,
     }
 }
 

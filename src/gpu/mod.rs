@@ -15,6 +15,9 @@ pub(crate) mod pipeline;
 pub(crate) mod present;
 pub(crate) mod recorder;
 mod rows;
+pub(crate) mod sampled;
+#[cfg(test)]
+mod sampled_test;
 pub(crate) mod savings;
 #[cfg(test)]
 mod savings_test;

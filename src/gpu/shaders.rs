@@ -66,12 +66,12 @@ macro_rules! files {
 static FILES: &[(&str, &str)] = &files! {
     "around", "box_light", "cells", "classify", "coarsen", "common/absorbed", "common/appearance", "common/bounds",
     "common/classified", "common/clip", "common/clip_view", "common/dispatch", "common/frame", "common/half_depth",
-    "common/light_box", "common/light_volume", "common/lighting", "common/lit_splat", "common/march_parabola",
+    "common/light_box", "common/light_volume", "common/lighting", "common/lit_splat", "common/march_parabola", "common/marking",
     "common/march_planes", "common/normal", "common/owned", "common/owned_view", "common/packing", "common/pixel_ray",
     "common/plane", "common/ray_geometry", "common/rays", "common/rays_of_sweep", "common/resolution",
     "common/response", "common/splat", "common/splines", "common/sweep", "common/transfer", "common/voxel_box",
-    "composite", "converging", "estimate", "filter", "gather", "gather_scalars", "kept", "lit_rows", "lit_splats",
-    "normals", "occluders", "pack", "packed/buffer", "packed/scalars", "packed/vectors", "prefilter", "present",
+    "composite", "converging", "estimate", "extents", "filter", "gather", "gather_scalars", "kept", "lit_rows", "lit_splats",
+    "normals", "occluders", "pack", "pack_samples", "packed/buffer", "packed/scalars", "packed/vectors", "prefilter", "present",
     "resample", "resolve", "scan", "shade", "skip", "sort", "splat", "sweep", "terminate", "voxels/box",
     "voxels/box_of_scalars", "voxels/box_of_vectors", "voxels/rows", "voxels/scalar_pairs", "voxels/scalars",
     "voxels/vector_pairs", "voxels/vectors",
@@ -89,6 +89,7 @@ macro_rules! shaders {
 
 shaders! {
     CLASSIFY: Shader::new("classify"),
+    EXTENTS: Shader::new("extents"),
     LIT_ROWS: Shader::new("lit_rows"),
     LIT_SPLATS: Shader::new("lit_splats"),
     NORMALS: Shader::new("normals"),
@@ -111,6 +112,7 @@ shaders! {
     PACK: Shader::with("pack", "pack", "packed/buffer"),
     PACK_VECTORS: Shader::with("pack-vectors", "pack", "packed/vectors"),
     PACK_SCALARS: Shader::with("pack-scalars", "pack", "packed/scalars"),
+    PACK_SAMPLES: Shader::with("pack-samples", "pack_samples", "packed/vectors"),
     SKIP: Shader::new("skip"),
     GATHER: Shader::with("gather", "gather", "voxels/vectors"),
     GATHER_BOX: Shader::with("gather-box", "gather", "voxels/box_of_vectors"),

@@ -46,7 +46,7 @@ fn words(bytes: &[u8]) -> Vec<u32> {
 fn classified(context: &Context, volume: &Volume, transfer: &TransferFunction) -> Vec<Store> {
     let progress = Progress::default();
     let input = Input::new(context, volume, transfer, false, &progress).unwrap();
-    Classifier::new(&input).run(&Scan::new(context), &input, None).unwrap().stores
+    Classifier::new(&input).run(&Scan::new(context), &input).unwrap().stores
 }
 
 /// The stage on the host gives the same splats as the one on the device, but for the rounding of drivers.
@@ -72,7 +72,7 @@ fn classify_on_the_host_matches_the_device() {
             let transfer = steps().with_gradient_opacity(thinning).unwrap();
             let progress = Progress::default();
             let input = Input::new(&context, &volume, &transfer, lit, &progress).unwrap();
-            let device = Classifier::new(&input).run(&Scan::new(&context), &input, None).unwrap();
+            let device = Classifier::new(&input).run(&Scan::new(&context), &input).unwrap();
             let host = HostClassifier::run(&input).unwrap();
             let words = |store: &Store| -> Vec<Splat> {
                 let bytes = download(&context, &store.on_device(&context).unwrap(), u64::from(store.count) * 16);

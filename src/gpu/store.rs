@@ -1,5 +1,7 @@
 //! Splats on the device or on the host, brick after brick.
 
+use std::any::Any;
+use std::fmt;
 use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -56,6 +58,23 @@ pub(crate) struct Store {
 pub(crate) enum Splats {
     Device(wgpu::Buffer),
     Host(Arc<Vec<HostBrick>>),
+    /// The device holds what they can be made from.
+    Unlisted(Arc<dyn Unlisted>),
+}
+
+/// What splats are made from if something reads a list of them.
+pub(crate) trait Unlisted: Any + Send + Sync {
+    /// Makes the splats, on the device.
+    fn list(&self, context: &Context) -> Result<wgpu::Buffer>;
+
+    /// Bytes of memory of the device.
+    fn bytes(&self) -> u64;
+}
+
+impl fmt::Debug for dyn Unlisted {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Unlisted")
+    }
 }
 
 /// The splats of a brick on the host.
@@ -103,6 +122,11 @@ impl BrickSplats {
             let (y, z) = (row % EDGE, row / EDGE);
             places = [places[0] | bits, places[1] | 1 << y, places[2] | 1 << z];
         }
+        Self::of_places(origin, first, places)
+    }
+
+    /// The same, given the bits of the places along each axis that have splats.
+    pub(crate) fn of_places(origin: [u32; 3], first: u32, places: [u32; 3]) -> Self {
         let low: [u32; 3] = std::array::from_fn(|axis| origin[axis] + places[axis].trailing_zeros() % u32::BITS);
         let high = std::array::from_fn(|axis| origin[axis] + u32::BITS - places[axis].leading_zeros());
         Self { origin, level: 0, first, bounds: [low, high] }
@@ -275,6 +299,7 @@ impl Store {
         let buffer = match &*splats {
             Splats::Device(buffer) => return Ok(buffer.clone()),
             Splats::Host(bricks) => upload(context, bricks, self.stride, self.count)?,
+            Splats::Unlisted(source) => source.list(context)?,
         };
         *splats = Splats::Device(buffer.clone());
         Ok(buffer)
@@ -288,15 +313,24 @@ impl Store {
         Ok(Self { places, ..made })
     }
 
+    /// What the splats are made from, if they are not listed.
+    pub(crate) fn unlisted(&self) -> Option<Arc<dyn Unlisted>> {
+        match &*self.splats.lock().unwrap_or_else(PoisonError::into_inner) {
+            Splats::Unlisted(source) => Some(Arc::clone(source)),
+            Splats::Device(_) | Splats::Host(_) => None,
+        }
+    }
+
     /// The splats on the host, brick by brick as in [`Self::bricks`].
     pub(crate) fn on_host(&self, context: &Context) -> Result<Arc<Vec<HostBrick>>> {
         let mut splats = self.splats.lock().unwrap_or_else(PoisonError::into_inner);
         let buffer = match &*splats {
             Splats::Host(bricks) => return Ok(Arc::clone(bricks)),
-            Splats::Device(buffer) => buffer,
+            Splats::Device(buffer) => buffer.clone(),
+            Splats::Unlisted(source) => source.list(context)?,
         };
         let mut recorder = Recorder::untimed(context);
-        let words = recorder.read_back("store.staging", buffer, u64::from(self.count) * self.stride)?;
+        let words = recorder.read_back("store.staging", &buffer, u64::from(self.count) * self.stride)?;
         recorder.submit();
         let words: Vec<u32> = words.values(context, "reading splats")?;
         let each = self.stride as usize / 4;
@@ -323,6 +357,7 @@ impl Store {
         let splats = match &*self.splats.lock().unwrap_or_else(PoisonError::into_inner) {
             Splats::Device(buffer) => buffer.size(),
             Splats::Host(bricks) => bricks.iter().map(HostBrick::bytes).sum(),
+            Splats::Unlisted(source) => source.bytes(),
         };
         splats + self.origins.size()
     }
@@ -351,7 +386,7 @@ pub(crate) struct Drawable {
     /// Splats that are copies of voxels beyond the faces of the volume.
     pub(crate) copies: u64,
     /// Resources that painters made of the splats.
-    pub(crate) kept: Cache,
+    pub(crate) kept: Arc<Cache>,
 }
 
 impl Drawable {

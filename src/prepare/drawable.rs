@@ -16,6 +16,7 @@ use crate::gpu::cells;
 use crate::gpu::classify::{Classifier, HeldSamples, HostClassifier, Input};
 use crate::gpu::context::Context;
 use crate::gpu::kept_voxels::KeptVoxels;
+use crate::gpu::sampled::Sampled;
 use crate::gpu::scan::Scan;
 use crate::gpu::splat::SplatLight;
 use crate::gpu::store::Drawable;
@@ -83,19 +84,22 @@ impl<K, V> Held<K, V> {
 /// The light on the voxels of cells, the shadows, and the part of the lattice that has cells; `None`: all of it.
 type CellsKey = (Option<SplatLight>, Option<Shadows>, Option<LayerPart>);
 
+/// The shadows on visible voxels, and the number of changes of the transfer function before.
+type ClassifiedKey = (Option<Shadows>, u32);
+
 /// A volume as pre-shading draws it.
 pub(super) struct PreShaded {
     pub(super) layers: Layers,
     /// Whether splats have normals.
     pub(super) lit: bool,
     /// The visible voxels, with the shadows on them.
-    pub(super) classified: Held<Option<Shadows>, Drawable>,
+    pub(super) classified: Held<ClassifiedKey, Drawable>,
     /// The occluders of shadows.
     occluders: Occluders,
     /// The samples on the device, held from the first change of the transfer function on, or from the first cells on.
     samples: HeldSamples,
-    /// Whether the transfer function has changed.
-    edited: bool,
+    /// Changes of the transfer function.
+    edits: u32,
     /// The visible voxels on the device and their normals, held from the first cells on.
     visible: KeptVoxels,
     /// The normals of voxels on the host, held from the second light on cells on.
@@ -191,7 +195,7 @@ impl PreShaded {
             classified: Held::default(),
             occluders: Occluders::default(),
             samples: HeldSamples::default(),
-            edited: false,
+            edits: 0,
             visible: KeptVoxels::default(),
             normals: Held::default(),
             cells: std::array::from_fn(|_| Held::default()),
@@ -207,50 +211,47 @@ impl PreShaded {
             ));
         };
         self.layers = Layers::of_volume(volume, transfer);
-        self.classified.clear();
         self.occluders.clear();
         self.visible.clear();
         self.normals.clear();
         self.cells.iter().for_each(Held::clear);
-        self.edited = true;
+        self.edits += 1;
         Ok(())
     }
 
-    /// The visible voxels, and the seconds that it took to make them.
+    /// The visible voxels, and the seconds that it took to make them. `lists`: as lists of splats.
     pub(super) fn classified(
         &self,
         context: &Context,
         pipelines: &Cache,
-        shadows: Option<&Shadows>,
+        (shadows, lists): (Option<&Shadows>, bool),
         progress: &Progress,
     ) -> Result<(Arc<Drawable>, f64)> {
-        let classify = || {
-            Ok(Arc::new(match self.layers.plain() {
-                None => media::classified(context, &self.layers, self.lit, progress)?,
-                Some((volume, transfer)) => {
-                    let input = Input::new(context, volume, transfer, self.lit, progress)?;
-                    if context.is_software() {
-                        // Such a device is the host, which classifies faster without it.
-                        HostClassifier::run(&input)?
-                    } else {
-                        let classifier = Classifier::of(pipelines, &input)?;
-                        let held = (self.edited || self.samples.is_held()).then_some(&self.samples);
-                        classifier.run(&*Scan::of(pipelines, context)?, &input, held)?
-                    }
+        let classify = |lists| match self.layers.plain() {
+            None => media::classified(context, &self.layers, self.lit, progress),
+            Some((volume, transfer)) => {
+                let input = Input::new(context, volume, transfer, self.lit, progress)?;
+                // A software device is the host, which classifies faster without it.
+                if context.is_software() {
+                    HostClassifier::run(&input)
+                } else {
+                    self.classified_on_device(pipelines, &input, lists)
                 }
-            }))
+            }
         };
-        self.classified.get_or_make(shadows.cloned(), PartialEq::eq, |held| {
+        self.classified.get_or_make((shadows.cloned(), self.edits), PartialEq::eq, |held| {
             context.guarded("classifying the volume", || match shadows {
                 None => {
                     self.occluders.clear();
-                    classify()
+                    // The voxels of another transfer function may be packed over; they are dropped.
+                    let kept = held.map(|(_, before)| Arc::clone(&before.kept)).unwrap_or_default();
+                    Ok(Arc::new(Drawable { kept, ..classify(lists)? }))
                 }
                 Some(shadows) => {
                     // Other shadows lie on the same voxels.
-                    let (held, classified) = match held {
-                        Some((held, classified)) => (held, classified),
-                        None => (None, classify()?),
+                    let (held, classified) = match held.filter(|((_, edits), _)| *edits == self.edits) {
+                        Some(((held, _), classified)) => (held, classified),
+                        None => (None, Arc::new(classify(true)?)),
                     };
                     let bricks = classified.bricks;
                     let (held, occluders) = (held.as_ref(), &self.occluders);
@@ -259,6 +260,31 @@ impl PreShaded {
                 }
             })
         })
+    }
+
+    /// The visible voxels by stages of a GPU. From the first change of the transfer function on the device holds the
+    /// samples, and before if it has room for them: no list of splats is made unless something reads it, or takes less
+    /// memory.
+    fn classified_on_device(&self, pipelines: &Cache, input: &Input<'_>, lists: bool) -> Result<Drawable> {
+        let context = input.context();
+        let is_held = self.edits > 0 || self.samples.is_held();
+        if is_held || !lists && HeldSamples::fits(input) && input.is_dense()? {
+            let sampled = || Sampled::run(pipelines, input, &self.samples, &self.visible);
+            match context.guarded("holding samples", sampled) {
+                Ok(made) if is_held || !Sampled::of(&made.stores).is_some_and(|sampled| sampled.is_sparse()) => {
+                    return Ok(made);
+                }
+                Ok(made) => {
+                    made.stores.iter().try_for_each(|store| store.on_device(context).map(drop))?;
+                    self.visible.clear();
+                    self.samples.clear();
+                    return Ok(made);
+                }
+                Err(Error::OutOfMemory(_)) if !is_held => {}
+                Err(e) => return Err(e),
+            }
+        }
+        Classifier::of(pipelines, input)?.run(&*Scan::of(pipelines, context)?, input)
     }
 
     /// The cells of a lattice, and the seconds that it took to make them.
@@ -278,7 +304,8 @@ impl PreShaded {
         let part = view.layer_part().filter(|_| of_one_eye);
         self.cells[size.number()].get_or_make((light.clone(), shadows.clone(), part), PartialEq::eq, |held| {
             let changed = held.is_some();
-            let shaded = shadows.as_ref().map(|shadows| self.classified(context, pipelines, Some(shadows), progress));
+            let shaded =
+                shadows.as_ref().map(|shadows| self.classified(context, pipelines, (Some(shadows), true), progress));
             let shaded = shaded.transpose()?;
             context.guarded("classifying the volume", || {
                 let light = light.as_ref();

@@ -26,7 +26,7 @@ use crate::kernel::{Kernel, Normalization};
 use crate::layers::Layers;
 use crate::lighting::{Lighting, shadow};
 use crate::progress::Progress;
-use crate::settings::{Level, MAX_LEVEL, Model, Settings};
+use crate::settings::{Level, MAX_LEVEL, Model, Painter, Settings};
 use crate::transfer::{Resolution, TransferFunction};
 use crate::volume::{Grid, Volume};
 
@@ -64,6 +64,11 @@ fn weights(layers: &Layers, grid: &Grid, lit: bool) -> Weights {
         // Light may turn any colour white.
         brightest: if lit { [1.0; 3] } else { layers.brightest() },
     }
+}
+
+/// Whether a picture of classified voxels reads lists of splats.
+fn reads_lists(settings: &Settings) -> bool {
+    settings.casting().is_some() || matches!(settings.painter, Painter::Quads(_))
 }
 
 fn shows(settings: &Settings) -> VisibleValues {
@@ -166,9 +171,15 @@ impl Scene {
     }
 
     /// Classifies the voxels of a pre-shaded scene before the first picture.
-    pub(crate) fn classify(&self, context: &Context, pipelines: &Cache, progress: &Progress) -> Result<()> {
+    pub(crate) fn classify(
+        &self,
+        context: &Context,
+        pipelines: &Cache,
+        settings: &Settings,
+        progress: &Progress,
+    ) -> Result<()> {
         if let Content::Splats(voxels) = &self.content {
-            let (_, seconds) = voxels.classified(context, pipelines, None, progress)?;
+            let (_, seconds) = voxels.classified(context, pipelines, (None, reads_lists(settings)), progress)?;
             self.seconds.store(seconds.to_bits(), Ordering::Relaxed);
         }
         Ok(())
@@ -527,7 +538,8 @@ impl Scene {
     ) -> Result<(Arc<Drawable>, f64)> {
         match &self.content {
             Content::Splats(voxels) if lattice.size == CellSize::VOXEL => {
-                voxels.classified(context, pipelines, lattice.shadows.as_ref(), progress)
+                let shadows = lattice.shadows.as_ref();
+                voxels.classified(context, pipelines, (shadows, reads_lists(&lattice.settings)), progress)
             }
             Content::Splats(voxels) => voxels.cells(context, pipelines, lattice, progress),
             Content::Scalars(scalars) => scalars.emitted(context, lattice, need, progress),

@@ -28,6 +28,7 @@ use crate::error::Result;
 use crate::gpu::context::Context;
 use crate::gpu::pipeline::{both, texture_view};
 use crate::gpu::recorder::Recorder;
+use crate::gpu::sampled::SampledKey;
 use crate::gpu::stage::{Constant, Stage};
 use crate::image::Region;
 use crate::painters::painter::Job;
@@ -83,6 +84,8 @@ pub(crate) struct TilesKey {
     layout: Layout,
     rays: RayKind,
     packs_on_host: bool,
+    /// The samples that are packed in place of lists of splats.
+    sampled: Option<SampledKey>,
     /// Override constants of all shaders.
     constants: Vec<Constant>,
 }
@@ -100,7 +103,10 @@ pub(crate) struct Tiles {
 impl Tiles {
     pub(crate) fn new(context: &Context, key: &TilesKey) -> Result<Self> {
         let rest = || {
-            let packer = (!key.packs_on_host).then(|| pack::stage(context, &key.constants, key.voxel, key.layout));
+            let packer = (!key.packs_on_host).then(|| match key.sampled {
+                Some(sampled) => pack::stage_of_samples(context, &key.constants, key.voxel, sampled),
+                None => pack::stage(context, &key.constants, key.voxel, key.layout),
+            });
             let resample = key.rays.is_resampled().then(|| (Resampler::new(context), Refiner::new(context, key)));
             (packer, march::skip(context, &key.constants), resample)
         };

@@ -3,13 +3,14 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::axis::PrincipalAxis;
-use super::pack::{Layout, Marking, Packed, Packing, Reached, Source, Voxel};
+use super::pack::{Layout, MOST_UNSEEN, Marking, Packed, Packing, Reached, Source, Voxel};
 use super::parts::{Footprint, Sections, SlabKind};
 use super::rays::{RaySetup, Rays, max_depth, parallel};
 use super::{Block, Canvas, MAX_RADIUS, MAX_SINGLE_RADIUS, RayKind, STRAIGHT, Tiles, TilesKey};
 use crate::error::Result;
 use crate::gpu::layout::{self, CELL, MACROCELL, TILE};
 use crate::gpu::recorder::Recorder;
+use crate::gpu::sampled::Sampled;
 use crate::gpu::store::Store;
 use crate::gpu::view::{ViewGeometry, Weights};
 use crate::image::Region;
@@ -49,9 +50,6 @@ const MAX_SCALAR: f64 = 4096.0;
 /// The least radius of kernels of scalars, in voxels: the fitted parts of narrower kernels in slabs of half a plane err
 /// by half (a maximum of gaussian:0.25,0.5 by 0.26, rms).
 const MIN_SCALAR_RADIUS: f64 = 1.0;
-
-/// The most bytes of all bricks over those of the bricks that the rays of an eye reach, for which all are packed.
-const MOST_UNSEEN: u64 = 2;
 
 /// The rounding of radii at a limit.
 const ROUNDING: f64 = 1.0 + 1e-6;
@@ -148,6 +146,8 @@ pub(super) struct Picture<'a> {
     kind: SlabKind,
     voxel: Voxel,
     layout: Layout,
+    /// The samples that are packed in place of lists of splats.
+    sampled: Option<Arc<Sampled>>,
     pub(super) lighting: layout::Lighting,
     /// The axes of the picture, the one with the largest share first.
     pub(super) axes: Vec<PackedAxis>,
@@ -212,18 +212,25 @@ impl<'a> Picture<'a> {
             let limits = !whole && (pyramid.is_some() || view.fade.is_some());
             Some((packing, limits.then(|| Arc::new(stores.iter().map(of_store).collect()))))
         };
-        // In a box the splats of all bricks, if they fit: they serve every eye and every clip, and to pack anew is to
-        // allocate a gigabyte. In rows, which belong to an axis, those that may show and that rays reach.
-        let layout = Layout::of(context, dims);
-        let of_all = || -> Option<Vec<(Packing, Reached)>> {
-            axes.iter().map(|axis| Some((pack(axis, &|_| true)?, None))).collect()
-        };
-        let all = if layout == Layout::Box { of_all() } else { None };
-        // After the first eye rows have room for all bricks. They are packed once for the eyes that follow; but colours
-        // in a light are packed anew for every eye, into the same textures.
         let earlier = kept_volumes(&job)
             .map(|held| held.lock().unwrap_or_else(PoisonError::into_inner).clone())
             .unwrap_or_default();
+        // In a box the splats of all bricks, if they fit: they serve every eye and every clip, and to pack anew is to
+        // allocate a gigabyte. In rows, which belong to an axis, those that may show and that rays reach.
+        let layout = Layout::of(context, dims);
+        let is_sampled = layout == Layout::Box && matches!(voxel, Voxel::Color { shadows: false, .. });
+        let sampled = if is_sampled { Sampled::of(stores) } else { None };
+        let of_all = |axis: &PrincipalAxis| {
+            let packing = pack(axis, &|_| true)?;
+            // Samples are packed over those under another transfer function.
+            let held = earlier.first().filter(|_| sampled.is_some());
+            Some((held.and_then(|held| packing.in_box_of(&held.packing)).unwrap_or(packing), None))
+        };
+        let all: Option<Vec<(Packing, Reached)>> =
+            if layout == Layout::Box { axes.iter().map(of_all).collect() } else { None };
+        let sampled = sampled.filter(|_| all.is_some());
+        // After the first eye rows have room for all bricks. They are packed once for the eyes that follow; but colours
+        // in a light are packed anew for every eye, into the same textures.
         let follows = view.is_perspective() && !earlier.is_empty();
         let of_reached_or_all = |axis: &PrincipalAxis| {
             let (packing, reached) = of_reached(axis)?;
@@ -253,7 +260,8 @@ impl<'a> Picture<'a> {
         });
         let (axes, lighting) = (axes.collect(), job.lighting());
         let drawn = TilesStats::default();
-        let picture = Self { job, kernel, footprint, kind, voxel, layout, lighting, axes, packed: None, drawn };
+        let picture =
+            Self { job, kernel, footprint, kind, voxel, layout, sampled, lighting, axes, packed: None, drawn };
         if picture.outgrows_textures() {
             return Err("tiles has rays at least a voxel apart, and here they do not fit into a texture".to_owned());
         }
@@ -284,6 +292,7 @@ impl<'a> Picture<'a> {
             layout: self.layout,
             rays,
             packs_on_host: self.axes.first().is_some_and(is_for_host),
+            sampled: self.sampled.as_ref().map(|sampled| sampled.key()),
             constants,
         }
     }
@@ -414,9 +423,9 @@ impl<'a> Picture<'a> {
         let (reusable, spare): (Vec<_>, Vec<_>) = held.drain(..).partition(is_same);
         // Drop unusable packings first, so that old and new are never in memory together. Others are packed over:
         // textures that exist are not cleared first.
-        let on_host = pipelines.packer.is_none();
+        let whole = pipelines.packer.is_none() || self.sampled.is_some();
         let has_room =
-            |packed: &Packed, axis: &PackedAxis| packed.has_room_for((axis.packing, &axis.reached), stores, on_host);
+            |packed: &Packed, axis: &PackedAxis| packed.has_room_for((axis.packing, &axis.reached), stores, whole);
         let spare = spare.into_iter().filter_map(Arc::into_inner);
         let mut spare: Vec<Packed> =
             spare.filter(|packed| self.axes.iter().any(|axis| has_room(packed, axis))).collect();
@@ -429,7 +438,7 @@ impl<'a> Picture<'a> {
                     let over = spare.iter().position(|packed| has_room(packed, axis)).map(|i| spare.swap_remove(i));
                     Arc::new(axis.packing.stored().pack(
                         recorder,
-                        pipelines.packer.as_ref(),
+                        (pipelines.packer.as_ref(), self.sampled.as_deref()),
                         (stores, &axis.reached),
                         &light,
                         weights.max,

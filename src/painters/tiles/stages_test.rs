@@ -300,7 +300,8 @@ fn packed_by(
     let lights = if let Voxel::Color { lights, .. } = voxel { lights } else { 0 };
     let light = SplatLight { lighting, lights, points, to_eye };
     let mut recorder = Recorder::untimed(context);
-    let packed = packing.stored().pack(&mut recorder, stage, (&stores, &None), &light, max_weight, None).unwrap();
+    let packed =
+        packing.stored().pack(&mut recorder, (stage, None), (&stores, &None), &light, max_weight, None).unwrap();
     recorder.submit();
     packed
 }

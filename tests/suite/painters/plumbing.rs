@@ -8,9 +8,9 @@ use voxsplat::error::Error;
 use voxsplat::layers::{Layer, Layers};
 use voxsplat::lighting::{Light, Lighting};
 use voxsplat::renderer::{Rendered, Renderer, RendererOptions, Scene};
-use voxsplat::settings::{Level, Settings, Shading};
+use voxsplat::settings::{Level, Painter, QuadsSettings, Settings, Shading};
 use voxsplat::stats::{Clock, Stats};
-use voxsplat::transfer::{ControlPoint, TransferFunction};
+use voxsplat::transfer::{ControlPoint, GradientPoint, TransferFunction};
 use voxsplat::volume::{Grid, Samples, Volume};
 use voxsplat::wgpu;
 
@@ -275,6 +275,47 @@ fn another_transfer_function_sends_a_table_and_no_samples() {
             }
         }
     }
+}
+
+/// GPUs pack voxels from their samples, and make no list of splats unless something reads it. A picture has the same bytes
+/// if it is packed from lists, and if it is packed over another transfer function's.
+#[test]
+fn voxels_packed_from_samples_are_those_packed_from_lists() {
+    let (volume, transfer) = demo("vessels", 64);
+    let thins = [(0.0, 0.0), (0.02, 1.0)].map(|(magnitude, opacity)| GradientPoint { magnitude, opacity });
+    let thinned = transfer.clone().with_gradient_opacity(thins.to_vec()).unwrap();
+    let host = host(Renderer::FEATURES).with_device_stages();
+    let by_quads =
+        |settings: &Settings| Settings { painter: Painter::Quads(QuadsSettings::default()), ..settings.clone() };
+    let [lit, _, unlit, _] = kinds();
+    let [_, clipped] = changed(&lit, 2.0);
+    for (settings, transfer) in [(&lit, &transfer), (&unlit, &thinned), (&lit, &thinned), (&clipped, &transfer)] {
+        for projection in PROJECTIONS {
+            let camera = camera(20.0, projection, &volume, 96);
+            let draw = |scene: &Scene| draw_on(&host.renderer, scene, &camera, settings).unwrap();
+            let mut sampled = prepare_on(&host.renderer, &volume, transfer, settings).unwrap();
+            let listed = prepare_on(&host.renderer, &volume, transfer, &by_quads(settings)).unwrap();
+            let quads = draw_on(&host.renderer, &listed, &camera, &by_quads(settings)).unwrap().image;
+            let [own, others] = [&sampled, &listed].map(|scene| draw(scene).image);
+            let what = format!("{projection:?}: {settings:?}");
+            assert!(own == others, "{} of 255: {what}", 255.0 * rms_of_all(&own, &others));
+            // The list of a scene that was packed from samples.
+            let later = draw_on(&host.renderer, &sampled, &camera, &by_quads(settings)).unwrap().image;
+            assert!(later == quads && draw(&sampled).image == own, "{what}");
+            for function in [&less_of(transfer), transfer] {
+                host.renderer.set_transfer(&mut sampled, function).unwrap();
+                let fresh = prepare_on(&host.renderer, &volume, function, settings).unwrap();
+                assert!(draw(&sampled).image == draw(&fresh).image, "{what}");
+            }
+        }
+    }
+}
+
+/// The same function with less visible.
+fn less_of(transfer: &TransferFunction) -> TransferFunction {
+    let [low, high] = transfer.range();
+    let moved = |p: &ControlPoint| ControlPoint { value: p.value + 0.2 * (high - low), ..*p };
+    TransferFunction::new(transfer.points().iter().map(moved).collect(), transfer.unit_distance()).unwrap()
 }
 
 #[test]

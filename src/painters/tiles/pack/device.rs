@@ -10,8 +10,9 @@ use crate::gpu::context::Context;
 use crate::gpu::layout::Pack;
 use crate::gpu::pipeline::texture_view;
 use crate::gpu::recorder::Recorder;
+use crate::gpu::sampled::Sampled;
 use crate::gpu::splat::{SplatLight, ToEye};
-use crate::gpu::stage::Stage;
+use crate::gpu::stage::{Stage, for_each};
 use crate::gpu::store::{BrickSplats, Store};
 use crate::painters::tiles::axis::unordered;
 
@@ -103,27 +104,16 @@ impl Packing {
         u64::from(self.size[0]) * self.voxel.texel()
     }
 
-    /// Fills the texture of voxels and the marks of macrocells.
-    pub(super) fn fill_on_device(
-        &self,
-        recorder: &mut Recorder<'_>,
-        stage: &Stage,
-        (stores, Bands { runs, bands }): (&[Store], &Bands),
-        light: &SplatLight,
-        scale: f32,
-        (volume, marks): (&wgpu::Texture, &wgpu::Buffer),
-    ) -> Result<()> {
-        let context = recorder.context;
-        let uniform = wgpu::BufferUsages::UNIFORM;
-        let [width, _] = self.size;
+    /// The parameters of shaders, without splats.
+    fn parameters(&self, light: &SplatLight, scale: f32) -> Pack {
         let ToEye { eye, view: [view_x, view_y, view_z], .. } = light.to_eye;
-        let common = Pack {
+        Pack {
             low: unordered(self.axes, self.low),
             axes: self.axes.map(|axis| axis as u32),
             rows: self.dims[1],
             columns: self.columns,
             row_texels: self.row_texels,
-            width,
+            width: self.size[0],
             scale,
             planes: self.dims[2],
             across: self.dims[0],
@@ -137,7 +127,60 @@ impl Packing {
             view_y,
             view_z,
             ..Pack::zeroed()
-        };
+        }
+    }
+
+    /// Fills the box of voxels and the marks of macrocells with classified samples. `clears`: the box holds other voxels.
+    pub(super) fn fill_from_samples(
+        &self,
+        recorder: &mut Recorder<'_>,
+        stage: &Stage,
+        (sampled, clears): (&Sampled, bool),
+        light: &SplatLight,
+        scale: f32,
+        (volume, marks): (&wgpu::Texture, &wgpu::Buffer),
+    ) -> Result<()> {
+        let context = recorder.context;
+        let upload = |label, bytes: &[u8]| context.upload(label, bytes, wgpu::BufferUsages::UNIFORM);
+        let parameters = Pack { clears: clears.into(), ..self.parameters(light, scale) };
+        let parameters = upload("pack.parameters", bytemuck::bytes_of(&parameters))?;
+        let lighting = upload("pack.lighting", bytemuck::bytes_of(&light.lighting))?;
+        let view = volume.create_view(&wgpu::TextureViewDescriptor::default());
+        recorder.clear(marks, self.mark_bytes());
+        for dispatch in sampled.dispatches(context) {
+            let classify = upload("pack.classify", bytemuck::bytes_of(&dispatch.parameters))?;
+            let resources = [
+                classify.as_entire_binding(),
+                dispatch.samples,
+                sampled.points(),
+                parameters.as_entire_binding(),
+                texture_view(&view),
+                marks.as_entire_binding(),
+                lighting.as_entire_binding(),
+                dispatch.places,
+                dispatch.seen,
+                dispatch.normals,
+            ];
+            stage.run(recorder, &resources, for_each(context, dispatch.voxels));
+            recorder.worked(dispatch.work);
+        }
+        Ok(())
+    }
+
+    /// Fills the texture of voxels and the marks of macrocells.
+    pub(super) fn fill_on_device(
+        &self,
+        recorder: &mut Recorder<'_>,
+        stage: &Stage,
+        (stores, Bands { runs, bands }): (&[Store], &Bands),
+        light: &SplatLight,
+        scale: f32,
+        (volume, marks): (&wgpu::Texture, &wgpu::Buffer),
+    ) -> Result<()> {
+        let context = recorder.context;
+        let uniform = wgpu::BufferUsages::UNIFORM;
+        let [width, _] = self.size;
+        let common = self.parameters(light, scale);
         recorder.clear(marks, self.mark_bytes());
         let lighting = context.upload("pack.lighting", bytemuck::bytes_of(&light.lighting), uniform)?;
         let row_bytes = self.row_bytes();

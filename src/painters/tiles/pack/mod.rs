@@ -14,6 +14,7 @@ use crate::gpu::context::Context;
 use crate::gpu::layout::{MACROCELL, MARGIN};
 use crate::gpu::pipeline::Binding::{self, Read, Uniform, Write};
 use crate::gpu::recorder::Recorder;
+use crate::gpu::sampled::{Sampled, SampledKey};
 use crate::gpu::shaders;
 use crate::gpu::splat::SplatLight;
 use crate::gpu::stage::{Constant, Stage};
@@ -85,6 +86,8 @@ impl Layout {
 const MAX_BYTES: u64 = 4 << 30;
 /// The most macrocells along an axis of which a workgroup keeps the marks: `marked` in shaders/skip.wgsl.
 const MARKED: u32 = 2048;
+/// The most bytes of a packed volume over those of the voxels that a picture needs: it serves other pictures too.
+pub(super) const MOST_UNSEEN: u64 = 2;
 /// Macrocells before the first lattice point: more than splats reach.
 const BEFORE: u32 = 4;
 /// The cells of a macrocell that are not the first along a, b or m, as bits of its marks.
@@ -203,6 +206,15 @@ impl Packing {
     /// The steps along a, b and m in a box of voxels.
     pub(super) fn steps(&self) -> [[i32; 3]; 3] {
         self.stored_axes().map(|axis| [0, 1, 2].map(|along| i32::from(along == axis)))
+    }
+
+    /// The packing of these voxels in the box of another one, if that has room for them and is not much larger.
+    pub(super) fn in_box_of(&self, other: &Self) -> Option<Self> {
+        let [low, dims] = [other.low, other.dims].map(|values| self.axes.map(|axis| values[axis]));
+        let has_room = (0..3).all(|i| low[i] <= self.low[i] && self.low[i] + self.dims[i] <= low[i] + dims[i]);
+        let moved = Self { low, dims, ..*self };
+        let fits = has_room && moved.stored() == *other && moved.bytes() <= MOST_UNSEEN * self.bytes();
+        fits.then_some(moved)
     }
 
     /// Whether there is no voxel in the box.
@@ -340,10 +352,10 @@ impl Packed {
         packing.stored() == self.packing && self.has_places_of(stores) && *reached == self.reached
     }
 
-    /// Whether these splats can be packed over its own: the host writes all of the textures, the stage on the device
-    /// only the places of splats.
-    pub(super) fn has_room_for(&self, (packing, reached): (Packing, &Reached), stores: &[Store], host: bool) -> bool {
-        self.serves((packing, reached), stores) || host && packing.stored() == self.packing
+    /// Whether these splats can be packed over its own: of lists the stage on the device writes the places of splats
+    /// only, otherwise the `whole` textures are written.
+    pub(super) fn has_room_for(&self, (packing, reached): (Packing, &Reached), stores: &[Store], whole: bool) -> bool {
+        self.serves((packing, reached), stores) || whole && packing.stored() == self.packing
     }
 
     /// Whether its splats are at the places of those of these stores.
@@ -374,6 +386,7 @@ pub(crate) struct Packed {
 
 /// The stage that packs on the device.
 pub(super) fn stage(context: &Context, constants: &[Constant], voxel: Voxel, layout: Layout) -> Stage {
+    let stage = ("pack", "voxels");
     let texture = |format| Binding::StorageTexture(format, wgpu::TextureViewDimension::D3);
     let (shader, voxels) = match (layout, voxel) {
         (Layout::Rows, _) => (shaders::PACK, Write),
@@ -381,16 +394,27 @@ pub(super) fn stage(context: &Context, constants: &[Constant], voxel: Voxel, lay
         (Layout::Box, _) => (shaders::PACK_VECTORS, texture(voxel.format(layout))),
     };
     let slots = [Uniform, Uniform, Read, Read, voxels, Write, Read];
-    Stage::new(context, shader, ("pack", "voxels"), &slots, constants)
+    Stage::new(context, shader, stage, &slots, constants)
+}
+
+/// The stage that packs samples on the device, into a box.
+pub(super) fn stage_of_samples(context: &Context, constants: &[Constant], voxel: Voxel, key: SampledKey) -> Stage {
+    let voxels = Binding::StorageTexture(voxel.format(Layout::Box), wgpu::TextureViewDimension::D3);
+    let slots = [Uniform, Read, Read, Uniform, voxels, Write, Uniform, Read, Read, Read];
+    // Those of samples replace those of scalars.
+    let others = constants.iter().copied().filter(|(name, _)| key.constants().all(|(own, _)| own != *name));
+    let constants: Vec<Constant> = others.chain(key.constants()).collect();
+    Stage::new(context, shaders::PACK_SAMPLES, ("pack", "voxels"), &slots, &constants)
 }
 
 impl Packing {
     /// Packs the splats of stores that rays reach, whose largest weight is `max_weight`, by the stage or without it on
-    /// the host: into new textures, or into the textures of `over`, which has room for them.
+    /// the host: into new textures, or into the textures of `over`, which has room for them. A stage of samples reads
+    /// these in place of the stores.
     pub(super) fn pack(
         self,
         recorder: &mut Recorder<'_>,
-        stage: Option<&Stage>,
+        (stage, sampled): (Option<&Stage>, Option<&Sampled>),
         (stores, reached): (&[Store], &Reached),
         light: &SplatLight,
         max_weight: f64,
@@ -400,6 +424,8 @@ impl Packing {
             Voxel::Scalar => 1.0,
             _ => (F16_HEADROOM / max_weight.max(f64::MIN_POSITIVE)).log2().floor().exp2().min(MAX_SCALE),
         };
+        // Voxels of others that show nothing now.
+        let clears = over.as_ref().is_some_and(|over| !over.has_places_of(stores));
         let (volume, marks, bands) = match over {
             Some(Packed { volume, marks, bands, .. }) => (volume.texture().clone(), marks, bands),
             None => {
@@ -407,17 +433,20 @@ impl Packing {
                 (volume, marks, None)
             }
         };
-        let bands = match (stage, bands) {
-            (Some(_), None) => Some(self.bands(recorder.context, stores, reached)?),
-            (_, bands) => bands,
+        let bands = match (stage, sampled, bands) {
+            (Some(_), None, None) => Some(self.bands(recorder.context, stores, reached)?),
+            (_, _, bands) => bands,
         };
-        match stage.zip(bands.as_ref()) {
-            Some((stage, bands)) => {
-                self.fill_on_device(recorder, stage, (stores, bands), light, scale as f32, (&volume, &marks))?;
+        let to = (&volume, &marks);
+        match (stage, sampled, &bands) {
+            (Some(stage), Some(sampled), _) => {
+                self.fill_from_samples(recorder, stage, (sampled, clears), light, scale as f32, to)?;
             }
-            None => recorder.on_host("pack", |recorder| {
-                self.fill_on_host(recorder, (stores, reached), light, scale as f32, (&volume, &marks))
-            })?,
+            (Some(stage), None, Some(bands)) => {
+                self.fill_on_device(recorder, stage, (stores, bands), light, scale as f32, to)?;
+            }
+            _ => recorder
+                .on_host("pack", |recorder| self.fill_on_host(recorder, (stores, reached), light, scale as f32, to))?,
         }
         let volume = volume.create_view(&wgpu::TextureViewDescriptor::default());
         Ok(Packed {

@@ -1,0 +1,231 @@
+//! Splats that are no list: the device holds the samples and which of them are visible, for painters that read these.
+
+use std::any::Any;
+use std::sync::Arc;
+
+use super::cache::Cache;
+use super::classify::{BrickBatch, Classifier, HeldSamples, Input, InputKey, STRIDE, VisibleVoxels, joined};
+use super::context::Context;
+use super::kept_voxels::{FOUND, KeptVoxels};
+use super::layout::{Classify, MAX_BRICKS};
+use super::pipeline::buffer_range;
+use super::recorder::{Recorder, max_work};
+use super::rows::ROWS;
+use super::stage::Constant;
+use super::store::{BrickSplats, Bricks, Drawable, Splats, Store, Unlisted};
+use crate::error::Result;
+use crate::volume::BRICK_EDGE as EDGE;
+
+/// The samples of a volume, classified by a transfer function.
+pub(crate) struct Sampled {
+    classifier: Arc<Classifier>,
+    key: InputKey,
+    points: wgpu::Buffer,
+    parameters: Classify,
+    batches: Arc<Vec<BrickBatch>>,
+    /// By buffer of samples.
+    visible: Arc<Vec<VisibleVoxels>>,
+    /// The packed normals of visible voxels, by buffer of samples; `None`: there is no light or no room for them.
+    normals: Option<Vec<wgpu::Buffer>>,
+}
+
+/// How shaders read samples and normals.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(crate) struct SampledKey {
+    input: InputKey,
+    kept_normals: bool,
+}
+
+impl SampledKey {
+    pub(crate) fn constants(self) -> impl Iterator<Item = Constant> {
+        self.input.constants().into_iter().chain([("KEPT_NORMALS", self.kept_normals.into())])
+    }
+}
+
+/// The samples that a dispatch reads, as bindings.
+pub(crate) struct Dispatch<'a> {
+    /// Bricks, from this one of the lattice on.
+    pub(crate) parameters: Classify,
+    pub(crate) voxels: u64,
+    pub(crate) work: u64,
+    pub(crate) samples: wgpu::BindingResource<'a>,
+    pub(crate) places: wgpu::BindingResource<'a>,
+    pub(crate) seen: wgpu::BindingResource<'a>,
+    pub(crate) normals: wgpu::BindingResource<'a>,
+}
+
+/// A store of some of these splats: consecutive batches of a buffer of samples.
+struct Part {
+    of: Arc<Sampled>,
+    /// The number of the buffer.
+    buffer: usize,
+    /// The numbers of the batches.
+    batches: Vec<usize>,
+    /// The first splat among the visible voxels of the buffer, and their number.
+    first: u32,
+    count: u32,
+}
+
+impl Sampled {
+    /// The visible voxels of a volume, whose samples the device holds from now on.
+    pub(crate) fn run(pipelines: &Cache, input: &Input<'_>, held: &HeldSamples, kept: &KeptVoxels) -> Result<Drawable> {
+        let context = input.context;
+        let classifier = Classifier::of(pipelines, input)?;
+        let points = input.points_on_device()?;
+        let (sampled, bytes) = held.with(input, |batches| {
+            kept.with(pipelines, input, batches, input.key().is_lit(), |visible, normals| {
+                Ok(Arc::new(Self {
+                    classifier,
+                    key: input.key(),
+                    points,
+                    parameters: input.parameters(),
+                    batches: Arc::clone(batches),
+                    visible: Arc::clone(visible),
+                    normals: normals.map(<[_]>::to_vec),
+                }))
+            })
+        })?;
+        let ranges = input.volume.ranges()?;
+        let bricks = Bricks { all: ranges.len() as u32, uploaded: input.shown(ranges), bytes };
+        let stores = Self::parts(&sampled, context).into_iter().map(|part| part.store(context));
+        Ok(Drawable { stores: stores.collect::<Result<_>>()?, bricks, ..Drawable::default() })
+    }
+
+    /// The splats of stores, if they are all of one volume and not listed.
+    pub(crate) fn of(stores: &[Store]) -> Option<Arc<Self>> {
+        let of = |store: &Store| -> Option<Arc<Self>> {
+            let source: Arc<dyn Any + Send + Sync> = store.unlisted()?;
+            Some(Arc::clone(&source.downcast_ref::<Part>()?.of))
+        };
+        let first = of(stores.first()?)?;
+        stores.iter().all(|store| of(store).is_some_and(|other| Arc::ptr_eq(&first, &other))).then_some(first)
+    }
+
+    /// Whether lists of the splats take less memory than half of the samples.
+    pub(crate) fn is_sparse(&self) -> bool {
+        let splats: u64 = self.visible.iter().map(|visible| u64::from(visible.count)).sum();
+        let samples: u64 = self.batches.iter().map(|batch| batch.bytes.end - batch.bytes.start).sum();
+        2 * splats * STRIDE < samples
+    }
+
+    pub(crate) fn key(&self) -> SampledKey {
+        SampledKey { input: self.key, kept_normals: self.normals.is_some() }
+    }
+
+    /// The control points of the transfer function.
+    pub(crate) fn points(&self) -> wgpu::BindingResource<'_> {
+        self.points.as_entire_binding()
+    }
+
+    /// The dispatches that read all samples, with an invocation for each. None outlasts the watchdog of a small GPU.
+    pub(crate) fn dispatches(&self, context: &Context) -> Vec<Dispatch<'_>> {
+        let each = if self.key.is_lit() && self.normals.is_none() { FOUND } else { 1 };
+        let batch_work = (super::classify::BATCH * EDGE * EDGE * EDGE) as u64 * each;
+        let together = (max_work(context) / batch_work).clamp(1, 1 << 16) as usize;
+        let mut dispatches = Vec::new();
+        let mut first_brick = 0;
+        for (number, (batches, visible)) in BrickBatch::by_buffer(&self.batches).zip(&*self.visible).enumerate() {
+            for batches in batches.chunks(together) {
+                let [Some(first), Some(last)] = [batches.first(), batches.last()] else { continue };
+                let bricks = last.before + last.origins.len() - first.before;
+                let voxels = (bricks * ROWS * EDGE) as u64;
+                let rows = |buffer| BrickBatch::rows(buffer, first.before, bricks);
+                let normals = self.normals.as_ref().and_then(|normals| normals.get(number));
+                dispatches.push(Dispatch {
+                    parameters: Classify { bricks: bricks as u32, first_brick, ..self.parameters },
+                    voxels,
+                    work: voxels * each,
+                    samples: buffer_range(&first.samples, first.bytes.start, last.bytes.end - first.bytes.start),
+                    places: rows(&visible.places),
+                    seen: rows(&visible.seen),
+                    normals: normals.unwrap_or(&visible.places).as_entire_binding(),
+                });
+                first_brick += bricks as u32;
+            }
+        }
+        dispatches
+    }
+
+    /// The stores, each of which could be listed in a buffer.
+    fn parts(this: &Arc<Self>, context: &Context) -> Vec<Part> {
+        let bindable = context.largest_buffer() / STRIDE;
+        let most = u32::try_from(bindable).unwrap_or(u32::MAX).min(joined(context));
+        let mut parts: Vec<Part> = Vec::new();
+        let mut number = 0;
+        for (buffer, (batches, visible)) in BrickBatch::by_buffer(&this.batches).zip(&*this.visible).enumerate() {
+            for batch in batches {
+                let place = |brick: usize| visible.bricks.get(brick).map_or(visible.count, |brick| brick.first);
+                let first = place(batch.before);
+                let count = place(batch.before + batch.origins.len()) - first;
+                let has_room = |part: &&mut Part| {
+                    let bricks = (part.batches.len() + 1) * super::classify::BATCH;
+                    part.buffer == buffer && part.count + count <= most && bricks <= MAX_BRICKS
+                };
+                match parts.last_mut().filter(has_room) {
+                    _ if count == 0 => {}
+                    Some(part) => {
+                        part.batches.push(number);
+                        part.count += count;
+                    }
+                    None => parts.push(Part { of: Arc::clone(this), buffer, batches: vec![number], first, count }),
+                }
+                number += 1;
+            }
+        }
+        parts
+    }
+}
+
+impl Part {
+    fn batches(&self) -> impl Iterator<Item = &BrickBatch> {
+        self.batches.iter().filter_map(|&number| self.of.batches.get(number))
+    }
+
+    fn store(self, context: &Context) -> Result<Store> {
+        let visible = &self.of.visible[self.buffer];
+        let of_batch = |batch: &BrickBatch| &visible.bricks[batch.before..][..batch.origins.len()];
+        let brick = |brick: &BrickSplats| BrickSplats { first: brick.first - self.first, ..*brick };
+        let bricks = self.batches().flat_map(of_batch).map(brick).collect();
+        let bytes = self.batches().map(|batch| batch.places.size()).sum();
+        let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST;
+        let origins = context.buffer("splats.origins", bytes, usage)?;
+        let (mut recorder, mut at) = (Recorder::untimed(context), 0);
+        for batch in self.batches() {
+            recorder.copy(&batch.places, &origins, at, batch.places.size());
+            at += batch.places.size();
+        }
+        recorder.submit();
+        let count = self.count;
+        Store::new(context, (Splats::Unlisted(Arc::new(self)), Some(origins)), STRIDE, count, bricks)
+    }
+}
+
+impl Unlisted for Part {
+    fn list(&self, context: &Context) -> Result<wgpu::Buffer> {
+        let Sampled { classifier, points, parameters, visible, .. } = &*self.of;
+        let VisibleVoxels { places, seen, .. } = &visible[self.buffer];
+        let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
+        let splats = context.buffer("classify.splats", u64::from(self.count) * STRIDE, usage)?;
+        let (mut recorder, mut first_brick) = (Recorder::untimed(context), 0);
+        for batch in self.batches() {
+            let bricks = batch.origins.len();
+            let [places, seen] = [places, seen].map(|buffer| BrickBatch::rows(buffer, batch.before, bricks));
+            let parameters = Classify { first_brick, first_splat: self.first, ..*parameters };
+            let buffers = [places, seen, splats.as_entire_binding()];
+            let mut pass = recorder.compute_pass("classify");
+            classifier.record(context, &mut pass, (batch, points), (parameters, true), buffers)?;
+            drop(pass);
+            recorder.worked((bricks * ROWS * EDGE) as u64 * FOUND);
+            first_brick += bricks as u32;
+        }
+        recorder.submit();
+        Ok(splats)
+    }
+
+    fn bytes(&self) -> u64 {
+        let rows: usize = self.batches().map(|batch| batch.origins.len() * ROWS).sum();
+        let samples: u64 = self.batches().map(|batch| batch.bytes.end - batch.bytes.start).sum();
+        let normals = if self.of.normals.is_some() { 4 * u64::from(self.count) } else { 0 };
+        samples + 8 * rows as u64 + normals
+    }
+}
