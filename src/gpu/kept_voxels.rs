@@ -4,10 +4,11 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::cache::Cache;
-use super::classify::{BrickBatch, Classifier, HeldSamples, Input, InputKey, VisibleVoxels};
+use super::classify::{Classifier, VisibleVoxels};
 use super::layout::Classify;
 use super::pipeline::Binding;
 use super::recorder::{Recorder, max_work};
+use super::samples::{BrickBatch, HeldSamples, Input, InputKey};
 use super::scan::Scan;
 use super::shaders;
 use super::stage::{Stage, for_each};

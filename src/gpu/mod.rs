@@ -7,6 +7,7 @@ pub(crate) mod cells;
 #[cfg(test)]
 mod cells_test;
 pub(crate) mod classify;
+pub(crate) mod classify_on_host;
 pub(crate) mod context;
 pub(crate) mod kept_voxels;
 pub(crate) mod layout;
@@ -18,6 +19,7 @@ mod rows;
 pub(crate) mod sampled;
 #[cfg(test)]
 mod sampled_test;
+pub(crate) mod samples;
 pub(crate) mod savings;
 #[cfg(test)]
 mod savings_test;

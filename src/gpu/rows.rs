@@ -3,13 +3,10 @@
 
 use super::context::Context;
 use super::recorder::{ComputePass, Readback, Recorder};
+use super::samples::ROWS;
 use super::scan::Scan;
 use super::store::{BrickSplats, Part, Splats, StoreBuilder};
 use crate::error::Result;
-use crate::volume::BRICK_EDGE as EDGE;
-
-/// Rows of a brick.
-pub(super) const ROWS: usize = EDGE * EDGE;
 
 /// The buffers of the rows of some bricks.
 pub(super) struct Rows {

@@ -4,15 +4,15 @@ use std::any::Any;
 use std::sync::Arc;
 
 use super::cache::Cache;
-use super::classify::{BrickBatch, Classifier, HeldSamples, Input, InputKey, STRIDE, VisibleVoxels, joined};
+use super::classify::{Classifier, STRIDE, VisibleVoxels, joined};
 use super::context::Context;
 use super::kept_voxels::{FOUND, KeptVoxels};
 use super::layout::{Classify, MAX_BRICKS};
 use super::pipeline::buffer_range;
 use super::recorder::{Recorder, max_work};
-use super::rows::ROWS;
+use super::samples::{BATCH, BrickBatch, Bricks, HeldSamples, Input, InputKey, ROWS};
 use super::stage::Constant;
-use super::store::{BrickSplats, Bricks, Drawable, Splats, Store, Unlisted};
+use super::store::{BrickSplats, Drawable, Splats, Store, Unlisted};
 use crate::error::Result;
 use crate::volume::BRICK_EDGE as EDGE;
 
@@ -91,6 +91,12 @@ impl Sampled {
         Ok(Drawable { stores: stores.collect::<Result<_>>()?, bricks, ..Drawable::default() })
     }
 
+    /// Whether samples may take less memory of the device than lists of all voxels that may show.
+    pub(crate) fn may_save(input: &Input<'_>) -> Result<bool> {
+        let shown = u64::from(input.shown(input.volume.ranges()?));
+        Ok(HeldSamples::fits(input) && input.bytes() <= shown * (ROWS * EDGE) as u64 * STRIDE)
+    }
+
     /// The splats of stores, if they are all of one volume and not listed.
     pub(crate) fn of(stores: &[Store]) -> Option<Arc<Self>> {
         let of = |store: &Store| -> Option<Arc<Self>> {
@@ -120,7 +126,7 @@ impl Sampled {
     /// The dispatches that read all samples, with an invocation for each. None outlasts the watchdog of a small GPU.
     pub(crate) fn dispatches(&self, context: &Context) -> Vec<Dispatch<'_>> {
         let each = if self.key.is_lit() && self.normals.is_none() { FOUND } else { 1 };
-        let batch_work = (super::classify::BATCH * EDGE * EDGE * EDGE) as u64 * each;
+        let batch_work = (BATCH * EDGE * EDGE * EDGE) as u64 * each;
         let together = (max_work(context) / batch_work).clamp(1, 1 << 16) as usize;
         let mut dispatches = Vec::new();
         let mut first_brick = 0;
@@ -158,7 +164,7 @@ impl Sampled {
                 let first = place(batch.before);
                 let count = place(batch.before + batch.origins.len()) - first;
                 let has_room = |part: &&mut Part| {
-                    let bricks = (part.batches.len() + 1) * super::classify::BATCH;
+                    let bricks = (part.batches.len() + 1) * BATCH;
                     part.buffer == buffer && part.count + count <= most && bricks <= MAX_BRICKS
                 };
                 match parts.last_mut().filter(has_room) {

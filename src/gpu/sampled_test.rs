@@ -2,11 +2,12 @@
 
 use super::adapter_test::adapter;
 use super::cache::Cache;
-use super::classify::{Classifier, HeldSamples, Input};
+use super::classify::Classifier;
 use super::context::Context;
 use super::kept_voxels::KeptVoxels;
 use super::recorder::Recorder;
 use super::sampled::Sampled;
+use super::samples::{HeldSamples, Input};
 use super::scan::Scan;
 use super::store::{Drawable, Store};
 use crate::progress::Progress;

@@ -3,10 +3,12 @@
 use glam::{DAffine3, DMat3, DVec2, DVec3};
 
 use super::adapter_test::adapter;
-use super::classify::{Classifier, HostClassifier, Input};
+use super::classify::Classifier;
+use super::classify_on_host::HostClassifier;
 use super::context::Context;
 use super::layout::Splat;
 use super::recorder::Recorder;
+use super::samples::Input;
 use super::savings::Savings;
 use super::scan::Scan;
 use super::store::Store;

@@ -12,30 +12,13 @@ use super::cache::Cache;
 use super::context::Context;
 use super::layout::{LIT_WORDS, MAX_BRICKS, SHADED_WORDS, place};
 use super::recorder::Recorder;
+use super::samples::Bricks;
 use super::sender::Sender;
 use super::splat::{LANES, SplatRun};
 use crate::error::Result;
 use crate::progress::Progress;
 use crate::volume::{BRICK_EDGE as EDGE, Volume};
 use voxsplat_volume::memory::reserved;
-
-/// The bricks that were searched for splats.
-#[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Bricks {
-    /// Bricks of the volume and of the copies beyond its faces.
-    pub(crate) all: u32,
-    /// Bricks that may be visible: only these are classified, or searched voxel by voxel.
-    pub(crate) uploaded: u32,
-    /// Bytes sent to the device for them.
-    pub(crate) bytes: u64,
-}
-
-impl Bricks {
-    /// The bricks of two levels of a volume together.
-    pub(crate) fn and(self, other: &Self) -> Self {
-        Self { all: self.all + other.all, uploaded: self.uploaded + other.uploaded, bytes: self.bytes + other.bytes }
-    }
-}
 
 /// Splats that fit into one buffer and into a storage binding.
 #[derive(Debug)]

@@ -13,10 +13,12 @@ use super::shadows::{Occluders, Places, Shadows, shaded};
 use crate::error::{Error, Result};
 use crate::gpu::cache::Cache;
 use crate::gpu::cells;
-use crate::gpu::classify::{Classifier, HeldSamples, HostClassifier, Input};
+use crate::gpu::classify::Classifier;
+use crate::gpu::classify_on_host::HostClassifier;
 use crate::gpu::context::Context;
 use crate::gpu::kept_voxels::KeptVoxels;
 use crate::gpu::sampled::Sampled;
+use crate::gpu::samples::{HeldSamples, Input};
 use crate::gpu::scan::Scan;
 use crate::gpu::splat::SplatLight;
 use crate::gpu::store::Drawable;
@@ -268,7 +270,7 @@ impl PreShaded {
     fn classified_on_device(&self, pipelines: &Cache, input: &Input<'_>, lists: bool) -> Result<Drawable> {
         let context = input.context();
         let is_held = self.edits > 0 || self.samples.is_held();
-        if is_held || !lists && HeldSamples::fits(input) && input.is_dense()? {
+        if is_held || !lists && Sampled::may_save(input)? {
             let sampled = || Sampled::run(pipelines, input, &self.samples, &self.visible);
             match context.guarded("holding samples", sampled) {
                 Ok(made) if is_held || !Sampled::of(&made.stores).is_some_and(|sampled| sampled.is_sparse()) => {

@@ -3,8 +3,10 @@
 
 use super::cells::{Classification, ColorSource, Emission};
 use crate::error::Result;
-use crate::gpu::classify::{STRIDE, gradient_of, gradients, steepness_of};
+use crate::gpu::classify::STRIDE;
+use crate::gpu::classify_on_host::{gradient_of, steepness_of};
 use crate::gpu::context::Context;
+use crate::gpu::samples::gradients;
 use crate::gpu::splat::{packed_appearance, packed_normal, resolution_at};
 use crate::gpu::store::{Drawable, MadeBrick, StoreBuilder};
 use crate::gpu::transfer::{Reduction, Relative};

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use super::classification::{Classification, ColorSource, Emission};
 use super::filled;
 use crate::error::Result;
-use crate::gpu::classify::gradients;
+use crate::gpu::samples::gradients;
 use crate::gpu::splat::{LANES, NO_NORMAL, SplatLight, packed_normal};
 use crate::gpu::store::places;
 use crate::gpu::transfer::{Reduction, Relative};
