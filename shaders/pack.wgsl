@@ -8,7 +8,7 @@ override PERSPECTIVE: bool = false;
 @group(0) @binding(0) var<uniform> pack: Pack;
 @group(0) @binding(1) var<uniform> lighting: Lighting;
 @group(0) @binding(2) var<storage, read> splats: array<vec2u>;
-@group(0) @binding(3) var<storage, read> origins: array<vec4u>;
+@group(0) @binding(5) var<storage, read> origins: array<vec4u>;
 // Runs of splats, a workgroup each: the first one, and the one after the last.
 @group(0) @binding(6) var<storage, read> runs: array<vec2u>;
 

@@ -7,7 +7,7 @@ override PERSPECTIVE: bool = false;
 // Whether the normals of visible voxels are kept: if not, they are found.
 override KEPT_NORMALS: bool = false;
 
-@group(0) @binding(3) var<uniform> pack: Pack;
+@group(0) @binding(5) var<uniform> pack: Pack;
 @group(0) @binding(6) var<uniform> lighting: Lighting;
 // For each row of a brick: the number of its first visible voxel among those of all bricks of a buffer of samples.
 @group(0) @binding(7) var<storage, read> places: array<u32>;

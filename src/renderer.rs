@@ -525,7 +525,7 @@ impl Renderer {
         *seconds += took;
         let (post, took) = scene.post_shading(&self.context, &self.pipelines, &lattice, &self.progress)?;
         *seconds += took;
-        let magnification = scene.magnification(&lattice);
+        let magnification = scene.magnification(&lattice, &drawable);
         Ok(Layer { lattice, need, post, magnification, drawable })
     }
 
@@ -538,6 +538,7 @@ impl Renderer {
             settings: &lattice.settings,
             kept: &drawable.kept,
             stores: &drawable.stores,
+            scalars: drawable.scalars.as_ref(),
             weights: lattice.weights,
             post: post.as_ref(),
             magnification: *magnification,

@@ -1,7 +1,7 @@
 // The marks of cells of 2^3 voxels, see common/packing.wgsl. The stage binds `pack`.
 // uses: common/packing
 
-@group(0) @binding(5) var<storage, read_write> marks: array<atomic<u32>>;
+@group(0) @binding(3) var<storage, read_write> marks: array<atomic<u32>>;
 
 // The first and the last cell that a splat marks, `place` voxels along a, b and m from the first packed voxel.
 fn first_marked(place: vec3u) -> vec3u {

@@ -105,6 +105,20 @@ shared! {
         first_splat: u32,
     }
 
+    /// How samples become scalars; shaders/pack_scalars.wgsl.
+    struct Scalars {
+        dims: [u32; 3],
+        padding: u32,
+        origin: f32,
+        rest: f32,
+        factor: f32,
+        first_brick: u32,
+        end_brick: u32,
+        first_plane: u32,
+        planes: u32,
+        _pad: u32,
+    }
+
     /// A box of voxels; shaders/common/voxel_box.wgsl.
     struct VoxelBox {
         low: [u32; 3],

@@ -17,6 +17,7 @@ pub(crate) mod present;
 pub(crate) mod recorder;
 mod rows;
 pub(crate) mod sampled;
+pub(crate) mod sampled_scalars;
 #[cfg(test)]
 mod sampled_test;
 pub(crate) mod samples;

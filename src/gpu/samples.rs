@@ -144,6 +144,8 @@ pub(crate) struct Input<'a> {
     transfer: &'a TransferFunction,
     /// Whether splats have normals.
     pub(super) lit: bool,
+    /// The layers of neighbouring voxels around a brick.
+    halo: usize,
     pub(super) progress: &'a Progress,
     pub(super) coding: SampleCoding,
     /// The control points as samples are compared with them.
@@ -170,13 +172,29 @@ impl<'a> Input<'a> {
         let thinning = transfer.scaled_gradient_opacity(coding.gradient_scale() * volume.grid().unit());
         let resolution = coding.resolution(transfer, volume, lit)?;
         let gradients = gradients(volume);
-        Ok(Self { context, volume, transfer, lit, progress, coding, points, thinning, resolution, gradients })
+        // For normals and for gradient opacity: `halo` in shaders/common/classified.wgsl.
+        let halo = if lit { NORMAL_REACH } else { usize::from(!thinning.is_empty()) };
+        Ok(Self { context, volume, transfer, lit, halo, progress, coding, points, thinning, resolution, gradients })
     }
 
-    /// The layers of neighbouring voxels around a brick, for normals and for gradient opacity: `halo` in
-    /// shaders/common/classified.wgsl.
+    /// A volume of scalars of this reduction, with gradients if they are lit.
+    pub(crate) fn of_scalars(
+        context: &'a Context,
+        volume: &'a Volume,
+        (transfer, reduction): (&'a TransferFunction, Reduction),
+        lit: bool,
+        progress: &'a Progress,
+    ) -> Self {
+        let coding = SampleCoding::new(volume, transfer);
+        let coding = SampleCoding { reduction: coding.reduction.map(|_| reduction), ..coding };
+        let (points, thinning) = (Vec::new(), Vec::new());
+        let (resolution, gradients, halo) = ([0.0; 2], gradients(volume), usize::from(lit));
+        Self { context, volume, transfer, lit: false, halo, progress, coding, points, thinning, resolution, gradients }
+    }
+
+    /// The layers of neighbouring voxels around a brick.
     pub(super) fn halo(&self) -> usize {
-        if self.lit { NORMAL_REACH } else { usize::from(!self.thinning.is_empty()) }
+        self.halo
     }
 
     /// Bytes of the samples of a brick with its halo.
@@ -281,7 +299,7 @@ impl Input<'_> {
     }
 
     /// Bytes of the samples of all bricks.
-    pub(super) fn bytes(&self) -> u64 {
+    pub(crate) fn bytes(&self) -> u64 {
         self.volume.bricks().into_iter().map(u64::from).product::<u64>() * self.brick_bytes()
     }
 

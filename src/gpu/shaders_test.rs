@@ -2,7 +2,7 @@
 
 use super::layout::{
     Batch, CellBox, Classify, Coarsen, ControlPoint, Converging, Frame, LightBox, Lighting, Pack, Present, Rays,
-    Reached, Shade, Sort, Sweep, Terminate, VoxelBox,
+    Reached, Scalars, Shade, Sort, Sweep, Terminate, VoxelBox,
 };
 use super::shaders::{ALL, Shader};
 
@@ -57,7 +57,7 @@ fn structs_are_laid_out_alike() {
         )*};
     }
     compare!(Classify, VoxelBox, Coarsen, CellBox, ControlPoint, Sort, Batch, Shade, Reached, Present, Terminate);
-    compare!(Pack, Rays, Lighting, Frame, LightBox, Sweep, Converging);
+    compare!(Pack, Scalars, Rays, Lighting, Frame, LightBox, Sweep, Converging);
 }
 
 #[test]
@@ -65,6 +65,7 @@ fn constants_are_those_of_the_host() {
     // (shader, constant, the host's value)
     let expected = [
         ("classify", "EDGE", crate::volume::BRICK_EDGE as u64),
+        ("extents", "EDGE", crate::volume::BRICK_EDGE as u64),
         ("cells", "EDGE", crate::volume::BRICK_EDGE as u64),
         ("lit_rows", "NODES", super::cells::NODES as u64),
         ("scan", "RUN", super::scan::RUN),

@@ -12,6 +12,7 @@ use super::cache::Cache;
 use super::context::Context;
 use super::layout::{LIT_WORDS, MAX_BRICKS, SHADED_WORDS, place};
 use super::recorder::Recorder;
+use super::sampled_scalars::SampledScalars;
 use super::samples::Bricks;
 use super::sender::Sender;
 use super::splat::{LANES, SplatRun};
@@ -365,6 +366,8 @@ impl Part for HostBrick {
 #[derive(Default)]
 pub(crate) struct Drawable {
     pub(crate) stores: Vec<Store>,
+    /// Scalars that no store lists, and the number that takes the place of [`Store::id`].
+    pub(crate) scalars: Option<(Arc<SampledScalars>, u64)>,
     pub(crate) bricks: Bricks,
     /// Splats that are copies of voxels beyond the faces of the volume.
     pub(crate) copies: u64,
@@ -373,13 +376,22 @@ pub(crate) struct Drawable {
 }
 
 impl Drawable {
+    /// Scalars that no store lists.
+    pub(crate) fn of_scalars(scalars: SampledScalars, bricks: Bricks) -> Self {
+        let copies = scalars.copies();
+        let scalars = Some((Arc::new(scalars), MADE.fetch_add(1, Ordering::Relaxed)));
+        Self { scalars, bricks, copies, ..Self::default() }
+    }
+
     pub(crate) fn splats(&self) -> u64 {
-        self.stores.iter().map(|store| u64::from(store.count)).sum()
+        let listed: u64 = self.stores.iter().map(|store| u64::from(store.count)).sum();
+        listed + self.scalars.as_ref().map_or(0, |(scalars, _)| scalars.count())
     }
 
     /// Bytes of memory.
     pub(crate) fn bytes(&self) -> u64 {
-        self.stores.iter().map(Store::bytes).sum()
+        let listed: u64 = self.stores.iter().map(Store::bytes).sum();
+        listed + self.scalars.as_ref().map_or(0, |(scalars, _)| scalars.bytes())
     }
 }
 

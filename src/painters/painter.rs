@@ -3,12 +3,15 @@
 //! A painter is a folder beside this file with the functions of a [`Room`]. It says what it refuses and what it needs
 //! of a scene before any work, and begins a [`Painting`] when the splats are there.
 
+use std::sync::Arc;
+
 use crate::error::Result;
 use crate::gpu::cache::Cache;
 use crate::gpu::context::Context;
 use crate::gpu::layout::Lighting;
 use crate::gpu::light_volume::PostShading;
 use crate::gpu::recorder::Recorder;
+use crate::gpu::sampled_scalars::SampledScalars;
 use crate::gpu::stage::Constant;
 use crate::gpu::store::Store;
 use crate::gpu::view::{ViewGeometry, Weights};
@@ -50,10 +53,12 @@ pub(crate) struct Job<'a> {
     pub(crate) settings: &'a Settings,
     /// The splats.
     pub(crate) stores: &'a [Store],
+    /// Scalars that no store lists, for painters whose [`ScalarNeed::samples`] permits it, and their number.
+    pub(crate) scalars: Option<&'a (Arc<SampledScalars>, u64)>,
     pub(crate) weights: Weights,
     /// The tables that classify and light scalars; `None` for classified voxels.
     pub(crate) post: Option<&'a PostShading>,
-    /// How much reconstruction magnifies scalars at most; `None`: the splats serve other transfer functions too.
+    /// How much reconstruction magnifies scalars at most; `None`: lists of splats serve other transfer functions too.
     pub(crate) magnification: Option<f64>,
     /// Layers of the lattice beyond the faces of the volume.
     pub(crate) padding: u32,
@@ -79,7 +84,8 @@ impl Depths<'_> {
 impl Job<'_> {
     /// The number of splats.
     pub(crate) fn splats(&self) -> u64 {
-        self.stores.iter().map(|store| u64::from(store.count)).sum()
+        let listed: u64 = self.stores.iter().map(|store| u64::from(store.count)).sum();
+        listed + self.scalars.map_or(0, |(scalars, _)| scalars.count())
     }
 
     /// Whether empty space shows: places without splats hold the transfer function's base.

@@ -89,6 +89,11 @@ type CellsKey = (Option<SplatLight>, Option<Shadows>, Option<LayerPart>);
 /// The shadows on visible voxels, and the number of changes of the transfer function before.
 type ClassifiedKey = (Option<Shadows>, u32);
 
+/// What painters made of other splats, which are dropped: samples may be packed over them.
+fn kept_of<K>(held: Option<(K, Arc<Drawable>)>) -> Option<Arc<Cache>> {
+    held.map(|(_, before)| Arc::clone(&before.kept))
+}
+
 /// A volume as pre-shading draws it.
 pub(super) struct PreShaded {
     pub(super) layers: Layers,
@@ -129,17 +134,26 @@ pub(super) struct PostShaded {
     pub(super) light: Held<Shadows, FallenLight>,
     /// The splats by size of cells.
     pub(super) emitted: [Held<EmissionKey, Drawable>; CellSize::COUNT],
+    /// The samples on a GPU, held from the first picture of voxels on.
+    pub(super) samples: HeldSamples,
     /// Whether the splats serve other transfer functions too.
     pub(super) whole: bool,
 }
 
 impl PostShaded {
-    /// Emits splats of scalars.
+    /// Emits splats of scalars, or takes samples in their place if the key says so and the device has room for them.
     pub(super) fn emit(&self, context: &Context, key: &EmissionKey, progress: &Progress) -> Result<Drawable> {
-        let Self { volume, transfer, reduction, shows, .. } = self;
-        context.guarded("emitting scalars", || {
-            Emission::new(context, volume, transfer, reduction, *shows, key)?.emit(context, progress)
-        })
+        let Self { volume, transfer, shows, samples, .. } = self;
+        let emission = Emission::new(context, volume, transfer, *shows, key)?;
+        if key.need.samples {
+            let sampled = || emission.sampled(context, transfer, samples, progress);
+            match context.guarded("holding samples", sampled) {
+                Ok(Some(made)) => return Ok(made),
+                Ok(None) | Err(Error::OutOfMemory(_)) => {}
+                Err(e) => return Err(e),
+            }
+        }
+        context.guarded("emitting scalars", || emission.emit(context, progress))
     }
 
     /// The splats of scalars of a lattice, and the seconds that it took to make them.
@@ -152,17 +166,22 @@ impl PostShaded {
     ) -> Result<(Arc<Drawable>, f64)> {
         let (kernel, normalization) = lattice.kernel_of_voxels();
         let coarse = lattice.coarse.map(|(coarse, ..)| coarse);
-        let (lit, whole) = (lattice.settings.lighting.is_some(), self.whole);
+        let (lit, whole, reduction) = (lattice.settings.lighting.is_some(), self.whole, self.reduction);
         let emitted = &self.emitted[lattice.size.number()];
-        let part = lattice.view.layer_part().filter(|_| !whole);
-        let mut key = EmissionKey { kernel, normalization, need, lit, coarse, whole, part };
+        // A software adapter is the host, which emits faster than it sends samples.
+        let samples = need.samples && coarse.is_none() && !context.is_software();
+        let need = ScalarNeed { samples, ..need };
+        let part = lattice.view.layer_part().filter(|_| !whole && !samples);
+        let mut key = EmissionKey { kernel, normalization, need, lit, coarse, whole, part, reduction };
         // The first picture makes what its layer shows, and the second one all, for the eyes that follow.
         if emitted.key().is_some_and(|held| !held.serves(&key)) {
             key.part = None;
         }
         emitted.get_or_make(key, EmissionKey::serves, |held| {
-            drop(held);
-            Ok(Arc::new(self.emit(context, &key, progress)?))
+            let kept = kept_of(held).filter(|_| samples);
+            let made = self.emit(context, &key, progress)?;
+            let over = kept.filter(|_| made.scalars.is_some());
+            Ok(Arc::new(Drawable { kept: over.unwrap_or_default(), ..made }))
         })
     }
 
@@ -172,7 +191,6 @@ impl PostShaded {
         let range = self.volume.value_range()?;
         if !(self.whole && self.reduction.serves(&transfer, range)) {
             self.reduction = Reduction::for_edits(&transfer, range);
-            self.emitted.iter().for_each(Held::clear);
             self.whole = true;
         }
         self.resolution = Resolution::new(&transfer, &self.volume)?;
@@ -245,9 +263,10 @@ impl PreShaded {
             context.guarded("classifying the volume", || match shadows {
                 None => {
                     self.occluders.clear();
-                    // The voxels of another transfer function may be packed over; they are dropped.
-                    let kept = held.map(|(_, before)| Arc::clone(&before.kept)).unwrap_or_default();
-                    Ok(Arc::new(Drawable { kept, ..classify(lists)? }))
+                    let kept = kept_of(held).filter(|_| !context.is_software());
+                    let made = classify(lists)?;
+                    let over = kept.filter(|_| Sampled::of(&made.stores).is_some());
+                    Ok(Arc::new(Drawable { kept: over.unwrap_or_default(), ..made }))
                 }
                 Some(shadows) => {
                     // Other shadows lie on the same voxels.

@@ -151,13 +151,15 @@ pub(crate) struct ScalarNeed {
     pub(crate) influence: f64,
     /// The cells that stand for voxels by depth; `None`: voxels, or cells of one level.
     pub(crate) cut: Option<Cut>,
+    /// Whether the painter reads samples of voxels where the device has them, in place of lists of splats.
+    pub(crate) samples: bool,
     /// The largest growth of a kernel, for messages.
     pub(crate) growth: f64,
 }
 
 impl ScalarNeed {
     /// The need of pictures of classified voxels.
-    pub(crate) const NONE: Self = Self { padding: 0, influence: 0.0, cut: None, growth: 1.0 };
+    pub(crate) const NONE: Self = Self { padding: 0, influence: 0.0, cut: None, samples: false, growth: 1.0 };
 
     /// The need for kernels that reach `reach` voxels from any place of the field, and for an `influence` in voxels.
     ///
@@ -169,6 +171,7 @@ impl ScalarNeed {
             padding: (reach * (1.0 - 1e-9)).ceil() as u32,
             influence: (steps * influence + 1e-3).ceil() / steps,
             cut: None,
+            samples: false,
             growth: view.max_growth(),
         }
     }

@@ -10,6 +10,8 @@ use super::scalar_cells::{Coarse, Filters, differences};
 use crate::error::Result;
 use crate::gpu::context::Context;
 use crate::gpu::layout::{LIT_SCALAR_WORDS, SCALAR_WORDS, packed_gradient};
+use crate::gpu::sampled_scalars::SampledScalars;
+use crate::gpu::samples::{Bricks, HeldSamples, Input};
 use crate::gpu::savings::Savings;
 use crate::gpu::store::{Drawable, MadeBrick, StoreBuilder};
 use crate::gpu::transfer::{Reduction, Relative, VisibleValues};
@@ -38,6 +40,8 @@ pub(crate) struct EmissionKey {
     pub(crate) whole: bool,
     /// The part of the lattice whose bricks have splats; `None`: all of it.
     pub(crate) part: Option<LayerPart>,
+    /// How values become scalars.
+    pub(crate) reduction: Reduction,
 }
 
 impl EmissionKey {
@@ -218,11 +222,10 @@ impl<'a> Emission<'a> {
         context: &Context,
         volume: &'a Volume,
         transfer: &TransferFunction,
-        reduction: &Reduction,
         shows: VisibleValues,
         key: &EmissionKey,
     ) -> Result<Self> {
-        let (savings, need) = (context.savings, key.need);
+        let (savings, need, reduction) = (context.savings, key.need, &key.reduction);
         let halo = need.influence.floor() as usize;
         let singly = savings.voxels && !key.whole && halo <= MAX_HALO && need.cut.is_none();
         let [finest, coarsest] = need.cut.map_or([0, 0], |cut| cut.levels);
@@ -243,6 +246,55 @@ impl<'a> Emission<'a> {
         emission.active =
             ranges.map(|range| range.iter().any(|&raw| emission.is_active(emission.relative.to(raw)))).collect();
         Ok(emission)
+    }
+
+    /// The scalars as samples on the device, of which `held` holds those of the whole volume; `None`: it holds other
+    /// samples, lists take less memory, or nothing shows.
+    pub(crate) fn sampled(
+        &self,
+        context: &Context,
+        transfer: &TransferFunction,
+        held: &HeldSamples,
+        progress: &Progress,
+    ) -> Result<Option<Drawable>> {
+        /// The most bytes of the box that painters pack.
+        const MOST: u64 = 4 << 30;
+        let EmissionKey { lit, reduction, need, whole, .. } = self.key;
+        let input = Input::of_scalars(context, self.volume, (transfer, reduction), lit, progress);
+        let (Some(bounds), [lattice]) = (self.bounds(), self.lattices.as_slice()) else { return Ok(None) };
+        let places = |end: u64, axis: usize| end * u64::from(bounds[1][axis] - bounds[0][axis] + 1);
+        let texel = if lit { 8 } else { 4 };
+        let deepest = context.limits.max_texture_dimension_3d as usize;
+        let fits = HeldSamples::fits(&input)
+            && lattice.extended.iter().all(|&n| n < deepest)
+            && (0..3).fold(texel, places) <= MOST;
+        let shown = self.active.iter().filter(|&&active| active).count();
+        let listed = (shown * EDGE * EDGE * EDGE) as u64 * 4 * self.key.words() as u64;
+        if !fits || !whole && input.bytes() > listed {
+            return Ok(None);
+        }
+        let made = SampledScalars::new(&input, &reduction, held, (need.padding, bounds))?;
+        let bricks = |bytes| Bricks { all: self.active.len() as u32, uploaded: shown as u32, bytes };
+        Ok(made.map(|(scalars, bytes)| Drawable::of_scalars(scalars, bricks(bytes))))
+    }
+
+    /// The hull of the places within the influence of bricks that can be visible, in the extended lattice; `None` if
+    /// there are none.
+    fn bounds(&self) -> Option<[[u32; 3]; 2]> {
+        let [across, down, _] = self.volume.bricks();
+        let active = (0..).zip(&self.active).filter(|(_, active)| **active);
+        let bricks = active.map(|(n, _)| [n % across, n / across % down, n / (across * down)]);
+        let hull = bricks.map(|brick| [brick, brick]).reduce(|[low, high], [brick, _]| {
+            let ends = |axis: usize| (low[axis].min(brick[axis]), high[axis].max(brick[axis]));
+            let ends = [0, 1, 2].map(ends);
+            [ends.map(|(low, _)| low), ends.map(|(_, high)| high)]
+        })?;
+        let (edge, padding) = (EDGE as u32, self.key.need.padding);
+        let reach = self.key.need.influence.ceil().min(f64::from(u32::MAX >> 1)) as u32;
+        let dims = self.volume.grid().dims().map(|n| n + 2 * padding);
+        let low = hull[0].map(|brick| (brick * edge + padding).saturating_sub(reach));
+        let high = |axis: usize| dims[axis].min(((hull[1][axis] + 1) * edge + padding).saturating_add(reach));
+        Some([low, [0, 1, 2].map(high)])
     }
 
     /// Makes the splats.

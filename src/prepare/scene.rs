@@ -18,6 +18,7 @@ use crate::error::{Error, Result};
 use crate::gpu::cache::Cache;
 use crate::gpu::context::Context;
 use crate::gpu::light_volume::{LightVolume, PostShading};
+use crate::gpu::samples::HeldSamples;
 use crate::gpu::store::Drawable;
 use crate::gpu::timing::on_host;
 use crate::gpu::transfer::{Reduction, TransferTable, VisibleValues};
@@ -125,6 +126,7 @@ impl Scene {
             kept: Cache::default(),
             light: Kept::default(),
             emitted: std::array::from_fn(|_| Kept::default()),
+            samples: HeldSamples::default(),
             whole: false,
         };
         Ok(Self::new(context, Content::Scalars(Box::new(scalars)), grid, weights, seconds))
@@ -398,12 +400,12 @@ impl Scene {
         }
     }
 
-    /// How much the reconstruction of a lattice magnifies scalars at most; `None` for classified voxels, and for
-    /// scalars that serve other transfer functions too.
-    pub(crate) fn magnification(&self, lattice: &Lattice) -> Option<f64> {
+    /// How much the reconstruction of a lattice magnifies scalars at most; `None` for classified voxels, and for lists
+    /// of scalars that serve other transfer functions too: which of them show is not found again.
+    pub(crate) fn magnification(&self, lattice: &Lattice, drawable: &Drawable) -> Option<f64> {
         let Content::Scalars(scalars) = &self.content else { return None };
         let (kernel, normalization) = lattice.kernel_of_voxels();
-        (!scalars.whole).then(|| magnification(&kernel, normalization))
+        (!scalars.whole || drawable.scalars.is_some()).then(|| magnification(&kernel, normalization))
     }
 
     /// The settings as painters draw the scene. If extinction depends on reconstructed gradients, they have a light
@@ -474,7 +476,8 @@ impl Scene {
                 let need = ScalarNeed { influence: kernel.radius() + 2.0, ..ScalarNeed::NONE };
                 let lit = !scalars.transfer.gradient_opacity().is_empty();
                 let coarse = coarse.map(|(cells, _)| cells);
-                let key = EmissionKey { kernel, normalization, need, lit, coarse, whole: false, part: None };
+                let reduction = scalars.reduction;
+                let key = EmissionKey { kernel, normalization, need, lit, coarse, whole: false, part: None, reduction };
                 let emit = || scalars.emit(context, &key, progress);
                 let PostShaded { transfer, reduction, .. } = scalars.as_ref();
                 let classification = Classification { transfer, reduction };

@@ -19,7 +19,7 @@ use std::sync::Arc;
 
 use axis::PrincipalAxis;
 use march::{Refiner, Targets, march};
-use pack::{Layout, Packed, Voxel};
+use pack::{Layout, Packed, SamplesKey, Voxel};
 use paint::Picture;
 use rays::Rays;
 use resample::{IntermediateImage, Resampler};
@@ -28,7 +28,6 @@ use crate::error::Result;
 use crate::gpu::context::Context;
 use crate::gpu::pipeline::{both, texture_view};
 use crate::gpu::recorder::Recorder;
-use crate::gpu::sampled::SampledKey;
 use crate::gpu::stage::{Constant, Stage};
 use crate::image::Region;
 use crate::painters::painter::Job;
@@ -85,7 +84,7 @@ pub(crate) struct TilesKey {
     rays: RayKind,
     packs_on_host: bool,
     /// The samples that are packed in place of lists of splats.
-    sampled: Option<SampledKey>,
+    samples: Option<SamplesKey>,
     /// Override constants of all shaders.
     constants: Vec<Constant>,
 }
@@ -103,8 +102,8 @@ pub(crate) struct Tiles {
 impl Tiles {
     pub(crate) fn new(context: &Context, key: &TilesKey) -> Result<Self> {
         let rest = || {
-            let packer = (!key.packs_on_host).then(|| match key.sampled {
-                Some(sampled) => pack::stage_of_samples(context, &key.constants, key.voxel, sampled),
+            let packer = (!key.packs_on_host).then(|| match key.samples {
+                Some(samples) => pack::stage_of_samples(context, &key.constants, key.voxel, samples),
                 None => pack::stage(context, &key.constants, key.voxel, key.layout),
             });
             let resample = key.rays.is_resampled().then(|| (Resampler::new(context), Refiner::new(context, key)));

@@ -3,14 +3,13 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::axis::PrincipalAxis;
-use super::pack::{Layout, MOST_UNSEEN, Marking, Packed, Packing, Reached, Source, Voxel};
+use super::pack::{self, Layout, MOST_UNSEEN, Marking, Packed, Packing, Reached, Samples, Source, Voxel};
 use super::parts::{Footprint, Sections, SlabKind};
 use super::rays::{RaySetup, Rays, max_depth, parallel};
 use super::{Block, Canvas, MAX_RADIUS, MAX_SINGLE_RADIUS, RayKind, STRAIGHT, Tiles, TilesKey};
 use crate::error::Result;
 use crate::gpu::layout::{self, CELL, MACROCELL, TILE};
 use crate::gpu::recorder::Recorder;
-use crate::gpu::sampled::Sampled;
 use crate::gpu::store::Store;
 use crate::gpu::view::{ViewGeometry, Weights};
 use crate::image::Region;
@@ -95,7 +94,8 @@ pub(super) fn need(view: &ViewGeometry, settings: &Settings, _weights: Weights) 
     if !settings.is_post_shaded() {
         return ScalarNeed::NONE;
     }
-    ScalarNeed::new(view, view.max_radius() + 2.0 / 3.0 * SLABS, influence(view))
+    let need = ScalarNeed::new(view, view.max_radius() + 2.0 / 3.0 * SLABS, influence(view));
+    ScalarNeed { samples: true, ..need }
 }
 
 /// How long three slabs of scalars count.
@@ -147,7 +147,7 @@ pub(super) struct Picture<'a> {
     voxel: Voxel,
     layout: Layout,
     /// The samples that are packed in place of lists of splats.
-    sampled: Option<Arc<Sampled>>,
+    samples: Option<Samples>,
     pub(super) lighting: layout::Lighting,
     /// The axes of the picture, the one with the largest share first.
     pub(super) axes: Vec<PackedAxis>,
@@ -195,7 +195,10 @@ impl<'a> Picture<'a> {
         let whole = job.base_shows();
         let marking = marking(&job);
         let pack = |axis: &PrincipalAxis, seen: &dyn Fn([[u32; 3]; 2]) -> bool| {
-            Packing::new(context, stores, dims, whole, seen, axis.axes, (voxel, marking))
+            let boxes = pack::boxes(stores)
+                .chain(job.scalars.map(|(scalars, _)| scalars.bounds))
+                .filter(|&bounds| seen(bounds));
+            Packing::new(context, boxes, dims, whole, axis.axes, (voxel, marking))
         };
         let of_reached = |axis: &PrincipalAxis| {
             // A ray meets kernels a radius away, grown ones too; one voxel more for rounding. Marks of scalars reach as
@@ -218,23 +221,25 @@ impl<'a> Picture<'a> {
         // In a box the splats of all bricks, if they fit: they serve every eye and every clip, and to pack anew is to
         // allocate a gigabyte. In rows, which belong to an axis, those that may show and that rays reach.
         let layout = Layout::of(context, dims);
-        let is_sampled = layout == Layout::Box && matches!(voxel, Voxel::Color { shadows: false, .. });
-        let sampled = if is_sampled { Sampled::of(stores) } else { None };
+        let samples = if layout == Layout::Box { Samples::of(&job, voxel) } else { None };
         let of_all = |axis: &PrincipalAxis| {
             let packing = pack(axis, &|_| true)?;
             // Samples are packed over those under another transfer function.
-            let held = earlier.first().filter(|_| sampled.is_some());
+            let held = earlier.first().filter(|_| samples.is_some());
             Some((held.and_then(|held| packing.in_box_of(&held.packing)).unwrap_or(packing), None))
         };
         let all: Option<Vec<(Packing, Reached)>> =
             if layout == Layout::Box { axes.iter().map(of_all).collect() } else { None };
-        let sampled = sampled.filter(|_| all.is_some());
+        let samples = samples.filter(|_| all.is_some());
+        if job.scalars.is_some() && samples.is_none() {
+            return Err("tiles packs the volume into a texture, and this volume does not fit".to_owned());
+        }
         // After the first eye rows have room for all bricks. They are packed once for the eyes that follow; but colours
         // in a light are packed anew for every eye, into the same textures.
         let follows = view.is_perspective() && !earlier.is_empty();
         let of_reached_or_all = |axis: &PrincipalAxis| {
             let (packing, reached) = of_reached(axis)?;
-            let serves = |packed: &Arc<Packed>| packed.serves((packing, &reached), stores);
+            let serves = |packed: &Arc<Packed>| packed.serves((packing, &reached), Source::of(&job));
             if !follows || earlier.iter().any(serves) {
                 return Some((packing, reached));
             }
@@ -261,7 +266,7 @@ impl<'a> Picture<'a> {
         let (axes, lighting) = (axes.collect(), job.lighting());
         let drawn = TilesStats::default();
         let picture =
-            Self { job, kernel, footprint, kind, voxel, layout, sampled, lighting, axes, packed: None, drawn };
+            Self { job, kernel, footprint, kind, voxel, layout, samples, lighting, axes, packed: None, drawn };
         if picture.outgrows_textures() {
             return Err("tiles has rays at least a voxel apart, and here they do not fit into a texture".to_owned());
         }
@@ -292,7 +297,7 @@ impl<'a> Picture<'a> {
             layout: self.layout,
             rays,
             packs_on_host: self.axes.first().is_some_and(is_for_host),
-            sampled: self.sampled.as_ref().map(|sampled| sampled.key()),
+            samples: self.samples.as_ref().map(Samples::key),
             constants,
         }
     }
@@ -405,7 +410,7 @@ impl<'a> Picture<'a> {
 
     /// Whether `packed` holds splats at the places of those of this picture, in the layout of an axis.
     fn serves(&self, axis: &PackedAxis, packed: &Packed) -> bool {
-        packed.serves((axis.packing, &axis.reached), self.job.stores)
+        packed.serves((axis.packing, &axis.reached), Source::of(&self.job))
     }
 
     /// The splats as each axis reads them: packed for an earlier picture of the scene, or now.
@@ -415,7 +420,7 @@ impl<'a> Picture<'a> {
         let held = kept_volumes(&self.job)?;
         let mut held = held.lock().unwrap_or_else(PoisonError::into_inner);
         let packed_light = self.voxel.is_lit().then_some(&light);
-        let source = Source::of(stores);
+        let source = Source::of(&self.job);
         let is_same = |packed: &Arc<Packed>| {
             let is_served = self.axes.iter().any(|axis| self.serves(axis, packed));
             is_served && packed.light.as_ref() == packed_light && packed.source == source
@@ -423,9 +428,9 @@ impl<'a> Picture<'a> {
         let (reusable, spare): (Vec<_>, Vec<_>) = held.drain(..).partition(is_same);
         // Drop unusable packings first, so that old and new are never in memory together. Others are packed over:
         // textures that exist are not cleared first.
-        let whole = pipelines.packer.is_none() || self.sampled.is_some();
+        let whole = pipelines.packer.is_none() || self.samples.is_some();
         let has_room =
-            |packed: &Packed, axis: &PackedAxis| packed.has_room_for((axis.packing, &axis.reached), stores, whole);
+            |packed: &Packed, axis: &PackedAxis| packed.has_room_for((axis.packing, &axis.reached), source, whole);
         let spare = spare.into_iter().filter_map(Arc::into_inner);
         let mut spare: Vec<Packed> =
             spare.filter(|packed| self.axes.iter().any(|axis| has_room(packed, axis))).collect();
@@ -438,8 +443,8 @@ impl<'a> Picture<'a> {
                     let over = spare.iter().position(|packed| has_room(packed, axis)).map(|i| spare.swap_remove(i));
                     Arc::new(axis.packing.stored().pack(
                         recorder,
-                        (pipelines.packer.as_ref(), self.sampled.as_deref()),
-                        (stores, &axis.reached),
+                        (pipelines.packer.as_ref(), self.samples.as_ref()),
+                        (stores, &axis.reached, source),
                         &light,
                         weights.max,
                         over,
@@ -488,7 +493,7 @@ fn resolution(settings: &Settings, is_software: bool) -> Resolution {
 impl Picture<'_> {
     /// Whether nothing can show.
     pub(super) fn is_empty(&self) -> bool {
-        self.axes.is_empty() || self.job.stores.is_empty() && !self.job.base_shows()
+        self.axes.is_empty() || self.job.splats() == 0 && !self.job.base_shows()
     }
 
     /// See [`Painting::pixel_bytes`](crate::painters::painter::Painting::pixel_bytes).

@@ -8,7 +8,7 @@ use half::f16;
 
 use super::axis::PrincipalAxis;
 use super::march::{find_runs, skip};
-use super::pack::{self, Layout, Marking, Packed, Packing, Voxel};
+use super::pack::{self, Layout, Marking, Packed, Packing, Voxel, boxes};
 use super::parts::{Footprint, Sections, SlabKind};
 use super::rays::{RaySetup, Rays};
 use super::resample::{ESTIMATES, FORMAT, IntermediateImage, Resampler};
@@ -281,7 +281,9 @@ fn packed_by(
     seen: impl Fn([[u32; 3]; 2]) -> bool,
 ) -> Packed {
     let stores = [store];
-    let packing = Packing::new(context, &stores, DIMS, false, seen, axes, (voxel, marking(voxel))).unwrap();
+    let packing =
+        Packing::new(context, boxes(&stores).filter(|&brick| seen(brick)), DIMS, false, axes, (voxel, marking(voxel)))
+            .unwrap();
     let lighting = Lighting {
         right: [0.9, 0.1, -0.2],
         up: [-0.1, 0.8, 0.3],
@@ -301,7 +303,7 @@ fn packed_by(
     let light = SplatLight { lighting, lights, points, to_eye };
     let mut recorder = Recorder::untimed(context);
     let packed =
-        packing.stored().pack(&mut recorder, (stage, None), (&stores, &None), &light, max_weight, None).unwrap();
+        packing.stored().pack(&mut recorder, (stage, None), (&stores, &None, None), &light, max_weight, None).unwrap();
     recorder.submit();
     packed
 }
@@ -324,7 +326,7 @@ fn bands_hold_each_splat_about_once_and_wait_for_nothing() {
         let whole = read_volume(&context, &packed(&context, axes));
         let stores = [store(&context, words_of)];
         let visits = |context: &Context| {
-            let packing = Packing::new(context, &stores, DIMS, false, |_| true, axes, (voxel, marking(voxel))).unwrap();
+            let packing = Packing::new(context, boxes(&stores), DIMS, false, axes, (voxel, marking(voxel))).unwrap();
             packing.bands(context, &stores, &None).unwrap().visits()
         };
         let count = u64::from(stores[0].count);
@@ -414,7 +416,7 @@ fn a_scan_of_512_fits_into_the_textures_of_most_gpus() {
     for mut context in contexts() {
         context.limits.max_texture_dimension_2d = 16_384;
         for voxel in [Voxel::Color { lights: 0, shadows: false }, Voxel::Scalar, Voxel::Gradient] {
-            let packing = |dims| Packing::new(&context, &[], dims, true, |_| true, [0, 1, 2], (voxel, marking(voxel)));
+            let packing = |dims| Packing::new(&context, boxes(&[]), dims, true, [0, 1, 2], (voxel, marking(voxel)));
             assert!(packing([512; 3]).is_some() && packing([1024, 512, 200]).is_some(), "{voxel:?}");
             assert!(packing([70_000, 2, 2]).is_none(), "{voxel:?}");
         }
@@ -669,6 +671,7 @@ fn assert_runs_hold_voxels(context: &Context) {
                 view: &view,
                 settings: &settings,
                 stores: &[],
+                scalars: None,
                 weights: Weights { max: 0.1, unit: 1.0, brightest: [1.0; 3] },
                 post: None,
                 magnification: None,
@@ -676,7 +679,7 @@ fn assert_runs_hold_voxels(context: &Context) {
                 depths: Depths::default(),
             };
             let marking = (voxel, marking(voxel));
-            let packing = Packing::new(context, &[store(context, words_of)], DIMS, false, |_| true, axis.axes, marking);
+            let packing = Packing::new(context, boxes(&[store(context, words_of)]), DIMS, false, axis.axes, marking);
             let (packing, footprint, sections) = (packing.unwrap(), &footprint, &sections);
             let setup = RaySetup { job: &job, axis, packing, kernel, footprint, sections };
             let images = setup.image_rays(region);

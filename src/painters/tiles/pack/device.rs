@@ -11,6 +11,7 @@ use crate::gpu::layout::Pack;
 use crate::gpu::pipeline::texture_view;
 use crate::gpu::recorder::Recorder;
 use crate::gpu::sampled::Sampled;
+use crate::gpu::sampled_scalars::SampledScalars;
 use crate::gpu::splat::{SplatLight, ToEye};
 use crate::gpu::stage::{Stage, for_each};
 use crate::gpu::store::{BrickSplats, Store};
@@ -130,6 +131,37 @@ impl Packing {
         }
     }
 
+    /// Fills the box of voxels with scalars of samples, and the marks of macrocells.
+    pub(super) fn fill_from_scalars(
+        &self,
+        recorder: &mut Recorder<'_>,
+        stage: &Stage,
+        scalars: &SampledScalars,
+        light: &SplatLight,
+        scale: f32,
+        (volume, marks): (&wgpu::Texture, &wgpu::Buffer),
+    ) -> Result<()> {
+        let context = recorder.context;
+        let upload = |label, bytes: &[u8]| context.upload(label, bytes, wgpu::BufferUsages::UNIFORM);
+        let parameters = self.parameters(light, scale);
+        let parameters = upload("pack.parameters", bytemuck::bytes_of(&parameters))?;
+        let view = volume.create_view(&wgpu::TextureViewDescriptor::default());
+        recorder.clear(marks, self.mark_bytes());
+        for dispatch in scalars.dispatches(context, self.low, self.dims) {
+            let samples = upload("pack.scalars", bytemuck::bytes_of(&dispatch.parameters))?;
+            let resources = [
+                samples.as_entire_binding(),
+                dispatch.samples,
+                parameters.as_entire_binding(),
+                marks.as_entire_binding(),
+                texture_view(&view),
+            ];
+            stage.run(recorder, &resources, for_each(context, dispatch.texels));
+            recorder.worked(dispatch.texels);
+        }
+        Ok(())
+    }
+
     /// Fills the box of voxels and the marks of macrocells with classified samples. `clears`: the box holds other voxels.
     pub(super) fn fill_from_samples(
         &self,
@@ -153,9 +185,9 @@ impl Packing {
                 classify.as_entire_binding(),
                 dispatch.samples,
                 sampled.points(),
-                parameters.as_entire_binding(),
-                texture_view(&view),
                 marks.as_entire_binding(),
+                texture_view(&view),
+                parameters.as_entire_binding(),
                 lighting.as_entire_binding(),
                 dispatch.places,
                 dispatch.seen,
@@ -208,9 +240,9 @@ impl Packing {
                     parameters.as_entire_binding(),
                     lighting.as_entire_binding(),
                     buffer.as_entire_binding(),
-                    store.origins.as_entire_binding(),
-                    stored.clone(),
                     marks.as_entire_binding(),
+                    stored.clone(),
+                    store.origins.as_entire_binding(),
                     runs.as_entire_binding(),
                 ];
                 let (x, y) = context.workgroups(part.len() as u64, 1);

@@ -15,10 +15,12 @@ use crate::gpu::layout::{MACROCELL, MARGIN};
 use crate::gpu::pipeline::Binding::{self, Read, Uniform, Write};
 use crate::gpu::recorder::Recorder;
 use crate::gpu::sampled::{Sampled, SampledKey};
+use crate::gpu::sampled_scalars::{SampledScalars, ScalarsKey};
 use crate::gpu::shaders;
 use crate::gpu::splat::SplatLight;
 use crate::gpu::stage::{Constant, Stage};
 use crate::gpu::store::Store;
+use crate::painters::painter::Job;
 use crate::painters::tiles::axis::unordered;
 
 /// The packed data of a voxel.
@@ -141,18 +143,16 @@ pub(super) struct Packing {
 }
 
 impl Packing {
-    /// The packing of the box around the bricks of splats that are `seen`, or if `whole`, of the lattice of this many
-    /// points; `None` if it does not fit into a texture.
+    /// The packing of the hull of these boxes of splats, or if `whole`, of the lattice of this many points; `None` if it
+    /// does not fit into a texture.
     pub(super) fn new(
         context: &Context,
-        stores: &[Store],
+        boxes: impl Iterator<Item = [[u32; 3]; 2]>,
         lattice: [u32; 3],
         whole: bool,
-        seen: impl Fn([[u32; 3]; 2]) -> bool,
         axes: [usize; 3],
         (voxel, marking): (Voxel, Marking),
     ) -> Option<Self> {
-        let boxes = stores.iter().flat_map(Store::runs).map(|(brick, _)| brick.bounds).filter(|&bounds| seen(bounds));
         let (low, high) = boxes.fold(([u32::MAX; 3], [0; 3]), |hull, next| {
             let ends = |i: usize| (hull.0[i].min(next[0][i]), hull.1[i].max(next[1][i]));
             let ends = [0, 1, 2].map(ends);
@@ -208,12 +208,18 @@ impl Packing {
         self.stored_axes().map(|axis| [0, 1, 2].map(|along| i32::from(along == axis)))
     }
 
+    /// Whether the textures are the same, whichever scalars mark macrocells.
+    fn is_in_box_of(&self, other: &Self) -> bool {
+        let marking = Marking { invisible: other.marking.invisible, ..self.marking };
+        Self { marking, ..*self } == *other
+    }
+
     /// The packing of these voxels in the box of another one, if that has room for them and is not much larger.
     pub(super) fn in_box_of(&self, other: &Self) -> Option<Self> {
         let [low, dims] = [other.low, other.dims].map(|values| self.axes.map(|axis| values[axis]));
         let has_room = (0..3).all(|i| low[i] <= self.low[i] && self.low[i] + self.dims[i] <= low[i] + dims[i]);
         let moved = Self { low, dims, ..*self };
-        let fits = has_room && moved.stored() == *other && moved.bytes() <= MOST_UNSEEN * self.bytes();
+        let fits = has_room && moved.stored().is_in_box_of(other) && moved.bytes() <= MOST_UNSEEN * self.bytes();
         fits.then_some(moved)
     }
 
@@ -316,6 +322,11 @@ impl Packing {
     }
 }
 
+/// The boxes around the splats of bricks.
+pub(super) fn boxes(stores: &[Store]) -> impl Iterator<Item = [[u32; 3]; 2]> {
+    stores.iter().flat_map(Store::runs).map(|(brick, _)| brick.bounds)
+}
+
 /// The bricks of each store whose splats rays may reach; `None`: all. Others in the box are left out.
 pub(super) type Reached = Option<Arc<Vec<Vec<bool>>>>;
 
@@ -334,9 +345,42 @@ pub(super) struct Source {
 }
 
 impl Source {
-    /// `None` if there are no stores.
-    pub(super) fn of(stores: &[Store]) -> Option<Self> {
-        stores.first().map(|store| Self { id: store.id, places: store.places })
+    /// `None` if there are no splats. Samples have scalars everywhere.
+    pub(super) fn of(job: &Job<'_>) -> Option<Self> {
+        let listed = job.stores.first().map(|store| Self { id: store.id, places: store.places });
+        listed.or_else(|| job.scalars.map(|&(_, id)| Self { id, places: id }))
+    }
+}
+
+/// The samples that a picture packs in place of lists of splats.
+pub(super) enum Samples {
+    /// Classified on the way.
+    Voxels(Arc<Sampled>),
+    Scalars(Arc<SampledScalars>),
+}
+
+/// How the stage that packs them reads samples.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(super) enum SamplesKey {
+    Voxels(SampledKey),
+    Scalars(ScalarsKey),
+}
+
+impl Samples {
+    /// The samples of a picture whose voxels lie in a box; `None`: it packs lists.
+    pub(super) fn of(job: &Job<'_>, voxel: Voxel) -> Option<Self> {
+        match voxel {
+            Voxel::Color { shadows: true, .. } => None,
+            Voxel::Color { .. } => Sampled::of(job.stores).map(Self::Voxels),
+            Voxel::Scalar | Voxel::Gradient => job.scalars.map(|(scalars, _)| Self::Scalars(Arc::clone(scalars))),
+        }
+    }
+
+    pub(super) fn key(&self) -> SamplesKey {
+        match self {
+            Self::Voxels(sampled) => SamplesKey::Voxels(sampled.key()),
+            Self::Scalars(scalars) => SamplesKey::Scalars(scalars.key()),
+        }
     }
 }
 
@@ -347,20 +391,25 @@ impl Packed {
         packed.iter().enumerate().filter(is_first).map(|(_, volume)| volume.bytes).sum()
     }
 
-    /// Whether it is packed like this and holds splats at the places of those of these stores.
-    pub(super) fn serves(&self, (packing, reached): (Packing, &Reached), stores: &[Store]) -> bool {
-        packing.stored() == self.packing && self.has_places_of(stores) && *reached == self.reached
+    /// Whether it is packed like this and holds splats at the places of these.
+    pub(super) fn serves(&self, (packing, reached): (Packing, &Reached), source: Option<Source>) -> bool {
+        packing.stored() == self.packing && self.has_places_of(source) && *reached == self.reached
     }
 
     /// Whether these splats can be packed over its own: of lists the stage on the device writes the places of splats
     /// only, otherwise the `whole` textures are written.
-    pub(super) fn has_room_for(&self, (packing, reached): (Packing, &Reached), stores: &[Store], whole: bool) -> bool {
-        self.serves((packing, reached), stores) || whole && packing.stored() == self.packing
+    pub(super) fn has_room_for(
+        &self,
+        (packing, reached): (Packing, &Reached),
+        source: Option<Source>,
+        whole: bool,
+    ) -> bool {
+        self.serves((packing, reached), source) || whole && packing.stored().is_in_box_of(&self.packing)
     }
 
-    /// Whether its splats are at the places of those of these stores.
-    fn has_places_of(&self, stores: &[Store]) -> bool {
-        self.source.map(|source| source.places) == stores.first().map(|store| store.places)
+    /// Whether its splats are at the places of these.
+    fn has_places_of(&self, source: Option<Source>) -> bool {
+        self.source.map(|source| source.places) == source.map(|source| source.places)
     }
 }
 
@@ -386,25 +435,34 @@ pub(crate) struct Packed {
 
 /// The stage that packs on the device.
 pub(super) fn stage(context: &Context, constants: &[Constant], voxel: Voxel, layout: Layout) -> Stage {
-    let stage = ("pack", "voxels");
     let texture = |format| Binding::StorageTexture(format, wgpu::TextureViewDimension::D3);
     let (shader, voxels) = match (layout, voxel) {
         (Layout::Rows, _) => (shaders::PACK, Write),
         (Layout::Box, Voxel::Scalar) => (shaders::PACK_SCALARS, texture(voxel.format(layout))),
         (Layout::Box, _) => (shaders::PACK_VECTORS, texture(voxel.format(layout))),
     };
-    let slots = [Uniform, Uniform, Read, Read, voxels, Write, Read];
-    Stage::new(context, shader, stage, &slots, constants)
+    let slots = [Uniform, Uniform, Read, Write, voxels, Read, Read];
+    Stage::new(context, shader, ("pack", "voxels"), &slots, constants)
 }
 
 /// The stage that packs samples on the device, into a box.
-pub(super) fn stage_of_samples(context: &Context, constants: &[Constant], voxel: Voxel, key: SampledKey) -> Stage {
-    let voxels = Binding::StorageTexture(voxel.format(Layout::Box), wgpu::TextureViewDimension::D3);
-    let slots = [Uniform, Read, Read, Uniform, voxels, Write, Uniform, Read, Read, Read];
-    // Those of samples replace those of scalars.
-    let others = constants.iter().copied().filter(|(name, _)| key.constants().all(|(own, _)| own != *name));
-    let constants: Vec<Constant> = others.chain(key.constants()).collect();
-    Stage::new(context, shaders::PACK_SAMPLES, ("pack", "voxels"), &slots, &constants)
+pub(super) fn stage_of_samples(context: &Context, constants: &[Constant], voxel: Voxel, key: SamplesKey) -> Stage {
+    let texels = Binding::StorageTexture(voxel.format(Layout::Box), wgpu::TextureViewDimension::D3);
+    let (shader, entry, slots, own) = match key {
+        SamplesKey::Voxels(key) => {
+            let slots = vec![Uniform, Read, Read, Write, texels, Uniform, Uniform, Read, Read, Read];
+            (shaders::PACK_SAMPLES, "voxels", slots, key.constants().collect::<Vec<Constant>>())
+        }
+        SamplesKey::Scalars(key) => {
+            let shader =
+                if key.has_gradients() { shaders::PACK_GRADIENT_SAMPLES } else { shaders::PACK_SCALAR_SAMPLES };
+            (shader, "texels", vec![Uniform, Read, Uniform, Write, texels], key.constants().to_vec())
+        }
+    };
+    // Those of samples replace those of the picture.
+    let others = constants.iter().copied().filter(|(name, _)| own.iter().all(|(of_samples, _)| of_samples != name));
+    let constants: Vec<Constant> = others.chain(own.iter().copied()).collect();
+    Stage::new(context, shader, ("pack", entry), &slots, &constants)
 }
 
 impl Packing {
@@ -414,8 +472,8 @@ impl Packing {
     pub(super) fn pack(
         self,
         recorder: &mut Recorder<'_>,
-        (stage, sampled): (Option<&Stage>, Option<&Sampled>),
-        (stores, reached): (&[Store], &Reached),
+        (stage, samples): (Option<&Stage>, Option<&Samples>),
+        (stores, reached, source): (&[Store], &Reached, Option<Source>),
         light: &SplatLight,
         max_weight: f64,
         over: Option<Packed>,
@@ -425,7 +483,7 @@ impl Packing {
             _ => (F16_HEADROOM / max_weight.max(f64::MIN_POSITIVE)).log2().floor().exp2().min(MAX_SCALE),
         };
         // Voxels of others that show nothing now.
-        let clears = over.as_ref().is_some_and(|over| !over.has_places_of(stores));
+        let clears = over.as_ref().is_some_and(|over| !over.has_places_of(source));
         let (volume, marks, bands) = match over {
             Some(Packed { volume, marks, bands, .. }) => (volume.texture().clone(), marks, bands),
             None => {
@@ -433,13 +491,16 @@ impl Packing {
                 (volume, marks, None)
             }
         };
-        let bands = match (stage, sampled, bands) {
+        let bands = match (stage, samples, bands) {
             (Some(_), None, None) => Some(self.bands(recorder.context, stores, reached)?),
             (_, _, bands) => bands,
         };
         let to = (&volume, &marks);
-        match (stage, sampled, &bands) {
-            (Some(stage), Some(sampled), _) => {
+        match (stage, samples, &bands) {
+            (Some(stage), Some(Samples::Scalars(scalars)), _) => {
+                self.fill_from_scalars(recorder, stage, scalars, light, scale as f32, to)?;
+            }
+            (Some(stage), Some(Samples::Voxels(sampled)), _) => {
                 self.fill_from_samples(recorder, stage, (sampled, clears), light, scale as f32, to)?;
             }
             (Some(stage), None, Some(bands)) => {
@@ -451,7 +512,7 @@ impl Packing {
         let volume = volume.create_view(&wgpu::TextureViewDescriptor::default());
         Ok(Packed {
             packing: self,
-            source: Source::of(stores),
+            source,
             reached: reached.clone(),
             volume,
             marks,
