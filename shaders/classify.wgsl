@@ -5,6 +5,8 @@
 
 // Whether voxels that show nothing become splats too.
 override KEEP_INVISIBLE: bool = false;
+// Whether splats have the shares of light that arrive: common/splat.wgsl.
+override SHADOWS: bool = false;
 
 // For each row of a brick: its number of visible voxels; after the scan, the place of its first splat.
 @group(0) @binding(3) var<storage, read_write> places: array<u32>;
@@ -13,6 +15,8 @@ override KEEP_INVISIBLE: bool = false;
 @group(0) @binding(5) var<storage, read> origins: array<vec4u>;
 // For each row of a brick: a bit for each voxel, set if it is visible; the lowest bit is the first voxel.
 @group(0) @binding(6) var<storage, read_write> seen: array<u32>;
+// The shares of light that arrive at visible voxels, if there are shadows.
+@group(0) @binding(7) var<storage, read> kept: array<vec2u>;
 
 // A row of a brick, along x.
 struct BrickRow {
@@ -83,10 +87,14 @@ fn emit(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) group
             density *= gradient_share(gradient(row.first + i));
         }
         let appearance = packed_appearance(classified.rgb, density);
-        splats[2u * place] = vec2u(at, appearance.x);
-        splats[2u * place + 1u].x = appearance.y;
+        let first = select(2u, 3u, SHADOWS) * place;
+        splats[first] = vec2u(at, appearance.x);
+        splats[first + 1u].x = appearance.y;
         if LIT {
-            splats[2u * place + 1u].y = pack_normal(normal(row.first + i).xyz);
+            splats[first + 1u].y = pack_normal(normal(row.first + i).xyz);
+        }
+        if SHADOWS {
+            splats[first + 2u] = kept[place + classify.first_splat];
         }
         place += 1u;
     }

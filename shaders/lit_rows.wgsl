@@ -1,6 +1,6 @@
 // lit_rows: sums along x of the voxels of a box, which are classified, thinned by gradient opacity and lit on the way.
 // A workgroup makes sums of a row: its invocations light voxels side by side, then each sums the voxels of a cell.
-// uses: common/classified, common/dispatch, common/lit_splat, common/voxel_box
+// uses: common/arriving, common/dispatch, common/lit_splat, common/sampled, common/voxel_box
 
 // Whether the normals of visible voxels are kept: if not, they are found.
 override KEPT_NORMALS: bool = false;
@@ -16,12 +16,8 @@ const HELD: u32 = 2u * WORKGROUP;
 // x fastest.
 @group(0) @binding(4) var<storage, read_write> sums: array<vec4f>;
 // As many for each voxel of a cell as a voxel has cells; for as many cells as the divisor of the voxels along a cell.
-@group(0) @binding(5) var<storage, read> weights: array<f32>;
-@group(0) @binding(6) var<uniform> inside: VoxelBox;
-// For each row of a brick: the number of its first visible voxel among those of all bricks.
-@group(0) @binding(7) var<storage, read> places: array<u32>;
-// For each row of a brick: a bit for each voxel, set if it is visible.
-@group(0) @binding(8) var<storage, read> seen: array<u32>;
+@group(0) @binding(7) var<storage, read> weights: array<f32>;
+@group(0) @binding(8) var<uniform> inside: VoxelBox;
 // The packed normals of visible voxels, if they are kept.
 @group(0) @binding(9) var<storage, read> normals: array<u32>;
 
@@ -30,9 +26,8 @@ var<workgroup> held: array<vec4f, HELD>;
 
 // The voxel at a lattice point in row number `row` of the bricks, whose first sample is number `first`.
 fn lit_voxel(row: u32, first: u32, point: vec3u) -> vec4f {
-    let bits = seen[row];
     let x = point.x % EDGE;
-    if (bits >> x & 1u) == 0u {
+    if !is_seen(row, x) {
         return vec4f(0.0);
     }
     let i = first + x;
@@ -43,14 +38,15 @@ fn lit_voxel(row: u32, first: u32, point: vec3u) -> vec4f {
     }
     var color = classified.rgb;
     if LIGHTS > 0u {
+        let number = number_of(row, x);
         var packed: u32;
         if KEPT_NORMALS {
-            packed = normals[places[row] + countOneBits(bits & ((1u << x) - 1u))];
+            packed = normals[number];
         } else {
             packed = pack_normal(normal(i).xyz);
         }
         let at = vec3f(point);
-        color = lit_splat(color, packed, UNSHADED, at, to_eye_from_point(at));
+        color = lit_splat(color, packed, kept_at(number), at, to_eye_from_point(at));
     }
     return vec4f(color * density, density);
 }

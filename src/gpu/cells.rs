@@ -12,12 +12,13 @@ use bytemuck::Zeroable;
 use super::cache::Cache;
 use super::classify::{STRIDE, VisibleVoxels, joined};
 use super::context::Context;
-use super::kept_voxels::{CLASSIFY, FOUND, KeptVoxels};
+use super::kept_voxels::{CLASSIFY, FOUND};
 use super::layout::{CellBox, Coarsen, Lighting, VoxelBox};
 use super::pipeline::Binding;
 use super::recorder::{ComputePass, Recorder};
 use super::rows::{Collected, DevicePart, Rows, collect};
-use super::samples::{BrickBatch, Bricks, HeldSamples, Input, InputKey, ROWS};
+use super::sampled::{Sampled, SampledBuffer, SampledKey};
+use super::samples::{Bricks, ROWS};
 use super::scan::{Scan, WORKGROUP};
 use super::shaders;
 use super::splat::{SplatLight, ToEye};
@@ -147,16 +148,15 @@ impl Coarsener {
 #[derive(Clone, Copy)]
 pub(crate) enum Voxels<'a> {
     /// Classified and lit on the way.
-    Samples(&'a Input<'a>, &'a HeldSamples, &'a KeptVoxels),
-    /// Voxels in shadows: splats hold the light that arrives.
+    Samples(&'a Sampled),
+    /// Listed voxels in shadows: splats hold the light that arrives.
     Splats(&'a [Store]),
 }
 
 /// The pictures whose voxels one pipeline lights. Splats have no input.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 struct VoxelsKey {
-    input: Option<InputKey>,
-    kept_normals: bool,
+    samples: Option<SampledKey>,
     lights: u32,
     points: bool,
     perspective: bool,
@@ -166,14 +166,13 @@ impl VoxelsKey {
     /// The stage that lights voxels.
     fn stage(self, context: &Context) -> Stage {
         use Binding::{Read, Uniform, Write};
-        let Self { input, kept_normals, lights, points, perspective } = self;
+        let Self { samples, lights, points, perspective } = self;
         let mut constants =
             vec![("LIGHTS", lights), ("POINT_LIGHTS", points.into()), ("PERSPECTIVE", perspective.into())];
-        match input {
-            Some(input) => {
-                constants.push(("KEPT_NORMALS", kept_normals.into()));
-                constants.extend(input.constants());
-                let slots = [Uniform, Read, Read, Uniform, Write, Read, Uniform, Read, Read, Read];
+        match samples {
+            Some(samples) => {
+                constants.extend(samples.constants());
+                let slots = [Uniform, Read, Read, Uniform, Write, Read, Read, Read, Uniform, Read, Read];
                 Stage::new(context, shaders::LIT_ROWS, (CLASSIFY, "lit_rows"), &slots, &constants)
             }
             None => {
@@ -206,62 +205,37 @@ pub(crate) fn run(
 ) -> Result<Drawable> {
     let (uniform, storage) = (wgpu::BufferUsages::UNIFORM, wgpu::BufferUsages::STORAGE);
     let lighting = light.map_or_else(Lighting::zeroed, |light| light.lighting);
-    let job = |input: Option<InputKey>, kept_normals| {
-        let key = VoxelsKey {
-            input,
-            kept_normals,
-            lights: light.map_or(0, |light| light.lights),
-            points: light.is_some_and(|light| light.points),
-            perspective: light.is_some_and(|light| light.to_eye.perspective),
-        };
-        Ok::<_, Error>(Job {
-            context,
-            progress,
-            lattice,
-            coarsener: pipelines.get_or_make((), || Ok(Coarsener::new(context)))?,
-            lit_voxels: pipelines.get_or_make(key, || Ok(key.stage(context)))?,
-            scan: Scan::of(pipelines, context)?,
-            to_eye: light.map_or(&ToEye::PARALLEL, |light| &light.to_eye),
-            lighting: context.upload("cells.lighting", bytemuck::bytes_of(&lighting), uniform)?,
-            weights: context.upload("cells.weights", bytemuck::cast_slice(&lattice.weights.concat()), storage)?,
-        })
+    let key = VoxelsKey {
+        samples: if let Voxels::Samples(sampled) = voxels { Some(sampled.key()) } else { None },
+        lights: light.map_or(0, |light| light.lights),
+        points: light.is_some_and(|light| light.points),
+        perspective: light.is_some_and(|light| light.to_eye.perspective),
+    };
+    let job = Job {
+        context,
+        progress,
+        lattice,
+        coarsener: pipelines.get_or_make((), || Ok(Coarsener::new(context)))?,
+        lit_voxels: pipelines.get_or_make(key, || Ok(key.stage(context)))?,
+        scan: Scan::of(pipelines, context)?,
+        to_eye: light.map_or(&ToEye::PARALLEL, |light| &light.to_eye),
+        lighting: context.upload("cells.lighting", bytemuck::bytes_of(&lighting), uniform)?,
+        weights: context.upload("cells.weights", bytemuck::cast_slice(&lattice.weights.concat()), storage)?,
     };
     match voxels {
-        Voxels::Splats(stores) => job(None, false)?.run(&Source::Splats(stores), before),
-        Voxels::Samples(input, held, kept) => {
-            let classify = context.upload("cells.classify", bytemuck::bytes_of(&input.parameters()), uniform)?;
-            let points = input.points_on_device()?;
-            let (made, bytes) = held.with(input, |batches| {
-                kept.with(pipelines, input, batches, light.is_some(), |visible, normals| {
-                    let mut parts = Vec::new();
-                    for (number, (batches, visible)) in BrickBatch::by_buffer(batches).zip(&**visible).enumerate() {
-                        let first = parts.last().map_or(0, |before: &Part<'_>| before.bricks.end);
-                        let bricks = batches.iter().map(|batch| batch.origins.len() as u32).sum::<u32>();
-                        let normals = normals.and_then(|normals| normals.get(number));
-                        let samples = &batches[0].samples;
-                        parts.push(Part { bricks: first..first + bricks, samples, visible, normals });
-                    }
-                    let source = Source::Samples { input, parts, classify: &classify, points: &points };
-                    job(Some(input.key()), normals.is_some())?.run(&source, before)
-                })
-            })?;
-            Ok(Drawable { bricks: Bricks { bytes, ..made.bricks }, ..made })
+        Voxels::Splats(stores) => job.run(&Source::Splats(stores), before),
+        Voxels::Samples(sampled) => {
+            let classify = context.upload("cells.classify", bytemuck::bytes_of(&sampled.parameters()), uniform)?;
+            let (parts, points) = (sampled.buffers().collect(), sampled.points());
+            job.run(&Source::Samples { parts, classify: &classify, points }, before)
         }
     }
 }
 
 /// The voxels of all boxes, on the device.
 enum Source<'a> {
-    Samples { input: &'a Input<'a>, parts: Vec<Part<'a>>, classify: &'a wgpu::Buffer, points: &'a wgpu::Buffer },
+    Samples { parts: Vec<SampledBuffer<'a>>, classify: &'a wgpu::Buffer, points: &'a wgpu::Buffer },
     Splats(&'a [Store]),
-}
-
-/// The bricks of a buffer of samples: whole rows along x.
-struct Part<'a> {
-    bricks: Range<u32>,
-    samples: &'a wgpu::Buffer,
-    visible: &'a VisibleVoxels,
-    normals: Option<&'a wgpu::Buffer>,
 }
 
 impl Source<'_> {
@@ -480,22 +454,23 @@ impl Job<'_> {
             self.lit_voxels.run(recorder, &resources, for_each(context, count));
         };
         match source {
-            Source::Samples { input, parts, classify, points } => {
+            Source::Samples { parts, classify, points } => {
                 let [_, ys, zs] = within;
                 if ys.is_empty() || zs.is_empty() {
                     return Ok(());
                 }
-                let [bricks_x, bricks_y, _] = input.volume.bricks();
+                let [bricks_x, bricks_y, _] = self.lattice.voxels.map(|n| n.div_ceil(EDGE) as u32);
                 let row = |y: usize, z: usize| bricks_x * ((y / EDGE) as u32 + bricks_y * (z / EDGE) as u32);
                 let reached = row(ys.start, zs.start)..row(ys.end - 1, zs.end - 1) + bricks_x;
                 let groups = (across.div_ceil(SUMS) * ys.len() * zs.len()) as u64;
-                let reaches = |part: &&Part<'_>| part.bricks.start < reached.end && part.bricks.end > reached.start;
-                for Part { bricks, samples, visible, normals } in parts.iter().filter(reaches) {
+                let reaches =
+                    |part: &&SampledBuffer<'_>| part.bricks.start < reached.end && part.bricks.end > reached.start;
+                for SampledBuffer { bricks, samples, visible, normals, kept } in parts.iter().filter(reaches) {
                     let VisibleVoxels { places, seen, .. } = visible;
-                    let (inside, normals) = (inside(bricks.clone())?, normals.unwrap_or(places));
-                    let weights = &self.weights;
+                    let [normals, kept] = [normals, kept].map(|buffer| buffer.unwrap_or(places));
+                    let (lighting, weights, inside) = (&self.lighting, &self.weights, &inside(bricks.clone())?);
                     let buffers =
-                        [classify, samples, points, &self.lighting, to, weights, &inside, places, seen, normals];
+                        [classify, samples, points, lighting, to, places, seen, weights, inside, normals, kept];
                     record(&buffers, groups * WORKGROUP);
                 }
             }

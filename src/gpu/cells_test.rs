@@ -8,6 +8,7 @@ use super::cells::{self, MOST, Plan, Voxels};
 use super::context::Context;
 use super::kept_voxels::{KeptVoxels, Normals};
 use super::recorder::Recorder;
+use super::sampled::Sampled;
 use super::samples::{HeldSamples, Input};
 use super::savings::Savings;
 use super::store::Drawable;
@@ -47,8 +48,8 @@ impl<'a> Subject<'a> {
         let light = ViewGeometry::new(&camera, volume.grid(), &settings, Savings::default()).splat_light(&settings);
         let (shape, progress) = (Shape::new(volume.grid(), transfer, CellSize::of_level(1)), Progress::default());
         let input = Input::new(context, volume, transfer, true, &progress).unwrap();
-        let voxels = Voxels::Samples(&input, &self.held, &self.kept);
-        let of = (voxels, Some(&light));
+        let (sampled, _) = Sampled::hold(&self.pipelines, &input, &self.held, &self.kept).unwrap();
+        let of = (Voxels::Samples(&sampled), Some(&light));
         cells::run(context, &self.pipelines, of, &shape.on_device(), before, &progress).unwrap()
     }
 

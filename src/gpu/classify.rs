@@ -9,7 +9,7 @@ use super::layout::{Classify, Splat};
 use super::pipeline::Binding;
 use super::recorder::{ComputePass, Readback, Recorder};
 use super::rows::{DevicePart, Rows, collect};
-use super::samples::{BATCH, BrickBatch, Input, ROWS};
+use super::samples::{BATCH, BrickBatch, Input, InputKey, ROWS};
 use super::scan::Scan;
 use super::shaders;
 use super::stage::{Stage, for_each};
@@ -42,12 +42,11 @@ impl Classifier {
     }
 
     pub(crate) fn new(input: &Input<'_>) -> Self {
-        use Binding::{Read, Uniform, Write};
-        let slots = [Uniform, Read, Read, Write, Write, Read, Write];
+        use Binding::{Read, Write};
         let [sample_type, lit, gradient_opacity] = input.key().constants();
         let constants = [sample_type, lit, gradient_opacity, ("KEEP_INVISIBLE", input.keeps_invisible().into())];
         let entries = ["count", "emit"].map(|entry| ("classify", entry));
-        let [count, emit] = Stage::several(input.context, shaders::CLASSIFY, entries, &slots, &constants);
+        let [count, emit] = Stage::several(input.context, shaders::CLASSIFY, entries, &SLOTS, &constants);
         let entry = ("classify", "extents_of_bricks");
         let extents = Stage::new(input.context, shaders::EXTENTS, entry, &[Read, Read, Write], &[]);
         Self { count, emit, extents }
@@ -87,24 +86,45 @@ impl Classifier {
         parts.into_iter().zip(origins).map(counted).collect()
     }
 
-    /// Records the dispatch that counts the splats of a batch of bricks, or that emits them into a store.
-    pub(super) fn record(
-        &self,
-        context: &Context,
-        pass: &mut ComputePass<'_>,
-        (batch, points): (&BrickBatch, &wgpu::Buffer),
-        (parameters, emits): (Classify, bool),
-        [places, seen, splats]: [wgpu::BindingResource<'_>; 3],
-    ) -> Result<()> {
-        let parameters = Classify { bricks: batch.origins.len() as u32, ..parameters };
-        let uniform = wgpu::BufferUsages::UNIFORM;
-        let parameters = context.upload("classify.parameters", bytemuck::bytes_of(&parameters), uniform)?;
-        let [parameters, points, origins] = [&parameters, points, &batch.places].map(wgpu::Buffer::as_entire_binding);
-        let stage = if emits { &self.emit } else { &self.count };
-        let group = stage.bind(context, &[parameters, batch.binding(), points, places, splats, origins, seen]);
-        stage.record(pass, &group, &[], for_each(context, (batch.origins.len() * ROWS) as u64));
-        Ok(())
+    /// The stage that emits splats.
+    pub(super) fn emit(&self) -> &Stage {
+        &self.emit
     }
+}
+
+/// The bindings of shaders/classify.wgsl.
+const SLOTS: [Binding; 8] = {
+    use Binding::{Read, Uniform, Write};
+    [Uniform, Read, Read, Write, Write, Read, Write, Read]
+};
+
+/// The stage that emits splats with the light that arrives.
+pub(super) fn emit_in_shadows(context: &Context, key: InputKey) -> Stage {
+    let [sample_type, lit, gradient_opacity] = key.constants();
+    let constants = [sample_type, lit, gradient_opacity, ("SHADOWS", 1)];
+    Stage::new(context, shaders::CLASSIFY, ("classify", "emit"), &SLOTS, &constants)
+}
+
+/// Records the dispatch that counts the splats of a batch of bricks, or that emits them into a store, with the light of
+/// `kept` or without.
+pub(super) fn record(
+    context: &Context,
+    pass: &mut ComputePass<'_>,
+    stage: &Stage,
+    (batch, points, kept): (&BrickBatch, &wgpu::Buffer, Option<&wgpu::Buffer>),
+    parameters: Classify,
+    [places, seen, splats]: [wgpu::BindingResource<'_>; 3],
+) -> Result<()> {
+    let parameters = Classify { bricks: batch.origins.len() as u32, ..parameters };
+    let uniform = wgpu::BufferUsages::UNIFORM;
+    let parameters = context.upload("classify.parameters", bytemuck::bytes_of(&parameters), uniform)?;
+    let kept = kept.unwrap_or(points);
+    let [parameters, points, origins, kept] =
+        [&parameters, points, &batch.places, kept].map(wgpu::Buffer::as_entire_binding);
+    let resources = [parameters, batch.binding(), points, places, splats, origins, seen, kept];
+    let group = stage.bind(context, &resources);
+    stage.record(pass, &group, &[], for_each(context, (batch.origins.len() * ROWS) as u64));
+    Ok(())
 }
 
 /// The visible voxels of the bricks of a buffer of samples.
@@ -166,9 +186,9 @@ impl Job<'_> {
             let [places, seen] =
                 [&places, &seen].map(|buffer| BrickBatch::rows(buffer, batch.before, batch.origins.len()));
             let buffers = [places, seen, no_splats.as_entire_binding()];
-            let parameters = (self.input.parameters(), false);
             let mut pass = recorder.compute_pass("classify");
-            self.stages.record(context, &mut pass, (batch, &self.points), parameters, buffers)?;
+            let from = (batch, &self.points, None);
+            record(context, &mut pass, &self.stages.count, from, self.input.parameters(), buffers)?;
             drop(pass);
             recorder.worked((batch.origins.len() * ROWS * EDGE) as u64);
         }
@@ -192,6 +212,7 @@ impl Job<'_> {
     ) -> Result<()> {
         let buffers = [places, seen, splats].map(wgpu::Buffer::as_entire_binding);
         let parameters = Classify { first_brick: first.unwrap_or_default(), ..self.input.parameters() };
-        self.stages.record(self.context, pass, (batch, &self.points), (parameters, first.is_some()), buffers)
+        let stage = if first.is_some() { &self.stages.emit } else { &self.stages.count };
+        record(self.context, pass, stage, (batch, &self.points, None), parameters, buffers)
     }
 }

@@ -1,13 +1,14 @@
 //! Splats that are no list: the device holds the samples and which of them are visible, for painters that read these.
 
 use std::any::Any;
+use std::ops::Range;
 use std::sync::Arc;
 
 use super::cache::Cache;
-use super::classify::{Classifier, STRIDE, VisibleVoxels, joined};
+use super::classify::{Classifier, STRIDE, VisibleVoxels, emit_in_shadows, joined, record};
 use super::context::Context;
 use super::kept_voxels::{FOUND, KeptVoxels};
-use super::layout::{Classify, MAX_BRICKS};
+use super::layout::{Classify, MAX_BRICKS, SHADED_WORDS};
 use super::pipeline::buffer_range;
 use super::recorder::{Recorder, max_work};
 use super::samples::{BATCH, BrickBatch, Bricks, HeldSamples, Input, InputKey, ROWS};
@@ -27,19 +28,33 @@ pub(crate) struct Sampled {
     visible: Arc<Vec<VisibleVoxels>>,
     /// The packed normals of visible voxels, by buffer of samples; `None`: there is no light or no room for them.
     normals: Option<Vec<wgpu::Buffer>>,
+    /// The shares of light that arrive at visible voxels, 8 bytes each, by buffer of samples; `None`: all light arrives.
+    kept: Option<Vec<wgpu::Buffer>>,
 }
 
-/// How shaders read samples and normals.
+/// How shaders read samples, normals and the light that arrives.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(crate) struct SampledKey {
     input: InputKey,
     kept_normals: bool,
+    shadows: bool,
 }
 
 impl SampledKey {
     pub(crate) fn constants(self) -> impl Iterator<Item = Constant> {
-        self.input.constants().into_iter().chain([("KEPT_NORMALS", self.kept_normals.into())])
+        let own = [("KEPT_NORMALS", self.kept_normals.into()), ("SHADOWS", self.shadows.into())];
+        self.input.constants().into_iter().chain(own)
     }
+}
+
+/// The bricks of a buffer of samples.
+pub(crate) struct SampledBuffer<'a> {
+    /// Their numbers in the lattice.
+    pub(super) bricks: Range<u32>,
+    pub(super) samples: &'a wgpu::Buffer,
+    pub(super) visible: &'a VisibleVoxels,
+    pub(super) normals: Option<&'a wgpu::Buffer>,
+    pub(super) kept: Option<&'a wgpu::Buffer>,
 }
 
 /// The samples that a dispatch reads, as bindings.
@@ -52,6 +67,9 @@ pub(crate) struct Dispatch<'a> {
     pub(crate) places: wgpu::BindingResource<'a>,
     pub(crate) seen: wgpu::BindingResource<'a>,
     pub(crate) normals: wgpu::BindingResource<'a>,
+    pub(crate) kept: wgpu::BindingResource<'a>,
+    /// The number of the buffer of samples.
+    pub(super) buffer: usize,
 }
 
 /// A store of some of these splats: consecutive batches of a buffer of samples.
@@ -67,12 +85,16 @@ struct Part {
 }
 
 impl Sampled {
-    /// The visible voxels of a volume, whose samples the device holds from now on.
-    pub(crate) fn run(pipelines: &Cache, input: &Input<'_>, held: &HeldSamples, kept: &KeptVoxels) -> Result<Drawable> {
-        let context = input.context;
+    /// The visible voxels of a volume, whose samples the device holds from now on, and the bytes that were sent.
+    pub(crate) fn hold(
+        pipelines: &Cache,
+        input: &Input<'_>,
+        held: &HeldSamples,
+        kept: &KeptVoxels,
+    ) -> Result<(Arc<Self>, u64)> {
         let classifier = Classifier::of(pipelines, input)?;
         let points = input.points_on_device()?;
-        let (sampled, bytes) = held.with(input, |batches| {
+        held.with(input, |batches| {
             kept.with(pipelines, input, batches, input.key().is_lit(), |visible, normals| {
                 Ok(Arc::new(Self {
                     classifier,
@@ -82,13 +104,53 @@ impl Sampled {
                     batches: Arc::clone(batches),
                     visible: Arc::clone(visible),
                     normals: normals.map(<[_]>::to_vec),
+                    kept: None,
                 }))
             })
-        })?;
+        })
+    }
+
+    /// The same as splats that no store lists.
+    pub(crate) fn run(pipelines: &Cache, input: &Input<'_>, held: &HeldSamples, kept: &KeptVoxels) -> Result<Drawable> {
+        let (sampled, bytes) = Self::hold(pipelines, input, held, kept)?;
         let ranges = input.volume.ranges()?;
         let bricks = Bricks { all: ranges.len() as u32, uploaded: input.shown(ranges), bytes };
-        let stores = Self::parts(&sampled, context).into_iter().map(|part| part.store(context));
-        Ok(Drawable { stores: stores.collect::<Result<_>>()?, bricks, ..Drawable::default() })
+        Ok(Drawable { stores: Self::stores(&sampled, input.context)?, bricks, ..Drawable::default() })
+    }
+
+    /// The same voxels, at which these shares of light arrive.
+    pub(super) fn under(&self, kept: Vec<wgpu::Buffer>) -> Self {
+        let Self { classifier, key, points, parameters, batches, visible, normals, .. } = self;
+        Self {
+            classifier: Arc::clone(classifier),
+            key: *key,
+            points: points.clone(),
+            parameters: *parameters,
+            batches: Arc::clone(batches),
+            visible: Arc::clone(visible),
+            normals: normals.clone(),
+            kept: Some(kept),
+        }
+    }
+
+    /// The shares of light that arrive, by buffer of samples.
+    pub(super) fn kept(&self) -> Option<&[wgpu::Buffer]> {
+        self.kept.as_deref()
+    }
+
+    /// The numbers of visible voxels of the buffers of samples.
+    pub(super) fn counts(&self) -> impl Iterator<Item = u32> {
+        self.visible.iter().map(|visible| visible.count)
+    }
+
+    /// Bytes of a listed splat.
+    fn stride(&self) -> u64 {
+        if self.kept.is_some() { 4 * SHADED_WORDS as u64 } else { STRIDE }
+    }
+
+    /// The stores of these splats.
+    pub(crate) fn stores(this: &Arc<Self>, context: &Context) -> Result<Vec<Store>> {
+        Self::parts(this, context).into_iter().map(|part| part.store(context)).collect()
     }
 
     /// Whether samples may take less memory of the device than lists of all voxels that may show.
@@ -115,12 +177,29 @@ impl Sampled {
     }
 
     pub(crate) fn key(&self) -> SampledKey {
-        SampledKey { input: self.key, kept_normals: self.normals.is_some() }
+        SampledKey { input: self.key, kept_normals: self.normals.is_some(), shadows: self.kept.is_some() }
     }
 
     /// The control points of the transfer function.
-    pub(crate) fn points(&self) -> wgpu::BindingResource<'_> {
-        self.points.as_entire_binding()
+    pub(crate) fn points(&self) -> &wgpu::Buffer {
+        &self.points
+    }
+
+    /// The parameters of shaders, without bricks.
+    pub(super) fn parameters(&self) -> Classify {
+        self.parameters
+    }
+
+    /// The buffers of samples.
+    pub(super) fn buffers(&self) -> impl Iterator<Item = SampledBuffer<'_>> {
+        let mut end = 0;
+        let visible = BrickBatch::by_buffer(&self.batches).zip(&*self.visible).enumerate();
+        visible.filter_map(move |(number, (batches, visible))| {
+            let first = end;
+            end += batches.iter().map(|batch| batch.origins.len() as u32).sum::<u32>();
+            let [normals, kept] = [&self.normals, &self.kept].map(|buffers| buffers.as_ref()?.get(number));
+            Some(SampledBuffer { bricks: first..end, samples: &batches.first()?.samples, visible, normals, kept })
+        })
     }
 
     /// The dispatches that read all samples, with an invocation for each. None outlasts the watchdog of a small GPU.
@@ -137,6 +216,7 @@ impl Sampled {
                 let voxels = (bricks * ROWS * EDGE) as u64;
                 let rows = |buffer| BrickBatch::rows(buffer, first.before, bricks);
                 let normals = self.normals.as_ref().and_then(|normals| normals.get(number));
+                let kept = self.kept.as_ref().and_then(|kept| kept.get(number));
                 dispatches.push(Dispatch {
                     parameters: Classify { bricks: bricks as u32, first_brick, ..self.parameters },
                     voxels,
@@ -145,6 +225,8 @@ impl Sampled {
                     places: rows(&visible.places),
                     seen: rows(&visible.seen),
                     normals: normals.unwrap_or(&visible.places).as_entire_binding(),
+                    kept: kept.unwrap_or(&visible.places).as_entire_binding(),
+                    buffer: number,
                 });
                 first_brick += bricks as u32;
             }
@@ -154,7 +236,7 @@ impl Sampled {
 
     /// The stores, each of which could be listed in a buffer.
     fn parts(this: &Arc<Self>, context: &Context) -> Vec<Part> {
-        let bindable = context.largest_buffer() / STRIDE;
+        let bindable = context.largest_buffer() / this.stride();
         let most = u32::try_from(bindable).unwrap_or(u32::MAX).min(joined(context));
         let mut parts: Vec<Part> = Vec::new();
         let mut number = 0;
@@ -201,17 +283,20 @@ impl Part {
             at += batch.places.size();
         }
         recorder.submit();
-        let count = self.count;
-        Store::new(context, (Splats::Unlisted(Arc::new(self)), Some(origins)), STRIDE, count, bricks)
+        let (stride, count) = (self.of.stride(), self.count);
+        Store::new(context, (Splats::Unlisted(Arc::new(self)), Some(origins)), stride, count, bricks)
     }
 }
 
 impl Unlisted for Part {
     fn list(&self, context: &Context) -> Result<wgpu::Buffer> {
-        let Sampled { classifier, points, parameters, visible, .. } = &*self.of;
+        let Sampled { classifier, key, points, parameters, visible, kept, .. } = &*self.of;
         let VisibleVoxels { places, seen, .. } = &visible[self.buffer];
         let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
-        let splats = context.buffer("classify.splats", u64::from(self.count) * STRIDE, usage)?;
+        let splats = context.buffer("classify.splats", u64::from(self.count) * self.of.stride(), usage)?;
+        let kept = kept.as_ref().and_then(|kept| kept.get(self.buffer));
+        let in_shadows = kept.map(|_| emit_in_shadows(context, *key));
+        let stage = in_shadows.as_ref().unwrap_or(classifier.emit());
         let (mut recorder, mut first_brick) = (Recorder::untimed(context), 0);
         for batch in self.batches() {
             let bricks = batch.origins.len();
@@ -219,7 +304,7 @@ impl Unlisted for Part {
             let parameters = Classify { first_brick, first_splat: self.first, ..*parameters };
             let buffers = [places, seen, splats.as_entire_binding()];
             let mut pass = recorder.compute_pass("classify");
-            classifier.record(context, &mut pass, (batch, points), (parameters, true), buffers)?;
+            record(context, &mut pass, stage, (batch, points, kept), parameters, buffers)?;
             drop(pass);
             recorder.worked((bricks * ROWS * EDGE) as u64 * FOUND);
             first_brick += bricks as u32;
@@ -231,7 +316,8 @@ impl Unlisted for Part {
     fn bytes(&self) -> u64 {
         let rows: usize = self.batches().map(|batch| batch.origins.len() * ROWS).sum();
         let samples: u64 = self.batches().map(|batch| batch.bytes.end - batch.bytes.start).sum();
-        let normals = if self.of.normals.is_some() { 4 * u64::from(self.count) } else { 0 };
-        samples + 8 * rows as u64 + normals
+        let normals = if self.of.normals.is_some() { 4 } else { 0 };
+        let kept = if self.of.kept.is_some() { 8 } else { 0 };
+        samples + 8 * rows as u64 + (normals + kept) * u64::from(self.count)
     }
 }

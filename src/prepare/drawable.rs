@@ -18,7 +18,7 @@ use crate::gpu::classify_on_host::HostClassifier;
 use crate::gpu::context::Context;
 use crate::gpu::kept_voxels::KeptVoxels;
 use crate::gpu::sampled::Sampled;
-use crate::gpu::samples::{HeldSamples, Input};
+use crate::gpu::samples::{Bricks, HeldSamples, Input};
 use crate::gpu::scan::Scan;
 use crate::gpu::splat::SplatLight;
 use crate::gpu::store::Drawable;
@@ -272,12 +272,14 @@ impl PreShaded {
                     // Other shadows lie on the same voxels.
                     let (held, classified) = match held.filter(|((_, edits), _)| *edits == self.edits) {
                         Some(((held, _), classified)) => (held, classified),
-                        None => (None, Arc::new(classify(true)?)),
+                        None => (None, Arc::new(classify(lists)?)),
                     };
+                    let kept = Arc::clone(&classified.kept);
                     let bricks = classified.bricks;
                     let (held, occluders) = (held.as_ref(), &self.occluders);
                     let stores = shaded(context, pipelines, classified, held, occluders, shadows, progress)?;
-                    Ok(Arc::new(Drawable { stores, bricks, ..Drawable::default() }))
+                    let kept = if Sampled::of(&stores).is_some() { kept } else { Arc::default() };
+                    Ok(Arc::new(Drawable { stores, bricks, kept, ..Drawable::default() }))
                 }
             })
         })
@@ -326,7 +328,7 @@ impl PreShaded {
         self.cells[size.number()].get_or_make((light.clone(), shadows.clone(), part), PartialEq::eq, |held| {
             let changed = held.is_some();
             let shaded =
-                shadows.as_ref().map(|shadows| self.classified(context, pipelines, (Some(shadows), true), progress));
+                shadows.as_ref().map(|shadows| self.classified(context, pipelines, (Some(shadows), false), progress));
             let shaded = shaded.transpose()?;
             context.guarded("classifying the volume", || {
                 let light = light.as_ref();
@@ -338,22 +340,25 @@ impl PreShaded {
                     Arc::into_inner(cells).filter(|_| serves)
                 });
                 if !context.is_software() {
-                    let input;
-                    let voxels = match &shaded {
-                        Some((shaded, _)) => Some(cells::Voxels::Splats(&shaded.stores)),
+                    let mut sent = 0;
+                    let sampled = match &shaded {
+                        Some((shaded, _)) => Sampled::of(&shaded.stores),
                         None => {
-                            input = Input::new(context, volume, transfer, self.lit, progress)?;
-                            HeldSamples::fits(&input).then_some(cells::Voxels::Samples(
-                                &input,
-                                &self.samples,
-                                &self.visible,
-                            ))
+                            let input = Input::new(context, volume, transfer, self.lit, progress)?;
+                            let hold = || Sampled::hold(pipelines, &input, &self.samples, &self.visible);
+                            let held = HeldSamples::fits(&input).then(hold).transpose()?;
+                            held.map(|(sampled, bytes)| {
+                                sent = bytes;
+                                sampled
+                            })
                         }
                     };
-                    if let Some(voxels) = voxels {
+                    let listed = shaded.as_ref().map(|(shaded, _)| cells::Voxels::Splats(&shaded.stores));
+                    if let Some(voxels) = sampled.as_deref().map(cells::Voxels::Samples).or(listed) {
                         let of = (voxels, light);
                         let made = cells::run(context, pipelines, of, &shape.on_device(), before, progress)?;
-                        return Ok(Arc::new(made));
+                        let bricks = Bricks { bytes: made.bricks.bytes + sent, ..made.bricks };
+                        return Ok(Arc::new(Drawable { bricks, ..made }));
                     }
                 }
                 drop(before);

@@ -69,7 +69,7 @@ fn weights(layers: &Layers, grid: &Grid, lit: bool) -> Weights {
 
 /// Whether a picture of classified voxels reads lists of splats.
 fn reads_lists(settings: &Settings) -> bool {
-    settings.casting().is_some() || matches!(settings.painter, Painter::Quads(_))
+    matches!(settings.painter, Painter::Quads(_))
 }
 
 fn shows(settings: &Settings) -> VisibleValues {

@@ -12,7 +12,8 @@ use crate::camera::clip::{Side, is_inside};
 use crate::error::{Error, Result};
 use crate::gpu::cache::Cache;
 use crate::gpu::context::Context;
-use crate::gpu::shadows::{self, Buffers, STRIDE, Unlit};
+use crate::gpu::sampled::Sampled;
+use crate::gpu::shadows::{self, Buffers, STRIDE, Unlit, UnlitSamples};
 use crate::gpu::store::{BrickSplats, Drawable, HostBrick, MadeBrick, Row, Store, StoreBuilder, places};
 use crate::lighting::shadow::field::CLIPPED;
 use crate::lighting::shadow::plan::LightPlans;
@@ -85,6 +86,12 @@ impl Occluders {
         taken(&self.host, shadows).map(|arrival| arrival.under(&shadows.casting))
     }
 
+    /// Keeps buffers of the device if lights have changed: they may do so again.
+    fn keep_on_device(&self, held: Option<&Shadows>, shadows: &Shadows, buffers: Buffers) {
+        let is_kept = held.is_some() && buffers.bytes() <= Self::MOST;
+        keep(&self.device, is_kept.then(|| (shadows.without_lights(), buffers)));
+    }
+
     fn keep(&self, shadows: &Shadows, arrival: Arrival) {
         keep(&self.host, arrival.is_kept().then(|| (shadows.without_lights(), arrival)));
     }
@@ -102,6 +109,14 @@ pub(crate) fn shaded(
     progress: &Progress,
 ) -> Result<Vec<Store>> {
     let over = Arc::get_mut(&mut classified).is_some();
+    let of_samples = || {
+        let Some(sampled) = Sampled::of(&classified.stores) else { return Ok(None) };
+        shaded_samples((context, pipelines), (&classified.stores, &sampled, over), held, occluders, shadows, progress)
+    };
+    if let Some(stores) = on_device(context, of_samples)? {
+        keep(&occluders.host, None);
+        return Ok(stores);
+    }
     let stores = (classified.stores.as_slice(), over);
     let find = || shaded_on_device((context, pipelines), stores, held, occluders, shadows, progress);
     if let Some(stores) = on_device(context, find)? {
@@ -144,11 +159,31 @@ pub(super) fn shaded_on_device(
     let buffers = taken(&occluders.device, shadows);
     let made = shadows::run(context, pipelines, &unlit, &plans, &lights, buffers, progress)?;
     Ok(made.map(|(stores, buffers)| {
-        // Lights that changed once may do so again.
-        let is_kept = held.is_some() && buffers.bytes() <= Occluders::MOST;
-        keep(&occluders.device, is_kept.then(|| (shadows.without_lights(), buffers)));
+        occluders.keep_on_device(held, shadows, buffers);
         stores
     }))
+}
+
+/// [`shaded`] by stages of the device that read samples, of stores that list no splats.
+fn shaded_samples(
+    (context, pipelines): (&Context, &Cache),
+    (stores, sampled, over): (&[Store], &Sampled, bool),
+    held: Option<&Shadows>,
+    occluders: &Occluders,
+    shadows: &Shadows,
+    progress: &Progress,
+) -> Result<Option<Vec<Store>>> {
+    let Shadows { casting, lattice, clip } = shadows;
+    let Some(plans) = LightPlans::new(casting, lattice, bounds_of(stores)) else { return Ok(None) };
+    let lights: Vec<usize> = unknown(held, shadows).collect();
+    let unlit = UnlitSamples { sampled, over, dims: lattice.dims, clip };
+    let buffers = taken(&occluders.device, shadows);
+    let made = shadows::run_on_samples(context, pipelines, &unlit, &plans, &lights, buffers, progress)?;
+    let kept = |(sampled, buffers): (Sampled, Buffers)| {
+        occluders.keep_on_device(held, shadows, buffers);
+        Sampled::stores(&Arc::new(sampled), context)
+    };
+    made.map(kept).transpose()
 }
 
 /// [`shaded`] on the host.

@@ -184,14 +184,15 @@ impl Packing {
             let resources = [
                 classify.as_entire_binding(),
                 dispatch.samples,
-                sampled.points(),
+                sampled.points().as_entire_binding(),
                 marks.as_entire_binding(),
                 texture_view(&view),
-                parameters.as_entire_binding(),
-                lighting.as_entire_binding(),
                 dispatch.places,
                 dispatch.seen,
+                parameters.as_entire_binding(),
+                lighting.as_entire_binding(),
                 dispatch.normals,
+                dispatch.kept,
             ];
             stage.run(recorder, &resources, for_each(context, dispatch.voxels));
             recorder.worked(dispatch.work);

@@ -370,7 +370,6 @@ impl Samples {
     /// The samples of a picture whose voxels lie in a box; `None`: it packs lists.
     pub(super) fn of(job: &Job<'_>, voxel: Voxel) -> Option<Self> {
         match voxel {
-            Voxel::Color { shadows: true, .. } => None,
             Voxel::Color { .. } => Sampled::of(job.stores).map(Self::Voxels),
             Voxel::Scalar | Voxel::Gradient => job.scalars.map(|(scalars, _)| Self::Scalars(Arc::clone(scalars))),
         }
@@ -450,7 +449,7 @@ pub(super) fn stage_of_samples(context: &Context, constants: &[Constant], voxel:
     let texels = Binding::StorageTexture(voxel.format(Layout::Box), wgpu::TextureViewDimension::D3);
     let (shader, entry, slots, own) = match key {
         SamplesKey::Voxels(key) => {
-            let slots = vec![Uniform, Read, Read, Write, texels, Uniform, Uniform, Read, Read, Read];
+            let slots = vec![Uniform, Read, Read, Write, texels, Read, Read, Uniform, Uniform, Read, Read];
             (shaders::PACK_SAMPLES, "voxels", slots, key.constants().collect::<Vec<Constant>>())
         }
         SamplesKey::Scalars(key) => {

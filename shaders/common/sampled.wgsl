@@ -1,0 +1,51 @@
+// The voxels of bricks of samples, and which of them are visible. An invocation for each voxel.
+// uses: common/appearance, common/classified
+
+// For each row of a brick: the number of its first visible voxel among those of all bricks of a buffer of samples.
+@group(0) @binding(5) var<storage, read> places: array<u32>;
+// For each row of a brick: a bit for each voxel, set if it is visible.
+@group(0) @binding(6) var<storage, read> seen: array<u32>;
+
+struct BrickVoxel {
+    // The number of its row among those of the bricks.
+    row: u32,
+    // Its place in the row.
+    x: u32,
+    // Its lattice point, which may lie beyond the volume.
+    point: vec3u,
+}
+
+// The voxel of an invocation. `classify.first_brick` is the number of the first brick in the lattice.
+fn brick_voxel(index: u32) -> BrickVoxel {
+    let row = index / EDGE;
+    let bricks = (classify.dims + EDGE - 1u) / EDGE;
+    let number = classify.first_brick + row / (EDGE * EDGE);
+    let brick = vec3u(number % bricks.x, number / bricks.x % bricks.y, number / (bricks.x * bricks.y));
+    let x = index % EDGE;
+    return BrickVoxel(row, x, brick * EDGE + vec3u(x, row % EDGE, row / EDGE % EDGE));
+}
+
+// Whether the voxel at this place of a row is visible.
+fn is_seen(row: u32, x: u32) -> bool {
+    return (seen[row] >> x & 1u) != 0u;
+}
+
+// The number of a visible voxel.
+fn number_of(row: u32, x: u32) -> u32 {
+    return places[row] + countOneBits(seen[row] & ((1u << x) - 1u));
+}
+
+// The number of the sample of a voxel.
+fn sample_of(row: u32, x: u32) -> u32 {
+    return first_sample(row / (EDGE * EDGE), row % EDGE, row / EDGE % EDGE) + x;
+}
+
+// The words density_blue and color of the splat of a visible voxel.
+fn appearance_of(i: u32) -> vec2u {
+    let classified = transfer(i);
+    var density = density(classified.a);
+    if GRADIENT_OPACITY {
+        density *= gradient_share(gradient(i));
+    }
+    return packed_appearance(classified.rgb, density);
+}
