@@ -16,7 +16,7 @@ fn find(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) group
     let row = classify.first_brick * EDGE * EDGE + index / EDGE;
     let x = index % EDGE;
     let bits = seen[row];
-    if (bits >> x & 1u) == 0u {
+    if ((bits >> x) & 1u) == 0u {
         return;
     }
     let i = first_sample(row / (EDGE * EDGE), row % EDGE, row / EDGE % EDGE) + x;

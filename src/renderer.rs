@@ -176,9 +176,9 @@ impl Renderer {
         self.prepared(layers, settings)
     }
 
-    /// Gives a scene another transfer function, and the next picture shows it. The first change sends the samples of
-    /// the whole volume, which the scene then holds. On GPUs further changes send a table and no samples, unless the
-    /// picture is drawn of pre-shaded cells or has post-shaded shadows: both are made on the host.
+    /// Gives a scene another transfer function, and the next picture shows it. On GPUs a change sends a table and no
+    /// samples. The first change sends those of the whole volume, if lists of splats took less memory before; the scene
+    /// then holds them. The field of post-shaded shadows is made on the host again.
     ///
     /// A pre-shaded picture has the bytes of a scene that was prepared with the function. A post-shaded one differs by
     /// up to 0.5 of 255 (rms), because sums of kernels err more if the base value is farther from the visible ones.

@@ -27,7 +27,7 @@ fn brick_voxel(index: u32) -> BrickVoxel {
 
 // Whether the voxel at this place of a row is visible.
 fn is_seen(row: u32, x: u32) -> bool {
-    return (seen[row] >> x & 1u) != 0u;
+    return ((seen[row] >> x) & 1u) != 0u;
 }
 
 // The number of a visible voxel.

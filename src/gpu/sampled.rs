@@ -17,7 +17,8 @@ use super::store::{BrickSplats, Drawable, Splats, Store, Unlisted};
 use crate::error::Result;
 use crate::volume::BRICK_EDGE as EDGE;
 
-/// The samples of a volume, classified by a transfer function.
+/// The samples of a volume, classified by a transfer function. A clone shares the memory of the device.
+#[derive(Clone)]
 pub(crate) struct Sampled {
     classifier: Arc<Classifier>,
     key: InputKey,
@@ -56,6 +57,9 @@ pub(crate) struct SampledBuffer<'a> {
     pub(super) normals: Option<&'a wgpu::Buffer>,
     pub(super) kept: Option<&'a wgpu::Buffer>,
 }
+
+/// The most batches of a dispatch: shaders count invocations in 32 bits.
+const MOST_TOGETHER: u64 = 1 << 9;
 
 /// The samples that a dispatch reads, as bindings.
 pub(crate) struct Dispatch<'a> {
@@ -120,17 +124,7 @@ impl Sampled {
 
     /// The same voxels, at which these shares of light arrive.
     pub(super) fn under(&self, kept: Vec<wgpu::Buffer>) -> Self {
-        let Self { classifier, key, points, parameters, batches, visible, normals, .. } = self;
-        Self {
-            classifier: Arc::clone(classifier),
-            key: *key,
-            points: points.clone(),
-            parameters: *parameters,
-            batches: Arc::clone(batches),
-            visible: Arc::clone(visible),
-            normals: normals.clone(),
-            kept: Some(kept),
-        }
+        Self { kept: Some(kept), ..self.clone() }
     }
 
     /// The shares of light that arrive, by buffer of samples.
@@ -176,6 +170,11 @@ impl Sampled {
         2 * splats * STRIDE < samples
     }
 
+    /// How stages that need no normals and no light read the samples.
+    pub(super) fn input_key(&self) -> InputKey {
+        self.key
+    }
+
     pub(crate) fn key(&self) -> SampledKey {
         SampledKey { input: self.key, kept_normals: self.normals.is_some(), shadows: self.kept.is_some() }
     }
@@ -188,6 +187,12 @@ impl Sampled {
     /// The parameters of shaders, without bricks.
     pub(super) fn parameters(&self) -> Classify {
         self.parameters
+    }
+
+    /// Whether each buffer of samples has whole rows of bricks along x, as cells need them.
+    pub(crate) fn has_whole_rows(&self) -> bool {
+        let row = self.parameters.dims[0].div_ceil(EDGE as u32);
+        self.buffers().all(|of_buffer| of_buffer.bricks.start.is_multiple_of(row))
     }
 
     /// The buffers of samples.
@@ -206,7 +211,7 @@ impl Sampled {
     pub(crate) fn dispatches(&self, context: &Context) -> Vec<Dispatch<'_>> {
         let each = if self.key.is_lit() && self.normals.is_none() { FOUND } else { 1 };
         let batch_work = (BATCH * EDGE * EDGE * EDGE) as u64 * each;
-        let together = (max_work(context) / batch_work).clamp(1, 1 << 16) as usize;
+        let together = (max_work(context) / batch_work).clamp(1, MOST_TOGETHER) as usize;
         let mut dispatches = Vec::new();
         let mut first_brick = 0;
         for (number, (batches, visible)) in BrickBatch::by_buffer(&self.batches).zip(&*self.visible).enumerate() {

@@ -6,6 +6,10 @@
 //! time, a part: they are filtered, rays add them up and carry their sums to the next part, and each voxel reads the
 //! sums of its plane. So a part needs little memory besides the field and the light that arrives.
 
+mod samples;
+
+pub(crate) use samples::{UnlitSamples, run_on_samples};
+
 use std::cell::RefCell;
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -18,7 +22,6 @@ use super::layout::{ClipPlanes, Converging, LightBox, SHADED_WORDS, Sweep, clip_
 use super::light_volume::LightVolume;
 use super::pipeline::{Binding, both, texture_view};
 use super::recorder::{ComputePass, Recorder};
-use super::sampled::{Sampled, SampledKey};
 use super::shaders::{self, Shader};
 use super::stage::{Constant, DynamicUniforms, Stage, for_each};
 use super::store::{Splats, Store};
@@ -61,12 +64,6 @@ struct Stages {
 
 /// The stage that makes the field of splats, of splats with shares of light for the key `true`.
 struct FieldStage(Stage);
-
-/// The stages that read samples in place of lists of splats.
-struct SampleStages {
-    occluders: Stage,
-    keep: Stage,
-}
 
 /// The stages of sweeps to a place.
 struct PlaceStages {
@@ -118,16 +115,6 @@ impl FieldStage {
         use Binding::{Read, Uniform, Write};
         let constants = if has_light { SHADOWS.as_slice() } else { &[] };
         Self(stage(context, shaders::OCCLUDERS, "occluders", &[Uniform, Read, Read, Write], constants))
-    }
-}
-
-impl SampleStages {
-    fn new(context: &Context, key: SampledKey) -> Self {
-        use Binding::{Read, Uniform, Write};
-        let constants: Vec<Constant> = key.constants().collect();
-        let slots = [Uniform, Read, Read, Uniform, Write, Read, Read, Read];
-        let occluders = stage(context, shaders::OCCLUDERS_OF_SAMPLES, "occluders", &slots[..7], &constants);
-        Self { occluders, keep: stage(context, shaders::KEPT_OF_SAMPLES, "keep", &slots, &constants) }
     }
 }
 
@@ -313,66 +300,6 @@ pub(crate) fn run(
     Ok(Some((made, job.buffers())))
 }
 
-/// Visible voxels of samples in shadows to be.
-pub(crate) struct UnlitSamples<'a> {
-    pub(crate) sampled: &'a Sampled,
-    /// As of [`Unlit`].
-    pub(crate) over: bool,
-    pub(crate) dims: [usize; 3],
-    pub(crate) clip: &'a [Side],
-}
-
-/// Like [`run`], of samples in place of lists of splats.
-pub(crate) fn run_on_samples(
-    context: &Context,
-    pipelines: &Cache,
-    unlit: &UnlitSamples<'_>,
-    plans: &LightPlans,
-    lights: &[usize],
-    held: Option<Buffers>,
-    progress: &Progress,
-) -> Result<Option<(Sampled, Buffers)>> {
-    /// Bytes of the shares of a voxel.
-    const EACH: u64 = 8;
-    let lights = planned(plans, lights);
-    let largest = unlit.sampled.counts().max().map(|count| u64::from(count) * EACH);
-    if !fits(context, largest.unwrap_or(0), plans, lights.iter().map(|(_, plan)| plan)) {
-        return Ok(None);
-    }
-    let is_filled = held.is_some();
-    let job = Job::new(context, pipelines, plans, held)?;
-    let stages = pipelines.get_or_make(unlit.sampled.key(), || Ok(SampleStages::new(context, unlit.sampled.key())))?;
-    let mut recorder = Recorder::untimed(context);
-    if !is_filled {
-        recorder.clear(&job.field, job.field.size());
-        let light_box = job.uniform(&job.casting(unlit.dims, unlit.clip))?;
-        job.each_dispatch(&mut recorder, unlit.sampled, &stages.occluders, (&light_box, &|_| job.field.clone()), &[])?;
-    }
-    let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC;
-    // Lights that splats do not hold are all lights at first, so that each share is set.
-    let kept = match unlit.sampled.kept() {
-        Some(kept) if unlit.over => kept.to_vec(),
-        before => {
-            let buffer = |(number, count): (usize, u32)| {
-                let buffer = context.buffer("shadows.kept", u64::from(count) * EACH, usage)?;
-                if let Some(before) = before.and_then(|before| before.get(number)) {
-                    recorder.copy(before, &buffer, 0, buffer.size());
-                }
-                Ok(buffer)
-            };
-            unlit.sampled.counts().enumerate().map(buffer).collect::<Result<Vec<_>>>()?
-        }
-    };
-    job.each(&mut recorder, &lights, progress, &mut |recorder, light, plan| {
-        let LightBox { strength, word, shift, .. } = job.share(light, plan);
-        let light_box = job.uniform(&LightBox { strength, word, shift, ..job.of_plans() })?;
-        let shares = [job.shares.as_entire_binding()];
-        job.each_dispatch(recorder, unlit.sampled, &stages.keep, (&light_box, &|buffer| kept[buffer].clone()), &shares)
-    })?;
-    recorder.submit();
-    Ok(Some((unlit.sampled.under(kept), job.buffers())))
-}
-
 /// The light that arrives at the voxels of a box, kept for other lights.
 pub(crate) struct BoxLight {
     /// The first lattice point of the box, and its size.
@@ -549,35 +476,6 @@ impl<'a> Job<'a> {
         let sides = clip_planes(clip.iter().map(|(gradient, value)| gradient.extend(*value)));
         planes[..clip.len()].copy_from_slice(&sides[..clip.len()]);
         LightBox { middle: dims.map(|n| (n - 1) as f32 / 2.0), clip_planes: planes, ..self.of_plans() }
-    }
-
-    /// Records a stage over all samples, with the buffer that it writes for the samples of a buffer, given its number,
-    /// and `others` that it reads.
-    fn each_dispatch(
-        &self,
-        recorder: &mut Recorder<'_>,
-        sampled: &Sampled,
-        stage: &Stage,
-        (light_box, written): (&wgpu::Buffer, &dyn Fn(usize) -> wgpu::Buffer),
-        others: &[wgpu::BindingResource<'_>],
-    ) -> Result<()> {
-        let context = self.context;
-        for dispatch in sampled.dispatches(context) {
-            let usage = wgpu::BufferUsages::UNIFORM;
-            let classify = context.upload("shadows.classify", bytemuck::bytes_of(&dispatch.parameters), usage)?;
-            let to = written(dispatch.buffer);
-            let own = [
-                classify.as_entire_binding(),
-                dispatch.samples,
-                sampled.points().as_entire_binding(),
-                light_box.as_entire_binding(),
-                to.as_entire_binding(),
-                dispatch.places,
-                dispatch.seen,
-            ];
-            stage.run(recorder, &[&own, others].concat(), for_each(context, dispatch.voxels));
-        }
-        Ok(())
     }
 
     /// Records the field of the extinctions of splats.

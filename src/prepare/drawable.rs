@@ -79,7 +79,13 @@ impl<K, V> Held<K, V> {
     }
 
     pub(super) fn clear(&self) {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = None;
+        self.keep_if(|_| false);
+    }
+
+    /// Drops the value that is held, unless it is to be kept.
+    fn keep_if(&self, keep: impl FnOnce(&V) -> bool) {
+        let mut held = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        *held = held.take().filter(|(_, value)| keep(value));
     }
 }
 
@@ -231,6 +237,8 @@ impl PreShaded {
             ));
         };
         self.layers = Layers::of_volume(volume, transfer);
+        // Samples are packed over those before.
+        self.classified.keep_if(|before| Sampled::of(&before.stores).is_some());
         self.occluders.clear();
         self.visible.clear();
         self.normals.clear();
@@ -342,7 +350,7 @@ impl PreShaded {
                 if !context.is_software() {
                     let mut sent = 0;
                     let sampled = match &shaded {
-                        Some((shaded, _)) => Sampled::of(&shaded.stores),
+                        Some((shaded, _)) => Sampled::of(&shaded.stores).filter(|sampled| sampled.has_whole_rows()),
                         None => {
                             let input = Input::new(context, volume, transfer, self.lit, progress)?;
                             let hold = || Sampled::hold(pipelines, &input, &self.samples, &self.visible);
