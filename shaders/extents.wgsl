@@ -1,5 +1,5 @@
-// extents: what the host needs of the visible voxels of bricks: the number of the first one, and bits of the places along
-// x, y and z in the brick that have any. A workgroup for each brick.
+// extents: what the host needs of the visible voxels of bricks: the number of the first one, and bits of the places
+// along x, y and z in the brick that have any. A workgroup for each brick.
 // uses: common/dispatch
 
 // Rows of a brick along x, y before z.

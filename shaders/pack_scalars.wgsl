@@ -1,13 +1,10 @@
-// pack_scalars: samples into the box of scalars that the painter `tiles` marches through (see common/packing.wgsl), with
-// copies of the outermost layers beyond the faces of the volume, and marks of cells near visible scalars. An invocation
-// for each texel in the planes of the bricks that are bound.
+// pack_scalars: samples into the box of scalars that the painter `tiles` marches through (see common/packing.wgsl),
+// with copies of the outermost layers beyond the faces of the volume, and marks of cells near visible scalars. An
+// invocation for each texel in the planes of the bricks that are bound.
 // uses: common/dispatch, common/marking, common/packing, common/samples
 
 // Texels have gradients; bricks are then stored with a layer of voxels around.
 override GRADIENTS: bool = false;
-
-// The largest scalar, Reduction::LIMIT of the host: 2^64.
-const LIMIT: f32 = 18446744073709551616.0;
 
 struct Scalars {
     // Voxels of the volume along each axis.
@@ -25,13 +22,16 @@ struct Scalars {
     // The planes of the box that they reach: the first, and their number.
     first_plane: u32,
     planes: u32,
+    // The largest difference from the base: its scalar is Reduction::LIMIT of the host.
+    most: f32,
 }
 
 @group(0) @binding(0) var<uniform> scalars: Scalars;
 @group(0) @binding(2) var<uniform> pack: Pack;
 
 fn scalar_at(i: u32) -> f32 {
-    return clamp((sample_at(i) - scalars.origin - scalars.rest) * scalars.factor, -LIMIT, LIMIT);
+    let difference = sample_at(i) - scalars.origin - scalars.rest;
+    return clamp(difference, -scalars.most, scalars.most) * scalars.factor;
 }
 
 // Whether a scalar marks cells.

@@ -116,7 +116,7 @@ shared! {
         end_brick: u32,
         first_plane: u32,
         planes: u32,
-        _pad: u32,
+        most: f32,
     }
 
     /// A box of voxels; shaders/common/voxel_box.wgsl.

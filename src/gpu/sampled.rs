@@ -29,7 +29,8 @@ pub(crate) struct Sampled {
     visible: Arc<Vec<VisibleVoxels>>,
     /// The packed normals of visible voxels, by buffer of samples; `None`: there is no light or no room for them.
     normals: Option<Vec<wgpu::Buffer>>,
-    /// The shares of light that arrive at visible voxels, 8 bytes each, by buffer of samples; `None`: all light arrives.
+    /// The shares of light that arrive at visible voxels, 8 bytes each, by buffer of samples; `None`: all light
+    /// arrives.
     kept: Option<Vec<wgpu::Buffer>>,
 }
 

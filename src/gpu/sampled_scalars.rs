@@ -51,8 +51,10 @@ pub(crate) struct Dispatch<'a> {
     pub(crate) samples: wgpu::BindingResource<'a>,
 }
 
-/// The largest factor from samples to scalars, and over the least one: products stay in the range of f32.
-const MOST_FACTOR: f64 = 1e30;
+/// The largest difference of samples in the range of f32.
+const FARTHEST: f64 = 1e38;
+/// The largest factor from samples to scalars, and over the least one: normal numbers of f32.
+const MOST_FACTOR: f64 = 1e37;
 
 impl SampledScalars {
     /// The numbers `origin`, `rest` and `factor` of shaders; `None`: f32 cannot make scalars of these samples.
@@ -81,7 +83,8 @@ impl SampledScalars {
         let Some([origin, rest, factor]) = Self::numbers(input, reduction) else { return Ok(None) };
         let key = ScalarsKey { sample_type: input.coding.sample_type, gradients: input.halo() > 0 };
         let dims = input.volume.grid().dims();
-        let parameters = Scalars { dims, padding, origin, rest, factor, ..Scalars::zeroed() };
+        let most = (Reduction::LIMIT / f64::from(factor)).min(FARTHEST) as f32;
+        let parameters = Scalars { dims, padding, origin, rest, factor, most, ..Scalars::zeroed() };
         let (bricks, batches) = (input.volume.bricks(), held.with(input, |batches| Ok(Arc::clone(batches)))?);
         let (batches, sent) = batches;
         Ok(Some((Self { batches, key, parameters, bricks, bounds }, sent)))
@@ -109,8 +112,8 @@ impl SampledScalars {
         self.batches.iter().map(|batch| batch.bytes.end - batch.bytes.start).sum()
     }
 
-    /// The dispatches that make the scalars of a box of the lattice, an invocation each. None outlasts the watchdog of a
-    /// small GPU.
+    /// The dispatches that make the scalars of a box of the lattice, an invocation each. None outlasts the watchdog of
+    /// a small GPU.
     pub(crate) fn dispatches(&self, context: &Context, low: [u32; 3], dims: [u32; 3]) -> Vec<Dispatch<'_>> {
         let Scalars { padding, dims: [_, _, deep], .. } = self.parameters;
         let of_layer = self.bricks[0] * self.bricks[1];

@@ -290,8 +290,8 @@ fn assert_transfers_send_tables((volume, first): &(Volume, TransferFunction)) {
     }
 }
 
-/// GPUs pack voxels from their samples, and make no list of splats unless something reads it. A picture has the same bytes
-/// if it is packed from lists, and if it is packed over another transfer function's.
+/// GPUs pack voxels from their samples, and make no list of splats unless something reads it. A picture has the same
+/// bytes if it is packed from lists, and if it is packed over another transfer function's.
 #[test]
 fn voxels_packed_from_samples_are_those_packed_from_lists() {
     // Lists of few splats take less memory than samples, and are made.
@@ -380,8 +380,8 @@ fn cells_in_shadows_of_samples_are_those_of_lists() {
     }
 }
 
-/// GPUs pack scalars from samples too, and software from lists that the host makes. The tables of both differ by what is
-/// kept: scalars beyond the reach of visible ones change a channel by up to 1.6e-3.
+/// GPUs pack scalars from samples too, and software from lists that the host makes. The tables of both differ by what
+/// is kept: scalars beyond the reach of visible ones change a channel by up to 1.6e-3.
 #[test]
 fn scalars_packed_from_samples_are_those_packed_from_lists() {
     let renderers = [new_renderer().with_device_stages(), new_renderer()];

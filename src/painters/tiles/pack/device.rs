@@ -162,7 +162,8 @@ impl Packing {
         Ok(())
     }
 
-    /// Fills the box of voxels and the marks of macrocells with classified samples. `clears`: the box holds other voxels.
+    /// Fills the box of voxels and the marks of macrocells with classified samples. `clears`: the box holds other
+    /// voxels.
     pub(super) fn fill_from_samples(
         &self,
         recorder: &mut Recorder<'_>,

@@ -143,8 +143,8 @@ pub(super) struct Packing {
 }
 
 impl Packing {
-    /// The packing of the hull of these boxes of splats, or if `whole`, of the lattice of this many points; `None` if it
-    /// does not fit into a texture.
+    /// The packing of the hull of these boxes of splats, or if `whole`, of the lattice of this many points; `None` if
+    /// it does not fit into a texture.
     pub(super) fn new(
         context: &Context,
         boxes: impl Iterator<Item = [[u32; 3]; 2]>,
