@@ -1,5 +1,5 @@
-//! The visible voxels of a volume and their normals (shaders/normals.wgsl), kept on the device for the lights and the
-//! levels of its cells.
+//! The visible voxels of a volume and their normals (shaders/normals.wgsl), kept on the device for all lights and
+//! levels.
 
 use std::sync::{Arc, Mutex, PoisonError};
 

@@ -13,7 +13,7 @@ use super::samples::{BrickBatch, FAR, HeldSamples, Input};
 use super::stage::Constant;
 use super::transfer::Reduction;
 use crate::error::Result;
-use crate::volume::SampleType;
+use crate::volume::{BRICK_EDGE as EDGE, SampleType};
 
 /// The scalars of a lattice of voxels with copies beyond its faces.
 pub(crate) struct SampledScalars {
@@ -85,8 +85,8 @@ impl SampledScalars {
         let dims = input.volume.grid().dims();
         let most = (Reduction::LIMIT / f64::from(factor)).min(FARTHEST) as f32;
         let parameters = Scalars { dims, padding, origin, rest, factor, most, ..Scalars::zeroed() };
-        let (bricks, batches) = (input.volume.bricks(), held.with(input, |batches| Ok(Arc::clone(batches)))?);
-        let (batches, sent) = batches;
+        let (batches, sent) = held.with(input, |batches| Ok(Arc::clone(batches)))?;
+        let bricks = input.volume.bricks();
         Ok(Some((Self { batches, key, parameters, bricks, bounds }, sent)))
     }
 
@@ -126,8 +126,7 @@ impl SampledScalars {
             let end_brick = first_brick + bricks;
             let [Some(first), Some(last)] = [of_buffer.first(), of_buffer.last()] else { continue };
             // The planes of these bricks in the extended lattice, and the copies beyond the faces.
-            let edge = crate::volume::BRICK_EDGE as u32;
-            let [start, end] = [first_brick / of_layer * edge, end_brick.div_ceil(of_layer) * edge];
+            let [start, end] = [first_brick / of_layer, end_brick.div_ceil(of_layer)].map(|layer| layer * EDGE as u32);
             let start = if start == 0 { 0 } else { start + padding };
             let end = if end >= deep { deep + 2 * padding } else { end + padding };
             let [start, end] = [start, end].map(|plane| plane.saturating_sub(low[2]).min(dims[2]));

@@ -109,11 +109,12 @@ pub(super) struct PreShaded {
     pub(super) classified: Held<ClassifiedKey, Drawable>,
     /// The occluders of shadows.
     occluders: Occluders,
-    /// The samples on the device, held from the first change of the transfer function on, or from the first cells on.
+    /// The samples on a GPU, held from the first picture on unless a list of splats takes less memory: then from the
+    /// first change of the transfer function or the first cells on.
     samples: HeldSamples,
     /// Changes of the transfer function.
     edits: u32,
-    /// The visible voxels on the device and their normals, held from the first cells on.
+    /// Which of these voxels are visible, and their normals.
     visible: KeptVoxels,
     /// The normals of voxels on the host, held from the second light on cells on.
     normals: Held<(), KeptNormals>,
@@ -140,7 +141,7 @@ pub(super) struct PostShaded {
     pub(super) light: Held<Shadows, FallenLight>,
     /// The splats by size of cells.
     pub(super) emitted: [Held<EmissionKey, Drawable>; CellSize::COUNT],
-    /// The samples on a GPU, held from the first picture of voxels on.
+    /// The samples on a GPU, held from the first picture of voxels on unless a list of splats takes less memory.
     pub(super) samples: HeldSamples,
     /// Whether the splats serve other transfer functions too.
     pub(super) whole: bool,
