@@ -80,13 +80,9 @@ fn emit(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) group
     // The lowest bit that is set is the next visible voxel; `rest & (rest - 1)` clears it.
     for (var rest = seen[index]; rest != 0u; rest &= rest - 1u) {
         let i = firstTrailingBit(rest);
-        let classified = transfer(row.first + i);
         let at = splat_place(i, row.point.y % EDGE, row.point.z % EDGE, classify.first_brick + row.brick);
-        var density = density(classified.a);
-        if GRADIENT_OPACITY {
-            density *= gradient_share(gradient(row.first + i));
-        }
-        let appearance = packed_appearance(classified.rgb, density);
+        let voxel = classified(row.first + i);
+        let appearance = packed_appearance(voxel.rgb, voxel.w);
         let first = select(2u, 3u, SHADOWS) * place;
         splats[first] = vec2u(at, appearance.x);
         splats[first + 1u].x = appearance.y;

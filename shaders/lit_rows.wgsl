@@ -2,9 +2,6 @@
 // A workgroup makes sums of a row: its invocations light voxels side by side, then each sums the voxels of a cell.
 // uses: common/arriving, common/dispatch, common/lit_splat, common/sampled, common/voxel_box
 
-// Whether the normals of visible voxels are kept: if not, they are found.
-override KEPT_NORMALS: bool = false;
-
 // Cells that a voxel is shared among along an axis.
 const NODES: u32 = 6u;
 // Sums of a workgroup: as many as the voxels of 64 cells have all the values of.
@@ -18,8 +15,6 @@ const HELD: u32 = 2u * WORKGROUP;
 // As many for each voxel of a cell as a voxel has cells; for as many cells as the divisor of the voxels along a cell.
 @group(0) @binding(7) var<storage, read> weights: array<f32>;
 @group(0) @binding(8) var<uniform> inside: VoxelBox;
-// The packed normals of visible voxels, if they are kept.
-@group(0) @binding(9) var<storage, read> normals: array<u32>;
 
 // Voxels: colour times density, and density.
 var<workgroup> held: array<vec4f, HELD>;
@@ -31,24 +26,14 @@ fn lit_voxel(row: u32, first: u32, point: vec3u) -> vec4f {
         return vec4f(0.0);
     }
     let i = first + x;
-    let classified = transfer(i);
-    var density = density(classified.a);
-    if GRADIENT_OPACITY {
-        density *= gradient_share(gradient(i));
-    }
-    var color = classified.rgb;
+    let voxel = classified(i);
+    var color = voxel.rgb;
     if LIGHTS > 0u {
         let number = number_of(row, x);
-        var packed: u32;
-        if KEPT_NORMALS {
-            packed = normals[number];
-        } else {
-            packed = pack_normal(normal(i).xyz);
-        }
         let at = vec3f(point);
-        color = lit_splat(color, packed, kept_at(number), at, to_eye_from_point(at));
+        color = lit_splat(color, packed_normal(number, i), kept_at(number), at, to_eye_from_point(at));
     }
-    return vec4f(color * density, density);
+    return vec4f(color * voxel.w, voxel.w);
 }
 
 @compute @workgroup_size(WORKGROUP)

@@ -4,13 +4,9 @@
 // uses: common/arriving, common/dispatch, common/lit_splat, common/marking, common/packing, common/sampled
 
 override PERSPECTIVE: bool = false;
-// Whether the normals of visible voxels are kept: if not, they are found.
-override KEPT_NORMALS: bool = false;
 
 @group(0) @binding(7) var<uniform> pack: Pack;
 @group(0) @binding(8) var<uniform> lighting: Lighting;
-// The packed normals of visible voxels, if they are kept.
-@group(0) @binding(9) var<storage, read> normals: array<u32>;
 
 // Colour and density of a visible voxel as a splat holds them, lit.
 fn lit_voxel(voxel: BrickVoxel) -> vec4f {
@@ -19,18 +15,12 @@ fn lit_voxel(voxel: BrickVoxel) -> vec4f {
     var color = splat_color(appearance.x, appearance.y);
     if LIGHTS > 0u {
         let number = number_of(voxel.row, voxel.x);
-        var packed: u32;
-        if KEPT_NORMALS {
-            packed = normals[number];
-        } else {
-            packed = pack_normal(normal(i).xyz);
-        }
         let point = vec3f(voxel.point);
         var to_eye = vec3f(0.0, 0.0, -1.0);
         if PERSPECTIVE {
             to_eye = towards_eye(point - pack.eye, pack.view_x, pack.view_y, pack.view_z);
         }
-        color = lit_splat(color, packed, kept_at(number), point, to_eye);
+        color = lit_splat(color, packed_normal(number, i), kept_at(number), point, to_eye);
     }
     return vec4f(color, splat_density(appearance.x));
 }

@@ -171,3 +171,13 @@ fn magnitude_of(gradient: vec4f) -> f32 {
 fn gradient_share(gradient: vec4f) -> f32 {
     return looked_up(magnitude_of(gradient), classify.points, classify.gradient_points).a;
 }
+
+// Colour and density of sample number `i`, thinned by gradient opacity.
+fn classified(i: u32) -> vec4f {
+    let found = transfer(i);
+    var density = density(found.a);
+    if GRADIENT_OPACITY {
+        density *= gradient_share(gradient(i));
+    }
+    return vec4f(found.rgb, density);
+}

@@ -42,10 +42,6 @@ fn sample_of(row: u32, x: u32) -> u32 {
 
 // The words density_blue and color of the splat of a visible voxel.
 fn appearance_of(i: u32) -> vec2u {
-    let classified = transfer(i);
-    var density = density(classified.a);
-    if GRADIENT_OPACITY {
-        density *= gradient_share(gradient(i));
-    }
-    return packed_appearance(classified.rgb, density);
+    let voxel = classified(i);
+    return packed_appearance(voxel.rgb, voxel.w);
 }

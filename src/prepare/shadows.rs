@@ -86,12 +86,6 @@ impl Occluders {
         taken(&self.host, shadows).map(|arrival| arrival.under(&shadows.casting))
     }
 
-    /// Keeps buffers of the device if lights have changed: they may do so again.
-    fn keep_on_device(&self, held: Option<&Shadows>, shadows: &Shadows, buffers: Buffers) {
-        let is_kept = held.is_some() && buffers.bytes() <= Self::MOST;
-        keep(&self.device, is_kept.then(|| (shadows.without_lights(), buffers)));
-    }
-
     fn keep(&self, shadows: &Shadows, arrival: Arrival) {
         keep(&self.host, arrival.is_kept().then(|| (shadows.without_lights(), arrival)));
     }
@@ -109,14 +103,6 @@ pub(crate) fn shaded(
     progress: &Progress,
 ) -> Result<Vec<Store>> {
     let over = Arc::get_mut(&mut classified).is_some();
-    let of_samples = || {
-        let Some(sampled) = Sampled::of(&classified.stores) else { return Ok(None) };
-        shaded_samples((context, pipelines), (&classified.stores, &sampled, over), held, occluders, shadows, progress)
-    };
-    if let Some(stores) = on_device(context, of_samples)? {
-        keep(&occluders.host, None);
-        return Ok(stores);
-    }
     let stores = (classified.stores.as_slice(), over);
     let find = || shaded_on_device((context, pipelines), stores, held, occluders, shadows, progress);
     if let Some(stores) = on_device(context, find)? {
@@ -157,33 +143,21 @@ pub(super) fn shaded_on_device(
     let lights: Vec<usize> = unknown(held, shadows).collect();
     let unlit = Unlit { stores, over, dims: lattice.dims, clip };
     let buffers = taken(&occluders.device, shadows);
-    let made = shadows::run(context, pipelines, &unlit, &plans, &lights, buffers, progress)?;
+    let made = match Sampled::of(stores) {
+        None => shadows::run(context, pipelines, &unlit, &plans, &lights, buffers, progress)?,
+        Some(sampled) => {
+            let unlit = UnlitSamples { sampled: &sampled, over, dims: lattice.dims, clip };
+            let made = shadows::run_on_samples(context, pipelines, &unlit, &plans, &lights, buffers, progress)?;
+            let stores = |(sampled, buffers)| Ok::<_, Error>((Sampled::stores(&Arc::new(sampled), context)?, buffers));
+            made.map(stores).transpose()?
+        }
+    };
     Ok(made.map(|(stores, buffers)| {
-        occluders.keep_on_device(held, shadows, buffers);
+        // Lights that changed once may do so again.
+        let is_kept = held.is_some() && buffers.bytes() <= Occluders::MOST;
+        keep(&occluders.device, is_kept.then(|| (shadows.without_lights(), buffers)));
         stores
     }))
-}
-
-/// [`shaded`] by stages of the device that read samples, of stores that list no splats.
-fn shaded_samples(
-    (context, pipelines): (&Context, &Cache),
-    (stores, sampled, over): (&[Store], &Sampled, bool),
-    held: Option<&Shadows>,
-    occluders: &Occluders,
-    shadows: &Shadows,
-    progress: &Progress,
-) -> Result<Option<Vec<Store>>> {
-    let Shadows { casting, lattice, clip } = shadows;
-    let Some(plans) = LightPlans::new(casting, lattice, bounds_of(stores)) else { return Ok(None) };
-    let lights: Vec<usize> = unknown(held, shadows).collect();
-    let unlit = UnlitSamples { sampled, over, dims: lattice.dims, clip };
-    let buffers = taken(&occluders.device, shadows);
-    let made = shadows::run_on_samples(context, pipelines, &unlit, &plans, &lights, buffers, progress)?;
-    let kept = |(sampled, buffers): (Sampled, Buffers)| {
-        occluders.keep_on_device(held, shadows, buffers);
-        Sampled::stores(&Arc::new(sampled), context)
-    };
-    made.map(kept).transpose()
 }
 
 /// [`shaded`] on the host.

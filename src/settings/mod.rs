@@ -88,9 +88,9 @@ pub enum Interslice {
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 pub enum Painter {
     /// Tiles, unless it refuses the picture or the picture is an X-ray of few voxels on a software adapter; quads
-    /// otherwise. On GPUs tiles has a ray for each pixel, which is expected to be fastest by operations and bytes; no
-    /// GPU has been measured. Only the adapter, the settings and the number of voxels decide, so that the same input
-    /// gives the same bytes; [`Stats::painter_reason`](crate::stats::Stats::painter_reason) states the reason.
+    /// otherwise. On GPUs tiles has a ray for each pixel. Only the adapter, the settings and the number of voxels
+    /// decide, so that the same input gives the same bytes;
+    /// [`Stats::painter_reason`](crate::stats::Stats::painter_reason) states the reason.
     #[default]
     Auto,
     /// Instanced quads that the rasteriser adds up in sheets. Draws every picture.

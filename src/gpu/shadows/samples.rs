@@ -1,5 +1,4 @@
-//! The shadows on visible voxels of samples, which no list of splats holds: shaders/occluders_of_samples.wgsl and
-//! kept_of_samples.wgsl.
+//! The shadows on visible voxels of samples, which no list of splats holds: shaders/shadows_of_samples.wgsl.
 
 use std::sync::Arc;
 
@@ -35,8 +34,8 @@ impl SampleStages {
         use Binding::{Read, Uniform, Write};
         let constants = key.constants();
         let slots = [Uniform, Read, Read, Uniform, Write, Read, Read, Read];
-        let occluders = stage(context, shaders::OCCLUDERS_OF_SAMPLES, "occluders", &slots[..7], &constants);
-        Self { occluders, keep: stage(context, shaders::KEPT_OF_SAMPLES, "keep", &slots, &constants) }
+        let occluders = stage(context, shaders::SHADOWS_OF_SAMPLES, "occluders", &slots[..7], &constants);
+        Self { occluders, keep: stage(context, shaders::SHADOWS_OF_SAMPLES, "keep", &slots, &constants) }
     }
 }
 
@@ -126,6 +125,7 @@ impl Job<'_> {
                 dispatch.seen,
             ];
             stage.run(recorder, &[&own, others].concat(), for_each(context, dispatch.voxels));
+            recorder.worked(dispatch.voxels);
         }
         Ok(())
     }

@@ -4,14 +4,12 @@ use std::ops::Range;
 
 use bytemuck::Zeroable;
 
-use super::{Layout, Packing, Reached, reaches};
+use super::{Layout, Packing, Reached, Samples, reaches};
 use crate::error::Result;
 use crate::gpu::context::Context;
 use crate::gpu::layout::Pack;
 use crate::gpu::pipeline::texture_view;
 use crate::gpu::recorder::Recorder;
-use crate::gpu::sampled::Sampled;
-use crate::gpu::sampled_scalars::SampledScalars;
 use crate::gpu::splat::{SplatLight, ToEye};
 use crate::gpu::stage::{Stage, for_each};
 use crate::gpu::store::{BrickSplats, Store};
@@ -131,44 +129,12 @@ impl Packing {
         }
     }
 
-    /// Fills the box of voxels with scalars of samples, and the marks of macrocells.
-    pub(super) fn fill_from_scalars(
-        &self,
-        recorder: &mut Recorder<'_>,
-        stage: &Stage,
-        scalars: &SampledScalars,
-        light: &SplatLight,
-        scale: f32,
-        (volume, marks): (&wgpu::Texture, &wgpu::Buffer),
-    ) -> Result<()> {
-        let context = recorder.context;
-        let upload = |label, bytes: &[u8]| context.upload(label, bytes, wgpu::BufferUsages::UNIFORM);
-        let parameters = self.parameters(light, scale);
-        let parameters = upload("pack.parameters", bytemuck::bytes_of(&parameters))?;
-        let view = volume.create_view(&wgpu::TextureViewDescriptor::default());
-        recorder.clear(marks, self.mark_bytes());
-        for dispatch in scalars.dispatches(context, self.low, self.dims) {
-            let samples = upload("pack.scalars", bytemuck::bytes_of(&dispatch.parameters))?;
-            let resources = [
-                samples.as_entire_binding(),
-                dispatch.samples,
-                parameters.as_entire_binding(),
-                marks.as_entire_binding(),
-                texture_view(&view),
-            ];
-            stage.run(recorder, &resources, for_each(context, dispatch.texels));
-            recorder.worked(dispatch.texels);
-        }
-        Ok(())
-    }
-
-    /// Fills the box of voxels and the marks of macrocells with classified samples. `clears`: the box holds other
-    /// voxels.
+    /// Fills the box of voxels and the marks of macrocells with samples. `clears`: the box holds other voxels.
     pub(super) fn fill_from_samples(
         &self,
         recorder: &mut Recorder<'_>,
         stage: &Stage,
-        (sampled, clears): (&Sampled, bool),
+        (samples, clears): (&Samples, bool),
         light: &SplatLight,
         scale: f32,
         (volume, marks): (&wgpu::Texture, &wgpu::Buffer),
@@ -180,23 +146,38 @@ impl Packing {
         let lighting = upload("pack.lighting", bytemuck::bytes_of(&light.lighting))?;
         let view = volume.create_view(&wgpu::TextureViewDescriptor::default());
         recorder.clear(marks, self.mark_bytes());
-        for dispatch in sampled.dispatches(context) {
-            let classify = upload("pack.classify", bytemuck::bytes_of(&dispatch.parameters))?;
-            let resources = [
-                classify.as_entire_binding(),
-                dispatch.samples,
-                sampled.points().as_entire_binding(),
-                marks.as_entire_binding(),
-                texture_view(&view),
-                dispatch.places,
-                dispatch.seen,
-                parameters.as_entire_binding(),
-                lighting.as_entire_binding(),
-                dispatch.normals,
-                dispatch.kept,
-            ];
-            stage.run(recorder, &resources, for_each(context, dispatch.voxels));
-            recorder.worked(dispatch.work);
+        let (parameters, lighting) = (parameters.as_entire_binding(), lighting.as_entire_binding());
+        let (marks, texels) = (marks.as_entire_binding(), texture_view(&view));
+        match samples {
+            Samples::Voxels(sampled) => {
+                for dispatch in sampled.dispatches(context) {
+                    let own = upload("pack.classify", bytemuck::bytes_of(&dispatch.parameters))?;
+                    let resources = [
+                        own.as_entire_binding(),
+                        dispatch.samples,
+                        sampled.points().as_entire_binding(),
+                        marks.clone(),
+                        texels.clone(),
+                        dispatch.places,
+                        dispatch.seen,
+                        parameters.clone(),
+                        lighting.clone(),
+                        dispatch.normals,
+                        dispatch.kept,
+                    ];
+                    stage.run(recorder, &resources, for_each(context, dispatch.voxels));
+                    recorder.worked(dispatch.work);
+                }
+            }
+            Samples::Scalars(scalars) => {
+                for dispatch in scalars.dispatches(context, self.low, self.dims) {
+                    let own = upload("pack.scalars", bytemuck::bytes_of(&dispatch.parameters))?;
+                    let own = own.as_entire_binding();
+                    let resources = [own, dispatch.samples, parameters.clone(), marks.clone(), texels.clone()];
+                    stage.run(recorder, &resources, for_each(context, dispatch.texels));
+                    recorder.worked(dispatch.texels);
+                }
+            }
         }
         Ok(())
     }

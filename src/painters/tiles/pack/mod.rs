@@ -496,11 +496,8 @@ impl Packing {
         };
         let to = (&volume, &marks);
         match (stage, samples, &bands) {
-            (Some(stage), Some(Samples::Scalars(scalars)), _) => {
-                self.fill_from_scalars(recorder, stage, scalars, light, scale as f32, to)?;
-            }
-            (Some(stage), Some(Samples::Voxels(sampled)), _) => {
-                self.fill_from_samples(recorder, stage, (sampled, clears), light, scale as f32, to)?;
+            (Some(stage), Some(samples), _) => {
+                self.fill_from_samples(recorder, stage, (samples, clears), light, scale as f32, to)?;
             }
             (Some(stage), None, Some(bands)) => {
                 self.fill_on_device(recorder, stage, (stores, bands), light, scale as f32, to)?;
