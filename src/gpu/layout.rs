@@ -105,7 +105,7 @@ shared! {
         first_splat: u32,
     }
 
-    /// How samples become scalars; shaders/pack_scalars.wgsl.
+    /// How samples become scalars; shaders/common/scalars.wgsl.
     struct Scalars {
         dims: [u32; 3],
         padding: u32,
@@ -117,6 +117,34 @@ shared! {
         first_plane: u32,
         planes: u32,
         most: f32,
+    }
+
+    /// Weighted sums of scalars along an axis; shaders/common/scalar_sums.wgsl.
+    struct ScalarSums {
+        dims: [u32; 3],
+        count: u32,
+        steps: [u32; 3],
+        over: u32,
+        axis: [u32; 3],
+        under: u32,
+        low: i32,
+        first_in_block: i32,
+        end_of_block: i32,
+        first_y: u32,
+        first_z: u32,
+        _pad: [u32; 3],
+    }
+
+    /// Cells that become texels; shaders/pack_cells.wgsl.
+    struct CellTexels {
+        dims: [u32; 3],
+        first_plane: u32,
+        first: [u32; 3],
+        planes: u32,
+        differences: [f32; 3],
+        first_row: u32,
+        rows: u32,
+        _pad: [u32; 3],
     }
 
     /// A box of voxels; shaders/common/voxel_box.wgsl.

@@ -1,27 +1,34 @@
-//! Scalars that are no list: the device holds the samples, for painters that read these. Whatever the transfer function
-//! shows, the samples are the same.
+//! Scalars that are no list: the device holds the samples, for painters that read these, as voxels or as cells. Whatever
+//! the transfer function shows, the samples are the same.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use bytemuck::Zeroable;
 
+use super::cache::Cache;
 use super::context::Context;
 use super::layout::Scalars;
 use super::pipeline::buffer_range;
-use super::recorder::max_work;
+use super::recorder::{Recorder, max_work};
 use super::samples::{BrickBatch, FAR, HeldSamples, Input};
-use super::stage::Constant;
+use super::scalar_cells::{CellFilters, ScalarCells, Targets};
+use super::stage::{Constant, Stage, for_each};
 use super::transfer::Reduction;
 use crate::error::Result;
 use crate::volume::{BRICK_EDGE as EDGE, SampleType};
 
-/// The scalars of a lattice of voxels with copies beyond its faces.
+/// The scalars of a lattice of voxels, or of cells, with copies beyond its faces.
 pub(crate) struct SampledScalars {
     batches: Arc<Vec<BrickBatch>>,
     key: ScalarsKey,
     parameters: Scalars,
     /// Bricks of the volume along each axis.
     bricks: [u32; 3],
+    /// How cells are made of the voxels; `None`: the lattice is that of the voxels.
+    cells: Option<ScalarCells>,
+    /// Lattice points that cover the volume along each axis, without copies.
+    dims: [u32; 3],
     /// The lattice points, copies included, that can take part in something visible: the first, and the one after the
     /// last.
     pub(crate) bounds: [[u32; 3]; 2],
@@ -32,23 +39,23 @@ pub(crate) struct SampledScalars {
 pub(crate) struct ScalarsKey {
     sample_type: u32,
     gradients: bool,
+    cells: bool,
 }
 
 impl ScalarsKey {
-    pub(crate) fn constants(self) -> [Constant; 2] {
-        [("SAMPLE_TYPE", self.sample_type), ("GRADIENTS", self.gradients.into())]
+    pub(crate) fn constants(self) -> [Constant; 3] {
+        let gradients = self.gradients.into();
+        // Bricks have the voxels around that the gradients of voxels depend on.
+        [("SAMPLE_TYPE", self.sample_type), ("GRADIENTS", gradients), ("HALO", gradients)]
     }
 
     pub(crate) fn has_gradients(self) -> bool {
         self.gradients
     }
-}
 
-/// The samples that a dispatch reads, as a binding.
-pub(crate) struct Dispatch<'a> {
-    pub(crate) parameters: Scalars,
-    pub(crate) texels: u64,
-    pub(crate) samples: wgpu::BindingResource<'a>,
+    pub(crate) fn has_cells(self) -> bool {
+        self.cells
+    }
 }
 
 /// The largest difference of samples in the range of f32.
@@ -72,22 +79,28 @@ impl SampledScalars {
         (1.0 / MOST_FACTOR..MOST_FACTOR).contains(&factor).then_some([origin as f32, rest as f32, factor as f32])
     }
 
-    /// The scalars within `bounds` of a volume, whose samples the device holds from now on, and the bytes that were
-    /// sent. `padding` are the layers of copies beyond each face. `None`: they have to be made on the host.
+    /// The scalars within `bounds` of the lattice of a volume, whose samples the device holds from now on, and the bytes
+    /// that were sent. `padding` are the layers of copies beyond each face, `filters` make cells of the voxels. `None`:
+    /// they have to be made on the host.
     pub(crate) fn new(
-        input: &Input<'_>,
+        (input, pipelines): (&Input<'_>, &Cache),
         reduction: &Reduction,
         held: &HeldSamples,
         (padding, bounds): (u32, [[u32; 3]; 2]),
+        filters: Option<&CellFilters<'_>>,
     ) -> Result<Option<(Self, u64)>> {
         let Some([origin, rest, factor]) = Self::numbers(input, reduction) else { return Ok(None) };
-        let key = ScalarsKey { sample_type: input.coding.sample_type, gradients: input.halo() > 0 };
-        let dims = input.volume.grid().dims();
+        let (sample_type, gradients, cells) = (input.coding.sample_type, input.halo() > 0, filters.is_some());
+        let key = ScalarsKey { sample_type, gradients, cells };
+        let voxels = input.volume.grid().dims();
         let most = (Reduction::LIMIT / f64::from(factor)).min(FARTHEST) as f32;
-        let parameters = Scalars { dims, padding, origin, rest, factor, most, ..Scalars::zeroed() };
+        let parameters = Scalars { dims: voxels, padding, origin, rest, factor, most, ..Scalars::zeroed() };
         let (batches, sent) = held.with(input, |batches| Ok(Arc::clone(batches)))?;
         let bricks = input.volume.bricks();
-        Ok(Some((Self { batches, key, parameters, bricks, bounds }, sent)))
+        let cells =
+            filters.map(|filters| ScalarCells::new(input.context, pipelines, key, voxels, filters)).transpose()?;
+        let dims = filters.map_or(voxels, |filters| filters.dims);
+        Ok(Some((Self { batches, key, parameters, bricks, cells, dims, bounds }, sent)))
     }
 
     pub(crate) fn key(&self) -> ScalarsKey {
@@ -101,7 +114,7 @@ impl SampledScalars {
 
     /// The copies among them.
     pub(crate) fn copies(&self) -> u64 {
-        let Scalars { dims, padding, .. } = self.parameters;
+        let (dims, padding) = (self.dims, self.parameters.padding);
         let [low, high] = self.bounds;
         let inside = |axis: usize| high[axis].min(padding + dims[axis]).saturating_sub(low[axis].max(padding));
         self.count() - (0..3).map(|axis| u64::from(inside(axis))).product::<u64>()
@@ -112,19 +125,65 @@ impl SampledScalars {
         self.batches.iter().map(|batch| batch.bytes.end - batch.bytes.start).sum()
     }
 
-    /// The dispatches that make the scalars of a box of the lattice, an invocation each. None outlasts the watchdog of
-    /// a small GPU.
-    pub(crate) fn dispatches(&self, context: &Context, low: [u32; 3], dims: [u32; 3]) -> Vec<Dispatch<'_>> {
+    /// The parameters of shaders, without bricks.
+    pub(super) fn parameters(&self) -> Scalars {
+        self.parameters
+    }
+
+    /// The samples of each buffer as a binding, and the numbers of their bricks.
+    pub(super) fn buffers(&self) -> impl Iterator<Item = (Range<u32>, wgpu::BindingResource<'_>)> {
+        let mut first_brick = 0;
+        BrickBatch::by_buffer(&self.batches).filter_map(move |batches| {
+            let bricks = batches.iter().map(|batch| batch.origins.len() as u32).sum::<u32>();
+            let numbers = first_brick..first_brick + bricks;
+            first_brick = numbers.end;
+            let (first, last) = (batches.first()?, batches.last()?);
+            let bytes = last.bytes.end - first.bytes.start;
+            Some((numbers, buffer_range(&first.samples, first.bytes.start, bytes)))
+        })
+    }
+
+    /// The bricks of these layers of bricks along z.
+    pub(super) fn bricks_of_layers(&self, layers: Range<u32>) -> Range<u32> {
+        let of_layer = self.bricks[0] * self.bricks[1];
+        layers.start * of_layer..layers.end * of_layer
+    }
+
+    /// Records that the scalars of a box of the lattice, from `low` on and with `dims` points, become texels by the
+    /// stage of [`Self::key`].
+    pub(crate) fn pack(
+        &self,
+        recorder: &mut Recorder<'_>,
+        stage: &Stage,
+        (low, dims): ([u32; 3], [u32; 3]),
+        targets: &Targets<'_>,
+    ) -> Result<()> {
+        if let Some(cells) = &self.cells {
+            let low = low.map(|point| i64::from(point) - i64::from(self.parameters.padding));
+            return cells.pack(recorder, stage, self, (low, dims), targets);
+        }
+        let context = recorder.context;
+        for (parameters, samples) in self.of_voxels(context, low, dims) {
+            let texels = u64::from(dims[0]) * u64::from(dims[1]) * u64::from(parameters.planes);
+            let parameters =
+                context.upload("pack.scalars", bytemuck::bytes_of(&parameters), wgpu::BufferUsages::UNIFORM)?;
+            let Targets { pack, marks, texels: volume } = targets;
+            let resources = [parameters.as_entire_binding(), samples, pack.clone(), marks.clone(), volume.clone()];
+            stage.run(recorder, &resources, for_each(context, texels));
+            recorder.worked(texels);
+        }
+        Ok(())
+    }
+
+    /// The parameters and the samples of the dispatches that make the scalars of voxels of a box, an invocation each.
+    /// None outlasts the watchdog of a small GPU.
+    fn of_voxels(&self, context: &Context, low: [u32; 3], dims: [u32; 3]) -> Vec<(Scalars, wgpu::BindingResource<'_>)> {
         let Scalars { padding, dims: [_, _, deep], .. } = self.parameters;
         let of_layer = self.bricks[0] * self.bricks[1];
         let of_plane = u64::from(dims[0]) * u64::from(dims[1]);
         let at_once = (max_work(context) / of_plane.max(1)).clamp(1, u64::from(dims[2].max(1))) as u32;
         let mut dispatches = Vec::new();
-        let mut first_brick = 0;
-        for of_buffer in BrickBatch::by_buffer(&self.batches) {
-            let bricks = of_buffer.iter().map(|batch| batch.origins.len() as u32).sum::<u32>();
-            let end_brick = first_brick + bricks;
-            let [Some(first), Some(last)] = [of_buffer.first(), of_buffer.last()] else { continue };
+        for (Range { start: first_brick, end: end_brick }, samples) in self.buffers() {
             // The planes of these bricks in the extended lattice, and the copies beyond the faces.
             let [start, end] = [first_brick / of_layer, end_brick.div_ceil(of_layer)].map(|layer| layer * EDGE as u32);
             let start = if start == 0 { 0 } else { start + padding };
@@ -132,13 +191,9 @@ impl SampledScalars {
             let [start, end] = [start, end].map(|plane| plane.saturating_sub(low[2]).min(dims[2]));
             for first_plane in (start..end).step_by(at_once as usize) {
                 let planes = at_once.min(end - first_plane);
-                dispatches.push(Dispatch {
-                    parameters: Scalars { first_brick, end_brick, first_plane, planes, ..self.parameters },
-                    texels: of_plane * u64::from(planes),
-                    samples: buffer_range(&first.samples, first.bytes.start, last.bytes.end - first.bytes.start),
-                });
+                let own = Scalars { first_brick, end_brick, first_plane, planes, ..self.parameters };
+                dispatches.push((own, samples.clone()));
             }
-            first_brick = end_brick;
         }
         dispatches
     }

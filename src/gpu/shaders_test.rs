@@ -1,8 +1,8 @@
 //! Shaders checked without a device: every one parses and validates, and its structs are those of `layout.rs`.
 
 use super::layout::{
-    Batch, CellBox, Classify, Coarsen, ControlPoint, Converging, Frame, LightBox, Lighting, Pack, Present, Rays,
-    Reached, Scalars, Shade, Sort, Sweep, Terminate, VoxelBox,
+    Batch, CellBox, CellTexels, Classify, Coarsen, ControlPoint, Converging, Frame, LightBox, Lighting, Pack, Present,
+    Rays, Reached, ScalarSums, Scalars, Shade, Sort, Sweep, Terminate, VoxelBox,
 };
 use super::shaders::{ALL, Shader};
 
@@ -57,7 +57,7 @@ fn structs_are_laid_out_alike() {
         )*};
     }
     compare!(Classify, VoxelBox, Coarsen, CellBox, ControlPoint, Sort, Batch, Shade, Reached, Present, Terminate);
-    compare!(Pack, Scalars, Rays, Lighting, Frame, LightBox, Sweep, Converging);
+    compare!(Pack, Scalars, ScalarSums, CellTexels, Rays, Lighting, Frame, LightBox, Sweep, Converging);
 }
 
 #[test]

@@ -22,11 +22,12 @@ fn values(shader: &str, entry: &str, name: &str) -> &'static [f64] {
         ("gather" | "gather-box", "SCALARS") => &FLAG[..1],
         ("pack-scalars", "SCALARS") => &FLAG[1..],
         (name, "SCALARS") if name.starts_with("gather-") => &FLAG[1..],
-        ("pack-scalar-samples", "GRADIENTS") => &FLAG[..1],
-        ("pack-gradient-samples", "GRADIENTS") => &FLAG[1..],
+        ("pack-scalar-samples" | "pack-scalar-cells", "GRADIENTS") => &FLAG[..1],
+        ("pack-gradient-samples" | "pack-gradient-cells", "GRADIENTS") => &FLAG[1..],
         // Vectors of four lights at most.
         (_, "LIGHTS") => &[0.0, 1.0, 4.0],
         ("classify" | "lit_rows" | "normals", "SAMPLE_TYPE") => &[0.0, 1.0, 2.0, 3.0, 4.0],
+        ("cell_rows", "SAMPLE_TYPE") => &[0.0, 3.0, 4.0],
         (name, "SAMPLE_TYPE") if name.ends_with("samples") => &[0.0, 3.0, 4.0],
         // Texels of a row of the footprint table; a row of voxels.
         ("splat", "TEXELS") => &[1.0, 2.0, 3.0, 4.0],

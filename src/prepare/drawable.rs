@@ -141,7 +141,7 @@ pub(super) struct PostShaded {
     pub(super) light: Held<Shadows, FallenLight>,
     /// The splats by size of cells.
     pub(super) emitted: [Held<EmissionKey, Drawable>; CellSize::COUNT],
-    /// The samples on a GPU, held from the first picture of voxels on unless a list of splats takes less memory.
+    /// The samples on a GPU, held from the first picture on unless a list of splats takes less memory.
     pub(super) samples: HeldSamples,
     /// Whether the splats serve other transfer functions too.
     pub(super) whole: bool,
@@ -149,11 +149,16 @@ pub(super) struct PostShaded {
 
 impl PostShaded {
     /// Emits splats of scalars, or takes samples in their place if the key says so and the device has room for them.
-    pub(super) fn emit(&self, context: &Context, key: &EmissionKey, progress: &Progress) -> Result<Drawable> {
+    pub(super) fn emit(
+        &self,
+        (context, pipelines): (&Context, &Cache),
+        key: &EmissionKey,
+        progress: &Progress,
+    ) -> Result<Drawable> {
         let Self { volume, transfer, shows, samples, .. } = self;
         let emission = Emission::new(context, volume, transfer, *shows, key)?;
         if key.need.samples {
-            let sampled = || emission.sampled(context, transfer, samples, progress);
+            let sampled = || emission.sampled((context, pipelines), transfer, samples, progress);
             match context.guarded("holding samples", sampled) {
                 Ok(Some(made)) => return Ok(made),
                 Ok(None) | Err(Error::OutOfMemory(_)) => {}
@@ -166,7 +171,7 @@ impl PostShaded {
     /// The splats of scalars of a lattice, and the seconds that it took to make them.
     pub(super) fn emitted(
         &self,
-        context: &Context,
+        (context, pipelines): (&Context, &Cache),
         lattice: &Lattice,
         need: ScalarNeed,
         progress: &Progress,
@@ -176,7 +181,7 @@ impl PostShaded {
         let (lit, whole, reduction) = (lattice.settings.lighting.is_some(), self.whole, self.reduction);
         let emitted = &self.emitted[lattice.size.number()];
         // A software adapter is the host, which emits faster than it sends samples.
-        let samples = need.samples && coarse.is_none() && !context.is_software();
+        let samples = need.samples && !context.is_software();
         let need = ScalarNeed { samples, ..need };
         let part = lattice.view.layer_part().filter(|_| !whole && !samples);
         let mut key = EmissionKey { kernel, normalization, need, lit, coarse, whole, part, reduction };
@@ -186,7 +191,7 @@ impl PostShaded {
         }
         emitted.get_or_make(key, EmissionKey::serves, |held| {
             let kept = kept_of(held).filter(|_| samples);
-            let made = self.emit(context, &key, progress)?;
+            let made = self.emit((context, pipelines), &key, progress)?;
             let over = kept.filter(|_| made.scalars.is_some());
             Ok(Arc::new(Drawable { kept: over.unwrap_or_default(), ..made }))
         })

@@ -14,6 +14,7 @@ use glam::{DMat3, DVec3};
 
 use super::cells::{CellSize, Filter, LEAST_DEVIATION, add, filled, response};
 use crate::error::Result;
+use crate::gpu::scalar_cells::CellFilters;
 use crate::gpu::transfer::Relative;
 use crate::kernel::Kernel;
 use crate::settings::MAX_LEVEL;
@@ -231,6 +232,21 @@ impl Filters {
     /// by the weights `blur`, from the middle one on.
     pub(crate) fn new(cells: CellSize, before: [f64; 3], blur: &[f64]) -> Self {
         Self { axes: before.map(|before| Filter::new(cells, before, blur, 0)), beside: 1 }
+    }
+
+    /// The same as the device needs it, for a lattice of `dims` cells with these weights of differences in gradients.
+    pub(crate) fn on_device(&self, dims: [u32; 3], differences: [f32; 3]) -> CellFilters<'_> {
+        let (size, ..) = self.axes[0].parts();
+        let axes = self.axes.each_ref().map(|axis| {
+            let (_, first, weights) = axis.parts();
+            (first, weights)
+        });
+        CellFilters { dims, size, axes, beside: self.beside, differences }
+    }
+
+    /// The hull of the cells in which some voxels of an axis have weights.
+    pub(crate) fn cells(&self, axis: usize, voxels: Range<i64>) -> Range<i64> {
+        self.axes[axis].around(voxels)
     }
 
     /// The voxels with weights in a range of cells along an axis, copies beyond the faces included.

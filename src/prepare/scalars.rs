@@ -8,6 +8,7 @@ use super::cells::CellSize;
 use super::levels::{Cut, ScalarNeed};
 use super::scalar_cells::{Coarse, Filters, differences};
 use crate::error::Result;
+use crate::gpu::cache::Cache;
 use crate::gpu::context::Context;
 use crate::gpu::layout::{LIT_SCALAR_WORDS, SCALAR_WORDS, packed_gradient};
 use crate::gpu::sampled_scalars::SampledScalars;
@@ -252,16 +253,17 @@ impl<'a> Emission<'a> {
     /// samples, lists take less memory, or nothing shows.
     pub(crate) fn sampled(
         &self,
-        context: &Context,
+        (context, pipelines): (&Context, &Cache),
         transfer: &TransferFunction,
         held: &HeldSamples,
         progress: &Progress,
     ) -> Result<Option<Drawable>> {
         /// The most bytes of the box that painters pack.
         const MOST: u64 = 4 << 30;
-        let EmissionKey { lit, reduction, need, whole, .. } = self.key;
+        let EmissionKey { lit, reduction, whole, .. } = self.key;
         let input = Input::of_scalars(context, self.volume, (transfer, reduction), lit, progress);
-        let (Some(bounds), [lattice]) = (self.bounds(), self.lattices.as_slice()) else { return Ok(None) };
+        let [lattice] = self.lattices.as_slice() else { return Ok(None) };
+        let Some(bounds) = self.bounds(lattice) else { return Ok(None) };
         let places = |end: u64, axis: usize| end * u64::from(bounds[1][axis] - bounds[0][axis] + 1);
         let texel = if lit { 8 } else { 4 };
         let deepest = context.limits.max_texture_dimension_3d as usize;
@@ -273,14 +275,17 @@ impl<'a> Emission<'a> {
         if !fits || !whole && input.bytes() > listed {
             return Ok(None);
         }
-        let made = SampledScalars::new(&input, &reduction, held, (need.padding, bounds))?;
+        let dims = lattice.dims.map(|n| n as u32);
+        let filters = lattice.filters.as_ref().map(|filters| filters.on_device(dims, lattice.differences));
+        let part = (lattice.padding as u32, bounds);
+        let made = SampledScalars::new((&input, pipelines), &reduction, held, part, filters.as_ref())?;
         let bricks = |bytes| Bricks { all: self.active.len() as u32, uploaded: shown as u32, bytes };
         Ok(made.map(|(scalars, bytes)| Drawable::of_scalars(scalars, bricks(bytes))))
     }
 
     /// The hull of the places within the influence of bricks that can be visible, in the extended lattice; `None` if
     /// there are none.
-    fn bounds(&self) -> Option<[[u32; 3]; 2]> {
+    fn bounds(&self, lattice: &ScalarLattice) -> Option<[[u32; 3]; 2]> {
         let [across, down, _] = self.volume.bricks();
         let active = (0..).zip(&self.active).filter(|(_, active)| **active);
         let bricks = active.map(|(n, _)| [n % across, n / across % down, n / (across * down)]);
@@ -289,12 +294,22 @@ impl<'a> Emission<'a> {
             let ends = [0, 1, 2].map(ends);
             [ends.map(|(low, _)| low), ends.map(|(_, high)| high)]
         })?;
-        let (edge, padding) = (EDGE as u32, self.key.need.padding);
-        let reach = self.key.need.influence.ceil().min(f64::from(u32::MAX >> 1)) as u32;
-        let dims = self.volume.grid().dims().map(|n| n + 2 * padding);
-        let low = hull[0].map(|brick| (brick * edge + padding).saturating_sub(reach));
-        let high = |axis: usize| dims[axis].min(((hull[1][axis] + 1) * edge + padding).saturating_add(reach));
-        Some([low, [0, 1, 2].map(high)])
+        let (edge, padding) = (EDGE as i64, lattice.padding as i64);
+        let reach = self.key.need.influence.ceil().min(f64::from(u32::MAX >> 1)) as i64;
+        let ends = [0, 1, 2].map(|axis| {
+            let voxels = i64::from(hull[0][axis]) * edge..(i64::from(hull[1][axis]) + 1) * edge;
+            // At a face the copies beyond it show too.
+            let (first, last) = (voxels.start == 0, voxels.end >= i64::from(self.volume.grid().dims()[axis]));
+            let near = match &lattice.filters {
+                Some(filters) => filters.cells(axis, voxels),
+                None => voxels,
+            };
+            let extended = lattice.extended[axis] as i64;
+            let low = if first { 0 } else { (near.start - reach + padding).clamp(0, extended) };
+            let high = if last { extended } else { (near.end + reach + padding).clamp(0, extended) };
+            [low as u32, high as u32]
+        });
+        Some([ends.map(|[low, _]| low), ends.map(|[_, high]| high)])
     }
 
     /// Makes the splats.

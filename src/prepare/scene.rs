@@ -478,7 +478,7 @@ impl Scene {
                 let coarse = coarse.map(|(cells, _)| cells);
                 let reduction = scalars.reduction;
                 let key = EmissionKey { kernel, normalization, need, lit, coarse, whole: false, part: None, reduction };
-                let emit = || scalars.emit(context, &key, progress);
+                let emit = || scalars.emit((context, pipelines), &key, progress);
                 let PostShaded { transfer, reduction, .. } = scalars.as_ref();
                 let classification = Classification { transfer, reduction };
                 let of = (context, pipelines);
@@ -545,7 +545,7 @@ impl Scene {
                 voxels.classified(context, pipelines, (shadows, reads_lists(&lattice.settings)), progress)
             }
             Content::Splats(voxels) => voxels.cells(context, pipelines, lattice, progress),
-            Content::Scalars(scalars) => scalars.emitted(context, lattice, need, progress),
+            Content::Scalars(scalars) => scalars.emitted((context, pipelines), lattice, need, progress),
         }
     }
 }

@@ -53,7 +53,7 @@ impl Filter {
 
     /// Voxels along a cell as a fraction, the first voxel with a weight in the first cell, and the weights of the
     /// voxels from there on, for each cell that lies differently between voxels.
-    pub(super) fn parts(&self) -> ([usize; 2], i64, &[Vec<f32>]) {
+    pub(crate) fn parts(&self) -> ([usize; 2], i64, &[Vec<f32>]) {
         (self.size, self.first, &self.weights)
     }
 
@@ -106,14 +106,20 @@ impl Filter {
         self.weights(cell).get(at).copied()
     }
 
-    /// The range of the first `cells` cells in which some of these voxels have weights.
-    pub(super) fn reached(&self, voxels: &Range<usize>, cells: usize) -> Range<usize> {
+    /// The cells in which some of these voxels have weights.
+    pub(crate) fn around(&self, voxels: Range<i64>) -> Range<i64> {
         let [over, under] = self.size.map(|n| n as i64);
         // The first cell that begins at this voxel or behind it.
         let from = |voxel: i64| -(-(voxel - self.first) * under).div_euclid(over);
-        let within = |cell: i64| cell.clamp(0, cells as i64) as usize;
         let taps = self.weights[0].len() as i64;
-        within(from(voxels.start as i64 - taps + 1))..within(from(voxels.end as i64))
+        from(voxels.start - taps + 1)..from(voxels.end)
+    }
+
+    /// The same of the first `cells` cells.
+    pub(super) fn reached(&self, voxels: &Range<usize>, cells: usize) -> Range<usize> {
+        let around = self.around(voxels.start as i64..voxels.end as i64);
+        let within = |cell: i64| cell.clamp(0, cells as i64) as usize;
+        within(around.start)..within(around.end)
     }
 
     /// Replaces the cells of a range by weighted sums of voxels. The first voxel is the first with a weight in cell 0;

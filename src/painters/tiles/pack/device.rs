@@ -10,6 +10,7 @@ use crate::gpu::context::Context;
 use crate::gpu::layout::Pack;
 use crate::gpu::pipeline::texture_view;
 use crate::gpu::recorder::Recorder;
+use crate::gpu::scalar_cells::Targets;
 use crate::gpu::splat::{SplatLight, ToEye};
 use crate::gpu::stage::{Stage, for_each};
 use crate::gpu::store::{BrickSplats, Store};
@@ -170,13 +171,8 @@ impl Packing {
                 }
             }
             Samples::Scalars(scalars) => {
-                for dispatch in scalars.dispatches(context, self.low, self.dims) {
-                    let own = upload("pack.scalars", bytemuck::bytes_of(&dispatch.parameters))?;
-                    let own = own.as_entire_binding();
-                    let resources = [own, dispatch.samples, parameters.clone(), marks.clone(), texels.clone()];
-                    stage.run(recorder, &resources, for_each(context, dispatch.texels));
-                    recorder.worked(dispatch.texels);
-                }
+                let targets = Targets { pack: parameters, marks, texels };
+                scalars.pack(recorder, stage, (self.low, self.dims), &targets)?;
             }
         }
         Ok(())

@@ -453,8 +453,12 @@ pub(super) fn stage_of_samples(context: &Context, constants: &[Constant], voxel:
             (shaders::PACK_SAMPLES, "voxels", slots, key.constants().collect::<Vec<Constant>>())
         }
         SamplesKey::Scalars(key) => {
-            let shader =
-                if key.has_gradients() { shaders::PACK_GRADIENT_SAMPLES } else { shaders::PACK_SCALAR_SAMPLES };
+            let shader = match (key.has_cells(), key.has_gradients()) {
+                (false, false) => shaders::PACK_SCALAR_SAMPLES,
+                (false, true) => shaders::PACK_GRADIENT_SAMPLES,
+                (true, false) => shaders::PACK_SCALAR_CELLS,
+                (true, true) => shaders::PACK_GRADIENT_CELLS,
+            };
             (shader, "texels", vec![Uniform, Read, Uniform, Write, texels], key.constants().to_vec())
         }
     };

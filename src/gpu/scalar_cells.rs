@@ -1,0 +1,321 @@
+//! scalar-cells: the samples of a volume to scalars of cells and to the box that painters read, on the device:
+//! shaders/cell_rows.wgsl, scalar_sums.wgsl and pack_cells.wgsl. The box is made part by part: sums of voxels along x,
+//! then along y, then along z, which are cells, and texels of these. No cell is kept but in the box.
+
+use std::ops::Range;
+use std::sync::Arc;
+
+use bytemuck::Zeroable;
+
+use super::cache::Cache;
+use super::context::Context;
+use super::layout::{CellTexels, ScalarSums, Scalars};
+use super::pipeline::Binding;
+use super::recorder::{Recorder, max_work};
+use super::sampled_scalars::{SampledScalars, ScalarsKey};
+use super::shaders;
+use super::stage::{Stage, for_each};
+use crate::error::{Error, Result};
+use crate::volume::BRICK_EDGE as EDGE;
+
+/// The stage in [`Stats::stages`](crate::stats::Stats::stages).
+const PACK: &str = "pack";
+/// The most bytes of each of three buffers of sums.
+const MOST: u64 = 128 << 20;
+/// Cells to either side that gradients depend on.
+const HALO: u32 = 3;
+/// Voxels of a sum that are as much work as a fragment of a splat.
+const VOXELS_OF_WORK: u64 = 8;
+
+/// How cells are made of voxels.
+pub(crate) struct CellFilters<'a> {
+    /// Cells that cover the volume along each axis.
+    pub(crate) dims: [u32; 3],
+    /// Voxels along a cell, as a fraction in lowest terms.
+    pub(crate) size: [usize; 2],
+    /// Along each axis, the first voxel with a weight in the first cell, and the weights of the voxels from there on:
+    /// for as many cells as the divisor of `size`.
+    pub(crate) axes: [(i64, &'a [Vec<f32>]); 3],
+    /// Voxels to either side of a cell that its gradients depend on although its kernel does not.
+    pub(crate) beside: i64,
+    /// The weights of the differences of cells 1, 2 and 3 to either side in gradients.
+    pub(crate) differences: [f32; 3],
+}
+
+/// The cells of a lattice, which shaders make of samples.
+pub(crate) struct ScalarCells {
+    stages: Arc<Stages>,
+    size: [i64; 2],
+    axes: [Axis; 3],
+    differences: [f32; 3],
+    /// Whether cells have gradients.
+    gradients: bool,
+}
+
+/// How cells are made along an axis.
+struct Axis {
+    /// Voxels of the volume.
+    voxels: u32,
+    /// The first voxel with a weight in cell 0, and how many voxels have weights in a cell.
+    first: i64,
+    taps: i64,
+    /// The weights of the voxels in the middle, whose range is kept.
+    block: Range<i64>,
+    weights: wgpu::Buffer,
+}
+
+/// The stages that sum scalars.
+struct Stages {
+    along_x: Stage,
+    along_axis: Stage,
+}
+
+/// A part of a box of texels.
+struct Part {
+    rows: Range<u32>,
+    planes: Range<u32>,
+    /// The cells that it depends on along each axis.
+    cells: [Range<i64>; 3],
+}
+
+/// The parameters of a box that shaders fill, the marks and the texels.
+pub(crate) struct Targets<'a> {
+    pub(crate) pack: wgpu::BindingResource<'a>,
+    pub(crate) marks: wgpu::BindingResource<'a>,
+    pub(crate) texels: wgpu::BindingResource<'a>,
+}
+
+impl Stages {
+    fn new(context: &Context, key: ScalarsKey) -> Self {
+        use Binding::{Read, Uniform, Write};
+        let mut constants = key.constants().to_vec();
+        constants.push(("RANGES", key.has_gradients().into()));
+        let slots = [Uniform, Read, Uniform, Read, Write];
+        let along_x = Stage::new(context, shaders::CELL_ROWS, (PACK, "along_x"), &slots, &constants);
+        let slots = [Uniform, Read, Read, Write];
+        let along_axis = Stage::new(context, shaders::SCALAR_SUMS, (PACK, "along_axis"), &slots, &constants);
+        Self { along_x, along_axis }
+    }
+}
+
+impl ScalarCells {
+    /// The cells of a volume of so many voxels, whose samples shaders read as `key` says.
+    pub(crate) fn new(
+        context: &Context,
+        pipelines: &Cache,
+        key: ScalarsKey,
+        voxels: [u32; 3],
+        filters: &CellFilters<'_>,
+    ) -> Result<Self> {
+        let CellFilters { size, axes, beside, differences, .. } = *filters;
+        let over = size[0] as i64;
+        let axis = |axis: usize| {
+            let (first, weights) = axes[axis];
+            let taps = weights.first().map_or(0, Vec::len) as i64;
+            let before = (taps - over) / 2 - beside;
+            let usage = wgpu::BufferUsages::STORAGE;
+            let on_device = context.upload("cells.weights", bytemuck::cast_slice(&weights.concat()), usage)?;
+            let block = before..taps - before;
+            Ok::<_, Error>(Axis { voxels: voxels[axis], first, taps, block, weights: on_device })
+        };
+        Ok(Self {
+            stages: pipelines.get_or_make(key, || Ok(Stages::new(context, key)))?,
+            size: size.map(|n| n as i64),
+            axes: [axis(0)?, axis(1)?, axis(2)?],
+            differences,
+            gradients: key.has_gradients(),
+        })
+    }
+
+    /// Numbers of a sum.
+    fn each(&self) -> u64 {
+        if self.gradients { 3 } else { 1 }
+    }
+
+    /// The first voxel with a weight in a cell: below 0 before the face.
+    fn low(&self, axis: usize, cell: i64) -> i64 {
+        let [over, under] = self.size;
+        self.axes[axis].first + (cell * over).div_euclid(under)
+    }
+
+    /// The voxels with weights in some cells, of which those beyond the faces are copies.
+    fn voxels(&self, axis: usize, cells: &Range<i64>) -> Range<i64> {
+        let Axis { voxels, taps, .. } = self.axes[axis];
+        let inside = |voxel: i64| voxel.clamp(0, i64::from(voxels) - 1);
+        inside(self.low(axis, cells.start))..inside(self.low(axis, cells.end - 1) + taps - 1) + 1
+    }
+
+    /// The cells that a range of a box depends on: from one on that has the first weights.
+    fn cells(&self, low: i64, range: &Range<u32>) -> Range<i64> {
+        let halo = if self.gradients { i64::from(HALO) } else { 0 };
+        let [_, under] = self.size;
+        let start = (low + i64::from(range.start) - halo).div_euclid(under) * under;
+        start..low + i64::from(range.end) + halo
+    }
+
+    /// The part of a box, which begins at cell `low`, with these rows and planes.
+    fn part(&self, low: [i64; 3], across: u32, rows: Range<u32>, planes: Range<u32>) -> Part {
+        let cells = [self.cells(low[0], &(0..across)), self.cells(low[1], &rows), self.cells(low[2], &planes)];
+        Part { rows, planes, cells }
+    }
+
+    /// The numbers of sums of a part along x, along x and y, and along all axes.
+    fn sums(&self, part: &Part) -> [u64; 3] {
+        let cells = |axis: usize| (part.cells[axis].end - part.cells[axis].start) as u64;
+        let voxels = |axis: usize| self.voxels(axis, &part.cells[axis]).count() as u64;
+        [cells(0) * voxels(1) * voxels(2), cells(0) * cells(1) * voxels(2), cells(0) * cells(1) * cells(2)]
+    }
+
+    /// The work of a sum along each axis, in fragments of splats.
+    fn work(&self) -> [u64; 3] {
+        self.axes.each_ref().map(|axis| (axis.taps as u64).div_ceil(VOXELS_OF_WORK))
+    }
+
+    /// The parts of a box, with buffers of at most [`MOST`] bytes, and such that no dispatch outlasts the watchdog of a
+    /// small GPU.
+    fn parts(&self, context: &Context, low: [i64; 3], [across, rows, planes]: [u32; 3]) -> Vec<Part> {
+        let most = MOST.min(context.largest_buffer()) / (4 * self.each());
+        let fits = |part: &Part| {
+            let allowed = |(sums, work): (u64, u64)| sums <= most && sums * work <= max_work(context);
+            self.sums(part).into_iter().zip(self.work()).all(allowed)
+        };
+        let mut size = [rows, planes];
+        while size != [1, 1] && !fits(&self.part(low, across, 0..size[0], 0..size[1])) {
+            let longer = usize::from(size[1] >= size[0]);
+            size[longer] = size[longer].div_ceil(2);
+        }
+        let ranges = |count: u32, size: u32| {
+            (0..count).step_by(size.max(1) as usize).map(move |start| start..count.min(start + size))
+        };
+        let of_planes =
+            |planes: Range<u32>| ranges(rows, size[0]).map(move |rows| self.part(low, across, rows, planes.clone()));
+        ranges(planes, size[1]).flat_map(of_planes).collect()
+    }
+
+    /// Records that the cells of a box become texels by `stage`. The box begins at cell `low` and has `dims` texels.
+    pub(super) fn pack(
+        &self,
+        recorder: &mut Recorder<'_>,
+        stage: &Stage,
+        scalars: &SampledScalars,
+        (low, dims): ([i64; 3], [u32; 3]),
+        targets: &Targets<'_>,
+    ) -> Result<()> {
+        let context = recorder.context;
+        let parts = self.parts(context, low, dims);
+        let largest = |stage: usize| parts.iter().map(|part| self.sums(part)[stage]).max().unwrap_or_default();
+        let buffer =
+            |label, stage| context.buffer(label, 4 * self.each() * largest(stage), wgpu::BufferUsages::STORAGE);
+        let rows = buffer("cells.rows", 0)?;
+        let columns = buffer("cells.columns", 1)?;
+        let cells = buffer("cells.cells", 2)?;
+        for part in &parts {
+            self.sum_rows(recorder, scalars, part, &rows)?;
+            self.sum_along(recorder, 1, part, [&rows, &columns])?;
+            self.sum_along(recorder, 2, part, [&columns, &cells])?;
+            let [xs, ys, zs] = &part.cells;
+            let first = |axis: usize, start: u32| (low[axis] + i64::from(start) - part.cells[axis].start) as u32;
+            let parameters = CellTexels {
+                dims: [xs, ys, zs].map(|cells| cells.clone().count() as u32),
+                first_plane: part.planes.start,
+                first: [first(0, 0), first(1, part.rows.start), first(2, part.planes.start)],
+                planes: part.planes.len() as u32,
+                differences: self.differences,
+                first_row: part.rows.start,
+                rows: part.rows.len() as u32,
+                ..CellTexels::zeroed()
+            };
+            let uniform = wgpu::BufferUsages::UNIFORM;
+            let parameters = context.upload("cells.texels", bytemuck::bytes_of(&parameters), uniform)?;
+            let resources = [
+                parameters.as_entire_binding(),
+                cells.as_entire_binding(),
+                targets.pack.clone(),
+                targets.marks.clone(),
+                targets.texels.clone(),
+            ];
+            let texels = [dims[0], part.rows.len() as u32, part.planes.len() as u32];
+            let texels = texels.map(u64::from).into_iter().product();
+            stage.run(recorder, &resources, for_each(context, texels));
+            recorder.worked(texels);
+        }
+        Ok(())
+    }
+
+    /// The parameters of the sums of a part along an axis.
+    fn parameters(&self, axis: usize, part: &Part) -> ScalarSums {
+        let cells = |axis: usize| part.cells[axis].clone().count() as u32;
+        let voxels = [0, 1, 2].map(|axis| self.voxels(axis, &part.cells[axis]));
+        let counts = [0, 1, 2].map(|axis| voxels[axis].clone().count() as u32);
+        // Along the axes before, values are sums already.
+        let across = [0, 1].map(|other| if other < axis { cells(other) } else { counts[other] });
+        let sums = [0, 1, 2].map(|other| if other <= axis { cells(other) } else { counts[other] });
+        let Range { start, end } = self.axes[axis].block;
+        ScalarSums {
+            dims: sums,
+            count: counts[axis],
+            steps: [1, across[0], across[0] * across[1]],
+            over: self.size[0] as u32,
+            axis: [0, 1, 2].map(|other| u32::from(other == axis)),
+            under: self.size[1] as u32,
+            low: (self.low(axis, part.cells[axis].start) - if axis == 0 { 0 } else { voxels[axis].start }) as i32,
+            first_in_block: start as i32,
+            end_of_block: end as i32,
+            first_y: voxels[1].start as u32,
+            first_z: voxels[2].start as u32,
+            ..ScalarSums::zeroed()
+        }
+    }
+
+    /// Records sums along y or z of the sums along the axes before.
+    fn sum_along(
+        &self,
+        recorder: &mut Recorder<'_>,
+        axis: usize,
+        part: &Part,
+        [values, sums]: [&wgpu::Buffer; 2],
+    ) -> Result<()> {
+        let context = recorder.context;
+        let parameters = self.parameters(axis, part);
+        let uniform = wgpu::BufferUsages::UNIFORM;
+        let parameters = context.upload("cells.sums", bytemuck::bytes_of(&parameters), uniform)?;
+        let buffers = [&parameters, values, &self.axes[axis].weights, sums].map(wgpu::Buffer::as_entire_binding);
+        let count = self.sums(part)[axis];
+        self.stages.along_axis.run(recorder, &buffers, for_each(context, count));
+        recorder.worked(count * self.work()[axis]);
+        Ok(())
+    }
+
+    /// Records sums along x of the scalars of voxels.
+    fn sum_rows(
+        &self,
+        recorder: &mut Recorder<'_>,
+        scalars: &SampledScalars,
+        part: &Part,
+        sums: &wgpu::Buffer,
+    ) -> Result<()> {
+        let context = recorder.context;
+        let parameters = self.parameters(0, part);
+        let uniform = wgpu::BufferUsages::UNIFORM;
+        let on_device = context.upload("cells.sums", bytemuck::bytes_of(&parameters), uniform)?;
+        let [count, ..] = self.sums(part);
+        let planes = self.voxels(2, &part.cells[2]);
+        let [first, last] = [planes.start, planes.end - 1].map(|plane| plane as u32 / EDGE as u32);
+        let reached = scalars.bricks_of_layers(first..last + 1);
+        let reaches = |bricks: &Range<u32>| bricks.start < reached.end && bricks.end > reached.start;
+        for (bricks, samples) in scalars.buffers().filter(|(bricks, _)| reaches(bricks)) {
+            let own = Scalars { first_brick: bricks.start, end_brick: bricks.end, ..scalars.parameters() };
+            let own = context.upload("pack.scalars", bytemuck::bytes_of(&own), uniform)?;
+            let resources = [
+                own.as_entire_binding(),
+                samples,
+                on_device.as_entire_binding(),
+                self.axes[0].weights.as_entire_binding(),
+                sums.as_entire_binding(),
+            ];
+            self.stages.along_x.run(recorder, &resources, for_each(context, count));
+        }
+        recorder.worked(count * self.work()[0]);
+        Ok(())
+    }
+}
