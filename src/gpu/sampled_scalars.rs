@@ -1,5 +1,5 @@
-//! Scalars that are no list: the device holds the samples, for painters that read these, as voxels or as cells. Whatever
-//! the transfer function shows, the samples are the same.
+//! Scalars that are no list: the device holds the samples, for painters that read these, as voxels or as cells.
+//! Whatever the transfer function shows, the samples are the same.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -79,9 +79,9 @@ impl SampledScalars {
         (1.0 / MOST_FACTOR..MOST_FACTOR).contains(&factor).then_some([origin as f32, rest as f32, factor as f32])
     }
 
-    /// The scalars within `bounds` of the lattice of a volume, whose samples the device holds from now on, and the bytes
-    /// that were sent. `padding` are the layers of copies beyond each face, `filters` make cells of the voxels. `None`:
-    /// they have to be made on the host.
+    /// The scalars within `bounds` of the lattice of a volume, whose samples the device holds from now on, and the
+    /// bytes that were sent. `padding` are the layers of copies beyond each face, `filters` make cells of the voxels.
+    /// `None`: they have to be made on the host.
     pub(crate) fn new(
         (input, pipelines): (&Input<'_>, &Cache),
         reduction: &Reduction,

@@ -179,17 +179,22 @@ impl ScalarCells {
             let allowed = |(sums, work): (u64, u64)| sums <= most && sums * work <= max_work(context);
             self.sums(part).into_iter().zip(self.work()).all(allowed)
         };
-        let mut size = [rows, planes];
-        while size != [1, 1] && !fits(&self.part(low, across, 0..size[0], 0..size[1])) {
-            let longer = usize::from(size[1] >= size[0]);
-            size[longer] = size[longer].div_ceil(2);
-        }
         let ranges = |count: u32, size: u32| {
             (0..count).step_by(size.max(1) as usize).map(move |start| start..count.min(start + size))
         };
-        let of_planes =
-            |planes: Range<u32>| ranges(rows, size[0]).map(move |rows| self.part(low, across, rows, planes.clone()));
-        ranges(planes, size[1]).flat_map(of_planes).collect()
+        let mut size = [rows, planes];
+        loop {
+            let of_planes = |planes: Range<u32>| {
+                ranges(rows, size[0]).map(move |rows| self.part(low, across, rows, planes.clone()))
+            };
+            let parts: Vec<Part> = ranges(planes, size[1]).flat_map(of_planes).collect();
+            if size.iter().all(|&n| n <= 1) || parts.iter().all(fits) {
+                return parts;
+            }
+            // Parts of much the same size.
+            let longer = usize::from(size[1] >= size[0]);
+            size[longer] = size[longer].div_ceil(2);
+        }
     }
 
     /// Records that the cells of a box become texels by `stage`. The box begins at cell `low` and has `dims` texels.

@@ -70,13 +70,14 @@ static FILES: &[(&str, &str)] = &files! {
     "common/lighting", "common/lit_splat", "common/march_parabola", "common/march_planes", "common/marking",
     "common/normal", "common/owned", "common/owned_view", "common/packing", "common/pixel_ray", "common/plane",
     "common/ray_geometry", "common/rays", "common/rays_of_sweep", "common/resolution", "common/response",
-    "common/sampled", "common/samples", "common/scalar_sums", "common/scalar_texels", "common/scalars", "common/splat",
-    "common/splines", "common/sweep", "common/transfer", "common/voxel_box", "composite", "converging", "estimate", "extents",
-    "filter", "gather", "gather_scalars", "kept", "lit_rows", "lit_splats", "normals", "occluders", "pack", "pack_cells",
-    "pack_samples", "pack_scalars", "packed/buffer", "packed/scalars", "packed/vectors", "prefilter", "present", "resample",
-    "resolve", "scalar_sums", "scan", "shade", "shadows_of_samples", "skip", "sort", "splat", "sweep", "terminate", "voxels/box",
-    "voxels/box_of_scalars", "voxels/box_of_vectors", "voxels/rows", "voxels/scalar_pairs", "voxels/scalars",
-    "voxels/vector_pairs", "voxels/vectors",
+    "common/sampled", "common/samples", "common/scalar_sums", "common/scalar_texels", "common/scalars",
+    "common/splat", "common/splines", "common/sweep", "common/transfer", "common/voxel_box", "composite",
+    "converging", "estimate", "extents", "filter", "gather", "gather_scalars", "kept", "lit_rows", "lit_splats",
+    "normals", "occluders", "pack", "pack_cells", "pack_samples", "pack_scalars", "packed/buffer", "packed/scalars",
+    "packed/vectors", "prefilter", "present", "resample", "resolve", "scalar_sums", "scan", "shade",
+    "shadows_of_samples", "skip", "sort", "splat", "sweep", "terminate", "voxels/box", "voxels/box_of_scalars",
+    "voxels/box_of_vectors", "voxels/rows", "voxels/scalar_pairs", "voxels/scalars", "voxels/vector_pairs",
+    "voxels/vectors",
 };
 
 macro_rules! shaders {

@@ -380,8 +380,8 @@ fn cells_in_shadows_of_samples_are_those_of_lists() {
     }
 }
 
-/// GPUs pack scalars of voxels and of cells from samples too, and software from lists that the host makes. The tables of
-/// both differ by what is kept: scalars beyond the reach of visible ones change a channel by up to 1.6e-3.
+/// GPUs pack scalars of voxels and of cells from samples too, and software from lists that the host makes. The tables
+/// of both differ by what is kept: scalars beyond the reach of visible ones change a channel by up to 1.6e-3.
 #[test]
 fn scalars_packed_from_samples_are_those_packed_from_lists() {
     let renderers = [new_renderer().with_device_stages(), new_renderer()];
