@@ -28,6 +28,7 @@
 // For each pixel, the state of its ray behind the layers before: premultiplied colour and optical depth.
 @group(0) @binding(3) var<storage, read_write> gathered_before: array<vec4f>;
 @group(0) @binding(5) var<storage, read> solid_depths: array<f32>;
+@group(0) @binding(6) var<uniform> tables: Tables;
 
 // Rays go through an intermediate image.
 override RESAMPLED: bool = false;

@@ -24,8 +24,9 @@ var<private> lighting: Lighting;
 @group(0) @binding(8) var<storage, read> solid_depths: array<f32>;
 // The marks of macrocells: see common/packing.wgsl.
 @group(0) @binding(9) var<storage, read> marks: array<u32>;
+@group(0) @binding(10) var<uniform> tables: Tables;
 // For each pixel, the state of its ray behind the layers before: premultiplied colour and optical depth.
-@group(0) @binding(10) var<storage, read_write> gathered_before: array<vec4f>;
+@group(0) @binding(11) var<storage, read_write> gathered_before: array<vec4f>;
 
 // Planes that kernels reach before and behind their own: 2, or 4.
 override REACH: i32 = 2;

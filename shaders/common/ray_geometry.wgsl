@@ -70,10 +70,15 @@ fn ray_behind(before: vec4f) -> RayState {
     return ray;
 }
 
+struct Tables {
+    // Parallel rays use the first section. Other rays interpolate, with s in units of the length of their shear.
+    sections: array<Section, 2u * FAR_SECTIONS>,
+}
+
 // Between two entries of the table of sections.
 fn section_between(step: u32, fraction: f32, lean: f32) -> Section {
-    let low = uniform_rays.sections[step];
-    let high = uniform_rays.sections[step + 1u];
+    let low = tables.sections[step];
+    let high = tables.sections[step + 1u];
     return Section(
         mix(low.by_m0, high.by_m0, fraction),
         mix(low.by_m1, high.by_m1, fraction) / lean,
@@ -93,8 +98,8 @@ fn sections_between(step: u32, fraction: f32, lean: f32) -> GrowingSection {
 fn geometry_of(point: vec2u) -> RayGeometry {
     let line = line_of(point);
     var geometry = RayGeometry(line.base, line.shear, rays.direction, rays.stretch, rays.footprint_half, rays.row_half,
-        rays.row_slope, GrowingSection(uniform_rays.sections[0], Section(), Section()),
-        GrowingSection(uniform_rays.sections[FAR_SECTIONS], Section(), Section()), vec2f(1.0, 0.0), vec2f(-FAR, FAR),
+        rays.row_slope, GrowingSection(tables.sections[0], Section(), Section()),
+        GrowingSection(tables.sections[FAR_SECTIONS], Section(), Section()), vec2f(1.0, 0.0), vec2f(-FAR, FAR),
         vec2f(-FAR, FAR), vec2f(-FAR, FAR), vec3f(0.0, 0.0, -1.0));
     if PERSPECTIVE {
         let per_length = inverseSqrt(dot(line.heading, line.heading));

@@ -167,8 +167,6 @@ struct Rays {
     // The part of the lattice that a brick owns, in (a, b, plane).
     owned_low: vec3f,
     owned_high: vec3f,
-    // Parallel rays use the first section. Other rays interpolate, with s in units of the length of their shear.
-    sections: array<Section, 2u * FAR_SECTIONS>,
     // The inner side of a clipping plane are the places (a, b, plane) with dot(xyz, (a, b, plane)) + w >= 0. See
     // common/clip.wgsl.
     clip_planes: array<vec4f, MAX_CLIP_PLANES>,

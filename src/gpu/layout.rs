@@ -436,9 +436,13 @@ shared! {
         _pad_low: u32,
         owned_high: [f32; 3],
         _pad_high: u32,
+        clip_planes: ClipPlanes,
+    }
+
+    /// The parts of kernels in slabs, which all regions of a picture share; shaders/common/ray_geometry.wgsl.
+    struct Tables {
         /// Those of near slabs, then those of far ones.
         sections: [[[Section; SECTIONS]; SECTION_POWERS]; 2],
-        clip_planes: ClipPlanes,
     }
 
     /// How splats are packed for the painter `tiles`; each field is explained in shaders/common/packing.wgsl.

@@ -2,7 +2,7 @@
 
 use super::layout::{
     Batch, CellBox, CellTexels, Classify, Coarsen, ControlPoint, Converging, Frame, LightBox, Lighting, Pack, Present,
-    Rays, Reached, ScalarSums, Scalars, Shade, Sort, Sweep, Terminate, VoxelBox,
+    Rays, Reached, ScalarSums, Scalars, Shade, Sort, Sweep, Tables, Terminate, VoxelBox,
 };
 use super::shaders::{ALL, Shader};
 
@@ -57,7 +57,7 @@ fn structs_are_laid_out_alike() {
         )*};
     }
     compare!(Classify, VoxelBox, Coarsen, CellBox, ControlPoint, Sort, Batch, Shade, Reached, Present, Terminate);
-    compare!(Pack, Scalars, ScalarSums, CellTexels, Rays, Lighting, Frame, LightBox, Sweep, Converging);
+    compare!(Pack, Tables, Scalars, ScalarSums, CellTexels, Rays, Lighting, Frame, LightBox, Sweep, Converging);
 }
 
 #[test]

@@ -21,8 +21,9 @@ const SKIP: [Binding; 5] = [Uniform, Read, Write, Read, Write];
 
 /// The resources that rays are marched with, besides the volume.
 pub(super) struct Targets<'a> {
-    /// The uniforms of the rays.
+    /// The uniforms of the rays, and the parts of kernels that they gather.
     pub(super) rays: &'a wgpu::Buffer,
+    pub(super) sections: &'a wgpu::Buffer,
     /// The intermediate image, which is written if rays do not go through pixels; or the state of the rays of pixels
     /// behind the layers so far.
     pub(super) state: wgpu::BindingResource<'a>,
@@ -51,11 +52,11 @@ fn skips_together(context: &Context) -> bool {
 /// The stage that marches the rays of a picture.
 pub(super) fn gather(context: &Context, key: &TilesKey) -> Stage {
     let image = StorageTexture(FORMAT, wgpu::TextureViewDimension::D2);
-    let of_colors = |entry, state| (gather_of_colors(key.layout), entry, vec![state, Write, Read]);
+    let of_colors = |entry, state| (gather_of_colors(key.layout), entry, vec![state, Write, Read, Uniform]);
     let of_scalars = |shader| {
         let transfer = ReadTexture(wgpu::TextureFormat::Rgba32Float);
         let light = FilteredTexture(wgpu::TextureViewDimension::D3);
-        let slots = vec![Write, Uniform, transfer, light, Sampler, Read, Read];
+        let slots = vec![Write, Uniform, transfer, light, Sampler, Read, Read, Uniform];
         if key.rays == RayKind::Layered {
             (shader, "layer", [slots, vec![Write]].concat())
         } else {
@@ -89,7 +90,7 @@ pub(super) fn march(
     [skip, gather]: [&Stage; 2],
     packed: &Packed,
     uniforms: &layout::Rays,
-    Targets { rays, state, is_layered, pixels, lighting, post, solids }: Targets<'_>,
+    Targets { rays, sections, state, is_layered, pixels, lighting, post, solids }: Targets<'_>,
 ) -> Result<()> {
     let runs = find_runs(recorder, skip, packed, uniforms, rays, &[])?;
     let mut resources = vec![rays.as_entire_binding(), texture_view(&packed.volume), runs.as_entire_binding()];
@@ -104,12 +105,13 @@ pub(super) fn march(
                 wgpu::BindingResource::Sampler(&light.sampler),
                 solids,
                 packed.marks.as_entire_binding(),
+                sections.as_entire_binding(),
             ]);
             if is_layered {
                 resources.push(state);
             }
         }
-        None => resources.extend([state, pixels, solids]),
+        None => resources.extend([state, pixels, solids, sections.as_entire_binding()]),
     }
     let [across, down] = uniforms.tiles;
     gather.run(recorder, &resources, [across, down, phases(uniforms)]);
@@ -154,7 +156,7 @@ pub(super) struct Refiner {
 impl Refiner {
     pub(super) fn new(context: &Context, key: &TilesKey) -> Self {
         let volume = key.voxel.binding(key.layout);
-        let slots = [Uniform, volume, Read, Read, Write, Read];
+        let slots = [Uniform, volume, Read, Read, Write, Read, Uniform];
         Self {
             skip: Stage::new(context, shaders::SKIP, ("skip", "skip_refined"), &SKIP, &key.constants),
             refine: Stage::new(context, gather_of_colors(key.layout), ("refine", "refine"), &slots, &key.constants),
@@ -167,7 +169,7 @@ impl Refiner {
         recorder: &mut Recorder<'_>,
         packed: &Packed,
         uniforms: &layout::Rays,
-        rays: &wgpu::Buffer,
+        [rays, sections]: [&wgpu::Buffer; 2],
         pixels: &wgpu::Buffer,
         refinement: &wgpu::Buffer,
     ) -> Result<()> {
@@ -184,6 +186,7 @@ impl Refiner {
             refinement.as_entire_binding(),
             pixels.as_entire_binding(),
             refined.as_entire_binding(),
+            sections.as_entire_binding(),
         ];
         self.refine.run_indirect(recorder, &resources, &refined);
         Ok(())

@@ -127,7 +127,7 @@ impl Tiles {
         let lighting = context.upload("gather.lighting", bytemuck::bytes_of(&picture.lighting), uniform)?;
         let mut drawn = TilesStats::default();
         let mut largest = 0.0;
-        for (axis, packed) in picture.axes.iter().zip(packed) {
+        for ((axis, packed), sections) in picture.axes.iter().zip(packed).zip(&picture.sections) {
             let upload = |rays: &Rays| context.upload("rays", bytemuck::bytes_of(&rays.uniforms), uniform);
             let scaled = |mut rays: Rays| {
                 rays.uniforms.density_scale /= packed.scale as f32;
@@ -152,8 +152,9 @@ impl Tiles {
                 let post = picture.job.post;
                 let Canvas { pixels, solids, .. } = &*canvas;
                 let is_layered = before.is_some();
+                let (rays_on_device, lighting) = (&image.rays, &lighting);
                 let targets =
-                    Targets { rays: &image.rays, state, is_layered, pixels, lighting: &lighting, post, solids };
+                    Targets { rays: rays_on_device, sections, state, is_layered, pixels, lighting, post, solids };
                 march(recorder, [&self.skip, &self.gather], packed, &rays.uniforms, targets)?;
                 if let Some((resampler, _)) = &self.resample {
                     resampler.run(recorder, &image, &canvas.pixels, &refinement, [region.width, region.height]);
@@ -168,7 +169,8 @@ impl Tiles {
                 // Their shares are in `refinement`.
                 pixel_rays.uniforms.share = 1.0;
                 let buffer = upload(&pixel_rays)?;
-                refiner.run(recorder, packed, &pixel_rays.uniforms, &buffer, &canvas.pixels, &refinement)?;
+                let rays = [&buffer, &**sections];
+                refiner.run(recorder, packed, &pixel_rays.uniforms, rays, &canvas.pixels, &refinement)?;
             }
         }
         Ok(drawn)

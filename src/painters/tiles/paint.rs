@@ -151,6 +151,8 @@ pub(super) struct Picture<'a> {
     pub(super) lighting: layout::Lighting,
     /// The axes of the picture, the one with the largest share first.
     pub(super) axes: Vec<PackedAxis>,
+    /// The parts of kernels that rays along each axis gather; empty before the first region.
+    pub(super) sections: Vec<Arc<wgpu::Buffer>>,
     packed: Option<Vec<Arc<Packed>>>,
     /// The rays of the regions so far.
     drawn: TilesStats,
@@ -161,7 +163,6 @@ pub(super) struct PackedAxis {
     pub(super) axis: PrincipalAxis,
     packing: Packing,
     reached: Reached,
-    sections: Arc<Sections>,
 }
 
 impl<'a> Picture<'a> {
@@ -259,14 +260,12 @@ impl<'a> Picture<'a> {
             None => SlabKind::Colors,
         };
         let axes = axes.into_iter().zip(packings).filter(|(_, (packing, _))| !packing.is_empty());
-        let axes = axes.map(|(axis, (packing, reached))| {
-            let sections = Sections::kept(job.pipelines, (&kernel, kind), &view.camera, &axis, view.depth_growth().1);
-            PackedAxis { axis, packing, reached, sections }
-        });
+        let axes = axes.map(|(axis, (packing, reached))| PackedAxis { axis, packing, reached });
         let (axes, lighting) = (axes.collect(), job.lighting());
         let drawn = TilesStats::default();
+        let (sections, packed) = (Vec::new(), None);
         let picture =
-            Self { job, kernel, footprint, kind, voxel, layout, samples, lighting, axes, packed: None, drawn };
+            Self { job, kernel, footprint, kind, voxel, layout, samples, lighting, axes, sections, packed, drawn };
         if picture.outgrows_textures() {
             return Err("tiles has rays at least a voxel apart, and here they do not fit into a texture".to_owned());
         }
@@ -463,9 +462,9 @@ impl<'a> Picture<'a> {
 
     /// The inputs of the rays along an axis.
     pub(super) fn setup<'s>(&'s self, axis: &'s PackedAxis) -> RaySetup<'s> {
-        let PackedAxis { axis, packing, sections, .. } = axis;
+        let PackedAxis { axis, packing, .. } = axis;
         let (job, footprint) = (&self.job, &self.footprint);
-        RaySetup { job, axis, packing: *packing, kernel: self.kernel, footprint, sections }
+        RaySetup { job, axis, packing: *packing, kernel: self.kernel, footprint }
     }
 
     /// The pipelines of the picture.
@@ -543,6 +542,13 @@ impl Picture<'_> {
     /// Paints a region behind the layers that have been painted.
     pub(super) fn paint(&mut self, recorder: &mut Recorder<'_>, canvas: &mut Canvas) -> Result<()> {
         let pipelines = self.pipelines()?;
+        if self.sections.is_empty() {
+            let Job { context, pipelines, view, .. } = self.job;
+            let (most, of) = (view.depth_growth().1, (&self.kernel, self.kind));
+            let sections =
+                |axis: &PackedAxis| Sections::on_device((context, pipelines), of, &view.camera, &axis.axis, most);
+            self.sections = self.axes.iter().map(sections).collect::<Result<_>>()?;
+        }
         let packed = match self.packed.take() {
             Some(packed) => packed,
             None => self.pack(recorder, &pipelines)?,

@@ -7,7 +7,9 @@ use glam::{DMat3, DVec3};
 
 use super::axis::PrincipalAxis;
 use crate::camera::{Camera, Projection};
+use crate::error::Result;
 use crate::gpu::cache::Cache;
+use crate::gpu::context::Context;
 use crate::gpu::layout;
 use crate::kernel::{Kernel, footprint_polynomial, section};
 
@@ -73,29 +75,31 @@ impl SlabKind {
 /// The parts of a kernel in near and in far slabs.
 type NearAndFar = [layout::Section; 2];
 
-/// The parts of kernels in slabs for every ray of a picture: `Rays::sections` of the shaders. Parts of kernels that
+/// The parts of kernels in slabs for every ray of a picture: [`layout::Tables::sections`]. Parts of kernels that
 /// grow with their depth are parabolas in their growth less 1, through the least kernel, the largest and one between.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Sections(pub(super) [[[layout::Section; layout::SECTIONS]; layout::SECTION_POWERS]; 2]);
 
 impl Sections {
-    /// The parts for the rays along an axis. Through one eye they depend on the kernel and its growth alone, take 2 ms
-    /// to fit, and are kept for growths up to the next eighth of an octave.
-    pub(super) fn kept(
-        made: &Cache,
+    /// The parts for the rays along an axis, on the device. Through one eye they depend on the kernel and its growth
+    /// alone, take 2 ms to fit, and are kept for growths up to the next eighth of an octave.
+    pub(super) fn on_device(
+        (context, made): (&Context, &Cache),
         (kernel, kind): (&Kernel, SlabKind),
         camera: &Camera,
         axis: &PrincipalAxis,
         most: f64,
-    ) -> Arc<Self> {
+    ) -> Result<Arc<wgpu::Buffer>> {
         const STEPS: f64 = 8.0;
         let most = if most > 1.0 { ((most.log2() * STEPS).ceil() / STEPS).exp2() } else { 1.0 };
-        let make = || Self::new(kernel, camera, axis, kind, most);
+        let make = || {
+            let tables = layout::Tables { sections: Self::new(kernel, camera, axis, kind, most).0 };
+            context.upload("gather.sections", bytemuck::bytes_of(&tables), wgpu::BufferUsages::UNIFORM)
+        };
         if let Projection::Orthographic { .. } = camera.projection {
-            return Arc::new(make());
+            return make().map(Arc::new);
         }
-        let key = (format!("{kernel:?}"), kind, most.to_bits());
-        made.get_or_make(key, || Ok(make())).unwrap_or_else(|_| Arc::new(make()))
+        made.get_or_make((format!("{kernel:?}"), kind, most.to_bits()), make)
     }
 
     /// `most` is the largest growth of rays through one eye.

@@ -9,7 +9,7 @@ use half::f16;
 use super::axis::PrincipalAxis;
 use super::march::{find_runs, skip};
 use super::pack::{self, Layout, Marking, Packed, Packing, Voxel, boxes};
-use super::parts::{Footprint, Sections, SlabKind};
+use super::parts::Footprint;
 use super::rays::{RaySetup, Rays};
 use super::resample::{ESTIMATES, FORMAT, IntermediateImage, Resampler};
 use crate::camera::{Camera, ProjectionKind, View};
@@ -661,7 +661,6 @@ fn assert_runs_hold_voxels(context: &Context) {
         let perspective = projection != ProjectionKind::Orthographic;
         let view = ViewGeometry::new(&camera, &grid, &settings, Savings::default());
         for axis in &PrincipalAxis::all(&view.camera, &view.grid) {
-            let sections = Sections::new(&kernel, &view.camera, axis, SlabKind::Colors, 1.0);
             let voxel = Voxel::Color { lights: 0, shadows: false };
             let packed = packed(context, store(context, words_of), axis.axes, voxel, 3.0);
             let job = Job {
@@ -680,8 +679,8 @@ fn assert_runs_hold_voxels(context: &Context) {
             };
             let marking = (voxel, marking(voxel));
             let packing = Packing::new(context, boxes(&[store(context, words_of)]), DIMS, false, axis.axes, marking);
-            let (packing, footprint, sections) = (packing.unwrap(), &footprint, &sections);
-            let setup = RaySetup { job: &job, axis, packing, kernel, footprint, sections };
+            let (packing, footprint) = (packing.unwrap(), &footprint);
+            let setup = RaySetup { job: &job, axis, packing, kernel, footprint };
             let images = setup.image_rays(region);
             let pixels = (setup.pixel_share() > 0.0).then(|| setup.pixel_rays(region));
             for Rays { uniforms, spacing } in images.into_iter().chain(pixels) {

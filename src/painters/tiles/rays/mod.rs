@@ -9,7 +9,7 @@ use glam::{DAffine3, DMat3, DVec2, DVec3, DVec4};
 
 use super::axis::{PrincipalAxis, smoothstep, unordered};
 use super::pack::Packing;
-use super::parts::{Footprint, Sections};
+use super::parts::Footprint;
 use crate::camera::Projection;
 use crate::camera::clip::Side;
 use crate::gpu::layout::{self, MACROCELL, TILE};
@@ -51,7 +51,6 @@ pub(super) struct RaySetup<'a> {
     /// The kernel; along parallel rays as it has grown.
     pub(super) kernel: Kernel,
     pub(super) footprint: &'a Footprint,
-    pub(super) sections: &'a Sections,
 }
 
 /// Optical depth of the densest voxel over the longest edge of a voxel: the same in every view, so that nothing that
@@ -163,7 +162,7 @@ impl RaySetup<'_> {
 
     /// The uniforms that do not depend on the projection; 0 where they do.
     fn uniforms(&self, region: Region) -> layout::Rays {
-        let Self { job, axis, packing, kernel, footprint, sections, .. } = self;
+        let Self { job, axis, packing, kernel, footprint, .. } = self;
         let Job { view, settings, weights, post, .. } = **job;
         let radius = kernel.radius();
         let divisor = settings.normalization.divisor(&settings.kernel) * view.parallel_growth().powi(3);
@@ -224,7 +223,6 @@ impl RaySetup<'_> {
             growth_most: view.depth_growth().1 as f32,
             fade_in,
             fade_out,
-            sections: sections.0,
             clip_planes: self.clip_planes(),
             ..layout::Rays::zeroed()
         };
