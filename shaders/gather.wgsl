@@ -29,6 +29,8 @@
 @group(0) @binding(3) var<storage, read_write> gathered_before: array<vec4f>;
 @group(0) @binding(5) var<storage, read> solid_depths: array<f32>;
 @group(0) @binding(6) var<uniform> tables: Tables;
+// See common/pages.wgsl.
+@group(0) @binding(7) var<storage, read> page_table: array<u32>;
 
 // Rays go through an intermediate image.
 override RESAMPLED: bool = false;

@@ -25,8 +25,10 @@ var<private> lighting: Lighting;
 // The marks of macrocells: see common/packing.wgsl.
 @group(0) @binding(9) var<storage, read> marks: array<u32>;
 @group(0) @binding(10) var<uniform> tables: Tables;
+// See common/pages.wgsl.
+@group(0) @binding(11) var<storage, read> page_table: array<u32>;
 // For each pixel, the state of its ray behind the layers before: premultiplied colour and optical depth.
-@group(0) @binding(11) var<storage, read_write> gathered_before: array<vec4f>;
+@group(0) @binding(12) var<storage, read_write> gathered_before: array<vec4f>;
 
 // Planes that kernels reach before and behind their own: 2, or 4.
 override REACH: i32 = 2;

@@ -11,6 +11,8 @@ override PERSPECTIVE: bool = false;
 @group(0) @binding(5) var<storage, read> origins: array<vec4u>;
 // Runs of splats, a workgroup each: the first one, and the one after the last.
 @group(0) @binding(6) var<storage, read> runs: array<vec2u>;
+// See common/pages.wgsl.
+@group(0) @binding(7) var<storage, read> page_table: array<u32>;
 
 // Whether a splat marks cells.
 fn is_marking(words: vec2u) -> bool {

@@ -54,6 +54,8 @@ struct Pack {
     mark_shift: vec3u,
     // Steps along a, b and m in the buffer of marks.
     mark_steps: vec3u,
+    // Steps along x, y and z in the table of pages: see common/pages.wgsl.
+    page_steps: vec3u,
     // Whether voxels that do not show are stored too, over those of another volume.
     clears: u32,
 }

@@ -92,6 +92,8 @@ struct Rays {
     // Macrocells along a, b and m; and steps along these axes in the buffer of their marks.
     macrocells: vec3i,
     along_m: vec3i,
+    // Steps along x, y and z in the table of pages: see common/pages.wgsl.
+    page_steps: vec3u,
     mark_steps: vec3i,
     // Voxels along a, b and m from the first voxel of the first macrocell to the first of the packed volume.
     mark_shift: vec3i,

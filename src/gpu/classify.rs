@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use super::cache::Cache;
 use super::context::Context;
-use super::layout::{Classify, Splat};
+use super::layout::{Classify, Extent, Splat};
 use super::pipeline::Binding;
 use super::recorder::{ComputePass, Readback, Recorder};
 use super::rows::{DevicePart, Rows, collect};
@@ -75,12 +75,13 @@ impl Classifier {
         context.wait(FINDING)?;
         let origins = BrickBatch::by_buffer(batches).map(|part| part.iter().flat_map(|batch| &batch.origins));
         let counted = |((mut visible, extents), origins): ((VisibleVoxels, Readback), _)| {
-            let extents: Vec<[u32; 4]> = extents.done_values(context, FINDING)?;
-            let brick = |(&[ox, oy, oz, _], &[x, y, z, first]): (&[u32; 4], &[u32; 4])| {
-                BrickSplats::of_places([ox, oy, oz], first, [x, y, z])
+            let extents: Vec<Extent> = extents.done_values(context, FINDING)?;
+            let brick = |(&[ox, oy, oz, _], extent): (&[u32; 4], &Extent)| {
+                let Extent { places: [x, y, z, first], pages: [lower, upper], .. } = *extent;
+                BrickSplats::of_places([ox, oy, oz], first, [x, y, z], u64::from(upper) << u32::BITS | u64::from(lower))
             };
             visible.bricks = Iterator::zip(origins, &extents).map(brick).collect();
-            visible.count = extents.last().map_or(0, |&[.., all]| all);
+            visible.count = extents.last().map_or(0, |extent| extent.places[3]);
             Ok(visible)
         };
         parts.into_iter().zip(origins).map(counted).collect()
@@ -169,7 +170,7 @@ impl Job<'_> {
     ) -> Result<(VisibleVoxels, Readback)> {
         /// Bytes of a row of a brick, and of the extents of a brick.
         const EACH: u64 = 4;
-        const EXTENTS: u64 = 16;
+        const EXTENTS: u64 = size_of::<Extent>() as u64;
         let context = self.context;
         let bricks = batches.iter().map(|batch| batch.origins.len()).sum::<usize>();
         let rows = (bricks * ROWS) as u64;

@@ -390,6 +390,8 @@ shared! {
         _pad_cells: u32,
         along_m: [i32; 3],
         _pad_m: u32,
+        page_steps: [u32; 3],
+        _pad_pages: u32,
         mark_steps: [i32; 3],
         _pad_steps: u32,
         mark_shift: [i32; 3],
@@ -445,6 +447,13 @@ shared! {
         sections: [[[Section; SECTIONS]; SECTION_POWERS]; 2],
     }
 
+    /// What the host needs of the visible voxels of a brick; shaders/extents.wgsl.
+    struct Extent {
+        places: [u32; 4],
+        pages: [u32; 2],
+        _pad: [u32; 2],
+    }
+
     /// How splats are packed for the painter `tiles`; each field is explained in shaders/common/packing.wgsl.
     struct Pack {
         low: [u32; 3],
@@ -470,6 +479,8 @@ shared! {
         mark_shift: [u32; 3],
         _pad_shift: u32,
         mark_steps: [u32; 3],
+        _pad_steps: u32,
+        page_steps: [u32; 3],
         clears: u32,
     }
 }

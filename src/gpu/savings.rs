@@ -14,10 +14,13 @@ pub(crate) struct Savings {
     pub(crate) pixels: bool,
     /// Finds the normals of voxels that become cells only once.
     pub(crate) normals: bool,
+    /// The least bytes of a nearly empty box of which GPUs hold only the pages that have splats. Smaller boxes are held
+    /// whole, because rays look up every pair of voxels in pages.
+    pub(crate) paged_bytes: u64,
 }
 
 impl Default for Savings {
     fn default() -> Self {
-        Self { bricks: true, voxels: true, view: true, pixels: true, normals: true }
+        Self { bricks: true, voxels: true, view: true, pixels: true, normals: true, paged_bytes: 128 << 20 }
     }
 }

@@ -1,11 +1,13 @@
 //! What is left out changes no picture, bit by bit.
 
+use glam::DVec3;
+
 use super::adapter_test::adapter;
 use super::savings::Savings;
 use crate::camera::{Camera, ProjectionKind, View};
 use crate::lighting::{Light, Lighting};
-use crate::renderer::{Rendered, Renderer, RendererOptions};
-use crate::settings::{Model, Painter, Precision, QuadsSettings, Settings, Shading};
+use crate::renderer::{Rendered, Renderer, RendererOptions, Scene};
+use crate::settings::{Level, Model, Painter, Precision, QuadsSettings, Settings, Shading};
 use crate::transfer::{ControlPoint, TransferFunction};
 use crate::volume::Volume;
 
@@ -121,5 +123,70 @@ fn tiles_noise(settings: &Settings) -> f32 {
         }
         (Model::Mip, _) => 1.2e-2,
         _ => 2e-3,
+    }
+}
+
+/// A tube from corner to corner.
+fn tube() -> (Volume, TransferFunction) {
+    const SIDE: u32 = 100;
+    let value = |[x, y, z]: [u32; 3]| {
+        let [x, y, z] = [x, y, z].map(f64::from);
+        let middle = (x + y + z) / 3.0;
+        let distance = [x, y, z].map(|c| (c - middle).powi(2)).iter().sum::<f64>().sqrt();
+        (20.0 - 3.0 * distance + (7.0 * x + 13.0 * y + 29.0 * z) % 5.0) as f32
+    };
+    let points = (0..SIDE.pow(3)).map(|i| [i % SIDE, i / SIDE % SIDE, i / (SIDE * SIDE)]);
+    let volume = Volume::from_slice([SIDE; 3], [1.0, 1.0, 1.3], &points.map(value).collect::<Vec<f32>>()).unwrap();
+    let point = |value, opacity, color| ControlPoint { value, color, opacity };
+    let points = vec![point(8.0, 0.0, [1.0, 0.2, 0.1]), point(20.0, 0.4, [0.2, 0.9, 1.0])];
+    (volume, TransferFunction::new(points, None).unwrap())
+}
+
+#[test]
+fn device_pages_of_a_box_draw_what_the_box_draws() {
+    let (volume, transfer) = tube();
+    let renderer = |paged_bytes| {
+        let options = RendererOptions { adapter: Some(adapter()), ..RendererOptions::default() };
+        let mut renderer = Renderer::new(&options).unwrap().with_device_stages();
+        renderer.context.savings = Savings { paged_bytes, ..Savings::default() };
+        renderer
+    };
+    let renderers = [renderer(0), renderer(u64::MAX)];
+    let lit = |light| Some(Lighting { lights: vec![light], ..Lighting::default() });
+    let turned = Light::directional(DVec3::new(1.0, -2.0, 1.0));
+    let shadows = Lighting::studio(DVec3::X, DVec3::Z);
+    for (shading, lighting, level) in [
+        (Shading::Pre, None, Level::At(0)),
+        (Shading::Pre, lit(Light::HEADLIGHT), Level::At(0)),
+        (Shading::Pre, Some(shadows), Level::At(1)),
+        (Shading::Post, None, Level::At(0)),
+    ] {
+        let antialiasing = level != Level::At(0);
+        let settings = Settings { shading, lighting, level, antialiasing, ..Settings::default() };
+        for projection in [ProjectionKind::Orthographic, ProjectionKind::Perspective { fov: 40.0 }] {
+            let mut scenes = renderers.each_ref().map(|on| on.prepare(&volume, &transfer, &settings).unwrap());
+            let compare = |scenes: &[Scene; 2], azimuth, settings: &Settings| {
+                let view = View { azimuth, elevation: 15.0, projection, ..View::default() };
+                let camera = Camera::new(&view, volume.grid(), [100; 2]).unwrap();
+                let [paged, whole] = [0, 1].map(|i| renderers[i].render(&scenes[i], &camera, settings).unwrap());
+                let what = format!("{shading:?}, {projection:?}, {level:?}, {azimuth}");
+                assert!(whole.image.pixels().iter().any(|p| p[3] > 0.1), "{what}: nothing to see");
+                assert!(paged.image == whole.image, "{what}");
+                [paged, whole].map(|rendered| rendered.stats.tiles().map_or(0, |tiles| tiles.packed_bytes))
+            };
+            let [paged, whole] = compare(&scenes, 25.0, &settings);
+            println!("{shading:?}, {projection:?}, {level:?}: {paged} bytes, whole {whole}");
+            assert!(2 * paged < whole, "{paged} bytes, whole {whole}: {shading:?}, {projection:?}, {level:?}");
+            // Other axes, and another light on the same voxels.
+            compare(&scenes, 120.0, &settings);
+            let moved = settings.lighting.as_ref().map(|_| lit(turned)).unwrap_or_default();
+            compare(&scenes, 120.0, &Settings { lighting: moved, ..settings.clone() });
+            let point = |p: &ControlPoint| ControlPoint { value: p.value + 3.0, ..*p };
+            let less = TransferFunction::new(transfer.points().iter().map(point).collect(), None).unwrap();
+            for (on, scene) in renderers.iter().zip(&mut scenes) {
+                on.set_transfer(scene, &less).unwrap();
+            }
+            compare(&scenes, 25.0, &settings);
+        }
     }
 }

@@ -1,8 +1,8 @@
 //! Shaders checked without a device: every one parses and validates, and its structs are those of `layout.rs`.
 
 use super::layout::{
-    Batch, CellBox, CellTexels, Classify, Coarsen, ControlPoint, Converging, Frame, LightBox, Lighting, Pack, Present,
-    Rays, Reached, ScalarSums, Scalars, Shade, Sort, Sweep, Tables, Terminate, VoxelBox,
+    Batch, CellBox, CellTexels, Classify, Coarsen, ControlPoint, Converging, Extent, Frame, LightBox, Lighting, Pack,
+    Present, Rays, Reached, ScalarSums, Scalars, Shade, Sort, Sweep, Tables, Terminate, VoxelBox,
 };
 use super::shaders::{ALL, Shader};
 
@@ -57,7 +57,7 @@ fn structs_are_laid_out_alike() {
         )*};
     }
     compare!(Classify, VoxelBox, Coarsen, CellBox, ControlPoint, Sort, Batch, Shade, Reached, Present, Terminate);
-    compare!(Pack, Tables, Scalars, ScalarSums, CellTexels, Rays, Lighting, Frame, LightBox, Sweep, Converging);
+    compare!(Extent, Pack, Tables, Scalars, ScalarSums, CellTexels, Rays, Lighting, Frame, LightBox, Sweep, Converging);
 }
 
 #[test]
@@ -66,6 +66,7 @@ fn constants_are_those_of_the_host() {
     let expected = [
         ("classify", "EDGE", crate::volume::BRICK_EDGE as u64),
         ("extents", "EDGE", crate::volume::BRICK_EDGE as u64),
+        ("pack-vector-pages", "PAGE_BITS", crate::gpu::store::PAGE.ilog2().into()),
         ("cells", "EDGE", crate::volume::BRICK_EDGE as u64),
         ("lit_rows", "NODES", super::cells::NODES as u64),
         ("scan", "RUN", super::scan::RUN),

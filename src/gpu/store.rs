@@ -95,25 +95,33 @@ pub(crate) struct BrickSplats {
     /// The box around the splats: its first lattice point, and the one after the last. Both are equal if there are no
     /// splats.
     pub(crate) bounds: [[u32; 3]; 2],
+    /// The pages of [`PAGE`]^3 places that have splats: bit x + 4 y + 16 z.
+    pub(crate) pages: u64,
 }
+
+/// Places along an edge of a page of a brick.
+pub(crate) const PAGE: u32 = 8;
 
 impl BrickSplats {
     /// The splats from `first` on of the brick of level 0 at `origin`, given the bits of the places of each row along
     /// x, y before z, the first of a row the lowest.
     pub(crate) fn new(origin: [u32; 3], first: u32, rows: impl Iterator<Item = u32>) -> Self {
-        let mut places = [0_u32; 3];
+        let (mut places, mut pages) = ([0_u32; 3], 0_u64);
         for (row, bits) in rows.enumerate().filter(|&(_, bits)| bits != 0) {
             let (y, z) = (row % EDGE, row / EDGE);
             places = [places[0] | bits, places[1] | 1 << y, places[2] | 1 << z];
+            let in_row = (0..4).filter(|page| bits >> (page * PAGE) & 0xff != 0);
+            let row = 4 * (y / PAGE as usize) + 16 * (z / PAGE as usize);
+            in_row.for_each(|page| pages |= 1 << (page as usize + row));
         }
-        Self::of_places(origin, first, places)
+        Self::of_places(origin, first, places, pages)
     }
 
-    /// The same, given the bits of the places along each axis that have splats.
-    pub(crate) fn of_places(origin: [u32; 3], first: u32, places: [u32; 3]) -> Self {
+    /// The same, given the bits of the places along each axis that have splats, and those of pages.
+    pub(crate) fn of_places(origin: [u32; 3], first: u32, places: [u32; 3], pages: u64) -> Self {
         let low: [u32; 3] = std::array::from_fn(|axis| origin[axis] + places[axis].trailing_zeros() % u32::BITS);
         let high = std::array::from_fn(|axis| origin[axis] + u32::BITS - places[axis].leading_zeros());
-        Self { origin, level: 0, first, bounds: [low, high] }
+        Self { origin, level: 0, first, bounds: [low, high], pages }
     }
 
     /// The same brick with cells of a level for voxels, in a lattice where the first cell lies at `first` along each

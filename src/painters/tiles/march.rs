@@ -52,11 +52,11 @@ fn skips_together(context: &Context) -> bool {
 /// The stage that marches the rays of a picture.
 pub(super) fn gather(context: &Context, key: &TilesKey) -> Stage {
     let image = StorageTexture(FORMAT, wgpu::TextureViewDimension::D2);
-    let of_colors = |entry, state| (gather_of_colors(key.layout), entry, vec![state, Write, Read, Uniform]);
+    let of_colors = |entry, state| (gather_of_colors(key.layout), entry, vec![state, Write, Read, Uniform, Read]);
     let of_scalars = |shader| {
         let transfer = ReadTexture(wgpu::TextureFormat::Rgba32Float);
         let light = FilteredTexture(wgpu::TextureViewDimension::D3);
-        let slots = vec![Write, Uniform, transfer, light, Sampler, Read, Read, Uniform];
+        let slots = vec![Write, Uniform, transfer, light, Sampler, Read, Read, Uniform, Read];
         if key.rays == RayKind::Layered {
             (shader, "layer", [slots, vec![Write]].concat())
         } else {
@@ -65,8 +65,10 @@ pub(super) fn gather(context: &Context, key: &TilesKey) -> Stage {
     };
     let (shader, entry, slots) = match (key.voxel, key.layout, key.rays) {
         (Voxel::Scalar, Layout::Box, _) => of_scalars(shaders::GATHER_SCALARS_BOX),
+        (Voxel::Scalar, Layout::Pages, _) => of_scalars(shaders::GATHER_SCALARS_PAGES),
         (Voxel::Scalar, Layout::Rows, _) => of_scalars(shaders::GATHER_SCALARS),
         (Voxel::Gradient, Layout::Box, _) => of_scalars(shaders::GATHER_GRADIENTS_BOX),
+        (Voxel::Gradient, Layout::Pages, _) => of_scalars(shaders::GATHER_GRADIENTS_PAGES),
         (Voxel::Gradient, Layout::Rows, _) => of_scalars(shaders::GATHER_GRADIENTS),
         (_, _, RayKind::Shared | RayKind::StraightBlocks(_)) => of_colors("eight", image),
         (_, _, RayKind::Layered) => of_colors("layer", Write),
@@ -81,6 +83,7 @@ fn gather_of_colors(layout: Layout) -> Shader {
     match layout {
         Layout::Rows => shaders::GATHER,
         Layout::Box => shaders::GATHER_BOX,
+        Layout::Pages => shaders::GATHER_PAGES,
     }
 }
 
@@ -106,12 +109,15 @@ pub(super) fn march(
                 solids,
                 packed.marks.as_entire_binding(),
                 sections.as_entire_binding(),
+                packed.pages.as_entire_binding(),
             ]);
             if is_layered {
                 resources.push(state);
             }
         }
-        None => resources.extend([state, pixels, solids, sections.as_entire_binding()]),
+        None => {
+            resources.extend([state, pixels, solids, sections.as_entire_binding(), packed.pages.as_entire_binding()])
+        }
     }
     let [across, down] = uniforms.tiles;
     gather.run(recorder, &resources, [across, down, phases(uniforms)]);
@@ -156,7 +162,7 @@ pub(super) struct Refiner {
 impl Refiner {
     pub(super) fn new(context: &Context, key: &TilesKey) -> Self {
         let volume = key.voxel.binding(key.layout);
-        let slots = [Uniform, volume, Read, Read, Write, Read, Uniform];
+        let slots = [Uniform, volume, Read, Read, Write, Read, Uniform, Read];
         Self {
             skip: Stage::new(context, shaders::SKIP, ("skip", "skip_refined"), &SKIP, &key.constants),
             refine: Stage::new(context, gather_of_colors(key.layout), ("refine", "refine"), &slots, &key.constants),
@@ -187,6 +193,7 @@ impl Refiner {
             pixels.as_entire_binding(),
             refined.as_entire_binding(),
             sections.as_entire_binding(),
+            packed.pages.as_entire_binding(),
         ];
         self.refine.run_indirect(recorder, &resources, &refined);
         Ok(())

@@ -195,11 +195,11 @@ impl<'a> Picture<'a> {
         }
         let whole = job.base_shows();
         let marking = marking(&job);
-        let pack = |axis: &PrincipalAxis, seen: &dyn Fn([[u32; 3]; 2]) -> bool| {
+        let pack = |axis: &PrincipalAxis, pages: Option<u64>, seen: &dyn Fn([[u32; 3]; 2]) -> bool| {
             let boxes = pack::boxes(stores)
                 .chain(job.scalars.map(|(scalars, _)| scalars.bounds))
                 .filter(|&bounds| seen(bounds));
-            Packing::new(context, boxes, dims, whole, axis.axes, (voxel, marking))
+            Packing::new(context, boxes, (dims, whole), pages, axis.axes, (voxel, marking))
         };
         let of_reached = |axis: &PrincipalAxis| {
             // A ray meets kernels a radius away, grown ones too; one voxel more for rounding. Marks of scalars reach as
@@ -210,7 +210,7 @@ impl<'a> Picture<'a> {
             let reaches = |bounds| {
                 view.layer_holds(bounds, job.padding) && pyramid.as_ref().is_none_or(|rays| rays.reaches(bounds, near))
             };
-            let packing = pack(axis, &|bounds| view.may_show(bounds, job.padding) && reaches(bounds))?;
+            let packing = pack(axis, None, &|bounds| view.may_show(bounds, job.padding) && reaches(bounds))?;
             // Clipping is no reason to leave out bricks: what is packed then serves while a plane moves.
             let of_store = |store: &Store| store.bricks.iter().map(|brick| reaches(brick.bounds)).collect();
             let limits = !whole && (pyramid.is_some() || view.fade.is_some());
@@ -223,8 +223,9 @@ impl<'a> Picture<'a> {
         // allocate a gigabyte. In rows, which belong to an axis, those that may show and that rays reach.
         let layout = Layout::of(context, dims);
         let samples = if layout == Layout::Box { Samples::of(&job, voxel) } else { None };
+        let pages = if samples.is_none() && job.scalars.is_none() { pack::occupied(stores) } else { None };
         let of_all = |axis: &PrincipalAxis| {
-            let packing = pack(axis, &|_| true)?;
+            let packing = pack(axis, pages, &|_| true)?;
             // Samples are packed over those under another transfer function.
             let held = earlier.first().filter(|_| samples.is_some());
             Some((held.and_then(|held| packing.in_box_of(&held.packing)).unwrap_or(packing), None))
@@ -244,7 +245,7 @@ impl<'a> Picture<'a> {
             if !follows || earlier.iter().any(serves) {
                 return Some((packing, reached));
             }
-            let all = pack(axis, &|_| true).filter(|all| all.bytes() <= MOST_UNSEEN * packing.bytes());
+            let all = pack(axis, None, &|_| true).filter(|all| all.bytes() <= MOST_UNSEEN * packing.bytes());
             Some(match all {
                 Some(all) if voxel.is_lit() => (all, reached),
                 Some(all) => (all, None),
@@ -253,6 +254,7 @@ impl<'a> Picture<'a> {
         };
         let packings = all.or_else(|| axes.iter().map(of_reached_or_all).collect());
         let packings = packings.ok_or("tiles packs the volume into a texture, and this volume does not fit")?;
+        let layout = packings.first().map_or(layout, |(packing, _)| packing.layout);
         let dense = max_depth(&job) > DENSE;
         let kind = match post {
             Some(_) => SlabKind::Scalars,

@@ -77,7 +77,7 @@ fn texels(context: &Context, view: &wgpu::TextureView, binding: Binding, ty: &st
 fn read_volume(context: &Context, packed: &Packed) -> Vec<[u32; 4]> {
     let (dimension, kind, load) = match packed.packing.layout {
         Layout::Rows => (wgpu::TextureViewDimension::D2, "texture_2d<u32>", "textureLoad(texels, p.xy, 0)"),
-        Layout::Box => (wgpu::TextureViewDimension::D3, "texture_3d<u32>", "textureLoad(texels, p, 0)"),
+        Layout::Box | Layout::Pages => (wgpu::TextureViewDimension::D3, "texture_3d<u32>", "textureLoad(texels, p, 0)"),
     };
     texels(context, &packed.volume, Binding::IntegerTexture(dimension), kind, load)
 }
@@ -88,8 +88,8 @@ fn all_words(packed: &Packed, texels: &[[u32; 4]]) -> impl Iterator<Item = [u32;
     texels.iter().flat_map(move |&[a, b, c, d]| match (layout, voxel) {
         (Layout::Rows, Voxel::Scalar) => vec![[a, 0], [b, 0]],
         (Layout::Rows, _) => vec![[a, b], [c, d]],
-        (Layout::Box, Voxel::Scalar) => vec![[a, 0]],
-        (Layout::Box, _) => vec![[a, b]],
+        (Layout::Box | Layout::Pages, Voxel::Scalar) => vec![[a, 0]],
+        (Layout::Box | Layout::Pages, _) => vec![[a, b]],
     })
 }
 
@@ -281,9 +281,15 @@ fn packed_by(
     seen: impl Fn([[u32; 3]; 2]) -> bool,
 ) -> Packed {
     let stores = [store];
-    let packing =
-        Packing::new(context, boxes(&stores).filter(|&brick| seen(brick)), DIMS, false, axes, (voxel, marking(voxel)))
-            .unwrap();
+    let packing = Packing::new(
+        context,
+        boxes(&stores).filter(|&brick| seen(brick)),
+        (DIMS, false),
+        None,
+        axes,
+        (voxel, marking(voxel)),
+    )
+    .unwrap();
     let lighting = Lighting {
         right: [0.9, 0.1, -0.2],
         up: [-0.1, 0.8, 0.3],
@@ -326,7 +332,8 @@ fn bands_hold_each_splat_about_once_and_wait_for_nothing() {
         let whole = read_volume(&context, &packed(&context, axes));
         let stores = [store(&context, words_of)];
         let visits = |context: &Context| {
-            let packing = Packing::new(context, boxes(&stores), DIMS, false, axes, (voxel, marking(voxel))).unwrap();
+            let packing =
+                Packing::new(context, boxes(&stores), (DIMS, false), None, axes, (voxel, marking(voxel))).unwrap();
             packing.bands(context, &stores, &None).unwrap().visits()
         };
         let count = u64::from(stores[0].count);
@@ -416,7 +423,8 @@ fn a_scan_of_512_fits_into_the_textures_of_most_gpus() {
     for mut context in contexts() {
         context.limits.max_texture_dimension_2d = 16_384;
         for voxel in [Voxel::Color { lights: 0, shadows: false }, Voxel::Scalar, Voxel::Gradient] {
-            let packing = |dims| Packing::new(&context, boxes(&[]), dims, true, [0, 1, 2], (voxel, marking(voxel)));
+            let packing =
+                |dims| Packing::new(&context, boxes(&[]), (dims, true), None, [0, 1, 2], (voxel, marking(voxel)));
             assert!(packing([512; 3]).is_some() && packing([1024, 512, 200]).is_some(), "{voxel:?}");
             assert!(packing([70_000, 2, 2]).is_none(), "{voxel:?}");
         }
@@ -678,7 +686,8 @@ fn assert_runs_hold_voxels(context: &Context) {
                 depths: Depths::default(),
             };
             let marking = (voxel, marking(voxel));
-            let packing = Packing::new(context, boxes(&[store(context, words_of)]), DIMS, false, axis.axes, marking);
+            let packing =
+                Packing::new(context, boxes(&[store(context, words_of)]), (DIMS, false), None, axis.axes, marking);
             let (packing, footprint) = (packing.unwrap(), &footprint);
             let setup = RaySetup { job: &job, axis, packing, kernel, footprint };
             let images = setup.image_rays(region);

@@ -77,7 +77,7 @@ impl Packing {
             Layout::Rows => {
                 self.rows_of_bands(context).into_iter().map(|rows| (rows.clone(), self.planes(rows))).collect()
             }
-            Layout::Box => vec![(0..0, 0..self.dims[2])],
+            Layout::Box | Layout::Pages => vec![(0..0, 0..self.dims[2])],
         };
         let bands = parts.into_iter().map(band).collect();
         let runs = context.upload("pack.runs", bytemuck::cast_slice(&runs), wgpu::BufferUsages::STORAGE)?;
@@ -120,6 +120,7 @@ impl Packing {
             mark_shift: self.mark_shift(),
             mark_reach: self.marking.reach,
             mark_steps: self.mark_steps(),
+            page_steps: self.table_steps(),
             least_invisible: self.marking.invisible[0],
             largest_invisible: self.marking.invisible[1],
             eye,
@@ -186,7 +187,7 @@ impl Packing {
         (stores, Bands { runs, bands }): (&[Store], &Bands),
         light: &SplatLight,
         scale: f32,
-        (volume, marks): (&wgpu::Texture, &wgpu::Buffer),
+        (volume, marks, pages): (&wgpu::Texture, &wgpu::Buffer, &wgpu::Buffer),
     ) -> Result<()> {
         let context = recorder.context;
         let uniform = wgpu::BufferUsages::UNIFORM;
@@ -223,6 +224,7 @@ impl Packing {
                     stored.clone(),
                     store.origins.as_entire_binding(),
                     runs.as_entire_binding(),
+                    pages.as_entire_binding(),
                 ];
                 let (x, y) = context.workgroups(part.len() as u64, 1);
                 stage.run(recorder, &resources, [x, y, 1]);

@@ -3,8 +3,10 @@
 
 mod device;
 mod host;
+mod pages;
 
 use device::Bands;
+pub(super) use pages::occupied;
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -19,7 +21,7 @@ use crate::gpu::sampled_scalars::{SampledScalars, ScalarsKey};
 use crate::gpu::shaders;
 use crate::gpu::splat::SplatLight;
 use crate::gpu::stage::{Constant, Stage};
-use crate::gpu::store::Store;
+use crate::gpu::store::{PAGE, Store};
 use crate::painters::painter::Job;
 use crate::painters::tiles::axis::unordered;
 
@@ -51,15 +53,15 @@ impl Voxel {
     pub(super) fn binding(self, layout: Layout) -> Binding {
         match layout {
             Layout::Rows => Binding::ReadTexture(self.format(layout)),
-            Layout::Box => Binding::IntegerTexture(wgpu::TextureViewDimension::D3),
+            Layout::Box | Layout::Pages => Binding::IntegerTexture(wgpu::TextureViewDimension::D3),
         }
     }
 
     /// The format of that texture.
     pub(super) fn format(self, layout: Layout) -> wgpu::TextureFormat {
         match (self, layout) {
-            (Self::Scalar, Layout::Box) => wgpu::TextureFormat::R32Uint,
-            (Self::Scalar, Layout::Rows) | (_, Layout::Box) => wgpu::TextureFormat::Rg32Uint,
+            (Self::Scalar, Layout::Box | Layout::Pages) => wgpu::TextureFormat::R32Uint,
+            (Self::Scalar, Layout::Rows) | (_, Layout::Box | Layout::Pages) => wgpu::TextureFormat::Rg32Uint,
             (_, Layout::Rows) => wgpu::TextureFormat::Rgba32Uint,
         }
     }
@@ -74,6 +76,8 @@ pub(super) enum Layout {
     /// and the stage stores in it voxel by voxel. For GPUs: there a copy of a gigabyte from a buffer to a texture takes
     /// 25 ms, its allocation 60 ms, and all rays of a frame 2 to 7 ms (measured; docs/measurements/2026-11-25-gpu.md).
     Box,
+    /// The pages of such a box that have splats: see [`pages`]. For large boxes on GPUs that are nearly empty.
+    Pages,
 }
 
 impl Layout {
@@ -139,17 +143,20 @@ pub(super) struct Packing {
     pub(super) row_texels: u32,
     /// Rows: width and height of the texture, in pairs of voxels and in rows.
     pub(super) size: [u32; 2],
+    /// Pages along each axis of the texture, x, y and z; none of other layouts.
+    pub(super) atlas: [u32; 3],
     pub(super) marking: Marking,
 }
 
 impl Packing {
     /// The packing of the hull of these boxes of splats, or if `whole`, of the lattice of this many points; `None` if
-    /// it does not fit into a texture.
+    /// it does not fit into a texture. `pages` is the number of pages that have splats; `None`: the box is packed as a
+    /// whole.
     pub(super) fn new(
         context: &Context,
         boxes: impl Iterator<Item = [[u32; 3]; 2]>,
-        lattice: [u32; 3],
-        whole: bool,
+        (lattice, whole): ([u32; 3], bool),
+        pages: Option<u64>,
         axes: [usize; 3],
         (voxel, marking): (Voxel, Marking),
     ) -> Option<Self> {
@@ -159,21 +166,28 @@ impl Packing {
             (ends.map(|(low, _)| low), ends.map(|(_, high)| high))
         });
         let low = low.map(|n| if n == u32::MAX { 0 } else { n });
-        // In whole macrocells of the lattice, so that rays skip the same planes whatever else is packed.
-        let macrocells = |n: u32, round: fn(u32, u32) -> u32| round(n, MACROCELL) * MACROCELL;
-        let (low, high) = (low.map(|n| macrocells(n, |n, m| n / m)), high.map(|n| macrocells(n, u32::div_ceil)));
-        let (low, high) = if whole { ([0; 3], lattice) } else { (low, high) };
-        let low = axes.map(|axis| low[axis]);
-        let dims: [u32; 3] = std::array::from_fn(|i| high[axes[i]].saturating_sub(low[i]));
-        let layout = Layout::of(context, lattice);
-        let packing = Self { voxel, layout, axes, low, dims, columns: 0, row_texels: 0, size: [0; 2], marking };
-        let packing = match layout {
+        // In whole macrocells of the lattice, so that rays skip the same planes whatever else is packed, or pages.
+        let packed = |layout: Layout, atlas: [u32; 3], step: u32| {
+            let (low, high) = (low.map(|n| n / step * step), high.map(|n| n.next_multiple_of(step)));
+            let (low, high) = if whole { ([0; 3], lattice) } else { (low, high) };
+            let low = axes.map(|axis| low[axis]);
+            let dims: [u32; 3] = std::array::from_fn(|i| high[axes[i]].saturating_sub(low[i]));
+            Self { voxel, layout, axes, low, dims, columns: 0, row_texels: 0, size: [0; 2], atlas, marking }
+        };
+        let packing = packed(Layout::of(context, lattice), [0; 3], MACROCELL);
+        let packing = match packing.layout {
             Layout::Rows => packing.in_rows(),
-            Layout::Box => packing,
+            Layout::Box | Layout::Pages => {
+                let in_pages = pages.filter(|_| !whole).map(|count| packed(Layout::Pages, pages::atlas(count), PAGE));
+                let saves = |of: &Self| pages::are_worth_it(context, of.voxel_bytes(), packing.voxel_bytes());
+                in_pages.filter(saves).unwrap_or(packing)
+            }
         };
         let [flat, deep] = [context.limits.max_texture_dimension_2d, context.limits.max_texture_dimension_3d];
         let most = if context.is_software() { deep } else { deep.min(MARKED) };
-        let fits = packing.size.iter().all(|&n| n <= flat) && packing.macrocells().iter().all(|&n| n <= most);
+        let fits = packing.size.iter().all(|&n| n <= flat)
+            && packing.atlas.iter().all(|&n| n <= deep / PAGE)
+            && packing.macrocells().iter().all(|&n| n <= most);
         (fits && packing.voxel_bytes() <= MAX_BYTES).then_some(packing)
     }
 
@@ -196,7 +210,7 @@ impl Packing {
     pub(super) fn stored(self) -> Self {
         match self.layout {
             Layout::Rows => self,
-            Layout::Box => {
+            Layout::Box | Layout::Pages => {
                 let [low, dims] = [self.low, self.dims].map(|values| unordered(self.axes, values));
                 Self { axes: [0, 1, 2], low, dims, ..self }
             }
@@ -240,6 +254,10 @@ impl Packing {
         match self.layout {
             Layout::Rows => self.size.map(u64::from).into_iter().product::<u64>() * self.voxel.texel(),
             Layout::Box => self.box_texels().map(u64::from).into_iter().product::<u64>() * self.voxel.texel() / 2,
+            Layout::Pages => {
+                let product = |n: [u32; 3]| n.map(u64::from).into_iter().product::<u64>();
+                product(self.atlas.map(|n| n * PAGE)) * self.voxel.texel() / 2 + 4 * product(self.table_dims())
+            }
         }
     }
 
@@ -284,7 +302,7 @@ impl Packing {
     fn stored_axes(&self) -> [usize; 3] {
         match self.layout {
             Layout::Rows => [0, 1, 2],
-            Layout::Box => self.axes,
+            Layout::Box | Layout::Pages => self.axes,
         }
     }
 
@@ -308,6 +326,7 @@ impl Packing {
         let (size, dimension) = match (self.layout, self.size) {
             (Layout::Rows, [width, height]) => ([width, height, 1], wgpu::TextureDimension::D2),
             (Layout::Box, _) => (self.box_texels(), wgpu::TextureDimension::D3),
+            (Layout::Pages, _) => (self.atlas.map(|n| n * PAGE), wgpu::TextureDimension::D3),
         };
         let volume = context.texture("pack.volume", self.voxel.format(self.layout), size, dimension, usage);
         let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC | wgpu::BufferUsages::COPY_DST;
@@ -422,6 +441,8 @@ pub(crate) struct Packed {
     pub(super) volume: wgpu::TextureView,
     /// The marks of macrocells: see shaders/common/packing.wgsl.
     pub(super) marks: wgpu::Buffer,
+    /// The places of pages in the texture; empty of other layouts.
+    pub(super) pages: wgpu::Buffer,
     /// The factor that densities, or scalars with gradients, were multiplied by: a power of two.
     pub(super) scale: f64,
     /// Bytes on the device.
@@ -439,8 +460,10 @@ pub(super) fn stage(context: &Context, constants: &[Constant], voxel: Voxel, lay
         (Layout::Rows, _) => (shaders::PACK, Write),
         (Layout::Box, Voxel::Scalar) => (shaders::PACK_SCALARS, texture(voxel.format(layout))),
         (Layout::Box, _) => (shaders::PACK_VECTORS, texture(voxel.format(layout))),
+        (Layout::Pages, Voxel::Scalar) => (shaders::PACK_SCALAR_PAGES, texture(voxel.format(layout))),
+        (Layout::Pages, _) => (shaders::PACK_VECTOR_PAGES, texture(voxel.format(layout))),
     };
-    let slots = [Uniform, Uniform, Read, Write, voxels, Read, Read];
+    let slots = [Uniform, Uniform, Read, Write, voxels, Read, Read, Read];
     Stage::new(context, shader, ("pack", "voxels"), &slots, constants)
 }
 
@@ -487,11 +510,14 @@ impl Packing {
         };
         // Voxels of others that show nothing now.
         let clears = over.as_ref().is_some_and(|over| !over.has_places_of(source));
-        let (volume, marks, bands) = match over {
-            Some(Packed { volume, marks, bands, .. }) => (volume.texture().clone(), marks, bands),
+        let (volume, marks, pages, bands) = match over {
+            Some(Packed { volume, marks, pages, bands, .. }) => (volume.texture().clone(), marks, pages, bands),
             None => {
                 let (volume, marks) = self.targets(recorder.context)?;
-                (volume, marks, None)
+                let pages = if self.layout == Layout::Pages { self.page_table(stores) } else { Vec::new() };
+                let usage = wgpu::BufferUsages::STORAGE;
+                let pages = recorder.context.upload("pack.pages", bytemuck::cast_slice(&pages), usage)?;
+                (volume, marks, pages, None)
             }
         };
         let bands = match (stage, samples, bands) {
@@ -504,6 +530,7 @@ impl Packing {
                 self.fill_from_samples(recorder, stage, (samples, clears), light, scale as f32, to)?;
             }
             (Some(stage), None, Some(bands)) => {
+                let to = (&volume, &marks, &pages);
                 self.fill_on_device(recorder, stage, (stores, bands), light, scale as f32, to)?;
             }
             _ => recorder
@@ -516,6 +543,7 @@ impl Packing {
             reached: reached.clone(),
             volume,
             marks,
+            pages,
             scale,
             bytes: self.bytes(),
             light: self.voxel.is_lit().then(|| light.clone()),

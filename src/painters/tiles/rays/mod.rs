@@ -210,6 +210,7 @@ impl RaySetup<'_> {
             along_a,
             along_b,
             along_m,
+            page_steps: packing.table_steps(),
             voxels: packing.dims.map(|n| n as i32),
             flipped: i32::from(axis.flipped),
             columns: packing.columns as i32,
