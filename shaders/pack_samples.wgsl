@@ -7,6 +7,8 @@ override PERSPECTIVE: bool = false;
 
 @group(0) @binding(7) var<uniform> pack: Pack;
 @group(0) @binding(8) var<uniform> lighting: Lighting;
+// See common/pages.wgsl.
+@group(0) @binding(11) var<storage, read> page_table: array<u32>;
 
 // Colour and density of a visible voxel as a splat holds them, lit.
 fn lit_voxel(voxel: BrickVoxel) -> vec4f {

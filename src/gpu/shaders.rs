@@ -120,6 +120,7 @@ shaders! {
     PACK_VECTOR_PAGES: Shader::with("pack-vector-pages", "pack", "packed/pages_of_vectors"),
     PACK_SCALAR_PAGES: Shader::with("pack-scalar-pages", "pack", "packed/pages_of_scalars"),
     PACK_SAMPLES: Shader::with("pack-samples", "pack_samples", "packed/vectors"),
+    PACK_SAMPLES_PAGES: Shader::with("pack-samples-pages", "pack_samples", "packed/pages_of_vectors"),
     PACK_SCALAR_SAMPLES: Shader::with("pack-scalar-samples", "pack_scalars", "packed/scalars"),
     PACK_GRADIENT_SAMPLES: Shader::with("pack-gradient-samples", "pack_scalars", "packed/vectors"),
     CELL_ROWS: Shader::new("cell_rows"),

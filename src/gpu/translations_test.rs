@@ -28,7 +28,7 @@ fn values(shader: &str, entry: &str, name: &str) -> &'static [f64] {
         (_, "LIGHTS") => &[0.0, 1.0, 4.0],
         ("classify" | "lit_rows" | "normals", "SAMPLE_TYPE") => &[0.0, 1.0, 2.0, 3.0, 4.0],
         ("cell_rows", "SAMPLE_TYPE") => &[0.0, 3.0, 4.0],
-        (name, "SAMPLE_TYPE") if name.ends_with("samples") => &[0.0, 3.0, 4.0],
+        (name, "SAMPLE_TYPE") if name.contains("samples") => &[0.0, 3.0, 4.0],
         // Texels of a row of the footprint table; a row of voxels.
         ("splat", "TEXELS") => &[1.0, 2.0, 3.0, 4.0],
         (_, "TEXELS") => &[3.0, 7.0],

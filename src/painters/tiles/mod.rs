@@ -103,7 +103,7 @@ impl Tiles {
     pub(crate) fn new(context: &Context, key: &TilesKey) -> Result<Self> {
         let rest = || {
             let packer = (!key.packs_on_host).then(|| match key.samples {
-                Some(samples) => pack::stage_of_samples(context, &key.constants, key.voxel, samples),
+                Some(samples) => pack::stage_of_samples(context, &key.constants, (key.voxel, key.layout), samples),
                 None => pack::stage(context, &key.constants, key.voxel, key.layout),
             });
             let resample = key.rays.is_resampled().then(|| (Resampler::new(context), Refiner::new(context, key)));

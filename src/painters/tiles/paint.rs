@@ -223,7 +223,7 @@ impl<'a> Picture<'a> {
         // allocate a gigabyte. In rows, which belong to an axis, those that may show and that rays reach.
         let layout = Layout::of(context, dims);
         let samples = if layout == Layout::Box { Samples::of(&job, voxel) } else { None };
-        let pages = if samples.is_none() && job.scalars.is_none() { pack::occupied(stores) } else { None };
+        let pages = if job.scalars.is_none() { pack::occupied(stores) } else { None };
         let of_all = |axis: &PrincipalAxis| {
             let packing = pack(axis, pages, &|_| true)?;
             // Samples are packed over those under another transfer function.

@@ -139,7 +139,7 @@ impl Packing {
         (samples, clears): (&Samples, bool),
         light: &SplatLight,
         scale: f32,
-        (volume, marks): (&wgpu::Texture, &wgpu::Buffer),
+        (volume, marks, pages): (&wgpu::Texture, &wgpu::Buffer, &wgpu::Buffer),
     ) -> Result<()> {
         let context = recorder.context;
         let upload = |label, bytes: &[u8]| context.upload(label, bytes, wgpu::BufferUsages::UNIFORM);
@@ -166,6 +166,7 @@ impl Packing {
                         lighting.clone(),
                         dispatch.normals,
                         dispatch.kept,
+                        pages.as_entire_binding(),
                     ];
                     stage.run(recorder, &resources, for_each(context, dispatch.voxels));
                     recorder.worked(dispatch.work);

@@ -231,7 +231,9 @@ impl Packing {
     /// The packing of these voxels in the box of another one, if that has room for them and is not much larger.
     pub(super) fn in_box_of(&self, other: &Self) -> Option<Self> {
         let [low, dims] = [other.low, other.dims].map(|values| self.axes.map(|axis| values[axis]));
-        let has_room = (0..3).all(|i| low[i] <= self.low[i] && self.low[i] + self.dims[i] <= low[i] + dims[i]);
+        let is_box = self.layout == Layout::Box;
+        let has_room =
+            is_box && (0..3).all(|i| low[i] <= self.low[i] && self.low[i] + self.dims[i] <= low[i] + dims[i]);
         let moved = Self { low, dims, ..*self };
         let fits = has_room && moved.stored().is_in_box_of(other) && moved.bytes() <= MOST_UNSEEN * self.bytes();
         fits.then_some(moved)
@@ -414,15 +416,16 @@ impl Packed {
         packing.stored() == self.packing && self.has_places_of(source) && *reached == self.reached
     }
 
-    /// Whether these splats can be packed over its own: of lists the stage on the device writes the places of splats
-    /// only, otherwise the `whole` textures are written.
+    /// Whether these splats can be packed over its own: into pages, and of lists into a box, the stage on the device
+    /// writes the places of splats only, otherwise the `whole` textures are written.
     pub(super) fn has_room_for(
         &self,
         (packing, reached): (Packing, &Reached),
         source: Option<Source>,
         whole: bool,
     ) -> bool {
-        self.serves((packing, reached), source) || whole && packing.stored().is_in_box_of(&self.packing)
+        let is_written = whole && packing.layout != Layout::Pages;
+        self.serves((packing, reached), source) || is_written && packing.stored().is_in_box_of(&self.packing)
     }
 
     /// Whether its splats are at the places of these.
@@ -467,13 +470,19 @@ pub(super) fn stage(context: &Context, constants: &[Constant], voxel: Voxel, lay
     Stage::new(context, shader, ("pack", "voxels"), &slots, constants)
 }
 
-/// The stage that packs samples on the device, into a box.
-pub(super) fn stage_of_samples(context: &Context, constants: &[Constant], voxel: Voxel, key: SamplesKey) -> Stage {
-    let texels = Binding::StorageTexture(voxel.format(Layout::Box), wgpu::TextureViewDimension::D3);
+/// The stage that packs samples on the device, into a box or its pages.
+pub(super) fn stage_of_samples(
+    context: &Context,
+    constants: &[Constant],
+    (voxel, layout): (Voxel, Layout),
+    key: SamplesKey,
+) -> Stage {
+    let texels = Binding::StorageTexture(voxel.format(layout), wgpu::TextureViewDimension::D3);
     let (shader, entry, slots, own) = match key {
         SamplesKey::Voxels(key) => {
-            let slots = vec![Uniform, Read, Read, Write, texels, Read, Read, Uniform, Uniform, Read, Read];
-            (shaders::PACK_SAMPLES, "voxels", slots, key.constants().collect::<Vec<Constant>>())
+            let slots = vec![Uniform, Read, Read, Write, texels, Read, Read, Uniform, Uniform, Read, Read, Read];
+            let shader = if layout == Layout::Pages { shaders::PACK_SAMPLES_PAGES } else { shaders::PACK_SAMPLES };
+            (shader, "voxels", slots, key.constants().collect::<Vec<Constant>>())
         }
         SamplesKey::Scalars(key) => {
             let shader = match (key.has_cells(), key.has_gradients()) {
@@ -527,6 +536,7 @@ impl Packing {
         let to = (&volume, &marks);
         match (stage, samples, &bands) {
             (Some(stage), Some(samples), _) => {
+                let to = (&volume, &marks, &pages);
                 self.fill_from_samples(recorder, stage, (samples, clears), light, scale as f32, to)?;
             }
             (Some(stage), None, Some(bands)) => {
