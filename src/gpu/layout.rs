@@ -135,7 +135,7 @@ shared! {
         _pad: [u32; 3],
     }
 
-    /// Cells that become texels; shaders/pack_cells.wgsl.
+    /// Cells that become texels; shaders/common/cell_texels.wgsl.
     struct CellTexels {
         dims: [u32; 3],
         first_plane: u32,
@@ -144,7 +144,21 @@ shared! {
         differences: [f32; 3],
         first_row: u32,
         rows: u32,
-        _pad: [u32; 3],
+        across: u32,
+        _pad: [u32; 2],
+    }
+
+    /// How scalars become extinctions; shaders/field_of_cells.wgsl.
+    struct Occluders {
+        gradient_x: [f32; 3],
+        unit: f32,
+        gradient_y: [f32; 3],
+        gradient_lookup: f32,
+        gradient_z: [f32; 3],
+        low_x: u32,
+        lookup: [f32; 2],
+        low_y: u32,
+        low_z: u32,
     }
 
     /// A box of voxels; shaders/common/voxel_box.wgsl.

@@ -25,6 +25,7 @@ pub(crate) mod savings;
 #[cfg(test)]
 mod savings_test;
 pub(crate) mod scalar_cells;
+pub(crate) mod scalar_field;
 pub(crate) mod scan;
 pub(crate) mod sender;
 pub(crate) mod shaders;

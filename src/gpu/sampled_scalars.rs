@@ -1,6 +1,7 @@
 //! Scalars that are no list: the device holds the samples, for painters that read these, as voxels or as cells.
 //! Whatever the transfer function shows, the samples are the same.
 
+use std::borrow::Cow;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -12,7 +13,7 @@ use super::layout::Scalars;
 use super::pipeline::buffer_range;
 use super::recorder::{Recorder, max_work};
 use super::samples::{BrickBatch, FAR, HeldSamples, Input};
-use super::scalar_cells::{CellFilters, ScalarCells, Targets};
+use super::scalar_cells::{CellFilters, ScalarCells};
 use super::stage::{Constant, Stage, for_each};
 use super::transfer::Reduction;
 use crate::error::Result;
@@ -38,15 +39,23 @@ pub(crate) struct SampledScalars {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(crate) struct ScalarsKey {
     sample_type: u32,
+    /// Layers of voxels around each brick.
+    halo: u32,
     gradients: bool,
     cells: bool,
 }
 
+/// The parameters of a box that shaders fill, the marks and the texels.
+pub(crate) struct Targets<'a> {
+    pub(crate) pack: wgpu::BindingResource<'a>,
+    pub(crate) marks: wgpu::BindingResource<'a>,
+    pub(crate) texels: wgpu::BindingResource<'a>,
+}
+
 impl ScalarsKey {
-    pub(crate) fn constants(self) -> [Constant; 3] {
+    pub(crate) fn constants(self) -> [Constant; 4] {
         let gradients = self.gradients.into();
-        // Bricks have the voxels around that the gradients of voxels depend on.
-        [("SAMPLE_TYPE", self.sample_type), ("GRADIENTS", gradients), ("HALO", gradients)]
+        [("SAMPLE_TYPE", self.sample_type), ("GRADIENTS", gradients), ("RANGES", gradients), ("HALO", self.halo)]
     }
 
     pub(crate) fn has_gradients(self) -> bool {
@@ -87,11 +96,11 @@ impl SampledScalars {
         reduction: &Reduction,
         held: &HeldSamples,
         (padding, bounds): (u32, [[u32; 3]; 2]),
-        filters: Option<&CellFilters<'_>>,
+        (filters, gradients): (Option<&CellFilters<'_>>, bool),
     ) -> Result<Option<(Self, u64)>> {
         let Some([origin, rest, factor]) = Self::numbers(input, reduction) else { return Ok(None) };
-        let (sample_type, gradients, cells) = (input.coding.sample_type, input.halo() > 0, filters.is_some());
-        let key = ScalarsKey { sample_type, gradients, cells };
+        let (sample_type, cells) = (input.coding.sample_type, filters.is_some());
+        let key = ScalarsKey { sample_type, halo: input.halo() as u32, gradients, cells };
         let voxels = input.volume.grid().dims();
         let most = (Reduction::LIMIT / f64::from(factor)).min(FARTHEST) as f32;
         let parameters = Scalars { dims: voxels, padding, origin, rest, factor, most, ..Scalars::zeroed() };
@@ -123,6 +132,27 @@ impl SampledScalars {
     /// Bytes of memory of the device.
     pub(crate) fn bytes(&self) -> u64 {
         self.batches.iter().map(|batch| batch.bytes.end - batch.bytes.start).sum()
+    }
+
+    /// The cells, as which voxels count too.
+    pub(super) fn as_cells(&self, context: &Context, pipelines: &Cache) -> Result<Cow<'_, ScalarCells>> {
+        /// The voxels on either side.
+        const BESIDE: [f32; 3] = [0.5, 0.0, 0.0];
+        if let Some(cells) = &self.cells {
+            return Ok(Cow::Borrowed(cells));
+        }
+        let own = [vec![1.0]];
+        let axes = [(0, own.as_slice()); 3];
+        let filters = CellFilters { dims: self.dims, size: [1; 2], axes, beside: 1, differences: BESIDE };
+        let key = ScalarsKey { cells: true, ..self.key };
+        ScalarCells::new(context, pipelines, key, self.dims, &filters).map(Cow::Owned)
+    }
+
+    /// The first cell within the bounds, and their number along each axis.
+    pub(super) fn cells_of_bounds(&self) -> ([i64; 3], [u32; 3]) {
+        let [low, high] = self.bounds;
+        let first = low.map(|point| i64::from(point) - i64::from(self.parameters.padding));
+        (first, [0, 1, 2].map(|axis| high[axis] - low[axis]))
     }
 
     /// The parameters of shaders, without bricks.
@@ -158,16 +188,20 @@ impl SampledScalars {
         (low, dims): ([u32; 3], [u32; 3]),
         targets: &Targets<'_>,
     ) -> Result<()> {
+        let Targets { pack, marks, texels: volume } = targets;
         if let Some(cells) = &self.cells {
             let low = low.map(|point| i64::from(point) - i64::from(self.parameters.padding));
-            return cells.pack(recorder, stage, self, (low, dims), targets);
+            return cells.each_part(recorder, self, (low, dims), &mut |recorder, [part, cells], count| {
+                let [part, cells] = [part, cells].map(wgpu::Buffer::as_entire_binding);
+                let resources = [part, cells, pack.clone(), marks.clone(), volume.clone()];
+                stage.run(recorder, &resources, for_each(recorder.context, count));
+            });
         }
         let context = recorder.context;
         for (parameters, samples) in self.of_voxels(context, low, dims) {
             let texels = u64::from(dims[0]) * u64::from(dims[1]) * u64::from(parameters.planes);
             let parameters =
                 context.upload("pack.scalars", bytemuck::bytes_of(&parameters), wgpu::BufferUsages::UNIFORM)?;
-            let Targets { pack, marks, texels: volume } = targets;
             let resources = [parameters.as_entire_binding(), samples, pack.clone(), marks.clone(), volume.clone()];
             stage.run(recorder, &resources, for_each(context, texels));
             recorder.worked(texels);

@@ -43,6 +43,7 @@ pub(crate) struct CellFilters<'a> {
 }
 
 /// The cells of a lattice, which shaders make of samples.
+#[derive(Clone)]
 pub(crate) struct ScalarCells {
     stages: Arc<Stages>,
     size: [i64; 2],
@@ -53,13 +54,14 @@ pub(crate) struct ScalarCells {
 }
 
 /// How cells are made along an axis.
+#[derive(Clone)]
 struct Axis {
     /// Voxels of the volume.
     voxels: u32,
     /// The first voxel with a weight in cell 0, and how many voxels have weights in a cell.
     first: i64,
     taps: i64,
-    /// The weights of the voxels in the middle, whose range is kept.
+    /// The weights of the voxels in the middle, whose range is kept; none: all cells have gradients.
     block: Range<i64>,
     weights: wgpu::Buffer,
 }
@@ -78,18 +80,10 @@ struct Part {
     cells: [Range<i64>; 3],
 }
 
-/// The parameters of a box that shaders fill, the marks and the texels.
-pub(crate) struct Targets<'a> {
-    pub(crate) pack: wgpu::BindingResource<'a>,
-    pub(crate) marks: wgpu::BindingResource<'a>,
-    pub(crate) texels: wgpu::BindingResource<'a>,
-}
-
 impl Stages {
     fn new(context: &Context, key: ScalarsKey) -> Self {
         use Binding::{Read, Uniform, Write};
-        let mut constants = key.constants().to_vec();
-        constants.push(("RANGES", key.has_gradients().into()));
+        let constants = key.constants();
         let slots = [Uniform, Read, Uniform, Read, Write];
         let along_x = Stage::new(context, shaders::CELL_ROWS, (PACK, "along_x"), &slots, &constants);
         let slots = [Uniform, Read, Read, Write];
@@ -112,10 +106,11 @@ impl ScalarCells {
         let axis = |axis: usize| {
             let (first, weights) = axes[axis];
             let taps = weights.first().map_or(0, Vec::len) as i64;
+            // None of voxels: their gradients are those of the voxels beside them.
             let before = (taps - over) / 2 - beside;
+            let block = if before < 0 { 0..0 } else { before..taps - before };
             let usage = wgpu::BufferUsages::STORAGE;
             let on_device = context.upload("cells.weights", bytemuck::cast_slice(&weights.concat()), usage)?;
-            let block = before..taps - before;
             Ok::<_, Error>(Axis { voxels: voxels[axis], first, taps, block, weights: on_device })
         };
         Ok(Self {
@@ -197,14 +192,19 @@ impl ScalarCells {
         }
     }
 
-    /// Records that the cells of a box become texels by `stage`. The box begins at cell `low` and has `dims` texels.
-    pub(super) fn pack(
+    /// Whether cells have gradients.
+    pub(super) fn has_gradients(&self) -> bool {
+        self.gradients
+    }
+
+    /// Records the cells of a box part by part, and after each part what `take` makes of it, given the parameters of
+    /// the part, its cells and their number in the box. The box begins at cell `low` and has `dims` cells.
+    pub(super) fn each_part(
         &self,
         recorder: &mut Recorder<'_>,
-        stage: &Stage,
         scalars: &SampledScalars,
         (low, dims): ([i64; 3], [u32; 3]),
-        targets: &Targets<'_>,
+        take: &mut dyn FnMut(&mut Recorder<'_>, [&wgpu::Buffer; 2], u64),
     ) -> Result<()> {
         let context = recorder.context;
         let parts = self.parts(context, low, dims);
@@ -218,30 +218,23 @@ impl ScalarCells {
             self.sum_rows(recorder, scalars, part, &rows)?;
             self.sum_along(recorder, 1, part, [&rows, &columns])?;
             self.sum_along(recorder, 2, part, [&columns, &cells])?;
-            let [xs, ys, zs] = &part.cells;
             let first = |axis: usize, start: u32| (low[axis] + i64::from(start) - part.cells[axis].start) as u32;
             let parameters = CellTexels {
-                dims: [xs, ys, zs].map(|cells| cells.clone().count() as u32),
+                dims: part.cells.each_ref().map(|cells| cells.clone().count() as u32),
                 first_plane: part.planes.start,
                 first: [first(0, 0), first(1, part.rows.start), first(2, part.planes.start)],
                 planes: part.planes.len() as u32,
                 differences: self.differences,
                 first_row: part.rows.start,
                 rows: part.rows.len() as u32,
+                across: dims[0],
                 ..CellTexels::zeroed()
             };
             let uniform = wgpu::BufferUsages::UNIFORM;
             let parameters = context.upload("cells.texels", bytemuck::bytes_of(&parameters), uniform)?;
-            let resources = [
-                parameters.as_entire_binding(),
-                cells.as_entire_binding(),
-                targets.pack.clone(),
-                targets.marks.clone(),
-                targets.texels.clone(),
-            ];
             let texels = [dims[0], part.rows.len() as u32, part.planes.len() as u32];
             let texels = texels.map(u64::from).into_iter().product();
-            stage.run(recorder, &resources, for_each(context, texels));
+            take(recorder, [&parameters, &cells], texels);
             recorder.worked(texels);
         }
         Ok(())

@@ -1,8 +1,8 @@
 //! Shaders checked without a device: every one parses and validates, and its structs are those of `layout.rs`.
 
 use super::layout::{
-    Batch, CellBox, CellTexels, Classify, Coarsen, ControlPoint, Converging, Extent, Frame, LightBox, Lighting, Pack,
-    Present, Rays, Reached, ScalarSums, Scalars, Shade, Sort, Sweep, Tables, Terminate, VoxelBox,
+    Batch, CellBox, CellTexels, Classify, Coarsen, ControlPoint, Converging, Extent, Frame, LightBox, Lighting,
+    Occluders, Pack, Present, Rays, Reached, ScalarSums, Scalars, Shade, Sort, Sweep, Tables, Terminate, VoxelBox,
 };
 use super::shaders::{ALL, Shader};
 
@@ -57,7 +57,10 @@ fn structs_are_laid_out_alike() {
         )*};
     }
     compare!(Classify, VoxelBox, Coarsen, CellBox, ControlPoint, Sort, Batch, Shade, Reached, Present, Terminate);
-    compare!(Extent, Pack, Tables, Scalars, ScalarSums, CellTexels, Rays, Lighting, Frame, LightBox, Sweep, Converging);
+    compare!(
+        Extent, Occluders, Pack, Tables, Scalars, ScalarSums, CellTexels, Rays, Lighting, Frame, LightBox, Sweep,
+        Converging
+    );
 }
 
 #[test]

@@ -22,6 +22,7 @@ use super::layout::{ClipPlanes, Converging, LightBox, SHADED_WORDS, Sweep, clip_
 use super::light_volume::LightVolume;
 use super::pipeline::{Binding, both, texture_view};
 use super::recorder::{ComputePass, Recorder};
+use super::scalar_field::ScalarField;
 use super::shaders::{self, Shader};
 use super::stage::{Constant, DynamicUniforms, Stage, for_each};
 use super::store::{Splats, Store};
@@ -300,6 +301,14 @@ pub(crate) fn run(
     Ok(Some((made, job.buffers())))
 }
 
+/// The matter that casts shadows in a box of voxels.
+pub(crate) enum Field<'a> {
+    /// Gives the extinctions of [`LightPlans::dims`] voxels.
+    Host(&'a dyn Fn() -> Result<Vec<f32>>),
+    /// Scalars on the device, in a lattice of `dims` points, and the sides of matter that casts shadows.
+    Scalars { of: &'a ScalarField<'a>, dims: [usize; 3], clip: &'a [Side] },
+}
+
 /// The light that arrives at the voxels of a box, kept for other lights.
 pub(crate) struct BoxLight {
     /// The first lattice point of the box, and its size.
@@ -309,14 +318,14 @@ pub(crate) struct BoxLight {
 }
 
 /// The light on a box of places of `grid` as a texture, with the shares of some lights, of the ambient light for
-/// `MAX_CASTING`, and with those that are held of other lights; `None` if the host has to find them. `field` gives the
-/// extinctions of [`LightPlans::dims`] voxels, if no light is held.
+/// `MAX_CASTING`, and with those that are held of other lights; `None` if the host has to find them. `field` is read if
+/// no light is held.
 pub(crate) fn run_on_box(
     context: &Context,
     pipelines: &Cache,
     (grid, bounds): (&Grid, [[usize; 3]; 2]),
     (plans, lights): (&LightPlans, &[usize]),
-    (held, field): (Option<BoxLight>, &dyn Fn() -> Result<Vec<f32>>),
+    (held, field): (Option<BoxLight>, Field<'_>),
     progress: &Progress,
 ) -> Result<Option<(LightVolume, BoxLight)>> {
     let lights = planned(plans, lights);
@@ -328,10 +337,16 @@ pub(crate) fn run_on_box(
     let job = Job::new(context, pipelines, plans, held.map(|held| held.buffers))?;
     let stages = pipelines.get_or_make((), || Ok(BoxStages::new(context)))?;
     let kept = job.scratch.get("shadows.kept", 2 * voxels)?;
-    if !is_filled {
-        context.write(&job.field, 0, bytemuck::cast_slice(&field()?));
-    }
     let mut recorder = Recorder::untimed(context);
+    match field {
+        _ if is_filled => {}
+        Field::Host(values) => context.write(&job.field, 0, bytemuck::cast_slice(&values()?)),
+        Field::Scalars { of, dims, clip } => {
+            recorder.clear(&job.field, job.field.size());
+            let light_box = job.uniform(&job.casting(dims, clip))?;
+            of.fill(&mut recorder, pipelines, [&light_box, &job.field])?;
+        }
+    }
     job.each(&mut recorder, &lights, progress, &mut |recorder, light, plan| {
         let parameters = job.uniform(&LightBox { dims: plans.dims().map(|n| n as u32), ..job.share(light, plan) })?;
         let buffers = [&parameters, &kept, &job.field, &job.shares].map(wgpu::Buffer::as_entire_binding);

@@ -149,16 +149,17 @@ pub(super) struct PostShaded {
 
 impl PostShaded {
     /// Emits splats of scalars, or takes samples in their place if the key says so and the device has room for them.
+    /// `lit`: pictures are.
     pub(super) fn emit(
         &self,
         (context, pipelines): (&Context, &Cache),
-        key: &EmissionKey,
+        (key, lit): (&EmissionKey, bool),
         progress: &Progress,
     ) -> Result<Drawable> {
         let Self { volume, transfer, shows, samples, .. } = self;
         let emission = Emission::new(context, volume, transfer, *shows, key)?;
         if key.need.samples {
-            let sampled = || emission.sampled((context, pipelines), transfer, samples, progress);
+            let sampled = || emission.sampled((context, pipelines), transfer, (samples, lit), progress);
             match context.guarded("holding samples", sampled) {
                 Ok(Some(made)) => return Ok(made),
                 Ok(None) | Err(Error::OutOfMemory(_)) => {}
@@ -191,7 +192,7 @@ impl PostShaded {
         }
         emitted.get_or_make(key, EmissionKey::serves, |held| {
             let kept = kept_of(held).filter(|_| samples);
-            let made = self.emit((context, pipelines), &key, progress)?;
+            let made = self.emit((context, pipelines), (&key, lit), progress)?;
             let over = kept.filter(|_| made.scalars.is_some());
             Ok(Arc::new(Drawable { kept: over.unwrap_or_default(), ..made }))
         })

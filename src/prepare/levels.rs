@@ -153,13 +153,16 @@ pub(crate) struct ScalarNeed {
     pub(crate) cut: Option<Cut>,
     /// Whether the painter reads samples of voxels where the device has them, in place of lists of splats.
     pub(crate) samples: bool,
+    /// Whether scalars of 0 are splats too: they add nothing, but light falls on them.
+    pub(crate) zeros: bool,
     /// The largest growth of a kernel, for messages.
     pub(crate) growth: f64,
 }
 
 impl ScalarNeed {
     /// The need of pictures of classified voxels.
-    pub(crate) const NONE: Self = Self { padding: 0, influence: 0.0, cut: None, samples: false, growth: 1.0 };
+    pub(crate) const NONE: Self =
+        Self { padding: 0, influence: 0.0, cut: None, samples: false, zeros: false, growth: 1.0 };
 
     /// The need for kernels that reach `reach` voxels from any place of the field, and for an `influence` in voxels.
     ///
@@ -172,6 +175,7 @@ impl ScalarNeed {
             influence: (steps * influence + 1e-3).ceil() / steps,
             cut: None,
             samples: false,
+            zeros: false,
             growth: view.max_growth(),
         }
     }

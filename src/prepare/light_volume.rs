@@ -1,7 +1,8 @@
 //! light-volume: the share of each light that arrives at each place of a field of scalars, for post-shading (Kniss et
 //! al. 2003 compute a light volume for each view; this one once for a volume, a transfer function and a set of lights,
 //! and for a light that moves only its own share).
-//! Fields are made on the host; GPUs find the light on them by [`gpu::shadows`](crate::gpu::shadows).
+//! GPUs find the light by [`gpu::shadows`](crate::gpu::shadows), on fields that they make of the samples that they
+//! hold, or that the host makes of lists.
 //!
 //! The scalars of voxels, or of cells, are classified like splats of pre-shading, and the sums of `lighting/shadow.rs`
 //! give the light that arrives at each visible one. Rays interpolate linearly between them.
@@ -18,10 +19,11 @@ use crate::error::{Error, Result};
 use crate::gpu::cache::Cache;
 use crate::gpu::context::Context;
 use crate::gpu::light_volume::LightVolume;
-use crate::gpu::shadows::{BoxLight, run_on_box};
+use crate::gpu::scalar_field::ScalarField;
+use crate::gpu::shadows::{BoxLight, Field, run_on_box};
 use crate::gpu::splat;
 use crate::gpu::store::Drawable;
-use crate::gpu::transfer::Reduction;
+use crate::gpu::transfer::{Reduction, TransferTable};
 use crate::lighting::MAX_CASTING;
 use crate::lighting::shadow::Arrival;
 use crate::lighting::shadow::plan::LightPlans;
@@ -36,11 +38,13 @@ pub(crate) const MAX_CELLS: u64 = 1 << 25;
 pub(crate) struct Classification<'a> {
     pub(crate) transfer: &'a TransferFunction,
     pub(crate) reduction: &'a Reduction,
+    /// The same for shaders.
+    pub(crate) table: &'a TransferTable,
 }
 
 impl Classification<'_> {
     /// The density of a splat of a scalar, given its words without the place: extinction times the unit distance.
-    fn density(&self, words: &[u32], grid: &Grid) -> f32 {
+    pub(super) fn density(&self, words: &[u32], grid: &Grid) -> f32 {
         let value = self.reduction.value(f32::from_bits(words[0]));
         let (_, opacity) = self.transfer.sample(value);
         let density = TransferFunction::extinction(opacity, 1.0);
@@ -68,6 +72,14 @@ enum Kept {
     Device(BoxLight),
 }
 
+/// The matter that light falls on.
+enum Source<'a> {
+    /// The device holds it.
+    Held,
+    Splats(&'a Places<'a>),
+    Scalars(ScalarField<'a>),
+}
+
 /// The splats, what they occlude, and the light at their places.
 struct HostLight {
     emitted: Drawable,
@@ -76,13 +88,13 @@ struct HostLight {
 }
 
 impl FallenLight {
-    /// Computes the light at the places of `grid` that have splats of scalars, which `emit` makes. Lights that are the
-    /// same as in `held` keep theirs.
+    /// Computes the light at the places of `grid` that have scalars, which `emit` makes: as splats, or as samples if
+    /// they may be. Lights that are the same as in `held` keep theirs.
     pub(crate) fn new(
         (context, pipelines): (&Context, &Cache),
         held: Option<(Shadows, Arc<Self>)>,
         grid: &Grid,
-        emit: impl FnOnce() -> Result<Drawable>,
+        emit: impl Fn(bool) -> Result<Drawable>,
         classification: &Classification<'_>,
         shadows: &Shadows,
         progress: &Progress,
@@ -92,12 +104,21 @@ impl FallenLight {
         let kept = kept.and_then(|(of, held)| Some((of, Arc::into_inner(held)?.kept?)));
         let on_device = |bounds: [[usize; 3]; 2],
                          (of, held): (Option<&Shadows>, Option<BoxLight>),
-                         field: &dyn Fn(&LightPlans) -> Result<Vec<f32>>| {
+                         source: &Source<'_>| {
             let made = on_device(context, || {
                 let Some(plans) = LightPlans::new(&shadows.casting, &shadows.lattice, bounds) else { return Ok(None) };
                 let lights: Vec<usize> = unknown(of, shadows).collect();
-                let (lights, field) = ((&plans, lights.as_slice()), || field(&plans));
-                run_on_box(context, pipelines, (grid, bounds), lights, (held, &field), progress)
+                let lights = (&plans, lights.as_slice());
+                let density = |words: &[u32]| classification.density(words, grid);
+                let values = || match source {
+                    Source::Splats(places) => places.field(shadows, &plans, &density),
+                    Source::Held | Source::Scalars(_) => Ok(Vec::new()),
+                };
+                let field = match source {
+                    Source::Scalars(of) => Field::Scalars { of, dims: shadows.lattice.dims, clip: &shadows.clip },
+                    Source::Held | Source::Splats(_) => Field::Host(&values),
+                };
+                run_on_box(context, pipelines, (grid, bounds), lights, (held, field), progress)
             })?;
             Ok::<_, Error>(made.map(|(volume, light)| {
                 // Lights that changed once may do so again.
@@ -110,22 +131,30 @@ impl FallenLight {
                 (Some(of), emitted, Some(arrival), texels)
             }
             Some((of, Kept::Device(light))) => {
-                let made = on_device(light.bounds, (Some(&of), Some(light)), &|_| Ok(Vec::new()))?;
-                if let Some(made) = made {
+                if let Some(made) = on_device(light.bounds, (Some(&of), Some(light)), &Source::Held)? {
                     return Ok(made);
                 }
-                (None, emit()?, None, Vec::new())
+                (None, emit(false)?, None, Vec::new())
             }
-            None => (None, emit()?, None, Vec::new()),
+            None => {
+                let mut emitted = emit(!context.is_software())?;
+                if let Some((scalars, _)) = &emitted.scalars {
+                    let field = ScalarField { scalars, table: classification.table, grid };
+                    if let Some(made) = on_device(field.bounds(), (None, None), &Source::Scalars(field))? {
+                        return Ok(made);
+                    }
+                    emitted = emit(false)?;
+                }
+                (None, emitted, None, Vec::new())
+            }
         };
         let places = Places::new(context, &emitted.stores)?;
         let [low, size] = places.bounds;
         let density = |words: &[u32]| classification.density(words, grid);
-        if arrival.is_none() {
-            let field = |plans: &LightPlans| places.field(shadows, plans, &density);
-            if let Some(made) = on_device(places.bounds, (None, None), &field)? {
-                return Ok(made);
-            }
+        if arrival.is_none()
+            && let Some(made) = on_device(places.bounds, (None, None), &Source::Splats(&places))?
+        {
+            return Ok(made);
         }
         let arrival = match arrival {
             Some(arrival) => arrival.under(&shadows.casting),

@@ -249,19 +249,19 @@ impl<'a> Emission<'a> {
         Ok(emission)
     }
 
-    /// The scalars as samples on the device, of which `held` holds those of the whole volume; `None`: it holds other
-    /// samples, lists take less memory, or nothing shows.
+    /// The scalars as samples on the device, of which `held` holds those of the whole volume, with the voxels around
+    /// each brick if pictures are lit; `None`: it holds other samples, lists take less memory, or nothing shows.
     pub(crate) fn sampled(
         &self,
         (context, pipelines): (&Context, &Cache),
         transfer: &TransferFunction,
-        held: &HeldSamples,
+        (held, around): (&HeldSamples, bool),
         progress: &Progress,
     ) -> Result<Option<Drawable>> {
         /// The most bytes of the box that painters pack.
         const MOST: u64 = 4 << 30;
         let EmissionKey { lit, reduction, whole, .. } = self.key;
-        let input = Input::of_scalars(context, self.volume, (transfer, reduction), lit, progress);
+        let input = Input::of_scalars(context, self.volume, (transfer, reduction), around, progress);
         let [lattice] = self.lattices.as_slice() else { return Ok(None) };
         let Some(bounds) = self.bounds(lattice) else { return Ok(None) };
         let places = |end: u64, axis: usize| end * u64::from(bounds[1][axis] - bounds[0][axis] + 1);
@@ -278,7 +278,7 @@ impl<'a> Emission<'a> {
         let dims = lattice.dims.map(|n| n as u32);
         let filters = lattice.filters.as_ref().map(|filters| filters.on_device(dims, lattice.differences));
         let part = (lattice.padding as u32, bounds);
-        let made = SampledScalars::new((&input, pipelines), &reduction, held, part, filters.as_ref())?;
+        let made = SampledScalars::new((&input, pipelines), &reduction, held, part, (filters.as_ref(), lit))?;
         let bricks = |bytes| Bricks { all: self.active.len() as u32, uploaded: shown as u32, bytes };
         Ok(made.map(|(scalars, bytes)| Drawable::of_scalars(scalars, bricks(bytes))))
     }
@@ -410,7 +410,7 @@ impl<'a> Emission<'a> {
                 let gradient = if slopes { gradient() } else { [0.0; 3] };
                 let cell = [0, 1, 2].map(|axis| first[axis] + [x, y, z][axis] as i64);
                 let count = self.count(lattice, cell);
-                if count > 0.0 && (scalar != 0.0 || gradient != [0.0; 3]) {
+                if count > 0.0 && (self.key.need.zeros || scalar != 0.0 || gradient != [0.0; 3]) {
                     bits |= 1 << x;
                     words.push(((f64::from(scalar) * count) as f32).to_bits());
                     if lit {

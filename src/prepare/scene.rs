@@ -473,14 +473,25 @@ impl Scene {
         let (light, seconds) = scalars.light.get_or_make(shadows.clone(), PartialEq::eq, |held| {
             context.guarded("casting shadows", || {
                 // All light on a place that may show lies between voxels so near.
-                let need = ScalarNeed { influence: kernel.radius() + 2.0, ..ScalarNeed::NONE };
-                let lit = !scalars.transfer.gradient_opacity().is_empty();
+                let thins = !scalars.transfer.gradient_opacity().is_empty();
                 let coarse = coarse.map(|(cells, _)| cells);
                 let reduction = scalars.reduction;
-                let key = EmissionKey { kernel, normalization, need, lit, coarse, whole: false, part: None, reduction };
-                let emit = || scalars.emit((context, pipelines), &key, progress);
+                let of_cells = EmissionKey {
+                    kernel,
+                    normalization,
+                    need: ScalarNeed { influence: kernel.radius() + 2.0, zeros: true, ..ScalarNeed::NONE },
+                    lit: thins,
+                    coarse,
+                    whole: false,
+                    part: None,
+                    reduction,
+                };
+                let emit = |samples: bool| {
+                    let need = ScalarNeed { samples, ..of_cells.need };
+                    scalars.emit((context, pipelines), (&EmissionKey { need, ..of_cells }, true), progress)
+                };
                 let PostShaded { transfer, reduction, .. } = scalars.as_ref();
-                let classification = Classification { transfer, reduction };
+                let classification = Classification { transfer, reduction, table: &table };
                 let of = (context, pipelines);
                 FallenLight::new(of, held, &grid, emit, &classification, &shadows, progress).map(Arc::new)
             })

@@ -45,7 +45,7 @@ impl Shadows {
     }
 
     /// Whether the voxel at a lattice point casts shadows.
-    fn casts(&self, point: [usize; 3]) -> bool {
+    pub(super) fn casts(&self, point: [usize; 3]) -> bool {
         if self.clip.is_empty() {
             return true;
         }

@@ -4,19 +4,29 @@ use std::sync::Arc;
 
 use glam::{DAffine3, DMat3, DVec3};
 
-use super::shadows::{Occluders, Shadows, shaded_on_device, shaded_on_host};
+use super::cells::CellSize;
+use super::levels::ScalarNeed;
+use super::light_volume::Classification;
+use super::scalar_cells::Coarse;
+use super::scalars::{Emission, EmissionKey};
+use super::shadows::{Occluders, Places, Shadows, shaded_on_device, shaded_on_host};
 use crate::camera::clip::{Clip, Plane};
 use crate::gpu::adapter_test::adapter;
 use crate::gpu::cache::Cache;
 use crate::gpu::classify_on_host::HostClassifier;
 use crate::gpu::context::Context;
-use crate::gpu::samples::Input;
+use crate::gpu::layout::LightBox;
+use crate::gpu::recorder::Recorder;
+use crate::gpu::samples::{HeldSamples, Input};
+use crate::gpu::scalar_field::ScalarField;
 use crate::gpu::store::{Drawable, Store};
+use crate::gpu::transfer::{Reduction, TransferTable, VisibleValues};
 use crate::kernel::{Kernel, Normalization};
 use crate::lighting::shadow::ShadowLattice;
+use crate::lighting::shadow::plan::LightPlans;
 use crate::lighting::{Light, Lighting};
 use crate::progress::Progress;
-use crate::transfer::{ControlPoint, TransferFunction};
+use crate::transfer::{ControlPoint, GradientPoint, Resolution, TransferFunction};
 use crate::volume::{Grid, Samples, Volume};
 
 /// The shares of light at splats, in 1/65535: of three lights and of ambient light.
@@ -199,4 +209,102 @@ fn device_keeps_the_light_that_stays() {
     let without = shares(&context, &without);
     assert!(without.iter().zip(&expected).all(|(a, b)| a[..3] == [65_535; 3] && a[3] == b[3]));
     assert!(Arc::new(made).stores.iter().all(|store| store.stride == 16));
+}
+
+/// The matter of scalars that casts shadows is the same from samples on the device as from lists on the host, but for
+/// the table of the device: a function is linear within each of its 1600 bins.
+#[test]
+fn device_finds_the_occluders_of_the_host() {
+    let context = Context::new(Some(&adapter())).unwrap().with_device_stages();
+    let (pipelines, progress) = (Cache::default(), Progress::default());
+    let kernel = Kernel::default();
+    let clip = Clip::new(vec![Plane::new(DVec3::new(-0.8, 0.3, 0.1), -20.0).unwrap()]).unwrap();
+    let steep = |magnitude, opacity| GradientPoint { magnitude, opacity };
+    let cells = |size: CellSize| {
+        let growth = super::cells::least_growth(&kernel, size);
+        Some((Coarse::new(&kernel, growth, Some(size)), growth))
+    };
+    let [(_, noise, _), (_, balls, faint), _] = bodies().try_into().unwrap();
+    // Cells are about the mean of noise.
+    for (name, volume, transfer) in [("noise", noise, opaque(105.0, 0.9)), ("balls", balls, faint)] {
+        let (volume, transfer) = (&volume, &transfer);
+        let thinned = transfer.clone().with_gradient_opacity(vec![steep(1.0, 0.2), steep(12.0, 1.0)]).unwrap();
+        for (transfer, coarse) in [transfer, &thinned]
+            .into_iter()
+            .flat_map(|of| [None, cells(CellSize::VOXEL.next()), cells(CellSize::of_level(1))].map(|c| (of, c)))
+        {
+            let thins = !transfer.gradient_opacity().is_empty();
+            let grid = coarse.map_or(*volume.grid(), |(cells, _)| cells.grid(volume.grid()).unwrap());
+            let of_cells = coarse.map_or(kernel, |(cells, growth)| cells.kernel(&kernel, growth));
+            let shadows = Shadows {
+                lattice: ShadowLattice::new(&grid, of_cells, 1.0, 1.0, 1.0),
+                clip: clip.sides(&grid),
+                ..shadows(volume, &Lighting::studio(DVec3::X, DVec3::Z), kernel, &clip)
+            };
+            let reduction = Reduction::new(transfer, 1.0);
+            let need = ScalarNeed { influence: kernel.radius() + 2.0, zeros: true, ..ScalarNeed::NONE };
+            let key = EmissionKey {
+                kernel,
+                normalization: Normalization::default(),
+                need,
+                lit: thins,
+                coarse: coarse.map(|(cells, _)| cells),
+                whole: false,
+                part: None,
+                reduction,
+            };
+            let emission = Emission::new(&context, volume, transfer, VisibleValues::Opaque, &key).unwrap();
+            let held = HeldSamples::default();
+            let sampled = emission.sampled((&context, &pipelines), transfer, (&held, true), &progress).unwrap();
+            let (scalars, _) = sampled.unwrap().scalars.unwrap();
+            let unit = transfer.unit_or(1.0) / 1.7;
+            let resolution = Resolution::new(transfer, volume).unwrap();
+            let table =
+                TransferTable::new(&context, transfer, &reduction, VisibleValues::Opaque, unit, 1.7, &resolution);
+            let of = ScalarField { scalars: &scalars, table: &table, grid: &grid };
+            let classification = Classification { transfer, reduction: &reduction, table: &table };
+            let listed = emission.emit(&context, &progress).unwrap();
+            let places = Places::new(&context, &listed.stores).unwrap();
+            // The box of the lists lies within the box of the samples.
+            let plans = LightPlans::new(&shadows.casting, &shadows.lattice, of.bounds()).unwrap();
+            let dims = plans.dims();
+            let light_box = LightBox {
+                low: plans.low().map(|n| n as i32),
+                dims: dims.map(|n| n as u32),
+                middle: shadows.lattice.dims.map(|n| (n - 1) as f32 / 2.0),
+                clip_planes: std::array::from_fn(|n| match shadows.clip.get(n) {
+                    Some((gradient, value)) => gradient.extend(*value).as_vec4().to_array(),
+                    None => [0.0, 0.0, 0.0, 1.0],
+                }),
+                ..bytemuck::Zeroable::zeroed()
+            };
+            let usage = wgpu::BufferUsages::UNIFORM;
+            let light_box = context.upload("test", bytemuck::bytes_of(&light_box), usage).unwrap();
+            let count = dims.into_iter().product::<usize>();
+            let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
+            let field = context.buffer("test", 4 * count as u64, usage).unwrap();
+            let mut recorder = Recorder::untimed(&context);
+            of.fill(&mut recorder, &pipelines, [&light_box, &field]).unwrap();
+            let field = recorder.read_back("test", &field, 4 * count as u64).unwrap();
+            recorder.submit();
+            let field: Vec<f32> = field.values(&context, "test").unwrap();
+            let largest = TransferFunction::extinction(transfer.max_opacity(), 1.0) as f32;
+            let (mut worst, mut matter) = (0.0_f32, 0);
+            let [low, size] = places.bounds;
+            let rows = (low[2]..low[2] + size[2]).flat_map(|z| (low[1]..low[1] + size[1]).map(move |y| [y, z]));
+            for [y, z] in rows {
+                for (x, words) in places.row(low[0]..low[0] + size[0], [y, z]) {
+                    let expected = if shadows.casts([x, y, z]) { classification.density(words, &grid) } else { 0.0 };
+                    let at = [x, y, z].map(|n| n as i64);
+                    let [px, py, pz] = [0, 1, 2].map(|axis| (at[axis] - plans.low()[axis]) as usize);
+                    let found = field[px + dims[0] * (py + dims[1] * pz)];
+                    worst = worst.max((found - expected).abs() / largest);
+                    matter += usize::from(expected > 0.0 && found > 0.0);
+                }
+            }
+            println!("{name}, thinned {thins}, cells {:?}: {worst:.1e}, {matter}", coarse.map(|(cells, _)| cells));
+            assert!(matter > 20, "{name}: {matter} occluders");
+            assert!(worst < 2e-3, "{name}, thinned {thins}: {worst:e}");
+        }
+    }
 }

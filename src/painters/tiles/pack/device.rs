@@ -10,7 +10,7 @@ use crate::gpu::context::Context;
 use crate::gpu::layout::Pack;
 use crate::gpu::pipeline::texture_view;
 use crate::gpu::recorder::Recorder;
-use crate::gpu::scalar_cells::Targets;
+use crate::gpu::sampled_scalars::Targets;
 use crate::gpu::splat::{SplatLight, ToEye};
 use crate::gpu::stage::{Stage, for_each};
 use crate::gpu::store::{BrickSplats, Store};

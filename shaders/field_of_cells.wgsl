@@ -1,0 +1,41 @@
+// field_of_cells: scalars of cells to their extinctions, in the box of voxels that casts shadows. An invocation for
+// each cell of a part of the box. Voxels are cells too.
+// uses: common/cell_texels, common/casting, common/dispatch, common/transfer
+
+struct Occluders {
+    // World gradients of the lattice coordinates.
+    gradient_x: vec3f,
+    // The extinction of a splat over that of the table.
+    unit: f32,
+    gradient_y: vec3f,
+    // The place of the length of a world gradient among its bins: length times this.
+    gradient_lookup: f32,
+    gradient_z: vec3f,
+    // Lattice point of the first cell of the box.
+    low_x: u32,
+    lookup: vec2f,
+    low_y: u32,
+    low_z: u32,
+}
+
+@group(0) @binding(2) var<uniform> light_box: LightBox;
+@group(0) @binding(3) var<storage, read_write> field: array<f32>;
+// See common/transfer.wgsl.
+@group(0) @binding(4) var transfer: texture_storage_2d<rgba32float, read>;
+@group(0) @binding(5) var<uniform> occluders: Occluders;
+
+@compute @workgroup_size(WORKGROUP)
+fn field_of_cells(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
+    let index = invocation_index(id, groups);
+    if !is_in_part(index) {
+        return;
+    }
+    let i = cell_number(index);
+    let gradient = cell_gradient(i);
+    let world = occluders.gradient_x * gradient.x + occluders.gradient_y * gradient.y
+        + occluders.gradient_z * gradient.z;
+    let share = gradient_share(world, occluders.gradient_lookup);
+    let density = classified(cell_at(i), occluders.lookup).value.a * occluders.unit * share;
+    let point = place_in_box(index) + vec3u(occluders.low_x, occluders.low_y, occluders.low_z);
+    field[index_in_box(point)] = occluder(density, point);
+}

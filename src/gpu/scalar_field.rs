@@ -1,0 +1,80 @@
+//! scalar-field: the scalars of voxels or cells to the field of extinctions that casts shadows, on the device:
+//! shaders/field_of_cells.wgsl.
+
+use super::cache::Cache;
+use super::layout::Occluders;
+use super::pipeline::{Binding, texture_view};
+use super::recorder::Recorder;
+use super::sampled_scalars::SampledScalars;
+use super::shaders;
+use super::stage::{Stage, for_each};
+use super::transfer::TransferTable;
+use crate::error::Result;
+use crate::volume::Grid;
+
+/// The scalars of a lattice, and what they absorb.
+pub(crate) struct ScalarField<'a> {
+    pub(crate) scalars: &'a SampledScalars,
+    pub(crate) table: &'a TransferTable,
+    /// The lattice.
+    pub(crate) grid: &'a Grid,
+}
+
+/// The stage that makes the field, with gradients or without, by the key.
+struct FieldStage(Stage);
+
+impl ScalarField<'_> {
+    /// The first lattice point of the box that has scalars, and its size.
+    pub(crate) fn bounds(&self) -> [[usize; 3]; 2] {
+        let [low, high] = self.scalars.bounds;
+        [low, [0, 1, 2].map(|axis| high[axis] - low[axis])].map(|point| point.map(|n| n as usize))
+    }
+
+    /// Records the extinctions of the box, in the box of voxels that `light_box` describes.
+    pub(crate) fn fill(
+        &self,
+        recorder: &mut Recorder<'_>,
+        pipelines: &Cache,
+        [light_box, field]: [&wgpu::Buffer; 2],
+    ) -> Result<()> {
+        use Binding::{Read, ReadTexture, Uniform, Write};
+        let Self { scalars, table, grid } = self;
+        let context = recorder.context;
+        let cells = scalars.as_cells(context, pipelines)?;
+        let thins = cells.has_gradients();
+        let stage = pipelines.get_or_make(thins, || {
+            let transfer = ReadTexture(wgpu::TextureFormat::Rgba32Float);
+            let slots = [Uniform, Read, Uniform, Write, transfer, Uniform];
+            let constants = [("RANGES", thins.into()), ("GRADIENT_OPACITY", thins.into())];
+            let entry = ("classify", "field_of_cells");
+            Ok(FieldStage(Stage::new(context, shaders::FIELD_OF_CELLS, entry, &slots, &constants)))
+        })?;
+        let to_world = grid.to_lattice().matrix3.transpose();
+        let [gradient_x, gradient_y, gradient_z] = [0, 1, 2].map(|axis| to_world.col(axis).as_vec3().to_array());
+        let [low_x, low_y, low_z] = scalars.bounds[0];
+        let occluders = Occluders {
+            gradient_x,
+            unit: table.unit as f32,
+            gradient_y,
+            gradient_lookup: table.world_gradient_lookup,
+            gradient_z,
+            low_x,
+            lookup: table.lookup,
+            low_y,
+            low_z,
+        };
+        let uniform = wgpu::BufferUsages::UNIFORM;
+        let occluders = context.upload("shadows.occluders", bytemuck::bytes_of(&occluders), uniform)?;
+        cells.each_part(recorder, scalars, scalars.cells_of_bounds(), &mut |recorder, [part, cells], count| {
+            let resources = [
+                part.as_entire_binding(),
+                cells.as_entire_binding(),
+                light_box.as_entire_binding(),
+                field.as_entire_binding(),
+                texture_view(&table.texture),
+                occluders.as_entire_binding(),
+            ];
+            stage.0.run(recorder, &resources, for_each(context, count));
+        })
+    }
+}
