@@ -53,6 +53,12 @@ pub(crate) struct Targets<'a> {
 }
 
 impl ScalarsKey {
+    /// The key of cells of samples of this type, in bricks with so many layers of voxels around.
+    #[cfg(test)]
+    pub(super) fn new(sample_type: u32, halo: u32, gradients: bool) -> Self {
+        Self { sample_type, halo, gradients, cells: true }
+    }
+
     pub(crate) fn constants(self) -> [Constant; 4] {
         let gradients = self.gradients.into();
         [("SAMPLE_TYPE", self.sample_type), ("GRADIENTS", gradients), ("RANGES", gradients), ("HALO", self.halo)]

@@ -166,12 +166,11 @@ impl ScalarCells {
         self.axes.each_ref().map(|axis| (axis.taps as u64).div_ceil(VOXELS_OF_WORK))
     }
 
-    /// The parts of a box, with buffers of at most [`MOST`] bytes, and such that no dispatch outlasts the watchdog of a
-    /// small GPU.
-    fn parts(&self, context: &Context, low: [i64; 3], [across, rows, planes]: [u32; 3]) -> Vec<Part> {
-        let most = MOST.min(context.largest_buffer()) / (4 * self.each());
+    /// The parts of a box, with buffers of at most `bytes` and dispatches of at most this work.
+    fn parts(&self, [bytes, most_work]: [u64; 2], low: [i64; 3], [across, rows, planes]: [u32; 3]) -> Vec<Part> {
+        let most = bytes / (4 * self.each());
         let fits = |part: &Part| {
-            let allowed = |(sums, work): (u64, u64)| sums <= most && sums * work <= max_work(context);
+            let allowed = |(sums, work): (u64, u64)| sums <= most && sums * work <= most_work;
             self.sums(part).into_iter().zip(self.work()).all(allowed)
         };
         let ranges = |count: u32, size: u32| {
@@ -207,7 +206,8 @@ impl ScalarCells {
         take: &mut dyn FnMut(&mut Recorder<'_>, [&wgpu::Buffer; 2], u64),
     ) -> Result<()> {
         let context = recorder.context;
-        let parts = self.parts(context, low, dims);
+        // No dispatch outlasts the watchdog of a small GPU.
+        let parts = self.parts([MOST.min(context.largest_buffer()), max_work(context)], low, dims);
         let largest = |stage: usize| parts.iter().map(|part| self.sums(part)[stage]).max().unwrap_or_default();
         let buffer =
             |label, stage| context.buffer(label, 4 * self.each() * largest(stage), wgpu::BufferUsages::STORAGE);
@@ -315,5 +315,48 @@ impl ScalarCells {
         }
         recorder.worked(count * self.work()[0]);
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gpu::adapter_test::adapter;
+
+    #[test]
+    fn device_parts_of_a_box_cover_it_and_keep_within_their_buffers() {
+        let context = Context::new(Some(&adapter())).unwrap();
+        let weights = [vec![0.1; 9], vec![0.1; 9]];
+        let filters = CellFilters {
+            dims: [60, 50, 40],
+            size: [3, 2],
+            axes: [(-2, weights.as_slice()), (-3, weights.as_slice()), (-1, weights.as_slice())],
+            beside: 1,
+            differences: [0.5, 0.0, 0.0],
+        };
+        let key = ScalarsKey::new(0, 1, true);
+        let cells = ScalarCells::new(&context, &Cache::default(), key, [90, 75, 60], &filters).unwrap();
+        let (low, dims) = ([-4, -2, 3], [68, 54, 30]);
+        let most = [2_000_000, 250_000];
+        let parts = cells.parts(most, low, dims);
+        assert!(parts.len() > 4);
+        let mut covered = vec![0; (dims[1] * dims[2]) as usize];
+        for part in &parts {
+            for (sums, work) in cells.sums(part).into_iter().zip(cells.work()) {
+                assert!(12 * sums <= most[0] && sums * work <= most[1], "{sums} sums");
+            }
+            let rows = part.planes.clone().flat_map(|z| part.rows.clone().map(move |y| y + dims[1] * z));
+            rows.for_each(|row| covered[row as usize] += 1);
+            for (axis, (low, range)) in
+                low.into_iter().zip([0..dims[0], part.rows.clone(), part.planes.clone()]).enumerate()
+            {
+                let Range { start, end } = part.cells[axis];
+                // The weights of the first cell are the first ones.
+                assert!(start % 2 == 0 && start <= low + i64::from(range.start) - 3);
+                assert!(end == low + i64::from(range.end) + 3);
+            }
+        }
+        assert!(covered.iter().all(|&times| times == 1));
+        assert_eq!(cells.parts([u64::MAX; 2], low, dims).len(), 1);
     }
 }
