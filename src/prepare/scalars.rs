@@ -3,11 +3,12 @@
 //! `quads` through one eye cells of several levels (levels.rs).
 
 use glam::DVec3;
+use rayon::prelude::*;
 
 use super::cells::CellSize;
 use super::levels::{Cut, ScalarNeed};
 use super::scalar_cells::{Coarse, Filters, differences};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::gpu::cache::Cache;
 use crate::gpu::context::Context;
 use crate::gpu::layout::{LIT_SCALAR_WORDS, SCALAR_WORDS, packed_gradient};
@@ -21,7 +22,7 @@ use crate::kernel::{Kernel, Normalization};
 use crate::progress::Progress;
 use crate::settings::budget::{MAX_GROWTH, MAX_PLACES, too_much};
 use crate::transfer::TransferFunction;
-use crate::volume::{BRICK_EDGE as EDGE, Volume};
+use crate::volume::{BRICK_EDGE as EDGE, ToF64, Volume, with_samples};
 
 /// The largest influence, in voxels, within which single voxels are searched: a row of a brick with its halo is 64
 /// bits. If the influence is larger, bricks are kept whole.
@@ -263,7 +264,7 @@ impl<'a> Emission<'a> {
         let EmissionKey { lit, reduction, whole, .. } = self.key;
         let input = Input::of_scalars(context, self.volume, (transfer, reduction), around, progress);
         let [lattice] = self.lattices.as_slice() else { return Ok(None) };
-        let Some(bounds) = self.bounds(lattice) else { return Ok(None) };
+        let Some(bounds) = self.bounds(lattice)? else { return Ok(None) };
         let places = |end: u64, axis: usize| end * u64::from(bounds[1][axis] - bounds[0][axis] + 1);
         let texel = if lit { 8 } else { 4 };
         let deepest = context.limits.max_texture_dimension_3d as usize;
@@ -283,23 +284,16 @@ impl<'a> Emission<'a> {
         Ok(made.map(|(scalars, bytes)| Drawable::of_scalars(scalars, bricks(bytes))))
     }
 
-    /// The hull of the places within the influence of bricks that can be visible, in the extended lattice; `None` if
+    /// The hull of the places within the influence of voxels that can be visible, in the extended lattice; `None` if
     /// there are none.
-    fn bounds(&self, lattice: &ScalarLattice) -> Option<[[u32; 3]; 2]> {
-        let [across, down, _] = self.volume.bricks();
-        let active = (0..).zip(&self.active).filter(|(_, active)| **active);
-        let bricks = active.map(|(n, _)| [n % across, n / across % down, n / (across * down)]);
-        let hull = bricks.map(|brick| [brick, brick]).reduce(|[low, high], [brick, _]| {
-            let ends = |axis: usize| (low[axis].min(brick[axis]), high[axis].max(brick[axis]));
-            let ends = [0, 1, 2].map(ends);
-            [ends.map(|(low, _)| low), ends.map(|(_, high)| high)]
-        })?;
-        let (edge, padding) = (EDGE as i64, lattice.padding as i64);
+    fn bounds(&self, lattice: &ScalarLattice) -> Result<Option<[[u32; 3]; 2]>> {
+        let Some([start, end]) = self.hull()? else { return Ok(None) };
+        let padding = lattice.padding as i64;
         let reach = self.key.need.influence.ceil().min(f64::from(u32::MAX >> 1)) as i64;
         let ends = [0, 1, 2].map(|axis| {
-            let voxels = i64::from(hull[0][axis]) * edge..(i64::from(hull[1][axis]) + 1) * edge;
+            let voxels = start[axis] as i64..end[axis] as i64;
             // At a face the copies beyond it show too.
-            let (first, last) = (voxels.start == 0, voxels.end >= i64::from(self.volume.grid().dims()[axis]));
+            let (first, last) = (voxels.start == 0, voxels.end == i64::from(self.volume.grid().dims()[axis]));
             let near = match &lattice.filters {
                 Some(filters) => filters.cells(axis, voxels),
                 None => voxels,
@@ -309,7 +303,40 @@ impl<'a> Emission<'a> {
             let high = if last { extended } else { (near.end + reach + padding).clamp(0, extended) };
             [low as u32, high as u32]
         });
-        Some([ends.map(|[low, _]| low), ends.map(|[_, high]| high)])
+        Ok(Some([ends.map(|[low, _]| low), ends.map(|[_, high]| high)]))
+    }
+
+    /// The hull of the voxels that can be visible, the first and the one after the last along each axis; `None` if
+    /// there are none. Samples in a file are read for light alone, whose time follows the hull; for pictures it is the
+    /// hull of bricks then.
+    fn hull(&self) -> Result<Option<[[usize; 3]; 2]>> {
+        let [across, down, _] = self.volume.bricks().map(|n| n as usize);
+        let dims = self.volume.grid().dims().map(|n| n as usize);
+        let joined = |[a, b]: [[usize; 3]; 2], [c, d]: [[usize; 3]; 2]| {
+            [[0, 1, 2].map(|axis| a[axis].min(c[axis])), [0, 1, 2].map(|axis| b[axis].max(d[axis]))]
+        };
+        let active = (0..self.active.len()).filter(|&brick| self.active[brick]);
+        let bricks = active.map(|n| [n % across, n / across % down, n / (across * down)].map(|brick| brick * EDGE));
+        let of_bricks = bricks.map(|low| [low, [0, 1, 2].map(|axis| dims[axis].min(low[axis] + EDGE))]);
+        let Some([low, high]) = of_bricks.reduce(joined) else { return Ok(None) };
+        if self.volume.held().is_none() && !self.key.need.zeros {
+            return Ok(Some([low, high]));
+        }
+        let of_plane = |z: usize| {
+            let at = |y: usize| dims[0] * (y + dims[1] * z);
+            let samples = self.volume.read(at(low[1])..at(high[1]))?;
+            with_samples!(&samples, s => {
+                let of_row = |(y, row): (usize, &[_])| {
+                    let is_active = |sample: &_| self.is_active(self.relative.to(ToF64::to_f64(*sample)));
+                    let first = row.iter().position(is_active)?;
+                    let last = row.iter().rposition(is_active)?;
+                    Some([[first, y, z], [last + 1, y + 1, z + 1]])
+                };
+                Ok::<_, Error>((low[1]..).zip(s.chunks_exact(dims[0])).filter_map(of_row).reduce(joined))
+            })
+        };
+        let planes = (low[2]..high[2]).into_par_iter().map(of_plane).collect::<Result<Vec<_>>>()?;
+        Ok(planes.into_iter().flatten().reduce(joined))
     }
 
     /// Makes the splats.
