@@ -13,7 +13,7 @@ use super::layout::Scalars;
 use super::pipeline::buffer_range;
 use super::recorder::{Recorder, max_work};
 use super::samples::{BrickBatch, FAR, HeldSamples, Input};
-use super::scalar_cells::{CellFilters, ScalarCells};
+use super::scalar_cells::{BoundSamples, CellFilters, ScalarCells};
 use super::stage::{Constant, Stage, for_each};
 use super::transfer::Reduction;
 use crate::error::Result;
@@ -53,15 +53,14 @@ pub(crate) struct Targets<'a> {
 }
 
 impl ScalarsKey {
-    /// The key of cells of samples of this type, in bricks with so many layers of voxels around.
-    #[cfg(test)]
-    pub(super) fn new(sample_type: u32, halo: u32, gradients: bool) -> Self {
-        Self { sample_type, halo, gradients, cells: true }
-    }
-
     pub(crate) fn constants(self) -> [Constant; 4] {
         let gradients = self.gradients.into();
         [("SAMPLE_TYPE", self.sample_type), ("GRADIENTS", gradients), ("RANGES", gradients), ("HALO", self.halo)]
+    }
+
+    /// The constants of stages that make cells, and whether cells have gradients.
+    fn of_cells(self) -> (Vec<Constant>, bool) {
+        (self.constants().to_vec(), self.gradients)
     }
 
     pub(crate) fn has_gradients(self) -> bool {
@@ -112,8 +111,8 @@ impl SampledScalars {
         let parameters = Scalars { dims: voxels, padding, origin, rest, factor, most, ..Scalars::zeroed() };
         let (batches, sent) = held.with(input, |batches| Ok(Arc::clone(batches)))?;
         let bricks = input.volume.bricks();
-        let cells =
-            filters.map(|filters| ScalarCells::new(input.context, pipelines, key, voxels, filters)).transpose()?;
+        let cells = |filters| ScalarCells::new(input.context, pipelines, key.of_cells(), voxels, filters);
+        let cells = filters.map(cells).transpose()?;
         let dims = filters.map_or(voxels, |filters| filters.dims);
         Ok(Some((Self { batches, key, parameters, bricks, cells, dims, bounds }, sent)))
     }
@@ -150,8 +149,7 @@ impl SampledScalars {
         let own = [vec![1.0]];
         let axes = [(0, own.as_slice()); 3];
         let filters = CellFilters { dims: self.dims, size: [1; 2], axes, beside: 1, differences: BESIDE };
-        let key = ScalarsKey { cells: true, ..self.key };
-        ScalarCells::new(context, pipelines, key, self.dims, &filters).map(Cow::Owned)
+        ScalarCells::new(context, pipelines, self.key.of_cells(), self.dims, &filters).map(Cow::Owned)
     }
 
     /// The first cell within the bounds, and their number along each axis.
@@ -161,13 +159,14 @@ impl SampledScalars {
         (first, [0, 1, 2].map(|axis| high[axis] - low[axis]))
     }
 
-    /// The parameters of shaders, without bricks.
-    pub(super) fn parameters(&self) -> Scalars {
-        self.parameters
+    /// The samples, as cells are made of them.
+    pub(super) fn bound(&self) -> BoundSamples<'_> {
+        let of_layer = self.bricks[0] * self.bricks[1];
+        BoundSamples { parameters: self.parameters, buffers: self.buffers().collect(), of_layer }
     }
 
     /// The samples of each buffer as a binding, and the numbers of their bricks.
-    pub(super) fn buffers(&self) -> impl Iterator<Item = (Range<u32>, wgpu::BindingResource<'_>)> {
+    fn buffers(&self) -> impl Iterator<Item = (Range<u32>, wgpu::BindingResource<'_>)> {
         let mut first_brick = 0;
         BrickBatch::by_buffer(&self.batches).filter_map(move |batches| {
             let bricks = batches.iter().map(|batch| batch.origins.len() as u32).sum::<u32>();
@@ -177,12 +176,6 @@ impl SampledScalars {
             let bytes = last.bytes.end - first.bytes.start;
             Some((numbers, buffer_range(&first.samples, first.bytes.start, bytes)))
         })
-    }
-
-    /// The bricks of these layers of bricks along z.
-    pub(super) fn bricks_of_layers(&self, layers: Range<u32>) -> Range<u32> {
-        let of_layer = self.bricks[0] * self.bricks[1];
-        layers.start * of_layer..layers.end * of_layer
     }
 
     /// Records that the scalars of a box of the lattice, from `low` on and with `dims` points, become texels by the
@@ -197,7 +190,7 @@ impl SampledScalars {
         let Targets { pack, marks, texels: volume } = targets;
         if let Some(cells) = &self.cells {
             let low = low.map(|point| i64::from(point) - i64::from(self.parameters.padding));
-            return cells.each_part(recorder, self, (low, dims), &mut |recorder, [part, cells], count| {
+            return cells.each_part(recorder, &self.bound(), (low, dims), &mut |recorder, [part, cells], count| {
                 let [part, cells] = [part, cells].map(wgpu::Buffer::as_entire_binding);
                 let resources = [part, cells, pack.clone(), marks.clone(), volume.clone()];
                 stage.run(recorder, &resources, for_each(recorder.context, count));

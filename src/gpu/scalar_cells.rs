@@ -12,9 +12,8 @@ use super::context::Context;
 use super::layout::{CellTexels, ScalarSums, Scalars};
 use super::pipeline::Binding;
 use super::recorder::{Recorder, max_work};
-use super::sampled_scalars::{SampledScalars, ScalarsKey};
 use super::shaders;
-use super::stage::{Stage, for_each};
+use super::stage::{Constant, Stage, for_each};
 use crate::error::{Error, Result};
 use crate::volume::BRICK_EDGE as EDGE;
 
@@ -66,6 +65,16 @@ struct Axis {
     weights: wgpu::Buffer,
 }
 
+/// The samples of a volume on the device.
+pub(super) struct BoundSamples<'a> {
+    /// How they become scalars; without bricks.
+    pub(super) parameters: Scalars,
+    /// Those of each buffer, and the numbers of their bricks.
+    pub(super) buffers: Vec<(Range<u32>, wgpu::BindingResource<'a>)>,
+    /// Bricks of a layer along x and y.
+    pub(super) of_layer: u32,
+}
+
 /// The stages that sum scalars.
 struct Stages {
     along_x: Stage,
@@ -81,23 +90,22 @@ struct Part {
 }
 
 impl Stages {
-    fn new(context: &Context, key: ScalarsKey) -> Self {
+    fn new(context: &Context, constants: &[Constant]) -> Self {
         use Binding::{Read, Uniform, Write};
-        let constants = key.constants();
         let slots = [Uniform, Read, Uniform, Read, Write];
-        let along_x = Stage::new(context, shaders::CELL_ROWS, (PACK, "along_x"), &slots, &constants);
+        let along_x = Stage::new(context, shaders::CELL_ROWS, (PACK, "along_x"), &slots, constants);
         let slots = [Uniform, Read, Read, Write];
-        let along_axis = Stage::new(context, shaders::SCALAR_SUMS, (PACK, "along_axis"), &slots, &constants);
+        let along_axis = Stage::new(context, shaders::SCALAR_SUMS, (PACK, "along_axis"), &slots, constants);
         Self { along_x, along_axis }
     }
 }
 
 impl ScalarCells {
-    /// The cells of a volume of so many voxels, whose samples shaders read as `key` says.
-    pub(crate) fn new(
+    /// The cells of a volume of so many voxels, whose samples shaders read as these constants say.
+    pub(super) fn new(
         context: &Context,
         pipelines: &Cache,
-        key: ScalarsKey,
+        (constants, gradients): (Vec<Constant>, bool),
         voxels: [u32; 3],
         filters: &CellFilters<'_>,
     ) -> Result<Self> {
@@ -114,11 +122,11 @@ impl ScalarCells {
             Ok::<_, Error>(Axis { voxels: voxels[axis], first, taps, block, weights: on_device })
         };
         Ok(Self {
-            stages: pipelines.get_or_make(key, || Ok(Stages::new(context, key)))?,
+            stages: pipelines.get_or_make(constants.clone(), || Ok(Stages::new(context, &constants)))?,
             size: size.map(|n| n as i64),
             axes: [axis(0)?, axis(1)?, axis(2)?],
             differences,
-            gradients: key.has_gradients(),
+            gradients,
         })
     }
 
@@ -201,7 +209,7 @@ impl ScalarCells {
     pub(super) fn each_part(
         &self,
         recorder: &mut Recorder<'_>,
-        scalars: &SampledScalars,
+        samples: &BoundSamples<'_>,
         (low, dims): ([i64; 3], [u32; 3]),
         take: &mut dyn FnMut(&mut Recorder<'_>, [&wgpu::Buffer; 2], u64),
     ) -> Result<()> {
@@ -215,7 +223,7 @@ impl ScalarCells {
         let columns = buffer("cells.columns", 1)?;
         let cells = buffer("cells.cells", 2)?;
         for part in &parts {
-            self.sum_rows(recorder, scalars, part, &rows)?;
+            self.sum_rows(recorder, samples, part, &rows)?;
             self.sum_along(recorder, 1, part, [&rows, &columns])?;
             self.sum_along(recorder, 2, part, [&columns, &cells])?;
             let first = |axis: usize, start: u32| (low[axis] + i64::from(start) - part.cells[axis].start) as u32;
@@ -288,7 +296,7 @@ impl ScalarCells {
     fn sum_rows(
         &self,
         recorder: &mut Recorder<'_>,
-        scalars: &SampledScalars,
+        samples: &BoundSamples<'_>,
         part: &Part,
         sums: &wgpu::Buffer,
     ) -> Result<()> {
@@ -299,14 +307,14 @@ impl ScalarCells {
         let [count, ..] = self.sums(part);
         let planes = self.voxels(2, &part.cells[2]);
         let [first, last] = [planes.start, planes.end - 1].map(|plane| plane as u32 / EDGE as u32);
-        let reached = scalars.bricks_of_layers(first..last + 1);
+        let reached = first * samples.of_layer..(last + 1) * samples.of_layer;
         let reaches = |bricks: &Range<u32>| bricks.start < reached.end && bricks.end > reached.start;
-        for (bricks, samples) in scalars.buffers().filter(|(bricks, _)| reaches(bricks)) {
-            let own = Scalars { first_brick: bricks.start, end_brick: bricks.end, ..scalars.parameters() };
+        for (bricks, bound) in samples.buffers.iter().filter(|(bricks, _)| reaches(bricks)) {
+            let own = Scalars { first_brick: bricks.start, end_brick: bricks.end, ..samples.parameters };
             let own = context.upload("pack.scalars", bytemuck::bytes_of(&own), uniform)?;
             let resources = [
                 own.as_entire_binding(),
-                samples,
+                bound.clone(),
                 on_device.as_entire_binding(),
                 self.axes[0].weights.as_entire_binding(),
                 sums.as_entire_binding(),
@@ -334,7 +342,8 @@ mod tests {
             beside: 1,
             differences: [0.5, 0.0, 0.0],
         };
-        let key = ScalarsKey::new(0, 1, true);
+        let constants = vec![("SAMPLE_TYPE", 0), ("RANGES", 1), ("HALO", 1)];
+        let key = (constants, true);
         let cells = ScalarCells::new(&context, &Cache::default(), key, [90, 75, 60], &filters).unwrap();
         let (low, dims) = ([-4, -2, 3], [68, 54, 30]);
         let most = [2_000_000, 250_000];

@@ -65,7 +65,7 @@ impl ScalarField<'_> {
         };
         let uniform = wgpu::BufferUsages::UNIFORM;
         let occluders = context.upload("shadows.occluders", bytemuck::bytes_of(&occluders), uniform)?;
-        cells.each_part(recorder, scalars, scalars.cells_of_bounds(), &mut |recorder, [part, cells], count| {
+        cells.each_part(recorder, &scalars.bound(), scalars.cells_of_bounds(), &mut |recorder, [part, cells], count| {
             let resources = [
                 part.as_entire_binding(),
                 cells.as_entire_binding(),
