@@ -18,9 +18,15 @@ use super::shaders::ALL;
 fn values(shader: &str, entry: &str, name: &str) -> &'static [f64] {
     const FLAG: [f64; 2] = [0.0, 1.0];
     match (shader, name) {
+        // Pages change where voxels are read: what else a ray does translates as in the box.
+        (name, "CLIP_PLANES" | "SOLIDS" | "HALF_DEPTH" | "BRICK" | "RESPONSE" | "DEPTH_CODED" | "ATTENUATED")
+            if name.ends_with("-pages") =>
+        {
+            &FLAG[..1]
+        }
         // Post-shaded volumes are gathered as scalars only.
-        ("gather" | "gather-box", "SCALARS") => &FLAG[..1],
-        ("pack-scalars", "SCALARS") => &FLAG[1..],
+        ("gather" | "gather-box" | "gather-pages", "SCALARS") => &FLAG[..1],
+        ("pack-scalars" | "pack-scalar-pages", "SCALARS") => &FLAG[1..],
         (name, "SCALARS") if name.starts_with("gather-") => &FLAG[1..],
         ("pack-scalar-samples" | "pack-scalar-cells", "GRADIENTS") => &FLAG[..1],
         ("pack-gradient-samples" | "pack-gradient-cells", "GRADIENTS") => &FLAG[1..],
@@ -32,15 +38,15 @@ fn values(shader: &str, entry: &str, name: &str) -> &'static [f64] {
         // Texels of a row of the footprint table; a row of voxels.
         ("splat", "TEXELS") => &[1.0, 2.0, 3.0, 4.0],
         (_, "TEXELS") => &[3.0, 7.0],
-        ("gather" | "gather-box", "REACH") if entry == "eight" => &[2.0],
+        ("gather" | "gather-box" | "gather-pages", "REACH") if entry == "eight" => &[2.0],
         (_, "REACH") => &[2.0, 4.0],
         // It follows from REACH.
         (_, "FLUSH") => &[9.0],
         // Layers have an entry point of their own.
-        ("gather" | "gather-box", "LAYERED") if entry == "layer" => &FLAG[1..],
+        ("gather" | "gather-box" | "gather-pages", "LAYERED") if entry == "layer" => &FLAG[1..],
         (_, "LAYERED") => &FLAG[..1],
-        ("gather" | "gather-box", "ACROSS") => &[2.0, 4.0, 8.0],
-        ("gather" | "gather-box", "ROWS") => &[5.0, 7.0],
+        ("gather" | "gather-box" | "gather-pages", "ACROSS") => &[2.0, 4.0, 8.0],
+        ("gather" | "gather-box" | "gather-pages", "ROWS") => &[5.0, 7.0],
         (_, "CLIP_PLANES") => &[0.0, 8.0],
         ("splat", "ROWS") => &[2.0, 4096.0],
         (_, "SHEETS") => &[1.0, 4.0, 8.0],
