@@ -3,12 +3,12 @@
 // uses: common/cell_texels, common/casting, common/dispatch, common/transfer
 
 struct Occluders {
-    // World gradients of the lattice coordinates.
+    // Gradients of the lattice coordinates, per local unit.
     gradient_x: vec3f,
     // The extinction of a splat over that of the table.
     unit: f32,
     gradient_y: vec3f,
-    // The place of the length of a world gradient among its bins: length times this.
+    // The place of the length of such a gradient among its bins: length times this.
     gradient_lookup: f32,
     gradient_z: vec3f,
     // Lattice point of the first cell of the box.
@@ -32,9 +32,9 @@ fn field_of_cells(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgro
     }
     let i = cell_number(index);
     let gradient = cell_gradient(i);
-    let world = occluders.gradient_x * gradient.x + occluders.gradient_y * gradient.y
+    let local = occluders.gradient_x * gradient.x + occluders.gradient_y * gradient.y
         + occluders.gradient_z * gradient.z;
-    let share = gradient_share(world, occluders.gradient_lookup);
+    let share = gradient_share(local, occluders.gradient_lookup);
     let density = classified(cell_at(i), occluders.lookup).value.a * occluders.unit * share;
     let point = place_in_box(index) + vec3u(occluders.low_x, occluders.low_y, occluders.low_z);
     field[index_in_box(point)] = occluder(density, point);

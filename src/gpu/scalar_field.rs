@@ -49,14 +49,16 @@ impl ScalarField<'_> {
             let entry = ("classify", "field_of_cells");
             Ok(FieldStage(Stage::new(context, shaders::FIELD_OF_CELLS, entry, &slots, &constants)))
         })?;
-        let to_world = grid.to_lattice().matrix3.transpose();
-        let [gradient_x, gradient_y, gradient_z] = [0, 1, 2].map(|axis| to_world.col(axis).as_vec3().to_array());
+        // Per local unit: the unit of the world does not move gradients out of the range of f32.
+        let local = grid.local().to_lattice().matrix3.transpose();
+        let [gradient_x, gradient_y, gradient_z] = [0, 1, 2].map(|axis| local.col(axis).as_vec3().to_array());
+        let gradient_lookup = (table.world_gradient_lookup / grid.unit()).min(f64::from(f32::MAX)) as f32;
         let [low_x, low_y, low_z] = scalars.bounds[0];
         let occluders = Occluders {
             gradient_x,
             unit: table.unit as f32,
             gradient_y,
-            gradient_lookup: table.world_gradient_lookup,
+            gradient_lookup,
             gradient_z,
             low_x,
             lookup: table.lookup,

@@ -156,7 +156,7 @@ pub(crate) struct TransferTable {
     pub(crate) thins: bool,
     pub(crate) gradient_lookup: f32,
     /// The same of gradients of values per world unit.
-    pub(crate) world_gradient_lookup: f32,
+    pub(crate) world_gradient_lookup: f64,
     /// The local length that extinctions are per.
     pub(crate) unit: f64,
     /// The resolution of a scalar of 0, over 0.
@@ -192,11 +192,8 @@ impl TransferTable {
         let share = |place: usize| transfer.gradient_share(steepest * place as f64 / GRADIENT_BINS as f64) as f32;
         let bin = |bin: usize| [share(bin), share(bin + 1), 0.0, 0.0];
         rows.push(if thins { (0..GRADIENT_BINS).map(bin).collect() } else { Vec::new() });
-        let lookup_of = |steepness: f64| {
-            let most = steepest * steepness * reduction.factor;
-            let lookup = if most > 0.0 { GRADIENT_BINS as f64 / most } else { 0.0 };
-            lookup.min(f64::from(f32::MAX)) as f32
-        };
+        let most = steepest * reduction.factor;
+        let world_gradient_lookup = if most > 0.0 { GRADIENT_BINS as f64 / most } else { 0.0 };
         let around = transfer.invisible_around(reduction.base);
         let end =
             |value: f64| if value.is_finite() { reduction.scalar(value) } else { value.signum() as f32 * f32::MAX };
@@ -205,8 +202,8 @@ impl TransferTable {
             invisible: around.map_or([1.0, -1.0], |ends| ends.map(end)),
             lookup,
             thins,
-            gradient_lookup: lookup_of(steepness),
-            world_gradient_lookup: lookup_of(1.0),
+            gradient_lookup: (world_gradient_lookup / steepness).min(f64::from(f32::MAX)) as f32,
+            world_gradient_lookup,
             unit,
             faintest: reduction.faintest(resolution),
         }
