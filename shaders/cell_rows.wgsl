@@ -31,11 +31,5 @@ fn along_x(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) gr
         let in_block = x - low >= rows.first_in_block && x - low < rows.end_of_block;
         sum = with_value(sum, weights[own + x - low], Sum(scalar, scalar, scalar), in_block);
     }
-    if RANGES {
-        sums[3u * index] = sum.sum;
-        sums[3u * index + 1u] = sum.low;
-        sums[3u * index + 2u] = sum.high;
-        return;
-    }
-    sums[index] = sum.sum;
+    keep(index, sum);
 }

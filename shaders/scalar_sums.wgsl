@@ -35,11 +35,5 @@ fn along_axis(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups)
         let in_block = at - low >= along.first_in_block && at - low < along.end_of_block;
         sum = with_value(sum, weights[own + at - low], value, in_block);
     }
-    if RANGES {
-        sums[3u * index] = sum.sum;
-        sums[3u * index + 1u] = sum.low;
-        sums[3u * index + 2u] = sum.high;
-        return;
-    }
-    sums[index] = sum.sum;
+    keep(index, sum);
 }

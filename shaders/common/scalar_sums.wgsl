@@ -1,4 +1,4 @@
-// Weighted sums of scalars along an axis, on the way from voxels to cells.
+// Weighted sums of scalars along an axis, on the way from voxels to cells. The stage binds `sums`.
 
 // Sums have the range of the values in the middle of their cell too: two numbers more.
 override RANGES: bool = false;
@@ -42,4 +42,14 @@ fn with_value(sum: Sum, weight: f32, value: Sum, in_block: bool) -> Sum {
         return Sum(added, min(sum.low, value.low), max(sum.high, value.high));
     }
     return Sum(added, sum.low, sum.high);
+}
+
+fn keep(index: u32, sum: Sum) {
+    if RANGES {
+        sums[3u * index] = sum.sum;
+        sums[3u * index + 1u] = sum.low;
+        sums[3u * index + 2u] = sum.high;
+        return;
+    }
+    sums[index] = sum.sum;
 }

@@ -151,7 +151,7 @@ pub(crate) struct ScalarNeed {
     pub(crate) influence: f64,
     /// The cells that stand for voxels by depth; `None`: voxels, or cells of one level.
     pub(crate) cut: Option<Cut>,
-    /// Whether the painter reads samples of voxels where the device has them, in place of lists of splats.
+    /// Whether the painter reads samples where the device has them, in place of lists of splats.
     pub(crate) samples: bool,
     /// Whether scalars of 0 are splats too: they add nothing, but light falls on them.
     pub(crate) zeros: bool,
