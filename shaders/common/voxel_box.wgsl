@@ -24,6 +24,11 @@ struct VoxelBox {
     over: u32,
     view_z: vec3f,
     under: u32,
+    // Cells along y, and the same first place.
+    rows: u32,
+    first_y: i32,
+    // The number of the first of these planes of voxels among those of the cells.
+    first_plane: u32,
 }
 
 // The unit vector from a lattice point to the eye, in view coordinates.

@@ -1,6 +1,6 @@
 //! cells: the samples of a volume, or its splats in shadows, to lit cells of a level, on the device:
-//! shaders/lit_rows.wgsl or lit_splats.wgsl, coarsen.wgsl and cells.wgsl. Boxes of cells are made one after the other:
-//! the planes of their voxels a few at a time, summed along x and y, then the sums along z.
+//! shaders/lit_rows.wgsl or lit_splats.wgsl with coarsen.wgsl, and cells.wgsl. Boxes of cells are made one after the
+//! other: the sums along x and y of planes of voxels, then the sums along z.
 //!
 //! Which voxels of the samples are visible, and their normals, is found once and kept: kept_voxels.rs.
 
@@ -15,7 +15,7 @@ use super::context::Context;
 use super::kept_voxels::{CLASSIFY, FOUND};
 use super::layout::{CellBox, Coarsen, Lighting, VoxelBox};
 use super::pipeline::Binding;
-use super::recorder::{ComputePass, Recorder};
+use super::recorder::{ComputePass, Recorder, max_work};
 use super::rows::{Collected, DevicePart, Rows, collect};
 use super::sampled::{Sampled, SampledBuffer, SampledKey};
 use super::samples::{Bricks, ROWS};
@@ -28,18 +28,20 @@ use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::volume::BRICK_EDGE as EDGE;
 
-/// The most bytes of a buffer of voxels or of sums. There are two of them, three for voxels in shadows, in each frame.
-/// Larger ones take fewer dispatches. But with ones twice as large a frame takes 5 ms longer on an H200, and 13 ms with
-/// three of them: probably to allocate them.
+/// The most bytes of a buffer of voxels or of sums. There is one of them in each frame, three for voxels in shadows.
+/// Larger ones take fewer dispatches, but to allocate 256 MiB more took 5 ms of a frame on an H200.
 pub(super) const MOST: u64 = 128 << 20;
 /// Bytes of a voxel or of a sum.
 const VALUE: u64 = 16;
-/// The least planes of voxels that are lit together.
-const PLANES: usize = 8;
 /// Cells that a voxel is shared among along an axis; NODES in shaders/lit_rows.wgsl.
 pub(crate) const NODES: usize = 6;
 /// Sums along x of a workgroup; SUMS in shaders/lit_rows.wgsl.
 pub(crate) const SUMS: usize = WORKGROUP as usize + 1 - NODES;
+/// Cells along y of a workgroup; TILE_ROWS in shaders/lit_rows.wgsl.
+pub(super) const TILE_ROWS: usize = 32;
+/// Cells along y that a workgroup sums at a time; OPEN in shaders/lit_rows.wgsl.
+#[cfg(test)]
+pub(crate) const OPEN: usize = 8;
 /// The work for a voxel whose normal is kept, in fragments of splats.
 const LIT: u64 = 2;
 
@@ -84,32 +86,20 @@ impl CellLattice<'_> {
         (((cells - 1) * over).div_ceil(under) + self.taps()).min(self.voxels[axis])
     }
 
-    /// Cells of a box along y and z: whole bricks, as many as keep the buffers small. A plane of voxels has `width`
-    /// values for each voxel along y.
-    fn box_size(&self, most: u64, width: usize) -> [usize; 2] {
+    /// The fewest boxes of whole bricks of cells whose sums along x and y keep within `most` bytes. Cells of a box lie
+    /// side by side along z as far as possible: planes of voxels that two boxes share are lit twice.
+    pub(super) fn plan(&self, most: u64) -> Plan {
         let [across, down, deep] = self.dims;
-        let fits = |values: usize| values as u64 * VALUE <= most;
-        let largest = |cells: usize, fits: &dyn Fn(usize) -> bool| {
+        let fits = |&[rows, layers]: &[usize; 2]| (across * rows * self.count(2, layers)) as u64 * VALUE <= most;
+        // Boxes of much the same size.
+        let sizes = |cells: usize| {
             let bricks = cells.div_ceil(EDGE);
-            let most = (1..=bricks).take_while(|bricks| fits((bricks * EDGE).min(cells))).last().unwrap_or(1);
-            // Boxes of much the same size.
-            (bricks.div_ceil(bricks.div_ceil(most)) * EDGE).min(cells)
+            (1..=bricks).map(move |boxes| (bricks.div_ceil(boxes) * EDGE).min(cells))
         };
-        let rows = largest(down, &|rows| {
-            fits(width * self.count(1, rows) * PLANES) && fits(across * rows * self.count(2, EDGE.min(deep)))
-        });
-        [rows, largest(deep, &|layers| fits(across * rows * self.count(2, layers)))]
-    }
-
-    /// The boxes of cells and the planes of voxels that keep buffers within `most` bytes.
-    pub(super) fn plan(&self, most: u64, in_shadows: bool) -> Plan {
-        let across = self.dims[0];
-        let width = if in_shadows { across.max(self.voxels[0]) } else { across };
-        let [rows, layers] = self.box_size(most, width);
-        let (lines, planes) = (self.count(1, rows), self.count(2, layers));
-        let together = ((most / VALUE) as usize / (width * lines)).clamp(1, planes);
-        // Parts of much the same size.
-        Plan { rows, layers, lines, planes, together: planes.div_ceil(planes.div_ceil(together)) }
+        let all = sizes(deep).flat_map(|layers| sizes(down).map(move |rows| [rows, layers]));
+        let boxes = |[rows, layers]: &[usize; 2]| down.div_ceil(*rows) * deep.div_ceil(*layers);
+        let [rows, layers] = all.filter(fits).min_by_key(boxes).unwrap_or([down.min(EDGE), deep.min(EDGE)]);
+        Plan { rows, layers, lines: self.count(1, rows), planes: self.count(2, layers) }
     }
 }
 
@@ -121,8 +111,6 @@ pub(super) struct Plan {
     /// Voxels of a box along y and z, at most.
     lines: usize,
     pub(super) planes: usize,
-    /// The planes of voxels that are lit together.
-    pub(super) together: usize,
 }
 
 /// The stages of cells of any volume. In [`Stats::stages`](crate::stats::Stats::stages) they are part of `classify`.
@@ -263,14 +251,37 @@ struct Job<'a> {
 
 /// The values on the way from voxels to cells.
 struct Values {
-    /// A few planes of voxels in shadows; others are summed as they are lit.
-    voxels: Option<wgpu::Buffer>,
-    /// The sums along x of a few planes.
-    rows: wgpu::Buffer,
+    /// A few planes of voxels in shadows, and their sums along x; others are summed as they are lit.
+    voxels: Option<[wgpu::Buffer; 2]>,
     /// The sums along x and y of all planes of a box.
     planes: wgpu::Buffer,
     /// The planes of voxels that are lit together.
     together: usize,
+}
+
+impl Values {
+    fn new(context: &Context, source: &Source<'_>, lattice: &CellLattice<'_>, most: u64, plan: &Plan) -> Result<Self> {
+        let &Plan { rows, lines, planes, .. } = plan;
+        let ([across, ..], [width, ..]) = (lattice.dims, lattice.voxels);
+        let buffer = |label, values: usize| {
+            let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST;
+            context.buffer(label, values as u64 * VALUE, usage)
+        };
+        // No dispatch outlasts the watchdog of a small GPU.
+        let within =
+            |all: u64, of_plane: usize| (all / (of_plane as u64).max(1)).clamp(1, planes.max(1) as u64) as usize;
+        let (voxels, at_once) = match source {
+            Source::Samples { .. } => (None, within(max_work(context) / source.work(), width * lines)),
+            Source::Splats(_) => {
+                let together = within(most / VALUE, across.max(width) * lines);
+                let voxels = buffer("cells.voxels", width * lines * together)?;
+                (Some([voxels, buffer("cells.rows", across * lines * together)?]), together)
+            }
+        };
+        let planes_of_box = buffer("cells.planes", across * rows * planes)?;
+        // Parts of much the same size.
+        Ok(Self { voxels, planes: planes_of_box, together: planes.div_ceil(planes.div_ceil(at_once)) })
+    }
 }
 
 impl Job<'_> {
@@ -278,18 +289,9 @@ impl Job<'_> {
         let Self { context, lattice, .. } = self;
         let most = MOST.min(context.largest_buffer());
         let [across, down, deep] = lattice.dims;
-        let in_shadows = matches!(source, Source::Splats(_));
-        let Plan { rows, layers, lines, planes, together } = lattice.plan(most, in_shadows);
-        let buffer = |label, values: usize| {
-            let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST;
-            context.buffer(label, values as u64 * VALUE, usage)
-        };
-        let values = Values {
-            voxels: in_shadows.then(|| buffer("cells.voxels", lattice.voxels[0] * lines * together)).transpose()?,
-            rows: buffer("cells.rows", across * lines * together)?,
-            planes: buffer("cells.planes", across * rows * planes)?,
-            together,
-        };
+        let plan = lattice.plan(most);
+        let values = Values::new(context, source, lattice, most, &plan)?;
+        let Plan { rows, layers, .. } = plan;
         if let Some(before) = before {
             let kept: Arc<Mutex<Option<KeptBoxes>>> = before.kept.get_or_make((), || Ok(Mutex::default()))?;
             let kept = kept.lock().unwrap_or_else(PoisonError::into_inner).take();
@@ -358,20 +360,19 @@ impl Job<'_> {
         for z in zs.clone().step_by(values.together) {
             let within = [xs.clone(), ys.clone(), z..zs.end.min(z + values.together)];
             let [nx, ny, count] = within.clone().map(|voxels| voxels.len());
-            match source {
-                Source::Samples { .. } => self.light(recorder, source, &values.rows, &within)?,
-                Source::Splats(_) => {
-                    if let Some(voxels) = values.voxels.as_ref().filter(|_| nx * ny > 0) {
-                        recorder.clear(voxels, (nx * ny * count) as u64 * VALUE);
-                        self.light(recorder, source, voxels, &within)?;
-                        let along_x = self.coarsen(0, cells, [across, ny, count], [1, nx, nx * ny], 0);
-                        self.along_axis(recorder, &along_x, voxels, &values.rows)?;
-                    }
+            match &values.voxels {
+                None => self.light(recorder, source, &values.planes, (&within, z - zs.start), cells)?,
+                Some([voxels, rows]) if nx * ny > 0 => {
+                    recorder.clear(voxels, (nx * ny * count) as u64 * VALUE);
+                    self.light(recorder, source, voxels, (&within, 0), cells)?;
+                    let along_x = self.coarsen(0, cells, [across, ny, count], [1, nx, nx * ny], 0);
+                    self.along_axis(recorder, &along_x, voxels, rows)?;
+                    let first = across * down * (z - zs.start);
+                    let along_y = self.coarsen(1, cells, [across, down, count], [1, across, across * ny], first);
+                    self.along_axis(recorder, &along_y, rows, &values.planes)?;
                 }
+                Some(_) => {}
             }
-            let first = across * down * (z - zs.start);
-            let along_y = self.coarsen(1, cells, [across, down, count], [1, across, across * ny], first);
-            self.along_axis(recorder, &along_y, &values.rows, &values.planes)?;
             recorder.worked((nx * ny * count) as u64 * source.work());
         }
         Ok(())
@@ -419,13 +420,15 @@ impl Job<'_> {
         Ok(())
     }
 
-    /// Records the voxels of a box, or of samples their sums along x.
+    /// Records the voxels of some planes of a box of cells, or of samples their sums along x and y, given the number of
+    /// the first plane.
     fn light(
         &self,
         recorder: &mut Recorder<'_>,
         source: &Source<'_>,
         to: &wgpu::Buffer,
-        within: &[Range<usize>; 3],
+        (within, first_plane): (&[Range<usize>; 3], usize),
+        cells: &[Range<usize>; 3],
     ) -> Result<()> {
         let Self { context, lattice, .. } = self;
         let ToEye { eye, view: [view_x, view_y, view_z], .. } = *self.to_eye;
@@ -446,6 +449,10 @@ impl Job<'_> {
                 over,
                 view_z,
                 under,
+                rows: cells[1].len() as u32,
+                first_y: lattice.low(cells[1].start) as i32,
+                first_plane: first_plane as u32,
+                ..VoxelBox::zeroed()
             };
             context.upload("cells.voxel_box", bytemuck::bytes_of(&parameters), wgpu::BufferUsages::UNIFORM)
         };
@@ -462,7 +469,7 @@ impl Job<'_> {
                 let [bricks_x, bricks_y, _] = self.lattice.voxels.map(|n| n.div_ceil(EDGE) as u32);
                 let row = |y: usize, z: usize| bricks_x * ((y / EDGE) as u32 + bricks_y * (z / EDGE) as u32);
                 let reached = row(ys.start, zs.start)..row(ys.end - 1, zs.end - 1) + bricks_x;
-                let groups = (across.div_ceil(SUMS) * ys.len() * zs.len()) as u64;
+                let groups = (across.div_ceil(SUMS) * cells[1].len().div_ceil(TILE_ROWS) * zs.len()) as u64;
                 let reaches =
                     |part: &&SampledBuffer<'_>| part.bricks.start < reached.end && part.bricks.end > reached.start;
                 for SampledBuffer { bricks, samples, visible, normals, kept } in parts.iter().filter(reaches) {

@@ -175,6 +175,10 @@ shared! {
         over: u32,
         view_z: [f32; 3],
         under: u32,
+        rows: u32,
+        first_y: i32,
+        first_plane: u32,
+        _pad: u32,
     }
 
     /// Sums along an axis; shaders/coarsen.wgsl.

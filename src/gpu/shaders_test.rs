@@ -72,6 +72,8 @@ fn constants_are_those_of_the_host() {
         ("pack-vector-pages", "PAGE_BITS", crate::gpu::store::PAGE.ilog2().into()),
         ("cells", "EDGE", crate::volume::BRICK_EDGE as u64),
         ("lit_rows", "NODES", super::cells::NODES as u64),
+        ("lit_rows", "TILE_ROWS", super::cells::TILE_ROWS as u64),
+        ("lit_rows", "OPEN", super::cells::OPEN as u64),
         ("scan", "RUN", super::scan::RUN),
         ("terminate", "RUN", crate::painters::quads::terminate::RUN),
         ("scan", "WORKGROUP", super::scan::WORKGROUP),

@@ -204,7 +204,7 @@ mod tests {
 
     #[test]
     fn a_workgroup_of_the_device_holds_the_voxels_of_its_sums() {
-        use crate::gpu::cells::{NODES, SUMS};
+        use crate::gpu::cells::{NODES, OPEN, SUMS};
         let mut size = CellSize::VOXEL.next();
         for _ in 1..CellSize::COUNT {
             let filter = Filter::new(size, 0.0, &[1.0], REACH);
@@ -212,6 +212,8 @@ mod tests {
             if over.is_power_of_two() {
                 assert_eq!(taps, NODES * over, "{size:?}");
             }
+            // The cells with a weight in a voxel: of `under` cells one begins behind every voxel.
+            assert!((taps * under).div_ceil(over) < OPEN, "{size:?}");
             let voxels = ((SUMS - 1) * over).div_ceil(under) + taps;
             assert!(voxels <= crate::gpu::scan::WORKGROUP as usize * taps.div_ceil(NODES), "{size:?}: {voxels}");
             size = size.next();
