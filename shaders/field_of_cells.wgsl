@@ -5,17 +5,14 @@
 struct Occluders {
     // Gradients of the lattice coordinates, per local unit.
     gradient_x: vec3f,
-    // The extinction of a splat over that of the table.
-    unit: f32,
-    gradient_y: vec3f,
     // The place of the length of such a gradient among its bins: length times this.
     gradient_lookup: f32,
+    gradient_y: vec3f,
     gradient_z: vec3f,
     // Lattice point of the first cell of the box.
-    low_x: u32,
+    low: vec3u,
+    // The place of scalars among their bins.
     lookup: vec2f,
-    low_y: u32,
-    low_z: u32,
 }
 
 @group(0) @binding(2) var<uniform> light_box: LightBox;
@@ -35,7 +32,7 @@ fn field_of_cells(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgro
     let local = occluders.gradient_x * gradient.x + occluders.gradient_y * gradient.y
         + occluders.gradient_z * gradient.z;
     let share = gradient_share(local, occluders.gradient_lookup);
-    let density = classified(cell_at(i), occluders.lookup).value.a * occluders.unit * share;
-    let point = place_in_box(index) + vec3u(occluders.low_x, occluders.low_y, occluders.low_z);
+    let density = classified(cell_at(i), occluders.lookup).value.a * share;
+    let point = place_in_box(index) + occluders.low;
     field[index_in_box(point)] = occluder(density, point);
 }

@@ -138,7 +138,7 @@ fn classify_slab(
     if LAYERED {
         share *= layer_share(geometry, middle);
     }
-    let length = 0.5 * step * share * geometry.stretch / geometry.direction.z;
+    let length = 0.5 * step * share * rays.per_unit * geometry.stretch / geometry.direction.z;
     let so_far = *ray;
     let composited =
         march_parabola(ray, means, part, before, rays.samples, length, rays.lookup, rays.invisible, light);

@@ -2,6 +2,7 @@
 // way. A workgroup marches along y through a plane: row by row its invocations light voxels side by side, each sums
 // the voxels of a cell along x, and adds the sum to the cells along y that the row has a weight in. cells.wgsl sums
 // along z.
+// uses: common/arriving, common/dispatch, common/lit_splat, common/sampled, common/voxel_box
 
 // Cells that a voxel is shared among along an axis.
 const NODES: u32 = 6u;

@@ -30,6 +30,8 @@ struct Shade {
     low: vec2u,
     // The pixel after the last.
     high: vec2u,
+    // Lengths in the unit that extinctions are per: lengths times this.
+    per_unit: f32,
     // From lattice coordinates from the middle of the box to the light volume.
     to_light: mat4x3f,
 }
@@ -239,7 +241,8 @@ fn march_part(
     ray: PixelRay,
     surface: Surface,
 ) -> Before {
-    let length = (part.y - part.x) / f32(samples) * frame.sheet_step * ray.stretch * surface.share;
+    let length = (part.y - part.x) / f32(samples) * frame.sheet_step * ray.stretch * shading.per_unit
+        * surface.share;
     return march_parabola(pixel, m, part, before, samples, length, shading.lookup, shading.invisible, surface.light);
 }
 

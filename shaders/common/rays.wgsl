@@ -89,6 +89,8 @@ struct Rays {
     // Planes from the first plane of the foremost macrocells to the first plane of the packed volume.
     lead: i32,
     along_b: vec3i,
+    // World lengths in the unit that extinctions of scalars are per: lengths times this.
+    per_unit: f32,
     // Macrocells along a, b and m; and steps along these axes in the buffer of their marks.
     macrocells: vec3i,
     along_m: vec3i,

@@ -151,14 +151,15 @@ shared! {
     /// How scalars become extinctions; shaders/field_of_cells.wgsl.
     struct Occluders {
         gradient_x: [f32; 3],
-        unit: f32,
-        gradient_y: [f32; 3],
         gradient_lookup: f32,
+        gradient_y: [f32; 3],
+        _pad_y: u32,
         gradient_z: [f32; 3],
-        low_x: u32,
+        _pad_z: u32,
+        low: [u32; 3],
+        _pad_low: u32,
         lookup: [f32; 2],
-        low_y: u32,
-        low_z: u32,
+        _pad: [u32; 2],
     }
 
     /// A box of voxels; shaders/common/voxel_box.wgsl.
@@ -368,6 +369,8 @@ shared! {
         lookup: [f32; 2],
         low: [u32; 2],
         high: [u32; 2],
+        per_unit: f32,
+        _pad: [u32; 3],
         to_light: Affine,
     }
 
@@ -403,7 +406,7 @@ shared! {
         along_a: [i32; 3],
         lead: i32,
         along_b: [i32; 3],
-        _pad_b: u32,
+        per_unit: f32,
         macrocells: [i32; 3],
         _pad_cells: u32,
         along_m: [i32; 3],

@@ -21,6 +21,10 @@ pub(crate) struct LightVolume {
 /// The classification and the light of a post-shaded picture.
 pub(crate) struct PostShading {
     pub(crate) table: Arc<TransferTable>,
+    /// A local length (see [`Grid::local`]) times this is a length in the unit of the table's extinctions.
+    pub(crate) per_unit: f32,
+    /// See [`TransferTable::gradient_lookup`].
+    pub(crate) gradient_lookup: f32,
     pub(crate) light: Arc<LightVolume>,
     /// Whether there are shadows; otherwise the light volume is [`LightVolume::none`].
     pub(crate) shadows: bool,

@@ -1,6 +1,8 @@
 //! scalar-field: the scalars of voxels or cells to the field of extinctions that casts shadows, on the device:
 //! shaders/field_of_cells.wgsl.
 
+use bytemuck::Zeroable;
+
 use super::cache::Cache;
 use super::layout::Occluders;
 use super::pipeline::{Binding, texture_view};
@@ -52,18 +54,14 @@ impl ScalarField<'_> {
         // Per local unit: the unit of the world does not move gradients out of the range of f32.
         let local = grid.local().to_lattice().matrix3.transpose();
         let [gradient_x, gradient_y, gradient_z] = [0, 1, 2].map(|axis| local.col(axis).as_vec3().to_array());
-        let gradient_lookup = (table.world_gradient_lookup / grid.unit()).min(f64::from(f32::MAX)) as f32;
-        let [low_x, low_y, low_z] = scalars.bounds[0];
         let occluders = Occluders {
             gradient_x,
-            unit: table.unit as f32,
+            gradient_lookup: table.gradient_lookup(grid.unit()),
             gradient_y,
-            gradient_lookup,
             gradient_z,
-            low_x,
+            low: scalars.bounds[0],
             lookup: table.lookup,
-            low_y,
-            low_z,
+            ..Occluders::zeroed()
         };
         let uniform = wgpu::BufferUsages::UNIFORM;
         let occluders = context.upload("shadows.occluders", bytemuck::bytes_of(&occluders), uniform)?;

@@ -152,32 +152,26 @@ pub(crate) struct TransferTable {
     pub(crate) invisible: [f32; 2],
     /// The scalar at which the inner bins begin, and bins for each scalar.
     pub(crate) lookup: [f32; 2],
-    /// Whether extinction depends on gradients, and the place of a gradient's length among its bins: length times this.
+    /// Whether extinction depends on gradients, and the place of the length of a gradient of scalars per world unit
+    /// among its bins: length times this.
     pub(crate) thins: bool,
-    pub(crate) gradient_lookup: f32,
-    /// The same of gradients of values per world unit.
-    pub(crate) world_gradient_lookup: f64,
-    /// The local length that extinctions are per.
-    pub(crate) unit: f64,
+    gradient_lookup: f64,
     /// The resolution of a scalar of 0, over 0.
     pub(crate) faintest: f32,
 }
 
 impl TransferTable {
-    /// Opacities are per `unit`, in local lengths (see [`Grid::local`](crate::volume::Grid)): so is extinction. A value
-    /// per world unit is `steepness` as the painters reconstruct gradients of values.
+    /// Extinctions are per unit of the transfer function, so a table serves lattices of all sizes.
     pub(crate) fn new(
         context: &Context,
         transfer: &TransferFunction,
         reduction: &Reduction,
         shows: VisibleValues,
-        unit: f64,
-        steepness: f64,
         resolution: &Resolution,
     ) -> Self {
         let value = |color: [f64; 3], opacity: f64| match shows {
             VisibleValues::Opaque => {
-                let extinction = TransferFunction::extinction(opacity, unit);
+                let extinction = TransferFunction::extinction(opacity, 1.0);
                 let [r, g, b] = color.map(|c| c * extinction);
                 [r, g, b, extinction]
             }
@@ -193,7 +187,7 @@ impl TransferTable {
         let bin = |bin: usize| [share(bin), share(bin + 1), 0.0, 0.0];
         rows.push(if thins { (0..GRADIENT_BINS).map(bin).collect() } else { Vec::new() });
         let most = steepest * reduction.factor;
-        let world_gradient_lookup = if most > 0.0 { GRADIENT_BINS as f64 / most } else { 0.0 };
+        let gradient_lookup = if most > 0.0 { GRADIENT_BINS as f64 / most } else { 0.0 };
         let around = transfer.invisible_around(reduction.base);
         let end =
             |value: f64| if value.is_finite() { reduction.scalar(value) } else { value.signum() as f32 * f32::MAX };
@@ -202,11 +196,15 @@ impl TransferTable {
             invisible: around.map_or([1.0, -1.0], |ends| ends.map(end)),
             lookup,
             thins,
-            gradient_lookup: (world_gradient_lookup / steepness).min(f64::from(f32::MAX)) as f32,
-            world_gradient_lookup,
-            unit,
+            gradient_lookup,
             faintest: reduction.faintest(resolution),
         }
+    }
+
+    /// The place of the length of a gradient among its bins is the length times this. A value per world unit is
+    /// `steepness` as gradients are reconstructed.
+    pub(crate) fn gradient_lookup(&self, steepness: f64) -> f32 {
+        (self.gradient_lookup / steepness).min(f64::from(f32::MAX)) as f32
     }
 }
 

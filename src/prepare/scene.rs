@@ -31,6 +31,9 @@ use crate::settings::{Level, MAX_LEVEL, Model, Painter, Settings};
 use crate::transfer::{Resolution, TransferFunction};
 use crate::volume::{Grid, Volume};
 
+/// The largest number of units of a transfer function to a local length: products with it stay in the range of f32.
+const MOST_PER_UNIT: f64 = 1e30;
+
 /// A volume prepared on the device of the [`Renderer`](crate::renderer::Renderer) that prepared it.
 pub struct Scene {
     content: Content,
@@ -436,16 +439,6 @@ impl Scene {
         f64::from_bits(self.seconds.swap(0, Ordering::Relaxed))
     }
 
-    /// The table by which scalars are classified on a lattice of cells.
-    fn table(&self, context: &Context, scalars: &PostShaded, lattice: &Lattice) -> Result<Arc<TransferTable>> {
-        // Lengths and gradients are in the local unit of the cells.
-        let steepness = lattice.view.unit;
-        let unit = scalars.transfer.unit_or(self.grid.min_spacing()) / steepness;
-        let PostShaded { transfer, reduction, shows, resolution, .. } = scalars;
-        let table = || Ok(TransferTable::new(context, transfer, reduction, *shows, unit, steepness, resolution));
-        scalars.kept.get_or_make(lattice.size, table)
-    }
-
     /// The table and the light of a lattice of a post-shaded scene, and the seconds that it took to find the light, 0
     /// if the scene held it; `None` for classified voxels.
     pub(crate) fn post_shading(
@@ -456,16 +449,29 @@ impl Scene {
         progress: &Progress,
     ) -> Result<(Option<PostShading>, f64)> {
         let Content::Scalars(scalars) = &self.content else { return Ok((None, 0.0)) };
-        let table = self.table(context, scalars, lattice)?;
+        let PostShaded { transfer, reduction, shows, resolution, .. } = scalars.as_ref();
+        let table = || Ok(TransferTable::new(context, transfer, reduction, *shows, resolution));
+        let table = scalars.kept.get_or_make((), table)?;
+        // Lengths and gradients are in the local unit of the cells.
+        let (local, unit) = (lattice.view.unit, transfer.unit_or(self.grid.min_spacing()));
+        let per_unit = (local / unit).min(MOST_PER_UNIT) as f32;
+        let gradient_lookup = table.gradient_lookup(local);
+        let shading = |light, shadows, to_light| PostShading {
+            table: Arc::clone(&table),
+            per_unit,
+            gradient_lookup,
+            light,
+            shadows,
+            to_light,
+        };
         let Some(casting) = lattice.settings.casting() else {
             let light = pipelines.get_or_make((), || Ok(LightVolume::none(context)))?;
-            return Ok((Some(PostShading { table, light, shadows: false, to_light: DAffine3::IDENTITY }), 0.0));
+            return Ok((Some(shading(light, false, DAffine3::IDENTITY)), 0.0));
         };
         let (kernel, normalization) = lattice.kernel_of_voxels();
         let (coarse, grid) = self.lit_cells(context, &kernel, lattice.shadow_level)?;
         let denser = normalization.density(&kernel);
         let cells = coarse.map_or(kernel, |(cells, growth)| cells.kernel(&kernel, growth));
-        let unit = scalars.transfer.unit_or(self.grid.min_spacing());
         let voxels = coarse.map_or(1.0, |(cells, _)| cells.size());
         let lattice_of_light = shadow::ShadowLattice::new(&grid, cells, cells.integral() / denser, unit, voxels);
         let clip = lattice.settings.clip.sides(&grid);
@@ -475,7 +481,6 @@ impl Scene {
                 // All light on a place that may show lies between voxels so near.
                 let thins = !scalars.transfer.gradient_opacity().is_empty();
                 let coarse = coarse.map(|(cells, _)| cells);
-                let reduction = scalars.reduction;
                 let of_cells = EmissionKey {
                     kernel,
                     normalization,
@@ -484,13 +489,12 @@ impl Scene {
                     coarse,
                     whole: false,
                     part: None,
-                    reduction,
+                    reduction: *reduction,
                 };
                 let emit = |samples: bool| {
                     let need = ScalarNeed { samples, ..of_cells.need };
                     scalars.emit((context, pipelines), (&EmissionKey { need, ..of_cells }, true), progress)
                 };
-                let PostShaded { transfer, reduction, .. } = scalars.as_ref();
                 let classification = Classification { transfer, reduction, table: &table };
                 let of = (context, pipelines);
                 FallenLight::new(of, held, &grid, emit, &classification, &shadows, progress).map(Arc::new)
@@ -498,7 +502,7 @@ impl Scene {
         })?;
         let light = Arc::clone(&light.volume);
         let to_light = light.map_from(&lattice.coarse.map_or(Ok(self.grid), |(cells, ..)| cells.grid(&self.grid))?);
-        Ok((Some(PostShading { table, light, shadows: true, to_light }), seconds))
+        Ok((Some(shading(light, true, to_light)), seconds))
     }
 
     /// The lattice of the light of a post-shaded picture: voxels, or cells and the growth of the kernels that they

@@ -257,10 +257,8 @@ fn device_finds_the_occluders_of_the_host() {
             let held = HeldSamples::default();
             let sampled = emission.sampled((&context, &pipelines), transfer, (&held, true), &progress).unwrap();
             let (scalars, _) = sampled.unwrap().scalars.unwrap();
-            let unit = transfer.unit_or(1.0) / 1.7;
             let resolution = Resolution::new(transfer, volume).unwrap();
-            let table =
-                TransferTable::new(&context, transfer, &reduction, VisibleValues::Opaque, unit, 1.7, &resolution);
+            let table = TransferTable::new(&context, transfer, &reduction, VisibleValues::Opaque, &resolution);
             let of = ScalarField { scalars: &scalars, table: &table, grid: &grid };
             let classification = Classification { transfer, reduction: &reduction, table: &table };
             let listed = emission.emit(&context, &progress).unwrap();

@@ -1,5 +1,6 @@
 //! shade: the steps in which sheets of scalars are classified and lit, or projected. See shaders/shade.wgsl.
 
+use bytemuck::Zeroable;
 use glam::DAffine3;
 
 use super::plan::Plan;
@@ -40,12 +41,14 @@ pub(super) fn steps(
             depth: depth as f32,
             previous: has_splats(before),
             current: has_splats(current),
-            gradient_lookup: table.gradient_lookup,
+            gradient_lookup: post.gradient_lookup,
             invisible: table.invisible,
             lookup: table.lookup,
             low,
             high,
+            per_unit: post.per_unit,
             to_light,
+            ..Shade::zeroed()
         }
     };
     (0..=reached.len()).map(step).collect()

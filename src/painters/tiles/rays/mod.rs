@@ -232,7 +232,8 @@ impl RaySetup<'_> {
         layout::Rays {
             invisible: post.table.invisible,
             lookup: post.table.lookup,
-            gradient_lookup: post.table.gradient_lookup,
+            gradient_lookup: post.gradient_lookup,
+            per_unit: post.per_unit,
             // Slabs of scalars are half a plane thick.
             samples: settings.samples_per_slab(axis.slab_voxels() / 2.0, PIECES),
             unskipped: if job.base_shows() { packing.dims[2] as i32 } else { 0 },
