@@ -225,8 +225,10 @@ impl Host {
         Ok(Self { device, renderer, texture })
     }
 
-    /// What `work` takes, which returns the number of voxels drawn. The wait for the device at its end is no count.
+    /// What `work` takes, which returns the number of voxels drawn. The waits for the device are no counts: before it,
+    /// so that earlier pictures take none of its time, and at its end.
     fn measured(&self, work: impl FnOnce() -> Outcome<u64>) -> Outcome<Taken> {
+        self.device.poll(wgpu::PollType::wait_indefinitely())?;
         let before = self.renderer.counts();
         let start = Instant::now();
         let visible = work()?;

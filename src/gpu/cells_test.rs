@@ -28,15 +28,16 @@ struct Subject<'a> {
     context: &'a Context,
     volume: &'a Volume,
     transfer: &'a TransferFunction,
+    size: CellSize,
     pipelines: Cache,
     held: HeldSamples,
     kept: KeptVoxels,
 }
 
 impl<'a> Subject<'a> {
-    fn new(context: &'a Context, (volume, transfer): &'a (Volume, TransferFunction)) -> Self {
+    fn new(context: &'a Context, (volume, transfer): &'a (Volume, TransferFunction), size: CellSize) -> Self {
         let (pipelines, held, kept) = Default::default();
-        Self { context, volume, transfer, pipelines, held, kept }
+        Self { context, volume, transfer, size, pipelines, held, kept }
     }
 
     /// The cells under a light from this side.
@@ -46,7 +47,7 @@ impl<'a> Subject<'a> {
         let settings = Settings { lighting: Some(Lighting { lights, ..Lighting::default() }), ..Settings::default() };
         let camera = Camera::new(&View::default(), volume.grid(), [32; 2]).unwrap();
         let light = ViewGeometry::new(&camera, volume.grid(), &settings, Savings::default()).splat_light(&settings);
-        let (shape, progress) = (Shape::new(volume.grid(), transfer, CellSize::of_level(1)), Progress::default());
+        let (shape, progress) = (Shape::new(volume.grid(), transfer, self.size), Progress::default());
         let input = Input::new(context, volume, transfer, true, &progress).unwrap();
         let (sampled, _) = Sampled::hold(&self.pipelines, &input, &self.held, &self.kept).unwrap();
         let of = (Voxels::Samples(&sampled), Some(&light));
@@ -88,7 +89,8 @@ fn context() -> Context {
 fn device_cells_under_other_lights_take_the_normals_that_are_kept() {
     let context = context();
     let of = vessels(64);
-    let subject = Subject::new(&context, &of);
+    let size = CellSize::of_level(1);
+    let subject = Subject::new(&context, &of, size);
     let first = subject.lit(1.0, None);
     let (normals, visible) = subject.normals().unwrap();
     assert!(visible > 1000, "{visible} voxels");
@@ -101,7 +103,7 @@ fn device_cells_under_other_lights_take_the_normals_that_are_kept() {
     assert_eq!(counts, [2, 1, 0]);
     assert!(after.allocated - before.allocated < 8 << 20 && after.sent - before.sent < 4096);
     let expected = subject.words(&second);
-    assert!(expected == subject.words(&Subject::new(&context, &of).lit(-1.0, None)));
+    assert!(expected == subject.words(&Subject::new(&context, &of, size).lit(-1.0, None)));
     let none = vec![super::splat::NO_NORMAL; visible as usize];
     let mut rest = &none[..];
     for buffer in normals {
@@ -113,8 +115,8 @@ fn device_cells_under_other_lights_take_the_normals_that_are_kept() {
     assert!(expected != subject.words(&flat), "normals are found again");
 }
 
-/// Without room for normals they are found for each light, and small buffers hold a few rows of bricks: the cells are
-/// the same.
+/// Without room for normals they are found for each light, and small buffers hold a few rows of bricks, so that several
+/// dispatches sum the voxels of a cell: the cells are the same.
 #[test]
 fn device_cells_are_the_same_without_kept_normals_and_in_small_buffers() {
     let context = context();
@@ -124,19 +126,21 @@ fn device_cells_are_the_same_without_kept_normals_and_in_small_buffers() {
     let mut small = self::context();
     small.limits.max_storage_buffer_binding_size = 10 * 36_u64.pow(3);
     let of = vessels(70);
-    let pictures = [&context, &without, &small].map(|context| {
-        let subject = Subject::new(context, &of);
-        let first = subject.lit(1.0, None);
-        let words = subject.words(&first);
-        let buffers = subject.normals().map_or(0, |(normals, _)| normals.len());
-        [words, subject.words(&subject.lit(-1.0, Some(first))), vec![[buffers as u32; 2]]]
-    });
-    let [expected, found, parts] = &pictures;
-    assert_eq!([expected, found, parts].map(|[.., buffers]| buffers[0][0]), [1, 0, 3]);
-    for light in 0..2 {
-        assert!(expected[light].len() > 1000 && expected[0] != expected[1]);
-        for other in [found, parts] {
-            assert!(expected[light] == other[light], "light {light}");
+    for size in [CellSize::VOXEL.next(), CellSize::of_level(1), CellSize::of_level(2)] {
+        let pictures = [&context, &without, &small].map(|context| {
+            let subject = Subject::new(context, &of, size);
+            let first = subject.lit(1.0, None);
+            let words = subject.words(&first);
+            let buffers = subject.normals().map_or(0, |(normals, _)| normals.len());
+            [words, subject.words(&subject.lit(-1.0, Some(first))), vec![[buffers as u32; 2]]]
+        });
+        let [expected, found, parts] = &pictures;
+        assert_eq!([expected, found, parts].map(|[.., buffers]| buffers[0][0]), [1, 0, 3]);
+        for light in 0..2 {
+            assert!(expected[light].len() > 300 && expected[0] != expected[1]);
+            for other in [found, parts] {
+                assert!(expected[light] == other[light], "{size:?}, light {light}");
+            }
         }
     }
 }

@@ -5,6 +5,7 @@ use glam::{DVec2, DVec3};
 
 use crate::camera::{Camera, Projection};
 use crate::gpu::view::ViewGeometry;
+use crate::image::Region;
 use crate::painters::painter::FamilyShare;
 use crate::volume::Grid;
 
@@ -44,8 +45,8 @@ pub(super) struct PrincipalAxis {
     pub(super) direction: DVec3,
     /// Rays through one eye: plane coordinates of that ray at unit depth, see `Camera::pixels`.
     pub(super) middle: DVec2,
-    /// Rays through one eye: the least and the largest place in the picture of those rays and some around them, in
-    /// halves of its width and height from its middle, y upwards.
+    /// The least and the largest place in the picture of the rays that run along m and some around them, in halves of
+    /// its width and height from its middle, y upwards. Parallel rays: without ends.
     pub(super) part: [DVec2; 2],
     /// World length per lattice length along that ray.
     pub(super) stretch: f64,
@@ -93,6 +94,25 @@ impl PrincipalAxis {
         axes.collect()
     }
 
+    /// The part of the picture's area in whose rays the axis may have a share, from 0 to 1.
+    pub(super) fn covered(&self, camera: &Camera, grid: &Grid) -> f64 {
+        let Some(lens) = Lens::new(camera, grid) else { return 1.0 };
+        let part = lens.part(self.axes[2], self.flipped, 1.0);
+        let corners = part.iter().zip(part.iter().cycle().skip(1));
+        // Half of the sum is the area, in quarters of the picture.
+        corners.map(|(p, q)| p.perp_dot(*q)).sum::<f64>().abs() / 8.0
+    }
+
+    /// Whether the axis may have a share in rays of a region of a picture of this size.
+    pub(super) fn is_in(&self, region: Region, size: [u32; 2]) -> bool {
+        let half = DVec2::from_array(size.map(f64::from)) / 2.0;
+        let place = |x: u32, y: u32| DVec2::new(f64::from(x) / half.x - 1.0, 1.0 - f64::from(y) / half.y);
+        let (left, right) = (region.x, region.x + region.width);
+        let (top, bottom) = (region.y, region.y + region.height);
+        let [low, high] = self.part;
+        low.cmple(place(right, top)).all() && high.cmpge(place(left, bottom)).all()
+    }
+
     /// The pyramid of the rays through one eye in which the axis has a share, in a lattice with `padding` layers before
     /// the volume; `None` if rays are parallel.
     pub(super) fn pyramid(&self, camera: &Camera, grid: &Grid, origin: DVec3) -> Option<Pyramid> {
@@ -114,7 +134,7 @@ impl PrincipalAxis {
             flipped,
             direction: DVec3::new(unit[a], unit[b], unit[m].abs()),
             middle: DVec2::ZERO,
-            part: [DVec2::ZERO; 2],
+            part: [DVec2::NEG_INFINITY, DVec2::INFINITY],
             stretch: world / ray.length(),
             share: 1.0,
         }
@@ -294,6 +314,42 @@ mod tests {
         assert_eq!(count(30.0, 45.0, 35.26), 3);
         // In a wide picture from the front rays run along every axis in both directions, but not backwards.
         assert_eq!(count(120.0, 0.0, 0.0), 5);
+    }
+
+    #[test]
+    fn parts_of_a_picture_are_those_with_a_share_of_their_axis() {
+        let grid = Grid::axis_parallel([60, 40, 50], [1.0, 1.5, 0.7]).unwrap();
+        let size = [64, 48];
+        for (fov, azimuth, elevation) in [(30.0, 30.0, 20.0), (60.0, 45.0, 35.0), (110.0, 100.0, -60.0)] {
+            let projection = crate::camera::ProjectionKind::Perspective { fov };
+            let view = crate::camera::View { projection, azimuth, elevation, ..crate::camera::View::default() };
+            let camera = Camera::new(&view, &grid, size).unwrap();
+            let lens = Lens::new(&camera, &grid).unwrap();
+            let mut covered = 0.0;
+            for axis in PrincipalAxis::all(&camera, &grid) {
+                let shown = |x: u32, y: u32| {
+                    let place = |i: u32, count: u32| f64::from(2 * i + 1) / f64::from(count) - 1.0;
+                    let ray = lens.ray(DVec2::new(place(x, size[0]), -place(y, size[1])));
+                    share(axis.axes[2], ray) > 0.0 && (ray[axis.axes[2]] < 0.0) == axis.flipped
+                };
+                let pixels = (0..size[0]).flat_map(|x| (0..size[1]).map(move |y| (x, y)));
+                let shown: Vec<(u32, u32)> = pixels.filter(|&(x, y)| shown(x, y)).collect();
+                let part = axis.covered(&camera, &grid);
+                assert!(part <= 1.0 + 1e-9 && part + 0.03 > shown.len() as f64 / f64::from(size[0] * size[1]));
+                covered += part;
+                for (x, y) in shown {
+                    assert!(axis.is_in(Region { x, y, width: 1, height: 1 }, size), "{axis:?} {x} {y}");
+                }
+            }
+            assert!((1.0..1.6).contains(&covered), "{fov}: {covered}");
+        }
+        // From the front: one axis in the middle, another one beside it, both between them.
+        let projection = crate::camera::ProjectionKind::Perspective { fov: 100.0 };
+        let view = crate::camera::View { projection, azimuth: 0.0, elevation: 0.0, ..crate::camera::View::default() };
+        let axes = PrincipalAxis::all(&Camera::new(&view, &grid, size).unwrap(), &grid);
+        let regions = [28, 44, 56].map(|x| Region { x, y: 20, width: 8, height: 8 });
+        assert!(axes.len() > 2);
+        assert_eq!(regions.map(|region| axes.iter().filter(|axis| axis.is_in(region, size)).count()), [1, 2, 1]);
     }
 
     #[test]

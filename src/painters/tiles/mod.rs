@@ -123,6 +123,7 @@ impl Tiles {
     ) -> Result<TilesStats> {
         let context = recorder.context;
         let Canvas { region, part, .. } = *canvas;
+        let Job { view, .. } = picture.job;
         let uniform = wgpu::BufferUsages::UNIFORM;
         let lighting = context.upload("gather.lighting", bytemuck::bytes_of(&picture.lighting), uniform)?;
         let mut drawn = TilesStats::default();
@@ -137,7 +138,8 @@ impl Tiles {
             let mut pixel_rays = scaled(setup.pixel_rays(region));
             let marched = match &self.resample {
                 Some(_) => setup.image_rays(region).into_iter().map(scaled).collect(),
-                None => vec![pixel_rays],
+                None if axis.axis.is_in(region, view.camera.size) => vec![pixel_rays],
+                None => Vec::new(),
             };
             if marched.is_empty() {
                 continue;

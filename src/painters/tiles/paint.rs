@@ -199,7 +199,7 @@ impl<'a> Picture<'a> {
             let boxes = pack::boxes(stores)
                 .chain(job.scalars.map(|(scalars, _)| scalars.bounds))
                 .filter(|&bounds| seen(bounds));
-            Packing::new(context, boxes, (dims, whole), pages, axis.axes, (voxel, marking))
+            Packing::new(context, boxes, (dims, whole), pages, (axis.axes, view.is_perspective()), (voxel, marking))
         };
         let of_reached = |axis: &PrincipalAxis| {
             // A ray meets kernels a radius away, grown ones too; one voxel more for rounding. Marks of scalars reach as
@@ -513,11 +513,15 @@ impl Picture<'_> {
 
     /// The work of a pixel in fragments of splats, averaged over the picture.
     pub(super) fn pixel_work(&self) -> u64 {
+        let Job { view, .. } = self.job;
         // Each pixel may have its own ray beside the rays of the images.
         let beside = if self.is_resampled() { self.whole().area() } else { 0 };
         let is_cut = self.job.is_cut() && self.job.post.is_none();
         let planes = |axis: &PackedAxis| {
             let rays: u64 = self.all_rays(axis).iter().map(Rays::count).sum();
+            // Those of images lie in the part of the picture that the axis has a share in.
+            let covered = axis.axis.covered(&view.camera, &view.grid);
+            let rays = if self.is_resampled() { rays } else { (covered * rays as f64).ceil() as u64 };
             let planes = self.planes_of_layer(axis);
             // A ray is cut where it enters the clipped volume and where it leaves it.
             let cut = if is_cut { planes.min(u64::from(2 * (2 * self.reach() + 1))) } else { 0 };

@@ -286,7 +286,7 @@ fn packed_by(
         boxes(&stores).filter(|&brick| seen(brick)),
         (DIMS, false),
         None,
-        axes,
+        (axes, true),
         (voxel, marking(voxel)),
     )
     .unwrap();
@@ -333,7 +333,8 @@ fn bands_hold_each_splat_about_once_and_wait_for_nothing() {
         let stores = [store(&context, words_of)];
         let visits = |context: &Context| {
             let packing =
-                Packing::new(context, boxes(&stores), (DIMS, false), None, axes, (voxel, marking(voxel))).unwrap();
+                Packing::new(context, boxes(&stores), (DIMS, false), None, (axes, true), (voxel, marking(voxel)))
+                    .unwrap();
             packing.bands(context, &stores, &None).unwrap().visits()
         };
         let count = u64::from(stores[0].count);
@@ -423,8 +424,9 @@ fn a_scan_of_512_fits_into_the_textures_of_most_gpus() {
     for mut context in contexts() {
         context.limits.max_texture_dimension_2d = 16_384;
         for voxel in [Voxel::Color { lights: 0, shadows: false }, Voxel::Scalar, Voxel::Gradient] {
-            let packing =
-                |dims| Packing::new(&context, boxes(&[]), (dims, true), None, [0, 1, 2], (voxel, marking(voxel)));
+            let packing = |dims| {
+                Packing::new(&context, boxes(&[]), (dims, true), None, ([0, 1, 2], true), (voxel, marking(voxel)))
+            };
             assert!(packing([512; 3]).is_some() && packing([1024, 512, 200]).is_some(), "{voxel:?}");
             assert!(packing([70_000, 2, 2]).is_none(), "{voxel:?}");
         }
@@ -686,8 +688,14 @@ fn assert_runs_hold_voxels(context: &Context) {
                 depths: Depths::default(),
             };
             let marking = (voxel, marking(voxel));
-            let packing =
-                Packing::new(context, boxes(&[store(context, words_of)]), (DIMS, false), None, axis.axes, marking);
+            let packing = Packing::new(
+                context,
+                boxes(&[store(context, words_of)]),
+                (DIMS, false),
+                None,
+                (axis.axes, true),
+                marking,
+            );
             let (packing, footprint) = (packing.unwrap(), &footprint);
             let setup = RaySetup { job: &job, axis, packing, kernel, footprint };
             let images = setup.image_rays(region);

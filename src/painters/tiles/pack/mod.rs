@@ -151,13 +151,14 @@ pub(super) struct Packing {
 impl Packing {
     /// The packing of the hull of these boxes of splats, or if `whole`, of the lattice of this many points; `None` if
     /// it does not fit into a texture. `pages` is the number of pages that have splats; `None`: the box is packed as a
-    /// whole.
+    /// whole. Rows that serve several eyes are packed in whole macrocells, so that rays skip the same planes whatever else is
+    /// packed for other eyes; for parallel rays the box is as small as it can be.
     pub(super) fn new(
         context: &Context,
         boxes: impl Iterator<Item = [[u32; 3]; 2]>,
         (lattice, whole): ([u32; 3], bool),
         pages: Option<u64>,
-        axes: [usize; 3],
+        (axes, serves_eyes): ([usize; 3], bool),
         (voxel, marking): (Voxel, Marking),
     ) -> Option<Self> {
         let (low, high) = boxes.fold(([u32::MAX; 3], [0; 3]), |hull, next| {
@@ -166,7 +167,7 @@ impl Packing {
             (ends.map(|(low, _)| low), ends.map(|(_, high)| high))
         });
         let low = low.map(|n| if n == u32::MAX { 0 } else { n });
-        // In whole macrocells of the lattice, so that rays skip the same planes whatever else is packed, or pages.
+        // In whole macrocells of the lattice, or pages.
         let packed = |layout: Layout, atlas: [u32; 3], step: u32| {
             let (low, high) = (low.map(|n| n / step * step), high.map(|n| n.next_multiple_of(step)));
             let (low, high) = if whole { ([0; 3], lattice) } else { (low, high) };
@@ -174,7 +175,8 @@ impl Packing {
             let dims: [u32; 3] = std::array::from_fn(|i| high[axes[i]].saturating_sub(low[i]));
             Self { voxel, layout, axes, low, dims, columns: 0, row_texels: 0, size: [0; 2], atlas, marking }
         };
-        let packing = packed(Layout::of(context, lattice), [0; 3], MACROCELL);
+        let layout = Layout::of(context, lattice);
+        let packing = packed(layout, [0; 3], if layout == Layout::Rows && !serves_eyes { 1 } else { MACROCELL });
         let packing = match packing.layout {
             Layout::Rows => packing.in_rows(),
             Layout::Box | Layout::Pages => {
