@@ -151,7 +151,7 @@ pub(super) struct Packing {
 impl Packing {
     /// The packing of the hull of these boxes of splats, or if `whole`, of the lattice of this many points; `None` if
     /// it does not fit into a texture. `pages` is the number of pages that have splats; `None`: the box is packed as a
-    /// whole. Rows that serve several eyes are packed in whole macrocells, so that rays skip the same planes whatever else is
+    /// whole. Rows that serve several eyes have whole macrocells, so that rays skip the same planes whatever else is
     /// packed for other eyes; for parallel rays the box is as small as it can be.
     pub(super) fn new(
         context: &Context,
