@@ -139,4 +139,11 @@ fn lit_rows(
             open_row += u32(is_last);
         }
     }
+    // Cells beyond the faces without a voxel.
+    for (var row = 0u; row < rows; row++) {
+        let low = lows[row].x;
+        if has_cell && (low >= i32(classify.dims.y) || low + taps <= 0) {
+            sums[first_sum + inside.cells * row] = vec4f(0.0);
+        }
+    }
 }

@@ -122,24 +122,27 @@ fn device_cells_are_the_same_without_kept_normals_and_in_small_buffers() {
     let context = context();
     let mut without = self::context();
     without.savings.normals = false;
-    // Three of the nine rows of bricks, of three bricks each.
-    let mut small = self::context();
-    small.limits.max_storage_buffer_binding_size = 10 * 36_u64.pow(3);
+    // Three of the nine rows of bricks, of three bricks each: a layer of them. Two rows cut layers.
+    let [layers, rows] = [10, 7].map(|bricks| {
+        let mut small = self::context();
+        small.limits.max_storage_buffer_binding_size = bricks * 36_u64.pow(3);
+        small
+    });
     let of = vessels(70);
     for size in [CellSize::VOXEL.next(), CellSize::of_level(1), CellSize::of_level(2)] {
-        let pictures = [&context, &without, &small].map(|context| {
+        let pictures = [&context, &without, &layers, &rows].map(|context| {
             let subject = Subject::new(context, &of, size);
             let first = subject.lit(1.0, None);
             let words = subject.words(&first);
             let buffers = subject.normals().map_or(0, |(normals, _)| normals.len());
             [words, subject.words(&subject.lit(-1.0, Some(first))), vec![[buffers as u32; 2]]]
         });
-        let [expected, found, parts] = &pictures;
-        assert_eq!([expected, found, parts].map(|[.., buffers]| buffers[0][0]), [1, 0, 3]);
+        let [expected, others @ ..] = &pictures;
+        assert_eq!(pictures.each_ref().map(|[.., buffers]| buffers[0][0]), [1, 0, 3, 5]);
         for light in 0..2 {
             assert!(expected[light].len() > 300 && expected[0] != expected[1]);
-            for other in [found, parts] {
-                assert!(expected[light] == other[light], "{size:?}, light {light}");
+            for (number, other) in others.iter().enumerate() {
+                assert!(expected[light] == other[light], "{size:?}, light {light}, picture {number}");
             }
         }
     }

@@ -197,7 +197,7 @@ fn a_lit_picture_is_packed_again_only_under_another_light() {
 }
 
 /// Light on cells changes with every view. The samples that they are made from stay on the device, and so do the
-/// normals: a frame lights rows of voxels, sums columns and emits cells.
+/// normals: a frame sums planes of lit voxels and emits cells.
 #[test]
 fn cells_under_another_light_send_no_samples() {
     let host = host(Renderer::FEATURES).with_device_stages();
@@ -441,8 +441,9 @@ fn scalars_packed_from_samples_are_those_packed_from_lists() {
                 }
                 let again = draw(&scenes);
                 let sends_samples = change == 0 && !sampled;
-                // Two sizes of cells have a table each.
-                assert!(sends_samples || again.stats.bytes_sent < 200_000, "{} bytes: {what}", again.stats.bytes_sent);
+                // Sizes of cells share a table of 51 kB.
+                println!("{} bytes", again.stats.bytes_sent);
+                assert!(sends_samples || again.stats.bytes_sent < 100_000, "{} bytes: {what}", again.stats.bytes_sent);
                 assert!(again.image != first.image, "{what}");
             }
         }
