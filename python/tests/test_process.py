@@ -59,7 +59,10 @@ options = dict(size=(3000, 3000), transfer="grayscale", shading="post", painter=
 
 
 def test_ctrl_c_ends_a_long_picture_within_a_second() -> None:
+    # A shell that runs the tests in the background has interrupts ignored.
     code = LONG + """
+import signal
+signal.signal(signal.SIGINT, signal.default_int_handler)
 try:
     print("drawing", flush=True)
     voxsplat.render(volume, **options)
