@@ -25,7 +25,7 @@ const OPEN: u32 = 8u;
 
 // Voxels of a row: colour times density, and density.
 var<workgroup> held: array<vec4f, HELD>;
-// The sums of cell number k along y are those from WORKGROUP * (k % OPEN) on.
+// The sums of the cells in row k of the tile are those from WORKGROUP * (k % OPEN) on.
 var<workgroup> open: array<vec4f, OPEN * WORKGROUP>;
 // The first voxel along y with a weight in each cell, below 0 before the face, and the first of the cell's weights.
 var<workgroup> lows: array<vec2i, TILE_ROWS>;

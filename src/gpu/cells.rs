@@ -267,10 +267,10 @@ impl Values {
             let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST;
             context.buffer(label, values as u64 * VALUE, usage)
         };
-        // No dispatch outlasts the watchdog of a small GPU.
         let within =
             |all: u64, of_plane: usize| (all / (of_plane as u64).max(1)).clamp(1, planes.max(1) as u64) as usize;
         let (voxels, at_once) = match source {
+            // No dispatch outlasts the watchdog of a small GPU.
             Source::Samples { .. } => (None, within(max_work(context) / source.work(), width * lines)),
             Source::Splats(_) => {
                 let together = within(most / VALUE, across.max(width) * lines);

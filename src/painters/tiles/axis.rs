@@ -47,7 +47,7 @@ pub(super) struct PrincipalAxis {
     pub(super) middle: DVec2,
     /// The least and the largest place in the picture of the rays that run along m and some around them, in halves of
     /// its width and height from its middle, y upwards. Parallel rays: without ends.
-    pub(super) part: [DVec2; 2],
+    part: [DVec2; 2],
     /// World length per lattice length along that ray.
     pub(super) stretch: f64,
     /// The share of this axis in a picture of parallel rays. Rays through one eye have shares of their own, and this
@@ -105,12 +105,17 @@ impl PrincipalAxis {
 
     /// Whether the axis may have a share in rays of a region of a picture of this size.
     pub(super) fn is_in(&self, region: Region, size: [u32; 2]) -> bool {
+        let place = |x: u32, y: u32| DVec2::new(f64::from(x), f64::from(y));
+        let [low, high] = self.part_of(size);
+        let end = place(region.x + region.width, region.y + region.height);
+        low.cmple(end).all() && high.cmpge(place(region.x, region.y)).all()
+    }
+
+    /// [`Self::part`] of a picture of this size, in pixels from its upper left corner.
+    pub(super) fn part_of(&self, size: [u32; 2]) -> [DVec2; 2] {
         let half = DVec2::from_array(size.map(f64::from)) / 2.0;
-        let place = |x: u32, y: u32| DVec2::new(f64::from(x) / half.x - 1.0, 1.0 - f64::from(y) / half.y);
-        let (left, right) = (region.x, region.x + region.width);
-        let (top, bottom) = (region.y, region.y + region.height);
         let [low, high] = self.part;
-        low.cmple(place(right, top)).all() && high.cmpge(place(left, bottom)).all()
+        [DVec2::new(low.x, -high.y), DVec2::new(high.x, -low.y)].map(|end| (end + 1.0) * half)
     }
 
     /// The pyramid of the rays through one eye in which the axis has a share, in a lattice with `padding` layers before

@@ -36,10 +36,8 @@ pub(super) fn image_rays(setup: &RaySetup<'_>, region: Region, distance: f64, co
     const MARGIN: f64 = 1.15;
     let [middle, far] = depths(setup, distance);
     let fineness = (magnification(setup, far) / pitch * (far / middle.abs()).min(2.0) * MARGIN) as f32;
-    // The part of the picture in which the axis has a share: from halves of the picture, y upwards, to its pixels.
-    let half = DVec2::from_array(setup.job.view.camera.size.map(f64::from)) / 2.0;
-    let [low, high] = setup.axis.part;
-    let part = [DVec2::new(low.x, -high.y), DVec2::new(high.x, -low.y)].map(|end| (end + 1.0) * half);
+    // The part of the picture in which the axis has a share.
+    let part = setup.axis.part_of(setup.job.view.camera.size);
     let all =
         ((DVec2::new(f64::from(region.width), f64::from(region.height)) - 1.0) / pitch + 2.0 * SPLINE_MARGIN).ceil();
     let first = first_pixel(region) - SPLINE_MARGIN * pitch;
