@@ -86,9 +86,9 @@ fn is_marked(geometry: RayGeometry, plane: i32) -> bool {
     let place = vec2i(floor(geometry.base + geometry.shear * f32(plane) + 0.5));
     let voxel = vec3i(place - rays.first.xy, packed_plane(plane)) + rays.mark_shift;
     let inside = all(voxel >= vec3i(0)) && all(voxel < rays.macrocells * MACROCELL);
-    let word = marks[select(0u, mark_index(voxel / MACROCELL), inside)];
+    let at = marks_at(select(vec3i(0), voxel / MACROCELL, inside));
     let cell = dot(vec3u(voxel / CELL) & vec3u(1u), rays.mark_bits);
-    return rays.unskipped > 0 || inside && (word >> cell & 1u) != 0u;
+    return rays.unskipped > 0 || inside && (marks[at.x] >> (at.y + cell) & 1u) != 0u;
 }
 
 // The factor from the sum of a slab to its mean.

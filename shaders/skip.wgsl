@@ -71,12 +71,12 @@ fn is_occupied(corners: ptr<function, Corners>, slab: u32) -> bool {
     }
     let plane = i32(slab) * slab_planes();
     let z = select(plane, rays.macrocells.z * MACROCELL - slab_planes() - plane, rays.flipped == 1);
-    let in_slab = cells_between(z, z + slab_planes() - 1, z / MACROCELL, rays.mark_bits.z);
+    let in_slab = cells_between(z, z + slab_planes() - 1, z / MACROCELL, rays.mark_bits.z) & 0xffu;
     for (var y = a.y / MACROCELL; y <= b.y / MACROCELL; y++) {
         let in_row = in_slab & cells_between(a.y, b.y, y, rays.mark_bits.y);
         for (var x = a.x / MACROCELL; x <= b.x / MACROCELL; x++) {
-            let word = marks[mark_index(vec3i(x, y, z / MACROCELL))];
-            if (word & in_row & cells_between(a.x, b.x, x, rays.mark_bits.x)) != 0u {
+            let at = marks_at(vec3i(x, y, z / MACROCELL));
+            if ((marks[at.x] >> at.y) & in_row & cells_between(a.x, b.x, x, rays.mark_bits.x)) != 0u {
                 return true;
             }
         }
@@ -169,11 +169,13 @@ fn skip_together(@builtin(workgroup_id) tile: vec3u, @builtin(local_invocation_i
     end_list(&list, tile);
 }
 
-// Slabs along m, from the size of the buffer: Mesa 22 compiles and leaks a shader for each value of a loop's end that
-// depends on uniforms alone.
+// Slabs along m. The size of the buffer is in it because Mesa 22 compiles and leaks a shader for each value of a loop's
+// end that depends on uniforms alone.
 fn slab_count() -> u32 {
     let layer = u32(max(rays.macrocells.x * rays.macrocells.y, 1));
-    return arrayLength(&marks) / layer * u32(MACROCELL / slab_planes());
+    // The last word may have room for more macrocells than there are.
+    let layers = min(4u * arrayLength(&marks) / layer, u32(rays.macrocells.z));
+    return layers * u32(MACROCELL / slab_planes());
 }
 
 fn corners_of(tile: vec3u) -> Corners {

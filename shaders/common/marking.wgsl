@@ -27,7 +27,8 @@ fn mark(place: vec3u) {
             let in_row = in_slab & cells_between(first.y, last.y, y, 0xccu);
             for (var x = first.x / 2u; x <= last.x / 2u; x++) {
                 let cells = in_row & cells_between(first.x, last.x, x, 0xaau);
-                atomicOr(&marks[dot(vec3u(x, y, z), pack.mark_steps)], cells);
+                let number = dot(vec3u(x, y, z), pack.mark_steps);
+                atomicOr(&marks[number / 4u], cells << (number % 4u * 8u));
             }
         }
     }

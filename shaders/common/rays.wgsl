@@ -91,7 +91,7 @@ struct Rays {
     along_b: vec3i,
     // World lengths in the unit that extinctions of scalars are per: lengths times this.
     per_unit: f32,
-    // Macrocells along a, b and m; and steps along these axes in the buffer of their marks.
+    // Macrocells along a, b and m; and those from one along these axes to the next in the buffer of their marks.
     macrocells: vec3i,
     along_m: vec3i,
     // Steps along x, y and z in the table of pages: see common/pages.wgsl.
@@ -196,10 +196,11 @@ fn run_index(tile: vec3u, slot: u32) -> u32 {
     return ((tile.z * rays.tiles.y + tile.y) * rays.tiles.x + tile.x) * rays.run_slots + slot;
 }
 
-// The index of the marks of a macrocell, given its numbers along a, b and m.
-fn mark_index(macrocell: vec3i) -> u32 {
+// Where the marks of a macrocell are, given its numbers along a, b and m: the word, and the number of their lowest bit.
+fn marks_at(macrocell: vec3i) -> vec2u {
     let along = macrocell * rays.mark_steps;
-    return u32(along.x + along.y + along.z);
+    let number = u32(along.x + along.y + along.z);
+    return vec2u(number / 4u, number % 4u * 8u);
 }
 
 // The first ray of a tile, as a point of the intermediate image; tile.z is the number of its phase.

@@ -77,8 +77,8 @@ impl Classifier {
         let counted = |((mut visible, extents), origins): ((VisibleVoxels, Readback), _)| {
             let extents: Vec<Extent> = extents.done_values(context, FINDING)?;
             let brick = |(&[ox, oy, oz, _], extent): (&[u32; 4], &Extent)| {
-                let Extent { places: [x, y, z, first], pages: [lower, upper], .. } = *extent;
-                BrickSplats::of_places([ox, oy, oz], first, [x, y, z], u64::from(upper) << u32::BITS | u64::from(lower))
+                let Extent { places: [x, y, z, first], pages } = *extent;
+                BrickSplats::of_places([ox, oy, oz], first, [x, y, z], pages)
             };
             visible.bricks = Iterator::zip(origins, &extents).map(brick).collect();
             visible.count = extents.last().map_or(0, |extent| extent.places[3]);

@@ -471,8 +471,22 @@ shared! {
     /// What the host needs of the visible voxels of a brick; shaders/extents.wgsl.
     struct Extent {
         places: [u32; 4],
-        pages: [u32; 2],
-        _pad: [u32; 2],
+        pages: [u32; 16],
+    }
+
+    /// The table of the pages of a box; each field is explained in shaders/page_table.wgsl.
+    struct PageTable {
+        dims: [u32; 3],
+        across: u32,
+        steps: [u32; 3],
+        down: u32,
+    }
+
+    /// The pages of a brick; shaders/page_table.wgsl.
+    struct PagedBrick {
+        low: [u32; 3],
+        first: u32,
+        pages: [u32; 16],
     }
 
     /// How splats are packed for the painter `tiles`; each field is explained in shaders/common/packing.wgsl.

@@ -2,7 +2,8 @@
 
 use super::layout::{
     Batch, CellBox, CellTexels, Classify, Coarsen, ControlPoint, Converging, Extent, Frame, LightBox, Lighting,
-    Occluders, Pack, Present, Rays, Reached, ScalarSums, Scalars, Shade, Sort, Sweep, Tables, Terminate, VoxelBox,
+    Occluders, Pack, PageTable, PagedBrick, Present, Rays, Reached, ScalarSums, Scalars, Shade, Sort, Sweep, Tables,
+    Terminate, VoxelBox,
 };
 use super::shaders::{ALL, Shader};
 
@@ -58,8 +59,8 @@ fn structs_are_laid_out_alike() {
     }
     compare!(Classify, VoxelBox, Coarsen, CellBox, ControlPoint, Sort, Batch, Shade, Reached, Present, Terminate);
     compare!(
-        Extent, Occluders, Pack, Tables, Scalars, ScalarSums, CellTexels, Rays, Lighting, Frame, LightBox, Sweep,
-        Converging
+        Extent, Occluders, PagedBrick, PageTable, Pack, Tables, Scalars, ScalarSums, CellTexels, Rays, Lighting, Frame,
+        LightBox, Sweep, Converging
     );
 }
 

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 
 use super::cache::Cache;
 use super::context::Context;
-use super::layout::{LIT_WORDS, MAX_BRICKS, SHADED_WORDS, place};
+use super::layout::{LIT_WORDS, MACROCELL, MAX_BRICKS, SHADED_WORDS, place};
 use super::recorder::Recorder;
 use super::sampled_scalars::SampledScalars;
 use super::samples::Bricks;
@@ -95,30 +95,30 @@ pub(crate) struct BrickSplats {
     /// The box around the splats: its first lattice point, and the one after the last. Both are equal if there are no
     /// splats.
     pub(crate) bounds: [[u32; 3]; 2],
-    /// The pages of [`PAGE`]^3 places that have splats: bit x + 4 y + 16 z.
-    pub(crate) pages: u64,
+    /// The pages of [`PAGE`]^3 places that have splats: a bit for each, the lowest of a word first, x fastest, then y.
+    pub(crate) pages: [u32; 16],
 }
 
 /// Places along an edge of a page of a brick.
-pub(crate) const PAGE: u32 = 8;
+pub(crate) const PAGE: u32 = MACROCELL;
 
 impl BrickSplats {
     /// The splats from `first` on of the brick of level 0 at `origin`, given the bits of the places of each row along
     /// x, y before z, the first of a row the lowest.
     pub(crate) fn new(origin: [u32; 3], first: u32, rows: impl Iterator<Item = u32>) -> Self {
-        let (mut places, mut pages) = ([0_u32; 3], 0_u64);
+        let (mut places, mut pages) = ([0_u32; 3], [0; 16]);
         for (row, bits) in rows.enumerate().filter(|&(_, bits)| bits != 0) {
             let (y, z) = (row % EDGE, row / EDGE);
             places = [places[0] | bits, places[1] | 1 << y, places[2] | 1 << z];
-            let in_row = (0..4).filter(|page| bits >> (page * PAGE) & 0xff != 0);
-            let row = 4 * (y / PAGE as usize) + 16 * (z / PAGE as usize);
-            in_row.for_each(|page| pages |= 1 << (page as usize + row));
+            let in_row = (0..8).filter(|page| bits >> (page * PAGE) & 0xf != 0).fold(0, |all, page| all | 1 << page);
+            let row = y / PAGE as usize + 8 * (z / PAGE as usize);
+            pages[row / 4] |= in_row << (8 * (row % 4));
         }
         Self::of_places(origin, first, places, pages)
     }
 
     /// The same, given the bits of the places along each axis that have splats, and those of pages.
-    pub(crate) fn of_places(origin: [u32; 3], first: u32, places: [u32; 3], pages: u64) -> Self {
+    pub(crate) fn of_places(origin: [u32; 3], first: u32, places: [u32; 3], pages: [u32; 16]) -> Self {
         let low: [u32; 3] = std::array::from_fn(|axis| origin[axis] + places[axis].trailing_zeros() % u32::BITS);
         let high = std::array::from_fn(|axis| origin[axis] + u32::BITS - places[axis].leading_zeros());
         Self { origin, level: 0, first, bounds: [low, high], pages }

@@ -277,8 +277,8 @@ pub(super) fn smoothstep(low: f64, high: f64, value: f64) -> f64 {
 }
 
 /// Values along a, b and m as values along the axes of the lattice.
-pub(super) fn unordered(axes: [usize; 3], values: [u32; 3]) -> [u32; 3] {
-    let mut result = [0; 3];
+pub(super) fn unordered<T: Copy + Default>(axes: [usize; 3], values: [T; 3]) -> [T; 3] {
+    let mut result = [T::default(); 3];
     for (axis, value) in axes.into_iter().zip(values) {
         result[axis] = value;
     }

@@ -19,7 +19,7 @@ use std::sync::Arc;
 
 use axis::PrincipalAxis;
 use march::{Refiner, Targets, march};
-use pack::{Layout, Packed, SamplesKey, Voxel};
+use pack::{Layout, Packed, Packer, SamplesKey, Voxel};
 use paint::Picture;
 use rays::Rays;
 use resample::{IntermediateImage, Resampler};
@@ -92,7 +92,7 @@ pub(crate) struct TilesKey {
 /// The pipelines of the painter.
 pub(crate) struct Tiles {
     /// None: the host packs.
-    packer: Option<Stage>,
+    packer: Option<Packer>,
     skip: Stage,
     gather: Stage,
     /// If rays do not go through pixels: the stages that resample their image, and that add the rays of some pixels.
@@ -102,10 +102,8 @@ pub(crate) struct Tiles {
 impl Tiles {
     pub(crate) fn new(context: &Context, key: &TilesKey) -> Result<Self> {
         let rest = || {
-            let packer = (!key.packs_on_host).then(|| match key.samples {
-                Some(samples) => pack::stage_of_samples(context, &key.constants, (key.voxel, key.layout), samples),
-                None => pack::stage(context, &key.constants, key.voxel, key.layout),
-            });
+            let packer = || Packer::new(context, &key.constants, (key.voxel, key.layout), key.samples);
+            let packer = (!key.packs_on_host).then(packer);
             let resample = key.rays.is_resampled().then(|| (Resampler::new(context), Refiner::new(context, key)));
             (packer, march::skip(context, &key.constants), resample)
         };

@@ -8,7 +8,7 @@ use half::f16;
 
 use super::axis::PrincipalAxis;
 use super::march::{find_runs, skip};
-use super::pack::{self, Layout, Marking, Packed, Packing, Voxel, boxes};
+use super::pack::{Layout, Marking, Packed, Packer, Packing, Voxel, boxes};
 use super::parts::Footprint;
 use super::rays::{RaySetup, Rays};
 use super::resample::{ESTIMATES, FORMAT, IntermediateImage, Resampler};
@@ -21,7 +21,7 @@ use crate::gpu::pipeline::{Binding, bind, compute, layout as group_layout, textu
 use crate::gpu::recorder::Recorder;
 use crate::gpu::savings::Savings;
 use crate::gpu::splat::{SplatLight, ToEye};
-use crate::gpu::stage::{Constant, Stage};
+use crate::gpu::stage::Constant;
 use crate::gpu::store::{BrickSplats, Splats, Store};
 use crate::gpu::twins_test as twins;
 use crate::gpu::view::{ViewGeometry, Weights};
@@ -267,13 +267,14 @@ fn constants(voxel: Voxel, perspective: bool, points: bool) -> Vec<Constant> {
 
 fn packed(context: &Context, store: Store, axes: [usize; 3], voxel: Voxel, max_weight: f64) -> Packed {
     let layout = Layout::of(context, DIMS);
-    let stage = (!context.is_software()).then(|| pack::stage(context, &constants(voxel, false, false), voxel, layout));
-    packed_by(context, (stage.as_ref(), false, false), store, axes, voxel, max_weight, |_| true)
+    let packer =
+        (!context.is_software()).then(|| Packer::new(context, &constants(voxel, false, false), (voxel, layout), None));
+    packed_by(context, (packer.as_ref(), false, false), store, axes, voxel, max_weight, |_| true)
 }
 
 fn packed_by(
     context: &Context,
-    (stage, perspective, points): (Option<&Stage>, bool, bool),
+    (packer, perspective, points): (Option<&Packer>, bool, bool),
     store: Store,
     axes: [usize; 3],
     voxel: Voxel,
@@ -309,7 +310,7 @@ fn packed_by(
     let light = SplatLight { lighting, lights, points, to_eye };
     let mut recorder = Recorder::untimed(context);
     let packed =
-        packing.stored().pack(&mut recorder, (stage, None), (&stores, &None, None), &light, max_weight, None).unwrap();
+        packing.stored().pack(&mut recorder, (packer, None), (&stores, &None, None), &light, max_weight, None).unwrap();
     recorder.submit();
     packed
 }
@@ -323,10 +324,10 @@ fn bands_hold_each_splat_about_once_and_wait_for_nothing() {
         return;
     }
     let voxel = Voxel::Color { lights: 0, shadows: false };
-    let stage = pack::stage(&context, &constants(voxel, false, false), voxel, Layout::Rows);
+    let packer = Packer::new(&context, &constants(voxel, false, false), (voxel, Layout::Rows), None);
     let packed = |context: &Context, axes| {
         let store = store(context, words_of);
-        packed_by(context, (Some(&stage), false, false), store, axes, voxel, 30.0, |_| true)
+        packed_by(context, (Some(&packer), false, false), store, axes, voxel, 30.0, |_| true)
     };
     for axes in ORDERS {
         let whole = read_volume(&context, &packed(&context, axes));
@@ -385,8 +386,9 @@ fn packing_on_the_host_matches_the_device() {
                 _ => store(context, made),
             };
             let layout = Layout::of(context, DIMS);
-            let stage = on_device.then(|| pack::stage(context, &constants(voxel, perspective, points), voxel, layout));
-            let packed = packed_by(context, (stage.as_ref(), perspective, points), stored, axes, voxel, 30.0, seen);
+            let packer =
+                on_device.then(|| Packer::new(context, &constants(voxel, perspective, points), (voxel, layout), None));
+            let packed = packed_by(context, (packer.as_ref(), perspective, points), stored, axes, voxel, 30.0, seen);
             assert_marks(context, &packed);
             let read = read_volume(context, &packed);
             let mut voxels: Vec<_> =
@@ -526,11 +528,11 @@ fn assert_marks(context: &Context, packed: &Packed) {
     let Packing { voxel, axes, low, .. } = packed.packing;
     let Marking { reach, invisible: [least, largest], offset } = marking(voxel);
     let [na, nb, nm] = packed.packing.macrocells();
-    let bytes = u64::from(na * nb * nm) * 4;
+    let bytes = u64::from(na * nb * nm).next_multiple_of(4);
     let mut recorder = Recorder::untimed(context);
     let read = recorder.read_back("test", &packed.marks, bytes).unwrap();
     recorder.submit();
-    let marks: Vec<u32> = read.values(context, "test").unwrap();
+    let marks: Vec<u8> = read.values(context, "test").unwrap();
     let is_marking = |p: [u32; 3]| {
         let is_color = matches!(voxel, Voxel::Color { .. });
         is_color || !(least..=largest).contains(&scalar_of(p))
@@ -541,7 +543,7 @@ fn assert_marks(context: &Context, packed: &Packed) {
     // Cells are numbered in the whole lattice.
     (0..3).for_each(|i| assert_eq!((shift[i] + 64 * MACROCELL - low[i] - offset[axes[i]]) % MACROCELL, 0));
     let mut count = 0;
-    for (number, &word) in (0..).zip(&marks) {
+    for (number, &of_macrocell) in (0..na * nb * nm).zip(&marks) {
         let macrocell = [number % na, number / na % nb, number / na / nb];
         for cell in 0..8_u32 {
             // Along each axis the cell has two voxels, and splats mark it from `reach` voxels beyond.
@@ -553,7 +555,7 @@ fn assert_marks(context: &Context, packed: &Packed) {
                 })
             };
             let expected = marking.iter().any(near);
-            assert_eq!(word >> cell & 1 == 1, expected, "{voxel:?} {axes:?} {macrocell:?} {cell}");
+            assert_eq!(of_macrocell >> cell & 1 == 1, expected, "{voxel:?} {axes:?} {macrocell:?} {cell}");
             count += u32::from(expected);
         }
     }

@@ -46,7 +46,7 @@ impl Packing {
             bricks.filter(move |(brick, _)| reaches(reached, number, *brick)).map(|(_, brick)| brick)
         });
         let bricks: Vec<Held<'_>> = bricks.collect();
-        context.write(marks, 0, bytemuck::cast_slice(&self.marks(&bricks)?));
+        context.write(marks, 0, &self.marks(&bricks)?);
         match self.voxel {
             Voxel::Scalar => self.fill(recorder, volume, &bricks, |run| run.column(0)),
             Voxel::Gradient => self.fill(recorder, volume, &bricks, |run| {
@@ -119,10 +119,14 @@ fn part(brick: &BrickSplats, from: [u32; 3], to: [u32; 3]) -> Option<(u32, Range
 
 impl Packing {
     /// The marks of macrocells.
-    fn marks(&self, bricks: &[Held<'_>]) -> Result<Vec<u32>> {
-        let count = self.mark_bytes() / 4;
-        let mut marks = reserved(count, || "the macrocells of a volume".to_owned())?;
-        marks.resize(count as usize, 0_u32);
+    fn marks(&self, bricks: &[Held<'_>]) -> Result<Vec<u8>> {
+        let zeros = || -> Result<Vec<u8>> {
+            let mut bytes = reserved(self.mark_bytes(), || "the macrocells of a volume".to_owned())?;
+            bytes.resize(self.mark_bytes() as usize, 0_u8);
+            Ok(bytes)
+        };
+        // The voxels of a cell mark the same cells. `done` has the cells whose voxels have marked theirs.
+        let (mut marks, mut done) = (zeros()?, zeros()?);
         let low = unordered(self.axes, self.low);
         let ends = unordered(self.axes, [0, 1, 2].map(|i| self.low[i] + self.dims[i]));
         let steps = unordered(self.axes, self.mark_steps()).map(|step| step as usize);
@@ -146,8 +150,6 @@ impl Packing {
             let cell = (place - low[axis] + shift[axis]) / CELL;
             ((cell / 2) as usize * steps[axis], if cell % 2 == 1 { behind[axis] } else { !behind[axis] })
         };
-        // The voxels of a cell mark the same cells. Bits above the marks of a macrocell say which cells have done so.
-        const DONE: u32 = 8;
         for (brick, held) in bricks {
             let Some((mask, ys, zs)) = part(brick, low, ends) else { continue };
             let [x0, y0, z0] = brick.origin;
@@ -160,23 +162,22 @@ impl Packing {
                     let before = row.bits & !(u32::MAX << place);
                     bits &= bits - 1;
                     let (own_x, in_x) = own(0, x0 + place);
-                    let (index, done) = (own_x + own_y + own_z, (in_x & in_y & in_z & 0xff) << DONE);
+                    let (index, own) = (own_x + own_y + own_z, in_x & in_y & in_z);
                     let word = || held.words[held.each * (row.first + before.count_ones()) as usize];
-                    if marks[index] & done != 0 || !self.marking.is_by(self.voxel, word()) {
+                    if done[index] & own != 0 || !self.marking.is_by(self.voxel, word()) {
                         continue;
                     }
-                    marks[index] |= done;
+                    done[index] |= own;
                     for (at_z, in_z) in macrocells(2, marked(2, z)) {
                         for (at_y, in_y) in macrocells(1, marked(1, y)) {
                             for (at_x, in_x) in macrocells(0, marked(0, x0 + place)) {
-                                marks[at_x + at_y + at_z] |= in_x & in_y & in_z & 0xff;
+                                marks[at_x + at_y + at_z] |= in_x & in_y & in_z;
                             }
                         }
                     }
                 }
             }
         }
-        marks.iter_mut().for_each(|marks| *marks &= (1 << DONE) - 1);
         Ok(marks)
     }
 

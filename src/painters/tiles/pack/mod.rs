@@ -97,7 +97,7 @@ pub(super) const MOST_UNSEEN: u64 = 2;
 /// Macrocells before the first lattice point: more than splats reach.
 const BEFORE: u32 = 4;
 /// The cells of a macrocell that are not the first along a, b or m, as bits of its marks.
-const BEHIND: [u32; 3] = [0xaa, 0xcc, 0xf0];
+const BEHIND: [u8; 3] = [0xaa, 0xcc, 0xf0];
 /// The largest density after scaling: a power of two with room below 65504, the largest f16.
 const F16_HEADROOM: f64 = 16_384.0;
 /// The largest factor that densities are scaled by, a power of two: products with it stay in the range of f32.
@@ -167,20 +167,20 @@ impl Packing {
             (ends.map(|(low, _)| low), ends.map(|(_, high)| high))
         });
         let low = low.map(|n| if n == u32::MAX { 0 } else { n });
-        // In whole macrocells of the lattice, or pages.
-        let packed = |layout: Layout, atlas: [u32; 3], step: u32| {
-            let (low, high) = (low.map(|n| n / step * step), high.map(|n| n.next_multiple_of(step)));
-            let (low, high) = if whole { ([0; 3], lattice) } else { (low, high) };
-            let low = axes.map(|axis| low[axis]);
-            let dims: [u32; 3] = std::array::from_fn(|i| high[axes[i]].saturating_sub(low[i]));
-            Self { voxel, layout, axes, low, dims, columns: 0, row_texels: 0, size: [0; 2], atlas, marking }
-        };
         let layout = Layout::of(context, lattice);
-        let packing = packed(layout, [0; 3], if layout == Layout::Rows && !serves_eyes { 1 } else { MACROCELL });
-        let packing = match packing.layout {
+        // In whole macrocells of the lattice, which are pages.
+        let step = if layout == Layout::Rows && !serves_eyes { 1 } else { MACROCELL };
+        let (low, high) = (low.map(|n| n / step * step), high.map(|n| n.next_multiple_of(step)));
+        let (low, high) = if whole { ([0; 3], lattice) } else { (low, high) };
+        let low = axes.map(|axis| low[axis]);
+        let dims: [u32; 3] = std::array::from_fn(|i| high[axes[i]].saturating_sub(low[i]));
+        let packing =
+            Self { voxel, layout, axes, low, dims, columns: 0, row_texels: 0, size: [0; 2], atlas: [0; 3], marking };
+        let packing = match layout {
             Layout::Rows => packing.in_rows(),
             Layout::Box | Layout::Pages => {
-                let in_pages = pages.filter(|_| !whole).map(|count| packed(Layout::Pages, pages::atlas(count), PAGE));
+                let paged = |count| Self { layout: Layout::Pages, atlas: pages::atlas(count), ..packing };
+                let in_pages = pages.filter(|_| !whole).map(paged);
                 let saves = |of: &Self| pages::are_worth_it(context, of.voxel_bytes(), packing.voxel_bytes());
                 in_pages.filter(saves).unwrap_or(packing)
             }
@@ -290,7 +290,7 @@ impl Packing {
         self.marked()[1]
     }
 
-    /// The steps along a, b and m in the buffer of marks.
+    /// Macrocells in the buffer of marks from one along a, b and m to the next.
     pub(super) fn mark_steps(&self) -> [u32; 3] {
         let axes = self.stored_axes();
         let [nx, ny, _] = unordered(axes, self.macrocells());
@@ -312,7 +312,7 @@ impl Packing {
 
     /// Bytes of the buffer of marks.
     fn mark_bytes(&self) -> u64 {
-        self.macrocells().into_iter().map(u64::from).product::<u64>() * 4
+        self.macrocells().into_iter().map(u64::from).product::<u64>().next_multiple_of(4)
     }
 
     /// Voxels along a, b and m from the first voxel of the first macrocell to the first of the box.
@@ -458,8 +458,31 @@ pub(crate) struct Packed {
     bands: Option<Bands>,
 }
 
-/// The stage that packs on the device.
-pub(super) fn stage(context: &Context, constants: &[Constant], voxel: Voxel, layout: Layout) -> Stage {
+/// The stages that pack on the device.
+pub(super) struct Packer {
+    voxels: Stage,
+    /// Makes the table of pages; `None`: other layouts have none.
+    pages: Option<Stage>,
+}
+
+impl Packer {
+    /// Stages that pack lists of splats, or samples in their place.
+    pub(super) fn new(
+        context: &Context,
+        constants: &[Constant],
+        (voxel, layout): (Voxel, Layout),
+        samples: Option<SamplesKey>,
+    ) -> Self {
+        let voxels = match samples {
+            Some(key) => stage_of_samples(context, constants, (voxel, layout), key),
+            None => stage(context, constants, (voxel, layout)),
+        };
+        Self { voxels, pages: (layout == Layout::Pages).then(|| pages::stage(context)) }
+    }
+}
+
+/// The stage that packs lists.
+fn stage(context: &Context, constants: &[Constant], (voxel, layout): (Voxel, Layout)) -> Stage {
     let texture = |format| Binding::StorageTexture(format, wgpu::TextureViewDimension::D3);
     let (shader, voxels) = match (layout, voxel) {
         (Layout::Rows, _) => (shaders::PACK, Write),
@@ -472,8 +495,8 @@ pub(super) fn stage(context: &Context, constants: &[Constant], voxel: Voxel, lay
     Stage::new(context, shader, ("pack", "voxels"), &slots, constants)
 }
 
-/// The stage that packs samples on the device, into a box or its pages.
-pub(super) fn stage_of_samples(
+/// The stage that packs samples, into a box or its pages.
+fn stage_of_samples(
     context: &Context,
     constants: &[Constant],
     (voxel, layout): (Voxel, Layout),
@@ -503,13 +526,13 @@ pub(super) fn stage_of_samples(
 }
 
 impl Packing {
-    /// Packs the splats of stores that rays reach, whose largest weight is `max_weight`, by the stage or without it on
-    /// the host: into new textures, or into the textures of `over`, which has room for them. A stage of samples reads
-    /// these in place of the stores.
+    /// Packs the splats of stores that rays reach, whose largest weight is `max_weight`, on the device or without a
+    /// `packer` on the host: into new textures, or into the textures of `over`, which has room for them. A packer of
+    /// samples reads these in place of the stores.
     pub(super) fn pack(
         self,
         recorder: &mut Recorder<'_>,
-        (stage, samples): (Option<&Stage>, Option<&Samples>),
+        (packer, samples): (Option<&Packer>, Option<&Samples>),
         (stores, reached, source): (&[Store], &Reached, Option<Source>),
         light: &SplatLight,
         max_weight: f64,
@@ -525,25 +548,26 @@ impl Packing {
             Some(Packed { volume, marks, pages, bands, .. }) => (volume.texture().clone(), marks, pages, bands),
             None => {
                 let (volume, marks) = self.targets(recorder.context)?;
-                let pages = if self.layout == Layout::Pages { self.page_table(stores) } else { Vec::new() };
-                let usage = wgpu::BufferUsages::STORAGE;
-                let pages = recorder.context.upload("pack.pages", bytemuck::cast_slice(&pages), usage)?;
+                let pages = match packer.and_then(|packer| packer.pages.as_ref()) {
+                    Some(stage) => self.page_table(recorder, stage, stores)?,
+                    None => recorder.context.upload("pack.pages", &[], wgpu::BufferUsages::STORAGE)?,
+                };
                 (volume, marks, pages, None)
             }
         };
-        let bands = match (stage, samples, bands) {
+        let bands = match (packer, samples, bands) {
             (Some(_), None, None) => Some(self.bands(recorder.context, stores, reached)?),
             (_, _, bands) => bands,
         };
         let to = (&volume, &marks);
-        match (stage, samples, &bands) {
-            (Some(stage), Some(samples), _) => {
+        match (packer, samples, &bands) {
+            (Some(Packer { voxels, .. }), Some(samples), _) => {
                 let to = (&volume, &marks, &pages);
-                self.fill_from_samples(recorder, stage, (samples, clears), light, scale as f32, to)?;
+                self.fill_from_samples(recorder, voxels, (samples, clears), light, scale as f32, to)?;
             }
-            (Some(stage), None, Some(bands)) => {
+            (Some(Packer { voxels, .. }), None, Some(bands)) => {
                 let to = (&volume, &marks, &pages);
-                self.fill_on_device(recorder, stage, (stores, bands), light, scale as f32, to)?;
+                self.fill_on_device(recorder, voxels, (stores, bands), light, scale as f32, to)?;
             }
             _ => recorder
                 .on_host("pack", |recorder| self.fill_on_host(recorder, (stores, reached), light, scale as f32, to))?,

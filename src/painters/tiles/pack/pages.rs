@@ -3,22 +3,30 @@
 //! (Crassin et al. 2009, "GigaVoxels"). See shaders/common/pages.wgsl.
 
 use super::Packing;
+use crate::error::Result;
 use crate::gpu::context::Context;
+use crate::gpu::layout::{PageTable, PagedBrick};
+use crate::gpu::pipeline::Binding::{Read, Uniform, Write};
+use crate::gpu::recorder::Recorder;
+use crate::gpu::shaders;
+use crate::gpu::stage::{Stage, for_each};
 use crate::gpu::store::{BrickSplats, PAGE, Store};
 use crate::painters::tiles::axis::unordered;
 use crate::volume::BRICK_EDGE as EDGE;
 
 /// The least factor by which pages take less memory than their box.
 const SAVES: u64 = 4;
-/// Bits of a place along an axis in a word of the table; as in shaders/common/pages.wgsl.
-const BITS: u32 = 10;
 /// Pages along an edge of a brick.
 const PER_BRICK: u32 = EDGE as u32 / PAGE;
 
+/// The number of pages of a brick with splats.
+fn count(brick: &BrickSplats) -> u64 {
+    brick.pages.iter().map(|word| u64::from(word.count_ones())).sum()
+}
+
 /// The number of pages with splats; `None`: some splats are those of a coarser level.
 pub(in crate::painters::tiles) fn occupied(stores: &[Store]) -> Option<u64> {
-    let of = |brick: &BrickSplats| (brick.level == 0).then(|| u64::from(brick.pages.count_ones()));
-    stores.iter().flat_map(|store| &store.bricks).map(of).sum()
+    stores.iter().flat_map(|store| &store.bricks).map(|brick| (brick.level == 0).then(|| count(brick))).sum()
 }
 
 /// Pages along each axis of a texture that holds so many, and one more without splats.
@@ -46,27 +54,41 @@ impl Packing {
         [1, nx, nx * ny]
     }
 
-    /// For each page of the box as it is stored, x fastest, its place in the texture: [`BITS`] along each axis. Pages
-    /// without splats share place 0, where all is 0.
-    pub(super) fn page_table(&self, stores: &[Store]) -> Vec<u32> {
-        let [nx, ny, nz] = self.table_dims();
+    /// The places in the texture of the pages of the box as it is stored.
+    pub(super) fn page_table(
+        &self,
+        recorder: &mut Recorder<'_>,
+        stage: &Stage,
+        stores: &[Store],
+    ) -> Result<wgpu::Buffer> {
+        let context = recorder.context;
+        let dims = self.table_dims();
         let [across, down, _] = self.atlas;
-        let mut table = vec![0; (nx * ny * nz) as usize];
-        let mut used = 0;
-        for brick in stores.iter().flat_map(|store| &store.bricks) {
-            for bit in (0..u64::BITS).filter(|bit| brick.pages >> bit & 1 == 1) {
-                let in_brick = [bit % PER_BRICK, bit / PER_BRICK % PER_BRICK, bit / (PER_BRICK * PER_BRICK)];
-                let page = [0, 1, 2].map(|axis| brick.origin[axis] / PAGE + in_brick[axis]);
-                let [x, y, z] = [0, 1, 2].map(|axis| page[axis].wrapping_sub(self.low[axis] / PAGE));
-                if x < nx && y < ny && z < nz {
-                    used += 1;
-                    let place = [used % across, used / across % down, used / (across * down)];
-                    table[(x + nx * (y + ny * z)) as usize] = place[0] | place[1] << BITS | place[2] << (2 * BITS);
-                }
-            }
-        }
-        table
+        let parameters = PageTable { dims, across, steps: self.table_steps(), down };
+        // Place 0 is that of pages without splats.
+        let mut next = 1;
+        let paged = |brick: &BrickSplats| {
+            let first = next;
+            next += count(brick) as u32;
+            let low = [0, 1, 2].map(|axis| (brick.origin[axis] / PAGE).wrapping_sub(self.low[axis] / PAGE));
+            PagedBrick { low, first, pages: brick.pages }
+        };
+        let bricks = stores.iter().flat_map(|store| &store.bricks).filter(|brick| count(brick) > 0);
+        let bricks: Vec<PagedBrick> = bricks.map(paged).collect();
+        let bytes = 4 * dims.map(u64::from).into_iter().product::<u64>();
+        let table = context.buffer("pack.pages", bytes, wgpu::BufferUsages::STORAGE)?;
+        let parameters =
+            context.upload("pages.parameters", bytemuck::bytes_of(&parameters), wgpu::BufferUsages::UNIFORM)?;
+        let on_device = context.upload("pages.bricks", bytemuck::cast_slice(&bricks), wgpu::BufferUsages::STORAGE)?;
+        let resources = [&parameters, &on_device, &table].map(wgpu::Buffer::as_entire_binding);
+        stage.run(recorder, &resources, for_each(context, u64::from(PER_BRICK.pow(3)) * bricks.len() as u64));
+        Ok(table)
     }
+}
+
+/// The stage that makes tables of pages.
+pub(super) fn stage(context: &Context) -> Stage {
+    Stage::new(context, shaders::PAGE_TABLE, ("pages", "places_of_pages"), &[Uniform, Read, Write], &[])
 }
 
 #[cfg(test)]
@@ -75,10 +97,12 @@ mod tests {
 
     #[test]
     fn an_atlas_has_room_for_its_pages_and_hardly_more() {
-        for pages in [0, 1, 7, 8, 26, 27, 1000, 123_456] {
+        // Pages of 64 scalars, as many as the largest packed volume has.
+        for pages in [0, 1, 7, 8, 26, 27, 1000, 123_456, super::super::MAX_BYTES / 256] {
             let all: u64 = atlas(pages).map(u64::from).into_iter().product();
             assert!(all > pages && all as f64 <= 1.4 * pages as f64 + 8.0, "{pages}: {:?}", atlas(pages));
-            assert!(atlas(pages).iter().all(|&n| n < 1 << BITS));
+            // A word of the table has 10 bits for a place along an axis.
+            assert!(atlas(pages).iter().all(|&n| n <= 1 << 10));
         }
     }
 }
