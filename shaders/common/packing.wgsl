@@ -7,9 +7,10 @@
 // start: if a ray misses the row, all of them are zeros, before it or after it.
 const MARGIN: i32 = 7;
 // Voxels along the side of a macrocell, which has 2^3 cells. Macrocells are numbered in the whole lattice, whatever
-// part of it is packed. A buffer has a byte of marks for each, four to a word, the first one the lowest: cell number c is
-// marked by bit c. Bit 0 of c is the place of the cell along a, bit 1 along b and bit 2 along m (x, y and z in a box). A
-// cell is marked if it has a splat; of scalars, if the kernel of a visible scalar may reach a slab at one of its voxels.
+// part of it is packed. A buffer has a byte of marks for each, four to a word, the first one the lowest: cell number
+// c is marked by bit c. Bit 0 of c is the place of the cell along a, bit 1 along b and bit 2 along m (x, y and z in
+// a box). A cell is marked if it has a splat; of scalars, if the kernel of a visible scalar may reach a slab at one
+// of its voxels.
 const MACROCELL: i32 = 4;
 const CELL: i32 = 2;
 
