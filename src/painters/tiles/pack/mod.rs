@@ -150,9 +150,10 @@ pub(super) struct Packing {
 
 impl Packing {
     /// The packing of the hull of these boxes of splats, or if `whole`, of the lattice of this many points; `None` if
-    /// it does not fit into a texture. `pages` is the number of pages that have splats; `None`: the box is packed as a
-    /// whole. Rows that serve several eyes have whole macrocells, so that rays skip the same planes whatever else is
-    /// packed for other eyes; for parallel rays the box is as small as it can be.
+    /// it does not fit into a texture, or its marks or its table of pages into a binding. `pages` is the number of pages
+    /// that have splats; `None`: the box is packed as a whole. Rows that serve several eyes have whole macrocells, so
+    /// that rays skip the same planes whatever else is packed for other eyes; for parallel rays the box is as small as
+    /// it can be.
     pub(super) fn new(
         context: &Context,
         boxes: impl Iterator<Item = [[u32; 3]; 2]>,
@@ -189,7 +190,8 @@ impl Packing {
         let most = if context.is_software() { deep } else { deep.min(MARKED) };
         let fits = packing.size.iter().all(|&n| n <= flat)
             && packing.atlas.iter().all(|&n| n <= deep / PAGE)
-            && packing.macrocells().iter().all(|&n| n <= most);
+            && packing.macrocells().iter().all(|&n| n <= most)
+            && packing.mark_bytes().max(packing.table_bytes()) <= context.largest_buffer();
         (fits && packing.voxel_bytes() <= MAX_BYTES).then_some(packing)
     }
 
@@ -259,8 +261,8 @@ impl Packing {
             Layout::Rows => self.size.map(u64::from).into_iter().product::<u64>() * self.voxel.texel(),
             Layout::Box => self.box_texels().map(u64::from).into_iter().product::<u64>() * self.voxel.texel() / 2,
             Layout::Pages => {
-                let product = |n: [u32; 3]| n.map(u64::from).into_iter().product::<u64>();
-                product(self.atlas.map(|n| n * PAGE)) * self.voxel.texel() / 2 + 4 * product(self.table_dims())
+                let texels: u64 = self.atlas.map(|n| u64::from(n * PAGE)).into_iter().product();
+                texels * self.voxel.texel() / 2 + self.table_bytes()
             }
         }
     }

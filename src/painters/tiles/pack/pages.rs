@@ -2,7 +2,7 @@
 //! pages only, and a table says where each page of the box is in it. Brick pools of volume renderers are the same
 //! (Crassin et al. 2009, "GigaVoxels"). See shaders/common/pages.wgsl.
 
-use super::Packing;
+use super::{Layout, Packing};
 use crate::error::Result;
 use crate::gpu::context::Context;
 use crate::gpu::layout::{PageTable, PagedBrick};
@@ -54,6 +54,12 @@ impl Packing {
         [1, nx, nx * ny]
     }
 
+    /// Bytes of the table; of other layouts 0.
+    pub(super) fn table_bytes(&self) -> u64 {
+        let words: u64 = self.table_dims().map(u64::from).into_iter().product();
+        if self.layout == Layout::Pages { 4 * words } else { 0 }
+    }
+
     /// The places in the texture of the pages of the box as it is stored.
     pub(super) fn page_table(
         &self,
@@ -75,8 +81,7 @@ impl Packing {
         };
         let bricks = stores.iter().flat_map(|store| &store.bricks).filter(|brick| count(brick) > 0);
         let bricks: Vec<PagedBrick> = bricks.map(paged).collect();
-        let bytes = 4 * dims.map(u64::from).into_iter().product::<u64>();
-        let table = context.buffer("pack.pages", bytes, wgpu::BufferUsages::STORAGE)?;
+        let table = context.buffer("pack.pages", self.table_bytes(), wgpu::BufferUsages::STORAGE)?;
         let parameters =
             context.upload("pages.parameters", bytemuck::bytes_of(&parameters), wgpu::BufferUsages::UNIFORM)?;
         let on_device = context.upload("pages.bricks", bytemuck::cast_slice(&bricks), wgpu::BufferUsages::STORAGE)?;
