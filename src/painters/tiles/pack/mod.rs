@@ -150,10 +150,10 @@ pub(super) struct Packing {
 
 impl Packing {
     /// The packing of the hull of these boxes of splats, or if `whole`, of the lattice of this many points; `None` if
-    /// it does not fit into a texture, or its marks or its table of pages into a binding. `pages` is the number of pages
-    /// that have splats; `None`: the box is packed as a whole. Rows that serve several eyes have whole macrocells, so
-    /// that rays skip the same planes whatever else is packed for other eyes; for parallel rays the box is as small as
-    /// it can be.
+    /// it does not fit into a texture, or its marks or its table of pages into a binding. `pages` is the number of
+    /// pages that have splats; `None`: the box is packed as a whole. Rows that serve several eyes have whole
+    /// macrocells, so that rays skip the same planes whatever else is packed for other eyes; for parallel rays the box
+    /// is as small as it can be.
     pub(super) fn new(
         context: &Context,
         boxes: impl Iterator<Item = [[u32; 3]; 2]>,
