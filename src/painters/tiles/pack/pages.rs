@@ -93,7 +93,7 @@ impl Packing {
 
 /// The stage that makes tables of pages.
 pub(super) fn stage(context: &Context) -> Stage {
-    Stage::new(context, shaders::PAGE_TABLE, ("pages", "places_of_pages"), &[Uniform, Read, Write], &[])
+    Stage::new(context, shaders::PAGE_TABLE, ("pack", "places_of_pages"), &[Uniform, Read, Write], &[])
 }
 
 #[cfg(test)]
