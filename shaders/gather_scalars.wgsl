@@ -88,7 +88,9 @@ fn is_marked(geometry: RayGeometry, plane: i32) -> bool {
     let inside = all(voxel >= vec3i(0)) && all(voxel < rays.macrocells * MACROCELL);
     let at = marks_at(select(vec3i(0), voxel / MACROCELL, inside));
     let cell = dot(vec3u(voxel / CELL) & vec3u(1u), rays.mark_bits);
-    return rays.unskipped > 0 || inside && (marks[at.x] >> (at.y + cell) & 1u) != 0u;
+    // Read in any case: Mesa 22 leaks shaders with a branch that depends on uniforms alone.
+    let word = marks[at.x];
+    return rays.unskipped > 0 || inside && (word >> (at.y + cell) & 1u) != 0u;
 }
 
 // The factor from the sum of a slab to its mean.

@@ -169,13 +169,12 @@ fn skip_together(@builtin(workgroup_id) tile: vec3u, @builtin(local_invocation_i
     end_list(&list, tile);
 }
 
-// Slabs along m. The size of the buffer is in it because Mesa 22 compiles and leaks a shader for each value of a loop's
-// end that depends on uniforms alone.
+// Slabs along m, from the size of the buffer: Mesa 22 compiles and leaks a shader for each value of a loop's end that
+// depends on uniforms alone.
 fn slab_count() -> u32 {
     let layer = u32(max(rays.macrocells.x * rays.macrocells.y, 1));
-    // The last word may have room for more macrocells than there are.
-    let layers = min(4u * arrayLength(&marks) / layer, u32(rays.macrocells.z));
-    return layers * u32(MACROCELL / slab_planes());
+    // The last word may have room for up to three macrocells more than there are, and a layer has at least four.
+    return 4u * arrayLength(&marks) / layer * u32(MACROCELL / slab_planes());
 }
 
 fn corners_of(tile: vec3u) -> Corners {

@@ -283,7 +283,8 @@ impl Packing {
         let Marking { reach, offset, .. } = self.marking;
         let place = |i: usize, place: u32| place + offset[self.axes[i]] + BEFORE * MACROCELL;
         let low = [0, 1, 2].map(|i| (place(i, self.low[i]) - reach) / MACROCELL);
-        let count = |i: usize| (place(i, self.low[i] + self.dims[i]) + reach).div_ceil(MACROCELL) - low[i];
+        // At least two along each axis: `slab_count` of shaders/skip.wgsl counts layers by the words of their marks.
+        let count = |i: usize| ((place(i, self.low[i] + self.dims[i]) + reach).div_ceil(MACROCELL) - low[i]).max(2);
         [low, [0, 1, 2].map(count)]
     }
 
