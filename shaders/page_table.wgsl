@@ -2,6 +2,9 @@
 // each brick.
 // uses: common/dispatch, common/pages
 
+// Pages along the side of a brick.
+const PER_BRICK: u32 = 8u;
+
 struct PageTable {
     // Pages of the table along x, y and z.
     dims: vec3u,
@@ -28,14 +31,15 @@ struct PagedBrick {
 @compute @workgroup_size(WORKGROUP)
 fn places_of_pages(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
     let index = invocation_index(id, groups);
-    let brick = index / 512u;
+    let of_brick = PER_BRICK * PER_BRICK * PER_BRICK;
+    let brick = index / of_brick;
     if brick >= arrayLength(&bricks) {
         return;
     }
-    let page = index % 512u;
+    let page = index % of_brick;
     let word = bricks[brick].pages[page / 32u];
     let bit = 1u << (page % 32u);
-    let at = bricks[brick].low + vec3u(page % 8u, page / 8u % 8u, page / 64u);
+    let at = bricks[brick].low + vec3u(page % PER_BRICK, page / PER_BRICK % PER_BRICK, page / (PER_BRICK * PER_BRICK));
     if (word & bit) == 0u || any(at >= parameters.dims) {
         return;
     }
