@@ -75,7 +75,7 @@ fn lit_rows(
         lows[row] = vec2i(low_of(of_box), i32(of_box % inside.under) * taps);
     }
     workgroupBarrier();
-    // The rows of voxels whose samples are bound: buffers hold whole rows of bricks.
+    // The rows of voxels whose samples are bound, if they are held: buffers serve whole rows of bricks.
     let bricks = (classify.dims + EDGE - 1u) / EDGE;
     let bound_bricks = vec2i(vec2u(inside.first, inside.end) / bricks.x) - i32(bricks.y * (z / EDGE));
     let bound = clamp(bound_bricks, vec2i(0), vec2i(bricks.yy)) * i32(EDGE);
@@ -106,9 +106,11 @@ fn lit_rows(
                 var voxel = vec4f(0.0);
                 if x >= 0 && x < i32(classify.dims.x) {
                     let point = vec3u(u32(x), y, z);
-                    let stored = first_brick - inside.first + point.x / EDGE;
-                    let first = first_sample(stored, y % EDGE, z % EDGE);
-                    voxel = lit_voxel((stored * EDGE + z % EDGE) * EDGE + y % EDGE, first, point);
+                    let place = place_of_brick(first_brick - inside.first + point.x / EDGE);
+                    if place != ABSENT {
+                        let first = first_sample(place, y % EDGE, z % EDGE);
+                        voxel = lit_voxel((place * EDGE + z % EDGE) * EDGE + y % EDGE, first, point);
+                    }
                 }
                 held[n] = voxel;
             }

@@ -11,7 +11,8 @@
 
 // Whether an invocation has a visible voxel.
 fn has_voxel(index: u32) -> bool {
-    return index < classify.bricks * EDGE * EDGE * EDGE && is_seen(index / EDGE, index % EDGE);
+    let row = classify.first_brick * EDGE * EDGE + index / EDGE;
+    return index < classify.bricks * EDGE * EDGE * EDGE && is_seen(row, index % EDGE);
 }
 
 @compute @workgroup_size(WORKGROUP)

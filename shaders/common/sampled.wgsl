@@ -1,13 +1,18 @@
 // The voxels of bricks of samples, and which of them are visible. An invocation for each voxel.
 // uses: common/appearance, common/classified
 
+// The place of a brick whose samples are not in the buffer.
+const ABSENT: u32 = 4294967295u;
+
 // For each row of a brick: the number of its first visible voxel among those of all bricks of a buffer of samples.
+// Then the number of all. Then for each brick of the buffer its number in the volume, and for each brick of a part of
+// the volume its place in the buffer, or ABSENT.
 @group(0) @binding(5) var<storage, read> places: array<u32>;
-// For each row of a brick: a bit for each voxel, set if it is visible.
+// For each row of a brick of the buffer: a bit for each voxel, set if it is visible.
 @group(0) @binding(6) var<storage, read> seen: array<u32>;
 
 struct BrickVoxel {
-    // The number of its row among those of the bricks.
+    // The number of its row among those of the bricks of the buffer.
     row: u32,
     // Its place in the row.
     x: u32,
@@ -15,11 +20,21 @@ struct BrickVoxel {
     point: vec3u,
 }
 
-// The voxel of an invocation. `classify.first_brick` is the number of the first brick in the lattice.
+// Bricks of the buffer.
+fn bricks_of_buffer() -> u32 {
+    return arrayLength(&seen) / (EDGE * EDGE);
+}
+
+// The place in the buffer of a brick of the part of the volume.
+fn place_of_brick(number: u32) -> u32 {
+    return places[bricks_of_buffer() * (EDGE * EDGE + 1u) + 1u + number];
+}
+
+// The voxel of an invocation. `classify.first_brick` is the first brick of the dispatch in the buffer.
 fn brick_voxel(index: u32) -> BrickVoxel {
-    let row = index / EDGE;
+    let row = classify.first_brick * EDGE * EDGE + index / EDGE;
     let bricks = (classify.dims + EDGE - 1u) / EDGE;
-    let number = classify.first_brick + row / (EDGE * EDGE);
+    let number = places[bricks_of_buffer() * EDGE * EDGE + 1u + row / (EDGE * EDGE)];
     let brick = vec3u(number % bricks.x, number / bricks.x % bricks.y, number / (bricks.x * bricks.y));
     let x = index % EDGE;
     return BrickVoxel(row, x, brick * EDGE + vec3u(x, row % EDGE, row / EDGE % EDGE));

@@ -6,10 +6,11 @@ use super::adapter_test::adapter;
 use super::cache::Cache;
 use super::cells::{self, MOST, Plan, Voxels};
 use super::context::Context;
+use super::held_samples::HeldSamples;
 use super::kept_voxels::{KeptVoxels, Normals};
 use super::recorder::Recorder;
 use super::sampled::Sampled;
-use super::samples::{HeldSamples, Input};
+use super::samples::Input;
 use super::savings::Savings;
 use super::store::Drawable;
 use super::view::ViewGeometry;
@@ -20,7 +21,7 @@ use crate::lighting::{Light, Lighting};
 use crate::prepare::cells::{CellSize, Shape};
 use crate::progress::Progress;
 use crate::settings::Settings;
-use crate::transfer::TransferFunction;
+use crate::transfer::{ControlPoint, TransferFunction};
 use crate::volume::{Grid, Volume};
 
 /// A volume whose cells a device makes.
@@ -145,6 +146,48 @@ fn device_cells_are_the_same_without_kept_normals_and_in_small_buffers() {
                 assert!(expected[light] == other[light], "{size:?}, light {light}, picture {number}");
             }
         }
+    }
+}
+
+/// Two balls of a nearly empty volume, whose bricks that may show are 10 of 84.
+fn balls() -> (Volume, TransferFunction) {
+    let centers = [[33.0, 33.0, 33.0], [191.0, 16.0, 80.0]];
+    let value = |[x, y, z]: [u32; 3]| {
+        let distance = |center: &[f64; 3]| DVec3::from([x, y, z].map(f64::from)).distance(DVec3::from(*center));
+        centers.iter().map(|center| (15.0 - distance(center)).max(0.0)).fold(0.0, f64::max) as f32
+    };
+    let points = (0..200 * 70 * 100).map(|i| value([i % 200, i / 200 % 70, i / (200 * 70)]));
+    let volume = Volume::from_slice([200, 70, 100], [1.0, 1.0, 1.5], &points.collect::<Vec<f32>>()).unwrap();
+    let point = |value, opacity| ControlPoint { value, color: [0.9, 0.5, 0.1], opacity };
+    (volume, TransferFunction::new(vec![point(3.0, 0.0), point(12.0, 0.5)], None).unwrap())
+}
+
+/// If the device holds only bricks that may show, in one buffer or in several, cells are the same.
+#[test]
+fn device_cells_of_few_bricks_are_those_of_all() {
+    let of = balls();
+    let [all, few, several] = [(u64::MAX, u64::MAX), (0, u64::MAX), (0, 7)].map(|(paged_bytes, bricks)| {
+        let mut context = context();
+        context.savings = Savings { paged_bytes, ..Savings::default() };
+        let limit = &mut context.limits.max_storage_buffer_binding_size;
+        *limit = (*limit).min(bricks.saturating_mul(4 * 36_u64.pow(3)));
+        context
+    });
+    for size in [CellSize::VOXEL.next(), CellSize::of_level(1), CellSize::of_level(2)] {
+        let pictures = [&all, &few, &several].map(|context| {
+            let subject = Subject::new(context, &of, size);
+            let first = subject.lit(1.0, None);
+            let words = subject.words(&first);
+            let (normals, visible) = subject.normals().unwrap();
+            let held = subject.held.bytes() / (4 * 36_u64.pow(3));
+            println!("{size:?}: {held} bricks, {} buffers, {visible} voxels, {} cells", normals.len(), words.len());
+            ([held, normals.len() as u64], words, subject.words(&subject.lit(-1.0, Some(first))))
+        });
+        let [(of_all, expected, turned), (of_few, same, others), (of_several, again, same_others)] = pictures;
+        assert_eq!([of_all, of_few, of_several], [[84, 1], [10, 1], [10, 2]]);
+        assert!(expected.len() > 300 && expected != turned);
+        assert!(same == expected && again == expected, "{size:?}");
+        assert!(others == turned && same_others == turned, "{size:?}");
     }
 }
 

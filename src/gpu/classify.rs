@@ -5,11 +5,12 @@ use std::sync::Arc;
 
 use super::cache::Cache;
 use super::context::Context;
+use super::held_samples::{HeldBricks, HeldBuffer};
 use super::layout::{Classify, Extent, Splat};
 use super::pipeline::Binding;
 use super::recorder::{ComputePass, Readback, Recorder};
 use super::rows::{DevicePart, Rows, collect};
-use super::samples::{BATCH, BrickBatch, Input, InputKey, ROWS};
+use super::samples::{BrickBatch, Input, InputKey, ROWS};
 use super::scan::Scan;
 use super::shaders;
 use super::stage::{Stage, for_each};
@@ -58,22 +59,24 @@ impl Classifier {
         let context = input.context;
         let job = Job { context, scan, stages: self, input, points: input.points_on_device()? };
         let mut stores = StoreBuilder::new(context, STRIDE, joined(context));
-        let shows = |range| input.may_show(range);
-        let bricks = input.batches(&shows, BATCH, &mut |batch| job.run(&batch, &mut stores))?;
+        let bricks = input.batches(&mut |batch| job.run(batch, &mut stores))?;
         Ok(Drawable { bricks, ..stores.finish()? })
     }
 
-    /// Finds the visible voxels of all bricks on the device, buffer of samples by buffer of samples.
-    pub(super) fn visible(&self, scan: &Scan, input: &Input<'_>, batches: &[BrickBatch]) -> Result<Vec<VisibleVoxels>> {
+    /// Finds the visible voxels of bricks that are held, buffer of samples by buffer of samples.
+    pub(super) fn visible(&self, scan: &Scan, input: &Input<'_>, held: &HeldBricks) -> Result<Vec<VisibleVoxels>> {
         let context = input.context;
         let job = Job { context, scan, stages: self, input, points: input.points_on_device()? };
         let mut recorder = Recorder::untimed(context);
-        let mut ranges = input.volume.ranges()?;
-        let part = |part: &[BrickBatch]| job.mark(&mut recorder, part, &mut ranges);
-        let parts = BrickBatch::by_buffer(batches).map(part).collect::<Result<Vec<_>>>()?;
+        let ranges = input.volume.ranges()?;
+        let shows = |batch: &BrickBatch| {
+            batch.origins.iter().any(|&origin| input.may_show(ranges[input.brick_number(origin) as usize]))
+        };
+        let part = |part: &HeldBuffer| job.mark(&mut recorder, part, &shows);
+        let parts = held.buffers.iter().map(part).collect::<Result<Vec<_>>>()?;
         recorder.submit();
         context.wait(FINDING)?;
-        let origins = BrickBatch::by_buffer(batches).map(|part| part.iter().flat_map(|batch| &batch.origins));
+        let origins = held.buffers.iter().map(|part| part.batches.iter().flat_map(|batch| &batch.origins));
         let counted = |((mut visible, extents), origins): ((VisibleVoxels, Readback), _)| {
             let extents: Vec<Extent> = extents.done_values(context, FINDING)?;
             let brick = |(&[ox, oy, oz, _], extent): (&[u32; 4], &Extent)| {
@@ -133,7 +136,8 @@ pub(super) struct VisibleVoxels {
     pub(super) count: u32,
     /// The bricks, of whose visible voxels the first is numbered among those of the buffer.
     pub(super) bricks: Vec<BrickSplats>,
-    /// For each row of a brick, the number of its first visible voxel.
+    /// For each row of a brick, the number of its first visible voxel; then their number, and the index of the buffer:
+    /// see shaders/common/sampled.wgsl.
     pub(super) places: wgpu::Buffer,
     /// For each row of a brick, the bits of its visible voxels.
     pub(super) seen: wgpu::Buffer,
@@ -160,30 +164,27 @@ impl Job<'_> {
         self.context.wait("classifying the volume")
     }
 
-    /// Records the visible voxels of the batches of a buffer, of those that may show by the ranges of their bricks, of
-    /// which the first ones are taken. The extents of their bricks can be read after a wait.
+    /// Records the visible voxels of the batches of a buffer, of those that may show. The extents of their bricks can be
+    /// read after a wait.
     fn mark(
         &self,
         recorder: &mut Recorder<'_>,
-        batches: &[BrickBatch],
-        ranges: &mut &[[f64; 2]],
+        of: &HeldBuffer,
+        shows: &dyn Fn(&BrickBatch) -> bool,
     ) -> Result<(VisibleVoxels, Readback)> {
         /// Bytes of a row of a brick, and of the extents of a brick.
         const EACH: u64 = 4;
         const EXTENTS: u64 = size_of::<Extent>() as u64;
         let context = self.context;
-        let bricks = batches.iter().map(|batch| batch.origins.len()).sum::<usize>();
+        let bricks = of.count();
         let rows = (bricks * ROWS) as u64;
-        let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
-        let places = context.buffer("classify.places", (rows + 1) * EACH, usage)?;
+        let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC | wgpu::BufferUsages::COPY_DST;
+        let places = context.buffer("classify.places", (rows + 1) * EACH + of.index.size(), usage)?;
+        recorder.copy(&of.index, &places, (rows + 1) * EACH, of.index.size());
         let seen = context.buffer("classify.seen", rows * EACH, usage)?;
         let no_splats = context.buffer("classify.no_splats", 16, usage)?;
         // New buffers hold zeros: the rows of batches that do not show.
-        for batch in batches {
-            let of_batch = ranges.split_off(..batch.origins.len()).unwrap_or_default();
-            if self.input.shown(of_batch) == 0 {
-                continue;
-            }
+        for batch in of.batches.iter().filter(|batch| shows(batch)) {
             let [places, seen] =
                 [&places, &seen].map(|buffer| BrickBatch::rows(buffer, batch.before, batch.origins.len()));
             let buffers = [places, seen, no_splats.as_entire_binding()];

@@ -42,7 +42,7 @@ impl HostClassifier<'_> {
         };
         let mut stores = StoreBuilder::new(input.context, STRIDE, joined(input.context));
         let bricks =
-            input.each_brick(&|range| input.may_show(range), &|brick| classifier.brick(brick), &mut |brick| {
+            input.each_brick(&|_, range| input.may_show(range), &|brick| classifier.brick(brick), &mut |brick| {
                 stores.push(brick)
             })?;
         Ok(Drawable { bricks, ..stores.finish()? })

@@ -5,10 +5,11 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use super::cache::Cache;
 use super::classify::{Classifier, VisibleVoxels};
+use super::held_samples::{HeldBricks, HeldSamples};
 use super::layout::Classify;
 use super::pipeline::Binding;
 use super::recorder::{Recorder, max_work};
-use super::samples::{BrickBatch, HeldSamples, Input, InputKey};
+use super::samples::{Input, InputKey};
 use super::scan::Scan;
 use super::shaders;
 use super::stage::{Stage, for_each};
@@ -54,7 +55,7 @@ impl KeptVoxels {
         &self,
         pipelines: &Cache,
         input: &Input<'_>,
-        batches: &[BrickBatch],
+        held: &HeldBricks,
         is_lit: bool,
         work: impl FnOnce(&Arc<Vec<VisibleVoxels>>, Option<&[wgpu::Buffer]>) -> Result<T>,
     ) -> Result<T> {
@@ -64,11 +65,11 @@ impl KeptVoxels {
             Some(kept) => kept,
             None => {
                 let scan = Scan::of(pipelines, input.context)?;
-                (Arc::new(Classifier::of(pipelines, input)?.visible(&scan, input, batches)?), Normals::Unlit)
+                (Arc::new(Classifier::of(pipelines, input)?.visible(&scan, input, held)?), Normals::Unlit)
             }
         };
         if is_lit && matches!(normals, Normals::Unlit) {
-            normals = Normals::find(pipelines, input, batches, &visible)?;
+            normals = Normals::find(pipelines, input, held, &visible)?;
         }
         let result = match &normals {
             Normals::Kept(normals) if is_lit => work(&visible, Some(normals)),
@@ -81,7 +82,7 @@ impl KeptVoxels {
 
 impl Normals {
     /// Finds the normals of visible voxels, if there is room for them.
-    fn find(pipelines: &Cache, input: &Input<'_>, batches: &[BrickBatch], visible: &[VisibleVoxels]) -> Result<Self> {
+    fn find(pipelines: &Cache, input: &Input<'_>, held: &HeldBricks, visible: &[VisibleVoxels]) -> Result<Self> {
         let context = input.context;
         let bytes = || visible.iter().map(|part| u64::from(part.count) * 4);
         let fits = bytes().all(|bytes| bytes <= context.largest_buffer()) && bytes().sum::<u64>() <= KeptVoxels::MOST;
@@ -105,9 +106,8 @@ impl Normals {
         let work = (EDGE * EDGE * EDGE) as u64 * FOUND;
         let at_once = (max_work(context) / work).max(1) as usize;
         let mut recorder = Recorder::untimed(context);
-        for ((of_buffer, visible), normals) in BrickBatch::by_buffer(batches).zip(visible).zip(&normals) {
-            let Some(BrickBatch { samples, .. }) = of_buffer.first() else { continue };
-            let all: usize = of_buffer.iter().map(|batch| batch.origins.len()).sum();
+        for ((of_buffer, visible), normals) in held.buffers.iter().zip(visible).zip(&normals) {
+            let (samples, all) = (&of_buffer.samples, of_buffer.count());
             for first in (0..all).step_by(at_once) {
                 let bricks = at_once.min(all - first);
                 let parameters = Classify { bricks: bricks as u32, first_brick: first as u32, ..input.parameters() };

@@ -9,6 +9,7 @@ mod cells_test;
 pub(crate) mod classify;
 pub(crate) mod classify_on_host;
 pub(crate) mod context;
+pub(crate) mod held_samples;
 pub(crate) mod kept_voxels;
 pub(crate) mod layout;
 pub(crate) mod light_volume;

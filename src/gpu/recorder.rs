@@ -136,6 +136,11 @@ impl<'a> Recorder<'a> {
         self.encoder.copy_buffer_to_buffer(from, 0, to, at, bytes);
     }
 
+    /// Copies `bytes` of a buffer, from a byte of it on, to a byte of another.
+    pub(crate) fn copy_part(&mut self, from: (&wgpu::Buffer, u64), to: (&wgpu::Buffer, u64), bytes: u64) {
+        self.encoder.copy_buffer_to_buffer(from.0, from.1, to.0, to.1, bytes);
+    }
+
     /// Sets the first `bytes` of a buffer to 0.
     pub(crate) fn clear(&mut self, buffer: &wgpu::Buffer, bytes: u64) {
         self.encoder.clear_buffer(buffer, 0, Some(bytes));

@@ -7,11 +7,11 @@ use std::sync::Arc;
 use super::cache::Cache;
 use super::classify::{Classifier, STRIDE, VisibleVoxels, emit_in_shadows, joined, record};
 use super::context::Context;
+use super::held_samples::{HeldBricks, HeldSamples};
 use super::kept_voxels::{FOUND, KeptVoxels};
 use super::layout::{Classify, MAX_BRICKS, SHADED_WORDS};
-use super::pipeline::buffer_range;
 use super::recorder::{Recorder, max_work};
-use super::samples::{BATCH, BrickBatch, Bricks, HeldSamples, Input, InputKey, ROWS};
+use super::samples::{BATCH, BrickBatch, Bricks, Input, InputKey, ROWS};
 use super::stage::Constant;
 use super::store::{BrickSplats, Drawable, Splats, Store, Unlisted};
 use crate::error::Result;
@@ -24,7 +24,7 @@ pub(crate) struct Sampled {
     key: InputKey,
     points: wgpu::Buffer,
     parameters: Classify,
-    batches: Arc<Vec<BrickBatch>>,
+    held: Arc<HeldBricks>,
     /// By buffer of samples.
     visible: Arc<Vec<VisibleVoxels>>,
     /// The packed normals of visible voxels, by buffer of samples; `None`: there is no light or no room for them.
@@ -51,7 +51,7 @@ impl SampledKey {
 
 /// The bricks of a buffer of samples.
 pub(crate) struct SampledBuffer<'a> {
-    /// Their numbers in the lattice.
+    /// Their numbers in the volume, of which some may not be held.
     pub(super) bricks: Range<u32>,
     pub(super) samples: &'a wgpu::Buffer,
     pub(super) visible: &'a VisibleVoxels,
@@ -64,7 +64,7 @@ const MOST_TOGETHER: u64 = 1 << 9;
 
 /// The samples that a dispatch reads, as bindings.
 pub(crate) struct Dispatch<'a> {
-    /// Bricks, from this one of the lattice on.
+    /// Bricks, from this one of the buffer of samples on.
     pub(crate) parameters: Classify,
     pub(crate) voxels: u64,
     pub(crate) work: u64,
@@ -82,8 +82,8 @@ struct Part {
     of: Arc<Sampled>,
     /// The number of the buffer.
     buffer: usize,
-    /// The numbers of the batches.
-    batches: Vec<usize>,
+    /// The numbers of the batches in the buffer.
+    batches: Range<usize>,
     /// The first splat among the visible voxels of the buffer, and their number.
     first: u32,
     count: u32,
@@ -99,14 +99,14 @@ impl Sampled {
     ) -> Result<(Arc<Self>, u64)> {
         let classifier = Classifier::of(pipelines, input)?;
         let points = input.points_on_device()?;
-        held.with(input, |batches| {
-            kept.with(pipelines, input, batches, input.key().is_lit(), |visible, normals| {
+        held.with(input, input.needed_bricks()?, |held| {
+            kept.with(pipelines, input, held, input.key().is_lit(), |visible, normals| {
                 Ok(Arc::new(Self {
                     classifier,
                     key: input.key(),
                     points,
                     parameters: input.parameters(),
-                    batches: Arc::clone(batches),
+                    held: Arc::clone(held),
                     visible: Arc::clone(visible),
                     normals: normals.map(<[_]>::to_vec),
                     kept: None,
@@ -118,8 +118,7 @@ impl Sampled {
     /// The same as splats that no store lists.
     pub(crate) fn run(pipelines: &Cache, input: &Input<'_>, held: &HeldSamples, kept: &KeptVoxels) -> Result<Drawable> {
         let (sampled, bytes) = Self::hold(pipelines, input, held, kept)?;
-        let ranges = input.volume.ranges()?;
-        let bricks = Bricks { all: ranges.len() as u32, uploaded: input.shown(ranges), bytes };
+        let bricks = Bricks { all: input.volume.ranges()?.len() as u32, uploaded: input.shown()?, bytes };
         Ok(Drawable { stores: Self::stores(&sampled, input.context)?, bricks, ..Drawable::default() })
     }
 
@@ -150,8 +149,9 @@ impl Sampled {
 
     /// Whether samples may take less memory of the device than lists of all voxels that may show.
     pub(crate) fn may_save(input: &Input<'_>) -> Result<bool> {
-        let shown = u64::from(input.shown(input.volume.ranges()?));
-        Ok(HeldSamples::fits(input) && input.bytes() <= shown * (ROWS * EDGE) as u64 * STRIDE)
+        let bricks = input.needed_bricks()?;
+        let most_listed = u64::from(input.shown()?) * (ROWS * EDGE) as u64 * STRIDE;
+        Ok(HeldSamples::fits(input, &bricks) && input.bytes_of(&bricks) <= most_listed)
     }
 
     /// The splats of stores, if they are all of one volume and not listed.
@@ -164,11 +164,10 @@ impl Sampled {
         stores.iter().all(|store| of(store).is_some_and(|other| Arc::ptr_eq(&first, &other))).then_some(first)
     }
 
-    /// Whether lists of the splats take less memory than half of the samples.
+    /// Whether lists of the splats take less memory than half of the samples of all bricks.
     pub(crate) fn is_sparse(&self) -> bool {
         let splats: u64 = self.visible.iter().map(|visible| u64::from(visible.count)).sum();
-        let samples: u64 = self.batches.iter().map(|batch| batch.bytes.end - batch.bytes.start).sum();
-        2 * splats * STRIDE < samples
+        2 * splats * STRIDE < self.held.all_bytes()
     }
 
     /// How stages that need no normals and no light read the samples.
@@ -196,15 +195,17 @@ impl Sampled {
         self.buffers().all(|of_buffer| of_buffer.bricks.start.is_multiple_of(row))
     }
 
+    /// Whether the samples of all bricks are held: stages that read them reach every voxel.
+    pub(crate) fn is_whole(&self) -> bool {
+        self.held.is_whole()
+    }
+
     /// The buffers of samples.
     pub(super) fn buffers(&self) -> impl Iterator<Item = SampledBuffer<'_>> {
-        let mut end = 0;
-        let visible = BrickBatch::by_buffer(&self.batches).zip(&*self.visible).enumerate();
-        visible.filter_map(move |(number, (batches, visible))| {
-            let first = end;
-            end += batches.iter().map(|batch| batch.origins.len() as u32).sum::<u32>();
+        let buffers = self.held.buffers.iter().zip(&*self.visible).enumerate();
+        buffers.map(|(number, (buffer, visible))| {
             let [normals, kept] = [&self.normals, &self.kept].map(|buffers| buffers.as_ref()?.get(number));
-            Some(SampledBuffer { bricks: first..end, samples: &batches.first()?.samples, visible, normals, kept })
+            SampledBuffer { bricks: buffer.bricks.clone(), samples: &buffer.samples, visible, normals, kept }
         })
     }
 
@@ -212,29 +213,24 @@ impl Sampled {
     pub(crate) fn dispatches(&self, context: &Context) -> Vec<Dispatch<'_>> {
         let each = if self.key.is_lit() && self.normals.is_none() { FOUND } else { 1 };
         let batch_work = (BATCH * EDGE * EDGE * EDGE) as u64 * each;
-        let together = (max_work(context) / batch_work).clamp(1, MOST_TOGETHER) as usize;
+        let together = (max_work(context) / batch_work).clamp(1, MOST_TOGETHER) as usize * BATCH;
         let mut dispatches = Vec::new();
-        let mut first_brick = 0;
-        for (number, (batches, visible)) in BrickBatch::by_buffer(&self.batches).zip(&*self.visible).enumerate() {
-            for batches in batches.chunks(together) {
-                let [Some(first), Some(last)] = [batches.first(), batches.last()] else { continue };
-                let bricks = last.before + last.origins.len() - first.before;
+        for (number, (buffer, of)) in self.held.buffers.iter().zip(self.buffers()).enumerate() {
+            for first in (0..buffer.count()).step_by(together) {
+                let bricks = together.min(buffer.count() - first);
                 let voxels = (bricks * ROWS * EDGE) as u64;
-                let rows = |buffer| BrickBatch::rows(buffer, first.before, bricks);
-                let normals = self.normals.as_ref().and_then(|normals| normals.get(number));
-                let kept = self.kept.as_ref().and_then(|kept| kept.get(number));
+                let VisibleVoxels { places, seen, .. } = of.visible;
                 dispatches.push(Dispatch {
-                    parameters: Classify { bricks: bricks as u32, first_brick, ..self.parameters },
+                    parameters: Classify { bricks: bricks as u32, first_brick: first as u32, ..self.parameters },
                     voxels,
                     work: voxels * each,
-                    samples: buffer_range(&first.samples, first.bytes.start, last.bytes.end - first.bytes.start),
-                    places: rows(&visible.places),
-                    seen: rows(&visible.seen),
-                    normals: normals.unwrap_or(&visible.places).as_entire_binding(),
-                    kept: kept.unwrap_or(&visible.places).as_entire_binding(),
+                    samples: of.samples.as_entire_binding(),
+                    places: places.as_entire_binding(),
+                    seen: seen.as_entire_binding(),
+                    normals: of.normals.unwrap_or(places).as_entire_binding(),
+                    kept: of.kept.unwrap_or(places).as_entire_binding(),
                     buffer: number,
                 });
-                first_brick += bricks as u32;
             }
         }
         dispatches
@@ -245,25 +241,27 @@ impl Sampled {
         let bindable = context.largest_buffer() / this.stride();
         let most = u32::try_from(bindable).unwrap_or(u32::MAX).min(joined(context));
         let mut parts: Vec<Part> = Vec::new();
-        let mut number = 0;
-        for (buffer, (batches, visible)) in BrickBatch::by_buffer(&this.batches).zip(&*this.visible).enumerate() {
-            for batch in batches {
+        for (buffer, (of, visible)) in this.held.buffers.iter().zip(&*this.visible).enumerate() {
+            for (number, batch) in of.batches.iter().enumerate() {
                 let place = |brick: usize| visible.bricks.get(brick).map_or(visible.count, |brick| brick.first);
                 let first = place(batch.before);
                 let count = place(batch.before + batch.origins.len()) - first;
+                // Of this buffer, and batches that follow one another but for empty ones.
                 let has_room = |part: &&mut Part| {
-                    let bricks = (part.batches.len() + 1) * BATCH;
+                    let bricks = (number + 1 - part.batches.start) * BATCH;
                     part.buffer == buffer && part.count + count <= most && bricks <= MAX_BRICKS
                 };
                 match parts.last_mut().filter(has_room) {
                     _ if count == 0 => {}
                     Some(part) => {
-                        part.batches.push(number);
+                        part.batches.end = number + 1;
                         part.count += count;
                     }
-                    None => parts.push(Part { of: Arc::clone(this), buffer, batches: vec![number], first, count }),
+                    None => {
+                        let batches = number..number + 1;
+                        parts.push(Part { of: Arc::clone(this), buffer, batches, first, count });
+                    }
                 }
-                number += 1;
             }
         }
         parts
@@ -272,7 +270,7 @@ impl Sampled {
 
 impl Part {
     fn batches(&self) -> impl Iterator<Item = &BrickBatch> {
-        self.batches.iter().filter_map(|&number| self.of.batches.get(number))
+        self.of.held.buffers[self.buffer].batches[self.batches.clone()].iter()
     }
 
     fn store(self, context: &Context) -> Result<Store> {

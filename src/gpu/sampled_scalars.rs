@@ -9,10 +9,10 @@ use bytemuck::Zeroable;
 
 use super::cache::Cache;
 use super::context::Context;
+use super::held_samples::{HeldBricks, HeldSamples};
 use super::layout::Scalars;
-use super::pipeline::buffer_range;
 use super::recorder::{Recorder, max_work};
-use super::samples::{BrickBatch, FAR, HeldSamples, Input};
+use super::samples::{FAR, Input};
 use super::scalar_cells::{BoundSamples, CellFilters, ScalarCells};
 use super::stage::{Constant, Stage, for_each};
 use super::transfer::Reduction;
@@ -21,7 +21,7 @@ use crate::volume::{BRICK_EDGE as EDGE, SampleType};
 
 /// The scalars of a lattice of voxels, or of cells, with copies beyond its faces.
 pub(crate) struct SampledScalars {
-    batches: Arc<Vec<BrickBatch>>,
+    held: Arc<HeldBricks>,
     key: ScalarsKey,
     parameters: Scalars,
     /// Bricks of the volume along each axis.
@@ -109,12 +109,12 @@ impl SampledScalars {
         let voxels = input.volume.grid().dims();
         let most = (Reduction::LIMIT / f64::from(factor)).min(FARTHEST) as f32;
         let parameters = Scalars { dims: voxels, padding, origin, rest, factor, most, ..Scalars::zeroed() };
-        let (batches, sent) = held.with(input, |batches| Ok(Arc::clone(batches)))?;
+        let (held, sent) = held.with(input, input.all_bricks(), |held| Ok(Arc::clone(held)))?;
         let bricks = input.volume.bricks();
         let cells = |filters| ScalarCells::new(input.context, pipelines, key.of_cells(), voxels, filters);
         let cells = filters.map(cells).transpose()?;
         let dims = filters.map_or(voxels, |filters| filters.dims);
-        Ok(Some((Self { batches, key, parameters, bricks, cells, dims, bounds }, sent)))
+        Ok(Some((Self { held, key, parameters, bricks, cells, dims, bounds }, sent)))
     }
 
     pub(crate) fn key(&self) -> ScalarsKey {
@@ -136,7 +136,7 @@ impl SampledScalars {
 
     /// Bytes of memory of the device.
     pub(crate) fn bytes(&self) -> u64 {
-        self.batches.iter().map(|batch| batch.bytes.end - batch.bytes.start).sum()
+        self.held.bytes()
     }
 
     /// The cells, as which voxels count too.
@@ -167,15 +167,7 @@ impl SampledScalars {
 
     /// The samples of each buffer as a binding, and the numbers of their bricks.
     fn buffers(&self) -> impl Iterator<Item = (Range<u32>, wgpu::BindingResource<'_>)> {
-        let mut first_brick = 0;
-        BrickBatch::by_buffer(&self.batches).filter_map(move |batches| {
-            let bricks = batches.iter().map(|batch| batch.origins.len() as u32).sum::<u32>();
-            let numbers = first_brick..first_brick + bricks;
-            first_brick = numbers.end;
-            let (first, last) = (batches.first()?, batches.last()?);
-            let bytes = last.bytes.end - first.bytes.start;
-            Some((numbers, buffer_range(&first.samples, first.bytes.start, bytes)))
-        })
+        self.held.buffers.iter().map(|buffer| (buffer.bricks.clone(), buffer.samples.as_entire_binding()))
     }
 
     /// Records that the scalars of a box of the lattice, from `low` on and with `dims` points, become texels by the

@@ -1,15 +1,18 @@
 //! Splats that are no list, beside lists of the same splats.
 
+use std::ops::Range;
+
 use super::adapter_test::adapter;
 use super::cache::Cache;
 use super::classify::Classifier;
 use super::context::Context;
+use super::held_samples::HeldSamples;
 use super::kept_voxels::KeptVoxels;
 use super::recorder::Recorder;
 use super::sampled::Sampled;
-use super::samples::{HeldSamples, Input};
+use super::samples::Input;
 use super::scan::Scan;
-use super::store::{Drawable, Store};
+use super::store::{BrickSplats, Drawable, Store};
 use crate::progress::Progress;
 use crate::transfer::{ControlPoint, GradientPoint, TransferFunction};
 use crate::volume::{Grid, Samples, Volume};
@@ -72,4 +75,73 @@ fn listed_samples_are_the_splats_of_a_classification() {
         assert!(own == others);
         assert!(Sampled::of(&sampled.stores).is_none());
     }
+}
+
+/// A brick is sent once, whatever functions show. Of few bricks only those that may show are held.
+#[test]
+fn bricks_that_may_show_are_held_and_sent_once() {
+    // Bricks of one value each, of 5 x 3 x 4.
+    let value = |i: usize| {
+        let [x, y, z] = [i % 150, i / 150 % 90, i / (150 * 90)].map(|n| n / 32);
+        (10 * x + 3 * y + z) as u8
+    };
+    let values = Samples::U8((0..150 * 90 * 128).map(value).collect());
+    let volume = Volume::new(Grid::axis_parallel([150, 90, 128], [1.0; 3]).unwrap(), values).unwrap();
+    let bricks_of = |shown: &[u8]| {
+        let all = (0..60).map(|brick| (10 * (brick % 5) + 3 * (brick / 5 % 3) + brick / 15) as u8);
+        all.filter(|value| shown.contains(value)).count() as u64
+    };
+    let showing = |shown: &[u8]| {
+        let point = |value: f64, opacity| ControlPoint { value, color: [1.0, 0.5, 0.25], opacity };
+        let of = |&value: &u8| {
+            let value = f64::from(value);
+            [point(value - 0.4, 0.0), point(value - 0.2, 0.5), point(value + 0.2, 0.5), point(value + 0.4, 0.0)]
+        };
+        TransferFunction::new(shown.iter().flat_map(of).collect(), None).unwrap()
+    };
+    let mut context = Context::new(Some(&adapter())).unwrap().with_device_stages();
+    context.savings.paged_bytes = 0;
+    // Two rows of bricks in a buffer.
+    context.limits.max_storage_buffer_binding_size = 10 * 36_u64.pow(3);
+    let (pipelines, held, progress) = (Cache::default(), HeldSamples::default(), Progress::default());
+    let of_brick = 36_u64.pow(3);
+    // The values that a function shows, and those of bricks that are held and sent.
+    let edits: [(&[u8], &[u8], &[u8]); 5] = [
+        (&[10, 25], &[10, 25], &[10, 25]),
+        (&[10], &[10, 25], &[]),
+        (&[0, 13], &[0, 10, 13, 25], &[0, 13]),
+        (&[25, 46], &[0, 10, 13, 25, 46], &[46]),
+        (&[0, 10], &[0, 10, 13, 25, 46], &[]),
+    ];
+    for (shown, are_held, sent) in edits {
+        let transfer = showing(shown);
+        let input = Input::new(&context, &volume, &transfer, true, &progress).unwrap();
+        let kept = KeptVoxels::default();
+        let before = context.traffic().sent;
+        let sampled = Sampled::run(&pipelines, &input, &held, &kept).unwrap();
+        assert_eq!(sampled.bricks.bytes, bricks_of(sent) * of_brick, "{shown:?}");
+        assert!(context.traffic().sent - before < sampled.bricks.bytes + (64 << 10));
+        assert_eq!(held.bytes(), bricks_of(are_held) * of_brick, "{shown:?}");
+        let listed = Classifier::new(&input).run(&Scan::new(&context), &input).unwrap();
+        let splats = |made: &Drawable| {
+            let all = made.stores.iter().flat_map(|store| {
+                let words = words(&context, store);
+                let splat = |n: u32| words[4 * n as usize..][..4].to_vec();
+                let own = |(brick, run): (&BrickSplats, Range<u32>)| {
+                    (brick.origin, run.map(|n| (splat(n)[0] & 0x7fff, splat(n)[1..].to_vec())).collect::<Vec<_>>())
+                };
+                store.runs().map(own).collect::<Vec<_>>()
+            });
+            all.collect::<Vec<_>>()
+        };
+        let [own, others] = [&sampled, &listed].map(splats);
+        assert_eq!(own.len() as u64, bricks_of(shown));
+        assert!(own == others, "{shown:?}");
+    }
+    // More than a quarter: all.
+    let transfer = showing(&[0, 1, 2, 3, 10, 11, 12, 20, 21, 22, 30, 31, 32]);
+    let input = Input::new(&context, &volume, &transfer, true, &progress).unwrap();
+    let already = held.bytes();
+    let sampled = Sampled::run(&pipelines, &input, &held, &KeptVoxels::default()).unwrap();
+    assert_eq!([held.bytes(), sampled.bricks.bytes], [60 * of_brick, 60 * of_brick - already]);
 }

@@ -1,7 +1,6 @@
 //! The samples of a volume as stages read them: brick by brick with the voxels around each, in batches on the device.
 
 use std::ops::Range;
-use std::sync::{Arc, Mutex, PoisonError};
 
 use bytemuck::Zeroable;
 use rayon::prelude::*;
@@ -197,8 +196,8 @@ impl<'a> Input<'a> {
         self.halo
     }
 
-    /// Bytes of the samples of a brick with its halo.
-    fn brick_bytes(&self) -> u64 {
+    /// Bytes of the samples of a brick with its halo: a multiple of 8.
+    pub(super) fn brick_bytes(&self) -> u64 {
         let edge = (EDGE + 2 * self.halo()) as u64;
         edge.pow(3) * [1, 1, 2, 2, 4][self.coding.sample_type as usize]
     }
@@ -215,11 +214,11 @@ impl<'a> Input<'a> {
         !self.context.savings.bricks || self.keeps_invisible() || !self.transfer.is_invisible([a.min(b), a.max(b)])
     }
 
-    /// Calls `take` with the result of `make`, which runs in parallel, for each brick that `shows` accepts, given the
-    /// range of its samples, in order.
+    /// Calls `take` with the result of `make`, which runs in parallel, for each brick that `shows` accepts, given its
+    /// number and the range of its samples, in order.
     pub(super) fn each_brick<B: Send>(
         &self,
-        shows: &(dyn Fn([f64; 2]) -> bool + Sync),
+        shows: &(dyn Fn(usize, [f64; 2]) -> bool + Sync),
         make: &(dyn Fn(Brick) -> Result<B> + Sync),
         take: &mut dyn FnMut(B) -> Result<()>,
     ) -> Result<Bricks> {
@@ -298,73 +297,70 @@ impl Input<'_> {
         }
     }
 
-    /// Bytes of the samples of all bricks.
-    pub(crate) fn bytes(&self) -> u64 {
-        self.volume.bricks().into_iter().map(u64::from).product::<u64>() * self.brick_bytes()
+    /// The number of bricks that may show.
+    pub(super) fn shown(&self) -> Result<u32> {
+        Ok(self.volume.ranges()?.iter().filter(|&&range| self.may_show(range)).count() as u32)
     }
 
-    /// The number of bricks that may show of bricks with samples in these ranges.
-    pub(super) fn shown(&self, ranges: &[[f64; 2]]) -> u32 {
-        ranges.iter().filter(|&&range| self.may_show(range)).count() as u32
+    /// Calls `take` with the bricks that may show, in batches on the device.
+    pub(super) fn batches(&self, take: &mut dyn FnMut(&BrickBatch) -> Result<()>) -> Result<Bricks> {
+        self.send(&|_, range| self.may_show(range), &mut |outbox| {
+            let bytes = outbox.origins.len() as u64 * self.brick_bytes();
+            let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST;
+            let samples = self.context.buffer("classify.samples", bytes, usage)?;
+            let batch = BrickBatch::new(self, outbox.origins.clone(), (samples, 0))?;
+            outbox.send(|recorder, staging| recorder.copy(staging, &batch.samples, 0, bytes))?;
+            take(&batch)
+        })
     }
 
-    /// Calls `take` with the bricks that `shows` accepts, in batches on the device. Each `together` bricks share a
-    /// buffer.
-    pub(super) fn batches(
+    /// Sends the samples of the bricks that `shows` accepts, given their numbers and the ranges of their samples: calls
+    /// `flush` with up to [`BATCH`] bricks at a time.
+    pub(super) fn send(
         &self,
-        shows: &(dyn Fn([f64; 2]) -> bool + Sync),
-        together: usize,
-        take: &mut dyn FnMut(BrickBatch) -> Result<()>,
+        shows: &(dyn Fn(usize, [f64; 2]) -> bool + Sync),
+        flush: &mut dyn FnMut(&mut Outbox<'_>) -> Result<()>,
     ) -> Result<Bricks> {
-        let context = self.context;
         let all = self.volume.bricks().into_iter().map(|count| count as usize).product::<usize>();
-        let count = all.min(BATCH).min(together);
-        let parts = if count < all { 2 } else { 1 };
-        let bytes_of = |bricks: usize| bricks as u64 * self.brick_bytes();
-        let mut sender = Sender::new(context, SENDING, bytes_of(count).next_multiple_of(4), parts)?;
-        let (mut origins, mut bytes, mut sent, mut samples) = (Vec::new(), Vec::new(), 0, None);
-        let mut add = |brick: Option<Brick>| {
-            let is_last = brick.is_none();
-            if let Some(([x, y, z], samples)) = brick {
-                origins.push([x, y, z, 0]);
-                bytes.extend_from_slice(&samples);
-            }
-            let is_full = origins.len() == BATCH || (sent + origins.len()).is_multiple_of(together);
-            if origins.is_empty() || !(is_last || is_full) {
-                return Ok(());
-            }
-            let at = sent % together;
-            let buffer = match samples.take().filter(|_| at > 0) {
-                Some(buffer) => buffer,
-                None => {
-                    let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST;
-                    context.buffer("classify.samples", bytes_of(together.min(all - sent)), usage)?
-                }
-            };
-            samples = Some(buffer.clone());
-            sent += origins.len();
-            let batch = BrickBatch::new(
-                context,
-                &mut sender,
-                std::mem::take(&mut origins),
-                (buffer, at, bytes_of(at)),
-                &mut bytes,
-            )?;
-            bytes.clear();
-            take(batch)
-        };
-        let bricks = self.each_brick(shows, &Ok, &mut |brick| add(Some(brick)))?;
-        add(None)?;
+        let (count, parts) = if all > BATCH { (BATCH, 2) } else { (all, 1) };
+        let sender = Sender::new(self.context, SENDING, count as u64 * self.brick_bytes(), parts)?;
+        let mut outbox = Outbox { context: self.context, sender, origins: Vec::new(), bytes: Vec::new() };
+        let bricks = self.each_brick(shows, &Ok, &mut |([x, y, z], samples)| {
+            outbox.origins.push([x, y, z, 0]);
+            outbox.bytes.extend_from_slice(&samples);
+            if outbox.origins.len() == BATCH { flush(&mut outbox) } else { Ok(()) }
+        })?;
+        if !outbox.origins.is_empty() {
+            flush(&mut outbox)?;
+        }
         Ok(bricks)
     }
+}
 
-    /// The bricks whose samples share a buffer on a device that holds all of them: whole rows along x, if a buffer can
-    /// hold a row.
-    fn together(&self) -> usize {
-        let most = self.context.largest_buffer() / self.brick_bytes();
-        let most = usize::try_from(most).unwrap_or(usize::MAX);
-        let row = self.volume.bricks()[0] as usize;
-        if most < row { most.max(1) } else { most / row * row }
+/// Samples of bricks on their way to the device.
+pub(super) struct Outbox<'a> {
+    context: &'a Context,
+    sender: Sender<'a>,
+    /// Lattice points of the first voxels of the bricks.
+    pub(super) origins: Vec<[u32; 4]>,
+    /// Their samples.
+    bytes: Vec<u8>,
+}
+
+impl Outbox<'_> {
+    /// Sends the samples, of which `copy` records where they go, and empties the box.
+    pub(super) fn send(&mut self, copy: impl FnOnce(&mut Recorder<'_>, &wgpu::Buffer)) -> Result<()> {
+        /// Bytes that a thread writes at a time.
+        const PART: usize = 1 << 20;
+        let fill = |staging: &wgpu::Buffer| {
+            self.bytes.par_chunks(PART).enumerate().try_for_each(|(number, part)| {
+                self.context.write_mapped(SENDING, staging, (number * PART) as u64, part)
+            })
+        };
+        self.sender.send(&mut Recorder::untimed(self.context), fill, copy)?;
+        self.origins.clear();
+        self.bytes.clear();
+        Ok(())
     }
 }
 
@@ -386,64 +382,6 @@ impl Bricks {
     }
 }
 
-/// The samples of a volume on the device, for any transfer function.
-#[derive(Default)]
-pub(crate) struct HeldSamples(Mutex<Option<(SamplesKey, Arc<Vec<BrickBatch>>)>>);
-
-/// The format of samples on the device: their type, their reduction and the voxels around each brick.
-type SamplesKey = (u32, Option<Reduction>, usize);
-
-impl HeldSamples {
-    /// The most bytes of samples that are held without a change of the transfer function.
-    pub(super) const MOST: u64 = 2 << 30;
-
-    /// Whether the samples of a volume are few enough to be held for their own sake, with whole rows of bricks in each
-    /// buffer.
-    pub(crate) fn fits(input: &Input<'_>) -> bool {
-        let [row, ..] = input.volume.bricks();
-        input.bytes() <= Self::MOST && input.together().is_multiple_of(row as usize)
-    }
-
-    /// Whether the device holds samples.
-    pub(crate) fn is_held(&self) -> bool {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).is_some()
-    }
-
-    /// Drops the samples.
-    pub(crate) fn clear(&self) {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = None;
-    }
-
-    /// Calls `work` with the batches of all bricks. Sends the samples first if the device does not hold them; also
-    /// returns the bytes that were sent.
-    pub(super) fn with<T>(
-        &self,
-        input: &Input<'_>,
-        work: impl FnOnce(&Arc<Vec<BrickBatch>>) -> Result<T>,
-    ) -> Result<(T, u64)> {
-        let key = (input.coding.sample_type, input.coding.reduction, input.halo());
-        let lock = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        // Not locked meanwhile: reading samples waits for a pool of threads, which may hand over work that takes the
-        // lock. Samples in another format are dropped first, so that both are never in memory together.
-        let held = lock().take().filter(|(of, _)| *of == key);
-        let (batches, bytes) = match held {
-            Some((_, held)) => (held, 0),
-            None => {
-                let mut batches = Vec::new();
-                let mut keep = |batch| {
-                    batches.push(batch);
-                    Ok(())
-                };
-                let sent = input.batches(&|_| true, input.together(), &mut keep)?;
-                (Arc::new(batches), sent.bytes)
-            }
-        };
-        let result = work(&batches)?;
-        *lock() = Some((key, batches));
-        Ok((result, bytes))
-    }
-}
-
 /// Bricks that are classified together, on the device.
 pub(super) struct BrickBatch {
     /// Lattice points of the first voxels.
@@ -459,35 +397,16 @@ pub(super) struct BrickBatch {
 }
 
 impl BrickBatch {
-    /// Sends `samples`, which become a whole number of words, to a place in a buffer.
-    fn new(
-        context: &Context,
-        sender: &mut Sender<'_>,
+    /// Bricks of which `before` bricks precede in a buffer of samples.
+    pub(super) fn new(
+        input: &Input<'_>,
         origins: Vec<[u32; 4]>,
-        (buffer, before, at): (wgpu::Buffer, usize, u64),
-        samples: &mut Vec<u8>,
+        (samples, before): (wgpu::Buffer, usize),
     ) -> Result<Self> {
-        /// Bytes that a thread writes at a time.
-        const PART: usize = 1 << 20;
-        use wgpu::BufferUsages as Usages;
-        let places = bytemuck::cast_slice(&origins);
-        let places = context.upload("classify.origins", places, Usages::STORAGE | Usages::COPY_SRC)?;
-        samples.resize(samples.len().next_multiple_of(4), 0);
-        let bytes = samples.len() as u64;
-        let fill = |staging: &wgpu::Buffer| {
-            samples
-                .par_chunks(PART)
-                .enumerate()
-                .try_for_each(|(number, part)| context.write_mapped(SENDING, staging, (number * PART) as u64, part))
-        };
-        let mut recorder = Recorder::untimed(context);
-        sender.send(&mut recorder, fill, |recorder, staging| recorder.copy(staging, &buffer, at, bytes))?;
-        Ok(Self { origins, places, samples: buffer, before, bytes: at..at + bytes })
-    }
-
-    /// The batches of each buffer of samples.
-    pub(super) fn by_buffer(batches: &[Self]) -> impl Iterator<Item = &[Self]> {
-        batches.chunk_by(|a, b| a.samples == b.samples)
+        let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
+        let places = input.context.upload("classify.origins", bytemuck::cast_slice(&origins), usage)?;
+        let [start, end] = [before, before + origins.len()].map(|bricks| bricks as u64 * input.brick_bytes());
+        Ok(Self { origins, places, samples, before, bytes: start..end })
     }
 
     /// The samples of these bricks as a binding. Batches are whole multiples of the alignment of bindings: a brick has

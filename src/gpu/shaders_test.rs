@@ -73,6 +73,7 @@ fn constants_are_those_of_the_host() {
         ("pack-vector-pages", "PAGE_BITS", crate::gpu::store::PAGE.ilog2().into()),
         ("page_table", "PER_BRICK", crate::volume::BRICK_EDGE as u64 / u64::from(crate::gpu::store::PAGE)),
         ("cells", "EDGE", crate::volume::BRICK_EDGE as u64),
+        ("lit_rows", "ABSENT", super::held_samples::ABSENT.into()),
         ("lit_rows", "NODES", super::cells::NODES as u64),
         ("lit_rows", "TILE_ROWS", super::cells::TILE_ROWS as u64),
         ("lit_rows", "OPEN", super::cells::OPEN as u64),

@@ -16,9 +16,10 @@ use crate::gpu::cells;
 use crate::gpu::classify::Classifier;
 use crate::gpu::classify_on_host::HostClassifier;
 use crate::gpu::context::Context;
+use crate::gpu::held_samples::HeldSamples;
 use crate::gpu::kept_voxels::KeptVoxels;
 use crate::gpu::sampled::Sampled;
-use crate::gpu::samples::{Bricks, HeldSamples, Input};
+use crate::gpu::samples::{Bricks, Input};
 use crate::gpu::scan::Scan;
 use crate::gpu::splat::SplatLight;
 use crate::gpu::store::Drawable;
@@ -361,7 +362,8 @@ impl PreShaded {
                         None => {
                             let input = Input::new(context, volume, transfer, self.lit, progress)?;
                             let hold = || Sampled::hold(pipelines, &input, &self.samples, &self.visible);
-                            let held = HeldSamples::fits(&input).then(hold).transpose()?;
+                            let fits = HeldSamples::fits(&input, &input.needed_bricks()?);
+                            let held = fits.then(hold).transpose()?;
                             held.map(|(sampled, bytes)| {
                                 sent = bytes;
                                 sampled

@@ -11,9 +11,10 @@ use super::scalar_cells::{Coarse, Filters, differences};
 use crate::error::{Error, Result};
 use crate::gpu::cache::Cache;
 use crate::gpu::context::Context;
+use crate::gpu::held_samples::HeldSamples;
 use crate::gpu::layout::{LIT_SCALAR_WORDS, SCALAR_WORDS, packed_gradient};
 use crate::gpu::sampled_scalars::SampledScalars;
-use crate::gpu::samples::{Bricks, HeldSamples, Input};
+use crate::gpu::samples::{Bricks, Input};
 use crate::gpu::savings::Savings;
 use crate::gpu::store::{Drawable, MadeBrick, StoreBuilder};
 use crate::gpu::transfer::{Reduction, Relative, VisibleValues};
@@ -268,12 +269,13 @@ impl<'a> Emission<'a> {
         let places = |end: u64, axis: usize| end * u64::from(bounds[1][axis] - bounds[0][axis] + 1);
         let texel = if lit { 8 } else { 4 };
         let deepest = context.limits.max_texture_dimension_3d as usize;
-        let fits = HeldSamples::fits(&input)
+        let all = input.all_bricks();
+        let fits = HeldSamples::fits(&input, &all)
             && lattice.extended.iter().all(|&n| n < deepest)
             && (0..3).fold(texel, places) <= MOST;
         let shown = self.active.iter().filter(|&&active| active).count();
         let listed = (shown * EDGE * EDGE * EDGE) as u64 * 4 * self.key.words() as u64;
-        if !fits || !whole && input.bytes() > listed {
+        if !fits || !whole && input.bytes_of(&all) > listed {
             return Ok(None);
         }
         let dims = lattice.dims.map(|n| n as u32);

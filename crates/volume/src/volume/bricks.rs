@@ -48,8 +48,8 @@ impl Volume {
     }
 
     /// Calls `take` for each brick, x fastest: with the result of `make` for its encoded samples if `shows` accepts its
-    /// range of stored samples, otherwise with `None`. `halo` voxels around a brick are included; outside the volume
-    /// they repeat its outermost voxels. `make` runs in parallel.
+    /// number and its range of stored samples, otherwise with `None`. `halo` voxels around a brick are included;
+    /// outside the volume they repeat its outermost voxels. `make` runs in parallel.
     ///
     /// The first call reads every sample and keeps the ranges. Later calls read only rows of bricks that show
     /// something.
@@ -58,7 +58,7 @@ impl Volume {
     /// [`Error::Read`] and [`Error::Memory`] if samples cannot be read, and the errors of `make` and `take`.
     pub fn for_each_brick<B: Send, E: From<Error> + Send>(
         &self,
-        shows: &(dyn Fn([f64; 2]) -> bool + Sync),
+        shows: &(dyn Fn(usize, [f64; 2]) -> bool + Sync),
         halo: usize,
         coding: &impl RowCoding,
         make: &(dyn Fn(Brick) -> Result<B, E> + Sync),
@@ -72,7 +72,7 @@ impl Volume {
             let (y, z) = (j * EDGE, k * EDGE);
             let first = (k * down + j) * across;
             let ranges = known.map(|known| &known[first..first + across]);
-            if ranges.is_some_and(|r| !r.iter().any(|&r| shows(r))) {
+            if ranges.is_some_and(|ranges| !(first..).zip(ranges).any(|(number, &range)| shows(number, range))) {
                 return Ok((Vec::new(), (0..across).map(|_| None).collect()));
             }
             let read = self.strip([y, z].map(|c| c as i64), halo)?;
@@ -80,7 +80,7 @@ impl Volume {
             let brick = |(i, &range): (usize, &[f64; 2])| {
                 let at = [i * EDGE, y, z];
                 let brick = || (at.map(|c| c as u32), read.brick(at.map(|c| c as i64), coding));
-                shows(range).then(|| make(brick())).transpose()
+                shows(first + i, range).then(|| make(brick())).transpose()
             };
             let bricks = ranges.iter().enumerate().map(brick).collect::<Result<_, E>>()?;
             Ok((ranges, bricks))
@@ -98,7 +98,7 @@ impl Volume {
     /// The least and the largest stored sample of each brick, x fastest. The first call reads every sample.
     pub fn ranges(&self) -> Result<&[[f64; 2]]> {
         if self.known_ranges().is_none() {
-            self.for_each_brick::<(), Error>(&|_| false, 0, &(), &|_| Ok(()), &mut |_| Ok(()))?;
+            self.for_each_brick::<(), Error>(&|_, _| false, 0, &(), &|_| Ok(()), &mut |_| Ok(()))?;
         }
         Ok(self.known_ranges().unwrap_or_default())
     }
