@@ -94,16 +94,17 @@ impl Input<'_> {
         (x + across * (y + down * z)) / EDGE as u32
     }
 
-    /// The bricks of the volume that a buffer serves at a time: a row along x, if a buffer can hold a row.
-    fn together(&self) -> (u64, u32) {
-        let most = self.context.largest_buffer() / self.brick_bytes();
+    /// Whether a buffer can hold a row of bricks along x.
+    fn has_room_for_rows(&self) -> bool {
         let [row, ..] = self.volume.bricks();
-        (most.max(1), if u64::from(row) <= most { row } else { 1 })
+        u64::from(row) * self.brick_bytes() <= self.context.largest_buffer()
     }
 
-    /// The bricks of the volume that each buffer serves.
+    /// The bricks of the volume that each buffer serves: whole rows along x, if a buffer can hold a row.
     fn ranges_of_buffers(&self, set: &BrickSet) -> Vec<Range<u32>> {
-        let (most, together) = self.together();
+        let most = (self.context.largest_buffer() / self.brick_bytes()).max(1);
+        let [row, ..] = self.volume.bricks();
+        let together = if self.has_room_for_rows() { row } else { 1 };
         let all = set.0.len() as u32;
         let (mut ranges, mut start, mut held) = (Vec::new(), 0, 0);
         for first in (0..all).step_by(together as usize) {
@@ -128,8 +129,7 @@ impl HeldSamples {
     /// Whether the samples of some bricks are few enough to be held for their own sake, with whole rows of bricks in
     /// each buffer.
     pub(crate) fn fits(input: &Input<'_>, bricks: &BrickSet) -> bool {
-        let [row, ..] = input.volume.bricks();
-        input.bytes_of(bricks) <= Self::MOST && input.together().1 == row
+        input.bytes_of(bricks) <= Self::MOST && input.has_room_for_rows()
     }
 
     /// Whether the device holds samples.
@@ -161,7 +161,8 @@ impl HeldSamples {
         // Not locked meanwhile: reading samples waits for a pool of threads, which may hand over work that takes the
         // lock.
         let before = lock().take();
-        // A brick is sent once, however often transfer functions hide it and show it again.
+        // A brick is sent once, however often transfer functions hide it and show it again. Boxes that were packed from
+        // samples have no voxels of other bricks, so that they can be packed over.
         let held = before.iter().flat_map(|(_, held)| &held.set.0);
         needed.iter_mut().zip(held).for_each(|(needed, held)| *needed |= held);
         let needed = BrickSet(needed).or_all(input);
@@ -250,11 +251,6 @@ impl HeldBricks {
     /// Bytes of the samples on the device.
     pub(super) fn bytes(&self) -> u64 {
         self.set.count() as u64 * self.of_brick
-    }
-
-    /// Whether all bricks of the volume are held.
-    pub(super) fn is_whole(&self) -> bool {
-        self.set.count() == self.set.0.len()
     }
 }
 

@@ -195,11 +195,6 @@ impl Sampled {
         self.buffers().all(|of_buffer| of_buffer.bricks.start.is_multiple_of(row))
     }
 
-    /// Whether the samples of all bricks are held: stages that read them reach every voxel.
-    pub(crate) fn is_whole(&self) -> bool {
-        self.held.is_whole()
-    }
-
     /// The buffers of samples.
     pub(super) fn buffers(&self) -> impl Iterator<Item = SampledBuffer<'_>> {
         let buffers = self.held.buffers.iter().zip(&*self.visible).enumerate();

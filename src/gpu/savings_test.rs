@@ -194,3 +194,53 @@ fn device_pages_of_a_box_draw_what_the_box_draws() {
         }
     }
 }
+
+/// Three bricks in a row that may show, of 64: a box without empty pages. Voxels that are hidden leave the box, because
+/// their bricks stay on the device.
+#[test]
+fn device_boxes_of_few_bricks_draw_what_boxes_of_all_draw() {
+    const SIDE: u32 = 128;
+    let value = |[x, y, z]: [u32; 3]| match (x / 32, y / 32, z / 32) {
+        (brick @ 0..3, 0, 0) => (10 + 20 * brick + (7 * x + 3 * y + 5 * z) % 8) as u8,
+        _ => 0,
+    };
+    let points = (0..SIDE.pow(3)).map(|i| value([i % SIDE, i / SIDE % SIDE, i / (SIDE * SIDE)]));
+    let volume = Volume::from_slice([SIDE; 3], [1.0; 3], &points.collect::<Vec<u8>>()).unwrap();
+    // From which value to which one there is matter.
+    let showing = |ranges: &[[f64; 2]]| {
+        let point = |value, opacity| ControlPoint { value, color: [0.9, value / 80.0, 0.2], opacity };
+        let of = |&[low, high]: &[f64; 2]| {
+            [point(low - 1.0, 0.0), point(low, 0.02), point(high, 0.03), point(high + 1.0, 0.0)]
+        };
+        TransferFunction::new(ranges.iter().flat_map(of).collect(), None).unwrap()
+    };
+    let [left, middle, right] = [[10.0, 18.0], [30.0, 38.0], [50.0, 58.0]];
+    let renderers = [0, u64::MAX].map(|paged_bytes| {
+        let options = RendererOptions { adapter: Some(adapter()), ..RendererOptions::default() };
+        let mut renderer = Renderer::new(&options).unwrap().with_device_stages();
+        renderer.context.savings = Savings { paged_bytes, ..Savings::default() };
+        renderer
+    });
+    let lighting = Some(Lighting { lights: vec![Light::HEADLIGHT], ..Lighting::default() });
+    for lighting in [None, lighting] {
+        let settings = Settings { lighting, level: Level::At(0), antialiasing: false, ..Settings::default() };
+        let first = showing(&[left, middle, right]);
+        let mut scenes = renderers.each_ref().map(|on| on.prepare(&volume, &first, &settings).unwrap());
+        let camera = Camera::new(&View { azimuth: 25.0, ..View::default() }, volume.grid(), [100; 2]).unwrap();
+        let mut before = None;
+        for shown in [None, Some(vec![left, right]), Some(vec![left, middle, right]), Some(vec![middle, right])] {
+            if let Some(shown) = &shown {
+                for (on, scene) in renderers.iter().zip(&mut scenes) {
+                    on.set_transfer(scene, &showing(shown)).unwrap();
+                }
+            }
+            let [few, all] = [0, 1].map(|i| renderers[i].render(&scenes[i], &camera, &settings).unwrap());
+            let bytes = [&few, &all].map(|rendered| rendered.stats.bytes_sent);
+            println!("{shown:?}: {bytes:?} bytes sent");
+            assert!(bytes[0] < 64 << 10, "{shown:?}");
+            assert!(few.image == all.image, "{shown:?}, {:?}", settings.lighting);
+            assert!(before.as_ref() != Some(&few.image));
+            before = Some(few.image);
+        }
+    }
+}

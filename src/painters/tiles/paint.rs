@@ -429,7 +429,7 @@ impl<'a> Picture<'a> {
         let (reusable, spare): (Vec<_>, Vec<_>) = held.drain(..).partition(is_same);
         // Drop unusable packings first, so that old and new are never in memory together. Others are packed over:
         // textures that exist are not cleared first.
-        let whole = pipelines.packer.is_none() || self.samples.as_ref().is_some_and(Samples::are_whole);
+        let whole = pipelines.packer.is_none() || self.samples.is_some();
         let has_room =
             |packed: &Packed, axis: &PackedAxis| packed.has_room_for((axis.packing, &axis.reached), source, whole);
         let spare = spare.into_iter().filter_map(Arc::into_inner);

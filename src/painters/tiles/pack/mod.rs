@@ -401,14 +401,6 @@ impl Samples {
         }
     }
 
-    /// Whether they are those of all voxels of the volume.
-    pub(super) fn are_whole(&self) -> bool {
-        match self {
-            Self::Voxels(sampled) => sampled.is_whole(),
-            Self::Scalars(_) => true,
-        }
-    }
-
     pub(super) fn key(&self) -> SamplesKey {
         match self {
             Self::Voxels(sampled) => SamplesKey::Voxels(sampled.key()),
