@@ -164,8 +164,8 @@ impl Job<'_> {
         self.context.wait("classifying the volume")
     }
 
-    /// Records the visible voxels of the batches of a buffer, of those that may show. The extents of their bricks can be
-    /// read after a wait.
+    /// Records the visible voxels of the batches of a buffer, of those that may show. The extents of their bricks can
+    /// be read after a wait.
     fn mark(
         &self,
         recorder: &mut Recorder<'_>,

@@ -1,5 +1,5 @@
-//! The samples of a volume that the device holds for any transfer function: those of all bricks, or only those of bricks
-//! that may show, if these are few.
+//! The samples of a volume that the device holds for any transfer function: those of all bricks, or only those of
+//! bricks that may show, if these are few.
 
 use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
