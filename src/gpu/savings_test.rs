@@ -208,13 +208,13 @@ fn device_boxes_of_few_bricks_draw_what_boxes_of_all_draw() {
     let volume = Volume::from_slice([SIDE; 3], [1.0; 3], &points.collect::<Vec<u8>>()).unwrap();
     // From which value to which one there is matter.
     let showing = |ranges: &[[f64; 2]]| {
-        let point = |value, opacity| ControlPoint { value, color: [0.9, value / 80.0, 0.2], opacity };
+        let point = |value, opacity| ControlPoint { value, color: [0.9, value / 100.0, 0.2], opacity };
         let of = |&[low, high]: &[f64; 2]| {
             [point(low - 1.0, 0.0), point(low, 0.02), point(high, 0.03), point(high + 1.0, 0.0)]
         };
         TransferFunction::new(ranges.iter().flat_map(of).collect(), None).unwrap()
     };
-    let [left, middle, right] = [[10.0, 18.0], [30.0, 38.0], [50.0, 58.0]];
+    let [left, middle, right, nothing] = [[10.0, 18.0], [30.0, 38.0], [50.0, 58.0], [90.0, 98.0]];
     let renderers = [0, u64::MAX].map(|paged_bytes| {
         let options = RendererOptions { adapter: Some(adapter()), ..RendererOptions::default() };
         let mut renderer = Renderer::new(&options).unwrap().with_device_stages();
@@ -228,7 +228,8 @@ fn device_boxes_of_few_bricks_draw_what_boxes_of_all_draw() {
         let mut scenes = renderers.each_ref().map(|on| on.prepare(&volume, &first, &settings).unwrap());
         let camera = Camera::new(&View { azimuth: 25.0, ..View::default() }, volume.grid(), [100; 2]).unwrap();
         let mut before = None;
-        for shown in [None, Some(vec![left, right]), Some(vec![left, middle, right]), Some(vec![middle, right])] {
+        let edits = [vec![left, right], vec![left, middle, right], vec![middle, right], vec![nothing], vec![right]];
+        for shown in std::iter::once(None).chain(edits.into_iter().map(Some)) {
             if let Some(shown) = &shown {
                 for (on, scene) in renderers.iter().zip(&mut scenes) {
                     on.set_transfer(scene, &showing(shown)).unwrap();
