@@ -54,13 +54,19 @@ impl BrickSet {
 
     /// The set, or all bricks if it saves little memory: then another transfer function sends no samples.
     fn or_all(self, input: &Input<'_>) -> Self {
-        /// The least factor by which a set takes less memory than all bricks.
-        const SAVES: usize = 4;
-        let all = self.0.len();
-        let bytes = all as u64 * input.brick_bytes();
-        let is_few = bytes >= input.context.savings.paged_bytes && SAVES * self.count() <= all;
-        if is_few { self } else { Self(vec![true; all]) }
+        let counts = [self.count(), self.0.len()].map(|count| count as u64);
+        let saves = saves(counts, input.brick_bytes(), input.context.savings.paged_bytes);
+        if saves { self } else { Self(vec![true; self.0.len()]) }
     }
+}
+
+/// Whether so many bricks of all are held in place of all: samples of all take at least `paged_bytes`, and they are four
+/// times as many, or more than are held for their own sake.
+fn saves([count, all]: [u64; 2], brick_bytes: u64, paged_bytes: u64) -> bool {
+    /// The least factor by which a set takes less memory than all bricks.
+    const SAVES: u64 = 4;
+    let bytes = all * brick_bytes;
+    bytes >= paged_bytes && (SAVES * count <= all || bytes > HeldSamples::MOST)
 }
 
 impl Input<'_> {
@@ -281,4 +287,18 @@ fn copy_bricks<'a>(recorder: &mut Recorder<'_>, of_brick: u64, copies: impl Iter
         };
     }
     copy(run);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn few_bricks_of_many_are_held_alone() {
+        let brick = 36_u64.pow(3);
+        let of = |count, all| saves([count, all], brick, 128 << 20);
+        // A volume of 256^3, one of 1024^3 and one of 2048^3 voxels.
+        assert!(!of(1, 1 << 9) && of(1 << 13, 1 << 15) && !of((1 << 13) + 1, 1 << 15));
+        assert!(of(1 << 17, 1 << 18) && (brick << 18) > HeldSamples::MOST);
+    }
 }

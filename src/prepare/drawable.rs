@@ -303,7 +303,7 @@ impl PreShaded {
 
     /// The visible voxels by stages of a GPU. From the first change of the transfer function on the device holds the
     /// samples, and before if it has room for them: no list of splats is made unless something reads it, or takes less
-    /// memory.
+    /// memory, or the device has no room.
     fn classified_on_device(&self, pipelines: &Cache, input: &Input<'_>, lists: bool) -> Result<Drawable> {
         let context = input.context();
         let is_held = self.edits > 0 || self.samples.is_held();
@@ -319,7 +319,7 @@ impl PreShaded {
                     self.samples.clear();
                     return Ok(made);
                 }
-                Err(Error::OutOfMemory(_)) if !is_held => {}
+                Err(Error::OutOfMemory(_)) => {}
                 Err(e) => return Err(e),
             }
         }
