@@ -60,8 +60,8 @@ impl BrickSet {
     }
 }
 
-/// Whether so many bricks are held in place of all: the samples of all take at least `paged_bytes`, and all are four times
-/// as many, or more than are held for their own sake.
+/// Whether so many bricks are held in place of all: the samples of all take at least `paged_bytes`, and all are four
+/// times as many, or more than are held for their own sake.
 fn saves([count, all]: [u64; 2], brick_bytes: u64, paged_bytes: u64) -> bool {
     /// The least factor by which a set takes less memory than all bricks.
     const SAVES: u64 = 4;
