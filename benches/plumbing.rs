@@ -259,7 +259,7 @@ fn events(
     curve: &[[f64; 5]],
     kind: Kind,
     turns: usize,
-    take: &mut dyn FnMut(&'static str, Taken),
+    take: &mut dyn FnMut(&'static str, Taken) -> Outcome,
 ) -> Outcome {
     let renderer = &host.renderer;
     let height = 1.5 * f64::from(of.dims.into_iter().max().unwrap_or(1));
@@ -280,7 +280,7 @@ fn events(
         let scene = made.insert(renderer.prepare(volume, &transfer, &settings)?);
         host.draw(scene, &at, &settings)
     })?;
-    take("first", first);
+    take("first", first)?;
     let mut scene = made.ok_or("no scene")?;
     let turned = camera(AZIMUTH + 10.0)?;
     let mut next = host.measured(|| host.draw(&scene, &turned, &settings))?;
@@ -292,11 +292,11 @@ fn events(
     if turns > 0 {
         next.milliseconds = median(times);
     }
-    take("next", next);
+    take("next", next)?;
     if kind.lit != Lit::Unlit {
         let lit_by = |number| Settings { lighting: Some(kind.other_light(number)), ..settings.clone() };
         host.draw(&scene, &at, &lit_by(1))?;
-        take("light", host.measured(|| host.draw(&scene, &at, &lit_by(2)))?);
+        take("light", host.measured(|| host.draw(&scene, &at, &lit_by(2)))?)?;
     }
     let clipped = |share: f64| -> Outcome<Settings> {
         let plane = Plane::new(DVec3::X, share * f64::from(of.dims[0]))?;
@@ -304,7 +304,7 @@ fn events(
     };
     host.draw(&scene, &at, &clipped(0.0)?)?;
     let moved = clipped(0.1)?;
-    take("clip", host.measured(|| host.draw(&scene, &at, &moved))?);
+    take("clip", host.measured(|| host.draw(&scene, &at, &moved))?)?;
     host.draw(&scene, &at, &settings)?;
     let mut change = |moved| -> Outcome<Taken> {
         let other = of.transfer(curve, moved)?;
@@ -314,8 +314,7 @@ fn events(
         })
     };
     change(0.02)?;
-    take("transfer", change(-0.03)?);
-    Ok(())
+    take("transfer", change(-0.03)?)
 }
 
 fn main() -> Outcome {
@@ -342,33 +341,32 @@ fn main() -> Outcome {
         let volume = scene.volume(&work)?;
         for kind in Kind::all().filter(|kind| is_listed(&pictures, &kind.name())) {
             let host = Host::new(device_stages, size)?;
-            let mut rows = Vec::new();
+            // Each row as soon as its event is done.
             events(&host, scene, &volume, &transfer, kind, turns, &mut |event, taken| {
                 let Taken { milliseconds, counts, visible } = taken;
                 let Counts { dispatches, submissions, waits, uploaded, resident } = counts;
-                rows.push(Row {
-                    scene: name.to_owned(),
-                    picture: kind.name(),
-                    event,
-                    milliseconds,
-                    dispatches,
-                    submissions,
-                    waits,
-                    uploaded,
-                    resident,
-                    visible,
-                });
-            })?;
-            for row in rows {
+                let picture = kind.name();
                 if json {
+                    let scene = name.to_owned();
+                    let row = Row {
+                        scene,
+                        picture,
+                        event,
+                        milliseconds,
+                        dispatches,
+                        submissions,
+                        waits,
+                        uploaded,
+                        resident,
+                        visible,
+                    };
                     println!("{}", serde_json::to_string(&row)?);
-                    continue;
+                    return Ok(());
                 }
-                let Row { scene, picture, event, milliseconds, dispatches, submissions, .. } = row;
-                let Row { waits, uploaded, resident, visible, .. } = row;
                 let counts = format!("{dispatches} | {submissions} | {waits} | {uploaded} | {resident} | {visible}");
-                report.line(format!("| {scene} | {picture} | {event} | {milliseconds:.1} | {counts} |"));
-            }
+                report.line(format!("| {name} | {picture} | {event} | {milliseconds:.1} | {counts} |"));
+                Ok(())
+            })?;
         }
     }
     let best = adapters().into_iter().next().ok_or("no adapter")?;
