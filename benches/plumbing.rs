@@ -347,9 +347,8 @@ fn main() -> Outcome {
                 let Counts { dispatches, submissions, waits, uploaded, resident } = counts;
                 let picture = kind.name();
                 if json {
-                    let scene = name.to_owned();
                     let row = Row {
-                        scene,
+                        scene: name.to_owned(),
                         picture,
                         event,
                         milliseconds,

@@ -11,8 +11,7 @@
 
 // Whether an invocation has a visible voxel.
 fn has_voxel(index: u32) -> bool {
-    let row = classify.first_brick * EDGE * EDGE + index / EDGE;
-    return index < classify.bricks * EDGE * EDGE * EDGE && is_seen(row, index % EDGE);
+    return index < classify.bricks * EDGE * EDGE * EDGE && is_seen(row_of_voxel(index), index % EDGE);
 }
 
 @compute @workgroup_size(WORKGROUP)

@@ -177,13 +177,15 @@ impl Renderer {
     }
 
     /// Gives a scene another transfer function, and the next picture shows it. On GPUs a change sends a table and no
-    /// samples. The first change sends those of the whole volume, if lists of splats took less memory before; the scene
-    /// then holds them. The field of post-shaded shadows is made on the host again.
+    /// samples, but those of bricks that may show for the first time, if few bricks of the volume may show. The first
+    /// change sends the samples that the scene then holds, if lists of splats took less memory before. The field of
+    /// post-shaded shadows is made again.
     ///
     /// A pre-shaded picture has the bytes of a scene that was prepared with the function. A post-shaded one differs by
     /// up to 0.5 of 255 (rms), because sums of kernels err more if the base value is farther from the visible ones.
     ///
-    /// # Errors [`Error::Setting`] if the scene has several layers, which have no single transfer function, and
+    /// # Errors
+    /// [`Error::Setting`] if the scene has several layers, which have no single transfer function, and
     /// [`Error::Input`] if the samples cannot be read.
     pub fn set_transfer(&self, scene: &mut Scene, transfer: &TransferFunction) -> Result<()> {
         scene.set_transfer(transfer)

@@ -18,7 +18,7 @@ struct Classify {
     // Subtracted from a sample before it is compared with the control points.
     sample_origin: f32,
     gradient_z: vec3f,
-    // Number of the first brick of this batch among the bricks of the store, or of the lattice.
+    // Number of the first brick of this batch among the bricks of the store, or of the buffer of samples.
     first_brick: u32,
     // Control points of gradient opacity, after the other points: `sample` is the length of a gradient of samples.
     gradient_points: u32,

@@ -30,9 +30,14 @@ fn place_of_brick(number: u32) -> u32 {
     return places[bricks_of_buffer() * (EDGE * EDGE + 1u) + 1u + number];
 }
 
-// The voxel of an invocation. `classify.first_brick` is the first brick of the dispatch in the buffer.
+// The row of an invocation. `classify.first_brick` is the first brick of the dispatch in the buffer.
+fn row_of_voxel(index: u32) -> u32 {
+    return classify.first_brick * EDGE * EDGE + index / EDGE;
+}
+
+// The voxel of an invocation.
 fn brick_voxel(index: u32) -> BrickVoxel {
-    let row = classify.first_brick * EDGE * EDGE + index / EDGE;
+    let row = row_of_voxel(index);
     let bricks = (classify.dims + EDGE - 1u) / EDGE;
     let number = places[bricks_of_buffer() * EDGE * EDGE + 1u + row / (EDGE * EDGE)];
     let brick = vec3u(number % bricks.x, number / bricks.x % bricks.y, number / (bricks.x * bricks.y));

@@ -7,7 +7,8 @@ override PERSPECTIVE: bool = false;
 struct VoxelBox {
     // Lattice point of the first voxel.
     low: vec3u,
-    // The bricks whose samples are bound, or the splats that the box may reach, from this one to before the last.
+    // The bricks of the volume that the bound samples serve, or the splats that the box may reach, from this one to
+    // before the last.
     first: u32,
     // Voxels along each axis.
     dims: vec3u,

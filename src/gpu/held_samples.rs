@@ -49,7 +49,7 @@ impl BrickSet {
     }
 
     fn has(&self, brick: u32) -> bool {
-        self.0.get(brick as usize).copied().unwrap_or_default()
+        self.0[brick as usize]
     }
 
     /// The set, or all bricks if it saves little memory: then another transfer function sends no samples.
@@ -72,7 +72,7 @@ fn saves([count, all]: [u64; 2], brick_bytes: u64, paged_bytes: u64) -> bool {
 impl Input<'_> {
     /// All bricks.
     pub(crate) fn all_bricks(&self) -> BrickSet {
-        BrickSet(vec![true; self.volume.bricks().into_iter().map(|count| count as usize).product()])
+        BrickSet(vec![true; self.brick_count()])
     }
 
     /// The bricks whose samples pictures need: those that may show, if these are few.

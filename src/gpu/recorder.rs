@@ -133,7 +133,7 @@ impl<'a> Recorder<'a> {
 
     /// Copies the first `bytes` of a buffer to another, from byte `at` on.
     pub(crate) fn copy(&mut self, from: &wgpu::Buffer, to: &wgpu::Buffer, at: u64, bytes: u64) {
-        self.encoder.copy_buffer_to_buffer(from, 0, to, at, bytes);
+        self.copy_part((from, 0), (to, at), bytes);
     }
 
     /// Copies `bytes` of a buffer, from a byte of it on, to a byte of another.

@@ -118,7 +118,7 @@ impl Sampled {
     /// The same as splats that no store lists.
     pub(crate) fn run(pipelines: &Cache, input: &Input<'_>, held: &HeldSamples, kept: &KeptVoxels) -> Result<Drawable> {
         let (sampled, bytes) = Self::hold(pipelines, input, held, kept)?;
-        let bricks = Bricks { all: input.volume.ranges()?.len() as u32, uploaded: input.shown()?, bytes };
+        let bricks = Bricks { all: input.brick_count() as u32, uploaded: input.shown()?, bytes };
         Ok(Drawable { stores: Self::stores(&sampled, input.context)?, bricks, ..Drawable::default() })
     }
 
@@ -210,9 +210,10 @@ impl Sampled {
         let batch_work = (BATCH * EDGE * EDGE * EDGE) as u64 * each;
         let together = (max_work(context) / batch_work).clamp(1, MOST_TOGETHER) as usize * BATCH;
         let mut dispatches = Vec::new();
-        for (number, (buffer, of)) in self.held.buffers.iter().zip(self.buffers()).enumerate() {
-            for first in (0..buffer.count()).step_by(together) {
-                let bricks = together.min(buffer.count() - first);
+        for (number, of) in self.buffers().enumerate() {
+            let all = of.visible.bricks.len();
+            for first in (0..all).step_by(together) {
+                let bricks = together.min(all - first);
                 let voxels = (bricks * ROWS * EDGE) as u64;
                 let VisibleVoxels { places, seen, .. } = of.visible;
                 dispatches.push(Dispatch {

@@ -224,7 +224,7 @@ impl<'a> Input<'a> {
     ) -> Result<Bricks> {
         let Self { volume, progress, .. } = self;
         let mut bricks = Bricks::default();
-        let total = volume.bricks().into_iter().product::<u32>();
+        let total = self.brick_count();
         let made = |brick: Brick| Ok::<_, Error>((brick.1.len() as u64, make(brick)?));
         volume.for_each_brick(shows, self.halo(), &self.coding, &made, &mut |brick| {
             bricks.all += 1;
@@ -233,7 +233,7 @@ impl<'a> Input<'a> {
                 bricks.bytes += bytes;
                 take(brick)?;
             }
-            progress.report("classifying", f64::from(bricks.all) / f64::from(total));
+            progress.report("classifying", f64::from(bricks.all) / total as f64);
             progress.check()
         })?;
         Ok(bricks)
@@ -297,6 +297,11 @@ impl Input<'_> {
         }
     }
 
+    /// The number of bricks of the volume.
+    pub(super) fn brick_count(&self) -> usize {
+        self.volume.bricks().into_iter().map(|count| count as usize).product()
+    }
+
     /// The number of bricks that may show.
     pub(super) fn shown(&self) -> Result<u32> {
         Ok(self.volume.ranges()?.iter().filter(|&&range| self.may_show(range)).count() as u32)
@@ -321,7 +326,7 @@ impl Input<'_> {
         shows: &(dyn Fn(usize, [f64; 2]) -> bool + Sync),
         flush: &mut dyn FnMut(&mut Outbox<'_>) -> Result<()>,
     ) -> Result<Bricks> {
-        let all = self.volume.bricks().into_iter().map(|count| count as usize).product::<usize>();
+        let all = self.brick_count();
         let (count, parts) = if all > BATCH { (BATCH, 2) } else { (all, 1) };
         let sender = Sender::new(self.context, SENDING, count as u64 * self.brick_bytes(), parts)?;
         let mut outbox = Outbox { context: self.context, sender, origins: Vec::new(), bytes: Vec::new() };
