@@ -39,6 +39,7 @@ mod usage;
 
 use std::ffi::OsString;
 use std::process::ExitCode;
+use std::time::Instant;
 
 use clap::FromArgMatches;
 use clap::error::ErrorKind;
@@ -84,7 +85,10 @@ fn run(args: args::Args, matches: &clap::ArgMatches) -> Result<(), Failure> {
     match args.command {
         args::Command::Render(args) => render::run(scene::jobs(*args, line, job::RenderJob::new)?),
         args::Command::Turntable(args) => turntable::run(turntable::TurntableJob::new(*args, line)?),
-        args::Command::Pareto(args) => pareto::run(&args, line),
+        args::Command::Pareto(args) => {
+            let start = Instant::now();
+            pareto::run(&args, line, &|| start.elapsed())
+        }
         args::Command::Plan(args) => bricks::plan(*args, line),
         args::Command::Brick(args) => bricks::brick(&args),
         args::Command::Merge(args) => bricks::merge(&args),

@@ -4,10 +4,12 @@ mod date;
 mod page;
 mod plan;
 mod plot;
+#[cfg(test)]
+mod stages_test;
 mod study;
 
 use std::path::Path;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use clap::{ArgMatches, Command};
 use flate2::Crc;
@@ -121,8 +123,11 @@ const GOLDEN_ANGLE: f64 = 137.507_764_050_037_85;
 /// The elevations of the views after the first, degrees, in turn.
 const ELEVATIONS: [f64; 5] = [25.0, -35.0, 55.0, -15.0, 0.0];
 
-pub(crate) fn run(args: &ParetoArgs, line: (&Command, &ArgMatches)) -> Result<(), Failure> {
-    let start = Instant::now();
+/// Returns the time since the start of a study: the clock of the machine, or of a test.
+pub(crate) type Clock<'a> = &'a dyn Fn() -> Duration;
+
+/// Runs a study, whose times are all read from `clock`.
+pub(crate) fn run(args: &ParetoArgs, line: (&Command, &ArgMatches), clock: Clock<'_>) -> Result<(), Failure> {
     let notes = noted(line.0, vec![line.1])?;
     args.input.check_one_time()?;
     let first = view(&args.view, args.size)?;
@@ -194,7 +199,7 @@ pub(crate) fn run(args: &ParetoArgs, line: (&Command, &ArgMatches)) -> Result<()
         sample: Sample::new(args.size, tuning.sample),
         plan: Plan::new(&variants, args.seconds),
         variants,
-        clock: Box::new(move || start.elapsed()),
+        clock,
         rest: rest(file_name),
         rivals,
         figure,
@@ -269,8 +274,7 @@ struct Run<'a> {
     sample: Sample,
     variants: Vec<Variant>,
     plan: Plan,
-    /// The time since the start.
-    clock: Box<dyn Fn() -> Duration>,
+    clock: Clock<'a>,
     /// The command that measures everything that is missing.
     rest: String,
     rivals: Vec<Rival>,
@@ -396,7 +400,7 @@ impl Run<'_> {
 
     /// Draws each view from the start and compares it with its truth.
     fn errors(&mut self, variant: &Variant, truth: &[Image], measured: &mut Measurement) -> Result<(), Error> {
-        let start = Instant::now();
+        let start = self.elapsed();
         self.scene = None;
         for (view, truth) in truth.iter().enumerate() {
             if measured.first > self.args.patience || view > 0 && self.plan.is_over(self.elapsed()) {
@@ -404,8 +408,8 @@ impl Run<'_> {
             }
             let camera = self.cameras[view];
             let rendered = self.draw(&camera, &variant.settings)?;
-            if measured.first == 0.0 {
-                measured.first = start.elapsed().as_secs_f64();
+            if measured.views == 0 {
+                measured.first = self.elapsed() - start;
                 measured.painter = rendered.stats.painter.name().to_owned();
             }
             let c = compare(&self.sample.of(&rendered.image)?, truth, 0.0)?;
@@ -488,9 +492,10 @@ impl Run<'_> {
             self.draw(&camera, &variant.settings)?;
             let turn = DQuat::from_axis_angle(camera.up, TURN.to_radians());
             let turned = Camera { forward: turn * camera.forward, right: turn * camera.right, ..camera };
-            let start = Instant::now();
+            let start = self.elapsed();
             self.draw(&turned, &variant.settings)?;
-            self.kept.measurements[at].frames.push(start.elapsed().as_secs_f64());
+            let seconds = self.elapsed() - start;
+            self.kept.measurements[at].frames.push(seconds);
         }
         self.plan.took(self.plan.frames(index), self.elapsed() - begun);
         Ok(())
