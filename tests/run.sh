@@ -1,17 +1,21 @@
 #!/bin/sh
-# Runs every test, including slow ones: of the Python package (tests/python.sh), then of the crates. Installs missing
-# packages other than Rust first. Arguments replace the default arguments of `cargo test`, and skip Python.
+# Runs the quick tests: of the crates, then of the Python package (tests/python.sh). Installs missing packages other than
+# Rust first, and says how far it is. tests/slow.sh runs the other tests.
+# Arguments go to `cargo test`, whose output is then left as it is: sh tests/run.sh --test suite golden::
 set -eu
 cd "$(dirname "$0")/.."
 # shellcheck source=tests/setup.sh
 . ./tests/setup.sh
-if [ $# -eq 0 ]; then
-    sh tests/python.sh
-    set -- -- --include-ignored
+# shellcheck source=tests/progress.sh
+. ./tests/progress.sh
+
+if [ $# -gt 0 ]; then
+    export LP_NUM_THREADS="$progress_threads"
+    exec cargo test --workspace --locked "$@"
 fi
-# Mesa's software driver 22.3.6 crashes once in thousands of pictures of `quads` (docs/hard-cases.md, Drivers), but not
-# without threads of its own. Tests run side by side anyway. Those of Python, above, keep the threads.
-LP_NUM_THREADS=${LP_NUM_THREADS:-0}
-export LP_NUM_THREADS
-# The same packages as tests/python.sh builds: their features, and so their dependencies, are compiled once.
-cargo test --workspace --locked "$@"
+progress_say "1 of 3: compiling, about half of the time"
+cargo build --workspace --lib --bins --tests --locked
+progress_say "2 of 3: the Python package"
+sh tests/python.sh
+progress_say "3 of 3: the crates"
+progress_tests --workspace --lib --bins --tests --locked

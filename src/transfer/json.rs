@@ -122,14 +122,13 @@ mod tests {
         format!("{{\"points\": [\n{}\n]}}", vec![point; points].join(",\n"))
     }
 
+    /// The text of 100 000 points took 100 s when each was read before they were counted.
     #[test]
-    fn time_grows_with_the_text_and_not_with_its_square() {
-        let start = std::time::Instant::now();
+    fn too_many_points_are_refused_before_one_is_read() {
         assert_eq!(TransferFunction::from_json(&json(4096)).unwrap().points().len(), 4096);
-        let error = TransferFunction::from_json(&json(100_000)).unwrap_err().to_string();
+        let text = json(100_000).replace("0.5}", "\"half\"}");
+        let error = TransferFunction::from_json(&text).unwrap_err().to_string();
         assert_eq!(error, "transfer function: 100000 control points, expected 1 to 4096");
-        // It takes a hundredth of that; in quadratic time it took 100 s.
-        assert!(start.elapsed().as_secs_f64() < 10.0, "{:?}", start.elapsed());
     }
 
     #[test]

@@ -12,7 +12,7 @@ use voxsplat::settings::{
 use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::{Grid, Samples, Volume};
 
-use crate::support::{PERSPECTIVE, RENDERER, demo, two_lights};
+use crate::support::{PERSPECTIVE, demo, renderer, two_lights};
 
 /// The largest difference of a channel from the whole picture.
 const LIMIT: f64 = 1e-5;
@@ -54,15 +54,15 @@ fn sheared(volume: &Volume) -> Volume {
 fn parts(plan: &Plan, layers: &Layers) -> Vec<Partial> {
     let draw = |number: usize| {
         let slice = layers.part(&plan.bricks()[number].held).unwrap();
-        brick(&RENDERER, plan, number, &slice).unwrap().0
+        brick(&renderer(), plan, number, &slice).unwrap().0
     };
     (0..plan.bricks().len()).map(draw).collect()
 }
 
 /// The whole picture by the settings of a plan.
 fn whole(plan: &Plan, layers: &Layers) -> Image {
-    let scene = RENDERER.prepare_layers(layers, plan.settings()).unwrap();
-    RENDERER.render(&scene, plan.camera(), plan.settings()).unwrap().image
+    let scene = renderer().prepare_layers(layers, plan.settings()).unwrap();
+    renderer().render(&scene, plan.camera(), plan.settings()).unwrap().image
 }
 
 /// The merged picture, and the largest difference of a channel from the whole one.
@@ -311,7 +311,7 @@ fn wider(plan: &Plan, by: i64) -> Plan {
 /// The partial picture of one brick of a plan in all pixels of all families.
 fn drawn_alone(plan: &Plan, number: usize, layers: &Layers) -> Vec<[f32; 4]> {
     let slice = layers.part(&plan.bricks()[number].held).unwrap();
-    let (part, _) = brick(&RENDERER, plan, number, &slice).unwrap();
+    let (part, _) = brick(&renderer(), plan, number, &slice).unwrap();
     let [width, height] = plan.camera().size;
     let region = part.region();
     let at = |family: usize, x: u32, y: u32| {
@@ -571,7 +571,7 @@ fn pictures_that_bricks_cannot_make_are_refused() {
     assert_eq!(error, "grid: chunks of [8, 7] voxels along y, expected sizes over 0 that sum to 16");
     let plan = Plan::new(&layers, layers.grid(), &chunks, &camera, &tiles(&exact())).unwrap();
     let slice = layers.part(&[0..16, 0..16, 0..9]).unwrap();
-    let error = brick(&RENDERER, &plan, 3, &slice).unwrap_err().to_string();
+    let error = brick(&renderer(), &plan, 3, &slice).unwrap_err().to_string();
     assert!(error.starts_with("brick: a slice of [16, 16, 9] voxels, expected [16, 16, 16]: "), "{error}");
-    assert_eq!(brick(&RENDERER, &plan, 8, &layers).unwrap_err().to_string(), "brick: 8, expected 0 to 7");
+    assert_eq!(brick(&renderer(), &plan, 8, &layers).unwrap_err().to_string(), "brick: 8, expected 0 to 7");
 }

@@ -1,6 +1,6 @@
 //! Shared parts of the tests: one device, volumes, and the only calls of the library that make cameras and pictures.
 
-use std::sync::LazyLock;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use glam::DVec3;
 use voxsplat::camera::{Camera, ProjectionKind, View};
@@ -17,8 +17,27 @@ use voxsplat::volume::Volume;
 
 use crate::adapter::adapter;
 
-/// One device for all tests of this binary.
-pub(crate) static RENDERER: LazyLock<Renderer> = LazyLock::new(new_renderer);
+/// Tests that share a device, one after the other. Pipelines stay on a device: for all tests of this binary they took
+/// 9 GB on Mesa's software driver.
+const TESTS_OF_A_DEVICE: u32 = 24;
+
+/// Returns the device of the running test, which it shares with a few other tests: making a device for each takes time.
+pub(crate) fn renderer() -> Arc<Renderer> {
+    static SHARED: Mutex<Option<(Arc<Renderer>, u32)>> = Mutex::new(None);
+    // Each test has a thread.
+    thread_local! {
+        static OWN: Arc<Renderer> = {
+            let mut shared = SHARED.lock().unwrap_or_else(PoisonError::into_inner);
+            let (renderer, tests) = match shared.take() {
+                Some((renderer, tests)) if tests < TESTS_OF_A_DEVICE => (renderer, tests + 1),
+                _ => (Arc::new(new_renderer()), 1),
+            };
+            *shared = Some((renderer.clone(), tests));
+            renderer
+        };
+    }
+    OWN.with(Arc::clone)
+}
 
 /// A separate device, for tests that count its objects.
 pub(crate) fn new_renderer() -> Renderer {
@@ -95,7 +114,7 @@ pub(crate) fn coordinates(index: usize, camera: &Camera) -> (f64, f64) {
 }
 
 pub(crate) fn prepare(volume: &Volume, transfer: &TransferFunction, settings: &Settings) -> Scene {
-    prepare_on(&RENDERER, volume, transfer, settings).unwrap()
+    prepare_on(&renderer(), volume, transfer, settings).unwrap()
 }
 
 pub(crate) fn prepare_on(
@@ -108,7 +127,7 @@ pub(crate) fn prepare_on(
 }
 
 pub(crate) fn draw(scene: &Scene, camera: &Camera, settings: &Settings) -> Rendered {
-    draw_on(&RENDERER, scene, camera, settings).unwrap()
+    draw_on(&renderer(), scene, camera, settings).unwrap()
 }
 
 pub(crate) fn draw_on(renderer: &Renderer, scene: &Scene, camera: &Camera, settings: &Settings) -> Result<Rendered> {

@@ -12,7 +12,7 @@ use voxsplat::stats::Stats;
 use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::{Endian, SampleType, Statistics, Volume};
 
-use crate::support::{self, RENDERER, exact_quads, headlight, look, prepare_on};
+use crate::support::{self, exact_quads, headlight, look, prepare_on, renderer};
 
 /// Dimensions whose last bricks are incomplete.
 const DIMS: [u32; 3] = [70, 45, 67];
@@ -112,7 +112,7 @@ fn another_transfer_function_reads_only_what_it_shows() {
     let path = directory.path().join("v.raw");
     write(&path, |v| vec![v as u8]);
     let volume = open(&path, SampleType::U8, Endian::Little, 0).unwrap();
-    let prepare = |from| prepare_on(&RENDERER, &volume, &transfer(from), &exact_quads());
+    let prepare = |from| prepare_on(&renderer(), &volume, &transfer(from), &exact_quads());
     prepare(20.0).unwrap();
     let file = std::fs::OpenOptions::new().write(true).open(&path).unwrap();
     file.set_len(5).unwrap();

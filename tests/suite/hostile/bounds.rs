@@ -25,7 +25,7 @@ use voxsplat::stats::{PainterStats, RaySpacing};
 use voxsplat::transfer::{ControlPoint, TransferFunction};
 use voxsplat::volume::Volume;
 
-use crate::support::{RENDERER, draw_on, errors, prepare_on, rms_covered};
+use crate::support::{draw_on, errors, prepare_on, renderer, rms_covered};
 use crate::truth::truth;
 
 /// The footprint table errs by 1e-5 of a kernel's peak; some ten kernels overlap, and alpha changes by at most 1/e of a
@@ -300,8 +300,8 @@ pub(crate) fn measured(
     settings: &Settings,
 ) -> Result<Outcome, String> {
     let start = std::time::Instant::now();
-    let rendered = prepare_on(&RENDERER, volume, transfer, settings)
-        .and_then(|scene| draw_on(&RENDERER, &scene, camera, settings));
+    let rendered = prepare_on(&renderer(), volume, transfer, settings)
+        .and_then(|scene| draw_on(&renderer(), &scene, camera, settings));
     let seconds = start.elapsed().as_secs_f64();
     let rendered = match rendered {
         Err(e @ (Error::Setting { .. } | Error::Unsupported { .. } | Error::Transfer(_) | Error::Input(_))) => {

@@ -11,7 +11,7 @@ use voxsplat::volume::{Grid, Samples, Volume};
 
 use crate::hostile::bounds::{Bound, Measured, Outcome, measured};
 use crate::support::{
-    RENDERER, demo, errors, exact_quads, headlight, look, prepare_on, render, thick, transfer, with_tiles,
+    demo, errors, exact_quads, headlight, look, prepare_on, render, renderer, thick, transfer, with_tiles,
 };
 
 /// A scene that is hard; its name states the reason.
@@ -415,7 +415,7 @@ fn samples_that_are_no_numbers_are_refused_or_replaced() {
     let expected = of(0.0);
     for value in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
         for settings in [exact_quads(), Settings { shading: Shading::Post, ..exact_quads() }] {
-            let refused = prepare_on(&RENDERER, &of(value), &transfer, &settings);
+            let refused = prepare_on(&renderer(), &of(value), &transfer, &settings);
             assert!(matches!(refused, Err(Error::Input(InputError::NonFinite { count: 2, .. }))), "{value}");
             // Transparent: replaced by an invisible value.
             let replaced = of(value).with_non_finite_replaced(0.0).unwrap();

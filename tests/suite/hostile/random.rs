@@ -20,7 +20,7 @@ use voxsplat::volume::{Grid, Samples, Volume};
 
 use crate::hostile::bounds::{Measured, Outcome, measured};
 use crate::support::{
-    RENDERER, draw_on, errors, headlight, prepare_on, rms_covered, two_lights, with_quads, with_tiles,
+    draw_on, errors, headlight, prepare_on, renderer, rms_covered, two_lights, with_quads, with_tiles,
 };
 
 /// Steele, Lea and Flood 2014, "Fast splittable pseudorandom number generators": a seed gives the same scene on every
@@ -436,9 +436,9 @@ fn cells_are_taken_only_where_they_are_right() {
         let Ok(reference) = Reference::new(&scene.volume, &scene.transfer, &scene.quads) else { continue };
         let Ok(expected) = reference.render(&camera) else { continue };
         for settings in [&scene.quads, &scene.tiles] {
-            let Ok(prepared) = prepare_on(&RENDERER, &scene.volume, &scene.transfer, settings) else { continue };
+            let Ok(prepared) = prepare_on(&renderer(), &scene.volume, &scene.transfer, settings) else { continue };
             let rms = |settings: &Settings| {
-                let got = draw_on(&RENDERER, &prepared, &camera, settings).ok()?;
+                let got = draw_on(&renderer(), &prepared, &camera, settings).ok()?;
                 Some((255.0 * rms_covered(&got.image, &expected), got.stats))
             };
             let Some((error, stats)) = rms(settings) else { continue };

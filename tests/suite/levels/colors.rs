@@ -12,7 +12,7 @@ use voxsplat::transfer::{GradientPoint, TransferFunction};
 use voxsplat::volume::{Grid, Samples, Volume};
 
 use crate::support::{
-    RENDERER, demo, draw_on, errors, exact_quads, headlight, look, new_renderer, picture, prepare_on, render,
+    demo, draw_on, errors, exact_quads, headlight, look, new_renderer, picture, prepare_on, render, renderer,
     rms_covered, rms_in_steps, runs_on_host, transfer, two_lights, with_tiles,
 };
 use crate::truth::truth;
@@ -191,7 +191,7 @@ fn layers_of_levels_follow_the_reference() {
     for (name, volume) in volumes(48) {
         // Levels 0 to 3/2, and 1/2 to 2; GPUs have whole levels.
         for (view_height, levels) in [(60.0, [0.0, 1.5]), (100.0, [0.5, 2.0])] {
-            let levels = if runs_on_host(&RENDERER) { levels } else { levels.map(f32::floor) };
+            let levels = if runs_on_host(&renderer()) { levels } else { levels.map(f32::floor) };
             let camera = look(&deep(view_height), &volume, [40; 2]);
             let expected = truth(&volume, &tones(0.1), &camera, &auto());
             let got = picture(&volume, &tones(0.1), &camera, &with_tiles(&auto(), Resolution::Full));
@@ -242,12 +242,12 @@ fn post_shaded_pictures_do_not_pop_while_levels_move_through_the_volume() {
 fn worst_changes(settings: &Settings) -> Vec<f32> {
     let mut all = Vec::new();
     for (name, volume) in volumes(48) {
-        let scene = prepare_on(&RENDERER, &volume, &tones(0.1), settings).unwrap();
+        let scene = prepare_on(&renderer(), &volume, &tones(0.1), settings).unwrap();
         let mut before: Option<(Image, Image)> = None;
         let mut worst = 0.0_f32;
         for step in 0..12 {
             let camera = look(&deep(70.0 + 0.5 * f64::from(step)), &volume, [32; 2]);
-            let got = draw_on(&RENDERER, &scene, &camera, settings).unwrap();
+            let got = draw_on(&renderer(), &scene, &camera, settings).unwrap();
             assert!(got.stats.levels[0] < got.stats.levels[1], "{:?}", got.stats.levels);
             let expected = truth(&volume, &tones(0.1), &camera, settings);
             if let Some((got_before, expected_before)) = &before {
@@ -273,18 +273,18 @@ fn a_level_is_taken_if_asked_for() {
     let fine = picture(&volume, &transfer, &camera, &at(0));
     assert_eq!(fine.stats.levels, [0.0; 2]);
     // One scene serves all levels, one after the other.
-    let scene = prepare_on(&RENDERER, &volume, &transfer, &auto()).unwrap();
+    let scene = prepare_on(&renderer(), &volume, &transfer, &auto()).unwrap();
     let mut before = 0.0;
     for level in [1, 2, 3] {
-        let got = draw_on(&RENDERER, &scene, &camera, &at(level)).unwrap();
+        let got = draw_on(&renderer(), &scene, &camera, &at(level)).unwrap();
         assert_eq!(got.stats.levels, [level as f32; 2]);
         let rms = rms_in_steps(&got.image, &fine.image);
         assert!(rms > before, "coarser cells blur more: {rms}");
         before = rms;
     }
-    assert!(draw_on(&RENDERER, &scene, &camera, &at(0)).unwrap().image == fine.image);
+    assert!(draw_on(&renderer(), &scene, &camera, &at(0)).unwrap().image == fine.image);
     // `auto` uses no cells if kernels do not grow.
-    assert_eq!(draw_on(&RENDERER, &scene, &camera, &auto()).unwrap().stats.levels, [0.0; 2]);
+    assert_eq!(draw_on(&renderer(), &scene, &camera, &auto()).unwrap().stats.levels, [0.0; 2]);
 }
 
 #[test]
@@ -329,7 +329,7 @@ fn the_same_bytes_whatever_was_drawn_before() {
     let shadowed = two_lights().map(|lighting| Lighting { shadows: 0.8, ..lighting });
     let cases = [(&transfer, None), (&transfer, headlight()), (&thinned, two_lights()), (&transfer, shadowed)];
     // Software makes cells on the host, a GPU makes them on the device.
-    for (renderer, (transfer, lighting)) in [&RENDERER, &new_renderer().with_device_stages()]
+    for (renderer, (transfer, lighting)) in [&renderer(), &new_renderer().with_device_stages()]
         .into_iter()
         .flat_map(|on| cases.clone().map(|case| (on, case)))
     {
@@ -348,7 +348,7 @@ fn the_same_bytes_whatever_was_drawn_before() {
 
 #[test]
 fn lit_cells_are_made_where_their_layer_shows() {
-    if !runs_on_host(&RENDERER) {
+    if !runs_on_host(&renderer()) {
         // The device keeps the places of all cells.
         return;
     }
@@ -421,7 +421,7 @@ fn the_device_makes_the_cells_of_the_host() {
                     let scene = prepare_on(renderer, &volume, transfer, &settings).unwrap();
                     draw_on(renderer, &scene, &camera, &settings).unwrap()
                 };
-                let (here, there) = (draw(&RENDERER), draw(&device));
+                let (here, there) = (draw(&renderer()), draw(&device));
                 assert!(
                     here.stats.levels[0] == level as f32 && there.stats.levels == here.stats.levels,
                     "{settings:?}"

@@ -12,7 +12,7 @@ use voxsplat::volume::{Grid, SampleType, Samples, Volume};
 
 use crate::levels::colors::{grown, volumes};
 use crate::support::{
-    RENDERER, demo, draw_on, exact_quads, headlight, look, picture, prepare_on, rms_covered, transfer, with_tiles,
+    demo, draw_on, exact_quads, headlight, look, picture, prepare_on, renderer, rms_covered, transfer, with_tiles,
 };
 use crate::truth::truth;
 
@@ -213,8 +213,8 @@ fn streamed_volumes_have_the_same_cells() {
 fn a_level_of_scalars_is_taken_if_asked_for() {
     let (volume, transfer) = demo("vessels", 48);
     let camera = look(&View { view_height: Some(60.0), ..oblique() }, &volume, [60; 2]);
-    let scene = prepare_on(&RENDERER, &volume, &transfer, &post()).unwrap();
-    let at = |level| draw_on(&RENDERER, &scene, &camera, &Settings { level, ..post() }).unwrap();
+    let scene = prepare_on(&renderer(), &volume, &transfer, &post()).unwrap();
+    let at = |level| draw_on(&renderer(), &scene, &camera, &Settings { level, ..post() }).unwrap();
     let fine = at(Level::At(0));
     assert_eq!(fine.stats.levels, [0.0; 2]);
     for level in [1, 2] {
@@ -233,7 +233,7 @@ fn a_level_of_scalars_is_taken_if_asked_for() {
     assert!(255.0 * rms_covered(&got.image, &truth(&volume, &transfer, &grown, &post())) < 1.5);
     // Through one eye levels go by depth.
     let eye = View { projection: ProjectionKind::Perspective { fov: 30.0 }, ..oblique() };
-    match draw_on(&RENDERER, &scene, &look(&eye, &volume, [40; 2]), &Settings { level: Level::At(1), ..post() }) {
+    match draw_on(&renderer(), &scene, &look(&eye, &volume, [40; 2]), &Settings { level: Level::At(1), ..post() }) {
         Err(Error::Setting { name: "level", reason }) => assert!(reason.contains("by depth"), "{reason}"),
         other => panic!("{other:?}"),
     }

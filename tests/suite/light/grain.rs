@@ -3,7 +3,7 @@
 use voxsplat::settings::{Settings, Shading};
 
 use self::ball::{Ball, Grain};
-use crate::support::RENDERER;
+use crate::support::renderer;
 
 #[path = "../../../benches/grain/ball.rs"]
 mod ball;
@@ -17,7 +17,7 @@ fn lit_surfaces_show_little_noise_and_no_lattice() {
         [(1.0, None, 0.11), (1.0, Some(50.0), 1.5), (1.0, Some(20.0), 3.3), (3.0, None, 1.4), (3.0, Some(20.0), 3.3)]
     {
         let ball = Ball { voxels: 40, slices, signal_to_noise };
-        let Grain { all, fine } = ball.grain(&RENDERER, &settings, 200).unwrap();
+        let Grain { all, fine } = ball.grain(&renderer(), &settings, 200).unwrap();
         println!("{ball:?}: {all:.2}, {fine:.2} of 255");
         assert!(fine < limit && fine <= all, "{ball:?}: {all} {fine}");
     }

@@ -7,8 +7,8 @@ use voxsplat::settings::{Accumulation, Interslice, Model, Settings, Shading, She
 use voxsplat::volume::{Grid, Samples, Volume};
 
 use crate::support::{
-    PERSPECTIVE, PROJECTIONS, RENDERER, by_quads, camera, coordinates, demo, draw, draw_on, errors, exact_quads, look,
-    prepare, render, rms_covered, thick, transfer, two_lights, with_quads,
+    PERSPECTIVE, PROJECTIONS, by_quads, camera, coordinates, demo, draw, draw_on, errors, exact_quads, look, prepare,
+    render, renderer, rms_covered, thick, transfer, two_lights, with_quads,
 };
 use crate::truth::truth;
 
@@ -347,7 +347,7 @@ fn a_scene_of_another_kind_is_refused() {
     for (i, prepared) in settings.iter().enumerate() {
         let scene = prepare(&volume, &transfer, prepared);
         for (j, rendered) in settings.iter().enumerate() {
-            let result = draw_on(&RENDERER, &scene, &camera, rendered);
+            let result = draw_on(&renderer(), &scene, &camera, rendered);
             // A lit scene also serves unlit pictures.
             let fits = i == j || (i, j) == (3, 0);
             assert_eq!(result.is_ok(), fits, "{i} {j}");

@@ -9,7 +9,7 @@ use voxsplat::layers::{Fit, LabelSelection, Labels, Layer, Layers, on_lattice};
 use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::{Grid, Samples, Volume};
 
-use crate::support::{RENDERER, camera, draw, full, transfer, two_lights};
+use crate::support::{camera, draw, full, renderer, transfer, two_lights};
 use voxsplat::settings::Settings;
 
 /// Voxels of the scan along its axes.
@@ -88,7 +88,7 @@ fn others() -> [(&'static str, Volume); 5] {
 fn picture(layers: &Layers, of: &Volume) -> Image {
     let settings = Settings { lighting: two_lights(), ..full() };
     let camera = camera(33.0, ProjectionKind::Orthographic, of, 40);
-    draw(&RENDERER.prepare_layers(layers, &settings).unwrap(), &camera, &settings).image
+    draw(&renderer().prepare_layers(layers, &settings).unwrap(), &camera, &settings).image
 }
 
 #[test]

@@ -11,7 +11,7 @@ use voxsplat::transfer::{GradientPoint, TransferFunction};
 use voxsplat::volume::Volume;
 
 use crate::support::{
-    PROJECTIONS, RENDERER, camera, demo, draw, errors, exact_quads, full, rms_covered, thick, transfer, two_lights,
+    PROJECTIONS, camera, demo, draw, errors, exact_quads, full, renderer, rms_covered, thick, transfer, two_lights,
 };
 
 const N: usize = 34;
@@ -90,7 +90,7 @@ fn scenes() -> [Layers; 7] {
 /// A picture and its truth.
 fn both(layers: &Layers, settings: &Settings, projection: ProjectionKind) -> [Image; 2] {
     let camera = camera(33.0, projection, layers_volume(layers), 40);
-    let scene = RENDERER.prepare_layers(layers, settings).unwrap();
+    let scene = renderer().prepare_layers(layers, settings).unwrap();
     let truth = Reference::of_layers(layers, settings).unwrap().with_tolerance(1e-6).render(&camera).unwrap();
     [draw(&scene, &camera, settings).image, truth]
 }
@@ -132,7 +132,7 @@ fn voxels_have_their_colours() {
     let opaque = transfer(&[(0.0, [0.0; 3], 0.9)], None);
     let layers = Layers::new(Layer::colors([&red, &green, &blue], None, 255.0, &opaque).unwrap());
     let camera = camera(0.0, ProjectionKind::Orthographic, &red, 9);
-    let scene = RENDERER.prepare_layers(&layers, &exact_quads()).unwrap();
+    let scene = renderer().prepare_layers(&layers, &exact_quads()).unwrap();
     let pixel = draw(&scene, &camera, &exact_quads()).image.pixels()[9 * 4 + 4];
     for (got, expected) in pixel.into_iter().zip([200.0, 100.0, 50.0, 255.0]) {
         assert!((got - expected / 255.0).abs() < 1e-3, "{pixel:?}");
@@ -169,15 +169,15 @@ fn one_layer_is_its_volume() {
     let settings = exact_quads();
     let camera = camera(33.0, ProjectionKind::Orthographic, &volume, 32);
     let scenes = [
-        RENDERER.prepare(&volume, &transfer, &settings).unwrap(),
-        RENDERER.prepare_layers(&Layers::of_volume(&volume, &transfer), &settings).unwrap(),
+        renderer().prepare(&volume, &transfer, &settings).unwrap(),
+        renderer().prepare_layers(&Layers::of_volume(&volume, &transfer), &settings).unwrap(),
     ];
     let [alone, layer] = scenes.map(|scene| draw(&scene, &camera, &settings).image);
     assert!(alone.pixels() == layer.pixels());
     // A mask of the whole volume changes only the rounding of extinctions.
     let all = Volume::from_slice([32; 3], [1.0; 3], &[1_u8; 32 * 32 * 32]).unwrap();
     let masked = Layers::new(Layer::scalars(&volume, &transfer).masked(&all, &LabelSelection::All).unwrap());
-    let masked = draw(&RENDERER.prepare_layers(&masked, &settings).unwrap(), &camera, &settings).image;
+    let masked = draw(&renderer().prepare_layers(&masked, &settings).unwrap(), &camera, &settings).image;
     let (color, alpha) = errors(&alone, &masked);
     assert!(color < 1e-5 && alpha < 1e-5, "{color:e} {alpha:e}");
 }
@@ -199,7 +199,7 @@ fn what_layers_are_not_drawn_by_is_refused() {
         other => panic!("{name}: {other:?}"),
     };
     let (layers, layer) = (&scenes()[0], Layer::labels(&labels(), &looks()).unwrap());
-    let prepared = |settings: &Settings| RENDERER.prepare_layers(layers, settings).map(drop);
+    let prepared = |settings: &Settings| renderer().prepare_layers(layers, settings).map(drop);
     refused(prepared(&Settings { shading: Shading::Post, ..Settings::default() }), "shading", "post");
     refused(prepared(&Settings { model: Model::Mip, ..Settings::default() }), "model", "mip, and labels");
     refused(prepared(&Settings { level: Level::At(1), ..Settings::default() }), "level", "over 0");

@@ -10,7 +10,7 @@ use voxsplat::settings::Settings;
 use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::{Grid, Units, Volume};
 
-use crate::support::{RENDERER, draw, errors, full, rms_covered, transfer, two_lights};
+use crate::support::{draw, errors, full, renderer, rms_covered, transfer, two_lights};
 
 /// A volume of a field of the world, on a lattice with axes and an origin.
 fn sampled(dims: [u32; 3], axes: DMat3, origin: DVec3, field: impl Fn(DVec3) -> f64) -> Volume {
@@ -125,7 +125,7 @@ fn pictures_of_two_lattices_are_near_the_media_and_nearer_to_the_fields_than_spl
     let layers = Layers::of_volume(&scan, &scan_look).with(over).unwrap();
     let camera = camera(scan.grid());
     let settings = Settings { termination: 0.0, ..full() };
-    let picture = draw(&RENDERER.prepare_layers(&layers, &settings).unwrap(), &camera, &settings).image;
+    let picture = draw(&renderer().prepare_layers(&layers, &settings).unwrap(), &camera, &settings).image;
     // The same layers in f64: as for layers of one lattice.
     let truth = Reference::of_layers(&layers, &settings).unwrap().render(&camera).unwrap();
     let (worst, rms) = errors(&picture, &truth);
@@ -154,7 +154,8 @@ fn overlays_on_an_equal_lattice_are_layers() {
     assert!(fit == Fit::Same && placed == layer);
     let (base, camera) = (Layers::of_volume(&scan, &scan_look()), camera(scan.grid()));
     let settings = Settings { lighting: two_lights(), ..full() };
-    let drawn = |layers: &Layers| draw(&RENDERER.prepare_layers(layers, &settings).unwrap(), &camera, &settings).image;
+    let drawn =
+        |layers: &Layers| draw(&renderer().prepare_layers(layers, &settings).unwrap(), &camera, &settings).image;
     let plain = base.clone().with(layer.clone()).unwrap();
     assert!(drawn(&base.clone().with(placed).unwrap()) == drawn(&plain));
     // A lattice finer than the scan's becomes that of the picture, and fills the box of the scan.
@@ -179,7 +180,7 @@ fn turned_overlays_lie_in_their_place_and_end_at_their_box() {
     let view = View { view_height: Some(36.0), ..View::default() };
     let camera = Camera::new(&view, scan.grid(), [72; 2]).unwrap();
     let drawn = |layer: &Layer| {
-        draw(&RENDERER.prepare_layers(&Layers::new(layer.clone()), &full()).unwrap(), &camera, &full()).image
+        draw(&renderer().prepare_layers(&Layers::new(layer.clone()), &full()).unwrap(), &camera, &full()).image
     };
     let width = |image: &Image| {
         let row = &image.pixels()[36 * 72..37 * 72];

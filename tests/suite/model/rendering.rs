@@ -8,8 +8,8 @@ use voxsplat::settings::{Level, Precision, Resolution, Settings, Shading};
 use voxsplat::volume::{Grid, Samples, Volume};
 
 use crate::support::{
-    PERSPECTIVE, PROJECTIONS, RENDERER, by_quads, camera, demo, draw, errors, exact_quads, headlight, look, picture,
-    prepare, render, thick, transfer, with_quads, with_tiles,
+    PERSPECTIVE, PROJECTIONS, by_quads, camera, demo, draw, errors, exact_quads, headlight, look, picture, prepare,
+    render, renderer, thick, transfer, with_quads, with_tiles,
 };
 use crate::truth::truth;
 
@@ -308,7 +308,7 @@ fn a_region_has_the_bytes_of_the_whole_picture() {
         let whole = draw(&scene, &camera, &settings);
         for (x, y, width, height) in [(0, 0, 200, 170), (61, 83, 40, 30), (199, 0, 1, 170), (90, 70, 1, 1)] {
             let region = Region { x, y, width, height };
-            let part = RENDERER.render_region(&scene, &camera, &settings, region).unwrap();
+            let part = renderer().render_region(&scene, &camera, &settings, region).unwrap();
             assert_eq!((part.image.width(), part.image.height()), (width, height));
             for (i, pixel) in (0..).zip(part.image.pixels()) {
                 let index = (y + i / width) * 200 + x + i % width;
@@ -317,7 +317,7 @@ fn a_region_has_the_bytes_of_the_whole_picture() {
             }
         }
         let beyond = Region { x: 180, y: 0, width: 21, height: 1 };
-        let refused = RENDERER.render_region(&scene, &camera, &settings, beyond).err().unwrap().to_string();
+        let refused = renderer().render_region(&scene, &camera, &settings, beyond).err().unwrap().to_string();
         assert!(refused.starts_with("region: 21 x 1 pixels at (180, 0) are no part of"), "{refused}");
     }
 }

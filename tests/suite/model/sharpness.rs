@@ -11,7 +11,7 @@ use voxsplat::settings::{Model, Resolution, Settings, Shading};
 use voxsplat::volume::Grid;
 
 use crate::support::{
-    PERSPECTIVE, RENDERER, camera, demo, draw_on, exact_quads, full, headlight, look, picture, prepare, render,
+    PERSPECTIVE, camera, demo, draw_on, exact_quads, full, headlight, look, picture, prepare, render, renderer,
     rms_covered, with_tiles,
 };
 use crate::truth::truth;
@@ -106,10 +106,10 @@ fn a_scene_has_one_sharpness() {
     let scene = prepare(&volume, &transfer, &post(0.5));
     let blob = Settings { kernel: Kernel::KAISER_BESSEL, ..post(0.5) };
     for other in [post(0.0), post(1.0), blob] {
-        let error = draw_on(&RENDERER, &scene, &camera, &other).unwrap_err();
+        let error = draw_on(&renderer(), &scene, &camera, &other).unwrap_err();
         assert!(matches!(error, Error::Setting { name: "sharpness", .. }), "{error}");
     }
-    assert!(draw_on(&RENDERER, &scene, &camera, &post(0.5)).is_ok());
+    assert!(draw_on(&renderer(), &scene, &camera, &post(0.5)).is_ok());
 }
 
 #[test]

@@ -6,7 +6,7 @@ use voxsplat::layers::Layers;
 use voxsplat::lighting::Lighting;
 use voxsplat::settings::{Painter, Settings, Shading};
 
-use crate::support::{PERSPECTIVE, RENDERER, camera, demo, draw, headlight, prepare};
+use crate::support::{PERSPECTIVE, camera, demo, draw, headlight, prepare, renderer};
 
 #[test]
 fn chosen_settings_keep_the_bound() {
@@ -15,7 +15,8 @@ fn chosen_settings_keep_the_bound() {
     let lit = Settings { lighting: headlight(), ..Settings::default() };
     let post = Settings { shading: Shading::Post, ..lit.clone() };
     for (settings, bound) in [(&lit, 3e-2), (&lit, 3e-3), (&lit, 3e-4), (&lit, 1e-4), (&post, 1e-2)] {
-        let chosen = choose(&RENDERER, &Layers::of_volume(&volume, &transfer), &camera, settings, bound, 4096).unwrap();
+        let chosen =
+            choose(&renderer(), &Layers::of_volume(&volume, &transfer), &camera, settings, bound, 4096).unwrap();
         assert!(chosen.keeps && chosen.estimate.error <= bound, "{bound}: {:?}", chosen.estimate);
         assert!(chosen.tried.len() <= MOST_PICTURES, "{bound}: {:?}", chosen.tried);
         // All pixels: the choice also traced all.
@@ -39,7 +40,7 @@ fn strict_bounds_have_exact_shadows() {
     let settings = Settings { lighting, ..Settings::default() };
     for (bound, is_exact) in [(3e-2, false), (3e-3, true)] {
         let chosen =
-            choose(&RENDERER, &Layers::of_volume(&volume, &transfer), &camera, &settings, bound, 1024).unwrap();
+            choose(&renderer(), &Layers::of_volume(&volume, &transfer), &camera, &settings, bound, 1024).unwrap();
         assert!(chosen.keeps, "{bound}: {:?}", chosen.estimate);
         assert_eq!(chosen.settings.lighting.unwrap().exact_shadows, is_exact, "{bound}");
     }
@@ -51,7 +52,7 @@ fn a_loose_bound_costs_less_than_a_tight_one() {
     let camera = camera(33.0, PERSPECTIVE, &volume, 48);
     let settings = Settings { lighting: headlight(), ..Settings::default() };
     let of =
-        |bound| choose(&RENDERER, &Layers::of_volume(&volume, &transfer), &camera, &settings, bound, 1024).unwrap();
+        |bound| choose(&renderer(), &Layers::of_volume(&volume, &transfer), &camera, &settings, bound, 1024).unwrap();
     let (loose, tight) = (of(3e-2), of(1e-4));
     assert_eq!(loose.tried.len(), 1, "the defaults keep it");
     assert!(
@@ -67,12 +68,12 @@ fn a_bound_that_nothing_keeps_is_said_to_be_broken() {
     let (volume, transfer) = demo("shell", 16);
     let camera = camera(33.0, PERSPECTIVE, &volume, 32);
     let settings = Settings { shading: Shading::Post, ..Settings::default() };
-    let chosen = choose(&RENDERER, &Layers::of_volume(&volume, &transfer), &camera, &settings, 1e-7, 1024).unwrap();
+    let chosen = choose(&renderer(), &Layers::of_volume(&volume, &transfer), &camera, &settings, 1e-7, 1024).unwrap();
     let least = chosen.tried.iter().map(|tried| tried.estimate.error).fold(f64::INFINITY, f64::min);
     assert!(!chosen.keeps && chosen.estimate.error == least);
     assert!((2..=MOST_PICTURES).contains(&chosen.tried.len()), "{:?}", chosen.tried);
     for bound in [0.0, f64::NAN, f64::INFINITY] {
-        let refused = choose(&RENDERER, &Layers::of_volume(&volume, &transfer), &camera, &settings, bound, 1024);
+        let refused = choose(&renderer(), &Layers::of_volume(&volume, &transfer), &camera, &settings, bound, 1024);
         assert!(matches!(refused, Err(Error::Setting { name: "max_error", .. })));
     }
 }

@@ -7,7 +7,7 @@ use voxsplat::settings::{Level, Model, Settings, Shading};
 use voxsplat::volume::{Grid, Volume};
 
 use crate::support::{
-    PERSPECTIVE, RENDERER, by_quads, demo, draw, draw_on, errors, exact_quads, look, picture, prepare, render,
+    PERSPECTIVE, by_quads, demo, draw, draw_on, errors, exact_quads, look, picture, prepare, render, renderer,
     rms_of_all, transfer,
 };
 use crate::truth::truth;
@@ -106,9 +106,9 @@ fn what_would_cost_too_much_is_refused_in_one_line() {
     // An odd size: the ray of the middle pixel meets the volume, which is far narrower than a pixel.
     let camera = look(&View::default(), &volume, [17; 2]);
     let scene = prepare(&volume, &transfer, &settings);
-    let error = draw_on(&RENDERER, &scene, &camera, &settings).err().unwrap().to_string();
+    let error = draw_on(&renderer(), &scene, &camera, &settings).err().unwrap().to_string();
     assert!(error.contains("antialiasing") && error.contains("larger picture"), "{error}");
-    assert!(draw_on(&RENDERER, &scene, &camera, &Settings { antialiasing: false, ..settings.clone() }).is_ok());
+    assert!(draw_on(&renderer(), &scene, &camera, &Settings { antialiasing: false, ..settings.clone() }).is_ok());
     let reference = Reference::new(&volume, &transfer, &settings).unwrap();
     let error = reference.render(&camera).err().unwrap().to_string();
     assert!(error.contains("antialiasing") && error.contains("chords"), "{error}");

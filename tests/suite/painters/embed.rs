@@ -137,6 +137,6 @@ fn a_camera_that_is_not_finite_is_refused() {
     let scene = crate::support::prepare(&volume, &transfer, &settings);
     let mut camera = look(&View::default(), &volume, [8; 2]);
     camera.target.x = f64::NAN;
-    let refused = crate::support::draw_on(&crate::support::RENDERER, &scene, &camera, &settings);
+    let refused = crate::support::draw_on(&crate::support::renderer(), &scene, &camera, &settings);
     assert!(matches!(refused, Err(Error::Camera(_))));
 }

@@ -12,7 +12,7 @@ use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::{Grid, Samples, Volume};
 
 use crate::support::{
-    PERSPECTIVE, PROJECTIONS, RENDERER, demo, draw_on, errors, exact_quads, headlight, look, prepare, render,
+    PERSPECTIVE, PROJECTIONS, demo, draw_on, errors, exact_quads, headlight, look, prepare, render, renderer,
     rms_covered, transfer, with_quads, with_tiles,
 };
 use crate::truth::truth;
@@ -165,7 +165,7 @@ fn cameras_out_of_range_are_refused_by_name() {
     ] {
         let camera = look(&view, &volume, [16; 2]);
         for refused in
-            [draw_on(&RENDERER, &scene, &camera, &settings).map(|_| ()), reference.render(&camera).map(|_| ())]
+            [draw_on(&renderer(), &scene, &camera, &settings).map(|_| ()), reference.render(&camera).map(|_| ())]
         {
             assert!(matches!(&refused, Err(Error::Camera(why)) if why.contains(word)), "{view:?}: {refused:?}");
         }
@@ -174,7 +174,7 @@ fn cameras_out_of_range_are_refused_by_name() {
         projection: Projection::Orthographic { half_height: 0.0 },
         ..look(&View::default(), &volume, [16; 2])
     };
-    assert!(matches!(draw_on(&RENDERER, &scene, &flat, &settings), Err(Error::Camera(_))));
+    assert!(matches!(draw_on(&renderer(), &scene, &flat, &settings), Err(Error::Camera(_))));
 }
 
 #[test]

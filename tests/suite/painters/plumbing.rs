@@ -17,7 +17,7 @@ use voxsplat::wgpu;
 use super::embed::{Host, host};
 use crate::adapter::adapter;
 use crate::support::{
-    PROJECTIONS, RENDERER, camera, demo, draw_on, exact_quads, headlight, new_renderer, prepare_on, rms_covered,
+    PROJECTIONS, camera, demo, draw_on, exact_quads, headlight, new_renderer, prepare_on, renderer, rms_covered,
     rms_of_all, transfer,
 };
 
@@ -462,7 +462,7 @@ fn several_layers_take_no_transfer_function() {
     let (volume, transfer) = demo("vessels", 12);
     let layer = || Layer::scalars(&volume, &transfer);
     let layers = Layers::new(layer()).with(layer()).unwrap();
-    let mut scene = RENDERER.prepare_layers(&layers, &Settings::default()).unwrap();
-    let refused = RENDERER.set_transfer(&mut scene, &transfer);
+    let mut scene = renderer().prepare_layers(&layers, &Settings::default()).unwrap();
+    let refused = renderer().set_transfer(&mut scene, &transfer);
     assert!(matches!(refused, Err(Error::Setting { name: "transfer", .. })));
 }

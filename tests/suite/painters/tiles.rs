@@ -9,8 +9,8 @@ use voxsplat::stats::RaySpacing;
 use voxsplat::volume::{Grid, Samples, Volume};
 
 use crate::support::{
-    RENDERER, by_tiles, demo, draw, draw_on, errors, exact_quads, full, headlight, look, new_renderer, picture,
-    prepare, prepare_on, rms_covered, rms_in_steps, rms_of_all, runs_on_host, transfer, two_lights, with_quads,
+    by_tiles, demo, draw, draw_on, errors, exact_quads, full, headlight, look, new_renderer, picture, prepare,
+    prepare_on, renderer, rms_covered, rms_in_steps, rms_of_all, runs_on_host, transfer, two_lights, with_quads,
     with_tiles,
 };
 use crate::truth::truth;
@@ -358,8 +358,8 @@ fn auto_takes_tiles_where_they_serve_and_says_why_not() {
     let auto = Settings::default();
     let scene = prepare(&volume, &transfer, &auto);
     let near = camera(30.0, 20.0, 1.0, &volume, 64);
-    let stats = |settings: &Settings, camera| draw_on(&RENDERER, &scene, camera, settings).map(|r| r.stats);
-    let software = runs_on_host(&RENDERER);
+    let stats = |settings: &Settings, camera| draw_on(&renderer(), &scene, camera, settings).map(|r| r.stats);
+    let software = runs_on_host(&renderer());
     assert_eq!(stats(&auto, &near).unwrap().painter.name(), "tiles");
     let inside = from_eye([0.0, 0.0, 60.0], Some(5.0), &volume, 64);
     let far = camera(30.0, 20.0, 0.2, &volume, 64);

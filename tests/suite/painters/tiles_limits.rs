@@ -8,7 +8,7 @@ use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::{Grid, Samples, Volume};
 
 use crate::support::{
-    PERSPECTIVE, PROJECTIONS, RENDERER, by_tiles, demo, errors, exact_quads, full, headlight, look, picture, render,
+    PERSPECTIVE, PROJECTIONS, by_tiles, demo, errors, exact_quads, full, headlight, look, picture, render, renderer,
     rms_covered, transfer, with_tiles,
 };
 use crate::truth::truth;
@@ -226,7 +226,7 @@ fn what_outgrows_a_texture_is_drawn_by_quads() {
     let got = picture(&volume, &transfer, &oblique(ProjectionKind::Orthographic, 1.0, &volume, 64), &settings);
     assert_eq!(got.stats.painter.name(), "quads");
     assert!(
-        !RENDERER.adapter().is_software() || got.stats.painter_reason.contains("does not fit"),
+        !renderer().adapter().is_software() || got.stats.painter_reason.contains("does not fit"),
         "{}",
         got.stats.painter_reason
     );
