@@ -304,7 +304,7 @@ fn missing_slices_are_named_by_their_place_and_interpolated_on_request() {
     let at: Vec<f64> = at.split(',').map(|number| number.parse().unwrap()).collect();
     assert!(place.distance(glam::DVec3::from_slice(&at)) < 1e-3, "{said} {place}");
     assert!(said.contains("1 slice is missing between ct-e.dcm and ct-a.dcm, at "), "{said}");
-    assert!(said.ends_with("fill them in with --missing-slices interpolate"), "{said}");
+    assert!(said.ends_with("interpolate them with --missing-slices interpolate"), "{said}");
     let text = stdout(&voxsplat(dir.path(), "info series --missing-slices interpolate"));
     assert!(text.contains("note ") && text.contains(": interpolated between their neighbours"), "{text}");
 
