@@ -80,13 +80,16 @@ fn options_without_effect_are_noted_on_command_lines_and_in_scenes() {
     }
     let described = notes(dir.path(), "info a.nrrd --series 2");
     assert!(described[0].starts_with("--series has no effect "), "{described:?}");
+    // The frames of one file of DICOM are slices.
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/volumes");
+    std::fs::copy(data.join("enhanced-i16.dcm"), dir.path().join("frames.dcm")).unwrap();
+    assert!(notes(dir.path(), "info frames.dcm --missing-slices interpolate").is_empty());
     // Folders that hold no series.
     for (folder, file, to) in [
         ("sections", "section-8.tiff", "section-8.tiff"),
         ("slices", "ct-a.dcm", "ct-a.dcm"),
         ("v.zarr", "", ".zgroup"),
     ] {
-        let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/volumes");
         std::fs::create_dir(dir.path().join(folder)).unwrap();
         match file {
             "" => std::fs::write(dir.path().join(folder).join(to), "{}").unwrap(),

@@ -18,13 +18,13 @@ pub(super) fn zarr_folder_of(file: &Path) -> Option<&Path> {
 }
 
 /// The most folders that are searched for volumes, and the most that a text lists.
-const MOST_SEARCHED: usize = 4096;
+const MOST_SEARCHED: usize = 256;
 const MOST_LISTED: usize = 4;
 
 /// A sentence about the volumes in a folder and in the folders below it, as on a disc of DICOM; `None` if there are
 /// none. Links to folders are not followed.
 pub(super) fn volumes_below(top: &Path) -> Option<String> {
-    let (mut found, mut folders, mut searched) = (Vec::new(), vec![top.to_owned()], 0);
+    let (mut found, mut folders, mut searched, mut others) = (Vec::new(), vec![top.to_owned()], 0, 0);
     while let Some(folder) = folders.pop().filter(|_| searched < MOST_SEARCHED) {
         searched += 1;
         let name = folder.strip_prefix(top).ok().filter(|name| !name.as_os_str().is_empty());
@@ -34,13 +34,17 @@ pub(super) fn volumes_below(top: &Path) -> Option<String> {
             continue;
         }
         for (format, files) in parts_of_folder(&folder).unwrap_or_default() {
-            let listed = format.list_series.map(|list| list(&folder, &files).unwrap_or_default());
-            let series = listed.map(|all| all.iter().map(described).collect::<Vec<String>>());
-            match series {
-                Some(series) if series.is_empty() => {}
-                Some(series) => found.push(format!("{name} ({})", series.join("; "))),
-                None => found.push(format!("{name} ({} {})", format.name, counted(files.len() as u64, "file"))),
+            // All headers of a series are read to describe it, so folders that are not listed are only counted.
+            if found.len() == MOST_LISTED {
+                others += 1;
+                continue;
             }
+            let series = format.list_series.map(|list| list(&folder, &files).unwrap_or_default());
+            let words = match series {
+                Some(series) => series.iter().map(described).collect::<Vec<String>>().join("; "),
+                None => format!("{} {}", format.name, counted(files.len() as u64, "file")),
+            };
+            found.extend((!words.is_empty()).then(|| format!("{name} ({words})")));
         }
         let entries = std::fs::read_dir(&folder).into_iter().flatten().flatten();
         let is_folder = |entry: &std::fs::DirEntry| entry.file_type().is_ok_and(|kind| kind.is_dir());
@@ -48,8 +52,6 @@ pub(super) fn volumes_below(top: &Path) -> Option<String> {
         inner.sort_by_cached_key(|path| std::cmp::Reverse(natural(&path.to_string_lossy())));
         folders.extend(inner);
     }
-    let others = found.len().saturating_sub(MOST_LISTED);
-    found.truncate(MOST_LISTED);
     let more = if others > 0 { format!(" and {others} others") } else { String::new() };
     (!found.is_empty()).then(|| format!("give one of the folders in it: {}{more}", found.join(", ")))
 }

@@ -1,5 +1,7 @@
 //! Places and distances of slices.
 
+use std::slice;
+
 use super::*;
 use crate::formats::MissingSlices;
 
@@ -56,7 +58,7 @@ fn the_tiles_of_a_mosaic_are_slices() {
             [("NumberOfImagesInMosaic", &["5"]), ("SliceNormalVector", &["0.0", "0.0", "-1.00000000"])];
         let header = csa(is_second, &elements);
         let file = mosaic(100).text(0x0029_0011, "LO", "SIEMENS CSA HEADER").bytes(0x0029_1110, "OB", &header);
-        let volume = read(&[file.clone()]);
+        let volume = read(slice::from_ref(&file));
         let reversed: Vec<f64> = expected(100).into_iter().rev().collect();
         assert_eq!((volume.grid().dims(), values(&volume)), ([2, 1, 5], reversed), "{is_second}");
         assert_eq!(lattice(&volume)[2..], [[0.0, 0.0, 3.0], [-2.0, 1.0, -5.0]]);
@@ -129,7 +131,7 @@ fn frames_without_positions_are_as_far_apart_as_the_file_states() {
 
 #[test]
 fn other_elements_stand_in_for_the_spacing_of_pixels() {
-    let slice = |z: f64| File::default().at([0.0, 0.0, z]).picture([2, 2], &[1, 2, 3, 4]).without(0x0028_0030);
+    let section = |z: f64| File::default().at([0.0, 0.0, z]).picture([2, 2], &[1, 2, 3, 4]).without(0x0028_0030);
     let region = File::default().words(0x0018_6024, &[3]).words(0x0018_6026, &[3]);
     let region = region.double(0x0018_602c, 0.02).double(0x0018_602e, 0.04);
     type Change = fn(File, &File) -> File;
@@ -137,12 +139,12 @@ fn other_elements_stand_in_for_the_spacing_of_pixels() {
         (|file, _| file.text(0x0018_1164, "DS", "0.4\\0.2"), [0.2, 0.4], "ImagerPixelSpacing, as measured at"),
         (|file, _| file.text(0x0018_2010, "DS", "0.4\\0.2"), [0.2, 0.4], "NominalScannedPixelSpacing"),
         (|file, _| file.text(0x3002_0011, "DS", "0.4\\0.2"), [0.2, 0.4], "ImagePlanePixelSpacing"),
-        (|file, region| file.items(0x0018_6011, &[region.clone()]), [0.2, 0.4], "ultrasound region"),
+        (|file, region| file.items(0x0018_6011, slice::from_ref(region)), [0.2, 0.4], "ultrasound region"),
         (|file, _| file.text(0x0028_0034, "IS", "3\\2"), [1.0, 1.5], "states no pixel spacing"),
         (|file, _| file, [1.0, 1.0], "states no pixel spacing: pixels are taken to be 1 apart"),
     ];
     for (change, [x, y], note) in cases {
-        let files = [0.0, 0.5].map(|z| change(slice(z), &region));
+        let files = [0.0, 0.5].map(|z| change(section(z), &region));
         let volume = read(&files);
         assert_eq!(lattice(&volume), [[x, 0.0, 0.0], [0.0, y, 0.0], [0.0, 0.0, 0.5], [0.0; 3]], "{note}");
         let notes = &volume.contents().notes;
@@ -151,7 +153,7 @@ fn other_elements_stand_in_for_the_spacing_of_pixels() {
         let stated = read(&files.map(|file| file.text(0x0028_0030, "DS", "5\\5")));
         assert_eq!((lattice(&stated)[0], stated.contents().notes.len()), ([5.0, 0.0, 0.0], 0));
         let options = LoadOptions { spacing: Some([1.0; 3]), ..LoadOptions::default() };
-        let given = load(folder(&[slice(0.0), slice(1.0)]).path(), &options).unwrap();
+        let given = load(folder(&[section(0.0), section(1.0)]).path(), &options).unwrap();
         assert!(given.contents().notes.is_empty());
     }
 }

@@ -1,5 +1,7 @@
 //! Samples, their maps to values, and files without a preamble.
 
+use std::slice;
+
 use super::*;
 use crate::volume::Samples;
 
@@ -12,7 +14,7 @@ fn floating_point_is_read() {
     assert_eq!(volume.in_memory().unwrap().samples(), &Samples::F32(vec![0.5, -2.25, 1e-6, 8.5]));
     let doubles: Vec<u8> = [0.1_f64, -2.25, 1e-300, 8.5].iter().flat_map(|number| number.to_le_bytes()).collect();
     let double = file.words(0x0028_0100, &[64]).bytes(0x7fe0_0009, "OD", &doubles);
-    let volume = read(&[double.clone()]);
+    let volume = read(slice::from_ref(&double));
     assert_eq!(volume.in_memory().unwrap().samples(), &Samples::F64(vec![0.1, -2.25, 1e-300, 8.5]));
     let cut = folder(&[double.bytes(0x7fe0_0009, "OD", &doubles[..24])]);
     assert!(error(cut.path()).ends_with("is cut short: 1 frame needs 32 bytes, 24 are there"));
@@ -28,8 +30,8 @@ fn real_world_values_count_if_the_rescale_changes_nothing() {
     for (file, expected) in [
         // Of several maps the first counts.
         (file().items(0x0040_9096, &both), [1.0, 9.5]),
-        (file().items(0x5200_9229, &[shared.clone()]), [1.0, 9.5]),
-        (rescaled(file(), "1").items(0x5200_9229, &[shared.clone()]), [1.0, 9.5]),
+        (file().items(0x5200_9229, slice::from_ref(&shared)), [1.0, 9.5]),
+        (rescaled(file(), "1").items(0x5200_9229, slice::from_ref(&shared)), [1.0, 9.5]),
         (rescaled(file(), "2").items(0x5200_9229, &[shared]), [0.0, 34.0]),
         (file(), [0.0, 17.0]),
     ] {
@@ -39,28 +41,25 @@ fn real_world_values_count_if_the_rescale_changes_nothing() {
 
 #[test]
 fn files_without_a_preamble_are_read() {
-    let slice = |z: u16| {
+    let section = |z: u16| {
         let class = File::default().text(0x0008_0016, "UI", "1.2.840.10008.5.1.4.1.1.4");
         let file = class.text(0x0008_0018, "UI", &format!("1.2.{z}")).text(0x0008_0020, "DA", "20200101");
         file.at([0.0, 0.0, f64::from(z)]).picture([1, 1], &[10 * z])
     };
-    let explicit = |file: &File| file.elements(Coding::Explicit);
-    let meta = |file: &File| file.whole()[132..].to_vec();
-    let marked = |file: &File| file.whole()[128..].to_vec();
-    let codings: [&dyn Fn(&File) -> Vec<u8>; 5] = [
-        &|file| file.elements(Coding::Implicit),
-        &explicit,
-        &|file| file.elements(Coding::Big),
+    let codings: [fn(&File) -> Vec<u8>; 5] = [
+        |file| file.elements(Coding::Implicit),
+        |file| file.elements(Coding::Explicit),
+        |file| file.elements(Coding::Big),
         // Without a preamble alone, and without the mark too.
-        &marked,
-        &|file| {
+        |file| file.whole()[128..].to_vec(),
+        |file| {
             let group = File::default().bytes(0x0002_0001, "OB", &[0, 1]).text(0x0002_0002, "UI", "1.2.3");
-            [group.elements(Coding::Explicit), meta(file)].concat()
+            [&group.elements(Coding::Explicit), &file.whole()[132..]].concat()
         },
     ];
     for (n, coding) in codings.iter().enumerate() {
         let folder = tempfile::tempdir().unwrap();
-        (0..3).for_each(|z| std::fs::write(folder.path().join(format!("{z}.ima")), coding(&slice(z))).unwrap());
+        (0..3).for_each(|z| std::fs::write(folder.path().join(format!("{z}.ima")), coding(&section(z))).unwrap());
         let volume = at_time(folder.path(), 0);
         assert_eq!(values(&volume), [0.0, 10.0, 20.0], "coding {n}");
         assert_eq!(values(&at_time(&folder.path().join("2.ima"), 0)), [20.0], "coding {n}");
