@@ -39,8 +39,10 @@ fn without_localizers(mut sets: Vec<Dataset>) -> Vec<Dataset> {
     sets
 }
 
-/// The files of a series without copies of others, and a note if there are copies. A copy has the identifier, the number
-/// and the position of its original: identifiers alone are equal in files that a tool has made anonymous.
+/// The files of a series without copies of others, and a note if there are copies.
+///
+/// A copy has the identifier, the number and the position of its original: identifiers alone are equal in files that a
+/// tool has made anonymous.
 pub(super) fn without_copies(sets: Vec<Dataset>) -> (Vec<Dataset>, Option<String>) {
     let mut known: HashMap<[String; 3], usize> = HashMap::new();
     let (mut kept, mut count, mut example): (Vec<Dataset>, u64, _) = (Vec::new(), 0, None);
