@@ -91,6 +91,8 @@ pub(super) fn read_files(source: &Path, files: &[PathBuf], options: &LoadOptions
     sets.retain(|set| set.pixels.is_some());
     if sets.is_empty() {
         let top = if source.is_dir() { Some(source) } else { source.parent().filter(|_| is_directory) };
+        // A name without a folder has an empty parent.
+        let top = top.map(|top| if top.as_os_str().is_empty() { Path::new(".") } else { top });
         let below = top.and_then(folder::volumes_below).map(|below| format!(": {below}")).unwrap_or_default();
         refuse!(source, "is DICOM without pixels{below}");
     }
