@@ -72,7 +72,7 @@ fn remedy(hint: Hint) -> String {
         Hint::GiveSpacing => "give spacing=".to_owned(),
         Hint::ReplaceNonFinite => "replace them with replace_nan=VALUE".to_owned(),
         Hint::ChooseSeries => "choose one with series=N".to_owned(),
-        Hint::InterpolateSlices => "fill them in with missing_slices=\"interpolate\"".to_owned(),
+        Hint::InterpolateSlices => "interpolate them with missing_slices=\"interpolate\"".to_owned(),
         Hint::ChooseChannel => "choose one with channel=N".to_owned(),
         Hint::ChooseDataset => "give one as \"FILE:NAME\"".to_owned(),
         other => other.to_string(),

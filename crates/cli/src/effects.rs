@@ -53,7 +53,8 @@ const TILES: &str = "tune:resolution";
 const RULES: &[Rule] = &[
     // Input.
     idle("endian", |given| given.is("type", "u8") || given.is("type", "i8"), "because the samples are single bytes"),
-    idle("series missing-slices", |given| given.reads_one_file(), IS_ONE_FILE),
+    idle("series", |given| given.reads_one_file(), IS_ONE_FILE),
+    idle("missing-slices", |given| given.reads_no_dicom_file(), "because only DICOM has slices of its own"),
     idle("series missing-slices", |given| given.reads_no_dicom(), IS_NO_DICOM),
     idle("tune:stream-over", |given| given.source().starts_with("demo:"), "because the volume is built in"),
     // Output.

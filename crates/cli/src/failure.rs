@@ -76,7 +76,7 @@ fn in_flags(error: &Error) -> String {
             Hint::GiveSpacing => "give --spacing X,Y,Z".to_owned(),
             Hint::ReplaceNonFinite => "replace them with --replace-nan VALUE".to_owned(),
             Hint::ChooseSeries => "choose one with --series N (info lists them)".to_owned(),
-            Hint::InterpolateSlices => "fill them in with --missing-slices interpolate".to_owned(),
+            Hint::InterpolateSlices => "interpolate them with --missing-slices interpolate".to_owned(),
             Hint::ChooseChannel => "choose one with --channel N".to_owned(),
             Hint::ChooseDataset => "give one as FILE:NAME".to_owned(),
             other => other.to_string(),

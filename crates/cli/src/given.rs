@@ -6,7 +6,7 @@ use clap::parser::ValueSource;
 use clap::{ArgMatches, Command};
 use serde_json::{Map, Value};
 use voxsplat::appearance::LABELS;
-use voxsplat::formats::{data_files, is_zarr, read_json};
+use voxsplat::formats::{Format, data_files, is_zarr, read_json};
 
 /// The largest file of key frames that is read, bytes.
 pub(crate) const MAX_KEY_FRAMES: u64 = 64 << 20;
@@ -88,6 +88,12 @@ impl Given<'_> {
         let source = self.source();
         let path = Path::new(&source);
         source.starts_with("demo:") || (path.is_file() && !path.parent().is_some_and(is_zarr))
+    }
+
+    /// Whether the volume is built in, or a file that has the name of another format than DICOM.
+    pub(crate) fn reads_no_dicom_file(&self) -> bool {
+        let source = self.source();
+        self.reads_one_file() && (source.starts_with("demo:") || Format::of_name(Path::new(&source)).is_some())
     }
 
     /// Whether the volume is a Zarr or a folder of TIFF files. DICOM files do not go with TIFF files.

@@ -80,7 +80,7 @@ pub enum Hint {
     ReplaceNonFinite,
     /// The folder holds several series: choose one.
     ChooseSeries,
-    /// A series lacks slices: interpolate them.
+    /// A series lacks slices, or has unequally spaced ones: interpolate them.
     InterpolateSlices,
     /// The file has several channels: choose one.
     ChooseChannel,

@@ -3,7 +3,7 @@
 //! tests/data/volumes/make.py, make_more.py, make_several.py, make_time.py and make_neuro.py write the files, and the
 //! values that nibabel, pynrrd, SimpleITK, NumPy, mrcfile, VTK, tifffile and pydicom read from them.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 use voxsplat::formats::{LoadOptions, TimeSeries, load};
@@ -384,6 +384,15 @@ fn slices_of_a_tilted_gantry_are_sorted_by_position() {
     assert!(error.to_string().starts_with("series: 3, but "), "{error}");
 }
 
+/// Copies a fixture of DICOM under another identifier: a copy with the same one is left out.
+pub(crate) fn copy_as_another(from: &str, to: &Path) {
+    let mut bytes = std::fs::read(path(from)).unwrap();
+    let tag = b"\x08\0\x18\0UI";
+    let at = bytes.windows(tag.len()).position(|window| window == tag).unwrap();
+    bytes[at + 8] = b'2';
+    std::fs::write(to, bytes).unwrap();
+}
+
 /// Three time points of five slices each, `time-0.dcm` to `time-14.dcm`.
 fn timed() -> tempfile::TempDir {
     let names: Vec<String> = (0..15).map(|n| format!("time-{n}.dcm")).collect();
@@ -412,10 +421,10 @@ fn slices_at_one_position_are_points_in_time() {
     // Slices that no tag distinguishes.
     let folder = timed();
     for n in 5..10 {
-        std::fs::copy(path(&format!("time-{}.dcm", n - 5)), folder.path().join(format!("time-{n}.dcm"))).unwrap();
+        copy_as_another(&format!("time-{}.dcm", n - 5), &folder.path().join(format!("time-{n}.dcm")));
     }
     let error = load(folder.path(), &LoadOptions::default()).unwrap_err().to_string();
-    assert!(error.contains("3 slices at one position: ") && error.contains("no number or time tells"), "{error}");
+    assert!(error.contains("3 slices at one position: ") && error.contains("no number, time or kind tells"), "{error}");
 }
 
 #[test]

@@ -7,7 +7,7 @@ use voxsplat::error::InputError;
 use voxsplat::formats::{AxisOrder, LoadOptions, load};
 use voxsplat::volume::{SampleType, Samples};
 
-use crate::formats::fixtures::{folder_of, path};
+use crate::formats::fixtures::{copy_as_another, folder_of, path};
 use crate::hostile::fuzz::targets::assert_one_line;
 
 /// Loads `bytes` from a file of that name and returns the error's message.
@@ -578,7 +578,7 @@ fn broken_dicom_files_say_what_is_wrong() {
     let folder = folder_of(&["ct-a.dcm", "ct-c.dcm", "ct-d.dcm", "ct-e.dcm"]);
     let says = message(folder.path(), &LoadOptions::default());
     assert!(says.contains("1 slice is missing between ct-e.dcm and ct-a.dcm"), "{says}");
-    std::fs::copy(path("ct-a.dcm"), folder.path().join("ct-b.dcm")).unwrap();
+    copy_as_another("ct-a.dcm", &folder.path().join("ct-b.dcm"));
     let says = message(folder.path(), &LoadOptions::default());
     assert!(says.contains("two slices at one position: ct-a.dcm and ct-b.dcm"), "{says}");
     std::fs::copy(path("raw-u8.tif"), folder.path().join("a.tif")).unwrap();

@@ -70,7 +70,7 @@ pub(crate) struct InputArgs {
     /// series of DICOM, if there are several]
     #[arg(long, value_name = "N", value_parser = parse::whole::<u32, 1, { u64::MAX }>)]
     pub(crate) series: Option<u32>,
-    /// Folders of DICOM files: refuse a series that lacks slices between others, or interpolate the missing slices
+    /// DICOM: refuse a series that lacks slices or has unequally spaced ones, or interpolate slices at equal distances
     #[arg(long, value_name = "HOW", default_value = "refuse", value_parser = one_of(MissingSlices::ALL,
         MissingSlices::name))]
     pub(crate) missing_slices: MissingSlices,

@@ -80,13 +80,16 @@ fn options_without_effect_are_noted_on_command_lines_and_in_scenes() {
     }
     let described = notes(dir.path(), "info a.nrrd --series 2");
     assert!(described[0].starts_with("--series has no effect "), "{described:?}");
+    // The frames of one file of DICOM are slices.
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/volumes");
+    std::fs::copy(data.join("enhanced-i16.dcm"), dir.path().join("frames.dcm")).unwrap();
+    assert!(notes(dir.path(), "info frames.dcm --missing-slices interpolate").is_empty());
     // Folders that hold no series.
     for (folder, file, to) in [
         ("sections", "section-8.tiff", "section-8.tiff"),
         ("slices", "ct-a.dcm", "ct-a.dcm"),
         ("v.zarr", "", ".zgroup"),
     ] {
-        let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/volumes");
         std::fs::create_dir(dir.path().join(folder)).unwrap();
         match file {
             "" => std::fs::write(dir.path().join(folder).join(to), "{}").unwrap(),
@@ -304,7 +307,7 @@ fn missing_slices_are_named_by_their_place_and_interpolated_on_request() {
     let at: Vec<f64> = at.split(',').map(|number| number.parse().unwrap()).collect();
     assert!(place.distance(glam::DVec3::from_slice(&at)) < 1e-3, "{said} {place}");
     assert!(said.contains("1 slice is missing between ct-e.dcm and ct-a.dcm, at "), "{said}");
-    assert!(said.ends_with("fill them in with --missing-slices interpolate"), "{said}");
+    assert!(said.ends_with("interpolate them with --missing-slices interpolate"), "{said}");
     let text = stdout(&voxsplat(dir.path(), "info series --missing-slices interpolate"));
     assert!(text.contains("note ") && text.contains(": interpolated between their neighbours"), "{text}");
 

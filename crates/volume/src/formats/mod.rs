@@ -40,7 +40,7 @@ use std::sync::Arc;
 
 use decode::{Layout, read_all, x_fastest};
 pub use folder::is_zarr;
-use folder::zarr_folder_of;
+use folder::{volumes_below, zarr_folder_of};
 use input::{Input, Unpacked};
 use placement::{Placement, check_spacing};
 use readers::ZARR;
@@ -68,13 +68,15 @@ pub enum PyramidLevel {
     PixelSize(f64),
 }
 
-/// The treatment of a DICOM series that lacks slices between others.
+/// The treatment of a DICOM series that lacks slices between others, or whose slices are unequally spaced.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum MissingSlices {
-    /// It is an error that names their places.
+    /// It is an error that names the places.
     #[default]
     Refuse,
-    /// They are interpolated between their neighbours, and a note of [`Contents`](crate::volume::Contents) says so.
+    /// Slices at equal distances are interpolated linearly between their neighbours, and a note of
+    /// [`Contents`](crate::volume::Contents) states it. Slices that are there keep their values, unless slices are
+    /// unequally spaced: then the new ones lie about the least distance apart.
     Interpolate,
 }
 
@@ -120,7 +122,7 @@ pub struct LoadOptions {
     /// The series of a folder of DICOM files that holds several, counted from 1 in the order of their numbers, as
     /// [`list_series`] lists them.
     pub series: Option<u32>,
-    /// The treatment of a DICOM series that lacks slices.
+    /// The treatment of a DICOM series that lacks slices, or has unequally spaced ones.
     pub missing_slices: MissingSlices,
     /// The level of a pyramid; the finest by default.
     pub level: PyramidLevel,
@@ -260,7 +262,8 @@ fn load_folder(folder: &Path, options: &LoadOptions) -> Result<Volume> {
     let mut parts = parts_of_folder(folder)?;
     refuse_raw_options(folder, options, "a folder", false)?;
     let Some((format, mut files)) = parts.pop() else {
-        refuse!(folder, "is a directory without TIFF or DICOM files, and no OME-Zarr");
+        let below = volumes_below(folder).map(|below| format!(": {below}")).unwrap_or_default();
+        refuse!(folder, "is a directory without TIFF or DICOM files, and no OME-Zarr{below}");
     };
     if let Some((other, _)) = parts.pop() {
         refuse!(folder, "holds {} and {} files: give each a folder of its own", other.name, format.name);

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use super::input::Input;
 use super::{LoadOptions, Series, afni, metaimage, mgh, mrc, nifti, npy, npz, nrrd, parrec};
 use crate::error::{Error, Result, Subject};
-use crate::volume::Volume;
+use crate::volume::{Endian, Volume};
 
 /// Reads the volume of a file that begins here, or the data set of that name in it.
 type Read = fn(Input, Option<&str>, &LoadOptions) -> Result<Volume>;
@@ -89,7 +89,7 @@ pub static FORMATS: [Format; 15] = [
         name: "DICOM",
         description: "a file or a folder of slices, or a segmentation; all but lossy JPEG of 12 bits",
         feature: Some("dicom"),
-        begins: |head| head.get(128..132) == Some(b"DICM"),
+        begins: is_dicom,
         has_sections: true,
         read: built!("dicom", Read, |input, _, options| {
             super::dicom::read_files(input.path(), &[input.path().to_owned()], options)
@@ -228,14 +228,47 @@ pub static FORMATS: [Format; 15] = [
     ZARR,
 ];
 
+/// Whether a file begins as DICOM does: by a mark behind a preamble, by the mark alone, or by elements.
+fn is_dicom(head: &[u8]) -> bool {
+    head.get(128..132) == Some(b"DICM") || head.starts_with(b"DICM\x02\0") || begins_with_elements(head)
+}
+
+/// The elements by which a DICOM file without a mark is known.
+const ELEMENTS: usize = 3;
+
+/// Whether the first bytes are elements of DICOM: in the groups 2 and 8, in ascending order, of even lengths.
+fn begins_with_elements(head: &[u8]) -> bool {
+    let endian = if head.starts_with(&[0, 8]) { Endian::Big } else { Endian::Little };
+    let (mut at, mut last) = (0, 0);
+    for _ in 0..ELEMENTS {
+        let number = |from: usize, size: usize| Some(endian.number(head.get(at + from..at + from + size)?));
+        let Some(kind) = head.get(at + 4..at + 6) else { return false };
+        let (start, length) = match kind {
+            b"OB" | b"OW" | b"SQ" | b"UN" | b"UT" => (12, number(8, 4)),
+            kind if kind.iter().all(u8::is_ascii_uppercase) => (8, number(6, 2)),
+            _ => (8, number(4, 4)),
+        };
+        let (Some(group), Some(element), Some(length)) = (number(0, 2), number(2, 2), length) else { return false };
+        let tag = group << 16 | element;
+        let is_first = last == 0;
+        if ![2, 8].contains(&group) || !is_first && tag <= last || length % 2 == 1 || length > 1024 {
+            return false;
+        }
+        (at, last) = (at + start + length as usize, tag);
+    }
+    // The last element need not end in the first bytes, but it begins there.
+    true
+}
+
 impl Format {
     /// The format that the first bytes of a file belong to.
     pub(super) fn of_content(head: &[u8]) -> Option<&'static Self> {
         FORMATS.iter().find(|format| (format.begins)(head))
     }
 
-    /// The format that the name of a file promises.
-    pub(super) fn of_name(path: &Path) -> Option<&'static Self> {
+    /// The format that the name of a file promises; `None` of DICOM, whose files have any name.
+    #[must_use]
+    pub fn of_name(path: &Path) -> Option<&'static Self> {
         // The extension decides, so a lossy conversion to UTF-8 suffices.
         let name = path.file_name()?.to_string_lossy().to_ascii_lowercase();
         let name = name.strip_suffix(".gz").or_else(|| name.strip_suffix(".bz2")).unwrap_or(&name);

@@ -23,9 +23,21 @@ const MAX_VALUE: u64 = 4096;
 /// The longest value of [`LONG`], in bytes.
 const MAX_LONG: u64 = 1 << 20;
 
-/// The values that may be longer than others: the tables of palettes, whole and in segments, and the offsets of frames.
-const LONG: [u32; 7] =
-    [0x0028_1201, 0x0028_1202, 0x0028_1203, 0x0028_1221, 0x0028_1222, 0x0028_1223, super::FRAME_OFFSETS];
+/// The values that may be longer than others: the tables of palettes, whole and in segments, and the offsets and the
+/// slices of frames.
+const LONG: [u32; 8] = [
+    0x0028_1201,
+    0x0028_1202,
+    0x0028_1203,
+    0x0028_1221,
+    0x0028_1222,
+    0x0028_1223,
+    super::FRAME_OFFSETS,
+    super::SLICE_VECTOR,
+];
+
+/// The elements of the private groups of Siemens that may hold a CSA header: (0029,xx10), of about 12 kB.
+const CSA_GROUP: u32 = 0x0029;
 
 /// The most that a compressed file is read for, in bytes: pixels have under 4 GiB.
 const MAX_UNPACKED: u64 = 5 << 30;
@@ -49,10 +61,32 @@ const DEFLATED: &str = "1.2.840.10008.1.2.1.99";
 const UNDEFINED: u32 = u32::MAX;
 
 /// The sequences that are read, in files without types too: those of all frames and of each frame, and inside them
-/// positions, orientations, spacings, maps to values, indices of time, delays of triggers and segments. Sequences of
-/// makers may have values of the same names that mean something else.
-const SEQUENCES: [u32; 9] =
-    [SHARED, PER_FRAME, 0x0020_9113, 0x0020_9116, 0x0028_9110, 0x0028_9145, 0x0020_9111, 0x0018_9118, 0x0062_000a];
+/// positions, orientations, spacings, maps to values, indices of time, delays of triggers, echoes, diffusion, types of
+/// frames and segments. Sequences of makers may have values of the same names that mean something else.
+const SEQUENCES: [u32; 15] = [
+    SHARED,
+    PER_FRAME,
+    DETECTORS,
+    REGIONS,
+    REAL_WORLD,
+    0x0020_9113,
+    0x0020_9116,
+    0x0028_9110,
+    0x0028_9145,
+    0x0020_9111,
+    0x0018_9118,
+    0x0018_9114,
+    0x0018_9117,
+    0x0018_9226,
+    0x0062_000a,
+];
+
+/// Sequences whose items describe the whole file, if they are at its top: the detectors of nuclear medicine, the
+/// regions of ultrasound and maps to real-world values. Their first items count.
+const OF_FILE: [u32; 3] = [DETECTORS, REGIONS, REAL_WORLD];
+const DETECTORS: u32 = 0x0054_0022;
+const REGIONS: u32 = 0x0018_6011;
+const REAL_WORLD: u32 = 0x0040_9096;
 
 /// The sequences of all frames, of each frame, and of the segments of a segmentation.
 const SHARED: u32 = 0x5200_9229;
@@ -61,7 +95,8 @@ const SEGMENTS: u32 = 0x0062_0002;
 
 /// The longest value of a tag that is kept, in bytes.
 fn longest(tag: u32) -> u64 {
-    if LONG.contains(&tag) { MAX_LONG } else { MAX_VALUE }
+    let is_csa = tag >> 16 == CSA_GROUP && tag & 0xff == 0x10;
+    if LONG.contains(&tag) || is_csa { MAX_LONG } else { MAX_VALUE }
 }
 
 /// Values by tag: group and element in one number.
@@ -80,6 +115,8 @@ pub(super) struct Dataset {
     frames: Vec<Values>,
     /// The descriptions of segments.
     pub(super) segments: Vec<Values>,
+    /// Whether the pixels are floating point.
+    pub(super) is_float: bool,
     /// Whether the pixels stand in words of 16 bits, whatever their size.
     pub(super) in_words: bool,
     /// The offset of the pixels in what [`Self::open`] returns, and their length unless they are in fragments.
@@ -113,12 +150,34 @@ impl Dataset {
         self.path.error(reason)
     }
 
+    /// The name of this file, without its folder.
+    pub(super) fn name(&self) -> String {
+        self.path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+    }
+
     /// Opens the file, or the decompressed pixels of a compressed file.
     pub(super) fn open(&self) -> io::Result<Box<dyn Bytes + '_>> {
         Ok(match &self.unpacked {
             Some(bytes) => Box::new(Cursor::new(bytes.as_slice())),
             None => Box::new(File::open(&self.path)?),
         })
+    }
+
+    /// Whether a frame has this value, or all frames share it: not the whole file alone.
+    pub(super) fn is_of_frames(&self, frame: usize, tag: u32) -> bool {
+        self.shared.contains_key(&tag) || self.frames.get(frame).is_some_and(|values| values.contains_key(&tag))
+    }
+
+    /// The bytes of a value of a maker: of `element` in the block of `group` that the maker's name reserves.
+    pub(super) fn private(&self, group: u32, maker: &str, element: u32) -> Option<&[u8]> {
+        let is_maker = |block: &u32| self.value(group << 16 | block).is_some_and(|name| trimmed(name) == maker);
+        let block = (0x10..=0xff).find(is_maker)?;
+        self.value(group << 16 | block << 8 | element)
+    }
+
+    /// The text of a value, of a frame if it has one of its own.
+    pub(super) fn frame_text(&self, frame: usize, tag: u32) -> Option<String> {
+        self.bytes(frame, tag).map(trimmed)
     }
 
     /// The bytes of a value, of a frame if it has one of its own.
@@ -186,7 +245,7 @@ pub(super) fn trimmed(bytes: &[u8]) -> String {
 }
 
 /// Decimal numbers separated by backslashes; `None` if one is not finite.
-fn decimals(bytes: &[u8]) -> Option<Vec<f64>> {
+pub(super) fn decimals(bytes: &[u8]) -> Option<Vec<f64>> {
     let number = |word: &[u8]| trimmed(word).parse::<f64>().ok().filter(|n| n.is_finite());
     bytes.split(|byte| *byte == b'\\').map(number).collect()
 }
@@ -198,17 +257,24 @@ enum Place {
     Shared,
     PerFrame,
     Segment,
+    /// An item that describes the whole file.
+    OfFile,
     /// A sequence whose values are not needed.
     Elsewhere,
 }
+
+/// The mark behind the preamble.
+const MARK: &[u8] = b"DICM";
 
 /// The marks of an item, of its end, and of the end of a sequence.
 const ITEM: u32 = 0xfffe_e000;
 const ITEM_END: u32 = 0xfffe_e00d;
 const SEQUENCE_END: u32 = 0xfffe_e0dd;
 
-/// The pixels.
+/// The pixels: whole numbers, and floating point of 32 and 64 bits.
 const PIXELS: u32 = 0x7fe0_0010;
+const FLOATS: u32 = 0x7fe0_0008;
+const DOUBLES: u32 = 0x7fe0_0009;
 
 /// Reads elements one after the other. Places are counted in bytes from the end of the file, or of a compressed one
 /// from the farthest that it can have.
@@ -227,7 +293,12 @@ struct Reader {
 
 impl Reader {
     fn run(&mut self) -> Result<()> {
-        self.skip(132)?;
+        // The preamble and the mark behind it may be missing.
+        let head = self.input.peek(132)?;
+        let start = if head.starts_with(MARK) { MARK.len() } else { 132 };
+        if head.get(start - MARK.len()..start) == Some(MARK) {
+            self.skip(start as u64)?;
+        }
         // The first group is always little-endian with explicit types.
         let (mut syntax, mut end) = (Values::new(), 0);
         // Behind its end may be anything, if it is deflated.
@@ -250,7 +321,8 @@ impl Reader {
         }
         self.set.syntax = trimmed(&syntax.remove(&0x10).unwrap_or_default());
         self.explicit = self.set.syntax != "1.2.840.10008.1.2";
-        if self.set.syntax == "1.2.840.10008.1.2.2" {
+        let is_bare = self.set.syntax.is_empty();
+        if self.set.syntax == "1.2.840.10008.1.2.2" || is_bare && self.group == Some([0, 8]) {
             self.set.endian = Endian::Big;
         }
         if self.set.syntax == DEFLATED {
@@ -324,7 +396,8 @@ impl Reader {
             let (kind, length) = self.rest_of_header(group)?;
             match tag {
                 ITEM_END | SEQUENCE_END => return Ok(()),
-                PIXELS if place == Place::Top => {
+                PIXELS | FLOATS | DOUBLES if place == Place::Top => {
+                    self.set.is_float = tag != PIXELS;
                     self.set.in_words = &kind == b"OW";
                     if length == UNDEFINED {
                         self.set.pixels = Some((self.place(), None));
@@ -349,6 +422,7 @@ impl Reader {
                         (Place::Top, SHARED) => Place::Shared,
                         (Place::Top, PER_FRAME) => Place::PerFrame,
                         (Place::Top, SEGMENTS) => Place::Segment,
+                        (Place::Top, _) if OF_FILE.contains(&tag) => Place::OfFile,
                         (Place::Shared | Place::PerFrame, _) if SEQUENCES.contains(&tag) => place,
                         _ => Place::Elsewhere,
                     };
@@ -366,7 +440,8 @@ impl Reader {
                         Place::Segment => self.set.segments.last_mut(),
                         _ => Some(&mut self.set.values),
                     };
-                    values.map(|values| values.insert(tag, value));
+                    // Of several items of a sequence the first counts.
+                    values.map(|values| values.entry(tag).or_insert(value));
                 }
                 _ => self.skip(length.into())?,
             }

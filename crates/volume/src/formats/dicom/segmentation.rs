@@ -10,10 +10,10 @@ use glam::DVec3;
 
 use super::dataset::{Dataset, MAX_FRAMES, Values, trimmed};
 use super::palette::{self, Table};
-use super::{
-    APART, BETWEEN_SLICES, Colors, FRAMES, ORIENTATION, PHOTOMETRIC, POSITION, Plane, SERIES_DESCRIPTION, SOP_CLASS,
-    bits_before, bytes_of, frames_in, pixels_of, single_gap,
-};
+use super::pixels::{bits_before, bytes_of, frames_in, pixels_of};
+use super::plane::{Colors, Plane};
+use super::slices::{APART, BETWEEN_SLICES, single_gap};
+use super::{FRAMES, ORIENTATION, PHOTOMETRIC, POSITION, SERIES_DESCRIPTION, SOP_CLASS};
 use crate::error::{Error, Result, Subject, refuse, refuse_if};
 use crate::formats::placement::{Placement, plain_name};
 use crate::formats::{LoadOptions, selection};
@@ -57,8 +57,8 @@ pub(super) fn is_one(set: &Dataset) -> bool {
     CLASSES.contains(&set.text(SOP_CLASS).as_str())
 }
 
-/// Reads the labels of a segmentation.
-pub(super) fn read(source: &Path, sets: &[Dataset], options: &LoadOptions) -> Result<Volume> {
+/// Reads the labels of a segmentation; `copies` is the note about copies of its file.
+pub(super) fn read(source: &Path, sets: &[Dataset], copies: Option<String>, options: &LoadOptions) -> Result<Volume> {
     let [set] = sets else { refuse!(source, "holds {} segmentations in one series: give the file of one", sets.len()) };
     let kind = kind_of(set)?;
     // Whatever colours labels have, their samples are the labels.
@@ -81,6 +81,7 @@ pub(super) fn read(source: &Path, sets: &[Dataset], options: &LoadOptions) -> Re
 
     let mut layers = layered(set, &plane, kind, frames, voxels)?;
     let mut contents = selection::chosen(source, options, layers.len() as u64, 1)?;
+    contents.notes.extend(copies);
     if let (Kind::Mask { least }, "FRACTIONAL") = (kind, set.text(KIND).as_str()) {
         let note = format!("voxels belong to a fractional segment from half of its maximum on, {least}");
         contents.notes.push(note);
