@@ -146,9 +146,7 @@ fn labels_have_the_colours_and_names_of_their_image() {
 
 #[test]
 fn archives_are_read_whole_or_by_a_folder_in_them() {
-    let inside = |archive: &str, name: &str| {
-        load(format!("{}:{name}", path(archive)), &LoadOptions::default())
-    };
+    let inside = |archive: &str, name: &str| load(format!("{}:{name}", path(archive)), &LoadOptions::default());
     let volume = inside("image-0.5.ozx", "1").unwrap();
     assert_eq!((volume.grid().dims(), volume.grid().spacing()), ([4, 3, 2], [1.0; 3]));
     for name in ["2", "../zarr", "0/c"] {

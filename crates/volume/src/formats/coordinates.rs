@@ -89,7 +89,7 @@ impl Steps {
 }
 
 /// The role of an axis by its name in lower case.
-pub(super) fn role_of_name(name: &str) -> Role {
+fn role_of_name(name: &str) -> Role {
     match name {
         "t" | "time" => Role::Time,
         "c" | "channel" | "channels" | "component" | "band" => Role::Channel,
@@ -219,17 +219,6 @@ fn factor(unit: &Option<String>, other: &Option<String>) -> Option<f64> {
     if unit == other { Some(1.0) } else { Some(metres(unit)? / metres(other)?) }
 }
 
-/// The samples from one index of an array to the next, along each axis of its lattice; the array's last axis is the
-/// fastest.
-pub(super) fn strides(axes: &[Axis], space: &[(usize, usize)]) -> [usize; 3] {
-    let behind = |axis: usize| space.iter().filter(move |(other, _)| *other > axis);
-    let mut strides = [0; 3];
-    for (stride, &(axis, _)) in strides.iter_mut().zip(space) {
-        *stride = behind(axis).map(|&(other, _)| axes[other].size as usize).product();
-    }
-    strides
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -250,7 +239,7 @@ mod tests {
         assert_eq!(named(["Lon", "scan", "lat_rho"]), [(0, 0), (2, 1), (1, 2)]);
         // Two of one name tell nothing.
         assert_eq!(named(["x", "row", "x"]), [(2, 0), (1, 1), (0, 2)]);
-        let told = [axis("a", &[("axis", "X")], &[]), axis("b", &[("positive", "up")], &[]), axis("c", &[], &[])];
+        let told = [axis("i", &[("axis", "X")], &[]), axis("k", &[("positive", "up")], &[]), axis("j", &[], &[])];
         assert_eq!(space(&told), [(0, 0), (2, 1), (1, 2)]);
         // Of five axes the single ones do not count, and time is none of space.
         let mut five = ["time", "ensemble", "z", "y", "x"].map(|name| axis(name, &[], &[]));

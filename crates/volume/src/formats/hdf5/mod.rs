@@ -20,7 +20,7 @@ use netcdf_reader::{
 
 use self::slabs::{SLAB, Slabs, attribute, text, words};
 use super::LoadOptions;
-use super::coordinates::{Axis, Steps, placement, space, strides};
+use super::coordinates::{Axis, Steps, placement, space};
 use super::decode::reordered;
 use super::input::Input;
 use super::placement::{named_unit, plain_name};
@@ -235,6 +235,17 @@ fn axes(file: &NcFile, set: &Set<'_>) -> Vec<Axis> {
         }
     }
     axes
+}
+
+/// The samples from one index of an array to the next, along each axis of its lattice; the array's last axis is the
+/// fastest.
+fn strides(axes: &[Axis], space: &[(usize, usize)]) -> [usize; 3] {
+    let behind = |axis: usize| space.iter().filter(move |(other, _)| *other > axis);
+    let mut strides = [0; 3];
+    for (stride, &(axis, _)) in strides.iter_mut().zip(space) {
+        *stride = behind(axis).map(|&(other, _)| axes[other].size as usize).product();
+    }
+    strides
 }
 
 /// Replaces fill values by NaN. Integers become floats if there are fill values.

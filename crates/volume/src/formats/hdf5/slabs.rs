@@ -153,15 +153,16 @@ const FILTERS: [(&str, &str); 7] = [
 /// The words for an error of the crates, behind the name of a file or a data set.
 pub(super) fn words(error: impl Into<netcdf_reader::Error>) -> String {
     let error = error.into();
-    let netcdf_reader::Error::Hdf5(mut cause) = &error else {
+    let netcdf_reader::Error::Hdf5(cause) = &error else {
         return format!("is damaged, or of a kind that is not read: {error}");
     };
+    let mut cause: &hdf5_reader::error::Error = cause;
     while let hdf5_reader::error::Error::Context { source, .. } = cause {
         cause = source;
     }
     match cause {
         hdf5_reader::error::Error::UnsupportedFilter(filter) => {
-            let known = FILTERS.iter().find(|(id, _)| id == filter).map_or(filter.as_str(), |(_, name)| name);
+            let known = FILTERS.iter().find(|(id, _)| *id == filter).map_or(filter.as_str(), |(_, name)| name);
             format!("is compressed by {known}, which is not read: repack it by h5repack -f GZIP=4 FILE NEW")
         }
         hdf5_reader::error::Error::UnsupportedLayoutClass(3) => {

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::codecs::{ChunkTarget, Part, parts, strides_of};
 use super::metadata::{Array, MAX_CHUNK};
 use super::store::Store;
-use crate::error::{Error, Result, Subject, refuse, refuse_if};
+use crate::error::{Error, Result, Subject, refuse_if};
 use crate::formats::LoadOptions;
 use crate::formats::coordinates::{Axis, Steps, placement, space};
 use crate::formats::decode::{Kind, of_halves};

@@ -155,6 +155,7 @@ fn axes_of_array(store: &Store, folder: &Path, array: &Array) -> Result<Vec<Axis
     if roles.iter().filter(|(role, _)| *role == Role::Space).count() > 3 {
         refuse!(folder, "has {} axes without names, expected at most 5", array.shape.len());
     }
-    let axis = |((role, _), &size): (_, &u64)| Axis { role, ..Axis::named("", size) };
-    Ok(roles.into_iter().rev().zip(&array.shape).map(axis).collect())
+    let mut axes: Vec<Axis> = array.shape.iter().map(|size| Axis::named("", *size)).collect();
+    axes.iter_mut().rev().zip(roles).for_each(|(axis, (role, _))| axis.role = role);
+    Ok(axes)
 }

@@ -81,7 +81,7 @@ impl Store {
             Self::Archive(packed) => packed,
             Self::Folder => {
                 return match files::open(path) {
-                    Err(Error::Read { source, .. }) if source.kind() == std::io::ErrorKind::NotFound => Ok(None),
+                    Err(Error::Read { source, .. }) if source.kind() == io::ErrorKind::NotFound => Ok(None),
                     Err(error) => Err(error),
                     Ok((_, None)) => refuse!(path, "is not a regular file"),
                     Ok((file, Some(length))) => Ok(Some(Bytes::File(file, length))),
