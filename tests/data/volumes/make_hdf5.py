@@ -84,7 +84,7 @@ with h5py.File("bool.h5", "w") as out:
     out.create_dataset("mask", data=np.arange(N).reshape(DIMS[::-1]) % 3 == 0, track_times=False)
 # A compression that is not read, and a view of another file: refused.
 with h5py.File("lzf.h5", "w") as out:
-    out.create_dataset("samples", data=volume("u8", 0, 0), compression="lzf", chunks=(5, 4, 3), track_times=False)
+    out.create_dataset("samples", data=volume("u8", 0, 0) * 0, compression="lzf", chunks=(5, 4, 3), track_times=False)
 with h5py.File("virtual.h5", "w") as out:
     layout = h5py.VirtualLayout(DIMS[::-1], "i2")
     layout[:] = h5py.VirtualSource("plain-i16.h5", "samples", DIMS[::-1])
