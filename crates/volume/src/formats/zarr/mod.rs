@@ -144,7 +144,7 @@ fn axes_of_array(store: &Store, folder: &Path, array: &Array) -> Result<Vec<Axis
                 (node.attributes, node.array.map(|array| Level::alone(node.folder, array)))
             });
             Axis::described(name, size, &|key| attributes[key].as_str().map(str::to_owned), || {
-                let values = level?.stored(store, &[0..size], &[1]).ok()?;
+                let values = level?.stored(store, std::slice::from_ref(&(0..size)), &[1]).ok()?;
                 Some(with_samples!(&values, v => v.iter().map(|value| value.to_f64()).collect()))
             })
         };
