@@ -27,7 +27,7 @@ use super::coordinates::Axis;
 use super::input::Input;
 use super::placement::{named_unit, plain_name};
 use super::selection::{Role, guessed, sized};
-use crate::error::{Error, Result, Subject, refuse, refuse_if};
+use crate::error::{Error, Hint, Result, Subject, refuse};
 use crate::volume::{Contents, MAX_DIM, ToF64, Units, Volume, with_samples};
 
 /// The most folders of a group that are looked into for arrays.
@@ -40,12 +40,23 @@ pub(super) fn read(folder: &Path, options: &LoadOptions) -> Result<Volume> {
 
 /// Reads the volume of an archive, or of a folder in it.
 pub(super) fn read_archive(input: &Input, inside: Option<&str>, options: &LoadOptions) -> Result<Volume> {
-    let (store, top) = Store::archive(input)?;
-    let Some(inside) = inside else { return read_from(&store, &top, options) };
-    let inside = inside.trim_matches('/');
-    let folder = top.join(inside);
-    let is_inside = Path::new(inside).components().all(|part| matches!(part, Component::Normal(_)));
-    refuse_if!(!is_inside || !store.is_zarr(&folder), input, "has no array or group of Zarr named {inside:?}");
+    let (store, tops) = Store::archive(input)?;
+    let folder = match (inside, &tops[..]) {
+        (None, [top]) => top.clone(),
+        (None, []) => refuse!(input, "is a ZIP file without a Zarr: unpack it"),
+        (None, several) => {
+            let names: Vec<String> = several.iter().take(12).filter_map(|folder| name_of(folder)).collect();
+            let reason = format!("is a ZIP file with several folders of Zarr: {}", names.join(", "));
+            return Err(input.error(reason).hinted(Hint::ChooseDataset));
+        }
+        (Some(inside), _) => {
+            let name = Path::new(inside.trim_matches('/'));
+            let is_inside = name.components().all(|part| matches!(part, Component::Normal(_)));
+            let all = std::iter::once(input.path()).chain(tops.iter().map(PathBuf::as_path));
+            let found = all.map(|top| top.join(name)).find(|folder| is_inside && store.is_zarr(folder));
+            found.ok_or_else(|| input.error(format!("has no array or group of Zarr named {inside:?}")))?
+        }
+    };
     read_from(&store, &folder, options)
 }
 

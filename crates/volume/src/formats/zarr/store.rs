@@ -28,19 +28,13 @@ pub(super) struct Packed {
 }
 
 impl Store {
-    /// The store of an archive and the folder in it that is the Zarr: the top, or the only folder there.
-    pub(super) fn archive(input: &Input) -> Result<(Self, PathBuf)> {
+    /// The store of an archive, and the folders in it that may be the Zarr: the top, or all folders there.
+    pub(super) fn archive(input: &Input) -> Result<(Self, Vec<PathBuf>)> {
         let (archive, path) = (Archive::open(input)?, input.path().to_owned());
         let members = archive.members.iter().enumerate().map(|(n, member)| (member.name.clone(), n)).collect();
         let store = Self::Archive(Packed { path: path.clone(), archive: Mutex::new(archive), members });
-        if store.is_zarr(&path) {
-            return Ok((store, path));
-        }
-        match &store.folders(&path)[..] {
-            [folder] => Ok((store, folder.clone())),
-            [] => refuse!(path, "is a ZIP file without a Zarr: unpack it"),
-            _ => refuse!(path, "is a ZIP file with several folders of Zarr: unpack it"),
-        }
+        let folders = if store.is_zarr(&path) { vec![path] } else { store.folders(&path) };
+        Ok((store, folders))
     }
 
     /// Whether a folder has the metadata of Zarr.
