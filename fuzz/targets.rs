@@ -43,8 +43,9 @@ pub const TARGETS: &[(&str, Target, &[&str])] = &[
     ("tiff", |place, bytes| place.volume("fuzzed.tif", bytes), &[".tif", ".tiff"]),
     ("dicom", |place, bytes| place.volume("fuzzed.dcm", bytes), &[".dcm"]),
     #[cfg(feature = "hdf5")]
-    ("hdf5", |place, bytes| place.volume("fuzzed.h5", bytes), &[".h5", ".nc", ".mat", ".mnc"]),
+    ("hdf5", |place, bytes| place.volume("fuzzed.h5", bytes), &[".h5", ".nc", ".mat", ".mnc", ".vtkhdf"]),
     ("zarr", Place::zarr, &[]),
+    ("zip", |place, bytes| place.volume("fuzzed.zip", bytes), &[".zip", ".ozx"]),
     ("raw", Place::raw, &[".raw", ".img", ".raw.gz"]),
     ("data", Place::data, &[".raw.gz", ".zraw", ".z", ".raw"]),
     ("transfer", Place::transfer, &[".json", ".vp", ".xml"]),

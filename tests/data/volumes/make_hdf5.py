@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Writes files of HDF5 and NetCDF, and beside them expected-hdf5.json: what h5py and netCDF4 read there.
 
-    pip install numpy==2.4.6 h5py==3.16.0 netCDF4==1.7.5.1
+    pip install numpy==2.4.6 h5py==3.16.0 netCDF4==1.7.5.1 vtk==9.7.2
     python make_hdf5.py
 
 Samples and table are those of make_several.py.
@@ -14,6 +14,8 @@ from pathlib import Path
 import h5py
 import netCDF4
 import numpy as np
+from vtkmodules.util.numpy_support import vtk_to_numpy
+from vtkmodules.vtkIOHDF import vtkHDFReader
 
 os.chdir(Path(__file__).parent)
 DIMS = (3, 4, 5)
@@ -72,6 +74,56 @@ with h5py.File("two.h5") as read:
     add("two.h5:/raw/first", "i16", read["raw/first"][:][None, None])
     add("two.h5:raw/second", "u8", read["raw/second"][:][None, None])
 
+# The size of an element, the slowest axis first; booleans, which are an enumeration.
+with h5py.File("element-u8.h5", "w") as out:
+    out.create_dataset("Data", data=volume("u8", 0, 0), track_times=False).attrs["element_size_um"] = SPACING[::-1]
+with h5py.File("element-u8.h5") as read:
+    size = read["Data"].attrs["element_size_um"]
+    add("element-u8.h5", "u8", read["Data"][:][None, None], diagonal(size[::-1]), "µm")
+with h5py.File("bool.h5", "w") as out:
+    out.create_dataset("mask", data=np.arange(N).reshape(DIMS[::-1]) % 3 == 0, track_times=False)
+# A compression that is not read, and a view of another file: refused.
+with h5py.File("lzf.h5", "w") as out:
+    out.create_dataset("samples", data=volume("u8", 0, 0) * 0, compression="lzf", chunks=(5, 4, 3), track_times=False)
+with h5py.File("virtual.h5", "w") as out:
+    layout = h5py.VirtualLayout(DIMS[::-1], "i2")
+    layout[:] = h5py.VirtualSource("plain-i16.h5", "samples", DIMS[::-1])
+    out.create_virtual_dataset("view", layout)
+
+# Images of VTK: the active one of two arrays of points, and an array of cells of a turned image.
+TURN = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+
+
+def vtkhdf(file, name, cells, turn):
+    extent = [v for n, first in zip(DIMS, (2, 0, -1)) for v in (first, first + n - (not cells))]
+    with h5py.File(file, "w") as out:
+        group = out.create_group("VTKHDF")
+        group.attrs["Version"] = (1, 0)
+        group.attrs.create("Type", np.bytes_("ImageData"))
+        group.attrs["WholeExtent"] = extent
+        group.attrs["Origin"], group.attrs["Spacing"], group.attrs["Direction"] = ORIGIN, SPACING, np.ravel(turn)
+        arrays = group.create_group("CellData" if cells else "PointData")
+        if not cells:
+            arrays.attrs["Scalars"] = np.bytes_("samples")
+            arrays.create_dataset("other", data=volume(name, 0, 0) * 0, track_times=False)
+        arrays.create_dataset("samples", data=volume(name, 0, 0), track_times=False)
+    reader = vtkHDFReader()
+    reader.SetFileName(file)
+    reader.Update()
+    image = reader.GetOutput()
+    data = image.GetCellData() if cells else image.GetPointData()
+    got = vtk_to_numpy(data.GetArray("samples")).reshape(DIMS[::-1])
+    assert image.GetExtent() == tuple(extent), image.GetExtent()
+    # The matrix leads from indices, which begin at the extent, to the world; samples of cells lie in their middles.
+    matrix = image.GetIndexToPhysicalMatrix()
+    affine = np.array([[matrix.GetElement(r, c) for c in range(4)] for r in range(3)])
+    affine[:, 3] += affine[:, :3] @ (np.array(extent[::2]) + 0.5 * cells)
+    add(file, name, got[None, None], affine)
+
+
+vtkhdf("points-f32.vtkhdf", "f32", False, np.eye(3))
+vtkhdf("cells-i16.vtkhdf", "i16", True, TURN)
+
 # A group within itself: refused.
 with h5py.File("loop.h5", "w") as out:
     out["samples"] = volume("u8", 0, 0)
@@ -113,6 +165,40 @@ for file, name, kind, times in [("classic-i16.nc", "i16", "NETCDF3_CLASSIC", 1),
     options = {"compression": "zlib", "chunksizes": (1, 2, 4, 3)} if kind == "NETCDF4" else {}
     got, affine = nc(file, name, kind, times, **options)
     add(file, name, got, affine, "mm")
+
+
+def placed(file, name, dims, coordinates, affine, kind="NETCDF4"):
+    """An array whose dimensions have these names and coordinates with attributes, in any order; x is the fastest of
+    the volume."""
+    with netCDF4.Dataset(file, "w", format=kind) as out:
+        for axis in dims:
+            values, attributes = coordinates[axis]
+            out.createDimension(axis, len(values))
+            variable = out.createVariable(axis, "f8", (axis,))
+            variable[:] = values
+            variable.setncatts(attributes)
+        order = [list(coordinates)[::-1].index(axis) for axis in dims]
+        out.createVariable("samples", np.dtype(TYPES[name]), dims)[:] = volume(name, 0, 0).transpose(order)
+    with netCDF4.Dataset(file) as read:
+        got = read["samples"]
+        order = [got.dimensions.index(axis) for axis in list(coordinates)[::-1]]
+        add(file, name, got[:].filled().transpose(order)[None, None], affine, "m")
+
+
+metres = {"units": "m"}
+lines = [(first + step * np.arange(n), metres) for first, step, n in zip(ORIGIN, SPACING, DIMS)]
+placed("axes-xyz.nc", "i16", ("x", "y", "z"), dict(zip("xyz", lines)), diagonal(SPACING, ORIGIN))
+placed("axes-zxy.nc", "f32", ("z", "x", "y"), dict(zip("xyz", lines)), diagonal(SPACING, ORIGIN), "NETCDF3_CLASSIC")
+# By axis, by standard name, and by what is left.
+named = {"i": (lines[0][0], {"axis": "X", **metres}), "j": lines[1],
+         "k": (lines[2][0], {"standard_name": "altitude", **metres})}
+placed("axes-told.nc", "u16", ("i", "k", "j"), named, diagonal(SPACING, ORIGIN))
+# Depths from the surface down, along descending y.
+ocean = {"x": lines[0], "y": (lines[1][0][::-1], metres), "depth": (lines[2][0], {"positive": "down", **metres})}
+(x, y, z), last = ORIGIN, lines[1][0][-1]
+down = np.column_stack([np.diag((0.5, -0.75, -2.0)), (x, last, -z)])
+placed("down-i16.nc", "i16", ("depth", "y", "x"), ocean, down)
+
 got, _ = nc("no-coordinates.nc", "i16", "NETCDF3_CLASSIC", unit="")
 add("no-coordinates.nc", "i16", got)
 # Packed, and with a no-data value: separate tests read them.

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Writes the folders of Zarr and OME-Zarr beside it, and expected.json: what zarr and ome-zarr read there.
 
-    pip install numpy==2.4.6 zarr==3.1.6 numcodecs==0.16.6 ome-zarr==0.18.0
+    pip install numpy==2.4.6 zarr==3.1.6 numcodecs==0.16.6 ome-zarr==0.18.0 xarray==2026.9.0
     python make.py
 
 Every sample is a function of its place, see `sample`. Affines are 3 x 4, from lattice to world.
@@ -10,10 +10,12 @@ Every sample is a function of its place, see `sample`. Affines are 3 x 4, from l
 import json
 import os
 import shutil
+import zipfile
 from pathlib import Path
 
 import numcodecs
 import numpy as np
+import xarray
 import zarr
 from ome_zarr.format import FormatV04, FormatV05
 from ome_zarr.io import parse_url
@@ -117,6 +119,12 @@ add(path, "f32", array(path, "f32", shape=(6, 4, 6), chunks=(6, 4, 6), write=sli
                        serializer=ShardingCodec(chunk_shape=(2, 2, 2), index_location="start", codecs=sharding.codecs,
                                                 index_codecs=sharding.index_codecs), **V3),
     missing=[slice(0, 2)], fill=1.5)
+# The fill value by its bits.
+for path, name, kind, bits in [("v3-fill-f32.zarr", "f32", "f4", "0x40a00000"), ("v3-fill-f16.zarr", "f16", "f2", "0xc500")]:
+    array(path, name, write=slice(0, 3), compressors=None, **V3)
+    file = Path(path, "zarr.json")
+    file.write_text(json.dumps(json.loads(file.read_text()) | {"fill_value": bits}, indent=2))
+    add(path, name, zarr.open_array(path, mode="r")[:], missing=[slice(3, 5)], fill=5 if name == "f32" else -5)
 # Axes with names; and a series whose axes are guessed.
 path = "v3-named.zarr"
 add(path, "u8", array(path, "u8", shape=(2, 3, 5, 4, 3), chunks=(1, 1, 5, 4, 3), compressors=None,
@@ -161,6 +169,70 @@ omero = {"channels": [
 image("image-0.4.zarr", "u8", (2, 2, 4, 6, 8), "tczyx", FormatV04(), (1, 1, 4, 6, 8), omero=omero,
       labels=["DAPI #0000ff 0 200", "GFP #00ff00 10 100"])
 image("image-0.5.zarr", "i16", (4, 6, 8), "zyx", FormatV05(), (4, 3, 8))
+
+
+
+def bare_image(path, metadata, scales):
+    """An image without scales, or with them in a coordinate system."""
+    root = zarr.open_group(path, mode="w", zarr_format=3 if "ome" in metadata else 2)
+    first = (1, 1) if "axes" not in str(metadata) else ()
+    for level, step in enumerate(scales):
+        shape = first + tuple(n // step for n in (4, 6, 8))
+        data = root.create_array(str(level), shape=shape, chunks=shape, dtype="<i2", compressors=None)
+        data[:] = sample("i16", shape, step)
+    root.attrs.put(metadata)
+    return zarr.open_array(f"{path}/0", mode="r")[:]
+
+
+# Versions before 0.4 have no scales: the sizes tell the levels.
+datasets = [{"path": "0"}, {"path": "1"}]
+got = bare_image("image-0.1.zarr", {"multiscales": [{"version": "0.1", "datasets": datasets}]}, (1, 2))
+add("image-0.1.zarr", "i16", got, [diagonal(), diagonal((2, 2, 2))])
+# Version 0.6 has coordinate systems.
+space = [{"name": axis, "type": "space", "unit": "micrometer"} for axis in "zyx"]
+scale = {"type": "scale", "scale": [2.0, 0.75, 0.5]}
+shift = {"type": "translation", "translation": [1.0, 2.0, 3.0]}
+system = {"name": "physical", "axes": space}
+sequence = {"type": "sequence", "transformations": [scale, shift], "input": "0", "output": "physical"}
+multiscale = {"coordinateSystems": [{"name": "turned", "axes": space[::-1]}, system],
+              "datasets": [{"path": "0", "coordinateTransformations": [sequence]}],
+              "coordinateTransformations": [{"type": "rotation", "input": "physical", "output": "turned"}]}
+got = bare_image("image-0.6.zarr", {"ome": {"version": "0.6.dev2", "multiscales": [multiscale]}}, (1,))
+add("image-0.6.zarr", "i16", got, [diagonal((0.5, 0.75, 2.0), (3.0, 2.0, 1.0))], "µm")
+
+# Labels with colours and a name.
+image("labels-0.4.zarr", "u8", (4, 6, 8), "zyx", FormatV04(), (4, 6, 8))
+colors = [{"label-value": 7, "rgba": [255, 0, 0, 255]}, {"label-value": 13, "rgba": [0, 255, 0, 255]}]
+properties = [{"label-value": 13, "name": "nucleus"}]
+root = zarr.open_group("labels-0.4.zarr", mode="a")
+root.attrs["image-label"] = {"version": "0.4", "colors": colors, "properties": properties}
+
+
+def of_xarray(path, name, dims, coordinates, affine, fmt):
+    """A data set of xarray, whose dimensions have coordinates, in any order."""
+    data = xarray.DataArray(sample(name, (5, 4, 3)), dims=list(coordinates)[::-1], coords=coordinates, name="samples")
+    data.transpose(*dims).to_dataset().to_zarr(path, zarr_format=fmt, consolidated=False)
+    with xarray.open_zarr(path, consolidated=False) as read:
+        add(path, name, read["samples"].transpose(*list(coordinates)[::-1]).values, [affine], "mm")
+
+
+def line(axis, first, step, n, **attributes):
+    return axis, first + step * np.arange(n), {"units": "mm", **attributes}
+
+
+xyz = {"x": line("x", 10.0, 0.5, 3), "y": line("y", -20.0, 0.75, 4), "z": line("z", 30.0, 2.0, 5)}
+of_xarray("xarray-v2.zarr", "u8", "zyx", xyz, diagonal((0.5, 0.75, 2), (10, -20, 30)), 2)
+of_xarray("xarray-v3.zarr", "i16", "xyz", xyz, diagonal((0.5, 0.75, 2), (10, -20, 30)), 3)
+deep = {"x": xyz["x"], "y": xyz["y"], "depth": line("depth", 30.0, 2.0, 5, positive="down")}
+of_xarray("xarray-down.zarr", "i16", ("y", "depth", "x"), deep, diagonal((0.5, 0.75, -2), (10, -20, -30)), 3)
+
+# Archives: of a folder's content, stored; and of a folder, deflated. The fuzzer takes its seeds from files of volumes.
+for archive, of, top, method in [("../volumes/image-0.5.ozx", "image-0.5.zarr", "", zipfile.ZIP_STORED),
+                                 ("../volumes/v3-shards.zarr.zip", "v3-shards.zarr", "shards.zarr/", zipfile.ZIP_DEFLATED)]:
+    with zipfile.ZipFile(archive, "w", method) as out:
+        for file in sorted(file for file in Path(of).rglob("*") if file.is_file()):
+            out.writestr(zipfile.ZipInfo(top + file.relative_to(of).as_posix()), file.read_bytes(), method)
+    expected.append(next(e for e in expected if e["path"] == of) | {"path": archive})
 
 lines = ",\n".join(json.dumps(e, ensure_ascii=False) for e in expected)
 Path("expected.json").write_text(f"[\n{lines}\n]\n")

@@ -568,6 +568,24 @@ fn what_hdf5_and_netcdf_state_and_a_volume_cannot_keep_is_said() {
     }
 }
 
+#[cfg(feature = "hdf5")]
+#[test]
+fn data_of_hdf5_that_is_not_read_is_refused_in_the_words_of_users() {
+    let refused = |file: &str, words: &str| {
+        let error = load(path(file), &LoadOptions::default()).unwrap_err().to_string();
+        assert!(error.contains(words), "{error}");
+    };
+    refused("lzf.h5", "lzf.h5: /samples is compressed by LZF, which is not read: repack it by h5repack");
+    refused("virtual.h5", "virtual.h5: holds a virtual data set, a view of samples elsewhere, which is not read");
+    // Booleans are an enumeration.
+    let samples = read("bool.h5").in_memory().unwrap().samples().clone();
+    assert_eq!(samples, Samples::I8((0..60).map(|n| i8::from(n % 3 == 0)).collect()));
+    // The active scalars are the default among the arrays of an image of VTK.
+    let other = load(path("points-f32.vtkhdf") + ":/VTKHDF/PointData/other", &LoadOptions::default()).unwrap();
+    assert_eq!(other.in_memory().unwrap().samples(), &Samples::F32(vec![0.0; 60]));
+    assert_eq!(affine(&other), affine(&read("points-f32.vtkhdf")));
+}
+
 #[test]
 fn slices_with_maps_of_their_own_become_values() {
     let folder = folder_of(&["ct-a.dcm", "ct-b.dcm", "ct-c.dcm", "ct-d.dcm", "ct-e.dcm"]);

@@ -4,9 +4,9 @@ use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 use voxsplat::formats::{LoadOptions, PyramidLevel, load};
-use voxsplat::volume::Volume;
+use voxsplat::volume::{Segment, Volume};
 
-use crate::formats::fixtures::assert_affine;
+use crate::formats::fixtures::{assert_affine, path};
 
 #[derive(Deserialize)]
 struct Expected {
@@ -66,7 +66,7 @@ fn assert_samples(volume: &Volume, e: &Expected, step: u32, of: (u32, u32), what
 #[test]
 fn every_folder_is_read_as_by_zarr() {
     let all = expected();
-    assert!(all.len() >= 50, "{} folders", all.len());
+    assert!(all.len() >= 60, "{} folders", all.len());
     for e in &all {
         for (channel, time) in (0..e.channels).flat_map(|c| (0..e.times).map(move |t| (c, t))) {
             for (level, affine) in e.levels.iter().enumerate() {
@@ -110,6 +110,76 @@ fn the_level_is_the_coarsest_that_is_fine_enough() {
     assert_eq!(level(PyramidLevel::PixelSize(3.9)), 0);
     let error = load(folder("image-0.5.zarr"), &LoadOptions { level: PyramidLevel::At(2), ..LoadOptions::default() });
     assert!(error.unwrap_err().to_string().contains("has the levels 0 to 1"));
+}
+
+#[test]
+fn levels_without_scales_are_told_apart_by_their_sizes() {
+    let level = |level: PyramidLevel| {
+        load(folder("image-0.1.zarr"), &LoadOptions { level, ..LoadOptions::default() }).unwrap().contents().level
+    };
+    // 8 samples of 1, and 4 of 2.
+    assert_eq!(level(PyramidLevel::Pixels(8.0)), 0);
+    assert_eq!(level(PyramidLevel::Pixels(4.1)), 0);
+    assert_eq!(level(PyramidLevel::Pixels(4.0)), 1);
+    // Some writers state one scale for all levels.
+    let same = changed("image-0.5.zarr", "zarr.json", |bytes| {
+        let text = String::from_utf8(bytes).unwrap();
+        let halved = ["4.0", "1.5", "1.0"].iter().zip(["2.0", "0.75", "0.5"]);
+        let (head, tail) = text.rsplit_once("\"scale\": [").unwrap();
+        let (scale, rest) = tail.split_once(']').unwrap();
+        let scale = halved.fold(scale.to_owned(), |scale, (from, to)| scale.replace(from, to));
+        format!("{head}\"scale\": [{scale}]{rest}").into_bytes()
+    });
+    let coarse = LoadOptions { level: PyramidLevel::At(1), ..LoadOptions::default() };
+    assert_eq!(load(same.path(), &coarse).unwrap().grid().spacing(), [1.0, 1.5, 4.0]);
+}
+
+#[test]
+fn labels_have_the_colours_and_names_of_their_image() {
+    let segment =
+        |label, name: Option<&str>, color| Segment { channel: 0, label, name: name.map(str::to_owned), color };
+    let segments = |path: &str| load(folder(path), &LoadOptions::default()).unwrap().contents().segments.clone();
+    let red = segment(7, None, Some([255, 0, 0]));
+    assert_eq!(segments("labels-0.4.zarr"), Some(vec![red, segment(13, Some("nucleus"), Some([0, 255, 0]))]));
+    assert_eq!(segments("image-0.5.zarr"), None);
+}
+
+#[test]
+fn archives_are_read_whole_or_by_a_folder_in_them() {
+    let inside = |archive: &str, name: &str| load(format!("{}:{name}", path(archive)), &LoadOptions::default());
+    let volume = inside("image-0.5.ozx", "s1").unwrap();
+    assert_eq!((volume.grid().dims(), volume.grid().spacing()), ([4, 3, 2], [1.0; 3]));
+    for name in ["s2", "../zarr", "s0/c"] {
+        let error = inside("image-0.5.ozx", name).unwrap_err().to_string();
+        assert!(error.contains(&format!("image-0.5.ozx: has no array or group of Zarr named {name:?}")), "{error}");
+    }
+    let place = tempfile::tempdir().unwrap();
+    let file = place.path().join("a.zip");
+    std::fs::copy(path("stored-i16.npz"), &file).unwrap();
+    assert_eq!(load(&file, &LoadOptions::default()).unwrap().grid().dims(), [3, 4, 5]);
+    let mut bytes = std::fs::read(path("image-0.5.ozx")).unwrap();
+    let metadata: Vec<usize> = (0..bytes.len() - 9).filter(|&at| &bytes[at..at + 9] == b"zarr.json").collect();
+    metadata.into_iter().for_each(|at| bytes[at] = b'c');
+    std::fs::write(&file, &bytes).unwrap();
+    let error = load(&file, &LoadOptions::default()).unwrap_err().to_string();
+    assert!(error.ends_with("a.zip: is a ZIP file without a Zarr: unpack it"), "{error}");
+    // A stored chunk has no checksum of its own, but the archive must be whole.
+    let bytes = std::fs::read(path("v3-shards.zarr.zip")).unwrap();
+    std::fs::write(&file, &bytes[..bytes.len() - 9]).unwrap();
+    crate::hostile::fuzz::targets::assert_one_line(&load(&file, &LoadOptions::default()).map(drop).unwrap_err());
+}
+
+#[test]
+fn a_group_with_several_arrays_lists_them() {
+    let group = tempfile::tempdir().unwrap();
+    std::fs::write(group.path().join(".zgroup"), "{\"zarr_format\": 2}").unwrap();
+    for from in ["v2-i16.zarr", "v2-u8.zarr"] {
+        let copy = changed(from, ".zarray", |bytes| bytes);
+        std::fs::rename(copy.keep(), group.path().join(from)).unwrap();
+    }
+    let error = load(group.path(), &LoadOptions::default()).unwrap_err().to_string();
+    let listed = "is a group without an image, but with 2 arrays, v2-i16.zarr of 5 x 4 x 3, v2-u8.zarr of 5 x 4 x 3";
+    assert!(error.contains(listed), "{error}");
 }
 
 /// A copy of a folder with a text of a file replaced.
@@ -160,6 +230,8 @@ fn broken_folders_say_what_is_wrong() {
         ("image-0.5.zarr", "zarr.json", "\"scale\": [", "\"scale\": [1.0,", "no scale of 3 numbers"),
         ("image-0.5.zarr", "zarr.json", "multiscales", "singlescale", "without an image"),
         ("image-0.5.zarr", "zarr.json", "\"path\": \"", "\"path\": \"../", "outside of its folder"),
+        ("image-0.6.zarr", "zarr.json", "\"sequence\"", "\"affine\"", "a transformation of the type \"affine\""),
+        ("v3-fill-f32.zarr", "zarr.json", "0x40a00000", "0x40a0", "which is no number of the type f32"),
         ("image-0.5.zarr", "zarr.json", "\"path\": \"", "\"path\": \"/", "outside of its folder"),
     ];
     for (from, file, text, with, words) in cases {

@@ -112,10 +112,16 @@ pub(super) fn read_all(input: Input, pick: &Pick, kind: impl Into<Kind>, layout:
 
 /// Reorders samples from z fastest to x fastest.
 pub(super) fn x_fastest(samples: &Samples, dims: [u32; 3], path: &Path) -> Result<Samples> {
-    let [nx, ny, nz] = dims.map(|d| d as usize);
+    let [_, ny, nz] = dims.map(|d| d as usize);
+    reordered(samples, dims, [ny * nz, nz, 1], path)
+}
+
+/// Reorders samples to x fastest; along each axis they are a stride apart.
+pub(super) fn reordered(samples: &Samples, dims: [u32; 3], strides: [usize; 3], path: &Path) -> Result<Samples> {
+    let ([nx, ny, _], [sx, sy, sz]) = (dims.map(|d| d as usize), strides);
     with_samples!(samples, from => {
         let mut turned = reserved(from.len() as u64, || samples_in(path))?;
-        let at = |i: usize| from[(i % nx * ny + i / nx % ny) * nz + i / (nx * ny)];
+        let at = |i: usize| from[i % nx * sx + i / nx % ny * sy + i / (nx * ny) * sz];
         (0..from.len()).into_par_iter().map(at).collect_into_vec(&mut turned);
         Ok(Number::collected(turned))
     })

@@ -1,6 +1,8 @@
 //! Readers: from the name of a volume to the volume.
 
 mod afni;
+#[cfg(any(feature = "hdf5", feature = "zarr"))]
+mod coordinates;
 mod decode;
 #[cfg(feature = "dicom")]
 mod dicom;

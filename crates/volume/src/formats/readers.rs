@@ -73,11 +73,14 @@ macro_rules! built {
     }};
 }
 
-/// Zarr, whose folders are known by the files of metadata in them.
+/// Zarr, whose folders are known by the files of metadata in them, and whose archives are known by their names.
 pub(super) const ZARR: Format = Format {
     name: "Zarr",
-    description: "folders of Zarr 2 and 3, and of OME-Zarr",
+    description: "folders of Zarr 2 and 3, and of OME-Zarr; .zarr.zip, .ozx, FILE:FOLDER",
+    extensions: &["zip", "ozx"],
     feature: Some("zarr"),
+    has_sets: true,
+    read: built!("zarr", Read, |input, inside, options| super::zarr::read_archive(&input, inside, options)),
     read_folder: built!("zarr", ReadFolder, |folder, _, options| super::zarr::read(folder, options)),
     ..PLAIN
 };

@@ -50,7 +50,7 @@ pub(super) struct Member {
     crc: u32,
     /// Bytes in the archive, and bytes that they expand to.
     packed: u64,
-    size: u64,
+    pub(super) size: u64,
     /// The place of the header before the bytes.
     at: u64,
 }
@@ -74,16 +74,12 @@ impl Archive {
     /// The bytes of a member, decompressed. They end in an error if their checksum is wrong, unless they are stored.
     /// What is decompressed is kept in `unpacked`, if that is given.
     pub(super) fn member(&self, member: &Member, unpacked: Option<Arc<Unpacked>>) -> Result<Input> {
-        let Member { name, at, packed, size, .. } = member;
+        let Member { name, packed, size, .. } = member;
         let mut path = self.path.clone().into_os_string();
         path.push(format!(":{}", plain_name(name.strip_suffix(".npy").unwrap_or(name)).unwrap_or_default()));
         let path = PathBuf::from(path);
-        let header = read_at(&path, &self.file, *at, LOCAL)?;
-        refuse_if!(!header.starts_with(MAGIC), path, "is damaged: the directory leads to no member at byte {at}");
-        refuse_if!(member.flags & 1 != 0, path, "is encrypted");
-        let fields = Fields { bytes: &header, endian: Endian::Little };
-        let behind = LOCAL as u64 + fields.uint(26, 2) + fields.uint(28, 2);
-        let input = Input::part(path, &self.file, at.saturating_add(behind), *packed)?.keeping(unpacked);
+        let at = self.place(member, &path)?;
+        let input = Input::part(path, &self.file, at, *packed)?.keeping(unpacked);
         match member.method {
             0 if packed == size => Ok(input),
             0 => refuse!(input, "is damaged: {packed} stored bytes cannot be {size}"),
@@ -98,6 +94,29 @@ impl Archive {
             }
             other => refuse!(input, "is compressed by method {other} of ZIP, expected 0 (stored) or 8 (deflated)"),
         }
+    }
+
+    /// The place of the bytes of a member, behind its header.
+    fn place(&self, member: &Member, path: &Path) -> Result<u64> {
+        let at = member.at;
+        let header = read_at(path, &self.file, at, LOCAL)?;
+        refuse_if!(!header.starts_with(MAGIC), path, "is damaged: the directory leads to no member at byte {at}");
+        refuse_if!(member.flags & 1 != 0, path, "is encrypted");
+        let fields = Fields { bytes: &header, endian: Endian::Little };
+        Ok(at.saturating_add(LOCAL as u64 + fields.uint(26, 2) + fields.uint(28, 2)))
+    }
+
+    /// The place and the number of the bytes of a member; `None` if they are compressed.
+    #[cfg_attr(not(feature = "zarr"), expect(dead_code, reason = "for chunks of Zarr"))]
+    pub(super) fn stored(&self, member: &Member, path: &Path) -> Result<Option<(u64, u64)>> {
+        let is_stored = member.method == 0 && member.packed == member.size;
+        is_stored.then(|| Ok((self.place(member, path)?, member.size))).transpose()
+    }
+
+    /// The archive itself, whose place to read at may be anywhere.
+    #[cfg_attr(not(feature = "zarr"), expect(dead_code, reason = "for chunks of Zarr"))]
+    pub(super) fn file(&self) -> &File {
+        &self.file
     }
 }
 

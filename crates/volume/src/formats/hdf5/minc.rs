@@ -82,12 +82,13 @@ pub(super) fn read(file: &NcFile, image: &Image<'_>, path: &Path, options: &Load
     let element = |range: &std::ops::Range<u64>| NcSliceInfoElem::Slice { start: range.start, end: range.end, step: 1 };
     let name = format!("{}/image", image.path);
     let slowest = axes.iter().position(|axis| axis.role == Role::Space);
-    let slabs = Slabs { file, name: &name, selections: ranges.iter().map(element).collect(), slowest, path };
+    let selections = ranges.iter().map(element).collect();
+    let slabs = Slabs { file, name: &name, kind: &image.variable.dtype, selections, slowest, path };
     let attributes = &image.variable.attributes;
     let is_byte = matches!(image.variable.dtype, NcType::Byte) && image.path.is_empty();
     // Bytes of MINC 1 are unsigned by default, and larger integers are signed.
     let unsigned = text(attributes, "signtype").map_or(is_byte, |text| text.trim_end_matches('_') == "unsigned");
-    let samples = slabs.samples(&image.variable.dtype, unsigned, grid.len())?;
+    let samples = slabs.samples(unsigned, grid.len())?;
     let units = Units { length: text(x.attributes, "units").and_then(|unit| named_unit(&unit)), value: None };
     let finished = |samples: Samples, (slope, intercept): (f64, f64)| {
         let volume = placement.volume(grid, samples.into())?.with_units(units).with_contents(contents);

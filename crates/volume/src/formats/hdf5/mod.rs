@@ -6,11 +6,11 @@
 
 mod minc;
 mod slabs;
+mod vtk;
 
 use std::path::Path;
 use std::sync::Arc;
 
-use glam::DVec3;
 use hdf5_reader::group::Group;
 use hdf5_reader::storage::{DynStorage, FileStorage};
 use hdf5_reader::{Dataset, Datatype, Hdf5File};
@@ -18,10 +18,12 @@ use netcdf_reader::{
     NcAttribute, NcDimension, NcFile, NcGroup, NcMetadataMode, NcOpenOptions, NcSliceInfoElem, NcType, NcVariable,
 };
 
-use self::slabs::{SLAB, Slabs, attribute, text};
+use self::slabs::{SLAB, Slabs, attribute, text, words};
 use super::LoadOptions;
+use super::coordinates::{Axis, Steps, placement, space};
+use super::decode::reordered;
 use super::input::Input;
-use super::placement::{Placement, named_unit, plain_name};
+use super::placement::{named_unit, plain_name};
 use super::selection::{Axes, Role, guessed, indices, sized};
 use crate::error::{Error, Hint, Result, Subject, refuse, refuse_if};
 use crate::memory::{reserved, samples_in};
@@ -44,27 +46,14 @@ struct Set<'a> {
     groups: Vec<(String, &'a NcGroup)>,
 }
 
-/// An axis of a data set.
-struct Axis {
-    size: u64,
-    role: Role,
-    name: String,
-    /// The first coordinate and the distance between two, if coordinates are stated and equally spaced.
-    place: Option<[f64; 2]>,
-    /// The least and the largest distance of neighbouring coordinates, if they are stated and unequally spaced.
-    uneven: Option<[f64; 2]>,
-    unit: Option<String>,
-}
-
 /// Reads the volume of a data set, or of the only one.
 pub(super) fn read(input: &Input, inside: Option<&str>, options: &LoadOptions) -> Result<Volume> {
     let path = input.path();
     let Some((file, _)) = input.plain_file()? else {
         refuse!(input, "is a file of HDF5 or NetCDF in a stream or in gzip: write it to a file, decompressed");
     };
-    let failed =
-        |error: &dyn std::fmt::Display| input.error(format!("is damaged, or of a kind that is not read: {error}"));
-    let storage: DynStorage = Arc::new(FileStorage::from_file(file).map_err(|error| failed(&error))?);
+    let storage: DynStorage = Arc::new(FileStorage::from_file(file).map_err(|error| input.error(words(error)))?);
+    let failed = |error: netcdf_reader::Error| input.error(words(error));
     let settings = NcOpenOptions {
         chunk_cache_bytes: SLAB as usize,
         metadata_mode: NcMetadataMode::Lossy,
@@ -72,20 +61,22 @@ pub(super) fn read(input: &Input, inside: Option<&str>, options: &LoadOptions) -
         max_read_bytes: MAX_CHUNK,
         ..NcOpenOptions::default()
     };
-    let file = NcFile::from_storage_with_options(Arc::clone(&storage), settings).map_err(|error| failed(&error))?;
+    let file = NcFile::from_storage_with_options(Arc::clone(&storage), settings).map_err(failed)?;
     let mut halves = Vec::new();
     if file.as_classic().is_none() {
-        let groups =
-            Hdf5File::from_storage(storage).and_then(|file| file.root_group()).map_err(|error| failed(&error))?;
+        let groups = Hdf5File::from_storage(storage).and_then(|file| file.root_group());
+        let groups = groups.map_err(|error| input.error(words(error)))?;
         halves = check_groups(path, &groups)?;
     }
-    let root = file.root_group().map_err(|error| failed(&error))?;
+    let root = file.root_group().map_err(failed)?;
     if let Some(image) = minc::image(root, inside) {
         return minc::read(&file, &image, path, options);
     }
     let mut sets = Vec::new();
     collect(root, "", &[], &mut sets);
-    let set = one_of(path, &sets, inside).map_err(|error| {
+    let image = vtk::image(root, path)?;
+    let active = image.as_ref().and_then(vtk::Image::active).filter(|name| sets.iter().any(|set| set.path == *name));
+    let set = one_of(path, &sets, inside.or(active.as_deref())).map_err(|error| {
         // The crate leaves out data sets of types that NetCDF has not.
         let asked = |name: &&String| inside.is_none_or(|asked| asked.trim_start_matches('/') == name.as_str());
         let half = halves.iter().find(asked).and_then(|name| plain_name(name));
@@ -93,14 +84,12 @@ pub(super) fn read(input: &Input, inside: Option<&str>, options: &LoadOptions) -
         half.map_or(error, refused)
     })?;
     let axes = axes(&file, set);
-    // The slowest comes first in the file; axes of one sample do not count if there are more than three of space.
-    let mut space: Vec<usize> = (0..axes.len()).rev().filter(|&axis| axes[axis].role == Role::Space).collect();
-    while let Some(single) = space.iter().position(|&axis| axes[axis].size == 1).filter(|_| space.len() > 3) {
-        space.remove(single);
-    }
+    let space = space(&axes);
     refuse_if!(space.len() > 3, input, "{} has {} axes of space, expected at most 3", set.path, space.len());
-    let sizes: Vec<i64> = space.iter().map(|&axis| sized(axes[axis].size)).collect();
-    let (placement, length, note) = placement(&axes, &space);
+    let sizes: Vec<i64> = space.iter().map(|&(axis, _)| sized(axes[axis].size)).collect();
+    let of_vtk = image.map(|image| image.placement(&set.path, path)).transpose()?.flatten();
+    let (placement, length, note) =
+        of_vtk.map_or_else(|| placement(&axes, &space), |placement| (placement, None, None));
     let grid = placement.grid(path, &sizes, options.spacing)?;
     let all: Axes = axes.iter().rev().map(|axis| (axis.role, sized(axis.size))).collect();
     let (indices, mut contents) = indices(path, &all, options)?;
@@ -112,9 +101,15 @@ pub(super) fn read(input: &Input, inside: Option<&str>, options: &LoadOptions) -
         NcSliceInfoElem::Slice { start, end, step: 1 }
     };
     let selections = axes.iter().zip(indices.into_iter().rev()).map(selected).collect();
-    let slabs = Slabs { file: &file, name: &set.path, selections, slowest: space.last().copied(), path };
+    let slowest = space.iter().map(|(axis, _)| *axis).min();
+    let kind = &set.variable.dtype;
+    let slabs = Slabs { file: &file, name: &set.path, kind, selections, slowest, path };
     let unsigned = text(&set.variable.attributes, "_Unsigned").is_some_and(|text| text == "true");
-    let samples = slabs.samples(&set.variable.dtype, unsigned, grid.len())?;
+    let samples = slabs.samples(unsigned, grid.len())?;
+    let samples = match space.is_sorted_by(|a, b| a.0 > b.0) {
+        true => samples,
+        false => reordered(&samples, grid.dims(), strides(&axes, &space), path)?,
+    };
     let samples = without_fill(samples, &set.variable.attributes, path)?;
     let number = |name: &str| attribute(&set.variable.attributes, name).and_then(|a| a.value.as_f64());
     let (slope, intercept) = (number("scale_factor").unwrap_or(1.0), number("add_offset").unwrap_or(0.0));
@@ -212,88 +207,45 @@ fn is_numeric(kind: &NcType) -> bool {
 
 /// The axes of a data set, the slowest first.
 fn axes(file: &NcFile, set: &Set<'_>) -> Vec<Axis> {
-    let axes = &set.variable.dimensions;
     let named = |axis: &NcDimension| {
         let coordinate = set.groups.iter().find_map(|(path, group)| {
             let found = group.variables.iter().find(|variable| variable.name == axis.name && variable.ndim() == 1);
             found.map(|variable| (format!("{path}/{}", variable.name), variable))
         });
-        let of = |name: &str| coordinate.as_ref().and_then(|(_, variable)| text(&variable.attributes, name));
-        let unit = of("units").unwrap_or_default();
-        let name = axis.name.to_ascii_lowercase();
-        let is_time = of("axis").is_some_and(|axis| axis == "T")
-            || of("standard_name").is_some_and(|name| name == "time")
-            || unit.contains(" since ")
-            || ["t", "time"].contains(&name.as_str());
-        let role = match () {
-            () if is_time => Role::Time,
-            () if ["c", "channel", "channels", "component", "band"].contains(&name.as_str()) => Role::Channel,
-            () => Role::Space,
-        };
-        let values = coordinate.filter(|_| axis.size <= u64::from(MAX_DIM) && role == Role::Space);
-        let values = values.and_then(|(path, _)| file.read_variable_as_f64(&path).ok());
-        let values = values.as_ref().and_then(|values| values.as_slice());
-        let place = values.and_then(equal_steps);
-        let uneven = values.filter(|_| place.is_none()).and_then(spread);
-        Axis { size: axis.size, role, name: axis.name.clone(), place, uneven, unit: named_unit(&unit) }
+        let attribute = |name: &str| coordinate.as_ref().and_then(|(_, variable)| text(&variable.attributes, name));
+        Axis::described(&axis.name, axis.size, &attribute, || {
+            let (path, _) = coordinate.as_ref().filter(|_| axis.size <= u64::from(MAX_DIM))?;
+            Some(file.read_variable_as_f64(path).ok()?.iter().copied().collect())
+        })
     };
-    let mut axes: Vec<Axis> = axes.iter().map(named).collect();
+    let mut axes: Vec<Axis> = set.variable.dimensions.iter().map(named).collect();
     // The names of the axes state no role.
-    let unknown = axes.iter().all(|axis| axis.role == Role::Space && axis.place.is_none());
+    let unknown = axes.iter().all(|axis| axis.role == Role::Space && axis.steps.is_none());
     if unknown && axes.len() > 3 {
         let sizes: Vec<i64> = axes.iter().rev().map(|axis| sized(axis.size)).collect();
         let roles = guessed(&sizes);
         axes.iter_mut().rev().zip(roles).for_each(|(axis, (role, _))| axis.role = role);
     }
+    // Luxendo, ilastik and the HDF5 plugin of ImageJ write the size of an element, the slowest axis first.
+    let of_space = || axes.iter().filter(|axis| axis.role == Role::Space).count();
+    let size = attribute(&set.variable.attributes, "element_size_um").and_then(|size| size.value.as_f64_vec());
+    if let Some(size) = size.filter(|size| size.len() == of_space()) {
+        for (axis, step) in axes.iter_mut().filter(|axis| axis.role == Role::Space).zip(size) {
+            (axis.steps, axis.unit) = (Some(Steps::Even { first: 0.0, step }), Some("µm".to_owned()));
+        }
+    }
     axes
 }
 
-/// The first of some coordinates and the step between them, if all steps are the same within a thousandth.
-fn equal_steps(values: &[f64]) -> Option<[f64; 2]> {
-    let ([first, .., last], count) = (values, values.len()) else { return None };
-    let step = (last - first) / (count - 1) as f64;
-    let equal = |pair: &[f64]| (pair[1] - pair[0] - step).abs() <= 1e-3 * step.abs();
-    (step.is_finite() && step != 0.0 && values.windows(2).all(equal)).then_some([*first, step])
-}
-
-/// The least and the largest distance of neighbouring coordinates; `None` unless there are two of them.
-fn spread(values: &[f64]) -> Option<[f64; 2]> {
-    let steps = values.windows(2).map(|pair| (pair[1] - pair[0]).abs());
-    let ends = steps.fold([f64::INFINITY, 0.0], |[least, most]: [f64; 2], step| [least.min(step), most.max(step)]);
-    ends.iter().all(|end| end.is_finite()).then_some(ends)
-}
-
-/// The position of the lattice with these axes of space, the fastest first, the unit of lengths, and a note if the
-/// coordinates give no position: they are unequally spaced, or in unlike units.
-fn placement(axes: &[Axis], space: &[usize]) -> (Placement, Option<String>, Option<String>) {
-    let mut placement = Placement::axis_parallel([1.0; 3]);
-    let space: Vec<&Axis> = space.iter().map(|&axis| &axes[axis]).collect();
-    let name = |axis: &Axis| plain_name(&axis.name).unwrap_or_default();
-    let noted = |what: String| Some(format!("{what}: samples are taken to be 1 apart unless a spacing is given"));
-    let uneven = |axis: &&Axis| {
-        let [least, most] = axis.uneven?;
-        Some(format!("coordinates of {} are {least:.4} to {most:.4} apart", name(axis)))
-    };
-    let uneven: Vec<String> = space.iter().filter_map(uneven).collect();
-    if !uneven.is_empty() {
-        return (placement, None, noted(uneven.join(", ")));
+/// The samples from one index of an array to the next, along each axis of its lattice; the array's last axis is the
+/// fastest.
+fn strides(axes: &[Axis], space: &[(usize, usize)]) -> [usize; 3] {
+    let behind = |axis: usize| space.iter().filter(move |(other, _)| *other > axis);
+    let mut strides = [0; 3];
+    for (stride, &(axis, _)) in strides.iter_mut().zip(space) {
+        *stride = behind(axis).map(|&(other, _)| axes[other].size as usize).product();
     }
-    if !space.iter().all(|axis| axis.place.is_some() || axis.size == 1) {
-        return (placement, None, None);
-    }
-    // Degrees along two axes and metres along the third are no lengths in one space.
-    if space.windows(2).any(|pair| pair[0].unit != pair[1].unit) {
-        let unit = |axis: &&Axis| format!("{} in {}", name(axis), axis.unit.as_deref().unwrap_or("no unit"));
-        let units: Vec<String> = space.iter().map(unit).collect();
-        return (placement, None, noted(format!("coordinates are {}", units.join(", "))));
-    }
-    for (n, axis) in space.iter().enumerate() {
-        let [first, step] = axis.place.unwrap_or([0.0, 1.0]);
-        placement.directions[n] = DVec3::AXES[n] * step.signum();
-        placement.spacing[n] = step.abs();
-        placement.origin[n] = first;
-    }
-    (placement, space.first().and_then(|axis| axis.unit.clone()), None)
+    strides
 }
 
 /// Replaces fill values by NaN. Integers become floats if there are fill values.

@@ -2,6 +2,8 @@
 
 use std::path::Path;
 
+use hdf5_reader::{Datatype, H5Type};
+use netcdf_reader::classic::data::NcReadType;
 use netcdf_reader::{NcAttribute, NcFile, NcReadable, NcSliceInfo, NcSliceInfoElem, NcType};
 
 use crate::error::{Result, Subject, refuse, refuse_if};
@@ -26,6 +28,7 @@ pub(super) struct Slabs<'a> {
     pub(super) file: &'a NcFile,
     /// The path of the data set.
     pub(super) name: &'a str,
+    pub(super) kind: &'a NcType,
     pub(super) selections: Vec<NcSliceInfoElem>,
     /// The slowest axis of space.
     pub(super) slowest: Option<usize>,
@@ -34,7 +37,11 @@ pub(super) struct Slabs<'a> {
 
 impl Slabs<'_> {
     /// Reads `count` samples. Types of NetCDF-3 have signs unless they are `unsigned`.
-    pub(super) fn samples(&self, kind: &NcType, unsigned: bool, count: u64) -> Result<Samples> {
+    pub(super) fn samples(&self, unsigned: bool, count: u64) -> Result<Samples> {
+        let kind = match self.kind {
+            NcType::Enum { base, .. } => base,
+            kind => kind,
+        };
         Ok(match kind {
             NcType::Byte if unsigned => {
                 let signed = self.read::<i8>(count)?;
@@ -58,7 +65,6 @@ impl Slabs<'_> {
             NcType::UInt64 => Samples::U64(self.read(count)?),
             NcType::Float => Samples::F32(self.read(count)?),
             NcType::Double => Samples::F64(self.read(count)?),
-            NcType::Enum { base, .. } => self.samples(base, unsigned, count)?,
             _ => refuse!(self.path, "{} has no numbers: expected integers or floats", self.name),
         })
     }
@@ -74,9 +80,14 @@ impl Slabs<'_> {
         for start in (0..size).step_by(thick as usize) {
             selections[slowest] = NcSliceInfoElem::Slice { start, end: size.min(start + thick), step: 1 };
             let slab = NcSliceInfo { selections: selections.clone() };
-            let failed = |error| format!("{} is damaged, or of a kind that is not read: {error}", self.name);
-            let read = self.file.read_variable_slice::<T>(self.name, &slab);
-            let read = read.map_err(|error| self.path.error(failed(error)))?;
+            let read = match self.kind {
+                NcType::Enum { .. } => {
+                    let read = self.file.read_variable_slice::<OfEnum<T>>(self.name, &slab);
+                    read.map(|slab| slab.mapv_into_any(|OfEnum(number)| number))
+                }
+                _ => self.file.read_variable_slice::<T>(self.name, &slab),
+            };
+            let read = read.map_err(|error| self.path.error(format!("{} {}", self.name, words(error))))?;
             match read.as_slice() {
                 Some(slab) => samples.extend_from_slice(slab),
                 None => samples.extend(read.iter().copied()),
@@ -85,5 +96,79 @@ impl Slabs<'_> {
         let found = samples.len() as u64;
         refuse_if!(found != count, self.path, "is cut short: {count} samples expected, {found} are there");
         Ok(samples)
+    }
+}
+
+/// A number of an enumeration: h5py stores booleans this way.
+#[derive(Clone, Default)]
+struct OfEnum<T>(T);
+
+impl<T: NcReadable> NcReadType for OfEnum<T> {
+    fn nc_type() -> NcType {
+        T::nc_type()
+    }
+
+    fn from_be_bytes(bytes: &[u8]) -> netcdf_reader::Result<Self> {
+        T::from_be_bytes(bytes).map(Self)
+    }
+
+    fn element_size() -> usize {
+        <T as NcReadType>::element_size()
+    }
+}
+
+impl<T: NcReadable> H5Type for OfEnum<T> {
+    fn hdf5_type() -> Datatype {
+        T::hdf5_type()
+    }
+
+    fn from_bytes(bytes: &[u8], kind: &Datatype) -> hdf5_reader::error::Result<Self> {
+        T::from_bytes(bytes, base(kind)).map(Self)
+    }
+
+    fn element_size(kind: &Datatype) -> usize {
+        <T as H5Type>::element_size(base(kind))
+    }
+}
+
+/// The type of the numbers of an enumeration; other types are their own.
+fn base(kind: &Datatype) -> &Datatype {
+    match kind {
+        Datatype::Enum { base, .. } => base,
+        kind => kind,
+    }
+}
+
+/// The filters that HDF5 lists beside its own (<https://github.com/HDFGroup/hdf5_plugins>).
+const FILTERS: [(&str, &str); 7] = [
+    ("filter id 307", "bzip2"),
+    ("filter id 32000", "LZF"),
+    ("filter id 32001", "Blosc"),
+    ("filter id 32004", "LZ4"),
+    ("filter id 32008", "Bitshuffle"),
+    ("filter id 32013", "ZFP"),
+    ("filter id 32015", "Zstandard"),
+];
+
+/// The words for an error of the crates, behind the name of a file or a data set.
+pub(super) fn words(error: impl Into<netcdf_reader::Error>) -> String {
+    let error = error.into();
+    let netcdf_reader::Error::Hdf5(cause) = &error else {
+        return format!("is damaged, or of a kind that is not read: {error}");
+    };
+    let mut cause: &hdf5_reader::error::Error = cause;
+    while let hdf5_reader::error::Error::Context { source, .. } = cause {
+        cause = source;
+    }
+    match cause {
+        hdf5_reader::error::Error::UnsupportedFilter(filter) => {
+            let known = FILTERS.iter().find(|(id, _)| *id == filter).map_or(filter.as_str(), |(_, name)| name);
+            format!("is compressed by {known}, which is not read: repack it by h5repack -f GZIP=4 FILE NEW")
+        }
+        hdf5_reader::error::Error::UnsupportedLayoutClass(3) => {
+            let way_out = "give the file that has the samples, or copy the data set to a file of its own";
+            format!("holds a virtual data set, a view of samples elsewhere, which is not read: {way_out}")
+        }
+        _ => format!("is damaged, or of a kind that is not read: {error}"),
     }
 }

@@ -1,7 +1,7 @@
 //! The codecs between the samples of a chunk and the bytes of its file.
 
-use std::fs::File;
-use std::io::{self, Read, Seek, SeekFrom};
+use std::borrow::Cow;
+use std::io::{self, Read};
 use std::ops::Range;
 use std::path::Path;
 
@@ -10,6 +10,7 @@ use serde_json::Value;
 
 use super::blosc;
 use super::content::{numbers, zstd};
+use super::store::Bytes;
 use crate::error::{Damage, Result, Subject, refuse, refuse_if};
 use crate::formats::selection::choice;
 use crate::volume::{Endian, Number};
@@ -142,7 +143,7 @@ impl Chain {
             Writing::Shards(shards) => {
                 // Compressed chunks may be larger than their content, and the index has 16 bytes for each.
                 let content = self.unpacked(bytes, size.saturating_mul(2).saturating_add(16 * count + 1024))?;
-                shards.read(&Bytes::Memory(&content), (&shape, &want), &mut target)
+                shards.read(&Bytes::Memory(Cow::Borrowed(&content)), (&shape, &want), &mut target)
             }
         }
     }
@@ -185,7 +186,7 @@ impl Shards {
         let index_shape: Vec<u64> = chunks.iter().copied().chain([2]).collect();
         let all: Vec<Range<u64>> = index_shape.iter().map(|size| 0..*size).collect();
         let mut to = ChunkTarget { strides: strides_of(&index_shape), samples: &mut entries, first: 0 };
-        self.index.read(&Bytes::Memory(&index), (&index_shape, &all), &mut to)?;
+        self.index.read(&Bytes::Memory(Cow::Borrowed(&index)), (&index_shape, &all), &mut to)?;
         let strides = strides_of(&chunks);
         for (chunk, inner, at) in parts(want, &self.shape) {
             let entry: usize = chunk.iter().zip(&strides).map(|(index, stride)| *index as usize * stride).sum();
@@ -197,7 +198,7 @@ impl Shards {
             let first = target.first + at.iter().zip(&target.strides).map(|(n, s)| *n as usize * s).sum::<usize>();
             let mut target = ChunkTarget { samples: &mut *target.samples, first, strides: target.strides.clone() };
             let content = bytes.range(offset, length)?;
-            self.chain.read(&Bytes::Memory(&content), (&self.shape, &inner), &mut target)?;
+            self.chain.read(&Bytes::Memory(Cow::Borrowed(&content)), (&self.shape, &inner), &mut target)?;
         }
         Ok(())
     }
@@ -278,37 +279,6 @@ pub(super) fn parts(want: &[Range<u64>], shape: &[u64]) -> impl Iterator<Item = 
         }
         (chunk, inner, at)
     })
-}
-
-/// Bytes in a file or in memory.
-pub(super) enum Bytes<'a> {
-    File(&'a File, u64),
-    Memory(&'a [u8]),
-}
-
-impl Bytes<'_> {
-    fn len(&self) -> u64 {
-        match self {
-            Self::File(_, length) => *length,
-            Self::Memory(bytes) => bytes.len() as u64,
-        }
-    }
-
-    /// The `length` bytes at an offset.
-    fn range(&self, offset: u64, length: u64) -> io::Result<Vec<u8>> {
-        let end = offset.checked_add(length).filter(|end| *end <= self.len());
-        let end = end.ok_or_else(|| Damage.error(format!("{length} bytes at {offset}, behind the end")))?;
-        match self {
-            Self::Memory(bytes) => Ok(bytes[offset as usize..end as usize].to_vec()),
-            Self::File(file, _) => {
-                let mut file: &File = file;
-                let mut bytes = Vec::new();
-                file.seek(SeekFrom::Start(offset))?;
-                file.take(length).read_to_end(&mut bytes)?;
-                if bytes.len() as u64 == length { Ok(bytes) } else { Err(Damage.error("cut short")) }
-            }
-        }
-    }
 }
 
 impl Packing {

@@ -6,11 +6,11 @@ use serde_json::Value;
 
 use super::codecs::Chain;
 use super::content::numbers;
-use crate::error::{Result, Subject, refuse, refuse_if};
-use crate::files;
+use super::store::Store;
+use crate::error::{Error, Result, Subject, refuse, refuse_if};
 use crate::formats::decode::Kind;
 use crate::formats::selection::choice;
-use crate::volume::{Endian, Number, SampleType};
+use crate::volume::{Endian, Number, SampleType, with_type};
 
 /// The longest file of metadata that is read, in bytes.
 const MAX_JSON: u64 = 16 << 20;
@@ -19,7 +19,7 @@ const MAX_JSON: u64 = 16 << 20;
 const MAX_AXES: usize = 16;
 
 /// The most bytes of a chunk, decompressed.
-const MAX_CHUNK: u64 = 1 << 30;
+pub(super) const MAX_CHUNK: u64 = 1 << 30;
 
 /// A folder of Zarr.
 pub(super) struct Node {
@@ -44,19 +44,19 @@ pub(super) struct Array {
 }
 
 /// The JSON of a file; `None` if there is no such file.
-fn json(path: &Path) -> Result<Option<Value>> {
-    if !path.exists() {
-        return Ok(None);
-    }
-    let bytes = files::read(path, MAX_JSON)?;
+fn json(store: &Store, path: &Path) -> Result<Option<Value>> {
+    let Some(bytes) = store.open(path, MAX_JSON)? else { return Ok(None) };
+    let length = bytes.len();
+    refuse_if!(length > MAX_JSON, path, "is too large: expected at most {MAX_JSON} bytes");
+    let bytes = bytes.range(0, length).map_err(|source| Error::of_content(path, source))?;
     serde_json::from_slice(&bytes).map(Some).map_err(|error| path.error(error.to_string()))
 }
 
 impl Node {
-    pub(super) fn read(folder: &Path) -> Result<Self> {
+    pub(super) fn read(store: &Store, folder: &Path) -> Result<Self> {
         let folder = folder.to_owned();
         let file = folder.join("zarr.json");
-        if let Some(value) = json(&file)? {
+        if let Some(value) = json(store, &file)? {
             let array = match value["node_type"].as_str() {
                 Some("array") => Some(Array::of_v3(&file, &value)?),
                 Some("group") => None,
@@ -65,13 +65,23 @@ impl Node {
             return Ok(Self { folder, array, attributes: value["attributes"].clone() });
         }
         let file = folder.join(".zarray");
-        let array = json(&file)?.map(|value| Array::of_v2(&file, &value)).transpose()?;
-        if array.is_none() && !folder.join(".zgroup").is_file() {
+        let mut array = json(store, &file)?.map(|value| Array::of_v2(&file, &value)).transpose()?;
+        if array.is_none() && !store.has(&folder.join(".zgroup")) {
             refuse!(folder, "has neither zarr.json nor .zarray nor .zgroup");
         }
-        let attributes = json(&folder.join(".zattrs"))?.unwrap_or_default();
+        let attributes = json(store, &folder.join(".zattrs"))?.unwrap_or_default();
+        if let Some(array) = &mut array {
+            // Format 2 has no names of axes; xarray writes them here.
+            array.names = names(&attributes["_ARRAY_DIMENSIONS"]);
+        }
         Ok(Self { folder, array, attributes })
     }
+}
+
+/// The names of axes in a list; an axis without a name has an empty one.
+fn names(value: &Value) -> Vec<String> {
+    let names = value.as_array().map(Vec::as_slice).unwrap_or_default();
+    names.iter().map(|name| name.as_str().unwrap_or_default().to_owned()).collect()
 }
 
 impl Array {
@@ -116,8 +126,7 @@ impl Array {
             other => refuse!(file, "chunk_key_encoding {:?}", other.unwrap_or_default()),
         };
         let separator = choice(file, "separator", keys["configuration"]["separator"].as_str(), separators)?;
-        let names = value["dimension_names"].as_array().map(Vec::as_slice).unwrap_or_default();
-        let names = names.iter().map(|name| name.as_str().unwrap_or_default().to_owned()).collect();
+        let names = names(&value["dimension_names"]);
         let chain = Chain::of_v3(file, &value["codecs"], &chunks, 0)?;
         let fill = value["fill_value"].clone();
         Self { shape, chunks, kind, chain, fill, prefix, separator, names }.checked(file)
@@ -126,6 +135,13 @@ impl Array {
     fn checked(self, file: &Path) -> Result<Self> {
         let bytes = self.chunks.iter().fold(self.kind.size() as u64, |bytes, size| bytes.saturating_mul(*size));
         refuse_if!(bytes > MAX_CHUNK, file, "chunks of {bytes} bytes, expected at most {MAX_CHUNK}");
+        let is_number = match self.kind {
+            Kind::Whole(sample_type) => with_type!(sample_type, T => self.stated_fill::<T>().is_some()),
+            Kind::Half => self.stated_fill::<u16>().is_some(),
+        };
+        if !self.fill.is_null() && !is_number {
+            refuse!(file, "its fill_value is {}, which is no number of the type {}", self.fill, self.kind.name());
+        }
         Ok(self)
     }
 
@@ -137,14 +153,31 @@ impl Array {
         folder.join(if self.prefix.is_empty() { numbers } else { format!("{}{separator}{numbers}", self.prefix) })
     }
 
-    /// The value of chunks that are not there; 0 if it is not stated or no number.
+    /// The value of chunks that are not there: a number of the array's type, of which 16-bit floating point is read as
+    /// its bits; 0 if it is not stated.
     pub(super) fn fill<T: Number>(&self) -> T {
+        self.stated_fill().unwrap_or(T::zeroed())
+    }
+
+    /// The stated value of chunks that are not there; `None` if none is stated or it is no number of this type.
+    fn stated_fill<T: Number>(&self) -> Option<T> {
         let text = match &self.fill {
             Value::Bool(value) => u8::from(*value).to_string(),
             Value::String(text) => text.clone(),
             value => value.to_string(),
         };
-        T::parse(&text).unwrap_or(T::zeroed())
+        if let Some(digits) = text.strip_prefix("0x") {
+            // The bytes of the number, the most significant one first.
+            let bits = u64::from_str_radix(digits, 16).ok().filter(|_| digits.len() == 2 * size_of::<T>())?;
+            let bytes = bits.to_be_bytes();
+            let number: T = bytemuck::pod_read_unaligned(&bytes[bytes.len() - size_of::<T>()..]);
+            return Some(if Endian::NATIVE == Endian::Big { number } else { number.swap() });
+        }
+        if self.kind == Kind::Half {
+            let bits = half::f16::from_f64(text.parse().ok()?).to_bits();
+            return T::parse(&bits.to_string());
+        }
+        T::parse(&text)
     }
 }
 
