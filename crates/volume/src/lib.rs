@@ -19,6 +19,7 @@ pub mod formats;
 pub mod memory;
 pub mod meshes;
 pub mod names;
+pub mod parallel;
 pub mod vector;
 pub mod volume;
 

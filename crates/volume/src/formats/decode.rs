@@ -2,12 +2,11 @@
 
 use std::path::Path;
 
-use rayon::prelude::*;
-
 use super::input::Input;
 use super::selection::Pick;
 use crate::error::{Error, Result, refuse, refuse_if};
-use crate::memory::{reserved, samples_in};
+use crate::memory::{samples_in, zeroed};
+use crate::parallel::for_each_chunk;
 use crate::volume::{Endian, FileSamples, Number, SampleType, Samples, Stored, with_samples, with_type};
 
 /// The encoding of samples in a file.
@@ -68,7 +67,7 @@ macro_rules! samples_of {
             Kind::Whole(sample_type) => with_type!(sample_type, $t => <$t as Number>::collected($numbers)),
             Kind::Half => {
                 type $t = u16;
-                Samples::F32($crate::formats::decode::of_halves($numbers, $path)?)
+                Samples::F32($crate::formats::decode::of_halves(&$numbers, $path)?)
             }
         }
     };
@@ -110,6 +109,9 @@ pub(super) fn read_all(input: Input, pick: &Pick, kind: impl Into<Kind>, layout:
     read_samples(&mut std::iter::once(Ok(input)), 1, pick, kind, layout)
 }
 
+/// Samples of a piece of work.
+const CHUNK: usize = 1 << 16;
+
 /// Reorders samples from z fastest to x fastest.
 pub(super) fn x_fastest(samples: &Samples, dims: [u32; 3], path: &Path) -> Result<Samples> {
     let [_, ny, nz] = dims.map(|d| d as usize);
@@ -120,17 +122,22 @@ pub(super) fn x_fastest(samples: &Samples, dims: [u32; 3], path: &Path) -> Resul
 pub(super) fn reordered(samples: &Samples, dims: [u32; 3], strides: [usize; 3], path: &Path) -> Result<Samples> {
     let ([nx, ny, _], [sx, sy, sz]) = (dims.map(|d| d as usize), strides);
     with_samples!(samples, from => {
-        let mut turned = reserved(from.len() as u64, || samples_in(path))?;
+        let mut turned = zeroed(from.len() as u64, || samples_in(path))?;
         let at = |i: usize| from[i % nx * sx + i / nx % ny * sy + i / (nx * ny) * sz];
-        (0..from.len()).into_par_iter().map(at).collect_into_vec(&mut turned);
+        for_each_chunk(&mut turned, CHUNK, |number, chunk| {
+            chunk.iter_mut().enumerate().for_each(|(i, sample)| *sample = at(number * CHUNK + i));
+        });
         Ok(Number::collected(turned))
     })
 }
 
 /// The numbers of 16-bit floating point with these bits.
-pub(super) fn of_halves(halves: Vec<u16>, path: &Path) -> Result<Vec<f32>> {
-    let mut floats = reserved(halves.len() as u64, || samples_in(path))?;
-    halves.into_par_iter().map(|bits| half::f16::from_bits(bits).to_f32()).collect_into_vec(&mut floats);
+pub(super) fn of_halves(halves: &[u16], path: &Path) -> Result<Vec<f32>> {
+    let mut floats = zeroed(halves.len() as u64, || samples_in(path))?;
+    for_each_chunk(&mut floats, CHUNK, |number, chunk| {
+        let halves = &halves[number * CHUNK..];
+        chunk.iter_mut().zip(halves).for_each(|(float, bits)| *float = half::f16::from_bits(*bits).to_f32());
+    });
     Ok(floats)
 }
 
@@ -175,7 +182,7 @@ pub(super) fn read<T: Number>(parts: Parts<'_>, n_parts: usize, pick: &Pick, lay
         }
     }
     if matches!(layout, Layout::Binary(endian) if endian != Endian::NATIVE) && size_of::<T>() > 1 {
-        samples.par_iter_mut().for_each(|s| *s = s.swap());
+        for_each_chunk(&mut samples, CHUNK, |_, chunk| chunk.iter_mut().for_each(|s| *s = s.swap()));
     }
     Ok(samples)
 }

@@ -2,11 +2,10 @@
 
 use std::ops::Range;
 
-use rayon::prelude::*;
-
 use super::{Number, Samples, ToF64, Volume, with_samples};
 use crate::error::{Error, Result};
 use crate::memory::reserved;
+use crate::parallel::try_map;
 
 /// Voxels along the edge of a brick.
 pub const EDGE: usize = 32;
@@ -137,7 +136,7 @@ impl Volume {
         let bytes = edge * edge * self.grid().dims()[0] as usize * self.sample_type().size();
         let rows: Vec<usize> = (0..down * deep).collect();
         for group in rows.chunks((READ / bytes).max(4 * rayon::current_num_threads())) {
-            let made: Vec<R> = group.par_iter().map(|&row| make(row % down, row / down)).collect::<Result<_, E>>()?;
+            let made = try_map(group.len(), |n| make(group[n] % down, group[n] / down))?;
             made.into_iter().try_for_each(&mut *take)?;
         }
         Ok(())

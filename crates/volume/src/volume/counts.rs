@@ -2,11 +2,11 @@
 
 use std::ops::Range;
 
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::{ToF64, Volume, with_samples};
 use crate::error::Result;
+use crate::parallel::try_map;
 
 /// The most bins: one per value of 8 and 16 bit samples.
 const MAX_BINS: usize = 65_536;
@@ -268,9 +268,7 @@ impl Counts {
     fn summed(volume: &Volume, of: impl Fn(Range<usize>) -> Result<Self> + Sync) -> Result<Self> {
         let len = volume.grid().len() as usize;
         let part = MIN_CHUNK.max(len.div_ceil(64));
-        let starts: Vec<usize> = (0..len).step_by(part).collect();
-        let parts: Vec<Self> =
-            starts.par_iter().map(|&start| of(start..len.min(start + part))).collect::<Result<_>>()?;
+        let parts = try_map(len.div_ceil(part), |n| of(n * part..len.min((n + 1) * part)))?;
         Ok(parts.into_iter().reduce(Self::plus).unwrap_or(Self::NONE))
     }
 }

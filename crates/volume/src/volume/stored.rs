@@ -3,13 +3,14 @@
 use std::fs::File;
 use std::ops::Range;
 use std::path::PathBuf;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use rayon::prelude::*;
 
 use super::{Endian, Number, Sample, SampleType, Samples, ToF64, with_samples, with_type};
 use crate::error::{Error, Result};
 use crate::memory::reserved;
+use crate::parallel::for_each_chunk;
 
 /// The samples of a volume.
 #[derive(Debug)]
@@ -94,18 +95,21 @@ impl FileSamples {
         let mut numbers = reserved(range.len() as u64, || format!("samples of {}", self.path.display()))?;
         numbers.resize(range.len(), T::zeroed());
         let first = self.offset + (range.start * size_of::<T>()) as u64;
-        numbers
-            .par_chunks_mut(PIECE / size_of::<T>())
-            .enumerate()
-            .try_for_each(|(index, piece)| {
-                read_exact_at(&self.file, bytemuck::cast_slice_mut(piece), first + (index * PIECE) as u64)?;
-                if self.endian != Endian::NATIVE && size_of::<T>() > 1 {
+        let failure = Mutex::new(None);
+        for_each_chunk(&mut numbers, PIECE / size_of::<T>(), |index, piece| {
+            let bytes = bytemuck::cast_slice_mut(piece);
+            match read_exact_at(&self.file, bytes, first + (index * PIECE) as u64) {
+                Err(error) => *failure.lock().unwrap_or_else(PoisonError::into_inner) = Some(error),
+                Ok(()) if self.endian != Endian::NATIVE && size_of::<T>() > 1 => {
                     piece.iter_mut().for_each(|n| *n = n.swap());
                 }
-                Ok(())
-            })
-            .map_err(Error::read(&self.path))?;
-        Ok(numbers)
+                Ok(()) => {}
+            }
+        });
+        match failure.into_inner().unwrap_or_else(PoisonError::into_inner) {
+            Some(error) => Err(Error::read(&self.path)(error)),
+            None => Ok(numbers),
+        }
     }
 }
 

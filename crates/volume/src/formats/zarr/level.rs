@@ -3,8 +3,6 @@
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use rayon::prelude::*;
-
 use super::codecs::{ChunkTarget, Part, parts, strides_of};
 use super::metadata::{Array, MAX_CHUNK};
 use super::store::Store;
@@ -14,6 +12,7 @@ use crate::formats::coordinates::{Axis, Steps, placement, space};
 use crate::formats::decode::{Kind, of_halves};
 use crate::formats::selection::{Axes, indices, sized};
 use crate::memory::{reserved, samples_in, zeroed};
+use crate::parallel::try_map;
 use crate::volume::{Contents, Endian, Number, Samples, Units, Volume, with_type};
 
 /// The most chunks that are looked for.
@@ -91,7 +90,7 @@ impl Level {
             Kind::Whole(sample_type) => {
                 with_type!(sample_type, T => T::collected(self.samples::<T>(store, want, strides, array.fill())?))
             }
-            Kind::Half => Samples::F32(of_halves(self.samples(store, want, strides, array.fill())?, folder)?),
+            Kind::Half => Samples::F32(of_halves(&self.samples(store, want, strides, array.fill())?, folder)?),
         })
     }
 
@@ -111,13 +110,13 @@ impl Level {
             if batch.is_empty() {
                 return Ok(samples);
             }
-            let read = |(chunk, inner, at): Part| {
-                let file = array.file(folder, &chunk);
-                let region: Option<Vec<T>> = self.chunk(store, &file, &inner, fill)?;
-                Ok::<_, Error>(region.map(|region| (region, inner, at)))
+            let read = |n: usize| {
+                let (chunk, inner, _) = &batch[n];
+                self.chunk(store, &array.file(folder, chunk), inner, fill)
             };
-            let batch: Vec<_> = batch.into_par_iter().map(read).collect::<Result<_>>()?;
-            for (region, inner, at) in batch.into_iter().flatten() {
+            let regions: Vec<Option<Vec<T>>> = try_map(batch.len(), read)?;
+            for (region, (_, inner, at)) in regions.into_iter().zip(&batch) {
+                let Some(region) = region else { continue };
                 let shape: Vec<u64> = inner.iter().map(|range| range.end - range.start).collect();
                 let all: Vec<Range<u64>> = shape.iter().map(|size| 0..*size).collect();
                 let first = at.iter().zip(strides).map(|(n, stride)| *n as usize * stride).sum();
