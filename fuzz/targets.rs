@@ -137,6 +137,7 @@ impl Place {
             channel: None,
             series: None,
             missing_slices: MissingSlices::Refuse,
+            complex: None,
             level: PyramidLevel::At(0),
             stream_over: u64::from(replace),
         };
@@ -237,7 +238,7 @@ fn checked(volume: Result<Volume, InputError>) -> bool {
     let Some(samples) = accepted(volume.in_memory()) else { return false };
     assert_eq!(samples.samples().len() as u64, volume.grid().len());
     if let Some(statistics) = accepted(Statistics::of(&volume)) {
-        assert_eq!(statistics.count, volume.grid().len());
+        assert_eq!(statistics.count + statistics.non_finite, volume.grid().len());
         assert_eq!(statistics.histogram().iter().sum::<u64>(), statistics.count);
         let name = suggest(&volume, &statistics).name;
         accepted(presets::preset(name, &volume, &statistics, PresetValues::Auto));

@@ -17,7 +17,7 @@ use crate::gpu::store::Drawable;
 use crate::gpu::timing::on_host;
 use crate::gpu::view::ViewGeometry;
 use crate::image::{DepthMap, Image, Region, check_scale};
-use crate::layers::Layers;
+use crate::layers::{Layers, finite};
 use crate::painters::choice::Choice;
 use crate::painters::painter::{Begun, Depths, Job, Room};
 use crate::prepare::lattice::Lattice;
@@ -147,13 +147,14 @@ impl Renderer {
     /// Pre-shaded voxels are classified here if the level is [`Level::At(0)`](Level::At). Otherwise the first picture
     /// decides between voxels and cells and spends that time. The file of a streamed volume must exist until then.
     ///
-    /// # Errors [`Error::Setting`] if a setting is out of range, [`Error::Input`] if a sample is NaN or infinite, and
-    /// the errors of [`Self::render`] if the device fails or is too small.
+    /// Nothing is drawn of samples that are NaN or infinite.
+    ///
+    /// # Errors [`Error::Setting`] if a setting is out of range, [`Error::Input`] if no sample is finite, and the errors of [`Self::render`] if the device fails or is too small.
     pub fn prepare(&self, volume: &Volume, transfer: &TransferFunction, settings: &Settings) -> Result<Scene> {
         settings.validate()?;
-        volume.check_finite()?;
         let mirrored = settings.mirrored(volume, transfer)?;
         let (volume, transfer) = mirrored.as_ref().map_or((volume, transfer), |(volume, transfer)| (volume, transfer));
+        let volume = &*finite(volume, transfer, settings.model)?;
         let context = &self.context;
         if settings.is_post_shaded() {
             let prepare = || Scene::of_scalars(context, volume, transfer, settings, &self.progress);
@@ -172,8 +173,8 @@ impl Renderer {
             return self.prepare(volume, transfer, settings);
         }
         settings.validate()?;
-        layers.check(settings)?;
-        self.prepared(layers, settings)
+        Layers::check_settings(settings)?;
+        self.prepared(&layers.finite()?, settings)
     }
 
     /// Gives a scene another transfer function, and the next picture shows it. On GPUs a change sends a table and no

@@ -405,22 +405,31 @@ fn a_full_turn_ends_where_it_began() {
 }
 
 #[test]
-fn samples_that_are_no_numbers_are_refused_or_replaced() {
+fn nothing_is_drawn_of_samples_that_are_no_numbers() {
     let transfer = tones();
     let of = |value: f32| {
         let mut samples = vec![150.0; 6 * 6 * 6];
         (samples[17], samples[100]) = (value, value);
         Volume::new(Grid::axis_parallel([6; 3], [1.0; 3]).unwrap(), Samples::F32(samples)).unwrap()
     };
-    let expected = of(0.0);
     for value in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
         for settings in [exact_quads(), Settings { shading: Shading::Post, ..exact_quads() }] {
-            let refused = prepare_on(&RENDERER, &of(value), &transfer, &settings);
-            assert!(matches!(refused, Err(Error::Input(InputError::NonFinite { count: 2, .. }))), "{value}");
-            // Transparent: replaced by an invisible value.
-            let replaced = of(value).with_non_finite_replaced(0.0).unwrap();
+            // As if they had an invisible value: the one that the picture takes, or one that is given.
+            let expected = of(transfer.base() as f32);
             let picture = |volume: &Volume| render(volume, &transfer, &look(&oblique(), volume, [20, 20]), &settings);
-            assert!(picture(&replaced) == picture(&expected), "{value}");
+            assert!(picture(&of(value)) == picture(&expected), "{value}");
+            let replaced = of(value).with_non_finite_replaced(0.0).unwrap();
+            assert!(picture(&replaced) == picture(&of(0.0)), "{value}");
+            let (camera, reference) = (look(&oblique(), &expected, [8, 8]), |volume: &Volume| {
+                Reference::new(volume, &transfer, &settings).unwrap()
+            });
+            assert!(reference(&of(value)).render(&camera) == reference(&expected).render(&camera), "{value}");
+        }
+        // In projections of intensity they never win.
+        for model in [Model::Mip, Model::Minip] {
+            let settings = Settings { model, ..exact_quads() };
+            let picture = |volume: &Volume| render(volume, &transfer, &look(&oblique(), volume, [20, 20]), &settings);
+            assert!(picture(&of(value)) == picture(&of(150.0)), "{value}, {model:?}");
         }
     }
 }
