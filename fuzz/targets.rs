@@ -40,7 +40,8 @@ pub const TARGETS: &[(&str, Target, &[&str])] = &[
     ("mrc", |place, bytes| place.volume("fuzzed.mrc", bytes), &[".mrc", ".map", ".ccp4", ".mrc.gz"]),
     ("vti", |place, bytes| place.volume("fuzzed.vti", bytes), &[".vti"]),
     ("vtk", |place, bytes| place.volume("fuzzed.vtk", bytes), &[".vtk"]),
-    ("tiff", |place, bytes| place.volume("fuzzed.tif", bytes), &[".tif", ".tiff"]),
+    ("slc", |place, bytes| place.volume("fuzzed.slc", bytes), &[".slc"]),
+    ("tiff", |place, bytes| place.volume("fuzzed.tif", bytes), &[".tif", ".tiff", ".lsm"]),
     ("dicom", |place, bytes| place.volume("fuzzed.dcm", bytes), &[".dcm"]),
     #[cfg(feature = "hdf5")]
     ("hdf5", |place, bytes| place.volume("fuzzed.h5", bytes), &[".h5", ".nc", ".mat", ".mnc"]),

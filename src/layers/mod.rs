@@ -26,7 +26,7 @@ pub use self::recognise::recognised;
 pub use self::table::Label;
 use crate::camera::clip::Clip;
 use crate::camera::framing::Hull;
-use crate::error::{Error, InputError, Result};
+use crate::error::{Error, Result};
 use crate::settings::{Level, Model, Settings};
 use crate::transfer::TransferFunction;
 use crate::volume::{Grid, Volume};
@@ -290,7 +290,7 @@ impl Layer {
 
 /// The value that stands for NaN and infinite ones: nothing is there. It has no opacity if any value has none, and is
 /// next to the visible values, so that interpolation passes few others.
-fn absent_value(transfer: &TransferFunction) -> f64 {
+pub(crate) fn absent_value(transfer: &TransferFunction) -> f64 {
     let base = f64::from(transfer.base() as f32);
     let is_absent = base.is_finite() && transfer.is_invisible([base; 2]);
     if is_absent { base } else { invisible_value(transfer).unwrap_or(transfer.base()) }
@@ -300,7 +300,7 @@ fn absent_value(transfer: &TransferFunction) -> f64 {
 /// intensity the lowest one, which never wins.
 ///
 /// # Errors
-/// [`InputError::NonFinite`] if no value is finite, and those of [`Volume::with_non_finite_replaced`].
+/// Those of [`Volume::gaps`] and [`Volume::with_non_finite_replaced`].
 pub(crate) fn finite<'a>(volume: &'a Volume, transfer: &TransferFunction, model: Model) -> Result<Cow<'a, Volume>> {
     without_gaps(volume, || match model {
         Model::Mip | Model::Minip => Ok(volume.value_range()?[0]),
@@ -309,13 +309,10 @@ pub(crate) fn finite<'a>(volume: &'a Volume, transfer: &TransferFunction, model:
 }
 
 fn without_gaps(volume: &Volume, absent: impl FnOnce() -> Result<f64>) -> Result<Cow<'_, Volume>> {
-    match volume.check_finite() {
-        Ok(()) => Ok(Cow::Borrowed(volume)),
-        Err(InputError::NonFinite { count, .. }) if count < volume.grid().len() => {
-            Ok(Cow::Owned(volume.clone().with_non_finite_replaced(absent()?)?))
-        }
-        Err(error) => Err(error.into()),
-    }
+    Ok(match volume.gaps()? {
+        0 => Cow::Borrowed(volume),
+        _ => Cow::Owned(volume.clone().with_non_finite_replaced(absent()?)?),
+    })
 }
 
 /// A value without opacity, exact in f32; `None` if every value has some.

@@ -242,9 +242,8 @@ fn an_array_of_vtk_is_chosen_by_its_name() {
     let folder = tempfile::tempdir().unwrap();
     let array = |name: &str, components: usize, first: u8| {
         let text: String = (0..8 * components).map(|n| format!("{} ", n + usize::from(first))).collect();
-        format!(
-            "<DataArray type=\"UInt8\" Name=\"{name}\" NumberOfComponents=\"{components}\" format=\"ascii\">\n{text}</DataArray>"
-        )
+        let of = format!("Name=\"{name}\" NumberOfComponents=\"{components}\" format=\"ascii\"");
+        format!("<DataArray type=\"UInt8\" {of}>\n{text}</DataArray>")
     };
     let xml = |active: &str| {
         let arrays = [array("p", 1, 0), array("T at 1", 1, 100), array("velocity", 3, 9), array("c", 4, 0)].concat();

@@ -5,6 +5,7 @@ use glam::{DAffine3, DMat3, DVec3};
 use voxsplat::camera::{ProjectionKind, View};
 use voxsplat::error::{Error, InputError};
 use voxsplat::kernel::Kernel;
+use voxsplat::reference::Reference;
 use voxsplat::settings::{Level, Model, Resolution, Settings, Shading};
 use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::{Grid, Samples, Volume};
@@ -412,25 +413,34 @@ fn nothing_is_drawn_of_samples_that_are_no_numbers() {
         (samples[17], samples[100]) = (value, value);
         Volume::new(Grid::axis_parallel([6; 3], [1.0; 3]).unwrap(), Samples::F32(samples)).unwrap()
     };
+    // As if they had the invisible value next to the visible ones, or one that is given.
+    let expected = of(transfer.base() as f32);
+    let camera = look(&oblique(), &expected, [20, 20]);
     for value in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+        let gaps = of(value);
         for settings in [exact_quads(), Settings { shading: Shading::Post, ..exact_quads() }] {
-            // As if they had an invisible value: the one that the picture takes, or one that is given.
-            let expected = of(transfer.base() as f32);
-            let picture = |volume: &Volume| render(volume, &transfer, &look(&oblique(), volume, [20, 20]), &settings);
-            assert!(picture(&of(value)) == picture(&expected), "{value}");
-            let replaced = of(value).with_non_finite_replaced(0.0).unwrap();
-            assert!(picture(&replaced) == picture(&of(0.0)), "{value}");
-            let (camera, reference) = (look(&oblique(), &expected, [8, 8]), |volume: &Volume| {
+            let picture = |volume: &Volume| render(volume, &transfer, &camera, &settings);
+            assert!(picture(&gaps) == picture(&expected), "{value}");
+            assert!(picture(&gaps.clone().with_non_finite_replaced(0.0).unwrap()) == picture(&of(0.0)), "{value}");
+            let (small, of) = (look(&oblique(), &expected, [6, 6]), |volume: &Volume| {
                 Reference::new(volume, &transfer, &settings).unwrap()
             });
-            assert!(reference(&of(value)).render(&camera) == reference(&expected).render(&camera), "{value}");
+            assert!(of(&gaps).render(&small).unwrap() == of(&expected).render(&small).unwrap(), "{value}");
+            // Another function may show the value that stands for them.
+            let mut scene = prepare_on(&RENDERER, &gaps, &transfer, &settings).unwrap();
+            let white = crate::support::transfer(&[(0.0, [1.0; 3], 0.5), (200.0, [1.0; 3], 0.5)], None);
+            let error = RENDERER.set_transfer(&mut scene, &white).unwrap_err().to_string();
+            assert!(error.contains("which stands for samples that are no numbers"), "{error}");
         }
         // In projections of intensity they never win.
         for model in [Model::Mip, Model::Minip] {
             let settings = Settings { model, ..exact_quads() };
-            let picture = |volume: &Volume| render(volume, &transfer, &look(&oblique(), volume, [20, 20]), &settings);
-            assert!(picture(&of(value)) == picture(&of(150.0)), "{value}, {model:?}");
+            let picture = |volume: &Volume| render(volume, &transfer, &camera, &settings);
+            assert!(picture(&gaps) == picture(&of(150.0)), "{value}, {model:?}");
         }
+        let none = Volume::from_slice([2; 3], [1.0; 3], &[value; 8]).unwrap();
+        let refused = prepare_on(&RENDERER, &none, &transfer, &exact_quads());
+        assert!(matches!(refused, Err(Error::Input(InputError::NonFinite { count: 8, .. }))), "{value}");
     }
 }
 

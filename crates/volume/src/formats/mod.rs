@@ -208,16 +208,14 @@ fn load_from(source: &Path, options: &LoadOptions, unpacked: Option<&Arc<Unpacke
     if let Some(value) = options.replace_nan {
         return volume.with_non_finite_replaced(value);
     }
-    match volume.check_finite() {
-        Err(Error::NonFinite { count, .. }) if count < volume.grid().len() => {
-            let (all, are) = (volume.grid().len(), if count == 1 { "it is" } else { "they are" });
-            let note = format!("nothing is drawn of {count} of {all} samples because {are} NaN or infinite");
-            let mut contents = volume.contents().clone();
-            contents.notes.push(note);
-            Ok(volume.with_contents(contents))
-        }
-        checked => checked.map(|()| volume),
+    let gaps = volume.gaps()?;
+    if gaps > 0 {
+        let (all, are) = (volume.grid().len(), if gaps == 1 { "it is" } else { "they are" });
+        let mut contents = volume.contents().clone();
+        contents.notes.push(format!("nothing is drawn of {gaps} of {all} samples because {are} NaN or infinite"));
+        volume = volume.with_contents(contents);
     }
+    Ok(volume)
 }
 
 /// The file and the data set of `FILE:SET`, if there is such a file and none of the whole name.
