@@ -1,7 +1,7 @@
 //! Every format, encoding and type gives the values of the reference implementations.
 //!
-//! tests/data/volumes/make.py, make_more.py, make_several.py, make_time.py, make_neuro.py and make_reported.py write the
-//! files, and the values that nibabel, pynrrd, SimpleITK, NumPy, mrcfile, VTK, tifffile and pydicom read from them.
+//! tests/data/volumes/make.py, make_more.py, make_several.py, make_time.py, make_neuro.py and make_reported.py write
+//! the files, and the values that nibabel, pynrrd, SimpleITK, NumPy, mrcfile, VTK, tifffile and pydicom read from them.
 
 use std::path::PathBuf;
 

@@ -163,13 +163,13 @@ impl Default for LoadOptions {
 /// several points in time or channels `time` and `channel` choose one; [`Volume::contents`] tells how many there are. A
 /// folder is read if it holds DICOM files, whose slices are sorted by position, or TIFF files, which are sections in
 /// natural order: 9 goes before 10; and if it is an array of Zarr 2 or 3 or an image of OME-Zarr, of whose
-/// pyramid `level` chooses. `FILE:SET` is an array of .npz or VTK, or a data set of HDF5 or NetCDF, which need the feature
-/// `hdf5`; without a name the only volume in the file is read.
+/// pyramid `level` chooses. `FILE:SET` is an array of .npz or VTK, or a data set of HDF5 or NetCDF, which need the
+/// feature `hdf5`; without a name the only volume in the file is read.
 ///
 /// The content of a file decides on its format; if it has no known beginning, the extension does. Files of every format
 /// but .npz, TIFF and HDF5 may be compressed with gzip or bzip2. Files of bare samples need `dims` and `sample_type`,
-/// unless their names state them: `NAME_256x256x128_uint8.raw`. For all other files these two are an error, as are `endian` and `offset`, and `axis_order` for all but arrays of
-/// NumPy.
+/// unless their names state them: `NAME_256x256x128_uint8.raw`. For all other files these two are an error, as are
+/// `endian` and `offset`, and `axis_order` for all but arrays of NumPy.
 ///
 /// # Errors
 /// - [`Error::Read`] if a file cannot be read.

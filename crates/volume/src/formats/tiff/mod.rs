@@ -243,7 +243,7 @@ impl Stack {
             }
             page.check_length(path, numbers.len() as u64, length, expansion)?;
         }
-        if described.together && plain.is_none() {
+        if described.together && plain.is_none() && first.page.is_ok() {
             refuse!(path, "has one directory for several compressed sections: save it anew");
         }
         let first = described.pages[0];

@@ -17,9 +17,7 @@ use crate::volume::Number;
 /// No codec expands more: LZW makes at most 4096 bytes of 12 bits.
 pub(super) const MAX_EXPANSION: u64 = 2731;
 
-/// Tags that the crate has no names for: the sections of a page and of a tile, of SGI, and the order of bits.
-const IMAGE_DEPTH: Tag = Tag::Unknown(32997);
-const TILE_DEPTH: Tag = Tag::Unknown(32998);
+/// The order of the bits of a byte, a tag that the crate has no name for.
 const FILL_ORDER: Tag = Tag::Unknown(266);
 
 /// The most bytes that a codec makes of one. A page that claims more is refused.
@@ -115,7 +113,10 @@ impl Page {
     /// the page, or would change its samples, the directory gets other entries.
     pub(super) fn of(decoder: &mut Decoder<View>, path: &Path, length: u64) -> Result<Self> {
         let failed = |error| failed(path, error);
+        let place = decoder.ifd_pointer().map_or(0, |pointer| pointer.0);
+        let folded = decoder.inner().folded(place);
         let (width, height) = decoder.dimensions().map_err(failed)?;
+        let [width, height, depth] = folded.map_or([width, height, 1], |folded| folded.size);
         let mut number = |tag: Tag, default: u32| -> Result<u32> {
             // Some tags have a number for each channel; all of them are alike.
             let value = decoder.find_tag_unsigned_vec::<u32>(tag).map_err(failed)?;
@@ -124,12 +125,12 @@ impl Page {
         let samples = number(Tag::SamplesPerPixel, 1)?;
         let samples = u16::try_from(samples).ok().filter(|samples| *samples > 0);
         let samples = samples.ok_or_else(|| Error::format(path, "has pixels without samples"))?;
-        let mut replaced: Vec<(Tag, u32)> = Vec::new();
+        let mut replaced: Vec<(u16, u32)> = Vec::new();
         let photometric = number(Tag::PhotometricInterpretation, 1)?;
         match photometric {
             1 | 2 => {}
             // Samples are read as stored, whether 0 is black, white, or the first colour of a palette.
-            0 | 3 | 4 => replaced.push((Tag::PhotometricInterpretation, 1)),
+            0 | 3 | 4 => replaced.push((Tag::PhotometricInterpretation.to_u16(), 1)),
             other => {
                 let reason = format!("its samples have the photometric interpretation {other}");
                 refuse!(path, "{reason}; save it in grey or in RGB");
@@ -155,9 +156,6 @@ impl Page {
         let samples = if complex { samples.saturating_mul(2) } else { samples };
         let expansion = expansion(number(Tag::Compression, 1)?);
         let compressed = expansion != 1 || number(Tag::Predictor, 1)? != 1;
-        let (depth, tile_depth) = (number(IMAGE_DEPTH, 1)?.max(1), number(TILE_DEPTH, 1)?.max(1));
-        let tile = [number(Tag::TileWidth, 0)?, number(Tag::TileLength, 0)?, tile_depth];
-        let rows = number(Tag::RowsPerStrip, height)?;
         let mut table =
             |tag: Tag| decoder.find_tag_unsigned_vec::<u64>(tag).map_err(failed).map(Option::unwrap_or_default);
         let mut offsets = table(Tag::StripOffsets)?;
@@ -184,7 +182,7 @@ impl Page {
             expansion,
             chunks: offsets.len() as u64,
             packed,
-            tiles: None,
+            tiles: folded.and_then(|folded| folded.tiles).map(|of| of.map(|size| size.map(|n| n as usize))),
         };
         page.check_length(path, 1, held.min(length), expansion)?;
         if !compressed && in_strips && packed.is_none() {
@@ -197,46 +195,15 @@ impl Page {
         }
         // The crate swaps the bytes of a complex number as a whole.
         refuse_if!(complex && page.plain.is_none(), path, "has compressed complex numbers, which are not read");
-        if depth > 1 {
-            refuse_if!(planar || packed.is_some(), path, "has volumes of planes or bits, which are not read");
-            replaced.extend(page.unfolded(in_strips, tile, rows, path)?);
-        }
-        if let Some(place) = decoder.ifd_pointer().filter(|_| !replaced.is_empty()) {
-            let replaced: Vec<(u16, u32)> = replaced.iter().map(|(tag, value)| (tag.to_u16(), *value)).collect();
-            decoder.inner().replace(place.0, &replaced).map_err(Error::read(path))?;
+        refuse_if!(
+            depth > 1 && (planar || packed.is_some()),
+            path,
+            "has volumes of planes or bits, which are not read"
+        );
+        if !replaced.is_empty() {
+            decoder.inner().replace(place, &replaced).map_err(Error::read(path))?;
         }
         Ok(page)
-    }
-
-    /// The entries of a directory in which the sections of a page follow one another as rows, as the crate reads it. A
-    /// tile with several sections is then a higher tile.
-    fn unfolded(
-        &mut self,
-        in_strips: bool,
-        tile: [u32; 3],
-        rows: u32,
-        path: &Path,
-    ) -> Result<impl Iterator<Item = (Tag, u32)>> {
-        let [width, height] = self.size;
-        let tall = |rows: u32, times: &[u32]| {
-            let tall = times.iter().try_fold(rows, |all, times| all.checked_mul(*times));
-            tall.ok_or_else(|| path.error("has a volume in a page of too many rows"))
-        };
-        let replaced = if in_strips {
-            let rows = rows.clamp(1, height);
-            let fits = height.is_multiple_of(rows) || self.plain.is_some();
-            refuse_if!(!fits, path, "has sections in strips of {rows} rows, of which no whole number fits");
-            [Some((Tag::RowsPerStrip, rows)), Some((Tag::ImageLength, tall(height, &[self.depth])?)), None]
-        } else {
-            refuse_if!(tile.contains(&0), path, "has tiles without a size");
-            let [x, y, z] = [(width, tile[0]), (height, tile[1]), (self.depth, tile[2])].map(|(a, b)| a.div_ceil(b));
-            let tile_length = tall(tile[1], &[tile[2]])?;
-            let widths = tall(tile[0], &[x])?;
-            self.tiles = Some([tile, [x, y, z]].map(|size| size.map(|n| n as usize)));
-            let lengths = (Tag::ImageLength, tall(tile_length, &[y, z])?);
-            [Some((Tag::ImageWidth, widths)), Some(lengths), Some((Tag::TileLength, tile_length))]
-        };
-        Ok(replaced.into_iter().flatten())
     }
 
     /// Reads all samples of the page in the directory of this number: by section, row, pixel and channel, or plane
