@@ -40,8 +40,8 @@ const fn idle(options: &'static str, holds: fn(&Given<'_>) -> bool, because: &'s
 #[cfg(test)]
 const FREE: &str = "help quiet dims type offset axis-order spacing replace-nan complex channel time pyramid output \
                     size up target projection view-height transfer transfer-values model response depth-coded \
-                    attenuation light clip kernel sharpness labels mask tune tune:normalization tune:antialiasing views \
-                    repeats patience seconds rivals frames turn key-frames grid";
+                    attenuation light clip kernel sharpness labels mask tune tune:normalization tune:antialiasing \
+                    views repeats patience seconds rivals frames turn key-frames grid";
 
 const BY_KEYS: &str = "because key frames set it";
 const IS_ONE_FILE: &str = "because the volume is one file: only folders and TIFF hold series";

@@ -378,7 +378,7 @@ fn broken_slc_files_say_what_is_wrong() {
     refused("raw-u8.slc", "0.5 0.75", "0.5 0", "spacing of axis 2 is 0");
     refused("raw-u8.slc", "2 1 X", "2 1 Y", "expected X");
     refused("raw-u8.slc", "2 1 X", "2000000 1 X", "ends before byte");
-    refused("raw-u8.slc", "2 0\n", "2 7\n", "has the compression 7, expected 0 or 1");
+    refused("raw-u8.slc", "2 0 0\n", "2 0 7\n", "has the compression 7, expected 0 or 1");
     refused("runs-u8.slc", "3 4 5", "3 3 5", "a plane has 12 samples, expected 9");
     refused("runs-u8.slc", "25 X", "25 Y", "a plane begins with no number of bytes");
     let whole = std::fs::read(path("runs-u8.slc")).unwrap();
