@@ -150,8 +150,8 @@ impl Renderer {
     ///
     /// Nothing is drawn of samples that are NaN or infinite.
     ///
-    /// # Errors [`Error::Setting`] if a setting is out of range, [`Error::Input`] if no sample is finite, and the
-    /// errors of [`Self::render`] if the device fails or is too small.
+    /// # Errors [`Error::Setting`] if a setting is out of range, [`Error::Input`] if samples cannot be read, and
+    /// the errors of [`Self::render`] if the device fails or is too small.
     pub fn prepare(&self, volume: &Volume, transfer: &TransferFunction, settings: &Settings) -> Result<Scene> {
         settings.validate()?;
         let mirrored = settings.mirrored(volume, transfer)?;

@@ -26,7 +26,7 @@ pub use self::recognise::recognised;
 pub use self::table::Label;
 use crate::camera::clip::Clip;
 use crate::camera::framing::Hull;
-use crate::error::{Error, Result};
+use crate::error::{Error, InputError, Result};
 use crate::settings::{Level, Model, Settings};
 use crate::transfer::TransferFunction;
 use crate::volume::{Grid, Volume};
@@ -174,7 +174,8 @@ impl Layer {
     /// own lattice.
     ///
     /// # Errors
-    /// The errors of [`on_lattice`], with the name of the setting `name`; [`Error::Input`] if no sample is finite.
+    /// The errors of [`on_lattice`], with the name of the setting `name`, and those of
+    /// [`Volume::with_non_finite_replaced`].
     pub fn on_lattice(&self, of: &Lattice, name: &'static str) -> Result<(Self, Fit)> {
         let mut layer = self.clone();
         let Some(transfer) = self.transfer() else {
@@ -297,22 +298,26 @@ pub(crate) fn absent_value(transfer: &TransferFunction) -> f64 {
 }
 
 /// The same volume without NaN and infinite values, in place of which it has an invisible one; in projections of
-/// intensity the lowest one, which never wins.
+/// intensity the lowest one, which never wins. A brick may have no other values.
 ///
 /// # Errors
-/// Those of [`Volume::gaps`] and [`Volume::with_non_finite_replaced`].
+/// Those of [`Volume::with_non_finite_replaced`].
 pub(crate) fn finite<'a>(volume: &'a Volume, transfer: &TransferFunction, model: Model) -> Result<Cow<'a, Volume>> {
-    without_gaps(volume, || match model {
-        Model::Mip | Model::Minip => Ok(volume.value_range()?[0]),
-        _ => Ok(absent_value(transfer)),
+    without_gaps(volume, || {
+        let lowest = match model {
+            Model::Mip | Model::Minip => Some(volume.value_range()?[0]).filter(|value| value.is_finite()),
+            _ => None,
+        };
+        Ok(lowest.unwrap_or_else(|| absent_value(transfer)))
     })
 }
 
 fn without_gaps(volume: &Volume, absent: impl FnOnce() -> Result<f64>) -> Result<Cow<'_, Volume>> {
-    Ok(match volume.gaps()? {
-        0 => Cow::Borrowed(volume),
-        _ => Cow::Owned(volume.clone().with_non_finite_replaced(absent()?)?),
-    })
+    match volume.check_finite() {
+        Ok(()) => Ok(Cow::Borrowed(volume)),
+        Err(InputError::NonFinite { .. }) => Ok(Cow::Owned(volume.clone().with_non_finite_replaced(absent()?)?)),
+        Err(error) => Err(error.into()),
+    }
 }
 
 /// A value without opacity, exact in f32; `None` if every value has some.
