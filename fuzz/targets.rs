@@ -40,7 +40,8 @@ pub const TARGETS: &[(&str, Target, &[&str])] = &[
     ("mrc", |place, bytes| place.volume("fuzzed.mrc", bytes), &[".mrc", ".map", ".ccp4", ".mrc.gz"]),
     ("vti", |place, bytes| place.volume("fuzzed.vti", bytes), &[".vti"]),
     ("vtk", |place, bytes| place.volume("fuzzed.vtk", bytes), &[".vtk"]),
-    ("tiff", |place, bytes| place.volume("fuzzed.tif", bytes), &[".tif", ".tiff"]),
+    ("slc", |place, bytes| place.volume("fuzzed.slc", bytes), &[".slc"]),
+    ("tiff", |place, bytes| place.volume("fuzzed.tif", bytes), &[".tif", ".tiff", ".lsm"]),
     ("dicom", |place, bytes| place.volume("fuzzed.dcm", bytes), &[".dcm"]),
     #[cfg(feature = "hdf5")]
     ("hdf5", |place, bytes| place.volume("fuzzed.h5", bytes), &[".h5", ".nc", ".mat", ".mnc", ".vtkhdf"]),
@@ -138,6 +139,7 @@ impl Place {
             channel: None,
             series: None,
             missing_slices: MissingSlices::Refuse,
+            complex: None,
             level: PyramidLevel::At(0),
             stream_over: u64::from(replace),
         };
@@ -238,7 +240,7 @@ fn checked(volume: Result<Volume, InputError>) -> bool {
     let Some(samples) = accepted(volume.in_memory()) else { return false };
     assert_eq!(samples.samples().len() as u64, volume.grid().len());
     if let Some(statistics) = accepted(Statistics::of(&volume)) {
-        assert_eq!(statistics.count, volume.grid().len());
+        assert_eq!(statistics.count + statistics.non_finite, volume.grid().len());
         assert_eq!(statistics.histogram().iter().sum::<u64>(), statistics.count);
         let name = suggest(&volume, &statistics).name;
         accepted(presets::preset(name, &volume, &statistics, PresetValues::Auto));

@@ -1,5 +1,6 @@
 //! The renderer (a device), its scenes (prepared volumes) and their pictures.
 
+use std::borrow::Cow;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -17,7 +18,7 @@ use crate::gpu::store::Drawable;
 use crate::gpu::timing::on_host;
 use crate::gpu::view::ViewGeometry;
 use crate::image::{DepthMap, Image, Region, check_scale};
-use crate::layers::Layers;
+use crate::layers::{Layers, absent_value, finite};
 use crate::painters::choice::Choice;
 use crate::painters::painter::{Begun, Depths, Job, Room};
 use crate::prepare::lattice::Lattice;
@@ -147,19 +148,24 @@ impl Renderer {
     /// Pre-shaded voxels are classified here if the level is [`Level::At(0)`](Level::At). Otherwise the first picture
     /// decides between voxels and cells and spends that time. The file of a streamed volume must exist until then.
     ///
-    /// # Errors [`Error::Setting`] if a setting is out of range, [`Error::Input`] if a sample is NaN or infinite, and
+    /// Nothing is drawn of samples that are NaN or infinite.
+    ///
+    /// # Errors [`Error::Setting`] if a setting is out of range, [`Error::Input`] if samples cannot be read, and
     /// the errors of [`Self::render`] if the device fails or is too small.
     pub fn prepare(&self, volume: &Volume, transfer: &TransferFunction, settings: &Settings) -> Result<Scene> {
         settings.validate()?;
-        volume.check_finite()?;
         let mirrored = settings.mirrored(volume, transfer)?;
         let (volume, transfer) = mirrored.as_ref().map_or((volume, transfer), |(volume, transfer)| (volume, transfer));
-        let context = &self.context;
-        if settings.is_post_shaded() {
+        let volume = finite(volume, transfer, settings.model)?;
+        let has_gaps = matches!(volume, Cow::Owned(_)) && !matches!(settings.model, Model::Mip | Model::Minip);
+        let (volume, context) = (&*volume, &self.context);
+        let scene = if settings.is_post_shaded() {
             let prepare = || Scene::of_scalars(context, volume, transfer, settings, &self.progress);
-            return context.guarded("preparing the volume", prepare);
-        }
-        self.prepared(&Layers::of_volume(volume, transfer), settings)
+            context.guarded("preparing the volume", prepare)?
+        } else {
+            self.prepared(&Layers::of_volume(volume, transfer), settings)?
+        };
+        Ok(if has_gaps { scene.with_gaps(absent_value(transfer)) } else { scene })
     }
 
     /// Prepares layers for pre-shaded pictures; one volume alone like [`Self::prepare`]. Several layers are always
@@ -172,8 +178,8 @@ impl Renderer {
             return self.prepare(volume, transfer, settings);
         }
         settings.validate()?;
-        layers.check(settings)?;
-        self.prepared(layers, settings)
+        Layers::check_settings(settings)?;
+        self.prepared(&layers.finite()?, settings)
     }
 
     /// Gives a scene another transfer function, and the next picture shows it. On GPUs a change sends a table and no
@@ -185,7 +191,8 @@ impl Renderer {
     /// up to 0.5 of 255 (rms), because sums of kernels err more if the base value is farther from the visible ones.
     ///
     /// # Errors
-    /// [`Error::Setting`] if the scene has several layers, which have no single transfer function, and
+    /// [`Error::Setting`] if the scene has several layers, which have no single transfer function, or if the function
+    /// shows the value that stands for samples that are NaN or infinite: prepare the scene again; and
     /// [`Error::Input`] if the samples cannot be read.
     pub fn set_transfer(&self, scene: &mut Scene, transfer: &TransferFunction) -> Result<()> {
         scene.set_transfer(transfer)

@@ -62,6 +62,7 @@ struct FileFacts {
     channel: Option<u32>,
     series: Option<u32>,
     missing_slices: String,
+    complex: Option<String>,
     pyramid: Option<u32>,
 }
 
@@ -92,6 +93,7 @@ impl Volume {
                 channel: facts.channel,
                 series: facts.series,
                 missing_slices: facts.missing_slices.parse::<MissingSlices>()?,
+                complex: facts.complex.as_deref().map(str::parse).transpose()?,
                 level: level.map_or(LoadOptions::default().level, PyramidLevel::At),
                 ..LoadOptions::default()
             };
@@ -128,7 +130,7 @@ impl Source {
     pub(crate) fn load(&self, values: Values, suited: PyramidLevel) -> Result<Loaded> {
         match self {
             Self::Memory(volume) => {
-                volume.check_finite()?;
+                volume.gaps()?;
                 Ok(volume.clone().into())
             }
             Self::File { path, options, level } => {

@@ -136,7 +136,7 @@ def render(
     Raises
     ------
     ValueError
-        Shapes, types, settings out of range, and volumes that cannot be drawn, such as NaN without `replace_nan`.
+        Shapes, types, settings out of range, and volumes that cannot be drawn, such as NaN alone.
     MemoryError, OSError, DeviceError
         No memory on the host or the device; a file that cannot be read; no adapter, with what to install.
     """

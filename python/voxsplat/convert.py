@@ -35,6 +35,7 @@ def volume_of(
     offset: int = 0,
     series: int | None = None,
     missing_slices: str = "refuse",
+    complex: str | None = None,
     pyramid: int | None = None,
 ) -> _native.Volume:
     """Return the volume of an array, an image of another package, or a file. See `voxsplat.Volume`."""
@@ -59,11 +60,12 @@ def volume_of(
                 "channel": channel,
                 "series": series,
                 "missing_slices": missing_slices,
+                "complex": complex,
                 "pyramid": pyramid,
             },
         )
     given = {"time": time, "channel": channel, "dims": dims, "dtype": dtype, "endian": endian, "series": series}
-    given |= {"offset": offset or None, "pyramid": pyramid}
+    given |= {"offset": offset or None, "complex": complex, "pyramid": pyramid}
     given["missing_slices"] = None if missing_slices == "refuse" else missing_slices
     _refuse(given, "for files, and the volume is an array: index it")
     array, axes, facts = located(

@@ -48,8 +48,8 @@ class Volume:
     modality
         In the terms of DICOM: ``"CT"``, ``"MR"``, ``"PT"``; it decides on the preset.
     replace_nan
-        Replaces NaN and infinite samples, which are refused otherwise.
-    time, channel, dims, dtype, endian, offset, series, missing_slices, pyramid
+        Replaces NaN and infinite samples, of which nothing is drawn otherwise.
+    time, channel, dims, dtype, endian, offset, series, missing_slices, complex, pyramid
         Of files, as the options of the command; spacing is then in the order (z, y, x) as well.
     """
 

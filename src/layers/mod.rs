@@ -15,6 +15,7 @@ mod resample;
 mod shown;
 mod table;
 
+use std::borrow::Cow;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -25,7 +26,7 @@ pub use self::recognise::recognised;
 pub use self::table::Label;
 use crate::camera::clip::Clip;
 use crate::camera::framing::Hull;
-use crate::error::{Error, Result};
+use crate::error::{Error, InputError, Result};
 use crate::settings::{Level, Model, Settings};
 use crate::transfer::TransferFunction;
 use crate::volume::{Grid, Volume};
@@ -173,7 +174,8 @@ impl Layer {
     /// own lattice.
     ///
     /// # Errors
-    /// The errors of [`on_lattice`], with the name of the setting `name`; [`Error::Input`] if samples are not finite.
+    /// The errors of [`on_lattice`], with the name of the setting `name`, and those of
+    /// [`Volume::with_non_finite_replaced`].
     pub fn on_lattice(&self, of: &Lattice, name: &'static str) -> Result<(Self, Fit)> {
         let mut layer = self.clone();
         let Some(transfer) = self.transfer() else {
@@ -187,8 +189,8 @@ impl Layer {
         let values = lattice::Values { transfer, absent: hidden.unwrap_or_default() };
         let mut fit = Fit::Same;
         for volume in layer.volumes() {
-            volume.check_finite()?;
-            (*volume, fit) = lattice::put(volume, of, name, Some(values))?;
+            let finite = without_gaps(volume, || Ok(values.absent))?.into_owned();
+            (*volume, fit) = lattice::put(&finite, of, name, Some(values))?;
         }
         if matches!(fit, Fit::Interpolated { .. }) {
             // Matter does not get denser in smaller voxels.
@@ -284,6 +286,37 @@ impl Layer {
             Matter::Labels { looks, .. } => looks.iter().map(|look| look.opacity).fold(0.0, f64::max),
             _ => self.transfer().map_or(0.0, TransferFunction::max_opacity),
         }
+    }
+}
+
+/// The value that stands for NaN and infinite ones: nothing is there. It has no opacity if any value has none, and is
+/// next to the visible values, so that interpolation passes few others.
+pub(crate) fn absent_value(transfer: &TransferFunction) -> f64 {
+    let base = f64::from(transfer.base() as f32);
+    let is_absent = base.is_finite() && transfer.is_invisible([base; 2]);
+    if is_absent { base } else { invisible_value(transfer).unwrap_or(transfer.base()) }
+}
+
+/// The same volume without NaN and infinite values, in place of which it has an invisible one; in projections of
+/// intensity the lowest one, which never wins. A brick may have no other values.
+///
+/// # Errors
+/// Those of [`Volume::with_non_finite_replaced`].
+pub(crate) fn finite<'a>(volume: &'a Volume, transfer: &TransferFunction, model: Model) -> Result<Cow<'a, Volume>> {
+    without_gaps(volume, || {
+        let lowest = match model {
+            Model::Mip | Model::Minip => Some(volume.value_range()?[0]).filter(|value| value.is_finite()),
+            _ => None,
+        };
+        Ok(lowest.unwrap_or_else(|| absent_value(transfer)))
+    })
+}
+
+fn without_gaps(volume: &Volume, absent: impl FnOnce() -> Result<f64>) -> Result<Cow<'_, Volume>> {
+    match volume.check_finite() {
+        Ok(()) => Ok(Cow::Borrowed(volume)),
+        Err(InputError::NonFinite { .. }) => Ok(Cow::Owned(volume.clone().with_non_finite_replaced(absent()?)?)),
+        Err(error) => Err(error.into()),
     }
 }
 
@@ -450,14 +483,17 @@ impl Layers {
         self.layers.iter().map(brightest).fold([0.0; 3], larger)
     }
 
-    /// Refuses settings that layers do not support, and values that are not finite.
-    pub(crate) fn check(&self, settings: &Settings) -> Result<()> {
-        self.layers.iter().try_for_each(|layer| match &layer.matter {
-            Matter::Scalars { volume, .. } => volume.check_finite(),
-            Matter::Colors(colors) => colors.channels.iter().chain(&colors.alpha).try_for_each(Volume::check_finite),
-            Matter::Labels { .. } => Ok(()),
-        })?;
-        if self.plain().is_some() { Ok(()) } else { Self::check_settings(settings) }
+    /// The same layers without NaN and infinite values, in place of which they have invisible ones.
+    pub(crate) fn finite(&self) -> Result<Self> {
+        let finite = |layer: &Layer| {
+            let mut layer = layer.clone();
+            let Some(absent) = layer.transfer().map(absent_value) else { return Ok(layer) };
+            for volume in layer.volumes() {
+                *volume = without_gaps(volume, || Ok(absent))?.into_owned();
+            }
+            Ok(layer)
+        };
+        Ok(Self { layers: self.layers.iter().map(finite).collect::<Result<_>>()? })
     }
 
     /// Refuses settings that layers do not support, except a volume alone.

@@ -45,6 +45,8 @@ pub struct Scene {
     seconds: AtomicU64,
     /// [`Context::id`] of the device that holds it.
     device: u64,
+    /// The value that stands for NaN and infinite ones, if there are any.
+    absent: Option<f64>,
 }
 
 /// What is on the device.
@@ -87,7 +89,12 @@ fn shows(settings: &Settings) -> VisibleValues {
 impl Scene {
     fn new(context: &Context, content: Content, grid: Grid, weights: Weights, seconds: f64) -> Self {
         let seconds = AtomicU64::new(seconds.to_bits());
-        Self { content, grid, held: None, weights, seconds, device: context.id }
+        Self { content, grid, held: None, weights, seconds, device: context.id, absent: None }
+    }
+
+    /// The same scene, in which an invisible value stands for NaN and infinite ones.
+    pub(crate) fn with_gaps(self, absent: f64) -> Self {
+        Self { absent: Some(absent), ..self }
     }
 
     /// A scene of classified voxels. The first picture classifies them, because the picture decides between voxels and
@@ -137,6 +144,10 @@ impl Scene {
 
     /// Takes another transfer function. The samples that are on the device serve it.
     pub(crate) fn set_transfer(&mut self, transfer: &TransferFunction) -> Result<()> {
+        if let Some(absent) = self.absent.filter(|&absent| !transfer.is_invisible([absent; 2])) {
+            let reason = format!("shows {absent}, which stands for samples that are no numbers: prepare a new scene");
+            return Err(Error::setting("transfer", reason));
+        }
         match &mut self.content {
             Content::Scalars(scalars) => {
                 let mirrored = (scalars.model == Model::Minip).then(|| transfer.mirrored());

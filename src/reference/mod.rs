@@ -97,7 +97,7 @@ use crate::camera::clip::Side;
 use crate::error::{Error, Result};
 use crate::image::{Image, Region};
 use crate::kernel::Kernel;
-use crate::layers::Layers;
+use crate::layers::{Layers, finite};
 #[cfg(doc)]
 use crate::lighting::Lighting;
 use crate::lighting::{Casting, Visibility};
@@ -186,14 +186,17 @@ impl Reference {
     /// Those of [`Self::new`], and [`Error::Setting`] for post-shading or a projection of several layers.
     pub fn of_layers(layers: &Layers, settings: &Settings) -> Result<Self> {
         settings.validate()?;
-        layers.check(settings)?;
         let mut layers = Cow::Borrowed(layers);
         if let Some((volume, transfer)) = layers.plain() {
             let mirrored = settings.mirrored(volume, transfer)?;
             let (volume, transfer) = mirrored.as_ref().map_or((volume, transfer), |(volume, other)| (volume, other));
+            let volume = &*finite(volume, transfer, settings.model)?;
             let filtered = settings.prefilter()?.map(|f| f.apply::<f64>(volume, transfer.base(), &Progress::default()));
             let filtered = filtered.transpose()?;
             layers = Cow::Owned(Layers::of_volume(filtered.as_ref().unwrap_or(volume), transfer));
+        } else {
+            Layers::check_settings(settings)?;
+            layers = Cow::Owned(layers.finite()?);
         }
         let settings = &Settings { kernel: settings.reconstruction_kernel(), ..settings.clone() };
         let (grid, kernel) = (layers.grid(), settings.kernel);

@@ -22,6 +22,7 @@ mod formats {
     pub(crate) mod fixtures;
     mod lying_headers;
     mod peers;
+    mod reported;
     mod segmentations;
     mod streaming;
     mod transfer_files;

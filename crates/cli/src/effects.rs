@@ -38,13 +38,13 @@ const fn idle(options: &'static str, holds: fn(&Given<'_>) -> bool, because: &'s
 /// Options that always have an effect, or that `clap` (`conflicts_with`), the library (`Settings::validate`,
 /// `formats::load`) or `session::say_choice` refuse or note.
 #[cfg(test)]
-const FREE: &str = "help quiet dims type offset axis-order spacing replace-nan channel time pyramid output size up \
-                    target projection view-height transfer transfer-values model response depth-coded attenuation \
-                    light clip kernel sharpness labels mask tune tune:normalization tune:antialiasing views \
-                    repeats patience seconds rivals frames turn key-frames grid";
+const FREE: &str = "help quiet dims type offset axis-order spacing replace-nan complex channel time pyramid output \
+                    size up target projection view-height transfer transfer-values model response depth-coded \
+                    attenuation light clip kernel sharpness labels mask tune tune:normalization tune:antialiasing \
+                    views repeats patience seconds rivals frames turn key-frames grid";
 
 const BY_KEYS: &str = "because key frames set it";
-const IS_ONE_FILE: &str = "because the volume is one file: only folders hold series";
+const IS_ONE_FILE: &str = "because the volume is one file: only folders and TIFF hold series";
 const IS_NO_DICOM: &str = "because only folders of DICOM files hold series";
 const QUADS: &str = "tune:sheets tune:accumulate tune:sheet-thickness tune:precision tune:table-error";
 const TILES: &str = "tune:resolution";
@@ -53,7 +53,7 @@ const TILES: &str = "tune:resolution";
 const RULES: &[Rule] = &[
     // Input.
     idle("endian", |given| given.is("type", "u8") || given.is("type", "i8"), "because the samples are single bytes"),
-    idle("series", |given| given.reads_one_file(), IS_ONE_FILE),
+    idle("series", |given| given.reads_one_file() && !given.reads_tiff(), IS_ONE_FILE),
     idle("missing-slices", |given| given.reads_no_dicom_file(), "because only DICOM has slices of its own"),
     idle("series missing-slices", |given| given.reads_no_dicom(), IS_NO_DICOM),
     idle("tune:stream-over", |given| given.source().starts_with("demo:"), "because the volume is built in"),

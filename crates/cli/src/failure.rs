@@ -78,6 +78,7 @@ fn in_flags(error: &Error) -> String {
             Hint::ChooseSeries => "choose one with --series N (info lists them)".to_owned(),
             Hint::InterpolateSlices => "interpolate them with --missing-slices interpolate".to_owned(),
             Hint::ChooseChannel => "choose one with --channel N".to_owned(),
+            Hint::ChooseComplexPart => "choose a part with --complex abs, real, imag or phase".to_owned(),
             Hint::ChooseDataset => "give one as FILE:NAME".to_owned(),
             other => other.to_string(),
         };

@@ -96,18 +96,24 @@ impl Given<'_> {
         self.reads_one_file() && (source.starts_with("demo:") || Format::of_name(Path::new(&source)).is_some())
     }
 
+    /// Whether the volume is a TIFF file by its name.
+    pub(crate) fn reads_tiff(&self) -> bool {
+        is_tiff(Path::new(&self.source()))
+    }
+
     /// Whether the volume is a Zarr or a folder of TIFF files. DICOM files do not go with TIFF files.
     pub(crate) fn reads_no_dicom(&self) -> bool {
         let source = self.source();
         let path = Path::new(&source);
-        let is_tiff = |file: &Path| {
-            file.extension()
-                .is_some_and(|extension| ["tif", "tiff"].iter().any(|end| extension.eq_ignore_ascii_case(end)))
-        };
         is_zarr(path)
             || path.parent().is_some_and(|folder| path.is_file() && is_zarr(folder))
             || (path.is_dir() && data_files(path).first().is_some_and(|file| is_tiff(file)))
     }
+}
+
+fn is_tiff(file: &Path) -> bool {
+    let extension = file.extension();
+    extension.is_some_and(|extension| ["tif", "tiff", "lsm"].iter().any(|end| extension.eq_ignore_ascii_case(end)))
 }
 
 /// Whether the picture is an `.exr`.

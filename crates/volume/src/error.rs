@@ -78,7 +78,7 @@ pub enum Hint {
     GiveSpacing,
     /// Some samples are NaN or infinite: choose a number to replace them.
     ReplaceNonFinite,
-    /// The folder holds several series: choose one.
+    /// The file or folder holds several series: choose one.
     ChooseSeries,
     /// A series lacks slices, or has unequally spaced ones: interpolate them.
     InterpolateSlices,
@@ -86,6 +86,8 @@ pub enum Hint {
     ChooseChannel,
     /// The file has several data sets: name one behind the name of the file.
     ChooseDataset,
+    /// The samples are complex: choose one number of each.
+    ChooseComplexPart,
 }
 
 impl fmt::Display for Hint {
@@ -100,6 +102,7 @@ impl fmt::Display for Hint {
             Self::InterpolateSlices => "set LoadOptions::missing_slices",
             Self::ChooseChannel => "set LoadOptions::channel",
             Self::ChooseDataset => "load FILE:NAME",
+            Self::ChooseComplexPart => "set LoadOptions::complex",
         })
     }
 }

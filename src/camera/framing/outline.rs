@@ -31,7 +31,9 @@ pub(super) fn outline(volume: &Volume, ranges: &[[f64; 2]], sides: &[Side]) -> R
     let (slope, intercept) = volume.rescale();
     let shows = |raw: f64| {
         let value = slope * raw + intercept;
-        ranges.get(ranges.partition_point(|range| range[1] < value)).is_some_and(|range| range[0] <= value)
+        let range = ranges.get(ranges.partition_point(|range| range[1] < value));
+        // Nothing is at values that are not finite.
+        value.is_finite() && range.is_some_and(|range| range[0] <= value)
     };
     let [rows, planes] = outline_steps(volume);
     let planes: Vec<usize> = every(planes, depth).collect();

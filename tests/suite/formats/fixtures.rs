@@ -1,7 +1,7 @@
 //! Every format, encoding and type gives the values of the reference implementations.
 //!
-//! tests/data/volumes/make.py, make_more.py, make_several.py, make_time.py and make_neuro.py write the files, and the
-//! values that nibabel, pynrrd, SimpleITK, NumPy, mrcfile, VTK, tifffile and pydicom read from them.
+//! tests/data/volumes/make.py, make_more.py, make_several.py, make_time.py, make_neuro.py and make_reported.py write
+//! the files, and the values that nibabel, pynrrd, SimpleITK, NumPy, mrcfile, VTK, tifffile and pydicom read from them.
 
 use std::path::{Path, PathBuf};
 
@@ -30,6 +30,7 @@ fn expected() -> Vec<Expected> {
     let mut all = table("expected.json");
     all.extend(table("expected-more.json"));
     all.extend(table("expected-neuro.json"));
+    all.extend(table("expected-reported.json"));
     if cfg!(feature = "hdf5") {
         all.extend(table("expected-minc.json"));
     }
@@ -142,6 +143,7 @@ fn every_channel_at_every_time_is_read_as_by_the_reference_implementation() {
     let mut all = table("expected-several.json");
     all.extend(table("expected-time.json"));
     all.extend(table("expected-neuro-times.json"));
+    all.extend(table("expected-reported-several.json"));
     if cfg!(feature = "hdf5") {
         all.extend(table("expected-hdf5.json"));
     }
@@ -191,8 +193,8 @@ fn every_channel_at_every_time_is_read_as_by_the_reference_implementation() {
 #[cfg(feature = "hdf5")]
 #[test]
 fn scales_and_fill_values_of_netcdf_are_applied() {
-    let error = format!("{:#}", load(path("packed-i16.nc"), &LoadOptions::default()).unwrap_err());
-    assert!(error.contains("1 sample is NaN"), "{error}");
+    let notes = read("packed-i16.nc").contents().notes.join(";");
+    assert!(notes.contains("nothing is drawn of 1 of 60 samples because it is NaN or infinite"), "{notes}");
     let options = LoadOptions { replace_nan: Some(0.0), ..LoadOptions::default() };
     let volume = load(path("packed-i16.nc"), &options).unwrap();
     assert_eq!((volume.rescale(), volume.value_unit()), ((0.5, 273.0), Some("K")));
@@ -740,15 +742,23 @@ fn a_volume_is_made_of_a_slice_of_every_type() {
 }
 
 #[test]
-fn non_finite_samples_are_refused_or_replaced() {
+fn non_finite_samples_are_left_out_or_replaced() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("nan.raw");
     let name = file.to_str().unwrap();
     let numbers = [1.0_f32, f32::NAN, 2.0, f32::INFINITY, f32::NEG_INFINITY, 3.0, 4.0, 5.0];
     std::fs::write(&file, numbers.iter().flat_map(|n| n.to_le_bytes()).collect::<Vec<u8>>()).unwrap();
     let options = LoadOptions { dims: Some([2; 3]), sample_type: Some(SampleType::F32), ..LoadOptions::default() };
+    let volume = load(name, &options).unwrap();
+    let note = "nothing is drawn of 3 of 8 samples because they are NaN or infinite";
+    assert_eq!(volume.contents().notes, [note]);
+    let counted = voxsplat::volume::Statistics::of(&volume).unwrap();
+    assert_eq!((counted.count, counted.min, counted.max, counted.mean), (5, 1.0, 5.0, 3.0));
+    // Of nothing else there is no picture.
+    std::fs::write(&file, [f32::NAN.to_le_bytes(); 8].concat()).unwrap();
     let message = load(name, &options).unwrap_err().to_string();
-    assert!(message.contains("3 samples") && message.contains("(1, 0, 0)"), "{message}");
+    assert!(message.contains("8 samples are NaN or infinite, the first at (0, 0, 0)"), "{message}");
+    std::fs::write(&file, numbers.iter().flat_map(|n| n.to_le_bytes()).collect::<Vec<u8>>()).unwrap();
     let volume = load(name, &LoadOptions { replace_nan: Some(-1.5), ..options }).unwrap();
     assert_eq!(volume.in_memory().unwrap().samples(), &Samples::F32(vec![1.0, -1.5, 2.0, -1.5, -1.5, 3.0, 4.0, 5.0]));
     let error = load(name, &LoadOptions { replace_nan: Some(f64::NAN), ..options }).unwrap_err().to_string();

@@ -156,7 +156,7 @@ fn broken_nrrd_headers_say_what_is_wrong() {
         ("encoding: raw", "encoding: text", "is cut short"),
         ("encoding: raw", "encoding: raw\nspacings: 1 0 1", "spacing of axis 2 is 0"),
         ("encoding: raw", "encoding: raw\nspacings: 1 1 -1", "spacing of axis 3 is -1"),
-        ("encoding: raw", "encoding: raw\nspacings: 1 NaN 1", "spacing of axis 2 is NaN"),
+        ("encoding: raw", "encoding: raw\nspacings: 1 inf 1", "spacing of axis 2 is inf"),
         ("encoding: raw", "encoding: raw\nspace directions: (1,0,0) (0,1,0) (1,1,0)", "do not span space"),
         ("encoding: raw", "encoding: raw\nspace directions: (1,0,0) none (0,0,1)", "are not volumes"),
         ("encoding: raw", "encoding: raw\nspace directions: (1,0) (0,1) (1,1)", "(x,y,z)"),
@@ -341,9 +341,9 @@ fn changed(file: &str, at: usize, bytes: &[u8]) -> Vec<u8> {
 fn broken_nifti_headers_say_what_is_wrong() {
     let i16s = |numbers: &[i16]| numbers.iter().flat_map(|n| n.to_le_bytes()).collect::<Vec<u8>>();
     // Offsets as in nifti1.h.
-    let (dim, datatype, pixdim, vox_offset, slope, quatern) = (40, 70, 76, 108, 112, 256);
+    let (dim, datatype, vox_offset, slope, quatern) = (40, 70, 108, 112, 256);
     let nan = f32::NAN.to_le_bytes();
-    let cases: [(&str, usize, Vec<u8>, &str); 12] = [
+    let cases: [(&str, usize, Vec<u8>, &str); 11] = [
         ("raw-i16.nii", dim, i16s(&[0]), "dim[0] is 0"),
         ("raw-i16.nii", dim, i16s(&[6, 3, 4, 5, 1, 1, 2]), "dim[6] is 2"),
         ("raw-i16.nii", dim, i16s(&[3, -1]), "dimension 1 is -1"),
@@ -354,7 +354,6 @@ fn broken_nifti_headers_say_what_is_wrong() {
         ("raw-i16.nii", vox_offset, nan.to_vec(), "vox_offset is NaN"),
         ("raw-i16.nii", vox_offset, 348_f32.to_le_bytes().to_vec(), "inside the header"),
         ("scaled.nii", slope + 4, nan.to_vec(), "scl_inter is NaN"),
-        ("qform.nii", pixdim + 4, 0_f32.to_le_bytes().to_vec(), "spacing of axis 1 is 0"),
         ("qform.nii", quatern, 2_f32.to_le_bytes().to_vec(), "no rotation"),
     ];
     for (file, at, bytes, words) in cases {
@@ -487,8 +486,7 @@ fn broken_tiff_files_say_what_is_wrong() {
         ("deflate-f32.tif", width, 1_000_000, "dimension 1 is 1000000"),
         ("raw-i16.tif", bits, 12, "samples of 12 bits"),
         ("raw-i16.tif", compression, 34_712, "not read"),
-        ("raw-i16.tif", photometric, 0, "0 is white"),
-        ("raw-i16.tif", photometric, 3, "palette"),
+        ("raw-i16.tif", photometric, 5, "the photometric interpretation 5"),
         ("raw-i16.tif", channels, 3, "3 x 4 samples need 72 bytes, 24 are there"),
         ("raw-i16.tif", strip, 4_000_000, ""),
     ];

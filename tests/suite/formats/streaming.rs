@@ -125,12 +125,19 @@ fn another_transfer_function_reads_only_what_it_shows() {
 }
 
 #[test]
-fn streamed_samples_that_are_not_finite_are_refused_or_replaced() {
+fn streamed_samples_that_are_not_finite_are_left_out_or_replaced() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("v.raw");
     write(&path, |v| (if v == 50 { f32::NAN } else { f32::from(v) }).to_le_bytes().to_vec());
-    let error = format!("{:#}", open(&path, SampleType::F32, Endian::Little, 0).unwrap_err());
-    assert!(error.contains("NaN or infinite") && error.contains("LoadOptions::replace_nan"), "{error}");
+    let volume = open(&path, SampleType::F32, Endian::Little, 0).unwrap();
+    let (gaps, all) = (values().filter(|v| *v == 50).count(), volume.grid().len());
+    let note = format!("nothing is drawn of {gaps} of {all} samples because they are NaN or infinite");
+    assert_eq!((volume.is_streamed(), &volume.contents().notes), (true, &vec![note]));
+    let counted = Statistics::of(&volume).unwrap();
+    assert_eq!((counted.non_finite, volume.value_range().unwrap()), (gaps as u64, [counted.min, counted.max]));
+    let filled = volume.clone().with_non_finite_replaced(20.0).unwrap();
+    let drawn = |volume: &Volume| picture(volume, &exact_quads(), 24).0;
+    assert!(drawn(&volume) == drawn(&filled), "20 is the base of the transfer function");
     let options = LoadOptions {
         dims: Some(DIMS),
         sample_type: Some(SampleType::F32),

@@ -3,8 +3,9 @@
 
 use glam::{DAffine3, DMat3, DVec3};
 use voxsplat::camera::{ProjectionKind, View};
-use voxsplat::error::{Error, InputError};
+use voxsplat::error::InputError;
 use voxsplat::kernel::Kernel;
+use voxsplat::reference::Reference;
 use voxsplat::settings::{Level, Model, Resolution, Settings, Shading};
 use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::{Grid, Samples, Volume};
@@ -405,23 +406,42 @@ fn a_full_turn_ends_where_it_began() {
 }
 
 #[test]
-fn samples_that_are_no_numbers_are_refused_or_replaced() {
+fn nothing_is_drawn_of_samples_that_are_no_numbers() {
     let transfer = tones();
     let of = |value: f32| {
         let mut samples = vec![150.0; 6 * 6 * 6];
         (samples[17], samples[100]) = (value, value);
         Volume::new(Grid::axis_parallel([6; 3], [1.0; 3]).unwrap(), Samples::F32(samples)).unwrap()
     };
-    let expected = of(0.0);
+    // As if they had the invisible value next to the visible ones, or one that is given.
+    let expected = of(transfer.base() as f32);
+    let camera = look(&oblique(), &expected, [20, 20]);
     for value in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+        let gaps = of(value);
         for settings in [exact_quads(), Settings { shading: Shading::Post, ..exact_quads() }] {
-            let refused = prepare_on(&renderer(), &of(value), &transfer, &settings);
-            assert!(matches!(refused, Err(Error::Input(InputError::NonFinite { count: 2, .. }))), "{value}");
-            // Transparent: replaced by an invisible value.
-            let replaced = of(value).with_non_finite_replaced(0.0).unwrap();
-            let picture = |volume: &Volume| render(volume, &transfer, &look(&oblique(), volume, [20, 20]), &settings);
-            assert!(picture(&replaced) == picture(&expected), "{value}");
+            let picture = |volume: &Volume| render(volume, &transfer, &camera, &settings);
+            assert!(picture(&gaps) == picture(&expected), "{value}");
+            assert!(picture(&gaps.clone().with_non_finite_replaced(0.0).unwrap()) == picture(&of(0.0)), "{value}");
+            let (small, of) = (look(&oblique(), &expected, [6, 6]), |volume: &Volume| {
+                Reference::new(volume, &transfer, &settings).unwrap()
+            });
+            assert!(of(&gaps).render(&small).unwrap() == of(&expected).render(&small).unwrap(), "{value}");
+            // Another function may show the value that stands for them.
+            let mut scene = prepare_on(&renderer(), &gaps, &transfer, &settings).unwrap();
+            let white = crate::support::transfer(&[(0.0, [1.0; 3], 0.5), (200.0, [1.0; 3], 0.5)], None);
+            let error = renderer().set_transfer(&mut scene, &white).unwrap_err().to_string();
+            assert!(error.contains("which stands for samples that are no numbers"), "{error}");
         }
+        // In projections of intensity they never win.
+        for model in [Model::Mip, Model::Minip] {
+            let settings = Settings { model, ..exact_quads() };
+            let picture = |volume: &Volume| render(volume, &transfer, &camera, &settings);
+            assert!(picture(&gaps) == picture(&of(150.0)), "{value}, {model:?}");
+        }
+        // A brick may have nothing else.
+        let none = Volume::from_slice([2; 3], [1.0; 3], &[value; 8]).unwrap();
+        let picture = render(&none, &transfer, &camera, &exact_quads());
+        assert!(picture.pixels().iter().all(|pixel| pixel[3] == 0.0), "{value}");
     }
 }
 

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use voxsplat::appearance::{ChannelChoice, pyramid_level};
 use voxsplat::camera::View;
-use voxsplat::formats::{AxisOrder, FORMATS, Format, LoadOptions, MissingSlices, PyramidLevel};
+use voxsplat::formats::{AxisOrder, ComplexPart, FORMATS, Format, LoadOptions, MissingSlices, PyramidLevel};
 use voxsplat::volume::{Endian, SampleType};
 
 use crate::failure::{Failure, refuse};
@@ -52,7 +52,7 @@ pub(crate) struct InputArgs {
     /// World distance between samples; replaces the spacing of the file
     #[arg(long, value_name = "X,Y,Z", value_parser = parse::spacing)]
     pub(crate) spacing: Option<[f64; 3]>,
-    /// Replace NaN and infinite samples by VALUE [default: refuse them]
+    /// Replace NaN and infinite samples by VALUE [default: draw nothing there]
     #[arg(long, value_name = "VALUE", value_parser = parse::number)]
     pub(crate) replace_nan: Option<f64>,
     /// Draw channel N, counted from 0; repeat the option to draw several, each in a colour
@@ -66,14 +66,17 @@ pub(crate) struct InputArgs {
     /// All frames use the first time point's transfer function and one common framing.
     #[arg(long, value_name = "N|FIRST-LAST|all", value_parser = parse::time)]
     pub(crate) time: Option<TimeArg>,
-    /// Folders of DICOM files, or OME-Zarr by Bio-Formats: read the N-th series, counted from 1 [default: list the
-    /// series of DICOM, if there are several]
+    /// Folders of DICOM files, TIFF, or OME-Zarr by Bio-Formats: read the N-th series, counted from 1 [default: list
+    /// the series, if there are several]
     #[arg(long, value_name = "N", value_parser = parse::whole::<u32, 1, { u64::MAX }>)]
     pub(crate) series: Option<u32>,
     /// DICOM: refuse a series that lacks slices or has unequally spaced ones, or interpolate slices at equal distances
     #[arg(long, value_name = "HOW", default_value = "refuse", value_parser = one_of(MissingSlices::ALL,
         MissingSlices::name))]
     pub(crate) missing_slices: MissingSlices,
+    /// Complex samples: read the absolute value (abs), real, imag or phase [default: refuse them]
+    #[arg(long, value_name = "PART", value_parser = one_of(ComplexPart::ALL, ComplexPart::name))]
+    pub(crate) complex: Option<ComplexPart>,
     /// OME-Zarr: read level N of the pyramid, 0 is the finest [default: the coarsest level whose samples are no coarser
     /// than pixels]
     #[arg(long, value_name = "N", value_parser = parse::whole::<u32, 0, { u64::MAX }>)]
@@ -109,6 +112,7 @@ impl InputArgs {
             channel: self.channel.first().map(|channel| channel.number),
             series: self.series,
             missing_slices: self.missing_slices,
+            complex: self.complex,
             level: self.pyramid.map_or(LoadOptions::default().level, PyramidLevel::At),
             ..LoadOptions::default()
         }

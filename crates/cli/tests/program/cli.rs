@@ -461,6 +461,35 @@ fn ways_out_are_told_in_flags() {
 }
 
 #[test]
+fn choices_that_a_file_needs_are_told_in_flags() {
+    let dir = folder();
+    let numbers = (0..8).map(|n| if n == 3 { f32::NAN } else { n as f32 });
+    let bytes: Vec<u8> = numbers.flat_map(f32::to_le_bytes).collect();
+    std::fs::write(dir.path().join("gap_2x2x2_float32.raw"), &bytes).unwrap();
+    let output = voxsplat(dir.path(), "render gap_2x2x2_float32.raw --reference --size 8 -o a.png");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{said}");
+    assert!(said.contains("note: using 2 x 2 x 2 samples of f32 because the name states them"), "{said}");
+    assert!(said.contains("note: nothing is drawn of 1 of 8 samples because it is NaN or infinite"), "{said}");
+    // Two parts of two complex numbers.
+    let dict = "{'descr': '<c8', 'fortran_order': False, 'shape': (1, 1, 2), }";
+    let parts = [3.0_f32, 4.0, 0.0, 1.0].map(f32::to_le_bytes).concat();
+    let npy = [b"\x93NUMPY\x01\0".as_slice(), &(dict.len() as u16).to_le_bytes(), dict.as_bytes(), &parts];
+    std::fs::write(dir.path().join("c.npy"), npy.concat()).unwrap();
+    let said = complaint(&voxsplat(dir.path(), "info c.npy"));
+    assert!(said.contains("complex numbers: choose a part with --complex abs, real, imag or phase"), "{said}");
+    let text = stdout(&voxsplat(dir.path(), "info c.npy --complex abs --json"));
+    let info: serde_json::Value = serde_json::from_str(&text).unwrap();
+    assert_eq!((&info["min"], &info["max"]), (&1.0.into(), &5.0.into()));
+    let images = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/data/volumes/images.ome.tif");
+    std::fs::copy(images, dir.path().join("images.ome.tif")).unwrap();
+    let said = complaint(&voxsplat(dir.path(), "info images.ome.tif"));
+    assert!(said.contains("2 is \"second\" of 2 x 4 x 3 u8: choose one with --series N"), "{said}");
+    let output = voxsplat(dir.path(), "info images.ome.tif --series 2");
+    assert!(output.status.success() && output.stderr.is_empty(), "{}", String::from_utf8_lossy(&output.stderr));
+}
+
+#[test]
 fn a_closed_pipe_is_no_failure() {
     let film = "turntable demo:sphere:8 --reference --frames 3 --size 64 -o -";
     for line in [

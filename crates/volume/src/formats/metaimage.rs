@@ -12,7 +12,7 @@ use super::decode::Layout;
 use super::input::Input;
 use super::multifile::{self, read_shares};
 use super::placement::{Placement, named_unit};
-use super::selection::{Role, picked};
+use super::selection::{Role, colours_of_bytes, picked};
 use super::text_header::TextHeader;
 use crate::error::{Result, refuse, refuse_if};
 use crate::volume::{Endian, Origin, SampleType, Units, Volume};
@@ -45,6 +45,9 @@ pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
     let placement = placement(&header, n_dims)?;
     let grid = placement.grid(&header.path, &sizes[..n_dims.min(3)], options.spacing)?;
     let (pick, mut contents) = picked(&header.path, &axes, options)?;
+    if sample_type == SampleType::U8 {
+        contents.labels = colours_of_bytes(contents.channels);
+    }
     let modality = header.get(["Modality"]).and_then(|name| name.strip_prefix("MET_MOD_"));
     contents.origin = Origin::of(modality.filter(|name| *name != "OTHER"), header.get(["Name"]));
     let slope: f64 = header.number("ElementToIntensityFunctionSlope")?.unwrap_or(1.0);
@@ -125,7 +128,10 @@ fn flag(header: &TextHeader, name: &str, default: bool) -> Result<bool> {
 
 fn sample_type(header: &TextHeader) -> Result<SampleType> {
     let name = header.required("ElementType")?;
-    let known = name.to_ascii_lowercase().strip_prefix("met_").and_then(|name| match name {
+    let lower = name.to_ascii_lowercase();
+    // An array of the type has the channels of a sample.
+    let known = lower.strip_prefix("met_").map(|name| name.strip_suffix("_array").unwrap_or(name));
+    let known = known.and_then(|name| match name {
         "ulong" => Some(SampleType::U32),
         "long" => Some(SampleType::I32),
         _ => SampleType::from_name(&name.replace('_', " ")),

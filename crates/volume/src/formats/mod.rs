@@ -1,6 +1,7 @@
 //! Readers: from the name of a volume to the volume.
 
 mod afni;
+mod complex;
 #[cfg(any(feature = "hdf5", feature = "zarr"))]
 mod coordinates;
 mod decode;
@@ -22,9 +23,11 @@ mod nrrd;
 mod pair;
 mod parrec;
 mod placement;
+mod raw_name;
 mod readers;
 mod selection;
 mod series;
+mod slc;
 mod text_header;
 #[cfg(feature = "tiff")]
 mod tiff;
@@ -40,6 +43,7 @@ mod zip;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+pub use complex::ComplexPart;
 use decode::{Layout, read_all, x_fastest};
 pub use folder::is_zarr;
 use folder::{volumes_below, zarr_folder_of};
@@ -113,19 +117,21 @@ pub struct LoadOptions {
     /// The order of the axes of an array of NumPy, or of a file without a header; `None` is (z, y, x), and a note of
     /// [`Contents`](crate::volume::Contents) if the array looks otherwise.
     pub axis_order: Option<AxisOrder>,
-    /// The finite number that replaces NaN and infinite samples; `None` makes such samples an error. They are
-    /// transparent if the transfer function gives this number no opacity.
+    /// The finite number that replaces NaN and infinite samples. `None` keeps them: nothing is drawn of them, they are
+    /// not in ranges and means, and a note of [`Contents`](crate::volume::Contents) counts them.
     pub replace_nan: Option<f64>,
     /// The point in time of a file that holds several, counted from 0; `None` is the first.
     pub time: Option<u32>,
     /// The channel of a file that holds several, counted from 0; without it such a file is an error. Which there are
     /// [`Volume::contents`] tells, of any one of them.
     pub channel: Option<u32>,
-    /// The series of a folder of DICOM files that holds several, counted from 1 in the order of their numbers, as
-    /// [`list_series`] lists them.
+    /// The series of a file or folder that holds several, counted from 1: of DICOM in the order of their numbers, as
+    /// [`list_series`] lists them, of TIFF in the order of the file.
     pub series: Option<u32>,
     /// The treatment of a DICOM series that lacks slices, or has unequally spaced ones.
     pub missing_slices: MissingSlices,
+    /// The number that is read of each complex sample; without it complex samples are an error.
+    pub complex: Option<ComplexPart>,
     /// The level of a pyramid; the finest by default.
     pub level: PyramidLevel,
     /// The largest volume, in bytes of samples, that is always read into memory; 4 MiB by default. A larger one stays
@@ -147,6 +153,7 @@ impl Default for LoadOptions {
             channel: None,
             series: None,
             missing_slices: MissingSlices::Refuse,
+            complex: None,
             level: PyramidLevel::At(0),
             stream_over: 4 << 20,
         }
@@ -160,19 +167,19 @@ impl Default for LoadOptions {
 /// several points in time or channels `time` and `channel` choose one; [`Volume::contents`] tells how many there are. A
 /// folder is read if it holds DICOM files, whose slices are sorted by position, or TIFF files, which are sections in
 /// natural order: 9 goes before 10; and if it is an array of Zarr 2 or 3 or an image of OME-Zarr, of whose
-/// pyramid `level` chooses. `FILE:SET` is an array of .npz, or a data set of HDF5 or NetCDF, which need the feature
-/// `hdf5`; without a name the only volume in the file is read.
+/// pyramid `level` chooses. `FILE:SET` is an array of .npz or VTK, or a data set of HDF5 or NetCDF, which need the
+/// feature `hdf5`; without a name the only volume in the file is read.
 ///
 /// The content of a file decides on its format; if it has no known beginning, the extension does. Files of every format
-/// but .npz, TIFF and HDF5 may be compressed with gzip or bzip2. Files of bare samples need `dims` and `sample_type`.
-/// For all other files these two are an error, as are `endian` and `offset`, and `axis_order` for all but arrays of
-/// NumPy.
+/// but .npz, TIFF and HDF5 may be compressed with gzip or bzip2. Files of bare samples need `dims` and `sample_type`,
+/// unless their names state them: `NAME_256x256x128_uint8.raw`. For all other files these two are an error, as are
+/// `endian` and `offset`, and `axis_order` for all but arrays of NumPy.
 ///
 /// # Errors
 /// - [`Error::Read`] if a file cannot be read.
 /// - [`Error::Format`] if it is not a regular file (standard input excepted), or its content is malformed, cut short,
 ///   inconsistent or not supported.
-/// - [`Error::NonFinite`] if it has NaN or infinite samples and no replacement is given.
+/// - [`Error::NonFinite`] if all samples are NaN or infinite and no replacement is given.
 /// - [`Error::Volume`] if the built-in volume does not exist.
 /// - [`Error::Setting`] if an option is out of range or does not apply to the file.
 /// - [`Error::Memory`] if there is no memory for the samples.
@@ -205,7 +212,13 @@ fn load_from(source: &Path, options: &LoadOptions, unpacked: Option<&Arc<Unpacke
     if let Some(value) = options.replace_nan {
         return volume.with_non_finite_replaced(value);
     }
-    volume.check_finite()?;
+    let gaps = volume.gaps()?;
+    if gaps > 0 {
+        let (all, are) = (volume.grid().len(), if gaps == 1 { "it is" } else { "they are" });
+        let mut contents = volume.contents().clone();
+        contents.notes.push(format!("nothing is drawn of {gaps} of {all} samples because {are} NaN or infinite"));
+        volume = volume.with_contents(contents);
+    }
     Ok(volume)
 }
 
@@ -371,7 +384,9 @@ fn refuse_raw_options(path: &Path, options: &LoadOptions, what: &str, is_array: 
 }
 
 fn read_raw(mut input: Input, head: &[u8], options: &LoadOptions) -> Result<Volume> {
-    let (dims, sample_type) = match (options.dims, options.sample_type) {
+    let (named_dims, named_type) = raw_name::stated(input.path()).unzip();
+    let by_name = options.dims.is_none() && named_dims.is_some();
+    let (dims, sample_type) = match (options.dims.or(named_dims), options.sample_type.or(named_type)) {
         (Some(dims), Some(sample_type)) => (dims, sample_type),
         (None, Some(_)) => return Err(input.error("holds bare samples of unknown number").hinted(Hint::GiveDims)),
         (Some(_), None) => return Err(input.error("holds bare samples of unknown type").hinted(Hint::GiveSampleType)),
@@ -392,7 +407,11 @@ fn read_raw(mut input: Input, head: &[u8], options: &LoadOptions) -> Result<Volu
         let ([x, y, z], end) = (dims, counted(more, "byte"));
         contents.notes.push(format!("{x} x {y} x {z} samples of {sample_type} leave {end} at the end of the file"));
     }
-    if options.axis_order.is_none() && npy::looks_reversed(dims) {
+    if by_name {
+        let [x, y, z] = dims;
+        contents.notes.push(format!("using {x} x {y} x {z} samples of {sample_type} because the name states them"));
+    }
+    if options.axis_order.is_none() && !by_name && npy::looks_reversed(dims) {
         let ([x, y, z], read) = (dims, "dims are numbers along x, y and z, and x is the fastest");
         contents.notes.push(format!("{x} x {y} x {z} samples look like the shape (z, y, x) of an array, but {read}"));
     }

@@ -14,7 +14,7 @@ use super::decode::{Kind, Layout, read_all, x_fastest};
 use super::input::Input;
 use super::placement::Placement;
 use super::selection::{guessed, guessed_xyz, picked, spatial};
-use super::{AxisOrder, LoadOptions};
+use super::{AxisOrder, LoadOptions, complex};
 use crate::error::{Result, refuse, refuse_if};
 use crate::volume::{Endian, Volume};
 
@@ -69,6 +69,9 @@ pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
     }
     let placement = Placement::axis_parallel([1.0; 3]);
     let grid = placement.grid(&path, &sizes, options.spacing)?;
+    if header.is_complex() {
+        axes.insert(0, (complex::role(&path, options)?, 2));
+    }
     let (pick, mut contents) = picked(&path, &axes, options)?;
     let sign = header.other_order(grid.dims()).filter(|_| options.axis_order.is_none());
     contents.notes.extend(sign.map(|sign| {
@@ -86,6 +89,7 @@ pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
         input.error(format!("has samples of type {:?}: save it as integers or floats, one per voxel", header.descr))
     })?;
     let stored = read_all(input, &pick, kind, layout)?;
+    let stored = if header.is_complex() { complex::part(stored, &path, options)? } else { stored };
     let stored = match is_turned {
         true => x_fastest(&stored.into_samples()?, grid.dims(), &path)?.into(),
         false => stored,
@@ -94,9 +98,17 @@ pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
 }
 
 impl NpyHeader {
-    /// The type of the samples; `None` if they are no numbers.
+    /// The type of the samples, or of the parts of complex ones; `None` if they are no numbers.
     pub(super) fn kind(&self) -> Option<Kind> {
-        Kind::of_numpy(self.descr.get(1..)?)
+        Kind::of_numpy(match self.descr.get(1..)? {
+            "c8" => "f4",
+            "c16" => "f8",
+            letters => letters,
+        })
+    }
+
+    fn is_complex(&self) -> bool {
+        matches!(self.descr.get(1..), Some("c8" | "c16"))
     }
 
     /// The shape as Python writes it.

@@ -85,6 +85,24 @@ pub(super) fn lattice(path: &Path, sizes: &[i64]) -> Result<[u32; 3]> {
     Ok(dims)
 }
 
+/// The spacings of a header, with lengths in place of some that are none: `length` has the length of an axis by its
+/// number and the header's. A note says so, unless a spacing is given.
+pub(super) fn lengths(
+    spacing: [f64; 3],
+    given: Option<[f64; 3]>,
+    notes: &mut Vec<String>,
+    length: impl Fn(usize, f64) -> f64,
+) -> [f64; 3] {
+    std::array::from_fn(|axis| {
+        let (stated, used) = (spacing[axis], length(axis, spacing[axis]));
+        if used.to_bits() != stated.to_bits() && given.is_none() {
+            let axis = axis + 1;
+            notes.push(format!("using {used} as the spacing of axis {axis} because the header states {stated}"));
+        }
+        used
+    })
+}
+
 /// A name of a file in one line of bearable length; `None` if it is empty.
 pub(super) fn plain_name(text: &str) -> Option<String> {
     let name: String = text.trim().chars().filter(|c| !c.is_control()).take(80).collect();

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::input::Input;
-use super::{LoadOptions, Series, afni, metaimage, mgh, mrc, nifti, npy, npz, nrrd, parrec};
+use super::{LoadOptions, Series, afni, metaimage, mgh, mrc, nifti, npy, npz, nrrd, parrec, slc};
 use crate::error::{Error, Result, Subject};
 use crate::volume::{Endian, Volume};
 
@@ -86,7 +86,7 @@ pub(super) const ZARR: Format = Format {
 };
 
 /// The formats, in the order in which the first bytes of a file are held against them.
-pub static FORMATS: [Format; 15] = [
+pub static FORMATS: [Format; 16] = [
     // Its first 128 bytes are free: they may be the beginning of another format, such as TIFF.
     Format {
         name: "DICOM",
@@ -186,29 +186,43 @@ pub static FORMATS: [Format; 15] = [
     },
     Format {
         name: "legacy VTK",
-        description: "structured points: .vtk",
+        description: "structured points: .vtk, FILE:ARRAY",
         extensions: &["vtk"],
         feature: Some("vtk"),
         begins: |head| head.starts_with(b"# vtk DataFile Version"),
-        read: built!("vtk", Read, |input, _, options| super::vtk::read(input, options, super::vtk::legacy::read)),
+        has_sets: true,
+        read: built!("vtk", Read, |input, inside, options| {
+            super::vtk::read(input, inside, options, super::vtk::legacy::read)
+        }),
         ..PLAIN
     },
     Format {
         name: "VTK XML",
-        description: "image data: .vti",
+        description: "image data: .vti, FILE:ARRAY",
         extensions: &["vti"],
         feature: Some("vtk"),
         begins: |head| {
             let head = String::from_utf8_lossy(head);
             head.trim_start_matches('\u{feff}').trim_start().starts_with('<') && head.contains("<VTKFile")
         },
-        read: built!("vtk", Read, |input, _, options| super::vtk::read(input, options, super::vtk::image_data::read)),
+        has_sets: true,
+        read: built!("vtk", Read, |input, inside, options| {
+            super::vtk::read(input, inside, options, super::vtk::image_data::read)
+        }),
+        ..PLAIN
+    },
+    Format {
+        name: "SLC",
+        description: "VolVis: .slc",
+        extensions: &["slc"],
+        begins: slc::is_slc,
+        read: Some(|input, _, options| slc::read(input, options)),
         ..PLAIN
     },
     Format {
         name: "TIFF",
-        description: "stacks, and folders of sections: .tif, .tiff",
-        extensions: &["tif", "tiff"],
+        description: "stacks, and folders of sections: .tif, .tiff, .lsm",
+        extensions: &["tif", "tiff", "lsm"],
         feature: Some("tiff"),
         begins: |head| [b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"].iter().any(|magic| head.starts_with(*magic)),
         has_sections: true,

@@ -148,6 +148,28 @@ pub(super) fn indices(
     Ok((axes.iter().map(index).collect(), contents))
 }
 
+/// The most series that a message lists.
+const MOST_LISTED: usize = 20;
+
+/// The series that is requested, counted from 1, or the only one. The error about several lists them in `words`.
+pub(super) fn one_of<T>(path: &Path, series: Option<u32>, all: Vec<T>, words: impl Fn(&T) -> String) -> Result<T> {
+    let count = all.len();
+    if series.is_none() && count > 1 {
+        let line = |(n, series): (usize, &T)| format!("{} is {}", n + 1, words(series));
+        let listed: Vec<String> = all.iter().enumerate().take(MOST_LISTED).map(line).collect();
+        let others = count - listed.len();
+        let others = if others > 0 { format!(", and {others} others") } else { String::new() };
+        let reason = format!("holds {count} series: {}{others}", listed.join(", "));
+        return Err(path.error(reason).hinted(Hint::ChooseSeries));
+    }
+    let number = series.unwrap_or(1);
+    let index = number.checked_sub(1).and_then(|index| usize::try_from(index).ok());
+    index.and_then(|index| all.into_iter().nth(index)).ok_or_else(|| {
+        let range = if count == 1 { "1 alone".to_owned() } else { format!("1 to {count}") };
+        Error::setting("series", format!("{number}, but {} has series {range}", path.display()))
+    })
+}
+
 /// The roles of four axes of unknown meaning, the fastest first: channels if the fastest has at most four samples and
 /// all others more, else points in time along the slowest. Of five axes the two slowest are channels and time.
 pub(super) fn guessed(sizes: &[i64]) -> Axes {
@@ -185,6 +207,11 @@ pub(super) fn colours(channels: u32) -> Vec<Channel> {
     let label =
         |(name, color): &(&str, [u8; 3])| Channel { name: Some((*name).to_owned()), color: Some(*color), window: None };
     names.get(..channels as usize).unwrap_or_default().iter().map(label).collect()
+}
+
+/// The labels of channels of bytes, which are colours by the custom of VTK and ITK if there are three or four.
+pub(super) fn colours_of_bytes(channels: u32) -> Vec<Channel> {
+    if channels == 3 || channels == 4 { colours(channels) } else { Vec::new() }
 }
 
 /// The choice that a text of metadata names. The first choice is the default.

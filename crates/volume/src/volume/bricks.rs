@@ -94,7 +94,8 @@ impl Volume {
         Ok(())
     }
 
-    /// The least and the largest stored sample of each brick, x fastest. The first call reads every sample.
+    /// The least and the largest finite sample of each brick as stored, x fastest; ∞ and -∞ if it has none. The first
+    /// call reads every sample.
     pub fn ranges(&self) -> Result<&[[f64; 2]]> {
         if self.known_ranges().is_none() {
             self.for_each_brick::<(), Error>(&|_, _| false, 0, &(), &|_| Ok(()), &mut |_| Ok(()))?;
@@ -102,13 +103,14 @@ impl Volume {
         Ok(self.known_ranges().unwrap_or_default())
     }
 
-    /// The least and the largest value. The first call reads every sample, as [`Self::ranges`] does.
+    /// The least and the largest finite value. The first call reads every sample, as [`Self::ranges`] does.
     ///
     /// # Errors
     /// [`Error::Read`] and [`Error::Memory`] if samples left in a file cannot be read.
     pub fn value_range(&self) -> Result<[f64; 2]> {
         let (slope, intercept) = self.rescale();
-        let values = self.ranges()?.iter().flatten().map(|raw| slope * raw + intercept);
+        let finite = self.ranges()?.iter().flatten().filter(|raw| raw.is_finite());
+        let values = finite.map(|raw| slope * raw + intercept);
         Ok(values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| [low.min(value), high.max(value)]))
     }
 
@@ -163,7 +165,7 @@ fn clamped(place: i64, n: usize) -> usize {
 }
 
 impl Strip {
-    /// The least and the largest stored sample of each brick, without the halo.
+    /// The least and the largest finite sample of each brick as stored, without the halo: ∞ and -∞ if there is none.
     fn ranges(&self, y: usize, z: usize) -> Vec<[f64; 2]> {
         let [nx, _, _] = self.dims;
         let mut ranges = vec![[f64::INFINITY, f64::NEG_INFINITY]; nx.div_ceil(EDGE)];
@@ -177,7 +179,13 @@ impl Strip {
                         let (low, high) = run.iter().fold((run[0], run[0]), |(low, high), &v| {
                             (if v < low { v } else { low }, if v > high { v } else { high })
                         });
-                        *range = [range[0].min(low.to_f64()), range[1].max(high.to_f64())];
+                        let (mut low, mut high) = (low.to_f64(), high.to_f64());
+                        if !(low.is_finite() && high.is_finite()) {
+                            let finite = run.iter().map(|v| v.to_f64()).filter(|v| v.is_finite());
+                            let ends = (f64::INFINITY, f64::NEG_INFINITY);
+                            (low, high) = finite.fold(ends, |(low, high), v| (v.min(low), v.max(high)));
+                        }
+                        *range = [range[0].min(low), range[1].max(high)];
                     }
                 }
             });

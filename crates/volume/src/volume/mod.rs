@@ -472,6 +472,17 @@ impl Volume {
         self.units.value.as_deref()
     }
 
+    /// The number of samples that are NaN or infinite: nothing is drawn of them.
+    ///
+    /// # Errors
+    /// [`Error::NonFinite`] if all samples are; [`Error::Read`] and [`Error::Memory`] as of [`Self::check_finite`].
+    pub fn gaps(&self) -> Result<u64> {
+        match self.check_finite() {
+            Err(Error::NonFinite { count, .. }) if count < self.grid.len() => Ok(count),
+            checked => checked.map(|()| 0),
+        }
+    }
+
     /// Refuses NaN and infinite samples: one such sample would spoil every pixel that its kernel reaches.
     ///
     /// # Errors

@@ -17,12 +17,12 @@ use glam::{DMat3, DQuat, DVec3};
 
 use self::header::Header;
 pub(super) use self::header::{HEADER_SIZE, is_analyze, is_nifti};
-use super::LoadOptions;
 use super::decode::{Layout, read_all};
 use super::input::Input;
 use super::pair::{existing, has_extension, with_extension};
-use super::placement::{Placement, RAS_TO_LPS};
+use super::placement::{Placement, RAS_TO_LPS, lengths};
 use super::selection::{Axes, Role, colours, picked, spatial};
+use super::{LoadOptions, complex};
 use crate::error::{Result, refuse, refuse_if};
 use crate::volume::{Origin, SampleType, Units, Volume};
 
@@ -30,14 +30,20 @@ use crate::volume::{Origin, SampleType, Units, Volume};
 pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
     let header = Header::read(&mut input)?;
     let path = input.path().to_owned();
-    let (sample_type, colour_channels) = sample_type(&header, &input)?;
-    let axes = axes(&header, &input, colour_channels)?;
+    let (sample_type, in_voxel) = sample_type(&header, &input)?;
+    let is_complex = COMPLEX.contains(&header.datatype);
+    let mut axes = axes(&header, &input, in_voxel)?;
     let sizes = spatial(&axes);
     let (slope, intercept) = rescale(&header, &input)?;
-    let placement = placement(&header, &input, &sizes, options.spacing)?;
+    let mut notes = Vec::new();
+    let placement = placement(&header, &input, &sizes, options.spacing, &mut notes)?;
     let grid = placement.grid(&path, &sizes, options.spacing)?;
+    if is_complex {
+        axes[0].0 = complex::role(&path, options)?;
+    }
     let (pick, mut contents) = picked(&path, &axes, options)?;
-    if colour_channels > 1 {
+    contents.notes = notes;
+    if in_voxel > 1 && !is_complex {
         contents.labels = colours(contents.channels);
     }
 
@@ -64,6 +70,7 @@ pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
         data
     };
     let samples = read_all(input, &pick, sample_type, Layout::Binary(header.endian))?;
+    let samples = if is_complex { complex::part(samples, &path, options)? } else { samples };
     let length = match header.xyzt_units & 7 {
         1 => Some("m"),
         2 => Some("mm"),
@@ -89,7 +96,7 @@ pub(super) fn named_files(mut input: Input) -> Result<Vec<PathBuf>> {
 }
 
 /// The types of samples by their codes, and the number of samples in a voxel.
-const DATATYPES: [(i16, SampleType, i64); 12] = [
+const DATATYPES: [(i16, SampleType, i64); 14] = [
     (2, SampleType::U8, 1),
     (4, SampleType::I16, 1),
     (8, SampleType::I32, 1),
@@ -103,7 +110,13 @@ const DATATYPES: [(i16, SampleType, i64); 12] = [
     // Colours.
     (128, SampleType::U8, 3),
     (2304, SampleType::U8, 4),
+    // Complex numbers.
+    (32, SampleType::F32, 2),
+    (1792, SampleType::F64, 2),
 ];
+
+/// The codes of complex numbers.
+const COMPLEX: [i16; 2] = [32, 1792];
 
 /// The type of the samples, and the number of them in a voxel.
 fn sample_type(header: &Header, input: &Input) -> Result<(SampleType, i64)> {
@@ -112,7 +125,7 @@ fn sample_type(header: &Header, input: &Input) -> Result<(SampleType, i64)> {
     }
     let refused = match header.datatype {
         1 => "bits",
-        32 | 1792 | 2048 => "complex numbers",
+        2048 => "complex numbers of 128-bit floats",
         1536 => "128-bit floats",
         other => refuse!(input, "datatype {other} is unknown"),
     };
@@ -150,36 +163,56 @@ fn rescale(header: &Header, input: &Input) -> Result<(f64, f64)> {
 }
 
 /// The position of the lattice: the sform if it has a code, else the qform if it has one. Otherwise the lattice is
-/// centred on the origin and its first axis runs from right to left. This is nibabel's order and its fallback.
-fn placement(header: &Header, input: &Input, sizes: &[i64], spacing: Option<[f64; 3]>) -> Result<Placement> {
-    let ras = if header.sform_code != 0 {
-        let [x, y, z] = header.srow;
-        let column = |c: usize| DVec3::new(x[c], y[c], z[c]);
-        Placement {
-            directions: [column(0), column(1), column(2)],
-            spacing: [1.0; 3],
-            origin: column(3),
-            oriented: true,
-        }
-    } else if header.qform_code != 0 {
+/// centred on the origin and its first axis runs from right to left. This is nibabel's order and its fallback. As in
+/// ITK, an sform whose columns do not span space counts as none: some programs leave it zero.
+fn placement(
+    header: &Header,
+    input: &Input,
+    sizes: &[i64],
+    given: Option<[f64; 3]>,
+    notes: &mut Vec<String>,
+) -> Result<Placement> {
+    let [x, y, z] = header.srow;
+    let column = |c: usize| DVec3::new(x[c], y[c], z[c]);
+    let directions = [column(0), column(1), column(2)];
+    let unit = directions.map(DVec3::normalize_or_zero);
+    let spans = DMat3::from_cols(unit[0], unit[1], unit[2]).determinant().abs() > FLATTEST;
+    if header.sform_code != 0 && !spans {
+        let used = if header.qform_code != 0 { "the qform" } else { "spacings alone" };
+        notes.push(format!("using {used} because the axes of the sform do not span space"));
+    } else if header.sform_code != 0 {
+        let sform = Placement { directions, spacing: [1.0; 3], origin: column(3), oriented: true };
+        return Ok(sform.flipped(RAS_TO_LPS));
+    }
+    // As in nibabel and ITK. An axis of one sample needs no length.
+    let spacing = lengths(header.spacing(), given, notes, |axis, stated| match stated {
+        0.0 if sizes.get(axis).is_none_or(|size| *size == 1) => 0.0,
+        0.0 => 1.0,
+        stated if stated.is_finite() => stated.abs(),
+        _ => 1.0,
+    });
+    let ras = if header.qform_code != 0 {
         let rotation = rotation(header, input)?;
         // Only -1 mirrors. All other values, most often 0, mean 1.
         let qfac = if header.pixdim[0] == -1.0 { -1.0 } else { 1.0 };
         Placement {
             directions: [rotation.x_axis, rotation.y_axis, rotation.z_axis * qfac],
-            spacing: header.spacing(),
+            spacing,
             origin: DVec3::from_array(header.qoffset),
             oriented: true,
         }
     } else {
-        let used = spacing.unwrap_or(header.spacing());
+        let used = given.unwrap_or(spacing);
         let directions = [-DVec3::X, DVec3::Y, DVec3::Z];
         let half = |a: usize| directions[a] * used[a] * (sizes.get(a).map_or(0.0, |size| *size as f64 - 1.0)) / 2.0;
         // The header does not orient the axes, so the volume does not count as oriented.
-        Placement { directions, spacing: header.spacing(), origin: -(half(0) + half(1) + half(2)), oriented: false }
+        Placement { directions, spacing, origin: -(half(0) + half(1) + half(2)), oriented: false }
     };
     Ok(ras.flipped(RAS_TO_LPS))
 }
+
+/// The least volume of the unit vectors along the axes of an sform: below, rounding makes them.
+const FLATTEST: f64 = 1e-6;
 
 /// The rotation of the unit quaternion (a, b, c, d). The file does not store a, which is not negative.
 fn rotation(header: &Header, input: &Input) -> Result<DMat3> {

@@ -8,8 +8,9 @@ use crate::error::{Result, refuse, refuse_if};
 use crate::formats::input::Input;
 use crate::formats::multifile::announces_list;
 use crate::formats::placement::plain_name;
+use crate::formats::selection::{Axes, Role};
 use crate::formats::text_header::TextHeader;
-use crate::volume::{Origin, Segment};
+use crate::volume::{Origin, SampleType, Segment};
 
 /// The most axes: Teem's limit, NRRD_DIM_MAX.
 const MAX_AXES: usize = 16;
@@ -149,6 +150,24 @@ impl Header {
     pub(super) fn kind(&self, axis: usize) -> Option<String> {
         let kind = self.text.get(["kinds"])?.split_ascii_whitespace().nth(axis)?.to_ascii_lowercase();
         (kind != "none" && kind != "???").then_some(kind)
+    }
+
+    /// Whether an axis is of one of these kinds.
+    pub(super) fn is_kind(&self, axis: usize, kinds: &[&str]) -> bool {
+        self.kind(axis).is_some_and(|kind| kinds.contains(&kind.as_str()))
+    }
+
+    /// Whether the channels are colours: their axis is of such a kind, or has four bytes of the kind for any four.
+    pub(super) fn has_colors(&self, sample_type: SampleType, axes: &Axes) -> bool {
+        let mut channels = (0..).zip(axes).filter(|(_, (role, size))| *role == Role::Channel && *size > 1);
+        let (Some((axis, (_, size))), None) = (channels.next(), channels.next()) else { return false };
+        let names: &[&str] = match (size, sample_type) {
+            (3, _) => &["rgb-color"],
+            (4, SampleType::U8) => &["rgba-color", "4-color"],
+            (4, _) => &["rgba-color"],
+            _ => &[],
+        };
+        self.is_kind(axis, names)
     }
 
     /// Whether an axis runs along time: its kind, its label or the space says so, or its index has a type, as in the

@@ -10,14 +10,14 @@ use std::path::PathBuf;
 use glam::DVec3;
 
 use self::header::Header;
-use super::LoadOptions;
 use super::decode::Layout;
 use super::input::{Input, MAX_EXPANSION};
 use super::multifile::{self, read_shares};
-use super::placement::{Placement, named_unit};
-use super::selection::{Axes, Role, guessed, picked};
+use super::placement::{Placement, lengths, named_unit};
+use super::selection::{Axes, Role, colours, guessed, picked};
 use super::text_header::TextHeader;
-use crate::error::{Result, refuse};
+use super::{LoadOptions, complex};
+use crate::error::{Result, refuse, refuse_if};
 use crate::volume::{Endian, SampleType, Units, Volume};
 
 /// The `encoding:` of the samples.
@@ -37,12 +37,25 @@ pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
     let sample_type = sample_type(text)?;
     let encoding = encoding(text)?;
     let layout = layout(text, sample_type, encoding)?;
-    let (axes, roles) = spatial_axes(&header)?;
+    let (axes, mut roles) = spatial_axes(&header)?;
+    // Without a request both parts are channels.
+    let complex = roles.iter().position(|(role, size)| *role == Role::Channel && *size == 2);
+    let complex = complex.filter(|&axis| options.complex.is_some() && header.is_kind(axis, &["complex"]));
+    if let Some(axis) = complex {
+        refuse_if!(axis != 0, text, "has complex numbers whose parts are not beside each other");
+        roles[axis].0 = complex::role(path, options)?;
+    }
     let (pick, mut contents) = picked(path, &roles, options)?;
+    if header.has_colors(sample_type, &roles) {
+        contents.labels = colours(contents.channels);
+    }
     contents.segments = header.segments();
     contents.origin = header.origin_of_values();
-    let placement = placement(&header, axes)?;
-    let grid = placement.grid(path, &axes.map(|a| header.sizes[a]), options.spacing)?;
+    let (mut placement, sizes) = (placement(&header, axes)?, axes.map(|a| header.sizes[a]));
+    // NaN is NRRD's word for what is not known.
+    let length = |_, stated: f64| if stated.is_nan() { 1.0 } else { stated };
+    placement.spacing = lengths(placement.spacing, options.spacing, &mut contents.notes, length);
+    let grid = placement.grid(path, &sizes, options.spacing)?;
 
     let files = data_files(text, &mut input)?;
     let share = pick.all / files.as_ref().map_or(1, Vec::len) as u64;
@@ -57,6 +70,7 @@ pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
         }
         at_samples(input, encoding, skips, total)
     })?;
+    let samples = if complex.is_some() { complex::part(samples, path, options)? } else { samples };
     Ok(placement.volume(grid, samples)?.with_units(units(text, axes)).with_contents(contents))
 }
 

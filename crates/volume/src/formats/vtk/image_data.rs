@@ -6,18 +6,18 @@ use std::str::FromStr;
 use glam::DVec3;
 
 use super::blocks::{Codec, decompressed};
-use super::{Array, At, ImageLattice, numbers};
+use super::{Array, At, Found, ImageLattice, Wanted, note_name, numbers};
 use crate::error::{Result, Subject, refuse, refuse_if};
 use crate::formats::LoadOptions;
 use crate::formats::decode::Layout;
 use crate::formats::input::Input;
 use crate::formats::selection::choice;
 use crate::formats::xml::Tag;
-use crate::volume::{Endian, SampleType, Volume};
+use crate::volume::{Endian, SampleType};
 
-/// Reads the volume of a file that begins here: the array that is named as the active scalars, else the first with one
-/// number per sample, of points, else of cells; if `several`, the first with several. `None` if there is no such array.
-pub(in crate::formats) fn read(mut input: Input, options: &LoadOptions, several: bool) -> Result<Option<Volume>> {
+/// Reads the volume of an array of a file that begins here. Without a name it is the array that is named as the active
+/// scalars, else the first, of points, else of cells.
+pub(in crate::formats) fn read(mut input: Input, options: &LoadOptions, wanted: Wanted<'_>) -> Result<Found> {
     let Some(file) = tag(&mut input, "VTKFile")? else {
         refuse!(input, "is not a VTK file: it has no tag VTKFile");
     };
@@ -28,9 +28,12 @@ pub(in crate::formats) fn read(mut input: Input, options: &LoadOptions, several:
     let coding = Coding::of(&file, &input)?;
     let Some(image) = tag(&mut input, "ImageData")? else { refuse!(input, "has no tag ImageData") };
     let image_lattice = image_lattice(&image, input.path())?;
-    let Some((array, place)) = find(&mut input, image.get("WholeExtent"), several)? else { return Ok(None) };
+    let mut names = Vec::new();
+    let Some((array, place)) = find(&mut input, image.get("WholeExtent"), wanted, &mut names)? else {
+        return Ok(Found::Others(names));
+    };
     let (input, layout) = coding.at_samples(input, place)?;
-    image_lattice.read(&array, input, layout, options).map(Some)
+    image_lattice.read(&array, input, layout, options)
 }
 
 /// The next tag of this name.
@@ -73,7 +76,12 @@ pub(super) enum Place {
 }
 
 /// Finds the array of scalars and reads up to its tag, or up to the appended data if it is there.
-fn find(input: &mut Input, whole: Option<&str>, several: bool) -> Result<Option<(Array, Place)>> {
+fn find(
+    input: &mut Input,
+    whole: Option<&str>,
+    wanted: Wanted<'_>,
+    names: &mut Vec<String>,
+) -> Result<Option<(Array, Place)>> {
     let (mut at, mut active) = (None, None);
     let same = |a: &str, b: &str| a.split_ascii_whitespace().eq(b.split_ascii_whitespace());
     let mut appended = None;
@@ -87,14 +95,20 @@ fn find(input: &mut Input, whole: Option<&str>, several: bool) -> Result<Option<
             "/PointData" | "/CellData" => at = None,
             "DataArray" => {
                 let Some(at) = at.filter(|_| appended.is_none()) else { continue };
-                if active.is_some() && tag.get("Name") != active.as_deref() {
+                let name = tag.get("Name");
+                note_name(names, name);
+                let is_named = match wanted {
+                    Wanted::Named(wanted) => name == Some(wanted),
+                    Wanted::Scalars | Wanted::Any => active.is_none() || name == active.as_deref(),
+                };
+                if !is_named {
                     continue;
                 }
                 let components = tag.get("NumberOfComponents").unwrap_or("1");
                 let Ok(components) = components.parse::<u64>() else {
                     refuse!(input, "NumberOfComponents is {components:?}, expected a number");
                 };
-                if components != 1 && active.is_none() && !several {
+                if components != 1 && active.is_none() && matches!(wanted, Wanted::Scalars) {
                     continue;
                 }
                 let name = tag.get("type").unwrap_or_default();

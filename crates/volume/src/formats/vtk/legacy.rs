@@ -2,19 +2,30 @@
 
 use glam::DVec3;
 
-use super::{Array, At, ImageLattice, numbers};
+use super::{Array, At, Found, ImageLattice, Wanted, note_name, numbers};
 use crate::error::{Error, Result, Subject, refuse, refuse_if};
 use crate::formats::LoadOptions;
 use crate::formats::decode::{Layout, skip};
 use crate::formats::input::Input;
-use crate::volume::{Endian, SampleType, Volume};
+use crate::volume::{Endian, SampleType};
 
-/// Reads the volume of a header that begins here: its first array with one number per sample, or, if `several`, with
-/// any number. `None` if there is no such array.
-pub(in crate::formats) fn read(input: Input, options: &LoadOptions, several: bool) -> Result<Option<Volume>> {
+/// Reads the volume of an array of a header that begins here.
+pub(in crate::formats) fn read(input: Input, options: &LoadOptions, wanted: Wanted<'_>) -> Result<Found> {
     let mut reader = Reader::open(input)?;
-    let array = reader.find(several)?;
-    array.map(|array| reader.lattice.read(&array, reader.input, reader.layout, options)).transpose()
+    match reader.find(wanted)? {
+        Some(array) => reader.lattice.read(&array, reader.input, reader.layout, options),
+        None => Ok(Found::Others(reader.names)),
+    }
+}
+
+/// The next line that is not blank: VTK skips blank lines.
+fn word_line(input: &mut Input) -> Result<String> {
+    while let Some(line) = input.line()? {
+        if !line.trim().is_empty() {
+            return Ok(line);
+        }
+    }
+    Ok(String::new())
 }
 
 struct Reader {
@@ -23,6 +34,8 @@ struct Reader {
     lattice: ImageLattice,
     /// What the arrays to come belong to, and their number.
     of: Option<(At, u64)>,
+    /// The names of arrays that were skipped.
+    names: Vec<String>,
 }
 
 impl Reader {
@@ -31,19 +44,19 @@ impl Reader {
         let magic = input.line()?.unwrap_or_default();
         refuse_if!(!magic.starts_with("# vtk DataFile Version"), input, "is not a legacy VTK file");
         input.line()?;
-        let coding = input.line()?.unwrap_or_default();
+        let coding = word_line(&mut input)?;
         let layout = match coding.trim().to_ascii_uppercase().as_str() {
             "ASCII" => Layout::Text,
             "BINARY" => Layout::Binary(Endian::Big),
-            _ => refuse!(input, "its third line is {coding:?}, expected ASCII or BINARY"),
+            _ => refuse!(input, "the line after its title is {coding:?}, expected ASCII or BINARY"),
         };
         let lattice =
             ImageLattice { extent: [[0, -1]; 3], spacing: [1.0; 3], origin: DVec3::ZERO, directions: DVec3::AXES };
-        Ok(Self { input, layout, lattice, of: None })
+        Ok(Self { input, layout, lattice, of: None, names: Vec::new() })
     }
 
-    /// Reads up to the first sample of the array; `several` tells whether it may have several numbers per sample.
-    fn find(&mut self, several: bool) -> Result<Option<Array>> {
+    /// Reads up to the first sample of the array.
+    fn find(&mut self, wanted: Wanted<'_>) -> Result<Option<Array>> {
         while let Some(line) = self.input.line()? {
             let line = line.trim();
             let words: Vec<&str> = line.split_ascii_whitespace().collect();
@@ -73,7 +86,7 @@ impl Reader {
                 // Names and units of components, up to a blank line.
                 "METADATA" => while self.input.line()?.is_some_and(|line| !line.trim().is_empty()) {},
                 keyword => {
-                    if let Some(array) = self.array(keyword, &words[1..], several, bad)? {
+                    if let Some(array) = self.array(keyword, &words, wanted, bad)? {
                         return Ok(Some(array));
                     }
                 }
@@ -86,10 +99,11 @@ impl Reader {
     fn array(
         &mut self,
         keyword: &str,
-        words: &[&str],
-        several: bool,
+        line: &[&str],
+        wanted: Wanted<'_>,
         bad: impl Fn() -> Error,
     ) -> Result<Option<Array>> {
+        let words = line.get(1..).unwrap_or_default();
         let is_field = !["SCALARS", "COLOR_SCALARS", "VECTORS", "NORMALS"].contains(&keyword);
         let (kind, components, tuples) = match (keyword, words) {
             ("SCALARS", [_, kind]) => (*kind, "1", None),
@@ -104,17 +118,27 @@ impl Reader {
         let tuples: Option<u64> = tuples.map(|tuples| tuples.parse().map_err(|_| bad())).transpose()?;
         let Some(tuples) = tuples.or(self.of.map(|(_, count)| count)) else { return Err(bad()) };
         if keyword == "SCALARS" {
-            let table = self.input.line()?.unwrap_or_default();
+            let table = word_line(&mut self.input)?;
             let is_table = table.trim().to_ascii_uppercase().starts_with("LOOKUP_TABLE");
             refuse_if!(!is_table, self.input, "expected LOOKUP_TABLE before samples, not {table:?}");
         }
         // Colours are bytes; in text they are fractions of 255.
         let is_fraction = keyword == "COLOR_SCALARS" && self.layout == Layout::Text;
-        let at = self.of.filter(|(_, count)| tuples == *count && !is_fraction && (components == 1 || several));
+        // In a field the name comes first.
+        let name = if is_field { line.first() } else { words.first() };
+        let is_wanted = match wanted {
+            Wanted::Scalars => components == 1,
+            Wanted::Any => true,
+            Wanted::Named(wanted) => name.is_some_and(|name| *name == wanted),
+        };
+        let at = self.of.filter(|(_, count)| tuples == *count && !is_fraction && is_wanted);
         if let Some((at, _)) = at {
             return Ok(Some(Array { at, sample_type: self.sample_type(kind)?, components }));
         }
         let size = if self.layout == Layout::Text { 1 } else { self.sample_type(kind)?.size() };
+        if self.of.is_some_and(|(_, count)| tuples == count) {
+            note_name(&mut self.names, name.copied());
+        }
         skip(&mut self.input, components.saturating_mul(tuples), size, self.layout)?;
         Ok(None)
     }

@@ -10,23 +10,57 @@ use glam::DVec3;
 use super::LoadOptions;
 use super::decode::{Layout, read_all};
 use super::input::Input;
-use super::placement::Placement;
-use super::selection::{Role, picked, sized};
-use crate::error::{Result, Subject, refuse_if};
+use super::placement::{Placement, plain_name};
+use super::selection::{Role, colours_of_bytes, picked, sized};
+use crate::error::{Result, Subject, refuse, refuse_if};
 use crate::volume::{SampleType, Volume};
 
-/// A reader of a format. The flag permits arrays with several numbers per sample.
-type ReadArray = fn(Input, &LoadOptions, bool) -> Result<Option<Volume>>;
+/// The array of a file that is read.
+#[derive(Clone, Copy)]
+pub(super) enum Wanted<'a> {
+    /// The active one, or the first with one number per sample.
+    Scalars,
+    /// The active one, or the first, with any number of numbers per sample.
+    Any,
+    /// The one of this name.
+    Named(&'a str),
+}
 
-/// Reads the volume of an array with one number per sample, or else with several: for these the file is read again.
-pub(super) fn read(input: Input, options: &LoadOptions, read_array: ReadArray) -> Result<Volume> {
+/// The result of reading an array.
+pub(super) enum Found {
+    Volume(Box<Volume>),
+    /// There is no such array, but arrays of these names.
+    Others(Vec<String>),
+}
+
+/// A reader of a format.
+type ReadArray = fn(Input, &LoadOptions, Wanted<'_>) -> Result<Found>;
+
+/// Reads the volume of the array `inside`; without a name, of an array with one number per sample, or else with
+/// several: for these the file is read again.
+pub(super) fn read(input: Input, inside: Option<&str>, options: &LoadOptions, read_array: ReadArray) -> Result<Volume> {
     let (path, is_stream) = (input.path().to_owned(), input.at_most().is_none());
-    if let Some(volume) = read_array(input, options, false)? {
-        return Ok(volume);
+    let names = match read_array(input, options, inside.map_or(Wanted::Scalars, Wanted::Named))? {
+        Found::Volume(volume) => return Ok(*volume),
+        Found::Others(names) => names,
+    };
+    if let Some(name) = inside {
+        let all = if names.is_empty() { "there is none".to_owned() } else { format!("there are {}", names.join(", ")) };
+        refuse!(path, "has no array {name:?}: {all}");
     }
     refuse_if!(is_stream, path, "has no array of one number per sample, and is a stream: write it to a file");
-    let found = read_array(Input::open(&path, None)?, options, true)?;
-    found.ok_or_else(|| path.error("has no array of scalars"))
+    match read_array(Input::open(&path, None)?, options, Wanted::Any)? {
+        Found::Volume(volume) => Ok(*volume),
+        Found::Others(_) => refuse!(path, "has no array of scalars"),
+    }
+}
+
+/// The most arrays whose names are kept.
+const MOST_NAMES: usize = 100;
+
+/// Adds the name of an array that is not read.
+fn note_name(names: &mut Vec<String>, name: Option<&str>) {
+    names.extend(name.and_then(plain_name).filter(|_| names.len() < MOST_NAMES));
 }
 
 /// The places of an array's samples in the image: points or cells.
@@ -73,15 +107,18 @@ impl ImageLattice {
     }
 
     /// Reads the volume of an array whose first sample begins here.
-    fn read(&self, array: &Array, input: Input, layout: Layout, options: &LoadOptions) -> Result<Volume> {
+    fn read(&self, array: &Array, input: Input, layout: Layout, options: &LoadOptions) -> Result<Found> {
         let path = input.path().to_owned();
         let (sizes, placement) = self.placed(array.at);
         let grid = placement.grid(&path, &sizes, options.spacing)?;
         let mut axes = vec![(Role::Channel, sized(array.components))];
         axes.extend(sizes.map(|size| (Role::Space, size)));
-        let (pick, contents) = picked(&path, &axes, options)?;
+        let (pick, mut contents) = picked(&path, &axes, options)?;
+        if array.sample_type == SampleType::U8 {
+            contents.labels = colours_of_bytes(contents.channels);
+        }
         let samples = read_all(input, &pick, array.sample_type, layout)?;
-        Ok(placement.volume(grid, samples)?.with_contents(contents))
+        Ok(Found::Volume(Box::new(placement.volume(grid, samples)?.with_contents(contents))))
     }
 }
 
