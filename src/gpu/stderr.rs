@@ -4,8 +4,9 @@
 ///
 /// Mesa's layer that selects devices asks libwayland for a display. On a machine without a desktop session libwayland
 /// then prints "error: XDG_RUNTIME_DIR is invalid or not set in the environment.", and no setting prevents it. Other
-/// text on the standard error arrives in order, whoever writes it meanwhile. A process that is started meanwhile keeps a
-/// pipe to this process as its standard error. One thread at a time does this; others wait.
+/// text on the standard error arrives, whoever writes it meanwhile; a line written just afterwards may overtake it. A
+/// process that is started meanwhile keeps a pipe to this process as its standard error. One thread at a time does
+/// this; others wait.
 #[cfg(unix)]
 pub fn silenced<T>(work: impl FnOnce() -> T) -> T {
     use std::path::Path;
@@ -31,7 +32,7 @@ pub fn silenced<T>(work: impl FnOnce() -> T) -> T {
 #[cfg(unix)]
 mod redirection {
     use std::fs::File;
-    use std::io::{self, PipeWriter, Write};
+    use std::io::{self, BufReader, PipeWriter, Write};
     use std::mem;
     use std::os::fd::{AsFd, OwnedFd};
     use std::sync::mpsc::{Receiver, Sender, channel};
@@ -54,7 +55,9 @@ mod redirection {
     impl Redirection {
         pub(super) fn begin() -> io::Result<Self> {
             let original = io::stderr().as_fd().try_clone_to_owned()?;
-            let (mut text, pipe) = io::pipe()?;
+            let (text, pipe) = io::pipe()?;
+            // As large as a pipe, so that no line is read in parts.
+            let mut text = BufReader::with_capacity(1 << 16, text);
             let (end, ended) = channel();
             let mut filter = Filter { to: File::from(original.try_clone()?), held: Vec::new(), end };
             let forward = move || {
