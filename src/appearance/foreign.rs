@@ -35,7 +35,11 @@ const FOREIGN: [[&str; 3]; 41] = [
         "--clip box:X0,X1,Y0,Y1,Z0,Z1 keeps a box of the world",
         "clip=\"box:X0,X1,Y0,Y1,Z0,Z1\" keeps a box of the world",
     ],
-    ["voxel-size voxelsize pixel-size pixel-spacing pixdim zooms sampling", "--spacing X,Y,Z", "spacing=(Z, Y, X), as the shape"],
+    [
+        "voxel-size voxelsize pixel-size pixel-spacing pixdim zooms sampling",
+        "--spacing X,Y,Z",
+        "spacing=(Z, Y, X), as the shape",
+    ],
     ["length-unit", "--units length=UNIT", "units={\"length\": UNIT}"],
     ["value-unit", "--units value=UNIT", "units={\"value\": UNIT}"],
     [
