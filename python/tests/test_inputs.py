@@ -108,7 +108,7 @@ def test_bare_arrays_with_x_first_give_one_warning(scan: Path, tmp_path: Path) -
     import nibabel
 
     image = nibabel.load(scan)
-    flat = samples().ravel()
+    flat = samples().flatten()
     series = nibabel.Nifti1Image(np.asfortranarray(np.stack([samples().T] * 2, -1)), RAS)
     nibabel.save(series, tmp_path / "series.nii")
     np.save(tmp_path / "a.npy", np.asfortranarray(samples().T))

@@ -67,7 +67,7 @@ def found_in(data: Any) -> Found:
 
 def _no_volume(data: Any) -> TypeError:
     """The error of an object that is no volume."""
-    choice = "one of its arrays, such as volume[NAME]; " if hasattr(data, "keys") else ""
+    choice = "one of its arrays, such as volume[NAME], or " if hasattr(data, "keys") else ""
     return TypeError(
         f"{type(data).__name__} is no volume, expected {choice}an array of axes (z, y, x) such as of NumPy, xarray, Zarr or "
         "Dask, an image of nibabel, SimpleITK or pyvista, a voxsplat.Volume, or the path of a file"

@@ -50,7 +50,7 @@ def _hinting(kind: type[_Kind]) -> type[_Kind]:
         refuse_unknown(named, field_names(kind), kind.__name__)
         made(self, *values, **named)
 
-    kind.__init__ = init  # type: ignore[method-assign]
+    kind.__init__ = init  # type: ignore[assignment]
     return kind
 
 
