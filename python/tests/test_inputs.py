@@ -408,16 +408,16 @@ def front_of(viewer: Any) -> np.ndarray:
 def test_a_viewer_is_drawn_as_it_stands() -> None:
     viewer = stand_in()
     array = front_of(viewer)
-    # From the other side, and mirrored.
-    viewer.camera.view_direction, viewer.camera.handedness = (1, 0, 0), "left"
+    # Mirrored axes mirror the picture.
+    viewer.camera.handedness = "left"
     assert np.abs(np.asarray(vs.from_napari(viewer, size=(80, 60)))[:, ::-1] - array).max() < 0.02
     viewer.layers[0].rendering, viewer.layers[0].iso_threshold = "iso", 40
     assert np.asarray(vs.from_napari(viewer, size=40))[..., 3].max() > 0.5
-    viewer.layers[0].visible = False
-    with pytest.raises(ValueError, match="no visible layer"):
-        vs.from_napari(viewer)
     viewer.dims.displayed = (1, 2)
     with pytest.raises(ValueError, match="ndisplay = 3"):
+        vs.from_napari(viewer)
+    viewer.dims.displayed, viewer.layers[0].visible = (0, 1, 2), False
+    with pytest.raises(ValueError, match="no visible layer"):
         vs.from_napari(viewer)
 
 
