@@ -231,6 +231,9 @@ def plan(
             options["affine"] = affine
     else:
         affine = matrix_of(affine)
+        space = options.get("space")
+        if isinstance(volume, Volume):
+            options.pop("space", None)
         clip = options.get("clip") or []
         if any(str(one).startswith("voxels:") for one in ([clip] if isinstance(clip, str) else clip)):
             raise ValueError("clip: voxels of an overview are not those of the volume, give a box: box:X0,X1,Y0,Y1,Z0,Z1")
@@ -241,7 +244,7 @@ def plan(
     overview = native_volume(volume, options)
     rows = None
     if shape is not None:
-        space = options.get("space") or ("RAS" if overview.info()["oriented"] else "world")
+        space = space or ("RAS" if overview.info()["oriented"] else "world")
         rows = tuple(tuple(row) for row in in_world(affine, space)[:3].tolist())
     whole = tuple(int(n) for n in (overview.info()["shape"] if shape is None else shape))
     z, y, x = chunk_sizes(grid, whole)
