@@ -14,6 +14,7 @@ use crate::gpu::light_volume::PostShading;
 use crate::gpu::present::{self, Present};
 use crate::gpu::recorder::Recorder;
 use crate::gpu::samples::Bricks;
+pub use crate::gpu::stderr::silenced;
 use crate::gpu::store::Drawable;
 use crate::gpu::timing::on_host;
 use crate::gpu::view::ViewGeometry;

@@ -2,7 +2,9 @@
 # Runs the tests of the Python package (python/tests) with the program and the native module of the test build. Installs
 # what is missing: python3-venv with apt, and the pinned packages of python/tests/requirements.txt into target/python.
 # Skipped with a line if the machine cannot have Python 3.11 or later, but never in CI (CI is set).
-# Arguments go to pytest: sh tests/python.sh -k napari
+# Arguments go to pytest: sh tests/python.sh -k masks
+# With --slow as the first argument slow tests run too, with the packages of requirements-slow.txt: clusters of Dask, MPI,
+# napari and mypy.
 set -eu
 cd "$(dirname "$0")/.."
 # shellcheck source=tests/setup.sh
@@ -30,16 +32,28 @@ if [ -z "$python" ]; then
     python_works "$python" || python_skip "$(python3 --version 2>&1) is older than 3.11"
 fi
 
+# Installs the packages of python/tests/$1.txt, unless they are there.
+python_packages() {
+    list=python/tests/$1.txt
+    if ! cmp -s "$list" "$venv/$1.txt"; then
+        echo "python: installing the packages of $list" >&2
+        "$venv/bin/python" -m pip install --quiet --disable-pip-version-check --requirement "$list" ||
+            python_skip "pip could not install the packages of $list"
+        cp "$list" "$venv/$1.txt"
+    fi
+}
+
 # The virtual environment belongs to one Python and one list of packages.
 venv=target/python/venv
-list=python/tests/requirements.txt
-if ! cmp -s "$list" "$venv/installed.txt" || ! python_works "$venv/bin/python"; then
-    echo "python: installing the packages of $list" >&2
+if ! cmp -s python/tests/requirements.txt "$venv/requirements.txt" || ! python_works "$venv/bin/python"; then
     rm -rf "$venv"
     "$python" -m venv "$venv"
-    "$venv/bin/python" -m pip install --quiet --disable-pip-version-check --requirement "$list" ||
-        python_skip "pip could not install the packages of $list"
-    cp "$list" "$venv/installed.txt"
+fi
+python_packages requirements
+if [ "${1:-}" = --slow ]; then
+    shift
+    python_packages requirements-slow
+    export VOXSPLAT_SLOW_TESTS=1
 fi
 
 # With the flags of tests/run.sh, so that nothing is compiled twice.

@@ -14,8 +14,11 @@ mod volume;
 mod worker;
 
 use pyo3::prelude::*;
+use voxsplat::appearance::ForeignWords;
+use voxsplat::renderer::{self, silenced};
 use voxsplat::transfer::maps;
 use voxsplat::transfer::presets::PRESETS;
+use voxsplat_volume::names::nearest;
 
 /// Returns name and description of each preset.
 #[pyfunction]
@@ -29,11 +32,31 @@ fn colour_maps() -> Vec<&'static str> {
     maps::names()
 }
 
+/// Returns the end of the error of an unknown option: the keyword for a word of another program, if it is one of
+/// `names`, otherwise the most similar name; empty if there is none.
+#[pyfunction]
+fn hint(word: &str, names: Vec<String>) -> String {
+    let is_known = |name: &str| names.iter().any(|known| known == name);
+    // Texts have `name=`, maybe with a value behind it.
+    let named = |text: &'static str| {
+        let words = text.split(|c: char| !c.is_alphanumeric() && c != '_' && c != '=');
+        words.filter_map(|word| word.split_once('=')).map(|(name, _)| name)
+    };
+    let own = ForeignWords::of(word).map(|row| row.keyword).filter(|text| !text.is_empty());
+    match own.filter(|text| named(text).all(is_known)) {
+        Some(text) => format!(": {text}"),
+        None => match nearest(&word.to_lowercase(), names.iter().map(String::as_str)) {
+            Some(name) => format!("; a similar option exists: {name}"),
+            None => String::new(),
+        },
+    }
+}
+
 /// Returns the adapters, best first, as JSON. Opens none of them.
 #[pyfunction]
 fn adapters(py: Python<'_>) -> PyResult<String> {
     worker::check_process()?;
-    let adapters = py.detach(voxsplat::renderer::adapters);
+    let adapters = py.detach(|| silenced(renderer::adapters));
     serde_json::to_string(&adapters).map_err(|fault| error::internal(&fault.to_string()))
 }
 
@@ -54,6 +77,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
         wrap_pyfunction!(presets, module)?,
         wrap_pyfunction!(colour_maps, module)?,
         wrap_pyfunction!(adapters, module)?,
+        wrap_pyfunction!(hint, module)?,
         wrap_pyfunction!(request::check, module)?,
         wrap_pyfunction!(counts::needs_counts, module)?,
         wrap_pyfunction!(bricks::even_chunks, module)?,

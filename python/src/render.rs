@@ -36,6 +36,9 @@ pub(crate) struct Scene {
     prepared: Option<Arc<Prepared>>,
     #[pyo3(get)]
     choices: Vec<String>,
+    /// Why layers are invisible.
+    #[pyo3(get)]
+    hidden: Vec<&'static str>,
 }
 
 struct Prepared {
@@ -122,14 +125,14 @@ impl Renderer {
         let overlays = overlays.iter().map(spec).collect::<PyResult<_>>()?;
         let (labels, mask) = (labels.map(Volume::source), mask.map(Volume::source));
         let beside = Beside { labels, mask, overlays, whole: None };
-        let mut prepared = self.device.run(py, progress, move |renderer| {
+        let (prepared, choices) = self.device.run(py, progress, move |renderer| {
             let mut look = request.look(&source, &beside, view, size)?;
             let scene = renderer.prepare_layers(&look.layers, &look.settings)?;
             let choices = std::mem::take(&mut look.choices);
             Ok((Prepared { look, scene, hulls: Mutex::default() }, choices))
         })?;
-        let choices = std::mem::take(&mut prepared.1);
-        Ok(Scene { prepared: Some(Arc::new(prepared.0)), choices })
+        let hidden = prepared.look.layers.hidden();
+        Ok(Scene { prepared: Some(Arc::new(prepared)), choices, hidden })
     }
 
     /// Renders a scene of this renderer.

@@ -11,6 +11,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use voxsplat::error::Error;
 use voxsplat::progress::Progress;
+use voxsplat::renderer::silenced;
 use voxsplat::{Renderer, RendererOptions};
 
 use crate::error::{DeviceError, internal, raised};
@@ -189,7 +190,7 @@ impl Device {
             Some(open) => open,
             None => {
                 let options = RendererOptions { adapter: self.adapter.clone(), progress: self.progress() };
-                Renderer::new(&options).map_err(Failure::Library)?
+                silenced(|| Renderer::new(&options)).map_err(Failure::Library)?
             }
         };
         work(renderer.insert(open)).map_err(Failure::Library)

@@ -10,6 +10,11 @@ import nibabel
 import numpy as np
 import pytest
 
+# Whether slow tests run too: sh tests/python.sh --slow. They need the packages of requirements-slow.txt.
+SLOW = "VOXSPLAT_SLOW_TESTS" in os.environ
+# Each test of these files is slow, and has a quick twin in test_executors.py.
+collect_ignore = [] if SLOW else ["test_dask.py"]
+
 REPOSITORY = Path(__file__).parents[2]
 PROGRAM = Path(os.environ.get("VOXSPLAT_PROGRAM", REPOSITORY / "target/debug/voxsplat"))
 
@@ -44,6 +49,13 @@ def scan(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def command(*words: object, code: int = 0) -> str:
     """Run the program, and return what it prints."""
-    done = subprocess.run([PROGRAM, *map(str, words)], capture_output=True, text=True, check=False, timeout=120)
+    done = subprocess.run([PROGRAM, *map(str, words)], capture_output=True, text=True, check=False, timeout=600)
     assert done.returncode == code, done.stderr
     return done.stdout + done.stderr
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave slow tests out, unless they are requested."""
+    slow = [item for item in items if item.get_closest_marker("slow") and not SLOW]
+    items[:] = [item for item in items if item not in slow]
+    config.hook.pytest_deselected(items=slow)

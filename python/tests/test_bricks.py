@@ -72,11 +72,15 @@ def test_overviews_plan_what_the_volume_shows() -> None:
     affine = np.diag([1.0, 1.0, 1.0, 1.0])
     coarse = np.diag([2.0, 2.0, 2.0, 1.0])
     coarse[:3, 3] = 0.5
-    overview = vs.Volume(samples(np.uint8), affine=coarse)
     options = {"size": SIZE, "light": False, "view_height": 60.0, "termination": 0.0}
-    plan = vs.plan(overview, (2, 2, 1), shape=array.shape, affine=affine, **options)
-    merged = vs.merge(plan, drawn(plan, array))
-    assert difference(merged, vs.render(array, resolution="full", **options)) < 1e-5
+    # The affine of the volume leads to the space of the overview.
+    for space in ("world", None, "LPS"):
+        overview = vs.Volume(samples(np.uint8), affine=coarse, space=space)
+        given = {"space": space} if space == "LPS" else {}
+        plan = vs.plan(overview, (2, 2, 1), shape=array.shape, affine=affine, **given, **options)
+        merged = vs.merge(plan, drawn(plan, array))
+        whole = vs.render(array, affine=affine, space=space, resolution="full", **options)
+        assert difference(merged, whole) < 1e-5
 
 
 def test_what_does_not_fit_is_refused() -> None:

@@ -1,11 +1,10 @@
-"""Pictures of Dask arrays and Zarr stores, on clusters of this machine."""
+"""Pictures of Dask arrays and Zarr stores, on clusters of this machine and of MPI. All of them are slow: test_executors.py
+has quick tests of the same bricks on other executors."""
 
 from __future__ import annotations
 
-import concurrent.futures
 import contextlib
 import json
-import multiprocessing
 import os
 import signal
 import subprocess
@@ -15,6 +14,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import dask
 import dask.array as da
 import distributed
 import numpy as np
@@ -25,32 +25,8 @@ import xarray
 import zarr
 from conftest import samples
 from test_bricks import difference
+from test_executors import LIMIT, OPTIONS, limited, store, whole_picture  # noqa: F401
 from voxsplat.large import Large
-
-OPTIONS = {"size": (100, 80), "light": "headlight", "azimuth": 35, "termination": 0.0}
-# Seconds after which a test has failed: nothing may hang.
-LIMIT = 120
-
-
-def limited(call) -> object:
-    """The result of a call that ends in time."""
-    result: list[object] = []
-    fault: list[BaseException] = []
-
-    def run() -> None:
-        try:
-            result.append(call())
-        except BaseException as error:
-            fault.append(error)
-
-    thread = threading.Thread(target=run, daemon=True)
-    thread.start()
-    thread.join(LIMIT)
-    assert not thread.is_alive(), "it hangs"
-    if fault:
-        raise fault[0]
-    return result[0]
-
 
 @pytest.fixture(scope="module")
 def client() -> Iterator[distributed.Client]:
@@ -59,17 +35,6 @@ def client() -> Iterator[distributed.Client]:
         distributed.Client(cluster) as client,
     ):
         yield client
-
-
-@pytest.fixture(scope="module")
-def whole() -> vs.Image:
-    return vs.render(samples(np.uint8), resolution="full", spacing=(2, 1, 1), **OPTIONS)
-
-
-def store(path: Path, array: np.ndarray) -> zarr.Array:
-    made = zarr.create_array(path, shape=array.shape, chunks=(8, 16, 16), dtype=array.dtype, fill_value=0)
-    made[:] = array
-    return made
 
 
 def test_a_cluster_is_made_for_a_call(whole: vs.Image) -> None:
@@ -102,24 +67,6 @@ def test_arrays_and_stores_are_drawn_as_one(client: distributed.Client, whole: v
     assert set(stages) == {"overview", "bricks"}
 
 
-def test_other_executors_draw(whole: vs.Image, tmp_path: Path) -> None:
-    stored = store(tmp_path / "a.zarr", samples(np.uint8))
-    context = multiprocessing.get_context("spawn")
-    with concurrent.futures.ProcessPoolExecutor(2, mp_context=context) as pool:
-        image = limited(lambda: vd.render(stored, spacing=(2, 1, 1), executor=pool, bricks=3, **OPTIONS))
-    assert difference(image, whole) < 1e-5
-    with concurrent.futures.ThreadPoolExecutor(1) as pool:
-        chunked = da.from_array(samples(np.uint8), chunks=(10, 30, 40))
-        image = limited(lambda: vs.render(chunked, spacing=(2, 1, 1), executor=pool, bricks=2, **OPTIONS))
-    assert difference(image, whole) < 1e-5
-    # A pool has no submit, but map.
-    with context.Pool(2) as pool:
-        image = limited(lambda: vs.render(samples(np.uint8), spacing=(2, 1, 1), executor=pool, bricks=6, **OPTIONS))
-    assert difference(image, whole) < 1e-5
-    with pytest.raises(ValueError, match="expected an object with submit or map"):
-        vd.render(stored, executor=object())
-
-
 MPI = """
 import sys, numpy, voxsplat
 from mpi4py.futures import MPIPoolExecutor
@@ -150,21 +97,6 @@ def test_processes_of_mpi_draw(whole: vs.Image, tmp_path: Path) -> None:
 def test_the_executor_of_dask_draws(client: distributed.Client, whole: vs.Image) -> None:
     image = limited(lambda: vs.render(samples(np.uint8), spacing=(2, 1, 1), executor=client.get_executor(), **OPTIONS))
     assert difference(image, whole) < 1e-5
-
-
-def test_executors_need_no_dask(tmp_path: Path) -> None:
-    (tmp_path / "dask.py").write_text("raise ImportError('there is no Dask')")
-    code = """
-import concurrent.futures, numpy, sys, voxsplat
-array = numpy.random.default_rng(1).integers(0, 99, (40, 40, 40)).astype(numpy.uint8)
-with concurrent.futures.ThreadPoolExecutor(1) as pool:
-    image = voxsplat.render(array, executor=pool, bricks=2, memory="1 GB", size=40, light=False)
-assert numpy.asarray(image)[..., 3].max() > 0 and "distributed" not in sys.modules
-"""
-    package = Path(vs.__file__).parents[1]
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(map(str, (tmp_path, package)))}
-    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=LIMIT)
-    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.parametrize("kind", ["u1", "f4"])
@@ -233,60 +165,75 @@ def test_missing_and_damaged_chunks_make_no_hole(client: distributed.Client, tmp
     limited(lambda: vd.render(stored, missing_chunks="fill", **OPTIONS))
 
 
-def test_a_worker_that_is_killed_does_not_matter(whole: vs.Image) -> None:
-    def slow(block: np.ndarray) -> np.ndarray:
-        time.sleep(0.05)
-        return block
-
-    array = da.from_array(samples(np.uint8), chunks=(5, 10, 10)).map_blocks(slow, meta=np.empty((0, 0, 0), np.uint8))
+def test_a_worker_that_is_killed_does_not_matter(whole: vs.Image, tmp_path: Path) -> None:
     with (
         distributed.LocalCluster(n_workers=2, threads_per_worker=1, memory_limit="2GB", dashboard_address=":0") as cluster,
         distributed.Client(cluster) as client,
     ):
-        pids = list(client.run(os.getpid).values())
+        victim, other = client.run(os.getpid).values()
+        gate = tmp_path / "gate"
         killed: list[int] = []
 
-        def kill(stage: str, done: float) -> None:
-            if stage == "bricks" and 0 < done < 1 and not killed:
-                killed.append(pids[0])
-                os.kill(pids[0], signal.SIGKILL)
+        def held(block: np.ndarray) -> np.ndarray:
+            # While the gate is closed, only the victim works: bricks are missing when it dies.
+            while gate.exists() and os.getpid() == other:
+                time.sleep(0.01)
+            return block
 
+        def kill(stage: str, done: float) -> None:
+            if stage == "overview" and done == 1:
+                gate.touch()
+            if stage == "bricks" and 0 < done < 1 and not killed:
+                killed.append(victim)
+                os.kill(victim, signal.SIGKILL)
+                gate.unlink()
+
+        array = da.from_array(samples(np.uint8), chunks=(5, 10, 10)).map_blocks(held, meta=np.empty((0, 0, 0), np.uint8))
         image = limited(lambda: vd.render(array, spacing=(2, 1, 1), bricks=32, progress=kill, **OPTIONS))
-        assert killed == pids[:1]
+        assert killed == [victim]
         assert difference(image, whole) < 1e-5
 
 
-def test_workers_that_run_out_of_memory_end_in_one_error() -> None:
-    def greedy(block: np.ndarray) -> np.ndarray:
-        # Dask ends a worker beyond its limit. Memory that is not touched would not count.
-        held = []
-        for _ in range(60):
-            held.append(np.ones(50 << 20, np.uint8))
-            time.sleep(0.05)
+def test_workers_that_die_again_and_again_end_in_one_error() -> None:
+    def deadly(block: np.ndarray) -> np.ndarray:
+        # As Dask ends a worker beyond its limit of memory.
+        os.kill(os.getpid(), signal.SIGKILL)
         return block
 
     with (
-        distributed.LocalCluster(n_workers=1, threads_per_worker=1, memory_limit="700MB", dashboard_address=":0") as cluster,
+        dask.config.set({"distributed.scheduler.allowed-failures": 1}),
+        distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=":0") as cluster,
         distributed.Client(cluster),
     ):
-        array = da.from_array(samples(np.uint8), chunks=(20, 30, 40)).map_blocks(greedy, meta=np.empty((0, 0, 0), np.uint8))
+        array = da.from_array(samples(np.uint8), chunks=(20, 30, 40)).map_blocks(deadly, meta=np.empty((0, 0, 0), np.uint8))
         with pytest.raises(MemoryError, match="workers died"):
             limited(lambda: vd.render(array, memory="500MB", **OPTIONS))
 
 
-def test_a_scheduler_that_goes_away_ends_the_wait() -> None:
-    def slow(block: np.ndarray) -> np.ndarray:
-        time.sleep(30)
+def test_a_scheduler_that_goes_away_ends_the_wait(tmp_path: Path) -> None:
+    begun, end = tmp_path / "begun", tmp_path / "end"
+
+    def endless(block: np.ndarray) -> np.ndarray:
+        begun.touch()
+        while not end.exists():
+            time.sleep(0.01)
         return block
 
     cluster = distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=":0")
     client = distributed.Client(cluster)
+
+    def leave() -> None:
+        while not begun.exists() and not end.exists():
+            time.sleep(0.01)
+        client.sync(cluster.scheduler.close)
+
     try:
-        array = da.from_array(samples(np.uint8), chunks=(20, 30, 40)).map_blocks(slow, meta=np.empty((0, 0, 0), np.uint8))
-        threading.Timer(3, lambda: client.sync(cluster.scheduler.close)).start()
+        array = da.from_array(samples(np.uint8), chunks=(20, 30, 40)).map_blocks(endless, meta=np.empty((0, 0, 0), np.uint8))
+        threading.Thread(target=leave, daemon=True).start()
         with pytest.raises(RuntimeError, match="the scheduler of Dask is gone"):
             limited(lambda: vd.render(array, **OPTIONS))
     finally:
+        end.touch()
         for closed in (client, cluster):
             with contextlib.suppress(TimeoutError):
                 closed.close(timeout=1)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -37,10 +39,10 @@ def test_one_scan_by_many_roads_is_one_picture(scan: Path, expected: np.ndarray)
     image = nibabel.load(scan)
     assert np.array_equal(picture(image), expected)
     assert np.array_equal(picture(str(scan)), expected)
-    placed = {"affine": LPS}
+    placed = {"affine": LPS, "space": "LPS"}
     array = samples()
     assert np.array_equal(picture(array, **placed), expected)
-    assert np.array_equal(picture(np.asanyarray(image.dataobj), axes="xyz", affine=RAS, space="RAS"), expected)
+    assert np.array_equal(picture(np.asanyarray(image.dataobj), axes="xyz", affine=RAS), expected)
     assert np.array_equal(picture(dask.array.from_array(array, chunks=(7, 30, 11)), **placed), expected)
     store = zarr.create_array(store={}, shape=array.shape, chunks=(8, 8, 8), dtype=array.dtype)
     store[...] = array
@@ -54,6 +56,116 @@ def test_one_scan_by_many_roads_is_one_picture(scan: Path, expected: np.ndarray)
     grid["values"] = array.ravel()
     for close in (SimpleITK.ReadImage(str(scan)), grid):
         assert np.abs(picture(close) - expected).max() < 1e-3
+
+
+def test_an_affine_leads_to_ras_unless_space_says_otherwise(scan: Path, expected: np.ndarray) -> None:
+    import nibabel
+    import pyvista
+    import SimpleITK
+
+    image = nibabel.load(scan)
+    given = {"axes": "xyz", "affine": image.affine}
+    facts = vs.info(image)
+    assert facts["oriented"]
+    # The world is LPS.
+    assert np.array_equal(facts["affine"], LPS)
+    for space, affine in [(None, RAS), ("RAS", RAS), ("LPS", LPS)]:
+        told = vs.info(image.get_fdata(), axes="xyz", affine=affine, space=space)
+        assert (told["affine"], told["oriented"]) == (facts["affine"], True)
+    plain = vs.info(image.get_fdata(), axes="xyz", affine=RAS, space="world")
+    assert (plain["affine"], plain["oriented"]) == (RAS.tolist(), False)
+    assert np.array_equal(picture(np.asanyarray(image.dataobj), **given), expected)
+    assert np.array_equal(picture(np.asanyarray(image.dataobj), clip="R", **given), picture(scan, clip="R"))
+    # The front of a patient, unless the view is given.
+    front = {"azimuth": None, "elevation": None}
+    assert np.array_equal(picture(np.asanyarray(image.dataobj), **given, **front), picture(scan, **front))
+    # Images that state a space are not turned twice.
+    assert vs.info(image, space="RAS")["affine"] == facts["affine"]
+    itk = SimpleITK.ReadImage(str(scan))
+    assert vs.info(itk, space="LPS")["affine"] == vs.info(itk)["affine"]
+    for data, space in [(image, "LPS"), (itk, "RAS"), (itk, "world")]:
+        with pytest.raises(ValueError, match=f"space: '{space}', but places of the image are in"):
+            vs.info(data, space=space)
+    with pytest.raises(ValueError, match="space: 'MNI', expected 'RAS', 'LPS' or 'world'"):
+        vs.info(samples(), affine=LPS, space="MNI")
+    # Places without a space lie in the world as they are.
+    grid = pyvista.ImageData(dimensions=(40, 30, 20), origin=(1, 2, 3))
+    grid["values"] = samples().ravel()
+    assert not vs.info(grid)["oriented"]
+    assert [row[3] for row in vs.info(grid, space="RAS")["affine"]] == [-1, -2, 3, 1]
+
+
+def doubts(volume: Any, **options: Any) -> list[str]:
+    """The warnings about the axes of a volume."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        vs.Volume(volume, **options)
+    assert all(one.category is vs.VolumeWarning and one.filename == __file__ for one in caught)
+    return [str(one.message) for one in caught]
+
+
+def test_bare_arrays_with_x_first_give_one_warning(scan: Path, tmp_path: Path) -> None:
+    import nibabel
+
+    image = nibabel.load(scan)
+    flat = samples().flatten()
+    series = nibabel.Nifti1Image(np.asfortranarray(np.stack([samples().T] * 2, -1)), RAS)
+    nibabel.save(series, tmp_path / "series.nii")
+    np.save(tmp_path / "a.npy", np.asfortranarray(samples().T))
+    for array in (
+        image.get_fdata(),
+        image.get_fdata(dtype=np.float32),
+        np.asanyarray(image.dataobj),
+        image.get_fdata()[5:-5, :, 3:],
+        nibabel.load(tmp_path / "series.nii").get_fdata()[..., 1],
+        flat.reshape((40, 30, 20), order="F"),
+        np.load(tmp_path / "a.npy", mmap_mode="r"),
+    ):
+        (message,) = doubts(array)
+        assert f"an array of shape {array.shape} is drawn with axes (z, y, x)" in message
+        assert 'give axes="xyz" or axes="zyx", or pass the image itself' in message
+        assert "\n" not in message
+        # A spacing or an affine does not tell the axes of the array.
+        assert len(doubts(array, spacing=(1, 1, 2))) == len(doubts(array, affine=RAS)) == 1
+        assert doubts(array, axes="xyz") == doubts(array, axes="zyx") == []
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        vs.render(image.get_fdata(), mask=image.get_fdata() > 0, size=16)
+    assert [one.filename for one in caught] == [__file__]
+
+
+def test_other_arrays_give_no_warning(scan: Path) -> None:
+    import dask.array
+    import nibabel
+    import SimpleITK
+    import xarray
+
+    image, array = nibabel.load(scan), samples()
+    for volume in (
+        array,
+        array > 30,
+        array[::2, ::-1, 3:],
+        array.astype("f8"),
+        # Transposed by the caller.
+        image.get_fdata().T,
+        image.get_fdata().T.copy(),
+        np.ascontiguousarray(array.T).T,
+        np.ascontiguousarray(array.transpose(1, 2, 0)).transpose(2, 0, 1),
+        np.moveaxis(np.ascontiguousarray(np.moveaxis(array, 0, -1)), -1, 0),
+        np.broadcast_to(np.int16(3), array.shape),
+        # A slice, a row, a voxel.
+        image.get_fdata()[..., 9],
+        np.asfortranarray(array[:, :1, :1]),
+        np.zeros((1, 1, 1), order="F"),
+        image,
+        SimpleITK.GetArrayFromImage(SimpleITK.ReadImage(str(scan))),
+        SimpleITK.ReadImage(str(scan)),
+        xarray.DataArray(np.asfortranarray(array), dims=("z", "y", "x")),
+        dask.array.from_array(array),
+        array.tolist(),
+        scan,
+    ):
+        assert doubts(volume) == []
 
 
 def test_files_of_numpy_take_the_order_of_their_axes(tmp_path: Path) -> None:
@@ -144,7 +256,7 @@ def test_memory_may_lie_in_any_order() -> None:
 def test_spacing_is_in_the_order_of_the_shape() -> None:
     array = samples()
     lengths = (2.0, 1.25, 1.0)
-    drawn = picture(array, affine=np.diag([1, 1.25, 2, 1]))
+    drawn = picture(array, affine=np.diag([1, 1.25, 2, 1]), space="world")
     assert np.array_equal(picture(array, spacing=lengths), drawn)
     assert np.array_equal(picture(array.transpose(2, 1, 0), axes="xyz", spacing=lengths[::-1]), drawn)
     assert vs.info(array, spacing=lengths)["spacing"] == list(lengths)
@@ -244,8 +356,33 @@ def viewer_of(layer_options: dict[str, Any]) -> Any:
     return viewer
 
 
-def test_a_napari_viewer_is_drawn_as_it_stands() -> None:
-    viewer = viewer_of({"colormap": "magma", "rendering": "mip", "contrast_limits": (5, 90)})
+class Image(SimpleNamespace):
+    """The attributes of a layer of napari."""
+
+    def data_to_world(self, index: Any) -> Any:
+        return np.array(self.scale) * index + self.translate
+
+    def world_to_data(self, point: Any) -> Any:
+        return (np.array(point) - self.translate) / self.scale
+
+    def map(self, values: np.ndarray) -> np.ndarray:
+        return np.repeat(values[:, np.newaxis], 4, axis=1)
+
+
+def stand_in() -> Any:
+    """The attributes of a viewer of napari whose canvas shows the front of a layer, with those of `viewer_of`."""
+    place = {"scale": (2, 1.25, 1), "translate": (5, -3, 2)}
+    layer = Image(data=samples("f4"), visible=True, contrast_limits=(5, 90), gamma=1, rendering="mip", opacity=1, **place)
+    layer.colormap = layer
+    middle = tuple(layer.data_to_world((np.array(layer.data.shape) - 1) / 2))
+    camera = {"view_direction": (-1, 0, 0), "up_direction": (0, -1, 0), "center": middle, "zoom": 13.5, "perspective": 0}
+    layers = type("Layers", (list,), {"selection": SimpleNamespace(active=None)})([layer])
+    dims = SimpleNamespace(displayed=(0, 1, 2), ndim=3, point=(0, 0, 0))
+    return SimpleNamespace(layers=layers, camera=SimpleNamespace(handedness="right", **camera), dims=dims)
+
+
+def front_of(viewer: Any) -> np.ndarray:
+    """The picture of the front of a viewer, after checks of its size and its place."""
     image = vs.from_napari(viewer, size=(80, 60))
     array = np.asarray(image)
     # napari's front looks along -z, with y down and x to the right: the maximum along z.
@@ -265,6 +402,29 @@ def test_a_napari_viewer_is_drawn_as_it_stands() -> None:
     drawn = np.unravel_index(array[..., :3].sum(axis=-1).argmax(), shown.shape)
     assert np.abs(np.array(drawn) - at).max() < 3
     assert "mip" in str(image.stats["model"])
+    return array
+
+
+def test_a_viewer_is_drawn_as_it_stands() -> None:
+    viewer = stand_in()
+    array = front_of(viewer)
+    # Mirrored axes mirror the picture.
+    viewer.camera.handedness = "left"
+    assert np.abs(np.asarray(vs.from_napari(viewer, size=(80, 60)))[:, ::-1] - array).max() < 0.02
+    viewer.layers[0].rendering, viewer.layers[0].iso_threshold = "iso", 40
+    assert np.asarray(vs.from_napari(viewer, size=40))[..., 3].max() > 0.5
+    viewer.dims.displayed = (1, 2)
+    with pytest.raises(ValueError, match="ndisplay = 3"):
+        vs.from_napari(viewer)
+    viewer.dims.displayed, viewer.layers[0].visible = (0, 1, 2), False
+    with pytest.raises(ValueError, match="no visible layer"):
+        vs.from_napari(viewer)
+
+
+@pytest.mark.slow
+def test_a_napari_viewer_is_drawn_as_it_stands() -> None:
+    viewer = viewer_of({"colormap": "magma", "rendering": "mip", "contrast_limits": (5, 90)})
+    array = front_of(viewer)
     # Mirrored axes mirror the picture.
     viewer.camera.orientation = ("towards", "down", "left")
     mirrored = np.asarray(vs.from_napari(viewer, size=(80, 60)))
@@ -276,6 +436,7 @@ def test_a_napari_viewer_is_drawn_as_it_stands() -> None:
     assert turned[..., 3].max() > 0.3
 
 
+@pytest.mark.slow
 def test_napari_s_other_states_are_drawn_or_refused() -> None:
     viewer = viewer_of({"rendering": "iso", "iso_threshold": 40})
     viewer.add_labels((samples() > 40).astype(np.int32), name="labels")

@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from typing import Any
 
 import numpy as np
@@ -16,26 +15,33 @@ import voxsplat as vs
 from conftest import samples
 
 
+# Seconds after which a test has failed, so that nothing hangs; no test needs a part of it.
+LIMIT = 600
+
+
 def python(code: str, **options: Any) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=60, **options)
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=LIMIT, **options)
 
 
-def test_an_import_is_quick_and_opens_no_device() -> None:
+def test_an_import_loads_little_and_opens_no_device() -> None:
     code = """
-import os, time
+import os, sys
 import numpy
-started = time.perf_counter()
+before, tasks = set(sys.modules), len(os.listdir("/proc/self/task"))
 import voxsplat
-took = time.perf_counter() - started
-maps = open("/proc/self/maps").read()
-assert "libvulkan" not in maps, "a driver was loaded"
-print(took, len(os.listdir("/proc/self/task")))
+new = {name for name in set(sys.modules) - before if name.split(".")[0] not in ("numpy", "voxsplat")}
+print(sorted(name for name in new if name.split(".")[0] not in sys.stdlib_module_names))
+print(len(new), len(os.listdir("/proc/self/task")) - tasks)
+assert "libvulkan" not in open("/proc/self/maps").read(), "a driver was loaded"
 """
-    runs = [python(code) for _ in range(5)]
-    assert all(run.returncode == 0 for run in runs), runs[0].stderr
-    took = min(float(run.stdout.split()[0]) for run in runs)
-    # Beside 0.1 s of NumPy, for 0.15 s together. The best of five, because the machine may be busy.
-    assert took < 0.05
+    done = python(code)
+    assert done.returncode == 0, done.stderr
+    others, counts = done.stdout.splitlines()
+    assert others == "[]"
+    modules, threads = map(int, counts.split())
+    # Of the standard library: json, dataclasses and a few more.
+    assert modules < 30
+    assert threads == 0
 
 
 def test_without_a_driver_the_first_picture_says_what_to_install() -> None:
@@ -51,60 +57,93 @@ except voxsplat.DeviceError as error:
     assert done.stdout.count("\n") == 1
 
 
-LONG = """
-import threading, time, numpy, voxsplat
-volume = numpy.random.default_rng(1).random((160, 160, 160), dtype=numpy.float32)
-options = dict(size=(3000, 3000), transfer="grayscale", shading="post", painter="quads", light=False)
+def test_messages_of_drivers_are_left_out_and_others_stay() -> None:
+    code = """
+import os, sys, threading
+import numpy, voxsplat
+written, done = [], threading.Event()
+def write():
+    while not done.wait(0.0005):
+        written.append(len(written))
+        os.write(2, b"error: line %d\\n" % written[-1])
+thread = threading.Thread(target=write)
+thread.start()
+voxsplat.adapters()
+volume = numpy.random.default_rng(1).random((8, 8, 8))
+draw = lambda: voxsplat.render(volume, "grayscale", size=8)
+others = [threading.Thread(target=draw) for _ in range(3)]
+for other in others: other.start()
+draw()
+for other in others: other.join()
+done.set()
+thread.join()
+print(len(written))
+print("the end", file=sys.stderr)
 """
+    done = python(code, env={name: value for name, value in os.environ.items() if name != "XDG_RUNTIME_DIR"})
+    assert done.returncode == 0, done.stderr
+    *lines, last = done.stderr.splitlines()
+    # A line that is written at the end of a redirection may overtake the line before it.
+    assert sorted(lines) == sorted(f"error: line {number}" for number in range(int(done.stdout)))
+    assert last == "the end"
 
 
-def test_ctrl_c_ends_a_long_picture_within_a_second() -> None:
-    # A shell that runs the tests in the background has interrupts ignored.
-    code = LONG + """
-import signal
+def test_ctrl_c_ends_a_picture_before_it_is_drawn() -> None:
+    # A shell that runs the tests in the background has interrupts ignored. Another thread sends the signal, because in
+    # a callback it would be an exception of the callback.
+    code = """
+import os, signal, threading, numpy, voxsplat
 signal.signal(signal.SIGINT, signal.default_int_handler)
+volume = numpy.random.default_rng(1).random((160, 160, 160), dtype=numpy.float32)
+begun, calls = threading.Event(), []
+def report(stage, done):
+    calls.append((stage, done))
+    begun.set()
+def interrupt():
+    begun.wait()
+    os.kill(os.getpid(), signal.SIGINT)
+threading.Thread(target=interrupt).start()
 try:
-    print("drawing", flush=True)
-    voxsplat.render(volume, **options)
-    print("done", flush=True)
+    voxsplat.render(volume, size=(3000, 3000), transfer="grayscale", shading="post", painter="quads", light=False,
+                    progress=report)
+    print("done")
 except KeyboardInterrupt:
-    print("interrupted", flush=True)
+    print("interrupted", ("rendering", 1.0) in calls)
 """
-    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
-    assert process.stdout is not None
-    assert process.stdout.readline() == "drawing\n"
-    time.sleep(2)
-    sent = time.perf_counter()
-    process.send_signal(signal.SIGINT)
-    assert process.stdout.readline() == "interrupted\n"
-    assert time.perf_counter() - sent < 1
+    done = python(code)
     # The work ends at its next report, and then the process.
-    assert process.wait(40) == 0
+    assert (done.stdout, done.returncode) == ("interrupted False\n", 0), done.stderr
 
 
 def test_others_run_while_a_picture_is_drawn() -> None:
-    volume = np.random.default_rng(1).random((96, 96, 96), dtype=np.float32)
-    waits: list[float] = []
-    done = threading.Event()
+    ran, go, drawing = [False], threading.Event(), [False]
 
-    def tick() -> None:
-        last = time.perf_counter()
-        while not done.is_set():
-            time.sleep(0.005)
-            now = time.perf_counter()
-            waits.append(now - last)
-            last = now
+    def other() -> None:
+        go.wait()
+        ran[0] = drawing[0]
 
-    thread = threading.Thread(target=tick)
-    thread.start()
-    started = time.perf_counter()
-    vs.render(volume, "grayscale", size=800, shading="post")
-    took = time.perf_counter() - started
-    done.set()
-    thread.join()
-    # With the lock of the interpreter held, the longest wait would be nearly all of it.
-    assert max(waits) < 0.5 * took
-    assert len(waits) > 5
+    interval = sys.getswitchinterval()
+    with vs.Renderer() as renderer:
+        scene = renderer.prepare(samples(), "ct-bone")
+        renderer.render(scene, size=16)
+        # From now on a thread runs only while another one gives the lock of the interpreter away.
+        sys.setswitchinterval(3600)
+        try:
+            # A machine under load may not start the other thread in time, but not always.
+            for _ in range(100):
+                go.clear()
+                thread = threading.Thread(target=other)
+                thread.start()
+                drawing[0] = True
+                go.set()
+                renderer.render(scene, size=16)
+                drawing[0] = False
+                thread.join()
+                if ran[0]:
+                    break
+        finally:
+            sys.setswitchinterval(interval)
+    assert ran[0]
 
 
 def test_threads_draw_with_a_renderer_each() -> None:

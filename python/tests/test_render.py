@@ -7,6 +7,8 @@ import base64
 import io
 import json
 import re
+import warnings
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +17,7 @@ import numpy as np
 import PIL.Image
 import pytest
 import voxsplat as vs
+import xarray
 from conftest import REPOSITORY, command, samples
 
 
@@ -169,7 +172,6 @@ def test_values_out_of_range_are_value_errors_of_one_line(options: dict[str, Any
         ("nothing.nrrd", FileNotFoundError, "nothing.nrrd"),
         (Path(__file__), ValueError, "test_render.py"),
         ("demo:nothing", ValueError, "nothing"),
-        (None, ValueError, "cannot be drawn"),
     ],
 )
 def test_volumes_that_cannot_be_drawn_are_errors_of_one_line(volume: Any, kind: type[Exception], message: str) -> None:
@@ -179,9 +181,116 @@ def test_volumes_that_cannot_be_drawn_are_errors_of_one_line(volume: Any, kind: 
     assert "\n" not in str(error.value)
 
 
-def test_names_that_do_not_exist_are_type_errors() -> None:
-    with pytest.raises(TypeError, match="'asimuth' is no option"):
-        vs.render(samples(), asimuth=3)
+class Nothing:
+    pass
+
+
+@pytest.mark.parametrize(
+    ("volume", "message"),
+    [
+        (None, "NoneType is no volume, expected an array of axes (z, y, x)"),
+        (5, "int is no volume"),
+        ({}, "dict is no volume, expected one of its arrays, such as volume[NAME]"),
+        (xarray.Dataset({"a": (("z", "y", "x"), samples())}), "Dataset is no volume, expected one of its arrays"),
+        ({1, 2}, "set is no volume"),
+        (b"scan.nii", "bytes is no volume"),
+        (Nothing(), "Nothing is no volume"),
+        (len, "is no volume"),
+        ("", "'' is no volume, expected the path of a file"),
+        (" ", "' ' is no volume"),
+    ],
+)
+def test_other_objects_are_type_errors_that_list_the_volumes(volume: Any, message: str) -> None:
+    for draw in (vs.render, vs.info, vs.Volume, lambda volume: vs.plan(volume, (1, 1, 1))):
+        with pytest.raises(TypeError) as error:
+            draw(volume)
+        assert message in str(error.value)
+        assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("word", "hint"),
+    [
+        ("asimuth", "; a similar option exists: azimuth"),
+        ("elevaton", "; a similar option exists: elevation"),
+        ("backgrund", "; a similar option exists: background"),
+        ("trasfer", "; a similar option exists: transfer"),
+        ("spacings", "; a similar option exists: spacing"),
+        ("cmap", ': transfer="map:NAME"'),
+        ("clim", ": window=(LEVEL, WIDTH), from LEVEL - WIDTH/2 to LEVEL + WIDTH/2"),
+        ("vmin", ": window=(LEVEL, WIDTH)"),
+        ("vmax", ": window=(LEVEL, WIDTH)"),
+        ("elev", ": elevation=DEGREES"),
+        ("azim", ": azimuth=DEGREES"),
+        ("opacity", ": transfer=PRESET"),
+        ("cpos", ": azimuth= and elevation="),
+        ("camera_position", ": azimuth= and elevation="),
+        ("window_size", ": size=(WIDTH, HEIGHT)"),
+        ("Specular_Power", ": material="),
+        ("screenshot", ": image.save(FILE)"),
+        ("wobble", ""),
+    ],
+)
+def test_options_that_do_not_exist_are_type_errors_with_a_hint(word: str, hint: str) -> None:
+    with pytest.raises(TypeError) as error:
+        vs.render(samples(), **{word: 3})
+    assert str(error.value).startswith(f"{word!r} is no option of render, View, Settings or Volume{hint}")
+    assert hint or str(error.value).endswith("Volume")
+
+
+def test_every_interface_has_the_hints() -> None:
+    volume = vs.Volume(samples())
+    with vs.Renderer() as renderer:
+        scene = renderer.prepare(volume, size=16)
+        for call, message in [
+            (lambda: vs.View(elev=3), "'elev' is no option of View: elevation=DEGREES"),
+            (lambda: vs.View(cmap="gray"), "'cmap' is no option of View"),
+            (lambda: vs.Settings(cmap="gray"), "'cmap' is no option of Settings: transfer="),
+            (lambda: renderer.render(scene, elev=3), "'elev' is no option of View: elevation="),
+            (lambda: renderer.prepare(volume, cmap="gray"), "'cmap' is no option of Settings or Volume: transfer="),
+            (lambda: vs.Volume(samples(), voxel_size=3), "'voxel_size' is no option of Volume: spacing="),
+            (lambda: vs.info(volume, afine=3), "'afine' is no option of Volume; a similar option exists: affine"),
+            (lambda: vs.plan(volume, (1, 1, 2), elev=3), "'elev' is no option of plan, View, Settings or Volume: elevation="),
+            (lambda: vs.render(samples(), executor=ThreadPoolExecutor(1), memry=3), "similar option exists: memory"),
+        ]:
+            with pytest.raises(TypeError) as error:
+                call()
+            assert message in str(error.value)
+
+
+def test_an_empty_mask_is_an_empty_picture_with_a_warning(scan: Path, tmp_path: Path) -> None:
+    volume, clear = nibabel.load(scan), np.zeros((40, 30, 20), np.uint8)
+    other = nibabel.Nifti1Image(clear[::2, ::2, ::2].copy(), volume.affine @ np.diag([2, 2, 2, 1]))
+    for mask in (clear, clear > 0, nibabel.Nifti1Image(clear, volume.affine), other):
+        with pytest.warns(vs.VolumeWarning, match="the volume is invisible because the mask is empty") as warned:
+            image = vs.render(volume, mask=mask, size=32)
+        assert [warning.filename for warning in warned] == [__file__]
+        assert not np.asarray(image).any()
+    nibabel.save(other, tmp_path / "mask.nii")
+    said = command("render", scan, "-o", tmp_path / "a.png", "--mask", tmp_path / "mask.nii", "--size", 32)
+    assert "note: the volume is invisible because the mask is empty: all its values are 0\n" in said
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        vs.render(volume, mask=clear + 1, size=32)
+
+
+def test_a_volume_without_labels_is_an_empty_picture_with_a_warning(tmp_path: Path) -> None:
+    clear = np.zeros((6, 7, 8), np.uint8)
+    for volume, options in [(clear, {}), (clear > 0, {}), (clear.astype("i4"), {}), (clear, {"transfer": "labels"})]:
+        with pytest.warns(vs.VolumeWarning, match="no label is visible because all labels are 0"):
+            image = vs.render(volume, size=32, **options)
+        assert not np.asarray(image).any()
+    with pytest.warns(vs.VolumeWarning, match="no label is visible"):
+        image = vs.render(samples(), labels=np.zeros_like(samples()), size=32)
+    assert np.asarray(image).any()
+    np.save(tmp_path / "a.npy", clear)
+    said = command("render", tmp_path / "a.npy", "-o", tmp_path / "a.png", "--size", 32)
+    assert "because all its values are 0, as in an empty mask" in said
+    assert "note: no label is visible because all labels are 0\n" in said
+    # Numbers that are no labels, and a preset that was requested, have nothing to adapt to.
+    for volume, options in [(clear.astype("f4"), {}), (clear, {"transfer": "grayscale"})]:
+        with pytest.raises(ValueError, match="they are all 0"):
+            vs.render(volume, size=32, **options)
 
 
 def test_pictures_that_no_memory_holds_are_memory_errors() -> None:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 import voxsplat
 
 CONFIG = Path(__file__).parents[1] / "pyproject.toml"
@@ -21,9 +23,28 @@ def run(*words: str) -> None:
     assert done.returncode == 0, done.stdout + done.stderr
 
 
+def test_stubs_name_what_the_native_module_has() -> None:
+    stub = ast.parse((INSTALLED / "_native.pyi").read_text())
+
+    def names(of: object) -> set[str]:
+        return {name for name in vars(of) if not name.startswith("_")}
+
+    kinds = {node.name: node for node in stub.body if isinstance(node, ast.ClassDef)}
+    functions = {node.name for node in stub.body if isinstance(node, ast.FunctionDef)}
+    native = voxsplat._native
+    assert functions | set(kinds) == names(native)
+    assert set(native.__all__) == functions | set(kinds) | {"__version__"}
+    for name, node in kinds.items():
+        methods = {method.name for method in node.body if isinstance(method, ast.FunctionDef)}
+        own = names(getattr(native, name)) - names(getattr(native, name).__base__)
+        assert {method for method in methods if not method.startswith("_")} == own, name
+
+
+@pytest.mark.slow
 def test_stubs_describe_the_native_module() -> None:
     run("mypy.stubtest", "voxsplat._native", "--mypy-config-file", str(CONFIG))
 
 
+@pytest.mark.slow
 def test_the_package_keeps_its_types() -> None:
     run("mypy", "--config-file", str(CONFIG), "-p", "voxsplat")

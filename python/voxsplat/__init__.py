@@ -12,8 +12,9 @@ same picture of a file. `Renderer` keeps a device and its scenes for many pictur
 A picture is premultiplied RGBA, f32, composited linearly: its values are the ones of the transfer function's colours
 (display values), neither clamped nor encoded again.
 
-Errors are `ValueError` (shapes, types, settings, volumes that cannot be drawn), `MemoryError`, `OSError` (files) and
-`DeviceError` (no graphics adapter, or it failed).
+Errors are `ValueError` (shapes, types, settings, volumes that cannot be drawn), `TypeError` (objects that are no volume,
+unknown options), `MemoryError`, `OSError` (files) and `DeviceError` (no graphics adapter, or it failed). A
+`VolumeWarning` says that the axes of an array are in doubt, or that a mask or a volume of labels is empty.
 """
 
 from __future__ import annotations
@@ -22,15 +23,15 @@ import json
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
 from . import _native
 from ._native import DeviceError, __version__
 from .bricks import Brick, Partial, Plan, brick, chunk_sizes, merge
+from .convert import in_world, matrix_of
 from .image import Image
 from .progress import Progress, Reported
-from .renderer import Renderer, Scene, Volume, kept_renderer, native_volume
-from .settings import SIZE, Settings, View, as_texts, checked, pixels, split
+from .renderer import FACTS, Renderer, Scene, Volume, kept_renderer, native_volume
+from .settings import SIZE, Settings, View, as_texts, checked, field_names, pixels, refuse_unknown, split
+from .warning import VolumeWarning
 
 __all__ = [
     "Brick",
@@ -43,6 +44,7 @@ __all__ = [
     "Settings",
     "View",
     "Volume",
+    "VolumeWarning",
     "__version__",
     "adapters",
     "brick",
@@ -105,7 +107,8 @@ def render(
         Labels to draw too: an array of integers of the volume's shape and axes, or an image or a file, of which each
         voxel gets the nearest label. Label 0 is clear. `Settings.label` and `Settings.label_table` have their looks.
     mask
-        Shows the volume only where an array of the volume's shape, an image or a file is not 0.
+        Shows the volume only where an array of the volume's shape, an image or a file is not 0. With an empty mask the
+        picture is empty, and there is a `VolumeWarning`.
     overlays
         A volume to draw over the volume, or a list of them, each in its own lattice and place: an array, an image or a
         file, or a tuple (volume, look) or (volume, look, (low, high)). A look is ``"two-sided"``, ``"hot"``, a colour,
@@ -137,6 +140,8 @@ def render(
     ------
     ValueError
         Shapes, types, settings out of range, and volumes that cannot be drawn, such as NaN alone.
+    TypeError
+        Objects that are no volume, and unknown options.
     MemoryError, OSError, DeviceError
         No memory on the host or the device; a file that cannot be read; no adapter, with what to install.
     """
@@ -157,6 +162,8 @@ def render(
         options |= {"size": pixels(size), "adapter": adapter, "background": background}
         with Reported(progress) as report:
             return Large(Executor(executor), volume, transfer, report, **options).picture(report)
+    known = field_names(View, Settings) | FACTS | (render.__kwdefaults__ or {}).keys()
+    refuse_unknown(options, known, "render, View, Settings or Volume")
     parts = split(options, View, Settings)
     view, settings = View(**parts[0]), Settings(transfer=transfer, **parts[1])
     # Before a long conversion.
@@ -203,7 +210,7 @@ def plan(
         See `render`.
     shape, affine
         Of the volume itself, if `volume` is an overview: its shape (z, y, x), and 4 x 4 numbers from its (x, y, z)
-        indices to the world.
+        indices to `space`, by default the one of the overview: RAS if it is oriented, otherwise the world.
     counts
         Of all samples, if `volume` is an overview: presets and ranges are chosen by them, instead of by its samples.
     **options
@@ -217,15 +224,16 @@ def plan(
     """
     if shape is not None and (affine is None or len(shape) != 3):
         raise ValueError("shape: expected three numbers (z, y, x), with an affine of the volume")
-    rows = None
+    known = field_names(View, Settings) | FACTS | (plan.__kwdefaults__ or {}).keys()
+    refuse_unknown(options, known, "plan, View, Settings or Volume")
     if shape is None:
         if affine is not None:
             options["affine"] = affine
     else:
-        matrix = np.array(affine, dtype=np.float64)
-        if matrix.shape != (4, 4):
-            raise ValueError(f"affine: an array of shape {matrix.shape}, expected 4 x 4")
-        rows = tuple(tuple(row) for row in matrix[:3].tolist())
+        affine = matrix_of(affine)
+        space = options.get("space")
+        if isinstance(volume, Volume):
+            options.pop("space", None)
         clip = options.get("clip") or []
         if any(str(one).startswith("voxels:") for one in ([clip] if isinstance(clip, str) else clip)):
             raise ValueError("clip: voxels of an overview are not those of the volume, give a box: box:X0,X1,Y0,Y1,Z0,Z1")
@@ -234,6 +242,10 @@ def plan(
     size = pixels(size)
     _native.check(checked(view), as_texts(settings), size)
     overview = native_volume(volume, options)
+    rows = None
+    if shape is not None:
+        space = space or ("RAS" if overview.info()["oriented"] else "world")
+        rows = tuple(tuple(row) for row in in_world(affine, space)[:3].tolist())
     whole = tuple(int(n) for n in (overview.info()["shape"] if shape is None else shape))
     z, y, x = chunk_sizes(grid, whole)
     texts = as_texts(settings)

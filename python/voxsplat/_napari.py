@@ -41,7 +41,7 @@ def scene_of(viewer: Any, size: tuple[int, int] | None) -> tuple[_native.Volume,
         options |= {"projection": "perspective", "fov": float(camera.perspective)}
     array, affine = _samples(viewer, layer, shown)
     affine[:3] = mirror @ affine[:3]
-    return volume_of(array, affine=affine, replace_nan=None), options | _look(layer), canvas
+    return volume_of(array, axes="zyx", affine=affine, space="world", replace_nan=None), options | _look(layer), canvas
 
 
 def _layer(viewer: Any) -> Any:

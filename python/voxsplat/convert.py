@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from . import _native
 from .packages import TO_LPS, found_in
+from .warning import warn
 
-__all__ = ["located", "native_slice", "samples_of", "volume_of"]
+__all__ = ["in_world", "located", "matrix_of", "native_slice", "samples_of", "volume_of"]
 
 _IDENTITY = np.eye(4)
 
@@ -103,24 +105,63 @@ def located(
     facts |= _units(units)
     if axes is None:
         axes = found.axes
+        if _has_x_first(data):
+            warn(
+                f"an array of shape {data.shape} is drawn with axes (z, y, x), but its first axis is the fastest in memory, "
+                'as in (x, y, z) of nibabel and NRRD: give axes="xyz" or axes="zyx", or pass the image itself'
+            )
     if affine is not None:
         _refuse({"spacing": spacing, "origin": origin}, "stated by the affine too, give one of them")
-        matrix = np.array(affine, dtype=np.float64)
-        if matrix.shape != (4, 4):
-            raise ValueError(f"affine: an array of shape {matrix.shape}, expected 4 x 4")
+        space = "RAS" if space is None else space
+        matrix = matrix_of(affine)
     else:
         matrix = (_IDENTITY if found.affine is None else found.affine).copy()
         if spacing is not None:
             matrix[:3, :3] = _with_spacing(matrix[:3, :3], _by_axis("spacing", spacing, axes))
         if origin is not None:
             matrix[:3, 3] = _numbers("origin", origin)
+        if space is not None and found.space is not None:
+            if space != found.space:
+                raise ValueError(f"space: {space!r}, but places of the image are in {found.space}: leave space out")
+            # They are in LPS already.
+            space = "LPS"
     if space is not None:
-        if space not in ("LPS", "RAS"):
-            raise ValueError(f"space: {space!r}, expected 'LPS' or 'RAS'")
-        matrix = TO_LPS @ matrix if space == "RAS" else matrix
-        facts["oriented"] = True
+        matrix = in_world(matrix, space)
+        facts["oriented"] = space != "world"
     facts["affine"] = tuple(tuple(row) for row in matrix[:3].tolist())
     return found.array, axes, facts
+
+
+def matrix_of(affine: Any) -> np.ndarray[Any, Any]:
+    """Return an affine as a matrix. Raises ValueError for other shapes."""
+    matrix = np.array(affine, dtype=np.float64)
+    if matrix.shape != (4, 4):
+        raise ValueError(f"affine: an array of shape {matrix.shape}, expected 4 x 4")
+    return matrix
+
+
+def in_world(matrix: np.ndarray[Any, Any], space: str) -> np.ndarray[Any, Any]:
+    """Return an affine that leads to a space as one to the world of voxsplat, which is LPS for patients."""
+    if space not in ("RAS", "LPS", "world"):
+        raise ValueError(f"space: {space!r}, expected 'RAS', 'LPS' or 'world'")
+    return TO_LPS @ matrix if space == "RAS" else matrix
+
+
+def _has_x_first(data: Any) -> bool:
+    """Whether an array of three axes is likely to be (x, y, z): its first axis is the fastest in memory.
+
+    Packages that read files in the order of their samples make such arrays: nibabel, pynrrd, memory maps in the order
+    of Fortran. An array that the caller has transposed does not count, because then the caller minds the axes; nor does
+    an array of another package, which may state its axes.
+    """
+    if not isinstance(data, np.ndarray) or data.ndim != 3:
+        return False
+    strides = [abs(stride) for stride, n in zip(data.strides, data.shape, strict=True) if n > 1]
+    owner = data
+    while isinstance(owner.base, np.ndarray):
+        owner = owner.base
+    is_transposed = owner.ndim > 1 and owner.flags.c_contiguous
+    return len(strides) > 1 and all(a < b for a, b in pairwise(strides)) and not is_transposed
 
 
 def native_slice(
@@ -142,6 +183,8 @@ def _path(data: Any) -> str | None:
         path = os.fspath(data)
         if isinstance(path, bytes):
             path = os.fsdecode(path)
+        if not path.strip():
+            raise TypeError(f"{path!r} is no volume, expected the path of a file, or an array: see voxsplat.Volume")
         return path
     return None
 

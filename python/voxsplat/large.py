@@ -16,7 +16,7 @@ from .bricks import Brick, Partial, Plan, brick, merge
 from .convert import native_slice, samples_of
 from .engines import Engine, Here, Report
 from .image import Image
-from .settings import SIZE, Settings, View, as_texts, split
+from .settings import SIZE, Settings, View, as_texts, field_names, refuse_unknown, split
 from .sources import Source, grouped, samples_in
 
 __all__ = ["Large"]
@@ -50,6 +50,8 @@ class Large:
         self.engine, self.transfer, self.size, self.background = engine, transfer, size, background
         self.memory, self.least = engine.memory(memory), engine.least(bricks)
         self.source = Source(array, {name: options.pop(name) for name in _FACTS if name in options}, missing_chunks)
+        known = field_names(View, Settings).union(_FACTS, Large.__init__.__kwdefaults__ or ())
+        refuse_unknown(options, known, "render, View, Settings or Volume")
         self.options = options
         facts = self.source.facts
         self.slice_facts = {"replace_nan": replace_nan, "slope": facts["slope"], "intercept": facts["intercept"]}
@@ -107,7 +109,8 @@ class Large:
         source = self.source
         whole: dict[str, Any] = {}
         if self.step > 1:
-            whole = {"shape": source.shape, "affine": self.affine, "counts": self.counts}
+            # The affine leads to the world already.
+            whole = {"shape": source.shape, "affine": self.affine, "space": "world", "counts": self.counts}
         counts = [1, 1, 1]
         while True:
             while int(np.prod(counts)) < self.least and self._split(counts):

@@ -16,7 +16,7 @@ pyvista.ImageData      x, y, z                 spacing, origin and direction; no
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -40,6 +40,8 @@ class Found:
         self.array = array
         self.axes: str = facts.pop("axes", "zyx")
         self.affine: np.ndarray[Any, Any] | None = facts.pop("affine", None)
+        # The space that affines of the package lead to, if it is one of patients; `affine` leads to LPS then.
+        self.space: str | None = facts.pop("space", None)
         self.facts: dict[str, Any] = facts
 
 
@@ -47,6 +49,8 @@ def found_in(data: Any) -> Found:
     """Return the array of an object, with the facts that the object states."""
     if isinstance(data, np.ndarray):
         return Found(data)
+    if data is None or isinstance(data, Mapping):
+        raise _no_volume(data)
     if hasattr(data, "dataobj") and hasattr(data, "affine") and hasattr(data, "header"):
         return _of_nibabel(data)
     if all(hasattr(data, name) for name in ("GetSpacing", "GetOrigin", "GetDirection", "GetPixelIDValue")):
@@ -55,7 +59,19 @@ def found_in(data: Any) -> Found:
         return _of_pyvista(data)
     if all(hasattr(data, name) for name in ("dims", "coords", "attrs", "values")):
         return _of_xarray(data)
+    are_arrays = ("__array__", "__array_interface__", "__dlpack__", "__cuda_array_interface__", "shape")
+    if not isinstance(data, (list, tuple)) and not any(hasattr(data, name) for name in are_arrays):
+        raise _no_volume(data)
     return Found(data)
+
+
+def _no_volume(data: Any) -> TypeError:
+    """The error of an object that is no volume."""
+    choice = "one of its arrays, such as volume[NAME], or " if hasattr(data, "keys") else ""
+    return TypeError(
+        f"{type(data).__name__} is no volume, expected {choice}an array of axes (z, y, x) such as of NumPy, xarray, Zarr or "
+        "Dask, an image of nibabel, SimpleITK or pyvista, a voxsplat.Volume, or the path of a file"
+    )
 
 
 def _of_nibabel(image: Any) -> Found:
@@ -87,7 +103,7 @@ def _of_nibabel(image: Any) -> Found:
         # Axes of frequency or phase, or an echo time as dcm2niix writes it.
         has_echo = any(field.strip().startswith("TE=") for field in description.split(";"))
         facts["modality"] = "MR" if int(fields["dim_info"]) & 15 or has_echo else None
-    return Found(array, axes="xyz", affine=TO_LPS @ np.asarray(image.affine, dtype=np.float64), **facts)
+    return Found(array, axes="xyz", affine=TO_LPS @ np.asarray(image.affine, dtype=np.float64), space="RAS", **facts)
 
 
 def _text(header: Any, field: str) -> str:
@@ -105,7 +121,7 @@ def _of_simpleitk(image: Any) -> Found:
     matrix = np.eye(4)
     matrix[:3, :3] = np.array(image.GetDirection()).reshape(3, 3) * np.array(image.GetSpacing())
     matrix[:3, 3] = image.GetOrigin()
-    return Found(array, affine=matrix, oriented=True)
+    return Found(array, affine=matrix, space="LPS", oriented=True)
 
 
 def _of_pyvista(grid: Any) -> Found:

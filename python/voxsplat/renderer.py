@@ -17,9 +17,13 @@ from .image import Image
 from .meshes import depth_of, meshes_of
 from .packages import found_in
 from .progress import Progress, Reported
-from .settings import SIZE, Settings, View, as_texts, checked, pixels, split, whole_numbers
+from .settings import SIZE, Settings, View, as_texts, checked, field_names, pixels, refuse_unknown, split, whole_numbers
+from .warning import warn
 
-__all__ = ["Renderer", "Scene", "Volume", "kept_renderer", "native_volume"]
+__all__ = ["FACTS", "Renderer", "Scene", "Volume", "kept_renderer", "native_volume"]
+
+# The names of the facts about a volume.
+FACTS = frozenset(volume_of.__kwdefaults__ or {})
 
 
 class Volume:
@@ -37,12 +41,15 @@ class Volume:
     origin
         World point (x, y, z) of the first sample.
     axes
-        The axes of the array: ``"zyx"`` by default, ``"xyz"`` for arrays that nibabel indexes. Files of NumPy and of
-        bare samples take it too.
+        The axes of the array: ``"zyx"`` by default, ``"xyz"`` for arrays that nibabel indexes, such as
+        ``image.get_fdata()``. A bare array of NumPy without axes whose first axis is the fastest in memory gives a
+        `VolumeWarning`, unless it is a transposed view. Files of NumPy and of bare samples take axes too.
     affine
-        4 x 4 numbers, from (x, y, z) indices to the world, in place of spacing and origin.
+        4 x 4 numbers, from (x, y, z) indices to `space`, in place of spacing and origin.
     space
-        ``"LPS"`` or ``"RAS"``: the affine leads to a patient, whose front is shown and whose sides clip.
+        The space that the affine, or spacing and origin, lead to. ``"RAS"``, the default of an affine, such as
+        ``image.affine`` of nibabel, or ``"LPS"``: a patient, whose front is shown and whose sides clip. ``"world"``,
+        otherwise the default: (x, y, z) of no patient. The world of pictures and of `info` is LPS for patients.
     units
         The unit of lengths, such as ``"mm"``, or ``{"length": .., "value": ..}``. Values in ``"HU"`` are CT.
     modality
@@ -105,9 +112,10 @@ class Renderer:
     ) -> Scene:
         """Prepare a volume. Studio light stands around `view` and stays there when the view turns.
 
-        `labels`, `mask` and `overlays` are as of `voxsplat.render`. `changes` are fields of `Settings`, and of `Volume` for a volume
-        that is none yet.
+        `labels`, `mask` and `overlays` are as of `voxsplat.render`. `changes` are fields of `Settings`, and of `Volume`
+        for a volume that is none yet.
         """
+        refuse_unknown(changes, field_names(Settings) | FACTS, "Settings or Volume")
         (changed,) = split(changes, Settings)
         settings = replace(settings or Settings(), **changed)
         if transfer is not None:
@@ -118,6 +126,8 @@ class Renderer:
         source = native_volume(volume, changes)
         with Reported(progress) as report:
             scene = self._native.prepare(source, over, shown, layers, texts, view, size, report)
+        for reason in scene.hidden:
+            warn(reason)
         return Scene(scene)
 
     def render(
@@ -233,12 +243,9 @@ def _overlay(
 
 def native_volume(data: Any, facts: dict[str, Any]) -> _native.Volume:
     """Return the native volume of an object, with facts that it does not state: the parameters of `Volume`."""
+    refuse_unknown(facts, FACTS, "Volume")
     if isinstance(data, Volume):
         if facts:
             raise ValueError(f"{next(iter(facts))}: the volume is a voxsplat.Volume already")
         return data._native
-    known = volume_of.__kwdefaults__ or {}
-    for name in facts:
-        if name not in known:
-            raise TypeError(f"{name!r} is no option of View, Settings or Volume")
     return volume_of(data, **facts)

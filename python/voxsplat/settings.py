@@ -2,17 +2,59 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any
+from typing import Any, TypeVar
 
-__all__ = ["SIZE", "Settings", "View", "as_texts", "checked", "pixels", "split", "whole_numbers"]
+from . import _native
+
+__all__ = [
+    "SIZE",
+    "Settings",
+    "View",
+    "as_texts",
+    "checked",
+    "field_names",
+    "pixels",
+    "refuse_unknown",
+    "split",
+    "whole_numbers",
+]
 
 SIZE = (1024, 1024)
+_Kind = TypeVar("_Kind")
 
 
+def refuse_unknown(given: Iterable[str], known: Iterable[str], of: str) -> None:
+    """Raise TypeError for a name that is not known, with the name that may have been meant."""
+    names = sorted(known)
+    for name in given:
+        if name not in names:
+            raise TypeError(f"{name!r} is no option of {of}{_native.hint(name, names)}")
+
+
+def field_names(*kinds: type[Any]) -> set[str]:
+    """Return the names of the fields of dataclasses."""
+    return {field.name for kind in kinds for field in fields(kind)}
+
+
+def _hinting(kind: type[_Kind]) -> type[_Kind]:
+    """The same dataclass, whose error for a wrong field has a hint."""
+    made = kind.__init__
+
+    @functools.wraps(made)
+    def init(self: _Kind, *values: Any, **named: Any) -> None:
+        refuse_unknown(named, field_names(kind), kind.__name__)
+        made(self, *values, **named)
+
+    kind.__init__ = init  # type: ignore[assignment]
+    return kind
+
+
+@_hinting
 @dataclass(frozen=True, kw_only=True)
 class View:
     """Where the eye is. Angles are in degrees, lengths in the unit of the volume's world.
@@ -49,6 +91,7 @@ class View:
     """World distance from the eye to the target, in perspective."""
 
 
+@_hinting
 @dataclass(frozen=True, kw_only=True)
 class Settings:
     """What is drawn, and how. Fields that are None are chosen for the volume.
@@ -117,7 +160,7 @@ class Settings:
 
 def split(options: dict[str, Any], *kinds: type) -> list[dict[str, Any]]:
     """Take the fields of dataclasses out of keyword arguments."""
-    names = [{field.name for field in fields(kind)} for kind in kinds]
+    names = [field_names(kind) for kind in kinds]
     return [{name: options.pop(name) for name in list(options) if name in known} for known in names]
 
 

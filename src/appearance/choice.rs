@@ -55,6 +55,9 @@ impl ValueMeaning {
             return Ok(Self::Labels { reason });
         }
         let statistics = statistics()?;
+        if labels && !volume.sample_type().is_float() && [statistics.min, statistics.max] == [0.0; 2] {
+            return Ok(Self::Labels { reason: "all its values are 0, as in an empty mask".to_owned() });
+        }
         let Suggestion { name, reason, is_guess } = suggest(volume, &statistics);
         let transfer = presets::preset(name, volume, &statistics, values)?;
         Ok(Self::Values { transfer, preset: presets::find(name)?, reason, is_guess })

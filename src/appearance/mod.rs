@@ -5,6 +5,7 @@
 mod channels;
 mod choice;
 mod clip;
+mod foreign;
 mod labels;
 mod light;
 mod options;
@@ -19,6 +20,7 @@ use std::path::Path;
 pub use channels::{ChannelChoice, ChannelLook, Loaded, Values, load_channels};
 pub use choice::{Choice, GUESS, ValueMeaning};
 pub use clip::ClipSpec;
+pub use foreign::ForeignWords;
 pub use labels::{LabelLooks, LabelSpec};
 pub use light::{LightPlace, LightRequest, LightSpec, OcclusionSpec, ShadowSpec, place_studio};
 pub use options::{command_line, notes, options_of, quoted};

@@ -37,6 +37,7 @@ pub(crate) mod splat;
 pub(crate) mod stage;
 #[cfg(test)]
 mod stages_test;
+pub(crate) mod stderr;
 pub(crate) mod store;
 pub(crate) mod timing;
 pub(crate) mod transfer;

@@ -154,15 +154,16 @@ impl Layer {
     }
 
     /// Returns the same layer, visible only in the voxels whose label in `mask` is one of `which`. Reads `mask` once.
+    /// With an empty mask, all of whose labels are 0, the layer is invisible (see [`Layers::hidden`]).
     ///
     /// # Errors
-    /// The errors of [`Self::labels`], and [`Error::Setting`] if the lattices differ (see [`on_lattice`]) or no voxel
-    /// has such a label.
+    /// The errors of [`Self::labels`], and [`Error::Setting`] if the lattices differ (see [`on_lattice`]), or if there
+    /// are labels other than 0 and none of them is one of `which`.
     pub fn masked(self, mask: &Volume, which: &LabelSelection) -> Result<Self> {
         check_lattice("mask", self.volume(), mask)?;
-        let shown: Vec<i64> =
-            count_labels(mask)?.into_iter().map(|count| count.label).filter(|&label| which.has(label, "")).collect();
-        if shown.is_empty() {
+        let all: Vec<i64> = count_labels(mask)?.into_iter().map(|count| count.label).collect();
+        let shown: Vec<i64> = all.iter().copied().filter(|&label| which.has(label, "")).collect();
+        if shown.is_empty() && all != [0] {
             return Err(Error::setting("mask", "no voxel has such a label"));
         }
         Ok(Self { mask: Some(Mask { volume: mask.clone(), shown: shown.into() }), ..self })
@@ -448,6 +449,18 @@ impl Layers {
             }
         }
         Ok(entries)
+    }
+
+    /// Returns why layers are invisible: because of an empty mask, or of a volume of labels without labels.
+    #[must_use]
+    pub fn hidden(&self) -> Vec<&'static str> {
+        let is_masked = |layer: &Layer| layer.mask.as_ref().is_some_and(|mask| mask.shown.is_empty());
+        let is_blank = |layer: &Layer| matches!(&layer.matter, Matter::Labels { looks, .. } if looks.iter().all(|look| look.label == 0 && look.opacity <= 0.0));
+        let any = |test: &dyn Fn(&Layer) -> bool| self.layers.iter().any(test);
+        let masked =
+            any(&is_masked).then_some("the volume is invisible because the mask is empty: all its values are 0");
+        let blank = any(&is_blank).then_some("no label is visible because all labels are 0");
+        masked.into_iter().chain(blank).collect()
     }
 
     /// The volume and the transfer function, if there is no other layer and no mask.

@@ -1,11 +1,10 @@
 //! `voxsplat devices`.
 
 use voxsplat::adapter::AdapterInfo;
-use voxsplat::renderer::adapters;
+use voxsplat::renderer::{adapters, silenced};
 
 use super::failure::{Failure, fail};
 use super::output;
-use super::stderr::silenced;
 
 pub(crate) fn run() -> Result<(), Failure> {
     let adapters = silenced(adapters);

@@ -31,7 +31,6 @@ mod session;
 mod signals;
 mod solids;
 mod stages;
-mod stderr;
 mod transfer;
 mod tune;
 mod turntable;

@@ -15,7 +15,7 @@ use voxsplat::formats::{LoadOptions, PyramidLevel, TimeSeries};
 use voxsplat::image::{DepthMap, Image, Note};
 use voxsplat::layers::{Layer, Layers};
 use voxsplat::reference::Reference;
-use voxsplat::renderer::{Renderer, RendererOptions};
+use voxsplat::renderer::{Renderer, RendererOptions, silenced};
 use voxsplat::settings::{Model, Settings};
 use voxsplat::solids::Solids;
 use voxsplat::stats::Stats;
@@ -30,7 +30,6 @@ use super::job::{Engine, NO_LEGEND, RenderJob};
 use super::progress::{self, Progress, Remaining};
 use super::solids::HeldSolids;
 use super::stages::Stages;
-use super::stderr::silenced;
 use super::{layers, output};
 
 /// The state that pictures of one volume share.
@@ -134,8 +133,7 @@ impl Session {
     pub(crate) fn open(job: &RenderJob, stages: &mut Stages) -> Result<(Self, Fitted), Failure> {
         let mut opening = Stages::default();
         let progress = Progress::spinner("reading");
-        // Opening the driver takes about as long as reading a small volume, so both run at once. The driver is silenced
-        // meanwhile, and with it this process: notes are printed afterwards.
+        // Opening the driver takes about as long as reading a small volume, so both run at once.
         let (read, opened) = std::thread::scope(|scope| {
             let adapter = match &job.engine {
                 Engine::Device { adapter } => Some(adapter.clone()),
@@ -320,6 +318,7 @@ impl Session {
             (channels, false) => channels.to_vec(),
         };
         let layers = stages.time("labels", || job.layers.over(base, read))?;
+        layers.hidden().into_iter().for_each(|reason| self.say(format!("note: {reason}")));
         match &self.overlays {
             Some(overlays) => Ok(overlays.over(layers)?),
             None => Ok(layers),

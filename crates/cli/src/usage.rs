@@ -5,63 +5,17 @@ use std::path::Path;
 
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Arg, Command};
+use voxsplat::appearance::ForeignWords;
 use voxsplat_volume::names::{is_near, nearest};
 
 use super::args;
 use super::destination::STREAM;
 use super::tune;
 
-/// Words of other programs and of earlier versions, each row with the option of this program: VTK and ParaView, 3D
-/// Slicer, niivue, MRIcroGL, napari, Blender, ffmpeg and ImageMagick. A command without the option gives no tip.
-const FOREIGN: [&str; 36] = [
-    "preset tf transfer-function opacity-transfer-function lut opacity color-transfer-function: \
-     --transfer PRESET or FILE",
-    "colour-map color-map colormap colourmap cmap palette clut color-preset colorscale colors: --transfer map:NAME",
-    "threshold iso isovalue isosurface contour cal-min cal-max clim range min max: --window LEVEL,WIDTH",
-    "level-width ww wl wc contrast contrast-limits brightness: --window LEVEL,WIDTH",
-    "slice slices slab cut cutplane clip-plane-depth section slice-type mosaic: \
-     there are no slices; --clip cuts the volume",
-    "crop roi bounds extract subset voi: --clip voxels:I0:I1,J0:J1,K0:K1 keeps voxels",
-    "clip-box: --clip box:X0,X1,Y0,Y1,Z0,Z1 keeps a box of the world",
-    "length-unit: --units length=UNIT",
-    "value-unit: --units value=UNIT",
-    "label-opacity: --label all:xF multiplies the opacities of labels",
-    "footprint-table: the option is removed; --tune table-error=E sets the accuracy of the table",
-    "sheets-per-pass: the option is removed; the adapter's best number is used",
-    "view camera camera-position rotate rotation rotate-camera orientation angle side: \
-     --azimuth and --elevation turn the view, --direction X,Y,Z sets it",
-    "pitch tilt elev: --elevation DEG raises the eye",
-    "yaw azi azim heading: --azimuth DEG turns the eye",
-    "view-up viewup up-vector: --up X,Y,Z",
-    "focal-point center centre look-at lookat focus: --target X,Y,Z is the middle of the picture",
-    "parallel parallel-projection ortho perspective: --projection orthographic or perspective",
-    "field-of-view view-angle focal-length lens: --fov DEG with --projection perspective",
-    "parallel-scale scale magnification: --zoom F magnifies, --view-height LENGTH sets the world height",
-    "resolution-xy width height image-size image-resolution geometry pixels window-size: --size WxH, in pixels",
-    "bg background-colour back-color bgcolor clear-color: --background COLOUR",
-    "out save save-bmp savebmp screenshot file filename o: -o FILE is the picture",
-    "blend blend-mode render-mode rendering mode volume-mapper technique projection-mode: \
-     --model composite, xray, mip, minip or average",
-    "mip maximum maximum-intensity max-intensity: --model mip",
-    "shade shader lighting illumination headlight: --light studio, headlight, AZ,EL or @X,Y,Z",
-    "ambient diffuse specular specular-power shininess: --material A,D,S,N of lit surfaces",
-    "ambient-occlusion ao ssao: --occlusion RADIUS",
-    "sample-distance step step-size samples quality lod: --max-error E sets the accuracy",
-    "interpolation interpolate filter smooth linear: --kernel and --sharpness reconstruct",
-    "fps framerate frame-rate r: --rate N, frames a second",
-    "stat-map statmap activation fusion zmap layer: --overlay FILE[:TRANSFER][@LO..HI]",
-    "stl ply obj polydata: --mesh FILE[:COLOUR]",
-    "depth-buffer zbuffer z-buffer: --depth FILE.exr",
-    "segmentation seg atlas labelmap label-map: --labels FILE, --mask FILE",
-    "colorbar scalar-bar scalarbar show-colorbar: --colour-bar",
-];
-
 /// Returns our option for a word of another program or of an earlier version, if the command has all options that the
 /// text names.
 fn own_words(command: &Command, word: &str) -> Option<String> {
-    let mut rows = FOREIGN.iter().filter_map(|row| row.split_once(": "));
-    let row = rows.find(|(words, _)| words.split(' ').any(|other| other == word));
-    let of_table = row.map(|(_, text)| text.to_owned());
+    let of_table = ForeignWords::of(word).map(|row| row.option.to_owned()).filter(|text| !text.is_empty());
     let text = of_table.or_else(|| tune::has(word).then(|| format!("--tune {word}=VALUE")))?;
     let is_known = named_in(&text).all(|name| args::option(command, name).is_some());
     is_known.then_some(text)
@@ -265,11 +219,14 @@ mod tests {
         let turntable = program.find_subcommand("turntable").unwrap();
         let has = |name: &str| args::option(turntable, name).is_some();
         let mut seen = Vec::new();
-        for (words, text) in FOREIGN.iter().map(|row| row.split_once(": ").unwrap()) {
+        for ForeignWords { words, option: text, .. } in ForeignWords::all() {
             for word in words.split(' ') {
-                assert!(!has(word), "--{word} is an option");
                 assert!(!seen.contains(&word), "{word} is there twice");
                 seen.push(word);
+                if text.is_empty() {
+                    continue;
+                }
+                assert!(!has(word), "--{word} is an option");
                 assert!(said(&format!("voxsplat turntable a.nii --{word}")).contains(text), "{word}");
             }
             assert!(named_in(text).all(has), "{text}");

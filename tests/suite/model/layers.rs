@@ -212,3 +212,31 @@ fn what_layers_are_not_drawn_by_is_refused() {
     let scan = Layer::scalars(&scan().0, &transfer);
     refused(scan.masked(&labels(), &LabelSelection::Numbers(vec![[90, 99]])).map(drop), "mask", "no voxel");
 }
+
+#[test]
+fn an_empty_mask_and_a_volume_without_labels_are_invisible_for_a_reason() {
+    let (volume, transfer) = scan();
+    let grid = *volume.grid();
+    let none = Volume::from_slice(grid.dims(), [1.0; 3], &vec![0_u8; grid.len() as usize]).unwrap();
+    let none = none.with_grid(grid).unwrap();
+    let masked = |which: LabelSelection| Layer::scalars(&volume, &transfer).masked(&none, &which).unwrap();
+    let blank = Layer::labels(&none, &Labels::default()).unwrap();
+    let (camera, settings) = (camera(33.0, ProjectionKind::Orthographic, &volume, 16), Settings::default());
+    let masked_reason = "the volume is invisible because the mask is empty: all its values are 0";
+    let blank_reason = "no label is visible because all labels are 0";
+    for (layers, reasons) in [
+        (Layers::new(masked(LabelSelection::All)), vec![masked_reason]),
+        (Layers::new(masked(LabelSelection::Numbers(vec![[1, 3]]))), vec![masked_reason]),
+        (Layers::new(blank.clone()), vec![blank_reason]),
+        (Layers::new(masked(LabelSelection::All)).with(blank).unwrap(), vec![masked_reason, blank_reason]),
+    ] {
+        assert_eq!(layers.hidden(), reasons);
+        let image = draw(&RENDERER.prepare_layers(&layers, &settings).unwrap(), &camera, &settings).image;
+        assert!(image.pixels().iter().flatten().all(|channel| *channel == 0.0));
+    }
+    // A label 0 with a colour of its own, and a volume that is clear by its transfer function, are as requested.
+    let red = Label { color: [1.0, 0.0, 0.0], opacity: 1.0, name: String::new() };
+    let coloured = Layer::labels(&none, &Labels::default().with(0, red)).unwrap();
+    assert!(Layers::new(coloured).hidden().is_empty());
+    assert!(Layers::of_volume(&none, &transfer).hidden().is_empty());
+}

@@ -4,7 +4,7 @@ use voxsplat::bricks::{self, Partial};
 use voxsplat::formats::load;
 use voxsplat::image::check_writable;
 use voxsplat::layers::Layers;
-use voxsplat::renderer::{Renderer, RendererOptions};
+use voxsplat::renderer::{Renderer, RendererOptions, silenced};
 
 use super::document;
 use crate::args::BrickArgs;
@@ -13,7 +13,6 @@ use crate::job::Engine;
 use crate::progress;
 use crate::session::Session;
 use crate::stages::Stages;
-use crate::stderr::silenced;
 
 pub(crate) fn run(args: &BrickArgs) -> Result<(), Failure> {
     check_writable(&args.output).map_err(|e| Failure::usage(format!("--output: {e:#}")))?;

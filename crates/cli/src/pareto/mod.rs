@@ -24,7 +24,7 @@ use voxsplat::image::{Background, Image, check_writable, compare, difference_pic
 use voxsplat::kernel::Kernel;
 use voxsplat::layers::Layers;
 use voxsplat::reference::Reference;
-use voxsplat::renderer::{Rendered, Scene};
+use voxsplat::renderer::{Rendered, Scene, silenced};
 use voxsplat::settings::{Painter, Response, Settings};
 use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::{Statistics, Volume};
@@ -41,7 +41,6 @@ use super::output;
 use super::progress::{Progress, Remaining};
 use super::session::say_choice;
 use super::stages::Stages;
-use super::stderr::silenced;
 use super::transfer::transfer as requested_transfer;
 use super::tune::{Tuning, pairs_without};
 use date::today;
