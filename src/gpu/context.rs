@@ -6,6 +6,7 @@ use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 use super::savings::Savings;
 use crate::error::{Error, Result};
 use crate::stats::adapter::{AdapterInfo, AdapterKind};
+use voxsplat_volume::memory;
 
 impl From<&wgpu::AdapterInfo> for AdapterInfo {
     fn from(info: &wgpu::AdapterInfo) -> Self {
@@ -48,15 +49,31 @@ pub(crate) fn adapters() -> Vec<AdapterInfo> {
     pollster::block_on(enumerate()).into_iter().map(|(info, _)| info).collect()
 }
 
+/// The reason of an empty list of adapters.
+const NO_DRIVER: &str = "no Vulkan, Metal or DX12 driver found; on Debian and Ubuntu `apt-get install \
+                         mesa-vulkan-drivers libvulkan1` gives a software one";
+
+/// Bytes of memory without which drivers fail to load or to open, in words about anything but memory. Mesa's software
+/// one takes up to 600 MB of addresses.
+const DRIVER_BYTES: u64 = 512 << 20;
+
+/// The error of an adapter that is missing or cannot be opened: the lack of memory, or a reason.
+fn unopened(bytes: u64, reason: impl FnOnce() -> String) -> Error {
+    let short = memory::check(bytes, String::new).map_err(|_| {
+        format!(
+            "there is no memory for its driver, which takes up to {} MiB: free memory, or raise the limit of the \
+             process (ulimit -v)",
+            bytes >> 20
+        )
+    });
+    Error::NoAdapter(short.map_or_else(|short| short, |()| reason()))
+}
+
 /// The index of the adapter that `wanted` names among names, best first: a part of its name, letter case ignored, or
 /// its index behind `#`. `None` is the best.
 fn chosen(wanted: Option<&str>, names: &[&str]) -> Result<usize> {
     if names.is_empty() {
-        return Err(Error::NoAdapter(
-            "no Vulkan, Metal or DX12 driver found; on Debian and Ubuntu `apt-get install mesa-vulkan-drivers \
-             libvulkan1` gives a software one"
-                .to_owned(),
-        ));
+        return Err(unopened(DRIVER_BYTES, || NO_DRIVER.to_owned()));
     }
     let Some(wanted) = wanted else { return Ok(0) };
     let part = wanted.to_lowercase();
@@ -168,8 +185,9 @@ impl Context {
             required_limits: limits,
             ..Default::default()
         });
-        let (device, queue) = pollster::block_on(request)
-            .map_err(|e| Error::NoAdapter(format!("{} cannot be opened: {}", info.name, one_line(&e.to_string()))))?;
+        let (device, queue) = pollster::block_on(request).map_err(|e| {
+            unopened(DRIVER_BYTES, || format!("{} cannot be opened: {}", info.name, one_line(&e.to_string())))
+        })?;
         let context = Self::of_device(device, queue, info);
         context.watch();
         Ok(context)
@@ -489,5 +507,13 @@ mod tests {
             assert!(error.contains(&expected), "{error}");
         }
         assert!(chosen(None, &[]).unwrap_err().to_string().contains("mesa-vulkan-drivers"));
+    }
+
+    #[test]
+    fn a_driver_without_memory_is_no_missing_driver() {
+        let error = |bytes| unopened(bytes, || "none found".to_owned()).to_string();
+        assert_eq!(error(1), "no graphics adapter: none found");
+        let short = error(1 << 60);
+        assert!(short.contains("no memory for its driver") && short.contains("ulimit -v"), "{short}");
     }
 }

@@ -38,8 +38,8 @@ const fn idle(options: &'static str, holds: fn(&Given<'_>) -> bool, because: &'s
 /// Options that always have an effect, or that `clap` (`conflicts_with`), the library (`Settings::validate`,
 /// `formats::load`) or `session::say_choice` refuse or note.
 #[cfg(test)]
-const FREE: &str = "help quiet dims type offset axis-order spacing replace-nan channel time pyramid output size up \
-                    target projection view-height transfer transfer-values model response depth-coded attenuation \
+const FREE: &str = "help quiet json dims type offset axis-order spacing replace-nan channel time pyramid output size \
+                    up target projection view-height transfer transfer-values model response depth-coded attenuation \
                     light clip kernel sharpness labels mask tune tune:normalization tune:antialiasing views \
                     repeats patience seconds rivals frames turn key-frames grid";
 
