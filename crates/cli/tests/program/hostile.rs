@@ -624,7 +624,7 @@ fn a_limit_of_file_sizes_is_a_failure_and_leaves_nothing() {
             std::fs::write(dir.path().join("d.exr"), b"old").unwrap();
         }
         let (status, said) = ended(started(dir.path(), "ulimit -f 64", arguments));
-        assert_eq!(status.code(), Some(1), "{status}: {said}");
+        assert_eq!(status.code(), Some(2), "{status}: {said}");
         assert!(
             said.starts_with("voxsplat: cannot write d.exr: File too large") && said.lines().count() == 1,
             "{said}"
