@@ -100,6 +100,6 @@ fn run(args: args::Args, matches: &clap::ArgMatches) -> Result<(), Failure> {
         args::Command::Compare(args) => compare::run(&args),
         args::Command::Devices => devices::run(),
         args::Command::Completions { shell } => manual::completions(shell),
-        args::Command::Man { of_command } => manual::page(of_command.as_deref()),
+        args::Command::Man { command } => manual::page(command.as_deref()),
     }
 }

@@ -58,10 +58,8 @@ fn print(text: Vec<u8>) -> Result<(), Failure> {
 
 /// Prints the completions of a shell.
 pub(crate) fn completions(shell: Shell) -> Result<(), Failure> {
-    let names: Vec<String> = args::command().get_subcommands().map(|command| command.get_name().to_owned()).collect();
     let completed = |arg: Arg| match values(&arg) {
         Some(values) => arg.value_parser(PossibleValuesParser::new(values)),
-        None if arg.get_id() == "of_command" => arg.value_parser(PossibleValuesParser::new(names.clone())),
         // Shells complete files for options that they know nothing about.
         None if arg.get_action().takes_values() && arg.get_value_hint() != ValueHint::AnyPath => {
             arg.value_hint(ValueHint::Other)

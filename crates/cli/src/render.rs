@@ -87,6 +87,7 @@ fn report(
     let choices = |settings: &Settings, painter| Choices::of(job, settings, Some(fitted), Some(painter));
     let Drawing { image, camera, settings, estimate, stats, .. } = picture;
     let Some(mut stats) = stats else {
+        let result = (choices(&settings, "reference"), job.output.files());
         let stats = ReferenceStats {
             painter: "reference",
             clip: settings.clip,
@@ -95,7 +96,6 @@ fn report(
             overlays,
             stages: stages.0,
         };
-        let result = (choices(&settings, stats.painter), job.output.files());
         return print_stats(result, job.output.stats, &stats, |stats| {
             let times: String = stats
                 .stages

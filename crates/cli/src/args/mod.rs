@@ -80,8 +80,7 @@ pub(crate) enum Command {
     /// Print the manual page of the program or of a command, for man -l
     Man {
         /// A command, such as render
-        #[arg(value_name = "COMMAND")]
-        of_command: Option<String>,
+        command: Option<String>,
     },
 }
 
