@@ -44,36 +44,38 @@ async fn enumerate() -> Vec<(AdapterInfo, wgpu::Adapter)> {
     found
 }
 
-/// The adapters of this machine, best first.
+/// The adapters of this machine, best first; none if there is no memory for a driver.
 pub(crate) fn adapters() -> Vec<AdapterInfo> {
+    if check_memory(DRIVER_BYTES).is_err() {
+        return Vec::new();
+    }
     pollster::block_on(enumerate()).into_iter().map(|(info, _)| info).collect()
 }
 
-/// The reason of an empty list of adapters.
-const NO_DRIVER: &str = "no Vulkan, Metal or DX12 driver found; on Debian and Ubuntu `apt-get install \
-                         mesa-vulkan-drivers libvulkan1` gives a software one";
+/// Bytes of addresses without which drivers crash or fail in words about anything but memory. Mesa's software driver,
+/// the largest, opens in limits (`ulimit -v`) of 750 to 900 MB, of which the program has 100.
+const DRIVER_BYTES: u64 = 640 << 20;
 
-/// Bytes of memory without which drivers fail to load or to open, in words about anything but memory. Mesa's software
-/// one takes up to 600 MB of addresses.
-const DRIVER_BYTES: u64 = 512 << 20;
-
-/// The error of an adapter that is missing or cannot be opened: the lack of memory, or a reason.
-fn unopened(bytes: u64, reason: impl FnOnce() -> String) -> Error {
-    let short = memory::check(bytes, String::new).map_err(|_| {
-        format!(
-            "there is no memory for its driver, which takes up to {} MiB: free memory, or raise the limit of the \
-             process (ulimit -v)",
+/// Refuses to open a driver that takes `bytes` of memory if there are fewer.
+fn check_memory(bytes: u64) -> Result<()> {
+    memory::check(bytes, String::new).map_err(|_| {
+        Error::NoAdapter(format!(
+            "there is no memory for a driver, which may take {} MiB: free memory, or raise the limit of the process \
+             (ulimit -v)",
             bytes >> 20
-        )
-    });
-    Error::NoAdapter(short.map_or_else(|short| short, |()| reason()))
+        ))
+    })
 }
 
 /// The index of the adapter that `wanted` names among names, best first: a part of its name, letter case ignored, or
 /// its index behind `#`. `None` is the best.
 fn chosen(wanted: Option<&str>, names: &[&str]) -> Result<usize> {
     if names.is_empty() {
-        return Err(unopened(DRIVER_BYTES, || NO_DRIVER.to_owned()));
+        return Err(Error::NoAdapter(
+            "no Vulkan, Metal or DX12 driver found; on Debian and Ubuntu `apt-get install mesa-vulkan-drivers \
+             libvulkan1` gives a software one"
+                .to_owned(),
+        ));
     }
     let Some(wanted) = wanted else { return Ok(0) };
     let part = wanted.to_lowercase();
@@ -174,6 +176,7 @@ impl Context {
 
     /// Opens the adapter that `wanted` names.
     pub(crate) fn new(wanted: Option<&str>) -> Result<Self> {
+        check_memory(DRIVER_BYTES)?;
         let mut found = pollster::block_on(enumerate());
         let names: Vec<&str> = found.iter().map(|(info, _)| info.name.as_str()).collect();
         let (info, adapter) = found.swap_remove(chosen(wanted, &names)?);
@@ -186,7 +189,9 @@ impl Context {
             ..Default::default()
         });
         let (device, queue) = pollster::block_on(request).map_err(|e| {
-            unopened(DRIVER_BYTES, || format!("{} cannot be opened: {}", info.name, one_line(&e.to_string())))
+            let failed = || Error::NoAdapter(format!("{} cannot be opened: {}", info.name, one_line(&e.to_string())));
+            // Other threads may have taken the memory meanwhile.
+            check_memory(DRIVER_BYTES).err().unwrap_or_else(failed)
         })?;
         let context = Self::of_device(device, queue, info);
         context.watch();
@@ -511,9 +516,8 @@ mod tests {
 
     #[test]
     fn a_driver_without_memory_is_no_missing_driver() {
-        let error = |bytes| unopened(bytes, || "none found".to_owned()).to_string();
-        assert_eq!(error(1), "no graphics adapter: none found");
-        let short = error(1 << 60);
-        assert!(short.contains("no memory for its driver") && short.contains("ulimit -v"), "{short}");
+        assert!(check_memory(1).is_ok());
+        let short = check_memory(1 << 60).unwrap_err().to_string();
+        assert!(short.contains("no memory for a driver") && short.contains("ulimit -v"), "{short}");
     }
 }

@@ -8,7 +8,7 @@ use serde_json::{Deserializer, Value, json};
 use voxsplat::image::{Background, Image};
 
 use crate::adapter::adapter;
-use crate::cli::{complaint, complaints, folder, ramp, refused, stdout, voxsplat};
+use crate::cli::{complaint, folder, ramp, refused, stdout, voxsplat};
 
 /// Saves `a.exr`, and `b.exr` with one of 12 pixels changed by 0.1 in one channel.
 fn two_pictures(dir: &Path) {
@@ -184,7 +184,7 @@ fn one_trouble_with_devices_has_one_text() {
     };
     let picture = "render demo:sphere:8 --size 8 -o a.png";
     for (before, words) in
-        [(":", "apt-get install mesa-vulkan-drivers"), ("ulimit -v 300000", "no memory for its driver")]
+        [(":", "apt-get install mesa-vulkan-drivers"), ("ulimit -v 300000", "no memory for a driver")]
     {
         let [listed, drawn] = ["devices", picture].map(|line| said(before, line));
         assert!(listed == drawn && listed.contains(words), "{before}: {listed} / {drawn}");
@@ -192,18 +192,16 @@ fn one_trouble_with_devices_has_one_text() {
     }
 }
 
-/// The limit of a shell on the memory of a driver that exists.
 #[cfg(target_os = "linux")]
 #[test]
 fn little_memory_is_no_missing_driver() {
     let dir = folder();
-    for kilobytes in [200_000, 300_000, 500_000, 700_000] {
+    for kilobytes in [100_000, 300_000, 500_000] {
         let mut command = Command::new("sh");
         command.arg("-c").arg(format!("ulimit -v {kilobytes}; exec \"$0\" \"$@\"")).arg(env!("CARGO_BIN_EXE_voxsplat"));
         command.args("render demo:sphere:8 --size 8 -o a.png --adapter".split(' ')).arg(adapter());
         let output = command.current_dir(dir.path()).output().unwrap();
-        let said = complaints(&output).join("\n");
-        assert!(output.status.success() || said.to_lowercase().contains("memory"), "{kilobytes}: {said}");
-        assert!(!said.contains("apt-get"), "{kilobytes}: {said}");
+        let said = complaint(&output);
+        assert!(said.contains("no memory for a driver") && !said.contains("apt-get"), "{kilobytes}: {said}");
     }
 }
