@@ -34,9 +34,13 @@ picture depth-coded demo:vessels:160 --model mip --depth-coded --kernel kaiser-b
 picture attenuated demo:vessels:160 --model mip --attenuation 0.7 --kernel kaiser-bessel --transfer inferno \
     --azimuth 30 --elevation 10
 picture cut demo:shepp-logan:160 --clip 1,1,0 --light studio --azimuth -20 --elevation 25
-picture axis demo:marschner-lobb:48 --tune sheets=axis --azimuth 44.8 --elevation 20
-picture additive demo:marschner-lobb:48 --tune sheets=axis,accumulate=additive --azimuth 44.9 --elevation 20
-picture additive-after demo:marschner-lobb:48 --tune sheets=axis,accumulate=additive --azimuth 45.1 --elevation 20
+# Pictures that are compared have one size.
+picture axis demo:marschner-lobb:48 --frame visible --tune sheets=axis --azimuth 44.8 --elevation 20
+additive="--frame visible --tune sheets=axis,accumulate=additive"
+# shellcheck disable=SC2086
+picture additive demo:marschner-lobb:48 $additive --azimuth 44.9 --elevation 20
+# shellcheck disable=SC2086
+picture additive-after demo:marschner-lobb:48 $additive --azimuth 45.1 --elevation 20
 target/release/voxsplat compare docs/additive.png docs/additive-after.png --tolerance 1 --difference docs/pop.png
 rm docs/additive-after.png
 cargo run --release --locked --example solids -- docs/solids.png

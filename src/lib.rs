@@ -28,9 +28,8 @@
 //! their files and their differences), [`solids`] (meshes and depth buffers in pictures), [`figure`] (scale bar, axes,
 //! colour bar and title on a picture), `film` (GIF, APNG and Y4M), [`stats`], [`progress`], [`adapter`] and [`error`].
 //!
-//! The features, on by default: `film` writes films; `dicom`, `jpeg2000` (in DICOM), `tiff`, `vtk` and `zarr` are
-//! readers. `hdf5`, which reads HDF5 and NetCDF, is not on by default. The program `voxsplat` is a package of its own,
-//! `crates/cli`.
+//! Features, all on by default: `film` writes films; `dicom`, `hdf5` (HDF5 and NetCDF), `jpeg2000` (in DICOM), `tiff`,
+//! `vtk` and `zarr` are readers. The program `voxsplat` is a package of its own, `crates/cli`.
 
 pub mod accuracy;
 pub mod appearance;

@@ -43,7 +43,7 @@ pub struct RendererOptions {
     pub progress: Progress,
 }
 
-/// The adapters of this machine, best first.
+/// The adapters of this machine, best first; none if there is no memory for a driver.
 #[must_use]
 pub fn adapters() -> Vec<AdapterInfo> {
     context::adapters()

@@ -159,7 +159,7 @@ impl ViewFields {
         let frame = self.frame.as_deref().map(str::parse).transpose()?;
         let turned = [self.azimuth, self.elevation].iter().any(Option::is_some) || self.roll != 0.0;
         Ok(ViewRequest {
-            frame: frame.unwrap_or_else(|| Frame::suited_to(&view)),
+            frame: frame.unwrap_or_else(|| Frame::suited_to(&view, true)),
             view,
             is_open: !turned && self.up.is_none() && self.direction.is_none(),
         })

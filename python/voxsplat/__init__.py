@@ -30,7 +30,7 @@ from .convert import in_world, matrix_of
 from .image import Image
 from .progress import Progress, Reported
 from .renderer import FACTS, Renderer, Scene, Volume, kept_renderer, native_volume
-from .settings import SIZE, Settings, View, as_texts, checked, field_names, pixels, refuse_unknown, split
+from .settings import SIZE, Settings, View, as_texts, checked, field_names, pixels, refuse_unknown, single, split
 from .warning import VolumeWarning
 
 __all__ = [
@@ -146,7 +146,7 @@ def render(
         No memory on the host or the device; a file that cannot be read; no adapter, with what to install.
     """
     options |= {"azimuth": azimuth, "elevation": elevation, "light": light, "shading": shading, "model": model}
-    options |= {"kernel": kernel, "sharpness": sharpness}
+    options = single(options | {"kernel": kernel, "sharpness": sharpness})
     if spacing is not None:
         options["spacing"] = spacing
     if executor is not None:

@@ -36,6 +36,7 @@ from .engines import Engine, Executor, Join, Report, Task, byte_count
 from .image import Image
 from .large import Large
 from .progress import Progress, Reported
+from .settings import single
 
 __all__ = ["film", "render", "turntable"]
 
@@ -98,7 +99,7 @@ def render(
         Workers die again and again, or the scheduler is gone.
     """
     options |= {"size": size, "memory": memory, "bricks": bricks, "missing_chunks": missing_chunks}
-    options |= {"replace_nan": replace_nan, "adapter": adapter, "background": background}
+    options = single(options | {"replace_nan": replace_nan, "adapter": adapter, "background": background})
     with _engine(executor, resources) as engine, Reported(progress) as report:
         return Large(engine, array, transfer, report, **options).picture(report)
 

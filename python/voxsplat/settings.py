@@ -20,6 +20,7 @@ __all__ = [
     "field_names",
     "pixels",
     "refuse_unknown",
+    "single",
     "split",
     "whole_numbers",
 ]
@@ -82,7 +83,9 @@ class View:
     zoom: float = 1.0
     """Magnification, over 0."""
     frame: str | None = None
-    """What is fitted: ``"visible"`` voxels, as large for every azimuth, ``"view"`` or ``"volume"``, its box."""
+    """What is fitted: visible voxels at one size for every azimuth (``"visible"``, the default of a series), as large
+    as the view permits (``"view"``, the default of `render`), or the box (``"volume"``, the default with `target`,
+    `view_height` or `distance`)."""
     margin: float | None = None
     """Free fraction of the picture at each side, 0 to under 0.5; 0.02 by default."""
     view_height: float | None = None
@@ -180,6 +183,12 @@ def pixels(size: Any) -> tuple[int, int]:
     """Return a size in pixels; one number is a square."""
     width, height = whole_numbers("size", (size, size) if isinstance(size, int) else size, 2)
     return width, height
+
+
+def single(options: dict[str, Any]) -> dict[str, Any]:
+    """Return the options of one picture: it is as large as its view permits, unless an option frames or places it."""
+    is_placed = any(options.get(name) is not None for name in ("frame", "target", "view_height", "distance"))
+    return options if is_placed else options | {"frame": "view"}
 
 
 def checked(view: View) -> View:

@@ -1,6 +1,7 @@
 //! The default appearance of a volume: transfer function or labels, side, framing, light, material and sharpness.
 //!
-//! `voxsplat render FILE` draws the same picture; its options replace choices. [The library](crate) has an example.
+//! `voxsplat render FILE --frame visible` draws the same picture; its options replace choices. [The library](crate) has
+//! an example.
 
 mod channels;
 mod choice;
@@ -63,11 +64,16 @@ pub enum Frame {
 named! { "frame", Frame { Visible: "visible", View: "view", Volume: "volume" } }
 
 impl Frame {
-    /// Returns the region that suits a view: the box of the lattice if the view has a target or a size of its own.
+    /// Returns the region that suits a view: the box of the lattice if the view has a target or a size of its own,
+    /// otherwise the visible voxels. Pictures of a series have one size for every azimuth; a single picture is as large
+    /// as its view permits.
     #[must_use]
-    pub fn suited_to(view: &View) -> Self {
-        let placed = view.target.is_some() || view.view_height.is_some() || view.distance.is_some();
-        if placed { Self::Volume } else { Self::Visible }
+    pub fn suited_to(view: &View, in_series: bool) -> Self {
+        match view.target.is_some() || view.view_height.is_some() || view.distance.is_some() {
+            true => Self::Volume,
+            false if in_series => Self::Visible,
+            false => Self::View,
+        }
     }
 
     /// Returns the hull that the picture is fitted to; `None` is the box of the lattice.
@@ -188,7 +194,8 @@ impl ChoiceContext<'_> {
 pub struct Appearance {
     /// The volume with its transfer function, or its labels.
     pub layers: Layers,
-    /// Side and framing.
+    /// Side and framing. All azimuths have one size, so a series of pictures is steady; for a single picture
+    /// [`Hull::from_one_side`] of [`View::around`] fits as large as the view permits.
     pub view: View,
     /// Light, material and sharpness; otherwise defaults.
     pub settings: Settings,

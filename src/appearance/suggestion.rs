@@ -2,7 +2,7 @@
 
 use crate::transfer::presets::{STATISTICS, is_hounsfield};
 use crate::volume::{Statistics, Volume};
-use voxsplat_volume::names::readable;
+use voxsplat_volume::names::{percent, readable};
 
 /// A preset chosen for a volume, and why.
 #[derive(Debug, Clone, PartialEq)]
@@ -111,7 +111,6 @@ fn guessed(volume: &Volume, statistics: &Statistics, shape: &Shape) -> (&'static
     let spacing = volume.grid().min_spacing();
     let is_coarse = oriented && unit.is_none_or(|unit| unit == "mm") && spacing >= COARSE;
     let Shape { spread, top, bright, .. } = *shape;
-    let percent = |share: f64| format!("{:.1} %", 100.0 * share);
     let far = format!("{} of the foreground are up to {top:.1} times as bright as most of it", percent(bright));
     if is_coarse && shape.is_hot {
         return ("pet", format!("few and far brighter voxels of {spacing:.1} mm, as uptake in PET"));
@@ -130,7 +129,10 @@ fn guessed(volume: &Volume, statistics: &Statistics, shape: &Shape) -> (&'static
     if shape.has_bright_peak && shape.is_masked {
         return ("ct-bone", "the brightest values are a peak of their own, as bone in a window of CT".to_owned());
     }
-    let narrow = format!("a quarter of the foreground lies within {}", percent(spread));
+    let narrow = match spread {
+        0.0 => "a quarter of the foreground has one value".to_owned(),
+        spread => format!("a quarter of the foreground lies within {}", percent(spread)),
+    };
     if spread < NARROW && !is_coarse && top >= BONE && bright < MINORITY {
         return ("ct-bone", format!("{narrow} and brighter values follow, as flesh and bone in CT"));
     }
@@ -229,7 +231,7 @@ impl Shape {
     }
 
     fn masked(&self) -> String {
-        let masked = 100.0 * (1.0 - self.foreground);
-        format!("{masked:.1} % of the voxels are {}, as around a masked brain", readable(self.floor))
+        let masked = percent(1.0 - self.foreground);
+        format!("{masked} of the voxels are {}, as around a masked brain", readable(self.floor))
     }
 }

@@ -6,6 +6,7 @@ use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 use super::savings::Savings;
 use crate::error::{Error, Result};
 use crate::stats::adapter::{AdapterInfo, AdapterKind};
+use voxsplat_volume::memory;
 
 impl From<&wgpu::AdapterInfo> for AdapterInfo {
     fn from(info: &wgpu::AdapterInfo) -> Self {
@@ -43,9 +44,27 @@ async fn enumerate() -> Vec<(AdapterInfo, wgpu::Adapter)> {
     found
 }
 
-/// The adapters of this machine, best first.
+/// The adapters of this machine, best first; none if there is no memory for a driver.
 pub(crate) fn adapters() -> Vec<AdapterInfo> {
+    if check_memory(DRIVER_BYTES).is_err() {
+        return Vec::new();
+    }
     pollster::block_on(enumerate()).into_iter().map(|(info, _)| info).collect()
+}
+
+/// Bytes of addresses without which drivers crash or fail in words about anything but memory. Mesa's software driver,
+/// the largest, opens in limits (`ulimit -v`) of 750 to 900 MB, of which the program has 100.
+const DRIVER_BYTES: u64 = 640 << 20;
+
+/// Refuses to open a driver that takes `bytes` of memory if there are fewer.
+fn check_memory(bytes: u64) -> Result<()> {
+    memory::check(bytes, String::new).map_err(|_| {
+        Error::NoAdapter(format!(
+            "there is no memory for a driver, which may take {} MiB: free memory, or raise the limit of the process \
+             (ulimit -v)",
+            bytes >> 20
+        ))
+    })
 }
 
 /// The index of the adapter that `wanted` names among names, best first: a part of its name, letter case ignored, or
@@ -157,6 +176,7 @@ impl Context {
 
     /// Opens the adapter that `wanted` names.
     pub(crate) fn new(wanted: Option<&str>) -> Result<Self> {
+        check_memory(DRIVER_BYTES)?;
         let mut found = pollster::block_on(enumerate());
         let names: Vec<&str> = found.iter().map(|(info, _)| info.name.as_str()).collect();
         let (info, adapter) = found.swap_remove(chosen(wanted, &names)?);
@@ -168,8 +188,11 @@ impl Context {
             required_limits: limits,
             ..Default::default()
         });
-        let (device, queue) = pollster::block_on(request)
-            .map_err(|e| Error::NoAdapter(format!("{} cannot be opened: {}", info.name, one_line(&e.to_string()))))?;
+        let (device, queue) = pollster::block_on(request).map_err(|e| {
+            let failed = || Error::NoAdapter(format!("{} cannot be opened: {}", info.name, one_line(&e.to_string())));
+            // Other threads may have taken the memory meanwhile.
+            check_memory(DRIVER_BYTES).err().unwrap_or_else(failed)
+        })?;
         let context = Self::of_device(device, queue, info);
         context.watch();
         Ok(context)
@@ -489,5 +512,12 @@ mod tests {
             assert!(error.contains(&expected), "{error}");
         }
         assert!(chosen(None, &[]).unwrap_err().to_string().contains("mesa-vulkan-drivers"));
+    }
+
+    #[test]
+    fn a_driver_without_memory_is_no_missing_driver() {
+        assert!(check_memory(1).is_ok());
+        let short = check_memory(1 << 60).unwrap_err().to_string();
+        assert!(short.contains("no memory for a driver") && short.contains("ulimit -v"), "{short}");
     }
 }

@@ -10,6 +10,7 @@ use serde::{Serialize, Serializer};
 use super::Image;
 use crate::error::{Error, Result};
 use voxsplat_volume::memory::reserved;
+use voxsplat_volume::names::readable;
 
 /// The result of a comparison. d stands for the differences of all channels of all pixels.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -190,10 +191,10 @@ impl fmt::Display for Comparison {
         writeln!(f, "psnr      {:.1} dB", self.psnr)?;
         writeln!(
             f,
-            "outliers  {} pixels over {:.3e} ({:.3} %)",
+            "outliers  {} pixels over {:.3e} ({} %)",
             self.outliers,
             self.tolerance,
-            100.0 * self.outlier_fraction
+            readable(100.0 * self.outlier_fraction)
         )
     }
 }

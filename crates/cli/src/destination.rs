@@ -32,6 +32,9 @@ impl Destination {
 
     /// Refuses a terminal, which shows no bytes.
     pub(crate) fn stdout() -> Result<(), Failure> {
+        if output::is_json() {
+            return refuse("--json: standard output takes the picture, give -o FILE");
+        }
         if stdout().is_terminal() {
             return refuse("--output -: standard output is a terminal, expected a pipe or a file");
         }

@@ -1,18 +1,27 @@
 //! `voxsplat devices`.
 
+use serde::Serialize;
 use voxsplat::adapter::AdapterInfo;
-use voxsplat::renderer::{adapters, silenced};
+use voxsplat::renderer::{Renderer, RendererOptions, adapters, silenced};
 
-use super::failure::{Failure, fail};
+use super::failure::Failure;
 use super::output;
+use super::report::{self, Choices, NO_FILES};
+
+/// The adapters, best first: `--adapter '#N'` chooses the one at place N.
+#[derive(Serialize)]
+struct Listed {
+    adapters: Vec<AdapterInfo>,
+}
 
 pub(crate) fn run() -> Result<(), Failure> {
     let adapters = silenced(adapters);
     if adapters.is_empty() {
-        return fail(
-            "no graphics adapter: install a Vulkan driver, or mesa-vulkan-drivers for rendering without a GPU"
-                .to_owned(),
-        );
+        // Opening one fails with the reason.
+        silenced(|| Renderer::new(&RendererOptions::default()))?;
+    }
+    if output::is_json() {
+        return report::print(Choices::default(), NO_FILES, Listed { adapters });
     }
     let width = adapters.iter().map(|a| a.name.chars().count()).max().unwrap_or(0);
     let line = |(index, a): (usize, &AdapterInfo)| {

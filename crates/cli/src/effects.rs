@@ -38,10 +38,10 @@ const fn idle(options: &'static str, holds: fn(&Given<'_>) -> bool, because: &'s
 /// Options that always have an effect, or that `clap` (`conflicts_with`), the library (`Settings::validate`,
 /// `formats::load`) or `session::say_choice` refuse or note.
 #[cfg(test)]
-const FREE: &str = "help quiet dims type offset axis-order spacing replace-nan complex channel time pyramid output \
-                    size up target projection view-height transfer transfer-values model response depth-coded \
-                    attenuation light clip kernel sharpness labels mask tune tune:normalization tune:antialiasing \
-                    views repeats patience seconds rivals frames turn key-frames grid";
+const FREE: &str = "help quiet json dims type offset axis-order spacing replace-nan complex channel time pyramid \
+                    output size up target projection view-height transfer transfer-values model response \
+                    depth-coded attenuation light clip kernel sharpness labels mask tune tune:normalization \
+                    tune:antialiasing views repeats patience seconds rivals frames turn key-frames grid";
 
 const BY_KEYS: &str = "because key frames set it";
 const IS_ONE_FILE: &str = "because the volume is one file: only folders and TIFF hold series";

@@ -19,7 +19,7 @@ use super::failure::{Failure, refuse};
 const OUTPUTS: [&str; 4] = ["output", "save_scene", "save_transfer", "difference"];
 
 /// The files that a study writes into its folder, apart from the truths.
-const STUDY_FILES: [&str; 5] = ["pareto.json", "pareto.csv", "time-rms.svg", "time-p999.svg", "report.html"];
+pub(crate) const STUDY_FILES: [&str; 5] = ["pareto.json", "pareto.csv", "time-rms.svg", "time-p999.svg", "report.html"];
 
 /// The argument whose file the pictures of a scene may share, because its content is equal.
 const SHARED: &str = "--save-transfer";

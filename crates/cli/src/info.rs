@@ -9,12 +9,14 @@ use voxsplat::error::{Error, Hint};
 use voxsplat::formats::{self, LoadOptions, PyramidLevel, Series};
 use voxsplat::transfer::presets::PresetValues;
 use voxsplat::volume::{Channel, Grid, Statistics, Volume};
-use voxsplat_volume::names::readable;
+use voxsplat_volume::names::{percent, readable};
 
 use super::args::InfoArgs;
 use super::failure::Failure;
+use super::layers::Listed;
 use super::options::{OptionValues, quoted};
 use super::progress::Progress;
+use super::report::{self, Choices, NO_FILES};
 use super::session::say_level;
 use super::{histogram, layers, output};
 
@@ -78,6 +80,19 @@ struct Info {
     command: Option<String>,
 }
 
+/// The labels of a volume.
+#[derive(Serialize)]
+struct Labels {
+    labels: Vec<Listed>,
+}
+
+/// The series of a folder.
+#[derive(Serialize)]
+struct Several {
+    source: String,
+    series: Vec<Series>,
+}
+
 /// The name, colour and window that the file states for a channel.
 #[derive(Serialize)]
 struct Label {
@@ -138,7 +153,10 @@ pub(crate) fn run(args: &InfoArgs, options: &[OptionValues]) -> Result<(), Failu
         let unit = first.length_unit().map(str::to_owned);
         let all = if load.channel.is_some() { vec![first] } else { layers::with_others(first, of)? };
         let listed = layers::list(&all, &LabelLooks::new(args.label_table.as_deref(), &[])?)?;
-        return if args.json { output::print_json(&listed) } else { layers::print(&listed, unit.as_deref()) };
+        return match output::is_json() {
+            true => report::print(Choices::default(), NO_FILES, Labels { labels: listed }),
+            false => layers::print(&listed, unit.as_deref()),
+        };
     }
     let (volume, statistics) = {
         let load = args.input.options();
@@ -153,7 +171,10 @@ pub(crate) fn run(args: &InfoArgs, options: &[OptionValues]) -> Result<(), Failu
         (volume, statistics)
     };
     let info = Info::new(&args.input.source, options, &volume, &statistics)?;
-    if args.json { output::print_json(&info) } else { output::print(&info.to_text()) }
+    match output::is_json() {
+        true => report::print(Choices { preset: info.preset, look: None }, NO_FILES, &info),
+        false => output::print(&info.to_text()),
+    }
 }
 
 /// Loads the volume. If it is one of several series and none is requested, prints these and returns `None`.
@@ -166,8 +187,9 @@ fn loaded(args: &InfoArgs, load: &LoadOptions) -> Result<Option<Volume>, Failure
     match read {
         Err(error) if error.hint() == Some(Hint::ChooseSeries) => match formats::list_series(source)? {
             all if all.is_empty() => Err(error.into()),
-            all if args.json => {
-                output::print_json(&serde_json::json!({ "source": source, "series": all })).map(|()| None)
+            series if output::is_json() => {
+                let several = Several { source: source.to_string_lossy().into_owned(), series };
+                report::print(Choices::default(), NO_FILES, several).map(|()| None)
             }
             all => output::print(&in_table(source, &all)).map(|()| None),
         },
@@ -293,12 +315,9 @@ impl Info {
         if (self.slope, self.intercept) != (1.0, 0.0) {
             line("values", format!("{} * sample + {}", readable(self.slope), readable(self.intercept)));
         }
-        let origin: Vec<&str> = [&self.modality, &self.description].into_iter().flatten().map(String::as_str).collect();
-        if !origin.is_empty() {
-            line("origin", origin.join(", "));
-        }
-        if let Some(intent) = &self.intent {
-            line("intent", intent.clone());
+        let stated = [("modality", &self.modality), ("description", &self.description), ("intent", &self.intent)];
+        for (name, value) in stated.into_iter().filter_map(|(name, value)| Some((name, value.as_ref()?))) {
+            line(name, value.clone());
         }
         line("spacing", by(&self.spacing));
         for note in &self.notes {
@@ -318,7 +337,7 @@ impl Info {
         line("range", format!("{} to {}{unit}", readable(self.min), readable(self.max)));
         line("mean", format!("{}, standard deviation {}", readable(self.mean), readable(self.std_dev)));
         if let Some([limit, fraction]) = self.background {
-            line("background", format!("{:.1} % of the voxels, values up to {}", 100.0 * fraction, readable(limit)));
+            line("background", format!("{} of the voxels, values up to {}", percent(fraction), readable(limit)));
         }
         line("histogram", "(height: logarithm of the count)".to_owned());
         text += &histogram::draw(&self.histogram);

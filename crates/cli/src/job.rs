@@ -1,6 +1,6 @@
 //! Jobs: arguments that have been checked against each other and by the library, before any file is read.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 use voxsplat::appearance::{
@@ -56,6 +56,8 @@ pub(crate) struct RenderJob {
     pub(crate) clip: Vec<ClipSpec>,
     pub(crate) choices: Choices,
     pub(crate) studio: Studio,
+    /// The values of `--light`.
+    pub(crate) lights: Vec<String>,
     pub(crate) engine: Engine,
     pub(crate) output: Outputs,
     pub(crate) figure: FigureJob,
@@ -88,6 +90,18 @@ pub(crate) struct Outputs {
     pub(crate) transfer: Option<PathBuf>,
     pub(crate) scene: Option<SceneFile>,
     pub(crate) stats: Option<StatsFormat>,
+}
+
+impl Outputs {
+    /// The files.
+    pub(crate) fn files(&self) -> Vec<PathBuf> {
+        let picture = match &self.picture {
+            Destination::Stdout => None,
+            Destination::File(path) => Some(path.as_path()),
+        };
+        let scene = self.scene.as_ref().map(SceneFile::path);
+        [picture, self.transfer.as_deref(), scene].into_iter().flatten().map(Path::to_owned).collect()
+    }
 }
 
 /// The figure on a picture.
@@ -164,7 +178,7 @@ impl RenderJob {
             layers,
             solids: SolidsJob::new(&args.solids)?,
             channels: args.input.channel,
-            frame: args.view.frame.unwrap_or_else(|| Frame::suited_to(&view)),
+            frame: args.view.frame.unwrap_or_else(|| Frame::suited_to(&view, args.view.in_series)),
             view,
             size: args.size,
             region,
@@ -180,6 +194,7 @@ impl RenderJob {
                 space: args.view.fits_by_default(),
             },
             studio: Studio { requested: requested.is_studio(), follows: requested.follows() },
+            lights: args.model.light.into_iter().map(|light| light.text).collect(),
             engine,
             output: Outputs {
                 picture: output,
@@ -237,7 +252,7 @@ pub(crate) fn settings(model: &ModelArgs, tuning: &Tuning, painter: Painter, vie
 /// Returns the requested light.
 fn light(args: &ModelArgs, tuning: &Tuning) -> LightRequest {
     LightRequest {
-        lights: args.light.clone(),
+        lights: args.light.iter().map(|light| light.value).collect(),
         material: args.material,
         shadows: args.shadows,
         light_size: args.light_size,

@@ -7,7 +7,7 @@ use voxsplat::error::{Error, Hint};
 use voxsplat::formats::{self, LoadOptions};
 use voxsplat::layers::{Fit, Label, LabelCount, LabelSelection, Layer, Layers, count_labels, on_lattice};
 use voxsplat::volume::Volume;
-use voxsplat_volume::names::readable;
+use voxsplat_volume::names::{percent, readable};
 
 use super::args::LayerArgs;
 use super::failure::{Failure, refuse};
@@ -147,7 +147,8 @@ fn by(dims: [u32; 3]) -> String {
 /// Returns the note on the way in which a file was put onto the lattice of the picture, if it has another one.
 fn note_on_fit(option: &str, path: &Path, fit: Fit, dims: [u32; 3]) -> Option<String> {
     let another = |how: &str, outside: f64, voxels: &str| {
-        let (by, out) = (by(dims), share_in_words(outside));
+        let out = if outside == 0.0 { "none".to_owned() } else { percent(outside) };
+        let by = by(dims);
         format!(
             "using {how} because the lattice is another one ({by}); {out} of its {voxels} voxels lie outside of the \
              volume"
@@ -160,15 +161,6 @@ fn note_on_fit(option: &str, path: &Path, fit: Fit, dims: [u32; 3]) -> Option<St
         Fit::Interpolated { outside } => another("interpolated values", outside, "visible"),
     };
     Some(format!("note: --{option} {}: {text}", path.display()))
-}
-
-/// A share in words.
-fn share_in_words(share: f64) -> String {
-    match 100.0 * share {
-        0.0 => "none".to_owned(),
-        percent if percent < 0.1 => "under 0.1 %".to_owned(),
-        percent => format!("{percent:.1} %"),
-    }
 }
 
 /// Loads the overlays of a job over a volume, in colours other than the ones of its channels.

@@ -1,7 +1,8 @@
 //! The command line. Arguments ([`args`]) become validated jobs ([`job`]); each command has a file that runs its jobs.
 //!
-//! Results go to stdout, everything else to stderr. Each error is one line. Exit codes: 0 done, 1 failed or, for
-//! `compare`, the pictures differ, 2 wrong arguments. A signal ends the program as it ends others.
+//! Results go to stdout, everything else to stderr. Each error is one line. Exit codes: 0 done, 1 failed, 2 wrong
+//! arguments; of `compare` 1 pictures that differ, 2 pictures that cannot be compared. A signal ends the program as it
+//! ends others.
 
 mod args;
 mod bricks;
@@ -25,6 +26,7 @@ mod pareto;
 mod parse;
 mod progress;
 mod render;
+mod report;
 mod scene;
 mod scene_file;
 mod session;
@@ -74,6 +76,9 @@ fn run(args: args::Args, matches: &clap::ArgMatches) -> Result<(), Failure> {
     signals::watch();
     if args.quiet {
         output::be_quiet();
+    }
+    if args.json {
+        output::be_json();
     }
     let program = args::built();
     let found = matches.subcommand().and_then(|(name, matches)| Some((program.find_subcommand(name)?, matches)));

@@ -8,6 +8,19 @@ use super::failure::{Failure, fail};
 /// Whether only results and errors are printed.
 static QUIET: AtomicBool = AtomicBool::new(false);
 
+/// Whether the result is one JSON object.
+static JSON: AtomicBool = AtomicBool::new(false);
+
+/// Prints the result as one JSON object from here on.
+pub(crate) fn be_json() {
+    JSON.store(true, Ordering::Relaxed);
+}
+
+/// Whether the result is one JSON object.
+pub(crate) fn is_json() -> bool {
+    JSON.load(Ordering::Relaxed)
+}
+
 /// Prints results and errors alone from here on.
 pub(crate) fn be_quiet() {
     QUIET.store(true, Ordering::Relaxed);

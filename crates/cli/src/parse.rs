@@ -25,6 +25,18 @@ pub(crate) fn library<T: FromStr<Err: Into<Error>>>(text: &str) -> Result<T, Str
     text.parse().map_err(|error: T::Err| reason(error.into()))
 }
 
+/// A value with the text that it was parsed from.
+#[derive(Debug, Clone)]
+pub(crate) struct Spelled<T> {
+    pub(crate) text: String,
+    pub(crate) value: T,
+}
+
+/// Parses a value of the library and keeps its text.
+pub(crate) fn spelled<T: FromStr<Err: Into<Error>>>(text: &str) -> Result<Spelled<T>, String> {
+    Ok(Spelled { text: text.to_owned(), value: library(text)? })
+}
+
 /// The message of an error without the setting's name.
 pub(crate) fn reason(error: Error) -> String {
     match error {
@@ -78,13 +90,13 @@ pub(crate) fn dims(text: &str) -> Result<[u32; 3], String> {
     expect(list(text).filter(|dims| !dims.contains(&0)), "three whole numbers over 0, X,Y,Z")
 }
 
-/// Parses pixels, `WxH` or one number for both.
 /// Parses `XxYxZ`, numbers from 1 on.
 pub(crate) fn grid(text: &str) -> Result<[u32; 3], String> {
     let numbers: Option<Vec<u32>> = text.split('x').map(|number| number.parse().ok().filter(|&n| n > 0)).collect();
-    expect(numbers.and_then(|numbers| numbers.try_into().ok()), "expected XxYxZ, such as 2x2x4")
+    expect(numbers.and_then(|numbers| numbers.try_into().ok()), "XxYxZ, such as 2x2x4")
 }
 
+/// Parses pixels, `WxH` or one number for both.
 pub(crate) fn size(text: &str) -> Result<[u32; 2], String> {
     let (width, height) = text.split_once(['x', 'X']).unwrap_or((text, text));
     let size = width.trim().parse().ok().zip(height.trim().parse().ok()).map(<[u32; 2]>::from);
@@ -202,6 +214,11 @@ pub(crate) fn positive(text: &str) -> Result<f64, String> {
 /// Parses a finite number, 0 or over.
 pub(crate) fn tolerance(text: &str) -> Result<f64, String> {
     expect(number(text).ok().filter(|&n| n >= 0.0), "a number, 0 or over")
+}
+
+/// Parses a share, 0 to 1.
+pub(crate) fn share(text: &str) -> Result<f64, String> {
+    expect(number(text).ok().filter(|share| (0.0..=1.0).contains(share)), "a number from 0 to 1")
 }
 
 #[cfg(test)]

@@ -1,5 +1,7 @@
 //! `voxsplat render`.
 
+use std::path::PathBuf;
+
 use serde::Serialize;
 use voxsplat::accuracy::{Estimate, Truth};
 use voxsplat::appearance::PlacedOverlay;
@@ -15,8 +17,10 @@ use super::args::StatsFormat;
 use super::destination::Destination;
 use super::draw::in_words;
 use super::failure::{Failure, fail};
+use super::fitted::Fitted;
 use super::job::{Outputs, RenderJob};
 use super::output;
+use super::report::{self, Choices};
 use super::session::{Drawing, Session};
 use super::stages::Stages;
 
@@ -63,7 +67,7 @@ pub(crate) fn run(jobs: Vec<RenderJob>) -> Result<(), Failure> {
             scene.save(&job.source, &job.transfer.choice, &fitted)?;
         }
         let overlays = session.overlays.as_ref().map(|overlays| overlays.all.clone());
-        report(&job, &layers, overlays.unwrap_or_default(), picture, stages)?;
+        report(&job, &layers, overlays.unwrap_or_default(), picture, stages, &fitted)?;
     }
     if built_in {
         output::say("note: this volume is built in; try next: voxsplat render FILE -o picture.png");
@@ -78,9 +82,12 @@ fn report(
     overlays: Vec<PlacedOverlay>,
     picture: Drawing,
     stages: Stages,
+    fitted: &Fitted,
 ) -> Result<(), Failure> {
+    let choices = |settings: &Settings, painter| Choices::of(job, settings, Some(fitted), Some(painter));
     let Drawing { image, camera, settings, estimate, stats, .. } = picture;
     let Some(mut stats) = stats else {
+        let result = (choices(&settings, "reference"), job.output.files());
         let stats = ReferenceStats {
             painter: "reference",
             clip: settings.clip,
@@ -89,7 +96,7 @@ fn report(
             overlays,
             stages: stages.0,
         };
-        return print_stats(job.output.stats, &stats, |stats| {
+        return print_stats(result, job.output.stats, &stats, |stats| {
             let times: String = stats
                 .stages
                 .iter()
@@ -106,7 +113,9 @@ fn report(
     stats.stages.extend(after);
     let verified = job.accuracy.verify.then(|| verify(&image, layers, &camera, &settings, job)).transpose()?;
     let broken = verified.filter(|verified| job.accuracy.max_error.is_some_and(|bound| verified.interval[0] > bound));
-    print_stats(job.output.stats, &RenderStats { stats, overlays, estimate, verified }, RenderStats::to_text)?;
+    let result = (choices(&settings, stats.painter.name()), job.output.files());
+    let stats = RenderStats { stats, overlays, estimate, verified };
+    print_stats(result, job.output.stats, &stats, RenderStats::to_text)?;
     match (broken, job.accuracy.max_error) {
         (Some(verified), Some(bound)) => fail(format!("--max-error {bound} is exceeded: {}", in_words(&verified))),
         _ => Ok(()),
@@ -156,13 +165,22 @@ fn verify(
     Ok(estimate)
 }
 
-/// Prints statistics if they are requested.
+/// The result of a picture as JSON.
+#[derive(Serialize)]
+struct Measured<'a, S> {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    stats: Option<&'a S>,
+}
+
+/// Prints statistics if they are requested; with `--json` choices and files too.
 pub(crate) fn print_stats<S: Serialize>(
+    (choices, files): (Choices, Vec<PathBuf>),
     format: Option<StatsFormat>,
     stats: &S,
     table: impl FnOnce(&S) -> String,
 ) -> Result<(), Failure> {
     match format {
+        _ if output::is_json() => report::print(choices, files, Measured { stats: format.map(|_| stats) }),
         None => Ok(()),
         Some(StatsFormat::Table) => output::print(&table(stats)),
         Some(StatsFormat::Json) => output::print_json(stats),

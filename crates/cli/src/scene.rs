@@ -76,7 +76,10 @@ pub(crate) fn jobs(
         notes.extend(effects::noted(own, vec![of_scene, matches])?);
         let options = given(command, of_scene);
         match Args::from_arg_matches(&whole).map_err(failed)?.command {
-            args::Command::Render(args) => with_scene(*args, options, &job),
+            args::Command::Render(mut args) => {
+                args.view.in_series = lines.len() > 1;
+                with_scene(*args, options, &job)
+            }
             _ => refuse("the command is not about a picture"),
         }
     };

@@ -18,7 +18,7 @@ pub(crate) const VOLUME: &str = "volume";
 /// The key of the version that wrote the scene.
 pub(crate) const VERSION: &str = "voxsplat";
 /// Options of a run, which do not change the picture.
-const OF_A_RUN: [&str; 6] = ["output", "save-scene", "save-transfer", "stats", "quiet", "help"];
+const OF_A_RUN: [&str; 7] = ["output", "save-scene", "save-transfer", "stats", "json", "quiet", "help"];
 /// Options that make the transfer function.
 pub(crate) const OF_TRANSFER: [&str; 3] = ["transfer", "window", "gradient-opacity"];
 
@@ -47,6 +47,10 @@ impl SceneFile {
         }
         check_writable(&path).map_err(|e| Failure::usage(format!("--save-scene: {e:#}")))?;
         Ok(Self { path, options })
+    }
+
+    pub(crate) fn path(&self) -> &Path {
+        &self.path
     }
 
     /// Writes the scene of a job whose transfer function has been found.

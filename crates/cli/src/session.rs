@@ -97,6 +97,11 @@ pub(crate) struct Drawing {
 }
 
 impl Drawing {
+    /// The name of the painter.
+    pub(crate) fn painter(&self) -> &'static str {
+        self.stats.as_ref().map_or("reference", |stats| stats.painter.name())
+    }
+
     /// The picture as it is written.
     pub(crate) fn image(&self) -> &Image {
         self.drawn.as_ref().unwrap_or(&self.image)
@@ -352,7 +357,7 @@ impl Session {
         let transfer = self.bar().and_then(|overlay| overlay.transfer.as_ref()).unwrap_or(transfer);
         let reserved = if job.choices.space { figure.reserved(job.size, transfer, values)? } else { job.view.reserved };
         if reserved != job.view.reserved {
-            self.say(note_on_space(&figure));
+            self.say(note_on_space(&figure, job.frame));
         }
         Ok(Camera::new(&View { around, reserved, ..job.view.clone() }, layers.grid(), job.size)?)
     }
@@ -495,10 +500,10 @@ fn note_on(choice: &Choice, follows: bool) -> String {
 }
 
 /// Returns the note on a frame beside the parts of a figure, with the option that undoes it.
-fn note_on_space(figure: &Figure) -> String {
+fn note_on_space(figure: &Figure, frame: Frame) -> String {
     let parts =
         [(figure.title.is_some(), "title"), (figure.caption.is_some(), "caption"), (figure.color_bar, "colour bar")];
     let parts: Vec<&str> = parts.into_iter().filter_map(|(drawn, name)| drawn.then_some(name)).collect();
     let parts = parts.join(" and the ");
-    format!("note: using a smaller frame because the {parts} would lie over the volume (same frame: --frame visible)")
+    format!("note: using a smaller frame because the {parts} would lie over the volume (same frame: --frame {frame})")
 }

@@ -25,6 +25,7 @@ use super::options::{file_name, quoted, words};
 use super::parse::TimeArg;
 use super::progress::Remaining;
 use super::render::print_stats;
+use super::report::Choices;
 use super::session::Session;
 use super::stages::Stages;
 use super::{output, scene};
@@ -165,6 +166,17 @@ impl FilmTarget {
     }
 }
 
+impl FilmTarget {
+    /// The files of some frames.
+    fn files(&self, wanted: &[u32], frames: u32) -> Vec<PathBuf> {
+        match self {
+            Self::Files(name) => wanted.iter().map(|&frame| numbered(name, frame, frames).into()).collect(),
+            Self::Film(path, _) => vec![path.clone()],
+            Self::Stream(_) => Vec::new(),
+        }
+    }
+}
+
 /// Whether a name is of a video, which other programs encode.
 fn is_video(path: &Path) -> bool {
     let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
@@ -180,7 +192,8 @@ fn numbered(name: &str, frame: u32, frames: u32) -> String {
 impl TurntableJob {
     pub(crate) fn new(args: TurntableArgs, line: (&Command, &ArgMatches)) -> Result<Self, Failure> {
         let TurntableArgs { render, frames, turn, key_frames, rate, format, part, resume } = args;
-        let job = |args: RenderArgs| {
+        let job = |mut args: RenderArgs| {
+            args.view.in_series = true;
             let output = Destination::File(args.output.clone().unwrap_or_default());
             RenderJob::with_output(args, output)
         };
@@ -288,18 +301,23 @@ impl TurntableJob {
 pub(crate) fn run(job: TurntableJob) -> Result<(), Failure> {
     let (start, first) = (Instant::now(), &job.first);
     let size = [first.region.width, first.region.height];
-    let done = |frames| print_stats(first.output.stats, &Totals::new(frames, size, start), Totals::to_text);
-    if job.frames.is_some_and(|frames| job.wanted(frames).is_empty()) {
+    let done = |choices: Choices, files: Vec<PathBuf>, frames: usize| {
+        let files = files.into_iter().chain(first.output.transfer.clone().filter(|_| frames > 0)).collect();
+        print_stats((choices, files), first.output.stats, &Totals::new(frames, size, start), Totals::to_text)
+    };
+    let none = |fitted: Option<&Fitted>| {
         output::say("note: all frames are there");
-        return done(0);
+        done(Choices::of(first, &first.settings, fitted, None), Vec::new(), 0)
+    };
+    if job.frames.is_some_and(|frames| job.wanted(frames).is_empty()) {
+        return none(None);
     }
     let (mut session, fitted) = Session::open(first, &mut Stages::default())?;
     let times = job.times.map(|asked| job.times_of(asked, session.volume.contents().times)).transpose()?;
     let frames = job.frames.unwrap_or(times.as_ref().map_or(FRAMES, |times| times.end - times.start));
     let wanted = job.wanted(frames);
     if wanted.is_empty() {
-        output::say("note: all frames are there");
-        return done(0);
+        return none(Some(&fitted));
     }
     let mut completed = first.clone();
     session.complete(&mut completed, &fitted)?;
@@ -321,16 +339,17 @@ pub(crate) fn run(job: TurntableJob) -> Result<(), Failure> {
     let views = job.course.views(&first.view, frames);
     // The next frame is made while the last one is encoded and written.
     let (sender, receiver) = sync_channel::<Done>(1);
-    std::thread::scope(|scope| {
+    let painter = std::thread::scope(|scope| {
         let writer = scope.spawn(|| write(&job, receiver, size, frames));
         let made = make(&mut session, first, &fitted, (&views, &wanted), series.as_mut(), &sender);
         drop(sender);
         let written = writer.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
         // If a frame could not be made, that is why frames are missing. A failed write ends `make` without an error.
-        made?;
-        written
+        let painter = made?;
+        written.map(|()| painter)
     })?;
-    done(wanted.len())
+    let files = job.target.files(&wanted, frames);
+    done(Choices::of(&completed, &completed.settings, Some(&fitted), painter), files, wanted.len())
 }
 
 /// Returns the time point of each frame: all for equally many frames, or some at even distances if frames are fewer.
@@ -355,7 +374,7 @@ fn say_times(job: &RenderJob, times: &Range<u32>) {
     }
 }
 
-/// Renders the wanted frames, each at its time point.
+/// Renders the wanted frames, each at its time point. Returns the painter of the last frame.
 fn make(
     session: &mut Session,
     first: &RenderJob,
@@ -363,9 +382,9 @@ fn make(
     (views, wanted): (&[View], &[u32]),
     mut series: Option<&mut (TimeSeries, Vec<u32>)>,
     sender: &SyncSender<Done>,
-) -> Result<(), Failure> {
+) -> Result<Option<&'static str>, Failure> {
     let progress = Remaining::new("frames", wanted.len());
-    let mut layers = None;
+    let (mut layers, mut painter) = (None, None);
     for (done, &frame) in wanted.iter().enumerate() {
         progress.at(done, &format!("frame {} of {}", frame + 1, views.len()));
         if let Some((series, times)) = series.as_deref_mut()
@@ -383,12 +402,13 @@ fn make(
         let mut job = RenderJob { view: views[frame as usize].clone(), ..first.clone() };
         session.complete(&mut job, fitted)?;
         let picture = session.picture(&job, layers, &fitted.transfer, &mut Stages::default())?;
+        painter = Some(picture.painter());
         let image = picture.image().clone();
         if sender.send(Done { frame, image, notes: picture.notes }).is_err() {
             break;
         }
     }
-    Ok(())
+    Ok(painter)
 }
 
 /// Writes frames as they come.

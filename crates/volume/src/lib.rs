@@ -4,8 +4,8 @@
 //! reads surfaces. The rest is what the renderer shares with them: [`memory`] (allocation that can fail), [`files`]
 //! (what may be opened), [`names`] (spellings in messages) and [`vector`].
 //!
-//! Features, all on by default but `hdf5`: `dicom` (with JPEG), `jpeg2000` (in DICOM), `tiff`, `vtk`, `zarr`, `hdf5`
-//! (HDF5 and NetCDF).
+//! Features, all on by default: `dicom` (with JPEG), `hdf5` (HDF5 and NetCDF), `jpeg2000` (in DICOM), `tiff`, `vtk` and
+//! `zarr`.
 
 #![cfg_attr(
     not(all(feature = "dicom", feature = "tiff", feature = "vtk", feature = "zarr")),

@@ -25,6 +25,18 @@ pub fn readable(value: f64) -> String {
     }
 }
 
+/// A share, 0 to 1, in percent with one digit after the point. A share that would round to none or to all of something
+/// is named by its bound.
+#[must_use]
+pub fn percent(share: f64) -> String {
+    match 100.0 * share {
+        0.0 => "0 %".to_owned(),
+        percent if percent < 0.1 => "under 0.1 %".to_owned(),
+        percent if percent > 99.9 && percent < 100.0 => "over 99.9 %".to_owned(),
+        percent => format!("{percent:.1} %"),
+    }
+}
+
 /// A text as HTML.
 #[must_use]
 pub fn escaped(text: &str) -> String {

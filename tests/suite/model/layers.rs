@@ -231,7 +231,7 @@ fn an_empty_mask_and_a_volume_without_labels_are_invisible_for_a_reason() {
         (Layers::new(masked(LabelSelection::All)).with(blank).unwrap(), vec![masked_reason, blank_reason]),
     ] {
         assert_eq!(layers.hidden(), reasons);
-        let image = draw(&RENDERER.prepare_layers(&layers, &settings).unwrap(), &camera, &settings).image;
+        let image = draw(&renderer().prepare_layers(&layers, &settings).unwrap(), &camera, &settings).image;
         assert!(image.pixels().iter().flatten().all(|channel| *channel == 0.0));
     }
     // A label 0 with a colour of its own, and a volume that is clear by its transfer function, are as requested.

@@ -16,25 +16,31 @@ pub(crate) struct InfoArgs {
     /// Names, colours and opacities of labels, as for render
     #[arg(long, value_name = "FILE", requires = "labels", help_heading = "Labels")]
     pub(crate) label_table: Option<PathBuf>,
-    /// Print one JSON object
-    #[arg(long, help_heading = "Output")]
-    pub(crate) json: bool,
 }
 
-/// Compare two pictures. The exit code is 1 if a pixel differs by more than the tolerance.
+/// Compare two pictures. The exit code is 0 if they keep all limits, 1 if they differ, 2 if they cannot be compared.
+///
+/// All limits that are given must hold. --tolerance and --max-outliers limit single pixels, --max-rms and --min-psnr
+/// the whole picture. Without any, no pixel may differ; with limits of the whole picture alone, single pixels may.
 #[derive(Debug, clap::Args)]
 pub(crate) struct CompareArgs {
     /// A picture, .png or .exr
     pub(crate) a: PathBuf,
     /// A picture of the same size
     pub(crate) b: PathBuf,
-    /// Largest tolerated difference of a channel; channels run from 0 to 1, so an 8-bit step is 0.00392
-    #[arg(long, value_name = "T", default_value_t = 0.0, value_parser = parse::tolerance)]
-    pub(crate) tolerance: f64,
+    /// Largest tolerated difference of a channel; channels run from 0 to 1, so an 8-bit step is 0.00392 [default: 0]
+    #[arg(long, value_name = "T", value_parser = parse::tolerance)]
+    pub(crate) tolerance: Option<f64>,
+    /// Largest tolerated share of pixels that differ by more than --tolerance, 0 to 1 [default: 0]
+    #[arg(long, value_name = "SHARE", value_parser = parse::share)]
+    pub(crate) max_outliers: Option<f64>,
+    /// Largest tolerated root mean square of all differences
+    #[arg(long, value_name = "RMS", value_parser = parse::tolerance)]
+    pub(crate) max_rms: Option<f64>,
+    /// Least tolerated peak signal-to-noise ratio, dB: -20 log10(rms)
+    #[arg(long, value_name = "DB", value_parser = parse::number)]
+    pub(crate) min_psnr: Option<f64>,
     /// Write the difference, multiplied by ten, as a picture
     #[arg(long, value_name = "FILE")]
     pub(crate) difference: Option<PathBuf>,
-    /// Print one JSON object
-    #[arg(long)]
-    pub(crate) json: bool,
 }

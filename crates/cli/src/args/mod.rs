@@ -26,7 +26,7 @@ pub(crate) use self::view::{ProjectionArg, ViewArgs};
 
 /// Render voxel volumes by splatting on the GPU.
 #[derive(Debug, Parser)]
-#[command(version, max_term_width = 100, after_help = MAIN_EXAMPLES, disable_help_subcommand = true)]
+#[command(name = "voxsplat", version, max_term_width = 100, after_help = MAIN_EXAMPLES, disable_help_subcommand = true)]
 #[command(subcommand_required = true, arg_required_else_help = false)]
 pub(crate) struct Args {
     #[command(subcommand)]
@@ -34,6 +34,11 @@ pub(crate) struct Args {
     /// Print only results and errors: no notes, no progress
     #[arg(short, long, global = true)]
     pub(crate) quiet: bool,
+    /// Print the result as one JSON object with version, choices (preset, light, sharpness, view, painter) and outputs
+    ///
+    /// A scene with several outputs prints an object for each. --stats adds its numbers, in either format.
+    #[arg(long, global = true)]
+    pub(crate) json: bool,
 }
 
 const MAIN_EXAMPLES: &str = "\
@@ -43,8 +48,9 @@ Examples:
   voxsplat render scan.nii.gz -o scan.png --transfer ct-bone --azimuth 30
   voxsplat pareto scan.nii.gz -o speed-against-error
 
-Exit codes: 0 done, 1 failed (compare: the pictures differ; --verify: --max-error is exceeded), 2 wrong
-arguments, 128 and its number for a signal. Output has no colours, with NO_COLOR and without.";
+Exit codes: 0 done, 1 failed (compare: the pictures differ; --verify: --max-error is exceeded), \
+2 wrong arguments (compare: also pictures that cannot be read or have other sizes), 128 and its \
+number for a signal. Output has no colours, with NO_COLOR and without.";
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {

@@ -9,7 +9,7 @@ use voxsplat::transfer::Window;
 use voxsplat::transfer::maps;
 use voxsplat::transfer::presets::{PRESETS, PresetValues};
 
-use crate::parse::{self, one_of};
+use crate::parse::{self, Spelled, one_of};
 use crate::tune::{TuneArg, tune};
 
 /// The help of `--transfer`: presets and colour maps as the library lists them.
@@ -85,8 +85,8 @@ pub(crate) struct ModelArgs {
     /// for up to 4 lights. All but studio and off take :INTENSITY or :COLOUR.
     ///
     /// [default: studio if render uses a preset or a built-in volume that shows surfaces, otherwise off]
-    #[arg(long, value_name = "LIGHT", value_parser = parse::library::<LightSpec>)]
-    pub(crate) light: Vec<LightSpec>,
+    #[arg(long, value_name = "LIGHT", value_parser = parse::spelled::<LightSpec>)]
+    pub(crate) light: Vec<Spelled<LightSpec>>,
     /// Material of lit surfaces: ambient, diffuse and specular reflection, 0 to 1, and shininess, 1 to 1000
     /// [default: 0.3,0.7,0.2,24; studio 0.4,0.7,0.2,24; render uses the material of the preset or built-in volume]
     #[arg(long, value_name = "A,D,S,N", value_parser = parse::material)]

@@ -8,8 +8,8 @@ use super::render::RenderArgs;
 use crate::parse::{self, one_of};
 
 const TURNTABLE_EXAMPLES: &str = "\
--o is DIR/{frame}.png or .exr (a file for each frame), FILE.gif (256 colours for all frames), FILE.apng, FILE.y4m,
-FILE.html (a page that turns by mouse, touch and keys), or - for standard output. All options of render apply, and a
+-o is DIR/{frame}.png or .exr (a file for each frame), FILE.gif (256 colours for all frames), FILE.apng, FILE.y4m, \
+FILE.html (a page that turns by mouse, touch and keys), or - for standard output. All options of render apply, and a \
 scene may take the place of a volume.
 
 Examples:

@@ -48,10 +48,12 @@ pub(crate) struct ViewArgs {
     /// Magnify by F, over 0
     #[arg(long, alias = "camera-zoom-factor", value_name = "F", default_value_t = 1.0, value_parser = parse::positive)]
     pub(crate) zoom: f64,
-    /// Fit the picture to the visible voxels at one size for every azimuth (visible), to the visible voxels as large as
-    /// this view permits (view), or to the box of the lattice (volume). A colour bar, a title and a caption then lie
-    /// over the picture, and change no pixel beside them [default: visible, beside these parts of a figure; volume with
-    /// --target, --view-height or --distance]
+    /// Fit the picture to the visible voxels as large as this view permits (view), to the visible voxels at one size
+    /// for every azimuth (visible), or to the box of the lattice (volume). A colour bar, a title and a caption then lie
+    /// over the picture, and change no pixel beside them
+    ///
+    /// [default: view for one picture, visible for a series (turntable, pareto, plan, a scene with several outputs),
+    /// both beside these parts of a figure; volume with --target, --view-height or --distance]
     #[arg(long, value_name = "WHAT", value_parser = one_of(Frame::ALL, Frame::name))]
     pub(crate) frame: Option<Frame>,
     /// Margin around the framed region: a fraction of the picture on each side, 0 to under 0.5 [default: 0.02]
@@ -63,6 +65,9 @@ pub(crate) struct ViewArgs {
     /// Perspective: world distance from the eye to the target [default: the framed region just fits]
     #[arg(long, value_name = "LENGTH", value_parser = parse::positive)]
     pub(crate) distance: Option<f64>,
+    /// Whether the view is one of a series, as a command decides.
+    #[arg(skip)]
+    pub(crate) in_series: bool,
 }
 
 impl ViewArgs {

@@ -1,5 +1,6 @@
 //! `voxsplat brick`.
 
+use serde::Serialize;
 use voxsplat::bricks::{self, Partial};
 use voxsplat::formats::load;
 use voxsplat::image::check_writable;
@@ -10,13 +11,19 @@ use super::document;
 use crate::args::BrickArgs;
 use crate::failure::Failure;
 use crate::job::Engine;
-use crate::progress;
 use crate::session::Session;
 use crate::stages::Stages;
+use crate::{progress, report};
+
+/// The bricks of a partial picture.
+#[derive(Serialize)]
+struct Bricks {
+    bricks: Vec<usize>,
+}
 
 pub(crate) fn run(args: &BrickArgs) -> Result<(), Failure> {
     check_writable(&args.output).map_err(|e| Failure::usage(format!("--output: {e:#}")))?;
-    let (plan, mut job) = document::load(&args.plan)?;
+    let (plan, mut job, choices) = document::load(&args.plan)?;
     plan.brick(*args.bricks.end())?;
     let layers = match plan.transfer() {
         // Samples in one piece of a file stay there, and only slices are read.
@@ -39,5 +46,6 @@ pub(crate) fn run(args: &BrickArgs) -> Result<(), Failure> {
     let first = draw(*args.bricks.start())?;
     let mut others = args.bricks.clone().skip(1);
     let part = others.try_fold(first, |front, number| Ok::<_, Failure>(front.over(&draw(number)?)?))?;
-    Ok(part.save(&args.output)?)
+    part.save(&args.output)?;
+    report::print(choices, [&args.output], Bricks { bricks: args.bricks.clone().collect() })
 }

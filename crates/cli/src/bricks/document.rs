@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use clap::FromArgMatches;
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 use serde_json::value::RawValue;
 use voxsplat::bricks::Plan;
 use voxsplat::image::write_file;
@@ -14,6 +15,7 @@ use crate::args::{self, Args};
 use crate::destination::Destination;
 use crate::failure::{Failure, fail};
 use crate::job::RenderJob;
+use crate::report::Choices;
 
 /// The largest plan that is read, in bytes.
 const MAX_BYTES: u64 = 256 << 20;
@@ -28,11 +30,20 @@ struct Document {
     volume: String,
     /// The options of `voxsplat render`.
     options: Vec<String>,
+    /// The look of the picture: see [`report`](crate::report).
+    #[serde(default)]
+    choices: Value,
     plan: Box<RawValue>,
 }
 
 /// Writes a plan. The file appears whole or not at all.
-pub(super) fn save(path: &Path, plan: &Plan, volume: &Path, options: Vec<String>) -> Result<(), Failure> {
+pub(super) fn save(
+    path: &Path,
+    plan: &Plan,
+    volume: &Path,
+    options: Vec<String>,
+    choices: &Choices,
+) -> Result<(), Failure> {
     let volume = match volume.canonicalize() {
         Ok(path) => path,
         Err(_) => volume.to_owned(),
@@ -45,17 +56,18 @@ pub(super) fn save(path: &Path, plan: &Plan, volume: &Path, options: Vec<String>
         voxsplat: env!("CARGO_PKG_VERSION").to_owned(),
         volume: volume.to_owned(),
         options,
+        choices: serde_json::to_value(choices).map_err(failed)?,
         plan: RawValue::from_string(plan.to_json()?.trim_end().to_owned()).map_err(failed)?,
     };
     let text = serde_json::to_string_pretty(&document).map_err(failed)?;
     Ok(write_file(path, (text + "\n").as_bytes())?)
 }
 
-/// Reads a plan, and the job of its whole picture.
-pub(super) fn load(path: &Path) -> Result<(Plan, RenderJob), Failure> {
+/// Reads a plan, the job of its whole picture, and the choices in it.
+pub(super) fn load(path: &Path) -> Result<(Plan, RenderJob, Value), Failure> {
     let text = read_text(path, MAX_BYTES)?;
     let no_plan = |reason: String| Failure::failed(format!("{}: no plan: {reason}", path.display()));
-    let Document { volume, options, plan, .. } = serde_json::from_str(&text)
+    let Document { volume, options, choices, plan, .. } = serde_json::from_str(&text)
         .map_err(|e| no_plan(format!("line {} column {}: {}", e.line(), e.column(), fault(&e))))?;
     let plan = Plan::from_json(plan.get()).map_err(|e| no_plan(e.to_string()))?;
     let mut words: Vec<OsString> = ["voxsplat", "render"].map(OsString::from).to_vec();
@@ -63,7 +75,7 @@ pub(super) fn load(path: &Path) -> Result<(Plan, RenderJob), Failure> {
     words.extend(["--".into(), volume.into()]);
     let parsed = args::command().try_get_matches_from(&words).and_then(|matches| Args::from_arg_matches(&matches));
     match parsed.map(|args| args.command) {
-        Ok(args::Command::Render(args)) => Ok((plan, RenderJob::with_output(*args, picture())?)),
+        Ok(args::Command::Render(args)) => Ok((plan, RenderJob::with_output(*args, picture())?, choices)),
         Ok(_) => Err(no_plan("its options are not about a picture".to_owned())),
         Err(error) => Err(no_plan(error.to_string().lines().next().unwrap_or_default().to_owned())),
     }

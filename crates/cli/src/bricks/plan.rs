@@ -4,6 +4,7 @@ use std::ffi::OsString;
 use std::path::Path;
 
 use clap::{ArgMatches, Command};
+use serde::Serialize;
 use voxsplat::bricks::{Chunks, Plan};
 use voxsplat::image::check_writable;
 use voxsplat::settings::Level;
@@ -13,13 +14,23 @@ use crate::args::PlanArgs;
 use crate::failure::{Failure, refuse};
 use crate::job::{Engine, RenderJob};
 use crate::options::given;
+use crate::report::{self, Choices};
 use crate::scene_file::is_scene;
 use crate::session::Session;
 use crate::stages::Stages;
 use crate::{output, scene};
 
 /// Options of the command alone.
-const OWN: [&str; 3] = ["grid", "output", "quiet"];
+const OWN: [&str; 4] = ["grid", "output", "json", "quiet"];
+
+/// A plan in numbers.
+#[derive(Serialize)]
+struct Planned {
+    bricks: usize,
+    level: u32,
+    /// The memory of the largest brick.
+    brick_bytes: u64,
+}
 
 pub(crate) fn run(args: PlanArgs, line: (&Command, &ArgMatches)) -> Result<(), Failure> {
     let PlanArgs { mut render, grid } = args;
@@ -31,6 +42,8 @@ pub(crate) fn run(args: PlanArgs, line: (&Command, &ArgMatches)) -> Result<(), F
         return refuse("a plan is of a volume, not of a scene: give the options of the scene");
     }
     render.input.check_one_time()?;
+    // Plans of several views have one size, as films do.
+    render.view.in_series = true;
     let jobs = scene::jobs(render, line, |args| RenderJob::with_output(args, document::picture()))?;
     let words = given(line.0, line.1).into_iter().filter(|(name, _)| !OWN.contains(&name.as_str()));
     let mut options = Vec::new();
@@ -65,14 +78,16 @@ pub(crate) fn run(args: PlanArgs, line: (&Command, &ArgMatches)) -> Result<(), F
         }
         let chunks = Chunks::even(layers.grid().dims(), grid)?;
         let plan = Plan::new(&layers, layers.grid(), &chunks, &camera, &settings)?;
-        document::save(&path, &plan, &job.source, options.clone())?;
+        let choices = Choices::of(&job, plan.settings(), Some(&fitted), None);
+        document::save(&path, &plan, &job.source, options.clone(), &choices)?;
         let bricks = plan.bricks().len();
         let most = plan.bricks().iter().map(|brick| brick.bytes).max().unwrap_or_default();
         let level = if let Level::At(level) = plan.settings().level { level } else { 0 };
-        let (last, most) = (bricks - 1, most as f64 / 1e6);
+        let (last, megabytes) = (bricks - 1, most as f64 / 1e6);
         output::say(&format!(
-            "planned {bricks} bricks, numbers 0 to {last}, at --level {level}, of up to {most:.0} MB"
+            "planned {bricks} bricks, numbers 0 to {last}, at --level {level}, of up to {megabytes:.0} MB"
         ));
+        report::print(choices, [&path], Planned { bricks, level, brick_bytes: most })?;
     }
     Ok(())
 }

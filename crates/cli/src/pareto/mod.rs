@@ -34,11 +34,13 @@ use super::args::ParetoArgs;
 use super::draw::with_units;
 use super::effects::noted;
 use super::failure::{Failure, fail, refuse};
+use super::files::STUDY_FILES;
 use super::fitted::transfer;
 use super::job::{figure, settings, view};
 use super::options::{file_name, words};
 use super::output;
 use super::progress::{Progress, Remaining};
+use super::report::{self, Choices, Look};
 use super::session::say_choice;
 use super::stages::Stages;
 use super::transfer::transfer as requested_transfer;
@@ -90,6 +92,12 @@ struct State {
     rest: String,
 }
 
+/// The best compromises, the fastest first.
+#[derive(Serialize)]
+struct Front<'a> {
+    front: Vec<&'a Measurement>,
+}
+
 /// Another renderer's picture of the same scene.
 #[derive(Debug, Deserialize)]
 struct Rival {
@@ -101,7 +109,7 @@ struct Rival {
 }
 
 /// Options of `voxsplat pareto` alone, and options that a study varies.
-const OWN: &str = "output views repeats patience seconds rivals resume quiet shading kernel level tune";
+const OWN: &str = "output views repeats patience seconds rivals resume json quiet shading kernel level tune";
 
 /// The error of the truth: a tenth of the error of the most exact pictures.
 const TOLERANCE: f64 = 1e-6;
@@ -147,16 +155,17 @@ pub(crate) fn run(args: &ParetoArgs, line: (&Command, &ArgMatches), clock: Clock
     notes.iter().for_each(|note| output::say(note));
     let rivals: Vec<Rival> = args.rivals.as_deref().map_or(Ok(Vec::new()), |path| read_json(path, MAX_JSON))?;
     let load = LoadOptions { stream_over: tuning.stream_over, ..args.input.options_for(&first, args.size) };
-    let (volume, transfer) = {
+    let (volume, transfer, preset) = {
         let _progress = Progress::spinner("reading");
         let volume = formats::load(&args.input.source, &load)?;
         say_choice(&volume, &load);
         let fitted = transfer(&args.input.source, &requested, &volume, false, 0, &mut Stages::default())?;
         fitted.notes.iter().for_each(|note| output::say(note));
-        (with_units(&volume, &units), fitted.transfer)
+        let preset = report::preset(&fitted);
+        (with_units(&volume, &units), fitted.transfer, preset)
     };
     settings.clip = ClipSpec::intersection(&args.model.clip, &volume)?;
-    let frame = args.view.frame.unwrap_or_else(|| Frame::suited_to(&first));
+    let frame = args.view.frame.unwrap_or_else(|| Frame::suited_to(&first, true));
     let around = frame.hull(&Layers::of_volume(&volume, &transfer), &settings.clip)?;
     let first = View { around, ..first };
     let turned = (1..args.views).zip(ELEVATIONS.iter().cycle()).map(|(i, &elevation)| {
@@ -184,7 +193,7 @@ pub(crate) fn run(args: &ParetoArgs, line: (&Command, &ArgMatches), clock: Clock
         version: env!("CARGO_PKG_VERSION").to_owned(),
     };
     let rest = |name: fn(&str) -> String| {
-        let words = words(line, &["quiet", "resume", "seconds"], name);
+        let words = words(line, &["json", "quiet", "resume", "seconds"], name);
         format!("voxsplat pareto {} --resume --seconds 0", command_line(&words))
     };
     make_directory(&args.output)?;
@@ -208,6 +217,13 @@ pub(crate) fn run(args: &ParetoArgs, line: (&Command, &ArgMatches), clock: Clock
         drawn: Vec::new(),
     };
     let front = run.measure()?;
+    if output::is_json() {
+        let light = args.model.light.iter().map(|light| light.text.clone()).collect();
+        let choices = Choices { preset, look: Some(Look::new(&settings, light, (&first, frame), None)) };
+        let files = STUDY_FILES.iter().map(|name| args.output.join(name)).filter(|path| path.is_file());
+        let front = front.iter().filter_map(|&index| run.kept.measurements.get(index)).collect();
+        return report::print(choices, files, Front { front });
+    }
     let summary = summary(&run.kept, &front, &run.state(None), &args.output.join("report.html"), &rest(str::to_owned));
     output::print(&summary)
 }

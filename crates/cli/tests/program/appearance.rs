@@ -27,7 +27,7 @@ fn nrrd(path: &Path, fields: &str, value: impl Fn(f64, [i32; 3]) -> i16) {
 fn the_library_draws_channels_as_the_program_does() {
     let dir = folder();
     fs::copy(volume_file("several.ome.tif"), dir.path().join("several.ome.tif")).unwrap();
-    let line = format!("render several.ome.tif -o program.png --size 48 --adapter {}", adapter());
+    let line = format!("render several.ome.tif -o program.png --size 48 --frame visible --adapter {}", adapter());
     let output = voxsplat(dir.path(), &line);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let source = dir.path().join("several.ome.tif");
@@ -43,7 +43,7 @@ fn the_library_draws_channels_as_the_program_does() {
 
 /// The choices of the library for a volume, whose picture has the pixels of the program's.
 fn choices(folder: &Path, source: &str) -> Vec<Choice> {
-    let line = format!("render {source} -o program.png --size 48 --adapter {}", adapter());
+    let line = format!("render {source} -o program.png --size 48 --frame visible --adapter {}", adapter());
     let output = voxsplat(folder, &line);
     assert!(output.status.success(), "{source}: {}", String::from_utf8_lossy(&output.stderr));
     let named = if source.starts_with("demo:") { source.into() } else { folder.join(source) };
@@ -92,6 +92,49 @@ fn the_library_chooses_what_the_program_draws() {
     assert_eq!(suggested("marschner-lobb"), ["side"]);
     assert_eq!(suggested("shepp-logan"), ["side"]);
     assert!(suggested("sphere").is_empty() && suggested("shell").is_empty());
+}
+
+/// A lattice of 24^3 samples in which a bar along y shows, which is thin from the front.
+fn bar(dir: &Path) -> &'static str {
+    let is_bar = |i: usize| (11..13).contains(&(i % 24)) && (2..22).contains(&(i / 24 % 24)) && i / 576 == 11;
+    let samples: Vec<u8> = (0..24 * 24 * 24).map(|i| if is_bar(i) { 255 } else { 0 }).collect();
+    fs::write(dir.join("bar.raw"), samples).unwrap();
+    "bar.raw --dims 24,24,24 --type u8 --transfer gray --azimuth 0 --elevation 0"
+}
+
+#[test]
+fn a_single_picture_fills_the_frame_and_a_series_has_one_size() {
+    let dir = folder();
+    let dir = dir.path();
+    let bar = bar(dir);
+    let run = |line: &str| {
+        let output = voxsplat(dir, line);
+        assert!(output.status.success(), "{line}: {}", String::from_utf8_lossy(&output.stderr));
+    };
+    let drawn = |line: &str, name: &str| {
+        run(&format!("{line} --size 32 --reference"));
+        Image::load(dir.join(name)).unwrap()
+    };
+    let covered = |image: &Image| image.pixels().iter().filter(|pixel| pixel[0] > 0.1).count();
+    let alone = drawn(&format!("render {bar} -o a.png --save-scene s.json"), "a.png");
+    let steady = drawn(&format!("render {bar} -o b.png --frame visible"), "b.png");
+    assert!(covered(&alone) > 8 * covered(&steady), "{} {}", covered(&alone), covered(&steady));
+    assert!(alone == drawn(&format!("render {bar} -o b.png --frame view"), "b.png"));
+    // A saved scene draws the same picture, and keeps its steady frame as a turntable.
+    assert!(alone == drawn("render s.json -o b.png", "b.png"));
+    let film = "--frames 2 --turn 90 -o {frame}.png";
+    for source in [bar, "s.json"] {
+        assert!(steady == drawn(&format!("turntable {source} {film}"), "0000.png"), "{source}");
+    }
+    fs::write(dir.join("keys.json"), r#"[{"frame": 0, "azimuth": 0}, {"frame": 1, "azimuth": 90}]"#).unwrap();
+    assert!(steady == drawn("turntable s.json --key-frames keys.json --frames 2 -o {frame}.png", "0000.png"));
+    // A scene of several pictures is a series.
+    let text = fs::read_to_string(dir.join("s.json")).unwrap();
+    let scene = text.trim_end().trim_end_matches('}').trim_end();
+    let outputs = |outputs: &str| format!("{scene}, \"outputs\": [{outputs}]}}");
+    fs::write(dir.join("one.json"), outputs(r#"{"output": "c.png"}"#)).unwrap();
+    fs::write(dir.join("two.json"), outputs(r#"{"output": "c.png"}, {"output": "d.png", "azimuth": 90}"#)).unwrap();
+    assert!(alone == drawn("render one.json", "c.png") && steady == drawn("render two.json", "c.png"));
 }
 
 #[test]

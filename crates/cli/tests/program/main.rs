@@ -18,6 +18,7 @@ mod cli;
 mod commands;
 mod hostile;
 mod overlays;
+mod results;
 mod scenes;
 mod segmentations;
 mod solids;

@@ -434,3 +434,92 @@ fn short_help_lists_few_options_and_long_help_all() {
     // The last ones are --overlay, --mesh and --depth: no other option draws a second volume of values, or a surface.
     assert!((50..=70).contains(&all), "--help lists {all} options");
 }
+
+/// The help of every command, short and long, at a width of the terminal.
+fn help(dir: &Path, columns: Option<&str>) -> Vec<String> {
+    let run = |line: &str| {
+        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_voxsplat"));
+        command.current_dir(dir).args(line.split_whitespace()).env_remove("COLUMNS");
+        let output = command.envs(columns.map(|columns| ("COLUMNS", columns))).output().unwrap();
+        String::from_utf8(output.stdout).unwrap()
+    };
+    let program = run("--help");
+    let commands = program.split("Commands:\n").nth(1).unwrap().lines().take_while(|line| !line.is_empty());
+    let names: Vec<&str> = commands.filter_map(|line| line.split_whitespace().next()).collect();
+    let lines = names.iter().flat_map(|name| [format!("{name} --help"), format!("{name} -h")]);
+    lines.map(|line| run(&line)).chain([program.clone()]).collect()
+}
+
+#[test]
+fn help_is_wrapped_once() {
+    let dir = folder();
+    for (columns, width) in [(None, 100), (Some("80"), 80), (Some("100"), 100), (Some("120"), 100)] {
+        for text in help(dir.path(), columns) {
+            let lines: Vec<&str> = text.lines().collect();
+            for pair in lines.windows(2) {
+                let indent = |line: &str| line.len() - line.trim_start().len();
+                let [line, next] = [pair[0], pair[1]];
+                assert!(line.chars().count() <= width || line.contains("voxsplat "), "{columns:?}: {line}");
+                // The first word of the next line of a paragraph did not fit.
+                let is_text = |line: &str| indent(line) == 0 && line.contains(' ') && !line.ends_with(':');
+                let word = next.split(' ').next().unwrap_or_default();
+                let had_room = line.chars().count() + 1 + word.chars().count() <= width;
+                assert!(!(is_text(line) && is_text(next) && had_room), "{columns:?}: {line:?} {next:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn the_program_has_one_name() {
+    let dir = folder();
+    for line in ["--version", "man", "man render", "man compare", "render --help"] {
+        let text = stdout(&voxsplat(dir.path(), line));
+        assert!(text.contains("voxsplat") && !text.replace('\\', "").contains("voxsplat-cli"), "{line}: {text}");
+    }
+    let version = concat!("voxsplat ", env!("CARGO_PKG_VERSION"), "\n");
+    assert_eq!(stdout(&voxsplat(dir.path(), "--version")), version);
+}
+
+#[test]
+fn shells_complete_values_and_files_for_paths_alone() {
+    let dir = folder();
+    let script = |shell: &str| stdout(&voxsplat(dir.path(), &format!("completions {shell}")));
+    let bash = script("bash");
+    for (option, values) in [
+        ("transfer", "ct-bone "),
+        ("light", "\"off headlight studio studio:eye\""),
+        ("kernel", "\"gaussian kaiser-bessel\""),
+        ("model", "\"composite xray mip minip average\""),
+        ("type", "\"u8 i8 "),
+        ("azimuth", "=(\"${cur}\")"),
+        ("output", "compgen -f"),
+        ("labels", "compgen -f"),
+    ] {
+        let place = bash.find(&format!("                --{option})\n")).unwrap_or_else(|| panic!("--{option}"));
+        let case = &bash[place..place + bash[place..].find(";;").unwrap()];
+        assert!(case.contains(values), "{option}: {case}");
+    }
+    // A transfer function may be a file too.
+    let zsh = script("zsh");
+    let line = zsh.lines().find(|line| line.starts_with("'--transfer=")).unwrap();
+    assert!(line.contains("(ct-bone ") && line.contains("_files"), "{line}");
+    let fish = script("fish");
+    let line = fish.lines().find(|line| line.contains(" -l transfer ")).unwrap();
+    assert!(line.contains(" -r -F -a \"ct-bone"), "{line}");
+}
+
+#[test]
+fn shares_say_something() {
+    let dir = folder();
+    // Half of the lattice is empty, most of the rest is one value, and few voxels are brighter.
+    let sample = |i: usize| match i % 100 {
+        1 => 180,
+        i if i % 2 == 0 => 0,
+        _ => 100,
+    };
+    std::fs::write(dir.path().join("a.raw"), (0..20 * 20 * 20).map(sample).collect::<Vec<u8>>()).unwrap();
+    let text = stdout(&voxsplat(dir.path(), "info a.raw --dims 20,20,20 --type u8"));
+    assert!(text.contains("a quarter of the foreground has one value"), "{text}");
+    assert!(!text.contains(" 0.0 %") && !text.contains("100.0 %"), "{text}");
+}

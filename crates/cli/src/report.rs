@@ -1,0 +1,135 @@
+//! The result of a command as one JSON object, for `--json`.
+
+use std::path::Path;
+
+use serde::Serialize;
+use voxsplat::appearance::{Frame, LABELS};
+use voxsplat::camera::{ProjectionKind, View};
+use voxsplat::settings::Settings;
+
+use super::failure::Failure;
+use super::fitted::Fitted;
+use super::job::RenderJob;
+use super::output;
+
+/// The object. The keys of `result` are the command's own.
+#[derive(Serialize)]
+struct Report<C, R> {
+    /// The version of the program.
+    version: &'static str,
+    choices: C,
+    /// The files that the command has written.
+    outputs: Vec<String>,
+    #[serde(flatten)]
+    result: R,
+}
+
+/// The look of a picture, whoever chose it. A command without a picture has no choices.
+#[derive(Serialize, Default)]
+pub(crate) struct Choices {
+    /// The preset or `labels`; `None`: a file, a colour map, or the transfer function of a built-in volume.
+    pub(crate) preset: Option<&'static str>,
+    #[serde(flatten)]
+    pub(crate) look: Option<Look>,
+}
+
+/// Light, kernel, view and painter.
+#[derive(Serialize)]
+pub(crate) struct Look {
+    /// The lights as `--light` takes them; none: unlit.
+    light: Vec<String>,
+    sharpness: f64,
+    kernel: String,
+    model: &'static str,
+    shading: &'static str,
+    view: ViewChoice,
+    /// The painter that drew; `None` if nothing was drawn, or if several painters were measured.
+    painter: Option<&'static str>,
+}
+
+/// The view, with angles in degrees.
+#[derive(Serialize)]
+struct ViewChoice {
+    /// `None` if a direction replaces azimuth and elevation.
+    azimuth: Option<f64>,
+    elevation: Option<f64>,
+    direction: Option<[f64; 3]>,
+    roll: f64,
+    zoom: f64,
+    projection: &'static str,
+    frame: &'static str,
+}
+
+impl Choices {
+    /// The choices of a job that is complete. `settings` drew its picture, `fitted` is its transfer function if it is
+    /// known.
+    pub(crate) fn of(
+        job: &RenderJob,
+        settings: &Settings,
+        fitted: Option<&Fitted>,
+        painter: Option<&'static str>,
+    ) -> Self {
+        let studio = if job.studio.follows { "studio:eye" } else { "studio" };
+        let light = match (&settings.lighting, &job.lights[..]) {
+            (None, _) => Vec::new(),
+            (Some(_), []) => vec![studio.to_owned()],
+            (Some(_), lights) => lights.to_vec(),
+        };
+        Self {
+            preset: fitted.and_then(preset),
+            look: Some(Look::new(settings, light, (&job.view, job.frame), painter)),
+        }
+    }
+}
+
+impl Look {
+    pub(crate) fn new(
+        settings: &Settings,
+        light: Vec<String>,
+        (view, frame): (&View, Frame),
+        painter: Option<&'static str>,
+    ) -> Self {
+        let turned = |angle: f64| view.direction.is_none().then_some(angle);
+        Self {
+            light,
+            sharpness: settings.sharpness,
+            kernel: settings.kernel.to_string(),
+            model: settings.model.name(),
+            shading: settings.shading.name(),
+            view: ViewChoice {
+                azimuth: turned(view.azimuth),
+                elevation: turned(view.elevation),
+                direction: view.direction.map(|direction| direction.to_array()),
+                roll: view.roll,
+                zoom: view.zoom,
+                projection: match view.projection {
+                    ProjectionKind::Orthographic => "orthographic",
+                    ProjectionKind::Perspective { .. } => "perspective",
+                },
+                frame: frame.name(),
+            },
+            painter,
+        }
+    }
+}
+
+/// Returns the name of the preset of a transfer function, or `labels`.
+pub(crate) fn preset(fitted: &Fitted) -> Option<&'static str> {
+    if fitted.labels { Some(LABELS) } else { fitted.preset.map(|preset| preset.name) }
+}
+
+/// Prints the object of a command that is done, if `--json` is given.
+pub(crate) fn print<P: AsRef<Path>>(
+    choices: impl Serialize,
+    outputs: impl IntoIterator<Item = P>,
+    result: impl Serialize,
+) -> Result<(), Failure> {
+    if !output::is_json() {
+        return Ok(());
+    }
+    let outputs = outputs.into_iter().map(|path| path.as_ref().to_string_lossy().into_owned()).collect();
+    output::print_json(&Report { version: env!("CARGO_PKG_VERSION"), choices, outputs, result })
+}
+
+/// The files of a command that writes none.
+pub(crate) const NO_FILES: [&str; 0] = [];
