@@ -1,6 +1,6 @@
 #!/bin/sh
-# Runs the quick tests: of the crates, then of the Python package (tests/python.sh). Installs missing packages other than
-# Rust first, and says how far it is. tests/slow.sh runs the other tests.
+# Runs the quick tests: of the Python package (tests/python.sh), then of the crates. Installs missing packages other
+# than Rust first, and says how far it is. tests/slow.sh runs the other tests.
 # Arguments go to `cargo test`, whose output is then left as it is: sh tests/run.sh --test suite golden::
 set -eu
 cd "$(dirname "$0")/.."

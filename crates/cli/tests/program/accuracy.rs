@@ -74,8 +74,8 @@ fn the_report_is_whole_and_goes_on_where_it_was_interrupted() {
     let point = |value: f64| serde_json::json!({"value": value, "color": "#ffffff", "opacity": value / 2.0});
     let transfer = dir.path().join("t.json");
     std::fs::write(&transfer, serde_json::json!({"points": [point(0.0), point(1.0)]}).to_string()).unwrap();
-    let command = "pareto demo:sphere:8 -o report --model xray --size 12 --views 2 --repeats 1 --tune sample=64 --seconds 0 \
-         --patience 1000000";
+    let command = "pareto demo:sphere:8 -o report --model xray --size 12 --views 2 --repeats 1 --tune sample=64 \
+                   --seconds 0 --patience 1000000";
     let command = &format!("{command} --transfer {}", transfer.display());
     let output = run(dir.path(), command);
     assert!(output.status.success(), "{}", said(&output));

@@ -645,7 +645,7 @@ fn send(signal: &str, child: &Child) {
     assert!(sent.success());
 }
 
-/// Sends a signal to a comparison of pictures of `size` pixels, once its output has grown to `bytes`, and returns whether
+/// Sends a signal to a comparison of pictures of `size` pixels, once its output has grown to `bytes`. Returns whether
 /// the signal has ended it.
 fn interrupts(dir: &Path, size: u32, bytes: u64, (signal, number): (&str, i32)) -> bool {
     let mut child = started(dir, ":", comparison(dir, size));
