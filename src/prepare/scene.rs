@@ -288,7 +288,7 @@ impl Scene {
         let of_scalars = matches!(self.content, Content::Scalars(_));
         // Nearer kernels are as wide as the least that cells can have.
         let least = |size| match settings.level {
-            _ if of_scalars => scalar_cells::least_growth(&settings.kernel, size),
+            _ if of_scalars => scalar_cells::right_growth(&settings.kernel, size),
             Level::At(_) => cells::least_growth(&settings.kernel, size),
             Level::Auto => cells::right_growth(&settings.kernel, size, self.voxel_depth(&settings)),
         };

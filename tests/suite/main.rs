@@ -12,6 +12,7 @@
 #[path = "../../src/gpu/adapter_test.rs"]
 mod adapter;
 mod bricks;
+mod constants;
 mod house;
 mod support;
 mod truth;
