@@ -461,6 +461,7 @@ impl Renderer {
                 choice = Choice::instead(context, settings, reason)?;
                 continue;
             }
+            scene.check_memory(context, &lattices, settings)?;
             scene.keep_levels(&lattices);
             let layer = |lattice| self.layer(scene, &room, lattice, &mut seconds);
             layers = lattices.into_iter().map(layer).collect::<Result<Vec<Layer>>>()?;

@@ -68,11 +68,11 @@ pub(crate) struct HostBrick {
     pub(crate) rows: Arc<Vec<Row>>,
     /// Words of a splat without its place and without the light that arrives.
     pub(crate) each: usize,
-    /// These words, splat after splat, the same under any light. Rows with equal words share them: the inside of a label
-    /// takes hardly any memory.
+    /// These words, splat after splat, the same under any light. Rows with equal words share them: the inside of a
+    /// label takes hardly any memory.
     words: Arc<Vec<u32>>,
-    /// The two words of the light that arrives at each splat, of [`SHADED_WORDS`], of rows with equal light once, and the
-    /// number of the first of each row; empty: all light arrives.
+    /// The number of the first splat of each row among those whose light is held, and the two words of the light that
+    /// arrives at each, of [`SHADED_WORDS`]: rows with equal light share it. Empty: all light arrives.
     light: (Vec<u32>, Vec<[u32; 2]>),
 }
 

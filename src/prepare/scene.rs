@@ -1,7 +1,7 @@
 //! A volume prepared on a device.
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use glam::DAffine3;
 
@@ -10,6 +10,7 @@ use super::drawable::{Held as Kept, PostShaded, PreShaded};
 use super::lattice::Lattice;
 use super::levels::ScalarNeed;
 use super::light_volume::{self, Classification, FallenLight};
+use super::memory::{self, Drawn};
 use super::scalar_cells::{self, Coarse};
 use super::scalars::{EmissionKey, magnification};
 use super::shadows::Shadows;
@@ -45,6 +46,8 @@ pub struct Scene {
     seconds: AtomicU64,
     /// [`Context::id`] of the device that holds it.
     device: u64,
+    /// The picture whose memory was found to be there.
+    foreseen: Mutex<Option<Drawn>>,
 }
 
 /// What is on the device.
@@ -87,7 +90,7 @@ fn shows(settings: &Settings) -> VisibleValues {
 impl Scene {
     fn new(context: &Context, content: Content, grid: Grid, weights: Weights, seconds: f64) -> Self {
         let seconds = AtomicU64::new(seconds.to_bits());
-        Self { content, grid, held: None, weights, seconds, device: context.id }
+        Self { content, grid, held: None, weights, seconds, device: context.id, foreseen: Mutex::default() }
     }
 
     /// A scene of classified voxels. The first picture classifies them, because the picture decides between voxels and
@@ -107,6 +110,10 @@ impl Scene {
         progress: &Progress,
     ) -> Result<Self> {
         let shows = shows(settings);
+        if settings.prefilter()?.is_some() {
+            let layers = Layers::of_volume(volume, transfer);
+            memory::check(&layers, &Drawn { filtered: true, ..Drawn::new(context, settings, CellSize::VOXEL) })?;
+        }
         let (prepared, seconds) = on_host(|| {
             let volume = match settings.prefilter()? {
                 Some(filter) => filter.apply::<f32>(volume, transfer.base(), progress)?,
@@ -152,6 +159,28 @@ impl Scene {
         Ok(())
     }
 
+    /// Refuses a picture of these lattices if there is no memory for it, before any is allocated.
+    pub(crate) fn check_memory(&self, context: &Context, lattices: &[Lattice], settings: &Settings) -> Result<()> {
+        let finest = lattices.iter().map(|lattice| lattice.size).min().unwrap_or(CellSize::VOXEL);
+        self.foresee(Drawn::new(context, settings, finest))
+    }
+
+    /// The same, once for each kind of picture: the scene holds much of what the next one needs.
+    fn foresee(&self, drawn: Drawn) -> Result<()> {
+        let mut foreseen = self.foreseen.lock().unwrap_or_else(PoisonError::into_inner);
+        if *foreseen == Some(drawn) || self.held.is_some() {
+            return Ok(());
+        }
+        match &self.content {
+            Content::Splats(voxels) => memory::check(&voxels.layers, &drawn)?,
+            Content::Scalars(scalars) => {
+                memory::check(&Layers::of_volume(&scalars.volume, &scalars.transfer), &drawn)?;
+            }
+        }
+        *foreseen = Some(drawn);
+        Ok(())
+    }
+
     pub(crate) fn grid(&self) -> &Grid {
         &self.grid
     }
@@ -184,6 +213,7 @@ impl Scene {
         progress: &Progress,
     ) -> Result<()> {
         if let Content::Splats(voxels) = &self.content {
+            self.foresee(Drawn::new(context, settings, CellSize::VOXEL))?;
             let (_, seconds) = voxels.classified(context, pipelines, (None, reads_lists(settings)), progress)?;
             self.seconds.store(seconds.to_bits(), Ordering::Relaxed);
         }
