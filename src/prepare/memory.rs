@@ -101,15 +101,16 @@ fn check_within(layers: &Layers, drawn: &Drawn, available: Available) -> Result<
     let unlit = Drawn { lit: false, shadows: false, ..*drawn };
     let levels = || (0..=MAX_LEVEL).map(|level| (level, CellSize::of_level(level)));
     let mut remedies = Vec::new();
-    if drawn.shadows && drawn.bytes(counts) > most && unlit.bytes(counts) <= most {
+    if drawn.shadows && unlit.bytes(counts) <= most {
         remedies.push("--light off".to_owned());
     }
-    if layers.plain().is_none() {
+    if layers.all().iter().any(|layer| matches!(layer.matter, Matter::Labels { .. })) {
         let level = levels().find(|&(_, size)| fits(Drawn { size, ..unlit }));
         let option = |(level, _)| if level == 0 { String::new() } else { format!(" --level {level}") };
         remedies.extend(level.map(|level| format!("--transfer grayscale{}", option(level))));
-    } else if let Some((level, _)) = levels().find(|&(_, size)| size > drawn.size && fits(Drawn { size, ..*drawn })) {
-        remedies.push(format!("--level {level}"));
+    } else if layers.plain().is_some() {
+        let level = levels().find(|&(_, size)| size > drawn.size && fits(Drawn { size, ..*drawn }));
+        remedies.extend(level.map(|(level, _)| format!("--level {level}")));
     }
     remedies.push("bricks (voxsplat plan)".to_owned());
     Err(Error::TooLarge { bytes: bytes as u64, available: available.bytes, limit: available.limit, remedies })
