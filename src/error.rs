@@ -71,6 +71,17 @@ pub enum Error {
         /// The requested bytes.
         bytes: u64,
     },
+    /// A picture that needs more memory than there is, refused before any of it is allocated.
+    TooLarge {
+        /// The predicted bytes.
+        bytes: u64,
+        /// The bytes that are left.
+        available: u64,
+        /// What limits them.
+        limit: &'static str,
+        /// Options of the program with which the picture fits.
+        remedies: Vec<String>,
+    },
     /// The GPU ran out of memory.
     OutOfMemory(String),
     /// The device reported an error or was lost; no picture was made.
@@ -115,7 +126,14 @@ impl Error {
     /// Whether settings are refused, so that other settings may succeed on the same volume and device.
     #[must_use]
     pub fn refuses_settings(&self) -> bool {
-        matches!(self, Self::Setting { .. } | Self::Unsupported { .. } | Self::Memory { .. } | Self::OutOfMemory(_))
+        matches!(
+            self,
+            Self::Setting { .. }
+                | Self::Unsupported { .. }
+                | Self::Memory { .. }
+                | Self::TooLarge { .. }
+                | Self::OutOfMemory(_)
+        )
     }
 
     /// Returns the remedy, if the library knows one that the message does not state.
@@ -139,6 +157,12 @@ impl From<InputError> for Error {
     }
 }
 
+/// Bytes in a unit that people read.
+fn in_units(bytes: u64) -> String {
+    let (unit, name) = if bytes < 1_000_000_000 { (1e6, "MB") } else { (1e9, "GB") };
+    format!("{:.1} {name}", bytes as f64 / unit)
+}
+
 impl fmt::Display for Error {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -151,6 +175,15 @@ impl fmt::Display for Error {
             Self::NoAdapter(reason) => write!(f, "no graphics adapter: {reason}"),
             Self::Unsupported { adapter, reason } => write!(f, "adapter {adapter} {reason}"),
             Self::Memory { what, bytes } => write!(f, "no memory for {what}: {bytes} bytes"),
+            Self::TooLarge { bytes, available, limit, remedies } => {
+                let [bytes, available] = [bytes, available].map(|bytes| in_units(*bytes));
+                let remedies = match remedies.as_slice() {
+                    [] => String::new(),
+                    [only] => format!(": draw it with {only}"),
+                    [some @ .., last] => format!(": draw it with {}, or in {last}", some.join(", or with ")),
+                };
+                write!(f, "the picture needs about {bytes} of memory, and {limit} has {available} left{remedies}")
+            }
             Self::OutOfMemory(stage) => write!(f, "out of GPU memory while {stage}"),
             Self::Device { stage, reason } => write!(f, "graphics device failed while {stage}: {reason}"),
             Self::Image(reason) => write!(f, "picture: {reason}"),

@@ -26,6 +26,7 @@ use crate::prepare::lattice::Lattice;
 use crate::prepare::levels::ScalarNeed;
 pub use crate::prepare::scene::Scene;
 use crate::progress::Progress;
+use crate::settings::budget::MAX_FRAGMENTS;
 use crate::settings::{Level, Model, Settings, Shading};
 use crate::solids::Solids;
 use crate::stats::adapter::AdapterInfo;
@@ -72,6 +73,20 @@ struct Shot<'a> {
     settings: &'a Settings,
     wanted: Region,
     depths: Depths<'a>,
+    /// See [`Job::most_fragments`].
+    most_fragments: f64,
+}
+
+impl<'a> Shot<'a> {
+    fn new(camera: &'a Camera, settings: &'a Settings, wanted: Region) -> Self {
+        Self { camera, settings, wanted, depths: Depths::default(), most_fragments: MAX_FRAGMENTS }
+    }
+
+    /// The whole picture.
+    fn whole(camera: &'a Camera, settings: &'a Settings) -> Self {
+        let [width, height] = camera.size;
+        Self::new(camera, settings, Region { x: 0, y: 0, width, height })
+    }
 }
 
 /// A layer of a picture: its lattice and its splats. Most pictures have one.
@@ -213,8 +228,19 @@ impl Renderer {
     /// [`Error::Camera`] if the camera is not finite, [`Error::Unsupported`] if the adapter cannot render the picture,
     /// and [`Error::OutOfMemory`] or [`Error::Device`] if the device fails. There is no picture then.
     pub fn render(&self, scene: &Scene, camera: &Camera, settings: &Settings) -> Result<Rendered> {
-        let [width, height] = camera.size;
-        self.render_region(scene, camera, settings, Region { x: 0, y: 0, width, height })
+        self.shot(scene, Shot::whole(camera, settings))
+    }
+
+    /// The same, refused with [`Error::Setting`] if quads would cover over `most_fragments` pixels.
+    pub(crate) fn render_within(
+        &self,
+        scene: &Scene,
+        camera: &Camera,
+        settings: &Settings,
+        most_fragments: f64,
+    ) -> Result<Rendered> {
+        let whole = Shot::whole(camera, settings);
+        self.shot(scene, Shot { most_fragments: most_fragments.min(MAX_FRAGMENTS), ..whole })
     }
 
     /// Renders a part of the picture that [`Self::render`] makes: the same bytes, without the rest. The image has the
@@ -232,7 +258,7 @@ impl Renderer {
         settings: &Settings,
         region: Region,
     ) -> Result<Rendered> {
-        self.shot(scene, Shot { camera, settings, wanted: region, depths: Depths::default() })
+        self.shot(scene, Shot::new(camera, settings, region))
     }
 
     /// Renders a part of a picture, like [`Self::render_region`], without the matter behind solids: each ray ends,
@@ -252,7 +278,7 @@ impl Renderer {
         solids: &DepthMap,
     ) -> Result<Rendered> {
         let depths = Depths { solids: Some(solids), halves: false };
-        self.shot(scene, Shot { camera, settings, wanted: region, depths })
+        self.shot(scene, Shot { depths, ..Shot::new(camera, settings, region) })
     }
 
     /// Renders a part of a picture, like [`Self::render_region`], with opaque surfaces in it: the matter before them,
@@ -312,7 +338,7 @@ impl Renderer {
             let reason = "only the composite model has depths, and not in sheets along an axis";
             return Err(Error::setting("model", format!("{}: {reason}", settings.model.name())));
         }
-        let shot = Shot { camera, settings, wanted: region, depths: Depths { solids, halves: true } };
+        let shot = Shot { depths: Depths { solids, halves: true }, ..Shot::new(camera, settings, region) };
         let Rendered { image, .. } = self.shot(scene, shot)?;
         let unit = scene.grid().unit();
         Ok(DepthMap::of_halves(&image, &camera.local(scene.grid()), unit))
@@ -346,17 +372,15 @@ impl Renderer {
         settings: &Settings,
     ) -> Result<(Option<(Region, Image)>, Stats)> {
         camera.validate()?;
-        let [width, height] = camera.size;
-        let whole = Region { x: 0, y: 0, width, height };
         let mut parts: Vec<(Region, Image)> = Vec::new();
         let recorder = Recorder::timed(&self.context);
-        let shot = Shot { camera, settings, wanted: whole, depths: Depths::default() };
-        let stats = self.paint(scene, shot, recorder, &mut |recorder, painted, part, pixels| {
-            let mut image = Image::transparent(part.width, part.height)?;
-            put(&mut image, [part, painted, part], recorder, pixels)?;
-            parts.push((part, image));
-            Ok(())
-        })?;
+        let stats =
+            self.paint(scene, Shot::whole(camera, settings), recorder, &mut |recorder, painted, part, pixels| {
+                let mut image = Image::transparent(part.width, part.height)?;
+                put(&mut image, [part, painted, part], recorder, pixels)?;
+                parts.push((part, image));
+                Ok(())
+            })?;
         let Some(region) = parts.iter().map(|(part, _)| *part).reduce(Region::around) else { return Ok((None, stats)) };
         let mut values = Image::transparent(region.width, region.height)?;
         parts.iter().for_each(|(part, image)| values.put(image, [part.x - region.x, part.y - region.y]));
@@ -402,21 +426,23 @@ impl Renderer {
             present::clear(context, &view);
             Ok((view, pipeline))
         })?;
-        let [width, height] = camera.size;
-        let whole = Region { x: 0, y: 0, width, height };
-        let shot = Shot { camera, settings, wanted: whole, depths: Depths::default() };
-        self.paint(scene, shot, Recorder::untimed(context), &mut |recorder, painted, _, pixels| {
-            pipeline.record(recorder, &view, painted, pixels)?;
-            recorder.submit();
-            Ok(())
-        })
+        self.paint(
+            scene,
+            Shot::whole(camera, settings),
+            Recorder::untimed(context),
+            &mut |recorder, painted, _, pixels| {
+                pipeline.record(recorder, &view, painted, pixels)?;
+                recorder.submit();
+                Ok(())
+            },
+        )
     }
 
     /// Paints the regions of a picture that a part of it needs, one after the other, and passes each to `take`.
     fn paint(
         &self,
         scene: &Scene,
-        Shot { camera, settings, wanted, depths }: Shot<'_>,
+        Shot { camera, settings, wanted, depths, most_fragments }: Shot<'_>,
         mut recorder: Recorder<'_>,
         take: &mut Take<'_>,
     ) -> Result<Stats> {
@@ -443,10 +469,11 @@ impl Renderer {
                 choice = Choice::instead(context, settings, reason)?;
                 continue;
             }
+            scene.check_memory(context, &lattices, settings)?;
             scene.keep_levels(&lattices);
             let layer = |lattice| self.layer(scene, &room, lattice, &mut seconds);
             layers = lattices.into_iter().map(layer).collect::<Result<Vec<Layer>>>()?;
-            let mut jobs: Vec<Job<'_>> = layers.iter().map(|layer| self.job(layer, depths)).collect();
+            let mut jobs: Vec<Job<'_>> = layers.iter().map(|layer| self.job(layer, depths, most_fragments)).collect();
             match (room.begin)(jobs.remove(0), jobs)? {
                 Begun::Ready(painting) => break painting,
                 Begun::Refused(reason) => choice = Choice::instead(context, settings, reason)?,
@@ -539,7 +566,7 @@ impl Renderer {
         Ok(Layer { lattice, need, post, magnification, drawable })
     }
 
-    fn job<'a>(&'a self, layer: &'a Layer, depths: Depths<'a>) -> Job<'a> {
+    fn job<'a>(&'a self, layer: &'a Layer, depths: Depths<'a>, most_fragments: f64) -> Job<'a> {
         let Layer { lattice, need, post, magnification, drawable } = layer;
         Job {
             context: &self.context,
@@ -554,6 +581,7 @@ impl Renderer {
             magnification: *magnification,
             padding: need.padding,
             depths,
+            most_fragments,
         }
     }
 

@@ -3,7 +3,9 @@
 use super::{Estimate, Truth};
 use crate::camera::Camera;
 use crate::error::{Error, Result};
+use crate::image::Image;
 use crate::layers::Layers;
+use crate::reference::Reference;
 use crate::renderer::{Rendered, Renderer, Scene};
 use crate::settings::{Level, MAX_LEVEL, Model, Painter, QuadsSettings, Resolution, Settings, TilesSettings};
 
@@ -27,7 +29,10 @@ pub struct Chosen {
     pub estimate: Estimate,
     /// Whether the picture is expected to keep the bound. If not, it has the smallest error of all that were tried.
     pub keeps: bool,
-    /// All settings that were tried, in order, including the chosen settings.
+    /// Whether the reference traced the picture, because a painter would have done more work to keep the bound.
+    /// `rendered.stats` then belong to the best picture of a painter.
+    pub traced: bool,
+    /// All settings that were tried, in order, including the chosen settings unless the picture is traced.
     pub tried: Vec<Tried>,
 }
 
@@ -53,6 +58,9 @@ const SQUARE: f64 = 2.0;
 const LEAST_POWER: f64 = 0.5;
 /// The range of factors by which sheets become thinner at once.
 const THINNER: [f64; 2] = [0.1, 0.8];
+/// The pixels of quads that are as much work as one chord of the reference. A chord is evaluated at 8 nodes of each
+/// block of its ray, the pixel of a quad once. A constant, so that the choice depends on no speed.
+const PIXELS_OF_A_CHORD: f64 = 8.0;
 
 /// The largest number of pictures that [`choose`] draws.
 pub const MOST_PICTURES: usize = 5;
@@ -62,6 +70,9 @@ pub const MOST_PICTURES: usize = 5;
 /// until it is close enough. It draws at most [`MOST_PICTURES`] and predicts the thickness of sheets from the errors
 /// so far. If none of the pictures keeps the bound, or thinner sheets are predicted not to, the best one is the result
 /// ([`Chosen::keeps`]).
+///
+/// All pictures by quads together cover at most as many pixels as count as much as tracing the whole picture. If the
+/// next one would exceed that, and the painter is left open, the reference traces the picture ([`Chosen::traced`]).
 ///
 /// Model, shading, kernel, sharpness, light, normalization and antialiasing stay, but for a bound below 0.01 shadows
 /// are [exact](crate::lighting::Lighting::exact_shadows). So do explicit choices in `settings`: a painter or a level
@@ -92,18 +103,44 @@ pub fn choose(
     let scene = renderer.prepare_layers(layers, &base)?;
     let truth = Truth::trace(layers, camera, &base, pixels)?;
     let bound = MARGIN * max_error;
-    let mut search =
-        Search { renderer, scene, camera, truth, bound, tried: Vec::new(), best: None, sheets: Vec::new() };
+    let mut search = Search {
+        renderer,
+        scene,
+        camera,
+        budget: PIXELS_OF_A_CHORD * truth.work(),
+        quads_are_refused: false,
+        truth,
+        bound,
+        tried: Vec::new(),
+        best: None,
+        sheets: Vec::new(),
+    };
     let first = search.draw(&base)?;
     if first.keeps {
         search.coarser(&base, &first)?;
     } else {
-        search.finer(base, first)?;
+        search.finer(base.clone(), first)?;
     }
-    let Search { tried, best, .. } = search;
-    let (at, rendered) = best.ok_or_else(|| Error::Image("nothing was drawn".to_owned()))?;
+    let Search { tried, best, truth, quads_are_refused, .. } = search;
+    let (at, mut rendered) = best.ok_or_else(|| Error::Image("nothing was drawn".to_owned()))?;
     let Tried { settings, estimate } = tried[at].clone();
-    Ok(Chosen { settings, rendered, estimate, keeps: estimate.error <= bound, tried })
+    let keeps = estimate.error <= bound;
+    let traces = !keeps && quads_are_refused && base.painter == Painter::Auto && max_error >= Reference::TOLERANCE;
+    if let Some((image, estimate)) = traces.then(|| traced(truth, layers, camera, &base)).transpose()?.flatten() {
+        rendered.image = image;
+        return Ok(Chosen { settings: base, rendered, estimate, keeps: true, traced: true, tried });
+    }
+    Ok(Chosen { settings, rendered, estimate, keeps, traced: false, tried })
+}
+
+/// The whole picture by the reference, and its estimate; `None` if the reference refuses it.
+fn traced(truth: Truth, layers: &Layers, camera: &Camera, settings: &Settings) -> Result<Option<(Image, Estimate)>> {
+    let whole = if truth.whole().is_some() { Ok(truth) } else { Truth::trace(layers, camera, settings, u32::MAX) };
+    match whole {
+        Ok(truth) => truth.whole().map(|image| Ok((image.clone(), truth.estimate(image)?))).transpose(),
+        Err(error) if error.refuses_settings() => Ok(None),
+        Err(error) => Err(error),
+    }
 }
 
 /// Cuts a number over 0 off after its second digit, because people read and copy it.
@@ -122,6 +159,10 @@ struct Search<'a> {
     tried: Vec<Tried>,
     /// The best picture so far, and its place in `tried`.
     best: Option<(usize, Rendered)>,
+    /// The pixels that further quads may cover.
+    budget: f64,
+    /// Whether a picture was left out, because its quads would cover more.
+    quads_are_refused: bool,
     /// Level, thickness of sheets and error of each picture by `quads`, all of the level of the last one.
     sheets: Vec<(f32, f64, f64)>,
 }
@@ -138,7 +179,10 @@ struct Trial {
 
 impl Search<'_> {
     fn draw(&mut self, settings: &Settings) -> Result<Trial> {
-        let rendered = self.renderer.render(&self.scene, self.camera, settings)?;
+        // The first picture is the one without a bound.
+        let most = if self.tried.is_empty() { f64::INFINITY } else { self.budget };
+        let rendered = self.renderer.render_within(&self.scene, self.camera, settings, most)?;
+        self.budget -= rendered.stats.quads().map_or(0.0, |quads| quads.fragments);
         let estimate = self.truth.estimate(&rendered.image)?;
         let trial = Trial {
             keeps: estimate.error <= self.bound,
@@ -163,7 +207,10 @@ impl Search<'_> {
     /// Draws with other settings, whose outcome becomes `last`. Settings that a painter refuses are skipped.
     fn attempt(&mut self, settings: &Settings, last: &mut Trial) -> Result<()> {
         match self.draw(settings) {
-            Err(error) if error.refuses_settings() => Ok(()),
+            Err(error) if error.refuses_settings() => {
+                self.quads_are_refused |= matches!(settings.painter, Painter::Quads(_));
+                Ok(())
+            }
             drawn => drawn.map(|trial| *last = trial),
         }
     }

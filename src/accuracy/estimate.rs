@@ -24,6 +24,8 @@ const TWO_SIDED: f64 = 1.96;
 pub struct Truth {
     sample: Sample,
     pixels: Image,
+    /// See [`Self::work`].
+    work: f64,
 }
 
 /// The error of a picture, estimated from a sample of its pixels. Channels run from 0 to 1.
@@ -56,14 +58,24 @@ impl Truth {
             let covered = traced.iter().filter(|pixel| pixel[3] > 0.0).count() as u32;
             let [width, height] = sample.grid();
             let pixels = Image::new(width, height, traced.into_iter().map(|p| p.map(|v| v as f32)).collect())?;
-            Ok::<_, Error>((Self { sample, pixels }, covered))
+            Ok::<_, Error>((Self { sample, pixels, work: reference.work(camera) }, covered))
         };
         let (truth, covered) = traced(pixels)?;
         let denser = f64::from(pixels) / f64::from(covered.max(1));
-        if denser < 1.5 || truth.sample.grid() == camera.size {
+        if denser < 1.5 || truth.sample.is_whole() {
             return Ok(truth);
         }
         Ok(traced((f64::from(pixels) * denser.min(MOST_DENSER)) as u32)?.0)
+    }
+
+    /// The work of tracing the whole picture, in chords that rays cut out of kernels.
+    pub(super) fn work(&self) -> f64 {
+        self.work
+    }
+
+    /// The whole picture, if all of its pixels are traced.
+    pub(super) fn whole(&self) -> Option<&Image> {
+        self.sample.is_whole().then_some(&self.pixels)
     }
 
     /// Estimates the error of a picture.

@@ -33,6 +33,11 @@ impl Sample {
         self.grid
     }
 
+    /// Whether the sample is the whole picture.
+    pub(super) fn is_whole(&self) -> bool {
+        self.grid == self.size
+    }
+
     /// Column and row of each pixel from the top left, row by row.
     #[must_use]
     pub fn pixels(&self) -> Vec<[u32; 2]> {

@@ -68,10 +68,12 @@ pub(crate) struct HostBrick {
     pub(crate) rows: Arc<Vec<Row>>,
     /// Words of a splat without its place and without the light that arrives.
     pub(crate) each: usize,
-    /// These words, splat after splat: the same under any light.
-    pub(crate) words: Arc<Vec<u32>>,
-    /// The two words of the light that arrives at each splat, of [`SHADED_WORDS`]; empty: all light arrives.
-    pub(crate) light: Vec<[u32; 2]>,
+    /// These words, splat after splat, the same under any light. Rows with equal words share them: the inside of a
+    /// label takes hardly any memory.
+    words: Arc<Vec<u32>>,
+    /// The number of the first splat of each row among those whose light is held, and the two words of the light that
+    /// arrives at each, of [`SHADED_WORDS`]: rows with equal light share it. Empty: all light arrives.
+    light: (Vec<u32>, Vec<[u32; 2]>),
 }
 
 /// A row of a brick along x.
@@ -81,6 +83,28 @@ pub(crate) struct Row {
     pub(crate) bits: u32,
     /// The number of the first of them among the splats of the brick.
     pub(crate) first: u32,
+    /// The number of the first of them among the splats whose words are held.
+    held: u32,
+}
+
+/// Moves the values of rows together, so that a row with the same values as the row before shares them; `each` values
+/// for each of the `counts` splats of a row. Returns the number of the first splat of each row.
+fn share<T: Copy + PartialEq>(counts: impl Iterator<Item = u32>, each: usize, values: &mut Vec<T>) -> Vec<u32> {
+    let (mut read, mut end, mut last) = (0, 0, 0..0);
+    let mut start_of = |count: u32| {
+        let row = read..read + count as usize * each;
+        read = row.end;
+        if count > 0 && values[row.clone()] != values[last.clone()] {
+            last = end..end + row.len();
+            values.copy_within(row, end);
+            end = last.end;
+        }
+        (last.start / each) as u32
+    };
+    let starts = counts.map(&mut start_of).collect();
+    values.truncate(end);
+    values.shrink_to_fit();
+    starts
 }
 
 /// The splats of a brick, one after the other.
@@ -134,39 +158,65 @@ impl BrickSplats {
 
 impl HostBrick {
     /// The splats at these places, of `each` words without the place, given the bits of the places of each row.
-    pub(crate) fn new(bits: &[u32], each: usize, words: Vec<u32>) -> Self {
+    pub(crate) fn new(bits: &[u32], each: usize, mut words: Vec<u32>) -> Self {
         let mut first = 0;
-        let row = |&bits: &u32| {
-            let row = Row { bits, first };
+        let held = share(bits.iter().map(|bits| bits.count_ones()), each, &mut words);
+        let row = |(&bits, held): (&u32, u32)| {
+            let row = Row { bits, first, held };
             first += bits.count_ones();
             row
         };
-        Self { rows: Arc::new(bits.iter().map(row).collect()), each, words: Arc::new(words), light: Vec::new() }
+        let rows = Arc::new(bits.iter().zip(held).map(row).collect());
+        Self { rows, each, words: Arc::new(words), light: Default::default() }
     }
 
     /// The same splats under a light.
-    pub(crate) fn under(&self, light: Vec<[u32; 2]>) -> Self {
-        Self { rows: Arc::clone(&self.rows), words: Arc::clone(&self.words), each: self.each, light }
+    pub(crate) fn under(&self, mut light: Vec<[u32; 2]>) -> Self {
+        let starts = share(self.rows.iter().map(|row| row.bits.count_ones()), 1, &mut light);
+        Self { rows: Arc::clone(&self.rows), words: Arc::clone(&self.words), each: self.each, light: (starts, light) }
+    }
+
+    /// The words of the splats of a row from one of its splats on, and of some that follow.
+    pub(crate) fn words(&self, row: Row, splat: u32) -> &[u32] {
+        &self.words[(row.held + splat) as usize * self.each..]
+    }
+
+    /// The light that arrives at the splats of a row, given its number, from one of its splats on, and at some that
+    /// follow; empty: all light arrives.
+    pub(crate) fn light(&self, row: usize, splat: u32) -> &[[u32; 2]] {
+        let (starts, light) = &self.light;
+        starts.get(row).map_or(&[], |start| &light[(start + splat) as usize..])
+    }
+
+    /// The words of the light that arrives at each splat.
+    pub(crate) fn all_light(&self) -> Result<Vec<[u32; 2]>> {
+        let mut all = reserved(u64::from(self.count()), || "the light on splats".to_owned())?;
+        for (number, row) in self.rows.iter().enumerate() {
+            let light = self.light(number, 0).iter().copied().chain(std::iter::repeat([u32::MAX; 2]));
+            all.extend(light.take(row.bits.count_ones() as usize));
+        }
+        Ok(all)
     }
 
     pub(crate) fn count(&self) -> u32 {
         self.rows.last().map_or(0, |row| row.first + row.bits.count_ones())
     }
 
-    /// The splats of a row of the brick at the places `within`, which are neighbours, in runs with their numbers of
-    /// splats. The first place of the row is at this lattice point.
+    /// The splats of a row of the brick, given its number, at the places `within`, which are neighbours, in runs with
+    /// their numbers of splats. The first place of the row is at this lattice point.
     pub(crate) fn runs(
         &self,
-        Row { bits, first }: Row,
+        number: usize,
         within: u32,
         [x, y, z]: [u32; 3],
     ) -> impl Iterator<Item = (SplatRun<'_>, usize)> {
-        let (each, wanted) = (self.each, bits & within);
+        let row = self.rows[number];
+        let (each, wanted) = (self.each, row.bits & within);
         let lowest = wanted & wanted.wrapping_neg();
-        let number = (first + (bits & lowest.wrapping_sub(1)).count_ones()) as usize;
+        let splat = (row.bits & lowest.wrapping_sub(1)).count_ones();
         let mut xs = places(wanted).map(move |place| x + place as u32);
-        let mut light = self.light.get(number..).unwrap_or_default();
-        self.words[number * each..].chunks(each * LANES).map_while(move |words| {
+        let mut light = self.light(number, splat);
+        self.words(row, splat).chunks(each * LANES).map_while(move |words| {
             let mut run = SplatRun { xs: [x; LANES], y, z, each, words, light };
             light = light.get(LANES..).unwrap_or_default();
             let count = run.xs.iter_mut().zip(&mut xs).map(|(to, x)| *to = x).count();
@@ -175,7 +225,8 @@ impl HostBrick {
     }
 
     fn bytes(&self) -> u64 {
-        let light = size_of_val(self.light.as_slice());
+        let (starts, light) = &self.light;
+        let light = size_of_val(starts.as_slice()) + size_of_val(light.as_slice());
         (size_of_val(self.rows.as_slice()) + size_of_val(self.words.as_slice()) + light) as u64
     }
 
@@ -183,10 +234,10 @@ impl HostBrick {
     fn splats(&self, stride: u64, number: u32) -> Result<Vec<u32>> {
         let words = stride as usize / 4;
         let mut splats = reserved(u64::from(self.count()) * words as u64, || "splats of a brick".to_owned())?;
-        let (mut values, mut light) = (self.words.chunks_exact(self.each), self.light.iter());
-        for (row, &Row { bits, .. }) in (0..).zip(&*self.rows) {
-            for x in places(bits) {
-                splats.push(place([x as u32, row % EDGE as u32, row / EDGE as u32], number));
+        for (at, &row) in self.rows.iter().enumerate().filter(|(_, row)| row.bits != 0) {
+            let (mut values, mut light) = (self.words(row, 0).chunks_exact(self.each), self.light(at, 0).iter());
+            for x in places(row.bits) {
+                splats.push(place([x, at % EDGE, at / EDGE].map(|place| place as u32), number));
                 splats.extend_from_slice(values.next().unwrap_or_default());
                 splats.extend(light.next().into_iter().flatten());
                 splats.resize(splats.len().next_multiple_of(words), 0);
@@ -210,7 +261,8 @@ impl HostBrick {
                 light.push([splat[each + 1], splat[each + 2]]);
             }
         }
-        Ok(Self { light, ..Self::new(&bits, each, values) })
+        let brick = Self::new(&bits, each, values);
+        Ok(if is_shaded { brick.under(light) } else { brick })
     }
 }
 
@@ -434,7 +486,6 @@ impl MadeBrick {
         for (y, z) in (0..nz).flat_map(|z| (0..ny).map(move |y| (y, z))) {
             bits[y + EDGE * z] = row([y, z], nx, &mut words);
         }
-        words.shrink_to_fit();
         Ok(Self::new(origin, &bits, each, words))
     }
 }
@@ -530,5 +581,37 @@ impl StoreBuilder<'_, HostBrick> {
             progress.report(doing, f64::from(rows) / (down * deep) as f64);
             progress.check()
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_of_equal_splats_share_their_words_and_their_light() {
+        // Two splats in each row of a plane: all rows but one are equal, and so is the light on all but another one.
+        let mut bits = vec![0; EDGE * EDGE];
+        bits[..EDGE].fill(0b101);
+        let odd = |row: usize, of: usize| u32::from(row == of);
+        let words: Vec<u32> = (0..EDGE).flat_map(|row| [7 + odd(row, 3), 8, 9, 10]).collect();
+        let light: Vec<[u32; 2]> = (0..EDGE).flat_map(|row| [[1, 2], [3, 4 + odd(row, 9)]]).collect();
+        let brick = HostBrick::new(&bits, 2, words.clone());
+        assert_eq!((brick.words.len(), brick.count()), (12, 2 * EDGE as u32));
+        let lit = brick.under(light.clone());
+        assert_eq!((lit.light.1.len(), lit.all_light().unwrap()), (6, light.clone()));
+        assert_eq!(brick.all_light().unwrap(), vec![[u32::MAX; 2]; 2 * EDGE]);
+        // The device gets all words of all splats, and back they come the same.
+        let stride = 4 * SHADED_WORDS as u64;
+        let each = LIT_WORDS - 1;
+        let wide: Vec<u32> = words.chunks(2).flat_map(|two| two.iter().copied().cycle().take(each)).collect();
+        let wide = HostBrick::new(&bits, each, wide).under(light);
+        let splats = wide.splats(stride, 0).unwrap();
+        assert_eq!(splats.len(), 2 * EDGE * SHADED_WORDS);
+        assert_eq!(HostBrick::from_device(&splats, SHADED_WORDS).unwrap(), wide);
+        let run = |row: usize| wide.runs(row, u32::MAX, [0, 5, 6]).map(|(run, count)| (run.column(0), count)).next();
+        let (column, count) = run(3).unwrap();
+        assert_eq!((column[0], column[1], count), (8, 9, 2));
+        assert_eq!(run(4).unwrap().0[..2], [7, 9]);
     }
 }

@@ -63,6 +63,8 @@ pub(crate) struct Job<'a> {
     /// Layers of the lattice beyond the faces of the volume.
     pub(crate) padding: u32,
     pub(crate) depths: Depths<'a>,
+    /// The most pixels that quads may cover, summed over all passes.
+    pub(crate) most_fragments: f64,
 }
 
 /// The depths that a picture reads and writes.

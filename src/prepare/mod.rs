@@ -7,6 +7,7 @@ pub(crate) mod lattice;
 pub(crate) mod levels;
 pub(crate) mod light_volume;
 pub(crate) mod media;
+mod memory;
 pub(crate) mod scalar_cells;
 pub(crate) mod scalars;
 pub(crate) mod scene;

@@ -12,7 +12,7 @@ use std::ops::Range;
 
 use glam::{DMat3, DVec3};
 
-use super::cells::{CellSize, Filter, LEAST_DEVIATION, add, filled, response};
+use super::cells::{CellSize, Filter, LEAST_DEVIATION, add, filled, growth_of_wide, response};
 use crate::error::Result;
 use crate::gpu::scalar_cells::CellFilters;
 use crate::gpu::transfer::Relative;
@@ -57,7 +57,7 @@ impl Coarse {
     pub(crate) fn new(kernel: &Kernel, growth: f64, cells: Option<CellSize>) -> Self {
         let largest = || {
             // Rounding: see `cells::size_for`.
-            let serves = |cells: &CellSize| least_growth(kernel, *cells) <= 1.0001 * growth;
+            let serves = |cells: &CellSize| right_growth(kernel, *cells) <= 1.0001 * growth;
             sizes().skip(1).take_while(serves).last().unwrap_or(CellSize::VOXEL)
         };
         let cells = cells.unwrap_or_else(largest);
@@ -132,6 +132,12 @@ pub(crate) fn sizes() -> impl Iterator<Item = CellSize> {
 /// The least growth of kernels of voxels that cells stand for.
 pub(crate) fn least_growth(kernel: &Kernel, cells: CellSize) -> f64 {
     LEAST_DEVIATION / kernel.variance().sqrt() * cells.voxels()
+}
+
+/// The growth of kernels of voxels from which on cells stand for them, unless a level is requested.
+pub(crate) fn right_growth(kernel: &Kernel, cells: CellSize) -> f64 {
+    let finer = sizes().take_while(|finer| *finer < cells).last().unwrap_or(CellSize::VOXEL);
+    growth_of_wide(kernel, 1.0, cells, finer).max(least_growth(kernel, cells))
 }
 
 /// The weights of the differences of cells 1, 2 and 3 to either side in the gradients of cells: sums of these are the

@@ -1,7 +1,7 @@
 //! A volume prepared on a device.
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use glam::DAffine3;
 
@@ -10,6 +10,7 @@ use super::drawable::{Held as Kept, PostShaded, PreShaded};
 use super::lattice::Lattice;
 use super::levels::ScalarNeed;
 use super::light_volume::{self, Classification, FallenLight};
+use super::memory::{self, Drawn};
 use super::scalar_cells::{self, Coarse};
 use super::scalars::{EmissionKey, magnification};
 use super::shadows::Shadows;
@@ -47,6 +48,8 @@ pub struct Scene {
     device: u64,
     /// The value that stands for NaN and infinite ones, if there are any.
     absent: Option<f64>,
+    /// The picture whose memory was found to be there.
+    foreseen: Mutex<Option<Drawn>>,
 }
 
 /// What is on the device.
@@ -89,7 +92,16 @@ fn shows(settings: &Settings) -> VisibleValues {
 impl Scene {
     fn new(context: &Context, content: Content, grid: Grid, weights: Weights, seconds: f64) -> Self {
         let seconds = AtomicU64::new(seconds.to_bits());
-        Self { content, grid, held: None, weights, seconds, device: context.id, absent: None }
+        Self {
+            content,
+            grid,
+            held: None,
+            weights,
+            seconds,
+            device: context.id,
+            absent: None,
+            foreseen: Mutex::default(),
+        }
     }
 
     /// The same scene, in which an invisible value stands for NaN and infinite ones.
@@ -114,6 +126,10 @@ impl Scene {
         progress: &Progress,
     ) -> Result<Self> {
         let shows = shows(settings);
+        if settings.prefilter()?.is_some() {
+            let layers = Layers::of_volume(volume, transfer);
+            memory::check(&layers, &Drawn { filtered: true, ..Drawn::new(context, settings, CellSize::VOXEL) })?;
+        }
         let (prepared, seconds) = on_host(|| {
             let volume = match settings.prefilter()? {
                 Some(filter) => filter.apply::<f32>(volume, transfer.base(), progress)?,
@@ -163,6 +179,28 @@ impl Scene {
         Ok(())
     }
 
+    /// Refuses a picture of these lattices if there is no memory for it, before any is allocated.
+    pub(crate) fn check_memory(&self, context: &Context, lattices: &[Lattice], settings: &Settings) -> Result<()> {
+        let finest = lattices.iter().map(|lattice| lattice.size).min().unwrap_or(CellSize::VOXEL);
+        self.foresee(Drawn::new(context, settings, finest))
+    }
+
+    /// The same, once for each kind of picture: the scene holds much of what the next one needs.
+    fn foresee(&self, drawn: Drawn) -> Result<()> {
+        let mut foreseen = self.foreseen.lock().unwrap_or_else(PoisonError::into_inner);
+        if *foreseen == Some(drawn) || self.held.is_some() {
+            return Ok(());
+        }
+        match &self.content {
+            Content::Splats(voxels) => memory::check(&voxels.layers, &drawn)?,
+            Content::Scalars(scalars) => {
+                memory::check(&Layers::of_volume(&scalars.volume, &scalars.transfer), &drawn)?;
+            }
+        }
+        *foreseen = Some(drawn);
+        Ok(())
+    }
+
     pub(crate) fn grid(&self) -> &Grid {
         &self.grid
     }
@@ -195,6 +233,7 @@ impl Scene {
         progress: &Progress,
     ) -> Result<()> {
         if let Content::Splats(voxels) = &self.content {
+            self.foresee(Drawn::new(context, settings, CellSize::VOXEL))?;
             let (_, seconds) = voxels.classified(context, pipelines, (None, reads_lists(settings)), progress)?;
             self.seconds.store(seconds.to_bits(), Ordering::Relaxed);
         }
@@ -299,7 +338,7 @@ impl Scene {
         let of_scalars = matches!(self.content, Content::Scalars(_));
         // Nearer kernels are as wide as the least that cells can have.
         let least = |size| match settings.level {
-            _ if of_scalars => scalar_cells::least_growth(&settings.kernel, size),
+            _ if of_scalars => scalar_cells::right_growth(&settings.kernel, size),
             Level::At(_) => cells::least_growth(&settings.kernel, size),
             Level::Auto => cells::right_growth(&settings.kernel, size, self.voxel_depth(&settings)),
         };

@@ -21,7 +21,7 @@ use crate::lighting::shadow::{Arrival, ShadowLattice};
 use crate::lighting::{Casting, MAX_CASTING};
 use crate::progress::Progress;
 use crate::volume::BRICK_EDGE as EDGE;
-use voxsplat_volume::memory::{reserved, zeroed};
+use voxsplat_volume::memory::zeroed;
 
 /// The shadows on a lattice of splats.
 #[derive(Debug, Clone, PartialEq)]
@@ -179,19 +179,14 @@ pub(super) fn shaded_on_host(
         }
     };
     let bricks = splats.bricks();
-    let kept = |(_, held): &(&BrickSplats, &HostBrick)| -> Result<Vec<[u32; 2]>> {
-        let mut kept = reserved(u64::from(held.count()), || "the light on splats".to_owned())?;
-        kept.extend_from_slice(&held.light);
-        kept.resize(held.count() as usize, [u32::MAX; 2]);
-        Ok(kept)
-    };
-    let mut kept = bricks.par_iter().map(kept).collect::<Result<Vec<_>>>()?;
+    let mut lit: Vec<Option<HostBrick>> = bricks.iter().map(|_| None).collect();
     for light in unknown(held, shadows) {
         let report = |part: f64| progress.report("casting shadows", (light as f64 + part) / (MAX_CASTING + 1) as f64);
         let arriving = arrival.shares(light, &report)?;
         let (word, shift) = (light / 2, light % 2 * 16);
-        bricks.par_iter().zip(&mut kept).for_each(|(&brick, kept)| {
-            for (Row { bits, first }, point) in rows(brick) {
+        bricks.par_iter().zip(&mut lit).try_for_each(|(&brick, lit)| {
+            let mut kept = lit.as_ref().unwrap_or(brick.1).all_light()?;
+            for (Row { bits, first, .. }, point) in rows(brick) {
                 let shares = arriving.as_ref().map(|arriving| arriving.from(point));
                 let lowest = bits.trailing_zeros() as usize;
                 for (place, kept) in places(bits).zip(&mut kept[first as usize..]) {
@@ -199,12 +194,15 @@ pub(super) fn shaded_on_host(
                     kept[word] = kept[word] & !(0xffff << shift) | u32::from(share) << shift;
                 }
             }
-        });
+            *lit = Some(brick.1.under(kept));
+            Ok::<_, Error>(())
+        })?;
     }
     occluders.keep(shadows, arrival);
     let mut stores = StoreBuilder::new(context, STRIDE, u32::MAX);
-    for ((&brick, held), kept) in bricks.into_iter().zip(kept) {
-        stores.push(MadeBrick { brick, splats: held.under(kept), copies: 0 })?;
+    for ((&brick, held), lit) in bricks.into_iter().zip(lit) {
+        let splats = lit.map_or_else(|| Ok::<_, Error>(held.under(held.all_light()?)), Ok)?;
+        stores.push(MadeBrick { brick, splats, copies: 0 })?;
     }
     Ok(stores.finish()?.stores)
 }
@@ -276,9 +274,9 @@ impl<'a> Places<'a> {
     /// The splats of a row of the lattice that lie in some columns: their x, and their words without the place.
     pub(crate) fn row(&self, columns: Range<usize>, place: [usize; 2]) -> impl Iterator<Item = (usize, &[u32])> {
         let bricks = columns.start / EDGE..columns.end.div_ceil(EDGE);
-        let splats = self.bricks_of_row(bricks, place).flat_map(|(start, brick, Row { bits, first })| {
-            let words = brick.words[first as usize * brick.each..].chunks_exact(brick.each);
-            places(bits).zip(words).map(move |(x, words)| (start + x, words))
+        let splats = self.bricks_of_row(bricks, place).flat_map(|(start, brick, row)| {
+            let words = brick.words(row, 0).chunks_exact(brick.each);
+            places(row.bits).zip(words).map(move |(x, words)| (start + x, words))
         });
         splats.filter(move |(x, _)| columns.contains(x))
     }

@@ -35,7 +35,10 @@ fn shares(context: &Context, stores: &[Store]) -> Vec<[u32; 4]> {
     let of_words = |&[low, high]: &[u32; 2]| [low & 0xffff, low >> 16, high & 0xffff, high >> 16];
     let of_store = |store: &Store| {
         let bricks = store.on_host(context).unwrap();
-        bricks.iter().flat_map(|brick| brick.light.iter().map(of_words).collect::<Vec<_>>()).collect::<Vec<_>>()
+        bricks
+            .iter()
+            .flat_map(|brick| brick.all_light().unwrap().iter().map(of_words).collect::<Vec<_>>())
+            .collect::<Vec<_>>()
     };
     stores.iter().flat_map(of_store).collect()
 }

@@ -339,8 +339,7 @@ impl Reference {
         camera.validate()?;
         let camera = Camera { target: camera.target - self.center, ..*camera };
         camera.check_scale(&self.grid)?;
-        let radius = self.kernel.radius();
-        let sizes = if self.antialiasing { Sizes::seen(radius, &self.grid, &camera) } else { Sizes::fixed(radius) };
+        let sizes = self.sizes(&camera);
         let chords = self.chords(&camera, sizes, count);
         let most = MAX_CHORDS.min(MAX_RAY_CHORDS * count);
         if chords > most {
@@ -364,6 +363,19 @@ impl Reference {
             made
         };
         Ok(items.map(work).collect())
+    }
+
+    /// Estimates the number of chords that the rays of a picture cut out of kernels.
+    pub(crate) fn work(&self, camera: &Camera) -> f64 {
+        let camera = Camera { target: camera.target - self.center, ..*camera };
+        let [width, height] = camera.size.map(f64::from);
+        self.chords(&camera, self.sizes(&camera), width * height)
+    }
+
+    /// The sizes of the kernels in a picture, given a camera relative to the middle of the lattice.
+    fn sizes(&self, camera: &Camera) -> Sizes {
+        let radius = self.kernel.radius();
+        if self.antialiasing { Sizes::seen(radius, &self.grid, camera) } else { Sizes::fixed(radius) }
     }
 
     /// Estimates the number of chords of kernels along `rays` rays of a picture, from a sample of them.

@@ -170,6 +170,8 @@ pub struct QuadsStats {
     pub quads: u64,
     /// Quads not drawn because everything before them was opaque.
     pub quads_terminated: u64,
+    /// Pixels that all quads of the picture cover, summed over the passes, as predicted before they are sorted.
+    pub fragments: f64,
     /// Rows and terms of the footprint table.
     pub footprint_table: [u32; 2],
 }

@@ -12,6 +12,7 @@
 #[path = "../../src/gpu/adapter_test.rs"]
 mod adapter;
 mod bricks;
+mod constants;
 mod documents;
 mod house;
 mod support;

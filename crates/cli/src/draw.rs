@@ -4,11 +4,12 @@ use voxsplat::accuracy::{Chosen, Estimate, choose};
 use voxsplat::appearance::{self, command_line, options_of};
 use voxsplat::camera::Camera;
 use voxsplat::figure::Figure;
-use voxsplat::image::Note;
+use voxsplat::image::{Image, Note};
 use voxsplat::layers::Layers;
-use voxsplat::renderer::{Rendered, Renderer, Scene};
+use voxsplat::renderer::{Renderer, Scene};
 use voxsplat::settings::Settings;
 use voxsplat::solids::Solids;
+use voxsplat::stats::Stats;
 use voxsplat::volume::{Units, Volume};
 use voxsplat_volume::names::counted;
 
@@ -47,8 +48,8 @@ pub(crate) fn in_words(estimate: &Estimate) -> String {
     )
 }
 
-/// A picture, its settings, and the error that traced pixels estimate.
-type Drawn = (Rendered, Settings, Option<Estimate>);
+/// A picture, its settings, the error that traced pixels estimate, and statistics unless the reference traced it.
+type Drawn = (Image, Settings, Option<Estimate>, Option<Stats>);
 
 /// Draws the picture of a job, by its settings or by the cheapest ones that keep its error, which a note names. Returns
 /// the prepared scene for the next picture too.
@@ -70,21 +71,28 @@ pub(crate) fn draw(
             None => renderer.render_region(scene, camera, &job.settings, job.region)?,
             Some(solids) => renderer.render_with_solids(scene, camera, &job.settings, job.region, solids)?,
         };
-        return Ok(((rendered, job.settings.clone(), None), Some(prepared)));
+        return Ok(((rendered.image, job.settings.clone(), None, Some(rendered.stats)), Some(prepared)));
     };
-    let Chosen { settings, rendered, estimate, keeps, tried } =
+    let Chosen { settings, rendered, estimate, keeps, traced, tried } =
         choose(renderer, layers, camera, &job.settings, max_error, job.accuracy.sample)?;
     let options = command_line(&options_of(&settings));
     let options = if options.is_empty() { "the defaults".to_owned() } else { options };
     let said = in_words(&estimate);
     let tried = counted(tried.len() as u64, "picture");
+    if traced {
+        output::say(&format!(
+            "note: using --reference because tracing the picture is less work than the painters need for --max-error \
+             {max_error}, which {tried} exceeded"
+        ));
+        return Ok(((rendered.image, settings, Some(estimate), None), None));
+    }
     output::say(&match keeps {
         true => format!("note: using {options} for --max-error {max_error}, found with {tried}: {said}"),
         false => {
             format!("note: using {options}, the best of {tried}, all of which exceed --max-error {max_error}: {said}")
         }
     });
-    Ok(((rendered, settings, Some(estimate)), None))
+    Ok(((rendered.image, settings, Some(estimate), Some(rendered.stats)), None))
 }
 
 /// Returns the notes in the file of a picture: program, settings, error, title and caption.

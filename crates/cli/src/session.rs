@@ -379,8 +379,7 @@ impl Session {
                 let prepared = self.prepared.take().filter(|prepared| prepared.serves(layers, &job.settings));
                 let (drawn, prepared) = draw(renderer, layers, &camera, job, solids.as_ref(), prepared)?;
                 self.prepared = prepared;
-                let (rendered, settings, estimate) = drawn;
-                (rendered.image, settings, estimate, Some(rendered.stats))
+                drawn
             }
             None => {
                 let image = stages.time("integrate", || {

@@ -12,7 +12,7 @@ use crate::gpu::scan::Scan;
 use crate::image::Region;
 use crate::kernel::FootprintTable;
 use crate::painters::painter::{Begun, Job, Painting, Room};
-use crate::settings::budget::{MAX_FRAGMENTS, too_much};
+use crate::settings::budget::too_much;
 use crate::settings::{Accumulation, Model, Precision};
 use crate::stats::{PainterStats, QuadsStats};
 
@@ -34,6 +34,8 @@ struct Picture<'a> {
     key: QuadsKey,
     table: FootprintTable,
     footprint: wgpu::TextureView,
+    /// See [`QuadsStats::fragments`].
+    fragments: f64,
     drawn: Drawn,
     /// Parts of the picture that were painted.
     parts: u32,
@@ -74,15 +76,15 @@ impl<'a> Picture<'a> {
             constants.push(("SAMPLES", settings.samples_per_slab(knobs.sheet_thickness, PIECES)));
         }
         let key = QuadsKey { feed, precision, sheets_per_pass, terminates: view.terminates(), constants };
-        if let Some(region) = view.projected_bounds() {
-            let fragments = plan.fragments(job.stores, region, key.sheets_per_pass);
-            if fragments > MAX_FRAGMENTS {
-                let what = format!("quads would cover {fragments:.0e} pixels, at most {MAX_FRAGMENTS:.0e} are drawn");
-                return Err(too_much(&what, view.max_growth()));
-            }
+        let bounds = view.projected_bounds();
+        let fragments = bounds.map_or(0.0, |region| plan.fragments(job.stores, region, key.sheets_per_pass));
+        let most = job.most_fragments;
+        if fragments > most {
+            let what = format!("quads would cover {fragments:.0e} pixels, at most {most:.0e} are drawn");
+            return Err(too_much(&what, view.max_growth()));
         }
         let footprint = footprint_texture(context, &table);
-        Ok(Self { job, plan, key, table, footprint, drawn: Drawn::default(), parts: 0 })
+        Ok(Self { job, plan, key, table, footprint, fragments, drawn: Drawn::default(), parts: 0 })
     }
 
     fn pipelines(&self) -> Result<Arc<Quads>> {
@@ -140,6 +142,7 @@ impl Painting for Picture<'_> {
             splats_in_view: sorted,
             quads,
             quads_terminated: terminated,
+            fragments: self.fragments,
             footprint_table: [self.table.rows(), self.table.terms()],
         })
     }

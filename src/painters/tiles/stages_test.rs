@@ -692,6 +692,7 @@ fn assert_runs_hold_voxels(context: &Context) {
                 magnification: None,
                 padding: 0,
                 depths: Depths::default(),
+                most_fragments: f64::INFINITY,
             };
             let marking = (voxel, marking(voxel));
             let packing = Packing::new(

@@ -19,14 +19,15 @@ impl LitSplats<'_> {
     pub(super) fn row(&self, place: [usize; 2], columns: &Range<usize>, voxels: &mut [Emission]) -> Range<usize> {
         let mut shown: Option<Range<usize>> = None;
         let bricks = columns.start / EDGE..columns.end.div_ceil(EDGE);
-        for (first, brick, row) in self.places.bricks_of_row(bricks, place) {
+        let number = place[0] % EDGE + EDGE * (place[1] % EDGE);
+        for (first, brick, _) in self.places.bricks_of_row(bricks, place) {
             let shown = shown.get_or_insert_with(|| {
                 voxels.fill([0.0; 4]);
                 first..first
             });
             shown.end = (first + EDGE).min(voxels.len());
             let [y, z] = place.map(|place| place as u32);
-            for (run, count) in brick.runs(row, u32::MAX, [first as u32, y, z]) {
+            for (run, count) in brick.runs(number, u32::MAX, [first as u32, y, z]) {
                 let ([red, green, blue], densities) = run.appearances(Some(self.light));
                 for at in 0..count {
                     let density = densities[at];

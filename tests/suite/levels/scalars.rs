@@ -65,6 +65,25 @@ fn cells_of_scalars_err_by_about_a_step_more_than_voxels() {
     }
 }
 
+/// Samples that pixels resolve keep details that cells lose, however wide the kernel: cells of 1.5 voxels erred by up
+/// to 6 of 255 in the same pictures of 64^3 voxels.
+#[test]
+fn wide_kernels_are_drawn_of_voxels_where_pixels_resolve_them() {
+    let (volume, transfer) = demo("marschner-lobb", 24);
+    let eye = View { projection: ProjectionKind::Perspective { fov: 30.0 }, ..oblique() };
+    for (sigma, radius) in [(1.0, 3.0), (1.5, 3.0), (1.0, 2.5)] {
+        let kernel = Kernel::Gaussian { sigma, radius };
+        let pre = Settings { lighting: headlight(), ..Settings::default() };
+        for (view, settings) in [(oblique(), lit()), (eye.clone(), lit()), (oblique(), mip()), (oblique(), pre)] {
+            let settings = Settings { kernel, ..settings };
+            let camera = look(&view, &volume, [64, 64]);
+            let [auto, voxels] = [Level::Auto, Level::At(0)]
+                .map(|level| picture(&volume, &transfer, &camera, &Settings { level, ..settings.clone() }));
+            assert_eq!((auto.stats.levels, auto.image), ([0.0; 2], voxels.image), "{kernel} {settings:?}");
+        }
+    }
+}
+
 /// Layers of cells through an eye, whose kernels have grown by about these factors in the middle.
 #[test]
 fn layers_of_cells_of_scalars_err_by_about_a_step_more_than_voxels() {

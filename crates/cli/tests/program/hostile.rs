@@ -289,6 +289,24 @@ fn black_png(file: &Path, width: u32, height: u32) {
 }
 
 #[cfg(target_os = "linux")]
+/// 500^3 visible voxels, 2.2 GB as splats and as a texture, from a file without blocks.
+#[test]
+#[cfg(target_os = "linux")]
+fn a_picture_beyond_the_memory_is_refused_beforehand() {
+    let dir = folder();
+    File::create(dir.path().join("a.raw")).unwrap().set_len(500_u64.pow(3)).unwrap();
+    let points =
+        r##"{"points": [{"value": 0, "color": "#fff", "opacity": 0.5}, {"value": 9, "color": "#fff", "opacity": 1}]}"##;
+    std::fs::write(dir.path().join("t.json"), points).unwrap();
+    let scene = "render a.raw --dims 500,500,500 --type u8 --transfer t.json --light off --size 1024 -q";
+    for words in
+        ["the picture needs about 2.2 GB of memory, and its limit of address space has", "draw it with --level 1"]
+    {
+        refused(dir.path(), &format!("{scene} -o a.png"), words);
+    }
+    assert!(!dir.path().join("a.png").exists());
+}
+
 #[test]
 fn pictures_are_refused_memory_before_they_are_decoded() {
     let dir = folder();

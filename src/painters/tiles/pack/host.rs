@@ -163,7 +163,7 @@ impl Packing {
                     bits &= bits - 1;
                     let (own_x, in_x) = own(0, x0 + place);
                     let (index, own) = (own_x + own_y + own_z, in_x & in_y & in_z);
-                    let word = || held.words[held.each * (row.first + before.count_ones()) as usize];
+                    let word = || held.words(row, before.count_ones())[0];
                     if done[index] & own != 0 || !self.marking.is_by(self.voxel, word()) {
                         continue;
                     }
@@ -214,7 +214,7 @@ impl Packing {
                 let [x0, y0, z0] = brick.origin;
                 for z in zs {
                     for y in ys.clone() {
-                        let row = held.rows[(y - y0) as usize + EDGE * (z - z0) as usize];
+                        let row = (y - y0) as usize + EDGE * (z - z0) as usize;
                         let at = |axis: usize, place: u32| (place - low[axis] - corner[axis]) as usize * steps[axis];
                         let line = start + at(1, y) + at(2, z);
                         for (run, count) in held.runs(row, mask, [x0, y, z]) {
