@@ -3,8 +3,8 @@
 # what is missing: python3-venv with apt, and the pinned packages of python/tests/requirements.txt into target/python.
 # Skipped with a line if the machine cannot have Python 3.11 or later, but never in CI (CI is set).
 # Arguments go to pytest: sh tests/python.sh -k masks
-# With --slow as the first argument slow tests run too, with the packages of requirements-slow.txt: clusters of Dask, MPI,
-# napari and mypy.
+# With --slow as the first argument slow tests run too, with the packages of requirements-slow.txt: clusters of Dask,
+# MPI, napari and mypy.
 set -eu
 cd "$(dirname "$0")/.."
 # shellcheck source=tests/setup.sh
