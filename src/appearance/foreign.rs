@@ -3,7 +3,7 @@
 /// Words of other programs and of earlier versions; the text that names options of the command; the text that names
 /// keywords of the Python package. An empty text: there is no such option. The programs are VTK, pyvista and ParaView,
 /// matplotlib, 3D Slicer, niivue, MRIcroGL, napari, Blender, ffmpeg and ImageMagick.
-const FOREIGN: [[&str; 3]; 41] = [
+const FOREIGN: [[&str; 3]; 43] = [
     [
         "preset tf transfer-function opacity-transfer-function lut opacity alpha alpha-coef color-transfer-function",
         "--transfer PRESET or FILE",
@@ -82,11 +82,7 @@ const FOREIGN: [[&str; 3]; 41] = [
         "--size WxH, in pixels",
         "size=(WIDTH, HEIGHT), in pixels",
     ],
-    [
-        "bg background-colour background-color back-color bgcolor clear-color",
-        "--background COLOUR",
-        "background=COLOUR",
-    ],
+    ["bg background-colour back-color bgcolor clear-color", "--background COLOUR", "background=COLOUR"],
     [
         "out save save-bmp savebmp screenshot file filename o",
         "-o FILE is the picture",
@@ -130,6 +126,8 @@ const FOREIGN: [[&str; 3]; 41] = [
     ["segmentation seg atlas labelmap label-map", "--labels FILE, --mask FILE", "labels=LABELS, mask=MASK"],
     ["colorbar scalar-bar scalarbar show-colorbar show-scalar-bar", "--colour-bar", ""],
     ["mesh overlay", "", "meshes= and overlays= take one or a list"],
+    ["background-color bg-color", "", "background=COLOUR"],
+    ["clip-plane", "", "clip=\"NX,NY,NZ[,D]\""],
     ["axis-order order", "", "axes=\"xyz\" or \"zyx\""],
     ["translate translation", "", "origin=(X, Y, Z)"],
     ["tune", "", "its knobs are options, such as termination="],

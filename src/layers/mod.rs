@@ -455,10 +455,9 @@ impl Layers {
     #[must_use]
     pub fn hidden(&self) -> Vec<&'static str> {
         let is_masked = |layer: &Layer| layer.mask.as_ref().is_some_and(|mask| mask.shown.is_empty());
-        let is_blank = |layer: &Layer| {
-            matches!(&layer.matter, Matter::Labels { looks, .. }
-                if looks.iter().all(|look| look.label == 0 && look.opacity <= 0.0))
-        };
+        let is_clear = |look: &Look| look.label == 0 && look.opacity <= 0.0;
+        let is_blank =
+            |layer: &Layer| matches!(&layer.matter, Matter::Labels { looks, .. } if looks.iter().all(is_clear));
         let any = |test: &dyn Fn(&Layer) -> bool| self.layers.iter().any(test);
         let masked =
             any(&is_masked).then_some("the volume is invisible because the mask is empty: all its values are 0");
