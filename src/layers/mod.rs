@@ -498,6 +498,11 @@ impl Layers {
         self.layers.iter().map(brightest).fold([0.0; 3], larger)
     }
 
+    /// Refuses settings that layers do not support.
+    pub(crate) fn check(&self, settings: &Settings) -> Result<()> {
+        if self.plain().is_some() { Ok(()) } else { Self::check_settings(settings) }
+    }
+
     /// The same layers without NaN and infinite values, in place of which they have invisible ones.
     pub(crate) fn finite(&self) -> Result<Self> {
         let finite = |layer: &Layer| {
