@@ -9,7 +9,7 @@ use voxsplat::{Appearance, LoadOptions, load};
 
 use crate::adapter::adapter;
 use crate::cli::{folder, volume_file, voxsplat};
-use crate::support::RENDERER;
+use crate::support::renderer;
 
 /// A NRRD of 24^3 samples of i16.
 fn nrrd(path: &Path, fields: &str, value: impl Fn(f64, [i32; 3]) -> i16) {
@@ -34,8 +34,8 @@ fn the_library_draws_channels_as_the_program_does() {
     let loaded = load_channels(&source, &LoadOptions::default(), &[], Values::Open).unwrap();
     let look = Appearance::for_loaded(&source, &loaded).unwrap();
     assert!(look.choices.iter().any(|choice| choice.to_string() == "studio light because channels show surfaces"));
-    let scene = RENDERER.prepare_layers(&look.layers, &look.settings).unwrap();
-    let rendered = RENDERER.render(&scene, &look.camera([48, 48]).unwrap(), &look.settings).unwrap();
+    let scene = renderer().prepare_layers(&look.layers, &look.settings).unwrap();
+    let rendered = renderer().render(&scene, &look.camera([48, 48]).unwrap(), &look.settings).unwrap();
     rendered.image.save(dir.path().join("library.png"), Background::default()).unwrap();
     let [program, library] = ["program.png", "library.png"].map(|name| Image::load(dir.path().join(name)).unwrap());
     assert!(program == library && program.pixels().iter().any(|pixel| pixel[2] > 0.0));
@@ -49,8 +49,8 @@ fn choices(folder: &Path, source: &str) -> Vec<Choice> {
     let named = if source.starts_with("demo:") { source.into() } else { folder.join(source) };
     let volume = load(&named, &LoadOptions::default()).unwrap();
     let look = Appearance::for_file(&named, &volume).unwrap();
-    let scene = RENDERER.prepare_layers(&look.layers, &look.settings).unwrap();
-    let rendered = RENDERER.render(&scene, &look.camera([48, 48]).unwrap(), &look.settings).unwrap();
+    let scene = renderer().prepare_layers(&look.layers, &look.settings).unwrap();
+    let rendered = renderer().render(&scene, &look.camera([48, 48]).unwrap(), &look.settings).unwrap();
     rendered.image.save(folder.join("library.png"), Background::default()).unwrap();
     let [program, library] =
         ["program.png", "library.png"].map(|name| Image::load(folder.join(name)).unwrap().pixels().to_vec());
