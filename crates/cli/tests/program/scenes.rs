@@ -133,7 +133,7 @@ fn a_scene_may_have_several_outputs() {
         ("b.png", "--size 8x4 --azimuth 70"),
         ("c.exr", "--size 8 --direction 0,1,0 --transfer grayscale"),
     ] {
-        made(dir.path(), &format!("render {input} --reference -o {file} {options}"), file);
+        made(dir.path(), &format!("render {input} --reference --frame visible -o {file} {options}"), file);
         let [of_scene, single] =
             [dir.path().join("in"), dir.path().to_owned()].map(|f| Image::load(f.join(file)).unwrap());
         assert!(of_scene == single, "{file}");
@@ -217,7 +217,7 @@ fn a_turntable_is_the_pictures_of_its_views() {
     let output = turn("-o {frame}.png --azimuth 10 --transfer ct-bone");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     for (frame, azimuth) in [10, 100, 190, 280].into_iter().enumerate() {
-        let line = format!("render {input} {SMALL} -o a.png --azimuth {azimuth} --transfer ct-bone");
+        let line = format!("render {input} {SMALL} --frame visible -o a.png --azimuth {azimuth} --transfer ct-bone");
         let single = made(dir.path(), &line, "a.png");
         assert!(std::fs::read(dir.path().join(format!("000{frame}.png"))).unwrap() == single, "{frame}");
     }
