@@ -298,18 +298,20 @@ pub(crate) fn absent_value(transfer: &TransferFunction) -> f64 {
     if is_absent { base } else { invisible_value(transfer).unwrap_or(transfer.base()) }
 }
 
-/// The same volume without NaN and infinite values, in place of which it has an invisible one; in projections of
-/// intensity the lowest one, which never wins. A brick may have no other values.
+/// The same volume without NaN and infinite values, in place of which it has an invisible one. In projections of
+/// intensity it has the lowest one, which never wins, unless both the lowest and the highest are visible, as of a
+/// statistic. A brick may have no other values.
 ///
 /// # Errors
 /// Those of [`Volume::with_non_finite_replaced`].
 pub(crate) fn finite<'a>(volume: &'a Volume, transfer: &TransferFunction, model: Model) -> Result<Cow<'a, Volume>> {
     without_gaps(volume, || {
-        let lowest = match model {
-            Model::Mip | Model::Minip => Some(volume.value_range()?[0]).filter(|value| value.is_finite()),
-            _ => None,
-        };
-        Ok(lowest.unwrap_or_else(|| absent_value(transfer)))
+        if !matches!(model, Model::Mip | Model::Minip) {
+            return Ok(absent_value(transfer));
+        }
+        let range = volume.value_range()?;
+        let has_invisible_end = range.iter().any(|&end| end.is_finite() && transfer.is_invisible([end; 2]));
+        Ok(if has_invisible_end { range[0] } else { absent_value(transfer) })
     })
 }
 

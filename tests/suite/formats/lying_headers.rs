@@ -620,7 +620,7 @@ fn broken_metaimage_and_numpy_headers_say_what_is_wrong() {
         ("(2, 2, 2)", "()", "not read"),
         ("(2, 2, 2)", "(2, 2, 3)", "12 bytes, 8 are there"),
         ("(2, 2, 2)", "(4294967296, 4294967296, 4294967296)", "dimension 1 is 4294967296"),
-        ("'|u1'", "'<c8'", "type \"<c8\""),
+        ("'|u1'", "'<c8'", "complex numbers"),
         ("'|u1'", "'|O'", "type \"|O\""),
         ("'|u1'", "[('a', '<u1')]", "not read"),
         ("'|u1'", "''", "type \"\""),

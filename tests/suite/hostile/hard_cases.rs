@@ -410,7 +410,7 @@ fn nothing_is_drawn_of_samples_that_are_no_numbers() {
     let transfer = tones();
     let of = |value: f32| {
         let mut samples = vec![150.0; 6 * 6 * 6];
-        (samples[17], samples[100]) = (value, value);
+        (samples[17], samples[100], samples[60]) = (value, value, 10.0);
         Volume::new(Grid::axis_parallel([6; 3], [1.0; 3]).unwrap(), Samples::F32(samples)).unwrap()
     };
     // As if they had the invisible value next to the visible ones, or one that is given.
@@ -433,10 +433,18 @@ fn nothing_is_drawn_of_samples_that_are_no_numbers() {
             assert!(error.contains("which stands for samples that are no numbers"), "{error}");
         }
         // In projections of intensity they never win.
-        for model in [Model::Mip, Model::Minip] {
+        for (model, never) in [(Model::Mip, 10.0), (Model::Minip, 150.0)] {
             let settings = Settings { model, ..exact_quads() };
             let picture = |volume: &Volume| render(volume, &transfer, &camera, &settings);
-            assert!(picture(&gaps) == picture(&of(150.0)), "{value}, {model:?}");
+            assert!(picture(&gaps) == picture(&of(never)), "{value}, {model:?}");
+            // Values of a statistic are visible at both ends, and beside them is nothing.
+            let sides = [(-3.0, 0.5), (-1.0, 0.0), (1.0, 0.0), (3.0, 0.5)].map(|(v, o)| (v, [1.0; 3], o));
+            let mut scores = vec![value; 6 * 6 * 6];
+            (scores[129], scores[86]) = (3.0, -3.0);
+            let scores = Volume::from_slice([6; 3], [1.0; 3], &scores).unwrap();
+            let picture = render(&scores, &crate::support::transfer(&sides, None), &camera, &settings);
+            let corner = picture.pixels().first().unwrap();
+            assert!(corner[3] == 0.0 && picture.pixels().iter().any(|pixel| pixel[3] > 0.0), "{value}, {model:?}");
         }
         // A brick may have nothing else.
         let none = Volume::from_slice([2; 3], [1.0; 3], &[value; 8]).unwrap();

@@ -61,7 +61,9 @@ pub(super) fn described(
         let follow = (next..next + count).collect();
         let placed = image.placed(&described.axes, count, samples(first), (pages, next)).unwrap_or(follow);
         next += count;
-        all.push(Described { pages: placed, ..described });
+        // The name of a single image, which writers number, tells nothing.
+        let name = image.name.clone().filter(|_| images.len() > 1);
+        all.push(Described { pages: placed, name, ..described });
     }
     if stated != pages.len() as i64 {
         let pages = counted(pages.len() as u64, "page");
@@ -122,8 +124,7 @@ impl Image {
         if labels.len() as i64 != channels || labels.iter().all(|label| *label == Channel::default()) {
             labels.clear();
         }
-        let described =
-            Described { axes, labels, is_microscopy: true, name: self.name.clone(), ..Described::default() };
+        let described = Described { axes, labels, is_microscopy: true, ..Described::default() };
         let stated = |name: &str| tag.get(name).and_then(|text| text.parse::<f64>().ok()).filter(|n| *n > 0.0);
         let lengths = ["PhysicalSizeX", "PhysicalSizeY", "PhysicalSizeZ"].map(stated);
         let units = ["PhysicalSizeXUnit", "PhysicalSizeYUnit", "PhysicalSizeZUnit"];
