@@ -48,8 +48,6 @@ struct Converging {
 // Sections of kernels: rows of coefficients over the squared half chord.
 @group(0) @binding(9) var<storage, read> table: array<f32>;
 
-// The depth beyond which neighbours do not count, as on the host.
-const FAINT: f32 = 5.5;
 // Sections below this share of the integral of a kernel are faint: FAINT in src/lighting/shadow/response.rs.
 const FAINT_SECTION: f32 = 2e-3;
 // Rows of the table, and their terms.

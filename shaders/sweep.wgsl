@@ -25,9 +25,6 @@
 // For each direction the factor of sums of planes, the factor of all, and the light that an unshadowed voxel gets.
 @group(0) @binding(7) var<storage, read> factors: array<vec4f>;
 
-// The depth beyond which neighbours do not count, as on the host.
-const FAINT: f32 = 5.5;
-
 fn place_of(number: u32, direction: u32) -> vec4i {
     return places[number * sweep.directions + direction];
 }

@@ -30,7 +30,8 @@ pub(super) use self::parallel::{Direction, parallel_planes};
 /// Rows of a band.
 const BAND: usize = 32;
 
-/// The optical depth beyond which the neighbours of a voxel do not count: less than 1 of 255 of the light arrives.
+/// The optical depth beyond which the neighbours of a vector of voxels do not count: about 1 of 255 of the light
+/// arrives at most, at all of them. Shaders decide for each voxel, by a larger FAINT.
 const FAINT: f32 = 5.5;
 
 /// Places of the buffer beyond those that are read.
