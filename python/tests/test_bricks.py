@@ -35,7 +35,7 @@ def drawn(plan: vs.Plan, array: np.ndarray) -> list[vs.Partial]:
 )
 def test_merged_pictures_are_whole_pictures(options: dict) -> None:
     array = samples(np.int16)
-    options = options | EXACT | {"size": SIZE, "spacing": (2, 1.25, 1), "azimuth": 35}
+    options = options | EXACT | {"size": SIZE, "spacing": (2, 1.25, 1), "azimuth": 35, "frame": "visible"}
     whole = vs.render(array, **options)
     plan = vs.plan(array, ((6, 14), (9, 9, 12), 2), **options)
     assert len(plan.bricks) == 12

@@ -147,7 +147,8 @@ def test_others_run_while_a_picture_is_drawn() -> None:
 
 
 def test_threads_draw_with_a_renderer_each() -> None:
-    expected = [np.asarray(vs.render(samples(), "ct-bone", size=48, azimuth=40 * number)) for number in range(4)]
+    options = {"size": 48, "frame": "visible"}
+    expected = [np.asarray(vs.render(samples(), "ct-bone", azimuth=40 * number, **options)) for number in range(4)]
     drawn: dict[int, np.ndarray] = {}
 
     def draw(number: int) -> None:

@@ -60,6 +60,22 @@ def test_built_in_volumes_and_labels_are_the_command_s_too(tmp_path: Path) -> No
     assert np.array_equal(vs.render(labels, size=64), image)
 
 
+def test_a_single_picture_is_as_large_as_its_view_permits() -> None:
+    bar = np.zeros((24, 24, 24), np.uint8)
+    bar[11, 2:22, 11:13] = 255
+    options = {"transfer": "grayscale", "light": False, "size": 32, "azimuth": 0}
+    alone, steady, framed = (np.asarray(vs.render(bar, **options | more)) for more in [{}, {"frame": "visible"}, {"frame": "view"}])
+    covered = [(image[..., 3] > 0.1).sum() for image in (alone, steady)]
+    assert np.array_equal(alone, framed)
+    assert covered[0] > 8 * covered[1]
+    # A scene is for a series.
+    with vs.Renderer() as renderer:
+        scene = renderer.prepare(bar, "grayscale", light=False)
+        assert np.array_equal(renderer.render(scene, size=32, azimuth=0), steady)
+    placed = options | {"target": (12, 12, 12)}
+    assert np.array_equal(vs.render(bar, **placed), vs.render(bar, **placed, frame="volume"))
+
+
 def test_a_picture_is_an_array_and_a_png() -> None:
     image = vs.render(samples(), size=(60, 40))
     array = np.asarray(image)
@@ -100,14 +116,14 @@ def test_scenes_serve_many_views_and_light_stays() -> None:
     with vs.Renderer() as renderer:
         scene = renderer.prepare(samples(), "ct-bone", view=first, size=(64, 48))
         assert np.array_equal(renderer.render(scene, size=(64, 48)), vs.render(
-            samples(), "ct-bone", size=(64, 48), azimuth=10, elevation=20))
+            samples(), "ct-bone", size=(64, 48), azimuth=10, elevation=20, frame="visible"))
         turned = renderer.render(scene, azimuth=100, size=(64, 48))
-        alone = vs.render(samples(), "ct-bone", size=(64, 48), azimuth=100)
+        alone = vs.render(samples(), "ct-bone", size=(64, 48), azimuth=100, frame="visible")
         # The light of one picture stands around its own view.
         assert not np.array_equal(turned, alone)
         follows = renderer.prepare(samples(), "ct-bone", light="studio:eye", view=first)
         assert np.array_equal(renderer.render(follows, azimuth=100, size=(64, 48)), vs.render(
-            samples(), "ct-bone", size=(64, 48), azimuth=100, light="studio"))
+            samples(), "ct-bone", size=(64, 48), azimuth=100, light="studio", frame="visible"))
         part = renderer.render(scene, size=(64, 48), region=(10, 5, 30, 20))
         assert np.array_equal(part, np.asarray(renderer.render(scene, size=(64, 48)))[5:25, 10:40])
     with pytest.raises(ValueError, match="the renderer is closed"):

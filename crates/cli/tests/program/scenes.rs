@@ -227,7 +227,7 @@ fn a_turntable_is_the_pictures_of_its_views() {
         std::fs::read(dir.path().join("0001.png")).unwrap()
     };
     let [still, follows] = ["studio", "studio:eye"].map(frame);
-    let line = format!("render {input} {SMALL} -o a.png --azimuth 90 --transfer gray --light studio");
+    let line = format!("render {input} {SMALL} --frame visible -o a.png --azimuth 90 --transfer gray --light studio");
     assert!(follows == made(dir.path(), &line, "a.png") && follows != still);
     assert!(turn("-o {frame}.png --azimuth 10 --transfer ct-bone").status.success());
     // A part of the frames, and of these what is not there.
