@@ -438,7 +438,7 @@ fn nothing_is_drawn_of_samples_that_are_no_numbers() {
             let picture = |volume: &Volume| render(volume, &transfer, &camera, &settings);
             assert!(picture(&gaps) == picture(&of(never)), "{value}, {model:?}");
             // Values of a statistic are visible at both ends, and beside them is nothing.
-            let sides = [(-3.0, 0.5), (-1.0, 0.0), (1.0, 0.0), (3.0, 0.5)].map(|(v, o)| (v, [1.0; 3], o));
+            let sides = [(-3.0, 0.5), (-0.1, 0.0), (0.1, 0.0), (3.0, 0.5)].map(|(v, o)| (v, [1.0; 3], o));
             let mut scores = vec![value; 6 * 6 * 6];
             (scores[129], scores[86]) = (3.0, -3.0);
             let scores = Volume::from_slice([6; 3], [1.0; 3], &scores).unwrap();
