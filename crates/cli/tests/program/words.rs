@@ -432,9 +432,9 @@ fn short_help_lists_few_options_and_long_help_all() {
     let (brief, all) = (count("-h"), count("--help"));
     assert!((15..=25).contains(&brief), "-h lists {brief} options");
     // The last ones are --overlay, --mesh and --depth: no other option draws a second volume of values, or a surface.
-<<<<<<< HEAD
-    // --json is an option of every command, as --quiet is.
-    assert!((50..=71).contains(&all), "--help lists {all} options");
+    // --json is an option of every command, as --quiet is. No other option than --complex chooses a number of complex
+    // samples.
+    assert!((50..=72).contains(&all), "--help lists {all} options");
 }
 
 /// The help of every command, short and long, at a width of the terminal.
@@ -524,8 +524,4 @@ fn shares_say_something() {
     let text = stdout(&voxsplat(dir.path(), "info a.raw --dims 20,20,20 --type u8"));
     assert!(text.contains("a quarter of the foreground has one value"), "{text}");
     assert!(!text.contains(" 0.0 %") && !text.contains("100.0 %"), "{text}");
-=======
-    // So is --complex: no other one chooses a number of complex samples.
-    assert!((50..=71).contains(&all), "--help lists {all} options");
->>>>>>> images
 }
