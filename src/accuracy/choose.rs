@@ -58,9 +58,10 @@ const SQUARE: f64 = 2.0;
 const LEAST_POWER: f64 = 0.5;
 /// The range of factors by which sheets become thinner at once.
 const THINNER: [f64; 2] = [0.1, 0.8];
-/// The pixels of quads that are as much work as one chord of the reference. A chord is evaluated at 8 nodes of each
-/// block of its ray, the pixel of a quad once. A constant, so that the choice depends on no speed.
-const PIXELS_OF_A_CHORD: f64 = 8.0;
+/// The pixels of quads that are as much work as one chord of the reference: a chord is evaluated at 8 nodes of each of
+/// about three blocks, a pixel of a quad at the borders of up to 8 sheets. A constant, so that the choice depends on no
+/// speed.
+const PIXELS_OF_A_CHORD: f64 = 3.0;
 
 /// The largest number of pictures that [`choose`] draws.
 pub const MOST_PICTURES: usize = 5;

@@ -4,9 +4,14 @@ use voxsplat::accuracy::{MOST_PICTURES, Truth, choose};
 use voxsplat::error::Error;
 use voxsplat::layers::Layers;
 use voxsplat::lighting::Lighting;
-use voxsplat::settings::{Painter, Settings, Shading};
+use voxsplat::reference::Reference;
+use voxsplat::settings::{Painter, QuadsSettings, Settings, Shading};
 
+<<<<<<< HEAD
 use crate::support::{PERSPECTIVE, camera, demo, draw, headlight, prepare, renderer};
+=======
+use crate::support::{PERSPECTIVE, PROJECTIONS, RENDERER, camera, demo, draw, headlight, prepare};
+>>>>>>> pictures
 
 #[test]
 fn chosen_settings_keep_the_bound() {
@@ -61,6 +66,24 @@ fn a_loose_bound_costs_less_than_a_tight_one() {
         tight.settings
     );
     assert!(tight.settings.termination < loose.settings.termination);
+}
+
+/// Each pixel sees thousands of voxels, so that thin sheets of voxels are more work than a few rays: such a search took
+/// ten times as long as tracing the picture.
+#[test]
+fn a_picture_that_is_more_work_for_the_painters_than_for_the_reference_is_traced() {
+    let (volume, transfer) = demo("marschner-lobb", 48);
+    let (camera, layers) = (camera(33.0, PROJECTIONS[0], &volume, 12), Layers::of_volume(&volume, &transfer));
+    let settings = Settings { shading: Shading::Post, lighting: headlight(), ..Settings::default() };
+    let chosen = choose(&RENDERER, &layers, &camera, &settings, 2e-3, 1024).unwrap();
+    assert!(chosen.traced && chosen.keeps && chosen.tried.len() < MOST_PICTURES, "{:?}", chosen.tried);
+    let reference = Reference::of_layers(&layers, &chosen.settings).unwrap().with_tolerance(Reference::TOLERANCE);
+    assert_eq!(chosen.rendered.image, reference.render(&camera).unwrap());
+    // A painter that is chosen stays, and so does a bound that the reference may not keep.
+    let quads = Settings { painter: Painter::Quads(QuadsSettings::default()), ..settings.clone() };
+    for (settings, bound) in [(&quads, 2e-3), (&settings, 1e-7)] {
+        assert!(!choose(&RENDERER, &layers, &camera, settings, bound, 1024).unwrap().traced, "{bound}");
+    }
 }
 
 #[test]
