@@ -7,11 +7,7 @@ use voxsplat::lighting::Lighting;
 use voxsplat::reference::Reference;
 use voxsplat::settings::{Painter, QuadsSettings, Settings, Shading};
 
-<<<<<<< HEAD
-use crate::support::{PERSPECTIVE, camera, demo, draw, headlight, prepare, renderer};
-=======
-use crate::support::{PERSPECTIVE, PROJECTIONS, RENDERER, camera, demo, draw, headlight, prepare};
->>>>>>> pictures
+use crate::support::{PERSPECTIVE, PROJECTIONS, camera, demo, draw, headlight, prepare, renderer};
 
 #[test]
 fn chosen_settings_keep_the_bound() {
@@ -75,14 +71,14 @@ fn a_picture_that_is_more_work_for_the_painters_than_for_the_reference_is_traced
     let (volume, transfer) = demo("marschner-lobb", 48);
     let (camera, layers) = (camera(33.0, PROJECTIONS[0], &volume, 12), Layers::of_volume(&volume, &transfer));
     let settings = Settings { shading: Shading::Post, lighting: headlight(), ..Settings::default() };
-    let chosen = choose(&RENDERER, &layers, &camera, &settings, 2e-3, 1024).unwrap();
+    let chosen = choose(&renderer(), &layers, &camera, &settings, 2e-3, 1024).unwrap();
     assert!(chosen.traced && chosen.keeps && chosen.tried.len() < MOST_PICTURES, "{:?}", chosen.tried);
     let reference = Reference::of_layers(&layers, &chosen.settings).unwrap().with_tolerance(Reference::TOLERANCE);
     assert_eq!(chosen.rendered.image, reference.render(&camera).unwrap());
     // A painter that is chosen stays, and so does a bound that the reference may not keep.
     let quads = Settings { painter: Painter::Quads(QuadsSettings::default()), ..settings.clone() };
     for (settings, bound) in [(&quads, 2e-3), (&settings, 1e-7)] {
-        assert!(!choose(&RENDERER, &layers, &camera, settings, bound, 1024).unwrap().traced, "{bound}");
+        assert!(!choose(&renderer(), &layers, &camera, settings, bound, 1024).unwrap().traced, "{bound}");
     }
 }
 
