@@ -14,8 +14,9 @@ if [ $# -gt 0 ]; then
     exec cargo test --workspace --locked "$@"
 fi
 progress_say "1 of 3: compiling, about half of the time"
-cargo build --workspace --lib --bins --tests --locked
+# shellcheck disable=SC2086 # one word per option
+cargo test $progress_targets --no-run
 progress_say "2 of 3: the Python package"
 sh tests/python.sh
 progress_say "3 of 3: the crates"
-progress_tests --workspace --lib --bins --tests --locked
+progress_quick

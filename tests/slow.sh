@@ -21,4 +21,4 @@ else
     progress_say "skipped: VOXSPLAT_TEST_DRIVERS names no driver"
 fi
 progress_say "4 of 4: slow tests of the crates"
-progress_tests --workspace --lib --bins --tests --locked -- --ignored
+progress_slow

@@ -120,6 +120,16 @@ fn device_cells_under_other_lights_take_the_normals_that_are_kept() {
 /// dispatches sum the voxels of a cell: the cells are the same.
 #[test]
 fn device_cells_are_the_same_without_kept_normals_and_in_small_buffers() {
+    cells_without_kept_normals(&[CellSize::of_level(2)]);
+}
+
+#[test]
+#[ignore = "slow: cells of two further sizes"]
+fn device_cells_of_every_size_are_the_same_without_kept_normals_and_in_small_buffers() {
+    cells_without_kept_normals(&[CellSize::VOXEL.next(), CellSize::of_level(1)]);
+}
+
+fn cells_without_kept_normals(sizes: &[CellSize]) {
     let context = context();
     let mut without = self::context();
     without.savings.normals = false;
@@ -130,7 +140,7 @@ fn device_cells_are_the_same_without_kept_normals_and_in_small_buffers() {
         small
     });
     let of = vessels(70);
-    for size in [CellSize::VOXEL.next(), CellSize::of_level(1), CellSize::of_level(2)] {
+    for &size in sizes {
         let pictures = [&context, &without, &layers, &rows].map(|context| {
             let subject = Subject::new(context, &of, size);
             let first = subject.lit(1.0, None);
@@ -165,6 +175,16 @@ fn balls() -> (Volume, TransferFunction) {
 /// If the device holds only bricks that may show, in one buffer or in several, cells are the same.
 #[test]
 fn device_cells_of_few_bricks_are_those_of_all() {
+    cells_of_few_bricks(&[CellSize::of_level(2)]);
+}
+
+#[test]
+#[ignore = "slow: cells of two further sizes"]
+fn device_cells_of_every_size_of_few_bricks_are_those_of_all() {
+    cells_of_few_bricks(&[CellSize::VOXEL.next(), CellSize::of_level(1)]);
+}
+
+fn cells_of_few_bricks(sizes: &[CellSize]) {
     let of = balls();
     let [all, few, several] = [(u64::MAX, u64::MAX), (0, u64::MAX), (0, 7)].map(|(paged_bytes, bricks)| {
         let mut context = context();
@@ -173,7 +193,7 @@ fn device_cells_of_few_bricks_are_those_of_all() {
         *limit = (*limit).min(bricks.saturating_mul(4 * 36_u64.pow(3)));
         context
     });
-    for size in [CellSize::VOXEL.next(), CellSize::of_level(1), CellSize::of_level(2)] {
+    for &size in sizes {
         let pictures = [&all, &few, &several].map(|context| {
             let subject = Subject::new(context, &of, size);
             let first = subject.lit(1.0, None);

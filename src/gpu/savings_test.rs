@@ -36,7 +36,18 @@ fn painters(sheet_thickness: f64) -> [Painter; 2] {
 }
 
 #[test]
+fn device_nothing_that_is_left_out_of_two_scenes_changes_a_pixel() {
+    leave_out(4, 1);
+}
+
+#[test]
+#[ignore = "slow: 140 pictures by five devices"]
 fn device_nothing_that_is_left_out_changes_a_pixel() {
+    leave_out(1, 2);
+}
+
+/// Compares every `step`th kind of picture through the first `eyes` of two projections.
+fn leave_out(step: usize, eyes: usize) {
     let (volume, transfer) = balls();
     let renderer = |savings| {
         let options = RendererOptions { adapter: Some(adapter()), ..RendererOptions::default() };
@@ -63,8 +74,10 @@ fn device_nothing_that_is_left_out_changes_a_pixel() {
         ("maximum", Model::Mip, Shading::Pre, None, 1.0),
     ];
     let projections = [(ProjectionKind::Orthographic, 3.0), (ProjectionKind::Perspective { fov: 40.0 }, 1.6)];
-    for (name, model, shading, lighting, thickness) in scenes {
-        for ((projection, zoom), painter) in projections.into_iter().flat_map(|p| painters(thickness).map(|q| (p, q))) {
+    for (name, model, shading, lighting, thickness) in scenes.into_iter().step_by(step) {
+        for ((projection, zoom), painter) in
+            projections.into_iter().take(eyes).flat_map(|p| painters(thickness).map(|q| (p, q)))
+        {
             let settings = Settings { model, shading, lighting: lighting.clone(), painter, ..Settings::default() };
             let view = View { azimuth: 25.0, elevation: 15.0, zoom, projection, ..View::default() };
             let camera = Camera::new(&view, volume.grid(), [56; 2]).unwrap();
@@ -144,6 +157,17 @@ fn tube() -> (Volume, TransferFunction) {
 
 #[test]
 fn device_pages_of_a_box_draw_what_the_box_draws() {
+    draw_pages(1);
+}
+
+#[test]
+#[ignore = "slow: 48 pictures by two devices"]
+fn device_pages_of_every_box_draw_what_the_box_draws() {
+    draw_pages(4);
+}
+
+/// Compares the first `kinds` of pictures.
+fn draw_pages(kinds: usize) {
     let (volume, transfer) = tube();
     let renderer = |paged_bytes| {
         let options = RendererOptions { adapter: Some(adapter()), ..RendererOptions::default() };
@@ -160,7 +184,10 @@ fn device_pages_of_a_box_draw_what_the_box_draws() {
         (Shading::Pre, lit(Light::HEADLIGHT), Level::At(0)),
         (Shading::Pre, Some(shadows), Level::At(1)),
         (Shading::Post, None, Level::At(0)),
-    ] {
+    ]
+    .into_iter()
+    .take(kinds)
+    {
         let antialiasing = level != Level::At(0);
         let settings = Settings { shading, lighting, level, antialiasing, ..Settings::default() };
         for projection in [ProjectionKind::Orthographic, ProjectionKind::Perspective { fov: 40.0 }] {

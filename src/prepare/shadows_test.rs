@@ -127,6 +127,17 @@ fn shadows(volume: &Volume, lighting: &Lighting, kernel: Kernel, clip: &Clip) ->
 /// left, which each decides for itself, to the light that is left: exp(-5.5).
 #[test]
 fn device_finds_the_light_of_the_host() {
+    light_of_device_and_host(1, 5);
+}
+
+#[test]
+#[ignore = "slow: 14 sets of lights on each body, with and without a clip"]
+fn device_finds_the_light_of_the_host_on_every_body() {
+    light_of_device_and_host(usize::MAX, 1);
+}
+
+/// Compares the light on the first `bodies`, of every `step`th set of lights.
+fn light_of_device_and_host(bodies: usize, step: usize) {
     let context = Context::new(Some(&adapter())).unwrap().with_device_stages();
     let (pipelines, progress) = (Cache::default(), Progress::default());
     let kernels = [
@@ -136,8 +147,8 @@ fn device_finds_the_light_of_the_host() {
     ];
     let clip = Clip::new(vec![Plane::new(DVec3::new(-0.8, 0.3, 0.1), -20.0).unwrap()]).unwrap();
     let mut worst = 0.0_f64;
-    for (name, volume, transfer) in &bodies() {
-        for (number, (light, lighting)) in lightings().iter().enumerate() {
+    for (name, volume, transfer) in self::bodies().iter().take(bodies) {
+        for (number, (light, lighting)) in lightings().iter().enumerate().step_by(step) {
             let (wide, kernel) = kernels[if number < 6 { 0 } else { number % 3 }];
             for clip in [Clip::default(), clip.clone()] {
                 let shadows = shadows(volume, lighting, kernel, &clip);

@@ -25,7 +25,7 @@ use crate::formats::fixtures::path;
 use crate::support::own_name;
 
 /// Executions in an ordinary run.
-const RUNS: usize = 20_000;
+const RUNS: usize = 5_000;
 
 /// The memory limit of a process of executions, in KiB. Its inputs have a few KiB each, and 2 MiB if unpacked.
 const MEMORY: usize = 1_500_000;
@@ -256,22 +256,34 @@ fn number(variable: &str) -> Option<usize> {
 }
 
 /// Runs this test again in a process with limited memory: an allocation that fails without an error aborts the process.
-fn in_limited_memory() {
+fn in_limited_memory(runs: usize) {
     let program = std::env::current_exe().unwrap();
     let mut command = Command::new("sh");
     command.arg("-c").arg(format!("ulimit -v {MEMORY}; exec \"$0\" \"$@\"")).arg(program);
     let name = own_name(module_path!(), "changed_files_end_in_a_value_or_in_one_line");
-    let status = command.args(["--exact", &name, "--nocapture"]).env(LIMITED, "1").status().unwrap();
+    let status = command
+        .args(["--exact", &name, "--nocapture"])
+        .env(LIMITED, "1")
+        .env("VOXSPLAT_FUZZ_RUNS", runs.to_string())
+        .status()
+        .unwrap();
     assert!(status.success(), "{status}");
 }
 
 #[test]
 fn changed_files_end_in_a_value_or_in_one_line() {
     if cfg!(target_os = "linux") && std::env::var_os(LIMITED).is_none() {
-        return in_limited_memory();
+        return in_limited_memory(number("VOXSPLAT_FUZZ_RUNS").unwrap_or(RUNS));
     }
     // Readers work in parallel; with few samples the hand-over takes most of the time.
     rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap().install(execute);
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+#[ignore = "slow: 40 000 files"]
+fn many_changed_files_end_in_a_value_or_in_one_line() {
+    in_limited_memory(8 * RUNS);
 }
 
 #[expect(clippy::print_stdout, reason = "the long run is read by who started it")]

@@ -386,7 +386,16 @@ fn seeds(usual: &str) -> (u64, u64) {
 
 #[test]
 fn random_scenes_keep_within_their_bounds() {
-    let (first, last) = seeds("0..49");
+    check_scenes(seeds("0..14"));
+}
+
+#[test]
+#[ignore = "slow: 200 scenes and their truths"]
+fn many_random_scenes_keep_within_their_bounds() {
+    check_scenes((15, 214));
+}
+
+fn check_scenes((first, last): (u64, u64)) {
     // The number of scenes, the worst fraction of the bound, its seed and its errors, by painter and kind of picture.
     let mut worst: BTreeMap<String, (u32, f64, u64, String)> = BTreeMap::new();
     let mut failures = Vec::new();
@@ -425,7 +434,16 @@ fn random_scenes_keep_within_their_bounds() {
 /// `VOXSPLAT_RANDOM_SEEDS=0..999` draws a thousand.
 #[test]
 fn cells_are_taken_only_where_they_are_right() {
-    let (first, last) = seeds("0..29");
+    check_cells(seeds("0..5"));
+}
+
+#[test]
+#[ignore = "slow: 54 scenes of small voxels and their truths"]
+fn cells_of_many_scenes_are_taken_only_where_they_are_right() {
+    check_cells((6, 59));
+}
+
+fn check_cells((first, last): (u64, u64)) {
     // The numbers of pictures, of pictures with cells, and of these over 2 of 255 (rms), the worst and its seed, by
     // kind.
     let mut rows: BTreeMap<String, (u32, u32, u32, f64, u64)> = BTreeMap::new();
