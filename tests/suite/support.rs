@@ -1,6 +1,6 @@
 //! Shared parts of the tests: one device, volumes, and the only calls of the library that make cameras and pictures.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError, Weak};
 
 use glam::DVec3;
 use voxsplat::camera::{Camera, ProjectionKind, View};
@@ -21,22 +21,33 @@ use crate::adapter::adapter;
 /// 9 GB on Mesa's software driver.
 const TESTS_OF_A_DEVICE: u32 = 24;
 
+/// The devices of running tests, and the newest device with the number of its tests.
+struct Devices {
+    running: Vec<(Weak<()>, Arc<Renderer>)>,
+    newest: Option<(Arc<Renderer>, u32)>,
+}
+
 /// Returns the device of the running test, which it shares with a few other tests: making a device for each takes time.
 pub(crate) fn renderer() -> Arc<Renderer> {
-    static SHARED: Mutex<Option<(Arc<Renderer>, u32)>> = Mutex::new(None);
-    // Each test has a thread.
+    static DEVICES: Mutex<Devices> = Mutex::new(Devices { running: Vec::new(), newest: None });
+    // Each test has a thread, and this lives as long.
     thread_local! {
-        static OWN: Arc<Renderer> = {
-            let mut shared = SHARED.lock().unwrap_or_else(PoisonError::into_inner);
-            let (renderer, tests) = match shared.take() {
-                Some((renderer, tests)) if tests < TESTS_OF_A_DEVICE => (renderer, tests + 1),
-                _ => (Arc::new(new_renderer()), 1),
-            };
-            *shared = Some((renderer.clone(), tests));
-            renderer
-        };
+        static TEST: Arc<()> = Arc::default();
     }
-    OWN.with(Arc::clone)
+    let test = TEST.with(Arc::downgrade);
+    let mut devices = DEVICES.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some((_, renderer)) = devices.running.iter().find(|(other, _)| other.ptr_eq(&test)) {
+        return renderer.clone();
+    }
+    // Devices of ended tests are freed here: at the end of a thread, thread-locals of wgpu may be gone.
+    devices.running.retain(|(test, _)| test.strong_count() > 0);
+    let (renderer, tests) = match devices.newest.take() {
+        Some((renderer, tests)) if tests < TESTS_OF_A_DEVICE => (renderer, tests + 1),
+        _ => (Arc::new(new_renderer()), 1),
+    };
+    devices.newest = Some((renderer.clone(), tests));
+    devices.running.push((test, renderer.clone()));
+    renderer
 }
 
 /// A separate device, for tests that count its objects.
