@@ -367,6 +367,17 @@ fn lit_cells_are_made_where_their_layer_shows() {
 /// Every way of storing samples, thinned and lit from all sides; bricks that end within the volume and beyond it.
 #[test]
 fn the_device_makes_the_cells_of_the_host() {
+    compare_cells(1);
+}
+
+#[test]
+#[ignore = "slow: 96 pictures by two devices"]
+fn the_device_makes_the_cells_of_the_host_of_every_type_of_sample() {
+    compare_cells(4);
+}
+
+/// Compares cells of the first `types` of samples.
+fn compare_cells(types: usize) {
     let dims = [70, 37, 45];
     let value = |i: u32| {
         let p = [i % 70, i / 70 % 37, i / (70 * 37)].map(|c| f64::from(c) / 8.0);
@@ -381,7 +392,7 @@ fn the_device_makes_the_cells_of_the_host() {
     ];
     let units: [&dyn Fn(f64) -> f64; 4] = [&|v| v, &|v| v - 90.0, &|v| v * 1e-3, &|v| v * 1e6 + 4e9];
     let device = new_renderer().with_device_stages();
-    for (samples, unit) in all.into_iter().zip(units) {
+    for (samples, unit) in all.into_iter().zip(units).take(types) {
         let volume = Volume::new(Grid::axis_parallel(dims, [1.0, 1.3, 0.8]).unwrap(), samples).unwrap();
         let plain = transfer(
             &[(unit(110.0), [0.2, 0.4, 0.9], 0.0), (unit(150.0), [0.9, 0.7, 0.2], 0.1), (unit(200.0), [1.0; 3], 0.3)],

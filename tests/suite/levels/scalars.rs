@@ -84,11 +84,22 @@ fn wide_kernels_are_drawn_of_voxels_where_pixels_resolve_them() {
     }
 }
 
-/// Layers of cells through an eye, whose kernels have grown by about these factors in the middle.
 #[test]
 fn layers_of_cells_of_scalars_err_by_about_a_step_more_than_voxels() {
+    compare_layers(1, &[(2.0, 1.0)]);
+}
+
+#[test]
+#[ignore = "slow: 36 post-shaded truths in perspective"]
+fn layers_of_cells_of_any_scalars_err_by_about_a_step_more_than_voxels() {
+    compare_layers(usize::MAX, &[(1.4, 1.0), (2.0, 1.0), (3.5, 2.0)]);
+}
+
+/// Draws the first `kinds` of volumes through an eye. Kernels have grown by about these factors in the middle; the
+/// second number is the farthest level.
+fn compare_layers(kinds: usize, growths: &[(f64, f32)]) {
     let eye = |azimuth| View { azimuth, projection: ProjectionKind::Perspective { fov: 40.0 }, ..oblique() };
-    for (name, volume) in volumes(32) {
+    for (name, volume) in volumes(32).into_iter().take(kinds) {
         // Near a tie of two axes too.
         for (azimuth, settings) in [(30.0, post()), (44.0, post()), (30.0, lit())] {
             let is_lit = settings.lighting.is_some();
@@ -99,7 +110,7 @@ fn layers_of_cells_of_scalars_err_by_about_a_step_more_than_voxels() {
             let error = |growth| error(&volume, &tones(), grown(32, growth, eye(azimuth)), &settings);
             let (voxels, level) = error(0.7);
             assert_eq!(level, 0.0);
-            for (growth, farthest) in [(1.4, 1.0), (2.0, 1.0), (3.5, 2.0)] {
+            for &(growth, farthest) in growths {
                 let (rms, level) = error(growth);
                 println!("{name} {azimuth} lit {is_lit} {growth}: {rms:.2}, {voxels:.2} of voxels");
                 // The normals of cells differ in white noise: by up to 5.2 along parallel rays.
@@ -141,8 +152,19 @@ fn lit_things_of_one_value_have_no_cells() {
 
 #[test]
 fn light_on_cells_of_scalars_follows_the_reference() {
+    compare_light(&[(2.2, 1.5)]);
+}
+
+#[test]
+#[ignore = "slow: three lit truths"]
+fn light_on_cells_of_scalars_of_any_size_follows_the_reference() {
+    compare_light(&[(1.2, 3.5), (1.5, 3.5), (3.0, 3.2)]);
+}
+
+/// Draws kernels that have grown by a factor, and holds them to an error in steps of 8 bits.
+fn compare_light(growths: &[(f64, f64)]) {
     let (volume, transfer) = demo("marschner-lobb", 48);
-    for (growth, limit) in [(1.2, 3.5), (1.5, 3.5), (2.2, 1.5), (3.0, 3.2)] {
+    for &(growth, limit) in growths {
         let (rms, _) = error(&volume, &transfer, grown(48, growth, oblique()), &lit());
         println!("{growth}: {rms:.2}");
         assert!(rms < limit, "{growth}: rms {rms} of 255");
