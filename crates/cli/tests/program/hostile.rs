@@ -667,17 +667,20 @@ fn send(signal: &str, child: &Child) {
 /// the signal has ended it.
 fn interrupts(dir: &Path, size: u32, bytes: u64, (signal, number): (&str, i32)) -> bool {
     let mut child = started(dir, ":", comparison(dir, size));
-    let grown = |entry: std::io::Result<std::fs::DirEntry>| {
-        entry.is_ok_and(|entry| {
-            !["a.png", "d.exr"].contains(&entry.file_name().to_string_lossy().as_ref())
-                && entry.metadata().is_ok_and(|file| file.len() >= bytes)
-        })
+    // Linux has files without a name: the open files of the process show them.
+    let open = format!("/proc/{}/fd", child.id());
+    let files = || [dir, Path::new(&open)].into_iter().flat_map(std::fs::read_dir).flatten().flatten();
+    let is_output =
+        |file: &std::fs::DirEntry| !["a.png", "d.exr"].contains(&file.file_name().to_string_lossy().as_ref());
+    let has_grown = |file: std::fs::DirEntry| {
+        is_output(&file) && std::fs::metadata(file.path()).is_ok_and(|file| file.is_file() && file.len() >= bytes)
     };
-    let is_due = || bytes == 0 || std::fs::read_dir(dir).unwrap().any(grown);
-    while !is_due() && child.try_wait().unwrap().is_none() {
+    while bytes > 0 && !files().any(has_grown) && child.try_wait().unwrap().is_none() {
         std::thread::sleep(Duration::from_millis(1));
     }
-    send(signal, &child);
+    if child.try_wait().unwrap().is_none() {
+        send(signal, &child);
+    }
     let (status, said) = ended(child);
     // As the shell sees it: 128 and the number.
     assert!(status.signal() == Some(number) || status.success(), "{signal}: {status}, {said}");
