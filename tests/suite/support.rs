@@ -19,7 +19,7 @@ use crate::adapter::adapter;
 
 /// Tests that share a device, one after the other. Pipelines stay on a device: for all tests of this binary they took
 /// 9 GB on Mesa's software driver.
-const TESTS_OF_A_DEVICE: u32 = 24;
+const TESTS_OF_A_DEVICE: u32 = 12;
 
 /// The devices of running tests, and the newest device with the number of its tests.
 struct Devices {

@@ -206,16 +206,26 @@ fn turning_lights_make_no_step() {
     }
 }
 
-/// Bricks reach beyond small lattices.
 #[test]
+fn lights_at_places_shine_on_small_lattices() {
+    shine_on_lattices(8);
+}
+
+#[test]
+#[ignore = "slow: 120 lattices"]
 fn lights_at_places_shine_on_lattices_of_any_size() {
+    shine_on_lattices(120);
+}
+
+/// Lights random lattices. Bricks reach beyond small ones.
+fn shine_on_lattices(cases: usize) {
     let mut seed = 1_u64;
     let mut random = move |most: u64| {
         seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (seed >> 33) % most
     };
     let mut largest = 0.0_f64;
-    for case in 0..120 {
+    for case in 0..cases {
         let dims: [u32; 3] = std::array::from_fn(|_| 1 + random(14) as u32);
         let spacing: [f64; 3] = std::array::from_fn(|_| 0.3 + random(30) as f64 / 10.0);
         let grid = Grid::axis_parallel(dims, spacing).unwrap();

@@ -1,6 +1,7 @@
 //! Gradient opacity: pictures against the f64 truth, closed forms, and effects that users see.
 
 use voxsplat::kernel::Kernel;
+use voxsplat::lighting::Lighting;
 use voxsplat::settings::{Level, Model, Settings, Shading};
 use voxsplat::transfer::{GradientPoint, TransferFunction};
 use voxsplat::volume::{Grid, Samples, Volume};
@@ -38,15 +39,23 @@ fn both_painters_thin_out_what_the_reference_thins_out() {
     }
 }
 
-/// Gradient opacity applies to voxels before they become cells.
 #[test]
 fn cells_are_thinned_out_as_their_voxels_are() {
+    thin_cells(&[(Shading::Pre, headlight())]);
+}
+
+#[test]
+#[ignore = "slow: post-shaded cells beside voxels"]
+fn cells_of_every_shading_are_thinned_out_as_their_voxels_are() {
+    thin_cells(&[(Shading::Pre, None), (Shading::Post, None), (Shading::Post, headlight())]);
+}
+
+/// Gradient opacity applies to voxels before they become cells.
+fn thin_cells(kinds: &[(Shading, Option<Lighting>)]) {
     let (volume, plain) = demo("marschner-lobb", 64);
     let thin = thinned(&plain, &[(0.0, 0.0), (0.1, 1.0)]);
     let camera = camera(30.0, PROJECTIONS[0], &volume, 40);
-    for (shading, lighting) in
-        [(Shading::Pre, None), (Shading::Pre, headlight()), (Shading::Post, None), (Shading::Post, headlight())]
-    {
+    for &(shading, ref lighting) in kinds {
         let at =
             |level| Settings { shading, lighting: lighting.clone(), level: Level::At(level), ..Settings::default() };
         let error = |transfer| {
