@@ -75,6 +75,19 @@ def dicom():
                 print(f"{file}: {type(error).__name__}: {error}", file=sys.stderr)
 
 
+def stated_spacing(data):
+    """The distances of rows and of columns, from the elements that stand in for PixelSpacing (PS3.3)."""
+    for name in ("ImagerPixelSpacing", "NominalScannedPixelSpacing"):
+        if data.get(name):
+            return data.get(name)
+    for region in data.get("SequenceOfUltrasoundRegions") or []:
+        # In cm.
+        if region.get("PhysicalUnitsXDirection") == 3 and region.get("PhysicalUnitsYDirection") == 3:
+            return [10 * abs(region.PhysicalDeltaY), 10 * abs(region.PhysicalDeltaX)]
+    ratio = data.get("PixelAspectRatio")
+    return [float(ratio[0]) / float(ratio[1]), 1] if ratio else [1, 1]
+
+
 def one_dicom(project, root, file):
     with open(file, "rb") as content:
         head = content.read(2)
@@ -121,7 +134,15 @@ def one_dicom(project, root, file):
         intercept = number(of_frame(frame, map_group, "RescaleIntercept"), 0.0)
         values[frame] = slope * samples[frame].astype(np.float64) + intercept
 
-    spacing = of_frame(0, pixel_group, "PixelSpacing") or [1, 1]
+    spacing = of_frame(0, pixel_group, "PixelSpacing") or stated_spacing(data)
+    if "MOSAIC" in data.get("ImageType", []):
+        # Slices are the tiles of a square grid, row by row; their places are not compared.
+        tiles = int(data[0x0019, 0x100A].value)
+        side = int(np.ceil(np.sqrt(tiles)))
+        rows, columns = data.Rows // side, data.Columns // side
+        grid = values[0, :, :, 0].reshape(side, rows, side, columns).swapaxes(1, 2)
+        line(project, root, file, grey(grid.reshape(-1, rows, columns)[:tiles]))
+        return
     turn = of_frame(0, orientation_group, "ImageOrientationPatient")
     x, y = (np.array(turn[:3], float), np.array(turn[3:], float)) if turn else (np.array([1, 0, 0]), np.array([0, 1, 0]))
     normal = np.cross(x, y)
