@@ -136,7 +136,8 @@ def one_dicom(project, root, file):
 
     spacing = of_frame(0, pixel_group, "PixelSpacing") or stated_spacing(data)
     if "MOSAIC" in data.get("ImageType", []):
-        # Slices are the tiles of a square grid, row by row; their places are not compared.
+        # Slices are the tiles of a square grid, row by row; their places are not compared. Two files of nibabel hold the
+        # pixels of other pictures, and are left out.
         tiles = int(data[0x0019, 0x100A].value)
         side = int(np.ceil(np.sqrt(tiles)))
         rows, columns = data.Rows // side, data.Columns // side
