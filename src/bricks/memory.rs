@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use crate::error::Result;
 use crate::layers::Layers;
+use crate::prepare::bytes_of_voxels;
 use crate::settings::{Level, Painter, Settings};
 use crate::volume::Grid;
 
@@ -36,16 +37,12 @@ impl Memory {
     pub(super) fn new(layers: &Layers, grid: &Grid, settings: &Settings) -> Result<Self> {
         let (post, lit) = (settings.is_post_shaded(), settings.lighting.is_some());
         let level = if let Level::At(level) = settings.level { level } else { 0 };
-        let (boxed, splat) = match (settings.painter, post, lit) {
-            (Painter::Quads(_), false, _) => (0.0, 91.0),
-            (Painter::Quads(_), true, _) => (0.0, 110.0),
+        let is_gathered = !matches!(settings.painter, Painter::Quads(_));
+        let [boxed, splat] = match level {
             // Cells take the place of voxels once they are made.
-            (_, false, _) if level == 1 => (3.5, 0.0),
-            (_, false, _) if level > 1 => (2.0, 0.0),
-            (_, false, false) => (9.6, 8.0),
-            (_, false, true) => (9.6, 11.6),
-            (_, true, false) => (7.2, 3.1),
-            (_, true, true) => (14.7, 8.2),
+            1 if is_gathered && !post => [3.5, 0.0],
+            2.. if is_gathered && !post => [2.0, 0.0],
+            _ => bytes_of_voxels(settings.painter, post, lit),
         };
         // Filtered samples are f32. Noise that the filter makes visible is not known here.
         let voxel = layers.sample_bytes() as f64 + if settings.sharpens().is_some() { 4.0 } else { 0.0 };

@@ -8,19 +8,32 @@ use super::cells::CellSize;
 use crate::error::{Error, Result};
 use crate::gpu::context::Context;
 use crate::layers::{Layers, Matter, look_of};
-use crate::settings::{MAX_LEVEL, Settings};
+use crate::settings::{MAX_LEVEL, Painter, Settings};
 
 /// Rows between sampled ones along y and z.
 const STRIDE: usize = 8;
 /// Neighbours along x that are of one value inside of a label.
 const SEGMENT: usize = 32;
 
-/// The way in which the voxels of a picture are drawn, as far as memory depends on it. Bytes are measured:
-/// docs/measurements/2026-11-25-bricks.md.
+/// Returns the bytes of each voxel of the box around the visible voxels, and of each visible voxel, on a software
+/// adapter. Measured: docs/measurements/2026-11-25-bricks.md.
+pub(crate) fn bytes_of_voxels(painter: Painter, post: bool, lit: bool) -> [f64; 2] {
+    match (painter, post, lit) {
+        (Painter::Quads(_), false, _) => [0.0, 91.0],
+        (Painter::Quads(_), true, _) => [0.0, 110.0],
+        (_, false, false) => [9.6, 8.0],
+        (_, false, true) => [9.6, 11.6],
+        (_, true, false) => [7.2, 3.1],
+        (_, true, true) => [14.7, 8.2],
+    }
+}
+
+/// The way in which the voxels of a picture are drawn, as far as memory depends on it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Drawn {
     pub(super) post: bool,
     pub(super) lit: bool,
+    pub(super) painter: Painter,
     /// Light is cast by sweeps on the host.
     pub(super) shadows: bool,
     /// The size of the finest cells.
@@ -47,19 +60,23 @@ impl Drawn {
     pub(super) fn new(context: &Context, settings: &Settings, size: CellSize) -> Self {
         let on_host = context.is_software();
         let (post, lit) = (settings.is_post_shaded(), settings.lighting.is_some());
-        Self { post, lit, shadows: on_host && settings.casting().is_some(), size, on_host, filtered: false }
+        Self {
+            post,
+            lit,
+            painter: settings.painter,
+            shadows: on_host && settings.casting().is_some(),
+            size,
+            on_host,
+            filtered: false,
+        }
     }
 
     /// The bytes that a picture needs, given its numbers of voxels.
     fn bytes(&self, Counts { all, boxed, visible, listed }: Counts) -> f64 {
-        let Self { post, lit, shadows, size, on_host, filtered } = *self;
+        let Self { post, lit, painter, shadows, size, on_host, filtered } = *self;
         let filtered = if filtered { 4.0 * all } else { 0.0 };
         let each = size.voxels().powi(-3);
-        let (of_box, of_splat) = match (post, lit) {
-            (false, _) => (9.6, 8.0 + if lit { 4.0 } else { 0.0 }),
-            (true, false) => (7.2, 3.1),
-            (true, true) => (14.7, 8.2),
-        };
+        let [of_box, of_splat] = bytes_of_voxels(painter, post, lit);
         let of_box = if on_host { of_box } else { 0.0 };
         if post {
             return filtered + each * (of_box * boxed + of_splat * visible);
@@ -68,7 +85,8 @@ impl Drawn {
         let of_light = if shadows { 12.0 * boxed } else { 0.0 };
         let of_voxels = if shadows || size == CellSize::VOXEL { listed } else { 0.0 };
         let lists = of_voxels * (of_splat + if shadows { 8.0 } else { 0.0 });
-        let cells = if size == CellSize::VOXEL { 0.0 } else { each * 12.0 * visible };
+        let of_cell = if matches!(painter, Painter::Quads(_)) { of_splat } else { 12.0 };
+        let cells = if size == CellSize::VOXEL { 0.0 } else { each * of_cell * visible };
         lists + cells + of_light.max(each * of_box * boxed)
     }
 }
@@ -176,6 +194,7 @@ fn joined(a: [[usize; 2]; 3], b: [[usize; 2]; 3]) -> [[usize; 2]; 3] {
 mod tests {
     use super::*;
     use crate::layers::{Labels, Layer};
+    use crate::settings::QuadsSettings;
     use crate::transfer::TransferFunction;
     use crate::volume::Volume;
 
@@ -187,8 +206,15 @@ mod tests {
         let volume = Volume::from_slice([64; 3], [1.0; 3], &samples).unwrap();
         let labels = Layers::new(Layer::labels(&volume, &Labels::default()).unwrap());
         let grey = Layers::of_volume(&volume, &TransferFunction::preset("grayscale", &volume).unwrap());
-        let drawn =
-            Drawn { post: false, lit: true, shadows: true, size: CellSize::VOXEL, on_host: true, filtered: false };
+        let drawn = Drawn {
+            post: false,
+            lit: true,
+            painter: Painter::Auto,
+            shadows: true,
+            size: CellSize::VOXEL,
+            on_host: true,
+            filtered: false,
+        };
         let within = |layers: &Layers, drawn: Drawn, bytes: u64| {
             check_within(layers, &drawn, Available { bytes, limit: "the machine" })
         };
@@ -209,5 +235,9 @@ mod tests {
         let refused = within(&grey, unlit, need / 8).unwrap_err().to_string();
         assert!(refused.contains("draw it with --level 1, or in bricks (voxsplat plan)"), "{refused}");
         within(&grey, Drawn { size: CellSize::of_level(1), ..unlit }, need / 8).unwrap();
+        // Each quad takes 91 bytes.
+        let by_quads = Drawn { painter: Painter::Quads(QuadsSettings::default()), ..unlit };
+        within(&grey, by_quads, 92 * exact as u64).unwrap();
+        within(&grey, by_quads, 90 * exact as u64).unwrap_err();
     }
 }

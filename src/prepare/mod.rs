@@ -12,5 +12,8 @@ pub(crate) mod scalar_cells;
 pub(crate) mod scalars;
 pub(crate) mod scene;
 pub(crate) mod shadows;
+
+pub(crate) use memory::bytes_of_voxels;
+
 #[cfg(test)]
 mod shadows_test;
