@@ -1,5 +1,6 @@
 //! The choice of the cheapest settings whose picture keeps an error bound.
 
+use super::estimate::Tracer;
 use super::{Estimate, Truth};
 use crate::camera::Camera;
 use crate::error::{Error, Result};
@@ -102,7 +103,8 @@ pub fn choose(
         lighting.exact_shadows |= max_error < LEAST_OF_SWEEPS;
     }
     let scene = renderer.prepare_layers(layers, &base)?;
-    let truth = Truth::trace(layers, camera, &base, pixels)?;
+    let mut tracer = Tracer::new(layers, camera, &base)?;
+    let truth = tracer.truth(pixels)?;
     let bound = MARGIN * max_error;
     let mut search = Search {
         renderer,
@@ -122,12 +124,12 @@ pub fn choose(
     } else {
         search.finer(base.clone(), first)?;
     }
-    let Search { tried, best, truth, quads_are_refused, .. } = search;
+    let Search { tried, best, quads_are_refused, .. } = search;
     let (at, mut rendered) = best.ok_or_else(|| Error::Image("nothing was drawn".to_owned()))?;
     let Tried { settings, estimate } = tried[at].clone();
     let keeps = estimate.error <= bound;
     let traces = !keeps && quads_are_refused && base.painter == Painter::Auto && max_error >= Reference::TOLERANCE;
-    if let Some((image, estimate)) = traces.then(|| traced(truth, layers, camera, &base)).transpose()?.flatten() {
+    if let Some((image, estimate)) = traces.then(|| traced(&mut tracer)).transpose()?.flatten() {
         rendered.image = image;
         return Ok(Chosen { settings: base, rendered, estimate, keeps: true, traced: true, tried });
     }
@@ -135,9 +137,8 @@ pub fn choose(
 }
 
 /// The whole picture by the reference, and its estimate; `None` if the reference refuses it.
-fn traced(truth: Truth, layers: &Layers, camera: &Camera, settings: &Settings) -> Result<Option<(Image, Estimate)>> {
-    let whole = if truth.whole().is_some() { Ok(truth) } else { Truth::trace(layers, camera, settings, u32::MAX) };
-    match whole {
+fn traced(tracer: &mut Tracer) -> Result<Option<(Image, Estimate)>> {
+    match tracer.truth(u32::MAX) {
         Ok(truth) => truth.whole().map(|image| Ok((image.clone(), truth.estimate(image)?))).transpose(),
         Err(error) if error.refuses_settings() => Ok(None),
         Err(error) => Err(error),

@@ -1,10 +1,12 @@
 //! The error of a picture from a sample of its pixels.
 
+use std::collections::HashMap;
+
 use serde::Serialize;
 
 use super::Sample;
 use crate::camera::Camera;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::image::{Image, covered_differences, percentile};
 use crate::layers::Layers;
 use crate::reference::Reference;
@@ -51,21 +53,7 @@ impl Truth {
     /// # Errors
     /// Those of [`Reference::of_layers`] and [`Reference::pixels`].
     pub fn trace(layers: &Layers, camera: &Camera, settings: &Settings, pixels: u32) -> Result<Self> {
-        let reference = Reference::of_layers(layers, settings)?.with_tolerance(Reference::TOLERANCE);
-        let traced = |count: u32| {
-            let sample = Sample::new(camera.size, count);
-            let traced = reference.pixels(camera, &sample.pixels())?;
-            let covered = traced.iter().filter(|pixel| pixel[3] > 0.0).count() as u32;
-            let [width, height] = sample.grid();
-            let pixels = Image::new(width, height, traced.into_iter().map(|p| p.map(|v| v as f32)).collect())?;
-            Ok::<_, Error>((Self { sample, pixels, work: reference.work(camera) }, covered))
-        };
-        let (truth, covered) = traced(pixels)?;
-        let denser = f64::from(pixels) / f64::from(covered.max(1));
-        if denser < 1.5 || truth.sample.is_whole() {
-            return Ok(truth);
-        }
-        Ok(traced((f64::from(pixels) * denser.min(MOST_DENSER)) as u32)?.0)
+        Tracer::new(layers, camera, settings)?.truth(pixels)
     }
 
     /// The work of tracing the whole picture, in chords that rays cut out of kernels.
@@ -84,6 +72,45 @@ impl Truth {
     /// [`Error::Image`](crate::error::Error::Image) if the picture has another size than the camera's.
     pub fn estimate(&self, picture: &Image) -> Result<Estimate> {
         Ok(Estimate::of(covered_differences(&self.sample.of(picture)?, &self.pixels)?))
+    }
+}
+
+/// Traces the pixels of a camera's picture, each once.
+pub(super) struct Tracer {
+    reference: Reference,
+    camera: Camera,
+    /// Colours of the pixels traced so far, by column and row.
+    traced: HashMap<[u32; 2], [f32; 4]>,
+}
+
+impl Tracer {
+    pub(super) fn new(layers: &Layers, camera: &Camera, settings: &Settings) -> Result<Self> {
+        let reference = Reference::of_layers(layers, settings)?.with_tolerance(Reference::TOLERANCE);
+        Ok(Self { reference, camera: *camera, traced: HashMap::new() })
+    }
+
+    /// [`Truth::trace`], but pixels of an earlier call are not traced again.
+    pub(super) fn truth(&mut self, pixels: u32) -> Result<Truth> {
+        let truth = self.sample(pixels)?;
+        let covered = truth.pixels.pixels().iter().filter(|pixel| pixel[3] > 0.0).count() as u32;
+        let denser = f64::from(pixels) / f64::from(covered.max(1));
+        if denser < 1.5 || truth.sample.is_whole() {
+            return Ok(truth);
+        }
+        self.sample((f64::from(pixels) * denser.min(MOST_DENSER)) as u32)
+    }
+
+    fn sample(&mut self, count: u32) -> Result<Truth> {
+        let sample = Sample::new(self.camera.size, count);
+        let places = sample.pixels();
+        let new: Vec<[u32; 2]> = places.iter().copied().filter(|place| !self.traced.contains_key(place)).collect();
+        if !new.is_empty() {
+            let colors = self.reference.pixels(&self.camera, &new)?;
+            self.traced.extend(new.into_iter().zip(colors.into_iter().map(|color| color.map(|v| v as f32))));
+        }
+        let [width, height] = sample.grid();
+        let pixels = Image::new(width, height, places.iter().map(|place| self.traced[place]).collect())?;
+        Ok(Truth { sample, pixels, work: self.reference.work(&self.camera) })
     }
 }
 
@@ -118,6 +145,33 @@ impl Estimate {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::camera::View;
+    use crate::transfer::{ControlPoint, TransferFunction};
+    use crate::volume::Volume;
+
+    #[test]
+    fn a_pixel_is_traced_once() {
+        let samples: Vec<f32> = (0..64).map(|i| i as f32).collect();
+        let volume = Volume::from_slice([4; 3], [1.0; 3], &samples).unwrap();
+        let point = |value: f64| ControlPoint { value, color: [1.0; 3], opacity: value / 64.0 };
+        let transfer = TransferFunction::new([0.0, 32.0].map(point).to_vec(), None).unwrap();
+        let layers = Layers::of_volume(&volume, &transfer);
+        let camera = Camera::new(&View::default(), volume.grid(), [8, 6]).unwrap();
+        let settings = Settings::default();
+        let mut tracer = Tracer::new(&layers, &camera, &settings).unwrap();
+        let few = tracer.truth(12).unwrap();
+        // A pixel that is traced again would lose its mark.
+        let mark = [9.0; 4];
+        tracer.traced.values_mut().for_each(|color| *color = mark);
+        let marked = tracer.traced.len();
+        let whole = tracer.truth(u32::MAX).unwrap();
+        let pixels = whole.whole().unwrap().pixels();
+        assert_eq!(pixels.iter().filter(|color| **color == mark).count(), marked);
+        assert!(marked >= few.pixels.pixels().len() && marked < pixels.len());
+        let direct = Truth::trace(&layers, &camera, &settings, u32::MAX).unwrap();
+        let same = pixels.iter().zip(direct.pixels.pixels()).filter(|(a, b)| a == b).count();
+        assert_eq!(same, pixels.len() - marked);
+    }
 
     #[test]
     fn an_exponential_tail_is_found() {

@@ -8,8 +8,9 @@ use rayon::prelude::*;
 use super::resample;
 use crate::error::{Error, Result};
 use crate::transfer::TransferFunction;
-use crate::volume::{Grid, Number, Samples, ToF64, Volume, with_samples};
+use crate::volume::{Grid, Number, Samples, Volume, with_samples};
 use voxsplat_volume::memory::reserved;
+use voxsplat_volume::parallel::for_each_chunk;
 
 /// The way in which a volume was put onto the lattice of another volume.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -186,7 +187,7 @@ pub(super) fn put(
     let map = between(&grid, &own);
     let (samples, fit, is_out) = if let Some(Values { transfer, absent }) = values {
         let shows = |raw: f64| !transfer.is_invisible([slope * raw + intercept; 2]);
-        let outside = with_samples!(&*stored, s => share_outside(s, &own, &grid, shows));
+        let outside = share_outside(&stored, &own, &grid, shows);
         let samples = resample::values(volume, &map, grid.dims(), absent as f32)?;
         // Nothing was found inside.
         let is_out = outside >= 1.0 && samples.par_iter().all(|value| transfer.is_invisible([f64::from(*value); 2]));
@@ -195,12 +196,12 @@ pub(super) fn put(
         // As values, the label 0 is a number of every type.
         let stored = match (slope, intercept) {
             (1.0, 0.0) => stored,
-            _ => Arc::new(Samples::F64(with_samples!(&*stored, s => rescaled(s, slope, intercept))?)),
+            _ => Arc::new(Samples::F64(rescaled(&stored, slope, intercept)?)),
         };
-        let outside = with_samples!(&*stored, s => share_outside(s, &own, &grid, |label| label != 0.0));
+        let outside = share_outside(&stored, &own, &grid, |label| label != 0.0);
         let samples = with_samples!(&*stored, s => nearest(s, &map, own.dims(), grid.dims()))?;
         // Cells of coarse labels may reach into the volume although their middles do not.
-        let is_out = outside >= 1.0 && with_samples!(&samples, s => s.par_iter().all(|label| label.to_f64() == 0.0));
+        let is_out = outside >= 1.0 && (0..samples.len()).all(|i| samples.raw(i) == 0.0);
         (samples, Fit::Nearest { outside }, is_out)
     };
     if is_out {
@@ -212,9 +213,9 @@ pub(super) fn put(
     Ok((if of.is_oriented { placed.with_orientation_known() } else { placed }, fit))
 }
 
-fn rescaled<T: ToF64>(samples: &[T], slope: f64, intercept: f64) -> Result<Vec<f64>> {
+fn rescaled(samples: &Samples, slope: f64, intercept: f64) -> Result<Vec<f64>> {
     let mut values = reserved(samples.len() as u64, || "labels".to_owned())?;
-    values.extend(samples.iter().map(|sample| slope * sample.to_f64() + intercept));
+    values.extend((0..samples.len()).map(|i| slope * samples.raw(i) + intercept));
     Ok(values)
 }
 
@@ -225,13 +226,13 @@ fn is_within(place: DVec3, grid: &Grid) -> bool {
 }
 
 /// The share of the samples that count which lies outside of another lattice.
-fn share_outside<T: ToF64>(samples: &[T], from: &Grid, to: &Grid, counts: impl Fn(f64) -> bool + Sync) -> f64 {
+fn share_outside(samples: &Samples, from: &Grid, to: &Grid, counts: impl Fn(f64) -> bool + Sync) -> f64 {
     let map = between(from, to);
-    let [nx, ny, _] = from.dims().map(|d| d as usize);
-    let rows = samples.par_chunks(nx).enumerate().map(|(row, samples)| {
+    let [nx, ny, nz] = from.dims().map(|d| d as usize);
+    let rows = (0..ny * nz).into_par_iter().map(|row| {
         let [y, z] = [row % ny, row / ny].map(|at| at as f64);
         let mut found = [0_u64; 2];
-        for x in (0..nx).filter(|&x| counts(samples[x].to_f64())) {
+        for x in (0..nx).filter(|x| counts(samples.raw(row * nx + x))) {
             let out = !is_within(map.transform_point3(DVec3::new(x as f64, y, z)), to);
             found[usize::from(out)] += 1;
         }
@@ -253,7 +254,7 @@ fn nearest<T: Number>(samples: &[T], map: &DAffine3, from: [u32; 3], to: [u32; 3
     let mut placed: Vec<T> = reserved(count, || "labels on the lattice of the volume".to_owned())?;
     placed.resize(count as usize, T::zeroed());
     let end = DVec3::from_array(from.map(f64::from));
-    placed.par_chunks_mut(nx).enumerate().for_each(|(row, out)| {
+    for_each_chunk(&mut placed, nx, |row, out| {
         let [y, z] = [row % ny, row / ny].map(|at| at as f64);
         let start = map.transform_point3(DVec3::new(0.0, y, z)) + 0.5 + TIE;
         for (x, out) in out.iter_mut().enumerate() {

@@ -53,7 +53,17 @@ fn every_kind_of_scan_gets_its_preset() {
 /// Other noise, scale, contrast and share of the field of view. The rules were not changed after these were made.
 #[test]
 fn most_variations_of_scans_get_their_preset() {
-    let (wrong, all) = confused(5..8);
+    most_are_right(5..6);
+}
+
+#[test]
+#[ignore = "slow: 15 times over 80 scans"]
+fn most_of_many_variations_of_scans_get_their_preset() {
+    most_are_right(5..20);
+}
+
+fn most_are_right(seeds: std::ops::Range<u64>) {
+    let (wrong, all) = confused(seeds);
     let failed: usize = wrong.values().map(Vec::len).sum();
     // Over the seeds 5 to 19 it is 3.6 %, of which 2.5 % are UNTOLD.
     assert!(20 * failed < all, "{failed} of {all}: {wrong:#?}");

@@ -2,7 +2,7 @@
 //! up by them, and they are the same on software.
 
 use glam::DVec3;
-use voxsplat::camera::Camera;
+use voxsplat::camera::{Camera, ProjectionKind};
 use voxsplat::clip::{Clip, Plane};
 use voxsplat::error::Error;
 use voxsplat::layers::{Layer, Layers};
@@ -304,6 +304,17 @@ fn assert_transfers_send_tables((volume, first): &(Volume, TransferFunction)) {
 /// bytes if it is packed from lists, and if it is packed over another transfer function's.
 #[test]
 fn voxels_packed_from_samples_are_those_packed_from_lists() {
+    compare_voxels(5);
+}
+
+#[test]
+#[ignore = "slow: 12 scenes, two minutes"]
+fn voxels_of_every_look_packed_from_samples_are_those_packed_from_lists() {
+    compare_voxels(1);
+}
+
+/// Compares every `step`-th of 12 scenes.
+fn compare_voxels(step: usize) {
     // Lists of few splats take less memory than samples, and are made.
     let (volume, transfer) = demo("marschner-lobb", 48);
     let thins = [(0.0, 0.0), (0.02, 1.0)].map(|(magnitude, opacity)| GradientPoint { magnitude, opacity });
@@ -323,34 +334,33 @@ fn voxels_packed_from_samples_are_those_packed_from_lists() {
         (&shadows, &transfer),
         (&shadows, &thinned),
     ];
-    for (settings, transfer) in all {
-        for projection in PROJECTIONS {
-            let camera = camera(20.0, projection, &volume, 96);
-            let draw = |scene: &Scene| draw_on(&host.renderer, scene, &camera, settings).unwrap();
-            let mut sampled = prepare_on(&host.renderer, &volume, transfer, settings).unwrap();
-            let listed = prepare_on(&host.renderer, &volume, transfer, &by_quads(settings)).unwrap();
-            let quads = draw_on(&host.renderer, &listed, &camera, &by_quads(settings)).unwrap().image;
-            let [own, others] = [&sampled, &listed].map(draw);
-            assert_ne!(own.stats.scene_bytes, others.stats.scene_bytes);
-            let [own, others] = [own, others].map(|drawn| drawn.image);
-            let what = format!("{projection:?}: {settings:?}");
-            assert!(own == others, "{} of 255: {what}", 255.0 * rms_of_all(&own, &others));
-            if settings.lighting == shadows.lighting {
-                // Other lights take the places of those before.
-                for other in [&turned, settings] {
-                    let [own, others] =
-                        [&sampled, &listed].map(|scene| draw_on(&host.renderer, scene, &camera, other).unwrap().image);
-                    assert!(own == others, "{} of 255: {what}", 255.0 * rms_of_all(&own, &others));
-                }
+    let scenes = all.into_iter().flat_map(|look| PROJECTIONS.map(|projection| (look, projection)));
+    for ((settings, transfer), projection) in scenes.step_by(step) {
+        let camera = camera(20.0, projection, &volume, 96);
+        let draw = |scene: &Scene| draw_on(&host.renderer, scene, &camera, settings).unwrap();
+        let mut sampled = prepare_on(&host.renderer, &volume, transfer, settings).unwrap();
+        let listed = prepare_on(&host.renderer, &volume, transfer, &by_quads(settings)).unwrap();
+        let quads = draw_on(&host.renderer, &listed, &camera, &by_quads(settings)).unwrap().image;
+        let [own, others] = [&sampled, &listed].map(draw);
+        assert_ne!(own.stats.scene_bytes, others.stats.scene_bytes);
+        let [own, others] = [own, others].map(|drawn| drawn.image);
+        let what = format!("{projection:?}: {settings:?}");
+        assert!(own == others, "{} of 255: {what}", 255.0 * rms_of_all(&own, &others));
+        if settings.lighting == shadows.lighting {
+            // Other lights take the places of those before.
+            for other in [&turned, settings] {
+                let [own, others] =
+                    [&sampled, &listed].map(|scene| draw_on(&host.renderer, scene, &camera, other).unwrap().image);
+                assert!(own == others, "{} of 255: {what}", 255.0 * rms_of_all(&own, &others));
             }
-            // The list of a scene that was packed from samples.
-            let later = draw_on(&host.renderer, &sampled, &camera, &by_quads(settings)).unwrap().image;
-            assert!(later == quads && draw(&sampled).image == own, "{what}");
-            for function in [&less_of(transfer), transfer] {
-                host.renderer.set_transfer(&mut sampled, function).unwrap();
-                let fresh = prepare_on(&host.renderer, &volume, function, settings).unwrap();
-                assert!(draw(&sampled).image == draw(&fresh).image, "{what}");
-            }
+        }
+        // The list of a scene that was packed from samples.
+        let later = draw_on(&host.renderer, &sampled, &camera, &by_quads(settings)).unwrap().image;
+        assert!(later == quads && draw(&sampled).image == own, "{what}");
+        for function in [&less_of(transfer), transfer] {
+            host.renderer.set_transfer(&mut sampled, function).unwrap();
+            let fresh = prepare_on(&host.renderer, &volume, function, settings).unwrap();
+            assert!(draw(&sampled).image == draw(&fresh).image, "{what}");
         }
     }
 }
@@ -359,6 +369,16 @@ fn voxels_packed_from_samples_are_those_packed_from_lists() {
 /// are rounded.
 #[test]
 fn cells_in_shadows_of_samples_are_those_of_lists() {
+    compare_cells_in_shadows(&PROJECTIONS[1..], &[0.0]);
+}
+
+#[test]
+#[ignore = "slow: 12 pictures in shadows"]
+fn cells_under_turning_lights_are_those_of_lists() {
+    compare_cells_in_shadows(&PROJECTIONS, &[0.0, 40.0, 0.0]);
+}
+
+fn compare_cells_in_shadows(projections: &[ProjectionKind], lights: &[f64]) {
     // Lists of few splats take less memory than samples, and are made.
     let (volume, transfer) = demo("marschner-lobb", 48);
     let host = host(Renderer::FEATURES).with_device_stages();
@@ -367,7 +387,7 @@ fn cells_in_shadows_of_samples_are_those_of_lists() {
         Settings { lighting, level: Level::At(1), painter, ..kinds()[0].clone() }
     };
     let quads = Painter::Quads(QuadsSettings::default());
-    for projection in PROJECTIONS {
+    for &projection in projections {
         let camera = camera(20.0, projection, &volume, 40);
         let prepare = |settings: &Settings| prepare_on(&host.renderer, &volume, &transfer, settings).unwrap();
         let draw = |scene: &Scene, degrees| {
@@ -377,7 +397,7 @@ fn cells_in_shadows_of_samples_are_those_of_lists() {
         let at_voxels = Settings { level: Level::At(0), ..settings(0.0, quads) };
         let listed = prepare(&at_voxels);
         draw_on(&host.renderer, &listed, &camera, &at_voxels).unwrap();
-        for degrees in [0.0, 40.0, 0.0] {
+        for &degrees in lights {
             let [own, others] = [&sampled, &listed].map(|scene| draw(scene, degrees).image);
             let error = 255.0 * rms_of_all(&own, &others);
             println!("{projection:?}, {degrees}: {error:.1e} of 255");
