@@ -96,7 +96,7 @@ fn report(
             overlays,
             stages: stages.0,
         };
-        return print_stats(result, job.output.stats, &stats, |stats| {
+        return print_stats(result, Errors::default(), job.output.stats, &stats, |stats| {
             let times: String = stats
                 .stages
                 .iter()
@@ -114,8 +114,9 @@ fn report(
     let verified = job.accuracy.verify.then(|| verify(&image, layers, &camera, &settings, job)).transpose()?;
     let broken = verified.filter(|verified| job.accuracy.max_error.is_some_and(|bound| verified.interval[0] > bound));
     let result = (choices(&settings, stats.painter.name()), job.output.files());
-    let stats = RenderStats { stats, overlays, estimate, verified };
-    print_stats(result, job.output.stats, &stats, RenderStats::to_text)?;
+    let errors = Errors { estimate, verified };
+    let stats = RenderStats { stats, overlays, errors };
+    print_stats(result, errors, job.output.stats, &stats, RenderStats::to_text)?;
     match (broken, job.accuracy.max_error) {
         (Some(verified), Some(bound)) => fail(format!("--max-error {bound} is exceeded: {}", in_words(&verified))),
         _ => Ok(()),
@@ -129,6 +130,13 @@ struct RenderStats {
     stats: Stats,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     overlays: Vec<PlacedOverlay>,
+    #[serde(flatten)]
+    errors: Errors,
+}
+
+/// Errors of a picture by traced pixels.
+#[derive(Serialize, Default, Clone, Copy)]
+pub(crate) struct Errors {
     /// By the pixels that chose the settings.
     #[serde(skip_serializing_if = "Option::is_none")]
     estimate: Option<Estimate>,
@@ -143,7 +151,7 @@ impl RenderStats {
             estimate.map(|estimate| format!("{name:<12} {}\n", in_words(&estimate))).unwrap_or_default()
         };
         let overlays: String = self.overlays.iter().map(|overlay| format!("overlay      {}\n", overlay.look)).collect();
-        let [estimated, verified] = [line("estimated", &self.estimate), line("verified", &self.verified)];
+        let [estimated, verified] = [line("estimated", &self.errors.estimate), line("verified", &self.errors.verified)];
         format!("{}{overlays}{estimated}{verified}", self.stats)
     }
 }
@@ -168,19 +176,22 @@ fn verify(
 /// The result of a picture as JSON.
 #[derive(Serialize)]
 struct Measured<'a, S> {
+    #[serde(flatten)]
+    errors: Errors,
     #[serde(skip_serializing_if = "Option::is_none")]
     stats: Option<&'a S>,
 }
 
-/// Prints statistics if they are requested; with `--json` choices and files too.
+/// Prints statistics if they are requested; with `--json` choices, files and errors too.
 pub(crate) fn print_stats<S: Serialize>(
     (choices, files): (Choices, Vec<PathBuf>),
+    errors: Errors,
     format: Option<StatsFormat>,
     stats: &S,
     table: impl FnOnce(&S) -> String,
 ) -> Result<(), Failure> {
     match format {
-        _ if output::is_json() => report::print(choices, files, Measured { stats: format.map(|_| stats) }),
+        _ if output::is_json() => report::print(choices, files, Measured { errors, stats: format.map(|_| stats) }),
         None => Ok(()),
         Some(StatsFormat::Table) => output::print(&table(stats)),
         Some(StatsFormat::Json) => output::print_json(stats),

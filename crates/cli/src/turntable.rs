@@ -24,7 +24,7 @@ use super::job::RenderJob;
 use super::options::{file_name, quoted, words};
 use super::parse::TimeArg;
 use super::progress::Remaining;
-use super::render::print_stats;
+use super::render::{Errors, print_stats};
 use super::report::Choices;
 use super::session::Session;
 use super::stages::Stages;
@@ -303,7 +303,13 @@ pub(crate) fn run(job: TurntableJob) -> Result<(), Failure> {
     let size = [first.region.width, first.region.height];
     let done = |choices: Choices, files: Vec<PathBuf>, frames: usize| {
         let files = files.into_iter().chain(first.output.transfer.clone().filter(|_| frames > 0)).collect();
-        print_stats((choices, files), first.output.stats, &Totals::new(frames, size, start), Totals::to_text)
+        print_stats(
+            (choices, files),
+            Errors::default(),
+            first.output.stats,
+            &Totals::new(frames, size, start),
+            Totals::to_text,
+        )
     };
     let none = |fitted: Option<&Fitted>| {
         output::say("note: all frames are there");

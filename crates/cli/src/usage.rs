@@ -113,6 +113,9 @@ fn of_command(error: &clap::Error) -> Option<String> {
     let word = context(error, ContextKind::InvalidSubcommand)?;
     let program = args::command();
     let names: Vec<&str> = program.get_subcommands().map(Command::get_name).collect();
+    if error.kind() == ErrorKind::MissingSubcommand {
+        return Some(format!("a command is missing, expected {} (see --help)", names.join(", ")));
+    }
     let tip = match nearest(&word, names.iter().copied()) {
         Some(near) => format!("; tip: a similar subcommand exists: '{near}'"),
         None if word == "help" => ", expected voxsplat --help or voxsplat COMMAND --help".to_owned(),

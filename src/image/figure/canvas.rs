@@ -37,7 +37,7 @@ impl Canvas {
         let dark = matches!(background, Background::Color(color) if luminance(color) <= BRIGHT);
         let (black, white) = ([0.0; 3], [1.0; 3]);
         let (ink, halo) = if dark { (white, black) } else { (black, white) };
-        Ok(Self { image: copy, region, background, font: Font::new()?, em, ink, halo })
+        Ok(Self { image: copy, region, background, font: Font::new(), em, ink, halo })
     }
 
     pub(super) fn into_image(self) -> Image {

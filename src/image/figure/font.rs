@@ -1,31 +1,42 @@
-//! The font of figures: a subset of Open Sans Semibold (`font/README.md`).
+//! The font of figures: outlines of a subset of Open Sans Semibold (`font/README.md`).
+
+use std::collections::HashMap;
 
 use glam::DVec2;
-use ttf_parser::{Face, OutlineBuilder};
 
 use super::path::Path;
-use crate::error::{Error, Result};
 
-pub(super) struct Font(Face<'static>);
+/// Outlines of characters. `font/README.md` describes their file.
+pub(super) struct Font {
+    units_per_em: f64,
+    capitals: f64,
+    /// Advance in units of the font, and contours as they stand in the file.
+    glyphs: HashMap<char, (f64, &'static str)>,
+}
 
 /// The largest distance of a chord from its curve, pixels.
 const FLATNESS: f64 = 0.02;
 
 impl Font {
-    pub(super) fn new() -> Result<Self> {
-        Face::parse(include_bytes!("font/OpenSans-Semibold.ttf"), 0)
-            .map(Self)
-            .map_err(|e| Error::Image(format!("the font of figures cannot be read: {e}")))
+    pub(super) fn new() -> Self {
+        let mut lines = include_str!("font/outlines.txt").lines();
+        let header = lines.next().and_then(|line| pair(line, ' ')).unwrap_or(DVec2::ONE);
+        let glyph = |line: &'static str| {
+            let (code, rest) = line.split_once(' ')?;
+            let (advance, contours) = rest.split_once(" / ").unwrap_or((rest, ""));
+            Some((char::from_u32(u32::from_str_radix(code, 16).ok()?)?, (advance.parse().ok()?, contours)))
+        };
+        Self { units_per_em: header.x, capitals: header.y, glyphs: lines.filter_map(glyph).collect() }
     }
 
     /// The first character that the font lacks.
     pub(super) fn lacks(&self, text: &str) -> Option<char> {
-        text.chars().find(|&c| c != '\n' && self.0.glyph_index(c).is_none())
+        text.chars().find(|c| *c != '\n' && !self.glyphs.contains_key(c))
     }
 
     /// The height of capital letters, as a share of the font's size.
     pub(super) fn capitals(&self) -> f64 {
-        f64::from(self.0.capital_height().unwrap_or(0)) / f64::from(self.0.units_per_em())
+        self.capitals / self.units_per_em
     }
 
     /// The width of a line of text at a size in pixels.
@@ -34,25 +45,26 @@ impl Font {
     }
 
     fn advance(&self, c: char, size: f64) -> f64 {
-        let advance = self.0.glyph_index(c).and_then(|glyph| self.0.glyph_hor_advance(glyph)).unwrap_or(0);
-        f64::from(advance) * self.scale(size)
+        self.glyphs.get(&c).map_or(0.0, |(advance, _)| advance * self.scale(size))
     }
 
     fn scale(&self, size: f64) -> f64 {
-        size / f64::from(self.0.units_per_em())
+        size / self.units_per_em
     }
 
     /// The outlines of a line of text at a size in pixels, which begins at `origin` on its baseline.
-    pub(super) fn text(&self, text: &str, size: f64, origin: DVec2) -> Path {
-        let mut pen = Pen { path: Path::default(), polygon: Vec::new(), origin, scale: self.scale(size) };
+    pub(super) fn text(&self, text: &str, size: f64, mut origin: DVec2) -> Path {
+        let mut path = Path::default();
+        let scale = DVec2::new(self.scale(size), -self.scale(size));
         for c in text.chars() {
-            if let Some(glyph) = self.0.glyph_index(c) {
-                // A blank has no outline.
-                self.0.outline_glyph(glyph, &mut pen);
-            }
-            pen.origin.x += self.advance(c, size);
+            // A blank has no outline.
+            let contours = self.glyphs.get(&c).map_or("", |(_, contours)| contours);
+            contours.split(" / ").filter(|contour| !contour.is_empty()).for_each(|contour| {
+                path.add(polygon(contour, |place| origin + place * scale));
+            });
+            origin.x += self.advance(c, size);
         }
-        pen.path
+        path
     }
 
     /// Breaks text into lines of at most `width` pixels, between words and at line breaks.
@@ -74,45 +86,42 @@ impl Font {
     }
 }
 
-/// Turns the outlines of glyphs into polygons.
-struct Pen {
-    path: Path,
-    polygon: Vec<DVec2>,
-    origin: DVec2,
-    scale: f64,
+/// Returns two numbers with a separator between them.
+fn pair(text: &str, separator: char) -> Option<DVec2> {
+    let (a, b) = text.split_once(separator)?;
+    Some(DVec2::new(a.parse().ok()?, b.parse().ok()?))
 }
 
-impl Pen {
-    fn at(&self, x: f32, y: f32) -> DVec2 {
-        self.origin + DVec2::new(x.into(), -f64::from(y)) * self.scale
+/// Turns a contour of a TrueType font into a polygon of the picture. Points off the curve are the middle control points
+/// of parabolas, which end at the middle between two such points.
+fn polygon(contour: &str, to_picture: impl Fn(DVec2) -> DVec2) -> Vec<DVec2> {
+    let mut at = DVec2::ZERO;
+    let points = contour.split(' ').filter_map(|step| {
+        let place = step.strip_suffix('*');
+        at += pair(place.unwrap_or(step), ',')?;
+        Some((at, place.is_some()))
+    });
+    let mut points: Vec<(DVec2, bool)> = points.collect();
+    // The first point lies on the curve, and closes it.
+    points.extend(points.first().copied());
+    let mut polygon: Vec<DVec2> = Vec::new();
+    let mut control: Option<DVec2> = None;
+    for (point, is_control) in points {
+        let end = if is_control { control.map(|control| control.midpoint(point)) } else { Some(point) };
+        if let Some(end) = end {
+            match (control, polygon.last()) {
+                (Some(control), Some(&a)) => {
+                    let (b, c) = (to_picture(control), to_picture(end));
+                    let chords = ((a - 2.0 * b + c).length() / (4.0 * FLATNESS)).sqrt().ceil().max(1.0) as u32;
+                    let shares = (1..=chords).map(|chord| f64::from(chord) / f64::from(chords));
+                    polygon.extend(shares.map(|t| a.lerp(b, t).lerp(b.lerp(c, t), t)));
+                }
+                _ => polygon.push(to_picture(end)),
+            }
+        }
+        control = is_control.then_some(point);
     }
-}
-
-impl OutlineBuilder for Pen {
-    fn move_to(&mut self, x: f32, y: f32) {
-        self.polygon = vec![self.at(x, y)];
-    }
-
-    fn line_to(&mut self, x: f32, y: f32) {
-        self.polygon.push(self.at(x, y));
-    }
-
-    fn quad_to(&mut self, x1: f32, y1: f32, x: f32, y: f32) {
-        let Some(&a) = self.polygon.last() else { return };
-        let (b, c) = (self.at(x1, y1), self.at(x, y));
-        let chords = ((a - 2.0 * b + c).length() / (4.0 * FLATNESS)).sqrt().ceil().max(1.0) as u32;
-        let shares = (1..=chords).map(|chord| f64::from(chord) / f64::from(chords));
-        self.polygon.extend(shares.map(|t| a.lerp(b, t).lerp(b.lerp(c, t), t)));
-    }
-
-    /// TrueType fonts have no cubic curves.
-    fn curve_to(&mut self, _: f32, _: f32, _: f32, _: f32, x: f32, y: f32) {
-        self.line_to(x, y);
-    }
-
-    fn close(&mut self) {
-        self.path.add(std::mem::take(&mut self.polygon));
-    }
+    polygon
 }
 
 #[cfg(test)]
@@ -121,7 +130,7 @@ mod tests {
 
     #[test]
     fn text_is_as_wide_as_it_says() {
-        let font = Font::new().unwrap();
+        let font = Font::new();
         let [least, most] = font.text("HIH", 100.0, DVec2::new(10.0, 200.0)).bounds().unwrap();
         assert!(least.x > 10.0 && most.x < 10.0 + font.width("HIH", 100.0));
         assert_eq!(most.y, 200.0);
@@ -131,15 +140,40 @@ mod tests {
 
     #[test]
     fn the_font_has_what_figures_need() {
-        let font = Font::new().unwrap();
+        let font = Font::new();
         let known = "0123456789.,−+×⁰¹²³⁴⁵⁶⁷⁸⁹–—µμ°±≤≥≈ ABCÄßçøñŁő αβγΩσ ДЖя «»„“”‘’…√∞€\n";
         assert_eq!(font.lacks(known), None);
         assert_eq!(font.lacks("bone 骨"), Some('骨'));
     }
 
     #[test]
+    fn the_file_of_the_font_is_read_whole() {
+        let font = Font::new();
+        assert_eq!((font.units_per_em, font.glyphs.len()), (2048.0, 538));
+        for (_, contours) in font.glyphs.values().filter(|(_, contours)| !contours.is_empty()) {
+            for contour in contours.split(" / ") {
+                let steps: Vec<&str> = contour.split(' ').collect();
+                let is_step = |step: &&str| pair(step.strip_suffix('*').unwrap_or(step), ',').is_some();
+                assert!(steps.len() > 2 && steps.iter().all(is_step) && !steps[0].ends_with('*'), "{contour}");
+            }
+        }
+    }
+
+    #[test]
+    fn points_off_the_curve_bend_it() {
+        // A parabola from (0, 0) to (2, 0), and a line back.
+        let bent = polygon("0,0 1,1* 1,-1", |place| 100.0 * place);
+        let highest = bent.iter().map(|place| place.y).fold(0.0, f64::max);
+        assert!((highest - 50.0).abs() < 0.1 && bent.len() > 20, "{highest}");
+        assert_eq!((bent[0], bent[bent.len() - 1]), (DVec2::ZERO, DVec2::ZERO));
+        // A circle of four points off the curve, nearly.
+        let round = polygon("0,-1 1,0* 0,2* -2,0* 0,-2* 1,0", |place| 100.0 * place);
+        assert!(round.iter().all(|place| (place.length() - 103.0).abs() < 4.0), "{round:?}");
+    }
+
+    #[test]
     fn lines_are_broken_between_words() {
-        let font = Font::new().unwrap();
+        let font = Font::new();
         let text = "one two three four\nfive";
         let lines = font.lines(text, 10.0, font.width("one two three", 10.0));
         assert_eq!(lines, ["one two three", "four", "five"]);

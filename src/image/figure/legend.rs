@@ -114,7 +114,7 @@ mod tests {
 
     #[test]
     fn columns_are_filled_one_after_the_other() {
-        let font = Font::new().unwrap();
+        let font = Font::new();
         let fits = |count: usize, room: [f64; 2]| {
             let Columns { columns, left_out } = arranged(&font, &entries(count), 10.0, room);
             (columns.iter().map(|(names, _)| names.len()).collect::<Vec<_>>(), left_out)
@@ -133,7 +133,7 @@ mod tests {
 
     #[test]
     fn long_names_are_cut() {
-        let font = Font::new().unwrap();
+        let font = Font::new();
         assert_eq!(cut(&font, "liver", 9.0, 140.0), "liver");
         let name = "Left superior parietal lobule of the cortex";
         let short = cut(&font, name, 9.0, 140.0);

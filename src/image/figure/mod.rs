@@ -203,7 +203,7 @@ impl Figure {
     }
 
     fn places(&self, size: [u32; 2]) -> Result<Places> {
-        let font = Font::new()?;
+        let font = Font::new();
         let size = size.map(f64::from);
         let [width, height] = size;
         let em = (EM * width.min(height)).max(LEAST_EM);

@@ -98,7 +98,16 @@ pub(crate) fn command() -> clap::Command {
     let is_basic = |arg: &Arg| arg.get_long().is_none_or(|long| BASIC.split(' ').any(|basic| basic == long));
     Args::command().mut_subcommands(|command| {
         let has_many = ["render", "turntable", "pareto", "plan"].contains(&command.get_name());
+        let written = match command.get_name() {
+            "plan" => Some("Plan to write: .json"),
+            "turntable" => Some("Film or pictures to write: see above"),
+            _ => None,
+        };
         command.mut_args(|arg| {
+            let arg = match written.filter(|_| arg.get_long() == Some("output")) {
+                Some(written) => arg.help(written).long_help(written),
+                None => arg,
+            };
             let is_hidden = has_many && !is_basic(&arg) && !own.contains(&arg.get_help_heading());
             let is_value = arg.get_long().is_some_and(|long| !TEXTS.contains(&long))
                 && arg.get_action().takes_values()

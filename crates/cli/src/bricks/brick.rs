@@ -3,11 +3,10 @@
 use serde::Serialize;
 use voxsplat::bricks::{self, Partial};
 use voxsplat::formats::load;
-use voxsplat::image::check_writable;
 use voxsplat::layers::Layers;
 use voxsplat::renderer::{Renderer, RendererOptions, silenced};
 
-use super::document;
+use super::{check_output, document};
 use crate::args::BrickArgs;
 use crate::failure::Failure;
 use crate::job::Engine;
@@ -22,7 +21,7 @@ struct Bricks {
 }
 
 pub(crate) fn run(args: &BrickArgs) -> Result<(), Failure> {
-    check_writable(&args.output).map_err(|e| Failure::usage(format!("--output: {e:#}")))?;
+    check_output(&args.output, "exr")?;
     let (plan, mut job, choices) = document::load(&args.plan)?;
     plan.brick(*args.bricks.end())?;
     let layers = match plan.transfer() {

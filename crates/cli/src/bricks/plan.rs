@@ -6,10 +6,9 @@ use std::path::Path;
 use clap::{ArgMatches, Command};
 use serde::Serialize;
 use voxsplat::bricks::{Chunks, Plan};
-use voxsplat::image::check_writable;
 use voxsplat::settings::Level;
 
-use super::document;
+use super::{check_output, document};
 use crate::args::PlanArgs;
 use crate::failure::{Failure, refuse};
 use crate::job::{Engine, RenderJob};
@@ -37,7 +36,7 @@ pub(crate) fn run(args: PlanArgs, line: (&Command, &ArgMatches)) -> Result<(), F
     let Some(path) = render.output.take() else {
         return refuse("--output FILE is missing: the plan to write (see --help)");
     };
-    check_writable(&path).map_err(|e| Failure::usage(format!("--output: {e:#}")))?;
+    check_output(&path, "json")?;
     if is_scene(&render.input.source) {
         return refuse("a plan is of a volume, not of a scene: give the options of the scene");
     }

@@ -124,6 +124,7 @@ fn every_command_prints_its_result_as_json() {
         ("devices".to_owned(), 0),
         ("completions bash".to_owned(), 0),
         ("man".to_owned(), 0),
+        (format!("render {ball} -o e.png --max-error 0.1 --verify {draws}"), 1),
     ];
     let mut found = std::collections::BTreeMap::new();
     for (line, files) in &lines {
@@ -137,6 +138,7 @@ fn every_command_prints_its_result_as_json() {
         }
     }
     let of = |at: usize| &found[lines[at].0.as_str()];
+    assert!(of(14)["estimate"]["error"].is_number() && of(14)["verified"]["error"].is_number(), "{}", of(14));
     let help = stdout(&voxsplat(dir, "--help"));
     let commands = help.split("Commands:\n").nth(1).unwrap().lines().take_while(|line| !line.is_empty());
     for command in commands.filter_map(|line| line.split_whitespace().next()) {
