@@ -100,7 +100,9 @@ pub(crate) fn command() -> clap::Command {
         let has_many = ["render", "turntable", "pareto", "plan"].contains(&command.get_name());
         let written = match command.get_name() {
             "plan" => Some("Plan to write: .json"),
-            "turntable" => Some("Film or pictures to write: see above"),
+            "turntable" => {
+                Some("Film or pictures to write: .gif, .apng, .y4m, .html, DIR/{frame}.png or - (see below)")
+            }
             _ => None,
         };
         command.mut_args(|arg| {

@@ -19,7 +19,7 @@ pub(crate) use plan::run as plan;
 fn check_output(path: &Path, extension: &str) -> Result<(), Failure> {
     let has = path.extension().is_some_and(|own| own.eq_ignore_ascii_case(extension));
     if !has {
-        return Err(Failure::usage(format!("--output: {}: written as .{extension}", path.display())));
+        return Err(Failure::usage(format!("--output: {}: expected the extension .{extension}", path.display())));
     }
     check_writable(path).map_err(|e| Failure::usage(format!("--output: {e:#}")))
 }

@@ -60,8 +60,13 @@ fn three_commands_make_the_picture_of_render() {
     refused(dir, "brick plan.json 3-4 -o part-4.exr", 2, "N: 4, expected 0 to 3");
     refused(dir, "brick plan.json 3-1 -o part-4.exr", 2, "N or FIRST-LAST, bricks counted from 0");
 
-    refused(dir, "brick plan.json 0 -o part.png", 2, "--output: part.png: written as .exr");
-    refused(dir, &format!("plan {LOOK} --grid 1x2x2 -o plan.png"), 2, "--output: plan.png: written as .json");
+    refused(dir, "brick plan.json 0 -o part.png", 2, "--output: part.png: expected the extension .exr");
+    refused(
+        dir,
+        &format!("plan {LOOK} --grid 1x2x2 -o plan.png"),
+        2,
+        "--output: plan.png: expected the extension .json",
+    );
     refused(dir, "brick plan.json 4 -o part-4.exr", 2, "N: 4, expected 0 to 3");
     refused(dir, "merge plan.json part-0.exr part-1.exr part-3.exr -o a.png", 2, "parts: brick 2 is missing");
     refused(dir, "merge plan.json part-0.exr part-0.exr -o a.png", 2, "parts: brick 0 is there twice");
