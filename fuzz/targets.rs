@@ -43,7 +43,6 @@ pub const TARGETS: &[(&str, Target, &[&str])] = &[
     ("slc", |place, bytes| place.volume("fuzzed.slc", bytes), &[".slc"]),
     ("tiff", |place, bytes| place.volume("fuzzed.tif", bytes), &[".tif", ".tiff", ".lsm"]),
     ("dicom", |place, bytes| place.volume("fuzzed.dcm", bytes), &[".dcm"]),
-    #[cfg(feature = "hdf5")]
     ("hdf5", |place, bytes| place.volume("fuzzed.h5", bytes), &[".h5", ".nc", ".mat", ".mnc", ".vtkhdf"]),
     ("zarr", Place::zarr, &[]),
     ("zip", |place, bytes| place.volume("fuzzed.zip", bytes), &[".zip", ".ozx"]),

@@ -38,7 +38,7 @@ pub(crate) struct Scene {
     choices: Vec<String>,
     /// Why layers are invisible.
     #[pyo3(get)]
-    hidden: Vec<&'static str>,
+    hidden: Vec<String>,
 }
 
 struct Prepared {
@@ -125,13 +125,12 @@ impl Renderer {
         let overlays = overlays.iter().map(spec).collect::<PyResult<_>>()?;
         let (labels, mask) = (labels.map(Volume::source), mask.map(Volume::source));
         let beside = Beside { labels, mask, overlays, whole: None };
-        let (prepared, choices) = self.device.run(py, progress, move |renderer| {
+        let (prepared, choices, hidden) = self.device.run(py, progress, move |renderer| {
             let mut look = request.look(&source, &beside, view, size)?;
             let scene = renderer.prepare_layers(&look.layers, &look.settings)?;
-            let choices = std::mem::take(&mut look.choices);
-            Ok((Prepared { look, scene, hulls: Mutex::default() }, choices))
+            let (choices, hidden) = (std::mem::take(&mut look.choices), std::mem::take(&mut look.hidden));
+            Ok((Prepared { look, scene, hulls: Mutex::default() }, choices, hidden))
         })?;
-        let hidden = prepared.look.layers.hidden();
         Ok(Scene { prepared: Some(Arc::new(prepared)), choices, hidden })
     }
 

@@ -116,6 +116,8 @@ pub(crate) struct Look {
     pub(crate) follows: bool,
     /// The choices of the library in words.
     pub(crate) choices: Vec<String>,
+    /// Why layers are invisible and looks of labels have no effect.
+    pub(crate) hidden: Vec<String>,
 }
 
 /// Refuses a view and settings that no volume can be drawn with.
@@ -307,6 +309,7 @@ impl Request {
         let (mask, over) = (placed(mask, "mask")?, placed(over, "labels")?);
         let mask = mask.as_ref().map(|mask| (mask, &LabelSelection::All));
         let mut layers = self.looks.over(base, mask, over.as_slice())?;
+        let hidden = self.looks.notes_on(&layers);
         if !overlays.is_empty() {
             let mut used = UsedColors::new(used, overlays.len());
             let overlay = |(source, spec): &(Source, OverlaySpec)| {
@@ -337,6 +340,6 @@ impl Request {
         }
         choices.extend(made.iter().map(Choice::to_string));
         let follows = self.light.follows();
-        Ok(Look { layers, view, settings: self.settings, follows, choices })
+        Ok(Look { layers, view, settings: self.settings, follows, choices, hidden })
     }
 }

@@ -77,6 +77,20 @@ impl LabelLooks {
         self.changed(self.table.clone().unwrap_or_else(|| Labels::stated(volume)))
     }
 
+    /// Returns why layers are [hidden](Layers::hidden), and why changes of looks have no effect: because no voxel of
+    /// the layers has such a label.
+    #[must_use]
+    pub fn notes_on(&self, layers: &Layers) -> Vec<String> {
+        let labels: Vec<(i64, &str)> = layers.labels().collect();
+        let misses = |change: &&LabelSpec| !labels.iter().any(|&(label, name)| change.which.has(label, name));
+        let changes = self.changes.iter().filter(|_| !labels.is_empty()).filter(misses);
+        let without_effect = changes.map(|LabelSpec { which, .. }| match which {
+            LabelSelection::Name(name) => format!("the look of {name:?} has no effect because no label has this name"),
+            _ => format!("the look of {which} has no effect because no voxel has such a label"),
+        });
+        layers.hidden().into_iter().map(str::to_owned).chain(without_effect).collect()
+    }
+
     /// Returns the layer of a volume of labels.
     ///
     /// # Errors

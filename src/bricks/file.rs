@@ -90,6 +90,9 @@ impl Partial {
     pub fn load(path: impl AsRef<Path>, plan: &Plan) -> Result<Self> {
         let path = path.as_ref();
         let bytes = files::read(path, MAX_BYTES)?;
+        if !bytes.starts_with(&exr::meta::magic_number::BYTES) {
+            return Err(Error::format(path, "no partial picture: expected OpenEXR that voxsplat brick wrote"));
+        }
         check_exr(path, &bytes)?;
         let part = Self::decoded(&bytes).and_then(|part| plan.check_part(&part).map(|()| part));
         part.map_err(|error| match error {

@@ -1,6 +1,7 @@
 //! Labels: the names, colours and opacities of their numbers.
 
 use std::collections::BTreeMap;
+use std::fmt;
 use std::path::Path;
 
 use rayon::prelude::*;
@@ -149,11 +150,22 @@ impl Labels {
 
 impl LabelSelection {
     /// Whether a label with a name is among them.
-    pub(super) fn has(&self, label: i64, name: &str) -> bool {
+    pub(crate) fn has(&self, label: i64, name: &str) -> bool {
         match self {
             Self::All => label != 0,
             Self::Numbers(ranges) => ranges.iter().any(|[low, high]| (*low..=*high).contains(&label)),
             Self::Name(other) => name.eq_ignore_ascii_case(other),
+        }
+    }
+}
+
+impl fmt::Display for LabelSelection {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let range = |[low, high]: &[i64; 2]| if low == high { low.to_string() } else { format!("{low}-{high}") };
+        match self {
+            Self::All => f.write_str("all"),
+            Self::Numbers(ranges) => f.write_str(&ranges.iter().map(range).collect::<Vec<_>>().join(",")),
+            Self::Name(name) => f.write_str(name),
         }
     }
 }

@@ -467,6 +467,16 @@ impl Layers {
         masked.into_iter().chain(blank).collect()
     }
 
+    /// The labels that voxels of the layers have, and their names, which are empty if no table has the label.
+    pub(crate) fn labels(&self) -> impl Iterator<Item = (i64, &str)> {
+        self.layers.iter().flat_map(|layer| match &layer.matter {
+            Matter::Labels { looks, names, .. } => {
+                looks.iter().map(|look| look.label).zip(names.iter().map(String::as_str)).collect()
+            }
+            _ => Vec::new(),
+        })
+    }
+
     /// The volume and the transfer function, if there is no other layer and no mask.
     pub(crate) fn plain(&self) -> Option<(&Volume, &TransferFunction)> {
         match self.layers.as_slice() {

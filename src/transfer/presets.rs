@@ -263,7 +263,7 @@ pub fn preset(name: &str, volume: &Volume, statistics: &Statistics, values: Pres
     let scores = is_absolute(unit.is_some_and(|unit| unit != "r" && STATISTICS.contains(&unit)));
     let levels = Levels::new(statistics, hounsfield, scores).ok_or_else(|| {
         Error::Transfer(format!(
-            "preset {name} adapts to the range of the values, but they are all {}: give control points instead",
+            "preset {name} adapts to the range of the values, but all values are {}: give a file of control points",
             statistics.min
         ))
     })?;

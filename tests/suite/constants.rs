@@ -2,7 +2,8 @@
 
 use std::collections::BTreeMap;
 use std::fs;
-use std::path::Path;
+
+use crate::root;
 
 /// Constants of shaders that share only their name with a constant elsewhere: the name, the file, and what it is.
 const HOMONYMS: &[(&str, &str, &str)] = &[
@@ -27,7 +28,7 @@ type Constant = (String, String, String);
 
 /// The files with this ending in a folder and the folders in it, with their text.
 fn files(folder: &str, ending: &str, found: &mut BTreeMap<String, String>) {
-    for entry in fs::read_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join(folder)).unwrap() {
+    for entry in fs::read_dir(root().join(folder)).unwrap() {
         let path = entry.unwrap().path();
         let name = format!("{folder}/{}", path.file_name().unwrap().to_str().unwrap());
         if path.is_dir() {

@@ -2,10 +2,11 @@
 
 use std::collections::BTreeSet;
 use std::fs;
-use std::path::Path;
+
+use crate::root;
 
 fn read(path: &str) -> String {
-    fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join(path)).unwrap()
+    fs::read_to_string(root().join(path)).unwrap()
 }
 
 /// The texts between a pair of quotes.
@@ -28,10 +29,10 @@ fn the_default_features_are_the_ones_that_the_documentation_names() {
 #[test]
 fn rows_of_tables_stand_below_their_heads() {
     let mut files: Vec<_> = ["README.md", "GUIDE.md", "ARCHITECTURE.md", "CONTRIBUTING.md", "python/README.md"]
-        .map(|name| Path::new(env!("CARGO_MANIFEST_DIR")).join(name))
+        .map(|name| root().join(name))
         .to_vec();
     for folder in ["docs", "docs/measurements"] {
-        let entries = fs::read_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join(folder)).unwrap();
+        let entries = fs::read_dir(root().join(folder)).unwrap();
         files.extend(
             entries.map(|entry| entry.unwrap().path()).filter(|path| path.extension().is_some_and(|e| e == "md")),
         );

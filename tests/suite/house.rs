@@ -4,6 +4,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::Path;
 
+use crate::root;
+
 /// The place of a file among the modules of its crate; the root has no names.
 type Module = Vec<String>;
 
@@ -152,7 +154,7 @@ fn circles(arrows: &BTreeMap<Module, BTreeSet<Module>>) -> Vec<Vec<String>> {
 
 #[test]
 fn no_crate_has_a_circle_of_files() {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let root = root();
     let crates = fs::read_dir(root.join("crates")).unwrap().map(|entry| entry.unwrap().path());
     for folder in crates.chain([root.to_owned()]).map(|folder| folder.join("src")) {
         let mut found = BTreeMap::new();
@@ -165,7 +167,7 @@ fn no_crate_has_a_circle_of_files() {
 #[test]
 fn the_rooms_of_the_library_have_no_circle() {
     let mut found = BTreeMap::new();
-    modules(&Path::new(env!("CARGO_MANIFEST_DIR")).join("src"), &[], &mut found);
+    modules(&root().join("src"), &[], &mut found);
     let rooms = between_rooms(&arrows(&found));
     // 18 rooms and 85 arrows on 2026-11-24: a new room has a reason.
     assert!((10..=20).contains(&rooms.len()), "{:?}", rooms.keys());
@@ -175,7 +177,7 @@ fn the_rooms_of_the_library_have_no_circle() {
 #[test]
 fn rooms_need_only_those_below_them() {
     let mut found = BTreeMap::new();
-    modules(&Path::new(env!("CARGO_MANIFEST_DIR")).join("src"), &[], &mut found);
+    modules(&root().join("src"), &[], &mut found);
     let rows: [(&str, &[&str]); 3] = [
         ("gpu", &["crate::prepare", "crate::painters", "crate::renderer"]),
         ("prepare", &["wgpu::", "crate::painters", "crate::renderer"]),

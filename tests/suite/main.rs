@@ -18,6 +18,11 @@ mod house;
 mod support;
 mod truth;
 
+/// The root of the repository.
+fn root() -> &'static std::path::Path {
+    std::path::Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/.."))
+}
+
 /// Accepted files, and refused files.
 mod formats {
     mod dicom;

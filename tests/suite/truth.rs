@@ -15,6 +15,8 @@ use voxsplat::settings::Settings;
 use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::Volume;
 
+use crate::root;
+
 /// Files or folders of `src/` on which the reference's pictures depend, without their extensions.
 const SOURCES: [&str; 9] = [
     "src/camera",
@@ -51,7 +53,7 @@ impl Hash {
 
 /// The hash of the reference's sources.
 static SOURCES_HASH: LazyLock<Hash> = LazyLock::new(|| {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let root = root();
     let mut hash = Hash::NEW;
     for source in SOURCES {
         let file = root.join(source).with_extension("rs");

@@ -153,6 +153,9 @@ pub(crate) fn run(args: &InfoArgs, options: &[OptionValues]) -> Result<(), Failu
         let unit = first.length_unit().map(str::to_owned);
         let all = if load.channel.is_some() { vec![first] } else { layers::with_others(first, of)? };
         let listed = layers::list(&all, &LabelLooks::new(args.label_table.as_deref(), &[])?)?;
+        if listed.len() > MANY && args.label_table.is_none() {
+            output::say("note: so many labels may be grey values, which info describes without --labels");
+        }
         return match output::is_json() {
             true => report::print(Choices::default(), NO_FILES, Labels { labels: listed }),
             false => layers::print(&listed, unit.as_deref()),
@@ -176,6 +179,9 @@ pub(crate) fn run(args: &InfoArgs, options: &[OptionValues]) -> Result<(), Failu
         false => output::print(&info.to_text()),
     }
 }
+
+/// The largest number of labels that are listed without a note: grey values of 8 bits are fewer.
+const MANY: usize = 256;
 
 /// Loads the volume. If it is one of several series and none is requested, prints these and returns `None`.
 fn loaded(args: &InfoArgs, load: &LoadOptions) -> Result<Option<Volume>, Failure> {

@@ -19,7 +19,7 @@ pub(crate) struct LayersJob {
     /// Whether the volume is one of labels.
     pub(crate) alone: bool,
     labels: Option<PathBuf>,
-    looks: LabelLooks,
+    pub(crate) looks: LabelLooks,
     mask: Option<(PathBuf, LabelSelection)>,
     pub(crate) overlays: Vec<OverlaySpec>,
 }

@@ -102,6 +102,7 @@ pub(crate) fn page(command: Option<&str>) -> Result<(), Failure> {
             Man::new(command.clone()).title(format!("voxsplat-{name}"))
         }
     };
+    let page = page.source(format!("voxsplat {}", env!("CARGO_PKG_VERSION")));
     let mut text = Vec::new();
     page.render(&mut text).map_err(|e| Failure::failed(format!("cannot write the manual page: {e}")))?;
     print(text)

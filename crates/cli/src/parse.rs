@@ -216,6 +216,11 @@ pub(crate) fn tolerance(text: &str) -> Result<f64, String> {
     expect(number(text).ok().filter(|&n| n >= 0.0), "a number, 0 or over")
 }
 
+/// Parses a number of decibels, or `inf`.
+pub(crate) fn decibels(text: &str) -> Result<f64, String> {
+    if text == "inf" { Ok(f64::INFINITY) } else { expect(number(text).ok(), "a finite number or inf") }
+}
+
 /// Parses a share, 0 to 1.
 pub(crate) fn share(text: &str) -> Result<f64, String> {
     expect(number(text).ok().filter(|share| (0.0..=1.0).contains(share)), "a number from 0 to 1")

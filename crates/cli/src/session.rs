@@ -115,6 +115,9 @@ pub(crate) fn say_level(volume: &Volume, options: &LoadOptions) {
     }
 }
 
+/// The note on a picture without a visible voxel.
+const EMPTY: &str = "note: the picture is empty because no voxel is visible; see --transfer, --clip and --mask";
+
 /// Notes which time point and which level of a file are used, if no option requests them.
 pub(crate) fn say_choice(volume: &Volume, options: &LoadOptions) {
     let Contents { times, level, levels, notes, .. } = volume.contents();
@@ -323,7 +326,7 @@ impl Session {
             (channels, false) => channels.to_vec(),
         };
         let layers = stages.time("labels", || job.layers.over(base, read))?;
-        layers.hidden().into_iter().for_each(|reason| self.say(format!("note: {reason}")));
+        job.layers.looks.notes_on(&layers).into_iter().for_each(|reason| self.say(format!("note: {reason}")));
         match &self.overlays {
             Some(overlays) => Ok(overlays.over(layers)?),
             None => Ok(layers),
@@ -391,6 +394,9 @@ impl Session {
                 (image, job.settings.clone(), None, None)
             }
         };
+        if stats.as_ref().is_some_and(|stats| stats.splats_kept == 0) {
+            self.say(EMPTY.to_owned());
+        }
         let estimated = estimate.map(|e| Note { name: "Estimated error", text: in_words(&e) });
         let notes = notes(&settings, &figure, estimated);
         let mut volume = with_units(&self.volume, &job.figure.units);

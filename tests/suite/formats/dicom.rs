@@ -369,7 +369,6 @@ fn damaged_files_are_read_or_refused() {
 }
 
 #[test]
-#[cfg(feature = "jpeg2000")]
 fn lossy_samples_beyond_their_bits_are_clipped() {
     let mut frame = std::fs::read(crate::formats::fixtures::path("lossy-u8.j2k")).unwrap();
     // A JP2 file around the code stream, as some writers add it, changes nothing.

@@ -31,14 +31,12 @@ fn expected() -> Vec<Expected> {
     all.extend(table("expected-more.json"));
     all.extend(table("expected-neuro.json"));
     all.extend(table("expected-reported.json"));
-    if cfg!(feature = "hdf5") {
-        all.extend(table("expected-minc.json"));
-    }
+    all.extend(table("expected-minc.json"));
     all
 }
 
 pub(crate) fn path(file: &str) -> String {
-    let path: PathBuf = [env!("CARGO_MANIFEST_DIR"), "tests", "data", "volumes", file].iter().collect();
+    let path: PathBuf = [env!("CARGO_MANIFEST_DIR"), "data", "volumes", file].iter().collect();
     path.to_str().unwrap().to_owned()
 }
 
@@ -144,9 +142,7 @@ fn every_channel_at_every_time_is_read_as_by_the_reference_implementation() {
     all.extend(table("expected-time.json"));
     all.extend(table("expected-neuro-times.json"));
     all.extend(table("expected-reported-several.json"));
-    if cfg!(feature = "hdf5") {
-        all.extend(table("expected-hdf5.json"));
-    }
+    all.extend(table("expected-hdf5.json"));
     assert!(all.len() >= 20, "{} files", all.len());
     for e in &all {
         let file = path(&e.file);
@@ -190,7 +186,6 @@ fn every_channel_at_every_time_is_read_as_by_the_reference_implementation() {
     }
 }
 
-#[cfg(feature = "hdf5")]
 #[test]
 fn scales_and_fill_values_of_netcdf_are_applied() {
     let notes = read("packed-i16.nc").contents().notes.join(";");
@@ -204,7 +199,6 @@ fn scales_and_fill_values_of_netcdf_are_applied() {
     assert!((1..60).all(|n| values.value(n) == f64::from(stored[n]) * 0.5 + 273.0));
 }
 
-#[cfg(feature = "hdf5")]
 #[test]
 fn sections_of_minc_have_ranges_of_their_own() {
     let volume = read("sections-u8.mnc");
@@ -222,7 +216,6 @@ fn sections_of_minc_have_ranges_of_their_own() {
     assert_eq!(integers.grid().dims(), [5, 1, 1]);
 }
 
-#[cfg(feature = "hdf5")]
 #[test]
 fn broken_minc_files_say_what_is_wrong() {
     let folder = tempfile::tempdir().unwrap();
@@ -243,7 +236,6 @@ fn broken_minc_files_say_what_is_wrong() {
     refused(&0.75_f64.to_be_bytes(), &f64::NAN.to_be_bytes(), "spacing of axis 1 is NaN");
 }
 
-#[cfg(feature = "hdf5")]
 #[test]
 fn a_data_set_is_chosen_by_its_path() {
     let error = format!("{:#}", load(path("two.h5"), &LoadOptions::default()).unwrap_err());
@@ -262,14 +254,12 @@ fn flat_frames_of_jpeg_keep_their_values() {
     assert_eq!(volume.in_memory().unwrap().samples(), &Samples::U8(expected));
 }
 
-#[cfg(feature = "hdf5")]
 #[test]
 fn a_group_within_itself_is_refused() {
     let error = load(path("loop.h5"), &LoadOptions::default()).unwrap_err().to_string();
     assert!(error.contains("within themselves by a link"), "{error}");
 }
 
-#[cfg(feature = "hdf5")]
 #[test]
 fn broken_hdf5_files_say_what_is_wrong() {
     let folder = tempfile::tempdir().unwrap();
@@ -549,7 +539,6 @@ fn a_series_is_what_its_volumes_are_one_by_one() {
     assert_eq!(first.in_memory().unwrap().samples(), &shifted("i16", 0, 0));
 }
 
-#[cfg(feature = "hdf5")]
 #[test]
 fn what_hdf5_and_netcdf_state_and_a_volume_cannot_keep_is_said() {
     for options in [LoadOptions::default(), LoadOptions { spacing: Some([1.0; 3]), ..LoadOptions::default() }] {
@@ -570,7 +559,6 @@ fn what_hdf5_and_netcdf_state_and_a_volume_cannot_keep_is_said() {
     }
 }
 
-#[cfg(feature = "hdf5")]
 #[test]
 fn data_of_hdf5_that_is_not_read_is_refused_in_the_words_of_users() {
     let refused = |file: &str, words: &str| {

@@ -77,7 +77,7 @@ fn said() -> Option<String> {
         run(&python, &["-c", "import sys, tarfile; tarfile.open(sys.argv[1]).extractall('.')", &archive])?;
         std::fs::write(&done, "").ok()?;
     }
-    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/bundled.py");
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("bundled.py");
     let output = Command::new(&python).arg(script).arg(&folder).output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     Some(String::from_utf8(output.stdout).unwrap())

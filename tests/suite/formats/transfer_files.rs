@@ -10,7 +10,7 @@ use voxsplat::volume::{Grid, Statistics};
 use crate::support::demo;
 
 fn folder() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/transfer")
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("data/transfer")
 }
 
 fn import(name: &str) -> Imported {

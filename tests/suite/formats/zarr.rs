@@ -25,7 +25,7 @@ struct Expected {
 }
 
 fn folder(path: &str) -> PathBuf {
-    [env!("CARGO_MANIFEST_DIR"), "tests", "data", "zarr", path].iter().collect()
+    [env!("CARGO_MANIFEST_DIR"), "data", "zarr", path].iter().collect()
 }
 
 fn expected() -> Vec<Expected> {

@@ -22,6 +22,7 @@ use voxsplat::image::{Background, Image};
 use targets::{Place, TARGETS};
 
 use crate::formats::fixtures::path;
+use crate::root;
 use crate::support::own_name;
 
 /// Executions in an ordinary run.
@@ -220,7 +221,7 @@ fn seeds(target: &str, endings: &[&str]) -> Vec<Vec<u8>> {
             all.enumerate().map(|(i, samples)| [&[i as u8], samples.as_slice()].concat()).collect()
         }
         "transfer" => {
-            let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+            let root = root();
             let own = ["examples/surface.json", "benches/sparse.json"].map(|file| root.join(file));
             let folder = std::fs::read_dir(root.join("tests/data/transfer")).unwrap();
             let mut others: Vec<_> = folder.map(|entry| entry.unwrap().path()).collect();
@@ -229,7 +230,7 @@ fn seeds(target: &str, endings: &[&str]) -> Vec<Vec<u8>> {
             own.iter().chain(&others).map(|file| read(file)).collect()
         }
         "ply" | "stl" | "obj" | "vtp" => {
-            let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/meshes");
+            let folder = root().join("tests/data/meshes");
             let mut files: Vec<_> = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
             files.sort();
             files.iter().filter(|file| fits(file)).map(|file| read(file)).collect()

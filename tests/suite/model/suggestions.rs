@@ -132,7 +132,7 @@ fn readers_keep_the_origin_of_values() {
         modality:=MR\n\n12345678";
     let metaimage = b"ObjectType = Image\nNDims = 3\nDimSize = 2 2 2\nElementType = MET_UCHAR\nModality = MET_MOD_CT\n\
         ElementDataFile = LOCAL\n12345678";
-    let data = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/volumes");
+    let data = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("data/volumes");
     for (name, bytes, modality, description, unit) in [
         ("a.nrrd", nrrd.to_vec(), Some("MR"), Some("TOF of a head"), None),
         ("a.mha", metaimage.to_vec(), Some("CT"), None, None),

@@ -120,7 +120,7 @@ fn everything() -> Figure {
 const STEP: f64 = 1.01 / 255.0;
 
 fn pictures() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden")
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("golden")
 }
 
 fn results() -> PathBuf {

@@ -37,8 +37,8 @@ pub(crate) struct CompareArgs {
     /// Largest tolerated root mean square of all differences
     #[arg(long, value_name = "RMS", value_parser = parse::tolerance)]
     pub(crate) max_rms: Option<f64>,
-    /// Least tolerated peak signal-to-noise ratio, dB: -20 log10(rms)
-    #[arg(long, value_name = "DB", value_parser = parse::number)]
+    /// Least tolerated peak signal-to-noise ratio, dB: -20 log10(rms); inf tolerates no difference
+    #[arg(long, value_name = "DB", value_parser = parse::decibels)]
     pub(crate) min_psnr: Option<f64>,
     /// Write the difference, multiplied by ten, as a picture
     #[arg(long, value_name = "FILE")]

@@ -94,7 +94,7 @@ pub(crate) struct RenderArgs {
     /// Use the adapter whose name contains NAME, or #N of `voxsplat devices` [default: the best adapter]
     #[arg(long, value_name = "NAME", value_parser = NonEmptyStringValueParser::new(), help_heading = "Device")]
     pub(crate) adapter: Option<String>,
-    /// Use the cheapest settings whose error is at most E, 0 to 1
+    /// Use the cheapest settings whose error is at most E, over 0; channels run from 0 to 1
     ///
     /// Bounds the error of every channel in 99.9 % of the covered pixels, estimated from pixels that the f64 reference
     /// traces. Prints the chosen settings.

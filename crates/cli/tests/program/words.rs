@@ -329,6 +329,44 @@ fn missing_slices_are_named_by_their_place_and_interpolated_on_request() {
 }
 
 #[test]
+fn options_that_hide_all_or_name_nothing_are_noted() {
+    let dir = folder();
+    let render = |options: &str| notes(dir.path(), &format!("render {options} -o a.png --size 16"));
+    let has = |said: &[String], part: &str| said.iter().any(|note| note.contains(part));
+    let clipped = render("demo:sphere:8 --clip box:100,101,100,101,100,101");
+    assert!(has(&clipped, "the picture is empty because no voxel is visible"), "{clipped:?}");
+    assert!(!has(&render("demo:sphere:8"), "no voxel is visible"));
+    std::fs::write(dir.path().join("l_4x4x4_uint8.raw"), [1; 64]).unwrap();
+    let labelled = |label: &str| render(&format!("l_4x4x4_uint8.raw --transfer labels --label {label}"));
+    let absent = labelled("99:red");
+    assert!(has(&absent, "the look of 99 has no effect because no voxel has such a label"), "{absent:?}");
+    let unnamed = labelled("nosuch:0.5");
+    assert!(has(&unnamed, "the look of \"nosuch\" has no effect because no label has this name"), "{unnamed:?}");
+    assert!(!has(&labelled("1-3:red"), "has no effect"));
+    std::fs::write(dir.path().join("grey.raw"), (0..512_u16).flat_map(u16::to_le_bytes).collect::<Vec<u8>>()).unwrap();
+    let grey = notes(dir.path(), "info grey.raw --dims 8,8,8 --type uint16 --labels");
+    assert!(has(&grey, "so many labels may be grey values"), "{grey:?}");
+}
+
+#[test]
+fn near_misses_of_files_say_what_was_expected() {
+    let dir = folder();
+    let said = |line: &str| complaints(&voxsplat(dir.path(), line)).join("; ");
+    std::fs::write(dir.path().join("ct_4_4_4.raw"), [1; 64]).unwrap();
+    let named = said("info ct_4_4_4.raw --type uint8");
+    assert!(named.contains("its name may mean 4 x 4 x 4 samples"), "{named}");
+    std::fs::write(dir.path().join("w_4x4x4_uint8.raw"), [1; 128]).unwrap();
+    let wide = notes(dir.path(), "info w_4x4x4_uint8.raw").join(" ");
+    assert!(wide.contains("leave 64 bytes at the end of the file: they fit samples of 2 bytes"), "{wide}");
+    let uniform = said("render w_4x4x4_uint8.raw --transfer mri -o a.png");
+    assert!(uniform.contains("all values are 1: give a file of control points"), "{uniform}");
+    voxsplat(dir.path(), "plan demo:sphere:8 -o plan.json");
+    voxsplat(dir.path(), "render demo:sphere:8 --size 8 -o a.png");
+    let merged = said("merge plan.json a.png -o b.png");
+    assert!(merged.contains("a.png: no partial picture: expected OpenEXR that voxsplat brick wrote"), "{merged}");
+}
+
+#[test]
 fn an_empty_picture_has_no_error_to_verify() {
     let dir = folder();
     std::fs::write(dir.path().join("a.raw"), (0..64).collect::<Vec<u8>>()).unwrap();

@@ -384,11 +384,15 @@ fn refuse_raw_options(path: &Path, options: &LoadOptions, what: &str, is_array: 
 }
 
 fn read_raw(mut input: Input, head: &[u8], options: &LoadOptions) -> Result<Volume> {
-    let (named_dims, named_type) = raw_name::stated(input.path()).unzip();
-    let by_name = options.dims.is_none() && named_dims.is_some();
-    let (dims, sample_type) = match (options.dims.or(named_dims), options.sample_type.or(named_type)) {
+    let named = raw_name::stated(input.path());
+    let by_name = options.dims.is_none() && named.is_some();
+    let dims = options.dims.or(named.map(|named| named.dims));
+    let (dims, sample_type) = match (dims, options.sample_type.or(named.map(|named| named.sample_type))) {
         (Some(dims), Some(sample_type)) => (dims, sample_type),
-        (None, Some(_)) => return Err(input.error("holds bare samples of unknown number").hinted(Hint::GiveDims)),
+        (None, Some(_)) => {
+            let reason = format!("holds bare samples of unknown number{}", maybe_named(input.path()));
+            return Err(input.error(reason).hinted(Hint::GiveDims));
+        }
         (Some(_), None) => return Err(input.error("holds bare samples of unknown type").hinted(Hint::GiveSampleType)),
         (None, None) => return Err(unknown(&input, head)),
     };
@@ -401,11 +405,17 @@ fn read_raw(mut input: Input, head: &[u8], options: &LoadOptions) -> Result<Volu
         let ([x, y, z], after) = (dims, if options.offset > 0 { " after the offset" } else { "" });
         refuse!(input, "has {left} bytes{after}, and {x} x {y} x {z} samples of {sample_type} need {needed}");
     }
-    let layout = Layout::Binary(options.endian.unwrap_or_default());
+    let layout = Layout::Binary(options.endian.or(named.and_then(|named| named.endian)).unwrap_or_default());
     let mut contents = chosen(&path, options, 1, 1)?;
     if let Some(more) = input.exactly_left().map(|left| left - needed).filter(|more| *more > 0) {
         let ([x, y, z], end) = (dims, counted(more, "byte"));
-        contents.notes.push(format!("{x} x {y} x {z} samples of {sample_type} leave {end} at the end of the file"));
+        let times = (more + needed) / needed;
+        let wider = (more.is_multiple_of(needed) && [2, 4, 8].contains(&times))
+            .then(|| format!(": they fit samples of {} bytes", times * sample_type.size() as u64));
+        let wider = wider.unwrap_or_default();
+        contents
+            .notes
+            .push(format!("{x} x {y} x {z} samples of {sample_type} leave {end} at the end of the file{wider}"));
     }
     if by_name {
         let [x, y, z] = dims;
@@ -423,6 +433,12 @@ fn read_raw(mut input: Input, head: &[u8], options: &LoadOptions) -> Result<Volu
     Ok(placement.volume(grid, stored)?.with_contents(contents))
 }
 
+/// What three numbers in a name say about bare samples; empty without.
+fn maybe_named(path: &Path) -> String {
+    let said = |[x, y, z]: [u32; 3]| format!("; its name may mean {x} x {y} x {z} samples");
+    raw_name::maybe_dims(path).map(said).unwrap_or_default()
+}
+
 /// The error about a file of no known format.
 fn unknown(input: &Input, head: &[u8]) -> Error {
     let others: [(&[u8], &str); 3] = [(b"<?xml", "XML"), (b"\x89PNG", "PNG"), (b"PK\x03\x04", "ZIP")];
@@ -431,7 +447,8 @@ fn unknown(input: &Input, head: &[u8]) -> Error {
         return input.error(format!("is a {name} file, {reason}"));
     }
     let names: Vec<&str> = FORMATS.iter().map(|format| format.name).collect();
-    let error = input.error(format!("is of no format that is read: {}", names.join(", ")));
+    let named = maybe_named(input.path());
+    let error = input.error(format!("is of no format that is read: {}{named}", names.join(", ")));
     error.hinted(Hint::GiveDimsAndSampleType)
 }
 
