@@ -16,7 +16,6 @@ use crate::gpu::recorder::Recorder;
 use crate::gpu::samples::Bricks;
 pub use crate::gpu::stderr::silenced;
 use crate::gpu::store::Drawable;
-use crate::gpu::timing::on_host;
 use crate::gpu::view::ViewGeometry;
 use crate::image::{DepthMap, Image, Region, check_scale};
 use crate::layers::{Layers, absent_value, finite};
@@ -29,7 +28,9 @@ use crate::progress::Progress;
 use crate::settings::budget::MAX_FRAGMENTS;
 use crate::settings::{Level, Model, Settings, Shading};
 use crate::solids::Solids;
+pub use crate::stats::Rendered;
 use crate::stats::adapter::AdapterInfo;
+use crate::stats::on_host;
 use crate::stats::{Counts, StageTime, Stats};
 use crate::transfer::TransferFunction;
 use crate::volume::Volume;
@@ -55,15 +56,6 @@ pub struct Renderer {
     pub(crate) context: Context,
     pipelines: Cache,
     progress: Progress,
-}
-
-/// A picture with its statistics.
-#[derive(Debug, Clone)]
-pub struct Rendered {
-    /// The picture.
-    pub image: Image,
-    /// The statistics.
-    pub stats: Stats,
 }
 
 /// A part of a picture that is wanted.
@@ -459,7 +451,7 @@ impl Renderer {
         let before = context.traffic();
         camera.check_scale(scene.grid())?;
         let voxels = self.view(scene, camera, settings);
-        let mut choice = Choice::new(context, settings);
+        let mut choice = Choice::new(context, settings)?;
         let mut seconds = scene.take_seconds();
         let mut layers;
         let mut painting = loop {

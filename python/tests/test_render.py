@@ -305,7 +305,7 @@ def test_a_volume_without_labels_is_an_empty_picture_with_a_warning(tmp_path: Pa
     assert "note: no label is visible because all labels are 0\n" in said
     # Numbers that are no labels, and a preset that was requested, have nothing to adapt to.
     for volume, options in [(clear.astype("f4"), {}), (clear, {"transfer": "grayscale"})]:
-        with pytest.raises(ValueError, match="they are all 0"):
+        with pytest.raises(ValueError, match="all values are 0"):
             vs.render(volume, size=32, **options)
 
 

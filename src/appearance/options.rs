@@ -18,6 +18,7 @@ pub fn options_of(settings: &Settings) -> Vec<String> {
         Painter::Auto => "auto",
         Painter::Tiles(_) => "tiles",
         Painter::Quads(_) => "quads",
+        Painter::Cpu => "cpu",
     };
     let text = |s: &Settings| {
         let shading = if is_composite { s.shading } else { default.shading };
@@ -46,6 +47,7 @@ fn tuned(settings: &Settings) -> String {
         Painter::Auto => Painter::Auto,
         Painter::Tiles(_) => Painter::Tiles(TilesSettings::default()),
         Painter::Quads(_) => Painter::Quads(QuadsSettings::default()),
+        Painter::Cpu => Painter::Cpu,
     };
     let default = knobs(&Settings { painter, ..Settings::default() });
     let changed = knobs(settings).into_iter().filter(|pair| !default.contains(pair));
@@ -57,7 +59,7 @@ fn knobs(settings: &Settings) -> Vec<(&'static str, String)> {
     let mut pairs =
         vec![("termination", settings.termination.to_string()), ("interslice", settings.interslice.to_string())];
     match settings.painter {
-        Painter::Auto => {}
+        Painter::Auto | Painter::Cpu => {}
         Painter::Tiles(tiles) => pairs.push(("resolution", tiles.resolution.to_string())),
         Painter::Quads(quads) => {
             pairs.push(("sheets", quads.sheets.to_string()));

@@ -435,6 +435,7 @@ fn painter(view: &ViewGeometry, settings: &Settings) -> Result<Painter> {
     let refusal = || (PainterKind::Tiles.room().refusal)(view, settings);
     match settings.painter {
         quads @ Painter::Quads(_) => Ok(quads),
+        Painter::Cpu => Err(Error::setting("painter", "cpu draws no bricks: use tiles or quads")),
         Painter::Auto if refusal().is_some() => Ok(Painter::Quads(QuadsSettings::default())),
         _ => match refusal() {
             Some(reason) => Err(Error::setting("painter", reason)),

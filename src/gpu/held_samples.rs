@@ -6,8 +6,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use super::recorder::Recorder;
 use super::samples::{BATCH, BrickBatch, Input};
-use super::transfer::Reduction;
 use crate::error::Result;
+use crate::transfer::scalars::Reduction;
 use crate::volume::BRICK_EDGE as EDGE;
 
 /// The samples of a volume on the device.

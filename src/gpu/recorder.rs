@@ -1,9 +1,10 @@
 //! Commands for the device: recorded in order, timed stage by stage, submitted together, and results read back.
 
 use super::context::Context;
-use super::timing::{Timing, add, on_host};
+use super::timing::{Timing, add};
 use crate::error::Result;
 use crate::stats::adapter::AdapterKind;
+use crate::stats::on_host;
 use crate::stats::{Clock, StageTime};
 
 /// Recorded commands, with their device and the times of their stages.

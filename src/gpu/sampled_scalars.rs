@@ -15,8 +15,8 @@ use super::recorder::{Recorder, max_work};
 use super::samples::{FAR, Input};
 use super::scalar_cells::{BoundSamples, CellFilters, ScalarCells};
 use super::stage::{Constant, Stage, for_each};
-use super::transfer::Reduction;
 use crate::error::Result;
+use crate::transfer::scalars::Reduction;
 use crate::volume::{BRICK_EDGE as EDGE, SampleType};
 
 /// The scalars of a lattice of voxels, or of cells, with copies beyond its faces.

@@ -11,10 +11,10 @@ use super::pipeline::buffer_range;
 use super::recorder::Recorder;
 use super::sender::Sender;
 use super::stage::Constant;
-use super::transfer::Reduction;
 use crate::error::{Error, Result};
 use crate::kernel::NORMAL_REACH;
 use crate::progress::Progress;
+use crate::transfer::scalars::Reduction;
 use crate::transfer::{self, Resolution, TransferFunction};
 use crate::volume::{BRICK_EDGE as EDGE, Brick, RowCoding, SampleType, ToF64, Volume};
 

@@ -1,7 +1,5 @@
 //! Time per stage: timestamps of the device, or the host's clock if the device has none.
 
-use std::time::Instant;
-
 use super::context::Context;
 use crate::error::Result;
 
@@ -104,11 +102,4 @@ pub(crate) fn add(sums: &mut Vec<(&'static str, f64)>, stage: &'static str, seco
         Some((_, sum)) => *sum += seconds,
         None => sums.push((stage, seconds)),
     }
-}
-
-/// Runs `work` and returns its result with the seconds that it took on the host.
-pub(crate) fn on_host<T>(work: impl FnOnce() -> T) -> (T, f64) {
-    let start = Instant::now();
-    let result = work();
-    (result, start.elapsed().as_secs_f64())
 }

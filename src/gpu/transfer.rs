@@ -1,148 +1,12 @@
 //! The transfer function in the format of shaders: shaders/common/transfer.wgsl.
 
 use super::context::Context;
-use crate::transfer::{ControlPoint, Resolution, TransferFunction};
-use crate::volume::{RowCoding, ToF64, Volume};
+use crate::transfer::bins::{Bins, VisibleValues};
+use crate::transfer::scalars::Reduction;
+use crate::transfer::{Resolution, TransferFunction};
 
-/// Equal bins of scalars, BIN_COUNT in shaders/common/transfer.wgsl: few enough for the table of a function without
-/// gradient opacity to have less than 64 KiB.
-const BINS: usize = 1600;
-/// Bins below the lowest scalar at which the function changes, and above the highest one: in the outer of them it is
-/// constant.
-const OUTER_BINS: usize = 2;
 /// Equal bins of lengths of gradients.
 const GRADIENT_BINS: usize = 4096;
-/// The least width of a bin, over the largest scalar: a few times the distance of neighbouring floats.
-const LEAST_BIN: f64 = 1e-6;
-/// Gauss-Legendre quadrature of three points on [0, 1]: places and weights.
-const QUADRATURE: [[f64; 2]; 3] =
-    [[0.112_701_665_379_258_3, 5.0 / 18.0], [0.5, 8.0 / 18.0], [0.887_298_334_620_741_7, 5.0 / 18.0]];
-
-/// The largest distance of the values of a range from a value.
-fn farthest([lowest, highest]: [f64; 2], value: f64) -> f64 {
-    (highest - value).abs().max((lowest - value).abs())
-}
-
-/// The least scalar of the farthest control point of a function that replaces another one. Smaller ones lose precision,
-/// because shaders take differences over 64 for jumps.
-const LEAST_EDITED: f64 = 0.125;
-
-/// How values become the scalars of shaders: relative to the transfer function's base, times a power of two that brings
-/// the farthest relevant control point to between 1 and 2. Data in any unit give the same scalars.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Reduction {
-    base: f64,
-    factor: f64,
-}
-
-impl Reduction {
-    /// The largest scalar. Values beyond are so far from all control points that the field on its way there crosses
-    /// these at the same place.
-    pub(crate) const LIMIT: f64 = (1_u128 << 64) as f64;
-
-    /// The reduction of values that are at most `largest` from the base.
-    pub(crate) fn new(transfer: &TransferFunction, largest: f64) -> Self {
-        Self::around(transfer.base(), transfer.extent_or(largest))
-    }
-
-    /// The reduction for a function that others replace, given the lowest and the highest value: its base is so far
-    /// below the visible values that it serves functions that show lower values too.
-    pub(crate) fn for_edits(transfer: &TransferFunction, range: [f64; 2]) -> Self {
-        let base = transfer.base();
-        let extent = transfer.extent_or(farthest(range, base));
-        let below = (base - extent).max(range[0]);
-        let base = if below < base && transfer.is_invisible([below, base]) { below } else { base };
-        Self::around(base, 2.0 * extent)
-    }
-
-    /// Whether scalars serve a function: their base is invisible, and its points are about as far from it as shaders
-    /// expect.
-    pub(crate) fn serves(&self, transfer: &TransferFunction, range: [f64; 2]) -> bool {
-        let base = transfer.base();
-        let extent = transfer.extent_or(farthest(range, base));
-        let reach = self.length(extent + (self.base - base).abs());
-        transfer.is_invisible([self.base.min(base), self.base.max(base)]) && (LEAST_EDITED..=2.0).contains(&reach)
-    }
-
-    /// The reduction of values of this extent around a base.
-    fn around(base: f64, extent: f64) -> Self {
-        let exponent = extent.clamp(f64::MIN_POSITIVE, f64::MAX).log2().floor();
-        Self { base, factor: (-exponent).clamp(-1020.0, 1020.0).exp2() }
-    }
-
-    /// The value of a scalar of 0.
-    pub(crate) fn base(&self) -> f64 {
-        self.base
-    }
-
-    /// Scalars for each unit of value.
-    pub(crate) fn factor(&self) -> f64 {
-        self.factor
-    }
-
-    /// The value of a scalar.
-    pub(crate) fn value(&self, scalar: f32) -> f64 {
-        self.base + f64::from(scalar) / self.factor
-    }
-
-    /// The scalar of a value.
-    #[inline]
-    pub(crate) fn scalar(&self, value: f64) -> f32 {
-        self.length(value - self.base) as f32
-    }
-
-    /// The resolution of a scalar of 0. At least 2^-64, so that no scalar over it leaves the range of f32.
-    pub(crate) fn faintest(&self, resolution: &Resolution) -> f32 {
-        self.length(resolution.faintest()).max(Self::LIMIT.recip()) as f32
-    }
-
-    /// A difference of values in units of scalars.
-    #[inline]
-    pub(crate) fn length(&self, difference: f64) -> f64 {
-        (difference * self.factor).clamp(-Self::LIMIT, Self::LIMIT)
-    }
-}
-
-/// Samples as scalars.
-pub(crate) struct Relative {
-    slope: f64,
-    intercept: f64,
-    reduction: Reduction,
-}
-
-impl Relative {
-    pub(crate) fn new(volume: &Volume, reduction: Reduction) -> Self {
-        let (slope, intercept) = volume.rescale();
-        Self { slope, intercept, reduction }
-    }
-
-    /// Values as scalars.
-    pub(crate) fn of_values(reduction: Reduction) -> Self {
-        Self { slope: 1.0, intercept: 0.0, reduction }
-    }
-
-    #[inline]
-    pub(crate) fn to(&self, raw: f64) -> f32 {
-        self.reduction.scalar(self.slope * raw + self.intercept)
-    }
-}
-
-impl RowCoding for Relative {
-    fn append<T: ToF64 + bytemuck::Pod>(&self, samples: &[T], bytes: &mut Vec<u8>) {
-        bytes.extend(samples.iter().flat_map(|s| self.to(s.to_f64()).to_ne_bytes()));
-    }
-}
-
-/// The visible values of a scalar field.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum VisibleValues {
-    /// All values with opacity.
-    Opaque,
-    /// The largest value, if it has opacity. Smaller values matter only because they are not larger.
-    Largest,
-    /// The mean of all values.
-    Mean,
-}
 
 /// The table by which shaders classify scalars.
 pub(crate) struct TransferTable {
@@ -169,31 +33,17 @@ impl TransferTable {
         shows: VisibleValues,
         resolution: &Resolution,
     ) -> Self {
-        let value = |color: [f64; 3], opacity: f64| match shows {
-            VisibleValues::Opaque => {
-                let extinction = TransferFunction::extinction(opacity, 1.0);
-                let [r, g, b] = color.map(|c| c * extinction);
-                [r, g, b, extinction]
-            }
-            VisibleValues::Largest | VisibleValues::Mean => {
-                let [r, g, b] = color;
-                [r, g, b, opacity / transfer.max_opacity().max(f64::MIN_POSITIVE)]
-            }
-        };
-        let (mut rows, lookup) = bins(transfer.knots(), reduction, &value);
+        let Bins { mut rows, lookup, invisible } = Bins::new(transfer, reduction, shows);
         let steepest = transfer.gradient_opacity().last().map_or(0.0, |p| p.magnitude);
         let thins = !transfer.gradient_opacity().is_empty();
         let share = |place: usize| transfer.gradient_share(steepest * place as f64 / GRADIENT_BINS as f64) as f32;
         let bin = |bin: usize| [share(bin), share(bin + 1), 0.0, 0.0];
         rows.push(if thins { (0..GRADIENT_BINS).map(bin).collect() } else { Vec::new() });
-        let most = steepest * reduction.factor;
+        let most = steepest * reduction.factor();
         let gradient_lookup = if most > 0.0 { GRADIENT_BINS as f64 / most } else { 0.0 };
-        let around = transfer.invisible_around(reduction.base);
-        let end =
-            |value: f64| if value.is_finite() { reduction.scalar(value) } else { value.signum() as f32 * f32::MAX };
         Self {
             texture: context.float_rows("shade.transfer", &rows),
-            invisible: around.map_or([1.0, -1.0], |ends| ends.map(end)),
+            invisible,
             lookup,
             thins,
             gradient_lookup,
@@ -205,174 +55,5 @@ impl TransferTable {
     /// `steepness` as gradients are reconstructed.
     pub(crate) fn gradient_lookup(&self, steepness: f64) -> f32 {
         (self.gradient_lookup / steepness).min(f64::from(f32::MAX)) as f32
-    }
-}
-
-/// Colour times extinction, and extinction; of maxima and means colour and alpha.
-type Value = [f64; 4];
-
-fn mixed(a: Value, b: Value, f: f64) -> Value {
-    std::array::from_fn(|c| a[c] + (b[c] - a[c]) * f)
-}
-
-/// The transfer function over the place among the bins: the integral over each bin, in two parts, whose weights fall
-/// from the beginning of the bin and rise to its end by linear interpolation.
-struct BinParts(Vec<[Value; 2]>);
-
-impl BinParts {
-    /// Adds a smooth part of the function, between two places; `at` is the function at a share of the way.
-    fn add(&mut self, [from, to]: [f64; 2], at: impl Fn(f64) -> Value) {
-        let last = to.min(BINS as f64);
-        let mut start = from.max(0.0);
-        while start < last {
-            let bin = start.floor();
-            let end = last.min(bin + 1.0);
-            for [share, weight] in QUADRATURE {
-                let place = start + (end - start) * share;
-                let value = at((place - from) / (to - from));
-                for (part, near) in self.0[bin as usize].iter_mut().zip([bin + 1.0 - place, place - bin]) {
-                    *part = std::array::from_fn(|c| part[c] + weight * (end - start) * near * value[c]);
-                }
-            }
-            start = end;
-        }
-    }
-
-    /// The function that is linear within every bin: its values at both ends of each bin. Both parts of a bin count for
-    /// their ends, so the integral over any peak is exact, however narrow it is. But a bin in which nothing shows shows
-    /// nothing: its neighbours give all to their other ends.
-    fn linear(&self) -> Vec<Value> {
-        let mut values = vec![[0.0; 4]; BINS + 1];
-        for c in 0..4 {
-            let is_empty = |bin: usize| self.0.get(bin).is_some_and(|parts| parts.iter().all(|part| part[c] == 0.0));
-            let is_clear = |end: usize| is_empty(end) || end > 0 && is_empty(end - 1);
-            for (bin, [first, last]) in self.0.iter().enumerate() {
-                let (first, last) = match [is_clear(bin), is_clear(bin + 1)] {
-                    [true, false] => (0.0, first[c] + last[c]),
-                    [false, true] => (first[c] + last[c], 0.0),
-                    _ => (first[c], last[c]),
-                };
-                values[bin][c] += first;
-                values[bin + 1][c] += last;
-            }
-        }
-        values
-    }
-}
-
-/// The integral from place 0 to the beginning of each bin, in bins.
-fn integrals(values: &[Value]) -> Vec<Value> {
-    let mut sum = [0.0; 4];
-    let next = |ends: &[Value]| {
-        let before = sum;
-        let mean = mixed(ends[0], ends[1], 0.5);
-        sum = std::array::from_fn(|c| sum[c] + mean[c]);
-        before
-    };
-    values.windows(2).map(next).collect()
-}
-
-/// The rows of the table for scalars, and the place of scalars among the bins, see [`TransferTable::lookup`].
-fn bins(
-    points: &[ControlPoint],
-    reduction: &Reduction,
-    value: &dyn Fn([f64; 3], f64) -> Value,
-) -> (Vec<Vec<[f32; 4]>>, [f32; 2]) {
-    let at = |p: &ControlPoint| value(p.color, p.opacity);
-    let scalars: Vec<f64> = points.iter().map(|p| f64::from(reduction.scalar(p.value))).collect();
-    let (low, high) = (scalars.first().copied().unwrap_or(0.0), scalars.last().copied().unwrap_or(0.0));
-    let width = ((high - low) / (BINS - 2 * OUTER_BINS) as f64).max(LEAST_BIN * low.abs().max(high.abs()).max(1.0));
-    let place = |scalar: f64| (scalar - low) / width + OUTER_BINS as f64;
-    let [first, last] = [points.first(), points.last()].map(|p| p.map_or([0.0; 4], at));
-    let mut parts = BinParts(vec![[[0.0; 4]; 2]; BINS]);
-    parts.add([0.0, place(low)], |_| first);
-    for (pair, ends) in points.windows(2).zip(scalars.windows(2)) {
-        let ([a, b], &[from, to]) = (pair, ends) else { continue };
-        parts.add([place(from), place(to)], |share| {
-            let color = std::array::from_fn(|c| a.color[c] + (b.color[c] - a.color[c]) * share);
-            value(color, a.opacity + (b.opacity - a.opacity) * share)
-        });
-    }
-    parts.add([place(high), BINS as f64], |_| last);
-    let mut values = parts.linear();
-    values[..OUTER_BINS].fill(first);
-    values[BINS + 1 - OUTER_BINS..].fill(last);
-    let integrals = integrals(&values);
-    // Integrals begin at the base, where scalars are the most precise.
-    let origin = integrals[place(0.0).clamp(0.0, (BINS - 1) as f64) as usize];
-    let texel = |value: Value| value.map(|c| c.clamp(f64::from(f32::MIN), f64::from(f32::MAX)) as f32);
-    let integrals = integrals.iter().map(|sum| texel(std::array::from_fn(|c| sum[c] - origin[c])));
-    let rows = vec![values.into_iter().map(texel).collect(), integrals.collect()];
-    (rows, [low as f32, width.recip() as f32])
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// The table of a function of opacity alone, whose values are the opacities.
-    struct Table {
-        reduction: Reduction,
-        rows: Vec<Vec<[f32; 4]>>,
-        lookup: [f32; 2],
-    }
-
-    impl Table {
-        fn new(points: &[(f64, f64)]) -> Self {
-            let point = |&(value, opacity): &(f64, f64)| ControlPoint { value, color: [1.0; 3], opacity };
-            let transfer = TransferFunction::new(points.iter().map(point).collect(), None).unwrap();
-            let reduction = Reduction::new(&transfer, 1.0);
-            let (rows, lookup) = bins(transfer.knots(), &reduction, &|_, opacity| [opacity; 4]);
-            Self { reduction, rows, lookup }
-        }
-
-        /// The function at a value and its integral up to there, as shaders read them.
-        fn at(&self, value: f64) -> [f32; 2] {
-            let [low, scale] = self.lookup;
-            let place = (self.reduction.scalar(value) - low) * scale + OUTER_BINS as f32;
-            let bin = place.clamp(0.0, BINS as f32 - 1.0) as usize;
-            let beyond = place - bin as f32;
-            let [value, next, integral] = [self.rows[0][bin][3], self.rows[0][bin + 1][3], self.rows[1][bin][3]];
-            let rise = (next - value) * beyond;
-            [value + rise, integral + (value + 0.5 * rise) * beyond]
-        }
-
-        /// The integral between two values.
-        fn integral(&self, from: f64, to: f64) -> f64 {
-            let [from, to] = [from, to].map(|value| f64::from(self.at(value)[1]));
-            (to - from) / (f64::from(self.lookup[1]) * self.reduction.factor)
-        }
-    }
-
-    #[test]
-    fn peaks_keep_their_integral_and_steps_their_height() {
-        // A peak of a hundredth of a bin, two steps, and a step at the end.
-        let peak = [(0.2, 0.0), (0.5, 0.0), (0.500_005, 1.0), (0.500_01, 0.0)];
-        let steps = [(0.7, 0.0), (0.7, 0.25), (0.75, 0.25), (0.75, 0.0), (0.9, 0.0), (0.9, 0.5)];
-        let table = Table::new(&[peak.as_slice(), &steps].concat());
-        for (from, to, expected, error) in
-            [(0.4, 0.6, 5e-6, 1e-8), (0.68, 0.78, 0.0125, 1e-6), (1.0, 3.0, 1.0, 1e-3), (-9.0, 0.4, 0.0, 0.0)]
-        {
-            let got = table.integral(from, to);
-            assert!((got - expected).abs() <= error, "{from} to {to}: {got}");
-        }
-        for (value, opacity) in
-            [(-50.0, 0.0), (0.3, 0.0), (0.6, 0.0), (0.72, 0.25), (0.8, 0.0), (0.91, 0.5), (900.0, 0.5)]
-        {
-            let [got, _] = table.at(value);
-            assert!((got - opacity).abs() < 1e-6, "{value}: {got}");
-        }
-    }
-
-    #[test]
-    fn ramps_are_linear_and_show_nothing_below() {
-        let table = Table::new(&[(0.0, 0.0), (0.25, 0.0), (0.5, 0.8), (1.0, 0.1)]);
-        for value in [0.0, 0.1, 0.2499] {
-            assert_eq!(table.at(value)[0], 0.0);
-        }
-        for (value, opacity) in [(0.3, 0.16), (0.4, 0.48), (0.75, 0.45), (0.999, 0.1014)] {
-            let [got, _] = table.at(value);
-            assert!((got - opacity).abs() < 1e-4, "{value}: {got}");
-        }
     }
 }

@@ -6,10 +6,12 @@ mod derivative;
 mod footprint;
 pub(crate) mod quadrature;
 mod real;
+mod spline;
 
 pub(crate) use derivative::{DerivativeFilter, NORMAL_REACH};
 pub(crate) use footprint::{FootprintTable, footprint_polynomial, section, section_by};
 pub(crate) use real::Real;
+pub(crate) use spline::SplineFilter;
 
 use std::f64::consts::PI;
 use std::fmt;

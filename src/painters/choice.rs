@@ -30,14 +30,21 @@ pub(crate) struct Choice {
 
 impl Choice {
     /// The painter of a picture, unless it refuses.
-    pub(crate) fn new(context: &Context, settings: &Settings) -> Self {
+    ///
+    /// # Errors
+    /// [`Error::Setting`] if the host engine is to draw it.
+    pub(crate) fn new(context: &Context, settings: &Settings) -> Result<Self> {
         let (kind, reason) = match settings.painter {
             Painter::Quads(_) => (PainterKind::Quads, "requested"),
             Painter::Tiles(_) => (PainterKind::Tiles, "requested"),
             Painter::Auto if context.is_software() => (PainterKind::Tiles, "the adapter is software"),
             Painter::Auto => (PainterKind::Tiles, EXPECTED),
+            Painter::Cpu => {
+                let reason = "cpu draws on no device: use a HostRenderer, or another painter";
+                return Err(Error::setting("painter", reason));
+            }
         };
-        Self::with_precision(context, kind, reason.to_owned())
+        Ok(Self::with_precision(context, kind, reason.to_owned()))
     }
 
     /// A painter for a reason, with a remark if its sheets are half floats.

@@ -23,13 +23,14 @@ use crate::gpu::samples::{Bricks, Input};
 use crate::gpu::scan::Scan;
 use crate::gpu::splat::SplatLight;
 use crate::gpu::store::Drawable;
-use crate::gpu::timing::on_host;
-use crate::gpu::transfer::{Reduction, VisibleValues};
 use crate::gpu::view::LayerPart;
 use crate::kernel::Kernel;
 use crate::layers::Layers;
 use crate::progress::Progress;
 use crate::settings::Model;
+use crate::stats::on_host;
+use crate::transfer::bins::VisibleValues;
+use crate::transfer::scalars::Reduction;
 use crate::transfer::{Resolution, TransferFunction};
 use crate::volume::Volume;
 

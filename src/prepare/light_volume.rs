@@ -23,12 +23,13 @@ use crate::gpu::scalar_field::ScalarField;
 use crate::gpu::shadows::{BoxLight, Field, run_on_box};
 use crate::gpu::splat;
 use crate::gpu::store::Drawable;
-use crate::gpu::transfer::{Reduction, TransferTable};
+use crate::gpu::transfer::TransferTable;
 use crate::lighting::MAX_CASTING;
 use crate::lighting::shadow::Arrival;
 use crate::lighting::shadow::plan::LightPlans;
 use crate::progress::Progress;
 use crate::transfer::TransferFunction;
+use crate::transfer::scalars::Reduction;
 use crate::volume::Grid;
 
 /// The largest number of cells of a light volume, 8 bytes each: larger lattices use coarser cells.

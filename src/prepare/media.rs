@@ -9,10 +9,10 @@ use crate::gpu::context::Context;
 use crate::gpu::samples::gradients;
 use crate::gpu::splat::{packed_appearance, packed_normal, resolution_at};
 use crate::gpu::store::{Drawable, MadeBrick, StoreBuilder};
-use crate::gpu::transfer::{Reduction, Relative};
 use crate::kernel::{DerivativeFilter, NORMAL_REACH};
 use crate::layers::{Layer, Layers, Mask, Matter, luminance};
 use crate::progress::Progress;
+use crate::transfer::scalars::{Reduction, Relative};
 use crate::transfer::{Resolution, TransferFunction, scaled_share};
 use crate::volume::{BRICK_EDGE as EDGE, Number, RowCoding, Strip, Volume};
 

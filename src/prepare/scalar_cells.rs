@@ -15,10 +15,10 @@ use glam::{DMat3, DVec3};
 use super::cells::{CellSize, Filter, LEAST_DEVIATION, add, filled, growth_of_wide, response};
 use crate::error::Result;
 use crate::gpu::scalar_cells::CellFilters;
-use crate::gpu::transfer::Relative;
 use crate::kernel::Kernel;
 use crate::settings::MAX_LEVEL;
 use crate::transfer::TransferFunction;
+use crate::transfer::scalars::Relative;
 use crate::volume::{BRICK_EDGE as EDGE, Grid, ToF64, Volume, with_samples};
 
 /// The least kernel of cells; the largest is one of [`STEPS`] larger, and rays gather kernels of a radius of 2. It is
@@ -375,8 +375,8 @@ impl CellStrip {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gpu::transfer::Reduction;
     use crate::transfer::ControlPoint;
+    use crate::transfer::scalars::Reduction;
 
     /// The scalars of cells of a level of a volume of `value` at each voxel, from `first` to before `end`.
     fn cells(dims: [usize; 3], value: impl Fn([usize; 3]) -> f32, level: u32, ends: [[i64; 3]; 2]) -> Vec<f32> {

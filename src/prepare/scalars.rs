@@ -17,12 +17,13 @@ use crate::gpu::sampled_scalars::SampledScalars;
 use crate::gpu::samples::{Bricks, Input};
 use crate::gpu::savings::Savings;
 use crate::gpu::store::{Drawable, MadeBrick, StoreBuilder};
-use crate::gpu::transfer::{Reduction, Relative, VisibleValues};
 use crate::gpu::view::LayerPart;
 use crate::kernel::{Kernel, Normalization};
 use crate::progress::Progress;
 use crate::settings::budget::{MAX_GROWTH, MAX_PLACES, too_much};
 use crate::transfer::TransferFunction;
+use crate::transfer::bins::VisibleValues;
+use crate::transfer::scalars::{Reduction, Relative};
 use crate::volume::{BRICK_EDGE as EDGE, ToF64, Volume, with_samples};
 
 /// The largest influence, in voxels, within which single voxels are searched: a row of a brick with its halo is 64

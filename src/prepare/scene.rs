@@ -21,14 +21,16 @@ use crate::gpu::context::Context;
 use crate::gpu::held_samples::HeldSamples;
 use crate::gpu::light_volume::{LightVolume, PostShading};
 use crate::gpu::store::Drawable;
-use crate::gpu::timing::on_host;
-use crate::gpu::transfer::{Reduction, TransferTable, VisibleValues};
+use crate::gpu::transfer::TransferTable;
 use crate::gpu::view::{Fade, Held, ViewGeometry, Weights};
 use crate::kernel::{Kernel, Normalization};
 use crate::layers::Layers;
 use crate::lighting::{Lighting, shadow};
 use crate::progress::Progress;
 use crate::settings::{Level, MAX_LEVEL, Model, Painter, Settings};
+use crate::stats::on_host;
+use crate::transfer::bins::VisibleValues;
+use crate::transfer::scalars::Reduction;
 use crate::transfer::{Resolution, TransferFunction};
 use crate::volume::{Grid, Volume};
 

@@ -21,12 +21,14 @@ use crate::gpu::recorder::Recorder;
 use crate::gpu::samples::Input;
 use crate::gpu::scalar_field::ScalarField;
 use crate::gpu::store::{Drawable, Store};
-use crate::gpu::transfer::{Reduction, TransferTable, VisibleValues};
+use crate::gpu::transfer::TransferTable;
 use crate::kernel::{Kernel, Normalization};
 use crate::lighting::shadow::ShadowLattice;
 use crate::lighting::shadow::plan::LightPlans;
 use crate::lighting::{Light, Lighting};
 use crate::progress::Progress;
+use crate::transfer::bins::VisibleValues;
+use crate::transfer::scalars::Reduction;
 use crate::transfer::{ControlPoint, GradientPoint, Resolution, TransferFunction};
 use crate::volume::{Grid, Samples, Volume};
 

@@ -103,6 +103,9 @@ pub enum Painter {
     /// - pre-shaded, an eye within the reach of a kernel;
     /// - post-shaded, values over 4096 times as far from the transfer function's base as its control points.
     Tiles(TilesSettings),
+    /// The [host engine](crate::host): rays on the processor, without a graphics driver. A
+    /// [`Renderer`](crate::renderer::Renderer) refuses it.
+    Cpu,
 }
 
 /// Knobs of the painter quads.

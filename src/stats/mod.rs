@@ -3,10 +3,12 @@
 pub mod adapter;
 
 use std::fmt;
+use std::time::Instant;
 
 use serde::Serialize;
 
 use crate::camera::clip::Clip;
+use crate::image::Image;
 use crate::settings::{Accumulation, Model, Precision, Shading, Sheets};
 use crate::stats::adapter::AdapterInfo;
 use voxsplat_volume::names::spelled;
@@ -27,6 +29,22 @@ impl StageTime {
     pub(crate) fn host(name: &'static str, seconds: f64) -> Self {
         Self { name, seconds, clock: Clock::Host }
     }
+}
+
+/// Runs `work` and returns its result with the seconds that it took on the host.
+pub(crate) fn on_host<T>(work: impl FnOnce() -> T) -> (T, f64) {
+    let start = Instant::now();
+    let result = work();
+    (result, start.elapsed().as_secs_f64())
+}
+
+/// A picture with its statistics.
+#[derive(Debug, Clone)]
+pub struct Rendered {
+    /// The picture.
+    pub image: Image,
+    /// The statistics.
+    pub stats: Stats,
 }
 
 /// The clock that measured a stage.
@@ -143,6 +161,21 @@ pub enum PainterStats {
     Quads(QuadsStats),
     /// Tiles.
     Tiles(TilesStats),
+    /// The host engine.
+    Cpu(CpuStats),
+}
+
+/// Statistics of the host engine.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct CpuStats {
+    /// Samples of rays at planes of the lattice and half way between them.
+    pub samples: u64,
+    /// Slabs of rays that were classified.
+    pub slabs: u64,
+    /// Bytes of the coefficients of the field.
+    pub field_bytes: u64,
+    /// The shares of the kernel that its B-splines leave out, of smooth data and of noise.
+    pub misfit: [f64; 2],
 }
 
 /// Statistics of the painter quads.
@@ -210,11 +243,50 @@ impl PainterStats {
         match self {
             Self::Quads(_) => "quads",
             Self::Tiles(_) => "tiles",
+            Self::Cpu(_) => "cpu",
         }
     }
 }
 
 impl Stats {
+    /// The statistics of an empty picture of the host engine.
+    pub(crate) fn of_host(adapter: AdapterInfo) -> Self {
+        Self {
+            adapter,
+            painter: PainterStats::Cpu(CpuStats::default()),
+            painter_reason: String::new(),
+            model: Model::default(),
+            shading: Shading::default(),
+            perspective: false,
+            lights: 0,
+            clip: Clip::default(),
+            size: [0; 2],
+            pixels_covered: 0,
+            parts: 0,
+            voxels: 0,
+            splats_kept: 0,
+            splats_dropped: 0,
+            splats_padding: 0,
+            bricks: 0,
+            bricks_uploaded: 0,
+            bytes_uploaded: 0,
+            kernel_growth: 1.0,
+            levels: [0.0; 2],
+            sharpness: 0.0,
+            noise: None,
+            footprint_error: 0.0,
+            scene_bytes: 0,
+            frame_bytes: 0,
+            bytes_sent: 0,
+            dispatches: 0,
+            submissions: 0,
+            waits: 0,
+            bytes_resident: 0,
+            pipelines: 0,
+            stages: Vec::new(),
+        }
+    }
+
     /// Adds the work for another part of the same picture: times, commands and bytes.
     pub(crate) fn add(&mut self, other: &Self) {
         for stage in &other.stages {
@@ -315,12 +387,23 @@ impl Stats {
                 writeln!(f, "slabs        {} of {:.4} world units, along voxel planes", t.slabs, t.slab_thickness)?;
                 writeln!(f, "footprint    polynomial, error {error:.1e} of its peak")
             }
+            PainterStats::Cpu(CpuStats { samples, slabs, misfit: [data, noise], .. }) => {
+                writeln!(f, "rays         one per pixel, {} samples, {} slabs", grouped(*samples), grouped(*slabs))?;
+                let [data, noise] = [data, noise].map(|share| 100.0 * share);
+                writeln!(
+                    f,
+                    "kernel       by B-splines, which leave out {data:.1} % of smooth data, {noise:.0} % of noise"
+                )
+            }
         }
     }
 
     /// Of each kind of thing, the number that was modelled, the number that was left out, and the reason.
     fn table(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let pixels = self.size.map(u64::from).iter().product::<u64>().saturating_sub(self.pixels_covered);
+        if let PainterStats::Cpu(_) = &self.painter {
+            return Ok(());
+        }
         let bricks = [self.bricks_uploaded, self.bricks - self.bricks_uploaded].map(u64::from);
         let dropped = if self.levels[1] > 0.0 { "show nothing, or are part of a cell" } else { "show nothing" };
         let mut rows = vec![
@@ -345,15 +428,22 @@ impl Stats {
     }
 
     fn footer(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let PainterStats::Cpu(CpuStats { field_bytes, .. }) = &self.painter {
+            writeln!(f, "memory       {} bytes of coefficients", grouped(*field_bytes))?;
+            return self.times(f);
+        }
         let packed = self.tiles().map_or(0, |t| t.packed_bytes);
         let [volume, picture, sent] = [self.scene_bytes + packed, self.frame_bytes, self.bytes_sent].map(grouped);
         writeln!(f, "\nGPU memory   {volume} bytes of volume, {picture} of picture; {sent} sent for it")?;
         let [dispatches, submissions, waits] = [self.dispatches, self.submissions, self.waits].map(grouped);
         writeln!(f, "commands     {dispatches} dispatches in {submissions} submissions, {waits} waits")?;
         writeln!(f, "pipelines    {} made so far", self.pipelines)?;
-        for stage in &self.stages {
-            writeln!(f, "{:<12} {:>9.3} ms  ({} clock)", stage.name, stage.seconds * 1e3, stage.clock)?;
-        }
-        Ok(())
+        self.times(f)
+    }
+
+    fn times(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.stages.iter().try_for_each(|stage| {
+            writeln!(f, "{:<12} {:>9.3} ms  ({} clock)", stage.name, stage.seconds * 1e3, stage.clock)
+        })
     }
 }

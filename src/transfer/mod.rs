@@ -1,5 +1,6 @@
 //! Transfer functions: from a scalar to a colour and an opacity.
 
+pub(crate) mod bins;
 pub(crate) mod color;
 mod export;
 mod gradient;
@@ -8,6 +9,7 @@ mod json;
 mod lines;
 pub mod maps;
 pub mod presets;
+pub(crate) mod scalars;
 mod window;
 
 pub use self::gradient::GradientPoint;

@@ -4,6 +4,7 @@ use voxsplat::accuracy::{Chosen, Estimate, choose};
 use voxsplat::appearance::{self, command_line, options_of};
 use voxsplat::camera::Camera;
 use voxsplat::figure::Figure;
+use voxsplat::host::{HostRenderer, HostScene};
 use voxsplat::image::{Image, Note};
 use voxsplat::layers::Layers;
 use voxsplat::renderer::{Renderer, Scene};
@@ -18,14 +19,14 @@ use super::job::RenderJob;
 use super::output;
 
 /// A scene, and the layers and settings that it was prepared with.
-pub(crate) struct Prepared {
+pub(crate) struct Prepared<S = Scene> {
     layers: Layers,
     settings: Settings,
-    pub(crate) scene: Scene,
+    pub(crate) scene: S,
 }
 
-impl Prepared {
-    pub(crate) fn new(layers: &Layers, settings: &Settings, scene: Scene) -> Self {
+impl<S> Prepared<S> {
+    pub(crate) fn new(layers: &Layers, settings: &Settings, scene: S) -> Self {
         Self { layers: layers.clone(), settings: settings.clone(), scene }
     }
 
@@ -93,6 +94,22 @@ pub(crate) fn draw(
         }
     });
     Ok(((rendered.image, settings, Some(estimate), Some(rendered.stats)), None))
+}
+
+/// Draws the picture of a job by the host engine. Returns the prepared scene for the next picture too.
+pub(crate) fn draw_on_host(
+    renderer: &HostRenderer,
+    layers: &Layers,
+    camera: &Camera,
+    job: &RenderJob,
+    prepared: Option<Prepared<HostScene>>,
+) -> Result<(Drawn, Prepared<HostScene>), Failure> {
+    let prepared = match prepared {
+        Some(prepared) => prepared,
+        None => Prepared::new(layers, &job.settings, renderer.prepare_layers(layers, &job.settings)?),
+    };
+    let rendered = renderer.render_region(&prepared.scene, camera, &job.settings, job.region)?;
+    Ok(((rendered.image, job.settings.clone(), None, Some(rendered.stats)), prepared))
 }
 
 /// Returns the notes in the file of a picture: program, settings, error, title and caption.

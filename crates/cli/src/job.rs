@@ -30,6 +30,8 @@ use super::tune::Tuning;
 pub(crate) enum Engine {
     /// Splatting on a graphics adapter.
     Device { adapter: Option<String> },
+    /// Rays on the processor.
+    Host,
     /// The f64 reference on the CPU.
     Reference,
 }
@@ -166,9 +168,19 @@ impl RenderJob {
             Layers::check_settings(&settings)?;
         }
         let requested = light(&args.model, &tuning);
-        let engine = match args.reference {
-            true => Engine::Reference,
-            false => Engine::Device { adapter: args.adapter },
+        let engine = match (args.reference, settings.painter) {
+            (true, _) => Engine::Reference,
+            (false, Painter::Cpu) => {
+                let refused = [
+                    (args.adapter.is_some(), "--adapter: an adapter draws by quads or tiles"),
+                    (args.max_error.is_some(), "--max-error: it chooses among the settings of quads and tiles"),
+                ];
+                if let Some((_, reason)) = refused.iter().find(|(given, _)| *given) {
+                    return refuse(format!("{reason}, and --painter cpu by neither; leave out either"));
+                }
+                Engine::Host
+            }
+            (false, _) => Engine::Device { adapter: args.adapter },
         };
         Ok(Self {
             load: LoadOptions { stream_over: tuning.stream_over, ..args.input.options_for(&view, args.size) },

@@ -18,6 +18,7 @@ pub(crate) enum PainterArg {
     Auto,
     Quads,
     Tiles,
+    Cpu,
 }
 
 /// Parses a value of the library. The error is without the option's name, which `clap` adds.

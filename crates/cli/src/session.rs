@@ -12,6 +12,7 @@ use voxsplat::clip::Clip;
 use voxsplat::demos;
 use voxsplat::figure::{Figure, LegendEntry, Shown};
 use voxsplat::formats::{LoadOptions, PyramidLevel, TimeSeries};
+use voxsplat::host::{HostRenderer, HostScene};
 use voxsplat::image::{DepthMap, Image, Note};
 use voxsplat::layers::{Layer, Layers};
 use voxsplat::reference::Reference;
@@ -23,7 +24,7 @@ use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::{Contents, Units, Volume};
 use voxsplat_volume::names::readable;
 
-use super::draw::{Prepared, draw, in_words, notes, with_units};
+use super::draw::{Prepared, draw, draw_on_host, in_words, notes, with_units};
 use super::failure::{Failure, fail, refuse};
 use super::fitted::{Fitted, transfer};
 use super::job::{Engine, NO_LEGEND, RenderJob};
@@ -35,8 +36,10 @@ use super::{layers, output};
 /// The state that pictures of one volume share.
 pub(crate) struct Session {
     pub(crate) volume: Volume,
-    /// `None` if the reference makes the pictures.
+    /// `None` if the host makes the pictures.
     renderer: Option<Renderer>,
+    /// The host engine with the scene of its last picture; `None` if another engine makes the pictures.
+    host: Option<(HostRenderer, Option<Prepared<HostScene>>)>,
     /// The scene of the last picture.
     prepared: Option<Prepared>,
     /// The hull that the last picture was fitted to.
@@ -115,8 +118,8 @@ pub(crate) fn say_level(volume: &Volume, options: &LoadOptions) {
     }
 }
 
-/// The note on a picture without a visible voxel.
-const EMPTY: &str = "note: the picture is empty because no voxel is visible; see --transfer, --clip and --mask";
+/// The note on a picture that shows nothing.
+const EMPTY: &str = "note: the picture is empty because nothing in view is visible; see --transfer, --clip and --mask";
 
 /// Notes which time point and which level of a file are used, if no option requests them.
 pub(crate) fn say_choice(volume: &Volume, options: &LoadOptions) {
@@ -145,7 +148,7 @@ impl Session {
         let (read, opened) = std::thread::scope(|scope| {
             let adapter = match &job.engine {
                 Engine::Device { adapter } => Some(adapter.clone()),
-                Engine::Reference => None,
+                Engine::Host | Engine::Reference => None,
             };
             let device = adapter.map(|adapter| {
                 let opening = &mut opening;
@@ -178,6 +181,7 @@ impl Session {
         let mut session = Self {
             volume,
             renderer,
+            host: matches!(job.engine, Engine::Host).then(|| (HostRenderer::new(&progress::reporter()), None)),
             prepared: None,
             framed: None,
             steady: None,
@@ -377,14 +381,20 @@ impl Session {
         let figure = self.figure(job, layers)?;
         let values = self.values(&figure)?;
         let solids = self.solids.seen(&camera, job.settings.lighting.as_ref())?;
-        let (image, settings, estimate, stats) = match &self.renderer {
-            Some(renderer) => {
+        let (image, settings, estimate, stats) = match (&self.renderer, &mut self.host) {
+            (Some(renderer), _) => {
                 let prepared = self.prepared.take().filter(|prepared| prepared.serves(layers, &job.settings));
                 let (drawn, prepared) = draw(renderer, layers, &camera, job, solids.as_ref(), prepared)?;
                 self.prepared = prepared;
                 drawn
             }
-            None => {
+            (None, Some((renderer, kept))) => {
+                let prepared = kept.take().filter(|prepared| prepared.serves(layers, &job.settings));
+                let (drawn, prepared) = draw_on_host(renderer, layers, &camera, job, prepared)?;
+                *kept = Some(prepared);
+                drawn
+            }
+            (None, None) => {
                 let image = stages.time("integrate", || {
                     Reference::of_layers(layers, &job.settings)?
                         .with_tolerance(Reference::TOLERANCE)
@@ -394,7 +404,7 @@ impl Session {
                 (image, job.settings.clone(), None, None)
             }
         };
-        if stats.as_ref().is_some_and(|stats| stats.splats_kept == 0) {
+        if image.pixels().iter().all(|pixel| pixel[3] <= 0.0) {
             self.say(EMPTY.to_owned());
         }
         let estimated = estimate.map(|e| Note { name: "Estimated error", text: in_words(&e) });

@@ -143,6 +143,7 @@ impl Tuning {
             }
             PainterArg::Tiles => Painter::Tiles(TilesSettings { resolution }),
             PainterArg::Auto => Painter::Auto,
+            PainterArg::Cpu => Painter::Cpu,
         }
     }
 }

@@ -334,8 +334,8 @@ fn options_that_hide_all_or_name_nothing_are_noted() {
     let render = |options: &str| notes(dir.path(), &format!("render {options} -o a.png --size 16"));
     let has = |said: &[String], part: &str| said.iter().any(|note| note.contains(part));
     let clipped = render("demo:sphere:8 --clip box:100,101,100,101,100,101");
-    assert!(has(&clipped, "the picture is empty because no voxel is visible"), "{clipped:?}");
-    assert!(!has(&render("demo:sphere:8"), "no voxel is visible"));
+    assert!(has(&clipped, "the picture is empty because nothing in view is visible"), "{clipped:?}");
+    assert!(!has(&render("demo:sphere:8"), "the picture is empty"));
     std::fs::write(dir.path().join("l_4x4x4_uint8.raw"), [1; 64]).unwrap();
     let labelled = |label: &str| render(&format!("l_4x4x4_uint8.raw --transfer labels --label {label}"));
     let absent = labelled("99:red");
@@ -356,7 +356,7 @@ fn near_misses_of_files_say_what_was_expected() {
     let named = said("info ct_4_4_4.raw --type uint8");
     assert!(named.contains("its name may mean 4 x 4 x 4 samples"), "{named}");
     std::fs::write(dir.path().join("w_4x4x4_uint8.raw"), [1; 128]).unwrap();
-    let wide = notes(dir.path(), "info w_4x4x4_uint8.raw").join(" ");
+    let wide = stdout(&voxsplat(dir.path(), "info w_4x4x4_uint8.raw"));
     assert!(wide.contains("leave 64 bytes at the end of the file: they fit samples of 2 bytes"), "{wide}");
     let uniform = said("render w_4x4x4_uint8.raw --transfer mri -o a.png");
     assert!(uniform.contains("all values are 1: give a file of control points"), "{uniform}");

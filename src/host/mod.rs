@@ -1,0 +1,313 @@
+//! The host engine: rays through fields of B-splines on the processor, without a graphics driver.
+//!
+//! [`HostRenderer`] draws post-shaded composites of a volume. The field that the kernels reconstruct is represented by
+//! cubic B-splines (`kernel/spline.rs`): a filter of the samples depends on the kernel alone, and a sample of the field
+//! then takes 64 coefficients, whatever the kernel, the view and the projection. [`Settings::painter`] has no effect
+//! here; `voxsplat render --painter cpu` requests this engine.
+//!
+//! Pictures have the same bytes on every machine and with any number of threads: the order of all sums is fixed, and
+//! numbers are added, multiplied, divided and rooted only.
+
+mod field;
+mod lanes;
+mod light;
+mod march;
+mod table;
+
+use std::borrow::Cow;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use glam::{DAffine3, DVec3};
+use rayon::prelude::*;
+
+use self::field::Field;
+use self::light::Shader;
+use self::march::{Picture, TILE, Work};
+use self::table::Table;
+use crate::camera::Camera;
+use crate::error::{Error, Result};
+use crate::image::{Image, Region};
+use crate::kernel::{Kernel, SplineFilter};
+use crate::layers::Layers;
+use crate::progress::Progress;
+use crate::settings::{Interslice, Model, Settings, Shading};
+use crate::stats::adapter::{AdapterInfo, AdapterKind};
+use crate::stats::{CpuStats, PainterStats, Rendered, StageTime, Stats, on_host};
+use crate::transfer::scalars::{Reduction, Relative};
+use crate::transfer::{Resolution, TransferFunction};
+use crate::volume::{Grid, Volume};
+
+/// The largest growth of kernels of perspective pictures: growth by the last rounding does not count.
+const NO_GROWTH: f64 = 1.0 + 1e-9;
+
+/// The renderer of the host engine.
+#[derive(Debug, Clone, Default)]
+pub struct HostRenderer {
+    /// Called with the progress of preparation and of pictures.
+    progress: Progress,
+}
+
+/// A volume that a [`HostRenderer`] has prepared.
+pub struct HostScene {
+    /// The samples, filtered if the picture is sharpened.
+    volume: Volume,
+    transfer: TransferFunction,
+    reduction: Reduction,
+    resolution: Resolution,
+    table: Table,
+    sharpened: Option<(Kernel, f64)>,
+    /// The field of the last kernel.
+    field: Mutex<Option<(Kernel, Arc<Reconstructed>)>>,
+}
+
+/// The field of a kernel.
+struct Reconstructed {
+    field: Field,
+    filter: SplineFilter,
+}
+
+impl HostRenderer {
+    /// Makes a renderer that reports its progress.
+    #[must_use]
+    pub fn new(progress: &Progress) -> Self {
+        Self { progress: progress.clone() }
+    }
+
+    /// The processor as an adapter: its vectors and its threads.
+    #[must_use]
+    pub fn adapter() -> AdapterInfo {
+        let threads = rayon::current_num_threads();
+        AdapterInfo {
+            name: "CPU".to_owned(),
+            backend: "host".to_owned(),
+            kind: AdapterKind::Cpu,
+            driver: format!("{} vectors, {threads} threads", lanes::vector_level()),
+        }
+    }
+
+    /// Prepares layers for pictures with these settings: one volume.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] if a setting is out of range, or if this engine does not draw such pictures;
+    /// [`Error::Input`] and [`Error::Memory`] if samples cannot be read.
+    pub fn prepare_layers(&self, layers: &Layers, settings: &Settings) -> Result<HostScene> {
+        settings.validate()?;
+        let Some((volume, transfer)) = layers.plain() else { return Err(refused("draws one volume alone")) };
+        if settings.model != Model::Composite || settings.shading != Shading::Post {
+            return Err(refused("draws post-shaded composites: --model composite --shading post"));
+        }
+        if settings.interslice == Interslice::Mean {
+            return Err(refused("classifies between samples: leave out interslice=mean"));
+        }
+        if settings.casting().is_some() {
+            return Err(refused("casts no shadows yet: --light headlight, or --shadows off --occlusion off"));
+        }
+        volume.check_finite()?;
+        let filtered = settings.prefilter()?;
+        let filtered =
+            filtered.map(|filter| filter.apply::<f32>(volume, transfer.base(), &self.progress)).transpose()?;
+        let volume = filtered.unwrap_or_else(|| volume.clone());
+        let reduction = Reduction::new(transfer, volume.farthest_from(transfer.base())?);
+        Ok(HostScene {
+            table: Table::new(transfer, &reduction),
+            resolution: Resolution::new(transfer, &volume)?,
+            transfer: transfer.clone(),
+            reduction,
+            sharpened: settings.sharpens(),
+            volume,
+            field: Mutex::default(),
+        })
+    }
+
+    /// Renders a picture of a scene.
+    ///
+    /// # Errors
+    /// The errors of [`Self::render_region`].
+    pub fn render(&self, scene: &HostScene, camera: &Camera, settings: &Settings) -> Result<Rendered> {
+        let [width, height] = camera.size;
+        self.render_region(scene, camera, settings, Region { x: 0, y: 0, width, height })
+    }
+
+    /// Renders a part of the picture that [`Self::render`] makes: the same bytes, without the rest. The image has the
+    /// size of the region.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] if a setting is out of range, the scene was prepared for another sharpness, kernels reach too
+    /// far, or the region has no pixels or reaches beyond the picture; [`Error::Camera`] if the camera is not finite;
+    /// [`Error::Memory`]; [`Error::Cancelled`].
+    pub fn render_region(
+        &self,
+        scene: &HostScene,
+        camera: &Camera,
+        settings: &Settings,
+        region: Region,
+    ) -> Result<Rendered> {
+        camera.validate()?;
+        settings.validate()?;
+        region.check_within(camera.size)?;
+        let grid = scene.volume.grid();
+        camera.check_scale(grid)?;
+        if settings.sharpens() != scene.sharpened {
+            return Err(Error::setting("sharpness", "the scene was prepared for another sharpness or kernel"));
+        }
+        let (growth, mut stages) = (growth(camera, grid, settings)?, Vec::new());
+        let kernel = settings.reconstruction_kernel().grown(growth);
+        let (reconstructed, seconds) = on_host(|| scene.reconstructed(kernel, &self.progress));
+        let reconstructed = reconstructed?;
+        stages.push(StageTime::host("filter", seconds));
+        let Reconstructed { field, filter } = reconstructed.as_ref();
+        let unit = scene.transfer.unit_or(grid.min_spacing());
+        let resolution = [Resolution::OF_DISTANCE as f32, scene.reduction.faintest(&scene.resolution)];
+        let shader = settings.lighting.as_ref();
+        let shader = shader.map(|lighting| Shader::new(lighting, grid.center(), grid.unit(), resolution));
+        let middle = DVec3::from_array(grid.dims().map(|d| (f64::from(d) - 1.0) / 2.0));
+        let sides: Vec<(DVec3, f64)> = settings
+            .clip
+            .sides(grid)
+            .into_iter()
+            .map(|(gradient, value)| (gradient, value - gradient.dot(middle)))
+            .collect();
+        let gradient_opacity = scene.transfer.scaled_gradient_opacity(scene.reduction.factor());
+        let picture = Picture {
+            field,
+            table: &scene.table,
+            shader: shader.as_ref(),
+            gradient_opacity: &gradient_opacity,
+            camera,
+            to_lattice: grid.to_lattice(),
+            unit: unit / settings.normalization.density(&kernel),
+            to_places: DAffine3::from_scale(DVec3::splat(1.0 / grid.unit()))
+                * DAffine3::from_translation(-grid.center())
+                * grid.to_world(),
+            sides: &sides,
+            termination: settings.termination as f32,
+        };
+        let mut image = Image::transparent(region.width, region.height)?;
+        let (work, seconds) = on_host(|| self.paint(&picture, region, &mut image));
+        let work = work?;
+        stages.push(StageTime::host("frame", seconds));
+        let voxels = grid.len();
+        let noise = (settings.sharpness > 0.0).then(|| settings.reconstruction()).transpose()?;
+        Ok(Rendered {
+            image,
+            stats: Stats {
+                painter: PainterStats::Cpu(CpuStats {
+                    samples: work.samples,
+                    slabs: work.slabs,
+                    field_bytes: field.bytes(),
+                    misfit: [filter.misfit().data, filter.misfit().noise],
+                }),
+                painter_reason: "requested".to_owned(),
+                model: settings.model,
+                shading: settings.shading,
+                perspective: camera.eye().is_some(),
+                lights: settings.light_count(),
+                clip: settings.clip.clone(),
+                size: camera.size,
+                pixels_covered: region.area(),
+                parts: 1,
+                voxels,
+                splats_kept: voxels,
+                kernel_growth: growth,
+                sharpness: settings.sharpness,
+                noise: noise.map(|reconstruction| reconstruction.noise()),
+                footprint_error: filter.misfit().data,
+                scene_bytes: field.bytes(),
+                stages,
+                ..Stats::of_host(Self::adapter())
+            },
+        })
+    }
+
+    /// Paints the tiles of the whole picture that a region reaches.
+    fn paint(&self, picture: &Picture<'_>, region: Region, image: &mut Image) -> Result<Work> {
+        let Region { x, y, width, height } = region;
+        let [left, top] = [x, y].map(|place| place as usize / TILE);
+        let right = ((x + width) as usize).div_ceil(TILE);
+        let rows = (height as usize + y as usize % TILE).div_ceil(TILE);
+        let width = width as usize;
+        // The pixels of the image in each row of tiles.
+        let mut bands: Vec<(usize, &mut [[f32; 4]])> = Vec::with_capacity(rows);
+        let mut pixels = image.pixels_mut();
+        for row in 0..rows {
+            let first = ((top + row) * TILE).max(y as usize);
+            let last = ((top + row + 1) * TILE).min((y + height) as usize);
+            let (band, rest) = std::mem::take(&mut pixels).split_at_mut((last - first) * width);
+            bands.push((row, band));
+            pixels = rest;
+        }
+        let done = Mutex::new(0_usize);
+        let paint = |(row, band): (usize, &mut [[f32; 4]])| -> Result<Work> {
+            self.progress.check()?;
+            let tiles = (left..right).into_par_iter().map(|column| {
+                let mut pixels = vec![[0.0; 4]; TILE * TILE];
+                let work = picture.tile([column * TILE, (top + row) * TILE], TILE, &mut pixels);
+                (column, pixels, work)
+            });
+            let tiles: Vec<_> = tiles.collect();
+            let first = ((top + row) * TILE).max(y as usize) - (top + row) * TILE;
+            let mut work = Work::default();
+            for (column, tile, of_tile) in tiles {
+                work = work.and(of_tile);
+                let start = (column * TILE).max(x as usize);
+                let end = ((column + 1) * TILE).min(x as usize + width);
+                for (line, out) in band.chunks_exact_mut(width).enumerate() {
+                    let from = (first + line) * TILE + start - column * TILE;
+                    out[start - x as usize..end - x as usize].copy_from_slice(&tile[from..from + end - start]);
+                }
+            }
+            let mut done = done.lock().unwrap_or_else(PoisonError::into_inner);
+            *done += 1;
+            self.progress.report("rendering", *done as f64 / rows as f64);
+            Ok(work)
+        };
+        bands.into_par_iter().map(paint).try_reduce(Work::default, |a, b| Ok(a.and(b)))
+    }
+}
+
+impl HostScene {
+    /// The lattice of the samples.
+    #[must_use]
+    pub fn grid(&self) -> &Grid {
+        self.volume.grid()
+    }
+
+    /// The field of a kernel, kept for the next picture.
+    fn reconstructed(&self, kernel: Kernel, progress: &Progress) -> Result<Arc<Reconstructed>> {
+        let mut held = self.field.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((of, field)) = held.as_ref().filter(|(of, _)| *of == kernel) {
+            let _ = of;
+            return Ok(Arc::clone(field));
+        }
+        *held = None;
+        let filter = SplineFilter::new(&kernel)?;
+        let relative = Relative::new(&self.volume, self.reduction);
+        let field = Field::new(&self.volume, &relative, &filter, progress)?;
+        let made = Arc::new(Reconstructed { field, filter });
+        *held = Some((kernel, Arc::clone(&made)));
+        Ok(made)
+    }
+}
+
+/// The growth of the kernels of a picture, the same for all.
+fn growth(camera: &Camera, grid: &Grid, settings: &Settings) -> Result<f64> {
+    if !settings.antialiasing {
+        return Ok(1.0);
+    }
+    let growth = camera.growth(grid);
+    let Some(eye) = camera.eye() else { return Ok(growth.at(0.0)) };
+    let to_center = (grid.center() - eye).dot(camera.forward);
+    let corners = grid.corners_from_center(0.5);
+    let farthest = corners.iter().map(|corner| to_center + corner.dot(camera.forward)).fold(0.0, f64::max);
+    if growth.at(farthest) > NO_GROWTH {
+        let reason =
+            "draws no perspective in which voxels are smaller than pixels: make the picture larger, or zoom in";
+        return Err(refused(reason));
+    }
+    Ok(1.0)
+}
+
+/// An error about a picture that this engine does not draw.
+fn refused(reason: &str) -> Error {
+    Error::setting("painter", Cow::Borrowed("cpu ").into_owned() + reason)
+}
