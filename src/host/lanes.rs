@@ -93,7 +93,8 @@ impl<S: Simd> Lanes<S> {
 
     #[inline(always)]
     pub(super) fn abs(self, simd: S) -> Self {
-        Self([simd.abs_f32s(self.0[0]), simd.abs_f32s(self.0[1])])
+        // The crate's own function is a call, in which vectors leave their registers.
+        self.max(simd, Self::all(simd, 0.0).sub(simd, self))
     }
 
     #[inline(always)]
@@ -144,11 +145,11 @@ impl<S: Simd> Lanes<S> {
     #[inline(always)]
     pub(super) fn exp_neg(self, simd: S) -> Self {
         let power = self.mul(simd, Self::all(simd, -std::f32::consts::LOG2_E)).max(simd, Self::all(simd, -126.0));
-        let whole = power.floor(simd);
+        let whole = power.add(simd, Self::all(simd, 0.5)).floor(simd);
         let rest = power.sub(simd, whole);
-        // 2^rest by a minimax polynomial.
+        // 2^rest by a minimax polynomial on -1/2 to 1/2 (Moshier, Cephes, exp2f).
         let mut sum = Self::all(simd, 1.535_336_2e-4);
-        for coefficient in [1.339_887_4e-3, 9.618_437e-3, 5.550_332_5e-2, 0.240_226_48, 0.693_147_2, 1.0] {
+        for coefficient in [1.339_887_4e-3, 9.618_437e-3, 5.550_332_5e-2, 0.240_226_48, std::f32::consts::LN_2, 1.0] {
             sum = sum.fma(simd, rest, Self::all(simd, coefficient));
         }
         // The exponent of a float, by the same trick as of indices.

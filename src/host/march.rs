@@ -8,6 +8,7 @@
 use glam::{DAffine3, DMat3, DVec3};
 use pulp::{Simd, WithSimd};
 
+use super::arriving::ArrivingLight;
 use super::field::Field;
 use super::lanes::{Channels, Lanes, Order, RAYS, added_up, dispatch, three, weighted};
 use super::light::{Shader, Shine, Vector};
@@ -29,6 +30,8 @@ pub(super) struct Picture<'a> {
     pub(super) field: &'a Field,
     pub(super) table: &'a Table,
     pub(super) shader: Option<&'a Shader>,
+    /// The light that arrives; `None`: all of it.
+    pub(super) arriving: Option<&'a ArrivingLight>,
     /// Gradient opacity: pairs of the length of a gradient of scalars in the world, and the share of extinction.
     pub(super) gradient_opacity: &'a [[f32; 2]],
     pub(super) camera: &'a Camera,
@@ -633,6 +636,7 @@ fn sampled_at<S: Simd>(simd: S, order: &Order, plane: &[f32], stride: usize, [a,
 /// The classification and the light of slabs.
 struct Shading<'a, S: Simd> {
     picture: &'a Picture<'a>,
+    axes: Axes,
     order: Order,
     /// From differences along a, b and the planes to gradients in the world.
     gradient: [[Lanes<S>; 3]; 3],
@@ -649,6 +653,7 @@ impl<'a, S: Simd> Shading<'a, S> {
         let map = picture.to_places * DAffine3::from_mat3_translation(frame, origin);
         Self {
             picture,
+            axes: *axes,
             order: Order::new(simd),
             gradient: [0, 1, 2].map(|row| [0, 1, 2].map(|column| all(gradient.col(column)[row]))),
             places: [0, 1, 2].map(|row| {
@@ -753,16 +758,21 @@ impl<'a, S: Simd> Shading<'a, S> {
         };
         let Some(shader) = shader else { return (None, share) };
         let largest = differences[0].abs(simd).max(simd, differences[1].abs(simd)).max(simd, differences[2].abs(simd));
+        let at_a = rays.step[0].fma(simd, Lanes::all(simd, z), rays.start[0]);
+        let at_b = rays.step[1].fma(simd, Lanes::all(simd, z), rays.start[1]);
+        let mut kept = None;
+        if let Some(arriving) = self.picture.arriving {
+            let plane = if self.axes.is_flipped { (self.axes.size[2] - 1) as f32 - z } else { z };
+            kept = Some(arriving.at(simd, &self.order, self.axes.axes, [at_a, at_b], plane));
+        }
         let mut place = [Lanes::all(simd, 0.0); 3];
         if shader.has_places() {
-            let at_a = rays.step[0].fma(simd, Lanes::all(simd, z), rays.start[0]);
-            let at_b = rays.step[1].fma(simd, Lanes::all(simd, z), rays.start[1]);
             place = three!(axis => {
                 let [a, b, m, sum] = self.places[axis];
                 at_a.fma(simd, a, at_b.fma(simd, b, Lanes::all(simd, z).fma(simd, m, sum)))
             });
         }
-        let shine = shader.shine(simd, &gradient, (largest, scalar), &place, &rays.to_eye, None);
+        let shine = shader.shine(simd, &gradient, (largest, scalar), &place, &rays.to_eye, kept.as_ref());
         (Some(shine), share)
     }
 }

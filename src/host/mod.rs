@@ -8,18 +8,24 @@
 //! Pictures have the same bytes on every machine and with any number of threads: the order of all sums is fixed, and
 //! numbers are added, multiplied, divided and rooted only.
 
+#![allow(
+    clippy::needless_range_loop,
+    reason = "loops over numbers are compiled for the vectors of the machine, and closures of iterators are not"
+)]
+
+mod arriving;
 mod field;
 mod lanes;
 mod light;
 mod march;
 mod table;
 
-use std::borrow::Cow;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use glam::{DAffine3, DVec3};
 use rayon::prelude::*;
 
+use self::arriving::{ArrivingLight, Falling, MAX_VOXELS, Matter};
 use self::field::Field;
 use self::light::Shader;
 use self::march::{Picture, TILE, Work};
@@ -29,6 +35,7 @@ use crate::error::{Error, Result};
 use crate::image::{Image, Region};
 use crate::kernel::{Kernel, SplineFilter};
 use crate::layers::Layers;
+use crate::lighting::shadow::ShadowLattice;
 use crate::progress::Progress;
 use crate::settings::{Interslice, Model, Settings, Shading};
 use crate::stats::adapter::{AdapterInfo, AdapterKind};
@@ -58,6 +65,8 @@ pub struct HostScene {
     sharpened: Option<(Kernel, f64)>,
     /// The field of the last kernel.
     field: Mutex<Option<(Kernel, Arc<Reconstructed>)>>,
+    /// The last light with shadows.
+    light: Mutex<Option<(Falling, Arc<ArrivingLight>)>>,
 }
 
 /// The field of a kernel.
@@ -99,8 +108,10 @@ impl HostRenderer {
         if settings.interslice == Interslice::Mean {
             return Err(refused("classifies between samples: leave out interslice=mean"));
         }
-        if settings.casting().is_some() {
-            return Err(refused("casts no shadows yet: --light headlight, or --shadows off --occlusion off"));
+        if settings.casting().is_some() && volume.grid().len() > MAX_VOXELS {
+            return Err(refused(
+                "casts shadows in up to 2^27 voxels: --light headlight, or --shadows off --occlusion off",
+            ));
         }
         volume.check_finite()?;
         let filtered = settings.prefilter()?;
@@ -116,6 +127,7 @@ impl HostRenderer {
             sharpened: settings.sharpens(),
             volume,
             field: Mutex::default(),
+            light: Mutex::default(),
         })
     }
 
@@ -168,10 +180,22 @@ impl HostRenderer {
             .map(|(gradient, value)| (gradient, value - gradient.dot(middle)))
             .collect();
         let gradient_opacity = scene.transfer.scaled_gradient_opacity(scene.reduction.factor());
+        let arriving = match settings.casting() {
+            None => None,
+            Some(casting) => {
+                let divisor = settings.normalization.divisor(&kernel);
+                let lattice = ShadowLattice::new(grid, kernel, divisor, unit, 1.0);
+                let falling = Falling { casting, lattice, clip: settings.clip.sides(grid) };
+                let (light, seconds) = on_host(|| scene.arriving(field, &gradient_opacity, falling, &self.progress));
+                stages.push(StageTime::host("shadows", seconds));
+                Some(light?)
+            }
+        };
         let picture = Picture {
             field,
             table: &scene.table,
             shader: shader.as_ref(),
+            arriving: arriving.as_deref(),
             gradient_opacity: &gradient_opacity,
             camera,
             to_lattice: grid.to_lattice(),
@@ -275,8 +299,7 @@ impl HostScene {
     /// The field of a kernel, kept for the next picture.
     fn reconstructed(&self, kernel: Kernel, progress: &Progress) -> Result<Arc<Reconstructed>> {
         let mut held = self.field.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((of, field)) = held.as_ref().filter(|(of, _)| *of == kernel) {
-            let _ = of;
+        if let Some((_, field)) = held.as_ref().filter(|(of, _)| *of == kernel) {
             return Ok(Arc::clone(field));
         }
         *held = None;
@@ -286,6 +309,30 @@ impl HostScene {
         let made = Arc::new(Reconstructed { field, filter });
         *held = Some((kernel, Arc::clone(&made)));
         Ok(made)
+    }
+}
+
+impl HostScene {
+    /// The light that arrives at the voxels, kept for the next picture.
+    fn arriving(
+        &self,
+        field: &Field,
+        gradient_opacity: &[[f32; 2]],
+        falling: Falling,
+        progress: &Progress,
+    ) -> Result<Arc<ArrivingLight>> {
+        let mut held = self.light.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, light)) = held.as_ref().filter(|(of, _)| *of == falling) {
+            return Ok(Arc::clone(light));
+        }
+        *held = None;
+        let relative = Relative::new(&self.volume, self.reduction);
+        let to_world = self.volume.grid().to_lattice().matrix3.transpose();
+        let (volume, table) = (&self.volume, &self.table);
+        let matter = Matter { volume, relative: &relative, table, field, gradient_opacity, to_world };
+        let light = Arc::new(ArrivingLight::new(&matter, &falling, progress)?);
+        *held = Some((falling, Arc::clone(&light)));
+        Ok(light)
     }
 }
 
@@ -309,5 +356,5 @@ fn growth(camera: &Camera, grid: &Grid, settings: &Settings) -> Result<f64> {
 
 /// An error about a picture that this engine does not draw.
 fn refused(reason: &str) -> Error {
-    Error::setting("painter", Cow::Borrowed("cpu ").into_owned() + reason)
+    Error::setting("painter", format!("cpu {reason}"))
 }

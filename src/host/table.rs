@@ -39,6 +39,15 @@ impl Table {
         low >= self.invisible[0] && high <= self.invisible[1]
     }
 
+    /// The extinction of a scalar.
+    pub(super) fn extinction(&self, scalar: f32) -> f32 {
+        let [low, scale] = self.lookup;
+        let place = (scalar - low) * scale + OUTER_BINS as f32;
+        let bin = place.clamp(0.0, (BINS - 1) as f32) as usize;
+        let [value, next] = [3, NUMBERS + 3].map(|c| self.numbers[bin * NUMBERS + c]);
+        value + (next - value) * (place - bin as f32)
+    }
+
     #[inline(always)]
     pub(super) fn classified<S: Simd>(&self, simd: S, order: &Order, scalar: Lanes<S>) -> Classified<S> {
         let [low, scale] = self.lookup;

@@ -169,8 +169,8 @@ fn the_rooms_of_the_library_have_no_circle() {
     let mut found = BTreeMap::new();
     modules(&root().join("src"), &[], &mut found);
     let rooms = between_rooms(&arrows(&found));
-    // 18 rooms and 85 arrows on 2026-11-24: a new room has a reason.
-    assert!((10..=20).contains(&rooms.len()), "{:?}", rooms.keys());
+    // 21 rooms on 2026-11-28: a new room has a reason.
+    assert!((10..=21).contains(&rooms.len()), "{:?}", rooms.keys());
     assert_eq!(circles(&rooms), Vec::<Vec<String>>::new());
 }
 
@@ -178,7 +178,8 @@ fn the_rooms_of_the_library_have_no_circle() {
 fn rooms_need_only_those_below_them() {
     let mut found = BTreeMap::new();
     modules(&root().join("src"), &[], &mut found);
-    let rows: [(&str, &[&str]); 3] = [
+    let rows: [(&str, &[&str]); 4] = [
+        ("host", &["wgpu::", "crate::gpu", "crate::prepare", "crate::painters", "crate::renderer"]),
         ("gpu", &["crate::prepare", "crate::painters", "crate::renderer"]),
         ("prepare", &["wgpu::", "crate::painters", "crate::renderer"]),
         ("painters", &["crate::renderer", "crate::accuracy", "crate::appearance"]),

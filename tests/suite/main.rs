@@ -64,6 +64,7 @@ mod painters {
     pub(crate) mod embed;
     mod f32_limits;
     mod golden;
+    mod host;
     mod plumbing;
     mod savings;
     pub(crate) mod tiles;

@@ -164,6 +164,7 @@ pub(crate) fn bound(
             // A slab passes the deficit of a fit on to the next slab: two slabs mix.
             (if resampled { PACKED + RESAMPLED } else { PACKED }, t.slab_thickness, 2.0)
         }
+        PainterStats::Cpu(_) => panic!("the host engine draws post-shaded pictures"),
     };
     if settings.model == Model::Xray {
         let alpha = alpha + settings.termination;

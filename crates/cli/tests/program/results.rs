@@ -196,6 +196,34 @@ fn one_trouble_with_devices_has_one_text() {
 
 #[cfg(target_os = "linux")]
 #[test]
+fn the_host_engine_needs_no_driver() {
+    let dir = folder();
+    let said = |line: &str| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_voxsplat"));
+        command.env("VK_DRIVER_FILES", "/none.json").env("VK_ICD_FILENAMES", "/none.json");
+        command.args(line.split(' ')).current_dir(dir.path()).output().unwrap()
+    };
+    let look = "demo:sphere:24 --size 24 --shading post --light off --painter cpu";
+    let output = said(&format!("render {look} -o a.png --stats json"));
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let result: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert!(result["painter"]["name"] == "cpu" && result["painter"]["samples"].as_u64() > Some(0), "{result}");
+    let turned = said(&format!("turntable {look} -o t.gif --frames 2"));
+    assert!(turned.status.success(), "{}", String::from_utf8_lossy(&turned.stderr));
+    for (options, words) in [
+        ("--adapter any", "--adapter: an adapter draws by quads or tiles"),
+        ("--max-error 0.1", "--max-error: it chooses among the settings of quads and tiles"),
+        ("--shading pre", "cpu draws post-shaded composites"),
+    ] {
+        let line = format!("render demo:sphere:24 --size 24 --light off --painter cpu -o b.png {options}");
+        let line = if options.contains("shading") { line } else { format!("{line} --shading post") };
+        let output = said(&line);
+        assert!(!output.status.success() && complaint(&output).contains(words), "{options}");
+    }
+}
+
+#[cfg(target_os = "linux")]
+#[test]
 fn little_memory_is_no_missing_driver() {
     let dir = folder();
     // With less, it depends on the scheduler what fails first: the C library reserves 64 MiB of addresses for a thread.

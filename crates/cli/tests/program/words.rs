@@ -360,7 +360,7 @@ fn near_misses_of_files_say_what_was_expected() {
     assert!(wide.contains("leave 64 bytes at the end of the file: they fit samples of 2 bytes"), "{wide}");
     let uniform = said("render w_4x4x4_uint8.raw --transfer mri -o a.png");
     assert!(uniform.contains("all values are 1: give a file of control points"), "{uniform}");
-    voxsplat(dir.path(), "plan demo:sphere:8 -o plan.json");
+    voxsplat(dir.path(), "plan demo:sphere:8 --grid 1x1x2 -o plan.json");
     voxsplat(dir.path(), "render demo:sphere:8 --size 8 -o a.png");
     let merged = said("merge plan.json a.png -o b.png");
     assert!(merged.contains("a.png: no partial picture: expected OpenEXR that voxsplat brick wrote"), "{merged}");

@@ -1,0 +1,199 @@
+//! The shares of light that arrive at the voxels of a field, under shadows and occlusion.
+
+use pulp::Simd;
+use rayon::prelude::*;
+use voxsplat_volume::memory::reserved;
+
+use super::field::Field;
+use super::lanes::{Channels, Lanes, Order, twice_four};
+use super::table::Table;
+use crate::camera::clip::{Side, is_inside};
+use crate::error::{Error, Result};
+use crate::lighting::shadow::field::CLIPPED;
+use crate::lighting::shadow::{Arrival, ShadowLattice};
+use crate::lighting::{Casting, MAX_CASTING};
+use crate::progress::Progress;
+use crate::transfer::scalars::Relative;
+use crate::transfer::scaled_share;
+use crate::volume::{ToF64, Volume, with_samples};
+
+use glam::DVec3;
+
+/// The largest number of voxels with shadows, 8 bytes each.
+pub(super) const MAX_VOXELS: u64 = 1 << 27;
+
+/// Voxels of a row that are lit together or not at all.
+const RUN: usize = 8;
+
+/// The light that falls on a field.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Falling {
+    pub(super) casting: Casting,
+    pub(super) lattice: ShadowLattice,
+    /// The sides of unclipped matter; clipped matter casts no shadows.
+    pub(super) clip: Vec<Side>,
+}
+
+/// The matter that light falls on.
+pub(super) struct Matter<'a> {
+    pub(super) volume: &'a Volume,
+    pub(super) relative: &'a Relative,
+    pub(super) table: &'a Table,
+    pub(super) field: &'a Field,
+    /// See [`super::march::Picture::gradient_opacity`].
+    pub(super) gradient_opacity: &'a [[f32; 2]],
+    /// From central differences to gradients in the world.
+    pub(super) to_world: glam::DMat3,
+}
+
+/// Shares of three lights and of ambient light at each voxel, x fastest.
+pub(super) struct ArrivingLight {
+    dims: [usize; 3],
+    shares: Vec<[u16; 4]>,
+}
+
+impl Matter<'_> {
+    /// The scalars of a row; rows beyond the lattice are the nearest.
+    fn scalars(&self, y: isize, z: isize) -> Result<Vec<f32>> {
+        let [nx, ny, nz] = self.field.dims;
+        let row = y.clamp(0, ny as isize - 1) as usize + ny * z.clamp(0, nz as isize - 1) as usize;
+        let samples = self.volume.read(row * nx..(row + 1) * nx)?;
+        Ok(with_samples!(&samples, s => s.iter().map(|v| self.relative.to(v.to_f64())).collect()))
+    }
+
+    /// Writes the extinctions of a row: 0 where nothing near is visible.
+    fn row(&self, falling: &Falling, [y, z]: [usize; 2], row: &mut [f32]) -> Result<()> {
+        let [nx, ny, nz] = self.field.dims;
+        let [y, z] = [y as isize, z as isize];
+        let is_lit = |first: usize| {
+            let low = [first as isize - 3, y - 3, z - 3];
+            let high = [(first + RUN) as isize + 2, y + 3, z + 3];
+            !self.table.is_invisible(self.field.range(low, high))
+        };
+        let runs: Vec<usize> = (0..nx).step_by(RUN).filter(|&first| is_lit(first)).collect();
+        if runs.is_empty() {
+            return Ok(());
+        }
+        let own = self.scalars(y, z)?;
+        let thins = !self.gradient_opacity.is_empty();
+        let beside = if thins {
+            Some([self.scalars(y - 1, z)?, self.scalars(y + 1, z)?, self.scalars(y, z - 1)?, self.scalars(y, z + 1)?])
+        } else {
+            None
+        };
+        let middle = DVec3::new(nx as f64 - 1.0, ny as f64 - 1.0, nz as f64 - 1.0) / 2.0;
+        for x in runs.into_iter().flat_map(|first| first..(first + RUN).min(nx)) {
+            let mut extinction = self.table.extinction(own[x]);
+            if let Some([before_y, behind_y, before_z, behind_z]) = &beside
+                && extinction > 0.0
+            {
+                let differences = DVec3::new(
+                    f64::from(own[(x + 1).min(nx - 1)] - own[x.saturating_sub(1)]),
+                    f64::from(behind_y[x] - before_y[x]),
+                    f64::from(behind_z[x] - before_z[x]),
+                );
+                let gradient = self.to_world * differences / 2.0;
+                extinction *= scaled_share(self.gradient_opacity, gradient.length() as f32);
+            }
+            let point = DVec3::new(x as f64, y as f64, z as f64) - middle;
+            let casts = falling.clip.is_empty() || is_inside(&falling.clip, point);
+            row[x] = if casts { extinction.max(CLIPPED) } else { CLIPPED };
+        }
+        Ok(())
+    }
+}
+
+impl ArrivingLight {
+    /// Finds the light that arrives at each voxel near visible ones.
+    ///
+    /// # Errors
+    /// [`Error::Memory`] if 20 bytes for each voxel cannot be allocated, and [`Error::Input`] if samples cannot be read.
+    pub(super) fn new(matter: &Matter<'_>, falling: &Falling, progress: &Progress) -> Result<Self> {
+        let dims = matter.field.dims;
+        let count = dims.iter().product::<usize>();
+        let failed = std::sync::Mutex::new(None::<Error>);
+        let arrival = Arrival::new(&falling.casting, &falling.lattice, [[0; 3], dims], |place, row| {
+            if let Err(error) = matter.row(falling, place, row) {
+                failed.lock().unwrap_or_else(std::sync::PoisonError::into_inner).get_or_insert(error);
+            }
+        })?;
+        if let Some(error) = failed.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner) {
+            return Err(error);
+        }
+        let mut shares: Vec<[u16; 4]> = reserved(count as u64, || "the light in the volume".to_owned())?;
+        shares.resize(count, [u16::MAX; 4]);
+        for light in 0..=MAX_CASTING {
+            let done = |part: f64| (light as f64 + part) / (MAX_CASTING + 1) as f64;
+            progress.check()?;
+            let arriving = arrival.shares(light, &|part| progress.report("casting shadows", done(part)))?;
+            let Some(arriving) = arriving else { continue };
+            shares.par_chunks_mut(dims[0]).enumerate().for_each(|(row, shares)| {
+                let share = arriving.from([0, row % dims[1], row / dims[1]]);
+                shares.iter_mut().enumerate().for_each(|(x, shares)| shares[light] = share(x));
+            });
+        }
+        Ok(Self { dims, shares })
+    }
+
+    /// The shares at places of a plane across an axis, linear between voxels: of the lattice axes `axes`, the places
+    /// along the first two are `at`, along the third `plane`.
+    #[inline(always)]
+    pub(super) fn at<S: Simd>(
+        &self,
+        simd: S,
+        order: &Order,
+        axes: [usize; 3],
+        at: [Lanes<S>; 2],
+        plane: f32,
+    ) -> [Lanes<S>; 4] {
+        let steps = [1, self.dims[0], self.dims[0] * self.dims[1]];
+        let (mut firsts, mut fractions) = ([[0; super::lanes::RAYS]; 2], [[0.0; super::lanes::RAYS]; 2]);
+        for axis in 0..2 {
+            let last = self.dims[axes[axis]] - 1;
+            let place = at[axis].max(simd, Lanes::all(simd, 0.0)).min(simd, Lanes::all(simd, last as f32));
+            let first = place.floor(simd).min(simd, Lanes::all(simd, last.saturating_sub(1) as f32));
+            fractions[axis] = place.sub(simd, first).to_array();
+            firsts[axis] = first.indices(simd);
+        }
+        let last = self.dims[axes[2]] - 1;
+        let plane = plane.clamp(0.0, last as f32);
+        let first_plane = (plane as usize).min(last.saturating_sub(1));
+        let beyond = plane - first_plane as f32;
+        // A lattice of one plane has no neighbour; its weight is 0.
+        let mut next = [0; 3];
+        for axis in 0..3 {
+            next[axis] = if self.dims[axes[axis]] > 1 { steps[axes[axis]] } else { 0 };
+        }
+        let start = first_plane * steps[axes[2]];
+        let mut channels = Channels::new(simd);
+        for vector in 0..channels.0.len() {
+            let rays = order.pair(vector);
+            let mut first = [0; 2];
+            for side in 0..2 {
+                let [a, b] = [firsts[0][rays[side]] as usize, firsts[1][rays[side]] as usize];
+                first[side] = start + a * steps[axes[0]] + b * steps[axes[1]];
+            }
+            let mut sum = simd.splat_f32s(0.0);
+            for corner in 0..8 {
+                let [i, j, k] = [corner & 1, corner >> 1 & 1, corner >> 2];
+                let offset = i * next[0] + j * next[1] + k * next[2];
+                let mut weights = [0.0; 2];
+                for side in 0..2 {
+                    let [a, b] = [fractions[0][rays[side]], fractions[1][rays[side]]];
+                    let a = if i == 1 { a } else { 1.0 - a };
+                    let b = if j == 1 { b } else { 1.0 - b };
+                    weights[side] = a * b * if k == 1 { beyond } else { 1.0 - beyond };
+                }
+                let (one, other) = (&self.shares[first[0] + offset], &self.shares[first[1] + offset]);
+                let mut shares = [0.0_f32; 8];
+                for channel in 0..4 {
+                    shares[channel] = f32::from(one[channel]);
+                    shares[channel + 4] = f32::from(other[channel]);
+                }
+                sum = simd.mul_add_f32s(bytemuck::cast(shares), twice_four::<S>(weights[0], weights[1]), sum);
+            }
+            channels.0[vector] = simd.mul_f32s(sum, simd.splat_f32s(1.0 / 65_535.0));
+        }
+        channels.apart(simd)
+    }
+}
