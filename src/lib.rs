@@ -22,7 +22,8 @@
 //!
 //! [`appearance`] makes default choices. Names that most programs use are at the root, others in modules: [`volume`]
 //! (samples on a lattice), [`formats`] (readers), [`demos`] (built-in volumes), [`transfer`] (functions, presets,
-//! JSON), [`kernel`], [`camera`], [`clip`] (planes, boxes), [`lighting`], [`settings`], [`renderer`] (the GPU), [`host`] (the same on the processor),
+//! JSON), [`kernel`], [`camera`], [`clip`] (planes, boxes), [`lighting`], [`settings`], [`renderer`] (the GPU), [`host`] (the
+//! same on the processor),
 //! [`mod@reference`] (the same model integrated in f64, to measure against), [`accuracy`] (pictures that keep an
 //! error), [`bricks`] (pictures made by many machines), [`reconstruction`] (filters of samples), [`image`] (pictures,
 //! their files and their differences), [`solids`] (meshes and depth buffers in pictures), [`figure`] (scale bar, axes,

@@ -107,7 +107,7 @@ impl ArrivingLight {
     /// Finds the light that arrives at each voxel near visible ones.
     ///
     /// # Errors
-    /// [`Error::Memory`] if 20 bytes for each voxel cannot be allocated, and [`Error::Input`] if samples cannot be read.
+    /// [`Error::Memory`] if 20 bytes for each voxel cannot be allocated; [`Error::Input`] if samples cannot be read.
     pub(super) fn new(matter: &Matter<'_>, falling: &Falling, progress: &Progress) -> Result<Self> {
         let dims = matter.field.dims;
         let count = dims.iter().product::<usize>();

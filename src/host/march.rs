@@ -151,7 +151,7 @@ impl Picture<'_> {
         Line { start, step, length: 1.0 / d[2], eye, direction }
     }
 
-    /// Paints the pixels of a square tile, row by row. `out` has all of them; pixels beyond the picture are painted too.
+    /// Paints the pixels of a square tile, row by row, into `out`. Pixels beyond the picture are painted too.
     pub(super) fn tile(&self, [x, y]: [usize; 2], side: usize, out: &mut [[f32; 4]]) -> Work {
         let ends = [0.0, (side - 1) as f64];
         let corners = ends.into_iter().flat_map(|dy| ends.map(|dx| (x as f64 + dx, y as f64 + dy)));
