@@ -8,9 +8,10 @@ use numpy::{IntoPyArray, PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
 use voxsplat::appearance::{Frame, OverlaySpec, place_studio};
 use voxsplat::camera::{Camera, Hull};
-use voxsplat::error::Result;
+use voxsplat::error::{Error, Result};
+use voxsplat::host::HostScene;
 use voxsplat::image::{Background, Region};
-use voxsplat::settings::Settings;
+use voxsplat::settings::{Painter, Settings};
 
 use crate::bricks::{Partial, Plan};
 use crate::error::{internal, raised};
@@ -41,9 +42,15 @@ pub(crate) struct Scene {
     hidden: Vec<String>,
 }
 
+/// A scene of the engine that the settings request.
+enum EngineScene {
+    Device(voxsplat::Scene),
+    Host(Box<HostScene>),
+}
+
 struct Prepared {
     look: Look,
-    scene: voxsplat::Scene,
+    scene: EngineScene,
     /// The hulls that pictures were fitted to.
     hulls: Mutex<Vec<(Frame, Option<Hull>)>>,
 }
@@ -125,9 +132,12 @@ impl Renderer {
         let overlays = overlays.iter().map(spec).collect::<PyResult<_>>()?;
         let (labels, mask) = (labels.map(Volume::source), mask.map(Volume::source));
         let beside = Beside { labels, mask, overlays, whole: None };
-        let (prepared, choices, hidden) = self.device.run(py, progress, move |renderer| {
+        let (prepared, choices, hidden) = self.device.run(py, progress, move |engines| {
             let mut look = request.look(&source, &beside, view, size)?;
-            let scene = renderer.prepare_layers(&look.layers, &look.settings)?;
+            let scene = match look.settings.painter {
+                Painter::Cpu => EngineScene::Host(Box::new(engines.host.prepare_layers(&look.layers, &look.settings)?)),
+                _ => EngineScene::Device(engines.device()?.prepare_layers(&look.layers, &look.settings)?),
+            };
             let (choices, hidden) = (std::mem::take(&mut look.choices), std::mem::take(&mut look.hidden));
             Ok((Prepared { look, scene, hulls: Mutex::default() }, choices, hidden))
         })?;
@@ -151,12 +161,18 @@ impl Renderer {
         let background: Background = background.parse().map_err(|fault| raised(&fault))?;
         let choices = scene.choices.clone();
         let (shot, solids) = (Shot::new(scene, view, size, region)?, Requested::new(&meshes, depth)?);
-        let (rendered, settings) = self.device.run(py, progress, move |renderer| {
+        let (rendered, settings) = self.device.run(py, progress, move |engines| {
             let (camera, settings) = shot.seen(&solids)?;
             let (scene, region) = (&shot.prepared.scene, shot.region);
-            let rendered = match solids.seen(&camera, settings.lighting.as_ref())? {
-                None => renderer.render_region(scene, &camera, &settings, region)?,
-                Some(solids) => renderer.render_with_solids(scene, &camera, &settings, region, &solids)?,
+            let rendered = match (scene, solids.seen(&camera, settings.lighting.as_ref())?) {
+                (EngineScene::Device(scene), None) => {
+                    engines.device()?.render_region(scene, &camera, &settings, region)?
+                }
+                (EngineScene::Device(scene), Some(solids)) => {
+                    engines.device()?.render_with_solids(scene, &camera, &settings, region, &solids)?
+                }
+                (EngineScene::Host(scene), None) => engines.host.render_region(scene, &camera, &settings, region)?,
+                (EngineScene::Host(_), Some(_)) => return Err(not_by_host("meshes and depth buffers")),
             };
             Ok((rendered, settings))
         })?;
@@ -174,9 +190,10 @@ impl Renderer {
         progress: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Bound<'py, PyArray2<f32>>> {
         let shot = Shot::new(scene, view, size, region)?;
-        let depths = self.device.run(py, progress, move |renderer| {
+        let depths = self.device.run(py, progress, move |engines| {
             let (camera, settings) = shot.seen(&Requested::default())?;
-            renderer.depths(&shot.prepared.scene, &camera, &settings, shot.region, None)
+            let EngineScene::Device(scene) = &shot.prepared.scene else { return Err(not_by_host("depths")) };
+            engines.device()?.depths(scene, &camera, &settings, shot.region, None)
         })?;
         let [width, height] = depths.size().map(|side| side as usize);
         let array = Array2::from_shape_vec((height, width), depths.depths().to_vec());
@@ -193,9 +210,9 @@ impl Renderer {
         progress: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Partial> {
         let (plan, source) = (Arc::clone(&plan.plan), slice.source());
-        let part = self.device.run(py, progress, move |renderer| {
+        let part = self.device.run(py, progress, move |engines| {
             let layers = Plan::slice(&plan, &source.samples()?)?;
-            Ok(voxsplat::bricks::brick(renderer, &plan, number, &layers)?.0)
+            Ok(voxsplat::bricks::brick(engines.device()?, &plan, number, &layers)?.0)
         })?;
         Ok(Partial::new(part))
     }
@@ -203,6 +220,12 @@ impl Renderer {
     fn close(&self) {
         self.device.close();
     }
+}
+
+/// The error of pictures with things that the host engine has not.
+fn not_by_host(what: &str) -> Error {
+    let reason = format!("cpu has no {what}: use another painter");
+    Error::Setting { name: "painter", reason }
 }
 
 impl Drop for Scene {

@@ -229,13 +229,15 @@ impl SettingsFields {
             ("auto", false, false) => Ok(Painter::Auto),
             ("auto" | "tiles", _, false) => Ok(tiles),
             ("auto" | "quads", false, _) => Ok(quads),
-            ("auto" | "tiles" | "quads", ..) => {
+            ("cpu", false, false) => Ok(Painter::Cpu),
+            ("auto" | "tiles" | "quads" | "cpu", ..) => {
                 let reason = "resolution is for tiles and sheet_thickness for quads".to_owned();
                 Err(Error::Setting { name: "painter", reason })
             }
-            (other, ..) => {
-                Err(Error::Setting { name: "painter", reason: format!("{other:?}, expected auto, tiles or quads") })
-            }
+            (other, ..) => Err(Error::Setting {
+                name: "painter",
+                reason: format!("{other:?}, expected auto, tiles, quads or cpu"),
+            }),
         }
     }
 }

@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use voxsplat::error::Error;
+use voxsplat::host::HostRenderer;
 use voxsplat::progress::Progress;
 use voxsplat::renderer::silenced;
 use voxsplat::{Renderer, RendererOptions};
@@ -85,6 +86,24 @@ pub(crate) struct Device {
     closed: AtomicBool,
 }
 
+/// The engines that make pictures.
+pub(crate) struct Engines<'a> {
+    renderer: &'a mut Option<Renderer>,
+    options: RendererOptions,
+    pub(crate) host: HostRenderer,
+}
+
+impl Engines<'_> {
+    /// Opens the device if it is not open.
+    pub(crate) fn device(&mut self) -> Result<&Renderer, Error> {
+        let open = match self.renderer.take() {
+            Some(open) => open,
+            None => silenced(|| Renderer::new(&self.options))?,
+        };
+        Ok(self.renderer.insert(open))
+    }
+}
+
 /// A message from a thread that works.
 enum Event<T> {
     Progress(&'static str, f64),
@@ -121,7 +140,7 @@ impl Device {
         self: &Arc<Self>,
         py: Python<'_>,
         progress: Option<&Bound<'_, PyAny>>,
-        work: impl FnOnce(&Renderer) -> Result<T, Error> + Send + 'static,
+        work: impl FnOnce(&mut Engines<'_>) -> Result<T, Error> + Send + 'static,
     ) -> PyResult<T> {
         check_process()?;
         if self.closed.load(Ordering::Relaxed) {
@@ -165,12 +184,12 @@ impl Device {
         result
     }
 
-    /// Opens the device if it is not open, and works with it.
+    /// Works with the engines.
     fn work<T: Send + 'static>(
         &self,
         events: &Sender<Event<T>>,
         abandoned: Arc<AtomicBool>,
-        work: impl FnOnce(&Renderer) -> Result<T, Error>,
+        work: impl FnOnce(&mut Engines<'_>) -> Result<T, Error>,
     ) -> Result<T, Failure> {
         // Earlier work ends first.
         let mut renderer = locked(&self.renderer);
@@ -186,14 +205,9 @@ impl Device {
             }
         };
         *locked(&self.current) = Some(Current { abandoned, report: Box::new(report) });
-        let open = match renderer.take() {
-            Some(open) => open,
-            None => {
-                let options = RendererOptions { adapter: self.adapter.clone(), progress: self.progress() };
-                silenced(|| Renderer::new(&options)).map_err(Failure::Library)?
-            }
-        };
-        work(renderer.insert(open)).map_err(Failure::Library)
+        let options = RendererOptions { adapter: self.adapter.clone(), progress: self.progress() };
+        let host = HostRenderer::new(&options.progress);
+        work(&mut Engines { renderer: &mut renderer, options, host }).map_err(Failure::Library)
     }
 
     /// The callback for the progress of the work that runs.

@@ -27,6 +27,8 @@ from conftest import REPOSITORY, command, samples
         ({}, ""),
         ({"size": (120, 90), "azimuth": -30, "elevation": 15, "projection": "perspective", "fov": 40}, "--size 120x90 "
          "--azimuth -30 --elevation 15 --projection perspective --fov 40"),
+        ({"shading": "post", "painter": "cpu", "light": "headlight", "size": 64},
+         "--shading post --painter cpu --light headlight --size 64"),
         ({"transfer": "viridis", "size": 80, "sharpness": 1, "shading": "post", "clip": "R", "background": "white"},
          "--transfer viridis --size 80 --sharpness 1 --shading post --clip R --background white"),
         ({"transfer": "map:magma", "size": 80, "model": "mip", "attenuation": 2, "frame": "view", "direction": (1, 2, -1)},

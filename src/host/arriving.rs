@@ -22,6 +22,9 @@ use glam::DVec3;
 /// The largest number of voxels with shadows, 8 bytes each.
 pub(super) const MAX_VOXELS: u64 = 1 << 27;
 
+/// Bytes that shadows need for a voxel: its shares, its extinction, and sums of sweeps.
+pub(super) const BYTES: u64 = 20;
+
 /// Voxels of a row that are lit together or not at all.
 const RUN: usize = 8;
 
@@ -107,7 +110,7 @@ impl ArrivingLight {
     /// Finds the light that arrives at each voxel near visible ones.
     ///
     /// # Errors
-    /// [`Error::Memory`] if 20 bytes for each voxel cannot be allocated; [`Error::Input`] if samples cannot be read.
+    /// [`Error::Memory`] if [`BYTES`] for each voxel cannot be allocated; [`Error::Input`] if samples cannot be read.
     pub(super) fn new(matter: &Matter<'_>, falling: &Falling, progress: &Progress) -> Result<Self> {
         let dims = matter.field.dims;
         let count = dims.iter().product::<usize>();

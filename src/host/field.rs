@@ -21,6 +21,11 @@ const PLANES: usize = 16;
 /// Lattice points along the edge of a cell.
 const CELL: usize = 8;
 
+/// Bytes of the coefficients of a lattice.
+pub(super) fn bytes(dims: [u32; 3]) -> u64 {
+    4 * dims.map(|d| u64::from(d) + 2 * PAD as u64).iter().product::<u64>()
+}
+
 /// Coefficients over a lattice and [`PAD`] points around it, x fastest.
 pub(super) struct Field {
     /// Points of the lattice.

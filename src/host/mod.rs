@@ -43,6 +43,7 @@ use crate::stats::{CpuStats, PainterStats, Rendered, StageTime, Stats, on_host};
 use crate::transfer::scalars::{Reduction, Relative};
 use crate::transfer::{Resolution, TransferFunction};
 use crate::volume::{Grid, Volume};
+use voxsplat_volume::memory::available;
 
 /// The largest growth of kernels of perspective pictures: growth by the last rounding does not count.
 const NO_GROWTH: f64 = 1.0 + 1e-9;
@@ -146,7 +147,7 @@ impl HostRenderer {
     /// # Errors
     /// [`Error::Setting`] if a setting is out of range, the scene was prepared for another sharpness, kernels reach too
     /// far, or the region has no pixels or reaches beyond the picture; [`Error::Camera`] if the camera is not finite;
-    /// [`Error::Memory`]; [`Error::Cancelled`].
+    /// [`Error::TooLarge`] and [`Error::Memory`]; [`Error::Cancelled`].
     pub fn render_region(
         &self,
         scene: &HostScene,
@@ -162,6 +163,7 @@ impl HostRenderer {
         if settings.sharpens() != scene.sharpened {
             return Err(Error::setting("sharpness", "the scene was prepared for another sharpness or kernel"));
         }
+        scene.check_memory(settings)?;
         let (growth, mut stages) = (growth(camera, grid, settings)?, Vec::new());
         let kernel = settings.reconstruction_kernel().grown(growth);
         let (reconstructed, seconds) = on_host(|| scene.reconstructed(kernel, &self.progress));
@@ -294,6 +296,26 @@ impl HostScene {
     #[must_use]
     pub fn grid(&self) -> &Grid {
         self.volume.grid()
+    }
+
+    /// Refuses a picture that needs more memory than is left, before any is allocated. What the scene holds counts as
+    /// left.
+    fn check_memory(&self, settings: &Settings) -> Result<()> {
+        let Some(available) = available() else { return Ok(()) };
+        let field = field::bytes(self.grid().dims());
+        let casts = settings.casting().is_some();
+        let light = if casts { arriving::BYTES * self.grid().len() } else { 0 };
+        let held = self.field.lock().unwrap_or_else(PoisonError::into_inner).as_ref().map_or(0, |_| field);
+        let held = held + self.light.lock().unwrap_or_else(PoisonError::into_inner).as_ref().map_or(0, |_| light);
+        if field + light <= available.bytes + held {
+            return Ok(());
+        }
+        let mut remedies = Vec::new();
+        if field <= available.bytes + held {
+            remedies.push("--light off".to_owned());
+        }
+        remedies.push("--painter tiles".to_owned());
+        Err(Error::TooLarge { bytes: field + light, available: available.bytes, limit: available.limit, remedies })
     }
 
     /// The field of a kernel, kept for the next picture.

@@ -209,7 +209,7 @@ fn every_material_can_be_lit() {
 fn presets_need_a_name_and_a_range() {
     assert!(TransferFunction::preset("ct-wood", &mri()).unwrap_err().to_string().contains("ct-bone"));
     let one = volume(Samples::U8(vec![5; 4]));
-    assert!(TransferFunction::preset("mri", &one).unwrap_err().to_string().contains("all 5"));
+    assert!(TransferFunction::preset("mri", &one).unwrap_err().to_string().contains("all values are 5"));
 }
 
 /// A volume with values of a function of two independent numbers in 0..1, and with this spacing.
