@@ -44,7 +44,7 @@ pub(crate) struct Scene {
 
 /// A scene of the engine that the settings request.
 enum EngineScene {
-    Device(voxsplat::Scene),
+    Device(Box<voxsplat::Scene>),
     Host(Box<HostScene>),
 }
 
@@ -136,7 +136,7 @@ impl Renderer {
             let mut look = request.look(&source, &beside, view, size)?;
             let scene = match look.settings.painter {
                 Painter::Cpu => EngineScene::Host(Box::new(engines.host.prepare_layers(&look.layers, &look.settings)?)),
-                _ => EngineScene::Device(engines.device()?.prepare_layers(&look.layers, &look.settings)?),
+                _ => EngineScene::Device(Box::new(engines.device()?.prepare_layers(&look.layers, &look.settings)?)),
             };
             let (choices, hidden) = (std::mem::take(&mut look.choices), std::mem::take(&mut look.hidden));
             Ok((Prepared { look, scene, hulls: Mutex::default() }, choices, hidden))
