@@ -125,6 +125,15 @@ fn every_side_and_every_lattice_is_drawn() {
 }
 
 #[test]
+fn light_in_uniform_matter_is_even() {
+    let (volume, transfer) = demo("sphere", 32);
+    let settings = Settings { lighting: headlight(), ..post() };
+    let camera = camera(30.0, ProjectionKind::Orthographic, &volume, 96);
+    let error = error(&volume, &transfer, &camera, &settings);
+    assert!(error < 14.0, "{error} of 255 rms");
+}
+
+#[test]
 fn parts_and_threads_change_no_byte() {
     let (volume, transfer) = demo("vessels", 40);
     let settings = Settings { lighting: headlight(), ..post() };
