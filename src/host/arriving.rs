@@ -1,11 +1,14 @@
 //! The shares of light that arrive at the voxels of a field, under shadows and occlusion.
 
+use std::sync::{Mutex, PoisonError};
+
+use glam::{DMat3, DVec3};
 use pulp::Simd;
 use rayon::prelude::*;
 use voxsplat_volume::memory::reserved;
 
 use super::field::Field;
-use super::lanes::{Channels, Lanes, Order, twice_four};
+use super::lanes::{Channels, Lanes, Order, RAYS, twice_four};
 use super::table::Table;
 use crate::camera::clip::{Side, is_inside};
 use crate::error::{Error, Result};
@@ -16,8 +19,6 @@ use crate::progress::Progress;
 use crate::transfer::scalars::Relative;
 use crate::transfer::scaled_share;
 use crate::volume::{ToF64, Volume, with_samples};
-
-use glam::DVec3;
 
 /// The largest number of voxels with shadows, 8 bytes each.
 pub(super) const MAX_VOXELS: u64 = 1 << 27;
@@ -46,7 +47,7 @@ pub(super) struct Matter<'a> {
     /// See [`super::march::Picture::gradient_opacity`].
     pub(super) gradient_opacity: &'a [[f32; 2]],
     /// From central differences to gradients in the world.
-    pub(super) to_world: glam::DMat3,
+    pub(super) to_world: DMat3,
 }
 
 /// Shares of three lights and of ambient light at each voxel, x fastest.
@@ -114,13 +115,13 @@ impl ArrivingLight {
     pub(super) fn new(matter: &Matter<'_>, falling: &Falling, progress: &Progress) -> Result<Self> {
         let dims = matter.field.dims;
         let count = dims.iter().product::<usize>();
-        let failed = std::sync::Mutex::new(None::<Error>);
+        let failed = Mutex::new(None::<Error>);
         let arrival = Arrival::new(&falling.casting, &falling.lattice, [[0; 3], dims], |place, row| {
             if let Err(error) = matter.row(falling, place, row) {
-                failed.lock().unwrap_or_else(std::sync::PoisonError::into_inner).get_or_insert(error);
+                failed.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
             }
         })?;
-        if let Some(error) = failed.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner) {
+        if let Some(error) = failed.into_inner().unwrap_or_else(PoisonError::into_inner) {
             return Err(error);
         }
         let mut shares: Vec<[u16; 4]> = reserved(count as u64, || "the light in the volume".to_owned())?;
@@ -150,7 +151,7 @@ impl ArrivingLight {
         plane: f32,
     ) -> [Lanes<S>; 4] {
         let steps = [1, self.dims[0], self.dims[0] * self.dims[1]];
-        let (mut firsts, mut fractions) = ([[0; super::lanes::RAYS]; 2], [[0.0; super::lanes::RAYS]; 2]);
+        let (mut firsts, mut fractions) = ([[0; RAYS]; 2], [[0.0; RAYS]; 2]);
         for axis in 0..2 {
             let last = self.dims[axes[axis]] - 1;
             let place = at[axis].max(simd, Lanes::all(simd, 0.0)).min(simd, Lanes::all(simd, last as f32));

@@ -13,7 +13,7 @@ use crate::volume::{ToF64, Volume, with_samples};
 
 /// Coefficients beyond each face of the lattice, where the samples at the face repeat. Rays reach half a voxel beyond;
 /// a sample there reads 4 coefficients on either side.
-pub(super) const PAD: usize = 8;
+const PAD: usize = 8;
 
 /// Planes of coefficients that a thread makes at a time. It reads a few planes of samples more on either side.
 const PLANES: usize = 16;
@@ -159,7 +159,7 @@ impl WithSimd for Filtering<'_> {
                     let (first, last) = (sum[margin], sum[margin + nx - 1]);
                     sum[..margin].fill(first);
                     sum[margin + nx..].fill(last);
-                    let from = |offset: usize| &sum[offset..offset + row_length(nx)];
+                    let from = |offset: usize| &sum[offset..offset + padded[0]];
                     let middle = from(taps);
                     for (value, scalar) in row.iter_mut().zip(middle) {
                         *value = weights[0].mul_add(*scalar, *value);
@@ -174,12 +174,6 @@ impl WithSimd for Filtering<'_> {
             }
         }
     }
-}
-
-/// Coefficients of a row of samples.
-#[inline(always)]
-fn row_length(nx: usize) -> usize {
-    nx + 2 * PAD
 }
 
 /// The range of coefficients over cells.

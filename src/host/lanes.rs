@@ -4,8 +4,10 @@
 //!
 //! There are no closures around vectors here: a closure is not compiled for the vectors of the machine.
 
+use std::sync::LazyLock;
+
 use bytemuck::cast;
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 
 /// The number of rays.
 pub(super) const RAYS: usize = 16;
@@ -13,26 +15,25 @@ pub(super) const RAYS: usize = 16;
 const WIDTH: usize = 8;
 const VECTORS: usize = RAYS / WIDTH;
 
+/// Whether the machine has AVX2 and fused products, and no test asks for portable code.
+static HAS_AVX2: LazyLock<bool> = LazyLock::new(|| {
+    let is_lowered = std::env::var_os("VOXSPLAT_TEST_VECTORS").is_some_and(|level| level == "portable");
+    #[cfg(target_arch = "x86_64")]
+    let has = pulp::x86::V3::try_new().is_some();
+    #[cfg(not(target_arch = "x86_64"))]
+    let has = false;
+    has && !is_lowered
+});
+
 /// Names the vectors that this machine computes with.
 pub(super) fn vector_level() -> &'static str {
-    #[cfg(target_arch = "x86_64")]
-    if !is_lowered() && pulp::x86::V3::try_new().is_some() {
-        return "AVX2";
-    }
-    if matches!(Arch::new(), Arch::Scalar) { "scalar" } else { "generic" }
-}
-
-/// Whether tests lower the level of vectors.
-fn is_lowered() -> bool {
-    std::env::var_os("VOXSPLAT_TEST_VECTORS").is_some_and(|level| level == "scalar")
+    if *HAS_AVX2 { "AVX2" } else { "portable" }
 }
 
 /// Runs a task compiled for the vectors of this machine.
 pub(super) fn dispatch<T: WithSimd>(task: T) -> T::Output {
     #[cfg(target_arch = "x86_64")]
-    if !is_lowered()
-        && let Some(simd) = pulp::x86::V3::try_new()
-    {
+    if *HAS_AVX2 && let Some(simd) = pulp::x86::V3::try_new() {
         return Simd::vectorize(simd, task);
     }
     Simd::vectorize(pulp::Scalar256b, task)

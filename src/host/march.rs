@@ -17,7 +17,7 @@ use crate::camera::Camera;
 use crate::transfer::scaled_share;
 
 /// Rays along the side of a group, which branches together.
-pub(super) const GROUP: usize = 4;
+const GROUP: usize = 4;
 /// Pixels along the side of the largest tile.
 pub(super) const TILE: usize = 32;
 /// Half planes for which a group knows whether anything shows.

@@ -5,8 +5,9 @@
 //! then takes 64 coefficients, whatever the kernel, the view and the projection. [`Settings::painter`] has no effect
 //! here; `voxsplat render --painter cpu` requests this engine.
 //!
-//! Pictures have the same bytes on every machine and with any number of threads: the order of all sums is fixed, and
-//! numbers are added, multiplied, divided and rooted only.
+//! Pictures have the same bytes with any vectors and any number of threads: along rays the order of all sums is fixed,
+//! and numbers are added, multiplied, divided and rooted only. Cameras, kernels and tables of transfer functions still
+//! call exponentials and sines of the system's C library, whose last bit may differ between machines.
 
 #![allow(
     clippy::needless_range_loop,
@@ -339,9 +340,7 @@ impl HostScene {
         *held = Some((kernel, Arc::clone(&made)));
         Ok(made)
     }
-}
 
-impl HostScene {
     /// The light that arrives at the voxels, kept for the next picture.
     fn arriving(
         &self,

@@ -14,7 +14,7 @@ use voxsplat::stats::Stats;
 use voxsplat::volume::{Units, Volume};
 use voxsplat_volume::names::counted;
 
-use super::failure::Failure;
+use super::failure::{Failure, refuse};
 use super::job::RenderJob;
 use super::output;
 
@@ -102,8 +102,12 @@ pub(crate) fn draw_on_host(
     layers: &Layers,
     camera: &Camera,
     job: &RenderJob,
+    solids: Option<&Solids>,
     prepared: Option<Prepared<HostScene>>,
 ) -> Result<(Drawn, Prepared<HostScene>), Failure> {
+    if solids.is_some() {
+        return refuse("--painter cpu draws no meshes and depth buffers: use another painter");
+    }
     let prepared = match prepared {
         Some(prepared) => prepared,
         None => Prepared::new(layers, &job.settings, renderer.prepare_layers(layers, &job.settings)?),

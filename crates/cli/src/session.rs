@@ -390,7 +390,7 @@ impl Session {
             }
             (None, Some((renderer, kept))) => {
                 let prepared = kept.take().filter(|prepared| prepared.serves(layers, &job.settings));
-                let (drawn, prepared) = draw_on_host(renderer, layers, &camera, job, prepared)?;
+                let (drawn, prepared) = draw_on_host(renderer, layers, &camera, job, solids.as_ref(), prepared)?;
                 *kept = Some(prepared);
                 drawn
             }

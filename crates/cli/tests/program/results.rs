@@ -208,9 +208,16 @@ fn the_host_engine_needs_no_driver() {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let result: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert!(result["painter"]["name"] == "cpu" && result["painter"]["samples"].as_u64() > Some(0), "{result}");
+    let mut portable = Command::new(env!("CARGO_BIN_EXE_voxsplat"));
+    portable.env("VOXSPLAT_TEST_VECTORS", "portable").args(format!("render {look} -o p.png").split(' '));
+    assert!(portable.current_dir(dir.path()).output().unwrap().status.success());
+    let [a, p] = ["a.png", "p.png"].map(|name| Image::load(dir.path().join(name)).unwrap());
+    assert!(a == p, "other vectors give other bytes");
     let turned = said(&format!("turntable {look} -o t.gif --frames 2"));
     assert!(turned.status.success(), "{}", String::from_utf8_lossy(&turned.stderr));
+    fs::write(dir.path().join("a.obj"), "v 0 0 0\nv 9 0 0\nv 0 9 0\nf 1 2 3\n").unwrap();
     for (options, words) in [
+        ("--mesh a.obj", "--painter cpu draws no meshes"),
         ("--adapter any", "--adapter: an adapter draws by quads or tiles"),
         ("--max-error 0.1", "--max-error: it chooses among the settings of quads and tiles"),
         ("--shading pre", "cpu draws post-shaded composites"),
