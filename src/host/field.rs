@@ -13,13 +13,13 @@ use crate::volume::{ToF64, Volume, with_samples};
 
 /// Coefficients beyond each face of the lattice, where the samples at the face repeat. Rays reach half a voxel beyond;
 /// a sample there reads 4 coefficients on either side.
-const PAD: usize = 8;
+pub(super) const PAD: usize = 8;
 
 /// Planes of coefficients that a thread makes at a time. It reads a few planes of samples more on either side.
 const PLANES: usize = 16;
 
 /// Lattice points along the edge of a cell.
-const CELL: usize = 8;
+pub(super) const CELL: usize = 8;
 
 /// Bytes of the coefficients of a lattice.
 pub(super) fn bytes(dims: [u32; 3]) -> u64 {
@@ -83,16 +83,16 @@ impl Field {
         [1, self.padded[0], self.padded[0] * self.padded[1]]
     }
 
-    /// The coefficients from a lattice point on. Points farther than the padding count as the farthest.
-    pub(super) fn from(&self, point: [isize; 3]) -> &[f32] {
+    /// The coefficients, x fastest.
+    pub(super) fn coefficients(&self) -> &[f32] {
+        &self.coefficients
+    }
+
+    /// The place of the coefficient of a lattice point. Points farther than the padding count as the farthest.
+    pub(super) fn index(&self, point: [isize; 3]) -> usize {
         let steps = self.steps();
-        let index: usize = (0..3)
-            .map(|axis| {
-                let place = point[axis] + PAD as isize;
-                place.clamp(0, self.padded[axis] as isize - 1) as usize * steps[axis]
-            })
-            .sum();
-        &self.coefficients[index..]
+        let place = |axis: usize| (point[axis] + PAD as isize).clamp(0, self.padded[axis] as isize - 1) as usize;
+        (0..3).map(|axis| place(axis) * steps[axis]).sum()
     }
 
     /// The range of the coefficients in a box, ends included. The field at a point is within the range of the four
@@ -124,20 +124,9 @@ impl WithSimd for Filtering<'_> {
         let reach = filter.reach() as isize;
         let taps = filter.reach();
         // Rows at distances that are alike by symmetry are added up first.
-        let group = |j: isize, k: isize| {
-            let (j, k) = (j.unsigned_abs(), k.unsigned_abs());
-            j.max(k) * (j.max(k) + 1) / 2 + j.min(k)
-        };
-        let groups = (taps + 1) * (taps + 2) / 2;
-        let mut weights = vec![vec![0.0_f32; taps + 1]; groups];
-        for high in 0..=taps {
-            for below in 0..=high {
-                let weights = &mut weights[high * (high + 1) / 2 + below];
-                (0..=taps).for_each(|i| weights[i] = filter.weight([i, below, high]) as f32);
-            }
-        }
+        let weights = filter.row_groups();
         let margin = PAD + taps;
-        let mut sums = vec![vec![0.0_f32; nx + 2 * margin]; groups];
+        let mut sums = vec![vec![0.0_f32; nx + 2 * margin]; weights.len()];
         for (number, plane) in coefficients.chunks_exact_mut(padded[0] * padded[1]).enumerate() {
             let z = (first + number) as isize - PAD as isize;
             for (y, row) in plane.chunks_exact_mut(padded[0]).enumerate() {
@@ -148,7 +137,8 @@ impl WithSimd for Filtering<'_> {
                     for j in -reach..=reach {
                         let y = (y + j).clamp(0, ny as isize - 1) as usize;
                         let scalars = &scalars[nx * (y + ny * z)..][..nx];
-                        let sum = &mut sums[group(j, k)][margin..margin + nx];
+                        let group = SplineFilter::row_group(j.unsigned_abs(), k.unsigned_abs());
+                        let sum = &mut sums[group][margin..margin + nx];
                         for (sum, scalar) in sum.iter_mut().zip(scalars) {
                             *sum += scalar;
                         }
@@ -159,15 +149,15 @@ impl WithSimd for Filtering<'_> {
                     let (first, last) = (sum[margin], sum[margin + nx - 1]);
                     sum[..margin].fill(first);
                     sum[margin + nx..].fill(last);
-                    let from = |offset: usize| &sum[offset..offset + padded[0]];
-                    let middle = from(taps);
-                    for (value, scalar) in row.iter_mut().zip(middle) {
-                        *value = weights[0].mul_add(*scalar, *value);
+                    let count = row.len();
+                    let (middle, weight) = (&sum[taps..][..count], weights[0]);
+                    for x in 0..count {
+                        row[x] = weight.mul_add(middle[x], row[x]);
                     }
                     for i in 1..=taps {
-                        let pairs = from(taps - i).iter().zip(from(taps + i));
-                        for (value, (left, right)) in row.iter_mut().zip(pairs) {
-                            *value = weights[i].mul_add(left + right, *value);
+                        let (left, right, weight) = (&sum[taps - i..][..count], &sum[taps + i..][..count], weights[i]);
+                        for x in 0..count {
+                            row[x] = weight.mul_add(left[x] + right[x], row[x]);
                         }
                     }
                 }
@@ -201,15 +191,16 @@ impl Ranges {
     }
 
     fn over(&self, low: [isize; 3], high: [isize; 3]) -> [f32; 2] {
-        let cell =
-            |place: isize, axis: usize| ((place + PAD as isize).max(0) as usize / CELL).min(self.cells[axis] - 1);
-        let ends = [0, 1, 2].map(|axis| cell(low[axis], axis)..cell(high[axis], axis) + 1);
-        let [x, y, z] = ends;
+        let (mut first, mut last) = ([0; 3], [0; 3]);
+        for axis in 0..3 {
+            first[axis] = ((low[axis] + PAD as isize).max(0) as usize / CELL).min(self.cells[axis] - 1);
+            last[axis] = ((high[axis] + PAD as isize).max(0) as usize / CELL).min(self.cells[axis] - 1);
+        }
         let mut range = [f32::INFINITY, f32::NEG_INFINITY];
-        for z in z {
-            for y in y.clone() {
+        for z in first[2]..=last[2] {
+            for y in first[1]..=last[1] {
                 let row = (z * self.cells[1] + y) * self.cells[0];
-                for [low, high] in &self.ranges[row + x.start..row + x.end] {
+                for [low, high] in &self.ranges[row + first[0]..=row + last[0]] {
                     range = [range[0].min(*low), range[1].max(*high)];
                 }
             }

@@ -12,7 +12,7 @@ use pulp::{Simd, WithSimd};
 /// The number of rays.
 pub(super) const RAYS: usize = 16;
 /// Numbers of a vector. Machines with other vectors compute with as many.
-const WIDTH: usize = 8;
+pub(super) const WIDTH: usize = 8;
 const VECTORS: usize = RAYS / WIDTH;
 
 /// Whether the machine has AVX2 and fused products, and no test asks for portable code.
@@ -196,6 +196,11 @@ impl<S: Simd> Lanes<S> {
     pub(super) fn largest(self, simd: S) -> f32 {
         simd.reduce_max_f32s(simd.max_f32s(self.0[0], self.0[1]))
     }
+
+    #[inline(always)]
+    pub(super) fn smallest(self, simd: S) -> f32 {
+        simd.reduce_min_f32s(simd.min_f32s(self.0[0], self.0[1]))
+    }
 }
 
 /// Four channels of four points of each of four rows, rows of four points of four channels, with the weights of points
@@ -260,7 +265,22 @@ impl Order {
     pub(super) fn pair(&self, vector: usize) -> [usize; 2] {
         let first = vector / 4 * WIDTH;
         let place = vector % 4 * 2;
-        [first + self.0[place], first + self.0[place + 1]]
+        // Remainders tell the compiler that both are rays.
+        [(first + self.0[place]) % RAYS, (first + self.0[place + 1]) % RAYS]
+    }
+}
+
+impl Order {
+    /// Writes the vectors of four channels side by side, point after point.
+    #[inline(always)]
+    pub(super) fn write<S: Simd>(&self, simd: S, channels: [S::f32s; 4], out: &mut [f32]) {
+        let beside: [[f32; WIDTH]; 4] = cast(simd.interleave_shfl_f32s(channels));
+        let (out, _) = out[..4 * WIDTH].as_chunks_mut::<4>();
+        for place in 0..WIDTH {
+            let half = place % 2 * 4;
+            let from = &beside[place / 2];
+            out[self.0[place] % WIDTH] = [from[half], from[half + 1], from[half + 2], from[half + 3]];
+        }
     }
 }
 
@@ -281,6 +301,13 @@ impl<S: Simd> Channels<S> {
         let last = simd.deinterleave_shfl_f32s([e, f, g, h]);
         [Lanes([first[0], last[0]]), Lanes([first[1], last[1]]), Lanes([first[2], last[2]]), Lanes([first[3], last[3]])]
     }
+}
+
+/// The first numbers of a slice as a vector.
+#[inline(always)]
+pub(super) fn load<S: Simd>(_: S, numbers: &[f32]) -> S::f32s {
+    let (vectors, _) = S::as_simd_f32s(&numbers[..WIDTH]);
+    vectors[0]
 }
 
 /// The first four numbers of two slices as a vector.

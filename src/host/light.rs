@@ -46,7 +46,8 @@ pub(super) fn dot<S: Simd>(simd: S, a: &Vector<S>, b: &Vector<S>) -> Lanes<S> {
 #[inline(always)]
 pub(super) fn unit<S: Simd>(simd: S, vector: &Vector<S>) -> Vector<S> {
     let length = dot(simd, vector, vector).max(simd, Lanes::all(simd, 1e-30)).sqrt(simd);
-    three!(axis => vector[axis].div(simd, length))
+    let inverse = Lanes::all(simd, 1.0).div(simd, length);
+    three!(axis => vector[axis].mul(simd, inverse))
 }
 
 impl Shader {
@@ -96,7 +97,8 @@ impl Shader {
         // Divided by its largest component first: squares of large and of small numbers leave the range of f32.
         let largest = gradient[0].abs(simd).max(simd, gradient[1].abs(simd)).max(simd, gradient[2].abs(simd));
         let largest = largest.max(simd, Lanes::all(simd, 1e-36));
-        let direction = unit(simd, &three!(axis => gradient[axis].div(simd, largest)));
+        let inverse = one.div(simd, largest);
+        let direction = unit(simd, &three!(axis => gradient[axis].mul(simd, inverse)));
         let facing = dot(simd, &direction, to_eye);
         let side = Lanes::all(simd, -1.0).or(simd, facing.less(simd, zero), one);
         let normal = three!(axis => direction[axis].mul(simd, side));

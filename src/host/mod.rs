@@ -15,10 +15,15 @@
 )]
 
 mod arriving;
+mod colors;
 mod field;
 mod lanes;
 mod light;
 mod march;
+mod plane;
+mod post;
+mod project;
+mod rays;
 mod table;
 
 use std::sync::{Arc, Mutex, PoisonError};
@@ -29,7 +34,9 @@ use rayon::prelude::*;
 use self::arriving::{ArrivingLight, Falling, MAX_VOXELS, Matter};
 use self::field::Field;
 use self::light::Shader;
-use self::march::{Picture, TILE, Work};
+use self::march::{Matter as Found, Picture, TILE, Work};
+use self::post::Post;
+use self::project::{Extreme, Projection};
 use self::table::Table;
 use crate::camera::Camera;
 use crate::error::{Error, Result};
@@ -106,8 +113,13 @@ impl HostRenderer {
     pub fn prepare_layers(&self, layers: &Layers, settings: &Settings) -> Result<HostScene> {
         settings.validate()?;
         let Some((volume, transfer)) = layers.plain() else { return Err(refused("draws one volume alone")) };
-        if settings.model != Model::Composite || settings.shading != Shading::Post {
-            return Err(refused("draws post-shaded composites: --model composite --shading post"));
+        if extreme(settings.model).is_none()
+            && (settings.model != Model::Composite || settings.shading != Shading::Post)
+        {
+            return Err(refused("draws post-shaded composites and projections: --shading post"));
+        }
+        if settings.depth_coded || settings.attenuation != 0.0 {
+            return Err(refused("codes no depths: leave out --depth-colours and --attenuation"));
         }
         if settings.interslice == Interslice::Mean {
             return Err(refused("classifies between samples: leave out interslice=mean"));
@@ -201,24 +213,42 @@ impl HostRenderer {
                 Some(light?)
             }
         };
+        let density = settings.normalization.density(&kernel);
+        let to_world = grid.to_world();
+        let matter = match extreme(settings.model) {
+            Some(extreme) => Found::Projection(Projection { field, extreme }),
+            None => Found::Post(Post {
+                field,
+                table: &scene.table,
+                shader: shader.as_ref(),
+                arriving: arriving.as_deref(),
+                gradient_opacity: &gradient_opacity,
+                to_places: DAffine3::from_scale(DVec3::splat(1.0 / grid.unit()))
+                    * DAffine3::from_translation(-grid.center())
+                    * to_world,
+            }),
+        };
         let picture = Picture {
-            field,
-            table: &scene.table,
-            shader: shader.as_ref(),
-            arriving: arriving.as_deref(),
-            gradient_opacity: &gradient_opacity,
+            matter,
+            dims: field.dims,
             camera,
             to_lattice: grid.to_lattice(),
-            unit: unit / settings.normalization.density(&kernel),
-            to_places: DAffine3::from_scale(DVec3::splat(1.0 / grid.unit()))
-                * DAffine3::from_translation(-grid.center())
-                * grid.to_world(),
+            unit: unit / density,
             sides: &sides,
             termination: settings.termination as f32,
         };
         let mut image = Image::transparent(region.width, region.height)?;
         let (work, seconds) = on_host(|| self.paint(&picture, region, &mut image));
         let work = work?;
+        if let Some(extreme) = extreme(settings.model) {
+            let factor = density / scene.reduction.factor();
+            image.pixels_mut().par_iter_mut().for_each(|pixel| {
+                let [value, planes, ..] = pixel.map(f64::from);
+                let value = if extreme == Extreme::Mean { value / planes } else { value };
+                let shown = if value.is_finite() { scene.transfer.projected(value * factor, None) } else { [0.0; 4] };
+                *pixel = shown.map(|channel| channel as f32);
+            });
+        }
         stages.push(StageTime::host("frame", seconds));
         let voxels = grid.len();
         let noise = (settings.sharpness > 0.0).then(|| settings.reconstruction()).transpose()?;
@@ -296,6 +326,16 @@ impl HostRenderer {
             Ok(work)
         };
         bands.into_par_iter().map(paint).try_reduce(Work::default, |a, b| Ok(a.and(b)))
+    }
+}
+
+/// The scalar that pixels of a model show, if it is a projection of intensity.
+fn extreme(model: Model) -> Option<Extreme> {
+    match model {
+        Model::Mip => Some(Extreme::Largest),
+        Model::Minip => Some(Extreme::Smallest),
+        Model::Average => Some(Extreme::Mean),
+        Model::Composite | Model::Xray => None,
     }
 }
 

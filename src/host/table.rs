@@ -1,21 +1,37 @@
 //! The transfer function as rays read it.
 
+use std::array::from_fn;
+
 use pulp::Simd;
 
-use super::lanes::{Channels, Lanes, Order, fours, twice_four};
+use super::lanes::{Channels, Lanes, Order, RAYS, fours, twice_four};
 use crate::transfer::TransferFunction;
 use crate::transfer::bins::{BINS, Bins, OUTER_BINS, VisibleValues};
 use crate::transfer::scalars::Reduction;
 
-/// Numbers of a bin: the function at its beginning, and the integral up to there.
-const NUMBERS: usize = 8;
+/// Bins of a block, of which the largest bend is known.
+const BLOCK: usize = 8;
+const BLOCKS: usize = BINS.div_ceil(BLOCK);
 
 /// A transfer function and its integral over bins of scalars: colour times extinction, and extinction.
 pub(super) struct Table {
-    numbers: Vec<f32>,
+    /// The function at the ends of bins.
+    values: Vec<[f32; 4]>,
+    /// Its integral up to the ends of bins, in bins.
+    integrals: Vec<[f32; 4]>,
+    /// The largest second difference of the function at the ends of the bins of 2^n blocks from each block on.
+    bends: Vec<[f32; BLOCKS]>,
     lookup: [f32; 2],
     /// The range of invisible scalars around 0, ends included; empty if the first is larger.
     pub(super) invisible: [f32; 2],
+}
+
+/// A scalar of each ray among the bins.
+struct Place<S: Simd> {
+    place: Lanes<S>,
+    bins: [u32; RAYS],
+    /// The place from the beginning of the bin on.
+    beyond: [f32; RAYS],
 }
 
 /// The function at a scalar of each ray, and its integral up to there, in bins.
@@ -26,12 +42,30 @@ pub(super) struct Classified<S: Simd> {
     integral: [Lanes<S>; 4],
 }
 
+/// The largest second difference in 2^n blocks, for each n.
+fn bends(values: &[[f32; 4]]) -> Vec<[f32; BLOCKS]> {
+    let mut first = [0.0_f32; BLOCKS];
+    for (number, around) in values.windows(3).enumerate() {
+        let bend = (0..4).map(|c| (around[0][c] - 2.0 * around[1][c] + around[2][c]).abs()).fold(0.0, f32::max);
+        // The end between two bins bends both.
+        for bin in [number, number + 1] {
+            first[bin / BLOCK] = first[bin / BLOCK].max(bend);
+        }
+    }
+    let mut levels = vec![first];
+    while 1 << levels.len() <= BLOCKS {
+        let below = levels[levels.len() - 1];
+        let half = 1 << (levels.len() - 1);
+        levels.push(from_fn(|block| below[block].max(below[(block + half).min(BLOCKS - 1)])));
+    }
+    levels
+}
+
 impl Table {
     pub(super) fn new(transfer: &TransferFunction, reduction: &Reduction) -> Self {
-        let Bins { rows, lookup, invisible } = Bins::new(transfer, reduction, VisibleValues::Opaque);
-        let integrals = rows[1].iter().copied().chain([[0.0; 4]]);
-        let numbers = rows[0].iter().zip(integrals).flat_map(|(value, integral)| [*value, integral].concat());
-        Self { numbers: numbers.collect(), lookup, invisible }
+        let Bins { mut rows, lookup, invisible } = Bins::new(transfer, reduction, VisibleValues::Opaque);
+        let (integrals, values) = (rows.swap_remove(1), rows.swap_remove(0));
+        Self { bends: bends(&values), values, integrals, lookup, invisible }
     }
 
     /// Whether no scalar of a range is visible.
@@ -39,36 +73,78 @@ impl Table {
         low >= self.invisible[0] && high <= self.invisible[1]
     }
 
-    /// The extinction of a scalar.
-    pub(super) fn extinction(&self, scalar: f32) -> f32 {
+    /// The bin of a scalar, and the place of the scalar from its beginning on.
+    #[inline(always)]
+    fn bin(&self, scalar: f32) -> (usize, f32) {
         let [low, scale] = self.lookup;
         let place = (scalar - low) * scale + OUTER_BINS as f32;
-        let bin = place.clamp(0.0, (BINS - 1) as f32) as usize;
-        let [value, next] = [3, NUMBERS + 3].map(|c| self.numbers[bin * NUMBERS + c]);
-        value + (next - value) * (place - bin as f32)
+        let bin = place.max(0.0).min((BINS - 1) as f32) as usize;
+        (bin, place - bin as f32)
+    }
+
+    /// The extinction of a scalar.
+    pub(super) fn extinction(&self, scalar: f32) -> f32 {
+        let (bin, beyond) = self.bin(scalar);
+        let [value, next] = [self.values[bin][3], self.values[bin + 1][3]];
+        value + (next - value) * beyond
+    }
+
+    /// A bound of the error of the function at the mean of scalars in place of its mean over them. All lie in `range`,
+    /// and those of a mean lie at most `apart`.
+    #[inline(always)]
+    pub(super) fn bend(&self, [low, high]: [f32; 2], apart: f32) -> f32 {
+        let (low, high) = (self.bin(low).0 / BLOCK, self.bin(high).0 / BLOCK);
+        let level = (high - low + 1).ilog2() as usize;
+        let bend = self.bends[level][low].max(self.bends[level][high + 1 - (1 << level)]);
+        // A second derivative times a variance of uniform scalars, halved; if only few bins are crossed, a kink counts
+        // by an eighth.
+        let bins = apart * self.lookup[1];
+        bend * bins * (bins + 3.0) * (1.0 / 24.0)
     }
 
     #[inline(always)]
-    pub(super) fn classified<S: Simd>(&self, simd: S, order: &Order, scalar: Lanes<S>) -> Classified<S> {
+    fn place<S: Simd>(&self, simd: S, scalar: Lanes<S>) -> Place<S> {
         let [low, scale] = self.lookup;
         let from_low = scalar.sub(simd, Lanes::all(simd, low));
         let place = from_low.fma(simd, Lanes::all(simd, scale), Lanes::all(simd, OUTER_BINS as f32));
         let last = Lanes::all(simd, (BINS - 1) as f32);
         let bin = place.max(simd, Lanes::all(simd, 0.0)).min(simd, last).floor(simd);
-        let beyond = place.sub(simd, bin).to_array();
-        let bins = bin.indices(simd);
+        Place { place, bins: bin.indices(simd), beyond: place.sub(simd, bin).to_array() }
+    }
+
+    /// The function at a scalar of each ray.
+    #[inline(always)]
+    pub(super) fn value<S: Simd>(&self, simd: S, order: &Order, scalar: Lanes<S>) -> [Lanes<S>; 4] {
+        let Place { bins, beyond, .. } = self.place(simd, scalar);
+        let mut values = Channels::new(simd);
+        for vector in 0..values.0.len() {
+            let [one, other] = order.pair(vector);
+            let a = &self.values[bins[one] as usize..][..2];
+            let b = &self.values[bins[other] as usize..][..2];
+            let value = fours::<S>(&a[0], &b[0]);
+            let beyond = twice_four::<S>(beyond[one], beyond[other]);
+            values.0[vector] = simd.mul_add_f32s(simd.sub_f32s(fours::<S>(&a[1], &b[1]), value), beyond, value);
+        }
+        values.apart(simd)
+    }
+
+    /// The function at a scalar of each ray, and its integral.
+    #[inline(always)]
+    pub(super) fn classified<S: Simd>(&self, simd: S, order: &Order, scalar: Lanes<S>) -> Classified<S> {
+        let Place { place, bins, beyond } = self.place(simd, scalar);
         let half = simd.splat_f32s(0.5);
         let (mut values, mut integrals) = (Channels::new(simd), Channels::new(simd));
         for vector in 0..values.0.len() {
             let [one, other] = order.pair(vector);
-            let a = &self.numbers[bins[one] as usize * NUMBERS..][..NUMBERS + 4];
-            let b = &self.numbers[bins[other] as usize * NUMBERS..][..NUMBERS + 4];
-            let value = fours::<S>(a, b);
+            let a = &self.values[bins[one] as usize..][..2];
+            let b = &self.values[bins[other] as usize..][..2];
+            let value = fours::<S>(&a[0], &b[0]);
             let beyond = twice_four::<S>(beyond[one], beyond[other]);
-            let rise = simd.mul_f32s(simd.sub_f32s(fours::<S>(&a[NUMBERS..], &b[NUMBERS..]), value), beyond);
+            let rise = simd.mul_f32s(simd.sub_f32s(fours::<S>(&a[1], &b[1]), value), beyond);
             let mean = simd.mul_add_f32s(half, rise, value);
             values.0[vector] = simd.add_f32s(value, rise);
-            integrals.0[vector] = simd.mul_add_f32s(mean, beyond, fours::<S>(&a[4..], &b[4..]));
+            let up_to = fours::<S>(&self.integrals[bins[one] as usize], &self.integrals[bins[other] as usize]);
+            integrals.0[vector] = simd.mul_add_f32s(mean, beyond, up_to);
         }
         Classified { place, value: values.apart(simd), integral: integrals.apart(simd) }
     }

@@ -130,7 +130,9 @@ impl Image {
 
     /// The picture over an opaque background as 8-bit RGB.
     pub(crate) fn to_rgb8(&self, background: Background) -> Vec<u8> {
-        self.to_rgba8(background).chunks_exact(4).flat_map(|pixel| &pixel[..3]).copied().collect()
+        let rgba = self.to_rgba8(background);
+        let pixels: Vec<[u8; 3]> = rgba.as_chunks().0.iter().map(|&[r, g, b, _]: &[u8; 4]| [r, g, b]).collect();
+        pixels.into_flattened()
     }
 
     fn png(&self, bytes: &[u8], color: png::ColorType, notes: &[Note]) -> io::Result<Vec<u8>> {

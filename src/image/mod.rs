@@ -23,6 +23,8 @@ pub use region::Region;
 
 pub use crate::output::{abandon_unfinished, check_writable, write_file};
 
+use rayon::prelude::*;
+
 use crate::error::{Error, Result};
 use voxsplat_volume::memory::zeroed;
 
@@ -85,7 +87,7 @@ impl Image {
             });
             [r, g, b, if background == Background::Transparent { byte(alpha) } else { 255 }]
         };
-        self.pixels.iter().flat_map(bytes).collect()
+        self.pixels.par_iter().map(bytes).collect::<Vec<[u8; 4]>>().into_flattened()
     }
 
     /// Returns a copy of a region of the picture.
@@ -145,7 +147,7 @@ impl Image {
 
 /// A display value in 0..1 to the nearest of 256 steps; NaN to 0.
 fn byte(value: f64) -> u8 {
-    (value.clamp(0.0, 1.0) * 255.0).round() as u8
+    (value.clamp(0.0, 1.0) * 255.0 + 0.5) as u8
 }
 
 #[cfg(test)]

@@ -173,10 +173,8 @@ impl<W: Write> Sink<W> {
             }
             Self::Apng(writer) => Ok(writer.write_image_data(rgb)?),
             Self::Y4m(out) => {
-                let yuv: Vec<[u8; 3]> = rgb.as_chunks().0.iter().copied().map(yuv).collect();
-                let mut frame = b"FRAME\n".to_vec();
-                (0..3).for_each(|plane| frame.extend(yuv.iter().map(|pixel| pixel[plane])));
-                out.write_all(&frame)
+                out.write_all(b"FRAME\n")?;
+                out.write_all(&planes(rgb))
             }
             Self::Html(page) => page.add(rgb),
         }
@@ -221,12 +219,18 @@ fn failed(error: IoError) -> Error {
     Error::Image(format!("the film cannot be written: {error}"))
 }
 
+/// The planes of luma and chroma of RGB bytes.
+fn planes(rgb: &[u8]) -> Vec<u8> {
+    let yuv: Vec<[u8; 3]> = rgb.as_chunks().0.iter().copied().map(yuv).collect();
+    (0..3).flat_map(|plane| yuv.iter().map(move |pixel| pixel[plane])).collect()
+}
+
 /// Luma and chroma of a colour, limited range (ITU-R BT.601).
 fn yuv(rgb: [u8; 3]) -> [u8; 3] {
     let [r, g, b] = rgb.map(|c| f32::from(c) / 255.0);
     let luma = 0.299 * r + 0.587 * g + 0.114 * b;
     let limited = [16.0 + 219.0 * luma, 128.0 + 224.0 * (b - luma) / 1.772, 128.0 + 224.0 * (r - luma) / 1.402];
-    limited.map(|c| c.round() as u8)
+    limited.map(|c| (c + 0.5) as u8)
 }
 
 /// A film in a file, which appears whole or not at all.

@@ -1,0 +1,253 @@
+//! Planes of coefficients, summed along the principal axis for the rays of a tile, which each read 4 x 4 points of
+//! them.
+
+use pulp::Simd;
+
+use super::field::Field;
+use super::lanes::{Channels, Lanes, Order, WIDTH, added_up, load, weighted};
+use super::rays::Axes;
+
+/// Numbers of a point of a plane: its channels.
+pub(super) const CHANNELS: usize = 4;
+
+/// How far the rays of a tile read.
+#[derive(Clone, Copy)]
+pub(super) struct Reach {
+    /// Voxels beyond the outermost voxels where rays may find matter.
+    pub(super) beyond: f64,
+    /// Points around the 4 x 4 points of a ray.
+    pub(super) around: isize,
+}
+
+/// The part of a plane that is read: first and last points.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Area {
+    pub(super) low: [isize; 2],
+    pub(super) high: [isize; 2],
+}
+
+impl Area {
+    /// The points that rays between four read from plane to plane; `None` if they pass the field. Rays are pairs of the
+    /// place in plane 0 and the step from plane to plane, along a and b.
+    pub(super) fn new(corners: &[[[f64; 2]; 2]; 4], planes: [f64; 2], size: [usize; 3], reach: Reach) -> Option<Self> {
+        let Reach { beyond, around } = reach;
+        let mut area = Self { low: [0; 2], high: [0; 2] };
+        for axis in 0..2 {
+            let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+            for corner in corners {
+                let [start, step] = corner[axis];
+                for z in planes {
+                    let place = start + step * z;
+                    low = low.min(place);
+                    high = high.max(place);
+                }
+            }
+            let last = (size[axis] - 1) as f64 + beyond;
+            if high < -beyond || low > last {
+                return None;
+            }
+            area.low[axis] = low.clamp(-beyond, last).floor() as isize - 1 - around;
+            area.high[axis] = high.clamp(-beyond, last).floor() as isize + 2 + around;
+        }
+        Some(area)
+    }
+
+    pub(super) fn size(&self) -> [usize; 2] {
+        [0, 1].map(|axis| (self.high[axis] - self.low[axis] + 1) as usize)
+    }
+}
+
+/// A plane of channels side by side, and memory to make it.
+#[derive(Default)]
+pub(super) struct Plane {
+    scalars: Vec<f32>,
+    along: Vec<f32>,
+    pub(super) channels: Vec<f32>,
+    /// Points from row to row.
+    stride: usize,
+}
+
+/// The scalar at a plane and the central difference across it, by coefficients at five planes.
+#[inline(always)]
+fn whole([z, b, m, a, y]: [f32; 5]) -> (f32, f32) {
+    let scalar = (b + a).mul_add(1.0 / 6.0, m * (4.0 / 6.0));
+    (scalar, (y - z).mul_add(1.0 / 12.0, (a - b) * (4.0 / 12.0)))
+}
+
+/// The same half way between two planes, by coefficients at six.
+#[inline(always)]
+fn half([x, z, b, a, y, w]: [f32; 6]) -> (f32, f32) {
+    let scalar = (z + y).mul_add(1.0 / 48.0, (b + a) * (23.0 / 48.0));
+    let far = (y - z).mul_add(23.0, w - x);
+    (scalar, far.mul_add(1.0 / 96.0, (a - b) * (22.0 / 96.0)))
+}
+
+/// Sums planes at a plane: weights 1, 4, 1 over 6; and central differences along the axis.
+#[inline(always)]
+fn sum_whole(planes: [&[f32]; 5], step: usize, scalars: &mut [f32], along: &mut [f32], differs: bool) {
+    let count = scalars.len();
+    if step == 1 {
+        let [z, b, m, a, y] = planes.map(|plane| &plane[..count]);
+        for x in 0..count {
+            let (scalar, difference) = whole([z[x], b[x], m[x], a[x], y[x]]);
+            scalars[x] = scalar;
+            if differs {
+                along[x] = difference;
+            }
+        }
+    } else {
+        for x in 0..count {
+            let [z, b, m, a, y] = planes;
+            let at = x * step;
+            (scalars[x], along[x]) = whole([z[at], b[at], m[at], a[at], y[at]]);
+        }
+    }
+}
+
+/// Sums planes half way between planes: weights 1, 23, 23, 1 over 48; and central differences along the axis.
+#[inline(always)]
+fn sum_half(planes: [&[f32]; 6], step: usize, scalars: &mut [f32], along: &mut [f32], differs: bool) {
+    let count = scalars.len();
+    if step == 1 {
+        let [p, z, b, a, y, w] = planes.map(|plane| &plane[..count]);
+        for x in 0..count {
+            let (scalar, difference) = half([p[x], z[x], b[x], a[x], y[x], w[x]]);
+            scalars[x] = scalar;
+            if differs {
+                along[x] = difference;
+            }
+        }
+    } else {
+        for x in 0..count {
+            let [p, z, b, a, y, w] = planes;
+            let at = x * step;
+            (scalars[x], along[x]) = half([p[at], z[at], b[at], a[at], y[at], w[at]]);
+        }
+    }
+}
+
+impl Plane {
+    /// Makes room for an area. Returns the points from row to row.
+    pub(super) fn resize(&mut self, area: &Area) -> usize {
+        let [width, height] = area.size();
+        // Vectors reach beyond the end of a row.
+        self.stride = width.next_multiple_of(WIDTH) + WIDTH;
+        let numbers = CHANNELS * self.stride * (height + 1);
+        if self.channels.len() < numbers {
+            self.channels.resize(numbers, 0.0);
+        }
+        self.stride
+    }
+
+    /// Makes half plane `number` of scalars: the scalar, and if asked for its central differences along a, b and the
+    /// axis. Even half planes lie at planes.
+    #[inline(always)]
+    pub(super) fn make_scalars<S: Simd>(
+        &mut self,
+        simd: S,
+        order: &Order,
+        field: &Field,
+        (axes, area): (&Axes, &Area),
+        number: isize,
+        differs: bool,
+    ) {
+        let [width, height] = area.size();
+        let stride = self.resize(area);
+        if self.scalars.len() < stride * (height + 1) {
+            self.scalars.resize(stride * (height + 1), 0.0);
+            self.along.resize(stride * (height + 1), 0.0);
+        }
+        let steps = field.steps();
+        let [step_a, step_b] = [steps[axes.axes[0]], steps[axes.axes[1]]];
+        let plane = number.div_euclid(2);
+        let mut starts = [0; 6];
+        for (offset, start) in starts.iter_mut().enumerate() {
+            let mut point = [0; 3];
+            point[axes.axes[0]] = area.low[0];
+            point[axes.axes[1]] = area.low[1];
+            point[axes.axes[2]] = axes.plane(plane + offset as isize - 2);
+            *start = field.index(point);
+        }
+        let coefficients = field.coefficients();
+        for row in 0..height {
+            let scalars = &mut self.scalars[row * stride..][..width];
+            let along = &mut self.along[row * stride..][..width];
+            let [p, z, b, a, y, w] = starts.map(|start| &coefficients[start + row * step_b..]);
+            if number % 2 == 0 {
+                sum_whole([p, z, b, a, y], step_a, scalars, along, differs);
+            } else {
+                sum_half([p, z, b, a, y, w], step_a, scalars, along, differs);
+            }
+        }
+        let halve = simd.splat_f32s(0.5);
+        for row in 1..height - 1 {
+            for x in (1..width - 1).step_by(WIDTH) {
+                let at = row * stride + x;
+                let scalar = load(simd, &self.scalars[at..]);
+                let channels = if differs {
+                    let right = load(simd, &self.scalars[at + 1..]);
+                    let left = load(simd, &self.scalars[at - 1..]);
+                    let behind = load(simd, &self.scalars[at + stride..]);
+                    let before = load(simd, &self.scalars[at - stride..]);
+                    let a = simd.mul_f32s(simd.sub_f32s(right, left), halve);
+                    let b = simd.mul_f32s(simd.sub_f32s(behind, before), halve);
+                    [scalar, a, b, load(simd, &self.along[at..])]
+                } else {
+                    [scalar; CHANNELS]
+                };
+                order.write(simd, channels, &mut self.channels[CHANNELS * at..]);
+            }
+        }
+    }
+
+    /// The channels at the places of a group, in points of the plane.
+    #[inline(always)]
+    pub(super) fn at<S: Simd>(&self, simd: S, order: &Order, [a, b]: [Lanes<S>; 2]) -> [Lanes<S>; CHANNELS] {
+        let stride = CHANNELS * self.stride;
+        let (first_a, first_b) = (a.floor(simd), b.floor(simd));
+        let [along0, along1, along2, along3] = spline(simd, a.sub(simd, first_a));
+        let [across0, across1, across2, across3] = spline(simd, b.sub(simd, first_b));
+        let along = [along0.to_array(), along1.to_array(), along2.to_array(), along3.to_array()];
+        let across = [across0.to_array(), across1.to_array(), across2.to_array(), across3.to_array()];
+        let offset = first_b.fma(simd, Lanes::all(simd, stride as f32), first_a.mul(simd, Lanes::all(simd, 4.0)));
+        let offset = offset.indices(simd);
+        let mut channels = Channels::new(simd);
+        for vector in 0..channels.0.len() {
+            let [one, other] = order.pair(vector);
+            let mut parts = [simd.splat_f32s(0.0); 2];
+            for (part, ray) in [one, other].into_iter().enumerate() {
+                let at = offset[ray] as usize;
+                let row = |number: usize| at + number * stride;
+                parts[part] = weighted(
+                    simd,
+                    [
+                        &self.channels[at..at + 16],
+                        &self.channels[row(1)..row(1) + 16],
+                        &self.channels[row(2)..row(2) + 16],
+                        &self.channels[row(3)..row(3) + 16],
+                    ],
+                    [across[0][ray], across[1][ray], across[2][ray], across[3][ray]],
+                    [along[0][ray], along[1][ray], along[2][ray], along[3][ray]],
+                );
+            }
+            channels.0[vector] = added_up(simd, parts[0], parts[1]);
+        }
+        channels.apart(simd)
+    }
+}
+
+/// The weights of cubic B-splines at a fraction of the way from the second to the third of four points.
+#[inline(always)]
+fn spline<S: Simd>(simd: S, t: Lanes<S>) -> [Lanes<S>; 4] {
+    let (one, half) = (Lanes::all(simd, 1.0), Lanes::all(simd, 0.5));
+    let (sixth, two_thirds) = (Lanes::all(simd, 1.0 / 6.0), Lanes::all(simd, 2.0 / 3.0));
+    let minus_one = Lanes::all(simd, -1.0);
+    let u = one.sub(simd, t);
+    let (t2, u2) = (t.mul(simd, t), u.mul(simd, u));
+    [
+        u2.mul(simd, u).mul(simd, sixth),
+        t2.fma(simd, t.fma(simd, half, minus_one), two_thirds),
+        u2.fma(simd, u.fma(simd, half, minus_one), two_thirds),
+        t2.mul(simd, t).mul(simd, sixth),
+    ]
+}

@@ -1,0 +1,149 @@
+//! Projections of intensity: the largest, the smallest or the mean scalar along rays.
+
+use pulp::Simd;
+
+use super::field::Field;
+use super::lanes::{Lanes, Order};
+use super::march::{RECENT, Rule};
+use super::plane::{Area, CHANNELS, Plane, Reach};
+use super::rays::{Axes, Rays};
+
+/// The scalar that a pixel shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Extreme {
+    Largest,
+    Smallest,
+    Mean,
+}
+
+/// What projections are made of.
+pub(super) struct Projection<'a> {
+    pub(super) field: &'a Field,
+    pub(super) extreme: Extreme,
+}
+
+impl Projection<'_> {
+    /// Rays end half a voxel beyond the faces.
+    pub(super) const REACH: Reach = Reach { beyond: 1.0, around: 0 };
+
+    /// Whether a scalar between two points of the lattice, ends included, may matter.
+    pub(super) fn shows(&self, _: [isize; 3], _: [isize; 3]) -> bool {
+        true
+    }
+}
+
+/// A group on its way.
+#[derive(Clone, Copy)]
+pub(super) struct State<S: Simd> {
+    /// The scalars of the last samples: of sample n at n modulo 4.
+    scalars: [Lanes<S>; RECENT],
+    /// The extreme, or the sum.
+    value: Lanes<S>,
+    /// The plane of the extreme, or the planes that were added up.
+    planes: Lanes<S>,
+    last: isize,
+}
+
+/// The scalars of projections along the rays of a tile.
+pub(super) struct Projecting<'a, S: Simd> {
+    projection: &'a Projection<'a>,
+    axes: Axes,
+    order: Order,
+    /// 1, or -1 if the smallest scalar is wanted.
+    sign: Lanes<S>,
+}
+
+impl<'a, S: Simd> Projecting<'a, S> {
+    #[inline(always)]
+    pub(super) fn new(simd: S, projection: &'a Projection<'a>, axes: &Axes) -> Self {
+        let sign = if projection.extreme == Extreme::Smallest { -1.0 } else { 1.0 };
+        Self { projection, axes: *axes, order: Order::new(simd), sign: Lanes::all(simd, sign) }
+    }
+}
+
+impl<S: Simd> Rule<S> for Projecting<'_, S> {
+    type State = State<S>;
+
+    const BEHIND: usize = 1;
+    const STEP: f64 = 0.5;
+    const AROUND: [isize; 2] = [0, 0];
+
+    #[inline(always)]
+    fn start(&self, simd: S) -> State<S> {
+        let zero = Lanes::all(simd, 0.0);
+        let least = if self.projection.extreme == Extreme::Mean { 0.0 } else { f32::NEG_INFINITY };
+        State { scalars: [zero; RECENT], value: Lanes::all(simd, least), planes: zero, last: isize::MIN / 2 }
+    }
+
+    #[inline(always)]
+    fn make(&self, simd: S, plane: &mut Plane, area: &Area, number: usize) {
+        // Number 0 lies half a plane before the first.
+        plane.make_scalars(simd, &self.order, self.projection.field, (&self.axes, area), number as isize - 1, false);
+    }
+
+    #[inline(always)]
+    fn sampled(&self, state: &mut State<S>, number: usize, [scalar, ..]: [Lanes<S>; CHANNELS]) {
+        if state.last < number as isize - 1 {
+            state.scalars = [scalar; RECENT];
+        }
+        state.scalars[number % RECENT] = scalar;
+        state.last = number as isize;
+    }
+
+    #[inline(always)]
+    fn passed(&self, _: S, state: &mut State<S>, number: usize) {
+        state.scalars[number % RECENT] = state.scalars[(number + RECENT - 1) % RECENT];
+    }
+
+    #[inline(always)]
+    fn slab(&self, simd: S, state: &mut State<S>, rays: &Rays<S>, (number, z): (usize, f32), _: bool) -> bool {
+        if state.last < number as isize {
+            return false;
+        }
+        let all = |value: f32| Lanes::all(simd, value);
+        // Samples from half plane to half plane: the slab reaches half way to its neighbours.
+        let before = state.scalars[(number + RECENT - 1) % RECENT].mul(simd, self.sign);
+        let own = state.scalars[number % RECENT].mul(simd, self.sign);
+        let behind = state.scalars[(number + 1) % RECENT].mul(simd, self.sign);
+        let (half, zero) = (all(0.5), all(0.0));
+        let at = |end: Lanes<S>| end.sub(simd, all(z)).mul(simd, all(2.0)).max(simd, all(-0.5)).min(simd, half);
+        let (low, high) = (at(rays.ends[0]), at(rays.ends[1]));
+        let inside = low.less(simd, high);
+        if !inside.any(simd) {
+            return false;
+        }
+        let slope = behind.sub(simd, before).mul(simd, half);
+        let bend = own.fma(simd, all(-2.0), before.add(simd, behind));
+        if self.projection.extreme == Extreme::Mean {
+            let length = high.sub(simd, low);
+            let linear = high.fma(simd, high, zero.sub(simd, low.mul(simd, low))).mul(simd, half);
+            let cube = high.mul(simd, high).mul(simd, high).sub(simd, low.mul(simd, low).mul(simd, low));
+            let sum = bend.mul(simd, cube).mul(simd, all(1.0 / 6.0));
+            let sum = own.fma(simd, length, slope.fma(simd, linear, sum));
+            state.value = state.value.add(simd, sum.or(simd, inside, zero));
+            state.planes = state.planes.add(simd, length.or(simd, inside, zero));
+            return true;
+        }
+        // The parabola through three samples at both ends of the slab, and at its vertex.
+        let vertex = zero.sub(simd, slope).div(simd, bend.min(simd, all(-1e-30)));
+        for place in [low, high, vertex.max(simd, low).min(simd, high)] {
+            let value = place.mul(simd, half).fma(simd, bend, slope).fma(simd, place, own);
+            let is_larger = state.value.less(simd, value).and(simd, inside);
+            state.planes = place.fma(simd, half, all(z)).or(simd, is_larger, state.planes);
+            state.value = value.or(simd, is_larger, state.value);
+        }
+        true
+    }
+
+    #[inline(always)]
+    fn most_left(&self, _: S, _: &State<S>) -> f32 {
+        1.0
+    }
+
+    /// The extreme or the sum of the scalars, and its plane or the planes that were added up.
+    #[inline(always)]
+    fn pixel(&self, simd: S, state: &State<S>) -> [Lanes<S>; 4] {
+        let zero = Lanes::all(simd, 0.0);
+        [state.value.mul(simd, self.sign), state.planes, zero, zero]
+    }
+}
