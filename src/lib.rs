@@ -51,6 +51,7 @@ pub mod reference;
 pub mod renderer;
 pub mod settings;
 pub mod solids;
+mod splats;
 pub mod stats;
 pub mod transfer;
 

@@ -14,8 +14,9 @@ use super::samples::{BrickBatch, Input, InputKey, ROWS};
 use super::scan::Scan;
 use super::shaders;
 use super::stage::{Stage, for_each};
-use super::store::{BrickSplats, Drawable, StoreBuilder};
+use super::store::{Drawable, StoreBuilder};
 use crate::error::Result;
+use crate::splats::brick::BrickSplats;
 use crate::volume::BRICK_EDGE as EDGE;
 
 /// Completes errors: "while ...".

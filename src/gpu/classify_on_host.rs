@@ -5,11 +5,13 @@ use std::cell::LazyCell;
 use rayon::prelude::*;
 
 use super::classify::{STRIDE, joined};
-use super::samples::{FAR, Input};
-use super::splat::{density, packed_appearance, packed_normal, resolution_at, with_density};
-use super::store::{Drawable, MadeBrick, StoreBuilder};
+use super::samples::Input;
+use super::store::{Drawable, StoreBuilder};
 use crate::error::Result;
 use crate::kernel::DerivativeFilter;
+use crate::splats::brick::MadeBrick;
+use crate::splats::gradients::{FAR, gradient_of, steepness_of};
+use crate::splats::words::{density, packed_appearance, packed_normal, resolution_at, with_density};
 use crate::transfer::scaled_share;
 use crate::volume::{BRICK_EDGE as EDGE, Brick};
 
@@ -129,20 +131,4 @@ impl HostClassifier<'_> {
             bits
         })
     }
-}
-
-/// `world_gradient` in shaders/common/classified.wgsl, of the slopes along the axes of the lattice: a vector and its
-/// factor; 0 if the slopes are under their resolution.
-pub(crate) fn gradient_of([x, y, z]: &[[f32; 3]; 3], slopes: [f32; 3], resolution: f32) -> ([f32; 3], f32) {
-    let largest = slopes.iter().fold(0.0_f32, |largest, slope| largest.max(slope.abs()));
-    if largest <= 0.0 || largest < resolution {
-        return ([0.0; 3], 0.0);
-    }
-    let d = slopes.map(|slope| slope / largest);
-    ([0, 1, 2].map(|i| x[i] * d[0] + y[i] * d[1] + z[i] * d[2]), largest)
-}
-
-/// The length of such a gradient.
-pub(crate) fn steepness_of(([x, y, z], times): ([f32; 3], f32)) -> f32 {
-    ((x * x + y * y + z * z).sqrt() * times).min(FAR as f32)
 }

@@ -5,8 +5,9 @@ use super::context::Context;
 use super::recorder::{ComputePass, Readback, Recorder};
 use super::samples::ROWS;
 use super::scan::Scan;
-use super::store::{BrickSplats, Part, Splats, StoreBuilder};
+use super::store::{Part, Splats, StoreBuilder};
 use crate::error::Result;
+use crate::splats::brick::BrickSplats;
 
 /// The buffers of the rows of some bricks.
 pub(super) struct Rows {

@@ -13,8 +13,9 @@ use super::layout::{Classify, MAX_BRICKS, SHADED_WORDS};
 use super::recorder::{Recorder, max_work};
 use super::samples::{BATCH, BrickBatch, Bricks, Input, InputKey, ROWS};
 use super::stage::Constant;
-use super::store::{BrickSplats, Drawable, Splats, Store, Unlisted};
+use super::store::{Drawable, Splats, Store, Unlisted};
 use crate::error::Result;
+use crate::splats::brick::BrickSplats;
 use crate::volume::BRICK_EDGE as EDGE;
 
 /// The samples of a volume, classified by a transfer function. A clone shares the memory of the device.

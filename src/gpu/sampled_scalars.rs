@@ -12,10 +12,11 @@ use super::context::Context;
 use super::held_samples::{HeldBricks, HeldSamples};
 use super::layout::Scalars;
 use super::recorder::{Recorder, max_work};
-use super::samples::{FAR, Input};
+use super::samples::Input;
 use super::scalar_cells::{BoundSamples, CellFilters, ScalarCells};
 use super::stage::{Constant, Stage, for_each};
 use crate::error::Result;
+use crate::splats::gradients::FAR;
 use crate::transfer::scalars::Reduction;
 use crate::volume::{BRICK_EDGE as EDGE, SampleType};
 

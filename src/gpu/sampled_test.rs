@@ -12,8 +12,9 @@ use super::recorder::Recorder;
 use super::sampled::Sampled;
 use super::samples::Input;
 use super::scan::Scan;
-use super::store::{BrickSplats, Drawable, Store};
+use super::store::{Drawable, Store};
 use crate::progress::Progress;
+use crate::splats::brick::BrickSplats;
 use crate::transfer::{ControlPoint, GradientPoint, TransferFunction};
 use crate::volume::{Grid, Samples, Volume};
 

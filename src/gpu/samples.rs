@@ -14,6 +14,7 @@ use super::stage::Constant;
 use crate::error::{Error, Result};
 use crate::kernel::NORMAL_REACH;
 use crate::progress::Progress;
+use crate::splats::gradients::{FAR, gradients};
 use crate::transfer::scalars::Reduction;
 use crate::transfer::{self, Resolution, TransferFunction};
 use crate::volume::{BRICK_EDGE as EDGE, Brick, RowCoding, SampleType, ToF64, Volume};
@@ -26,8 +27,6 @@ pub(super) const ROWS: usize = EDGE * EDGE;
 /// Completes errors: "while ...".
 const SENDING: &str = "sending samples";
 
-/// The limit of control points and samples that shaders see: differences stay in the range of f32.
-pub(super) const FAR: f64 = 1e36;
 /// The least extent of the control points in unreduced floats: their products stay in the range of f32.
 const LEAST_EXTENT: f64 = 1e-24;
 
@@ -425,10 +424,4 @@ impl BrickBatch {
         let bytes = |bricks: usize| (bricks * ROWS * size_of::<u32>()) as u64;
         buffer_range(buffer, bytes(before), bytes(bricks))
     }
-}
-
-/// World gradients of the lattice coordinates.
-pub(crate) fn gradients(volume: &Volume) -> [[f32; 3]; 3] {
-    let gradients = volume.grid().local().to_lattice().matrix3.transpose();
-    [0, 1, 2].map(|axis| gradients.col(axis).as_vec3().to_array())
 }

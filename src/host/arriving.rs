@@ -2,32 +2,22 @@
 
 use std::sync::{Mutex, PoisonError};
 
-use glam::{DMat3, DVec3};
 use pulp::Simd;
 use rayon::prelude::*;
 use voxsplat_volume::memory::reserved;
 
-use super::field::Field;
 use super::lanes::{Channels, Lanes, Order, RAYS, twice_four};
-use super::table::Table;
-use crate::camera::clip::{Side, is_inside};
+use crate::camera::clip::Side;
 use crate::error::{Error, Result};
-use crate::lighting::shadow::field::CLIPPED;
 use crate::lighting::shadow::{Arrival, ShadowLattice};
 use crate::lighting::{Casting, MAX_CASTING};
 use crate::progress::Progress;
-use crate::transfer::scalars::Relative;
-use crate::transfer::scaled_share;
-use crate::volume::{ToF64, Volume, with_samples};
 
 /// The largest number of voxels with shadows, 8 bytes each.
 pub(super) const MAX_VOXELS: u64 = 1 << 27;
 
 /// Bytes that shadows need for a voxel: its shares, its extinction, and sums of sweeps.
 pub(super) const BYTES: u64 = 20;
-
-/// Voxels of a row that are lit together or not at all.
-const RUN: usize = 8;
 
 /// The light that falls on a field.
 #[derive(Debug, Clone, PartialEq)]
@@ -38,86 +28,28 @@ pub(super) struct Falling {
     pub(super) clip: Vec<Side>,
 }
 
-/// The matter that light falls on.
-pub(super) struct Matter<'a> {
-    pub(super) volume: &'a Volume,
-    pub(super) relative: &'a Relative,
-    pub(super) table: &'a Table,
-    pub(super) field: &'a Field,
-    /// See [`super::march::Picture::gradient_opacity`].
-    pub(super) gradient_opacity: &'a [[f32; 2]],
-    /// From central differences to gradients in the world.
-    pub(super) to_world: DMat3,
-}
-
 /// Shares of three lights and of ambient light at each voxel, x fastest.
 pub(super) struct ArrivingLight {
     dims: [usize; 3],
     shares: Vec<[u16; 4]>,
 }
 
-impl Matter<'_> {
-    /// The scalars of a row; rows beyond the lattice are the nearest.
-    fn scalars(&self, y: isize, z: isize) -> Result<Vec<f32>> {
-        let [nx, ny, nz] = self.field.dims;
-        let row = y.clamp(0, ny as isize - 1) as usize + ny * z.clamp(0, nz as isize - 1) as usize;
-        let samples = self.volume.read(row * nx..(row + 1) * nx)?;
-        Ok(with_samples!(&samples, s => s.iter().map(|v| self.relative.to(v.to_f64())).collect()))
-    }
-
-    /// Writes the extinctions of a row: 0 where nothing near is visible.
-    fn row(&self, falling: &Falling, [y, z]: [usize; 2], row: &mut [f32]) -> Result<()> {
-        let [nx, ny, nz] = self.field.dims;
-        let [y, z] = [y as isize, z as isize];
-        let is_lit = |first: usize| {
-            let low = [first as isize - 3, y - 3, z - 3];
-            let high = [(first + RUN) as isize + 2, y + 3, z + 3];
-            !self.table.is_invisible(self.field.range(low, high))
-        };
-        let runs: Vec<usize> = (0..nx).step_by(RUN).filter(|&first| is_lit(first)).collect();
-        if runs.is_empty() {
-            return Ok(());
-        }
-        let own = self.scalars(y, z)?;
-        let thins = !self.gradient_opacity.is_empty();
-        let beside = if thins {
-            Some([self.scalars(y - 1, z)?, self.scalars(y + 1, z)?, self.scalars(y, z - 1)?, self.scalars(y, z + 1)?])
-        } else {
-            None
-        };
-        let middle = DVec3::new(nx as f64 - 1.0, ny as f64 - 1.0, nz as f64 - 1.0) / 2.0;
-        for x in runs.into_iter().flat_map(|first| first..(first + RUN).min(nx)) {
-            let mut extinction = self.table.extinction(own[x]);
-            if let Some([before_y, behind_y, before_z, behind_z]) = &beside
-                && extinction > 0.0
-            {
-                let differences = DVec3::new(
-                    f64::from(own[(x + 1).min(nx - 1)] - own[x.saturating_sub(1)]),
-                    f64::from(behind_y[x] - before_y[x]),
-                    f64::from(behind_z[x] - before_z[x]),
-                );
-                let gradient = self.to_world * differences / 2.0;
-                extinction *= scaled_share(self.gradient_opacity, gradient.length() as f32);
-            }
-            let point = DVec3::new(x as f64, y as f64, z as f64) - middle;
-            let casts = falling.clip.is_empty() || is_inside(&falling.clip, point);
-            row[x] = if casts { extinction.max(CLIPPED) } else { CLIPPED };
-        }
-        Ok(())
-    }
-}
-
 impl ArrivingLight {
-    /// Finds the light that arrives at each voxel near visible ones.
+    /// Finds the light that arrives at each voxel near visible ones. `row` writes the extinctions of a row:
+    /// [`CLIPPED`](crate::lighting::shadow::field::CLIPPED) where matter casts no shadows, 0 where nothing near is visible.
     ///
     /// # Errors
-    /// [`Error::Memory`] if [`BYTES`] for each voxel cannot be allocated; [`Error::Input`] if samples cannot be read.
-    pub(super) fn new(matter: &Matter<'_>, falling: &Falling, progress: &Progress) -> Result<Self> {
-        let dims = matter.field.dims;
+    /// [`Error::Memory`] if [`BYTES`] for each voxel cannot be allocated; the errors of `row`.
+    pub(super) fn new(
+        dims: [usize; 3],
+        row: &(dyn Fn([usize; 2], &mut [f32]) -> Result<()> + Sync),
+        falling: &Falling,
+        progress: &Progress,
+    ) -> Result<Self> {
         let count = dims.iter().product::<usize>();
         let failed = Mutex::new(None::<Error>);
-        let arrival = Arrival::new(&falling.casting, &falling.lattice, [[0; 3], dims], |place, row| {
-            if let Err(error) = matter.row(falling, place, row) {
+        let arrival = Arrival::new(&falling.casting, &falling.lattice, [[0; 3], dims], |place, out| {
+            if let Err(error) = row(place, out) {
                 failed.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
             }
         })?;
@@ -137,6 +69,11 @@ impl ArrivingLight {
             });
         }
         Ok(Self { dims, shares })
+    }
+
+    /// The shares at a voxel.
+    pub(super) fn at_voxel(&self, [x, y, z]: [usize; 3]) -> [u16; 4] {
+        self.shares[x + self.dims[0] * (y + self.dims[1] * z)]
     }
 
     /// The shares at places of a plane across an axis, linear between voxels: of the lattice axes `axes`, the places

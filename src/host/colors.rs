@@ -149,7 +149,16 @@ impl ColorField {
                 next = last + 1;
                 let shows = &mut shows[number / CELL * cells[0] * cells[1]..][..cells[0] * cells[1]];
                 let at = z.rem_euclid(kept as isize) as usize;
-                dispatch(Filtering { filter, dims, padded, planes: &planes, at, coefficients, shows, across: cells[0] });
+                dispatch(Filtering {
+                    filter,
+                    dims,
+                    padded,
+                    planes: &planes,
+                    at,
+                    coefficients,
+                    shows,
+                    across: cells[0],
+                });
             }
             Ok::<_, crate::error::Error>(())
         })?;

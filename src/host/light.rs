@@ -74,26 +74,30 @@ impl Shader {
         self.lights.iter().any(|(place, _)| matches!(place, Place::At(_)))
     }
 
-    /// The light on surfaces across gradients of the world. `differences` is the largest of the central differences
-    /// along the axes of the lattice; `kept` are the shares of the lights and of ambient light that arrive, `None` if
-    /// all does.
+    /// The share of surfaces where the largest of the central differences along the axes of the lattice is this large.
     #[inline(always)]
-    pub(super) fn shine<S: Simd>(
-        &self,
-        simd: S,
-        gradient: &Vector<S>,
-        (differences, scalar): (Lanes<S>, Lanes<S>),
-        place: &Vector<S>,
-        to_eye: &Vector<S>,
-        kept: Option<&[Lanes<S>; 4]>,
-    ) -> Shine<S> {
-        let (zero, one) = (Lanes::all(simd, 0.0), Lanes::all(simd, 1.0));
+    pub(super) fn surface<S: Simd>(&self, simd: S, differences: Lanes<S>, scalar: Lanes<S>) -> Lanes<S> {
         let [of_distance, faintest] = self.resolution;
         let resolution = scalar.abs(simd).fma(simd, Lanes::all(simd, of_distance), Lanes::all(simd, faintest));
         let share = differences.div(simd, resolution).min(simd, Lanes::all(simd, 1e4));
         let square = share.mul(simd, share);
         let fourth = square.mul(simd, square);
-        let surface = fourth.div(simd, fourth.add(simd, one));
+        fourth.div(simd, fourth.add(simd, Lanes::all(simd, 1.0)))
+    }
+
+    /// The light on surfaces across gradients of the world. `kept` are the shares of the lights and of ambient light
+    /// that arrive, `None` if all does.
+    #[inline(always)]
+    pub(super) fn shine<S: Simd>(
+        &self,
+        simd: S,
+        gradient: &Vector<S>,
+        surface: Lanes<S>,
+        place: &Vector<S>,
+        to_eye: &Vector<S>,
+        kept: Option<&[Lanes<S>; 4]>,
+    ) -> Shine<S> {
+        let (zero, one) = (Lanes::all(simd, 0.0), Lanes::all(simd, 1.0));
         // Divided by its largest component first: squares of large and of small numbers leave the range of f32.
         let largest = gradient[0].abs(simd).max(simd, gradient[1].abs(simd)).max(simd, gradient[2].abs(simd));
         let largest = largest.max(simd, Lanes::all(simd, 1e-36));

@@ -24,33 +24,35 @@ mod plane;
 mod post;
 mod project;
 mod rays;
+mod scalars;
 mod table;
+mod voxels;
 
 use std::sync::{Arc, Mutex, PoisonError};
 
 use glam::{DAffine3, DVec3};
 use rayon::prelude::*;
 
-use self::arriving::{ArrivingLight, Falling, MAX_VOXELS, Matter};
-use self::field::Field;
+use self::arriving::{Falling, MAX_VOXELS};
+use self::colors::Colors;
 use self::light::Shader;
-use self::march::{Matter as Found, Picture, TILE, Work};
+use self::march::{Matter, Picture, TILE, Work};
 use self::post::Post;
 use self::project::{Extreme, Projection};
-use self::table::Table;
+use self::scalars::{Reconstructed, Scalars};
+use self::voxels::{Colored, Filtered};
 use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::image::{Image, Region};
-use crate::kernel::{Kernel, SplineFilter};
+use crate::kernel::{Kernel, Misfit};
 use crate::layers::Layers;
 use crate::lighting::shadow::ShadowLattice;
 use crate::progress::Progress;
-use crate::settings::{Interslice, Model, Settings, Shading};
+use crate::settings::{Interslice, Model, Settings};
 use crate::stats::adapter::{AdapterInfo, AdapterKind};
 use crate::stats::{CpuStats, PainterStats, Rendered, StageTime, Stats, on_host};
-use crate::transfer::scalars::{Reduction, Relative};
-use crate::transfer::{Resolution, TransferFunction};
-use crate::volume::{Grid, Volume};
+use crate::transfer::Resolution;
+use crate::volume::Grid;
 use voxsplat_volume::memory::available;
 
 /// The largest growth of kernels of perspective pictures: growth by the last rounding does not count.
@@ -63,27 +65,78 @@ pub struct HostRenderer {
     progress: Progress,
 }
 
-/// A volume that a [`HostRenderer`] has prepared.
-pub struct HostScene {
-    /// The samples, filtered if the picture is sharpened.
-    volume: Volume,
-    transfer: TransferFunction,
-    reduction: Reduction,
-    resolution: Resolution,
-    table: Table,
-    sharpened: Option<(Kernel, f64)>,
-    /// Whether most of the visible matter is uniform, as of a mask.
-    is_uniform: bool,
-    /// The field of the last kernel.
-    field: Mutex<Option<(Kernel, Arc<Reconstructed>)>>,
-    /// The last light with shadows.
-    light: Mutex<Option<(Falling, Arc<ArrivingLight>)>>,
+/// What a [`HostRenderer`] has prepared.
+pub struct HostScene(Content);
+
+enum Content {
+    /// Scalars that are classified along rays.
+    Scalars(Box<Scalars>),
+    /// Voxels that are classified before they are reconstructed.
+    Colored(Box<Colored>),
 }
 
-/// The field of a kernel.
-struct Reconstructed {
-    field: Field,
-    filter: SplineFilter,
+/// What a picture is made with.
+struct Frame<'a> {
+    camera: &'a Camera,
+    settings: &'a Settings,
+    grid: &'a Grid,
+    region: Region,
+    growth: f64,
+    kernel: Kernel,
+    /// The ratio of the sums of kernels to their means.
+    density: f64,
+    /// See [`Picture::sides`].
+    sides: Vec<(DVec3, f64)>,
+}
+
+impl Frame<'_> {
+    /// The light with shadows, if there is one, in matter whose extinctions have a unit in the world.
+    fn falling(&self, unit: f64) -> Option<Falling> {
+        let Self { settings, grid, kernel, .. } = *self;
+        let casting = settings.casting()?;
+        let lattice = ShadowLattice::new(grid, kernel, settings.normalization.divisor(&kernel), unit, 1.0);
+        Some(Falling { casting, lattice, clip: settings.clip.sides(grid) })
+    }
+}
+
+/// What a scene holds for a picture.
+struct Held {
+    bytes: u64,
+    misfit: Misfit,
+    /// Voxels that may show.
+    voxels: u64,
+}
+
+/// The map from lattice points to the places of a [`Shader`].
+fn places_of_light(grid: &Grid) -> DAffine3 {
+    DAffine3::from_scale(DVec3::splat(1.0 / grid.unit())) * DAffine3::from_translation(-grid.center()) * grid.to_world()
+}
+
+/// The value that was made last, and what it was made for.
+struct Kept<K, V>(Mutex<Option<(K, Arc<V>)>>);
+
+impl<K, V> Default for Kept<K, V> {
+    fn default() -> Self {
+        Self(Mutex::default())
+    }
+}
+
+impl<K: PartialEq, V> Kept<K, V> {
+    /// The value for a key: the one that is held if it was made for it, else one that `make` makes after that is gone.
+    fn get_or_make(&self, key: K, make: impl FnOnce(&K) -> Result<V>) -> Result<Arc<V>> {
+        let mut held = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, value)) = held.as_ref().filter(|(of, _)| *of == key) {
+            return Ok(Arc::clone(value));
+        }
+        *held = None;
+        let made = Arc::new(make(&key)?);
+        *held = Some((key, Arc::clone(&made)));
+        Ok(made)
+    }
+
+    fn is_held(&self) -> bool {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).is_some()
+    }
 }
 
 impl HostRenderer {
@@ -112,41 +165,28 @@ impl HostRenderer {
     /// [`Error::Input`] and [`Error::Memory`] if samples cannot be read.
     pub fn prepare_layers(&self, layers: &Layers, settings: &Settings) -> Result<HostScene> {
         settings.validate()?;
-        let Some((volume, transfer)) = layers.plain() else { return Err(refused("draws one volume alone")) };
-        if extreme(settings.model).is_none()
-            && (settings.model != Model::Composite || settings.shading != Shading::Post)
-        {
-            return Err(refused("draws post-shaded composites and projections: --shading post"));
+        layers.check(settings)?;
+        if settings.depth_coded || settings.attenuation > 0.0 {
+            return Err(refused("codes no depths: leave out --depth-coded and --attenuation"));
         }
-        if settings.depth_coded || settings.attenuation != 0.0 {
-            return Err(refused("codes no depths: leave out --depth-colours and --attenuation"));
-        }
-        if settings.interslice == Interslice::Mean {
-            return Err(refused("classifies between samples: leave out interslice=mean"));
-        }
-        if settings.casting().is_some() && volume.grid().len() > MAX_VOXELS {
+        if settings.casting().is_some() && layers.volume().grid().len() > MAX_VOXELS {
             return Err(refused(
                 "casts shadows in up to 2^27 voxels: --light headlight, or --shadows off --occlusion off",
             ));
         }
-        volume.check_finite()?;
-        let is_uniform = is_uniform(volume, transfer)?;
-        let filtered = settings.prefilter()?;
-        let filtered =
-            filtered.map(|filter| filter.apply::<f32>(volume, transfer.base(), &self.progress)).transpose()?;
-        let volume = filtered.unwrap_or_else(|| volume.clone());
-        let reduction = Reduction::new(transfer, volume.farthest_from(transfer.base())?);
-        Ok(HostScene {
-            table: Table::new(transfer, &reduction),
-            resolution: Resolution::new(transfer, &volume)?,
-            transfer: transfer.clone(),
-            reduction,
-            sharpened: settings.sharpens(),
-            is_uniform,
-            volume,
-            field: Mutex::default(),
-            light: Mutex::default(),
-        })
+        if !settings.is_post_shaded() {
+            check_memory(colors::bytes(layers.volume().grid().dims()), 0, 0)?;
+            let colored = Colored::new(layers, settings, &self.progress)?;
+            return Ok(HostScene(Content::Colored(Box::new(colored))));
+        }
+        let Some((volume, transfer)) = layers.plain() else {
+            return Err(refused("draws one volume alone if it classifies along rays: --shading pre"));
+        };
+        if settings.interslice == Interslice::Mean {
+            return Err(refused("classifies between samples: leave out interslice=mean"));
+        }
+        let scalars = Scalars::new(volume, transfer, settings, &self.progress)?;
+        Ok(HostScene(Content::Scalars(Box::new(scalars))))
     }
 
     /// Renders a picture of a scene.
@@ -175,91 +215,126 @@ impl HostRenderer {
         camera.validate()?;
         settings.validate()?;
         region.check_within(camera.size)?;
-        let grid = scene.volume.grid();
+        let grid = scene.grid();
         camera.check_scale(grid)?;
+        scene.check_memory(settings)?;
+        let growth = growth(camera, grid, settings)?;
+        let kernel = settings.reconstruction_kernel().grown(growth);
+        let middle = DVec3::from_array(grid.dims().map(|d| (f64::from(d) - 1.0) / 2.0));
+        let sides = settings.clip.sides(grid);
+        let frame = Frame {
+            camera,
+            settings,
+            grid,
+            region,
+            growth,
+            kernel,
+            density: settings.normalization.density(&kernel),
+            sides: sides.into_iter().map(|(gradient, value)| (gradient, value - gradient.dot(middle))).collect(),
+        };
+        match &scene.0 {
+            Content::Scalars(scalars) => self.render_scalars(scalars, &frame),
+            Content::Colored(colored) => self.render_colors(colored, &frame),
+        }
+    }
+
+    /// Renders a picture of scalars that are classified along rays, or of their projection.
+    fn render_scalars(&self, scene: &Scalars, frame: &Frame<'_>) -> Result<Rendered> {
+        let Frame { settings, grid, kernel, .. } = *frame;
         if settings.sharpens() != scene.sharpened {
             return Err(Error::setting("sharpness", "the scene was prepared for another sharpness or kernel"));
         }
-        scene.check_memory(settings)?;
-        let (growth, mut stages) = (growth(camera, grid, settings)?, Vec::new());
-        let kernel = settings.reconstruction_kernel().grown(growth);
         let (reconstructed, seconds) = on_host(|| scene.reconstructed(kernel, &self.progress));
         let reconstructed = reconstructed?;
-        stages.push(StageTime::host("filter", seconds));
+        let mut stages = vec![StageTime::host("filter", seconds)];
         let Reconstructed { field, filter } = reconstructed.as_ref();
         let unit = scene.transfer.unit_or(grid.min_spacing());
+        let held = Held { bytes: field.bytes(), misfit: filter.misfit(), voxels: grid.len() };
+        if let Some(extreme) = extreme(settings.model) {
+            let factor = frame.density / scene.reduction.factor();
+            let shown = |[value, planes, ..]: [f64; 4]| {
+                let value = if extreme == Extreme::Mean { value / planes } else { value };
+                if value.is_finite() { scene.transfer.projected(value * factor, None) } else { [0.0; 4] }
+            };
+            let matter = Matter::Projection(Projection { field, extreme });
+            return self.painted(frame, (matter, unit), stages, &held, Some(&shown));
+        }
         // Of a jump, splines leave a slope in uniform matter beside it: no surface.
         let of_misfit = if scene.is_uniform { 2.0 * filter.misfit().data } else { 0.0 };
         let of_distance = of_misfit.max(Resolution::OF_DISTANCE) as f32;
         let resolution = [of_distance, scene.reduction.faintest(&scene.resolution)];
         let shader = settings.lighting.as_ref();
         let shader = shader.map(|lighting| Shader::new(lighting, grid.center(), grid.unit(), resolution));
-        let middle = DVec3::from_array(grid.dims().map(|d| (f64::from(d) - 1.0) / 2.0));
-        let sides: Vec<(DVec3, f64)> = settings
-            .clip
-            .sides(grid)
-            .into_iter()
-            .map(|(gradient, value)| (gradient, value - gradient.dot(middle)))
-            .collect();
         let gradient_opacity = scene.transfer.scaled_gradient_opacity(scene.reduction.factor());
-        let arriving = match settings.casting() {
+        let arriving = match frame.falling(unit) {
             None => None,
-            Some(casting) => {
-                let divisor = settings.normalization.divisor(&kernel);
-                let lattice = ShadowLattice::new(grid, kernel, divisor, unit, 1.0);
-                let falling = Falling { casting, lattice, clip: settings.clip.sides(grid) };
+            Some(falling) => {
                 let (light, seconds) = on_host(|| scene.arriving(field, &gradient_opacity, falling, &self.progress));
                 stages.push(StageTime::host("shadows", seconds));
                 Some(light?)
             }
         };
-        let density = settings.normalization.density(&kernel);
-        let to_world = grid.to_world();
-        let matter = match extreme(settings.model) {
-            Some(extreme) => Found::Projection(Projection { field, extreme }),
-            None => Found::Post(Post {
-                field,
-                table: &scene.table,
-                shader: shader.as_ref(),
-                arriving: arriving.as_deref(),
-                gradient_opacity: &gradient_opacity,
-                to_places: DAffine3::from_scale(DVec3::splat(1.0 / grid.unit()))
-                    * DAffine3::from_translation(-grid.center())
-                    * to_world,
-            }),
-        };
+        let matter = Matter::Post(Post {
+            field,
+            table: &scene.table,
+            shader: shader.as_ref(),
+            arriving: arriving.as_deref(),
+            gradient_opacity: &gradient_opacity,
+            to_places: places_of_light(grid),
+        });
+        self.painted(frame, (matter, unit), stages, &held, None)
+    }
+
+    /// Renders a picture of voxels that are classified before they are reconstructed.
+    fn render_colors(&self, scene: &Colored, frame: &Frame<'_>) -> Result<Rendered> {
+        let (filtered, seconds) = on_host(|| scene.filtered(frame, &self.progress));
+        let filtered = filtered?;
+        let stages = vec![StageTime::host("filter", seconds)];
+        let Filtered { field, filter } = filtered.as_ref();
+        let held = Held { bytes: field.bytes() + scene.bytes(), misfit: filter.misfit(), voxels: scene.count() };
+        let is_xray = frame.settings.model == Model::Xray;
+        let response = |[depth, ..]: [f64; 4]| frame.settings.response.pixel(depth);
+        let matter = (Matter::Colors(Colors { field, is_xray }), scene.unit * scene.scale);
+        self.painted(frame, matter, stages, &held, is_xray.then_some(&response))
+    }
+
+    /// Paints matter, whose extinctions have a unit in the world; `shown` makes pixels of what rays return.
+    fn painted(
+        &self,
+        frame: &Frame<'_>,
+        (matter, unit): (Matter<'_>, f64),
+        mut stages: Vec<StageTime>,
+        held: &Held,
+        shown: Option<&(dyn Fn([f64; 4]) -> [f64; 4] + Sync)>,
+    ) -> Result<Rendered> {
+        let Frame { camera, settings, grid, region, growth, density, .. } = *frame;
         let picture = Picture {
             matter,
-            dims: field.dims,
+            dims: grid.dims().map(|d| d as usize),
             camera,
             to_lattice: grid.to_lattice(),
             unit: unit / density,
-            sides: &sides,
+            sides: &frame.sides,
             termination: settings.termination as f32,
         };
         let mut image = Image::transparent(region.width, region.height)?;
         let (work, seconds) = on_host(|| self.paint(&picture, region, &mut image));
         let work = work?;
-        if let Some(extreme) = extreme(settings.model) {
-            let factor = density / scene.reduction.factor();
-            image.pixels_mut().par_iter_mut().for_each(|pixel| {
-                let [value, planes, ..] = pixel.map(f64::from);
-                let value = if extreme == Extreme::Mean { value / planes } else { value };
-                let shown = if value.is_finite() { scene.transfer.projected(value * factor, None) } else { [0.0; 4] };
-                *pixel = shown.map(|channel| channel as f32);
-            });
+        if let Some(shown) = shown {
+            let pixels = image.pixels_mut().par_iter_mut();
+            pixels.for_each(|pixel| *pixel = shown(pixel.map(f64::from)).map(|channel| channel as f32));
         }
         stages.push(StageTime::host("frame", seconds));
-        let voxels = grid.len();
         let noise = (settings.sharpness > 0.0).then(|| settings.reconstruction()).transpose()?;
+        let Misfit { data, noise: of_noise } = held.misfit;
         Ok(Rendered {
             image,
             stats: Stats {
                 painter: PainterStats::Cpu(CpuStats {
                     samples: work.samples,
                     slabs: work.slabs,
-                    field_bytes: field.bytes(),
-                    misfit: [filter.misfit().data, filter.misfit().noise],
+                    field_bytes: held.bytes,
+                    misfit: [data, of_noise],
                 }),
                 painter_reason: "requested".to_owned(),
                 model: settings.model,
@@ -270,13 +345,13 @@ impl HostRenderer {
                 size: camera.size,
                 pixels_covered: region.area(),
                 parts: 1,
-                voxels,
-                splats_kept: voxels,
+                voxels: grid.len(),
+                splats_kept: held.voxels,
                 kernel_growth: growth,
                 sharpness: settings.sharpness,
                 noise: noise.map(|reconstruction| reconstruction.noise()),
-                footprint_error: filter.misfit().data,
-                scene_bytes: field.bytes(),
+                footprint_error: data,
+                scene_bytes: held.bytes,
                 stages,
                 ..Stats::of_host(Self::adapter())
             },
@@ -343,88 +418,37 @@ impl HostScene {
     /// The lattice of the samples.
     #[must_use]
     pub fn grid(&self) -> &Grid {
-        self.volume.grid()
+        match &self.0 {
+            Content::Scalars(scalars) => scalars.volume.grid(),
+            Content::Colored(colored) => colored.grid(),
+        }
     }
 
     /// Refuses a picture that needs more memory than is left, before any is allocated. What the scene holds counts as
     /// left.
     fn check_memory(&self, settings: &Settings) -> Result<()> {
-        let Some(available) = available() else { return Ok(()) };
-        let field = field::bytes(self.grid().dims());
-        let casts = settings.casting().is_some();
-        let light = if casts { arriving::BYTES * self.grid().len() } else { 0 };
-        let held = self.field.lock().unwrap_or_else(PoisonError::into_inner).as_ref().map_or(0, |_| field);
-        let held = held + self.light.lock().unwrap_or_else(PoisonError::into_inner).as_ref().map_or(0, |_| light);
-        if field + light <= available.bytes + held {
-            return Ok(());
-        }
-        let mut remedies = Vec::new();
-        if field <= available.bytes + held {
-            remedies.push("--light off".to_owned());
-        }
-        remedies.push("--painter tiles".to_owned());
-        Err(Error::TooLarge { bytes: field + light, available: available.bytes, limit: available.limit, remedies })
-    }
-
-    /// The field of a kernel, kept for the next picture.
-    fn reconstructed(&self, kernel: Kernel, progress: &Progress) -> Result<Arc<Reconstructed>> {
-        let mut held = self.field.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((_, field)) = held.as_ref().filter(|(of, _)| *of == kernel) {
-            return Ok(Arc::clone(field));
-        }
-        *held = None;
-        let filter = SplineFilter::new(&kernel)?;
-        let relative = Relative::new(&self.volume, self.reduction);
-        let field = Field::new(&self.volume, &relative, &filter, progress)?;
-        let made = Arc::new(Reconstructed { field, filter });
-        *held = Some((kernel, Arc::clone(&made)));
-        Ok(made)
-    }
-
-    /// The light that arrives at the voxels, kept for the next picture.
-    fn arriving(
-        &self,
-        field: &Field,
-        gradient_opacity: &[[f32; 2]],
-        falling: Falling,
-        progress: &Progress,
-    ) -> Result<Arc<ArrivingLight>> {
-        let mut held = self.light.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((_, light)) = held.as_ref().filter(|(of, _)| *of == falling) {
-            return Ok(Arc::clone(light));
-        }
-        *held = None;
-        let relative = Relative::new(&self.volume, self.reduction);
-        let to_world = self.volume.grid().to_lattice().matrix3.transpose();
-        let (volume, table) = (&self.volume, &self.table);
-        let matter = Matter { volume, relative: &relative, table, field, gradient_opacity, to_world };
-        let light = Arc::new(ArrivingLight::new(&matter, &falling, progress)?);
-        *held = Some((falling, Arc::clone(&light)));
-        Ok(light)
+        let dims = self.grid().dims();
+        let (field, is_field_held, is_light_held) = match &self.0 {
+            Content::Scalars(scalars) => (field::bytes(dims), scalars.field.is_held(), scalars.light.is_held()),
+            Content::Colored(colored) => (colors::bytes(dims), colored.field.is_held(), colored.light.is_held()),
+        };
+        let light = settings.casting().map_or(0, |_| arriving::BYTES * self.grid().len());
+        check_memory(field, light, u64::from(is_field_held) * field + u64::from(is_light_held) * light)
     }
 }
 
-/// Whether most visible samples equal the next along x. Inspects at most a million samples, in rows spread over the
-/// volume. Of scans a few in a hundred do, of 8 bits one in five.
-fn is_uniform(volume: &Volume, transfer: &TransferFunction) -> Result<bool> {
-    const SAMPLES: usize = 1 << 20;
-    let [nx, ny, nz] = volume.grid().dims().map(|d| d as usize);
-    let (slope, intercept) = volume.rescale();
-    let step = (nx * ny * nz).div_ceil(SAMPLES);
-    // A step along y and z that have a factor in common would miss most of the slices.
-    let rows = (0..ny * nz).filter(|row| (row % ny + row / ny).is_multiple_of(step));
-    let (mut visible, mut equal) = (0_u64, 0_u64);
-    for row in rows {
-        let samples = volume.read(row * nx..(row + 1) * nx)?;
-        for x in 1..nx {
-            let [before, own] = [samples.raw(x - 1), samples.raw(x)];
-            if transfer.sample(slope * own + intercept).1 > 0.0 {
-                visible += 1;
-                equal += u64::from(before == own);
-            }
-        }
+/// Refuses a field and a light that need more memory than is left and than is held for them.
+fn check_memory(field: u64, light: u64, held: u64) -> Result<()> {
+    let Some(available) = available() else { return Ok(()) };
+    if field + light <= available.bytes + held {
+        return Ok(());
     }
-    Ok(2 * equal > visible)
+    let mut remedies = Vec::new();
+    if field <= available.bytes + held {
+        remedies.push("--light off".to_owned());
+    }
+    remedies.push("--painter tiles".to_owned());
+    Err(Error::TooLarge { bytes: field + light, available: available.bytes, limit: available.limit, remedies })
 }
 
 /// The growth of the kernels of a picture, the same for all.

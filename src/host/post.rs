@@ -200,7 +200,8 @@ impl<'a, S: Simd> Shading<'a, S> {
                 at_a.fma(simd, a, at_b.fma(simd, b, Lanes::all(simd, z).fma(simd, m, sum)))
             });
         }
-        let shine = shader.shine(simd, &gradient, (largest, scalar), &place, &rays.to_eye, kept.as_ref());
+        let surface = shader.surface(simd, largest, scalar);
+        let shine = shader.shine(simd, &gradient, surface, &place, &rays.to_eye, kept.as_ref());
         (Some(shine), share)
     }
 }

@@ -11,7 +11,7 @@ mod spline;
 pub(crate) use derivative::{DerivativeFilter, NORMAL_REACH};
 pub(crate) use footprint::{FootprintTable, footprint_polynomial, section, section_by};
 pub(crate) use real::Real;
-pub(crate) use spline::SplineFilter;
+pub(crate) use spline::{Misfit, SplineFilter};
 
 use std::f64::consts::PI;
 use std::fmt;

@@ -477,6 +477,11 @@ impl Layers {
         })
     }
 
+    /// The volume of the first layer: all have its lattice.
+    pub(crate) fn volume(&self) -> &Volume {
+        self.all()[0].volume()
+    }
+
     /// The volume and the transfer function, if there is no other layer and no mask.
     pub(crate) fn plain(&self) -> Option<(&Volume, &TransferFunction)> {
         match self.layers.as_slice() {

@@ -10,7 +10,6 @@
 //! Cells have no normals: lit by a mean normal, uniform matter erred by 20 of 255 and folds finer than a cell by 30. So
 //! cells are made anew if a light or the eye moves. From the second time on the normals of the voxels are kept.
 
-mod classification;
 mod filter;
 mod lit;
 mod size;
@@ -26,17 +25,18 @@ use crate::error::Result;
 use crate::gpu::cells::CellLattice;
 use crate::gpu::context::Context;
 use crate::gpu::layout::Splat;
-use crate::gpu::splat::packed_appearance;
-use crate::gpu::store::{Drawable, MadeBrick, StoreBuilder};
+use crate::gpu::store::{Drawable, StoreBuilder};
 use crate::gpu::view::LayerPart;
 use crate::kernel::Kernel;
 use crate::progress::Progress;
 use crate::settings::MAX_LEVEL;
+use crate::splats::brick::MadeBrick;
+use crate::splats::classification::Emission;
+use crate::splats::words::packed_appearance;
 use crate::transfer::TransferFunction;
 use crate::volume::{BRICK_EDGE as EDGE, Grid, Volume};
 use voxsplat_volume::memory::reserved;
 
-pub(crate) use self::classification::{Classification, ColorSource, Emission};
 pub(crate) use self::filter::{Filter, response};
 pub(crate) use self::lit::LitSplats;
 pub(crate) use self::size::CellSize;

@@ -6,14 +6,13 @@ use super::cells::{CellSize, Coarsening, KeptNormals, LitSplats, Shape, Source, 
 use super::lattice::Lattice;
 use super::levels::ScalarNeed;
 use super::light_volume::FallenLight;
-use super::media;
 use super::scalar_cells;
 use super::scalars::{Emission, EmissionKey};
 use super::shadows::{Occluders, Places, Shadows, shaded};
 use crate::error::{Error, Result};
 use crate::gpu::cache::Cache;
 use crate::gpu::cells;
-use crate::gpu::classify::Classifier;
+use crate::gpu::classify::{self, Classifier};
 use crate::gpu::classify_on_host::HostClassifier;
 use crate::gpu::context::Context;
 use crate::gpu::held_samples::HeldSamples;
@@ -22,17 +21,30 @@ use crate::gpu::sampled::Sampled;
 use crate::gpu::samples::{Bricks, Input};
 use crate::gpu::scan::Scan;
 use crate::gpu::splat::SplatLight;
-use crate::gpu::store::Drawable;
+use crate::gpu::store::{Drawable, StoreBuilder};
 use crate::gpu::view::LayerPart;
 use crate::kernel::Kernel;
 use crate::layers::Layers;
 use crate::progress::Progress;
 use crate::settings::Model;
+use crate::splats::layers::{self, LeftOut};
 use crate::stats::on_host;
 use crate::transfer::bins::VisibleValues;
 use crate::transfer::scalars::Reduction;
 use crate::transfer::{Resolution, TransferFunction};
 use crate::volume::Volume;
+
+/// The visible voxels of layers as splats, brick by brick, with normals if there is light: on the host for every
+/// adapter.
+fn classified(context: &Context, layers: &Layers, lit: bool, progress: &Progress) -> Result<Drawable> {
+    let left_out = LeftOut { voxels: context.savings.voxels, bricks: context.savings.bricks };
+    let classifier = layers::Classifier::new(layers, lit, left_out)?;
+    let mut stores = StoreBuilder::new(context, classify::STRIDE, u32::MAX);
+    let row = |j: usize, k: usize| classifier.row([j, k]);
+    let doing = (progress, "classifying");
+    stores.push_rows(layers.volume(), classifier.counts, classifier.halo, doing, &row)?;
+    stores.finish()
+}
 
 /// The value that was made last, and its key.
 pub(super) struct Held<K, V>(Mutex<Option<(K, Arc<V>)>>);
@@ -265,7 +277,7 @@ impl PreShaded {
         progress: &Progress,
     ) -> Result<(Arc<Drawable>, f64)> {
         let classify = |lists| match self.layers.plain() {
-            None => media::classified(context, &self.layers, self.lit, progress),
+            None => classified(context, &self.layers, self.lit, progress),
             Some((volume, transfer)) => {
                 let input = Input::new(context, volume, transfer, self.lit, progress)?;
                 // A software device is the host, which classifies faster without it.

@@ -6,7 +6,6 @@ pub(crate) mod drawable;
 pub(crate) mod lattice;
 pub(crate) mod levels;
 pub(crate) mod light_volume;
-pub(crate) mod media;
 mod memory;
 pub(crate) mod scalar_cells;
 pub(crate) mod scalars;

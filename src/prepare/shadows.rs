@@ -14,12 +14,13 @@ use crate::gpu::cache::Cache;
 use crate::gpu::context::Context;
 use crate::gpu::sampled::Sampled;
 use crate::gpu::shadows::{self, Buffers, STRIDE, Unlit, UnlitSamples};
-use crate::gpu::store::{BrickSplats, Drawable, HostBrick, MadeBrick, Row, Store, StoreBuilder, places};
+use crate::gpu::store::{Drawable, Store, StoreBuilder};
 use crate::lighting::shadow::field::CLIPPED;
 use crate::lighting::shadow::plan::LightPlans;
 use crate::lighting::shadow::{Arrival, ShadowLattice};
 use crate::lighting::{Casting, MAX_CASTING};
 use crate::progress::Progress;
+use crate::splats::brick::{BrickSplats, HostBrick, MadeBrick, Row, places};
 use crate::volume::BRICK_EDGE as EDGE;
 use voxsplat_volume::memory::zeroed;
 

@@ -2,40 +2,17 @@
 
 use pulp::{Arch, NullaryFnOnce};
 
-use super::{LANES, Lanes, NO_NORMAL, Vectors, sign_or_one};
 use crate::gpu::layout::Lighting;
-
-/// Unpacked normals of splats.
-struct Normals {
-    /// Octahedral coordinates.
-    places: [Lanes; 2],
-    /// 1, or 0 for "no direction".
-    weights: Lanes,
-}
-
-/// Unpacks the words of normals.
-#[inline(always)]
-fn unpacked(words: &[u32; LANES]) -> Normals {
-    let (mut px, mut py, mut weights) = (Lanes::default(), Lanes::default(), Lanes::default());
-    for i in 0..LANES {
-        let half = |bits: u32| (((bits << 16) as i32 >> 16) as f32 / 32767.0).max(-1.0);
-        px[i] = half(words[i]);
-        py[i] = half(words[i] >> 16);
-        weights[i] = if words[i] == NO_NORMAL { 0.0 } else { 1.0 };
-    }
-    Normals { places: [px, py], weights }
-}
+use crate::splats::words::{LANES, Lanes, Normals, Vectors, unpacked};
 
 /// Unit vectors across surfaces in view coordinates, facing the eye; 0 for "no direction".
 #[inline(always)]
-fn facing(lighting: &Lighting, Normals { places, weights }: &Normals, to_eye: &Vectors) -> Vectors {
+fn facing(lighting: &Lighting, normals: &Normals, to_eye: &Vectors) -> Vectors {
+    let (directions, weights) = (normals.directions(), &normals.weights);
     let mut normals = Vectors::default();
     let Lighting { right, up, forward, .. } = lighting;
     for i in 0..LANES {
-        let (px, py) = (places[0][i], places[1][i]);
-        let z = 1.0 - px.abs() - py.abs();
-        let x = if z >= 0.0 { px } else { (1.0 - py.abs()) * sign_or_one(px) };
-        let y = if z >= 0.0 { py } else { (1.0 - px.abs()) * sign_or_one(py) };
+        let [x, y, z] = [directions[0][i], directions[1][i], directions[2][i]];
         let gradient = [right, up, forward].map(|axis| axis[0] * x + axis[1] * y + axis[2] * z);
         let [a, b, c] = gradient;
         let towards = a * to_eye[0][i] + b * to_eye[1][i] + c * to_eye[2][i];

@@ -8,8 +8,9 @@ use super::frustum::sides;
 use super::plan::Plan;
 use crate::camera::clip::Side;
 use crate::gpu::layout::Area;
-use crate::gpu::store::{BrickSplats, Store};
+use crate::gpu::store::Store;
 use crate::image::Region;
+use crate::splats::brick::BrickSplats;
 
 impl Plan<'_> {
     /// The splats of a store whose bricks reach into a region, as runs of consecutive splats.

@@ -22,13 +22,14 @@ use crate::gpu::recorder::Recorder;
 use crate::gpu::savings::Savings;
 use crate::gpu::splat::{SplatLight, ToEye};
 use crate::gpu::stage::Constant;
-use crate::gpu::store::{BrickSplats, Splats, Store};
+use crate::gpu::store::{Splats, Store};
 use crate::gpu::twins_test as twins;
 use crate::gpu::view::{ViewGeometry, Weights};
 use crate::image::Region;
 use crate::kernel::Kernel;
 use crate::painters::painter::{Depths, Job};
 use crate::settings::Settings;
+use crate::splats::brick::BrickSplats;
 use crate::stats::RaySpacing;
 use crate::volume::Grid;
 

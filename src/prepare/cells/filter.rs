@@ -5,7 +5,7 @@ use std::ops::Range;
 use pulp::{Arch, NullaryFnOnce};
 
 use super::CellSize;
-use super::classification::Emission;
+use crate::splats::classification::Emission;
 
 /// Cells to either side of a voxel that it is shared among.
 pub(super) const REACH: usize = 3;

@@ -2,9 +2,9 @@
 
 use std::ops::Range;
 
-use super::classification::Emission;
 use crate::gpu::splat::SplatLight;
 use crate::prepare::shadows::Places;
+use crate::splats::classification::Emission;
 use crate::volume::BRICK_EDGE as EDGE;
 
 /// The splats of voxels, and the light on them.

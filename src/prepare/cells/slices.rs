@@ -6,13 +6,14 @@ use std::ops::Range;
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::classification::{Classification, ColorSource, Emission};
 use super::filled;
 use crate::error::Result;
-use crate::gpu::samples::gradients;
-use crate::gpu::splat::{LANES, NO_NORMAL, SplatLight, packed_normal};
-use crate::gpu::store::places;
+use crate::gpu::splat::SplatLight;
 use crate::kernel::{DerivativeFilter, NORMAL_REACH};
+use crate::splats::brick::places;
+use crate::splats::classification::{Classification, ColorSource, Emission};
+use crate::splats::gradients::gradients;
+use crate::splats::words::{LANES, NO_NORMAL, packed_normal};
 use crate::transfer::scalars::{Reduction, Relative};
 use crate::transfer::{TransferFunction, scaled_share};
 use crate::volume::{Number, Samples, ToF64, Volume, with_samples};

@@ -13,8 +13,9 @@ use crate::gpu::recorder::Recorder;
 use crate::gpu::sampled_scalars::Targets;
 use crate::gpu::splat::{SplatLight, ToEye};
 use crate::gpu::stage::{Stage, for_each};
-use crate::gpu::store::{BrickSplats, Store};
+use crate::gpu::store::Store;
 use crate::painters::tiles::axis::unordered;
+use crate::splats::brick::BrickSplats;
 
 /// The largest number of bytes of the buffer that software packs and copies to the texture at a time: near the caches.
 const BAND: u64 = 16 << 20;

@@ -10,9 +10,11 @@ use crate::error::Result;
 use crate::gpu::layout::{CELL, MARGIN};
 use crate::gpu::recorder::Recorder;
 use crate::gpu::sender::Sender;
-use crate::gpu::splat::{self, LANES, SplatLight, SplatRun};
-use crate::gpu::store::{BrickSplats, HostBrick, Store};
+use crate::gpu::splat::{self, SplatLight};
+use crate::gpu::store::Store;
 use crate::painters::tiles::axis::unordered;
+use crate::splats::brick::{BrickSplats, HostBrick};
+use crate::splats::words::{LANES, SplatRun};
 use crate::volume::BRICK_EDGE as EDGE;
 use voxsplat_volume::memory::reserved;
 

@@ -21,9 +21,10 @@ use crate::gpu::sampled_scalars::{SampledScalars, ScalarsKey};
 use crate::gpu::shaders;
 use crate::gpu::splat::SplatLight;
 use crate::gpu::stage::{Constant, Stage};
-use crate::gpu::store::{PAGE, Store};
+use crate::gpu::store::Store;
 use crate::painters::painter::Job;
 use crate::painters::tiles::axis::unordered;
+use crate::splats::brick::PAGE;
 
 /// The packed data of a voxel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]

@@ -10,8 +10,9 @@ use crate::gpu::pipeline::Binding::{Read, Uniform, Write};
 use crate::gpu::recorder::Recorder;
 use crate::gpu::shaders;
 use crate::gpu::stage::{Stage, for_each};
-use crate::gpu::store::{BrickSplats, PAGE, Store};
+use crate::gpu::store::Store;
 use crate::painters::tiles::axis::unordered;
+use crate::splats::brick::{BrickSplats, PAGE};
 use crate::volume::BRICK_EDGE as EDGE;
 
 /// The least factor by which pages take less memory than their box.

@@ -1,6 +1,6 @@
 //! The emission and absorption of voxels, by a transfer function or by the looks of labels.
 
-use crate::gpu::splat::{LANES, Lanes, Vectors, density};
+use super::words::{LANES, Lanes, Vectors, density};
 use crate::layers::{Look, look_of};
 use crate::transfer::TransferFunction;
 use crate::volume::{Number, Volume};
@@ -88,7 +88,7 @@ impl<'a> Classification<'a> {
     }
 
     /// The colours and the densities of up to [`LANES`] voxels; 0 beyond the last.
-    pub(super) fn run<T: Number>(&self, samples: &[T]) -> (Vectors, Lanes) {
+    pub(crate) fn run<T: Number>(&self, samples: &[T]) -> (Vectors, Lanes) {
         let (mut colors, mut densities) = (Vectors::default(), Lanes::default());
         for (at, &sample) in samples.iter().take(LANES).enumerate() {
             let [r, g, b, density] = self.appearance(sample);

@@ -1,17 +1,13 @@
-//! media: several layers on one lattice to splats, on the host for every adapter. The emissions of all layers are added
-//! up voxel by voxel; the normal is that of the layer with the largest density there.
+//! Layers on one lattice to splats. The emissions of all layers are added up voxel by voxel; the normal is that of the
+//! layer with the largest density there.
 
-use super::cells::{Classification, ColorSource, Emission};
+use super::brick::MadeBrick;
+use super::classification::{Classification, ColorSource, Emission};
+use super::gradients::{gradient_of, gradients, steepness_of};
+use super::words::{packed_appearance, packed_normal, resolution_at};
 use crate::error::Result;
-use crate::gpu::classify::STRIDE;
-use crate::gpu::classify_on_host::{gradient_of, steepness_of};
-use crate::gpu::context::Context;
-use crate::gpu::samples::gradients;
-use crate::gpu::splat::{packed_appearance, packed_normal, resolution_at};
-use crate::gpu::store::{Drawable, MadeBrick, StoreBuilder};
 use crate::kernel::{DerivativeFilter, NORMAL_REACH};
 use crate::layers::{Layer, Layers, Mask, Matter, luminance};
-use crate::progress::Progress;
 use crate::transfer::scalars::{Reduction, Relative};
 use crate::transfer::{Resolution, TransferFunction, scaled_share};
 use crate::volume::{BRICK_EDGE as EDGE, Number, RowCoding, Strip, Volume};
@@ -200,43 +196,65 @@ impl RowCoding for Mask {
     }
 }
 
-/// A classifier of several layers.
-struct Classifier<'a> {
+/// Classifies layers: makes splats of their visible voxels, brick by brick.
+pub(crate) struct Classifier<'a> {
     layers: Vec<Painted<'a>>,
     dims: [u32; 3],
+    /// The bricks along each axis.
+    pub(crate) counts: [usize; 3],
     gradients: [[f32; 3]; 3],
     lit: bool,
     keep_invisible: bool,
-    halo: usize,
+    /// The voxels around a brick that its splats depend on.
+    pub(crate) halo: usize,
     /// The filter of the normals of scalars, and the filter of smoothed normals.
     filters: [DerivativeFilter; 2],
 }
 
-/// The visible voxels of layers as splats, brick by brick, with normals if there is light.
-pub(crate) fn classified(context: &Context, layers: &Layers, lit: bool, progress: &Progress) -> Result<Drawable> {
-    let keep_invisible = !context.savings.voxels;
-    let keep = keep_invisible || !context.savings.bricks;
-    let painted = layers.all().iter().map(|layer| Painted::new(layer, layers.unit(), keep));
-    let painted = painted.collect::<Result<Vec<Painted<'_>>>>()?;
-    let halo = match painted.iter().any(|layer| layer.smoothed) {
-        true if lit => REACH,
-        _ if lit => NORMAL_REACH,
-        _ => usize::from(painted.iter().any(|layer| !layer.thinning.is_empty())),
-    };
-    let volume = layers.all()[0].volume();
-    let (dims, gradients) = (volume.grid().dims(), gradients(volume));
-    let filters = [DerivativeFilter::of_normals(), DerivativeFilter::gaussian(DEVIATION, REACH)];
-    let classifier = Classifier { layers: painted, dims, gradients, lit, keep_invisible, halo, filters };
-    let counts @ [across, down, _] = volume.bricks().map(|n| n as usize);
-    let mut stores = StoreBuilder::new(context, STRIDE, u32::MAX);
-    let row = |j: usize, k: usize| classifier.row([j, k], [across, down]);
-    stores.push_rows(volume, counts, halo, (progress, "classifying"), &row)?;
-    stores.finish()
+/// What is left out of splats.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct LeftOut {
+    /// Voxels that are invisible.
+    pub(crate) voxels: bool,
+    /// Bricks without visible voxels, unread.
+    pub(crate) bricks: bool,
+}
+
+impl<'a> Classifier<'a> {
+    /// Prepares the classification of layers, with normals if there is light.
+    ///
+    /// # Errors
+    /// [`Error::Input`](crate::Error::Input) if samples cannot be read.
+    pub(crate) fn new(layers: &'a Layers, lit: bool, left_out: LeftOut) -> Result<Self> {
+        let keep = !left_out.voxels || !left_out.bricks;
+        let painted = layers.all().iter().map(|layer| Painted::new(layer, layers.unit(), keep));
+        let painted = painted.collect::<Result<Vec<Painted<'_>>>>()?;
+        let halo = match painted.iter().any(|layer| layer.smoothed) {
+            true if lit => REACH,
+            _ if lit => NORMAL_REACH,
+            _ => usize::from(painted.iter().any(|layer| !layer.thinning.is_empty())),
+        };
+        let volume = layers.volume();
+        Ok(Self {
+            layers: painted,
+            dims: volume.grid().dims(),
+            counts: volume.bricks().map(|n| n as usize),
+            gradients: gradients(volume),
+            lit,
+            keep_invisible: !left_out.voxels,
+            halo,
+            filters: [DerivativeFilter::of_normals(), DerivativeFilter::gaussian(DEVIATION, REACH)],
+        })
+    }
 }
 
 impl Classifier<'_> {
     /// The bricks with splats along x, with these numbers in y and z.
-    fn row(&self, [j, k]: [usize; 2], [across, down]: [usize; 2]) -> Result<Vec<MadeBrick>> {
+    ///
+    /// # Errors
+    /// [`Error::Input`](crate::Error::Input) if samples cannot be read.
+    pub(crate) fn row(&self, [j, k]: [usize; 2]) -> Result<Vec<MadeBrick>> {
+        let [across, down, _] = self.counts;
         let first = (k * down + j) * across;
         let (y, z) = (j * EDGE, k * EDGE);
         let strip = |volume: &Volume| volume.strip([y, z].map(|c| c as i64), self.halo);

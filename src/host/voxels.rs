@@ -1,0 +1,258 @@
+//! Scenes of classified voxels: fields of colours that are composited along rays.
+
+use std::ops::Range;
+use std::sync::Arc;
+
+use glam::{DAffine3, DVec3};
+use pulp::{Simd, WithSimd};
+
+use super::arriving::{ArrivingLight, Falling};
+use super::colors::{ColorField, Voxels};
+use super::lanes::{Lanes, dispatch, three};
+use super::light::{Shader, Vector, unit};
+use super::{Frame, Kept, places_of_light};
+use crate::camera::clip::is_inside;
+use crate::error::{Error, Result};
+use crate::kernel::{Kernel, SplineFilter};
+use crate::layers::Layers;
+use crate::lighting::Lighting;
+use crate::lighting::shadow::field::CLIPPED;
+use crate::progress::Progress;
+use crate::settings::Settings;
+use crate::splats::brick::MadeBrick;
+use crate::splats::layers::{Classifier, LeftOut};
+use crate::splats::words::{SplatRun, appearances, unpacked};
+use crate::volume::{BRICK_EDGE as EDGE, Grid};
+
+/// The largest extinction of a voxel as a coefficient: f16 of a millionth of it are still exact.
+const LARGEST: f64 = 1024.0;
+
+/// Voxels that are classified and lit before they are reconstructed.
+pub(super) struct Colored {
+    grid: Grid,
+    bricks: Vec<MadeBrick>,
+    /// The bricks of each row along x, y before z.
+    rows: Vec<Range<usize>>,
+    /// Rows of bricks along y.
+    down: usize,
+    is_lit: bool,
+    /// World units of the unit of extinctions.
+    pub(super) unit: f64,
+    /// The factor that brings extinctions into the range of f16.
+    pub(super) scale: f64,
+    pub(super) field: Kept<Key, Filtered>,
+    pub(super) light: Kept<Falling, ArrivingLight>,
+}
+
+/// What a field of colours depends on.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Key {
+    kernel: Kernel,
+    light: Option<(Lighting, ToEye)>,
+    falling: Option<Falling>,
+}
+
+/// The directions from voxels to the eye: unit vectors in the world, or a place in the units of the shader.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum ToEye {
+    Parallel(DVec3),
+    At(DVec3),
+}
+
+/// The field of a kernel under a light.
+pub(super) struct Filtered {
+    pub(super) field: ColorField,
+    pub(super) filter: SplineFilter,
+}
+
+impl Colored {
+    /// Classifies layers.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if samples cannot be read.
+    pub(super) fn new(layers: &Layers, settings: &Settings, progress: &Progress) -> Result<Self> {
+        let is_lit = settings.lighting.is_some();
+        let layers = layers.finite()?;
+        let classifier = Classifier::new(&layers, is_lit, LeftOut { voxels: true, bricks: true })?;
+        let [_, down, deep] = classifier.counts;
+        let mut bricks = Vec::new();
+        let mut rows = Vec::with_capacity(down * deep);
+        let row = |j: usize, k: usize| classifier.row([j, k]);
+        layers.volume().for_each_row([down, deep], classifier.halo, &row, &mut |made| {
+            let first = bricks.len();
+            bricks.extend(made);
+            rows.push(first..bricks.len());
+            progress.report("classifying", rows.len() as f64 / (down * deep) as f64);
+            progress.check()
+        })?;
+        let exponent = (LARGEST / layers.max_density().max(1e-30)).log2().floor();
+        Ok(Self {
+            grid: layers.volume().grid().clone(),
+            bricks,
+            rows,
+            down,
+            is_lit,
+            unit: layers.unit(),
+            scale: exponent.exp2(),
+            field: Kept::default(),
+            light: Kept::default(),
+        })
+    }
+
+    pub(super) fn grid(&self) -> &Grid {
+        &self.grid
+    }
+
+    /// Bytes of memory of the voxels.
+    pub(super) fn bytes(&self) -> u64 {
+        self.bricks.iter().map(|made| made.splats.bytes()).sum()
+    }
+
+    /// The number of visible voxels.
+    pub(super) fn count(&self) -> u64 {
+        self.bricks.iter().map(|made| u64::from(made.splats.count())).sum()
+    }
+
+    /// The field of a kernel in a picture.
+    pub(super) fn filtered(&self, frame: &Frame<'_>, progress: &Progress) -> Result<Arc<Filtered>> {
+        let Frame { camera, settings, kernel, .. } = *frame;
+        if settings.lighting.is_some() && !self.is_lit {
+            return Err(Error::setting("lighting", "the scene was prepared without light"));
+        }
+        let falling = frame.falling(self.unit);
+        let arriving = falling.clone().map(|falling| self.arriving(falling, progress)).transpose()?;
+        let to_eye = match camera.eye() {
+            None => ToEye::Parallel(-camera.forward),
+            Some(eye) => ToEye::At((eye - self.grid.center()) / self.grid.unit()),
+        };
+        let light = settings.lighting.clone().map(|lighting| (lighting, to_eye));
+        self.field.get_or_make(Key { kernel, light, falling }, |key| {
+            let shader = key.light.as_ref().map(|(lighting, to_eye)| {
+                let shader = Shader::new(lighting, self.grid.center(), self.grid.unit(), [0.0; 2]);
+                Light { shader, to_eye: *to_eye, to_places: places_of_light(&self.grid), arriving: arriving.as_deref() }
+            });
+            let filter = SplineFilter::new(&key.kernel)?;
+            let dims = self.grid.dims().map(|d| d as usize);
+            let plane =
+                |z: usize, out: &mut Voxels| dispatch(Filling { colored: self, light: shader.as_ref(), z, out });
+            Ok(Filtered { field: ColorField::new(dims, &filter, &plane, progress)?, filter })
+        })
+    }
+
+    /// The runs of splats of a row of the lattice.
+    fn runs(&self, y: usize, z: usize) -> impl Iterator<Item = (SplatRun<'_>, usize)> {
+        let bricks = &self.bricks[self.rows[y / EDGE + self.down * (z / EDGE)].clone()];
+        bricks.iter().flat_map(move |made| {
+            let place = [made.brick.origin[0], y as u32, z as u32];
+            made.splats.runs(y % EDGE + EDGE * (z % EDGE), u32::MAX, place)
+        })
+    }
+
+    /// The light that arrives at the voxels.
+    fn arriving(&self, falling: Falling, progress: &Progress) -> Result<Arc<ArrivingLight>> {
+        let dims = self.grid.dims().map(|d| d as usize);
+        let middle = DVec3::from_array(dims.map(|d| (d as f64 - 1.0) / 2.0));
+        self.light.get_or_make(falling, |falling| {
+            let row = |[y, z]: [usize; 2], row: &mut [f32]| {
+                for (run, count) in self.runs(y, z) {
+                    let (_, densities) = appearances(&run.column(0), &run.column(1));
+                    for (&x, density) in run.xs[..count].iter().zip(densities) {
+                        let point = DVec3::new(f64::from(x), y as f64, z as f64) - middle;
+                        let casts = falling.clip.is_empty() || is_inside(&falling.clip, point);
+                        row[x as usize] = if casts { density.max(CLIPPED) } else { CLIPPED };
+                    }
+                }
+                Ok(())
+            };
+            ArrivingLight::new(dims, &row, falling, progress)
+        })
+    }
+}
+
+/// The light on voxels.
+struct Light<'a> {
+    shader: Shader,
+    to_eye: ToEye,
+    /// From the lattice to places for the shader.
+    to_places: DAffine3,
+    arriving: Option<&'a ArrivingLight>,
+}
+
+/// Puts the voxels of a plane into it.
+struct Filling<'a> {
+    colored: &'a Colored,
+    light: Option<&'a Light<'a>>,
+    z: usize,
+    out: &'a mut Voxels,
+}
+
+impl WithSimd for Filling<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { colored, light, z, out } = self;
+        let scale = Lanes::<S>::all(simd, colored.scale as f32);
+        for y in 0..colored.grid.dims()[1] as usize {
+            for (run, count) in colored.runs(y, z) {
+                let (colors, densities) = appearances(&run.column(0), &run.column(1));
+                let [r, g, b] = colors;
+                let mut colors = [Lanes::from_array(r), Lanes::from_array(g), Lanes::from_array(b)];
+                if let Some(light) = light {
+                    colors = light.lit(simd, &run, [y, z], colors);
+                }
+                let density = Lanes::from_array(densities).mul(simd, scale);
+                let [r, g, b] = three!(channel => colors[channel].mul(simd, density).to_array());
+                let density = density.to_array();
+                for i in 0..count {
+                    out.put(y, run.xs[i] as usize, [r[i], g[i], b[i], density[i]]);
+                }
+            }
+        }
+    }
+}
+
+impl Light<'_> {
+    /// The colours of a run of splats under this light.
+    #[inline(always)]
+    fn lit<S: Simd>(&self, simd: S, run: &SplatRun<'_>, [y, z]: [usize; 2], colors: Vector<S>) -> Vector<S> {
+        let normals = unpacked(&run.column(2));
+        let [nx, ny, nz] = normals.directions();
+        let normal = [Lanes::from_array(nx), Lanes::from_array(ny), Lanes::from_array(nz)];
+        let mut xs = [0.0_f32; 16];
+        for i in 0..16 {
+            xs[i] = run.xs[i] as i32 as f32;
+        }
+        let xs = Lanes::<S>::from_array(xs);
+        let start = self.to_places.transform_point3(DVec3::new(0.0, y as f64, z as f64)).to_array();
+        let step = self.to_places.matrix3.x_axis.to_array();
+        let place: Vector<S> = three!(axis => {
+            xs.fma(simd, Lanes::all(simd, step[axis] as f32), Lanes::all(simd, start[axis] as f32))
+        });
+        let to_eye = match self.to_eye {
+            ToEye::Parallel(towards) => {
+                let towards = towards.to_array();
+                three!(axis => Lanes::all(simd, towards[axis] as f32))
+            }
+            ToEye::At(eye) => {
+                let eye = eye.to_array();
+                unit(simd, &three!(axis => Lanes::all(simd, eye[axis] as f32).sub(simd, place[axis])))
+            }
+        };
+        let mut kept = None;
+        if let Some(arriving) = self.arriving {
+            let mut shares = [[0.0_f32; 16]; 4];
+            for i in 0..16 {
+                let at = arriving.at_voxel([run.xs[i] as usize, y, z]);
+                for light in 0..4 {
+                    shares[light][i] = f32::from(at[light]) / f32::from(u16::MAX);
+                }
+            }
+            let [a, b, c, d] = shares;
+            kept = Some([Lanes::from_array(a), Lanes::from_array(b), Lanes::from_array(c), Lanes::from_array(d)]);
+        }
+        let surface = Lanes::from_array(normals.weights);
+        let shine = self.shader.shine(simd, &normal, surface, &place, &to_eye, kept.as_ref());
+        three!(channel => shine.lit(simd, channel, colors[channel]))
+    }
+}

@@ -1,0 +1,222 @@
+//! Splats of a brick on the host: rows of places, and the words of the splats.
+
+use std::sync::Arc;
+
+use super::words::{LANES, SplatRun};
+use crate::error::Result;
+use crate::volume::BRICK_EDGE as EDGE;
+use voxsplat_volume::memory::reserved;
+
+/// The splats of a brick on the host.
+#[derive(Debug, PartialEq)]
+pub(crate) struct HostBrick {
+    /// The rows of the brick along x, y before z.
+    pub(crate) rows: Arc<Vec<Row>>,
+    /// Words of a splat without its place and without the light that arrives.
+    pub(crate) each: usize,
+    /// These words, splat after splat, the same under any light. Rows with equal words share them: the inside of a
+    /// label takes hardly any memory.
+    pub(crate) words: Arc<Vec<u32>>,
+    /// The number of the first splat of each row among those whose light is held, and the two words of the light that
+    /// arrives at each,: rows with equal light share it. Empty: all light arrives.
+    pub(crate) light: (Vec<u32>, Vec<[u32; 2]>),
+}
+
+/// A row of a brick along x.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(crate) struct Row {
+    /// The bits of the places with splats, the first place the lowest.
+    pub(crate) bits: u32,
+    /// The number of the first of them among the splats of the brick.
+    pub(crate) first: u32,
+    /// The number of the first of them among the splats whose words are held.
+    held: u32,
+}
+
+/// Moves the values of rows together, so that a row with the same values as the row before shares them; `each` values
+/// for each of the `counts` splats of a row. Returns the number of the first splat of each row.
+fn share<T: Copy + PartialEq>(counts: impl Iterator<Item = u32>, each: usize, values: &mut Vec<T>) -> Vec<u32> {
+    let (mut read, mut end, mut last) = (0, 0, 0..0);
+    let mut start_of = |count: u32| {
+        let row = read..read + count as usize * each;
+        read = row.end;
+        if count > 0 && values[row.clone()] != values[last.clone()] {
+            last = end..end + row.len();
+            values.copy_within(row, end);
+            end = last.end;
+        }
+        (last.start / each) as u32
+    };
+    let starts = counts.map(&mut start_of).collect();
+    values.truncate(end);
+    values.shrink_to_fit();
+    starts
+}
+
+/// The splats of a brick, one after the other.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(crate) struct BrickSplats {
+    /// Lattice point of the brick's first voxel.
+    pub(crate) origin: [u32; 3],
+    /// Places are cells of 2^level voxels a side.
+    pub(crate) level: u32,
+    /// Its first splat in the store.
+    pub(crate) first: u32,
+    /// The box around the splats: its first lattice point, and the one after the last. Both are equal if there are no
+    /// splats.
+    pub(crate) bounds: [[u32; 3]; 2],
+    /// The pages of [`PAGE`]^3 places that have splats: a bit for each, the lowest of a word first, x fastest, then y.
+    pub(crate) pages: [u32; 16],
+}
+
+/// Places along an edge of a page of a brick.
+pub(crate) const PAGE: u32 = 4;
+
+impl BrickSplats {
+    /// The splats from `first` on of the brick of level 0 at `origin`, given the bits of the places of each row along
+    /// x, y before z, the first of a row the lowest.
+    pub(crate) fn new(origin: [u32; 3], first: u32, rows: impl Iterator<Item = u32>) -> Self {
+        let (mut places, mut pages) = ([0_u32; 3], [0; 16]);
+        for (row, bits) in rows.enumerate().filter(|&(_, bits)| bits != 0) {
+            let (y, z) = (row % EDGE, row / EDGE);
+            places = [places[0] | bits, places[1] | 1 << y, places[2] | 1 << z];
+            let in_row = (0..8).filter(|page| bits >> (page * PAGE) & 0xf != 0).fold(0, |all, page| all | 1 << page);
+            let row = y / PAGE as usize + 8 * (z / PAGE as usize);
+            pages[row / 4] |= in_row << (8 * (row % 4));
+        }
+        Self::of_places(origin, first, places, pages)
+    }
+
+    /// The same, given the bits of the places along each axis that have splats, and those of pages.
+    pub(crate) fn of_places(origin: [u32; 3], first: u32, places: [u32; 3], pages: [u32; 16]) -> Self {
+        let low: [u32; 3] = std::array::from_fn(|axis| origin[axis] + places[axis].trailing_zeros() % u32::BITS);
+        let high = std::array::from_fn(|axis| origin[axis] + u32::BITS - places[axis].leading_zeros());
+        Self { origin, level: 0, first, bounds: [low, high], pages }
+    }
+
+    /// The same brick with cells of a level for voxels, in a lattice where the first cell lies at `first` along each
+    /// axis.
+    pub(crate) fn of_level(self, level: u32, first: u32) -> Self {
+        let scaled = |point: [u32; 3]| point.map(|cell| first + (cell << level));
+        Self { level, origin: scaled(self.origin), bounds: self.bounds.map(scaled), ..self }
+    }
+}
+
+impl HostBrick {
+    /// The splats at these places, of `each` words without the place, given the bits of the places of each row.
+    pub(crate) fn new(bits: &[u32], each: usize, mut words: Vec<u32>) -> Self {
+        let mut first = 0;
+        let held = share(bits.iter().map(|bits| bits.count_ones()), each, &mut words);
+        let row = |(&bits, held): (&u32, u32)| {
+            let row = Row { bits, first, held };
+            first += bits.count_ones();
+            row
+        };
+        let rows = Arc::new(bits.iter().zip(held).map(row).collect());
+        Self { rows, each, words: Arc::new(words), light: Default::default() }
+    }
+
+    /// The same splats under a light.
+    pub(crate) fn under(&self, mut light: Vec<[u32; 2]>) -> Self {
+        let starts = share(self.rows.iter().map(|row| row.bits.count_ones()), 1, &mut light);
+        Self { rows: Arc::clone(&self.rows), words: Arc::clone(&self.words), each: self.each, light: (starts, light) }
+    }
+
+    /// The words of the splats of a row from one of its splats on, and of some that follow.
+    pub(crate) fn words(&self, row: Row, splat: u32) -> &[u32] {
+        &self.words[(row.held + splat) as usize * self.each..]
+    }
+
+    /// The light that arrives at the splats of a row, given its number, from one of its splats on, and at some that
+    /// follow; empty: all light arrives.
+    pub(crate) fn light(&self, row: usize, splat: u32) -> &[[u32; 2]] {
+        let (starts, light) = &self.light;
+        starts.get(row).map_or(&[], |start| &light[(start + splat) as usize..])
+    }
+
+    /// The words of the light that arrives at each splat.
+    pub(crate) fn all_light(&self) -> Result<Vec<[u32; 2]>> {
+        let mut all = reserved(u64::from(self.count()), || "the light on splats".to_owned())?;
+        for (number, row) in self.rows.iter().enumerate() {
+            let light = self.light(number, 0).iter().copied().chain(std::iter::repeat([u32::MAX; 2]));
+            all.extend(light.take(row.bits.count_ones() as usize));
+        }
+        Ok(all)
+    }
+
+    pub(crate) fn count(&self) -> u32 {
+        self.rows.last().map_or(0, |row| row.first + row.bits.count_ones())
+    }
+
+    /// The splats of a row of the brick, given its number, at the places `within`, which are neighbours, in runs with
+    /// their numbers of splats. The first place of the row is at this lattice point.
+    pub(crate) fn runs(
+        &self,
+        number: usize,
+        within: u32,
+        [x, y, z]: [u32; 3],
+    ) -> impl Iterator<Item = (SplatRun<'_>, usize)> {
+        let row = self.rows[number];
+        let (each, wanted) = (self.each, row.bits & within);
+        let lowest = wanted & wanted.wrapping_neg();
+        let splat = (row.bits & lowest.wrapping_sub(1)).count_ones();
+        let mut xs = places(wanted).map(move |place| x + place as u32);
+        let mut light = self.light(number, splat);
+        self.words(row, splat).chunks(each * LANES).map_while(move |words| {
+            let mut run = SplatRun { xs: [x; LANES], y, z, each, words, light };
+            light = light.get(LANES..).unwrap_or_default();
+            let count = run.xs.iter_mut().zip(&mut xs).map(|(to, x)| *to = x).count();
+            (count > 0).then_some((run, count))
+        })
+    }
+
+    pub(crate) fn bytes(&self) -> u64 {
+        let (starts, light) = &self.light;
+        let light = size_of_val(starts.as_slice()) + size_of_val(light.as_slice());
+        (size_of_val(self.rows.as_slice()) + size_of_val(self.words.as_slice()) + light) as u64
+    }
+}
+
+/// The numbers of the bits that are set, ascending.
+pub(crate) fn places(mut bits: u32) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        let place = bits.trailing_zeros();
+        bits &= bits.wrapping_sub(1);
+        (place < u32::BITS).then_some(place as usize)
+    })
+}
+
+/// A brick whose splats were made on the host.
+pub(crate) struct MadeBrick {
+    /// As if it were the first of its store.
+    pub(crate) brick: BrickSplats,
+    pub(crate) splats: HostBrick,
+    /// Splats that are copies of voxels beyond the faces of the volume.
+    pub(crate) copies: u64,
+}
+
+impl MadeBrick {
+    /// The brick of level 0 at `origin`, of `each` words a splat without the place, given the bits of the places of
+    /// each row along x, y before z, the first of a row the lowest.
+    pub(crate) fn new(origin: [u32; 3], bits: &[u32], each: usize, words: Vec<u32>) -> Self {
+        let brick = BrickSplats::new(origin, 0, bits.iter().copied());
+        Self { brick, splats: HostBrick::new(bits, each, words), copies: 0 }
+    }
+
+    /// The brick at `origin` of a lattice of `dims` places. `row` adds the words of the splats of a row with this y and
+    /// z in the brick and so many places along x, and returns the bits of their places.
+    pub(crate) fn of_rows(
+        origin: [u32; 3],
+        dims: [u32; 3],
+        each: usize,
+        mut row: impl FnMut([usize; 2], usize, &mut Vec<u32>) -> u32,
+    ) -> Result<Self> {
+        let [nx, ny, nz] = [0, 1, 2].map(|axis| EDGE.min((dims[axis] - origin[axis]) as usize));
+        let mut bits = vec![0; EDGE * EDGE];
+        let mut words = reserved((nx * ny * nz * each) as u64, || "splats of a brick".to_owned())?;
+        for (y, z) in (0..nz).flat_map(|z| (0..ny).map(move |y| (y, z))) {
+            bits[y + EDGE * z] = row([y, z], nx, &mut words);
+        }
+        Ok(Self::new(origin, &bits, each, words))
+    }
+}

@@ -1,0 +1,165 @@
+//! The words of splats: colours, densities and normals in few bits, as shaders/common/splat.wgsl and normal.wgsl have
+//! them.
+
+use crate::transfer::Resolution;
+
+/// The largest values of red, green and blue: 13, 14 and 13 bits.
+const COLOR_STEPS: [f32; 3] = [8191.0, 16383.0, 8191.0];
+
+/// The bits for "no direction".
+pub(crate) const NO_NORMAL: u32 = 0x8000_8000;
+
+/// -ln(1 - opacity): `density` in shaders/common/classified.wgsl.
+pub(crate) fn density(opacity: f32) -> f32 {
+    let a = opacity.min(1.0 - 1.0 / 65_536.0);
+    if a < 0.1 {
+        return a * (1.0 + a * (1.0 / 2.0 + a * (1.0 / 3.0 + a * (1.0 / 4.0 + a * (1.0 / 5.0 + a * (1.0 / 6.0))))));
+    }
+    -(1.0 - a).ln()
+}
+
+/// The whole number nearest to a number of 0 to 2^22, the even one of two: the sum has no bits for a fraction.
+#[inline(always)]
+fn nearest(value: f32) -> u32 {
+    (value + 8_388_608.0).to_bits() & 0x7f_ffff
+}
+
+/// The words density_blue and color.
+pub(crate) fn packed_appearance(color: [f32; 3], density: f32) -> [u32; 2] {
+    let [r, g, b] = [0, 1, 2].map(|c| nearest(color[c].clamp(0.0, 1.0) * COLOR_STEPS[c]));
+    // To the nearest: half of the lowest bit that stays is added.
+    let rounded = density.to_bits().wrapping_add(128) & 0xffff_ff00;
+    [rounded | b >> 5, r | g << 13 | b << 27]
+}
+
+/// These words with another density.
+pub(crate) fn with_density([density_blue, color]: [u32; 2], density: f32) -> [u32; 2] {
+    [density.to_bits().wrapping_add(128) & 0xffff_ff00 | density_blue & 0xff, color]
+}
+
+/// 1 with the sign of a number, of 0 too.
+#[inline(always)]
+pub(crate) fn sign_or_one(v: f32) -> f32 {
+    if v >= 0.0 { 1.0 } else { -1.0 }
+}
+
+/// The central difference that counts half as a surface, at a scalar relative to the base.
+pub(crate) fn resolution_at(scalar: f32, faintest: f32) -> f32 {
+    Resolution::OF_DISTANCE as f32 * scalar.abs() + faintest
+}
+
+/// The bits of the direction of a vector of any length.
+#[inline]
+pub(crate) fn packed_normal([x, y, z]: [f32; 3]) -> u32 {
+    let sum = x.abs() + y.abs() + z.abs();
+    if sum.partial_cmp(&0.0) != Some(std::cmp::Ordering::Greater) {
+        return NO_NORMAL;
+    }
+    let mut p = [x / sum, y / sum];
+    if z < 0.0 {
+        p = [(1.0 - p[1].abs()) * sign_or_one(p[0]), (1.0 - p[0].abs()) * sign_or_one(p[1])];
+    }
+    // The nearest whole number, from a sum without bits for a fraction: the lowest bits hold it with its sign.
+    let [low, high] = p.map(|c| (c.clamp(-1.0, 1.0) * 32767.0 + 12_582_912.0).to_bits() & 0xffff);
+    low | high << 16
+}
+
+/// Splats that are coloured together: loops of this length vectorise.
+pub(crate) const LANES: usize = 16;
+
+/// A number of each of these splats.
+pub(crate) type Lanes = [f32; LANES];
+/// A vector of each of them.
+pub(crate) type Vectors = [Lanes; 3];
+
+/// The colours and the densities of splats, given the words density_blue and color.
+#[inline(always)]
+pub(crate) fn appearances(density_blue: &[u32; LANES], color: &[u32; LANES]) -> (Vectors, Lanes) {
+    let mut colors = Vectors::default();
+    let mut densities = Lanes::default();
+    for i in 0..LANES {
+        let (density_blue, color) = (density_blue[i], color[i]);
+        let blue = color >> 27 | (density_blue & 0xff) << 5;
+        colors[0][i] = (color & 0x1fff) as i32 as f32 / COLOR_STEPS[0];
+        colors[1][i] = (color >> 13 & 0x3fff) as i32 as f32 / COLOR_STEPS[1];
+        colors[2][i] = blue as i32 as f32 / COLOR_STEPS[2];
+        densities[i] = f32::from_bits(density_blue & 0xffff_ff00);
+    }
+    (colors, densities)
+}
+
+/// Up to [`LANES`] splats of a row of a brick.
+pub(crate) struct SplatRun<'a> {
+    /// Lattice points of the splats along x; arbitrary beyond the last.
+    pub(crate) xs: [u32; LANES],
+    pub(crate) y: u32,
+    pub(crate) z: u32,
+    /// Words of a splat without its place.
+    pub(crate) each: usize,
+    /// The words of the splats and of some that follow.
+    pub(crate) words: &'a [u32],
+    /// The light that arrives at these splats; empty: all of it.
+    pub(crate) light: &'a [[u32; 2]],
+}
+
+impl SplatRun<'_> {
+    /// Word number `index` of each splat; 0 beyond the last.
+    #[inline(always)]
+    pub(crate) fn column(&self, index: usize) -> [u32; LANES] {
+        let mut column = [0; LANES];
+        for (place, words) in column.iter_mut().zip(self.words.chunks_exact(self.each)) {
+            *place = words[index];
+        }
+        column
+    }
+
+    /// The words of the light that arrives at each splat; `None`: all of it.
+    #[inline(always)]
+    pub(crate) fn kept(&self) -> Option<[[u32; LANES]; 2]> {
+        if self.light.is_empty() {
+            return None;
+        }
+        let mut kept = [[u32::MAX; LANES]; 2];
+        for (place, light) in self.light.iter().take(LANES).enumerate() {
+            (0..2).for_each(|word| kept[word][place] = light[word]);
+        }
+        Some(kept)
+    }
+}
+
+/// Unpacked normals of splats.
+pub(crate) struct Normals {
+    /// Octahedral coordinates.
+    pub(crate) places: [Lanes; 2],
+    /// 1, or 0 for "no direction".
+    pub(crate) weights: Lanes,
+}
+
+impl Normals {
+    /// Vectors of any length along the normals.
+    #[inline(always)]
+    pub(crate) fn directions(&self) -> Vectors {
+        let mut vectors = Vectors::default();
+        for i in 0..LANES {
+            let (px, py) = (self.places[0][i], self.places[1][i]);
+            let z = 1.0 - px.abs() - py.abs();
+            vectors[0][i] = if z >= 0.0 { px } else { (1.0 - py.abs()) * sign_or_one(px) };
+            vectors[1][i] = if z >= 0.0 { py } else { (1.0 - px.abs()) * sign_or_one(py) };
+            vectors[2][i] = z;
+        }
+        vectors
+    }
+}
+
+/// Unpacks the words of normals.
+#[inline(always)]
+pub(crate) fn unpacked(words: &[u32; LANES]) -> Normals {
+    let (mut px, mut py, mut weights) = (Lanes::default(), Lanes::default(), Lanes::default());
+    for i in 0..LANES {
+        let half = |bits: u32| (((bits << 16) as i32 >> 16) as f32 / 32767.0).max(-1.0);
+        px[i] = half(words[i]);
+        py[i] = half(words[i] >> 16);
+        weights[i] = if words[i] == NO_NORMAL { 0.0 } else { 1.0 };
+    }
+    Normals { places: [px, py], weights }
+}
