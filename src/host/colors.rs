@@ -2,10 +2,11 @@
 
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
-use voxsplat_volume::memory::reserved;
+use voxsplat_volume::memory::zeroed;
 
 use super::field::{CELL, PAD};
-use super::lanes::{Lanes, dispatch, three};
+use super::filter::{Around, MAX_REACH, RowFilter, add_rows};
+use super::lanes::{Lanes, WIDTH, dispatch, three};
 use super::light::Vector;
 use super::march::{RECENT, Rule};
 use super::plane::{Area, CHANNELS, Plane, Reach};
@@ -53,9 +54,9 @@ impl Voxels {
     const EMPTY: [usize; 2] = [usize::MAX, 0];
 
     fn new([nx, ny]: [usize; 2], margin: usize) -> Result<Self> {
-        let width = nx + 2 * margin;
-        let mut rows = reserved((CHANNELS * width * ny) as u64, || "planes of voxels".to_owned())?;
-        rows.resize(CHANNELS * width * ny, 0.0);
+        // Vectors reach beyond the end of a row.
+        let width = (nx + 2 * margin).next_multiple_of(WIDTH) + WIDTH;
+        let rows = planes_of(width, ny)?;
         Ok(Self { width, margin, rows, extents: vec![Self::EMPTY; ny] })
     }
 
@@ -80,11 +81,23 @@ impl Voxels {
         self.extents[row] = [first.min(column), last.max(column)];
     }
 
+    /// Whether a row has a voxel.
+    #[inline(always)]
+    fn has(&self, row: usize) -> bool {
+        self.extents[row][0] <= self.extents[row][1]
+    }
+
     /// The rows of the channels.
     #[inline(always)]
     fn row(&self, row: usize) -> &[f32] {
         &self.rows[row * CHANNELS * self.width..][..CHANNELS * self.width]
     }
+}
+
+/// Zeros for a plane of rows of each channel, and for a vector more.
+fn planes_of(width: usize, rows: usize) -> Result<Vec<f32>> {
+    let count = CHANNELS * width * rows + WIDTH;
+    Ok(zeroed(count as u64, || "planes of voxels".to_owned())?)
 }
 
 /// Coefficients over a lattice and [`PAD`] points around it, x fastest. Voxels beyond the lattice are empty.
@@ -117,11 +130,12 @@ impl ColorField {
         let padded = dims.map(|d| d + 2 * PAD);
         let area = padded[0] * padded[1];
         let count = area * padded[2];
-        let mut coefficients: Vec<Halves> = reserved(count as u64, || "the coefficients of colours".to_owned())?;
-        coefficients.resize(count, Halves::default());
+        // Zeros that nothing is written over take no memory.
+        let mut coefficients: Vec<Halves> = zeroed(count as u64, || "the coefficients of colours".to_owned())?;
         let cells = padded.map(|d| d.div_ceil(CELL));
         let mut shows = vec![false; cells.iter().product()];
-        let reach = filter.reach();
+        let filter = RowFilter::new(filter);
+        let reach = filter.reach;
         let slabs = coefficients.par_chunks_mut(PLANES * area);
         let slabs = slabs.zip(shows.par_chunks_mut(PLANES / CELL * cells[0] * cells[1])).enumerate();
         slabs.try_for_each(|(slab, (coefficients, shows))| {
@@ -130,6 +144,9 @@ impl ColorField {
             let kept = 2 * reach + 1;
             let make = |_| Voxels::new([dims[0], dims[1]], 2 * reach);
             let mut planes = (0..kept).map(make).collect::<Result<Vec<_>>>()?;
+            let width = planes[0].width;
+            let pair = |_| Ok((planes_of(width, dims[1])?, vec![false; dims[1]]));
+            let mut pairs = (0..reach).map(pair).collect::<Result<Vec<_>>>()?;
             let mut next = isize::MIN;
             for (number, coefficients) in coefficients.chunks_exact_mut(area).enumerate() {
                 let z = (slab * PLANES + number) as isize - PAD as isize;
@@ -149,16 +166,8 @@ impl ColorField {
                 next = last + 1;
                 let shows = &mut shows[number / CELL * cells[0] * cells[1]..][..cells[0] * cells[1]];
                 let at = z.rem_euclid(kept as isize) as usize;
-                dispatch(Filtering {
-                    filter,
-                    dims,
-                    padded,
-                    planes: &planes,
-                    at,
-                    coefficients,
-                    shows,
-                    across: cells[0],
-                });
+                let (planes, pairs, across) = (&planes, &mut pairs, cells[0]);
+                dispatch(Filtering { filter: &filter, padded, planes, at, pairs, coefficients, shows, across });
             }
             Ok::<_, crate::error::Error>(())
         })?;
@@ -235,12 +244,13 @@ impl ColorField {
 
 /// The filter of a plane.
 struct Filtering<'a> {
-    filter: &'a SplineFilter,
-    dims: [usize; 3],
+    filter: &'a RowFilter,
     padded: [usize; 3],
     /// The planes of voxels around it, and which of them is its own.
     planes: &'a [Voxels],
     at: usize,
+    /// Planes at each distance before and behind it, added up, and whether a row has voxels.
+    pairs: &'a mut [(Vec<f32>, Vec<bool>)],
     coefficients: &'a mut [Halves],
     /// The marks of its cells, `across` in a row.
     shows: &'a mut [bool],
@@ -251,71 +261,66 @@ impl WithSimd for Filtering<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let Self { filter, dims: [_, ny, _], padded, planes, at, coefficients, shows, across } = self;
-        let reach = filter.reach();
-        let kept = planes.len();
-        // Rows at distances that are alike by symmetry are added up first.
-        let groups = filter.row_groups();
-        let width = planes[0].width;
-        let mut sums = vec![0.0_f32; CHANNELS * width * groups.len()];
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { filter, padded, planes, at, pairs, coefficients, shows, across } = self;
+        let (reach, kept) = (filter.reach, planes.len());
+        let Voxels { width, margin, .. } = planes[0];
+        let ny = planes[0].extents.len();
+        for (number, (sums, has)) in pairs.iter_mut().enumerate() {
+            let [before, behind] = [(at + kept - number - 1) % kept, (at + number + 1) % kept].map(|at| &planes[at]);
+            for row in 0..ny {
+                has[row] = before.has(row) || behind.has(row);
+                if has[row] {
+                    let sums = &mut sums[CHANNELS * width * row..][..CHANNELS * width];
+                    add_rows(before.row(row), behind.row(row), sums);
+                }
+            }
+        }
+        let empty = vec![0.0_f32; width];
+        let mut sums = vec![0.0_f32; (MAX_REACH + 1) * (width + WIDTH)];
         let mut filtered = vec![0.0_f32; CHANNELS * width];
         for row in 0..ny + 2 * reach {
             let y = row as isize - reach as isize;
+            let rows = (y - reach as isize).max(0) as usize..((y + reach as isize + 1).min(ny as isize)) as usize;
             let mut extent = Voxels::EMPTY;
-            for (plane, voxels) in planes.iter().enumerate() {
-                let k = (plane + kept - at) % kept;
-                let k = k.min(kept - k);
-                for row in (y - reach as isize).max(0)..=(y + reach as isize).min(ny as isize - 1) {
-                    let [first, last] = voxels.extents[row as usize];
-                    if first > last {
-                        continue;
-                    }
+            for voxels in planes {
+                for row in rows.clone() {
+                    let [first, last] = voxels.extents[row];
                     extent = [extent[0].min(first), extent[1].max(last)];
-                    let j = (row - y).unsigned_abs();
-                    let group = SplineFilter::row_group(j, k);
-                    let (from, count) = (voxels.margin + first, last - first + 1);
-                    for channel in 0..CHANNELS {
-                        let values = &voxels.row(row as usize)[channel * width + from..][..count];
-                        let sum = &mut sums[(group * CHANNELS + channel) * width + from..][..count];
-                        for x in 0..count {
-                            sum[x] += values[x];
-                        }
-                    }
                 }
             }
             let [first, last] = extent;
             if first > last {
                 continue;
             }
-            // Margins are twice the reach of the filter.
-            let (from, count) = (reach + first, last - first + 1 + 2 * reach);
+            // Coefficients reach as far as the filter beyond voxels; margins are twice as wide.
+            let from = margin + first - reach;
+            let count = last - first + 1 + 2 * reach;
             for channel in 0..CHANNELS {
-                let out = &mut filtered[channel * width + from..][..count];
-                out.fill(0.0);
-                for (group, weights) in groups.iter().enumerate() {
-                    let sum = &sums[(group * CHANNELS + channel) * width..][..width];
-                    let (middle, weight) = (&sum[from..][..count], weights[0]);
-                    for x in 0..count {
-                        out[x] = weight.mul_add(middle[x], out[x]);
-                    }
-                    for i in 1..=reach {
-                        let (left, right, weight) = (&sum[from - i..][..count], &sum[from + i..][..count], weights[i]);
-                        for x in 0..count {
-                            out[x] = weight.mul_add(left[x] + right[x], out[x]);
+                let begin = channel * width + from - reach;
+                let mut around: Around<'_> = Default::default();
+                for (k, around) in around.iter_mut().take(reach + 1).enumerate() {
+                    for (j, place) in around.iter_mut().take(2 * reach + 1).enumerate() {
+                        let row = y + j as isize - reach as isize;
+                        *place = &empty[from - reach..];
+                        if row < 0 || row >= ny as isize {
+                            continue;
+                        }
+                        let row = row as usize;
+                        if k == 0 && planes[at].has(row) {
+                            *place = &planes[at].row(row)[begin..];
+                        } else if k > 0 && pairs[k - 1].1[row] {
+                            *place = &pairs[k - 1].0[CHANNELS * width * row + begin..];
                         }
                     }
                 }
-            }
-            for group in 0..groups.len() {
-                for channel in 0..CHANNELS {
-                    sums[(group * CHANNELS + channel) * width..][from + reach..from + count - reach].fill(0.0);
-                }
+                filter.apply(simd, &around, &mut sums, &mut filtered[channel * width..][..count]);
             }
             let y = (y + PAD as isize) as usize;
-            let column = from - 2 * reach + PAD;
+            let column = PAD + first - reach;
             let out = &mut coefficients[y * padded[0] + column..][..count];
-            let [r, g, b, a] = [0, 1, 2, 3].map(|channel| &filtered[channel * width + from..][..count]);
+            let (r, g) = (&filtered[..count], &filtered[width..][..count]);
+            let (b, a) = (&filtered[2 * width..][..count], &filtered[3 * width..][..count]);
             for x in 0..count {
                 out[x] = [half(r[x]), half(g[x]), half(b[x]), half(a[x])];
             }

@@ -2,9 +2,10 @@
 
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
-use voxsplat_volume::memory::reserved;
+use voxsplat_volume::memory::zeroed;
 
-use super::lanes::dispatch;
+use super::filter::{Around, MAX_REACH, RowFilter, add_rows};
+use super::lanes::{WIDTH, dispatch};
 use crate::error::Result;
 use crate::kernel::SplineFilter;
 use crate::progress::Progress;
@@ -52,8 +53,8 @@ impl Field {
         let padded = dims.map(|d| d + 2 * PAD);
         let plane = padded[0] * padded[1];
         let count = plane * padded[2];
-        let mut coefficients: Vec<f32> = reserved(count as u64, || "the coefficients of a volume".to_owned())?;
-        coefficients.resize(count, 0.0);
+        let mut coefficients: Vec<f32> = zeroed(count as u64, || "the coefficients of a volume".to_owned())?;
+        let filter = &RowFilter::new(filter);
         let slabs = coefficients.par_chunks_mut(PLANES * plane).enumerate();
         slabs.try_for_each(|(slab, coefficients)| {
             progress.check()?;
@@ -61,8 +62,8 @@ impl Field {
             let planes = coefficients.len() / plane;
             let first = slab * PLANES;
             // Beyond the faces all planes are the plane at the face.
-            let low = (source(first) as isize - filter.reach() as isize).max(0) as usize;
-            let high = (source(first + planes - 1) + filter.reach()).min(dims[2] - 1);
+            let low = (source(first) as isize - filter.reach as isize).max(0) as usize;
+            let high = (source(first + planes - 1) + filter.reach).min(dims[2] - 1);
             let area = dims[0] * dims[1];
             let samples = volume.read(low * area..(high + 1) * area)?;
             let scalars: Vec<f32> = with_samples!(&samples, s => s.iter().map(|v| relative.to(v.to_f64())).collect());
@@ -104,7 +105,7 @@ impl Field {
 
 /// The filter of a slab of planes.
 struct Filtering<'a> {
-    filter: &'a SplineFilter,
+    filter: &'a RowFilter,
     dims: [usize; 3],
     padded: [usize; 3],
     /// Planes of scalars from plane `low` on.
@@ -119,48 +120,43 @@ impl WithSimd for Filtering<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
+    fn with_simd<S: Simd>(self, simd: S) {
         let Self { filter, dims: [nx, ny, nz], padded, scalars, low, first, coefficients } = self;
-        let reach = filter.reach() as isize;
-        let taps = filter.reach();
-        // Rows at distances that are alike by symmetry are added up first.
-        let weights = filter.row_groups();
-        let margin = PAD + taps;
-        let mut sums = vec![vec![0.0_f32; nx + 2 * margin]; weights.len()];
+        let reach = filter.reach;
+        // Rows repeat their ends, and have room for a vector more.
+        let margin = PAD + reach;
+        let width = (nx + 2 * margin).next_multiple_of(WIDTH) + WIDTH;
+        let mut planes = vec![0.0_f32; (reach + 1) * ny * width];
+        let mut sums = vec![0.0_f32; (MAX_REACH + 1) * (width + WIDTH)];
         for (number, plane) in coefficients.chunks_exact_mut(padded[0] * padded[1]).enumerate() {
             let z = (first + number) as isize - PAD as isize;
+            // Beyond the faces all planes are alike.
+            let source = |z: isize| z.clamp(0, nz as isize - 1) as usize - low;
+            for k in 0..=reach as isize {
+                let [before, behind] = [source(z - k), source(z + k)];
+                for y in 0..ny {
+                    let row = &mut planes[(k as usize * ny + y) * width..][..width];
+                    let inner = &mut row[margin..margin + nx];
+                    if k == 0 {
+                        inner.copy_from_slice(&scalars[nx * (y + ny * before)..][..nx]);
+                    } else {
+                        add_rows(&scalars[nx * (y + ny * before)..], &scalars[nx * (y + ny * behind)..], inner);
+                    }
+                    let (first, last) = (row[margin], row[margin + nx - 1]);
+                    row[..margin].fill(first);
+                    row[margin + nx..].fill(last);
+                }
+            }
             for (y, row) in plane.chunks_exact_mut(padded[0]).enumerate() {
                 let y = y as isize - PAD as isize;
-                sums.iter_mut().for_each(|sum| sum.fill(0.0));
-                for k in -reach..=reach {
-                    let z = (z + k).clamp(0, nz as isize - 1) as usize - low;
-                    for j in -reach..=reach {
-                        let y = (y + j).clamp(0, ny as isize - 1) as usize;
-                        let scalars = &scalars[nx * (y + ny * z)..][..nx];
-                        let group = SplineFilter::row_group(j.unsigned_abs(), k.unsigned_abs());
-                        let sum = &mut sums[group][margin..margin + nx];
-                        for (sum, scalar) in sum.iter_mut().zip(scalars) {
-                            *sum += scalar;
-                        }
+                let mut around: Around<'_> = Default::default();
+                for (k, around) in around.iter_mut().take(reach + 1).enumerate() {
+                    for (j, place) in around.iter_mut().take(2 * reach + 1).enumerate() {
+                        let y = (y + j as isize - reach as isize).clamp(0, ny as isize - 1) as usize;
+                        *place = &planes[(k * ny + y) * width..][..width];
                     }
                 }
-                row.fill(0.0);
-                for (sum, weights) in sums.iter_mut().zip(&weights) {
-                    let (first, last) = (sum[margin], sum[margin + nx - 1]);
-                    sum[..margin].fill(first);
-                    sum[margin + nx..].fill(last);
-                    let count = row.len();
-                    let (middle, weight) = (&sum[taps..][..count], weights[0]);
-                    for x in 0..count {
-                        row[x] = weight.mul_add(middle[x], row[x]);
-                    }
-                    for i in 1..=taps {
-                        let (left, right, weight) = (&sum[taps - i..][..count], &sum[taps + i..][..count], weights[i]);
-                        for x in 0..count {
-                            row[x] = weight.mul_add(left[x] + right[x], row[x]);
-                        }
-                    }
-                }
+                filter.apply(simd, &around, &mut sums, row);
             }
         }
     }

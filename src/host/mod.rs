@@ -17,6 +17,7 @@
 mod arriving;
 mod colors;
 mod field;
+mod filter;
 mod lanes;
 mod light;
 mod march;

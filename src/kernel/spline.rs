@@ -211,19 +211,8 @@ impl SplineFilter {
     }
 
     /// The weight of a sample at an offset within the reach.
-    fn weight(&self, offset: [usize; 3]) -> f64 {
+    pub(crate) fn weight(&self, offset: [usize; 3]) -> f64 {
         self.weights[class(offset)]
-    }
-
-    /// The weights of rows of samples, by [`Self::row_group`] and the distance along the row.
-    pub(crate) fn row_groups(&self) -> Vec<Vec<f32>> {
-        let row = |j: usize, k: usize| (0..=self.reach).map(|i| self.weight([i, j, k]) as f32).collect();
-        (0..=self.reach).flat_map(|high| (0..=high).map(move |low| row(low, high))).collect()
-    }
-
-    /// The group of the rows at a distance along both axes across them: rows of a group have the same weights.
-    pub(crate) fn row_group(j: usize, k: usize) -> usize {
-        j.max(k) * (j.max(k) + 1) / 2 + j.min(k)
     }
 
     pub(crate) fn misfit(&self) -> Misfit {

@@ -107,8 +107,11 @@ impl SplatRun<'_> {
     #[inline(always)]
     pub(crate) fn column(&self, index: usize) -> [u32; LANES] {
         let mut column = [0; LANES];
-        for (place, words) in column.iter_mut().zip(self.words.chunks_exact(self.each)) {
-            *place = words[index];
+        for (place, word) in column.iter_mut().enumerate() {
+            let at = place * self.each + index;
+            if at < self.words.len() {
+                *word = self.words[at];
+            }
         }
         column
     }
