@@ -105,7 +105,7 @@ fn device_cells_under_other_lights_take_the_normals_that_are_kept() {
     assert!(after.allocated - before.allocated < 8 << 20 && after.sent - before.sent < 4096);
     let expected = subject.words(&second);
     assert!(expected == subject.words(&Subject::new(&context, &of, size).lit(-1.0, None)));
-    let none = vec![super::splat::NO_NORMAL; visible as usize];
+    let none = vec![crate::splats::words::NO_NORMAL; visible as usize];
     let mut rest = &none[..];
     for buffer in normals {
         let (of_buffer, others) = rest.split_at(buffer.size() as usize / 4);

@@ -4,7 +4,8 @@ use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 use voxsplat_volume::memory::zeroed;
 
-use super::field::{CELL, PAD};
+use super::blend::{Along, Blend};
+use super::field::{self, CELL};
 use super::filter::{Around, MAX_REACH, RowFilter, add_rows};
 use super::lanes::{Lanes, WIDTH, dispatch, three};
 use super::light::Vector;
@@ -100,9 +101,11 @@ fn planes_of(width: usize, rows: usize) -> Result<Vec<f32>> {
     Ok(zeroed(count as u64, || "planes of voxels".to_owned())?)
 }
 
-/// Coefficients over a lattice and [`PAD`] points around it, x fastest. Voxels beyond the lattice are empty.
+/// Coefficients over a lattice and some points around it, x fastest. Voxels beyond the lattice are empty.
 pub(super) struct ColorField {
     padded: [usize; 3],
+    /// Coefficients beyond each face.
+    pad: usize,
     coefficients: Vec<Halves>,
     cells: [usize; 3],
     /// Whether a cell has a coefficient other than 0.
@@ -113,7 +116,7 @@ pub(super) struct ColorField {
 
 /// Bytes of the coefficients of a lattice.
 pub(super) fn bytes(dims: [u32; 3]) -> u64 {
-    size_of::<Halves>() as u64 * dims.map(|d| u64::from(d) + 2 * PAD as u64).iter().product::<u64>()
+    field::bytes(dims) / size_of::<f32>() as u64 * size_of::<Halves>() as u64
 }
 
 impl ColorField {
@@ -122,12 +125,12 @@ impl ColorField {
     /// # Errors
     /// [`Error::Memory`](crate::Error::Memory) if the coefficients cannot be allocated.
     pub(super) fn new(
-        dims: [usize; 3],
+        (dims, pad): ([usize; 3], usize),
         filter: &SplineFilter,
         plane: &(dyn Fn(usize, &mut Voxels) + Sync),
         progress: &Progress,
     ) -> Result<Self> {
-        let padded = dims.map(|d| d + 2 * PAD);
+        let padded = dims.map(|d| d + 2 * pad);
         let area = padded[0] * padded[1];
         let count = area * padded[2];
         // Zeros that nothing is written over take no memory.
@@ -149,7 +152,7 @@ impl ColorField {
             let mut pairs = (0..reach).map(pair).collect::<Result<Vec<_>>>()?;
             let mut next = isize::MIN;
             for (number, coefficients) in coefficients.chunks_exact_mut(area).enumerate() {
-                let z = (slab * PLANES + number) as isize - PAD as isize;
+                let z = (slab * PLANES + number) as isize - pad as isize;
                 let (first, last) = (z - reach as isize, z + reach as isize);
                 if last < 0 || first >= dims[2] as isize {
                     continue;
@@ -167,11 +170,11 @@ impl ColorField {
                 let shows = &mut shows[number / CELL * cells[0] * cells[1]..][..cells[0] * cells[1]];
                 let at = z.rem_euclid(kept as isize) as usize;
                 let (planes, pairs, across) = (&planes, &mut pairs, cells[0]);
-                dispatch(Filtering { filter: &filter, padded, planes, at, pairs, coefficients, shows, across });
+                dispatch(Filtering { filter: &filter, padded, pad, planes, at, pairs, coefficients, shows, across });
             }
             Ok::<_, crate::error::Error>(())
         })?;
-        Ok(Self { padded, coefficients, cells, shows, filter_reach: reach })
+        Ok(Self { padded, pad, coefficients, cells, shows, filter_reach: reach })
     }
 
     /// Bytes of memory.
@@ -182,7 +185,7 @@ impl ColorField {
     /// Whether a coefficient in a box, ends included, is not 0.
     pub(super) fn shows(&self, low: [isize; 3], high: [isize; 3]) -> bool {
         let cell =
-            |place: isize, axis: usize| ((place + PAD as isize).max(0) as usize / CELL).min(self.cells[axis] - 1);
+            |place: isize, axis: usize| ((place + self.pad as isize).max(0) as usize / CELL).min(self.cells[axis] - 1);
         let [x, y, z] = [0, 1, 2].map(|axis| cell(low[axis], axis)..cell(high[axis], axis) + 1);
         z.clone().any(|z| {
             y.clone().any(|y| {
@@ -197,46 +200,82 @@ impl ColorField {
         [1, self.padded[0], self.padded[0] * self.padded[1]]
     }
 
-    /// The place of the coefficient of a lattice point, which is at most [`PAD`] points beyond the lattice.
+    /// The place of the coefficient of a lattice point; points farther than all coefficients count as the farthest.
     fn index(&self, point: [isize; 3]) -> usize {
         let steps = self.steps();
-        let place = |axis: usize| (point[axis] + PAD as isize).clamp(0, self.padded[axis] as isize - 1) as usize;
+        let place = |axis: usize| (point[axis] + self.pad as isize).clamp(0, self.padded[axis] as isize - 1) as usize;
         (0..3).map(|axis| place(axis) * steps[axis]).sum()
     }
+}
 
-    /// Sums planes at plane `number` of a tile: weights 1, 4, 1 over 6.
-    #[inline(always)]
-    fn make(&self, plane: &mut Plane, (axes, area): (&Axes, &Area), number: isize) {
-        let [width, height] = area.size();
-        let stride = plane.resize(area);
-        let steps = self.steps();
-        let [step_a, step_b] = [steps[axes.axes[0]], steps[axes.axes[1]]];
-        let mut starts = [0; 3];
-        for (offset, start) in starts.iter_mut().enumerate() {
-            let mut point = [0; 3];
-            point[axes.axes[0]] = area.low[0];
-            point[axes.axes[1]] = area.low[1];
-            point[axes.axes[2]] = axes.plane(number + offset as isize - 1);
-            *start = self.index(point);
+/// Sums planes of coefficients at plane `number` of a tile: weights 1, 4, 1 over 6.
+#[inline(always)]
+fn make(
+    plane: &mut Plane,
+    (blend, along): (&Blend<'_, ColorField>, &Along),
+    (axes, area): (&Axes, &Area),
+    number: isize,
+) {
+    let [width, height] = area.size();
+    let stride = plane.resize(area);
+    if plane.rows.len() < (CHANNELS + 1) * stride {
+        plane.rows.resize((CHANNELS + 1) * stride, 0.0);
+    }
+    let field = blend.levels[0].1;
+    let steps = field.steps();
+    let [step_a, step_b] = [steps[axes.axes[0]], steps[axes.axes[1]]];
+    let mut starts = [0; 3];
+    for (offset, start) in starts.iter_mut().enumerate() {
+        let mut point = [0; 3];
+        point[axes.axes[0]] = area.low[0];
+        point[axes.axes[1]] = area.low[1];
+        point[axes.axes[2]] = axes.plane(number + offset as isize - 1);
+        *start = field.index(point);
+    }
+    let [first, last] = blend.needed(along, area, number as f64);
+    let (weights, part) = plane.rows.split_at_mut(stride);
+    for row in 0..height {
+        let channels = &mut plane.channels[CHANNELS * row * stride..][..CHANNELS * width];
+        for level in first..=last {
+            let coefficients = &blend.levels[level].1.coefficients;
+            let planes = starts.map(|start| &coefficients[start + row * step_b..]);
+            if first == last {
+                sum_planes(planes, step_a, channels);
+                continue;
+            }
+            sum_planes(planes, step_a, &mut part[..CHANNELS * width]);
+            let from = [area.low[0] as f64, (area.low[1] + row as isize) as f64, number as f64];
+            blend.weights(along, level, from, &mut weights[..width]);
+            let (channels, part) = (channels.as_chunks_mut::<CHANNELS>().0, part.as_chunks::<CHANNELS>().0);
+            for x in 0..width {
+                for channel in 0..CHANNELS {
+                    let before = if level == first { 0.0 } else { channels[x][channel] };
+                    channels[x][channel] = weights[x].mul_add(part[x][channel], before);
+                }
+            }
         }
-        for row in 0..height {
-            let [b, m, a] = starts.map(|start| &self.coefficients[start + row * step_b..]);
-            let channels = &mut plane.channels[CHANNELS * row * stride..][..CHANNELS * width];
-            if step_a == 1 {
-                let [b, m, a] = [b, m, a].map(|plane| &plane[..width].as_flattened()[..CHANNELS * width]);
-                for x in 0..CHANNELS * width {
-                    let sum = from_half(b[x]) + from_half(a[x]);
-                    channels[x] = sum.mul_add(1.0 / 6.0, from_half(m[x]) * (4.0 / 6.0));
-                }
-            } else {
-                let (channels, _) = channels.as_chunks_mut::<CHANNELS>();
-                for x in 0..width {
-                    let at = x * step_a;
-                    for channel in 0..CHANNELS {
-                        let sum = from_half(b[at][channel]) + from_half(a[at][channel]);
-                        channels[x][channel] = sum.mul_add(1.0 / 6.0, from_half(m[at][channel]) * (4.0 / 6.0));
-                    }
-                }
+    }
+}
+
+/// Sums rows of three planes, whose points lie `step` apart.
+#[inline(always)]
+fn sum_planes([b, m, a]: [&[Halves]; 3], step: usize, channels: &mut [f32]) {
+    let count = channels.len();
+    let width = count / CHANNELS;
+    if step == 1 {
+        let (b, m, a) = (b[..width].as_flattened(), m[..width].as_flattened(), a[..width].as_flattened());
+        let (b, m, a) = (&b[..count], &m[..count], &a[..count]);
+        for x in 0..count {
+            let sum = from_half(b[x]) + from_half(a[x]);
+            channels[x] = sum.mul_add(1.0 / 6.0, from_half(m[x]) * (4.0 / 6.0));
+        }
+    } else {
+        let (channels, _) = channels.as_chunks_mut::<CHANNELS>();
+        for x in 0..width {
+            let at = x * step;
+            for channel in 0..CHANNELS {
+                let sum = from_half(b[at][channel]) + from_half(a[at][channel]);
+                channels[x][channel] = sum.mul_add(1.0 / 6.0, from_half(m[at][channel]) * (4.0 / 6.0));
             }
         }
     }
@@ -246,6 +285,7 @@ impl ColorField {
 struct Filtering<'a> {
     filter: &'a RowFilter,
     padded: [usize; 3],
+    pad: usize,
     /// The planes of voxels around it, and which of them is its own.
     planes: &'a [Voxels],
     at: usize,
@@ -262,7 +302,7 @@ impl WithSimd for Filtering<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Self { filter, padded, planes, at, pairs, coefficients, shows, across } = self;
+        let Self { filter, padded, pad, planes, at, pairs, coefficients, shows, across } = self;
         let (reach, kept) = (filter.reach, planes.len());
         let Voxels { width, margin, .. } = planes[0];
         let ny = planes[0].extents.len();
@@ -316,8 +356,8 @@ impl WithSimd for Filtering<'_> {
                 }
                 filter.apply(simd, &around, &mut sums, &mut filtered[channel * width..][..count]);
             }
-            let y = (y + PAD as isize) as usize;
-            let column = PAD + first - reach;
+            let y = (y + pad as isize) as usize;
+            let column = pad + first - reach;
             let out = &mut coefficients[y * padded[0] + column..][..count];
             let (r, g) = (&filtered[..count], &filtered[width..][..count]);
             let (b, a) = (&filtered[2 * width..][..count], &filtered[3 * width..][..count]);
@@ -331,7 +371,7 @@ impl WithSimd for Filtering<'_> {
 
 /// What pre-shaded pictures are made of.
 pub(super) struct Colors<'a> {
-    pub(super) field: &'a ColorField,
+    pub(super) blend: Blend<'a, ColorField>,
     /// Whether optical depths are wanted alone.
     pub(super) is_xray: bool,
 }
@@ -339,7 +379,13 @@ pub(super) struct Colors<'a> {
 impl Colors<'_> {
     /// Splines reach 2 voxels, coefficients as far as the filter.
     pub(super) fn reach(&self) -> Reach {
-        Reach { beyond: (self.field.filter_reach + 2) as f64, around: 0 }
+        let reach = self.blend.levels.iter().map(|(_, field)| field.filter_reach).max().unwrap_or_default();
+        Reach { beyond: (reach + 2) as f64, around: 0 }
+    }
+
+    /// Whether a coefficient in a box of the lattice, ends included, is not 0.
+    pub(super) fn shows(&self, low: [isize; 3], high: [isize; 3]) -> bool {
+        self.blend.levels.iter().any(|(_, field)| field.shows(low, high))
     }
 }
 
@@ -359,13 +405,14 @@ pub(super) struct State<S: Simd> {
 pub(super) struct Blending<'a, S: Simd> {
     colors: &'a Colors<'a>,
     axes: Axes,
+    along: Along,
     zero: Lanes<S>,
 }
 
 impl<'a, S: Simd> Blending<'a, S> {
     #[inline(always)]
     pub(super) fn new(simd: S, colors: &'a Colors<'a>, axes: &Axes) -> Self {
-        Self { colors, axes: *axes, zero: Lanes::all(simd, 0.0) }
+        Self { colors, axes: *axes, along: colors.blend.along(axes), zero: Lanes::all(simd, 0.0) }
     }
 }
 
@@ -391,7 +438,7 @@ impl<S: Simd> Rule<S> for Blending<'_, S> {
     #[inline(always)]
     fn make(&self, _: S, plane: &mut Plane, area: &Area, number: usize) {
         let before = self.colors.reach().beyond as isize;
-        self.colors.field.make(plane, (&self.axes, area), number as isize - before);
+        make(plane, (&self.colors.blend, &self.along), (&self.axes, area), number as isize - before);
     }
 
     #[inline(always)]

@@ -7,14 +7,21 @@ use voxsplat_volume::memory::zeroed;
 use super::filter::{Around, MAX_REACH, RowFilter, add_rows};
 use super::lanes::{WIDTH, dispatch};
 use crate::error::Result;
-use crate::kernel::SplineFilter;
+use crate::kernel::{Kernel, SplineFilter};
 use crate::progress::Progress;
 use crate::transfer::scalars::Relative;
 use crate::volume::{ToF64, Volume, with_samples};
 
-/// Coefficients beyond each face of the lattice, where the samples at the face repeat. Rays reach half a voxel beyond;
-/// a sample there reads 4 coefficients on either side.
-pub(super) const PAD: usize = 8;
+/// The least number of coefficients beyond each face of the lattice, where the samples at the face repeat. Rays reach
+/// half a voxel beyond; a sample there reads 4 coefficients on either side.
+const PAD: usize = 8;
+
+/// The coefficients beyond each face of the fields of kernels that are blended: as far as voxels, filters and splines
+/// reach.
+pub(super) fn padding(kernels: &[Kernel]) -> usize {
+    let reach = kernels.iter().map(|kernel| kernel.radius().ceil() as usize + 1).max().unwrap_or_default();
+    PAD.max(reach + 4)
+}
 
 /// Planes of coefficients that a thread makes at a time. It reads a few planes of samples more on either side.
 const PLANES: usize = 16;
@@ -22,17 +29,19 @@ const PLANES: usize = 16;
 /// Lattice points along the edge of a cell.
 pub(super) const CELL: usize = 8;
 
-/// Bytes of the coefficients of a lattice.
+/// Bytes of the coefficients of a lattice, without growth.
 pub(super) fn bytes(dims: [u32; 3]) -> u64 {
     4 * dims.map(|d| u64::from(d) + 2 * PAD as u64).iter().product::<u64>()
 }
 
-/// Coefficients over a lattice and [`PAD`] points around it, x fastest.
+/// Coefficients over a lattice and some points around it, x fastest.
 pub(super) struct Field {
     /// Points of the lattice.
     pub(super) dims: [usize; 3],
     /// Points with coefficients.
     padded: [usize; 3],
+    /// Coefficients beyond each face.
+    pad: usize,
     coefficients: Vec<f32>,
     ranges: Ranges,
 }
@@ -47,10 +56,11 @@ impl Field {
         volume: &Volume,
         relative: &Relative,
         filter: &SplineFilter,
+        pad: usize,
         progress: &Progress,
     ) -> Result<Self> {
         let dims = volume.grid().dims().map(|d| d as usize);
-        let padded = dims.map(|d| d + 2 * PAD);
+        let padded = dims.map(|d| d + 2 * pad);
         let plane = padded[0] * padded[1];
         let count = plane * padded[2];
         let mut coefficients: Vec<f32> = zeroed(count as u64, || "the coefficients of a volume".to_owned())?;
@@ -58,7 +68,7 @@ impl Field {
         let slabs = coefficients.par_chunks_mut(PLANES * plane).enumerate();
         slabs.try_for_each(|(slab, coefficients)| {
             progress.check()?;
-            let source = |z: usize| (z as isize - PAD as isize).clamp(0, dims[2] as isize - 1) as usize;
+            let source = |z: usize| (z as isize - pad as isize).clamp(0, dims[2] as isize - 1) as usize;
             let planes = coefficients.len() / plane;
             let first = slab * PLANES;
             // Beyond the faces all planes are the plane at the face.
@@ -67,11 +77,11 @@ impl Field {
             let area = dims[0] * dims[1];
             let samples = volume.read(low * area..(high + 1) * area)?;
             let scalars: Vec<f32> = with_samples!(&samples, s => s.iter().map(|v| relative.to(v.to_f64())).collect());
-            dispatch(Filtering { filter, dims, padded, scalars: &scalars, low, first, coefficients });
+            dispatch(Filtering { filter, dims, padded, pad, scalars: &scalars, low, first, coefficients });
             Ok::<_, crate::error::Error>(())
         })?;
-        let ranges = Ranges::new(padded, &coefficients);
-        Ok(Self { dims, padded, coefficients, ranges })
+        let ranges = Ranges::new(padded, pad, &coefficients);
+        Ok(Self { dims, padded, pad, coefficients, ranges })
     }
 
     /// Bytes of memory.
@@ -89,10 +99,10 @@ impl Field {
         &self.coefficients
     }
 
-    /// The place of the coefficient of a lattice point. Points farther than the padding count as the farthest.
+    /// The place of the coefficient of a lattice point. Points farther than all coefficients count as the farthest.
     pub(super) fn index(&self, point: [isize; 3]) -> usize {
         let steps = self.steps();
-        let place = |axis: usize| (point[axis] + PAD as isize).clamp(0, self.padded[axis] as isize - 1) as usize;
+        let place = |axis: usize| (point[axis] + self.pad as isize).clamp(0, self.padded[axis] as isize - 1) as usize;
         (0..3).map(|axis| place(axis) * steps[axis]).sum()
     }
 
@@ -108,6 +118,7 @@ struct Filtering<'a> {
     filter: &'a RowFilter,
     dims: [usize; 3],
     padded: [usize; 3],
+    pad: usize,
     /// Planes of scalars from plane `low` on.
     scalars: &'a [f32],
     low: usize,
@@ -121,15 +132,15 @@ impl WithSimd for Filtering<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Self { filter, dims: [nx, ny, nz], padded, scalars, low, first, coefficients } = self;
+        let Self { filter, dims: [nx, ny, nz], padded, pad, scalars, low, first, coefficients } = self;
         let reach = filter.reach;
         // Rows repeat their ends, and have room for a vector more.
-        let margin = PAD + reach;
+        let margin = pad + reach;
         let width = (nx + 2 * margin).next_multiple_of(WIDTH) + WIDTH;
         let mut planes = vec![0.0_f32; (reach + 1) * ny * width];
         let mut sums = vec![0.0_f32; (MAX_REACH + 1) * (width + WIDTH)];
         for (number, plane) in coefficients.chunks_exact_mut(padded[0] * padded[1]).enumerate() {
-            let z = (first + number) as isize - PAD as isize;
+            let z = (first + number) as isize - pad as isize;
             // Beyond the faces all planes are alike.
             let source = |z: isize| z.clamp(0, nz as isize - 1) as usize - low;
             for k in 0..=reach as isize {
@@ -148,7 +159,7 @@ impl WithSimd for Filtering<'_> {
                 }
             }
             for (y, row) in plane.chunks_exact_mut(padded[0]).enumerate() {
-                let y = y as isize - PAD as isize;
+                let y = y as isize - pad as isize;
                 let mut around: Around<'_> = Default::default();
                 for (k, around) in around.iter_mut().take(reach + 1).enumerate() {
                     for (j, place) in around.iter_mut().take(2 * reach + 1).enumerate() {
@@ -164,12 +175,13 @@ impl WithSimd for Filtering<'_> {
 
 /// The range of coefficients over cells.
 struct Ranges {
+    pad: usize,
     cells: [usize; 3],
     ranges: Vec<[f32; 2]>,
 }
 
 impl Ranges {
-    fn new(padded: [usize; 3], coefficients: &[f32]) -> Self {
+    fn new(padded: [usize; 3], pad: usize, coefficients: &[f32]) -> Self {
         let cells = padded.map(|d| d.div_ceil(CELL));
         let mut ranges = vec![[f32::INFINITY, f32::NEG_INFINITY]; cells.iter().product()];
         let planes = ranges.par_chunks_mut(cells[0] * cells[1]);
@@ -183,14 +195,14 @@ impl Ranges {
                 }
             }
         });
-        Self { cells, ranges }
+        Self { pad, cells, ranges }
     }
 
     fn over(&self, low: [isize; 3], high: [isize; 3]) -> [f32; 2] {
         let (mut first, mut last) = ([0; 3], [0; 3]);
         for axis in 0..3 {
-            first[axis] = ((low[axis] + PAD as isize).max(0) as usize / CELL).min(self.cells[axis] - 1);
-            last[axis] = ((high[axis] + PAD as isize).max(0) as usize / CELL).min(self.cells[axis] - 1);
+            first[axis] = ((low[axis] + self.pad as isize).max(0) as usize / CELL).min(self.cells[axis] - 1);
+            last[axis] = ((high[axis] + self.pad as isize).max(0) as usize / CELL).min(self.cells[axis] - 1);
         }
         let mut range = [f32::INFINITY, f32::NEG_INFINITY];
         for z in first[2]..=last[2] {

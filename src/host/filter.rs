@@ -6,7 +6,7 @@ use super::lanes::{WIDTH, load};
 use crate::kernel::SplineFilter;
 
 /// The largest reach of a filter.
-pub(super) const MAX_REACH: usize = 4;
+pub(super) const MAX_REACH: usize = 8;
 const ROWS: usize = 2 * MAX_REACH + 1;
 
 /// The weights of a filter, by the distance across rows and along them.
@@ -40,6 +40,8 @@ impl RowFilter {
         match self.reach {
             ..=2 => self.filtered::<S, 2>(simd, rows, sums, out),
             3 => self.filtered::<S, 3>(simd, rows, sums, out),
+            4 => self.filtered::<S, 4>(simd, rows, sums, out),
+            5 | 6 => self.filtered::<S, 6>(simd, rows, sums, out),
             _ => self.filtered::<S, MAX_REACH>(simd, rows, sums, out),
         }
     }

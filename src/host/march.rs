@@ -108,9 +108,10 @@ impl Picture<'_> {
     /// Whether anything may show between two points of the lattice, ends included.
     fn shows(&self, low: [isize; 3], high: [isize; 3]) -> bool {
         match &self.matter {
-            Matter::Post(post) => !post.table.is_invisible(post.field.range(low, high)),
-            Matter::Colors(colors) => colors.field.shows(low, high),
-            Matter::Projection(projection) => projection.shows(low, high),
+            Matter::Post(post) => post.shows(low, high),
+            Matter::Colors(colors) => colors.shows(low, high),
+            // All scalars matter, if only because they are not the largest.
+            Matter::Projection(_) => true,
         }
     }
 

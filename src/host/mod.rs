@@ -15,6 +15,7 @@
 )]
 
 mod arriving;
+mod blend;
 mod colors;
 mod field;
 mod filter;
@@ -35,17 +36,18 @@ use glam::{DAffine3, DVec3};
 use rayon::prelude::*;
 
 use self::arriving::{Falling, MAX_VOXELS};
+use self::blend::Blend;
 use self::colors::Colors;
 use self::light::Shader;
 use self::march::{Matter, Picture, TILE, Work};
 use self::post::Post;
 use self::project::{Extreme, Projection};
 use self::scalars::{Reconstructed, Scalars};
-use self::voxels::{Colored, Filtered};
+use self::voxels::Colored;
 use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::image::{Image, Region};
-use crate::kernel::{Kernel, Misfit};
+use crate::kernel::{Kernel, Misfit, SplineFilter};
 use crate::layers::Layers;
 use crate::lighting::shadow::ShadowLattice;
 use crate::progress::Progress;
@@ -82,7 +84,9 @@ struct Frame<'a> {
     settings: &'a Settings,
     grid: &'a Grid,
     region: Region,
-    growth: f64,
+    /// The growths of the kernels whose fields are blended, ascending.
+    growths: Vec<f64>,
+    /// The kernel without growth.
     kernel: Kernel,
     /// The ratio of the sums of kernels to their means.
     density: f64,
@@ -91,6 +95,18 @@ struct Frame<'a> {
 }
 
 impl Frame<'_> {
+    /// The kernels whose fields are blended.
+    fn kernels(&self) -> Vec<Kernel> {
+        self.growths.iter().map(|growth| self.kernel.grown(*growth)).collect()
+    }
+
+    /// The blend of the fields of these kernels.
+    fn blend<'a, V, F>(&self, made: &'a [Arc<V>], field: impl Fn(&'a V) -> &'a F) -> Blend<'a, F> {
+        let Self { camera, grid, .. } = *self;
+        let levels = self.growths.iter().zip(made).map(|(growth, made)| (*growth, field(made))).collect();
+        Blend::new(levels, camera.growth(grid), camera, &grid.to_world())
+    }
+
     /// The light with shadows, if there is one, in matter whose extinctions have a unit in the world.
     fn falling(&self, unit: f64) -> Option<Falling> {
         let Self { settings, grid, kernel, .. } = *self;
@@ -113,8 +129,8 @@ fn places_of_light(grid: &Grid) -> DAffine3 {
     DAffine3::from_scale(DVec3::splat(1.0 / grid.unit())) * DAffine3::from_translation(-grid.center()) * grid.to_world()
 }
 
-/// The value that was made last, and what it was made for.
-struct Kept<K, V>(Mutex<Option<(K, Arc<V>)>>);
+/// The values that were made for the last picture, and what they were made for.
+struct Kept<K, V>(Mutex<Vec<(K, Arc<V>)>>);
 
 impl<K, V> Default for Kept<K, V> {
     fn default() -> Self {
@@ -123,20 +139,28 @@ impl<K, V> Default for Kept<K, V> {
 }
 
 impl<K: PartialEq, V> Kept<K, V> {
-    /// The value for a key: the one that is held if it was made for it, else one that `make` makes after that is gone.
-    fn get_or_make(&self, key: K, make: impl FnOnce(&K) -> Result<V>) -> Result<Arc<V>> {
+    /// The values for keys: those that are held, else those that `make` makes after all others are gone.
+    fn get_or_make(&self, keys: Vec<K>, make: impl Fn(&K) -> Result<V>) -> Result<Vec<Arc<V>>> {
         let mut held = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((_, value)) = held.as_ref().filter(|(of, _)| *of == key) {
-            return Ok(Arc::clone(value));
+        held.retain(|(key, _)| keys.contains(key));
+        let mut values = Vec::with_capacity(keys.len());
+        for key in keys {
+            let value = match held.iter().find(|(of, _)| *of == key) {
+                Some((_, value)) => Arc::clone(value),
+                None => {
+                    let made = Arc::new(make(&key)?);
+                    held.push((key, Arc::clone(&made)));
+                    made
+                }
+            };
+            values.push(value);
         }
-        *held = None;
-        let made = Arc::new(make(&key)?);
-        *held = Some((key, Arc::clone(&made)));
-        Ok(made)
+        Ok(values)
     }
 
-    fn is_held(&self) -> bool {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).is_some()
+    /// The number of values.
+    fn count(&self) -> usize {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).len()
     }
 }
 
@@ -218,9 +242,9 @@ impl HostRenderer {
         region.check_within(camera.size)?;
         let grid = scene.grid();
         camera.check_scale(grid)?;
-        scene.check_memory(settings)?;
-        let growth = growth(camera, grid, settings)?;
-        let kernel = settings.reconstruction_kernel().grown(growth);
+        let kernel = settings.reconstruction_kernel();
+        let growths = growths(camera, grid, settings, &kernel);
+        scene.check_memory(settings, growths.len())?;
         let middle = DVec3::from_array(grid.dims().map(|d| (f64::from(d) - 1.0) / 2.0));
         let sides = settings.clip.sides(grid);
         let frame = Frame {
@@ -228,7 +252,7 @@ impl HostRenderer {
             settings,
             grid,
             region,
-            growth,
+            growths,
             kernel,
             density: settings.normalization.density(&kernel),
             sides: sides.into_iter().map(|(gradient, value)| (gradient, value - gradient.dot(middle))).collect(),
@@ -241,23 +265,25 @@ impl HostRenderer {
 
     /// Renders a picture of scalars that are classified along rays, or of their projection.
     fn render_scalars(&self, scene: &Scalars, frame: &Frame<'_>) -> Result<Rendered> {
-        let Frame { settings, grid, kernel, .. } = *frame;
+        let Frame { settings, grid, .. } = *frame;
         if settings.sharpens() != scene.sharpened {
             return Err(Error::setting("sharpness", "the scene was prepared for another sharpness or kernel"));
         }
-        let (reconstructed, seconds) = on_host(|| scene.reconstructed(kernel, &self.progress));
+        let (reconstructed, seconds) = on_host(|| scene.reconstructed(frame, &self.progress));
         let reconstructed = reconstructed?;
         let mut stages = vec![StageTime::host("filter", seconds)];
-        let Reconstructed { field, filter } = reconstructed.as_ref();
+        let Reconstructed { field, filter } = reconstructed[0].as_ref();
+        let blend = frame.blend(&reconstructed, |reconstructed| &reconstructed.field);
+        let bytes = reconstructed.iter().map(|reconstructed| reconstructed.field.bytes()).sum();
         let unit = scene.transfer.unit_or(grid.min_spacing());
-        let held = Held { bytes: field.bytes(), misfit: filter.misfit(), voxels: grid.len() };
+        let held = Held { bytes, misfit: filter.misfit(), voxels: grid.len() };
         if let Some(extreme) = extreme(settings.model) {
             let factor = frame.density / scene.reduction.factor();
             let shown = |[value, planes, ..]: [f64; 4]| {
                 let value = if extreme == Extreme::Mean { value / planes } else { value };
                 if value.is_finite() { scene.transfer.projected(value * factor, None) } else { [0.0; 4] }
             };
-            let matter = Matter::Projection(Projection { field, extreme });
+            let matter = Matter::Projection(Projection { blend, extreme });
             return self.painted(frame, (matter, unit), stages, &held, Some(&shown));
         }
         // Of a jump, splines leave a slope in uniform matter beside it: no surface.
@@ -276,7 +302,7 @@ impl HostRenderer {
             }
         };
         let matter = Matter::Post(Post {
-            field,
+            blend,
             table: &scene.table,
             shader: shader.as_ref(),
             arriving: arriving.as_deref(),
@@ -291,11 +317,12 @@ impl HostRenderer {
         let (filtered, seconds) = on_host(|| scene.filtered(frame, &self.progress));
         let filtered = filtered?;
         let stages = vec![StageTime::host("filter", seconds)];
-        let Filtered { field, filter } = filtered.as_ref();
-        let held = Held { bytes: field.bytes() + scene.bytes(), misfit: filter.misfit(), voxels: scene.count() };
+        let blend = frame.blend(&filtered, |filtered| &filtered.field);
+        let bytes = filtered.iter().map(|filtered| filtered.field.bytes()).sum::<u64>() + scene.bytes();
+        let held = Held { bytes, misfit: filtered[0].filter.misfit(), voxels: scene.count() };
         let is_xray = frame.settings.model == Model::Xray;
         let response = |[depth, ..]: [f64; 4]| frame.settings.response.pixel(depth);
-        let matter = (Matter::Colors(Colors { field, is_xray }), scene.unit * scene.scale);
+        let matter = (Matter::Colors(Colors { blend, is_xray }), scene.unit * scene.scale);
         self.painted(frame, matter, stages, &held, is_xray.then_some(&response))
     }
 
@@ -308,7 +335,7 @@ impl HostRenderer {
         held: &Held,
         shown: Option<&(dyn Fn([f64; 4]) -> [f64; 4] + Sync)>,
     ) -> Result<Rendered> {
-        let Frame { camera, settings, grid, region, growth, density, .. } = *frame;
+        let Frame { camera, settings, grid, region, density, .. } = *frame;
         let picture = Picture {
             matter,
             dims: grid.dims().map(|d| d as usize),
@@ -348,7 +375,7 @@ impl HostRenderer {
                 parts: 1,
                 voxels: grid.len(),
                 splats_kept: held.voxels,
-                kernel_growth: growth,
+                kernel_growth: frame.growths[frame.growths.len() - 1],
                 sharpness: settings.sharpness,
                 noise: noise.map(|reconstruction| reconstruction.noise()),
                 footprint_error: data,
@@ -425,16 +452,16 @@ impl HostScene {
         }
     }
 
-    /// Refuses a picture that needs more memory than is left, before any is allocated. What the scene holds counts as
-    /// left.
-    fn check_memory(&self, settings: &Settings) -> Result<()> {
+    /// Refuses a picture with this many fields that needs more memory than is left, before any is allocated. What the
+    /// scene holds counts as left.
+    fn check_memory(&self, settings: &Settings, levels: usize) -> Result<()> {
         let dims = self.grid().dims();
-        let (field, is_field_held, is_light_held) = match &self.0 {
-            Content::Scalars(scalars) => (field::bytes(dims), scalars.field.is_held(), scalars.light.is_held()),
-            Content::Colored(colored) => (colors::bytes(dims), colored.field.is_held(), colored.light.is_held()),
+        let (field, held, lights) = match &self.0 {
+            Content::Scalars(scalars) => (field::bytes(dims), scalars.field.count(), scalars.light.count()),
+            Content::Colored(colored) => (colors::bytes(dims), colored.field.count(), colored.light.count()),
         };
         let light = settings.casting().map_or(0, |_| arriving::BYTES * self.grid().len());
-        check_memory(field, light, u64::from(is_field_held) * field + u64::from(is_light_held) * light)
+        check_memory(levels as u64 * field, light, held as u64 * field + lights as u64 * light)
     }
 }
 
@@ -452,22 +479,25 @@ fn check_memory(field: u64, light: u64, held: u64) -> Result<()> {
     Err(Error::TooLarge { bytes: field + light, available: available.bytes, limit: available.limit, remedies })
 }
 
-/// The growth of the kernels of a picture, the same for all.
-fn growth(camera: &Camera, grid: &Grid, settings: &Settings) -> Result<f64> {
+/// The growths of the kernels whose fields a picture needs. No kernel grows beyond what a filter follows.
+fn growths(camera: &Camera, grid: &Grid, settings: &Settings, kernel: &Kernel) -> Vec<f64> {
     if !settings.antialiasing {
-        return Ok(1.0);
+        return vec![1.0];
     }
     let growth = camera.growth(grid);
-    let Some(eye) = camera.eye() else { return Ok(growth.at(0.0)) };
+    let largest = (SplineFilter::MAX_RADIUS / kernel.radius()).max(1.0);
+    let Some(eye) = camera.eye() else { return vec![growth.at(0.0).min(largest)] };
     let to_center = (grid.center() - eye).dot(camera.forward);
-    let corners = grid.corners_from_center(0.5);
-    let farthest = corners.iter().map(|corner| to_center + corner.dot(camera.forward)).fold(0.0, f64::max);
-    if growth.at(farthest) > NO_GROWTH {
-        let reason =
-            "draws no perspective in which voxels are smaller than pixels: make the picture larger, or zoom in";
-        return Err(refused(reason));
+    let depths = grid.corners_from_center(0.5).map(|corner| to_center + corner.dot(camera.forward));
+    let [nearest, farthest] =
+        [depths.iter().copied().fold(f64::INFINITY, f64::min), depths.into_iter().fold(0.0, f64::max)];
+    if growth.at(farthest) <= NO_GROWTH {
+        return vec![1.0];
     }
-    Ok(1.0)
+    let [nearest, farthest] = [nearest.max(0.0), farthest].map(|depth| growth.at(depth).min(largest));
+    let mut levels = blend::levels(nearest, farthest);
+    levels.retain(|level| *level <= largest * NO_GROWTH);
+    levels
 }
 
 /// An error about a picture that this engine does not draw.

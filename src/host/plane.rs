@@ -3,6 +3,7 @@
 
 use pulp::Simd;
 
+use super::blend::{Along, Blend, blend_row};
 use super::field::Field;
 use super::lanes::{Channels, Lanes, Order, WIDTH, added_up, load, weighted};
 use super::rays::Axes;
@@ -62,6 +63,8 @@ impl Area {
 pub(super) struct Plane {
     scalars: Vec<f32>,
     along: Vec<f32>,
+    /// Memory for rows of a level.
+    pub(super) rows: Vec<f32>,
     pub(super) channels: Vec<f32>,
     /// Points from row to row.
     stride: usize,
@@ -146,17 +149,22 @@ impl Plane {
         &mut self,
         simd: S,
         order: &Order,
-        field: &Field,
+        (blend, along): (&Blend<'_, Field>, &Along),
         (axes, area): (&Axes, &Area),
         number: isize,
         differs: bool,
     ) {
         let [width, height] = area.size();
         let stride = self.resize(area);
-        if self.scalars.len() < stride * (height + 1) {
-            self.scalars.resize(stride * (height + 1), 0.0);
-            self.along.resize(stride * (height + 1), 0.0);
+        let room = stride * (height + 1);
+        if self.scalars.len() < room {
+            self.scalars.resize(room, 0.0);
+            self.along.resize(room, 0.0);
         }
+        if self.rows.len() < 3 * stride {
+            self.rows.resize(3 * stride, 0.0);
+        }
+        let field = blend.levels[0].1;
         let steps = field.steps();
         let [step_a, step_b] = [steps[axes.axes[0]], steps[axes.axes[1]]];
         let plane = number.div_euclid(2);
@@ -168,15 +176,34 @@ impl Plane {
             point[axes.axes[2]] = axes.plane(plane + offset as isize - 2);
             *start = field.index(point);
         }
-        let coefficients = field.coefficients();
+        let z = number as f64 / 2.0;
+        let [first, last] = blend.needed(along, area, z);
+        let (weights, parts) = self.rows[..3 * stride].split_at_mut(stride);
+        let (part_scalars, part_along) = parts.split_at_mut(stride);
         for row in 0..height {
             let scalars = &mut self.scalars[row * stride..][..width];
-            let along = &mut self.along[row * stride..][..width];
-            let [p, z, b, a, y, w] = starts.map(|start| &coefficients[start + row * step_b..]);
-            if number % 2 == 0 {
-                sum_whole([p, z, b, a, y], step_a, scalars, along, differs);
-            } else {
-                sum_half([p, z, b, a, y, w], step_a, scalars, along, differs);
+            let slopes = &mut self.along[row * stride..][..width];
+            for level in first..=last {
+                let coefficients = blend.levels[level].1.coefficients();
+                let (to, to_slopes) = if first == last {
+                    (&mut *scalars, &mut *slopes)
+                } else {
+                    (&mut part_scalars[..width], &mut part_along[..width])
+                };
+                let [p, z0, b, a, y, w] = starts.map(|start| &coefficients[start + row * step_b..]);
+                if number % 2 == 0 {
+                    sum_whole([p, z0, b, a, y], step_a, to, to_slopes, differs);
+                } else {
+                    sum_half([p, z0, b, a, y, w], step_a, to, to_slopes, differs);
+                }
+                if first < last {
+                    let from = [area.low[0] as f64, (area.low[1] + row as isize) as f64, z];
+                    blend.weights(along, level, from, &mut weights[..width]);
+                    blend_row(weights, part_scalars, scalars, level == first);
+                    if differs {
+                        blend_row(weights, part_along, slopes, level == first);
+                    }
+                }
             }
         }
         let halve = simd.splat_f32s(0.5);

@@ -8,6 +8,7 @@ use glam::DAffine3;
 use pulp::Simd;
 
 use super::arriving::ArrivingLight;
+use super::blend::{Along, Blend};
 use super::field::Field;
 use super::lanes::{Lanes, Order, three};
 use super::light::{Shader, Shine, Vector, dot};
@@ -22,7 +23,7 @@ const LEAST_BEND: f32 = 2e-4;
 
 /// What post-shaded pictures are made of.
 pub(super) struct Post<'a> {
-    pub(super) field: &'a Field,
+    pub(super) blend: Blend<'a, Field>,
     pub(super) table: &'a Table,
     pub(super) shader: Option<&'a Shader>,
     /// The light that arrives; `None`: all of it.
@@ -53,6 +54,7 @@ pub(super) struct State<S: Simd> {
 pub(super) struct Shading<'a, S: Simd> {
     post: &'a Post<'a>,
     axes: Axes,
+    along: Along,
     order: Order,
     /// From differences along a, b and the planes to gradients in the world.
     gradient: [[Lanes<S>; 3]; 3],
@@ -70,6 +72,7 @@ impl<'a, S: Simd> Shading<'a, S> {
         Self {
             post,
             axes: *axes,
+            along: post.blend.along(axes),
             order: Order::new(simd),
             gradient: three!(row => three!(column => Lanes::all(simd, gradient[column][row] as f32))),
             places: three!(row => {
@@ -246,10 +249,10 @@ impl<S: Simd> Rule<S> for Shading<'_, S> {
 
     #[inline(always)]
     fn make(&self, simd: S, plane: &mut Plane, area: &Area, number: usize) {
-        let Post { field, shader, gradient_opacity, .. } = *self.post;
+        let Post { blend, shader, gradient_opacity, .. } = self.post;
         let differs = shader.is_some() || !gradient_opacity.is_empty();
         // Number 0 lies half a plane before the first.
-        plane.make_scalars(simd, &self.order, field, (&self.axes, area), number as isize - 1, differs);
+        plane.make_scalars(simd, &self.order, (blend, &self.along), (&self.axes, area), number as isize - 1, differs);
     }
 
     #[inline(always)]
@@ -298,4 +301,10 @@ impl<S: Simd> Rule<S> for Shading<'_, S> {
 impl Post<'_> {
     /// Rays end half a voxel beyond the faces; central differences take one more point.
     pub(super) const REACH: Reach = Reach { beyond: 1.0, around: 1 };
+
+    /// Whether a scalar between two points of the lattice, ends included, may be visible.
+    pub(super) fn shows(&self, low: [isize; 3], high: [isize; 3]) -> bool {
+        let is_visible = |(_, field): &(f64, &Field)| !self.table.is_invisible(field.range(low, high));
+        self.blend.levels.iter().any(is_visible)
+    }
 }

@@ -2,6 +2,7 @@
 
 use pulp::Simd;
 
+use super::blend::{Along, Blend};
 use super::field::Field;
 use super::lanes::{Lanes, Order};
 use super::march::{RECENT, Rule};
@@ -18,18 +19,13 @@ pub(super) enum Extreme {
 
 /// What projections are made of.
 pub(super) struct Projection<'a> {
-    pub(super) field: &'a Field,
+    pub(super) blend: Blend<'a, Field>,
     pub(super) extreme: Extreme,
 }
 
 impl Projection<'_> {
     /// Rays end half a voxel beyond the faces.
     pub(super) const REACH: Reach = Reach { beyond: 1.0, around: 0 };
-
-    /// Whether a scalar between two points of the lattice, ends included, may matter.
-    pub(super) fn shows(&self, _: [isize; 3], _: [isize; 3]) -> bool {
-        true
-    }
 }
 
 /// A group on its way.
@@ -48,6 +44,7 @@ pub(super) struct State<S: Simd> {
 pub(super) struct Projecting<'a, S: Simd> {
     projection: &'a Projection<'a>,
     axes: Axes,
+    along: Along,
     order: Order,
     /// 1, or -1 if the smallest scalar is wanted.
     sign: Lanes<S>,
@@ -57,7 +54,8 @@ impl<'a, S: Simd> Projecting<'a, S> {
     #[inline(always)]
     pub(super) fn new(simd: S, projection: &'a Projection<'a>, axes: &Axes) -> Self {
         let sign = if projection.extreme == Extreme::Smallest { -1.0 } else { 1.0 };
-        Self { projection, axes: *axes, order: Order::new(simd), sign: Lanes::all(simd, sign) }
+        let (along, order) = (projection.blend.along(axes), Order::new(simd));
+        Self { projection, axes: *axes, along, order, sign: Lanes::all(simd, sign) }
     }
 }
 
@@ -78,7 +76,8 @@ impl<S: Simd> Rule<S> for Projecting<'_, S> {
     #[inline(always)]
     fn make(&self, simd: S, plane: &mut Plane, area: &Area, number: usize) {
         // Number 0 lies half a plane before the first.
-        plane.make_scalars(simd, &self.order, self.projection.field, (&self.axes, area), number as isize - 1, false);
+        let blend = (&self.projection.blend, &self.along);
+        plane.make_scalars(simd, &self.order, blend, (&self.axes, area), number as isize - 1, false);
     }
 
     #[inline(always)]

@@ -4,10 +4,10 @@ use std::sync::Arc;
 
 use glam::{DMat3, DVec3};
 
-use super::Kept;
 use super::arriving::{ArrivingLight, Falling};
-use super::field::Field;
+use super::field::{Field, padding};
 use super::table::Table;
+use super::{Frame, Kept};
 use crate::camera::clip::is_inside;
 use crate::error::Result;
 use crate::kernel::{Kernel, SplineFilter};
@@ -32,8 +32,8 @@ pub(super) struct Scalars {
     pub(super) sharpened: Option<(Kernel, f64)>,
     /// Whether most of the visible matter is uniform, as of a mask.
     pub(super) is_uniform: bool,
-    /// The field of the last kernel.
-    pub(super) field: Kept<Kernel, Reconstructed>,
+    /// The fields of kernels, with the points around the lattice.
+    pub(super) field: Kept<(Kernel, usize), Reconstructed>,
     /// The last light with shadows.
     pub(super) light: Kept<Falling, ArrivingLight>,
 }
@@ -75,12 +75,14 @@ impl Scalars {
         })
     }
 
-    /// The field of a kernel.
-    pub(super) fn reconstructed(&self, kernel: Kernel, progress: &Progress) -> Result<Arc<Reconstructed>> {
-        self.field.get_or_make(kernel, |kernel| {
+    /// The fields of the kernels of a picture.
+    pub(super) fn reconstructed(&self, frame: &Frame<'_>, progress: &Progress) -> Result<Vec<Arc<Reconstructed>>> {
+        let kernels = frame.kernels();
+        let pad = padding(&kernels);
+        self.field.get_or_make(kernels.into_iter().map(|kernel| (kernel, pad)).collect(), |(kernel, pad)| {
             let filter = SplineFilter::new(kernel)?;
             let relative = Relative::new(&self.volume, self.reduction);
-            let field = Field::new(&self.volume, &relative, &filter, progress)?;
+            let field = Field::new(&self.volume, &relative, &filter, *pad, progress)?;
             Ok(Reconstructed { field, filter })
         })
     }
@@ -93,13 +95,14 @@ impl Scalars {
         falling: Falling,
         progress: &Progress,
     ) -> Result<Arc<ArrivingLight>> {
-        self.light.get_or_make(falling, |falling| {
+        let mut made = self.light.get_or_make(vec![falling], |falling| {
             let relative = Relative::new(&self.volume, self.reduction);
             let to_world = self.volume.grid().to_lattice().matrix3.transpose();
             let (volume, table) = (&self.volume, &self.table);
             let matter = Extinctions { volume, relative: &relative, table, field, gradient_opacity, to_world };
             ArrivingLight::new(field.dims, &|place, row| matter.row(falling, place, row), falling, progress)
-        })
+        })?;
+        Ok(made.swap_remove(0))
     }
 }
 

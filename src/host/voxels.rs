@@ -8,6 +8,7 @@ use pulp::{Simd, WithSimd};
 
 use super::arriving::{ArrivingLight, Falling};
 use super::colors::{ColorField, Voxels};
+use super::field::padding;
 use super::lanes::{Lanes, dispatch, three};
 use super::light::{Shader, Vector, unit};
 use super::{Frame, Kept, places_of_light};
@@ -48,6 +49,8 @@ pub(super) struct Colored {
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Key {
     kernel: Kernel,
+    /// Points around the lattice.
+    pad: usize,
     light: Option<(Lighting, ToEye)>,
     falling: Option<Falling>,
 }
@@ -113,9 +116,9 @@ impl Colored {
         self.bricks.iter().map(|made| u64::from(made.splats.count())).sum()
     }
 
-    /// The field of a kernel in a picture.
-    pub(super) fn filtered(&self, frame: &Frame<'_>, progress: &Progress) -> Result<Arc<Filtered>> {
-        let Frame { camera, settings, kernel, .. } = *frame;
+    /// The fields of the kernels of a picture.
+    pub(super) fn filtered(&self, frame: &Frame<'_>, progress: &Progress) -> Result<Vec<Arc<Filtered>>> {
+        let Frame { camera, settings, .. } = *frame;
         if settings.lighting.is_some() && !self.is_lit {
             return Err(Error::setting("lighting", "the scene was prepared without light"));
         }
@@ -126,7 +129,10 @@ impl Colored {
             Some(eye) => ToEye::At((eye - self.grid.center()) / self.grid.unit()),
         };
         let light = settings.lighting.clone().map(|lighting| (lighting, to_eye));
-        self.field.get_or_make(Key { kernel, light, falling }, |key| {
+        let kernels = frame.kernels();
+        let pad = padding(&kernels);
+        let key = |kernel: Kernel| Key { kernel, pad, light: light.clone(), falling: falling.clone() };
+        self.field.get_or_make(kernels.into_iter().map(key).collect(), |key| {
             let shader = key.light.as_ref().map(|(lighting, to_eye)| {
                 let shader = Shader::new(lighting, self.grid.center(), self.grid.unit(), [0.0; 2]);
                 Light { shader, to_eye: *to_eye, to_places: places_of_light(&self.grid), arriving: arriving.as_deref() }
@@ -135,7 +141,7 @@ impl Colored {
             let dims = self.grid.dims().map(|d| d as usize);
             let plane =
                 |z: usize, out: &mut Voxels| dispatch(Filling { colored: self, light: shader.as_ref(), z, out });
-            Ok(Filtered { field: ColorField::new(dims, &filter, &plane, progress)?, filter })
+            Ok(Filtered { field: ColorField::new((dims, key.pad), &filter, &plane, progress)?, filter })
         })
     }
 
@@ -152,7 +158,7 @@ impl Colored {
     fn arriving(&self, falling: Falling, progress: &Progress) -> Result<Arc<ArrivingLight>> {
         let dims = self.grid.dims().map(|d| d as usize);
         let middle = DVec3::from_array(dims.map(|d| (d as f64 - 1.0) / 2.0));
-        self.light.get_or_make(falling, |falling| {
+        let mut made = self.light.get_or_make(vec![falling], |falling| {
             let row = |[y, z]: [usize; 2], row: &mut [f32]| {
                 for (run, count) in self.runs(y, z) {
                     let (_, densities) = appearances(&run.column(0), &run.column(1));
@@ -165,7 +171,8 @@ impl Colored {
                 Ok(())
             };
             ArrivingLight::new(dims, &row, falling, progress)
-        })
+        })?;
+        Ok(made.swap_remove(0))
     }
 }
 

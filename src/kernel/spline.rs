@@ -110,7 +110,7 @@ fn frequencies() -> Vec<[f64; 2]> {
 
 impl SplineFilter {
     /// The largest support of a kernel, voxels.
-    pub(crate) const MAX_RADIUS: f64 = 4.0;
+    pub(crate) const MAX_RADIUS: f64 = 8.0;
 
     /// Fits the filter of a kernel.
     ///
@@ -118,12 +118,14 @@ impl SplineFilter {
     /// [`Error::Setting`] if the kernel reaches farther than [`Self::MAX_RADIUS`].
     pub(crate) fn new(kernel: &Kernel) -> Result<Self> {
         let radius = kernel.radius();
-        if radius > Self::MAX_RADIUS {
+        if radius > Self::MAX_RADIUS * (1.0 + 1e-9) {
             let reason = format!("it reaches {radius} voxels, expected up to {}", Self::MAX_RADIUS);
             return Err(Error::setting("kernel", reason));
         }
         // Splines reach 2 voxels themselves; narrow kernels need negative weights around.
-        let reach = (radius.ceil() as usize).max(2);
+        let reach = (radius.min(Self::MAX_RADIUS).ceil() as usize).max(2);
+        // Of wide kernels even reaches alone: fewer forms of the filter are compiled.
+        let reach = if reach > 4 { reach.next_multiple_of(2) } else { reach };
         let count = classes(reach);
         let spectrum = Spectrum::new(kernel);
         let axis = frequencies();

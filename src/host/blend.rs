@@ -1,0 +1,110 @@
+//! Fields of kernels of several sizes, blended where kernels grow with depth.
+
+use glam::{DAffine3, DVec3};
+
+use super::plane::Area;
+use super::rays::Axes;
+use crate::camera::Camera;
+use crate::camera::Growth;
+
+/// Fields of the kernels of some growths, ascending.
+pub(super) struct Blend<'a, F> {
+    pub(super) levels: Vec<(f64, &'a F)>,
+    /// The growth at point 0 of the lattice, and its gradient there. Nothing grows less than 1.
+    at_origin: f64,
+    gradient: DVec3,
+}
+
+/// The growth over the axes of a tile: at 0, and the steps along a, b and the planes.
+#[derive(Clone, Copy)]
+pub(super) struct Along([f64; 4]);
+
+/// The growths whose fields are made between two: powers of the square root of 2, the same for every camera.
+pub(super) fn levels(smallest: f64, largest: f64) -> Vec<f64> {
+    let level = |number: i32| std::f64::consts::SQRT_2.powi(number);
+    let first = (0..).take_while(|&number| level(number) <= smallest.max(1.0)).last().unwrap_or(0);
+    let mut growths = vec![level(first)];
+    for number in first + 1.. {
+        if growths[growths.len() - 1] >= largest {
+            break;
+        }
+        growths.push(level(number));
+    }
+    growths
+}
+
+impl<'a, F> Blend<'a, F> {
+    /// `to_world` is the map from the lattice.
+    pub(super) fn new(levels: Vec<(f64, &'a F)>, growth: Growth, camera: &Camera, to_world: &DAffine3) -> Self {
+        let eye = camera.eye().unwrap_or(DVec3::ZERO);
+        let gradient = to_world.matrix3.transpose() * (camera.forward * growth.slope);
+        let depth = (to_world.translation - eye).dot(camera.forward);
+        Self { levels, at_origin: growth.constant + growth.slope * depth, gradient }
+    }
+
+    /// The growth over the axes of a tile.
+    pub(super) fn along(&self, axes: &Axes) -> Along {
+        let (frame, origin) = axes.frame();
+        let [a, b, m] = (frame.transpose() * self.gradient).to_array();
+        Along([self.at_origin + self.gradient.dot(origin), a, b, m])
+    }
+
+    /// The first and the last level that an area of a plane needs.
+    pub(super) fn needed(&self, along: &Along, area: &Area, plane: f64) -> [usize; 2] {
+        let last = self.levels.len() - 1;
+        if last == 0 {
+            return [0, 0];
+        }
+        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+        for a in [area.low[0], area.high[0]] {
+            for b in [area.low[1], area.high[1]] {
+                let growth = along.at(a as f64, b as f64, plane);
+                (low, high) = (low.min(growth), high.max(growth));
+            }
+        }
+        let below = self.levels.partition_point(|(growth, _)| *growth <= low).saturating_sub(1);
+        let above = self.levels.partition_point(|(growth, _)| *growth < high).min(last);
+        [below, above.max(below)]
+    }
+
+    /// The weights of a level at points of a row: linear in the variance of kernels.
+    #[inline(always)]
+    pub(super) fn weights(&self, along: &Along, level: usize, [a, b, plane]: [f64; 3], weights: &mut [f32]) {
+        let square = |level: usize| (self.levels[level].0 * self.levels[level].0) as f32;
+        let own = square(level);
+        let below = if level > 0 { square(level - 1) } else { -1e30 };
+        let above = if level + 1 < self.levels.len() { square(level + 1) } else { 1e30 };
+        let (rise, fall) = (1.0 / (own - below), 1.0 / (above - own));
+        let (start, step) = (along.at(a, b, plane) as f32, along.0[1] as f32);
+        for x in 0..weights.len() {
+            let growth = (x as f32).mul_add(step, start);
+            let square = growth * growth;
+            weights[x] = (1.0 + (square - own) * rise).min(1.0 - (square - own) * fall).max(0.0);
+        }
+    }
+}
+
+impl Along {
+    /// The growth at a point over the axes.
+    #[inline(always)]
+    fn at(&self, a: f64, b: f64, plane: f64) -> f64 {
+        let [value, of_a, of_b, of_plane] = self.0;
+        value + of_a * a + of_b * b + of_plane * plane
+    }
+}
+
+/// Adds a row times its weights to another; the first one begins it.
+#[inline(always)]
+pub(super) fn blend_row(weights: &[f32], from: &[f32], to: &mut [f32], is_first: bool) {
+    let count = to.len();
+    let (weights, from) = (&weights[..count], &from[..count]);
+    if is_first {
+        for x in 0..count {
+            to[x] = weights[x] * from[x];
+        }
+    } else {
+        for x in 0..count {
+            to[x] = weights[x].mul_add(from[x], to[x]);
+        }
+    }
+}
