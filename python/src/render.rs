@@ -11,7 +11,7 @@ use voxsplat::camera::{Camera, Hull};
 use voxsplat::error::{Error, Result};
 use voxsplat::host::HostScene;
 use voxsplat::image::{Background, Region};
-use voxsplat::settings::{Painter, Settings};
+use voxsplat::settings::Settings;
 
 use crate::bricks::{Partial, Plan};
 use crate::error::{internal, raised};
@@ -134,9 +134,10 @@ impl Renderer {
         let beside = Beside { labels, mask, overlays, whole: None };
         let (prepared, choices, hidden) = self.device.run(py, progress, move |engines| {
             let mut look = request.look(&source, &beside, view, size)?;
-            let scene = match look.settings.painter {
-                Painter::Cpu => EngineScene::Host(Box::new(engines.host.prepare_layers(&look.layers, &look.settings)?)),
-                _ => EngineScene::Device(Box::new(engines.device()?.prepare_layers(&look.layers, &look.settings)?)),
+            let scene = if engines.draws_on_host(look.settings.painter)? {
+                EngineScene::Host(Box::new(engines.host.prepare_layers(&look.layers, &look.settings)?))
+            } else {
+                EngineScene::Device(Box::new(engines.device()?.prepare_layers(&look.layers, &look.settings)?))
             };
             let (choices, hidden) = (std::mem::take(&mut look.choices), std::mem::take(&mut look.hidden));
             Ok((Prepared { look, scene, hulls: Mutex::default() }, choices, hidden))

@@ -13,6 +13,7 @@ use voxsplat::error::Error;
 use voxsplat::host::HostRenderer;
 use voxsplat::progress::Progress;
 use voxsplat::renderer::silenced;
+use voxsplat::settings::Painter;
 use voxsplat::{Renderer, RendererOptions};
 
 use crate::error::{DeviceError, internal, raised};
@@ -94,6 +95,19 @@ pub(crate) struct Engines<'a> {
 }
 
 impl Engines<'_> {
+    /// Whether the host engine makes the pictures of a painter. Opens the device if it does not.
+    pub(crate) fn draws_on_host(&mut self, painter: Painter) -> Result<bool, Error> {
+        if painter == Painter::Cpu {
+            return Ok(true);
+        }
+        let is_open_choice = self.options.adapter.is_none();
+        match self.device() {
+            Ok(_) => Ok(false),
+            Err(error) if is_open_choice && HostRenderer::stands_in(painter, &error) => Ok(true),
+            Err(error) => Err(error),
+        }
+    }
+
     /// Opens the device if it is not open.
     pub(crate) fn device(&mut self) -> Result<&Renderer, Error> {
         let open = match self.renderer.take() {

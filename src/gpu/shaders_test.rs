@@ -71,7 +71,7 @@ fn constants_are_those_of_the_host() {
         ("classify", "EDGE", crate::volume::BRICK_EDGE as u64),
         ("extents", "EDGE", crate::volume::BRICK_EDGE as u64),
         ("pack-vector-pages", "PAGE_BITS", crate::splats::brick::PAGE.ilog2().into()),
-        ("page_table", "PER_BRICK", crate::volume::BRICK_EDGE as u64 / u64::from(crate::gpu::store::PAGE)),
+        ("page_table", "PER_BRICK", crate::volume::BRICK_EDGE as u64 / u64::from(crate::splats::brick::PAGE)),
         ("cells", "EDGE", crate::volume::BRICK_EDGE as u64),
         ("lit_rows", "ABSENT", super::held_samples::ABSENT.into()),
         ("lit_rows", "NODES", super::cells::NODES as u64),

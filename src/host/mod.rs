@@ -1,13 +1,18 @@
 //! The host engine: rays through fields of B-splines on the processor, without a graphics driver.
 //!
-//! [`HostRenderer`] draws post-shaded composites of a volume. The field that the kernels reconstruct is represented by
-//! cubic B-splines (`kernel/spline.rs`): a filter of the samples depends on the kernel alone, and a sample of the field
-//! then takes 64 coefficients, whatever the kernel, the view and the projection. [`Settings::painter`] has no effect
-//! here; `voxsplat render --painter cpu` requests this engine.
+//! The field that kernels reconstruct is represented by cubic B-splines (`kernel/spline.rs`): a filter of the samples
+//! depends on the kernel alone, and a sample of the field then takes 64 coefficients, whatever the kernel, the view and
+//! the projection. [`HostRenderer`] draws composites and projections of scalars ([`Shading::Post`]), and composites and
+//! X-rays of classified voxels ([`Shading::Pre`]), which may have several layers. Where voxels are smaller than pixels,
+//! kernels grow: of perspective pictures the fields of some sizes are blended. [`Settings::painter`] has no effect here;
+//! `voxsplat render --painter cpu` requests this engine.
 //!
 //! Pictures have the same bytes with any vectors and any number of threads: along rays the order of all sums is fixed,
 //! and numbers are added, multiplied, divided and rooted only. Cameras, kernels and tables of transfer functions still
 //! call exponentials and sines of the system's C library, whose last bit may differ between machines.
+//!
+//! [`Shading::Post`]: crate::settings::Shading::Post
+//! [`Shading::Pre`]: crate::settings::Shading::Pre
 
 #![allow(
     clippy::needless_range_loop,
@@ -51,7 +56,7 @@ use crate::kernel::{Kernel, Misfit, SplineFilter};
 use crate::layers::Layers;
 use crate::lighting::shadow::ShadowLattice;
 use crate::progress::Progress;
-use crate::settings::{Interslice, Model, Settings};
+use crate::settings::{Interslice, Model, Painter, Settings};
 use crate::stats::adapter::{AdapterInfo, AdapterKind};
 use crate::stats::{CpuStats, PainterStats, Rendered, StageTime, Stats, on_host};
 use crate::transfer::Resolution;
@@ -183,7 +188,14 @@ impl HostRenderer {
         }
     }
 
-    /// Prepares layers for pictures with these settings: one volume.
+    /// Whether this engine draws for a painter in place of a device that cannot be opened: there is none, and no painter
+    /// of devices was requested.
+    #[must_use]
+    pub fn stands_in(painter: Painter, error: &Error) -> bool {
+        painter == Painter::Auto && matches!(error, Error::NoAdapter(_))
+    }
+
+    /// Prepares layers for pictures with these settings.
     ///
     /// # Errors
     /// [`Error::Setting`] if a setting is out of range, or if this engine does not draw such pictures;
@@ -243,7 +255,7 @@ impl HostRenderer {
         let grid = scene.grid();
         camera.check_scale(grid)?;
         let kernel = settings.reconstruction_kernel();
-        let growths = growths(camera, grid, settings, &kernel);
+        let growths = growths(camera, grid, settings, &kernel)?;
         scene.check_memory(settings, growths.len())?;
         let middle = DVec3::from_array(grid.dims().map(|d| (f64::from(d) - 1.0) / 2.0));
         let sides = settings.clip.sides(grid);
@@ -479,25 +491,31 @@ fn check_memory(field: u64, light: u64, held: u64) -> Result<()> {
     Err(Error::TooLarge { bytes: field + light, available: available.bytes, limit: available.limit, remedies })
 }
 
-/// The growths of the kernels whose fields a picture needs. No kernel grows beyond what a filter follows.
-fn growths(camera: &Camera, grid: &Grid, settings: &Settings, kernel: &Kernel) -> Vec<f64> {
+/// The growths of the kernels whose fields a picture needs.
+fn growths(camera: &Camera, grid: &Grid, settings: &Settings, kernel: &Kernel) -> Result<Vec<f64>> {
     if !settings.antialiasing {
-        return vec![1.0];
+        return Ok(vec![1.0]);
     }
     let growth = camera.growth(grid);
-    let largest = (SplineFilter::MAX_RADIUS / kernel.radius()).max(1.0);
-    let Some(eye) = camera.eye() else { return vec![growth.at(0.0).min(largest)] };
-    let to_center = (grid.center() - eye).dot(camera.forward);
-    let depths = grid.corners_from_center(0.5).map(|corner| to_center + corner.dot(camera.forward));
-    let [nearest, farthest] =
-        [depths.iter().copied().fold(f64::INFINITY, f64::min), depths.into_iter().fold(0.0, f64::max)];
-    if growth.at(farthest) <= NO_GROWTH {
-        return vec![1.0];
+    let depths = camera.eye().map_or([0.0; 2], |eye| {
+        let to_center = (grid.center() - eye).dot(camera.forward);
+        let depths = grid.corners_from_center(0.5).map(|corner| to_center + corner.dot(camera.forward));
+        [depths.into_iter().fold(f64::INFINITY, f64::min).max(0.0), depths.into_iter().fold(0.0, f64::max)]
+    });
+    let [smallest, largest] = depths.map(|depth| growth.at(depth));
+    let most = SplineFilter::MAX_RADIUS / kernel.radius();
+    if largest > most * NO_GROWTH {
+        let reason = format!(
+            "draws up to {most} voxels of this kernel to a pixel, and here are {largest:.1}: make the picture larger"
+        );
+        return Err(refused(&reason));
     }
-    let [nearest, farthest] = [nearest.max(0.0), farthest].map(|depth| growth.at(depth).min(largest));
-    let mut levels = blend::levels(nearest, farthest);
-    levels.retain(|level| *level <= largest * NO_GROWTH);
-    levels
+    if camera.eye().is_none() || largest <= NO_GROWTH {
+        return Ok(vec![largest]);
+    }
+    let mut levels = blend::levels(smallest, largest);
+    levels.retain(|level| *level <= most * NO_GROWTH);
+    Ok(levels)
 }
 
 /// An error about a picture that this engine does not draw.

@@ -139,6 +139,11 @@ pub(crate) fn say_choice(volume: &Volume, options: &LoadOptions) {
     }
 }
 
+/// Whether no option of a job asks for a device.
+fn is_open_choice(job: &RenderJob) -> bool {
+    matches!(job.engine, Engine::Device { adapter: None }) && job.accuracy.max_error.is_none()
+}
+
 impl Session {
     /// Reads the volume of a job and opens its device. Returns the transfer function of the job too.
     pub(crate) fn open(job: &RenderJob, stages: &mut Stages) -> Result<(Self, Fitted), Failure> {
@@ -177,11 +182,17 @@ impl Session {
         say_choice(&volume, &job.load);
         stages.append(opening);
         let opened = opened.map(|opened| opened.unwrap_or_else(|panic| std::panic::resume_unwind(panic)));
-        let renderer = opened.transpose()?;
+        let (renderer, host) = match opened.transpose() {
+            Err(error) if is_open_choice(job) && HostRenderer::stands_in(job.settings.painter, &error) => {
+                output::say("note: using --painter cpu because there is no graphics adapter");
+                (None, true)
+            }
+            opened => (opened?, matches!(job.engine, Engine::Host)),
+        };
         let mut session = Self {
             volume,
             renderer,
-            host: matches!(job.engine, Engine::Host).then(|| (HostRenderer::new(&progress::reporter()), None)),
+            host: host.then(|| (HostRenderer::new(&progress::reporter()), None)),
             prepared: None,
             framed: None,
             steady: None,

@@ -220,7 +220,6 @@ fn the_host_engine_needs_no_driver() {
         ("--mesh a.obj", "--painter cpu draws no meshes"),
         ("--adapter any", "--adapter: an adapter draws by quads or tiles"),
         ("--max-error 0.1", "--max-error: it chooses among the settings of quads and tiles"),
-        ("--shading pre", "cpu draws post-shaded composites"),
     ] {
         let line = format!("render demo:sphere:24 --size 24 --light off --painter cpu -o b.png {options}");
         let line = if options.contains("shading") { line } else { format!("{line} --shading post") };
