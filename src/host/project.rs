@@ -24,8 +24,8 @@ pub(super) struct Projection<'a> {
 }
 
 impl Projection<'_> {
-    /// Rays end half a voxel beyond the faces.
-    pub(super) const REACH: Reach = Reach { beyond: 1.0, around: 0 };
+    /// Rays end half a voxel beyond the faces; planes of scalars are made without their outermost points.
+    pub(super) const REACH: Reach = Reach { beyond: 1.0, around: 1 };
 }
 
 /// A group on its way.
