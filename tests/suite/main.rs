@@ -46,7 +46,7 @@ mod model {
     mod gradient_opacity;
     mod kinds;
     mod lattices;
-    mod layers;
+    pub(crate) mod layers;
     mod overlays;
     mod presets;
     mod projections;

@@ -30,7 +30,7 @@ fn label(index: usize) -> i64 {
     }
 }
 
-fn labels() -> Volume {
+pub(crate) fn labels() -> Volume {
     let labels: Vec<i64> = (0..N * N * N).map(label).collect();
     Volume::from_slice([N as u32; 3], [1.0, 1.0, 1.4], &labels).unwrap()
 }
@@ -63,7 +63,7 @@ fn waves(axis: usize) -> Volume {
 
 /// Labels alone, labels over scalars, scalars in a mask, scalars in a mask thinned by their gradient under labels, two
 /// channels, and colours with opacity by luminance and by alpha.
-fn scenes() -> [Layers; 7] {
+pub(crate) fn scenes() -> [Layers; 7] {
     let (volume, transfer) = scan();
     let [red, green, blue] = [0, 1, 2].map(waves);
     let channel = |color| crate::support::transfer(&[(120.0, color, 0.0), (250.0, color, 0.3)], None);
