@@ -1,5 +1,7 @@
 //! A field of scalars as coefficients of cubic B-splines.
 
+use std::ops::Range;
+
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 use voxsplat_volume::memory::zeroed;
@@ -9,8 +11,6 @@ use super::lanes::{WIDTH, dispatch};
 use crate::error::Result;
 use crate::kernel::{Kernel, SplineFilter};
 use crate::progress::Progress;
-use crate::transfer::scalars::Relative;
-use crate::volume::{ToF64, Volume, with_samples};
 
 /// The least number of coefficients beyond each face of the lattice, where the samples at the face repeat. Rays reach
 /// half a voxel beyond; a sample there reads 4 coefficients on either side.
@@ -36,8 +36,6 @@ pub(super) fn bytes(dims: [u32; 3]) -> u64 {
 
 /// Coefficients over a lattice and some points around it, x fastest.
 pub(super) struct Field {
-    /// Points of the lattice.
-    pub(super) dims: [usize; 3],
     /// Points with coefficients.
     padded: [usize; 3],
     /// Coefficients beyond each face.
@@ -47,19 +45,18 @@ pub(super) struct Field {
 }
 
 impl Field {
-    /// Reads a volume once.
+    /// Filters scalars, of which `planes` returns those of a range of planes.
     ///
     /// # Errors
-    /// [`Error::Input`](crate::Error::Input) if the samples cannot be read, and [`Error::Memory`](crate::Error::Memory)
-    /// if 4 bytes for each coefficient cannot be allocated.
+    /// The errors of `planes`, and [`Error::Memory`](crate::Error::Memory) if 4 bytes for each coefficient cannot be
+    /// allocated.
     pub(super) fn new(
-        volume: &Volume,
-        relative: &Relative,
+        dims: [usize; 3],
+        planes: &(dyn Fn(Range<usize>) -> Result<Vec<f32>> + Sync),
         filter: &SplineFilter,
         pad: usize,
         progress: &Progress,
     ) -> Result<Self> {
-        let dims = volume.grid().dims().map(|d| d as usize);
         let padded = dims.map(|d| d + 2 * pad);
         let plane = padded[0] * padded[1];
         let count = plane * padded[2];
@@ -69,19 +66,17 @@ impl Field {
         slabs.try_for_each(|(slab, coefficients)| {
             progress.check()?;
             let source = |z: usize| (z as isize - pad as isize).clamp(0, dims[2] as isize - 1) as usize;
-            let planes = coefficients.len() / plane;
+            let count = coefficients.len() / plane;
             let first = slab * PLANES;
             // Beyond the faces all planes are the plane at the face.
             let low = (source(first) as isize - filter.reach as isize).max(0) as usize;
-            let high = (source(first + planes - 1) + filter.reach).min(dims[2] - 1);
-            let area = dims[0] * dims[1];
-            let samples = volume.read(low * area..(high + 1) * area)?;
-            let scalars: Vec<f32> = with_samples!(&samples, s => s.iter().map(|v| relative.to(v.to_f64())).collect());
+            let high = (source(first + count - 1) + filter.reach).min(dims[2] - 1);
+            let scalars = planes(low..high + 1)?;
             dispatch(Filtering { filter, dims, padded, pad, scalars: &scalars, low, first, coefficients });
             Ok::<_, crate::error::Error>(())
         })?;
         let ranges = Ranges::new(padded, pad, &coefficients);
-        Ok(Self { dims, padded, pad, coefficients, ranges })
+        Ok(Self { padded, pad, coefficients, ranges })
     }
 
     /// Bytes of memory.

@@ -25,6 +25,7 @@ mod colors;
 mod field;
 mod filter;
 mod lanes;
+mod level;
 mod light;
 mod march;
 mod plane;
@@ -43,6 +44,7 @@ use rayon::prelude::*;
 use self::arriving::{Falling, MAX_VOXELS};
 use self::blend::Blend;
 use self::colors::Colors;
+use self::level::Level;
 use self::light::Shader;
 use self::march::{Matter, Picture, TILE, Work};
 use self::post::Post;
@@ -52,7 +54,7 @@ use self::voxels::Colored;
 use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::image::{Image, Region};
-use crate::kernel::{Kernel, Misfit, SplineFilter};
+use crate::kernel::{Kernel, Misfit};
 use crate::layers::Layers;
 use crate::lighting::shadow::ShadowLattice;
 use crate::progress::Progress;
@@ -91,25 +93,52 @@ struct Frame<'a> {
     region: Region,
     /// The growths of the kernels whose fields are blended, ascending.
     growths: Vec<f64>,
+    /// The level of these fields, and the lattice of its cells.
+    level: Level,
+    lattice: Grid,
     /// The kernel without growth.
     kernel: Kernel,
     /// The ratio of the sums of kernels to their means.
     density: f64,
-    /// See [`Picture::sides`].
-    sides: Vec<(DVec3, f64)>,
 }
 
 impl Frame<'_> {
     /// The kernels whose fields are blended.
     fn kernels(&self) -> Vec<Kernel> {
-        self.growths.iter().map(|growth| self.kernel.grown(*growth)).collect()
+        self.growths.iter().map(|growth| self.level.kernel(&self.kernel, *growth)).collect()
     }
 
     /// The blend of the fields of these kernels.
     fn blend<'a, V, F>(&self, made: &'a [Arc<V>], field: impl Fn(&'a V) -> &'a F) -> Blend<'a, F> {
         let Self { camera, grid, .. } = *self;
         let levels = self.growths.iter().zip(made).map(|(growth, made)| (*growth, field(made))).collect();
-        Blend::new(levels, camera.growth(grid), camera, &grid.to_world())
+        Blend::new(levels, camera.growth(grid), camera, &self.lattice.to_world())
+    }
+
+    /// The size of cells in voxels, and the voxel at cell 0 along each axis.
+    fn to_voxels(&self) -> [f32; 2] {
+        let first = self.grid.to_lattice().transform_point3(self.lattice.to_world().translation);
+        [self.level.size() as f32, first.x as f32]
+    }
+
+    /// See [`Picture::sides`].
+    fn sides(&self) -> Vec<(DVec3, f64)> {
+        let Self { settings, grid, level, lattice, .. } = self;
+        let middle = DVec3::from_array(grid.dims().map(|d| (f64::from(d) - 1.0) / 2.0));
+        let to_voxels = grid.to_lattice() * lattice.to_world();
+        let side = |(gradient, value): (DVec3, f64)| {
+            (to_voxels.matrix3.transpose() * gradient, value + gradient.dot(to_voxels.translation - middle))
+        };
+        let mut sides: Vec<(DVec3, f64)> = settings.clip.sides(grid).into_iter().map(side).collect();
+        // Cells reach beyond the volume, where scalars end.
+        if settings.is_post_shaded() && *level != Level(0) {
+            sides.extend((0..3).flat_map(|axis| {
+                let voxels = f64::from(grid.dims()[axis]);
+                let faces = [(1.0, 0.5 + middle[axis]), (-1.0, voxels - 0.5 - middle[axis])];
+                faces.map(|(sign, value)| side((sign * DVec3::AXES[axis], value)))
+            }));
+        }
+        sides
     }
 
     /// The light with shadows, if there is one, in matter whose extinctions have a unit in the world.
@@ -255,19 +284,18 @@ impl HostRenderer {
         let grid = scene.grid();
         camera.check_scale(grid)?;
         let kernel = settings.reconstruction_kernel();
-        let growths = growths(camera, grid, settings, &kernel)?;
+        let (growths, level) = growths(camera, grid, settings, &kernel);
         scene.check_memory(settings, growths.len())?;
-        let middle = DVec3::from_array(grid.dims().map(|d| (f64::from(d) - 1.0) / 2.0));
-        let sides = settings.clip.sides(grid);
         let frame = Frame {
             camera,
             settings,
             grid,
             region,
             growths,
+            level,
+            lattice: level.grid(grid)?,
             kernel,
             density: settings.normalization.density(&kernel),
-            sides: sides.into_iter().map(|(gradient, value)| (gradient, value - gradient.dot(middle))).collect(),
         };
         match &scene.0 {
             Content::Scalars(scalars) => self.render_scalars(scalars, &frame),
@@ -305,10 +333,11 @@ impl HostRenderer {
         let shader = settings.lighting.as_ref();
         let shader = shader.map(|lighting| Shader::new(lighting, grid.center(), grid.unit(), resolution));
         let gradient_opacity = scene.transfer.scaled_gradient_opacity(scene.reduction.factor());
+        let near = Some(field).filter(|_| frame.level == Level(0));
         let arriving = match frame.falling(unit) {
             None => None,
             Some(falling) => {
-                let (light, seconds) = on_host(|| scene.arriving(field, &gradient_opacity, falling, &self.progress));
+                let (light, seconds) = on_host(|| scene.arriving(near, &gradient_opacity, falling, &self.progress));
                 stages.push(StageTime::host("shadows", seconds));
                 Some(light?)
             }
@@ -319,7 +348,8 @@ impl HostRenderer {
             shader: shader.as_ref(),
             arriving: arriving.as_deref(),
             gradient_opacity: &gradient_opacity,
-            to_places: places_of_light(grid),
+            to_places: places_of_light(&frame.lattice),
+            to_voxels: frame.to_voxels(),
         });
         self.painted(frame, (matter, unit), stages, &held, None)
     }
@@ -348,13 +378,14 @@ impl HostRenderer {
         shown: Option<&(dyn Fn([f64; 4]) -> [f64; 4] + Sync)>,
     ) -> Result<Rendered> {
         let Frame { camera, settings, grid, region, density, .. } = *frame;
+        let (lattice, sides) = (&frame.lattice, frame.sides());
         let picture = Picture {
             matter,
-            dims: grid.dims().map(|d| d as usize),
+            dims: lattice.dims().map(|d| d as usize),
             camera,
-            to_lattice: grid.to_lattice(),
+            to_lattice: lattice.to_lattice(),
             unit: unit / density,
-            sides: &frame.sides,
+            sides: &sides,
             termination: settings.termination as f32,
         };
         let mut image = Image::transparent(region.width, region.height)?;
@@ -388,6 +419,7 @@ impl HostRenderer {
                 voxels: grid.len(),
                 splats_kept: held.voxels,
                 kernel_growth: frame.growths[frame.growths.len() - 1],
+                levels: [frame.level.0 as f32; 2],
                 sharpness: settings.sharpness,
                 noise: noise.map(|reconstruction| reconstruction.noise()),
                 footprint_error: data,
@@ -491,10 +523,10 @@ fn check_memory(field: u64, light: u64, held: u64) -> Result<()> {
     Err(Error::TooLarge { bytes: field + light, available: available.bytes, limit: available.limit, remedies })
 }
 
-/// The growths of the kernels whose fields a picture needs.
-fn growths(camera: &Camera, grid: &Grid, settings: &Settings, kernel: &Kernel) -> Result<Vec<f64>> {
+/// The growths of the kernels whose fields a picture needs, and the level of the lattice that they are made on.
+fn growths(camera: &Camera, grid: &Grid, settings: &Settings, kernel: &Kernel) -> (Vec<f64>, Level) {
     if !settings.antialiasing {
-        return Ok(vec![1.0]);
+        return (vec![1.0], Level(0));
     }
     let growth = camera.growth(grid);
     let depths = camera.eye().map_or([0.0; 2], |eye| {
@@ -503,19 +535,14 @@ fn growths(camera: &Camera, grid: &Grid, settings: &Settings, kernel: &Kernel) -
         [depths.into_iter().fold(f64::INFINITY, f64::min).max(0.0), depths.into_iter().fold(0.0, f64::max)]
     });
     let [smallest, largest] = depths.map(|depth| growth.at(depth));
-    let most = SplineFilter::MAX_RADIUS / kernel.radius();
-    if largest > most * NO_GROWTH {
-        let reason = format!(
-            "draws up to {most} voxels of this kernel to a pixel, and here are {largest:.1}: make the picture larger"
-        );
-        return Err(refused(&reason));
+    if largest <= NO_GROWTH {
+        return (vec![1.0], Level(0));
     }
-    if camera.eye().is_none() || largest <= NO_GROWTH {
-        return Ok(vec![largest]);
+    let level = Level::new(kernel, smallest, largest);
+    match camera.eye() {
+        None => (vec![largest], level),
+        Some(_) => (blend::levels(smallest, largest), level),
     }
-    let mut levels = blend::levels(smallest, largest);
-    levels.retain(|level| *level <= most * NO_GROWTH);
-    Ok(levels)
 }
 
 /// An error about a picture that this engine does not draw.

@@ -32,6 +32,8 @@ pub(super) struct Post<'a> {
     pub(super) gradient_opacity: &'a [[f32; 2]],
     /// From the lattice to places for the shader.
     pub(super) to_places: DAffine3,
+    /// The size of the lattice's cells in voxels, and the voxel at cell 0: the light that arrives is that at voxels.
+    pub(super) to_voxels: [f32; 2],
 }
 
 /// A group on its way.
@@ -194,7 +196,11 @@ impl<'a, S: Simd> Shading<'a, S> {
         let mut kept = None;
         if let Some(arriving) = self.post.arriving {
             let plane = if self.axes.is_flipped { (self.axes.size[2] - 1) as f32 - z } else { z };
-            kept = Some(arriving.at(simd, &self.order, self.axes.axes, [at_a, at_b], plane));
+            let [factor, voxel] = self.post.to_voxels;
+            let (size, first) = (Lanes::all(simd, factor), Lanes::all(simd, voxel));
+            let at = [at_a.fma(simd, size, first), at_b.fma(simd, size, first)];
+            let plane = plane * factor + voxel;
+            kept = Some(arriving.at(simd, &self.order, self.axes.axes, at, plane));
         }
         let mut place = [Lanes::all(simd, 0.0); 3];
         if shader.has_places() {

@@ -1,11 +1,13 @@
 //! Scenes of scalars: fields that are classified along rays.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use glam::{DMat3, DVec3};
 
 use super::arriving::{ArrivingLight, Falling};
 use super::field::{Field, padding};
+use super::level::{Level, halved};
 use super::table::Table;
 use super::{Frame, Kept};
 use crate::camera::clip::is_inside;
@@ -32,8 +34,8 @@ pub(super) struct Scalars {
     pub(super) sharpened: Option<(Kernel, f64)>,
     /// Whether most of the visible matter is uniform, as of a mask.
     pub(super) is_uniform: bool,
-    /// The fields of kernels, with the points around the lattice.
-    pub(super) field: Kept<(Kernel, usize), Reconstructed>,
+    /// The fields of kernels of a level, with the points around the lattice.
+    pub(super) field: Kept<(Kernel, Level, usize), Reconstructed>,
     /// The last light with shadows.
     pub(super) light: Kept<Falling, ArrivingLight>,
 }
@@ -77,20 +79,51 @@ impl Scalars {
 
     /// The fields of the kernels of a picture.
     pub(super) fn reconstructed(&self, frame: &Frame<'_>, progress: &Progress) -> Result<Vec<Arc<Reconstructed>>> {
-        let kernels = frame.kernels();
+        let (kernels, level) = (frame.kernels(), frame.level);
         let pad = padding(&kernels);
-        self.field.get_or_make(kernels.into_iter().map(|kernel| (kernel, pad)).collect(), |(kernel, pad)| {
+        let key = |kernel: Kernel| (kernel, level, pad);
+        self.field.get_or_make(kernels.into_iter().map(key).collect(), |(kernel, level, pad)| {
             let filter = SplineFilter::new(kernel)?;
-            let relative = Relative::new(&self.volume, self.reduction);
-            let field = Field::new(&self.volume, &relative, &filter, *pad, progress)?;
+            let field = if *level == Level(0) {
+                Field::new(self.dims(), &|planes| self.planes(planes), &filter, *pad, progress)?
+            } else {
+                let (dims, cells) = self.cells(*level)?;
+                let planes = |planes: Range<usize>| {
+                    let area = dims[0] * dims[1];
+                    Ok(cells[planes.start * area..planes.end * area].to_vec())
+                };
+                Field::new(dims, &planes, &filter, *pad, progress)?
+            };
             Ok(Reconstructed { field, filter })
         })
     }
 
-    /// The light that arrives at the voxels.
+    fn dims(&self) -> [usize; 3] {
+        self.volume.grid().dims().map(|d| d as usize)
+    }
+
+    /// The scalars of planes.
+    fn planes(&self, planes: Range<usize>) -> Result<Vec<f32>> {
+        let [nx, ny, _] = self.dims();
+        let relative = Relative::new(&self.volume, self.reduction);
+        let samples = self.volume.read(planes.start * nx * ny..planes.end * nx * ny)?;
+        Ok(with_samples!(&samples, s => s.iter().map(|v| relative.to(v.to_f64())).collect()))
+    }
+
+    /// The scalars of the cells of a level from 1 on, and how many there are along each axis.
+    fn cells(&self, level: Level) -> Result<([usize; 3], Vec<f32>)> {
+        let (mut dims, mut cells) = halved(self.dims(), &|plane| self.planes(plane..plane + 1))?;
+        for _ in 1..level.0 {
+            let area = dims[0] * dims[1];
+            (dims, cells) = halved(dims, &|plane| Ok(cells[plane * area..(plane + 1) * area].to_vec()))?;
+        }
+        Ok((dims, cells))
+    }
+
+    /// The light that arrives at the voxels; those far from visible matter in the field are left out if there is one.
     pub(super) fn arriving(
         &self,
-        field: &Field,
+        field: Option<&Field>,
         gradient_opacity: &[[f32; 2]],
         falling: Falling,
         progress: &Progress,
@@ -98,9 +131,9 @@ impl Scalars {
         let mut made = self.light.get_or_make(vec![falling], |falling| {
             let relative = Relative::new(&self.volume, self.reduction);
             let to_world = self.volume.grid().to_lattice().matrix3.transpose();
-            let (volume, table) = (&self.volume, &self.table);
-            let matter = Extinctions { volume, relative: &relative, table, field, gradient_opacity, to_world };
-            ArrivingLight::new(field.dims, &|place, row| matter.row(falling, place, row), falling, progress)
+            let (volume, table, dims) = (&self.volume, &self.table, self.dims());
+            let matter = Extinctions { volume, relative: &relative, table, dims, field, gradient_opacity, to_world };
+            ArrivingLight::new(dims, &|place, row| matter.row(falling, place, row), falling, progress)
         })?;
         Ok(made.swap_remove(0))
     }
@@ -111,7 +144,8 @@ struct Extinctions<'a> {
     volume: &'a Volume,
     relative: &'a Relative,
     table: &'a Table,
-    field: &'a Field,
+    dims: [usize; 3],
+    field: Option<&'a Field>,
     /// See [`super::post::Post::gradient_opacity`].
     gradient_opacity: &'a [[f32; 2]],
     /// From central differences to gradients in the world.
@@ -121,7 +155,7 @@ struct Extinctions<'a> {
 impl Extinctions<'_> {
     /// The scalars of a row; rows beyond the lattice are the nearest.
     fn scalars(&self, y: isize, z: isize) -> Result<Vec<f32>> {
-        let [nx, ny, nz] = self.field.dims;
+        let [nx, ny, nz] = self.dims;
         let row = y.clamp(0, ny as isize - 1) as usize + ny * z.clamp(0, nz as isize - 1) as usize;
         let samples = self.volume.read(row * nx..(row + 1) * nx)?;
         Ok(with_samples!(&samples, s => s.iter().map(|v| self.relative.to(v.to_f64())).collect()))
@@ -129,12 +163,12 @@ impl Extinctions<'_> {
 
     /// Writes the extinctions of a row: 0 where nothing near is visible.
     fn row(&self, falling: &Falling, [y, z]: [usize; 2], row: &mut [f32]) -> Result<()> {
-        let [nx, ny, nz] = self.field.dims;
+        let [nx, ny, nz] = self.dims;
         let [y, z] = [y as isize, z as isize];
         let is_lit = |first: usize| {
             let low = [first as isize - 3, y - 3, z - 3];
             let high = [(first + RUN) as isize + 2, y + 3, z + 3];
-            !self.table.is_invisible(self.field.range(low, high))
+            self.field.is_none_or(|field| !self.table.is_invisible(field.range(low, high)))
         };
         let runs: Vec<usize> = (0..nx).step_by(RUN).filter(|&first| is_lit(first)).collect();
         if runs.is_empty() {

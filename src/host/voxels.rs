@@ -10,6 +10,7 @@ use super::arriving::{ArrivingLight, Falling};
 use super::colors::{ColorField, Voxels};
 use super::field::padding;
 use super::lanes::{Lanes, dispatch, three};
+use super::level::{Level, SPREAD, WEIGHTS};
 use super::light::{Shader, Vector, unit};
 use super::{Frame, Kept, places_of_light};
 use crate::camera::clip::is_inside;
@@ -49,6 +50,7 @@ pub(super) struct Colored {
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Key {
     kernel: Kernel,
+    level: Level,
     /// Points around the lattice.
     pad: usize,
     light: Option<(Lighting, ToEye)>,
@@ -131,18 +133,36 @@ impl Colored {
         let light = settings.lighting.clone().map(|lighting| (lighting, to_eye));
         let kernels = frame.kernels();
         let pad = padding(&kernels);
-        let key = |kernel: Kernel| Key { kernel, pad, light: light.clone(), falling: falling.clone() };
+        let level = frame.level;
+        let key = |kernel: Kernel| Key { kernel, level, pad, light: light.clone(), falling: falling.clone() };
         self.field.get_or_make(kernels.into_iter().map(key).collect(), |key| {
             let shader = key.light.as_ref().map(|(lighting, to_eye)| {
                 let shader = Shader::new(lighting, self.grid.center(), self.grid.unit(), [0.0; 2]);
                 Light { shader, to_eye: *to_eye, to_places: places_of_light(&self.grid), arriving: arriving.as_deref() }
             });
             let filter = SplineFilter::new(&key.kernel)?;
-            let dims = self.grid.dims().map(|d| d as usize);
-            let plane =
-                |z: usize, out: &mut Voxels| dispatch(Filling { colored: self, light: shader.as_ref(), z, out });
+            let dims = key.level.grid(&self.grid)?.dims().map(|d| d as usize);
+            let plane = |z: usize, out: &mut Voxels| self.plane(key.level, shader.as_ref(), z, out);
             Ok(Filtered { field: ColorField::new((dims, key.pad), &filter, &plane, progress)?, filter })
         })
+    }
+
+    /// Puts the voxels of a plane of a level into it, under a light.
+    fn plane(&self, level: Level, light: Option<&Light<'_>>, z: usize, out: &mut Voxels) -> Result<()> {
+        let Some(finer) = level.0.checked_sub(1).map(Level) else {
+            dispatch(Filling { colored: self, light, z, out });
+            return Ok(());
+        };
+        let [nx, ny, nz] = finer.grid(&self.grid)?.dims().map(|d| d as usize);
+        let mut fine = Voxels::new([nx, ny], 0)?;
+        for (tap, weight) in WEIGHTS.into_iter().enumerate() {
+            if let Some(z) = (2 * z + tap).checked_sub(1 + 2 * SPREAD).filter(|&z| z < nz) {
+                fine.clear();
+                self.plane(finer, light, z, &mut fine)?;
+                out.add(&fine, weight);
+            }
+        }
+        Ok(())
     }
 
     /// The runs of splats of a row of the lattice.

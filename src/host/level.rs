@@ -1,0 +1,96 @@
+//! Lattices of cells for pictures in which many voxels fall into a pixel: a cell stands for 2^n voxels along each axis.
+
+use glam::{DAffine3, DMat3, DVec3};
+use rayon::prelude::*;
+
+use crate::error::Result;
+use crate::kernel::{Kernel, SplineFilter};
+use crate::volume::Grid;
+
+/// The weights of the four voxels along an axis around the middle of a cell of twice their size, of a variance of
+/// [`VARIANCE`] voxels^2. They add up to 1, so that cells are means.
+pub(super) const WEIGHTS: [f32; 4] = [0.125, 0.375, 0.375, 0.125];
+const VARIANCE: f64 = 0.75;
+
+/// The least growth of kernels over the size of cells: narrower ones would show the cells.
+const LEAST_GROWTH: f64 = 1.25;
+
+/// The level of cells: 0 for voxels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Level(pub(super) u32);
+
+impl Level {
+    /// The level for kernels that grow between two sizes.
+    pub(super) fn new(kernel: &Kernel, smallest: f64, largest: f64) -> Self {
+        let most = SplineFilter::MAX_RADIUS / kernel.radius();
+        let fine = (smallest / LEAST_GROWTH).log2().floor();
+        // Rather too wide a kernel nearby than a kernel that no filter follows far away.
+        let coarse = (largest / most / (1.0 + 1e-9)).log2().ceil();
+        Self(fine.max(coarse).clamp(0.0, 30.0) as u32)
+    }
+
+    /// Voxels along the edge of a cell.
+    pub(super) fn size(self) -> f64 {
+        f64::from(self.0).exp2()
+    }
+
+    /// The lattice of the cells, [`SPREAD`] cells of each level beyond the faces included.
+    pub(super) fn grid(self, grid: &Grid) -> Result<Grid> {
+        let (mut dims, mut to_voxels) = (grid.dims(), DAffine3::IDENTITY);
+        let first = DVec3::splat(0.5 - 2.0 * SPREAD as f64);
+        for _ in 0..self.0 {
+            dims = dims.map(|d| d.div_ceil(2) + 2 * SPREAD as u32);
+            to_voxels *= DAffine3::from_mat3_translation(DMat3::from_diagonal(DVec3::splat(2.0)), first);
+        }
+        Ok(Grid::new(dims, grid.to_world() * to_voxels)?)
+    }
+
+    /// The kernel of cells for which voxels have this kernel, grown.
+    pub(super) fn kernel(self, kernel: &Kernel, growth: f64) -> Kernel {
+        if self.0 == 0 {
+            return kernel.grown(growth);
+        }
+        // Making cells of cells widens what is left to the kernel: variances add up.
+        let of_cells = VARIANCE * (self.size() * self.size() - 1.0) / 3.0;
+        let left = growth * growth - of_cells / kernel.variance();
+        kernel.grown(left.max(0.36).sqrt() / self.size())
+    }
+}
+
+/// The cells of each level beyond the faces: voxels at the faces spread into them, and scalars at the faces repeat.
+pub(super) const SPREAD: usize = 1;
+
+/// Halves a lattice of scalars; those at the faces repeat. `plane` returns the scalars of a plane.
+pub(super) fn halved(
+    dims: [usize; 3],
+    plane: &(dyn Fn(usize) -> Result<Vec<f32>> + Sync),
+) -> Result<([usize; 3], Vec<f32>)> {
+    let [nx, ny, nz] = dims;
+    let half @ [across, down, deep] = dims.map(|d| d.div_ceil(2) + 2 * SPREAD);
+    let inside =
+        |place: usize, tap: usize, count: usize| (2 * place + tap).saturating_sub(1 + 2 * SPREAD).min(count - 1);
+    let cells: Vec<Vec<f32>> = (0..deep)
+        .into_par_iter()
+        .map(|z| {
+            let mut sum = vec![0.0_f32; nx * ny];
+            for (tap, weight) in WEIGHTS.into_iter().enumerate() {
+                let plane = plane(inside(z, tap, nz))?;
+                sum.iter_mut().zip(plane).for_each(|(sum, value)| *sum = weight.mul_add(value, *sum));
+            }
+            let mut cells = vec![0.0_f32; across * down];
+            let mut row = vec![0.0_f32; nx];
+            for (y, cells) in cells.chunks_exact_mut(across).enumerate() {
+                row.fill(0.0);
+                for (tap, weight) in WEIGHTS.into_iter().enumerate() {
+                    let from = &sum[nx * inside(y, tap, ny)..][..nx];
+                    row.iter_mut().zip(from).for_each(|(sum, value)| *sum = weight.mul_add(*value, *sum));
+                }
+                for (x, cell) in cells.iter_mut().enumerate() {
+                    *cell = (0..4).map(|tap| WEIGHTS[tap] * row[inside(x, tap, nx)]).sum();
+                }
+            }
+            Ok(cells)
+        })
+        .collect::<Result<_>>()?;
+    Ok((half, cells.concat()))
+}
