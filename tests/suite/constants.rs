@@ -21,7 +21,7 @@ const HOMONYMS: &[(&str, &str, &str)] = &[
 ];
 
 /// Files of the host that state the same model twice, so that one is the truth of the other.
-const TWINS: &[[&str; 2]] = &[["src/reference/media.rs", "src/prepare/media.rs"]];
+const TWINS: &[[&str; 2]] = &[["src/reference/media.rs", "src/splats/layers.rs"]];
 
 /// A constant: its name, the file, and its value as plain text.
 type Constant = (String, String, String);
