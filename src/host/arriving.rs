@@ -36,7 +36,8 @@ pub(super) struct ArrivingLight {
 
 impl ArrivingLight {
     /// Finds the light that arrives at each voxel near visible ones. `row` writes the extinctions of a row:
-    /// [`CLIPPED`](crate::lighting::shadow::field::CLIPPED) where matter casts no shadows, 0 where nothing near is visible.
+    /// [`CLIPPED`](crate::lighting::shadow::field::CLIPPED) where matter casts no shadows, 0 where nothing near is
+    /// visible.
     ///
     /// # Errors
     /// [`Error::Memory`] if [`BYTES`] for each voxel cannot be allocated; the errors of `row`.

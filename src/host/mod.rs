@@ -4,7 +4,7 @@
 //! depends on the kernel alone, and a sample of the field then takes 64 coefficients, whatever the kernel, the view and
 //! the projection. [`HostRenderer`] draws composites and projections of scalars ([`Shading::Post`]), and composites and
 //! X-rays of classified voxels ([`Shading::Pre`]), which may have several layers. Where voxels are smaller than pixels,
-//! kernels grow: of perspective pictures the fields of some sizes are blended. [`Settings::painter`] has no effect here;
+//! kernels grow: of perspective pictures the fields of some sizes are blended. [`Settings::painter`] has no effect;
 //! `voxsplat render --painter cpu` requests this engine.
 //!
 //! Pictures have the same bytes with any vectors and any number of threads: along rays the order of all sums is fixed,
@@ -217,8 +217,8 @@ impl HostRenderer {
         }
     }
 
-    /// Whether this engine draws for a painter in place of a device that cannot be opened: there is none, and no painter
-    /// of devices was requested.
+    /// Whether this engine draws for a painter in place of a device that cannot be opened: there is none, and the
+    /// painter is open.
     #[must_use]
     pub fn stands_in(painter: Painter, error: &Error) -> bool {
         painter == Painter::Auto && matches!(error, Error::NoAdapter(_))

@@ -213,6 +213,12 @@ fn the_host_engine_needs_no_driver() {
     assert!(portable.current_dir(dir.path()).output().unwrap().status.success());
     let [a, p] = ["a.png", "p.png"].map(|name| Image::load(dir.path().join(name)).unwrap());
     assert!(a == p, "other vectors give other bytes");
+    // Without a driver it draws by itself what no option asks a device for.
+    let output = said("render demo:sphere:24 --size 24 -o d.png --json");
+    let note = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success() && note.contains("using --painter cpu because there is no graphics"), "{note}");
+    let output = said("render demo:sphere:24 --size 24 -o d.png --painter tiles");
+    assert!(String::from_utf8_lossy(&output.stderr).contains("no graphics adapter"), "{output:?}");
     let turned = said(&format!("turntable {look} -o t.gif --frames 2"));
     assert!(turned.status.success(), "{}", String::from_utf8_lossy(&turned.stderr));
     fs::write(dir.path().join("a.obj"), "v 0 0 0\nv 9 0 0\nv 0 9 0\nf 1 2 3\n").unwrap();
