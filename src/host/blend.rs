@@ -19,16 +19,17 @@ pub(super) struct Blend<'a, F> {
 #[derive(Clone, Copy)]
 pub(super) struct Along([f64; 4]);
 
-/// The growths whose fields are made between two: powers of the square root of 2, the same for every camera.
-pub(super) fn levels(smallest: f64, largest: f64) -> Vec<f64> {
+/// The growths whose fields are made between two: powers of the square root of 2, the same for every camera, up to
+/// `most`.
+pub(super) fn levels(smallest: f64, largest: f64, most: f64) -> Vec<f64> {
     let level = |number: i32| std::f64::consts::SQRT_2.powi(number);
     let first = (0..).take_while(|&number| level(number) <= smallest.max(1.0)).last().unwrap_or(0);
     let mut growths = vec![level(first)];
     for number in first + 1.. {
-        if growths[growths.len() - 1] >= largest {
+        if growths[growths.len() - 1] >= largest.min(most) {
             break;
         }
-        growths.push(level(number));
+        growths.push(level(number).min(most));
     }
     growths
 }

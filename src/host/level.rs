@@ -22,11 +22,16 @@ pub(super) struct Level(pub(super) u32);
 impl Level {
     /// The level for kernels that grow between two sizes.
     pub(super) fn new(kernel: &Kernel, smallest: f64, largest: f64) -> Self {
-        let most = SplineFilter::MAX_RADIUS / kernel.radius();
+        let most = Self(0).most(kernel);
         let fine = (smallest / LEAST_GROWTH).log2().floor();
         // Rather too wide a kernel nearby than a kernel that no filter follows far away.
         let coarse = (largest / most / (1.0 + 1e-9)).log2().ceil();
         Self(fine.max(coarse).clamp(0.0, 30.0) as u32)
+    }
+
+    /// The largest growth of a kernel that a filter follows.
+    pub(super) fn most(self, kernel: &Kernel) -> f64 {
+        SplineFilter::MAX_RADIUS / kernel.radius() * self.size()
     }
 
     /// Voxels along the edge of a cell.

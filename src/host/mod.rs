@@ -541,7 +541,7 @@ fn growths(camera: &Camera, grid: &Grid, settings: &Settings, kernel: &Kernel) -
     let level = Level::new(kernel, smallest, largest);
     match camera.eye() {
         None => (vec![largest], level),
-        Some(_) => (blend::levels(smallest, largest), level),
+        Some(_) => (blend::levels(smallest, largest, level.most(kernel)), level),
     }
 }
 
