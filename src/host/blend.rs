@@ -2,7 +2,6 @@
 
 use glam::{DAffine3, DVec3};
 
-use super::plane::Area;
 use super::rays::Axes;
 use crate::camera::Camera;
 use crate::camera::Growth;
@@ -50,15 +49,15 @@ impl<'a, F> Blend<'a, F> {
         Along([self.at_origin + self.gradient.dot(origin), a, b, m])
     }
 
-    /// The first and the last level that an area of a plane needs.
-    pub(super) fn needed(&self, along: &Along, area: &Area, plane: f64) -> [usize; 2] {
+    /// The first and the last level that a plane needs between two points.
+    pub(super) fn needed(&self, along: &Along, area: [[isize; 2]; 2], plane: f64) -> [usize; 2] {
         let last = self.levels.len() - 1;
         if last == 0 {
             return [0, 0];
         }
         let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
-        for a in [area.low[0], area.high[0]] {
-            for b in [area.low[1], area.high[1]] {
+        for a in [area[0][0], area[1][0]] {
+            for b in [area[0][1], area[1][1]] {
                 let growth = along.at(a as f64, b as f64, plane);
                 (low, high) = (low.min(growth), high.max(growth));
             }

@@ -10,9 +10,9 @@ use super::filter::{Around, MAX_REACH, RowFilter, add_rows};
 use super::lanes::{Lanes, WIDTH, dispatch, three};
 use super::level::{SPREAD, WEIGHTS};
 use super::light::Vector;
-use super::march::{RECENT, Rule};
 use super::plane::{Area, CHANNELS, Plane, Reach};
 use super::rays::{Axes, Rays};
+use super::rule::{RECENT, Rule};
 use crate::error::Result;
 use crate::kernel::SplineFilter;
 use crate::progress::Progress;
@@ -260,7 +260,7 @@ fn make(
         point[axes.axes[2]] = axes.plane(number + offset as isize - 1);
         *start = field.index(point);
     }
-    let [first, last] = blend.needed(along, area, number as f64);
+    let [first, last] = blend.needed(along, [area.low, area.high], number as f64);
     let (weights, part) = plane.rows.split_at_mut(stride);
     for row in 0..height {
         let channels = &mut plane.channels[CHANNELS * row * stride..][..CHANNELS * width];

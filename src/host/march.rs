@@ -2,25 +2,24 @@
 //!
 //! A tile of rays goes from plane to plane of the lattice, and of scalars half way between planes. For each, the
 //! coefficients are first summed along the principal axis, which leaves a small picture of channels. Each ray then
-//! reads 4 x 4 points of it. What becomes of its samples is the matter of a [`Rule`].
+//! reads 4 x 4 points of it. A [`Rule`] says what becomes of its samples.
 
 use glam::{DAffine3, DVec3};
 use pulp::{Simd, WithSimd};
 
 use super::colors::{Blending, Colors};
 use super::lanes::{Lanes, Order, RAYS, dispatch};
-use super::plane::{Area, CHANNELS, Plane, Reach};
+use super::plane::{Area, Plane, Reach};
 use super::post::{Post, Shading};
 use super::project::{Projecting, Projection};
 use super::rays::{Axes, Beam, Bounds, GROUP, Numbers, Rays};
+use super::rule::Rule;
 use crate::camera::Camera;
 
 /// Pixels along the side of the largest tile.
 pub(super) const TILE: usize = 32;
 /// Samples for which a group knows whether anything shows.
 const BLOCK: usize = 8;
-/// Samples that a group keeps.
-pub(super) const RECENT: usize = 4;
 /// The least share of a ray's largest step among the axes of the lattice that its step along the principal axis has.
 const LEAST_STEP: f64 = 0.5;
 
@@ -60,38 +59,6 @@ impl Work {
     pub(super) fn and(self, other: Self) -> Self {
         Self { samples: self.samples + other.samples, slabs: self.slabs + other.slabs }
     }
-}
-
-/// What becomes of the samples of a group of rays. Slabs lie around samples.
-pub(super) trait Rule<S: Simd> {
-    type State: Copy;
-
-    /// How many samples a slab must see behind its own.
-    const BEHIND: usize;
-    /// Planes from sample to sample: 1 or 1/2.
-    const STEP: f64;
-    /// The first and the last sample around a sample that it matters to.
-    const AROUND: [isize; 2];
-
-    fn start(&self, simd: S) -> Self::State;
-
-    /// Makes the plane of a sample.
-    fn make(&self, simd: S, plane: &mut Plane, area: &Area, number: usize);
-
-    /// Takes a sample.
-    fn sampled(&self, state: &mut Self::State, number: usize, channels: [Lanes<S>; CHANNELS]);
-
-    /// Takes note that a sample is left out, because nothing shows around it.
-    fn passed(&self, simd: S, state: &mut Self::State, number: usize);
-
-    /// Adds the slab around a sample at plane z; `shows`: something may show in it. Returns whether something did.
-    fn slab(&self, simd: S, state: &mut Self::State, rays: &Rays<S>, sample: (usize, f32), shows: bool) -> bool;
-
-    /// The largest transmittance of the rays.
-    fn most_left(&self, simd: S, state: &Self::State) -> f32;
-
-    /// The colours and the alpha of the rays.
-    fn pixel(&self, simd: S, state: &Self::State) -> [Lanes<S>; 4];
 }
 
 impl Picture<'_> {
@@ -238,7 +205,7 @@ impl WithSimd for Tile<'_> {
         let axes = self.axes;
         match &self.picture.matter {
             Matter::Post(post) => {
-                let shading = Shading::new(simd, post, self.picture, &axes);
+                let shading = Shading::new(simd, post, &self.picture.to_lattice, &axes);
                 self.march(simd, &shading)
             }
             Matter::Colors(colors) => self.march(simd, &Blending::new(simd, colors, &axes)),

@@ -32,6 +32,7 @@ mod plane;
 mod post;
 mod project;
 mod rays;
+mod rule;
 mod scalars;
 mod table;
 mod voxels;

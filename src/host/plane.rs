@@ -177,7 +177,7 @@ impl Plane {
             *start = field.index(point);
         }
         let z = number as f64 / 2.0;
-        let [first, last] = blend.needed(along, area, z);
+        let [first, last] = blend.needed(along, [area.low, area.high], z);
         let (weights, parts) = self.rows[..3 * stride].split_at_mut(stride);
         let (part_scalars, part_along) = parts.split_at_mut(stride);
         for row in 0..height {

@@ -12,9 +12,9 @@ use super::blend::{Along, Blend};
 use super::field::Field;
 use super::lanes::{Lanes, Order, three};
 use super::light::{Shader, Shine, Vector, dot};
-use super::march::{Picture, RECENT, Rule};
 use super::plane::{Area, CHANNELS, Plane, Reach};
 use super::rays::{Axes, Rays};
+use super::rule::{RECENT, Rule};
 use super::table::{Classified, Table};
 use crate::transfer::scaled_share;
 
@@ -66,9 +66,9 @@ pub(super) struct Shading<'a, S: Simd> {
 
 impl<'a, S: Simd> Shading<'a, S> {
     #[inline(always)]
-    pub(super) fn new(simd: S, post: &'a Post<'a>, picture: &Picture<'_>, axes: &Axes) -> Self {
+    pub(super) fn new(simd: S, post: &'a Post<'a>, to_lattice: &DAffine3, axes: &Axes) -> Self {
         let (frame, origin) = axes.frame();
-        let gradient = (picture.to_lattice.matrix3.transpose() * frame).to_cols_array_2d();
+        let gradient = (to_lattice.matrix3.transpose() * frame).to_cols_array_2d();
         let map = post.to_places * DAffine3::from_mat3_translation(frame, origin);
         let (factors, sums) = (map.matrix3.to_cols_array_2d(), map.translation.to_array());
         Self {

@@ -5,9 +5,9 @@ use pulp::Simd;
 use super::blend::{Along, Blend};
 use super::field::Field;
 use super::lanes::{Lanes, Order};
-use super::march::{RECENT, Rule};
 use super::plane::{Area, CHANNELS, Plane, Reach};
 use super::rays::{Axes, Rays};
+use super::rule::{RECENT, Rule};
 
 /// The scalar that a pixel shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
