@@ -155,9 +155,9 @@ fn voxels_smaller_than_pixels_are_drawn() {
     let default = |settings: Settings| Settings { kernel: Kernel::default(), ..settings };
     for (settings, most) in [
         (pre(), [0.2, 3.0]),
-        (default(pre()), [0.2, 1.0]),
+        (default(pre()), [0.2, 2.5]),
         (default(post()), [0.5, 4.0]),
-        (Settings { lighting: headlight(), ..default(pre()) }, [0.2, 1.0]),
+        (Settings { lighting: headlight(), ..default(pre()) }, [0.2, 2.0]),
     ] {
         // From one voxel and a half to five to a pixel; growth that changes with depth.
         let parallel = ProjectionKind::Orthographic;
