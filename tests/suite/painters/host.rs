@@ -181,7 +181,7 @@ fn layers_of_the_host_are_the_reference() {
             let camera = camera(33.0, projection, &labels(), 64);
             let error = error(layers, &camera, &settings);
             println!("scene {number}, {projection:?}: {error:.3} of 255 rms");
-            too_far.extend((error > 1.0).then(|| format!("scene {number}, {projection:?}: {error} of 255 rms")));
+            too_far.extend((error > 2.0).then(|| format!("scene {number}, {projection:?}: {error} of 255 rms")));
         }
     }
     assert!(too_far.is_empty(), "{too_far:#?}");
