@@ -28,28 +28,31 @@ pub(super) struct Falling {
     pub(super) clip: Vec<Side>,
 }
 
-/// Shares of three lights and of ambient light at each voxel, x fastest.
+/// Shares of three lights and of ambient light at each voxel of a box, x fastest. Beyond it, light is that at its faces.
 pub(super) struct ArrivingLight {
+    /// The first voxel of the box.
+    low: [usize; 3],
     dims: [usize; 3],
     shares: Vec<[u16; 4]>,
 }
 
 impl ArrivingLight {
-    /// Finds the light that arrives at each voxel near visible ones. `row` writes the extinctions of a row:
+    /// Finds the light that arrives at the voxels of a box: its first voxel, and its size. All visible voxels are in it.
+    /// `row` writes the extinctions of a row of the box, given its y and z in the lattice:
     /// [`CLIPPED`](crate::lighting::shadow::field::CLIPPED) where matter casts no shadows, 0 where nothing near is
     /// visible.
     ///
     /// # Errors
     /// [`Error::Memory`] if [`BYTES`] for each voxel cannot be allocated; the errors of `row`.
     pub(super) fn new(
-        dims: [usize; 3],
+        [low, dims]: [[usize; 3]; 2],
         row: &(dyn Fn([usize; 2], &mut [f32]) -> Result<()> + Sync),
         falling: &Falling,
         progress: &Progress,
     ) -> Result<Self> {
         let count = dims.iter().product::<usize>();
         let failed = Mutex::new(None::<Error>);
-        let arrival = Arrival::new(&falling.casting, &falling.lattice, [[0; 3], dims], |place, out| {
+        let arrival = Arrival::new(&falling.casting, &falling.lattice, [low, dims], |place, out| {
             if let Err(error) = row(place, out) {
                 failed.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
             }
@@ -65,16 +68,21 @@ impl ArrivingLight {
             let arriving = arrival.shares(light, &|part| progress.report("casting shadows", done(part)))?;
             let Some(arriving) = arriving else { continue };
             shares.par_chunks_mut(dims[0]).enumerate().for_each(|(row, shares)| {
-                let share = arriving.from([0, row % dims[1], row / dims[1]]);
+                let share = arriving.from([low[0], low[1] + row % dims[1], low[2] + row / dims[1]]);
                 shares.iter_mut().enumerate().for_each(|(x, shares)| shares[light] = share(x));
             });
         }
-        Ok(Self { dims, shares })
+        Ok(Self { low, dims, shares })
     }
 
     /// The shares at a voxel.
-    pub(super) fn at_voxel(&self, [x, y, z]: [usize; 3]) -> [u16; 4] {
-        self.shares[x + self.dims[0] * (y + self.dims[1] * z)]
+    #[inline(always)]
+    pub(super) fn at_voxel(&self, voxel: [usize; 3]) -> [u16; 4] {
+        let mut at = [0; 3];
+        for axis in 0..3 {
+            at[axis] = voxel[axis].saturating_sub(self.low[axis]).min(self.dims[axis] - 1);
+        }
+        self.shares[at[0] + self.dims[0] * (at[1] + self.dims[1] * at[2])]
     }
 
     /// The shares at places of a plane across an axis, linear between voxels: of the lattice axes `axes`, the places
@@ -92,13 +100,14 @@ impl ArrivingLight {
         let (mut firsts, mut fractions) = ([[0; RAYS]; 2], [[0.0; RAYS]; 2]);
         for axis in 0..2 {
             let last = self.dims[axes[axis]] - 1;
-            let place = at[axis].max(simd, Lanes::all(simd, 0.0)).min(simd, Lanes::all(simd, last as f32));
+            let place = at[axis].sub(simd, Lanes::all(simd, self.low[axes[axis]] as f32));
+            let place = place.max(simd, Lanes::all(simd, 0.0)).min(simd, Lanes::all(simd, last as f32));
             let first = place.floor(simd).min(simd, Lanes::all(simd, last.saturating_sub(1) as f32));
             fractions[axis] = place.sub(simd, first).to_array();
             firsts[axis] = first.indices(simd);
         }
         let last = self.dims[axes[2]] - 1;
-        let plane = plane.clamp(0.0, last as f32);
+        let plane = (plane - self.low[axes[2]] as f32).clamp(0.0, last as f32);
         let first_plane = (plane as usize).min(last.saturating_sub(1));
         let beyond = plane - first_plane as f32;
         // A lattice of one plane has no neighbour; its weight is 0.

@@ -133,7 +133,7 @@ impl Scalars {
             let to_world = self.volume.grid().to_lattice().matrix3.transpose();
             let (volume, table, dims) = (&self.volume, &self.table, self.dims());
             let matter = Extinctions { volume, relative: &relative, table, dims, field, gradient_opacity, to_world };
-            ArrivingLight::new(dims, &|place, row| matter.row(falling, place, row), falling, progress)
+            ArrivingLight::new([[0; 3], dims], &|place, row| matter.row(falling, place, row), falling, progress)
         })?;
         Ok(made.swap_remove(0))
     }

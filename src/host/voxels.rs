@@ -118,6 +118,18 @@ impl Colored {
         self.bricks.iter().map(|made| u64::from(made.splats.count())).sum()
     }
 
+    /// The box of the visible voxels: its first one, and its size.
+    fn bounds(&self) -> [[usize; 3]; 2] {
+        let (mut low, mut high) = ([usize::MAX; 3], [0; 3]);
+        for [first, last] in self.bricks.iter().map(|made| made.brick.bounds) {
+            for axis in 0..3 {
+                low[axis] = low[axis].min(first[axis] as usize);
+                high[axis] = high[axis].max(last[axis] as usize);
+            }
+        }
+        if self.bricks.is_empty() { [[0; 3], [1; 3]] } else { [low, [0, 1, 2].map(|axis| high[axis] - low[axis])] }
+    }
+
     /// The fields of the kernels of a picture.
     pub(super) fn filtered(&self, frame: &Frame<'_>, progress: &Progress) -> Result<Vec<Arc<Filtered>>> {
         let Frame { camera, settings, .. } = *frame;
@@ -176,7 +188,7 @@ impl Colored {
 
     /// The light that arrives at the voxels.
     fn arriving(&self, falling: Falling, progress: &Progress) -> Result<Arc<ArrivingLight>> {
-        let dims = self.grid.dims().map(|d| d as usize);
+        let (dims, [low, size]) = (self.grid.dims().map(|d| d as usize), self.bounds());
         let middle = DVec3::from_array(dims.map(|d| (d as f64 - 1.0) / 2.0));
         let mut made = self.light.get_or_make(vec![falling], |falling| {
             let row = |[y, z]: [usize; 2], row: &mut [f32]| {
@@ -185,12 +197,12 @@ impl Colored {
                     for (&x, density) in run.xs[..count].iter().zip(densities) {
                         let point = DVec3::new(f64::from(x), y as f64, z as f64) - middle;
                         let casts = falling.clip.is_empty() || is_inside(&falling.clip, point);
-                        row[x as usize] = if casts { density.max(CLIPPED) } else { CLIPPED };
+                        row[x as usize - low[0]] = if casts { density.max(CLIPPED) } else { CLIPPED };
                     }
                 }
                 Ok(())
             };
-            ArrivingLight::new(dims, &row, falling, progress)
+            ArrivingLight::new([low, size], &row, falling, progress)
         })?;
         Ok(made.swap_remove(0))
     }
