@@ -28,7 +28,8 @@ pub(super) struct Falling {
     pub(super) clip: Vec<Side>,
 }
 
-/// Shares of three lights and of ambient light at each voxel of a box, x fastest. Beyond it, light is that at its faces.
+/// Shares of three lights and of ambient light at each voxel of a box, x fastest. Beyond it, they are those at its
+/// faces.
 pub(super) struct ArrivingLight {
     /// The first voxel of the box.
     low: [usize; 3],
@@ -37,7 +38,7 @@ pub(super) struct ArrivingLight {
 }
 
 impl ArrivingLight {
-    /// Finds the light that arrives at the voxels of a box: its first voxel, and its size. All visible voxels are in it.
+    /// Finds the light that arrives at the voxels of a box around all visible ones: its first voxel, and its size.
     /// `row` writes the extinctions of a row of the box, given its y and z in the lattice:
     /// [`CLIPPED`](crate::lighting::shadow::field::CLIPPED) where matter casts no shadows, 0 where nothing near is
     /// visible.
