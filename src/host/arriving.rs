@@ -28,6 +28,9 @@ pub(super) struct Falling {
     pub(super) clip: Vec<Side>,
 }
 
+/// Writes the extinctions of a row of a box, given its y and z in the lattice.
+pub(super) type Rows<'a> = dyn Fn([usize; 2], &mut [f32]) -> Result<()> + Sync + 'a;
+
 /// Shares of three lights and of ambient light at each voxel of a box, x fastest. Beyond it, they are those at its
 /// faces.
 pub(super) struct ArrivingLight {
@@ -47,7 +50,7 @@ impl ArrivingLight {
     /// [`Error::Memory`] if [`BYTES`] for each voxel cannot be allocated; the errors of `row`.
     pub(super) fn new(
         [low, dims]: [[usize; 3]; 2],
-        row: &(dyn Fn([usize; 2], &mut [f32]) -> Result<()> + Sync),
+        row: &Rows<'_>,
         falling: &Falling,
         progress: &Progress,
     ) -> Result<Self> {

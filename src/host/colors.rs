@@ -120,7 +120,7 @@ impl Voxels {
 /// The two cells of twice the size that a voxel is a part of, and the number of its weight in each.
 fn cells_of(voxel: usize) -> [[usize; 2]; 2] {
     let own = voxel / 2 + SPREAD;
-    [[own, 1 + voxel % 2], if voxel % 2 == 0 { [own - 1, 3] } else { [own + 1, 0] }]
+    [[own, 1 + voxel % 2], if voxel.is_multiple_of(2) { [own - 1, 3] } else { [own + 1, 0] }]
 }
 
 /// Zeros for a plane of rows of each channel, and for a vector more.

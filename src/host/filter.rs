@@ -75,9 +75,7 @@ impl RowFilter {
             }
         }
         let sums = &sums[..(REACH + 1) * stride];
-        for x in 0..out.len() {
-            out[x] = sums[REACH + x];
-        }
+        out.copy_from_slice(&sums[REACH..][..out.len()]);
         for distance in 1..=REACH {
             let left = &sums[distance * stride + REACH - distance..][..out.len()];
             let right = &sums[distance * stride + REACH + distance..][..out.len()];

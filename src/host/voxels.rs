@@ -92,7 +92,7 @@ impl Colored {
         })?;
         let exponent = (LARGEST / layers.max_density().max(1e-30)).log2().floor();
         Ok(Self {
-            grid: layers.volume().grid().clone(),
+            grid: *layers.volume().grid(),
             bricks,
             rows,
             down,

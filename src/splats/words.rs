@@ -142,15 +142,14 @@ impl Normals {
     /// Vectors of any length along the normals.
     #[inline(always)]
     pub(crate) fn directions(&self) -> Vectors {
-        let mut vectors = Vectors::default();
+        let (mut x, mut y, mut z) = (Lanes::default(), Lanes::default(), Lanes::default());
         for i in 0..LANES {
             let (px, py) = (self.places[0][i], self.places[1][i]);
-            let z = 1.0 - px.abs() - py.abs();
-            vectors[0][i] = if z >= 0.0 { px } else { (1.0 - py.abs()) * sign_or_one(px) };
-            vectors[1][i] = if z >= 0.0 { py } else { (1.0 - px.abs()) * sign_or_one(py) };
-            vectors[2][i] = z;
+            z[i] = 1.0 - px.abs() - py.abs();
+            x[i] = if z[i] >= 0.0 { px } else { (1.0 - py.abs()) * sign_or_one(px) };
+            y[i] = if z[i] >= 0.0 { py } else { (1.0 - px.abs()) * sign_or_one(py) };
         }
-        vectors
+        [x, y, z]
     }
 }
 

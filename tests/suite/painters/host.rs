@@ -11,7 +11,6 @@ use voxsplat::progress::Progress;
 use voxsplat::reference::Reference;
 use voxsplat::settings::{Model, Painter, Settings, Shading};
 use voxsplat::transfer::{GradientPoint, TransferFunction};
-use voxsplat::volume::Volume;
 use voxsplat::{Camera, Renderer};
 
 use glam::DVec3;
