@@ -44,11 +44,13 @@ assert "libvulkan" not in open("/proc/self/maps").read(), "a driver was loaded"
     assert threads == 0
 
 
-def test_without_a_driver_the_first_picture_says_what_to_install() -> None:
+def test_without_a_driver_the_processor_draws_and_a_painter_of_devices_says_what_to_install() -> None:
     code = """
 import numpy, voxsplat
+image = voxsplat.render(numpy.random.rand(4, 4, 4), size=8)
+assert image.stats["painter"]["name"] == "cpu", image.stats
 try:
-    voxsplat.render(numpy.random.rand(4, 4, 4), size=8)
+    voxsplat.render(numpy.random.rand(4, 4, 4), size=8, painter="tiles")
 except voxsplat.DeviceError as error:
     print(error)
 """

@@ -159,9 +159,10 @@ struct Held {
     voxels: u64,
 }
 
-/// The map from lattice points to the places of a [`Shader`].
-fn places_of_light(grid: &Grid) -> DAffine3 {
-    DAffine3::from_scale(DVec3::splat(1.0 / grid.unit())) * DAffine3::from_translation(-grid.center()) * grid.to_world()
+/// The map from the points of a lattice of cells to the places of a [`Shader`] of a volume.
+fn places_of_light(grid: &Grid, lattice: &Grid) -> DAffine3 {
+    let to_places = DAffine3::from_scale(DVec3::splat(1.0 / grid.unit()));
+    to_places * DAffine3::from_translation(-grid.center()) * lattice.to_world()
 }
 
 /// The values that were made for the last picture, and what they were made for.
@@ -349,7 +350,7 @@ impl HostRenderer {
             shader: shader.as_ref(),
             arriving: arriving.as_deref(),
             gradient_opacity: &gradient_opacity,
-            to_places: places_of_light(&frame.lattice),
+            to_places: places_of_light(grid, &frame.lattice),
             to_voxels: frame.to_voxels(),
         });
         self.painted(frame, (matter, unit), stages, &held, None)

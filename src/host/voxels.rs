@@ -150,7 +150,12 @@ impl Colored {
         self.field.get_or_make(kernels.into_iter().map(key).collect(), |key| {
             let shader = key.light.as_ref().map(|(lighting, to_eye)| {
                 let shader = Shader::new(lighting, self.grid.center(), self.grid.unit(), [0.0; 2]);
-                Light { shader, to_eye: *to_eye, to_places: places_of_light(&self.grid), arriving: arriving.as_deref() }
+                Light {
+                    shader,
+                    to_eye: *to_eye,
+                    to_places: places_of_light(&self.grid, &self.grid),
+                    arriving: arriving.as_deref(),
+                }
             });
             let filter = SplineFilter::new(&key.kernel)?;
             let dims = key.level.grid(&self.grid)?.dims().map(|d| d as usize);

@@ -184,7 +184,7 @@ impl Session {
         let opened = opened.map(|opened| opened.unwrap_or_else(|panic| std::panic::resume_unwind(panic)));
         let (renderer, host) = match opened.transpose() {
             Err(error) if is_open_choice(job) && HostRenderer::stands_in(job.settings.painter, &error) => {
-                output::say("note: using --painter cpu because there is no graphics adapter");
+                output::say("note: using --painter cpu because no graphics adapter can be opened");
                 (None, true)
             }
             opened => (opened?, matches!(job.engine, Engine::Host)),
