@@ -8,7 +8,6 @@ use super::blend::{Along, Blend};
 use super::field::{self, CELL};
 use super::filter::{Around, MAX_REACH, RowFilter, add_rows};
 use super::lanes::{Lanes, WIDTH, dispatch, three};
-use super::level::{SPREAD, WEIGHTS};
 use super::light::Vector;
 use super::plane::{Area, CHANNELS, Plane, Reach};
 use super::rays::{Axes, Rays};
@@ -62,7 +61,7 @@ impl Voxels {
         Ok(Self { width, margin, rows, extents: vec![Self::EMPTY; ny] })
     }
 
-    pub(super) fn clear(&mut self) {
+    fn clear(&mut self) {
         let Self { width, margin, rows, extents, .. } = self;
         for (row, extent) in rows.chunks_exact_mut(CHANNELS * *width).zip(extents) {
             if extent[0] <= extent[1] {
@@ -83,25 +82,13 @@ impl Voxels {
         self.extents[row] = [first.min(column), last.max(column)];
     }
 
-    /// Adds a plane of voxels of half the size, times a weight, to cells that begin [`SPREAD`] cells before them.
-    pub(super) fn add(&mut self, fine: &Self, weight: f32) {
-        for row in (0..fine.extents.len()).filter(|&row| fine.has(row)) {
-            let [first_column, last_column] = fine.extents[row];
-            for [to_row, of_row] in cells_of(row) {
-                for column in first_column..=last_column {
-                    for [to_column, of_column] in cells_of(column) {
-                        let weight = weight * WEIGHTS[of_row] * WEIGHTS[of_column];
-                        let at = to_row * CHANNELS * self.width + self.margin + to_column;
-                        let from = row * CHANNELS * fine.width + fine.margin + column;
-                        for channel in 0..CHANNELS {
-                            self.rows[at + channel * self.width] += weight * fine.rows[from + channel * fine.width];
-                        }
-                        let [first, last] = self.extents[to_row];
-                        self.extents[to_row] = [first.min(to_column), last.max(to_column)];
-                    }
-                }
-            }
-        }
+    /// The voxels of a plane of `columns` columns without margins, x fastest.
+    pub(super) fn plane(&self, columns: usize) -> Vec<[f32; CHANNELS]> {
+        let voxel = |row: usize, column: usize| {
+            let at = row * CHANNELS * self.width + self.margin + column;
+            [0, 1, 2, 3].map(|channel| self.rows[at + channel * self.width])
+        };
+        (0..self.extents.len()).flat_map(|row| (0..columns).map(move |column| voxel(row, column))).collect()
     }
 
     /// Whether a row has a voxel.
@@ -115,12 +102,6 @@ impl Voxels {
     fn row(&self, row: usize) -> &[f32] {
         &self.rows[row * CHANNELS * self.width..][..CHANNELS * self.width]
     }
-}
-
-/// The two cells of twice the size that a voxel is a part of, and the number of its weight in each.
-fn cells_of(voxel: usize) -> [[usize; 2]; 2] {
-    let own = voxel / 2 + SPREAD;
-    [[own, 1 + voxel % 2], if voxel.is_multiple_of(2) { [own - 1, 3] } else { [own + 1, 0] }]
 }
 
 /// Zeros for a plane of rows of each channel, and for a vector more.
@@ -155,7 +136,7 @@ impl ColorField {
     pub(super) fn new(
         (dims, pad): ([usize; 3], usize),
         filter: &SplineFilter,
-        plane: &(dyn Fn(usize, &mut Voxels) -> Result<()> + Sync),
+        plane: &(dyn Fn(usize, &mut Voxels) + Sync),
         progress: &Progress,
     ) -> Result<Self> {
         let padded = dims.map(|d| d + 2 * pad);
@@ -191,7 +172,7 @@ impl ColorField {
                     if let Ok(z) = usize::try_from(z)
                         && z < dims[2]
                     {
-                        plane(z, voxels)?;
+                        plane(z, voxels);
                     }
                 }
                 next = last + 1;

@@ -9,7 +9,7 @@ use crate::volume::Grid;
 
 /// The weights of the four voxels along an axis around the middle of a cell of twice their size, of a variance of
 /// [`VARIANCE`] voxels^2. They add up to 1, so that cells are means.
-pub(super) const WEIGHTS: [f32; 4] = [0.125, 0.375, 0.375, 0.125];
+const WEIGHTS: [f32; 4] = [0.125, 0.375, 0.375, 0.125];
 const VARIANCE: f64 = 0.75;
 
 /// The least growth of kernels over the size of cells: narrower ones would show the cells.
@@ -26,7 +26,7 @@ impl Level {
         let fine = (smallest / LEAST_GROWTH).log2().floor();
         // Rather too wide a kernel nearby than a kernel that no filter follows far away.
         let coarse = (largest / most / (1.0 + 1e-9)).log2().ceil();
-        Self(fine.max(coarse).clamp(0.0, 30.0) as u32)
+        Self(fine.max(coarse).clamp(0.0, 100.0) as u32)
     }
 
     /// The largest growth of a kernel that a filter follows.
@@ -63,39 +63,64 @@ impl Level {
 }
 
 /// The cells of each level beyond the faces: voxels at the faces spread into them, and scalars at the faces repeat.
-pub(super) const SPREAD: usize = 1;
+const SPREAD: usize = 1;
 
-/// Halves a lattice of scalars; those at the faces repeat. `plane` returns the scalars of a plane.
-pub(super) fn halved(
-    dims: [usize; 3],
-    plane: &(dyn Fn(usize) -> Result<Vec<f32>> + Sync),
-) -> Result<([usize; 3], Vec<f32>)> {
+/// Values over a lattice, x fastest, and its points along each axis.
+pub(super) type Cells<const N: usize> = ([usize; 3], Vec<[f32; N]>);
+
+/// Returns the values of a plane.
+pub(super) type Planes<'a, const N: usize> = dyn Fn(usize) -> Result<Vec<[f32; N]>> + Sync + 'a;
+
+impl Level {
+    /// The cells of this level, from 1 on, of voxels of `N` channels. Beyond the faces voxels repeat or are empty.
+    pub(super) fn cells<const N: usize>(
+        self,
+        dims: [usize; 3],
+        plane: &Planes<'_, N>,
+        repeats: bool,
+    ) -> Result<Cells<N>> {
+        let (mut dims, mut cells) = halved(dims, plane, repeats)?;
+        for _ in 1..self.0 {
+            let area = dims[0] * dims[1];
+            (dims, cells) = halved(dims, &|plane| Ok(cells[plane * area..(plane + 1) * area].to_vec()), repeats)?;
+        }
+        Ok((dims, cells))
+    }
+}
+
+/// Halves a lattice.
+fn halved<const N: usize>(dims: [usize; 3], plane: &Planes<'_, N>, repeats: bool) -> Result<Cells<N>> {
     let [nx, ny, nz] = dims;
     let half @ [across, down, deep] = dims.map(|d| d.div_ceil(2) + 2 * SPREAD);
-    let inside =
-        |place: usize, tap: usize, count: usize| (2 * place + tap).saturating_sub(1 + 2 * SPREAD).min(count - 1);
-    let cells: Vec<Vec<f32>> = (0..deep)
-        .into_par_iter()
-        .map(|z| {
-            let mut sum = vec![0.0_f32; nx * ny];
-            for (tap, weight) in WEIGHTS.into_iter().enumerate() {
-                let plane = plane(inside(z, tap, nz))?;
-                sum.iter_mut().zip(plane).for_each(|(sum, value)| *sum = weight.mul_add(value, *sum));
-            }
-            let mut cells = vec![0.0_f32; across * down];
-            let mut row = vec![0.0_f32; nx];
-            for (y, cells) in cells.chunks_exact_mut(across).enumerate() {
-                row.fill(0.0);
-                for (tap, weight) in WEIGHTS.into_iter().enumerate() {
-                    let from = &sum[nx * inside(y, tap, ny)..][..nx];
-                    row.iter_mut().zip(from).for_each(|(sum, value)| *sum = weight.mul_add(*value, *sum));
-                }
-                for (x, cell) in cells.iter_mut().enumerate() {
-                    *cell = (0..4).map(|tap| WEIGHTS[tap] * row[inside(x, tap, nx)]).sum();
-                }
-            }
-            Ok(cells)
+    // The voxels under the weights of a cell.
+    let under = |cell: usize, count: usize| {
+        WEIGHTS.into_iter().enumerate().filter_map(move |(tap, weight)| {
+            let voxel = (2 * cell + tap) as isize - (1 + 2 * SPREAD) as isize;
+            let nearest = voxel.clamp(0, count as isize - 1);
+            (repeats || nearest == voxel).then_some((nearest as usize, weight))
         })
-        .collect::<Result<_>>()?;
-    Ok((half, cells.concat()))
+    };
+    let add = |sum: &mut [f32; N], weight: f32, voxel: &[f32; N]| {
+        sum.iter_mut().zip(voxel).for_each(|(sum, value)| *sum = weight.mul_add(*value, *sum));
+    };
+    let make = |z: usize| {
+        let mut sum = vec![[0.0; N]; nx * ny];
+        for (z, weight) in under(z, nz) {
+            sum.iter_mut().zip(&plane(z)?).for_each(|(sum, voxel)| add(sum, weight, voxel));
+        }
+        let mut cells = vec![[0.0; N]; across * down];
+        let mut row = vec![[0.0; N]; nx];
+        for (y, cells) in cells.chunks_exact_mut(across).enumerate() {
+            row.fill([0.0; N]);
+            for (y, weight) in under(y, ny) {
+                row.iter_mut().zip(&sum[nx * y..]).for_each(|(sum, voxel)| add(sum, weight, voxel));
+            }
+            for (x, cell) in cells.iter_mut().enumerate() {
+                under(x, nx).for_each(|(x, weight)| add(cell, weight, &row[x]));
+            }
+        }
+        Ok(cells)
+    };
+    let planes = (0..deep).into_par_iter().map(make).collect::<Result<Vec<_>>>()?;
+    Ok((half, planes.concat()))
 }

@@ -7,7 +7,7 @@ use glam::{DMat3, DVec3};
 
 use super::arriving::{ArrivingLight, Falling};
 use super::field::{Field, padding};
-use super::level::{Level, halved};
+use super::level::Level;
 use super::table::Table;
 use super::{Frame, Kept};
 use crate::camera::clip::is_inside;
@@ -87,10 +87,11 @@ impl Scalars {
             let field = if *level == Level(0) {
                 Field::new(self.dims(), &|planes| self.planes(planes), &filter, *pad, progress)?
             } else {
-                let (dims, cells) = self.cells(*level)?;
+                let plane = |plane: usize| Ok(self.planes(plane..plane + 1)?.into_iter().map(|v| [v]).collect());
+                let (dims, cells) = level.cells(self.dims(), &plane, true)?;
                 let planes = |planes: Range<usize>| {
                     let area = dims[0] * dims[1];
-                    Ok(cells[planes.start * area..planes.end * area].to_vec())
+                    Ok(cells[planes.start * area..planes.end * area].as_flattened().to_vec())
                 };
                 Field::new(dims, &planes, &filter, *pad, progress)?
             };
@@ -105,19 +106,14 @@ impl Scalars {
     /// The scalars of planes.
     fn planes(&self, planes: Range<usize>) -> Result<Vec<f32>> {
         let [nx, ny, _] = self.dims();
-        let relative = Relative::new(&self.volume, self.reduction);
-        let samples = self.volume.read(planes.start * nx * ny..planes.end * nx * ny)?;
-        Ok(with_samples!(&samples, s => s.iter().map(|v| relative.to(v.to_f64())).collect()))
+        self.scalars(planes.start * nx * ny..planes.end * nx * ny)
     }
 
-    /// The scalars of the cells of a level from 1 on, and how many there are along each axis.
-    fn cells(&self, level: Level) -> Result<([usize; 3], Vec<f32>)> {
-        let (mut dims, mut cells) = halved(self.dims(), &|plane| self.planes(plane..plane + 1))?;
-        for _ in 1..level.0 {
-            let area = dims[0] * dims[1];
-            (dims, cells) = halved(dims, &|plane| Ok(cells[plane * area..(plane + 1) * area].to_vec()))?;
-        }
-        Ok((dims, cells))
+    /// The scalars of samples, x fastest.
+    fn scalars(&self, samples: Range<usize>) -> Result<Vec<f32>> {
+        let relative = Relative::new(&self.volume, self.reduction);
+        let samples = self.volume.read(samples)?;
+        Ok(with_samples!(&samples, s => s.iter().map(|v| relative.to(v.to_f64())).collect()))
     }
 
     /// The light that arrives at the voxels; those far from visible matter in the field are left out if there is one.
@@ -129,11 +125,9 @@ impl Scalars {
         progress: &Progress,
     ) -> Result<Arc<ArrivingLight>> {
         let mut made = self.light.get_or_make(vec![falling], |falling| {
-            let relative = Relative::new(&self.volume, self.reduction);
             let to_world = self.volume.grid().to_lattice().matrix3.transpose();
-            let (volume, table, dims) = (&self.volume, &self.table, self.dims());
-            let matter = Extinctions { volume, relative: &relative, table, dims, field, gradient_opacity, to_world };
-            ArrivingLight::new([[0; 3], dims], &|place, row| matter.row(falling, place, row), falling, progress)
+            let matter = Extinctions { scene: self, field, gradient_opacity, to_world };
+            ArrivingLight::new([[0; 3], self.dims()], &|place, row| matter.row(falling, place, row), falling, progress)
         })?;
         Ok(made.swap_remove(0))
     }
@@ -141,10 +135,7 @@ impl Scalars {
 
 /// Matter that absorbs light.
 struct Extinctions<'a> {
-    volume: &'a Volume,
-    relative: &'a Relative,
-    table: &'a Table,
-    dims: [usize; 3],
+    scene: &'a Scalars,
     field: Option<&'a Field>,
     /// See [`super::post::Post::gradient_opacity`].
     gradient_opacity: &'a [[f32; 2]],
@@ -155,20 +146,19 @@ struct Extinctions<'a> {
 impl Extinctions<'_> {
     /// The scalars of a row; rows beyond the lattice are the nearest.
     fn scalars(&self, y: isize, z: isize) -> Result<Vec<f32>> {
-        let [nx, ny, nz] = self.dims;
+        let [nx, ny, nz] = self.scene.dims();
         let row = y.clamp(0, ny as isize - 1) as usize + ny * z.clamp(0, nz as isize - 1) as usize;
-        let samples = self.volume.read(row * nx..(row + 1) * nx)?;
-        Ok(with_samples!(&samples, s => s.iter().map(|v| self.relative.to(v.to_f64())).collect()))
+        self.scene.scalars(row * nx..(row + 1) * nx)
     }
 
     /// Writes the extinctions of a row: 0 where nothing near is visible.
     fn row(&self, falling: &Falling, [y, z]: [usize; 2], row: &mut [f32]) -> Result<()> {
-        let [nx, ny, nz] = self.dims;
+        let [nx, ny, nz] = self.scene.dims();
         let [y, z] = [y as isize, z as isize];
         let is_lit = |first: usize| {
             let low = [first as isize - 3, y - 3, z - 3];
             let high = [(first + RUN) as isize + 2, y + 3, z + 3];
-            self.field.is_none_or(|field| !self.table.is_invisible(field.range(low, high)))
+            self.field.is_none_or(|field| !self.scene.table.is_invisible(field.range(low, high)))
         };
         let runs: Vec<usize> = (0..nx).step_by(RUN).filter(|&first| is_lit(first)).collect();
         if runs.is_empty() {
@@ -183,7 +173,7 @@ impl Extinctions<'_> {
         };
         let middle = DVec3::new(nx as f64 - 1.0, ny as f64 - 1.0, nz as f64 - 1.0) / 2.0;
         for x in runs.into_iter().flat_map(|first| first..(first + RUN).min(nx)) {
-            let mut extinction = self.table.extinction(own[x]);
+            let mut extinction = self.scene.table.extinction(own[x]);
             if let Some([before_y, behind_y, before_z, behind_z]) = &beside
                 && extinction > 0.0
             {

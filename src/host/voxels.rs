@@ -10,7 +10,7 @@ use super::arriving::{ArrivingLight, Falling};
 use super::colors::{ColorField, Voxels};
 use super::field::padding;
 use super::lanes::{Lanes, dispatch, three};
-use super::level::{Level, SPREAD, WEIGHTS};
+use super::level::Level;
 use super::light::{Shader, Vector, unit};
 use super::{Frame, Kept, places_of_light};
 use crate::camera::clip::is_inside;
@@ -158,28 +158,27 @@ impl Colored {
                 }
             });
             let filter = SplineFilter::new(&key.kernel)?;
-            let dims = key.level.grid(&self.grid)?.dims().map(|d| d as usize);
-            let plane = |z: usize, out: &mut Voxels| self.plane(key.level, shader.as_ref(), z, out);
-            Ok(Filtered { field: ColorField::new((dims, key.pad), &filter, &plane, progress)?, filter })
+            let [nx, ny, nz] = self.grid.dims().map(|d| d as usize);
+            let fill = |z: usize, out: &mut Voxels| dispatch(Filling { colored: self, light: shader.as_ref(), z, out });
+            let field = if key.level == Level(0) {
+                ColorField::new(([nx, ny, nz], key.pad), &filter, &fill, progress)?
+            } else {
+                let plane = |z: usize| {
+                    let mut voxels = Voxels::new([nx, ny], 0)?;
+                    fill(z, &mut voxels);
+                    Ok(voxels.plane(nx))
+                };
+                let (dims, cells) = key.level.cells([nx, ny, nz], &plane, false)?;
+                let fill = |z: usize, out: &mut Voxels| {
+                    for (row, cells) in cells[dims[0] * dims[1] * z..].chunks_exact(dims[0]).take(dims[1]).enumerate() {
+                        let shown = cells.iter().enumerate().filter(|(_, cell)| **cell != [0.0; 4]);
+                        shown.for_each(|(column, cell)| out.put(row, column, *cell));
+                    }
+                };
+                ColorField::new((dims, key.pad), &filter, &fill, progress)?
+            };
+            Ok(Filtered { field, filter })
         })
-    }
-
-    /// Puts the voxels of a plane of a level into it, under a light.
-    fn plane(&self, level: Level, light: Option<&Light<'_>>, z: usize, out: &mut Voxels) -> Result<()> {
-        let Some(finer) = level.0.checked_sub(1).map(Level) else {
-            dispatch(Filling { colored: self, light, z, out });
-            return Ok(());
-        };
-        let [nx, ny, nz] = finer.grid(&self.grid)?.dims().map(|d| d as usize);
-        let mut fine = Voxels::new([nx, ny], 0)?;
-        for (tap, weight) in WEIGHTS.into_iter().enumerate() {
-            if let Some(z) = (2 * z + tap).checked_sub(1 + 2 * SPREAD).filter(|&z| z < nz) {
-                fine.clear();
-                self.plane(finer, light, z, &mut fine)?;
-                out.add(&fine, weight);
-            }
-        }
-        Ok(())
     }
 
     /// The runs of splats of a row of the lattice.
