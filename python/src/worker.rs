@@ -100,10 +100,10 @@ impl Engines<'_> {
         if painter == Painter::Cpu {
             return Ok(true);
         }
-        let is_open_choice = self.options.adapter.is_none();
+        let adapter = self.options.adapter.clone();
         match self.device() {
             Ok(_) => Ok(false),
-            Err(error) if is_open_choice && HostRenderer::stands_in(painter, &error) => Ok(true),
+            Err(error) if HostRenderer::stands_in(painter, adapter.as_deref(), &error) => Ok(true),
             Err(error) => Err(error),
         }
     }

@@ -145,7 +145,7 @@ class Settings:
     level: str | int = "auto"
     """Cells of 2^level voxels replace voxels, 0 to 12; ``"auto"`` may choose cells between two levels."""
     painter: str = "auto"
-    """``"auto"``, ``"tiles"``, ``"quads"``, or ``"cpu"``: post-shaded composites without a graphics driver."""
+    """``"auto"``, ``"tiles"``, ``"quads"``, or ``"cpu"``: rays on the processor, without a graphics driver."""
     resolution: str | None = None
     """Of tiles: ``"capped"`` or ``"full"``, a ray for each pixel."""
     sheet_thickness: float | None = None

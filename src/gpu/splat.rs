@@ -5,7 +5,7 @@ mod light;
 use pulp::{Arch, NullaryFnOnce};
 
 use self::light::Shining;
-use crate::splats::words::{LANES, Lanes, SplatRun, Vectors, appearances};
+use crate::splats::words::{LANES, Lanes, SplatRun, Vectors, appearances, nearest_half};
 
 pub(crate) use self::light::{SplatLight, ToEye};
 
@@ -74,18 +74,10 @@ impl NullaryFnOnce for Packing<'_> {
 /// Four numbers of each splat as the nearest f16: `rounded` in shaders/common/packing.wgsl, then pack2x16float.
 #[inline(always)]
 pub(crate) fn halves([x, y, z]: &Vectors, w: &Lanes) -> [[u32; 2]; LANES] {
-    let half = |value: f32| {
-        let bits = value.to_bits().wrapping_add(0x1000) & 0xffff_e000;
-        let size = bits & 0x7fff_ffff;
-        // Less than the least normal f16: in steps of 2^-24, which is the last bit of 1/2.
-        let small = (f32::from_bits(size) + 0.5).to_bits().wrapping_sub(0x3f00_0000);
-        let normal = size.wrapping_sub(0x3800_0000) >> 13;
-        bits >> 16 & 0x8000 | if size < 0x3880_0000 { small } else { normal }
-    };
     let (mut low, mut high) = ([0; LANES], [0; LANES]);
     for i in 0..LANES {
-        low[i] = half(x[i]) | half(y[i]) << 16;
-        high[i] = half(z[i]) | half(w[i]) << 16;
+        low[i] = nearest_half(x[i]) | nearest_half(y[i]) << 16;
+        high[i] = nearest_half(z[i]) | nearest_half(w[i]) << 16;
     }
     std::array::from_fn(|i| [low[i], high[i]])
 }

@@ -1,6 +1,7 @@
 //! A field of scalars as coefficients of cubic B-splines.
 
 use std::ops::Range;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
@@ -8,6 +9,7 @@ use voxsplat_volume::memory::zeroed;
 
 use super::filter::{Around, MAX_REACH, RowFilter, add_rows};
 use super::lanes::{WIDTH, dispatch};
+use super::lattice::{CELL, Padded};
 use crate::error::Result;
 use crate::kernel::{Kernel, SplineFilter};
 use crate::progress::Progress;
@@ -26,22 +28,17 @@ pub(super) fn padding(kernels: &[Kernel]) -> usize {
 /// Planes of coefficients that a thread makes at a time. It reads a few planes of samples more on either side.
 const PLANES: usize = 16;
 
-/// Lattice points along the edge of a cell.
-pub(super) const CELL: usize = 8;
-
-/// Bytes of the coefficients of a lattice, without growth.
-pub(super) fn bytes(dims: [u32; 3]) -> u64 {
-    4 * dims.map(|d| u64::from(d) + 2 * PAD as u64).iter().product::<u64>()
+/// The coefficients of a lattice, with those beyond its faces.
+pub(super) fn count(dims: [u32; 3], pad: usize) -> u64 {
+    dims.map(|d| u64::from(d) + 2 * pad as u64).iter().product()
 }
 
-/// Coefficients over a lattice and some points around it, x fastest.
+/// Coefficients over a lattice.
 pub(super) struct Field {
-    /// Points with coefficients.
-    padded: [usize; 3],
-    /// Coefficients beyond each face.
-    pad: usize,
+    pub(super) lattice: Padded,
     coefficients: Vec<f32>,
-    ranges: Ranges,
+    /// The range of the coefficients of each cell.
+    ranges: Vec<[f32; 2]>,
 }
 
 impl Field {
@@ -57,11 +54,11 @@ impl Field {
         pad: usize,
         progress: &Progress,
     ) -> Result<Self> {
-        let padded = dims.map(|d| d + 2 * pad);
-        let plane = padded[0] * padded[1];
-        let count = plane * padded[2];
-        let mut coefficients: Vec<f32> = zeroed(count as u64, || "the coefficients of a volume".to_owned())?;
+        let lattice = Padded::new(dims, pad);
+        let plane = lattice.area();
+        let mut coefficients: Vec<f32> = zeroed(lattice.count() as u64, || "the coefficients of a volume".to_owned())?;
         let filter = &RowFilter::new(filter);
+        let (done, all) = (AtomicUsize::new(0), lattice.size[2].div_ceil(PLANES));
         let slabs = coefficients.par_chunks_mut(PLANES * plane).enumerate();
         slabs.try_for_each(|(slab, coefficients)| {
             progress.check()?;
@@ -72,11 +69,12 @@ impl Field {
             let low = (source(first) as isize - filter.reach as isize).max(0) as usize;
             let high = (source(first + count - 1) + filter.reach).min(dims[2] - 1);
             let scalars = planes(low..high + 1)?;
-            dispatch(Filtering { filter, dims, padded, pad, scalars: &scalars, low, first, coefficients });
+            dispatch(Filtering { filter, dims, lattice, scalars: &scalars, low, first, coefficients });
+            let done = done.fetch_add(1, Ordering::Relaxed) + 1;
+            progress.report("filtering", done as f64 / all as f64);
             Ok::<_, crate::error::Error>(())
         })?;
-        let ranges = Ranges::new(padded, pad, &coefficients);
-        Ok(Self { padded, pad, coefficients, ranges })
+        Ok(Self { ranges: ranges(&lattice, &coefficients), lattice, coefficients })
     }
 
     /// Bytes of memory.
@@ -84,27 +82,16 @@ impl Field {
         size_of_val(self.coefficients.as_slice()) as u64
     }
 
-    /// The distances of neighbouring coefficients along the axes.
-    pub(super) fn steps(&self) -> [usize; 3] {
-        [1, self.padded[0], self.padded[0] * self.padded[1]]
-    }
-
     /// The coefficients, x fastest.
     pub(super) fn coefficients(&self) -> &[f32] {
         &self.coefficients
     }
 
-    /// The place of the coefficient of a lattice point. Points farther than all coefficients count as the farthest.
-    pub(super) fn index(&self, point: [isize; 3]) -> usize {
-        let steps = self.steps();
-        let place = |axis: usize| (point[axis] + self.pad as isize).clamp(0, self.padded[axis] as isize - 1) as usize;
-        (0..3).map(|axis| place(axis) * steps[axis]).sum()
-    }
-
-    /// The range of the coefficients in a box, ends included. The field at a point is within the range of the four
-    /// coefficients around it along each axis.
-    pub(super) fn range(&self, low: [isize; 3], high: [isize; 3]) -> [f32; 2] {
-        self.ranges.over(low, high)
+    /// Whether something holds of the range of the coefficients of a cell that meets a box, ends included. The field at
+    /// a point is within the ranges of the four coefficients around it along each axis.
+    #[inline]
+    pub(super) fn any(&self, low: [isize; 3], high: [isize; 3], holds: impl Fn([f32; 2]) -> bool) -> bool {
+        self.lattice.any(&self.ranges, low, high, |range| holds(*range))
     }
 }
 
@@ -112,8 +99,7 @@ impl Field {
 struct Filtering<'a> {
     filter: &'a RowFilter,
     dims: [usize; 3],
-    padded: [usize; 3],
-    pad: usize,
+    lattice: Padded,
     /// Planes of scalars from plane `low` on.
     scalars: &'a [f32],
     low: usize,
@@ -127,7 +113,8 @@ impl WithSimd for Filtering<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Self { filter, dims: [nx, ny, nz], padded, pad, scalars, low, first, coefficients } = self;
+        let Self { filter, dims: [nx, ny, nz], lattice, scalars, low, first, coefficients } = self;
+        let (pad, padded) = (lattice.pad, lattice.size);
         let reach = filter.reach;
         // Rows repeat their ends, and have room for a vector more.
         let margin = pad + reach;
@@ -168,46 +155,20 @@ impl WithSimd for Filtering<'_> {
     }
 }
 
-/// The range of coefficients over cells.
-struct Ranges {
-    pad: usize,
-    cells: [usize; 3],
-    ranges: Vec<[f32; 2]>,
-}
-
-impl Ranges {
-    fn new(padded: [usize; 3], pad: usize, coefficients: &[f32]) -> Self {
-        let cells = padded.map(|d| d.div_ceil(CELL));
-        let mut ranges = vec![[f32::INFINITY, f32::NEG_INFINITY]; cells.iter().product()];
-        let planes = ranges.par_chunks_mut(cells[0] * cells[1]);
-        let slabs = coefficients.par_chunks(CELL * padded[0] * padded[1]);
-        planes.zip(slabs).for_each(|(ranges, slab)| {
-            for (number, row) in slab.chunks_exact(padded[0]).enumerate() {
-                let y = number % padded[1] / CELL;
-                for (range, cell) in ranges[y * cells[0]..].iter_mut().zip(row.chunks(CELL)) {
-                    let [low, high] = *range;
-                    *range = [cell.iter().copied().fold(low, f32::min), cell.iter().copied().fold(high, f32::max)];
-                }
-            }
-        });
-        Self { pad, cells, ranges }
-    }
-
-    fn over(&self, low: [isize; 3], high: [isize; 3]) -> [f32; 2] {
-        let (mut first, mut last) = ([0; 3], [0; 3]);
-        for axis in 0..3 {
-            first[axis] = ((low[axis] + self.pad as isize).max(0) as usize / CELL).min(self.cells[axis] - 1);
-            last[axis] = ((high[axis] + self.pad as isize).max(0) as usize / CELL).min(self.cells[axis] - 1);
-        }
-        let mut range = [f32::INFINITY, f32::NEG_INFINITY];
-        for z in first[2]..=last[2] {
-            for y in first[1]..=last[1] {
-                let row = (z * self.cells[1] + y) * self.cells[0];
-                for [low, high] in &self.ranges[row + first[0]..=row + last[0]] {
-                    range = [range[0].min(*low), range[1].max(*high)];
-                }
+/// The ranges of the coefficients of cells, x fastest.
+fn ranges(lattice: &Padded, coefficients: &[f32]) -> Vec<[f32; 2]> {
+    let (size, cells) = (lattice.size, lattice.cells());
+    let mut ranges = vec![[f32::INFINITY, f32::NEG_INFINITY]; cells.iter().product()];
+    let planes = ranges.par_chunks_mut(cells[0] * cells[1]);
+    let slabs = coefficients.par_chunks(CELL * lattice.area());
+    planes.zip(slabs).for_each(|(ranges, slab)| {
+        for (number, row) in slab.chunks_exact(size[0]).enumerate() {
+            let y = number % size[1] / CELL;
+            for (range, cell) in ranges[y * cells[0]..].iter_mut().zip(row.chunks(CELL)) {
+                let [low, high] = *range;
+                *range = [cell.iter().copied().fold(low, f32::min), cell.iter().copied().fold(high, f32::max)];
             }
         }
-        range
-    }
+    });
+    ranges
 }

@@ -7,9 +7,10 @@
 use glam::{DAffine3, DVec3};
 use pulp::{Simd, WithSimd};
 
-use super::colors::{Blending, Colors};
+use super::blending::{Blending, Colors};
 use super::lanes::{Lanes, Order, RAYS, dispatch};
-use super::plane::{Area, Plane, Reach};
+use super::lattice::{Area, Reach};
+use super::plane::Plane;
 use super::post::{Post, Shading};
 use super::project::{Projecting, Projection};
 use super::rays::{Axes, Beam, Bounds, GROUP, Numbers, Rays};

@@ -21,10 +21,12 @@
 
 mod arriving;
 mod blend;
+mod blending;
 mod colors;
 mod field;
 mod filter;
 mod lanes;
+mod lattice;
 mod level;
 mod light;
 mod march;
@@ -44,7 +46,8 @@ use rayon::prelude::*;
 
 use self::arriving::{Falling, MAX_VOXELS};
 use self::blend::Blend;
-use self::colors::Colors;
+use self::blending::Colors;
+use self::colors::Halves;
 use self::level::Level;
 use self::light::Shader;
 use self::march::{Matter, Picture, TILE, Work};
@@ -52,7 +55,7 @@ use self::post::Post;
 use self::project::{Extreme, Projection};
 use self::scalars::{Reconstructed, Scalars};
 use self::voxels::Colored;
-use crate::camera::Camera;
+use crate::camera::{Camera, Growth};
 use crate::error::{Error, Result};
 use crate::image::{Image, Region};
 use crate::kernel::{Kernel, Misfit};
@@ -194,6 +197,11 @@ impl<K: PartialEq, V> Kept<K, V> {
         Ok(values)
     }
 
+    /// The sum of a number of each value.
+    fn sum(&self, number: impl Fn(&V) -> u64) -> u64 {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).iter().map(|(_, value)| number(value)).sum()
+    }
+
     /// The number of values.
     fn count(&self) -> usize {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).len()
@@ -219,11 +227,11 @@ impl HostRenderer {
         }
     }
 
-    /// Whether this engine draws for a painter in place of a device that cannot be opened: there is none, and the
-    /// painter is open.
+    /// Whether this engine draws in place of a device that cannot be opened: there is none, and neither a painter nor
+    /// an adapter was requested.
     #[must_use]
-    pub fn stands_in(painter: Painter, error: &Error) -> bool {
-        painter == Painter::Auto && matches!(error, Error::NoAdapter(_))
+    pub fn stands_in(painter: Painter, adapter: Option<&str>, error: &Error) -> bool {
+        painter == Painter::Auto && adapter.is_none() && matches!(error, Error::NoAdapter(_))
     }
 
     /// Prepares layers for pictures with these settings.
@@ -234,25 +242,14 @@ impl HostRenderer {
     pub fn prepare_layers(&self, layers: &Layers, settings: &Settings) -> Result<HostScene> {
         settings.validate()?;
         layers.check(settings)?;
-        if settings.depth_coded || settings.attenuation > 0.0 {
-            return Err(refused("codes no depths: leave out --depth-coded and --attenuation"));
-        }
-        if settings.casting().is_some() && layers.volume().grid().len() > MAX_VOXELS {
-            return Err(refused(
-                "casts shadows in up to 2^27 voxels: --light headlight, or --shadows off --occlusion off",
-            ));
-        }
+        check_drawn(settings, layers.volume().grid())?;
         if !settings.is_post_shaded() {
-            check_memory(colors::bytes(layers.volume().grid().dims()), 0, 0)?;
             let colored = Colored::new(layers, settings, &self.progress)?;
             return Ok(HostScene(Content::Colored(Box::new(colored))));
         }
         let Some((volume, transfer)) = layers.plain() else {
             return Err(refused("draws one volume alone if it classifies along rays: --shading pre"));
         };
-        if settings.interslice == Interslice::Mean {
-            return Err(refused("classifies between samples: leave out interslice=mean"));
-        }
         let scalars = Scalars::new(volume, transfer, settings, &self.progress)?;
         Ok(HostScene(Content::Scalars(Box::new(scalars))))
     }
@@ -270,9 +267,9 @@ impl HostRenderer {
     /// size of the region.
     ///
     /// # Errors
-    /// [`Error::Setting`] if a setting is out of range, the scene was prepared for another sharpness, kernels reach too
-    /// far, or the region has no pixels or reaches beyond the picture; [`Error::Camera`] if the camera is not finite;
-    /// [`Error::TooLarge`] and [`Error::Memory`]; [`Error::Cancelled`].
+    /// [`Error::Setting`] if a setting is out of range, this engine does not draw such pictures, the scene was prepared
+    /// for another shading, sharpness or light, or the region has no pixels or reaches beyond the picture;
+    /// [`Error::Camera`] if the camera is not finite; [`Error::TooLarge`] and [`Error::Memory`]; [`Error::Cancelled`].
     pub fn render_region(
         &self,
         scene: &HostScene,
@@ -285,9 +282,9 @@ impl HostRenderer {
         region.check_within(camera.size)?;
         let grid = scene.grid();
         camera.check_scale(grid)?;
+        check_drawn(settings, grid)?;
         let kernel = settings.reconstruction_kernel();
         let (growths, level) = growths(camera, grid, settings, &kernel);
-        scene.check_memory(settings, growths.len())?;
         let frame = Frame {
             camera,
             settings,
@@ -299,9 +296,11 @@ impl HostRenderer {
             kernel,
             density: settings.normalization.density(&kernel),
         };
-        match &scene.0 {
-            Content::Scalars(scalars) => self.render_scalars(scalars, &frame),
-            Content::Colored(colored) => self.render_colors(colored, &frame),
+        scene.check_memory(&frame)?;
+        match (&scene.0, settings.is_post_shaded()) {
+            (Content::Scalars(scalars), true) => self.render_scalars(scalars, &frame),
+            (Content::Colored(colored), false) => self.render_colors(colored, &frame),
+            _ => Err(Error::setting("shading", "the scene was prepared for another shading or model")),
         }
     }
 
@@ -409,7 +408,10 @@ impl HostRenderer {
                     field_bytes: held.bytes,
                     misfit: [data, of_noise],
                 }),
-                painter_reason: "requested".to_owned(),
+                painter_reason: match settings.painter {
+                    Painter::Cpu => "requested".to_owned(),
+                    _ => "no adapter can be opened".to_owned(),
+                },
                 model: settings.model,
                 shading: settings.shading,
                 perspective: camera.eye().is_some(),
@@ -498,17 +500,44 @@ impl HostScene {
         }
     }
 
-    /// Refuses a picture with this many fields that needs more memory than is left, before any is allocated. What the
-    /// scene holds counts as left.
-    fn check_memory(&self, settings: &Settings, levels: usize) -> Result<()> {
-        let dims = self.grid().dims();
-        let (field, held, lights) = match &self.0 {
-            Content::Scalars(scalars) => (field::bytes(dims), scalars.field.count(), scalars.light.count()),
-            Content::Colored(colored) => (colors::bytes(dims), colored.field.count(), colored.light.count()),
+    /// Refuses a picture that needs more memory than is left, before any is allocated. What the scene holds counts as
+    /// left.
+    fn check_memory(&self, frame: &Frame<'_>) -> Result<()> {
+        let kernels = frame.kernels();
+        let count = field::count(frame.lattice.dims(), field::padding(&kernels)) * kernels.len() as u64;
+        let light = |lights: usize| lights as u64 * arriving::BYTES * self.grid().len();
+        let (fields, held) = match &self.0 {
+            Content::Scalars(scalars) => {
+                let held = scalars.field.sum(|made| made.field.bytes()) + light(scalars.light.count());
+                (count * size_of::<f32>() as u64, held)
+            }
+            Content::Colored(colored) => {
+                let held = colored.field.sum(|made| made.field.bytes()) + light(colored.light.count());
+                (count * size_of::<Halves>() as u64, held)
+            }
         };
-        let light = settings.casting().map_or(0, |_| arriving::BYTES * self.grid().len());
-        check_memory(levels as u64 * field, light, held as u64 * field + lights as u64 * light)
+        check_memory(fields, light(usize::from(frame.settings.casting().is_some())), held)
     }
+}
+
+/// Refuses settings of pictures that this engine does not draw.
+fn check_drawn(settings: &Settings, grid: &Grid) -> Result<()> {
+    let refusals = [
+        (
+            settings.depth_coded || settings.attenuation > 0.0,
+            "codes no depths: leave out --depth-coded and --attenuation",
+        ),
+        (
+            settings.casting().is_some() && grid.len() > MAX_VOXELS,
+            "casts shadows in up to 2^27 voxels: --light headlight, or --shadows off --occlusion off",
+        ),
+        (
+            settings.is_post_shaded() && settings.interslice == Interslice::Mean,
+            "classifies between samples: leave out interslice=mean",
+        ),
+    ];
+    let refusal = refusals.iter().find(|(is_refused, _)| *is_refused);
+    refusal.map_or(Ok(()), |(_, reason)| Err(refused(reason)))
 }
 
 /// Refuses a field and a light that need more memory than is left and than is held for them.
@@ -527,24 +556,18 @@ fn check_memory(field: u64, light: u64, held: u64) -> Result<()> {
 
 /// The growths of the kernels whose fields a picture needs, and the level of the lattice that they are made on.
 fn growths(camera: &Camera, grid: &Grid, settings: &Settings, kernel: &Kernel) -> (Vec<f64>, Level) {
-    if !settings.antialiasing {
-        return (vec![1.0], Level(0));
-    }
-    let growth = camera.growth(grid);
+    let growth = if settings.antialiasing { camera.growth(grid) } else { Growth::NONE };
     let depths = camera.eye().map_or([0.0; 2], |eye| {
         let to_center = (grid.center() - eye).dot(camera.forward);
         let depths = grid.corners_from_center(0.5).map(|corner| to_center + corner.dot(camera.forward));
         [depths.into_iter().fold(f64::INFINITY, f64::min).max(0.0), depths.into_iter().fold(0.0, f64::max)]
     });
     let [smallest, largest] = depths.map(|depth| growth.at(depth));
-    if largest <= NO_GROWTH {
-        return (vec![1.0], Level(0));
-    }
     let level = Level::new(kernel, smallest, largest);
-    match camera.eye() {
-        None => (vec![largest], level),
-        Some(_) => (blend::levels(smallest, largest, level.most(kernel)), level),
+    if camera.eye().is_none() || largest <= NO_GROWTH {
+        return (vec![largest], level);
     }
+    (blend::levels(smallest, largest, level.most(kernel)), level)
 }
 
 /// An error about a picture that this engine does not draw.

@@ -6,57 +6,11 @@ use pulp::Simd;
 use super::blend::{Along, Blend, blend_row};
 use super::field::Field;
 use super::lanes::{Channels, Lanes, Order, WIDTH, added_up, load, weighted};
+use super::lattice::Area;
 use super::rays::Axes;
 
 /// Numbers of a point of a plane: its channels.
 pub(super) const CHANNELS: usize = 4;
-
-/// How far the rays of a tile read.
-#[derive(Clone, Copy)]
-pub(super) struct Reach {
-    /// Voxels beyond the outermost voxels where rays may find matter.
-    pub(super) beyond: f64,
-    /// Points around the 4 x 4 points of a ray.
-    pub(super) around: isize,
-}
-
-/// The part of a plane that is read: first and last points.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Area {
-    pub(super) low: [isize; 2],
-    pub(super) high: [isize; 2],
-}
-
-impl Area {
-    /// The points that rays between four read from plane to plane; `None` if they pass the field. Rays are pairs of the
-    /// place in plane 0 and the step from plane to plane, along a and b.
-    pub(super) fn new(corners: &[[[f64; 2]; 2]; 4], planes: [f64; 2], size: [usize; 3], reach: Reach) -> Option<Self> {
-        let Reach { beyond, around } = reach;
-        let mut area = Self { low: [0; 2], high: [0; 2] };
-        for axis in 0..2 {
-            let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
-            for corner in corners {
-                let [start, step] = corner[axis];
-                for z in planes {
-                    let place = start + step * z;
-                    low = low.min(place);
-                    high = high.max(place);
-                }
-            }
-            let last = (size[axis] - 1) as f64 + beyond;
-            if high < -beyond || low > last {
-                return None;
-            }
-            area.low[axis] = low.clamp(-beyond, last).floor() as isize - 1 - around;
-            area.high[axis] = high.clamp(-beyond, last).floor() as isize + 2 + around;
-        }
-        Some(area)
-    }
-
-    pub(super) fn size(&self) -> [usize; 2] {
-        [0, 1].map(|axis| (self.high[axis] - self.low[axis] + 1) as usize)
-    }
-}
 
 /// A plane of channels side by side, and memory to make it.
 #[derive(Default)]
@@ -164,18 +118,7 @@ impl Plane {
         if self.rows.len() < 3 * stride {
             self.rows.resize(3 * stride, 0.0);
         }
-        let field = blend.levels[0].1;
-        let steps = field.steps();
-        let [step_a, step_b] = [steps[axes.axes[0]], steps[axes.axes[1]]];
-        let plane = number.div_euclid(2);
-        let mut starts = [0; 6];
-        for (offset, start) in starts.iter_mut().enumerate() {
-            let mut point = [0; 3];
-            point[axes.axes[0]] = area.low[0];
-            point[axes.axes[1]] = area.low[1];
-            point[axes.axes[2]] = axes.plane(plane + offset as isize - 2);
-            *start = field.index(point);
-        }
+        let rows = blend.levels[0].1.lattice.rows(axes, area, number.div_euclid(2) - 2);
         let z = number as f64 / 2.0;
         let [first, last] = blend.needed(along, [area.low, area.high], z);
         let (weights, parts) = self.rows[..3 * stride].split_at_mut(stride);
@@ -190,11 +133,11 @@ impl Plane {
                 } else {
                     (&mut part_scalars[..width], &mut part_along[..width])
                 };
-                let [p, z0, b, a, y, w] = starts.map(|start| &coefficients[start + row * step_b..]);
+                let planes @ [p, z0, b, a, y, _] = rows.of(coefficients, row);
                 if number % 2 == 0 {
-                    sum_whole([p, z0, b, a, y], step_a, to, to_slopes, differs);
+                    sum_whole([p, z0, b, a, y], rows.step, to, to_slopes, differs);
                 } else {
-                    sum_half([p, z0, b, a, y, w], step_a, to, to_slopes, differs);
+                    sum_half(planes, rows.step, to, to_slopes, differs);
                 }
                 if first < last {
                     let from = [area.low[0] as f64, (area.low[1] + row as isize) as f64, z];

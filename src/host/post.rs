@@ -11,8 +11,9 @@ use super::arriving::ArrivingLight;
 use super::blend::{Along, Blend};
 use super::field::Field;
 use super::lanes::{Lanes, Order, three};
+use super::lattice::{Area, Reach};
 use super::light::{Shader, Shine, Vector, dot};
-use super::plane::{Area, CHANNELS, Plane, Reach};
+use super::plane::{CHANNELS, Plane};
 use super::rays::{Axes, Rays};
 use super::rule::{RECENT, Rule};
 use super::table::{Classified, Table};
@@ -310,7 +311,7 @@ impl Post<'_> {
 
     /// Whether a scalar between two points of the lattice, ends included, may be visible.
     pub(super) fn shows(&self, low: [isize; 3], high: [isize; 3]) -> bool {
-        let is_visible = |(_, field): &(f64, &Field)| !self.table.is_invisible(field.range(low, high));
-        self.blend.levels.iter().any(is_visible)
+        let is_visible = |range: [f32; 2]| !self.table.is_invisible(range);
+        self.blend.levels.iter().any(|(_, field)| field.any(low, high, is_visible))
     }
 }

@@ -5,7 +5,8 @@ use pulp::Simd;
 use super::blend::{Along, Blend};
 use super::field::Field;
 use super::lanes::{Lanes, Order};
-use super::plane::{Area, CHANNELS, Plane, Reach};
+use super::lattice::{Area, Reach};
+use super::plane::{CHANNELS, Plane};
 use super::rays::{Axes, Rays};
 use super::rule::{RECENT, Rule};
 

@@ -3,7 +3,8 @@
 use pulp::Simd;
 
 use super::lanes::Lanes;
-use super::plane::{Area, CHANNELS, Plane};
+use super::lattice::Area;
+use super::plane::{CHANNELS, Plane};
 use super::rays::Rays;
 
 /// Samples that a group keeps.

@@ -158,7 +158,7 @@ impl Extinctions<'_> {
         let is_lit = |first: usize| {
             let low = [first as isize - 3, y - 3, z - 3];
             let high = [(first + RUN) as isize + 2, y + 3, z + 3];
-            self.field.is_none_or(|field| !self.scene.table.is_invisible(field.range(low, high)))
+            self.field.is_none_or(|field| field.any(low, high, |range| !self.scene.table.is_invisible(range)))
         };
         let runs: Vec<usize> = (0..nx).step_by(RUN).filter(|&first| is_lit(first)).collect();
         if runs.is_empty() {

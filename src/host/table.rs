@@ -112,18 +112,29 @@ impl Table {
         Place { place, bins: bin.indices(simd), beyond: place.sub(simd, bin).to_array() }
     }
 
+    /// Of two rays: the function at the beginning of their bins, its rise over them, and the places in them.
+    #[inline(always)]
+    fn in_bins<S: Simd>(
+        &self,
+        simd: S,
+        [one, other]: [usize; 2],
+        bins: &[u32; RAYS],
+        beyond: &[f32; RAYS],
+    ) -> [S::f32s; 3] {
+        let a = &self.values[bins[one] as usize..][..2];
+        let b = &self.values[bins[other] as usize..][..2];
+        let value = fours::<S>(&a[0], &b[0]);
+        [value, simd.sub_f32s(fours::<S>(&a[1], &b[1]), value), twice_four::<S>(beyond[one], beyond[other])]
+    }
+
     /// The function at a scalar of each ray.
     #[inline(always)]
     pub(super) fn value<S: Simd>(&self, simd: S, order: &Order, scalar: Lanes<S>) -> [Lanes<S>; 4] {
         let Place { bins, beyond, .. } = self.place(simd, scalar);
         let mut values = Channels::new(simd);
         for vector in 0..values.0.len() {
-            let [one, other] = order.pair(vector);
-            let a = &self.values[bins[one] as usize..][..2];
-            let b = &self.values[bins[other] as usize..][..2];
-            let value = fours::<S>(&a[0], &b[0]);
-            let beyond = twice_four::<S>(beyond[one], beyond[other]);
-            values.0[vector] = simd.mul_add_f32s(simd.sub_f32s(fours::<S>(&a[1], &b[1]), value), beyond, value);
+            let [value, rise, beyond] = self.in_bins(simd, order.pair(vector), &bins, &beyond);
+            values.0[vector] = simd.mul_add_f32s(rise, beyond, value);
         }
         values.apart(simd)
     }
@@ -136,11 +147,8 @@ impl Table {
         let (mut values, mut integrals) = (Channels::new(simd), Channels::new(simd));
         for vector in 0..values.0.len() {
             let [one, other] = order.pair(vector);
-            let a = &self.values[bins[one] as usize..][..2];
-            let b = &self.values[bins[other] as usize..][..2];
-            let value = fours::<S>(&a[0], &b[0]);
-            let beyond = twice_four::<S>(beyond[one], beyond[other]);
-            let rise = simd.mul_f32s(simd.sub_f32s(fours::<S>(&a[1], &b[1]), value), beyond);
+            let [value, rise, beyond] = self.in_bins(simd, [one, other], &bins, &beyond);
+            let rise = simd.mul_f32s(rise, beyond);
             let mean = simd.mul_add_f32s(half, rise, value);
             values.0[vector] = simd.add_f32s(value, rise);
             let up_to = fours::<S>(&self.integrals[bins[one] as usize], &self.integrals[bins[other] as usize]);

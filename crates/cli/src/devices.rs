@@ -18,9 +18,11 @@ struct Listed {
 
 pub(crate) fn run() -> Result<(), Failure> {
     let adapters = silenced(adapters);
-    if adapters.is_empty() {
-        // Opening one fails with the reason.
-        silenced(|| Renderer::new(&RendererOptions::default()))?;
+    // Opening one fails with the reason.
+    if adapters.is_empty()
+        && let Err(error) = silenced(|| Renderer::new(&RendererOptions::default()))
+    {
+        output::say(&format!("note: {error}"));
     }
     if output::is_json() {
         return report::print(Choices::default(), NO_FILES, Listed { adapters, cpu: HostRenderer::adapter() });

@@ -10,6 +10,7 @@ use voxsplat::appearance::{
 use voxsplat::camera::{Camera, Hull, View};
 use voxsplat::clip::Clip;
 use voxsplat::demos;
+use voxsplat::error::Error;
 use voxsplat::figure::{Figure, LegendEntry, Shown};
 use voxsplat::formats::{LoadOptions, PyramidLevel, TimeSeries};
 use voxsplat::host::{HostRenderer, HostScene};
@@ -139,9 +140,10 @@ pub(crate) fn say_choice(volume: &Volume, options: &LoadOptions) {
     }
 }
 
-/// Whether no option of a job asks for a device.
-fn is_open_choice(job: &RenderJob) -> bool {
-    matches!(job.engine, Engine::Device { adapter: None }) && job.accuracy.max_error.is_none()
+/// Whether the host engine draws a job whose device cannot be opened.
+fn stands_in(job: &RenderJob, error: &Error) -> bool {
+    let Engine::Device { adapter } = &job.engine else { return false };
+    job.accuracy.max_error.is_none() && HostRenderer::stands_in(job.settings.painter, adapter.as_deref(), error)
 }
 
 impl Session {
@@ -183,7 +185,7 @@ impl Session {
         stages.append(opening);
         let opened = opened.map(|opened| opened.unwrap_or_else(|panic| std::panic::resume_unwind(panic)));
         let (renderer, host) = match opened.transpose() {
-            Err(error) if is_open_choice(job) && HostRenderer::stands_in(job.settings.painter, &error) => {
+            Err(error) if stands_in(job, &error) => {
                 output::say("note: using --painter cpu because no graphics adapter can be opened");
                 (None, true)
             }

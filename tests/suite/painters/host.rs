@@ -172,6 +172,34 @@ fn voxels_smaller_than_pixels_are_drawn() {
 }
 
 #[test]
+fn a_volume_far_smaller_than_a_pixel_is_a_picture() {
+    let (volume, transfer) = demo("shell", 24);
+    let layers = Layers::of_volume(&volume, &transfer);
+    for settings in [pre(), post(), Settings { kernel: Kernel::Gaussian { sigma: 3.0, radius: 10.0 }, ..pre() }] {
+        for zoom in [1.0, 1e-6] {
+            let camera = look(&View { zoom, ..View::default() }, &volume, [9, 9]);
+            assert!(drawn(&layers, &camera, &settings).pixels().iter().flatten().all(|channel| channel.is_finite()));
+        }
+    }
+}
+
+#[test]
+fn a_scene_of_another_shading_is_refused() {
+    let (volume, transfer) = demo("sphere", 8);
+    let host = HostRenderer::new(&Progress::default());
+    let scene = host.prepare_layers(&Layers::of_volume(&volume, &transfer), &pre()).unwrap();
+    let camera = camera(0.0, ProjectionKind::Orthographic, &volume, 16);
+    for (settings, words) in [
+        (post(), "prepared for another shading"),
+        (Settings { model: Model::Mip, attenuation: 1.0, ..pre() }, "codes no depths"),
+        (Settings { lighting: headlight(), ..pre() }, "prepared without light"),
+    ] {
+        let error = host.render(&scene, &camera, &settings).err().unwrap().to_string();
+        assert!(error.contains(words), "{error}");
+    }
+}
+
+#[test]
 fn layers_of_the_host_are_the_reference() {
     let mut too_far = Vec::new();
     for (number, layers) in scenes().iter().enumerate() {

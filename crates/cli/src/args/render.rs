@@ -88,7 +88,7 @@ pub(crate) struct RenderArgs {
 
     /// Draw splats by quads, which draws every picture, or by tiles, which is faster and refuses some; auto uses quads
     /// if tiles refuses, and --tune resolution=full on GPUs. A key of a painter (--tune help) chooses the painter. cpu
-    /// draws post-shaded composites without a graphics driver
+    /// draws by rays on the processor, as auto does if no graphics adapter can be opened
     #[arg(long, value_name = "PAINTER", default_value = "auto", help_heading = "Device")]
     pub(crate) painter: PainterArg,
 

@@ -181,8 +181,10 @@ fn one_trouble_with_devices_has_one_text() {
         command.arg("-c").arg(format!("{before}; exec \"$0\" \"$@\"")).arg(env!("CARGO_BIN_EXE_voxsplat"));
         command.env("VK_DRIVER_FILES", "/none.json").env("VK_ICD_FILENAMES", "/none.json");
         let output = command.args(line.split(' ')).current_dir(dir.path()).output().unwrap();
-        assert_eq!(output.status.code(), Some(1), "{line}");
-        complaint(&output)
+        // The processor is listed, and draws.
+        assert_eq!(output.status.code(), Some(i32::from(line != "devices")), "{line}");
+        assert!(line != "devices" || String::from_utf8_lossy(&output.stdout).starts_with("cpu "), "{output:?}");
+        complaint(&output).replacen("note: ", "", 1)
     };
     let picture = "render demo:sphere:8 --size 8 -o a.png --painter tiles";
     for (before, words) in
@@ -208,11 +210,14 @@ fn the_host_engine_needs_no_driver() {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let result: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert!(result["painter"]["name"] == "cpu" && result["painter"]["samples"].as_u64() > Some(0), "{result}");
-    let mut portable = Command::new(env!("CARGO_BIN_EXE_voxsplat"));
-    portable.env("VOXSPLAT_TEST_VECTORS", "portable").args(format!("render {look} -o p.png").split(' '));
-    assert!(portable.current_dir(dir.path()).output().unwrap().status.success());
-    let [a, p] = ["a.png", "p.png"].map(|name| Image::load(dir.path().join(name)).unwrap());
-    assert!(a == p, "other vectors give other bytes");
+    for look in [look, &look.replace("--shading post --light off", "--light studio"), &format!("{look} --model mip")] {
+        assert!(said(&format!("render {look} -o a.png")).status.success(), "{look}");
+        let mut portable = Command::new(env!("CARGO_BIN_EXE_voxsplat"));
+        portable.env("VOXSPLAT_TEST_VECTORS", "portable").args(format!("render {look} -o p.png").split(' '));
+        assert!(portable.current_dir(dir.path()).output().unwrap().status.success());
+        let [a, p] = ["a.png", "p.png"].map(|name| Image::load(dir.path().join(name)).unwrap());
+        assert!(a == p, "{look}: other vectors give other bytes");
+    }
     // Without a driver it draws by itself what no option asks a device for.
     let output = said("render demo:sphere:24 --size 24 -o d.png --json");
     let note = String::from_utf8_lossy(&output.stderr);

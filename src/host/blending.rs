@@ -1,0 +1,234 @@
+//! Pre-shading along rays: colours times extinctions, and extinctions, are composited.
+
+use pulp::Simd;
+
+use super::blend::{Along, Blend};
+use super::colors::{ColorField, Halves, from_half};
+use super::lanes::{Lanes, three};
+use super::lattice::{Area, Reach};
+use super::light::Vector;
+use super::plane::{CHANNELS, Plane};
+use super::rays::{Axes, Rays};
+use super::rule::{RECENT, Rule};
+
+/// Sums planes of coefficients at plane `number` of a tile: weights 1, 4, 1 over 6.
+#[inline(always)]
+fn make(
+    plane: &mut Plane,
+    (blend, along): (&Blend<'_, ColorField>, &Along),
+    (axes, area): (&Axes, &Area),
+    number: isize,
+) {
+    let [width, height] = area.size();
+    let stride = plane.resize(area);
+    if plane.rows.len() < (CHANNELS + 1) * stride {
+        plane.rows.resize((CHANNELS + 1) * stride, 0.0);
+    }
+    let rows = blend.levels[0].1.lattice.rows(axes, area, number - 1);
+    let [first, last] = blend.needed(along, [area.low, area.high], number as f64);
+    let (weights, part) = plane.rows.split_at_mut(stride);
+    for row in 0..height {
+        let channels = &mut plane.channels[CHANNELS * row * stride..][..CHANNELS * width];
+        for level in first..=last {
+            let planes = rows.of(blend.levels[level].1.coefficients(), row);
+            if first == last {
+                sum_planes(planes, rows.step, channels);
+                continue;
+            }
+            sum_planes(planes, rows.step, &mut part[..CHANNELS * width]);
+            let from = [area.low[0] as f64, (area.low[1] + row as isize) as f64, number as f64];
+            blend.weights(along, level, from, &mut weights[..width]);
+            let (channels, part) = (channels.as_chunks_mut::<CHANNELS>().0, part.as_chunks::<CHANNELS>().0);
+            for x in 0..width {
+                for channel in 0..CHANNELS {
+                    let before = if level == first { 0.0 } else { channels[x][channel] };
+                    channels[x][channel] = weights[x].mul_add(part[x][channel], before);
+                }
+            }
+        }
+    }
+}
+
+/// Sums rows of three planes, whose points lie `step` apart.
+#[inline(always)]
+fn sum_planes([b, m, a]: [&[Halves]; 3], step: usize, channels: &mut [f32]) {
+    let count = channels.len();
+    let width = count / CHANNELS;
+    if step == 1 {
+        let (b, m, a) = (b[..width].as_flattened(), m[..width].as_flattened(), a[..width].as_flattened());
+        let (b, m, a) = (&b[..count], &m[..count], &a[..count]);
+        for x in 0..count {
+            let sum = from_half(b[x]) + from_half(a[x]);
+            channels[x] = sum.mul_add(1.0 / 6.0, from_half(m[x]) * (4.0 / 6.0));
+        }
+    } else {
+        let (channels, _) = channels.as_chunks_mut::<CHANNELS>();
+        for x in 0..width {
+            let at = x * step;
+            for channel in 0..CHANNELS {
+                let sum = from_half(b[at][channel]) + from_half(a[at][channel]);
+                channels[x][channel] = sum.mul_add(1.0 / 6.0, from_half(m[at][channel]) * (4.0 / 6.0));
+            }
+        }
+    }
+}
+
+/// What pre-shaded pictures are made of.
+pub(super) struct Colors<'a> {
+    pub(super) blend: Blend<'a, ColorField>,
+    /// Whether optical depths are wanted alone.
+    pub(super) is_xray: bool,
+}
+
+impl Colors<'_> {
+    /// Splines reach 2 voxels, coefficients as far as the filter.
+    pub(super) fn reach(&self) -> Reach {
+        let reach = self.blend.levels.iter().map(|(_, field)| field.filter_reach()).max().unwrap_or_default();
+        Reach { beyond: (reach + 2) as f64, around: 0 }
+    }
+
+    /// Whether a coefficient in a box of the lattice, ends included, is not 0.
+    pub(super) fn shows(&self, low: [isize; 3], high: [isize; 3]) -> bool {
+        self.blend.levels.iter().any(|(_, field)| field.shows(low, high))
+    }
+}
+
+/// A group on its way.
+#[derive(Clone, Copy)]
+pub(super) struct State<S: Simd> {
+    color: Vector<S>,
+    depth: Lanes<S>,
+    transmittance: Lanes<S>,
+    /// The last samples: of sample n at n modulo 4.
+    samples: [[Lanes<S>; CHANNELS]; RECENT],
+    /// The numbers of the last two samples.
+    last: [isize; 2],
+}
+
+/// The compositing of the rays of a tile.
+pub(super) struct Blending<'a, S: Simd> {
+    colors: &'a Colors<'a>,
+    axes: Axes,
+    along: Along,
+    zero: Lanes<S>,
+}
+
+impl<'a, S: Simd> Blending<'a, S> {
+    #[inline(always)]
+    pub(super) fn new(simd: S, colors: &'a Colors<'a>, axes: &Axes) -> Self {
+        Self { colors, axes: *axes, along: colors.blend.along(axes), zero: Lanes::all(simd, 0.0) }
+    }
+}
+
+impl<S: Simd> Rule<S> for Blending<'_, S> {
+    type State = State<S>;
+
+    const BEHIND: usize = 1;
+    const STEP: f64 = 1.0;
+    const AROUND: [isize; 2] = [0, 0];
+
+    #[inline(always)]
+    fn start(&self, simd: S) -> State<S> {
+        let zero = self.zero;
+        State {
+            color: [zero; 3],
+            depth: zero,
+            transmittance: Lanes::all(simd, 1.0),
+            samples: [[zero; CHANNELS]; RECENT],
+            last: [isize::MIN / 2; 2],
+        }
+    }
+
+    #[inline(always)]
+    fn make(&self, _: S, plane: &mut Plane, area: &Area, number: usize) {
+        let before = self.colors.reach().beyond as isize;
+        make(plane, (&self.colors.blend, &self.along), (&self.axes, area), number as isize - before);
+    }
+
+    #[inline(always)]
+    fn sampled(&self, state: &mut State<S>, number: usize, channels: [Lanes<S>; CHANNELS]) {
+        if state.last[0] < number as isize - 1 {
+            state.samples[(number + RECENT - 1) % RECENT] = [self.zero; CHANNELS];
+        }
+        state.samples[number % RECENT] = channels;
+        state.last = [number as isize, state.last[0]];
+    }
+
+    #[inline(always)]
+    fn passed(&self, _: S, state: &mut State<S>, number: usize) {
+        if state.last[0] >= number as isize - 1 {
+            state.samples[number % RECENT] = [self.zero; CHANNELS];
+        }
+    }
+
+    /// Colour is linear in optical depth within a slab, as `advance` in shaders/common/march.wgsl has it.
+    #[inline(always)]
+    fn slab(&self, simd: S, state: &mut State<S>, rays: &Rays<S>, (number, z): (usize, f32), _: bool) -> bool {
+        if !state.last.contains(&(number as isize)) {
+            return false;
+        }
+        let zero = self.zero;
+        let before = state.samples[(number + RECENT - 1) % RECENT];
+        let mut own = state.samples[number % RECENT];
+        let behind = state.samples[(number + 1) % RECENT];
+        let mut length = rays.length;
+        let (low, high) = (Lanes::all(simd, z - 0.5), Lanes::all(simd, z + 0.5));
+        if low.less(simd, rays.ends[0]).any(simd) || rays.ends[1].less(simd, high).any(simd) {
+            // The part that counts, by the parabola at its middle.
+            let first = rays.ends[0].max(simd, low).min(simd, high);
+            let last = rays.ends[1].min(simd, high).max(simd, low);
+            let half = Lanes::all(simd, 0.5);
+            length = length.mul(simd, last.sub(simd, first).max(simd, zero));
+            let place = first.add(simd, last).mul(simd, half).sub(simd, Lanes::all(simd, z));
+            for channel in 0..CHANNELS {
+                let (b, m, a) = (before[channel], own[channel], behind[channel]);
+                let slope = a.sub(simd, b).mul(simd, half);
+                let bend = m.fma(simd, Lanes::all(simd, -2.0), a.add(simd, b)).mul(simd, half);
+                own[channel] = place.fma(simd, bend, slope).fma(simd, place, m);
+            }
+        }
+        let depth = own[3].mul(simd, length).max(simd, zero);
+        if depth.largest(simd) <= 0.0 {
+            return false;
+        }
+        state.depth = state.depth.add(simd, depth);
+        if self.colors.is_xray {
+            return true;
+        }
+        let all = |value: f32| Lanes::all(simd, value);
+        let one = all(1.0);
+        let left = state.transmittance;
+        let passed = left.mul(simd, depth.exp_neg(simd));
+        let series = one.sub(simd, depth.mul(simd, all(0.25)));
+        let series = one.sub(simd, depth.mul(simd, all(1.0 / 3.0)).mul(simd, series));
+        let series = one.sub(simd, depth.mul(simd, all(0.5)).mul(simd, series));
+        let is_thin = depth.less(simd, all(0.06));
+        let mean = left.sub(simd, passed).div(simd, depth.max(simd, all(1e-30)));
+        let mean = left.mul(simd, series).or(simd, is_thin, mean).mul(simd, length);
+        let denominator = depth.fma(simd, depth.fma(simd, all(2.0), all(6.0)), all(12.0));
+        let bend = left.mul(simd, all(0.5)).div(simd, denominator).mul(simd, length);
+        let change = behind[3].sub(simd, before[3]).mul(simd, rays.length);
+        state.color = three!(channel => {
+            let differs = behind[channel].sub(simd, before[channel]).mul(simd, depth);
+            let bent = own[channel].mul(simd, change).sub(simd, differs);
+            own[channel].fma(simd, mean, bend.fma(simd, bent, state.color[channel]))
+        });
+        state.transmittance = passed;
+        true
+    }
+
+    #[inline(always)]
+    fn most_left(&self, simd: S, state: &State<S>) -> f32 {
+        state.transmittance.largest(simd)
+    }
+
+    /// The colours and the alpha; of an X-ray the optical depth four times.
+    #[inline(always)]
+    fn pixel(&self, simd: S, state: &State<S>) -> [Lanes<S>; 4] {
+        if self.colors.is_xray {
+            return [state.depth; 4];
+        }
+        let [r, g, b] = state.color;
+        [r, g, b, Lanes::all(simd, 1.0).sub(simd, state.depth.exp_neg(simd))]
+    }
+}

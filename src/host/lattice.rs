@@ -1,0 +1,147 @@
+//! The box of the coefficients of a field, and the parts of it that rays read.
+
+use super::rays::Axes;
+
+/// Lattice points along the edge of a cell.
+pub(super) const CELL: usize = 8;
+
+/// How far the rays of a tile read.
+#[derive(Clone, Copy)]
+pub(super) struct Reach {
+    /// Voxels beyond the outermost voxels where rays may find matter.
+    pub(super) beyond: f64,
+    /// Points around the 4 x 4 points of a ray.
+    pub(super) around: isize,
+}
+
+/// The part of a plane that is read: first and last points.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Area {
+    pub(super) low: [isize; 2],
+    pub(super) high: [isize; 2],
+}
+
+impl Area {
+    /// The points that rays between four read from plane to plane; `None` if they pass the field. Rays are pairs of the
+    /// place in plane 0 and the step from plane to plane, along a and b.
+    pub(super) fn new(corners: &[[[f64; 2]; 2]; 4], planes: [f64; 2], size: [usize; 3], reach: Reach) -> Option<Self> {
+        let Reach { beyond, around } = reach;
+        let mut area = Self { low: [0; 2], high: [0; 2] };
+        for axis in 0..2 {
+            let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+            for corner in corners {
+                let [start, step] = corner[axis];
+                for z in planes {
+                    let place = start + step * z;
+                    low = low.min(place);
+                    high = high.max(place);
+                }
+            }
+            let last = (size[axis] - 1) as f64 + beyond;
+            if high < -beyond || low > last {
+                return None;
+            }
+            area.low[axis] = low.clamp(-beyond, last).floor() as isize - 1 - around;
+            area.high[axis] = high.clamp(-beyond, last).floor() as isize + 2 + around;
+        }
+        Some(area)
+    }
+
+    pub(super) fn size(&self) -> [usize; 2] {
+        [0, 1].map(|axis| (self.high[axis] - self.low[axis] + 1) as usize)
+    }
+}
+
+/// The points of a lattice with coefficients, x fastest: those of the lattice, and some beyond its faces. Points
+/// farther than all of them count as the farthest.
+#[derive(Clone, Copy)]
+pub(super) struct Padded {
+    pub(super) size: [usize; 3],
+    /// Points beyond each face.
+    pub(super) pad: usize,
+}
+
+/// A row of coefficients along axis a of a tile, at planes one after the other.
+pub(super) struct Rows<const PLANES: usize> {
+    /// The first coefficient of the first row in each plane.
+    starts: [usize; PLANES],
+    /// From coefficient to coefficient along a.
+    pub(super) step: usize,
+    /// From row to row.
+    across: usize,
+}
+
+impl<const PLANES: usize> Rows<PLANES> {
+    /// The rows of a number, each from its first coefficient on.
+    #[inline(always)]
+    pub(super) fn of<'a, T>(&self, coefficients: &'a [T], row: usize) -> [&'a [T]; PLANES] {
+        let mut rows = [coefficients; PLANES];
+        for plane in 0..PLANES {
+            rows[plane] = &coefficients[self.starts[plane] + row * self.across..];
+        }
+        rows
+    }
+}
+
+impl Padded {
+    pub(super) fn new(dims: [usize; 3], pad: usize) -> Self {
+        Self { size: dims.map(|d| d + 2 * pad), pad }
+    }
+
+    /// The points of a plane across z.
+    pub(super) fn area(&self) -> usize {
+        self.size[0] * self.size[1]
+    }
+
+    /// All points.
+    pub(super) fn count(&self) -> usize {
+        self.area() * self.size[2]
+    }
+
+    /// The cells along each axis.
+    pub(super) fn cells(&self) -> [usize; 3] {
+        self.size.map(|size| size.div_ceil(CELL))
+    }
+
+    /// The place of a point of the lattice.
+    fn index(&self, point: [isize; 3]) -> usize {
+        let steps = [1, self.size[0], self.area()];
+        let place = |axis: usize| (point[axis] + self.pad as isize).clamp(0, self.size[axis] as isize - 1) as usize;
+        (0..3).map(|axis| place(axis) * steps[axis]).sum()
+    }
+
+    /// The rows of an area in planes from number `first` on.
+    pub(super) fn rows<const PLANES: usize>(&self, axes: &Axes, area: &Area, first: isize) -> Rows<PLANES> {
+        let mut starts = [0; PLANES];
+        for (offset, start) in starts.iter_mut().enumerate() {
+            let mut point = [0; 3];
+            point[axes.axes[0]] = area.low[0];
+            point[axes.axes[1]] = area.low[1];
+            point[axes.axes[2]] = axes.plane(first + offset as isize);
+            *start = self.index(point);
+        }
+        let steps = [1, self.size[0], self.area()];
+        Rows { starts, step: steps[axes.axes[0]], across: steps[axes.axes[1]] }
+    }
+
+    /// Whether something holds of a value of a cell that meets a box of the lattice, ends included. Values are those of
+    /// all cells, x fastest.
+    #[inline]
+    pub(super) fn any<T>(&self, values: &[T], low: [isize; 3], high: [isize; 3], holds: impl Fn(&T) -> bool) -> bool {
+        let cells = self.cells();
+        let (mut first, mut last) = ([0; 3], [0; 3]);
+        for axis in 0..3 {
+            first[axis] = ((low[axis] + self.pad as isize).max(0) as usize / CELL).min(cells[axis] - 1);
+            last[axis] = ((high[axis] + self.pad as isize).max(0) as usize / CELL).min(cells[axis] - 1);
+        }
+        for z in first[2]..=last[2] {
+            for y in first[1]..=last[1] {
+                let row = (z * cells[1] + y) * cells[0];
+                if values[row + first[0]..=row + last[0]].iter().any(&holds) {
+                    return true;
+                }
+            }
+        }
+        false
+    }
+}
