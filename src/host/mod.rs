@@ -67,10 +67,13 @@ use crate::stats::adapter::{AdapterInfo, AdapterKind};
 use crate::stats::{CpuStats, PainterStats, Rendered, StageTime, Stats, on_host};
 use crate::transfer::Resolution;
 use crate::volume::Grid;
-use voxsplat_volume::memory::available;
+use voxsplat_volume::memory::{self, available};
 
 /// The largest growth of kernels of perspective pictures: growth by the last rounding does not count.
 const NO_GROWTH: f64 = 1.0 + 1e-9;
+
+/// Bytes of addresses without which threads may not start.
+const LEAST_BYTES: u64 = 256 << 20;
 
 /// The renderer of the host engine.
 #[derive(Debug, Clone, Default)]
@@ -231,7 +234,9 @@ impl HostRenderer {
     /// an adapter was requested.
     #[must_use]
     pub fn stands_in(painter: Painter, adapter: Option<&str>, error: &Error) -> bool {
-        painter == Painter::Auto && adapter.is_none() && matches!(error, Error::NoAdapter(_))
+        let is_open = painter == Painter::Auto && adapter.is_none();
+        // No driver opens in little memory either, but its error has the reason.
+        is_open && matches!(error, Error::NoAdapter(_)) && memory::check(LEAST_BYTES, String::new).is_ok()
     }
 
     /// Prepares layers for pictures with these settings.
