@@ -21,6 +21,7 @@ use std::time::Instant;
 
 use common::{Arguments, Outcome, Report, median, own_or_suggested};
 use voxsplat::accuracy::{Truth, choose};
+use voxsplat::engine::Engine;
 use voxsplat::kernel::Kernel;
 use voxsplat::layers::Layers;
 use voxsplat::lighting::Lighting;
@@ -151,9 +152,10 @@ struct Row {
     cost: Option<f64>,
 }
 
-fn row(renderer: &Renderer, c: &Combination, report: &mut Report, seed: u64) -> Outcome<Row> {
+fn row(engine: &Engine, c: &Combination, report: &mut Report, seed: u64) -> Outcome<Row> {
+    let Engine::Device(renderer) = engine else { return Err("no device is open".into()) };
     let (scene_of, at) = (Layers::of_volume(&c.volume, &c.transfer), &c.camera);
-    let chosen = choose(renderer, &scene_of, at, &c.settings, c.bound, CHOOSING)?;
+    let chosen = choose(engine, &scene_of, at, &c.settings, c.bound, CHOOSING)?;
     let truth = Truth::trace(&scene_of, at, &c.settings, CHECKING)?;
     let error = truth.estimate(&chosen.rendered.image)?.error;
     let scene = renderer.prepare(&c.volume, &c.transfer, &c.settings)?;
@@ -204,13 +206,13 @@ fn main() -> Outcome {
         files.sort();
     }
     let mut report = Report::new("bound", &arguments);
-    let renderer = Renderer::new(&RendererOptions::default())?;
+    let engine = Engine::Device(Box::new(Renderer::new(&RendererOptions::default())?));
     report.line("| seed | scene | E | estimated / E | error | error / E | frame, ms | x cheapest | tried | |");
     report.line("|---|---|---|---|---|---|---|---|---|---|");
     let mut rows = Vec::new();
     for seed in first..=last {
-        rows.push(row(&renderer, &combination(seed, &files, size)?, &mut report, seed)?);
-        report.save(renderer.adapter())?;
+        rows.push(row(&engine, &combination(seed, &files, size)?, &mut report, seed)?);
+        report.save(&engine.adapter())?;
     }
     let kept: Vec<&Row> = rows.iter().filter(|row| row.keeps).collect();
     let share = |holds: &dyn Fn(&Row) -> bool| {
@@ -229,5 +231,5 @@ fn main() -> Outcome {
         median(costs.clone()),
         costs.len()
     ));
-    report.finish(renderer.adapter())
+    report.finish(&engine.adapter())
 }

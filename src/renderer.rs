@@ -290,24 +290,12 @@ impl Renderer {
         region: Region,
         solids: &Solids,
     ) -> Result<Rendered> {
-        camera.validate()?;
-        region.check_within(camera.size)?;
-        solids.check(camera)?;
-        let Some(reached) = solids.depths.reached(region) else {
-            return self.render_region(scene, camera, settings, region);
-        };
-        let before = self.render_before(scene, camera, settings, reached, &solids.depths)?;
-        if reached == region && solids.covers(region) {
-            let image = match &solids.image {
-                Some(surfaces) => before.image.over(&surfaces.part(region)?)?,
-                None => before.image,
-            };
-            return Ok(Rendered { image, ..before });
-        }
-        let Rendered { mut image, mut stats } = self.render_region(scene, camera, settings, region)?;
-        solids.lay_over(&mut image, region, &before.image, reached);
-        stats.add(&before.stats);
-        Ok(Rendered { image, stats })
+        solids.in_picture(
+            camera,
+            region,
+            |reached| self.render_before(scene, camera, settings, reached, &solids.depths),
+            || self.render_region(scene, camera, settings, region),
+        )
     }
 
     /// Returns the depths of a part of a picture at which rays have lost half of their light, for another renderer to
@@ -326,10 +314,7 @@ impl Renderer {
         region: Region,
         solids: Option<&DepthMap>,
     ) -> Result<DepthMap> {
-        if !settings.has_depths() {
-            let reason = "only the composite model has depths, and not in sheets along an axis";
-            return Err(Error::setting("model", format!("{}: {reason}", settings.model.name())));
-        }
+        settings.check_depths()?;
         let shot = Shot { depths: Depths { solids, halves: true }, ..Shot::new(camera, settings, region) };
         let Rendered { image, .. } = self.shot(scene, shot)?;
         let unit = scene.grid().unit();

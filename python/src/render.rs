@@ -8,8 +8,8 @@ use numpy::{IntoPyArray, PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
 use voxsplat::appearance::{Frame, OverlaySpec, place_studio};
 use voxsplat::camera::{Camera, Hull};
-use voxsplat::error::{Error, Result};
-use voxsplat::host::HostScene;
+use voxsplat::engine::EngineScene;
+use voxsplat::error::Result;
 use voxsplat::image::{Background, Region};
 use voxsplat::settings::Settings;
 
@@ -40,12 +40,6 @@ pub(crate) struct Scene {
     /// Why layers are invisible.
     #[pyo3(get)]
     hidden: Vec<String>,
-}
-
-/// A scene of the engine that the settings request.
-enum EngineScene {
-    Device(Box<voxsplat::Scene>),
-    Host(Box<HostScene>),
 }
 
 struct Prepared {
@@ -134,11 +128,7 @@ impl Renderer {
         let beside = Beside { labels, mask, overlays, whole: None };
         let (prepared, choices, hidden) = self.device.run(py, progress, move |engines| {
             let mut look = request.look(&source, &beside, view, size)?;
-            let scene = if engines.draws_on_host(look.settings.painter)? {
-                EngineScene::Host(Box::new(engines.host.prepare_layers(&look.layers, &look.settings)?))
-            } else {
-                EngineScene::Device(Box::new(engines.device()?.prepare_layers(&look.layers, &look.settings)?))
-            };
+            let scene = engines.suited(&look.settings)?.prepare_layers(&look.layers, &look.settings)?;
             let (choices, hidden) = (std::mem::take(&mut look.choices), std::mem::take(&mut look.hidden));
             Ok((Prepared { look, scene, hulls: Mutex::default() }, choices, hidden))
         })?;
@@ -164,17 +154,9 @@ impl Renderer {
         let (shot, solids) = (Shot::new(scene, view, size, region)?, Requested::new(&meshes, depth)?);
         let (rendered, settings) = self.device.run(py, progress, move |engines| {
             let (camera, settings) = shot.seen(&solids)?;
-            let (scene, region) = (&shot.prepared.scene, shot.region);
-            let rendered = match (scene, solids.seen(&camera, settings.lighting.as_ref())?) {
-                (EngineScene::Device(scene), None) => {
-                    engines.device()?.render_region(scene, &camera, &settings, region)?
-                }
-                (EngineScene::Device(scene), Some(solids)) => {
-                    engines.device()?.render_with_solids(scene, &camera, &settings, region, &solids)?
-                }
-                (EngineScene::Host(scene), None) => engines.host.render_region(scene, &camera, &settings, region)?,
-                (EngineScene::Host(_), Some(_)) => return Err(not_by_host("meshes and depth buffers")),
-            };
+            let solids = solids.seen(&camera, settings.lighting.as_ref())?;
+            let engine = engines.suited(&settings)?;
+            let rendered = engine.render(&shot.prepared.scene, &camera, &settings, shot.region, solids.as_ref())?;
             Ok((rendered, settings))
         })?;
         Image::new(rendered, &settings, background, choices)
@@ -193,8 +175,7 @@ impl Renderer {
         let shot = Shot::new(scene, view, size, region)?;
         let depths = self.device.run(py, progress, move |engines| {
             let (camera, settings) = shot.seen(&Requested::default())?;
-            let EngineScene::Device(scene) = &shot.prepared.scene else { return Err(not_by_host("depths")) };
-            engines.device()?.depths(scene, &camera, &settings, shot.region, None)
+            engines.suited(&settings)?.depths(&shot.prepared.scene, &camera, &settings, shot.region, None)
         })?;
         let [width, height] = depths.size().map(|side| side as usize);
         let array = Array2::from_shape_vec((height, width), depths.depths().to_vec());
@@ -221,12 +202,6 @@ impl Renderer {
     fn close(&self) {
         self.device.close();
     }
-}
-
-/// The error of pictures with things that the host engine has not.
-fn not_by_host(what: &str) -> Error {
-    let reason = format!("cpu has no {what}: use another painter");
-    Error::Setting { name: "painter", reason }
 }
 
 impl Drop for Scene {

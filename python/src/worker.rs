@@ -9,11 +9,10 @@ use std::time::{Duration, Instant};
 
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use voxsplat::engine::Engine;
 use voxsplat::error::Error;
-use voxsplat::host::HostRenderer;
 use voxsplat::progress::Progress;
-use voxsplat::renderer::silenced;
-use voxsplat::settings::Painter;
+use voxsplat::settings::{Painter, Settings, TilesSettings};
 use voxsplat::{Renderer, RendererOptions};
 
 use crate::error::{DeviceError, internal, raised};
@@ -82,39 +81,55 @@ struct Current {
 /// A device that is opened for the first work, and does one piece of work at a time.
 pub(crate) struct Device {
     adapter: Option<String>,
-    renderer: Mutex<Option<Renderer>>,
+    engines: Mutex<Open>,
     current: Arc<Mutex<Option<Current>>>,
     closed: AtomicBool,
 }
 
+/// The engines that are open.
+#[derive(Default)]
+struct Open {
+    device: Option<Engine>,
+    host: Option<Engine>,
+    /// Whether the processor makes pictures whose painter is left open.
+    prefers_host: Option<bool>,
+}
+
+impl Open {
+    fn slot(&mut self, is_host: bool) -> &mut Option<Engine> {
+        if is_host { &mut self.host } else { &mut self.device }
+    }
+}
+
 /// The engines that make pictures.
 pub(crate) struct Engines<'a> {
-    renderer: &'a mut Option<Renderer>,
+    open: &'a mut Open,
     options: RendererOptions,
-    pub(crate) host: HostRenderer,
 }
 
 impl Engines<'_> {
-    /// Whether the host engine makes the pictures of a painter. Opens the device if it does not.
-    pub(crate) fn draws_on_host(&mut self, painter: Painter) -> Result<bool, Error> {
-        if painter == Painter::Cpu {
-            return Ok(true);
+    /// The engine for pictures with these settings. Opens it if it is not open.
+    pub(crate) fn suited(&mut self, settings: &Settings) -> Result<&Engine, Error> {
+        let is_host = match settings.painter {
+            Painter::Cpu => Some(true),
+            Painter::Auto => self.open.prefers_host,
+            Painter::Quads(_) | Painter::Tiles(_) => Some(false),
+        };
+        let kept = is_host.and_then(|is_host| self.open.slot(is_host).take());
+        let engine = kept.map_or_else(|| Engine::open(&self.options, settings), Ok)?;
+        let is_host = matches!(engine, Engine::Host(_));
+        if settings.painter == Painter::Auto {
+            self.open.prefers_host = Some(is_host);
         }
-        let adapter = self.options.adapter.clone();
-        match self.device() {
-            Ok(_) => Ok(false),
-            Err(error) if HostRenderer::stands_in(painter, adapter.as_deref(), &error) => Ok(true),
-            Err(error) => Err(error),
-        }
+        Ok(self.open.slot(is_host).insert(engine))
     }
 
-    /// Opens the device if it is not open.
+    /// The device, for pictures that the processor does not make.
     pub(crate) fn device(&mut self) -> Result<&Renderer, Error> {
-        let open = match self.renderer.take() {
-            Some(open) => open,
-            None => silenced(|| Renderer::new(&self.options))?,
-        };
-        Ok(self.renderer.insert(open))
+        match self.suited(&Settings { painter: Painter::Tiles(TilesSettings::default()), ..Settings::default() })? {
+            Engine::Device(renderer) => Ok(renderer),
+            Engine::Host(_) => Err(Error::NoAdapter("a device is needed".to_owned())),
+        }
     }
 }
 
@@ -136,14 +151,14 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 impl Device {
     /// A device that is not open yet.
     pub(crate) fn new(adapter: Option<String>) -> Arc<Self> {
-        Arc::new(Self { adapter, renderer: Mutex::default(), current: Arc::default(), closed: AtomicBool::new(false) })
+        Arc::new(Self { adapter, engines: Mutex::default(), current: Arc::default(), closed: AtomicBool::new(false) })
     }
 
     /// Closes the device. Later work is refused. Work that runs keeps the device until it is done.
     pub(crate) fn close(&self) {
         self.closed.store(true, Ordering::Relaxed);
-        if let Ok(mut renderer) = self.renderer.try_lock() {
-            discard(renderer.take());
+        if let Ok(mut engines) = self.engines.try_lock() {
+            discard(std::mem::take(&mut *engines));
         }
     }
 
@@ -170,7 +185,7 @@ impl Device {
             let result = catch_unwind(AssertUnwindSafe(|| device.work(&events, given_up, work)));
             let result = result.unwrap_or_else(|panic| {
                 // The device may be in the middle of something.
-                drop(locked(&device.renderer).take());
+                drop(std::mem::take(&mut *locked(&device.engines)));
                 Err(Failure::Panic(text_of(panic.as_ref())))
             });
             drop(locked(&device.current).take());
@@ -206,7 +221,7 @@ impl Device {
         work: impl FnOnce(&mut Engines<'_>) -> Result<T, Error>,
     ) -> Result<T, Failure> {
         // Earlier work ends first.
-        let mut renderer = locked(&self.renderer);
+        let mut open = locked(&self.engines);
         if abandoned.load(Ordering::Relaxed) {
             return Err(Failure::Library(Error::Cancelled));
         }
@@ -220,8 +235,7 @@ impl Device {
         };
         *locked(&self.current) = Some(Current { abandoned, report: Box::new(report) });
         let options = RendererOptions { adapter: self.adapter.clone(), progress: self.progress() };
-        let host = HostRenderer::new(&options.progress);
-        work(&mut Engines { renderer: &mut renderer, options, host }).map_err(Failure::Library)
+        work(&mut Engines { open: &mut open, options }).map_err(Failure::Library)
     }
 
     /// The callback for the progress of the work that runs.
@@ -239,7 +253,7 @@ impl Device {
 
 impl Drop for Device {
     fn drop(&mut self) {
-        discard(locked(&self.renderer).take());
+        discard(std::mem::take(&mut *locked(&self.engines)));
     }
 }
 

@@ -3,12 +3,13 @@
 use super::estimate::Tracer;
 use super::{Estimate, Truth};
 use crate::camera::Camera;
+use crate::engine::{Engine, EngineScene};
 use crate::error::{Error, Result};
 use crate::image::Image;
 use crate::layers::Layers;
 use crate::reference::Reference;
-use crate::renderer::{Rendered, Renderer, Scene};
 use crate::settings::{Level, MAX_LEVEL, Model, Painter, QuadsSettings, Resolution, Settings, TilesSettings};
+use crate::stats::Rendered;
 
 /// Settings that were tried, with the error of their picture.
 #[derive(Debug, Clone, PartialEq)]
@@ -74,17 +75,18 @@ pub const MOST_PICTURES: usize = 5;
 /// ([`Chosen::keeps`]).
 ///
 /// All pictures by quads together cover at most as many pixels as count as much as tracing the whole picture. If the
-/// next one would exceed that, and the painter is left open, the reference traces the picture ([`Chosen::traced`]).
+/// next one would exceed that, and the painter is left open, the reference traces the picture ([`Chosen::traced`]). The
+/// processor draws one picture, or two if the first is of cells; then the reference traces it.
 ///
 /// Model, shading, kernel, sharpness, light, normalization and antialiasing stay, but for a bound below 0.01 shadows
 /// are [exact](crate::lighting::Lighting::exact_shadows). So do explicit choices in `settings`: a painter or a level
 /// other than auto, and a termination other than the default.
 ///
 /// # Errors
-/// [`Error::Setting`] if the bound is not over 0; the errors of [`Truth::trace`], [`Renderer::prepare_layers`] and
-/// [`Renderer::render`].
+/// [`Error::Setting`] if the bound is not over 0; the errors of [`Truth::trace`], [`Engine::prepare_layers`] and
+/// [`Engine::render`].
 pub fn choose(
-    renderer: &Renderer,
+    engine: &Engine,
     layers: &Layers,
     camera: &Camera,
     settings: &Settings,
@@ -102,12 +104,12 @@ pub fn choose(
     if let Some(lighting) = base.lighting.as_mut().filter(|lighting| lighting.casting().is_some()) {
         lighting.exact_shadows |= max_error < LEAST_OF_SWEEPS;
     }
-    let scene = renderer.prepare_layers(layers, &base)?;
+    let scene = engine.prepare_layers(layers, &base)?;
     let mut tracer = Tracer::new(layers, camera, &base)?;
     let truth = tracer.truth(pixels)?;
     let bound = MARGIN * max_error;
     let mut search = Search {
-        renderer,
+        engine,
         scene,
         camera,
         budget: PIXELS_OF_A_CHORD * truth.work(),
@@ -153,8 +155,8 @@ fn rounded_down(number: f64) -> f64 {
 }
 
 struct Search<'a> {
-    renderer: &'a Renderer,
-    scene: Scene,
+    engine: &'a Engine,
+    scene: EngineScene,
     camera: &'a Camera,
     truth: Truth,
     bound: f64,
@@ -163,7 +165,7 @@ struct Search<'a> {
     best: Option<(usize, Rendered)>,
     /// The pixels that further quads may cover.
     budget: f64,
-    /// Whether a picture was left out, because its quads would cover more.
+    /// Whether pictures were left out: their quads would cover more, or the engine draws none.
     quads_are_refused: bool,
     /// Level, thickness of sheets and error of each picture by `quads`, all of the level of the last one.
     sheets: Vec<(f32, f64, f64)>,
@@ -183,7 +185,7 @@ impl Search<'_> {
     fn draw(&mut self, settings: &Settings) -> Result<Trial> {
         // The first picture is the one without a bound.
         let most = if self.tried.is_empty() { f64::INFINITY } else { self.budget };
-        let rendered = self.renderer.render_within(&self.scene, self.camera, settings, most)?;
+        let rendered = self.engine.render_within(&self.scene, self.camera, settings, most)?;
         self.budget -= rendered.stats.quads().map_or(0.0, |quads| quads.fragments);
         let estimate = self.truth.estimate(&rendered.image)?;
         let trial = Trial {
@@ -221,7 +223,8 @@ impl Search<'_> {
     fn coarser(&mut self, base: &Settings, first: &Trial) -> Result<()> {
         let coarse = self.bound >= LEAST_OF_CELLS && first.splats >= MANY_SPLATS && base.level == Level::Auto;
         let one_eye = base.is_post_shaded() && self.camera.eye().is_some();
-        if coarse && !one_eye && self.scene.has_cells() {
+        let has_cells = matches!(&self.scene, EngineScene::Device(scene) if scene.has_cells());
+        if coarse && !one_eye && has_cells {
             let finest = first.level as u32;
             for level in finest + 1..=(finest + COARSER).min(MAX_LEVEL) {
                 match self.draw(&Settings { level: Level::At(level), ..base.clone() }) {
@@ -246,6 +249,10 @@ impl Search<'_> {
         if !last.keeps && shares_rays {
             let painter = Painter::Tiles(TilesSettings { resolution: Resolution::Full });
             self.attempt(&Settings { painter, ..base.clone() }, &mut last)?;
+        }
+        if matches!(self.engine, Engine::Host(_)) {
+            self.quads_are_refused = true;
+            return Ok(());
         }
         let knobs = base.quads();
         // An X-ray has one sheet at any thickness.

@@ -13,9 +13,6 @@ use crate::lighting::shadow::{Arrival, ShadowLattice};
 use crate::lighting::{Casting, MAX_CASTING};
 use crate::progress::Progress;
 
-/// The largest number of voxels with shadows, 8 bytes each.
-pub(super) const MAX_VOXELS: u64 = 1 << 27;
-
 /// Bytes that shadows need for a voxel: its shares, its extinction, and sums of sweeps.
 pub(super) const BYTES: u64 = 20;
 

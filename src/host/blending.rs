@@ -218,13 +218,13 @@ impl<S: Simd> Rule<S> for Blending<'_, S> {
     }
 
     #[inline(always)]
-    fn most_left(&self, simd: S, state: &State<S>) -> f32 {
-        state.transmittance.largest(simd)
+    fn left(&self, _: S, state: &State<S>) -> Lanes<S> {
+        state.transmittance
     }
 
     /// The colours and the alpha; of an X-ray the optical depth four times.
     #[inline(always)]
-    fn pixel(&self, simd: S, state: &State<S>) -> [Lanes<S>; 4] {
+    fn pixel(&self, simd: S, state: &State<S>, _: &Rays<S>) -> [Lanes<S>; 4] {
         if self.colors.is_xray {
             return [state.depth; 4];
         }

@@ -20,13 +20,18 @@ const LEAST_GROWTH: f64 = 1.25;
 pub(super) struct Level(pub(super) u32);
 
 impl Level {
-    /// The level for kernels that grow between two sizes.
-    pub(super) fn new(kernel: &Kernel, smallest: f64, largest: f64) -> Self {
+    /// The level for kernels that grow between two sizes: that for the smallest, unless another is requested.
+    pub(super) fn new(kernel: &Kernel, [smallest, largest]: [f64; 2], requested: Option<u32>) -> Self {
         let most = Self(0).most(kernel);
-        let fine = (smallest / LEAST_GROWTH).log2().floor();
+        let fine = requested.map_or((smallest / LEAST_GROWTH).log2().floor(), f64::from);
         // Rather too wide a kernel nearby than a kernel that no filter follows far away.
         let coarse = (largest / most / (1.0 + 1e-9)).log2().ceil();
         Self(fine.max(coarse).clamp(0.0, 100.0) as u32)
+    }
+
+    /// The least growth of kernels.
+    pub(super) fn least(self) -> f64 {
+        if self.0 == 0 { 0.0 } else { LEAST_GROWTH * self.size() }
     }
 
     /// The largest growth of a kernel that a filter follows.

@@ -16,6 +16,7 @@ use super::project::{Projecting, Projection};
 use super::rays::{Axes, Beam, Bounds, GROUP, Numbers, Rays};
 use super::rule::Rule;
 use crate::camera::Camera;
+use crate::image::DepthMap;
 
 /// Pixels along the side of the largest tile.
 pub(super) const TILE: usize = 32;
@@ -38,6 +39,10 @@ pub(super) struct Picture<'a> {
     pub(super) sides: &'a [(DVec3, f64)],
     /// The transmittance at which rays end.
     pub(super) termination: f32,
+    /// The depths at which rays end.
+    pub(super) solids: Option<&'a DepthMap>,
+    /// Whether pixels are the depth at which a ray has lost half of its light, and 1; 0 if it does not.
+    pub(super) halves: bool,
 }
 
 /// What rays find.
@@ -222,7 +227,7 @@ impl Tile<'_> {
         let across = side / GROUP;
         let (_, before, is_boxed) = picture.extent();
         let planes = [-before, (axes.size[2] - 1) as f64 + before];
-        let bounds = Bounds { planes, is_boxed, sides: picture.sides };
+        let bounds = Bounds { planes, is_boxed, sides: picture.sides, solids: picture.solids };
         let place = |group: usize| [place[0] + group % across * GROUP, place[1] + group / across * GROUP];
         (0..across * across).map(|group| Numbers::new(beam, axes, &bounds, picture.unit, place(group))).collect()
     }
@@ -245,6 +250,7 @@ impl Tile<'_> {
         let mut states = vec![rule.start(simd); rays.len()];
         let count = course.areas.len();
         let mut plane = Plane::default();
+        let mut halves = vec![[f32::NAN; RAYS]; if self.picture.halves { rays.len() } else { 0 }];
         let mut work = Work::default();
         for number in 0..count + R::BEHIND {
             if alive.is_empty() {
@@ -288,15 +294,25 @@ impl Tile<'_> {
             let mut has_ended = false;
             for &group in &alive {
                 let shows = course.shows(group, slab as isize);
+                let before = rule.left(simd, &states[group]);
                 if rule.slab(simd, &mut states[group], &rays[group], (slab, z), shows) {
                     work.slabs += RAYS as u64;
-                    has_ended |= rule.most_left(simd, &states[group]) < self.picture.termination;
+                    let left = rule.left(simd, &states[group]);
+                    has_ended |= left.largest(simd) < self.picture.termination;
+                    if self.picture.halves {
+                        let half = 0.5 * R::STEP as f32;
+                        let ends = [
+                            rays[group].ends[0].max(simd, Lanes::all(simd, z - half)).to_array(),
+                            rays[group].ends[1].min(simd, Lanes::all(simd, z + half)).to_array(),
+                        ];
+                        note_halves(&mut halves[group], before.to_array(), left.to_array(), ends);
+                    }
                 }
             }
             if has_ended {
                 let mut left = 0;
                 for index in 0..alive.len() {
-                    if rule.most_left(simd, &states[alive[index]]) >= self.picture.termination {
+                    if rule.left(simd, &states[alive[index]]).largest(simd) >= self.picture.termination {
                         alive[left] = alive[index];
                         left += 1;
                     }
@@ -306,13 +322,32 @@ impl Tile<'_> {
         }
         let across = self.side / GROUP;
         for (group, state) in states.iter().enumerate() {
-            let [r, g, b, a] = rule.pixel(simd, state);
+            let [r, g, b, a] = rule.pixel(simd, state, &rays[group]);
             let [r, g, b, a] = [r.to_array(), g.to_array(), b.to_array(), a.to_array()];
             for ray in 0..RAYS {
-                let at = (group / across * GROUP + ray / GROUP) * self.side + group % across * GROUP + ray % GROUP;
-                self.out[at] = [r[ray], g[ray], b[ray], a[ray]];
+                let [x, y] = [group % across * GROUP + ray % GROUP, group / across * GROUP + ray / GROUP];
+                let mut pixel = [r[ray], g[ray], b[ray], a[ray]];
+                if self.picture.halves {
+                    let line = self.beam.line((self.place[0] + x) as f64, (self.place[1] + y) as f64);
+                    let depth = line.depth_of(f64::from(halves[group][ray])) as f32;
+                    pixel = if depth.is_nan() { [0.0; 4] } else { [depth, 1.0, 0.0, 0.0] };
+                }
+                self.out[y * self.side + x] = pixel;
             }
         }
         work
+    }
+}
+
+/// Notes for each ray the plane at which half of its light is left, in a slab between `ends` whose matter lowers the
+/// transmittance from `before` to `after`.
+fn note_halves(halves: &mut [f32; RAYS], before: [f32; RAYS], after: [f32; RAYS], ends: [[f32; RAYS]; 2]) {
+    for ray in 0..RAYS {
+        if halves[ray].is_nan() && after[ray] < 0.5 {
+            let (before, after) = (f64::from(before[ray]), f64::from(after[ray].max(f32::MIN_POSITIVE)));
+            let share = libm::log(2.0 * before) / libm::log(before / after);
+            let [low, high] = ends.map(|end| f64::from(end[ray]));
+            halves[ray] = (low + (high - low) * share.clamp(0.0, 1.0)) as f32;
+        }
     }
 }

@@ -44,7 +44,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use glam::{DAffine3, DVec3};
 use rayon::prelude::*;
 
-use self::arriving::{Falling, MAX_VOXELS};
+use self::arriving::Falling;
 use self::blend::Blend;
 use self::blending::Colors;
 use self::colors::Halves;
@@ -57,29 +57,29 @@ use self::scalars::{Reconstructed, Scalars};
 use self::voxels::Colored;
 use crate::camera::{Camera, Growth};
 use crate::error::{Error, Result};
-use crate::image::{Image, Region};
+use crate::image::{DepthMap, Image, Region};
 use crate::kernel::{Kernel, Misfit};
 use crate::layers::Layers;
 use crate::lighting::shadow::ShadowLattice;
 use crate::progress::Progress;
-use crate::settings::{Interslice, Model, Painter, Settings};
+use crate::settings::{Interslice, Level as Cells, Model, Settings};
+use crate::solids::Solids;
 use crate::stats::adapter::{AdapterInfo, AdapterKind};
 use crate::stats::{CpuStats, PainterStats, Rendered, StageTime, Stats, on_host};
 use crate::transfer::Resolution;
 use crate::volume::Grid;
-use voxsplat_volume::memory::{self, available};
+use voxsplat_volume::memory::available;
 
 /// The largest growth of kernels of perspective pictures: growth by the last rounding does not count.
 const NO_GROWTH: f64 = 1.0 + 1e-9;
 
-/// Bytes of addresses without which threads may not start.
-const LEAST_BYTES: u64 = 256 << 20;
-
 /// The renderer of the host engine.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct HostRenderer {
     /// Called with the progress of preparation and of pictures.
     progress: Progress,
+    /// Why this engine makes the pictures.
+    reason: &'static str,
 }
 
 /// What a [`HostRenderer`] has prepared.
@@ -107,6 +107,16 @@ struct Frame<'a> {
     kernel: Kernel,
     /// The ratio of the sums of kernels to their means.
     density: f64,
+    depths: Depths<'a>,
+}
+
+/// The depths that a picture reads and writes.
+#[derive(Debug, Clone, Copy, Default)]
+struct Depths<'a> {
+    /// See [`Picture::solids`].
+    solids: Option<&'a DepthMap>,
+    /// See [`Picture::halves`].
+    halves: bool,
 }
 
 impl Frame<'_> {
@@ -146,6 +156,17 @@ impl Frame<'_> {
             }));
         }
         sides
+    }
+
+    /// See [`Projection::depth`].
+    fn depth_in_box(&self) -> (DVec3, f64) {
+        let Self { camera, grid, lattice, .. } = self;
+        let in_voxels = grid.to_world().matrix3.transpose() * camera.forward;
+        let dims = DVec3::from_array(grid.dims().map(f64::from));
+        let gradient = in_voxels / in_voxels.abs().dot(dims);
+        let to_voxels = grid.to_lattice() * lattice.to_world();
+        let at_zero = 0.5 + gradient.dot(to_voxels.translation - (dims - 1.0) / 2.0);
+        (to_voxels.matrix3.transpose() * gradient, at_zero)
     }
 
     /// The light with shadows, if there is one, in matter whose extinctions have a unit in the world.
@@ -215,7 +236,21 @@ impl HostRenderer {
     /// Makes a renderer that reports its progress.
     #[must_use]
     pub fn new(progress: &Progress) -> Self {
-        Self { progress: progress.clone() }
+        Self::because(Self::REQUESTED, progress)
+    }
+
+    /// The reason for this engine if a user asks for it.
+    pub(crate) const REQUESTED: &'static str = "requested";
+
+    /// Makes a renderer for a reason that statistics tell.
+    pub(crate) fn because(reason: &'static str, progress: &Progress) -> Self {
+        Self { progress: progress.clone(), reason }
+    }
+
+    /// Why this engine makes the pictures; `None` if it was requested.
+    #[must_use]
+    pub fn reason(&self) -> Option<&'static str> {
+        Some(self.reason).filter(|reason| *reason != Self::REQUESTED)
     }
 
     /// The processor as an adapter: its vectors and its threads.
@@ -230,15 +265,6 @@ impl HostRenderer {
         }
     }
 
-    /// Whether this engine draws in place of a device that cannot be opened: there is none, and neither a painter nor
-    /// an adapter was requested.
-    #[must_use]
-    pub fn stands_in(painter: Painter, adapter: Option<&str>, error: &Error) -> bool {
-        let is_open = painter == Painter::Auto && adapter.is_none();
-        // No driver opens in little memory either, but its error has the reason.
-        is_open && matches!(error, Error::NoAdapter(_)) && memory::check(LEAST_BYTES, String::new).is_ok()
-    }
-
     /// Prepares layers for pictures with these settings.
     ///
     /// # Errors
@@ -247,7 +273,7 @@ impl HostRenderer {
     pub fn prepare_layers(&self, layers: &Layers, settings: &Settings) -> Result<HostScene> {
         settings.validate()?;
         layers.check(settings)?;
-        check_drawn(settings, layers.volume().grid())?;
+        check_drawn(settings)?;
         if !settings.is_post_shaded() {
             let colored = Colored::new(layers, settings, &self.progress)?;
             return Ok(HostScene(Content::Colored(Box::new(colored))));
@@ -282,12 +308,82 @@ impl HostRenderer {
         settings: &Settings,
         region: Region,
     ) -> Result<Rendered> {
+        self.shot(scene, camera, settings, region, Depths::default())
+    }
+
+    /// Renders a part of a picture without the matter behind solids: each ray ends, exactly, at the depth of its pixel.
+    /// [`Image::over`] lays the picture over a picture of the solids. `solids` has the size of the whole picture.
+    ///
+    /// # Errors
+    /// Like [`Self::render_region`], and [`Error::Setting`] if the sizes differ.
+    pub fn render_before(
+        &self,
+        scene: &HostScene,
+        camera: &Camera,
+        settings: &Settings,
+        region: Region,
+        solids: &DepthMap,
+    ) -> Result<Rendered> {
+        self.shot(scene, camera, settings, region, Depths { solids: Some(solids), halves: false })
+    }
+
+    /// Renders a part of a picture with opaque surfaces in it: the matter before them, and behind it the surfaces.
+    /// Surfaces without colours only hide matter. `solids` has the size of the whole picture. Pixels without a surface
+    /// are the ones of [`Self::render_region`].
+    ///
+    /// # Errors
+    /// Like [`Self::render_before`].
+    pub fn render_with_solids(
+        &self,
+        scene: &HostScene,
+        camera: &Camera,
+        settings: &Settings,
+        region: Region,
+        solids: &Solids,
+    ) -> Result<Rendered> {
+        solids.in_picture(
+            camera,
+            region,
+            |reached| self.render_before(scene, camera, settings, reached, &solids.depths),
+            || self.render_region(scene, camera, settings, region),
+        )
+    }
+
+    /// Returns the depths of a part of a picture at which rays have lost half of their light, exact to about a half of
+    /// a voxel. Rays that keep more than half of their light have no depth. Matter behind `solids` does not count.
+    ///
+    /// # Errors
+    /// Like [`Self::render_before`], and [`Error::Setting`] if there are none ([`Settings::has_depths`]).
+    pub fn depths(
+        &self,
+        scene: &HostScene,
+        camera: &Camera,
+        settings: &Settings,
+        region: Region,
+        solids: Option<&DepthMap>,
+    ) -> Result<DepthMap> {
+        settings.check_depths()?;
+        let image = self.shot(scene, camera, settings, region, Depths { solids, halves: true })?.image;
+        let depth = |&[depth, has_depth, ..]: &[f32; 4]| if has_depth > 0.5 { depth } else { f32::INFINITY };
+        DepthMap::new(region.width, region.height, image.pixels().iter().map(depth).collect())
+    }
+
+    /// Renders a part of a picture, or its depths.
+    fn shot(
+        &self,
+        scene: &HostScene,
+        camera: &Camera,
+        settings: &Settings,
+        region: Region,
+        depths: Depths<'_>,
+    ) -> Result<Rendered> {
         camera.validate()?;
         settings.validate()?;
         region.check_within(camera.size)?;
+        depths.solids.map_or(Ok(()), |solids| solids.check(camera))?;
         let grid = scene.grid();
         camera.check_scale(grid)?;
-        check_drawn(settings, grid)?;
+        check_drawn(settings)?;
         let kernel = settings.reconstruction_kernel();
         let (growths, level) = growths(camera, grid, settings, &kernel);
         let frame = Frame {
@@ -300,6 +396,7 @@ impl HostRenderer {
             lattice: level.grid(grid)?,
             kernel,
             density: settings.normalization.density(&kernel),
+            depths,
         };
         scene.check_memory(&frame)?;
         match (&scene.0, settings.is_post_shaded()) {
@@ -325,11 +422,13 @@ impl HostRenderer {
         let held = Held { bytes, misfit: filter.misfit(), voxels: grid.len() };
         if let Some(extreme) = extreme(settings.model) {
             let factor = frame.density / scene.reduction.factor();
-            let shown = |[value, planes, ..]: [f64; 4]| {
-                let value = if extreme == Extreme::Mean { value / planes } else { value };
-                if value.is_finite() { scene.transfer.projected(value * factor, None) } else { [0.0; 4] }
+            let shown = |[value, second, ..]: [f64; 4]| {
+                let value = if extreme == Extreme::Mean { value / second } else { value };
+                let depth = settings.depth_coded.then_some(second);
+                if value.is_finite() { scene.transfer.projected(value * factor, depth) } else { [0.0; 4] }
             };
-            let matter = Matter::Projection(Projection { blend, extreme });
+            let attenuation = settings.attenuation as f32;
+            let matter = Matter::Projection(Projection { blend, extreme, depth: frame.depth_in_box(), attenuation });
             return self.painted(frame, (matter, unit), stages, &held, Some(&shown));
         }
         // Of a jump, splines leave a slope in uniform matter beside it: no surface.
@@ -393,6 +492,8 @@ impl HostRenderer {
             unit: unit / density,
             sides: &sides,
             termination: settings.termination as f32,
+            solids: frame.depths.solids,
+            halves: frame.depths.halves,
         };
         let mut image = Image::transparent(region.width, region.height)?;
         let (work, seconds) = on_host(|| self.paint(&picture, region, &mut image));
@@ -413,10 +514,7 @@ impl HostRenderer {
                     field_bytes: held.bytes,
                     misfit: [data, of_noise],
                 }),
-                painter_reason: match settings.painter {
-                    Painter::Cpu => "requested".to_owned(),
-                    _ => "no adapter can be opened".to_owned(),
-                },
+                painter_reason: self.reason.to_owned(),
                 model: settings.model,
                 shading: settings.shading,
                 perspective: camera.eye().is_some(),
@@ -526,23 +624,11 @@ impl HostScene {
 }
 
 /// Refuses settings of pictures that this engine does not draw.
-fn check_drawn(settings: &Settings, grid: &Grid) -> Result<()> {
-    let refusals = [
-        (
-            settings.depth_coded || settings.attenuation > 0.0,
-            "codes no depths: leave out --depth-coded and --attenuation",
-        ),
-        (
-            settings.casting().is_some() && grid.len() > MAX_VOXELS,
-            "casts shadows in up to 2^27 voxels: --light headlight, or --shadows off --occlusion off",
-        ),
-        (
-            settings.is_post_shaded() && settings.interslice == Interslice::Mean,
-            "classifies between samples: leave out interslice=mean",
-        ),
-    ];
-    let refusal = refusals.iter().find(|(is_refused, _)| *is_refused);
-    refusal.map_or(Ok(()), |(_, reason)| Err(refused(reason)))
+fn check_drawn(settings: &Settings) -> Result<()> {
+    if settings.is_post_shaded() && settings.interslice == Interslice::Mean {
+        return Err(refused("classifies between samples: leave out interslice=mean"));
+    }
+    Ok(())
 }
 
 /// Refuses a field and a light that need more memory than is left and than is held for them.
@@ -567,8 +653,10 @@ fn growths(camera: &Camera, grid: &Grid, settings: &Settings, kernel: &Kernel) -
         let depths = grid.corners_from_center(0.5).map(|corner| to_center + corner.dot(camera.forward));
         [depths.into_iter().fold(f64::INFINITY, f64::min).max(0.0), depths.into_iter().fold(0.0, f64::max)]
     });
-    let [smallest, largest] = depths.map(|depth| growth.at(depth));
-    let level = Level::new(kernel, smallest, largest);
+    let sizes = depths.map(|depth| growth.at(depth));
+    let requested = if let Cells::At(level) = settings.level { Some(level) } else { None };
+    let level = Level::new(kernel, sizes, requested);
+    let [smallest, largest] = sizes.map(|size| size.max(level.least()));
     if camera.eye().is_none() || largest <= NO_GROWTH {
         return (vec![largest], level);
     }

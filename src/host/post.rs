@@ -294,12 +294,12 @@ impl<S: Simd> Rule<S> for Shading<'_, S> {
     }
 
     #[inline(always)]
-    fn most_left(&self, simd: S, state: &State<S>) -> f32 {
-        state.transmittance.largest(simd)
+    fn left(&self, _: S, state: &State<S>) -> Lanes<S> {
+        state.transmittance
     }
 
     #[inline(always)]
-    fn pixel(&self, simd: S, state: &State<S>) -> [Lanes<S>; 4] {
+    fn pixel(&self, simd: S, state: &State<S>, _: &Rays<S>) -> [Lanes<S>; 4] {
         let [r, g, b] = state.color;
         [r, g, b, Lanes::all(simd, 1.0).sub(simd, state.transmittance)]
     }

@@ -1,10 +1,11 @@
 //! Projections of intensity: the largest, the smallest or the mean scalar along rays.
 
+use glam::DVec3;
 use pulp::Simd;
 
 use super::blend::{Along, Blend};
 use super::field::Field;
-use super::lanes::{Lanes, Order};
+use super::lanes::{Lanes, Order, three};
 use super::lattice::{Area, Reach};
 use super::plane::{CHANNELS, Plane};
 use super::rays::{Axes, Rays};
@@ -22,6 +23,11 @@ pub(super) enum Extreme {
 pub(super) struct Projection<'a> {
     pub(super) blend: Blend<'a, Field>,
     pub(super) extreme: Extreme,
+    /// The gradient of depth over the lattice, and the depth at point 0: 0 at the nearest corner of the box of the
+    /// voxels and 1 at the farthest, along the view.
+    pub(super) depth: (DVec3, f64),
+    /// See [`Settings::attenuation`](crate::settings::Settings::attenuation).
+    pub(super) attenuation: f32,
 }
 
 impl Projection<'_> {
@@ -49,6 +55,8 @@ pub(super) struct Projecting<'a, S: Simd> {
     order: Order,
     /// 1, or -1 if the smallest scalar is wanted.
     sign: Lanes<S>,
+    /// Depth: factors of the place along a, b and the planes, and a sum.
+    depth: [Lanes<S>; 4],
 }
 
 impl<'a, S: Simd> Projecting<'a, S> {
@@ -56,7 +64,30 @@ impl<'a, S: Simd> Projecting<'a, S> {
     pub(super) fn new(simd: S, projection: &'a Projection<'a>, axes: &Axes) -> Self {
         let sign = if projection.extreme == Extreme::Smallest { -1.0 } else { 1.0 };
         let (along, order) = (projection.blend.along(axes), Order::new(simd));
-        Self { projection, axes: *axes, along, order, sign: Lanes::all(simd, sign) }
+        let (frame, origin) = axes.frame();
+        let (gradient, at_zero) = projection.depth;
+        let [a, b, m] = (frame.transpose() * gradient).to_array();
+        let [a, b, m] = three!(axis => Lanes::all(simd, [a, b, m][axis] as f32));
+        let depth = [a, b, m, Lanes::all(simd, (at_zero + gradient.dot(origin)) as f32)];
+        Self { projection, axes: *axes, along, order, sign: Lanes::all(simd, sign), depth }
+    }
+
+    /// The depths of rays in a plane, or in a plane for each.
+    #[inline(always)]
+    fn depth(&self, simd: S, rays: &Rays<S>, plane: Lanes<S>) -> Lanes<S> {
+        let ([at_a, at_b], [a, b, m, sum]) = (rays.at(simd, plane), self.depth);
+        at_a.fma(simd, a, at_b.fma(simd, b, plane.fma(simd, m, sum)))
+    }
+
+    /// Scalars in a plane as their depths leave them.
+    #[inline(always)]
+    fn attenuated(&self, simd: S, rays: &Rays<S>, plane: f32, scalars: Lanes<S>) -> Lanes<S> {
+        let attenuation = self.projection.attenuation;
+        if attenuation <= 0.0 {
+            return scalars;
+        }
+        let depth = self.depth(simd, rays, Lanes::all(simd, plane)).max(simd, Lanes::all(simd, 0.0));
+        scalars.mul(simd, depth.mul(simd, Lanes::all(simd, attenuation)).exp_neg(simd))
     }
 }
 
@@ -102,9 +133,10 @@ impl<S: Simd> Rule<S> for Projecting<'_, S> {
         }
         let all = |value: f32| Lanes::all(simd, value);
         // Samples from half plane to half plane: the slab reaches half way to its neighbours.
-        let before = state.scalars[(number + RECENT - 1) % RECENT].mul(simd, self.sign);
-        let own = state.scalars[number % RECENT].mul(simd, self.sign);
-        let behind = state.scalars[(number + 1) % RECENT].mul(simd, self.sign);
+        let [before, own, behind] = three!(index => {
+            let scalars = state.scalars[(number + RECENT - 1 + index) % RECENT].mul(simd, self.sign);
+            self.attenuated(simd, rays, z - 0.5 + 0.5 * index as f32, scalars)
+        });
         let (half, zero) = (all(0.5), all(0.0));
         let at = |end: Lanes<S>| end.sub(simd, all(z)).mul(simd, all(2.0)).max(simd, all(-0.5)).min(simd, half);
         let (low, high) = (at(rays.ends[0]), at(rays.ends[1]));
@@ -136,14 +168,16 @@ impl<S: Simd> Rule<S> for Projecting<'_, S> {
     }
 
     #[inline(always)]
-    fn most_left(&self, _: S, _: &State<S>) -> f32 {
-        1.0
+    fn left(&self, simd: S, _: &State<S>) -> Lanes<S> {
+        Lanes::all(simd, 1.0)
     }
 
-    /// The extreme or the sum of the scalars, and its plane or the planes that were added up.
+    /// The extreme or the sum of the scalars, and its depth or the planes that were added up.
     #[inline(always)]
-    fn pixel(&self, simd: S, state: &State<S>) -> [Lanes<S>; 4] {
+    fn pixel(&self, simd: S, state: &State<S>, rays: &Rays<S>) -> [Lanes<S>; 4] {
         let zero = Lanes::all(simd, 0.0);
-        [state.value.mul(simd, self.sign), state.planes, zero, zero]
+        let planes =
+            if self.projection.extreme == Extreme::Mean { state.planes } else { self.depth(simd, rays, state.planes) };
+        [state.value.mul(simd, self.sign), planes, zero, zero]
     }
 }

@@ -6,6 +6,7 @@ use pulp::Simd;
 use super::lanes::{Lanes, RAYS};
 use super::light::Vector;
 use crate::camera::Camera;
+use crate::image::DepthMap;
 
 /// Rays along the side of a group, which branches together.
 pub(super) const GROUP: usize = 4;
@@ -76,8 +77,10 @@ pub(super) struct Line {
     step: [f64; 2],
     /// World units from plane to plane.
     length: f64,
-    /// The plane of the eye.
-    eye: f64,
+    /// The plane at depth 0, that of an eye if there is one, and planes per world unit of depth.
+    depth: [f64; 2],
+    /// The plane at which it begins.
+    first: f64,
     direction: DVec3,
 }
 
@@ -85,6 +88,18 @@ impl Line {
     /// Along a and b, the place in plane 0 and the step from plane to plane.
     pub(super) fn along(&self) -> [[f64; 2]; 2] {
         [0, 1].map(|axis| [self.start[axis], self.step[axis]])
+    }
+
+    /// The depth of a plane, see [`DepthMap`].
+    pub(super) fn depth_of(&self, plane: f64) -> f64 {
+        let [zero, per_unit] = self.depth;
+        (plane - zero) / per_unit
+    }
+
+    /// The plane at a depth.
+    fn plane_at(&self, depth: f64) -> f64 {
+        let [zero, per_unit] = self.depth;
+        per_unit.mul_add(depth, zero)
     }
 }
 
@@ -139,7 +154,9 @@ impl Beam {
             start: [o.x - step[0] * o.z, o.y - step[1] * o.z],
             step,
             length: length * inverse,
-            eye: if self.has_eye { o.z } else { f64::NEG_INFINITY },
+            // Directions reach 1 along the axis of the camera.
+            depth: [o.z, d.z],
+            first: if self.has_eye { o.z } else { f64::NEG_INFINITY },
             direction: world / length,
         }
     }
@@ -153,6 +170,8 @@ pub(super) struct Bounds<'a> {
     pub(super) is_boxed: bool,
     /// The sides of unclipped matter, in the lattice: a gradient, and a value at point 0.
     pub(super) sides: &'a [(DVec3, f64)],
+    /// The depths at which rays end.
+    pub(super) solids: Option<&'a DepthMap>,
 }
 
 /// Cuts a ray where `value + slope z` is negative.
@@ -168,9 +187,15 @@ fn cut(ends: [f64; 2], value: f64, slope: f64) -> [f64; 2] {
 }
 
 impl Bounds<'_> {
-    /// The planes between which a ray counts.
-    fn ends(&self, axes: &Axes, line: &Line) -> [f64; 2] {
-        let mut ends = [self.planes[0].max(line.eye), self.planes[1]];
+    /// The planes between which the ray of a pixel counts.
+    fn ends(&self, axes: &Axes, line: &Line, [x, y]: [usize; 2]) -> [f64; 2] {
+        let mut ends = [self.planes[0].max(line.first), self.planes[1]];
+        if let Some(solids) = self.solids {
+            let [width, height] = solids.size().map(|size| size as usize);
+            // Tiles reach beyond the picture.
+            let depth = if x < width && y < height { solids.at([x as u32, y as u32]) } else { f32::INFINITY };
+            ends[1] = ends[1].min(line.plane_at(f64::from(depth)));
+        }
         if self.is_boxed {
             for axis in 0..2 {
                 ends = cut(ends, line.start[axis] + 0.5, line.step[axis]);
@@ -197,8 +222,9 @@ impl Numbers {
     pub(super) fn new(beam: &Beam, axes: &Axes, bounds: &Bounds<'_>, unit: f64, [x, y]: [usize; 2]) -> Self {
         let mut numbers = [[0.0; RAYS]; 10];
         for ray in 0..RAYS {
-            let line = beam.line((x + ray % GROUP) as f64, (y + ray / GROUP) as f64);
-            let (Line { start, step, length, direction, .. }, ends) = (line, bounds.ends(axes, &line));
+            let pixel = [x + ray % GROUP, y + ray / GROUP];
+            let line = beam.line(pixel[0] as f64, pixel[1] as f64);
+            let (Line { start, step, length, direction, .. }, ends) = (line, bounds.ends(axes, &line, pixel));
             let all = [start[0], start[1], step[0], step[1], length / unit, ends[0], ends[1]];
             for (number, value) in all.into_iter().chain((-direction).to_array()).enumerate() {
                 numbers[number][ray] = value as f32;

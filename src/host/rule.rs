@@ -35,9 +35,9 @@ pub(super) trait Rule<S: Simd> {
     /// Adds the slab around a sample at plane z; `shows`: something may show in it. Returns whether something did.
     fn slab(&self, simd: S, state: &mut Self::State, rays: &Rays<S>, sample: (usize, f32), shows: bool) -> bool;
 
-    /// The largest transmittance of the rays.
-    fn most_left(&self, simd: S, state: &Self::State) -> f32;
+    /// The transmittance of the rays.
+    fn left(&self, simd: S, state: &Self::State) -> Lanes<S>;
 
     /// The colours and the alpha of the rays.
-    fn pixel(&self, simd: S, state: &Self::State) -> [Lanes<S>; 4];
+    fn pixel(&self, simd: S, state: &Self::State, rays: &Rays<S>) -> [Lanes<S>; 4];
 }

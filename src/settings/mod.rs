@@ -396,6 +396,15 @@ impl Settings {
         self.model == Model::Composite && self.quads().sheets == Sheets::Image
     }
 
+    /// Refuses settings of pictures without depths.
+    pub(crate) fn check_depths(&self) -> Result<()> {
+        if self.has_depths() {
+            return Ok(());
+        }
+        let reason = "only the composite model has depths, and not in sheets along an axis";
+        Err(Error::setting("model", format!("{}: {reason}", self.model.name())))
+    }
+
     /// RESPONSE and `curve` in shaders/common/response.wgsl.
     pub(crate) fn xray_response(&self) -> (u32, [f32; 4]) {
         if self.model == Model::Xray { self.response.for_shaders() } else { (0, [0.0; 4]) }

@@ -12,6 +12,7 @@ use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::image::{DepthMap, Image, Region};
 use crate::lighting::Lighting;
+use crate::stats::Rendered;
 use crate::transfer::color;
 use crate::volume::Grid;
 pub use voxsplat_volume::meshes::{Mesh, Space, load as load_mesh};
@@ -130,7 +131,7 @@ impl Solids {
     }
 
     /// Refuses surfaces of another size than the pictures of a camera.
-    pub(crate) fn check(&self, camera: &Camera) -> Result<()> {
+    fn check(&self, camera: &Camera) -> Result<()> {
         self.depths.check(camera)?;
         match &self.image {
             Some(image) if [image.width(), image.height()] != self.depths.size() => {
@@ -153,14 +154,41 @@ impl Solids {
     }
 
     /// Whether surfaces cover each pixel of a region whole.
-    pub(crate) fn covers(&self, region: Region) -> bool {
+    fn covers(&self, region: Region) -> bool {
         region.pixels().all(|pixel| self.coverage(pixel) >= 1.0)
+    }
+
+    /// Makes a part of a picture with these surfaces in it, of the matter `before` them in a region and of `all`
+    /// matter: behind the edge of a surface matter shows too.
+    pub(crate) fn in_picture(
+        &self,
+        camera: &Camera,
+        region: Region,
+        before: impl Fn(Region) -> Result<Rendered>,
+        all: impl Fn() -> Result<Rendered>,
+    ) -> Result<Rendered> {
+        camera.validate()?;
+        region.check_within(camera.size)?;
+        self.check(camera)?;
+        let Some(reached) = self.depths.reached(region) else { return all() };
+        let before = before(reached)?;
+        if reached == region && self.covers(region) {
+            let image = match &self.image {
+                Some(surfaces) => before.image.over(&surfaces.part(region)?)?,
+                None => before.image,
+            };
+            return Ok(Rendered { image, ..before });
+        }
+        let Rendered { mut image, mut stats } = all()?;
+        self.lay_over(&mut image, region, &before.image, reached);
+        stats.add(&before.stats);
+        Ok(Rendered { image, stats })
     }
 
     /// Lays the surfaces, with the matter before them, over a picture of all matter: premultiplied, C + (1 - alpha) S
     /// in the part of a pixel that a surface covers. `before` is the picture of a region `reached` inside the `region`
     /// of `image`.
-    pub(crate) fn lay_over(&self, image: &mut Image, region: Region, before: &Image, reached: Region) {
+    fn lay_over(&self, image: &mut Image, region: Region, before: &Image, reached: Region) {
         for pixel @ [x, y] in reached.pixels() {
             let covered = self.coverage(pixel);
             if covered <= 0.0 {

@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError, Weak};
 use glam::DVec3;
 use voxsplat::camera::{Camera, ProjectionKind, View};
 use voxsplat::demos::demo_transfer;
+use voxsplat::engine::Engine;
 use voxsplat::error::Result;
 use voxsplat::formats::{LoadOptions, load};
 use voxsplat::image::{Image, compare};
@@ -55,6 +56,13 @@ pub(crate) fn new_renderer() -> Renderer {
     let renderer = Renderer::new(&RendererOptions { adapter: Some(adapter()), ..RendererOptions::default() })
         .unwrap_or_else(|e| panic!("{e}; VOXSPLAT_TEST_ADAPTER can name another adapter"));
     if runs_on_host(&renderer) { renderer } else { renderer.with_device_stages() }
+}
+
+/// A separate device, and the processor.
+pub(crate) fn engines() -> [Engine; 2] {
+    let cpu = Settings { painter: Painter::Cpu, ..Settings::default() };
+    let host = Engine::open(&RendererOptions::default(), &cpu).unwrap();
+    [Engine::Device(Box::new(new_renderer())), host]
 }
 
 /// Whether stages that are faster on the host run there: on software, unless VOXSPLAT_TEST_DEVICE_STAGES is set.

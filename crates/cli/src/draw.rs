@@ -3,30 +3,29 @@
 use voxsplat::accuracy::{Chosen, Estimate, choose};
 use voxsplat::appearance::{self, command_line, options_of};
 use voxsplat::camera::Camera;
+use voxsplat::engine::{Engine, EngineScene};
 use voxsplat::figure::Figure;
-use voxsplat::host::{HostRenderer, HostScene};
 use voxsplat::image::{Image, Note};
 use voxsplat::layers::Layers;
-use voxsplat::renderer::{Renderer, Scene};
 use voxsplat::settings::Settings;
 use voxsplat::solids::Solids;
 use voxsplat::stats::Stats;
 use voxsplat::volume::{Units, Volume};
 use voxsplat_volume::names::counted;
 
-use super::failure::{Failure, refuse};
+use super::failure::Failure;
 use super::job::RenderJob;
 use super::output;
 
 /// A scene, and the layers and settings that it was prepared with.
-pub(crate) struct Prepared<S = Scene> {
+pub(crate) struct Prepared {
     layers: Layers,
     settings: Settings,
-    pub(crate) scene: S,
+    pub(crate) scene: EngineScene,
 }
 
-impl<S> Prepared<S> {
-    pub(crate) fn new(layers: &Layers, settings: &Settings, scene: S) -> Self {
+impl Prepared {
+    pub(crate) fn new(layers: &Layers, settings: &Settings, scene: EngineScene) -> Self {
         Self { layers: layers.clone(), settings: settings.clone(), scene }
     }
 
@@ -55,7 +54,7 @@ type Drawn = (Image, Settings, Option<Estimate>, Option<Stats>);
 /// Draws the picture of a job, by its settings or by the cheapest ones that keep its error, which a note names. Returns
 /// the prepared scene for the next picture too.
 pub(crate) fn draw(
-    renderer: &Renderer,
+    engine: &Engine,
     layers: &Layers,
     camera: &Camera,
     job: &RenderJob,
@@ -65,17 +64,14 @@ pub(crate) fn draw(
     let Some(max_error) = job.accuracy.max_error else {
         let prepared = match prepared {
             Some(prepared) => prepared,
-            None => Prepared::new(layers, &job.settings, renderer.prepare_layers(layers, &job.settings)?),
+            None => Prepared::new(layers, &job.settings, engine.prepare_layers(layers, &job.settings)?),
         };
         let scene = &prepared.scene;
-        let rendered = match solids {
-            None => renderer.render_region(scene, camera, &job.settings, job.region)?,
-            Some(solids) => renderer.render_with_solids(scene, camera, &job.settings, job.region, solids)?,
-        };
+        let rendered = engine.render(scene, camera, &job.settings, job.region, solids)?;
         return Ok(((rendered.image, job.settings.clone(), None, Some(rendered.stats)), Some(prepared)));
     };
     let Chosen { settings, rendered, estimate, keeps, traced, tried } =
-        choose(renderer, layers, camera, &job.settings, max_error, job.accuracy.sample)?;
+        choose(engine, layers, camera, &job.settings, max_error, job.accuracy.sample)?;
     let options = command_line(&options_of(&settings));
     let options = if options.is_empty() { "the defaults".to_owned() } else { options };
     let said = in_words(&estimate);
@@ -94,26 +90,6 @@ pub(crate) fn draw(
         }
     });
     Ok(((rendered.image, settings, Some(estimate), Some(rendered.stats)), None))
-}
-
-/// Draws the picture of a job by the host engine. Returns the prepared scene for the next picture too.
-pub(crate) fn draw_on_host(
-    renderer: &HostRenderer,
-    layers: &Layers,
-    camera: &Camera,
-    job: &RenderJob,
-    solids: Option<&Solids>,
-    prepared: Option<Prepared<HostScene>>,
-) -> Result<(Drawn, Prepared<HostScene>), Failure> {
-    if solids.is_some() {
-        return refuse("--painter cpu draws no meshes and depth buffers: use another painter");
-    }
-    let prepared = match prepared {
-        Some(prepared) => prepared,
-        None => Prepared::new(layers, &job.settings, renderer.prepare_layers(layers, &job.settings)?),
-    };
-    let rendered = renderer.render_region(&prepared.scene, camera, &job.settings, job.region)?;
-    Ok(((rendered.image, job.settings.clone(), None, Some(rendered.stats)), prepared))
 }
 
 /// Returns the notes in the file of a picture: program, settings, error, title and caption.

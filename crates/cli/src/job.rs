@@ -25,13 +25,11 @@ use super::solids::SolidsJob;
 use super::transfer::transfer;
 use super::tune::Tuning;
 
-/// The renderer of a picture.
+/// What makes a picture.
 #[derive(Debug, Clone)]
-pub(crate) enum Engine {
-    /// Splatting on a graphics adapter.
-    Device { adapter: Option<String> },
-    /// Rays on the processor.
-    Host,
+pub(crate) enum Maker {
+    /// A graphics adapter or the processor, by the painter.
+    Engine { adapter: Option<String> },
     /// The f64 reference on the CPU.
     Reference,
 }
@@ -60,7 +58,7 @@ pub(crate) struct RenderJob {
     pub(crate) studio: Studio,
     /// The values of `--light`.
     pub(crate) lights: Vec<String>,
-    pub(crate) engine: Engine,
+    pub(crate) maker: Maker,
     pub(crate) output: Outputs,
     pub(crate) figure: FigureJob,
     pub(crate) accuracy: Accuracy,
@@ -168,19 +166,12 @@ impl RenderJob {
             Layers::check_settings(&settings)?;
         }
         let requested = light(&args.model, &tuning);
-        let engine = match (args.reference, settings.painter) {
-            (true, _) => Engine::Reference,
-            (false, Painter::Cpu) => {
-                let refused = [
-                    (args.adapter.is_some(), "--adapter: an adapter draws by quads or tiles"),
-                    (args.max_error.is_some(), "--max-error: it chooses among the settings of quads and tiles"),
-                ];
-                if let Some((_, reason)) = refused.iter().find(|(given, _)| *given) {
-                    return refuse(format!("{reason}, and --painter cpu by neither; leave out either"));
-                }
-                Engine::Host
-            }
-            (false, _) => Engine::Device { adapter: args.adapter },
+        if !args.reference && settings.painter == Painter::Cpu && args.adapter.is_some() {
+            return refuse("--adapter: an adapter draws by quads or tiles, not by --painter cpu; leave out either");
+        }
+        let maker = match args.reference {
+            true => Maker::Reference,
+            false => Maker::Engine { adapter: args.adapter },
         };
         Ok(Self {
             load: LoadOptions { stream_over: tuning.stream_over, ..args.input.options_for(&view, args.size) },
@@ -207,7 +198,7 @@ impl RenderJob {
             },
             studio: Studio { requested: requested.is_studio(), follows: requested.follows() },
             lights: args.model.light.into_iter().map(|light| light.text).collect(),
-            engine,
+            maker,
             output: Outputs {
                 picture: output,
                 background: args.background,

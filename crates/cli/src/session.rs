@@ -10,14 +10,13 @@ use voxsplat::appearance::{
 use voxsplat::camera::{Camera, Hull, View};
 use voxsplat::clip::Clip;
 use voxsplat::demos;
-use voxsplat::error::Error;
+use voxsplat::engine::Engine;
 use voxsplat::figure::{Figure, LegendEntry, Shown};
 use voxsplat::formats::{LoadOptions, PyramidLevel, TimeSeries};
-use voxsplat::host::{HostRenderer, HostScene};
 use voxsplat::image::{DepthMap, Image, Note};
 use voxsplat::layers::{Layer, Layers};
 use voxsplat::reference::Reference;
-use voxsplat::renderer::{Renderer, RendererOptions, silenced};
+use voxsplat::renderer::RendererOptions;
 use voxsplat::settings::{Model, Settings};
 use voxsplat::solids::Solids;
 use voxsplat::stats::Stats;
@@ -25,10 +24,10 @@ use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::{Contents, Units, Volume};
 use voxsplat_volume::names::readable;
 
-use super::draw::{Prepared, draw, draw_on_host, in_words, notes, with_units};
+use super::draw::{Prepared, draw, in_words, notes, with_units};
 use super::failure::{Failure, fail, refuse};
 use super::fitted::{Fitted, transfer};
-use super::job::{Engine, NO_LEGEND, RenderJob};
+use super::job::{Maker, NO_LEGEND, RenderJob};
 use super::progress::{self, Progress, Remaining};
 use super::solids::HeldSolids;
 use super::stages::Stages;
@@ -37,10 +36,8 @@ use super::{layers, output};
 /// The state that pictures of one volume share.
 pub(crate) struct Session {
     pub(crate) volume: Volume,
-    /// `None` if the host makes the pictures.
-    renderer: Option<Renderer>,
-    /// The host engine with the scene of its last picture; `None` if another engine makes the pictures.
-    host: Option<(HostRenderer, Option<Prepared<HostScene>>)>,
+    /// `None` if the reference makes the pictures.
+    engine: Option<Engine>,
     /// The scene of the last picture.
     prepared: Option<Prepared>,
     /// The hull that the last picture was fitted to.
@@ -140,12 +137,6 @@ pub(crate) fn say_choice(volume: &Volume, options: &LoadOptions) {
     }
 }
 
-/// Whether the host engine draws a job whose device cannot be opened.
-fn stands_in(job: &RenderJob, error: &Error) -> bool {
-    let Engine::Device { adapter } = &job.engine else { return false };
-    job.accuracy.max_error.is_none() && HostRenderer::stands_in(job.settings.painter, adapter.as_deref(), error)
-}
-
 impl Session {
     /// Reads the volume of a job and opens its device. Returns the transfer function of the job too.
     pub(crate) fn open(job: &RenderJob, stages: &mut Stages) -> Result<(Self, Fitted), Failure> {
@@ -153,14 +144,14 @@ impl Session {
         let progress = Progress::spinner("reading");
         // Opening the driver takes about as long as reading a small volume, so both run at once.
         let (read, opened) = std::thread::scope(|scope| {
-            let adapter = match &job.engine {
-                Engine::Device { adapter } => Some(adapter.clone()),
-                Engine::Host | Engine::Reference => None,
+            let adapter = match &job.maker {
+                Maker::Engine { adapter } => Some(adapter.clone()),
+                Maker::Reference => None,
             };
             let device = adapter.map(|adapter| {
-                let opening = &mut opening;
+                let (opening, settings) = (&mut opening, &job.settings);
                 let options = RendererOptions { adapter, progress: progress::reporter() };
-                scope.spawn(move || opening.time("device", || silenced(|| Renderer::new(&options))))
+                scope.spawn(move || opening.time("device", || Engine::open(&options, settings)))
             });
             let mut read = || {
                 let load = || load_channels(&job.source, &job.load, &job.channels, job.transfer.values());
@@ -184,17 +175,9 @@ impl Session {
         say_choice(&volume, &job.load);
         stages.append(opening);
         let opened = opened.map(|opened| opened.unwrap_or_else(|panic| std::panic::resume_unwind(panic)));
-        let (renderer, host) = match opened.transpose() {
-            Err(error) if stands_in(job, &error) => {
-                output::say("note: using --painter cpu because no graphics adapter can be opened");
-                (None, true)
-            }
-            opened => (opened?, matches!(job.engine, Engine::Host)),
-        };
         let mut session = Self {
             volume,
-            renderer,
-            host: host.then(|| (HostRenderer::new(&progress::reporter()), None)),
+            engine: opened.transpose()?,
             prepared: None,
             framed: None,
             steady: None,
@@ -394,20 +377,14 @@ impl Session {
         let figure = self.figure(job, layers)?;
         let values = self.values(&figure)?;
         let solids = self.solids.seen(&camera, job.settings.lighting.as_ref())?;
-        let (image, settings, estimate, stats) = match (&self.renderer, &mut self.host) {
-            (Some(renderer), _) => {
+        let (image, settings, estimate, stats) = match &self.engine {
+            Some(engine) => {
                 let prepared = self.prepared.take().filter(|prepared| prepared.serves(layers, &job.settings));
-                let (drawn, prepared) = draw(renderer, layers, &camera, job, solids.as_ref(), prepared)?;
+                let (drawn, prepared) = draw(engine, layers, &camera, job, solids.as_ref(), prepared)?;
                 self.prepared = prepared;
                 drawn
             }
-            (None, Some((renderer, kept))) => {
-                let prepared = kept.take().filter(|prepared| prepared.serves(layers, &job.settings));
-                let (drawn, prepared) = draw_on_host(renderer, layers, &camera, job, solids.as_ref(), prepared)?;
-                *kept = Some(prepared);
-                drawn
-            }
-            (None, None) => {
+            None => {
                 let image = stages.time("integrate", || {
                     Reference::of_layers(layers, &job.settings)?
                         .with_tolerance(Reference::TOLERANCE)
@@ -444,7 +421,7 @@ impl Session {
         picture: &Drawing,
         stages: &mut Stages,
     ) -> Result<Option<DepthMap>, Failure> {
-        let Some(renderer) = &self.renderer else { return Ok(None) };
+        let Some(engine) = &self.engine else { return Ok(None) };
         if !job.output.picture.keeps_values() || !picture.settings.has_depths() {
             return Ok(None);
         }
@@ -452,10 +429,10 @@ impl Session {
         stages.time("depths", || {
             let prepared = match self.prepared.take() {
                 Some(prepared) => prepared,
-                None => Prepared::new(layers, settings, renderer.prepare_layers(layers, settings)?),
+                None => Prepared::new(layers, settings, engine.prepare_layers(layers, settings)?),
             };
             let solids = solids.as_ref().map(|solids| &solids.depths);
-            let depths = renderer.depths(&prepared.scene, camera, settings, job.region, solids)?;
+            let depths = engine.depths(&prepared.scene, camera, settings, job.region, solids)?;
             self.prepared = Some(prepared);
             Ok(Some(match solids {
                 Some(solids) => depths.nearest(&solids.part(job.region)?)?,

@@ -5,12 +5,13 @@ use voxsplat::camera::Camera;
 use voxsplat::clip::{Clip, Plane};
 use voxsplat::image::{DepthMap, Image, Region};
 use voxsplat::kernel::Kernel;
+use voxsplat::layers::Layers;
 use voxsplat::lighting::{Light, Lighting};
 use voxsplat::settings::{Level, Model, Painter, Resolution, Settings, Shading, Sheets};
 use voxsplat::solids::{Mesh, Solid, Solids};
 use voxsplat::volume::Grid;
 
-use crate::support::{PROJECTIONS, camera, demo, full, new_renderer, prepare_on, with_quads, with_tiles};
+use crate::support::{PROJECTIONS, camera, demo, engines, full, new_renderer, prepare_on, with_quads, with_tiles};
 use crate::truth::truth;
 
 fn whole(camera: &Camera) -> Region {
@@ -54,14 +55,15 @@ fn settings() -> Vec<(&'static str, Settings)> {
         ("average", Settings { model: Model::Average, ..base }),
     ];
     let painters = |(name, settings): &(&'static str, Settings)| {
-        [(*name, with_quads(settings, |_| {})), (*name, with_tiles(settings, Resolution::Capped))]
+        let cpu = Settings { painter: Painter::Cpu, ..settings.clone() };
+        [(*name, cpu), (*name, with_quads(settings, |_| {})), (*name, with_tiles(settings, Resolution::Capped))]
     };
     models.iter().flat_map(painters).collect()
 }
 
 #[test]
 fn matter_behind_a_plane_is_cut_in_its_pixels_alone() {
-    cut_by_plane(1, 4);
+    cut_by_plane(1, 5);
 }
 
 #[test]
@@ -72,7 +74,7 @@ fn matter_behind_a_plane_is_cut_in_its_pixels_alone_in_every_model() {
 
 /// Cuts the first `most` volumes through as many projections, in every `step`th kind of picture.
 fn cut_by_plane(most: usize, step: usize) {
-    let renderer = new_renderer();
+    let [device, host] = engines();
     // Thin matter in voxels ten times as long along z.
     let (long, thin) = demo("sphere", 24);
     let long = long.with_grid(Grid::axis_parallel([24; 3], [1.0, 1.0, 10.0]).unwrap()).unwrap();
@@ -83,33 +85,37 @@ fn cut_by_plane(most: usize, step: usize) {
     for (projection, (volume, transfer)) in all {
         let center = volume.grid().center();
         let seen = camera(30.0, projection, volume, 48);
-        let solids = depths_of_plane(&seen, center, normal, 24..48);
+        let solids = Solids { depths: depths_of_plane(&seen, center, normal, 24..48), image: None };
         // The side of the eye is kept.
         let towards = if seen.forward.dot(normal) > 0.0 { -normal } else { normal };
         let clip = Clip::new(vec![Plane::through(center, towards).unwrap()]).unwrap();
         for (name, settings) in settings().into_iter().step_by(step) {
-            let scene = prepare_on(&renderer, volume, transfer, &settings).unwrap();
-            let cut = renderer.render_before(&scene, &seen, &settings, whole(&seen), &solids).unwrap();
+            let engine = if settings.painter == Painter::Cpu { &host } else { &device };
+            let scene = engine.prepare_layers(&Layers::of_volume(volume, transfer), &settings).unwrap();
+            let draw = |settings: &Settings, solids: Option<&Solids>| {
+                engine.render(&scene, &seen, settings, whole(&seen), solids).unwrap().image
+            };
+            let cut = draw(&settings, Some(&solids));
             // Each pixel has a ray of its own.
             let full = match settings.painter {
                 Painter::Tiles(_) => with_tiles(&settings, Resolution::Full),
                 _ => settings.clone(),
             };
-            let uncut = renderer.render(&scene, &seen, &full).unwrap().image;
+            let uncut = draw(&full, None);
             let clipped = Settings { clip: clip.clone(), ..full };
-            let by_clip = renderer.render(&scene, &seen, &clipped).unwrap().image;
+            let by_clip = draw(&clipped, None);
             let at = format!("{projection:?} {name} {:?} {:?}", volume.grid().spacing(), settings.painter);
-            let outside = largest(&cut.image, &uncut, |x| x < 24);
+            let outside = largest(&cut, &uncut, |x| x < 24);
             assert!(outside <= 1e-6, "{at}: {outside:e} beside the solid");
-            let inside = largest(&cut.image, &by_clip, |x| x >= 24);
+            let inside = largest(&cut, &by_clip, |x| x >= 24);
             // The places of cuts are rounded otherwise: measured up to 2.2e-5.
             assert!(inside <= 4e-5, "{at}: {inside:e} before the solid");
-            let changed = largest(&cut.image, &uncut, |x| x >= 24);
+            let changed = largest(&cut, &uncut, |x| x >= 24);
             // The mean shows little of this transfer function.
             assert!(changed > 2e-2 || settings.model == Model::Average, "{at}: {changed:e} is cut");
             // The truth, whose error is that of a picture with a clipping plane.
             let expected = truth(volume, transfer, &seen, &clipped);
-            let [error, usual] = [&cut.image, &by_clip].map(|image| largest(image, &expected, |x| x >= 24));
+            let [error, usual] = [&cut, &by_clip].map(|image| largest(image, &expected, |x| x >= 24));
             assert!(error <= usual + 4e-5, "{at}: {error:e}, a clipping plane {usual:e}");
         }
     }
@@ -117,21 +123,29 @@ fn cut_by_plane(most: usize, step: usize) {
 
 #[test]
 fn rays_that_end_at_their_depth_keep_half_of_their_light() {
-    let renderer = new_renderer();
+    let [device, host] = engines();
     for (projection, name) in PROJECTIONS.into_iter().flat_map(|p| [(p, "vessels"), (p, "shepp-logan")]) {
         let (volume, transfer) = demo(name, 32);
         let seen = camera(30.0, projection, &volume, 64);
-        for (shading, painter) in [(Shading::Pre, 0), (Shading::Pre, 1), (Shading::Post, 0), (Shading::Post, 1)] {
-            let settings = Settings { shading, termination: 0.0, ..full() };
-            let settings = if painter == 0 { with_quads(&settings, |_| {}) } else { settings };
-            let scene = prepare_on(&renderer, &volume, &transfer, &settings).unwrap();
-            let depths = renderer.depths(&scene, &seen, &settings, whole(&seen), None).unwrap();
+        let painters = [with_quads(&full(), |_| {}), full(), Settings { painter: Painter::Cpu, ..full() }];
+        let all = painters.iter().flat_map(|settings| [Shading::Pre, Shading::Post].map(|shading| (settings, shading)));
+        for (settings, shading) in all {
+            let settings = Settings { shading, termination: 0.0, ..settings.clone() };
+            let engine = if settings.painter == Painter::Cpu { &host } else { &device };
+            let scene = engine.prepare_layers(&Layers::of_volume(&volume, &transfer), &settings).unwrap();
+            let depths = engine.depths(&scene, &seen, &settings, whole(&seen), None).unwrap();
             let alpha = |image: &Image| image.pixels().iter().map(|pixel| pixel[3]).collect::<Vec<f32>>();
-            let all = alpha(&renderer.render(&scene, &seen, &settings).unwrap().image);
-            let before = renderer.render_before(&scene, &seen, &settings, whole(&seen), &depths).unwrap();
+            let draw = |solids: Option<&Solids>| engine.render(&scene, &seen, &settings, whole(&seen), solids).unwrap();
+            let all = alpha(&draw(None).image);
+            let painter = settings.painter;
+            let before = draw(Some(&Solids { depths: depths.clone(), image: None }));
             let (mut count, mut sum, mut most) = (0, 0.0, 0.0_f32);
             for ((depth, all), half) in depths.depths().iter().zip(all).zip(alpha(&before.image)) {
-                assert_eq!(depth.is_finite(), all >= 0.5, "{name} {projection:?} {shading:?} {painter}: {depth} {all}");
+                assert_eq!(
+                    depth.is_finite(),
+                    all >= 0.5,
+                    "{name} {projection:?} {shading:?} {painter:?}: {depth} {all}"
+                );
                 if depth.is_finite() {
                     count += 1;
                     sum += (half - 0.5).powi(2);
@@ -140,7 +154,7 @@ fn rays_that_end_at_their_depth_keep_half_of_their_light() {
             }
             let rms = (sum / count.max(1) as f32).sqrt();
             // Within a slab the extinction counts as constant: measured up to 6.4e-3 and 2.2e-2.
-            let at = format!("{name} {projection:?} {shading:?} {painter}: {count} pixels, {rms:.1e}, {most:.1e}");
+            let at = format!("{name} {projection:?} {shading:?} {painter:?}: {count} pixels, {rms:.1e}, {most:.1e}");
             assert!(count > 5 && rms < 1e-2 && most < 4e-2, "{at}");
             println!("{at}");
         }
@@ -159,17 +173,19 @@ fn half_plane(camera: &Camera, center: DVec3, half: f64) -> Mesh {
 
 #[test]
 fn a_plane_half_through_a_ball_changes_only_pixels_behind_it() {
-    let renderer = new_renderer();
+    let [device, host] = engines();
     let (volume, transfer) = demo("sphere", 32);
     let center = volume.grid().center();
-    for projection in PROJECTIONS {
+    let painters = [(&device, with_tiles(&full(), Resolution::Full)), (&host, full())];
+    let all = PROJECTIONS.into_iter().flat_map(|projection| painters.iter().map(move |of| (projection, of)));
+    for (projection, (engine, settings)) in all {
         let seen = camera(30.0, projection, &volume, 64);
         let solid = Solid { mesh: half_plane(&seen, center, 1e3), color: [0.2, 0.4, 0.6] };
-        let settings = Settings { antialiasing: false, level: Level::At(0), ..with_tiles(&full(), Resolution::Full) };
-        let scene = prepare_on(&renderer, &volume, &transfer, &settings).unwrap();
+        let settings = Settings { antialiasing: false, level: Level::At(0), ..settings.clone() };
+        let scene = engine.prepare_layers(&Layers::of_volume(&volume, &transfer), &settings).unwrap();
         let solids = Solids::of_meshes(&[solid], &seen, None).unwrap();
-        let picture = renderer.render_with_solids(&scene, &seen, &settings, whole(&seen), &solids).unwrap().image;
-        let without = renderer.render(&scene, &seen, &settings).unwrap().image;
+        let draw = |solids: Option<&Solids>| engine.render(&scene, &seen, &settings, whole(&seen), solids).unwrap();
+        let (picture, without) = (draw(Some(&solids)).image, draw(None).image);
         // The edge of the plane lies on the line between the columns 31 and 32.
         let beside = largest(&picture, &without, |x| x < 32);
         assert!(beside <= 1e-6, "{projection:?}: {beside:e} beside the plane");

@@ -9,7 +9,7 @@ use voxsplat::layers::{Layer, Layers};
 use voxsplat::lighting::{Light, Lighting};
 use voxsplat::progress::Progress;
 use voxsplat::reference::Reference;
-use voxsplat::settings::{Model, Painter, Settings, Shading};
+use voxsplat::settings::{Interslice, Model, Painter, Settings, Shading};
 use voxsplat::transfer::{GradientPoint, TransferFunction};
 use voxsplat::{Camera, Renderer};
 
@@ -94,6 +94,9 @@ fn pictures_of_the_host_are_the_reference() {
         ("pre-shaded, clipped", &soft, Settings { clip: cut, lighting: headlight(), ..pre() }, 0.5),
         ("an X-ray", &soft, Settings { model: Model::Xray, ..pre() }, 0.1),
         ("maxima", &soft, Settings { model: Model::Mip, ..pre() }, 1.4),
+        ("maxima by depth", &soft, Settings { model: Model::Mip, depth_coded: true, ..pre() }, 1.4),
+        ("maxima that fade", &soft, Settings { model: Model::Mip, attenuation: 2.0, ..pre() }, 1.4),
+        ("minima by depth", &visible, Settings { model: Model::Minip, depth_coded: true, ..pre() }, 1.4),
         ("minima", &visible, Settings { model: Model::Minip, ..pre() }, 0.5),
         ("means", &visible, Settings { model: Model::Average, ..pre() }, 0.2),
     ];
@@ -251,7 +254,7 @@ fn what_the_host_does_not_draw_is_refused_in_words() {
     let layers = Layers::of_volume(&volume, &transfer);
     let host = HostRenderer::new(&Progress::default());
     let refused = |settings: &Settings| host.prepare_layers(&layers, settings).err().unwrap().to_string();
-    assert!(refused(&Settings { model: Model::Mip, depth_coded: true, ..post() }).contains("codes no depths"));
+    assert!(refused(&Settings { interslice: Interslice::Mean, ..post() }).contains("classifies between samples"));
     let two = layers.clone().with(Layer::scalars(&volume, &transfer)).unwrap();
     let error = host.prepare_layers(&two, &post()).err().unwrap().to_string();
     assert!(error.contains("post") || error.contains("pre"), "{error}");

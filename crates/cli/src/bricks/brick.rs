@@ -9,7 +9,7 @@ use voxsplat::renderer::{Renderer, RendererOptions, silenced};
 use super::{check_output, document};
 use crate::args::BrickArgs;
 use crate::failure::Failure;
-use crate::job::Engine;
+use crate::job::Maker;
 use crate::session::Session;
 use crate::stages::Stages;
 use crate::{progress, report};
@@ -31,7 +31,7 @@ pub(crate) fn run(args: &BrickArgs) -> Result<(), Failure> {
             Layers::of_volume(&load(&job.source, &job.load)?, transfer)
         }
         None => {
-            job.engine = Engine::Reference;
+            job.maker = Maker::Reference;
             let (mut session, fitted) = Session::open(&job, &mut Stages::default())?;
             session.layers(&job, &fitted, &mut Stages::default())?
         }

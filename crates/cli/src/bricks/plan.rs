@@ -11,7 +11,7 @@ use voxsplat::settings::Level;
 use super::{check_output, document};
 use crate::args::PlanArgs;
 use crate::failure::{Failure, refuse};
-use crate::job::{Engine, RenderJob};
+use crate::job::{Maker, RenderJob};
 use crate::options::given;
 use crate::report::{self, Choices};
 use crate::scene_file::is_scene;
@@ -62,7 +62,7 @@ pub(crate) fn run(args: PlanArgs, line: (&Command, &ArgMatches)) -> Result<(), F
     }
     for mut job in jobs {
         // No device is needed.
-        job.engine = Engine::Reference;
+        job.maker = Maker::Reference;
         let (mut session, fitted) = Session::open(&job, &mut Stages::default())?;
         session.complete(&mut job, &fitted)?;
         let layers = session.layers(&job, &fitted, &mut Stages::default())?;

@@ -18,17 +18,18 @@ use serde::{Deserialize, Serialize};
 use voxsplat::accuracy::Sample;
 use voxsplat::appearance::{ClipSpec, Frame, TransferChoice, command_line, options_of};
 use voxsplat::camera::{Camera, View};
+use voxsplat::engine::{Engine, EngineScene};
 use voxsplat::figure::{Figure, Shown};
 use voxsplat::formats::{LoadOptions, read_json};
-use voxsplat::image::{Background, Image, check_writable, compare, difference_picture, write_file};
+use voxsplat::image::{Background, Image, Region, check_writable, compare, difference_picture, write_file};
 use voxsplat::kernel::Kernel;
 use voxsplat::layers::Layers;
 use voxsplat::reference::Reference;
-use voxsplat::renderer::{Rendered, Scene, silenced};
-use voxsplat::settings::{Painter, Response, Settings};
+use voxsplat::renderer::Rendered;
+use voxsplat::settings::{Painter, Response, Settings, TilesSettings};
 use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::{Statistics, Volume};
-use voxsplat::{Error, Renderer, RendererOptions, formats};
+use voxsplat::{Error, RendererOptions, formats};
 
 use super::args::ParetoArgs;
 use super::draw::with_units;
@@ -176,11 +177,12 @@ pub(crate) fn run(args: &ParetoArgs, line: (&Command, &ArgMatches), clock: Clock
     let cameras: Vec<Camera> =
         cameras.map(|view| Camera::new(&view, volume.grid(), args.size)).collect::<Result<_, _>>()?;
     let options = RendererOptions { adapter: args.adapter.clone(), ..RendererOptions::default() };
-    let renderer = silenced(|| Renderer::new(&options))?;
+    let device = device(&options)?;
+    let host = Engine::open(&RendererOptions::default(), &Settings { painter: Painter::Cpu, ..Settings::default() })?;
     let mut base = words(line, &OWN.split(' ').collect::<Vec<_>>(), file_name);
     let tune = pairs_without(&args.model.tune, &STUDIED.split(' ').collect::<Vec<_>>());
     base.extend(tune.into_iter().flat_map(|pairs| ["--tune".to_owned(), pairs]));
-    let adapter = renderer.adapter();
+    let adapter = device.as_ref().unwrap_or(&host).adapter();
     let subject = Subject {
         command: command_line(&base),
         volume: volume.grid().dims(),
@@ -197,10 +199,12 @@ pub(crate) fn run(args: &ParetoArgs, line: (&Command, &ArgMatches), clock: Clock
         format!("voxsplat pareto {} --resume --seconds 0", command_line(&words))
     };
     make_directory(&args.output)?;
-    let variants = variants(&settings);
+    let mut variants = variants(&settings);
+    variants.retain(|variant| device.is_some() || variant.settings.painter == Painter::Cpu);
     let mut run = Run {
         args,
-        renderer,
+        device,
+        host,
         volume: &volume,
         transfer: &transfer,
         cameras,
@@ -275,13 +279,28 @@ fn kept(args: &ParetoArgs, subject: Subject) -> Result<Kept, Failure> {
     Ok(Kept { subject, date: today(), unmeasured: Vec::new(), measurements })
 }
 
-/// The properties that a scene was prepared for: post-shading, and the kernel that samples were filtered for.
-type Prepared = (bool, Option<Kernel>);
+/// The properties that a scene was prepared for: the processor, post-shading, and the kernel that samples were filtered
+/// for.
+type Prepared = (bool, bool, Option<Kernel>);
+
+/// Opens the device whose painters a study measures; `None` if none was requested and none can be opened.
+fn device(options: &RendererOptions) -> Result<Option<Engine>, Failure> {
+    let settings = Settings { painter: Painter::Tiles(TilesSettings::default()), ..Settings::default() };
+    match Engine::open(options, &settings) {
+        Err(error @ Error::NoAdapter(_)) if options.adapter.is_none() => {
+            output::say(&format!("note: measuring --painter cpu alone because of {error}"));
+            Ok(None)
+        }
+        opened => Ok(Some(opened?)),
+    }
+}
 
 /// A study under way.
 struct Run<'a> {
     args: &'a ParetoArgs,
-    renderer: Renderer,
+    /// `None` if none can be opened.
+    device: Option<Engine>,
+    host: Engine,
     volume: &'a Volume,
     transfer: &'a TransferFunction,
     cameras: Vec<Camera>,
@@ -297,7 +316,7 @@ struct Run<'a> {
     figure: Figure,
     kept: Kept,
     /// The scene of the last picture.
-    scene: Option<(Prepared, Scene)>,
+    scene: Option<(Prepared, EngineScene)>,
     /// The true sampled pixels of each view, by model.
     truths: Vec<(String, Vec<Image>)>,
     /// The picture of the first view of a variant, and its difference from the truth.
@@ -446,13 +465,16 @@ impl Run<'_> {
 
     fn draw(&mut self, camera: &Camera, settings: &Settings) -> Result<Rendered, Error> {
         let filter = (settings.sharpness > 0.0).then(|| settings.reconstruction_kernel());
-        let prepared = (settings.is_post_shaded(), filter);
+        let is_cpu = settings.painter == Painter::Cpu;
+        let prepared = (is_cpu, settings.is_post_shaded(), filter);
+        let engine = self.device.as_ref().filter(|_| !is_cpu).unwrap_or(&self.host);
         let scene = match self.scene.take().filter(|(held, _)| *held == prepared) {
             Some((_, scene)) => scene,
-            None => self.renderer.prepare(self.volume, self.transfer, settings)?,
+            None => engine.prepare_layers(&Layers::of_volume(self.volume, self.transfer), settings)?,
         };
         let (_, scene) = self.scene.insert((prepared, scene));
-        self.renderer.render(scene, camera, settings)
+        let [width, height] = camera.size;
+        engine.render(scene, camera, settings, Region { x: 0, y: 0, width, height }, None)
     }
 
     /// The true sampled pixels of each view, by the reference. They are traced at most once for a model, and kept for
@@ -627,7 +649,11 @@ fn points(measurements: &[Measurement], error: ErrorOf, rivals: &[Rival]) -> Vec
             seconds: m.seconds()?,
             error: error(&m.errors),
             front: number.is_some(),
-            marker: if m.painter == "quads" { Marker::Triangle } else { Marker::Disc },
+            marker: match m.painter.as_str() {
+                "cpu" => Marker::Diamond,
+                "quads" => Marker::Triangle,
+                _ => Marker::Disc,
+            },
         })
     });
     let others = rivals.iter().map(|rival| Point {

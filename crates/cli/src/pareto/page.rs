@@ -67,8 +67,8 @@ pub(crate) fn page(report: &Report<'_>) -> String {
         html += "\n";
     }
     html += "<h2>The front</h2>\n<p>No other way to draw the same shading and kernel is both faster and closer to the \
-             truth, by the rms of its error. Numbers are those of the first plot. Discs are pictures by the painter \
-             tiles, triangles by quads, squares by other renderers.</p>\n";
+             truth, by the rms of its error. Numbers are those of the first plot. Diamonds are pictures by the \
+             painter cpu, discs by tiles, triangles by quads, squares by other renderers.</p>\n";
     html += &table(report, report.front);
     html += "<h2>As command lines</h2>\n<ol>\n";
     for &index in report.front {

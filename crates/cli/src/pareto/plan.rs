@@ -1,7 +1,10 @@
 //! The order of the work of a study, the time that it is expected to take, and the part that a budget of time holds.
 
-use super::study::Variant;
+use std::mem::{Discriminant, discriminant};
+
 use voxsplat::settings::Painter;
+
+use super::study::Variant;
 
 /// A piece of work on a variant, by its index.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -18,9 +21,9 @@ pub(crate) enum Kind {
     /// Trace the truth of a model.
     Truth { post: bool },
     /// Prepare a scene, draw all views and compare them.
-    Errors { tiles: bool, post: bool },
+    Errors { painter: Discriminant<Painter>, post: bool },
     /// Time the views of a variant.
-    Frames { variant: usize, tiles: bool, post: bool },
+    Frames { variant: usize, painter: Discriminant<Painter>, post: bool },
 }
 
 impl Kind {
@@ -30,7 +33,7 @@ impl Kind {
             _ if likeness == 0 => self == other,
             (Self::Truth { .. }, Self::Truth { .. }) => true,
             (Self::Errors { post: a, .. }, Self::Errors { post: b, .. }) => likeness > 1 || a == b,
-            (Self::Frames { tiles: a, post: b, .. }, Self::Frames { tiles: c, post: d, .. }) => {
+            (Self::Frames { painter: a, post: b, .. }, Self::Frames { painter: c, post: d, .. }) => {
                 likeness > 1 || (a, b) == (c, d)
             }
             _ => false,
@@ -41,8 +44,8 @@ impl Kind {
 /// The work of a study.
 #[derive(Debug)]
 pub(crate) struct Plan {
-    /// For each variant, whether it is post-shaded, whether tiles draw it, and the index of the first of its model.
-    variants: Vec<(bool, bool, usize)>,
+    /// For each variant, whether it is post-shaded, its painter, and the index of the first of its model.
+    variants: Vec<(bool, Discriminant<Painter>, usize)>,
     /// Seconds for all work; `None` without a limit.
     budget: Option<f64>,
     /// The seconds of each piece of work that is done.
@@ -56,7 +59,7 @@ impl Plan {
     pub(crate) fn new(variants: &[Variant], budget: f64) -> Self {
         let of = |variant: &Variant| {
             let first = variants.iter().position(|other| other.model == variant.model).unwrap_or_default();
-            (variant.settings.is_post_shaded(), matches!(variant.settings.painter, Painter::Tiles(_)), first)
+            (variant.settings.is_post_shaded(), discriminant(&variant.settings.painter), first)
         };
         let budget = Some(budget).filter(|budget| *budget > 0.0);
         Self { variants: variants.iter().map(of).collect(), budget, done: Vec::new(), traced: Vec::new() }
@@ -79,14 +82,14 @@ impl Plan {
 
     /// Returns the kind of measuring the errors of a variant.
     pub(crate) fn errors(&self, variant: usize) -> Kind {
-        let (post, tiles, _) = self.variants[variant];
-        Kind::Errors { tiles, post }
+        let (post, painter, _) = self.variants[variant];
+        Kind::Errors { painter, post }
     }
 
     /// Returns the kind of timing a variant.
     pub(crate) fn frames(&self, variant: usize) -> Kind {
-        let (post, tiles, _) = self.variants[variant];
-        Kind::Frames { variant, tiles, post }
+        let (post, painter, _) = self.variants[variant];
+        Kind::Frames { variant, painter, post }
     }
 
     /// Notes that a piece of work took some seconds.
@@ -188,7 +191,12 @@ mod tests {
         let (mut plan, variants) = plan(0.0);
         let find = |post: bool, tiles: bool| {
             let is = |v: &Variant| {
-                v.settings.is_post_shaded() == post && matches!(v.settings.painter, Painter::Tiles(_)) == tiles
+                let of_painter = if tiles {
+                    matches!(v.settings.painter, Painter::Tiles(_))
+                } else {
+                    matches!(v.settings.painter, Painter::Quads(_))
+                };
+                v.settings.is_post_shaded() == post && of_painter
             };
             variants.iter().position(is).unwrap()
         };

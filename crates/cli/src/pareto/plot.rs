@@ -24,6 +24,7 @@ pub(crate) enum Marker {
     Disc,
     Triangle,
     Square,
+    Diamond,
 }
 
 /// Okabe and Ito's colours, which colour-blind people tell apart (2008, "Color universal design").
@@ -155,6 +156,10 @@ fn mark([x, y]: [f64; 2], marker: Marker, size: f64, style: &str) -> String {
         Marker::Disc => format!("<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{size}\" {style}/>\n"),
         Marker::Square => {
             format!("<rect x=\"{left:.1}\" y=\"{top:.1}\" width=\"{side}\" height=\"{side}\" {style}/>\n")
+        }
+        Marker::Diamond => {
+            let corners = format!("{left:.1},{y:.1} {x:.1},{top:.1} {right:.1},{y:.1} {x:.1},{bottom:.1}");
+            format!("<polygon points=\"{corners}\" {style}/>\n")
         }
         Marker::Triangle => {
             let corners = format!("{left:.1},{bottom:.1} {right:.1},{bottom:.1} {x:.1},{top:.1}");

@@ -24,7 +24,8 @@ type Row = (&'static str, fn(&Settings) -> bool, fn(&mut Settings));
 const FULL: Painter = Painter::Tiles(TilesSettings { resolution: Resolution::Full });
 
 /// The grid of a study: what trades speed for accuracy and leaves the picture as it is.
-const GRID: [Row; 18] = [
+const GRID: [Row; 19] = [
+    ("cpu", any, |s| s.painter = Painter::Cpu),
     ("tiles", any, |_| {}),
     ("tiles, voxels", any, |s| s.level = Level::At(0)),
     ("tiles, level 1", any, |s| s.level = Level::At(1)),
@@ -85,10 +86,10 @@ pub(crate) fn variants(base: &Settings) -> Vec<Variant> {
     models.flat_map(|(shading, kernel)| of_model(&Settings { shading, kernel, ..base.clone() })).collect()
 }
 
-/// The rows that tell most, from the first on: both painters, then their settings that change time or error most. Other
+/// The rows that tell most, from the first on: all painters, then their settings that change time or error most. Other
 /// rows follow in the order of the grid.
-const TELLING: [&str; 6] =
-    ["tiles", "quads", "tiles, a ray a pixel", "quads, sheets of 0.5", "tiles, level 1", "quads, sheets of 2"];
+const TELLING: [&str; 7] =
+    ["cpu", "tiles", "quads", "tiles, a ray a pixel", "quads, sheets of 0.5", "tiles, level 1", "quads, sheets of 2"];
 
 /// The number of rows by which a model is behind the model before it.
 const ROWS_BEHIND: usize = 4;

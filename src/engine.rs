@@ -1,0 +1,185 @@
+//! The engine that makes pictures: a graphics device, or the processor.
+
+use crate::camera::Camera;
+use crate::error::{Error, Result};
+use crate::host::{HostRenderer, HostScene};
+use crate::image::{DepthMap, Region};
+use crate::layers::Layers;
+use crate::renderer::{Renderer, RendererOptions, Scene, silenced};
+use crate::settings::{Interslice, Painter, Settings};
+use crate::solids::Solids;
+use crate::stats::Rendered;
+use crate::stats::adapter::AdapterInfo;
+use voxsplat_volume::memory;
+
+/// What makes pictures.
+pub enum Engine {
+    /// Splats on a graphics device.
+    Device(Box<Renderer>),
+    /// Rays on the processor.
+    Host(HostRenderer),
+}
+
+/// What an [`Engine`] has prepared.
+pub enum EngineScene {
+    /// On the device.
+    Device(Box<Scene>),
+    /// In memory.
+    Host(Box<HostScene>),
+}
+
+/// Bytes of addresses without which threads may not start.
+const LEAST_BYTES: u64 = 256 << 20;
+
+impl Engine {
+    /// Opens the engine for pictures with these settings.
+    ///
+    /// [`Painter::Cpu`] is the processor, `options.adapter` and every other requested painter are a device. If neither
+    /// is requested, the engine is a GPU if there is one and the processor otherwise: there drivers are slower than
+    /// [`HostRenderer`]. On Linux no driver is loaded unless the system shows a GPU, or `VK_DRIVER_FILES` names one.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] if both an adapter and the processor are requested; [`Error::NoAdapter`] if a device is
+    /// requested and there is none.
+    pub fn open(options: &RendererOptions, settings: &Settings) -> Result<Self> {
+        let host = |reason| Ok(Self::Host(HostRenderer::because(reason, &options.progress)));
+        let needs_device = settings.is_post_shaded() && settings.interslice == Interslice::Mean;
+        match (settings.painter, &options.adapter) {
+            (Painter::Cpu, Some(adapter)) => {
+                return Err(Error::setting("adapter", format!("{adapter:?}: an adapter draws by quads or tiles")));
+            }
+            (Painter::Cpu, None) => return host(HostRenderer::REQUESTED),
+            (Painter::Auto, None) if !needs_device => {}
+            _ => return Ok(Self::Device(Box::new(silenced(|| Renderer::new(options))?))),
+        }
+        if !may_have_gpu() {
+            return host("there is no GPU");
+        }
+        match silenced(|| Renderer::new(options)) {
+            Ok(renderer) if renderer.adapter().is_software() => host("no adapter is a GPU"),
+            Ok(renderer) => Ok(Self::Device(Box::new(renderer))),
+            // No driver opens in little memory either, but its error has the reason.
+            Err(Error::NoAdapter(_)) if memory::check(LEAST_BYTES, String::new).is_ok() => {
+                host("no adapter can be opened")
+            }
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Returns the adapter or, of the processor, its vectors and threads.
+    #[must_use]
+    pub fn adapter(&self) -> AdapterInfo {
+        match self {
+            Self::Device(renderer) => renderer.adapter().clone(),
+            Self::Host(_) => HostRenderer::adapter(),
+        }
+    }
+
+    /// Prepares layers for pictures with these settings.
+    ///
+    /// # Errors
+    /// The errors of [`Renderer::prepare_layers`] and [`HostRenderer::prepare_layers`].
+    pub fn prepare_layers(&self, layers: &Layers, settings: &Settings) -> Result<EngineScene> {
+        Ok(match self {
+            Self::Device(renderer) => EngineScene::Device(Box::new(renderer.prepare_layers(layers, settings)?)),
+            Self::Host(renderer) => EngineScene::Host(Box::new(renderer.prepare_layers(layers, settings)?)),
+        })
+    }
+
+    /// Renders a part of a picture, with surfaces in it if there are some.
+    ///
+    /// # Errors
+    /// The errors of [`Renderer::render_with_solids`] and [`HostRenderer::render_with_solids`], and [`Error::Setting`]
+    /// if another engine prepared the scene.
+    pub fn render(
+        &self,
+        scene: &EngineScene,
+        camera: &Camera,
+        settings: &Settings,
+        region: Region,
+        solids: Option<&Solids>,
+    ) -> Result<Rendered> {
+        match (self, scene, solids) {
+            (Self::Device(renderer), EngineScene::Device(scene), None) => {
+                renderer.render_region(scene, camera, settings, region)
+            }
+            (Self::Device(renderer), EngineScene::Device(scene), Some(solids)) => {
+                renderer.render_with_solids(scene, camera, settings, region, solids)
+            }
+            (Self::Host(renderer), EngineScene::Host(scene), None) => {
+                renderer.render_region(scene, camera, settings, region)
+            }
+            (Self::Host(renderer), EngineScene::Host(scene), Some(solids)) => {
+                renderer.render_with_solids(scene, camera, settings, region, solids)
+            }
+            _ => Err(of_another_engine()),
+        }
+    }
+
+    /// Renders a whole picture, refused with [`Error::Setting`] if quads would cover over `most_fragments` pixels.
+    pub(crate) fn render_within(
+        &self,
+        scene: &EngineScene,
+        camera: &Camera,
+        settings: &Settings,
+        most_fragments: f64,
+    ) -> Result<Rendered> {
+        match (self, scene) {
+            (Self::Device(renderer), EngineScene::Device(scene)) => {
+                renderer.render_within(scene, camera, settings, most_fragments)
+            }
+            (Self::Host(renderer), EngineScene::Host(scene)) => renderer.render(scene, camera, settings),
+            _ => Err(of_another_engine()),
+        }
+    }
+
+    /// Returns the depths of a part of a picture at which rays have lost half of their light.
+    ///
+    /// # Errors
+    /// The errors of [`Renderer::depths`] and [`HostRenderer::depths`], and [`Error::Setting`] if another engine
+    /// prepared the scene.
+    pub fn depths(
+        &self,
+        scene: &EngineScene,
+        camera: &Camera,
+        settings: &Settings,
+        region: Region,
+        solids: Option<&DepthMap>,
+    ) -> Result<DepthMap> {
+        match (self, scene) {
+            (Self::Device(renderer), EngineScene::Device(scene)) => {
+                renderer.depths(scene, camera, settings, region, solids)
+            }
+            (Self::Host(renderer), EngineScene::Host(scene)) => {
+                renderer.depths(scene, camera, settings, region, solids)
+            }
+            _ => Err(of_another_engine()),
+        }
+    }
+}
+
+fn of_another_engine() -> Error {
+    Error::setting("scene", "another engine prepared it")
+}
+
+/// Names of the devices of GPUs in a folder.
+#[cfg(any(target_os = "linux", target_os = "freebsd"))]
+const GPUS: [(&str, &str); 5] =
+    [("/dev/dri", "renderD"), ("/dev", "nvidia"), ("/dev", "dxg"), ("/dev", "kgsl-"), ("/dev", "mali")];
+
+/// Whether a GPU may be there, found without loading a driver.
+#[cfg(any(target_os = "linux", target_os = "freebsd"))]
+fn may_have_gpu() -> bool {
+    let has = |folder: &str, start: &str| {
+        let files = std::fs::read_dir(folder).into_iter().flatten().flatten();
+        files.into_iter().any(|file| file.file_name().to_string_lossy().starts_with(start))
+    };
+    let is_named = ["VK_DRIVER_FILES", "VK_ICD_FILENAMES"].into_iter().any(|name| std::env::var_os(name).is_some());
+    is_named || GPUS.into_iter().any(|(folder, start)| has(folder, start))
+}
+
+/// Whether a GPU may be there: only its driver tells.
+#[cfg(not(any(target_os = "linux", target_os = "freebsd")))]
+fn may_have_gpu() -> bool {
+    true
+}
