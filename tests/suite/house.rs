@@ -169,8 +169,8 @@ fn the_rooms_of_the_library_have_no_circle() {
     let mut found = BTreeMap::new();
     modules(&root().join("src"), &[], &mut found);
     let rooms = between_rooms(&arrows(&found));
-    // 22 rooms on 2026-11-28: a new room has a reason.
-    assert!((10..=22).contains(&rooms.len()), "{:?}", rooms.keys());
+    // 23 rooms on 2026-11-29 (engine: the choice between device and processor): a new room has a reason.
+    assert!((10..=23).contains(&rooms.len()), "{:?}", rooms.keys());
     assert_eq!(circles(&rooms), Vec::<Vec<String>>::new());
 }
 
