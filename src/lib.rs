@@ -22,12 +22,12 @@
 //!
 //! [`appearance`] makes default choices. Names that most programs use are at the root, others in modules: [`volume`]
 //! (samples on a lattice), [`formats`] (readers), [`demos`] (built-in volumes), [`transfer`] (functions, presets,
-//! JSON), [`kernel`], [`camera`], [`clip`] (planes, boxes), [`lighting`], [`settings`], [`engine`] (a GPU
-//! or the processor), [`renderer`] (the GPU), [`host`] (the same on the processor), [`mod@reference`] (the same model integrated in f64, to measure against),
-//! [`accuracy`] (pictures that keep an error), [`bricks`] (pictures made by many machines), [`reconstruction`] (filters
-//! of samples), [`image`] (pictures, their files and their differences), [`solids`] (meshes and depth buffers in
-//! pictures), [`figure`] (scale bar, axes, colour bar and title on a picture), `film` (GIF, APNG and Y4M), [`stats`],
-//! [`progress`], [`adapter`] and [`error`].
+//! JSON), [`kernel`], [`camera`], [`clip`] (planes, boxes), [`lighting`], [`settings`], [`engine`] (a GPU or the
+//! processor), [`renderer`] (the GPU), [`host`] (the same on the processor), [`mod@reference`] (the same model
+//! integrated in f64, to measure against), [`accuracy`] (pictures that keep an error), [`bricks`] (pictures made by
+//! many machines), [`reconstruction`] (filters of samples), [`image`] (pictures, their files and their differences),
+//! [`solids`] (meshes and depth buffers in pictures), [`figure`] (scale bar, axes, colour bar and title on a picture),
+//! `film` (GIF, APNG and Y4M), [`stats`], [`progress`], [`adapter`] and [`error`].
 //!
 //! Features, all on by default: `film` writes films; `dicom`, `hdf5` (HDF5 and NetCDF), `jpeg2000` (in DICOM), `tiff`,
 //! `vtk` and `zarr` are readers. The program `voxsplat` is a package of its own, `crates/cli`.
