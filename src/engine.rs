@@ -5,12 +5,11 @@ use crate::error::{Error, Result};
 use crate::host::{HostRenderer, HostScene};
 use crate::image::{DepthMap, Region};
 use crate::layers::Layers;
-use crate::renderer::{Renderer, RendererOptions, Scene, silenced};
+use crate::renderer::{Renderer, RendererOptions, Scene, check_memory, silenced};
 use crate::settings::{Interslice, Painter, Settings};
 use crate::solids::Solids;
 use crate::stats::Rendered;
 use crate::stats::adapter::AdapterInfo;
-use voxsplat_volume::memory;
 
 /// What makes pictures.
 pub enum Engine {
@@ -27,9 +26,6 @@ pub enum EngineScene {
     /// In memory.
     Host(Box<HostScene>),
 }
-
-/// Bytes of addresses without which threads may not start.
-const LEAST_BYTES: u64 = 256 << 20;
 
 impl Engine {
     /// Opens the engine for pictures with these settings.
@@ -58,12 +54,18 @@ impl Engine {
         match silenced(|| Renderer::new(options)) {
             Ok(renderer) if renderer.adapter().is_software() => host("no adapter is a GPU"),
             Ok(renderer) => Ok(Self::Device(Box::new(renderer))),
-            // No driver opens in little memory either, but its error has the reason.
-            Err(Error::NoAdapter(_)) if memory::check(LEAST_BYTES, String::new).is_ok() => {
-                host("no adapter can be opened")
-            }
+            Err(Error::NoAdapter(_)) => host("no adapter can be opened"),
             Err(error) => Err(error),
         }
+    }
+
+    /// Refuses to open an engine in so little memory that its threads may not start, which would end the process: call
+    /// it before the first thread starts.
+    ///
+    /// # Errors
+    /// [`Error::NoAdapter`].
+    pub fn check_memory() -> Result<()> {
+        check_memory()
     }
 
     /// Returns the adapter or, of the processor, its vectors and threads.

@@ -51,6 +51,17 @@ pub fn adapters() -> Vec<AdapterInfo> {
     context::adapters()
 }
 
+/// Refuses to open a driver if there is so little memory that threads may not start.
+///
+/// # Errors
+/// [`Error::NoAdapter`].
+pub(crate) fn check_memory() -> Result<()> {
+    context::check_memory(LEAST_BYTES)
+}
+
+/// Bytes of addresses without which threads may not start.
+const LEAST_BYTES: u64 = 256 << 20;
+
 /// An open graphics device with the pipelines made on it so far.
 pub struct Renderer {
     pub(crate) context: Context,

@@ -56,13 +56,13 @@ pub(crate) fn adapters() -> Vec<AdapterInfo> {
 /// the largest, opens in limits (`ulimit -v`) of 750 to 900 MB, of which the program has 100.
 const DRIVER_BYTES: u64 = 640 << 20;
 
-/// Refuses to open a driver that takes `bytes` of memory if there are fewer.
-fn check_memory(bytes: u64) -> Result<()> {
+/// Refuses to open a driver if there are fewer than `bytes` of memory.
+pub(crate) fn check_memory(bytes: u64) -> Result<()> {
     memory::check(bytes, String::new).map_err(|_| {
         Error::NoAdapter(format!(
             "there is no memory for a driver, which may take {} MiB: free memory, or raise the limit of the process \
              (ulimit -v)",
-            bytes >> 20
+            DRIVER_BYTES >> 20
         ))
     })
 }

@@ -653,10 +653,10 @@ fn growths(camera: &Camera, grid: &Grid, settings: &Settings, kernel: &Kernel) -
         let depths = grid.corners_from_center(0.5).map(|corner| to_center + corner.dot(camera.forward));
         [depths.into_iter().fold(f64::INFINITY, f64::min).max(0.0), depths.into_iter().fold(0.0, f64::max)]
     });
-    let sizes = depths.map(|depth| growth.at(depth));
     let requested = if let Cells::At(level) = settings.level { Some(level) } else { None };
+    let least = requested.map_or(0.0, |level| Level(level).least());
+    let sizes @ [smallest, largest] = depths.map(|depth| growth.at(depth).max(least));
     let level = Level::new(kernel, sizes, requested);
-    let [smallest, largest] = sizes.map(|size| size.max(level.least()));
     if camera.eye().is_none() || largest <= NO_GROWTH {
         return (vec![largest], level);
     }

@@ -141,6 +141,9 @@ impl Session {
     /// Reads the volume of a job and opens its device. Returns the transfer function of the job too.
     pub(crate) fn open(job: &RenderJob, stages: &mut Stages) -> Result<(Self, Fitted), Failure> {
         let mut opening = Stages::default();
+        if matches!(job.maker, Maker::Engine { .. }) {
+            Engine::check_memory()?;
+        }
         let progress = Progress::spinner("reading");
         // Opening the driver takes about as long as reading a small volume, so both run at once.
         let (read, opened) = std::thread::scope(|scope| {

@@ -147,7 +147,7 @@ fn a_study_whose_time_is_used_up_is_a_whole_report_and_goes_on() {
     let count = |numbers: &serde_json::Value, list: &str| numbers[list].as_array().unwrap().len();
     let first = numbers();
     let measured = &first["measurements"][0];
-    assert_eq!((count(&first, "measurements"), measured["name"].as_str()), (1, Some("tiles")), "{first}");
+    assert_eq!((count(&first, "measurements"), measured["name"].as_str()), (1, Some("cpu")), "{first}");
     assert_eq!((count(measured, "frames"), measured["views"].as_u64()), (1, Some(1)), "{first}");
     let all = count(&first, "unmeasured") + 1;
     assert!(all > 16, "{all}");

@@ -298,7 +298,8 @@ fn a_picture_beyond_the_memory_is_refused_beforehand() {
     let points =
         r##"{"points": [{"value": 0, "color": "#fff", "opacity": 0.5}, {"value": 9, "color": "#fff", "opacity": 1}]}"##;
     std::fs::write(dir.path().join("t.json"), points).unwrap();
-    let scene = "render a.raw --dims 500,500,500 --type u8 --transfer t.json --light off --size 1024 -q";
+    let scene = "render a.raw --dims 500,500,500 --type u8 --transfer t.json --light off --size 1024 -q \
+                 --painter tiles";
     for words in
         ["the picture needs about 2.2 GB of memory, and its limit of address space has", "draw it with --level 1"]
     {

@@ -147,7 +147,7 @@ fn every_command_prints_its_result_as_json() {
     let nautilus = &of(0)["choices"];
     assert_eq!((&nautilus["light"], &nautilus["sharpness"]), (&json!(["studio"]), &json!(0.5)));
     assert_eq!((&nautilus["view"]["azimuth"], &nautilus["view"]["frame"]), (&json!(22.0), &json!("view")));
-    assert!(["tiles", "quads"].contains(&nautilus["painter"].as_str().unwrap()), "{nautilus}");
+    assert!(["cpu", "tiles", "quads"].contains(&nautilus["painter"].as_str().unwrap()), "{nautilus}");
     assert_eq!((&of(1)["outputs"], &of(1)["choices"]["painter"]), (&json!(["two.png"]), &json!("reference")));
     assert_eq!(of(2)["choices"]["light"], json!(["studio:eye"]));
     assert_eq!((&of(3)["stats"]["frames"], &of(2)["stats"]), (&json!(2), &Value::Null));
@@ -223,23 +223,30 @@ fn the_host_engine_needs_no_driver() {
     }
     // Without a driver it draws by itself what no option asks a device for.
     let output = said("render demo:sphere:24 --size 24 -o d.png --json");
-    let note = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success() && note.contains("using --painter cpu because no graphics adapter"), "{note}");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let result: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(result["choices"]["painter"], "cpu");
     let output = said("render demo:sphere:24 --size 24 -o d.png --painter tiles");
     assert!(String::from_utf8_lossy(&output.stderr).contains("no graphics adapter"), "{output:?}");
     let turned = said(&format!("turntable {look} -o t.gif --frames 2"));
     assert!(turned.status.success(), "{}", String::from_utf8_lossy(&turned.stderr));
     fs::write(dir.path().join("a.obj"), "v 0 0 0\nv 9 0 0\nv 0 9 0\nf 1 2 3\n").unwrap();
-    for (options, words) in [
-        ("--mesh a.obj", "--painter cpu draws no meshes"),
-        ("--adapter any", "--adapter: an adapter draws by quads or tiles"),
-        ("--max-error 0.1", "--max-error: it chooses among the settings of quads and tiles"),
-    ] {
-        let line = format!("render demo:sphere:24 --size 24 --light off --painter cpu -o b.png {options}");
-        let line = if options.contains("shading") { line } else { format!("{line} --shading post") };
-        let output = said(&line);
-        assert!(!output.status.success() && complaint(&output).contains(words), "{options}");
+    for options in ["-o b.exr --mesh a.obj", "-o b.png --max-error 0.1", "-o b.png --model mip --depth-coded"] {
+        let output = said(&format!("render demo:sphere:24 --size 24 --painter cpu {options}"));
+        assert!(output.status.success(), "{options}: {}", String::from_utf8_lossy(&output.stderr));
     }
+    let [plain, with_mesh] = ["a.png", "m.png"].map(|name| {
+        let mesh = if name == "m.png" { "--mesh a.obj" } else { "" };
+        let line = format!("render demo:sphere:24 --size 24 -q -o {name} {mesh}");
+        assert!(said(line.trim_end()).status.success());
+        Image::load(dir.path().join(name)).unwrap()
+    });
+    assert!(plain != with_mesh, "the mesh does not show");
+    let study = said("pareto demo:sphere:8 -o report --model xray --size 12 --views 1 --repeats 1 --tune sample=64");
+    let note = String::from_utf8_lossy(&study.stderr);
+    assert!(study.status.success() && note.contains("measuring --painter cpu alone"), "{note}");
+    let output = said("render demo:sphere:24 --size 24 --painter cpu -o b.png --adapter any");
+    assert!(complaint(&output).contains("--adapter: an adapter draws by quads or tiles"), "{output:?}");
 }
 
 #[cfg(target_os = "linux")]
