@@ -1,5 +1,6 @@
 # Sourced by the scripts of this repository, from its root: installs packages that a fresh Debian or Ubuntu lacks
-# besides Rust: a C linker, and Mesa's Vulkan driver, which needs no GPU, with its loader. Silent if nothing is missing.
+# besides Rust: a C linker and, unless setup_driver=no, Mesa's Vulkan driver, which needs no GPU, with its loader. Silent
+# if nothing is missing.
 # shellcheck shell=sh
 
 setup_fail() {
@@ -96,10 +97,13 @@ export CARGO_BUILD_JOBS="${CARGO_BUILD_JOBS:-$setup_jobs}"
 
 setup_packages=
 setup_can_link || setup_packages="gcc libc6-dev"
-setup_has_vulkan || setup_packages="$setup_packages libvulkan1 mesa-vulkan-drivers"
+setup_lacks_driver() {
+    [ "${setup_driver:-yes}" = yes ] && ! setup_has_vulkan
+}
+setup_lacks_driver && setup_packages="$setup_packages libvulkan1 mesa-vulkan-drivers"
 if [ -n "$setup_packages" ]; then
     # shellcheck disable=SC2086 # one word per package
     setup_install $setup_packages
     setup_can_link || setup_fail "C programs still do not link"
-    setup_has_vulkan || setup_fail "there is still no working Vulkan driver"
+    if setup_lacks_driver; then setup_fail "there is still no working Vulkan driver"; fi
 fi

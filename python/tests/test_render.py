@@ -130,8 +130,16 @@ def test_scenes_serve_many_views_and_light_stays() -> None:
         assert np.array_equal(part, np.asarray(renderer.render(scene, size=(64, 48)))[5:25, 10:40])
     with pytest.raises(ValueError, match="the renderer is closed"):
         renderer.render(scene)
-    with vs.Renderer() as other, pytest.raises(ValueError, match="another"):
-        other.render(scene, size=16)
+
+
+def test_a_scene_of_a_device_belongs_to_its_renderer() -> None:
+    with vs.Renderer() as first, vs.Renderer() as second:
+        scene = first.prepare(samples(), painter="tiles", size=16)
+        with pytest.raises(ValueError, match="another"):
+            second.render(scene, size=16)
+        # The processor's scenes are numbers in memory.
+        scene = first.prepare(samples(), painter="cpu", size=16)
+        assert np.array_equal(second.render(scene, size=16), first.render(scene, size=16))
 
 
 def test_transfer_functions_come_as_points_dictionaries_and_files(tmp_path: Path) -> None:

@@ -63,7 +63,7 @@ pub(crate) struct ParetoArgs {
     pub(crate) view: ViewArgs,
     #[command(flatten)]
     pub(crate) model: ModelArgs,
-    /// Use the adapter whose name contains NAME, or #N of `voxsplat devices` [default: the best adapter]
+    /// Use the adapter whose name contains NAME, or #N of `voxsplat devices` [default: the best GPU]
     #[arg(long, value_name = "NAME", value_parser = NonEmptyStringValueParser::new(), help_heading = "Device")]
     pub(crate) adapter: Option<String>,
 }

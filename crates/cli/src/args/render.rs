@@ -86,13 +86,13 @@ pub(crate) struct RenderArgs {
     #[command(flatten)]
     pub(crate) solids: SolidArgs,
 
-    /// Draw splats by quads, which draws every picture, or by tiles, which is faster and refuses some; auto uses quads
-    /// if tiles refuses, and --tune resolution=full on GPUs. A key of a painter (--tune help) chooses the painter. cpu
-    /// draws by rays on the processor, as auto does if no graphics adapter can be opened
+    /// Draw by rays on the processor (cpu), or splats on a device: by quads, which draws every picture, or by tiles,
+    /// which is faster and refuses some. auto is cpu without a GPU; on a GPU it is tiles, or quads if tiles refuses. A
+    /// key of a painter (--tune help) chooses the painter
     #[arg(long, value_name = "PAINTER", default_value = "auto", help_heading = "Device")]
     pub(crate) painter: PainterArg,
 
-    /// Use the adapter whose name contains NAME, or #N of `voxsplat devices` [default: the best adapter]
+    /// Use the adapter whose name contains NAME, or #N of `voxsplat devices` [default: the best GPU]
     #[arg(long, value_name = "NAME", value_parser = NonEmptyStringValueParser::new(), help_heading = "Device")]
     pub(crate) adapter: Option<String>,
     /// Use the cheapest settings whose error is at most E, over 0; channels run from 0 to 1
