@@ -8,37 +8,23 @@
 // and footprints times s, m1. In dense material, which shows where parts are off by little, it is a parabola, of a
 // third moment m2. The slabs around a plane get their parts from these. The parts of a kernel add up to its footprint,
 // so a ray has the optical depth of whole kernels.
-//
-// `single` marches one ray. `eight` marches eight: rays a voxel apart, which meet a plane at the same place between its
-// voxels and share the six footprints of a row; or rays of neighbouring pixels along m, which share the voxels that
-// they meet and find their footprints once. Its rays are written out eight times, because loops over arrays stay in
-// memory on drivers that do not unroll them: a line with a number sign stands for itself with 0 to 7 in its place
-// (src/gpu/shaders.rs).
 // uses: common/absorbed, common/march_planes, common/response
 
 @group(0) @binding(0) var<uniform> uniform_rays: Rays;
 @group(0) @binding(2) var<storage, read> runs: array<vec2u>;
-// Written if rays go through an intermediate image; read by `prefilter`.
-@group(0) @binding(3) var intermediate: texture_storage_2d<rgba32float, write>;
-// The picture, to which the rays of pixels add.
-@group(0) @binding(4) var<storage, read_write> pixels: array<vec4f>;
-// The share of its own ray in each pixel, and the tiles with such pixels.
-@group(0) @binding(3) var<storage, read> refinement: array<f32>;
-@group(0) @binding(5) var<storage, read> refined: Refined;
-// For each pixel, the state of its ray behind the layers before: premultiplied colour and optical depth.
-@group(0) @binding(3) var<storage, read_write> gathered_before: array<vec4f>;
-@group(0) @binding(5) var<storage, read> solid_depths: array<f32>;
-@group(0) @binding(6) var<uniform> tables: Tables;
+// The picture, to which rays add.
+@group(0) @binding(3) var<storage, read_write> pixels: array<vec4f>;
+@group(0) @binding(4) var<storage, read> solid_depths: array<f32>;
+@group(0) @binding(5) var<uniform> tables: Tables;
 // See common/pages.wgsl.
-@group(0) @binding(7) var<storage, read> page_table: array<u32>;
-
-// Rays go through an intermediate image.
-override RESAMPLED: bool = false;
+@group(0) @binding(6) var<storage, read> page_table: array<u32>;
+// For each pixel, the state of its ray behind the layers before: premultiplied colour and optical depth.
+@group(0) @binding(7) var<storage, read_write> gathered_before: array<vec4f>;
 
 // Parts are parabolas in s.
 override CURVED: bool = false;
 
-// Planes that kernels reach before and behind their own: 2 to 4; along `eight`, 2.
+// Planes that kernels reach before and behind their own: 2 to 4.
 override REACH: i32 = 3;
 
 // Sums in the slabs around a plane, from four planes before its own, which is number 4, to four behind it.
@@ -288,19 +274,10 @@ fn feed(
     add_parts(ray, slabs, parts, geometry, plane);
 }
 
-// Stores the value of a point of the intermediate image, or adds it to its pixel.
-fn put(at: vec2u, value: vec4f) {
-    if RESAMPLED {
-        textureStore(intermediate, at, value);
-    } else {
-        add_to_pixel(at, value);
-    }
-}
-
 @compute @workgroup_size(64)
-fn single(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile: vec3u) {
+fn gather(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile: vec3u) {
     rays = uniform_rays;
-    let at = point_of(tile, lane);
+    let at = pixel_of(tile, lane);
     let share = share_of(line_of(at));
     if PERSPECTIVE && share == 0.0 {
         return;
@@ -308,9 +285,9 @@ fn single(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) til
     let geometry = geometry_of_pixel(at);
     let ray = march_planes(tile, geometry, new_ray());
     if BRICK {
-        put(at, partial(ray, geometry));
+        add_to_pixel(at, partial(ray, geometry));
     } else {
-        put(at, share * finished(ray));
+        add_to_pixel(at, share * finished(ray));
     }
 }
 
@@ -319,7 +296,7 @@ fn single(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) til
 @compute @workgroup_size(64)
 fn layer(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile: vec3u) {
     rays = uniform_rays;
-    let at = point_of(tile, lane);
+    let at = pixel_of(tile, lane);
     let share = share_of(line_of(at));
     if any(at >= rays.picture) || share == 0.0 {
         return;
@@ -335,250 +312,4 @@ fn layer(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile
         shown = response(before.w, rays.model);
     }
     add_to_pixel(at, share * (value - shown));
-}
-
-// The rays of pixels that the intermediate images reproduce too poorly: a workgroup for each tile of the list.
-@compute @workgroup_size(64)
-fn refine(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) group: vec3u) {
-    rays = uniform_rays;
-    let index = group.y * REFINED_ROW + group.x;
-    if index >= refined.count {
-        return;
-    }
-    let number = refined.tiles[index];
-    let tile = vec3u(number % rays.tiles.x, number / rays.tiles.x, 0u);
-    let at = point_of(tile, lane);
-    if any(at >= rays.picture) {
-        return;
-    }
-    let share = refinement[at.y * rays.picture.x + at.x] * share_of(line_of(at));
-    if share > 0.0 {
-        let geometry = geometry_of(at);
-        add_to_pixel(at, share * finished(march_planes(tile, geometry, new_ray())));
-    }
-}
-
-// Rays across a block of eight: 8 rays in a row, a voxel apart; or 2 or 4 pixels.
-override ACROSS: u32 = 8u;
-// Rows of voxels that reach a ray of a block of pixels: 5 to 7. Along a row it is five voxels.
-override ROWS: u32 = 5u;
-
-// Adds a plane to the slabs of ray `number` of eight; `is_cut` says whether the plane is near a cut.
-fn feed_eight(
-    ray: ptr<function, RayState>,
-    slabs: ptr<function, Slabs>,
-    sums: Moments,
-    geometry: RayGeometry,
-    eight: ptr<function, EightCuts>,
-    number: u32,
-    is_cut: bool,
-) {
-    var parts = parts_of(geometry.near.as_asked, sums);
-    if CLIP_PLANES > 0u && is_cut {
-        parts = cut_parts(parts, sums.m0, (*eight).cuts[number]);
-    }
-    // The rays of a brick march one by one: no slab has an owner here.
-    add_parts(ray, slabs, parts, geometry, 0);
-}
-
-// The cuts of eight rays.
-struct EightCuts {
-    // The base coordinates of each ray, and the planes between which it is unclipped.
-    bases: array<vec2f, 8>,
-    places: array<vec2f, 8>,
-    // The least and the largest of their beginnings, and of their ends.
-    begin: vec2f,
-    end: vec2f,
-    // For one plane.
-    cuts: array<Cut, 8>,
-}
-
-fn eight_cuts(geometry: RayGeometry) -> EightCuts {
-    var eight = EightCuts();
-    if CLIP_PLANES > 0u {
-        eight.begin = vec2f(FAR, -FAR);
-        eight.end = vec2f(FAR, -FAR);
-        for (var i = 0u; i < 8u; i++) {
-            let number = vec2f(vec2u(i % ACROSS, i / ACROSS) * rays.phases);
-            let base = geometry.base + number.x * rays.step_x + number.y * rays.step_y;
-            let places = cut_of(base, geometry.shear);
-            eight.bases[i] = base;
-            eight.places[i] = places;
-            eight.begin = vec2f(min(eight.begin.x, places.x), max(eight.begin.y, places.x));
-            eight.end = vec2f(min(eight.end.x, places.y), max(eight.end.y, places.y));
-        }
-    }
-    return eight;
-}
-
-// The planes of a run that can matter to one of the rays.
-fn planes_of_eight(run: vec2i, eight: ptr<function, EightCuts>) -> vec2i {
-    let planes = run_planes(run);
-    if CLIP_PLANES == 0u {
-        return planes;
-    }
-    let beyond = REACH + 2;
-    return vec2i(max(planes.x, i32((*eight).begin.x) - beyond), min(planes.y, i32((*eight).end.y) + beyond + 1));
-}
-
-// Computes the cuts for a plane. False if every ray is unclipped within the reach of the kernels of the plane.
-fn find_cuts(eight: ptr<function, EightCuts>, geometry: RayGeometry, plane: i32, end: i32) -> bool {
-    if CLIP_PLANES == 0u {
-        return false;
-    }
-    let reach = reach_along();
-    if (*eight).begin.y - f32(plane) <= -reach && (*eight).end.x - f32(plane) >= reach {
-        return false;
-    }
-    for (var i = 0u; i < 8u; i++) {
-        (*eight).cuts[i] = cut_at((*eight).places[i], (*eight).bases[i], geometry, plane, end);
-    }
-    return true;
-}
-
-// The least optical depth of eight rays.
-fn least(a: vec4f, b: vec4f) -> f32 {
-    let m = min(a, b);
-    return min(min(m.x, m.y), min(m.z, m.w));
-}
-
-// Footprints of the voxels of a row.
-struct FiveWeights {
-    first_four: vec4f,
-    last: f32,
-}
-
-fn five_weights(d: vec2f) -> FiveWeights {
-    let x = d.x + vec4f(0.0, 1.0, 2.0, 3.0);
-    let square = x * x + d.y * d.y;
-    return FiveWeights(
-        vec4f(footprint(square.x), footprint(square.y), footprint(square.z), footprint(square.w)),
-        footprint((d.x + 4.0) * (d.x + 4.0) + d.y * d.y),
-    );
-}
-
-struct FiveVoxels {
-    v0: vec4f,
-    v1: vec4f,
-    v2: vec4f,
-    v3: vec4f,
-    v4: vec4f,
-}
-
-// Five voxels of a row from the first or, if `odd`, from the second voxel of a texel.
-fn five_voxels(texel: vec2i, odd: bool, origin: Texel) -> FiveVoxels {
-    let at = texel_at(texel, origin);
-    let t0 = voxels_at(at);
-    let t1 = voxels_at(along_row(at, 1));
-    let t2 = voxels_at(along_row(at, 2));
-    let u0 = select(t0, vec4u(t0.zw, t1.xy), odd);
-    let u1 = select(t1, vec4u(t1.zw, t2.xy), odd);
-    let u2 = select(t2, t2.zwzw, odd);
-    return FiveVoxels(first_of(u0), second_of(u0), first_of(u1), second_of(u1), first_of(u2));
-}
-
-fn weighed(w: FiveWeights, v: FiveVoxels) -> vec4f {
-    let f = w.first_four;
-    return f.x * v.v0 + f.y * v.v1 + f.z * v.v2 + f.w * v.v3 + w.last * v.v4;
-}
-
-// The footprints and the voxels of the rows that reach a block of pixels: ROWS of them.
-struct RowsOfWeights {
-    r#: FiveWeights,
-}
-struct RowsOfVoxels {
-    r#: FiveVoxels,
-}
-
-fn rows_of_weights(d: vec2f) -> RowsOfWeights {
-    var w: RowsOfWeights;
-    if #u < ROWS { w.r# = five_weights(d + vec2f(0.0, f32(#))); }
-    return w;
-}
-
-// The sum over the rows for one ray.
-fn sum_of_rows(weights: RowsOfWeights, voxels: RowsOfVoxels) -> vec4f {
-    var sum = vec4f(0.0);
-    if #u < ROWS { sum += weighed(weights.r#, voxels.r#); }
-    return sum;
-}
-
-@compute @workgroup_size(8)
-fn eight(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile: vec3u) {
-    rays = uniform_rays;
-    // Blocks across a tile of 8 x 8 rays, and rays down a block.
-    let down = 8u / ACROSS;
-    let at = first_ray(tile) + vec2u(lane % down * ACROSS, lane / down * down) * rays.phases;
-    let geometry = geometry_of(at);
-    let direction = geometry.direction.xy;
-    // Of a block of pixels: the least place of a ray along a and b, and the first voxel that reaches a ray.
-    let low = geometry.base + min(vec2f(0.0), f32(ACROSS - 1u) * rays.step_x)
-        + min(vec2f(0.0), f32(down - 1u) * rays.step_y);
-    let first = vec2i(ceil(low - geometry.footprint_half)) - rays.first.xy;
-    let odd = (first.x & 1) == 1;
-    let voxel = rays.first.xy;
-    var weights: array<RowsOfWeights, 8>;
-    if ACROSS < 8u {
-        // A loop over an array, which compiles faster: 280 numbers stay in memory anyway.
-        for (var number = 0u; number < 8u; number++) {
-            let d = vec2f(rays.first.xy + first) - geometry.base - f32(number % ACROSS) * rays.step_x
-                - f32(number / ACROSS) * rays.step_y;
-            weights[number] = rows_of_weights(d);
-        }
-    }
-    var cuts = eight_cuts(geometry);
-    var ray# = new_ray();
-    var slabs#: Slabs;
-    var depth = 0.0;
-    for (var slot = 0u; ; slot++) {
-        let run = run_at(tile, slot, depth);
-        if run.y == 0 {
-            break;
-        }
-        let planes = planes_of_eight(run, &cuts);
-        begin_run(&ray#); slabs# = Slabs();
-        for (var plane = planes.x; plane < planes.y + FLUSH; plane++) {
-            let origin = plane_texel(plane);
-            var sums# = Moments();
-            if ACROSS == 8u {
-                let center = geometry.base + geometry.shear * f32(plane);
-                let rows = rows_of(plane, planes.y, center.y, geometry.footprint_half.y);
-                for (var row = rows.x; row <= rows.y; row++) {
-                    let at_row = voxel_row(geometry, center, row, origin, geometry.row_half, voxel);
-                    let w = row_weights(at_row, direction, 1.0);
-                    // Voxels a0, b0, a1, b1 ... a6 of the row, from a0 on for the first ray.
-                    let t# = voxels_at(along_row(at_row.texel, #));
-                    let a# = first_of(t#);
-                    let b# = second_of(t#);
-                    add_row(&sums0, w, a0, b0, a1, b1, a2, b2);
-                    add_row(&sums1, w, b0, a1, b1, a2, b2, a3);
-                    add_row(&sums2, w, a1, b1, a2, b2, a3, b3);
-                    add_row(&sums3, w, b1, a2, b2, a3, b3, a4);
-                    add_row(&sums4, w, a2, b2, a3, b3, a4, b4);
-                    add_row(&sums5, w, b2, a3, b3, a4, b4, a5);
-                    add_row(&sums6, w, a3, b3, a4, b4, a5, b5);
-                    add_row(&sums7, w, b3, a4, b4, a5, b5, a6);
-                }
-            } else {
-                // Behind the run the rows before the plane, which are zeros. Every kernel has its centre where the ray
-                // meets its plane: s is 0.
-                let top = vec2i(first.x >> 1u, select(-i32(ROWS), first.y, plane < planes.y));
-                var voxels: RowsOfVoxels;
-                if #u < ROWS { voxels.r# = five_voxels(top + vec2i(0, #), odd, origin); }
-                sums#.m0 = sum_of_rows(weights[#], voxels);
-            }
-            let is_cut = find_cuts(&cuts, geometry, plane, planes.y);
-            feed_eight(&ray#, &slabs#, sums#, geometry, &cuts, #u, is_cut);
-            depth = least(
-                vec4f(ray0.depth, ray1.depth, ray2.depth, ray3.depth),
-                vec4f(ray4.depth, ray5.depth, ray6.depth, ray7.depth),
-            );
-            if depth > rays.opaque_depth {
-                break;
-            }
-        }
-    }
-    // The shares of intermediate images count when they are resampled.
-    let share = select(rays.share, 1.0, RESAMPLED);
-    put(at + vec2u(#u % ACROSS, #u / ACROSS) * rays.phases, share * finished(ray#));
 }

@@ -302,7 +302,7 @@ fn march(tile: vec3u, geometry: RayGeometry, start: RayState) -> RayState {
 fn layer(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile: vec3u) {
     rays = uniform_rays;
     lighting = uniform_lighting;
-    let at = point_of(tile, lane);
+    let at = pixel_of(tile, lane);
     let share = share_of(line_of(at));
     if any(at >= rays.picture) || share == 0.0 {
         return;
@@ -320,7 +320,7 @@ fn layer(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile
 fn gather(@builtin(local_invocation_index) lane: u32, @builtin(workgroup_id) tile: vec3u) {
     rays = uniform_rays;
     lighting = uniform_lighting;
-    let at = point_of(tile, lane);
+    let at = pixel_of(tile, lane);
     let share = share_of(line_of(at));
     if PERSPECTIVE && share == 0.0 {
         return;

@@ -59,9 +59,6 @@ fn pack_splat(index: u32) {
     if is_marking(words) && !follows_in_cells(index, words.x, place, before) {
         mark(place);
     }
-    if !is_stored(place) {
-        return;
-    }
     if SCALARS && !GRADIENTS {
         store(place, vec2u(words.y, 0u));
         return;

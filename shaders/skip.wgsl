@@ -10,19 +10,6 @@
 // run_index(tile, slot); (0, 0) ends the list of a tile.
 @group(0) @binding(2) var<storage, read_write> runs: array<vec2u>;
 
-// The share of its own ray in each pixel, and the tiles with such pixels.
-@group(0) @binding(3) var<storage, read> refinement: array<f32>;
-@group(0) @binding(4) var<storage, read_write> listed: ListedTiles;
-
-// `Refined` for writing.
-struct ListedTiles {
-    workgroups_x: atomic<u32>,
-    workgroups_y: atomic<u32>,
-    workgroups_z: atomic<u32>,
-    count: atomic<u32>,
-    tiles: array<u32>,
-}
-
 // Voxels are scalars.
 override SCALARS: bool = false;
 
@@ -92,56 +79,18 @@ fn cells_between(first: i32, last: i32, number: i32, axis: u32) -> u32 {
     return select(0u, ~behind, first < start + CELL) | select(0u, behind, last >= start + CELL);
 }
 
-@compute @workgroup_size(8, 8)
-fn skip(@builtin(global_invocation_id) tile: vec3u) {
-    rays = uniform_rays;
-    if is_wanted(tile) {
-        find_runs(tile);
-    } else if all(tile.xy < rays.tiles) {
-        // Rays without a run end at once.
-        runs[run_index(tile, 0u)] = vec2u(0u);
-    }
-}
-
 fn is_wanted(tile: vec3u) -> bool {
     return all(tile.xy >= rays.clip_low) && all(tile.xy < rays.clip_high);
-}
-
-// Lists the tiles of pixels that have rays of their own for `refine`, and finds their runs. The order of the list
-// changes no picture.
-@compute @workgroup_size(8, 8)
-fn skip_refined(@builtin(global_invocation_id) tile: vec3u) {
-    rays = uniform_rays;
-    if !is_wanted(tile) {
-        return;
-    }
-    let first = tile.xy * 8u;
-    let end = min(first + 8u, rays.picture);
-    var largest = 0.0;
-    for (var y = first.y; y < end.y; y++) {
-        for (var x = first.x; x < end.x; x++) {
-            largest = max(largest, refinement[y * rays.picture.x + x]);
-        }
-    }
-    if largest == 0.0 {
-        return;
-    }
-    let index = atomicAdd(&listed.count, 1u);
-    listed.tiles[index] = tile.y * rays.tiles.x + tile.x;
-    atomicStore(&listed.workgroups_x, REFINED_ROW);
-    atomicMax(&listed.workgroups_y, index / REFINED_ROW + 1u);
-    atomicStore(&listed.workgroups_z, 1u);
-    find_runs(tile);
 }
 
 // The slabs of a tile that are marked by the invocations of a workgroup, a bit each: a volume has at most 2048
 // macrocells along an axis, and a macrocell two slabs.
 var<workgroup> marked: array<atomic<u32>, 128>;
 
-// `skip` with a workgroup for each tile, whose invocations test slabs of macrocells side by side: GPUs have fewer tiles
-// than they run invocations at a time.
+// A workgroup for each tile, whose invocations test slabs of macrocells side by side: there are fewer tiles than a GPU
+// runs invocations at a time.
 @compute @workgroup_size(64)
-fn skip_together(@builtin(workgroup_id) tile: vec3u, @builtin(local_invocation_index) lane: u32) {
+fn skip(@builtin(workgroup_id) tile: vec3u, @builtin(local_invocation_index) lane: u32) {
     rays = uniform_rays;
     atomicStore(&marked[lane], 0u);
     atomicStore(&marked[lane + 64u], 0u);
@@ -178,8 +127,8 @@ fn slab_count() -> u32 {
 }
 
 fn corners_of(tile: vec3u) -> Corners {
-    let low = first_ray(tile);
-    let high = low + 7u * rays.phases;
+    let low = tile.xy * 8u;
+    let high = low + 7u;
     let points = array<vec2u, 4>(low, high, vec2u(high.x, low.y), vec2u(low.x, high.y));
     var corners: Corners;
     corners.footprint_half = rays.footprint_half;
@@ -231,16 +180,4 @@ fn end_list(list: ptr<function, RunList>, tile: vec3u) {
         list_run(list, tile);
     }
     runs[run_index(tile, (*list).slot)] = vec2u(0u);
-}
-
-fn find_runs(tile: vec3u) {
-    var corners = corners_of(tile);
-    var list = RunList();
-    let slabs = slab_count();
-    for (var slab = 0u; slab < slabs; slab++) {
-        if is_occupied(&corners, slab) {
-            add_slab(&list, tile, slab);
-        }
-    }
-    end_list(&list, tile);
 }

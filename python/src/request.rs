@@ -11,7 +11,7 @@ use voxsplat::camera::{Camera, ProjectionKind, View};
 use voxsplat::error::{Error, Result};
 use voxsplat::glam::DVec3;
 use voxsplat::layers::{LabelSelection, Layer, Layers};
-use voxsplat::settings::{Painter, QuadsSettings, Settings, TilesSettings};
+use voxsplat::settings::{Painter, QuadsSettings, Settings};
 use voxsplat::transfer::Window;
 use voxsplat::volume::{Counts, Grid, Statistics};
 
@@ -59,7 +59,6 @@ pub(crate) struct SettingsFields {
     sharpness: Option<f64>,
     level: String,
     painter: String,
-    resolution: Option<String>,
     sheet_thickness: Option<f64>,
     termination: f64,
     antialiasing: bool,
@@ -220,18 +219,16 @@ impl SettingsFields {
 
     /// Returns the painter; a knob of a painter chooses its painter.
     fn painter(&self) -> Result<Painter> {
-        let resolution = self.resolution.as_deref().map(str::parse).transpose()?;
-        let tiles = Painter::Tiles(TilesSettings { resolution: resolution.unwrap_or_default() });
         let default = QuadsSettings::default();
         let sheet_thickness = self.sheet_thickness.unwrap_or(default.sheet_thickness);
         let quads = Painter::Quads(QuadsSettings { sheet_thickness, ..default });
-        match (self.painter.as_str(), resolution.is_some(), self.sheet_thickness.is_some()) {
-            ("auto", false, false) => Ok(Painter::Auto),
-            ("auto" | "tiles", _, false) => Ok(tiles),
-            ("auto" | "quads", false, _) => Ok(quads),
-            ("cpu", false, false) => Ok(Painter::Cpu),
-            ("auto" | "tiles" | "quads" | "cpu", ..) => {
-                let reason = "resolution is for tiles and sheet_thickness for quads".to_owned();
+        match (self.painter.as_str(), self.sheet_thickness.is_some()) {
+            ("auto", false) => Ok(Painter::Auto),
+            ("tiles", false) => Ok(Painter::Tiles),
+            ("auto" | "quads", _) => Ok(quads),
+            ("cpu", false) => Ok(Painter::Cpu),
+            ("tiles" | "cpu", true) => {
+                let reason = "sheet_thickness is for quads".to_owned();
                 Err(Error::Setting { name: "painter", reason })
             }
             (other, ..) => Err(Error::Setting {

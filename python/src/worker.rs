@@ -12,7 +12,7 @@ use pyo3::prelude::*;
 use voxsplat::engine::Engine;
 use voxsplat::error::Error;
 use voxsplat::progress::Progress;
-use voxsplat::settings::{Painter, Settings, TilesSettings};
+use voxsplat::settings::{Painter, Settings};
 use voxsplat::{Renderer, RendererOptions};
 
 use crate::error::{DeviceError, internal, raised};
@@ -113,7 +113,7 @@ impl Engines<'_> {
         let is_host = match settings.painter {
             Painter::Cpu => Some(true),
             Painter::Auto => self.open.prefers_host,
-            Painter::Quads(_) | Painter::Tiles(_) => Some(false),
+            Painter::Quads(_) | Painter::Tiles => Some(false),
         };
         let kept = is_host.and_then(|is_host| self.open.slot(is_host).take());
         let engine = kept.map_or_else(|| Engine::open(&self.options, settings), Ok)?;
@@ -126,7 +126,7 @@ impl Engines<'_> {
 
     /// The device, for pictures that the processor does not make.
     pub(crate) fn device(&mut self) -> Result<&Renderer, Error> {
-        match self.suited(&Settings { painter: Painter::Tiles(TilesSettings::default()), ..Settings::default() })? {
+        match self.suited(&Settings { painter: Painter::Tiles, ..Settings::default() })? {
             Engine::Device(renderer) => Ok(renderer),
             Engine::Host(_) => Err(Error::NoAdapter("a device is needed".to_owned())),
         }

@@ -171,7 +171,7 @@ def test_transfer_functions_come_as_points_dictionaries_and_files(tmp_path: Path
         ({"time": 1}, "time: it is for files"),
         ({"clip": "L"}, "clip: L: the file does not state the patient's sides"),
         ({"shading": "mid"}, 'shading: "mid", expected pre'),
-        ({"painter": "tiles", "sheet_thickness": 1}, "painter: resolution is for tiles"),
+        ({"painter": "tiles", "sheet_thickness": 1}, "painter: sheet_thickness is for quads"),
         ({"fov": 20}, "fov: it is for projection"),
         ({"background": "blurple"}, 'background: "blurple", expected'),
         ({"region": (0, 0, 90, 90), "size": 64}, "region"),

@@ -146,8 +146,6 @@ class Settings:
     """Cells of 2^level voxels replace voxels, 0 to 12; ``"auto"`` may choose cells between two levels."""
     painter: str = "auto"
     """``"auto"``, ``"tiles"``, ``"quads"``, or ``"cpu"``: rays on the processor, without a graphics driver."""
-    resolution: str | None = None
-    """Of tiles: ``"capped"`` or ``"full"``, a ray for each pixel."""
     sheet_thickness: float | None = None
     """Of quads: thickness of a sheet in voxels, 0.05 to 64; 1 by default."""
     termination: float = 1e-3

@@ -1,15 +1,8 @@
-// The rows of a texture in which the painter `tiles` keeps a volume on software (voxels/rows.wgsl). A texel holds two
-// voxels of a row along a. The rows of a plane, one for each voxel along b, stand below one another; `columns` planes
-// stand side by side and make a shelf; shelves stand below one another. MARGIN texels of zeros precede each row, one
-// row of zeros precedes each shelf.
+// The box of voxels that the painter `tiles` marches through (voxels/box.wgsl), and the marks of its cells.
 
-// Texels of zeros before each row. `eight` in gather.wgsl reads 7 texels from a place of which `texel_at` clamps the
-// start: if a ray misses the row, all of them are zeros, before it or after it.
-const MARGIN: i32 = 7;
 // Voxels along the side of a macrocell, which has 2^3 cells. Macrocells are numbered in the whole lattice, whatever
 // part of it is packed. A buffer has a byte of marks for each, four to a word, the first one the lowest: cell number
-// c is marked by bit c. Bit 0 of c is the place of the cell along a, bit 1 along b and bit 2 along m (x, y and z in
-// a box). A cell is marked if it has a splat; of scalars, if the kernel of a visible scalar may reach a slab at one
+// c is marked by bit c. Bit 0 of c is the place of the cell along x, bit 1 along y and bit 2 along z. A cell is marked if it has a splat; of scalars, if the kernel of a visible scalar may reach a slab at one
 // of its voxels.
 const MACROCELL: i32 = 4;
 const CELL: i32 = 2;
@@ -19,28 +12,19 @@ struct Pack {
     low: vec3u,
     // The runs of splats of this dispatch: the first one, and their number (run_count).
     first_run: u32,
-    // Numbers of the lattice axes of a, b and m: 0 x, 1 y, 2 z. In a box (voxels/box.wgsl) a is x, b is y and m is z.
+    // Numbers of the lattice axes of a, b and m: 0 x, 1 y, 2 z.
     axes: vec3u,
     // Voxels along b.
     rows: u32,
-    // Planes side by side.
-    columns: u32,
-    // Texels of a row of voxels, without the margin.
-    row_texels: u32,
-    // Texels of a row of the texture.
-    width: u32,
-    // The rows of the texture in the buffer: the first, and their number.
-    first_row: u32,
-    row_count: u32,
+    // Lattice point of the eye.
+    eye: vec3f,
+    // Voxels along a.
+    across: u32,
     // The factor of values that are stored as f16, to stay in the range of f16.
     scale: f32,
     run_count: u32,
     // Voxel planes.
     planes: u32,
-    // Lattice point of the eye.
-    eye: vec3f,
-    // Voxels along a.
-    across: u32,
     // View coordinates of a step along each axis of the lattice.
     view_x: vec3f,
     // Voxels along each axis within which a splat marks cells.

@@ -95,8 +95,8 @@ fn sections_between(step: u32, fraction: f32, lean: f32) -> GrowingSection {
     );
 }
 
-fn geometry_of(point: vec2u) -> RayGeometry {
-    let line = line_of(point);
+fn geometry_of(pixel: vec2u) -> RayGeometry {
+    let line = line_of(pixel);
     var geometry = RayGeometry(line.base, line.shear, rays.direction, rays.stretch, rays.footprint_half, rays.row_half,
         rays.row_slope, GrowingSection(tables.sections[0], Section(), Section()),
         GrowingSection(tables.sections[FAR_SECTIONS], Section(), Section()), vec2f(1.0, 0.0), vec2f(-FAR, FAR),
@@ -104,7 +104,7 @@ fn geometry_of(point: vec2u) -> RayGeometry {
     if PERSPECTIVE {
         let per_length = inverseSqrt(dot(line.heading, line.heading));
         let d = line.heading * per_length;
-        let slope = rays.slope_origin + vec2f(point + rays.corner) * rays.slope_step;
+        let slope = rays.slope_origin + vec2f(pixel + rays.corner) * rays.slope_step;
         let slant = sqrt(1.0 + dot(slope, slope));
         geometry.direction = d;
         geometry.stretch = slant * per_length;
@@ -190,9 +190,9 @@ fn layer_share(geometry: RayGeometry, plane: f32) -> f32 {
     return near * saturate((rays.fade_out.x - growth) * rays.fade_out.y);
 }
 
-// The point of an invocation's ray, in a tile of 8 x 8 neighbours. Eight invocations in a row, which software marches
-// together, are a block of 4 x 2 points: their rays end at more nearly the same depth than the rays of a row.
-fn point_of(tile: vec3u, lane: u32) -> vec2u {
+// The pixel of an invocation, in a tile of 8 x 8 neighbours. Eight invocations in a row, which software marches
+// together, are a block of 4 x 2 pixels: their rays end at more nearly the same depth than the rays of a row.
+fn pixel_of(tile: vec3u, lane: u32) -> vec2u {
     let x = (lane & 3u) | ((lane >> 1u) & 4u);
     let y = ((lane >> 2u) & 1u) | ((lane >> 3u) & 6u);
     return tile.xy * 8u + vec2u(x, y);

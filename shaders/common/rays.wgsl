@@ -10,9 +10,7 @@
 // shear. A ray close to a tie of two or three axes is marched along each of them, and the colours are mixed. Rays
 // through one eye are marched along up to three axes, in either direction.
 //
-// Rays go through the points of the intermediate image (Lacroute and Levoy 1994, "Fast volume rendering using a
-// shear-warp factorization of the viewing transformation"). Its points are the pixels of the picture, or `resample`
-// turns it into the picture.
+// Each pixel of the region has a ray.
 //
 // A stage binds `uniform_rays` and copies it into `rays` first, because Mesa's software driver loads a member of a
 // uniform lane by lane, again in each pass of a loop. Arrays with an index that is no constant are read from the
@@ -38,8 +36,8 @@ const SECTION_POWERS: u32 = 3u;
 const FAR_SECTIONS: u32 = SECTIONS * SECTION_POWERS;
 
 struct Rays {
-    // Parallel rays: base coordinates of point (0, 0) of the intermediate image, and the steps to its neighbours. Rays
-    // through one eye: the same from `middle`, times the component of `heading` along m.
+    // Parallel rays: base coordinates of pixel (0, 0) of the picture, and the steps to its neighbours. Rays through one
+    // eye: the same from `middle`, times the component of `heading` along m.
     origin: vec2f,
     step_x: vec2f,
     step_y: vec2f,
@@ -48,7 +46,7 @@ struct Rays {
     direction: vec3f,
     // Parallel rays: world length per lattice length along the ray.
     stretch: f32,
-    // Rays through one eye: lattice direction in (a, b, m) of point (0, 0), and the steps to its neighbours.
+    // Rays through one eye: lattice direction in (a, b, m) of pixel (0, 0), and the steps to its neighbours.
     heading: vec3f,
     // Optical depth per world length and stored density, or scalar per lattice length and stored scalar.
     density_scale: f32,
@@ -61,7 +59,7 @@ struct Rays {
     // Rays through one eye: the base coordinates of a ray in the middle of all of them. Places are measured from it,
     // because the eye may be too far away for f32.
     middle: vec2f,
-    // The number of point (0, 0) among the points that places are measured from.
+    // The first pixel of the region in the picture.
     corner: vec2u,
     // The first voxel of the packed volume along a and b, and its first plane.
     first: vec3i,
@@ -103,45 +101,28 @@ struct Rays {
     mark_bits: vec3u,
     // Voxels along a, b and m.
     voxels: vec3i,
-    // Planes side by side in the volume's texture.
-    columns: i32,
+    // The share of these rays in the picture; rays through one eye also have individual shares.
+    share: f32,
     // Parallel rays: the kernels of a plane that reach a ray are centred within this distance along a and b.
     footprint_half: vec2f,
-    // Points of the intermediate image between neighbouring rays of a tile, along x and y: n with n rays per voxel. The
-    // rays of a tile are a whole voxel apart, and n interleaved tiles, the phases, cover the same area.
-    phases: vec2u,
+    // Width and height of the region, pixels.
+    picture: vec2u,
     // The footprint at squared half chord c2 is sqrt(c2) times the polynomial in c2 of these eight coefficients.
     footprint: vec4f,
     footprint_high: vec4f,
-    // Rays through one eye: slopes dx/dz and dy/dz of point (0, 0) in view coordinates, and the step to the next point.
+    // Rays through one eye: slopes dx/dz and dy/dz of pixel (0, 0) in view coordinates, and the step to the next pixel.
     slope_origin: vec2f,
     slope_step: vec2f,
     // The invisible scalars around 0, and the place of a scalar among bins: see common/transfer.wgsl.
     invisible: vec2f,
     lookup: vec2f,
-    // Width and height of the intermediate image, points.
-    size: vec2u,
-    // Tiles of 8 x 8 rays across and down, of each phase.
+    // Tiles of 8 x 8 rays across and down.
     tiles: vec2u,
     // The requested tiles: the first across and down, and the first beyond.
     clip_low: vec2u,
     clip_high: vec2u,
-    // The place of the picture's first pixel in the intermediate image, and the steps to the next pixels in x and y.
-    pixel_origin: vec2f,
-    pixel_x: vec2f,
-    pixel_y: vec2f,
-    // Width and height of the picture, pixels.
-    picture: vec2u,
     // The largest of each channel of colours.
     brightest: vec3f,
-    // Texels of a row of voxels in the volume's texture: two voxels each.
-    row_texels: i32,
-    // The share of these rays in the picture; rays through one eye also have individual shares.
-    share: f32,
-    // Points of an intermediate image: the least share of a pixel's own ray in the pixel.
-    least_refined: f32,
-    // Points of an intermediate image per voxel, over `phases`.
-    fineness: f32,
     // Rays through one eye: the eye, in planes.
     eye_plane: f32,
     // Rays through one eye: the growth of a kernel at `middle`, if it is over 1, and its change along (a, b, m). Along
@@ -193,7 +174,7 @@ struct Section {
 
 // The index of run number `slot` of a tile: the runs of a tile are consecutive.
 fn run_index(tile: vec3u, slot: u32) -> u32 {
-    return ((tile.z * rays.tiles.y + tile.y) * rays.tiles.x + tile.x) * rays.run_slots + slot;
+    return (tile.y * rays.tiles.x + tile.x) * rays.run_slots + slot;
 }
 
 // Where the marks of a macrocell are, given its numbers along a, b and m: the word, and the number of their lowest bit.
@@ -201,11 +182,6 @@ fn marks_at(macrocell: vec3i) -> vec2u {
     let along = macrocell * rays.mark_steps;
     let number = u32(along.x + along.y + along.z);
     return vec2u(number / 4u, number % 4u * 8u);
-}
-
-// The first ray of a tile, as a point of the intermediate image; tile.z is the number of its phase.
-fn first_ray(tile: vec3u) -> vec2u {
-    return tile.xy * 8u * rays.phases + vec2u(tile.z % rays.phases.x, tile.z / rays.phases.x);
 }
 
 // A ray as a line through the planes.
@@ -216,10 +192,10 @@ struct Line {
     heading: vec3f,
 }
 
-// The line of the ray through a point of the intermediate image.
-fn line_of(point: vec2u) -> Line {
-    let x = f32(point.x + rays.corner.x);
-    let y = f32(point.y + rays.corner.y);
+// The line of the ray of a pixel of the region.
+fn line_of(pixel: vec2u) -> Line {
+    let x = f32(pixel.x + rays.corner.x);
+    let y = f32(pixel.y + rays.corner.y);
     let place = rays.origin + x * rays.step_x + y * rays.step_y;
     if PERSPECTIVE {
         let heading = rays.heading + x * rays.heading_x + y * rays.heading_y;
@@ -276,14 +252,3 @@ fn with_share(pixel: vec4f, value: vec4f) -> vec4f {
     let sum = pixel + value;
     return vec4f(sum.rgb / max(sum.a, 1.0), min(sum.a, 1.0));
 }
-
-// The tiles of 8 x 8 pixels that have pixels with rays of their own. `workgroups`, the first three words, are the
-// arguments of the dispatch of `refine`.
-struct Refined {
-    workgroups: vec3u,
-    count: u32,
-    tiles: array<u32>,
-}
-
-// Workgroups of `refine` side by side.
-const REFINED_ROW: u32 = 64u;

@@ -1,11 +1,7 @@
-// Where `pack` stores unlit scalars on GPUs if few pages of the box have voxels: see common/pages.wgsl.
+// Where `pack` stores unlit scalars if few pages of the box have voxels: see common/pages.wgsl.
 // uses: common/pages
 
 @group(0) @binding(4) var volume: texture_storage_3d<r32uint, write>;
-
-fn is_stored(place: vec3u) -> bool {
-    return true;
-}
 
 fn store(place: vec3u, words: vec2u) {
     let at = place_in_page(page_table[page_number(place, pack.page_steps)], place);

@@ -1,12 +1,8 @@
-// Where `pack` stores classified voxels and lit scalars on GPUs if few pages of the box have voxels: see
+// Where `pack` stores classified voxels and lit scalars if few pages of the box have voxels: see
 // common/pages.wgsl.
 // uses: common/pages
 
 @group(0) @binding(4) var volume: texture_storage_3d<rg32uint, write>;
-
-fn is_stored(place: vec3u) -> bool {
-    return true;
-}
 
 fn store(place: vec3u, words: vec2u) {
     let at = place_in_page(page_table[page_number(place, pack.page_steps)], place);

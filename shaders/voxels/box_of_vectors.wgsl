@@ -1,4 +1,4 @@
-// The volume of the painter `tiles` on GPUs.
+// The volume of the painter `tiles`.
 // uses: voxels/box, voxels/vector_pairs
 
 @group(0) @binding(1) var volume: texture_3d<u32>;

@@ -1,4 +1,4 @@
-// The volume of the painter `tiles` on GPUs, if few pages of the box have voxels: see common/pages.wgsl. The two voxels
+// The volume of the painter `tiles`, if few pages of the box have voxels: see common/pages.wgsl. The two voxels
 // of a pair are in one page.
 // uses: common/pages, voxels/box, voxels/vector_pairs
 

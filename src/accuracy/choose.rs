@@ -8,7 +8,7 @@ use crate::error::{Error, Result};
 use crate::image::Image;
 use crate::layers::Layers;
 use crate::reference::Reference;
-use crate::settings::{Level, MAX_LEVEL, Model, Painter, QuadsSettings, Resolution, Settings, TilesSettings};
+use crate::settings::{Level, MAX_LEVEL, Model, Painter, QuadsSettings, Settings};
 use crate::stats::Rendered;
 
 /// Settings that were tried, with the error of their picture.
@@ -175,7 +175,6 @@ struct Search<'a> {
 struct Trial {
     keeps: bool,
     error: f64,
-    by_tiles: bool,
     splats: u64,
     /// The coarsest level of the splats.
     level: f32,
@@ -191,7 +190,6 @@ impl Search<'_> {
         let trial = Trial {
             keeps: estimate.error <= self.bound,
             error: estimate.error,
-            by_tiles: rendered.stats.tiles().is_some(),
             splats: rendered.stats.splats_kept,
             level: rendered.stats.levels[1],
         };
@@ -240,15 +238,10 @@ impl Search<'_> {
     /// Tries more expensive settings after `last`, which misses the bound, until some keep it.
     fn finer(&mut self, mut base: Settings, mut last: Trial) -> Result<()> {
         let chosen_for = base.painter;
-        let shares_rays = last.by_tiles && chosen_for == Painter::Auto && !base.is_post_shaded();
-        // Neither more rays nor thinner sheets make up for the error of cells, so voxels come first.
+        // Thinner sheets do not make up for the error of cells, so voxels come first.
         if last.level > 0.0 && base.level == Level::Auto {
             base.level = Level::At(0);
             self.attempt(&base, &mut last)?;
-        }
-        if !last.keeps && shares_rays {
-            let painter = Painter::Tiles(TilesSettings { resolution: Resolution::Full });
-            self.attempt(&Settings { painter, ..base.clone() }, &mut last)?;
         }
         if matches!(self.engine, Engine::Host(_)) {
             self.quads_are_refused = true;
@@ -256,7 +249,7 @@ impl Search<'_> {
         }
         let knobs = base.quads();
         // An X-ray has one sheet at any thickness.
-        if last.keeps || matches!(chosen_for, Painter::Tiles(_)) || base.model == Model::Xray {
+        if last.keeps || matches!(chosen_for, Painter::Tiles) || base.model == Model::Xray {
             return Ok(());
         }
         while !last.keeps && self.tried.len() < MOST_PICTURES {

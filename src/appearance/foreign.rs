@@ -108,7 +108,7 @@ const FOREIGN: [[&str; 3]; 43] = [
     [
         "sample-distance step step-size samples quality lod",
         "--max-error E sets the accuracy",
-        "shading=\"post\" and resolution=\"full\" are sharper",
+        "shading=\"post\" is sharper",
     ],
     [
         "interpolation interpolate filter smooth linear",

@@ -2,7 +2,7 @@
 
 use crate::image::Note;
 use crate::lighting::Lighting;
-use crate::settings::{Level, Model, Painter, QuadsSettings, Settings, TilesSettings};
+use crate::settings::{Level, Model, Painter, QuadsSettings, Settings};
 
 /// Returns the options of `voxsplat render` that make settings what they are, with their values: without defaults,
 /// apart from the painter. Lights and clips are not among them.
@@ -16,7 +16,7 @@ pub fn options_of(settings: &Settings) -> Vec<String> {
     };
     let painter = |painter: &Painter| match painter {
         Painter::Auto => "auto",
-        Painter::Tiles(_) => "tiles",
+        Painter::Tiles => "tiles",
         Painter::Quads(_) => "quads",
         Painter::Cpu => "cpu",
     };
@@ -45,7 +45,7 @@ pub fn options_of(settings: &Settings) -> Vec<String> {
 fn tuned(settings: &Settings) -> String {
     let painter = match settings.painter {
         Painter::Auto => Painter::Auto,
-        Painter::Tiles(_) => Painter::Tiles(TilesSettings::default()),
+        Painter::Tiles => Painter::Tiles,
         Painter::Quads(_) => Painter::Quads(QuadsSettings::default()),
         Painter::Cpu => Painter::Cpu,
     };
@@ -59,8 +59,7 @@ fn knobs(settings: &Settings) -> Vec<(&'static str, String)> {
     let mut pairs =
         vec![("termination", settings.termination.to_string()), ("interslice", settings.interslice.to_string())];
     match settings.painter {
-        Painter::Auto | Painter::Cpu => {}
-        Painter::Tiles(tiles) => pairs.push(("resolution", tiles.resolution.to_string())),
+        Painter::Auto | Painter::Cpu | Painter::Tiles => {}
         Painter::Quads(quads) => {
             pairs.push(("sheets", quads.sheets.to_string()));
             pairs.push(("accumulate", quads.accumulation.to_string()));

@@ -20,7 +20,7 @@ use crate::painters::choice::PainterKind;
 use crate::painters::painter::FamilyShare;
 use crate::prepare::cells::{self, CellSize};
 use crate::renderer::Renderer;
-use crate::settings::{Level, Model, Painter, QuadsSettings, Resolution, Settings, Sheets, TilesSettings};
+use crate::settings::{Level, Model, Painter, QuadsSettings, Settings, Sheets};
 use crate::stats::Stats;
 use crate::transfer::TransferFunction;
 use crate::volume::Grid;
@@ -129,7 +129,7 @@ impl Plan {
         let beyond = beyond * f64::from(level).exp2();
         let transfer = layers.plain().map(|(_, transfer)| transfer.clone());
         let brightest = match (painter, settings.lighting.is_some() || settings.is_post_shaded()) {
-            (Painter::Tiles(_), false) => layers.brightest(),
+            (Painter::Tiles, false) => layers.brightest(),
             _ => [1.0; 3],
         };
         let bricks = chunks.in_order(grid, camera).into_iter().map(|(brick, key)| {
@@ -430,7 +430,7 @@ fn drawn(grid: &Grid, camera: &Camera, settings: &Settings, level: u32) -> Resul
     Ok((ViewGeometry::of_cells(camera, &cells, &settings, Savings::default(), grown, None), settings))
 }
 
-/// The painter of all bricks, with a ray for each pixel.
+/// The painter of all bricks.
 fn painter(view: &ViewGeometry, settings: &Settings) -> Result<Painter> {
     let refusal = || (PainterKind::Tiles.room().refusal)(view, settings);
     match settings.painter {
@@ -439,7 +439,7 @@ fn painter(view: &ViewGeometry, settings: &Settings) -> Result<Painter> {
         Painter::Auto if refusal().is_some() => Ok(Painter::Quads(QuadsSettings::default())),
         _ => match refusal() {
             Some(reason) => Err(Error::setting("painter", reason)),
-            None => Ok(Painter::Tiles(TilesSettings { resolution: Resolution::Full })),
+            None => Ok(Painter::Tiles),
         },
     }
 }

@@ -103,21 +103,6 @@ impl<'a> Recorder<'a> {
         self.compute_pass(stage).dispatch(pipeline, group, offsets, workgroups);
     }
 
-    /// Like [`Self::dispatch`], with the number of workgroups in the first three words of a buffer.
-    pub(crate) fn dispatch_indirect(
-        &mut self,
-        stage: &'static str,
-        pipeline: &wgpu::ComputePipeline,
-        group: &wgpu::BindGroup,
-        workgroups: &wgpu::Buffer,
-    ) {
-        let ComputePass { mut pass, context } = self.compute_pass(stage);
-        context.dispatched();
-        pass.set_pipeline(pipeline);
-        pass.set_bind_group(0, group, &[]);
-        pass.dispatch_workgroups_indirect(workgroups, 0);
-    }
-
     /// A render pass of a stage.
     pub(crate) fn render_pass(
         &mut self,
@@ -145,25 +130,6 @@ impl<'a> Recorder<'a> {
     /// Sets the first `bytes` of a buffer to 0.
     pub(crate) fn clear(&mut self, buffer: &wgpu::Buffer, bytes: u64) {
         self.encoder.clear_buffer(buffer, 0, Some(bytes));
-    }
-
-    /// Copies a buffer of rows of `row_bytes` bytes into a texture, from row `first_row` on.
-    pub(crate) fn copy_rows(
-        &mut self,
-        from: &wgpu::Buffer,
-        row_bytes: u64,
-        to: &wgpu::Texture,
-        first_row: u32,
-        [width, rows]: [u32; 2],
-    ) {
-        let layout =
-            wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(row_bytes as u32), rows_per_image: None };
-        let origin = wgpu::Origin3d { x: 0, y: first_row, z: 0 };
-        self.encoder.copy_buffer_to_texture(
-            wgpu::TexelCopyBufferInfo { buffer: from, layout },
-            wgpu::TexelCopyTextureInfo { origin, ..to.as_image_copy() },
-            wgpu::Extent3d { width, height: rows, depth_or_array_layers: 1 },
-        );
     }
 
     /// Copies the first `bytes` of a buffer to memory that the host can read after [`Self::submit`].

@@ -81,17 +81,6 @@ impl Stage {
         self.dispatch(recorder, &group, &[], workgroups);
     }
 
-    /// Like [`Self::run`], with the number of workgroups in the first three words of a buffer.
-    pub(crate) fn run_indirect(
-        &self,
-        recorder: &mut Recorder<'_>,
-        resources: &[wgpu::BindingResource<'_>],
-        workgroups: &wgpu::Buffer,
-    ) {
-        let group = self.bind(recorder.context, resources);
-        recorder.dispatch_indirect(self.name, &self.pipeline, &group, workgroups);
-    }
-
     /// Adds a dispatch to a pass.
     pub(crate) fn record(
         &self,

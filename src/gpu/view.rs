@@ -212,12 +212,6 @@ impl ViewGeometry {
         self.held.map_or(DVec3::ZERO, |held| DVec3::from_array(held.first.map(f64::from)))
     }
 
-    /// A box of held lattice points from the middle of the lattice, given `padding` copies beyond the faces.
-    fn box_around_middle(&self, bounds: [[u32; 3]; 2], padding: u32) -> [DVec3; 2] {
-        let origin = half(&self.grid) - self.first() + f64::from(padding);
-        bounds.map(|p| DVec3::from_array(p.map(f64::from)) - origin)
-    }
-
     /// The smallest growth of a kernel in the volume.
     pub(crate) fn min_growth(&self) -> f64 {
         self.growths[0]
@@ -246,12 +240,6 @@ impl ViewGeometry {
         let reach = slope.length() * 2.0 * self.max_radius();
         let at_middle = self.growth.constant + self.growth.slope * self.eye_depth;
         Some(LayerPart { at_middle, slope, between: [begins[0] - reach, ends[1] + reach] })
-    }
-
-    /// Whether the layer may have a share in the picture of the voxels of a box. The lattice of the box has `padding`
-    /// copies beyond its faces. True if the lattice is no layer.
-    pub(crate) fn layer_holds(&self, bounds: [[u32; 3]; 2], padding: u32) -> bool {
-        self.layer_part().is_none_or(|part| part.meets(self.box_around_middle(bounds, padding)))
     }
 
     /// Whether voxels of a box may take part in unclipped matter. The lattice of the box has `padding` copies beyond

@@ -36,7 +36,7 @@ impl Choice {
     pub(crate) fn new(context: &Context, settings: &Settings) -> Result<Self> {
         let (kind, reason) = match settings.painter {
             Painter::Quads(_) => (PainterKind::Quads, "requested"),
-            Painter::Tiles(_) => (PainterKind::Tiles, "requested"),
+            Painter::Tiles => (PainterKind::Tiles, "requested"),
             Painter::Auto if context.is_software() => (PainterKind::Tiles, "the adapter is software"),
             Painter::Auto => (PainterKind::Tiles, EXPECTED),
             Painter::Cpu => {

@@ -76,13 +76,6 @@ pub(crate) struct Depths<'a> {
     pub(crate) halves: bool,
 }
 
-impl Depths<'_> {
-    /// Whether neighbouring pixels may have rays of very different lengths, so that each needs its own.
-    pub(crate) fn per_pixel(&self) -> bool {
-        self.solids.is_some() || self.halves
-    }
-}
-
 impl Job<'_> {
     /// The number of splats.
     pub(crate) fn splats(&self) -> u64 {

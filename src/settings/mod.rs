@@ -84,25 +84,24 @@ pub enum Interslice {
     Mean,
 }
 
-/// The painter that draws the splats, with its own knobs. To set a knob is to choose its painter.
+/// What draws the picture, with its own knobs. To set a knob is to choose its painter.
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 pub enum Painter {
-    /// Tiles, unless it refuses the picture or the picture is an X-ray of few voxels on a software adapter; quads
-    /// otherwise. On GPUs tiles has a ray for each pixel. Only the adapter, the settings and the number of voxels
-    /// decide, so that the same input gives the same bytes;
+    /// Of an [`Engine`](crate::engine::Engine), `Cpu` without a GPU. On a device `Tiles`, or `Quads` if tiles refuses
+    /// the picture. Only the adapter and the settings decide, so that the same input gives the same bytes;
     /// [`Stats::painter_reason`](crate::stats::Stats::painter_reason) states the reason.
     #[default]
     Auto,
     /// Instanced quads that the rasteriser adds up in sheets. Draws every picture.
     Quads(QuadsSettings),
-    /// Rays that gather the kernels they meet, plane by plane, in compute shaders. Draws all models, shadings and
-    /// projections, but not:
+    /// A ray for each pixel, which gathers the kernels that it meets, plane by plane, in compute shaders. Draws all
+    /// models, shadings and projections, but not:
     ///
     /// - grown kernels that reach over 4 voxels;
     /// - post-shaded, kernels that reach less than a voxel;
     /// - pre-shaded, an eye within the reach of a kernel;
     /// - post-shaded, values over 4096 times as far from the transfer function's base as its control points.
-    Tiles(TilesSettings),
+    Tiles,
     /// The [host engine](crate::host): rays on the processor, without a graphics driver. A
     /// [`Renderer`](crate::renderer::Renderer) refuses it.
     Cpu,
@@ -145,25 +144,6 @@ impl Default for QuadsSettings {
             table_error: None,
         }
     }
-}
-
-/// Knobs of the painter tiles.
-#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
-pub struct TilesSettings {
-    /// The density of rays.
-    pub resolution: Resolution,
-}
-
-/// The density of the rays of the painter tiles.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
-pub enum Resolution {
-    /// Pre-shaded: one to four rays per voxel and axis, by the direction of view, the kernel and the opacity, resampled
-    /// to the picture, and extra rays for pixels that would err. If pixels are fewer than rays, each pixel has a ray.
-    /// Post-shaded: a ray for each pixel.
-    #[default]
-    Capped,
-    /// A ray for each pixel.
-    Full,
 }
 
 /// The coarsest level.
@@ -270,7 +250,6 @@ named! { "shading", Shading { Pre: "pre", Post: "post" } }
 named! { "sheets", Sheets { Image: "image", Axis: "axis" } }
 named! { "accumulation", Accumulation { OpticalDepth: "optical-depth", Additive: "additive" } }
 named! { "interslice", Interslice { Parabola: "parabola", Mean: "mean" } }
-named! { "resolution", Resolution { Capped: "capped", Full: "full" } }
 
 impl Precision {
     /// Returns the error of the footprint table that matches the rounding of such sheets, as a fraction of the
@@ -413,11 +392,6 @@ impl Settings {
     /// The knobs of the painter quads; the defaults for another painter.
     pub(crate) fn quads(&self) -> QuadsSettings {
         if let Painter::Quads(quads) = self.painter { quads } else { QuadsSettings::default() }
-    }
-
-    /// The knobs of the painter tiles; the defaults for another painter.
-    pub(crate) fn tiles(&self) -> TilesSettings {
-        if let Painter::Tiles(tiles) = self.painter { tiles } else { TilesSettings::default() }
     }
 
     /// Whether cells may replace voxels.

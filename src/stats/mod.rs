@@ -216,24 +216,12 @@ pub struct TilesStats {
     pub slabs: u32,
     /// World thickness of a slab along the rays.
     pub slab_thickness: f64,
-    /// Rays. Through an intermediate image, the rays of pixels that it does not show well enough are not counted.
+    /// Rays: one for each pixel and march.
     pub rays: u64,
-    /// The spacing of the rays of the march with the largest share; `None` if nothing was visible.
-    pub spacing: Option<RaySpacing>,
-    /// Marches whose colours were mixed: one for each principal axis with a share in the picture, and each spacing.
+    /// Marches whose colours were mixed: one for each principal axis with a share in the picture.
     pub marches: u32,
     /// Bytes of the packed volume on the device.
     pub packed_bytes: u64,
-}
-
-/// The spacing of rays.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum RaySpacing {
-    /// Rays per voxel along the two lattice axes across the principal viewing axis; rays lean least along the first.
-    PerVoxel([u32; 2]),
-    /// Pixels from ray to ray; 1: each pixel has its own ray.
-    Pixels(f64),
 }
 
 impl PainterStats {
@@ -377,13 +365,8 @@ impl Stats {
                 writeln!(f, "footprint    {rows} x {terms} table, error {error:.1e} of its peak")
             }
             PainterStats::Tiles(t) => {
-                let spacing = match t.spacing {
-                    Some(RaySpacing::PerVoxel([a, b])) => format!("{a} x {b} per voxel"),
-                    Some(RaySpacing::Pixels(pixels)) if pixels > 1.0 => format!("{pixels:.2} pixels apart"),
-                    _ => "one per pixel".to_owned(),
-                };
                 let mixed = if t.marches > 1 { format!(", {} marches mixed", t.marches) } else { String::new() };
-                writeln!(f, "rays         {}, {spacing}{mixed}", grouped(t.rays))?;
+                writeln!(f, "rays         {}, one per pixel{mixed}", grouped(t.rays))?;
                 writeln!(f, "slabs        {} of {:.4} world units, along voxel planes", t.slabs, t.slab_thickness)?;
                 writeln!(f, "footprint    polynomial, error {error:.1e} of its peak")
             }

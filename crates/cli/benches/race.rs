@@ -49,7 +49,7 @@ use voxsplat::camera::ProjectionKind;
 use voxsplat::lighting::Lighting;
 use voxsplat::reference::Reference;
 use voxsplat::renderer::adapters;
-use voxsplat::settings::{Painter, QuadsSettings, Shading, TilesSettings};
+use voxsplat::settings::{Painter, QuadsSettings, Shading};
 use voxsplat::transfer::ControlPoint;
 use voxsplat::volume::SampleType;
 use voxsplat::{
@@ -275,7 +275,7 @@ fn child(race: &Race<'_>, curve: &[[f64; 5]], painter: &str) -> Outcome {
     let Race { options, scene, picture, .. } = race;
     let Kind { lit, post, .. } = picture.kind;
     let painter = match painter {
-        "tiles" => Painter::Tiles(TilesSettings::default()),
+        "tiles" => Painter::Tiles,
         "quads" => Painter::Quads(QuadsSettings::default()),
         _ => Painter::Auto,
     };

@@ -47,7 +47,6 @@ const BY_KEYS: &str = "because key frames set it";
 const IS_ONE_FILE: &str = "because the volume is one file: only folders and TIFF hold series";
 const IS_NO_DICOM: &str = "because only folders of DICOM files hold series";
 const QUADS: &str = "tune:sheets tune:accumulate tune:sheet-thickness tune:precision tune:table-error";
-const TILES: &str = "tune:resolution";
 
 /// The rules, by groups of options. Of several rules for an option the first that holds counts.
 const RULES: &[Rule] = &[
@@ -81,7 +80,6 @@ const RULES: &[Rule] = &[
     refused("background", |given| given.is_for("plan"), " is for merge, which writes the picture"),
     refused("overlay", |given| given.is_for("plan"), ": bricks are of one volume"),
     refused("adapter", |given| given.is_for("plan"), " is for brick, which draws"),
-    refused(TILES, |given| given.is_for("plan"), ": bricks have a ray for each pixel"),
     // Figure.
     refused(
         "scale-bar axes colour-bar legend title caption",
@@ -153,23 +151,11 @@ const RULES: &[Rule] = &[
     ),
     refused("depth", |given| given.is_for("turntable"), ": a depth buffer is of one view"),
     // Painters and devices.
-    refused(
-        QUADS,
-        |given| given.is("painter", "tiles") || given.tuned("resolution").is_some(),
-        " is a knob of quads, not of tiles",
-    ),
-    refused(TILES, |given| given.is("painter", "quads"), " is a knob of tiles, not of quads"),
+    refused(QUADS, |given| given.is("painter", "tiles"), " is a knob of quads, not of tiles"),
     refused(QUADS, |given| given.is_for("pareto"), ": a study varies the painters and their knobs"),
-    refused(TILES, |given| given.is_for("pareto"), ": a study varies the painters and their knobs"),
     idle("level painter adapter tune:interslice tune:termination", is_traced, BY_REFERENCE),
     idle(QUADS, is_traced, BY_REFERENCE),
-    idle(TILES, is_traced, BY_REFERENCE),
     idle("tune:sheet-thickness", |given| given.is("model", "xray"), "because an X-ray has one sheet"),
-    idle(
-        TILES,
-        |given| shows_intensity(given) || is_post_shaded(given),
-        "because post-shaded pictures have a ray for each pixel",
-    ),
     // Accuracy and turntables.
     idle(
         "tune:sample",

@@ -4,15 +4,12 @@ use std::error::Error as _;
 
 use clap::{ArgAction, CommandFactory, Parser};
 use voxsplat::kernel::Normalization;
-use voxsplat::settings::{
-    Accumulation, Interslice, Painter, Precision, QuadsSettings, Resolution, Sheets, TilesSettings,
-};
+use voxsplat::settings::{Accumulation, Interslice, Painter, Precision, QuadsSettings, Sheets};
 
 use super::args;
 use super::parse::{PainterArg, library, number, positive, tolerance, whole};
 
 const QUADS: &str = "Painter quads (a key chooses this painter)";
-const TILES: &str = "Painter tiles (a key chooses this painter)";
 const ANY: &str = "Any painter";
 
 /// The values of the knobs.
@@ -38,11 +35,6 @@ pub(crate) struct Tuning {
     /// f32]
     #[arg(long, value_name = "FRACTION, 1e-7 to 0.1", value_parser = positive, help_heading = QUADS)]
     pub(crate) table_error: Option<f64>,
-    /// Trace 1 to 4 rays per voxel and axis, resample them to the picture and trace pixels that would err (capped), or
-    /// trace a ray per pixel (full). Pre-shaded pictures only
-    #[arg(long, value_name = "capped|full", default_value = "capped", value_parser = library::<Resolution>,
-        help_heading = TILES)]
-    pub(crate) resolution: Resolution,
     /// Classify a post-shaded sheet by the parabola through it and its neighbours, or (historical) by its mean
     #[arg(long, value_name = "parabola|mean", default_value = "parabola", value_parser = library::<Interslice>,
         help_heading = ANY)]
@@ -127,7 +119,6 @@ impl Tuning {
         let command = Self::command();
         let painter = |key: &str| match args::option(&command, key)?.get_help_heading()? {
             QUADS => Some(PainterArg::Quads),
-            TILES => Some(PainterArg::Tiles),
             _ => None,
         };
         Ok(Self { painter: pairs.iter().rev().find_map(|(key, _)| painter(key)), ..tuning })
@@ -135,13 +126,13 @@ impl Tuning {
 
     /// Returns the requested painter with its knobs. A knob of a painter chooses its painter.
     pub(crate) fn painter(&self, requested: PainterArg) -> Painter {
-        let &Self { sheets, accumulate: accumulation, sheet_thickness, precision, table_error, resolution, .. } = self;
+        let &Self { sheets, accumulate: accumulation, sheet_thickness, precision, table_error, .. } = self;
         let chosen = if requested == PainterArg::Auto { self.painter.unwrap_or(requested) } else { requested };
         match chosen {
             PainterArg::Quads => {
                 Painter::Quads(QuadsSettings { sheets, accumulation, sheet_thickness, precision, table_error })
             }
-            PainterArg::Tiles => Painter::Tiles(TilesSettings { resolution }),
+            PainterArg::Tiles => Painter::Tiles,
             PainterArg::Auto => Painter::Auto,
             PainterArg::Cpu => Painter::Cpu,
         }
@@ -185,7 +176,7 @@ mod tests {
         let tuning = Tuning::new(&[]).unwrap();
         let settings = Settings::default();
         assert_eq!(tuning.painter(PainterArg::Quads), Painter::Quads(QuadsSettings::default()));
-        assert_eq!(tuning.painter(PainterArg::Tiles), Painter::Tiles(TilesSettings::default()));
+        assert_eq!(tuning.painter(PainterArg::Tiles), Painter::Tiles);
         assert_eq!(tuning.painter(PainterArg::Auto), Painter::Auto);
         assert_eq!(
             (tuning.interslice, tuning.normalization, tuning.termination, tuning.antialiasing),

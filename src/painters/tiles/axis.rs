@@ -9,9 +9,6 @@ use crate::image::Region;
 use crate::painters::painter::FamilyShare;
 use crate::volume::Grid;
 
-/// The margin around the picture, as a fraction of half its size, in which rays get axes too: coarse intermediate
-/// images reach beyond the picture.
-pub(super) const RAY_MARGIN: f64 = 0.25;
 /// The largest component along a of a ray's unit vector. The shaders read six voxels of a row, and the first of them
 /// may lie one voxel too early. So kernels, with a radius of 2 voxels, may reach 2.5 voxels along a row at most: 2 /
 /// sqrt(1 - a^2) < 2.5 if a < 0.6.
@@ -45,8 +42,8 @@ pub(super) struct PrincipalAxis {
     pub(super) direction: DVec3,
     /// Rays through one eye: plane coordinates of that ray at unit depth, see `Camera::pixels`.
     pub(super) middle: DVec2,
-    /// The least and the largest place in the picture of the rays that run along m and some around them, in halves of
-    /// its width and height from its middle, y upwards. Parallel rays: without ends.
+    /// The least and the largest place in the picture of the rays that run along m, in halves of its width and height
+    /// from its middle, y upwards. Parallel rays: without ends.
     part: [DVec2; 2],
     /// World length per lattice length along that ray.
     pub(super) stretch: f64,
@@ -75,7 +72,7 @@ impl PrincipalAxis {
         };
         let directions = (0..3).flat_map(|m| [(m, false), (m, true)]);
         let axes = directions.filter_map(|(m, flipped)| {
-            let part = lens.part(m, flipped, 1.0 + RAY_MARGIN);
+            let part = lens.part(m, flipped);
             // The ray in the middle of that part stands for all of them.
             let count = part.len() as f64;
             let center = part.iter().fold(DVec2::ZERO, |sum, place| sum + place / count);
@@ -97,7 +94,7 @@ impl PrincipalAxis {
     /// The part of the picture's area in whose rays the axis may have a share, from 0 to 1.
     pub(super) fn covered(&self, camera: &Camera, grid: &Grid) -> f64 {
         let Some(lens) = Lens::new(camera, grid) else { return 1.0 };
-        let part = lens.part(self.axes[2], self.flipped, 1.0);
+        let part = lens.part(self.axes[2], self.flipped);
         let corners = part.iter().zip(part.iter().cycle().skip(1));
         // Half of the sum is the area, in quarters of the picture.
         corners.map(|(p, q)| p.perp_dot(*q)).sum::<f64>().abs() / 8.0
@@ -116,18 +113,6 @@ impl PrincipalAxis {
         let half = DVec2::from_array(size.map(f64::from)) / 2.0;
         let [low, high] = self.part;
         [DVec2::new(low.x, -high.y), DVec2::new(high.x, -low.y)].map(|end| (end + 1.0) * half)
-    }
-
-    /// The pyramid of the rays through one eye in which the axis has a share, in a lattice with `padding` layers before
-    /// the volume; `None` if rays are parallel.
-    pub(super) fn pyramid(&self, camera: &Camera, grid: &Grid, origin: DVec3) -> Option<Pyramid> {
-        let (lens, eye) = (Lens::new(camera, grid)?, camera.eye()?);
-        let part = lens.part(self.axes[2], self.flipped, 1.0 + RAY_MARGIN);
-        let edges: Vec<DVec3> = part.into_iter().map(|place| lens.ray(place)).collect();
-        let middle: DVec3 = edges.iter().map(|edge| edge.normalize()).sum();
-        let sides = (0..edges.len()).map(|i| edges[i].cross(edges[(i + 1) % edges.len()]).normalize_or_zero());
-        let sides = sides.map(|side| if side.dot(middle) < 0.0 { -side } else { side }).collect();
-        Some(Pyramid { eye: grid.to_lattice().transform_point3(eye) - origin, sides })
     }
 
     /// The axis m and the axes across it for rays around one, given as a lattice vector and its world length.
@@ -211,11 +196,10 @@ impl Lens {
     }
 
     /// The part of the picture in whose rays m has a share in this direction: no other component is larger by more than
-    /// the blend. The part is cut by straight lines, which leave too much of it rather than too little. The picture
-    /// ends at `edge` halves of its size from its middle.
-    fn part(&self, m: usize, flipped: bool, edge: f64) -> Vec<DVec2> {
+    /// the blend. The part is cut by straight lines, which leave too much of it rather than too little.
+    fn part(&self, m: usize, flipped: bool) -> Vec<DVec2> {
         let sign = if flipped { -1.0 } else { 1.0 };
-        let mut part = vec![DVec2::splat(-edge), DVec2::new(edge, -edge), DVec2::splat(edge), DVec2::new(-edge, edge)];
+        let mut part = vec![DVec2::NEG_ONE, DVec2::new(1.0, -1.0), DVec2::ONE, DVec2::new(-1.0, 1.0)];
         for other in (0..3).filter(|&other| other != m) {
             for against in [1.0, -1.0] {
                 let lead = |d: DVec3| sign * d[m] - against * d[other] + BLEND * d.length();
@@ -227,11 +211,9 @@ impl Lens {
 
     /// The largest component along an axis across m of the unit vectors of rays in which m has a share.
     fn lean(&self, axis: usize, m: usize, flipped: bool) -> f64 {
-        // Cubic splines read two points beyond the picture; points farther out count by hundredths.
-        const EDGE: f64 = 1.0 + RAY_MARGIN / 4.0;
         /// Places along each side of the part: no maximum lies within, as the axis itself is outside.
         const STEPS: usize = 16;
-        let part = self.part(m, flipped, EDGE);
+        let part = self.part(m, flipped);
         let side = |i: usize| {
             let (p, q) = (part[i], part[(i + 1) % part.len()]);
             (0..STEPS).map(move |step| p + step as f64 / STEPS as f64 * (q - p))
@@ -239,25 +221,6 @@ impl Lens {
         let leans = (0..part.len()).flat_map(side).map(|place| self.ray(place).normalize()[axis].abs());
         // Between the places it may be a little more, up to the lean at which m loses its share.
         (leans.fold(0.0, f64::max) + 0.003).min(LARGEST_LEAN)
-    }
-}
-
-/// Rays through one eye, in lattice coordinates: all within the sides.
-pub(super) struct Pyramid {
-    eye: DVec3,
-    /// Unit vectors inwards.
-    sides: Vec<DVec3>,
-}
-
-impl Pyramid {
-    /// Whether a ray may come within `reach` of the lattice points of a box.
-    pub(super) fn reaches(&self, [low, high]: [[u32; 3]; 2], reach: f64) -> bool {
-        let [low, high] = [low, high].map(|p| DVec3::from_array(p.map(f64::from)) - self.eye);
-        let inside = |side: &DVec3| {
-            let farthest = DVec3::select(side.cmpgt(DVec3::ZERO), high, low);
-            side.dot(farthest) > -reach
-        };
-        self.sides.iter().all(inside)
     }
 }
 
@@ -271,7 +234,7 @@ fn share(m: usize, ray: DVec3) -> f64 {
 }
 
 /// 0 up to `low`, 1 from `high` on, smooth between.
-pub(super) fn smoothstep(low: f64, high: f64, value: f64) -> f64 {
+fn smoothstep(low: f64, high: f64, value: f64) -> f64 {
     let t = ((value - low) / (high - low)).clamp(0.0, 1.0);
     t * t * (3.0 - 2.0 * t)
 }

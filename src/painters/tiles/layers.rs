@@ -18,9 +18,6 @@ fn begin<'a>(nearest: Job<'a>, behind: Vec<Job<'a>>) -> Result<Begun<'a>> {
     let pictures: std::result::Result<Vec<Picture<'_>>, String> = jobs.map(Picture::new).collect();
     Ok(match pictures {
         Err(reason) => Begun::Refused(reason),
-        Ok(pictures) if pictures.iter().any(Picture::is_left_to_quads) => {
-            Begun::Refused("an X-ray of few voxels is faster by quads".to_owned())
-        }
         Ok(pictures) => Begun::Ready(Box::new(Layers(pictures))),
     })
 }
@@ -69,7 +66,6 @@ impl Painting for Layers<'_> {
             rays: near.rays.max(far.rays),
             packed_bytes: near.packed_bytes + far.packed_bytes,
             marches: near.marches.max(far.marches),
-            spacing: near.spacing.or(far.spacing),
             slab_thickness: near.slab_thickness,
         });
         PainterStats::Tiles(all.unwrap_or_default())

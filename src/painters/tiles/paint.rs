@@ -3,25 +3,20 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::axis::PrincipalAxis;
-use super::pack::{self, Layout, MOST_UNSEEN, Marking, Packed, Packing, Reached, Samples, Source, Voxel};
+use super::pack::{self, Layout, Marking, Packed, Packing, Samples, Source, Voxel};
 use super::parts::{Footprint, Sections, SlabKind};
-use super::rays::{RaySetup, Rays, max_depth, parallel};
-use super::{Block, Canvas, MAX_RADIUS, MAX_SINGLE_RADIUS, RayKind, STRAIGHT, Tiles, TilesKey};
+use super::rays::{RaySetup, max_depth};
+use super::{Canvas, MAX_RADIUS, MAX_STRAIGHT_RADIUS, RayKind, STRAIGHT, Tiles, TilesKey};
 use crate::error::Result;
 use crate::gpu::layout::{self, CELL, MACROCELL, TILE};
 use crate::gpu::recorder::Recorder;
-use crate::gpu::store::Store;
 use crate::gpu::view::{ViewGeometry, Weights};
 use crate::image::Region;
 use crate::kernel::Kernel;
 use crate::painters::painter::Job;
 use crate::prepare::levels::ScalarNeed;
-use crate::settings::{Model, Painter, Resolution, Settings};
+use crate::settings::{Model, Settings};
 use crate::stats::TilesStats;
-
-/// The number of pixels to a splat beyond which software draws X-rays faster by quads: a quad takes as long as about 40
-/// rays of pixels, and most rays meet nothing. Measured; see `docs/measurements`.
-const PIXELS_PER_QUAD: u64 = 8;
 
 /// The work of [`PLANE_TEXELS`] texels of a plane of a ray, in units of the work of a fragment of a splat: 16 bytes a
 /// texel and some 800 operations, where a fragment has 150 and blends up to 8 sheets. Most planes of most rays are
@@ -55,9 +50,9 @@ const ROUNDING: f64 = 1.0 + 1e-6;
 
 pub(super) fn refusal(view: &ViewGeometry, settings: &Settings) -> Option<String> {
     let growth = view.max_growth();
-    if settings.kernel.radius() * growth > MAX_SINGLE_RADIUS * ROUNDING {
+    if settings.kernel.radius() * growth > MAX_RADIUS * ROUNDING {
         let grown = if growth > 1.0 { ", and they have grown to the size of pixels" } else { "" };
-        return Some(format!("tiles draws kernels that reach at most {MAX_SINGLE_RADIUS} voxels{grown}"));
+        return Some(format!("tiles draws kernels that reach at most {MAX_RADIUS} voxels{grown}"));
     }
     if settings.is_post_shaded() && settings.kernel.radius() * growth < MIN_SCALAR_RADIUS {
         return Some("tiles classifies slabs half a plane thick, in which kernels under a voxel leave gaps".to_owned());
@@ -162,7 +157,6 @@ pub(super) struct Picture<'a> {
 pub(super) struct PackedAxis {
     pub(super) axis: PrincipalAxis,
     packing: Packing,
-    reached: Reached,
 }
 
 impl<'a> Picture<'a> {
@@ -187,96 +181,44 @@ impl<'a> Picture<'a> {
             (true, _) => Voxel::Gradient,
         };
         let dims = view.held_dims().map(|n| n + 2 * job.padding);
-        // The first lattice point of the stores.
-        let origin = view.first() - f64::from(job.padding);
         let mut axes = PrincipalAxis::all(&view.camera, &view.grid);
         if let Some(held) = view.held {
             axes = axes.get(held.family).copied().into_iter().collect();
         }
         let whole = job.base_shows();
         let marking = marking(&job);
-        let pack = |axis: &PrincipalAxis, pages: Option<u64>, seen: &dyn Fn([[u32; 3]; 2]) -> bool| {
-            let boxes = pack::boxes(stores)
-                .chain(job.scalars.map(|(scalars, _)| scalars.bounds))
-                .filter(|&bounds| seen(bounds));
-            Packing::new(context, boxes, (dims, whole), pages, (axis.axes, view.is_perspective()), (voxel, marking))
-        };
-        let of_reached = |axis: &PrincipalAxis| {
-            // A ray meets kernels a radius away, grown ones too; one voxel more for rounding. Marks of scalars reach as
-            // far along each axis, from a cell beside the ray.
-            let near = view.max_radius() + 1.0;
-            let near = if post.is_some() { 3.0_f64.sqrt() * (f64::from(marking.reach) + 1.5) } else { near };
-            let pyramid = axis.pyramid(&view.camera, &view.grid, origin);
-            let reaches = |bounds| {
-                view.layer_holds(bounds, job.padding) && pyramid.as_ref().is_none_or(|rays| rays.reaches(bounds, near))
-            };
-            let packing = pack(axis, None, &|bounds| view.may_show(bounds, job.padding) && reaches(bounds))?;
-            // Clipping is no reason to leave out bricks: what is packed then serves while a plane moves.
-            let of_store = |store: &Store| store.bricks.iter().map(|brick| reaches(brick.bounds)).collect();
-            let limits = !whole && (pyramid.is_some() || view.fade.is_some());
-            Some((packing, limits.then(|| Arc::new(stores.iter().map(of_store).collect()))))
-        };
         let earlier = kept_volumes(&job)
             .map(|held| held.lock().unwrap_or_else(PoisonError::into_inner).clone())
             .unwrap_or_default();
-        // In a box the splats of all bricks, if they fit: they serve every eye and every clip, and to pack anew is to
-        // allocate a gigabyte. In rows, which belong to an axis, those that may show and that rays reach.
-        let layout = Layout::of(context, dims);
-        let samples = if layout == Layout::Box { Samples::of(&job, voxel) } else { None };
+        // The splats of all bricks serve every eye and every clip, and to pack anew is to allocate a gigabyte.
+        let samples = Samples::of(&job, voxel);
         let pages = if job.scalars.is_none() { pack::occupied(stores) } else { None };
-        let of_all = |axis: &PrincipalAxis| {
-            let packing = pack(axis, pages, &|_| true)?;
+        let pack = |axis: &PrincipalAxis| {
+            let boxes = pack::boxes(stores).chain(job.scalars.map(|(scalars, _)| scalars.bounds));
+            let packing = Packing::new(context, boxes, (dims, whole), pages, axis.axes, (voxel, marking))?;
             // Samples are packed over those under another transfer function.
             let held = earlier.first().filter(|_| samples.is_some());
-            Some((held.and_then(|held| packing.in_box_of(&held.packing)).unwrap_or(packing), None))
+            Some(held.and_then(|held| packing.in_box_of(&held.packing)).unwrap_or(packing))
         };
-        let all: Option<Vec<(Packing, Reached)>> =
-            if layout == Layout::Box { axes.iter().map(of_all).collect() } else { None };
-        let samples = samples.filter(|_| all.is_some());
-        if job.scalars.is_some() && samples.is_none() {
-            return Err("tiles packs the volume into a texture, and this volume does not fit".to_owned());
-        }
-        // After the first eye rows have room for all bricks. They are packed once for the eyes that follow; but colours
-        // in a light are packed anew for every eye, into the same textures.
-        let follows = view.is_perspective() && !earlier.is_empty();
-        let of_reached_or_all = |axis: &PrincipalAxis| {
-            let (packing, reached) = of_reached(axis)?;
-            let serves = |packed: &Arc<Packed>| packed.serves((packing, &reached), Source::of(&job));
-            if !follows || earlier.iter().any(serves) {
-                return Some((packing, reached));
-            }
-            let all = pack(axis, None, &|_| true).filter(|all| all.bytes() <= MOST_UNSEEN * packing.bytes());
-            Some(match all {
-                Some(all) if voxel.is_lit() => (all, reached),
-                Some(all) => (all, None),
-                None => (packing, reached),
-            })
-        };
-        let packings = all.or_else(|| axes.iter().map(of_reached_or_all).collect());
+        let packings: Option<Vec<Packing>> = axes.iter().map(pack).collect();
         let packings = packings.ok_or("tiles packs the volume into a texture, and this volume does not fit")?;
-        let layout = packings.first().map_or(layout, |(packing, _)| packing.layout);
+        let layout = packings.first().map_or(Layout::Box, |packing| packing.layout);
         let dense = max_depth(&job) > DENSE;
         let kind = match post {
             Some(_) => SlabKind::Scalars,
             None if dense => SlabKind::DenseColors,
             None => SlabKind::Colors,
         };
-        let axes = axes.into_iter().zip(packings).filter(|(_, (packing, _))| !packing.is_empty());
-        let axes = axes.map(|(axis, (packing, reached))| PackedAxis { axis, packing, reached });
+        let axes = axes.into_iter().zip(packings).filter(|(_, packing)| !packing.is_empty());
+        let axes = axes.map(|(axis, packing)| PackedAxis { axis, packing });
         let (axes, lighting) = (axes.collect(), job.lighting());
         let drawn = TilesStats::default();
         let (sections, packed) = (Vec::new(), None);
-        let picture =
-            Self { job, kernel, footprint, kind, voxel, layout, samples, lighting, axes, sections, packed, drawn };
-        if picture.outgrows_textures() {
-            return Err("tiles has rays at least a voxel apart, and here they do not fit into a texture".to_owned());
-        }
-        Ok(picture)
+        Ok(Self { job, kernel, footprint, kind, voxel, layout, samples, lighting, axes, sections, packed, drawn })
     }
 
     fn key(&self) -> TilesKey {
-        let Job { context, view, .. } = self.job;
-        let growth = view.depth_growth().1;
+        let growth = self.job.view.depth_growth().1;
         let rays = self.ray_kind();
         let mut constants = self.job.constants();
         constants.extend([
@@ -286,18 +228,12 @@ impl<'a> Picture<'a> {
             ("TEXELS", self.row_texels()),
             ("REACH", self.reach()),
             ("STRAIGHT", (rays == RayKind::Straight).into()),
-            ("RESAMPLED", rays.is_resampled().into()),
             ("LAYERED", (rays == RayKind::Layered).into()),
         ]);
-        if let RayKind::StraightBlocks(Block { across, rows }) = rays {
-            constants.extend([("ACROSS", across), ("ROWS", rows)]);
-        }
-        let is_for_host = |axis: &PackedAxis| axis.packing.is_for_host(context, self.job.splats());
         TilesKey {
             voxel: self.voxel,
             layout: self.layout,
             rays,
-            packs_on_host: self.axes.first().is_some_and(is_for_host),
             samples: self.samples.as_ref().map(Samples::key),
             constants,
         }
@@ -328,31 +264,11 @@ impl<'a> Picture<'a> {
     }
 
     fn ray_kind(&self) -> RayKind {
-        let axis = self.axes.first();
-        match self.is_resampled() {
+        match self.axes.first() {
             _ if self.is_layered() => RayKind::Layered,
-            true if self.job.view.is_perspective() => RayKind::Coarser,
-            true => RayKind::Shared,
-            false => match axis.filter(|axis| self.is_straight(axis)) {
-                Some(axis) => self.block(axis).map_or(RayKind::Straight, RayKind::StraightBlocks),
-                None => RayKind::Pixels,
-            },
+            Some(axis) if self.is_straight(axis) => RayKind::Straight,
+            _ => RayKind::Pixels,
         }
-    }
-
-    /// Whether some pixels do without rays of their own.
-    fn is_resampled(&self) -> bool {
-        let Job { settings, post, view, depths, .. } = self.job;
-        // Partial pictures are composited before anything is resampled. Classification makes edges that only the rays
-        // of pixels keep; rays that are shared reach two voxels.
-        let full = resolution(settings, self.job.context.is_software()) == Resolution::Full;
-        let per_pixel = full
-            || depths.per_pixel()
-            || view.held.is_some()
-            || post.is_some()
-            || self.kernel.radius() > MAX_RADIUS
-            || self.is_layered();
-        !per_pixel && self.axes.iter().any(|axis| self.setup(axis).pixel_share() < 1.0)
     }
 
     /// Whether the picture has other layers.
@@ -360,58 +276,12 @@ impl<'a> Picture<'a> {
         self.job.view.fade.is_some()
     }
 
-    /// The whole picture as one region.
-    fn whole(&self) -> Region {
-        let [width, height] = self.job.view.camera.size;
-        Region { x: 0, y: 0, width, height }
-    }
-
-    /// Whether the rays of a picture outnumber its pixels and do not fit into a texture.
-    fn outgrows_textures(&self) -> bool {
-        let Job { context, view, .. } = self.job;
-        let most = context.limits.max_texture_dimension_2d;
-        let rays = self.axes.iter().flat_map(|axis| self.all_rays(axis));
-        let sizes = rays.flat_map(|rays| rays.uniforms.size.into_iter().zip(view.camera.size));
-        sizes.into_iter().any(|(rays, pixels)| rays > most.max(pixels))
-    }
-
-    /// The rays of all marches of the whole picture along an axis.
-    fn all_rays(&self, axis: &PackedAxis) -> Vec<Rays> {
-        let setup = self.setup(axis);
-        if self.is_resampled() { setup.image_rays(self.whole()) } else { vec![setup.pixel_rays(self.whole())] }
-    }
-
     /// Whether rays run along m so closely that they meet all planes at the same place.
     fn is_straight(&self, PackedAxis { axis, .. }: &PackedAxis) -> bool {
         let planes = self.job.view.grid.dims()[axis.axes[2]];
         !self.job.view.is_perspective()
-            && self.kernel.radius() <= MAX_RADIUS
+            && self.kernel.radius() <= MAX_STRAIGHT_RADIUS
             && axis.shear().abs().max_element() * f64::from(planes) < STRAIGHT
-    }
-
-    /// Pixels whose straight rays share the voxels that they meet. None do on GPUs (see [`resolution`]), and none of
-    /// scalars, whose classification takes the time.
-    fn block(&self, axis: &PackedAxis) -> Option<Block> {
-        let Job { context, post, view, depths, .. } = self.job;
-        if post.is_some() || depths.per_pixel() || view.held.is_some() || !context.is_software() {
-            return None;
-        }
-        parallel::block(&self.setup(axis), self.whole())
-    }
-
-    /// Whether software draws the picture faster by quads, and may.
-    pub(super) fn is_left_to_quads(&self) -> bool {
-        let [width, height] = self.job.view.camera.size.map(u64::from);
-        self.job.settings.painter == Painter::Auto
-            && self.job.context.is_software()
-            && self.job.settings.model == Model::Xray
-            && matches!(self.ray_kind(), RayKind::Pixels | RayKind::Straight | RayKind::StraightBlocks(_))
-            && PIXELS_PER_QUAD * self.job.splats() < width * height
-    }
-
-    /// Whether `packed` holds splats at the places of those of this picture, in the layout of an axis.
-    fn serves(&self, axis: &PackedAxis, packed: &Packed) -> bool {
-        packed.serves((axis.packing, &axis.reached), Source::of(&self.job))
     }
 
     /// The splats as each axis reads them: packed for an earlier picture of the scene, or now.
@@ -423,29 +293,28 @@ impl<'a> Picture<'a> {
         let packed_light = self.voxel.is_lit().then_some(&light);
         let source = Source::of(&self.job);
         let is_same = |packed: &Arc<Packed>| {
-            let is_served = self.axes.iter().any(|axis| self.serves(axis, packed));
+            let is_served = self.axes.iter().any(|axis| packed.serves(axis.packing, source));
             is_served && packed.light.as_ref() == packed_light && packed.source == source
         };
         let (reusable, spare): (Vec<_>, Vec<_>) = held.drain(..).partition(is_same);
         // Drop unusable packings first, so that old and new are never in memory together. Others are packed over:
         // textures that exist are not cleared first.
-        let whole = pipelines.packer.is_none() || self.samples.is_some();
-        let has_room =
-            |packed: &Packed, axis: &PackedAxis| packed.has_room_for((axis.packing, &axis.reached), source, whole);
+        let whole = self.samples.is_some();
+        let has_room = |packed: &Packed, axis: &PackedAxis| packed.has_room_for(axis.packing, source, whole);
         let spare = spare.into_iter().filter_map(Arc::into_inner);
         let mut spare: Vec<Packed> =
             spare.filter(|packed| self.axes.iter().any(|axis| has_room(packed, axis))).collect();
         let mut packed: Vec<Arc<Packed>> = Vec::new();
         for axis in &self.axes {
-            let served = packed.iter().chain(&reusable).find(|packed| self.serves(axis, packed)).map(Arc::clone);
-            packed.push(match served {
+            let served = packed.iter().chain(&reusable).find(|packed| packed.serves(axis.packing, source));
+            packed.push(match served.map(Arc::clone) {
                 Some(packed) => packed,
                 None => {
                     let over = spare.iter().position(|packed| has_room(packed, axis)).map(|i| spare.swap_remove(i));
                     Arc::new(axis.packing.stored().pack(
                         recorder,
-                        (pipelines.packer.as_ref(), self.samples.as_ref()),
-                        (stores, &axis.reached, source),
+                        (&pipelines.packer, self.samples.as_ref()),
+                        (stores, source),
                         &light,
                         weights.max,
                         over,
@@ -481,16 +350,6 @@ fn kept_volumes(job: &Job<'_>) -> Result<Arc<Mutex<Vec<Arc<Packed>>>>> {
     job.kept.get_or_make((), || Ok(Mutex::default()))
 }
 
-/// How finely rays are spaced. On GPUs, [`Painter::Auto`] takes a ray for each pixel: rays that share footprints go
-/// eight to an invocation, whose 300 numbers outgrow the registers that an invocation has there, and they are too few
-/// invocations to hide the latency of memory.
-fn resolution(settings: &Settings, is_software: bool) -> Resolution {
-    match settings.painter {
-        Painter::Auto if !is_software => Resolution::Full,
-        _ => settings.tiles().resolution,
-    }
-}
-
 impl Picture<'_> {
     /// Whether nothing can show.
     pub(super) fn is_empty(&self) -> bool {
@@ -499,39 +358,30 @@ impl Picture<'_> {
 
     /// See [`Painting::pixel_bytes`](crate::painters::painter::Painting::pixel_bytes).
     pub(super) fn pixel_bytes(&self) -> u32 {
-        // The two intermediate images, RGBA, f32, if there are any, and the runs of a tile, two words each. Runs count
-        // two and a half times: a binding holds at least half of the bytes of a part of a picture, and tiles may extend
-        // beyond the part.
-        let images = if self.is_resampled() { 32 } else { 0 };
-        let bytes = |rays: Rays| {
-            let per_ray = images + u64::from(rays.uniforms.run_slots * 20).div_ceil(u64::from(TILE * TILE));
-            (rays.count() * per_ray).div_ceil(self.whole().area()) as u32
-        };
-        let rays = self.axes.iter().flat_map(|axis| self.all_rays(axis));
-        rays.map(bytes).fold(MIN_PIXEL_BYTES, u32::max)
+        // The runs of a tile, two words each, count two and a half times: a binding holds at least half of the bytes of a
+        // part of a picture, and tiles may extend beyond the part.
+        let runs = |axis: &PackedAxis| (axis.packing.macrocells()[2] + 1) * 20;
+        let per_pixel = |axis: &PackedAxis| runs(axis).div_ceil(TILE * TILE);
+        self.axes.iter().map(per_pixel).fold(MIN_PIXEL_BYTES, u32::max)
     }
 
     /// The work of a pixel in fragments of splats, averaged over the picture.
     pub(super) fn pixel_work(&self) -> u64 {
         let Job { view, .. } = self.job;
-        // Each pixel may have its own ray beside the rays of the images.
-        let beside = if self.is_resampled() { self.whole().area() } else { 0 };
         let is_cut = self.job.is_cut() && self.job.post.is_none();
+        let pixels = view.camera.size.map(f64::from).into_iter().product::<f64>();
         let planes = |axis: &PackedAxis| {
-            let rays: u64 = self.all_rays(axis).iter().map(Rays::count).sum();
-            // Those of images lie in the part of the picture that the axis has a share in.
-            let covered = axis.axis.covered(&view.camera, &view.grid);
-            let rays = if self.is_resampled() { rays } else { (covered * rays as f64).ceil() as u64 };
+            let rays = (axis.axis.covered(&view.camera, &view.grid) * pixels).ceil() as u64;
             let planes = self.planes_of_layer(axis);
             // A ray is cut where it enters the clipped volume and where it leaves it.
             let cut = if is_cut { planes.min(u64::from(2 * (2 * self.reach() + 1))) } else { 0 };
-            u128::from(rays + beside) * u128::from(planes + CUT_WORK * cut)
+            u128::from(rays) * u128::from(planes + CUT_WORK * cut)
         };
         let rows = 2 * self.largest_radius().ceil() as u64 + 1;
         let texels = rows * u64::from(self.row_texels());
         let each = if self.job.post.is_some() { SCALAR_PLANE_WORK } else { PLANE_WORK };
         let work: u128 = self.axes.iter().map(|axis| u128::from(each * texels) * planes(axis)).sum();
-        (work / u128::from(PLANE_TEXELS * self.whole().area())) as u64
+        (work / u128::from(PLANE_TEXELS * pixels as u64)) as u64
     }
 
     /// The planes that a ray of an axis marches through at most: of a layer, those between the growths at which its
@@ -562,7 +412,6 @@ impl Picture<'_> {
         let drawn = pipelines.draw(recorder, self, &packed, canvas)?;
         self.packed = Some(packed);
         self.drawn.rays += drawn.rays;
-        self.drawn.spacing = drawn.spacing.or(self.drawn.spacing);
         self.drawn.marches = self.drawn.marches.max(drawn.marches);
         Ok(())
     }
@@ -582,27 +431,6 @@ impl Picture<'_> {
             slab_thickness: slab_thickness * self.job.view.unit,
             packed_bytes: self.packed.as_deref().map_or(0, Packed::bytes_of),
             ..self.drawn
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::settings::TilesSettings;
-
-    #[test]
-    fn auto_takes_a_ray_for_each_pixel_on_gpus() {
-        let by = |painter| Settings { painter, ..Settings::default() };
-        let capped = by(Painter::Tiles(TilesSettings { resolution: Resolution::Capped }));
-        let full = by(Painter::Tiles(TilesSettings { resolution: Resolution::Full }));
-        assert_eq!(
-            [true, false].map(|software| resolution(&by(Painter::Auto), software)),
-            [Resolution::Capped, Resolution::Full]
-        );
-        for software in [true, false] {
-            assert_eq!(resolution(&capped, software), Resolution::Capped);
-            assert_eq!(resolution(&full, software), Resolution::Full);
         }
     }
 }

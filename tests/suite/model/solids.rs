@@ -98,7 +98,7 @@ fn cut_by_plane(most: usize, step: usize) {
             let cut = draw(&settings, Some(&solids));
             // Each pixel has a ray of its own.
             let full = match settings.painter {
-                Painter::Tiles(_) => with_tiles(&settings, Resolution::Full),
+                Painter::Tiles => with_tiles(&settings, Resolution::Full),
                 _ => settings.clone(),
             };
             let uncut = draw(&full, None);

@@ -26,7 +26,7 @@ use voxsplat::kernel::Kernel;
 use voxsplat::layers::Layers;
 use voxsplat::reference::Reference;
 use voxsplat::renderer::Rendered;
-use voxsplat::settings::{Painter, Response, Settings, TilesSettings};
+use voxsplat::settings::{Painter, Response, Settings};
 use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::{Statistics, Volume};
 use voxsplat::{Error, RendererOptions, formats};
@@ -285,7 +285,7 @@ type Prepared = (bool, bool, Option<Kernel>);
 
 /// Opens the device whose painters a study measures; `None` if none was requested and none can be opened.
 fn device(options: &RendererOptions) -> Result<Option<Engine>, Failure> {
-    let settings = Settings { painter: Painter::Tiles(TilesSettings::default()), ..Settings::default() };
+    let settings = Settings { painter: Painter::Tiles, ..Settings::default() };
     match Engine::open(options, &settings) {
         Err(error @ Error::NoAdapter(_)) if options.adapter.is_none() => {
             output::say(&format!("note: measuring --painter cpu alone because of {error}"));

@@ -173,13 +173,13 @@ mod tests {
         plan.has_truth(0);
         for (at, variant) in variants.iter().enumerate() {
             let post = variant.settings.is_post_shaded();
-            let tiles = matches!(variant.settings.painter, Painter::Tiles(_));
+            let tiles = matches!(variant.settings.painter, Painter::Tiles);
             plan.took(plan.errors(at), if post { 2.0 } else { 1.0 });
             plan.took(plan.frames(at), if tiles { 0.5 } else { 0.25 });
         }
         let sum = |of: &dyn Fn(&Variant) -> f64| variants.iter().map(of).sum::<f64>();
         let errors = sum(&|v| if v.settings.is_post_shaded() { 2.0 } else { 1.0 });
-        let frames = sum(&|v| if matches!(v.settings.painter, Painter::Tiles(_)) { 0.5 } else { 0.25 });
+        let frames = sum(&|v| if matches!(v.settings.painter, Painter::Tiles) { 0.5 } else { 0.25 });
         // Three of four models are left.
         assert!((plan.seconds(&tasks) - (21.0 + errors + 3.0 * frames)).abs() < 1e-9);
         let rounds = plan.left(&tasks[variants.len()..], 1e9).unwrap();
@@ -192,7 +192,7 @@ mod tests {
         let find = |post: bool, tiles: bool| {
             let is = |v: &Variant| {
                 let of_painter = if tiles {
-                    matches!(v.settings.painter, Painter::Tiles(_))
+                    matches!(v.settings.painter, Painter::Tiles)
                 } else {
                     matches!(v.settings.painter, Painter::Quads(_))
                 };

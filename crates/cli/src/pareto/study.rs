@@ -3,8 +3,7 @@
 use serde::{Deserialize, Serialize};
 use voxsplat::kernel::Kernel;
 use voxsplat::settings::{
-    Accumulation, Interslice, Level, Model, Painter, Precision, QuadsSettings, Resolution, Settings, Shading, Sheets,
-    TilesSettings,
+    Accumulation, Interslice, Level, Model, Painter, Precision, QuadsSettings, Settings, Shading, Sheets,
 };
 
 /// Settings to draw a picture by.
@@ -21,10 +20,8 @@ pub(crate) struct Variant {
 /// first word of the name is the painter.
 type Row = (&'static str, fn(&Settings) -> bool, fn(&mut Settings));
 
-const FULL: Painter = Painter::Tiles(TilesSettings { resolution: Resolution::Full });
-
 /// The grid of a study: what trades speed for accuracy and leaves the picture as it is.
-const GRID: [Row; 19] = [
+const GRID: [Row; 17] = [
     ("cpu", any, |s| s.painter = Painter::Cpu),
     ("tiles", any, |_| {}),
     ("tiles, voxels", any, |s| s.level = Level::At(0)),
@@ -32,8 +29,6 @@ const GRID: [Row; 19] = [
     ("tiles, level 2", any, |s| s.level = Level::At(2)),
     ("tiles, termination at 1 %", any, |s| s.termination = 0.01),
     ("tiles, no termination", any, |s| s.termination = 0.0),
-    ("tiles, a ray a pixel", is_pre_shaded, |s| s.painter = FULL),
-    ("tiles, a ray a pixel, voxels", is_pre_shaded, |s| (s.painter, s.level) = (FULL, Level::At(0))),
     ("quads", any, |_| {}),
     ("quads, sheets of 0.25", has_sheets, |s| s.painter = quads(|q| q.sheet_thickness = 0.25)),
     ("quads, sheets of 0.5", has_sheets, |s| s.painter = quads(|q| q.sheet_thickness = 0.5)),
@@ -88,8 +83,7 @@ pub(crate) fn variants(base: &Settings) -> Vec<Variant> {
 
 /// The rows that tell most, from the first on: all painters, then their settings that change time or error most. Other
 /// rows follow in the order of the grid.
-const TELLING: [&str; 7] =
-    ["cpu", "tiles", "quads", "tiles, a ray a pixel", "quads, sheets of 0.5", "tiles, level 1", "quads, sheets of 2"];
+const TELLING: [&str; 6] = ["cpu", "tiles", "quads", "quads, sheets of 0.5", "tiles, level 1", "quads, sheets of 2"];
 
 /// The number of rows by which a model is behind the model before it.
 const ROWS_BEHIND: usize = 4;
@@ -124,7 +118,7 @@ fn of_model(base: &Settings) -> Vec<Variant> {
     };
     let variant = |(name, _, change): &Row| {
         let is_tiles = name.starts_with("tiles");
-        let painter = if is_tiles { Painter::Tiles(TilesSettings::default()) } else { quads(|_| {}) };
+        let painter = if is_tiles { Painter::Tiles } else { quads(|_| {}) };
         let mut settings = Settings { painter, ..base.clone() };
         change(&mut settings);
         Variant { model: model.clone(), name: (*name).to_owned(), settings }

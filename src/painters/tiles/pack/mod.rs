@@ -1,19 +1,17 @@
-//! pack: from the splats of a scene to the texture that rays read, on the device or by its twin on the host. See
-//! shaders/common/packing.wgsl and shaders/pack.wgsl.
+//! pack: from the splats of a scene to the texture that rays read. See shaders/common/packing.wgsl and
+//! shaders/pack.wgsl.
 
 mod device;
-mod host;
 mod pages;
 
-use device::Bands;
+use device::Runs;
 pub(super) use pages::occupied;
 
-use std::ops::Range;
 use std::sync::Arc;
 
 use crate::error::Result;
 use crate::gpu::context::Context;
-use crate::gpu::layout::{MACROCELL, MARGIN};
+use crate::gpu::layout::MACROCELL;
 use crate::gpu::pipeline::Binding::{self, Read, Uniform, Write};
 use crate::gpu::recorder::Recorder;
 use crate::gpu::sampled::{Sampled, SampledKey};
@@ -40,9 +38,9 @@ pub(super) enum Voxel {
 }
 
 impl Voxel {
-    /// Bytes of two voxels.
-    fn texel(self) -> u64 {
-        if self == Self::Scalar { 8 } else { 16 }
+    /// Bytes of a voxel.
+    fn bytes(self) -> u64 {
+        if self == Self::Scalar { 4 } else { 8 }
     }
 
     /// Whether its colour depends on light.
@@ -51,42 +49,25 @@ impl Voxel {
     }
 
     /// The binding of the texture that rays read.
-    pub(super) fn binding(self, layout: Layout) -> Binding {
-        match layout {
-            Layout::Rows => Binding::ReadTexture(self.format(layout)),
-            Layout::Box | Layout::Pages => Binding::IntegerTexture(wgpu::TextureViewDimension::D3),
-        }
+    pub(super) fn binding(self) -> Binding {
+        Binding::IntegerTexture(wgpu::TextureViewDimension::D3)
     }
 
     /// The format of that texture.
-    pub(super) fn format(self, layout: Layout) -> wgpu::TextureFormat {
-        match (self, layout) {
-            (Self::Scalar, Layout::Box | Layout::Pages) => wgpu::TextureFormat::R32Uint,
-            (Self::Scalar, Layout::Rows) | (_, Layout::Box | Layout::Pages) => wgpu::TextureFormat::Rg32Uint,
-            (_, Layout::Rows) => wgpu::TextureFormat::Rgba32Uint,
-        }
+    pub(super) fn format(self) -> wgpu::TextureFormat {
+        if self == Self::Scalar { wgpu::TextureFormat::R32Uint } else { wgpu::TextureFormat::Rg32Uint }
     }
 }
 
 /// How voxels lie in the texture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(super) enum Layout {
-    /// Rows of pairs of voxels in a flat texture (shaders/common/packing.wgsl), which software reads and fills fastest.
-    Rows,
     /// A texel for each voxel of the box in a texture of three dimensions. Rays along every axis read the same texture,
-    /// and the stage stores in it voxel by voxel. For GPUs: there a copy of a gigabyte from a buffer to a texture takes
-    /// 25 ms, its allocation 60 ms, and all rays of a frame 2 to 7 ms (measured; docs/measurements/2026-11-25-gpu.md).
+    /// and the stage stores in it voxel by voxel: on a GPU a copy of a gigabyte from a buffer to a texture takes 25 ms,
+    /// its allocation 60 ms, and all rays of a frame 2 to 7 ms (measured; docs/measurements/2026-11-25-gpu.md).
     Box,
-    /// The pages of such a box that have splats: see [`pages`]. For large boxes on GPUs that are nearly empty.
+    /// The pages of such a box that have splats: see [`pages`]. For large boxes that are nearly empty.
     Pages,
-}
-
-impl Layout {
-    /// The layout of boxes in a lattice of `dims` points.
-    pub(super) fn of(context: &Context, dims: [u32; 3]) -> Self {
-        let fits = dims.iter().all(|&n| n < context.limits.max_texture_dimension_3d);
-        if context.is_software() || !fits { Self::Rows } else { Self::Box }
-    }
 }
 
 /// The most bytes of a packed volume. The box around visible voxels is packed whole; much of it may be empty.
@@ -97,8 +78,6 @@ const MARKED: u32 = 2048;
 pub(super) const MOST_UNSEEN: u64 = 2;
 /// Macrocells before the first lattice point: more than splats reach.
 const BEFORE: u32 = 4;
-/// The cells of a macrocell that are not the first along a, b or m, as bits of its marks.
-const BEHIND: [u8; 3] = [0xaa, 0xcc, 0xf0];
 /// The largest density after scaling: a power of two with room below 65504, the largest f16.
 const F16_HEADROOM: f64 = 16_384.0;
 /// The largest factor that densities are scaled by, a power of two: products with it stay in the range of f32.
@@ -119,12 +98,6 @@ pub(super) struct Marking {
 impl Marking {
     /// A splat marks its macrocell.
     pub(super) const OWN: Self = Self { reach: 0, invisible: [f32::MAX, f32::MIN], offset: [0; 3] };
-
-    /// Whether a splat marks macrocells, given its weight.
-    fn is_by(&self, voxel: Voxel, weight: u32) -> bool {
-        let (weight, [low, high]) = (f32::from_bits(weight), self.invisible);
-        matches!(voxel, Voxel::Color { .. }) || weight < low || weight > high
-    }
 }
 
 /// Where the voxels of a volume are in the texture.
@@ -138,12 +111,6 @@ pub(super) struct Packing {
     pub(super) low: [u32; 3],
     /// Lattice points of the box along a, b and m.
     pub(super) dims: [u32; 3],
-    /// Rows: planes side by side.
-    pub(super) columns: u32,
-    /// Rows: pairs of voxels of a row, without its margin.
-    pub(super) row_texels: u32,
-    /// Rows: width and height of the texture, in pairs of voxels and in rows.
-    pub(super) size: [u32; 2],
     /// Pages along each axis of the texture, x, y and z; none of other layouts.
     pub(super) atlas: [u32; 3],
     pub(super) marking: Marking,
@@ -152,15 +119,13 @@ pub(super) struct Packing {
 impl Packing {
     /// The packing of the hull of these boxes of splats, or if `whole`, of the lattice of this many points; `None` if
     /// it does not fit into a texture, or its marks or its table of pages into a binding. `pages` is the number of
-    /// pages that have splats; `None`: the box is packed as a whole. Rows that serve several eyes have whole
-    /// macrocells, so that rays skip the same planes whatever else is packed for other eyes; for parallel rays the box
-    /// is as small as it can be.
+    /// pages that have splats; `None`: the box is packed as a whole.
     pub(super) fn new(
         context: &Context,
         boxes: impl Iterator<Item = [[u32; 3]; 2]>,
         (lattice, whole): ([u32; 3], bool),
         pages: Option<u64>,
-        (axes, serves_eyes): ([usize; 3], bool),
+        axes: [usize; 3],
         (voxel, marking): (Voxel, Marking),
     ) -> Option<Self> {
         let (low, high) = boxes.fold(([u32::MAX; 3], [0; 3]), |hull, next| {
@@ -169,62 +134,33 @@ impl Packing {
             (ends.map(|(low, _)| low), ends.map(|(_, high)| high))
         });
         let low = low.map(|n| if n == u32::MAX { 0 } else { n });
-        let layout = Layout::of(context, lattice);
         // In whole macrocells of the lattice, which are pages.
-        let step = if layout == Layout::Rows && !serves_eyes { 1 } else { MACROCELL };
-        let (low, high) = (low.map(|n| n / step * step), high.map(|n| n.next_multiple_of(step)));
+        let (low, high) = (low.map(|n| n / MACROCELL * MACROCELL), high.map(|n| n.next_multiple_of(MACROCELL)));
         let (low, high) = if whole { ([0; 3], lattice) } else { (low, high) };
         let low = axes.map(|axis| low[axis]);
         let dims: [u32; 3] = std::array::from_fn(|i| high[axes[i]].saturating_sub(low[i]));
-        let packing =
-            Self { voxel, layout, axes, low, dims, columns: 0, row_texels: 0, size: [0; 2], atlas: [0; 3], marking };
-        let packing = match layout {
-            Layout::Rows => packing.in_rows(),
-            Layout::Box | Layout::Pages => {
-                let paged = |count| Self { layout: Layout::Pages, atlas: pages::atlas(count), ..packing };
-                let in_pages = pages.filter(|_| !whole).map(paged);
-                let saves = |of: &Self| pages::are_worth_it(context, of.voxel_bytes(), packing.voxel_bytes());
-                in_pages.filter(saves).unwrap_or(packing)
-            }
-        };
-        let [flat, deep] = [context.limits.max_texture_dimension_2d, context.limits.max_texture_dimension_3d];
-        let most = if context.is_software() { deep } else { deep.min(MARKED) };
-        let fits = packing.size.iter().all(|&n| n <= flat)
+        let packing = Self { voxel, layout: Layout::Box, axes, low, dims, atlas: [0; 3], marking };
+        let paged = |count| Self { layout: Layout::Pages, atlas: pages::atlas(count), ..packing };
+        let in_pages = pages.filter(|_| !whole).map(paged);
+        let saves = |of: &Self| pages::are_worth_it(context, of.voxel_bytes(), packing.voxel_bytes());
+        let packing = in_pages.filter(saves).unwrap_or(packing);
+        let deep = context.limits.max_texture_dimension_3d;
+        let fits = lattice.iter().all(|&n| n < deep)
             && packing.atlas.iter().all(|&n| n <= deep / PAGE)
-            && packing.macrocells().iter().all(|&n| n <= most)
+            && packing.macrocells().iter().all(|&n| n <= deep.min(MARKED))
             && packing.mark_bytes().max(packing.table_bytes()) <= context.largest_buffer();
         (fits && packing.voxel_bytes() <= MAX_BYTES).then_some(packing)
     }
 
-    /// The same voxels in rows of a texture that is about square.
-    fn in_rows(self) -> Self {
-        let [a, b, m] = self.dims;
-        let row_texels = a.div_ceil(2);
-        let (rows, column) = (u64::from(b) + 1, u64::from(row_texels + MARGIN));
-        let columns = ((f64::from(m) * rows as f64 / column as f64).sqrt().ceil() as u64).clamp(1, u64::from(m.max(1)));
-        // A row of a buffer that is copied to a texture begins at a multiple of this; texels have at least 8 bytes.
-        let align = u64::from(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT) / 8;
-        let width = (columns * column + u64::from(MARGIN)).next_multiple_of(align);
-        let height = u64::from(m).div_ceil(columns) * rows + 1;
-        let size = [width, height].map(|n| u32::try_from(n).unwrap_or(u32::MAX));
-        Self { columns: columns as u32, row_texels, size, ..self }
-    }
-
-    /// The packing of the voxels as they are stored: in a box they lie along the axes of the lattice, for rays along
-    /// every axis.
+    /// The packing of the voxels as they are stored: along the axes of the lattice, for rays along every axis.
     pub(super) fn stored(self) -> Self {
-        match self.layout {
-            Layout::Rows => self,
-            Layout::Box | Layout::Pages => {
-                let [low, dims] = [self.low, self.dims].map(|values| unordered(self.axes, values));
-                Self { axes: [0, 1, 2], low, dims, ..self }
-            }
-        }
+        let [low, dims] = [self.low, self.dims].map(|values| unordered(self.axes, values));
+        Self { axes: [0, 1, 2], low, dims, ..self }
     }
 
     /// The steps along a, b and m in a box of voxels.
     pub(super) fn steps(&self) -> [[i32; 3]; 3] {
-        self.stored_axes().map(|axis| [0, 1, 2].map(|along| i32::from(along == axis)))
+        self.axes.map(|axis| [0, 1, 2].map(|along| i32::from(along == axis)))
     }
 
     /// Whether the textures are the same, whichever scalars mark macrocells.
@@ -249,21 +185,13 @@ impl Packing {
         self.dims.contains(&0)
     }
 
-    /// Whether this number of splats is packed faster on the host. A software adapter is the host: there the device
-    /// takes about 55 ns for each splat, transfer included, and the host 2 ns for each byte of the whole texture.
-    pub(super) fn is_for_host(&self, context: &Context, splats: u64) -> bool {
-        const BYTES: u64 = 28;
-        context.is_software() && BYTES * splats > self.voxel_bytes()
-    }
-
     /// Bytes of the texture of voxels.
     fn voxel_bytes(&self) -> u64 {
         match self.layout {
-            Layout::Rows => self.size.map(u64::from).into_iter().product::<u64>() * self.voxel.texel(),
-            Layout::Box => self.box_texels().map(u64::from).into_iter().product::<u64>() * self.voxel.texel() / 2,
+            Layout::Box => self.box_texels().map(u64::from).into_iter().product::<u64>() * self.voxel.bytes(),
             Layout::Pages => {
                 let texels: u64 = self.atlas.map(|n| u64::from(n * PAGE)).into_iter().product();
-                texels * self.voxel.texel() / 2 + self.table_bytes()
+                texels * self.voxel.bytes() + self.table_bytes()
             }
         }
     }
@@ -296,22 +224,13 @@ impl Packing {
 
     /// Macrocells in the buffer of marks from one along a, b and m to the next.
     pub(super) fn mark_steps(&self) -> [u32; 3] {
-        let axes = self.stored_axes();
-        let [nx, ny, _] = unordered(axes, self.macrocells());
-        axes.map(|axis| [1, nx, nx * ny][axis])
+        let [nx, ny, _] = unordered(self.axes, self.macrocells());
+        self.axes.map(|axis| [1, nx, nx * ny][axis])
     }
 
     /// The bit in the number of a cell of its place along a, b and m.
     pub(super) fn mark_bits(&self) -> [u32; 3] {
-        self.stored_axes().map(|axis| 1 << axis)
-    }
-
-    /// The axes along which voxels and marks are stored, of a, b and m.
-    fn stored_axes(&self) -> [usize; 3] {
-        match self.layout {
-            Layout::Rows => [0, 1, 2],
-            Layout::Box | Layout::Pages => self.axes,
-        }
+        self.axes.map(|axis| 1 << axis)
     }
 
     /// Bytes of the buffer of marks.
@@ -326,40 +245,22 @@ impl Packing {
         [0, 1, 2].map(|i| place(i) - MACROCELL * low[i])
     }
 
-    /// The texture of the voxels and the buffer of marks. Shaders read the texture as storage, or write it, and buffers
-    /// are copied to it.
+    /// The texture of the voxels and the buffer of marks.
     fn targets(&self, context: &Context) -> Result<(wgpu::Texture, wgpu::Buffer)> {
-        use wgpu::TextureUsages as Usages;
-        let usage = Usages::STORAGE_BINDING | Usages::TEXTURE_BINDING | Usages::COPY_DST;
-        let (size, dimension) = match (self.layout, self.size) {
-            (Layout::Rows, [width, height]) => ([width, height, 1], wgpu::TextureDimension::D2),
-            (Layout::Box, _) => (self.box_texels(), wgpu::TextureDimension::D3),
-            (Layout::Pages, _) => (self.atlas.map(|n| n * PAGE), wgpu::TextureDimension::D3),
+        let usage = wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::TEXTURE_BINDING;
+        let size = match self.layout {
+            Layout::Box => self.box_texels(),
+            Layout::Pages => self.atlas.map(|n| n * PAGE),
         };
-        let volume = context.texture("pack.volume", self.voxel.format(self.layout), size, dimension, usage);
+        let volume = context.texture("pack.volume", self.voxel.format(), size, wgpu::TextureDimension::D3, usage);
         let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC | wgpu::BufferUsages::COPY_DST;
         Ok((volume, context.buffer("pack.marks", self.mark_bytes(), usage)?))
-    }
-
-    /// The planes with voxels in these rows of the texture.
-    fn planes(&self, rows: Range<u32>) -> Range<u32> {
-        let shelf = self.dims[1] + 1;
-        let at = |row: u32| (row / shelf * self.columns).min(self.dims[2]);
-        at(rows.start.saturating_sub(1))..at(rows.end.saturating_sub(1) + shelf)
     }
 }
 
 /// The boxes around the splats of bricks.
 pub(super) fn boxes(stores: &[Store]) -> impl Iterator<Item = [[u32; 3]; 2]> {
     stores.iter().flat_map(Store::runs).map(|(brick, _)| brick.bounds)
-}
-
-/// The bricks of each store whose splats rays may reach; `None`: all. Others in the box are left out.
-pub(super) type Reached = Option<Arc<Vec<Vec<bool>>>>;
-
-/// Whether rays may reach the splats of a brick.
-fn reaches(reached: &Reached, store: usize, brick: usize) -> bool {
-    reached.as_ref().is_none_or(|reached| reached[store][brick])
 }
 
 /// The splats of stores.
@@ -418,20 +319,15 @@ impl Packed {
     }
 
     /// Whether it is packed like this and holds splats at the places of these.
-    pub(super) fn serves(&self, (packing, reached): (Packing, &Reached), source: Option<Source>) -> bool {
-        packing.stored() == self.packing && self.has_places_of(source) && *reached == self.reached
+    pub(super) fn serves(&self, packing: Packing, source: Option<Source>) -> bool {
+        packing.stored() == self.packing && self.has_places_of(source)
     }
 
-    /// Whether these splats can be packed over its own: into pages, and of lists into a box, the stage on the device
-    /// writes the places of splats only, otherwise the `whole` textures are written.
-    pub(super) fn has_room_for(
-        &self,
-        (packing, reached): (Packing, &Reached),
-        source: Option<Source>,
-        whole: bool,
-    ) -> bool {
+    /// Whether these splats can be packed over its own: of lists, and into pages, the stage writes the places of splats
+    /// only, otherwise the `whole` texture is written.
+    pub(super) fn has_room_for(&self, packing: Packing, source: Option<Source>, whole: bool) -> bool {
         let is_written = whole && packing.layout != Layout::Pages;
-        self.serves((packing, reached), source) || is_written && packing.stored().is_in_box_of(&self.packing)
+        self.serves(packing, source) || is_written && packing.stored().is_in_box_of(&self.packing)
     }
 
     /// Whether its splats are at the places of these.
@@ -446,11 +342,10 @@ pub(crate) struct Packed {
     pub(super) packing: Packing,
     /// The splats.
     pub(super) source: Option<Source>,
-    pub(super) reached: Reached,
     pub(super) volume: wgpu::TextureView,
     /// The marks of macrocells: see shaders/common/packing.wgsl.
     pub(super) marks: wgpu::Buffer,
-    /// The places of pages in the texture; empty of other layouts.
+    /// The places of pages in the texture; empty of a box.
     pub(super) pages: wgpu::Buffer,
     /// The factor that densities, or scalars with gradients, were multiplied by: a power of two.
     pub(super) scale: f64,
@@ -458,8 +353,8 @@ pub(crate) struct Packed {
     pub(super) bytes: u64,
     /// The light on the voxels; `None`: their colours do not depend on light.
     pub(super) light: Option<SplatLight>,
-    /// The splats of each band; `None`: the host packs.
-    bands: Option<Bands>,
+    /// The splats as the stage of lists reads them; `None` of samples.
+    runs: Option<Runs>,
 }
 
 /// The stages that pack on the device.
@@ -487,14 +382,13 @@ impl Packer {
 
 /// The stage that packs lists.
 fn stage(context: &Context, constants: &[Constant], (voxel, layout): (Voxel, Layout)) -> Stage {
-    let texture = |format| Binding::StorageTexture(format, wgpu::TextureViewDimension::D3);
-    let (shader, voxels) = match (layout, voxel) {
-        (Layout::Rows, _) => (shaders::PACK, Write),
-        (Layout::Box, Voxel::Scalar) => (shaders::PACK_SCALARS, texture(voxel.format(layout))),
-        (Layout::Box, _) => (shaders::PACK_VECTORS, texture(voxel.format(layout))),
-        (Layout::Pages, Voxel::Scalar) => (shaders::PACK_SCALAR_PAGES, texture(voxel.format(layout))),
-        (Layout::Pages, _) => (shaders::PACK_VECTOR_PAGES, texture(voxel.format(layout))),
+    let shader = match (layout, voxel) {
+        (Layout::Box, Voxel::Scalar) => shaders::PACK_SCALARS,
+        (Layout::Box, _) => shaders::PACK_VECTORS,
+        (Layout::Pages, Voxel::Scalar) => shaders::PACK_SCALAR_PAGES,
+        (Layout::Pages, _) => shaders::PACK_VECTOR_PAGES,
     };
+    let voxels = Binding::StorageTexture(voxel.format(), wgpu::TextureViewDimension::D3);
     let slots = [Uniform, Uniform, Read, Write, voxels, Read, Read, Read];
     Stage::new(context, shader, ("pack", "voxels"), &slots, constants)
 }
@@ -506,7 +400,7 @@ fn stage_of_samples(
     (voxel, layout): (Voxel, Layout),
     key: SamplesKey,
 ) -> Stage {
-    let texels = Binding::StorageTexture(voxel.format(layout), wgpu::TextureViewDimension::D3);
+    let texels = Binding::StorageTexture(voxel.format(), wgpu::TextureViewDimension::D3);
     let (shader, entry, slots, own) = match key {
         SamplesKey::Voxels(key) => {
             let slots = vec![Uniform, Read, Read, Write, texels, Read, Read, Uniform, Uniform, Read, Read, Read];
@@ -530,14 +424,13 @@ fn stage_of_samples(
 }
 
 impl Packing {
-    /// Packs the splats of stores that rays reach, whose largest weight is `max_weight`, on the device or without a
-    /// `packer` on the host: into new textures, or into the textures of `over`, which has room for them. A packer of
-    /// samples reads these in place of the stores.
+    /// Packs the splats of stores, whose largest weight is `max_weight`: into a new texture, or into the texture of
+    /// `over`, which has room for them. A packer of samples reads these in place of the stores.
     pub(super) fn pack(
         self,
         recorder: &mut Recorder<'_>,
-        (packer, samples): (Option<&Packer>, Option<&Samples>),
-        (stores, reached, source): (&[Store], &Reached, Option<Source>),
+        (packer, samples): (&Packer, Option<&Samples>),
+        (stores, source): (&[Store], Option<Source>),
         light: &SplatLight,
         max_weight: f64,
         over: Option<Packed>,
@@ -548,46 +441,40 @@ impl Packing {
         };
         // Voxels of others that show nothing now.
         let clears = over.as_ref().is_some_and(|over| !over.has_places_of(source));
-        let (volume, marks, pages, bands) = match over {
-            Some(Packed { volume, marks, pages, bands, .. }) => (volume.texture().clone(), marks, pages, bands),
+        let (volume, marks, pages, runs) = match over {
+            Some(Packed { volume, marks, pages, runs, .. }) => (volume.texture().clone(), marks, pages, runs),
             None => {
                 let (volume, marks) = self.targets(recorder.context)?;
-                let pages = match packer.and_then(|packer| packer.pages.as_ref()) {
+                let pages = match &packer.pages {
                     Some(stage) => self.page_table(recorder, stage, stores)?,
                     None => recorder.context.upload("pack.pages", &[], wgpu::BufferUsages::STORAGE)?,
                 };
                 (volume, marks, pages, None)
             }
         };
-        let bands = match (packer, samples, bands) {
-            (Some(_), None, None) => Some(self.bands(recorder.context, stores, reached)?),
-            (_, _, bands) => bands,
-        };
-        let to = (&volume, &marks);
-        match (packer, samples, &bands) {
-            (Some(Packer { voxels, .. }), Some(samples), _) => {
-                let to = (&volume, &marks, &pages);
-                self.fill_from_samples(recorder, voxels, (samples, clears), light, scale as f32, to)?;
-            }
-            (Some(Packer { voxels, .. }), None, Some(bands)) => {
-                let to = (&volume, &marks, &pages);
-                self.fill_on_device(recorder, voxels, (stores, bands), light, scale as f32, to)?;
-            }
-            _ => recorder
-                .on_host("pack", |recorder| self.fill_on_host(recorder, (stores, reached), light, scale as f32, to))?,
-        }
         let volume = volume.create_view(&wgpu::TextureViewDescriptor::default());
+        let (stage, to) = (&packer.voxels, (&volume, &marks, &pages));
+        let runs = match samples {
+            Some(samples) => {
+                self.fill_from_samples(recorder, stage, (samples, clears), light, scale as f32, to)?;
+                None
+            }
+            None => {
+                let runs = runs.map_or_else(|| Runs::new(recorder.context, stores), Ok)?;
+                self.fill_from_lists(recorder, stage, (stores, &runs), light, scale as f32, to)?;
+                Some(runs)
+            }
+        };
         Ok(Packed {
             packing: self,
             source,
-            reached: reached.clone(),
             volume,
             marks,
             pages,
             scale,
             bytes: self.bytes(),
             light: self.voxel.is_lit().then(|| light.clone()),
-            bands,
+            runs,
         })
     }
 }

@@ -1,13 +1,12 @@
-//! The rays of a picture: where they meet the voxel planes, how far apart they are, and which points of the
-//! intermediate image they go through. See shaders/common/rays.wgsl.
+//! The rays of a picture: where they meet the voxel planes. See shaders/common/rays.wgsl.
 
-pub(super) mod parallel;
+mod parallel;
 mod perspective;
 
 use bytemuck::Zeroable;
 use glam::{DAffine3, DMat3, DVec2, DVec3, DVec4};
 
-use super::axis::{PrincipalAxis, smoothstep, unordered};
+use super::axis::{PrincipalAxis, unordered};
 use super::pack::Packing;
 use super::parts::Footprint;
 use crate::camera::Projection;
@@ -15,15 +14,10 @@ use crate::camera::clip::Side;
 use crate::gpu::layout::{self, MACROCELL, TILE};
 use crate::gpu::view::{Fade, Held, half};
 use crate::image::Region;
-use crate::kernel::{Kernel, section};
+use crate::kernel::Kernel;
 use crate::painters::painter::Job;
 use crate::settings::Model;
 use crate::settings::response::Response;
-use crate::stats::RaySpacing;
-
-/// Points of the intermediate image beyond those that pixels lie between, on every side: a cubic B-spline reads 2 of
-/// them, and its coefficients read 5 more along each axis (shaders/prefilter.wgsl).
-const SPLINE_MARGIN: f64 = 8.0;
 
 /// The largest factor of stored densities: one of the smallest in a voxel plane makes it opaque, and the product with
 /// the largest stays in the range of f32.
@@ -35,13 +29,6 @@ const PIECES: f64 = 3.0;
 
 /// The brightness of an X-ray that shows depth: optical depth over alpha is never more.
 const BRIGHTEST_DEPTH: f64 = 1e30;
-
-/// The rays of a region of a picture, along one principal axis.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Rays {
-    pub(super) uniforms: layout::Rays,
-    pub(super) spacing: RaySpacing,
-}
 
 /// The inputs of the rays of a picture along one principal axis.
 pub(super) struct RaySetup<'a> {
@@ -213,14 +200,10 @@ impl RaySetup<'_> {
             page_steps: packing.table_steps(),
             voxels: packing.dims.map(|n| n as i32),
             flipped: i32::from(axis.flipped),
-            columns: packing.columns as i32,
-            row_texels: packing.row_texels as i32,
             footprint: [0, 1, 2, 3].map(coefficient),
             footprint_high: [4, 5, 6, 7].map(coefficient),
             picture: [region.width, region.height],
-            phases: [1, 1],
             share: axis.share as f32,
-            fineness: 1.0,
             growth_most: view.depth_growth().1 as f32,
             fade_in,
             fade_out,
@@ -243,115 +226,26 @@ impl RaySetup<'_> {
         }
     }
 
-    /// The least share of its own ray in each pixel. At 1 no intermediate image is worth its rays.
-    pub(super) fn pixel_share(&self) -> f64 {
+    /// The rays of the pixels of a region; those around the pixels of its `part` are marched. The bytes of these pixels
+    /// do not depend on the others.
+    pub(super) fn rays(&self, region: Region, part: Region) -> layout::Rays {
+        let tile = |end: [u32; 2]| [end[0] - region.x, end[1] - region.y];
+        let uniforms = layout::Rays {
+            corner: [region.x, region.y],
+            tiles: [region.width, region.height].map(|n| n.div_ceil(TILE)),
+            clip_low: tile([part.x, part.y]).map(|n| n / TILE),
+            clip_high: tile([part.x + part.width, part.y + part.height]).map(|n| n.div_ceil(TILE)),
+            ..self.uniforms(region)
+        };
         match self.job.view.camera.projection {
-            Projection::Orthographic { .. } => parallel::pixel_share(self),
-            Projection::Perspective { distance, .. } => perspective::pixel_share(self, distance),
+            Projection::Orthographic { .. } => parallel::rays(self, uniforms),
+            Projection::Perspective { distance, .. } => perspective::rays(self, distance, uniforms),
         }
     }
-
-    /// The rays of the pixels of a region.
-    pub(super) fn pixel_rays(&self, region: Region) -> Rays {
-        let size = [region.width, region.height];
-        let common = layout::Rays { size, corner: [region.x, region.y], ..self.uniforms(region) };
-        let rays = match self.job.view.camera.projection {
-            Projection::Orthographic { .. } => parallel::pixel_rays(self, common),
-            Projection::Perspective { distance, .. } => perspective::pixel_rays(self, distance, common),
-        };
-        rays.in_tiles()
-    }
-
-    /// The rays of the intermediate images of a region, none if no ray reaches the volume. Each image has a share in
-    /// the picture; together these are the share of the axis.
-    pub(super) fn image_rays(&self, region: Region) -> Vec<Rays> {
-        let common = layout::Rays { least_refined: self.pixel_share() as f32, ..self.uniforms(region) };
-        let images = match self.job.view.camera.projection {
-            Projection::Orthographic { .. } => parallel::image_rays(self, region, common),
-            Projection::Perspective { distance, .. } => {
-                perspective::image_rays(self, region, distance, common).into_iter().collect()
-            }
-        };
-        images.into_iter().map(Rays::in_tiles).collect()
-    }
-}
-
-impl Rays {
-    /// The number of rays.
-    pub(super) fn count(&self) -> u64 {
-        self.uniforms.size.into_iter().map(u64::from).product()
-    }
-
-    fn in_tiles(mut self) -> Self {
-        let [across, down] = self.uniforms.size;
-        let [along_a, along_b] = self.uniforms.phases;
-        self.uniforms.tiles = [across.div_ceil(TILE * along_a), down.div_ceil(TILE * along_b)];
-        self.uniforms.clip_high = self.uniforms.tiles;
-        self
-    }
-
-    /// The same rays, but only those around the pixels of a part of the region are marched: the bytes of these pixels
-    /// do not depend on the others.
-    pub(super) fn around(mut self, region: Region, part: Region) -> Self {
-        // The splines of a pixel depend on the points within this distance.
-        const MARGIN: f64 = SPLINE_MARGIN + 4.0;
-        let uniforms = &mut self.uniforms;
-        let [origin, x, y] =
-            [uniforms.pixel_origin, uniforms.pixel_x, uniforms.pixel_y].map(|[x, y]| DVec2::new(x.into(), y.into()));
-        let low = DVec2::new(f64::from(part.x - region.x), f64::from(part.y - region.y));
-        let high = low + DVec2::new(f64::from(part.width), f64::from(part.height)) - 1.0;
-        let [first, last] = ends(origin, x, y, [low, high]);
-        // In points of the tiles' lattice; a float to integer cast saturates.
-        let tile = DVec2::from(uniforms.phases.map(|phases| f64::from(TILE * phases)));
-        let first = ((first - MARGIN) / tile).floor();
-        let end = ((last + MARGIN) / tile + 1.0).floor();
-        uniforms.clip_low = [first.x as u32, first.y as u32];
-        uniforms.clip_high = [(end.x as u32).min(uniforms.tiles[0]), (end.y as u32).min(uniforms.tiles[1])];
-        self
-    }
-}
-
-/// The least and the largest place of the pixels of a rectangle under a linear map.
-fn ends(origin: DVec2, x: DVec2, y: DVec2, [low, high]: [DVec2; 2]) -> [DVec2; 2] {
-    let corners = [low, DVec2::new(high.x, low.y), DVec2::new(low.x, high.y), high];
-    let points = corners.map(|corner| origin + x * corner.x + y * corner.y);
-    points.iter().fold([DVec2::INFINITY, DVec2::NEG_INFINITY], |[low, high], &p| [low.min(p), high.max(p)])
-}
-
-/// The rays per voxel that the densest voxel needs for its optical depth, as a power of 2: opacity saturates, so the
-/// edges of opaque matter are sharper than kernels. It is the same in every view.
-///
-/// Measured; docs/measurements/2026-11-22-rays.md has the table.
-fn level_for_depth(depth: f64) -> f64 {
-    if depth > 0.4 { 1.0 } else { 0.0 }
-}
-
-/// The rays per voxel that a kernel needs for its width, as a whole power of 2: the estimate of the errors of splines
-/// sees only kernels that several rays meet. It changes with the view only if kernels grow, and then every pixel has
-/// its own ray.
-fn level_for_kernel(kernel: &Kernel) -> f64 {
-    let radius = kernel.radius();
-    // The standard deviation of the footprint along a or b.
-    let (mut sum, mut squares) = (0.0_f64, 0.0);
-    for i in 0..64 {
-        let r = radius * (f64::from(i) + 0.5) / 64.0;
-        let footprint = section(kernel, r * r, -radius, radius);
-        sum += footprint * r;
-        squares += footprint * r * r * r / 2.0;
-    }
-    let width = (squares / sum).sqrt();
-    // The step at the rim: 0.14 of the default Gaussian's peak.
-    let rim = kernel.value(radius * radius * (1.0 - 1e-9)) / kernel.value(0.0);
-    (2.0 * (0.58 / width).log2()).max((rim - 0.15) / 0.15).max(0.0).ceil()
 }
 
 /// The middle of the first pixel of a picture, in pixels.
 const FIRST_PIXEL: DVec2 = DVec2::splat(0.5);
-
-/// The middle of the first pixel of a region, in pixels of the picture.
-fn first_pixel(region: Region) -> DVec2 {
-    DVec2::new(f64::from(region.x), f64::from(region.y)) + FIRST_PIXEL
-}
 
 fn f2(v: DVec2) -> [f32; 2] {
     v.as_vec2().to_array()
