@@ -242,15 +242,6 @@ impl ViewGeometry {
         Some(LayerPart { at_middle, slope, between: [begins[0] - reach, ends[1] + reach] })
     }
 
-    /// Whether voxels of a box may take part in unclipped matter. The lattice of the box has `padding` copies beyond
-    /// its faces: scalars matter so far beyond kernels.
-    pub(crate) fn may_show(&self, bounds: [[u32; 3]; 2], padding: u32) -> bool {
-        let [low, high] = self.box_around_middle(bounds, padding);
-        let (middle, size) = ((low + high - 1.0) / 2.0, (high - low - 1.0) / 2.0);
-        let reach = self.max_radius() + f64::from(padding);
-        self.clip.iter().all(|(gradient, value)| gradient.dot(middle) + value + gradient.abs().dot(size) + reach >= 0.0)
-    }
-
     /// The growth of every kernel along parallel rays; 1 in perspective.
     pub(crate) fn parallel_growth(&self) -> f64 {
         if self.is_perspective() { 1.0 } else { self.max_growth() }

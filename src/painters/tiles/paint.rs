@@ -11,7 +11,6 @@ use crate::error::Result;
 use crate::gpu::layout::{self, CELL, MACROCELL, TILE};
 use crate::gpu::recorder::Recorder;
 use crate::gpu::view::{ViewGeometry, Weights};
-use crate::image::Region;
 use crate::kernel::Kernel;
 use crate::painters::painter::Job;
 use crate::prepare::levels::ScalarNeed;
