@@ -1,10 +1,9 @@
 //! Commands for the device: recorded in order, timed stage by stage, submitted together, and results read back.
 
 use super::context::Context;
-use super::timing::{Timing, add};
+use super::timing::Timing;
 use crate::error::Result;
 use crate::stats::adapter::AdapterKind;
-use crate::stats::on_host;
 use crate::stats::{Clock, StageTime};
 
 /// Recorded commands, with their device and the times of their stages.
@@ -12,8 +11,6 @@ pub(crate) struct Recorder<'a> {
     pub(crate) context: &'a Context,
     encoder: wgpu::CommandEncoder,
     timing: Timing,
-    /// Seconds of stages that ran on the host.
-    on_host: Vec<(&'static str, f64)>,
     /// Work recorded since the last submission.
     work: u64,
 }
@@ -79,7 +76,7 @@ impl<'a> Recorder<'a> {
     }
 
     fn new(context: &'a Context, timing: Timing) -> Self {
-        Self { context, encoder: encoder(context), timing, on_host: Vec::new(), work: 0 }
+        Self { context, encoder: encoder(context), timing, work: 0 }
     }
 
     /// A compute pass of a stage, for several dispatches.
@@ -170,20 +167,11 @@ impl<'a> Recorder<'a> {
         self.context.submit(Some(recorded.finish()));
     }
 
-    /// Runs a stage on the host.
-    pub(crate) fn on_host<T>(&mut self, stage: &'static str, work: impl FnOnce(&mut Self) -> T) -> T {
-        let (result, seconds) = on_host(|| work(self));
-        add(&mut self.on_host, stage, seconds);
-        result
-    }
-
-    /// The time of each stage: stages on the host, then stages on the device in the order of their first pass, up to
-    /// the last [`Self::resolve_times`]. Stages on the device are left out without timestamps.
+    /// The time of each stage on the device in the order of their first pass, up to the last
+    /// [`Self::resolve_times`]; none without timestamps.
     pub(crate) fn times(self) -> Result<Vec<StageTime>> {
-        let on_host = self.on_host.into_iter().map(|(name, seconds)| StageTime::host(name, seconds));
-        let on_device = self.timing.finish(self.context)?.into_iter();
-        let on_device = on_device.map(|(name, seconds)| StageTime { name, seconds, clock: Clock::Device });
-        Ok(on_host.chain(on_device).collect())
+        let seconds = self.timing.finish(self.context)?.into_iter();
+        Ok(seconds.map(|(name, seconds)| StageTime { name, seconds, clock: Clock::Device }).collect())
     }
 }
 

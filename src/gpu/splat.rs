@@ -1,11 +1,11 @@
-//! The twin of shaders/common/lit_splat.wgsl and packing.wgsl on the host: the colours of splats under light.
+//! The twin of shaders/common/lit_splat.wgsl on the host: the colours of splats under light.
 
 mod light;
 
 use pulp::{Arch, NullaryFnOnce};
 
 use self::light::Shining;
-use crate::splats::words::{LANES, Lanes, SplatRun, Vectors, appearances, nearest_half};
+use crate::splats::words::{Lanes, SplatRun, Vectors, appearances};
 
 pub(crate) use self::light::{SplatLight, ToEye};
 
@@ -21,12 +21,6 @@ impl SplatRun<'_> {
     /// The colours under a light, `None` for unlit ones, and the densities of classified splats.
     pub(crate) fn appearances(&self, light: Option<&SplatLight>) -> (Vectors, Lanes) {
         Arch::new().dispatch(Appearances { run: self, light })
-    }
-
-    /// The same for the texture of the painter `tiles`: colours times densities, and densities, which are multiplied by
-    /// `scale` first.
-    pub(crate) fn packed(&self, light: Option<&SplatLight>, scale: f32) -> [[u32; 2]; LANES] {
-        Arch::new().dispatch(Packing { appearances: Appearances { run: self, light }, scale })
     }
 }
 
@@ -49,37 +43,6 @@ impl NullaryFnOnce for Appearances<'_> {
         }
         (colors, densities)
     }
-}
-
-/// The parameters of [`SplatRun::packed`].
-struct Packing<'a> {
-    appearances: Appearances<'a>,
-    scale: f32,
-}
-
-impl NullaryFnOnce for Packing<'_> {
-    type Output = [[u32; 2]; LANES];
-
-    #[inline(always)]
-    fn call(self) -> Self::Output {
-        let (mut colors, mut weights) = self.appearances.call();
-        weights.iter_mut().for_each(|weight| *weight *= self.scale);
-        for color in &mut colors {
-            color.iter_mut().zip(weights).for_each(|(c, weight)| *c *= weight);
-        }
-        halves(&colors, &weights)
-    }
-}
-
-/// Four numbers of each splat as the nearest f16: `rounded` in shaders/common/packing.wgsl, then pack2x16float.
-#[inline(always)]
-pub(crate) fn halves([x, y, z]: &Vectors, w: &Lanes) -> [[u32; 2]; LANES] {
-    let (mut low, mut high) = ([0; LANES], [0; LANES]);
-    for i in 0..LANES {
-        low[i] = nearest_half(x[i]) | nearest_half(y[i]) << 16;
-        high[i] = nearest_half(z[i]) | nearest_half(w[i]) << 16;
-    }
-    std::array::from_fn(|i| [low[i], high[i]])
 }
 
 #[cfg(test)]
@@ -112,9 +75,9 @@ mod tests {
         for (light, kept) in [(None, &[][..]), (Some(&light), &[]), (Some(&light), &kept)] {
             let xs = std::array::from_fn(|i| 5 + i as u32);
             let run = SplatRun { xs, y: 3, z: 60, each: 3, words: &words, light: kept };
-            let narrow = Packing { appearances: Appearances { run: &run, light }, scale: 4.0 }.call();
-            assert_eq!(run.packed(light, 4.0), narrow);
-            assert!(narrow.iter().any(|[low, _]| *low != 0));
+            let narrow = Appearances { run: &run, light }.call();
+            assert_eq!(run.appearances(light), narrow);
+            assert!(narrow.0[0].iter().any(|&red| red > 0.0));
         }
     }
 }
