@@ -25,7 +25,7 @@ use voxsplat::engine::Engine;
 use voxsplat::kernel::Kernel;
 use voxsplat::layers::Layers;
 use voxsplat::lighting::Lighting;
-use voxsplat::settings::{Level, Model, Painter, QuadsSettings, Resolution, Shading, TilesSettings};
+use voxsplat::settings::{Level, Model, Painter, QuadsSettings, Shading};
 use voxsplat::transfer::ControlPoint;
 use voxsplat::{
     Camera, LoadOptions, ProjectionKind, Renderer, RendererOptions, Scene, Settings, TransferFunction, View, Volume,
@@ -117,13 +117,10 @@ fn combination(seed: u64, scans: &[PathBuf], size: u32) -> Outcome<Combination> 
 
 /// The grid of settings with which the choice is compared.
 fn grid(settings: &Settings) -> Vec<Settings> {
-    let tiles = |resolution| Painter::Tiles(TilesSettings { resolution });
     let mut all = vec![settings.clone()];
-    for level in [1, 2] {
+    for level in [0, 1, 2] {
         all.push(Settings { level: Level::At(level), ..settings.clone() });
     }
-    all.push(Settings { painter: tiles(Resolution::Full), ..settings.clone() });
-    all.push(Settings { painter: tiles(Resolution::Full), level: Level::At(0), ..settings.clone() });
     for sheet_thickness in [2.0, 1.0, 0.5, 0.25, 0.125] {
         let painter = Painter::Quads(QuadsSettings { sheet_thickness, ..QuadsSettings::default() });
         all.push(Settings { painter, ..settings.clone() });

@@ -5,10 +5,10 @@
 //! ```
 //!
 //! For each kind of picture and volume a row of a table: median milliseconds of a frame by `tiles` and by `quads`, in
-//! alternation after one frame each, and their ratio; the difference of `tiles` from a ray per pixel; and the errors
-//! of both against the f64 reference in a picture of the smaller size, with a ray for each pixel. Differences and
-//! errors are rms over the four channels of covered pixels, of 255. VOLUME is a file or demo:NAME:SIZE; if none is
-//! given, four built-in volumes are measured. `--write` keeps the table in docs/measurements.
+//! alternation after one frame each, and their ratio; and the errors of both against the f64 reference in a picture of
+//! the smaller size. Errors are rms over the four channels of covered pixels, of 255. VOLUME is a file or
+//! demo:NAME:SIZE; if none is given, four built-in volumes are measured. `--write` keeps the table in
+//! docs/measurements.
 
 #![allow(clippy::print_stdout, reason = "printing its table is what this program is for")]
 
@@ -17,7 +17,7 @@ mod common;
 use common::{Arguments, Outcome, Report, median, own_or_suggested, rms_of_255};
 use voxsplat::lighting::{Light, Lighting};
 use voxsplat::reference::Reference;
-use voxsplat::settings::{Model, Painter, QuadsSettings, Resolution, Shading, TilesSettings};
+use voxsplat::settings::{Model, Painter, QuadsSettings, Shading};
 use voxsplat::{
     Camera, LoadOptions, ProjectionKind, Rendered, Renderer, RendererOptions, Scene, Settings, TransferFunction, View,
     Volume, load,
@@ -67,10 +67,6 @@ fn kinds() -> Vec<(&'static str, Settings, bool)> {
     ]
 }
 
-/// `tiles` by default, `tiles` with a ray for each pixel, and `quads`.
-const CAPPED: Painter = Painter::Tiles(TilesSettings { resolution: Resolution::Capped });
-const FULL: Painter = Painter::Tiles(TilesSettings { resolution: Resolution::Full });
-
 fn quads() -> Painter {
     Painter::Quads(QuadsSettings::default())
 }
@@ -100,7 +96,7 @@ impl Subject<'_> {
     fn row(&self, options: &Options) -> voxsplat::Result<String> {
         let mut times = [Vec::new(), Vec::new()];
         for run in 0..=options.runs {
-            for (painter, times) in [CAPPED, quads()].into_iter().zip(&mut times) {
+            for (painter, times) in [Painter::Tiles, quads()].into_iter().zip(&mut times) {
                 let rendered = self.picture(painter, options.size)?;
                 if run > 0 {
                     times.push(rendered.stats.seconds("frame").map_or(f64::NAN, |seconds| seconds * 1e3));
@@ -108,14 +104,13 @@ impl Subject<'_> {
             }
         }
         let [tiles, by_quads] = times.map(median);
-        let image = |painter, size| self.picture(painter, size).map(|rendered| rendered.image);
-        let capped = rms_of_255(&image(CAPPED, options.size)?, &image(FULL, options.size)?)?;
+        let image = |painter| self.picture(painter, options.error_size).map(|rendered| rendered.image);
         let truth = Reference::new(self.volume, self.transfer, &self.settings)?;
         let truth = truth.render(&self.camera(options.error_size)?)?;
-        let tiles_error = rms_of_255(&image(FULL, options.error_size)?, &truth)?;
-        let quads_error = rms_of_255(&image(quads(), options.error_size)?, &truth)?;
+        let tiles_error = rms_of_255(&image(Painter::Tiles)?, &truth)?;
+        let quads_error = rms_of_255(&image(quads())?, &truth)?;
         let ratio = by_quads / tiles;
-        Ok(format!("{tiles:.0} | {by_quads:.0} | {ratio:.1} | {capped:.3} | {tiles_error:.3} | {quads_error:.3}"))
+        Ok(format!("{tiles:.0} | {by_quads:.0} | {ratio:.1} | {tiles_error:.3} | {quads_error:.3}"))
     }
 }
 
@@ -128,8 +123,8 @@ fn main() -> Outcome {
     report.line(format_args!(
         "{size} x {size} pixels, medians of {runs}; errors at {error_size} x {error_size} pixels.\n"
     ));
-    report.line("| picture | volume | tiles, ms | quads, ms | ratio | capped | error of tiles | error of quads |");
-    report.line("|---|---|---|---|---|---|---|---|");
+    report.line("| picture | volume | tiles, ms | quads, ms | ratio | error of tiles | error of quads |");
+    report.line("|---|---|---|---|---|---|---|");
     for (name, settings, perspective) in kinds() {
         for source in &options.volumes {
             let volume = load(source, &LoadOptions::default())?;

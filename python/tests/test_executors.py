@@ -45,7 +45,7 @@ def limited(call) -> object:
 
 @pytest.fixture(scope="module", name="whole")
 def whole_picture() -> vs.Image:
-    return vs.render(samples(np.uint8), resolution="full", spacing=(2, 1, 1), **OPTIONS)
+    return vs.render(samples(np.uint8), painter="tiles", spacing=(2, 1, 1), **OPTIONS)
 
 
 def store(path: Path, array: np.ndarray) -> zarr.Array:

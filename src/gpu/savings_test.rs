@@ -122,9 +122,9 @@ fn check(what: &str, saving: &str, got: &Rendered, all: &Rendered, settings: &Se
 }
 
 /// The largest difference of pictures by tiles that keep other splats. Tiles packs the box around the splats: another
-/// box rounds coordinates differently, by 1.0e-6 here. More splats may be packed on the host, whose light differs from
-/// the device's by a step of half floats, 3.7e-6 here. Parts of kernels in slabs are fitted, and fits fade later than
-/// their kernels: post-shaded, voxels farther than kernels reach change a place by 1.6e-3 here, a maximum by 9.6e-3.
+/// box rounds coordinates differently, by 1.0e-6 here, and lit pictures differ by 3.7e-6. Parts of kernels in slabs are
+/// fitted, and fits fade later than their kernels: post-shaded, voxels farther than kernels reach change a place by
+/// 1.6e-3 here, a maximum by 9.6e-3.
 fn tiles_noise(settings: &Settings) -> f32 {
     match (settings.model, settings.is_post_shaded()) {
         (_, false) => {

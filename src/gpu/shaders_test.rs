@@ -93,7 +93,7 @@ fn constants_are_those_of_the_host() {
     }
     let planes = format!("const MAX_CLIP_PLANES: u32 = {}u;", crate::camera::clip::Clip::MAX_PLANES);
     assert!(super::shaders::SPLAT.source().contains(&planes), "MAX_CLIP_PLANES");
-    for (constant, value) in [("MARGIN", super::layout::MARGIN), ("MACROCELL", super::layout::MACROCELL)] {
+    for (constant, value) in [("MACROCELL", super::layout::MACROCELL), ("CELL", super::layout::CELL)] {
         assert!(super::shaders::SKIP.source().contains(&format!("const {constant}: i32 = {value};")), "{constant}");
     }
     let max_opacity = crate::transfer::TransferFunction::MAX_OPACITY.to_string();

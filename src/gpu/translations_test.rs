@@ -25,7 +25,7 @@ fn values(shader: &str, entry: &str, name: &str) -> &'static [f64] {
             &FLAG[..1]
         }
         // Post-shaded volumes are gathered as scalars only.
-        ("gather" | "gather-box" | "gather-pages", "SCALARS") => &FLAG[..1],
+        ("gather-box" | "gather-pages", "SCALARS") => &FLAG[..1],
         ("pack-scalars" | "pack-scalar-pages", "SCALARS") => &FLAG[1..],
         (name, "SCALARS") if name.starts_with("gather-") => &FLAG[1..],
         ("pack-scalar-samples" | "pack-scalar-cells", "GRADIENTS") => &FLAG[..1],
@@ -38,15 +38,12 @@ fn values(shader: &str, entry: &str, name: &str) -> &'static [f64] {
         // Texels of a row of the footprint table; a row of voxels.
         ("splat", "TEXELS") => &[1.0, 2.0, 3.0, 4.0],
         (_, "TEXELS") => &[3.0, 7.0],
-        ("gather" | "gather-box" | "gather-pages", "REACH") if entry == "eight" => &[2.0],
         (_, "REACH") => &[2.0, 4.0],
         // It follows from REACH.
         (_, "FLUSH") => &[9.0],
         // Layers have an entry point of their own.
-        ("gather" | "gather-box" | "gather-pages", "LAYERED") if entry == "layer" => &FLAG[1..],
+        ("gather-box" | "gather-pages", "LAYERED") if entry == "layer" => &FLAG[1..],
         (_, "LAYERED") => &FLAG[..1],
-        ("gather" | "gather-box" | "gather-pages", "ACROSS") => &[2.0, 4.0, 8.0],
-        ("gather" | "gather-box" | "gather-pages", "ROWS") => &[5.0, 7.0],
         (_, "CLIP_PLANES") => &[0.0, 8.0],
         ("splat", "ROWS") => &[2.0, 4096.0],
         (_, "SHEETS") => &[1.0, 4.0, 8.0],
@@ -100,11 +97,7 @@ fn happens(set: &PipelineConstants) -> bool {
     // What cuts does not depend on how many numbers a loop before or behind it takes.
     let number = |name: &str, among: &[f64]| set.get(name).is_some_and(|value| among.contains(value));
     let other = number("TERMS", &[6.0]) || number("TEXELS", &[1.0, 3.0, 4.0]) || number("SAMPLES", &[1.0, 2.0]);
-    // Eight rays in a row go through an intermediate image, blocks of pixels do not.
-    let in_a_row = set.get("ACROSS").map(|&across| across == 8.0);
     let never = [
-        in_a_row.is_some_and(|row| is("RESAMPLED") == Some(!row)),
-        in_a_row == Some(true) && number("ROWS", &[7.0]),
         is("CLIP_PLANES") == Some(true) && other,
         of_scalars && of_light && lit == Some(false),
         projects && lit == Some(true),
@@ -230,7 +223,7 @@ fn every_entry_point_keeps_to_the_limits_of_webgpu() {
             assert!(count(&stored) <= 4, "{at}: {} storage textures", count(&stored));
             assert!(count(&|space, _| space == AddressSpace::Uniform) <= 12, "{at}: uniform buffers");
             // Pipelines are made without clearing workgroup memory: these write all of theirs before they read it.
-            let clears = ["skip_together", "lit_rows", "extents_of_bricks"].contains(&point.name.as_str());
+            let clears = ["skip", "lit_rows", "extents_of_bricks"].contains(&point.name.as_str());
             let shared = |space, _: &TypeInner| space == AddressSpace::WorkGroup;
             assert!(clears || count(&shared) == 0, "{at}: workgroup memory is not cleared");
             let of = |v: &naga::GlobalVariable| module.types[v.ty].inner.size(module.to_ctx());

@@ -185,34 +185,3 @@ pub(crate) fn composite(sheets: &[[f64; 4]], additive: bool) -> [f64; 4] {
     }
     [color.x, color.y, color.z, -(-depth).exp_m1()]
 }
-
-/// prefilter: the tap, so many points away, of the filter that finds the coefficients of cubic B-splines through
-/// points: the inverse of (1, 4, 1) / 6, cut after five points, where the last tap makes up for the rest.
-pub(crate) fn spline_tap(points: i32) -> f64 {
-    let tap = |n: i32| 3.0_f64.sqrt() * (3.0_f64.sqrt() - 2.0).powi(n);
-    match points.abs() {
-        5 => (1.0 - tap(0) - 2.0 * (1..5).map(tap).sum::<f64>()) / 2.0,
-        n if n < 5 => tap(n),
-        _ => 0.0,
-    }
-}
-
-/// resample: the cubic B-splines of these coefficients at a place.
-pub(crate) fn spline(at: DVec2, coefficient: impl Fn(i32, i32) -> [f64; 4]) -> [f64; 4] {
-    let weight = |distance: f64| match distance.abs() {
-        d if d < 1.0 => 2.0 / 3.0 - d * d + d * d * d / 2.0,
-        d if d < 2.0 => (2.0 - d).powi(3) / 6.0,
-        _ => 0.0,
-    };
-    let whole = at.floor();
-    let mut sum = [0.0; 4];
-    for y in whole.y as i32 - 1..=whole.y as i32 + 2 {
-        for x in whole.x as i32 - 1..=whole.x as i32 + 2 {
-            let weight = weight(at.x - f64::from(x)) * weight(at.y - f64::from(y));
-            for (sum, value) in sum.iter_mut().zip(coefficient(x, y)) {
-                *sum += weight * value;
-            }
-        }
-    }
-    sum
-}

@@ -6,9 +6,7 @@ use voxsplat::camera::{Camera, ProjectionKind, View};
 use voxsplat::clip::{Clip, Plane};
 use voxsplat::image::Image;
 use voxsplat::layers::{Labels, Layer, Layers};
-use voxsplat::settings::{
-    Level, Model, Painter, QuadsSettings, Resolution, Response, Settings, Shading, Sheets, TilesSettings,
-};
+use voxsplat::settings::{Level, Model, Painter, QuadsSettings, Response, Settings, Shading, Sheets};
 use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::{Grid, Samples, Volume};
 
@@ -35,7 +33,7 @@ fn quads(settings: &Settings) -> Settings {
 }
 
 fn tiles(settings: &Settings) -> Settings {
-    Settings { painter: Painter::Tiles(TilesSettings { resolution: Resolution::Full }), ..settings.clone() }
+    Settings { painter: Painter::Tiles, ..settings.clone() }
 }
 
 /// The same samples on another lattice.

@@ -11,7 +11,7 @@ use voxsplat::formats::{LoadOptions, load};
 use voxsplat::image::{Image, compare};
 use voxsplat::lighting::{Light, Lighting};
 use voxsplat::renderer::{Rendered, Renderer, RendererOptions, Scene};
-use voxsplat::settings::{Level, Painter, Precision, QuadsSettings, Resolution, Settings, TilesSettings};
+use voxsplat::settings::{Level, Painter, Precision, QuadsSettings, Settings};
 use voxsplat::stats::{QuadsStats, TilesStats};
 use voxsplat::transfer::{ControlPoint, TransferFunction};
 use voxsplat::volume::Volume;
@@ -103,9 +103,9 @@ pub(crate) fn with_quads(settings: &Settings, change: impl FnOnce(&mut QuadsSett
     Settings { painter: Painter::Quads(quads), ..settings.clone() }
 }
 
-/// The painter tiles, with rays as fine as `resolution`.
-pub(crate) fn with_tiles(settings: &Settings, resolution: Resolution) -> Settings {
-    Settings { painter: Painter::Tiles(TilesSettings { resolution }), ..settings.clone() }
+/// The painter tiles.
+pub(crate) fn with_tiles(settings: &Settings) -> Settings {
+    Settings { painter: Painter::Tiles, ..settings.clone() }
 }
 
 /// Quads with sheets of another thickness.
@@ -202,10 +202,10 @@ pub(crate) fn by_tiles(rendered: &Rendered) -> TilesStats {
         .unwrap_or_else(|| panic!("{}: {}", rendered.stats.painter.name(), rendered.stats.painter_reason))
 }
 
-/// Tiles with a ray for each pixel, without techniques that may change a picture.
+/// Tiles without techniques that may change a picture.
 pub(crate) fn full() -> Settings {
     let exact = Settings { termination: 0.0, antialiasing: false, level: Level::At(0), ..Settings::default() };
-    with_tiles(&exact, Resolution::Full)
+    with_tiles(&exact)
 }
 
 /// The name of a test on the command line of the test binary, given the path of its module.

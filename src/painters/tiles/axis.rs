@@ -321,37 +321,25 @@ mod tests {
     }
 
     #[test]
-    fn pyramids_hold_the_rays_of_their_axis() {
+    fn rays_with_a_share_lean_no_more_than_their_axis_says() {
         let grid = Grid::axis_parallel([60, 40, 50], [1.0, 1.5, 0.7]).unwrap();
-        let size = [64, 48];
-        let (mut held, mut outside) = (0, 0);
+        let mut held = 0;
         for (fov, azimuth, elevation) in [(30.0, 30.0, 20.0), (60.0, 45.0, 35.0), (110.0, 100.0, -60.0)] {
             let projection = crate::camera::ProjectionKind::Perspective { fov };
             let view = crate::camera::View { projection, azimuth, elevation, ..crate::camera::View::default() };
-            let camera = Camera::new(&view, &grid, size).unwrap();
+            let camera = Camera::new(&view, &grid, [64, 48]).unwrap();
             let lens = Lens::new(&camera, &grid).unwrap();
-            let eye = grid.to_lattice().transform_point3(camera.eye().unwrap());
             for axis in PrincipalAxis::all(&camera, &grid) {
-                let pyramid = axis.pyramid(&camera, &grid, DVec3::ZERO).unwrap();
                 for i in 0..21 * 21 {
                     let ray = lens.ray(DVec2::new(f64::from(i % 21), f64::from(i / 21)) / 10.0 - 1.0);
-                    for distance in [40.0, 60.0, 80.0] {
-                        let p = eye + ray / ray.length() * distance;
-                        if p.min_element() < 0.0 {
-                            continue;
-                        }
-                        let reached = pyramid.reaches([p.as_uvec3().to_array(); 2], 1.8);
-                        let m = axis.axes[2];
-                        if share(m, ray) > 0.0 && (ray[m] < 0.0) == axis.flipped {
-                            assert!(reached, "{fov} {axis:?} {ray}");
-                            assert!(ray.normalize()[axis.axes[0]].abs() <= axis.lean, "{fov} {axis:?} {ray}");
-                            held += 1;
-                        }
-                        outside += usize::from(!reached);
+                    let m = axis.axes[2];
+                    if share(m, ray) > 0.0 && (ray[m] < 0.0) == axis.flipped {
+                        assert!(ray.normalize()[axis.axes[0]].abs() <= axis.lean, "{fov} {axis:?} {ray}");
+                        held += 1;
                     }
                 }
             }
         }
-        assert!(held > 1000 && outside > 1000, "{held} {outside}");
+        assert!(held >= 3 * 21 * 21, "{held}");
     }
 }

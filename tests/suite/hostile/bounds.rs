@@ -5,7 +5,6 @@
 //! |---|---|---|---|
 //! | X-ray, pre-shaded, `quads` | [`FOOTPRINT`] | the same + order | sections of a kernel add up to its footprint |
 //! | the same, `tiles` | [`PACKED`] | the same + order | voxels and colours are packed in half floats |
-//! | the same, without a ray per pixel | [`PACKED`] + [`RESAMPLED`] | the same + order | the promise of `capped` |
 //! | post-shaded | 1 | 1 | a surface may fall on either side of a pixel; hence root mean squares |
 //! | maximum | 1 | 1 | [`MAXIMUM`] bounds the scalar; a root mean square bounds the rest |
 //!
@@ -21,7 +20,7 @@ use voxsplat::image::Image;
 use voxsplat::kernel::{Kernel, Normalization};
 use voxsplat::renderer::Rendered;
 use voxsplat::settings::{Model, Painter, Settings, Sheets};
-use voxsplat::stats::{PainterStats, RaySpacing};
+use voxsplat::stats::PainterStats;
 use voxsplat::transfer::{ControlPoint, TransferFunction};
 use voxsplat::volume::Volume;
 
@@ -34,8 +33,6 @@ pub(crate) const FOOTPRINT: f64 = 1e-4;
 /// Half floats round by 2^-11; alpha shows 1/e of it, colours show all of it. Polynomials of footprints err by 5e-5 of
 /// the peak.
 pub(crate) const PACKED: f64 = 1.5e-3;
-/// The error that `Resolution::Capped` promises for any pixel.
-pub(crate) const RESAMPLED: f64 = 1.2e-2;
 /// Voxels are lit with normals of 2 x 16 bits and colours of 8 to 11 bits.
 pub(crate) const LIGHT: f64 = 4e-3;
 /// Scalars are means of slabs. The rims of the truncated Gaussian jump by 14 % of its peak, and a mean may be wrong by
@@ -159,11 +156,8 @@ pub(crate) fn bound(
     }
     let (alpha, slab, mixed) = match &rendered.stats.painter {
         PainterStats::Quads(q) => (FOOTPRINT, q.sheet_thickness, 1.0),
-        PainterStats::Tiles(t) => {
-            let resampled = !matches!(t.spacing, Some(RaySpacing::Pixels(1.0)) | None);
-            // A slab passes the deficit of a fit on to the next slab: two slabs mix.
-            (if resampled { PACKED + RESAMPLED } else { PACKED }, t.slab_thickness, 2.0)
-        }
+        // A slab passes the deficit of a fit on to the next slab: two slabs mix.
+        PainterStats::Tiles(t) => (PACKED, t.slab_thickness, 2.0),
         PainterStats::Cpu(_) => panic!("the host engine draws post-shaded pictures"),
     };
     if settings.model == Model::Xray {
@@ -316,10 +310,8 @@ pub(crate) fn measured(
     if let Some(pixel) = image.pixels().iter().find(|p| !p.iter().all(|v| v.is_finite())) {
         return Err(format!("{painter}: a pixel is {pixel:?}"));
     }
-    // Colours are premultiplied and at most 1. The slack allows for resampling.
-    let slack = 1e-5 + if bound.alpha > RESAMPLED { RESAMPLED } else { 0.0 };
-    let wrong =
-        |p: &&[f32; 4]| p[..3].iter().any(|c| f64::from(*c) > f64::from(p[3]) + slack || f64::from(*c) < -slack);
+    // Colours are premultiplied and at most 1.
+    let wrong = |p: &&[f32; 4]| p[..3].iter().any(|&c| c > p[3] + 1e-5 || c < -1e-5);
     if let Some(pixel) = image.pixels().iter().find(wrong) {
         return Err(format!("{painter}: a colour is over its alpha or under 0: {pixel:?}"));
     }

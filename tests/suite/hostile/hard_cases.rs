@@ -6,7 +6,7 @@ use voxsplat::camera::{ProjectionKind, View};
 use voxsplat::error::InputError;
 use voxsplat::kernel::Kernel;
 use voxsplat::reference::Reference;
-use voxsplat::settings::{Level, Model, Resolution, Settings, Shading};
+use voxsplat::settings::{Level, Model, Settings, Shading};
 use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::{Grid, Samples, Volume};
 
@@ -45,7 +45,7 @@ fn hold(cases: Vec<Case>, wanted: &[&str]) {
     for Case { name, volume, transfer, view, size, settings } in cases {
         let camera = look(&view, &volume, size);
         for (model, quads) in models(&settings).into_iter().filter(|(model, _)| wanted.contains(model)) {
-            for settings in [with_tiles(&quads, Resolution::Capped), quads] {
+            for settings in [with_tiles(&quads), quads] {
                 let row = match measured(&volume, &transfer, &camera, &settings) {
                     Ok(Outcome::Drawn(m, _)) if m.worst() <= 1.0 => m.to_string(),
                     Ok(Outcome::Drawn(m, _)) => {
@@ -313,7 +313,7 @@ fn thousands_of_sheets_of_almost_nothing() {
     let camera = look(&view, &volume, [9, 9]);
     // In the middle, over a kernel away from the faces: 4096 voxels, and the parts of the outermost kernels beyond
     // them.
-    for settings in [exact_quads(), with_tiles(&exact_quads(), Resolution::Capped)] {
+    for settings in [exact_quads(), with_tiles(&exact_quads())] {
         let drawn = measured(&volume, &transfer, &camera, &settings).unwrap();
         let Outcome::Drawn(m, image) = drawn else { panic!("refused") };
         println!("4096 sheets of opacity 1e-4   pre   {m}");
@@ -409,7 +409,7 @@ fn the_order_of_splats_changes_what_rounding_does() {
 #[test]
 fn a_full_turn_ends_where_it_began() {
     let (volume, transfer) = (ball(DAffine3::IDENTITY), tones());
-    for settings in [exact_quads(), with_tiles(&exact_quads(), Resolution::Capped)] {
+    for settings in [exact_quads(), with_tiles(&exact_quads())] {
         let at = |azimuth: f64| {
             let view = View { azimuth, elevation: 20.0, ..View::default() };
             render(&volume, &transfer, &look(&view, &volume, [26, 22]), &settings)

@@ -14,7 +14,7 @@ use voxsplat::error::Error;
 use voxsplat::kernel::{Kernel, Normalization};
 use voxsplat::lighting::Light;
 use voxsplat::reference::Reference;
-use voxsplat::settings::{Interslice, Level, Model, Resolution, Settings, Shading, Sheets};
+use voxsplat::settings::{Interslice, Level, Model, Settings, Shading, Sheets};
 use voxsplat::transfer::{ControlPoint, TransferFunction};
 use voxsplat::volume::{Grid, Samples, Volume};
 
@@ -272,7 +272,7 @@ fn settings(random: &mut Random) -> [Settings; 2] {
             if settings.is_post_shaded() { random.of(&[0.5, 1.0]) } else { random.of(&[0.25, 1.0, 3.0]) };
         q.sheets = if pre && random.once_in(8) { Sheets::Axis } else { Sheets::Image };
     });
-    let tiles = with_tiles(&settings, random.of(&[Resolution::Capped, Resolution::Full]));
+    let tiles = with_tiles(&settings);
     [quads, tiles]
 }
 

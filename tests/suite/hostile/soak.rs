@@ -4,7 +4,7 @@
 use std::process::Command;
 
 use voxsplat::camera::{ProjectionKind, View};
-use voxsplat::settings::{Level, Model, Resolution, Response, Settings, Shading};
+use voxsplat::settings::{Level, Model, Response, Settings, Shading};
 
 use crate::support::{
     PERSPECTIVE, demo, draw_on, exact_quads, headlight, look, new_renderer, own_name, prepare_on, with_tiles,
@@ -47,7 +47,7 @@ fn turns() {
         // In so few pixels kernels have grown, the more the farther they are from the eye, and cells replace voxels.
         let is_layered = name.ends_with("layers");
         let (projection, size) = if is_layered { (PERSPECTIVE, 30) } else { (ProjectionKind::Orthographic, 48) };
-        for settings in [with_tiles(&quads, Resolution::Capped), quads] {
+        for settings in [with_tiles(&quads), quads] {
             let scene = prepare_on(&renderer, &volume, &transfer, &settings).unwrap();
             let mut painter = "";
             let mut turn = || -> Vec<u8> {

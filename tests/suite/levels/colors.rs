@@ -7,7 +7,7 @@ use voxsplat::image::Image;
 use voxsplat::kernel::{Kernel, Normalization};
 use voxsplat::lighting::{Light, Lighting};
 use voxsplat::renderer::{Renderer, Scene};
-use voxsplat::settings::{Level, Model, Resolution, Settings, Shading};
+use voxsplat::settings::{Level, Model, Settings, Shading};
 use voxsplat::transfer::{GradientPoint, TransferFunction};
 use voxsplat::volume::{Grid, Samples, Volume};
 
@@ -69,9 +69,7 @@ fn cells_err_by_less_than_a_step_beside_voxels() {
                 let (view, pixels) = grown(48, growth, view);
                 let camera = look(&view, &volume, pixels);
                 let expected = truth(&volume, &tones(0.1), &camera, &auto());
-                for settings in
-                    [with_tiles(&auto(), Resolution::Full), Settings { level: Level::Auto, ..exact_quads() }]
-                {
+                for settings in [with_tiles(&auto()), Settings { level: Level::Auto, ..exact_quads() }] {
                     let got = picture(&volume, &tones(0.1), &camera, &settings);
                     assert_eq!(got.stats.levels, [level; 2]);
                     let rms = 255.0 * rms_covered(&got.image, &expected);
@@ -194,7 +192,7 @@ fn layers_of_levels_follow_the_reference() {
             let levels = if runs_on_host(&renderer()) { levels } else { levels.map(f32::floor) };
             let camera = look(&deep(view_height), &volume, [40; 2]);
             let expected = truth(&volume, &tones(0.1), &camera, &auto());
-            let got = picture(&volume, &tones(0.1), &camera, &with_tiles(&auto(), Resolution::Full));
+            let got = picture(&volume, &tones(0.1), &camera, &with_tiles(&auto()));
             assert_eq!(got.stats.levels, levels);
             let rms = 255.0 * rms_covered(&got.image, &expected);
             println!("{name} {view_height}: rms {rms:.2} of 255");
@@ -217,7 +215,7 @@ fn layers_of_every_kernel_model_and_lattice_follow_the_reference() {
     for (number, (volume, settings)) in cases.into_iter().enumerate() {
         let camera = look(&deep(if number == 4 { 130.0 } else { 70.0 }), volume, [40; 2]);
         let expected = truth(volume, &transfer, &camera, &settings);
-        let got = picture(volume, &transfer, &camera, &with_tiles(&settings, Resolution::Full));
+        let got = picture(volume, &transfer, &camera, &with_tiles(&settings));
         assert!(got.stats.levels[0] < got.stats.levels[1], "case {number}: {:?}", got.stats.levels);
         let rms = 255.0 * rms_covered(&got.image, &expected);
         println!("case {number} {:?}: {rms:.2}", got.stats.levels);
@@ -228,13 +226,13 @@ fn layers_of_every_kernel_model_and_lattice_follow_the_reference() {
 
 #[test]
 fn pictures_do_not_pop_while_levels_move_through_the_volume() {
-    let worst = worst_changes(&with_tiles(&auto(), Resolution::Full));
+    let worst = worst_changes(&with_tiles(&auto()));
     assert!(worst.iter().all(|worst| 255.0 * worst < 1.5), "{worst:?}");
 }
 
 #[test]
 fn post_shaded_pictures_do_not_pop_while_levels_move_through_the_volume() {
-    let worst = worst_changes(&Settings { shading: Shading::Post, ..with_tiles(&auto(), Resolution::Full) });
+    let worst = worst_changes(&Settings { shading: Shading::Post, ..with_tiles(&auto()) });
     assert!(worst.iter().all(|worst| 255.0 * worst < 1.5), "{worst:?}");
 }
 
@@ -355,7 +353,7 @@ fn lit_cells_are_made_where_their_layer_shows() {
     let (volume, transfer) = (volumes(70).swap_remove(0).1, tones(0.1));
     let camera = look(&deep(90.0), &volume, [40; 2]);
     let [unlit, lit] = [None, headlight()].map(|lighting| {
-        let settings = with_tiles(&Settings { lighting, ..auto() }, Resolution::Full);
+        let settings = with_tiles(&Settings { lighting, ..auto() });
         picture(&volume, &transfer, &camera, &settings).stats
     });
     assert!(lit.levels == unlit.levels && lit.levels[1] > lit.levels[0] + 0.5, "{:?}", lit.levels);
@@ -419,8 +417,6 @@ fn compare_cells(types: usize) {
                 _ => (Level::At(level as u32), 0.9 * f64::exp2(level)),
             };
             let settings = Settings { lighting, level: at, ..auto() };
-            // GPUs have a ray for each pixel by default, software has not.
-            let settings = with_tiles(&settings, Resolution::Full);
             let through_an_eye = ProjectionKind::Perspective { fov: 10.0 };
             // Through an eye the device has whole levels alone.
             let projections = [ProjectionKind::Orthographic, through_an_eye];

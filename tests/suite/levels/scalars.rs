@@ -6,7 +6,7 @@ use voxsplat::camera::{ProjectionKind, View};
 use voxsplat::error::Error;
 use voxsplat::formats::{LoadOptions, load};
 use voxsplat::kernel::{Kernel, Normalization};
-use voxsplat::settings::{Level, Model, Resolution, Settings, Shading};
+use voxsplat::settings::{Level, Model, Settings, Shading};
 use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::{Grid, SampleType, Samples, Volume};
 
@@ -39,7 +39,7 @@ fn oblique() -> View {
 /// The error of a picture by tiles, rms over covered pixels, of 255, and its level.
 fn error(volume: &Volume, transfer: &TransferFunction, view: (View, [u32; 2]), settings: &Settings) -> (f64, f32) {
     let camera = look(&view.0, volume, view.1);
-    let got = picture(volume, transfer, &camera, &with_tiles(settings, Resolution::Full));
+    let got = picture(volume, transfer, &camera, &with_tiles(settings));
     let expected = truth(volume, transfer, &camera, settings);
     (255.0 * rms_covered(&got.image, &expected), got.stats.levels[1])
 }
@@ -128,7 +128,7 @@ fn no_matter_shows_out_of_reach_of_visible_scalars() {
     let (volume, transfer) = demo("vessels", 32);
     let camera = look(&oblique(), &volume, [64; 2]);
     for settings in [post(), lit()] {
-        let got = picture(&volume, &transfer, &camera, &with_tiles(&settings, Resolution::Full)).image;
+        let got = picture(&volume, &transfer, &camera, &with_tiles(&settings)).image;
         let expected = truth(&volume, &transfer, &camera, &settings);
         let covered = |image: &Image| image.pixels().iter().filter(|pixel| pixel[3] > 0.0).count();
         let pixels = got.pixels().iter().zip(expected.pixels());

@@ -2,7 +2,7 @@
 
 use voxsplat::camera::{Camera, ProjectionKind, View};
 use voxsplat::image::Image;
-use voxsplat::settings::{Resolution, Settings, Shading};
+use voxsplat::settings::{Settings, Shading};
 use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::{Grid, Samples, Volume};
 
@@ -14,7 +14,7 @@ use crate::truth::truth;
 /// Settings of quads and of tiles without early termination.
 fn painters(settings: &Settings) -> [Settings; 2] {
     let exact = Settings { termination: 0.0, painter: exact_quads().painter, ..settings.clone() };
-    [exact.clone(), with_tiles(&exact, Resolution::Full)]
+    [exact.clone(), with_tiles(&exact)]
 }
 
 fn post(lighting: Option<voxsplat::lighting::Lighting>) -> Settings {

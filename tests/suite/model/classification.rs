@@ -3,7 +3,7 @@
 
 use voxsplat::camera::{Camera, ProjectionKind, View};
 use voxsplat::kernel::Kernel;
-use voxsplat::settings::{Model, Resolution, Settings, Shading};
+use voxsplat::settings::{Model, Settings, Shading};
 use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::{Sample, Volume};
 
@@ -21,8 +21,7 @@ fn view(volume: &Volume) -> Camera {
 
 /// Both painters.
 fn painters(settings: &Settings) -> [Settings; 2] {
-    [exact_quads(), with_tiles(&exact_quads(), Resolution::Full)]
-        .map(|painter| Settings { painter: painter.painter, ..settings.clone() })
+    [exact_quads(), with_tiles(&exact_quads())].map(|painter| Settings { painter: painter.painter, ..settings.clone() })
 }
 
 /// Pre-shaded, post-shaded and the maximum, with a kernel without jumps: the error of slab means at a jump is not

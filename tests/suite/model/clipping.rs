@@ -7,13 +7,13 @@ use voxsplat::image::{Image, compare};
 use voxsplat::kernel::Kernel;
 use voxsplat::lighting::{Light, Lighting};
 use voxsplat::reference::Reference;
-use voxsplat::settings::{Level, Model, Resolution, Settings, Shading};
+use voxsplat::settings::{Level, Model, Settings, Shading};
 use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::{Grid, Samples, Volume};
 
 use crate::support::{
-    PERSPECTIVE, PROJECTIONS, by_tiles, camera, demo, draw, exact_quads, full, look, picture, prepare, render,
-    rms_covered, thick, transfer, with_tiles,
+    PERSPECTIVE, PROJECTIONS, camera, demo, draw, exact_quads, full, look, picture, prepare, render, rms_covered,
+    thick, transfer, with_tiles,
 };
 use crate::truth::truth;
 
@@ -92,11 +92,7 @@ fn cut_pictures_are_those_of_the_reference() {
             let seen = camera(30.0, projection, &volume, 64);
             for (model, settings) in &models {
                 let quads = crate::support::with_quads(settings, |_| {});
-                let painters = [
-                    ("quads", quads),
-                    ("tiles", with_tiles(settings, Resolution::Full)),
-                    ("capped", with_tiles(settings, Resolution::Capped)),
-                ];
+                let painters = [("quads", quads), ("tiles", with_tiles(settings))];
                 let scene = prepare(&volume, &transfer, settings);
                 let error = |settings: &Settings, cut: &Clip, of: &Image| {
                     let drawn = draw(&scene, &seen, &clipped(settings, cut)).image;
@@ -124,27 +120,6 @@ fn cut_pictures_are_those_of_the_reference() {
         }
     }
     assert!(failures.is_empty(), "{}", failures.join("\n"));
-}
-
-#[test]
-fn intermediate_images_are_cut_as_pixels_are() {
-    let (volume, transfer) = demo("marschner-lobb", 32);
-    let center = volume.grid().center();
-    let scene = prepare(&volume, &transfer, &full());
-    // An oblique cut, one along the rays, and both with a third.
-    let seen = camera(30.0, ProjectionKind::Orthographic, &volume, 224);
-    let normals = [DVec3::new(0.5, 0.7, -0.4), seen.right, DVec3::new(-0.3, 0.1, 1.0)];
-    let planes = normals.map(|normal| Plane::through(center, normal).unwrap());
-    for planes in [&planes[..1], &planes[1..2], &planes[..]] {
-        let cut = Clip::new(planes.to_vec()).unwrap();
-        let [capped, full] = [with_tiles(&full(), Resolution::Capped), full()]
-            .map(|settings| draw(&scene, &seen, &clipped(&settings, &cut)));
-        let rays = by_tiles(&capped).rays;
-        assert!(rays < by_tiles(&full).rays / 4, "{rays} rays");
-        let largest = compare(&capped.image, &full.image, 0.0).unwrap().max_channel.into_iter().fold(0.0, f64::max);
-        let rms = rms_covered(&capped.image, &full.image);
-        assert!(rms < 1.5e-3 && largest < 2.5e-2, "{} planes: {rms:e}, at most {largest:e}", planes.len());
-    }
 }
 
 /// The boxes of two cells along each axis, front to back along parallel rays.
@@ -217,27 +192,24 @@ fn disjoint_boxes_composited_are_the_whole() {
     }
 }
 
-/// Each half has its own intermediate image, which errs at its edges. GUIDE.md has the figures.
+/// GUIDE.md has the figures.
 #[test]
 fn halves_of_magnified_folds_are_the_whole_with_a_ray_for_each_pixel() {
     let (volume, transfer) = demo("marschner-lobb", 20);
     let view = View { direction: Some(DVec3::new(1.0, 0.6, -0.4)), ..View::default() };
     let seen = look(&view, &volume, [48; 2]);
-    for (resolution, limit) in [(Resolution::Capped, 1e-2), (Resolution::Full, 5e-4)] {
-        let settings =
-            with_tiles(&Settings { termination: 0.0, level: Level::At(0), ..Settings::default() }, resolution);
-        let scene = prepare(&volume, &transfer, &settings);
-        for normal in [DVec3::X, DVec3::Y, DVec3::new(1.0, 1.0, 0.0)] {
-            // The half towards the eye is in front.
-            let halves = [-1.0, 1.0].map(|side| {
-                let plane = Plane::through(volume.grid().center(), side * normal).unwrap();
-                Clip::new(vec![plane]).unwrap()
-            });
-            let drawn = |clip: &Clip| as_f64(&draw(&scene, &seen, &clipped(&settings, clip)).image);
-            let apart = largest_difference(&drawn(&Clip::default()), &composited(halves.iter().map(drawn)), 0..4);
-            println!("{resolution} {normal}: {apart:e}");
-            assert!(apart < limit, "{resolution} {normal}: {apart:e}");
-        }
+    let settings = with_tiles(&Settings { termination: 0.0, level: Level::At(0), ..Settings::default() });
+    let scene = prepare(&volume, &transfer, &settings);
+    for normal in [DVec3::X, DVec3::Y, DVec3::new(1.0, 1.0, 0.0)] {
+        // The half towards the eye is in front.
+        let halves = [-1.0, 1.0].map(|side| {
+            let plane = Plane::through(volume.grid().center(), side * normal).unwrap();
+            Clip::new(vec![plane]).unwrap()
+        });
+        let drawn = |clip: &Clip| as_f64(&draw(&scene, &seen, &clipped(&settings, clip)).image);
+        let apart = largest_difference(&drawn(&Clip::default()), &composited(halves.iter().map(drawn)), 0..4);
+        println!("{normal}: {apart:e}");
+        assert!(apart < 5e-4, "{normal}: {apart:e}");
     }
 }
 
@@ -309,7 +281,7 @@ fn planes_that_miss_change_nothing_and_planes_that_take_all_leave_nothing() {
     for projection in PROJECTIONS {
         let seen = camera(20.0, projection, &volume, 32);
         for shading in Shading::ALL {
-            for settings in [exact_quads(), full(), with_tiles(&full(), Resolution::Capped)] {
+            for settings in [exact_quads(), full()] {
                 let settings = Settings { shading, ..settings };
                 let scene = prepare(&volume, &transfer, &settings);
                 let drawn = |clip: &Clip| draw(&scene, &seen, &clipped(&settings, clip)).image;

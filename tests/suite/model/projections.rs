@@ -3,7 +3,7 @@
 use glam::DVec3;
 use voxsplat::camera::{ProjectionKind, View};
 use voxsplat::kernel::{Kernel, Normalization};
-use voxsplat::settings::{Level, Model, Resolution, Response, Settings};
+use voxsplat::settings::{Level, Model, Response, Settings};
 use voxsplat::volume::{Grid, Samples, Volume};
 
 use crate::support::{PERSPECTIVE, PROJECTIONS, camera, demo, errors, exact_quads, full, look, picture, render};
@@ -23,7 +23,7 @@ fn an_xray_shows_depth_as_the_reference_does() {
             let camera = camera(33.0, projection, &volume, 40);
             let xray = |base: Settings| Settings { model: Model::Xray, response, normalization, ..base };
             let quads = xray(exact_quads());
-            let rays = with_tiles(&quads, Resolution::Full);
+            let rays = with_tiles(&quads);
             let expected = truth(&volume, &transfer, &camera, &quads);
             let deepest = expected.pixels().iter().map(|p| f64::from(p[0])).fold(0.0, f64::max);
             // Normalised to the peak of kernels, optical depth is twelve times as large, and alpha is 1 everywhere.
@@ -31,8 +31,7 @@ fn an_xray_shows_depth_as_the_reference_does() {
             assert!(response != Response::Depth || deepest > if deep { 12.0 } else { 1.0 }, "{deepest}");
             let unit = if response == Response::Depth { deepest } else { 1.0 };
             let steep = if deep { 8.0 } else { 1.0 };
-            for (settings, most) in [(quads, 4e-5), (rays.clone(), 3e-4), (with_tiles(&rays, Resolution::Capped), 4e-3)]
-            {
+            for (settings, most) in [(quads, 4e-5), (rays, 3e-4)] {
                 let got = render(&volume, &transfer, &camera, &settings);
                 let (color, alpha) = errors(&got, &expected);
                 let painter = &settings.painter;
@@ -65,7 +64,7 @@ fn layers_of_cells_add_up_to_the_depth() {
 /// Quads with thin sheets, and rays.
 fn both_painters(model: Model, kernel: Kernel) -> [Settings; 2] {
     let quads = thick(&Settings { model, kernel, ..exact_quads() }, 0.25);
-    [with_tiles(&quads, Resolution::Full), quads]
+    [with_tiles(&quads), quads]
 }
 
 #[test]

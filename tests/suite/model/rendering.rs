@@ -4,7 +4,7 @@ use glam::{DAffine3, DMat3, DQuat, DVec3};
 use voxsplat::camera::{Camera, ProjectionKind, View};
 use voxsplat::image::Region;
 use voxsplat::kernel::{Kernel, Normalization};
-use voxsplat::settings::{Level, Precision, Resolution, Settings, Shading};
+use voxsplat::settings::{Level, Precision, Settings, Shading};
 use voxsplat::volume::{Grid, Samples, Volume};
 
 use crate::support::{
@@ -158,7 +158,7 @@ fn threads_share_a_renderer_and_a_scene() {
     let (volume, transfer) = demo("vessels", 24);
     let post = Settings { shading: Shading::Post, ..Settings::default() };
     let quads = [Settings::default(), post].map(|settings| with_quads(&settings, |_| ()));
-    let tiles = quads.clone().map(|settings| with_tiles(&settings, Resolution::Capped));
+    let tiles = quads.clone().map(|settings| with_tiles(&settings));
     let [pre, post] = quads.each_ref().map(|settings| prepare(&volume, &transfer, settings));
     let pictures = quads.iter().chain(&tiles).zip([&pre, &post, &pre, &post]);
     let cameras = [20.0, 110.0].map(|azimuth| camera(azimuth, ProjectionKind::Orthographic, &volume, 40));

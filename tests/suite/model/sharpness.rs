@@ -7,7 +7,7 @@ use voxsplat::error::Error;
 use voxsplat::kernel::Kernel;
 use voxsplat::lighting::{Light, Lighting};
 use voxsplat::reference::Reference;
-use voxsplat::settings::{Model, Resolution, Settings, Shading};
+use voxsplat::settings::{Model, Settings, Shading};
 use voxsplat::volume::Grid;
 
 use crate::support::{
@@ -23,7 +23,7 @@ fn post(sharpness: f64) -> Settings {
 /// Settings of quads and of tiles without early termination.
 fn painters(settings: &Settings) -> [Settings; 2] {
     let exact = Settings { termination: 0.0, painter: exact_quads().painter, ..settings.clone() };
-    [exact.clone(), with_tiles(&exact, Resolution::Full)]
+    [exact.clone(), with_tiles(&exact)]
 }
 
 /// Asserts that both painters, quads and tiles, are as close to the reference as given.

@@ -7,7 +7,7 @@ use voxsplat::image::{DepthMap, Image, Region};
 use voxsplat::kernel::Kernel;
 use voxsplat::layers::Layers;
 use voxsplat::lighting::{Light, Lighting};
-use voxsplat::settings::{Level, Model, Painter, Resolution, Settings, Shading, Sheets};
+use voxsplat::settings::{Level, Model, Painter, Settings, Shading, Sheets};
 use voxsplat::solids::{Mesh, Solid, Solids};
 use voxsplat::volume::Grid;
 
@@ -56,7 +56,7 @@ fn settings() -> Vec<(&'static str, Settings)> {
     ];
     let painters = |(name, settings): &(&'static str, Settings)| {
         let cpu = Settings { painter: Painter::Cpu, ..settings.clone() };
-        [(*name, cpu), (*name, with_quads(settings, |_| {})), (*name, with_tiles(settings, Resolution::Capped))]
+        [(*name, cpu), (*name, with_quads(settings, |_| {})), (*name, with_tiles(settings))]
     };
     models.iter().flat_map(painters).collect()
 }
@@ -96,13 +96,8 @@ fn cut_by_plane(most: usize, step: usize) {
                 engine.render(&scene, &seen, settings, whole(&seen), solids).unwrap().image
             };
             let cut = draw(&settings, Some(&solids));
-            // Each pixel has a ray of its own.
-            let full = match settings.painter {
-                Painter::Tiles => with_tiles(&settings, Resolution::Full),
-                _ => settings.clone(),
-            };
-            let uncut = draw(&full, None);
-            let clipped = Settings { clip: clip.clone(), ..full };
+            let uncut = draw(&settings, None);
+            let clipped = Settings { clip: clip.clone(), ..settings.clone() };
             let by_clip = draw(&clipped, None);
             let at = format!("{projection:?} {name} {:?} {:?}", volume.grid().spacing(), settings.painter);
             let outside = largest(&cut, &uncut, |x| x < 24);
@@ -177,7 +172,7 @@ fn a_plane_half_through_a_ball_changes_only_pixels_behind_it() {
     let (volume, transfer) = demo("sphere", 32);
     let center = volume.grid().center();
     // Splines follow the default kernel, which jumps at its rim, less exactly.
-    let painters = [(&device, with_tiles(&full(), Resolution::Full), 1e-3), (&host, full(), 2e-3)];
+    let painters = [(&device, full(), 1e-3), (&host, full(), 2e-3)];
     let all = PROJECTIONS.into_iter().flat_map(|projection| painters.iter().map(move |of| (projection, of)));
     for (projection, (engine, settings, most)) in all {
         let seen = camera(30.0, projection, &volume, 64);

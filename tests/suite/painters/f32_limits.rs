@@ -7,7 +7,7 @@ use voxsplat::error::Error;
 use voxsplat::image::Image;
 use voxsplat::kernel::Kernel;
 use voxsplat::reference::Reference;
-use voxsplat::settings::{Model, Precision, Resolution, Settings, Shading};
+use voxsplat::settings::{Model, Precision, Settings, Shading};
 use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::{Grid, Samples, Volume};
 
@@ -41,7 +41,7 @@ fn models() -> [Settings; 3] {
 fn a_power_of_two_of_the_unit_changes_no_bit() {
     for settings in models() {
         // Tiles draws no scalars with kernels that grow with the distance.
-        let tiles = with_tiles(&Settings { antialiasing: false, ..settings.clone() }, Resolution::Capped);
+        let tiles = with_tiles(&Settings { antialiasing: false, ..settings.clone() });
         for settings in [with_quads(&settings, |_| ()), tiles] {
             for projection in PROJECTIONS {
                 let expected = oblique(projection, 1.0, 0.0, &settings);
@@ -58,7 +58,7 @@ fn a_power_of_two_of_the_unit_changes_no_bit() {
 #[test]
 fn any_unit_and_origin_leave_the_picture() {
     let settings = Settings { antialiasing: false, ..exact_quads() };
-    for settings in [settings.clone(), with_tiles(&settings, Resolution::Full)] {
+    for settings in [settings.clone(), with_tiles(&settings)] {
         for projection in PROJECTIONS {
             let expected = oblique(projection, 1.0, 0.0, &settings);
             for (unit, origin) in [(1e-30, 0.0), (1e-15, 1.0), (1e-3, 1e12), (1e-6, 1e7), (1e9, 0.0), (1e30, -1e33)] {

@@ -14,7 +14,7 @@ use voxsplat::figure::{Figure, Shown};
 use voxsplat::image::{Background, Comparison, Image, compare, difference_picture};
 use voxsplat::kernel::Kernel;
 use voxsplat::lighting::{Light, Lighting};
-use voxsplat::settings::{Accumulation, Model, Precision, Resolution, Settings, Shading, Sheets};
+use voxsplat::settings::{Accumulation, Model, Precision, Settings, Shading, Sheets};
 
 use crate::support::{demo, headlight, look, render, thick, with_quads, with_tiles};
 
@@ -95,7 +95,7 @@ fn quads() -> Settings {
 }
 
 fn tiles() -> Settings {
-    with_tiles(&Settings::default(), Resolution::Capped)
+    with_tiles(&Settings::default())
 }
 
 fn turned(azimuth: f64, elevation: f64) -> View {

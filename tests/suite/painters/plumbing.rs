@@ -286,7 +286,7 @@ fn assert_transfers_send_tables((volume, first): &(Volume, TransferFunction)) {
                 renderer.set_transfer(&mut scene, &other).unwrap();
                 let Rendered { image, stats } = draw(&scene);
                 let what = format!("{share}, on the device {on_device}: {settings:?}");
-                // On software the host classifies and packs, and sends the packed volume.
+                // On software the host classifies, and sends the splats.
                 if on_device && change > 0 {
                     assert!(stats.bytes_sent < 64 << 10, "{} bytes: {what}", stats.bytes_sent);
                 }

@@ -4,14 +4,12 @@ use glam::{DAffine3, DMat3, DVec3};
 use voxsplat::camera::{Camera, ProjectionKind, View};
 use voxsplat::error::Error;
 use voxsplat::kernel::{Kernel, Normalization};
-use voxsplat::settings::{Interslice, Level, Model, Resolution, Settings, Shading};
-use voxsplat::stats::RaySpacing;
+use voxsplat::settings::{Interslice, Level, Model, Settings, Shading};
 use voxsplat::volume::{Grid, Samples, Volume};
 
 use crate::support::{
     by_tiles, demo, draw, draw_on, errors, exact_quads, full, headlight, look, new_renderer, picture, prepare,
-    prepare_on, renderer, rms_covered, rms_in_steps, rms_of_all, runs_on_host, transfer, two_lights, with_quads,
-    with_tiles,
+    prepare_on, renderer, rms_covered, rms_of_all, runs_on_host, transfer, two_lights, with_quads, with_tiles,
 };
 use crate::truth::truth;
 
@@ -30,7 +28,7 @@ pub(crate) fn from_eye(
     look(&View { azimuth, elevation, projection, distance, ..View::default() }, volume, [size; 2])
 }
 
-/// The limits of the errors of colour and alpha with a ray per pixel: 1.1 to 2 times the measured errors.
+/// The limits of the errors of colour and alpha: 1.1 to 2 times the measured errors.
 ///
 /// The matter of a slab is merged: the error of colours is of second order in its thickness, 1 to 1.7 voxels. It is
 /// largest if one colour hides another within a slab, as in thin vessels, and least in ellipsoids of nearly one colour.
@@ -50,7 +48,7 @@ fn a_ray_per_pixel_is_the_reference() {
             let camera = camera(azimuth, elevation, 1.0, &volume, 48);
             let expected = truth(&volume, &transfer, &camera, &settings);
             let got = picture(&volume, &transfer, &camera, &settings);
-            assert_eq!(by_tiles(&got).spacing, Some(RaySpacing::Pixels(1.0)));
+            by_tiles(&got);
             let (color, alpha) = errors(&got.image, &expected);
             assert!(alpha < alpha_limit && color < color_limit, "{name} {azimuth} {elevation}: {color:e} {alpha:e}");
         }
@@ -58,7 +56,7 @@ fn a_ray_per_pixel_is_the_reference() {
 }
 
 #[test]
-#[ignore = "slow: 48 truths of wide kernels"]
+#[ignore = "slow: 40 truths of wide kernels"]
 fn kernels_reach_three_voxels_along_parallel_rays() {
     // Voxels smaller than pixels, and larger kernels.
     let grown = Settings { antialiasing: true, ..full() };
@@ -67,7 +65,6 @@ fn kernels_reach_three_voxels_along_parallel_rays() {
         (grown.clone(), 32.0),
         (Settings { model: Model::Xray, normalization: Normalization::Peak, ..grown.clone() }, 32.0),
         (Settings { kernel: Kernel::KAISER_BESSEL, ..grown.clone() }, 30.0),
-        (with_tiles(&grown, Resolution::Capped), 32.0),
         (wide(Kernel::Gaussian { sigma: 1.3, radius: 3.0 }), 30.0),
         (wide(Kernel::KaiserBessel { radius: 2.6, alpha: 10.4 }), 30.0),
     ];
@@ -105,8 +102,7 @@ fn straight_rays_of_every_model_are_those_that_lean_a_little() {
 
 /// Compares every `step`th kind of picture.
 fn compare_straight_rays(step: usize) {
-    // Straight rays compute their footprints once, other rays in every plane. Eight share voxels: of 5, 6 or 7 rows, in
-    // blocks of 2 or 4 pixels across. In small turned pictures, and for scalars, rays are separate.
+    // Straight rays compute their footprints once, other rays in every plane.
     let post = Settings { shading: Shading::Post, ..full() };
     let cases = [
         full(),
@@ -166,7 +162,7 @@ fn kernels_grow_with_their_depth_before_an_eye() {
         (grown.clone(), 19.0),
         (Settings { model: Model::Xray, normalization: Normalization::Peak, ..grown.clone() }, 24.0),
         (Settings { kernel: Kernel::KAISER_BESSEL, ..grown.clone() }, 22.0),
-        (Settings { lighting: headlight(), ..with_tiles(&grown, Resolution::Capped) }, 24.0),
+        (Settings { lighting: headlight(), ..grown.clone() }, 24.0),
         (Settings { kernel: wide, ..full() }, 24.0),
     ];
     // Along the diagonal slabs are 1.7 voxels thick.
@@ -336,11 +332,6 @@ fn grids_may_be_anisotropic_sheared_and_cropped() {
             let expected = truth(&volume, &transfer, &camera, &settings);
             let (color, alpha) = errors(&picture(&volume, &transfer, &camera, &settings).image, &expected);
             assert!(alpha < 5e-4 && color < 4e-3, "{matrix} {azimuth}: {color:e} {alpha:e}");
-            let capped = with_tiles(&settings, Resolution::Capped);
-            let got = picture(&volume, &transfer, &camera, &capped);
-            assert!(matches!(by_tiles(&got).spacing, Some(RaySpacing::PerVoxel(_))));
-            let error = rms_in_steps(&got.image, &expected);
-            assert!(error < 0.6, "{matrix} {azimuth}: {error}");
         }
     }
 }
@@ -349,18 +340,14 @@ fn grids_may_be_anisotropic_sheared_and_cropped() {
 fn termination_is_bounded_and_repeats_are_equal() {
     let (volume, _) = demo("sphere", 48);
     let transfer = transfer(&[(0.2, [0.1, 0.3, 1.0], 0.0), (0.5, [1.0; 3], 0.9)], None);
-    for resolution in [Resolution::Full, Resolution::Capped] {
-        let exact = with_tiles(&full(), resolution);
-        let camera = camera(30.0, 20.0, 1.0, &volume, 96);
-        let scene = prepare(&volume, &transfer, &exact);
-        let whole = draw(&scene, &camera, &exact).image;
-        let settings = Settings { termination: 1e-2, ..exact.clone() };
-        let got = draw(&scene, &camera, &settings).image;
-        let (color, alpha) = errors(&got, &whole);
-        // Enlargement can multiply an error of the raster by the sum of the spline's weights.
-        assert!(color.max(alpha) < 1.5e-2 && color > 0.0, "{color:e} {alpha:e}");
-        assert!(draw(&scene, &camera, &exact).image.pixels() == whole.pixels());
-    }
+    let exact = full();
+    let camera = camera(30.0, 20.0, 1.0, &volume, 96);
+    let scene = prepare(&volume, &transfer, &exact);
+    let whole = draw(&scene, &camera, &exact).image;
+    let settings = Settings { termination: 1e-2, ..exact.clone() };
+    let (color, alpha) = errors(&draw(&scene, &camera, &settings).image, &whole);
+    assert!(color.max(alpha) < 1e-2 && color > 0.0, "{color:e} {alpha:e}");
+    assert!(draw(&scene, &camera, &exact).image.pixels() == whole.pixels());
 }
 
 #[test]
@@ -388,18 +375,11 @@ fn auto_takes_tiles_where_they_serve_and_says_why_not() {
         let got = stats(&settings, camera).unwrap();
         assert_eq!(got.painter.name(), "quads", "{word}");
         assert!(!software || got.painter_reason.contains(word), "{}", got.painter_reason);
-        match stats(&with_tiles(&settings, Resolution::Capped), camera) {
+        match stats(&with_tiles(&settings), camera) {
             Err(Error::Setting { name: "painter", reason }) => assert!(reason.contains(word), "{reason}"),
             other => panic!("{word}: {other:?}"),
         }
     }
-    // A few voxels, seen along an axis: a ray for each of many pixels.
-    let one = Volume::new(Grid::axis_parallel([3; 3], [1.0; 3]).unwrap(), Samples::F32(vec![1.0; 27])).unwrap();
-    let xray = Settings { model: Model::Xray, ..auto.clone() };
-    let got = picture(&one, &transfer, &camera(0.0, 0.0, 1.0, &one, 64), &xray).stats;
-    // Rays are faster on GPUs here too.
-    assert_eq!(got.painter.name(), if software { "quads" } else { "tiles" });
-    assert!(!software || got.painter_reason.contains("few voxels"), "{}", got.painter_reason);
     let quads = stats(&with_quads(&auto, |_| ()), &near).unwrap();
     assert_eq!((quads.painter.name(), quads.painter_reason.as_str()), ("quads", "requested"));
     let post = Settings { shading: Shading::Post, ..auto };
@@ -407,37 +387,31 @@ fn auto_takes_tiles_where_they_serve_and_says_why_not() {
     assert_eq!(draw(&scene, &near, &post).stats.painter.name(), "tiles");
 }
 
+/// All axes read the same box.
 #[test]
-fn turning_packs_the_volume_once_an_axis_or_on_gpus_once() {
+fn turning_packs_the_volume_once() {
     let (volume, transfer) = demo("marschner-lobb", 48);
-    let settings = with_tiles(&full(), Resolution::Capped);
+    let settings = full();
     // Its own, for nobody else to be counted.
     let renderer = new_renderer();
     let scene = prepare_on(&renderer, &volume, &transfer, &settings).unwrap();
-    // A GPU packs a box that rays along every axis read.
-    let in_rows = runs_on_host(&renderer);
-    let packs = |azimuth: f64, anew: bool| {
+    let packs = |azimuth: f64, first: bool| {
         let camera = camera(azimuth, 20.0, 1.0, &volume, 96);
         let stats = draw_on(&renderer, &scene, &camera, &settings).unwrap().stats;
         let packs = stats.stages.iter().any(|s| s.name == "pack");
-        // Software adapters pack dense volumes on the host, which sends the packed texture.
-        let sent = if anew && in_rows { stats.tiles().unwrap().packed_bytes } else { 0 };
-        // Marches also send uniforms, mostly tables of sections: rays of images, and of pixels. The first picture may
-        // send the splats.
-        let most = sent + 12_000 + if anew { stats.scene_bytes } else { 0 };
+        // Marches send uniforms, mostly tables of sections. The first picture may send the splats.
+        let most = 12_000 + if first { stats.scene_bytes } else { 0 };
         assert!(stats.bytes_sent < most, "{} of {most}", stats.bytes_sent);
         packs
     };
     // A GPU without timestamps lists no stages; the sent bytes are still compared.
     let listed = packs(25.0, true);
     assert!(listed || !renderer.adapter().is_software(), "the host has a clock");
-    assert!(!packs(10.0, false) && !packs(35.0, false));
-    assert_eq!(packs(120.0, in_rows), listed && in_rows, "another axis");
+    assert!([10.0, 35.0, 120.0].iter().all(|&azimuth| !packs(azimuth, false)));
 }
 
-/// From the second eye on all bricks are packed: another eye changes no byte, and packs nothing anew.
 #[test]
-fn eyes_after_the_second_pack_nothing_and_change_no_byte() {
+fn eyes_after_the_first_pack_nothing_and_change_no_byte() {
     let (volume, transfer) = demo("vessels", 96);
     let renderer = new_renderer();
     // Rays of each eye reach a part of the bricks.
@@ -445,13 +419,12 @@ fn eyes_after_the_second_pack_nothing_and_change_no_byte() {
     let lit = Settings { lighting: headlight(), ..full() };
     let post = Settings { shading: Shading::Post, ..lit.clone() };
     for (settings, stays) in [(full(), true), (lit, false), (post, true)] {
-        let settings = with_tiles(&settings, Resolution::Capped);
         let prepare = || prepare_on(&renderer, &volume, &transfer, &settings).unwrap();
         let scene = prepare();
         for (number, eye) in eyes.iter().enumerate() {
             let got = draw_on(&renderer, &scene, eye, &settings).unwrap();
             let packs = got.stats.stages.iter().any(|stage| stage.name == "pack");
-            assert!(!packs || number < 2 || !stays, "eye {number}");
+            assert!(!packs || number == 0 || !stays, "eye {number}");
             let alone = draw_on(&renderer, &prepare(), eye, &settings).unwrap();
             assert!(got.image == alone.image, "eye {number} {:?}", settings.shading);
         }
@@ -462,10 +435,9 @@ fn eyes_after_the_second_pack_nothing_and_change_no_byte() {
 fn packing_over_another_light_leaves_nothing_of_it() {
     // Its own, for nobody else to be counted.
     let renderer = new_renderer();
-    // The host packs dense volumes if the adapter is software, the device sparse volumes.
     for name in ["marschner-lobb", "vessels"] {
         let (volume, transfer) = demo(name, 48);
-        let settings = |lighting| with_tiles(&Settings { lighting, ..full() }, Resolution::Capped);
+        let settings = |lighting| Settings { lighting, ..full() };
         let scene = prepare_on(&renderer, &volume, &transfer, &settings(headlight())).unwrap();
         let cameras = [
             camera(25.0, 20.0, 1.0, &volume, 64),
@@ -481,7 +453,7 @@ fn packing_over_another_light_leaves_nothing_of_it() {
             assert_eq!(turned.image.pixels(), expected.image.pixels(), "{name}");
             made.push((turned.stats.frame_bytes, by_tiles(&turned).packed_bytes));
         }
-        // A headlight turns with the eye: the second picture makes no textures of voxels, images of rays aside.
+        // A headlight turns with the eye: the second picture makes no textures of voxels.
         let [(first, packed), (second, _), ..] = made[..] else { panic!("eight pictures") };
         assert!(second + packed / 2 < first, "{second} {packed} {first}");
     }

@@ -53,7 +53,7 @@ fn searches_skip_settings_that_cannot_be_drawn() {
     let dir = tempfile::tempdir().unwrap();
     let scene = "demo:sphere:32 --size 8";
     // Kernels have grown over what tiles takes at level 0, which both searches try.
-    let refused = run(dir.path(), &format!("render {scene} -o a.png --painter tiles --tune resolution=full --level 0"));
+    let refused = run(dir.path(), &format!("render {scene} -o a.png --painter tiles --level 0"));
     let reason = "tiles draws kernels that reach at most 4 voxels";
     assert!(refused.status.code() == Some(2) && said(&refused).contains(reason), "{}", said(&refused));
     let chosen = run(dir.path(), &format!("render {scene} -o a.png --max-error 1e-6 --tune sample=64"));

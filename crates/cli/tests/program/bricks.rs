@@ -45,7 +45,7 @@ fn three_commands_make_the_picture_of_render() {
     run(dir, "merge plan.json part-3.exr part-1.exr part-0.exr part-2.exr -o merged.exr");
     run(dir, "merge plan.json part-0.exr part-1.exr part-2.exr part-3.exr -o merged.png --background white");
     // Plans have one size for every azimuth.
-    run(dir, &format!("render {LOOK},resolution=full --level 0 --frame visible -o whole.exr"));
+    run(dir, &format!("render {LOOK} --painter tiles --level 0 --frame visible -o whole.exr"));
     let [merged, whole] = ["merged.exr", "whole.exr"].map(|name| Image::load(dir.join(name)).unwrap());
     let apart = compare(&merged, &whole, 0.0).unwrap().max_channel;
     assert!(apart.iter().all(|&channel| channel < 1e-5), "{apart:?}");
@@ -90,7 +90,7 @@ fn labels_are_drawn_in_bricks() {
     run(dir, &format!("plan {look} --grid 2x1x1 -o plan.json"));
     (0..2).for_each(|n| drop(run(dir, &format!("brick plan.json {n} -o {n}.exr"))));
     run(dir, "merge plan.json 0.exr 1.exr -o merged.exr");
-    run(dir, &format!("render {look},resolution=full --frame visible -o whole.exr"));
+    run(dir, &format!("render {look} --painter tiles --frame visible -o whole.exr"));
     let [merged, whole] = ["merged.exr", "whole.exr"].map(|name| Image::load(dir.join(name)).unwrap());
     let apart = compare(&merged, &whole, 0.0).unwrap().max_channel;
     assert!(whole.pixels().iter().any(|pixel| pixel[3] > 0.5) && apart.iter().all(|&c| c < 1e-5), "{apart:?}");

@@ -10,7 +10,7 @@ use voxsplat::camera::{Hull, ProjectionKind, View};
 use voxsplat::clip::Clip;
 use voxsplat::image::{Background, Image};
 use voxsplat::lighting::{Light, Lighting};
-use voxsplat::settings::{Resolution, Settings, Shading};
+use voxsplat::settings::{Settings, Shading};
 
 use crate::adapter::adapter;
 use crate::support::{demo, look, picture, with_quads, with_tiles};
@@ -648,7 +648,7 @@ fn pictures_of_the_device_are_those_of_the_library() {
     let front = View::default();
     let quads = with_quads(&Settings::default(), |_| ());
     assert_sphere(dir.path(), "--painter quads", &front, &quads, black);
-    let tiles = with_tiles(&Settings::default(), Resolution::Capped);
+    let tiles = with_tiles(&Settings::default());
     assert_sphere(dir.path(), "--painter tiles", &front, &tiles, black);
     let view = View {
         azimuth: -30.0,

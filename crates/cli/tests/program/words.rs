@@ -46,7 +46,6 @@ fn options_without_effect_are_noted_on_command_lines_and_in_scenes() {
         ("--output a.png --reference --level 1", "level"),
         ("--output a.png --reference --adapter any", "adapter"),
         ("--output a.png --model xray --tune sheet-thickness=2", "tune sheet-thickness"),
-        ("--output a.png --tune resolution=full --shading post", "tune resolution"),
         ("--output a.exr --background white", "background"),
         ("--output a.png --series 2", "series"),
         ("--output a.png --missing-slices interpolate", "missing-slices"),
@@ -133,8 +132,6 @@ fn options_that_are_noted_change_no_pixel() {
         ("--model xray --painter quads", "--tune termination=0.5"),
         ("--model average", "--shading post"),
         ("--model xray --painter quads", "--tune sheet-thickness=0.3"),
-        ("--painter tiles --shading post", "--tune resolution=full"),
-        ("--model mip --painter tiles", "--tune resolution=full"),
         ("", "--tune sample=100"),
     ] {
         let (without, with) = (drawn(base), drawn(&format!("{base} {option}")));
@@ -163,7 +160,6 @@ fn contradictions_are_refused_all_at_once() {
         ("--projection perspective --fov 30 --view-height 5 --distance 9", &["--fov: --view-height and --distance"]),
         ("--shadows on --material 0,1,0,1", &["--shadows needs a --light", "--material needs a --light"]),
         ("--painter tiles --tune sheets=axis,precision=f16", &["--tune sheets is a knob of quads", "precision is a"]),
-        ("--painter quads --tune resolution=full", &["--tune resolution is a knob of tiles"]),
         ("--label 1:on --window 1,2 --transfer gray", &["--label needs"]),
         ("--label all:x0.5 --label-table a --transfer gray", &["--label needs", "--label-table needs"]),
         ("--units length=mm,value=HU", &["--units length=.. needs --scale-bar"]),
@@ -393,7 +389,6 @@ fn old_spellings_are_refused_with_the_new_ones() {
         ("sheet-thickness", "2", "--tune sheet-thickness=VALUE"),
         ("precision", "f16", "--tune precision=VALUE"),
         ("table-error", "1e-3", "--tune table-error=VALUE"),
-        ("resolution", "full", "--tune resolution=VALUE"),
         ("interslice", "mean", "--tune interslice=VALUE"),
         ("normalization", "peak", "--tune normalization=VALUE"),
         ("termination", "0", "--tune termination=VALUE"),
