@@ -147,13 +147,6 @@ impl Renderer {
         &self.context.info
     }
 
-    /// Runs the stages of GPUs on a software adapter too. Otherwise stages that are faster on the host run there.
-    /// Counts of a GPU's work ([`Self::counts`]) need no GPU then; pictures take longer.
-    #[must_use]
-    pub fn with_device_stages(self) -> Self {
-        Self { context: self.context.with_device_stages(), ..self }
-    }
-
     /// The work that the device has received from this renderer so far, and the memory that it holds now.
     #[must_use]
     pub fn counts(&self) -> Counts {
@@ -452,7 +445,7 @@ impl Renderer {
         let mut layers;
         let mut painting = loop {
             let room = choice.kind.room();
-            let lattices = scene.lattices(context, &voxels, settings, camera, room.layers)?;
+            let lattices = scene.lattices(&voxels, settings, camera, room.layers)?;
             if let Some(reason) = lattices.iter().find_map(|of| (room.refusal)(&of.view, &of.settings)) {
                 choice = Choice::instead(context, settings, reason)?;
                 continue;

@@ -10,7 +10,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use bytemuck::Zeroable;
 
 use super::cache::Cache;
-use super::classify::{STRIDE, VisibleVoxels, joined};
+use super::classify::{JOINED, STRIDE, VisibleVoxels};
 use super::context::Context;
 use super::kept_voxels::{CLASSIFY, FOUND};
 use super::layout::{CellBox, Coarsen, Lighting, VoxelBox};
@@ -299,7 +299,7 @@ impl Job<'_> {
                 return self.relight(source, &values, boxes, before);
             }
         }
-        let mut stores = StoreBuilder::new(context, STRIDE, joined(context));
+        let mut stores = StoreBuilder::new(context, STRIDE, JOINED);
         let mut boxes = Vec::new();
         for z in (0..deep).step_by(layers) {
             for y in (0..down).step_by(rows) {

@@ -22,13 +22,8 @@ use crate::volume::BRICK_EDGE as EDGE;
 /// Completes errors: "while ...".
 const FINDING: &str = "classifying the volume";
 
-/// The largest number of splats that are joined: meanwhile they are in memory twice. On a GPU each store is a dispatch.
-const JOINED: u32 = 1 << 23;
-const SOFTWARE_JOINED: u32 = 1 << 19;
-
-pub(super) fn joined(context: &Context) -> u32 {
-    if context.is_software() { SOFTWARE_JOINED } else { JOINED }
-}
+/// The largest number of splats that are joined: meanwhile they are in memory twice. Each store is a dispatch.
+pub(super) const JOINED: u32 = 1 << 23;
 
 /// The stages of classification, for one way of reading samples.
 pub(crate) struct Classifier {
@@ -59,7 +54,7 @@ impl Classifier {
     pub(crate) fn run(&self, scan: &Scan, input: &Input<'_>) -> Result<Drawable> {
         let context = input.context;
         let job = Job { context, scan, stages: self, input, points: input.points_on_device()? };
-        let mut stores = StoreBuilder::new(context, STRIDE, joined(context));
+        let mut stores = StoreBuilder::new(context, STRIDE, JOINED);
         let bricks = input.batches(&mut |batch| job.run(batch, &mut stores))?;
         Ok(Drawable { bricks, ..stores.finish()? })
     }

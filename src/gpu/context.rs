@@ -110,8 +110,6 @@ pub(crate) struct Context {
     traffic: Mutex<Traffic>,
     /// Buffers that the host read from.
     staging: Mutex<Vec<wgpu::Buffer>>,
-    /// Whether the device is the host, so that twins on the host are faster than stages on the device.
-    software: bool,
     /// Distinguishes this device from others of the program.
     pub(crate) id: u64,
     /// What is left out: everything possible, except in tests.
@@ -148,7 +146,6 @@ impl Context {
     /// A device that is open already. Its error callbacks stay the owner's.
     pub(crate) fn of_device(device: wgpu::Device, queue: wgpu::Queue, info: AdapterInfo) -> Self {
         let (limits, features) = (device.limits(), device.features() & Self::FEATURES);
-        let software = info.is_software();
         Self {
             device,
             queue,
@@ -158,20 +155,9 @@ impl Context {
             failure: Arc::default(),
             traffic: Mutex::default(),
             staging: Mutex::default(),
-            software,
             id: OPENED.fetch_add(1, Ordering::Relaxed),
             savings: Savings::default(),
         }
-    }
-
-    /// The same device, on which stages run as on a GPU.
-    pub(crate) fn with_device_stages(self) -> Self {
-        Self { software: false, ..self }
-    }
-
-    /// Whether the device is the host: a software adapter, unless stages run as on a GPU.
-    pub(crate) fn is_software(&self) -> bool {
-        self.software
     }
 
     /// Opens the adapter that `wanted` names.

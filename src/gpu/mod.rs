@@ -7,7 +7,6 @@ pub(crate) mod cells;
 #[cfg(test)]
 mod cells_test;
 pub(crate) mod classify;
-pub(crate) mod classify_on_host;
 pub(crate) mod context;
 pub(crate) mod held_samples;
 pub(crate) mod kept_voxels;

@@ -25,7 +25,6 @@ const DISCRETE: u64 = 10;
 /// The largest work of a submission, in fragments of splats.
 pub(crate) fn max_work(context: &Context) -> u64 {
     match context.info.kind {
-        _ if context.is_software() => u64::MAX,
         AdapterKind::Discrete => DISCRETE * MAX_WORK,
         _ => MAX_WORK,
     }

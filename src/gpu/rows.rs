@@ -124,7 +124,7 @@ pub(super) fn collect(
 impl Part for DevicePart {
     fn join(context: &Context, parts: Vec<Self>, stride: u64, count: u32) -> Result<(Splats, Option<wgpu::Buffer>)> {
         if let [part] = parts.as_slice() {
-            return Ok((Splats::Device(part.splats.clone()), Some(part.origins.clone())));
+            return Ok((Splats::Listed(part.splats.clone()), Some(part.origins.clone())));
         }
         let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC;
         let joined = context.buffer("classify.store", u64::from(count) * stride, usage)?;
@@ -140,6 +140,6 @@ impl Part for DevicePart {
         recorder.submit();
         // Waiting here frees the parts before others are made.
         context.wait(STAGE)?;
-        Ok((Splats::Device(joined), Some(origins)))
+        Ok((Splats::Listed(joined), Some(origins)))
     }
 }

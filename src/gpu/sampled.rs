@@ -5,7 +5,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use super::cache::Cache;
-use super::classify::{Classifier, STRIDE, VisibleVoxels, emit_in_shadows, joined, record};
+use super::classify::{Classifier, JOINED, STRIDE, VisibleVoxels, emit_in_shadows, record};
 use super::context::Context;
 use super::held_samples::{HeldBricks, HeldSamples};
 use super::kept_voxels::{FOUND, KeptVoxels};
@@ -236,7 +236,7 @@ impl Sampled {
     /// The stores, each of which could be listed in a buffer.
     fn parts(this: &Arc<Self>, context: &Context) -> Vec<Part> {
         let bindable = context.largest_buffer() / this.stride();
-        let most = u32::try_from(bindable).unwrap_or(u32::MAX).min(joined(context));
+        let most = u32::try_from(bindable).unwrap_or(u32::MAX).min(JOINED);
         let mut parts: Vec<Part> = Vec::new();
         for (buffer, (of, visible)) in this.held.buffers.iter().zip(&*this.visible).enumerate() {
             for (number, batch) in of.batches.iter().enumerate() {

@@ -266,7 +266,7 @@ struct Job<'a> {
 }
 
 /// Splats with the shares of some lights, of the ambient light for `MAX_CASTING`, and with those that they hold of
-/// other lights; `None` if the host has to find them. `held` are the buffers of other lights on the same splats.
+/// other lights; `None` if the device has no room. `held` are the buffers of other lights on the same splats.
 pub(crate) fn run(
     context: &Context,
     pipelines: &Cache,
@@ -301,13 +301,9 @@ pub(crate) fn run(
     Ok(Some((made, job.buffers())))
 }
 
-/// The matter that casts shadows in a box of voxels.
-pub(crate) enum Field<'a> {
-    /// Gives the extinctions of [`LightPlans::dims`] voxels.
-    Host(&'a dyn Fn() -> Result<Vec<f32>>),
-    /// Scalars on the device, in a lattice of `dims` points, and the sides of matter that casts shadows.
-    Scalars { of: &'a ScalarField<'a>, dims: [usize; 3], clip: &'a [Side] },
-}
+/// The matter that casts shadows in a box of voxels: scalars in a lattice of so many points, and the sides of the matter
+/// that casts.
+pub(crate) type Field<'a> = (&'a ScalarField<'a>, [usize; 3], &'a [Side]);
 
 /// The light that arrives at the voxels of a box, kept for other lights.
 pub(crate) struct BoxLight {
@@ -318,14 +314,14 @@ pub(crate) struct BoxLight {
 }
 
 /// The light on a box of places of `grid` as a texture, with the shares of some lights, of the ambient light for
-/// `MAX_CASTING`, and with those that are held of other lights; `None` if the host has to find them. `field` is read if
-/// no light is held.
+/// `MAX_CASTING`, and with those that are held of other lights; `None` if the device has no room. `field` is read if no
+/// light is held.
 pub(crate) fn run_on_box(
     context: &Context,
     pipelines: &Cache,
     (grid, bounds): (&Grid, [[usize; 3]; 2]),
     (plans, lights): (&LightPlans, &[usize]),
-    (held, field): (Option<BoxLight>, Field<'_>),
+    (held, field): (Option<BoxLight>, Option<Field<'_>>),
     progress: &Progress,
 ) -> Result<Option<(LightVolume, BoxLight)>> {
     let lights = planned(plans, lights);
@@ -338,14 +334,10 @@ pub(crate) fn run_on_box(
     let stages = pipelines.get_or_make((), || Ok(BoxStages::new(context)))?;
     let kept = job.scratch.get("shadows.kept", 2 * voxels)?;
     let mut recorder = Recorder::untimed(context);
-    match field {
-        _ if is_filled => {}
-        Field::Host(values) => context.write(&job.field, 0, bytemuck::cast_slice(&values()?)),
-        Field::Scalars { of, dims, clip } => {
-            recorder.clear(&job.field, job.field.size());
-            let light_box = job.uniform(&job.casting(dims, clip))?;
-            of.fill(&mut recorder, pipelines, [&light_box, &job.field])?;
-        }
+    if let Some((of, dims, clip)) = field.filter(|_| !is_filled) {
+        recorder.clear(&job.field, job.field.size());
+        let light_box = job.uniform(&job.casting(dims, clip))?;
+        of.fill(&mut recorder, pipelines, [&light_box, &job.field])?;
     }
     job.each(&mut recorder, &lights, progress, &mut |recorder, light, plan| {
         let parameters = job.uniform(&LightBox { dims: plans.dims().map(|n| n as u32), ..job.share(light, plan) })?;
@@ -529,7 +521,7 @@ impl<'a> Job<'a> {
             let workgroups = for_each(context, u64::from(store.count));
             self.stages.copy.run(recorder, &buffers.map(wgpu::Buffer::as_entire_binding), workgroups);
         }
-        let splats = (Splats::Device(splats), Some(store.origins.clone()));
+        let splats = (Splats::Listed(splats), Some(store.origins.clone()));
         Store::new(context, splats, STRIDE, store.count, store.bricks.clone())
     }
 

@@ -1,4 +1,4 @@
-//! Splats on the device or on the host, brick after brick.
+//! Splats on the device, brick after brick.
 
 use std::any::Any;
 use std::fmt;
@@ -10,7 +10,7 @@ use rayon::prelude::*;
 
 use super::cache::Cache;
 use super::context::Context;
-use super::layout::{LIT_WORDS, MACROCELL, MAX_BRICKS, SHADED_WORDS, place};
+use super::layout::{MACROCELL, MAX_BRICKS, place};
 use super::recorder::Recorder;
 use super::sampled_scalars::SampledScalars;
 use super::samples::Bricks;
@@ -39,11 +39,10 @@ pub(crate) struct Store {
     pub(crate) bricks: Vec<BrickSplats>,
 }
 
-/// The memory that holds splats. They move on demand, so that they are never in memory twice for long.
+/// The memory that holds splats.
 #[derive(Debug)]
 pub(crate) enum Splats {
-    Device(wgpu::Buffer),
-    Host(Arc<Vec<HostBrick>>),
+    Listed(wgpu::Buffer),
     /// The device holds what they can be made from.
     Unlisted(Arc<dyn Unlisted>),
 }
@@ -68,34 +67,14 @@ fn on_device(brick: &HostBrick, stride: u64, number: u32) -> Result<Vec<u32>> {
     let words = stride as usize / 4;
     let mut splats = reserved(u64::from(brick.count()) * words as u64, || "splats of a brick".to_owned())?;
     for (at, &row) in brick.rows.iter().enumerate().filter(|(_, row)| row.bits != 0) {
-        let (mut values, mut light) = (brick.words(row, 0).chunks_exact(brick.each), brick.light(at, 0).iter());
+        let mut values = brick.words(row, 0).chunks_exact(brick.each);
         for x in places(row.bits) {
             splats.push(place([x, at % EDGE, at / EDGE].map(|place| place as u32), number));
             splats.extend_from_slice(values.next().unwrap_or_default());
-            splats.extend(light.next().into_iter().flatten());
             splats.resize(splats.len().next_multiple_of(words), 0);
         }
     }
     Ok(splats)
-}
-
-/// Reads the splats of a brick from the format of the device, of `words` words each.
-fn from_device(splats: &[u32], words: usize) -> Result<HostBrick> {
-    let mut bits = vec![0_u32; EDGE * EDGE];
-    let (count, is_shaded) = (splats.len() / words, words == SHADED_WORDS);
-    let each = if is_shaded { LIT_WORDS } else { words } - 1;
-    let subject = || "splats of a brick".to_owned();
-    let mut values = reserved((count * each) as u64, subject)?;
-    let mut light = reserved(if is_shaded { count as u64 } else { 0 }, subject)?;
-    for splat in splats.chunks_exact(words) {
-        bits[splat[0] as usize >> 5 & (EDGE * EDGE - 1)] |= 1 << (splat[0] & 31);
-        values.extend_from_slice(&splat[1..=each]);
-        if is_shaded {
-            light.push([splat[each + 1], splat[each + 2]]);
-        }
-    }
-    let brick = HostBrick::new(&bits, each, values);
-    Ok(if is_shaded { brick.under(light) } else { brick })
 }
 
 /// Bytes of splats that are sent to the device at a time.
@@ -164,11 +143,10 @@ impl Store {
     pub(crate) fn on_device(&self, context: &Context) -> Result<wgpu::Buffer> {
         let mut splats = self.splats.lock().unwrap_or_else(PoisonError::into_inner);
         let buffer = match &*splats {
-            Splats::Device(buffer) => return Ok(buffer.clone()),
-            Splats::Host(bricks) => upload(context, bricks, self.stride, self.count)?,
+            Splats::Listed(buffer) => return Ok(buffer.clone()),
             Splats::Unlisted(source) => source.list(context)?,
         };
-        *splats = Splats::Device(buffer.clone());
+        *splats = Splats::Listed(buffer.clone());
         Ok(buffer)
     }
 
@@ -176,7 +154,7 @@ impl Store {
     pub(crate) fn over(self, context: &Context) -> Result<Self> {
         let buffer = self.on_device(context)?;
         let Self { places, stride, count, origins, bricks, .. } = self;
-        let made = Self::new(context, (Splats::Device(buffer), Some(origins)), stride, count, bricks)?;
+        let made = Self::new(context, (Splats::Listed(buffer), Some(origins)), stride, count, bricks)?;
         Ok(Self { places, ..made })
     }
 
@@ -184,27 +162,8 @@ impl Store {
     pub(crate) fn unlisted(&self) -> Option<Arc<dyn Unlisted>> {
         match &*self.splats.lock().unwrap_or_else(PoisonError::into_inner) {
             Splats::Unlisted(source) => Some(Arc::clone(source)),
-            Splats::Device(_) | Splats::Host(_) => None,
+            Splats::Listed(_) => None,
         }
-    }
-
-    /// The splats on the host, brick by brick as in [`Self::bricks`].
-    pub(crate) fn on_host(&self, context: &Context) -> Result<Arc<Vec<HostBrick>>> {
-        let mut splats = self.splats.lock().unwrap_or_else(PoisonError::into_inner);
-        let buffer = match &*splats {
-            Splats::Host(bricks) => return Ok(Arc::clone(bricks)),
-            Splats::Device(buffer) => buffer.clone(),
-            Splats::Unlisted(source) => source.list(context)?,
-        };
-        let mut recorder = Recorder::untimed(context);
-        let words = recorder.read_back("store.staging", &buffer, u64::from(self.count) * self.stride)?;
-        recorder.submit();
-        let words: Vec<u32> = words.values(context, "reading splats")?;
-        let each = self.stride as usize / 4;
-        let brick = |run: Range<u32>| from_device(&words[run.start as usize * each..run.end as usize * each], each);
-        let bricks = Arc::new(self.all_runs().map(|(_, run)| brick(run)).collect::<Result<Vec<_>>>()?);
-        *splats = Splats::Host(Arc::clone(&bricks));
-        Ok(bricks)
     }
 
     /// The bricks, and which splats they have.
@@ -221,8 +180,7 @@ impl Store {
     /// Bytes of memory.
     pub(crate) fn bytes(&self) -> u64 {
         let splats = match &*self.splats.lock().unwrap_or_else(PoisonError::into_inner) {
-            Splats::Device(buffer) => buffer.size(),
-            Splats::Host(bricks) => bricks.iter().map(HostBrick::bytes).sum(),
+            Splats::Listed(buffer) => buffer.size(),
             Splats::Unlisted(source) => source.bytes(),
         };
         splats + self.origins.size()
@@ -237,10 +195,7 @@ pub(crate) trait Part: Sized {
 
 impl Part for HostBrick {
     fn join(context: &Context, parts: Vec<Self>, stride: u64, count: u32) -> Result<(Splats, Option<wgpu::Buffer>)> {
-        if context.is_software() {
-            return Ok((Splats::Host(Arc::new(parts)), None));
-        }
-        Ok((Splats::Device(upload(context, &parts, stride, count)?), None))
+        Ok((Splats::Listed(upload(context, &parts, stride, count)?), None))
     }
 }
 
@@ -376,27 +331,20 @@ mod tests {
     use super::*;
 
     #[test]
-    fn rows_of_equal_splats_share_their_words_and_their_light() {
-        // Two splats in each row of a plane: all rows but one are equal, and so is the light on all but another one.
+    fn rows_of_equal_splats_share_their_words() {
+        // Two splats in each row of a plane: all rows but one are equal.
         let mut bits = vec![0; EDGE * EDGE];
         bits[..EDGE].fill(0b101);
         let odd = |row: usize, of: usize| u32::from(row == of);
         let words: Vec<u32> = (0..EDGE).flat_map(|row| [7 + odd(row, 3), 8, 9, 10]).collect();
-        let light: Vec<[u32; 2]> = (0..EDGE).flat_map(|row| [[1, 2], [3, 4 + odd(row, 9)]]).collect();
         let brick = HostBrick::new(&bits, 2, words.clone());
         assert_eq!((brick.words.len(), brick.count()), (12, 2 * EDGE as u32));
-        let lit = brick.under(light.clone());
-        assert_eq!((lit.light.1.len(), lit.all_light().unwrap()), (6, light.clone()));
-        assert_eq!(brick.all_light().unwrap(), vec![[u32::MAX; 2]; 2 * EDGE]);
-        // The device gets all words of all splats, and back they come the same.
-        let stride = 4 * SHADED_WORDS as u64;
-        let each = LIT_WORDS - 1;
-        let wide: Vec<u32> = words.chunks(2).flat_map(|two| two.iter().copied().cycle().take(each)).collect();
-        let wide = HostBrick::new(&bits, each, wide).under(light);
-        let splats = on_device(&wide, stride, 0).unwrap();
-        assert_eq!(splats.len(), 2 * EDGE * SHADED_WORDS);
-        assert_eq!(from_device(&splats, SHADED_WORDS).unwrap(), wide);
-        let run = |row: usize| wide.runs(row, u32::MAX, [0, 5, 6]).map(|(run, count)| (run.column(0), count)).next();
+        // The device gets all words of all splats.
+        let splats = on_device(&brick, 12, 0).unwrap();
+        assert_eq!(splats.len(), 2 * EDGE * 3);
+        let without_places = splats.chunks_exact(3).flat_map(|splat| splat[1..].to_vec());
+        assert!(without_places.eq(words));
+        let run = |row: usize| brick.runs(row, 0).map(|(run, count)| (run.column(0), count)).next();
         let (column, count) = run(3).unwrap();
         assert_eq!((column[0], column[1], count), (8, 9, 2));
         assert_eq!(run(4).unwrap().0[..2], [7, 9]);

@@ -184,10 +184,7 @@ impl Colored {
     /// The runs of splats of a row of the lattice.
     fn runs(&self, y: usize, z: usize) -> impl Iterator<Item = (SplatRun<'_>, usize)> {
         let bricks = &self.bricks[self.rows[y / EDGE + self.down * (z / EDGE)].clone()];
-        bricks.iter().flat_map(move |made| {
-            let place = [made.brick.origin[0], y as u32, z as u32];
-            made.splats.runs(y % EDGE + EDGE * (z % EDGE), u32::MAX, place)
-        })
+        bricks.iter().flat_map(move |made| made.splats.runs(y % EDGE + EDGE * (z % EDGE), made.brick.origin[0]))
     }
 
     /// The light that arrives at the voxels.

@@ -29,7 +29,6 @@ mod response;
 mod sweep;
 
 use std::sync::atomic::{AtomicU16, AtomicUsize, Ordering};
-use std::sync::{Mutex, PoisonError};
 
 use glam::{DAffine3, DMat3, DVec3};
 use rayon::prelude::*;
@@ -217,16 +216,6 @@ impl LitBox {
 pub(crate) struct Arrival {
     lit: LitBox,
     field: Field,
-    /// The field across each axis, if it is kept for other lights.
-    kept: [Mutex<Option<Across>>; 3],
-    keeps: bool,
-}
-
-/// The field across an axis.
-struct Across {
-    /// Its rows along y: across x.
-    turned: Option<Field>,
-    filtered: Field,
 }
 
 /// The share of a light that arrives at each voxel of the box of an [`Arrival`].
@@ -269,24 +258,7 @@ impl Arrival {
         field.fill(margin, |[y, z], row| {
             fill([y as i64 + low[1], z as i64 + low[2]].map(|n| n as usize), row);
         });
-        Ok(Self { lit, field, kept: Default::default(), keeps: false })
-    }
-
-    /// The arrival of other lights at the same voxels.
-    pub(crate) fn under(self, casting: &Casting) -> Self {
-        Self { lit: LitBox { casting: casting.clone(), ..self.lit }, ..self }
-    }
-
-    /// The same, whose occluders are kept for other lights, unless they take much memory.
-    pub(crate) fn keeping(self) -> Self {
-        /// Bytes of a field: there are at most five.
-        const MOST: usize = 64 << 20;
-        Self { keeps: self.field.bytes() <= MOST, ..self }
-    }
-
-    /// Whether the occluders are kept for more lights.
-    pub(crate) fn is_kept(&self) -> bool {
-        self.keeps
+        Ok(Self { lit, field })
     }
 
     /// The number of a lattice point of the box.
@@ -322,27 +294,16 @@ impl Arrival {
             0 => Planes::across(2, [ny, nz, nx]),
             _ => Planes::across(axis, [nx, ny, nz]),
         };
-        let lock = || self.kept[axis].lock().unwrap_or_else(PoisonError::into_inner);
-        let kept = lock().take();
-        let across = match kept {
-            Some(across) => across,
-            None => {
-                let turned = (axis == 0).then(|| self.field.turned()).transpose()?;
-                let filtered = sweep::filtered(turned.as_ref().unwrap_or(&self.field), planes, response)?;
-                Across { turned, filtered }
-            }
-        };
-        let field = across.turned.as_ref().unwrap_or(&self.field);
-        let swept = Swept { field, planes, filtered: &across.filtered, response };
+        // Across x, its rows lie along y.
+        let turned = (axis == 0).then(|| self.field.turned()).transpose()?;
+        let field = turned.as_ref().unwrap_or(&self.field);
+        let swept = Swept { field, planes, filtered: &sweep::filtered(field, planes, response)?, response };
         if axis == 0 {
             let light = self.field.dark()?;
             sweeps(&swept, axes, &light.values)?;
             turned_back(&light.values, [nx, ny, nz], out);
         } else {
             sweeps(&swept, axes, out)?;
-        }
-        if self.keeps {
-            *lock() = Some(across);
         }
         Ok(())
     }

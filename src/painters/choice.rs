@@ -37,7 +37,6 @@ impl Choice {
         let (kind, reason) = match settings.painter {
             Painter::Quads(_) => (PainterKind::Quads, "requested"),
             Painter::Tiles => (PainterKind::Tiles, "requested"),
-            Painter::Auto if context.is_software() => (PainterKind::Tiles, "the adapter is software"),
             Painter::Auto => (PainterKind::Tiles, EXPECTED),
             Painter::Cpu => {
                 let reason = "cpu draws on no device: use a HostRenderer, or another painter";

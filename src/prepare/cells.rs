@@ -1,6 +1,5 @@
 //! cells: a volume and a transfer function to classified cells of a level, for pre-shading with grown kernels (Laur and
-//! Hanrahan 1991, "Hierarchical splatting"). On the host on software, and for volumes whose samples a device does not
-//! hold. Otherwise the device makes them: gpu/cells.rs.
+//! Hanrahan 1991, "Hierarchical splatting"). The device makes them: gpu/cells.rs.
 //!
 //! A cell of level n stands for 2^n voxels along each axis, and of level n + 1/2 for half as many more. Voxels are
 //! classified and lit one by one. A cell holds the light that they emit and absorb, weighted by the polynomials of
@@ -8,39 +7,23 @@
 //! fifth. Weights farther than a cell away are negative, so a cell may absorb a little less than nothing.
 //!
 //! Cells have no normals: lit by a mean normal, uniform matter erred by 20 of 255 and folds finer than a cell by 30. So
-//! cells are made anew if a light or the eye moves. From the second time on the normals of the voxels are kept.
+//! cells are made anew if a light or the eye moves. The normals of the voxels are kept.
 
 mod filter;
-mod lit;
 mod size;
-mod slices;
-
-use std::ops::Range;
 
 use glam::DVec3;
-use pulp::{Arch, NullaryFnOnce};
 
 use self::filter::REACH;
 use crate::error::Result;
 use crate::gpu::cells::CellLattice;
-use crate::gpu::context::Context;
-use crate::gpu::layout::Splat;
-use crate::gpu::store::{Drawable, StoreBuilder};
-use crate::gpu::view::LayerPart;
 use crate::kernel::Kernel;
-use crate::progress::Progress;
 use crate::settings::MAX_LEVEL;
-use crate::splats::brick::MadeBrick;
-use crate::splats::classification::Emission;
-use crate::splats::words::packed_appearance;
 use crate::transfer::TransferFunction;
-use crate::volume::{BRICK_EDGE as EDGE, Grid, Volume};
-use voxsplat_volume::memory::reserved;
+use crate::volume::Grid;
 
 pub(crate) use self::filter::{Filter, response};
-pub(crate) use self::lit::LitSplats;
 pub(crate) use self::size::CellSize;
-pub(crate) use self::slices::{KeptNormals, Source};
 
 /// The least standard deviation of the kernels of cells, in cells: narrower kernels would show the lattice. The default
 /// Gaussian has it at a growth of 1.5.
@@ -159,14 +142,6 @@ fn dims_of(grid: &Grid, size: CellSize) -> [usize; 3] {
     grid.dims().map(|d| size.cells(d) as usize + 2 * REACH)
 }
 
-/// The voxels that become cells.
-pub(crate) enum Voxels<'a> {
-    /// Classified and lit on the way.
-    Samples(Source<'a>),
-    /// Voxels in shadows: splats hold the light that arrives.
-    Splats(LitSplats<'a>),
-}
-
 /// The cells of a level of a volume.
 pub(crate) struct Shape {
     filter: Filter,
@@ -195,156 +170,6 @@ impl Shape {
     pub(crate) fn on_device(&self) -> CellLattice<'_> {
         let (size, first, weights) = self.filter.parts();
         CellLattice { dims: self.dims, voxels: self.voxels, size, first, weights, least: self.least }
-    }
-}
-
-/// Makes the cells of a level of a volume on the host.
-pub(crate) struct Coarsening<'a> {
-    pub(crate) volume: &'a Volume,
-    pub(crate) voxels: Voxels<'a>,
-    pub(crate) shape: Shape,
-    /// The part of the lattice of cells whose bricks are made; `None`: all of it.
-    pub(crate) part: Option<LayerPart>,
-}
-
-impl Coarsening<'_> {
-    /// The cells as splats.
-    pub(crate) fn emit(&self, context: &Context, progress: &Progress) -> Result<Drawable> {
-        let mut stores = StoreBuilder::new(context, size_of::<Splat>() as u64, u32::MAX);
-        // The rows that a row of bricks reads, beyond the rows of a brick of voxels.
-        let halo = (self.shape.filter.voxels(0, EDGE as i64).count() - EDGE).div_ceil(2);
-        let counts = self.shape.dims.map(|n| n.div_ceil(EDGE));
-        stores.push_rows(self.volume, counts, halo, (progress, "classifying"), &|j, k| self.row([j, k]))?;
-        let cells = stores.finish()?;
-        context.wait("classifying the volume")?;
-        Ok(cells)
-    }
-
-    /// The bricks along x that are made, with these numbers in y and z: a linear function bounds them.
-    fn bricks_of_row(&self, [j, k]: [usize; 2]) -> Range<usize> {
-        let count = self.shape.dims[0].div_ceil(EDGE);
-        let Some(part) = &self.part else { return 0..count };
-        let middle = DVec3::from_array(self.shape.dims.map(|n| (n as f64 - 1.0) / 2.0));
-        let corner = |brick: [usize; 3]| DVec3::from_array(brick.map(|n| (n * EDGE) as f64)) - middle;
-        let mut made = (0..count).filter(|&i| part.meets([corner([i, j, k]), corner([i + 1, j + 1, k + 1])]));
-        made.next().map_or(0..0, |first| first..made.next_back().unwrap_or(first) + 1)
-    }
-
-    /// The bricks with cells along x, with these numbers in y and z.
-    fn row(&self, [j, k]: [usize; 2]) -> Result<Vec<MadeBrick>> {
-        let [across, down, deep] = self.shape.dims;
-        let [ys, zs] = [(j, down), (k, deep)].map(|(brick, n)| brick * EDGE..n.min((brick + 1) * EDGE));
-        let bricks = self.bricks_of_row([j, k]);
-        let xs = bricks.start * EDGE..across.min(bricks.end * EDGE);
-        if xs.is_empty() {
-            return Ok(Vec::new());
-        }
-        let [nx, ny, nz] = self.volume.grid().dims().map(i64::from);
-        let within = |cells: &Range<usize>, n: i64| {
-            let voxels = self.shape.filter.voxels(cells.start as i64, cells.end as i64);
-            voxels.start.clamp(0, n)..voxels.end.clamp(0, n)
-        };
-        let rows = within(&ys, ny);
-        let columns = within(&xs, nx);
-        let columns = columns.start as usize..columns.end as usize;
-        // The cells of the row of bricks, and a plane of cells for the voxels of one plane.
-        let mut cells = filled(across * ys.len() * zs.len(), [0.0; 4])?;
-        let mut plane = filled(across * ys.len(), [0.0; 4])?;
-        let mut slices = match &self.voxels {
-            Voxels::Samples(source) => Ok(source.slices(rows.clone())),
-            Voxels::Splats(splats) => Err(splats),
-        };
-        // A row with room for empty voxels before the first and behind the last, and for one more.
-        let all = self.shape.filter.voxels(0, across as i64);
-        let mut voxels = vec![[0.0; 4]; (all.end - all.start) as usize + 1];
-        let begin = (-all.start) as usize;
-        let mut narrow = vec![[0.0; 4]; across];
-        for z in within(&zs, nz) {
-            if let Ok(slices) = &mut slices {
-                slices.advance(z)?;
-            }
-            let mut shows = false;
-            for y in rows.clone() {
-                let inside = &mut voxels[begin..begin + nx as usize];
-                let shown = match &slices {
-                    Ok(slices) => slices.row([y, z], &columns, inside),
-                    Err(splats) => splats.row([y as usize, z as usize], &columns, inside),
-                };
-                if shown.is_empty() {
-                    continue;
-                }
-                shows = true;
-                let reached = self.shape.filter.reached(&shown, across);
-                let start = reached.start.clamp(xs.start, xs.end);
-                let reached = start..reached.end.clamp(start, xs.end);
-                let narrow = &mut narrow[reached.clone()];
-                self.shape.filter.gather(&voxels, reached.clone(), narrow);
-                for (cell, weight) in self.shape.filter.cells(y, ys.start, ys.end) {
-                    let sums = &mut plane[(cell - ys.start) * across + reached.start..];
-                    add(sums.as_flattened_mut(), weight, narrow.as_flattened());
-                }
-            }
-            if shows {
-                for (cell, weight) in self.shape.filter.cells(z, zs.start, zs.end) {
-                    let sums = &mut cells[(cell - zs.start) * plane.len()..];
-                    add(sums.as_flattened_mut(), weight, plane.as_flattened());
-                }
-                plane.fill([0.0; 4]);
-            }
-        }
-        let mut bricks: Vec<_> = bricks.map(|i| self.brick(&cells, [i, j, k])).collect::<Result<_>>()?;
-        bricks.retain(|made| made.splats.count() > 0);
-        Ok(bricks)
-    }
-
-    /// The splats of a brick, given the cells of its row of bricks.
-    fn brick(&self, cells: &[Emission], brick: [usize; 3]) -> Result<MadeBrick> {
-        let [across, down, _] = self.shape.dims;
-        let down = EDGE.min(down - brick[1] * EDGE);
-        let origin = brick.map(|b| (b * EDGE) as u32);
-        MadeBrick::of_rows(origin, self.shape.dims.map(|n| n as u32), 2, |[y, z], count, words| {
-            let start = across * (y + down * z) + brick[0] * EDGE;
-            let mut bits = 0;
-            for (x, cell) in cells[start..start + count].iter().enumerate() {
-                let [r, g, b, density] = *cell;
-                if density.abs() > self.shape.least {
-                    bits |= 1 << x;
-                    words.extend(packed_appearance([r, g, b].map(|c| c / density), density));
-                }
-            }
-            bits
-        })
-    }
-}
-
-/// Returns a vector of `count` equal values, or an error if there is no memory.
-pub(super) fn filled<T: Copy>(count: usize, value: T) -> Result<Vec<T>> {
-    let mut values = reserved(count as u64, || "the cells of a row of bricks".to_owned())?;
-    values.resize(count, value);
-    Ok(values)
-}
-
-/// Adds weighted values to sums.
-pub(super) fn add(sums: &mut [f32], weight: f32, values: &[f32]) {
-    if weight != 0.0 {
-        Arch::new().dispatch(Sum { sums, weight, values });
-    }
-}
-
-/// The parameters of [`add`], as a type so that it is compiled for the widest vectors of the machine.
-struct Sum<'a> {
-    sums: &'a mut [f32],
-    weight: f32,
-    values: &'a [f32],
-}
-
-impl NullaryFnOnce for Sum<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn call(self) {
-        let Self { sums, weight, values } = self;
-        sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += weight * value);
     }
 }
 

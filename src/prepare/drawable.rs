@@ -2,18 +2,17 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use super::cells::{CellSize, Coarsening, KeptNormals, LitSplats, Shape, Source, Voxels};
+use super::cells::{CellSize, Shape};
 use super::lattice::Lattice;
 use super::levels::ScalarNeed;
 use super::light_volume::FallenLight;
 use super::scalar_cells;
-use super::scalars::{Emission, EmissionKey};
-use super::shadows::{Occluders, Places, Shadows, shaded};
+use super::scalars::{Emission, EmissionKey, Samples};
+use super::shadows::{Occluders, Shadows, shaded};
 use crate::error::{Error, Result};
 use crate::gpu::cache::Cache;
 use crate::gpu::cells;
 use crate::gpu::classify::{self, Classifier};
-use crate::gpu::classify_on_host::HostClassifier;
 use crate::gpu::context::Context;
 use crate::gpu::held_samples::HeldSamples;
 use crate::gpu::kept_voxels::KeptVoxels;
@@ -22,7 +21,6 @@ use crate::gpu::samples::{Bricks, Input};
 use crate::gpu::scan::Scan;
 use crate::gpu::splat::SplatLight;
 use crate::gpu::store::{Drawable, StoreBuilder};
-use crate::gpu::view::LayerPart;
 use crate::kernel::Kernel;
 use crate::layers::Layers;
 use crate::progress::Progress;
@@ -34,9 +32,8 @@ use crate::transfer::scalars::Reduction;
 use crate::transfer::{Resolution, TransferFunction};
 use crate::volume::Volume;
 
-/// The visible voxels of layers as splats, brick by brick, with normals if there is light: on the host for every
-/// adapter.
-fn classified(context: &Context, layers: &Layers, lit: bool, progress: &Progress) -> Result<Drawable> {
+/// The visible voxels of layers as splats, brick by brick, with normals if there is light. The host classifies.
+pub(crate) fn classified(context: &Context, layers: &Layers, lit: bool, progress: &Progress) -> Result<Drawable> {
     let left_out = LeftOut { voxels: context.savings.voxels, bricks: context.savings.bricks };
     let classifier = layers::Classifier::new(layers, lit, left_out)?;
     let mut stores = StoreBuilder::new(context, classify::STRIDE, u32::MAX);
@@ -87,11 +84,6 @@ impl<K, V> Held<K, V> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).as_ref().map(|(key, _)| *key)
     }
 
-    /// Whether a value is held.
-    fn is_made(&self) -> bool {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).is_some()
-    }
-
     pub(super) fn clear(&self) {
         self.keep_if(|_| false);
     }
@@ -103,8 +95,8 @@ impl<K, V> Held<K, V> {
     }
 }
 
-/// The light on the voxels of cells, the shadows, and the part of the lattice that has cells; `None`: all of it.
-type CellsKey = (Option<SplatLight>, Option<Shadows>, Option<LayerPart>);
+/// The light on the voxels of cells, and the shadows.
+type CellsKey = (Option<SplatLight>, Option<Shadows>);
 
 /// The shadows on visible voxels, and the number of changes of the transfer function before.
 type ClassifiedKey = (Option<Shadows>, u32);
@@ -123,15 +115,13 @@ pub(super) struct PreShaded {
     pub(super) classified: Held<ClassifiedKey, Drawable>,
     /// The occluders of shadows.
     occluders: Occluders,
-    /// The samples on a GPU, held from the first picture on unless a list of splats takes less memory: then from the
+    /// The samples on the device, held from the first picture on unless a list of splats takes less memory: then from the
     /// first change of the transfer function or the first cells on.
     samples: HeldSamples,
     /// Changes of the transfer function.
     edits: u32,
     /// Which of these voxels are visible, and their normals.
     visible: KeptVoxels,
-    /// The normals of voxels on the host, held from the second light on cells on.
-    normals: Held<(), KeptNormals>,
     /// The cells of each size.
     pub(super) cells: [Held<CellsKey, Drawable>; CellSize::COUNT],
 }
@@ -155,16 +145,28 @@ pub(super) struct PostShaded {
     pub(super) light: Held<Shadows, FallenLight>,
     /// The splats by size of cells.
     pub(super) emitted: [Held<EmissionKey, Drawable>; CellSize::COUNT],
-    /// The samples on a GPU, held from the first picture on unless a list of splats takes less memory.
+    /// The samples on the device, held from the first picture on unless a list of splats takes less memory.
     pub(super) samples: HeldSamples,
     /// Whether the splats serve other transfer functions too.
     pub(super) whole: bool,
 }
 
 impl PostShaded {
+    /// The scalars of a key as samples on the device. `lit`: pictures are.
+    pub(super) fn sampled(
+        &self,
+        (context, pipelines): (&Context, &Cache),
+        (key, lit): (&EmissionKey, bool),
+        progress: &Progress,
+    ) -> Result<Samples> {
+        let Self { volume, transfer, shows, samples, .. } = self;
+        let emission = Emission::new(context, volume, transfer, *shows, key)?;
+        emission.sampled((context, pipelines), transfer, (samples, lit), progress)
+    }
+
     /// Emits splats of scalars, or takes samples in their place if the key says so and the device has room for them.
     /// `lit`: pictures are.
-    pub(super) fn emit(
+    fn emit(
         &self,
         (context, pipelines): (&Context, &Cache),
         (key, lit): (&EmissionKey, bool),
@@ -175,8 +177,8 @@ impl PostShaded {
         if key.need.samples {
             let sampled = || emission.sampled((context, pipelines), transfer, (samples, lit), progress);
             match context.guarded("holding samples", sampled) {
-                Ok(Some(made)) => return Ok(made),
-                Ok(None) | Err(Error::OutOfMemory(_)) => {}
+                Ok(Samples::Held(made)) => return Ok(made),
+                Ok(Samples::Outgrown | Samples::Invisible) | Err(Error::OutOfMemory(_)) => {}
                 Err(e) => return Err(e),
             }
         }
@@ -195,17 +197,14 @@ impl PostShaded {
         let coarse = lattice.coarse.map(|(coarse, ..)| coarse);
         let (lit, whole, reduction) = (lattice.settings.lighting.is_some(), self.whole, self.reduction);
         let emitted = &self.emitted[lattice.size.number()];
-        // A software adapter is the host, which emits faster than it sends samples.
-        let samples = need.samples && !context.is_software();
-        let need = ScalarNeed { samples, ..need };
-        let part = lattice.view.layer_part().filter(|_| !whole && !samples);
+        let part = lattice.view.layer_part().filter(|_| !whole && !need.samples);
         let mut key = EmissionKey { kernel, normalization, need, lit, coarse, whole, part, reduction };
         // The first picture makes what its layer shows, and the second one all, for the eyes that follow.
         if emitted.key().is_some_and(|held| !held.serves(&key)) {
             key.part = None;
         }
         emitted.get_or_make(key, EmissionKey::serves, |held| {
-            let kept = kept_of(held).filter(|_| samples);
+            let kept = kept_of(held).filter(|_| need.samples);
             let made = self.emit((context, pipelines), (&key, lit), progress)?;
             let over = kept.filter(|_| made.scalars.is_some());
             Ok(Arc::new(Drawable { kept: over.unwrap_or_default(), ..made }))
@@ -244,7 +243,6 @@ impl PreShaded {
             samples: HeldSamples::default(),
             edits: 0,
             visible: KeptVoxels::default(),
-            normals: Held::default(),
             cells: std::array::from_fn(|_| Held::default()),
         }
     }
@@ -262,7 +260,6 @@ impl PreShaded {
         self.classified.keep_if(|before| Sampled::of(&before.stores).is_some());
         self.occluders.clear();
         self.visible.clear();
-        self.normals.clear();
         self.cells.iter().for_each(Held::clear);
         self.edits += 1;
         Ok(())
@@ -280,33 +277,29 @@ impl PreShaded {
             None => classified(context, &self.layers, self.lit, progress),
             Some((volume, transfer)) => {
                 let input = Input::new(context, volume, transfer, self.lit, progress)?;
-                // A software device is the host, which classifies faster without it.
-                if context.is_software() {
-                    HostClassifier::run(&input)
-                } else {
-                    self.classified_on_device(pipelines, &input, lists)
-                }
+                self.classified_on_device(pipelines, &input, lists)
             }
         };
         self.classified.get_or_make((shadows.cloned(), self.edits), PartialEq::eq, |held| {
             context.guarded("classifying the volume", || match shadows {
                 None => {
                     self.occluders.clear();
-                    let kept = kept_of(held).filter(|_| !context.is_software());
+                    let kept = kept_of(held);
                     let made = classify(lists)?;
                     let over = kept.filter(|_| Sampled::of(&made.stores).is_some());
                     Ok(Arc::new(Drawable { kept: over.unwrap_or_default(), ..made }))
                 }
                 Some(shadows) => {
                     // Other shadows lie on the same voxels.
-                    let (held, classified) = match held.filter(|((_, edits), _)| *edits == self.edits) {
+                    let (held, mut classified) = match held.filter(|((_, edits), _)| *edits == self.edits) {
                         Some(((held, _), classified)) => (held, classified),
                         None => (None, Arc::new(classify(lists)?)),
                     };
                     let kept = Arc::clone(&classified.kept);
                     let bricks = classified.bricks;
-                    let (held, occluders) = (held.as_ref(), &self.occluders);
-                    let stores = shaded(context, pipelines, classified, held, occluders, shadows, progress)?;
+                    let over = Arc::get_mut(&mut classified).is_some();
+                    let (of, held, occluders) = ((context, pipelines), held.as_ref(), &self.occluders);
+                    let stores = shaded(of, (&classified.stores, over), held, occluders, shadows, progress)?;
                     let kept = if Sampled::of(&stores).is_some() { kept } else { Arc::default() };
                     Ok(Arc::new(Drawable { stores, bricks, kept, ..Drawable::default() }))
                 }
@@ -314,7 +307,7 @@ impl PreShaded {
         })
     }
 
-    /// The visible voxels by stages of a GPU. From the first change of the transfer function on the device holds the
+    /// The visible voxels by stages of the device. From the first change of the transfer function on the device holds the
     /// samples, and before if it has room for them: no list of splats is made unless something reads it, or takes less
     /// memory, or the device has no room.
     fn classified_on_device(&self, pipelines: &Cache, input: &Input<'_>, lists: bool) -> Result<Drawable> {
@@ -344,18 +337,13 @@ impl PreShaded {
         &self,
         context: &Context,
         pipelines: &Cache,
-        Lattice { view, size, light, shadows, .. }: &Lattice,
+        Lattice { size, light, shadows, .. }: &Lattice,
         progress: &Progress,
     ) -> Result<(Arc<Drawable>, f64)> {
         let Some((volume, transfer)) = self.layers.plain() else {
             return Err(Error::volume("several layers have no cells"));
         };
-        // Cells in a light are made anew for every eye, so only where their layer has a share. The device keeps the
-        // places of all cells instead.
-        let of_one_eye = light.as_ref().is_some_and(|light| light.to_eye.perspective) && context.is_software();
-        let part = view.layer_part().filter(|_| of_one_eye);
-        self.cells[size.number()].get_or_make((light.clone(), shadows.clone(), part), PartialEq::eq, |held| {
-            let changed = held.is_some();
+        self.cells[size.number()].get_or_make((light.clone(), shadows.clone()), PartialEq::eq, |held| {
             let shaded =
                 shadows.as_ref().map(|shadows| self.classified(context, pipelines, (Some(shadows), false), progress));
             let shaded = shaded.transpose()?;
@@ -364,48 +352,35 @@ impl PreShaded {
                 let shape = Shape::new(volume.grid(), transfer, *size);
                 // Cells of another light: their memory serves these, or they are dropped before. Shadows lie on splats,
                 // whose densities are rounded, so that other cells may be faint.
-                let before = held.and_then(|((_, of, _), cells)| {
+                let before = held.and_then(|((_, of), cells)| {
                     let serves = of.is_some() == shadows.is_some();
                     Arc::into_inner(cells).filter(|_| serves)
                 });
-                if !context.is_software() {
-                    let mut sent = 0;
-                    let sampled = match &shaded {
-                        Some((shaded, _)) => Sampled::of(&shaded.stores).filter(|sampled| sampled.has_whole_rows()),
-                        None => {
-                            let input = Input::new(context, volume, transfer, self.lit, progress)?;
-                            let hold = || Sampled::hold(pipelines, &input, &self.samples, &self.visible);
-                            let fits = HeldSamples::fits(&input, &input.needed_bricks()?);
-                            let held = fits.then(hold).transpose()?;
-                            held.map(|(sampled, bytes)| {
-                                sent = bytes;
-                                sampled
-                            })
-                        }
-                    };
-                    let listed = shaded.as_ref().map(|(shaded, _)| cells::Voxels::Splats(&shaded.stores));
-                    if let Some(voxels) = sampled.as_deref().map(cells::Voxels::Samples).or(listed) {
-                        let of = (voxels, light);
-                        let made = cells::run(context, pipelines, of, &shape.on_device(), before, progress)?;
-                        let bricks = Bricks { bytes: made.bricks.bytes + sent, ..made.bricks };
-                        return Ok(Arc::new(Drawable { bricks, ..made }));
+                let mut sent = 0;
+                let sampled = match &shaded {
+                    Some((shaded, _)) => Sampled::of(&shaded.stores).filter(|sampled| sampled.has_whole_rows()),
+                    None => {
+                        let input = Input::new(context, volume, transfer, self.lit, progress)?;
+                        let hold = || Sampled::hold(pipelines, &input, &self.samples, &self.visible);
+                        let fits = HeldSamples::fits(&input, &input.needed_bricks()?);
+                        let held = fits.then(hold).transpose()?;
+                        held.map(|(sampled, bytes)| {
+                            sent = bytes;
+                            sampled
+                        })
                     }
-                }
-                drop(before);
-                let normals;
-                let voxels = match (&shaded, light) {
-                    (Some((shaded, _)), Some(light)) => {
-                        Voxels::Splats(LitSplats { places: Places::new(context, &shaded.stores)?, light })
-                    }
-                    // A light that has changed may do so again.
-                    (_, Some(_)) if changed || self.normals.is_made() => {
-                        let find = |_| Ok(Arc::new(KeptNormals::new(volume, transfer)?));
-                        normals = self.normals.get_or_make((), |_, _| true, find)?.0;
-                        Voxels::Samples(Source::new(volume, transfer, light, Some(&normals)))
-                    }
-                    _ => Voxels::Samples(Source::new(volume, transfer, light, None)),
                 };
-                Ok(Arc::new(Coarsening { volume, voxels, shape, part }.emit(context, progress)?))
+                let listed = shaded.as_ref().map(|(shaded, _)| cells::Voxels::Splats(&shaded.stores));
+                let voxels = sampled.as_deref().map(cells::Voxels::Samples).or(listed).ok_or_else(|| {
+                    context.unsupported(
+                        "has no room for the samples of which cells are made: draw bricks (voxsplat plan), or use \
+                         --painter cpu"
+                            .to_owned(),
+                    )
+                })?;
+                let made = cells::run(context, pipelines, (voxels, light), &shape.on_device(), before, progress)?;
+                let bricks = Bricks { bytes: made.bricks.bytes + sent, ..made.bricks };
+                Ok(Arc::new(Drawable { bricks, ..made }))
             })
         })
     }

@@ -58,7 +58,7 @@ struct Counts {
 impl Drawn {
     /// A picture with these settings of cells of a size.
     pub(super) fn new(context: &Context, settings: &Settings, size: CellSize) -> Self {
-        let on_host = context.is_software();
+        let on_host = context.info.is_software();
         let (post, lit) = (settings.is_post_shaded(), settings.lighting.is_some());
         Self {
             post,

@@ -11,8 +11,10 @@
 use std::ops::Range;
 
 use glam::{DMat3, DVec3};
+use pulp::{Arch, NullaryFnOnce};
+use voxsplat_volume::memory::reserved;
 
-use super::cells::{CellSize, Filter, LEAST_DEVIATION, add, filled, growth_of_wide, response};
+use super::cells::{CellSize, Filter, LEAST_DEVIATION, growth_of_wide, response};
 use crate::error::Result;
 use crate::gpu::scalar_cells::CellFilters;
 use crate::kernel::Kernel;
@@ -336,6 +338,37 @@ fn span(taken: &[(usize, Vec<f32>)]) -> Range<usize> {
 fn weights(taken: &[(usize, Vec<f32>)], voxel: usize) -> impl Iterator<Item = f32> {
     let weight = move |(first, weights): &(usize, Vec<f32>)| weights.get(voxel.checked_sub(*first)?).copied();
     taken.iter().map(move |cell| weight(cell).unwrap_or(0.0))
+}
+
+/// Returns a vector of `count` equal values, or an error if there is no memory.
+fn filled<T: Copy>(count: usize, value: T) -> Result<Vec<T>> {
+    let mut values = reserved(count as u64, || "the cells of a row of bricks".to_owned())?;
+    values.resize(count, value);
+    Ok(values)
+}
+
+/// Adds weighted values to sums.
+fn add(sums: &mut [f32], weight: f32, values: &[f32]) {
+    if weight != 0.0 {
+        Arch::new().dispatch(Sum { sums, weight, values });
+    }
+}
+
+/// The parameters of [`add`], as a type so that it is compiled for the widest vectors of the machine.
+struct Sum<'a> {
+    sums: &'a mut [f32],
+    weight: f32,
+    values: &'a [f32],
+}
+
+impl NullaryFnOnce for Sum<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self { sums, weight, values } = self;
+        sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += weight * value);
+    }
 }
 
 /// The empty range of scalars.

@@ -138,6 +138,15 @@ fn within_reach(active: &[bool], halo: usize, reach: f64) -> Vec<u32> {
     (0..EDGE * EDGE).map(near).collect()
 }
 
+/// The scalars of a volume as samples on the device.
+pub(crate) enum Samples {
+    Held(Drawable),
+    /// It holds other samples, has no room for these, or lists take less memory.
+    Outgrown,
+    /// Nothing shows.
+    Invisible,
+}
+
 /// Chooses the scalars of a volume that become splats: voxels that can take part in something visible, and copies
 /// beyond the faces of the volume.
 ///
@@ -254,20 +263,20 @@ impl<'a> Emission<'a> {
     }
 
     /// The scalars as samples on the device, of which `held` holds those of the whole volume, with the voxels around
-    /// each brick if pictures are lit; `None`: it holds other samples, lists take less memory, or nothing shows.
+    /// each brick if pictures are lit.
     pub(crate) fn sampled(
         &self,
         (context, pipelines): (&Context, &Cache),
         transfer: &TransferFunction,
         (held, around): (&HeldSamples, bool),
         progress: &Progress,
-    ) -> Result<Option<Drawable>> {
+    ) -> Result<Samples> {
         /// The most bytes of the box that painters pack.
         const MOST: u64 = 4 << 30;
-        let EmissionKey { lit, reduction, whole, .. } = self.key;
+        let EmissionKey { lit, reduction, whole, need, .. } = self.key;
         let input = Input::of_scalars(context, self.volume, (transfer, reduction), around, progress);
-        let [lattice] = self.lattices.as_slice() else { return Ok(None) };
-        let Some(bounds) = self.bounds(lattice)? else { return Ok(None) };
+        let [lattice] = self.lattices.as_slice() else { return Ok(Samples::Outgrown) };
+        let Some(bounds) = self.bounds(lattice)? else { return Ok(Samples::Invisible) };
         let places = |end: u64, axis: usize| end * u64::from(bounds[1][axis] - bounds[0][axis] + 1);
         let texel = if lit { 8 } else { 4 };
         let deepest = context.limits.max_texture_dimension_3d as usize;
@@ -277,15 +286,18 @@ impl<'a> Emission<'a> {
             && (0..3).fold(texel, places) <= MOST;
         let shown = self.active.iter().filter(|&&active| active).count();
         let listed = (shown * EDGE * EDGE * EDGE) as u64 * 4 * self.key.words() as u64;
-        if !fits || !whole && input.bytes_of(&all) > listed {
-            return Ok(None);
+        // Light falls on samples alone.
+        let saves = whole || need.zeros || input.bytes_of(&all) <= listed;
+        if !fits || !saves {
+            return Ok(Samples::Outgrown);
         }
         let dims = lattice.dims.map(|n| n as u32);
         let filters = lattice.filters.as_ref().map(|filters| filters.on_device(dims, lattice.differences));
         let part = (lattice.padding as u32, bounds);
         let made = SampledScalars::new((&input, pipelines), &reduction, held, part, (filters.as_ref(), lit))?;
         let bricks = |bytes| Bricks { all: self.active.len() as u32, uploaded: shown as u32, bytes };
-        Ok(made.map(|(scalars, bytes)| Drawable::of_scalars(scalars, bricks(bytes))))
+        let held = |(scalars, bytes)| Samples::Held(Drawable::of_scalars(scalars, bricks(bytes)));
+        Ok(made.map_or(Samples::Outgrown, held))
     }
 
     /// The hull of the places within the influence of voxels that can be visible, in the extended lattice; `None` if

@@ -9,7 +9,7 @@ use super::cells::{self, CellSize};
 use super::drawable::{Held as Kept, PostShaded, PreShaded};
 use super::lattice::Lattice;
 use super::levels::ScalarNeed;
-use super::light_volume::{self, Classification, FallenLight};
+use super::light_volume::{self, FallenLight};
 use super::memory::{self, Drawn};
 use super::scalar_cells::{self, Coarse};
 use super::scalars::{EmissionKey, magnification};
@@ -246,7 +246,6 @@ impl Scene {
     /// eye may have several.
     pub(crate) fn lattices(
         &self,
-        context: &Context,
         voxels: &ViewGeometry,
         settings: &Settings,
         camera: &Camera,
@@ -271,9 +270,9 @@ impl Scene {
             Content::Splats(_) => CellSize::all().filter(|size| range.contains(size)).collect(),
             Content::Scalars(_) => scalar_cells::sizes().filter(|size| range.contains(size)).collect(),
         };
-        // On GPUs rays are cheap, and the lit cells of a further layer cost more than they save: a frame of a dense
-        // 512^3 scan took 31 ms in place of 20 (docs/measurements/2026-11-26-half-octaves.md).
-        let costs = all.len() > 1 && !context.is_software();
+        // Rays are cheap, and the lit cells of a further layer cost more than they save: a frame of a dense 512^3 scan
+        // took 31 ms in place of 20 (docs/measurements/2026-11-26-half-octaves.md).
+        let costs = all.len() > 1;
         // Quads have the one size of the nearest kernels. Cells of 3 voxels erred by 6.4 of 255 beside a clipping
         // plane, through a field of view of 150 degrees.
         if costs || voxels.is_perspective() && !layers {
@@ -543,13 +542,9 @@ impl Scene {
                     part: None,
                     reduction: *reduction,
                 };
-                let emit = |samples: bool| {
-                    let need = ScalarNeed { samples, ..of_cells.need };
-                    scalars.emit((context, pipelines), (&EmissionKey { need, ..of_cells }, true), progress)
-                };
-                let classification = Classification { transfer, reduction, table: &table };
                 let of = (context, pipelines);
-                FallenLight::new(of, held, &grid, emit, &classification, &shadows, progress).map(Arc::new)
+                let sample = || scalars.sampled(of, (&of_cells, true), progress);
+                FallenLight::new(of, held, (&grid, &table), sample, &shadows, progress).map(Arc::new)
             })
         })?;
         let light = Arc::clone(&light.volume);

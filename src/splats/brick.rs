@@ -12,14 +12,11 @@ use voxsplat_volume::memory::reserved;
 pub(crate) struct HostBrick {
     /// The rows of the brick along x, y before z.
     pub(crate) rows: Arc<Vec<Row>>,
-    /// Words of a splat without its place and without the light that arrives.
+    /// Words of a splat without its place.
     pub(crate) each: usize,
-    /// These words, splat after splat, the same under any light. Rows with equal words share them: the inside of a
+    /// These words, splat after splat. Rows with equal words share them: the inside of a
     /// label takes hardly any memory.
     pub(crate) words: Arc<Vec<u32>>,
-    /// The number of the first splat of each row among those whose light is held, and the two words of the light that
-    /// arrives at each,: rows with equal light share it. Empty: all light arrives.
-    pub(crate) light: (Vec<u32>, Vec<[u32; 2]>),
 }
 
 /// A row of a brick along x.
@@ -113,13 +110,7 @@ impl HostBrick {
             row
         };
         let rows = Arc::new(bits.iter().zip(held).map(row).collect());
-        Self { rows, each, words: Arc::new(words), light: Default::default() }
-    }
-
-    /// The same splats under a light.
-    pub(crate) fn under(&self, mut light: Vec<[u32; 2]>) -> Self {
-        let starts = share(self.rows.iter().map(|row| row.bits.count_ones()), 1, &mut light);
-        Self { rows: Arc::clone(&self.rows), words: Arc::clone(&self.words), each: self.each, light: (starts, light) }
+        Self { rows, each, words: Arc::new(words) }
     }
 
     /// The words of the splats of a row from one of its splats on, and of some that follow.
@@ -127,53 +118,24 @@ impl HostBrick {
         &self.words[(row.held + splat) as usize * self.each..]
     }
 
-    /// The light that arrives at the splats of a row, given its number, from one of its splats on, and at some that
-    /// follow; empty: all light arrives.
-    pub(crate) fn light(&self, row: usize, splat: u32) -> &[[u32; 2]] {
-        let (starts, light) = &self.light;
-        starts.get(row).map_or(&[], |start| &light[(start + splat) as usize..])
-    }
-
-    /// The words of the light that arrives at each splat.
-    pub(crate) fn all_light(&self) -> Result<Vec<[u32; 2]>> {
-        let mut all = reserved(u64::from(self.count()), || "the light on splats".to_owned())?;
-        for (number, row) in self.rows.iter().enumerate() {
-            let light = self.light(number, 0).iter().copied().chain(std::iter::repeat([u32::MAX; 2]));
-            all.extend(light.take(row.bits.count_ones() as usize));
-        }
-        Ok(all)
-    }
-
     pub(crate) fn count(&self) -> u32 {
         self.rows.last().map_or(0, |row| row.first + row.bits.count_ones())
     }
 
-    /// The splats of a row of the brick, given its number, at the places `within`, which are neighbours, in runs with
-    /// their numbers of splats. The first place of the row is at this lattice point.
-    pub(crate) fn runs(
-        &self,
-        number: usize,
-        within: u32,
-        [x, y, z]: [u32; 3],
-    ) -> impl Iterator<Item = (SplatRun<'_>, usize)> {
-        let row = self.rows[number];
-        let (each, wanted) = (self.each, row.bits & within);
-        let lowest = wanted & wanted.wrapping_neg();
-        let splat = (row.bits & lowest.wrapping_sub(1)).count_ones();
-        let mut xs = places(wanted).map(move |place| x + place as u32);
-        let mut light = self.light(number, splat);
-        self.words(row, splat).chunks(each * LANES).map_while(move |words| {
-            let mut run = SplatRun { xs: [x; LANES], y, z, each, words, light };
-            light = light.get(LANES..).unwrap_or_default();
+    /// The splats of a row of the brick, given its number, in runs with their numbers of splats. The first place of the
+    /// row is at `x` in the lattice.
+    pub(crate) fn runs(&self, number: usize, x: u32) -> impl Iterator<Item = (SplatRun<'_>, usize)> {
+        let (each, row) = (self.each, self.rows[number]);
+        let mut xs = places(row.bits).map(move |place| x + place as u32);
+        self.words(row, 0).chunks(each * LANES).map_while(move |words| {
+            let mut run = SplatRun { xs: [x; LANES], each, words };
             let count = run.xs.iter_mut().zip(&mut xs).map(|(to, x)| *to = x).count();
             (count > 0).then_some((run, count))
         })
     }
 
     pub(crate) fn bytes(&self) -> u64 {
-        let (starts, light) = &self.light;
-        let light = size_of_val(starts.as_slice()) + size_of_val(light.as_slice());
-        (size_of_val(self.rows.as_slice()) + size_of_val(self.words.as_slice()) + light) as u64
+        (size_of_val(self.rows.as_slice()) + size_of_val(self.words.as_slice())) as u64
     }
 }
 

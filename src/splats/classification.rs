@@ -1,6 +1,6 @@
 //! The emission and absorption of voxels, by a transfer function or by the looks of labels.
 
-use super::words::{LANES, Lanes, Vectors, density};
+use super::words::density;
 use crate::layers::{Look, look_of};
 use crate::transfer::TransferFunction;
 use crate::volume::{Number, Volume};
@@ -85,16 +85,5 @@ impl<'a> Classification<'a> {
     pub(crate) fn emission<T: Number>(&self, sample: T) -> Emission {
         let [r, g, b, density] = self.appearance(sample);
         [r * density, g * density, b * density, density]
-    }
-
-    /// The colours and the densities of up to [`LANES`] voxels; 0 beyond the last.
-    pub(crate) fn run<T: Number>(&self, samples: &[T]) -> (Vectors, Lanes) {
-        let (mut colors, mut densities) = (Vectors::default(), Lanes::default());
-        for (at, &sample) in samples.iter().take(LANES).enumerate() {
-            let [r, g, b, density] = self.appearance(sample);
-            [colors[0][at], colors[1][at], colors[2][at]] = [r, g, b];
-            densities[at] = density;
-        }
-        (colors, densities)
     }
 }

@@ -43,11 +43,6 @@ pub(crate) fn packed_appearance(color: [f32; 3], density: f32) -> [u32; 2] {
     [rounded | b >> 5, r | g << 13 | b << 27]
 }
 
-/// These words with another density.
-pub(crate) fn with_density([density_blue, color]: [u32; 2], density: f32) -> [u32; 2] {
-    [density.to_bits().wrapping_add(128) & 0xffff_ff00 | density_blue & 0xff, color]
-}
-
 /// 1 with the sign of a number, of 0 too.
 #[inline(always)]
 pub(crate) fn sign_or_one(v: f32) -> f32 {
@@ -103,14 +98,10 @@ pub(crate) fn appearances(density_blue: &[u32; LANES], color: &[u32; LANES]) -> 
 pub(crate) struct SplatRun<'a> {
     /// Lattice points of the splats along x; arbitrary beyond the last.
     pub(crate) xs: [u32; LANES],
-    pub(crate) y: u32,
-    pub(crate) z: u32,
     /// Words of a splat without its place.
     pub(crate) each: usize,
     /// The words of the splats and of some that follow.
     pub(crate) words: &'a [u32],
-    /// The light that arrives at these splats; empty: all of it.
-    pub(crate) light: &'a [[u32; 2]],
 }
 
 impl SplatRun<'_> {
@@ -125,19 +116,6 @@ impl SplatRun<'_> {
             }
         }
         column
-    }
-
-    /// The words of the light that arrives at each splat; `None`: all of it.
-    #[inline(always)]
-    pub(crate) fn kept(&self) -> Option<[[u32; LANES]; 2]> {
-        if self.light.is_empty() {
-            return None;
-        }
-        let mut kept = [[u32::MAX; LANES]; 2];
-        for (place, light) in self.light.iter().take(LANES).enumerate() {
-            (0..2).for_each(|word| kept[word][place] = light[word]);
-        }
-        Some(kept)
     }
 }
 

@@ -160,11 +160,6 @@ impl Field {
         Ok(Shares { values, spare: Arc::clone(&self.spare) })
     }
 
-    /// Bytes of memory.
-    pub(super) fn bytes(&self) -> usize {
-        size_of_val(self.values.as_slice())
-    }
-
     fn pitch(&self) -> usize {
         self.size[0] + 2 * self.pad
     }

@@ -167,13 +167,13 @@ fn batch_sizes(context: &Context, feed: Feed, precision: Precision) -> impl Iter
     feed.batch_sizes().iter().copied().filter(move |&n| n <= layers * feed.sheets_per_layer())
 }
 
-/// The number of sheets that one pass feeds: the most that the adapter's attachments hold, up to 8 on software, which
-/// is bound by the number of quads, and up to 4 on a GPU, which is bound by blending.
+/// The number of sheets that one pass feeds: the most that the adapter's attachments hold, up to 4: blending takes the
+/// time.
 fn sheets_per_pass(context: &Context, feed: Feed, precision: Precision) -> Result<u32> {
     if feed == Feed::Depth {
         return Ok(1);
     }
-    let preferred = if context.is_software() || feed.sheets_per_layer() > 1 { 8 } else { 4 };
+    let preferred = if feed.sheets_per_layer() > 1 { 8 } else { 4 };
     let largest = batch_sizes(context, feed, precision).filter(|&n| n <= preferred).max();
     largest.ok_or_else(|| context.unsupported(format!("cannot draw into the {precision} sheets of one pass at once")))
 }

@@ -177,7 +177,7 @@ impl Splats<'_> {
         let part = u64::from(width) * u64::from(height);
         let all = u64::from(self.extent[0]) * u64::from(self.extent[1]);
         let wipe = self.stage.wipe.as_ref().filter(|_| 2 * part < all && part > 0);
-        let most = match context.is_software() {
+        let most = match context.info.is_software() {
             true => SOFTWARE_PASS,
             false => u32::try_from(max_work(context) / self.quad_pixels.max(1)).unwrap_or(u32::MAX).max(1),
         };

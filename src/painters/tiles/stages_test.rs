@@ -103,7 +103,7 @@ fn store<const N: usize>(context: &Context, words: impl Fn([u32; 3]) -> [u32; N]
     let count = splats.len() as u32 / (N as u32 + 1);
     let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
     let buffer = context.upload("test.splats", bytemuck::cast_slice(&splats), usage).unwrap();
-    Store::new(context, (Splats::Device(buffer), None), 4 * (N as u64 + 1), count, bricks).unwrap()
+    Store::new(context, (Splats::Listed(buffer), None), 4 * (N as u64 + 1), count, bricks).unwrap()
 }
 
 /// The override constants of the packing of voxels under a light.

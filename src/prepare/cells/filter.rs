@@ -2,10 +2,7 @@
 
 use std::ops::Range;
 
-use pulp::{Arch, NullaryFnOnce};
-
 use super::CellSize;
-use crate::splats::classification::Emission;
 
 /// Cells to either side of a voxel that it is shared among.
 pub(super) const REACH: usize = 3;
@@ -19,8 +16,6 @@ pub(crate) struct Filter {
     /// The weights of that voxel and of those behind it, for as many cells as lie differently between voxels: the
     /// divisor of `size`. The first voxel of cell c is that number of whole voxels behind that c cells are.
     weights: Vec<Vec<f32>>,
-    /// The same weights by pairs of voxels, for each of the four channels of both.
-    pairs: Vec<Vec<[f32; 8]>>,
 }
 
 impl Filter {
@@ -46,9 +41,7 @@ impl Filter {
         let last = found.next_back().unwrap_or(first);
         let of_cell = |cell| (first..=last).map(|voxel| weight(cell, voxel + ahead(cell))).collect();
         let weights: Vec<Vec<f32>> = cells.clone().map(of_cell).collect();
-        let of_pair = |pair: &[f32]| std::array::from_fn(|i| pair.get(i / 4).copied().unwrap_or(0.0));
-        let pairs = weights.iter().map(|weights| weights.chunks(2).map(of_pair).collect()).collect();
-        Self { size: fraction, first, weights, pairs }
+        Self { size: fraction, first, weights }
     }
 
     /// Voxels along a cell as a fraction, the first voxel with a weight in the first cell, and the weights of the
@@ -100,12 +93,6 @@ impl Filter {
         cells.map(block).collect()
     }
 
-    /// The weight of a voxel in a cell.
-    fn weight(&self, voxel: i64, cell: i64) -> Option<f32> {
-        let at = usize::try_from(voxel - self.first(cell)).ok()?;
-        self.weights(cell).get(at).copied()
-    }
-
     /// The cells in which some of these voxels have weights.
     pub(crate) fn around(&self, voxels: Range<i64>) -> Range<i64> {
         let [over, under] = self.size.map(|n| n as i64);
@@ -113,64 +100,6 @@ impl Filter {
         let from = |voxel: i64| -(-(voxel - self.first) * under).div_euclid(over);
         let taps = self.weights[0].len() as i64;
         from(voxels.start - taps + 1)..from(voxels.end)
-    }
-
-    /// The same of the first `cells` cells.
-    pub(super) fn reached(&self, voxels: &Range<usize>, cells: usize) -> Range<usize> {
-        let around = self.around(voxels.start as i64..voxels.end as i64);
-        let within = |cell: i64| cell.clamp(0, cells as i64) as usize;
-        within(around.start)..within(around.end)
-    }
-
-    /// Replaces the cells of a range by weighted sums of voxels. The first voxel is the first with a weight in cell 0;
-    /// behind the last there is room for one more.
-    pub(super) fn gather(&self, voxels: &[Emission], range: Range<usize>, cells: &mut [Emission]) {
-        let under = self.size[1];
-        for (next, cell) in range.take(under).enumerate() {
-            let start = (self.first(cell as i64) - self.first) as usize;
-            let pairs = &self.pairs[cell % under];
-            Arch::new().dispatch(Gather {
-                voxels: &voxels[start..],
-                pairs,
-                cells: &mut cells[next..],
-                size: self.size,
-            });
-        }
-    }
-
-    /// The cells from `cell` to before `end` in which a voxel has weights.
-    pub(super) fn cells(&self, voxel: i64, cell: usize, end: usize) -> impl Iterator<Item = (usize, f32)> {
-        (cell..end).filter_map(move |cell| Some((cell, self.weight(voxel, cell as i64)?)))
-    }
-}
-
-/// Sums of the voxels of cells that lie alike between voxels, as a type so that this is compiled for the widest vectors
-/// of the machine.
-struct Gather<'a> {
-    /// From the first with a weight in the first cell on.
-    voxels: &'a [Emission],
-    /// Weights, see [`Filter`].
-    pairs: &'a [[f32; 8]],
-    cells: &'a mut [Emission],
-    /// See [`Filter`].
-    size: [usize; 2],
-}
-
-impl NullaryFnOnce for Gather<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn call(self) {
-        let Self { voxels, pairs, cells, size: [over, under] } = self;
-        let taps = voxels.as_flattened().windows(8 * pairs.len()).step_by(4 * over);
-        for (cell, taps) in cells.iter_mut().step_by(under).zip(taps) {
-            // By value, so that the channels of two voxels are one vector.
-            let mut sums = [0.0; 8];
-            for (weights, taps) in pairs.iter().zip(taps.chunks_exact(8)) {
-                sums = std::array::from_fn(|i| sums[i] + weights[i] * taps[i]);
-            }
-            *cell = std::array::from_fn(|channel| sums[channel] + sums[channel + 4]);
-        }
     }
 }
 
@@ -216,48 +145,6 @@ mod tests {
             assert!((taps * under).div_ceil(over) < OPEN, "{size:?}");
             let voxels = ((SUMS - 1) * over).div_ceil(under) + taps;
             assert!(voxels <= crate::gpu::scan::WORKGROUP as usize * taps.div_ceil(NODES), "{size:?}: {voxels}");
-            size = size.next();
-        }
-    }
-
-    #[test]
-    fn wider_vectors_change_no_bit_of_cells() {
-        let voxels: Vec<Emission> = (0..64).map(|i| [0, 1, 2, 3].map(|c| ((7 * i + c) as f32).sin())).collect();
-        for size in [CellSize::VOXEL.next(), CellSize::of_level(1)] {
-            let Filter { size, pairs, .. } = Filter::new(size, 0.0, &[1.0], REACH);
-            let [mut wide, mut narrow] = [vec![[0.0; 4]; 20], vec![[0.0; 4]; 20]];
-            let gather = |cells| Gather { voxels: &voxels, pairs: &pairs[0], cells, size };
-            Arch::new().dispatch(gather(&mut wide));
-            gather(&mut narrow).call();
-            assert_eq!(wide, narrow);
-            assert!(wide.iter().filter(|cell| cell[0] != 0.0).count() >= 10);
-        }
-    }
-
-    #[test]
-    fn cells_get_what_voxels_that_show_give() {
-        let mut size = CellSize::VOXEL;
-        for voxels in [20, 37, 64, 50, 100, 41, 97] {
-            let filter = Filter::new(size, 0.0, &[1.0], REACH);
-            let cells = size.cells(voxels as u32) as usize + 2 * REACH;
-            let all = filter.voxels(0, cells as i64);
-            let begin = (-all.start) as usize;
-            for shown in [0..voxels, 0..3, 7..19, voxels - 1..voxels] {
-                let mut row = vec![[0.0_f32; 4]; (all.end - all.start) as usize + 1];
-                shown.clone().for_each(|voxel| row[begin + voxel as usize][3] = 1.0 + 0.1 * voxel as f32);
-                let range = shown.start as usize..shown.end as usize;
-                let reached = filter.reached(&range, cells);
-                let mut got = vec![[0.0; 4]; cells];
-                filter.gather(&row, reached.clone(), &mut got[reached]);
-                for (cell, [.., got]) in got.into_iter().enumerate() {
-                    let given = |voxel: i64| Some(filter.weight(voxel, cell as i64)? * row[begin + voxel as usize][3]);
-                    let expected: f32 = shown.clone().filter_map(given).sum();
-                    assert!(
-                        (got - expected).abs() < 1e-6 * voxels as f32,
-                        "{size:?} {shown:?} {cell}: {got} {expected}"
-                    );
-                }
-            }
             size = size.next();
         }
     }
