@@ -1,12 +1,12 @@
 //! The work that a picture gives to the device: counts, which any adapter gives as a GPU does, and times.
 //!
 //! ```text
-//! cargo bench --bench plumbing -- --work DIR [--device] [--json] [--scenes NAME,..] [--pictures NAME,..] [--size N]
+//! cargo bench --bench plumbing -- --work DIR [--json] [--scenes NAME,..] [--pictures NAME,..] [--size N]
 //!     [--times N] [--write]
 //! ```
 //!
 //! DIR is the folder of the bench `race` (`crates/cli/benches/race.json`): its `vol` holds head512.raw, ml256.npy and
-//! phantom181.npy. `--device` runs the stages of GPUs on a software adapter too. Each scene is drawn in twelve
+//! phantom181.npy. Each scene is drawn in twelve
 //! pictures: pre- and post-shaded, unlit, lit by a headlight and in studio light with shadows, along parallel rays and
 //! in perspective. A picture has events:
 //!
@@ -197,7 +197,7 @@ struct Host {
 
 impl Host {
     /// A device of its own for a picture, so that no other scene is in its memory.
-    fn new(device_stages: bool, size: u32) -> Outcome<Self> {
+    fn new(size: u32) -> Outcome<Self> {
         let best = adapters().into_iter().next().ok_or("no adapter")?;
         let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
             backends: wgpu::Backends::VULKAN | wgpu::Backends::METAL | wgpu::Backends::DX12,
@@ -211,7 +211,6 @@ impl Host {
             ..Default::default()
         }))?;
         let renderer = Renderer::from_device(device.clone(), queue, &adapter, &RendererOptions::default());
-        let renderer = if device_stages { renderer.with_device_stages() } else { renderer };
         let texture = device.create_texture(&wgpu::TextureDescriptor {
             label: Some("plumbing.target"),
             size: wgpu::Extent3d { width: size, height: size, depth_or_array_layers: 1 },
@@ -320,7 +319,7 @@ fn events(
 fn main() -> Outcome {
     let mut arguments = Arguments::of_process();
     let work: PathBuf = arguments.option("--work")?.unwrap_or_else(|| PathBuf::from("target/race"));
-    let (device_stages, json) = (arguments.flag("--device"), arguments.flag("--json"));
+    let json = arguments.flag("--json");
     let [scenes, pictures] = ["--scenes", "--pictures"].map(|name| arguments.option::<String>(name));
     let (scenes, pictures) = (scenes?, pictures?);
     let (size, turns) = (arguments.option("--size")?.unwrap_or(512), arguments.option("--times")?.unwrap_or(0));
@@ -340,7 +339,7 @@ fn main() -> Outcome {
         let scene = of_race.iter().find(|scene| scene.name == name).ok_or_else(|| format!("the race has no {name}"))?;
         let volume = scene.volume(&work)?;
         for kind in Kind::all().filter(|kind| is_listed(&pictures, &kind.name())) {
-            let host = Host::new(device_stages, size)?;
+            let host = Host::new(size)?;
             // Each row as soon as its event is done.
             events(&host, scene, &volume, &transfer, kind, turns, &mut |event, taken| {
                 let Taken { milliseconds, counts, visible } = taken;

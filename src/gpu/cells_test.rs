@@ -82,7 +82,7 @@ fn vessels(size: u32) -> (Volume, TransferFunction) {
 }
 
 fn context() -> Context {
-    Context::new(Some(&adapter())).unwrap().with_device_stages()
+    Context::new(Some(&adapter())).unwrap()
 }
 
 /// A light that moves takes a dispatch for planes and one for cells. Other normals give other cells.

@@ -35,7 +35,7 @@ fn volume(samples: Samples) -> Volume {
 /// The middle one of three batches of bricks is invisible.
 #[test]
 fn listed_samples_are_the_splats_of_a_classification() {
-    let context = Context::new(Some(&adapter())).unwrap().with_device_stages();
+    let context = Context::new(Some(&adapter())).unwrap();
     let value = |i: usize| if (150..920).contains(&(i / 4900)) { 0 } else { i * 37 % 251 * (i / 70 % 5) / 8 };
     let values: Vec<usize> = (0..70 * 70 * 950).map(value).collect();
     let point = |value, opacity| ControlPoint { value, color: [0.9, 0.5, value / 200.0], opacity };
@@ -100,7 +100,7 @@ fn bricks_that_may_show_are_held_and_sent_once() {
         };
         TransferFunction::new(shown.iter().flat_map(of).collect(), None).unwrap()
     };
-    let mut context = Context::new(Some(&adapter())).unwrap().with_device_stages();
+    let mut context = Context::new(Some(&adapter())).unwrap();
     context.savings.paged_bytes = 0;
     // Two rows of bricks in a buffer.
     context.limits.max_storage_buffer_binding_size = 10 * 36_u64.pow(3);

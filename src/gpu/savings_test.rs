@@ -171,7 +171,7 @@ fn draw_pages(kinds: usize) {
     let (volume, transfer) = tube();
     let renderer = |paged_bytes| {
         let options = RendererOptions { adapter: Some(adapter()), ..RendererOptions::default() };
-        let mut renderer = Renderer::new(&options).unwrap().with_device_stages();
+        let mut renderer = Renderer::new(&options).unwrap();
         renderer.context.savings = Savings { paged_bytes, ..Savings::default() };
         renderer
     };
@@ -244,7 +244,7 @@ fn device_boxes_of_few_bricks_draw_what_boxes_of_all_draw() {
     let [left, middle, right, nothing] = [[10.0, 18.0], [30.0, 38.0], [50.0, 58.0], [90.0, 98.0]];
     let renderers = [0, u64::MAX].map(|paged_bytes| {
         let options = RendererOptions { adapter: Some(adapter()), ..RendererOptions::default() };
-        let mut renderer = Renderer::new(&options).unwrap().with_device_stages();
+        let mut renderer = Renderer::new(&options).unwrap();
         renderer.context.savings = Savings { paged_bytes, ..Savings::default() };
         renderer
     });

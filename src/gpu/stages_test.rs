@@ -4,7 +4,6 @@ use glam::{DAffine3, DMat3, DVec2, DVec3};
 
 use super::adapter_test::adapter;
 use super::classify::Classifier;
-use super::classify_on_host::HostClassifier;
 use super::context::Context;
 use super::layout::Splat;
 use super::recorder::Recorder;
@@ -19,8 +18,10 @@ use crate::camera::{Camera, ProjectionKind, View};
 use crate::formats::{LoadOptions, load};
 use crate::image::Region;
 use crate::kernel::FootprintTable;
+use crate::layers::Layers;
 use crate::painters::quads::plan::{Plan, Target};
 use crate::painters::quads::sort::Sorter;
+use crate::prepare::drawable::classified as classified_on_host;
 use crate::progress::Progress;
 use crate::renderer::{Rendered, Renderer, RendererOptions};
 use crate::settings::{Accumulation, Level, Model, Painter, Precision, QuadsSettings, Settings, Sheets};
@@ -51,7 +52,7 @@ fn classified(context: &Context, volume: &Volume, transfer: &TransferFunction) -
     Classifier::new(&input).run(&Scan::new(context), &input).unwrap().stores
 }
 
-/// The stage on the host gives the same splats as the one on the device, but for the rounding of drivers.
+/// The classifier of layers on the host gives the same splats as the stage on the device, but for rounding.
 #[test]
 fn classify_on_the_host_matches_the_device() {
     let context = context();
@@ -75,53 +76,41 @@ fn classify_on_the_host_matches_the_device() {
             let progress = Progress::default();
             let input = Input::new(&context, &volume, &transfer, lit, &progress).unwrap();
             let device = Classifier::new(&input).run(&Scan::new(&context), &input).unwrap();
-            let host = HostClassifier::run(&input).unwrap();
-            let words = |store: &Store| -> Vec<Splat> {
-                let bytes = download(&context, &store.on_device(&context).unwrap(), u64::from(store.count) * 16);
-                bytes.chunks_exact(16).map(bytemuck::pod_read_unaligned).collect()
+            let host = classified_on_host(&context, &Layers::of_volume(&volume, &transfer), lit, &progress).unwrap();
+            let all = |stores: &[Store]| -> Vec<(Voxel, u32)> {
+                let normals = |store: &Store| {
+                    let bytes = download(&context, &store.on_device(&context).unwrap(), u64::from(store.count) * 16);
+                    let splats: Vec<Splat> = bytes.chunks_exact(16).map(bytemuck::pod_read_unaligned).collect();
+                    splats.into_iter().map(|splat| splat.normal).collect::<Vec<_>>()
+                };
+                let normals = stores.iter().flat_map(normals);
+                downloaded(&context, stores).into_iter().zip(normals).collect()
             };
-            assert_eq!(host.bricks.uploaded, device.bricks.uploaded, "{what}");
-            assert_eq!(host.stores.len(), device.stores.len(), "{what}");
-            for (host, device) in host.stores.iter().zip(&device.stores) {
-                assert_eq!((host.count, &host.bricks), (device.count, &device.bricks), "{what}");
-                for (host, device) in words(host).iter().zip(words(device)) {
-                    splats += 1;
-                    other += usize::from(*host != device);
-                    assert_eq!(host.place, device.place, "{what}");
-                    let origins = vec![[0; 3]; 64];
-                    let [h, d] = [*host, device].map(|splat| twins::unpack(&splat, &origins));
-                    // A step of 13 or 14 bits.
-                    assert!((0..3).all(|c| (h.color[c] - d.color[c]).abs() < 1.3e-4), "{what}: {host:?} {device:?}");
-                    // A step of 15 bits: logarithms of drivers err by some units of the last of 24.
-                    assert!((h.density - d.density).abs() <= 3.1e-5 * d.density, "{what}: {host:?} {device:?}");
-                    // A step of 16 bits.
-                    let coordinates = |normal: u32| [normal << 16, normal].map(|bits| bits as i32 >> 16);
-                    let mut pairs = coordinates(host.normal).into_iter().zip(coordinates(device.normal));
-                    assert!(pairs.all(|(h, d)| h.abs_diff(d) <= 1), "{what}: {host:?} {device:?}");
-                }
+            let (host, device) = (all(&host.stores), all(&device.stores));
+            assert_eq!(host.len(), device.len(), "{what}");
+            for ((host, host_normal), (device, normal)) in host.into_iter().zip(device) {
+                splats += 1;
+                other += usize::from(host != device || host_normal != normal);
+                assert_eq!(host.point, device.point, "{what}");
+                // A step of 13 or 14 bits.
+                assert!(
+                    (0..3).all(|c| (host.color[c] - device.color[c]).abs() < 1.3e-4),
+                    "{what}: {host:?} {device:?}"
+                );
+                // A step of 15 bits: logarithms of drivers err by some units of the last of 24.
+                assert!(
+                    (host.density - device.density).abs() <= 3.1e-5 * device.density,
+                    "{what}: {host:?} {device:?}"
+                );
+                // A step of 16 bits.
+                let coordinates = |normal: u32| [normal << 16, normal].map(|bits| bits as i32 >> 16);
+                let mut pairs = coordinates(host_normal).into_iter().zip(coordinates(normal));
+                assert!(!lit || pairs.all(|(h, d)| h.abs_diff(d) <= 1), "{what}: {host_normal:x} {normal:x}");
             }
         }
     }
     println!("{other} of {splats} splats differ in some bit");
     assert!(splats > 100_000 && other * 20 < splats, "{other} of {splats}");
-}
-
-/// Splats are the same after a way from the host to the device and back.
-#[test]
-fn splats_move_between_host_and_device() {
-    let context = context();
-    let grid = Grid::axis_parallel([70, 37, 35], [1.0; 3]).unwrap();
-    let samples = Samples::U8((0..70 * 37 * 35).map(|i: u32| (i * 37 % 251 * (i / 70 % 5) / 8) as u8).collect());
-    let volume = Volume::new(grid, samples).unwrap();
-    let (transfer, progress) = (steps(), Progress::default());
-    let input = Input::new(&context, &volume, &transfer, true, &progress).unwrap();
-    let classified = HostClassifier::run(&input).unwrap();
-    for store in &classified.stores {
-        let before = store.on_host(&context).unwrap();
-        store.on_device(&context).unwrap();
-        let after = store.on_host(&context).unwrap();
-        assert!(!std::sync::Arc::ptr_eq(&before, &after) && before == after);
-    }
 }
 
 fn downloaded(context: &Context, stores: &[Store]) -> Vec<Voxel> {

@@ -3,7 +3,9 @@
 use glam::{DVec2, DVec3};
 
 use super::layout::{Frame, Splat};
+use super::splat::SplatLight;
 use crate::kernel::FootprintTable;
+use crate::splats::words::NO_NORMAL;
 use crate::transfer::TransferFunction;
 use crate::volume::{BRICK_EDGE, Volume};
 
@@ -47,6 +49,48 @@ pub(crate) fn unpack(splat: &Splat, origins: &[[u32; 3]]) -> Voxel {
         color: [color[0] / 8191.0, color[1] / 16383.0, color[2] / 8191.0],
         density: f64::from(f32::from_bits(splat.density_blue & 0xffff_ff00)),
     }
+}
+
+/// lit_splat: the colour of a splat at a lattice point, with all light.
+pub(crate) fn lit(light: &SplatLight, color: [f64; 3], normal: u32, point: [u32; 3]) -> [f64; 3] {
+    let SplatLight { lighting, lights, to_eye, .. } = light;
+    let at = DVec3::from_array(point.map(f64::from));
+    let [x, y, z] = to_eye.view.map(v3);
+    let from_eye = at - v3(to_eye.eye);
+    let towards = -(x * from_eye.x + y * from_eye.y + z * from_eye.z);
+    let eye = if to_eye.perspective { towards.normalize() } else { DVec3::NEG_Z };
+    if normal == NO_NORMAL {
+        return color;
+    }
+    // Octahedral coordinates of 16 bits.
+    let [px, py] = [normal << 16, normal].map(|bits| (f64::from(bits as i32 >> 16) / 32767.0).max(-1.0));
+    let sign = |v: f64| if v >= 0.0 { 1.0 } else { -1.0 };
+    let pz = 1.0 - px.abs() - py.abs();
+    let folded = DVec3::new((1.0 - py.abs()) * sign(px), (1.0 - px.abs()) * sign(py), pz);
+    let direction = if pz >= 0.0 { DVec3::new(px, py, pz) } else { folded };
+    let across = [lighting.right, lighting.up, lighting.forward].map(|axis| v3(axis).dot(direction));
+    let gradient = DVec3::from_array(across).normalize_or_zero();
+    let facing = if gradient.dot(eye) < 0.0 { -gradient } else { gradient };
+    let (mut diffuse, mut specular) = (DVec3::ZERO, DVec3::ZERO);
+    for (&[x, y, z, w], intensity) in lighting.lights[..*lights as usize].iter().zip(&lighting.colors) {
+        let place = v3([x, y, z]);
+        let [along_x, along_y, along_z, origin] =
+            lighting.from_lattice.map(|column| v3([column[0], column[1], column[2]]));
+        let way = place - (along_x * at.x + along_y * at.y + along_z * at.z + origin);
+        let towards = match (w > 0.0, place == DVec3::ZERO) {
+            (true, _) => way.try_normalize().unwrap_or(eye),
+            (_, true) => eye,
+            _ => place,
+        };
+        let cosine = facing.dot(towards);
+        if cosine > 0.0 {
+            let intensity = v3([intensity[0], intensity[1], intensity[2]]);
+            diffuse += intensity * cosine;
+            specular += intensity * facing.dot((eye + towards).normalize_or_zero()).powf(f64::from(lighting.shininess));
+        }
+    }
+    let [ambient, of_diffuse, of_specular] = [lighting.ambient, lighting.diffuse, lighting.specular].map(f64::from);
+    [0, 1, 2].map(|c| (color[c] * (ambient + of_diffuse * diffuse[c]) + of_specular * specular[c]).clamp(0.0, 1.0))
 }
 
 /// scan: exclusive prefix sums.

@@ -1,5 +1,5 @@
-//! From a volume to splats that painters draw: voxels, cells that stand for several voxels, and the light on them. On
-//! the host; on devices the classification of voxels is in [`gpu::classify`](crate::gpu::classify).
+//! From a volume to splats that painters draw: voxels, cells that stand for several voxels, and the light on them. The
+//! stages of the device are in `gpu`.
 
 pub(crate) mod cells;
 pub(crate) mod drawable;

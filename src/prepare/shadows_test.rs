@@ -1,60 +1,106 @@
-//! The stages of the device against their twins on the host.
+//! The shadows of the device against the sums of the host.
 
+use std::collections::HashMap;
 use std::sync::Arc;
 
 use glam::{DAffine3, DMat3, DVec3};
 
 use super::cells::CellSize;
+use super::drawable::classified;
 use super::levels::ScalarNeed;
-use super::light_volume::Classification;
 use super::scalar_cells::Coarse;
-use super::scalars::{Emission, EmissionKey};
-use super::shadows::{Occluders, Places, Shadows, shaded_on_device, shaded_on_host};
-use crate::camera::clip::{Clip, Plane};
+use super::scalars::{Emission, EmissionKey, Samples};
+use super::shadows::{Occluders, Shadows, bounds_of, shaded};
+use crate::camera::clip::{Clip, Plane, is_inside};
 use crate::gpu::adapter_test::adapter;
 use crate::gpu::cache::Cache;
-use crate::gpu::classify_on_host::HostClassifier;
 use crate::gpu::context::Context;
 use crate::gpu::held_samples::HeldSamples;
-use crate::gpu::layout::LightBox;
+use crate::gpu::layout::{LIT_WORDS, LightBox};
 use crate::gpu::recorder::Recorder;
-use crate::gpu::samples::Input;
 use crate::gpu::scalar_field::ScalarField;
 use crate::gpu::store::{Drawable, Store};
 use crate::gpu::transfer::TransferTable;
 use crate::kernel::{Kernel, Normalization};
-use crate::lighting::shadow::ShadowLattice;
+use crate::layers::Layers;
+use crate::lighting::shadow::field::CLIPPED;
 use crate::lighting::shadow::plan::LightPlans;
+use crate::lighting::shadow::{Arrival, ShadowLattice};
 use crate::lighting::{Light, Lighting};
 use crate::progress::Progress;
 use crate::transfer::bins::VisibleValues;
 use crate::transfer::scalars::Reduction;
 use crate::transfer::{ControlPoint, GradientPoint, Resolution, TransferFunction};
-use crate::volume::{Grid, Samples, Volume};
+use crate::volume::{self, Grid, Volume};
 
-/// The shares of light at splats, in 1/65535: of three lights and of ambient light.
-fn shares(context: &Context, stores: &[Store]) -> Vec<[u32; 4]> {
-    let of_words = |&[low, high]: &[u32; 2]| [low & 0xffff, low >> 16, high & 0xffff, high >> 16];
+/// The words of the splats of a store, splat by splat.
+fn words(context: &Context, store: &Store) -> Vec<Vec<u32>> {
+    let buffer = store.on_device(context).unwrap();
+    let mut recorder = Recorder::untimed(context);
+    let read = recorder.read_back("test", &buffer, u64::from(store.count) * store.stride).unwrap();
+    recorder.submit();
+    let words: Vec<u32> = read.values(context, "test").unwrap();
+    words.chunks_exact(store.stride as usize / 4).map(<[u32]>::to_vec).collect()
+}
+
+/// The lattice points of the splats of stores, with their words.
+fn splats(context: &Context, stores: &[Store]) -> Vec<([usize; 3], Vec<u32>)> {
     let of_store = |store: &Store| {
-        let bricks = store.on_host(context).unwrap();
-        bricks
-            .iter()
-            .flat_map(|brick| brick.all_light().unwrap().iter().map(of_words).collect::<Vec<_>>())
-            .collect::<Vec<_>>()
+        let point = |place: u32| {
+            let origin = store.bricks[(place >> 15) as usize].origin;
+            [0, 1, 2].map(|axis| (origin[axis] + (place >> (5 * axis) & 31)) as usize)
+        };
+        words(context, store).into_iter().map(|words| (point(words[0]), words)).collect::<Vec<_>>()
     };
     stores.iter().flat_map(of_store).collect()
 }
 
-fn classified(context: &Context, volume: &Volume, transfer: &TransferFunction) -> Drawable {
-    let progress = Progress::default();
-    HostClassifier::run(&Input::new(context, volume, transfer, true, &progress).unwrap()).unwrap()
+/// The shares of light at splats, in 1/65535: of three lights and of ambient light.
+fn shares(context: &Context, stores: &[Store]) -> Vec<[u32; 4]> {
+    let of_words = |low: u32, high: u32| [low & 0xffff, low >> 16, high & 0xffff, high >> 16];
+    let all = stores.iter().flat_map(|store| words(context, store));
+    all.map(|words| of_words(words[LIT_WORDS], words[LIT_WORDS + 1])).collect()
+}
+
+/// The same by the sums of the host.
+fn host_shares(context: &Context, stores: &[Store], shadows: &Shadows) -> Vec<[u32; 4]> {
+    let bounds @ [low, _] = bounds_of(stores);
+    let splats = splats(context, stores);
+    let densities: HashMap<[usize; 3], f32> =
+        splats.iter().map(|(point, words)| (*point, f32::from_bits(words[1] & 0xffff_ff00))).collect();
+    let arrival = Arrival::new(&shadows.casting, &shadows.lattice, bounds, |[y, z], row| {
+        for (x, value) in row.iter_mut().enumerate() {
+            let point = [low[0] + x, y, z];
+            if let Some(density) = densities.get(&point) {
+                *value = if casts(shadows, point) { density.max(CLIPPED) } else { CLIPPED };
+            }
+        }
+    });
+    let arrival = arrival.unwrap();
+    let mut all = vec![[u32::from(u16::MAX); 4]; splats.len()];
+    for light in 0..4 {
+        let Some(arriving) = arrival.shares(light, &|_| {}).unwrap() else { continue };
+        all.iter_mut().zip(&splats).for_each(|(of, (point, _))| of[light] = u32::from(arriving.from(*point)(0)));
+    }
+    all
+}
+
+/// Whether the voxel at a lattice point casts shadows.
+fn casts(Shadows { lattice, clip, .. }: &Shadows, point: [usize; 3]) -> bool {
+    let from_middle = |axis: usize| point[axis] as f64 - (lattice.dims[axis] - 1) as f64 / 2.0;
+    is_inside(clip, DVec3::from_array([0, 1, 2].map(from_middle)))
+}
+
+/// The visible voxels as lists.
+fn listed(context: &Context, volume: &Volume, transfer: &TransferFunction) -> Drawable {
+    classified(context, &Layers::of_volume(volume, transfer), true, &Progress::default()).unwrap()
 }
 
 /// A volume of a lattice by the values of its points.
 fn volume(grid: Grid, value: impl Fn([f64; 3]) -> f64) -> Volume {
     let [nx, ny, nz] = grid.dims();
     let points = (0..nz).flat_map(|z| (0..ny).flat_map(move |y| (0..nx).map(move |x| [x, y, z].map(f64::from))));
-    Volume::new(grid, Samples::U8(points.map(|point| value(point).clamp(0.0, 255.0) as u8).collect())).unwrap()
+    Volume::new(grid, volume::Samples::U8(points.map(|point| value(point).clamp(0.0, 255.0) as u8).collect())).unwrap()
 }
 
 /// A hash of a lattice point, 0 to 255.
@@ -140,7 +186,7 @@ fn device_finds_the_light_of_the_host_on_every_body() {
 
 /// Compares the light on the first `bodies`, of every `step`th set of lights.
 fn light_of_device_and_host(bodies: usize, step: usize) {
-    let context = Context::new(Some(&adapter())).unwrap().with_device_stages();
+    let context = Context::new(Some(&adapter())).unwrap();
     let (pipelines, progress) = (Cache::default(), Progress::default());
     let kernels = [
         ("the default kernel", Kernel::default()),
@@ -154,13 +200,12 @@ fn light_of_device_and_host(bodies: usize, step: usize) {
             let (wide, kernel) = kernels[if number < 6 { 0 } else { number % 3 }];
             for clip in [Clip::default(), clip.clone()] {
                 let shadows = shadows(volume, lighting, kernel, &clip);
-                let made = classified(&context, volume, transfer);
+                let made = listed(&context, volume, transfer);
                 let stores = (made.stores.as_slice(), false);
                 let (of, occluders) = ((&context, &pipelines), Occluders::default());
-                let device = shaded_on_device(of, stores, None, &occluders, &shadows, &progress).unwrap();
-                let device = shares(&context, &device.unwrap());
-                let host = shaded_on_host(&context, &made.stores, None, &occluders, &shadows, &progress).unwrap();
-                let host = shares(&context, &host);
+                let device = shaded(of, stores, None, &occluders, &shadows, &progress).unwrap();
+                let device = shares(&context, &device);
+                let host = host_shares(&context, &made.stores, &shadows);
                 assert!(host.len() > 1000 && host.len() == device.len(), "{name}: {} splats", host.len());
                 let differences: Vec<f64> = host
                     .as_flattened()
@@ -194,10 +239,10 @@ fn light_of_device_and_host(bodies: usize, step: usize) {
 /// device does its part without a wait of the host.
 #[test]
 fn device_keeps_the_light_that_stays() {
-    let context = Context::new(Some(&adapter())).unwrap().with_device_stages();
+    let context = Context::new(Some(&adapter())).unwrap();
     let (pipelines, progress) = (Cache::default(), Progress::default());
     let (_, volume, transfer) = &bodies()[0];
-    let made = classified(&context, volume, transfer);
+    let made = listed(&context, volume, transfer);
     let lighting = |towards: DVec3| Lighting {
         lights: vec![Light::directional(DVec3::new(0.3, -0.5, 1.0)), Light::directional(towards)],
         shadows: 1.0,
@@ -208,7 +253,7 @@ fn device_keeps_the_light_that_stays() {
         .map(|towards| shadows(volume, &lighting(towards), Kernel::default(), &Clip::default()));
     let (of, occluders) = ((&context, &pipelines), Occluders::default());
     let run = |stores: (&[Store], bool), held: Option<&Shadows>, shadows: &Shadows| {
-        shaded_on_device(of, stores, held, &occluders, shadows, &progress).unwrap().unwrap()
+        shaded(of, stores, held, &occluders, shadows, &progress).unwrap()
     };
     let before = run((&made.stores, false), None, &first);
     let waits = context.traffic().waits;
@@ -232,7 +277,7 @@ fn device_keeps_the_light_that_stays() {
 /// the table of the device: a function is linear within each of its 1600 bins.
 #[test]
 fn device_finds_the_occluders_of_the_host() {
-    let context = Context::new(Some(&adapter())).unwrap().with_device_stages();
+    let context = Context::new(Some(&adapter())).unwrap();
     let (pipelines, progress) = (Cache::default(), Progress::default());
     let kernel = Kernel::default();
     let clip = Clip::new(vec![Plane::new(DVec3::new(-0.8, 0.3, 0.1), -20.0).unwrap()]).unwrap();
@@ -273,13 +318,11 @@ fn device_finds_the_occluders_of_the_host() {
             let emission = Emission::new(&context, volume, transfer, VisibleValues::Opaque, &key).unwrap();
             let held = HeldSamples::default();
             let sampled = emission.sampled((&context, &pipelines), transfer, (&held, true), &progress).unwrap();
-            let (scalars, _) = sampled.unwrap().scalars.unwrap();
+            let Samples::Held(Drawable { scalars: Some((scalars, _)), .. }) = sampled else { panic!("{name}") };
             let resolution = Resolution::new(transfer, volume).unwrap();
             let table = TransferTable::new(&context, transfer, &reduction, VisibleValues::Opaque, &resolution);
             let of = ScalarField { scalars: &scalars, table: &table, grid: &grid };
-            let classification = Classification { transfer, reduction: &reduction, table: &table };
             let listed = emission.emit(&context, &progress).unwrap();
-            let places = Places::new(&context, &listed.stores).unwrap();
             // The box of the lists lies within the box of the samples.
             let plans = LightPlans::new(&shadows.casting, &shadows.lattice, of.bounds()).unwrap();
             let dims = plans.dims();
@@ -305,21 +348,30 @@ fn device_finds_the_occluders_of_the_host() {
             let field: Vec<f32> = field.values(&context, "test").unwrap();
             let largest = TransferFunction::extinction(transfer.max_opacity(), 1.0) as f32;
             let (mut worst, mut matter) = (0.0_f32, 0);
-            let [low, size] = places.bounds;
-            let rows = (low[2]..low[2] + size[2]).flat_map(|z| (low[1]..low[1] + size[1]).map(move |y| [y, z]));
-            for [y, z] in rows {
-                for (x, words) in places.row(low[0]..low[0] + size[0], [y, z]) {
-                    let expected = if shadows.casts([x, y, z]) { classification.density(words, &grid) } else { 0.0 };
-                    let at = [x, y, z].map(|n| n as i64);
-                    let [px, py, pz] = [0, 1, 2].map(|axis| (at[axis] - plans.low()[axis]) as usize);
-                    let found = field[px + dims[0] * (py + dims[1] * pz)];
-                    worst = worst.max((found - expected).abs() / largest);
-                    matter += usize::from(expected > 0.0 && found > 0.0);
-                }
+            for (point, words) in splats(&context, &listed.stores) {
+                let expected =
+                    if casts(&shadows, point) { density(&words[1..], transfer, &reduction, &grid) } else { 0.0 };
+                let [px, py, pz] = [0, 1, 2].map(|axis| (point[axis] as i64 - plans.low()[axis]) as usize);
+                let found = field[px + dims[0] * (py + dims[1] * pz)];
+                worst = worst.max((found - expected).abs() / largest);
+                matter += usize::from(expected > 0.0 && found > 0.0);
             }
             println!("{name}, thinned {thins}, cells {:?}: {worst:.1e}, {matter}", coarse.map(|(cells, _)| cells));
             assert!(matter > 20, "{name}: {matter} occluders");
             assert!(worst < 2e-3, "{name}, thinned {thins}: {worst:e}");
         }
     }
+}
+
+/// The extinction of a scalar times the unit distance, given the words of its splat without the place.
+fn density(words: &[u32], transfer: &TransferFunction, reduction: &Reduction, grid: &Grid) -> f32 {
+    let value = reduction.base() + f64::from(f32::from_bits(words[0])) / reduction.factor();
+    let density = TransferFunction::extinction(transfer.sample(value).1, 1.0);
+    let &[_, low, high] = words else { return density as f32 };
+    // Three steps of 18 bits, and the exponent of a step.
+    let signed = |bits: u32| f64::from((bits << 14) as i32 >> 14);
+    let steps = DVec3::new(signed(low), signed(low >> 18 | (high & 15) << 14), signed(high >> 4));
+    let gradient = steps * f64::from(f32::from_bits(high >> 22 << 23) / 65_536.0);
+    let world = grid.to_lattice().matrix3.transpose() * gradient;
+    (density * transfer.gradient_share(world.length() / reduction.factor())) as f32
 }

@@ -53,9 +53,8 @@ pub(crate) fn renderer() -> Arc<Renderer> {
 
 /// A separate device, for tests that count its objects.
 pub(crate) fn new_renderer() -> Renderer {
-    let renderer = Renderer::new(&RendererOptions { adapter: Some(adapter()), ..RendererOptions::default() })
-        .unwrap_or_else(|e| panic!("{e}; VOXSPLAT_TEST_ADAPTER can name another adapter"));
-    if runs_on_host(&renderer) { renderer } else { renderer.with_device_stages() }
+    Renderer::new(&RendererOptions { adapter: Some(adapter()), ..RendererOptions::default() })
+        .unwrap_or_else(|e| panic!("{e}; VOXSPLAT_TEST_ADAPTER can name another adapter"))
 }
 
 /// A separate device, and the processor.
@@ -63,11 +62,6 @@ pub(crate) fn engines() -> [Engine; 2] {
     let cpu = Settings { painter: Painter::Cpu, ..Settings::default() };
     let host = Engine::open(&RendererOptions::default(), &cpu).unwrap();
     [Engine::Device(Box::new(new_renderer())), host]
-}
-
-/// Whether stages that are faster on the host run there: on software, unless VOXSPLAT_TEST_DEVICE_STAGES is set.
-pub(crate) fn runs_on_host(renderer: &Renderer) -> bool {
-    renderer.adapter().is_software() && std::env::var_os("VOXSPLAT_TEST_DEVICE_STAGES").is_none()
 }
 
 pub(crate) fn demo(name: &str, size: u32) -> (Volume, TransferFunction) {

@@ -28,7 +28,6 @@ use crate::kernel::Kernel;
 use crate::painters::painter::{Depths, Job};
 use crate::settings::Settings;
 use crate::splats::brick::BrickSplats;
-use crate::splats::words::{LANES, SplatRun};
 use crate::volume::Grid;
 
 fn context() -> Context {
@@ -246,9 +245,9 @@ fn voxels_are_packed_where_rays_look_for_them() {
     assert_eq!(volume.iter().filter(|&&voxel| voxel != [0, 0]).count(), shown.len());
 }
 
-/// A colour differs from that of the host by a step of 11 bits at most, of its density: colours are up to that.
+/// A colour differs from that of its twin by a step of 11 bits at most, of its density: colours are up to that.
 #[test]
-fn colors_are_lit_as_on_the_host() {
+fn colors_are_lit_as_by_the_twin() {
     let context = context();
     let words_of = |point: [u32; 3]| {
         let [density_blue, color, _] = words_of(point);
@@ -263,11 +262,11 @@ fn colors_are_lit_as_on_the_host() {
         let shown = points();
         for (place, point) in places(packed.packing).filter(|(_, point)| shown.contains(point)) {
             let got = halves(voxel_words(packed.packing, &volume, place));
-            let ([x, y, z], words) = (point, words_of(point));
-            let run = SplatRun { xs: [x; LANES], y, z, each: words.len(), words: &words, light: &[] };
-            let (colors, densities) = run.appearances(Some(&light));
-            let density = f64::from(densities[0]) * packed.scale;
-            let expected = colors.map(|color| f64::from(color[0]) * density);
+            let [density_blue, color, normal] = words_of(point);
+            let splat = Splat { place: layout::place([0; 3], 0), density_blue, color, normal };
+            let splat = twins::unpack(&splat, &[[0; 3]]);
+            let density = splat.density * packed.scale;
+            let expected = twins::lit(&light, splat.color, normal, point).map(|color| color * density);
             let what = format!("{lights} lights, perspective {perspective}, {point:?}");
             assert!((got[3] - density).abs() <= density * (0.5 / 1024.0 + 1e-6), "{what}: {got:?} {density}");
             let apart = |c: usize| (got[c] - expected[c]).abs();

@@ -5,15 +5,15 @@ use voxsplat::camera::{ProjectionKind, View};
 use voxsplat::error::Error;
 use voxsplat::image::Image;
 use voxsplat::kernel::{Kernel, Normalization};
-use voxsplat::lighting::{Light, Lighting};
-use voxsplat::renderer::{Renderer, Scene};
+use voxsplat::lighting::Lighting;
+use voxsplat::renderer::Scene;
 use voxsplat::settings::{Level, Model, Settings, Shading};
 use voxsplat::transfer::{GradientPoint, TransferFunction};
 use voxsplat::volume::{Grid, Samples, Volume};
 
 use crate::support::{
-    demo, draw_on, errors, exact_quads, headlight, look, new_renderer, picture, prepare_on, render, renderer,
-    rms_covered, rms_in_steps, runs_on_host, transfer, two_lights, with_tiles,
+    demo, draw_on, errors, exact_quads, headlight, look, picture, prepare_on, render, renderer, rms_covered,
+    rms_in_steps, transfer, two_lights, with_tiles,
 };
 use crate::truth::truth;
 
@@ -187,9 +187,7 @@ fn perspectives_by_quads_take_the_level_of_the_nearest_voxel() {
 #[test]
 fn layers_of_levels_follow_the_reference() {
     for (name, volume) in volumes(48) {
-        // Levels 0 to 3/2, and 1/2 to 2; GPUs have whole levels.
-        for (view_height, levels) in [(60.0, [0.0, 1.5]), (100.0, [0.5, 2.0])] {
-            let levels = if runs_on_host(&renderer()) { levels } else { levels.map(f32::floor) };
+        for (view_height, levels) in [(60.0, [0.0, 1.0]), (100.0, [0.0, 2.0])] {
             let camera = look(&deep(view_height), &volume, [40; 2]);
             let expected = truth(&volume, &tones(0.1), &camera, &auto());
             let got = picture(&volume, &tones(0.1), &camera, &with_tiles(&auto()));
@@ -326,117 +324,16 @@ fn the_same_bytes_whatever_was_drawn_before() {
     let layers = look(&deep(60.0), &volume, [40; 2]);
     let shadowed = two_lights().map(|lighting| Lighting { shadows: 0.8, ..lighting });
     let cases = [(&transfer, None), (&transfer, headlight()), (&thinned, two_lights()), (&transfer, shadowed)];
-    // Software makes cells on the host, a GPU makes them on the device.
-    for (renderer, (transfer, lighting)) in [&renderer(), &new_renderer().with_device_stages()]
-        .into_iter()
-        .flat_map(|on| cases.clone().map(|case| (on, case)))
-    {
+    for (transfer, lighting) in cases {
         let settings = Settings { lighting, ..auto() };
-        let prepare = || prepare_on(renderer, &volume, transfer, &settings).unwrap();
-        let draw = |scene: &Scene, camera| draw_on(renderer, scene, camera, &settings).unwrap().image;
+        let prepare = || prepare_on(&renderer(), &volume, transfer, &settings).unwrap();
+        let draw = |scene: &Scene, camera| draw_on(&renderer(), scene, camera, &settings).unwrap().image;
         let scene = prepare();
         let cameras = [&small, &turned, &large, &layers];
         let first = cameras.map(|camera| draw(&scene, camera));
         assert!(cameras.map(|camera| draw(&scene, camera)) == first);
         for (camera, first) in cameras.into_iter().zip(&first) {
             assert!(errors(first, &draw(&prepare(), camera)) == (0.0, 0.0));
-        }
-    }
-}
-
-#[test]
-fn lit_cells_are_made_where_their_layer_shows() {
-    if !runs_on_host(&renderer()) {
-        // The device keeps the places of all cells.
-        return;
-    }
-    let (volume, transfer) = (volumes(70).swap_remove(0).1, tones(0.1));
-    let camera = look(&deep(90.0), &volume, [40; 2]);
-    let [unlit, lit] = [None, headlight()].map(|lighting| {
-        let settings = with_tiles(&Settings { lighting, ..auto() });
-        picture(&volume, &transfer, &camera, &settings).stats
-    });
-    assert!(lit.levels == unlit.levels && lit.levels[1] > lit.levels[0] + 0.5, "{:?}", lit.levels);
-    let [unlit, lit] = [unlit, lit].map(|stats| stats.splats_kept);
-    println!("{lit} of {unlit} cells");
-    assert!(lit < unlit, "{lit} of {unlit} cells");
-}
-
-/// Every way of storing samples, thinned and lit from all sides; bricks that end within the volume and beyond it.
-#[test]
-fn the_device_makes_the_cells_of_the_host() {
-    compare_cells(1);
-}
-
-#[test]
-#[ignore = "slow: 96 pictures by two devices"]
-fn the_device_makes_the_cells_of_the_host_of_every_type_of_sample() {
-    compare_cells(4);
-}
-
-/// Compares cells of the first `types` of samples.
-fn compare_cells(types: usize) {
-    let dims = [70, 37, 45];
-    let value = |i: u32| {
-        let p = [i % 70, i / 70 % 37, i / (70 * 37)].map(|c| f64::from(c) / 8.0);
-        100.0 + 60.0 * p[0].sin() * p[1].cos() + 40.0 * p[2].sin()
-    };
-    let values: Vec<f64> = (0..dims.iter().product()).map(value).collect();
-    let all = [
-        Samples::U8(values.iter().map(|&v| v as u8).collect()),
-        Samples::I16(values.iter().map(|&v| v as i16 - 90).collect()),
-        Samples::F32(values.iter().map(|&v| v as f32 * 1e-3).collect()),
-        Samples::F64(values.iter().map(|&v| v * 1e6 + 4e9).collect()),
-    ];
-    let units: [&dyn Fn(f64) -> f64; 4] = [&|v| v, &|v| v - 90.0, &|v| v * 1e-3, &|v| v * 1e6 + 4e9];
-    let device = new_renderer().with_device_stages();
-    for (samples, unit) in all.into_iter().zip(units).take(types) {
-        let volume = Volume::new(Grid::axis_parallel(dims, [1.0, 1.3, 0.8]).unwrap(), samples).unwrap();
-        let plain = transfer(
-            &[(unit(110.0), [0.2, 0.4, 0.9], 0.0), (unit(150.0), [0.9, 0.7, 0.2], 0.1), (unit(200.0), [1.0; 3], 0.3)],
-            None,
-        );
-        let steepness = |magnitude: f64, opacity| GradientPoint { magnitude: unit(magnitude) - unit(0.0), opacity };
-        let thinned = plain.clone().with_gradient_opacity(vec![steepness(2.0, 0.1), steepness(8.0, 1.0)]).unwrap();
-        let place = volume.grid().center() + DVec3::new(30.0, 40.0, -50.0);
-        let at_a_place = Some(Lighting { lights: vec![Light::at(place)], ..Lighting::default() });
-        let shadowed = two_lights().map(|lighting| Lighting { shadows: 0.8, occlusion: Some(4.0), ..lighting });
-        for (transfer, lighting, level) in [
-            (&plain, None, 1.0_f64),
-            (&plain, headlight(), 1.0),
-            (&thinned, two_lights(), 2.0),
-            (&plain, at_a_place, 3.0),
-            (&thinned, shadowed, 1.0),
-            (&plain, headlight(), 0.5),
-            (&thinned, two_lights(), 1.5),
-        ] {
-            // Only `auto` takes levels with halves, here between growths of 1.2 and 1.8, or 3.2 and 4.8.
-            let (at, growth): (Level, f64) = match level {
-                0.5 => (Level::Auto, 1.5),
-                1.5 => (Level::Auto, 3.8),
-                _ => (Level::At(level as u32), 0.9 * f64::exp2(level)),
-            };
-            let settings = Settings { lighting, level: at, ..auto() };
-            let through_an_eye = ProjectionKind::Perspective { fov: 10.0 };
-            // Through an eye the device has whole levels alone.
-            let projections = [ProjectionKind::Orthographic, through_an_eye];
-            for projection in projections.into_iter().take(if level.fract() == 0.0 { 2 } else { 1 }) {
-                let view = View { azimuth: 20.0, projection, ..View::default() };
-                let (view, size) = grown(70, growth, view);
-                let camera = look(&view, &volume, size);
-                let draw = |renderer: &Renderer| {
-                    let scene = prepare_on(renderer, &volume, transfer, &settings).unwrap();
-                    draw_on(renderer, &scene, &camera, &settings).unwrap()
-                };
-                let (here, there) = (draw(&renderer()), draw(&device));
-                assert!(
-                    here.stats.levels[0] == level as f32 && there.stats.levels == here.stats.levels,
-                    "{settings:?}"
-                );
-                let (color, alpha) = errors(&there.image, &here.image);
-                assert!(color < 1e-4 && alpha < 1e-4, "{color:e} {alpha:e}: {settings:?}");
-                assert!(there.image.pixels().iter().any(|pixel| pixel[3] > 0.1));
-            }
         }
     }
 }

@@ -32,11 +32,6 @@ pub(crate) fn host(features: wgpu::Features) -> Host {
 }
 
 impl Host {
-    /// The same device, on which stages run as on a GPU.
-    pub(crate) fn with_device_stages(self) -> Self {
-        Self { renderer: self.renderer.with_device_stages(), ..self }
-    }
-
     pub(crate) fn texture(&self, [width, height]: [u32; 2], format: wgpu::TextureFormat) -> wgpu::Texture {
         self.device.create_texture(&wgpu::TextureDescriptor {
             label: Some("host.target"),

@@ -7,7 +7,7 @@ use voxsplat::clip::{Clip, Plane};
 use voxsplat::error::Error;
 use voxsplat::layers::{Layer, Layers};
 use voxsplat::lighting::{Light, Lighting};
-use voxsplat::renderer::{Rendered, Renderer, RendererOptions, Scene};
+use voxsplat::renderer::{Rendered, Renderer, Scene};
 use voxsplat::settings::{Level, Painter, QuadsSettings, Settings, Shading};
 use voxsplat::stats::{Clock, Stats};
 use voxsplat::transfer::{ControlPoint, GradientPoint, TransferFunction};
@@ -15,10 +15,8 @@ use voxsplat::volume::{Grid, Samples, Volume};
 use voxsplat::wgpu;
 
 use super::embed::{Host, host};
-use crate::adapter::adapter;
 use crate::support::{
-    PROJECTIONS, camera, demo, draw_on, exact_quads, headlight, new_renderer, prepare_on, renderer, rms_covered,
-    rms_of_all, transfer,
+    PROJECTIONS, camera, demo, draw_on, headlight, new_renderer, prepare_on, renderer, rms_of_all, transfer,
 };
 
 /// Pre- and post-shaded pictures of voxels, unlit and lit.
@@ -52,7 +50,7 @@ fn frame(host: &Host, scene: &Scene, camera: &Camera, settings: &Settings) -> St
 #[test]
 fn frames_into_a_texture_wait_for_nothing_and_send_parameters_only() {
     let volumes = listed_and_sampled();
-    let host = host(Renderer::FEATURES).with_device_stages();
+    let host = host(Renderer::FEATURES);
     let all = kinds().into_iter().flat_map(|kind| PROJECTIONS.map(|p| (kind.clone(), p)));
     let all = all.flat_map(|(kind, p)| volumes.each_ref().map(|volume| (kind.clone(), p, volume)));
     for (settings, projection, (volume, transfer)) in all {
@@ -92,7 +90,7 @@ fn studio(degrees: f64) -> Lighting {
 /// and splats do not travel.
 #[test]
 fn shadows_wait_for_nothing_and_send_parameters_only() {
-    let host = host(Renderer::FEATURES).with_device_stages();
+    let host = host(Renderer::FEATURES);
     listed_and_sampled().iter().for_each(|volume| assert_shadows_send_parameters_only(&host, volume));
 }
 
@@ -121,50 +119,6 @@ fn assert_shadows_send_parameters_only(host: &Host, (volume, transfer): &(Volume
 }
 
 #[test]
-fn shadows_of_the_device_are_those_of_the_host() {
-    compare_shadows(&["shell"]);
-}
-
-#[test]
-#[ignore = "slow: two further volumes, twice as many pictures each"]
-fn shadows_of_the_device_are_those_of_the_host_in_every_volume() {
-    compare_shadows(&["vessels", "shepp-logan"]);
-}
-
-/// Pictures in studio light with the light of the device are those with the light of the host: shares differ by 4e-3
-/// where hardly any light arrives, and by 1e-4 of a picture elsewhere.
-fn compare_shadows(names: &[&str]) {
-    let volumes: Vec<_> = names.iter().map(|name| demo(name, 48)).collect();
-    let open = || Renderer::new(&RendererOptions { adapter: Some(adapter()), ..RendererOptions::default() }).unwrap();
-    let [device, host] = [open().with_device_stages(), open()];
-    for ((volume, transfer), shading) in volumes.iter().flat_map(|of| [Shading::Pre, Shading::Post].map(|s| (of, s))) {
-        let place = volume.grid().center() + 60.0 * DVec3::new(-0.5, -0.9, 0.7);
-        let at_place = Lighting { lights: vec![Light::at(place), Light::HEADLIGHT], ..studio(0.0) };
-        for (name, lighting) in [("studio", studio(30.0)), ("at a place", at_place)] {
-            let settings = Settings { shading, lighting: Some(lighting), ..exact_quads() };
-            let camera = camera(30.0, PROJECTIONS[0], volume, 64);
-            let [found, expected] = [&device, &host].map(|on| {
-                let scene = prepare_on(on, volume, transfer, &settings).unwrap();
-                // A light that turns keeps the light that stays.
-                let turned = Settings { lighting: Some(studio(5.0)), ..settings.clone() };
-                draw_on(on, &scene, &camera, &turned).unwrap();
-                draw_on(on, &scene, &camera, &settings).unwrap().image
-            });
-            let differences = found.pixels().as_flattened().iter().zip(expected.pixels().as_flattened());
-            let largest = differences.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
-            println!("{name}, {shading:?}: {largest:.1e}");
-            assert!(largest < 5e-4, "{name}, {shading:?}: {largest:e}");
-            let without = Lighting { shadows: 0.0, occlusion: None, ..settings.lighting.clone().unwrap() };
-            let without = Settings { lighting: Some(without), ..settings };
-            let scene = prepare_on(&device, volume, transfer, &without).unwrap();
-            let plain = draw_on(&device, &scene, &camera, &without).unwrap().image;
-            let effect = rms_covered(&plain, &found);
-            assert!(effect > 5e-3, "{name}, {shading:?}: shadows make {effect:e}");
-        }
-    }
-}
-
-#[test]
 fn a_picture_waits_once_for_its_pixels_and_times() {
     let renderer = new_renderer();
     let (volume, transfer) = demo("vessels", 40);
@@ -183,7 +137,7 @@ fn a_picture_waits_once_for_its_pixels_and_times() {
 
 #[test]
 fn a_lit_picture_is_packed_again_only_under_another_light() {
-    let renderer = new_renderer().with_device_stages();
+    let renderer = new_renderer();
     let (volume, transfer) = demo("vessels", 40);
     let [settings, ..] = kinds();
     for projection in PROJECTIONS {
@@ -210,7 +164,7 @@ fn a_lit_picture_is_packed_again_only_under_another_light() {
 /// normals: a frame sums planes of lit voxels and emits cells.
 #[test]
 fn cells_under_another_light_send_no_samples() {
-    let host = host(Renderer::FEATURES).with_device_stages();
+    let host = host(Renderer::FEATURES);
     let (volume, transfer) = demo("vessels", 64);
     let [settings, ..] = kinds();
     let settings = Settings { level: Level::At(1), ..settings };
@@ -274,28 +228,26 @@ fn assert_transfers_send_tables((volume, first): &(Volume, TransferFunction)) {
         let shift = |p: &ControlPoint| ControlPoint { value: p.value + share * (high - low), ..*p };
         TransferFunction::new(first.points().iter().map(shift).collect(), first.unit_distance()).unwrap()
     };
-    for on_device in [true, false] {
-        let renderer = if on_device { new_renderer().with_device_stages() } else { new_renderer() };
-        for settings in kinds() {
-            let camera = camera(20.0, PROJECTIONS[1], volume, 96);
-            let draw = |scene: &Scene| draw_on(&renderer, scene, &camera, &settings).unwrap();
-            let mut scene = prepare_on(&renderer, volume, first, &settings).unwrap();
-            let before = draw(&scene).image;
-            for (change, share) in [0.05, -0.05, 0.0].into_iter().enumerate() {
-                let other = moved(share);
-                renderer.set_transfer(&mut scene, &other).unwrap();
-                let Rendered { image, stats } = draw(&scene);
-                let what = format!("{share}, on the device {on_device}: {settings:?}");
-                // On software the host classifies, and sends the splats.
-                if on_device && change > 0 {
-                    assert!(stats.bytes_sent < 64 << 10, "{} bytes: {what}", stats.bytes_sent);
-                }
-                let expected = draw(&prepare_on(&renderer, volume, &other, &settings).unwrap()).image;
-                let error = 255.0 * rms_of_all(&image, &expected);
-                let allowed = if settings.is_post_shaded() { 0.5 } else { 0.0 };
-                assert!(error <= allowed, "{error} of 255: {what}");
-                assert!(share == 0.0 || image != before, "{what}");
+    let renderer = new_renderer();
+    for settings in kinds() {
+        let camera = camera(20.0, PROJECTIONS[1], volume, 96);
+        let draw = |scene: &Scene| draw_on(&renderer, scene, &camera, &settings).unwrap();
+        let mut scene = prepare_on(&renderer, volume, first, &settings).unwrap();
+        let before = draw(&scene).image;
+        for (change, share) in [0.05, -0.05, 0.0].into_iter().enumerate() {
+            let other = moved(share);
+            renderer.set_transfer(&mut scene, &other).unwrap();
+            let Rendered { image, stats } = draw(&scene);
+            let what = format!("{share}: {settings:?}");
+            // The first change may send the samples.
+            if change > 0 {
+                assert!(stats.bytes_sent < 64 << 10, "{} bytes: {what}", stats.bytes_sent);
             }
+            let expected = draw(&prepare_on(&renderer, volume, &other, &settings).unwrap()).image;
+            let error = 255.0 * rms_of_all(&image, &expected);
+            let allowed = if settings.is_post_shaded() { 0.5 } else { 0.0 };
+            assert!(error <= allowed, "{error} of 255: {what}");
+            assert!(share == 0.0 || image != before, "{what}");
         }
     }
 }
@@ -319,7 +271,7 @@ fn compare_voxels(step: usize) {
     let (volume, transfer) = demo("marschner-lobb", 48);
     let thins = [(0.0, 0.0), (0.02, 1.0)].map(|(magnitude, opacity)| GradientPoint { magnitude, opacity });
     let thinned = transfer.clone().with_gradient_opacity(thins.to_vec()).unwrap();
-    let host = host(Renderer::FEATURES).with_device_stages();
+    let host = host(Renderer::FEATURES);
     let by_quads =
         |settings: &Settings| Settings { painter: Painter::Quads(QuadsSettings::default()), ..settings.clone() };
     let [lit, _, unlit, _] = kinds();
@@ -381,7 +333,7 @@ fn cells_under_turning_lights_are_those_of_lists() {
 fn compare_cells_in_shadows(projections: &[ProjectionKind], lights: &[f64]) {
     // Lists of few splats take less memory than samples, and are made.
     let (volume, transfer) = demo("marschner-lobb", 48);
-    let host = host(Renderer::FEATURES).with_device_stages();
+    let host = host(Renderer::FEATURES);
     let settings = |degrees, painter| {
         let lighting = Some(studio(degrees));
         Settings { lighting, level: Level::At(1), painter, ..kinds()[0].clone() }
@@ -407,86 +359,6 @@ fn compare_cells_in_shadows(projections: &[ProjectionKind], lights: &[f64]) {
         let at = frame(&host, &sampled, &camera, &settings(60.0, Painter::Auto));
         println!("{} dispatches, {} submissions, {} bytes", at.dispatches, at.submissions, at.bytes_sent);
         assert_eq!(at.waits, 0);
-    }
-}
-
-#[test]
-fn scalars_packed_from_samples_are_those_packed_from_lists() {
-    compare_packed(1);
-}
-
-#[test]
-#[ignore = "slow: 96 pictures"]
-fn scalars_packed_from_samples_of_every_type_are_those_packed_from_lists() {
-    compare_packed(6);
-}
-
-/// GPUs pack scalars of voxels and of cells from samples too, and software from lists that the host makes. The tables
-/// of both differ by what is kept: scalars beyond the reach of visible ones change a channel by up to 1.6e-3.
-fn compare_packed(types: usize) {
-    let renderers = [new_renderer().with_device_stages(), new_renderer()];
-    let [_, lit, _, unlit] = kinds();
-    let dims = [70, 37, 45];
-    let points =
-        (0..dims.iter().product::<u32>()).map(|i| [i % dims[0], i / dims[0] % dims[1], i / (dims[0] * dims[1])]);
-    // Matter at the faces, on steps of a lattice that is not cubic.
-    let value = |[x, y, z]: [u32; 3]| {
-        let distance = (f64::from(x) - 60.0).hypot(f64::from(y) - 5.0).hypot(1.5 * f64::from(z) - 20.0);
-        150.0 - 4.0 * distance + f64::from((x * 7 + y * 13 + z * 29) % 5)
-    };
-    let values: Vec<f64> = points.map(value).collect();
-    let kinds_of_samples: [(&str, Samples, [f64; 2]); 6] = [
-        ("u8", Samples::U8(values.iter().map(|&v| v as u8).collect()), [1.0, 0.0]),
-        ("i16", Samples::I16(values.iter().map(|&v| (v * 100.0) as i16).collect()), [0.01, 0.0]),
-        ("u16", Samples::U16(values.iter().map(|&v| (v * 100.0) as u16).collect()), [0.01, 0.3]),
-        ("f32", Samples::F32(values.iter().map(|&v| v as f32 + 1000.0).collect()), [1.0, -1000.0]),
-        ("f64", Samples::F64(values.iter().map(|&v| v + 1e9).collect()), [1.0, -1e9]),
-        ("falling", Samples::I16(values.iter().map(|&v| -v as i16).collect()), [-1.0, 0.0]),
-    ];
-    // Thin enough for cells.
-    let points = [(60.0, [0.9, 0.2, 0.1], 0.0), (90.0, [1.0, 0.8, 0.3], 0.2), (140.0, [1.0, 1.0, 1.0], 0.7)];
-    let transfer = transfer(&points, Some(8.0));
-    for (name, samples, [slope, intercept]) in kinds_of_samples.into_iter().take(types) {
-        let grid = Grid::axis_parallel(dims, [1.0, 1.0, 1.5]).unwrap();
-        let volume = Volume::new(grid, samples).unwrap().with_rescale(slope, intercept).unwrap();
-        let pictures = [&lit, &unlit].into_iter().flat_map(|kind| PROJECTIONS.map(|p| (kind, p)));
-        let pictures = pictures.flat_map(|(kind, p)| [(Level::At(0), 96), (Level::Auto, 32)].map(|of| (kind, p, of)));
-        for (kind, projection, (level, size)) in pictures {
-            let camera = camera(40.0, projection, &volume, size);
-            // Cells are for kernels that grow.
-            let settings = &Settings { level, antialiasing: level == Level::Auto, ..kind.clone() };
-            let mut scenes = renderers.each_ref().map(|on| prepare_on(on, &volume, &transfer, settings).unwrap());
-            let what = format!("{name}, {projection:?}, {level:?}, lit {}", settings.lighting.is_some());
-            let draw = |scenes: &[Scene; 2]| {
-                let [own, other] = [0, 1].map(|i| draw_on(&renderers[i], &scenes[i], &camera, settings).unwrap());
-                let differences = own.image.pixels().as_flattened().iter().zip(other.image.pixels().as_flattened());
-                let largest = differences.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
-                let rms = 255.0 * rms_of_all(&own.image, &other.image);
-                println!(
-                    "{what}: {largest:.1e}, {rms:.3} of 255 (rms), levels {:?} {:?}",
-                    own.stats.levels, own.stats.painter_reason
-                );
-                assert_eq!(own.stats.levels[1] > 0.0, level == Level::Auto, "{what}");
-                assert!(own.stats.tiles().is_some() && largest < 5e-3 && rms < 0.05, "{largest:e}, {rms}: {what}");
-                own
-            };
-            let first = draw(&scenes);
-            // Lists of lit scalars have 16 bytes each. In so few bricks lists of others may take less than samples.
-            let sampled = settings.lighting.is_some() && ["u8", "i16", "u16"].contains(&name);
-            assert!(!sampled || first.stats.bytes_sent < 10 * volume.grid().len(), "{what}");
-            // The first change takes another base: the samples serve it, lists do not.
-            for (change, function) in [less_of(&transfer), transfer.clone()].iter().enumerate() {
-                for (on, scene) in renderers.iter().zip(&mut scenes) {
-                    on.set_transfer(scene, function).unwrap();
-                }
-                let again = draw(&scenes);
-                let sends_samples = change == 0 && !sampled;
-                // Sizes of cells share a table of 51 kB.
-                println!("{} bytes", again.stats.bytes_sent);
-                assert!(sends_samples || again.stats.bytes_sent < 100_000, "{} bytes: {what}", again.stats.bytes_sent);
-                assert!(again.image != first.image, "{what}");
-            }
-        }
     }
 }
 
