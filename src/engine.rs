@@ -5,15 +5,19 @@ use crate::error::{Error, Result};
 use crate::host::{HostRenderer, HostScene};
 use crate::image::{DepthMap, Region};
 use crate::layers::Layers;
-use crate::renderer::{Renderer, RendererOptions, Scene, check_memory, silenced};
-use crate::settings::{Interslice, Painter, Settings};
+#[cfg(feature = "gpu")]
+use crate::renderer::{Renderer, Scene, check_memory, silenced};
+#[cfg(feature = "gpu")]
+use crate::settings::Interslice;
+use crate::settings::{Painter, RendererOptions, Settings};
 use crate::solids::Solids;
 use crate::stats::Rendered;
 use crate::stats::adapter::AdapterInfo;
 
 /// What makes pictures.
 pub enum Engine {
-    /// Splats on a graphics device.
+    /// Splats on a graphics device: with the feature `gpu`.
+    #[cfg(feature = "gpu")]
     Device(Box<Renderer>),
     /// Rays on the processor.
     Host(HostRenderer),
@@ -22,9 +26,21 @@ pub enum Engine {
 /// What an [`Engine`] has prepared.
 pub enum EngineScene {
     /// On the device.
+    #[cfg(feature = "gpu")]
     Device(Box<Scene>),
     /// In memory.
     Host(Box<HostScene>),
+}
+
+impl EngineScene {
+    /// Whether cells may stand for voxels in its pictures: those of a device, in layers that have cells.
+    pub(crate) fn has_cells(&self) -> bool {
+        match self {
+            #[cfg(feature = "gpu")]
+            Self::Device(scene) => scene.has_cells(),
+            Self::Host(_) => false,
+        }
+    }
 }
 
 impl Engine {
@@ -33,20 +49,40 @@ impl Engine {
     /// [`Painter::Cpu`] is the processor, `options.adapter` and every other requested painter are a device. If neither
     /// is requested, the engine is a GPU if there is one and the processor otherwise: there drivers are slower than
     /// [`HostRenderer`]. On Linux no driver is loaded unless the system shows a GPU, or `VK_DRIVER_FILES` names one.
+    /// Without the feature `gpu` there are no devices.
     ///
     /// # Errors
     /// [`Error::Setting`] if both an adapter and the processor are requested; [`Error::NoAdapter`] if a device is
     /// requested and there is none.
     pub fn open(options: &RendererOptions, settings: &Settings) -> Result<Self> {
         let host = |reason| Ok(Self::Host(HostRenderer::because(reason, &options.progress)));
-        let needs_device = settings.is_post_shaded() && settings.interslice == Interslice::Mean;
         match (settings.painter, &options.adapter) {
             (Painter::Cpu, Some(adapter)) => {
-                return Err(Error::setting("adapter", format!("{adapter:?}: an adapter draws by quads or tiles")));
+                Err(Error::setting("adapter", format!("{adapter:?}: an adapter draws by quads or tiles")))
             }
-            (Painter::Cpu, None) => return host(HostRenderer::REQUESTED),
-            (Painter::Auto, None) if !needs_device => {}
-            _ => return Ok(Self::Device(Box::new(silenced(|| Renderer::new(options))?))),
+            (Painter::Cpu, None) => host(HostRenderer::REQUESTED),
+            (Painter::Auto, None) => Self::suited(options, settings),
+            _ => Self::device(options),
+        }
+    }
+
+    /// A device.
+    #[cfg(feature = "gpu")]
+    fn device(options: &RendererOptions) -> Result<Self> {
+        Ok(Self::Device(Box::new(silenced(|| Renderer::new(options))?)))
+    }
+
+    #[cfg(not(feature = "gpu"))]
+    fn device(_: &RendererOptions) -> Result<Self> {
+        Err(Error::NoAdapter("this build has no feature gpu: use the painter cpu".to_owned()))
+    }
+
+    /// A GPU if there is one, otherwise the processor.
+    #[cfg(feature = "gpu")]
+    fn suited(options: &RendererOptions, settings: &Settings) -> Result<Self> {
+        let host = |reason| Ok(Self::Host(HostRenderer::because(reason, &options.progress)));
+        if settings.is_post_shaded() && settings.interslice == Interslice::Mean {
+            return Self::device(options);
         }
         if !may_have_gpu() {
             return host("there is no GPU");
@@ -59,19 +95,27 @@ impl Engine {
         }
     }
 
+    #[cfg(not(feature = "gpu"))]
+    fn suited(options: &RendererOptions, _: &Settings) -> Result<Self> {
+        Ok(Self::Host(HostRenderer::because("this build has no feature gpu", &options.progress)))
+    }
+
     /// Refuses to open an engine in so little memory that its threads may not start, which would end the process: call
     /// it before the first thread starts.
     ///
     /// # Errors
     /// [`Error::NoAdapter`].
     pub fn check_memory() -> Result<()> {
-        check_memory()
+        #[cfg(feature = "gpu")]
+        check_memory()?;
+        Ok(())
     }
 
     /// Returns the adapter or, of the processor, its vectors and threads.
     #[must_use]
     pub fn adapter(&self) -> AdapterInfo {
         match self {
+            #[cfg(feature = "gpu")]
             Self::Device(renderer) => renderer.adapter().clone(),
             Self::Host(_) => HostRenderer::adapter(),
         }
@@ -83,6 +127,7 @@ impl Engine {
     /// The errors of [`Renderer::prepare_layers`] and [`HostRenderer::prepare_layers`].
     pub fn prepare_layers(&self, layers: &Layers, settings: &Settings) -> Result<EngineScene> {
         Ok(match self {
+            #[cfg(feature = "gpu")]
             Self::Device(renderer) => EngineScene::Device(Box::new(renderer.prepare_layers(layers, settings)?)),
             Self::Host(renderer) => EngineScene::Host(Box::new(renderer.prepare_layers(layers, settings)?)),
         })
@@ -102,9 +147,11 @@ impl Engine {
         solids: Option<&Solids>,
     ) -> Result<Rendered> {
         match (self, scene, solids) {
+            #[cfg(feature = "gpu")]
             (Self::Device(renderer), EngineScene::Device(scene), None) => {
                 renderer.render_region(scene, camera, settings, region)
             }
+            #[cfg(feature = "gpu")]
             (Self::Device(renderer), EngineScene::Device(scene), Some(solids)) => {
                 renderer.render_with_solids(scene, camera, settings, region, solids)
             }
@@ -114,11 +161,13 @@ impl Engine {
             (Self::Host(renderer), EngineScene::Host(scene), Some(solids)) => {
                 renderer.render_with_solids(scene, camera, settings, region, solids)
             }
+            #[cfg(feature = "gpu")]
             _ => Err(of_another_engine()),
         }
     }
 
     /// Renders a whole picture, refused with [`Error::Setting`] if quads would cover over `most_fragments` pixels.
+    #[cfg_attr(not(feature = "gpu"), expect(unused_variables, reason = "the processor draws no quads"))]
     pub(crate) fn render_within(
         &self,
         scene: &EngineScene,
@@ -127,10 +176,12 @@ impl Engine {
         most_fragments: f64,
     ) -> Result<Rendered> {
         match (self, scene) {
+            #[cfg(feature = "gpu")]
             (Self::Device(renderer), EngineScene::Device(scene)) => {
                 renderer.render_within(scene, camera, settings, most_fragments)
             }
             (Self::Host(renderer), EngineScene::Host(scene)) => renderer.render(scene, camera, settings),
+            #[cfg(feature = "gpu")]
             _ => Err(of_another_engine()),
         }
     }
@@ -149,28 +200,31 @@ impl Engine {
         solids: Option<&DepthMap>,
     ) -> Result<DepthMap> {
         match (self, scene) {
+            #[cfg(feature = "gpu")]
             (Self::Device(renderer), EngineScene::Device(scene)) => {
                 renderer.depths(scene, camera, settings, region, solids)
             }
             (Self::Host(renderer), EngineScene::Host(scene)) => {
                 renderer.depths(scene, camera, settings, region, solids)
             }
+            #[cfg(feature = "gpu")]
             _ => Err(of_another_engine()),
         }
     }
 }
 
+#[cfg(feature = "gpu")]
 fn of_another_engine() -> Error {
     Error::setting("scene", "another engine prepared it")
 }
 
 /// Names of the devices of GPUs in a folder.
-#[cfg(any(target_os = "linux", target_os = "freebsd"))]
+#[cfg(all(feature = "gpu", any(target_os = "linux", target_os = "freebsd")))]
 const GPUS: [(&str, &str); 5] =
     [("/dev/dri", "renderD"), ("/dev", "nvidia"), ("/dev", "dxg"), ("/dev", "kgsl-"), ("/dev", "mali")];
 
 /// Whether a GPU may be there, found without loading a driver.
-#[cfg(any(target_os = "linux", target_os = "freebsd"))]
+#[cfg(all(feature = "gpu", any(target_os = "linux", target_os = "freebsd")))]
 fn may_have_gpu() -> bool {
     let has = |folder: &str, start: &str| {
         let files = std::fs::read_dir(folder).into_iter().flatten().flatten();
@@ -181,7 +235,7 @@ fn may_have_gpu() -> bool {
 }
 
 /// Whether a GPU may be there: only its driver tells.
-#[cfg(not(any(target_os = "linux", target_os = "freebsd")))]
+#[cfg(all(feature = "gpu", not(any(target_os = "linux", target_os = "freebsd"))))]
 fn may_have_gpu() -> bool {
     true
 }

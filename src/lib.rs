@@ -29,15 +29,23 @@
 //! [`solids`] (meshes and depth buffers in pictures), [`figure`] (scale bar, axes, colour bar and title on a picture),
 //! `film` (GIF, APNG and Y4M), [`stats`], [`progress`], [`adapter`] and [`error`].
 //!
-//! Features, all on by default: `film` writes films; `dicom`, `hdf5` (HDF5 and NetCDF), `jpeg2000` (in DICOM), `tiff`,
+//! Features, all on by default: `gpu` is the device engine and pictures in bricks, without which nothing needs wgpu and
+//! the processor draws; `film` writes films; `dicom`, `hdf5` (HDF5 and NetCDF), `jpeg2000` (in DICOM), `tiff`,
 //! `vtk` and `zarr` are readers. The program `voxsplat` is a package of its own, `crates/cli`.
+
+#![cfg_attr(
+    not(feature = "gpu"),
+    allow(dead_code, unused_imports, reason = "what only the device engine reads is compiled without it too")
+)]
 
 pub mod accuracy;
 pub mod appearance;
+#[cfg(feature = "gpu")]
 pub mod bricks;
 pub mod camera;
 pub mod engine;
 pub mod error;
+#[cfg(feature = "gpu")]
 mod gpu;
 pub mod host;
 pub mod image;
@@ -45,10 +53,13 @@ pub mod kernel;
 pub mod layers;
 pub mod lighting;
 mod output;
+#[cfg(feature = "gpu")]
 mod painters;
+#[cfg(feature = "gpu")]
 mod prepare;
 pub mod progress;
 pub mod reference;
+#[cfg(feature = "gpu")]
 pub mod renderer;
 pub mod settings;
 pub mod solids;
@@ -58,6 +69,7 @@ pub mod transfer;
 
 pub use appearance::{Appearance, demos};
 pub use camera::{Camera, ProjectionKind, View, clip};
+pub use engine::{Engine, EngineScene};
 pub use error::{Error, Result};
 pub use formats::{LoadOptions, load};
 pub use glam;
@@ -65,17 +77,19 @@ pub use glam;
 pub use image::film;
 pub use image::{Background, Image, figure};
 pub use kernel::reconstruction;
-pub use renderer::{Rendered, Renderer, RendererOptions, Scene};
-pub use settings::Settings;
-pub use stats::adapter;
+#[cfg(feature = "gpu")]
+pub use renderer::{Renderer, Scene};
+pub use settings::{RendererOptions, Settings};
+pub use stats::{Rendered, adapter};
 pub use transfer::TransferFunction;
 pub use volume::{Grid, Volume};
 pub use voxsplat_volume::{formats, volume};
+#[cfg(feature = "gpu")]
 pub use wgpu;
 
 /// These types can be shared between threads.
 const _: fn() = || {
     fn shared<T: Send + Sync>() {}
-    shared::<(Renderer, Scene, Camera, View, Settings, Volume, TransferFunction, Image, Rendered, Error)>();
+    shared::<(Engine, EngineScene, Camera, View, Settings, Volume, TransferFunction, Image, Rendered, Error)>();
     shared::<(reference::Reference, progress::Progress, RendererOptions, stats::Stats, LoadOptions)>();
 };

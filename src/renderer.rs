@@ -25,6 +25,7 @@ use crate::prepare::lattice::Lattice;
 use crate::prepare::levels::ScalarNeed;
 pub use crate::prepare::scene::Scene;
 use crate::progress::Progress;
+pub use crate::settings::RendererOptions;
 use crate::settings::budget::MAX_FRAGMENTS;
 use crate::settings::{Level, Model, Settings, Shading};
 use crate::solids::Solids;
@@ -34,16 +35,6 @@ use crate::stats::on_host;
 use crate::stats::{Counts, StageTime, Stats};
 use crate::transfer::TransferFunction;
 use crate::volume::Volume;
-
-/// Options of a renderer.
-#[derive(Debug, Clone, Default)]
-pub struct RendererOptions {
-    /// A part of the name of the adapter, letter case ignored, or `#` and its index in [`adapters`], from 0. `None` is
-    /// the best adapter.
-    pub adapter: Option<String>,
-    /// Called with the progress of scene preparation and of the emission of scalars.
-    pub progress: Progress,
-}
 
 /// The adapters of this machine, best first; none if there is no memory for a driver.
 #[must_use]

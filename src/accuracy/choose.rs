@@ -221,7 +221,7 @@ impl Search<'_> {
     fn coarser(&mut self, base: &Settings, first: &Trial) -> Result<()> {
         let coarse = self.bound >= LEAST_OF_CELLS && first.splats >= MANY_SPLATS && base.level == Level::Auto;
         let one_eye = base.is_post_shaded() && self.camera.eye().is_some();
-        let has_cells = matches!(&self.scene, EngineScene::Device(scene) if scene.has_cells());
+        let has_cells = self.scene.has_cells();
         if coarse && !one_eye && has_cells {
             let finest = first.level as u32;
             for level in finest + 1..=(finest + COARSER).min(MAX_LEVEL) {

@@ -1,6 +1,7 @@
 //! Settings of a picture: the model, and its precision.
 
 pub(crate) mod budget;
+mod options;
 pub(crate) mod parse;
 pub(crate) mod response;
 
@@ -9,6 +10,7 @@ use crate::error::{Error, Result};
 use crate::kernel::reconstruction::{Prefilter, Reconstruction};
 use crate::kernel::{Kernel, Normalization};
 use crate::lighting::{Casting, Lighting};
+pub use crate::settings::options::RendererOptions;
 pub use crate::settings::response::Response;
 use crate::transfer::TransferFunction;
 use crate::volume::Volume;
