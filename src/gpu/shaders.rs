@@ -71,7 +71,7 @@ static FILES: &[(&str, &str)] = &files! {
     "common/marking", "common/normal", "common/owned", "common/owned_view", "common/packing", "common/pages",
     "common/pixel_ray", "common/plane", "common/ray_geometry", "common/rays", "common/rays_of_sweep",
     "common/resolution", "common/response", "common/sampled", "common/samples", "common/scalar_sums",
-    "common/scalar_texels", "common/scalars", "common/splat", "common/sweep", "common/transfer",
+    "common/scalar_texels", "common/scalars", "common/splat", "common/splines", "common/sweep", "common/transfer",
     "common/voxel_box", "composite", "converging", "extents", "field_of_cells", "filter", "gather",
     "gather_scalars", "kept", "lit_rows", "lit_splats", "normals", "occluders", "pack", "pack_cells",
     "pack_samples", "pack_scalars", "page_table", "packed/pages_of_scalars", "packed/pages_of_vectors",
