@@ -104,7 +104,10 @@ fn check(what: &str, saving: &str, got: &Rendered, all: &Rendered, settings: &Se
     let difference = got.image.pixels().as_flattened().iter().zip(all.image.pixels().as_flattened());
     let largest = difference.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
     assert!(largest <= allowed, "{what}, without {saving}: {largest:e}");
+    // Scalars that tiles packs are held as samples of all bricks, in a box.
+    let is_listed = quads || !settings.is_post_shaded();
     match saving {
+        "bricks" | "voxels" if !is_listed => {}
         "bricks" => {
             // Post-shading asks for the neighbours of what shows too: all bricks of this volume, but for those of a
             // layer that other layers show.
