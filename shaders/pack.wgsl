@@ -1,7 +1,7 @@
 // pack: splats into the texture that the painter `tiles` marches through (see common/packing.wgsl), and a mark for each
 // cell of 2^3 voxels that has a splat, of scalars one near a visible splat. Classified voxels become f16 of (colour, 1)
 // times density, lit scalars f16 of (gradient, scalar), other scalars stay f32. A file of `packed` stores them.
-// uses: common/dispatch, common/lit_splat, common/marking, common/packing, common/splat
+// uses: common/dispatch, common/lit_splat, common/marking, common/packing, common/paged, common/splat
 
 override PERSPECTIVE: bool = false;
 

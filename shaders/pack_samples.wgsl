@@ -1,7 +1,7 @@
 // pack_samples: samples into the box of voxels that the painter `tiles` marches through (see common/packing.wgsl), and
 // a mark for each cell of 2^3 voxels that has a visible one. Samples are classified, thinned by gradient opacity,
 // rounded as splats are, and lit. An invocation for each voxel of some bricks.
-// uses: common/arriving, common/dispatch, common/lit_splat, common/marking, common/packing, common/sampled
+// uses: common/arriving, common/dispatch, common/lit_splat, common/marking, common/paged, common/sampled
 
 override PERSPECTIVE: bool = false;
 

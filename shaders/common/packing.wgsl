@@ -1,9 +1,9 @@
-// The box of voxels that the painter `tiles` marches through (voxels/box.wgsl), and the marks of its cells.
+// The box of voxels that the painter `tiles` marches through (common/box.wgsl), and the marks of its cells.
 
 // Voxels along the side of a macrocell, which has 2^3 cells. Macrocells are numbered in the whole lattice, whatever
-// part of it is packed. A buffer has a byte of marks for each, four to a word, the first one the lowest: cell number
-// c is marked by bit c. Bit 0 of c is the place of the cell along x, bit 1 along y and bit 2 along z. A cell is marked if it has a splat; of scalars, if the kernel of a visible scalar may reach a slab at one
-// of its voxels.
+// part of it is packed. A buffer has a byte of marks for each, four to a word, the first one the lowest: cell number c
+// is marked by bit c. Bit 0 of c is the place of the cell along x, bit 1 along y and bit 2 along z. A cell is marked if
+// it has a splat; of scalars, if the kernel of a visible scalar may reach a slab at one of its voxels.
 const MACROCELL: i32 = 4;
 const CELL: i32 = 2;
 

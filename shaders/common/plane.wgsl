@@ -1,5 +1,5 @@
 // The sums over one voxel plane along a ray of the painter `tiles`.
-// uses: common/packing, common/ray_geometry
+// uses: common/box, common/packing, common/ray_geometry
 
 // Terms of the footprint's polynomial: 6 or 8.
 override TERMS: u32 = 6u;
@@ -90,12 +90,6 @@ fn reach_at(growth: f32) -> f32 {
         return clamp(growth + rays.growth_around, 1.0, rays.growth_most);
     }
     return 1.0;
-}
-
-// The number of a plane in the packed volume.
-fn packed_plane(plane: i32) -> i32 {
-    let number = plane - rays.first.z;
-    return select(number, rays.voxels.z - 1 - number, rays.flipped == 1);
 }
 
 // The first and the last row of a plane within `half` of a ray at `b`; none if the plane is not before `end`.

@@ -1,4 +1,4 @@
-// The texels of a box of scalars (voxels/box.wgsl), and their marks.
+// The texels of a box of scalars (common/box.wgsl), and their marks.
 // uses: common/marking, common/packing
 
 // Texels have gradients.
@@ -25,4 +25,9 @@ fn store_scalar(place: vec3u, gradient: vec3f, scalar: f32) {
     }
     let v = rounded(vec4f(gradient, scalar) * pack.scale);
     store(place, vec2u(pack2x16float(v.xy), pack2x16float(v.zw)));
+}
+
+// Scalars from samples lie in a whole box.
+fn stored_place(place: vec3u) -> vec3u {
+    return place;
 }

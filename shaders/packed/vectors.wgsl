@@ -1,7 +1,7 @@
-// Where `pack` stores classified voxels and lit scalars: the texture itself, see voxels/box.wgsl.
+// Where `pack` stores classified voxels and lit scalars: see common/box.wgsl. The stage has `stored_place`.
 
 @group(0) @binding(4) var volume: texture_storage_3d<rg32uint, write>;
 
 fn store(place: vec3u, words: vec2u) {
-    textureStore(volume, place, vec4u(words, 0u, 0u));
+    textureStore(volume, stored_place(place), vec4u(words, 0u, 0u));
 }

@@ -39,6 +39,14 @@ pub(crate) fn packed_gradient(gradient: [f32; 3]) -> [u32; 2] {
     [x | y << 18, y >> 14 | z << 4 | exponent << 22]
 }
 
+/// A gradient of its two words: `splat_gradient` in shaders/common/splat.wgsl.
+pub(crate) fn unpacked_gradient([low, high]: [u32; 2]) -> [f32; 3] {
+    let signed = |bits: u32| (bits << 14) as i32 >> 14;
+    let steps = [low, low >> 18 | (high & 15) << 14, high >> 4].map(|bits| signed(bits & 0x3_ffff));
+    let step = f32::from_bits(high >> 22 << 23) / 65_536.0;
+    steps.map(|c| c as f32 * step)
+}
+
 /// The bit of a place at which the number of its brick begins; below are 5 bits each of x, y and z.
 pub(crate) const BRICK_SHIFT: u32 = 15;
 

@@ -3,7 +3,6 @@
 use std::sync::Arc;
 
 use glam::{DAffine3, DVec3};
-use half::f16;
 
 use super::context::Context;
 use super::transfer::TransferTable;
@@ -34,16 +33,19 @@ pub(crate) struct PostShading {
 }
 
 impl LightVolume {
-    /// All light, at one place of `grid` that stands for all.
-    pub(crate) fn full(context: &Context, grid: &Grid) -> Self {
-        let (made, texture) =
-            Self::empty(context, from_world(grid, [0; 3], [1; 3]), [1; 3], wgpu::TextureUsages::COPY_DST);
-        context.write_texels(&texture, [0; 3], bytemuck::cast_slice(&[f16::ONE.to_bits(); 4]), [1; 3]);
+    /// The light at the places of `grid` from `low` on, `size` places along each axis: half floats for three lights and
+    /// ambient light, x fastest.
+    pub(crate) fn new(context: &Context, grid: &Grid, low: [u32; 3], size: [u32; 3], texels: &[[u16; 4]]) -> Self {
+        let (made, texture) = Self::empty(context, from_world(grid, low, size), size, wgpu::TextureUsages::COPY_DST);
+        // Plane by plane: a copy of all of it would be in memory twice.
+        let plane = (size[0] * size[1]) as usize;
+        for (z, texels) in (0..).zip(texels.chunks_exact(plane)) {
+            context.write_texels(&texture, [0, 0, z], bytemuck::cast_slice(texels), [size[0], size[1], 1]);
+        }
         made
     }
 
-    /// The light at the places of `grid` from `low` on, `size` places along each axis: half floats for three lights and
-    /// ambient light, x fastest. A stage stores it.
+    /// The light at such places, which a stage stores.
     pub(super) fn stored(context: &Context, grid: &Grid, low: [u32; 3], size: [u32; 3]) -> Self {
         Self::empty(context, from_world(grid, low, size), size, wgpu::TextureUsages::STORAGE_BINDING).0
     }

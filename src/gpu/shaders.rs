@@ -10,7 +10,7 @@ pub(crate) struct Shader {
     /// The stage's name.
     pub name: &'static str,
     file: &'static str,
-    /// The file that reads or stores voxels, if the stage's own file does not.
+    /// The file that stores voxels, if the stage's own file does not.
     voxels: Option<&'static str>,
 }
 
@@ -65,20 +65,17 @@ macro_rules! files {
 /// All files, and their texts.
 static FILES: &[(&str, &str)] = &files! {
     "around", "box_light", "cell_rows", "cells", "classify", "coarsen", "common/absorbed", "common/appearance",
-    "common/arriving", "common/bounds", "common/casting", "common/cell_texels", "common/classified", "common/clip",
-    "common/clip_view", "common/dispatch", "common/frame", "common/half_depth", "common/light_box",
+    "common/arriving", "common/bounds", "common/box", "common/casting", "common/cell_texels", "common/classified",
+    "common/clip", "common/clip_view", "common/dispatch", "common/frame", "common/half_depth", "common/light_box",
     "common/light_volume", "common/lighting", "common/lit_splat", "common/march_parabola", "common/march_planes",
-    "common/marking", "common/normal", "common/owned", "common/owned_view", "common/packing", "common/pages",
-    "common/pixel_ray", "common/plane", "common/ray_geometry", "common/rays", "common/rays_of_sweep",
+    "common/marking", "common/normal", "common/owned", "common/owned_view", "common/packing", "common/paged",
+    "common/pages", "common/pixel_ray", "common/plane", "common/ray_geometry", "common/rays", "common/rays_of_sweep",
     "common/resolution", "common/response", "common/sampled", "common/samples", "common/scalar_sums",
     "common/scalar_texels", "common/scalars", "common/splat", "common/splines", "common/sweep", "common/transfer",
-    "common/voxel_box", "composite", "converging", "extents", "field_of_cells", "filter", "gather",
-    "gather_scalars", "kept", "lit_rows", "lit_splats", "normals", "occluders", "pack", "pack_cells",
-    "pack_samples", "pack_scalars", "page_table", "packed/pages_of_scalars", "packed/pages_of_vectors",
-    "packed/scalars", "packed/vectors", "present", "resolve", "scalar_sums", "scan",
-    "shade", "shadows_of_samples", "skip", "sort", "splat", "sweep", "terminate", "voxels/box",
-    "voxels/box_of_scalars", "voxels/box_of_vectors", "voxels/pages_of_scalars", "voxels/pages_of_vectors",
-    "voxels/scalar_pairs", "voxels/vector_pairs",
+    "common/voxel_box", "composite", "converging", "extents", "field_of_cells", "filter", "gather", "gather_scalars",
+    "kept", "lit_rows", "lit_splats", "normals", "occluders", "pack", "pack_cells", "pack_samples", "pack_scalars",
+    "packed/scalars", "packed/vectors", "page_table", "present", "resolve", "scalar_sums", "scan", "shade",
+    "shadows_of_samples", "skip", "sort", "splat", "sweep", "terminate",
 };
 
 macro_rules! shaders {
@@ -117,10 +114,7 @@ shaders! {
     RESOLVE: Shader::new("resolve"),
     PACK_VECTORS: Shader::with("pack-vectors", "pack", "packed/vectors"),
     PACK_SCALARS: Shader::with("pack-scalars", "pack", "packed/scalars"),
-    PACK_VECTOR_PAGES: Shader::with("pack-vector-pages", "pack", "packed/pages_of_vectors"),
-    PACK_SCALAR_PAGES: Shader::with("pack-scalar-pages", "pack", "packed/pages_of_scalars"),
     PACK_SAMPLES: Shader::with("pack-samples", "pack_samples", "packed/vectors"),
-    PACK_SAMPLES_PAGES: Shader::with("pack-samples-pages", "pack_samples", "packed/pages_of_vectors"),
     PACK_SCALAR_SAMPLES: Shader::with("pack-scalar-samples", "pack_scalars", "packed/scalars"),
     PACK_GRADIENT_SAMPLES: Shader::with("pack-gradient-samples", "pack_scalars", "packed/vectors"),
     CELL_ROWS: Shader::new("cell_rows"),
@@ -129,12 +123,8 @@ shaders! {
     PACK_GRADIENT_CELLS: Shader::with("pack-gradient-cells", "pack_cells", "packed/vectors"),
     PAGE_TABLE: Shader::new("page_table"),
     SKIP: Shader::new("skip"),
-    GATHER_BOX: Shader::with("gather-box", "gather", "voxels/box_of_vectors"),
-    GATHER_PAGES: Shader::with("gather-pages", "gather", "voxels/pages_of_vectors"),
-    GATHER_SCALARS_BOX: Shader::with("gather-scalars-box", "gather_scalars", "voxels/box_of_scalars"),
-    GATHER_SCALARS_PAGES: Shader::with("gather-scalars-pages", "gather_scalars", "voxels/pages_of_scalars"),
-    GATHER_GRADIENTS_BOX: Shader::with("gather-gradients-box", "gather_scalars", "voxels/box_of_vectors"),
-    GATHER_GRADIENTS_PAGES: Shader::with("gather-gradients-pages", "gather_scalars", "voxels/pages_of_vectors"),
+    GATHER: Shader::new("gather"),
+    GATHER_SCALARS: Shader::new("gather_scalars"),
     PRESENT: Shader::new("present"),
 }
 

@@ -70,7 +70,7 @@ fn constants_are_those_of_the_host() {
     let expected = [
         ("classify", "EDGE", crate::volume::BRICK_EDGE as u64),
         ("extents", "EDGE", crate::volume::BRICK_EDGE as u64),
-        ("pack-vector-pages", "PAGE_BITS", crate::splats::brick::PAGE.ilog2().into()),
+        ("gather", "PAGE_BITS", crate::splats::brick::PAGE.ilog2().into()),
         ("page_table", "PER_BRICK", crate::volume::BRICK_EDGE as u64 / u64::from(crate::splats::brick::PAGE)),
         ("cells", "EDGE", crate::volume::BRICK_EDGE as u64),
         ("lit_rows", "ABSENT", super::held_samples::ABSENT.into()),

@@ -18,16 +18,10 @@ use super::shaders::ALL;
 fn values(shader: &str, entry: &str, name: &str) -> &'static [f64] {
     const FLAG: [f64; 2] = [0.0, 1.0];
     match (shader, name) {
-        // Pages change where voxels are read: what else a ray does translates as in the box.
-        (name, "CLIP_PLANES" | "SOLIDS" | "HALF_DEPTH" | "BRICK" | "RESPONSE" | "DEPTH_CODED" | "ATTENUATED")
-            if name.ends_with("-pages") =>
-        {
-            &FLAG[..1]
-        }
         // Post-shaded volumes are gathered as scalars only.
-        ("gather-box" | "gather-pages", "SCALARS") => &FLAG[..1],
-        ("pack-scalars" | "pack-scalar-pages", "SCALARS") => &FLAG[1..],
-        (name, "SCALARS") if name.starts_with("gather-") => &FLAG[1..],
+        ("gather", "SCALARS") => &FLAG[..1],
+        ("gather", "ONE_WORD") => &FLAG[..1],
+        ("pack-scalars" | "gather_scalars", "SCALARS") => &FLAG[1..],
         ("pack-scalar-samples" | "pack-scalar-cells", "GRADIENTS") => &FLAG[..1],
         ("pack-gradient-samples" | "pack-gradient-cells", "GRADIENTS") => &FLAG[1..],
         // Vectors of four lights at most.
@@ -42,7 +36,7 @@ fn values(shader: &str, entry: &str, name: &str) -> &'static [f64] {
         // It follows from REACH.
         (_, "FLUSH") => &[9.0],
         // Layers have an entry point of their own.
-        ("gather-box" | "gather-pages", "LAYERED") if entry == "layer" => &FLAG[1..],
+        ("gather", "LAYERED") if entry == "layer" => &FLAG[1..],
         (_, "LAYERED") => &FLAG[..1],
         (_, "CLIP_PLANES") => &[0.0, 8.0],
         ("splat", "ROWS") => &[2.0, 4096.0],

@@ -198,6 +198,11 @@ impl Casting {
         Self { lights, strength: 0.0, ..*self }
     }
 
+    /// Whether all kernels on each ray are summed.
+    pub(crate) fn is_exact(&self) -> bool {
+        self.exact
+    }
+
     /// The distance from a voxel's centre within which occluders are ignored, voxels.
     pub(crate) fn bias(&self) -> f64 {
         self.bias

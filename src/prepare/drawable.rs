@@ -166,7 +166,7 @@ impl PostShaded {
 
     /// Emits splats of scalars, or takes samples in their place if the key says so and the device has room for them.
     /// `lit`: pictures are.
-    fn emit(
+    pub(super) fn emit(
         &self,
         (context, pipelines): (&Context, &Cache),
         (key, lit): (&EmissionKey, bool),

@@ -5,6 +5,7 @@ pub(crate) mod cells;
 pub(crate) mod drawable;
 pub(crate) mod lattice;
 pub(crate) mod levels;
+mod light_on_host;
 pub(crate) mod light_volume;
 mod memory;
 pub(crate) mod scalar_cells;

@@ -9,7 +9,7 @@ use super::cells::{self, CellSize};
 use super::drawable::{Held as Kept, PostShaded, PreShaded};
 use super::lattice::Lattice;
 use super::levels::ScalarNeed;
-use super::light_volume::{self, FallenLight};
+use super::light_volume::{self, FallenLight, LitScalars};
 use super::memory::{self, Drawn};
 use super::scalar_cells::{self, Coarse};
 use super::scalars::{EmissionKey, magnification};
@@ -543,8 +543,10 @@ impl Scene {
                     reduction: *reduction,
                 };
                 let of = (context, pipelines);
+                let lit = LitScalars { grid: &grid, transfer, reduction, table: &table };
                 let sample = || scalars.sampled(of, (&of_cells, true), progress);
-                FallenLight::new(of, held, (&grid, &table), sample, &shadows, progress).map(Arc::new)
+                let list = || scalars.emit(of, (&of_cells, true), progress);
+                FallenLight::new(of, held, &lit, (sample, list), &shadows, progress).map(Arc::new)
             })
         })?;
         let light = Arc::clone(&light.volume);

@@ -1,10 +1,13 @@
 //! shadows: from splats to splats with the shares of light that arrive at them, once for a volume, a transfer function
-//! and a set of lights, by [`gpu::shadows`](crate::gpu::shadows).
+//! and a set of lights, by [`gpu::shadows`](crate::gpu::shadows) or, as exact sums, by `light_on_host`.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use crate::camera::clip::Side;
-use crate::error::{Error, Result};
+use glam::DVec3;
+
+use super::light_on_host;
+use crate::camera::clip::{Side, is_inside};
+use crate::error::Result;
 use crate::gpu::cache::Cache;
 use crate::gpu::context::Context;
 use crate::gpu::sampled::Sampled;
@@ -35,6 +38,12 @@ impl Shadows {
     pub(super) fn without_lights(&self) -> Self {
         Self { casting: self.casting.only(MAX_CASTING), ..self.clone() }
     }
+
+    /// Whether the voxel at a lattice point casts shadows.
+    pub(super) fn casts(&self, point: [usize; 3]) -> bool {
+        let from_middle = |axis: usize| point[axis] as f64 - (self.lattice.dims[axis] - 1) as f64 / 2.0;
+        self.clip.is_empty() || is_inside(&self.clip, DVec3::from_array([0, 1, 2].map(from_middle)))
+    }
 }
 
 /// The occluders on a lattice of splats, kept for lights that move, and the shadows that they are for.
@@ -61,21 +70,6 @@ impl Occluders {
     }
 }
 
-/// The plans of lights on a box.
-///
-/// # Errors
-/// [`Error::Unsupported`]: kernels are too narrow for sweeps.
-pub(super) fn plans(context: &Context, shadows: &Shadows, bounds: [[usize; 3]; 2]) -> Result<LightPlans> {
-    let narrow = || context.unsupported("casts no shadows of kernels this narrow: use --painter cpu".to_owned());
-    LightPlans::new(&shadows.casting, &shadows.lattice, bounds).ok_or_else(narrow)
-}
-
-/// The error of shadows that the device has no room for.
-pub(super) fn outgrown(context: &Context) -> Error {
-    context
-        .unsupported("has no room for the shadows in this volume: use --painter cpu, or --light headlight".to_owned())
-}
-
 /// The lights, with the ambient light, whose shares splats do not hold.
 pub(super) fn unknown<'a>(held: Option<&'a Shadows>, shadows: &'a Shadows) -> impl Iterator<Item = usize> + 'a {
     (0..=MAX_CASTING).filter(move |&light| !held.is_some_and(|held| held.is_same(shadows, light)))
@@ -91,25 +85,36 @@ pub(crate) fn shaded(
     shadows: &Shadows,
     progress: &Progress,
 ) -> Result<Vec<Store>> {
-    let Shadows { lattice, clip, .. } = shadows;
-    let plans = plans(context, shadows, bounds_of(stores))?;
-    let lights: Vec<usize> = unknown(held, shadows).collect();
-    let unlit = Unlit { stores, over, dims: lattice.dims, clip };
-    let buffers = occluders.taken(shadows);
-    let made = match Sampled::of(stores) {
-        None => shadows::run(context, pipelines, &unlit, &plans, &lights, buffers, progress)?,
-        Some(sampled) => {
-            let unlit = UnlitSamples { sampled: &sampled, over, dims: lattice.dims, clip };
-            let made = shadows::run_on_samples(context, pipelines, &unlit, &plans, &lights, buffers, progress)?;
-            let stores = |(sampled, buffers)| Ok::<_, Error>((Sampled::stores(&Arc::new(sampled), context)?, buffers));
-            made.map(stores).transpose()?
-        }
+    let Some((made, buffers)) = swept((context, pipelines), (stores, over), held, occluders, shadows, progress)? else {
+        occluders.clear();
+        return light_on_host::shaded(context, stores, shadows, progress);
     };
-    let (stores, buffers) = made.ok_or_else(|| outgrown(context))?;
     // Lights that changed once may do so again.
     let is_kept = held.is_some() && buffers.bytes() <= Occluders::MOST;
     occluders.keep(is_kept.then(|| (shadows.without_lights(), buffers)));
-    Ok(stores)
+    Ok(made)
+}
+
+/// [`shaded`] by sweeps of the device, with what they may keep; `None`: the host has to find the light.
+fn swept(
+    (context, pipelines): (&Context, &Cache),
+    (stores, over): (&[Store], bool),
+    held: Option<&Shadows>,
+    occluders: &Occluders,
+    shadows: &Shadows,
+    progress: &Progress,
+) -> Result<Option<(Vec<Store>, Buffers)>> {
+    let Shadows { casting, lattice, clip } = shadows;
+    let Some(plans) = LightPlans::new(casting, lattice, bounds_of(stores)) else { return Ok(None) };
+    let lights: Vec<usize> = unknown(held, shadows).collect();
+    let unlit = Unlit { stores, over, dims: lattice.dims, clip };
+    let buffers = occluders.taken(shadows);
+    let Some(sampled) = Sampled::of(stores) else {
+        return shadows::run(context, pipelines, &unlit, &plans, &lights, buffers, progress);
+    };
+    let unlit = UnlitSamples { sampled: &sampled, over, dims: lattice.dims, clip };
+    let made = shadows::run_on_samples(context, pipelines, &unlit, &plans, &lights, buffers, progress)?;
+    made.map(|(sampled, buffers)| Ok((Sampled::stores(&Arc::new(sampled), context)?, buffers))).transpose()
 }
 
 /// The first lattice point of the box around splats, and its size; one voxel if there are no splats.

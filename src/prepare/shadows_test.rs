@@ -1,6 +1,5 @@
 //! The shadows of the device against the sums of the host.
 
-use std::collections::HashMap;
 use std::sync::Arc;
 
 use glam::{DAffine3, DMat3, DVec3};
@@ -8,10 +7,12 @@ use glam::{DAffine3, DMat3, DVec3};
 use super::cells::CellSize;
 use super::drawable::classified;
 use super::levels::ScalarNeed;
+use super::light_on_host::{self, ListedSplats};
+use super::light_volume::LitScalars;
 use super::scalar_cells::Coarse;
 use super::scalars::{Emission, EmissionKey, Samples};
-use super::shadows::{Occluders, Shadows, bounds_of, shaded};
-use crate::camera::clip::{Clip, Plane, is_inside};
+use super::shadows::{Occluders, Shadows, shaded};
+use crate::camera::clip::{Clip, Plane};
 use crate::gpu::adapter_test::adapter;
 use crate::gpu::cache::Cache;
 use crate::gpu::context::Context;
@@ -23,9 +24,8 @@ use crate::gpu::store::{Drawable, Store};
 use crate::gpu::transfer::TransferTable;
 use crate::kernel::{Kernel, Normalization};
 use crate::layers::Layers;
-use crate::lighting::shadow::field::CLIPPED;
+use crate::lighting::shadow::ShadowLattice;
 use crate::lighting::shadow::plan::LightPlans;
-use crate::lighting::shadow::{Arrival, ShadowLattice};
 use crate::lighting::{Light, Lighting};
 use crate::progress::Progress;
 use crate::transfer::bins::VisibleValues;
@@ -33,62 +33,12 @@ use crate::transfer::scalars::Reduction;
 use crate::transfer::{ControlPoint, GradientPoint, Resolution, TransferFunction};
 use crate::volume::{self, Grid, Volume};
 
-/// The words of the splats of a store, splat by splat.
-fn words(context: &Context, store: &Store) -> Vec<Vec<u32>> {
-    let buffer = store.on_device(context).unwrap();
-    let mut recorder = Recorder::untimed(context);
-    let read = recorder.read_back("test", &buffer, u64::from(store.count) * store.stride).unwrap();
-    recorder.submit();
-    let words: Vec<u32> = read.values(context, "test").unwrap();
-    words.chunks_exact(store.stride as usize / 4).map(<[u32]>::to_vec).collect()
-}
-
-/// The lattice points of the splats of stores, with their words.
-fn splats(context: &Context, stores: &[Store]) -> Vec<([usize; 3], Vec<u32>)> {
-    let of_store = |store: &Store| {
-        let point = |place: u32| {
-            let origin = store.bricks[(place >> 15) as usize].origin;
-            [0, 1, 2].map(|axis| (origin[axis] + (place >> (5 * axis) & 31)) as usize)
-        };
-        words(context, store).into_iter().map(|words| (point(words[0]), words)).collect::<Vec<_>>()
-    };
-    stores.iter().flat_map(of_store).collect()
-}
-
 /// The shares of light at splats, in 1/65535: of three lights and of ambient light.
 fn shares(context: &Context, stores: &[Store]) -> Vec<[u32; 4]> {
     let of_words = |low: u32, high: u32| [low & 0xffff, low >> 16, high & 0xffff, high >> 16];
-    let all = stores.iter().flat_map(|store| words(context, store));
-    all.map(|words| of_words(words[LIT_WORDS], words[LIT_WORDS + 1])).collect()
-}
-
-/// The same by the sums of the host.
-fn host_shares(context: &Context, stores: &[Store], shadows: &Shadows) -> Vec<[u32; 4]> {
-    let bounds @ [low, _] = bounds_of(stores);
-    let splats = splats(context, stores);
-    let densities: HashMap<[usize; 3], f32> =
-        splats.iter().map(|(point, words)| (*point, f32::from_bits(words[1] & 0xffff_ff00))).collect();
-    let arrival = Arrival::new(&shadows.casting, &shadows.lattice, bounds, |[y, z], row| {
-        for (x, value) in row.iter_mut().enumerate() {
-            let point = [low[0] + x, y, z];
-            if let Some(density) = densities.get(&point) {
-                *value = if casts(shadows, point) { density.max(CLIPPED) } else { CLIPPED };
-            }
-        }
-    });
-    let arrival = arrival.unwrap();
-    let mut all = vec![[u32::from(u16::MAX); 4]; splats.len()];
-    for light in 0..4 {
-        let Some(arriving) = arrival.shares(light, &|_| {}).unwrap() else { continue };
-        all.iter_mut().zip(&splats).for_each(|(of, (point, _))| of[light] = u32::from(arriving.from(*point)(0)));
-    }
-    all
-}
-
-/// Whether the voxel at a lattice point casts shadows.
-fn casts(Shadows { lattice, clip, .. }: &Shadows, point: [usize; 3]) -> bool {
-    let from_middle = |axis: usize| point[axis] as f64 - (lattice.dims[axis] - 1) as f64 / 2.0;
-    is_inside(clip, DVec3::from_array([0, 1, 2].map(from_middle)))
+    let read = ListedSplats::read(context, stores).unwrap();
+    // Without the place, the light follows three words.
+    read.splats().flatten().map(|(_, words)| of_words(words[LIT_WORDS - 1], words[LIT_WORDS])).collect()
 }
 
 /// The visible voxels as lists.
@@ -205,7 +155,8 @@ fn light_of_device_and_host(bodies: usize, step: usize) {
                 let (of, occluders) = ((&context, &pipelines), Occluders::default());
                 let device = shaded(of, stores, None, &occluders, &shadows, &progress).unwrap();
                 let device = shares(&context, &device);
-                let host = host_shares(&context, &made.stores, &shadows);
+                let host = light_on_host::shaded(&context, &made.stores, &shadows, &progress).unwrap();
+                let host = shares(&context, &host);
                 assert!(host.len() > 1000 && host.len() == device.len(), "{name}: {} splats", host.len());
                 let differences: Vec<f64> = host
                     .as_flattened()
@@ -348,9 +299,10 @@ fn device_finds_the_occluders_of_the_host() {
             let field: Vec<f32> = field.values(&context, "test").unwrap();
             let largest = TransferFunction::extinction(transfer.max_opacity(), 1.0) as f32;
             let (mut worst, mut matter) = (0.0_f32, 0);
-            for (point, words) in splats(&context, &listed.stores) {
-                let expected =
-                    if casts(&shadows, point) { density(&words[1..], transfer, &reduction, &grid) } else { 0.0 };
+            let scalars = LitScalars { grid: &grid, transfer, reduction: &reduction, table: &table };
+            let read = ListedSplats::read(&context, &listed.stores).unwrap();
+            for (point, words) in read.splats().flatten() {
+                let expected = if shadows.casts(point) { scalars.density(words) } else { 0.0 };
                 let [px, py, pz] = [0, 1, 2].map(|axis| (point[axis] as i64 - plans.low()[axis]) as usize);
                 let found = field[px + dims[0] * (py + dims[1] * pz)];
                 worst = worst.max((found - expected).abs() / largest);
@@ -361,17 +313,4 @@ fn device_finds_the_occluders_of_the_host() {
             assert!(worst < 2e-3, "{name}, thinned {thins}: {worst:e}");
         }
     }
-}
-
-/// The extinction of a scalar times the unit distance, given the words of its splat without the place.
-fn density(words: &[u32], transfer: &TransferFunction, reduction: &Reduction, grid: &Grid) -> f32 {
-    let value = reduction.base() + f64::from(f32::from_bits(words[0])) / reduction.factor();
-    let density = TransferFunction::extinction(transfer.sample(value).1, 1.0);
-    let &[_, low, high] = words else { return density as f32 };
-    // Three steps of 18 bits, and the exponent of a step.
-    let signed = |bits: u32| f64::from((bits << 14) as i32 >> 14);
-    let steps = DVec3::new(signed(low), signed(low >> 18 | (high & 15) << 14), signed(high >> 4));
-    let gradient = steps * f64::from(f32::from_bits(high >> 22 << 23) / 65_536.0);
-    let world = grid.to_lattice().matrix3.transpose() * gradient;
-    (density * transfer.gradient_share(world.length() / reduction.factor())) as f32
 }

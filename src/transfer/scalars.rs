@@ -66,6 +66,11 @@ impl Reduction {
         self.factor
     }
 
+    /// The value of a scalar.
+    pub(crate) fn value(&self, scalar: f32) -> f64 {
+        self.base + f64::from(scalar) / self.factor
+    }
+
     /// The scalar of a value.
     #[inline]
     pub(crate) fn scalar(&self, value: f64) -> f32 {

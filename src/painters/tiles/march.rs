@@ -1,7 +1,7 @@
 //! skip and gather: the march of rays from voxel plane to voxel plane, past empty macrocells. See shaders/skip.wgsl,
 //! shaders/gather.wgsl and shaders/gather_scalars.wgsl.
 
-use super::pack::{Layout, Packed, Voxel};
+use super::pack::{Packed, Voxel};
 use super::{RayKind, TilesKey};
 use crate::error::Result;
 use crate::gpu::context::Context;
@@ -39,19 +39,12 @@ pub(super) fn gather(context: &Context, key: &TilesKey) -> Stage {
     let is_layered = key.rays == RayKind::Layered;
     let with_state = |slots: Vec<Binding>| if is_layered { [slots, vec![Write]].concat() } else { slots };
     let entry = if is_layered { "layer" } else { "gather" };
-    let of_scalars = |shader| {
+    let (shader, slots) = if matches!(key.voxel, Voxel::Color { .. }) {
+        (shaders::GATHER, vec![Write, Read, Uniform, Read])
+    } else {
         let transfer = ReadTexture(wgpu::TextureFormat::Rgba32Float);
         let light = FilteredTexture(wgpu::TextureViewDimension::D3);
-        (shader, vec![Write, Uniform, transfer, light, Sampler, Read, Read, Uniform, Read])
-    };
-    let of_colors = |shader| (shader, vec![Write, Read, Uniform, Read]);
-    let (shader, slots) = match (key.voxel, key.layout) {
-        (Voxel::Scalar, Layout::Box) => of_scalars(shaders::GATHER_SCALARS_BOX),
-        (Voxel::Scalar, Layout::Pages) => of_scalars(shaders::GATHER_SCALARS_PAGES),
-        (Voxel::Gradient, Layout::Box) => of_scalars(shaders::GATHER_GRADIENTS_BOX),
-        (Voxel::Gradient, Layout::Pages) => of_scalars(shaders::GATHER_GRADIENTS_PAGES),
-        (Voxel::Color { .. }, Layout::Box) => of_colors(shaders::GATHER_BOX),
-        (Voxel::Color { .. }, Layout::Pages) => of_colors(shaders::GATHER_PAGES),
+        (shaders::GATHER_SCALARS, vec![Write, Uniform, transfer, light, Sampler, Read, Read, Uniform, Read])
     };
     let slots = [vec![Uniform, key.voxel.binding(), Read], with_state(slots)].concat();
     Stage::new(context, shader, ("gather", entry), &slots, &key.constants)

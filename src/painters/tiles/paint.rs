@@ -228,6 +228,8 @@ impl<'a> Picture<'a> {
             ("REACH", self.reach()),
             ("STRAIGHT", (rays == RayKind::Straight).into()),
             ("LAYERED", (rays == RayKind::Layered).into()),
+            ("PAGED", (self.layout == Layout::Pages).into()),
+            ("ONE_WORD", (self.voxel == Voxel::Scalar).into()),
         ]);
         TilesKey {
             voxel: self.voxel,

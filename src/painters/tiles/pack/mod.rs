@@ -373,39 +373,28 @@ impl Packer {
         samples: Option<SamplesKey>,
     ) -> Self {
         let voxels = match samples {
-            Some(key) => stage_of_samples(context, constants, (voxel, layout), key),
-            None => stage(context, constants, (voxel, layout)),
+            Some(key) => stage_of_samples(context, constants, voxel, key),
+            None => stage(context, constants, voxel),
         };
         Self { voxels, pages: (layout == Layout::Pages).then(|| pages::stage(context)) }
     }
 }
 
 /// The stage that packs lists.
-fn stage(context: &Context, constants: &[Constant], (voxel, layout): (Voxel, Layout)) -> Stage {
-    let shader = match (layout, voxel) {
-        (Layout::Box, Voxel::Scalar) => shaders::PACK_SCALARS,
-        (Layout::Box, _) => shaders::PACK_VECTORS,
-        (Layout::Pages, Voxel::Scalar) => shaders::PACK_SCALAR_PAGES,
-        (Layout::Pages, _) => shaders::PACK_VECTOR_PAGES,
-    };
+fn stage(context: &Context, constants: &[Constant], voxel: Voxel) -> Stage {
+    let shader = if voxel == Voxel::Scalar { shaders::PACK_SCALARS } else { shaders::PACK_VECTORS };
     let voxels = Binding::StorageTexture(voxel.format(), wgpu::TextureViewDimension::D3);
     let slots = [Uniform, Uniform, Read, Write, voxels, Read, Read, Read];
     Stage::new(context, shader, ("pack", "voxels"), &slots, constants)
 }
 
-/// The stage that packs samples, into a box or its pages.
-fn stage_of_samples(
-    context: &Context,
-    constants: &[Constant],
-    (voxel, layout): (Voxel, Layout),
-    key: SamplesKey,
-) -> Stage {
+/// The stage that packs samples.
+fn stage_of_samples(context: &Context, constants: &[Constant], voxel: Voxel, key: SamplesKey) -> Stage {
     let texels = Binding::StorageTexture(voxel.format(), wgpu::TextureViewDimension::D3);
     let (shader, entry, slots, own) = match key {
         SamplesKey::Voxels(key) => {
             let slots = vec![Uniform, Read, Read, Write, texels, Read, Read, Uniform, Uniform, Read, Read, Read];
-            let shader = if layout == Layout::Pages { shaders::PACK_SAMPLES_PAGES } else { shaders::PACK_SAMPLES };
-            (shader, "voxels", slots, key.constants().collect::<Vec<Constant>>())
+            (shaders::PACK_SAMPLES, "voxels", slots, key.constants().collect::<Vec<Constant>>())
         }
         SamplesKey::Scalars(key) => {
             let shader = match (key.has_cells(), key.has_gradients()) {
