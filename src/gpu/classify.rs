@@ -1,5 +1,4 @@
-//! classify: the samples of a volume to the visible voxels, and to lists of splats of them. Its twin is
-//! classify_on_host.rs.
+//! classify: the samples of a volume to the visible voxels, and to lists of splats of them.
 
 use std::sync::Arc;
 

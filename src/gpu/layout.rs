@@ -553,7 +553,7 @@ pub(crate) const SECTION_POWERS: usize = 3;
 pub(crate) const MACROCELL: u32 = 4;
 /// Side in voxels of a cell of a macrocell; CELL in shaders/common/packing.wgsl.
 pub(crate) const CELL: u32 = 2;
-/// Side of a tile, in rays; a workgroup of `single` is 8 x 8 rays, one of `eight` 8 blocks of 8.
+/// Side of a tile, in rays: a workgroup of `gather` is 8 x 8 rays.
 pub(crate) const TILE: u32 = 8;
 
 #[cfg(test)]

@@ -96,7 +96,7 @@ impl SampledScalars {
 
     /// The scalars within `bounds` of the lattice of a volume, whose samples the device holds from now on, and the
     /// bytes that were sent. `padding` are the layers of copies beyond each face, `filters` make cells of the voxels.
-    /// `None`: they have to be made on the host.
+    /// `None`: the host has to list them.
     pub(crate) fn new(
         (input, pipelines): (&Input<'_>, &Cache),
         reduction: &Reduction,

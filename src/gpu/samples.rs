@@ -135,7 +135,7 @@ impl RowCoding for SampleCoding {
     }
 }
 
-/// A volume to classify, as the stage and its twin on the host read it.
+/// A volume to classify, as the stage reads it.
 pub(crate) struct Input<'a> {
     pub(super) context: &'a Context,
     pub(super) volume: &'a Volume,

@@ -29,7 +29,7 @@ fn balls() -> (Volume, TransferFunction) {
     (volume, TransferFunction::new(points, None).unwrap())
 }
 
-/// Quads with sheets so thick, or the painter that software takes.
+/// Quads with sheets so thick, and tiles.
 fn painters(sheet_thickness: f64) -> [Painter; 2] {
     let quads = QuadsSettings { sheet_thickness, precision: Some(Precision::F32), ..QuadsSettings::default() };
     [Painter::Quads(quads), Painter::Auto]

@@ -42,24 +42,6 @@ impl Fade {
     pub(crate) const FARTHEST: [f64; 2] = [1e8, 2e8];
 }
 
-/// The lattice points around the middle of a lattice where a layer may have a share: those at which a linear function
-/// lies between two values.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct LayerPart {
-    at_middle: f64,
-    slope: DVec3,
-    between: [f64; 2],
-}
-
-impl LayerPart {
-    /// Whether it meets a box.
-    pub(crate) fn meets(&self, [low, high]: [DVec3; 2]) -> bool {
-        let middle = self.at_middle + self.slope.dot((low + high) / 2.0);
-        let reach = self.slope.abs().dot((high - low) / 2.0);
-        middle + reach > self.between[0] && middle - reach < self.between[1]
-    }
-}
-
 /// The voxels of a lattice that a scene holds, and the part of the lattice that its partial pictures show.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Held {
@@ -230,16 +212,6 @@ impl ViewGeometry {
         let depth = 4.0 * size * x.max(y).max(z);
         // A quarter less than the least is hardly visible, and only few cells would have deeper ramps.
         [least - (self.growth.slope * depth).min(least / 4.0), least]
-    }
-
-    /// Where the layer may have a share in the picture; `None` if the lattice is no layer.
-    pub(crate) fn layer_part(&self) -> Option<LayerPart> {
-        let Fade { begins, ends } = self.fade?;
-        let slope = self.growth.slope * self.gradients[2];
-        // Rays meet the plane of a voxel within twice the radius of its kernel.
-        let reach = slope.length() * 2.0 * self.max_radius();
-        let at_middle = self.growth.constant + self.growth.slope * self.eye_depth;
-        Some(LayerPart { at_middle, slope, between: [begins[0] - reach, ends[1] + reach] })
     }
 
     /// The growth of every kernel along parallel rays; 1 in perspective.

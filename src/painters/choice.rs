@@ -64,5 +64,5 @@ impl Choice {
     }
 }
 
-/// The reason for tiles on GPUs.
+/// The reason for tiles.
 const EXPECTED: &str = "on the GPU that was measured, an H100, rays take 0.003 to 0.8 of the time of quads";

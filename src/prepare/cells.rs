@@ -40,7 +40,7 @@ const WIDEST: f64 = 4.0;
 const NARROW_RADIUS: f64 = 3.28;
 /// The standard deviation, in cells, from which on cells have the grown Gaussian of voxels.
 const BROAD: f64 = 0.975;
-/// The largest radius, in cells, of kernels that rays gather eight together.
+/// The largest radius, in cells, of kernels that rays gather from three texels of a row.
 const SHARED_RADIUS: f64 = 2.0;
 
 /// The optical depth of a cell up to which a level begins at its least growth.

@@ -76,14 +76,6 @@ impl<K, V> Held<K, V> {
         Ok((made, seconds))
     }
 
-    /// The key of the value that is held.
-    fn key(&self) -> Option<K>
-    where
-        K: Copy,
-    {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).as_ref().map(|(key, _)| *key)
-    }
-
     pub(super) fn clear(&self) {
         self.keep_if(|_| false);
     }
@@ -197,12 +189,7 @@ impl PostShaded {
         let coarse = lattice.coarse.map(|(coarse, ..)| coarse);
         let (lit, whole, reduction) = (lattice.settings.lighting.is_some(), self.whole, self.reduction);
         let emitted = &self.emitted[lattice.size.number()];
-        let part = lattice.view.layer_part().filter(|_| !whole && !need.samples);
-        let mut key = EmissionKey { kernel, normalization, need, lit, coarse, whole, part, reduction };
-        // The first picture makes what its layer shows, and the second one all, for the eyes that follow.
-        if emitted.key().is_some_and(|held| !held.serves(&key)) {
-            key.part = None;
-        }
+        let key = EmissionKey { kernel, normalization, need, lit, coarse, whole, reduction };
         emitted.get_or_make(key, EmissionKey::serves, |held| {
             let kept = kept_of(held).filter(|_| need.samples);
             let made = self.emit((context, pipelines), (&key, lit), progress)?;

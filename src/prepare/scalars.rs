@@ -2,7 +2,6 @@
 //! visible depends on its surroundings. If kernels have grown, cells stand for voxels (scalar_cells.rs), by
 //! `quads` through one eye cells of several levels (levels.rs).
 
-use glam::DVec3;
 use rayon::prelude::*;
 
 use super::cells::CellSize;
@@ -17,7 +16,6 @@ use crate::gpu::sampled_scalars::SampledScalars;
 use crate::gpu::samples::{Bricks, Input};
 use crate::gpu::savings::Savings;
 use crate::gpu::store::{Drawable, StoreBuilder};
-use crate::gpu::view::LayerPart;
 use crate::kernel::{Kernel, Normalization};
 use crate::progress::Progress;
 use crate::settings::budget::{MAX_GROWTH, MAX_PLACES, too_much};
@@ -43,8 +41,6 @@ pub(crate) struct EmissionKey {
     pub(crate) coarse: Option<Coarse>,
     /// Whether invisible voxels become splats too, for other transfer functions.
     pub(crate) whole: bool,
-    /// The part of the lattice whose bricks have splats; `None`: all of it.
-    pub(crate) part: Option<LayerPart>,
     /// How values become scalars.
     pub(crate) reduction: Reduction,
 }
@@ -60,8 +56,8 @@ impl EmissionKey {
     pub(crate) fn serves(&self, other: &Self) -> bool {
         let influence = other.need.influence..=1.5 * other.need.influence;
         let ScalarNeed { influence: held, growth, .. } = self.need;
-        let (need, part) = (ScalarNeed { influence: held, growth, ..other.need }, self.part);
-        influence.contains(&held) && (part.is_none() || part == other.part) && *self == Self { need, part, ..*other }
+        let need = ScalarNeed { influence: held, growth, ..other.need };
+        influence.contains(&held) && *self == Self { need, ..*other }
     }
 }
 
@@ -218,13 +214,6 @@ impl ScalarLattice {
         }
     }
 
-    /// The places of a brick from the middle of the lattice.
-    fn around_middle(&self, brick: [usize; 3]) -> [DVec3; 2] {
-        let middle = DVec3::from_array(self.dims.map(|cells| (cells as f64 - 1.0) / 2.0));
-        let first = DVec3::from_array(self.first(brick).map(|cell| cell as f64)) - middle;
-        [first, first + EDGE as f64]
-    }
-
     /// The first cell of a brick; negative among the copies.
     fn first(&self, brick: [usize; 3]) -> [i64; 3] {
         brick.map(|b| (b * EDGE) as i64 - self.padding as i64)
@@ -372,11 +361,6 @@ impl<'a> Emission<'a> {
         !self.savings.voxels || self.key.whole || !self.invisible.holds(f64::from(scalar))
     }
 
-    /// Whether the part of the lattice that has splats reaches into a brick.
-    fn is_shown(&self, lattice: &ScalarLattice, brick: [usize; 3]) -> bool {
-        self.key.part.is_none_or(|part| part.meets(lattice.around_middle(brick)))
-    }
-
     /// Whether an active brick of the volume has voxels within the influence of this brick.
     fn is_near(&self, lattice: &ScalarLattice, brick: [usize; 3]) -> bool {
         let [across, down, deep] = self.volume.bricks().map(|n| n as usize);
@@ -396,7 +380,7 @@ impl<'a> Emission<'a> {
     fn row(&self, lattice: &ScalarLattice, j: usize, k: usize) -> Result<Vec<MadeBrick>> {
         let takes_part = |i| {
             (self.key.need.cut).is_none_or(|cut: Cut| cut.takes_part(lattice.level, lattice.first([i, j, k]), EDGE))
-                && (!self.savings.bricks || self.is_shown(lattice, [i, j, k]) && self.is_near(lattice, [i, j, k]))
+                && (!self.savings.bricks || self.is_near(lattice, [i, j, k]))
         };
         let bricks: Vec<[usize; 3]> = (0..lattice.counts[0]).filter(|&i| takes_part(i)).map(|i| [i, j, k]).collect();
         let (Some(&leftmost), Some(&rightmost)) = (bricks.first(), bricks.last()) else { return Ok(Vec::new()) };

@@ -539,7 +539,6 @@ impl Scene {
                     lit: thins,
                     coarse,
                     whole: false,
-                    part: None,
                     reduction: *reduction,
                 };
                 let of = (context, pipelines);

@@ -263,7 +263,6 @@ fn device_finds_the_occluders_of_the_host() {
                 lit: thins,
                 coarse: coarse.map(|(cells, _)| cells),
                 whole: false,
-                part: None,
                 reduction,
             };
             let emission = Emission::new(&context, volume, transfer, VisibleValues::Opaque, &key).unwrap();

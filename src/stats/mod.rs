@@ -88,7 +88,7 @@ pub struct Stats {
     /// Voxels of the volume.
     pub voxels: u64,
     /// Voxels that were kept as splats: voxels of some opacity; post-shaded, voxels that can take part in something
-    /// visible, and on GPUs that keep samples all voxels of the box around these. A cell of a coarser level counts as
+    /// visible, and if the device keeps samples all voxels of the box around these. A cell of a coarser level counts as
     /// one; see `levels`.
     pub splats_kept: u64,
     /// Voxels that were dropped before drawing, or that cells of a coarser level stand for.

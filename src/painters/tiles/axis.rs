@@ -30,8 +30,7 @@ const ACROSS: [[usize; 2]; 3] = [[1, 2], [0, 2], [0, 1]];
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct PrincipalAxis {
     /// Numbers of the lattice axes a, b and m. a is the first of the two across along which parallel rays lean little
-    /// enough (see `MAX_LEAN`). It is the same in most pictures of a turning volume, so few of them pack the volume
-    /// anew. Rays through one eye have as a the axis along which they lean less.
+    /// enough (see `MAX_LEAN`). Rays through one eye have as a the axis along which they lean less.
     pub(super) axes: [usize; 3],
     /// The largest component along a of the unit vectors of rays.
     pub(super) lean: f64,
