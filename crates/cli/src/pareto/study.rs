@@ -240,7 +240,7 @@ mod tests {
         let order = telling(&all);
         let names: Vec<(bool, &str)> =
             order.iter().map(|&at| (all[at].settings.is_post_shaded(), all[at].name.as_str())).collect();
-        assert_eq!(names[..3], [(false, "tiles"), (false, "quads"), (false, "tiles, a ray a pixel")]);
+        assert_eq!(names[..3], [(false, "cpu"), (false, "tiles"), (false, "quads")]);
         assert!(names[..8].contains(&(true, "tiles")) && names[..8].iter().filter(|(post, _)| *post).count() < 4);
         let mut sorted = order.clone();
         sorted.sort_unstable();
