@@ -230,7 +230,7 @@ fn the_host_engine_needs_no_driver() {
     assert!(String::from_utf8_lossy(&output.stderr).contains("no graphics adapter"), "{output:?}");
     let turned = said(&format!("turntable {look} -o t.gif --frames 2"));
     assert!(turned.status.success(), "{}", String::from_utf8_lossy(&turned.stderr));
-    fs::write(dir.path().join("a.obj"), "v 0 0 0\nv 9 0 0\nv 0 9 0\nf 1 2 3\n").unwrap();
+    fs::write(dir.path().join("a.obj"), "v -12 -12 0\nv 12 -12 0\nv 0 12 12\nf 1 2 3\n").unwrap();
     for options in ["-o b.exr --mesh a.obj", "-o b.png --max-error 0.1", "-o b.png --model mip --depth-coded"] {
         let output = said(&format!("render demo:sphere:24 --size 24 --painter cpu {options}"));
         assert!(output.status.success(), "{options}: {}", String::from_utf8_lossy(&output.stderr));
