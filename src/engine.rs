@@ -133,12 +133,21 @@ impl Engine {
         })
     }
 
+    /// Renders a picture.
+    ///
+    /// # Errors
+    /// The errors of [`Self::render_region`].
+    pub fn render(&self, scene: &EngineScene, camera: &Camera, settings: &Settings) -> Result<Rendered> {
+        let [width, height] = camera.size;
+        self.render_region(scene, camera, settings, Region { x: 0, y: 0, width, height }, None)
+    }
+
     /// Renders a part of a picture, with surfaces in it if there are some.
     ///
     /// # Errors
     /// The errors of [`Renderer::render_with_solids`] and [`HostRenderer::render_with_solids`], and [`Error::Setting`]
     /// if another engine prepared the scene.
-    pub fn render(
+    pub fn render_region(
         &self,
         scene: &EngineScene,
         camera: &Camera,

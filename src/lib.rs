@@ -7,14 +7,14 @@
 //! sheets, and colours converge with its square.
 //!
 //! ```no_run
-//! use voxsplat::{Appearance, Background, Renderer, RendererOptions, load};
+//! use voxsplat::{Appearance, Background, Engine, RendererOptions, load};
 //!
 //! # fn main() -> voxsplat::Result<()> {
 //! let volume = load("scan.nii.gz", &Default::default())?;
 //! let look = Appearance::for_file("scan.nii.gz", &volume)?; // transfer function, side, light, as `voxsplat render`
-//! let renderer = Renderer::new(&RendererOptions::default())?; // a device
-//! let scene = renderer.prepare_layers(&look.layers, &look.settings)?; // the visible voxels on it
-//! let rendered = renderer.render(&scene, &look.camera([1024, 1024])?, &look.settings)?;
+//! let engine = Engine::open(&RendererOptions::default(), &look.settings)?; // a GPU, or the processor
+//! let scene = engine.prepare_layers(&look.layers, &look.settings)?; // the visible voxels
+//! let rendered = engine.render(&scene, &look.camera([1024, 1024])?, &look.settings)?;
 //! rendered.image.save("scan.png", Background::default())?;
 //! # Ok(())
 //! # }

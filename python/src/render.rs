@@ -156,7 +156,8 @@ impl Renderer {
             let (camera, settings) = shot.seen(&solids)?;
             let solids = solids.seen(&camera, settings.lighting.as_ref())?;
             let engine = engines.suited(&settings)?;
-            let rendered = engine.render(&shot.prepared.scene, &camera, &settings, shot.region, solids.as_ref())?;
+            let rendered =
+                engine.render_region(&shot.prepared.scene, &camera, &settings, shot.region, solids.as_ref())?;
             Ok((rendered, settings))
         })?;
         Image::new(rendered, &settings, background, choices)

@@ -67,7 +67,7 @@ pub(crate) fn draw(
             None => Prepared::new(layers, &job.settings, engine.prepare_layers(layers, &job.settings)?),
         };
         let scene = &prepared.scene;
-        let rendered = engine.render(scene, camera, &job.settings, job.region, solids)?;
+        let rendered = engine.render_region(scene, camera, &job.settings, job.region, solids)?;
         return Ok(((rendered.image, job.settings.clone(), None, Some(rendered.stats)), Some(prepared)));
     };
     let Chosen { settings, rendered, estimate, keeps, traced, tried } =

@@ -93,7 +93,7 @@ fn cut_by_plane(most: usize, step: usize) {
             let engine = if settings.painter == Painter::Cpu { &host } else { &device };
             let scene = engine.prepare_layers(&Layers::of_volume(volume, transfer), &settings).unwrap();
             let draw = |settings: &Settings, solids: Option<&Solids>| {
-                engine.render(&scene, &seen, settings, whole(&seen), solids).unwrap().image
+                engine.render_region(&scene, &seen, settings, whole(&seen), solids).unwrap().image
             };
             let cut = draw(&settings, Some(&solids));
             let uncut = draw(&settings, None);
@@ -130,7 +130,8 @@ fn rays_that_end_at_their_depth_keep_half_of_their_light() {
             let scene = engine.prepare_layers(&Layers::of_volume(&volume, &transfer), &settings).unwrap();
             let depths = engine.depths(&scene, &seen, &settings, whole(&seen), None).unwrap();
             let alpha = |image: &Image| image.pixels().iter().map(|pixel| pixel[3]).collect::<Vec<f32>>();
-            let draw = |solids: Option<&Solids>| engine.render(&scene, &seen, &settings, whole(&seen), solids).unwrap();
+            let draw =
+                |solids: Option<&Solids>| engine.render_region(&scene, &seen, &settings, whole(&seen), solids).unwrap();
             let all = alpha(&draw(None).image);
             let painter = settings.painter;
             let before = draw(Some(&Solids { depths: depths.clone(), image: None }));
@@ -180,7 +181,8 @@ fn a_plane_half_through_a_ball_changes_only_pixels_behind_it() {
         let settings = Settings { antialiasing: false, level: Level::At(0), ..settings.clone() };
         let scene = engine.prepare_layers(&Layers::of_volume(&volume, &transfer), &settings).unwrap();
         let solids = Solids::of_meshes(&[solid], &seen, None).unwrap();
-        let draw = |solids: Option<&Solids>| engine.render(&scene, &seen, &settings, whole(&seen), solids).unwrap();
+        let draw =
+            |solids: Option<&Solids>| engine.render_region(&scene, &seen, &settings, whole(&seen), solids).unwrap();
         let (picture, without) = (draw(Some(&solids)).image, draw(None).image);
         // The edge of the plane lies on the line between the columns 31 and 32.
         let beside = largest(&picture, &without, |x| x < 32);

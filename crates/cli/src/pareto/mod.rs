@@ -21,7 +21,7 @@ use voxsplat::camera::{Camera, View};
 use voxsplat::engine::{Engine, EngineScene};
 use voxsplat::figure::{Figure, Shown};
 use voxsplat::formats::{LoadOptions, read_json};
-use voxsplat::image::{Background, Image, Region, check_writable, compare, difference_picture, write_file};
+use voxsplat::image::{Background, Image, check_writable, compare, difference_picture, write_file};
 use voxsplat::kernel::Kernel;
 use voxsplat::layers::Layers;
 use voxsplat::reference::Reference;
@@ -473,8 +473,7 @@ impl Run<'_> {
             None => engine.prepare_layers(&Layers::of_volume(self.volume, self.transfer), settings)?,
         };
         let (_, scene) = self.scene.insert((prepared, scene));
-        let [width, height] = camera.size;
-        engine.render(scene, camera, settings, Region { x: 0, y: 0, width, height }, None)
+        engine.render(scene, camera, settings)
     }
 
     /// The true sampled pixels of each view, by the reference. They are traced at most once for a model, and kept for
