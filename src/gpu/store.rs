@@ -150,6 +150,23 @@ impl Store {
         Ok(buffer)
     }
 
+    /// The words of the splats, read by the host.
+    pub(crate) fn words(&self, context: &Context) -> Result<Vec<u32>> {
+        let buffer = self.on_device(context)?;
+        let mut recorder = Recorder::untimed(context);
+        let read = recorder.read_back("store.words", &buffer, u64::from(self.count) * self.stride)?;
+        recorder.submit();
+        read.values(context, "reading splats")
+    }
+
+    /// A store of splats of these words, of `stride` bytes each, in the bricks of this one.
+    pub(crate) fn with_words(&self, context: &Context, words: &[u32], stride: u64) -> Result<Self> {
+        let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC;
+        let buffer = context.upload("store.splats", bytemuck::cast_slice(words), usage)?;
+        let splats = (Splats::Listed(buffer), Some(self.origins.clone()));
+        Self::new(context, splats, stride, self.count, self.bricks.clone())
+    }
+
     /// A store for other splats at the same places on the device: in the memory of these.
     pub(crate) fn over(self, context: &Context) -> Result<Self> {
         let buffer = self.on_device(context)?;

@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use super::cells::{CellSize, Shape};
 use super::lattice::Lattice;
 use super::levels::ScalarNeed;
+use super::light_on_host;
 use super::light_volume::FallenLight;
 use super::scalar_cells;
 use super::scalars::{Emission, EmissionKey, Samples};
@@ -286,7 +287,9 @@ impl PreShaded {
                     let bricks = classified.bricks;
                     let over = Arc::get_mut(&mut classified).is_some();
                     let (of, held, occluders) = ((context, pipelines), held.as_ref(), &self.occluders);
-                    let stores = shaded(of, (&classified.stores, over), held, occluders, shadows, progress)?;
+                    let swept = shaded(of, (&classified.stores, over), held, occluders, shadows, progress)?;
+                    let on_host = || light_on_host::shaded(context, &classified.stores, shadows, progress);
+                    let stores = swept.map_or_else(on_host, Ok)?;
                     let kept = if Sampled::of(&stores).is_some() { kept } else { Arc::default() };
                     Ok(Arc::new(Drawable { stores, bricks, kept, ..Drawable::default() }))
                 }

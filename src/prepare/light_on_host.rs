@@ -6,9 +6,8 @@ use super::shadows::{Shadows, bounds_of};
 use crate::error::Result;
 use crate::gpu::context::Context;
 use crate::gpu::layout::{BRICK_SHIFT, LIT_WORDS};
-use crate::gpu::recorder::Recorder;
 use crate::gpu::shadows::STRIDE;
-use crate::gpu::store::{Splats, Store};
+use crate::gpu::store::Store;
 use crate::lighting::MAX_CASTING;
 use crate::lighting::shadow::Arrival;
 use crate::lighting::shadow::field::CLIPPED;
@@ -29,14 +28,7 @@ pub(super) type Shares = [u16; MAX_CASTING + 1];
 
 impl<'a> ListedSplats<'a> {
     pub(super) fn read(context: &Context, stores: &'a [Store]) -> Result<Self> {
-        let words = |store: &Store| {
-            let buffer = store.on_device(context)?;
-            let mut recorder = Recorder::untimed(context);
-            let read = recorder.read_back("light.splats", &buffer, u64::from(store.count) * store.stride)?;
-            recorder.submit();
-            read.values(context, "casting shadows")
-        };
-        let words = stores.iter().map(words).collect::<Result<Vec<Vec<u32>>>>()?;
+        let words = stores.iter().map(|store| store.words(context)).collect::<Result<_>>()?;
         Ok(Self { stores, words, bounds: bounds_of(stores) })
     }
 
@@ -103,10 +95,7 @@ pub(super) fn shaded(
             shaded.extend_from_slice(&splat[..LIT_WORDS]);
             shaded.extend([pair(a, b), pair(c, ambient)]);
         }
-        let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC;
-        let buffer = context.upload("shadows.splats", bytemuck::cast_slice(&shaded), usage)?;
-        let splats = (Splats::Listed(buffer), Some(store.origins.clone()));
-        Store::new(context, splats, STRIDE, store.count, store.bricks.clone())
+        store.with_words(context, &shaded, STRIDE)
     };
     stores.iter().zip(&listed.words).zip(&light).map(of_store).collect()
 }

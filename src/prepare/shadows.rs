@@ -5,9 +5,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use glam::DVec3;
 
-use super::light_on_host;
 use crate::camera::clip::{Side, is_inside};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::gpu::cache::Cache;
 use crate::gpu::context::Context;
 use crate::gpu::sampled::Sampled;
@@ -76,7 +75,8 @@ pub(super) fn unknown<'a>(held: Option<&'a Shadows>, shadows: &'a Shadows) -> im
 }
 
 /// Returns lit splats with the shares of light that arrive at each. Splats that hold shares of other shadows keep those
-/// of lights that are the same. `over`: the memory of the splats may be used again.
+/// of lights that are the same. `over`: the memory of the splats may be used again. `None`: the host has to find the
+/// light.
 pub(crate) fn shaded(
     (context, pipelines): (&Context, &Cache),
     (stores, over): (&[Store], bool),
@@ -84,37 +84,27 @@ pub(crate) fn shaded(
     occluders: &Occluders,
     shadows: &Shadows,
     progress: &Progress,
-) -> Result<Vec<Store>> {
-    let Some((made, buffers)) = swept((context, pipelines), (stores, over), held, occluders, shadows, progress)? else {
-        occluders.clear();
-        return light_on_host::shaded(context, stores, shadows, progress);
-    };
-    // Lights that changed once may do so again.
-    let is_kept = held.is_some() && buffers.bytes() <= Occluders::MOST;
-    occluders.keep(is_kept.then(|| (shadows.without_lights(), buffers)));
-    Ok(made)
-}
-
-/// [`shaded`] by sweeps of the device, with what they may keep; `None`: the host has to find the light.
-fn swept(
-    (context, pipelines): (&Context, &Cache),
-    (stores, over): (&[Store], bool),
-    held: Option<&Shadows>,
-    occluders: &Occluders,
-    shadows: &Shadows,
-    progress: &Progress,
-) -> Result<Option<(Vec<Store>, Buffers)>> {
+) -> Result<Option<Vec<Store>>> {
     let Shadows { casting, lattice, clip } = shadows;
     let Some(plans) = LightPlans::new(casting, lattice, bounds_of(stores)) else { return Ok(None) };
     let lights: Vec<usize> = unknown(held, shadows).collect();
     let unlit = Unlit { stores, over, dims: lattice.dims, clip };
     let buffers = occluders.taken(shadows);
-    let Some(sampled) = Sampled::of(stores) else {
-        return shadows::run(context, pipelines, &unlit, &plans, &lights, buffers, progress);
+    let made = match Sampled::of(stores) {
+        None => shadows::run(context, pipelines, &unlit, &plans, &lights, buffers, progress)?,
+        Some(sampled) => {
+            let unlit = UnlitSamples { sampled: &sampled, over, dims: lattice.dims, clip };
+            let made = shadows::run_on_samples(context, pipelines, &unlit, &plans, &lights, buffers, progress)?;
+            let stores = |(sampled, buffers)| Ok::<_, Error>((Sampled::stores(&Arc::new(sampled), context)?, buffers));
+            made.map(stores).transpose()?
+        }
     };
-    let unlit = UnlitSamples { sampled: &sampled, over, dims: lattice.dims, clip };
-    let made = shadows::run_on_samples(context, pipelines, &unlit, &plans, &lights, buffers, progress)?;
-    made.map(|(sampled, buffers)| Ok((Sampled::stores(&Arc::new(sampled), context)?, buffers))).transpose()
+    Ok(made.map(|(stores, buffers)| {
+        // Lights that changed once may do so again.
+        let is_kept = held.is_some() && buffers.bytes() <= Occluders::MOST;
+        occluders.keep(is_kept.then(|| (shadows.without_lights(), buffers)));
+        stores
+    }))
 }
 
 /// The first lattice point of the box around splats, and its size; one voxel if there are no splats.

@@ -153,7 +153,7 @@ fn light_of_device_and_host(bodies: usize, step: usize) {
                 let made = listed(&context, volume, transfer);
                 let stores = (made.stores.as_slice(), false);
                 let (of, occluders) = ((&context, &pipelines), Occluders::default());
-                let device = shaded(of, stores, None, &occluders, &shadows, &progress).unwrap();
+                let device = shaded(of, stores, None, &occluders, &shadows, &progress).unwrap().unwrap();
                 let device = shares(&context, &device);
                 let host = light_on_host::shaded(&context, &made.stores, &shadows, &progress).unwrap();
                 let host = shares(&context, &host);
@@ -204,7 +204,7 @@ fn device_keeps_the_light_that_stays() {
         .map(|towards| shadows(volume, &lighting(towards), Kernel::default(), &Clip::default()));
     let (of, occluders) = ((&context, &pipelines), Occluders::default());
     let run = |stores: (&[Store], bool), held: Option<&Shadows>, shadows: &Shadows| {
-        shaded(of, stores, held, &occluders, shadows, &progress).unwrap()
+        shaded(of, stores, held, &occluders, shadows, &progress).unwrap().unwrap()
     };
     let before = run((&made.stores, false), None, &first);
     let waits = context.traffic().waits;

@@ -142,10 +142,11 @@ impl Packing {
         let packing = Self { voxel, layout: Layout::Box, axes, low, dims, atlas: [0; 3], marking };
         let paged = |count| Self { layout: Layout::Pages, atlas: pages::atlas(count), ..packing };
         let in_pages = pages.filter(|_| !whole).map(paged);
-        let saves = |of: &Self| pages::are_worth_it(context, of.voxel_bytes(), packing.voxel_bytes());
-        let packing = in_pages.filter(saves).unwrap_or(packing);
         let deep = context.limits.max_texture_dimension_3d;
-        let fits = lattice.iter().all(|&n| n < deep)
+        let is_texture = packing.box_texels().iter().all(|&n| n <= deep);
+        let saves = |of: &Self| !is_texture || pages::are_worth_it(context, of.voxel_bytes(), packing.voxel_bytes());
+        let packing = in_pages.filter(saves).unwrap_or(packing);
+        let fits = (is_texture || packing.layout == Layout::Pages)
             && packing.atlas.iter().all(|&n| n <= deep / PAGE)
             && packing.macrocells().iter().all(|&n| n <= deep.min(MARKED))
             && packing.mark_bytes().max(packing.table_bytes()) <= context.largest_buffer();
