@@ -252,7 +252,7 @@ impl Renderer {
     /// exactly, at the depth of its pixel. [`Image::over`] lays the picture over a picture of the solids. `solids` has
     /// the size of the whole picture.
     ///
-    /// Each pixel has a ray of its own, whatever the painter's resolution.
+    /// Each pixel has a ray of its own, whatever the painter.
     ///
     /// # Errors
     /// Like [`Self::render_region`], and [`Error::Setting`] if the sizes differ.

@@ -46,7 +46,7 @@ fn turns() {
         let (volume, transfer) = demo(demo_name, 24);
         // In so few pixels kernels have grown, the more the farther they are from the eye, and cells replace voxels.
         let is_layered = name.ends_with("layers");
-        let (projection, size) = if is_layered { (PERSPECTIVE, 30) } else { (ProjectionKind::Orthographic, 48) };
+        let (projection, size) = if is_layered { (PERSPECTIVE, 22) } else { (ProjectionKind::Orthographic, 48) };
         for settings in [with_tiles(&quads), quads] {
             let scene = prepare_on(&renderer, &volume, &transfer, &settings).unwrap();
             let mut painter = "";
