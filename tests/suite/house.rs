@@ -1,4 +1,5 @@
-//! The structure of the crates: no files of a crate import each other in a circle, and rooms import only lower rooms.
+//! The structure of the crates: no files of a crate import each other in a circle, rooms import only lower rooms, and no
+//! room grows unnoticed.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -191,6 +192,85 @@ fn rooms_need_only_those_below_them() {
         for (module, source) in files {
             let named: Vec<_> = above.iter().filter(|name| code(source).contains(*name)).collect();
             assert!(named.is_empty(), "{}: {named:?}", module.join("::"));
+        }
+    }
+}
+
+/// The most lines of code of each room: without comments, blanks and tests. A room that shrinks takes its new number;
+/// one that grows says why in the message of its commit.
+const LINES: [(&str, usize); 27] = [
+    ("accuracy", 354),
+    ("appearance", 2042),
+    ("bricks", 886),
+    ("camera", 738),
+    ("crates/cli", 5969),
+    ("crates/volume", 12028),
+    ("engine", 182),
+    ("error", 144),
+    ("gpu", 5326),
+    ("host", 3682),
+    ("image", 1751),
+    ("kernel", 937),
+    ("layers", 1199),
+    ("lib", 56),
+    ("lighting", 2398),
+    ("output", 130),
+    ("painters", 3266),
+    ("prepare", 2329),
+    ("progress", 34),
+    ("python", 1414),
+    ("reference", 2001),
+    ("renderer", 447),
+    ("settings", 443),
+    ("solids", 445),
+    ("splats", 612),
+    ("stats", 335),
+    ("transfer", 1738),
+];
+/// The same of all shaders, and the number of their files.
+const SHADERS: [usize; 2] = [4354, 79];
+
+/// The lines of a source that have code.
+fn lines(source: &str) -> usize {
+    code(source).lines().filter(|line| !line.trim().is_empty()).count()
+}
+
+#[test]
+fn rooms_do_not_grow() {
+    let mut rooms: BTreeMap<String, usize> = BTreeMap::new();
+    for crate_ in ["", "crates/cli", "crates/volume", "python"] {
+        let mut found = BTreeMap::new();
+        modules(&root().join(crate_).join("src"), &[], &mut found);
+        for (module, source) in found {
+            let room = match (crate_, module.first()) {
+                ("", Some(room)) => room.clone(),
+                ("", None) => "lib".to_owned(),
+                _ => crate_.to_owned(),
+            };
+            *rooms.entry(room).or_default() += lines(&source);
+        }
+    }
+    let all: usize = rooms.values().sum();
+    println!("{all} lines of Rust: {rooms:?}");
+    let most: BTreeMap<&str, usize> = LINES.into_iter().collect();
+    assert!(rooms.keys().map(String::as_str).eq(most.keys().copied()), "other rooms: {:?}", rooms.keys());
+    let grown: Vec<_> = rooms.iter().filter(|(room, lines)| **lines > most[room.as_str()]).collect();
+    assert!(grown.is_empty(), "rooms that have grown: {grown:?}");
+    let mut shaders = Vec::new();
+    texts(&root().join("shaders"), &mut shaders);
+    let found = [shaders.iter().map(|text| lines(text)).sum(), shaders.len()];
+    println!("lines and files of shaders: {found:?}");
+    assert!(found[0] <= SHADERS[0] && found[1] <= SHADERS[1], "{found:?}");
+}
+
+/// The texts of all files of a folder.
+fn texts(folder: &Path, found: &mut Vec<String>) {
+    for entry in fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            texts(&path, found);
+        } else {
+            found.push(fs::read_to_string(path).unwrap());
         }
     }
 }
