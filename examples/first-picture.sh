@@ -1,6 +1,6 @@
 #!/bin/sh
-# Builds voxsplat and renders a built-in volume. Installs a missing C linker first; Rust must be there. Without a GPU the
-# processor draws, so no driver is needed.
+# Builds voxsplat and renders a built-in volume. Installs a missing C linker first; Rust must be there. Without a GPU
+# the processor draws, so no driver is needed.
 set -eu
 cd "$(dirname "$0")/.."
 # shellcheck disable=SC2034 # read by the next line

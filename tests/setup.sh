@@ -1,6 +1,6 @@
 # Sourced by the scripts of this repository, from its root: installs packages that a fresh Debian or Ubuntu lacks
-# besides Rust: a C linker and, unless setup_driver=no, Mesa's Vulkan driver, which needs no GPU, with its loader. Silent
-# if nothing is missing.
+# besides Rust: a C linker and, unless setup_driver=no, Mesa's Vulkan driver, which needs no GPU, with its loader.
+# Silent if nothing is missing.
 # shellcheck shell=sh
 
 setup_fail() {

@@ -301,8 +301,8 @@ pub(crate) fn run(
     Ok(Some((made, job.buffers())))
 }
 
-/// The matter that casts shadows in a box of voxels: scalars in a lattice of so many points, and the sides of the matter
-/// that casts.
+/// The matter that casts shadows in a box of voxels: scalars in a lattice of so many points, and the sides of the
+/// matter that casts.
 pub(crate) type Field<'a> = (&'a ScalarField<'a>, [usize; 3], &'a [Side]);
 
 /// The light that arrives at the voxels of a box, kept for other lights.

@@ -108,8 +108,8 @@ pub(super) struct PreShaded {
     pub(super) classified: Held<ClassifiedKey, Drawable>,
     /// The occluders of shadows.
     occluders: Occluders,
-    /// The samples on the device, held from the first picture on unless a list of splats takes less memory: then from the
-    /// first change of the transfer function or the first cells on.
+    /// The samples on the device, held from the first picture on unless a list of splats takes less memory: then from
+    /// the first change of the transfer function or the first cells on.
     samples: HeldSamples,
     /// Changes of the transfer function.
     edits: u32,
@@ -297,8 +297,8 @@ impl PreShaded {
         })
     }
 
-    /// The visible voxels by stages of the device. From the first change of the transfer function on the device holds the
-    /// samples, and before if it has room for them: no list of splats is made unless something reads it, or takes less
+    /// The visible voxels by stages of the device. From the first change of the transfer function on the device holds
+    /// the samples, and before if it has room for them: no list of splats is made unless something reads it, or takes less
     /// memory, or the device has no room.
     fn classified_on_device(&self, pipelines: &Cache, input: &Input<'_>, lists: bool) -> Result<Drawable> {
         let context = input.context();

@@ -1,6 +1,6 @@
 //! light-on-host: the light that arrives at listed splats by the sums of `lighting/shadow.rs` on the processor: exact
-//! shadows, kernels too narrow for sweeps, and volumes whose light outgrows the device. The device lists the splats, the
-//! host reads them, and the light goes back.
+//! shadows, kernels too narrow for sweeps, and volumes whose light outgrows the device. The device lists the splats,
+//! the host reads them, and the light goes back.
 
 use super::shadows::{Shadows, bounds_of};
 use crate::error::Result;

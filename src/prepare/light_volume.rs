@@ -1,7 +1,7 @@
 //! light-volume: the share of each light that arrives at each place of a field of scalars, for post-shading (Kniss et
 //! al. 2003 compute a light volume for each view; this one once for a volume, a transfer function and a set of lights,
-//! and for a light that moves only its own share). [`gpu::shadows`](crate::gpu::shadows) finds the light, on a field that
-//! it makes of the samples that the device holds, or `light_on_host` at listed scalars.
+//! and for a light that moves only its own share). [`gpu::shadows`](crate::gpu::shadows) finds the light, on a field
+//! that it makes of the samples that the device holds, or `light_on_host` at listed scalars.
 //!
 //! The scalars of voxels, or of cells, are classified like splats of pre-shading, and the sums of `lighting/shadow.rs`
 //! give the light that arrives at each visible one. Rays interpolate linearly between them.

@@ -1,5 +1,5 @@
-//! The structure of the crates: no files of a crate import each other in a circle, rooms import only lower rooms, and no
-//! room grows unnoticed.
+//! The structure of the crates: no files of a crate import each other in a circle, rooms import only lower rooms, and
+//! no room grows unnoticed.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;

@@ -1,5 +1,5 @@
-//! The painter `tiles`: compute shaders that march a ray for each pixel from voxel plane to voxel plane. Rays skip empty
-//! macrocells and end when they are opaque.
+//! The painter `tiles`: compute shaders that march a ray for each pixel from voxel plane to voxel plane. Rays skip
+//! empty macrocells and end when they are opaque.
 
 mod axis;
 mod layers;

@@ -359,8 +359,8 @@ impl Picture<'_> {
 
     /// See [`Painting::pixel_bytes`](crate::painters::painter::Painting::pixel_bytes).
     pub(super) fn pixel_bytes(&self) -> u32 {
-        // The runs of a tile, two words each, count two and a half times: a binding holds at least half of the bytes of a
-        // part of a picture, and tiles may extend beyond the part.
+        // The runs of a tile, two words each, count two and a half times: a binding holds at least half of the bytes of
+        // a part of a picture, and tiles may extend beyond the part.
         let runs = |axis: &PackedAxis| (axis.packing.macrocells()[2] + 1) * 20;
         let per_pixel = |axis: &PackedAxis| runs(axis).div_ceil(TILE * TILE);
         self.axes.iter().map(per_pixel).fold(MIN_PIXEL_BYTES, u32::max)
