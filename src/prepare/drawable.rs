@@ -298,8 +298,8 @@ impl PreShaded {
     }
 
     /// The visible voxels by stages of the device. From the first change of the transfer function on the device holds
-    /// the samples, and before if it has room for them: no list of splats is made unless something reads it, or takes less
-    /// memory, or the device has no room.
+    /// the samples, and before if it has room for them: no list of splats is made unless something reads it, or takes
+    /// less memory, or the device has no room.
     fn classified_on_device(&self, pipelines: &Cache, input: &Input<'_>, lists: bool) -> Result<Drawable> {
         let context = input.context();
         let is_held = self.edits > 0 || self.samples.is_held();
