@@ -655,8 +655,8 @@ fn growths(camera: &Camera, grid: &Grid, settings: &Settings, kernel: &Kernel) -
     });
     let requested = if let Cells::At(level) = settings.level { Some(level) } else { None };
     let least = requested.map_or(0.0, |level| Level(level).least());
-    let sizes @ [smallest, largest] = depths.map(|depth| growth.at(depth).max(least));
-    let level = Level::new(kernel, sizes, requested);
+    let [smallest, largest] = depths.map(|depth| growth.at(depth).max(least));
+    let level = Level::new(kernel, smallest, requested);
     if camera.eye().is_none() || largest <= NO_GROWTH {
         return (vec![largest], level);
     }

@@ -152,6 +152,7 @@ const RULES: &[Rule] = &[
     refused("depth", |given| given.is_for("turntable"), ": a depth buffer is of one view"),
     // Painters and devices.
     refused(QUADS, |given| given.is("painter", "tiles"), " is a knob of quads, not of tiles"),
+    refused(QUADS, |given| given.is("painter", "cpu"), " is a knob of quads, not of cpu"),
     refused(QUADS, |given| given.is_for("pareto"), ": a study varies the painters and their knobs"),
     idle("level painter adapter tune:interslice tune:termination", is_traced, BY_REFERENCE),
     idle(QUADS, is_traced, BY_REFERENCE),

@@ -24,7 +24,7 @@ pub(crate) use self::solids::SolidArgs;
 pub(crate) use self::turntable::TurntableArgs;
 pub(crate) use self::view::{ProjectionArg, ViewArgs};
 
-/// Render voxel volumes by splatting on the GPU.
+/// Render voxel volumes by splatting.
 #[derive(Debug, Parser)]
 #[command(name = "voxsplat", version, max_term_width = 100, after_help = MAIN_EXAMPLES, disable_help_subcommand = true)]
 #[command(subcommand_required = true, arg_required_else_help = false)]

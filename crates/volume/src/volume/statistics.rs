@@ -140,11 +140,19 @@ impl Statistics {
     /// The threshold that splits the values over `above` into two classes with the largest variance between them (Otsu
     /// 1979, "A threshold selection method from gray-level histograms"). `f64::NEG_INFINITY` includes all values.
     ///
+    /// Outliers do not count, unless all other values are the same: a few bright voxels alone are a class.
+    ///
     /// `None` if there are no two classes. With its own result as `above` it splits the brighter class.
     #[must_use]
     pub fn otsu(&self, above: f64) -> Option<f64> {
         let start = self.first_above(above);
         let end = self.bin_of(self.quantile(NOT_OUTLIERS)) + 1;
+        let everything = || (above == f64::NEG_INFINITY).then(|| self.split(start, self.bins.len())).flatten();
+        self.split(start, end).or_else(everything)
+    }
+
+    /// The threshold between the two classes of the values of some bins.
+    fn split(&self, start: usize, end: usize) -> Option<f64> {
         let bins = self.bins.get(start..end)?;
         let total: f64 = bins.iter().map(|&n| n as f64).sum();
         let sum: f64 = bins.iter().enumerate().map(|(i, &n)| n as f64 * i as f64).sum();
@@ -196,6 +204,15 @@ mod tests {
 
     fn of(values: &[f64]) -> Statistics {
         Statistics::of(&Volume::from_slice([values.len() as u32, 1, 1], [1.0; 3], values).unwrap()).unwrap()
+    }
+
+    #[test]
+    fn a_bright_voxel_alone_is_a_class() {
+        let mut values = vec![0.0; 4913];
+        values[2456] = 255.0;
+        let threshold = of(&values).otsu(f64::NEG_INFINITY).unwrap();
+        assert!((1.0..255.0).contains(&threshold), "{threshold}");
+        assert_eq!(of(&[7.0; 100]).otsu(f64::NEG_INFINITY), None);
     }
 
     #[test]
