@@ -11,6 +11,7 @@ use voxsplat::progress::Progress;
 use voxsplat::reference::Reference;
 use voxsplat::settings::{Interslice, Model, Painter, Settings, Shading};
 use voxsplat::transfer::{GradientPoint, TransferFunction};
+use voxsplat::volume::{Grid, Samples, Volume};
 use voxsplat::{Camera, Renderer};
 
 use glam::DVec3;
@@ -173,6 +174,27 @@ fn voxels_smaller_than_pixels_are_drawn() {
         }
     }
     assert!(too_far.is_empty(), "{too_far:#?}");
+}
+
+/// A rod seen end-on: near voxels are larger than pixels, and many of the farthest fall into one.
+#[test]
+fn near_matter_before_matter_far_away_is_sharp() {
+    let dims = [300, 16, 16];
+    let value = |i: u32| {
+        let [x, y, z] = [i % dims[0], i / dims[0] % dims[1], i / (dims[0] * dims[1])].map(f64::from);
+        0.5 + 0.5 * (0.7 * x).sin() * (0.6 * y).cos() * (0.5 * z + 1.0).sin()
+    };
+    let samples = Samples::F32((0..dims.iter().product()).map(|i| value(i) as f32).collect());
+    let volume = Volume::new(Grid::axis_parallel(dims, [1.0; 3]).unwrap(), samples).unwrap();
+    let layers = Layers::of_volume(&volume, &soft());
+    let projection = ProjectionKind::Perspective { fov: 40.0 };
+    let view = View { azimuth: 90.0, projection, ..View::default() };
+    let camera = look(&view, &volume, [48; 2]);
+    for (settings, most) in [(pre(), 2.0), (post(), 4.0)] {
+        let error = error(&layers, &camera, &settings);
+        println!("{:?}: {error:.2} of 255", settings.shading);
+        assert!(error < most, "{:?}: {error} of 255", settings.shading);
+    }
 }
 
 #[test]
