@@ -118,8 +118,7 @@ fn every_side_and_every_lattice_is_drawn() {
     let (volume, _) = demo("marschner-lobb", 16);
     let soft = soft();
     let sheared = glam::DMat3::from_cols(DVec3::X, DVec3::new(0.3, 1.0, 0.1), DVec3::new(0.2, -0.4, -2.5));
-    let grid =
-        voxsplat::Grid::new([16; 3], glam::DAffine3::from_mat3_translation(sheared, DVec3::splat(50.0))).unwrap();
+    let grid = Grid::new([16; 3], glam::DAffine3::from_mat3_translation(sheared, DVec3::splat(50.0))).unwrap();
     let sheared = volume.clone().with_grid(grid).unwrap();
     let mut too_far = Vec::new();
     for (volume, azimuth, elevation) in [
