@@ -49,13 +49,12 @@ fn shaded_color(index: u32, words: vec2u) -> vec3f {
 // Packs a splat.
 fn pack_splat(index: u32) {
     let words = splat_words(index);
-    let point = splat_point(words) - pack.low;
-    let place = vec3u(point[pack.axes.x], point[pack.axes.y], point[pack.axes.z]);
+    let place = splat_point(words) - pack.low;
     // A difference below 0 wraps around to a large number.
     if any(place >= vec3u(pack.across, pack.rows, pack.planes)) {
         return;
     }
-    let before = place - vec3u(pack.axes == vec3u(0u));
+    let before = place - vec3u(1u, 0u, 0u);
     if is_marking(words) && !follows_in_cells(index, words.x, place, before) {
         mark(place);
     }

@@ -12,18 +12,15 @@ struct Pack {
     low: vec3u,
     // The runs of splats of this dispatch: the first one, and their number (run_count).
     first_run: u32,
-    // Numbers of the lattice axes of a, b and m: 0 x, 1 y, 2 z.
-    axes: vec3u,
-    // Voxels along b.
-    rows: u32,
     // Lattice point of the eye.
     eye: vec3f,
-    // Voxels along a.
+    // Voxels along x, and along y.
     across: u32,
+    rows: u32,
     // The factor of values that are stored as f16, to stay in the range of f16.
     scale: f32,
     run_count: u32,
-    // Voxel planes.
+    // Voxels along z.
     planes: u32,
     // View coordinates of a step along each axis of the lattice.
     view_x: vec3f,

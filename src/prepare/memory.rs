@@ -34,7 +34,7 @@ pub(super) struct Drawn {
     pub(super) post: bool,
     pub(super) lit: bool,
     pub(super) painter: Painter,
-    /// Light is cast by sweeps on the host.
+    /// Light is cast in the memory of the host.
     pub(super) shadows: bool,
     /// The size of the finest cells.
     pub(super) size: CellSize,
@@ -81,9 +81,11 @@ impl Drawn {
         if post {
             return filtered + each * (of_box * boxed + of_splat * visible);
         }
+        // A software adapter has each splat in its lists.
+        let of_lists = if on_host { visible } else { listed };
         // Shadows lie on voxels, and their occluders and light are gone when the volume is packed.
         let of_light = if shadows { 12.0 * boxed } else { 0.0 };
-        let of_voxels = if shadows || size == CellSize::VOXEL { listed } else { 0.0 };
+        let of_voxels = if shadows || size == CellSize::VOXEL { of_lists } else { 0.0 };
         let lists = of_voxels * (of_splat + if shadows { 8.0 } else { 0.0 });
         let of_cell = if matches!(painter, Painter::Quads(_)) { of_splat } else { 12.0 };
         let cells = if size == CellSize::VOXEL { 0.0 } else { each * of_cell * visible };

@@ -63,9 +63,9 @@ pub(crate) struct Tuning {
     /// Read larger volumes (MiB) brick by brick from their file, if the file is uncompressed
     #[arg(long, value_name = "MIB, 0 or more", default_value = "4", value_parser = mebibytes, help_heading = ANY)]
     pub(crate) stream_over: u64,
-    /// The painter that the last knob of a painter chooses.
+    /// Whether a knob of quads is given.
     #[arg(skip)]
-    painter: Option<PainterArg>,
+    chooses_quads: bool,
 }
 
 /// Parses `on` or `off`.
@@ -117,23 +117,20 @@ impl Tuning {
         let words = pairs.iter().map(|(key, value)| format!("--{key}={value}"));
         let tuning = Self::try_parse_from(words).map_err(|error| format!("--tune: {error}"))?;
         let command = Self::command();
-        let painter = |key: &str| match args::option(&command, key)?.get_help_heading()? {
-            QUADS => Some(PainterArg::Quads),
-            _ => None,
-        };
-        Ok(Self { painter: pairs.iter().rev().find_map(|(key, _)| painter(key)), ..tuning })
+        let is_of_quads =
+            |key: &str| args::option(&command, key).is_some_and(|knob| knob.get_help_heading() == Some(QUADS));
+        Ok(Self { chooses_quads: pairs.iter().any(|(key, _)| is_of_quads(key)), ..tuning })
     }
 
-    /// Returns the requested painter with its knobs. A knob of a painter chooses its painter.
+    /// Returns the requested painter with its knobs. A knob of quads chooses quads.
     pub(crate) fn painter(&self, requested: PainterArg) -> Painter {
         let &Self { sheets, accumulate: accumulation, sheet_thickness, precision, table_error, .. } = self;
-        let chosen = if requested == PainterArg::Auto { self.painter.unwrap_or(requested) } else { requested };
-        match chosen {
-            PainterArg::Quads => {
+        match requested {
+            PainterArg::Auto if !self.chooses_quads => Painter::Auto,
+            PainterArg::Auto | PainterArg::Quads => {
                 Painter::Quads(QuadsSettings { sheets, accumulation, sheet_thickness, precision, table_error })
             }
             PainterArg::Tiles => Painter::Tiles,
-            PainterArg::Auto => Painter::Auto,
             PainterArg::Cpu => Painter::Cpu,
         }
     }
@@ -193,8 +190,8 @@ mod tests {
         let pairs = ["sheets=image", "termination=0", "accumulate=additive", "sheets=axis"];
         let apart: Vec<TuneArg> = pairs.iter().map(|pair| tune(pair).unwrap()).collect();
         assert_eq!(Tuning::new(&apart), Ok(together.clone()));
-        assert_eq!(together.painter, Some(PainterArg::Quads));
-        assert_eq!(Tuning::new(&[tune("sample=64").unwrap()]).unwrap().painter, None);
+        assert!(together.chooses_quads);
+        assert!(!Tuning::new(&[tune("sample=64").unwrap()]).unwrap().chooses_quads);
         assert_eq!(pairs_without(&apart, &["sheets", "accumulate"]), Some("termination=0".to_owned()));
         assert_eq!(pairs_without(&apart[1..2], &["termination"]), None);
     }

@@ -37,16 +37,16 @@ pub(super) fn skip(context: &Context, constants: &[Constant]) -> Stage {
 /// The stage that marches the rays of a picture.
 pub(super) fn gather(context: &Context, key: &TilesKey) -> Stage {
     let is_layered = key.rays == RayKind::Layered;
-    let with_state = |slots: Vec<Binding>| if is_layered { [slots, vec![Write]].concat() } else { slots };
     let entry = if is_layered { "layer" } else { "gather" };
     let (shader, slots) = if matches!(key.voxel, Voxel::Color { .. }) {
-        (shaders::GATHER, vec![Write, Read, Uniform, Read])
+        (shaders::GATHER, &[Write, Read, Uniform, Read][..])
     } else {
         let transfer = ReadTexture(wgpu::TextureFormat::Rgba32Float);
         let light = FilteredTexture(wgpu::TextureViewDimension::D3);
-        (shaders::GATHER_SCALARS, vec![Write, Uniform, transfer, light, Sampler, Read, Read, Uniform, Read])
+        (shaders::GATHER_SCALARS, &[Write, Uniform, transfer, light, Sampler, Read, Read, Uniform, Read][..])
     };
-    let slots = [vec![Uniform, key.voxel.binding(), Read], with_state(slots)].concat();
+    let state: &[Binding] = if is_layered { &[Write] } else { &[] };
+    let slots = [&[Uniform, key.voxel.binding(), Read], slots, state].concat();
     Stage::new(context, shader, ("gather", entry), &slots, &key.constants)
 }
 

@@ -15,7 +15,6 @@ use crate::gpu::sampled_scalars::Targets;
 use crate::gpu::splat::{SplatLight, ToEye};
 use crate::gpu::stage::{Stage, for_each};
 use crate::gpu::store::Store;
-use crate::painters::tiles::axis::unordered;
 
 /// Splats that a workgroup packs: 32 for each invocation.
 const RUN: u32 = 2048;
@@ -74,8 +73,7 @@ impl Packing {
     fn parameters(&self, light: &SplatLight, scale: f32) -> Pack {
         let ToEye { eye, view: [view_x, view_y, view_z], .. } = light.to_eye;
         Pack {
-            low: unordered(self.axes, self.low),
-            axes: self.axes.map(|axis| axis as u32),
+            low: self.low,
             rows: self.dims[1],
             scale,
             planes: self.dims[2],
