@@ -56,18 +56,18 @@ impl SampleCoding {
             SampleType::U16 => Some(2),
             SampleType::I16 => Some(3),
             SampleType::F32 => {
-                let mut points = transfer.points().iter().map(|p| sample(p.value).abs()).filter(|&p| p > 0.0);
-                let [first, last] = transfer.range().map(sample);
+                let points: Vec<_> = transfer.knots().iter().map(|p| sample(p.value)).collect();
+                let (first, last) = (points[0], points[points.len() - 1]);
                 let extent = if last > first { last - first } else { first.abs() };
-                let ordinary = |p: f64| p < FAR && (extent == 0.0 || extent > LEAST_EXTENT);
-                points.all(ordinary).then_some(4)
+                let ordinary = |p: &f64| p.abs() < FAR && (extent == 0.0 || extent > LEAST_EXTENT);
+                points.iter().filter(|&&p| p != 0.0).all(ordinary).then_some(4)
             }
             _ => None,
         };
         let (origin, reduction) = match sample_type {
             Some(4) => (0.0, None),
             // An integer within the samples' range, so that the shader's subtraction is exact.
-            Some(_) => (sample(transfer.points()[0].value).round().clamp(-32_768.0, 65_535.0), None),
+            Some(_) => (sample(transfer.knots()[0].value).round().clamp(-32_768.0, 65_535.0), None),
             // A function without extent is constant, whatever its input.
             None => (0.0, Some(Reduction::new(transfer, 1.0))),
         };
@@ -82,7 +82,7 @@ impl SampleCoding {
             opacity: p.opacity as f32,
             _pad: [0.0; 3],
         };
-        transfer.points().iter().map(point).collect()
+        transfer.knots().iter().map(point).collect()
     }
 
     /// The base of the transfer function as a sample, and the resolution of samples there; 0 if nothing depends on

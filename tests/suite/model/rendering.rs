@@ -241,23 +241,24 @@ fn scene_and_camera_turned_together_leave_the_picture() {
 }
 
 #[test]
-#[ignore = "slow: a picture of 2001 x 2001 pixels"]
+#[ignore = "slow: a picture of 2103 x 2103 pixels"]
 fn a_picture_made_in_parts_is_the_whole_picture() {
-    // 2001^2 pixels are over 256 MiB of sheets, so they are made in several regions; 667^2 pixels are not.
+    // 2103^2 pixels are over 256 MiB of sheets, so they are made in several regions; 701^2 pixels are not.
     let (volume, transfer) = demo("vessels", 12);
     let scene = prepare(&volume, &transfer, &exact_quads());
     let view = View { view_height: Some(14.0), ..View::default() };
-    let [large, small] = [2001, 667].map(|size| draw(&scene, &look(&view, &volume, [size; 2]), &exact_quads()));
+    let [large, small] = [2103, 701].map(|size| draw(&scene, &look(&view, &volume, [size; 2]), &exact_quads()));
     assert_eq!((small.stats.parts, large.stats.parts), (1, 4));
     // The middle of each small pixel is the middle of the middle one of nine large ones.
     let mut worst = 0.0_f32;
-    for y in 0..667_usize {
-        for x in 0..667_usize {
-            let (a, b) = (small.image.pixels()[y * 667 + x], large.image.pixels()[(3 * y + 1) * 2001 + 3 * x + 1]);
+    for y in 0..701_usize {
+        for x in 0..701_usize {
+            let (a, b) = (small.image.pixels()[y * 701 + x], large.image.pixels()[(3 * y + 1) * 2103 + 3 * x + 1]);
             worst = a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(worst, f32::max);
         }
     }
-    assert!(worst < 1e-5, "{worst:e}");
+    // From 2048 pixels on the places of splats are rounded to 2^-12 of a pixel.
+    assert!(worst < 2e-5, "{worst:e}");
 }
 
 #[test]
