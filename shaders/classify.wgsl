@@ -47,7 +47,12 @@ fn shows(i: u32) -> bool {
     if KEEP_INVISIBLE {
         return true;
     }
-    let opaque = transfer(i).a > 0.0;
+    var opaque: bool;
+    if BAND_LIMITED {
+        opaque = band_limited(i).a > 0.0;
+    } else {
+        opaque = transfer(i).a > 0.0;
+    }
     if !GRADIENT_OPACITY || !opaque {
         return opaque;
     }

@@ -43,6 +43,7 @@ pub(crate) struct SettingsFields {
     window: Option<[f64; 2]>,
     transfer_values: String,
     gradient_opacity: Option<String>,
+    classification: Option<String>,
     model: String,
     response: String,
     depth_coded: bool,
@@ -199,8 +200,10 @@ impl SettingsFields {
         let window = self.window.map(|[level, width]| Window { level, width });
         window.map(|window| window.ends()).transpose()?;
         let gradient = self.gradient_opacity.as_deref().map(str::parse).transpose()?;
+        let mut transfer = TransferRequest::new(self.transfer.as_deref(), window, self.transfer_values.parse()?, gradient)?;
+        transfer.classification = self.classification.as_deref().map(str::parse).transpose()?;
         Ok(Request {
-            transfer: TransferRequest::new(self.transfer.as_deref(), window, self.transfer_values.parse()?, gradient)?,
+            transfer,
             open: OpenChoices {
                 side: false,
                 light: light.lights.is_empty(),

@@ -112,6 +112,10 @@ class Settings:
     """Whether a preset uses ``"absolute"`` values or is ``"fitted"``; ``"auto"``."""
     gradient_opacity: str | Sequence[tuple[float, float]] | None = None
     """Pairs (magnitude, factor of the opacity), magnitudes in values per world unit, or ``"off"``."""
+    classification: str | None = None
+    """How pre-shading classifies values: ``"point"``, at each voxel; ``"band-limited"``, as the mean over the values
+    around it, without rings on smooth surfaces; ``"auto"``: point for a transfer function with steps. None: what the
+    transfer function says, or auto."""
     model: str = "composite"
     """``"composite"``, ``"xray"``, ``"mip"``, ``"minip"`` or ``"average"``."""
     response: str = "absorption"

@@ -5,6 +5,10 @@
 override LIT: bool = false;
 // Whether extinction depends on gradients.
 override GRADIENT_OPACITY: bool = false;
+// Whether a voxel is classified by the values that occur around it: the control points are then nodes between which
+// emission, in `color` colour times density and in `opacity` density, is linear in the sample. The integrals of emission
+// from the first node, in the same members, follow them.
+override BAND_LIMITED: bool = false;
 struct Classify {
     // Lattice size.
     dims: vec3u,
@@ -12,7 +16,7 @@ struct Classify {
     bricks: u32,
     // World gradients of the lattice coordinates.
     gradient_x: vec3f,
-    // Control points of the transfer function.
+    // Control points or nodes of the transfer function.
     points: u32,
     gradient_y: vec3f,
     // Subtracted from a sample before it is compared with the control points.
@@ -40,9 +44,8 @@ struct ControlPoint {
 @group(0) @binding(0) var<uniform> classify: Classify;
 @group(0) @binding(2) var<storage, read> control_points: array<ControlPoint>;
 
-// Colour and opacity of a sample by `count` control points from number `first` on: linear between points, constant
-// beyond the first and the last. If several points have the same value, the last of them holds from there on.
-fn looked_up(sample: f32, first: u32, count: u32) -> vec4f {
+// The number of control points, of `count` from number `first` on, that are not above a sample.
+fn points_below(sample: f32, first: u32, count: u32) -> u32 {
     var above = 0u;
     var end = count;
     while above < end {
@@ -53,9 +56,16 @@ fn looked_up(sample: f32, first: u32, count: u32) -> vec4f {
             end = middle;
         }
     }
+    return above;
+}
+
+// Colour and opacity of a sample by `count` control points from number `first` on, of which `below` are not above it:
+// linear between points, constant beyond the first and the last. If several points have the same value, the last of them
+// holds from there on.
+fn between_points(sample: f32, below: u32, first: u32, count: u32) -> vec4f {
     // The last point that is not above the sample, or the first point; and the point after it.
-    let a = control_points[first + max(above, 1u) - 1u];
-    let b = control_points[first + min(above, count - 1u)];
+    let a = control_points[first + max(below, 1u) - 1u];
+    let b = control_points[first + min(below, count - 1u)];
     let width = b.sample - a.sample;
     var f = 0.0;
     if width > 0.0 {
@@ -64,9 +74,54 @@ fn looked_up(sample: f32, first: u32, count: u32) -> vec4f {
     return vec4f(a.color + (b.color - a.color) * f, a.opacity + (b.opacity - a.opacity) * f);
 }
 
+fn looked_up(sample: f32, first: u32, count: u32) -> vec4f {
+    return between_points(sample, points_below(sample, first, count), first, count);
+}
+
 // Colour and opacity of a sample.
 fn transfer(i: u32) -> vec4f {
     return looked_up(sample_at(i) - classify.sample_origin, 0u, classify.points);
+}
+
+fn integral_at(node: u32) -> vec4f {
+    let point = control_points[classify.points + node];
+    return vec4f(point.color, point.opacity);
+}
+
+// The mean emission between two samples; of equal samples the emission there.
+fn mean_emission(low: f32, high: f32) -> vec4f {
+    let count = classify.points;
+    let before = points_below(low, 0u, count);
+    let after = points_below(high, 0u, count);
+    if before == after {
+        return between_points(0.5 * (low + high), before, 0u, count);
+    }
+    let a = control_points[before].sample;
+    let b = control_points[after - 1u].sample;
+    let start = between_points(0.5 * (low + a), before, 0u, count) * (a - low);
+    let end = between_points(0.5 * (b + high), after, 0u, count) * (high - b);
+    return (start + (integral_at(after - 1u) - integral_at(before)) + end) / (high - low);
+}
+
+// The emission of sample number `i`, colour times density and density, as the mean over two boxes of values around it:
+// `TransferFunction::with_classification` of the host.
+fn band_limited(i: u32) -> vec4f {
+    let row = stored_edge();
+    let plane = row * row;
+    let sample = sample_at(i);
+    let before = vec3f(sample_at(i - 1u), sample_at(i - row), sample_at(i - plane));
+    let after = vec3f(sample_at(i + 1u), sample_at(i + row), sample_at(i + plane));
+    let differences = 0.5 * (after - before);
+    // Its square may leave the range of f32.
+    let largest = largest_difference(differences);
+    let rise = largest * length(differences / select(1.0, largest, largest > 0.0));
+    let low = min(before, after);
+    let high = max(before, after);
+    let lowest = min(sample, max(sample - rise, min(low.x, min(low.y, low.z))));
+    let highest = max(sample, min(sample + rise, max(high.x, max(high.y, high.z))));
+    let place = sample - classify.sample_origin;
+    let below = mean_emission(lowest - classify.sample_origin, place);
+    return 0.5 * (below + mean_emission(place, highest - classify.sample_origin));
 }
 
 // -ln(1 - opacity). Below 0.1, where the subtraction would cancel, by its series to opacity^6: the next term is 1.4e-7
@@ -79,9 +134,9 @@ fn density(opacity: f32) -> f32 {
     return -log(1.0 - a);
 }
 
-// Layers of neighbouring voxels around a brick: two for normals, one for gradient opacity alone.
+// Layers of neighbouring voxels around a brick: two for normals, one for central differences alone.
 fn halo() -> u32 {
-    return select(u32(GRADIENT_OPACITY), 2u, LIT);
+    return select(u32(GRADIENT_OPACITY || BAND_LIMITED), 2u, LIT);
 }
 
 // Voxels along the side of a stored brick.
@@ -169,15 +224,22 @@ fn magnitude_of(gradient: vec4f) -> f32 {
 
 // The share of extinction that stays at a gradient.
 fn gradient_share(gradient: vec4f) -> f32 {
-    return looked_up(magnitude_of(gradient), classify.points, classify.gradient_points).a;
+    let first = classify.points << u32(BAND_LIMITED);
+    return looked_up(magnitude_of(gradient), first, classify.gradient_points).a;
 }
 
 // Colour and density of sample number `i`, thinned by gradient opacity.
 fn classified(i: u32) -> vec4f {
-    let found = transfer(i);
-    var density = density(found.a);
-    if GRADIENT_OPACITY {
-        density *= gradient_share(gradient(i));
+    var found: vec4f;
+    if BAND_LIMITED {
+        found = band_limited(i);
+        found = vec4f(found.rgb / select(1.0, found.a, found.a > 0.0), found.a);
+    } else {
+        found = transfer(i);
+        found.a = density(found.a);
     }
-    return vec4f(found.rgb, density);
+    if GRADIENT_OPACITY {
+        found.a *= gradient_share(gradient(i));
+    }
+    return found;
 }

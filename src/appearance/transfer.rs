@@ -12,7 +12,7 @@ use crate::settings::Settings;
 use crate::settings::parse::{expect, finite};
 use crate::transfer::maps::{self, ColorMap};
 use crate::transfer::presets::{self, Material, PRESETS, Preset, PresetValues};
-use crate::transfer::{ControlPoint, GradientPoint, Imported, TransferFunction, Window};
+use crate::transfer::{Classification, ControlPoint, GradientPoint, Imported, TransferFunction, Window};
 use crate::volume::{Statistics, Volume};
 
 /// The name of the transfer function that takes the values for labels.
@@ -74,6 +74,8 @@ pub struct TransferRequest {
     by_window: bool,
     /// A replacement for its gradient opacity.
     pub gradient: Option<GradientSpec>,
+    /// A replacement for the way in which it classifies voxels in pre-shading.
+    pub classification: Option<Classification>,
 }
 
 /// A transfer function fitted to a volume.
@@ -150,7 +152,7 @@ impl TransferRequest {
             let reason = "it is for presets: files have values of their own, a window places maps";
             return Err(Error::setting("transfer_values", reason));
         }
-        Ok(Self { choice, window, values, by_window: window.is_some() && name.is_none(), gradient })
+        Ok(Self { choice, window, values, by_window: window.is_some() && name.is_none(), gradient, classification: None })
     }
 
     /// Returns the request for the values of a file.
@@ -230,6 +232,9 @@ impl TransferRequest {
         }
         if let Some(GradientSpec(points)) = &self.gradient {
             fitted.transfer = fitted.transfer.with_gradient_opacity(points.clone())?;
+        }
+        if let Some(classification) = self.classification {
+            fitted.transfer = fitted.transfer.with_classification(classification);
         }
         Ok(fitted)
     }

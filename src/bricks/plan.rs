@@ -446,12 +446,13 @@ fn painter(view: &ViewGeometry, settings: &Settings) -> Result<Painter> {
 
 /// How far samples that change the normal or the gradient of a voxel are from it.
 fn normals_reach(layers: &Layers, settings: &Settings) -> u32 {
-    let thins = layers.plain().is_some_and(|(_, transfer)| !transfer.gradient_opacity().is_empty());
+    let differs = |transfer: &TransferFunction| transfer.is_band_limited() || !transfer.gradient_opacity().is_empty();
+    let differs = layers.plain().is_some_and(|(_, transfer)| differs(transfer));
     match (settings.lighting.is_some(), layers.plain().is_some()) {
         (true, true) => NORMAL_REACH as u32,
         (true, false) => SMOOTHED_REACH,
         (false, false) => 1,
-        (false, true) => u32::from(thins),
+        (false, true) => u32::from(differs),
     }
 }
 

@@ -39,8 +39,8 @@ impl Classifier {
 
     pub(crate) fn new(input: &Input<'_>) -> Self {
         use Binding::{Read, Write};
-        let [sample_type, lit, gradient_opacity] = input.key().constants();
-        let constants = [sample_type, lit, gradient_opacity, ("KEEP_INVISIBLE", input.keeps_invisible().into())];
+        let mut constants = input.key().constants().to_vec();
+        constants.push(("KEEP_INVISIBLE", input.keeps_invisible().into()));
         let entries = ["count", "emit"].map(|entry| ("classify", entry));
         let [count, emit] = Stage::several(input.context, shaders::CLASSIFY, entries, &SLOTS, &constants);
         let entry = ("classify", "extents_of_bricks");
@@ -99,8 +99,8 @@ const SLOTS: [Binding; 8] = {
 
 /// The stage that emits splats with the light that arrives.
 pub(super) fn emit_in_shadows(context: &Context, key: InputKey) -> Stage {
-    let [sample_type, lit, gradient_opacity] = key.constants();
-    let constants = [sample_type, lit, gradient_opacity, ("SHADOWS", 1)];
+    let mut constants = key.constants().to_vec();
+    constants.push(("SHADOWS", 1));
     Stage::new(context, shaders::CLASSIFY, ("classify", "emit"), &SLOTS, &constants)
 }
 

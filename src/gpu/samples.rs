@@ -16,7 +16,7 @@ use crate::kernel::NORMAL_REACH;
 use crate::progress::Progress;
 use crate::splats::gradients::{FAR, gradients};
 use crate::transfer::scalars::Reduction;
-use crate::transfer::{self, Resolution, TransferFunction};
+use crate::transfer::{self, Pieces, Resolution, TransferFunction};
 use crate::volume::{BRICK_EDGE as EDGE, Brick, RowCoding, SampleType, ToF64, Volume};
 
 /// Bricks of one batch, 4 million voxels: the memory that preparing a scene needs besides its splats, and far within
@@ -74,8 +74,20 @@ impl SampleCoding {
         Self { sample_type: sample_type.unwrap_or(4), origin, reduction, slope, intercept }
     }
 
-    /// The control points in the units in which the shader compares samples.
+    /// The control points in the units in which the shader compares samples; of a band-limited classification the
+    /// nodes of its pieces, and after them their integrals.
     fn points(&self, transfer: &TransferFunction) -> Vec<ControlPoint> {
+        if transfer.is_band_limited() {
+            let pieces = Pieces::new(transfer, |value| f64::from(self.point(value)));
+            let point = |place: f64, [r, g, b, depth]: [f64; 4]| ControlPoint {
+                color: [r, g, b].map(|channel| channel as f32),
+                sample: place as f32,
+                opacity: depth as f32,
+                _pad: [0.0; 3],
+            };
+            let nodes = pieces.nodes().iter().map(|node| point(node.place, node.emission));
+            return nodes.chain(pieces.nodes().iter().map(|node| point(node.place, node.integral))).collect();
+        }
         let point = |p: &transfer::ControlPoint| ControlPoint {
             color: p.color.map(|c| c as f32),
             sample: self.point(p.value),
@@ -146,8 +158,10 @@ pub(crate) struct Input<'a> {
     halo: usize,
     pub(super) progress: &'a Progress,
     pub(super) coding: SampleCoding,
-    /// The control points as samples are compared with them.
+    /// The control points as samples are compared with them, see [`SampleCoding::points`].
     pub(super) points: Vec<ControlPoint>,
+    /// Whether classification is band-limited.
+    is_band_limited: bool,
     /// Gradient opacity, of gradients of samples; empty: extinction does not depend on them.
     pub(super) thinning: Vec<[f32; 2]>,
     /// The base of the transfer function as a sample, and the resolution there.
@@ -170,9 +184,23 @@ impl<'a> Input<'a> {
         let thinning = transfer.scaled_gradient_opacity(coding.gradient_scale() * volume.grid().unit());
         let resolution = coding.resolution(transfer, volume, lit)?;
         let gradients = gradients(volume);
-        // For normals and for gradient opacity: `halo` in shaders/common/classified.wgsl.
-        let halo = if lit { NORMAL_REACH } else { usize::from(!thinning.is_empty()) };
-        Ok(Self { context, volume, transfer, lit, halo, progress, coding, points, thinning, resolution, gradients })
+        let is_band_limited = transfer.is_band_limited();
+        // `halo` in shaders/common/classified.wgsl.
+        let halo = if lit { NORMAL_REACH } else { usize::from(is_band_limited || !thinning.is_empty()) };
+        Ok(Self {
+            context,
+            volume,
+            transfer,
+            lit,
+            halo,
+            progress,
+            coding,
+            points,
+            is_band_limited,
+            thinning,
+            resolution,
+            gradients,
+        })
     }
 
     /// A volume of scalars of this reduction, with gradients if they are lit.
@@ -187,7 +215,21 @@ impl<'a> Input<'a> {
         let coding = SampleCoding { reduction: coding.reduction.map(|_| reduction), ..coding };
         let (points, thinning) = (Vec::new(), Vec::new());
         let (resolution, gradients, halo) = ([0.0; 2], gradients(volume), usize::from(lit));
-        Self { context, volume, transfer, lit: false, halo, progress, coding, points, thinning, resolution, gradients }
+        let is_band_limited = false;
+        Self {
+            context,
+            volume,
+            transfer,
+            lit: false,
+            halo,
+            progress,
+            coding,
+            points,
+            is_band_limited,
+            thinning,
+            resolution,
+            gradients,
+        }
     }
 
     /// The layers of neighbouring voxels around a brick.
@@ -245,6 +287,7 @@ pub(super) struct InputKey {
     sample_type: u32,
     lit: bool,
     gradient_opacity: bool,
+    band_limited: bool,
 }
 
 impl InputKey {
@@ -253,9 +296,14 @@ impl InputKey {
         self.lit
     }
 
-    pub(super) fn constants(self) -> [Constant; 3] {
-        let Self { sample_type, lit, gradient_opacity } = self;
-        [("SAMPLE_TYPE", sample_type), ("LIT", lit.into()), ("GRADIENT_OPACITY", gradient_opacity.into())]
+    pub(super) fn constants(self) -> [Constant; 4] {
+        let Self { sample_type, lit, gradient_opacity, band_limited } = self;
+        [
+            ("SAMPLE_TYPE", sample_type),
+            ("LIT", lit.into()),
+            ("GRADIENT_OPACITY", gradient_opacity.into()),
+            ("BAND_LIMITED", band_limited.into()),
+        ]
     }
 }
 
@@ -265,8 +313,13 @@ impl Input<'_> {
     }
 
     pub(super) fn key(&self) -> InputKey {
-        let Self { lit, coding, thinning, .. } = self;
-        InputKey { sample_type: coding.sample_type, lit: *lit, gradient_opacity: !thinning.is_empty() }
+        let Self { lit, coding, thinning, is_band_limited, .. } = self;
+        InputKey {
+            sample_type: coding.sample_type,
+            lit: *lit,
+            gradient_opacity: !thinning.is_empty(),
+            band_limited: *is_band_limited,
+        }
     }
 
     /// The control points of the transfer function, then those of gradient opacity.
@@ -284,7 +337,7 @@ impl Input<'_> {
             dims: self.volume.grid().dims(),
             bricks: 0,
             gradient_x,
-            points: self.points.len() as u32,
+            points: self.points.len() as u32 >> u32::from(self.is_band_limited),
             gradient_y,
             sample_origin: self.coding.origin as f32,
             gradient_z,

@@ -97,7 +97,7 @@ impl VoxelValues {
     /// [`Error::Transfer`] if an extinction is too large to be a number, [`Error::Input`](crate::Error::Input) if
     /// values are too far apart, [`Error::Input`](crate::Error::Input) and [`Error::Memory`] if samples cannot be read.
     pub(super) fn new(layers: &Layers, settings: &Settings) -> Result<Self> {
-        let (grid, media) = (layers.grid(), Media::new(layers)?);
+        let (grid, media) = (layers.grid(), Media::new(layers, !settings.is_post_shaded())?);
         let dims = grid.dims().map(|d| d as usize);
         let cells = Cells::new(dims, |index| media.number(index));
         let lighting = settings.lighting.as_ref().map(|lighting| lighting.seen_from(grid.center()));

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use glam::{DMat3, DVec3};
 
+use super::emission;
 use crate::error::{Error, Result};
 use crate::layers::{Layer, Layers, Look, Matter, look_of, luminance};
 use crate::transfer::{Resolution, TransferFunction};
@@ -84,6 +85,8 @@ impl Medium {
 pub(super) struct Media {
     dims: [usize; 3],
     media: Vec<Medium>,
+    /// Whether voxels are classified, and not the field.
+    is_pre_shaded: bool,
     /// From gradients along the lattice axes to gradients in the world.
     to_world: DMat3,
 }
@@ -95,7 +98,7 @@ impl std::fmt::Debug for Media {
 }
 
 impl Media {
-    pub(super) fn new(layers: &Layers) -> Result<Self> {
+    pub(super) fn new(layers: &Layers, is_pre_shaded: bool) -> Result<Self> {
         let medium = |layer: &Layer| {
             let optics = match &layer.matter {
                 Matter::Scalars { transfer, .. } => Optics::Transfer(transfer.clone()),
@@ -124,6 +127,7 @@ impl Media {
         Ok(Self {
             dims: layers.grid().dims().map(|d| d as usize),
             media: layers.all().iter().map(medium).collect::<Result<_>>()?,
+            is_pre_shaded,
             to_world: layers.grid().to_lattice().matrix3.transpose(),
         })
     }
@@ -136,14 +140,19 @@ impl Media {
         }
     }
 
-    /// Returns the number that tells whether a voxel may be visible: its value, or for several media its extinction.
+    /// The transfer function, if the value of a voxel alone tells whether it is visible.
+    fn by_value(&self) -> Option<&TransferFunction> {
+        self.plain().filter(|transfer| !(self.is_pre_shaded && transfer.is_band_limited()))
+    }
+
+    /// Returns the number that tells whether a voxel may be visible: its value, or its extinction.
     pub(super) fn number(&self, index: usize) -> f64 {
-        if self.plain().is_some() { self.media[0].scalar(index) } else { self.tau(self.point(index)) }
+        if self.by_value().is_some() { self.media[0].scalar(index) } else { self.tau(self.point(index)) }
     }
 
     /// Whether voxels with numbers in a range may be visible.
     pub(super) fn may_show(&self, range: [f64; 2]) -> bool {
-        self.plain().map_or(range[1] > 0.0, |transfer| !transfer.is_invisible(range))
+        self.by_value().map_or(range[1] > 0.0, |transfer| !transfer.is_invisible(range))
     }
 
     /// The lattice point of a voxel, by its place in memory.
@@ -182,11 +191,14 @@ impl Media {
         self.to_world * DVec3::from_array(medium.resolution.resolved(differences, distance))
     }
 
-    /// Returns colour and extinction of a medium at a voxel, before gradient opacity.
+    /// Whether the mask of a medium hides a voxel.
+    fn is_hidden(medium: &Medium, index: usize) -> bool {
+        medium.mask.as_ref().is_some_and(|(values, shown)| !shown.contains(&(values.at(index) as i64)))
+    }
+
+    /// Returns colour and extinction of a medium by the value of a voxel alone, before gradient opacity.
     fn flat(&self, medium: &Medium, index: usize) -> ([f64; 3], f64) {
-        if let Some((values, shown)) = &medium.mask
-            && !shown.contains(&(values.at(index) as i64))
-        {
+        if Self::is_hidden(medium, index) {
             return ([0.0; 3], 0.0);
         }
         let value = medium.scalar(index);
@@ -201,8 +213,34 @@ impl Media {
         (color, TransferFunction::extinction(opacity, medium.unit))
     }
 
+    /// Returns colour and extinction of a medium by the values around a voxel, before gradient opacity.
+    fn band_limited(&self, medium: &Medium, transfer: &TransferFunction, point: [i64; 3]) -> ([f64; 3], f64) {
+        let index = self.index(point);
+        if Self::is_hidden(medium, index) {
+            return ([0.0; 3], 0.0);
+        }
+        let value = medium.scalar(index);
+        let (mut range, mut square) = ([value; 2], 0.0);
+        for axis in 0..3 {
+            let [a, b] = [-1, 1].map(|step| {
+                let mut beside = point;
+                beside[axis] += step;
+                medium.scalar(self.index(beside))
+            });
+            range = [range[0].min(a).min(b), range[1].max(a).max(b)];
+            square += (b / 2.0 - a / 2.0).powi(2);
+        }
+        let [r, g, b, tau] = emission::band_limited(transfer, medium.unit, value, range, square.sqrt());
+        ([r, g, b].map(|channel| if tau > 0.0 { channel / tau } else { 0.0 }), tau)
+    }
+
     fn absorbed(&self, medium: &Medium, point: [i64; 3]) -> ([f64; 3], f64) {
-        let (color, tau) = self.flat(medium, self.index(point));
+        let (color, tau) = match &medium.optics {
+            Optics::Transfer(transfer) if self.is_pre_shaded && transfer.is_band_limited() => {
+                self.band_limited(medium, transfer, point)
+            }
+            _ => self.flat(medium, self.index(point)),
+        };
         match &medium.optics {
             Optics::Transfer(transfer) if tau > 0.0 && !transfer.gradient_opacity().is_empty() => {
                 (color, tau * transfer.gradient_share(self.gradient(medium, point).length()))

@@ -75,6 +75,7 @@
 
 mod cells;
 mod classify;
+mod emission;
 mod integrate;
 mod media;
 mod profile;

@@ -9,7 +9,7 @@ use crate::error::Result;
 use crate::kernel::{DerivativeFilter, NORMAL_REACH};
 use crate::layers::{Layer, Layers, Mask, Matter, luminance};
 use crate::transfer::scalars::{Reduction, Relative};
-use crate::transfer::{Resolution, TransferFunction, scaled_share};
+use crate::transfer::{Pieces, Resolution, TransferFunction, scaled_share};
 use crate::volume::{BRICK_EDGE as EDGE, Number, RowCoding, Strip, Volume};
 
 /// Voxels to either side that a smoothed normal depends on: labels and masks jump, and gradients of samples would be
@@ -32,6 +32,10 @@ struct Painted<'a> {
     white: Option<f64>,
     classification: Classification<'a>,
     scalars: Option<Relative>,
+    /// The emission of scalars, if classification is band-limited.
+    pieces: Option<Pieces>,
+    /// Densities of a unit of optical depth.
+    unit: f64,
     /// Gradient opacity, of gradients of scalars; empty: extinction does not depend on them.
     thinning: Vec<[f32; 2]>,
     /// The resolution of a scalar of 0; `None`: every gradient of scalars is a surface.
@@ -50,12 +54,14 @@ impl<'a> Painted<'a> {
         let volume = layer.volume();
         let unit = unit / layer.unit();
         let (mut volumes, mut white) = (vec![volume], None);
-        let mut faintest = None;
+        let (mut faintest, mut pieces) = (None, None);
         let (looks, scalars, thinning) = match &layer.matter {
             Matter::Scalars { transfer, .. } => {
                 let reduction = Reduction::new(transfer, 1.0);
                 let scale = reduction.factor() * volume.grid().unit();
                 let thinning = transfer.scaled_gradient_opacity(scale);
+                let place = |value: f64| reduction.length(value - reduction.base());
+                pieces = transfer.is_band_limited().then(|| Pieces::new(transfer, place));
                 faintest = Some(reduction.faintest(&Resolution::new(transfer, volume)?));
                 (ColorSource::Transfer(transfer), Some(Relative::new(volume, reduction)), thinning)
             }
@@ -91,6 +97,8 @@ impl<'a> Painted<'a> {
             white,
             smoothed: scalars.is_none() || layer.mask.is_some(),
             scalars,
+            pieces,
+            unit,
             thinning,
             faintest,
             mask: layer.mask.as_ref(),
@@ -104,8 +112,8 @@ impl<'a> Painted<'a> {
         self.faintest.map_or(0.0, |faintest| resolution_at(voxel[4], faintest))
     }
 
-    /// The voxels of a brick with the halo around it.
-    fn voxels(&self, at: [usize; 3], (samples, mask): &Strips) -> Vec<Voxel> {
+    /// The voxels of a brick with the halo around it, and their shares by the mask; none if there is no mask.
+    fn voxels(&self, at: [usize; 3], (samples, mask): &Strips) -> (Vec<Voxel>, Vec<u8>) {
         let at = at.map(|c| c as i64);
         let mut voxels: Vec<Voxel> = match (samples.as_slice(), self.white) {
             ([samples], _) => bytemuck::pod_collect_to_vec(&samples.brick(at, self)),
@@ -118,13 +126,15 @@ impl<'a> Painted<'a> {
                 (0..count).map(|i| self.colored(channels.iter().map(|c| c[i]), white.unwrap_or(1.0))).collect()
             }
         };
+        let mut shares = Vec::new();
         if let (Some(strip), Some(mask)) = (mask, self.mask) {
-            for (voxel, shown) in voxels.iter_mut().zip(strip.brick(at, mask)) {
+            shares = strip.brick(at, mask);
+            for (voxel, &shown) in voxels.iter_mut().zip(&shares) {
                 let share = f32::from(shown);
                 voxel[..4].iter_mut().for_each(|channel| *channel *= share);
             }
         }
-        voxels
+        (voxels, shares)
     }
 }
 
@@ -232,7 +242,7 @@ impl<'a> Classifier<'a> {
         let halo = match painted.iter().any(|layer| layer.smoothed) {
             true if lit => REACH,
             _ if lit => NORMAL_REACH,
-            _ => usize::from(painted.iter().any(|layer| !layer.thinning.is_empty())),
+            _ => usize::from(painted.iter().any(|layer| layer.pieces.is_some() || !layer.thinning.is_empty())),
         };
         let volume = layers.volume();
         Ok(Self {
@@ -278,7 +288,7 @@ impl Classifier<'_> {
         Ok(bricks)
     }
 
-    fn with_normals<'a>(&self, layer: &'a Painted<'a>, voxels: Vec<Voxel>) -> Part<'a> {
+    fn with_normals<'a>(&self, layer: &'a Painted<'a>, (voxels, shares): (Vec<Voxel>, Vec<u8>)) -> Part<'a> {
         // Extinction if normals are smoothed, otherwise the scalar.
         let channel = if layer.smoothed { 3 } else { 4 };
         let uniform = || voxels.iter().all(|voxel| voxel[channel] == voxels[0][channel]);
@@ -286,7 +296,7 @@ impl Classifier<'_> {
             let field: Vec<f32> = voxels.iter().map(|voxel| voxel[channel]).collect();
             self.filters[usize::from(layer.smoothed)].slopes(&field, EDGE, self.halo)
         };
-        Part { layer, slopes: (self.lit && !uniform()).then(slopes), voxels }
+        Part { layer, slopes: (self.lit && !uniform()).then(slopes), voxels, shares }
     }
 
     /// The splats of the brick that begins at a lattice point.
@@ -328,8 +338,31 @@ impl Classifier<'_> {
         [1, edge, edge * edge].map(|step| 0.5 * (voxels[index + step][4] - voxels[index - step][4]))
     }
 
-    fn emission(&self, Part { layer, voxels, .. }: &Part<'_>, index: usize) -> Emission {
-        let [r, g, b, density, _] = voxels[index];
+    /// The band-limited emission of a layer at a voxel of its brick.
+    fn band_limited(&self, pieces: &Pieces, Part { layer, voxels, shares, .. }: &Part<'_>, index: usize) -> Emission {
+        if shares.get(index) == Some(&0) {
+            return [0.0; 4];
+        }
+        let edge = EDGE + 2 * self.halo;
+        let own = f64::from(voxels[index][4]);
+        let (mut lowest, mut highest, mut square) = (own, own, 0.0);
+        for step in [1, edge, edge * edge] {
+            let [a, b] = [index - step, index + step].map(|beside| f64::from(voxels[beside][4]));
+            (lowest, highest) = (lowest.min(a).min(b), highest.max(a).max(b));
+            square += (b - a) * (b - a);
+        }
+        pieces.emission(own, [lowest, highest], 0.5 * square.sqrt()).map(|channel| (channel * layer.unit) as f32)
+    }
+
+    fn emission(&self, part: &Part<'_>, index: usize) -> Emission {
+        let Part { layer, voxels, .. } = part;
+        let [r, g, b, density] = match &layer.pieces {
+            Some(pieces) => self.band_limited(pieces, part, index),
+            None => {
+                let [r, g, b, density, _] = voxels[index];
+                [r, g, b, density]
+            }
+        };
         if layer.thinning.is_empty() || density <= 0.0 {
             return [r, g, b, density];
         }
@@ -352,6 +385,8 @@ impl Classifier<'_> {
 struct Part<'a> {
     layer: &'a Painted<'a>,
     voxels: Vec<Voxel>,
+    /// 1 where the mask shows the voxel, otherwise 0; empty without a mask.
+    shares: Vec<u8>,
     /// The slopes along the axes of the scalar, or of the smoothed extinction, without the halo; `None` without light
     /// or if voxels are equal.
     slopes: Option<[Vec<f32>; 3]>,

@@ -4,7 +4,8 @@
 //! {"unit_distance": 1.0, "points": [{"value": 0, "color": "orange", "opacity": 0.0},
 //!                                   {"value": 0.5, "color": "#rrggbb", "opacity": 0.1},
 //!                                   {"value": 1, "color": [1.0, 0.9, 0.8], "opacity": 0.4}],
-//!  "gradient_opacity": [{"magnitude": 0, "opacity": 0.0}, {"magnitude": 20, "opacity": 1.0}]}
+//!  "gradient_opacity": [{"magnitude": 0, "opacity": 0.0}, {"magnitude": 20, "opacity": 1.0}],
+//!  "classification": "band-limited"}
 //! ```
 
 use std::path::Path;
@@ -13,7 +14,7 @@ use serde::Deserialize;
 use serde_json::Value;
 use serde_json::value::RawValue;
 
-use super::{ControlPoint, GradientPoint, TransferFunction};
+use super::{Classification, ControlPoint, GradientPoint, TransferFunction};
 use crate::error::{Error, Result};
 use crate::transfer::color;
 use voxsplat_volume::files::{self, fault};
@@ -23,7 +24,7 @@ const MAX_BYTES: u64 = 4 << 20;
 
 /// The file. Points stay text until each is parsed by itself, so that an error can name the point and its line.
 #[derive(Deserialize)]
-#[serde(deny_unknown_fields, expecting = "an object with the keys `points`, `unit_distance` and `gradient_opacity`")]
+#[serde(deny_unknown_fields, expecting = "an object with the keys `points`, `unit_distance`, `gradient_opacity` and `classification`")]
 struct Document<'a> {
     #[serde(default)]
     unit_distance: Option<f64>,
@@ -31,6 +32,8 @@ struct Document<'a> {
     points: Vec<&'a RawValue>,
     #[serde(default)]
     gradient_opacity: Vec<GradientPoint>,
+    #[serde(default)]
+    classification: Classification,
 }
 
 #[derive(Deserialize)]
@@ -78,7 +81,8 @@ impl TransferFunction {
             point.check(points.last()).map_err(|reason| error(line, &reason))?;
             points.push(point);
         }
-        Self::new(points, document.unit_distance)?.with_gradient_opacity(document.gradient_opacity)
+        let transfer = Self::new(points, document.unit_distance)?.with_gradient_opacity(document.gradient_opacity)?;
+        Ok(transfer.with_classification(document.classification))
     }
 
     /// Reads a transfer function from a JSON file.
@@ -109,7 +113,11 @@ impl TransferFunction {
             "" => String::new(),
             points => format!(",\n  \"gradient_opacity\": [\n{points}\n  ]"),
         };
-        format!("{{\n{unit}  \"points\": [\n{points}\n  ]{gradient}\n}}\n")
+        let classification = match self.classification {
+            Classification::Auto => String::new(),
+            way => format!(",\n  \"classification\": \"{way}\""),
+        };
+        format!("{{\n{unit}  \"points\": [\n{points}\n  ]{gradient}{classification}\n}}\n")
     }
 }
 

@@ -1,6 +1,7 @@
 //! Transfer functions: from a scalar to a colour and an opacity.
 
 pub(crate) mod bins;
+mod classification;
 pub(crate) mod color;
 mod export;
 mod gradient;
@@ -12,6 +13,8 @@ pub mod presets;
 pub(crate) mod scalars;
 mod window;
 
+pub use self::classification::Classification;
+pub(crate) use self::classification::Pieces;
 pub use self::gradient::GradientPoint;
 pub(crate) use self::gradient::{Resolution, scaled_share};
 pub use self::import::Imported;
@@ -64,6 +67,7 @@ pub struct TransferFunction {
     points: Vec<ControlPoint>,
     unit_distance: Option<f64>,
     gradient: Vec<GradientPoint>,
+    classification: Classification,
 }
 
 impl TransferFunction {
@@ -104,7 +108,7 @@ impl TransferFunction {
                 .map_err(|reason| Error::Transfer(format!("point {}: {reason}", i + 1)))?;
         }
         unit_distance.map_or(Ok(()), Self::check_unit)?;
-        Ok(Self { points, unit_distance, gradient: Vec::new() })
+        Ok(Self { points, unit_distance, gradient: Vec::new(), classification: Classification::Auto })
     }
 
     fn check_unit(unit: f64) -> Result<()> {

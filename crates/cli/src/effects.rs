@@ -109,7 +109,12 @@ const RULES: &[Rule] = &[
     idle("frame", |given| given.has("target") && is_sized(given), "because --target and the size place the picture"),
     idle("margin", is_sized, "because --view-height or --distance sets the size"),
     // Model.
-    refused("window gradient-opacity", shows_labels, " is for values, not for labels"),
+    refused("window gradient-opacity classification", shows_labels, " is for values, not for labels"),
+    idle(
+        "classification",
+        |given| shows_intensity(given) || is_post_shaded(given),
+        "because post-shading and projections of intensity classify no voxels",
+    ),
     refused("gradient-opacity", shows_intensity, ": projections of intensity have none"),
     refused(
         "shading",

@@ -175,7 +175,7 @@ pub(crate) fn run(args: &InfoArgs, options: &[OptionValues]) -> Result<(), Failu
     };
     let info = Info::new(&args.input.source, options, &volume, &statistics)?;
     match output::is_json() {
-        true => report::print(Choices { preset: info.preset, look: None }, NO_FILES, &info),
+        true => report::print(Choices { preset: info.preset, classification: None, look: None }, NO_FILES, &info),
         false => output::print(&info.to_text()),
     }
 }

@@ -6,6 +6,7 @@ use serde::Serialize;
 use voxsplat::appearance::{Frame, LABELS};
 use voxsplat::camera::{ProjectionKind, View};
 use voxsplat::settings::Settings;
+use voxsplat::transfer::{Classification, TransferFunction};
 
 use super::failure::Failure;
 use super::fitted::Fitted;
@@ -29,6 +30,8 @@ struct Report<C, R> {
 pub(crate) struct Choices {
     /// The preset or `labels`; `None`: a file, a colour map, or the transfer function of a built-in volume.
     pub(crate) preset: Option<&'static str>,
+    /// How voxels of values are classified; `None`: there are none, or the transfer function is not known.
+    pub(crate) classification: Option<Classification>,
     #[serde(flatten)]
     pub(crate) look: Option<Look>,
 }
@@ -60,6 +63,12 @@ struct ViewChoice {
     frame: &'static str,
 }
 
+/// How pictures classify voxels of values; `None`: they do not.
+pub(crate) fn classification(transfer: &TransferFunction, settings: &Settings) -> Option<Classification> {
+    let way = if transfer.is_band_limited() { Classification::BandLimited } else { Classification::Point };
+    Some(way).filter(|_| !settings.is_post_shaded())
+}
+
 impl Choices {
     /// The choices of a job that is complete. `settings` drew its picture, `fitted` is its transfer function if it is
     /// known.
@@ -77,6 +86,9 @@ impl Choices {
         };
         Self {
             preset: fitted.and_then(preset),
+            classification: fitted
+                .filter(|fitted| !fitted.labels)
+                .and_then(|fitted| classification(&fitted.transfer, settings)),
             look: Some(Look::new(settings, light, (&job.view, job.frame), painter)),
         }
     }

@@ -20,7 +20,7 @@ pub(crate) const VERSION: &str = "voxsplat";
 /// Options of a run, which do not change the picture.
 const OF_A_RUN: [&str; 7] = ["output", "save-scene", "save-transfer", "stats", "json", "quiet", "help"];
 /// Options that make the transfer function.
-pub(crate) const OF_TRANSFER: [&str; 3] = ["transfer", "window", "gradient-opacity"];
+pub(crate) const OF_TRANSFER: [&str; 4] = ["transfer", "window", "gradient-opacity", "classification"];
 
 /// Options that name files, which may have labels or a colour behind them.
 const OF_FILES: [&str; 5] = ["labels", "label-table", "mask", "mesh", "depth"];

@@ -8,5 +8,7 @@ use super::failure::Failure;
 /// Returns the request of arguments.
 pub(crate) fn transfer(args: &ModelArgs) -> Result<TransferRequest, Failure> {
     let gradient = args.gradient_opacity.clone();
-    Ok(TransferRequest::new(args.transfer.as_deref(), args.window, args.transfer_values, gradient)?)
+    let mut request = TransferRequest::new(args.transfer.as_deref(), args.window, args.transfer_values, gradient)?;
+    request.classification = args.classification;
+    Ok(request)
 }

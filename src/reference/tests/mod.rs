@@ -315,7 +315,7 @@ fn a_lit_voxel_shows_its_shade() {
 #[test]
 fn gradients_at_the_edge_take_the_edge_for_its_neighbour() {
     let volume = floats(Grid::axis_parallel([2, 1, 1], [2.0; 3]).unwrap(), |p| p.x);
-    let media = media::Media::new(&Layers::of_volume(&volume, &ramp(&[(0.0, 0.1), (1.0, 0.2)], 1.0))).unwrap();
+    let media = media::Media::new(&Layers::of_volume(&volume, &ramp(&[(0.0, 0.1), (1.0, 0.2)], 1.0)), true).unwrap();
     for x in 0..2 {
         // A step of 1 per 2 world units, by the weights of the differences of voxels 1 and 2 to either side.
         let expected = DVec3::new(0.5 * (0.278_979 + 0.110_51), 0.0, 0.0);

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use voxsplat::appearance::{ClipSpec, GradientSpec, LabelSpec, LightSpec, OcclusionSpec, ShadowSpec};
 use voxsplat::kernel::Kernel;
 use voxsplat::settings::{Level, Model, Response, Shading};
-use voxsplat::transfer::Window;
+use voxsplat::transfer::{Classification, Window};
 use voxsplat::transfer::maps;
 use voxsplat::transfer::presets::{PRESETS, PresetValues};
 
@@ -53,6 +53,14 @@ pub(crate) struct ModelArgs {
     /// function's]
     #[arg(long, value_name = "M:O,M:O,..|off", value_parser = parse::library::<GradientSpec>)]
     pub(crate) gradient_opacity: Option<GradientSpec>,
+    /// How pre-shading classifies the values of a volume: at each voxel (point), or as the mean over the values around
+    /// it (band-limited), by which smooth surfaces have no rings
+    ///
+    /// auto: point for a transfer function with steps, otherwise band-limited. Further channels and overlays are auto.
+    /// [default: the transfer function's, auto if it says nothing]
+    #[arg(long, value_name = "auto|point|band-limited", hide_possible_values = true,
+        value_parser = one_of(Classification::ALL, Classification::name))]
+    pub(crate) classification: Option<Classification>,
     /// Model of a pixel: composite, xray, mip, minip or average
     ///
     /// composite is emission and absorption, xray absorption only (white), mip the largest value of the ray, minip the

@@ -223,7 +223,9 @@ pub(crate) fn run(args: &ParetoArgs, line: (&Command, &ArgMatches), clock: Clock
     let front = run.measure()?;
     if output::is_json() {
         let light = args.model.light.iter().map(|light| light.text.clone()).collect();
-        let choices = Choices { preset, look: Some(Look::new(&settings, light, (&first, frame), None)) };
+        let look = Look::new(&settings, light, (&first, frame), None);
+        let choices =
+            Choices { preset, classification: report::classification(&transfer, &settings), look: Some(look) };
         let files = STUDY_FILES.iter().map(|name| args.output.join(name)).filter(|path| path.is_file());
         let front = front.iter().filter_map(|&index| run.kept.measurements.get(index)).collect();
         return report::print(choices, files, Front { front });

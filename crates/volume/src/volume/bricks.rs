@@ -47,7 +47,7 @@ impl Volume {
     }
 
     /// Calls `take` for each brick, x fastest: with the result of `make` for its encoded samples if `shows` accepts its
-    /// number and its range of stored samples, otherwise with `None`. `halo` voxels around a brick are included;
+    /// number and its range of stored samples ([`Self::ranges`]), otherwise with `None`. `halo` voxels around a brick are included;
     /// outside the volume they repeat its outermost voxels. `make` runs in parallel.
     ///
     /// The first call reads every sample and keeps the ranges. Later calls read only rows of bricks that show
@@ -74,7 +74,8 @@ impl Volume {
             if ranges.is_some_and(|ranges| !(first..).zip(ranges).any(|(number, &range)| shows(number, range))) {
                 return Ok((Vec::new(), (0..across).map(|_| None).collect()));
             }
-            let read = self.strip([y, z].map(|c| c as i64), halo)?;
+            // Ranges are those with the voxels next to a brick.
+            let read = Strip { halo, ..self.strip([y, z].map(|c| c as i64), halo.max(1))? };
             let ranges = ranges.map_or_else(|| read.ranges(y, z), <[_]>::to_vec);
             let brick = |(i, &range): (usize, &[f64; 2])| {
                 let at = [i * EDGE, y, z];
@@ -94,8 +95,8 @@ impl Volume {
         Ok(())
     }
 
-    /// The least and the largest finite sample of each brick as stored, x fastest; ∞ and -∞ if it has none. The first
-    /// call reads every sample.
+    /// The least and the largest finite sample of each brick and of the voxels next to it, on which the classification of
+    /// its own depends, as stored, x fastest; ∞ and -∞ if there is none. The first call reads every sample.
     pub fn ranges(&self) -> Result<&[[f64; 2]]> {
         if self.known_ranges().is_none() {
             self.for_each_brick::<(), Error>(&|_, _| false, 0, &(), &|_| Ok(()), &mut |_| Ok(()))?;
@@ -165,16 +166,21 @@ fn clamped(place: i64, n: usize) -> usize {
 }
 
 impl Strip {
-    /// The least and the largest finite sample of each brick as stored, without the halo: ∞ and -∞ if there is none.
+    /// The least and the largest finite sample of each brick and of the voxels next to it, as stored: ∞ and -∞ if there
+    /// is none. The halo holds those next to it along y and z.
     fn ranges(&self, y: usize, z: usize) -> Vec<[f64; 2]> {
         let [nx, _, _] = self.dims;
         let mut ranges = vec![[f64::INFINITY, f64::NEG_INFINITY]; nx.div_ceil(EDGE)];
-        let rows = y - self.rows.start..(y + EDGE).min(self.rows.end) - self.rows.start;
-        let planes = z - self.planes_from..(z + EDGE - self.planes_from).min(self.planes.len());
+        let beside = |first: usize, start: usize, end: usize| {
+            first.saturating_sub(1).max(start) - start..(first + EDGE + 1).min(end) - start
+        };
+        let rows = beside(y, self.rows.start, self.rows.end);
+        let planes = beside(z, self.planes_from, self.planes_from + self.planes.len());
         for plane in &self.planes[planes] {
             with_samples!(plane, samples => {
                 for row in samples[rows.start * nx..rows.end * nx].chunks_exact(nx) {
-                    for (range, run) in ranges.iter_mut().zip(row.chunks(EDGE)) {
+                    for (range, first) in ranges.iter_mut().zip((0..nx).step_by(EDGE)) {
+                        let run = &row[first.saturating_sub(1)..(first + EDGE + 1).min(nx)];
                         // Samples are compared in their own type, which vectorises.
                         let (low, high) = run.iter().fold((run[0], run[0]), |(low, high), &v| {
                             (if v < low { v } else { low }, if v > high { v } else { high })
