@@ -202,7 +202,8 @@ impl Renderer {
     }
 
     fn prepared(&self, layers: &Layers, settings: &Settings) -> Result<Scene> {
-        let scene = Scene::of_splats(&self.context, layers, settings.lighting.is_some());
+        let scene =
+            Scene::of_splats(&self.context, layers, settings.lighting.as_ref().map(|lighting| lighting.normals));
         if settings.level == Level::At(0) {
             scene.classify(&self.context, &self.pipelines, settings, &self.progress)?;
         }

@@ -38,10 +38,10 @@ progress_quick() {
 }
 
 # Runs each slow test in a process of its own, so that the memory of one is free for the next, as many at a time as
-# there are processors.
+# there are processors. Of every $2 tests it runs one, beginning with number $1, from 0.
 progress_slow() {
     progress_logs=$(mktemp -d) || setup_fail "cannot make a temporary directory"
-    progress_names --ignored | sort -u >"$progress_logs/names"
+    progress_names --ignored | sort -u | awk -v part="$1" -v parts="$2" 'NR % parts == part' >"$progress_logs/names"
     progress_all=$(wc -l <"$progress_logs/names")
     # shellcheck disable=SC2016 # expanded by the inner shell
     LP_NUM_THREADS=$progress_threads xargs -P "$(getconf _NPROCESSORS_ONLN)" -I NAME sh -c '

@@ -2,6 +2,7 @@
 # Runs the tests that tests/run.sh leaves out: slow ones of the crates and of the Python package, examples in
 # documentation, and the golden pictures on further Vulkan drivers, if VOXSPLAT_TEST_DRIVERS names them as
 # tests/drivers.sh does: "NAME=ICD.json NAME=ICD.json".
+# With --part N/M it runs every M-th of the slow tests of the crates, from number N on: 0/4, 1/4, 2/4 and 3/4 run all.
 set -eu
 cd "$(dirname "$0")/.."
 # shellcheck source=tests/setup.sh
@@ -9,6 +10,10 @@ cd "$(dirname "$0")/.."
 # shellcheck source=tests/progress.sh
 . ./tests/progress.sh
 
+slow_part=0 slow_parts=1
+if [ "${1:-}" = --part ]; then
+    slow_part=${2%/*} slow_parts=${2#*/}
+fi
 progress_say "1 of 4: slow tests of the Python package"
 sh tests/python.sh --slow -m slow
 progress_say "2 of 4: examples in documentation"
@@ -21,4 +26,4 @@ else
     progress_say "skipped: VOXSPLAT_TEST_DRIVERS names no driver"
 fi
 progress_say "4 of 4: slow tests of the crates"
-progress_slow
+progress_slow "$slow_part" "$slow_parts"

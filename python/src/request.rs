@@ -44,6 +44,7 @@ pub(crate) struct SettingsFields {
     transfer_values: String,
     gradient_opacity: Option<String>,
     classification: Option<String>,
+    normals: Option<String>,
     model: String,
     response: String,
     depth_coded: bool,
@@ -179,6 +180,7 @@ impl SettingsFields {
             light_size: self.light_size,
             occlusion: self.occlusion.as_deref().map(str::parse).transpose()?,
             shadow_bias: self.shadow_bias,
+            normals: self.normals.as_deref().map(str::parse).transpose()?,
         };
         let kernel = self.kernel.as_deref().map(str::parse).transpose()?;
         let settings = Settings {
@@ -200,7 +202,8 @@ impl SettingsFields {
         let window = self.window.map(|[level, width]| Window { level, width });
         window.map(|window| window.ends()).transpose()?;
         let gradient = self.gradient_opacity.as_deref().map(str::parse).transpose()?;
-        let mut transfer = TransferRequest::new(self.transfer.as_deref(), window, self.transfer_values.parse()?, gradient)?;
+        let mut transfer =
+            TransferRequest::new(self.transfer.as_deref(), window, self.transfer_values.parse()?, gradient)?;
         transfer.classification = self.classification.as_deref().map(str::parse).transpose()?;
         Ok(Request {
             transfer,

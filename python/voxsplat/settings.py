@@ -137,6 +137,9 @@ class Settings:
     """Angular size of lights at (azimuth, elevation), 0 to 90 degrees."""
     occlusion: str | float | bool | None = None
     """Radius of ambient occlusion in voxels, or False."""
+    normals: str | None = None
+    """Normals of voxels in pre-shaded light: ``"gradient"``, or ``"tensor"`` (the default), the dominant axis of
+    gradients around a voxel, which has no specks on thin layers in noise."""
     shadow_bias: float | None = None
     """Occluders closer than this many voxels are ignored, 0 to 16."""
     clip: str | Sequence[Any] | None = None

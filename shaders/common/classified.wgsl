@@ -3,11 +3,12 @@
 
 // Whether splats get normals.
 override LIT: bool = false;
+// Whether normals are the dominant axes of structure tensors.
+override TENSOR: bool = false;
 // Whether extinction depends on gradients.
 override GRADIENT_OPACITY: bool = false;
-// Whether a voxel is classified by the values that occur around it: the control points are then nodes between which
-// emission, in `color` colour times density and in `opacity` density, is linear in the sample. The integrals of emission
-// from the first node, in the same members, follow them.
+// Whether a voxel is classified by the values that occur around it. The control points are then nodes, between which
+// emission, in `color` colour times density and in `opacity` density, is a parabola: five columns of them, see `column`.
 override BAND_LIMITED: bool = false;
 struct Classify {
     // Lattice size.
@@ -83,24 +84,37 @@ fn transfer(i: u32) -> vec4f {
     return looked_up(sample_at(i) - classify.sample_origin, 0u, classify.points);
 }
 
-fn integral_at(node: u32) -> vec4f {
-    let point = control_points[classify.points + node];
+// A column of a node: emission where its piece begins, slope and bend across the piece, the integral of emission from
+// the first node and the rounding of that.
+fn column(number: u32, node: u32) -> vec4f {
+    let point = control_points[number * classify.points + node];
     return vec4f(point.color, point.opacity);
 }
 
-// The mean emission between two samples; of equal samples the emission there.
-fn mean_emission(low: f32, high: f32) -> vec4f {
-    let count = classify.points;
-    let before = points_below(low, 0u, count);
-    let after = points_below(high, 0u, count);
+// The mean emission between two samples of a piece, given the number of nodes that are not above them.
+fn within_piece(below: u32, low: f32, high: f32) -> vec4f {
+    let node = max(below, 1u) - 1u;
+    let emission = column(0u, node);
+    if below == 0u || below == classify.points {
+        return emission;
+    }
+    let first = control_points[node].sample;
+    let t = vec2f(low - first, high - first) / (control_points[below].sample - first);
+    return emission + (0.5 * (t.x + t.y)) * column(1u, node) + (dot(t, t) + t.x * t.y) / 3.0 * column(2u, node);
+}
+
+// The mean emission between two samples with the numbers of nodes that are not above them; of equal samples the emission
+// there.
+fn mean_emission(low: f32, before: u32, high: f32, after: u32) -> vec4f {
     if before == after {
-        return between_points(0.5 * (low + high), before, 0u, count);
+        return within_piece(before, low, high);
     }
     let a = control_points[before].sample;
     let b = control_points[after - 1u].sample;
-    let start = between_points(0.5 * (low + a), before, 0u, count) * (a - low);
-    let end = between_points(0.5 * (b + high), after, 0u, count) * (high - b);
-    return (start + (integral_at(after - 1u) - integral_at(before)) + end) / (high - low);
+    let start = within_piece(before, low, a) * (a - low);
+    let end = within_piece(after, b, high) * (high - b);
+    let whole = column(3u, after - 1u) - column(3u, before) + (column(4u, after - 1u) - column(4u, before));
+    return (start + whole + end) / (high - low);
 }
 
 // The emission of sample number `i`, colour times density and density, as the mean over two boxes of values around it:
@@ -117,11 +131,12 @@ fn band_limited(i: u32) -> vec4f {
     let rise = largest * length(differences / select(1.0, largest, largest > 0.0));
     let low = min(before, after);
     let high = max(before, after);
-    let lowest = min(sample, max(sample - rise, min(low.x, min(low.y, low.z))));
-    let highest = max(sample, min(sample + rise, max(high.x, max(high.y, high.z))));
+    let lowest = min(sample, max(sample - rise, min(low.x, min(low.y, low.z)))) - classify.sample_origin;
+    let highest = max(sample, min(sample + rise, max(high.x, max(high.y, high.z)))) - classify.sample_origin;
     let place = sample - classify.sample_origin;
-    let below = mean_emission(lowest - classify.sample_origin, place);
-    return 0.5 * (below + mean_emission(place, highest - classify.sample_origin));
+    let below = points_below(place, 0u, classify.points);
+    let under = mean_emission(lowest, points_below(lowest, 0u, classify.points), place, below);
+    return 0.5 * (under + mean_emission(place, below, highest, points_below(highest, 0u, classify.points)));
 }
 
 // -ln(1 - opacity). Below 0.1, where the subtraction would cancel, by its series to opacity^6: the next term is 1.4e-7
@@ -134,9 +149,9 @@ fn density(opacity: f32) -> f32 {
     return -log(1.0 - a);
 }
 
-// Layers of neighbouring voxels around a brick: two for normals, one for central differences alone.
+// Layers of neighbouring voxels around a brick: two or three for normals, one for central differences alone.
 fn halo() -> u32 {
-    return select(u32(GRADIENT_OPACITY || BAND_LIMITED), 2u, LIT);
+    return select(u32(GRADIENT_OPACITY || BAND_LIMITED), 2u + u32(TENSOR), LIT);
 }
 
 // Voxels along the side of a stored brick.
@@ -205,7 +220,7 @@ fn across_plane(i: u32) -> vec3f {
 }
 
 // The world gradient at a sample by the filters of normals.
-fn normal(i: u32) -> vec4f {
+fn filtered_gradient(i: u32) -> vec4f {
     let plane = stored_edge() * stored_edge();
     let a = across_plane(i - 2u * plane);
     let b = across_plane(i - plane);
@@ -217,6 +232,39 @@ fn normal(i: u32) -> vec4f {
     return world_gradient(vec3f(x, y, slope(a.x, b.x, d.x, e.x)), i);
 }
 
+// A gradient times its transpose, over the square of the largest.
+fn outer(gradient: vec4f, largest: f32) -> mat3x3f {
+    let g = gradient.xyz * (gradient.w / largest);
+    return mat3x3f(g * g.x, g * g.y, g * g.z);
+}
+
+// A vector along the normal at a sample (xyz), which is 0 if there is none.
+fn normal(i: u32) -> vec4f {
+    let own = filtered_gradient(i);
+    if !TENSOR || !(own.w > 0.0) {
+        return own;
+    }
+    let row = stored_edge();
+    let plane = row * row;
+    var beside = array<vec4f, 6>(
+        filtered_gradient(i - 1u), filtered_gradient(i - row), filtered_gradient(i - plane),
+        filtered_gradient(i + 1u), filtered_gradient(i + row), filtered_gradient(i + plane),
+    );
+    var largest = own.w;
+    for (var n = 0u; n < 6u; n++) {
+        largest = max(largest, beside[n].w);
+    }
+    var tensor = outer(own, largest);
+    for (var n = 0u; n < 6u; n++) {
+        tensor += 0.125 * outer(beside[n], largest);
+    }
+    // Its 8th power is nearly its dominant axis, and keeps the side of its own gradient.
+    for (var n = 0u; n < 3u; n++) {
+        tensor = tensor * tensor;
+    }
+    return vec4f(tensor * own.xyz, own.w);
+}
+
 // The length of a gradient.
 fn magnitude_of(gradient: vec4f) -> f32 {
     return min(length(gradient.xyz) * gradient.w, FAR);
@@ -224,7 +272,7 @@ fn magnitude_of(gradient: vec4f) -> f32 {
 
 // The share of extinction that stays at a gradient.
 fn gradient_share(gradient: vec4f) -> f32 {
-    let first = classify.points << u32(BAND_LIMITED);
+    let first = classify.points * select(1u, 5u, BAND_LIMITED);
     return looked_up(magnitude_of(gradient), first, classify.gradient_points).a;
 }
 

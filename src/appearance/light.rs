@@ -6,7 +6,7 @@ use glam::DVec3;
 
 use crate::camera::View;
 use crate::error::{Error, Result};
-use crate::lighting::{Light, Lighting, Source};
+use crate::lighting::{Light, Lighting, Normals, Source};
 use crate::settings::parse::{expect, finite};
 use crate::transfer::color::{parse as parse_color, tip};
 
@@ -129,6 +129,8 @@ pub struct LightRequest {
     pub occlusion: Option<OcclusionSpec>,
     /// [`Lighting::shadow_bias`], voxels.
     pub shadow_bias: Option<f64>,
+    /// [`Lighting::normals`].
+    pub normals: Option<Normals>,
 }
 
 impl LightRequest {
@@ -192,6 +194,7 @@ impl LightRequest {
             lighting.occlusion = radius;
         }
         lighting.shadow_bias = self.shadow_bias.unwrap_or(lighting.shadow_bias);
+        lighting.normals = self.normals.unwrap_or(lighting.normals);
         Ok(Some(lighting))
     }
 }

@@ -152,7 +152,14 @@ impl TransferRequest {
             let reason = "it is for presets: files have values of their own, a window places maps";
             return Err(Error::setting("transfer_values", reason));
         }
-        Ok(Self { choice, window, values, by_window: window.is_some() && name.is_none(), gradient, classification: None })
+        Ok(Self {
+            choice,
+            window,
+            values,
+            by_window: window.is_some() && name.is_none(),
+            gradient,
+            classification: None,
+        })
     }
 
     /// Returns the request for the values of a file.

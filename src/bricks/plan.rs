@@ -14,7 +14,6 @@ use crate::error::{Error, Result};
 use crate::gpu::savings::Savings;
 use crate::gpu::view::{Held, ViewGeometry};
 use crate::image::{Image, Region};
-use crate::kernel::NORMAL_REACH;
 use crate::layers::Layers;
 use crate::painters::choice::PainterKind;
 use crate::painters::painter::FamilyShare;
@@ -448,11 +447,11 @@ fn painter(view: &ViewGeometry, settings: &Settings) -> Result<Painter> {
 fn normals_reach(layers: &Layers, settings: &Settings) -> u32 {
     let differs = |transfer: &TransferFunction| transfer.is_band_limited() || !transfer.gradient_opacity().is_empty();
     let differs = layers.plain().is_some_and(|(_, transfer)| differs(transfer));
-    match (settings.lighting.is_some(), layers.plain().is_some()) {
-        (true, true) => NORMAL_REACH as u32,
-        (true, false) => SMOOTHED_REACH,
-        (false, false) => 1,
-        (false, true) => u32::from(differs),
+    match (&settings.lighting, layers.plain().is_some()) {
+        (Some(lighting), true) => lighting.normals.reach() as u32,
+        (Some(_), false) => SMOOTHED_REACH,
+        (None, false) => 1,
+        (None, true) => u32::from(differs),
     }
 }
 

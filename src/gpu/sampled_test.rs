@@ -13,9 +13,10 @@ use super::sampled::Sampled;
 use super::samples::Input;
 use super::scan::Scan;
 use super::store::{Drawable, Store};
+use crate::lighting::Normals;
 use crate::progress::Progress;
 use crate::splats::brick::BrickSplats;
-use crate::transfer::{ControlPoint, GradientPoint, TransferFunction};
+use crate::transfer::{Classification, ControlPoint, GradientPoint, TransferFunction};
 use crate::volume::{Grid, Samples, Volume};
 
 /// The words of splats.
@@ -49,7 +50,7 @@ fn listed_samples_are_the_splats_of_a_classification() {
     {
         let (pipelines, held, kept) = (Cache::default(), HeldSamples::default(), KeptVoxels::default());
         let progress = Progress::default();
-        let input = Input::new(&context, &volume, transfer, lit, &progress).unwrap();
+        let input = Input::new(&context, &volume, transfer, lit.then(Normals::default), &progress).unwrap();
         let sampled = Sampled::run(&pipelines, &input, &held, &kept).unwrap();
         let listed = Classifier::new(&input).run(&Scan::new(&context), &input).unwrap();
         assert!(Sampled::of(&sampled.stores).is_some() && Sampled::of(&listed.stores).is_none());
@@ -81,12 +82,15 @@ fn listed_samples_are_the_splats_of_a_classification() {
 /// A brick is sent once, whatever functions show. Of few bricks only those that may show are held.
 #[test]
 fn bricks_that_may_show_are_held_and_sent_once() {
-    // Bricks of one value each, of 5 x 3 x 4.
+    // Bricks of one value each, of 5 x 3 x 4, and without a value in their outermost layers, by which the range of a
+    // brick has no value of its neighbours.
     let value = |i: usize| {
-        let [x, y, z] = [i % 150, i / 150 % 90, i / (150 * 90)].map(|n| n / 32);
-        (10 * x + 3 * y + z) as u8
+        let place = [i % 150, i / 150 % 90, i / (150 * 90)];
+        let [x, y, z] = place.map(|n| n / 32);
+        let is_outside = place.iter().any(|n| [0, 31].contains(&(n % 32)));
+        if is_outside { f32::INFINITY } else { (10 * x + 3 * y + z) as f32 }
     };
-    let values = Samples::U8((0..150 * 90 * 128).map(value).collect());
+    let values = Samples::F32((0..150 * 90 * 128).map(value).collect());
     let volume = Volume::new(Grid::axis_parallel([150, 90, 128], [1.0; 3]).unwrap(), values).unwrap();
     let bricks_of = |shown: &[u8]| {
         let all = (0..60).map(|brick| (10 * (brick % 5) + 3 * (brick / 5 % 3) + brick / 15) as u8);
@@ -98,14 +102,15 @@ fn bricks_that_may_show_are_held_and_sent_once() {
             let value = f64::from(value);
             [point(value - 0.4, 0.0), point(value - 0.2, 0.5), point(value + 0.2, 0.5), point(value + 0.4, 0.0)]
         };
-        TransferFunction::new(shown.iter().flat_map(of).collect(), None).unwrap()
+        let transfer = TransferFunction::new(shown.iter().flat_map(of).collect(), None).unwrap();
+        transfer.with_classification(Classification::Point)
     };
     let mut context = Context::new(Some(&adapter())).unwrap();
     context.savings.paged_bytes = 0;
     // Two rows of bricks in a buffer.
-    context.limits.max_storage_buffer_binding_size = 10 * 36_u64.pow(3);
+    context.limits.max_storage_buffer_binding_size = 10 * 4 * 36_u64.pow(3);
     let (pipelines, held, progress) = (Cache::default(), HeldSamples::default(), Progress::default());
-    let of_brick = 36_u64.pow(3);
+    let of_brick = 4 * 36_u64.pow(3);
     // The values that a function shows, and those of bricks that are held and sent.
     let edits: [(&[u8], &[u8], &[u8]); 5] = [
         (&[10, 25], &[10, 25], &[10, 25]),
@@ -116,7 +121,7 @@ fn bricks_that_may_show_are_held_and_sent_once() {
     ];
     for (shown, are_held, sent) in edits {
         let transfer = showing(shown);
-        let input = Input::new(&context, &volume, &transfer, true, &progress).unwrap();
+        let input = Input::new(&context, &volume, &transfer, Some(Normals::Gradient), &progress).unwrap();
         let kept = KeptVoxels::default();
         let before = context.traffic().sent;
         let sampled = Sampled::run(&pipelines, &input, &held, &kept).unwrap();
@@ -141,7 +146,7 @@ fn bricks_that_may_show_are_held_and_sent_once() {
     }
     // More than a quarter: all.
     let transfer = showing(&[0, 1, 2, 3, 10, 11, 12, 20, 21, 22, 30, 31, 32]);
-    let input = Input::new(&context, &volume, &transfer, true, &progress).unwrap();
+    let input = Input::new(&context, &volume, &transfer, Some(Normals::Gradient), &progress).unwrap();
     let already = held.bytes();
     let sampled = Sampled::run(&pipelines, &input, &held, &KeptVoxels::default()).unwrap();
     assert_eq!([held.bytes(), sampled.bricks.bytes], [60 * of_brick, 60 * of_brick - already]);

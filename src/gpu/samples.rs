@@ -12,11 +12,11 @@ use super::recorder::Recorder;
 use super::sender::Sender;
 use super::stage::Constant;
 use crate::error::{Error, Result};
-use crate::kernel::NORMAL_REACH;
+use crate::lighting::Normals;
 use crate::progress::Progress;
 use crate::splats::gradients::{FAR, gradients};
 use crate::transfer::scalars::Reduction;
-use crate::transfer::{self, Pieces, Resolution, TransferFunction};
+use crate::transfer::{self, Node, Pieces, Resolution, TransferFunction};
 use crate::volume::{BRICK_EDGE as EDGE, Brick, RowCoding, SampleType, ToF64, Volume};
 
 /// Bricks of one batch, 4 million voxels: the memory that preparing a scene needs besides its splats, and far within
@@ -26,6 +26,9 @@ pub(super) const BATCH: usize = 128;
 pub(super) const ROWS: usize = EDGE * EDGE;
 /// Completes errors: "while ...".
 const SENDING: &str = "sending samples";
+
+/// Numbers of a node of a band-limited classification: emission, slope, bend, the integral and its rounding.
+const COLUMNS: u32 = 5;
 
 /// The least extent of the control points in unreduced floats: their products stay in the range of f32.
 const LEAST_EXTENT: f64 = 1e-24;
@@ -75,7 +78,7 @@ impl SampleCoding {
     }
 
     /// The control points in the units in which the shader compares samples; of a band-limited classification the
-    /// nodes of its pieces, and after them their integrals.
+    /// [`COLUMNS`] of the nodes of its pieces.
     fn points(&self, transfer: &TransferFunction) -> Vec<ControlPoint> {
         if transfer.is_band_limited() {
             let pieces = Pieces::new(transfer, |value| f64::from(self.point(value)));
@@ -85,8 +88,16 @@ impl SampleCoding {
                 opacity: depth as f32,
                 _pad: [0.0; 3],
             };
-            let nodes = pieces.nodes().iter().map(|node| point(node.place, node.emission));
-            return nodes.chain(pieces.nodes().iter().map(|node| point(node.place, node.integral))).collect();
+            let rest = |node: &Node| node.integral.map(|channel| channel - f64::from(channel as f32));
+            let columns = [
+                |node: &Node| node.emission,
+                |node: &Node| node.slope,
+                |node: &Node| node.bend,
+                |node: &Node| node.integral,
+            ];
+            let all = columns.iter().flat_map(|column| pieces.nodes().iter().map(move |node| (node, column(node))));
+            let all = all.chain(pieces.nodes().iter().map(|node| (node, rest(node))));
+            return all.map(|(node, channels)| point(node.place, channels)).collect();
         }
         let point = |p: &transfer::ControlPoint| ControlPoint {
             color: p.color.map(|c| c as f32),
@@ -152,8 +163,8 @@ pub(crate) struct Input<'a> {
     pub(super) context: &'a Context,
     pub(super) volume: &'a Volume,
     transfer: &'a TransferFunction,
-    /// Whether splats have normals.
-    pub(super) lit: bool,
+    /// The normals of splats; `None`: they have none.
+    normals: Option<Normals>,
     /// The layers of neighbouring voxels around a brick.
     halo: usize,
     pub(super) progress: &'a Progress,
@@ -170,28 +181,29 @@ pub(crate) struct Input<'a> {
 }
 
 impl<'a> Input<'a> {
-    /// A volume whose splats get normals if they are lit.
+    /// A volume whose splats get these normals if they are lit.
     pub(crate) fn new(
         context: &'a Context,
         volume: &'a Volume,
         transfer: &'a TransferFunction,
-        lit: bool,
+        normals: Option<Normals>,
         progress: &'a Progress,
     ) -> Result<Self> {
         let coding = SampleCoding::new(volume, transfer);
         let points = coding.points(transfer);
         // On a lattice of the volume's unit of length.
         let thinning = transfer.scaled_gradient_opacity(coding.gradient_scale() * volume.grid().unit());
-        let resolution = coding.resolution(transfer, volume, lit)?;
+        let resolution = coding.resolution(transfer, volume, normals.is_some())?;
         let gradients = gradients(volume);
         let is_band_limited = transfer.is_band_limited();
         // `halo` in shaders/common/classified.wgsl.
-        let halo = if lit { NORMAL_REACH } else { usize::from(is_band_limited || !thinning.is_empty()) };
+        let differs = usize::from(is_band_limited || !thinning.is_empty());
+        let halo = normals.map_or(differs, Normals::reach);
         Ok(Self {
             context,
             volume,
             transfer,
-            lit,
+            normals,
             halo,
             progress,
             coding,
@@ -220,7 +232,7 @@ impl<'a> Input<'a> {
             context,
             volume,
             transfer,
-            lit: false,
+            normals: None,
             halo,
             progress,
             coding,
@@ -285,7 +297,7 @@ impl<'a> Input<'a> {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(super) struct InputKey {
     sample_type: u32,
-    lit: bool,
+    normals: Option<Normals>,
     gradient_opacity: bool,
     band_limited: bool,
 }
@@ -293,14 +305,15 @@ pub(super) struct InputKey {
 impl InputKey {
     /// Whether splats have normals.
     pub(super) fn is_lit(self) -> bool {
-        self.lit
+        self.normals.is_some()
     }
 
-    pub(super) fn constants(self) -> [Constant; 4] {
-        let Self { sample_type, lit, gradient_opacity, band_limited } = self;
+    pub(super) fn constants(self) -> [Constant; 5] {
+        let Self { sample_type, normals, gradient_opacity, band_limited } = self;
         [
             ("SAMPLE_TYPE", sample_type),
-            ("LIT", lit.into()),
+            ("LIT", normals.is_some().into()),
+            ("TENSOR", (normals == Some(Normals::Tensor)).into()),
             ("GRADIENT_OPACITY", gradient_opacity.into()),
             ("BAND_LIMITED", band_limited.into()),
         ]
@@ -313,10 +326,10 @@ impl Input<'_> {
     }
 
     pub(super) fn key(&self) -> InputKey {
-        let Self { lit, coding, thinning, is_band_limited, .. } = self;
+        let Self { normals, coding, thinning, is_band_limited, .. } = self;
         InputKey {
             sample_type: coding.sample_type,
-            lit: *lit,
+            normals: *normals,
             gradient_opacity: !thinning.is_empty(),
             band_limited: *is_band_limited,
         }
@@ -337,7 +350,7 @@ impl Input<'_> {
             dims: self.volume.grid().dims(),
             bricks: 0,
             gradient_x,
-            points: self.points.len() as u32 >> u32::from(self.is_band_limited),
+            points: self.points.len() as u32 / if self.is_band_limited { COLUMNS } else { 1 },
             gradient_y,
             sample_origin: self.coding.origin as f32,
             gradient_z,

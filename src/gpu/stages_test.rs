@@ -19,13 +19,14 @@ use crate::formats::{LoadOptions, load};
 use crate::image::Region;
 use crate::kernel::FootprintTable;
 use crate::layers::Layers;
+use crate::lighting::Normals;
 use crate::painters::quads::plan::{Plan, Target};
 use crate::painters::quads::sort::Sorter;
 use crate::prepare::drawable::classified as classified_on_host;
 use crate::progress::Progress;
 use crate::renderer::{Rendered, Renderer, RendererOptions};
 use crate::settings::{Accumulation, Level, Model, Painter, Precision, QuadsSettings, Settings, Sheets};
-use crate::transfer::{ControlPoint, GradientPoint, TransferFunction};
+use crate::transfer::{Classification, ControlPoint, GradientPoint, TransferFunction};
 use crate::volume::{Grid, Samples, Volume};
 
 fn context() -> Context {
@@ -48,7 +49,7 @@ fn words(bytes: &[u8]) -> Vec<u32> {
 
 fn classified(context: &Context, volume: &Volume, transfer: &TransferFunction) -> Vec<Store> {
     let progress = Progress::default();
-    let input = Input::new(context, volume, transfer, false, &progress).unwrap();
+    let input = Input::new(context, volume, transfer, None, &progress).unwrap();
     Classifier::new(&input).run(&Scan::new(context), &input).unwrap().stores
 }
 
@@ -74,9 +75,11 @@ fn classify_on_the_host_matches_the_device() {
             let thinning = if thins { vec![point(1.013, 0.0), point(4.0, 0.7), point(20.0, 1.0)] } else { Vec::new() };
             let transfer = steps().with_gradient_opacity(thinning).unwrap();
             let progress = Progress::default();
-            let input = Input::new(&context, &volume, &transfer, lit, &progress).unwrap();
+            let normals = lit.then(Normals::default);
+            let input = Input::new(&context, &volume, &transfer, normals, &progress).unwrap();
             let device = Classifier::new(&input).run(&Scan::new(&context), &input).unwrap();
-            let host = classified_on_host(&context, &Layers::of_volume(&volume, &transfer), lit, &progress).unwrap();
+            let host =
+                classified_on_host(&context, &Layers::of_volume(&volume, &transfer), normals, &progress).unwrap();
             let all = |stores: &[Store]| -> Vec<(Voxel, u32)> {
                 let normals = |store: &Store| {
                     let bytes = download(&context, &store.on_device(&context).unwrap(), u64::from(store.count) * 16);
@@ -166,6 +169,7 @@ fn classify_matches_its_twin_for_every_type() {
 
 /// Asserts that the device makes of a volume what the twin does.
 fn assert_classified(context: &Context, volume: &Volume, transfer: &TransferFunction, what: &str) {
+    let transfer = &transfer.clone().with_classification(Classification::Point);
     let got = downloaded(context, &classified(context, volume, transfer));
     let expected = twins::classify(volume, transfer);
     assert_eq!(got.len(), expected.len(), "{what}");
@@ -230,6 +234,7 @@ fn wide_integers_keep_the_resolution_of_their_window() {
     let p = |value, opacity| ControlPoint { value, color: [1.0; 3], opacity };
     let transfer =
         TransferFunction::new(vec![p(f64::from(base + 10), 0.0), p(f64::from(base + 50), 0.5)], None).unwrap();
+    let transfer = transfer.with_classification(Classification::Point);
     let got = downloaded(&context, &classified(&context, &volume, &transfer));
     let expected = twins::classify(&volume, &transfer);
     assert_eq!(got.len(), expected.len());
@@ -287,7 +292,7 @@ fn scene() -> (Volume, TransferFunction, [Camera; 2], Settings) {
         let view = View { azimuth: 40.0, elevation: 25.0, roll: 10.0, projection, ..View::default() };
         Camera::new(&view, volume.grid(), [24, 20]).unwrap()
     });
-    let transfer = demos::demo_transfer("marschner-lobb").unwrap();
+    let transfer = demos::demo_transfer("marschner-lobb").unwrap().with_classification(Classification::Point);
     (volume, transfer, cameras, settings)
 }
 

@@ -14,11 +14,11 @@ use super::level::Level;
 use super::light::{Shader, Vector, unit};
 use super::{Frame, Kept, places_of_light};
 use crate::camera::clip::is_inside;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::kernel::{Kernel, SplineFilter};
 use crate::layers::Layers;
-use crate::lighting::Lighting;
 use crate::lighting::shadow::field::CLIPPED;
+use crate::lighting::{Lighting, Normals};
 use crate::progress::Progress;
 use crate::settings::Settings;
 use crate::splats::brick::MadeBrick;
@@ -37,7 +37,8 @@ pub(super) struct Colored {
     rows: Vec<Range<usize>>,
     /// Rows of bricks along y.
     down: usize,
-    is_lit: bool,
+    /// `None`: prepared without light.
+    normals: Option<Normals>,
     /// World units of the unit of extinctions.
     pub(super) unit: f64,
     /// The factor that brings extinctions into the range of f16.
@@ -76,9 +77,9 @@ impl Colored {
     /// # Errors
     /// [`Error::Input`] if samples cannot be read.
     pub(super) fn new(layers: &Layers, settings: &Settings, progress: &Progress) -> Result<Self> {
-        let is_lit = settings.lighting.is_some();
+        let normals = settings.lighting.as_ref().map(|lighting| lighting.normals);
         let layers = layers.finite()?;
-        let classifier = Classifier::new(&layers, is_lit, LeftOut { voxels: true, bricks: true })?;
+        let classifier = Classifier::new(&layers, normals, LeftOut { voxels: true, bricks: true })?;
         let [_, down, deep] = classifier.counts;
         let mut bricks = Vec::new();
         let mut rows = Vec::with_capacity(down * deep);
@@ -96,7 +97,7 @@ impl Colored {
             bricks,
             rows,
             down,
-            is_lit,
+            normals,
             unit: layers.unit(),
             scale: exponent.exp2(),
             field: Kept::default(),
@@ -133,9 +134,7 @@ impl Colored {
     /// The fields of the kernels of a picture.
     pub(super) fn filtered(&self, frame: &Frame<'_>, progress: &Progress) -> Result<Vec<Arc<Filtered>>> {
         let Frame { camera, settings, .. } = *frame;
-        if settings.lighting.is_some() && !self.is_lit {
-            return Err(Error::setting("lighting", "the scene was prepared without light"));
-        }
+        settings.check_normals(self.normals)?;
         let falling = frame.falling(self.unit);
         let arriving = falling.clone().map(|falling| self.arriving(falling, progress)).transpose()?;
         let to_eye = match camera.eye() {

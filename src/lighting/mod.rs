@@ -6,6 +6,8 @@ use glam::DVec3;
 
 use self::shadow::Shares;
 use crate::error::{Error, Result};
+use crate::kernel::NORMAL_REACH;
+use voxsplat_volume::names::named;
 
 /// The place of a light.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -118,7 +120,36 @@ pub struct Lighting {
     /// Whether shadows and occlusion are sums of all kernels on each ray instead of sweeps through the volume. The
     /// light of sweeps errs by about 1 of 255 (rms), and takes a tenth of the time or less.
     pub exact_shadows: bool,
+    /// The normals of voxels of scalars in pre-shading, found when a scene is prepared.
+    pub normals: Normals,
 }
+
+/// How the normals of voxels of scalars are found. Labels and masks have normals of their own, and post-shading uses the
+/// gradient of the field.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub enum Normals {
+    /// The gradient by a filter of 5^3 voxels (Farid and Simoncelli 2004, "Differentiation of discrete multidimensional
+    /// signals").
+    Gradient,
+    /// The dominant direction of a structure tensor of these gradients: g g^T of the voxel and an eighth of that of each
+    /// of its six neighbours (Bigun and Granlund 1987, "Optimal orientation detection of linear symmetry"). At the ridge
+    /// of a thin layer the gradient passes 0 and its direction is noise, but both sides agree on the axis. In noise
+    /// normals of layers of 2 and 3 voxels err by a third as much; waves shorter than 10 voxels lose 0.2 to 0.9 degrees.
+    #[default]
+    Tensor,
+}
+
+impl Normals {
+    /// Voxels to either side that a normal depends on.
+    pub(crate) fn reach(self) -> usize {
+        match self {
+            Self::Gradient => NORMAL_REACH,
+            Self::Tensor => NORMAL_REACH + 1,
+        }
+    }
+}
+
+named!("normals", Normals { Gradient: "gradient", Tensor: "tensor" });
 
 /// The largest number of lights that cast shadows.
 pub(crate) const MAX_CASTING: usize = 3;
@@ -240,6 +271,7 @@ impl Default for Lighting {
             shadow_bias: 1.5,
             occlusion: None,
             exact_shadows: false,
+            normals: Normals::default(),
         }
     }
 }

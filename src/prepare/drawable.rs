@@ -24,6 +24,7 @@ use crate::gpu::splat::SplatLight;
 use crate::gpu::store::{Drawable, StoreBuilder};
 use crate::kernel::Kernel;
 use crate::layers::Layers;
+use crate::lighting::Normals;
 use crate::progress::Progress;
 use crate::settings::Model;
 use crate::splats::layers::{self, LeftOut};
@@ -34,9 +35,14 @@ use crate::transfer::{Resolution, TransferFunction};
 use crate::volume::Volume;
 
 /// The visible voxels of layers as splats, brick by brick, with normals if there is light. The host classifies.
-pub(crate) fn classified(context: &Context, layers: &Layers, lit: bool, progress: &Progress) -> Result<Drawable> {
+pub(crate) fn classified(
+    context: &Context,
+    layers: &Layers,
+    normals: Option<Normals>,
+    progress: &Progress,
+) -> Result<Drawable> {
     let left_out = LeftOut { voxels: context.savings.voxels, bricks: context.savings.bricks };
-    let classifier = layers::Classifier::new(layers, lit, left_out)?;
+    let classifier = layers::Classifier::new(layers, normals, left_out)?;
     let mut stores = StoreBuilder::new(context, classify::STRIDE, u32::MAX);
     let row = |j: usize, k: usize| classifier.row([j, k]);
     let doing = (progress, "classifying");
@@ -102,8 +108,8 @@ fn kept_of<K>(held: Option<(K, Arc<Drawable>)>) -> Option<Arc<Cache>> {
 /// A volume as pre-shading draws it.
 pub(super) struct PreShaded {
     pub(super) layers: Layers,
-    /// Whether splats have normals.
-    pub(super) lit: bool,
+    /// The normals of splats; `None`: they have none.
+    pub(super) normals: Option<Normals>,
     /// The visible voxels, with the shadows on them.
     pub(super) classified: Held<ClassifiedKey, Drawable>,
     /// The occluders of shadows.
@@ -222,10 +228,10 @@ impl PostShaded {
 }
 
 impl PreShaded {
-    pub(super) fn new(layers: Layers, lit: bool) -> Self {
+    pub(super) fn new(layers: Layers, normals: Option<Normals>) -> Self {
         Self {
             layers,
-            lit,
+            normals,
             classified: Held::default(),
             occluders: Occluders::default(),
             samples: HeldSamples::default(),
@@ -262,9 +268,9 @@ impl PreShaded {
         progress: &Progress,
     ) -> Result<(Arc<Drawable>, f64)> {
         let classify = |lists| match self.layers.plain() {
-            None => classified(context, &self.layers, self.lit, progress),
+            None => classified(context, &self.layers, self.normals, progress),
             Some((volume, transfer)) => {
-                let input = Input::new(context, volume, transfer, self.lit, progress)?;
+                let input = Input::new(context, volume, transfer, self.normals, progress)?;
                 self.classified_on_device(pipelines, &input, lists)
             }
         };
@@ -350,7 +356,7 @@ impl PreShaded {
                 let sampled = match &shaded {
                     Some((shaded, _)) => Sampled::of(&shaded.stores).filter(|sampled| sampled.has_whole_rows()),
                     None => {
-                        let input = Input::new(context, volume, transfer, self.lit, progress)?;
+                        let input = Input::new(context, volume, transfer, self.normals, progress)?;
                         let hold = || Sampled::hold(pipelines, &input, &self.samples, &self.visible);
                         let fits = HeldSamples::fits(&input, &input.needed_bricks()?);
                         let held = fits.then(hold).transpose()?;

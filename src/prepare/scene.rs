@@ -25,7 +25,7 @@ use crate::gpu::transfer::TransferTable;
 use crate::gpu::view::{Fade, Held, ViewGeometry, Weights};
 use crate::kernel::{Kernel, Normalization};
 use crate::layers::Layers;
-use crate::lighting::{Lighting, shadow};
+use crate::lighting::{Lighting, Normals, shadow};
 use crate::progress::Progress;
 use crate::settings::{Level, MAX_LEVEL, Model, Painter, Settings};
 use crate::stats::on_host;
@@ -113,10 +113,10 @@ impl Scene {
 
     /// A scene of classified voxels. The first picture classifies them, because the picture decides between voxels and
     /// cells.
-    pub(crate) fn of_splats(context: &Context, layers: &Layers, lit: bool) -> Self {
+    pub(crate) fn of_splats(context: &Context, layers: &Layers, normals: Option<Normals>) -> Self {
         let grid = *layers.grid();
-        let weights = weights(layers, &grid, lit);
-        Self::new(context, Content::Splats(Box::new(PreShaded::new(layers.clone(), lit))), grid, weights, 0.0)
+        let weights = weights(layers, &grid, normals.is_some());
+        Self::new(context, Content::Splats(Box::new(PreShaded::new(layers.clone(), normals))), grid, weights, 0.0)
     }
 
     /// A scene of scalars: the part of post-shading that does not depend on the camera.
@@ -175,7 +175,7 @@ impl Scene {
             }
             Content::Splats(voxels) => {
                 voxels.set_transfer(transfer)?;
-                self.weights = weights(&voxels.layers, &self.grid, voxels.lit);
+                self.weights = weights(&voxels.layers, &self.grid, voxels.normals.is_some());
             }
         }
         Ok(())
@@ -582,8 +582,10 @@ impl Scene {
         }
         match &self.content {
             Content::Splats(_) if settings.is_post_shaded() => error("shading", "for pre-shading"),
-            Content::Splats(voxels) if !voxels.lit && settings.lighting.is_some() => error("light", "without light"),
-            Content::Splats(voxels) => voxels.layers.check(settings),
+            Content::Splats(voxels) => {
+                settings.check_normals(voxels.normals)?;
+                voxels.layers.check(settings)
+            }
             Content::Scalars(_) if !settings.is_post_shaded() => error("shading", "for post-shading"),
             Content::Scalars(scalars) if scalars.model != settings.model => error("model", "for another model"),
             Content::Scalars(scalars) if scalars.sharpened != settings.sharpens() => {

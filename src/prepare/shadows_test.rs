@@ -26,7 +26,7 @@ use crate::kernel::{Kernel, Normalization};
 use crate::layers::Layers;
 use crate::lighting::shadow::ShadowLattice;
 use crate::lighting::shadow::plan::LightPlans;
-use crate::lighting::{Light, Lighting};
+use crate::lighting::{Light, Lighting, Normals};
 use crate::progress::Progress;
 use crate::transfer::bins::VisibleValues;
 use crate::transfer::scalars::Reduction;
@@ -43,7 +43,7 @@ fn shares(context: &Context, stores: &[Store]) -> Vec<[u32; 4]> {
 
 /// The visible voxels as lists.
 fn listed(context: &Context, volume: &Volume, transfer: &TransferFunction) -> Drawable {
-    classified(context, &Layers::of_volume(volume, transfer), true, &Progress::default()).unwrap()
+    classified(context, &Layers::of_volume(volume, transfer), Some(Normals::default()), &Progress::default()).unwrap()
 }
 
 /// A volume of a lattice by the values of its points.

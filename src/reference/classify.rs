@@ -97,7 +97,7 @@ impl VoxelValues {
     /// [`Error::Transfer`] if an extinction is too large to be a number, [`Error::Input`](crate::Error::Input) if
     /// values are too far apart, [`Error::Input`](crate::Error::Input) and [`Error::Memory`] if samples cannot be read.
     pub(super) fn new(layers: &Layers, settings: &Settings) -> Result<Self> {
-        let (grid, media) = (layers.grid(), Media::new(layers, !settings.is_post_shaded())?);
+        let (grid, media) = (layers.grid(), Media::new(layers, settings)?);
         let dims = grid.dims().map(|d| d as usize);
         let cells = Cells::new(dims, |index| media.number(index));
         let lighting = settings.lighting.as_ref().map(|lighting| lighting.seen_from(grid.center()));
@@ -287,7 +287,7 @@ impl Bricks {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::transfer::ControlPoint;
+    use crate::transfer::{Classification, ControlPoint};
     use crate::volume::{Samples, Volume};
 
     #[test]
@@ -298,6 +298,7 @@ mod tests {
         let volume = Volume::new(grid, Samples::F32(values.clone())).unwrap();
         let point = |value, opacity| ControlPoint { value, color: [1.0, 0.5, 0.25], opacity };
         let transfer = TransferFunction::new(vec![point(0.0, 0.0), point(1.0, 0.9)], Some(0.5)).unwrap();
+        let transfer = transfer.with_classification(Classification::Point);
         let splats = VoxelValues::new(&Layers::of_volume(&volume, &transfer), &Settings::default()).unwrap();
         assert_eq!(splats.bounds(2), Some([[0, 6], [0, 10], [0, 12]]));
         let bricks = Bricks::new(&splats, Viewer::Towards(DVec3::X));

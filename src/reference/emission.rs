@@ -83,7 +83,8 @@ mod tests {
                 let [low, high] = range;
                 let sum = integrate(low, high, 100_000, |value| at(&transfer, 2.0, value)[channel]);
                 let expected = sum / (high - low);
-                assert!((found - expected).abs() < 1e-4 * expected.max(0.01), "{range:?} {found} {expected}");
+                // A panel of the sum spans the step.
+                assert!((found - expected).abs() < 3e-4 * expected.max(0.01), "{range:?} {found} {expected}");
             }
         }
     }

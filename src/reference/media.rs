@@ -7,6 +7,8 @@ use glam::{DMat3, DVec3};
 use super::emission;
 use crate::error::{Error, Result};
 use crate::layers::{Layer, Layers, Look, Matter, look_of, luminance};
+use crate::lighting::Normals;
+use crate::settings::Settings;
 use crate::transfer::{Resolution, TransferFunction};
 use crate::volume::{Samples, Volume};
 
@@ -87,6 +89,7 @@ pub(super) struct Media {
     media: Vec<Medium>,
     /// Whether voxels are classified, and not the field.
     is_pre_shaded: bool,
+    normals: Normals,
     /// From gradients along the lattice axes to gradients in the world.
     to_world: DMat3,
 }
@@ -98,7 +101,7 @@ impl std::fmt::Debug for Media {
 }
 
 impl Media {
-    pub(super) fn new(layers: &Layers, is_pre_shaded: bool) -> Result<Self> {
+    pub(super) fn new(layers: &Layers, settings: &Settings) -> Result<Self> {
         let medium = |layer: &Layer| {
             let optics = match &layer.matter {
                 Matter::Scalars { transfer, .. } => Optics::Transfer(transfer.clone()),
@@ -127,7 +130,8 @@ impl Media {
         Ok(Self {
             dims: layers.grid().dims().map(|d| d as usize),
             media: layers.all().iter().map(medium).collect::<Result<_>>()?,
-            is_pre_shaded,
+            is_pre_shaded: !settings.is_post_shaded(),
+            normals: settings.lighting.as_ref().map_or(Normals::default(), |lighting| lighting.normals),
             to_world: layers.grid().to_lattice().matrix3.transpose(),
         })
     }
@@ -293,9 +297,38 @@ impl Media {
         self.to_world * DVec3::from_array(medium.resolution.resolved([0, 1, 2].map(slope), distance))
     }
 
+    /// Returns a vector along the dominant axis of the structure tensor at a voxel, on the side of its gradient: the 8th
+    /// power of the tensor, times the gradient.
+    fn tensor_normal(&self, medium: &Medium, point: [i64; 3]) -> DVec3 {
+        let own = self.scalar_normal(medium, point);
+        if own == DVec3::ZERO {
+            return own;
+        }
+        let beside = (0..3).flat_map(|axis| [-1, 1].map(|step| (axis, step))).map(|(axis, step)| {
+            let mut beside = point;
+            beside[axis] += step;
+            // Beyond the faces, as everywhere, samples repeat.
+            self.scalar_normal(medium, beside)
+        });
+        let beside: Vec<DVec3> = beside.collect();
+        let largest = beside.iter().chain([&own]).map(|g| g.abs().max_element()).fold(0.0, f64::max);
+        let outer = |g: DVec3| {
+            let g = g / largest;
+            DMat3::from_cols(g * g.x, g * g.y, g * g.z)
+        };
+        let mut tensor = beside.into_iter().fold(outer(own), |sum, g| sum + outer(g) * 0.125);
+        for _ in 0..3 {
+            tensor = tensor * tensor;
+        }
+        tensor * (own / largest)
+    }
+
     fn normal(&self, medium: &Medium, point: [i64; 3]) -> DVec3 {
         if !matches!(medium.optics, Optics::Labels(_)) && medium.mask.is_none() {
-            return self.scalar_normal(medium, point);
+            return match self.normals {
+                Normals::Gradient => self.scalar_normal(medium, point),
+                Normals::Tensor => self.tensor_normal(medium, point),
+            };
         }
         let weight = |d: i64| (-((d * d) as f64) / SPREAD).exp();
         let (mut slope, mut moment) = (DVec3::ZERO, 0.0);

@@ -9,7 +9,7 @@ use crate::camera::clip::Clip;
 use crate::error::{Error, Result};
 use crate::kernel::reconstruction::{Prefilter, Reconstruction};
 use crate::kernel::{Kernel, Normalization};
-use crate::lighting::{Casting, Lighting};
+use crate::lighting::{Casting, Lighting, Normals};
 pub use crate::settings::options::RendererOptions;
 pub use crate::settings::response::Response;
 use crate::transfer::TransferFunction;
@@ -430,6 +430,17 @@ impl Settings {
             Interslice::Mean => 1,
             Interslice::Parabola => (per_voxel * voxels).ceil().clamp(2.0, 64.0) as u32,
         }
+    }
+
+    /// Refuses light on a scene that was prepared with these normals, or without light.
+    pub(crate) fn check_normals(&self, prepared: Option<Normals>) -> Result<()> {
+        let (name, what) = match (prepared, &self.lighting) {
+            (None, Some(_)) => ("light", "without light"),
+            (Some(own), Some(lighting)) if own != lighting.normals => ("normals", "with other normals"),
+            _ => return Ok(()),
+        };
+        let reason = format!("the scene was prepared {what}: prepare it with the settings it is rendered with");
+        Err(Error::setting(name, reason))
     }
 
     /// Returns whether sheets hold scalars that are classified per pixel: post-shading and projections of intensity.

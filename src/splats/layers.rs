@@ -1,13 +1,16 @@
 //! Layers on one lattice to splats. The emissions of all layers are added up voxel by voxel; the normal is that of the
 //! layer with the largest density there.
 
+use std::cell::OnceCell;
+
 use super::brick::MadeBrick;
 use super::classification::{Classification, ColorSource, Emission};
-use super::gradients::{gradient_of, gradients, steepness_of};
+use super::gradients::{gradient_of, gradients, steepness_of, tensor_normal};
 use super::words::{packed_appearance, packed_normal, resolution_at};
 use crate::error::Result;
-use crate::kernel::{DerivativeFilter, NORMAL_REACH};
+use crate::kernel::DerivativeFilter;
 use crate::layers::{Layer, Layers, Mask, Matter, luminance};
+use crate::lighting::Normals;
 use crate::transfer::scalars::{Reduction, Relative};
 use crate::transfer::{Pieces, Resolution, TransferFunction, scaled_share};
 use crate::volume::{BRICK_EDGE as EDGE, Number, RowCoding, Strip, Volume};
@@ -20,9 +23,6 @@ const DEVIATION: f64 = 1.5;
 /// The least gradient of the smoothed field that is a surface, per voxel, as a share of the largest extinction of the
 /// layer.
 const FLAT: f32 = 1e-4;
-
-/// The [`Emission`] of a layer at a voxel, and its scalar.
-type Voxel = [f32; 5];
 
 /// A layer with its classification.
 struct Painted<'a> {
@@ -107,45 +107,60 @@ impl<'a> Painted<'a> {
         })
     }
 
-    /// The slope at a voxel under which slopes of scalars are rounding.
-    fn resolution(&self, voxel: &Voxel) -> f32 {
-        self.faintest.map_or(0.0, |faintest| resolution_at(voxel[4], faintest))
+    /// The slope at a voxel of this scalar under which slopes of scalars are rounding.
+    fn resolution(&self, scalar: f32) -> f32 {
+        self.faintest.map_or(0.0, |faintest| resolution_at(scalar, faintest))
     }
 
-    /// The voxels of a brick with the halo around it, and their shares by the mask; none if there is no mask.
-    fn voxels(&self, at: [usize; 3], (samples, mask): &Strips) -> (Vec<Voxel>, Vec<u8>) {
+    /// Whether voxels are classified one by one.
+    fn is_by_value(&self) -> bool {
+        self.pieces.is_none() || self.smoothed
+    }
+
+    /// The voxels of a brick with the halo around it; `normals`: their normals are needed.
+    fn voxels(&self, at: [usize; 3], (samples, mask): &Strips, normals: bool) -> Part<'_> {
         let at = at.map(|c| c as i64);
-        let mut voxels: Vec<Voxel> = match (samples.as_slice(), self.white) {
-            ([samples], _) => bytemuck::pod_collect_to_vec(&samples.brick(at, self)),
-            (channels, white) => {
+        let (mut emissions, mut scalars) = (Vec::new(), Vec::new());
+        match (samples.as_slice(), &self.scalars, self.white) {
+            ([samples], of_scalars, _) => {
+                if self.is_by_value() {
+                    emissions = bytemuck::pod_collect_to_vec(&samples.brick(at, self));
+                }
+                let differs = normals && !self.smoothed || self.pieces.is_some() || !self.thinning.is_empty();
+                if let Some(relative) = of_scalars.as_ref().filter(|_| differs) {
+                    scalars = bytemuck::pod_collect_to_vec(&samples.brick(at, relative));
+                }
+            }
+            (channels, of_scalars, white) => {
                 let values = |(strip, volume): (&Strip, &&Volume)| -> Vec<f32> {
                     bytemuck::pod_collect_to_vec(&strip.brick(at, &Values(volume)))
                 };
                 let channels: Vec<Vec<f32>> = channels.iter().zip(&self.volumes).map(values).collect();
-                let count = channels.iter().map(Vec::len).min().unwrap_or_default();
-                (0..count).map(|i| self.colored(channels.iter().map(|c| c[i]), white.unwrap_or(1.0))).collect()
+                for i in 0..channels.iter().map(Vec::len).min().unwrap_or_default() {
+                    let (emission, value) = self.colored(channels.iter().map(|c| c[i]), white.unwrap_or(1.0));
+                    emissions.push(emission);
+                    scalars.push(of_scalars.as_ref().map_or(0.0, |relative| relative.to(value)));
+                }
             }
-        };
+        }
         let mut shares = Vec::new();
         if let (Some(strip), Some(mask)) = (mask, self.mask) {
             shares = strip.brick(at, mask);
-            for (voxel, &shown) in voxels.iter_mut().zip(&shares) {
+            for (emission, &shown) in emissions.iter_mut().zip(&shares) {
                 let share = f32::from(shown);
-                voxel[..4].iter_mut().for_each(|channel| *channel *= share);
+                emission.iter_mut().for_each(|channel: &mut f32| *channel *= share);
             }
         }
-        (voxels, shares)
+        Part { layer: self, emissions, scalars, shares, gradients: OnceCell::new() }
     }
-}
 
-impl Painted<'_> {
-    /// A voxel of red, green, blue and perhaps alpha.
-    fn colored(&self, mut channels: impl Iterator<Item = f32>, white: f64) -> Voxel {
+    /// The emission of a voxel of red, green, blue and perhaps alpha, and its scalar's value.
+    fn colored(&self, mut channels: impl Iterator<Item = f32>, white: f64) -> (Emission, f64) {
         let color: [f64; 3] = std::array::from_fn(|_| channels.next().map_or(0.0, f64::from));
         let value = channels.next().map_or_else(|| luminance(color), f64::from);
         let [.., density] = self.classification.classified(value);
         let [r, g, b] = color.map(|channel| (channel / white).clamp(0.0, 1.0) as f32 * density);
-        [r, g, b, density, self.scalars.as_ref().map_or(0.0, |scalars| scalars.to(value))]
+        ([r, g, b, density], value)
     }
 }
 
@@ -175,18 +190,15 @@ fn value_ranges(volume: &Volume) -> Result<Vec<[f64; 2]>> {
 impl RowCoding for Painted<'_> {
     fn append<T: Number>(&self, samples: &[T], bytes: &mut Vec<u8>) {
         // Labels come in runs.
-        let mut last: Option<(f64, Voxel)> = None;
+        let mut last: Option<(f64, Emission)> = None;
         for &sample in samples {
             let raw = sample.to_f64();
-            let voxel = match last {
-                Some((of, voxel)) if of == raw => voxel,
-                _ => {
-                    let [r, g, b, density] = self.classification.emission(sample);
-                    [r, g, b, density, self.scalars.as_ref().map_or(0.0, |scalars| scalars.to(raw))]
-                }
+            let emission = match last {
+                Some((of, emission)) if of == raw => emission,
+                _ => self.classification.emission(sample),
             };
-            last = Some((raw, voxel));
-            bytes.extend_from_slice(bytemuck::bytes_of(&voxel));
+            last = Some((raw, emission));
+            bytes.extend_from_slice(bytemuck::bytes_of(&emission));
         }
     }
 }
@@ -213,7 +225,8 @@ pub(crate) struct Classifier<'a> {
     /// The bricks along each axis.
     pub(crate) counts: [usize; 3],
     gradients: [[f32; 3]; 3],
-    lit: bool,
+    /// `None`: there is no light.
+    normals: Option<Normals>,
     keep_invisible: bool,
     /// The voxels around a brick that its splats depend on.
     pub(crate) halo: usize,
@@ -231,18 +244,18 @@ pub(crate) struct LeftOut {
 }
 
 impl<'a> Classifier<'a> {
-    /// Prepares the classification of layers, with normals if there is light.
+    /// Prepares the classification of layers, with these normals if there is light.
     ///
     /// # Errors
     /// [`Error::Input`](crate::Error::Input) if samples cannot be read.
-    pub(crate) fn new(layers: &'a Layers, lit: bool, left_out: LeftOut) -> Result<Self> {
+    pub(crate) fn new(layers: &'a Layers, normals: Option<Normals>, left_out: LeftOut) -> Result<Self> {
         let keep = !left_out.voxels || !left_out.bricks;
         let painted = layers.all().iter().map(|layer| Painted::new(layer, layers.unit(), keep));
         let painted = painted.collect::<Result<Vec<Painted<'_>>>>()?;
-        let halo = match painted.iter().any(|layer| layer.smoothed) {
-            true if lit => REACH,
-            _ if lit => NORMAL_REACH,
-            _ => usize::from(painted.iter().any(|layer| layer.pieces.is_some() || !layer.thinning.is_empty())),
+        let halo = match (normals, painted.iter().any(|layer| layer.smoothed)) {
+            (Some(_), true) => REACH,
+            (Some(normals), false) => normals.reach(),
+            (None, _) => usize::from(painted.iter().any(|layer| layer.pieces.is_some() || !layer.thinning.is_empty())),
         };
         let volume = layers.volume();
         Ok(Self {
@@ -250,7 +263,7 @@ impl<'a> Classifier<'a> {
             dims: volume.grid().dims(),
             counts: volume.bricks().map(|n| n as usize),
             gradients: gradients(volume),
-            lit,
+            normals,
             keep_invisible: !left_out.voxels,
             halo,
             filters: [DerivativeFilter::of_normals(), DerivativeFilter::gaussian(DEVIATION, REACH)],
@@ -280,29 +293,55 @@ impl Classifier<'_> {
         for i in 0..across {
             let at = [i * EDGE, y, z];
             let showing = self.layers.iter().zip(&strips).filter(|(layer, _)| layer.shows[first + i]);
-            let showing = showing.filter_map(|(layer, strips)| Some((layer, layer.voxels(at, strips.as_ref()?))));
-            let showing: Vec<_> = showing.map(|(layer, voxels)| self.with_normals(layer, voxels)).collect();
+            let lit = self.normals.is_some();
+            let showing = showing.filter_map(|(layer, strips)| Some(layer.voxels(at, strips.as_ref()?, lit)));
+            let showing: Vec<_> = showing.collect();
             bricks.push(self.brick(at, &showing)?);
         }
         bricks.retain(|made| made.splats.count() > 0);
         Ok(bricks)
     }
 
-    fn with_normals<'a>(&self, layer: &'a Painted<'a>, (voxels, shares): (Vec<Voxel>, Vec<u8>)) -> Part<'a> {
-        // Extinction if normals are smoothed, otherwise the scalar.
-        let channel = if layer.smoothed { 3 } else { 4 };
-        let uniform = || voxels.iter().all(|voxel| voxel[channel] == voxels[0][channel]);
-        let slopes = || {
-            let field: Vec<f32> = voxels.iter().map(|voxel| voxel[channel]).collect();
-            self.filters[usize::from(layer.smoothed)].slopes(&field, EDGE, self.halo)
+    /// The world gradients of the scalar of a layer, or of its smoothed extinction, in a brick and in the voxels around
+    /// it that [`Self::beside`] counts; `None` if voxels are equal.
+    fn gradients(&self, Part { layer, emissions, scalars, .. }: &Part<'_>) -> Option<Vec<[f32; 3]>> {
+        let extinctions: Vec<f32>;
+        let field = if layer.smoothed {
+            extinctions = emissions.iter().map(|emission| emission[3]).collect();
+            &extinctions
+        } else {
+            scalars
         };
-        Part { layer, slopes: (self.lit && !uniform()).then(slopes), voxels, shares }
+        if field.iter().all(|value| *value == field[0]) {
+            return None;
+        }
+        let beside = self.beside(layer);
+        let (wide, edge, first) = (EDGE + 2 * beside, EDGE + 2 * self.halo, self.halo - beside);
+        let slopes = self.filters[usize::from(layer.smoothed)].slopes(field, wide, first);
+        let [x, y, z] = self.gradients;
+        let mut gradients = Vec::with_capacity(slopes[0].len());
+        for row in 0..wide * wide {
+            let field = &field[first + edge * (row % wide + first + edge * (row / wide + first))..][..wide];
+            let [a, b, c] = slopes.each_ref().map(|slopes| &slopes[wide * row..][..wide]);
+            gradients.extend((0..wide).map(|i| {
+                let resolution = if layer.smoothed { layer.flat } else { layer.resolution(field[i]) };
+                let is_surface = a[i].abs().max(b[i].abs()).max(c[i].abs()) >= resolution;
+                let share = if is_surface { 1.0 } else { 0.0 };
+                [0, 1, 2].map(|axis| share * (x[axis] * a[i] + y[axis] * b[i] + z[axis] * c[i]))
+            }));
+        }
+        Some(gradients)
+    }
+
+    /// The voxels around a brick whose gradients its normals depend on.
+    fn beside(&self, layer: &Painted<'_>) -> usize {
+        usize::from(self.normals == Some(Normals::Tensor) && !layer.smoothed)
     }
 
     /// The splats of the brick that begins at a lattice point.
     fn brick(&self, origin: [usize; 3], parts: &[Part<'_>]) -> Result<MadeBrick> {
         let edge = EDGE + 2 * self.halo;
-        let each = if self.lit { 3 } else { 2 };
+        let each = if self.normals.is_some() { 3 } else { 2 };
         MadeBrick::of_rows(origin.map(|c| c as u32), self.dims, each, |[y, z], count, words| {
             let start = self.halo + edge * (y + self.halo + edge * (z + self.halo));
             let mut bits = 0;
@@ -323,8 +362,8 @@ impl Classifier<'_> {
                 bits |= 1 << x;
                 let color = [r, g, b].map(|channel| if density > 0.0 { channel / density } else { 0.0 });
                 words.extend(packed_appearance(color, density));
-                if self.lit {
-                    let normal = |part: &Part<'_>| self.normal(part, start + x, x + EDGE * (y + EDGE * z));
+                if self.normals.is_some() {
+                    let normal = |part: &Part<'_>| self.normal(part, [x, y, z]);
                     words.push(packed_normal(densest.1.map_or([0.0; 3], normal)));
                 }
             }
@@ -332,62 +371,68 @@ impl Classifier<'_> {
         })
     }
 
-    /// Central differences of the scalar of a layer along the axes of the lattice, at a voxel of its brick.
-    fn differences(&self, voxels: &[Voxel], index: usize) -> [f32; 3] {
-        let edge = EDGE + 2 * self.halo;
-        [1, edge, edge * edge].map(|step| 0.5 * (voxels[index + step][4] - voxels[index - step][4]))
-    }
-
     /// The band-limited emission of a layer at a voxel of its brick.
-    fn band_limited(&self, pieces: &Pieces, Part { layer, voxels, shares, .. }: &Part<'_>, index: usize) -> Emission {
+    fn band_limited(&self, pieces: &Pieces, Part { layer, scalars, shares, .. }: &Part<'_>, index: usize) -> Emission {
         if shares.get(index) == Some(&0) {
             return [0.0; 4];
         }
         let edge = EDGE + 2 * self.halo;
-        let own = f64::from(voxels[index][4]);
-        let (mut lowest, mut highest, mut square) = (own, own, 0.0);
-        for step in [1, edge, edge * edge] {
-            let [a, b] = [index - step, index + step].map(|beside| f64::from(voxels[beside][4]));
-            (lowest, highest) = (lowest.min(a).min(b), highest.max(a).max(b));
-            square += (b - a) * (b - a);
+        let own = scalars[index];
+        let (mut range, mut differences) = ([own; 2], [0.0; 3]);
+        for (difference, step) in differences.iter_mut().zip([1, edge, edge * edge]) {
+            let [a, b] = [scalars[index - step], scalars[index + step]];
+            range = [range[0].min(a).min(b), range[1].max(a).max(b)];
+            *difference = f64::from(b) - f64::from(a);
         }
-        pieces.emission(own, [lowest, highest], 0.5 * square.sqrt()).map(|channel| (channel * layer.unit) as f32)
+        let range = range.map(f64::from);
+        if pieces.is_clear(range) {
+            return [0.0; 4];
+        }
+        let rise = || 0.5 * differences.iter().map(|d| d * d).sum::<f64>().sqrt();
+        pieces.emission(f64::from(own), range, rise()).map(|channel| (channel * layer.unit) as f32)
     }
 
     fn emission(&self, part: &Part<'_>, index: usize) -> Emission {
-        let Part { layer, voxels, .. } = part;
+        let Part { layer, scalars, .. } = part;
         let [r, g, b, density] = match &layer.pieces {
             Some(pieces) => self.band_limited(pieces, part, index),
-            None => {
-                let [r, g, b, density, _] = voxels[index];
-                [r, g, b, density]
-            }
+            None => part.emissions[index],
         };
         if layer.thinning.is_empty() || density <= 0.0 {
             return [r, g, b, density];
         }
-        let gradient = gradient_of(&self.gradients, self.differences(voxels, index), layer.resolution(&voxels[index]));
+        let edge = EDGE + 2 * self.halo;
+        let differences = [1, edge, edge * edge].map(|step| 0.5 * (scalars[index + step] - scalars[index - step]));
+        let gradient = gradient_of(&self.gradients, differences, layer.resolution(scalars[index]));
         let share = scaled_share(&layer.thinning, steepness_of(gradient));
         [r, g, b, density].map(|channel| channel * share)
     }
 
-    /// The normal of a layer at a voxel, by its index in the brick with the halo and in the brick without it; of any
-    /// length.
-    fn normal(&self, part: &Part<'_>, index: usize, inside: usize) -> [f32; 3] {
-        let Some(slopes) = &part.slopes else { return [0.0; 3] };
-        let Part { layer, voxels, .. } = part;
-        let resolution = if layer.smoothed { layer.flat } else { layer.resolution(&voxels[index]) };
-        gradient_of(&self.gradients, [0, 1, 2].map(|axis| slopes[axis][inside]), resolution).0
+    /// The normal of a layer at a voxel of its brick, of any length.
+    fn normal(&self, part: &Part<'_>, place: [usize; 3]) -> [f32; 3] {
+        let Some(gradients) = part.gradients.get_or_init(|| self.gradients(part)) else { return [0.0; 3] };
+        let beside = self.beside(part.layer);
+        let wide = EDGE + 2 * beside;
+        let [x, y, z] = place.map(|c| c + beside);
+        let at = x + wide * (y + wide * z);
+        if beside == 0 {
+            return gradients[at];
+        }
+        let neighbours = [1, wide, wide * wide].map(|step| [gradients[at - step], gradients[at + step]]);
+        let [[a, b], [c, d], [e, f]] = neighbours;
+        tensor_normal(gradients[at], [a, b, c, d, e, f])
     }
 }
 
-/// The voxels of a layer in a brick.
+/// The voxels of a layer in a brick, with the halo around it.
 struct Part<'a> {
     layer: &'a Painted<'a>,
-    voxels: Vec<Voxel>,
+    /// Empty if voxels are not classified one by one.
+    emissions: Vec<Emission>,
+    /// Empty if nothing depends on them.
+    scalars: Vec<f32>,
     /// 1 where the mask shows the voxel, otherwise 0; empty without a mask.
     shares: Vec<u8>,
-    /// The slopes along the axes of the scalar, or of the smoothed extinction, without the halo; `None` without light
-    /// or if voxels are equal.
-    slopes: Option<[Vec<f32>; 3]>,
+    /// See [`Classifier::gradients`].
+    gradients: OnceCell<Option<Vec<[f32; 3]>>>,
 }

@@ -24,7 +24,10 @@ const MAX_BYTES: u64 = 4 << 20;
 
 /// The file. Points stay text until each is parsed by itself, so that an error can name the point and its line.
 #[derive(Deserialize)]
-#[serde(deny_unknown_fields, expecting = "an object with the keys `points`, `unit_distance`, `gradient_opacity` and `classification`")]
+#[serde(
+    deny_unknown_fields,
+    expecting = "an object with the keys `points`, `unit_distance`, `gradient_opacity` and `classification`"
+)]
 struct Document<'a> {
     #[serde(default)]
     unit_distance: Option<f64>,

@@ -14,7 +14,7 @@ pub(crate) mod scalars;
 mod window;
 
 pub use self::classification::Classification;
-pub(crate) use self::classification::Pieces;
+pub(crate) use self::classification::{Node, Pieces};
 pub use self::gradient::GradientPoint;
 pub(crate) use self::gradient::{Resolution, scaled_share};
 pub use self::import::Imported;

@@ -39,6 +39,7 @@ mod formats {
 /// Contents of pictures by any painter: models, kernels, cameras, transfer functions, clips, layers.
 mod model {
     mod algorithms;
+    mod band_limited;
     mod camera;
     mod classification;
     mod clipping;

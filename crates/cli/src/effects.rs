@@ -110,6 +110,8 @@ const RULES: &[Rule] = &[
     idle("margin", is_sized, "because --view-height or --distance sets the size"),
     // Model.
     refused("window gradient-opacity classification", shows_labels, " is for values, not for labels"),
+    idle("normals", is_post_shaded, "because post-shading lights the gradient of the field"),
+    idle("normals", shows_labels, "because labels have normals of their own"),
     idle(
         "classification",
         |given| shows_intensity(given) || is_post_shaded(given),
@@ -122,7 +124,11 @@ const RULES: &[Rule] = &[
         " pre: projections of intensity reconstruct values before they classify them",
     ),
     idle("shading", shows_intensity, "because projections of intensity are always post-shaded"),
-    refused("material shadows light-size occlusion tune:shadow-bias", |given| !is_lit(given), " needs a --light"),
+    refused(
+        "material shadows light-size occlusion normals tune:shadow-bias",
+        |given| !is_lit(given),
+        " needs a --light",
+    ),
     refused(
         "shadows",
         |given| casts(given) && given.all("light", |light| light.starts_with("headlight")),

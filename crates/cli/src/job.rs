@@ -261,6 +261,7 @@ fn light(args: &ModelArgs, tuning: &Tuning) -> LightRequest {
         light_size: args.light_size,
         occlusion: args.occlusion,
         shadow_bias: tuning.shadow_bias,
+        normals: args.normals,
     }
 }
 

@@ -319,7 +319,7 @@ mod tests {
     use crate::kernel::Normalization;
     use crate::reference::Reference;
     use crate::settings::{Model, Settings};
-    use crate::transfer::{ControlPoint, TransferFunction};
+    use crate::transfer::{Classification, ControlPoint, TransferFunction};
     use crate::volume::{Grid, Samples, Volume};
     use glam::{DAffine3, DMat3};
 
@@ -379,6 +379,7 @@ mod tests {
         let volume = Volume::new(grid, Samples::F64(samples)).unwrap();
         let point = |value| ControlPoint { value, color: [1.0; 3], opacity: value };
         let transfer = TransferFunction::new(vec![point(0.0), point(1.0)], Some(unit)).unwrap();
+        let transfer = transfer.with_classification(Classification::Point);
         for kernel in [Kernel::default(), Kernel::KAISER_BESSEL, Kernel::Gaussian { sigma: 0.8, radius: 3.0 }] {
             let settings = Settings { model: Model::Xray, kernel, antialiasing: false, ..Settings::default() };
             let reference = Reference::new(&volume, &transfer, &settings).unwrap();

@@ -10,7 +10,7 @@ use crate::camera::{ProjectionKind, View};
 use crate::kernel::Normalization;
 use crate::lighting::{Light, Lighting, Visibility};
 use crate::settings::Shading;
-use crate::transfer::ControlPoint;
+use crate::transfer::{Classification, ControlPoint};
 use crate::volume::Samples;
 
 fn point(value: f64, color: [f64; 3], opacity: f64) -> ControlPoint {
@@ -25,6 +25,7 @@ fn tones() -> TransferFunction {
         Some(1.0),
     )
     .unwrap()
+    .with_classification(Classification::Point)
 }
 
 fn volume(dims: [u32; 3], matrix: DMat3, voxels: &[([u32; 3], u8)]) -> Volume {
@@ -196,7 +197,7 @@ fn settings(kernel: Kernel, model: Model, shading: Shading) -> Settings {
 fn ramp(points: &[(f64, f64)], unit: f64) -> TransferFunction {
     let last = (points.len() - 1).max(1) as f64;
     let points = points.iter().enumerate().map(|(i, &(v, o))| point(v, [i as f64 / last, 0.5, 0.25], o)).collect();
-    TransferFunction::new(points, Some(unit)).unwrap()
+    TransferFunction::new(points, Some(unit)).unwrap().with_classification(Classification::Point)
 }
 
 fn floats(grid: Grid, f: impl Fn(DVec3) -> f64) -> Volume {
@@ -315,7 +316,8 @@ fn a_lit_voxel_shows_its_shade() {
 #[test]
 fn gradients_at_the_edge_take_the_edge_for_its_neighbour() {
     let volume = floats(Grid::axis_parallel([2, 1, 1], [2.0; 3]).unwrap(), |p| p.x);
-    let media = media::Media::new(&Layers::of_volume(&volume, &ramp(&[(0.0, 0.1), (1.0, 0.2)], 1.0)), true).unwrap();
+    let layers = Layers::of_volume(&volume, &ramp(&[(0.0, 0.1), (1.0, 0.2)], 1.0));
+    let media = media::Media::new(&layers, &Settings::default()).unwrap();
     for x in 0..2 {
         // A step of 1 per 2 world units, by the weights of the differences of voxels 1 and 2 to either side.
         let expected = DVec3::new(0.5 * (0.278_979 + 0.110_51), 0.0, 0.0);

@@ -9,7 +9,7 @@ use voxsplat::formats::{LoadOptions, load};
 use voxsplat::image::Image;
 use voxsplat::settings::{Model, Settings, Shading};
 use voxsplat::stats::Stats;
-use voxsplat::transfer::TransferFunction;
+use voxsplat::transfer::{Classification, TransferFunction};
 use voxsplat::volume::{Endian, SampleType, Statistics, Volume};
 
 use crate::support::{self, exact_quads, headlight, look, prepare_on, renderer};
@@ -31,7 +31,8 @@ fn values() -> impl Iterator<Item = i16> {
 }
 
 fn transfer(from: f64) -> TransferFunction {
-    support::transfer(&[(from, [0.9, 0.5, 0.2], 0.0), (from + 40.0, [0.9, 0.5, 0.2], 0.3)], None)
+    let points = [(from, [0.9, 0.5, 0.2], 0.0), (from + 40.0, [0.9, 0.5, 0.2], 0.3)];
+    support::transfer(&points, None).with_classification(Classification::Point)
 }
 
 fn open(path: &Path, sample_type: SampleType, endian: Endian, stream_over: u64) -> Result<Volume, InputError> {

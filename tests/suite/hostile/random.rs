@@ -15,7 +15,7 @@ use voxsplat::kernel::{Kernel, Normalization};
 use voxsplat::lighting::Light;
 use voxsplat::reference::Reference;
 use voxsplat::settings::{Interslice, Level, Model, Settings, Shading, Sheets};
-use voxsplat::transfer::{ControlPoint, TransferFunction};
+use voxsplat::transfer::{Classification, ControlPoint, TransferFunction};
 use voxsplat::volume::{Grid, Samples, Volume};
 
 use crate::hostile::bounds::{Measured, Outcome, measured};
@@ -309,8 +309,10 @@ fn scene_within(seed: u64, [least, most]: [u32; 2]) -> Scene {
     let (_, transfer) = transfer_function(random, range, grid.min_spacing());
     let view = view(random, &grid);
     let size = [random.whole(1, 40), random.whole(8, 40)];
-    // A separate sequence: clipping does not change the scene of a seed.
+    // Separate sequences: clipping and classification do not change the scene of a seed.
     let clip = clip(&mut Random(seed ^ 0x5851_f42d_4c95_7f2d), &grid);
+    let classified = Random(seed ^ 0x1405_7b7e_f767_814f).of(&Classification::ALL);
+    let transfer = transfer.with_classification(classified);
     let [quads, tiles] = settings(random).map(|settings| Settings { clip: clip.clone(), ..settings });
     Scene { kind, volume, transfer, view, size, quads, tiles }
 }

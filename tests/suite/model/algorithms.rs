@@ -4,6 +4,7 @@ use glam::DVec3;
 use voxsplat::camera::{ProjectionKind, View};
 use voxsplat::kernel::{Kernel, Normalization};
 use voxsplat::settings::{Accumulation, Interslice, Model, Settings, Shading, Sheets};
+use voxsplat::transfer::Classification;
 use voxsplat::volume::{Grid, Samples, Volume};
 
 use crate::support::{
@@ -45,6 +46,7 @@ fn xray_of_a_gaussian_mixture_is_its_analytic_projection() {
     let volume = Volume::new(grid, Samples::F32(samples)).unwrap();
     let opacity = 1e-6;
     let transfer = transfer(&[(0.0, [1.0; 3], 0.0), (1.0, [1.0; 3], opacity)], Some(1.0));
+    let transfer = transfer.with_classification(Classification::Point);
     let kernel = Kernel::Gaussian { sigma: 1.0, radius: 5.0 };
     let settings = Settings { model: Model::Xray, kernel, antialiasing: false, ..exact_quads() };
     let camera = camera(33.0, ProjectionKind::Orthographic, &volume, 64);

@@ -3,6 +3,7 @@
 use glam::DVec3;
 use voxsplat::camera::View;
 use voxsplat::settings::{Model, Settings};
+use voxsplat::transfer::Classification;
 
 use crate::support::{coordinates, demo, exact_quads, look, render, transfer};
 
@@ -39,6 +40,7 @@ fn xray_of_shepp_logan_approaches_its_analytic_projection() {
     // So thin that opacity is the line integral; the density of the phantom is between 0 and 1.
     let thin = 1e-6;
     let transfer = transfer(&[(0.0, [1.0; 3], 0.0), (1.0, [1.0; 3], thin)], Some(1.0));
+    let transfer = transfer.with_classification(Classification::Point);
     let settings = Settings { model: Model::Xray, antialiasing: false, ..exact_quads() };
     let error = |size: u32| {
         let (volume, _) = demo("shepp-logan", size);

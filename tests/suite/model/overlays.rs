@@ -205,7 +205,8 @@ fn turned_overlays_lie_in_their_place_and_end_at_their_box() {
         let (placed, _) = Layer::scalars(&cube, &transfer(points, None)).on_lattice(&lattice, "overlay").unwrap();
         // Twelve voxels of the scan.
         let width = width(&drawn(&placed));
-        assert!((width - 12.0).abs() <= 1.0, "{width}");
+        // Where there is an invisible value, visible matter fades within a voxel beyond the box.
+        assert!((width - 12.0).abs() <= 2.0, "{width}");
     }
 }
 

@@ -4,10 +4,11 @@ use std::path::PathBuf;
 
 use voxsplat::appearance::{ClipSpec, GradientSpec, LabelSpec, LightSpec, OcclusionSpec, ShadowSpec};
 use voxsplat::kernel::Kernel;
+use voxsplat::lighting::Normals;
 use voxsplat::settings::{Level, Model, Response, Shading};
-use voxsplat::transfer::{Classification, Window};
 use voxsplat::transfer::maps;
 use voxsplat::transfer::presets::{PRESETS, PresetValues};
+use voxsplat::transfer::{Classification, Window};
 
 use crate::parse::{self, Spelled, one_of};
 use crate::tune::{TuneArg, tune};
@@ -121,6 +122,11 @@ pub(crate) struct ModelArgs {
     /// Ambient occlusion: voxels within RADIUS voxels dim each other's ambient light, or off [default: off; studio 8]
     #[arg(long, value_name = "RADIUS|off", value_parser = parse::library::<OcclusionSpec>)]
     pub(crate) occlusion: Option<OcclusionSpec>,
+    /// Normals of voxels in pre-shaded light: gradient, or tensor, the dominant axis of gradients around a voxel, which
+    /// has no specks on thin layers in noise [default: tensor]
+    #[arg(long, value_name = "gradient|tensor", hide_possible_values = true,
+        value_parser = one_of(Normals::ALL, Normals::name))]
+    pub(crate) normals: Option<Normals>,
     /// Reconstruction kernel, lengths in voxels: gaussian[:SIGMA,RADIUS] (1,2) or kaiser-bessel[:RADIUS,ALPHA] (2,10.4)
     /// [default: gaussian]
     #[arg(long, value_name = "KERNEL", value_parser = parse::library::<Kernel>)]
