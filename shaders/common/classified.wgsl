@@ -8,7 +8,8 @@ override TENSOR: bool = false;
 // Whether extinction depends on gradients.
 override GRADIENT_OPACITY: bool = false;
 // Whether a voxel is classified by the values that occur around it. The control points are then nodes, between which
-// emission, in `color` colour times density and in `opacity` density, is a parabola: five columns of them, see `column`.
+// emission, in `color` colour times density and in `opacity` density, is a parabola: five columns of them, see
+// `column`.
 override BAND_LIMITED: bool = false;
 struct Classify {
     // Lattice size.
@@ -61,8 +62,8 @@ fn points_below(sample: f32, first: u32, count: u32) -> u32 {
 }
 
 // Colour and opacity of a sample by `count` control points from number `first` on, of which `below` are not above it:
-// linear between points, constant beyond the first and the last. If several points have the same value, the last of them
-// holds from there on.
+// linear between points, constant beyond the first and the last. If several points have the same value, the last of
+// them holds from there on.
 fn between_points(sample: f32, below: u32, first: u32, count: u32) -> vec4f {
     // The last point that is not above the sample, or the first point; and the point after it.
     let a = control_points[first + max(below, 1u) - 1u];
@@ -103,8 +104,8 @@ fn within_piece(below: u32, low: f32, high: f32) -> vec4f {
     return emission + (0.5 * (t.x + t.y)) * column(1u, node) + (dot(t, t) + t.x * t.y) / 3.0 * column(2u, node);
 }
 
-// The mean emission between two samples with the numbers of nodes that are not above them; of equal samples the emission
-// there.
+// The mean emission between two samples with the numbers of nodes that are not above them; of equal samples the
+// emission there.
 fn mean_emission(low: f32, before: u32, high: f32, after: u32) -> vec4f {
     if before == after {
         return within_piece(before, low, high);
@@ -232,35 +233,29 @@ fn filtered_gradient(i: u32) -> vec4f {
     return world_gradient(vec3f(x, y, slope(a.x, b.x, d.x, e.x)), i);
 }
 
-// A gradient times its transpose, over the square of the largest.
-fn outer(gradient: vec4f, largest: f32) -> mat3x3f {
-    let g = gradient.xyz * (gradient.w / largest);
-    return mat3x3f(g * g.x, g * g.y, g * g.z);
-}
-
 // A vector along the normal at a sample (xyz), which is 0 if there is none.
 fn normal(i: u32) -> vec4f {
     let own = filtered_gradient(i);
     if !TENSOR || !(own.w > 0.0) {
         return own;
     }
-    let row = stored_edge();
-    let plane = row * row;
-    var beside = array<vec4f, 6>(
-        filtered_gradient(i - 1u), filtered_gradient(i - row), filtered_gradient(i - plane),
-        filtered_gradient(i + 1u), filtered_gradient(i + row), filtered_gradient(i + plane),
-    );
+    // The structure tensor over the square of the largest factor of a gradient so far.
     var largest = own.w;
+    var tensor = mat3x3f(own.xyz * own.x, own.xyz * own.y, own.xyz * own.z);
+    let row = stored_edge();
     for (var n = 0u; n < 6u; n++) {
-        largest = max(largest, beside[n].w);
-    }
-    var tensor = outer(own, largest);
-    for (var n = 0u; n < 6u; n++) {
-        tensor += 0.125 * outer(beside[n], largest);
+        let step = select(select(row, 1u, n < 2u), row * row, n >= 4u);
+        let beside = filtered_gradient(select(i - step, i + step, (n & 1u) == 1u));
+        let before = largest;
+        largest = max(largest, beside.w);
+        let g = beside.xyz * (beside.w / largest);
+        let outer = mat3x3f(g * g.x, g * g.y, g * g.z);
+        tensor = tensor * (before / largest * (before / largest)) + outer * 0.125;
     }
     // Its 8th power is nearly its dominant axis, and keeps the side of its own gradient.
     for (var n = 0u; n < 3u; n++) {
-        tensor = tensor * tensor;
+        let scaled = tensor * (1.0 / (tensor[0].x + tensor[1].y + tensor[2].z));
+        tensor = scaled * scaled;
     }
     return vec4f(tensor * own.xyz, own.w);
 }

@@ -124,17 +124,18 @@ pub struct Lighting {
     pub normals: Normals,
 }
 
-/// How the normals of voxels of scalars are found. Labels and masks have normals of their own, and post-shading uses the
-/// gradient of the field.
+/// How the normals of voxels of scalars are found. Labels and masks have normals of their own, and post-shading uses
+/// the gradient of the field.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Normals {
     /// The gradient by a filter of 5^3 voxels (Farid and Simoncelli 2004, "Differentiation of discrete multidimensional
     /// signals").
     Gradient,
-    /// The dominant direction of a structure tensor of these gradients: g g^T of the voxel and an eighth of that of each
-    /// of its six neighbours (Bigun and Granlund 1987, "Optimal orientation detection of linear symmetry"). At the ridge
-    /// of a thin layer the gradient passes 0 and its direction is noise, but both sides agree on the axis. In noise
-    /// normals of layers of 2 and 3 voxels err by a third as much; waves shorter than 10 voxels lose 0.2 to 0.9 degrees.
+    /// The dominant direction of a structure tensor of these gradients: g g^T of the voxel and an eighth of that of
+    /// each of its six neighbours (Bigun and Granlund 1987, "Optimal orientation detection of linear symmetry"). At the
+    /// ridge of a thin layer the gradient passes 0 and its direction is noise, but both sides agree on the axis. In
+    /// noise normals of layers of 2 and 3 voxels err by a third as much; waves shorter than 10 voxels lose 0.2 to 0.9
+    /// degrees.
     #[default]
     Tensor,
 }

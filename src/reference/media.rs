@@ -297,8 +297,8 @@ impl Media {
         self.to_world * DVec3::from_array(medium.resolution.resolved([0, 1, 2].map(slope), distance))
     }
 
-    /// Returns a vector along the dominant axis of the structure tensor at a voxel, on the side of its gradient: the 8th
-    /// power of the tensor, times the gradient.
+    /// Returns a vector along the dominant axis of the structure tensor at a voxel, on the side of its gradient: the
+    /// 8th power of the tensor, times the gradient.
     fn tensor_normal(&self, medium: &Medium, point: [i64; 3]) -> DVec3 {
         let own = self.scalar_normal(medium, point);
         if own == DVec3::ZERO {

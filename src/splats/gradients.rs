@@ -1,6 +1,6 @@
 //! Gradients of scalars in the world.
 
-use crate::volume::Volume;
+use crate::volume::{BRICK_EDGE as EDGE, Volume};
 
 /// The limit of control points, samples and slopes: differences stay in the range of f32.
 pub(crate) const FAR: f64 = 1e36;
@@ -22,39 +22,53 @@ pub(crate) fn gradient_of([x, y, z]: &[[f32; 3]; 3], slopes: [f32; 3], resolutio
     ([0, 1, 2].map(|i| x[i] * d[0] + y[i] * d[1] + z[i] * d[2]), largest)
 }
 
-/// `normal` in shaders/common/classified.wgsl: a vector along the dominant axis of the structure tensor of the gradients
-/// of a voxel and of its six neighbours, on the side of its own: the 8th power of the tensor, times the gradient.
-#[inline(always)]
-pub(crate) fn tensor_normal(own: [f32; 3], neighbours: [[f32; 3]; 6]) -> [f32; 3] {
-    let largest = |largest: f32, [x, y, z]: [f32; 3]| largest.max(x.abs()).max(y.abs()).max(z.abs());
-    let most = neighbours.into_iter().fold(largest(0.0, own), largest);
-    if most <= 0.0 {
-        return own;
+/// A vector for each voxel of a row of a brick.
+pub(crate) type RowVectors = [[f32; EDGE]; 3];
+
+/// `normal` in shaders/common/classified.wgsl, for a row: vectors along the dominant axes of the structure tensors of
+/// the gradients of voxels and of their six neighbours, on the sides of their own: the 8th power of the tensor, times
+/// the gradient. Loops over the row vectorise.
+pub(crate) fn tensor_normals(own: [&[f32]; 3], neighbours: [[&[f32]; 3]; 6]) -> RowVectors {
+    let mut scale = [0.0_f32; EDGE];
+    for component in neighbours.iter().chain([&own]).flatten() {
+        scale.iter_mut().zip(*component).for_each(|(most, c)| *most = most.max(c.abs()));
     }
-    let mut tensor = [0.0; 6];
-    let scale = most.recip();
-    let mut add = |vector: [f32; 3], weight: f32| {
-        let [x, y, z] = vector.map(|c| c * scale);
-        let products = [x * x, y * y, z * z, x * y, x * z, y * z];
-        tensor.iter_mut().zip(products).for_each(|(sum, product)| *sum += weight * product);
-    };
-    add(own, 1.0);
-    neighbours.into_iter().for_each(|gradient| add(gradient, 0.125));
-    // Its trace is 1/8 to 6, so its powers stay in the range of f32.
-    for _ in 0..2 {
-        let [a, b, c, d, e, f] = tensor;
-        tensor = [
-            a * a + d * d + e * e,
-            d * d + b * b + f * f,
-            e * e + f * f + c * c,
-            a * d + d * b + e * f,
-            a * e + d * f + e * c,
-            d * e + b * f + f * c,
-        ];
+    scale.iter_mut().for_each(|most| *most = if *most > 0.0 { most.recip() } else { 0.0 });
+    let mut tensor = [[0.0_f32; EDGE]; 6];
+    let weighted = neighbours.into_iter().map(|gradient| (gradient, 0.125)).chain([(own, 1.0)]);
+    for ([x, y, z], weight) in weighted {
+        for i in 0..EDGE {
+            let [x, y, z] = [x[i] * scale[i], y[i] * scale[i], z[i] * scale[i]];
+            let [of_x, of_y, of_z] = [weight * x, weight * y, weight * z];
+            tensor[0][i] += of_x * x;
+            tensor[1][i] += of_y * y;
+            tensor[2][i] += of_z * z;
+            tensor[3][i] += of_x * y;
+            tensor[4][i] += of_x * z;
+            tensor[5][i] += of_y * z;
+        }
     }
-    let [a, b, c, d, e, f] = tensor;
-    let times = |[x, y, z]: [f32; 3]| [a * x + d * y + e * z, d * x + b * y + f * z, e * x + f * y + c * z];
-    times(times(own.map(|c| c * scale)))
+    let mut vectors = [[0.0; EDGE]; 3];
+    for i in 0..EDGE {
+        let mut power = [0, 1, 2, 3, 4, 5].map(|entry| tensor[entry][i]);
+        // Its trace is 1/8 to 6, so its powers stay in the range of f32.
+        for _ in 0..2 {
+            let [a, b, c, d, e, f] = power;
+            power = [
+                a * a + d * d + e * e,
+                d * d + b * b + f * f,
+                e * e + f * f + c * c,
+                a * d + d * b + e * f,
+                a * e + d * f + e * c,
+                d * e + b * f + f * c,
+            ];
+        }
+        let [a, b, c, d, e, f] = power;
+        let times = |[x, y, z]: [f32; 3]| [a * x + d * y + e * z, d * x + b * y + f * z, e * x + f * y + c * z];
+        let [x, y, z] = times(times([own[0][i] * scale[i], own[1][i] * scale[i], own[2][i] * scale[i]]));
+        [vectors[0][i], vectors[1][i], vectors[2][i]] = [x, y, z];
+    }
+    vectors
 }
 
 /// The length of such a gradient.

@@ -5,7 +5,7 @@ use std::cell::OnceCell;
 
 use super::brick::MadeBrick;
 use super::classification::{Classification, ColorSource, Emission};
-use super::gradients::{gradient_of, gradients, steepness_of, tensor_normal};
+use super::gradients::{RowVectors, gradient_of, gradients, steepness_of, tensor_normals};
 use super::words::{packed_appearance, packed_normal, resolution_at};
 use crate::error::Result;
 use crate::kernel::DerivativeFilter;
@@ -304,7 +304,7 @@ impl Classifier<'_> {
 
     /// The world gradients of the scalar of a layer, or of its smoothed extinction, in a brick and in the voxels around
     /// it that [`Self::beside`] counts; `None` if voxels are equal.
-    fn gradients(&self, Part { layer, emissions, scalars, .. }: &Part<'_>) -> Option<Vec<[f32; 3]>> {
+    fn gradients(&self, Part { layer, emissions, scalars, .. }: &Part<'_>) -> Option<[Vec<f32>; 3]> {
         let extinctions: Vec<f32>;
         let field = if layer.smoothed {
             extinctions = emissions.iter().map(|emission| emission[3]).collect();
@@ -319,16 +319,17 @@ impl Classifier<'_> {
         let (wide, edge, first) = (EDGE + 2 * beside, EDGE + 2 * self.halo, self.halo - beside);
         let slopes = self.filters[usize::from(layer.smoothed)].slopes(field, wide, first);
         let [x, y, z] = self.gradients;
-        let mut gradients = Vec::with_capacity(slopes[0].len());
+        let mut gradients = slopes;
         for row in 0..wide * wide {
             let field = &field[first + edge * (row % wide + first + edge * (row / wide + first))..][..wide];
-            let [a, b, c] = slopes.each_ref().map(|slopes| &slopes[wide * row..][..wide]);
-            gradients.extend((0..wide).map(|i| {
+            let [a, b, c] = gradients.each_mut().map(|slopes| &mut slopes[wide * row..][..wide]);
+            for i in 0..wide {
                 let resolution = if layer.smoothed { layer.flat } else { layer.resolution(field[i]) };
                 let is_surface = a[i].abs().max(b[i].abs()).max(c[i].abs()) >= resolution;
                 let share = if is_surface { 1.0 } else { 0.0 };
-                [0, 1, 2].map(|axis| share * (x[axis] * a[i] + y[axis] * b[i] + z[axis] * c[i]))
-            }));
+                let along = |axis: usize| share * (x[axis] * a[i] + y[axis] * b[i] + z[axis] * c[i]);
+                [a[i], b[i], c[i]] = [along(0), along(1), along(2)];
+            }
         }
         Some(gradients)
     }
@@ -345,13 +346,14 @@ impl Classifier<'_> {
         MadeBrick::of_rows(origin.map(|c| c as u32), self.dims, each, |[y, z], count, words| {
             let start = self.halo + edge * (y + self.halo + edge * (z + self.halo));
             let mut bits = 0;
+            let mut normals = vec![None; parts.len()];
             for x in 0..count {
                 let mut sum: Emission = [0.0; 4];
                 let mut densest = (0.0, None);
-                for part in parts {
+                for (number, part) in parts.iter().enumerate() {
                     let emission = self.emission(part, start + x);
                     if emission[3] > densest.0 {
-                        densest = (emission[3], Some(part));
+                        densest = (emission[3], Some(number));
                     }
                     sum.iter_mut().zip(emission).for_each(|(sum, channel)| *sum += channel);
                 }
@@ -363,8 +365,11 @@ impl Classifier<'_> {
                 let color = [r, g, b].map(|channel| if density > 0.0 { channel / density } else { 0.0 });
                 words.extend(packed_appearance(color, density));
                 if self.normals.is_some() {
-                    let normal = |part: &Part<'_>| self.normal(part, [x, y, z]);
-                    words.push(packed_normal(densest.1.map_or([0.0; 3], normal)));
+                    let normal = densest.1.map_or([0.0; 3], |number: usize| {
+                        let row = normals[number].get_or_insert_with(|| self.normals(&parts[number], [y, z]));
+                        row.map(|row| row[x])
+                    });
+                    words.push(packed_normal(normal));
                 }
             }
             bits
@@ -408,19 +413,19 @@ impl Classifier<'_> {
         [r, g, b, density].map(|channel| channel * share)
     }
 
-    /// The normal of a layer at a voxel of its brick, of any length.
-    fn normal(&self, part: &Part<'_>, place: [usize; 3]) -> [f32; 3] {
-        let Some(gradients) = part.gradients.get_or_init(|| self.gradients(part)) else { return [0.0; 3] };
+    /// The normals of a layer in a row of its brick, of any length.
+    fn normals(&self, part: &Part<'_>, [y, z]: [usize; 2]) -> RowVectors {
+        let Some(gradients) = part.gradients.get_or_init(|| self.gradients(part)) else { return [[0.0; EDGE]; 3] };
         let beside = self.beside(part.layer);
         let wide = EDGE + 2 * beside;
-        let [x, y, z] = place.map(|c| c + beside);
-        let at = x + wide * (y + wide * z);
+        let at = beside + wide * (y + beside + wide * (z + beside));
+        let row = |at: usize| gradients.each_ref().map(|gradients| &gradients[at..][..EDGE]);
         if beside == 0 {
-            return gradients[at];
+            return row(at).map(|row| row.try_into().unwrap_or([0.0; EDGE]));
         }
-        let neighbours = [1, wide, wide * wide].map(|step| [gradients[at - step], gradients[at + step]]);
+        let neighbours = [1, wide, wide * wide].map(|step| [row(at - step), row(at + step)]);
         let [[a, b], [c, d], [e, f]] = neighbours;
-        tensor_normal(gradients[at], [a, b, c, d, e, f])
+        tensor_normals(row(at), [a, b, c, d, e, f])
     }
 }
 
@@ -434,5 +439,5 @@ struct Part<'a> {
     /// 1 where the mask shows the voxel, otherwise 0; empty without a mask.
     shares: Vec<u8>,
     /// See [`Classifier::gradients`].
-    gradients: OnceCell<Option<Vec<[f32; 3]>>>,
+    gradients: OnceCell<Option<[Vec<f32>; 3]>>,
 }

@@ -82,8 +82,8 @@ pub(crate) struct Node {
     pub(crate) integral: Emission,
 }
 
-/// The emission of a transfer function as parabolas, for means over values. Of several nodes at one place the last holds
-/// from there on; emission is constant beyond the ends.
+/// The emission of a transfer function as parabolas, for means over values. Of several nodes at one place the last
+/// holds from there on; emission is constant beyond the ends.
 #[derive(Debug, Clone)]
 pub(crate) struct Pieces {
     nodes: Vec<Node>,

@@ -47,8 +47,8 @@ impl Volume {
     }
 
     /// Calls `take` for each brick, x fastest: with the result of `make` for its encoded samples if `shows` accepts its
-    /// number and its range of stored samples ([`Self::ranges`]), otherwise with `None`. `halo` voxels around a brick are included;
-    /// outside the volume they repeat its outermost voxels. `make` runs in parallel.
+    /// number and its range of stored samples ([`Self::ranges`]), otherwise with `None`. `halo` voxels around a brick
+    /// are included; outside the volume they repeat its outermost voxels. `make` runs in parallel.
     ///
     /// The first call reads every sample and keeps the ranges. Later calls read only rows of bricks that show
     /// something.
@@ -95,8 +95,8 @@ impl Volume {
         Ok(())
     }
 
-    /// The least and the largest finite sample of each brick and of the voxels next to it, on which the classification of
-    /// its own depends, as stored, x fastest; ∞ and -∞ if there is none. The first call reads every sample.
+    /// The least and the largest finite sample of each brick and of the voxels next to it, on which the classification
+    /// of its own depends, as stored, x fastest; ∞ and -∞ if there is none. The first call reads every sample.
     pub fn ranges(&self) -> Result<&[[f64; 2]]> {
         if self.known_ranges().is_none() {
             self.for_each_brick::<(), Error>(&|_, _| false, 0, &(), &|_| Ok(()), &mut |_| Ok(()))?;
