@@ -136,7 +136,7 @@ fn cells_without_kept_normals(sizes: &[CellSize]) {
     // Three of the nine rows of bricks, of three bricks each: a layer of them. Two rows cut layers.
     let [layers, rows] = [10, 7].map(|bricks| {
         let mut small = self::context();
-        small.limits.max_storage_buffer_binding_size = bricks * 36_u64.pow(3);
+        small.limits.max_storage_buffer_binding_size = bricks * 38_u64.pow(3);
         small
     });
     let of = vessels(70);
@@ -190,7 +190,7 @@ fn cells_of_few_bricks(sizes: &[CellSize]) {
         let mut context = context();
         context.savings = Savings { paged_bytes, ..Savings::default() };
         let limit = &mut context.limits.max_storage_buffer_binding_size;
-        *limit = (*limit).min(bricks.saturating_mul(4 * 36_u64.pow(3)));
+        *limit = (*limit).min(bricks.saturating_mul(4 * 38_u64.pow(3)));
         context
     });
     for &size in sizes {
@@ -199,7 +199,7 @@ fn cells_of_few_bricks(sizes: &[CellSize]) {
             let first = subject.lit(1.0, None);
             let words = subject.words(&first);
             let (normals, visible) = subject.normals().unwrap();
-            let held = subject.held.bytes() / (4 * 36_u64.pow(3));
+            let held = subject.held.bytes() / (4 * 38_u64.pow(3));
             println!("{size:?}: {held} bricks, {} buffers, {visible} voxels, {} cells", normals.len(), words.len());
             ([held, normals.len() as u64], words, subject.words(&subject.lit(-1.0, Some(first))))
         });

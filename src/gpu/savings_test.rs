@@ -8,7 +8,7 @@ use crate::camera::{Camera, ProjectionKind, View};
 use crate::lighting::{Light, Lighting};
 use crate::renderer::{Rendered, Renderer, RendererOptions, Scene};
 use crate::settings::{Level, Model, Painter, Precision, QuadsSettings, Settings, Shading};
-use crate::transfer::{ControlPoint, TransferFunction};
+use crate::transfer::{Classification, ControlPoint, TransferFunction};
 use crate::volume::Volume;
 
 /// Two balls that fade outwards, over a background that falls away from them: what is dropped is not 0.
@@ -242,7 +242,8 @@ fn device_boxes_of_few_bricks_draw_what_boxes_of_all_draw() {
         let of = |&[low, high]: &[f64; 2]| {
             [point(low - 1.0, 0.0), point(low, 0.02), point(high, 0.03), point(high + 1.0, 0.0)]
         };
-        TransferFunction::new(ranges.iter().flat_map(of).collect(), None).unwrap()
+        let transfer = TransferFunction::new(ranges.iter().flat_map(of).collect(), None).unwrap();
+        transfer.with_classification(Classification::Point)
     };
     let [left, middle, right, nothing] = [[10.0, 18.0], [30.0, 38.0], [50.0, 58.0], [90.0, 98.0]];
     let renderers = [0, u64::MAX].map(|paged_bytes| {

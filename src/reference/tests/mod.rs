@@ -8,7 +8,7 @@ use glam::{DAffine3, DMat3, DQuat};
 use super::*;
 use crate::camera::{ProjectionKind, View};
 use crate::kernel::Normalization;
-use crate::lighting::{Light, Lighting, Visibility};
+use crate::lighting::{Light, Lighting, Normals, Visibility};
 use crate::settings::Shading;
 use crate::transfer::{Classification, ControlPoint};
 use crate::volume::Samples;
@@ -297,6 +297,7 @@ fn a_lit_voxel_shows_its_shade() {
             Light::directional(DVec3::new(1.0, -2.0, 3.0)),
             Light::at(DVec3::new(-4.0, 3.0, 9.0)),
         ],
+        normals: Normals::Gradient,
         ..Lighting::default()
     };
     let lit = Settings { lighting: Some(lighting.clone()), ..Settings::default() };
@@ -317,7 +318,8 @@ fn a_lit_voxel_shows_its_shade() {
 fn gradients_at_the_edge_take_the_edge_for_its_neighbour() {
     let volume = floats(Grid::axis_parallel([2, 1, 1], [2.0; 3]).unwrap(), |p| p.x);
     let layers = Layers::of_volume(&volume, &ramp(&[(0.0, 0.1), (1.0, 0.2)], 1.0));
-    let media = media::Media::new(&layers, &Settings::default()).unwrap();
+    let lighting = Some(Lighting { normals: Normals::Gradient, ..Lighting::default() });
+    let media = media::Media::new(&layers, &Settings { lighting, ..Settings::default() }).unwrap();
     for x in 0..2 {
         // A step of 1 per 2 world units, by the weights of the differences of voxels 1 and 2 to either side.
         let expected = DVec3::new(0.5 * (0.278_979 + 0.110_51), 0.0, 0.0);
