@@ -230,8 +230,12 @@ fn draw_pages(kinds: usize) {
 #[test]
 fn device_boxes_of_few_bricks_draw_what_boxes_of_all_draw() {
     const SIDE: u32 = 128;
+    // Not in the outermost layers of bricks, by which the range of a brick has no value of its neighbours.
+    let is_inside = |place: u32| (1..31).contains(&(place % 32));
     let value = |[x, y, z]: [u32; 3]| match (x / 32, y / 32, z / 32) {
-        (brick @ 0..3, 0, 0) => (10 + 20 * brick + (7 * x + 3 * y + 5 * z) % 8) as u8,
+        (brick @ 0..3, 0, 0) if [x, y, z].into_iter().all(is_inside) => {
+            (10 + 20 * brick + (7 * x + 3 * y + 5 * z) % 8) as u8
+        }
         _ => 0,
     };
     let points = (0..SIDE.pow(3)).map(|i| value([i % SIDE, i / SIDE % SIDE, i / (SIDE * SIDE)]));

@@ -20,10 +20,17 @@ fn mean(transfer: &TransferFunction, unit: f64, [low, high]: [f64; 2]) -> [f64; 
         return at(transfer, unit, low);
     }
     let points = transfer.points();
-    let inside = points.iter().map(|p| p.value).filter(|&value| low < value && value < high);
-    let ends: Vec<f64> = [low].into_iter().chain(inside).chain([high]).collect();
+    // Opacity is clamped after interpolation.
+    let clamped = points.iter().zip(&points[1..]).filter_map(|(p, q)| {
+        let share = (TransferFunction::MAX_OPACITY - p.opacity) / (q.opacity - p.opacity);
+        (0.0 < share && share < 1.0).then(|| p.value + share * (q.value - p.value))
+    });
+    let mut ends: Vec<f64> = points.iter().map(|p| p.value).chain(clamped).collect();
+    ends.retain(|&value| low < value && value < high);
+    ends.extend([low, high]);
+    ends.sort_by(f64::total_cmp);
     let mut sum = [0.0; 4];
-    for [a, b] in ends.array_windows().filter(|[a, b]| a < b) {
+    for (&a, &b) in ends.iter().zip(&ends[1..]).filter(|(a, b)| a < b) {
         // Inside the segment: at its ends another segment may begin with a step.
         let [near, far] = [1.0 / 3.0, 2.0 / 3.0].map(|share| transfer.sample(a + (b - a) * share));
         let at_end = |near: f64, far: f64| [2.0 * near - far, 2.0 * far - near];

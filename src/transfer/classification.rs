@@ -47,11 +47,11 @@ impl TransferFunction {
     /// Returns whether pre-shading classifies voxels band-limited.
     #[must_use]
     pub fn is_band_limited(&self) -> bool {
-        let is_step = |[a, b]: &[ControlPoint; 2]| {
+        let is_step = |(a, b): (&ControlPoint, &ControlPoint)| {
             a.value == b.value && (a.opacity != b.opacity || a.color != b.color && a.opacity > 0.0)
         };
         match self.classification {
-            Classification::Auto => !self.points.array_windows().any(is_step),
+            Classification::Auto => !self.points.iter().zip(&self.points[1..]).any(is_step),
             Classification::Point => false,
             Classification::BandLimited => true,
         }
@@ -119,7 +119,7 @@ impl Pieces {
         let most = TransferFunction::extinction(transfer.max_opacity(), 1.0);
         // The begins of pieces: their values, and emission there and in the middle and at the end of the piece.
         let mut begins = Vec::new();
-        for [a, b] in knots.array_windows() {
+        for (a, b) in knots.iter().zip(&knots[1..]) {
             let ends = [a, b].map(|knot| (knot.value, TransferFunction::emission_of(knot.color, knot.opacity)));
             if a.value < b.value {
                 halve(transfer, ends, most, HALVINGS, &mut begins);
@@ -266,12 +266,12 @@ mod tests {
         let pieces = Pieces::new(&ramp, |value| value);
         assert!(pieces.nodes().len() < 1000, "{}", pieces.nodes().len());
         let most = TransferFunction::extinction(0.999, 1.0);
-        for low in (90..260).map(|value| f64::from(value) + 0.37) {
-            for width in [1e-9, 0.01, 0.4, 3.0, 50.0, 200.0] {
+        for low in (90..260).step_by(7).map(|value| f64::from(value) + 0.37) {
+            for width in [1e-9, 0.01, 0.4, 3.0, 50.0] {
                 let [from, to] = [low, low + width].map(|place| (place, pieces.below(place)));
                 let mean = pieces.mean(from, to);
                 for (c, mean) in mean.into_iter().enumerate() {
-                    let exact = integrate(low, low + width, 4096, |v| ramp.emission(v)[c]) / width;
+                    let exact = integrate(low, low + width, 16_384, |v| ramp.emission(v)[c]) / width;
                     // Panels of the sum span kinks.
                     assert!((mean - exact).abs() <= 1e-5 * (exact + most / 32.0), "{low} {width} {mean} {exact}");
                 }

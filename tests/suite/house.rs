@@ -200,35 +200,35 @@ fn rooms_need_only_those_below_them() {
 /// one that grows says why in the message of its commit.
 const LINES: [(&str, usize); 27] = [
     ("accuracy", 354),
-    ("appearance", 2042),
+    ("appearance", 2055),
     ("bricks", 886),
     ("camera", 738),
-    ("crates/cli", 5967),
-    ("crates/volume", 12032),
+    ("crates/cli", 5999),
+    ("crates/volume", 12036),
     ("engine", 182),
     ("error", 144),
-    ("gpu", 5324),
-    ("host", 3682),
+    ("gpu", 5386),
+    ("host", 3680),
     ("image", 1751),
     ("kernel", 937),
     ("layers", 1199),
     ("lib", 56),
-    ("lighting", 2398),
+    ("lighting", 2417),
     ("output", 130),
     ("painters", 3264),
-    ("prepare", 2330),
+    ("prepare", 2338),
     ("progress", 34),
-    ("python", 1414),
-    ("reference", 2001),
-    ("renderer", 447),
-    ("settings", 443),
+    ("python", 1420),
+    ("reference", 2122),
+    ("renderer", 448),
+    ("settings", 452),
     ("solids", 445),
-    ("splats", 612),
+    ("splats", 731),
     ("stats", 335),
-    ("transfer", 1738),
+    ("transfer", 1932),
 ];
 /// The same of all shaders, and the number of their files.
-const SHADERS: [usize; 2] = [4352, 79];
+const SHADERS: [usize; 2] = [4438, 79];
 
 /// The lines of a source that have code.
 fn lines(source: &str) -> usize {
