@@ -4,7 +4,7 @@ use glam::{DAffine3, DMat3, DVec3};
 use voxsplat::camera::{Camera, ProjectionKind, View};
 use voxsplat::image::Image;
 use voxsplat::settings::{Model, Painter, Settings, Shading};
-use voxsplat::transfer::TransferFunction;
+use voxsplat::transfer::{Classification, TransferFunction};
 use voxsplat::volume::{Grid, Samples, Volume};
 
 use crate::support::{
@@ -21,7 +21,7 @@ fn oblique(projection: ProjectionKind, zoom: f64, volume: &Volume, size: u32) ->
 fn opaque([clear, red, white]: [f64; 3], depth: f64) -> TransferFunction {
     let points = [(clear, [0.1, 0.2, 0.9], 0.0), (red, [0.8, 0.1, 0.1], 1.0), (white, [0.9, 0.95, 0.7], 1.0)];
     // Opacity 1 stands for an optical depth of 16 ln 2.
-    transfer(&points, Some(16.0 * 2.0_f64.ln() / depth))
+    transfer(&points, Some(16.0 * 2.0_f64.ln() / depth)).with_classification(Classification::Point)
 }
 
 fn assert_in_range(image: &Image, brightest: [f32; 3], what: &str) {
