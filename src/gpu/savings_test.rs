@@ -273,7 +273,8 @@ fn device_boxes_of_few_bricks_draw_what_boxes_of_all_draw() {
             let [few, all] = [0, 1].map(|i| renderers[i].render(&scenes[i], &camera, &settings).unwrap());
             let bytes = [&few, &all].map(|rendered| rendered.stats.bytes_sent);
             println!("{shown:?}: {bytes:?} bytes sent");
-            assert!(bytes[0] < 64 << 10, "{shown:?}");
+            // At most the three bricks of 38^3 samples, once.
+            assert!(bytes[0] < 256 << 10, "{shown:?}");
             assert!(few.image == all.image, "{shown:?}, {:?}", settings.lighting);
             assert!(before.as_ref() != Some(&few.image));
             before = Some(few.image);

@@ -268,10 +268,11 @@ mod tests {
         let most = TransferFunction::extinction(0.999, 1.0);
         for low in (90..260).step_by(7).map(|value| f64::from(value) + 0.37) {
             for width in [1e-9, 0.01, 0.4, 3.0, 50.0] {
-                let [from, to] = [low, low + width].map(|place| (place, pieces.below(place)));
+                let high = low + width;
+                let [from, to] = [low, high].map(|place| (place, pieces.below(place)));
                 let mean = pieces.mean(from, to);
                 for (c, mean) in mean.into_iter().enumerate() {
-                    let exact = integrate(low, low + width, 16_384, |v| ramp.emission(v)[c]) / width;
+                    let exact = integrate(low, high, 16_384, |v| ramp.emission(v)[c]) / (high - low);
                     // Panels of the sum span kinks.
                     assert!((mean - exact).abs() <= 1e-5 * (exact + most / 32.0), "{low} {width} {mean} {exact}");
                 }
