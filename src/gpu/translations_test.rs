@@ -102,6 +102,9 @@ fn happens(set: &PipelineConstants) -> bool {
         is("CUT").is_some_and(|cut| cut == (is("CLIP_PLANES") != Some(true) && is("SOLIDS") != Some(true))),
         is("SOLIDS") == Some(true) && (is("CLIP_PLANES") == Some(true) || other),
         is("HALF_DEPTH") == Some(true) && (other || projects || is("BRICK") == Some(true)),
+        // Only what is lit has normals. Neither normals nor classification depend on how samples are stored.
+        is("TENSOR") == Some(true) && (is("LIT") == Some(false) || number("SAMPLE_TYPE", &[1.0, 2.0, 3.0])),
+        is("BAND_LIMITED") == Some(true) && number("SAMPLE_TYPE", &[1.0, 2.0, 3.0]),
         // With or without, of four lights: others translate alike.
         is("POINT_LIGHTS") == Some(true) && set.get("LIGHTS").is_some_and(|&lights| lights != 4.0),
     ];

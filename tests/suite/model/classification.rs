@@ -203,6 +203,8 @@ fn values_for_no_data_change_nothing_farther_than_their_kernels() {
     for settings in models() {
         let settings = Settings { painter: exact_quads().painter, ..settings };
         let plain = render(&with(values[index]), &transfer, &camera, &settings);
+        // Band-limited, the next voxels change too.
+        let reach = if settings.is_post_shaded() { 2.1 } else { 3.1 };
         for fill in [-32_768.0, 1e10, 3e38, -3e38] {
             let volume = with(fill);
             let got = render(&volume, &transfer, &camera, &settings);
@@ -213,13 +215,13 @@ fn values_for_no_data_change_nothing_farther_than_their_kernels() {
                 let (sx, sy) = crate::support::coordinates(i, &camera);
                 let (origin, direction) = camera.ray(sx, sy);
                 let to = glam::DVec3::from(place.map(f64::from)) - origin;
-                if to.cross(direction).length() > 2.1 {
+                if to.cross(direction).length() > reach {
                     far += 1;
                     let error = (0..4).map(|c| (pixel[c] - plain.pixels()[i][c]).abs()).fold(0.0, f32::max);
                     assert!(error <= 1e-4, "{fill} {:?} {:?} pixel {i}: {error:e}", settings.model, settings.shading);
                 }
             }
-            assert!(far > 800);
+            assert!(far > 700);
             let error = rms_of_all(&got, &expected);
             assert!(error < 8e-2, "{fill} {:?} {:?}: {error:e}", settings.model, settings.shading);
         }
