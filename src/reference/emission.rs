@@ -23,7 +23,7 @@ fn mean(transfer: &TransferFunction, unit: f64, [low, high]: [f64; 2]) -> [f64; 
     // Opacity is clamped after interpolation.
     let clamped = points.iter().zip(&points[1..]).filter_map(|(p, q)| {
         let share = (TransferFunction::MAX_OPACITY - p.opacity) / (q.opacity - p.opacity);
-        (0.0 < share && share < 1.0).then(|| p.value + share * (q.value - p.value))
+        (0.0 < share && share < 1.0).then_some(p.value + share * (q.value - p.value))
     });
     let mut ends: Vec<f64> = points.iter().map(|p| p.value).chain(clamped).collect();
     ends.retain(|&value| low < value && value < high);
