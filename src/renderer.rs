@@ -202,8 +202,7 @@ impl Renderer {
     }
 
     fn prepared(&self, layers: &Layers, settings: &Settings) -> Result<Scene> {
-        let scene =
-            Scene::of_splats(&self.context, layers, settings.lighting.as_ref().map(|lighting| lighting.normals));
+        let scene = Scene::of_splats(&self.context, layers, settings.normals());
         if settings.level == Level::At(0) {
             scene.classify(&self.context, &self.pipelines, settings, &self.progress)?;
         }

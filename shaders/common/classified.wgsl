@@ -61,10 +61,10 @@ fn points_below(sample: f32, first: u32, count: u32) -> u32 {
     return above;
 }
 
-// Colour and opacity of a sample by `count` control points from number `first` on, of which `below` are not above it:
-// linear between points, constant beyond the first and the last. If several points have the same value, the last of
-// them holds from there on.
-fn between_points(sample: f32, below: u32, first: u32, count: u32) -> vec4f {
+// Colour and opacity of a sample by `count` control points from number `first` on: linear between points, constant
+// beyond the first and the last. If several points have the same value, the last of them holds from there on.
+fn looked_up(sample: f32, first: u32, count: u32) -> vec4f {
+    let below = points_below(sample, first, count);
     // The last point that is not above the sample, or the first point; and the point after it.
     let a = control_points[first + max(below, 1u) - 1u];
     let b = control_points[first + min(below, count - 1u)];
@@ -74,10 +74,6 @@ fn between_points(sample: f32, below: u32, first: u32, count: u32) -> vec4f {
         f = clamp((sample - a.sample) / width, 0.0, 1.0);
     }
     return vec4f(a.color + (b.color - a.color) * f, a.opacity + (b.opacity - a.opacity) * f);
-}
-
-fn looked_up(sample: f32, first: u32, count: u32) -> vec4f {
-    return between_points(sample, points_below(sample, first, count), first, count);
 }
 
 // Colour and opacity of a sample.

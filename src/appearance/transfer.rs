@@ -176,7 +176,7 @@ impl TransferRequest {
     /// Whether values may be taken for labels: nothing is requested that labels lack.
     #[must_use]
     pub fn may_be_labels(&self, settings: &Settings) -> bool {
-        self.gradient.is_none() && Layers::check_settings(settings).is_ok()
+        self.gradient.is_none() && self.classification.is_none() && Layers::check_settings(settings).is_ok()
     }
 
     /// Whether [`Self::fit`] may need statistics: of presets, and of files that are stretched over the values.

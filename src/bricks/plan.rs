@@ -445,13 +445,11 @@ fn painter(view: &ViewGeometry, settings: &Settings) -> Result<Painter> {
 
 /// How far samples that change the normal or the gradient of a voxel are from it.
 fn normals_reach(layers: &Layers, settings: &Settings) -> u32 {
-    let differs = |transfer: &TransferFunction| transfer.is_band_limited() || !transfer.gradient_opacity().is_empty();
-    let differs = layers.plain().is_some_and(|(_, transfer)| differs(transfer));
-    match (&settings.lighting, layers.plain().is_some()) {
-        (Some(lighting), true) => lighting.normals.reach() as u32,
-        (Some(_), false) => SMOOTHED_REACH,
-        (None, false) => 1,
-        (None, true) => u32::from(differs),
+    match (settings.normals(), layers.plain()) {
+        (Some(normals), Some(_)) => normals.reach() as u32,
+        (Some(_), None) => SMOOTHED_REACH,
+        (None, None) => 1,
+        (None, Some((_, transfer))) => u32::from(transfer.depends_on_neighbours()),
     }
 }
 

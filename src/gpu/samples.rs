@@ -28,7 +28,7 @@ pub(super) const ROWS: usize = EDGE * EDGE;
 const SENDING: &str = "sending samples";
 
 /// Numbers of a node of a band-limited classification: emission, slope, bend, the integral and its rounding.
-const COLUMNS: u32 = 5;
+const COLUMNS: usize = 5;
 
 /// The least extent of the control points in unreduced floats: their products stay in the range of f32.
 const LEAST_EXTENT: f64 = 1e-24;
@@ -88,16 +88,12 @@ impl SampleCoding {
                 opacity: depth as f32,
                 _pad: [0.0; 3],
             };
-            let rest = |node: &Node| node.integral.map(|channel| channel - f64::from(channel as f32));
-            let columns = [
-                |node: &Node| node.emission,
-                |node: &Node| node.slope,
-                |node: &Node| node.bend,
-                |node: &Node| node.integral,
-            ];
-            let all = columns.iter().flat_map(|column| pieces.nodes().iter().map(move |node| (node, column(node))));
-            let all = all.chain(pieces.nodes().iter().map(|node| (node, rest(node))));
-            return all.map(|(node, channels)| point(node.place, channels)).collect();
+            let columns = |node: &Node| {
+                let Node { emission, slope, bend, integral, .. } = *node;
+                [emission, slope, bend, integral, integral.map(|channel| channel - f64::from(channel as f32))]
+            };
+            let column = |n: usize| pieces.nodes().iter().map(move |node| point(node.place, columns(node)[n]));
+            return (0..COLUMNS).flat_map(column).collect();
         }
         let point = |p: &transfer::ControlPoint| ControlPoint {
             color: p.color.map(|c| c as f32),
@@ -171,8 +167,6 @@ pub(crate) struct Input<'a> {
     pub(super) coding: SampleCoding,
     /// The control points as samples are compared with them, see [`SampleCoding::points`].
     pub(super) points: Vec<ControlPoint>,
-    /// Whether classification is band-limited.
-    is_band_limited: bool,
     /// Gradient opacity, of gradients of samples; empty: extinction does not depend on them.
     pub(super) thinning: Vec<[f32; 2]>,
     /// The base of the transfer function as a sample, and the resolution there.
@@ -194,25 +188,10 @@ impl<'a> Input<'a> {
         // On a lattice of the volume's unit of length.
         let thinning = transfer.scaled_gradient_opacity(coding.gradient_scale() * volume.grid().unit());
         let resolution = coding.resolution(transfer, volume, normals.is_some())?;
-        let gradients = gradients(volume);
-        let is_band_limited = transfer.is_band_limited();
         // `halo` in shaders/common/classified.wgsl.
-        let differs = usize::from(is_band_limited || !thinning.is_empty());
-        let halo = normals.map_or(differs, Normals::reach);
-        Ok(Self {
-            context,
-            volume,
-            transfer,
-            normals,
-            halo,
-            progress,
-            coding,
-            points,
-            is_band_limited,
-            thinning,
-            resolution,
-            gradients,
-        })
+        let halo = normals.map_or(usize::from(transfer.depends_on_neighbours()), Normals::reach);
+        let unlit = Self::unclassified(context, volume, transfer, (coding, halo), progress);
+        Ok(Self { normals, points, thinning, resolution, ..unlit })
     }
 
     /// A volume of scalars of this reduction, with gradients if they are lit.
@@ -225,23 +204,25 @@ impl<'a> Input<'a> {
     ) -> Self {
         let coding = SampleCoding::new(volume, transfer);
         let coding = SampleCoding { reduction: coding.reduction.map(|_| reduction), ..coding };
-        let (points, thinning) = (Vec::new(), Vec::new());
-        let (resolution, gradients, halo) = ([0.0; 2], gradients(volume), usize::from(lit));
-        let is_band_limited = false;
-        Self {
-            context,
-            volume,
-            transfer,
-            normals: None,
-            halo,
-            progress,
-            coding,
-            points,
-            is_band_limited,
-            thinning,
-            resolution,
-            gradients,
-        }
+        Self::unclassified(context, volume, transfer, (coding, usize::from(lit)), progress)
+    }
+
+    /// A volume without classification, and with so many voxels around each brick.
+    fn unclassified(
+        context: &'a Context,
+        volume: &'a Volume,
+        transfer: &'a TransferFunction,
+        (coding, halo): (SampleCoding, usize),
+        progress: &'a Progress,
+    ) -> Self {
+        let (points, thinning, resolution) = (Vec::new(), Vec::new(), [0.0; 2]);
+        let (normals, gradients) = (None, gradients(volume));
+        Self { context, volume, transfer, normals, halo, progress, coding, points, thinning, resolution, gradients }
+    }
+
+    /// Whether voxels are classified by the values around them.
+    fn is_band_limited(&self) -> bool {
+        !self.points.is_empty() && self.transfer.is_band_limited()
     }
 
     /// The layers of neighbouring voxels around a brick.
@@ -326,12 +307,12 @@ impl Input<'_> {
     }
 
     pub(super) fn key(&self) -> InputKey {
-        let Self { normals, coding, thinning, is_band_limited, .. } = self;
+        let Self { normals, coding, thinning, .. } = self;
         InputKey {
             sample_type: coding.sample_type,
             normals: *normals,
             gradient_opacity: !thinning.is_empty(),
-            band_limited: *is_band_limited,
+            band_limited: self.is_band_limited(),
         }
     }
 
@@ -350,7 +331,7 @@ impl Input<'_> {
             dims: self.volume.grid().dims(),
             bricks: 0,
             gradient_x,
-            points: self.points.len() as u32 / if self.is_band_limited { COLUMNS } else { 1 },
+            points: (self.points.len() / if self.is_band_limited() { COLUMNS } else { 1 }) as u32,
             gradient_y,
             sample_origin: self.coding.origin as f32,
             gradient_z,

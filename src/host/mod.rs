@@ -402,7 +402,7 @@ impl HostRenderer {
         match (&scene.0, settings.is_post_shaded()) {
             (Content::Scalars(scalars), true) => self.render_scalars(scalars, &frame),
             (Content::Colored(colored), false) => self.render_colors(colored, &frame),
-            _ => Err(Error::setting("shading", "the scene was prepared for another shading or model")),
+            _ => Err(Settings::not_prepared("shading", "for another shading or model")),
         }
     }
 
@@ -410,7 +410,7 @@ impl HostRenderer {
     fn render_scalars(&self, scene: &Scalars, frame: &Frame<'_>) -> Result<Rendered> {
         let Frame { settings, grid, .. } = *frame;
         if settings.sharpens() != scene.sharpened {
-            return Err(Error::setting("sharpness", "the scene was prepared for another sharpness or kernel"));
+            return Err(Settings::not_prepared("sharpness", "for another sharpness or kernel"));
         }
         let (reconstructed, seconds) = on_host(|| scene.reconstructed(frame, &self.progress));
         let reconstructed = reconstructed?;

@@ -77,7 +77,7 @@ impl Colored {
     /// # Errors
     /// [`Error::Input`] if samples cannot be read.
     pub(super) fn new(layers: &Layers, settings: &Settings, progress: &Progress) -> Result<Self> {
-        let normals = settings.lighting.as_ref().map(|lighting| lighting.normals);
+        let normals = settings.normals();
         let layers = layers.finite()?;
         let classifier = Classifier::new(&layers, normals, LeftOut { voxels: true, bricks: true })?;
         let [_, down, deep] = classifier.counts;

@@ -573,10 +573,7 @@ impl Scene {
 
     /// Refuses a scene of another device, and settings that it was not prepared for.
     pub(crate) fn check(&self, context: &Context, settings: &Settings) -> Result<()> {
-        let error = |name, what: &str| {
-            let reason = format!("the scene was prepared {what}: prepare it with the settings it is rendered with");
-            Err(Error::Setting { name, reason })
-        };
+        let error = |name, what: &str| Err(Settings::not_prepared(name, what));
         if self.device != context.id {
             return error("scene", "by another renderer, on another device");
         }

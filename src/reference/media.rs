@@ -131,7 +131,7 @@ impl Media {
             dims: layers.grid().dims().map(|d| d as usize),
             media: layers.all().iter().map(medium).collect::<Result<_>>()?,
             is_pre_shaded: !settings.is_post_shaded(),
-            normals: settings.lighting.as_ref().map_or(Normals::default(), |lighting| lighting.normals),
+            normals: settings.normals().unwrap_or_default(),
             to_world: layers.grid().to_lattice().matrix3.transpose(),
         })
     }

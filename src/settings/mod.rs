@@ -432,15 +432,24 @@ impl Settings {
         }
     }
 
+    /// The normals that light needs; `None`: there is no light.
+    pub(crate) fn normals(&self) -> Option<Normals> {
+        self.lighting.as_ref().map(|lighting| lighting.normals)
+    }
+
+    /// The error of a setting that a scene was prepared without or for another value of.
+    pub(crate) fn not_prepared(name: &'static str, what: &str) -> Error {
+        let reason = format!("the scene was prepared {what}: prepare it with the settings it is rendered with");
+        Error::setting(name, reason)
+    }
+
     /// Refuses light on a scene that was prepared with these normals, or without light.
     pub(crate) fn check_normals(&self, prepared: Option<Normals>) -> Result<()> {
-        let (name, what) = match (prepared, &self.lighting) {
-            (None, Some(_)) => ("light", "without light"),
-            (Some(own), Some(lighting)) if own != lighting.normals => ("normals", "with other normals"),
-            _ => return Ok(()),
-        };
-        let reason = format!("the scene was prepared {what}: prepare it with the settings it is rendered with");
-        Err(Error::setting(name, reason))
+        match (prepared, self.normals()) {
+            (None, Some(_)) => Err(Self::not_prepared("light", "without light")),
+            (Some(own), Some(other)) if own != other => Err(Self::not_prepared("normals", "with other normals")),
+            _ => Ok(()),
+        }
     }
 
     /// Returns whether sheets hold scalars that are classified per pixel: post-shading and projections of intensity.

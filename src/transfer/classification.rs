@@ -57,6 +57,11 @@ impl TransferFunction {
         }
     }
 
+    /// Whether the classification of a voxel depends on the next voxels.
+    pub(crate) fn depends_on_neighbours(&self) -> bool {
+        self.is_band_limited() || !self.gradient.is_empty()
+    }
+
     fn emission(&self, value: f64) -> Emission {
         let (color, opacity) = self.sample(value);
         Self::emission_of(color, opacity)
