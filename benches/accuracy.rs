@@ -19,7 +19,7 @@ use voxsplat::kernel::Kernel;
 use voxsplat::reference::Reference;
 use voxsplat::settings::{Painter, Precision, QuadsSettings};
 use voxsplat::{
-    Camera, Grid, Image, ProjectionKind, Renderer, RendererOptions, Settings, TransferFunction, View, Volume,
+    Camera, Frame, Grid, Image, ProjectionKind, Renderer, RendererOptions, Settings, TransferFunction, View, Volume,
 };
 
 const VIEWS: [(f64, f64); 3] = [(33.0, 21.0), (118.0, -37.0), (247.0, 52.0)];
@@ -61,7 +61,7 @@ impl Harness {
                         let quads = QuadsSettings { precision, sheet_thickness: thickness, ..QuadsSettings::default() };
                         let settings = Settings { kernel, ..by_quads(quads) };
                         let (alpha, color) =
-                            errors(&self.renderer.render(&scene, &camera, &settings)?.image, &expected)?;
+                            errors(&self.renderer.render(&scene, &Frame::new(&camera, &settings))?.image, &expected)?;
                         *worst = (worst.0.max(alpha), worst.1.max(color));
                     }
                 }

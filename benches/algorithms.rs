@@ -27,8 +27,8 @@ use voxsplat::settings::{Accumulation, Interslice, Painter, QuadsSettings, Shadi
 use voxsplat::transfer::ControlPoint;
 use voxsplat::volume::{Samples, Statistics};
 use voxsplat::{
-    Camera, Grid, Image, LoadOptions, ProjectionKind, Rendered, Renderer, RendererOptions, Settings, TransferFunction,
-    View, Volume, load,
+    Camera, Frame, Grid, Image, LoadOptions, ProjectionKind, Rendered, Renderer, RendererOptions, Settings,
+    TransferFunction, View, Volume, load,
 };
 
 /// A section and its name.
@@ -55,7 +55,7 @@ fn render(
     settings: &Settings,
 ) -> Outcome<Rendered> {
     let scene = renderer.prepare(volume, transfer, settings)?;
-    Ok(renderer.render(&scene, camera, settings)?)
+    Ok(renderer.render(&scene, &Frame::new(camera, settings))?)
 }
 
 fn truth(volume: &Volume, transfer: &TransferFunction, camera: &Camera, settings: &Settings) -> Outcome<Image> {
@@ -283,7 +283,7 @@ fn termination(renderer: &Renderer, report: &mut Report, files: &[String]) -> Ou
                 for (case, times) in cases.iter().zip(&mut times) {
                     let settings = Settings { termination: *case, ..without.clone() };
                     let start = Instant::now();
-                    let rendered = renderer.render(&scene, &camera, &settings)?;
+                    let rendered = renderer.render(&scene, &Frame::new(&camera, &settings))?;
                     times.push(start.elapsed().as_secs_f64());
                     if round == 0 {
                         pictures.push(rendered);
@@ -345,7 +345,7 @@ fn minification(renderer: &Renderer, report: &mut Report) -> Outcome {
             let target = Some(volume.grid().center() + DVec3::new(f64::from(step) / 8.0 * pixel, 0.0, 0.0));
             let view = View { target, view_height: Some(256.0 * 1.04), ..View::default() };
             let camera = Camera::new(&view, volume.grid(), [32; 2])?;
-            let image = renderer.render(&scene, &camera, &settings)?.image;
+            let image = renderer.render(&scene, &Frame::new(&camera, &settings))?.image;
             sums.push(image.pixels().iter().map(|p| f64::from(p[3])).sum::<f64>());
         }
         let worst = sums.windows(2).map(|w| (w[1] / w[0] - 1.0).abs()).fold(0.0, f64::max);

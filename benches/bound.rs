@@ -28,8 +28,8 @@ use voxsplat::lighting::Lighting;
 use voxsplat::settings::{Level, Model, Painter, QuadsSettings, Shading};
 use voxsplat::transfer::ControlPoint;
 use voxsplat::{
-    Camera, LoadOptions, ProjectionKind, Renderer, RendererOptions, Scene, Settings, TransferFunction, View, Volume,
-    load,
+    Camera, Frame, LoadOptions, ProjectionKind, Renderer, RendererOptions, Scene, Settings, TransferFunction, View,
+    Volume, load,
 };
 
 /// Pixels traced for the choice.
@@ -133,7 +133,7 @@ fn seconds(renderer: &Renderer, scene: &Scene, c: &Combination, settings: &Setti
     let mut times = Vec::new();
     for _ in 0..3 {
         let start = Instant::now();
-        renderer.render(scene, &c.camera, settings)?;
+        renderer.render(scene, &Frame::new(&c.camera, settings))?;
         times.push(start.elapsed().as_secs_f64());
         // One frame suffices for slow settings.
         if start.elapsed().as_secs_f64() > 2.0 {
@@ -161,7 +161,7 @@ fn row(engine: &Engine, c: &Combination, report: &mut Report, seed: u64) -> Outc
     // Settings that take much longer than the choice are not the cheapest.
     for settings in grid(&c.settings).into_iter().filter(|_| chosen.keeps) {
         let start = Instant::now();
-        let Ok(rendered) = renderer.render(&scene, at, &settings) else { continue };
+        let Ok(rendered) = renderer.render(&scene, &Frame::new(at, &settings)) else { continue };
         let once = start.elapsed().as_secs_f64();
         if truth.estimate(&rendered.image)?.error <= c.bound && once < 4.0 * own + 0.5 {
             cheapest = cheapest.min(seconds(renderer, &scene, c, &settings)?);

@@ -19,8 +19,8 @@ use voxsplat::lighting::{Light, Lighting};
 use voxsplat::reference::Reference;
 use voxsplat::settings::{Model, Painter, QuadsSettings, Shading};
 use voxsplat::{
-    Camera, LoadOptions, ProjectionKind, Rendered, Renderer, RendererOptions, Scene, Settings, TransferFunction, View,
-    Volume, load,
+    Camera, Frame, LoadOptions, ProjectionKind, Rendered, Renderer, RendererOptions, Scene, Settings, TransferFunction,
+    View, Volume, load,
 };
 
 const VOLUMES: [&str; 4] = ["demo:marschner-lobb:64", "demo:shell:128", "demo:vessels:128", "demo:shepp-logan:128"];
@@ -90,7 +90,7 @@ impl Subject<'_> {
 
     fn picture(&self, painter: Painter, size: u32) -> voxsplat::Result<Rendered> {
         let settings = Settings { painter, ..self.settings.clone() };
-        self.renderer.render(&self.scene, &self.camera(size)?, &settings)
+        self.renderer.render(&self.scene, &Frame::new(&self.camera(size)?, &settings))
     }
 
     fn row(&self, options: &Options) -> voxsplat::Result<String> {

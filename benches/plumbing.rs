@@ -41,8 +41,8 @@ use voxsplat::stats::Counts;
 use voxsplat::transfer::ControlPoint;
 use voxsplat::volume::SampleType;
 use voxsplat::{
-    Camera, LoadOptions, ProjectionKind, Renderer, RendererOptions, Scene, Settings, TransferFunction, View, Volume,
-    load, wgpu,
+    Camera, Frame, LoadOptions, ProjectionKind, Renderer, RendererOptions, Scene, Settings, TransferFunction, View,
+    Volume, load, wgpu,
 };
 
 /// The scenes of the bench `race` that are drawn.
@@ -233,19 +233,16 @@ impl Host {
         let visible = work()?;
         self.device.poll(wgpu::PollType::wait_indefinitely())?;
         let milliseconds = start.elapsed().as_secs_f64() * 1e3;
-        let after = self.renderer.counts();
-        let counts = Counts {
-            dispatches: after.dispatches - before.dispatches,
-            submissions: after.submissions - before.submissions,
-            waits: after.waits - before.waits,
-            uploaded: after.uploaded - before.uploaded,
-            resident: after.resident,
-        };
+        let mut counts = self.renderer.counts();
+        counts.dispatches -= before.dispatches;
+        counts.submissions -= before.submissions;
+        counts.waits -= before.waits;
+        counts.uploaded -= before.uploaded;
         Ok(Taken { milliseconds, counts, visible })
     }
 
     fn draw(&self, scene: &Scene, camera: &Camera, settings: &Settings) -> Outcome<u64> {
-        let stats = self.renderer.render_into(scene, camera, settings, &self.texture)?;
+        let stats = self.renderer.render_into(scene, &Frame::new(camera, settings), &self.texture)?;
         Ok(stats.splats_kept)
     }
 }
@@ -343,7 +340,7 @@ fn main() -> Outcome {
             // Each row as soon as its event is done.
             events(&host, scene, &volume, &transfer, kind, turns, &mut |event, taken| {
                 let Taken { milliseconds, counts, visible } = taken;
-                let Counts { dispatches, submissions, waits, uploaded, resident } = counts;
+                let Counts { dispatches, submissions, waits, uploaded, resident, .. } = counts;
                 let picture = kind.name();
                 if json {
                     let row = Row {

@@ -21,7 +21,7 @@ use std::path::PathBuf;
 use common::{Arguments, Outcome, Report, own_or_suggested};
 use voxsplat::reference::Reference;
 use voxsplat::settings::{Accumulation, Painter, QuadsSettings, Sheets};
-use voxsplat::{Background, Camera, Image, LoadOptions, Renderer, RendererOptions, Settings, View, load};
+use voxsplat::{Background, Camera, Frame, Image, LoadOptions, Renderer, RendererOptions, Settings, View, load};
 
 /// Frames, in tenths of a degree.
 const TENTHS: std::ops::RangeInclusive<u32> = 440..=460;
@@ -72,7 +72,7 @@ fn main() -> Outcome {
         let settings = by_quads(sheets, accumulation);
         let mut frames = Vec::new();
         for (tenths, camera) in TENTHS.zip(&cameras) {
-            let image = renderer.render(&scene, camera, &settings)?.image;
+            let image = renderer.render(&scene, &Frame::new(camera, &settings))?.image;
             if tenths == 448 || tenths == 452 {
                 let name = format!("{sheets}-{accumulation}-{}.{}.png", tenths / 10, tenths % 10);
                 image.save(folder.join(name), Background::default())?;

@@ -21,7 +21,7 @@ use voxsplat::image::compare;
 use voxsplat::lighting::{Light, Lighting};
 use voxsplat::reference::Reference;
 use voxsplat::settings::Shading;
-use voxsplat::{Camera, LoadOptions, Renderer, RendererOptions, Scene, Settings, View, load};
+use voxsplat::{Camera, Frame, LoadOptions, Renderer, RendererOptions, Scene, Settings, View, load};
 
 /// The volumes of the table.
 const VOLUMES: [&str; 5] =
@@ -98,13 +98,17 @@ fn main() -> Outcome {
         for (name, lighting) in ways()? {
             let settings = Settings { shading, lighting: Some(lighting), ..Settings::default() };
             let scene = renderer.prepare(&volume, &transfer, &settings)?;
-            let once = renderer.render(&scene, &camera(27.0)?, &settings)?.stats.seconds("classify").unwrap_or(0.0);
+            let once = renderer
+                .render(&scene, &Frame::new(&camera(27.0)?, &settings))?
+                .stats
+                .seconds("classify")
+                .unwrap_or(0.0);
             prepared.push((name, settings, scene, once, Vec::new()));
         }
         for frame in 0..frames {
             for (_, settings, scene, _, times) in &mut prepared {
                 let start = Instant::now();
-                renderer.render(scene, &camera(30.0 + 3.0 * frame as f64)?, settings)?;
+                renderer.render(scene, &Frame::new(&camera(30.0 + 3.0 * frame as f64)?, settings))?;
                 times.push(start.elapsed().as_secs_f64());
             }
         }

@@ -4,7 +4,7 @@
 #![allow(clippy::print_stdout, reason = "the comparison is the result of the example")]
 
 use voxsplat::wgpu::{self, BufferUsages, TextureFormat, TextureUsages};
-use voxsplat::{Camera, Renderer, RendererOptions, Settings, View, demos};
+use voxsplat::{Camera, Frame, Renderer, RendererOptions, Settings, View, demos};
 
 /// Pixels across and down. A row of 256 texels of 16 bytes is aligned as copies from textures need it.
 const SIDE: u32 = 256;
@@ -32,7 +32,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let (settings, camera) = (Settings::default(), Camera::new(&View::default(), volume.grid(), [SIDE; 2])?);
     let renderer = Renderer::from_device(device.clone(), queue.clone(), &adapter, &RendererOptions::default());
     let scene = renderer.prepare(&volume, &transfer, &settings)?;
-    renderer.render_into(&scene, &camera, &settings, &texture)?;
+    renderer.render_into(&scene, &Frame::new(&camera, &settings), &texture)?;
 
     let (size, usage) = (u64::from(16 * SIDE * SIDE), BufferUsages::COPY_DST | BufferUsages::MAP_READ);
     let buffer = device.create_buffer(&wgpu::BufferDescriptor { label: None, size, usage, mapped_at_creation: false });
@@ -45,7 +45,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     device.poll(wgpu::PollType::wait_indefinitely())?;
     let drawn = buffer.get_mapped_range(..)?;
 
-    let returned = renderer.render(&scene, &camera, &settings)?.image;
+    let returned = renderer.render(&scene, &Frame::new(&camera, &settings))?.image;
     let pairs = bytemuck::cast_slice::<u8, [f32; 4]>(&drawn).iter().zip(returned.pixels());
     println!("{} of {} pixels differ", pairs.filter(|(a, b)| a != b).count(), SIDE * SIDE);
     Ok(())

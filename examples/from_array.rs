@@ -2,7 +2,7 @@
 //! `cargo run --release --example from_array`.
 
 use voxsplat::transfer::ControlPoint;
-use voxsplat::{Background, Camera, Renderer, RendererOptions, Settings, TransferFunction, View, Volume};
+use voxsplat::{Background, Camera, Frame, Renderer, RendererOptions, Settings, TransferFunction, View, Volume};
 
 fn main() -> voxsplat::Result<()> {
     // x runs fastest, then y, then z. Slices are 1.5 mm apart, samples within a slice 0.5 mm: a box of 24 x 24 x 24 mm.
@@ -31,5 +31,5 @@ fn main() -> voxsplat::Result<()> {
     let renderer = Renderer::new(&RendererOptions::default())?;
     let scene = renderer.prepare(&volume, &transfer, &settings)?;
     let camera = Camera::new(&View { azimuth: 30.0, elevation: 20.0, ..View::default() }, volume.grid(), [512, 512])?;
-    renderer.render(&scene, &camera, &settings)?.image.save("from_array.png", Background::Color([1.0; 3]))
+    renderer.render(&scene, &Frame::new(&camera, &settings))?.image.save("from_array.png", Background::Color([1.0; 3]))
 }

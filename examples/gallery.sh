@@ -1,5 +1,5 @@
 #!/bin/sh
-# Renders the pictures of GUIDE.md into docs/, except lights.png and presets.png, which show scans, and
+# Renders the pictures of the guide into docs/, except lights.png and presets.png, which show scans, and
 # beside.png, which docs/beside.py draws.
 set -e
 cd "$(dirname "$0")/.."

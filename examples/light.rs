@@ -4,7 +4,9 @@ use voxsplat::kernel::Kernel;
 use voxsplat::lighting::{Light, Lighting};
 use voxsplat::settings::Shading;
 use voxsplat::transfer::ControlPoint;
-use voxsplat::{Background, Camera, Renderer, RendererOptions, Settings, TransferFunction, View, demos, glam::DVec3};
+use voxsplat::{
+    Background, Camera, Frame, Renderer, RendererOptions, Settings, TransferFunction, View, demos, glam::DVec3,
+};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let pixels = std::env::args().nth(1).map_or(Ok(512), |a| a.parse())?;
@@ -28,6 +30,6 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let scene = renderer.prepare(&volume, &transfer, &settings)?;
     let view = View { azimuth: 30.0, elevation: 45.0, ..View::default() };
     let camera = Camera::new(&view, volume.grid(), [pixels; 2])?;
-    renderer.render(&scene, &camera, &settings)?.image.save("light.png", Background::default())?;
+    renderer.render(&scene, &Frame::new(&camera, &settings))?.image.save("light.png", Background::default())?;
     Ok(())
 }

@@ -9,7 +9,7 @@ use std::f64::consts::TAU;
 use voxsplat::glam::DVec3;
 use voxsplat::image::Region;
 use voxsplat::solids::{Mesh, Solid, Solids};
-use voxsplat::{Appearance, Background, Renderer, RendererOptions, demos};
+use voxsplat::{Appearance, Background, Frame, Renderer, RendererOptions, demos};
 
 /// A closed surface with a grid of places, given as turns along and around it.
 fn surface(place: impl Fn(f64, f64) -> DVec3) -> Mesh {
@@ -43,8 +43,7 @@ fn main() -> voxsplat::Result<()> {
     let scene = renderer.prepare_layers(&look.layers, &look.settings)?;
     let camera = look.camera([600, 450])?;
     let surfaces = Solids::of_meshes(&solids, &camera, look.settings.lighting.as_ref())?;
-    let whole = Region { x: 0, y: 0, width: 600, height: 450 };
-    let rendered = renderer.render_with_solids(&scene, &camera, &look.settings, whole, &surfaces)?;
+    let rendered = renderer.render(&scene, &Frame::new(&camera, &look.settings).solids(&surfaces))?;
     let path = std::env::args().nth(1).unwrap_or_else(|| "solids.png".to_owned());
     rendered.image.save(path, Background::default())
 }

@@ -5,7 +5,7 @@
 
 use voxsplat::image::{compare, difference_picture};
 use voxsplat::reference::Reference;
-use voxsplat::{Background, Camera, Renderer, RendererOptions, Settings, View, demos};
+use voxsplat::{Background, Camera, Frame, Renderer, RendererOptions, Settings, View, demos};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let pixels = std::env::args().nth(1).map_or(Ok(128), |a| a.parse())?;
@@ -16,7 +16,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 
     let renderer = Renderer::new(&RendererOptions::default())?;
     let scene = renderer.prepare(&volume, &transfer, &settings)?;
-    let rendered = renderer.render(&scene, &camera, &settings)?;
+    let rendered = renderer.render(&scene, &Frame::new(&camera, &settings))?;
     let truth = Reference::new(&volume, &transfer, &settings)?.render(&camera)?;
 
     let comparison = compare(&rendered.image, &truth, 1.0 / 255.0)?;

@@ -3,7 +3,7 @@
 
 #![allow(clippy::print_stdout, reason = "the time of a picture is part of the example")]
 
-use voxsplat::{Background, Camera, Renderer, RendererOptions, Settings, View, demos};
+use voxsplat::{Background, Camera, Frame, Renderer, RendererOptions, Settings, View, demos};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut arguments = std::env::args().skip(1);
@@ -20,7 +20,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let azimuth = 360.0 * f64::from(frame) / f64::from(frames);
         let view = View { azimuth, elevation: 20.0, ..View::default() };
         let camera = Camera::new(&view, volume.grid(), [pixels; 2])?;
-        let rendered = renderer.render(&scene, &camera, &settings)?;
+        let rendered = renderer.render(&scene, &Frame::new(&camera, &settings))?;
         rendered.image.save(format!("turntable_{frame:03}.png"), Background::default())?;
         let seconds = rendered.stats.seconds("frame").unwrap_or_default();
         println!("{azimuth:>5.1} degrees: {:.0} ms, {} bytes sent", seconds * 1e3, rendered.stats.bytes_sent);

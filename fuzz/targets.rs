@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use voxsplat::appearance::suggest;
 use voxsplat::error::{Error, InputError, Result};
-use voxsplat::formats::{AxisOrder, LoadOptions, MissingSlices, PyramidLevel, TimeSeries, load};
+use voxsplat::formats::{AxisOrder, LoadOptions, TimeSeries, load};
 use voxsplat::image::{DepthMap, Image};
 use voxsplat::solids::load_mesh;
 use voxsplat::transfer::presets::{self, PresetValues};
@@ -134,13 +134,8 @@ impl Place {
             axis_order: (order & 4 != 0).then_some(AxisOrder::Xyz),
             spacing: (order & 2 == 0).then(|| std::array::from_fn(|a| 10_f64.powi(i32::from(options[8 + a]) - 128))),
             replace_nan: (replace & 1 == 0).then(|| 10_f64.powi(i32::from(replace) - 128)),
-            time: None,
-            channel: None,
-            series: None,
-            missing_slices: MissingSlices::Refuse,
-            complex: None,
-            level: PyramidLevel::At(0),
             stream_over: u64::from(replace),
+            ..LoadOptions::default()
         };
         checked(load(self.written("fuzzed.bytes", samples), &options))
     }

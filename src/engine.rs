@@ -1,39 +1,38 @@
 //! The engine that makes pictures: a graphics device, or the processor.
 
-use crate::camera::Camera;
 use crate::error::{Error, Result};
+use crate::frame::Frame;
 use crate::host::{HostRenderer, HostScene};
-use crate::image::{DepthMap, Region};
+use crate::image::DepthMap;
 use crate::layers::Layers;
 #[cfg(feature = "gpu")]
 use crate::renderer::{Renderer, Scene, check_memory, silenced};
 #[cfg(feature = "gpu")]
 use crate::settings::Interslice;
 use crate::settings::{Painter, RendererOptions, Settings};
-use crate::solids::Solids;
 use crate::stats::Rendered;
 use crate::stats::adapter::AdapterInfo;
 
-/// What makes pictures.
+/// An engine that makes pictures.
 pub enum Engine {
-    /// Splats on a graphics device: with the feature `gpu`.
+    /// A graphics device, which draws splats; with the feature `gpu`.
     #[cfg(feature = "gpu")]
     Device(Box<Renderer>),
-    /// Rays on the processor.
+    /// The processor, which marches rays.
     Host(HostRenderer),
 }
 
-/// What an [`Engine`] has prepared.
+/// A scene that an [`Engine`] has prepared.
 pub enum EngineScene {
-    /// On the device.
+    /// A scene on a graphics device.
     #[cfg(feature = "gpu")]
     Device(Box<Scene>),
-    /// In memory.
+    /// A scene in memory, for the processor.
     Host(Box<HostScene>),
 }
 
 impl EngineScene {
-    /// Whether cells may stand for voxels in its pictures: those of a device, in layers that have cells.
+    /// Returns whether cells may stand for voxels in pictures of the scene: a device's scene of layers that have cells.
     pub(crate) fn has_cells(&self) -> bool {
         match self {
             #[cfg(feature = "gpu")]
@@ -66,7 +65,7 @@ impl Engine {
         }
     }
 
-    /// A device.
+    /// Opens a device.
     #[cfg(feature = "gpu")]
     fn device(options: &RendererOptions) -> Result<Self> {
         Ok(Self::Device(Box::new(silenced(|| Renderer::new(options))?)))
@@ -77,7 +76,7 @@ impl Engine {
         Err(Error::NoAdapter("this build has no feature gpu: use the painter cpu".to_owned()))
     }
 
-    /// A GPU if there is one, otherwise the processor.
+    /// Opens a GPU if there is one, otherwise the processor.
     #[cfg(feature = "gpu")]
     fn suited(options: &RendererOptions, settings: &Settings) -> Result<Self> {
         let host = |reason| Ok(Self::Host(HostRenderer::because(reason, &options.progress)));
@@ -111,7 +110,7 @@ impl Engine {
         Ok(())
     }
 
-    /// Returns the adapter or, of the processor, its vectors and threads.
+    /// Returns the adapter or, for the processor, its vectors and threads.
     #[must_use]
     pub fn adapter(&self) -> AdapterInfo {
         match self {
@@ -136,86 +135,45 @@ impl Engine {
     /// Renders a picture.
     ///
     /// # Errors
-    /// The errors of [`Self::render_region`].
-    pub fn render(&self, scene: &EngineScene, camera: &Camera, settings: &Settings) -> Result<Rendered> {
-        let [width, height] = camera.size;
-        self.render_region(scene, camera, settings, Region { x: 0, y: 0, width, height }, None)
-    }
-
-    /// Renders a part of a picture, with surfaces in it if there are some.
-    ///
-    /// # Errors
-    /// The errors of [`Renderer::render_with_solids`] and [`HostRenderer::render_with_solids`], and [`Error::Setting`]
-    /// if another engine prepared the scene.
-    pub fn render_region(
-        &self,
-        scene: &EngineScene,
-        camera: &Camera,
-        settings: &Settings,
-        region: Region,
-        solids: Option<&Solids>,
-    ) -> Result<Rendered> {
-        match (self, scene, solids) {
+    /// The errors of [`Renderer::render`] and [`HostRenderer::render`], and [`Error::Setting`] if another engine
+    /// prepared the scene.
+    pub fn render(&self, scene: &EngineScene, frame: &Frame<'_>) -> Result<Rendered> {
+        match (self, scene) {
             #[cfg(feature = "gpu")]
-            (Self::Device(renderer), EngineScene::Device(scene), None) => {
-                renderer.render_region(scene, camera, settings, region)
-            }
-            #[cfg(feature = "gpu")]
-            (Self::Device(renderer), EngineScene::Device(scene), Some(solids)) => {
-                renderer.render_with_solids(scene, camera, settings, region, solids)
-            }
-            (Self::Host(renderer), EngineScene::Host(scene), None) => {
-                renderer.render_region(scene, camera, settings, region)
-            }
-            (Self::Host(renderer), EngineScene::Host(scene), Some(solids)) => {
-                renderer.render_with_solids(scene, camera, settings, region, solids)
-            }
+            (Self::Device(renderer), EngineScene::Device(scene)) => renderer.render(scene, frame),
+            (Self::Host(renderer), EngineScene::Host(scene)) => renderer.render(scene, frame),
             #[cfg(feature = "gpu")]
             _ => Err(of_another_engine()),
         }
     }
 
-    /// Renders a whole picture, refused with [`Error::Setting`] if quads would cover over `most_fragments` pixels.
+    /// Renders a picture, refused with [`Error::Setting`] if quads would cover over `most_fragments` pixels.
     #[cfg_attr(not(feature = "gpu"), expect(unused_variables, reason = "the processor draws no quads"))]
     pub(crate) fn render_within(
         &self,
         scene: &EngineScene,
-        camera: &Camera,
-        settings: &Settings,
+        frame: &Frame<'_>,
         most_fragments: f64,
     ) -> Result<Rendered> {
         match (self, scene) {
             #[cfg(feature = "gpu")]
             (Self::Device(renderer), EngineScene::Device(scene)) => {
-                renderer.render_within(scene, camera, settings, most_fragments)
+                renderer.render_within(scene, frame, most_fragments)
             }
-            (Self::Host(renderer), EngineScene::Host(scene)) => renderer.render(scene, camera, settings),
-            #[cfg(feature = "gpu")]
-            _ => Err(of_another_engine()),
+            _ => self.render(scene, frame),
         }
     }
 
-    /// Returns the depths of a part of a picture at which rays have lost half of their light.
+    /// Returns the depths at which rays have lost half of their light.
     ///
     /// # Errors
     /// The errors of [`Renderer::depths`] and [`HostRenderer::depths`], and [`Error::Setting`] if another engine
     /// prepared the scene.
-    pub fn depths(
-        &self,
-        scene: &EngineScene,
-        camera: &Camera,
-        settings: &Settings,
-        region: Region,
-        solids: Option<&DepthMap>,
-    ) -> Result<DepthMap> {
+    pub fn depths(&self, scene: &EngineScene, frame: &Frame<'_>) -> Result<DepthMap> {
         match (self, scene) {
             #[cfg(feature = "gpu")]
-            (Self::Device(renderer), EngineScene::Device(scene)) => {
-                renderer.depths(scene, camera, settings, region, solids)
-            }
-            (Self::Host(renderer), EngineScene::Host(scene)) => {
-                renderer.depths(scene, camera, settings, region, solids)
-            }
+            (Self::Device(renderer), EngineScene::Device(scene)) => renderer.depths(scene, frame),
+            (Self::Host(renderer), EngineScene::Host(scene)) => renderer.depths(scene, frame),
             #[cfg(feature = "gpu")]
             _ => Err(of_another_engine()),
         }
@@ -227,12 +185,12 @@ fn of_another_engine() -> Error {
     Error::setting("scene", "another engine prepared it")
 }
 
-/// Names of the devices of GPUs in a folder.
+/// The names of devices of GPUs, each with the folder that lists them.
 #[cfg(all(feature = "gpu", any(target_os = "linux", target_os = "freebsd")))]
 const GPUS: [(&str, &str); 5] =
     [("/dev/dri", "renderD"), ("/dev", "nvidia"), ("/dev", "dxg"), ("/dev", "kgsl-"), ("/dev", "mali")];
 
-/// Whether a GPU may be there, found without loading a driver.
+/// Returns whether a GPU may be there, found without loading a driver.
 #[cfg(all(feature = "gpu", any(target_os = "linux", target_os = "freebsd")))]
 fn may_have_gpu() -> bool {
     let has = |folder: &str, start: &str| {
@@ -243,7 +201,7 @@ fn may_have_gpu() -> bool {
     is_named || GPUS.into_iter().any(|(folder, start)| has(folder, start))
 }
 
-/// Whether a GPU may be there: only its driver tells.
+/// Returns whether a GPU may be there: only its driver tells.
 #[cfg(all(feature = "gpu", not(any(target_os = "linux", target_os = "freebsd"))))]
 fn may_have_gpu() -> bool {
     true

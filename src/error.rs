@@ -31,7 +31,7 @@ pub enum Error {
     Input(InputError),
     /// An output could not be created, written or renamed into place.
     Write {
-        /// The requested file (not the temporary one).
+        /// The path of the requested file (not the temporary one).
         path: PathBuf,
         /// The error of the operating system or the encoder.
         source: io::Error,
@@ -39,9 +39,9 @@ pub enum Error {
     /// A path that cannot be an output: a directory, a device, an unknown extension; or a picture that the format of
     /// the output cannot hold.
     Output {
-        /// The requested file.
+        /// The path of the requested file.
         path: PathBuf,
-        /// The reason why it cannot be written.
+        /// The reason why the file cannot be written.
         reason: String,
     },
     /// A transfer function that cannot be used.
@@ -59,12 +59,12 @@ pub enum Error {
     NoAdapter(String),
     /// The adapter lacks a feature or a limit that the request needs.
     Unsupported {
-        /// The adapter's name.
+        /// The name of the adapter.
         adapter: String,
         /// The missing feature and the remedy.
         reason: String,
     },
-    /// There is no host memory for a volume or a picture.
+    /// A lack of host memory for a volume or a picture.
     Memory {
         /// The use of the memory.
         what: String,
@@ -73,11 +73,11 @@ pub enum Error {
     },
     /// A picture that needs more memory than there is, refused before any of it is allocated.
     TooLarge {
-        /// The predicted bytes.
+        /// The predicted bytes of the picture.
         bytes: u64,
-        /// The bytes that are left.
+        /// The bytes of memory that are left.
         available: u64,
-        /// What limits them.
+        /// The name of the limit on the memory, such as `the machine`.
         limit: &'static str,
         /// Options of the program with which the picture fits.
         remedies: Vec<String>,
@@ -100,22 +100,22 @@ pub enum Error {
 }
 
 impl Error {
-    /// An [`InputError::Volume`]: a volume that cannot be rendered.
+    /// Makes an [`InputError::Volume`]: a volume that cannot be rendered.
     pub(crate) fn volume(reason: impl Into<String>) -> Self {
         InputError::Volume(reason.into()).into()
     }
 
-    /// An [`InputError::Format`]: a malformed file, or a file of an unknown format.
+    /// Makes an [`InputError::Format`]: a malformed file, or a file of an unknown format.
     pub(crate) fn format(path: &Path, reason: impl Into<String>) -> Self {
         InputError::format(path, reason).into()
     }
 
-    /// An [`Error::Setting`].
+    /// Makes an [`Error::Setting`].
     pub(crate) fn setting(name: &'static str, reason: impl Into<String>) -> Self {
         Self::Setting { name, reason: reason.into() }
     }
 
-    /// The same error with the path of the file whose text is no transfer function.
+    /// Adds the path of the file whose text is no transfer function to the error.
     pub(crate) fn in_file(self, path: &Path) -> Self {
         match self {
             Self::Transfer(reason) => Self::format(path, reason),
@@ -123,7 +123,7 @@ impl Error {
         }
     }
 
-    /// Whether settings are refused, so that other settings may succeed on the same volume and device.
+    /// Returns whether settings are refused, so that other settings may succeed on the same volume and device.
     #[must_use]
     pub fn refuses_settings(&self) -> bool {
         matches!(
@@ -157,7 +157,7 @@ impl From<InputError> for Error {
     }
 }
 
-/// Bytes in a unit that people read.
+/// Returns a number of bytes in a unit that people read.
 fn in_units(bytes: u64) -> String {
     let (unit, name) = if bytes < 1_000_000_000 { (1e6, "MB") } else { (1e9, "GB") };
     format!("{:.1} {name}", bytes as f64 / unit)

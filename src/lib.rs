@@ -7,14 +7,14 @@
 //! sheets, and colours converge with its square.
 //!
 //! ```no_run
-//! use voxsplat::{Appearance, Background, Engine, RendererOptions, load};
+//! use voxsplat::{Appearance, Background, Engine, Frame, RendererOptions, load};
 //!
 //! # fn main() -> voxsplat::Result<()> {
 //! let volume = load("scan.nii.gz", &Default::default())?;
 //! let look = Appearance::for_file("scan.nii.gz", &volume)?; // transfer function, side, light, as `voxsplat render`
 //! let engine = Engine::open(&RendererOptions::default(), &look.settings)?; // a GPU, or the processor
 //! let scene = engine.prepare_layers(&look.layers, &look.settings)?; // the visible voxels
-//! let rendered = engine.render(&scene, &look.camera([1024, 1024])?, &look.settings)?;
+//! let rendered = engine.render(&scene, &Frame::new(&look.camera([1024, 1024])?, &look.settings))?;
 //! rendered.image.save("scan.png", Background::default())?;
 //! # Ok(())
 //! # }
@@ -23,16 +23,26 @@
 //! [`appearance`] makes default choices. Names that most programs use are at the root, others in modules: [`volume`]
 //! (samples on a lattice), [`formats`] (readers), [`demos`] (built-in volumes), [`transfer`] (functions, presets,
 //! JSON), [`kernel`], [`camera`], [`clip`] (planes, boxes), [`lighting`], [`settings`], [`engine`] (a GPU or the
-//! processor), [`renderer`] (the GPU), [`host`] (the same on the processor), [`mod@reference`] (the same model
-//! integrated in f64, to measure against), [`accuracy`] (pictures that keep an error), [`bricks`] (pictures made by
-//! many machines), [`reconstruction`] (filters of samples), [`image`] (pictures, their files and their differences),
-//! [`solids`] (meshes and depth buffers in pictures), [`figure`] (scale bar, axes, colour bar and title on a picture),
-//! `film` (GIF, APNG and Y4M), [`stats`], [`progress`], [`adapter`] and [`error`].
+//! processor), [`renderer`] (a GPU, or the caller's device), [`mod@reference`] (the same model integrated in f64, to
+//! measure against), [`accuracy`] (pictures that keep an error), [`bricks`] (pictures made by many machines), [`image`]
+//! (pictures, their files and their differences), [`solids`] (meshes and depth buffers in pictures), [`figure`] (scale
+//! bar, axes, colour bar and title on a picture), `film` (GIF, APNG and Y4M), [`stats`], [`progress`], [`adapter`] and
+//! [`error`].
+//!
+//! # Stability
+//!
+//! Items in this documentation follow semantic versioning. Structs that a caller fills end with a default
+//! (`..Settings::default()`), and enums that may grow are `#[non_exhaustive]`, so new fields and variants are no
+//! breaking change. Items that this documentation does not show serve the program and the Python package: any release
+//! may change them. Vectors are those of [`glam`], which the interface re-exports because cameras, lattices and planes
+//! are made of them. `wgpu` appears only in `Renderer::from_device` and `Renderer::render_into`, with the feature
+//! `gpu`.
 //!
 //! Features, all on by default: `gpu` is the device engine and pictures in bricks, without which nothing needs wgpu and
 //! the processor draws; `film` writes films; `dicom`, `hdf5` (HDF5 and NetCDF), `jpeg2000` (in DICOM), `tiff`,
 //! `vtk` and `zarr` are readers. The program `voxsplat` is a package of its own, `crates/cli`.
 
+#![cfg_attr(docsrs, feature(doc_cfg))]
 #![cfg_attr(
     not(feature = "gpu"),
     allow(dead_code, unused_imports, reason = "what only the device engine reads is compiled without it too")
@@ -45,6 +55,7 @@ pub mod bricks;
 pub mod camera;
 pub mod engine;
 pub mod error;
+mod frame;
 #[cfg(feature = "gpu")]
 mod gpu;
 pub mod host;
@@ -67,15 +78,19 @@ mod splats;
 pub mod stats;
 pub mod transfer;
 
+#[doc(hidden)]
+pub use appearance::program;
 pub use appearance::{Appearance, demos};
 pub use camera::{Camera, ProjectionKind, View, clip};
 pub use engine::{Engine, EngineScene};
 pub use error::{Error, Result};
 pub use formats::{LoadOptions, load};
+pub use frame::Frame;
 pub use glam;
 #[cfg(feature = "film")]
 pub use image::film;
 pub use image::{Background, Image, figure};
+#[doc(hidden)]
 pub use kernel::reconstruction;
 #[cfg(feature = "gpu")]
 pub use renderer::{Renderer, Scene};
@@ -86,6 +101,11 @@ pub use volume::{Grid, Volume};
 pub use voxsplat_volume::{formats, volume};
 #[cfg(feature = "gpu")]
 pub use wgpu;
+
+/// Compiles the example of the README.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;
 
 /// These types can be shared between threads.
 const _: fn() = || {

@@ -11,7 +11,7 @@ fn directory_of(path: &Path) -> &Path {
     path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// The file behind a path. Follows links, because a rename onto a link would replace the link.
+/// Returns the file behind a path. Follows links, because a rename onto a link would replace the link.
 fn target(path: &Path) -> Result<PathBuf> {
     let error = |reason: String| Error::Output { path: path.to_owned(), reason };
     // `Path` drops a separator behind a name, and a dot behind the separator.
@@ -91,7 +91,7 @@ impl Unfinished {
         names.iter().flatten().for_each(|name| drop(std::fs::remove_file(name)));
     }
 
-    /// Runs `step` with the names, unless no more may be made.
+    /// Runs `step` with the temporary names, unless no more may be made.
     fn with<T>(&self, step: impl FnOnce(&mut Vec<PathBuf>) -> io::Result<T>) -> io::Result<T> {
         match &mut *self.0.lock().unwrap_or_else(PoisonError::into_inner) {
             Some(names) => step(names),
@@ -188,7 +188,7 @@ mod tests {
 
     use super::*;
 
-    /// The ways to write: as the system does it, and under a temporary name.
+    /// Runs a test with both ways to write: as the system does it, and under a temporary name.
     fn both_ways(test: impl Fn(&Path, &dyn Fn(&[u8], bool) -> Result<()>)) {
         let unfinished = Unfinished::new();
         for named in [false, true] {

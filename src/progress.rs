@@ -23,8 +23,8 @@ impl Progress {
         Self { callback: Some(Arc::new(callback)), cancelled: None }
     }
 
-    /// Returns the same progress for work that ends early with [`Error::Cancelled`] once `cancelled` returns true. The
-    /// work calls it where it reports its progress; a stage that runs on the device, and shadows, end first.
+    /// Makes work end early with [`Error::Cancelled`] once `cancelled` returns true. The work calls it where it reports
+    /// its progress; a stage that runs on the device, and shadows, end first.
     #[must_use]
     pub fn cancelled_by(self, cancelled: impl Fn() -> bool + Send + Sync + 'static) -> Self {
         Self { cancelled: Some(Arc::new(cancelled)), ..self }

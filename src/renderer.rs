@@ -8,6 +8,7 @@ use rayon::prelude::*;
 
 use crate::camera::Camera;
 use crate::error::{Error, Result};
+use crate::frame::{Frame, Surfaces};
 use crate::gpu::cache::Cache;
 use crate::gpu::context::{self, Context, PIXEL_BYTES, Traffic};
 use crate::gpu::light_volume::PostShading;
@@ -28,7 +29,6 @@ use crate::progress::Progress;
 pub use crate::settings::RendererOptions;
 use crate::settings::budget::MAX_FRAGMENTS;
 use crate::settings::{Level, Model, Settings, Shading};
-use crate::solids::Solids;
 pub use crate::stats::Rendered;
 use crate::stats::adapter::AdapterInfo;
 use crate::stats::on_host;
@@ -36,7 +36,7 @@ use crate::stats::{Counts, StageTime, Stats};
 use crate::transfer::TransferFunction;
 use crate::volume::Volume;
 
-/// The adapters of this machine, best first; none if there is no memory for a driver.
+/// Returns the adapters of this machine, best first; none if there is no memory for a driver.
 #[must_use]
 pub fn adapters() -> Vec<AdapterInfo> {
     context::adapters()
@@ -50,7 +50,7 @@ pub(crate) fn check_memory() -> Result<()> {
     context::check_memory(LEAST_BYTES)
 }
 
-/// Bytes of addresses without which threads may not start.
+/// The bytes of addresses without which threads may not start.
 const LEAST_BYTES: u64 = 256 << 20;
 
 /// An open graphics device with the pipelines made on it so far.
@@ -60,26 +60,22 @@ pub struct Renderer {
     progress: Progress,
 }
 
-/// A part of a picture that is wanted.
+/// A part of a picture to render, with camera and settings.
 #[derive(Clone, Copy)]
 struct Shot<'a> {
     camera: &'a Camera,
     settings: &'a Settings,
     wanted: Region,
     depths: Depths<'a>,
-    /// See [`Job::most_fragments`].
+    /// The largest number of pixels that quads may cover; see [`Job::most_fragments`].
     most_fragments: f64,
 }
 
 impl<'a> Shot<'a> {
-    fn new(camera: &'a Camera, settings: &'a Settings, wanted: Region) -> Self {
-        Self { camera, settings, wanted, depths: Depths::default(), most_fragments: MAX_FRAGMENTS }
-    }
-
-    /// The whole picture.
+    /// Makes the shot of a whole picture.
     fn whole(camera: &'a Camera, settings: &'a Settings) -> Self {
-        let [width, height] = camera.size;
-        Self::new(camera, settings, Region { x: 0, y: 0, width, height })
+        let wanted = Frame::new(camera, settings).region;
+        Self { camera, settings, wanted, depths: Depths::default(), most_fragments: MAX_FRAGMENTS }
     }
 }
 
@@ -89,18 +85,19 @@ struct Layer {
     need: ScalarNeed,
     /// The classification and the light of scalars.
     post: Option<PostShading>,
-    /// See [`Job::magnification`].
+    /// The largest factor by which reconstruction magnifies scalars; see [`Job::magnification`].
     magnification: Option<f64>,
     drawable: Arc<Drawable>,
 }
 
-/// The largest memory of the sheets of a pass; larger pictures are made in parts.
+/// The largest memory of the sheets of a pass, bytes; larger pictures are made in parts.
 const MAX_SHEET_BYTES: u64 = 256 << 20;
 
 impl Renderer {
     /// Opens a device.
     ///
-    /// # Errors [`Error::NoAdapter`] if there is no adapter, none of this name or index, or it cannot be opened.
+    /// # Errors
+    /// [`Error::NoAdapter`] if there is no adapter, none of this name or index, or it cannot be opened.
     pub fn new(options: &RendererOptions) -> Result<Self> {
         Ok(Self {
             context: Context::new(options.adapter.as_deref())?,
@@ -109,7 +106,7 @@ impl Renderer {
         })
     }
 
-    /// Renders on a device that the caller has opened, to share textures with it ([`Self::render_into`]).
+    /// Makes a renderer on a device that the caller has opened, to share textures with it ([`Self::render_into`]).
     ///
     /// The device needs no features. It should have the [`Self::FEATURES`] that its adapter has: without
     /// `FLOAT32_BLENDABLE` sheets are f16. The callbacks for errors and for a lost device stay the caller's.
@@ -132,13 +129,13 @@ impl Renderer {
     /// The device features that rendering uses if they are available.
     pub const FEATURES: wgpu::Features = Context::FEATURES;
 
-    /// The adapter in use.
+    /// Returns the adapter in use.
     #[must_use]
     pub fn adapter(&self) -> &AdapterInfo {
         &self.context.info
     }
 
-    /// The work that the device has received from this renderer so far, and the memory that it holds now.
+    /// Returns the work that the device has received from this renderer so far, and the memory that it holds now.
     #[must_use]
     pub fn counts(&self) -> Counts {
         let Traffic { sent, dispatches, submissions, waits, .. } = self.context.traffic();
@@ -153,8 +150,9 @@ impl Renderer {
     ///
     /// Nothing is drawn of samples that are NaN or infinite.
     ///
-    /// # Errors [`Error::Setting`] if a setting is out of range, [`Error::Input`] if samples cannot be read, and
-    /// the errors of [`Self::render`] if the device fails or is too small.
+    /// # Errors
+    /// [`Error::Setting`] if a setting is out of range, [`Error::Input`] if samples cannot be read, and the errors of
+    /// [`Self::render`] if the device fails or is too small.
     pub fn prepare(&self, volume: &Volume, transfer: &TransferFunction, settings: &Settings) -> Result<Scene> {
         settings.validate()?;
         let mirrored = settings.mirrored(volume, transfer)?;
@@ -174,7 +172,8 @@ impl Renderer {
     /// Prepares layers for pre-shaded pictures; one volume alone like [`Self::prepare`]. Several layers are always
     /// classified on the host and drawn of voxels.
     ///
-    /// # Errors Like [`Self::prepare`], and [`Error::Setting`] if several layers are to be post-shaded, projected or
+    /// # Errors
+    /// The errors of [`Self::prepare`], and [`Error::Setting`] if several layers are to be post-shaded, projected or
     /// drawn of cells.
     pub fn prepare_layers(&self, layers: &Layers, settings: &Settings) -> Result<Scene> {
         if let Some((volume, transfer)) = layers.plain() {
@@ -211,107 +210,39 @@ impl Renderer {
 
     /// Renders a picture of a scene that this renderer prepared.
     ///
-    /// # Errors [`Error::Setting`] if a setting is out of range or the scene was prepared for other settings,
-    /// [`Error::Camera`] if the camera is not finite, [`Error::Unsupported`] if the adapter cannot render the picture,
-    /// and [`Error::OutOfMemory`] or [`Error::Device`] if the device fails. There is no picture then.
-    pub fn render(&self, scene: &Scene, camera: &Camera, settings: &Settings) -> Result<Rendered> {
-        self.shot(scene, Shot::whole(camera, settings))
-    }
-
-    /// The same, refused with [`Error::Setting`] if quads would cover over `most_fragments` pixels.
-    pub(crate) fn render_within(
-        &self,
-        scene: &Scene,
-        camera: &Camera,
-        settings: &Settings,
-        most_fragments: f64,
-    ) -> Result<Rendered> {
-        let whole = Shot::whole(camera, settings);
-        self.shot(scene, Shot { most_fragments: most_fragments.min(MAX_FRAGMENTS), ..whole })
-    }
-
-    /// Renders a part of the picture that [`Self::render`] makes: the same bytes, without the rest. The image has the
-    /// size of the region.
-    ///
-    /// The painter tiles, and so `auto`, marches only the rays that the region needs. Quads draws the picture part by
-    /// part (see [`Stats::parts`]), and all parts that the region touches.
-    ///
-    /// # Errors Like [`Self::render`], and [`Error::Setting`] if the region has no pixels or reaches beyond the
-    /// picture.
-    pub fn render_region(
-        &self,
-        scene: &Scene,
-        camera: &Camera,
-        settings: &Settings,
-        region: Region,
-    ) -> Result<Rendered> {
-        self.shot(scene, Shot::new(camera, settings, region))
-    }
-
-    /// Renders a part of a picture, like [`Self::render_region`], without the matter behind solids: each ray ends,
-    /// exactly, at the depth of its pixel. [`Image::over`] lays the picture over a picture of the solids. `solids` has
-    /// the size of the whole picture.
-    ///
-    /// Each pixel has a ray of its own, whatever the painter.
+    /// In a picture with surfaces each pixel has a ray of its own, whatever the painter.
     ///
     /// # Errors
-    /// Like [`Self::render_region`], and [`Error::Setting`] if the sizes differ.
-    pub fn render_before(
-        &self,
-        scene: &Scene,
-        camera: &Camera,
-        settings: &Settings,
-        region: Region,
-        solids: &DepthMap,
-    ) -> Result<Rendered> {
-        let depths = Depths { solids: Some(solids), halves: false };
-        self.shot(scene, Shot { depths, ..Shot::new(camera, settings, region) })
+    /// [`Error::Setting`] if a setting is out of range, the region is not in the picture, surfaces have another size,
+    /// or the scene was prepared for other settings; [`Error::Camera`] if the camera is not finite,
+    /// [`Error::Unsupported`] if the adapter cannot render the picture, and [`Error::OutOfMemory`] or [`Error::Device`]
+    /// if the device fails. There is no picture then.
+    pub fn render(&self, scene: &Scene, frame: &Frame<'_>) -> Result<Rendered> {
+        self.render_within(scene, frame, MAX_FRAGMENTS)
     }
 
-    /// Renders a part of a picture, like [`Self::render_region`], with opaque surfaces in it: the matter before them,
-    /// and behind it the surfaces. Surfaces without colours only hide matter. `solids` has the size of the whole
-    /// picture. Pixels without a surface are the ones of [`Self::render_region`].
-    ///
-    /// The rectangle around the surfaces is rendered twice, with all matter and with the matter before them, unless
-    /// they cover every pixel whole: matter behind the edge of a surface shows too.
-    ///
-    /// # Errors
-    /// Like [`Self::render_before`].
-    pub fn render_with_solids(
-        &self,
-        scene: &Scene,
-        camera: &Camera,
-        settings: &Settings,
-        region: Region,
-        solids: &Solids,
-    ) -> Result<Rendered> {
-        solids.in_picture(
-            camera,
-            region,
-            |reached| self.render_before(scene, camera, settings, reached, &solids.depths),
-            || self.render_region(scene, camera, settings, region),
-        )
+    /// Renders a picture, refused with [`Error::Setting`] if quads would cover over `most_fragments` pixels.
+    pub(crate) fn render_within(&self, scene: &Scene, frame: &Frame<'_>, most_fragments: f64) -> Result<Rendered> {
+        let most_fragments = most_fragments.min(MAX_FRAGMENTS);
+        frame.drawn(|wanted, solids| {
+            let depths = Depths { solids, halves: false };
+            self.shot(scene, Shot { wanted, depths, most_fragments, ..Shot::whole(frame.camera, frame.settings) })
+        })
     }
 
-    /// Returns the depths of a part of a picture at which rays have lost half of their light, for another renderer to
-    /// combine: a surface at a smaller depth lies mostly before the matter. They are exact to about half a slab of the
-    /// painter, which is about half a voxel. Rays that keep more than half of their light have no depth.
+    /// Returns the depths at which rays have lost half of their light, for another renderer to combine: a surface at a
+    /// smaller depth lies mostly before the matter. They are exact to about half a slab of the painter, which is about
+    /// half a voxel. Rays that keep more than half of their light have no depth.
     ///
-    /// Matter behind `solids` does not count.
+    /// Matter behind the surfaces of the frame does not count.
     ///
     /// # Errors
-    /// Like [`Self::render_before`], and [`Error::Setting`] if there are none ([`Settings::has_depths`]).
-    pub fn depths(
-        &self,
-        scene: &Scene,
-        camera: &Camera,
-        settings: &Settings,
-        region: Region,
-        solids: Option<&DepthMap>,
-    ) -> Result<DepthMap> {
+    /// The errors of [`Self::render`], and [`Error::Setting`] if there are no depths ([`Settings::has_depths`]).
+    pub fn depths(&self, scene: &Scene, frame: &Frame<'_>) -> Result<DepthMap> {
+        let Frame { camera, settings, region: wanted, .. } = *frame;
         settings.check_depths()?;
-        let shot = Shot { depths: Depths { solids, halves: true }, ..Shot::new(camera, settings, region) };
-        let Rendered { image, .. } = self.shot(scene, shot)?;
+        let depths = Depths { solids: frame.depths(), halves: true };
+        let Rendered { image, .. } = self.shot(scene, Shot { wanted, depths, ..Shot::whole(camera, settings) })?;
         let unit = scene.grid().unit();
         Ok(DepthMap::of_halves(&image, &camera.local(scene.grid()), unit))
     }
@@ -363,7 +294,7 @@ impl Renderer {
         Ok((Some((region, values)), stats))
     }
 
-    /// The view of the voxels of a scene.
+    /// Returns the view of the voxels of a scene.
     fn view(&self, scene: &Scene, camera: &Camera, settings: &Settings) -> ViewGeometry {
         let settings = Settings { kernel: settings.reconstruction_kernel(), ..settings.clone() };
         ViewGeometry::new(camera, scene.grid(), &settings, self.context.savings).of_held(scene.held())
@@ -379,15 +310,18 @@ impl Renderer {
     /// `RENDER_ATTACHMENT`. It receives display values with premultiplied alpha, stored unchanged in sRGB formats too.
     /// Commands are submitted when this returns; later submissions of the caller come after them.
     ///
-    /// # Errors Like [`Self::render`], and [`Error::Setting`] if the texture does not fit. The texture may be
-    /// transparent then.
-    pub fn render_into(
-        &self,
-        scene: &Scene,
-        camera: &Camera,
-        settings: &Settings,
-        texture: &wgpu::Texture,
-    ) -> Result<Stats> {
+    /// The frame is a whole picture without coloured surfaces.
+    ///
+    /// # Errors
+    /// The errors of [`Self::render`], and [`Error::Setting`] if the frame or the texture does not fit. The texture may
+    /// be transparent then.
+    pub fn render_into(&self, scene: &Scene, frame: &Frame<'_>, texture: &wgpu::Texture) -> Result<Stats> {
+        let Frame { camera, settings, .. } = *frame;
+        let whole = Shot::whole(camera, settings);
+        if frame.region != whole.wanted || matches!(frame.surfaces, Surfaces::Solids(_)) {
+            return Err(Error::setting("frame", "a texture receives whole pictures without coloured surfaces"));
+        }
+        frame.check()?;
         let context = &self.context;
         check_whole(scene)?;
         present::check_target(texture, camera.size)?;
@@ -400,7 +334,7 @@ impl Renderer {
         })?;
         self.paint(
             scene,
-            Shot::whole(camera, settings),
+            Shot { depths: Depths { solids: frame.depths(), halves: false }, ..whole },
             Recorder::untimed(context),
             &mut |recorder, painted, _, pixels| {
                 pipeline.record(recorder, &view, painted, pixels)?;
@@ -557,7 +491,7 @@ impl Renderer {
         }
     }
 
-    /// The side in pixels of the largest part that a picture is made in: within the adapter's textures and bindings,
+    /// Returns the side in pixels of the largest part of a picture: within the adapter's textures and bindings,
     /// [`MAX_SHEET_BYTES`] of sheets, given their bytes a pixel, and `most` pixels.
     fn part_side(&self, sheet_bytes: u32, most: u64) -> u32 {
         let limits = &self.context.limits;
@@ -575,7 +509,7 @@ fn check_whole(scene: &Scene) -> Result<()> {
     }
 }
 
-/// Receives the regions of a picture, and the parts of them that are needed.
+/// A callback that receives the painted regions of a picture, with the parts of them that are needed.
 type Take<'a> = dyn FnMut(&mut Recorder<'_>, Region, Region, &wgpu::Buffer) -> Result<()> + 'a;
 
 /// Reads a region back and copies a part of it into an image of another region.

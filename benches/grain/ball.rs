@@ -9,7 +9,7 @@ use voxsplat::lighting::{Light, Lighting};
 use voxsplat::settings::Settings;
 use voxsplat::transfer::{ControlPoint, TransferFunction};
 use voxsplat::volume::Volume;
-use voxsplat::{Camera, Renderer};
+use voxsplat::{Camera, Frame, Renderer};
 
 /// World length of the radius of the ball.
 const RADIUS: f64 = 40.0;
@@ -87,7 +87,7 @@ impl Ball {
         let view = View { azimuth: 25.0, elevation: 35.0, view_height: Some(HEIGHT), ..View::default() };
         let camera = Camera::new(&view, volume.grid(), [size; 2])?;
         let scene = renderer.prepare(&volume, &transfer, &settings)?;
-        let image = renderer.render(&scene, &camera, &settings)?.image;
+        let image = renderer.render(&scene, &Frame::new(&camera, &settings))?.image;
         Ok(grain(&image, 4.0 * RADIUS / f64::from(self.voxels)))
     }
 }

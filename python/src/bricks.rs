@@ -6,11 +6,11 @@ use std::sync::Arc;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
-use voxsplat::appearance::notes;
 use voxsplat::bricks::{self, Chunks};
 use voxsplat::camera::Camera;
 use voxsplat::image::Background;
 use voxsplat::layers::Layers;
+use voxsplat::program::notes;
 use voxsplat::volume::Grid;
 
 use crate::counts::Counts;
@@ -28,7 +28,7 @@ pub(crate) struct Plan {
     choices: Vec<String>,
 }
 
-/// What the matter of consecutive bricks leaves in each pixel.
+/// A partial picture: the values of consecutive bricks in each pixel.
 #[pyclass(frozen, module = "voxsplat._native")]
 pub(crate) struct Partial {
     part: bricks::Partial,
@@ -52,8 +52,8 @@ fn voxels(ranges: &[Range<u32>; 3]) -> Voxels {
 impl Plan {
     /// Plans a picture of a volume of `dims` (x, y, z) voxels with chunks of these sizes along x, y and z. `overview`
     /// is the volume, or has fewer samples in the same place; `affine` has the world point of the first voxel and the
-    /// steps of the volume itself, as columns of 3 x 4 numbers, `None` for those of the overview. `counts` are of all
-    /// samples, `None` for those of the overview.
+    /// steps of the volume itself, as columns of 3 x 4 numbers, `None` for the overview's. `counts` are of all samples,
+    /// `None` for the samples of the overview.
     #[new]
     #[expect(clippy::too_many_arguments, reason = "keywords of Python")]
     fn new(
@@ -107,19 +107,20 @@ impl Plan {
         self.plan.to_json().map_err(|fault| raised(&fault))
     }
 
-    /// The bricks, front to back: their voxels, the slices that they need, and the bytes that drawing one takes.
+    /// Returns the bricks, front to back: their voxels, the slices that they need, and the bytes that drawing one
+    /// takes.
     #[getter]
     fn bricks(&self) -> Vec<(Voxels, Voxels, u64)> {
         self.plan.bricks().iter().map(|brick| (voxels(&brick.voxels), voxels(&brick.held), brick.bytes)).collect()
     }
 
-    /// Width and height of the picture, pixels.
+    /// Returns width and height of the picture, pixels.
     #[getter]
     fn size(&self) -> (u32, u32) {
         self.plan.camera().size.into()
     }
 
-    /// The picture of the partial pictures of all bricks.
+    /// Merges the partial pictures of all bricks into the picture.
     fn merge(&self, py: Python<'_>, parts: Vec<Py<Partial>>, background: &str) -> PyResult<Image> {
         let background: Background = background.parse().map_err(|fault| raised(&fault))?;
         let merged = || bricks::merge(&self.plan, parts.iter().map(|part| &part.get().part));
@@ -129,7 +130,7 @@ impl Plan {
 }
 
 impl Plan {
-    /// The layers of a slice of the volume.
+    /// Returns the layers of a slice of the volume.
     pub(crate) fn slice(plan: &bricks::Plan, volume: &voxsplat::Volume) -> voxsplat::error::Result<Layers> {
         let missing = || voxsplat::error::Error::Setting {
             name: "plan",
@@ -154,13 +155,13 @@ impl Partial {
         Ok(Self { part })
     }
 
-    /// The bytes of the OpenEXR file of this partial picture.
+    /// Returns the bytes of the OpenEXR file of this partial picture.
     fn to_bytes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
         let bytes = py.detach(|| self.part.to_exr()).map_err(|fault| PyValueError::new_err(fault.to_string()))?;
         Ok(PyBytes::new(py, &bytes))
     }
 
-    /// The first of its bricks, and the one after the last.
+    /// Returns the first of the composited bricks, and the one after the last.
     #[getter]
     fn bricks(&self) -> (usize, usize) {
         let Range { start, end } = self.part.bricks();

@@ -14,7 +14,7 @@ pub(crate) struct Counts {
     pub(crate) counts: volume::Counts,
 }
 
-/// The samples as they are: values that are not finite are counted too.
+/// Counts samples as they are: values that are not finite are counted too.
 fn counted(
     py: Python<'_>,
     volume: &Volume,
@@ -44,12 +44,12 @@ impl Counts {
         counted(py, part, |volume| self.counts.refined(volume))
     }
 
-    /// The counts of both parts.
+    /// Returns the counts of both parts.
     fn plus(&self, other: &Self) -> Self {
         Self { counts: self.counts.clone().plus(other.counts.clone()) }
     }
 
-    /// Whether all samples are in bins.
+    /// Returns whether all samples are in bins.
     #[getter]
     fn is_complete(&self) -> bool {
         self.counts.is_complete()
@@ -59,13 +59,13 @@ impl Counts {
         serde_json::to_string(&self.counts).map_err(|fault| internal(&fault.to_string()))
     }
 
-    /// Pickles.
+    /// Pickles the counts as JSON.
     fn __reduce__(&self, py: Python<'_>) -> PyResult<(Py<PyType>, (String,))> {
         Ok((py.get_type::<Self>().unbind(), (self.to_json()?,)))
     }
 }
 
-/// Whether the values of all samples decide on the transfer function of these settings.
+/// Returns whether the values of all samples decide on the transfer function of these settings.
 #[pyfunction]
 pub(crate) fn needs_counts(settings: SettingsFields) -> PyResult<bool> {
     let request = settings.request(&voxsplat::View::default()).map_err(|fault| raised(&fault))?;

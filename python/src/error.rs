@@ -37,7 +37,7 @@ pub(crate) fn raised(error: &Error) -> PyErr {
     }
 }
 
-/// An error of the operating system. Python chooses the class by its number, such as FileNotFoundError.
+/// Returns an error of the operating system. Python chooses the class by its number, such as FileNotFoundError.
 fn system(source: &io::Error, path: &str, message: String) -> PyErr {
     match source.raw_os_error() {
         Some(number) => {

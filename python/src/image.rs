@@ -8,8 +8,8 @@ use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::PyBytes;
 use voxsplat::Rendered;
-use voxsplat::appearance;
 use voxsplat::image::{Background, Note};
+use voxsplat::program;
 use voxsplat::settings::Settings;
 
 use crate::error::{from_json, internal, raised};
@@ -35,10 +35,10 @@ impl Image {
         choices: Vec<String>,
     ) -> PyResult<Self> {
         let stats = serde_json::to_string(&stats).map_err(|fault| internal(&fault.to_string()))?;
-        Ok(Self { image, stats, background, notes: appearance::notes(settings), choices, array: PyOnceLock::new() })
+        Ok(Self { image, stats, background, notes: program::notes(settings), choices, array: PyOnceLock::new() })
     }
 
-    /// The merged picture of bricks, without statistics.
+    /// Makes the merged picture of bricks, without statistics.
     pub(crate) fn merged(
         image: voxsplat::Image,
         notes: Vec<Note>,
@@ -55,13 +55,13 @@ impl Image {
 
 #[pymethods]
 impl Image {
-    /// Width and height, pixels.
+    /// Returns width and height, pixels.
     #[getter]
     fn size(&self) -> (u32, u32) {
         (self.image.width(), self.image.height())
     }
 
-    /// The pixels, f32, height x width x 4, read-only.
+    /// Returns the pixels, f32, height x width x 4, read-only.
     #[getter]
     fn array<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray3<f32>>> {
         let make = || {
@@ -76,7 +76,7 @@ impl Image {
         Ok(self.array.get_or_try_init(py, make)?.bind(py).clone())
     }
 
-    /// 8-bit RGBA, height x width x 4.
+    /// Returns the picture as 8-bit RGBA, height x width x 4.
     fn rgba8<'py>(&self, py: Python<'py>, background: Option<&str>) -> PyResult<Bound<'py, PyArray3<u8>>> {
         let background = self.behind(background)?;
         let (width, height) = self.size();
@@ -85,13 +85,13 @@ impl Image {
         Ok(array.map_err(|fault| internal(&fault.to_string()))?.into_pyarray(py))
     }
 
-    /// The statistics as a dictionary.
+    /// Returns the statistics as a dictionary.
     #[getter]
     fn stats(&self, py: Python<'_>) -> PyResult<Py<PyAny>> {
         from_json(py, &self.stats)
     }
 
-    /// The bytes of a PNG file.
+    /// Returns the bytes of a PNG file.
     fn to_png<'py>(&self, py: Python<'py>, background: Option<&str>) -> PyResult<Bound<'py, PyBytes>> {
         let background = self.behind(background)?;
         let png = py.detach(|| self.image.to_png_with_notes(background, &self.notes));

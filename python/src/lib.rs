@@ -13,8 +13,10 @@ mod solids;
 mod volume;
 mod worker;
 
+use std::ffi::OsString;
+
 use pyo3::prelude::*;
-use voxsplat::appearance::ForeignWords;
+use voxsplat::program::ForeignWords;
 use voxsplat::renderer::{self, silenced};
 use voxsplat::transfer::maps;
 use voxsplat::transfer::presets::PRESETS;
@@ -60,6 +62,12 @@ fn adapters(py: Python<'_>) -> PyResult<String> {
     serde_json::to_string(&adapters).map_err(|fault| error::internal(&fault.to_string()))
 }
 
+/// Runs the command line `voxsplat` with these arguments, the name of the program first, and returns its exit code.
+#[pyfunction]
+fn command(py: Python<'_>, words: Vec<OsString>) -> u8 {
+    py.detach(|| voxsplat_cli::command(&words))
+}
+
 #[pymodule]
 fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     let py = module.py();
@@ -77,6 +85,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
         wrap_pyfunction!(presets, module)?,
         wrap_pyfunction!(colour_maps, module)?,
         wrap_pyfunction!(adapters, module)?,
+        wrap_pyfunction!(command, module)?,
         wrap_pyfunction!(hint, module)?,
         wrap_pyfunction!(request::check, module)?,
         wrap_pyfunction!(counts::needs_counts, module)?,

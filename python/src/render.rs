@@ -2,15 +2,17 @@
 
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
+use voxsplat::Frame;
 
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
-use voxsplat::appearance::{Frame, OverlaySpec, place_studio};
+use voxsplat::appearance::Framing;
 use voxsplat::camera::{Camera, Hull};
 use voxsplat::engine::EngineScene;
 use voxsplat::error::Result;
 use voxsplat::image::{Background, Region};
+use voxsplat::program::{OverlaySpec, place_studio};
 use voxsplat::settings::Settings;
 
 use crate::bricks::{Partial, Plan};
@@ -33,11 +35,11 @@ pub(crate) struct Renderer {
 /// A volume prepared for pictures.
 #[pyclass(frozen, module = "voxsplat")]
 pub(crate) struct Scene {
-    /// `None` in a forked process that drops it.
+    /// The prepared volume; `None` in a forked process that drops it.
     prepared: Option<Arc<Prepared>>,
     #[pyo3(get)]
     choices: Vec<String>,
-    /// Why layers are invisible.
+    /// The reasons why layers are invisible.
     #[pyo3(get)]
     hidden: Vec<String>,
 }
@@ -45,12 +47,12 @@ pub(crate) struct Scene {
 struct Prepared {
     look: Look,
     scene: EngineScene,
-    /// The hulls that pictures were fitted to.
-    hulls: Mutex<Vec<(Frame, Option<Hull>)>>,
+    /// The hulls to which pictures were fitted.
+    hulls: Mutex<Vec<(Framing, Option<Hull>)>>,
 }
 
 impl Prepared {
-    fn hull(&self, frame: Frame) -> Result<Option<Hull>> {
+    fn hull(&self, frame: Framing) -> Result<Option<Hull>> {
         let mut hulls = self.hulls.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((_, hull)) = hulls.iter().find(|(of, _)| *of == frame) {
             return Ok(hull.clone());
@@ -78,7 +80,7 @@ impl Shot {
         Ok(Self { prepared, view, size, region })
     }
 
-    /// The camera and the settings of the picture, which is fitted to its solids too.
+    /// Returns the camera and the settings of the picture, which is fitted to its solids too.
     fn seen(&self, solids: &Requested) -> Result<(Camera, Settings)> {
         let Look { layers, view: chosen, settings, follows, .. } = &self.prepared.look;
         let ViewRequest { mut view, frame, is_open } = self.view.clone().unwrap_or_else(|| chosen.clone());
@@ -156,8 +158,10 @@ impl Renderer {
             let (camera, settings) = shot.seen(&solids)?;
             let solids = solids.seen(&camera, settings.lighting.as_ref())?;
             let engine = engines.suited(&settings)?;
-            let rendered =
-                engine.render_region(&shot.prepared.scene, &camera, &settings, shot.region, solids.as_ref())?;
+            let rendered = engine.render(
+                &shot.prepared.scene,
+                &Frame::new(&camera, &settings).region(shot.region).solids(solids.as_ref()),
+            )?;
             Ok((rendered, settings))
         })?;
         Image::new(rendered, &settings, background, choices)
@@ -176,7 +180,7 @@ impl Renderer {
         let shot = Shot::new(scene, view, size, region)?;
         let depths = self.device.run(py, progress, move |engines| {
             let (camera, settings) = shot.seen(&Requested::default())?;
-            engines.suited(&settings)?.depths(&shot.prepared.scene, &camera, &settings, shot.region, None)
+            engines.suited(&settings)?.depths(&shot.prepared.scene, &Frame::new(&camera, &settings).region(shot.region))
         })?;
         let [width, height] = depths.size().map(|side| side as usize);
         let array = Array2::from_shape_vec((height, width), depths.depths().to_vec());

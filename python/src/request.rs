@@ -3,14 +3,15 @@
 use std::path::{Path, PathBuf};
 
 use pyo3::prelude::*;
-use voxsplat::appearance::{
-    Choice, ChoiceContext, ClipSpec, Frame, LabelLooks, LightRequest, Loaded, OpenChoices, Overlay, OverlaySpec,
-    Overlays, TransferRequest, UsedColors, demos, place_studio, pyramid_level,
-};
+use voxsplat::appearance::{Choice, Framing, demos, pyramid_level};
 use voxsplat::camera::{Camera, ProjectionKind, View};
 use voxsplat::error::{Error, Result};
 use voxsplat::glam::DVec3;
 use voxsplat::layers::{LabelSelection, Layer, Layers};
+use voxsplat::program::{
+    ChoiceContext, ClipSpec, LabelLooks, LightRequest, Loaded, OpenChoices, Overlay, OverlaySpec, Overlays,
+    TransferRequest, UsedColors, place_studio,
+};
 use voxsplat::settings::{Painter, QuadsSettings, Settings};
 use voxsplat::transfer::Window;
 use voxsplat::volume::{Counts, Grid, Statistics};
@@ -36,7 +37,7 @@ pub(crate) struct ViewFields {
     distance: Option<f64>,
 }
 
-/// The attributes of `voxsplat.Settings`, as texts where the command line has texts.
+/// The attributes of `voxsplat.Settings`, as texts if the command line has texts.
 #[derive(FromPyObject)]
 pub(crate) struct SettingsFields {
     transfer: Option<PathBuf>,
@@ -68,16 +69,16 @@ pub(crate) struct SettingsFields {
     label_table: Option<PathBuf>,
 }
 
-/// A view, with the choices that it leaves open.
+/// A requested view, with the choices that it leaves open.
 #[derive(Debug, Clone)]
 pub(crate) struct ViewRequest {
     pub(crate) view: View,
-    pub(crate) frame: Frame,
+    pub(crate) frame: Framing,
     /// Whether the side of the volume is open.
     pub(crate) is_open: bool,
 }
 
-/// Settings, with the choices that they leave open.
+/// Requested settings, with the choices that they leave open.
 pub(crate) struct Request {
     transfer: TransferRequest,
     settings: Settings,
@@ -92,7 +93,7 @@ pub(crate) struct Request {
 pub(crate) struct Beside {
     /// Labels over the volume.
     pub(crate) labels: Option<Source>,
-    /// Labels other than 0 where the volume is shown.
+    /// The mask, whose labels other than 0 show the volume.
     pub(crate) mask: Option<Source>,
     /// Volumes over the volume, with their looks.
     pub(crate) overlays: Vec<(Source, OverlaySpec)>,
@@ -103,7 +104,7 @@ pub(crate) struct Beside {
 /// Facts about all samples of a volume.
 pub(crate) struct Whole {
     pub(crate) grid: Grid,
-    /// `None`: the values of the overview decide.
+    /// The counts of all samples; `None`: the values of the overview decide.
     pub(crate) counts: Option<Counts>,
 }
 
@@ -117,7 +118,7 @@ pub(crate) struct Look {
     pub(crate) follows: bool,
     /// The choices of the library in words.
     pub(crate) choices: Vec<String>,
-    /// Why layers are invisible and looks of labels have no effect.
+    /// The reasons why layers are invisible and looks of labels have no effect.
     pub(crate) hidden: Vec<String>,
 }
 
@@ -162,7 +163,7 @@ impl ViewFields {
         let frame = self.frame.as_deref().map(str::parse).transpose()?;
         let turned = [self.azimuth, self.elevation].iter().any(Option::is_some) || self.roll != 0.0;
         Ok(ViewRequest {
-            frame: frame.unwrap_or_else(|| Frame::suited_to(&view, true)),
+            frame: frame.unwrap_or_else(|| Framing::suited_to(&view, true)),
             view,
             is_open: !turned && self.up.is_none() && self.direction.is_none(),
         })
@@ -246,12 +247,12 @@ impl SettingsFields {
 }
 
 impl Request {
-    /// Whether the library chooses the light.
+    /// Returns whether the library chooses the light.
     pub(crate) fn has_open_light(&self) -> bool {
         self.open.light
     }
 
-    /// Whether the values of all samples decide on the transfer function.
+    /// Returns whether the values of all samples decide on the transfer function.
     pub(crate) fn needs_statistics(&self) -> bool {
         self.transfer.needs_statistics()
     }

@@ -20,7 +20,7 @@ pub(crate) struct Mesh {
 
 #[pymethods]
 impl Mesh {
-    /// Reads a file, or a file with a colour behind it.
+    /// Reads the mesh of a file, or of a file with a colour behind it.
     #[staticmethod]
     fn of_file(py: Python<'_>, path: PathBuf, color: Option<&str>) -> PyResult<Self> {
         let load = || {
@@ -31,7 +31,7 @@ impl Mesh {
         Ok(Self { solid: py.detach(load).map_err(|fault| raised(&fault))? })
     }
 
-    /// Takes places (n x 3), triangles (m x 3) and, maybe, colours of vertices (n x 3).
+    /// Makes a mesh of places (n x 3), triangles (m x 3) and, maybe, colours of vertices (n x 3).
     #[staticmethod]
     fn of_arrays(
         vertices: PyReadonlyArray2<'_, f32>,
@@ -54,7 +54,7 @@ impl Mesh {
     }
 }
 
-/// The solids that a picture is requested with.
+/// The solids that a picture requests.
 #[derive(Default)]
 pub(crate) struct Requested {
     meshes: Vec<Solid>,
@@ -71,12 +71,12 @@ impl Requested {
         Ok(Self { meshes, depths: depths.transpose()? })
     }
 
-    /// The hull of some matter and the meshes.
+    /// Returns the hull of some matter and the meshes.
     pub(crate) fn around(&self, hull: Hull) -> Hull {
         self.meshes.iter().fold(hull, |hull, solid| hull.with_mesh(&solid.mesh))
     }
 
-    /// The surfaces as a camera sees them; `None` without any.
+    /// Returns the surfaces as a camera sees them; `None` without any.
     pub(crate) fn seen(self, camera: &Camera, lighting: Option<&Lighting>) -> Result<Option<Solids>> {
         let others = self.depths.map(|depths| Solids { depths, image: None });
         Solids::seen(&self.meshes, others, camera, lighting)

@@ -7,11 +7,12 @@ use numpy::{Element, PyArrayDyn, PyArrayMethods, PyUntypedArray, PyUntypedArrayM
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use rayon::prelude::*;
-use voxsplat::appearance::{ChannelChoice, Loaded, Values, load_channels, suggest};
+use voxsplat::appearance::suggest;
 use voxsplat::error::{Error, Result};
 use voxsplat::formats::{self, LoadOptions, MissingSlices, PyramidLevel};
 use voxsplat::glam::{DAffine3, DMat3, DVec3};
 use voxsplat::layers::on_lattice;
+use voxsplat::program::{ChannelChoice, Loaded, Values, load_channels};
 use voxsplat::volume::{Contents, Grid, Origin, Sample, Statistics, Units};
 use voxsplat_volume::memory::zeroed;
 
@@ -31,7 +32,7 @@ pub(crate) enum Source {
     File { path: PathBuf, options: LoadOptions, level: Option<u32> },
 }
 
-/// Facts about an array that it does not state.
+/// Facts that an array does not state.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 struct Facts {
@@ -47,7 +48,7 @@ struct Facts {
     replace_nan: Option<f64>,
 }
 
-/// Facts about a file that it does not state.
+/// Facts that a file does not state.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 struct FileFacts {
@@ -76,7 +77,7 @@ impl Volume {
         Ok(Self { source: Source::Memory(volume) })
     }
 
-    /// Names a file, a folder of slices or a built-in volume.
+    /// Makes a volume of a file, a folder of slices or a built-in volume, which is read when it is drawn.
     #[staticmethod]
     fn of_file(path: PathBuf, facts: FileFacts) -> PyResult<Self> {
         let parsed = || {
@@ -118,7 +119,7 @@ impl Volume {
 }
 
 impl Source {
-    /// The path of a file or the name of a built-in volume; empty for an array.
+    /// Returns the path of a file or the name of a built-in volume; empty for an array.
     pub(crate) fn path(&self) -> PathBuf {
         match self {
             Self::Memory(_) => PathBuf::new(),
@@ -126,7 +127,7 @@ impl Source {
         }
     }
 
-    /// The contents that are drawn by `values`. Of a pyramid the level is read that suits the picture.
+    /// Returns the contents that are drawn by `values`. Of a pyramid the level is read that suits the picture.
     pub(crate) fn load(&self, values: Values, suited: PyramidLevel) -> Result<Loaded> {
         match self {
             Self::Memory(volume) => {
@@ -141,14 +142,14 @@ impl Source {
         }
     }
 
-    /// The finite samples of an array, or of a file.
+    /// Returns the finite samples of an array, or of a file.
     pub(crate) fn samples(&self) -> Result<voxsplat::Volume> {
         let volume = self.read()?;
         volume.check_finite()?;
         Ok(volume)
     }
 
-    /// The samples of an array, or of a file.
+    /// Returns the samples of an array, or of a file.
     pub(crate) fn read(&self) -> Result<voxsplat::Volume> {
         match self {
             Self::Memory(volume) => Ok(volume.clone()),
@@ -156,7 +157,7 @@ impl Source {
         }
     }
 
-    /// The labels of an array or a file on the lattice of a volume, for a setting `option`.
+    /// Returns the labels of an array or a file on the lattice of a volume, for a setting `option`.
     pub(crate) fn on_lattice(&self, volume: &voxsplat::Volume, option: &'static str) -> Result<voxsplat::Volume> {
         let placed = on_lattice(&self.samples()?, volume).map_err(|error| match error {
             Error::Setting { reason, .. } => Error::Setting { name: option, reason },
@@ -199,13 +200,13 @@ impl Source {
     }
 }
 
-/// The map of three rows of four numbers.
+/// Returns the map of three rows of four numbers.
 pub(crate) fn affine(rows: &[[f64; 4]; 3]) -> DAffine3 {
     let [x, y, z, origin] = [0, 1, 2, 3].map(|column| DVec3::from_array(rows.map(|row| row[column])));
     DAffine3::from_mat3_translation(DMat3::from_cols(x, y, z), origin)
 }
 
-/// The volume with the facts that its array does not state.
+/// Adds the facts that an array does not state to its volume.
 fn with_facts(volume: voxsplat::Volume, facts: &Facts) -> Result<voxsplat::Volume> {
     let to_world = affine(&facts.affine);
     let units = Units { length: facts.length_unit.clone(), value: facts.value_unit.clone() };
@@ -254,7 +255,8 @@ fn copied_as<T: Sample + Element>(py: Python<'_>, array: &Bound<'_, PyArrayDyn<T
     py.detach(copy).map_err(|fault: Error| raised(&fault))
 }
 
-/// Voxels along the edge of a block that is copied at a time: its lines fit into the caches in any order of axes.
+/// The number of voxels along the edge of a block that is copied at a time: its lines fit into the caches in any order
+/// of axes.
 const BLOCK: usize = 32;
 
 /// Copies an array, x fastest.

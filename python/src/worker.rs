@@ -54,7 +54,7 @@ pub(crate) fn wait_for_abandoned(py: Python<'_>) {
     });
 }
 
-/// Counts a thread that works.
+/// A count of a working thread, for the life of the value.
 struct Working;
 
 impl Working {
@@ -73,7 +73,7 @@ impl Drop for Working {
 
 /// The work that a device does.
 struct Current {
-    /// Whether nobody waits for it any more.
+    /// Whether nobody waits for the work any more.
     abandoned: Arc<AtomicBool>,
     report: Box<dyn FnMut(&'static str, f64) + Send>,
 }
@@ -108,12 +108,12 @@ pub(crate) struct Engines<'a> {
 }
 
 impl Engines<'_> {
-    /// The engine for pictures with these settings. Opens it if it is not open.
+    /// Returns the engine for pictures with these settings. Opens it if it is not open.
     pub(crate) fn suited(&mut self, settings: &Settings) -> Result<&Engine, Error> {
         let is_host = match settings.painter {
             Painter::Cpu => Some(true),
             Painter::Auto => self.open.prefers_host,
-            Painter::Quads(_) | Painter::Tiles => Some(false),
+            _ => Some(false),
         };
         let kept = is_host.and_then(|is_host| self.open.slot(is_host).take());
         let engine = kept.map_or_else(|| Engine::open(&self.options, settings), Ok)?;
@@ -124,7 +124,7 @@ impl Engines<'_> {
         Ok(self.open.slot(is_host).insert(engine))
     }
 
-    /// The device, for pictures that the processor does not make.
+    /// Returns the device, for pictures that the processor does not make.
     pub(crate) fn device(&mut self) -> Result<&Renderer, Error> {
         match self.suited(&Settings { painter: Painter::Tiles, ..Settings::default() })? {
             Engine::Device(renderer) => Ok(renderer),
@@ -149,7 +149,7 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl Device {
-    /// A device that is not open yet.
+    /// Makes a device that is not open yet.
     pub(crate) fn new(adapter: Option<String>) -> Arc<Self> {
         Arc::new(Self { adapter, engines: Mutex::default(), current: Arc::default(), closed: AtomicBool::new(false) })
     }
@@ -234,11 +234,12 @@ impl Device {
             }
         };
         *locked(&self.current) = Some(Current { abandoned, report: Box::new(report) });
-        let options = RendererOptions { adapter: self.adapter.clone(), progress: self.progress() };
+        let default = RendererOptions::default();
+        let options = RendererOptions { adapter: self.adapter.clone(), progress: self.progress(), ..default };
         work(&mut Engines { open: &mut open, options }).map_err(Failure::Library)
     }
 
-    /// The callback for the progress of the work that runs.
+    /// Returns the callback for the progress of the work that runs.
     fn progress(&self) -> Progress {
         let [reports, ends] = [Arc::clone(&self.current), Arc::clone(&self.current)];
         let report = move |stage, done| {
@@ -257,7 +258,7 @@ impl Drop for Device {
     }
 }
 
-/// Drops what is on a device. A forked process leaves it alone: to free it would wait for threads that do not exist.
+/// Drops a value on a device. A forked process leaves it alone: to free it would wait for threads that do not exist.
 pub(crate) fn discard<T>(held: T) {
     match PROCESS.load(Ordering::Relaxed) == std::process::id() {
         true => drop(held),

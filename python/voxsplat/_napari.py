@@ -55,7 +55,7 @@ def _layer(viewer: Any) -> Any:
 
 
 def _canvas(viewer: Any) -> tuple[int, int]:
-    """Width and height of the canvas of a viewer with a window."""
+    """Return the width and the height of the canvas of a viewer, if it has a window."""
     window = getattr(viewer, "window", None)
     canvas = getattr(getattr(window, "_qt_viewer", None), "canvas", None)
     if canvas is None:
@@ -65,7 +65,7 @@ def _canvas(viewer: Any) -> tuple[int, int]:
 
 
 def _samples(viewer: Any, layer: Any, shown: tuple[int, ...]) -> tuple[Any, np.ndarray[Any, Any]]:
-    """The displayed samples (z, y, x), and the map from their indices (x, y, z) to the world of the viewer."""
+    """Return the displayed samples (z, y, x), and the map from their indices (x, y, z) to the world of the viewer."""
     if getattr(layer, "rgb", False):
         raise ValueError(f"layer {layer.name!r} is RGB: show one channel of it")
     data = layer.data[0] if getattr(layer, "multiscale", False) else layer.data
@@ -93,7 +93,7 @@ def _samples(viewer: Any, layer: Any, shown: tuple[int, ...]) -> tuple[Any, np.n
 
 
 def _look(layer: Any) -> dict[str, Any]:
-    """Transfer function and model of a layer."""
+    """Return the transfer function and the model of a layer."""
     if type(layer).__name__ == "Labels":
         return {"transfer": "labels"}
     low, high = (float(limit) for limit in layer.contrast_limits)

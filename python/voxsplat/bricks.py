@@ -84,7 +84,7 @@ class Plan:
 
 
 class Partial:
-    """A partial picture: what the matter of consecutive bricks leaves in each pixel. See `voxsplat.brick`."""
+    """A partial picture: the part of each pixel that the matter of consecutive bricks makes. See `voxsplat.brick`."""
 
     def __init__(self, native: _native.Partial) -> None:
         self._native = native
@@ -100,7 +100,7 @@ class Partial:
 
     @property
     def bricks(self) -> range:
-        """The numbers of its bricks in the order of the plan."""
+        """The numbers of the bricks of the partial picture in the order of the plan."""
         return range(*self._native.bricks)
 
     def over(self, back: Partial) -> Partial:
@@ -145,7 +145,7 @@ def merge(plan: Plan, parts: Iterable[Partial], background: str = "black") -> Im
 
 
 def chunk_sizes(grid: Any, shape: Sequence[int]) -> list[list[int]]:
-    """Sizes of chunks along z, y and x: `grid` has numbers of chunks, or sequences of sizes."""
+    """Return the sizes of chunks along z, y and x: `grid` has numbers of chunks, or sequences of sizes."""
     if len(grid) != 3:
         raise ValueError(f"grid: {grid!r}, expected three numbers of chunks or three sequences of sizes (z, y, x)")
     counts = [int(chunks) if isinstance(chunks, (int, np.integer)) else None for chunks in grid]

@@ -148,7 +148,7 @@ def in_world(matrix: np.ndarray[Any, Any], space: str) -> np.ndarray[Any, Any]:
 
 
 def _has_x_first(data: Any) -> bool:
-    """Whether an array of three axes is likely to be (x, y, z): its first axis is the fastest in memory.
+    """Return whether an array of three axes is likely to be (x, y, z): its first axis is the fastest in memory.
 
     Packages that read files in the order of their samples make such arrays: nibabel, pynrrd, memory maps in the order
     of Fortran. An array that the caller has transposed does not count, because then the caller minds the axes; nor does
@@ -206,7 +206,7 @@ def _numbers(name: str, values: Sequence[float], count: int = 3) -> tuple[float,
 
 
 def _by_axis(name: str, values: Sequence[float], axes: str) -> tuple[float, ...]:
-    """Numbers in the order of the axes of an array, as x, y, z."""
+    """Return lengths in the order of the axes of an array as lengths along x, y and z; 1 along missing axes."""
     letters = axes.lower()
     numbers = _numbers(name, values, len(letters))
     of = dict(zip(letters, numbers, strict=True))
@@ -217,7 +217,7 @@ def _by_axis(name: str, values: Sequence[float], axes: str) -> tuple[float, ...]
 
 
 def _with_spacing(matrix: np.ndarray[Any, Any], spacing: tuple[float, ...]) -> np.ndarray[Any, Any]:
-    """The same directions with another spacing."""
+    """Return an affine with the directions of a matrix and another spacing."""
     turned: np.ndarray[Any, Any] = matrix / np.linalg.norm(matrix, axis=0) * np.array(spacing)
     return turned
 
@@ -235,7 +235,7 @@ def _units(units: Mapping[str, str] | str | None) -> dict[str, str]:
 
 
 def _samples(data: Any) -> np.ndarray[Any, Any]:
-    """The numbers of an array-like object, in a type and a byte order of this machine."""
+    """Return the numbers of an array-like object, in a type and a byte order of this machine."""
     if isinstance(data, np.ndarray):
         array = data
     elif hasattr(data, "__cuda_array_interface__") or _is_on_device(data):
@@ -282,7 +282,7 @@ def _native_type(array: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
 
 
 def _zyx(array: np.ndarray[Any, Any], axes: str) -> np.ndarray[Any, Any]:
-    """The same memory with the axes z, y, x. Axes of length 1 may be missing from the names."""
+    """Return a view of an array with the axes z, y, x. Axes of length 1 may be missing from the names."""
     letters = axes.lower()
     if len(letters) == 2 and array.shape[0] == 1:
         letters = next(letter for letter in "zyx" if letter not in letters) + letters

@@ -179,7 +179,7 @@ def _written(image: Image, to: str, frame: int, count: int, report: Report | Non
 
 
 def _same(shared: Any) -> Any:
-    """A task: what all other tasks share."""
+    """A task: returns the object that all other tasks share."""
     return shared
 
 
@@ -271,7 +271,7 @@ class _Cluster(Engine):
 
 @contextlib.contextmanager
 def _engine(executor: Any, resources: Mapping[str, float] | None) -> Iterator[Engine]:
-    """The executor, the current client of Dask, or a cluster for this call."""
+    """Return the executor, the current client of Dask, or a cluster for this call, as an engine."""
     if executor is not None:
         if resources:
             raise ValueError("resources: they are of Dask's workers, and an executor is given")

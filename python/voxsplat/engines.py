@@ -1,4 +1,4 @@
-"""What runs the tasks of a picture in bricks."""
+"""Engines, which run the tasks of a picture in bricks."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ __all__ = ["Engine", "Executor", "Here", "Report", "byte_count"]
 
 Report: TypeAlias = Callable[[str, float], object]
 Task: TypeAlias = Callable[[Any, Any, Any], Any]
-"""Called with an object that all tasks share, the key of a part and its samples or a slice of a store."""
+"""A function of an object that all tasks share, the key of a part, and its samples or a slice of a store."""
 Join: TypeAlias = Callable[[list[Any]], Any]
-"""Called with the results of neighbours in their order."""
+"""A function of the results of neighbours in their order."""
 
 _UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12, "ki": 2**10, "mi": 2**20, "gi": 2**30, "ti": 2**40}
 
 
 class Engine:
-    """What runs tasks."""
+    """An engine, which runs tasks."""
 
     def memory(self, given: int | str | None) -> float:
         """Return the bytes that a task may take."""
@@ -58,7 +58,7 @@ def _joined(results: Iterable[Any], count: int, join: Join, look: Callable[[floa
 
 
 class Here(Engine):
-    """This process, one task after the other."""
+    """The engine of this process: one task after the other."""
 
     def reduced(
         self,
@@ -78,7 +78,7 @@ def _called(call: tuple[Task, Any, Any, Any]) -> Any:
 
 
 class Executor(Engine):
-    """Whatever has `submit` or `map`."""
+    """The engine of an object that has `submit` or `map`."""
 
     def __init__(self, executor: Any) -> None:
         self.submits = callable(getattr(executor, "submit", None))
@@ -103,7 +103,7 @@ class Executor(Engine):
         return _joined(self._results(task, shared, parts), len(parts), join, look)
 
     def _results(self, task: Task, shared: Any, parts: list[tuple[Any, Any]]) -> Iterator[Any]:
-        """The results in order. Few tasks wait at a time, because each may carry samples."""
+        """Yield the results in order. Few tasks wait at a time, because each may carry samples."""
         waiting: deque[Any] = deque()
         few = 2 * self.workers()
         # The executor may not know Dask.

@@ -29,7 +29,7 @@ _FACTS = ("spacing", "origin", "axes", "affine", "space", "units", "modality")
 
 
 class Large:
-    """An array of which an engine draws pictures. Parameters are those of `voxsplat.dask.render`."""
+    """An array of which an engine draws pictures, with the parameters of `voxsplat.dask.render`."""
 
     def __init__(
         self,
@@ -60,7 +60,7 @@ class Large:
         self.overview, self.counts, self.step = self._survey(report)
 
     def _survey(self, report: Report | None) -> tuple[_native.Volume, _native.Counts | None, int]:
-        """The overview, its step, and the counts of all samples if they decide."""
+        """Return the overview, its step, and the counts of all samples if the transfer function depends on them."""
         source = self.source
         step = 1
         while np.prod([-(-n // step) for n in source.shape], dtype=np.float64) > _OVERVIEW:
@@ -128,13 +128,13 @@ class Large:
                 )
 
     def _needed(self, one: Brick) -> float:
-        """The bytes of a task without partial pictures, two of which are composited into a third."""
+        """Return the bytes of a task without partial pictures, two of which are composited into a third."""
         # Dask holds the chunks of a slice while it joins them.
         copies = 2 if self.source.is_dask else 1
         return float(one.bytes + copies * self.source.dtype.itemsize * _samples(one))
 
     def _split(self, counts: list[int]) -> bool:
-        """Cut the longest bricks once more; False if they are too thin."""
+        """Cut the longest bricks once more; return False if they are too thin."""
         lengths = [n / count for n, count in zip(self.source.shape, counts, strict=True)]
         axis = int(np.argmax(lengths))
         if lengths[axis] < 2 * _SMALLEST:

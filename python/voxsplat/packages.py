@@ -66,7 +66,7 @@ def found_in(data: Any) -> Found:
 
 
 def _no_volume(data: Any) -> TypeError:
-    """The error of an object that is no volume."""
+    """Return the error of an object that is no volume."""
     choice = "one of its arrays, such as volume[NAME], or " if hasattr(data, "keys") else ""
     return TypeError(
         f"{type(data).__name__} is no volume, expected {choice}an array of axes (z, y, x) such as of NumPy, xarray, Zarr or "
@@ -168,7 +168,7 @@ def _of_xarray(data: Any) -> Found:
 
 
 def _letters(names: Sequence[str]) -> dict[str, str | None]:
-    """The letter of each dimension: by its name, otherwise z, y and x of the last three."""
+    """Return the letter of each dimension: by its name, otherwise z, y and x of the last three."""
     letters: dict[str, str | None] = {
         name: next((letter for letter, known in _NAMES.items() if name.lower() in known), None) for name in names
     }
@@ -180,7 +180,7 @@ def _letters(names: Sequence[str]) -> dict[str, str | None]:
 
 
 def _equally_spaced(name: str, values: np.ndarray[Any, Any]) -> tuple[float, float]:
-    """The first of equally spaced coordinates and their step."""
+    """Return the first of equally spaced coordinates and their step."""
     if len(values) < 2:
         return float(values[0]), 1.0
     step = (values[-1] - values[0]) / (len(values) - 1)

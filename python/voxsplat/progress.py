@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 __all__ = ["Progress", "Reported"]
 
 Progress: TypeAlias = Callable[[str, float], object] | bool | None
-"""Called with the stage and the fraction done, 0 to 1; ``True`` shows a bar of tqdm, or lines without tqdm."""
+"""A callback that gets the stage and the fraction done, 0 to 1; ``True`` shows a bar of tqdm, or lines without tqdm."""
 
 
 class Reported:

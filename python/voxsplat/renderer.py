@@ -190,7 +190,7 @@ class Renderer:
 
 
 def _part(view: View | None, region: tuple[int, int, int, int] | None, changes: dict[str, Any]) -> tuple[Any, Any]:
-    """The checked view and region of a picture."""
+    """Return the checked view and region of a picture."""
     if changes:
         view = replace(view or View(), **changes)
     return None if view is None else checked(view), None if region is None else whole_numbers("region", region, 4)
@@ -210,7 +210,7 @@ def kept_renderer(adapter: str | None) -> Renderer:
 
 
 def _beside(data: Any, volume: Any, facts: dict[str, Any]) -> _native.Volume | None:
-    """The volume of labels or a mask. A bare array has the axes of the array of the volume."""
+    """Return the volume of labels or a mask. A bare array has the axes of the array of the volume."""
     if data is None or isinstance(data, Volume):
         return None if data is None else data._native
     has_axes = isinstance(volume, (Volume, str, os.PathLike))
@@ -220,7 +220,7 @@ def _beside(data: Any, volume: Any, facts: dict[str, Any]) -> _native.Volume | N
 
 
 def _listed(overlays: Any) -> list[Any]:
-    """Overlays as a list: none, one, or a list of them. A tuple is one with its look."""
+    """Return overlays as a list: none, one, or a list of them. A tuple is one overlay with its look."""
     if overlays is None or (isinstance(overlays, tuple) and not overlays):
         return []
     return overlays if isinstance(overlays, list) else [overlays]
@@ -229,7 +229,7 @@ def _listed(overlays: Any) -> list[Any]:
 def _overlay(
     overlay: Any, number: int, volume: Any, facts: dict[str, Any]
 ) -> tuple[_native.Volume, str, str | None, str | None]:
-    """An overlay as its volume, its name, its look and its range."""
+    """Return the volume, the name, the look and the range of an overlay."""
     data, look, ends = (*overlay, None, None)[:3] if isinstance(overlay, tuple) else (overlay, None, None)
     beside = _beside(data, volume, facts)
     if beside is None:

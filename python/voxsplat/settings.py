@@ -43,7 +43,7 @@ def field_names(*kinds: type[Any]) -> set[str]:
 
 
 def _hinting(kind: type[_Kind]) -> type[_Kind]:
-    """The same dataclass, whose error for a wrong field has a hint."""
+    """Return a dataclass whose error for a wrong field has a hint."""
     made = kind.__init__
 
     @functools.wraps(made)
@@ -58,7 +58,7 @@ def _hinting(kind: type[_Kind]) -> type[_Kind]:
 @_hinting
 @dataclass(frozen=True, kw_only=True)
 class View:
-    """Where the eye is. Angles are in degrees, lengths in the unit of the volume's world.
+    """The place of the eye. Angles are in degrees, lengths in the unit of the volume's world.
 
     A view without `azimuth`, `elevation`, `roll`, `up` and `direction` shows the side that suits the volume: the front
     of an oriented volume, otherwise azimuth 30 and elevation 20.
@@ -97,7 +97,7 @@ class View:
 @_hinting
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """What is drawn, and how. Fields that are None are chosen for the volume.
+    """The appearance of a picture. Fields that are None are chosen for the volume.
 
     Texts are spelled as options of the command ``voxsplat render``; its guide describes their effects.
     """
@@ -236,7 +236,7 @@ def as_texts(settings: Settings) -> Settings:
 
 
 def _labels(label: Mapping[Any, Any] | str | Sequence[str] | None) -> list[str]:
-    """Looks of labels as texts."""
+    """Return looks of labels as texts."""
     if label is None or isinstance(label, str):
         return [] if label is None else [label]
     if isinstance(label, Mapping):
@@ -251,7 +251,7 @@ def _look(look: Any) -> Any:
 
 
 def _transfer(transfer: Any) -> Any:
-    """A transfer function as a name or as the text of a file."""
+    """Return a transfer function as a name or as the text of a file."""
     if transfer is None or isinstance(transfer, (str, os.PathLike)):
         return transfer
     if isinstance(transfer, Mapping):

@@ -54,7 +54,7 @@ class Source:
 
     @property
     def is_in_memory(self) -> bool:
-        """Whether the samples lie in the memory of this process."""
+        """Whether the samples are in the memory of this process."""
         return isinstance(self.array, np.ndarray)
 
     def part(self, held: Sequence[slice]) -> Any:
@@ -106,7 +106,7 @@ def grouped(chunks: list[int], count: int) -> list[int]:
 
 
 def _joined(sizes: list[int], most: int) -> list[int]:
-    """The sizes of neighbours together, as long as they are at most `most`."""
+    """Join the sizes of neighbours, as long as their sum is at most `most`."""
     joined: list[int] = []
     for size in sizes:
         if joined and joined[-1] + size <= most:

@@ -5,6 +5,7 @@ use super::{Estimate, Truth};
 use crate::camera::Camera;
 use crate::engine::{Engine, EngineScene};
 use crate::error::{Error, Result};
+use crate::frame::Frame;
 use crate::image::Image;
 use crate::layers::Layers;
 use crate::reference::Reference;
@@ -13,23 +14,25 @@ use crate::stats::Rendered;
 
 /// Settings that were tried, with the error of their picture.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct Tried {
-    /// The settings.
+    /// The tried settings.
     pub settings: Settings,
-    /// The error of the picture.
+    /// The error of the picture with the tried settings.
     pub estimate: Estimate,
 }
 
 /// The settings chosen for an error bound.
 #[derive(Debug, Clone)]
+#[non_exhaustive]
 pub struct Chosen {
-    /// The settings.
+    /// The settings of the chosen picture.
     pub settings: Settings,
-    /// The picture with these settings.
+    /// The chosen picture: with these settings, or traced.
     pub rendered: Rendered,
-    /// The error of the picture.
+    /// The error of the chosen picture.
     pub estimate: Estimate,
-    /// Whether the picture is expected to keep the bound. If not, it has the smallest error of all that were tried.
+    /// Whether the picture is expected to keep the bound. Otherwise it has the smallest error of all pictures tried.
     pub keeps: bool,
     /// Whether the reference traced the picture, because a painter would have done more work to keep the bound.
     /// `rendered.stats` then belong to the best picture of a painter.
@@ -138,7 +141,7 @@ pub fn choose(
     Ok(Chosen { settings, rendered, estimate, keeps, traced: false, tried })
 }
 
-/// The whole picture by the reference, and its estimate; `None` if the reference refuses it.
+/// Traces the whole picture with the reference and estimates its error; `None` if the reference refuses it.
 fn traced(tracer: &mut Tracer) -> Result<Option<(Image, Estimate)>> {
     match tracer.truth(u32::MAX) {
         Ok(truth) => truth.whole().map(|image| Ok((image.clone(), truth.estimate(image)?))).transpose(),
@@ -163,9 +166,9 @@ struct Search<'a> {
     tried: Vec<Tried>,
     /// The best picture so far, and its place in `tried`.
     best: Option<(usize, Rendered)>,
-    /// The pixels that further quads may cover.
+    /// The number of pixels that further quads may cover.
     budget: f64,
-    /// Whether pictures were left out: their quads would cover more, or the engine draws none.
+    /// Whether the engine refused settings because their quads exceed `budget`, or because it draws none.
     quads_are_refused: bool,
     /// Level, thickness of sheets and error of each picture by `quads`, all of the level of the last one.
     sheets: Vec<(f32, f64, f64)>,
@@ -184,7 +187,7 @@ impl Search<'_> {
     fn draw(&mut self, settings: &Settings) -> Result<Trial> {
         // The first picture is the one without a bound.
         let most = if self.tried.is_empty() { f64::INFINITY } else { self.budget };
-        let rendered = self.engine.render_within(&self.scene, self.camera, settings, most)?;
+        let rendered = self.engine.render_within(&self.scene, &Frame::new(self.camera, settings), most)?;
         self.budget -= rendered.stats.quads().map_or(0.0, |quads| quads.fragments);
         let estimate = self.truth.estimate(&rendered.image)?;
         let trial = Trial {

@@ -23,15 +23,17 @@ const TWO_SIDED: f64 = 1.96;
 
 /// The true colours of a sample of a picture's pixels.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct Truth {
     sample: Sample,
     pixels: Image,
-    /// See [`Self::work`].
+    /// The work of tracing the whole picture, in chords; see [`Self::work`].
     work: f64,
 }
 
 /// The error of a picture, estimated from a sample of its pixels. Channels run from 0 to 1.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct Estimate {
     /// Number of sampled pixels that the picture or the truth covers.
     pub pixels: u64,
@@ -51,17 +53,17 @@ impl Truth {
     /// covered: at most 16 times `pixels`, and at most the whole picture.
     ///
     /// # Errors
-    /// Those of [`Reference::of_layers`] and [`Reference::pixels`].
+    /// The errors of [`Reference::of_layers`] and [`Reference::pixels`].
     pub fn trace(layers: &Layers, camera: &Camera, settings: &Settings, pixels: u32) -> Result<Self> {
         Tracer::new(layers, camera, settings)?.truth(pixels)
     }
 
-    /// The work of tracing the whole picture, in chords that rays cut out of kernels.
+    /// Returns the work of tracing the whole picture, in chords that rays cut out of kernels.
     pub(super) fn work(&self) -> f64 {
         self.work
     }
 
-    /// The whole picture, if all of its pixels are traced.
+    /// Returns the whole picture, if all of its pixels are traced.
     pub(super) fn whole(&self) -> Option<&Image> {
         self.sample.is_whole().then_some(&self.pixels)
     }
@@ -75,7 +77,7 @@ impl Truth {
     }
 }
 
-/// Traces the pixels of a camera's picture, each once.
+/// A tracer of the pixels of a camera's picture, each once.
 pub(super) struct Tracer {
     reference: Reference,
     camera: Camera,
@@ -89,7 +91,7 @@ impl Tracer {
         Ok(Self { reference, camera: *camera, traced: HashMap::new() })
     }
 
-    /// [`Truth::trace`], but pixels of an earlier call are not traced again.
+    /// Traces as [`Truth::trace`] does, but skips pixels that an earlier call traced.
     pub(super) fn truth(&mut self, pixels: u32) -> Result<Truth> {
         let truth = self.sample(pixels)?;
         let covered = truth.pixels.pixels().iter().filter(|pixel| pixel[3] > 0.0).count() as u32;

@@ -10,4 +10,5 @@ mod sample;
 
 pub use choose::{Chosen, MOST_PICTURES, Tried, choose};
 pub use estimate::{Estimate, Truth};
+#[doc(hidden)]
 pub use sample::Sample;

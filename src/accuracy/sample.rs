@@ -12,7 +12,7 @@ pub struct Sample {
 }
 
 impl Sample {
-    /// About `count` pixels of a picture of so many pixels across and down; all of them if there are no more.
+    /// Spreads about `count` pixels over a picture of `size` pixels, across and down; all of them if there are no more.
     #[must_use]
     pub fn new(size: [u32; 2], count: u32) -> Self {
         let (short, long) = if size[0] < size[1] { (0, 1) } else { (1, 0) };
@@ -27,18 +27,18 @@ impl Sample {
         Self { size, grid }
     }
 
-    /// Pixels of the sample across and down.
+    /// Returns the number of sampled pixels across and down.
     #[must_use]
     pub fn grid(&self) -> [u32; 2] {
         self.grid
     }
 
-    /// Whether the sample is the whole picture.
+    /// Returns whether the sample is the whole picture.
     pub(super) fn is_whole(&self) -> bool {
         self.grid == self.size
     }
 
-    /// Column and row of each pixel from the top left, row by row.
+    /// Returns the column and the row of each sampled pixel from the top left, row by row.
     #[must_use]
     pub fn pixels(&self) -> Vec<[u32; 2]> {
         let [columns, rows] = self.grid;
@@ -49,7 +49,7 @@ impl Sample {
         (0..rows).flat_map(|row| (0..columns).map(move |column| [place(0, column), place(1, row)])).collect()
     }
 
-    /// The sampled pixels of a picture of the sample's size, as a picture of [`Self::grid`] pixels.
+    /// Returns the sampled pixels of a picture of the sample's size, as a picture of [`Self::grid`] pixels.
     ///
     /// # Errors
     /// [`Error::Image`](crate::error::Error::Image) if the picture has another size.

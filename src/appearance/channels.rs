@@ -15,7 +15,7 @@ use voxsplat_volume::names::readable;
 const COLORS: [[f64; 3]; 6] =
     [[0.15, 0.9, 0.3], [0.95, 0.2, 0.85], [0.1, 0.8, 0.95], [0.95, 0.85, 0.15], [0.95, 0.4, 0.2], [0.4, 0.45, 0.95]];
 
-/// The most channels that are drawn unless they are requested.
+/// The largest number of channels that are drawn unless they are requested.
 const MOST_CHANNELS: u32 = 6;
 /// The largest opacity of a channel at the upper end of its window, per voxel.
 const CHANNEL_OPACITY: f64 = 0.4;
@@ -33,7 +33,8 @@ const STEPS: u32 = 16;
 pub struct ChannelChoice {
     /// The number of the channel, from 0.
     pub number: u32,
-    /// Its colour, each channel 0 to 1; `None` for the colour of the file or a colour that differs from the others.
+    /// The colour of the channel, red, green and blue, 0 to 1; `None` for the colour of the file, or one that differs
+    /// from other channels.
     pub color: Option<[f64; 3]>,
 }
 
@@ -57,14 +58,14 @@ impl FromStr for ChannelChoice {
     }
 }
 
-/// The request for the values of a file: by what they are shown.
+/// The requested display of a file's values.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Values {
-    /// Whatever suits them.
+    /// The display that suits the values.
     Open,
     /// A window of values.
     Window(Window),
-    /// Labels.
+    /// Values shown as labels.
     Labels,
     /// A transfer function.
     Transfer,
@@ -94,11 +95,11 @@ impl From<Volume> for Loaded {
 pub struct ChannelLook {
     /// The number of the channel, from 0.
     pub number: u32,
-    /// Red, green and blue.
+    /// Red, green and blue of the channel, 0 to 255.
     pub color: [u8; 3],
-    /// The name that the file states.
+    /// The name of the channel, if the file states one.
     pub name: Option<String>,
-    /// The values at which the opacity begins and ends to rise.
+    /// The values at which the channel's opacity begins and ends to rise.
     pub range: [f64; 2],
 }
 
@@ -114,8 +115,8 @@ impl fmt::Display for ChannelLook {
 /// voxels if channels are called red, green and blue, and otherwise up to 6 channels, in a colour each.
 ///
 /// # Errors
-/// Those of [`formats::load`], also if the file has more channels than are drawn by default, or several for labels or
-/// one transfer function; [`Error::Setting`] if one transfer function is requested for several channels.
+/// The errors of [`formats::load`], also if the file has more channels than are drawn by default, or several for labels
+/// or one transfer function; [`Error::Setting`] if one transfer function is requested for several channels.
 pub fn load_channels(
     source: impl AsRef<Path>,
     options: &LoadOptions,
@@ -175,17 +176,17 @@ pub fn load_channels(
     Ok(Loaded { layers, channels, ..first.into() })
 }
 
-/// The colour of a channel without one.
+/// Returns the colour of a channel for which neither the user nor the file states one.
 pub(super) fn nth_color(at: usize) -> [f64; 3] {
     COLORS[at % COLORS.len()]
 }
 
-/// A colour as bytes.
+/// Returns a colour as bytes.
 pub(super) fn bytes(color: [f64; 3]) -> [u8; 3] {
     color.map(|channel| (255.0 * channel).round() as u8)
 }
 
-/// The transfer function of one of several channels over a window: a colour, denser and brighter with value.
+/// Returns the transfer function of one of several channels over a window: a colour, denser and brighter with value.
 pub(super) fn glow(
     volume: &Volume,
     statistics: &Statistics,
@@ -197,13 +198,13 @@ pub(super) fn glow(
     ramp([DARKEST, 1.0].map(|share| color.map(|c| share * c)), opacity, window)
 }
 
-/// Whether the first channels are called red, green and blue.
+/// Returns whether the first channels are called red, green and blue.
 fn are_colors(channels: &[Channel]) -> bool {
     let names: Vec<Option<&str>> = channels.iter().map(|channel| channel.name.as_deref()).collect();
     names.starts_with(&["red", "green", "blue"].map(Some))
 }
 
-/// The window of a channel: as requested, of its file, or of its foreground; `None` if all values are the same.
+/// Returns the window of a channel: as requested, of its file, or of its foreground; `None` if all values are the same.
 fn window(statistics: &Statistics, label: &Channel, values: Values) -> Option<Window> {
     if let Values::Window(window) = values {
         return Some(window);
@@ -215,8 +216,8 @@ fn window(statistics: &Statistics, label: &Channel, values: Values) -> Option<Wi
     }
 }
 
-/// The opacity of a channel at the upper end of its window: a mean ray through the visible voxels has an optical depth
-/// of at most `depth`. The ray is as long as the edge of a cube of these voxels.
+/// Returns the opacity of a channel at the upper end of its window: a mean ray through the visible voxels has an
+/// optical depth of at most `depth`. The ray is as long as the edge of a cube of these voxels.
 fn opacity(volume: &Volume, statistics: &Statistics, window: &Window, depth: f64) -> Result<f64> {
     let [low, high] = window.ends()?;
     let share = |step: u32| {
@@ -228,7 +229,7 @@ fn opacity(volume: &Volume, statistics: &Statistics, window: &Window, depth: f64
     Ok(CHANNEL_OPACITY.min(depth / (mean * length).max(f64::MIN_POSITIVE)))
 }
 
-/// Colours between two, and opacities that rise over a window.
+/// Returns a transfer function with colours between two, and opacities that rise over a window.
 fn ramp([dark, bright]: [[f64; 3]; 2], opacity: f64, window: &Window) -> Result<TransferFunction> {
     let point = |i: u32| {
         let share = f64::from(i) / f64::from(STEPS);
@@ -238,7 +239,7 @@ fn ramp([dark, bright]: [[f64; 3]; 2], opacity: f64, window: &Window) -> Result<
     TransferFunction::new((0..=STEPS).map(point).collect(), None)?.stretched(window)
 }
 
-/// Voxels in the colours of a file.
+/// Makes a layer of voxels in the colours of a file.
 fn colors(channels: [&Volume; 3], alpha: Option<&Volume>, values: Values) -> Result<Layer> {
     let mut white = 255.0_f64;
     if channels[0].sample_type() != SampleType::U8 {

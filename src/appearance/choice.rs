@@ -14,7 +14,7 @@ use crate::volume::{Statistics, Volume};
 /// The meaning of the values of a volume.
 #[derive(Debug, Clone)]
 pub enum ValueMeaning {
-    /// Labels.
+    /// Values that are labels.
     Labels {
         /// The property of the volume or its file that indicates labels.
         reason: String,
@@ -25,7 +25,7 @@ pub enum ValueMeaning {
     Values {
         /// The preset, fitted to the values.
         transfer: TransferFunction,
-        /// The preset.
+        /// The preset that suits the values.
         preset: &'static Preset,
         /// The property of the file or of the values that suits the preset.
         reason: String,
@@ -78,18 +78,18 @@ pub enum Choice {
     },
     /// A preset.
     Preset {
-        /// Its name.
+        /// The name of the preset.
         name: &'static str,
-        /// The reason why it suits.
+        /// The reason why the preset suits.
         reason: String,
         /// Whether the values decided: see [`Suggestion::is_guess`].
         is_guess: bool,
     },
     /// An oblique side, because the file states no orientation, or the side that a built-in volume suggests. Degrees.
     Side {
-        /// [`View::azimuth`](crate::View::azimuth).
+        /// The azimuth of the view: [`View::azimuth`](crate::View::azimuth).
         azimuth: f64,
-        /// [`View::elevation`](crate::View::elevation).
+        /// The elevation of the view: [`View::elevation`](crate::View::elevation).
         elevation: f64,
         /// The reason to turn the volume.
         reason: &'static str,
@@ -97,12 +97,12 @@ pub enum Choice {
     /// Studio light around the view, because a transfer function, channels or labels show surfaces. Labels have a
     /// larger shadow bias.
     Light {
-        /// The reason in words.
+        /// The reason for the light, in words.
         surfaces: &'static str,
-        /// [`Lighting::shadow_bias`](crate::lighting::Lighting::shadow_bias) of labels, in voxels.
+        /// The [`Lighting::shadow_bias`](crate::lighting::Lighting::shadow_bias) of labels, in voxels.
         shadow_bias: Option<f64>,
     },
-    /// [`Settings::sharpness`](crate::Settings::sharpness), because the transfer function shows surfaces.
+    /// A [`Settings::sharpness`](crate::Settings::sharpness), because the transfer function shows surfaces.
     Sharpness(f64),
     /// A grey and translucent volume, because overlays lie over it.
     Dimmed,

@@ -13,11 +13,12 @@ use crate::transfer::{ControlPoint, TransferFunction};
 
 /// The appearance that a built-in volume suggests, beside its transfer function.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[doc(hidden)]
 pub struct DemoLook {
-    /// [`View::azimuth`](crate::View::azimuth) and [`View::elevation`](crate::View::elevation), degrees.
+    /// The [`View::azimuth`](crate::View::azimuth) and [`View::elevation`](crate::View::elevation), degrees.
     pub view: [f64; 2],
-    /// The material of the lit surfaces that its transfer function shows; `None`: it shows translucent matter, without
-    /// light.
+    /// The material of the lit surfaces of the built-in volume; `None`: its transfer function shows translucent matter,
+    /// without light.
     pub material: Option<Material>,
 }
 

@@ -11,9 +11,9 @@ use crate::volume::Volume;
 /// A change of the looks of some labels.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LabelSpec {
-    /// The labels.
+    /// The labels whose looks change.
     pub which: LabelSelection,
-    /// The change.
+    /// The change of these labels' looks.
     pub change: LabelChange,
 }
 

@@ -17,7 +17,7 @@ pub enum LightSpec {
     Off,
     /// [Studio light](Lighting::studio) around the view.
     Studio {
-        /// Whether it follows the eye from picture to picture, instead of standing still.
+        /// Whether the light follows the eye from picture to picture, instead of standing still.
         follows: bool,
     },
     /// A light with its colour.
@@ -68,9 +68,9 @@ impl FromStr for LightSpec {
 /// Requested shadows.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ShadowSpec {
-    /// [`Lighting::shadows`]; `None`: the strength of studio light, or 1.
+    /// The strength of [`Lighting::shadows`]; `None`: the strength of studio light, or 1.
     pub strength: Option<f64>,
-    /// [`Lighting::exact_shadows`].
+    /// Whether [`Lighting::exact_shadows`] is on.
     pub exact: bool,
 }
 
@@ -117,30 +117,30 @@ impl FromStr for OcclusionSpec {
 /// [`make_choices`]: crate::appearance::ChoiceContext::make_choices
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct LightRequest {
-    /// The lights; none: open.
+    /// The requested lights; empty if the library chooses.
     pub lights: Vec<LightSpec>,
     /// Ambient, diffuse and specular reflection, and shininess.
     pub material: Option<[f64; 4]>,
-    /// Shadows.
+    /// The requested shadows.
     pub shadows: Option<ShadowSpec>,
     /// The angular size of directional lights, degrees.
     pub light_size: Option<f64>,
-    /// Ambient occlusion.
+    /// The requested ambient occlusion.
     pub occlusion: Option<OcclusionSpec>,
-    /// [`Lighting::shadow_bias`], voxels.
+    /// The [`Lighting::shadow_bias`], voxels.
     pub shadow_bias: Option<f64>,
-    /// [`Lighting::normals`].
+    /// The [`Lighting::normals`].
     pub normals: Option<Normals>,
 }
 
 impl LightRequest {
-    /// Whether studio light is requested.
+    /// Returns whether studio light is requested.
     #[must_use]
     pub fn is_studio(&self) -> bool {
         self.lights.iter().any(|light| matches!(light, LightSpec::Studio { .. }))
     }
 
-    /// Whether studio light is requested that follows the eye.
+    /// Returns whether studio light is requested that follows the eye.
     #[must_use]
     pub fn follows(&self) -> bool {
         self.lights.contains(&LightSpec::Studio { follows: true })

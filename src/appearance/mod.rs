@@ -16,18 +16,26 @@ mod transfer;
 
 pub mod demos;
 
+/// The part of the library that the program and the Python package share: requests of a user as texts, open choices,
+/// overlays and channels of files, and notes. It is no part of the interface: any release may change it.
+#[doc(hidden)]
+pub mod program {
+    pub use super::channels::{ChannelChoice, ChannelLook, Loaded, Values, load_channels};
+    pub use super::choice::{GUESS, ValueMeaning};
+    pub use super::clip::ClipSpec;
+    pub use super::foreign::ForeignWords;
+    pub use super::labels::{LabelLooks, LabelSpec};
+    pub use super::light::{LightPlace, LightRequest, LightSpec, OcclusionSpec, ShadowSpec, place_studio};
+    pub use super::options::{command_line, notes, options_of, quoted};
+    pub use super::overlay::{HOT, Overlay, OverlayLook, OverlaySpec, Overlays, PlacedOverlay, TWO_SIDED, UsedColors};
+    pub use super::transfer::{FittedTransfer, GradientSpec, LABELS, MAP, TransferChoice, TransferRequest};
+    pub use super::{ChoiceContext, OpenChoices};
+}
+
 use std::path::Path;
 
-pub use channels::{ChannelChoice, ChannelLook, Loaded, Values, load_channels};
-pub use choice::{Choice, GUESS, ValueMeaning};
-pub use clip::ClipSpec;
-pub use foreign::ForeignWords;
-pub use labels::{LabelLooks, LabelSpec};
-pub use light::{LightPlace, LightRequest, LightSpec, OcclusionSpec, ShadowSpec, place_studio};
-pub use options::{command_line, notes, options_of, quoted};
-pub use overlay::{HOT, Overlay, OverlayLook, OverlaySpec, Overlays, PlacedOverlay, TWO_SIDED, UsedColors};
+pub use choice::Choice;
 pub use suggestion::{Suggestion, suggest};
-pub use transfer::{FittedTransfer, GradientSpec, LABELS, MAP, TransferChoice, TransferRequest};
 
 use crate::camera::clip::Clip;
 use crate::camera::{Camera, Hull, View};
@@ -39,6 +47,8 @@ use crate::settings::{Model, Settings};
 use crate::transfer::TransferFunction;
 use crate::transfer::presets::{self, Material, PresetValues};
 use crate::volume::{Statistics, Volume};
+use channels::Loaded;
+use choice::ValueMeaning;
 use voxsplat_volume::names::named;
 
 /// Azimuth and elevation of a view of three sides of a box, degrees.
@@ -47,12 +57,13 @@ const OBLIQUE: [f64; 2] = [30.0, 20.0];
 /// The sharpness of a picture of surfaces: crisper edges at no cost per frame, and less noise than at 1.
 const SHARPNESS: f64 = 0.5;
 
-/// [`Lighting::shadow_bias`] of labels, voxels: their surfaces are stairs of voxels, which cast shadows on each other.
+/// The [`Lighting::shadow_bias`] of labels, voxels: their surfaces are stairs of voxels, which cast shadows on each
+/// other.
 const LABEL_BIAS: f64 = 4.0;
 
 /// The region that a picture is fitted to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Frame {
+pub enum Framing {
     /// The visible voxels, at one size for every azimuth.
     Visible,
     /// The visible voxels, as large as the view permits.
@@ -61,9 +72,9 @@ pub enum Frame {
     Volume,
 }
 
-named! { "frame", Frame { Visible: "visible", View: "view", Volume: "volume" } }
+named! { "frame", Framing { Visible: "visible", View: "view", Volume: "volume" } }
 
-impl Frame {
+impl Framing {
     /// Returns the region that suits a view: the box of the lattice if the view has a target or a size of its own,
     /// otherwise the visible voxels. Pictures of a series have one size for every azimuth; a single picture is as large
     /// as its view permits.
@@ -101,6 +112,7 @@ pub fn pyramid_level(view: &View, size: [u32; 2]) -> PyramidLevel {
 
 /// The choices that are left to the library.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[doc(hidden)]
 pub struct OpenChoices {
     /// The side of the volume that faces the eye.
     pub side: bool,
@@ -119,12 +131,13 @@ impl OpenChoices {
 
 /// The facts that decide open choices.
 #[derive(Debug, Clone, Copy)]
+#[doc(hidden)]
 pub struct ChoiceContext<'a> {
-    /// The volume.
+    /// The volume that is drawn.
     pub volume: &'a Volume,
     /// Azimuth and elevation that the volume suggests, in degrees, if it is built in.
     pub view: Option<[f64; 2]>,
-    /// The material of the surfaces that its transfer function shows; `None`: translucent matter.
+    /// The material of the surfaces that the transfer function shows; `None`: translucent matter.
     pub material: Option<Material>,
     /// Whether channels are drawn in a colour each.
     pub channels: bool,
@@ -142,7 +155,7 @@ const CHANNELS: &str = "fluorescence";
 const OVERLAYS: &str = "activation";
 
 impl ChoiceContext<'_> {
-    /// Makes the open choices in `view` and `settings`, and returns them.
+    /// Makes the open choices in `view` and `settings`, and returns the choices made.
     ///
     /// # Errors
     /// [`Error::Camera`] if the view has no direction.
@@ -238,8 +251,8 @@ impl Appearance {
         }
     }
 
-    /// Chooses the appearance of the contents of a file, which [`load_channels`] returned: channels in a colour each,
-    /// or a volume as [`Self::for_file`] does.
+    /// Chooses the appearance of the contents of a file, which `program::load_channels` returned: channels in a colour
+    /// each, or a volume as [`Self::for_file`] does.
     ///
     /// # Errors
     /// The errors of [`Self::for_file`]; [`Error::Input`] if lattices of channels differ.

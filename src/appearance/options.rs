@@ -54,7 +54,7 @@ fn tuned(settings: &Settings) -> String {
     changed.map(|(key, value)| format!("{key}={value}")).collect::<Vec<_>>().join(",")
 }
 
-/// All knobs of settings with their values.
+/// Returns all knobs of settings with their values.
 fn knobs(settings: &Settings) -> Vec<(&'static str, String)> {
     let mut pairs =
         vec![("termination", settings.termination.to_string()), ("interslice", settings.interslice.to_string())];

@@ -49,7 +49,7 @@ const FLAT: [f64; 2] = [0.2, 0.5];
 /// The greys of the outside and the inside of the shell.
 const GREY: [f64; 2] = [0.6, 0.95];
 
-/// The most labels of an overlay that is taken for labels because it has few values.
+/// The largest number of labels of an overlay that is taken for labels because it has few values.
 const FEW_LABELS: usize = 32;
 
 /// Colours from the threshold to the end of a map: dark, middle and bright.
@@ -69,10 +69,10 @@ const RAMPS: [Colors; 4] = [
 /// An overlay as requested: a file, and maybe its look and the values that it shows.
 #[derive(Debug, Clone)]
 pub struct OverlaySpec {
-    /// The file.
+    /// The path of the overlay's file.
     pub file: PathBuf,
     look: RequestedLook,
-    /// The text of the look.
+    /// The text that requests the look.
     transfer: Option<String>,
     /// The values at which the look begins and ends.
     range: [Option<f64>; 2],
@@ -92,7 +92,7 @@ fn refused<T>(reason: impl Into<String>) -> Result<T> {
     Err(Error::Setting { name: "overlay", reason: reason.into() })
 }
 
-/// Returns an error of another setting as one of the overlay.
+/// Returns an error of another setting as an error of the overlay.
 fn of_overlay(error: Error) -> Error {
     match error {
         Error::Setting { reason, .. } | Error::Transfer(reason) => Error::Setting { name: "overlay", reason },
@@ -175,7 +175,7 @@ impl OverlaySpec {
         Ok(Self { file, look, transfer: transfer.map(str::to_owned), range })
     }
 
-    /// The name in a legend: the name of the file without its endings.
+    /// Returns the overlay's name in a legend: the name of the file without its endings.
     fn name(&self) -> String {
         let name = self.file.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
         let plain = name.strip_prefix("demo:").unwrap_or(&name);
@@ -228,13 +228,13 @@ fn ends(text: &str) -> Result<[Option<f64>; 2]> {
 /// The look of an overlay. `Display` writes it as `FILE:TRANSFER@LO..HI`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct OverlayLook {
-    /// The file.
+    /// The path of the overlay's file.
     pub file: PathBuf,
-    /// The name in a legend.
+    /// The overlay's name in a legend.
     pub name: String,
     /// The look in the words of a request; empty if a file has looks of its own, such as several channels.
     pub transfer: String,
-    /// The values at which it begins and ends.
+    /// The values at which the look begins and ends.
     pub range: Option<[f64; 2]>,
     /// The reason for the look, if the library chose it.
     pub reason: Option<String>,
@@ -258,11 +258,11 @@ impl fmt::Display for OverlayLook {
 pub struct Overlay {
     /// The layers: one, or several of a file with several channels or layers of labels.
     pub layers: Vec<Layer>,
-    /// The look.
+    /// The look of the overlay in words.
     pub look: OverlayLook,
-    /// The volume, or the first of its channels.
+    /// The overlay's volume, or the first of its channels.
     pub volume: Volume,
-    /// The transfer function, if there is one.
+    /// The transfer function of the overlay, if it has one.
     pub transfer: Option<TransferFunction>,
 }
 
@@ -276,7 +276,7 @@ pub struct UsedColors {
 }
 
 impl UsedColors {
-    /// The colours of a number of overlays beside channels.
+    /// Starts the colours of `overlays` overlays beside `channels` channels.
     #[must_use]
     pub fn new(channels: usize, overlays: usize) -> Self {
         Self { ramps: 0, colors: channels, count: channels + overlays }
@@ -287,7 +287,7 @@ impl UsedColors {
         RAMPS[(self.ramps - 1) % RAMPS.len()]
     }
 
-    /// The colours of values far over and far under 0.
+    /// Returns the colours of values far over and far under 0.
     fn sides(&mut self) -> [Colors; 2] {
         self.ramps = self.ramps.next_multiple_of(2);
         [self.ramp(), self.ramp()]
@@ -302,7 +302,7 @@ impl UsedColors {
 /// Overlays on the lattice of a picture.
 #[derive(Debug, Clone)]
 pub struct Overlays {
-    /// The lattice: of the volume, or a finer one of an overlay in the box of the volume.
+    /// The lattice of the picture: of the volume, or a finer one of an overlay in the box of the volume.
     pub lattice: Lattice,
     /// The overlays in their order.
     pub all: Vec<PlacedOverlay>,
@@ -314,22 +314,22 @@ pub struct Overlays {
 /// The place of an overlay in a picture.
 #[derive(Debug, Clone, Serialize)]
 pub struct PlacedOverlay {
-    /// Its look.
+    /// The look of the overlay in words.
     #[serde(flatten)]
     pub look: OverlayLook,
-    /// The numbers of its voxels along its axes.
+    /// The numbers of the overlay's voxels along its axes.
     pub dims: [u32; 3],
-    /// How it was put onto the lattice of the picture.
+    /// The way in which the overlay was put onto the lattice of the picture.
     #[serde(skip)]
     pub fit: Fit,
-    /// Whether voxels are interpolated from its voxels.
+    /// Whether voxels of the picture are interpolated from the overlay's voxels.
     pub is_resampled: bool,
-    /// The share of its visible voxels outside of the picture's lattice, 0 to 1.
+    /// The share of the overlay's visible voxels outside of the picture's lattice, 0 to 1.
     pub outside: f64,
-    /// Its volume, or the first of its channels, on its own lattice.
+    /// The overlay's volume, or the first of its channels, on its own lattice.
     #[serde(skip)]
     pub volume: Volume,
-    /// Its transfer function, if it has one.
+    /// The transfer function of the overlay, if it has one.
     #[serde(skip)]
     pub transfer: Option<TransferFunction>,
 }
@@ -509,18 +509,18 @@ fn labels_of(volume: &Volume) -> Result<Option<String>> {
     Ok((is_sparse && (1..=FEW_LABELS).contains(&number)).then(|| format!("it has {number} whole numbers in zeros")))
 }
 
-/// A number of three digits, as a person would choose it.
+/// Returns a number of three digits, as a person would choose it.
 fn rounded(value: f64) -> f64 {
     format!("{value:.2e}").parse().unwrap_or(value)
 }
 
-/// The colour of a transfer function where it is densest.
+/// Returns the colour of a transfer function where it is densest.
 fn transfer_color(transfer: &TransferFunction) -> [f64; 3] {
     let densest = transfer.points().iter().max_by(|a, b| a.opacity.total_cmp(&b.opacity));
     densest.map_or([1.0; 3], |point| point.color)
 }
 
-/// The meaning of the values of a volume, and the reason.
+/// Returns the meaning of the values of a volume, and the reason.
 fn kind(volume: &Volume, statistics: &Statistics) -> Result<(Kind, String)> {
     let suggestion = suggest(volume, statistics);
     let unit = volume.value_unit();
@@ -552,14 +552,14 @@ fn kind(volume: &Volume, statistics: &Statistics) -> Result<(Kind, String)> {
     Ok((Kind::Scan, suggestion.reason))
 }
 
-/// The threshold and the end of a one-sided map.
+/// Returns the threshold and the end of a one-sided map.
 fn uptake(statistics: &Statistics) -> Option<[f64; 2]> {
     let window = Window::of_foreground(statistics)?;
     let [low, high] = window.ends().ok()?;
     Some([low.max(0.0) + UPTAKE * (high - low.max(0.0)), high]).filter(|[low, high]| low < high)
 }
 
-/// The values that are visible by the preset that suits a scan; `None` if all are the same.
+/// Returns the values that are visible by the preset that suits a scan; `None` if all are the same.
 fn scan_range(volume: &Volume, statistics: &Statistics) -> Result<Option<[f64; 2]>> {
     if statistics.min >= statistics.max {
         return Ok(None);
@@ -572,7 +572,7 @@ fn scan_range(volume: &Volume, statistics: &Statistics) -> Result<Option<[f64; 2
     Ok((low < high).then_some([low, high]))
 }
 
-/// A solid map over a range, and under its negative if it has two sides.
+/// Returns a solid map over a range, and under its negative if it has two sides.
 fn solid([low, high]: [f64; 2], hot: Colors, cold: Option<Colors>) -> Result<TransferFunction> {
     let side = |sign: f64, colors: Colors| {
         let point = |share: f64, rgb: u32, opacity: f64| ControlPoint {
@@ -597,8 +597,8 @@ fn solid([low, high]: [f64; 2], hot: Colors, cold: Option<Colors>) -> Result<Tra
 
 impl FittedTransfer {
     /// Returns the transfer function of a volume under a number of overlays: grey and translucent, so that overlays
-    /// inside show; of fluorescence the first colour of channels. A requested one stays as it is. The second value is
-    /// the choice.
+    /// inside show; of fluorescence the first colour of channels. A requested transfer function stays as it is. The
+    /// second value is the choice.
     ///
     /// # Errors
     /// The errors of [`TransferFunction::new`].
@@ -626,8 +626,8 @@ impl FittedTransfer {
     }
 }
 
-/// The transfer function of a volume under overlays: a grey shell of the values between its background and its tissue,
-/// as of glass, and a faint inside.
+/// Returns the transfer function of a volume under overlays: a grey shell of the values between its background and its
+/// tissue, as of glass, and a faint inside.
 fn dimmed(transfer: &TransferFunction, volume: &Volume, statistics: &Statistics) -> Result<TransferFunction> {
     let points = transfer.points();
     let first = points.iter().take_while(|point| point.opacity <= 0.0).count().clamp(1, points.len() - 1);
@@ -657,7 +657,7 @@ fn dimmed(transfer: &TransferFunction, volume: &Volume, statistics: &Statistics)
 mod tests {
     use super::*;
 
-    /// The file, the look and the range of an overlay.
+    /// Returns the file, the look and the range of an overlay.
     fn of(text: &str) -> (String, Option<String>, [Option<f64>; 2]) {
         let spec = OverlaySpec::new(Path::new(text)).unwrap();
         (spec.file.to_string_lossy().into_owned(), spec.transfer, spec.range)

@@ -7,7 +7,7 @@ use voxsplat_volume::names::{percent, readable};
 /// A preset chosen for a volume, and why.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Suggestion {
-    /// The preset's name.
+    /// The name of the suggested preset.
     pub name: &'static str,
     /// The property of the file or of the values that suits the preset.
     pub reason: String,
@@ -63,7 +63,7 @@ const WORDS: [(&str, &[&str]); 3] = [
 /// Words of descriptions that name an angiogram; also words that begin with angio.
 const ANGIOGRAMS: [&str; 3] = ["cta", "mra", "tof"];
 
-/// The preset for the method that the file states.
+/// Returns the preset for the method that the file states.
 fn stated(volume: &Volume, shape: &Shape) -> Option<(&'static str, String)> {
     let origin = &volume.contents().origin;
     if let Some(unit) = volume.value_unit().filter(|unit| STATISTICS.contains(unit)) {
@@ -93,7 +93,7 @@ fn stated(volume: &Volume, shape: &Shape) -> Option<(&'static str, String)> {
     })
 }
 
-/// The preset that the shape of the histogram suits.
+/// Returns the preset that the shape of the histogram suits.
 fn guessed(volume: &Volume, statistics: &Statistics, shape: &Shape) -> (&'static str, String) {
     let &Statistics { min, max, mean, std_dev, .. } = statistics;
     let [least, largest] = [min, max].map(readable);
@@ -179,12 +179,12 @@ struct Shape {
     has_bright_peak: bool,
     /// Whether most of the foreground is dim: in the lowest fifth of its range.
     is_dim: bool,
-    /// Whether most of it is dim, and few voxels are far brighter.
+    /// Whether most of the foreground is dim and few voxels are far brighter.
     is_hot: bool,
 }
 
 impl Shape {
-    /// Finds the shape; `None` if all values are the same.
+    /// Finds the shape of a histogram; `None` if all values are the same.
     fn of(statistics: &Statistics) -> Option<Self> {
         let object = statistics.otsu(f64::NEG_INFINITY)?;
         let background = statistics.background()?.limit.min(object);
@@ -225,7 +225,8 @@ impl Shape {
         })
     }
 
-    /// Whether the values are of a brain without its skull, if they are MRI: no fat is brighter, or no bone darker.
+    /// Returns whether the values are of a brain without its skull, if they are MRI: no fat is brighter, or no bone
+    /// darker.
     fn is_brain(&self) -> bool {
         self.is_masked && (self.top < BRAIN || self.dark < 0.01)
     }

@@ -28,9 +28,9 @@ pub enum TransferChoice {
     Suggested,
     /// A preset.
     Preset(&'static Preset),
-    /// From a file, or a colour map.
+    /// A transfer function from a file, or a colour map.
     Given(Box<Imported>),
-    /// None: values are labels.
+    /// No transfer function, because values are labels.
     Labels,
 }
 
@@ -64,30 +64,30 @@ impl FromStr for GradientSpec {
 /// A transfer function to be fitted to a volume.
 #[derive(Debug, Clone)]
 pub struct TransferRequest {
-    /// The choice.
+    /// The choice of the transfer function.
     pub choice: TransferChoice,
-    /// The values at which it begins and ends.
+    /// The values at which the transfer function begins and ends.
     pub window: Option<Window>,
-    /// The values of a preset.
+    /// The values by which a preset places its points.
     pub values: PresetValues,
     /// Whether only the window was requested.
     by_window: bool,
-    /// A replacement for its gradient opacity.
+    /// A replacement for the transfer function's gradient opacity.
     pub gradient: Option<GradientSpec>,
-    /// A replacement for the way in which it classifies voxels in pre-shading.
+    /// A replacement for the transfer function's classification of voxels in pre-shading.
     pub classification: Option<Classification>,
 }
 
 /// A transfer function fitted to a volume.
 #[derive(Debug, Clone)]
 pub struct FittedTransfer {
-    /// The function; clear if values are labels.
+    /// The transfer function; clear if values are labels.
     pub transfer: TransferFunction,
-    /// The preset that it is.
+    /// The preset of the transfer function, if it has one.
     pub preset: Option<&'static Preset>,
-    /// The material of the surfaces that it shows, by its preset or its built-in volume.
+    /// The material of the surfaces that the transfer function shows, by its preset or its built-in volume.
     pub material: Option<Material>,
-    /// Whether there is none, because values are labels.
+    /// Whether values are labels, which have no transfer function.
     pub labels: bool,
     /// The choice of the library, if the request left it open.
     pub choice: Option<Choice>,
@@ -101,7 +101,7 @@ impl FittedTransfer {
         Self { transfer, preset, material, labels: false, choice: None, values_matter: true }
     }
 
-    /// A clear transfer function, for layers that have their own.
+    /// Returns a clear transfer function, for layers that have their own.
     ///
     /// # Errors
     /// The errors of [`TransferFunction::new`].
@@ -173,13 +173,13 @@ impl TransferRequest {
         }
     }
 
-    /// Whether values may be taken for labels: nothing is requested that labels lack.
+    /// Returns whether values may be taken for labels: nothing is requested that labels lack.
     #[must_use]
     pub fn may_be_labels(&self, settings: &Settings) -> bool {
         self.gradient.is_none() && self.classification.is_none() && Layers::check_settings(settings).is_ok()
     }
 
-    /// Whether [`Self::fit`] may need statistics: of presets, and of files that are stretched over the values.
+    /// Returns whether [`Self::fit`] may need statistics: of presets, and of files that are stretched over the values.
     #[must_use]
     pub fn needs_statistics(&self) -> bool {
         match &self.choice {
@@ -262,7 +262,7 @@ fn of_map(transfer: &Path) -> Option<&Path> {
     transfer.to_str()?.strip_prefix(MAP).map(Path::new)
 }
 
-/// Whether the text must mean a file. Then a missing file is reported, instead of an unknown name.
+/// Returns whether the text must mean a file. Then a missing file is reported, instead of an unknown name.
 fn is_file_name(text: &Path) -> bool {
     let lossy = text.to_string_lossy();
     if lossy == "-" {

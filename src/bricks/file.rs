@@ -24,10 +24,10 @@ const PLAN: &str = "voxsplat.plan";
 const BRICKS: &str = "voxsplat.bricks";
 const FAMILIES: &str = "voxsplat.families";
 
-/// The most families of rays: one for each axis of the lattice.
+/// The largest number of families of rays: one for each axis of the lattice.
 const MOST_FAMILIES: usize = 3;
 
-/// The name of a channel; a family of rays after the first has its number behind it.
+/// Returns the name of a channel; a family of rays after the first has its number behind it.
 fn channel(values: Values, family: usize, number: usize) -> String {
     let name = values.channels()[number];
     if family == 0 { name.to_owned() } else { format!("family{family}.{name}") }
@@ -50,7 +50,7 @@ impl Partial {
     /// Returns the bytes of the OpenEXR file.
     ///
     /// # Errors
-    /// The encoder's.
+    /// The errors of the encoder.
     pub fn to_exr(&self) -> io::Result<Vec<u8>> {
         let Region { x, y, width, height } = self.region;
         let with_values = |family: usize, number: usize| {

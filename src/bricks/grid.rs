@@ -51,8 +51,8 @@ impl Chunks {
         Ok(Self { dims, starts })
     }
 
-    /// Makes this number of chunks along x, y and z, of about equal sizes. Those of 16 voxels and more begin between
-    /// cells of level 1, those of 32 and more of level 2, and so on.
+    /// Makes this number of chunks along x, y and z, of about equal sizes. Chunks of 16 voxels and more begin between
+    /// cells of level 1, chunks of 32 and more between cells of level 2, and so on.
     ///
     /// # Errors
     /// [`Error::Setting`] if a number is 0 or exceeds the voxels along its axis.
@@ -78,7 +78,7 @@ impl Chunks {
         self.dims
     }
 
-    /// The coarsest level of which no cell is cut.
+    /// Returns the coarsest level of which chunks cut no cell.
     pub(super) fn level(&self) -> u32 {
         let starts = self.starts.iter().flatten();
         starts.map(|start| start.trailing_zeros()).min().unwrap_or_default().min(MAX_LEVEL)
@@ -111,8 +111,8 @@ impl Chunks {
         })
     }
 
-    /// The number of the chunk at a place along an axis; -1 before the first voxel and the number of chunks behind the
-    /// last.
+    /// Returns the number of the chunk at a place along an axis; -1 before the first voxel and the number of chunks
+    /// behind the last.
     fn chunk_at(&self, axis: usize, place: f64) -> i64 {
         if place >= f64::from(self.dims[axis]) - 0.5 {
             return self.starts[axis].len() as i64;
@@ -121,9 +121,9 @@ impl Chunks {
         self.starts[axis].iter().take_while(|&&start| f64::from(start) - 0.5 <= place).count() as i64 - 1
     }
 
-    /// The bricks with their keys, front to back: along every ray the keys of the bricks that it meets ascend. Through
-    /// an eye in brick e the key of brick i is the sum of |i - e| over the axes, along parallel rays of direction d the
-    /// sum of sign(d) i.
+    /// Returns the bricks with their keys, front to back: along every ray the keys of the bricks that it meets ascend.
+    /// Through an eye in brick e the key of brick i is the sum of |i - e| over the axes, along parallel rays of
+    /// direction d the sum of sign(d) i.
     pub(super) fn in_order(&self, grid: &Grid, camera: &Camera) -> Vec<([usize; 3], i64)> {
         let to_lattice = grid.to_lattice();
         let key: Box<dyn Fn(usize, i64) -> i64> = match camera.projection {
@@ -148,8 +148,8 @@ impl Chunks {
     }
 }
 
-/// The part of a lattice that a brick owns: from half a voxel before its first voxel to half a voxel behind its last,
-/// open at the faces of the lattice.
+/// Returns the part of a lattice that a brick owns: from half a voxel before its first voxel to half a voxel behind its
+/// last, open at the faces of the lattice.
 pub(super) fn owned(grid: &Grid, voxels: &[Range<u32>; 3], open: f64) -> [DVec3; 2] {
     let low = |axis: usize| match voxels[axis].start {
         0 => -open,

@@ -12,21 +12,24 @@ use crate::volume::Grid;
 /// are measured; see docs/measurements/2026-11-25-bricks.md.
 const PROGRAM: f64 = 112.0 * 1048576.0;
 
-/// Bytes of further families of rays: half of the pipelines that they may need, for some need none.
+/// The number of bytes of further families of rays: half of the pipelines that they may need, for some need none.
 const FAMILIES: f64 = 17.0 * 1048576.0;
 
 /// Voxels between sampled ones along x, y and z.
 const STRIDE: [u32; 3] = [4, 8, 8];
 
-/// Predicts the memory of bricks.
+/// A prediction of the memory of bricks.
 pub(super) struct Memory {
-    /// Bytes of each voxel of a slice: its sample, and its filtered sample.
+    /// The number of bytes of each voxel of a slice: its sample, and its filtered sample.
     voxel: f64,
-    /// Bytes of each voxel of the box around the visible ones: the packed texture of the painter tiles and its margins.
+    /// The number of bytes of each voxel of the box around the visible ones: the packed texture of the painter tiles
+    /// and its margins.
     boxed: f64,
-    /// Bytes of each visible voxel: its splat, and the memory that making and drawing splats takes beside.
+    /// The number of bytes of each visible voxel: its splat, and the memory that making and drawing splats takes
+    /// beside.
     splat: f64,
-    /// Of every sampled voxel, x fastest, whether it is visible; `None`: take all as visible.
+    /// The visibility of each sampled voxel, x fastest, and the numbers of sampled voxels along the axes; `None`: take
+    /// all voxels as visible.
     sampled: Option<(Vec<bool>, [usize; 3])>,
     /// Voxels of the volume between sampled ones.
     steps: [f64; 3],
@@ -51,7 +54,7 @@ impl Memory {
         Ok(Self { voxel, boxed, splat, sampled: sampled(layers)?, steps })
     }
 
-    /// The bytes that drawing a slice takes, by one family of rays or by several.
+    /// Returns the bytes that drawing a slice takes, by one family of rays or by several.
     pub(super) fn of(&self, held: &[Range<u32>; 3], has_families: bool) -> u64 {
         let voxels: f64 = held.iter().map(|range| range.len() as f64).product();
         let (boxed, visible) = self.visible(held).unwrap_or((voxels, voxels));
@@ -59,7 +62,7 @@ impl Memory {
         (PROGRAM + if has_families { FAMILIES } else { 0.0 } + of_voxels) as u64
     }
 
-    /// The voxels of the box around the visible voxels of a slice, and the visible voxels.
+    /// Returns the number of voxels of the box around the visible voxels of a slice, and the number of visible voxels.
     fn visible(&self, held: &[Range<u32>; 3]) -> Option<(f64, f64)> {
         let (visible, counts) = self.sampled.as_ref()?;
         let places = |axis: usize| {
@@ -85,7 +88,7 @@ impl Memory {
     }
 }
 
-/// Whether sampled voxels of one volume are visible, and their numbers along the axes.
+/// Returns the visibility of the sampled voxels of one volume, and their numbers along the axes.
 fn sampled(layers: &Layers) -> Result<Option<(Vec<bool>, [usize; 3])>> {
     let Some((volume, transfer)) = layers.plain() else { return Ok(None) };
     let dims = volume.grid().dims();

@@ -53,5 +53,7 @@ mod plan;
 
 pub use grid::Chunks;
 pub use merge::merge;
-pub use partial::{Partial, Values};
+pub use partial::Partial;
+#[doc(hidden)]
+pub use partial::Values;
 pub use plan::{Brick, Plan, brick};

@@ -1,4 +1,4 @@
-//! Partial pictures: what the matter of a brick, or of several bricks in a row, leaves in each pixel.
+//! Partial pictures: the pixel values of a brick, or of several bricks in a row, before the other bricks are known.
 
 use std::ops::Range;
 
@@ -42,7 +42,7 @@ impl Values {
         }
     }
 
-    /// The pixel of `front` before `back`.
+    /// Composites the pixel `front` over the pixel `back`.
     fn over(self, front: [f32; 4], back: [f32; 4]) -> [f32; 4] {
         let [f, b] = [front, back].map(|pixel| pixel.map(f64::from));
         let sums: [f64; 4] = std::array::from_fn(|i| f[i] + b[i]);
@@ -63,37 +63,38 @@ impl Values {
     }
 }
 
-/// A partial picture: a box of pixels of the whole picture, and what consecutive bricks leave in them.
+/// A partial picture: a box of pixels of the whole picture, with the values of consecutive bricks.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Partial {
-    /// [`Plan::id`](super::Plan::id) of the plan that it belongs to.
+    /// The [`Plan::id`](super::Plan::id) of the partial picture's plan.
     pub(super) plan: u64,
-    /// The places of its bricks in the order of the plan.
+    /// The places of the composited bricks in the order of the plan.
     pub(super) bricks: Range<usize>,
     pub(super) values: Values,
     /// Width and height of the whole picture.
     pub(super) size: [u32; 2],
-    /// The pixels of the picture that its bricks reach.
+    /// The pixels of the picture that the composited bricks reach.
     pub(super) region: Region,
     /// The values of each family of rays.
     pub(super) families: Vec<Image>,
 }
 
 impl Partial {
-    /// Returns the places of its bricks in the order of the plan.
+    /// Returns the places of the composited bricks in the order of the plan.
     #[must_use]
     pub fn bricks(&self) -> Range<usize> {
         self.bricks.clone()
     }
 
-    /// Returns the box of pixels of the whole picture that it holds.
+    /// Returns the box of pixels of the whole picture that the partial picture holds.
     #[must_use]
     pub fn region(&self) -> Region {
         self.region
     }
 
-    /// Returns the meaning of its pixels.
+    /// Returns the meaning of the pixels' values.
     #[must_use]
+    #[doc(hidden)]
     pub fn values(&self) -> Values {
         self.values
     }
@@ -145,7 +146,7 @@ impl Partial {
         Ok(Self { bricks: self.bricks.start..back.bricks.end, region, families, ..*self })
     }
 
-    /// The pixels of all families in a region around theirs; 0 beyond.
+    /// Returns the pixels of all families in a region around theirs; 0 beyond.
     fn spread(&self, region: Region) -> Result<Vec<Image>> {
         let at = [self.region.x - region.x, self.region.y - region.y];
         let spread = |family: &Image| {
@@ -156,8 +157,8 @@ impl Partial {
         self.families.iter().map(spread).collect()
     }
 
-    /// The whole picture of a camera, classified now that all bricks are known: the sum over families of their pixels
-    /// times their shares.
+    /// Returns the whole picture of a camera, classified now that all bricks are known: the sum over families of their
+    /// pixels times their shares.
     pub(super) fn picture(&self, look: &Look<'_>, camera: &Camera, shares: &[FamilyShare<'_>]) -> Result<Image> {
         let [width, height] = camera.size;
         let families = self.spread(Region { x: 0, y: 0, width, height })?;
@@ -183,17 +184,17 @@ pub(super) fn named(bricks: &Range<usize>) -> String {
     }
 }
 
-/// What turns the values of merged bricks into pixels.
+/// The settings, colours and transfer function that turn the values of merged bricks into pixels.
 pub(super) struct Look<'a> {
     pub(super) settings: &'a Settings,
     /// The largest of each channel of the colours.
     pub(super) brightest: [f64; 3],
-    /// The transfer function of a projection, mirrored for a minimum.
+    /// The largest value of each channel of the colours.
     pub(super) transfer: Option<&'a TransferFunction>,
 }
 
 impl Look<'_> {
-    /// The premultiplied pixel of the values of all bricks.
+    /// Returns the premultiplied pixel of the values of all bricks.
     fn shown(&self, values: Values, pixel: [f32; 4]) -> [f64; 4] {
         let [a, b, c, d] = pixel.map(f64::from);
         match values {
@@ -211,7 +212,7 @@ impl Look<'_> {
         }
     }
 
-    /// The pixel of a projected value, relative to the base.
+    /// Returns the pixel of a projected value, relative to the base.
     fn projected(&self, value: f64, depth: f64) -> [f64; 4] {
         let Some(transfer) = self.transfer else { return [0.0; 4] };
         transfer.projected(value, self.settings.depth_coded.then_some(depth))

@@ -38,12 +38,12 @@ const SMOOTHED_REACH: u32 = 4;
 pub struct Brick {
     /// The voxels that the brick owns, along x, y and z.
     pub voxels: [Range<u32>; 3],
-    /// The slice of the samples that it needs: its voxels and its halo, within the volume.
+    /// The slice of the samples that the brick needs: its voxels and its halo, within the volume.
     pub held: [Range<u32>; 3],
-    /// Its order: along every ray the keys of the bricks that the ray meets ascend.
+    /// The order of the brick: along every ray the keys of the bricks that the ray meets ascend.
     pub key: i64,
-    /// The predicted bytes of memory of a process that draws it on software Vulkan, without its picture: 16 bytes a
-    /// pixel and family of rays. A brick without visible voxels takes some 30 MB less.
+    /// The predicted bytes of memory of a process that draws the brick on software Vulkan, without its picture: 16
+    /// bytes a pixel and family of rays. A brick without visible voxels takes some 30 MB less.
     pub bytes: u64,
 }
 
@@ -56,7 +56,7 @@ pub struct Plan {
     /// The transfer function, if the picture has one layer of scalars.
     transfer: Option<TransferFunction>,
     brightest: [f64; 3],
-    /// How far slabs and sheets reach beyond cuts.
+    /// The reach of slabs and sheets beyond cuts.
     beyond: f64,
     bricks: Vec<Brick>,
     id: u64,
@@ -78,7 +78,7 @@ struct Document {
 }
 
 impl Plan {
-    /// Returns the same settings with light that [`Self::new`] accepts: without shadows and occlusion.
+    /// Returns `settings` with light that [`Self::new`] accepts: without shadows and occlusion.
     #[must_use]
     pub fn settings_for(settings: &Settings) -> Settings {
         let mut settings = settings.clone();
@@ -208,7 +208,7 @@ impl Plan {
         serde_json::to_string_pretty(&document).map(|text| text + "\n").map_err(failed)
     }
 
-    /// The same plan with the number of its facts.
+    /// Returns the plan with its id, a hash of all of its facts.
     fn identified(self) -> Self {
         // FNV-1a, the same on every machine.
         let bytes = format!("{self:?}");
@@ -282,7 +282,7 @@ impl Plan {
         merged.picture(&look, &self.camera, &(self.painter().room().families)(&view))
     }
 
-    /// The view of the whole lattice.
+    /// Returns the view of the whole lattice.
     fn view(&self) -> ViewGeometry {
         let settings = Settings { kernel: self.settings.reconstruction_kernel(), ..self.settings.clone() };
         ViewGeometry::new(&self.camera, &self.grid, &settings, Savings::default())
@@ -292,19 +292,19 @@ impl Plan {
         if matches!(self.settings.painter, Painter::Quads(_)) { PainterKind::Quads } else { PainterKind::Tiles }
     }
 
-    /// The number of families of rays.
+    /// Returns the number of families of rays.
     pub(super) fn families(&self) -> usize {
         (self.painter().room().families)(&self.view()).len()
     }
 
-    /// What a scene of a brick holds, for the first family of rays.
+    /// Returns the part of the lattice that a scene of a brick holds, for the first family of rays.
     fn held(&self, Brick { voxels, held, .. }: &Brick) -> Held {
         let first = [0, 1, 2].map(|axis| held[axis].start);
         let dims = [0, 1, 2].map(|axis| held[axis].len() as u32);
         Held { first, dims, owned: owned(&self.grid, voxels, Held::OPEN), family: 0, beyond: self.beyond }
     }
 
-    /// Whether each family of rays has a share in pixels that a brick reaches, `step` pixels apart.
+    /// Returns for each family of rays whether it has a share in pixels, `step` pixels apart, that a brick reaches.
     fn families_of(&self, held: Held, step: u32) -> Vec<bool> {
         let whole = self.view();
         let families = (self.painter().room().families)(&whole);
@@ -388,7 +388,7 @@ fn check(settings: &Settings) -> Result<()> {
     Ok(())
 }
 
-/// The level of all bricks. The cuts lie between its cells.
+/// Returns the level of all bricks. The cuts lie between cells of this level.
 fn level(layers: &Layers, grid: &Grid, chunks: &Chunks, camera: &Camera, settings: &Settings) -> Result<u32> {
     let takes_cells = settings.takes_cells() && layers.plain().is_some();
     match settings.level {
@@ -413,7 +413,7 @@ fn level(layers: &Layers, grid: &Grid, chunks: &Chunks, camera: &Camera, setting
     }
 }
 
-/// The view of the lattice that pictures at a level are drawn of, and their settings.
+/// Returns the view of the lattice of a level, voxels or cells, and the settings for its pictures.
 fn drawn(grid: &Grid, camera: &Camera, settings: &Settings, level: u32) -> Result<(ViewGeometry, Settings)> {
     let settings = Settings { kernel: settings.reconstruction_kernel(), level: Level::At(level), ..settings.clone() };
     let voxels = ViewGeometry::new(camera, grid, &settings, Savings::default());
@@ -429,7 +429,7 @@ fn drawn(grid: &Grid, camera: &Camera, settings: &Settings, level: u32) -> Resul
     Ok((ViewGeometry::of_cells(camera, &cells, &settings, Savings::default(), grown, None), settings))
 }
 
-/// The painter of all bricks.
+/// Returns the painter of all bricks.
 fn painter(view: &ViewGeometry, settings: &Settings) -> Result<Painter> {
     let refusal = || (PainterKind::Tiles.room().refusal)(view, settings);
     match settings.painter {
@@ -443,7 +443,7 @@ fn painter(view: &ViewGeometry, settings: &Settings) -> Result<Painter> {
     }
 }
 
-/// How far samples that change the normal or the gradient of a voxel are from it.
+/// Returns the distance in voxels of the farthest samples on which the normal or the gradient of a voxel depends.
 fn normals_reach(layers: &Layers, settings: &Settings) -> u32 {
     match (settings.normals(), layers.plain()) {
         (Some(normals), Some(_)) => normals.reach() as u32,
@@ -456,7 +456,7 @@ fn normals_reach(layers: &Layers, settings: &Settings) -> u32 {
 /// The largest degree of the polynomial that filters samples, in applications of the kernel.
 const FILTER_DEGREE: u32 = 24;
 
-/// How far samples that change a filtered sample are from it at most.
+/// Returns the largest distance in voxels of samples on which a filtered sample depends.
 fn filter_reach(settings: &Settings) -> u32 {
     settings.sharpens().map_or(0, |(kernel, _)| FILTER_DEGREE * kernel.radius().floor() as u32)
 }

@@ -33,32 +33,32 @@ impl Plane {
     /// Makes the plane through a point of the world.
     ///
     /// # Errors
-    /// As [`Self::new`].
+    /// The errors of [`Self::new`].
     pub fn through(point: DVec3, normal: DVec3) -> Result<Self> {
         let plane = Self::new(normal, 0.0)?;
         Self::new(normal, plane.normal.dot(point))
     }
 
-    /// The unit vector towards the matter that stays.
+    /// Returns the unit vector towards the matter that stays.
     #[must_use]
     pub fn normal(&self) -> DVec3 {
         self.normal
     }
 
-    /// The distance of the plane from the origin of the world, along its normal.
+    /// Returns the distance of the plane from the origin of the world, along its normal.
     #[must_use]
     pub fn offset(&self) -> f64 {
         self.offset
     }
 
-    /// The same plane with its sides exchanged: it keeps the matter that this plane cuts away.
+    /// Returns the plane with its sides exchanged: it keeps the matter that this plane cuts away.
     #[must_use]
     pub fn flipped(self) -> Self {
         Self { normal: -self.normal, offset: -self.offset }
     }
 }
 
-/// `{"normal": [x, y, z], "offset": d}`.
+/// Writes `{"normal": [x, y, z], "offset": d}`.
 impl Serialize for Plane {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let mut plane = serializer.serialize_struct("Plane", 2)?;
@@ -68,7 +68,7 @@ impl Serialize for Plane {
     }
 }
 
-/// The plane as written, to the bit: a unit normal is not normalised again.
+/// Reads the plane as written, to the bit: a unit normal is not normalised again.
 impl<'de> Deserialize<'de> for Plane {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         #[derive(Deserialize)]
@@ -82,7 +82,7 @@ impl<'de> Deserialize<'de> for Plane {
     }
 }
 
-/// The part of the world that shows: the inner side of all of its planes. By default, all of the world.
+/// The visible part of the world: the inner side of all planes of the clip. By default, all of the world.
 ///
 /// Extinction and emission are 0 outside. Every ray has one interval inside and is integrated there alone: the cut is
 /// exact for every kernel. Pictures of parts that share only their faces add up, composited front to back, to the
@@ -94,7 +94,7 @@ pub struct Clip {
 }
 
 impl Clip {
-    /// The largest number of planes.
+    /// The largest number of planes of a clip.
     pub const MAX_PLANES: usize = 8;
 
     /// Makes the clip of some planes, which keeps the inner side of all of them.
@@ -156,22 +156,22 @@ impl Clip {
         Self::new(planes)
     }
 
-    /// The part of the world inside both.
+    /// Returns the part of the world inside both clips.
     ///
     /// # Errors
-    /// As [`Self::new`].
+    /// The errors of [`Self::new`].
     pub fn and(mut self, other: Self) -> Result<Self> {
         self.planes.extend(other.planes);
         Self::new(self.planes)
     }
 
-    /// The planes.
+    /// Returns the planes of the clip.
     #[must_use]
     pub fn planes(&self) -> &[Plane] {
         &self.planes
     }
 
-    /// Whether there are no planes, so that nothing is cut away.
+    /// Returns whether the clip has no planes, so that nothing is cut away.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.planes.is_empty()
@@ -193,7 +193,7 @@ impl Clip {
 /// more inside. The gradients of clipping planes have length 1.
 pub(crate) type Side = (DVec3, f64);
 
-/// Whether a point, relative to the middle of the lattice, is on the inner side of all planes.
+/// Returns whether a point, relative to the middle of the lattice, is on the inner side of all planes.
 pub(crate) fn is_inside(sides: &[Side], point: DVec3) -> bool {
     sides.iter().all(|(gradient, value)| gradient.dot(point) + value >= 0.0)
 }
@@ -226,7 +226,7 @@ mod tests {
 
     use super::*;
 
-    /// A skewed lattice far from the origin of the world.
+    /// Makes a skewed lattice far from the origin of the world.
     fn skewed() -> Grid {
         let axes = DMat3::from_cols(DVec3::new(1.0, 0.2, 0.0), DVec3::new(0.3, 1.0, 0.1), DVec3::new(0.0, -0.4, 10.0));
         Grid::new([8, 6, 5], DAffine3::from_mat3_translation(axes, DVec3::new(100.0, -3.0, 7.0))).unwrap()

@@ -10,14 +10,14 @@ use crate::error::{Error, Result};
 use crate::volume::Grid;
 use voxsplat_volume::vector::unit;
 
-/// How a picture is projected.
+/// The projection of a picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ProjectionKind {
     /// Parallel rays.
     Orthographic,
-    /// Rays through one eye; `fov` is the vertical field of view in degrees, over 0 and under 180.
+    /// Rays through one eye.
     Perspective {
-        /// Vertical field of view, degrees.
+        /// The vertical field of view, degrees, over 0 and under 180.
         fov: f64,
     },
 }
@@ -28,6 +28,8 @@ impl ProjectionKind {
 }
 
 /// A view as a user describes it. `Default` looks at the front of the volume, orthographic, fitted to the image.
+///
+/// End a literal with `..View::default()`: a minor release may add fields.
 #[derive(Debug, Clone, PartialEq)]
 pub struct View {
     /// Degrees by which the eye is turned about `up`, starting from the front (looking along world +y) towards +x.
@@ -58,6 +60,9 @@ pub struct View {
     pub view_height: Option<f64>,
     /// World distance from eye to target; only perspective pictures depend on it.
     pub distance: Option<f64>,
+    /// Makes literals that name all fields impossible.
+    #[doc(hidden)]
+    pub non_exhaustive: (),
 }
 
 impl Default for View {
@@ -76,6 +81,7 @@ impl Default for View {
             zoom: 1.0,
             view_height: None,
             distance: None,
+            non_exhaustive: (),
         }
     }
 }
@@ -100,7 +106,7 @@ pub enum Projection {
 }
 
 impl Projection {
-    /// The world distance from the eye to the target; `None` if rays are parallel.
+    /// Returns the world distance from the eye to the target; `None` if rays are parallel.
     #[must_use]
     pub fn eye_distance(&self) -> Option<f64> {
         if let Self::Perspective { distance, .. } = self { Some(*distance) } else { None }
@@ -262,7 +268,7 @@ impl Camera {
         Ok(())
     }
 
-    /// The world point that perspective rays start from; `None` for parallel rays.
+    /// Returns the world point that perspective rays start from; `None` for parallel rays.
     #[must_use]
     pub fn eye(&self) -> Option<DVec3> {
         match self.projection {
@@ -271,7 +277,7 @@ impl Camera {
         }
     }
 
-    /// The width of a pixel in world units; in perspective at the depth of the target.
+    /// Returns the width of a pixel in world units; in perspective at the depth of the target.
     #[must_use]
     pub fn pixel_size(&self) -> f64 {
         let at = match self.projection {
@@ -281,8 +287,8 @@ impl Camera {
         self.pixels().0[0] * at
     }
 
-    /// The steps of one pixel across and down, and the top left corner of the picture, as offsets along right and up:
-    /// in world units at the target for parallel rays, at unit depth for perspective rays.
+    /// Returns the steps of one pixel across and down, and the top left corner of the picture, as offsets along right
+    /// and up: in world units at the target for parallel rays, at unit depth for perspective rays.
     pub(crate) fn pixels(&self) -> ([f64; 2], [f64; 2]) {
         let [w, h] = self.size.map(f64::from);
         let half = match self.projection {
@@ -318,11 +324,11 @@ impl Camera {
     }
 }
 
-/// How far the target of a view moves from a point, and the half height or the distance of the eye, to fit matter
-/// around the point beside the parts of the picture that are reserved. `extent` tells how far the matter reaches from
-/// the point in a direction, whose length multiplies the result; the columns of `frame` are the camera's axes: right,
-/// up, backward. A place p from the target is inside a side of the free part, at a height or distance of 1, if
-/// p . (side / (tan room) + towards) is at most 1.
+/// Returns how far the target of a view moves from a point, and the half height or the distance of the eye, to fit
+/// matter around the point beside the parts of the picture that are reserved. `extent` returns how far the matter
+/// reaches from the point in a direction, whose length multiplies the result; the columns of `frame` are the camera's
+/// axes: right, up, backward. A place p from the target is inside a side of the free part, at a height or distance of
+/// 1, if p . (side / (tan room) + towards) is at most 1.
 fn beside(
     view: &View,
     aspect: f64,
@@ -354,6 +360,8 @@ fn beside(
 /// et al. 1997, "An anti-aliasing technique for splatting"). The distance of two voxels is the smallest extent of a
 /// unit lattice ball in the image, so that anisotropic grids have no holes either.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
+#[doc(hidden)]
 pub struct Growth {
     /// s for parallel rays; 0 for perspective rays.
     pub constant: f64,
@@ -375,6 +383,7 @@ impl Growth {
 impl Camera {
     /// Returns the growth of the kernels of a volume on `grid` in the picture.
     #[must_use]
+    #[doc(hidden)]
     pub fn growth(&self, grid: &Grid) -> Growth {
         // Lengths in a unit whose squares neither overflow nor vanish.
         let unit = grid.min_spacing();
@@ -410,7 +419,7 @@ impl View {
         Ok(-self.frame()?.z_axis)
     }
 
-    /// The camera's axes as columns: right, up, backward.
+    /// Returns the camera's axes as columns: right, up, backward.
     fn frame(&self) -> Result<DMat3> {
         let world_up = unit(self.up);
         let (forward, right) = match self.direction {

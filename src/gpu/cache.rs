@@ -16,7 +16,7 @@ pub(crate) struct Cache(Mutex<HashMap<TypeId, Arc<dyn Any + Send + Sync>>>);
 type Kept<K, V> = Mutex<HashMap<K, Arc<V>>>;
 
 impl Cache {
-    /// The value for `key`, made now if there is none. Meanwhile others that need the same types wait.
+    /// Returns the value for `key`, made now if there is none. Meanwhile other callers with the same types wait.
     pub(crate) fn get_or_make<K, V>(&self, key: K, make: impl FnOnce() -> Result<V>) -> Result<Arc<V>>
     where
         K: Eq + Hash + Send + 'static,
@@ -30,7 +30,7 @@ impl Cache {
         })
     }
 
-    /// All values of these types.
+    /// Returns all values of the types `K` and `V`.
     fn of<K: Send + 'static, V: Send + Sync + 'static>(&self) -> Arc<dyn Any + Send + Sync> {
         let mut kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let place = kept.entry(TypeId::of::<(K, V)>()).or_insert_with(|| Arc::new(Kept::<K, V>::default()));

@@ -28,10 +28,10 @@ use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::volume::BRICK_EDGE as EDGE;
 
-/// The most bytes of a buffer of voxels or of sums. There is one of them in each frame, three for voxels in shadows.
-/// Larger ones take fewer dispatches, but to allocate 256 MiB more took 5 ms of a frame on an H200.
+/// The largest number of bytes of a buffer of voxels or of sums. There is one such buffer in each frame, three for
+/// voxels in shadows. Larger ones take fewer dispatches, but to allocate 256 MiB more took 5 ms of a frame on an H200.
 pub(super) const MOST: u64 = 128 << 20;
-/// Bytes of a voxel or of a sum.
+/// The number of bytes of a voxel or of a sum.
 const VALUE: u64 = 16;
 /// Cells that a voxel is shared among along an axis; NODES in shaders/lit_rows.wgsl.
 pub(crate) const NODES: usize = 6;
@@ -45,7 +45,7 @@ pub(crate) const OPEN: usize = 8;
 /// The work for a voxel whose normal is kept, in fragments of splats.
 const LIT: u64 = 2;
 
-/// The cells of a level.
+/// The lattice of cells of a level, and the weights of voxels in cells.
 pub(crate) struct CellLattice<'a> {
     /// Cells along each axis.
     pub(crate) dims: [usize; 3],
@@ -55,39 +55,39 @@ pub(crate) struct CellLattice<'a> {
     pub(crate) size: [usize; 2],
     /// The first voxel with a weight in the first cell, along each axis.
     pub(crate) first: i64,
-    /// The weights of the voxels from there on, for as many cells as the divisor of `size`.
+    /// The weights of the voxels from `first` on, for as many cells as the divisor of `size`.
     pub(crate) weights: &'a [Vec<f32>],
-    /// Cells of a lower density are left out.
+    /// The least density of cells that are kept.
     pub(crate) least: f32,
 }
 
 impl CellLattice<'_> {
-    /// The first voxel with a weight in a cell: below 0 before the face.
+    /// Returns the first voxel with a weight in a cell: below 0 before the face.
     fn low(&self, cell: usize) -> i64 {
         let [over, under] = self.size;
         self.first + (cell * over / under) as i64
     }
 
-    /// The number of weights in a cell.
+    /// Returns the number of weights in a cell.
     fn taps(&self) -> usize {
         self.weights.first().map_or(0, Vec::len)
     }
 
-    /// The voxels with weights in some cells along an axis.
+    /// Returns the voxels with weights in some cells along an axis.
     fn voxels(&self, axis: usize, cells: &Range<usize>) -> Range<usize> {
         let end = self.low(cells.end.max(1) - 1) + self.taps() as i64;
         let [start, end] = [self.low(cells.start), end].map(|voxel| voxel.clamp(0, self.voxels[axis] as i64) as usize);
         start..end
     }
 
-    /// The largest number of voxels with weights in so many cells along an axis.
+    /// Returns the largest number of voxels with weights in `cells` consecutive cells along an axis.
     fn count(&self, axis: usize, cells: usize) -> usize {
         let [over, under] = self.size;
         (((cells - 1) * over).div_ceil(under) + self.taps()).min(self.voxels[axis])
     }
 
-    /// The fewest boxes of whole bricks of cells whose sums along x and y keep within `most` bytes. Cells of a box lie
-    /// side by side along z as far as possible: planes of voxels that two boxes share are lit twice.
+    /// Plans the fewest boxes of whole bricks of cells whose sums along x and y keep within `most` bytes. Cells of a
+    /// box lie side by side along z as far as possible: planes of voxels that two boxes share are lit twice.
     pub(super) fn plan(&self, most: u64) -> Plan {
         let [across, down, deep] = self.dims;
         let fits = |&[rows, layers]: &[usize; 2]| (across * rows * self.count(2, layers)) as u64 * VALUE <= most;
@@ -103,7 +103,7 @@ impl CellLattice<'_> {
     }
 }
 
-/// How cells are made, box by box.
+/// The sizes of the boxes in which cells are made one after the other.
 pub(super) struct Plan {
     /// Cells of a box along y and z.
     pub(super) rows: usize,
@@ -135,7 +135,7 @@ impl Coarsener {
 /// The voxels of a volume on the device.
 #[derive(Clone, Copy)]
 pub(crate) enum Voxels<'a> {
-    /// Classified and lit on the way.
+    /// The samples of voxels, which are classified and lit on the way.
     Samples(&'a Sampled),
     /// Listed voxels in shadows: splats hold the light that arrives.
     Splats(&'a [Store]),
@@ -151,7 +151,7 @@ struct VoxelsKey {
 }
 
 impl VoxelsKey {
-    /// The stage that lights voxels.
+    /// Returns the stage that lights voxels.
     fn stage(self, context: &Context) -> Stage {
         use Binding::{Read, Uniform, Write};
         let Self { samples, lights, points, perspective } = self;
@@ -172,7 +172,7 @@ impl VoxelsKey {
     }
 }
 
-/// What a box of cells needs under another light: the places of its splats are the same.
+/// A box of cells, kept for another light: the places of its splats stay.
 struct KeptBox {
     cells: [Range<usize>; 3],
     collected: Collected,
@@ -181,8 +181,8 @@ struct KeptBox {
 /// The boxes of all cells that were made together.
 struct KeptBoxes(Vec<KeptBox>);
 
-/// The cells of a level under a light; `None`: unlit. `before` are the cells of the same voxels under another light,
-/// whose memory is used again.
+/// Makes the cells of a level under a light; `None`: unlit. `before` are the cells of the same voxels under another
+/// light, whose memory is used again.
 pub(crate) fn run(
     context: &Context,
     pipelines: &Cache,
@@ -227,7 +227,7 @@ enum Source<'a> {
 }
 
 impl Source<'_> {
-    /// The work for a voxel, in fragments of splats.
+    /// Returns the work for a voxel, in fragments of splats.
     fn work(&self) -> u64 {
         match self {
             Source::Samples { parts, .. } if parts.iter().any(|part| part.normals.is_none()) => FOUND,
@@ -251,11 +251,11 @@ struct Job<'a> {
 
 /// The values on the way from voxels to cells.
 struct Values {
-    /// A few planes of voxels in shadows, and their sums along x; others are summed as they are lit.
+    /// A few planes of voxels in shadows, and their sums along x; `None`: voxels are summed as they are lit.
     voxels: Option<[wgpu::Buffer; 2]>,
     /// The sums along x and y of all planes of a box.
     planes: wgpu::Buffer,
-    /// The planes of voxels that are lit together.
+    /// The number of planes of voxels that are lit together.
     together: usize,
 }
 
@@ -325,7 +325,7 @@ impl Job<'_> {
         Ok(made)
     }
 
-    /// The same cells under this light, without a wait.
+    /// Lights the cells of `boxes` again, without a wait.
     fn relight(
         &self,
         source: &Source<'_>,
@@ -378,8 +378,8 @@ impl Job<'_> {
         Ok(())
     }
 
-    /// The sums of a box of cells along an axis: so many along each axis, of values with these steps, from place
-    /// `first` on.
+    /// Returns the parameters of the sums of a box of cells along an axis: `dims` sums along each axis, of values with
+    /// these steps, from place `first` on.
     fn coarsen(
         &self,
         axis: usize,
@@ -501,7 +501,7 @@ impl Job<'_> {
         Ok(())
     }
 
-    /// Adds the cells of a box as splats, after what the recorder holds.
+    /// Counts the cells of a box and adds them as splats, after the recorder's commands.
     fn collect(
         &self,
         recorder: Recorder<'_>,

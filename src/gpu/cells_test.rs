@@ -41,7 +41,7 @@ impl<'a> Subject<'a> {
         Self { context, volume, transfer, size, pipelines, held, kept }
     }
 
-    /// The cells under a light from this side.
+    /// Makes the cells under a light from `side`.
     fn lit(&self, side: f64, before: Option<Drawable>) -> Drawable {
         let Self { context, volume, transfer, .. } = *self;
         let lights = vec![Light::HEADLIGHT, Light::directional(DVec3::new(side, 1.0, 0.5))];
@@ -55,7 +55,7 @@ impl<'a> Subject<'a> {
         cells::run(context, &self.pipelines, of, &shape.on_device(), before, &progress).unwrap()
     }
 
-    /// The words of splats without their places, which name bricks of boxes.
+    /// Returns the words of splats without their places, which name bricks of boxes.
     fn words(&self, cells: &Drawable) -> Vec<[u32; 2]> {
         let words = cells.stores.iter().flat_map(|store| {
             let mut recorder = Recorder::untimed(self.context);
@@ -67,7 +67,7 @@ impl<'a> Subject<'a> {
         words.map(|[_, density, color, _]| [density, color]).collect()
     }
 
-    /// The buffers of normals, and the number of visible voxels.
+    /// Returns the buffers of normals, and the number of visible voxels.
     fn normals(&self) -> Option<(Vec<wgpu::Buffer>, u64)> {
         let kept = self.kept.0.lock().unwrap();
         let (visible, normals) = kept.as_ref().unwrap();
@@ -159,7 +159,7 @@ fn cells_without_kept_normals(sizes: &[CellSize]) {
     }
 }
 
-/// Two balls of a nearly empty volume, whose bricks that may show are 10 of 84.
+/// Makes two balls in a nearly empty volume, whose bricks that may be visible are 10 of 84.
 fn balls() -> (Volume, TransferFunction) {
     let centers = [[33.0, 33.0, 33.0], [191.0, 16.0, 80.0]];
     let value = |[x, y, z]: [u32; 3]| {

@@ -18,7 +18,7 @@ use crate::error::Result;
 use crate::splats::brick::BrickSplats;
 use crate::volume::BRICK_EDGE as EDGE;
 
-/// Completes errors: "while ...".
+/// The work in words that complete errors: "while ...".
 const FINDING: &str = "classifying the volume";
 
 /// The largest number of splats that are joined: meanwhile they are in memory twice. Each store is a dispatch.
@@ -32,7 +32,7 @@ pub(crate) struct Classifier {
 }
 
 impl Classifier {
-    /// The stages for a volume, made now if there are none.
+    /// Returns the stages for a volume, made now if there are none.
     pub(crate) fn of(pipelines: &Cache, input: &Input<'_>) -> Result<Arc<Self>> {
         pipelines.get_or_make((input.key(), input.keeps_invisible()), || Ok(Self::new(input)))
     }
@@ -48,8 +48,8 @@ impl Classifier {
         Self { count, emit, extents }
     }
 
-    /// The visible voxels of a volume as splats, brick by brick, with normals if there is light. The samples of visible
-    /// bricks are on the device a batch at a time.
+    /// Classifies a volume and returns its visible voxels as splats, brick by brick, with normals if there is light.
+    /// The samples of visible bricks are on the device a batch at a time.
     pub(crate) fn run(&self, scan: &Scan, input: &Input<'_>) -> Result<Drawable> {
         let context = input.context;
         let job = Job { context, scan, stages: self, input, points: input.points_on_device()? };
@@ -85,7 +85,7 @@ impl Classifier {
         parts.into_iter().zip(origins).map(counted).collect()
     }
 
-    /// The stage that emits splats.
+    /// Returns the stage that emits splats.
     pub(super) fn emit(&self) -> &Stage {
         &self.emit
     }
@@ -97,7 +97,7 @@ const SLOTS: [Binding; 8] = {
     [Uniform, Read, Read, Write, Write, Read, Write, Read]
 };
 
-/// The stage that emits splats with the light that arrives.
+/// Returns the stage that emits splats with the light that arrives.
 pub(super) fn emit_in_shadows(context: &Context, key: InputKey) -> Stage {
     let mut constants = key.constants().to_vec();
     constants.push(("SHADOWS", 1));
@@ -129,16 +129,16 @@ pub(super) fn record(
 /// The visible voxels of the bricks of a buffer of samples.
 pub(super) struct VisibleVoxels {
     pub(super) count: u32,
-    /// The bricks, of whose visible voxels the first is numbered among those of the buffer.
+    /// The bricks; each numbers its first visible voxel among the visible voxels of the buffer.
     pub(super) bricks: Vec<BrickSplats>,
-    /// For each row of a brick, the number of its first visible voxel; then their number, and the index of the buffer:
+    /// The number of the first visible voxel of each row of each brick, then their total, and the index of the buffer:
     /// see shaders/common/sampled.wgsl.
     pub(super) places: wgpu::Buffer,
-    /// For each row of a brick, the bits of its visible voxels.
+    /// The bits of the visible voxels in each row of each brick.
     pub(super) seen: wgpu::Buffer,
 }
 
-/// Bytes of a splat.
+/// The number of bytes of a splat.
 pub(crate) const STRIDE: u64 = size_of::<Splat>() as u64;
 
 /// The state that all batches of a volume share.
@@ -151,7 +151,7 @@ struct Job<'a> {
 }
 
 impl Job<'_> {
-    /// Adds the visible voxels of a batch that is on the device no longer than that takes.
+    /// Adds the visible voxels of a batch, then waits, so that the batch leaves the device.
     fn run(&self, batch: &BrickBatch, stores: &mut StoreBuilder<'_, DevicePart>) -> Result<()> {
         let record = |pass: &mut ComputePass<'_>, first, rows: &Rows| self.record(batch, pass, first, rows);
         let recorder = Recorder::untimed(self.context);
@@ -159,15 +159,15 @@ impl Job<'_> {
         self.context.wait("classifying the volume")
     }
 
-    /// Records the visible voxels of the batches of a buffer, of those that may show. The extents of their bricks can
-    /// be read after a wait.
+    /// Records the search for visible voxels in the batches of a buffer that `shows` accepts. The extents of their
+    /// bricks can be read after a wait.
     fn mark(
         &self,
         recorder: &mut Recorder<'_>,
         of: &HeldBuffer,
         shows: &dyn Fn(&BrickBatch) -> bool,
     ) -> Result<(VisibleVoxels, Readback)> {
-        /// Bytes of a row of a brick, and of the extents of a brick.
+        /// The number of bytes of a row of a brick, and of the extents of a brick.
         const EACH: u64 = 4;
         const EXTENTS: u64 = size_of::<Extent>() as u64;
         let context = self.context;

@@ -26,8 +26,8 @@ impl From<&wgpu::AdapterInfo> for AdapterInfo {
     }
 }
 
-/// One instance for the whole program: without any the drivers are unloaded, and NVIDIA's loads no more than some 30
-/// times (580.159: "cannot allocate memory in static TLS block").
+/// The instance of wgpu for the whole program: without any the drivers are unloaded, and NVIDIA's loads no more than
+/// some 30 times (580.159: "cannot allocate memory in static TLS block").
 static INSTANCE: LazyLock<wgpu::Instance> = LazyLock::new(|| {
     wgpu::Instance::new(wgpu::InstanceDescriptor {
         backends: wgpu::Backends::VULKAN | wgpu::Backends::METAL | wgpu::Backends::DX12,
@@ -44,7 +44,7 @@ async fn enumerate() -> Vec<(AdapterInfo, wgpu::Adapter)> {
     found
 }
 
-/// The adapters of this machine, best first; none if there is no memory for a driver.
+/// Returns the adapters of this machine, best first; none if there is no memory for a driver.
 pub(crate) fn adapters() -> Vec<AdapterInfo> {
     if check_memory(DRIVER_BYTES).is_err() {
         return Vec::new();
@@ -52,8 +52,8 @@ pub(crate) fn adapters() -> Vec<AdapterInfo> {
     pollster::block_on(enumerate()).into_iter().map(|(info, _)| info).collect()
 }
 
-/// Bytes of addresses without which drivers crash or fail in words about anything but memory. Mesa's software driver,
-/// the largest, opens in limits (`ulimit -v`) of 750 to 900 MB, of which the program has 100.
+/// The number of bytes of addresses without which drivers crash or fail in words about anything but memory. Mesa's
+/// software driver, the largest, opens in limits (`ulimit -v`) of 750 to 900 MB, of which the program has 100.
 const DRIVER_BYTES: u64 = 640 << 20;
 
 /// Refuses to open a driver if there are fewer than `bytes` of memory.
@@ -67,8 +67,8 @@ pub(crate) fn check_memory(bytes: u64) -> Result<()> {
     })
 }
 
-/// The index of the adapter that `wanted` names among names, best first: a part of its name, letter case ignored, or
-/// its index behind `#`. `None` is the best.
+/// Returns the index of the adapter that `wanted` names among names, best first: a part of the name, letter case
+/// ignored, or the index behind `#`. `None` is the best.
 fn chosen(wanted: Option<&str>, names: &[&str]) -> Result<usize> {
     if names.is_empty() {
         return Err(Error::NoAdapter(
@@ -92,10 +92,10 @@ fn chosen(wanted: Option<&str>, names: &[&str]) -> Result<usize> {
 /// Devices opened so far.
 static OPENED: AtomicU64 = AtomicU64::new(0);
 
-/// Bytes of a pixel: premultiplied RGBA, f32.
+/// The number of bytes of a pixel: premultiplied RGBA, f32.
 pub(crate) const PIXEL_BYTES: u64 = 16;
 
-/// How long another thread may take to report that a buffer is mapped.
+/// The time within which another thread must report that a buffer is mapped.
 const MAP_TIMEOUT: std::time::Duration = std::time::Duration::from_secs(60);
 
 /// An open device with its queue and its errors.
@@ -110,18 +110,18 @@ pub(crate) struct Context {
     traffic: Mutex<Traffic>,
     /// Buffers that the host read from.
     staging: Mutex<Vec<wgpu::Buffer>>,
-    /// Distinguishes this device from others of the program.
+    /// The number that distinguishes this device from others of the program.
     pub(crate) id: u64,
-    /// What is left out: everything possible, except in tests.
+    /// The savings of work without effect: all of them, except in tests.
     pub(crate) savings: Savings,
 }
 
-/// The ledger of a device: all that was made on it and sent to it since it was opened.
+/// The ledger of a device: everything made on it and sent to it since it was opened.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Traffic {
-    /// Bytes of buffers and textures.
+    /// The number of bytes of buffers and textures.
     pub(crate) allocated: u64,
-    /// Bytes sent into them by the host.
+    /// The number of bytes that the host sent into buffers and textures.
     pub(crate) sent: u64,
     pub(crate) pipelines: u32,
     /// Dispatches of compute shaders, and draws.
@@ -132,18 +132,18 @@ pub(crate) struct Traffic {
     pub(crate) waits: u64,
 }
 
-/// The error of a buffer that the host cannot read or write.
+/// Returns the error of a buffer that the host cannot read or write.
 fn unmapped(stage: &str, e: &dyn std::fmt::Display) -> Error {
     let reason = format!("memory of the device cannot be read or written: {}", one_line(&e.to_string()));
     Error::Device { stage: stage.to_owned(), reason }
 }
 
 impl Context {
-    /// Features that are used if the device has them.
+    /// The features that are used if the device has them.
     pub(crate) const FEATURES: wgpu::Features =
         wgpu::Features::TIMESTAMP_QUERY.union(wgpu::Features::FLOAT32_BLENDABLE);
 
-    /// A device that is open already. Its error callbacks stay the owner's.
+    /// Makes the context of a device that is open already. Its error callbacks stay the owner's.
     pub(crate) fn of_device(device: wgpu::Device, queue: wgpu::Queue, info: AdapterInfo) -> Self {
         let (limits, features) = (device.limits(), device.features() & Self::FEATURES);
         Self {
@@ -222,7 +222,7 @@ impl Context {
         result
     }
 
-    /// Whether sheets can be f32.
+    /// Returns whether the device can blend f32, so that sheets can be f32.
     pub(crate) fn blends_f32(&self) -> bool {
         self.features.contains(wgpu::Features::FLOAT32_BLENDABLE)
     }
@@ -238,7 +238,8 @@ impl Context {
         self.count(|traffic| traffic.dispatches += 1);
     }
 
-    /// Bytes of memory of all buffers and textures of the device, staging buffers of wgpu included. Metal counts none.
+    /// Returns the bytes of memory of all buffers and textures of the device, staging buffers of wgpu included; 0 on
+    /// Metal.
     pub(crate) fn resident(&self) -> u64 {
         let counters = self.device.get_internal_counters().hal;
         (counters.buffer_memory.read() + counters.texture_memory.read()).max(0) as u64
@@ -257,7 +258,7 @@ impl Context {
             .map_err(|e| Error::Device { stage: stage.to_owned(), reason: one_line(&e.to_string()) })
     }
 
-    /// A buffer of `size` bytes, rounded up to the alignment of copies.
+    /// Makes a buffer of `size` bytes, rounded up to the alignment of copies.
     pub(crate) fn buffer(&self, label: &str, size: u64, usage: wgpu::BufferUsages) -> Result<wgpu::Buffer> {
         self.new_buffer(label, size, usage, false)
     }
@@ -279,7 +280,7 @@ impl Context {
         }))
     }
 
-    /// A buffer that holds `data`.
+    /// Makes a buffer that holds `data`.
     pub(crate) fn upload(&self, label: &str, data: &[u8], usage: wgpu::BufferUsages) -> Result<wgpu::Buffer> {
         let buffer = self.buffer(label, data.len() as u64, usage | wgpu::BufferUsages::COPY_DST)?;
         self.write(&buffer, 0, data);
@@ -299,18 +300,18 @@ impl Context {
         }
     }
 
-    /// A buffer of the pixels of a picture, four f32 each, that shaders write.
+    /// Makes a buffer of the pixels of a picture, four f32 each, that shaders write.
     pub(crate) fn pixels(&self, label: &str, [width, height]: [u32; 2]) -> Result<wgpu::Buffer> {
         let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
         self.buffer(label, u64::from(width) * u64::from(height) * PIXEL_BYTES, usage)
     }
 
-    /// The most bytes of a buffer that shaders read as a whole.
+    /// Returns the most bytes of a buffer that shaders read as a whole.
     pub(crate) fn largest_buffer(&self) -> u64 {
         self.limits.max_storage_buffer_binding_size.min(self.limits.max_buffer_size)
     }
 
-    /// A texture of one level, whose bytes are counted.
+    /// Makes a texture of one level, whose bytes are counted.
     pub(crate) fn texture(
         &self,
         label: &str,
@@ -334,7 +335,7 @@ impl Context {
         })
     }
 
-    /// A storage texture of f32 in RGBA, row by row.
+    /// Makes a storage texture of f32 in RGBA, row by row.
     pub(crate) fn float_texture(&self, label: &str, [width, height]: [u32; 2], values: &[f32]) -> wgpu::TextureView {
         let usage = wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::COPY_DST;
         let (format, flat) = (wgpu::TextureFormat::Rgba32Float, wgpu::TextureDimension::D2);
@@ -343,7 +344,7 @@ impl Context {
         texture.create_view(&Default::default())
     }
 
-    /// A storage texture of f32 in RGBA whose rows begin with these texels; the others are 0.
+    /// Makes a storage texture of f32 in RGBA whose rows begin with these texels; all other texels are 0.
     pub(crate) fn float_rows(&self, label: &str, rows: &[Vec<[f32; 4]>]) -> wgpu::TextureView {
         let usage = wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::COPY_DST;
         let (format, flat) = (wgpu::TextureFormat::Rgba32Float, wgpu::TextureDimension::D2);
@@ -355,7 +356,7 @@ impl Context {
         texture.create_view(&Default::default())
     }
 
-    /// Sends bytes into a texture, from this texel on.
+    /// Sends bytes into a texture, from texel `[x, y, z]` on.
     pub(crate) fn write_texels(
         &self,
         texture: &wgpu::Texture,
@@ -373,7 +374,7 @@ impl Context {
         );
     }
 
-    /// The resources made since the device was opened.
+    /// Returns the resources made since the device was opened.
     pub(crate) fn traffic(&self) -> Traffic {
         *self.traffic.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -387,8 +388,8 @@ impl Context {
         self.count(|traffic| traffic.pipelines += 1);
     }
 
-    /// A buffer of at least so many bytes for copies that the host reads: one that [`Self::read_done`] kept, if there
-    /// is one. The driver takes longer to allocate such memory than to copy to it.
+    /// Returns a buffer of at least `bytes` bytes for copies that the host reads: one that [`Self::read_done`] kept, if
+    /// there is one. The driver takes longer to allocate such memory than to copy to it.
     pub(crate) fn staging(&self, label: &str, bytes: u64) -> Result<wgpu::Buffer> {
         let mut kept = self.staging.lock().unwrap_or_else(PoisonError::into_inner);
         match kept.iter().position(|buffer| (bytes..=4 * bytes).contains(&buffer.size())) {
@@ -399,9 +400,10 @@ impl Context {
 
     /// Keeps a buffer of [`Self::staging`] for the next copies.
     fn keep_staging(&self, buffer: wgpu::Buffer) {
-        /// Bytes of a buffer: fewer cost nothing, more than the pixels of a large picture are not worth their memory.
+        /// The range of bytes of kept buffers: smaller ones cost nothing, ones larger than the pixels of a large
+        /// picture are not worth their memory.
         const KEPT: std::ops::RangeInclusive<u64> = 1 << 20..=256 << 20;
-        /// The pixels of a picture, and the next one's.
+        /// The number of kept buffers: the pixels of a picture and of the next one.
         const MOST: usize = 2;
         let mut kept = self.staging.lock().unwrap_or_else(PoisonError::into_inner);
         if KEPT.contains(&buffer.size()) {
@@ -448,7 +450,7 @@ impl Context {
         }
     }
 
-    /// A buffer that the host writes first, and that is copied from.
+    /// Makes a buffer that the host writes first, and that is copied from.
     pub(crate) fn mapped(&self, label: &str, bytes: u64) -> Result<wgpu::Buffer> {
         self.new_buffer(label, bytes, wgpu::BufferUsages::MAP_WRITE | wgpu::BufferUsages::COPY_SRC, true)
     }
@@ -464,12 +466,13 @@ impl Context {
         Ok(())
     }
 
-    /// An error that names this adapter.
+    /// Returns an error that names this adapter.
     pub(crate) fn unsupported(&self, reason: String) -> Error {
         Error::Unsupported { adapter: self.info.name.clone(), reason }
     }
 
-    /// Workgroups of `size` invocations for `count` of them, folded into rows if they exceed the adapter's limit.
+    /// Returns the workgroups of `size` invocations for `count` invocations, folded into rows if they exceed the
+    /// adapter's limit.
     pub(crate) fn workgroups(&self, count: u64, size: u64) -> (u32, u32) {
         let groups = count.div_ceil(size);
         let row = u64::from(self.limits.max_compute_workgroups_per_dimension);
@@ -477,7 +480,7 @@ impl Context {
     }
 }
 
-/// Driver messages run over many lines; an error of this library is one.
+/// Joins the lines of a driver's message, because an error of this library is one line.
 fn one_line(message: &str) -> String {
     message.split_whitespace().collect::<Vec<_>>().join(" ")
 }

@@ -1,5 +1,5 @@
-//! The samples of a volume that the device holds for any transfer function: those of all bricks, or only those of
-//! bricks that may show, if these are few.
+//! The samples of a volume that the device holds for any transfer function: of all bricks, or only of the bricks that
+//! may be visible if these are few.
 
 use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -17,14 +17,14 @@ pub(crate) struct HeldSamples(Mutex<Option<(SamplesKey, Arc<HeldBricks>)>>);
 /// The format of samples on the device: their type, their reduction and the voxels around each brick.
 type SamplesKey = (u32, Option<Reduction>, usize);
 
-/// Whether the samples of each brick of a volume are held, x fastest.
+/// A set of bricks of a volume: whether it contains each brick, x fastest.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct BrickSet(Vec<bool>);
 
 /// Bricks whose samples the device holds.
 pub(super) struct HeldBricks {
     set: BrickSet,
-    /// Bytes of a brick.
+    /// The number of bytes of the samples of a brick.
     of_brick: u64,
     pub(super) buffers: Vec<HeldBuffer>,
 }
@@ -35,8 +35,8 @@ pub(super) struct HeldBuffer {
     pub(super) bricks: Range<u32>,
     pub(super) samples: wgpu::Buffer,
     pub(super) batches: Vec<BrickBatch>,
-    /// The number in the volume of each brick of the buffer, then the place in the buffer of each brick of the range,
-    /// or [`ABSENT`].
+    /// The number in the volume of each held brick of the buffer, then the place in the buffer of each brick of the
+    /// range, or [`ABSENT`].
     pub(super) index: wgpu::Buffer,
 }
 
@@ -52,7 +52,7 @@ impl BrickSet {
         self.0[brick as usize]
     }
 
-    /// The set, or all bricks if it saves little memory: then another transfer function sends no samples.
+    /// Returns the set, or all bricks if the set saves little memory: then another transfer function sends no samples.
     fn or_all(self, input: &Input<'_>) -> Self {
         let counts = [self.count(), self.0.len()].map(|count| count as u64);
         let saves = saves(counts, input.brick_bytes(), input.context.savings.paged_bytes);
@@ -60,8 +60,8 @@ impl BrickSet {
     }
 }
 
-/// Whether so many bricks are held in place of all: the samples of all take at least `paged_bytes`, and all are four
-/// times as many, or more than are held for their own sake.
+/// Returns whether holding `count` of `all` bricks is worthwhile: all bricks take at least `paged_bytes`, and they are
+/// [`SAVES`] times as many or exceed [`HeldSamples::MOST`].
 fn saves([count, all]: [u64; 2], brick_bytes: u64, paged_bytes: u64) -> bool {
     /// The least factor by which a set takes less memory than all bricks.
     const SAVES: u64 = 4;
@@ -70,23 +70,23 @@ fn saves([count, all]: [u64; 2], brick_bytes: u64, paged_bytes: u64) -> bool {
 }
 
 impl Input<'_> {
-    /// All bricks.
+    /// Returns the set of all bricks.
     pub(crate) fn all_bricks(&self) -> BrickSet {
         BrickSet(vec![true; self.brick_count()])
     }
 
-    /// The bricks whose samples pictures need: those that may show, if these are few.
+    /// Returns the bricks whose samples pictures need: the bricks that may be visible if these are few, otherwise all.
     pub(crate) fn needed_bricks(&self) -> Result<BrickSet> {
         let shown = self.volume.ranges()?.iter().map(|&range| self.may_show(range));
         Ok(BrickSet(shown.collect()).or_all(self))
     }
 
-    /// Bytes of the samples of some bricks.
+    /// Returns the number of bytes of the samples of some bricks.
     pub(crate) fn bytes_of(&self, bricks: &BrickSet) -> u64 {
         bricks.count() as u64 * self.brick_bytes()
     }
 
-    /// The lattice point of the first voxel of a brick.
+    /// Returns the lattice point of the first voxel of a brick.
     fn origin(&self, brick: u32) -> [u32; 4] {
         let [across, down, _] = self.volume.bricks();
         let at = [brick % across, brick / across % down, brick / (across * down)];
@@ -94,19 +94,19 @@ impl Input<'_> {
         [x, y, z, 0]
     }
 
-    /// The number of the brick that begins at a lattice point.
+    /// Returns the number of the brick that begins at a lattice point.
     pub(super) fn brick_number(&self, [x, y, z, _]: [u32; 4]) -> u32 {
         let [across, down, _] = self.volume.bricks();
         (x + across * (y + down * z)) / EDGE as u32
     }
 
-    /// Whether a buffer can hold a row of bricks along x.
+    /// Returns whether a buffer can hold a row of bricks along x.
     fn has_room_for_rows(&self) -> bool {
         let [row, ..] = self.volume.bricks();
         u64::from(row) * self.brick_bytes() <= self.context.largest_buffer()
     }
 
-    /// The bricks of the volume that each buffer serves: whole rows along x, if a buffer can hold a row.
+    /// Returns the bricks of the volume that each buffer serves: whole rows along x, if a buffer can hold a row.
     fn ranges_of_buffers(&self, set: &BrickSet) -> Vec<Range<u32>> {
         let most = (self.context.largest_buffer() / self.brick_bytes()).max(1);
         let [row, ..] = self.volume.bricks();
@@ -129,21 +129,21 @@ impl Input<'_> {
 }
 
 impl HeldSamples {
-    /// The most bytes of samples that are held without a change of the transfer function.
+    /// The largest number of bytes of samples that stay on the device when the transfer function changes.
     pub(super) const MOST: u64 = 2 << 30;
 
-    /// Whether the samples of some bricks are few enough to be held for their own sake, with whole rows of bricks in
-    /// each buffer.
+    /// Returns whether the samples of these bricks may stay on the device: at most [`Self::MOST`] bytes, with whole
+    /// rows of bricks in each buffer.
     pub(crate) fn fits(input: &Input<'_>, bricks: &BrickSet) -> bool {
         input.bytes_of(bricks) <= Self::MOST && input.has_room_for_rows()
     }
 
-    /// Whether the device holds samples.
+    /// Returns whether the device holds samples.
     pub(crate) fn is_held(&self) -> bool {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).is_some()
     }
 
-    /// Bytes of the samples on the device.
+    /// Returns the number of bytes of the samples on the device.
     #[cfg(test)]
     pub(super) fn bytes(&self) -> u64 {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).as_ref().map_or(0, |(_, held)| held.bytes())
@@ -154,8 +154,8 @@ impl HeldSamples {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = None;
     }
 
-    /// Calls `work` with these bricks and those that were held before. Sends the samples first that the device does not
-    /// hold; also returns the bytes that were sent.
+    /// Calls `work` with these bricks and all bricks that were held before. Sends the samples first that the device
+    /// does not hold; also returns the bytes that were sent.
     pub(super) fn with<T>(
         &self,
         input: &Input<'_>,
@@ -191,8 +191,8 @@ impl HeldSamples {
 type Place<'a> = (&'a wgpu::Buffer, u64);
 
 impl HeldBricks {
-    /// The samples of a set of bricks: copies of those that are held, the others are sent. Also returns the bytes that
-    /// were sent.
+    /// Holds the samples of a set of bricks: copies samples that `before` holds and sends the others. Also returns the
+    /// bytes that were sent.
     fn send(input: &Input<'_>, set: BrickSet, before: Option<&Self>) -> Result<(Self, u64)> {
         let made = Self::without_samples(input, set)?;
         let (of_brick, to) = (made.of_brick, made.places());
@@ -213,7 +213,7 @@ impl HeldBricks {
         Ok((made, sent.bytes))
     }
 
-    /// Buffers for the samples of a set of bricks.
+    /// Allocates buffers for the samples of a set of bricks.
     fn without_samples(input: &Input<'_>, set: BrickSet) -> Result<Self> {
         let (context, of_brick) = (input.context, input.brick_bytes());
         let buffer = |bricks: Range<u32>| {
@@ -237,7 +237,7 @@ impl HeldBricks {
         Ok(Self { set, of_brick, buffers })
     }
 
-    /// The places of all bricks of the volume; `None`: not held.
+    /// Returns the places of all bricks of the volume; `None` for bricks that are not held.
     fn places(&self) -> Vec<Option<Place<'_>>> {
         let mut places = vec![None; self.set.0.len()];
         for HeldBuffer { bricks, samples, .. } in &self.buffers {
@@ -249,25 +249,25 @@ impl HeldBricks {
         places
     }
 
-    /// Bytes of the samples of all bricks of the volume.
+    /// Returns the number of bytes of the samples of all bricks of the volume.
     pub(super) fn all_bytes(&self) -> u64 {
         self.set.0.len() as u64 * self.of_brick
     }
 
-    /// Bytes of the samples on the device.
+    /// Returns the number of bytes of the samples on the device.
     pub(super) fn bytes(&self) -> u64 {
         self.set.count() as u64 * self.of_brick
     }
 }
 
 impl HeldBuffer {
-    /// Bricks in the buffer.
+    /// Returns the number of bricks in the buffer.
     pub(super) fn count(&self) -> usize {
         self.batches.iter().map(|batch| batch.origins.len()).sum()
     }
 }
 
-/// Records copies of bricks from places to places; one copy of those that follow one another in both.
+/// Records copies of bricks from places to places, with one copy for bricks that follow one another in both.
 fn copy_bricks<'a>(recorder: &mut Recorder<'_>, of_brick: u64, copies: impl Iterator<Item = [Place<'a>; 2]>) {
     let mut run: Option<([Place<'a>; 2], u64)> = None;
     let mut copy = |run: Option<([Place<'a>; 2], u64)>| {

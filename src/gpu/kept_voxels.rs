@@ -27,11 +27,11 @@ pub(crate) struct KeptVoxels(pub(super) Mutex<Option<(Arc<Vec<VisibleVoxels>>, N
 
 /// The packed normals of visible voxels, 4 bytes each.
 pub(super) enum Normals {
-    /// There was no light yet.
+    /// No normals, because there was no light yet.
     Unlit,
-    /// By buffer of samples.
+    /// The normals for each buffer of samples.
     Kept(Vec<wgpu::Buffer>),
-    /// They are found again for each light.
+    /// No normals, because they do not fit: they are found again for each light.
     NoRoom,
 }
 
@@ -40,7 +40,7 @@ pub(super) enum Normals {
 struct NormalsKey(InputKey);
 
 impl KeptVoxels {
-    /// The most bytes of normals: as many as of samples.
+    /// The largest number of bytes of normals: as many as of held samples.
     const MOST: u64 = HeldSamples::MOST;
 
     /// Drops all voxels, because others are visible.
@@ -49,8 +49,8 @@ impl KeptVoxels {
     }
 
     /// Calls `work` with the visible voxels of these samples, and with their normals if they are lit and the normals
-    /// fit. They are found from the first light on and not from the second one on: the same shader finds the normals of
-    /// all pictures, so that drivers cannot round those of a first picture otherwise.
+    /// fit. Normals are found at the first light and kept: the same shader finds the normals of all pictures, so that
+    /// drivers round them in the same way for the first picture and for later ones.
     pub(super) fn with<T>(
         &self,
         pipelines: &Cache,

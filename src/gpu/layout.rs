@@ -17,14 +17,14 @@ pub(crate) struct Splat {
 
 /// The words of a [`Splat`].
 pub(crate) const LIT_WORDS: usize = size_of::<Splat>() / 4;
-/// The words of a classified voxel with shadows: those of [`Splat`], and two of the light that arrives.
+/// The words of a classified voxel with shadows: the words of [`Splat`], and two of the light that arrives.
 pub(crate) const SHADED_WORDS: usize = LIT_WORDS + 2;
 
 /// The words of an unlit and of a lit splat of a scalar; shaders/common/splat.wgsl explains them.
 pub(crate) const SCALAR_WORDS: usize = 2;
 pub(crate) const LIT_SCALAR_WORDS: usize = 4;
 
-/// The words of a gradient, three steps of 18 bits: `splat_gradient` in shaders/common/splat.wgsl.
+/// Packs a gradient into words, three steps of 18 bits: `splat_gradient` in shaders/common/splat.wgsl.
 pub(crate) fn packed_gradient(gradient: [f32; 3]) -> [u32; 2] {
     // The largest component has 16 bits before the point, one more for the sign, and one for its mantissa up to 2.
     const BITS: i32 = 16;
@@ -39,7 +39,7 @@ pub(crate) fn packed_gradient(gradient: [f32; 3]) -> [u32; 2] {
     [x | y << 18, y >> 14 | z << 4 | exponent << 22]
 }
 
-/// A gradient of its two words: `splat_gradient` in shaders/common/splat.wgsl.
+/// Unpacks a gradient from its two words: `splat_gradient` in shaders/common/splat.wgsl.
 pub(crate) fn unpacked_gradient([low, high]: [u32; 2]) -> [f32; 3] {
     let signed = |bits: u32| (bits << 14) as i32 >> 14;
     let steps = [low, low >> 18 | (high & 15) << 14, high >> 4].map(|bits| signed(bits & 0x3_ffff));
@@ -50,7 +50,7 @@ pub(crate) fn unpacked_gradient([low, high]: [u32; 2]) -> [f32; 3] {
 /// The bit of a place at which the number of its brick begins; below are 5 bits each of x, y and z.
 pub(crate) const BRICK_SHIFT: u32 = 15;
 
-/// The place of a voxel in a brick, and the brick's number in the store.
+/// Packs the place of a voxel in a brick, and the brick's number in the store.
 pub(crate) fn place([x, y, z]: [u32; 3], brick: u32) -> u32 {
     x | y << 5 | z << 10 | brick << BRICK_SHIFT
 }
@@ -62,7 +62,7 @@ pub(crate) const MAX_BRICKS: usize = 1 << (u32::BITS - BRICK_SHIFT);
 /// not read.
 pub(crate) type Affine = [[f32; 4]; 4];
 
-/// An affine map as shaders have it.
+/// Converts an affine map to the form that shaders read.
 pub(crate) fn affine(map: &DAffine3) -> Affine {
     [map.x_axis, map.y_axis, map.z_axis, map.translation].map(|column| column.as_vec3().extend(0.0).to_array())
 }
@@ -70,7 +70,7 @@ pub(crate) fn affine(map: &DAffine3) -> Affine {
 /// Clipping planes, of which pipelines read as many as they are specialised for; shaders/common/clip.wgsl.
 pub(crate) type ClipPlanes = [[f32; 4]; Clip::MAX_PLANES];
 
-/// Clipping planes as shaders have them.
+/// Converts clipping planes to the form that shaders read.
 pub(crate) fn clip_planes(planes: impl Iterator<Item = DVec4>) -> ClipPlanes {
     let mut slots = ClipPlanes::default();
     slots.iter_mut().zip(planes).for_each(|(slot, plane)| *slot = plane.as_vec4().to_array());
@@ -113,7 +113,7 @@ shared! {
         first_splat: u32,
     }
 
-    /// How samples become scalars; shaders/common/scalars.wgsl.
+    /// Parameters of the conversion of samples to scalars; shaders/common/scalars.wgsl.
     struct Scalars {
         dims: [u32; 3],
         padding: u32,
@@ -156,7 +156,7 @@ shared! {
         _pad: [u32; 2],
     }
 
-    /// How scalars become extinctions; shaders/field_of_cells.wgsl.
+    /// Parameters of the conversion of scalars to extinctions; shaders/field_of_cells.wgsl.
     struct Occluders {
         gradient_x: [f32; 3],
         gradient_lookup: f32,
@@ -367,7 +367,7 @@ shared! {
         _pad: u32,
     }
 
-    /// How a batch of sheets of scalars is shaded; shaders/shade.wgsl.
+    /// Parameters of the shading of a batch of sheets of scalars; shaders/shade.wgsl.
     struct Shade {
         depth: f32,
         previous: f32,
@@ -464,11 +464,11 @@ shared! {
 
     /// The parts of kernels in slabs, which all regions of a picture share; shaders/common/ray_geometry.wgsl.
     struct Tables {
-        /// Those of near slabs, then those of far ones.
+        /// The sections of near slabs, then of far ones.
         sections: [[[Section; SECTIONS]; SECTION_POWERS]; 2],
     }
 
-    /// What the host needs of the visible voxels of a brick; shaders/extents.wgsl.
+    /// The extent of the visible voxels of a brick, which the host reads; shaders/extents.wgsl.
     struct Extent {
         places: [u32; 4],
         pages: [u32; 16],
@@ -489,7 +489,7 @@ shared! {
         pages: [u32; 16],
     }
 
-    /// How splats are packed for the painter `tiles`; each field is explained in shaders/common/packing.wgsl.
+    /// Parameters of packing splats for the painter `tiles`; each field is explained in shaders/common/packing.wgsl.
     struct Pack {
         low: [u32; 3],
         first_run: u32,
@@ -528,7 +528,7 @@ impl Default for Area {
 }
 
 impl Area {
-    /// The smallest area that holds both.
+    /// Returns the smallest area that holds both.
     pub(crate) fn joined(self, other: Self) -> Self {
         Self {
             low: std::array::from_fn(|a| self.low[a].min(other.low[a])),
@@ -558,7 +558,7 @@ pub(crate) const TILE: u32 = 8;
 mod tests {
     use super::*;
 
-    /// `splat_gradient` of the words.
+    /// Unpacks a gradient as `splat_gradient` does in shaders/common/splat.wgsl.
     fn unpacked([low, high]: [u32; 2]) -> [f64; 3] {
         let signed = |bits: u32| f64::from((bits << 14) as i32 >> 14);
         let steps = [low, low >> 18 | (high & 15) << 14, high >> 4].map(|bits| signed(bits & 0x3ffff));

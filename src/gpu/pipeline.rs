@@ -7,7 +7,7 @@ use crate::error::Result;
 /// The kind of a binding of a stage.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Binding {
-    /// A uniform buffer.
+    /// A uniform buffer, bound as a whole.
     Uniform,
     /// A uniform buffer bound at an offset given with each draw.
     DynamicUniform,
@@ -22,7 +22,7 @@ pub(crate) enum Binding {
     Sampler,
     /// A texture of unsigned integers.
     IntegerTexture(wgpu::TextureViewDimension),
-    /// A storage texture that is read, faster than others are on software Vulkan: they look up their level each time.
+    /// A storage texture that is read: faster than others on software Vulkan, which look up their level each time.
     ReadTexture(wgpu::TextureFormat),
     /// A texture that is written.
     StorageTexture(wgpu::TextureFormat, wgpu::TextureViewDimension),
@@ -52,7 +52,7 @@ impl Binding {
     }
 }
 
-/// A bind group layout of the slots at bindings 0, 1, 2, ...
+/// Makes a bind group layout of the slots at bindings 0, 1, 2, ...
 pub(crate) fn layout(
     context: &Context,
     stage: &str,
@@ -69,7 +69,7 @@ pub(crate) fn layout(
     })
 }
 
-/// A bind group of resources at bindings 0, 1, 2, ...
+/// Makes a bind group of resources at bindings 0, 1, 2, ...
 pub(crate) fn bind(
     context: &Context,
     stage: &str,
@@ -87,12 +87,12 @@ pub(crate) fn bind(
     })
 }
 
-/// A texture as a binding.
+/// Returns a texture as a binding.
 pub(crate) fn texture_view(view: &wgpu::TextureView) -> wgpu::BindingResource<'_> {
     wgpu::BindingResource::TextureView(view)
 }
 
-/// The range of a buffer from byte `offset`, `size` bytes long, as a binding.
+/// Returns the range of a buffer from byte `offset`, `size` bytes long, as a binding.
 pub(crate) fn buffer_range(buffer: &wgpu::Buffer, offset: u64, size: u64) -> wgpu::BindingResource<'_> {
     wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer, offset, size: std::num::NonZeroU64::new(size) })
 }
@@ -112,7 +112,7 @@ fn pipeline_layout(context: &Context, stage: &str, group: &wgpu::BindGroupLayout
     })
 }
 
-/// A compute pipeline of one entry point, specialised by override constants.
+/// Makes a compute pipeline of one entry point, specialised by override constants.
 pub(crate) fn compute(
     context: &Context,
     module: &wgpu::ShaderModule,
@@ -135,7 +135,7 @@ pub(crate) fn compute(
 /// The parts in which render pipelines differ. Entry points come with their override constants.
 pub(crate) struct Render<'a> {
     pub(crate) label: &'a str,
-    /// `None`: the stages are bound to nothing.
+    /// The layout of the bindings; `None`: the stages have no bindings.
     pub(crate) layout: Option<&'a wgpu::BindGroupLayout>,
     pub(crate) module: &'a wgpu::ShaderModule,
     pub(crate) vertex: (&'a str, &'a [(&'a str, f64)]),
@@ -193,12 +193,12 @@ pub(crate) fn both<A: Send, B: Send>(
     })
 }
 
-/// The value of an override constant that is a bool.
+/// Returns the value of an override constant that is a bool.
 pub(crate) fn flag(value: bool) -> f64 {
     f64::from(u8::from(value))
 }
 
-/// Override constants. Stages clear the memory of workgroups themselves.
+/// Specialises a stage by override constants. Stages clear the memory of workgroups themselves.
 fn specialised<'a>(constants: &'a [(&'a str, f64)]) -> wgpu::PipelineCompilationOptions<'a> {
     wgpu::PipelineCompilationOptions { constants, zero_initialize_workgroup_memory: false }
 }

@@ -19,10 +19,10 @@ pub(crate) struct Recorder<'a> {
 /// operations and the sheets that they blend, a few tenths of a second on the slowest. Operating systems reset a GPU
 /// whose commands take seconds.
 const MAX_WORK: u64 = 200_000_000;
-/// How many times as much a GPU with memory of its own does: smaller submissions do not fill it.
+/// The ratio of the work of submissions on GPUs with memory of their own, which [`MAX_WORK`] does not fill.
 const DISCRETE: u64 = 10;
 
-/// The largest work of a submission, in fragments of splats.
+/// Returns the largest work of a submission, in fragments of splats.
 pub(crate) fn max_work(context: &Context) -> u64 {
     match context.info.kind {
         AdapterKind::Discrete => DISCRETE * MAX_WORK,
@@ -43,7 +43,7 @@ pub(crate) struct ComputePass<'a> {
 }
 
 impl ComputePass<'_> {
-    /// Dispatches so many workgroups of a pipeline with its bindings.
+    /// Dispatches this number of workgroups of a pipeline with its bindings.
     pub(crate) fn dispatch(
         &mut self,
         pipeline: &wgpu::ComputePipeline,
@@ -78,7 +78,7 @@ impl<'a> Recorder<'a> {
         Self { context, encoder: encoder(context), timing, work: 0 }
     }
 
-    /// A compute pass of a stage, for several dispatches.
+    /// Begins a compute pass of a stage, for several dispatches.
     pub(crate) fn compute_pass(&mut self, stage: &'static str) -> ComputePass<'_> {
         let pass = self.encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
             label: Some(stage),
@@ -87,7 +87,7 @@ impl<'a> Recorder<'a> {
         ComputePass { pass, context: self.context }
     }
 
-    /// A compute pass of one dispatch.
+    /// Records a compute pass of one dispatch.
     pub(crate) fn dispatch(
         &mut self,
         stage: &'static str,
@@ -99,7 +99,7 @@ impl<'a> Recorder<'a> {
         self.compute_pass(stage).dispatch(pipeline, group, offsets, workgroups);
     }
 
-    /// A render pass of a stage.
+    /// Begins a render pass of a stage.
     pub(crate) fn render_pass(
         &mut self,
         stage: &'static str,
@@ -133,7 +133,7 @@ impl<'a> Recorder<'a> {
         self.read_back_from(label, buffer, 0, bytes)
     }
 
-    /// Like [`Self::read_back`], from byte `at` on.
+    /// Copies bytes of a buffer from byte `at` on, as [`Self::read_back`] does from the first.
     pub(crate) fn read_back_from(
         &mut self,
         label: &str,
@@ -166,7 +166,7 @@ impl<'a> Recorder<'a> {
         self.context.submit(Some(recorded.finish()));
     }
 
-    /// The time of each stage on the device in the order of their first pass, up to the last
+    /// Returns the time of each stage on the device in the order of their first pass, up to the last
     /// [`Self::resolve_times`]; none without timestamps.
     pub(crate) fn times(self) -> Result<Vec<StageTime>> {
         let seconds = self.timing.finish(self.context)?.into_iter();
@@ -175,7 +175,7 @@ impl<'a> Recorder<'a> {
 }
 
 impl Readback {
-    /// The values, once all submitted work is done. `doing` completes an error: "while ...".
+    /// Returns the copied values, once all submitted work is done. `doing` completes an error: "while ...".
     pub(crate) fn values<T: bytemuck::AnyBitPattern + bytemuck::NoUninit>(
         self,
         context: &Context,
@@ -185,7 +185,7 @@ impl Readback {
         self.done_values(context, doing)
     }
 
-    /// The values, if the host has waited for the commands that write them.
+    /// Returns the copied values, if the host has waited for the commands that write them.
     pub(crate) fn done_values<T: bytemuck::AnyBitPattern + bytemuck::NoUninit>(
         self,
         context: &Context,
@@ -194,7 +194,7 @@ impl Readback {
         context.read_done(doing, self.staging, self.bytes, |bytes| bytemuck::pod_collect_to_vec(bytes))
     }
 
-    /// Calls `read` with the bytes, once all submitted work is done.
+    /// Calls `read` with the copied bytes, once all submitted work is done.
     pub(crate) fn read<T>(self, context: &Context, doing: &str, read: impl FnOnce(&[u8]) -> T) -> Result<T> {
         context.wait(doing)?;
         context.read_done(doing, self.staging, self.bytes, read)

@@ -9,42 +9,42 @@ use super::store::{Part, Splats, StoreBuilder};
 use crate::error::Result;
 use crate::splats::brick::BrickSplats;
 
-/// The buffers of the rows of some bricks.
+/// The buffers of the rows of a set of bricks.
 pub(super) struct Rows {
-    /// For each row: its number of splats; after the scan, the place of its first splat. One more holds the total.
+    /// The number of splats of each row; after the scan, the place of its first splat. One more number is the total.
     pub(super) places: wgpu::Buffer,
-    /// For each row: the bits of the places with splats.
+    /// The bits of the places with splats, for each row.
     pub(super) seen: wgpu::Buffer,
     /// The splats; a few bytes while they are counted.
     pub(super) splats: wgpu::Buffer,
 }
 
-/// Records the dispatch that counts the splats of rows, or that emits them, given the number of their first brick in
-/// its store.
+/// A function that records the dispatch that counts the splats of rows, or that emits them, given the number of their
+/// first brick in its store.
 pub(super) type Record<'a> = dyn Fn(&mut ComputePass<'_>, Option<u32>, &Rows) -> Result<()> + 'a;
 
 /// The rows of bricks with splats, in a store.
 pub(super) struct Collected {
-    /// Their splats are a part of the store.
+    /// The rows, whose splats are a part of the store.
     pub(super) rows: Rows,
-    /// The number of the store, of the first brick in it and of the first splat.
+    /// The number of the store; `first_brick` and `first_splat` are the rows' first brick and splat in it.
     pub(super) store: usize,
     pub(super) first_brick: u32,
     pub(super) first_splat: u32,
 }
 
-/// Splats on the device.
+/// A part of a store: splats on the device.
 pub(super) struct DevicePart {
     splats: wgpu::Buffer,
     count: u32,
-    /// The origins of the bricks.
+    /// The lattice points at which the bricks begin.
     origins: wgpu::Buffer,
 }
 
 /// Bricks by the lattice points of their first places, on the host and on the device.
 pub(super) type Origins<'a> = (&'a [[u32; 4]], &'a wgpu::Buffer);
 
-/// Rows whose splats are counted.
+/// Rows whose splats are counted and not yet emitted.
 pub(super) struct Counted {
     rows: Rows,
     places: Readback,
@@ -55,7 +55,7 @@ const STAGE: &str = "classifying the volume";
 const USAGE: wgpu::BufferUsages = wgpu::BufferUsages::STORAGE.union(wgpu::BufferUsages::COPY_SRC);
 
 impl Counted {
-    /// Records the count of the splats of so many bricks.
+    /// Records the count of the splats of `bricks` bricks.
     pub(super) fn record(recorder: &mut Recorder<'_>, scan: &Scan, bricks: usize, record: &Record<'_>) -> Result<Self> {
         let context = recorder.context;
         let count = (bricks * ROWS) as u64;
@@ -75,8 +75,8 @@ impl Counted {
         Ok(Self { rows, places, seen })
     }
 
-    /// Emits the splats, of `stride` bytes each, and adds them; `None` if there are none. The host has waited for the
-    /// counts.
+    /// Emits the counted splats, of `stride` bytes each, into a store; `None` if there are none. The host has waited
+    /// for the counts.
     pub(super) fn emit(
         self,
         context: &Context,
@@ -106,7 +106,7 @@ impl Counted {
     }
 }
 
-/// Counts, emits and adds the splats of bricks after what the recorder holds; `None` if there are none.
+/// Counts the splats of bricks and emits them into a store, after the recorder's commands; `None` if there are none.
 pub(super) fn collect(
     mut recorder: Recorder<'_>,
     scan: &Scan,

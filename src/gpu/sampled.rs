@@ -26,7 +26,7 @@ pub(crate) struct Sampled {
     points: wgpu::Buffer,
     parameters: Classify,
     held: Arc<HeldBricks>,
-    /// By buffer of samples.
+    /// The visible voxels of each buffer of samples.
     visible: Arc<Vec<VisibleVoxels>>,
     /// The packed normals of visible voxels, by buffer of samples; `None`: there is no light or no room for them.
     normals: Option<Vec<wgpu::Buffer>>,
@@ -35,7 +35,7 @@ pub(crate) struct Sampled {
     kept: Option<Vec<wgpu::Buffer>>,
 }
 
-/// How shaders read samples, normals and the light that arrives.
+/// The form in which shaders read samples, normals and the light that arrives; a key of pipelines.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(crate) struct SampledKey {
     input: InputKey,
@@ -50,9 +50,9 @@ impl SampledKey {
     }
 }
 
-/// The bricks of a buffer of samples.
+/// A buffer of samples, with the visible voxels of its bricks.
 pub(crate) struct SampledBuffer<'a> {
-    /// Their numbers in the volume, of which some may not be held.
+    /// The numbers in the volume of the buffer's bricks, some of which may not be held.
     pub(super) bricks: Range<u32>,
     pub(super) samples: &'a wgpu::Buffer,
     pub(super) visible: &'a VisibleVoxels,
@@ -60,12 +60,12 @@ pub(crate) struct SampledBuffer<'a> {
     pub(super) kept: Option<&'a wgpu::Buffer>,
 }
 
-/// The most batches of a dispatch: shaders count invocations in 32 bits.
+/// The largest number of batches of a dispatch: shaders count invocations in 32 bits.
 const MOST_TOGETHER: u64 = 1 << 9;
 
 /// The samples that a dispatch reads, as bindings.
 pub(crate) struct Dispatch<'a> {
-    /// Bricks, from this one of the buffer of samples on.
+    /// Parameters of the dispatch: its bricks, counted from brick `first_brick` of the buffer of samples on.
     pub(crate) parameters: Classify,
     pub(crate) voxels: u64,
     pub(crate) work: u64,
@@ -78,20 +78,21 @@ pub(crate) struct Dispatch<'a> {
     pub(super) buffer: usize,
 }
 
-/// A store of some of these splats: consecutive batches of a buffer of samples.
+/// A store of consecutive batches of a buffer of samples.
 struct Part {
     of: Arc<Sampled>,
-    /// The number of the buffer.
+    /// The number of the buffer of samples.
     buffer: usize,
     /// The numbers of the batches in the buffer.
     batches: Range<usize>,
-    /// The first splat among the visible voxels of the buffer, and their number.
+    /// The number of the first splat among the visible voxels of the buffer; `count` is the number of splats.
     first: u32,
     count: u32,
 }
 
 impl Sampled {
-    /// The visible voxels of a volume, whose samples the device holds from now on, and the bytes that were sent.
+    /// Finds the visible voxels of a volume, whose samples the device holds from now on. Also returns the bytes that
+    /// were sent.
     pub(crate) fn hold(
         pipelines: &Cache,
         input: &Input<'_>,
@@ -116,46 +117,46 @@ impl Sampled {
         })
     }
 
-    /// The same as splats that no store lists.
+    /// Finds the visible voxels of a volume, as [`Self::hold`] does, as splats that no store lists.
     pub(crate) fn run(pipelines: &Cache, input: &Input<'_>, held: &HeldSamples, kept: &KeptVoxels) -> Result<Drawable> {
         let (sampled, bytes) = Self::hold(pipelines, input, held, kept)?;
         let bricks = Bricks { all: input.brick_count() as u32, uploaded: input.shown()?, bytes };
         Ok(Drawable { stores: Self::stores(&sampled, input.context)?, bricks, ..Drawable::default() })
     }
 
-    /// The same voxels, at which these shares of light arrive.
+    /// Returns the voxels with the shares `kept` of the light that arrives.
     pub(super) fn under(&self, kept: Vec<wgpu::Buffer>) -> Self {
         Self { kept: Some(kept), ..self.clone() }
     }
 
-    /// The shares of light that arrive, by buffer of samples.
+    /// Returns the shares of the light that arrives, by buffer of samples.
     pub(super) fn kept(&self) -> Option<&[wgpu::Buffer]> {
         self.kept.as_deref()
     }
 
-    /// The numbers of visible voxels of the buffers of samples.
+    /// Returns the number of visible voxels of each buffer of samples.
     pub(super) fn counts(&self) -> impl Iterator<Item = u32> {
         self.visible.iter().map(|visible| visible.count)
     }
 
-    /// Bytes of a listed splat.
+    /// Returns the number of bytes of a listed splat.
     fn stride(&self) -> u64 {
         if self.kept.is_some() { 4 * SHADED_WORDS as u64 } else { STRIDE }
     }
 
-    /// The stores of these splats.
+    /// Returns the stores of the sampled splats.
     pub(crate) fn stores(this: &Arc<Self>, context: &Context) -> Result<Vec<Store>> {
         Self::parts(this, context).into_iter().map(|part| part.store(context)).collect()
     }
 
-    /// Whether samples may take less memory of the device than lists of all voxels that may show.
+    /// Returns whether samples may take less memory of the device than lists of all voxels that may be visible.
     pub(crate) fn may_save(input: &Input<'_>) -> Result<bool> {
         let bricks = input.needed_bricks()?;
         let most_listed = u64::from(input.shown()?) * (ROWS * EDGE) as u64 * STRIDE;
         Ok(HeldSamples::fits(input, &bricks) && input.bytes_of(&bricks) <= most_listed)
     }
 
-    /// The splats of stores, if they are all of one volume and not listed.
+    /// Returns the sampled splats of stores; `None` if a store lists its splats or they are of several volumes.
     pub(crate) fn of(stores: &[Store]) -> Option<Arc<Self>> {
         let of = |store: &Store| -> Option<Arc<Self>> {
             let source: Arc<dyn Any + Send + Sync> = store.unlisted()?;
@@ -165,13 +166,13 @@ impl Sampled {
         stores.iter().all(|store| of(store).is_some_and(|other| Arc::ptr_eq(&first, &other))).then_some(first)
     }
 
-    /// Whether lists of the splats take less memory than half of the samples of all bricks.
+    /// Returns whether lists of the splats take less memory than half of the samples of all bricks.
     pub(crate) fn is_sparse(&self) -> bool {
         let splats: u64 = self.visible.iter().map(|visible| u64::from(visible.count)).sum();
         2 * splats * STRIDE < self.held.all_bytes()
     }
 
-    /// How stages that need no normals and no light read the samples.
+    /// Returns the form in which stages without normals and light read the samples.
     pub(super) fn input_key(&self) -> InputKey {
         self.key
     }
@@ -180,23 +181,23 @@ impl Sampled {
         SampledKey { input: self.key, kept_normals: self.normals.is_some(), shadows: self.kept.is_some() }
     }
 
-    /// The control points of the transfer function.
+    /// Returns the control points of the transfer function.
     pub(crate) fn points(&self) -> &wgpu::Buffer {
         &self.points
     }
 
-    /// The parameters of shaders, without bricks.
+    /// Returns the parameters of shaders, without bricks.
     pub(super) fn parameters(&self) -> Classify {
         self.parameters
     }
 
-    /// Whether each buffer of samples has whole rows of bricks along x, as cells need them.
+    /// Returns whether each buffer of samples has whole rows of bricks along x, as cells need them.
     pub(crate) fn has_whole_rows(&self) -> bool {
         let row = self.parameters.dims[0].div_ceil(EDGE as u32);
         self.buffers().all(|of_buffer| of_buffer.bricks.start.is_multiple_of(row))
     }
 
-    /// The buffers of samples.
+    /// Returns the buffers of samples.
     pub(super) fn buffers(&self) -> impl Iterator<Item = SampledBuffer<'_>> {
         let buffers = self.held.buffers.iter().zip(&*self.visible).enumerate();
         buffers.map(|(number, (buffer, visible))| {
@@ -205,7 +206,8 @@ impl Sampled {
         })
     }
 
-    /// The dispatches that read all samples, with an invocation for each. None outlasts the watchdog of a small GPU.
+    /// Returns the dispatches that read all samples, with an invocation for each. None outlasts the watchdog of a small
+    /// GPU.
     pub(crate) fn dispatches(&self, context: &Context) -> Vec<Dispatch<'_>> {
         let each = if self.key.is_lit() && self.normals.is_none() { FOUND } else { 1 };
         let batch_work = (BATCH * EDGE * EDGE * EDGE) as u64 * each;
@@ -233,7 +235,7 @@ impl Sampled {
         dispatches
     }
 
-    /// The stores, each of which could be listed in a buffer.
+    /// Splits the splats into stores, each of which could be listed in one buffer.
     fn parts(this: &Arc<Self>, context: &Context) -> Vec<Part> {
         let bindable = context.largest_buffer() / this.stride();
         let most = u32::try_from(bindable).unwrap_or(u32::MAX).min(JOINED);

@@ -1,5 +1,5 @@
-//! Scalars that are no list: the device holds the samples, for painters that read these, as voxels or as cells.
-//! Whatever the transfer function shows, the samples are the same.
+//! Scalars that are no list: the device holds the samples, for painters that read these, as voxels or as cells. The
+//! samples are the same for every transfer function.
 
 use std::borrow::Cow;
 use std::ops::Range;
@@ -27,26 +27,26 @@ pub(crate) struct SampledScalars {
     parameters: Scalars,
     /// Bricks of the volume along each axis.
     bricks: [u32; 3],
-    /// How cells are made of the voxels; `None`: the lattice is that of the voxels.
+    /// The cells that are made of the voxels; `None`: the lattice is the lattice of the voxels.
     cells: Option<ScalarCells>,
     /// Lattice points that cover the volume along each axis, without copies.
     dims: [u32; 3],
-    /// The lattice points, copies included, that can take part in something visible: the first, and the one after the
+    /// The lattice points, copies included, that can take part in anything visible: the first, and the one after the
     /// last.
     pub(crate) bounds: [[u32; 3]; 2],
 }
 
-/// How shaders read samples.
+/// The form in which shaders read samples; a key of pipelines.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(crate) struct ScalarsKey {
     sample_type: u32,
-    /// Layers of voxels around each brick.
+    /// Number of layers of voxels around each brick.
     halo: u32,
     gradients: bool,
     cells: bool,
 }
 
-/// The parameters of a box that shaders fill, the marks and the texels.
+/// The bindings of a box that shaders fill: parameters, marks and texels.
 pub(crate) struct Targets<'a> {
     pub(crate) pack: wgpu::BindingResource<'a>,
     pub(crate) marks: wgpu::BindingResource<'a>,
@@ -59,7 +59,7 @@ impl ScalarsKey {
         [("SAMPLE_TYPE", self.sample_type), ("GRADIENTS", gradients), ("RANGES", gradients), ("HALO", self.halo)]
     }
 
-    /// The constants of stages that make cells, and whether cells have gradients.
+    /// Returns the constants of stages that make cells, and whether cells have gradients.
     fn of_cells(self) -> (Vec<Constant>, bool) {
         (self.constants().to_vec(), self.gradients)
     }
@@ -75,11 +75,11 @@ impl ScalarsKey {
 
 /// The largest difference of samples in the range of f32.
 const FARTHEST: f64 = 1e38;
-/// The largest factor from samples to scalars, and over the least one: normal numbers of f32.
+/// The largest factor from samples to scalars, and the inverse of the least one: normal numbers of f32.
 const MOST_FACTOR: f64 = 1e37;
 
 impl SampledScalars {
-    /// The numbers `origin`, `rest` and `factor` of shaders; `None`: f32 cannot make scalars of these samples.
+    /// Returns the numbers `origin`, `rest` and `factor` of shaders; `None`: f32 cannot make scalars of these samples.
     fn numbers(input: &Input<'_>, reduction: &Reduction) -> Option<[f32; 3]> {
         if input.coding.reduction.is_some() {
             return Some([0.0, 0.0, 1.0]);
@@ -94,9 +94,9 @@ impl SampledScalars {
         (1.0 / MOST_FACTOR..MOST_FACTOR).contains(&factor).then_some([origin as f32, rest as f32, factor as f32])
     }
 
-    /// The scalars within `bounds` of the lattice of a volume, whose samples the device holds from now on, and the
-    /// bytes that were sent. `padding` are the layers of copies beyond each face, `filters` make cells of the voxels.
-    /// `None`: the host has to list them.
+    /// Holds the samples of a volume and returns its scalars within `bounds` of the lattice, with the bytes that were
+    /// sent. `padding` is the number of layers of copies beyond each face, `filters` make cells of the voxels. `None`:
+    /// the host has to list the scalars.
     pub(crate) fn new(
         (input, pipelines): (&Input<'_>, &Cache),
         reduction: &Reduction,
@@ -122,12 +122,12 @@ impl SampledScalars {
         self.key
     }
 
-    /// Lattice points within the bounds, copies beyond the faces included.
+    /// Returns the number of lattice points within the bounds, copies beyond the faces included.
     pub(crate) fn count(&self) -> u64 {
         (0..3).map(|axis| u64::from(self.bounds[1][axis] - self.bounds[0][axis])).product()
     }
 
-    /// The copies among them.
+    /// Returns the number of lattice points within the bounds that are copies beyond the faces.
     pub(crate) fn copies(&self) -> u64 {
         let (dims, padding) = (self.dims, self.parameters.padding);
         let [low, high] = self.bounds;
@@ -135,14 +135,14 @@ impl SampledScalars {
         self.count() - (0..3).map(|axis| u64::from(inside(axis))).product::<u64>()
     }
 
-    /// Bytes of memory of the device.
+    /// Returns the bytes of the samples on the device.
     pub(crate) fn bytes(&self) -> u64 {
         self.held.bytes()
     }
 
-    /// The cells, as which voxels count too.
+    /// Returns the cells; of a lattice of voxels, cells of one voxel each.
     pub(super) fn as_cells(&self, context: &Context, pipelines: &Cache) -> Result<Cow<'_, ScalarCells>> {
-        /// The voxels on either side.
+        /// The weights of differences of cells 1, 2 and 3 to either side: voxels use the nearest.
         const BESIDE: [f32; 3] = [0.5, 0.0, 0.0];
         if let Some(cells) = &self.cells {
             return Ok(Cow::Borrowed(cells));
@@ -153,26 +153,26 @@ impl SampledScalars {
         ScalarCells::new(context, pipelines, self.key.of_cells(), self.dims, &filters).map(Cow::Owned)
     }
 
-    /// The first cell within the bounds, and their number along each axis.
+    /// Returns the first cell within the bounds, and the number of cells along each axis.
     pub(super) fn cells_of_bounds(&self) -> ([i64; 3], [u32; 3]) {
         let [low, high] = self.bounds;
         let first = low.map(|point| i64::from(point) - i64::from(self.parameters.padding));
         (first, [0, 1, 2].map(|axis| high[axis] - low[axis]))
     }
 
-    /// The samples, as cells are made of them.
+    /// Returns the samples with the parameters that make cells of them.
     pub(super) fn bound(&self) -> BoundSamples<'_> {
         let of_layer = self.bricks[0] * self.bricks[1];
         BoundSamples { parameters: self.parameters, buffers: self.buffers().collect(), of_layer }
     }
 
-    /// The samples of each buffer as a binding, and the numbers of their bricks.
+    /// Returns the samples of each buffer as a binding, and the numbers of their bricks.
     fn buffers(&self) -> impl Iterator<Item = (Range<u32>, wgpu::BindingResource<'_>)> {
         self.held.buffers.iter().map(|buffer| (buffer.bricks.clone(), buffer.samples.as_entire_binding()))
     }
 
-    /// Records that the scalars of a box of the lattice, from `low` on and with `dims` points, become texels by the
-    /// stage of [`Self::key`].
+    /// Records the packing of the scalars of a box of the lattice, from `low` on and with `dims` points, into texels by
+    /// the stage of [`Self::key`].
     pub(crate) fn pack(
         &self,
         recorder: &mut Recorder<'_>,
@@ -201,8 +201,8 @@ impl SampledScalars {
         Ok(())
     }
 
-    /// The parameters and the samples of the dispatches that make the scalars of voxels of a box, an invocation each.
-    /// None outlasts the watchdog of a small GPU.
+    /// Returns the parameters and the samples of the dispatches that make the scalars of a box of voxels, an invocation
+    /// for each voxel. None outlasts the watchdog of a small GPU.
     fn of_voxels(&self, context: &Context, low: [u32; 3], dims: [u32; 3]) -> Vec<(Scalars, wgpu::BindingResource<'_>)> {
         let Scalars { padding, dims: [_, _, deep], .. } = self.parameters;
         let of_layer = self.bricks[0] * self.bricks[1];

@@ -19,7 +19,7 @@ use crate::splats::brick::BrickSplats;
 use crate::transfer::{Classification, ControlPoint, GradientPoint, TransferFunction};
 use crate::volume::{Grid, Samples, Volume};
 
-/// The words of splats.
+/// Returns the words of splats.
 fn words(context: &Context, store: &Store) -> Vec<u32> {
     let mut recorder = Recorder::untimed(context);
     let buffer = store.on_device(context).unwrap();
@@ -28,7 +28,7 @@ fn words(context: &Context, store: &Store) -> Vec<u32> {
     words.values(context, "test").unwrap()
 }
 
-/// A volume whose faces cut bricks.
+/// Makes a volume whose faces cut bricks.
 fn volume(samples: Samples) -> Volume {
     Volume::new(Grid::axis_parallel([70, 70, 950], [1.0, 0.8, 1.7]).unwrap(), samples).unwrap()
 }

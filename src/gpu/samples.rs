@@ -19,21 +19,22 @@ use crate::transfer::scalars::Reduction;
 use crate::transfer::{self, Node, Pieces, Resolution, TransferFunction};
 use crate::volume::{BRICK_EDGE as EDGE, Brick, RowCoding, SampleType, ToF64, Volume};
 
-/// Bricks of one batch, 4 million voxels: the memory that preparing a scene needs besides its splats, and far within
-/// every limit.
+/// The number of bricks of a batch, 4 million voxels: the memory that preparing a scene needs besides its splats, and
+/// far within every limit.
 pub(super) const BATCH: usize = 128;
-/// Rows of a brick.
+/// The number of rows of a brick.
 pub(super) const ROWS: usize = EDGE * EDGE;
-/// Completes errors: "while ...".
+/// The work in words that complete errors: "while ...".
 const SENDING: &str = "sending samples";
 
-/// Numbers of a node of a band-limited classification: emission, slope, bend, the integral and its rounding.
+/// The count of numbers of a node of a band-limited classification: emission, slope, bend, the integral and its
+/// rounding.
 const COLUMNS: usize = 5;
 
 /// The least extent of the control points in unreduced floats: their products stay in the range of f32.
 const LEAST_EXTENT: f64 = 1e-24;
 
-/// How the shader reads samples: SAMPLE_TYPE in shaders/common/classified.wgsl.
+/// The coding of samples for shaders: SAMPLE_TYPE in shaders/common/classified.wgsl.
 ///
 /// Types whose every value is exact in f32 are uploaded unchanged. Others, and floats whose control points are near the
 /// ends of the range of f32, are reduced on the host, chunk by chunk, to the scalars of post-shading: a window of 10 at
@@ -77,8 +78,8 @@ impl SampleCoding {
         Self { sample_type: sample_type.unwrap_or(4), origin, reduction, slope, intercept }
     }
 
-    /// The control points in the units in which the shader compares samples; of a band-limited classification the
-    /// [`COLUMNS`] of the nodes of its pieces.
+    /// Returns the control points in the units in which the shader compares samples; for a band-limited classification
+    /// the [`COLUMNS`] of the nodes of its pieces.
     fn points(&self, transfer: &TransferFunction) -> Vec<ControlPoint> {
         if transfer.is_band_limited() {
             let pieces = Pieces::new(transfer, |value| f64::from(self.point(value)));
@@ -104,8 +105,8 @@ impl SampleCoding {
         transfer.knots().iter().map(point).collect()
     }
 
-    /// The base of the transfer function as a sample, and the resolution of samples there; 0 if nothing depends on
-    /// gradients, because the resolution needs the ranges of all samples.
+    /// Returns the base of the transfer function as a sample, and the resolution of samples there; 0 if nothing depends
+    /// on gradients, because the resolution needs the ranges of all samples.
     fn resolution(&self, transfer: &TransferFunction, volume: &Volume, lit: bool) -> Result<[f32; 2]> {
         if !lit && transfer.gradient_opacity().is_empty() {
             return Ok([0.0; 2]);
@@ -121,12 +122,12 @@ impl SampleCoding {
         })
     }
 
-    /// Samples for each unit of value.
+    /// Returns the factor from gradients of values to gradients of samples.
     fn gradient_scale(&self) -> f64 {
         self.reduction.map_or(1.0 / self.slope.abs(), |reduction| reduction.factor())
     }
 
-    /// A value of the transfer function in the units in which the shader compares samples.
+    /// Converts a value of the transfer function to the units in which the shader compares samples.
     fn point(&self, value: f64) -> f32 {
         match &self.reduction {
             Some(reduction) => reduction.scalar(value),
@@ -137,7 +138,7 @@ impl SampleCoding {
     }
 }
 
-/// The least f32 that is at least a number.
+/// Returns the least f32 that is not below a number.
 fn next_f32(value: f64) -> f32 {
     let nearest = value as f32;
     if f64::from(nearest) < value { nearest.next_up() } else { nearest }
@@ -154,20 +155,20 @@ impl RowCoding for SampleCoding {
     }
 }
 
-/// A volume to classify, as the stage reads it.
+/// A volume to classify, in the form that stages read.
 pub(crate) struct Input<'a> {
     pub(super) context: &'a Context,
     pub(super) volume: &'a Volume,
     transfer: &'a TransferFunction,
-    /// The normals of splats; `None`: they have none.
+    /// The kind of the splats' normals; `None`: splats have no normals.
     normals: Option<Normals>,
-    /// The layers of neighbouring voxels around a brick.
+    /// The number of layers of neighbouring voxels around a brick.
     halo: usize,
     pub(super) progress: &'a Progress,
     pub(super) coding: SampleCoding,
-    /// The control points as samples are compared with them, see [`SampleCoding::points`].
+    /// The control points in the units in which samples are compared, see [`SampleCoding::points`].
     pub(super) points: Vec<ControlPoint>,
-    /// Gradient opacity, of gradients of samples; empty: extinction does not depend on them.
+    /// The points of gradient opacity, as gradients of samples; empty: extinction does not depend on gradients.
     pub(super) thinning: Vec<[f32; 2]>,
     /// The base of the transfer function as a sample, and the resolution there.
     pub(super) resolution: [f32; 2],
@@ -175,7 +176,7 @@ pub(crate) struct Input<'a> {
 }
 
 impl<'a> Input<'a> {
-    /// A volume whose splats get these normals if they are lit.
+    /// Makes the input of a volume whose splats get these normals if they are lit.
     pub(crate) fn new(
         context: &'a Context,
         volume: &'a Volume,
@@ -194,7 +195,7 @@ impl<'a> Input<'a> {
         Ok(Self { normals, points, thinning, resolution, ..unlit })
     }
 
-    /// A volume of scalars of this reduction, with gradients if they are lit.
+    /// Makes the input of a volume of scalars of this reduction, with gradients if they are lit.
     pub(crate) fn of_scalars(
         context: &'a Context,
         volume: &'a Volume,
@@ -207,7 +208,7 @@ impl<'a> Input<'a> {
         Self::unclassified(context, volume, transfer, (coding, usize::from(lit)), progress)
     }
 
-    /// A volume without classification, and with so many voxels around each brick.
+    /// Makes the input of a volume without classification, with `halo` layers of voxels around each brick.
     fn unclassified(
         context: &'a Context,
         volume: &'a Volume,
@@ -220,28 +221,28 @@ impl<'a> Input<'a> {
         Self { context, volume, transfer, normals, halo, progress, coding, points, thinning, resolution, gradients }
     }
 
-    /// Whether voxels are classified by the values around them.
+    /// Returns whether voxels are classified by the values around them.
     fn is_band_limited(&self) -> bool {
         !self.points.is_empty() && self.transfer.is_band_limited()
     }
 
-    /// The layers of neighbouring voxels around a brick.
+    /// Returns the number of layers of neighbouring voxels around a brick.
     pub(super) fn halo(&self) -> usize {
         self.halo
     }
 
-    /// Bytes of the samples of a brick with its halo: a multiple of 8.
+    /// Returns the number of bytes of the samples of a brick with its halo: a multiple of 8.
     pub(super) fn brick_bytes(&self) -> u64 {
         let edge = (EDGE + 2 * self.halo()) as u64;
         edge.pow(3) * [1, 1, 2, 2, 4][self.coding.sample_type as usize]
     }
 
-    /// Whether voxels that do not show become splats too.
+    /// Returns whether invisible voxels become splats too.
     pub(super) fn keeps_invisible(&self) -> bool {
         !self.context.savings.voxels
     }
 
-    /// Whether a brick with samples in this range may show.
+    /// Returns whether a brick with samples in this range may be visible.
     pub(super) fn may_show(&self, range: [f64; 2]) -> bool {
         let (slope, intercept) = self.volume.rescale();
         let [a, b] = range.map(|raw| slope * raw + intercept);
@@ -274,7 +275,7 @@ impl<'a> Input<'a> {
     }
 }
 
-/// How shaders read the samples of a volume: the constants of shaders/common/classified.wgsl.
+/// The form in which shaders read the samples of a volume: the constants of shaders/common/classified.wgsl.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(super) struct InputKey {
     sample_type: u32,
@@ -284,7 +285,7 @@ pub(super) struct InputKey {
 }
 
 impl InputKey {
-    /// Whether splats have normals.
+    /// Returns whether splats have normals.
     pub(super) fn is_lit(self) -> bool {
         self.normals.is_some()
     }
@@ -316,14 +317,14 @@ impl Input<'_> {
         }
     }
 
-    /// The control points of the transfer function, then those of gradient opacity.
+    /// Uploads the control points of the transfer function, then the points of gradient opacity.
     pub(super) fn points_on_device(&self) -> Result<wgpu::Buffer> {
         let steepness = |&[sample, opacity]: &[f32; 2]| ControlPoint { sample, opacity, ..ControlPoint::zeroed() };
         let all: Vec<ControlPoint> = self.points.iter().copied().chain(self.thinning.iter().map(steepness)).collect();
         self.context.upload("classify.control_points", bytemuck::cast_slice(&all), wgpu::BufferUsages::STORAGE)
     }
 
-    /// The parameters of shaders, without bricks.
+    /// Returns the parameters of shaders, without bricks.
     pub(super) fn parameters(&self) -> Classify {
         let [gradient_x, gradient_y, gradient_z] = self.gradients;
         let [base, faintest] = self.resolution;
@@ -343,17 +344,17 @@ impl Input<'_> {
         }
     }
 
-    /// The number of bricks of the volume.
+    /// Returns the number of bricks of the volume.
     pub(super) fn brick_count(&self) -> usize {
         self.volume.bricks().into_iter().map(|count| count as usize).product()
     }
 
-    /// The number of bricks that may show.
+    /// Returns the number of bricks that may be visible.
     pub(super) fn shown(&self) -> Result<u32> {
         Ok(self.volume.ranges()?.iter().filter(|&&range| self.may_show(range)).count() as u32)
     }
 
-    /// Calls `take` with the bricks that may show, in batches on the device.
+    /// Calls `take` with the bricks that may be visible, in batches on the device.
     pub(super) fn batches(&self, take: &mut dyn FnMut(&BrickBatch) -> Result<()>) -> Result<Bricks> {
         self.send(&|_, range| self.may_show(range), &mut |outbox| {
             let bytes = outbox.origins.len() as u64 * self.brick_bytes();
@@ -392,16 +393,16 @@ impl Input<'_> {
 pub(super) struct Outbox<'a> {
     context: &'a Context,
     sender: Sender<'a>,
-    /// Lattice points of the first voxels of the bricks.
+    /// The lattice points of the first voxels of the bricks.
     pub(super) origins: Vec<[u32; 4]>,
-    /// Their samples.
+    /// The samples of the bricks.
     bytes: Vec<u8>,
 }
 
 impl Outbox<'_> {
-    /// Sends the samples, of which `copy` records where they go, and empties the box.
+    /// Sends the samples, whose targets `copy` records, and empties the box.
     pub(super) fn send(&mut self, copy: impl FnOnce(&mut Recorder<'_>, &wgpu::Buffer)) -> Result<()> {
-        /// Bytes that a thread writes at a time.
+        /// The number of bytes that a thread writes at a time.
         const PART: usize = 1 << 20;
         let fill = |staging: &wgpu::Buffer| {
             self.bytes.par_chunks(PART).enumerate().try_for_each(|(number, part)| {
@@ -418,16 +419,16 @@ impl Outbox<'_> {
 /// The bricks that were searched for splats.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Bricks {
-    /// Bricks of the volume and of the copies beyond its faces.
+    /// Number of bricks of the volume and of the copies beyond its faces.
     pub(crate) all: u32,
-    /// Bricks that may be visible: only these are classified, or searched voxel by voxel.
+    /// Number of bricks that may be visible: only these are classified, or searched voxel by voxel.
     pub(crate) uploaded: u32,
-    /// Bytes sent to the device for them.
+    /// The number of bytes sent to the device for the bricks.
     pub(crate) bytes: u64,
 }
 
 impl Bricks {
-    /// The bricks of two levels of a volume together.
+    /// Adds the bricks of another level of the volume.
     pub(crate) fn and(self, other: &Self) -> Self {
         Self { all: self.all + other.all, uploaded: self.uploaded + other.uploaded, bytes: self.bytes + other.bytes }
     }
@@ -435,20 +436,20 @@ impl Bricks {
 
 /// Bricks that are classified together, on the device.
 pub(super) struct BrickBatch {
-    /// Lattice points of the first voxels.
+    /// The lattice points of the first voxels of the bricks.
     pub(super) origins: Vec<[u32; 4]>,
-    /// The same on the device.
+    /// The lattice points of the first voxels, on the device.
     pub(super) places: wgpu::Buffer,
-    /// The samples with the voxels around each brick, and those of other batches.
+    /// The buffer of samples with the voxels around each brick, which holds other batches too.
     pub(super) samples: wgpu::Buffer,
-    /// Bricks before these in that buffer.
+    /// The number of bricks before these in the buffer of samples.
     pub(super) before: usize,
     /// The bytes of the samples of these bricks.
     pub(super) bytes: Range<u64>,
 }
 
 impl BrickBatch {
-    /// Bricks of which `before` bricks precede in a buffer of samples.
+    /// Makes the batch of the bricks that begin at `origins`, behind `before` other bricks in a buffer of samples.
     pub(super) fn new(
         input: &Input<'_>,
         origins: Vec<[u32; 4]>,
@@ -460,13 +461,13 @@ impl BrickBatch {
         Ok(Self { origins, places, samples, before, bytes: start..end })
     }
 
-    /// The samples of these bricks as a binding. Batches are whole multiples of the alignment of bindings: a brick has
-    /// a multiple of 8 samples.
+    /// Binds the samples of the batch. Batches are whole multiples of the alignment of bindings: a brick has a multiple
+    /// of 8 samples.
     pub(super) fn binding(&self) -> wgpu::BindingResource<'_> {
         buffer_range(&self.samples, self.bytes.start, self.bytes.end - self.bytes.start)
     }
 
-    /// The values of the rows of some bricks of a buffer of samples, a word each, as a binding.
+    /// Binds the values, a word each, of the rows of `bricks` bricks in a buffer, behind the rows of `before` others.
     pub(super) fn rows(buffer: &wgpu::Buffer, before: usize, bricks: usize) -> wgpu::BindingResource<'_> {
         let bytes = |bricks: usize| (bricks * ROWS * size_of::<u32>()) as u64;
         buffer_range(buffer, bytes(before), bytes(bricks))

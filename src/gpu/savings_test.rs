@@ -1,17 +1,18 @@
-//! What is left out changes no picture, bit by bit.
+//! Tests that savings of invisible work change no picture, bit by bit.
 
 use glam::DVec3;
 
 use super::adapter_test::adapter;
 use super::savings::Savings;
 use crate::camera::{Camera, ProjectionKind, View};
+use crate::frame::Frame;
 use crate::lighting::{Light, Lighting};
 use crate::renderer::{Rendered, Renderer, RendererOptions, Scene};
 use crate::settings::{Level, Model, Painter, Precision, QuadsSettings, Settings, Shading};
 use crate::transfer::{Classification, ControlPoint, TransferFunction};
 use crate::volume::Volume;
 
-/// Two balls that fade outwards, over a background that falls away from them: what is dropped is not 0.
+/// Makes two balls that fade outwards, over a background that falls away from them: the dropped splats are not 0.
 fn balls() -> (Volume, TransferFunction) {
     let dims = [110, 26, 26];
     let value = |[x, y, z]: [u32; 3]| {
@@ -29,7 +30,7 @@ fn balls() -> (Volume, TransferFunction) {
     (volume, TransferFunction::new(points, None).unwrap())
 }
 
-/// Quads with sheets so thick, and tiles.
+/// Returns quads with sheets of this thickness, and tiles.
 fn painters(sheet_thickness: f64) -> [Painter; 2] {
     let quads = QuadsSettings { sheet_thickness, precision: Some(Precision::F32), ..QuadsSettings::default() };
     [Painter::Quads(quads), Painter::Auto]
@@ -83,7 +84,7 @@ fn leave_out(step: usize, eyes: usize) {
             let camera = Camera::new(&view, volume.grid(), [56; 2]).unwrap();
             let render = |renderer: &Renderer| {
                 let scene = renderer.prepare(&volume, &transfer, &settings).unwrap();
-                renderer.render(&scene, &camera, &settings).unwrap()
+                renderer.render(&scene, &Frame::new(&camera, &settings)).unwrap()
             };
             let expected = render(&whole);
             assert!(expected.image.pixels().iter().any(|p| p[3] > 0.1), "{name}: nothing to see");
@@ -95,7 +96,7 @@ fn leave_out(step: usize, eyes: usize) {
     }
 }
 
-/// Compares a picture without a saving with one that has them all.
+/// Compares a picture without a saving with a picture with all savings.
 fn check(what: &str, saving: &str, got: &Rendered, all: &Rendered, settings: &Settings) {
     let in_view = |r: &Rendered| r.stats.quads().map_or(0, |q| q.splats_in_view);
     let quads = got.stats.quads().is_some();
@@ -124,10 +125,10 @@ fn check(what: &str, saving: &str, got: &Rendered, all: &Rendered, settings: &Se
     }
 }
 
-/// The largest difference of pictures by tiles that keep other splats. Tiles packs the box around the splats: another
-/// box rounds coordinates differently, by 1.0e-6 here, and lit pictures differ by 3.7e-6. Parts of kernels in slabs are
-/// fitted, and fits fade later than their kernels: post-shaded, voxels farther than kernels reach change a place by
-/// 1.6e-3 here, a maximum by 9.6e-3.
+/// Returns the largest difference of pictures by tiles that keep other splats. Tiles packs the box around the splats:
+/// another box rounds coordinates differently, by 1.0e-6 here, and lit pictures differ by 3.7e-6. Parts of kernels in
+/// slabs are fitted, and fits fade later than their kernels: post-shaded, voxels farther than kernels reach change a
+/// place by 1.6e-3 here, a maximum by 9.6e-3.
 fn tiles_noise(settings: &Settings) -> f32 {
     match (settings.model, settings.is_post_shaded()) {
         (_, false) => {
@@ -142,7 +143,7 @@ fn tiles_noise(settings: &Settings) -> f32 {
     }
 }
 
-/// A tube from corner to corner.
+/// Makes a tube from corner to corner.
 fn tube() -> (Volume, TransferFunction) {
     const SIDE: u32 = 100;
     let value = |[x, y, z]: [u32; 3]| {
@@ -198,7 +199,8 @@ fn draw_pages(kinds: usize) {
             let compare = |scenes: &[Scene; 2], azimuth, settings: &Settings| {
                 let view = View { azimuth, elevation: 15.0, projection, ..View::default() };
                 let camera = Camera::new(&view, volume.grid(), [100; 2]).unwrap();
-                let [paged, whole] = [0, 1].map(|i| renderers[i].render(&scenes[i], &camera, settings).unwrap());
+                let [paged, whole] =
+                    [0, 1].map(|i| renderers[i].render(&scenes[i], &Frame::new(&camera, settings)).unwrap());
                 let what = format!("{shading:?}, {projection:?}, {level:?}, {azimuth}");
                 assert!(whole.image.pixels().iter().any(|p| p[3] > 0.1), "{what}: nothing to see");
                 assert!(paged.image == whole.image, "{what}");
@@ -270,7 +272,7 @@ fn device_boxes_of_few_bricks_draw_what_boxes_of_all_draw() {
                     on.set_transfer(scene, &showing(shown)).unwrap();
                 }
             }
-            let [few, all] = [0, 1].map(|i| renderers[i].render(&scenes[i], &camera, &settings).unwrap());
+            let [few, all] = [0, 1].map(|i| renderers[i].render(&scenes[i], &Frame::new(&camera, &settings)).unwrap());
             let bytes = [&few, &all].map(|rendered| rendered.stats.bytes_sent);
             println!("{shown:?}: {bytes:?} bytes sent");
             // At most the three bricks of 38^3 samples, once.

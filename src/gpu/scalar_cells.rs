@@ -19,20 +19,20 @@ use crate::volume::BRICK_EDGE as EDGE;
 
 /// The stage in [`Stats::stages`](crate::stats::Stats::stages).
 const PACK: &str = "pack";
-/// The most bytes of each of three buffers of sums.
+/// The largest number of bytes of each of three buffers of sums.
 const MOST: u64 = 128 << 20;
 /// Cells to either side that gradients depend on.
 const HALO: u32 = 3;
 /// Voxels of a sum that are as much work as a fragment of a splat.
 const VOXELS_OF_WORK: u64 = 8;
 
-/// How cells are made of voxels.
+/// The weights of voxels in cells, and of cells in gradients.
 pub(crate) struct CellFilters<'a> {
     /// Cells that cover the volume along each axis.
     pub(crate) dims: [u32; 3],
     /// Voxels along a cell, as a fraction in lowest terms.
     pub(crate) size: [usize; 2],
-    /// Along each axis, the first voxel with a weight in the first cell, and the weights of the voxels from there on:
+    /// The first voxel with a weight in the first cell, along each axis, and the weights of the voxels from there on:
     /// for as many cells as the divisor of `size`.
     pub(crate) axes: [(i64, &'a [Vec<f32>]); 3],
     /// Voxels to either side of a cell that its gradients depend on although its kernel does not.
@@ -52,12 +52,12 @@ pub(crate) struct ScalarCells {
     gradients: bool,
 }
 
-/// How cells are made along an axis.
+/// The weights of voxels in cells along an axis.
 #[derive(Clone)]
 struct Axis {
-    /// Voxels of the volume.
+    /// Number of voxels of the volume.
     voxels: u32,
-    /// The first voxel with a weight in cell 0, and how many voxels have weights in a cell.
+    /// The first voxel with a weight in cell 0; `taps` is the number of voxels with weights in a cell.
     first: i64,
     taps: i64,
     /// The weights of the voxels in the middle, whose range is kept; none: all cells have gradients.
@@ -67,11 +67,11 @@ struct Axis {
 
 /// The samples of a volume on the device.
 pub(super) struct BoundSamples<'a> {
-    /// How they become scalars; without bricks.
+    /// The parameters that make scalars of the samples; without bricks.
     pub(super) parameters: Scalars,
-    /// Those of each buffer, and the numbers of their bricks.
+    /// The samples of each buffer, and the numbers of their bricks.
     pub(super) buffers: Vec<(Range<u32>, wgpu::BindingResource<'a>)>,
-    /// Bricks of a layer along x and y.
+    /// Number of bricks of a layer along x and y.
     pub(super) of_layer: u32,
 }
 
@@ -85,7 +85,7 @@ struct Stages {
 struct Part {
     rows: Range<u32>,
     planes: Range<u32>,
-    /// The cells that it depends on along each axis.
+    /// The cells on which the part depends, along each axis.
     cells: [Range<i64>; 3],
 }
 
@@ -101,7 +101,7 @@ impl Stages {
 }
 
 impl ScalarCells {
-    /// The cells of a volume of so many voxels, whose samples shaders read as these constants say.
+    /// Makes the cells of a volume of `voxels` voxels, whose samples shaders read by these constants.
     pub(super) fn new(
         context: &Context,
         pipelines: &Cache,
@@ -130,25 +130,25 @@ impl ScalarCells {
         })
     }
 
-    /// Numbers of a sum.
+    /// Returns the count of numbers of a sum.
     fn each(&self) -> u64 {
         if self.gradients { 3 } else { 1 }
     }
 
-    /// The first voxel with a weight in a cell: below 0 before the face.
+    /// Returns the first voxel with a weight in a cell: below 0 before the face.
     fn low(&self, axis: usize, cell: i64) -> i64 {
         let [over, under] = self.size;
         self.axes[axis].first + (cell * over).div_euclid(under)
     }
 
-    /// The voxels with weights in some cells, of which those beyond the faces are copies.
+    /// Returns the voxels with weights in these cells; voxels beyond the faces are copies of the outermost ones.
     fn voxels(&self, axis: usize, cells: &Range<i64>) -> Range<i64> {
         let Axis { voxels, taps, .. } = self.axes[axis];
         let inside = |voxel: i64| voxel.clamp(0, i64::from(voxels) - 1);
         inside(self.low(axis, cells.start))..inside(self.low(axis, cells.end - 1) + taps - 1) + 1
     }
 
-    /// The cells that a range of a box depends on: from one on that has the first weights.
+    /// Returns the cells on which a range of a box depends, from a cell on that has the first weights.
     fn cells(&self, low: i64, range: &Range<u32>) -> Range<i64> {
         let halo = if self.gradients { i64::from(HALO) } else { 0 };
         let [_, under] = self.size;
@@ -156,25 +156,25 @@ impl ScalarCells {
         start..low + i64::from(range.end) + halo
     }
 
-    /// The part of a box, which begins at cell `low`, with these rows and planes.
+    /// Returns the part of a box, which begins at cell `low`, with these rows and planes.
     fn part(&self, low: [i64; 3], across: u32, rows: Range<u32>, planes: Range<u32>) -> Part {
         let cells = [self.cells(low[0], &(0..across)), self.cells(low[1], &rows), self.cells(low[2], &planes)];
         Part { rows, planes, cells }
     }
 
-    /// The numbers of sums of a part along x, along x and y, and along all axes.
+    /// Returns the numbers of sums of a part along x, along x and y, and along all axes.
     fn sums(&self, part: &Part) -> [u64; 3] {
         let cells = |axis: usize| (part.cells[axis].end - part.cells[axis].start) as u64;
         let voxels = |axis: usize| self.voxels(axis, &part.cells[axis]).count() as u64;
         [cells(0) * voxels(1) * voxels(2), cells(0) * cells(1) * voxels(2), cells(0) * cells(1) * cells(2)]
     }
 
-    /// The work of a sum along each axis, in fragments of splats.
+    /// Returns the work of a sum along each axis, in fragments of splats.
     fn work(&self) -> [u64; 3] {
         self.axes.each_ref().map(|axis| (axis.taps as u64).div_ceil(VOXELS_OF_WORK))
     }
 
-    /// The parts of a box, with buffers of at most `bytes` and dispatches of at most this work.
+    /// Splits a box into parts, with buffers of at most `bytes` and dispatches of at most this work.
     fn parts(&self, [bytes, most_work]: [u64; 2], low: [i64; 3], [across, rows, planes]: [u32; 3]) -> Vec<Part> {
         let most = bytes / (4 * self.each());
         let fits = |part: &Part| {
@@ -199,13 +199,13 @@ impl ScalarCells {
         }
     }
 
-    /// Whether cells have gradients.
+    /// Returns whether cells have gradients.
     pub(super) fn has_gradients(&self) -> bool {
         self.gradients
     }
 
-    /// Records the cells of a box part by part, and after each part what `take` makes of it, given the parameters of
-    /// the part, its cells and their number in the box. The box begins at cell `low` and has `dims` cells.
+    /// Records the cells of a box part by part, and calls `take` after each part, given the parameters of the part, its
+    /// cells and their number in the box. The box begins at cell `low` and has `dims` cells.
     pub(super) fn each_part(
         &self,
         recorder: &mut Recorder<'_>,
@@ -248,7 +248,7 @@ impl ScalarCells {
         Ok(())
     }
 
-    /// The parameters of the sums of a part along an axis.
+    /// Returns the parameters of the sums of a part along an axis.
     fn parameters(&self, axis: usize, part: &Part) -> ScalarSums {
         let cells = |axis: usize| part.cells[axis].clone().count() as u32;
         let voxels = [0, 1, 2].map(|axis| self.voxels(axis, &part.cells[axis]));

@@ -14,11 +14,11 @@ use super::transfer::TransferTable;
 use crate::error::Result;
 use crate::volume::Grid;
 
-/// The scalars of a lattice, and what they absorb.
+/// The scalars of a lattice, and their extinction.
 pub(crate) struct ScalarField<'a> {
     pub(crate) scalars: &'a SampledScalars,
     pub(crate) table: &'a TransferTable,
-    /// The lattice.
+    /// The lattice of the scalars.
     pub(crate) grid: &'a Grid,
 }
 
@@ -26,7 +26,7 @@ pub(crate) struct ScalarField<'a> {
 struct FieldStage(Stage);
 
 impl ScalarField<'_> {
-    /// The first lattice point of the box that has scalars, and its size.
+    /// Returns the first lattice point of the box that has scalars, and its size.
     pub(crate) fn bounds(&self) -> [[usize; 3]; 2] {
         let [low, high] = self.scalars.bounds;
         [low, [0, 1, 2].map(|axis| high[axis] - low[axis])].map(|point| point.map(|n| n as usize))

@@ -9,9 +9,9 @@ use super::recorder::ComputePass;
 use super::shaders;
 use crate::error::Result;
 
-/// Values that one invocation sums; RUN in shaders/scan.wgsl.
+/// Number of values that one invocation sums; RUN in shaders/scan.wgsl.
 pub(crate) const RUN: u64 = 128;
-/// Invocations of a workgroup; WORKGROUP in shaders/common/dispatch.wgsl.
+/// Number of invocations of a workgroup; WORKGROUP in shaders/common/dispatch.wgsl.
 pub(crate) const WORKGROUP: u64 = 64;
 
 /// The pipelines of the scan.
@@ -22,7 +22,7 @@ pub(crate) struct Scan {
 }
 
 impl Scan {
-    /// The pipelines of the scan, made now if there are none.
+    /// Returns the pipelines of the scan, made now if there are none.
     pub(crate) fn of(pipelines: &Cache, context: &Context) -> Result<Arc<Self>> {
         pipelines.get_or_make((), || Ok(Self::new(context)))
     }

@@ -1,5 +1,5 @@
-//! How the host sends much to the device: through two mapped buffers in turn, of which the host fills one while the
-//! device copies from the other one. The driver takes longer to allocate such memory than to copy it.
+//! Sends large data to the device: through two mapped buffers in turn, of which the host fills one while the device
+//! copies from the other one. The driver takes longer to allocate such memory than to copy it.
 
 use super::context::Context;
 use super::recorder::Recorder;
@@ -8,15 +8,15 @@ use crate::error::Result;
 /// Two buffers in memory that the host writes.
 pub(crate) struct Sender<'a> {
     context: &'a Context,
-    /// Completes errors: "while ...".
+    /// The work in words that complete errors: "while ...".
     doing: &'static str,
     buffers: [wgpu::Buffer; 2],
-    /// Parts sent so far.
+    /// Number of parts sent so far.
     sent: usize,
 }
 
 impl<'a> Sender<'a> {
-    /// Buffers of so many `bytes` for so many `parts`: one, if there is one part.
+    /// Makes buffers of `bytes` each for `parts` parts: one buffer, if there is one part.
     pub(crate) fn new(context: &'a Context, doing: &'static str, bytes: u64, parts: usize) -> Result<Self> {
         let buffer = || context.mapped("sender.buffer", bytes);
         let first = buffer()?;

@@ -23,7 +23,7 @@ impl Shader {
         Self { name, file, voxels: Some(voxels) }
     }
 
-    /// The whole source, with each file once.
+    /// Returns the whole source, with each file once.
     pub(crate) fn source(&self) -> String {
         let mut files: Vec<&str> = std::iter::once(self.file).chain(self.voxels).collect();
         let mut texts = Vec::new();
@@ -46,12 +46,12 @@ fn written_out(line: &str) -> String {
     if is_template { (0..8).map(|n| line.replace('#', &n.to_string())).collect() } else { line.to_owned() }
 }
 
-/// The text of a file.
+/// Returns the text of a file.
 fn text_of(file: &str) -> Option<&'static str> {
     FILES.iter().find(|(path, _)| *path == file).map(|(_, text)| *text)
 }
 
-/// The files that a text names in its line `// uses: ..`.
+/// Returns the files that a text names in its line `// uses: ..`.
 fn uses(text: &'static str) -> impl Iterator<Item = &'static str> {
     text.lines().filter_map(|line| line.strip_prefix("// uses: ")).flat_map(|files| files.split(", "))
 }

@@ -29,7 +29,7 @@ fn every_shader_validates() {
     }
 }
 
-/// Members of a WGSL struct as (name, offset), and its size.
+/// Returns the members of a WGSL struct as (name, offset), and its size.
 fn reflected(name: &str) -> (Vec<(String, usize)>, usize) {
     for shader in ALL {
         let module = parsed(shader);

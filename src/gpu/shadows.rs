@@ -32,13 +32,13 @@ use crate::lighting::shadow::plan::{AroundPlan, ConvergingPlan, LightPlan, Light
 use crate::progress::Progress;
 use crate::volume::Grid;
 
-/// The most bytes of the sums of the rays of a part, unless they are fewer than [`PLANES`].
+/// The largest number of bytes of the sums of the rays of a part with more than [`PLANES`] planes.
 const SUMS: u64 = 128 << 20;
-/// The least planes of a part, which is a multiple: workgroups have up to so many planes.
+/// The least number of planes of a part, of which every number is a multiple: workgroups have up to so many planes.
 const PLANES: usize = 8;
-/// The most planes of a part.
+/// The largest number of planes of a part.
 const MOST_PLANES: usize = 64;
-/// Planes of a part of occlusion.
+/// The number of planes of a part of occlusion.
 const AROUND_PLANES: usize = 32;
 /// Columns and rows of a workgroup.
 const GROUP: [u32; 2] = [32, 2];
@@ -51,7 +51,7 @@ pub(super) const ENDS: usize = 2;
 /// The bytes of a splat in shadows.
 pub(crate) const STRIDE: u64 = 4 * SHADED_WORDS as u64;
 
-/// The stages of sweeps along directions and of occlusion, and what keeps their light at splats. In
+/// The stages of sweeps along directions and of occlusion, and the stages that keep their light at splats. In
 /// [`Stats::stages`](crate::stats::Stats::stages) all stages of shadows are part of `classify`.
 struct Stages {
     across: Stage,
@@ -63,7 +63,7 @@ struct Stages {
     keep: Stage,
 }
 
-/// The stage that makes the field of splats, of splats with shares of light for the key `true`.
+/// The stage that makes the field of splats; for the key `true`, of splats with shares of light.
 struct FieldStage(Stage);
 
 /// The stages of sweeps to a place.
@@ -80,12 +80,12 @@ struct BoxStages {
 
 const CLASSIFY: &str = "classify";
 
-/// A stage that takes these constants.
+/// Makes a stage of shadows with these constants.
 fn stage(context: &Context, of: Shader, entry: &str, slots: &[Binding], constants: &[Constant]) -> Stage {
     Stage::new(context, of, (CLASSIFY, entry), slots, constants)
 }
 
-/// Splats have shares of light.
+/// The constants of stages whose splats have shares of light.
 const SHADOWS: [Constant; 1] = [("SHADOWS", 1)];
 
 impl Stages {
@@ -138,12 +138,12 @@ impl BoxStages {
     }
 }
 
-/// Splats in shadows to be.
+/// Splats that are to get shares of light.
 pub(crate) struct Unlit<'a> {
     pub(crate) stores: &'a [Store],
-    /// Whether nothing else needs the splats: if they hold shares of light, their memory serves again.
+    /// Whether nothing else needs the splats: if they hold shares of light, their memory is used again.
     pub(crate) over: bool,
-    /// Voxels along the axes of their lattice.
+    /// Number of voxels along the axes of the splats' lattice.
     pub(crate) dims: [usize; 3],
     /// The sides of matter that casts shadows.
     pub(crate) clip: &'a [Side],
@@ -153,7 +153,7 @@ pub(crate) struct Unlit<'a> {
 pub(crate) struct Buffers(Vec<(&'static str, wgpu::Buffer)>);
 
 impl Buffers {
-    /// Bytes of memory.
+    /// Returns the bytes of all buffers.
     pub(crate) fn bytes(&self) -> u64 {
         self.0.iter().map(|(_, buffer)| buffer.size()).sum()
     }
@@ -166,7 +166,7 @@ struct Scratch<'a> {
 }
 
 impl Scratch<'_> {
-    /// The buffer of this name, with at least so many numbers.
+    /// Returns the buffer of this name, with at least `values` numbers.
     fn get(&self, name: &'static str, values: usize) -> Result<wgpu::Buffer> {
         let bytes = 4 * values as u64;
         let mut held = self.held.borrow_mut();
@@ -183,14 +183,14 @@ impl Scratch<'_> {
 
 /// The planes of a sweep on the device.
 struct Shape {
-    /// Planes, rows and columns.
+    /// Numbers of planes, rows and columns.
     dims: [usize; 3],
-    /// The rows and columns of rays, for each direction.
+    /// Numbers of rows and columns of rays, for each direction.
     rays: [usize; 2],
     directions: usize,
-    /// Planes of a part.
+    /// Number of planes of a part.
     together: usize,
-    /// Filtered planes of a part.
+    /// Number of filtered planes of a part.
     filtered: usize,
 }
 
@@ -215,12 +215,12 @@ impl Shape {
         Self { dims: [nz, ny, nx], rays: [0; 2], directions: 1, together: AROUND_PLANES, filtered }
     }
 
-    /// Numbers of the filtered planes of a part, with their zeros.
+    /// Returns the count of numbers of the filtered planes of a part, with their zeros.
     fn planes(&self) -> usize {
         self.filtered * (self.dims[1] + 2 * ENDS) * (self.dims[2] + 2 * ENDS)
     }
 
-    /// The sums of all rays at a plane.
+    /// Returns the number of sums of all rays at a plane.
     fn sums(&self) -> usize {
         self.rays[0] * self.rays[1] * self.directions
     }
@@ -251,22 +251,22 @@ impl NearPlaces {
     }
 }
 
-/// The lights on a box of voxels.
+/// The shadows of all lights on a box of voxels.
 struct Job<'a> {
     context: &'a Context,
     pipelines: &'a Cache,
     stages: Arc<Stages>,
     plans: &'a LightPlans,
     scratch: Scratch<'a>,
-    /// The extinctions of the voxels, and the light that arrives at them.
+    /// The extinctions of the voxels; `shares` are the shares of the light that arrives at them.
     field: wgpu::Buffer,
     shares: wgpu::Buffer,
     /// The weights of the filters of sweeps, across planes and within.
     filters: [wgpu::Buffer; 2],
 }
 
-/// Splats with the shares of some lights, of the ambient light for `MAX_CASTING`, and with those that they hold of
-/// other lights; `None` if the device has no room. `held` are the buffers of other lights on the same splats.
+/// Returns the splats with the shares of `lights`, `MAX_CASTING` being the ambient light, and with the shares that they
+/// hold of other lights; `None` if the device has no room. `held` are the buffers of other lights on the same splats.
 pub(crate) fn run(
     context: &Context,
     pipelines: &Cache,
@@ -301,20 +301,20 @@ pub(crate) fn run(
     Ok(Some((made, job.buffers())))
 }
 
-/// The matter that casts shadows in a box of voxels: scalars in a lattice of so many points, and the sides of the
-/// matter that casts.
+/// The matter that casts shadows in a box of voxels: scalars, the numbers of points of their lattice, and the sides of
+/// the casting matter.
 pub(crate) type Field<'a> = (&'a ScalarField<'a>, [usize; 3], &'a [Side]);
 
 /// The light that arrives at the voxels of a box, kept for other lights.
 pub(crate) struct BoxLight {
     /// The first lattice point of the box, and its size.
     pub(crate) bounds: [[usize; 3]; 2],
-    /// With the shares, in the form of splats.
+    /// The buffers of the stages, with the shares in the form of splats.
     buffers: Buffers,
 }
 
-/// The light on a box of places of `grid` as a texture, with the shares of some lights, of the ambient light for
-/// `MAX_CASTING`, and with those that are held of other lights; `None` if the device has no room. `field` is read if no
+/// Returns the light on a box of places of `grid` as a texture, with the shares of `lights`, `MAX_CASTING` being the
+/// ambient light, and with the held shares of other lights; `None` if the device has no room. `field` is read if no
 /// light is held.
 pub(crate) fn run_on_box(
     context: &Context,
@@ -355,12 +355,12 @@ pub(crate) fn run_on_box(
     Ok(Some((volume, BoxLight { bounds, buffers: job.buffers() })))
 }
 
-/// The plans of lights.
+/// Returns the plans of lights.
 fn planned(plans: &LightPlans, lights: &[usize]) -> Vec<(usize, LightPlan)> {
     lights.iter().map(|&light| (light, plans.light(light))).collect()
 }
 
-/// Whether the buffers of the stages fit the device: one of so many bytes, and those of lights.
+/// Returns whether the buffers of the stages fit the device: one of `bytes` bytes, and the buffers of lights.
 fn fits<'a>(
     context: &Context,
     bytes: u64,
@@ -387,7 +387,7 @@ fn fits<'a>(
     longest <= most_groups && voxels.is_some_and(|bytes| bytes <= bindable) && bytes <= bindable && lights.all(serves)
 }
 
-/// Takes the light that was found to where it is kept.
+/// A callback that keeps the found light of a plan.
 type Keep<'a> = dyn FnMut(&mut Recorder<'_>, usize, &LightPlan) -> Result<()> + 'a;
 
 impl<'a> Job<'a> {
@@ -415,7 +415,7 @@ impl<'a> Job<'a> {
         Buffers(self.scratch.held.into_inner())
     }
 
-    /// Records the light of each plan, and what keeps it.
+    /// Records the light of each plan, and calls `keep` with it.
     fn each(
         &self,
         recorder: &mut Recorder<'_>,
@@ -446,7 +446,7 @@ impl<'a> Job<'a> {
         Ok(())
     }
 
-    /// The stencils of rays to places, which are kept.
+    /// Returns the stencils of rays to places, found once and kept.
     fn near_places(&self) -> Result<Arc<NearPlaces>> {
         let key = self.plans.near_key();
         let kept: Arc<Mutex<Option<Arc<NearPlaces>>>> = self.pipelines.get_or_make(key, || Ok(Mutex::default()))?;
@@ -458,14 +458,14 @@ impl<'a> Job<'a> {
         Ok(near)
     }
 
-    /// The place of a light among shares, and the factor of its shadows.
+    /// Returns the place of a light among shares, and the factor of its shadows.
     fn share(&self, light: usize, plan: &LightPlan) -> LightBox {
         let strength = if matches!(plan, LightPlan::Full) { 0.0 } else { self.plans.strength(light) };
         let (word, shift) = ((light / 2) as u32, (light % 2 * 16) as u32);
         LightBox { strength, word, shift, ..LightBox::zeroed() }
     }
 
-    /// The box of the plans.
+    /// Returns the box of the plans.
     fn of_plans(&self) -> LightBox {
         let dims = self.plans.dims().map(|n| n as u32);
         LightBox { low: self.plans.low().map(|n| n as i32), dims, ..LightBox::zeroed() }
@@ -475,7 +475,7 @@ impl<'a> Job<'a> {
         LightBox { count: store.count, each: (store.stride / 8) as u32, ..self.of_plans() }
     }
 
-    /// The box with the sides of matter that casts shadows, in a lattice of `dims` points.
+    /// Returns the box with the sides of matter that casts shadows, in a lattice of `dims` points.
     fn casting(&self, dims: [usize; 3], clip: &[Side]) -> LightBox {
         // Planes beyond the last one cut nothing.
         let inside = (0..ClipPlanes::default().len()).map(|_| DVec4::W);
@@ -509,7 +509,7 @@ impl<'a> Job<'a> {
         self.context.upload("shadows.light_box", bytemuck::bytes_of(parameters), usage)
     }
 
-    /// Records the splats of a store with all light, or with the light that they hold.
+    /// Records the splats of a store with full light, or with the light that they hold already.
     fn kept(&self, recorder: &mut Recorder<'_>, unlit: &Unlit<'_>, store: &Store) -> Result<Store> {
         let context = self.context;
         let from = store.on_device(context)?;
@@ -536,7 +536,7 @@ impl<'a> Job<'a> {
         Ok(())
     }
 
-    /// The parts of a sweep across planes along these lattice axes, without the planes that it skips.
+    /// Splits a sweep across planes along these lattice axes into parts, without the planes that it skips.
     fn parts(&self, shape: &Shape, axes: [usize; 3], skipped: usize, common: Sweep) -> Vec<Sweep> {
         let [nx, ny, _] = self.plans.dims();
         let steps = axes.map(|axis| [1, nx, nx * ny][axis] as u32);
@@ -627,7 +627,7 @@ impl<'a> Job<'a> {
         Ok(())
     }
 
-    /// The sums of the rays of a part, and those at the last plane of the part before.
+    /// Returns the buffers of the sums of the rays of a part, and of their sums at the last plane of the part before.
     fn sums(&self, shape: &Shape) -> Result<[wgpu::Buffer; 2]> {
         let sums = self.scratch.get("shadows.sums", shape.together * shape.sums())?;
         Ok([sums, self.scratch.get("shadows.carried", shape.sums())?])
@@ -639,7 +639,7 @@ impl<'a> Job<'a> {
         stage.bind(self.context, &std::iter::once(uniforms.binding()).chain(buffers).collect::<Vec<_>>())
     }
 
-    /// Records the light from a place on the voxels of one side.
+    /// Records the light from a place on the voxels of one side of a box.
     fn converging(&self, recorder: &mut Recorder<'_>, plan: &ConvergingPlan, near: &NearPlaces) -> Result<()> {
         let context = self.context;
         let stages = self.pipelines.get_or_make((), || Ok(PlaceStages::new(context)))?;
@@ -688,7 +688,7 @@ impl<'a> Job<'a> {
         Ok(())
     }
 
-    /// Records the ambient light that is not occluded.
+    /// Records the ambient light that occluders let through.
     fn around(&self, recorder: &mut Recorder<'_>, plan: &AroundPlan) -> Result<()> {
         let context = self.context;
         let axes = [2, 1, 0];
@@ -721,16 +721,16 @@ struct Passes<'a> {
     filter: &'a Filter<'a>,
     march: (&'a Stage, &'a wgpu::BindGroup),
     arrive: (&'a Stage, &'a wgpu::BindGroup),
-    /// The sums of the rays of a part, and those at the last plane of the part before.
+    /// The sums of the rays of a part, and their sums at the last plane of the part before.
     sums: [&'a wgpu::Buffer; 2],
     /// The bytes of the sums of a plane.
     carried: u64,
-    /// The numbers that a voxel reads.
+    /// The count of numbers that a voxel reads.
     reads: usize,
 }
 
 impl Passes<'_> {
-    /// Records all parts, given the workgroups of the rays of each.
+    /// Records all parts; `rays` returns the workgroups of the rays of a part.
     fn record(&self, recorder: &mut Recorder<'_>, parts: &[Sweep], rays: &dyn Fn(&Sweep) -> [u32; 3]) {
         let ([sums, carried], (march, of_rays), (arrive, of_voxels)) = (self.sums, self.march, self.arrive);
         for (number, part) in (0..).zip(parts) {
@@ -754,7 +754,7 @@ struct Filter<'a> {
     stages: &'a Stages,
     across: wgpu::BindGroup,
     within: wgpu::BindGroup,
-    /// The filtered planes of the part.
+    /// The filtered planes of a part.
     planes: wgpu::Buffer,
 }
 
@@ -767,17 +767,17 @@ impl Filter<'_> {
     }
 }
 
-/// Workgroups of so many columns and rows, by a third number.
+/// Returns the workgroups for this number of columns and rows, times a third number.
 fn groups(columns: u32, rows: u32, others: u32) -> [u32; 3] {
     [columns.div_ceil(GROUP[0]), rows.div_ceil(GROUP[1]), others]
 }
 
-/// Workgroups of columns and planes of a part, for each row.
+/// Returns the workgroups for columns and planes of a part, times its rows.
 fn groups_across(part: &Sweep, columns: u32, planes: u32, rows: u32) -> [u32; 3] {
     [columns.div_ceil(1 << part.lanes), planes.div_ceil(64 >> part.lanes), rows]
 }
 
-/// The work of a part whose voxels read so many numbers, in fragments of splats, which take some 16 operations.
+/// Returns the work of a part whose voxels read `reads` numbers, in fragments of splats, which take some 16 operations.
 fn work(part: &Sweep, reads: usize) -> u64 {
     let [_, rows, columns] = part.dims.map(u64::from);
     u64::from(part.count) * rows * columns * (reads as u64 + 20) / 16

@@ -5,11 +5,11 @@ use super::layout::Lighting;
 /// The directions from lattice points to the eye.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct ToEye {
-    /// Rays go through one eye; otherwise they are parallel.
+    /// Whether rays go through one eye; otherwise they are parallel.
     pub(crate) perspective: bool,
-    /// Lattice point of the eye.
+    /// The lattice point of the eye.
     pub(crate) eye: [f32; 3],
-    /// View coordinates of a step along each axis of the lattice.
+    /// The view coordinates of a step along each axis of the lattice.
     pub(crate) view: [[f32; 3]; 3],
 }
 
@@ -18,7 +18,7 @@ impl ToEye {
     pub(crate) const PARALLEL: Self = Self { perspective: false, eye: [0.0; 3], view: [[0.0; 3]; 3] };
 }
 
-/// The light of a picture on splats.
+/// The lights of a picture, as shaders of splats read them.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct SplatLight {
     pub(crate) lighting: Lighting,

@@ -10,7 +10,7 @@ use crate::error::Result;
 /// An override constant of shaders and its value. A painter has one list for all of its shaders.
 pub(crate) type Constant = (&'static str, u32);
 
-/// The constants that a shader declares: others would be errors.
+/// Returns the constants that a shader declares; any other constant would be an error.
 pub(crate) fn declared(shader: Shader, constants: &[Constant]) -> Vec<(&'static str, f64)> {
     let source = shader.source();
     let declares = |name: &str| source.contains(&format!("override {name}:"));
@@ -25,7 +25,8 @@ pub(crate) struct Stage {
 }
 
 impl Stage {
-    /// The pipeline of one entry point. The stage has its `name` in [`Stats::stages`](crate::stats::Stats::stages).
+    /// Makes the pipeline of one entry point. The stage has its `name` in
+    /// [`Stats::stages`](crate::stats::Stats::stages).
     pub(crate) fn new(
         context: &Context,
         shader: Shader,
@@ -37,7 +38,7 @@ impl Stage {
         stage
     }
 
-    /// The pipelines of entry points with the same bindings: a group of one serves the others.
+    /// Makes the pipelines of entry points with the same bindings: a group of one serves the others.
     pub(crate) fn several<const N: usize>(
         context: &Context,
         shader: Shader,
@@ -54,7 +55,7 @@ impl Stage {
         })
     }
 
-    /// A group of resources at bindings 0, 1, 2, ...
+    /// Makes a group of resources at bindings 0, 1, 2, ...
     pub(crate) fn bind(&self, context: &Context, resources: &[wgpu::BindingResource<'_>]) -> wgpu::BindGroup {
         pipeline::bind(context, self.name, &self.layout, resources)
     }
@@ -93,7 +94,7 @@ impl Stage {
     }
 }
 
-/// The workgroups of a dispatch with an invocation for each of `count` items.
+/// Returns the workgroups of a dispatch with an invocation for each of `count` items.
 pub(crate) fn for_each(context: &Context, count: u64) -> [u32; 3] {
     let (x, y) = context.workgroups(count, WORKGROUP);
     [x, y, 1]

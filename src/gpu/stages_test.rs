@@ -16,6 +16,7 @@ use super::view::{ViewGeometry, Weights};
 use crate::appearance::demos;
 use crate::camera::{Camera, ProjectionKind, View};
 use crate::formats::{LoadOptions, load};
+use crate::frame::Frame;
 use crate::image::Region;
 use crate::kernel::FootprintTable;
 use crate::layers::Layers;
@@ -168,7 +169,7 @@ fn classify_matches_its_twin_for_every_type() {
     }
 }
 
-/// Asserts that the device makes of a volume what the twin does.
+/// Asserts that the device and the host make the same splats of a volume.
 fn assert_classified(context: &Context, volume: &Volume, transfer: &TransferFunction, what: &str) {
     let transfer = &transfer.clone().with_classification(Classification::Point);
     let got = downloaded(context, &classified(context, volume, transfer));
@@ -205,7 +206,7 @@ fn classify_matches_its_twin_for_few_and_many_control_points() {
     }
 }
 
-/// Bricks know the box around their splats, which rays and culling go by.
+/// Bricks hold the box around their splats, on which rays and culling rely.
 #[test]
 fn bricks_are_bounded_by_their_splats() {
     let context = context();
@@ -273,14 +274,14 @@ fn scan_matches_its_twin() {
     }
 }
 
-/// The painter quads, with some of its settings changed.
+/// Returns the painter quads, with some of its settings changed.
 fn with_quads(settings: &Settings, change: impl FnOnce(&mut QuadsSettings)) -> Settings {
     let mut quads = settings.quads();
     change(&mut quads);
     Settings { painter: Painter::Quads(quads), ..settings.clone() }
 }
 
-/// A small volume on a sheared, anisotropic grid, and two cameras on it.
+/// Makes a small volume on a sheared, anisotropic grid, and two cameras on it.
 fn scene() -> (Volume, TransferFunction, [Camera; 2], Settings) {
     let demo = load("demo:marschner-lobb:12", &LoadOptions::default()).unwrap();
     let matrix = DMat3::from_cols(DVec3::X, DVec3::new(0.2, 1.1, 0.0), DVec3::new(-0.3, 0.1, 2.0));
@@ -297,7 +298,7 @@ fn scene() -> (Volume, TransferFunction, [Camera; 2], Settings) {
     (volume, transfer, cameras, settings)
 }
 
-/// Extinction per unit distance, as pictures of pre-shaded scenes have it.
+/// Returns the extinction per unit distance, as in pictures of pre-shaded scenes.
 fn weights(volume: &Volume, transfer: &TransferFunction) -> Weights {
     Weights {
         max: TransferFunction::extinction(transfer.max_opacity(), 1.0),
@@ -366,7 +367,9 @@ fn feeding_several_sheets_at_once_changes_nothing_but_the_number_of_quads() {
         let options = RendererOptions { adapter: Some(adapter()), ..RendererOptions::default() };
         let mut renderer = Renderer::new(&options).unwrap();
         renderer.context.limits.max_color_attachments = attachments;
-        renderer.render(&renderer.prepare(&volume, &transfer, &settings).unwrap(), &camera, &settings).unwrap()
+        renderer
+            .render(&renderer.prepare(&volume, &transfer, &settings).unwrap(), &Frame::new(&camera, &settings))
+            .unwrap()
     });
     for (a, b) in single.image.pixels().iter().flatten().zip(several.image.pixels().iter().flatten()) {
         assert!((a - b).abs() < 2e-6, "{a} {b}");
@@ -409,7 +412,7 @@ fn splat_composite_and_resolve_match_their_twins() {
                 let table = FootprintTable::new(&settings.kernel, Precision::F32.footprint_error()).unwrap();
                 let additive = accumulation == Accumulation::Additive;
                 let mode = twins::Mode { perspective, axis: sheets == Sheets::Axis, additive };
-                let Rendered { image, stats } = renderer.render(prepared, &camera, &settings).unwrap();
+                let Rendered { image, stats } = renderer.render(prepared, &Frame::new(&camera, &settings)).unwrap();
                 assert_eq!(stats.quads().unwrap().sheets_per_pass, sheets_per_pass);
                 for (index, pixel) in (0..).zip(image.pixels()) {
                     let center = DVec2::new(f64::from(index % width) + 0.5, f64::from(index / width) + 0.5);
@@ -424,7 +427,7 @@ fn splat_composite_and_resolve_match_their_twins() {
     }
 }
 
-/// What sheets of half floats are worth where sums are rounded to the nearest, and where they are cut off. Shown on the
+/// The precision of sheets of half floats, if sums are rounded to the nearest and if they are truncated. Shown on the
 /// twin, because an adapter does one of the two.
 #[test]
 fn f16_sheets_keep_alpha() {

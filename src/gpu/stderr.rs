@@ -23,7 +23,7 @@ pub fn silenced<T>(work: impl FnOnce() -> T) -> T {
     work()
 }
 
-/// Runs `work`: on other systems drivers print nothing.
+/// Runs `work` unchanged: on other systems drivers print nothing.
 #[cfg(not(unix))]
 pub fn silenced<T>(work: impl FnOnce() -> T) -> T {
     work()
@@ -81,7 +81,7 @@ mod redirection {
         }
     }
 
-    /// Writes bytes to another stream without [`MESSAGE`], and reports that [`END`] has come.
+    /// A writer that passes bytes to another stream without [`MESSAGE`], and reports that [`END`] has come.
     struct Filter<W> {
         to: W,
         /// The beginning of a word that is not complete.

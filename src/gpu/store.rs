@@ -27,14 +27,14 @@ const _: () = assert!(PAGE == MACROCELL, "pages of bricks are macrocells of shad
 #[derive(Debug)]
 pub(crate) struct Store {
     splats: Mutex<Splats>,
-    /// Distinguishes the stores of the program.
+    /// The number that distinguishes the store from others of the program.
     pub(crate) id: u64,
-    /// The same number: the same places of splats.
+    /// A number that stores share whose splats have the same places.
     pub(crate) places: u64,
-    /// Bytes of a splat on the device.
+    /// The number of bytes of a splat on the device.
     pub(crate) stride: u64,
     pub(crate) count: u32,
-    /// The origins of the bricks that splats name, as shaders read them.
+    /// The lattice points and levels of the bricks that splats name, as shaders read them.
     pub(crate) origins: wgpu::Buffer,
     pub(crate) bricks: Vec<BrickSplats>,
 }
@@ -43,16 +43,16 @@ pub(crate) struct Store {
 #[derive(Debug)]
 pub(crate) enum Splats {
     Listed(wgpu::Buffer),
-    /// The device holds what they can be made from.
+    /// A source that the device holds and that can make the splats.
     Unlisted(Arc<dyn Unlisted>),
 }
 
-/// What splats are made from if something reads a list of them.
+/// A source of splats, which makes a list of them when one is read.
 pub(crate) trait Unlisted: Any + Send + Sync {
-    /// Makes the splats, on the device.
+    /// Makes the list of splats on the device.
     fn list(&self, context: &Context) -> Result<wgpu::Buffer>;
 
-    /// Bytes of memory of the device.
+    /// Returns the bytes of device memory of the source.
     fn bytes(&self) -> u64;
 }
 
@@ -62,7 +62,7 @@ impl fmt::Debug for dyn Unlisted {
     }
 }
 
-/// The splats of a brick in the format of the device, of `stride` bytes each, in the brick of this number.
+/// Converts the splats of a brick to the format of the device, `stride` bytes each, for the brick `number` of a store.
 fn on_device(brick: &HostBrick, stride: u64, number: u32) -> Result<Vec<u32>> {
     let words = stride as usize / 4;
     let mut splats = reserved(u64::from(brick.count()) * words as u64, || "splats of a brick".to_owned())?;
@@ -77,12 +77,12 @@ fn on_device(brick: &HostBrick, stride: u64, number: u32) -> Result<Vec<u32>> {
     Ok(splats)
 }
 
-/// Bytes of splats that are sent to the device at a time.
+/// The largest number of bytes of splats that are sent to the device at a time.
 const SENT: u64 = 32 << 20;
-/// Completes errors: "while ...".
+/// The work in words that complete errors: "while ...".
 const DOING: &str = "sending splats";
 
-/// Sends splats to the device, of `stride` bytes each, `count` in all.
+/// Sends `count` splats to the device, `stride` bytes each.
 fn upload(context: &Context, bricks: &[HostBrick], stride: u64, count: u32) -> Result<wgpu::Buffer> {
     let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC;
     let buffer = context.buffer("store.splats", u64::from(count) * stride, usage)?;
@@ -117,11 +117,11 @@ fn upload(context: &Context, bricks: &[HostBrick], stride: u64, count: u32) -> R
     Ok(buffer)
 }
 
-/// Stores made so far.
+/// The number of stores made so far.
 static MADE: AtomicU64 = AtomicU64::new(0);
 
 impl Store {
-    /// Splats with the origins of their bricks on the device; `None`: they are sent.
+    /// Makes a store of splats, with the origins of their bricks on the device; `None`: the origins are sent.
     pub(crate) fn new(
         context: &Context,
         (splats, origins): (Splats, Option<wgpu::Buffer>),
@@ -139,7 +139,7 @@ impl Store {
         Ok(Self { splats: Mutex::new(splats), id, places: id, stride, count, origins, bricks })
     }
 
-    /// The splats on the device: shaders/common/splat.wgsl.
+    /// Returns the splats on the device, and makes their list if there is none: shaders/common/splat.wgsl.
     pub(crate) fn on_device(&self, context: &Context) -> Result<wgpu::Buffer> {
         let mut splats = self.splats.lock().unwrap_or_else(PoisonError::into_inner);
         let buffer = match &*splats {
@@ -150,7 +150,7 @@ impl Store {
         Ok(buffer)
     }
 
-    /// The words of the splats, read by the host.
+    /// Reads the words of the splats back to the host.
     pub(crate) fn words(&self, context: &Context) -> Result<Vec<u32>> {
         let buffer = self.on_device(context)?;
         let mut recorder = Recorder::untimed(context);
@@ -159,7 +159,7 @@ impl Store {
         read.values(context, "reading splats")
     }
 
-    /// A store of splats of these words, of `stride` bytes each, in the bricks of this one.
+    /// Makes a store of splats of these words, `stride` bytes each, in the bricks of this one.
     pub(crate) fn with_words(&self, context: &Context, words: &[u32], stride: u64) -> Result<Self> {
         let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC;
         let buffer = context.upload("store.splats", bytemuck::cast_slice(words), usage)?;
@@ -167,7 +167,7 @@ impl Store {
         Self::new(context, splats, stride, self.count, self.bricks.clone())
     }
 
-    /// A store for other splats at the same places on the device: in the memory of these.
+    /// Makes a store for other splats at the same places, in the device memory of these splats.
     pub(crate) fn over(self, context: &Context) -> Result<Self> {
         let buffer = self.on_device(context)?;
         let Self { places, stride, count, origins, bricks, .. } = self;
@@ -175,7 +175,7 @@ impl Store {
         Ok(Self { places, ..made })
     }
 
-    /// What the splats are made from, if they are not listed.
+    /// Returns the source of the splats; `None` if they are listed.
     pub(crate) fn unlisted(&self) -> Option<Arc<dyn Unlisted>> {
         match &*self.splats.lock().unwrap_or_else(PoisonError::into_inner) {
             Splats::Unlisted(source) => Some(Arc::clone(source)),
@@ -183,18 +183,18 @@ impl Store {
         }
     }
 
-    /// The bricks, and which splats they have.
+    /// Returns all bricks with the numbers of their splats.
     pub(crate) fn all_runs(&self) -> impl Iterator<Item = (&BrickSplats, Range<u32>)> {
         let ends = self.bricks.iter().skip(1).map(|next| next.first).chain([self.count]);
         self.bricks.iter().zip(ends).map(|(brick, end)| (brick, brick.first..end))
     }
 
-    /// The bricks that have splats, and which.
+    /// Returns the bricks that have splats, with the numbers of their splats.
     pub(crate) fn runs(&self) -> impl Iterator<Item = (&BrickSplats, Range<u32>)> {
         self.all_runs().filter(|(_, run)| !run.is_empty())
     }
 
-    /// Bytes of memory.
+    /// Returns the bytes of device memory of the splats and the origins.
     pub(crate) fn bytes(&self) -> u64 {
         let splats = match &*self.splats.lock().unwrap_or_else(PoisonError::into_inner) {
             Splats::Listed(buffer) => buffer.size(),
@@ -206,7 +206,8 @@ impl Store {
 
 /// Splats to be joined into a store.
 pub(crate) trait Part: Sized {
-    /// Joins parts to `count` splats of `stride` bytes each, and the origins of their bricks if the device has them.
+    /// Joins parts into `count` splats of `stride` bytes each. Also returns the origins of their bricks if the device
+    /// has them.
     fn join(context: &Context, parts: Vec<Self>, stride: u64, count: u32) -> Result<(Splats, Option<wgpu::Buffer>)>;
 }
 
@@ -223,14 +224,14 @@ pub(crate) struct Drawable {
     /// Scalars that no store lists, and the number that takes the place of [`Store::id`].
     pub(crate) scalars: Option<(Arc<SampledScalars>, u64)>,
     pub(crate) bricks: Bricks,
-    /// Splats that are copies of voxels beyond the faces of the volume.
+    /// Number of splats that are copies of voxels beyond the faces of the volume.
     pub(crate) copies: u64,
     /// Resources that painters made of the splats.
     pub(crate) kept: Arc<Cache>,
 }
 
 impl Drawable {
-    /// Scalars that no store lists.
+    /// Makes the drawable of scalars that no store lists.
     pub(crate) fn of_scalars(scalars: SampledScalars, bricks: Bricks) -> Self {
         let copies = scalars.copies();
         let scalars = Some((Arc::new(scalars), MADE.fetch_add(1, Ordering::Relaxed)));
@@ -242,18 +243,18 @@ impl Drawable {
         listed + self.scalars.as_ref().map_or(0, |(scalars, _)| scalars.count())
     }
 
-    /// Bytes of memory.
+    /// Returns the bytes of device memory of splats and scalars.
     pub(crate) fn bytes(&self) -> u64 {
         let listed: u64 = self.stores.iter().map(Store::bytes).sum();
         listed + self.scalars.as_ref().map_or(0, |(scalars, _)| scalars.bytes())
     }
 }
 
-/// Joins the splats of bricks into few stores, each within a storage binding and within the number of bricks that a
-/// place can name.
+/// A builder that joins the splats of bricks into few stores, each within a storage binding and within the number of
+/// bricks that a place can name.
 pub(crate) struct StoreBuilder<'a, P> {
     context: &'a Context,
-    /// Bytes of a splat.
+    /// The number of bytes of a splat.
     stride: u64,
     /// The largest number of splats of a store.
     limit: u32,
@@ -265,14 +266,15 @@ pub(crate) struct StoreBuilder<'a, P> {
 }
 
 impl<'a, P: Part> StoreBuilder<'a, P> {
-    /// Stores of at most `limit` splats of `stride` bytes, or as many as the adapter binds.
+    /// Builds stores of at most `limit` splats of `stride` bytes, or as many as the adapter binds.
     pub(crate) fn new(context: &'a Context, stride: u64, limit: u32) -> Self {
         let bindable = context.largest_buffer() / stride;
         let limit = u32::try_from(bindable).unwrap_or(u32::MAX).min(limit);
         Self { context, stride, limit, parts: Vec::new(), bricks: Vec::new(), held: 0, made: Drawable::default() }
     }
 
-    /// The numbers of the first brick and the first splat of the next part in its store. The part is added next.
+    /// Returns the numbers of the first brick and the first splat of the next part in its store. The part is added
+    /// next.
     pub(crate) fn make_room(&mut self, splats: u32, bricks: usize) -> Result<(u32, u32)> {
         let full = self.held.checked_add(splats).is_none_or(|sum| sum > self.limit);
         if full || self.bricks.len() + bricks > MAX_BRICKS {
@@ -281,7 +283,7 @@ impl<'a, P: Part> StoreBuilder<'a, P> {
         Ok((self.bricks.len() as u32, self.held))
     }
 
-    /// The number of stores before the one that parts are added to.
+    /// Returns the number of stores before the one that takes the next part.
     pub(crate) fn closed(&self) -> usize {
         self.made.stores.len()
     }

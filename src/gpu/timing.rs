@@ -3,16 +3,16 @@
 use super::context::Context;
 use crate::error::Result;
 
-/// Queries of one set: the least that WebGPU promises.
+/// Number of queries of one set: the least that WebGPU promises.
 const SET: u32 = 4096;
 
-/// Records begin and end of passes by stage; by default nothing.
+/// A record of the begin and the end of passes by stage; by default, nothing is recorded.
 #[derive(Default)]
 pub(crate) struct Timing {
     sets: Vec<wgpu::QuerySet>,
-    /// The stage of each pair of queries since the last were resolved.
+    /// The stage of each pair of queries that is not resolved yet.
     stages: Vec<&'static str>,
-    /// Resolved queries, and their stages.
+    /// Resolved queries, and the stages of their pairs.
     resolved: Vec<(wgpu::Buffer, Vec<&'static str>)>,
     enabled: bool,
 }
@@ -22,7 +22,7 @@ impl Timing {
         Self { enabled: context.features.contains(wgpu::Features::TIMESTAMP_QUERY), ..Self::default() }
     }
 
-    /// The set of queries, and the pair of queries in it for the begin and the end of a pass of a stage.
+    /// Returns the set of queries, and the pair of queries in it for the begin and the end of a pass of a stage.
     fn next(&mut self, context: &Context, stage: &'static str) -> Option<(&wgpu::QuerySet, [Option<u32>; 2])> {
         if !self.enabled {
             return None;
@@ -39,7 +39,7 @@ impl Timing {
         Some((self.sets.last()?, [Some(index % SET), Some(index % SET + 1)]))
     }
 
-    /// Timestamps for a compute pass of `stage`.
+    /// Returns the timestamps for a compute pass of `stage`.
     pub(crate) fn compute(
         &mut self,
         context: &Context,
@@ -49,7 +49,7 @@ impl Timing {
         Some(wgpu::ComputePassTimestampWrites { query_set, beginning_of_pass_write_index, end_of_pass_write_index })
     }
 
-    /// Timestamps for a render pass of `stage`.
+    /// Returns the timestamps for a render pass of `stage`.
     pub(crate) fn render(
         &mut self,
         context: &Context,
@@ -78,8 +78,8 @@ impl Timing {
         Ok(())
     }
 
-    /// Seconds per stage, in the order in which the stages first ran; none without timestamps. The host has waited for
-    /// the submission of the last [`Self::resolve`].
+    /// Returns the seconds of each stage, in the order in which the stages first ran; none without timestamps. The host
+    /// has waited for the submission of the last [`Self::resolve`].
     pub(crate) fn finish(self, context: &Context) -> Result<Vec<(&'static str, f64)>> {
         let second = f64::from(context.queue.get_timestamp_period()) * 1e-9;
         let mut sums: Vec<(&'static str, f64)> = Vec::new();

@@ -5,7 +5,7 @@ use crate::transfer::bins::{Bins, VisibleValues};
 use crate::transfer::scalars::Reduction;
 use crate::transfer::{Resolution, TransferFunction};
 
-/// Equal bins of lengths of gradients.
+/// Number of equal bins of lengths of gradients.
 const GRADIENT_BINS: usize = 4096;
 
 /// The table by which shaders classify scalars.
@@ -14,10 +14,10 @@ pub(crate) struct TransferTable {
     pub(crate) texture: wgpu::TextureView,
     /// The range of invisible scalars around 0, ends included; empty if the first is larger.
     pub(crate) invisible: [f32; 2],
-    /// The scalar at which the inner bins begin, and bins for each scalar.
+    /// The scalar at which the inner bins begin, and the number of bins for each scalar.
     pub(crate) lookup: [f32; 2],
-    /// Whether extinction depends on gradients, and the place of the length of a gradient of scalars per world unit
-    /// among its bins: length times this.
+    /// Whether extinction depends on gradients. The length of a gradient of scalars per world unit, times
+    /// `gradient_lookup`, is its place among its bins.
     pub(crate) thins: bool,
     gradient_lookup: f64,
     /// The resolution of a scalar of 0, over 0.
@@ -25,7 +25,8 @@ pub(crate) struct TransferTable {
 }
 
 impl TransferTable {
-    /// Extinctions are per unit of the transfer function, so a table serves lattices of all sizes.
+    /// Makes the table of a transfer function. Extinctions are per unit of the function, so a table serves lattices of
+    /// all sizes.
     pub(crate) fn new(
         context: &Context,
         transfer: &TransferFunction,
@@ -51,8 +52,8 @@ impl TransferTable {
         }
     }
 
-    /// The place of the length of a gradient among its bins is the length times this. A value per world unit is
-    /// `steepness` as gradients are reconstructed.
+    /// Returns the factor from the length of a gradient to its place among its bins, if gradients of one value per
+    /// world unit are reconstructed as `steepness`.
     pub(crate) fn gradient_lookup(&self, steepness: f64) -> f32 {
         (self.gradient_lookup / steepness).min(f64::from(f32::MAX)) as f32
     }

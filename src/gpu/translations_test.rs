@@ -1,5 +1,5 @@
 //! Every shader with every set of its override constants, as the back ends of wgpu translate it: to SPIR-V for Vulkan,
-//! to MSL for Metal and to HLSL for DX12. Without a device. `spirv-val` judges the SPIR-V where it is installed.
+//! to MSL for Metal and to HLSL for DX12. No device is needed. `spirv-val` judges the SPIR-V if it is installed.
 
 use std::collections::BTreeSet;
 use std::io::Write;
@@ -13,8 +13,8 @@ use rayon::prelude::*;
 
 use super::shaders::ALL;
 
-/// What each override constant of a shader may be. Of numbers, the ends of their ranges and what stands between by its
-/// own path through the shader.
+/// Returns the possible values of an override constant of a shader. For numbers these are the ends of their range, and
+/// values between them that take another path through the shader.
 fn values(shader: &str, entry: &str, name: &str) -> &'static [f64] {
     const FLAG: [f64; 2] = [0.0, 1.0];
     match (shader, name) {
@@ -48,7 +48,7 @@ fn values(shader: &str, entry: &str, name: &str) -> &'static [f64] {
     }
 }
 
-/// A module and what its validation found.
+/// A module and the result of its validation.
 type Valid = (Module, ModuleInfo);
 
 fn validated(module: Module) -> Result<Valid, String> {
@@ -58,7 +58,7 @@ fn validated(module: Module) -> Result<Valid, String> {
     Ok((module, info))
 }
 
-/// The part of a shader that one entry point reaches, its override constants without values.
+/// Returns the part of a shader that one entry point reaches, its override constants without values.
 fn reached(module: &Module, entry: usize) -> Module {
     let mut module = module.clone();
     module.entry_points = vec![module.entry_points.swap_remove(entry)];
@@ -66,7 +66,7 @@ fn reached(module: &Module, entry: usize) -> Module {
     module
 }
 
-/// Every set of values of the override constants that an entry point uses.
+/// Returns every set of values of the override constants that an entry point uses.
 fn sets(shader: &str, entry: &str, module: &Module) -> Vec<PipelineConstants> {
     let names = module.overrides.iter().filter_map(|(_, constant)| constant.name.clone());
     names.fold(vec![PipelineConstants::default()], |sets, name| {
@@ -80,8 +80,8 @@ fn sets(shader: &str, entry: &str, module: &Module) -> Vec<PipelineConstants> {
     })
 }
 
-/// Whether constants that are there go together: only composites are lit, only what is lit has gradients, and only an
-/// extreme has a depth.
+/// Returns whether the constants of a set go together: only composites are lit, only lit pictures have gradients, and
+/// only an extreme has a depth.
 fn happens(set: &PipelineConstants) -> bool {
     let is = |name: &str| set.get(name).map(|&value| value != 0.0);
     let lit = is("LIGHTS");
@@ -111,7 +111,8 @@ fn happens(set: &PipelineConstants) -> bool {
     !never.contains(&true)
 }
 
-/// Words of SPIR-V, and the text of MSL and HLSL, with the checks of indices that wgpu asks for.
+/// Translates an entry point to words of SPIR-V and to the text of MSL and HLSL, with the checks of indices that wgpu
+/// requests. Returns the words.
 fn translated((module, info): &Valid, stage: ShaderStage, entry: &str) -> Result<Vec<u32>, String> {
     let restrict = BoundsCheckPolicy::Restrict;
     let bounds = BoundsCheckPolicies { index: restrict, buffer: restrict, image_load: restrict, ..Default::default() };
@@ -142,12 +143,12 @@ fn translated((module, info): &Valid, stage: ShaderStage, entry: &str) -> Result
     Ok(words)
 }
 
-/// Whether `spirv-val` can be run.
+/// Returns whether `spirv-val` can be run.
 fn has_spirv_val() -> bool {
     Command::new("spirv-val").arg("--version").stdout(Stdio::null()).stderr(Stdio::null()).status().is_ok()
 }
 
-/// What `spirv-val` says against a module.
+/// Refuses words of SPIR-V with the complaints of `spirv-val`.
 fn judged(words: &[u32]) -> Result<(), String> {
     let mut file = tempfile::NamedTempFile::new().map_err(|e| e.to_string())?;
     file.write_all(bytemuck::cast_slice(words)).map_err(|e| e.to_string())?;
@@ -200,7 +201,7 @@ fn translate(most: usize, least: usize) {
     assert!(failures.is_empty(), "{} of {} fail:\n{}", failures.len(), jobs.len(), failures.join("\n"));
 }
 
-/// What a device without any feature must have (WebGPU, "Limits", the default of each).
+/// The limits are those of a device without any feature (WebGPU, "Limits", the default of each).
 #[test]
 fn every_entry_point_keeps_to_the_limits_of_webgpu() {
     for shader in ALL {
@@ -267,7 +268,7 @@ fn every_entry_point_keeps_to_the_limits_of_webgpu() {
     }
 }
 
-/// The locations of what an entry point is given or returns.
+/// Returns the locations of the inputs or the outputs of an entry point.
 fn locations(module: &Module, ty: naga::Handle<naga::Type>, binding: Option<&Binding>) -> Vec<u32> {
     match (&module.types[ty].inner, binding) {
         (TypeInner::Struct { members, .. }, _) => {

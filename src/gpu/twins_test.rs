@@ -1,4 +1,4 @@
-//! The CPU twins of the GPU's stages, on the same structs: what each stage must give, written the plain way.
+//! The CPU twins of the GPU's stages, on the same structs: the expected result of each stage, written the plain way.
 
 use glam::{DVec2, DVec3};
 
@@ -14,11 +14,12 @@ use crate::volume::{BRICK_EDGE, Volume};
 pub(crate) struct Voxel {
     pub(crate) point: [u32; 3],
     pub(crate) color: [f64; 3],
-    /// Extinction times unit distance.
+    /// Extinction times unit distance of the voxel.
     pub(crate) density: f64,
 }
 
-/// classify: every voxel of some opacity, brick by brick, in lattice order inside each.
+/// Classifies, as the stage classify: returns every voxel of some opacity, brick by brick, in lattice order inside
+/// each.
 pub(crate) fn classify(volume: &Volume, transfer: &TransferFunction) -> Vec<Voxel> {
     let memory = volume.in_memory().unwrap();
     let [nx, ny, nz] = volume.grid().dims();
@@ -38,7 +39,7 @@ pub(crate) fn classify(volume: &Volume, transfer: &TransferFunction) -> Vec<Voxe
         .collect()
 }
 
-/// What the shaders make of the words of a splat; `origins` are those of its store.
+/// Unpacks the words of a splat as the shaders do; `origins` belong to the bricks of its store.
 pub(crate) fn unpack(splat: &Splat, origins: &[[u32; 3]]) -> Voxel {
     let [x, y, z] = origins[(splat.place >> 15) as usize];
     let part = |shift: u32| splat.place >> shift & 31;
@@ -51,7 +52,7 @@ pub(crate) fn unpack(splat: &Splat, origins: &[[u32; 3]]) -> Voxel {
     }
 }
 
-/// lit_splat: the colour of a splat at a lattice point, with all light.
+/// Returns the colour of a splat at a lattice point with all light, as lit_splat.wgsl.
 pub(crate) fn lit(light: &SplatLight, color: [f64; 3], normal: u32, point: [u32; 3]) -> [f64; 3] {
     let SplatLight { lighting, lights, to_eye, .. } = light;
     let at = DVec3::from_array(point.map(f64::from));
@@ -93,7 +94,7 @@ pub(crate) fn lit(light: &SplatLight, color: [f64; 3], normal: u32, point: [u32;
     [0, 1, 2].map(|c| (color[c] * (ambient + of_diffuse * diffuse[c]) + of_specular * specular[c]).clamp(0.0, 1.0))
 }
 
-/// scan: exclusive prefix sums.
+/// Returns exclusive prefix sums, as the stage scan.
 pub(crate) fn scan(values: &[u32]) -> Vec<u32> {
     values
         .iter()
@@ -113,7 +114,7 @@ fn lattice(frame: &Frame, splat: &Voxel) -> DVec3 {
     DVec3::from_array(splat.point.map(f64::from)) - v3(frame.lattice_center)
 }
 
-/// How splats go into sheets.
+/// The variant of compositing in which splats go into sheets.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct Mode {
     pub(crate) perspective: bool,
@@ -121,18 +122,18 @@ pub(crate) struct Mode {
     pub(crate) additive: bool,
 }
 
-/// Growth of the kernel of a splat at view depth `z`.
+/// Returns the growth of the kernel of a splat at view depth `z`.
 fn growth(frame: &Frame, z: f64) -> f64 {
     (f64::from(frame.growth[0]) + f64::from(frame.growth[1]) * z).max(1.0)
 }
 
-/// The voxel plane of a splat, front to back.
+/// Returns the voxel plane of a splat, front to back.
 fn plane(frame: &Frame, splat: &Voxel) -> u32 {
     let p = lattice(frame, splat) + v3(frame.lattice_center);
     (v3(frame.plane_axis).dot(p) + f64::from(frame.plane_offset)).round() as u32
 }
 
-/// sort: the splats of each batch of `sheets_per_batch` sheets, in their order.
+/// Returns the splats of each batch of `sheets_per_batch` sheets, in their order, as the stage sort.
 pub(crate) fn sort(frame: &Frame, splats: &[Voxel], mode: Mode, sheets_per_batch: u32) -> Vec<Vec<u32>> {
     let batches = frame.sheets.div_ceil(sheets_per_batch);
     let mut sorted = vec![Vec::new(); batches as usize];
@@ -160,8 +161,8 @@ pub(crate) fn sort(frame: &Frame, splats: &[Voxel], mode: Mode, sheets_per_batch
     sorted
 }
 
-/// splat: what each sheet of a pixel accumulates, as (colour, 1) times optical depth or opacity. `round` is what
-/// storing a sum in the sheet's format makes of it.
+/// Returns the sums of each sheet of a pixel, as the stage splat: (colour, 1) times optical depth or opacity. `round`
+/// rounds a sum to the sheet's format.
 pub(crate) fn splat(
     frame: &Frame,
     table: &FootprintTable,
@@ -217,7 +218,7 @@ pub(crate) fn splat(
     sheets.iter().map(|sheet| sheet.map(|v| v * f64::from(frame.inverse_sheet_scale))).collect()
 }
 
-/// composite and resolve: the sheets front to back, to premultiplied RGBA.
+/// Composites sheets front to back to premultiplied RGBA, as the stages composite and resolve.
 pub(crate) fn composite(sheets: &[[f64; 4]], additive: bool) -> [f64; 4] {
     let (mut color, mut depth) = (DVec3::ZERO, 0.0_f64);
     for &[r, g, b, sum] in sheets {

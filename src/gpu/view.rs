@@ -26,7 +26,7 @@ pub(crate) struct Weights {
 /// The limit of the distance of a point light, in half diagonals of the lattice: there it errs by 1e-6.
 const FARTHEST_LIGHT: f64 = 1e6;
 
-/// The share of a layer in a picture of several, by the growth that its own kernels have at a depth: it begins, is
+/// The share of a layer in a picture of several, by the growth of the layer's kernels at a depth: the share begins, is
 /// whole, fades, and ends.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Fade {
@@ -37,7 +37,7 @@ pub(crate) struct Fade {
 }
 
 impl Fade {
-    /// Growths of anything nearer, and of anything farther; not infinite.
+    /// The growths of anything nearer than the layers, and [`Self::FARTHEST`] of anything farther; not infinite.
     pub(crate) const NEAREST: [f64; 2] = [-2e8, -1e8];
     pub(crate) const FARTHEST: [f64; 2] = [1e8, 2e8];
 }
@@ -45,16 +45,16 @@ impl Fade {
 /// The voxels of a lattice that a scene holds, and the part of the lattice that its partial pictures show.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Held {
-    /// The first voxel that the scene holds.
+    /// The first held voxel.
     pub(crate) first: [u32; 3],
-    /// The number of voxels that it holds along each axis.
+    /// The number of held voxels along each axis.
     pub(crate) dims: [u32; 3],
     /// The least and the largest place that the part owns, in numbers of voxels; [`Self::OPEN`] beyond a face of the
     /// lattice.
     pub(crate) owned: [DVec3; 2],
     /// The family of rays to draw: see `Room::families` of the painters.
     pub(crate) family: usize,
-    /// How far beyond these places sheets and slabs of the part may reach.
+    /// The reach of the part's sheets and slabs beyond `owned`, in voxels.
     pub(crate) beyond: f64,
 }
 
@@ -62,8 +62,8 @@ impl Held {
     /// A place beyond every voxel, whose quotients stay in the range of f32.
     pub(crate) const OPEN: f64 = 1e9;
 
-    /// The same part of a lattice of cells, each of `size` voxels along an edge. The first voxel and the cuts lie
-    /// between cells. `dims` are the cells that the scene holds, `faces` those before the first voxel.
+    /// Converts the held part to a lattice of cells, each of `size` voxels along an edge. The first voxel and the cuts
+    /// lie between cells. `dims` are the numbers of held cells, `faces` the number of cells before the first voxel.
     pub(crate) fn of_cells(self, size: f64, dims: [u32; 3], faces: f64) -> Self {
         let cell = |place: f64| if place.abs() < Self::OPEN { (place + 0.5) / size - 0.5 + faces } else { place };
         Self {
@@ -92,16 +92,16 @@ pub(crate) struct ViewGeometry {
     pub(crate) growths: [f64; 2],
     /// The share of the layer, if the lattice is a layer.
     pub(crate) fade: Option<Fade>,
-    /// Gradients in the lattice of the view coordinates x (right), y (up) and z (forward), in world units.
+    /// The gradients in the lattice of the view coordinates x (right), y (up) and z (forward), in world units.
     pub(crate) gradients: [DVec3; 3],
-    /// View coordinates of the middle of the lattice, from the target.
+    /// The view coordinates of the middle of the lattice, from the target.
     pub(crate) offset: DVec3,
-    /// Depth of the middle of the lattice in front of the eye (perspective); 0 for parallel rays.
+    /// The depth of the middle of the lattice in front of the eye (perspective); 0 for parallel rays.
     pub(crate) eye_depth: f64,
-    /// View depth of the farthest voxel from the middle of the lattice.
+    /// The view depth of the farthest voxel from the middle of the lattice.
     pub(crate) farthest: f64,
-    /// From the middle of the lattice to the faces of the visible field, in lattice points: post-shaded half a voxel
-    /// beyond the outermost voxels, pre-shaded to the ends of kernels.
+    /// The distances from the middle of the lattice to the faces of the visible field, in lattice points: post-shaded
+    /// half a voxel beyond the outermost voxels, pre-shaded to the ends of kernels.
     pub(crate) faces: DVec3,
     /// The sides of unclipped matter, in the lattice.
     pub(crate) clip: Vec<Side>,
@@ -114,12 +114,12 @@ pub(crate) struct ViewGeometry {
 }
 
 impl ViewGeometry {
-    /// The view of a camera on a grid of the world.
+    /// Returns the view of a camera on a grid of the world.
     pub(crate) fn new(camera: &Camera, grid: &Grid, settings: &Settings, savings: Savings) -> Self {
         Self::of_cells(camera, grid, settings, savings, 1.0, None)
     }
 
-    /// The view of a camera on a lattice of cells, whose kernel in the settings stands for a growth of `grown`.
+    /// Returns the view of a camera on a lattice of cells. The settings' kernel includes a growth of `grown`.
     pub(crate) fn of_cells(
         camera: &Camera,
         grid: &Grid,
@@ -172,40 +172,40 @@ impl ViewGeometry {
         }
     }
 
-    /// The depth at view depth z as shaders have it, as factors \[a, b\] of a z + b: from the plane of the target, in
-    /// widths of a pixel there, so that all lattices of a picture share it.
+    /// Returns factors \[a, b\] of the depth a z + b at view depth z, in the form of shaders: from the plane of the
+    /// target, in widths of a pixel there, so that all lattices of a picture share it.
     pub(crate) fn depth_of_z(&self) -> [f64; 2] {
         let pixel = self.camera.pixel_size().abs();
         [1.0 / pixel, self.offset.z / pixel]
     }
 
-    /// The same view of a scene that holds a brick.
+    /// Returns the view for a scene that holds a brick.
     pub(crate) fn of_held(self, held: Option<Held>) -> Self {
         Self { held, ..self }
     }
 
-    /// The number of voxels that the scene holds along each axis.
+    /// Returns the number of voxels that the scene holds along each axis.
     pub(crate) fn held_dims(&self) -> [u32; 3] {
         self.held.map_or(self.grid.dims(), |held| held.dims)
     }
 
-    /// The first voxel of the lattice that the scene holds.
+    /// Returns the first voxel of the lattice that the scene holds.
     pub(crate) fn first(&self) -> DVec3 {
         self.held.map_or(DVec3::ZERO, |held| DVec3::from_array(held.first.map(f64::from)))
     }
 
-    /// The smallest growth of a kernel in the volume.
+    /// Returns the smallest growth of a kernel in the volume.
     pub(crate) fn min_growth(&self) -> f64 {
         self.growths[0]
     }
 
-    /// The largest growth of a kernel in the volume.
+    /// Returns the largest growth of a kernel in the volume.
     pub(crate) fn max_growth(&self) -> f64 {
         self.growths[1]
     }
 
-    /// The growths between which voxels, or smaller cells, give way to cells of `size` voxels that begin at a growth of
-    /// `least`. The ramp is four of these cells deep: over fewer planes the shares of both would not add up
+    /// Returns the growths between which voxels, or smaller cells, give way to cells of `size` voxels that begin at a
+    /// growth of `least`. The ramp is four of these cells deep: over fewer planes the shares of both would not add up
     /// to 1.
     pub(crate) fn ramp(&self, size: f64, least: f64) -> [f64; 2] {
         let [x, y, z] = self.grid.spacing();
@@ -214,22 +214,22 @@ impl ViewGeometry {
         [least - (self.growth.slope * depth).min(least / 4.0), least]
     }
 
-    /// The growth of every kernel along parallel rays; 1 in perspective.
+    /// Returns the growth of every kernel along parallel rays; 1 in perspective.
     pub(crate) fn parallel_growth(&self) -> f64 {
         if self.is_perspective() { 1.0 } else { self.max_growth() }
     }
 
-    /// The growth of kernels with their depth before an eye, and the largest growth; 1 along parallel rays.
+    /// Returns the growth of kernels with their depth before an eye, and the largest growth; 1 along parallel rays.
     pub(crate) fn depth_growth(&self) -> (Growth, f64) {
         if self.is_perspective() { (self.growth, self.max_growth()) } else { (Growth::NONE, 1.0) }
     }
 
-    /// Radius of the largest kernel in the volume, in voxels.
+    /// Returns the radius of the largest kernel in the volume, in voxels.
     pub(crate) fn max_radius(&self) -> f64 {
         self.radius * self.growths[1]
     }
 
-    /// An estimate of the pixels of the largest quad of a splat; infinite if a kernel may reach the eye.
+    /// Estimates the pixels of the largest quad of a splat; infinite if a kernel may reach the eye.
     pub(crate) fn splat_pixels(&self) -> f64 {
         let axes = self.grid.to_world().matrix3;
         let longest = [axes.x_axis, axes.y_axis, axes.z_axis].map(DVec3::length).into_iter().fold(0.0, f64::max);
@@ -245,25 +245,25 @@ impl ViewGeometry {
         self.camera.projection.eye_distance().is_some()
     }
 
-    /// Whether opaque pixels end rays.
+    /// Returns whether opaque pixels end rays.
     pub(crate) fn terminates(&self) -> bool {
         self.opaque_depth.is_finite()
     }
 
-    /// Whether kernels can reach the eye.
+    /// Returns whether kernels can reach the eye.
     pub(crate) fn is_among_voxels(&self) -> bool {
         let Some(eye) = self.camera.eye() else { return false };
         let from_center = self.grid.to_lattice().transform_vector3(eye);
         from_center.abs().cmple(half(&self.grid) + self.max_radius()).all()
     }
 
-    /// The sides of the visible field: the faces and the clipping planes.
+    /// Returns the sides of the visible field: the faces and the clipping planes.
     pub(crate) fn shown(&self) -> impl Iterator<Item = Side> {
         let faces = (0..3).flat_map(|a| [1.0, -1.0].map(|sign| (DVec3::AXES[a] * sign, self.faces[a])));
         faces.chain(self.clip.iter().copied())
     }
 
-    /// The sides of the part that the scene owns, with the sheets and slabs that reach beyond it.
+    /// Returns the sides of the part that the scene owns, with the sheets and slabs that reach beyond it.
     fn owned(&self) -> impl Iterator<Item = Side> {
         self.held.into_iter().flat_map(|Held { owned: [low, high], beyond, .. }| {
             let middle = half(&self.grid);
@@ -274,7 +274,8 @@ impl ViewGeometry {
         })
     }
 
-    /// The smallest rectangle of pixels that holds the projection of all unclipped kernels; `None` if there are none.
+    /// Returns the smallest rectangle of pixels that holds the projection of all unclipped kernels; `None` if there are
+    /// none.
     pub(crate) fn projected_bounds(&self) -> Option<Region> {
         let camera = &self.camera;
         let [w, h] = camera.size;
@@ -305,19 +306,19 @@ impl ViewGeometry {
         (right > x && bottom > y).then(|| Region { x, y, width: right - x, height: bottom - y })
     }
 
-    /// The map from the lattice to view coordinates from its middle.
+    /// Returns the map from the lattice to view coordinates from its middle.
     pub(crate) fn map_of_lattice(&self) -> DAffine3 {
         let Camera { right, up, forward, .. } = self.camera;
         let to_view = DMat3::from_cols(right, up, forward).transpose() * self.grid.to_world().matrix3;
         DAffine3::from_mat3_translation(to_view, -(to_view * half(&self.grid)))
     }
 
-    /// The map from held lattice points to view coordinates from the middle of the lattice.
+    /// Returns the map from held lattice points to view coordinates from the middle of the lattice.
     fn map_of_held(&self) -> DAffine3 {
         self.map_of_lattice() * DAffine3::from_translation(self.first())
     }
 
-    /// The directions from held lattice points to the eye.
+    /// Returns the directions from held lattice points to the eye.
     pub(crate) fn to_eye(&self) -> ToEye {
         let camera = &self.camera;
         let Some(eye) = camera.eye() else { return ToEye::PARALLEL };
@@ -330,7 +331,7 @@ impl ViewGeometry {
         }
     }
 
-    /// The light of a picture with these settings on splats.
+    /// Returns the lights on splats of a picture with these settings.
     pub(crate) fn splat_light(&self, settings: &Settings) -> SplatLight {
         SplatLight {
             lighting: self.lighting(settings.lighting.as_ref()),
@@ -340,7 +341,7 @@ impl ViewGeometry {
         }
     }
 
-    /// Material and lights in view coordinates; all zero without light. Places are held lattice points.
+    /// Returns material and lights in view coordinates; all zero without light. Places are held lattice points.
     pub(crate) fn lighting(&self, lighting: Option<&Lighting>) -> layout::Lighting {
         let Some(lighting) = lighting else { return layout::Lighting::default() };
         let camera = &self.camera;
@@ -384,7 +385,7 @@ impl ViewGeometry {
     }
 }
 
-/// The vector from the middle of a lattice to its last point.
+/// Returns the vector from the middle of a lattice to its last point.
 pub(crate) fn half(grid: &Grid) -> DVec3 {
     DVec3::from_array(grid.dims().map(|d| f64::from(d - 1) / 2.0))
 }

@@ -13,10 +13,10 @@ use crate::lighting::shadow::{Arrival, ShadowLattice};
 use crate::lighting::{Casting, MAX_CASTING};
 use crate::progress::Progress;
 
-/// Bytes that shadows need for a voxel: its shares, its extinction, and sums of sweeps.
+/// The bytes of shadows for each voxel: its shares, its extinction, and sums of sweeps.
 pub(super) const BYTES: u64 = 20;
 
-/// The light that falls on a field.
+/// The light that falls on a field and casts shadows.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Falling {
     pub(super) casting: Casting,
@@ -25,11 +25,11 @@ pub(super) struct Falling {
     pub(super) clip: Vec<Side>,
 }
 
-/// Writes the extinctions of a row of a box, given its y and z in the lattice.
+/// A callback that writes the extinctions of a row of a box, given its y and z in the lattice.
 pub(super) type Rows<'a> = dyn Fn([usize; 2], &mut [f32]) -> Result<()> + Sync + 'a;
 
-/// Shares of three lights and of ambient light at each voxel of a box, x fastest. Beyond it, they are those at its
-/// faces.
+/// The shares of three lights and of ambient light at each voxel of a box, x fastest. Beyond the box, the shares are
+/// the ones at its faces.
 pub(super) struct ArrivingLight {
     /// The first voxel of the box.
     low: [usize; 3],
@@ -40,8 +40,8 @@ pub(super) struct ArrivingLight {
 impl ArrivingLight {
     /// Finds the light that arrives at the voxels of a box around all visible ones: its first voxel, and its size.
     /// `row` writes the extinctions of a row of the box, given its y and z in the lattice:
-    /// [`CLIPPED`](crate::lighting::shadow::field::CLIPPED) where matter casts no shadows, 0 where nothing near is
-    /// visible.
+    /// [`CLIPPED`](crate::lighting::shadow::field::CLIPPED) where matter casts no shadows, 0 where no visible matter is
+    /// near.
     ///
     /// # Errors
     /// [`Error::Memory`] if [`BYTES`] for each voxel cannot be allocated; the errors of `row`.
@@ -76,7 +76,7 @@ impl ArrivingLight {
         Ok(Self { low, dims, shares })
     }
 
-    /// The shares at a voxel.
+    /// Returns the shares of light at a voxel.
     #[inline(always)]
     pub(super) fn at_voxel(&self, voxel: [usize; 3]) -> [u16; 4] {
         let mut at = [0; 3];
@@ -86,8 +86,8 @@ impl ArrivingLight {
         self.shares[at[0] + self.dims[0] * (at[1] + self.dims[1] * at[2])]
     }
 
-    /// The shares at places of a plane across an axis, linear between voxels: of the lattice axes `axes`, the places
-    /// along the first two are `at`, along the third `plane`.
+    /// Returns the shares at places of a plane across an axis, linear between voxels. The places along the first two of
+    /// the lattice axes `axes` are `at`, along the third `plane`.
     #[inline(always)]
     pub(super) fn at<S: Simd>(
         &self,

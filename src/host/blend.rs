@@ -6,20 +6,20 @@ use super::rays::Axes;
 use crate::camera::Camera;
 use crate::camera::Growth;
 
-/// Fields of the kernels of some growths, ascending.
+/// Fields of kernels at several growths, ascending.
 pub(super) struct Blend<'a, F> {
     pub(super) levels: Vec<(f64, &'a F)>,
-    /// The growth at point 0 of the lattice, and its gradient there. Nothing grows less than 1.
+    /// The growth at point 0 of the lattice; `gradient` is its gradient there. Kernels never grow less than 1.
     at_origin: f64,
     gradient: DVec3,
 }
 
-/// The growth over the axes of a tile: at 0, and the steps along a, b and the planes.
+/// The growth in the axes of a tile: at point 0, and its steps along a, b and the planes.
 #[derive(Clone, Copy)]
 pub(super) struct Along([f64; 4]);
 
-/// The growths whose fields are made between two: powers of the square root of 2, the same for every camera, up to
-/// `most`.
+/// Returns the growths of the fields between two growths: powers of the square root of 2, the same for every camera, up
+/// to `most`.
 pub(super) fn levels(smallest: f64, largest: f64, most: f64) -> Vec<f64> {
     let level = |number: i32| std::f64::consts::SQRT_2.powi(number);
     let first = (0..).take_while(|&number| level(number) <= smallest.max(1.0)).last().unwrap_or(0);
@@ -34,7 +34,7 @@ pub(super) fn levels(smallest: f64, largest: f64, most: f64) -> Vec<f64> {
 }
 
 impl<'a, F> Blend<'a, F> {
-    /// `to_world` is the map from the lattice.
+    /// Makes the blend of fields for a camera. `to_world` is the map from the lattice.
     pub(super) fn new(levels: Vec<(f64, &'a F)>, growth: Growth, camera: &Camera, to_world: &DAffine3) -> Self {
         let eye = camera.eye().unwrap_or(DVec3::ZERO);
         let gradient = to_world.matrix3.transpose() * (camera.forward * growth.slope);
@@ -42,14 +42,14 @@ impl<'a, F> Blend<'a, F> {
         Self { levels, at_origin: growth.constant + growth.slope * depth, gradient }
     }
 
-    /// The growth over the axes of a tile.
+    /// Returns the growth in the axes of a tile.
     pub(super) fn along(&self, axes: &Axes) -> Along {
         let (frame, origin) = axes.frame();
         let [a, b, m] = (frame.transpose() * self.gradient).to_array();
         Along([self.at_origin + self.gradient.dot(origin), a, b, m])
     }
 
-    /// The first and the last level that a plane needs between two points.
+    /// Returns the first and the last level that a plane needs between two points.
     pub(super) fn needed(&self, along: &Along, area: [[isize; 2]; 2], plane: f64) -> [usize; 2] {
         let last = self.levels.len() - 1;
         if last == 0 {
@@ -67,7 +67,7 @@ impl<'a, F> Blend<'a, F> {
         [below, above.max(below)]
     }
 
-    /// The weights of a level at points of a row: linear in the variance of kernels.
+    /// Computes the weights of a level at points of a row: linear in the variance of kernels.
     #[inline(always)]
     pub(super) fn weights(&self, along: &Along, level: usize, [a, b, plane]: [f64; 3], weights: &mut [f32]) {
         let square = |level: usize| (self.levels[level].0 * self.levels[level].0) as f32;
@@ -85,7 +85,7 @@ impl<'a, F> Blend<'a, F> {
 }
 
 impl Along {
-    /// The growth at a point over the axes.
+    /// Returns the growth at a point over the axes.
     #[inline(always)]
     fn at(&self, a: f64, b: f64, plane: f64) -> f64 {
         let [value, of_a, of_b, of_plane] = self.0;
@@ -93,7 +93,7 @@ impl Along {
     }
 }
 
-/// Adds a row times its weights to another; the first one begins it.
+/// Adds a row times its weights to the row `to`; the first row begins the sums.
 #[inline(always)]
 pub(super) fn blend_row(weights: &[f32], from: &[f32], to: &mut [f32], is_first: bool) {
     let count = to.len();

@@ -49,7 +49,7 @@ fn make(
     }
 }
 
-/// Sums rows of three planes, whose points lie `step` apart.
+/// Sums the rows of three planes, whose points lie `step` apart, with weights 1, 4, 1 over 6.
 #[inline(always)]
 fn sum_planes([b, m, a]: [&[Halves]; 3], step: usize, channels: &mut [f32]) {
     let count = channels.len();
@@ -73,33 +73,33 @@ fn sum_planes([b, m, a]: [&[Halves]; 3], step: usize, channels: &mut [f32]) {
     }
 }
 
-/// What pre-shaded pictures are made of.
+/// The fields of a pre-shaded picture, and its kind.
 pub(super) struct Colors<'a> {
     pub(super) blend: Blend<'a, ColorField>,
-    /// Whether optical depths are wanted alone.
+    /// Whether pixels are optical depths alone.
     pub(super) is_xray: bool,
 }
 
 impl Colors<'_> {
-    /// Splines reach 2 voxels, coefficients as far as the filter.
+    /// Returns the reach of rays: splines reach 2 voxels, coefficients as far as the filter.
     pub(super) fn reach(&self) -> Reach {
         let reach = self.blend.levels.iter().map(|(_, field)| field.filter_reach()).max().unwrap_or_default();
         Reach { beyond: (reach + 2) as f64, around: 0 }
     }
 
-    /// Whether a coefficient in a box of the lattice, ends included, is not 0.
+    /// Returns whether a coefficient in a box of the lattice, ends included, is not 0.
     pub(super) fn shows(&self, low: [isize; 3], high: [isize; 3]) -> bool {
         self.blend.levels.iter().any(|(_, field)| field.shows(low, high))
     }
 }
 
-/// A group on its way.
+/// The state of a group of rays under way.
 #[derive(Clone, Copy)]
 pub(super) struct State<S: Simd> {
     color: Vector<S>,
     depth: Lanes<S>,
     transmittance: Lanes<S>,
-    /// The last samples: of sample n at n modulo 4.
+    /// The last samples; sample n is at n modulo 4.
     samples: [[Lanes<S>; CHANNELS]; RECENT],
     /// The numbers of the last two samples.
     last: [isize; 2],
@@ -161,7 +161,7 @@ impl<S: Simd> Rule<S> for Blending<'_, S> {
         }
     }
 
-    /// Colour is linear in optical depth within a slab, as `advance` in shaders/common/march.wgsl has it.
+    /// Composites a slab, in which colour is linear in optical depth, as `advance` in shaders/common/march.wgsl does.
     #[inline(always)]
     fn slab(&self, simd: S, state: &mut State<S>, rays: &Rays<S>, (number, z): (usize, f32), _: bool) -> bool {
         if !state.last.contains(&(number as isize)) {
@@ -222,7 +222,7 @@ impl<S: Simd> Rule<S> for Blending<'_, S> {
         state.transmittance
     }
 
-    /// The colours and the alpha; of an X-ray the optical depth four times.
+    /// Returns the colours and the alpha; for an X-ray the optical depth four times.
     #[inline(always)]
     fn pixel(&self, simd: S, state: &State<S>, _: &Rays<S>) -> [Lanes<S>; 4] {
         if self.colors.is_xray {

@@ -21,7 +21,7 @@ pub(super) type Halves = [u16; CHANNELS];
 /// Planes of coefficients that a thread makes at a time: whole cells.
 const PLANES: usize = 2 * CELL;
 
-/// An f16 that is normal or 0, as f32.
+/// Converts an f16 that is normal or 0 to f32.
 #[inline(always)]
 pub(super) fn from_half(half: u16) -> f32 {
     // The exponents of f32 are larger by 112.
@@ -30,15 +30,15 @@ pub(super) fn from_half(half: u16) -> f32 {
     f32::from_bits(size.to_bits() | u32::from(half & 0x8000) << 16)
 }
 
-/// The f16 nearest to a number; numbers under the least normal f16 are 0, which loops decode faster than others.
+/// Returns the f16 nearest to a number; numbers under the least normal f16 become 0, which loops decode faster.
 #[inline(always)]
 fn half(value: f32) -> u16 {
     if value.abs() < 6.103_515_6e-5 { 0 } else { nearest_half(value) as u16 }
 }
 
-/// Planes of voxels of four channels, side by side in rows: what coefficients are made from.
+/// Planes of voxels of four channels, side by side in rows: the input of the filter.
 pub(super) struct Voxels {
-    /// Numbers of a row of one channel, with the margins.
+    /// The count of numbers of a row of one channel, with the margins.
     width: usize,
     margin: usize,
     rows: Vec<f32>,
@@ -77,7 +77,7 @@ impl Voxels {
         self.extents[row] = [first.min(column), last.max(column)];
     }
 
-    /// The voxels of a plane of `columns` columns without margins, x fastest.
+    /// Returns the voxels of a plane of `columns` columns without margins, x fastest.
     pub(super) fn plane(&self, columns: usize) -> Vec<[f32; CHANNELS]> {
         let voxel = |row: usize, column: usize| {
             let at = row * CHANNELS * self.width + self.margin + column;
@@ -86,20 +86,20 @@ impl Voxels {
         (0..self.extents.len()).flat_map(|row| (0..columns).map(move |column| voxel(row, column))).collect()
     }
 
-    /// Whether a row has a voxel.
+    /// Returns whether a row has a voxel.
     #[inline(always)]
     fn has(&self, row: usize) -> bool {
         self.extents[row][0] <= self.extents[row][1]
     }
 
-    /// The rows of the channels.
+    /// Returns the channels' numbers of a row.
     #[inline(always)]
     fn row(&self, row: usize) -> &[f32] {
         &self.rows[row * CHANNELS * self.width..][..CHANNELS * self.width]
     }
 }
 
-/// Zeros for a plane of rows of each channel, and for a vector more.
+/// Allocates zeros for a plane of rows of each channel, and for a vector more.
 fn planes_of(width: usize, rows: usize) -> Result<Vec<f32>> {
     let count = CHANNELS * width * rows + WIDTH;
     Ok(zeroed(count as u64, || "planes of voxels".to_owned())?)
@@ -109,9 +109,9 @@ fn planes_of(width: usize, rows: usize) -> Result<Vec<f32>> {
 pub(super) struct ColorField {
     pub(super) lattice: Padded,
     coefficients: Vec<Halves>,
-    /// Whether a cell has a coefficient other than 0.
+    /// Whether each cell has a coefficient other than 0.
     shows: Vec<bool>,
-    /// The reach of the filter.
+    /// The reach of the filter, in voxels.
     filter_reach: usize,
 }
 
@@ -175,22 +175,22 @@ impl ColorField {
         Ok(Self { lattice, coefficients, shows, filter_reach: reach })
     }
 
-    /// Bytes of memory.
+    /// Returns the bytes of memory of the field.
     pub(super) fn bytes(&self) -> u64 {
         size_of_val(self.coefficients.as_slice()) as u64
     }
 
-    /// Whether a coefficient in a box, ends included, is not 0.
+    /// Returns whether a coefficient in a box, ends included, is not 0.
     pub(super) fn shows(&self, low: [isize; 3], high: [isize; 3]) -> bool {
         self.lattice.any(&self.shows, low, high, |shows| *shows)
     }
 
-    /// The coefficients, x fastest.
+    /// Returns the coefficients, x fastest.
     pub(super) fn coefficients(&self) -> &[Halves] {
         &self.coefficients
     }
 
-    /// The voxels on either side along each axis that a coefficient takes.
+    /// Returns the number of voxels, on either side along each axis, on which a coefficient depends.
     pub(super) fn filter_reach(&self) -> usize {
         self.filter_reach
     }
@@ -200,13 +200,13 @@ impl ColorField {
 struct Filtering<'a> {
     filter: &'a RowFilter,
     lattice: Padded,
-    /// The planes of voxels around it, and which of them is its own.
+    /// The planes of voxels around the filtered plane; number `at` is the plane itself.
     planes: &'a [Voxels],
     at: usize,
-    /// Planes at each distance before and behind it, added up, and whether a row has voxels.
+    /// Sums of the planes at each distance before and behind the filtered plane, and whether each row has voxels.
     pairs: &'a mut [(Vec<f32>, Vec<bool>)],
     coefficients: &'a mut [Halves],
-    /// The marks of its cells, `across` in a row.
+    /// The marks of the cells of the plane, `across` in a row.
     shows: &'a mut [bool],
     across: usize,
 }

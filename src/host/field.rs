@@ -18,22 +18,23 @@ use crate::progress::Progress;
 /// half a voxel beyond; a sample there reads 4 coefficients on either side.
 const PAD: usize = 8;
 
-/// The coefficients beyond each face of the fields of kernels that are blended: as far as voxels, filters and splines
-/// reach.
+/// Returns the number of coefficients beyond each face of the fields of kernels that are blended: as far as voxels,
+/// filters and splines reach.
 pub(super) fn padding(kernels: &[Kernel]) -> usize {
     let reach = kernels.iter().map(|kernel| kernel.radius().ceil() as usize + 1).max().unwrap_or_default();
     PAD.max(reach + 4)
 }
 
-/// Planes of coefficients that a thread makes at a time. It reads a few planes of samples more on either side.
+/// Number of planes of coefficients that a thread makes at a time. It reads a few planes of samples more on either
+/// side.
 const PLANES: usize = 16;
 
-/// The coefficients of a lattice, with those beyond its faces.
+/// Returns the number of coefficients of a lattice, with those beyond its faces.
 pub(super) fn count(dims: [u32; 3], pad: usize) -> u64 {
     dims.map(|d| u64::from(d) + 2 * pad as u64).iter().product()
 }
 
-/// Coefficients over a lattice.
+/// The coefficients of a field of scalars over a lattice.
 pub(super) struct Field {
     pub(super) lattice: Padded,
     coefficients: Vec<f32>,
@@ -42,7 +43,7 @@ pub(super) struct Field {
 }
 
 impl Field {
-    /// Filters scalars, of which `planes` returns those of a range of planes.
+    /// Filters scalars; `planes` returns the scalars of a range of planes.
     ///
     /// # Errors
     /// The errors of `planes`, and [`Error::Memory`](crate::Error::Memory) if 4 bytes for each coefficient cannot be
@@ -77,18 +78,18 @@ impl Field {
         Ok(Self { ranges: ranges(&lattice, &coefficients), lattice, coefficients })
     }
 
-    /// Bytes of memory.
+    /// Returns the bytes of memory of the field.
     pub(super) fn bytes(&self) -> u64 {
         size_of_val(self.coefficients.as_slice()) as u64
     }
 
-    /// The coefficients, x fastest.
+    /// Returns the coefficients, x fastest.
     pub(super) fn coefficients(&self) -> &[f32] {
         &self.coefficients
     }
 
-    /// Whether something holds of the range of the coefficients of a cell that meets a box, ends included. The field at
-    /// a point is within the ranges of the four coefficients around it along each axis.
+    /// Returns whether `holds` accepts the range of the coefficients of any cell that meets a box, ends included. The
+    /// field at a point is within the ranges of the four coefficients around it along each axis.
     #[inline]
     pub(super) fn any(&self, low: [isize; 3], high: [isize; 3], holds: impl Fn([f32; 2]) -> bool) -> bool {
         self.lattice.any(&self.ranges, low, high, |range| holds(*range))
@@ -155,7 +156,7 @@ impl WithSimd for Filtering<'_> {
     }
 }
 
-/// The ranges of the coefficients of cells, x fastest.
+/// Returns the ranges of the coefficients of cells, x fastest.
 fn ranges(lattice: &Padded, coefficients: &[f32]) -> Vec<[f32; 2]> {
     let (size, cells) = (lattice.size, lattice.cells());
     let mut ranges = vec![[f32::INFINITY, f32::NEG_INFINITY]; cells.iter().product()];

@@ -12,11 +12,12 @@ const ROWS: usize = 2 * MAX_REACH + 1;
 /// The weights of a filter, by the distance across rows and along them.
 pub(super) struct RowFilter {
     pub(super) reach: usize,
-    /// By the larger and the smaller distance of a row along both axes across it, then by the distance along it.
+    /// The weights by the larger and the smaller distance of a row along both axes across it, then by the distance
+    /// along it.
     weights: [[[f32; MAX_REACH + 1]; MAX_REACH + 1]; MAX_REACH + 1],
 }
 
-/// Rows around a row: of the planes at each distance, both planes added up, the rows from `reach` before it on.
+/// The rows around a row: for the planes at each distance, both planes added up, the rows from `reach` before it on.
 pub(super) type Around<'a> = [[&'a [f32]; ROWS]; MAX_REACH + 1];
 
 impl RowFilter {

@@ -1,6 +1,7 @@
 //! Numbers of sixteen rays side by side, in the vectors of the machine.
 //!
-//! Only sums, products, fused products, quotients and square roots: their results are the same on every machine.
+//! All operations are sums, products, fused products, quotients and square roots, whose results are the same on every
+//! machine.
 //!
 //! There are no closures around vectors here: a closure is not compiled for the vectors of the machine.
 
@@ -9,13 +10,13 @@ use std::sync::LazyLock;
 use bytemuck::cast;
 use pulp::{Simd, WithSimd};
 
-/// The number of rays.
+/// The number of rays side by side.
 pub(super) const RAYS: usize = 16;
-/// Numbers of a vector. Machines with other vectors compute with as many.
+/// The count of numbers of a vector. Machines with other vectors compute with the same count.
 pub(super) const WIDTH: usize = 8;
 const VECTORS: usize = RAYS / WIDTH;
 
-/// Whether the machine has AVX2 and fused products, and no test asks for portable code.
+/// Whether the machine has AVX2 and fused products, and no test requests portable code.
 static HAS_AVX2: LazyLock<bool> = LazyLock::new(|| {
     let is_lowered = std::env::var_os("VOXSPLAT_TEST_VECTORS").is_some_and(|level| level == "portable");
     #[cfg(target_arch = "x86_64")]
@@ -39,11 +40,11 @@ pub(super) fn dispatch<T: WithSimd>(task: T) -> T::Output {
     Simd::vectorize(pulp::Scalar256b, task)
 }
 
-/// A number of each ray.
+/// A number for each of sixteen rays.
 #[derive(Clone, Copy)]
 pub(super) struct Lanes<S: Simd>([S::f32s; VECTORS]);
 
-/// Whether something holds of each ray.
+/// A truth value for each of sixteen rays.
 #[derive(Clone, Copy)]
 pub(super) struct Mask<S: Simd>([S::m32s; VECTORS]);
 
@@ -103,7 +104,7 @@ impl<S: Simd> Lanes<S> {
         Self([simd.sqrt_f32s(self.0[0]), simd.sqrt_f32s(self.0[1])])
     }
 
-    /// This times `factor`, plus `sum`, rounded once.
+    /// Returns these numbers times `factor`, plus `sum`, rounded once.
     #[inline(always)]
     pub(super) fn fma(self, simd: S, factor: Self, sum: Self) -> Self {
         Self([simd.mul_add_f32s(self.0[0], factor.0[0], sum.0[0]), simd.mul_add_f32s(self.0[1], factor.0[1], sum.0[1])])
@@ -114,13 +115,13 @@ impl<S: Simd> Lanes<S> {
         Mask([simd.less_than_f32s(self.0[0], other.0[0]), simd.less_than_f32s(self.0[1], other.0[1])])
     }
 
-    /// This where the mask holds, and `other` elsewhere.
+    /// Returns these numbers where the mask is true, and `other` elsewhere.
     #[inline(always)]
     pub(super) fn or(self, simd: S, mask: Mask<S>, other: Self) -> Self {
         Self([simd.select_f32s(mask.0[0], self.0[0], other.0[0]), simd.select_f32s(mask.0[1], self.0[1], other.0[1])])
     }
 
-    /// The largest whole number that is no larger. Exact below 2^22.
+    /// Rounds down to whole numbers. Exact below 2^22.
     #[inline(always)]
     pub(super) fn floor(self, simd: S) -> Self {
         // Adding 1.5 * 2^23 rounds to a whole number.
@@ -130,7 +131,7 @@ impl<S: Simd> Lanes<S> {
         less.or(simd, self.less(simd, nearest), nearest)
     }
 
-    /// Whole numbers from 0 to 2^23 - 1 as indices.
+    /// Converts whole numbers from 0 to 2^23 - 1 to indices.
     #[inline(always)]
     pub(super) fn indices(self, simd: S) -> [u32; RAYS] {
         // In a float from 2^23 on, the last bits are the whole number.
@@ -142,7 +143,7 @@ impl<S: Simd> Lanes<S> {
         indices
     }
 
-    /// exp(-x) for x from -0.5 on: relative error 2e-7; 0 from 87 on.
+    /// Returns exp(-x) for x from -0.5 on: relative error 2e-7; 0 from 87 on.
     #[inline(always)]
     pub(super) fn exp_neg(self, simd: S) -> Self {
         let power = self.mul(simd, Self::all(simd, -std::f32::consts::LOG2_E)).max(simd, Self::all(simd, -126.0));
@@ -162,7 +163,7 @@ impl<S: Simd> Lanes<S> {
         value.or(simd, self.less(simd, Self::all(simd, 87.0)), Self::all(simd, 0.0))
     }
 
-    /// The power of a number from 0 to 1.
+    /// Returns the power of numbers from 0 to 1.
     #[inline(always)]
     pub(super) fn power(self, simd: S, exponent: f32) -> Self {
         let mut result = Self::all(simd, 1.0);
@@ -203,8 +204,8 @@ impl<S: Simd> Lanes<S> {
     }
 }
 
-/// Four channels of four points of each of four rows, rows of four points of four channels, with the weights of points
-/// along and across: two parts of each channel, to be added up.
+/// Sums four channels of 4 x 4 points, given as rows of four points of four channels, with the weights of points along
+/// and across. Returns two parts of each channel, to be added up.
 #[inline(always)]
 pub(super) fn weighted<S: Simd>(simd: S, rows: [&[f32]; 4], across: [f32; 4], along: [f32; 4]) -> S::f32s {
     let weight = simd.splat_f32s(across[0]);
@@ -221,7 +222,7 @@ pub(super) fn weighted<S: Simd>(simd: S, rows: [&[f32]; 4], across: [f32; 4], al
     simd.mul_add_f32s(far, cast([c, c, c, c, d, d, d, d]), sum)
 }
 
-/// The parts of the channels of two rays, added up: the channels of one ray, then of the other.
+/// Adds up the parts of the channels of two rays: returns the channels of one ray, then of the other.
 #[inline(always)]
 pub(super) fn added_up<S: Simd>(simd: S, one: S::f32s, other: S::f32s) -> S::f32s {
     let one: [f32; WIDTH] = cast(one);
@@ -231,14 +232,14 @@ pub(super) fn added_up<S: Simd>(simd: S, one: S::f32s, other: S::f32s) -> S::f32
     simd.add_f32s(near, far)
 }
 
-/// The first two vectors of a row.
+/// Returns the first two vectors of a row.
 #[inline(always)]
 fn halves<S: Simd>(row: &[f32]) -> [S::f32s; 2] {
     let (vectors, _) = S::as_simd_f32s(&row[..2 * WIDTH]);
     [vectors[0], vectors[1]]
 }
 
-/// Rays by the place of their channels in vectors that [`Channels::apart`] takes apart: the shuffles of the machine
+/// The rays in the order of their channels in vectors that [`Channels::apart`] takes apart: the shuffles of the machine
 /// decide on the order.
 #[derive(Clone, Copy)]
 pub(super) struct Order([usize; WIDTH]);
@@ -260,7 +261,7 @@ impl Order {
         Self(rays)
     }
 
-    /// The two rays whose channels are in vector number `vector` of [`Channels`].
+    /// Returns the two rays whose channels are in vector number `vector` of [`Channels`].
     #[inline(always)]
     pub(super) fn pair(&self, vector: usize) -> [usize; 2] {
         let first = vector / 4 * WIDTH;
@@ -293,7 +294,7 @@ impl<S: Simd> Channels<S> {
         Self([simd.splat_f32s(0.0); 4 * VECTORS])
     }
 
-    /// The vectors of each channel.
+    /// Returns the vectors of each channel.
     #[inline(always)]
     pub(super) fn apart(self, simd: S) -> [Lanes<S>; 4] {
         let [a, b, c, d, e, f, g, h] = self.0;
@@ -303,21 +304,21 @@ impl<S: Simd> Channels<S> {
     }
 }
 
-/// The first numbers of a slice as a vector.
+/// Returns the first numbers of a slice as a vector.
 #[inline(always)]
 pub(super) fn load<S: Simd>(_: S, numbers: &[f32]) -> S::f32s {
     let (vectors, _) = S::as_simd_f32s(&numbers[..WIDTH]);
     vectors[0]
 }
 
-/// The first four numbers of two slices as a vector.
+/// Returns the first four numbers of two slices as a vector.
 #[inline(always)]
 pub(super) fn fours<S: Simd>(one: &[f32], other: &[f32]) -> S::f32s {
     let (one, other) = (&one[..4], &other[..4]);
     cast([one[0], one[1], one[2], one[3], other[0], other[1], other[2], other[3]])
 }
 
-/// A number four times, and another.
+/// Returns a vector of one number four times, then another four times.
 #[inline(always)]
 pub(super) fn twice_four<S: Simd>(one: f32, other: f32) -> S::f32s {
     cast([one, one, one, one, other, other, other, other])

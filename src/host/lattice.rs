@@ -5,16 +5,16 @@ use super::rays::Axes;
 /// Lattice points along the edge of a cell.
 pub(super) const CELL: usize = 8;
 
-/// How far the rays of a tile read.
+/// The reach of the rays of a tile around their places.
 #[derive(Clone, Copy)]
 pub(super) struct Reach {
-    /// Voxels beyond the outermost voxels where rays may find matter.
+    /// Number of voxels beyond the outermost voxels where rays may find matter.
     pub(super) beyond: f64,
-    /// Points around the 4 x 4 points of a ray.
+    /// Number of points around the 4 x 4 points of a ray.
     pub(super) around: isize,
 }
 
-/// The part of a plane that is read: first and last points.
+/// The part of a plane that rays read: first and last points.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Area {
     pub(super) low: [isize; 2],
@@ -22,8 +22,8 @@ pub(super) struct Area {
 }
 
 impl Area {
-    /// The points that rays between four read from plane to plane; `None` if they pass the field. Rays are pairs of the
-    /// place in plane 0 and the step from plane to plane, along a and b.
+    /// Returns the points that rays between four corners read from plane to plane; `None` if they pass the field. Rays
+    /// are pairs of the place in plane 0 and the step from plane to plane, along a and b.
     pub(super) fn new(corners: &[[[f64; 2]; 2]; 4], planes: [f64; 2], size: [usize; 3], reach: Reach) -> Option<Self> {
         let Reach { beyond, around } = reach;
         let mut area = Self { low: [0; 2], high: [0; 2] };
@@ -52,27 +52,27 @@ impl Area {
     }
 }
 
-/// The points of a lattice with coefficients, x fastest: those of the lattice, and some beyond its faces. Points
-/// farther than all of them count as the farthest.
+/// The box of points with coefficients, x fastest: the points of a lattice, and some beyond its faces. Points farther
+/// than all of them count as the farthest.
 #[derive(Clone, Copy)]
 pub(super) struct Padded {
     pub(super) size: [usize; 3],
-    /// Points beyond each face.
+    /// Number of points beyond each face.
     pub(super) pad: usize,
 }
 
-/// A row of coefficients along axis a of a tile, at planes one after the other.
+/// Rows of coefficients along axis a of a tile, at planes one after the other.
 pub(super) struct Rows<const PLANES: usize> {
     /// The first coefficient of the first row in each plane.
     starts: [usize; PLANES],
-    /// From coefficient to coefficient along a.
+    /// The distance in memory from coefficient to coefficient along a.
     pub(super) step: usize,
-    /// From row to row.
+    /// The distance in memory from row to row.
     across: usize,
 }
 
 impl<const PLANES: usize> Rows<PLANES> {
-    /// The rows of a number, each from its first coefficient on.
+    /// Returns row number `row` of each plane, from its first coefficient on.
     #[inline(always)]
     pub(super) fn of<'a, T>(&self, coefficients: &'a [T], row: usize) -> [&'a [T]; PLANES] {
         let mut rows = [coefficients; PLANES];
@@ -88,29 +88,29 @@ impl Padded {
         Self { size: dims.map(|d| d + 2 * pad), pad }
     }
 
-    /// The points of a plane across z.
+    /// Returns the number of points of a plane across z.
     pub(super) fn area(&self) -> usize {
         self.size[0] * self.size[1]
     }
 
-    /// All points.
+    /// Returns the number of all points.
     pub(super) fn count(&self) -> usize {
         self.area() * self.size[2]
     }
 
-    /// The cells along each axis.
+    /// Returns the number of cells along each axis.
     pub(super) fn cells(&self) -> [usize; 3] {
         self.size.map(|size| size.div_ceil(CELL))
     }
 
-    /// The place of a point of the lattice.
+    /// Returns the place of a point of the lattice.
     fn index(&self, point: [isize; 3]) -> usize {
         let steps = [1, self.size[0], self.area()];
         let place = |axis: usize| (point[axis] + self.pad as isize).clamp(0, self.size[axis] as isize - 1) as usize;
         (0..3).map(|axis| place(axis) * steps[axis]).sum()
     }
 
-    /// The rows of an area in planes from number `first` on.
+    /// Returns the rows of an area in planes from number `first` on.
     pub(super) fn rows<const PLANES: usize>(&self, axes: &Axes, area: &Area, first: isize) -> Rows<PLANES> {
         let mut starts = [0; PLANES];
         for (offset, start) in starts.iter_mut().enumerate() {
@@ -124,8 +124,8 @@ impl Padded {
         Rows { starts, step: steps[axes.axes[0]], across: steps[axes.axes[1]] }
     }
 
-    /// Whether something holds of a value of a cell that meets a box of the lattice, ends included. Values are those of
-    /// all cells, x fastest.
+    /// Returns whether `holds` accepts the value of any cell that meets a box of the lattice, ends included. `values`
+    /// has a value for every cell, x fastest.
     #[inline]
     pub(super) fn any<T>(&self, values: &[T], low: [isize; 3], high: [isize; 3], holds: impl Fn(&T) -> bool) -> bool {
         let cells = self.cells();

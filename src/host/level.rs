@@ -20,8 +20,9 @@ const LEAST_GROWTH: f64 = 1.25;
 pub(super) struct Level(pub(super) u32);
 
 impl Level {
-    /// The level for kernels of which the smallest grow so much, unless another is requested. Farther kernels grow as
-    /// far as filters follow them: of rods seen end-on, cells for the farthest ones erred by 24 of 255 (rms) nearby.
+    /// Returns the level for kernels whose least growth is `smallest`, unless another is requested. Farther kernels
+    /// grow as far as filters follow them: of rods seen end-on, cells for the farthest ones erred by 24 of 255 (rms)
+    /// nearby.
     pub(super) fn new(kernel: &Kernel, smallest: f64, requested: Option<u32>) -> Self {
         let most = Self(0).most(kernel);
         let fine = requested.map_or((smallest / LEAST_GROWTH).log2().floor(), f64::from);
@@ -30,22 +31,22 @@ impl Level {
         Self(fine.max(coarse).clamp(0.0, 100.0) as u32)
     }
 
-    /// The least growth of kernels.
+    /// Returns the least growth of kernels of the level.
     pub(super) fn least(self) -> f64 {
         if self.0 == 0 { 0.0 } else { LEAST_GROWTH * self.size() }
     }
 
-    /// The largest growth of a kernel that a filter follows.
+    /// Returns the largest growth of a kernel that a filter can represent.
     pub(super) fn most(self, kernel: &Kernel) -> f64 {
         SplineFilter::MAX_RADIUS / kernel.radius() * self.size()
     }
 
-    /// Voxels along the edge of a cell.
+    /// Returns the number of voxels along the edge of a cell.
     pub(super) fn size(self) -> f64 {
         f64::from(self.0).exp2()
     }
 
-    /// The lattice of the cells, [`SPREAD`] cells of each level beyond the faces included.
+    /// Returns the lattice of the cells, [`SPREAD`] cells of each level beyond the faces included.
     pub(super) fn grid(self, grid: &Grid) -> Result<Grid> {
         let (mut dims, mut to_voxels) = (grid.dims(), DAffine3::IDENTITY);
         let first = DVec3::splat(0.5 - 2.0 * SPREAD as f64);
@@ -56,7 +57,7 @@ impl Level {
         Ok(Grid::new(dims, grid.to_world() * to_voxels)?)
     }
 
-    /// The kernel of cells for which voxels have this kernel, grown.
+    /// Returns the kernel of cells that represents `kernel` of voxels, grown by `growth`.
     pub(super) fn kernel(self, kernel: &Kernel, growth: f64) -> Kernel {
         if self.0 == 0 {
             return kernel.grown(growth);
@@ -68,17 +69,19 @@ impl Level {
     }
 }
 
-/// The cells of each level beyond the faces: voxels at the faces spread into them, and scalars at the faces repeat.
+/// Number of cells of each level beyond the faces: voxels at the faces spread into them, and scalars at the faces
+/// repeat.
 const SPREAD: usize = 1;
 
-/// Values over a lattice, x fastest, and its points along each axis.
+/// Values over a lattice, x fastest, and the number of its points along each axis.
 pub(super) type Cells<const N: usize> = ([usize; 3], Vec<[f32; N]>);
 
-/// Returns the values of a plane.
+/// A callback that returns the values of a plane.
 pub(super) type Planes<'a, const N: usize> = dyn Fn(usize) -> Result<Vec<[f32; N]>> + Sync + 'a;
 
 impl Level {
-    /// The cells of this level, from 1 on, of voxels of `N` channels. Beyond the faces voxels repeat or are empty.
+    /// Makes the cells of this level, from 1 on, of voxels of `N` channels. Beyond the faces voxels repeat or are
+    /// empty.
     pub(super) fn cells<const N: usize>(
         self,
         dims: [usize; 3],
@@ -94,7 +97,7 @@ impl Level {
     }
 }
 
-/// Halves a lattice.
+/// Makes cells of twice the size of the points of a lattice.
 fn halved<const N: usize>(dims: [usize; 3], plane: &Planes<'_, N>, repeats: bool) -> Result<Cells<N>> {
     let [nx, ny, nz] = dims;
     let half @ [across, down, deep] = dims.map(|d| d.div_ceil(2) + 2 * SPREAD);

@@ -5,10 +5,10 @@ use pulp::Simd;
 use super::lanes::{Lanes, three};
 use crate::lighting::{Lighting, Source};
 
-/// A vector of the world for each ray.
+/// A vector of the world for each of sixteen rays.
 pub(super) type Vector<S> = [Lanes<S>; 3];
 
-/// Where a light is.
+/// The place of a light.
 #[derive(Clone, Copy)]
 enum Place {
     Eye,
@@ -42,7 +42,7 @@ pub(super) fn dot<S: Simd>(simd: S, a: &Vector<S>, b: &Vector<S>) -> Lanes<S> {
     a[0].fma(simd, b[0], a[1].fma(simd, b[1], a[2].mul(simd, b[2])))
 }
 
-/// A vector over its length; zeros stay.
+/// Divides vectors by their lengths; zeros stay.
 #[inline(always)]
 pub(super) fn unit<S: Simd>(simd: S, vector: &Vector<S>) -> Vector<S> {
     let length = dot(simd, vector, vector).max(simd, Lanes::all(simd, 1e-30)).sqrt(simd);
@@ -51,7 +51,8 @@ pub(super) fn unit<S: Simd>(simd: S, vector: &Vector<S>) -> Vector<S> {
 }
 
 impl Shader {
-    /// Places are relative to the middle of the lattice, in units of the smallest spacing.
+    /// Converts material and lights. Places are relative to `center`, the middle of the lattice, in units of the
+    /// smallest spacing, `unit`.
     pub(super) fn new(lighting: &Lighting, center: glam::DVec3, unit: f64, resolution: [f32; 2]) -> Self {
         let place = |source: &Source| match source {
             Source::Eye => Place::Eye,
@@ -69,12 +70,13 @@ impl Shader {
         }
     }
 
-    /// Whether some light is at a place, so that places of surfaces matter.
+    /// Returns whether some light is at a place, so that places of surfaces matter.
     pub(super) fn has_places(&self) -> bool {
         self.lights.iter().any(|(place, _)| matches!(place, Place::At(_)))
     }
 
-    /// The share of surfaces where the largest of the central differences along the axes of the lattice is this large.
+    /// Returns the share of surfaces where the largest of the central differences along the axes of the lattice is
+    /// `differences`.
     #[inline(always)]
     pub(super) fn surface<S: Simd>(&self, simd: S, differences: Lanes<S>, scalar: Lanes<S>) -> Lanes<S> {
         let [of_distance, faintest] = self.resolution;
@@ -85,8 +87,8 @@ impl Shader {
         fourth.div(simd, fourth.add(simd, Lanes::all(simd, 1.0)))
     }
 
-    /// The light on surfaces across gradients of the world. `kept` are the shares of the lights and of ambient light
-    /// that arrive, `None` if all does.
+    /// Returns the light on surfaces across gradients of the world. `kept` are the shares of the lights and of ambient
+    /// light that arrive; `None` if all light does.
     #[inline(always)]
     pub(super) fn shine<S: Simd>(
         &self,
@@ -163,7 +165,7 @@ impl Shader {
 }
 
 impl<S: Simd> Shine<S> {
-    /// A channel of a colour under this light.
+    /// Returns a channel of a colour under this light.
     #[inline(always)]
     pub(super) fn lit(&self, simd: S, channel: usize, color: Lanes<S>) -> Lanes<S> {
         let (zero, one) = (Lanes::all(simd, 0.0), Lanes::all(simd, 1.0));

@@ -2,7 +2,7 @@
 //!
 //! A tile of rays goes from plane to plane of the lattice, and of scalars half way between planes. For each, the
 //! coefficients are first summed along the principal axis, which leaves a small picture of channels. Each ray then
-//! reads 4 x 4 points of it. A [`Rule`] says what becomes of its samples.
+//! reads 4 x 4 points of it. A [`Rule`] makes a pixel of its samples.
 
 use glam::{DAffine3, DVec3};
 use pulp::{Simd, WithSimd};
@@ -18,9 +18,9 @@ use super::rule::Rule;
 use crate::camera::Camera;
 use crate::image::DepthMap;
 
-/// Pixels along the side of the largest tile.
+/// The number of pixels along the side of the largest tile.
 pub(super) const TILE: usize = 32;
-/// Samples for which a group knows whether anything shows.
+/// The number of samples of a block; a group knows for each block whether matter may be visible.
 const BLOCK: usize = 8;
 /// The least share of a ray's largest step among the axes of the lattice that its step along the principal axis has.
 const LEAST_STEP: f64 = 0.5;
@@ -28,12 +28,12 @@ const LEAST_STEP: f64 = 0.5;
 /// A picture of a field.
 pub(super) struct Picture<'a> {
     pub(super) matter: Matter<'a>,
-    /// The points of the lattice.
+    /// The numbers of points of the lattice.
     pub(super) dims: [usize; 3],
     pub(super) camera: &'a Camera,
-    /// From the world to the lattice.
+    /// The map from the world to the lattice.
     pub(super) to_lattice: DAffine3,
-    /// World units of the unit of extinctions.
+    /// The length of the unit of extinctions, in world units.
     pub(super) unit: f64,
     /// The sides of unclipped matter, in the lattice: a gradient, and a value at point 0.
     pub(super) sides: &'a [(DVec3, f64)],
@@ -41,23 +41,23 @@ pub(super) struct Picture<'a> {
     pub(super) termination: f32,
     /// The depths at which rays end.
     pub(super) solids: Option<&'a DepthMap>,
-    /// Whether pixels are the depth at which a ray has lost half of its light, and 1; 0 if it does not.
+    /// Whether pixels are the depth at which a ray has lost half of its light, and 1; 0 if a ray keeps more.
     pub(super) halves: bool,
 }
 
-/// What rays find.
+/// The matter along rays, by the kind of picture.
 pub(super) enum Matter<'a> {
     Post(Post<'a>),
     Colors(Colors<'a>),
     Projection(Projection<'a>),
 }
 
-/// Work of a tile.
+/// The work of painting a tile.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) struct Work {
-    /// Samples of rays.
+    /// Number of samples of rays.
     pub(super) samples: u64,
-    /// Slabs of rays in which something showed.
+    /// Number of slabs of rays with visible matter.
     pub(super) slabs: u64,
 }
 
@@ -68,8 +68,8 @@ impl Work {
 }
 
 impl Picture<'_> {
-    /// The field's reach, planes before the first voxel and after the last one where samples begin and end, and whether
-    /// rays end at the faces.
+    /// Returns the field's reach, the distance in planes from the outermost voxels to the first and the last sample,
+    /// and whether rays end at the faces.
     fn extent(&self) -> (Reach, f64, bool) {
         match &self.matter {
             Matter::Post(_) => (Post::REACH, 0.5, true),
@@ -78,7 +78,7 @@ impl Picture<'_> {
         }
     }
 
-    /// Whether anything may show between two points of the lattice, ends included.
+    /// Returns whether matter may be visible between two points of the lattice, ends included.
     fn shows(&self, low: [isize; 3], high: [isize; 3]) -> bool {
         match &self.matter {
             Matter::Post(post) => post.shows(low, high),
@@ -122,27 +122,27 @@ impl Picture<'_> {
     }
 }
 
-/// A tile to be painted.
+/// A square tile of pixels to paint.
 struct Tile<'a> {
     picture: &'a Picture<'a>,
     axes: Axes,
     beam: Beam,
     place: [usize; 2],
     side: usize,
-    /// The rays at the corners, see [`Area::new`].
+    /// The rays at the corners of the tile, see [`Area::new`].
     corners: [[[f64; 2]; 2]; 4],
     out: &'a mut [[f32; 4]],
 }
 
-/// Where anything may show along the rays of a tile.
+/// The samples along the rays of a tile around which matter may be visible.
 struct Course {
     /// The plane of sample 0.
     first: f64,
-    /// The part of each plane that is read.
+    /// The part of each plane that rays read.
     areas: Vec<Option<Area>>,
-    /// Whether anything may show around a sample.
+    /// Whether matter may be visible around each sample.
     may_show: Vec<bool>,
-    /// The same for each group and [`BLOCK`] samples.
+    /// Whether matter may be visible to each group in each block of [`BLOCK`] samples.
     groups: Vec<bool>,
     blocks: usize,
 }
@@ -184,7 +184,7 @@ impl Course {
         course
     }
 
-    /// Whether anything may show within a distance of a sample.
+    /// Returns whether matter may be visible within a distance of a sample.
     #[inline(always)]
     fn near(&self, number: usize, distance: usize) -> bool {
         let last = self.may_show.len() - 1;
@@ -196,7 +196,7 @@ impl Course {
         false
     }
 
-    /// Whether anything may show to a group around a sample.
+    /// Returns whether matter may be visible to a group around a sample.
     #[inline(always)]
     fn shows(&self, group: usize, number: isize) -> bool {
         number >= 0 && self.groups[group * self.blocks + (number as usize / BLOCK).min(self.blocks - 1)]
@@ -221,7 +221,7 @@ impl WithSimd for Tile<'_> {
 }
 
 impl Tile<'_> {
-    /// The numbers of the rays of all groups.
+    /// Returns the numbers of the rays of all groups.
     fn groups(&self) -> Vec<Numbers> {
         let Self { picture, axes, beam, place, side, .. } = self;
         let across = side / GROUP;

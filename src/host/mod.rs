@@ -7,9 +7,32 @@
 //! kernels grow: of perspective pictures the fields of some sizes are blended. [`Settings::painter`] has no effect;
 //! `voxsplat render --painter cpu` requests this engine.
 //!
+//! # Files
+//!
+//! - *Scenes.* `scalars.rs` and `voxels.rs` have what is reconstructed: scalars, or classified and lit voxels.
+//! - *Fields.* `filter.rs` leads from samples to coefficients of B-splines. `field.rs` and `colors.rs` are fields of
+//!   coefficients, `lattice.rs` is their box and what rays read of it. `level.rs` and `blend.rs` have cells, and fields
+//!   of several kernels, where voxels are smaller than pixels.
+//! - *Rays.* `rays.rs`, `plane.rs` and `march.rs` take tiles of rays from plane to plane. Each of `blending.rs`,
+//!   `post.rs` and `project.rs` is a rule (`rule.rs`) for their samples: compositing of colours, classification along
+//!   rays, projections of intensity. `table.rs` is the transfer function as rays read it (by `transfer/bins.rs`),
+//!   `lanes.rs` has sixteen rays in vectors.
+//! - *Light.* `light.rs` lights samples, and `arriving.rs` finds the shares of light under shadows and occlusion, by
+//!   `lighting/shadow.rs`: `sweep.rs` with `sweep/parallel.rs` (along directions), `converging.rs` (towards a place)
+//!   and `buffer.rs`; `response.rs`, `field.rs` and `lanes.rs`; `around.rs` (occlusion); `exact.rs` (exact sums).
+//!
+//! The engine shares camera, kernel, transfer function, settings, the plans of shadows (`lighting/shadow/`) and the
+//! classified voxels of `splats` (their words, bricks, and the classification of layers) with the device engine.
+//!
+//! # The same bytes
+//!
 //! Pictures have the same bytes with any vectors and any number of threads: along rays the order of all sums is fixed,
 //! and numbers are added, multiplied, divided and rooted only. Cameras, kernels and tables of transfer functions still
 //! call exponentials and sines of the system's C library, whose last bit may differ between machines.
+//!
+//! Loops over many voxels are types for `pulp`, such as `Band` in `lighting/shadow/sweep.rs`: they are compiled for
+//! AVX2 too, and the machine decides as the program runs. Each row is the work of one thread
+//! (docs/measurements/2026-11-26-wide-vectors.md).
 //!
 //! [`Shading::Post`]: crate::settings::Shading::Post
 //! [`Shading::Pre`]: crate::settings::Shading::Pre
@@ -57,13 +80,13 @@ use self::scalars::{Reconstructed, Scalars};
 use self::voxels::Colored;
 use crate::camera::{Camera, Growth};
 use crate::error::{Error, Result};
+use crate::frame::Frame;
 use crate::image::{DepthMap, Image, Region};
 use crate::kernel::{Kernel, Misfit};
 use crate::layers::Layers;
 use crate::lighting::shadow::ShadowLattice;
 use crate::progress::Progress;
 use crate::settings::{Interslice, Level as Cells, Model, Settings};
-use crate::solids::Solids;
 use crate::stats::adapter::{AdapterInfo, AdapterKind};
 use crate::stats::{CpuStats, PainterStats, Rendered, StageTime, Stats, on_host};
 use crate::transfer::Resolution;
@@ -75,14 +98,16 @@ const NO_GROWTH: f64 = 1.0 + 1e-9;
 
 /// The renderer of the host engine.
 #[derive(Debug, Clone)]
+#[doc(hidden)]
 pub struct HostRenderer {
-    /// Called with the progress of preparation and of pictures.
+    /// The callback for the progress of preparation and of pictures.
     progress: Progress,
-    /// Why this engine makes the pictures.
+    /// The reason why the host engine makes the pictures.
     reason: &'static str,
 }
 
-/// What a [`HostRenderer`] has prepared.
+/// A scene that a [`HostRenderer`] has prepared.
+#[doc(hidden)]
 pub struct HostScene(Content);
 
 enum Content {
@@ -92,15 +117,15 @@ enum Content {
     Colored(Box<Colored>),
 }
 
-/// What a picture is made with.
-struct Frame<'a> {
+/// The camera, the settings and the lattice of a picture.
+struct Shot<'a> {
     camera: &'a Camera,
     settings: &'a Settings,
     grid: &'a Grid,
     region: Region,
     /// The growths of the kernels whose fields are blended, ascending.
     growths: Vec<f64>,
-    /// The level of these fields, and the lattice of its cells.
+    /// The level of the blended fields; `lattice` is the lattice of its cells.
     level: Level,
     lattice: Grid,
     /// The kernel without growth.
@@ -113,32 +138,32 @@ struct Frame<'a> {
 /// The depths that a picture reads and writes.
 #[derive(Debug, Clone, Copy, Default)]
 struct Depths<'a> {
-    /// See [`Picture::solids`].
+    /// The depths at which rays end; see [`Picture::solids`].
     solids: Option<&'a DepthMap>,
-    /// See [`Picture::halves`].
+    /// Whether pixels are half depths; see [`Picture::halves`].
     halves: bool,
 }
 
-impl Frame<'_> {
-    /// The kernels whose fields are blended.
+impl Shot<'_> {
+    /// Returns the kernels whose fields are blended.
     fn kernels(&self) -> Vec<Kernel> {
         self.growths.iter().map(|growth| self.level.kernel(&self.kernel, *growth)).collect()
     }
 
-    /// The blend of the fields of these kernels.
+    /// Returns the blend of the fields in `made`, one for each growth.
     fn blend<'a, V, F>(&self, made: &'a [Arc<V>], field: impl Fn(&'a V) -> &'a F) -> Blend<'a, F> {
         let Self { camera, grid, .. } = *self;
         let levels = self.growths.iter().zip(made).map(|(growth, made)| (*growth, field(made))).collect();
         Blend::new(levels, camera.growth(grid), camera, &self.lattice.to_world())
     }
 
-    /// The size of cells in voxels, and the voxel at cell 0 along each axis.
+    /// Returns the size of cells in voxels, and the voxel at cell 0 along each axis.
     fn to_voxels(&self) -> [f32; 2] {
         let first = self.grid.to_lattice().transform_point3(self.lattice.to_world().translation);
         [self.level.size() as f32, first.x as f32]
     }
 
-    /// See [`Picture::sides`].
+    /// Returns the sides of unclipped matter; see [`Picture::sides`].
     fn sides(&self) -> Vec<(DVec3, f64)> {
         let Self { settings, grid, level, lattice, .. } = self;
         let middle = DVec3::from_array(grid.dims().map(|d| (f64::from(d) - 1.0) / 2.0));
@@ -158,7 +183,7 @@ impl Frame<'_> {
         sides
     }
 
-    /// See [`Projection::depth`].
+    /// Returns the gradient of depth and the depth at point 0; see [`Projection::depth`].
     fn depth_in_box(&self) -> (DVec3, f64) {
         let Self { camera, grid, lattice, .. } = self;
         let in_voxels = grid.to_world().matrix3.transpose() * camera.forward;
@@ -169,7 +194,7 @@ impl Frame<'_> {
         (to_voxels.matrix3.transpose() * gradient, at_zero)
     }
 
-    /// The light with shadows, if there is one, in matter whose extinctions have a unit in the world.
+    /// Returns the light that casts shadows, if there is one; `unit` is the world length of the unit of extinctions.
     fn falling(&self, unit: f64) -> Option<Falling> {
         let Self { settings, grid, kernel, .. } = *self;
         let casting = settings.casting()?;
@@ -178,21 +203,21 @@ impl Frame<'_> {
     }
 }
 
-/// What a scene holds for a picture.
+/// The memory and the voxels that a scene holds, for the statistics of a picture.
 struct Held {
     bytes: u64,
     misfit: Misfit,
-    /// Voxels that may show.
+    /// Number of voxels that may be visible.
     voxels: u64,
 }
 
-/// The map from the points of a lattice of cells to the places of a [`Shader`] of a volume.
+/// Returns the map from the points of a lattice of cells to the places of a [`Shader`] of a volume.
 fn places_of_light(grid: &Grid, lattice: &Grid) -> DAffine3 {
     let to_places = DAffine3::from_scale(DVec3::splat(1.0 / grid.unit()));
     to_places * DAffine3::from_translation(-grid.center()) * lattice.to_world()
 }
 
-/// The values that were made for the last picture, and what they were made for.
+/// The values made for the last picture, with their keys.
 struct Kept<K, V>(Mutex<Vec<(K, Arc<V>)>>);
 
 impl<K, V> Default for Kept<K, V> {
@@ -202,7 +227,7 @@ impl<K, V> Default for Kept<K, V> {
 }
 
 impl<K: PartialEq, V> Kept<K, V> {
-    /// The values for keys: those that are held, else those that `make` makes after all others are gone.
+    /// Returns the values for keys: held values, or new ones of `make` after all other values are dropped.
     fn get_or_make(&self, keys: Vec<K>, make: impl Fn(&K) -> Result<V>) -> Result<Vec<Arc<V>>> {
         let mut held = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         held.retain(|(key, _)| keys.contains(key));
@@ -221,12 +246,12 @@ impl<K: PartialEq, V> Kept<K, V> {
         Ok(values)
     }
 
-    /// The sum of a number of each value.
+    /// Returns the sum of `number` over all values.
     fn sum(&self, number: impl Fn(&V) -> u64) -> u64 {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).iter().map(|(_, value)| number(value)).sum()
     }
 
-    /// The number of values.
+    /// Returns the number of values held.
     fn count(&self) -> usize {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).len()
     }
@@ -239,21 +264,21 @@ impl HostRenderer {
         Self::because(Self::REQUESTED, progress)
     }
 
-    /// The reason for this engine if a user asks for it.
+    /// The reason of an engine that a user requested.
     pub(crate) const REQUESTED: &'static str = "requested";
 
-    /// Makes a renderer for a reason that statistics tell.
+    /// Makes a renderer with a reason, which statistics report.
     pub(crate) fn because(reason: &'static str, progress: &Progress) -> Self {
         Self { progress: progress.clone(), reason }
     }
 
-    /// Why this engine makes the pictures; `None` if it was requested.
+    /// Returns the reason why this engine makes the pictures; `None` if it was requested.
     #[must_use]
     pub fn reason(&self) -> Option<&'static str> {
         Some(self.reason).filter(|reason| *reason != Self::REQUESTED)
     }
 
-    /// The processor as an adapter: its vectors and its threads.
+    /// Returns the processor as an adapter: its vectors and its threads.
     #[must_use]
     pub fn adapter() -> AdapterInfo {
         let threads = rayon::current_num_threads();
@@ -288,105 +313,36 @@ impl HostRenderer {
     /// Renders a picture of a scene.
     ///
     /// # Errors
-    /// The errors of [`Self::render_region`].
-    pub fn render(&self, scene: &HostScene, camera: &Camera, settings: &Settings) -> Result<Rendered> {
-        let [width, height] = camera.size;
-        self.render_region(scene, camera, settings, Region { x: 0, y: 0, width, height })
-    }
-
-    /// Renders a part of the picture that [`Self::render`] makes: the same bytes, without the rest. The image has the
-    /// size of the region.
-    ///
-    /// # Errors
     /// [`Error::Setting`] if a setting is out of range, this engine does not draw such pictures, the scene was prepared
-    /// for another shading, sharpness or light, or the region has no pixels or reaches beyond the picture;
+    /// for another shading, sharpness or light, the region is not in the picture, or surfaces have another size;
     /// [`Error::Camera`] if the camera is not finite; [`Error::TooLarge`] and [`Error::Memory`]; [`Error::Cancelled`].
-    pub fn render_region(
-        &self,
-        scene: &HostScene,
-        camera: &Camera,
-        settings: &Settings,
-        region: Region,
-    ) -> Result<Rendered> {
-        self.shot(scene, camera, settings, region, Depths::default())
+    pub fn render(&self, scene: &HostScene, frame: &Frame<'_>) -> Result<Rendered> {
+        frame.drawn(|region, solids| self.shot(scene, frame, region, Depths { solids, halves: false }))
     }
 
-    /// Renders a part of a picture without the matter behind solids: each ray ends, exactly, at the depth of its pixel.
-    /// [`Image::over`] lays the picture over a picture of the solids. `solids` has the size of the whole picture.
+    /// Returns the depths at which rays have lost half of their light, exact to about a half of a voxel. Rays that keep
+    /// more than half of their light have no depth. Matter behind the surfaces of the frame does not count.
     ///
     /// # Errors
-    /// Like [`Self::render_region`], and [`Error::Setting`] if the sizes differ.
-    pub fn render_before(
-        &self,
-        scene: &HostScene,
-        camera: &Camera,
-        settings: &Settings,
-        region: Region,
-        solids: &DepthMap,
-    ) -> Result<Rendered> {
-        self.shot(scene, camera, settings, region, Depths { solids: Some(solids), halves: false })
-    }
-
-    /// Renders a part of a picture with opaque surfaces in it: the matter before them, and behind it the surfaces.
-    /// Surfaces without colours only hide matter. `solids` has the size of the whole picture. Pixels without a surface
-    /// are the ones of [`Self::render_region`].
-    ///
-    /// # Errors
-    /// Like [`Self::render_before`].
-    pub fn render_with_solids(
-        &self,
-        scene: &HostScene,
-        camera: &Camera,
-        settings: &Settings,
-        region: Region,
-        solids: &Solids,
-    ) -> Result<Rendered> {
-        solids.in_picture(
-            camera,
-            region,
-            |reached| self.render_before(scene, camera, settings, reached, &solids.depths),
-            || self.render_region(scene, camera, settings, region),
-        )
-    }
-
-    /// Returns the depths of a part of a picture at which rays have lost half of their light, exact to about a half of
-    /// a voxel. Rays that keep more than half of their light have no depth. Matter behind `solids` does not count.
-    ///
-    /// # Errors
-    /// Like [`Self::render_before`], and [`Error::Setting`] if there are none ([`Settings::has_depths`]).
-    pub fn depths(
-        &self,
-        scene: &HostScene,
-        camera: &Camera,
-        settings: &Settings,
-        region: Region,
-        solids: Option<&DepthMap>,
-    ) -> Result<DepthMap> {
-        settings.check_depths()?;
-        let image = self.shot(scene, camera, settings, region, Depths { solids, halves: true })?.image;
+    /// The errors of [`Self::render`], and [`Error::Setting`] if there are no depths ([`Settings::has_depths`]).
+    pub fn depths(&self, scene: &HostScene, frame: &Frame<'_>) -> Result<DepthMap> {
+        frame.settings.check_depths()?;
+        let depths = Depths { solids: frame.depths(), halves: true };
+        let image = self.shot(scene, frame, frame.region, depths)?.image;
         let depth = |&[depth, has_depth, ..]: &[f32; 4]| if has_depth > 0.5 { depth } else { f32::INFINITY };
-        DepthMap::new(region.width, region.height, image.pixels().iter().map(depth).collect())
+        DepthMap::new(image.width(), image.height(), image.pixels().iter().map(depth).collect())
     }
 
-    /// Renders a part of a picture, or its depths.
-    fn shot(
-        &self,
-        scene: &HostScene,
-        camera: &Camera,
-        settings: &Settings,
-        region: Region,
-        depths: Depths<'_>,
-    ) -> Result<Rendered> {
-        camera.validate()?;
-        settings.validate()?;
-        region.check_within(camera.size)?;
-        depths.solids.map_or(Ok(()), |solids| solids.check(camera))?;
+    /// Renders the matter of a region of a picture, or its depths.
+    fn shot(&self, scene: &HostScene, frame: &Frame<'_>, region: Region, depths: Depths<'_>) -> Result<Rendered> {
+        frame.check()?;
+        let Frame { camera, settings, .. } = *frame;
         let grid = scene.grid();
         camera.check_scale(grid)?;
         check_drawn(settings)?;
         let kernel = settings.reconstruction_kernel();
         let (growths, level) = growths(camera, grid, settings, &kernel);
-        let frame = Frame {
+        let shot = Shot {
             camera,
             settings,
             grid,
@@ -398,38 +354,38 @@ impl HostRenderer {
             density: settings.normalization.density(&kernel),
             depths,
         };
-        scene.check_memory(&frame)?;
+        scene.check_memory(&shot)?;
         match (&scene.0, settings.is_post_shaded()) {
-            (Content::Scalars(scalars), true) => self.render_scalars(scalars, &frame),
-            (Content::Colored(colored), false) => self.render_colors(colored, &frame),
+            (Content::Scalars(scalars), true) => self.render_scalars(scalars, &shot),
+            (Content::Colored(colored), false) => self.render_colors(colored, &shot),
             _ => Err(Settings::not_prepared("shading", "for another shading or model")),
         }
     }
 
     /// Renders a picture of scalars that are classified along rays, or of their projection.
-    fn render_scalars(&self, scene: &Scalars, frame: &Frame<'_>) -> Result<Rendered> {
-        let Frame { settings, grid, .. } = *frame;
+    fn render_scalars(&self, scene: &Scalars, shot: &Shot<'_>) -> Result<Rendered> {
+        let Shot { settings, grid, .. } = *shot;
         if settings.sharpens() != scene.sharpened {
             return Err(Settings::not_prepared("sharpness", "for another sharpness or kernel"));
         }
-        let (reconstructed, seconds) = on_host(|| scene.reconstructed(frame, &self.progress));
+        let (reconstructed, seconds) = on_host(|| scene.reconstructed(shot, &self.progress));
         let reconstructed = reconstructed?;
         let mut stages = vec![StageTime::host("filter", seconds)];
         let Reconstructed { field, filter } = reconstructed[0].as_ref();
-        let blend = frame.blend(&reconstructed, |reconstructed| &reconstructed.field);
+        let blend = shot.blend(&reconstructed, |reconstructed| &reconstructed.field);
         let bytes = reconstructed.iter().map(|reconstructed| reconstructed.field.bytes()).sum();
         let unit = scene.transfer.unit_or(grid.min_spacing());
         let held = Held { bytes, misfit: filter.misfit(), voxels: grid.len() };
         if let Some(extreme) = extreme(settings.model) {
-            let factor = frame.density / scene.reduction.factor();
+            let factor = shot.density / scene.reduction.factor();
             let shown = |[value, second, ..]: [f64; 4]| {
                 let value = if extreme == Extreme::Mean { value / second } else { value };
                 let depth = settings.depth_coded.then_some(second);
                 if value.is_finite() { scene.transfer.projected(value * factor, depth) } else { [0.0; 4] }
             };
             let attenuation = settings.attenuation as f32;
-            let matter = Matter::Projection(Projection { blend, extreme, depth: frame.depth_in_box(), attenuation });
-            return self.painted(frame, (matter, unit), stages, &held, Some(&shown));
+            let matter = Matter::Projection(Projection { blend, extreme, depth: shot.depth_in_box(), attenuation });
+            return self.painted(shot, (matter, unit), stages, &held, Some(&shown));
         }
         // Of a jump, splines leave a slope in uniform matter beside it: no surface.
         let of_misfit = if scene.is_uniform { 2.0 * filter.misfit().data } else { 0.0 };
@@ -438,8 +394,8 @@ impl HostRenderer {
         let shader = settings.lighting.as_ref();
         let shader = shader.map(|lighting| Shader::new(lighting, grid.center(), grid.unit(), resolution));
         let gradient_opacity = scene.transfer.scaled_gradient_opacity(scene.reduction.factor());
-        let near = Some(field).filter(|_| frame.level == Level(0));
-        let arriving = match frame.falling(unit) {
+        let near = Some(field).filter(|_| shot.level == Level(0));
+        let arriving = match shot.falling(unit) {
             None => None,
             Some(falling) => {
                 let (light, seconds) = on_host(|| scene.arriving(near, &gradient_opacity, falling, &self.progress));
@@ -453,37 +409,38 @@ impl HostRenderer {
             shader: shader.as_ref(),
             arriving: arriving.as_deref(),
             gradient_opacity: &gradient_opacity,
-            to_places: places_of_light(grid, &frame.lattice),
-            to_voxels: frame.to_voxels(),
+            to_places: places_of_light(grid, &shot.lattice),
+            to_voxels: shot.to_voxels(),
         });
-        self.painted(frame, (matter, unit), stages, &held, None)
+        self.painted(shot, (matter, unit), stages, &held, None)
     }
 
     /// Renders a picture of voxels that are classified before they are reconstructed.
-    fn render_colors(&self, scene: &Colored, frame: &Frame<'_>) -> Result<Rendered> {
-        let (filtered, seconds) = on_host(|| scene.filtered(frame, &self.progress));
+    fn render_colors(&self, scene: &Colored, shot: &Shot<'_>) -> Result<Rendered> {
+        let (filtered, seconds) = on_host(|| scene.filtered(shot, &self.progress));
         let filtered = filtered?;
         let stages = vec![StageTime::host("filter", seconds)];
-        let blend = frame.blend(&filtered, |filtered| &filtered.field);
+        let blend = shot.blend(&filtered, |filtered| &filtered.field);
         let bytes = filtered.iter().map(|filtered| filtered.field.bytes()).sum::<u64>() + scene.bytes();
         let held = Held { bytes, misfit: filtered[0].filter.misfit(), voxels: scene.count() };
-        let is_xray = frame.settings.model == Model::Xray;
-        let response = |[depth, ..]: [f64; 4]| frame.settings.response.pixel(depth);
+        let is_xray = shot.settings.model == Model::Xray;
+        let response = |[depth, ..]: [f64; 4]| shot.settings.response.pixel(depth);
         let matter = (Matter::Colors(Colors { blend, is_xray }), scene.unit * scene.scale);
-        self.painted(frame, matter, stages, &held, is_xray.then_some(&response))
+        self.painted(shot, matter, stages, &held, is_xray.then_some(&response))
     }
 
-    /// Paints matter, whose extinctions have a unit in the world; `shown` makes pixels of what rays return.
+    /// Paints matter; `unit` is the world length of the unit of extinctions, and `shown` makes pixels of the results of
+    /// rays.
     fn painted(
         &self,
-        frame: &Frame<'_>,
+        shot: &Shot<'_>,
         (matter, unit): (Matter<'_>, f64),
         mut stages: Vec<StageTime>,
         held: &Held,
         shown: Option<&(dyn Fn([f64; 4]) -> [f64; 4] + Sync)>,
     ) -> Result<Rendered> {
-        let Frame { camera, settings, grid, region, density, .. } = *frame;
-        let (lattice, sides) = (&frame.lattice, frame.sides());
+        let Shot { camera, settings, grid, region, density, .. } = *shot;
+        let (lattice, sides) = (&shot.lattice, shot.sides());
         let picture = Picture {
             matter,
             dims: lattice.dims().map(|d| d as usize),
@@ -492,8 +449,8 @@ impl HostRenderer {
             unit: unit / density,
             sides: &sides,
             termination: settings.termination as f32,
-            solids: frame.depths.solids,
-            halves: frame.depths.halves,
+            solids: shot.depths.solids,
+            halves: shot.depths.halves,
         };
         let mut image = Image::transparent(region.width, region.height)?;
         let (work, seconds) = on_host(|| self.paint(&picture, region, &mut image));
@@ -502,7 +459,7 @@ impl HostRenderer {
             let pixels = image.pixels_mut().par_iter_mut();
             pixels.for_each(|pixel| *pixel = shown(pixel.map(f64::from)).map(|channel| channel as f32));
         }
-        stages.push(StageTime::host("frame", seconds));
+        stages.push(StageTime::host("shot", seconds));
         let noise = (settings.sharpness > 0.0).then(|| settings.reconstruction()).transpose()?;
         let Misfit { data, noise: of_noise } = held.misfit;
         Ok(Rendered {
@@ -525,8 +482,8 @@ impl HostRenderer {
                 parts: 1,
                 voxels: grid.len(),
                 splats_kept: held.voxels,
-                kernel_growth: frame.growths[frame.growths.len() - 1],
-                levels: [frame.level.0 as f32; 2],
+                kernel_growth: shot.growths[shot.growths.len() - 1],
+                levels: [shot.level.0 as f32; 2],
                 sharpness: settings.sharpness,
                 noise: noise.map(|reconstruction| reconstruction.noise()),
                 footprint_error: data,
@@ -583,7 +540,7 @@ impl HostRenderer {
     }
 }
 
-/// The scalar that pixels of a model show, if it is a projection of intensity.
+/// Returns the scalar that pixels of a projection of intensity show; `None` for other models.
 fn extreme(model: Model) -> Option<Extreme> {
     match model {
         Model::Mip => Some(Extreme::Largest),
@@ -594,7 +551,7 @@ fn extreme(model: Model) -> Option<Extreme> {
 }
 
 impl HostScene {
-    /// The lattice of the samples.
+    /// Returns the lattice of the samples.
     #[must_use]
     pub fn grid(&self) -> &Grid {
         match &self.0 {
@@ -603,11 +560,11 @@ impl HostScene {
         }
     }
 
-    /// Refuses a picture that needs more memory than is left, before any is allocated. What the scene holds counts as
+    /// Refuses a picture that needs more memory than is left, before any is allocated. The scene's own memory counts as
     /// left.
-    fn check_memory(&self, frame: &Frame<'_>) -> Result<()> {
-        let kernels = frame.kernels();
-        let count = field::count(frame.lattice.dims(), field::padding(&kernels)) * kernels.len() as u64;
+    fn check_memory(&self, shot: &Shot<'_>) -> Result<()> {
+        let kernels = shot.kernels();
+        let count = field::count(shot.lattice.dims(), field::padding(&kernels)) * kernels.len() as u64;
         let light = |lights: usize| lights as u64 * arriving::BYTES * self.grid().len();
         let (fields, held) = match &self.0 {
             Content::Scalars(scalars) => {
@@ -619,7 +576,7 @@ impl HostScene {
                 (count * size_of::<Halves>() as u64, held)
             }
         };
-        check_memory(fields, light(usize::from(frame.settings.casting().is_some())), held)
+        check_memory(fields, light(usize::from(shot.settings.casting().is_some())), held)
     }
 }
 
@@ -631,7 +588,7 @@ fn check_drawn(settings: &Settings) -> Result<()> {
     Ok(())
 }
 
-/// Refuses a field and a light that need more memory than is left and than is held for them.
+/// Refuses a field and a light of more bytes than the memory that is left and the bytes `held` for them.
 fn check_memory(field: u64, light: u64, held: u64) -> Result<()> {
     let Some(available) = available() else { return Ok(()) };
     if field + light <= available.bytes + held {
@@ -645,7 +602,7 @@ fn check_memory(field: u64, light: u64, held: u64) -> Result<()> {
     Err(Error::TooLarge { bytes: field + light, available: available.bytes, limit: available.limit, remedies })
 }
 
-/// The growths of the kernels whose fields a picture needs, and the level of the lattice that they are made on.
+/// Returns the growths of the kernels whose fields a picture needs, and the level of their lattice.
 fn growths(camera: &Camera, grid: &Grid, settings: &Settings, kernel: &Kernel) -> (Vec<f64>, Level) {
     let growth = if settings.antialiasing { camera.growth(grid) } else { Growth::NONE };
     let depths = camera.eye().map_or([0.0; 2], |eye| {
@@ -663,7 +620,7 @@ fn growths(camera: &Camera, grid: &Grid, settings: &Settings, kernel: &Kernel) -
     (blend::levels(smallest, largest, level.most(kernel)), level)
 }
 
-/// An error about a picture that this engine does not draw.
+/// Returns an error about a picture that this engine does not draw.
 fn refused(reason: &str) -> Error {
     Error::setting("painter", format!("cpu {reason}"))
 }

@@ -9,29 +9,29 @@ use super::lanes::{Channels, Lanes, Order, WIDTH, added_up, load, weighted};
 use super::lattice::Area;
 use super::rays::Axes;
 
-/// Numbers of a point of a plane: its channels.
+/// The number of channels of a point of a plane.
 pub(super) const CHANNELS: usize = 4;
 
-/// A plane of channels side by side, and memory to make it.
+/// A plane of channels side by side, and the memory in which it is made.
 #[derive(Default)]
 pub(super) struct Plane {
     scalars: Vec<f32>,
     along: Vec<f32>,
-    /// Memory for rows of a level.
+    /// The memory for the rows of a level.
     pub(super) rows: Vec<f32>,
     pub(super) channels: Vec<f32>,
-    /// Points from row to row.
+    /// The number of points from row to row.
     stride: usize,
 }
 
-/// The scalar at a plane and the central difference across it, by coefficients at five planes.
+/// Returns the scalar at a plane and the central difference across it, by coefficients at five planes.
 #[inline(always)]
 fn whole([z, b, m, a, y]: [f32; 5]) -> (f32, f32) {
     let scalar = (b + a).mul_add(1.0 / 6.0, m * (4.0 / 6.0));
     (scalar, (y - z).mul_add(1.0 / 12.0, (a - b) * (4.0 / 12.0)))
 }
 
-/// The same half way between two planes, by coefficients at six.
+/// Returns the scalar half way between two planes and the central difference there, by coefficients at six planes.
 #[inline(always)]
 fn half([x, z, b, a, y, w]: [f32; 6]) -> (f32, f32) {
     let scalar = (z + y).mul_add(1.0 / 48.0, (b + a) * (23.0 / 48.0));
@@ -39,7 +39,7 @@ fn half([x, z, b, a, y, w]: [f32; 6]) -> (f32, f32) {
     (scalar, far.mul_add(1.0 / 96.0, (a - b) * (22.0 / 96.0)))
 }
 
-/// Sums planes at a plane: weights 1, 4, 1 over 6; and central differences along the axis.
+/// Sums rows of coefficients at a plane: weights 1, 4, 1 over 6; and central differences along the axis.
 #[inline(always)]
 fn sum_whole(planes: [&[f32]; 5], step: usize, scalars: &mut [f32], along: &mut [f32], differs: bool) {
     let count = scalars.len();
@@ -84,7 +84,7 @@ fn sum_half(planes: [&[f32]; 6], step: usize, scalars: &mut [f32], along: &mut [
 }
 
 impl Plane {
-    /// Makes room for an area. Returns the points from row to row.
+    /// Makes room for an area. Returns the number of points from row to row.
     pub(super) fn resize(&mut self, area: &Area) -> usize {
         let [width, height] = area.size();
         // Vectors reach beyond the end of a row.
@@ -96,7 +96,7 @@ impl Plane {
         self.stride
     }
 
-    /// Makes half plane `number` of scalars: the scalar, and if asked for its central differences along a, b and the
+    /// Makes half plane `number` of scalars: the scalar, and if requested its central differences along a, b and the
     /// axis. Even half planes lie at planes.
     #[inline(always)]
     pub(super) fn make_scalars<S: Simd>(
@@ -170,7 +170,7 @@ impl Plane {
         }
     }
 
-    /// The channels at the places of a group, in points of the plane.
+    /// Returns the channels at the places of a group of rays, in points of the plane.
     #[inline(always)]
     pub(super) fn at<S: Simd>(&self, simd: S, order: &Order, [a, b]: [Lanes<S>; 2]) -> [Lanes<S>; CHANNELS] {
         let stride = CHANNELS * self.stride;
@@ -206,7 +206,7 @@ impl Plane {
     }
 }
 
-/// The weights of cubic B-splines at a fraction of the way from the second to the third of four points.
+/// Returns the weights of cubic B-splines at a fraction of the way from the second to the third of four points.
 #[inline(always)]
 fn spline<S: Simd>(simd: S, t: Lanes<S>) -> [Lanes<S>; 4] {
     let (one, half) = (Lanes::all(simd, 1.0), Lanes::all(simd, 0.5));

@@ -19,35 +19,36 @@ use super::rule::{RECENT, Rule};
 use super::table::{Classified, Table};
 use crate::transfer::scaled_share;
 
-/// Optical depth of a slab that may be neglected, and colour of as much.
+/// The optical depth of a slab that may be neglected, and the like amount of colour.
 const LEAST_BEND: f32 = 2e-4;
 
-/// What post-shaded pictures are made of.
+/// The fields, the transfer function and the light of a post-shaded picture.
 pub(super) struct Post<'a> {
     pub(super) blend: Blend<'a, Field>,
     pub(super) table: &'a Table,
     pub(super) shader: Option<&'a Shader>,
-    /// The light that arrives; `None`: all of it.
+    /// The light that arrives at voxels; `None`: all light does.
     pub(super) arriving: Option<&'a ArrivingLight>,
-    /// Gradient opacity: pairs of the length of a gradient of scalars in the world, and the share of extinction.
+    /// The points of gradient opacity: pairs of the length of a gradient of scalars in the world, and the share of
+    /// extinction.
     pub(super) gradient_opacity: &'a [[f32; 2]],
-    /// From the lattice to places for the shader.
+    /// The map from the lattice to places for the shader.
     pub(super) to_places: DAffine3,
-    /// The size of the lattice's cells in voxels, and the voxel at cell 0: the light that arrives is that at voxels.
+    /// The size of the lattice's cells in voxels, and the voxel at cell 0: `arriving` holds the light at voxels.
     pub(super) to_voxels: [f32; 2],
 }
 
-/// A group on its way.
+/// The state of a group of rays under way.
 #[derive(Clone, Copy)]
 pub(super) struct State<S: Simd> {
     color: Vector<S>,
     transmittance: Lanes<S>,
-    /// The scalars of the last four samples and their central differences: of sample n at n modulo 4.
+    /// The scalars of the last four samples, and in `differences` their central differences; sample n is at n modulo 4.
     scalars: [Lanes<S>; RECENT],
     differences: [Vector<S>; RECENT],
     /// The scalar at the end of the last slab.
     end: Lanes<S>,
-    /// Its classification, if it is known.
+    /// The classification of `end`, if it is known.
     classified: Option<Classified<S>>,
     /// The number of the last sample.
     last: isize,
@@ -59,9 +60,9 @@ pub(super) struct Shading<'a, S: Simd> {
     axes: Axes,
     along: Along,
     order: Order,
-    /// From differences along a, b and the planes to gradients in the world.
+    /// The map from differences along a, b and the planes to gradients in the world.
     gradient: [[Lanes<S>; 3]; 3],
-    /// From the planes to places for the shader: rows of three factors and a sum.
+    /// The map from the planes to places for the shader: rows of three factors and a sum.
     places: [[Lanes<S>; 4]; 3],
 }
 
@@ -85,7 +86,7 @@ impl<'a, S: Simd> Shading<'a, S> {
         }
     }
 
-    /// Composites the slab around half plane number `number`, at `z`. Returns false if nothing shows.
+    /// Composites the slab around half plane number `number`, at `z`. Returns whether visible matter was found.
     #[inline(always)]
     fn composite_slab(&self, simd: S, state: &mut State<S>, rays: &Rays<S>, number: usize, z: f32) -> bool {
         let table = self.post.table;
@@ -147,7 +148,7 @@ impl<'a, S: Simd> Shading<'a, S> {
         true
     }
 
-    /// The length of the part of a quarter of a plane that counts, in the unit of extinctions.
+    /// Returns the length, in the unit of extinctions, of the part of a quarter of a plane within the ends of rays.
     #[inline(always)]
     fn length(&self, simd: S, rays: &Rays<S>, from: f32, share: Lanes<S>) -> Lanes<S> {
         let start = rays.ends[0].max(simd, Lanes::all(simd, from));
@@ -155,7 +156,7 @@ impl<'a, S: Simd> Shading<'a, S> {
         stop.sub(simd, start).max(simd, Lanes::all(simd, 0.0)).mul(simd, rays.length).mul(simd, share)
     }
 
-    /// The ends of the part of a quarter of a plane that counts, between two scalars.
+    /// Classifies the ends of the part of a quarter of a plane within the ends of rays, between two scalars.
     #[inline(always)]
     fn cut(&self, simd: S, ends: [Lanes<S>; 2], from: f32, scalars: [Lanes<S>; 2]) -> (Classified<S>, Classified<S>) {
         let (low, high) = (Lanes::all(simd, from), Lanes::all(simd, from + 0.25));
@@ -166,7 +167,7 @@ impl<'a, S: Simd> Shading<'a, S> {
         (table.classified(simd, &self.order, start), table.classified(simd, &self.order, stop))
     }
 
-    /// The light on a slab, and the share of its extinction by gradient opacity.
+    /// Returns the light on a slab, and the share of its extinction by gradient opacity.
     #[inline(always)]
     fn light(
         &self,
@@ -216,7 +217,7 @@ impl<'a, S: Simd> Shading<'a, S> {
     }
 }
 
-/// Adds a piece of matter with these means of colour times extinction, and extinction.
+/// Composites a piece of matter with these means of colour times extinction, and extinction.
 #[inline(always)]
 fn composite<S: Simd>(simd: S, state: &mut State<S>, mean: &[Lanes<S>; 4], length: Lanes<S>, shine: Option<&Shine<S>>) {
     let extinction = mean[3].max(simd, Lanes::all(simd, 0.0));
@@ -306,10 +307,10 @@ impl<S: Simd> Rule<S> for Shading<'_, S> {
 }
 
 impl Post<'_> {
-    /// Rays end half a voxel beyond the faces; central differences take one more point.
+    /// The reach of rays: they end half a voxel beyond the faces; central differences take one more point.
     pub(super) const REACH: Reach = Reach { beyond: 1.0, around: 1 };
 
-    /// Whether a scalar between two points of the lattice, ends included, may be visible.
+    /// Returns whether a scalar between two points of the lattice, ends included, may be visible.
     pub(super) fn shows(&self, low: [isize; 3], high: [isize; 3]) -> bool {
         let is_visible = |range: [f32; 2]| !self.table.is_invisible(range);
         self.blend.levels.iter().any(|(_, field)| field.any(low, high, is_visible))

@@ -11,7 +11,7 @@ use super::plane::{CHANNELS, Plane};
 use super::rays::{Axes, Rays};
 use super::rule::{RECENT, Rule};
 
-/// The scalar that a pixel shows.
+/// The scalar along a ray that a pixel shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Extreme {
     Largest,
@@ -19,30 +19,31 @@ pub(super) enum Extreme {
     Mean,
 }
 
-/// What projections are made of.
+/// The fields and the depths of a projection.
 pub(super) struct Projection<'a> {
     pub(super) blend: Blend<'a, Field>,
     pub(super) extreme: Extreme,
     /// The gradient of depth over the lattice, and the depth at point 0: 0 at the nearest corner of the box of the
     /// voxels and 1 at the farthest, along the view.
     pub(super) depth: (DVec3, f64),
-    /// See [`Settings::attenuation`](crate::settings::Settings::attenuation).
+    /// The attenuation with depth; see [`Settings::attenuation`](crate::settings::Settings::attenuation).
     pub(super) attenuation: f32,
 }
 
 impl Projection<'_> {
-    /// Rays end half a voxel beyond the faces; planes of scalars are made without their outermost points.
+    /// The reach of rays: they end half a voxel beyond the faces; planes of scalars are made without their outermost
+    /// points.
     pub(super) const REACH: Reach = Reach { beyond: 1.0, around: 1 };
 }
 
-/// A group on its way.
+/// The state of a group of rays under way.
 #[derive(Clone, Copy)]
 pub(super) struct State<S: Simd> {
-    /// The scalars of the last samples: of sample n at n modulo 4.
+    /// The scalars of the last samples; sample n is at n modulo 4.
     scalars: [Lanes<S>; RECENT],
-    /// The extreme, or the sum.
+    /// The extreme scalar, or the sum of the scalars.
     value: Lanes<S>,
-    /// The plane of the extreme, or the planes that were added up.
+    /// The plane of the extreme, or the number of planes that were added up.
     planes: Lanes<S>,
     last: isize,
 }
@@ -53,9 +54,9 @@ pub(super) struct Projecting<'a, S: Simd> {
     axes: Axes,
     along: Along,
     order: Order,
-    /// 1, or -1 if the smallest scalar is wanted.
+    /// The sign of scalars: -1 if the smallest is searched, otherwise 1.
     sign: Lanes<S>,
-    /// Depth: factors of the place along a, b and the planes, and a sum.
+    /// The depth over the planes: factors of the place along a, b and the planes, and a sum.
     depth: [Lanes<S>; 4],
 }
 
@@ -72,14 +73,14 @@ impl<'a, S: Simd> Projecting<'a, S> {
         Self { projection, axes: *axes, along, order, sign: Lanes::all(simd, sign), depth }
     }
 
-    /// The depths of rays in a plane, or in a plane for each.
+    /// Returns the depths of rays in a plane, or in a plane for each ray.
     #[inline(always)]
     fn depth(&self, simd: S, rays: &Rays<S>, plane: Lanes<S>) -> Lanes<S> {
         let ([at_a, at_b], [a, b, m, sum]) = (rays.at(simd, plane), self.depth);
         at_a.fma(simd, a, at_b.fma(simd, b, plane.fma(simd, m, sum)))
     }
 
-    /// Scalars in a plane as their depths leave them.
+    /// Attenuates scalars in a plane by the depths of the rays.
     #[inline(always)]
     fn attenuated(&self, simd: S, rays: &Rays<S>, plane: f32, scalars: Lanes<S>) -> Lanes<S> {
         let attenuation = self.projection.attenuation;
@@ -172,7 +173,7 @@ impl<S: Simd> Rule<S> for Projecting<'_, S> {
         Lanes::all(simd, 1.0)
     }
 
-    /// The extreme or the sum of the scalars, and its depth or the planes that were added up.
+    /// Returns the extreme or the sum of the scalars, and its depth or the number of planes that were added up.
     #[inline(always)]
     fn pixel(&self, simd: S, state: &State<S>, rays: &Rays<S>) -> [Lanes<S>; 4] {
         let zero = Lanes::all(simd, 0.0);

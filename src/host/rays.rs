@@ -8,10 +8,10 @@ use super::light::Vector;
 use crate::camera::Camera;
 use crate::image::DepthMap;
 
-/// Rays along the side of a group, which branches together.
+/// The number of rays along the side of a group, which branches together.
 pub(super) const GROUP: usize = 4;
 
-/// The lattice as the rays of a tile see it: axes a and b of a plane, and planes front to back along the third.
+/// The axes of a lattice for the rays of a tile: axes a and b of a plane, and planes front to back along the third.
 #[derive(Clone, Copy)]
 pub(super) struct Axes {
     pub(super) axes: [usize; 3],
@@ -20,7 +20,7 @@ pub(super) struct Axes {
 }
 
 impl Axes {
-    /// The axes for a direction in the lattice.
+    /// Returns the axes for rays in a direction of the lattice.
     pub(super) fn new(direction: DVec3, dims: [usize; 3]) -> Self {
         let sizes = direction.abs();
         let principal = if sizes.z >= sizes.x.max(sizes.y) { 2 } else { usize::from(sizes.y >= sizes.x) };
@@ -28,25 +28,25 @@ impl Axes {
         Self { axes, is_flipped: direction[principal] < 0.0, size: axes.map(|axis| dims[axis]) }
     }
 
-    /// The plane of the lattice that is number `plane` from the front.
+    /// Returns the plane of the lattice that is number `plane` from the front.
     #[inline(always)]
     pub(super) fn plane(&self, plane: isize) -> isize {
         if self.is_flipped { self.size[2] as isize - 1 - plane } else { plane }
     }
 
-    /// A vector of the lattice over these axes.
+    /// Returns a vector of the lattice in these axes.
     pub(super) fn of_vector(&self, vector: DVec3) -> DVec3 {
         let [a, b, m] = self.axes.map(|axis| vector[axis]);
         DVec3::new(a, b, if self.is_flipped { -m } else { m })
     }
 
-    /// A point of the lattice over these axes.
+    /// Returns a point of the lattice in these axes.
     fn of_point(&self, point: DVec3) -> DVec3 {
         let [a, b, m] = self.axes.map(|axis| point[axis]);
         DVec3::new(a, b, if self.is_flipped { (self.size[2] - 1) as f64 - m } else { m })
     }
 
-    /// The unit vectors of these axes in the lattice, and the point of the lattice at 0, 0, 0.
+    /// Returns the unit vectors of these axes in the lattice, and the point of the lattice at 0, 0, 0.
     pub(super) fn frame(&self) -> (DMat3, DVec3) {
         let along = |axis: usize, sign: f64| {
             let mut vector = DVec3::ZERO;
@@ -58,7 +58,7 @@ impl Axes {
         (DMat3::from_cols(along(0, 1.0), along(1, 1.0), along(2, sign)), origin)
     }
 
-    /// The box of the lattice of ranges over these axes, ends included.
+    /// Returns the box of the lattice of a box in these axes, ends included.
     pub(super) fn of_box(&self, low: [isize; 3], high: [isize; 3]) -> [[isize; 3]; 2] {
         let planes = [self.plane(low[2]), self.plane(high[2])];
         let (low, high) = ([low[0], low[1], planes[0].min(planes[1])], [high[0], high[1], planes[0].max(planes[1])]);
@@ -75,28 +75,28 @@ impl Axes {
 pub(super) struct Line {
     start: [f64; 2],
     step: [f64; 2],
-    /// World units from plane to plane.
+    /// The length from plane to plane, in world units.
     length: f64,
-    /// The plane at depth 0, that of an eye if there is one, and planes per world unit of depth.
+    /// The plane at depth 0, which is the eye's if there is an eye, and the number of planes per world unit of depth.
     depth: [f64; 2],
-    /// The plane at which it begins.
+    /// The plane at which the ray begins.
     first: f64,
     direction: DVec3,
 }
 
 impl Line {
-    /// Along a and b, the place in plane 0 and the step from plane to plane.
+    /// Returns along a and b the place in plane 0 and the step from plane to plane.
     pub(super) fn along(&self) -> [[f64; 2]; 2] {
         [0, 1].map(|axis| [self.start[axis], self.step[axis]])
     }
 
-    /// The depth of a plane, see [`DepthMap`].
+    /// Returns the depth of a plane, see [`DepthMap`].
     pub(super) fn depth_of(&self, plane: f64) -> f64 {
         let [zero, per_unit] = self.depth;
         (plane - zero) / per_unit
     }
 
-    /// The plane at a depth.
+    /// Returns the plane at a depth.
     fn plane_at(&self, depth: f64) -> f64 {
         let [zero, per_unit] = self.depth;
         per_unit.mul_add(depth, zero)
@@ -118,7 +118,7 @@ impl Linear {
 /// The rays of all pixels over the planes of an axis.
 pub(super) struct Beam {
     origin: Linear,
-    /// Directions of any length, and the same in the world.
+    /// The direction of each ray in the lattice, of any length; `in_world` is the same vector in the world.
     direction: Linear,
     in_world: Linear,
     has_eye: bool,
@@ -145,7 +145,7 @@ impl Beam {
         }
     }
 
-    /// The ray of a pixel.
+    /// Returns the ray of a pixel.
     pub(super) fn line(&self, x: f64, y: f64) -> Line {
         let (o, d, world) = (self.origin.at(x, y), self.direction.at(x, y), self.in_world.at(x, y));
         let (inverse, length) = (1.0 / d.z, world.length());
@@ -162,7 +162,7 @@ impl Beam {
     }
 }
 
-/// The part of rays that counts.
+/// The bounds of the part of rays that counts.
 pub(super) struct Bounds<'a> {
     /// The first and the last plane.
     pub(super) planes: [f64; 2],
@@ -187,7 +187,7 @@ fn cut(ends: [f64; 2], value: f64, slope: f64) -> [f64; 2] {
 }
 
 impl Bounds<'_> {
-    /// The planes between which the ray of a pixel counts.
+    /// Returns the planes between which the ray of a pixel counts.
     fn ends(&self, axes: &Axes, line: &Line, [x, y]: [usize; 2]) -> [f64; 2] {
         let mut ends = [self.planes[0].max(line.first), self.planes[1]];
         if let Some(solids) = self.solids {
@@ -214,11 +214,11 @@ impl Bounds<'_> {
     }
 }
 
-/// The numbers of the rays of a group, for [`Rays`].
+/// The numbers of the rays of a group, in the order of [`Rays::new`].
 pub(super) struct Numbers([[f32; RAYS]; 10]);
 
 impl Numbers {
-    /// The group of pixels from (x, y) on. `unit` is the unit of extinctions in the world.
+    /// Makes the rays of the group of pixels from (x, y) on. `unit` is the world length of the unit of extinctions.
     pub(super) fn new(beam: &Beam, axes: &Axes, bounds: &Bounds<'_>, unit: f64, [x, y]: [usize; 2]) -> Self {
         let mut numbers = [[0.0; RAYS]; 10];
         for ray in 0..RAYS {
@@ -233,13 +233,13 @@ impl Numbers {
         Self(numbers)
     }
 
-    /// Whether a ray counts.
+    /// Returns whether any ray of the group crosses matter that counts.
     pub(super) fn is_alive(&self) -> bool {
         let [.., first, last, _, _, _] = &self.0;
         first.iter().zip(last).any(|(first, last)| first < last)
     }
 
-    /// The rays at the corners: along a and b, the place in plane 0 and the step from plane to plane.
+    /// Returns the rays at the corners: along a and b, the place in plane 0 and the step from plane to plane.
     pub(super) fn corners(&self) -> [[[f64; 2]; 2]; 4] {
         let number = |number: usize, ray: usize| f64::from(self.0[number][ray]);
         [0, GROUP - 1, RAYS - GROUP, RAYS - 1].map(|ray| [0, 1].map(|axis| [number(axis, ray), number(axis + 2, ray)]))
@@ -274,7 +274,7 @@ impl<S: Simd> Rays<S> {
         }
     }
 
-    /// The places of the rays in a plane.
+    /// Returns the places of the rays in a plane.
     #[inline(always)]
     pub(super) fn at(&self, simd: S, plane: Lanes<S>) -> [Lanes<S>; 2] {
         [self.step[0].fma(simd, plane, self.start[0]), self.step[1].fma(simd, plane, self.start[1])]

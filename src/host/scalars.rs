@@ -9,7 +9,7 @@ use super::arriving::{ArrivingLight, Falling};
 use super::field::{Field, padding};
 use super::level::Level;
 use super::table::Table;
-use super::{Frame, Kept};
+use super::{Kept, Shot};
 use crate::camera::clip::is_inside;
 use crate::error::Result;
 use crate::kernel::{Kernel, SplineFilter};
@@ -20,7 +20,7 @@ use crate::transfer::scalars::{Reduction, Relative};
 use crate::transfer::{Resolution, TransferFunction, scaled_share};
 use crate::volume::{ToF64, Volume, with_samples};
 
-/// Voxels of a row that are lit together or not at all.
+/// Number of voxels of a row that are lit together or not at all.
 const RUN: usize = 8;
 
 /// A volume whose samples are reconstructed before they are classified.
@@ -34,9 +34,9 @@ pub(super) struct Scalars {
     pub(super) sharpened: Option<(Kernel, f64)>,
     /// Whether most of the visible matter is uniform, as of a mask.
     pub(super) is_uniform: bool,
-    /// The fields of kernels of a level, with the points around the lattice.
+    /// The fields of kernels of a level; the last number of a key is the number of points around the lattice.
     pub(super) field: Kept<(Kernel, Level, usize), Reconstructed>,
-    /// The last light with shadows.
+    /// The light that arrives under the last light with shadows.
     pub(super) light: Kept<Falling, ArrivingLight>,
 }
 
@@ -77,9 +77,9 @@ impl Scalars {
         })
     }
 
-    /// The fields of the kernels of a picture.
-    pub(super) fn reconstructed(&self, frame: &Frame<'_>, progress: &Progress) -> Result<Vec<Arc<Reconstructed>>> {
-        let (kernels, level) = (frame.kernels(), frame.level);
+    /// Returns the fields of the kernels of a picture.
+    pub(super) fn reconstructed(&self, shot: &Shot<'_>, progress: &Progress) -> Result<Vec<Arc<Reconstructed>>> {
+        let (kernels, level) = (shot.kernels(), shot.level);
         let pad = padding(&kernels);
         let key = |kernel: Kernel| (kernel, level, pad);
         self.field.get_or_make(kernels.into_iter().map(key).collect(), |(kernel, level, pad)| {
@@ -103,20 +103,20 @@ impl Scalars {
         self.volume.grid().dims().map(|d| d as usize)
     }
 
-    /// The scalars of planes.
+    /// Returns the scalars of planes.
     fn planes(&self, planes: Range<usize>) -> Result<Vec<f32>> {
         let [nx, ny, _] = self.dims();
         self.scalars(planes.start * nx * ny..planes.end * nx * ny)
     }
 
-    /// The scalars of samples, x fastest.
+    /// Returns the scalars of samples, x fastest.
     fn scalars(&self, samples: Range<usize>) -> Result<Vec<f32>> {
         let relative = Relative::new(&self.volume, self.reduction);
         let samples = self.volume.read(samples)?;
         Ok(with_samples!(&samples, s => s.iter().map(|v| relative.to(v.to_f64())).collect()))
     }
 
-    /// The light that arrives at the voxels; those far from visible matter in the field are left out if there is one.
+    /// Returns the light that arrives at the voxels; with a field, voxels far from its visible matter are left out.
     pub(super) fn arriving(
         &self,
         field: Option<&Field>,
@@ -133,25 +133,25 @@ impl Scalars {
     }
 }
 
-/// Matter that absorbs light.
+/// The extinctions of a scene's matter, for shadows.
 struct Extinctions<'a> {
     scene: &'a Scalars,
     field: Option<&'a Field>,
-    /// See [`super::post::Post::gradient_opacity`].
+    /// The points of gradient opacity; see [`super::post::Post::gradient_opacity`].
     gradient_opacity: &'a [[f32; 2]],
-    /// From central differences to gradients in the world.
+    /// The map from central differences to gradients in the world.
     to_world: DMat3,
 }
 
 impl Extinctions<'_> {
-    /// The scalars of a row; rows beyond the lattice are the nearest.
+    /// Returns the scalars of a row; rows beyond the lattice are the nearest.
     fn scalars(&self, y: isize, z: isize) -> Result<Vec<f32>> {
         let [nx, ny, nz] = self.scene.dims();
         let row = y.clamp(0, ny as isize - 1) as usize + ny * z.clamp(0, nz as isize - 1) as usize;
         self.scene.scalars(row * nx..(row + 1) * nx)
     }
 
-    /// Writes the extinctions of a row: 0 where nothing near is visible.
+    /// Writes the extinctions of a row: 0 where no visible matter is near.
     fn row(&self, falling: &Falling, [y, z]: [usize; 2], row: &mut [f32]) -> Result<()> {
         let [nx, ny, nz] = self.scene.dims();
         let [y, z] = [y as isize, z as isize];
@@ -193,8 +193,8 @@ impl Extinctions<'_> {
     }
 }
 
-/// Whether most visible samples equal the next along x. Inspects at most a million samples, in rows spread over the
-/// volume. Of scans a few in a hundred do, of 8 bits one in five.
+/// Returns whether most visible samples equal the next along x. Inspects at most a million samples, in rows spread over
+/// the volume. In scans a few in a hundred do, in scans of 8 bits one in five.
 fn is_uniform(volume: &Volume, transfer: &TransferFunction) -> Result<bool> {
     const SAMPLES: usize = 1 << 20;
     let [nx, ny, nz] = volume.grid().dims().map(|d| d as usize);

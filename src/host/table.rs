@@ -9,32 +9,33 @@ use crate::transfer::TransferFunction;
 use crate::transfer::bins::{BINS, Bins, OUTER_BINS, VisibleValues};
 use crate::transfer::scalars::Reduction;
 
-/// Bins of a block, of which the largest bend is known.
+/// The number of bins of a block, of which the largest bend is known.
 const BLOCK: usize = 8;
 const BLOCKS: usize = BINS.div_ceil(BLOCK);
 
 /// A transfer function and its integral over bins of scalars: colour times extinction, and extinction.
 pub(super) struct Table {
-    /// The function at the ends of bins.
+    /// The transfer function at the ends of bins.
     values: Vec<[f32; 4]>,
-    /// Its integral up to the ends of bins, in bins.
+    /// The integral of the transfer function up to the ends of bins, in bins.
     integrals: Vec<[f32; 4]>,
-    /// The largest second difference of the function at the ends of the bins of 2^n blocks from each block on.
+    /// The largest second difference of the function at the ends of the bins of 2^n blocks, for each n and each first
+    /// block.
     bends: Vec<[f32; BLOCKS]>,
     lookup: [f32; 2],
     /// The range of invisible scalars around 0, ends included; empty if the first is larger.
     pub(super) invisible: [f32; 2],
 }
 
-/// A scalar of each ray among the bins.
+/// The place among the bins of a scalar of each ray.
 struct Place<S: Simd> {
     place: Lanes<S>,
     bins: [u32; RAYS],
-    /// The place from the beginning of the bin on.
+    /// The distance of the place from the beginning of its bin.
     beyond: [f32; RAYS],
 }
 
-/// The function at a scalar of each ray, and its integral up to there, in bins.
+/// The transfer function at a scalar of each ray, and its integral up to there, in bins.
 #[derive(Clone, Copy)]
 pub(super) struct Classified<S: Simd> {
     place: Lanes<S>,
@@ -42,7 +43,7 @@ pub(super) struct Classified<S: Simd> {
     integral: [Lanes<S>; 4],
 }
 
-/// The largest second difference in 2^n blocks, for each n.
+/// Returns for each n the largest second difference in 2^n blocks.
 fn bends(values: &[[f32; 4]]) -> Vec<[f32; BLOCKS]> {
     let mut first = [0.0_f32; BLOCKS];
     for (number, around) in values.windows(3).enumerate() {
@@ -68,12 +69,12 @@ impl Table {
         Self { bends: bends(&values), values, integrals, lookup, invisible }
     }
 
-    /// Whether no scalar of a range is visible.
+    /// Returns whether no scalar of a range is visible.
     pub(super) fn is_invisible(&self, [low, high]: [f32; 2]) -> bool {
         low >= self.invisible[0] && high <= self.invisible[1]
     }
 
-    /// The bin of a scalar, and the place of the scalar from its beginning on.
+    /// Returns the bin of a scalar, and the distance of the scalar from the bin's beginning.
     #[inline(always)]
     fn bin(&self, scalar: f32) -> (usize, f32) {
         let [low, scale] = self.lookup;
@@ -82,15 +83,15 @@ impl Table {
         (bin, place - bin as f32)
     }
 
-    /// The extinction of a scalar.
+    /// Returns the extinction of a scalar.
     pub(super) fn extinction(&self, scalar: f32) -> f32 {
         let (bin, beyond) = self.bin(scalar);
         let [value, next] = [self.values[bin][3], self.values[bin + 1][3]];
         value + (next - value) * beyond
     }
 
-    /// A bound of the error of the function at the mean of scalars in place of its mean over them. All lie in `range`,
-    /// and those of a mean lie at most `apart`.
+    /// Bounds the error of the transfer function at the mean of scalars, in place of its mean over them. All scalars
+    /// lie in a range, and the scalars of one mean lie at most `apart`.
     #[inline(always)]
     pub(super) fn bend(&self, [low, high]: [f32; 2], apart: f32) -> f32 {
         let (low, high) = (self.bin(low).0 / BLOCK, self.bin(high).0 / BLOCK);
@@ -112,7 +113,7 @@ impl Table {
         Place { place, bins: bin.indices(simd), beyond: place.sub(simd, bin).to_array() }
     }
 
-    /// Of two rays: the function at the beginning of their bins, its rise over them, and the places in them.
+    /// Returns for two rays the function at the beginning of their bins, its rise over them, and the places in them.
     #[inline(always)]
     fn in_bins<S: Simd>(
         &self,
@@ -127,7 +128,7 @@ impl Table {
         [value, simd.sub_f32s(fours::<S>(&a[1], &b[1]), value), twice_four::<S>(beyond[one], beyond[other])]
     }
 
-    /// The function at a scalar of each ray.
+    /// Returns the function at a scalar of each ray.
     #[inline(always)]
     pub(super) fn value<S: Simd>(&self, simd: S, order: &Order, scalar: Lanes<S>) -> [Lanes<S>; 4] {
         let Place { bins, beyond, .. } = self.place(simd, scalar);
@@ -139,7 +140,7 @@ impl Table {
         values.apart(simd)
     }
 
-    /// The function at a scalar of each ray, and its integral.
+    /// Returns the function at a scalar of each ray, and its integral.
     #[inline(always)]
     pub(super) fn classified<S: Simd>(&self, simd: S, order: &Order, scalar: Lanes<S>) -> Classified<S> {
         let Place { place, bins, beyond } = self.place(simd, scalar);
@@ -159,7 +160,7 @@ impl Table {
 }
 
 impl<S: Simd> Classified<S> {
-    /// The mean of the function between two scalars. Steps and peaks of any width between them count.
+    /// Returns the mean of the function between two scalars. Steps and peaks of any width between them count.
     #[inline(always)]
     pub(super) fn mean(simd: S, from: &Self, to: &Self) -> [Lanes<S>; 4] {
         let one = Lanes::all(simd, 1.0);

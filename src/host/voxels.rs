@@ -12,7 +12,7 @@ use super::field::padding;
 use super::lanes::{Lanes, dispatch, three};
 use super::level::Level;
 use super::light::{Shader, Vector, unit};
-use super::{Frame, Kept, places_of_light};
+use super::{Kept, Shot, places_of_light};
 use crate::camera::clip::is_inside;
 use crate::error::Result;
 use crate::kernel::{Kernel, SplineFilter};
@@ -33,13 +33,13 @@ const LARGEST: f64 = 1024.0;
 pub(super) struct Colored {
     grid: Grid,
     bricks: Vec<MadeBrick>,
-    /// The bricks of each row along x, y before z.
+    /// The bricks of each row along x, y faster than z.
     rows: Vec<Range<usize>>,
-    /// Rows of bricks along y.
+    /// The number of rows of bricks along y.
     down: usize,
-    /// `None`: prepared without light.
+    /// The kind of the voxels' normals; `None`: prepared without light.
     normals: Option<Normals>,
-    /// World units of the unit of extinctions.
+    /// The length of the unit of extinctions, in world units.
     pub(super) unit: f64,
     /// The factor that brings extinctions into the range of f16.
     pub(super) scale: f64,
@@ -47,12 +47,12 @@ pub(super) struct Colored {
     pub(super) light: Kept<Falling, ArrivingLight>,
 }
 
-/// What a field of colours depends on.
+/// The key of a field of colours: everything on which it depends.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Key {
     kernel: Kernel,
     level: Level,
-    /// Points around the lattice.
+    /// The number of points around the lattice.
     pad: usize,
     light: Option<(Lighting, ToEye)>,
     falling: Option<Falling>,
@@ -109,17 +109,17 @@ impl Colored {
         &self.grid
     }
 
-    /// Bytes of memory of the voxels.
+    /// Returns the bytes of memory of the voxels.
     pub(super) fn bytes(&self) -> u64 {
         self.bricks.iter().map(|made| made.splats.bytes()).sum()
     }
 
-    /// The number of visible voxels.
+    /// Returns the number of visible voxels.
     pub(super) fn count(&self) -> u64 {
         self.bricks.iter().map(|made| u64::from(made.splats.count())).sum()
     }
 
-    /// The box of the visible voxels: its first one, and its size.
+    /// Returns the box of the visible voxels: its first voxel, and its size.
     fn bounds(&self) -> [[usize; 3]; 2] {
         let (mut low, mut high) = ([usize::MAX; 3], [0; 3]);
         for [first, last] in self.bricks.iter().map(|made| made.brick.bounds) {
@@ -131,20 +131,20 @@ impl Colored {
         if self.bricks.is_empty() { [[0; 3], [1; 3]] } else { [low, [0, 1, 2].map(|axis| high[axis] - low[axis])] }
     }
 
-    /// The fields of the kernels of a picture.
-    pub(super) fn filtered(&self, frame: &Frame<'_>, progress: &Progress) -> Result<Vec<Arc<Filtered>>> {
-        let Frame { camera, settings, .. } = *frame;
+    /// Returns the fields of the kernels of a picture.
+    pub(super) fn filtered(&self, shot: &Shot<'_>, progress: &Progress) -> Result<Vec<Arc<Filtered>>> {
+        let Shot { camera, settings, .. } = *shot;
         settings.check_normals(self.normals)?;
-        let falling = frame.falling(self.unit);
+        let falling = shot.falling(self.unit);
         let arriving = falling.clone().map(|falling| self.arriving(falling, progress)).transpose()?;
         let to_eye = match camera.eye() {
             None => ToEye::Parallel(-camera.forward),
             Some(eye) => ToEye::At((eye - self.grid.center()) / self.grid.unit()),
         };
         let light = settings.lighting.clone().map(|lighting| (lighting, to_eye));
-        let kernels = frame.kernels();
+        let kernels = shot.kernels();
         let pad = padding(&kernels);
-        let level = frame.level;
+        let level = shot.level;
         let key = |kernel: Kernel| Key { kernel, level, pad, light: light.clone(), falling: falling.clone() };
         self.field.get_or_make(kernels.into_iter().map(key).collect(), |key| {
             let shader = key.light.as_ref().map(|(lighting, to_eye)| {
@@ -180,13 +180,13 @@ impl Colored {
         })
     }
 
-    /// The runs of splats of a row of the lattice.
+    /// Returns the runs of splats of a row of the lattice.
     fn runs(&self, y: usize, z: usize) -> impl Iterator<Item = (SplatRun<'_>, usize)> {
         let bricks = &self.bricks[self.rows[y / EDGE + self.down * (z / EDGE)].clone()];
         bricks.iter().flat_map(move |made| made.splats.runs(y % EDGE + EDGE * (z % EDGE), made.brick.origin[0]))
     }
 
-    /// The light that arrives at the voxels.
+    /// Returns the light that arrives at the voxels.
     fn arriving(&self, falling: Falling, progress: &Progress) -> Result<Arc<ArrivingLight>> {
         let (dims, [low, size]) = (self.grid.dims().map(|d| d as usize), self.bounds());
         let middle = DVec3::from_array(dims.map(|d| (d as f64 - 1.0) / 2.0));
@@ -208,16 +208,16 @@ impl Colored {
     }
 }
 
-/// The light on voxels.
+/// The light on the voxels of a field of colours.
 struct Light<'a> {
     shader: Shader,
     to_eye: ToEye,
-    /// From the lattice to places for the shader.
+    /// The map from the lattice to places for the shader.
     to_places: DAffine3,
     arriving: Option<&'a ArrivingLight>,
 }
 
-/// Puts the voxels of a plane into it.
+/// A task that puts the visible voxels of a plane into [`Voxels`].
 struct Filling<'a> {
     colored: &'a Colored,
     light: Option<&'a Light<'a>>,
@@ -252,7 +252,7 @@ impl WithSimd for Filling<'_> {
 }
 
 impl Light<'_> {
-    /// The colours of a run of splats under this light.
+    /// Returns the colours of a run of splats under this light.
     #[inline(always)]
     fn lit<S: Simd>(&self, simd: S, run: &SplatRun<'_>, [y, z]: [usize; 2], colors: Vector<S>) -> Vector<S> {
         let normals = unpacked(&run.column(2));

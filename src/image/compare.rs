@@ -12,37 +12,38 @@ use crate::error::{Error, Result};
 use voxsplat_volume::memory::reserved;
 use voxsplat_volume::names::readable;
 
-/// The result of a comparison. d stands for the differences of all channels of all pixels.
+/// The result of a comparison of two pictures. d stands for the differences of all channels of all pixels.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Comparison {
     /// Width and height of both pictures, pixels.
     pub size: [u32; 2],
-    /// max |d|; infinite if either picture has a value that is not finite.
+    /// The maximum of |d|; infinite if either picture has a value that is not finite.
     #[serde(serialize_with = "finite_or_text")]
     pub max: f64,
-    /// max |d| of red, green, blue and alpha.
+    /// The maxima of |d| for red, green, blue and alpha.
     pub max_channel: [f64; 4],
-    /// mean |d|.
+    /// The mean of |d|.
     pub mean: f64,
-    /// sqrt(mean d^2) over all pixels.
+    /// The root mean square sqrt(mean d^2) over all pixels.
     pub rms: f64,
-    /// Pixels that either picture covers: alpha is over 0, or NaN. An opaque picture covers all of its pixels.
+    /// Number of pixels that either picture covers: alpha is over 0, or NaN. An opaque picture covers all of its
+    /// pixels.
     pub covered: u64,
-    /// sqrt(mean d^2) over all four channels of the covered pixels only; 0 if there are none.
+    /// The root mean square sqrt(mean d^2) over all four channels of the covered pixels only; 0 if there are none.
     ///
     /// Unlike `rms` it does not fall when the same volume is drawn with more empty space around it.
     #[serde(serialize_with = "finite_or_text")]
     pub rms_covered: f64,
-    /// What the largest |d| of a pixel's channels stays within in 99.9 % of the covered pixels; 0 if there are none. Of
-    /// under 1000 pixels it is the largest.
+    /// The bound of the largest |d| of a pixel's channels in 99.9 % of the covered pixels; 0 if there are none. For
+    /// fewer than 1000 pixels it is the largest.
     #[serde(serialize_with = "finite_or_text")]
     pub p999: f64,
-    /// -20 log10(rms) dB, relative to a signal of 1; infinite if the pictures are equal.
+    /// The peak signal-to-noise ratio -20 log10(rms) dB, relative to a signal of 1; infinite if the pictures are equal.
     #[serde(serialize_with = "finite_or_text")]
     pub psnr: f64,
     /// The largest difference of a channel that is tolerated.
     pub tolerance: f64,
-    /// Pixels with a channel that differs by more than the tolerance.
+    /// Number of pixels with a channel that differs by more than the tolerance.
     pub outliers: u64,
     /// `outliers` as a fraction of all pixels, 0 to 1.
     pub outlier_fraction: f64,
@@ -50,7 +51,8 @@ pub struct Comparison {
     pub worst: [u32; 2],
 }
 
-/// Writes an infinite number as the text "inf" or "-inf", as JSON has no infinity. A PSNR is -inf if a picture has NaN.
+/// Writes an infinite number as the text "inf" or "-inf", because JSON has no infinity. A PSNR is -inf if a picture has
+/// NaN.
 fn finite_or_text<S: Serializer>(value: &f64, serializer: S) -> std::result::Result<S::Ok, S::Error> {
     if value.is_finite() { serializer.serialize_f64(*value) } else { serializer.serialize_str(&value.to_string()) }
 }
@@ -119,7 +121,7 @@ pub fn compare(a: &Image, b: &Image, tolerance: f64) -> Result<Comparison> {
     })
 }
 
-/// The largest difference of a channel, of each pixel that either picture covers.
+/// Returns the largest difference of a channel for each pixel that either picture covers.
 ///
 /// # Errors
 /// [`Error::Compare`] if the sizes differ or the pictures have no pixels.
@@ -130,12 +132,12 @@ pub(crate) fn covered_differences(a: &Image, b: &Image) -> Result<Vec<f64>> {
     Ok(pairs.map(largest).collect())
 }
 
-/// Whether either pixel has an alpha over 0, or NaN.
+/// Returns whether either pixel has an alpha over 0, or NaN.
 fn is_covered(p: &[f32; 4], q: &[f32; 4]) -> bool {
     [p[3], q[3]].iter().any(|alpha| *alpha > 0.0 || alpha.is_nan())
 }
 
-/// The smallest of some numbers that a fraction of them does not exceed; 0 if there are none.
+/// Returns the smallest of some numbers that a fraction of them does not exceed; 0 if there are none.
 pub(crate) fn percentile(numbers: &mut [f64], fraction: f64) -> f64 {
     let rank = (fraction * numbers.len() as f64).ceil() as usize;
     match rank.checked_sub(1) {
@@ -144,8 +146,8 @@ pub(crate) fn percentile(numbers: &mut [f64], fraction: f64) -> f64 {
     }
 }
 
-/// An opaque picture of the differences of red, green and blue, times `gain`. The difference of alpha is added to each
-/// of them, so a difference of alpha alone shows as gray.
+/// Returns an opaque picture of the differences of red, green and blue, times `gain`. The difference of alpha is added
+/// to each of them, so a difference of alpha alone appears as gray.
 ///
 /// # Errors
 /// [`Error::Compare`] if the sizes differ or the pictures have no pixels; [`Error::Memory`] if there is no memory for

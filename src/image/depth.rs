@@ -129,17 +129,17 @@ impl DepthMap {
         Self::new(region.width, region.height, self.within(region).collect())
     }
 
-    /// The depths of a region inside the map.
+    /// Returns the depths of a region inside the map.
     fn within(&self, region: Region) -> impl Iterator<Item = f32> {
         region.pixels().map(|pixel| self.at(pixel))
     }
 
-    /// The depth in a column and row.
+    /// Returns the depth in a column and row.
     pub(crate) fn at(&self, [x, y]: [u32; 2]) -> f32 {
         self.depths[y as usize * self.width as usize + x as usize]
     }
 
-    /// The smallest rectangle in a region that has all of its depths; `None` if it has none.
+    /// Returns the smallest rectangle in a region that contains all of its depths; `None` if it has none.
     pub(crate) fn reached(&self, region: Region) -> Option<Region> {
         let pixel = |[x, y]: [u32; 2]| Region { x, y, width: 1, height: 1 };
         region.pixels().filter(|&at| self.at(at).is_finite()).map(pixel).reduce(Region::around)
@@ -167,7 +167,8 @@ impl DepthMap {
         check_scale(camera)
     }
 
-    /// The depths of a region as shaders have them: see [`ViewGeometry::depth_of_z`]. `camera` is in units of `unit`.
+    /// Returns the depths of a region in the form of shaders: see [`ViewGeometry::depth_of_z`]. `camera` is in units of
+    /// `unit`.
     ///
     /// [`ViewGeometry::depth_of_z`]: crate::gpu::view::ViewGeometry::depth_of_z
     pub(crate) fn for_shaders(&self, camera: &Camera, unit: f64, region: Region) -> Result<Vec<f32>> {
@@ -178,7 +179,7 @@ impl DepthMap {
         Ok(depths)
     }
 
-    /// The map of a picture of half depths: see shaders/common/half_depth.wgsl.
+    /// Returns the depths of a picture of half depths: see shaders/common/half_depth.wgsl.
     pub(crate) fn of_halves(image: &Image, camera: &Camera, unit: f64) -> Self {
         let (pixel, start) = scale(camera);
         let depth = |&[sum, share, ..]: &[f32; 4]| match share > 0.5 {
@@ -190,7 +191,7 @@ impl DepthMap {
     }
 }
 
-/// The width of a pixel at the target, and the depth of the target.
+/// Returns the width of a pixel at the target, and the depth of the target.
 fn scale(camera: &Camera) -> (f64, f64) {
     (camera.pixel_size().abs(), camera.projection.eye_distance().unwrap_or(0.0))
 }
@@ -233,7 +234,7 @@ impl Image {
         exr_with_notes(image, notes, |image, file| image.write().to_buffered(file))
     }
 
-    /// Returns the picture over another one of the same size.
+    /// Composites the picture over another picture of the same size.
     ///
     /// # Errors
     /// [`Error::Image`] if the sizes differ.

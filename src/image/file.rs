@@ -17,7 +17,7 @@ use crate::error::{Error, Result};
 use crate::output::{check_writable, write_atomically};
 use voxsplat_volume::memory;
 
-/// The format for the extension of a path.
+/// Returns the format for the extension of a path.
 fn format_of(path: &Path) -> Result<ImageFormat> {
     match path.extension().and_then(OsStr::to_str).map(str::to_lowercase).as_deref() {
         Some("png") => Ok(ImageFormat::Png),
@@ -26,7 +26,7 @@ fn format_of(path: &Path) -> Result<ImageFormat> {
     }
 }
 
-/// A PNG encoder of 8-bit pixels.
+/// Makes a PNG encoder of 8-bit pixels.
 pub(crate) fn png_encoder<W: Write>(
     out: W,
     [width, height]: [u32; 2],
@@ -44,9 +44,10 @@ pub(crate) fn png_encoder<W: Write>(
 /// A text in a picture's file beside the pixels.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Note {
-    /// Its keyword: 1 to 79 characters of ASCII. PNG knows Title, Author, Description, Software, Comment and others.
+    /// The keyword of the note: 1 to 79 characters of ASCII. PNG knows Title, Author, Description, Software, Comment
+    /// and others.
     pub name: &'static str,
-    /// Its text. Characters beyond Latin-1 become question marks in an EXR.
+    /// The text of the note. Characters beyond Latin-1 become question marks in an EXR.
     pub text: String,
 }
 
@@ -96,7 +97,7 @@ impl Image {
     /// Returns the bytes of a PNG file as [`Self::save`] writes it.
     ///
     /// # Errors
-    /// [`Error::Image`] if it cannot be encoded; [`Error::Memory`] if there is no memory for it.
+    /// [`Error::Image`] if the picture cannot be encoded; [`Error::Memory`] if there is no memory for the file.
     pub fn to_png(&self, background: Background) -> Result<Vec<u8>> {
         self.to_png_with_notes(background, &[])
     }
@@ -110,7 +111,7 @@ impl Image {
             .map_err(|e| Error::Image(format!("it cannot be encoded: {e}")))
     }
 
-    /// Encodes a file; `name` is for messages. The inner error is the encoder's.
+    /// Encodes a file; `name` is for messages. The inner error comes from the encoder.
     fn encoded(
         &self,
         format: ImageFormat,
@@ -128,7 +129,7 @@ impl Image {
         })
     }
 
-    /// The picture over an opaque background as 8-bit RGB.
+    /// Returns the picture over an opaque background as 8-bit RGB.
     pub(crate) fn to_rgb8(&self, background: Background) -> Vec<u8> {
         let rgba = self.to_rgba8(background);
         let pixels: Vec<[u8; 3]> = rgba.as_chunks().0.iter().map(|&[r, g, b, _]: &[u8; 4]| [r, g, b]).collect();
@@ -189,7 +190,7 @@ impl Image {
     }
 }
 
-/// An encoded EXR with notes as its attributes.
+/// Encodes an EXR with notes as its attributes.
 pub(super) fn exr_with_notes<C>(
     mut image: exr::image::Image<exr::image::Layer<C>>,
     notes: &[Note],

@@ -15,6 +15,7 @@ pub use compare::{Comparison, compare, difference_picture};
 pub(crate) use compare::{covered_differences, percentile};
 pub use depth::DepthMap;
 pub(crate) use depth::check_scale;
+#[doc(hidden)]
 pub use file::Note;
 pub(crate) use file::check_exr;
 #[cfg(feature = "film")]
@@ -53,7 +54,7 @@ impl Image {
     /// Makes a picture of transparent pixels.
     ///
     /// # Errors
-    /// [`Error::Memory`] if there is no memory for it: 16 bytes a pixel.
+    /// [`Error::Memory`] if there is no memory for the picture: 16 bytes a pixel.
     pub fn transparent(width: u32, height: u32) -> Result<Self> {
         let count = u64::from(width) * u64::from(height);
         let pixels = zeroed(count, || format!("a picture of {width} x {height} pixels"))?;
@@ -130,7 +131,7 @@ impl Image {
         &self.pixels
     }
 
-    /// The pixel in a column and row.
+    /// Returns the pixel in a column and row.
     pub(crate) fn at(&self, [x, y]: [u32; 2]) -> [f32; 4] {
         self.pixels[y as usize * self.width as usize + x as usize]
     }
@@ -145,7 +146,7 @@ impl Image {
     }
 }
 
-/// A display value in 0..1 to the nearest of 256 steps; NaN to 0.
+/// Rounds a display value in 0..1 to the nearest of 256 steps; NaN becomes 0.
 fn byte(value: f64) -> u8 {
     (value.clamp(0.0, 1.0) * 255.0 + 0.5) as u8
 }

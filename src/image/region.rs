@@ -5,23 +5,23 @@ use crate::error::{Error, Result};
 /// A rectangle of the picture, in pixels from its top left.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Region {
-    /// Columns before it.
+    /// Number of columns before the region.
     pub x: u32,
-    /// Rows above it.
+    /// Number of rows above the region.
     pub y: u32,
-    /// Columns, at least 1.
+    /// Number of columns, at least 1.
     pub width: u32,
-    /// Rows, at least 1.
+    /// Number of rows, at least 1.
     pub height: u32,
 }
 
 impl Region {
-    /// Pixels.
+    /// Returns the number of pixels of the region.
     pub(crate) fn area(self) -> u64 {
         u64::from(self.width) * u64::from(self.height)
     }
 
-    /// The columns and rows of its pixels, row by row.
+    /// Returns the column and the row of each pixel, row by row.
     pub(crate) fn pixels(self) -> impl Iterator<Item = [u32; 2]> {
         (self.y..self.y + self.height).flat_map(move |y| (self.x..self.x + self.width).map(move |x| [x, y]))
     }
@@ -40,7 +40,7 @@ impl Region {
         Err(Error::setting("region", reason))
     }
 
-    /// The intersection with another region; `None` if it is empty.
+    /// Returns the intersection with another region; `None` if it is empty.
     pub(crate) fn and(self, other: Self) -> Option<Self> {
         let (x, y) = (self.x.max(other.x), self.y.max(other.y));
         let end = |start: u32, length: u32| u64::from(start) + u64::from(length);
@@ -49,7 +49,7 @@ impl Region {
         (width > 0 && height > 0).then_some(Self { x, y, width: width as u32, height: height as u32 })
     }
 
-    /// The smallest region around both.
+    /// Returns the smallest region around both regions.
     pub(crate) fn around(self, other: Self) -> Self {
         let (x, y) = (self.x.min(other.x), self.y.min(other.y));
         let right = (self.x + self.width).max(other.x + other.width);

@@ -1,6 +1,6 @@
 //! Derivatives of samples by separable filters, for normals: smoothing along two axes and a slope along the third.
 
-/// Voxels to either side that the normal of a scalar depends on.
+/// The distance in voxels, to either side, up to which the normal of a scalar depends on others.
 pub(crate) const NORMAL_REACH: usize = 2;
 
 /// A pair of filters of one axis. The slopes of a field are the filter `slope` along an axis and `smooth` along the
@@ -13,9 +13,9 @@ pub(crate) struct DerivativeFilter {
 }
 
 impl DerivativeFilter {
-    /// The filter of the normals of scalars: five taps whose gradients keep their direction (Farid and Simoncelli 2004,
-    /// "Differentiation of discrete multidimensional signals"), scaled to slope 1. `smoothed` and `slope` in
-    /// shaders/common/classified.wgsl has the same weights.
+    /// Returns the filter of the normals of scalars: five taps whose gradients keep their direction (Farid and
+    /// Simoncelli 2004, "Differentiation of discrete multidimensional signals"), scaled to slope 1. `smoothed` and
+    /// `slope` in shaders/common/classified.wgsl have the same weights.
     ///
     /// Central differences turn with the place of a voxel between lattice planes, and keep the noise of six samples:
     /// docs/measurements/2026-11-24-grain.md.
@@ -23,7 +23,7 @@ impl DerivativeFilter {
         Self { smooth: vec![0.426_375, 0.249_153, 0.037_659], slope: vec![0.0, 0.278_979, 0.110_51] }
     }
 
-    /// The derivative of a Gaussian of a standard deviation in voxels, cut off after `reach` voxels.
+    /// Makes the derivative of a Gaussian of a standard deviation in voxels, cut off after `reach` voxels.
     pub(crate) fn gaussian(deviation: f64, reach: usize) -> Self {
         let gauss: Vec<f64> = (0..=reach).map(|k| (-0.5 * (k as f64 / deviation).powi(2)).exp()).collect();
         let sum = gauss[0] + 2.0 * gauss[1..].iter().sum::<f64>();
@@ -43,7 +43,7 @@ impl DerivativeFilter {
         }
     }
 
-    /// The slopes of lines across an axis, see [`Self::smooth`]. Equal lines have the slope 0 exactly.
+    /// Finds the slopes of lines across an axis, given as in [`Self::smooth`]. Equal lines have the slope 0 exactly.
     pub(crate) fn slope<'a>(&self, taps: impl Fn(isize) -> &'a [f32], out: &mut [f32]) {
         out.fill(0.0);
         for (k, weight) in (1..).zip(&self.slope[1..]) {

@@ -104,7 +104,7 @@ impl FootprintTable {
         worst.fold(0.0, f64::max) / peak
     }
 
-    /// G / t at s and q from the table, in f64 from the f32 coefficients.
+    /// Returns G / t at s and q from the table, in f64 from the f32 coefficients.
     fn mean(&self, s: f64, q: f64) -> f64 {
         let at = s * f64::from(self.rows - 1);
         let low = at.floor().min(f64::from(self.rows - 2)) as usize;
@@ -117,25 +117,25 @@ impl FootprintTable {
         })
     }
 
-    /// The number of rows; s runs from 0 (the rim, r = R) to 1 (the centre, r = 0).
+    /// Returns the number of rows; s runs from 0 (the rim, r = R) to 1 (the centre, r = 0).
     #[must_use]
     pub(crate) fn rows(&self) -> u32 {
         self.rows
     }
 
-    /// The number of coefficients of a row.
+    /// Returns the number of coefficients of a row.
     #[must_use]
     pub(crate) fn terms(&self) -> u32 {
         self.terms
     }
 
-    /// The coefficients, row by row, a_0 first.
+    /// Returns the coefficients, row by row, a_0 first.
     #[must_use]
     pub(crate) fn coefficients(&self) -> &[f32] {
         &self.coefficients
     }
 
-    /// The largest measured error of a section, as a fraction of the footprint's peak.
+    /// Returns the largest measured error of a section, as a fraction of the footprint's peak.
     #[must_use]
     pub(crate) fn max_error(&self) -> f64 {
         self.max_error
@@ -179,7 +179,7 @@ pub(crate) fn section(kernel: &Kernel, r2: f64, t0: f64, t1: f64) -> f64 {
     section_by(kernel, r2, [t0, t1], 2)
 }
 
-/// Returns the same section by quadrature of `panels` panels.
+/// Returns the section of the kernel between t0 and t1, as [`section`] does, by quadrature of `panels` panels.
 pub(crate) fn section_by(kernel: &Kernel, r2: f64, [t0, t1]: [f64; 2], panels: u32) -> f64 {
     let c = (kernel.radius() * kernel.radius() - r2).max(0.0).sqrt();
     integrate(t0.clamp(-c, c), t1.clamp(-c, c), panels, |t| kernel.value(r2 + t * t))

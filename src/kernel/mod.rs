@@ -1,5 +1,6 @@
 //! Reconstruction kernels: the density of a voxel around its lattice point.
 
+#[doc(hidden)]
 pub mod reconstruction;
 
 mod derivative;
@@ -25,21 +26,23 @@ use voxsplat_volume::names::named;
 /// Inside its support ball of radius R, every kernel is an analytic function of y = R^2 - rho^2. This makes its table
 /// of footprints smooth.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[non_exhaustive]
 pub enum Kernel {
-    /// exp(-rho^2 / (2 sigma^2)) for rho <= radius, 0 outside (Westover 1990). The default is sigma 1, radius 2.
+    /// A truncated Gaussian: exp(-rho^2 / (2 sigma^2)) for rho <= radius, 0 outside (Westover 1990). The default is
+    /// sigma 1, radius 2.
     Gaussian {
-        /// Standard deviation in voxels, over 0.
+        /// The standard deviation in voxels, over 0.
         sigma: f64,
-        /// Truncation radius in voxels, over 0.
+        /// The radius in voxels at which the Gaussian is truncated, over 0.
         radius: f64,
     },
     /// The generalised Kaiser-Bessel blob of order 2, y I_2(alpha sqrt y) / I_2(alpha) with y = 1 - (rho/radius)^2
     /// (Lewitt 1990, "Multidimensional digital image representations using generalized Kaiser-Bessel window functions",
-    /// equation 6 with m = 2). It and its first derivative are continuous at the rim.
+    /// equation 6 with m = 2). The blob and its first derivative are continuous at the rim.
     KaiserBessel {
-        /// Support radius in voxels, over 0.
+        /// The radius of the support in voxels, over 0.
         radius: f64,
-        /// Taper. At radius 2, 10.4 puts a zero of the spectrum at the lattice frequency (Matej and Lewitt 1996).
+        /// The taper. At radius 2, 10.4 puts a zero of the spectrum at the lattice frequency (Matej and Lewitt 1996).
         alpha: f64,
     },
 }
@@ -77,7 +80,7 @@ impl Kernel {
         Ok(())
     }
 
-    /// The radius of the support, in voxels.
+    /// Returns the radius of the support, in voxels.
     #[must_use]
     pub fn radius(&self) -> f64 {
         match *self {
@@ -132,21 +135,21 @@ impl Kernel {
         }
     }
 
-    /// The integral over the support ball, in voxels^3: 11.6317 for the default Gaussian.
+    /// Returns the integral over the support ball, in voxels^3: 11.6317 for the default Gaussian.
     #[must_use]
     pub(crate) fn integral(&self) -> f64 {
         4.0 * PI * integrate(0.0, self.radius(), 64, |r| self.value(r * r) * r * r)
     }
 
-    /// The variance along each axis, in voxels^2.
+    /// Returns the variance along each axis, in voxels^2.
     #[must_use]
     pub fn variance(&self) -> f64 {
         let fourth = 4.0 * PI * integrate(0.0, self.radius(), 64, |r| self.value(r * r) * r.powi(4));
         fourth / (3.0 * self.integral())
     }
 
-    /// The integral along the line at distance `r` from the centre, up to `t` past its closest point (voxels): the
-    /// cumulative footprint F(r, t) = integral from -inf to t of h(sqrt(r^2 + u^2)) du.
+    /// Returns the integral along the line at distance `r` from the centre, up to `t` past its closest point (voxels):
+    /// the cumulative footprint F(r, t) = integral from -inf to t of h(sqrt(r^2 + u^2)) du.
     ///
     /// Integrated numerically to about 1e-13, as a truth for the sections of a [`FootprintTable`].
     #[cfg(test)]
@@ -157,7 +160,7 @@ impl Kernel {
     }
 }
 
-/// The spelling of `--kernel`.
+/// Writes the spelling of `--kernel`.
 impl fmt::Display for Kernel {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
@@ -170,18 +173,20 @@ impl fmt::Display for Kernel {
 
 /// The divisor N of the sum of kernels in f(x) = sum f_j h / N.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[non_exhaustive]
 pub enum Normalization {
-    /// The kernel's integral: a constant field of 1 is reconstructed as 1 on average and integrates to path length.
+    /// N is the kernel's integral: a constant field of 1 is reconstructed as 1 on average and integrates to path
+    /// length.
     #[default]
     Unit,
-    /// 1, the kernel's peak. Historical: the volume is denser by the kernel's integral.
+    /// N is 1, the kernel's peak. Historical: the volume is denser by the kernel's integral.
     Peak,
 }
 
 named! { "normalization", Normalization { Unit: "unit", Peak: "peak" } }
 
 impl Normalization {
-    /// The divisor N of a kernel.
+    /// Returns the divisor N of a kernel.
     #[must_use]
     pub(crate) fn divisor(self, kernel: &Kernel) -> f64 {
         match self {
@@ -190,13 +195,14 @@ impl Normalization {
         }
     }
 
-    /// The ratio of sums of a kernel to sums with [`Self::Unit`].
+    /// Returns the ratio of sums of a kernel to sums with [`Self::Unit`].
     pub(crate) fn density(self, kernel: &Kernel) -> f64 {
         kernel.integral() / self.divisor(kernel)
     }
 }
 
-/// I_2(z) / z^2 from z^2, of either sign: the series sum_k (z^2/4)^k / (4 k! (k+2)!) (Abramowitz and Stegun 9.6.10).
+/// Returns I_2(z) / z^2 from z^2, of either sign: the series sum_k (z^2/4)^k / (4 k! (k+2)!) (Abramowitz and Stegun
+/// 9.6.10).
 fn bessel_i2_over_z2(z2: f64) -> f64 {
     let q = z2 / 4.0;
     let mut term: f64 = 1.0 / 8.0;

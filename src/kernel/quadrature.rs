@@ -2,7 +2,7 @@
 
 use std::f64::consts::PI;
 
-/// Nodes and weights of the five-point rule on [-1, 1] (Abramowitz and Stegun, table 25.4): exact to degree 9.
+/// The nodes and weights of the five-point rule on [-1, 1] (Abramowitz and Stegun, table 25.4): exact to degree 9.
 pub(crate) const NODES: [(f64, f64); 5] = [
     (-0.906_179_845_938_664, 0.236_926_885_056_189_08),
     (-0.538_469_310_105_683, 0.478_628_670_499_366_47),

@@ -4,11 +4,11 @@ use std::ops::{Add, AddAssign, Mul, Sub};
 
 use crate::volume::Number;
 
-/// f32 for pictures, f64 for the truth.
+/// A number type of sums of kernels: f32 for pictures, f64 for the truth.
 pub(crate) trait Real:
     Number + Default + PartialOrd + Add<Output = Self> + AddAssign + Sub<Output = Self> + Mul<Output = Self>
 {
-    /// The number nearest to a value.
+    /// Returns the number nearest to a value.
     fn from_f64(value: f64) -> Self;
 }
 

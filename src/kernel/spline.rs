@@ -18,7 +18,7 @@ use crate::error::{Error, Result};
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct SplineFilter {
     reach: usize,
-    /// A weight for each class of offsets that are alike by symmetry, by [`class`].
+    /// The weights of all classes of offsets that are alike by symmetry, numbered by [`class`].
     weights: Vec<f64>,
     misfit: Misfit,
 }
@@ -26,20 +26,20 @@ pub(crate) struct SplineFilter {
 /// The share of a kernel that its splines leave out: root mean squares over frequencies.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Misfit {
-    /// Of fields of noise: single voxels.
+    /// The misfit for fields of noise: single voxels.
     pub(crate) noise: f64,
-    /// Of smooth fields, with the power of [`power`].
+    /// The misfit for smooth fields, with the power of [`power`].
     pub(crate) data: f64,
 }
 
-/// The power of smooth data over the distance of a frequency from 0 in the Brillouin zone, radians a voxel, with a
-/// floor for noise.
+/// Returns the power of smooth data over the distance of a frequency from 0 in the Brillouin zone, radians a voxel,
+/// with a floor for noise.
 fn power(distance: f64) -> f64 {
     let of_knee = (distance / 0.35).powi(2);
     1.0 / (1.0 + of_knee * of_knee) + 1e-4
 }
 
-/// The number of the class of offsets that are alike by symmetry.
+/// Returns the number of the class of offsets that are alike by symmetry.
 fn class(offset: [usize; 3]) -> usize {
     let mut sorted = offset;
     sorted.sort_unstable();
@@ -47,12 +47,12 @@ fn class(offset: [usize; 3]) -> usize {
     high * (high + 1) * (high + 2) / 6 + middle * (middle + 1) / 2 + low
 }
 
-/// The number of classes of offsets of up to `reach` voxels along each axis.
+/// Returns the number of classes of offsets of up to `reach` voxels along each axis.
 fn classes(reach: usize) -> usize {
     (reach + 1) * (reach + 2) * (reach + 3) / 6
 }
 
-/// The Fourier transform of the cubic B-spline.
+/// Returns the Fourier transform of the cubic B-spline.
 fn spline_spectrum(frequency: f64) -> f64 {
     let half = frequency / 2.0;
     if half.abs() < 1e-9 { 1.0 } else { (libm::sin(half) / half).powi(4) }
@@ -82,7 +82,7 @@ impl Spectrum {
         Self { values: (0..(Self::FARTHEST / step) as usize + 4).map(at).collect(), step }
     }
 
-    /// The value at a frequency by the cubic through the nearest four.
+    /// Returns the value at a frequency by the cubic through the nearest four.
     fn at(&self, frequency: f64) -> f64 {
         let place = frequency / self.step;
         let first = (place.floor() as usize).clamp(1, self.values.len() - 3);
@@ -98,7 +98,7 @@ impl Spectrum {
     }
 }
 
-/// Frequencies from 0 to pi with weights: panels that are narrow where smooth data have their power.
+/// Returns frequencies from 0 to pi with weights: panels that are narrow where smooth data have their power.
 fn frequencies() -> Vec<[f64; 2]> {
     const ENDS: [f64; 5] = [0.0, 0.3, 0.9, 2.0, PI];
     let panel = |ends: &[f64]| {
@@ -109,7 +109,7 @@ fn frequencies() -> Vec<[f64; 2]> {
 }
 
 impl SplineFilter {
-    /// The largest support of a kernel, voxels.
+    /// The largest support radius of a kernel, voxels.
     pub(crate) const MAX_RADIUS: f64 = 8.0;
 
     /// Fits the filter of a kernel.
@@ -207,12 +207,12 @@ impl SplineFilter {
         Ok(Self { reach, weights, misfit: Misfit { noise, data } })
     }
 
-    /// The number of samples on either side along each axis that a coefficient takes.
+    /// Returns the number of samples, on either side along each axis, on which a coefficient depends.
     pub(crate) fn reach(&self) -> usize {
         self.reach
     }
 
-    /// The weight of a sample at an offset within the reach.
+    /// Returns the weight of a sample at an offset within the reach.
     pub(crate) fn weight(&self, offset: [usize; 3]) -> f64 {
         self.weights[class(offset)]
     }

@@ -14,10 +14,11 @@ use crate::volume::{Segment, ToF64, Volume, with_samples};
 
 /// The number of voxels with a label.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[non_exhaustive]
 pub struct LabelCount {
-    /// The label.
+    /// The number by which voxels carry the label.
     pub label: i64,
-    /// The number of voxels.
+    /// The number of voxels with the label.
     pub voxels: u64,
 }
 
@@ -32,7 +33,7 @@ pub struct Labels {
 /// A choice of labels.
 #[derive(Debug, Clone, PartialEq)]
 pub enum LabelSelection {
-    /// All but 0.
+    /// All labels but 0.
     All,
     /// Labels with numbers in one of these ranges, both ends included.
     Numbers(Vec<[i64; 2]>),
@@ -42,6 +43,7 @@ pub enum LabelSelection {
 
 /// A change of the look of some labels.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub enum LabelChange {
     /// Another opacity, 0 to 1.
     Opacity(f64),
@@ -63,11 +65,11 @@ pub(crate) struct Look {
 /// between voxels show less than with denser ones.
 const OPAQUE: f64 = 0.8;
 
-/// The fraction of the golden ratio: any number of its multiples are spread evenly around a circle.
+/// The fraction of the golden ratio, whose multiples are spread evenly around a circle.
 const GOLDEN: f64 = 0.618_033_988_749_894_9;
 
-/// The generated colour of a label that no table has: hues a golden angle apart, beginning with red, each far from the
-/// hues before it, in three rounds of saturation and brightness.
+/// Returns the generated colour of a label that no table has: hues a golden angle apart, beginning with red, each far
+/// from the hues before it, in three rounds of saturation and brightness.
 fn generated_color(label: i64) -> [f64; 3] {
     let number = label.unsigned_abs().wrapping_sub(1) as f64;
     let hue = (number * GOLDEN).rem_euclid(1.0);
@@ -138,7 +140,7 @@ impl Labels {
         found
     }
 
-    /// The looks and the names of the labels of a volume.
+    /// Returns the looks and the names of the labels of a volume.
     pub(super) fn looks(&self, counts: &[LabelCount]) -> (Vec<Look>, Vec<String>) {
         let look = |count: &LabelCount| {
             let Label { color, opacity, name } = self.label(count.label);
@@ -149,7 +151,7 @@ impl Labels {
 }
 
 impl LabelSelection {
-    /// Whether a label with a name is among them.
+    /// Returns whether the labels include a label with a name.
     pub(crate) fn has(&self, label: i64, name: &str) -> bool {
         match self {
             Self::All => label != 0,
@@ -206,7 +208,7 @@ pub(crate) fn look_of(looks: &[Look], value: f64) -> Option<&Look> {
 /// The largest number of different labels of a volume.
 const MOST_LABELS: usize = 1 << 20;
 
-/// Samples that are counted together, and pieces that are read in parallel.
+/// The number of samples that are counted together, in pieces that are read in parallel.
 const PIECE: usize = 1 << 18;
 const PIECES: usize = 16;
 
@@ -243,7 +245,7 @@ pub fn count_labels(volume: &Volume) -> Result<Vec<LabelCount>> {
     Ok(all.into_iter().map(|(label, voxels)| LabelCount { label, voxels }).collect())
 }
 
-/// The number of samples of each value, by its bits.
+/// Returns the number of samples of each value, by its bits.
 fn counts<T: ToF64 + PartialEq>(samples: &[T]) -> BTreeMap<u64, u64> {
     let mut found = BTreeMap::new();
     // Labels come in runs.

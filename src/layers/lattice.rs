@@ -15,17 +15,17 @@ use voxsplat_volume::parallel::for_each_chunk;
 /// The way in which a volume was put onto the lattice of another volume.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Fit {
-    /// Voxel by voxel: the voxels of both lie in the same places, to less than half a voxel.
+    /// A fit voxel by voxel: the voxels of both lie in the same places, to less than half a voxel.
     Same,
-    /// Voxel by voxel: the lattices have the same numbers of voxels, and one of the files does not state the place of
-    /// its lattice.
+    /// A fit voxel by voxel: the lattices have the same numbers of voxels, and one of the files does not state the
+    /// place of its lattice.
     Unplaced,
-    /// Every voxel got the label of the nearest voxel.
+    /// A fit of labels: every voxel got the label of the nearest voxel.
     Nearest {
         /// The share, 0 to 1, of the voxels with a label other than 0 that lie outside of the other volume.
         outside: f64,
     },
-    /// Every voxel got an interpolated value.
+    /// A fit of values: every voxel got an interpolated value.
     Interpolated {
         /// The share, 0 to 1, of the visible voxels that lie outside of the other volume.
         outside: f64,
@@ -35,16 +35,16 @@ pub enum Fit {
 /// The lattice of a picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lattice {
-    /// Its points.
+    /// The points of the lattice.
     pub grid: Grid,
-    /// Whether its world is the space of a patient.
+    /// Whether the world of the lattice is the space of a patient.
     pub is_oriented: bool,
 }
 
-/// The most samples of a lattice that [`Lattice::finest`] makes.
+/// The largest number of samples of a lattice that [`Lattice::finest`] makes.
 const MOST_SAMPLES: f64 = (1 << 29) as f64;
 
-/// A lattice is finer than another if its cells are smaller than this share of the other's.
+/// The largest ratio of the cells of a finer lattice to the other's.
 const FINER: f64 = 0.95;
 
 impl Lattice {
@@ -55,9 +55,9 @@ impl Lattice {
     }
 
     /// Returns the lattice of a picture of a volume with others over it: the lattice with the smallest cells, because
-    /// then the finest volume keeps its samples. It fills the box of the volume. Without a finer one it is the lattice
-    /// of the volume, and so it is if a finer one would have over 2^29 samples there; then the second value is their
-    /// number.
+    /// then the finest volume keeps its samples. It fills the box of the volume. If no lattice is finer, or a finer one
+    /// would have over 2^29 samples there, the result is the lattice of the volume; in the latter case the second value
+    /// is that number of samples.
     ///
     /// # Errors
     /// The errors of [`Grid::new`].
@@ -92,18 +92,18 @@ impl Lattice {
         Ok((Self { grid, ..own }, None))
     }
 
-    /// Whether a file states the place of the lattice, or the spacing of its samples.
+    /// Returns whether a file states the place of the lattice, or the spacing of its samples.
     fn is_placed(&self) -> bool {
         self.is_oriented || self.grid.to_world() != DAffine3::IDENTITY
     }
 
-    /// Whether the places of two lattices are of one world.
+    /// Returns whether the places of two lattices are in the same world.
     fn is_comparable(&self, other: &Self) -> bool {
         self.is_oriented == other.is_oriented && self.is_placed() && other.is_placed()
     }
 }
 
-/// The map from lattice coordinates of one lattice to lattice coordinates of another.
+/// Returns the map from lattice coordinates of one lattice to lattice coordinates of another.
 fn between(from: &Grid, to: &Grid) -> DAffine3 {
     // Around the middle of the first, so that a distant origin costs no digits.
     let shift = to.to_lattice().matrix3 * (from.center() - to.center());
@@ -112,7 +112,7 @@ fn between(from: &Grid, to: &Grid) -> DAffine3 {
     DAffine3::from_mat3_translation(matrix, half(to) + shift - matrix * half(from))
 }
 
-/// The largest distance of corresponding voxels of two lattices with the same dims, in voxels along any axis.
+/// Returns the largest distance of corresponding voxels of two lattices with the same dims, in voxels along any axis.
 fn apart(grid: &Grid, other: &Grid) -> f64 {
     let map = between(other, grid);
     // Displacements are linear, so the largest is at a corner.
@@ -124,10 +124,10 @@ fn apart(grid: &Grid, other: &Grid) -> f64 {
     displaced.fold(0.0, f64::max)
 }
 
-/// Voxels closer than this are each other's nearest.
+/// The distance in voxels below which voxels are each other's nearest.
 const APART: f64 = 0.5;
 
-/// Returns how the voxels of a volume correspond to the voxels of a lattice, or why they do not.
+/// Returns how the voxels of a volume correspond to the voxels of a lattice, or the reason why they do not.
 pub(super) fn fit(volume: &Volume, of: &Lattice) -> Result<Fit, String> {
     let (grid, own) = (&of.grid, volume.grid());
     let as_many = own.dims() == grid.dims();
@@ -160,11 +160,11 @@ pub fn on_lattice(labels: &Volume, of: &Volume) -> Result<(Volume, Fit)> {
     put(labels, &Lattice::of(of), "labels", None)
 }
 
-/// The look of values, which are interpolated.
+/// The transfer function of a volume whose values are interpolated, and the value outside.
 #[derive(Clone, Copy)]
 pub(super) struct Values<'a> {
     pub(super) transfer: &'a TransferFunction,
-    /// The value of a voxel outside.
+    /// The value of a voxel outside of the volume.
     pub(super) absent: f64,
 }
 
@@ -219,13 +219,13 @@ fn rescaled(samples: &Samples, slope: f64, intercept: f64) -> Result<Vec<f64>> {
     Ok(values)
 }
 
-/// Whether a place lies in the cells of a lattice, half a voxel around each sample.
+/// Returns whether a place lies in the cells of a lattice, half a voxel around each sample.
 fn is_within(place: DVec3, grid: &Grid) -> bool {
     let end = DVec3::from_array(grid.dims().map(f64::from)) - 0.5;
     place.cmpge(DVec3::splat(-0.5)).all() && place.cmple(end).all()
 }
 
-/// The share of the samples that count which lies outside of another lattice.
+/// Returns the share of the samples that `counts` accepts that lie outside of another lattice.
 fn share_outside(samples: &Samples, from: &Grid, to: &Grid, counts: impl Fn(f64) -> bool + Sync) -> f64 {
     let map = between(from, to);
     let [nx, ny, nz] = from.dims().map(|d| d as usize);

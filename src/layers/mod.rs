@@ -42,20 +42,20 @@ pub struct Layers {
 pub struct LegendEntry {
     /// The name of the layer or the label.
     pub name: String,
-    /// Red, green and blue, sRGB.
+    /// Red, green and blue of the patch, sRGB, 0 to 255.
     pub color: [u8; 3],
 }
 
-/// One of the media of a lattice.
+/// A medium of a lattice, which may share the lattice with others.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Layer {
     pub(crate) matter: Matter,
     pub(crate) mask: Option<Mask>,
-    /// Its lines in a legend, unless it is a layer of labels.
+    /// The lines of the layer in a legend, unless it is a layer of labels.
     named: Vec<LegendEntry>,
 }
 
-/// Samples with their look.
+/// The samples of a layer, with their look.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Matter {
     Scalars {
@@ -74,25 +74,25 @@ pub(crate) enum Matter {
 /// Voxels that have colours.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Colors {
-    /// Red, green, blue.
+    /// The volumes of red, green and blue.
     pub(crate) channels: [Volume; 3],
     pub(crate) alpha: Option<Volume>,
     /// The value of a channel at its brightest.
     pub(crate) white: f64,
-    /// Opacities by alpha, or by [`luminance`] without alpha.
+    /// The transfer function of opacities by alpha, or by [`luminance`] without alpha.
     pub(crate) transfer: TransferFunction,
 }
 
-/// The luminance of red, green and blue (ITU-R BT.709).
+/// Returns the luminance of red, green and blue (ITU-R BT.709).
 pub(crate) fn luminance([red, green, blue]: [f64; 3]) -> f64 {
     0.2126 * red + 0.7152 * green + 0.0722 * blue
 }
 
-/// The voxels in which a layer shows.
+/// The voxels in which a layer is visible.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Mask {
     pub(crate) volume: Volume,
-    /// The labels of `volume` at which the layer shows, ascending.
+    /// The labels of `volume` at which the layer is visible, ascending.
     pub(crate) shown: Arc<[i64]>,
 }
 
@@ -139,8 +139,7 @@ impl Layer {
         Ok(Self::new(Matter::Colors(Box::new(colors))))
     }
 
-    /// Returns the same layer with a further line in [`Layers::legend`], such as for a channel. Labels have lines
-    /// without it.
+    /// Adds a line to the layer's lines in [`Layers::legend`], such as for a channel. Labels have lines without it.
     #[must_use]
     pub fn named(mut self, entry: LegendEntry) -> Self {
         self.named.push(entry);
@@ -153,8 +152,8 @@ impl Layer {
         self.named.first()
     }
 
-    /// Returns the same layer, visible only in the voxels whose label in `mask` is one of `which`. Reads `mask` once.
-    /// With an empty mask, all of whose labels are 0, the layer is invisible (see [`Layers::hidden`]).
+    /// Makes the layer visible only in the voxels whose label in `mask` is one of `which`. Reads `mask` once. With an
+    /// empty mask, all of whose labels are 0, the layer is invisible (see [`Layers::hidden`]).
     ///
     /// # Errors
     /// The errors of [`Self::labels`], and [`Error::Setting`] if the lattices differ (see [`on_lattice`]), or if there
@@ -169,10 +168,10 @@ impl Layer {
         Ok(Self { mask: Some(Mask { volume: mask.clone(), shown: shown.into() }), ..self })
     }
 
-    /// Returns the same layer on a lattice, and how it was put there. A layer on other points is resampled: labels and
+    /// Returns the layer on another lattice, and how it was put there. A layer on other points is resampled: labels and
     /// masks as [`on_lattice`] does, values by a cubic spline through the samples, before they are classified. A voxel
-    /// that spans several samples gets their mean. Opacities keep their slab. The layer is invisible outside of its
-    /// own lattice.
+    /// that spans several samples gets their mean. Opacities keep their slab. The layer is invisible outside of its own
+    /// lattice.
     ///
     /// # Errors
     /// The errors of [`on_lattice`], with the name of the setting `name`, and those of
@@ -220,8 +219,8 @@ impl Layer {
         Ok(self)
     }
 
-    /// Returns the same layer with other samples, such as of another time point. `other` replaces each volume. Labels
-    /// keep the looks of the labels that there are now.
+    /// Returns the layer with other samples, such as of another time point. `other` replaces each volume. Labels keep
+    /// the looks of their present labels.
     ///
     /// # Errors
     /// [`Error::Setting`] if a volume has another lattice, and the errors of `other`.
@@ -235,7 +234,7 @@ impl Layer {
         Ok(layer)
     }
 
-    /// The same layer with another volume in place of each, the mask too.
+    /// Replaces each volume of the layer, the mask too, by the result of `other`.
     fn replaced(&self, other: &mut impl FnMut(&Volume) -> Result<Volume>) -> Result<Self> {
         let mut layer = self.clone();
         for volume in layer.volumes() {
@@ -247,7 +246,7 @@ impl Layer {
         Ok(layer)
     }
 
-    /// The volumes, without the mask.
+    /// Returns the volumes of the layer, without the mask.
     fn volumes(&mut self) -> Vec<&mut Volume> {
         match &mut self.matter {
             Matter::Scalars { volume, .. } | Matter::Labels { volume, .. } => vec![volume],
@@ -266,7 +265,7 @@ impl Layer {
         }
     }
 
-    /// The transfer function, unless the layer is of labels.
+    /// Returns the transfer function, unless the layer is of labels.
     fn transfer(&self) -> Option<&TransferFunction> {
         match &self.matter {
             Matter::Scalars { transfer, .. } => Some(transfer),
@@ -275,13 +274,13 @@ impl Layer {
         }
     }
 
-    /// The thickness of the slab that opacities belong to, world units.
+    /// Returns the thickness of the slab that opacities belong to, world units.
     pub(crate) fn unit(&self) -> f64 {
         let spacing = self.grid().min_spacing();
         self.transfer().map_or(spacing, |transfer| transfer.unit_or(spacing))
     }
 
-    /// The largest opacity of any voxel.
+    /// Returns the largest opacity of any voxel.
     pub(crate) fn max_opacity(&self) -> f64 {
         match &self.matter {
             Matter::Labels { looks, .. } => looks.iter().map(|look| look.opacity).fold(0.0, f64::max),
@@ -290,20 +289,20 @@ impl Layer {
     }
 }
 
-/// The value that stands for NaN and infinite ones: nothing is there. It has no opacity if any value has none, and is
-/// next to the visible values, so that interpolation passes few others.
+/// Returns the value in place of NaN and infinite values, which stand for no matter. It has no opacity if any value has
+/// none, and is next to the visible values, so that interpolation passes few others.
 pub(crate) fn absent_value(transfer: &TransferFunction) -> f64 {
     let base = f64::from(transfer.base() as f32);
     let is_absent = base.is_finite() && transfer.is_invisible([base; 2]);
     if is_absent { base } else { invisible_value(transfer).unwrap_or(transfer.base()) }
 }
 
-/// The same volume without NaN and infinite values, in place of which it has an invisible one. In projections of
-/// intensity it has the lowest one, which never wins, unless both the lowest and the highest are visible, as of a
-/// statistic. A brick may have no other values.
+/// Replaces NaN and infinite values of a volume by an invisible value. In projections of intensity this is the lowest
+/// value, which never wins, unless both the lowest and the highest are visible, as in a statistic. A brick may have no
+/// other values.
 ///
 /// # Errors
-/// Those of [`Volume::with_non_finite_replaced`].
+/// The errors of [`Volume::with_non_finite_replaced`].
 pub(crate) fn finite<'a>(volume: &'a Volume, transfer: &TransferFunction, model: Model) -> Result<Cow<'a, Volume>> {
     without_gaps(volume, || {
         if !matches!(model, Model::Mip | Model::Minip) {
@@ -323,7 +322,7 @@ fn without_gaps(volume: &Volume, absent: impl FnOnce() -> Result<f64>) -> Result
     }
 }
 
-/// A value without opacity, exact in f32; `None` if every value has some.
+/// Returns a value without opacity, exact in f32; `None` if every value has some opacity.
 fn invisible_value(transfer: &TransferFunction) -> Option<f64> {
     let [low, high] = transfer.range();
     let width = (high - low).abs().max(1.0);
@@ -344,7 +343,7 @@ impl Layers {
         Self::new(Layer::scalars(volume, transfer))
     }
 
-    /// Makes layers of a single one.
+    /// Makes layers of a single layer.
     #[must_use]
     pub fn new(layer: Layer) -> Self {
         Self { layers: vec![layer] }
@@ -353,8 +352,8 @@ impl Layers {
     /// Adds a layer.
     ///
     /// # Errors
-    /// [`Error::Setting`] if it has another number of voxels along an axis, or if the files state where both lie and
-    /// voxels are half a voxel or more apart: [`on_lattice`] resamples labels.
+    /// [`Error::Setting`] if the layer has another number of voxels along an axis, or if the files state the places of
+    /// both and voxels are half a voxel or more apart: [`on_lattice`] resamples labels.
     pub fn with(mut self, layer: Layer) -> Result<Self> {
         check_lattice("labels", self.layers[0].volume(), layer.volume())?;
         self.layers.push(layer);
@@ -379,7 +378,7 @@ impl Layers {
         self.replaced(|volume| Ok(volume.part(ranges.clone())?))
     }
 
-    /// The bytes of the samples of a voxel.
+    /// Returns the bytes of the samples of a voxel.
     pub(crate) fn sample_bytes(&self) -> u64 {
         let mut bytes = 0;
         let add = |volume: &Volume| {
@@ -391,7 +390,7 @@ impl Layers {
         bytes
     }
 
-    /// The same layers on another grid of the same dimensions.
+    /// Returns the layers on another grid of the same dimensions.
     pub(crate) fn on_grid(&self, grid: &Grid) -> Result<Self> {
         self.replaced(|volume| Ok(volume.clone().with_grid(*grid)?))
     }
@@ -401,14 +400,14 @@ impl Layers {
         Ok(Self { layers })
     }
 
-    /// Returns the lattice.
+    /// Returns the lattice of all layers.
     #[must_use]
     pub fn grid(&self) -> &Grid {
         self.layers[0].grid()
     }
 
-    /// Returns the hull of all visible voxels of the layers that are not clipped; `None` if there are none. Of a masked
-    /// layer it is the hull of the mask.
+    /// Returns the hull of all visible voxels of the layers that are not clipped; `None` if there are none. The hull of
+    /// a masked layer is the hull of the mask.
     ///
     /// # Errors
     /// The errors of [`Hull::of_visible`].
@@ -467,7 +466,7 @@ impl Layers {
         masked.into_iter().chain(blank).collect()
     }
 
-    /// The labels that voxels of the layers have, and their names, which are empty if no table has the label.
+    /// Returns the labels that voxels of the layers have, and their names, which are empty if no table has the label.
     pub(crate) fn labels(&self) -> impl Iterator<Item = (i64, &str)> {
         self.layers.iter().flat_map(|layer| match &layer.matter {
             Matter::Labels { looks, names, .. } => {
@@ -477,12 +476,12 @@ impl Layers {
         })
     }
 
-    /// The volume of the first layer: all have its lattice.
+    /// Returns the volume of the first layer: all layers have its lattice.
     pub(crate) fn volume(&self) -> &Volume {
         self.all()[0].volume()
     }
 
-    /// The volume and the transfer function, if there is no other layer and no mask.
+    /// Returns the volume and the transfer function of a single layer of scalars without a mask; otherwise `None`.
     pub(crate) fn plain(&self) -> Option<(&Volume, &TransferFunction)> {
         match self.layers.as_slice() {
             [Layer { matter: Matter::Scalars { volume, transfer }, mask: None, .. }] => Some((volume, transfer)),
@@ -494,18 +493,18 @@ impl Layers {
         &self.layers
     }
 
-    /// The thickness of the slab that opacities of splats belong to, world units.
+    /// Returns the thickness of the slab that opacities of splats belong to, world units.
     pub(crate) fn unit(&self) -> f64 {
         self.layers[0].unit()
     }
 
-    /// The largest extinction of a voxel, per [`Self::unit`].
+    /// Returns the largest extinction of a voxel, per [`Self::unit`].
     pub(crate) fn max_density(&self) -> f64 {
         let density = |layer: &Layer| TransferFunction::extinction(layer.max_opacity(), layer.unit() / self.unit());
         self.layers.iter().map(density).sum()
     }
 
-    /// The largest value of each channel of the colours.
+    /// Returns the largest value of each channel of the colours.
     pub(crate) fn brightest(&self) -> [f64; 3] {
         let brightest = |layer: &Layer| match &layer.matter {
             Matter::Scalars { transfer, .. } => transfer.brightest(),
@@ -520,7 +519,7 @@ impl Layers {
         if self.plain().is_some() { Ok(()) } else { Self::check_settings(settings) }
     }
 
-    /// The same layers without NaN and infinite values, in place of which they have invisible ones.
+    /// Replaces NaN and infinite values of all layers by invisible ones.
     pub(crate) fn finite(&self) -> Result<Self> {
         let finite = |layer: &Layer| {
             let mut layer = layer.clone();
@@ -533,7 +532,7 @@ impl Layers {
         Ok(Self { layers: self.layers.iter().map(finite).collect::<Result<_>>()? })
     }
 
-    /// Refuses settings that layers do not support, except a volume alone.
+    /// Refuses settings that layers do not support, other than a single volume.
     ///
     /// # Errors
     /// [`Error::Setting`] for post-shading, projections of intensity and cells of a level above 0.
@@ -549,7 +548,7 @@ impl Layers {
     }
 }
 
-/// The common hull.
+/// Joins the hulls of layers.
 fn united(mut hulls: impl Iterator<Item = Result<Option<Hull>>>) -> Result<Option<Hull>> {
     hulls.try_fold(None, |all: Option<Hull>, hull| {
         Ok(match (all, hull?) {
@@ -563,7 +562,7 @@ fn larger(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     std::array::from_fn(|channel| a[channel].max(b[channel]))
 }
 
-/// Ranges of values that hold ascending labels and no other whole numbers.
+/// Returns ranges of values that contain ascending labels and no other whole numbers.
 fn runs(labels: impl Iterator<Item = i64>) -> Vec<[f64; 2]> {
     let mut runs: Vec<[f64; 2]> = Vec::new();
     for label in labels.map(|label| label as f64) {

@@ -1,4 +1,4 @@
-//! Whether the values of a volume are labels.
+//! Recognition of labels by the values of a volume.
 
 use std::collections::BTreeSet;
 
@@ -10,16 +10,16 @@ use crate::volume::{Volume, with_samples};
 
 /// The largest number of samples that are inspected, in rows spread over the volume.
 const SAMPLES: usize = 1 << 22;
-/// Samples of rows that are read together.
+/// The number of samples of rows that are read together.
 const PIECE: usize = 1 << 18;
-/// The largest number of different values.
+/// The largest number of different values of labels.
 const VALUES: usize = 4096;
 /// The smallest number of samples outside the background.
 const FEWEST: u64 = 100;
 /// The largest share of unequal pairs among pairs of neighbours that are not both background. Scans of 8 bits have 0.4
 /// to 0.9, organs 0.02 to 0.1, cells of 2 to 6 voxels 0.3.
 const DIFFERENT: f64 = 0.35;
-/// The largest share of borders with a single sample behind them that lies between its two neighbours in value, as on
+/// The largest share of borders followed by a single sample whose value lies between its two neighbours' values, as on
 /// an edge in a scan. Scans rounded to 4 values have 0.08 to 0.4, to more values 0.2 to 0.8; organs 0.004 to 0.02.
 const BETWEEN: f64 = 0.05;
 /// The smallest share of borders between values that do not follow each other, for up to 8 values and for more: a field
@@ -96,15 +96,15 @@ pub fn recognised(volume: &Volume) -> Result<Option<String>> {
 struct Borders {
     background: u64,
     labelled: u64,
-    /// Pairs of neighbours that are not both background.
+    /// The number of pairs of neighbours that are not both background.
     pairs: u64,
-    /// Pairs of neighbours with different values.
+    /// The number of pairs of neighbours with different values.
     different: u64,
-    /// Pairs of neighbours with values that do not follow each other.
+    /// The number of pairs of neighbours with values that do not follow each other.
     jumps: u64,
-    /// Borders with a label behind them.
+    /// The number of borders with a label behind them.
     starts: u64,
-    /// Borders with a single sample behind them that lies between its neighbours in value.
+    /// The number of borders followed by a single sample whose value lies between its neighbours' values.
     between: u64,
 }
 
@@ -142,7 +142,7 @@ mod tests {
 
     const N: usize = 40;
 
-    /// Whether a volume of these values at places -1 to 1 is taken for labels.
+    /// Returns whether a volume of these values at places -1 to 1 is taken for labels.
     fn taken(value: impl Fn([f64; 3]) -> u16) -> bool {
         let place = |i: usize| [i % N, i / N % N, i / N / N].map(|p| p as f64 / (N - 1) as f64 * 2.0 - 1.0);
         let samples: Vec<u16> = (0..N * N * N).map(|i| value(place(i))).collect();
@@ -153,7 +153,7 @@ mod tests {
         (x * x + y * y + z * z).sqrt()
     }
 
-    /// Noise from -1 to 1 that depends on the place alone.
+    /// Returns noise from -1 to 1 that depends on the place alone.
     fn noise(place: [f64; 3]) -> f64 {
         let bits =
             place.iter().fold(7_u64, |h, p| (h ^ p.to_bits()).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(29));

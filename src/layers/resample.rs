@@ -9,13 +9,13 @@ use voxsplat_volume::memory::reserved;
 
 /// The pole of the filter that makes a cubic B-spline pass through samples (Unser 1999): sqrt(3) - 2.
 const POLE: f64 = -0.267_949_192_431_122_7;
-/// Samples beyond which the pole's power is under 1e-9.
+/// The number of samples beyond which the pole's power is under 1e-9.
 const HORIZON: usize = 16;
-/// The most places along an axis whose values are averaged for a voxel that is coarser than the samples.
+/// The largest number of places along an axis whose values are averaged for a voxel that is coarser than the samples.
 const MOST_PLACES: f64 = 16.0;
-/// Lattices whose points differ by less, in voxels, share their points.
+/// The difference in voxels below which points of two lattices are the same.
 const SHARED: f64 = 1e-6;
-/// Lines along y or z that are filtered together: they share cache lines.
+/// The number of lines along y or z that are filtered together: they share cache lines.
 const LINES: usize = 64;
 
 /// Returns the value of a volume at each place of a lattice of `to` points, which `map` maps to the volume's lattice;
@@ -72,8 +72,8 @@ pub(super) fn values(volume: &Volume, map: &DAffine3, to: [u32; 3], absent: f32)
     Ok(placed)
 }
 
-/// Offsets from a voxel, in samples, of the places whose values are averaged: one unless the voxel spans more than one
-/// sample along an axis.
+/// Returns the offsets from a voxel, in samples, of the places whose values are averaged: one unless the voxel spans
+/// more than one sample along an axis.
 fn places(matrix: &DMat3) -> Vec<DVec3> {
     let axes = [matrix.x_axis, matrix.y_axis, matrix.z_axis];
     let counts = axes.map(|axis| (axis.abs().max_element() - SHARED).ceil().clamp(1.0, MOST_PLACES));
@@ -89,7 +89,7 @@ fn places(matrix: &DMat3) -> Vec<DVec3> {
 struct Field {
     numbers: Vec<f32>,
     dims: [usize; 3],
-    /// Whether numbers are samples.
+    /// Whether `numbers` are samples, because the lattices share their points.
     is_shared: bool,
 }
 
@@ -101,13 +101,13 @@ impl Field {
         Self { numbers, dims, is_shared }
     }
 
-    /// The place in memory of the sample nearest to a place.
+    /// Returns the place in memory of the sample nearest to a place.
     fn nearest(&self, place: DVec3) -> usize {
         let [i, j, k] = [0, 1, 2].map(|axis| (place[axis] + 0.5).clamp(0.0, self.dims[axis] as f64 - 1.0) as usize);
         i + self.dims[0] * (j + self.dims[1] * k)
     }
 
-    /// The coefficients along x at the y and z of a place.
+    /// Returns the coefficients along x at the y and z of a place.
     fn line(&self, place: DVec3) -> Vec<f64> {
         let [nx, ny, _] = self.dims;
         let [(ys, wy), (zs, wz)] = [1, 2].map(|axis| taps(place[axis], self.dims[axis]));
@@ -121,7 +121,7 @@ impl Field {
         line
     }
 
-    /// The value at a place, whose coordinates are held within half a sample of the lattice.
+    /// Returns the value at a place, whose coordinates are held within half a sample of the lattice.
     fn at(&self, place: DVec3) -> f64 {
         if self.is_shared {
             return f64::from(self.numbers[self.nearest(place + SHARED)]);
@@ -140,7 +140,8 @@ impl Field {
     }
 }
 
-/// The four coefficients around a place along an axis, mirrored at its ends, and their weights: the cubic B-spline.
+/// Returns the four coefficients around a place along an axis, mirrored at its ends, and their weights: the cubic
+/// B-spline.
 fn taps(place: f64, count: usize) -> ([usize; 4], [f64; 4]) {
     let last = count as i64 - 1;
     let place = place.clamp(-0.5, last as f64 + 0.5);
@@ -191,8 +192,8 @@ fn across(slice: &mut [f32], nx: usize) {
     slice.iter_mut().zip(wide).for_each(|(n, w)| *n = w as f32);
 }
 
-/// Filters lines side by side: each row of `wide` numbers has one of each line. The recursion of Unser (1999), mirrored
-/// at the ends.
+/// Filters lines side by side: each row of `wide` numbers has a number of each line. The recursion of Unser (1999),
+/// mirrored at the ends.
 fn filter(rows: &mut [f64], wide: usize) {
     let count = rows.len() / wide;
     if count < 2 {

@@ -11,7 +11,7 @@ use crate::transfer::color;
 /// The largest table that is read, in bytes.
 const MAX_BYTES: u64 = 64 << 20;
 
-/// A row: a label, its name, red, green and blue from 0 to 255 and, if stated, the opacity from 0 to 1.
+/// A row of a table: a label, its name, red, green and blue from 0 to 255 and, if stated, the opacity from 0 to 1.
 type Row = (i64, String, [f64; 3], Option<f64>);
 
 /// The name and the look of a label.
@@ -19,9 +19,9 @@ type Row = (i64, String, [f64; 3], Option<f64>);
 pub struct Label {
     /// The name of the labelled structure.
     pub name: String,
-    /// Red, green and blue in 0..1, in display space.
+    /// Red, green and blue of the label, in 0..1, in display space.
     pub color: [f64; 3],
-    /// Opacity in 0..1 of a slab as thick as the smallest spacing; 0: invisible.
+    /// The opacity in 0..1 of a slab as thick as the smallest spacing; 0: invisible.
     pub opacity: f64,
 }
 
@@ -88,7 +88,7 @@ struct Columns {
     separator: char,
     label: usize,
     name: usize,
-    /// One column of #rrggbb or names, or red, green and blue from 0 to 255.
+    /// The column of #rrggbb or names, or three columns of red, green and blue from 0 to 255.
     color: Vec<usize>,
     opacity: Option<usize>,
 }
@@ -120,7 +120,7 @@ impl Columns {
         Some((cells.get(self.label)?.parse().ok()?, (*cells.get(self.name)?).to_owned(), color, opacity))
     }
 
-    /// Returns the end of the error of a row.
+    /// Returns the remedy at the end of the error of a row.
     fn tip(&self, line: &str) -> String {
         let [text] = self.color.as_slice() else { return String::new() };
         cells(line, self.separator).nth(*text).map(color::tip).unwrap_or_default()

@@ -11,37 +11,45 @@ use voxsplat_volume::names::named;
 
 /// The place of a light.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[non_exhaustive]
 pub enum Source {
-    /// At the eye. Its shadows are never visible, so it casts none.
+    /// A light at the eye. Its shadows are never visible, so it casts none.
     Eye,
-    /// Infinitely far away: the world direction towards the light, of any length over 0.
+    /// A light infinitely far away: the world direction towards it, of any length over 0.
     Direction(DVec3),
-    /// At a place in the world. Its brightness does not fall with distance; its size is 0.
+    /// A light at a place in the world. Its brightness does not fall with distance; its size is 0.
     Point(DVec3),
 }
 
 impl Source {
-    /// The world direction towards a light that is the same everywhere, for every eye; `None` for other lights.
+    /// Returns the world direction towards a light that is the same everywhere, for every eye; `None` for other lights.
     #[must_use]
     pub fn direction(&self) -> Option<DVec3> {
         if let Self::Direction(towards) = self { Some(*towards) } else { None }
     }
 }
 
-/// A light.
+/// A light: place, colour and apparent size.
+///
+/// End a literal with `..Light::HEADLIGHT`: a minor release may add fields.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Light {
     /// The place of the light.
     pub source: Source,
-    /// Red, green and blue, 0 to [`Self::BRIGHTEST`]; 1, 1, 1 is white of intensity 1.
+    /// Red, green and blue of the light, 0 to [`Self::BRIGHTEST`]; 1, 1, 1 is white of intensity 1.
     pub color: [f64; 3],
-    /// Apparent diameter in degrees, 0 to 90: the sun has 0.5, a window 20. It only softens shadows: 0 casts hard ones.
+    /// The apparent diameter of the light in degrees, 0 to 90: the sun has 0.5, a window 20. It only softens shadows: 0
+    /// casts hard ones.
     pub size: f64,
+    /// Makes literals that name all fields impossible.
+    #[doc(hidden)]
+    #[serde(skip)]
+    pub non_exhaustive: (),
 }
 
 impl Light {
     /// A white light of intensity 1 at the eye.
-    pub const HEADLIGHT: Self = Self { source: Source::Eye, color: [1.0; 3], size: 0.0 };
+    pub const HEADLIGHT: Self = Self { source: Source::Eye, color: [1.0; 3], size: 0.0, non_exhaustive: () };
     /// The largest component of a colour.
     pub const BRIGHTEST: f64 = 16.0;
     /// Number of directions that represent a light with a size.
@@ -96,22 +104,24 @@ impl Light {
 /// (Blinn 1977, "Models of light reflection for computer synthesized pictures"). L is the share of the light that
 /// reaches the point and A the share of the ambient light ([`Visibility`]): 1 without shadows and without occlusion.
 /// If the gradient is 0 there is no surface, and the colour is c (ambient A + (1 - ambient) mean of L).
+///
+/// End a literal with `..Lighting::default()`: a minor release may add fields.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Lighting {
-    /// Share of the colour that shows without any light, 0 to 1.
+    /// The share of the colour that is visible without any light, 0 to 1.
     pub ambient: f64,
-    /// Share of the colour that a light adds if it falls straight on the surface, 0 to 1.
+    /// The share of the colour that a light adds if it falls straight on the surface, 0 to 1.
     pub diffuse: f64,
-    /// Strength of the highlight, which has the light's colour, 0 to 1.
+    /// The strength of the highlight, which has the light's colour, 0 to 1.
     pub specular: f64,
-    /// Exponent of the highlight, 1 to 1000; a larger exponent makes it smaller and sharper.
+    /// The exponent of the highlight, 1 to 1000; a larger exponent makes it smaller and sharper.
     pub shininess: f64,
     /// The lights, 1 to [`Lighting::MAX_LIGHTS`].
     pub lights: Vec<Light>,
-    /// Darkness of shadows, from 0 (none) to 1 (absorbed light is missing in full). The first three lights cast
+    /// The darkness of shadows, from 0 (none) to 1 (absorbed light is missing in full). The first three lights cast
     /// shadows; the fourth, and lights at the eye, cast none.
     pub shadows: f64,
-    /// Distance from a voxel's centre within which occluders are ignored, voxels, 0 to [`Self::MAX_BIAS`]. At 0 the
+    /// The distance from a voxel's centre within which occluders are ignored, voxels, 0 to [`Self::MAX_BIAS`]. At 0 the
     /// half of the voxel itself that faces the light counts, so the surface of opaque matter lies in its own shadow. At
     /// 1.5 or more, surfaces that face the light are lit at any extinction.
     pub shadow_bias: f64,
@@ -120,18 +130,23 @@ pub struct Lighting {
     /// Whether shadows and occlusion are sums of all kernels on each ray instead of sweeps through the volume. The
     /// light of sweeps errs by about 1 of 255 (rms), and takes a tenth of the time or less.
     pub exact_shadows: bool,
-    /// The normals of voxels of scalars in pre-shading, found when a scene is prepared.
+    /// The method that finds normals of voxels of scalars in pre-shading, when a scene is prepared.
     pub normals: Normals,
+    /// Makes literals that name all fields impossible.
+    #[doc(hidden)]
+    #[serde(skip)]
+    pub non_exhaustive: (),
 }
 
-/// How the normals of voxels of scalars are found. Labels and masks have normals of their own, and post-shading uses
-/// the gradient of the field.
+/// The method that finds the normals of voxels of scalars. Labels and masks have normals of their own, and post-shading
+/// uses the gradient of the field.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[non_exhaustive]
 pub enum Normals {
-    /// The gradient by a filter of 5^3 voxels (Farid and Simoncelli 2004, "Differentiation of discrete multidimensional
-    /// signals").
+    /// The gradient, by a filter of 5^3 voxels (Farid and Simoncelli 2004, "Differentiation of discrete
+    /// multidimensional signals").
     Gradient,
-    /// The dominant direction of a structure tensor of these gradients: g g^T of the voxel and an eighth of that of
+    /// The dominant direction of a structure tensor of these gradients: g g^T of the voxel and an eighth of g g^T of
     /// each of its six neighbours (Bigun and Granlund 1987, "Optimal orientation detection of linear symmetry"). At the
     /// ridge of a thin layer the gradient passes 0 and its direction is noise, but both sides agree on the axis. In
     /// noise normals of layers of 2 and 3 voxels err by a third as much; waves shorter than 10 voxels lose 0.2 to 0.9
@@ -141,7 +156,7 @@ pub enum Normals {
 }
 
 impl Normals {
-    /// Voxels to either side that a normal depends on.
+    /// Returns the distance in voxels, to either side, of voxels on which a normal depends.
     pub(crate) fn reach(self) -> usize {
         match self {
             Self::Gradient => NORMAL_REACH,
@@ -157,6 +172,7 @@ pub(crate) const MAX_CASTING: usize = 3;
 
 /// The share of light that reaches a point, 0 to 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[doc(hidden)]
 pub struct Visibility {
     /// The share of each light, in order: exp(-D), where D is the optical depth towards the light; for a light with a
     /// size, the mean over 12 directions. The fourth light and lights at the eye have 1.
@@ -167,7 +183,7 @@ pub struct Visibility {
 }
 
 impl Visibility {
-    /// The full light arrives.
+    /// The visibility of full light: all of it arrives.
     pub const FULL: Self = Self { lights: [1.0; Lighting::MAX_LIGHTS], ambient: 1.0 };
 
     /// Returns the visibility of one voxel of a row.
@@ -182,7 +198,7 @@ impl Visibility {
 /// The origin of a light that casts shadows.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Origin {
-    /// World directions, unit length; none: the light casts no shadows.
+    /// World directions towards the light, unit length; none: the light casts no shadows.
     Directions(Vec<DVec3>),
     /// A place in the world.
     Point(DVec3),
@@ -200,27 +216,27 @@ impl Origin {
     }
 }
 
-/// The lights that cast shadows, and how.
+/// The lights that cast shadows, with bias, occlusion and method.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Casting {
     /// The origins of the lights.
     lights: [Origin; MAX_CASTING],
     strength: f64,
-    /// Voxels.
+    /// The shadow bias, voxels.
     bias: f64,
-    /// Voxels.
+    /// The distance of occlusion, voxels.
     occlusion: Option<f64>,
     /// Whether all kernels on each ray are summed.
     exact: bool,
 }
 
 impl Casting {
-    /// Whether a light casts shadows, or for [`MAX_CASTING`] voxels occlude ambient light.
+    /// Returns whether a light casts shadows, or for [`MAX_CASTING`] whether voxels occlude ambient light.
     fn casts(&self, light: usize) -> bool {
         self.lights.get(light).map_or(self.occlusion.is_some(), |origin| !origin.is_none())
     }
 
-    /// The shadows of one light alone, or for [`MAX_CASTING`] the occlusion of ambient light.
+    /// Returns the shadows of one light alone, or for [`MAX_CASTING`] the occlusion of ambient light.
     pub(crate) fn only(&self, light: usize) -> Self {
         let mut lights: [Origin; MAX_CASTING] = Default::default();
         if let Some(origin) = self.lights.get(light) {
@@ -230,12 +246,12 @@ impl Casting {
         Self { lights, strength: 0.0, ..*self }
     }
 
-    /// Whether all kernels on each ray are summed.
+    /// Returns whether all kernels on each ray are summed.
     pub(crate) fn is_exact(&self) -> bool {
         self.exact
     }
 
-    /// The distance from a voxel's centre within which occluders are ignored, voxels.
+    /// Returns the distance from a voxel's centre within which occluders are ignored, voxels.
     pub(crate) fn bias(&self) -> f64 {
         self.bias
     }
@@ -273,6 +289,7 @@ impl Default for Lighting {
             occlusion: None,
             exact_shadows: false,
             normals: Normals::default(),
+            non_exhaustive: (),
         }
     }
 }
@@ -380,12 +397,12 @@ impl Lighting {
         })
     }
 
-    /// Whether some light is at a place.
+    /// Returns whether any light is at a place.
     pub(crate) fn has_points(&self) -> bool {
         self.lights.iter().any(|light| matches!(light.source, Source::Point(_)))
     }
 
-    /// Returns the same lights in a world whose origin lies at `origin`.
+    /// Returns the lighting in a world whose origin lies at `origin`.
     pub(crate) fn seen_from(&self, origin: DVec3) -> Self {
         let mut lighting = self.clone();
         for light in &mut lighting.lights {
@@ -424,6 +441,7 @@ impl Lighting {
     /// coordinates, of any length, `place` the point in the world, `to_eye` the unit world direction to the eye, and
     /// `visibility` the share of the light that arrives.
     #[must_use]
+    #[doc(hidden)]
     pub fn shade(
         &self,
         color: [f64; 3],

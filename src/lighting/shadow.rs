@@ -45,7 +45,8 @@ use crate::volume::Grid;
 /// Optical depths beyond this count as dark: they transmit 1e-7 of the light.
 const DARK: f64 = 16.0;
 
-/// Sweeps across an axis: they get what is swept, the axes of its planes, rows and columns, and the light to be set.
+/// A callback that sweeps across an axis: it gets the swept field, the axes of its planes, rows and columns, and the
+/// light to be set.
 type Sweeps<'a> = dyn FnMut(&Swept<'_>, [usize; 3], &[AtomicU16]) -> Result<()> + 'a;
 
 /// The cosine of the angle to the middle of a light within which its directions share the sums of neighbours: 8
@@ -66,13 +67,13 @@ pub(crate) struct ShadowLattice {
     /// The divisor of sums of kernels.
     pub(crate) divisor: f64,
     pub(crate) dims: [usize; 3],
-    /// From the world of lights to the lattice.
+    /// The map from the world of lights to the lattice.
     pub(crate) to_lattice: DAffine3,
-    /// From the lattice to the world, which may be measured in any unit.
+    /// The map from the lattice to the world, which may be measured in any unit.
     pub(crate) to_world: DMat3,
-    /// The length in that world that extinctions are per.
+    /// The length of the unit of extinctions, in that world.
     pub(crate) unit: f64,
-    /// Voxels per step of the lattice along its axes.
+    /// The number of voxels per step of the lattice along its axes.
     pub(crate) voxels: f64,
 }
 
@@ -95,22 +96,22 @@ impl ShadowLattice {
 /// A box of voxels that are lit, with the voxels around it whose kernels absorb light too.
 struct LitBox {
     casting: Casting,
-    /// The first lattice point of the box.
+    /// The first lattice point of the box, the voxels around it included.
     low: [i64; 3],
     /// The lattice of the box.
     lattice: ShadowLattice,
-    /// `None`: by exact sums.
+    /// The response of sweeps; `None`: light is found by exact sums.
     response: Option<Response>,
-    /// Voxels around those that are lit.
+    /// The number of voxels around the lit ones, on each side.
     margin: usize,
 }
 
 /// The rays of a light.
 enum LightRays {
-    /// All around each voxel.
+    /// Rays all around each voxel.
     Around,
     Parallel(Vec<Bundle>),
-    /// From a place in the world.
+    /// Rays to a place in the world.
     To(DVec3),
 }
 
@@ -122,20 +123,20 @@ struct Bundle {
     directions: Vec<Direction>,
 }
 
-/// The lattice axes of the planes, rows and columns of sweeps across an axis.
+/// Returns the lattice axes of the planes, rows and columns of sweeps across an axis.
 fn axes_across(axis: usize) -> [usize; 3] {
     [[0, 2, 1], [1, 2, 0], [2, 1, 0]][axis]
 }
 
-/// Whether rays to a place that run as much along rows, or columns, as across an axis are left to another axis: rays
-/// along a diagonal belong to the first of its axes.
+/// Returns whether rays to a place that run as much along rows, or columns, as across an axis are left to another axis:
+/// rays along a diagonal belong to the first of its axes.
 fn strict_across(axis: usize) -> [bool; 2] {
     let [_, rows, columns] = axes_across(axis);
     [rows < axis, columns < axis]
 }
 
 impl LitBox {
-    /// A box of `size` voxels from `low` on.
+    /// Makes a box of `size` voxels from `low` on.
     fn new(casting: &Casting, lattice: &ShadowLattice, [low, size]: [[usize; 3]; 2]) -> Self {
         let response = Response::new(&lattice.kernel, lattice.divisor).filter(|_| !casting.exact);
         // Kernels absorb light around the box too.
@@ -147,22 +148,23 @@ impl LitBox {
         Self { casting: casting.clone(), low, lattice, response, margin }
     }
 
-    /// The bias in voxels of the lattice.
+    /// Returns the bias in voxels of the lattice.
     fn bias(&self) -> f64 {
         self.casting.bias / self.lattice.voxels
     }
 
-    /// The radius of occlusion in voxels of the lattice.
+    /// Returns the radius of occlusion in voxels of the lattice.
     fn radius(&self) -> f64 {
         self.casting.occlusion.unwrap_or(0.0) / self.lattice.voxels
     }
 
-    /// The factor of the shadows of a light.
+    /// Returns the factor of the shadows of a light.
     fn strength(&self, light: usize) -> f32 {
         if light < MAX_CASTING { self.casting.strength as f32 } else { 1.0 }
     }
 
-    /// The rays of a light, of the ambient light for [`MAX_CASTING`]; `None`: all of it arrives everywhere.
+    /// Returns the rays of a light, or for [`MAX_CASTING`] of the ambient light; `None`: all of the light arrives
+    /// everywhere.
     fn rays(&self, light: usize) -> Option<LightRays> {
         if !self.casting.casts(light) {
             return None;
@@ -182,7 +184,7 @@ impl LitBox {
         })
     }
 
-    /// The bundles of some world directions, by axis.
+    /// Groups world directions into bundles, by axis.
     fn bundles(&self, towards: &[DVec3]) -> Vec<Bundle> {
         let to_lattice = self.lattice.to_world.inverse();
         let count = towards.len();
@@ -237,9 +239,9 @@ impl Arriving<'_> {
 }
 
 impl Arrival {
-    /// Light on the voxels of a box: its first lattice point, and its size. `fill` gets the y and z of a row, and
-    /// writes its extinctions, 0 for voxels that are not lit and [`CLIPPED`](field::CLIPPED) for those that cast no
-    /// shadow.
+    /// Makes the field of the occluders in a box of voxels, given by its first lattice point and its size. `fill` gets
+    /// the y and z of a row, and writes its extinctions, 0 for voxels that are not lit and [`CLIPPED`](field::CLIPPED)
+    /// for voxels that cast no shadow.
     ///
     /// # Errors
     /// [`Error::Memory`](crate::Error::Memory) if 4 bytes for each voxel cannot be allocated.
@@ -261,7 +263,7 @@ impl Arrival {
         Ok(Self { lit, field })
     }
 
-    /// The number of a lattice point of the box.
+    /// Returns the number of a lattice point of the box.
     fn index(&self, point: [usize; 3]) -> usize {
         let [x, y, z] = [0, 1, 2].map(|axis| (point[axis] as i64 - self.lit.low[axis]) as usize);
         x + self.lit.lattice.dims[0] * (y + self.lit.lattice.dims[1] * z)
@@ -286,7 +288,7 @@ impl Arrival {
         Ok(arriving(shares, self.lit.strength(light)))
     }
 
-    /// Sweeps across an axis, with the rows and the columns of planes.
+    /// Prepares the planes across an axis and calls `sweeps` with them.
     fn across(&self, axis: usize, response: &Response, out: &[AtomicU16], sweeps: &mut Sweeps<'_>) -> Result<()> {
         let [nx, ny, nz] = self.lit.lattice.dims;
         let axes = axes_across(axis);
@@ -308,7 +310,7 @@ impl Arrival {
         Ok(())
     }
 
-    /// The mean light of bundles.
+    /// Returns the mean light of bundles.
     fn along(
         &self,
         response: &Response,
@@ -335,7 +337,7 @@ impl Arrival {
         Ok(shares)
     }
 
-    /// The light from a place in the world.
+    /// Returns the light from a place in the world.
     fn towards_place(
         &self,
         response: &Response,
@@ -371,9 +373,9 @@ impl Arrival {
         Ok(shares)
     }
 
-    /// The share of a light by exact sums.
+    /// Returns the share of a light that arrives, by exact sums.
     fn exact(&self, light: usize, report: &(dyn Fn(f64) + Sync)) -> Result<field::Shares> {
-        /// Voxels along the edges of blocks.
+        /// Numbers of voxels along the edges of blocks.
         const BLOCK: [usize; 3] = [32, 32, 4];
         let [nx, ny, nz] = self.lit.lattice.dims;
         let caster = Caster::<f32>::new(&self.lit.casting.only(light), &self.lit.lattice);

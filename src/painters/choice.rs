@@ -6,7 +6,7 @@ use crate::error::{Error, Result};
 use crate::gpu::context::Context;
 use crate::settings::{Painter, Settings};
 
-/// The painters.
+/// The painter of a picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum PainterKind {
     Quads,
@@ -29,7 +29,7 @@ pub(crate) struct Choice {
 }
 
 impl Choice {
-    /// The painter of a picture, unless it refuses.
+    /// Chooses the painter of a picture; the painter may still refuse it.
     ///
     /// # Errors
     /// [`Error::Setting`] if the host engine is to draw it.
@@ -46,7 +46,7 @@ impl Choice {
         Ok(Self::with_precision(context, kind, reason.to_owned()))
     }
 
-    /// A painter for a reason, with a remark if its sheets are half floats.
+    /// Makes the choice of a painter for a reason, with a remark if its sheets are half floats.
     fn with_precision(context: &Context, kind: PainterKind, mut reason: String) -> Self {
         if kind == PainterKind::Quads && !context.blends_f32() {
             reason += "; sheets are half floats, because the adapter does not blend 32-bit ones";
@@ -54,7 +54,7 @@ impl Choice {
         Self { kind, reason }
     }
 
-    /// The fallback for a painter that refused: quads, which draws every picture. An error if the painter was
+    /// Chooses the fallback for a painter that refused: quads, which draws every picture. An error if the painter was
     /// requested.
     pub(crate) fn instead(context: &Context, settings: &Settings, reason: String) -> Result<Self> {
         match settings.painter {

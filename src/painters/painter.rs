@@ -1,7 +1,7 @@
 //! The interface of painters. `choice.rs` chooses one.
 //!
-//! A painter is a folder beside this file with the functions of a [`Room`]. It says what it refuses and what it needs
-//! of a scene before any work, and begins a [`Painting`] when the splats are there.
+//! A painter is a folder beside this file with the functions of a [`Room`]. The painter states its refusals and its
+//! needs of a scene before any work, and begins a [`Painting`] when the splats are there.
 
 use std::sync::Arc;
 
@@ -25,15 +25,15 @@ pub(crate) type FamilyShare<'a> = Box<dyn Fn([u32; 2]) -> f64 + 'a>;
 
 /// The functions of a painter, in the order in which they are called.
 pub(crate) struct Room {
-    /// Why the painter does not draw a picture, as a sentence; `None` if it does, unless `begin` refuses.
+    /// Returns why the painter does not draw a picture, as a sentence; `None` if it does, unless `begin` refuses.
     pub(crate) refusal: fn(&ViewGeometry, &Settings) -> Option<String>,
-    /// How far the sheets or slabs of a brick may reach beyond its cuts, and how far voxels beyond its cuts take part
-    /// in its partial picture; both in voxels along each axis.
+    /// Returns the largest distance beyond the cuts of a brick of its sheets or slabs, and of voxels that take part in
+    /// its partial picture; both in voxels along each axis.
     pub(crate) reach: fn(&ViewGeometry, &Settings) -> [f64; 2],
-    /// The families of rays of a picture. Partial pictures of each are merged on their own, because each has slabs of
-    /// its own; the shares of a pixel add up to 1.
+    /// Returns the families of rays of a picture. The partial pictures of each family are merged on their own, because
+    /// each has slabs of its own; the shares of a pixel add up to 1.
     pub(crate) families: for<'a> fn(&'a ViewGeometry) -> Vec<FamilyShare<'a>>,
-    /// How far the scalars of a post-shaded scene must reach.
+    /// Returns how far the scalars of a post-shaded scene must reach.
     pub(crate) need: fn(&ViewGeometry, &Settings, Weights) -> ScalarNeed,
     /// Whether the painter draws cells of several levels as layers of one picture, coarser ones farther from the eye.
     pub(crate) layers: bool,
@@ -41,29 +41,31 @@ pub(crate) struct Room {
     pub(crate) begin: for<'a> fn(Job<'a>, Vec<Job<'a>>) -> Result<Begun<'a>>,
 }
 
-/// A picture to paint.
+/// A picture to paint: scene, view and settings.
 #[derive(Clone, Copy)]
 pub(crate) struct Job<'a> {
     pub(crate) context: &'a Context,
-    /// Pipelines of the renderer.
+    /// The pipelines of the renderer.
     pub(crate) pipelines: &'a Cache,
-    /// What painters made of the scene for earlier pictures.
+    /// The resources that painters made of the scene for earlier pictures.
     pub(crate) kept: &'a Cache,
     pub(crate) view: &'a ViewGeometry,
     pub(crate) settings: &'a Settings,
-    /// The splats.
+    /// The splats of the scene.
     pub(crate) stores: &'a [Store],
-    /// Scalars that no store lists, for painters whose [`ScalarNeed::samples`] permits it, and their number.
+    /// The scalars that no store lists, for painters whose [`ScalarNeed::samples`] permits it, and the number that
+    /// takes the place of [`Store::id`].
     pub(crate) scalars: Option<&'a (Arc<SampledScalars>, u64)>,
     pub(crate) weights: Weights,
     /// The tables that classify and light scalars; `None` for classified voxels.
     pub(crate) post: Option<&'a PostShading>,
-    /// How much reconstruction magnifies scalars at most; `None`: lists of splats serve other transfer functions too.
+    /// The largest factor by which reconstruction magnifies scalars; `None`: lists of splats serve other transfer
+    /// functions too.
     pub(crate) magnification: Option<f64>,
-    /// Layers of the lattice beyond the faces of the volume.
+    /// The number of layers of the lattice beyond the faces of the volume.
     pub(crate) padding: u32,
     pub(crate) depths: Depths<'a>,
-    /// The most pixels that quads may cover, summed over all passes.
+    /// The largest number of pixels that quads may cover, summed over all passes.
     pub(crate) most_fragments: f64,
 }
 
@@ -72,28 +74,28 @@ pub(crate) struct Job<'a> {
 pub(crate) struct Depths<'a> {
     /// The solids that end rays.
     pub(crate) solids: Option<&'a DepthMap>,
-    /// Pixels are the depths at which rays have lost half of their light, as in shaders/common/half_depth.wgsl.
+    /// Whether pixels are the depths at which rays have lost half of their light, as in shaders/common/half_depth.wgsl.
     pub(crate) halves: bool,
 }
 
 impl Job<'_> {
-    /// The number of splats.
+    /// Returns the number of splats.
     pub(crate) fn splats(&self) -> u64 {
         let listed: u64 = self.stores.iter().map(|store| u64::from(store.count)).sum();
         listed + self.scalars.map_or(0, |(scalars, _)| scalars.count())
     }
 
-    /// Whether empty space shows: places without splats hold the transfer function's base.
+    /// Returns whether empty space is visible: places without splats have the transfer function's base.
     pub(crate) fn base_shows(&self) -> bool {
         self.post.is_some_and(|post| post.table.invisible[0] > post.table.invisible[1])
     }
 
-    /// Whether rays are cut.
+    /// Returns whether clipping planes or solids cut rays.
     pub(crate) fn is_cut(&self) -> bool {
         !self.view.clip.is_empty() || self.depths.solids.is_some()
     }
 
-    /// The depths of solids in the pixels of a region, for shaders; without solids a buffer to be bound.
+    /// Uploads the depths of solids in the pixels of a region, for shaders; without solids a buffer to be bound.
     pub(crate) fn solid_depths(&self, region: Region) -> Result<wgpu::Buffer> {
         let Some(solids) = self.depths.solids else {
             return self.context.buffer("solids", 0, wgpu::BufferUsages::STORAGE);
@@ -102,13 +104,13 @@ impl Job<'_> {
         self.context.upload("solids", bytemuck::cast_slice(&depths), wgpu::BufferUsages::STORAGE)
     }
 
-    /// Material and lights for shaders.
+    /// Returns material and lights for shaders.
     pub(crate) fn lighting(&self) -> Lighting {
         let faintest = self.post.map_or(0.0, |post| post.table.faintest);
         Lighting { faintest, ..self.view.lighting(self.settings.lighting.as_ref()) }
     }
 
-    /// The override constants that both painters take.
+    /// Returns the override constants that both painters declare.
     pub(crate) fn constants(&self) -> Vec<Constant> {
         let Self { view, settings, post, depths, .. } = *self;
         let lit_scalars = settings.is_post_shaded() && settings.lighting.is_some();
@@ -139,19 +141,20 @@ impl Job<'_> {
 /// A picture begun, or refused late because only the splats could tell.
 pub(crate) enum Begun<'a> {
     Ready(Box<dyn Painting + 'a>),
-    /// The reason, as a sentence.
+    /// The reason for a refusal, as a sentence.
     Refused(String),
 }
 
 /// A painter at work on a picture.
 pub(crate) trait Painting {
-    /// Whether nothing can show.
+    /// Returns whether no matter can be visible.
     fn is_empty(&self) -> bool;
 
-    /// Bytes on the device for each pixel of a region, besides the pixel itself.
+    /// Returns the bytes on the device for each pixel of a region, besides the pixel itself.
     fn pixel_bytes(&self) -> u32;
 
-    /// The most pixels of a region that is submitted at a time, so that a GPU watchdog does not end the commands.
+    /// Returns the largest number of pixels of a region that is submitted at a time, so that a GPU watchdog does not
+    /// end the commands.
     fn most_pixels(&self) -> u64 {
         u64::MAX
     }
@@ -165,9 +168,9 @@ pub(crate) trait Painting {
     /// submitted.
     fn paint(&mut self, recorder: &mut Recorder<'_>, region: Region, part: Region) -> Result<wgpu::Buffer>;
 
-    /// Largest error of the footprints, as a fraction of their peak.
+    /// Returns the largest error of the footprints, as a fraction of their peak.
     fn footprint_error(&self) -> f64;
 
-    /// The painter's part of the picture's statistics.
+    /// Returns the painter's part of the picture's statistics.
     fn stats(&self) -> PainterStats;
 }

@@ -32,7 +32,7 @@ pub(crate) const LEAST_DEVIATION: f64 = 0.585;
 /// The least standard deviation of compact kernels such as the blob, in cells: rays through one eye reach 4 voxels of
 /// grown kernels, and by then cells must stand for voxels.
 const LEAST_DEVIATION_OF_WIDE: f64 = 0.5;
-/// The voxels that rays through one eye reach to either side.
+/// The number of voxels that rays through one eye reach to either side.
 const WIDEST: f64 = 4.0;
 
 /// The radius of the narrowest Gaussian of cells, in standard deviations: the largest that polynomials of 8 terms, by
@@ -48,8 +48,8 @@ const THIN: f64 = 0.6;
 /// The exponent by which the first growth of a level rises with the optical depth of denser cells.
 const DENSER: f64 = 0.42;
 
-/// The largest cells that are accurate for voxels with grown kernels, given the optical depth of a voxel; no larger
-/// than the volume.
+/// Returns the largest cells that are accurate for voxels with grown kernels, given the optical depth of a voxel; no
+/// larger than the volume.
 pub(crate) fn size_for(kernel: &Kernel, growth: f64, grid: &Grid, depth: f64) -> CellSize {
     let one = grid.dims().into_iter().max().unwrap_or(1).next_power_of_two().ilog2();
     let largest = CellSize::of_level(one.min(MAX_LEVEL));
@@ -61,12 +61,12 @@ pub(crate) fn size_for(kernel: &Kernel, growth: f64, grid: &Grid, depth: f64) ->
     size
 }
 
-/// The coarsest level whose cells are: see [`size_for`].
+/// Returns the coarsest level whose cells are accurate; see [`size_for`].
 pub(crate) fn level_of(kernel: &Kernel, growth: f64, grid: &Grid, depth: f64) -> u32 {
     size_for(kernel, growth, grid, depth).level() as u32
 }
 
-/// The growth of kernels from which on cells are accurate, given the optical depth of a voxel.
+/// Returns the growth of kernels from which on cells are accurate, given the optical depth of a voxel.
 ///
 /// Cells ring beside edges by a few hundredths of their optical depth. Denser cells ring more visibly, and kernels that
 /// are wide beside cells smooth the ringing. Measured on noise, boxes, specks, balls, shells and tubes:
@@ -77,8 +77,8 @@ pub(crate) fn right_growth(kernel: &Kernel, size: CellSize, depth: f64) -> f64 {
     growth_of_wide(kernel, denser, size, finer).max(least_growth(kernel, size) * denser)
 }
 
-/// The growth from which on cells of a size may stand for voxels with a kernel of any width: the growth of the default
-/// kernel, times `denser`, or the growth from which on rays cannot gather kernels of `finer` cells.
+/// Returns the growth from which on cells of a size may stand for voxels with a kernel of any width: the growth of the
+/// default kernel, times `denser`, or the growth from which on rays cannot gather kernels of `finer` cells.
 ///
 /// Samples under a wide kernel that pixels resolve keep details that cells lose: at a growth of 1, cells of 1.5 voxels
 /// erred by up to 6 of 255 (rms) in lit pictures of the signal of Marschner and Lobb, although the kernel was wide
@@ -88,18 +88,19 @@ pub(crate) fn growth_of_wide(kernel: &Kernel, denser: f64, size: CellSize, finer
     (least_growth(&Kernel::default(), size) * denser).min(gathered)
 }
 
-/// The least growth of kernels that cells can have.
+/// Returns the least growth of kernels that cells can have.
 pub(crate) fn least_growth(kernel: &Kernel, size: CellSize) -> f64 {
     least_deviation(kernel) * size.voxels() / kernel.variance().sqrt()
 }
 
-/// The least standard deviation of the kernels of cells that stand for voxels of this kernel, in cells.
+/// Returns the least standard deviation, in cells, of the kernels of cells that stand for voxels of this kernel.
 fn least_deviation(kernel: &Kernel) -> f64 {
     let wide = WIDEST / 2.0 * kernel.variance().sqrt() / kernel.radius();
     wide.clamp(LEAST_DEVIATION_OF_WIDE, LEAST_DEVIATION)
 }
 
-/// The kernel of cells, in cells: as broad as the grown kernel of voxels, whose growth is at least [`least_growth`].
+/// Returns the kernel of cells, in cells: as broad as the grown kernel of voxels, whose growth is at least
+/// [`least_growth`].
 pub(crate) fn kernel_of(kernel: &Kernel, growth: f64, size: CellSize) -> Kernel {
     let grown = kernel.grown(growth / size.voxels());
     let deviation = grown.variance().sqrt();
@@ -128,8 +129,8 @@ fn gaussian(radius: f64, deviation: f64) -> Kernel {
     of(f64::midpoint(low, high))
 }
 
-/// The lattice of cells: cell [`REACH`] begins where the volume does along each axis, and [`REACH`] cells lie beyond
-/// each face.
+/// Returns the lattice of cells: cell [`REACH`] begins where the volume does along each axis, and [`REACH`] cells lie
+/// beyond each face.
 pub(crate) fn grid_of(grid: &Grid, cells: CellSize) -> Result<Grid> {
     let size = cells.voxels();
     let mut to_world = grid.to_world();
@@ -142,14 +143,14 @@ fn dims_of(grid: &Grid, size: CellSize) -> [usize; 3] {
     grid.dims().map(|d| size.cells(d) as usize + 2 * REACH)
 }
 
-/// The cells of a level of a volume.
+/// The cells of a level of a volume, and the weights of voxels in them.
 pub(crate) struct Shape {
     filter: Filter,
-    /// Cells along each axis.
+    /// Number of cells along each axis.
     dims: [usize; 3],
-    /// Voxels along each axis.
+    /// Number of voxels along each axis.
     voxels: [usize; 3],
-    /// Cells of a lower density are left out.
+    /// The least density of cells that are kept.
     least: f32,
 }
 
@@ -166,7 +167,7 @@ impl Shape {
         }
     }
 
-    /// The same as the device needs it.
+    /// Returns the cells in the form that the device reads.
     pub(crate) fn on_device(&self) -> CellLattice<'_> {
         let (size, first, weights) = self.filter.parts();
         CellLattice { dims: self.dims, voxels: self.voxels, size, first, weights, least: self.least }

@@ -34,7 +34,8 @@ use crate::transfer::scalars::Reduction;
 use crate::transfer::{Resolution, TransferFunction};
 use crate::volume::Volume;
 
-/// The visible voxels of layers as splats, brick by brick, with normals if there is light. The host classifies.
+/// Classifies layers on the host: returns their visible voxels as splats, brick by brick, with normals if there is
+/// light.
 pub(crate) fn classified(
     context: &Context,
     layers: &Layers,
@@ -50,7 +51,7 @@ pub(crate) fn classified(
     stores.finish()
 }
 
-/// The value that was made last, and its key.
+/// The last value made, with its key.
 pub(super) struct Held<K, V>(Mutex<Option<(K, Arc<V>)>>);
 
 impl<K, V> Default for Held<K, V> {
@@ -60,8 +61,8 @@ impl<K, V> Default for Held<K, V> {
 }
 
 impl<K, V> Held<K, V> {
-    /// The value that is held if its key serves, otherwise the value that `make` makes for `key`, given the one that is
-    /// held. Also returns the seconds that making it took, 0 for a value that was held.
+    /// Returns the held value if its key serves, otherwise the value that `make` makes for `key`, given the held one.
+    /// Also returns the seconds that making it took, 0 for a held value.
     pub(super) fn get_or_make(
         &self,
         key: K,
@@ -87,28 +88,28 @@ impl<K, V> Held<K, V> {
         self.keep_if(|_| false);
     }
 
-    /// Drops the value that is held, unless it is to be kept.
+    /// Drops the held value unless `keep` accepts it.
     fn keep_if(&self, keep: impl FnOnce(&V) -> bool) {
         let mut held = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         *held = held.take().filter(|(_, value)| keep(value));
     }
 }
 
-/// The light on the voxels of cells, and the shadows.
+/// The key of cells: the light on their voxels, and the shadows.
 type CellsKey = (Option<SplatLight>, Option<Shadows>);
 
-/// The shadows on visible voxels, and the number of changes of the transfer function before.
+/// The key of visible voxels: the shadows on them, and the number of earlier changes of the transfer function.
 type ClassifiedKey = (Option<Shadows>, u32);
 
-/// What painters made of other splats, which are dropped: samples may be packed over them.
+/// Returns the resources that painters made of dropped splats: samples may be packed over them.
 fn kept_of<K>(held: Option<(K, Arc<Drawable>)>) -> Option<Arc<Cache>> {
     held.map(|(_, before)| Arc::clone(&before.kept))
 }
 
-/// A volume as pre-shading draws it.
+/// A volume prepared for pre-shading.
 pub(super) struct PreShaded {
     pub(super) layers: Layers,
-    /// The normals of splats; `None`: they have none.
+    /// The kind of the splats' normals; `None`: splats have no normals.
     pub(super) normals: Option<Normals>,
     /// The visible voxels, with the shadows on them.
     pub(super) classified: Held<ClassifiedKey, Drawable>,
@@ -117,32 +118,32 @@ pub(super) struct PreShaded {
     /// The samples on the device, held from the first picture on unless a list of splats takes less memory: then from
     /// the first change of the transfer function or the first cells on.
     samples: HeldSamples,
-    /// Changes of the transfer function.
+    /// The number of changes of the transfer function.
     edits: u32,
-    /// Which of these voxels are visible, and their normals.
+    /// The visible voxels among the samples on the device, and their normals.
     visible: KeptVoxels,
     /// The cells of each size.
     pub(super) cells: [Held<CellsKey, Drawable>; CellSize::COUNT],
 }
 
-/// A volume as post-shading draws it.
+/// A volume prepared for post-shading.
 pub(super) struct PostShaded {
     /// The samples, filtered if the picture is sharpened.
     pub(super) volume: Volume,
-    /// The kernel and the sharpness that they are filtered for.
+    /// The kernel and the sharpness for which the samples are filtered.
     pub(super) sharpened: Option<(Kernel, f64)>,
     pub(super) transfer: TransferFunction,
     pub(super) reduction: Reduction,
-    /// Which differences of values are rounding.
+    /// The resolution of values: smaller differences are rounding.
     pub(super) resolution: Resolution,
-    /// The model that it was prepared for.
+    /// The model for which the volume was prepared.
     pub(super) model: Model,
     pub(super) shows: VisibleValues,
     /// The tables by which scalars are classified, and whether the volume has plateaus.
     pub(super) kept: Cache,
-    /// The light that arrives.
+    /// The light that arrives in the volume.
     pub(super) light: Held<Shadows, FallenLight>,
-    /// The splats by size of cells.
+    /// The splats for each size of cells.
     pub(super) emitted: [Held<EmissionKey, Drawable>; CellSize::COUNT],
     /// The samples on the device, held from the first picture on unless a list of splats takes less memory.
     pub(super) samples: HeldSamples,
@@ -151,7 +152,7 @@ pub(super) struct PostShaded {
 }
 
 impl PostShaded {
-    /// The scalars of a key as samples on the device. `lit`: pictures are.
+    /// Returns the scalars of a key as samples on the device. `lit` if pictures are lit.
     pub(super) fn sampled(
         &self,
         (context, pipelines): (&Context, &Cache),
@@ -163,8 +164,8 @@ impl PostShaded {
         emission.sampled((context, pipelines), transfer, (samples, lit), progress)
     }
 
-    /// Emits splats of scalars, or takes samples in their place if the key says so and the device has room for them.
-    /// `lit`: pictures are.
+    /// Emits splats of scalars, or uses samples in their place if the key permits it and the device has room for them.
+    /// `lit` if pictures are lit.
     pub(super) fn emit(
         &self,
         (context, pipelines): (&Context, &Cache),
@@ -184,7 +185,7 @@ impl PostShaded {
         context.guarded("emitting scalars", || emission.emit(context, progress))
     }
 
-    /// The splats of scalars of a lattice, and the seconds that it took to make them.
+    /// Returns the splats of scalars of a lattice, and the seconds that it took to make them.
     pub(super) fn emitted(
         &self,
         (context, pipelines): (&Context, &Cache),
@@ -205,7 +206,7 @@ impl PostShaded {
         })
     }
 
-    /// Takes another transfer function. From the first change on there are splats of all voxels, which serve further
+    /// Replaces the transfer function. From the first change on there are splats of all voxels, which serve further
     /// functions.
     pub(super) fn set_transfer(&mut self, transfer: TransferFunction) -> Result<()> {
         let range = self.volume.value_range()?;
@@ -220,7 +221,7 @@ impl PostShaded {
         Ok(())
     }
 
-    /// Whether things of one value are visible.
+    /// Returns whether regions of one value are visible.
     pub(super) fn has_plateaus(&self) -> Result<bool> {
         let found = || scalar_cells::has_plateaus(&self.volume, &self.transfer);
         Ok(*self.kept.get_or_make((), found)?)
@@ -241,7 +242,7 @@ impl PreShaded {
         }
     }
 
-    /// Takes another transfer function. From now on the device holds the samples.
+    /// Replaces the transfer function. From now on the device holds the samples.
     pub(super) fn set_transfer(&mut self, transfer: &TransferFunction) -> Result<()> {
         let Some((volume, _)) = self.layers.plain() else {
             return Err(Error::setting(
@@ -259,7 +260,7 @@ impl PreShaded {
         Ok(())
     }
 
-    /// The visible voxels, and the seconds that it took to make them. `lists`: as lists of splats.
+    /// Returns the visible voxels, with `lists` as lists of splats, and the seconds that it took to make them.
     pub(super) fn classified(
         &self,
         context: &Context,
@@ -303,9 +304,9 @@ impl PreShaded {
         })
     }
 
-    /// The visible voxels by stages of the device. From the first change of the transfer function on the device holds
-    /// the samples, and before if it has room for them: no list of splats is made unless something reads it, or takes
-    /// less memory, or the device has no room.
+    /// Classifies the voxels by stages of the device. From the first change of the transfer function on the device
+    /// holds the samples, and before if it has room for them: no list of splats is made unless something reads it, or
+    /// takes less memory, or the device has no room.
     fn classified_on_device(&self, pipelines: &Cache, input: &Input<'_>, lists: bool) -> Result<Drawable> {
         let context = input.context();
         let is_held = self.edits > 0 || self.samples.is_held();
@@ -328,7 +329,7 @@ impl PreShaded {
         Classifier::of(pipelines, input)?.run(&*Scan::of(pipelines, context)?, input)
     }
 
-    /// The cells of a lattice, and the seconds that it took to make them.
+    /// Returns the cells of a lattice, and the seconds that it took to make them.
     pub(super) fn cells(
         &self,
         context: &Context,

@@ -8,7 +8,7 @@ use crate::gpu::view::{ViewGeometry, Weights};
 use crate::kernel::{Kernel, Normalization};
 use crate::settings::Settings;
 
-/// How a picture is drawn of the cells of a level; the smallest are the voxels.
+/// A lattice of a picture: the cells of a size, of which the smallest are the voxels, with view and settings.
 pub(crate) struct Lattice {
     /// The view of the lattice, which is a layer if a picture has several lattices.
     pub(crate) view: ViewGeometry,
@@ -27,7 +27,7 @@ pub(crate) struct Lattice {
 }
 
 impl Lattice {
-    /// The kernel of voxels, and the normalisation of their sums.
+    /// Returns the kernel of voxels, and the normalisation of their sums.
     pub(crate) fn kernel_of_voxels(&self) -> (Kernel, Normalization) {
         let drawn = (self.settings.kernel, self.settings.normalization);
         self.coarse.map_or(drawn, |(_, kernel, normalization)| (kernel, normalization))

@@ -15,7 +15,8 @@ const LEAST_GROWTH: f64 = 2.0;
 /// with depth, the kernels of the voxels of a cell differ.
 const MOST_RISE: f64 = 0.125;
 
-/// The doublings of the growth over which a level gives way to the next: both are drawn there, each with a share.
+/// The number of doublings of the growth over which a level gives way to the next: both are drawn there, each with a
+/// share.
 const BLEND: f64 = 0.5;
 
 /// The coarsest level. In pictures that could use coarser ones the volume is much smaller than a pixel.
@@ -24,7 +25,7 @@ const MAX_LEVEL: u32 = 18;
 /// The cells of levels that stand for voxels. Level 0 is the voxels themselves.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Cut {
-    /// The growth of kernels at lattice point p is constant + slope . p, and at least 1.
+    /// The constant of the growth of kernels, which at lattice point p is constant + slope . p, and at least 1.
     constant: f64,
     slope: DVec3,
     /// The growth from which on cells of level 1 have a share; twice as much for each further level.
@@ -38,8 +39,8 @@ pub(crate) struct Cut {
 }
 
 impl Cut {
-    /// The cut of a picture that needs scalars `beside` voxels and the reach of kernels beyond the faces of the volume;
-    /// `None` if the picture is drawn of voxels alone.
+    /// Chooses the cells for a picture that needs scalars `beside` voxels and the reach of kernels beyond the faces of
+    /// the volume; `None` if the picture is drawn of voxels alone.
     pub(crate) fn new(view: &ViewGeometry, kernel: &Kernel, beside: f64) -> Option<Self> {
         let least = LEAST_GROWTH.max(LEAST_DEVIATION / kernel.variance().sqrt());
         let mut cut = Self {
@@ -72,13 +73,13 @@ impl Cut {
         Some(cut)
     }
 
-    /// The coarsest level that has a share at some growth.
+    /// Returns the coarsest level that has a share at some growth.
     fn level_after(&self, growth: f64) -> u32 {
         let level = (growth / self.first).log2().floor() + 1.0;
         level.clamp(0.0, f64::from(MAX_LEVEL)) as u32
     }
 
-    /// The growth from which on finer levels have no share.
+    /// Returns the growth from which on finer levels have no share.
     fn full(&self, level: u32) -> f64 {
         self.first * (f64::from(level) - 1.0 + BLEND).exp2()
     }
@@ -87,7 +88,7 @@ impl Cut {
         (self.constant + self.slope.dot(p)).max(1.0)
     }
 
-    /// The share of a level at some growth, of what coarser levels leave.
+    /// Returns the share of a level at some growth, of the share that coarser levels leave.
     fn share(&self, level: u32, growth: f64) -> f64 {
         if level == 0 {
             return 1.0;
@@ -95,7 +96,7 @@ impl Cut {
         (1.0 + (growth / self.full(level)).log2() / BLEND).clamp(0.0, 1.0)
     }
 
-    /// The share of a cell of a level in the picture, 0 to 1.
+    /// Returns the share of a cell of a level in the picture, 0 to 1.
     pub(crate) fn part(&self, level: u32, cell: [i64; 3]) -> f64 {
         let coarser = (level + 1..=self.levels[1]).map(|coarser| {
             let cell = cell.map(|c| c >> (coarser - level));
@@ -104,7 +105,8 @@ impl Cut {
         self.share(level, self.growth(middle(level, cell))) * coarser.product::<f64>()
     }
 
-    /// Whether some cell of a brick may have a share, given the first cell and the cells along an edge of the brick.
+    /// Returns whether any cell of a brick may have a share, given the first cell and the number of cells along an edge
+    /// of the brick.
     pub(crate) fn takes_part(&self, level: u32, first: [i64; 3], edge: usize) -> bool {
         let size = f64::from(level).exp2();
         let center = middle(level, first) + 0.5 * size * (edge as f64 - 1.0);
@@ -116,7 +118,8 @@ impl Cut {
         !next && (level == 0 || self.share(level, growth + spread) > 0.0)
     }
 
-    /// Whether the kernel of a cell reaches a lattice of `dims` voxels, or the places beside it that the picture needs.
+    /// Returns whether the kernel of a cell reaches a lattice of `dims` voxels, or the places beside it that the
+    /// picture needs.
     pub(crate) fn reaches(&self, level: u32, cell: [i64; 3], dims: [u32; 3]) -> bool {
         let center = middle(level, cell);
         let last = DVec3::from_array(dims.map(|d| f64::from(d) - 0.5));
@@ -124,7 +127,7 @@ impl Cut {
         outside == DVec3::ZERO || outside.length() < self.reach[0] + self.reach[1] * self.growth(center)
     }
 
-    /// The cells of a level beyond each face that may reach the volume.
+    /// Returns the number of cells of a level beyond each face that may reach the volume.
     pub(crate) fn padding(&self, level: u32) -> u32 {
         let size = f64::from(level).exp2();
         // Beyond this growth there are coarser cells only.
@@ -133,7 +136,8 @@ impl Cut {
         (((self.reach[0] + self.reach[1] * most) / size).ceil() as u32).saturating_add(1)
     }
 
-    /// The voxels beyond each face that cells of all levels may cover, a whole number of cells of each level.
+    /// Returns the number of voxels beyond each face that cells of all levels may cover, a whole number of cells of
+    /// each level.
     pub(crate) fn layers(&self) -> u32 {
         let [finest, coarsest] = self.levels;
         let layers = (finest..=coarsest).map(|level| self.padding(level).saturating_mul(1 << level)).max();
@@ -141,11 +145,11 @@ impl Cut {
     }
 }
 
-/// How far the splats of scalars of a post-shaded picture must reach.
+/// The distances to which the splats of scalars of a post-shaded picture must reach.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct ScalarNeed {
-    /// Layers by which the lattice is extended on every side, each a copy of the outermost layer: the field is then
-    /// complete up to the faces of the volume and does not fade there.
+    /// The number of layers by which the lattice is extended on every side, each a copy of the outermost layer: the
+    /// field is then complete up to the faces of the volume and does not fade there.
     pub(crate) padding: u32,
     /// The distance in voxels within which two voxels can take part in the classification of the same place.
     pub(crate) influence: f64,
@@ -164,7 +168,8 @@ impl ScalarNeed {
     pub(crate) const NONE: Self =
         Self { padding: 0, influence: 0.0, cut: None, samples: false, zeros: false, growth: 1.0 };
 
-    /// The need for kernels that reach `reach` voxels from any place of the field, and for an `influence` in voxels.
+    /// Returns the need for kernels that reach `reach` voxels from any place of the field, and for an `influence` in
+    /// voxels.
     ///
     /// The influence is rounded up, so that the splats do not change when the camera turns: to sixteenths for rounding
     /// errors; through an eye to whole voxels, because kernels grow otherwise wherever the eye is.
@@ -180,7 +185,7 @@ impl ScalarNeed {
         }
     }
 
-    /// The need if cells stand for voxels.
+    /// Adds to the need that cells stand for voxels.
     pub(crate) fn with_cells(self, cut: Cut) -> Self {
         Self {
             padding: cut.layers(),
@@ -192,7 +197,7 @@ impl ScalarNeed {
     }
 }
 
-/// The lattice point in the middle of a cell of a level.
+/// Returns the lattice point in the middle of a cell of a level.
 fn middle(level: u32, cell: [i64; 3]) -> DVec3 {
     let size = f64::from(level).exp2();
     DVec3::from_array(cell.map(|c| size * (c as f64 + 0.5) - 0.5))

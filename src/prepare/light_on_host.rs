@@ -32,7 +32,7 @@ impl<'a> ListedSplats<'a> {
         Ok(Self { stores, words, bounds: bounds_of(stores) })
     }
 
-    /// The splats of each store: their lattice points, and their words without the place.
+    /// Returns the splats of each store: their lattice points, and their words without the place.
     pub(super) fn splats(&self) -> impl Iterator<Item = impl Iterator<Item = ([usize; 3], &[u32])>> {
         self.stores.iter().zip(&self.words).map(|(store, words)| {
             words.chunks_exact(store.stride as usize / 4).map(|splat| {
@@ -42,7 +42,8 @@ impl<'a> ListedSplats<'a> {
         })
     }
 
-    /// The light that arrives at each splat, store by store. `density` gets the words of a splat without the place.
+    /// Returns the light that arrives at each splat, store by store. `density` gets the words of a splat without the
+    /// place.
     pub(super) fn light(
         &self,
         shadows: &Shadows,

@@ -34,7 +34,7 @@ use voxsplat_volume::memory::reserved;
 /// The largest number of cells of a light volume, 8 bytes each: larger lattices use coarser cells.
 pub(crate) const MAX_CELLS: u64 = 1 << 25;
 
-/// The scalars of a lattice, and what they absorb.
+/// The scalars of a lattice, with the transfer function of their extinctions.
 pub(crate) struct LitScalars<'a> {
     pub(crate) grid: &'a Grid,
     pub(crate) transfer: &'a TransferFunction,
@@ -44,7 +44,8 @@ pub(crate) struct LitScalars<'a> {
 }
 
 impl LitScalars<'_> {
-    /// The density of a splat of a scalar, given its words without the place: extinction times the unit distance.
+    /// Returns the density of a splat of a scalar, given its words without the place: extinction times the unit
+    /// distance.
     pub(super) fn density(&self, words: &[u32]) -> f32 {
         let Self { grid, transfer, reduction, .. } = self;
         let (_, opacity) = transfer.sample(reduction.value(f32::from_bits(words[0])));
@@ -68,8 +69,8 @@ pub(crate) struct FallenLight {
 }
 
 impl FallenLight {
-    /// Computes the light at the places that have scalars: `sample` takes them to the device, `list` lists them. Lights
-    /// that are the same as in `held` keep theirs.
+    /// Finds the light at the places that have scalars: `sample` brings them to the device, `list` lists them. Lights
+    /// that are the same as in `held` keep their shares.
     pub(crate) fn new(
         (context, pipelines): (&Context, &Cache),
         held: Option<(Shadows, Arc<Self>)>,
@@ -114,7 +115,7 @@ impl FallenLight {
         Ok(Self { volume: Arc::new(volume), kept: is_turned.then_some(light) })
     }
 
-    /// The light at listed scalars.
+    /// Finds the light at listed scalars on the host.
     fn on_host(
         context: &Context,
         scalars: &LitScalars<'_>,

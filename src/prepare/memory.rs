@@ -10,9 +10,9 @@ use crate::gpu::context::Context;
 use crate::layers::{Layers, Matter, look_of};
 use crate::settings::{MAX_LEVEL, Painter, Settings};
 
-/// Rows between sampled ones along y and z.
+/// The number of rows from one sampled row to the next along y and z.
 const STRIDE: usize = 8;
-/// Neighbours along x that are of one value inside of a label.
+/// The number of neighbours along x that have one value inside of a label.
 const SEGMENT: usize = 32;
 
 /// Returns the bytes of each voxel of the box around the visible voxels, and of each visible voxel, on a software
@@ -28,13 +28,13 @@ pub(crate) fn bytes_of_voxels(painter: Painter, post: bool, lit: bool) -> [f64; 
     }
 }
 
-/// The way in which the voxels of a picture are drawn, as far as memory depends on it.
+/// The properties of a picture on which its memory depends.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Drawn {
     pub(super) post: bool,
     pub(super) lit: bool,
     pub(super) painter: Painter,
-    /// Light is cast in the memory of the host.
+    /// Whether light is cast in the memory of the host.
     pub(super) shadows: bool,
     /// The size of the finest cells.
     pub(super) size: CellSize,
@@ -44,19 +44,19 @@ pub(super) struct Drawn {
     pub(super) filtered: bool,
 }
 
-/// Numbers of voxels.
+/// The numbers of voxels of a volume by which memory is predicted.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Counts {
     all: f64,
-    /// In the box around the visible ones.
+    /// Number of voxels in the box around the visible ones.
     boxed: f64,
     visible: f64,
-    /// Visible, and not surrounded by voxels of the same label, which share their memory.
+    /// Number of visible voxels that are not surrounded by voxels of the same label, which share their memory.
     listed: f64,
 }
 
 impl Drawn {
-    /// A picture with these settings of cells of a size.
+    /// Returns the properties of a picture with these settings, of cells of a size.
     pub(super) fn new(context: &Context, settings: &Settings, size: CellSize) -> Self {
         let on_host = context.info.is_software();
         let (post, lit) = (settings.is_post_shaded(), settings.lighting.is_some());
@@ -71,7 +71,7 @@ impl Drawn {
         }
     }
 
-    /// The bytes that a picture needs, given its numbers of voxels.
+    /// Returns the bytes that a picture needs, given its numbers of voxels.
     fn bytes(&self, Counts { all, boxed, visible, listed }: Counts) -> f64 {
         let Self { post, lit, painter, shadows, size, on_host, filtered } = *self;
         let filtered = if filtered { 4.0 * all } else { 0.0 };
@@ -185,7 +185,7 @@ fn counts(layers: &Layers) -> Result<Counts> {
     Ok(Counts { all, boxed: if visible > 0 { boxed } else { 0.0 }, visible: visible_voxels, listed })
 }
 
-/// Ends of an empty box.
+/// The ends of an empty box.
 const EMPTY: [[usize; 2]; 3] = [[usize::MAX, 0]; 3];
 
 fn joined(a: [[usize; 2]; 3], b: [[usize; 2]; 3]) -> [[usize; 2]; 3] {

@@ -1,9 +1,9 @@
 //! scalar-cells: the scalars of cells, for post-shading if kernels are wider than rays gather. On the host, from the
 //! samples, brick by brick on demand: no volume of cells is kept.
 //!
-//! Cells have 3/2 voxels along each axis, or those of a whole level ([`sizes`]): voxels are shared by the weights of
-//! pre-shading (cells.rs), which keep their moments. Along parallel rays all cells have one kernel, which rays gather;
-//! through an eye it grows with depth. Cells are blurred by the difference to the kernels of voxels, because
+//! Cells have 3/2 voxels along each axis, or the voxels of a whole level ([`sizes`]): voxels are shared by the weights
+//! of pre-shading (cells.rs), which keep their moments. Along parallel rays all cells have one kernel, which rays
+//! gather; through an eye it grows with depth. Cells are blurred by the difference to the kernels of voxels, because
 //! classification magnifies differences of shape: a Gaussian of the same variance does not replace a truncated kernel.
 //! The middle of the lattice of cells is the middle of the voxels, and voxels beyond a face are copies of the outermost
 //! one.
@@ -34,28 +34,29 @@ pub(crate) const MOST_SCALAR: f64 = 16.0;
 /// The optical depth of a cell up to which the fit of [`blur`] is accurate: denser matter shows the ends of kernels.
 pub(crate) const MOST_DEPTH: f64 = 1.0;
 
-/// Cells that rays gather to either side.
+/// The number of cells that rays gather to either side.
 const REACH: f64 = 4.0;
 /// The standard deviation, in cells, from which on grown kernels of voxels do not show the lattice.
 const SMOOTH_DEVIATION: f64 = 1.1;
-/// Radii may exceed their limit by this factor, because of rounding.
+/// The factor by which radii may exceed their limit, because of rounding.
 const ROUNDING: f64 = 1.0 + 1e-6;
 
-/// Growths, per doubling, that cells are blurred for. The kernel of cells makes up for growths between, so that cells
-/// of one picture serve a picture of another size.
+/// The number of growths, per doubling, for which cells are blurred. The kernel of cells makes up for growths between,
+/// so that cells of one picture serve a picture of another size.
 const STEPS: f64 = 16.0;
 
 /// The cells that stand for voxels: of one size along parallel rays, of a layer through an eye.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Coarse {
     pub(crate) cells: CellSize,
-    /// Cells are blurred for kernels of voxels with a growth of 2^(step / [`STEPS`]) in cells; `None`: cells have the
-    /// grown kernel of voxels.
+    /// The step of the growth for which cells are blurred: kernels of voxels with a growth of 2^(step / [`STEPS`]) in
+    /// cells; `None`: cells have the grown kernel of voxels.
     step: Option<i32>,
 }
 
 impl Coarse {
-    /// The cells for grown kernels of voxels: of this size, or of the largest that can have such kernels.
+    /// Chooses the cells for grown kernels of voxels: of size `cells`, or of the largest size that can have such
+    /// kernels.
     pub(crate) fn new(kernel: &Kernel, growth: f64, cells: Option<CellSize>) -> Self {
         let largest = || {
             // Rounding: see `cells::size_for`.
@@ -71,9 +72,9 @@ impl Coarse {
         Self { cells, step: Some(step.clamp(first, last) as i32) }
     }
 
-    /// The finest cells of a level in which grown kernels of voxels reach no farther than rays gather, up to 8 times as
-    /// many as [`Self::new`] returns. Kernels are those of voxels, unless they are so narrow in cells that the lattice
-    /// of the cells would be visible.
+    /// Chooses the finest cells of a level in which grown kernels of voxels reach no farther than rays gather, up to 8
+    /// times as many as [`Self::new`] returns. Kernels are the voxels' own, unless they are so narrow in cells that the
+    /// lattice of the cells would be visible.
     pub(crate) fn fine(kernel: &Kernel, growth: f64) -> Self {
         let radius = |cells: CellSize| growth * kernel.radius() / cells.voxels();
         let gathered = |cells: &CellSize| radius(*cells) <= REACH * ROUNDING;
@@ -83,17 +84,17 @@ impl Coarse {
         if deviation < SMOOTH_DEVIATION { Self::new(kernel, growth, Some(cells)) } else { Self { cells, step: None } }
     }
 
-    /// Voxels along an edge of a cell.
+    /// Returns the number of voxels along an edge of a cell.
     pub(crate) fn size(self) -> f64 {
         self.cells.voxels()
     }
 
-    /// The growth, in cells, that cells are blurred for.
+    /// Returns the growth, in cells, for which cells are blurred.
     fn blurred(self) -> Option<f64> {
         self.step.map(|step| (f64::from(step) / STEPS).exp2())
     }
 
-    /// The kernel of cells, in cells, given the kernel of voxels and its growth.
+    /// Returns the kernel of cells, in cells, given the kernel of voxels and its growth.
     pub(crate) fn kernel(self, voxels: &Kernel, growth: f64) -> Kernel {
         match self.blurred() {
             Some(blurred) => KERNEL.grown((growth / (self.size() * blurred)).max(1.0)),
@@ -101,7 +102,7 @@ impl Coarse {
         }
     }
 
-    /// The lattice of the cells.
+    /// Returns the lattice of the cells.
     pub(crate) fn grid(self, grid: &Grid) -> Result<Grid> {
         let dims = grid.dims().map(|n| self.cells.cells(n));
         let mut to_world = grid.to_world();
@@ -111,7 +112,7 @@ impl Coarse {
         Ok(Grid::new(dims, to_world)?)
     }
 
-    /// The filters that make these cells of voxels with this kernel.
+    /// Returns the filters that make these cells of voxels with this kernel.
     pub(crate) fn filters(self, kernel: &Kernel, grid: &Grid) -> Filters {
         let blurred = self.blurred();
         let blur = blurred.map_or_else(|| vec![1.0], |growth| blur(kernel, growth, self.cells).to_vec());
@@ -125,25 +126,25 @@ impl Coarse {
     }
 }
 
-/// The sizes of cells of scalars. Between whole levels only the smallest is worth it, because farther away rays are
-/// short: with cells of 12 voxels a sphere erred by 1.0 of 255, with cells of 8 by 0.5.
+/// Returns the sizes of cells of scalars. Between whole levels only the smallest is worth it, because farther away rays
+/// are short: with cells of 12 voxels a sphere erred by 1.0 of 255, with cells of 8 by 0.5.
 pub(crate) fn sizes() -> impl Iterator<Item = CellSize> {
     CellSize::all().filter(|size| *size < CellSize::of_level(1) || *size == size.whole())
 }
 
-/// The least growth of kernels of voxels that cells stand for.
+/// Returns the least growth of kernels of voxels that cells stand for.
 pub(crate) fn least_growth(kernel: &Kernel, cells: CellSize) -> f64 {
     LEAST_DEVIATION / kernel.variance().sqrt() * cells.voxels()
 }
 
-/// The growth of kernels of voxels from which on cells stand for them, unless a level is requested.
+/// Returns the growth of kernels of voxels from which on cells stand for them, unless a level is requested.
 pub(crate) fn right_growth(kernel: &Kernel, cells: CellSize) -> f64 {
     let finer = sizes().take_while(|finer| *finer < cells).last().unwrap_or(CellSize::VOXEL);
     growth_of_wide(kernel, 1.0, cells, finer).max(least_growth(kernel, cells))
 }
 
-/// The weights of the differences of cells 1, 2 and 3 to either side in the gradients of cells: sums of these are the
-/// central differences of voxels, up to the fifth derivative.
+/// Returns the weights of the differences of cells 1, 2 and 3 to either side in the gradients of cells: sums of these
+/// are the central differences of voxels, up to the fifth derivative.
 pub(crate) fn differences(cells: CellSize) -> [f64; 3] {
     let square = cells.voxels().powi(-2);
     let nodes = [1.0, 4.0, 9.0];
@@ -153,10 +154,10 @@ pub(crate) fn differences(cells: CellSize) -> [f64; 3] {
     })
 }
 
-/// The weights along each axis, from the middle one on, by which [`KERNEL`] is blurred to a grown kernel: by least
-/// squares over frequencies along an axis and both kinds of diagonals.
+/// Returns the weights along each axis, from the middle one on, by which [`KERNEL`] is blurred to a grown kernel: by
+/// least squares over frequencies along an axis and both kinds of diagonals.
 fn blur(kernel: &Kernel, growth: f64, cells: CellSize) -> [f64; 4] {
-    /// Frequencies, in steps of a tenth of a radian: up to the next images of the lattice.
+    /// The number of frequencies, in steps of a tenth of a radian: up to the next images of the lattice.
     const FREQUENCIES: u32 = 60;
     let (mut squares, mut wanted) = (DMat3::ZERO, DVec3::ZERO);
     for frequency in (1..=FREQUENCIES).map(|n| f64::from(n) / 10.0) {
@@ -181,7 +182,8 @@ fn blur(kernel: &Kernel, growth: f64, cells: CellSize) -> [f64; 4] {
     [1.0 - 2.0 * beside.element_sum(), beside.x, beside.y, beside.z]
 }
 
-/// The Fourier transform of a kernel at a frequency over 0, in radians per voxel, divided by the transform at 0.
+/// Returns the Fourier transform of a kernel at a frequency over 0, in radians per voxel, divided by the transform at
+/// 0.
 fn transform(kernel: &Kernel, frequency: f64) -> f64 {
     const SHELLS: u32 = 512;
     let (mut sum, mut whole) = (0.0, 0.0);
@@ -194,9 +196,9 @@ fn transform(kernel: &Kernel, frequency: f64) -> f64 {
     sum / whole
 }
 
-/// Whether regions of one value are visible: over a twentieth of the visible voxels, in planes and rows far apart, are
-/// runs of equal samples. Light shows the direction of the smallest gradient, and there cells have other gradients than
-/// voxels.
+/// Returns whether regions of one value are visible: over a twentieth of the visible voxels, in planes and rows far
+/// apart, are runs of equal samples. Light shows the direction of the smallest gradient, and there cells have other
+/// gradients than voxels.
 pub(crate) fn has_plateaus(volume: &Volume, transfer: &TransferFunction) -> Result<bool> {
     const PLANES: usize = 8;
     const RUN: usize = 5;
@@ -220,15 +222,15 @@ pub(crate) fn has_plateaus(volume: &Volume, transfer: &TransferFunction) -> Resu
 /// The filters that make cells of the voxels of a volume.
 pub(crate) struct Filters {
     axes: [Filter; 3],
-    /// Voxels to either side of a cell that its gradients depend on although its kernel does not.
+    /// The number of voxels to either side of a cell on which its gradients depend although its kernel does not.
     beside: i64,
 }
 
 /// The scalars of cells along a row of bricks.
 pub(crate) struct CellStrip {
-    /// The first cell.
+    /// The first cell of the strip.
     first: [i64; 3],
-    /// Cells along each axis.
+    /// The number of cells along each axis.
     size: [usize; 3],
     scalars: Vec<f32>,
     /// Whether all voxels around a cell are equal; empty if no gradients are needed.
@@ -236,13 +238,14 @@ pub(crate) struct CellStrip {
 }
 
 impl Filters {
-    /// The filters of cells. The first cell begins `before` voxels before the volume along each axis. Cells are blurred
-    /// by the weights `blur`, from the middle one on.
+    /// Makes the filters of cells. The first cell begins `before` voxels before the volume along each axis. Cells are
+    /// blurred by the weights `blur`, from the middle one on.
     pub(crate) fn new(cells: CellSize, before: [f64; 3], blur: &[f64]) -> Self {
         Self { axes: before.map(|before| Filter::new(cells, before, blur, 0)), beside: 1 }
     }
 
-    /// The same as the device needs it, for a lattice of `dims` cells with these weights of differences in gradients.
+    /// Returns the filters in the form that the device reads, for a lattice of `dims` cells with these weights of
+    /// differences in gradients.
     pub(crate) fn on_device(&self, dims: [u32; 3], differences: [f32; 3]) -> CellFilters<'_> {
         let (size, ..) = self.axes[0].parts();
         let axes = self.axes.each_ref().map(|axis| {
@@ -252,17 +255,17 @@ impl Filters {
         CellFilters { dims, size, axes, beside: self.beside, differences }
     }
 
-    /// The hull of the cells in which some voxels of an axis have weights.
+    /// Returns the hull of the cells in which any of these voxels of an axis have weights.
     pub(crate) fn cells(&self, axis: usize, voxels: Range<i64>) -> Range<i64> {
         self.axes[axis].around(voxels)
     }
 
-    /// The voxels with weights in a range of cells along an axis, copies beyond the faces included.
+    /// Returns the voxels with weights in a range of cells along an axis, copies beyond the faces included.
     pub(crate) fn voxels(&self, axis: usize, cells: Range<i64>) -> Range<i64> {
         self.axes[axis].voxels(cells.start, cells.end)
     }
 
-    /// The cells of a volume from `first` to before `end`.
+    /// Makes the cells of a volume from `first` to before `end`.
     pub(crate) fn strip(
         &self,
         volume: &Volume,
@@ -328,13 +331,13 @@ impl Filters {
     }
 }
 
-/// The hull of the voxels with weights in cells, see [`Filter::taken`].
+/// Returns the hull of the voxels with weights in cells, see [`Filter::taken`].
 fn span(taken: &[(usize, Vec<f32>)]) -> Range<usize> {
     let ends = taken.iter().map(|(first, weights)| [*first, first + weights.len()]);
     ends.reduce(|hull, [first, end]| [hull[0].min(first), hull[1].max(end)]).map_or(0..0, |[first, end]| first..end)
 }
 
-/// The weight of a voxel in each cell.
+/// Returns the weight of a voxel in each cell.
 fn weights(taken: &[(usize, Vec<f32>)], voxel: usize) -> impl Iterator<Item = f32> {
     let weight = move |(first, weights): &(usize, Vec<f32>)| weights.get(voxel.checked_sub(*first)?).copied();
     taken.iter().map(move |cell| weight(cell).unwrap_or(0.0))
@@ -347,7 +350,7 @@ fn filled<T: Copy>(count: usize, value: T) -> Result<Vec<T>> {
     Ok(values)
 }
 
-/// Adds weighted values to sums.
+/// Adds values times a weight to sums.
 fn add(sums: &mut [f32], weight: f32, values: &[f32]) {
     if weight != 0.0 {
         Arch::new().dispatch(Sum { sums, weight, values });
@@ -374,20 +377,20 @@ impl NullaryFnOnce for Sum<'_> {
 /// The empty range of scalars.
 const NONE: [f32; 2] = [f32::INFINITY, f32::NEG_INFINITY];
 
-/// The hull of two ranges of scalars.
+/// Returns the hull of two ranges of scalars.
 fn hull(a: [f32; 2], b: [f32; 2]) -> [f32; 2] {
     [if b[0] < a[0] { b[0] } else { a[0] }, if b[1] > a[1] { b[1] } else { a[1] }]
 }
 
 impl CellStrip {
-    /// The 32^3 cells from `first` on with `halo` cells around them, x fastest.
+    /// Returns the 32^3 cells from `first` on with `halo` cells around them, x fastest.
     pub(crate) fn brick(&self, first: [i64; 3], halo: usize) -> Vec<f32> {
         self.part(&self.scalars, first, halo)
     }
 
-    /// For each of the 32^3 cells from `first` on, whether all voxels around it are equal, so that it has no gradient.
-    /// Negative weights would give it a remainder of farther voxels, and light shows the direction of the smallest
-    /// gradient.
+    /// Returns for each of the 32^3 cells from `first` on whether all voxels around it are equal, so that it has no
+    /// gradient. Negative weights would give it a remainder of farther voxels, and light shows the direction of the
+    /// smallest gradient.
     pub(crate) fn flat(&self, first: [i64; 3]) -> Vec<bool> {
         if self.flat.is_empty() { Vec::new() } else { self.part(&self.flat, first, 0) }
     }
@@ -411,7 +414,7 @@ mod tests {
     use crate::transfer::ControlPoint;
     use crate::transfer::scalars::Reduction;
 
-    /// The scalars of cells of a level of a volume of `value` at each voxel, from `first` to before `end`.
+    /// Returns the scalars of cells of a level of a volume of `value` at each voxel, from `first` to before `end`.
     fn cells(dims: [usize; 3], value: impl Fn([usize; 3]) -> f32, level: u32, ends: [[i64; 3]; 2]) -> Vec<f32> {
         let points = (0..dims.iter().product()).map(|i| [i % dims[0], i / dims[0] % dims[1], i / (dims[0] * dims[1])]);
         let samples: Vec<f32> = points.map(value).collect();

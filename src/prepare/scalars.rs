@@ -29,7 +29,7 @@ use crate::volume::{BRICK_EDGE as EDGE, ToF64, Volume, with_samples};
 /// bits. If the influence is larger, bricks are kept whole.
 const MAX_HALO: usize = 16;
 
-/// The settings that splats of scalars depend on, besides volume and transfer function.
+/// The settings on which splats of scalars depend, besides volume and transfer function.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct EmissionKey {
     pub(crate) kernel: Kernel,
@@ -41,18 +41,18 @@ pub(crate) struct EmissionKey {
     pub(crate) coarse: Option<Coarse>,
     /// Whether invisible voxels become splats too, for other transfer functions.
     pub(crate) whole: bool,
-    /// How values become scalars.
+    /// The reduction of values to scalars.
     pub(crate) reduction: Reduction,
 }
 
 impl EmissionKey {
-    /// Words of a splat.
+    /// Returns the number of words of a splat.
     fn words(&self) -> usize {
         if self.lit { LIT_SCALAR_WORDS } else { SCALAR_WORDS }
     }
 
-    /// Whether splats made for `self` serve `other`. They must reach at least as far; reaching up to 1.5 times as far
-    /// changes no pixel and costs only time.
+    /// Returns whether splats made for `self` serve `other`. They must reach at least as far; reaching up to 1.5 times
+    /// as far changes no pixel and costs only time.
     pub(crate) fn serves(&self, other: &Self) -> bool {
         let influence = other.need.influence..=1.5 * other.need.influence;
         let ScalarNeed { influence: held, growth, .. } = self.need;
@@ -61,8 +61,8 @@ impl EmissionKey {
     }
 }
 
-/// The largest sum of kernels over the lattice, divided by the normalisation: reconstruction magnifies differences by
-/// no more.
+/// Returns the largest sum of kernels over the lattice, divided by the normalisation: reconstruction magnifies
+/// differences by no more.
 ///
 /// Searched on a grid of a quarter of a voxel, for this kernel and for a broad one; a tenth is added for places
 /// between.
@@ -109,8 +109,8 @@ impl Invisible {
     }
 }
 
-/// The places of a brick, as bits of each row along x, that are within `reach` of an active place of the brick or of
-/// its halo.
+/// Returns the places of a brick, as bits of each row along x, that are within `reach` of an active place of the brick
+/// or of its halo.
 fn within_reach(active: &[bool], halo: usize, reach: f64) -> Vec<u32> {
     let edge = EDGE + 2 * halo;
     let bits = |row: &[bool]| row.iter().rev().fold(0_u64, |bits, &active| bits << 1 | u64::from(active));
@@ -134,17 +134,17 @@ fn within_reach(active: &[bool], halo: usize, reach: f64) -> Vec<u32> {
     (0..EDGE * EDGE).map(near).collect()
 }
 
-/// The scalars of a volume as samples on the device.
+/// The scalars of a volume as samples on the device, or the reason why it has none.
 pub(crate) enum Samples {
     Held(Drawable),
-    /// It holds other samples, has no room for these, or lists take less memory.
+    /// No samples: the device holds others, has no room for these, or lists take less memory.
     Outgrown,
-    /// Nothing shows.
+    /// No samples, because no scalar is visible.
     Invisible,
 }
 
-/// Chooses the scalars of a volume that become splats: voxels that can take part in something visible, and copies
-/// beyond the faces of the volume.
+/// The scalars of a volume that become splats: voxels that can take part in anything visible, and copies beyond the
+/// faces of the volume.
 ///
 /// A place is visible only if a voxel outside [`Invisible`] reaches it. So a voxel is kept if such a voxel is within
 /// the influence of the two. The other voxels change nothing: neither visible places nor invisible ones.
@@ -156,7 +156,7 @@ pub(crate) struct Emission<'a> {
     key: EmissionKey,
     /// The voxels, or the cells of each level that has a share in the picture.
     lattices: Vec<ScalarLattice>,
-    /// Of each brick of the volume, x fastest, whether it has a voxel that can be visible.
+    /// Whether each brick of the volume, x fastest, has a voxel that can be visible.
     active: Vec<bool>,
     /// Whether voxels are kept one by one; otherwise bricks are kept whole.
     singly: bool,
@@ -165,21 +165,22 @@ pub(crate) struct Emission<'a> {
 /// The cells of a level, or the voxels as level 0, with the copies beyond the faces.
 struct ScalarLattice {
     level: u32,
-    /// The filters that make cells; `None`: the lattice is that of the voxels.
+    /// The filters that make cells; `None`: the lattice is the lattice of the voxels.
     filters: Option<Filters>,
-    /// Weights of the differences of places 1, 2 and 3 to either side in gradients.
+    /// The weights of the differences of places 1, 2 and 3 to either side in gradients.
     differences: [f32; 3],
-    /// Cells around a brick that are searched for voxels that can be visible, or that gradients take differences with.
+    /// The number of cells around a brick that are searched for voxels that can be visible, or that gradients depend
+    /// on.
     halo: usize,
-    /// Cells that cover the volume along each axis.
+    /// The numbers of cells that cover the volume along each axis.
     dims: [usize; 3],
-    /// Cells of copies beyond each face.
+    /// The number of cells of copies beyond each face.
     padding: usize,
-    /// The lattice point at which the first of them begins, in the lattice extended by [`ScalarNeed::padding`].
+    /// The lattice point at which the first copy begins, in the lattice extended by [`ScalarNeed::padding`].
     origin: u32,
-    /// Cells along each axis, copies included.
+    /// The numbers of cells along each axis, copies included.
     extended: [usize; 3],
-    /// Bricks of these cells along each axis.
+    /// The numbers of bricks of the extended cells along each axis.
     counts: [usize; 3],
 }
 
@@ -214,7 +215,7 @@ impl ScalarLattice {
         }
     }
 
-    /// The first cell of a brick; negative among the copies.
+    /// Returns the first cell of a brick; negative among the copies.
     fn first(&self, brick: [usize; 3]) -> [i64; 3] {
         brick.map(|b| (b * EDGE) as i64 - self.padding as i64)
     }
@@ -251,8 +252,8 @@ impl<'a> Emission<'a> {
         Ok(emission)
     }
 
-    /// The scalars as samples on the device, of which `held` holds those of the whole volume, with the voxels around
-    /// each brick if pictures are lit.
+    /// Returns the scalars as samples on the device. `held` holds the samples of the whole volume, with the voxels
+    /// around each brick if pictures are lit.
     pub(crate) fn sampled(
         &self,
         (context, pipelines): (&Context, &Cache),
@@ -260,7 +261,7 @@ impl<'a> Emission<'a> {
         (held, around): (&HeldSamples, bool),
         progress: &Progress,
     ) -> Result<Samples> {
-        /// The most bytes of the box that painters pack.
+        /// The largest number of bytes of the box that painters pack.
         const MOST: u64 = 4 << 30;
         let EmissionKey { lit, reduction, whole, need, .. } = self.key;
         let input = Input::of_scalars(context, self.volume, (transfer, reduction), around, progress);
@@ -289,8 +290,8 @@ impl<'a> Emission<'a> {
         Ok(made.map_or(Samples::Outgrown, held))
     }
 
-    /// The hull of the places within the influence of voxels that can be visible, in the extended lattice; `None` if
-    /// there are none.
+    /// Returns the hull of the places within the influence of voxels that can be visible, in the extended lattice;
+    /// `None` if there are none.
     fn bounds(&self, lattice: &ScalarLattice) -> Result<Option<[[u32; 3]; 2]>> {
         let Some([start, end]) = self.hull()? else { return Ok(None) };
         let padding = lattice.padding as i64;
@@ -311,9 +312,9 @@ impl<'a> Emission<'a> {
         Ok(Some([ends.map(|[low, _]| low), ends.map(|[_, high]| high)]))
     }
 
-    /// The hull of the voxels that can be visible, the first and the one after the last along each axis; `None` if
-    /// there are none. Samples in a file are read for light alone, whose time follows the hull; for pictures it is the
-    /// hull of bricks then.
+    /// Returns the hull of the voxels that can be visible, the first and the one after the last along each axis; `None`
+    /// if there are none. Samples in a file are read for light alone, whose time follows the hull; for pictures it is
+    /// the hull of bricks then.
     fn hull(&self) -> Result<Option<[[usize; 3]; 2]>> {
         let [across, down, _] = self.volume.bricks().map(|n| n as usize);
         let dims = self.volume.grid().dims().map(|n| n as usize);
@@ -344,7 +345,7 @@ impl<'a> Emission<'a> {
         Ok(planes.into_iter().flatten().reduce(joined))
     }
 
-    /// Makes the splats.
+    /// Makes the splats of the chosen scalars.
     pub(crate) fn emit(&self, context: &Context, progress: &Progress) -> Result<Drawable> {
         let mut stores = StoreBuilder::new(context, 4 * self.key.words() as u64, u32::MAX);
         for lattice in &self.lattices {
@@ -356,12 +357,12 @@ impl<'a> Emission<'a> {
         Ok(scalars)
     }
 
-    /// Whether a scalar can be visible.
+    /// Returns whether a scalar can be visible.
     fn is_active(&self, scalar: f32) -> bool {
         !self.savings.voxels || self.key.whole || !self.invisible.holds(f64::from(scalar))
     }
 
-    /// Whether an active brick of the volume has voxels within the influence of this brick.
+    /// Returns whether an active brick of the volume has voxels within the influence of this brick.
     fn is_near(&self, lattice: &ScalarLattice, brick: [usize; 3]) -> bool {
         let [across, down, deep] = self.volume.bricks().map(|n| n as usize);
         let reach = (self.key.need.influence / f64::from(lattice.level).exp2()).ceil() as i64;
@@ -376,7 +377,7 @@ impl<'a> Emission<'a> {
         bricks(2, deep).any(|z| bricks(1, down).any(|y| bricks(0, across).any(|x| active([x, y, z]))))
     }
 
-    /// The bricks along x with these numbers in y and z that can hold splats.
+    /// Makes the bricks along x with these numbers in y and z that can hold splats.
     fn row(&self, lattice: &ScalarLattice, j: usize, k: usize) -> Result<Vec<MadeBrick>> {
         let takes_part = |i| {
             (self.key.need.cut).is_none_or(|cut: Cut| cut.takes_part(lattice.level, lattice.first([i, j, k]), EDGE))
@@ -403,7 +404,7 @@ impl<'a> Emission<'a> {
         made(&|first| (strip.brick(first, lattice.halo), strip.flat(first)))
     }
 
-    /// The number of voxels that a cell counts for; 0: it has no share in the picture.
+    /// Returns the number of voxels that a cell counts for; 0: it has no share in the picture.
     fn count(&self, lattice: &ScalarLattice, cell: [i64; 3]) -> f64 {
         match self.key.need.cut {
             None => 1.0,
@@ -414,7 +415,8 @@ impl<'a> Emission<'a> {
         }
     }
 
-    /// The splats of a brick, given its scalars with the halo around them, and the cells that have no gradient, if any.
+    /// Makes the splats of a brick, given its scalars with the halo around them, and the cells that have no gradient,
+    /// if any.
     fn brick(&self, lattice: &ScalarLattice, brick: [usize; 3], scalars: &[f32], flat: &[bool]) -> Result<MadeBrick> {
         let (halo, lit) = (lattice.halo, self.key.lit);
         let kept = self.singly.then(|| {
@@ -454,13 +456,13 @@ impl<'a> Emission<'a> {
     }
 }
 
-/// The distance of the places that gradients depend on.
+/// Returns the distance of the farthest places on which gradients depend.
 fn reach_of(weights: [f32; 3]) -> usize {
     weights.iter().rposition(|&weight| weight != 0.0).map_or(0, |last| last + 1)
 }
 
-/// The gradient at a place of a brick of `edge` places a side: weighted sums of the differences of places to either
-/// side along x, y and z. It is zero where all are equal, so that no light falls there.
+/// Returns the gradient at a place of a brick of `edge` places a side: weighted sums of the differences of places to
+/// either side along x, y and z. It is zero where all are equal, so that no light falls there.
 fn central_differences(scalars: &[f32], at: usize, edge: usize, weights: [f32; 3]) -> [f32; 3] {
     let weights = &weights[..reach_of(weights)];
     [1, edge, edge * edge].map(|step| {

@@ -46,15 +46,15 @@ pub struct Scene {
     weights: Weights,
     /// Seconds of preparation that no picture has reported yet, as the bits of an f64.
     seconds: AtomicU64,
-    /// [`Context::id`] of the device that holds it.
+    /// The [`Context::id`] of the device that holds the scene.
     device: u64,
-    /// The value that stands for NaN and infinite ones, if there are any.
+    /// The value in place of NaN and infinite ones, if there are any.
     absent: Option<f64>,
-    /// The picture whose memory was found to be there.
+    /// The properties of the picture whose memory was last found to suffice.
     foreseen: Mutex<Option<Drawn>>,
 }
 
-/// What is on the device.
+/// The content of a scene on the device.
 enum Content {
     /// Classified voxels or cells.
     Splats(Box<PreShaded>),
@@ -62,12 +62,12 @@ enum Content {
     Scalars(Box<PostShaded>),
 }
 
-/// The cells of a level before the first voxel of a lattice.
+/// Returns the number of cells of a level before the first voxel of a lattice.
 fn cells_beyond(grid: &Grid, cells: &Grid, size: CellSize) -> u32 {
     (cells.dims()[0] - size.cells(grid.dims()[0])) / 2
 }
 
-/// The weights of the splats of layers.
+/// Returns the weights of the splats of layers.
 fn weights(layers: &Layers, grid: &Grid, lit: bool) -> Weights {
     Weights {
         max: layers.max_density(),
@@ -77,7 +77,7 @@ fn weights(layers: &Layers, grid: &Grid, lit: bool) -> Weights {
     }
 }
 
-/// Whether a picture of classified voxels reads lists of splats.
+/// Returns whether a picture of classified voxels reads lists of splats.
 fn reads_lists(settings: &Settings) -> bool {
     matches!(settings.painter, Painter::Quads(_))
 }
@@ -106,20 +106,20 @@ impl Scene {
         }
     }
 
-    /// The same scene, in which an invisible value stands for NaN and infinite ones.
+    /// Returns the scene, in which an invisible value replaces NaN and infinite ones.
     pub(crate) fn with_gaps(self, absent: f64) -> Self {
         Self { absent: Some(absent), ..self }
     }
 
-    /// A scene of classified voxels. The first picture classifies them, because the picture decides between voxels and
-    /// cells.
+    /// Makes a scene of classified voxels. The first picture classifies them, because the picture decides between
+    /// voxels and cells.
     pub(crate) fn of_splats(context: &Context, layers: &Layers, normals: Option<Normals>) -> Self {
         let grid = *layers.grid();
         let weights = weights(layers, &grid, normals.is_some());
         Self::new(context, Content::Splats(Box::new(PreShaded::new(layers.clone(), normals))), grid, weights, 0.0)
     }
 
-    /// A scene of scalars: the part of post-shading that does not depend on the camera.
+    /// Makes a scene of scalars: the part of post-shading that does not depend on the camera.
     pub(crate) fn of_scalars(
         context: &Context,
         volume: &Volume,
@@ -160,7 +160,7 @@ impl Scene {
         Ok(Self::new(context, Content::Scalars(Box::new(scalars)), grid, weights, seconds))
     }
 
-    /// Takes another transfer function. The samples that are on the device serve it.
+    /// Replaces the transfer function. The samples that are on the device serve the new one.
     pub(crate) fn set_transfer(&mut self, transfer: &TransferFunction) -> Result<()> {
         if let Some(absent) = self.absent.filter(|&absent| !transfer.is_invisible([absent; 2])) {
             let reason = format!("shows {absent}, which stands for samples that are no numbers: prepare a new scene");
@@ -187,7 +187,8 @@ impl Scene {
         self.foresee(Drawn::new(context, settings, finest))
     }
 
-    /// The same, once for each kind of picture: the scene holds much of what the next one needs.
+    /// Refuses a picture without enough memory, checked once for each kind of picture: the scene holds much of what the
+    /// next one needs.
     fn foresee(&self, drawn: Drawn) -> Result<()> {
         let mut foreseen = self.foreseen.lock().unwrap_or_else(PoisonError::into_inner);
         if *foreseen == Some(drawn) || self.held.is_some() {
@@ -207,12 +208,12 @@ impl Scene {
         &self.grid
     }
 
-    /// The same scene as a brick of a larger lattice.
+    /// Returns the scene as a brick of a larger lattice.
     pub(crate) fn within(self, grid: Grid, held: Held) -> Self {
         Self { grid, held: Some(held), ..self }
     }
 
-    /// The same brick, drawn by another family of rays.
+    /// Returns the brick, to be drawn by another family of rays.
     pub(crate) fn by_family(self, family: usize) -> Self {
         Self { held: self.held.map(|held| Held { family, ..held }), ..self }
     }
@@ -221,7 +222,7 @@ impl Scene {
         self.held
     }
 
-    /// The scalars of shaders for each unit of value; 1 for classified voxels.
+    /// Returns the number of scalars of shaders for each unit of value; 1 for classified voxels.
     pub(crate) fn scalars_per_value(&self) -> f64 {
         if let Content::Scalars(scalars) = &self.content { scalars.reduction.factor() } else { 1.0 }
     }
@@ -242,8 +243,8 @@ impl Scene {
         Ok(())
     }
 
-    /// The lattices of a picture, the nearest first, given its view of the voxels. With `layers`, a picture through one
-    /// eye may have several.
+    /// Returns the lattices of a picture, the nearest first, given its view of the voxels. With `layers`, a picture
+    /// through one eye may have several.
     pub(crate) fn lattices(
         &self,
         voxels: &ViewGeometry,
@@ -289,7 +290,7 @@ impl Scene {
         layers.map(lattice).collect()
     }
 
-    /// The sizes of the nearest and of the farthest cells of scalars through an eye.
+    /// Returns the sizes of the nearest and of the farthest cells of scalars through an eye.
     fn sizes_of_scalars(
         &self,
         scalars: &PostShaded,
@@ -307,12 +308,12 @@ impl Scene {
         Ok([voxels.min_growth(), voxels.max_growth()].map(size))
     }
 
-    /// Whether cells can stand for voxels.
+    /// Returns whether cells can stand for voxels.
     pub(crate) fn has_cells(&self) -> bool {
         !matches!(&self.content, Content::Splats(voxels) if voxels.layers.plain().is_none())
     }
 
-    /// The optical depth of the densest voxel along the longest axis of the lattice.
+    /// Returns the optical depth of the densest voxel along the longest axis of the lattice.
     fn voxel_depth(&self, settings: &Settings) -> f64 {
         let densest = match &self.content {
             Content::Splats(voxels) => self.weights.max / voxels.layers.unit(),
@@ -326,7 +327,8 @@ impl Scene {
         densest * x.max(y).max(z) * settings.normalization.density(&settings.kernel)
     }
 
-    /// The cells of a size: whether they are the nearest, and the size of those behind them.
+    /// Returns the lattice of cells of a size. The pair tells whether they are the nearest, and the size of the cells
+    /// behind them.
     fn lattice(
         &self,
         size: CellSize,
@@ -386,7 +388,7 @@ impl Scene {
         Ok(Lattice { view, settings, weights, size, shadows, light, coarse: None, shadow_level: 0 })
     }
 
-    /// The shadows on voxels. Cells use them too: shadows of cells erred by up to 25 of 255.
+    /// Returns the shadows on voxels. Cells use them too: shadows of cells erred by up to 25 of 255.
     fn shadows(&self, settings: &Settings) -> Option<Shadows> {
         let Content::Splats(voxels) = &self.content else { return None };
         let casting = settings.casting()?;
@@ -395,7 +397,8 @@ impl Scene {
         Some(Shadows { casting, lattice, clip: settings.clip.sides(&self.grid) })
     }
 
-    /// The lattice of cells of scalars that stand for voxels with kernels of a growth, or of a larger one farther away.
+    /// Returns the lattice of cells of scalars that stand for voxels with kernels of a growth, or of a larger one
+    /// farther away.
     fn scalar_cells(
         &self,
         (coarse, growth, fade): (Coarse, f64, Option<Fade>),
@@ -427,7 +430,7 @@ impl Scene {
         })
     }
 
-    /// The cells of scalars that stand for voxels along parallel rays; `None`: voxels, or the cells of
+    /// Returns the cells of scalars that stand for voxels along parallel rays; `None`: voxels, or the cells of
     /// [`ScalarNeed::cut`].
     fn coarse(&self, voxels: &ViewGeometry, settings: &Settings) -> Result<Option<Coarse>> {
         let Content::Scalars(scalars) = &self.content else { return Ok(None) };
@@ -454,16 +457,17 @@ impl Scene {
         }
     }
 
-    /// How much the reconstruction of a lattice magnifies scalars at most; `None` for classified voxels, and for lists
-    /// of scalars that serve other transfer functions too: which of them show is not found again.
+    /// Returns the largest factor by which the reconstruction of a lattice magnifies scalars; `None` for classified
+    /// voxels, and for lists of scalars that serve other transfer functions too, whose visible ones are not found
+    /// again.
     pub(crate) fn magnification(&self, lattice: &Lattice, drawable: &Drawable) -> Option<f64> {
         let Content::Scalars(scalars) = &self.content else { return None };
         let (kernel, normalization) = lattice.kernel_of_voxels();
         (!scalars.whole || drawable.scalars.is_some()).then(|| magnification(&kernel, normalization))
     }
 
-    /// The settings as painters draw the scene. If extinction depends on reconstructed gradients, they have a light
-    /// that changes no colour, because only lit scenes have gradients.
+    /// Returns the settings with which painters draw the scene. If extinction depends on reconstructed gradients, they
+    /// have a light that changes no colour, because only lit scenes have gradients.
     pub(crate) fn drawn_with(&self, settings: &Settings) -> Settings {
         let mut settings = settings.clone();
         if let Content::Scalars(scalars) = &self.content
@@ -475,7 +479,7 @@ impl Scene {
         settings
     }
 
-    /// Drops the cells of other sizes than these lattices have.
+    /// Drops the cells of all sizes but the sizes of these lattices.
     pub(crate) fn keep_levels(&self, lattices: &[Lattice]) {
         let is_kept = |number: usize| lattices.iter().any(|lattice| lattice.size.number() == number);
         let left = |number: &usize| !is_kept(*number);
@@ -485,13 +489,13 @@ impl Scene {
         }
     }
 
-    /// Preparation time in seconds; returned once, then zero.
+    /// Returns the preparation time in seconds once, then zero.
     pub(crate) fn take_seconds(&self) -> f64 {
         f64::from_bits(self.seconds.swap(0, Ordering::Relaxed))
     }
 
-    /// The table and the light of a lattice of a post-shaded scene, and the seconds that it took to find the light, 0
-    /// if the scene held it; `None` for classified voxels.
+    /// Returns the table and the light of a lattice of a post-shaded scene, and the seconds that it took to find the
+    /// light, 0 if the scene held it; `None` for classified voxels.
     pub(crate) fn post_shading(
         &self,
         context: &Context,
@@ -553,8 +557,8 @@ impl Scene {
         Ok((Some(shading(light, true, to_light)), seconds))
     }
 
-    /// The lattice of the light of a post-shaded picture: voxels, or cells and the growth of the kernels that they
-    /// stand for. It is no finer than the lattice of the picture and no larger than a light volume may be.
+    /// Returns the lattice of the light of a post-shaded picture: voxels, or cells and the growth of the kernels that
+    /// they stand for. It is no finer than the lattice of the picture and no larger than a light volume may be.
     fn lit_cells(&self, context: &Context, kernel: &Kernel, level: u32) -> Result<(Option<(Coarse, f64)>, Grid)> {
         let longest = context.limits.max_texture_dimension_3d;
         for level in level..=MAX_LEVEL {
@@ -592,7 +596,7 @@ impl Scene {
         }
     }
 
-    /// The splats of a lattice, and the seconds that it took to make them, 0 if the scene held them.
+    /// Returns the splats of a lattice, and the seconds that it took to make them, 0 if the scene held them.
     pub(crate) fn drawable(
         &self,
         context: &Context,

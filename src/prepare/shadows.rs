@@ -27,38 +27,39 @@ pub(crate) struct Shadows {
 }
 
 impl Shadows {
-    /// Whether the light of the same number arrives at all voxels alike; for [`MAX_CASTING`] ambient light.
+    /// Returns whether light number `light` arrives alike at all voxels under both shadows; for [`MAX_CASTING`] the
+    /// ambient light.
     pub(super) fn is_same(&self, other: &Self, light: usize) -> bool {
         let [own, others] = [self, other].map(|shadows| shadows.casting.only(light));
         own == others && self.lattice == other.lattice && self.clip == other.clip
     }
 
-    /// The same without lights.
+    /// Returns the shadows with no light but the ambient light.
     pub(super) fn without_lights(&self) -> Self {
         Self { casting: self.casting.only(MAX_CASTING), ..self.clone() }
     }
 
-    /// Whether the voxel at a lattice point casts shadows.
+    /// Returns whether the voxel at a lattice point casts shadows.
     pub(super) fn casts(&self, point: [usize; 3]) -> bool {
         let from_middle = |axis: usize| point[axis] as f64 - (self.lattice.dims[axis] - 1) as f64 / 2.0;
         self.clip.is_empty() || is_inside(&self.clip, DVec3::from_array([0, 1, 2].map(from_middle)))
     }
 }
 
-/// The occluders on a lattice of splats, kept for lights that move, and the shadows that they are for.
+/// The occluders on a lattice of splats, kept for lights that move, with their shadows without lights.
 #[derive(Default)]
 pub(crate) struct Occluders(Mutex<Option<(Shadows, Buffers)>>);
 
 impl Occluders {
-    /// The most bytes of buffers that are kept: a lattice of 512^3 voxels has 1.4 GB.
+    /// The largest number of bytes of buffers that are kept: a lattice of 512^3 voxels has 1.4 GB.
     const MOST: u64 = 3 << 29;
 
-    /// Forgets them.
+    /// Drops the occluders.
     pub(crate) fn clear(&self) {
         self.keep(None);
     }
 
-    /// Takes what is kept for the same shadows without lights.
+    /// Takes the occluders if they were kept for the same shadows without lights.
     fn taken(&self, shadows: &Shadows) -> Option<Buffers> {
         let kept = self.0.lock().unwrap_or_else(PoisonError::into_inner).take();
         kept.filter(|(of, _)| *of == shadows.without_lights()).map(|(_, kept)| kept)
@@ -69,14 +70,14 @@ impl Occluders {
     }
 }
 
-/// The lights, with the ambient light, whose shares splats do not hold.
+/// Returns the lights, with the ambient light, whose shares splats do not hold.
 pub(super) fn unknown<'a>(held: Option<&'a Shadows>, shadows: &'a Shadows) -> impl Iterator<Item = usize> + 'a {
     (0..=MAX_CASTING).filter(move |&light| !held.is_some_and(|held| held.is_same(shadows, light)))
 }
 
-/// Returns lit splats with the shares of light that arrive at each. Splats that hold shares of other shadows keep those
-/// of lights that are the same. `over`: the memory of the splats may be used again. `None`: the host has to find the
-/// light.
+/// Returns lit splats with the shares of light that arrive at each. Splats that hold shares of other shadows keep the
+/// shares of lights that are the same. With `over`, the memory of the splats may be used again. `None`: the host has to
+/// find the light.
 pub(crate) fn shaded(
     (context, pipelines): (&Context, &Cache),
     (stores, over): (&[Store], bool),
@@ -107,7 +108,7 @@ pub(crate) fn shaded(
     }))
 }
 
-/// The first lattice point of the box around splats, and its size; one voxel if there are no splats.
+/// Returns the first lattice point of the box around splats, and its size; one voxel if there are no splats.
 pub(super) fn bounds_of(stores: &[Store]) -> [[usize; 3]; 2] {
     let bricks = stores.iter().flat_map(|store| &store.bricks);
     let filled = bricks.map(|brick| brick.bounds).filter(|[low, high]| low != high);

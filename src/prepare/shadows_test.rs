@@ -33,7 +33,7 @@ use crate::transfer::scalars::Reduction;
 use crate::transfer::{ControlPoint, GradientPoint, Resolution, TransferFunction};
 use crate::volume::{self, Grid, Volume};
 
-/// The shares of light at splats, in 1/65535: of three lights and of ambient light.
+/// Returns the shares of light at splats, in 1/65535: of three lights and of ambient light.
 fn shares(context: &Context, stores: &[Store]) -> Vec<[u32; 4]> {
     let of_words = |low: u32, high: u32| [low & 0xffff, low >> 16, high & 0xffff, high >> 16];
     let read = ListedSplats::read(context, stores).unwrap();
@@ -41,31 +41,31 @@ fn shares(context: &Context, stores: &[Store]) -> Vec<[u32; 4]> {
     read.splats().flatten().map(|(_, words)| of_words(words[LIT_WORDS - 1], words[LIT_WORDS])).collect()
 }
 
-/// The visible voxels as lists.
+/// Returns the visible voxels as lists of splats.
 fn listed(context: &Context, volume: &Volume, transfer: &TransferFunction) -> Drawable {
     classified(context, &Layers::of_volume(volume, transfer), Some(Normals::default()), &Progress::default()).unwrap()
 }
 
-/// A volume of a lattice by the values of its points.
+/// Makes a volume of a lattice from the values at its points.
 fn volume(grid: Grid, value: impl Fn([f64; 3]) -> f64) -> Volume {
     let [nx, ny, nz] = grid.dims();
     let points = (0..nz).flat_map(|z| (0..ny).flat_map(move |y| (0..nx).map(move |x| [x, y, z].map(f64::from))));
     Volume::new(grid, volume::Samples::U8(points.map(|point| value(point).clamp(0.0, 255.0) as u8).collect())).unwrap()
 }
 
-/// A hash of a lattice point, 0 to 255.
+/// Returns a hash of a lattice point, 0 to 255.
 fn noise([x, y, z]: [f64; 3]) -> f64 {
     let number = x as u32 + 977 * (y as u32 + 991 * z as u32);
     f64::from(number.wrapping_mul(2_654_435_761) >> 24)
 }
 
-/// Opacities from a value on to 255.
+/// Makes a transfer function of one opacity from a value on to 255.
 fn opaque(from: f64, opacity: f64) -> TransferFunction {
     let point = |value, opacity| ControlPoint { value, color: [0.7, 0.8, 0.9], opacity };
     TransferFunction::new(vec![point(from, 0.0), point(255.0, opacity)], Some(1.0)).unwrap()
 }
 
-/// A name, a volume, and its transfer function.
+/// A volume of a test: a name, the volume, and its transfer function.
 type Body = (&'static str, Volume, TransferFunction);
 
 fn bodies() -> Vec<Body> {
@@ -85,7 +85,8 @@ fn bodies() -> Vec<Body> {
     ]
 }
 
-/// Lights along all axes and between them, soft lights, lights at places, and occlusion: up to three lights at a time.
+/// Returns lights along all axes and between them, soft lights, lights at places, and occlusion: up to three lights at
+/// a time.
 fn lightings() -> Vec<(&'static str, Lighting)> {
     let along = |x: f64, y: f64, z: f64| Light::directional(DVec3::new(x, y, z));
     let at = |x: f64, y: f64, z: f64| Light::at(DVec3::new(x, y, z));
@@ -111,7 +112,7 @@ fn lightings() -> Vec<(&'static str, Lighting)> {
     ]
 }
 
-/// The shadows on a volume.
+/// Returns the shadows on a volume.
 fn shadows(volume: &Volume, lighting: &Lighting, kernel: Kernel, clip: &Clip) -> Shadows {
     let divisor = Normalization::default().divisor(&kernel);
     Shadows {
@@ -122,7 +123,7 @@ fn shadows(volume: &Volume, lighting: &Lighting, kernel: Kernel, clip: &Clip) ->
 }
 
 /// Both ways find the same light, to 1e-3 of it on average. Where neighbours are left out because hardly any light is
-/// left, which each decides for itself, to the light that is left: exp(-5.5).
+/// left, which host and device decide on their own, they agree to the light that is left: exp(-5.5).
 #[test]
 fn device_finds_the_light_of_the_host() {
     light_of_device_and_host(1, 5);

@@ -5,9 +5,9 @@ use rayon::prelude::*;
 
 use super::ray::LatticeRay;
 
-/// Voxels along the edge of a cell.
+/// The number of voxels along the edge of a cell.
 const EDGE: usize = 4;
-/// Voxels between the places of a ray at which cells are looked up.
+/// The distance in voxels between the places of a ray at which cells are looked up.
 const STEP: f64 = 1.0;
 /// The largest number of lookups of a ray: a longer ray is walked without lookups.
 const MAX_LOOKUPS: f64 = 16_384.0;
@@ -19,7 +19,7 @@ pub(super) struct Cells {
     ranges: Vec<[f64; 2]>,
 }
 
-/// The empty range.
+/// The empty range of values.
 const NOTHING: [f64; 2] = [f64::INFINITY, f64::NEG_INFINITY];
 
 fn union(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
@@ -47,7 +47,7 @@ impl Cells {
         Self { counts, ranges }
     }
 
-    /// The range of all values.
+    /// Returns the range of all values.
     pub(super) fn range(&self) -> [f64; 2] {
         self.ranges.iter().fold(NOTHING, |a, b| union(a, *b))
     }
@@ -59,7 +59,7 @@ impl Cells {
         rows.flat_map(|row| &self.ranges[row + x.start..row + x.end]).fold(NOTHING, |a, b| union(a, *b))
     }
 
-    /// Returns the lattice box of the cells whose range counts, both ends included; `None` if there are none.
+    /// Returns the lattice box of the cells whose range `counts` accepts, both ends included; `None` if there are none.
     pub(super) fn bounds(&self, dims: [usize; 3], counts: impl Fn([f64; 2]) -> bool) -> Option<[[i64; 2]; 3]> {
         let [nx, ny, _] = self.counts;
         let (mut low, mut high) = ([usize::MAX; 3], [0; 3]);

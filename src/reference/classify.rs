@@ -20,7 +20,7 @@ use crate::volume::Grid;
 /// The weights of invisible voxels.
 const CLEAR: Weights = [0.0; 4];
 
-/// Voxels along the edge of a brick.
+/// The number of voxels along the edge of a brick.
 const EDGE: usize = 8;
 
 /// The voxels of a lattice, to be classified.
@@ -30,7 +30,7 @@ pub(super) struct VoxelValues {
     dims: [usize; 3],
     media: Media,
     lighting: Option<Lighting>,
-    /// `None` if the full light arrives everywhere.
+    /// The occluders of light; `None` if the full light arrives everywhere.
     shadows: Option<Shadows>,
     /// Whether weights are scalars, and the samples at the edge are repeated beyond it: post-shading and projections
     /// of intensity.
@@ -42,7 +42,7 @@ pub(super) struct VoxelValues {
     bounds: Option<[[i64; 2]; 3]>,
 }
 
-/// The occluders of light.
+/// The occluders of light, and the light that arrives at voxels.
 struct Shadows {
     medium: Medium<f64>,
     caster: Caster<f64>,
@@ -51,35 +51,35 @@ struct Shadows {
 }
 
 impl Shadows {
-    /// The light that arrives at the voxels of the brick that begins at a lattice point, row by row.
+    /// Returns the light that arrives at the voxels of the brick that begins at a lattice point, row by row.
     fn shares(&self, start: [usize; 3]) -> Vec<Shares<EDGE>> {
         let block = ShadowBlock { start, down: EDGE, wanted: &[u32::MAX; EDGE * EDGE] };
         self.caster.shares::<EDGE>(&self.medium, &block)
     }
 }
 
-/// The light that arrives at a voxel, given the light of its brick.
+/// Returns the light that arrives at a voxel, given the light of its brick.
 fn arriving(shares: &[Shares<EDGE>], [i, j, k]: [usize; 3]) -> Visibility {
     Visibility::of_voxel(&shares[(k % EDGE) * EDGE + j % EDGE], i % EDGE)
 }
 
-/// Bricks along the axes of a lattice.
+/// Returns the numbers of bricks along the axes of a lattice.
 fn brick_counts(dims: [usize; 3]) -> [usize; 3] {
     dims.map(|d| d.div_ceil(EDGE))
 }
 
-/// The number of the brick that holds a voxel.
+/// Returns the number of the brick that holds a voxel.
 fn brick_of(dims: [usize; 3], [i, j, k]: [usize; 3]) -> usize {
     let [nx, ny, _] = brick_counts(dims);
     ((k / EDGE) * ny + j / EDGE) * nx + i / EDGE
 }
 
-/// The place of a voxel in its brick.
+/// Returns the place of a voxel in its brick.
 fn in_brick([i, j, k]: [usize; 3]) -> usize {
     (k % EDGE * EDGE + j % EDGE) * EDGE + i % EDGE
 }
 
-/// An empty slot for each brick.
+/// Makes an empty slot for each brick.
 fn no_bricks<T>(dims: [usize; 3]) -> Vec<OnceLock<T>> {
     (0..brick_counts(dims).iter().product()).map(|_| OnceLock::new()).collect()
 }
@@ -139,27 +139,28 @@ impl VoxelValues {
         Ok(splats)
     }
 
-    /// Whether voxels with numbers in a range of [`Self::cells`] may be visible.
+    /// Returns whether voxels with numbers in a range of [`Self::cells`] may be visible.
     pub(super) fn may_show(&self, range: [f64; 2]) -> bool {
         self.media.may_show(range)
     }
 
-    /// Whether weights depend on the viewer.
+    /// Returns whether weights depend on the viewer.
     pub(super) fn depend_on_viewer(&self) -> bool {
         !self.repeats && self.lighting.is_some()
     }
 
-    /// The number of weights that are not always 0.
+    /// Returns the number of weights that are not always 0.
     pub(super) fn channels(&self) -> usize {
         if if self.repeats { self.differs } else { self.emits } { 4 } else { 1 }
     }
 
-    /// Whether scalars are reconstructed, in the box of the voxels.
+    /// Returns whether scalars are reconstructed, in the box of the voxels.
     pub(super) fn repeats(&self) -> bool {
         self.repeats
     }
 
-    /// The light that arrives at a place in the lattice: trilinear between voxels, constant beyond the outermost.
+    /// Returns the light that arrives at a place in the lattice: trilinear between voxels, constant beyond the
+    /// outermost.
     pub(super) fn visibility(&self, place: DVec3) -> Visibility {
         let Some(shadows) = &self.shadows else { return Visibility::FULL };
         let last = DVec3::from_array(self.dims.map(|d| (d - 1) as f64));
@@ -184,7 +185,7 @@ impl VoxelValues {
         visibility
     }
 
-    /// The weights of a voxel for a viewer.
+    /// Returns the weights of a voxel for a viewer.
     fn classify(&self, point: [usize; 3], viewer: Viewer, visibility: &Visibility) -> Weights {
         if self.repeats {
             return self.media.first_scalar(point, self.differs);
@@ -218,7 +219,7 @@ impl VoxelValues {
     }
 }
 
-/// Voxels classified for one viewer, brick by brick; `None` if all of a brick are clear.
+/// The voxels classified for one viewer, brick by brick; `None` for a brick of clear voxels.
 #[derive(Debug)]
 pub(super) struct Bricks {
     viewer: Viewer,

@@ -3,14 +3,14 @@
 use crate::kernel::quadrature::integrate;
 use crate::transfer::TransferFunction;
 
-/// The emission of a value, given the unit distance: colour times extinction, extinction.
+/// Returns the emission of a value, given the unit distance: colour times extinction, extinction.
 fn at(transfer: &TransferFunction, unit: f64, value: f64) -> [f64; 4] {
     let ([r, g, b], opacity) = transfer.sample(value);
     let tau = TransferFunction::extinction(opacity, unit);
     [r * tau, g * tau, b * tau, tau]
 }
 
-/// The mean over two values, of equal ones the emission there.
+/// Returns the mean emission over the values between two; if they are equal, the emission there.
 ///
 /// Between control points colour is linear and extinction is -ln(u) with u = 1 - opacity, also linear. With t from 0 to
 /// 1 across the part of a segment, u = a + d t, the integrals of -ln(u) and of -t ln(u) follow by substitution; where d
@@ -56,7 +56,7 @@ fn mean(transfer: &TransferFunction, unit: f64, [low, high]: [f64; 2]) -> [f64; 
     sum
 }
 
-/// The band-limited emission of a voxel: [`TransferFunction::with_classification`].
+/// Returns the band-limited emission of a voxel: [`TransferFunction::with_classification`].
 pub(super) fn band_limited(
     transfer: &TransferFunction,
     unit: f64,

@@ -25,7 +25,7 @@ const TURN: f64 = 0.5;
 const PIECE_SHARE: f64 = 0.01;
 /// The largest number of times that a step is halved.
 const MAX_LEVEL: u32 = 26;
-/// Length in voxels down to which intersections of a polynomial with a value are searched, if it may only touch it.
+/// The length in voxels down to which intersections of a polynomial with a value are searched, if it may only touch it.
 const FLOOR: f64 = 1.0 / 1024.0;
 /// The spread of a polynomial, as a fraction of its size, that is only rounding.
 const ROUNDING: f64 = 1e-13;
@@ -35,7 +35,8 @@ const FADED: f64 = 1e-10;
 /// The integral along a ray: premultiplied colour and optical depth.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct RayIntegral {
-    /// C = integral of e(t) exp(-integral_0^t tau) dt, red, green and blue. For the other models, their pixel.
+    /// The colour, red, green and blue: C = integral of e(t) exp(-integral_0^t tau) dt. For the other models, the
+    /// pixel's colour.
     pub color: [f64; 3],
     /// The integral of tau, up to the point where the transmittance falls below 1e-12 or a quarter of the tolerance;
     /// for an X-ray, to the end. For projections of intensity, the depth with the alpha of their pixel: infinite for 1.
@@ -56,7 +57,7 @@ impl RayIntegral {
         [r, g, b, self.alpha()]
     }
 
-    /// The integral of a ray that leaves a premultiplied pixel.
+    /// Returns the integral of a ray that leaves a premultiplied pixel.
     pub(super) fn of_pixel([r, g, b, alpha]: [f64; 4]) -> Self {
         Self { color: [r, g, b], optical_depth: -(-alpha).ln_1p() }
     }
@@ -81,7 +82,7 @@ impl RayIntegral {
         Self { color, optical_depth }
     }
 
-    /// Adds a part behind.
+    /// Adds a part behind this one.
     fn append(&mut self, behind: &Self) {
         let transmittance = (-self.optical_depth).exp();
         for (color, c) in self.color.iter_mut().zip(behind.color) {
@@ -91,9 +92,10 @@ impl RayIntegral {
     }
 }
 
-/// Gauss's three-point rule on [0, 1] as a collocation method: nodes, weights, and the integrals of the node
-/// polynomials up to each node (Hairer, Norsett and Wanner, "Solving Ordinary Differential Equations I", table II.7.4).
-/// With the running optical depth at the nodes from the same matrix, colour is as accurate as depth: order 6.
+/// The number of nodes of Gauss's three-point rule on [0, 1] as a collocation method: nodes, weights, and the integrals
+/// of the node polynomials up to each node (Hairer, Norsett and Wanner, "Solving Ordinary Differential Equations I",
+/// table II.7.4). With the running optical depth at the nodes from the same matrix, colour is as accurate as depth:
+/// order 6.
 const STAGES: usize = 3;
 const SQRT15: f64 = 3.872_983_346_207_417;
 const NODES: [f64; STAGES] = [0.5 - SQRT15 / 10.0, 0.5, 0.5 + SQRT15 / 10.0];
@@ -104,14 +106,14 @@ const RUNNING: [[f64; STAGES]; STAGES] = [
     [5.0 / 36.0 + SQRT15 / 30.0, 2.0 / 9.0 + SQRT15 / 15.0, 5.0 / 36.0],
 ];
 
-/// The accuracy of integrals.
+/// The accuracy requested of integrals, and the step that it takes.
 #[derive(Debug)]
 pub(super) struct Accuracy {
     /// The largest error of a pixel's channel; 0 for as exact as rounding allows.
     pub(super) tolerance: f64,
-    /// The kernel at the rim of its support.
+    /// The value of the kernel at the rim of its support.
     pub(super) rim: f64,
-    /// Steps of a block of extinction and emission.
+    /// The number of steps of a block of extinction and emission.
     pub(super) steps: f64,
 }
 
@@ -125,7 +127,7 @@ impl Accuracy {
 #[derive(Debug)]
 pub(super) struct Emission<'a> {
     pub(super) sum: RayIntegral,
-    /// World units per voxel along the ray, over the kernel's divisor N.
+    /// The world units per voxel along the ray, over the kernel's divisor N.
     pub(super) measure: f64,
     pub(super) accuracy: &'a Accuracy,
 }
@@ -184,17 +186,17 @@ impl Emission<'_> {
 #[derive(Debug)]
 pub(super) struct FieldClassifier {
     pub(super) transfer: TransferFunction,
-    /// The thickness of slab that opacities are per, in world units.
+    /// The thickness of the slab to which opacities refer, in world units.
     unit: f64,
     pub(super) base: f64,
-    /// Tells differences that are only rounding.
+    /// The resolution of scalars: smaller differences are only rounding.
     resolution: Resolution,
     /// The values, ascending, between which opacity is linear, and so extinction analytic.
     kinks: Vec<f64>,
     lighting: Option<Lighting>,
-    /// From the lattice to the world of the lights.
+    /// The map from the lattice to the world of the lights.
     grid: DAffine3,
-    /// From gradients along the lattice axes to gradients in the world.
+    /// The map from gradients along the lattice axes to gradients in the world.
     to_world: DMat3,
 }
 
@@ -234,8 +236,8 @@ impl FieldClassifier {
         self.kinks.get(first..last).unwrap_or(&[])
     }
 
-    /// Returns factors of scalar and differences whose sums change sign where lit colour jumps or bends: they tell on
-    /// which side of the surface the eye, each light, and the direction half way between them are.
+    /// Returns factors of scalar and differences whose sums change sign where lit colour jumps or bends: the signs tell
+    /// on which side of the surface the eye, each light, and the direction half way between them are.
     pub(super) fn sides(&self, to_eye: DVec3) -> Vec<Weights> {
         let lights = self.lighting.iter().flat_map(|lighting| &lighting.lights);
         // The direction to a light at a place changes along the ray: halving finds where.
@@ -283,11 +285,11 @@ pub(super) struct Classified<'a> {
     pub(super) ray: LatticeRay,
     /// The light that arrives at a place in the lattice.
     pub(super) arriving: &'a dyn Fn(DVec3) -> Visibility,
-    /// Unit vector, world coordinates.
+    /// The direction to the eye: a unit vector in world coordinates.
     pub(super) to_eye: DVec3,
-    /// The classifier's sides for that direction.
+    /// The classifier's sides for the direction to the eye.
     pub(super) sides: Vec<Weights>,
-    /// World units per voxel along the ray.
+    /// The world units per voxel along the ray.
     pub(super) measure: f64,
     /// The kernel's divisor N.
     pub(super) divisor: f64,
@@ -296,12 +298,12 @@ pub(super) struct Classified<'a> {
 
 /// A part of a block, in x from -1 to 1 over the block.
 struct Stretch {
-    /// Scalar and differences.
+    /// The scalar and its differences as polynomials.
     series: Series,
     scalar: Scalar,
-    /// The numbers whose sign matters.
+    /// The numbers whose sign tells the sides of light.
     sides: Vec<Scalar>,
-    /// The place on the ray where x is 0, and voxels per unit of x.
+    /// The place on the ray where x is 0; `half` is the number of voxels per unit of x.
     middle: f64,
     half: f64,
 }
@@ -362,7 +364,7 @@ impl Classified<'_> {
         cuts.iter().all(|&to| self.smooth(stretch, std::mem::replace(&mut from, to), to))
     }
 
-    /// Whether sums in a range are invisible.
+    /// Returns whether sums in a range are invisible.
     fn is_clear(&self, [low, high]: [f64; 2]) -> bool {
         // Between kinks opacity is linear and not negative: clear at one place inside, clear everywhere.
         self.classifier.between(self.value(low), self.value(high)).is_empty()
@@ -411,8 +413,8 @@ impl Classified<'_> {
         self.refine(stretch, a, middle, &first, level + 1) && self.refine(stretch, middle, b, &second, level + 1)
     }
 
-    /// Whether the same channels of lit colour are cut off at 1 at both ends and in the middle of a step, or the step
-    /// is too short to matter. Such a kink near an end escapes the nodes.
+    /// Returns whether the same channels of lit colour are cut off at 1 at both ends and in the middle of a step, or
+    /// the step is too short to matter. Such a kink near an end escapes the nodes.
     fn is_evenly_bright(&self, stretch: &Stretch, a: f64, b: f64) -> bool {
         if stretch.sides.is_empty() || (b - a) * stretch.half <= FLOOR {
             return true;
@@ -429,12 +431,12 @@ impl Classified<'_> {
         RayIntegral::step(&self.field(stretch, a, b), self.length(stretch, a, b))
     }
 
-    /// World units from a to b.
+    /// Returns the world length from a to b.
     fn length(&self, stretch: &Stretch, a: f64, b: f64) -> f64 {
         (b - a) * stretch.half * self.measure
     }
 
-    /// Extinction and emission at the nodes of a step.
+    /// Returns extinction and emission at the nodes of a step.
     fn field(&self, stretch: &Stretch, a: f64, b: f64) -> [Weights; STAGES] {
         NODES.map(|c| self.emission(stretch, a + (b - a) * c))
     }
@@ -452,9 +454,9 @@ impl Classified<'_> {
 /// The largest sum of splats on a ray.
 #[derive(Debug)]
 pub(super) struct Maximum {
-    /// `None` before the first piece.
+    /// The largest sum so far; `None` before the first piece.
     pub(super) largest: Option<f64>,
-    /// The place of the largest on the ray, in voxels.
+    /// The place of the largest sum on the ray, in voxels.
     pub(super) place: f64,
     /// The attenuation of sums over 0.
     pub(super) fade: Fade,
@@ -464,7 +466,7 @@ pub(super) struct Maximum {
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Fade {
     pub(super) start: f64,
-    /// At least 0.
+    /// The rise of the attenuation per voxel, at least 0.
     pub(super) slope: f64,
 }
 

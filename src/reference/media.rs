@@ -14,11 +14,11 @@ use crate::volume::{Samples, Volume};
 
 /// Number of voxels to either side whose extinctions make the normal of a voxel, if samples jump.
 const REACH: i64 = 4;
-/// The weights of voxels at these distances along an axis in the normals of scalars, and the weights of their
-/// differences (Farid and Simoncelli 2004), scaled so that a ramp of slope 1 has slope 1.
+/// The weights of voxels at distances 0, 1 and 2 along an axis in the normals of scalars, and in [`SLOPE`] the weights
+/// of their differences (Farid and Simoncelli 2004), scaled so that a ramp of slope 1 has slope 1.
 const SMOOTH: [f64; 3] = [0.426_375, 0.249_153, 0.037_659];
 const SLOPE: [f64; 3] = [0.0, 0.278_979, 0.110_51];
-/// Twice the variance of the Gaussian weights of these voxels, voxels^2.
+/// Twice the variance of the Gaussian weights of the extinctions that make a normal, voxels^2.
 const SPREAD: f64 = 2.0 * 1.5 * 1.5;
 /// The least slope of the smoothed extinction, per voxel, over the largest extinction of the layer.
 const FLAT: f64 = 1e-4;
@@ -54,7 +54,7 @@ struct Medium {
     unit: f64,
     /// The scalar that differences are relative to.
     base: f64,
-    /// Tells differences of scalars that are only rounding.
+    /// The resolution of scalars: smaller differences are only rounding.
     resolution: Resolution,
     mask: Option<(SampleValues, Arc<[i64]>)>,
     /// The largest extinction of any voxel.
@@ -71,7 +71,7 @@ impl Medium {
         }
     }
 
-    /// Returns the number that opacity depends on.
+    /// Returns the number on which opacity depends: the value, the alpha or the luminance.
     fn scalar(&self, index: usize) -> f64 {
         match &self.optics {
             Optics::Colors(_, others, _) => match others.get(2) {
@@ -87,10 +87,10 @@ impl Medium {
 pub(super) struct Media {
     dims: [usize; 3],
     media: Vec<Medium>,
-    /// Whether voxels are classified, and not the field.
+    /// Whether voxels are classified, and not the reconstructed field.
     is_pre_shaded: bool,
     normals: Normals,
-    /// From gradients along the lattice axes to gradients in the world.
+    /// The map from gradients along the lattice axes to gradients in the world.
     to_world: DMat3,
 }
 
@@ -136,7 +136,7 @@ impl Media {
         })
     }
 
-    /// The transfer function, if there is only one medium, of scalars and without a mask.
+    /// Returns the transfer function, if there is only one medium, of scalars and without a mask.
     pub(super) fn plain(&self) -> Option<&TransferFunction> {
         match self.media.as_slice() {
             [Medium { optics: Optics::Transfer(transfer), mask: None, .. }] => Some(transfer),
@@ -144,28 +144,28 @@ impl Media {
         }
     }
 
-    /// The transfer function, if the value of a voxel alone tells whether it is visible.
+    /// Returns the transfer function, if the value of a voxel alone decides whether it is visible.
     fn by_value(&self) -> Option<&TransferFunction> {
         self.plain().filter(|transfer| !(self.is_pre_shaded && transfer.is_band_limited()))
     }
 
-    /// Returns the number that tells whether a voxel may be visible: its value, or its extinction.
+    /// Returns the number that decides whether a voxel may be visible: its value, or its extinction.
     pub(super) fn number(&self, index: usize) -> f64 {
         if self.by_value().is_some() { self.media[0].scalar(index) } else { self.tau(self.point(index)) }
     }
 
-    /// Whether voxels with numbers in a range may be visible.
+    /// Returns whether voxels with numbers in a range may be visible.
     pub(super) fn may_show(&self, range: [f64; 2]) -> bool {
         self.by_value().map_or(range[1] > 0.0, |transfer| !transfer.is_invisible(range))
     }
 
-    /// The lattice point of a voxel, by its place in memory.
+    /// Returns the lattice point of a voxel, given its place in memory.
     pub(super) fn point(&self, index: usize) -> [usize; 3] {
         let [nx, ny, _] = self.dims;
         [index % nx, index / nx % ny, index / nx / ny]
     }
 
-    /// The place in memory of the voxel at or nearest to a lattice point.
+    /// Returns the place in memory of the voxel at or nearest to a lattice point.
     fn index(&self, point: [i64; 3]) -> usize {
         let [i, j, k] = [0, 1, 2].map(|axis| point[axis].clamp(0, self.dims[axis] as i64 - 1) as usize);
         i + self.dims[0] * (j + self.dims[1] * k)
@@ -195,7 +195,7 @@ impl Media {
         self.to_world * DVec3::from_array(medium.resolution.resolved(differences, distance))
     }
 
-    /// Whether the mask of a medium hides a voxel.
+    /// Returns whether the mask of a medium hides a voxel.
     fn is_hidden(medium: &Medium, index: usize) -> bool {
         medium.mask.as_ref().is_some_and(|(values, shown)| !shown.contains(&(values.at(index) as i64)))
     }

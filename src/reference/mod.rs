@@ -114,13 +114,13 @@ use profile::Profile;
 use ray::{LatticeRay, Viewer};
 use walk::{Scratch, Sight, Sizes, Visitor, Walk};
 
-/// The longest block, in standard deviations of the smallest kernel: without and with a tolerance.
+/// The length of the longest block, in standard deviations of the smallest kernel: without and with a tolerance.
 const LONGEST: [f64; 2] = [0.22, 1.1];
-/// Steps of extinction and emission in a block, likewise.
+/// The number of steps of extinction and emission in a block: without and with a tolerance.
 const STEPS: [f64; 2] = [1.0, 3.0];
-/// The error of kernels, over their peak, without a tolerance.
+/// The largest error of kernels, over their peak, without a tolerance.
 const KERNEL_ERROR: f64 = 2e-14;
-/// The error of kernels, over their peak and the tolerance.
+/// The largest error of kernels, over their peak and the tolerance.
 const KERNEL_SHARE: f64 = 1e-3;
 
 /// A volume, ready to be integrated from any camera.
@@ -130,12 +130,12 @@ const KERNEL_SHARE: f64 = 1e-3;
 /// no more.
 #[derive(Debug)]
 pub struct Reference {
-    /// In a world whose origin is the middle of the lattice.
+    /// The grid of the volume, in a world whose origin is the middle of the lattice.
     grid: Grid,
-    /// That middle in the world.
+    /// The middle of the lattice, in the world of the volume.
     center: DVec3,
     splats: VoxelValues,
-    /// `None` if weights depend on the viewer.
+    /// The voxels classified for all pictures; `None` if weights depend on the viewer.
     bricks: Option<Arc<Bricks>>,
     kernel: Kernel,
     /// The standard deviation of the kernel, voxels: the length over which it changes.
@@ -150,7 +150,7 @@ pub struct Reference {
     method: Method,
     /// The half-spaces that are not cut away.
     clip: Vec<Side>,
-    /// With light at every point: the field that it passes, and the lights.
+    /// The field that light passes, and the lights, if light is found at every point.
     light: Option<Box<(Self, Casting)>>,
     progress: Progress,
 }
@@ -158,15 +158,15 @@ pub struct Reference {
 /// The meaning of the sums over splats along a ray.
 #[derive(Debug)]
 enum Method {
-    /// Extinction and emission; voxels are lit if there is a light.
+    /// Sums of extinction and emission; voxels are lit if there is a light.
     PreShaded,
-    /// Extinction, whose integral makes the pixel.
+    /// Sums of extinction, whose integral makes the pixel.
     Xray(Response),
-    /// The scalar, and its gradient if there is a light.
+    /// Sums of the scalar, and of its gradient if there is a light.
     PostShaded(Box<FieldClassifier>),
-    /// The scalar, relative to the base of the transfer function, which classifies the largest.
+    /// Sums of the scalar, relative to the base of the transfer function, which classifies the largest.
     Maximum(TransferFunction),
-    /// The scalar, relative to the base of the transfer function, which classifies the mean.
+    /// Sums of the scalar, relative to the base of the transfer function, which classifies the mean.
     Mean(TransferFunction),
 }
 
@@ -184,7 +184,7 @@ impl Reference {
     /// Reads several layers once, pre-shaded; one volume alone as [`Self::new`] does.
     ///
     /// # Errors
-    /// Those of [`Self::new`], and [`Error::Setting`] for post-shading or a projection of several layers.
+    /// The errors of [`Self::new`], and [`Error::Setting`] for post-shading or a projection of several layers.
     pub fn of_layers(layers: &Layers, settings: &Settings) -> Result<Self> {
         settings.validate()?;
         let mut layers = Cow::Borrowed(layers);
@@ -240,7 +240,7 @@ impl Reference {
     /// point, instead of for voxels. Occlusion still comes from voxels. Takes thousands of times as long.
     ///
     /// # Errors
-    /// Those of [`Self::new`], and [`Error::Setting`] unless a post-shaded composite has light with shadows.
+    /// The errors of [`Self::new`], and [`Error::Setting`] unless a post-shaded composite has light with shadows.
     pub fn with_light_everywhere(volume: &Volume, transfer: &TransferFunction, settings: &Settings) -> Result<Self> {
         let reference = Self::new(volume, transfer, settings)?;
         let Some(casting) = settings.casting().filter(|_| settings.is_post_shaded()) else {
@@ -251,7 +251,7 @@ impl Reference {
         Ok(Self { light: Some(Box::new((field.with_tolerance(Self::TOLERANCE), casting))), ..reference })
     }
 
-    /// The light that arrives at a place in the lattice.
+    /// Returns the light that arrives at a place in the lattice.
     fn visibility(&self, place: DVec3) -> Visibility {
         let of_voxels = self.splats.visibility(place);
         let Some((field, casting)) = self.light.as_deref() else { return of_voxels };
@@ -305,7 +305,8 @@ impl Reference {
     /// Integrates a region of a camera's picture. The image has the size of the region.
     ///
     /// # Errors
-    /// Those of [`Self::render`], and [`Error::Setting`] if the region has no pixels or reaches beyond the picture.
+    /// The errors of [`Self::render`], and [`Error::Setting`] if the region has no pixels or reaches beyond the
+    /// picture.
     pub fn render_region(&self, camera: &Camera, region: Region) -> Result<Image> {
         camera.validate()?;
         region.check_within(camera.size)?;
@@ -323,13 +324,13 @@ impl Reference {
     /// premultiplied red, green, blue and alpha. Pixels outside the picture are accepted.
     ///
     /// # Errors
-    /// Those of [`Self::render`], for rays through these pixels only.
+    /// The errors of [`Self::render`], of rays through these pixels only.
     pub fn pixels(&self, camera: &Camera, pixels: &[[u32; 2]]) -> Result<Vec<[f64; 4]>> {
         self.traced(camera, pixels.len() as f64, pixels.par_iter(), |trace, pixel| trace(*pixel))
     }
 
-    /// Does some work for each of `items` on all cores, given a function that traces a pixel; `count` pixels are
-    /// traced.
+    /// Traces `count` pixels for `items` on all cores: calls a function for each item, with a function that traces a
+    /// pixel.
     fn traced<I: IndexedParallelIterator, O: Send>(
         &self,
         camera: &Camera,
@@ -373,7 +374,7 @@ impl Reference {
         self.chords(&camera, self.sizes(&camera), width * height)
     }
 
-    /// The sizes of the kernels in a picture, given a camera relative to the middle of the lattice.
+    /// Returns the sizes of the kernels in a picture, given a camera relative to the middle of the lattice.
     fn sizes(&self, camera: &Camera) -> Sizes {
         let radius = self.kernel.radius();
         if self.antialiasing { Sizes::seen(radius, &self.grid, camera) } else { Sizes::fixed(radius) }
@@ -404,14 +405,14 @@ impl Reference {
         rays.trace(origin, direction, two_sided, &mut Scratch::default())
     }
 
-    /// The depth of a lattice place in the box along a direction of view, 0 to 1.
+    /// Returns the depth of a lattice place in the box along a direction of view, 0 to 1.
     fn depth(&self, forward: DVec3, place: DVec3) -> f64 {
         let gradient = self.grid.to_world().matrix3.transpose() * forward;
         let dims = DVec3::from_array(self.grid.dims().map(f64::from));
         0.5 + gradient.dot(place - (dims - 1.0) / 2.0) / gradient.abs().dot(dims)
     }
 
-    /// The attenuation of a maximum along a ray.
+    /// Returns the attenuation of a maximum along a ray.
     fn fade(&self, forward: DVec3, ray: &LatticeRay) -> Fade {
         if self.attenuation <= 0.0 {
             return Fade::default();
@@ -491,13 +492,13 @@ impl PixelRays<'_> {
         Sight { splats, bricks: &self.bricks, profile, sizes: self.sizes, deviation, longest }
     }
 
-    /// The parts of a ray where more than `enough` may show, front to back. Parts closer together share planes of
-    /// splats.
+    /// Returns the parts of a ray where more than `enough` may be visible, front to back. Parts closer together share
+    /// planes of splats.
     fn parts(&self, ray: LatticeRay, enough: f64) -> Vec<LatticeRay> {
         self.map.as_ref().map_or_else(|| vec![ray], |map| map.parts(ray, enough, 2.0 * self.sizes.reach))
     }
 
-    /// Visits these parts of a ray as long as there is more to see.
+    /// Visits the parts of a ray that may be visible, as long as the visitor sees more.
     fn visit(&self, ray: LatticeRay, scratch: &mut Scratch, visitor: &mut impl Visitor) {
         let sight = self.sight();
         self.parts(ray, 0.0).into_iter().all(|part| sight.visit(part, scratch, visitor));
@@ -573,7 +574,7 @@ const MAX_REACH: f64 = 8.0;
 /// Returns bounds of the sum of all kernels of a lattice at any place, for scales from `small` to `large`; `None` if
 /// too many kernels overlap.
 fn kernel_sums(kernel: &Kernel, small: f64, large: f64) -> Option<[f64; 2]> {
-    /// Cells along half the distance of two lattice points: the rest of space is its mirror image.
+    /// The number of cells along half the distance of two lattice points: the rest of space is its mirror image.
     const CELLS: u32 = 5;
     let reach = kernel.radius() * large;
     if reach > MAX_REACH {

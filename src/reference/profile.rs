@@ -8,11 +8,11 @@ use super::ray::Weights;
 use crate::kernel::Kernel;
 use crate::kernel::quadrature::chebyshev;
 
-/// Number of coefficients of a piece, if one piece is not enough.
+/// The number of coefficients of a piece, if one piece is not enough.
 const TERMS: usize = 8;
 /// The largest number of coefficients of a single piece.
 const MAX_TERMS: usize = 24;
-/// Enough pieces for a Gaussian of sigma 0.05 cut at 16, the sharpest kernel.
+/// The largest number of pieces: enough for a Gaussian of sigma 0.05 cut at 16, the sharpest kernel.
 const MAX_PIECES: usize = 1 << 17;
 
 /// A kernel as a function of y = R^2 - rho^2, in which every kernel is analytic, continued a little beyond its support.
@@ -20,11 +20,11 @@ const MAX_PIECES: usize = 1 << 17;
 pub(super) struct Profile {
     /// The coefficients of each piece, lowest first, in s from -1 to 1 over the piece.
     coefficients: Vec<f64>,
-    /// Number of coefficients of a piece.
+    /// The number of coefficients of a piece.
     terms: usize,
-    /// The least y.
+    /// The least y of the profile.
     least: f64,
-    /// Pieces per unit of y.
+    /// The number of pieces per unit of y.
     scale: f64,
 }
 
@@ -117,7 +117,7 @@ fn interpolate(terms: usize, f: impl Fn(f64) -> f64) -> Vec<f64> {
     sum
 }
 
-/// Terms of a [`Series`], and the nodes that it is made from.
+/// The number of terms of a [`Series`], and of the nodes that it is made from.
 pub(super) const SERIES: usize = 8;
 
 /// A sum of splats along a stretch of a ray: a polynomial of degree 7 in x from -1 to 1 for each weight, as a series of
@@ -128,11 +128,11 @@ pub(super) struct Series(pub(super) [Weights; SERIES]);
 /// The nodes of a series, and the matrix that makes a series of values at them.
 pub(super) struct Rule {
     pub(super) nodes: [f64; SERIES],
-    /// For each node, the contribution of its value to each term.
+    /// The contribution of the value at each node to each term.
     pub(super) terms: [[f64; SERIES]; SERIES],
 }
 
-/// Interpolation at the zeros of T_8.
+/// The rule of interpolation at the zeros of T_8.
 pub(super) static RULE: LazyLock<Rule> = LazyLock::new(|| {
     let nodes = std::array::from_fn(|k| (PI * (k as f64 + 0.5) / SERIES as f64).cos());
     let share = |m: usize| if m == 0 { 1.0 } else { 2.0 } / SERIES as f64;
@@ -143,7 +143,7 @@ pub(super) static RULE: LazyLock<Rule> = LazyLock::new(|| {
     Rule { nodes, terms }
 });
 
-/// The first Chebyshev polynomials at x.
+/// Returns the first Chebyshev polynomials at x.
 #[inline]
 fn polynomials(x: f64) -> [f64; SERIES] {
     let mut p = [1.0; SERIES];
@@ -155,7 +155,7 @@ fn polynomials(x: f64) -> [f64; SERIES] {
 }
 
 impl Series {
-    /// The series that meets `values` (of each weight, at each node) at the nodes of [`RULE`].
+    /// Returns the series that meets `values` (of each weight, at each node) at the nodes of [`RULE`].
     pub(super) fn through(values: &[[f64; SERIES]; 4]) -> Self {
         let mut series = Self::default();
         for (k, row) in RULE.terms.iter().enumerate() {
@@ -173,7 +173,7 @@ impl Series {
         }
     }
 
-    /// Its sum at x.
+    /// Returns the sum of the series at x.
     #[inline]
     pub(super) fn at(&self, x: f64) -> Weights {
         let p = polynomials(x);
@@ -186,9 +186,9 @@ impl Series {
         sum
     }
 
-    /// One polynomial: the weights, each times its factor, added up.
+    /// Combines the weights, each times its factor, into one polynomial.
     pub(super) fn combined(&self, factors: &Weights) -> Scalar {
-        /// |T_n''| is largest at the ends: n^2 (n^2 - 1) / 3.
+        /// The largest |T_n''|, which is at the ends: n^2 (n^2 - 1) / 3.
         const BENDS: [f64; SERIES] = [0.0, 0.0, 4.0, 24.0, 80.0, 200.0, 420.0, 784.0];
         let products = self.0.map(|term| std::array::from_fn::<_, 4, _>(|c| term[c] * factors[c]));
         let value = products.map(|p| p.iter().sum::<f64>());
@@ -219,11 +219,11 @@ pub(super) struct Scalar {
 /// Bounds of a polynomial on an interval.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Range {
-    /// The value in the middle.
+    /// The value in the middle of the interval.
     pub(super) middle: f64,
     /// A bound of the distance of all values from `middle`.
     pub(super) spread: f64,
-    /// Whether the slope keeps its sign, and at least half its size in the middle.
+    /// Whether the slope keeps its sign, and at least half of its size in the middle.
     pub(super) monotone: bool,
 }
 

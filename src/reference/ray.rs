@@ -18,7 +18,7 @@ pub(super) type Weights = [f64; 4];
 #[derive(Debug, Clone, Copy)]
 pub(super) struct LatticeRay {
     pub(super) origin: DVec3,
-    /// Unit length.
+    /// The direction of the ray, unit length.
     pub(super) direction: DVec3,
     /// The position of the start: minus infinity for a parallel ray.
     pub(super) start: f64,

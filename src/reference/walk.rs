@@ -9,21 +9,21 @@ use crate::camera::{Camera, Growth};
 use crate::kernel::quadrature::{self, integrate};
 use crate::volume::Grid;
 
-/// Ends of chords closer together than this, in halves of a block, count as one end.
+/// The distance, in halves of a block, below which ends of chords count as one end.
 const SAME: f64 = 1e-10;
-/// Length in voxels below which a gap between blocks is only rounding.
+/// The length in voxels below which a gap between blocks is only rounding.
 const GAP: f64 = 1e-9;
-/// Panels of the quadrature of a kernel, per standard deviation: to 1e-12.
+/// The number of panels of the quadrature of a kernel, per standard deviation: to 1e-12.
 const PANELS: f64 = 2.0;
 
 /// The sizes of the kernels of a picture: at scale s a kernel is h(x / s) / s^3 in lattice coordinates.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sizes {
     growth: Growth,
-    /// World depth of lattice point 0 in front of the eye, and its change per voxel along each axis.
+    /// The world depth of lattice point 0 in front of the eye; `slope` is its change per voxel along each axis.
     depth: f64,
     slope: DVec3,
-    /// Repetitions of the edge that reach into the volume, if the edge is repeated.
+    /// The number of repetitions of the edge that reach into the volume, if the edge is repeated.
     pub(super) layers: i64,
     /// The support radius of a kernel that has not grown.
     radius: f64,
@@ -34,13 +34,13 @@ pub(super) struct Sizes {
 }
 
 impl Sizes {
-    /// Kernels of support radius `radius` that never grow.
+    /// Returns the sizes of kernels of support radius `radius` that never grow.
     pub(super) fn fixed(radius: f64) -> Self {
         let layers = radius.ceil() as i64;
         Self { growth: Growth::NONE, depth: 0.0, slope: DVec3::ZERO, layers, radius, reach: radius, least: 1.0 }
     }
 
-    /// Kernels of support radius `radius` as a camera sees them.
+    /// Returns the sizes of kernels of support radius `radius` in a camera's picture.
     pub(super) fn seen(radius: f64, grid: &Grid, camera: &Camera) -> Self {
         let growth = camera.growth(grid);
         let eye = camera.eye().unwrap_or(camera.target);
@@ -59,12 +59,12 @@ impl Sizes {
         }
     }
 
-    /// The scale of the largest kernel.
+    /// Returns the scale of the largest kernel.
     pub(super) fn largest(&self) -> f64 {
         self.reach / self.radius
     }
 
-    /// The scale s of the kernel at a lattice point.
+    /// Returns the scale s of the kernel at a lattice point.
     fn at(&self, point: [i64; 3]) -> f64 {
         if self.growth.slope == 0.0 {
             return self.least;
@@ -82,16 +82,16 @@ pub(super) struct Chord {
     leave: f64,
     /// The ray's closest point to the ball's centre.
     closest: f64,
-    /// R^2 - r^2, r the distance of the ray from the centre: the square of half the chord.
+    /// The square of half the chord: R^2 - r^2, r the distance of the ray from the centre.
     half2: f64,
-    /// 1 / s^2 for a kernel of scale s.
+    /// The factor 1 / s^2 for a kernel of scale s.
     shrink: f64,
-    /// With the factor 1 / s^3.
+    /// The weights of the splat with the factor 1 / s^3.
     weights: Weights,
 }
 
 impl Chord {
-    /// The kernel at places u, continued analytically beyond the ends.
+    /// Returns the kernel at places u, continued analytically beyond the ends.
     #[inline]
     fn values<const N: usize>(&self, profile: &Profile, places: [f64; N]) -> [f64; N] {
         // Loops, because maps of arrays are not inlined.
@@ -103,14 +103,15 @@ impl Chord {
         profile.values(y)
     }
 
-    /// The integral of the kernel over the chord, times the first weight. `deviation` is the smallest kernel's.
+    /// Returns the integral of the kernel over the chord, times the first weight. `deviation` is the smallest kernel's.
     pub(super) fn integral(&self, profile: &Profile, deviation: f64) -> f64 {
         let panels = ((self.leave - self.enter) / deviation * PANELS).ceil();
         self.weights[0] * integrate(self.enter, self.leave, panels as u32, |u| self.values(profile, [u])[0])
     }
 }
 
-/// Walks the lattice planes across a part of a ray along its dominant axis, in the order in which the ray meets them.
+/// A walk through the lattice planes across a part of a ray along its dominant axis, in the order in which the ray
+/// meets them.
 #[derive(Debug)]
 pub(super) struct Walk<'a> {
     splats: &'a VoxelValues,
@@ -118,11 +119,11 @@ pub(super) struct Walk<'a> {
     bounds: [[i64; 2]; 3],
     /// The part of the ray that splats reach.
     ray: LatticeRay,
-    /// The axis most parallel to the ray, and the other two, the one that is slower in memory first.
+    /// The axis most parallel to the ray, and the other two axes, the one that is slower in memory first.
     axes: [usize; 3],
-    /// The half extents, along the other two, of the ellipse in a plane in which the ray meets kernels.
+    /// The half extents, along the other two axes, of the ellipse in a plane in which the ray meets kernels.
     halves: [f64; 2],
-    /// The next plane, the last one, and the step from one to the next (1 or -1).
+    /// The next plane; `last` is the last one, `step` the step from one to the next (1 or -1).
     next: i64,
     last: i64,
     step: i64,
@@ -160,7 +161,7 @@ impl<'a> Walk<'a> {
         planes * across(a) * across(b) / self.ray.direction[main].abs()
     }
 
-    /// Half the length of the longest part of the ray on which the splats of one plane are found.
+    /// Returns half the length of the longest part of the ray on which the splats of one plane are found.
     fn spread(&self) -> f64 {
         self.sizes.reach / self.ray.direction[self.axes[0]].abs()
     }
@@ -226,10 +227,10 @@ impl<'a> Walk<'a> {
 /// The chords of a block before it is visited; kept from ray to ray for its memory.
 #[derive(Debug, Default)]
 struct Slot {
-    /// The number of chords that cover the whole block, and their sums: for each weight, at each node.
+    /// The number of chords that cover the whole block; `values` are their sums, for each weight, at each node.
     whole: usize,
     values: [[f64; SERIES]; 4],
-    /// The chords that begin or end in it.
+    /// The chords that begin or end in the block.
     ends: Vec<Chord>,
 }
 
@@ -241,17 +242,17 @@ impl Slot {
     }
 }
 
-/// Memory of the ray being integrated.
+/// The memory of the ray being integrated.
 #[derive(Debug, Default)]
 pub(super) struct Scratch {
     slots: Vec<Slot>,
     cuts: Cuts,
 }
 
-/// The ends of chords in a block; kept for their memory.
+/// The ends of chords in a block; kept from block to block for their memory.
 #[derive(Debug, Default)]
 pub(super) struct Cuts {
-    /// The place, the number of the chord, and whether the chord begins.
+    /// The place of each end, the number of the chord, and whether the chord begins.
     places: Vec<(f64, usize, bool)>,
     /// The series of each chord, in the block.
     series: Vec<[f64; SERIES]>,
@@ -262,26 +263,26 @@ pub(super) struct Cuts {
 #[derive(Debug)]
 pub(super) struct Block<'a> {
     profile: &'a Profile,
-    /// The middle on the ray, and half the length, in voxels.
+    /// The middle of the block on the ray; `half` is half its length, in voxels.
     pub(super) middle: f64,
     pub(super) half: f64,
-    /// Whether there are chords that cover the whole block.
+    /// Whether any chord covers the whole block.
     filled: bool,
-    /// Their sum.
+    /// The sum of the chords that cover the whole block.
     whole: Series,
-    /// The other chords.
+    /// The chords that begin or end in the block.
     ends: &'a [Chord],
 }
 
 /// A part of a ray on which the sum of splats is one polynomial.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Piece<'a> {
-    /// The sum, in x.
+    /// The sum of splats on the piece, in x.
     pub(super) series: &'a Series,
-    /// The place on the ray where x is 0, and voxels per unit of x.
+    /// The place on the ray where x is 0; `half` is the number of voxels per unit of x.
     pub(super) middle: f64,
     pub(super) half: f64,
-    /// The ends of the piece in x, between -1 and 1.
+    /// The ends of the piece, `from` and `to`, in x between -1 and 1.
     pub(super) from: f64,
     pub(super) to: f64,
 }
@@ -295,14 +296,14 @@ pub(super) trait Visitor {
     fn piece(&mut self, piece: &Piece<'_>) -> bool;
 }
 
-/// The scene of rays.
+/// The scene that rays visit.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sight<'a> {
     pub(super) splats: &'a VoxelValues,
     pub(super) bricks: &'a Bricks,
     pub(super) profile: &'a Profile,
     pub(super) sizes: Sizes,
-    /// The standard deviation of the smallest kernel, and the length of the longest block, voxels.
+    /// The standard deviation of the smallest kernel, and in `longest` the length of the longest block, voxels.
     pub(super) deviation: f64,
     pub(super) longest: f64,
 }

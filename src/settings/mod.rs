@@ -18,6 +18,7 @@ use voxsplat_volume::names::named;
 
 /// The format of the sheet buffers. The frame into which sheets are composited is always f32.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub enum Precision {
     /// Half-precision sheets: half the memory traffic, and the errors that [`QuadsSettings::precision`] lists.
     F16,
@@ -27,6 +28,7 @@ pub enum Precision {
 
 /// The model: the value of a pixel, given the fields along its ray.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[non_exhaustive]
 pub enum Model {
     /// Emission and absorption: C = integral of c tau exp(-integral of tau), alpha = 1 - exp(-integral of tau).
     #[default]
@@ -37,9 +39,9 @@ pub enum Model {
     /// Maximum intensity projection: the colour of the largest reconstructed value on the ray's part in the box of the
     /// voxels, its alpha the opacity of that value over the largest opacity of the transfer function.
     Mip,
-    /// Minimum intensity projection: the same for the smallest value in the box of the voxels.
+    /// Minimum intensity projection: as [`Self::Mip`], for the smallest value in the box of the voxels.
     Minip,
-    /// Average intensity projection: the same for the mean value.
+    /// Average intensity projection: as [`Self::Mip`], for the mean value.
     Average,
 }
 
@@ -57,6 +59,7 @@ pub enum Shading {
 
 /// The sheets into which splats are gathered.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[non_exhaustive]
 pub enum Sheets {
     /// Slabs parallel to the image; each kernel is cut by their planes (Mueller and Crawfis 1998).
     #[default]
@@ -68,16 +71,18 @@ pub enum Sheets {
 
 /// The quantity that a sheet accumulates.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[non_exhaustive]
 pub enum Accumulation {
-    /// Optical depth: the alpha of a sheet is 1 - exp(-sum), exact for every thickness.
+    /// The optical depth: the alpha of a sheet is 1 - exp(-sum), exact for every thickness.
     #[default]
     OpticalDepth,
-    /// Opacities, clamped at 1. Historical: does not converge with thinner sheets.
+    /// The sum of opacities, clamped at 1. Historical: does not converge with thinner sheets.
     Additive,
 }
 
 /// The scalar by which a post-shaded sheet is classified.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[non_exhaustive]
 pub enum Interslice {
     /// The parabola through the means of the sheet and its two neighbours, in six pieces per voxel of thickness.
     #[default]
@@ -86,12 +91,13 @@ pub enum Interslice {
     Mean,
 }
 
-/// What draws the picture, with its own knobs. To set a knob is to choose its painter.
+/// The painter that draws the picture, with its own knobs. To set a knob is to choose its painter.
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
+#[non_exhaustive]
 pub enum Painter {
-    /// Of an [`Engine`](crate::engine::Engine), `Cpu` without a GPU. On a device `Tiles`, or `Quads` if tiles refuses
-    /// the picture. Only the adapter and the settings decide, so that the same input gives the same bytes;
-    /// [`Stats::painter_reason`](crate::stats::Stats::painter_reason) states the reason.
+    /// The choice of the library: for an [`Engine`](crate::engine::Engine) without a GPU `Cpu`; on a device `Tiles`, or
+    /// `Quads` if tiles refuses the picture. Only the adapter and the settings decide, so that the same input gives the
+    /// same bytes; [`Stats::painter_reason`](crate::stats::Stats::painter_reason) states the reason.
     #[default]
     Auto,
     /// Instanced quads that the rasteriser adds up in sheets. Draws every picture.
@@ -109,14 +115,16 @@ pub enum Painter {
     Cpu,
 }
 
-/// Knobs of the painter quads.
+/// The knobs of the painter quads.
+///
+/// End a literal with `..QuadsSettings::default()`: a minor release may add fields.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct QuadsSettings {
     /// The sheets into which splats are gathered.
     pub sheets: Sheets,
     /// The quantity that a sheet accumulates.
     pub accumulation: Accumulation,
-    /// Thickness of a sheet in voxels, measured along the central ray; 0.05 to 64. If kernels grow (see
+    /// The thickness of a sheet in voxels, measured along the central ray; 0.05 to 64. If kernels grow (see
     /// [`Settings::antialiasing`]), the growth of the nearest kernel multiplies it. Sheets are thinner in wide fields
     /// of view, so that the most oblique ray is at most 2 times as long in a sheet, post-shaded 1.25 times.
     /// Post-shaded, they are also thinner by 1 - [`Settings::sharpness`] / 2, and by radius / 2 if the kernel's radius
@@ -131,9 +139,13 @@ pub struct QuadsSettings {
     /// times, and 6e-2 at twenty times. Scalars err by 5e-4 of their distance from the invisible value. Sheets of half
     /// floats are at most 4 voxels thick, also for X-rays, because thicker sheets lose late summands.
     pub precision: Option<Precision>,
-    /// Largest interpolation error of the footprint table, as a fraction of the footprint's peak, 1e-7 to 0.1; `None`
-    /// matches the precision of the sheets.
+    /// The largest interpolation error of the footprint table, as a fraction of the footprint's peak, 1e-7 to 0.1;
+    /// `None` matches the precision of the sheets.
     pub table_error: Option<f64>,
+    /// Makes literals that name all fields impossible.
+    #[doc(hidden)]
+    #[serde(skip)]
+    pub non_exhaustive: (),
 }
 
 impl Default for QuadsSettings {
@@ -144,6 +156,7 @@ impl Default for QuadsSettings {
             sheet_thickness: 1.0,
             precision: None,
             table_error: None,
+            non_exhaustive: (),
         }
     }
 }
@@ -155,6 +168,7 @@ pub(crate) const MAX_LEVEL: u32 = 12;
 /// many more at level n + 1/2. Cost then follows the picture instead of the volume (Laur and Hanrahan 1991,
 /// "Hierarchical splatting").
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, serde::Serialize, serde::Deserialize)]
+#[non_exhaustive]
 pub enum Level {
     /// The coarsest accurate cells: within 2 of 255 (rms over covered pixels) of voxels with grown kernels.
     ///
@@ -166,7 +180,7 @@ pub enum Level {
     /// Post-shaded pictures have level 1/2 and whole levels. Along parallel rays a picture has one level, a finer one
     /// in dense matter. In perspective cells have an optical depth of at most 1; [`Painter::Quads`], and maxima by both
     /// painters, replace voxels there from a growth of 4 on. Level 0 alone is used if values are over 16 times as far
-    /// from the transfer function's base as its control points, or if things of one value are visible and lit.
+    /// from the transfer function's base as its control points, or if regions of one value are visible and lit.
     #[default]
     Auto,
     /// Cells of this level, 0 to 12, without regard to accuracy. Kernels have at least the smallest width of cells: at
@@ -175,6 +189,8 @@ pub enum Level {
 }
 
 /// The settings of a picture.
+///
+/// End a literal with `..Settings::default()`: a minor release may add fields.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Settings {
     /// The value of a pixel.
@@ -219,6 +235,10 @@ pub struct Settings {
     pub sharpness: f64,
     /// The painter that draws the splats, with its own knobs.
     pub painter: Painter,
+    /// Makes literals that name all fields impossible.
+    #[doc(hidden)]
+    #[serde(skip)]
+    pub non_exhaustive: (),
 }
 
 impl Default for Settings {
@@ -239,6 +259,7 @@ impl Default for Settings {
             normalization: Normalization::default(),
             sharpness: 0.0,
             painter: Painter::default(),
+            non_exhaustive: (),
         }
     }
 }
@@ -254,8 +275,8 @@ named! { "accumulation", Accumulation { OpticalDepth: "optical-depth", Additive:
 named! { "interslice", Interslice { Parabola: "parabola", Mean: "mean" } }
 
 impl Precision {
-    /// Returns the error of the footprint table that matches the rounding of such sheets, as a fraction of the
-    /// footprint's peak.
+    /// Returns the error of the footprint table that matches the rounding of sheets of this precision, as a fraction of
+    /// the footprint's peak.
     #[must_use]
     pub fn footprint_error(self) -> f64 {
         match self {
@@ -323,7 +344,7 @@ impl Settings {
         if self.sharpness > 0.0 { self.kernel.narrowed(self.sharpness).unwrap_or(self.kernel) } else { self.kernel }
     }
 
-    /// The kernel and the sharpness that samples are filtered for; `None`: no filter.
+    /// Returns the kernel and the sharpness for which samples are filtered; `None`: no filter.
     pub(crate) fn sharpens(&self) -> Option<(Kernel, f64)> {
         (self.sharpness > 0.0 && self.is_post_shaded()).then(|| (self.reconstruction_kernel(), self.sharpness))
     }
@@ -332,6 +353,7 @@ impl Settings {
     ///
     /// # Errors
     /// [`Error::Setting`] if the kernel is too large.
+    #[doc(hidden)]
     pub fn prefilter(&self) -> Result<Option<Prefilter>> {
         self.sharpens().map(|(kernel, sharpness)| Prefilter::new(&kernel, sharpness)).transpose()
     }
@@ -340,6 +362,7 @@ impl Settings {
     ///
     /// # Errors
     /// [`Error::Setting`] if the settings are refused.
+    #[doc(hidden)]
     pub fn reconstruction(&self) -> Result<Reconstruction> {
         self.validate()?;
         Ok(Reconstruction::new(self.reconstruction_kernel(), self.prefilter()?))
@@ -370,8 +393,8 @@ impl Settings {
         }
     }
 
-    /// Returns whether pictures have depths ([`Renderer::depths`](crate::renderer::Renderer::depths)): those of the
-    /// composite model, unless sheets lie along an axis of the lattice, where a sheet has no single depth.
+    /// Returns whether pictures have depths ([`Renderer::depths`](crate::renderer::Renderer::depths)): only pictures of
+    /// the composite model do, unless sheets lie along an axis of the lattice, where a sheet has no single depth.
     #[must_use]
     pub fn has_depths(&self) -> bool {
         self.model == Model::Composite && self.quads().sheets == Sheets::Image
@@ -386,45 +409,46 @@ impl Settings {
         Err(Error::setting("model", format!("{}: {reason}", self.model.name())))
     }
 
-    /// RESPONSE and `curve` in shaders/common/response.wgsl.
+    /// Returns RESPONSE and `curve` of shaders/common/response.wgsl.
     pub(crate) fn xray_response(&self) -> (u32, [f32; 4]) {
         if self.model == Model::Xray { self.response.for_shaders() } else { (0, [0.0; 4]) }
     }
 
-    /// The knobs of the painter quads; the defaults for another painter.
+    /// Returns the knobs of the painter quads; the defaults for another painter.
     pub(crate) fn quads(&self) -> QuadsSettings {
         if let Painter::Quads(quads) = self.painter { quads } else { QuadsSettings::default() }
     }
 
-    /// Whether cells may replace voxels.
+    /// Returns whether cells may replace voxels.
     pub(crate) fn takes_cells(&self) -> bool {
         let quads = self.quads();
         !self.is_post_shaded() && quads.sheets == Sheets::Image && quads.accumulation == Accumulation::OpticalDepth
     }
 
-    /// The same settings with the thickness of sheets multiplied by a factor.
+    /// Returns the settings with the thickness of sheets multiplied by a factor.
     pub(crate) fn with_sheets_of(self, times: f64) -> Self {
         let Painter::Quads(quads) = self.painter else { return self };
         let sheet_thickness = (times * quads.sheet_thickness).clamp(0.05, 64.0);
         Self { painter: Painter::Quads(QuadsSettings { sheet_thickness, ..quads }), ..self }
     }
 
-    /// Whether some light is at a place.
+    /// Returns whether any light is at a place.
     pub(crate) fn has_point_lights(&self) -> bool {
         self.lighting.as_ref().is_some_and(Lighting::has_points)
     }
 
-    /// The shadows that lights cast; `None`: no shadows.
+    /// Returns the shadows that lights cast; `None`: no shadows.
     pub(crate) fn casting(&self) -> Option<Casting> {
         self.lighting.as_ref().and_then(Lighting::casting)
     }
 
-    /// The number of lights; 0 without light.
+    /// Returns the number of lights; 0 without light.
     pub(crate) fn light_count(&self) -> u32 {
         self.lighting.as_ref().map_or(0, |lighting| lighting.lights.len() as u32)
     }
 
-    /// The number of pieces in which a post-shaded slab of a thickness in voxels is classified, `per_voxel` to a voxel.
+    /// Returns the number of pieces in which a post-shaded slab of a thickness in voxels is classified, `per_voxel` to
+    /// a voxel.
     pub(crate) fn samples_per_slab(&self, voxels: f64, per_voxel: f64) -> u32 {
         match self.interslice {
             Interslice::Mean => 1,
@@ -432,12 +456,12 @@ impl Settings {
         }
     }
 
-    /// The normals that light needs; `None`: there is no light.
+    /// Returns the normals that light needs; `None`: there is no light.
     pub(crate) fn normals(&self) -> Option<Normals> {
         self.lighting.as_ref().map(|lighting| lighting.normals)
     }
 
-    /// The error of a setting that a scene was prepared without or for another value of.
+    /// Returns the error of a setting with which a scene was not prepared.
     pub(crate) fn not_prepared(name: &'static str, what: &str) -> Error {
         let reason = format!("the scene was prepared {what}: prepare it with the settings it is rendered with");
         Error::setting(name, reason)
@@ -462,8 +486,8 @@ impl Settings {
         }
     }
 
-    /// The volume and the transfer function mirrored at 0: their maximum is the requested minimum. `None`: no minimum
-    /// is requested.
+    /// Returns the volume and the transfer function mirrored at 0, whose maximum is the requested minimum; `None`: no
+    /// minimum is requested.
     pub(crate) fn mirrored(
         &self,
         volume: &Volume,

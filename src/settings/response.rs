@@ -15,9 +15,10 @@ pub enum Response {
     /// The absorbed share of the beam: alpha = 1 - exp(-depth).
     #[default]
     Absorption,
-    /// The depth itself in red, green and blue, unbounded; alpha = 1 - exp(-depth). For measurements, in an EXR.
+    /// The optical depth itself in red, green and blue, unbounded; alpha = 1 - exp(-depth). For measurements, in an
+    /// EXR.
     Depth,
-    /// Linear in depth, as in digital radiographs: black up to `low`, white from `high` on.
+    /// A window of depth, as in digital radiographs: black up to `low`, white from `high` on, linear between.
     Window {
         /// The largest depth of a black pixel, 0 or more.
         low: f64,
@@ -42,7 +43,7 @@ pub enum Response {
 const DENSITY: f64 = 3.0;
 
 impl Response {
-    /// Depths of 0 to 4.
+    /// The window of depths from 0 to 4.
     pub const WINDOW: Self = Self::Window { low: 0.0, high: 4.0 };
     /// Film of ordinary contrast, which shows depths of about 1 to 3.
     pub const FILM: Self = Self::Film { exposure: 4.0, gamma: 3.0 };
@@ -67,7 +68,7 @@ impl Response {
         }
     }
 
-    /// The constants RESPONSE and `curve` of shaders/common/response.wgsl.
+    /// Returns the constants RESPONSE and `curve` of shaders/common/response.wgsl.
     pub(crate) fn for_shaders(&self) -> (u32, [f32; 4]) {
         let (kind, curve) = match *self {
             Self::Absorption => (1, [0.0; 4]),
@@ -99,18 +100,18 @@ impl Response {
     }
 }
 
-/// The exponent of the exposure in the density.
+/// Returns the exponent of the exposure in the density.
 fn steepness(gamma: f64) -> f64 {
     4.0 * gamma / (DENSITY * LN_10)
 }
 
-/// The share of light that passes film behind an optical depth.
+/// Returns the share of light that passes film behind an optical depth.
 fn passed(depth: f64, exposure: f64, gamma: f64) -> f64 {
     let density = DENSITY / (1.0 + (steepness(gamma) * (depth - exposure.ln())).exp());
     (-LN_10 * density).exp()
 }
 
-/// The spelling of `--response`.
+/// Writes the spelling of `--response`.
 impl fmt::Display for Response {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

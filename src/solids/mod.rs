@@ -17,12 +17,12 @@ use crate::transfer::color;
 use crate::volume::Grid;
 pub use voxsplat_volume::meshes::{Mesh, Space, load as load_mesh};
 
-/// A mesh and the colour of its vertices that have none of their own.
+/// A mesh, and the colour of its vertices that have no colour of their own.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Solid {
     /// The mesh, in the world of the volume.
     pub mesh: Mesh,
-    /// Red, green and blue, 0 to 1, sRGB.
+    /// Red, green and blue of vertices without a colour, 0 to 1, sRGB.
     pub color: [f64; 3],
 }
 
@@ -43,13 +43,13 @@ impl Solid {
     }
 }
 
-/// The surfaces of a picture: the depth of each pixel and, if it is known, what the picture shows there.
+/// The surfaces of a picture: the depth of each pixel and, if they are known, the colours of the surfaces.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Solids {
     /// The depth of the surface in each pixel.
     pub depths: DepthMap,
-    /// Premultiplied colours and coverage of the surfaces. `None`: another program draws them, and the picture shows
-    /// the matter before them alone.
+    /// The premultiplied colours and the coverage of the surfaces. `None`: another program draws them, and the picture
+    /// shows the matter before them alone.
     pub image: Option<Image>,
 }
 
@@ -141,7 +141,7 @@ impl Solids {
         }
     }
 
-    /// The share of a pixel that its surface covers: 1 if the surface only hides matter.
+    /// Returns the share of a pixel that its surface covers: 1 if the surface only hides matter.
     fn coverage(&self, [x, y]: [u32; 2]) -> f32 {
         if self.depths.at([x, y]).is_infinite() {
             return 0.0;
@@ -153,13 +153,13 @@ impl Solids {
         })
     }
 
-    /// Whether surfaces cover each pixel of a region whole.
+    /// Returns whether surfaces cover each pixel of a region whole.
     fn covers(&self, region: Region) -> bool {
         region.pixels().all(|pixel| self.coverage(pixel) >= 1.0)
     }
 
     /// Makes a part of a picture with these surfaces in it, of the matter `before` them in a region and of `all`
-    /// matter: behind the edge of a surface matter shows too.
+    /// matter: matter behind the edge of a surface is visible too.
     pub(crate) fn in_picture(
         &self,
         camera: &Camera,
@@ -205,12 +205,13 @@ impl Solids {
     }
 }
 
-/// A mesh as a user writes it: `FILE` or `FILE:COLOUR`.
+/// A mesh in the spelling of users: `FILE` or `FILE:COLOUR`.
 #[derive(Debug, Clone, PartialEq)]
+#[doc(hidden)]
 pub struct MeshSpec {
-    /// The file: PLY, STL, OBJ or VTP.
+    /// The path of the file: PLY, STL, OBJ or VTP.
     pub path: PathBuf,
-    /// The colour of all vertices; `None`: their own, or [`Solid::COLOR`].
+    /// The colour of all vertices; `None`: the vertices' own colours, or [`Solid::COLOR`].
     pub color: Option<[f64; 3]>,
 }
 
@@ -233,7 +234,7 @@ impl MeshSpec {
     /// Reads a colour of a mesh: red, green and blue, 0 to 1.
     ///
     /// # Errors
-    /// [`Error::Setting`] if the text is none.
+    /// [`Error::Setting`] if the text is no colour.
     pub fn color(text: &str) -> Result<[f64; 3]> {
         color::parse(text).ok_or_else(|| {
             let expected = "expected #rrggbb, a colour of CSS by name, or r,g,b from 0 to 1";
@@ -261,7 +262,7 @@ mod tests {
     use super::*;
     use crate::camera::{ProjectionKind, View};
 
-    /// A square of two triangles across y, around the origin, as wide as 2 `half`, at `y`.
+    /// Makes a square of two triangles across y, around the origin, as wide as 2 `half`, at `y`.
     fn square(half: f32, y: f32) -> Mesh {
         let place = |x: f32, z: f32| [half * x, y, half * z];
         Mesh {

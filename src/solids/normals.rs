@@ -8,8 +8,8 @@ use super::Mesh;
 /// The cosine of the largest angle between triangles that share a normal: 40 degrees.
 const CREASE: f64 = 0.766;
 
-/// The normal at each corner of each triangle: the sum of the normals, by their areas, of the triangles around its
-/// place that lie within 40 degrees of its own. Triangles without an area have a normal of 0.
+/// Returns the normal at each corner of each triangle: the sum of the normals, by their areas, of the triangles around
+/// its place that lie within 40 degrees of its own. Triangles without an area have a normal of 0.
 pub(super) fn corner_normals(mesh: &Mesh) -> Vec<[DVec3; 3]> {
     let faces: Vec<DVec3> = mesh.triangles.par_iter().map(|&triangle| face(mesh, triangle)).collect();
     let (places, count) = places(mesh);
@@ -33,8 +33,8 @@ pub(super) fn corner_normals(mesh: &Mesh) -> Vec<[DVec3; 3]> {
     triangles.map(|(corners, &own)| corners.map(|vertex| normal(vertex, own))).collect()
 }
 
-/// The number of the place of each vertex, and the number of places. Vertices share places whether or not triangles
-/// share vertices: an STL has no vertices in common.
+/// Returns the number of the place of each vertex, and the number of places. Vertices share places whether or not
+/// triangles share vertices: an STL has no vertices in common.
 fn places(mesh: &Mesh) -> (Vec<u32>, usize) {
     // The positive zero stands for both.
     let key = |vertex: u32| mesh.vertices[vertex as usize].map(|number| (number + 0.0).to_bits());
@@ -49,7 +49,7 @@ fn places(mesh: &Mesh) -> (Vec<u32>, usize) {
     (places, count as usize)
 }
 
-/// Twice the area of a triangle along its normal.
+/// Returns twice the area of a triangle along its normal.
 fn face(mesh: &Mesh, [a, b, c]: [u32; 3]) -> DVec3 {
     let [a, b, c] = [a, b, c].map(|vertex| mesh.place(vertex));
     (b - a).cross(c - a)

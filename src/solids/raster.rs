@@ -12,10 +12,10 @@ use crate::image::{DepthMap, Image};
 use crate::lighting::{Lighting, Visibility};
 use voxsplat_volume::memory::reserved;
 
-/// Samples of a pixel along each axis.
+/// The number of samples of a pixel along each axis.
 const SAMPLES: usize = 4;
 const ALL: usize = SAMPLES * SAMPLES;
-/// Rows of pixels that are drawn together.
+/// The number of rows of pixels that are drawn together.
 const BAND: usize = 16;
 /// The least distance of drawn surfaces from the eye, as a fraction of the distance of the target.
 const NEAR: f64 = 1e-4;
@@ -23,35 +23,35 @@ const NEAR: f64 = 1e-4;
 /// A corner of a triangle in the picture.
 #[derive(Clone, Copy)]
 struct Corner {
-    /// Place in pixels from the top left of the picture.
+    /// The place of the corner in pixels from the top left of the picture.
     pixel: DVec2,
-    /// Depth as in [`DepthMap`].
+    /// The depth of the corner, as in [`DepthMap`].
     depth: f64,
-    /// Shares of the three corners of the whole triangle in this one.
+    /// The shares of the three corners of the whole triangle in this corner.
     shares: DVec3,
 }
 
 /// A triangle in the picture, or the part of it before the eye.
 struct Projected {
     corners: [Corner; 3],
-    /// The number of the mesh, and of the triangle in it.
+    /// The number of the mesh, and the number of the triangle in it.
     of: [u32; 2],
 }
 
-/// A hit of a triangle.
+/// A place at which a sample hits a triangle.
 struct Hit {
     depth: f64,
-    /// Shares of the corners of the whole triangle.
+    /// The shares of the corners of the whole triangle at the place.
     shares: DVec3,
 }
 
-/// The camera and what it sees.
+/// The camera, and the meshes and lights in front of it.
 struct Scene<'a> {
     solids: &'a [Solid],
     normals: Vec<Vec<[DVec3; 3]>>,
     camera: &'a Camera,
     lighting: &'a Lighting,
-    /// Factor of the colours of meshes: the brightest light shows a colour as it is, not brighter.
+    /// The factor of the colours of meshes: the brightest light shows a colour as it is, not brighter.
     exposure: f64,
 }
 
@@ -90,7 +90,7 @@ pub(super) fn draw(solids: &[Solid], camera: &Camera, lighting: &Lighting) -> Re
     Ok(Solids { depths: DepthMap::new(width, height, depths)?, image: Some(image) })
 }
 
-/// The first whole pixel that three places reach along an axis, and the pixel after the last.
+/// Returns the first whole pixel that three places reach along an axis, and the pixel after the last.
 fn ends(places: [f64; 3], size: u32) -> [usize; 2] {
     let low = places.into_iter().fold(f64::INFINITY, f64::min);
     let high = places.into_iter().fold(f64::NEG_INFINITY, f64::max);
@@ -99,7 +99,7 @@ fn ends(places: [f64; 3], size: u32) -> [usize; 2] {
 }
 
 impl Scene<'_> {
-    /// The parts of a triangle before the eye: none, one or two triangles.
+    /// Returns the parts of a triangle before the eye: none, one or two triangles.
     fn projected(&self, of: [u32; 2]) -> Vec<Projected> {
         let mesh = &self.solids[of[0] as usize].mesh;
         let places = mesh.triangles[of[1] as usize].map(|vertex| self.seen(mesh.place(vertex)));
@@ -125,7 +125,7 @@ impl Scene<'_> {
         (1..corners.len().saturating_sub(1)).map(triangle).collect()
     }
 
-    /// View coordinates of a place: right, up, and its depth.
+    /// Returns the view coordinates of a place: right, up, and its depth.
     fn seen(&self, place: DVec3) -> DVec3 {
         let from = place - self.camera.eye().unwrap_or(self.camera.target);
         DVec3::new(from.dot(self.camera.right), from.dot(self.camera.up), from.dot(self.camera.forward))
@@ -188,8 +188,8 @@ impl Scene<'_> {
         }
     }
 
-    /// The depth of a pixel: of the triangle of the median of its samples, in the middle of the pixel, or as near to it
-    /// as samples are.
+    /// Returns the depth of a pixel: of the triangle of the median of its samples, in the middle of the pixel, or as
+    /// near to it as samples are.
     fn depth(&self, hits: &[(f64, u32, usize)], triangles: &[Projected], [column, row]: [usize; 2]) -> f64 {
         let (median, number, _) = hits[hits.len() / 2];
         let middle = DVec2::new(column as f64 + 0.5, row as f64 + 0.5);
@@ -198,7 +198,7 @@ impl Scene<'_> {
         depth.clamp(hits[0].0, hits[hits.len() - 1].0)
     }
 
-    /// The premultiplied colour of a pixel: each triangle is lit once, in the middle of its samples.
+    /// Returns the premultiplied colour of a pixel: each triangle is lit once, in the middle of its samples.
     fn color(&self, hits: &mut [(f64, u32, usize)], triangles: &[Projected], [column, row]: [usize; 2]) -> [f32; 4] {
         hits.sort_by_key(|(_, number, sample)| (*number, *sample));
         let mut color = [0.0; 3];
@@ -213,7 +213,7 @@ impl Scene<'_> {
         [r, g, b, hits.len() as f32 / ALL as f32]
     }
 
-    /// The colour of a lit place of a triangle.
+    /// Returns the lit colour of a place of a triangle.
     fn lit(&self, triangle: &Projected, hit: &Hit) -> [f64; 3] {
         let [mesh, number] = triangle.of.map(|number| number as usize);
         let solid = &self.solids[mesh];
@@ -235,7 +235,7 @@ impl Scene<'_> {
     }
 }
 
-/// The place of sample number `at` of a pixel.
+/// Returns the place of sample number `at` of a pixel.
 fn place(column: usize, row: usize, at: usize) -> DVec2 {
     let offset = |n: usize| (n as f64 + 0.5) / SAMPLES as f64;
     DVec2::new(column as f64 + offset(at % SAMPLES), row as f64 + offset(at / SAMPLES))
@@ -244,20 +244,20 @@ fn place(column: usize, row: usize, at: usize) -> DVec2 {
 /// A projected triangle as linear functions of the place in the picture.
 struct Plane<'a> {
     corners: &'a [Corner; 3],
-    /// Twice the area, signed.
+    /// Twice the area of the triangle, signed.
     area: f64,
     perspective: bool,
 }
 
 impl<'a> Plane<'a> {
-    /// `None` if the triangle is seen from its edge.
+    /// Makes the linear functions of a triangle; `None` if it is seen from its edge.
     fn new(triangle: &'a Projected, perspective: bool) -> Option<Self> {
         let corners = &triangle.corners;
         let area = (corners[1].pixel - corners[0].pixel).perp_dot(corners[2].pixel - corners[0].pixel);
         (area != 0.0 && area.is_finite()).then_some(Self { corners, area, perspective })
     }
 
-    /// The weights of the corners at a place in the picture; all are at least 0 inside.
+    /// Returns the weights of the corners at a place in the picture; all are at least 0 inside.
     fn weights(&self, place: DVec2) -> DVec3 {
         let [a, b, c] = self.corners.map(|corner| corner.pixel - place);
         DVec3::new(b.perp_dot(c), c.perp_dot(a), a.perp_dot(b)) / self.area
@@ -268,13 +268,13 @@ impl<'a> Plane<'a> {
         (weights.min_element() >= 0.0).then(|| self.at_weights(weights))
     }
 
-    /// The hit of the plane of the triangle, inside it or not.
+    /// Returns the hit of the triangle's plane, inside the triangle or not.
     fn at(&self, place: DVec2) -> Hit {
         self.at_weights(self.weights(place))
     }
 
-    /// In perspective 1 / depth and shares / depth are linear in the picture (Heckbert and Moreton 1991, "Interpolation
-    /// for polygon texture mapping and shading").
+    /// Returns the hit at the given weights of the corners. In perspective 1 / depth and shares / depth are linear in
+    /// the picture (Heckbert and Moreton 1991, "Interpolation for polygon texture mapping and shading").
     fn at_weights(&self, weights: DVec3) -> Hit {
         let weights = if self.perspective {
             weights / DVec3::from_array(self.corners.map(|corner| corner.depth))

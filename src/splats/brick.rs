@@ -12,10 +12,10 @@ use voxsplat_volume::memory::reserved;
 pub(crate) struct HostBrick {
     /// The rows of the brick along x, y before z.
     pub(crate) rows: Arc<Vec<Row>>,
-    /// Words of a splat without its place.
+    /// The number of words of a splat without its place.
     pub(crate) each: usize,
-    /// These words, splat after splat. Rows with equal words share them: the inside of a
-    /// label takes hardly any memory.
+    /// The words of the splats, splat after splat. Rows with equal words share them: the inside of a label takes hardly
+    /// any memory.
     pub(crate) words: Arc<Vec<u32>>,
 }
 
@@ -24,14 +24,15 @@ pub(crate) struct HostBrick {
 pub(crate) struct Row {
     /// The bits of the places with splats, the first place the lowest.
     pub(crate) bits: u32,
-    /// The number of the first of them among the splats of the brick.
+    /// The number of the row's first splat among the splats of the brick.
     pub(crate) first: u32,
-    /// The number of the first of them among the splats whose words are held.
+    /// The number of the row's first splat among the splats whose words are held.
     held: u32,
 }
 
-/// Moves the values of rows together, so that a row with the same values as the row before shares them; `each` values
-/// for each of the `counts` splats of a row. Returns the number of the first splat of each row.
+/// Moves the values of rows together, so that a row with the same values as the row before shares them; a splat has
+/// `each` values, and `counts` are the numbers of splats of the rows. Returns the number of the first splat of each
+/// row.
 fn share<T: Copy + PartialEq>(counts: impl Iterator<Item = u32>, each: usize, values: &mut Vec<T>) -> Vec<u32> {
     let (mut read, mut end, mut last) = (0, 0, 0..0);
     let mut start_of = |count: u32| {
@@ -50,14 +51,14 @@ fn share<T: Copy + PartialEq>(counts: impl Iterator<Item = u32>, each: usize, va
     starts
 }
 
-/// The splats of a brick, one after the other.
+/// The splats of a brick, which follow one another in a store.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct BrickSplats {
-    /// Lattice point of the brick's first voxel.
+    /// The lattice point of the brick's first voxel.
     pub(crate) origin: [u32; 3],
-    /// Places are cells of 2^level voxels a side.
+    /// The level of the brick: places are cells of 2^level voxels a side.
     pub(crate) level: u32,
-    /// Its first splat in the store.
+    /// The number of the brick's first splat in the store.
     pub(crate) first: u32,
     /// The box around the splats: its first lattice point, and the one after the last. Both are equal if there are no
     /// splats.
@@ -66,12 +67,12 @@ pub(crate) struct BrickSplats {
     pub(crate) pages: [u32; 16],
 }
 
-/// Places along an edge of a page of a brick.
+/// The number of places along an edge of a page of a brick.
 pub(crate) const PAGE: u32 = 4;
 
 impl BrickSplats {
-    /// The splats from `first` on of the brick of level 0 at `origin`, given the bits of the places of each row along
-    /// x, y before z, the first of a row the lowest.
+    /// Describes the splats from `first` on of the brick of level 0 at `origin`, given the bits of the places of each
+    /// row along x, y before z, the first of a row the lowest.
     pub(crate) fn new(origin: [u32; 3], first: u32, rows: impl Iterator<Item = u32>) -> Self {
         let (mut places, mut pages) = ([0_u32; 3], [0; 16]);
         for (row, bits) in rows.enumerate().filter(|&(_, bits)| bits != 0) {
@@ -84,14 +85,15 @@ impl BrickSplats {
         Self::of_places(origin, first, places, pages)
     }
 
-    /// The same, given the bits of the places along each axis that have splats, and those of pages.
+    /// Describes the splats as [`Self::new`] does, given the bits of the places along each axis that have splats, and
+    /// the bits of pages.
     pub(crate) fn of_places(origin: [u32; 3], first: u32, places: [u32; 3], pages: [u32; 16]) -> Self {
         let low: [u32; 3] = std::array::from_fn(|axis| origin[axis] + places[axis].trailing_zeros() % u32::BITS);
         let high = std::array::from_fn(|axis| origin[axis] + u32::BITS - places[axis].leading_zeros());
         Self { origin, level: 0, first, bounds: [low, high], pages }
     }
 
-    /// The same brick with cells of a level for voxels, in a lattice where the first cell lies at `first` along each
+    /// Returns the brick with cells of a level for voxels, in a lattice where the first cell lies at `first` along each
     /// axis.
     pub(crate) fn of_level(self, level: u32, first: u32) -> Self {
         let scaled = |point: [u32; 3]| point.map(|cell| first + (cell << level));
@@ -100,7 +102,7 @@ impl BrickSplats {
 }
 
 impl HostBrick {
-    /// The splats at these places, of `each` words without the place, given the bits of the places of each row.
+    /// Makes the splats of a brick, of `each` words without the place, given the bits of the places of each row.
     pub(crate) fn new(bits: &[u32], each: usize, mut words: Vec<u32>) -> Self {
         let mut first = 0;
         let held = share(bits.iter().map(|bits| bits.count_ones()), each, &mut words);
@@ -113,7 +115,7 @@ impl HostBrick {
         Self { rows, each, words: Arc::new(words) }
     }
 
-    /// The words of the splats of a row from one of its splats on, and of some that follow.
+    /// Returns the words of the splats of a row from one of its splats on, and of some that follow.
     pub(crate) fn words(&self, row: Row, splat: u32) -> &[u32] {
         &self.words[(row.held + splat) as usize * self.each..]
     }
@@ -122,8 +124,8 @@ impl HostBrick {
         self.rows.last().map_or(0, |row| row.first + row.bits.count_ones())
     }
 
-    /// The splats of a row of the brick, given its number, in runs with their numbers of splats. The first place of the
-    /// row is at `x` in the lattice.
+    /// Returns the splats of row number `number` in runs, each with its number of splats. The first place of the row is
+    /// at `x` in the lattice.
     pub(crate) fn runs(&self, number: usize, x: u32) -> impl Iterator<Item = (SplatRun<'_>, usize)> {
         let (each, row) = (self.each, self.rows[number]);
         let mut xs = places(row.bits).map(move |place| x + place as u32);
@@ -139,7 +141,7 @@ impl HostBrick {
     }
 }
 
-/// The numbers of the bits that are set, ascending.
+/// Returns the numbers of the bits that are set, ascending.
 pub(crate) fn places(mut bits: u32) -> impl Iterator<Item = usize> {
     std::iter::from_fn(move || {
         let place = bits.trailing_zeros();
@@ -150,23 +152,23 @@ pub(crate) fn places(mut bits: u32) -> impl Iterator<Item = usize> {
 
 /// A brick whose splats were made on the host.
 pub(crate) struct MadeBrick {
-    /// As if it were the first of its store.
+    /// The description of the splats, as if the brick were the first of its store.
     pub(crate) brick: BrickSplats,
     pub(crate) splats: HostBrick,
-    /// Splats that are copies of voxels beyond the faces of the volume.
+    /// Number of splats that are copies of voxels beyond the faces of the volume.
     pub(crate) copies: u64,
 }
 
 impl MadeBrick {
-    /// The brick of level 0 at `origin`, of `each` words a splat without the place, given the bits of the places of
-    /// each row along x, y before z, the first of a row the lowest.
+    /// Makes the brick of level 0 at `origin`, of `each` words a splat without the place, given the bits of the places
+    /// of each row along x, y before z, the first of a row the lowest.
     pub(crate) fn new(origin: [u32; 3], bits: &[u32], each: usize, words: Vec<u32>) -> Self {
         let brick = BrickSplats::new(origin, 0, bits.iter().copied());
         Self { brick, splats: HostBrick::new(bits, each, words), copies: 0 }
     }
 
-    /// The brick at `origin` of a lattice of `dims` places. `row` adds the words of the splats of a row with this y and
-    /// z in the brick and so many places along x, and returns the bits of their places.
+    /// Makes the brick at `origin` of a lattice of `dims` places. `row` gets the y and z of a row in the brick and the
+    /// number of its places along x, adds the words of the row's splats, and returns the bits of their places.
     pub(crate) fn of_rows(
         origin: [u32; 3],
         dims: [u32; 3],

@@ -19,7 +19,7 @@ pub(crate) enum ColorSource<'a> {
 }
 
 impl ColorSource<'_> {
-    /// Whether some value of a range, both ends included, may be visible.
+    /// Returns whether any value of a range, both ends included, may be visible.
     pub(crate) fn show(&self, [low, high]: [f64; 2]) -> bool {
         match self {
             Self::Transfer(transfer) => !transfer.is_invisible([low, high]),
@@ -31,7 +31,7 @@ impl ColorSource<'_> {
     }
 }
 
-/// Classifies samples.
+/// A classifier of samples.
 pub(crate) struct Classification<'a> {
     looks: ColorSource<'a>,
     slope: f64,
@@ -54,12 +54,12 @@ impl<'a> Classification<'a> {
         classification
     }
 
-    /// Classifies values instead of the samples of a volume.
+    /// Makes a classification of values instead of the samples of a volume.
     pub(crate) fn of_values(looks: ColorSource<'a>, unit: f64) -> Self {
         Self { looks, slope: 1.0, intercept: 0.0, unit: unit as f32, table: Vec::new() }
     }
 
-    /// The appearance of a sample.
+    /// Returns the appearance of a sample.
     pub(crate) fn classified(&self, sample: f64) -> Appearance {
         let value = self.slope * sample + self.intercept;
         let ([r, g, b], opacity) = match self.looks {
@@ -72,7 +72,7 @@ impl<'a> Classification<'a> {
         [r, g, b, density(opacity) * self.unit]
     }
 
-    /// The appearance of a voxel.
+    /// Returns the appearance of a voxel.
     fn appearance<T: Number>(&self, sample: T) -> Appearance {
         match *bytemuck::bytes_of(&sample) {
             [bits] if !self.table.is_empty() => self.table[usize::from(bits)],
@@ -81,7 +81,7 @@ impl<'a> Classification<'a> {
         }
     }
 
-    /// The emission of a voxel.
+    /// Returns the emission of a voxel.
     pub(crate) fn emission<T: Number>(&self, sample: T) -> Emission {
         let [r, g, b, density] = self.appearance(sample);
         [r * density, g * density, b * density, density]

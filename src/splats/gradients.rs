@@ -5,14 +5,14 @@ use crate::volume::{BRICK_EDGE as EDGE, Volume};
 /// The limit of control points, samples and slopes: differences stay in the range of f32.
 pub(crate) const FAR: f64 = 1e36;
 
-/// World gradients of the lattice coordinates.
+/// Returns the world gradients of the lattice coordinates.
 pub(crate) fn gradients(volume: &Volume) -> [[f32; 3]; 3] {
     let gradients = volume.grid().local().to_lattice().matrix3.transpose();
     [0, 1, 2].map(|axis| gradients.col(axis).as_vec3().to_array())
 }
 
-/// `world_gradient` in shaders/common/classified.wgsl, of the slopes along the axes of the lattice: a vector and its
-/// factor; 0 if the slopes are under their resolution.
+/// Returns the world gradient for slopes along the axes of the lattice, as `world_gradient` in
+/// shaders/common/classified.wgsl: a vector and its factor; 0 if the slopes are under their resolution.
 pub(crate) fn gradient_of([x, y, z]: &[[f32; 3]; 3], slopes: [f32; 3], resolution: f32) -> ([f32; 3], f32) {
     let largest = slopes.iter().fold(0.0_f32, |largest, slope| largest.max(slope.abs()));
     if largest <= 0.0 || largest < resolution {
@@ -25,9 +25,9 @@ pub(crate) fn gradient_of([x, y, z]: &[[f32; 3]; 3], slopes: [f32; 3], resolutio
 /// A vector for each voxel of a row of a brick.
 pub(crate) type RowVectors = [[f32; EDGE]; 3];
 
-/// `normal` in shaders/common/classified.wgsl, for a row: vectors along the dominant axes of the structure tensors of
-/// the gradients of voxels and of their six neighbours, on the sides of their own: the 8th power of the tensor, times
-/// the gradient. Loops over the row vectorise.
+/// Returns the normals of a row, as `normal` in shaders/common/classified.wgsl: vectors along the dominant axes of the
+/// structure tensors of the gradients of voxels and of their six neighbours, on the sides of the voxels' own gradients:
+/// the 8th power of the tensor, times the gradient. Loops over the row vectorise.
 pub(crate) fn tensor_normals(own: [&[f32]; 3], neighbours: [[&[f32]; 3]; 6]) -> RowVectors {
     let mut scale = [0.0_f32; EDGE];
     for component in neighbours.iter().chain([&own]).flatten() {
@@ -71,7 +71,7 @@ pub(crate) fn tensor_normals(own: [&[f32]; 3], neighbours: [[&[f32]; 3]; 6]) -> 
     vectors
 }
 
-/// The length of such a gradient.
+/// Returns the length of a gradient given by [`gradient_of`].
 pub(crate) fn steepness_of(([x, y, z], times): ([f32; 3], f32)) -> f32 {
     ((x * x + y * y + z * z).sqrt() * times).min(FAR as f32)
 }

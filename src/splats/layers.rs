@@ -1,5 +1,5 @@
-//! Layers on one lattice to splats. The emissions of all layers are added up voxel by voxel; the normal is that of the
-//! layer with the largest density there.
+//! Layers on one lattice to splats. The emissions of all layers are added up voxel by voxel; the normal is the normal
+//! of the layer with the largest density there.
 
 use std::cell::OnceCell;
 
@@ -15,8 +15,8 @@ use crate::transfer::scalars::{Reduction, Relative};
 use crate::transfer::{Pieces, Resolution, TransferFunction, scaled_share};
 use crate::volume::{BRICK_EDGE as EDGE, Number, RowCoding, Strip, Volume};
 
-/// Voxels to either side that a smoothed normal depends on: labels and masks jump, and gradients of samples would be
-/// blocky.
+/// The number of voxels, to either side, on which a smoothed normal depends: labels and masks jump, and gradients of
+/// samples would be blocky.
 const REACH: usize = 4;
 /// The standard deviation of the Gaussian of smoothed normals, in voxels.
 const DEVIATION: f64 = 1.5;
@@ -34,9 +34,9 @@ struct Painted<'a> {
     scalars: Option<Relative>,
     /// The emission of scalars, if classification is band-limited.
     pieces: Option<Pieces>,
-    /// Densities of a unit of optical depth.
+    /// The factor from a unit of optical depth to densities.
     unit: f64,
-    /// Gradient opacity, of gradients of scalars; empty: extinction does not depend on them.
+    /// The points of gradient opacity, for gradients of scalars; empty: extinction does not depend on gradients.
     thinning: Vec<[f32; 2]>,
     /// The resolution of a scalar of 0; `None`: every gradient of scalars is a surface.
     faintest: Option<f32>,
@@ -45,7 +45,7 @@ struct Painted<'a> {
     smoothed: bool,
     /// The least gradient of the smoothed extinction that is a surface.
     flat: f32,
-    /// Of each brick, x fastest, whether it may have visible voxels.
+    /// Whether each brick, x fastest, may have visible voxels.
     shows: Vec<bool>,
 }
 
@@ -107,17 +107,17 @@ impl<'a> Painted<'a> {
         })
     }
 
-    /// The slope at a voxel of this scalar under which slopes of scalars are rounding.
+    /// Returns the slope under which slopes of scalars are rounding, at a voxel of this scalar.
     fn resolution(&self, scalar: f32) -> f32 {
         self.faintest.map_or(0.0, |faintest| resolution_at(scalar, faintest))
     }
 
-    /// Whether voxels are classified one by one.
+    /// Returns whether voxels are classified one by one.
     fn is_by_value(&self) -> bool {
         self.pieces.is_none() || self.smoothed
     }
 
-    /// The voxels of a brick with the halo around it; `normals`: their normals are needed.
+    /// Reads the voxels of a brick with the halo around it. `normals` if their normals are needed.
     fn voxels(&self, at: [usize; 3], (samples, mask): &Strips, normals: bool) -> Part<'_> {
         let at = at.map(|c| c as i64);
         let (mut emissions, mut scalars) = (Vec::new(), Vec::new());
@@ -154,7 +154,7 @@ impl<'a> Painted<'a> {
         Part { layer: self, emissions, scalars, shares, gradients: OnceCell::new() }
     }
 
-    /// The emission of a voxel of red, green, blue and perhaps alpha, and its scalar's value.
+    /// Returns the emission of a voxel of red, green, blue and perhaps alpha, and the value of its scalar.
     fn colored(&self, mut channels: impl Iterator<Item = f32>, white: f64) -> (Emission, f64) {
         let color: [f64; 3] = std::array::from_fn(|_| channels.next().map_or(0.0, f64::from));
         let value = channels.next().map_or_else(|| luminance(color), f64::from);
@@ -177,7 +177,7 @@ impl RowCoding for Values<'_> {
     }
 }
 
-/// The ranges of values of the bricks of a volume.
+/// Returns the ranges of values of the bricks of a volume.
 fn value_ranges(volume: &Volume) -> Result<Vec<[f64; 2]>> {
     let (slope, intercept) = volume.rescale();
     let values = |range: &[f64; 2]| {
@@ -218,28 +218,28 @@ impl RowCoding for Mask {
     }
 }
 
-/// Classifies layers: makes splats of their visible voxels, brick by brick.
+/// A classifier of layers, which makes splats of their visible voxels, brick by brick.
 pub(crate) struct Classifier<'a> {
     layers: Vec<Painted<'a>>,
     dims: [u32; 3],
-    /// The bricks along each axis.
+    /// The number of bricks along each axis.
     pub(crate) counts: [usize; 3],
     gradients: [[f32; 3]; 3],
-    /// `None`: there is no light.
+    /// The kind of normals; `None`: there is no light.
     normals: Option<Normals>,
     keep_invisible: bool,
-    /// The voxels around a brick that its splats depend on.
+    /// The number of voxels around a brick on which its splats depend.
     pub(crate) halo: usize,
     /// The filter of the normals of scalars, and the filter of smoothed normals.
     filters: [DerivativeFilter; 2],
 }
 
-/// What is left out of splats.
+/// The savings of the classification: work that is left out.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct LeftOut {
-    /// Voxels that are invisible.
+    /// Whether invisible voxels are left out.
     pub(crate) voxels: bool,
-    /// Bricks without visible voxels, unread.
+    /// Whether bricks without visible voxels are left out, unread.
     pub(crate) bricks: bool,
 }
 
@@ -272,7 +272,7 @@ impl<'a> Classifier<'a> {
 }
 
 impl Classifier<'_> {
-    /// The bricks with splats along x, with these numbers in y and z.
+    /// Makes the bricks with splats along x, with these numbers in y and z.
     ///
     /// # Errors
     /// [`Error::Input`](crate::Error::Input) if samples cannot be read.
@@ -302,8 +302,8 @@ impl Classifier<'_> {
         Ok(bricks)
     }
 
-    /// The world gradients of the scalar of a layer, or of its smoothed extinction, in a brick and in the voxels around
-    /// it that [`Self::beside`] counts; `None` if voxels are equal.
+    /// Returns the world gradients of the scalar of a layer, or of its smoothed extinction, in a brick and in the
+    /// voxels around it that [`Self::beside`] counts; `None` if voxels are equal.
     fn gradients(&self, Part { layer, emissions, scalars, .. }: &Part<'_>) -> Option<[Vec<f32>; 3]> {
         let extinctions: Vec<f32>;
         let field = if layer.smoothed {
@@ -334,12 +334,12 @@ impl Classifier<'_> {
         Some(gradients)
     }
 
-    /// The voxels around a brick whose gradients its normals depend on.
+    /// Returns the number of voxels around a brick on whose gradients its normals depend.
     fn beside(&self, layer: &Painted<'_>) -> usize {
         usize::from(self.normals == Some(Normals::Tensor) && !layer.smoothed)
     }
 
-    /// The splats of the brick that begins at a lattice point.
+    /// Makes the splats of the brick that begins at a lattice point.
     fn brick(&self, origin: [usize; 3], parts: &[Part<'_>]) -> Result<MadeBrick> {
         let edge = EDGE + 2 * self.halo;
         let each = if self.normals.is_some() { 3 } else { 2 };
@@ -376,7 +376,7 @@ impl Classifier<'_> {
         })
     }
 
-    /// The band-limited emission of a layer at a voxel of its brick.
+    /// Returns the band-limited emission of a layer at a voxel of its brick.
     fn band_limited(&self, pieces: &Pieces, Part { layer, scalars, shares, .. }: &Part<'_>, index: usize) -> Emission {
         if shares.get(index) == Some(&0) {
             return [0.0; 4];
@@ -413,7 +413,7 @@ impl Classifier<'_> {
         [r, g, b, density].map(|channel| channel * share)
     }
 
-    /// The normals of a layer in a row of its brick, of any length.
+    /// Returns the normals of a layer in a row of its brick, of any length.
     fn normals(&self, part: &Part<'_>, [y, z]: [usize; 2]) -> RowVectors {
         let Some(gradients) = part.gradients.get_or_init(|| self.gradients(part)) else { return [[0.0; EDGE]; 3] };
         let beside = self.beside(part.layer);
@@ -432,12 +432,12 @@ impl Classifier<'_> {
 /// The voxels of a layer in a brick, with the halo around it.
 struct Part<'a> {
     layer: &'a Painted<'a>,
-    /// Empty if voxels are not classified one by one.
+    /// The emissions of voxels; empty if voxels are not classified one by one.
     emissions: Vec<Emission>,
-    /// Empty if nothing depends on them.
+    /// The scalars of voxels; empty if nothing depends on them.
     scalars: Vec<f32>,
-    /// 1 where the mask shows the voxel, otherwise 0; empty without a mask.
+    /// The mask: 1 where it shows the voxel, otherwise 0; empty without a mask.
     shares: Vec<u8>,
-    /// See [`Classifier::gradients`].
+    /// The gradients in the brick, found when needed; see [`Classifier::gradients`].
     gradients: OnceCell<Option<[Vec<f32>; 3]>>,
 }

@@ -1,5 +1,5 @@
-//! The words of splats: colours, densities and normals in few bits, as shaders/common/splat.wgsl and normal.wgsl have
-//! them.
+//! The words of splats: colours, densities and normals in few bits, in the format of shaders/common/splat.wgsl and
+//! normal.wgsl.
 
 use crate::transfer::Resolution;
 
@@ -9,7 +9,7 @@ const COLOR_STEPS: [f32; 3] = [8191.0, 16383.0, 8191.0];
 /// The bits for "no direction".
 pub(crate) const NO_NORMAL: u32 = 0x8000_8000;
 
-/// -ln(1 - opacity): `density` in shaders/common/classified.wgsl.
+/// Returns -ln(1 - opacity): `density` in shaders/common/classified.wgsl.
 pub(crate) fn density(opacity: f32) -> f32 {
     let a = opacity.min(1.0 - 1.0 / 65_536.0);
     if a < 0.1 {
@@ -18,13 +18,13 @@ pub(crate) fn density(opacity: f32) -> f32 {
     -(1.0 - a).ln()
 }
 
-/// The whole number nearest to a number of 0 to 2^22, the even one of two: the sum has no bits for a fraction.
+/// Rounds a number of 0 to 2^22 to the nearest whole number, the even one of two: the sum has no bits for a fraction.
 #[inline(always)]
 fn nearest(value: f32) -> u32 {
     (value + 8_388_608.0).to_bits() & 0x7f_ffff
 }
 
-/// The bits of the f16 nearest to a number: `rounded` in shaders/common/packing.wgsl, then pack2x16float.
+/// Returns the bits of the f16 nearest to a number: `rounded` in shaders/common/packing.wgsl, then pack2x16float.
 #[inline(always)]
 pub(crate) fn nearest_half(value: f32) -> u32 {
     let bits = value.to_bits().wrapping_add(0x1000) & 0xffff_e000;
@@ -35,7 +35,7 @@ pub(crate) fn nearest_half(value: f32) -> u32 {
     bits >> 16 & 0x8000 | if size < 0x3880_0000 { small } else { normal }
 }
 
-/// The words density_blue and color.
+/// Packs colour and density into the words density_blue and color.
 pub(crate) fn packed_appearance(color: [f32; 3], density: f32) -> [u32; 2] {
     let [r, g, b] = [0, 1, 2].map(|c| nearest(color[c].clamp(0.0, 1.0) * COLOR_STEPS[c]));
     // To the nearest: half of the lowest bit that stays is added.
@@ -43,18 +43,18 @@ pub(crate) fn packed_appearance(color: [f32; 3], density: f32) -> [u32; 2] {
     [rounded | b >> 5, r | g << 13 | b << 27]
 }
 
-/// 1 with the sign of a number, of 0 too.
+/// Returns 1 with the sign of a number; 1 for 0.
 #[inline(always)]
 pub(crate) fn sign_or_one(v: f32) -> f32 {
     if v >= 0.0 { 1.0 } else { -1.0 }
 }
 
-/// The central difference that counts half as a surface, at a scalar relative to the base.
+/// Returns the central difference that counts half as a surface, at a scalar relative to the base.
 pub(crate) fn resolution_at(scalar: f32, faintest: f32) -> f32 {
     Resolution::OF_DISTANCE as f32 * scalar.abs() + faintest
 }
 
-/// The bits of the direction of a vector of any length.
+/// Packs the direction of a vector of any length into 32 bits.
 #[inline]
 pub(crate) fn packed_normal([x, y, z]: [f32; 3]) -> u32 {
     let sum = x.abs() + y.abs() + z.abs();
@@ -70,15 +70,15 @@ pub(crate) fn packed_normal([x, y, z]: [f32; 3]) -> u32 {
     low | high << 16
 }
 
-/// Splats that are coloured together: loops of this length vectorise.
+/// The number of splats that are coloured together: loops of this length vectorise.
 pub(crate) const LANES: usize = 16;
 
-/// A number of each of these splats.
+/// A number for each of [`LANES`] splats.
 pub(crate) type Lanes = [f32; LANES];
-/// A vector of each of them.
+/// A vector for each of [`LANES`] splats.
 pub(crate) type Vectors = [Lanes; 3];
 
-/// The colours and the densities of splats, given the words density_blue and color.
+/// Unpacks the colours and the densities of splats from the words density_blue and color.
 #[inline(always)]
 pub(crate) fn appearances(density_blue: &[u32; LANES], color: &[u32; LANES]) -> (Vectors, Lanes) {
     let mut colors = Vectors::default();
@@ -96,16 +96,16 @@ pub(crate) fn appearances(density_blue: &[u32; LANES], color: &[u32; LANES]) -> 
 
 /// Up to [`LANES`] splats of a row of a brick.
 pub(crate) struct SplatRun<'a> {
-    /// Lattice points of the splats along x; arbitrary beyond the last.
+    /// The lattice points of the splats along x; arbitrary beyond the last.
     pub(crate) xs: [u32; LANES],
-    /// Words of a splat without its place.
+    /// The number of words of a splat without its place.
     pub(crate) each: usize,
     /// The words of the splats and of some that follow.
     pub(crate) words: &'a [u32],
 }
 
 impl SplatRun<'_> {
-    /// Word number `index` of each splat; 0 beyond the last.
+    /// Returns word number `index` of each splat; 0 beyond the last.
     #[inline(always)]
     pub(crate) fn column(&self, index: usize) -> [u32; LANES] {
         let mut column = [0; LANES];
@@ -121,14 +121,14 @@ impl SplatRun<'_> {
 
 /// Unpacked normals of splats.
 pub(crate) struct Normals {
-    /// Octahedral coordinates.
+    /// The octahedral coordinates of the normals.
     pub(crate) places: [Lanes; 2],
-    /// 1, or 0 for "no direction".
+    /// The weights of the normals: 1, or 0 for "no direction".
     pub(crate) weights: Lanes,
 }
 
 impl Normals {
-    /// Vectors of any length along the normals.
+    /// Returns vectors of any length along the normals.
     #[inline(always)]
     pub(crate) fn directions(&self) -> Vectors {
         let (mut x, mut y, mut z) = (Lanes::default(), Lanes::default(), Lanes::default());

@@ -1,4 +1,4 @@
-//! The graphics adapter that pictures are made on, as its driver describes it.
+//! The graphics adapter on which pictures are made, as its driver describes it.
 
 use serde::Serialize;
 
@@ -6,12 +6,13 @@ use voxsplat_volume::names::spelled;
 
 /// A graphics adapter as the driver describes it.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[non_exhaustive]
 pub struct AdapterInfo {
-    /// The name of the device.
+    /// The name of the adapter.
     pub name: String,
     /// The graphics interface: vulkan, metal or dx12.
     pub backend: String,
-    /// The kind of device.
+    /// The kind of the adapter's device.
     pub kind: AdapterKind,
     /// The driver and its version.
     pub driver: String,
@@ -19,6 +20,7 @@ pub struct AdapterInfo {
 
 /// The kind of device of an adapter, the fastest kind first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[non_exhaustive]
 pub enum AdapterKind {
     /// A GPU with memory of its own.
     Discrete,
@@ -43,7 +45,7 @@ spelled! {
 }
 
 impl AdapterInfo {
-    /// Whether the adapter is a processor that does the work of a GPU, such as Mesa's lavapipe.
+    /// Returns whether the adapter is a processor that does the work of a GPU, such as Mesa's lavapipe.
     #[must_use]
     pub fn is_software(&self) -> bool {
         self.kind == AdapterKind::Cpu

@@ -1,4 +1,4 @@
-//! Statistics of a picture: what was modelled, what was left out, and the time.
+//! Statistics of a picture: the splats, the savings, and the time.
 
 pub mod adapter;
 
@@ -13,19 +13,19 @@ use crate::settings::{Accumulation, Model, Precision, Shading, Sheets};
 use crate::stats::adapter::AdapterInfo;
 use voxsplat_volume::names::spelled;
 
-/// The time of one stage.
+/// The time of one stage of a picture.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct StageTime {
-    /// The stage.
+    /// The name of the stage.
     pub name: &'static str,
-    /// Seconds.
+    /// The seconds that the stage took.
     pub seconds: f64,
-    /// The clock that measured it.
+    /// The clock that measured the stage.
     pub clock: Clock,
 }
 
 impl StageTime {
-    /// A time by the host's clock.
+    /// Makes the time of a stage by the host's clock.
     pub(crate) fn host(name: &'static str, seconds: f64) -> Self {
         Self { name, seconds, clock: Clock::Host }
     }
@@ -41,14 +41,15 @@ pub(crate) fn on_host<T>(work: impl FnOnce() -> T) -> (T, f64) {
 /// A picture with its statistics.
 #[derive(Debug, Clone)]
 pub struct Rendered {
-    /// The picture.
+    /// The rendered picture.
     pub image: Image,
-    /// The statistics.
+    /// The statistics of the picture.
     pub stats: Stats,
 }
 
 /// The clock that measured a stage.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Clock {
     /// Timestamp queries on the device: the stage alone.
     Device,
@@ -60,34 +61,35 @@ spelled! { Clock { Device: "device", Host: "host" } }
 
 /// Statistics of a picture.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct Stats {
-    /// The adapter that made it.
+    /// The adapter that made the picture.
     pub adapter: AdapterInfo,
-    /// The painter that made it, with its statistics.
+    /// The painter that made the picture, with its statistics.
     pub painter: PainterStats,
-    /// The reason for this painter.
+    /// The reason for the choice of the painter.
     pub painter_reason: String,
-    /// The model: what a pixel is.
+    /// The model of the picture: the value of a pixel.
     pub model: Model,
     /// Whether the transfer function was applied before or after reconstruction; after it for every maximum intensity
     /// projection.
     pub shading: Shading,
     /// Whether rays start at the eye.
     pub perspective: bool,
-    /// The number of lights; 0: colours are those of the transfer function.
+    /// The number of lights; 0: colours come from the transfer function alone.
     pub lights: u32,
     /// The clipping planes, in the world.
     pub clip: Clip,
     /// Width and height of the picture, pixels.
     pub size: [u32; 2],
-    /// Pixels that the volume can reach: only these were drawn.
+    /// Number of pixels that the volume can reach: only these were drawn.
     pub pixels_covered: u64,
-    /// Parts that the picture was made in, one after the other: several if it outgrows the adapter's textures or
-    /// bindings, or 256 MiB of sheets.
+    /// Number of parts in which the picture was made, one after the other: several if it outgrows the adapter's
+    /// textures or bindings, or 256 MiB of sheets.
     pub parts: u32,
-    /// Voxels of the volume.
+    /// Number of voxels of the volume.
     pub voxels: u64,
-    /// Voxels that were kept as splats: voxels of some opacity; post-shaded, voxels that can take part in something
+    /// Voxels that were kept as splats: voxels of some opacity; post-shaded, voxels that can take part in anything
     /// visible, and if the device keeps samples all voxels of the box around these. A cell of a coarser level counts as
     /// one; see `levels`.
     pub splats_kept: u64,
@@ -100,7 +102,8 @@ pub struct Stats {
     /// Bricks that may be visible, by their ranges of values: only these are uploaded to be classified, or for
     /// post-shading searched voxel by voxel.
     pub bricks_uploaded: u32,
-    /// Bytes sent to the device for these bricks: samples, or for post-shading the scalars that are kept.
+    /// The number of bytes sent to the device for the uploaded bricks: samples, or for post-shading the scalars that
+    /// are kept.
     pub bytes_uploaded: u64,
     /// The largest growth of a kernel: kernels grow so that no voxel falls between pixels.
     pub kernel_growth: f64,
@@ -108,71 +111,74 @@ pub struct Stats {
     /// level n + 1/2 for half as many more, if kernels have grown so far that they do not resolve single voxels. Level
     /// 0 is the voxels.
     pub levels: [f32; 2],
-    /// The sharpness: see [`Settings::sharpness`](crate::settings::Settings::sharpness).
+    /// The sharpness of the picture: see [`Settings::sharpness`](crate::settings::Settings::sharpness).
     pub sharpness: f64,
     /// Root mean square of the noise of the reconstructed field over the noise of the samples, if that is white; `None`
     /// without sharpness.
     pub noise: Option<f64>,
     /// Largest error of the footprints, as a fraction of their peak.
     pub footprint_error: f64,
-    /// Bytes of the prepared volume on the device.
+    /// The number of bytes of the prepared volume on the device.
     pub scene_bytes: u64,
-    /// Bytes allocated on the device for this picture.
+    /// The number of bytes allocated on the device for this picture.
     pub frame_bytes: u64,
-    /// Bytes sent to the device for this picture: parameters and lists of bricks, and splats of scalars unless the
-    /// device holds them from the picture before.
+    /// The number of bytes sent to the device for this picture: parameters and lists of bricks, and splats of scalars
+    /// unless the device holds them from the picture before.
     pub bytes_sent: u64,
-    /// Dispatches of compute shaders and draws for this picture.
+    /// Number of dispatches of compute shaders and of draws for this picture.
     pub dispatches: u64,
-    /// Submissions of commands to the device for this picture.
+    /// Number of submissions of commands to the device for this picture.
     pub submissions: u64,
-    /// Times that the host waited for the device for this picture.
+    /// Number of times that the host waited for the device for this picture.
     pub waits: u64,
-    /// Bytes of memory that the device holds after this picture, for all scenes, with the memory that wgpu keeps for
-    /// transfers. 0 on Metal, which does not count.
+    /// The number of bytes of memory that the device holds after this picture, for all scenes, with the memory that
+    /// wgpu keeps for transfers. 0 on Metal, which does not count.
     pub bytes_resident: u64,
-    /// Pipelines that this renderer has made so far, for all scenes and pictures.
+    /// Number of pipelines that this renderer has made so far, for all scenes and pictures.
     pub pipelines: u32,
-    /// The time of each stage.
+    /// The time of each stage of the picture.
     pub stages: Vec<StageTime>,
 }
 
 /// The work that a device has received since it was opened, and the memory that it holds now.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+#[non_exhaustive]
 pub struct Counts {
-    /// Dispatches of compute shaders, and draws.
+    /// Number of dispatches of compute shaders, and of draws.
     pub dispatches: u64,
-    /// Submissions of commands.
+    /// Number of submissions of commands.
     pub submissions: u64,
-    /// Times that the host waited for the device.
+    /// Number of times that the host waited for the device.
     pub waits: u64,
-    /// Bytes sent to the device.
+    /// The number of bytes sent to the device.
     pub uploaded: u64,
-    /// Bytes of memory of all buffers and textures of the device, with the memory that wgpu keeps for transfers. 0 on
-    /// Metal, which does not count.
+    /// The number of bytes of memory of all buffers and textures of the device, with the memory that wgpu keeps for
+    /// transfers. 0 on Metal, which does not count.
     pub resident: u64,
 }
 
 /// Statistics of the painter of a picture.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(tag = "name", rename_all = "lowercase")]
+#[non_exhaustive]
 pub enum PainterStats {
-    /// Quads.
+    /// Statistics of the painter quads.
     Quads(QuadsStats),
-    /// Tiles.
+    /// Statistics of the painter tiles.
     Tiles(TilesStats),
-    /// The host engine.
+    /// Statistics of the host engine.
     Cpu(CpuStats),
 }
 
 /// Statistics of the host engine.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+#[non_exhaustive]
 pub struct CpuStats {
-    /// Samples of rays at planes of the lattice and half way between them.
+    /// Number of samples of rays at planes of the lattice and half way between them.
     pub samples: u64,
-    /// Slabs of rays that were classified.
+    /// Number of slabs of rays that were classified.
     pub slabs: u64,
-    /// Bytes of the coefficients of the field.
+    /// The number of bytes of the coefficients of the field.
     pub field_bytes: u64,
     /// The shares of the kernel that its B-splines leave out, of smooth data and of noise.
     pub misfit: [f64; 2],
@@ -180,6 +186,7 @@ pub struct CpuStats {
 
 /// Statistics of the painter quads.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct QuadsStats {
     /// The alignment of the sheets.
     pub alignment: Sheets,
@@ -187,45 +194,47 @@ pub struct QuadsStats {
     pub accumulation: Accumulation,
     /// The format of the sheets.
     pub precision: Precision,
-    /// Sheets across the volume.
+    /// Number of sheets across the volume.
     pub sheets: u32,
-    /// World thickness of a sheet.
+    /// Thickness of a sheet, in world units.
     pub sheet_thickness: f64,
-    /// Sheets that one pass feeds.
+    /// Number of sheets that one pass feeds.
     pub sheets_per_pass: u32,
-    /// Batches of sheets across the volume: `sheets` over `sheets_per_pass`; 0 if nothing was drawn.
+    /// Number of batches of sheets across the volume: `sheets` over `sheets_per_pass`; 0 if nothing was drawn.
     pub batches: u32,
-    /// Passes drawn, one per batch of sheets that splats reach, summed over the parts of the picture.
+    /// Number of passes drawn, one per batch of sheets that splats reach, summed over the parts of the picture.
     pub passes: u64,
-    /// Splats in bricks within view, summed over the parts of the picture. The others were skipped.
+    /// Number of splats in bricks within view, summed over the parts of the picture. All other splats were skipped.
     pub splats_in_view: u64,
-    /// Quads, one per splat and batch that it reaches.
+    /// Number of quads, one per splat and batch that it reaches.
     pub quads: u64,
-    /// Quads not drawn because everything before them was opaque.
+    /// Number of quads not drawn because everything before them was opaque.
     pub quads_terminated: u64,
-    /// Pixels that all quads of the picture cover, summed over the passes, as predicted before they are sorted.
+    /// Number of pixels that all quads of the picture cover, summed over the passes, as predicted before they are
+    /// sorted.
     pub fragments: f64,
-    /// Rows and terms of the footprint table.
+    /// Numbers of rows and terms of the footprint table.
     pub footprint_table: [u32; 2],
 }
 
 /// Statistics of the painter tiles.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+#[non_exhaustive]
 pub struct TilesStats {
-    /// Slabs across the volume, along voxel planes.
+    /// Number of slabs across the volume, along voxel planes.
     pub slabs: u32,
-    /// World thickness of a slab along the rays.
+    /// Thickness of a slab along the rays, in world units.
     pub slab_thickness: f64,
-    /// Rays: one for each pixel and march.
+    /// Number of rays: one for each pixel and march.
     pub rays: u64,
-    /// Marches whose colours were mixed: one for each principal axis with a share in the picture.
+    /// Number of marches whose colours were mixed: one for each principal axis with a share in the picture.
     pub marches: u32,
-    /// Bytes of the packed volume on the device.
+    /// The number of bytes of the packed volume on the device.
     pub packed_bytes: u64,
 }
 
 impl PainterStats {
-    /// The name of the painter.
+    /// Returns the name of the painter.
     #[must_use]
     pub fn name(&self) -> &'static str {
         match self {
@@ -237,7 +246,7 @@ impl PainterStats {
 }
 
 impl Stats {
-    /// The statistics of an empty picture of the host engine.
+    /// Makes the statistics of an empty picture of the host engine.
     pub(crate) fn of_host(adapter: AdapterInfo) -> Self {
         Self {
             adapter,
@@ -292,26 +301,26 @@ impl Stats {
         self.waits += other.waits;
     }
 
-    /// The statistics of the painter quads; `None` if another painter drew.
+    /// Returns the statistics of the painter quads; `None` if another painter drew.
     #[must_use]
     pub fn quads(&self) -> Option<&QuadsStats> {
         if let PainterStats::Quads(quads) = &self.painter { Some(quads) } else { None }
     }
 
-    /// The statistics of the painter tiles; `None` if another painter drew.
+    /// Returns the statistics of the painter tiles; `None` if another painter drew.
     #[must_use]
     pub fn tiles(&self) -> Option<&TilesStats> {
         if let PainterStats::Tiles(tiles) = &self.painter { Some(tiles) } else { None }
     }
 
-    /// The seconds of a stage; `None` if it did not run.
+    /// Returns the seconds of a stage; `None` if it did not run.
     #[must_use]
     pub fn seconds(&self, stage: &str) -> Option<f64> {
         self.stages.iter().find(|s| s.name == stage).map(|s| s.seconds)
     }
 }
 
-/// A number with its thousands separated.
+/// Writes a number with its thousands separated.
 fn grouped(n: u64) -> String {
     let digits = n.to_string();
     let groups: Vec<&[u8]> = digits.as_bytes().rchunks(3).rev().collect();
@@ -381,7 +390,7 @@ impl Stats {
         }
     }
 
-    /// Of each kind of thing, the number that was modelled, the number that was left out, and the reason.
+    /// Writes for each kind of item the number that was modelled, the number that was left out, and the reason.
     fn table(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let pixels = self.size.map(u64::from).iter().product::<u64>().saturating_sub(self.pixels_covered);
         if let PainterStats::Cpu(_) = &self.painter {

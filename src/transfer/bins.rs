@@ -1,17 +1,17 @@
-//! A transfer function over equal bins of scalars, and its integral: what painters classify by.
+//! A transfer function over equal bins of scalars, and its integral: the table by which painters classify.
 
 use super::scalars::Reduction;
 use super::{ControlPoint, TransferFunction};
 
-/// Equal bins of scalars, BIN_COUNT in shaders/common/transfer.wgsl: few enough for the table of a function without
-/// gradient opacity to have less than 64 KiB.
+/// The number of equal bins of scalars, BIN_COUNT in shaders/common/transfer.wgsl: few enough for the table of a
+/// function without gradient opacity to have less than 64 KiB.
 pub(crate) const BINS: usize = 1600;
-/// Bins below the lowest scalar at which the function changes, and above the highest one: in the outer of them it is
-/// constant.
+/// The number of bins below the lowest scalar at which the function changes, and above the highest one: in the outer of
+/// them it is constant.
 pub(crate) const OUTER_BINS: usize = 2;
 /// The least width of a bin, over the largest scalar: a few times the distance of neighbouring floats.
 const LEAST_BIN: f64 = 1e-6;
-/// Gauss-Legendre quadrature of three points on [0, 1]: places and weights.
+/// The Gauss-Legendre quadrature of three points on [0, 1]: places and weights.
 const QUADRATURE: [[f64; 2]; 3] =
     [[0.112_701_665_379_258_3, 5.0 / 18.0], [0.5, 8.0 / 18.0], [0.887_298_334_620_741_7, 5.0 / 18.0]];
 
@@ -26,19 +26,20 @@ pub(crate) enum VisibleValues {
     Mean,
 }
 
-/// The function and its integral by bins of scalars, linear within a bin.
+/// A transfer function and its integral by bins of scalars, linear within a bin.
 pub(crate) struct Bins {
-    /// The function at the beginning of each bin and behind the last one: colour times extinction, and extinction; for
-    /// projections colour and alpha. Then its integral up to the beginning of each bin, in bins.
+    /// Rows of the table: the function at the beginning of each bin and behind the last one: colour times extinction,
+    /// and extinction; for projections colour and alpha. Then its integral up to the beginning of each bin, in bins.
     pub(crate) rows: Vec<Vec<[f32; 4]>>,
-    /// The scalar at which the inner bins begin, and bins for each scalar.
+    /// The scalar at which the inner bins begin, and the number of bins for each scalar.
     pub(crate) lookup: [f32; 2],
     /// The range of invisible scalars around 0, ends included; empty if the first is larger.
     pub(crate) invisible: [f32; 2],
 }
 
 impl Bins {
-    /// Extinctions are per unit of the transfer function, so bins serve lattices of all sizes.
+    /// Makes the bins of a function. Extinctions are per unit of the transfer function, so bins serve lattices of all
+    /// sizes.
     pub(crate) fn new(transfer: &TransferFunction, reduction: &Reduction, shows: VisibleValues) -> Self {
         let value = |color: [f64; 3], opacity: f64| match shows {
             VisibleValues::Opaque => {
@@ -59,7 +60,7 @@ impl Bins {
     }
 }
 
-/// Colour times extinction, and extinction; of maxima and means colour and alpha.
+/// A value of the function: colour times extinction, and extinction; for maxima and means colour and alpha.
 type Value = [f64; 4];
 
 fn mixed(a: Value, b: Value, f: f64) -> Value {
@@ -89,9 +90,9 @@ impl BinParts {
         }
     }
 
-    /// The function that is linear within every bin: its values at both ends of each bin. Both parts of a bin count for
-    /// their ends, so the integral over any peak is exact, however narrow it is. But a bin in which nothing shows shows
-    /// nothing: its neighbours give all to their other ends.
+    /// Returns the function that is linear within every bin: its values at both ends of each bin. Both parts of a bin
+    /// count for their ends, so the integral over any peak is exact, however narrow it is. But an invisible bin stays
+    /// invisible: its neighbours give all to their other ends.
     fn linear(&self) -> Vec<Value> {
         let mut values = vec![[0.0; 4]; BINS + 1];
         for c in 0..4 {
@@ -111,7 +112,7 @@ impl BinParts {
     }
 }
 
-/// The integral from place 0 to the beginning of each bin, in bins.
+/// Returns the integral from place 0 to the beginning of each bin, in bins.
 fn integrals(values: &[Value]) -> Vec<Value> {
     let mut sum = [0.0; 4];
     let next = |ends: &[Value]| {
@@ -123,7 +124,7 @@ fn integrals(values: &[Value]) -> Vec<Value> {
     values.windows(2).map(next).collect()
 }
 
-/// The rows of the table for scalars, and the place of scalars among the bins, see [`Bins::lookup`].
+/// Returns the rows of the table for scalars, and the place of scalars among the bins, see [`Bins::lookup`].
 fn bins(
     points: &[ControlPoint],
     reduction: &Reduction,
@@ -177,7 +178,7 @@ mod tests {
             Self { reduction, rows, lookup }
         }
 
-        /// The function at a value and its integral up to there, as shaders read them.
+        /// Returns the function at a value and its integral up to there, as shaders read them.
         fn at(&self, value: f64) -> [f32; 2] {
             let [low, scale] = self.lookup;
             let place = (self.reduction.scalar(value) - low) * scale + OUTER_BINS as f32;
@@ -188,7 +189,7 @@ mod tests {
             [value + rise, integral + (value + 0.5 * rise) * beyond]
         }
 
-        /// The integral between two values.
+        /// Returns the integral between two values.
         fn integral(&self, from: f64, to: f64) -> f64 {
             let [from, to] = [from, to].map(|value| f64::from(self.at(value)[1]));
             (to - from) / (f64::from(self.lookup[1]) * self.reduction.factor())

@@ -1,19 +1,21 @@
-//! How pre-shading classifies voxels of scalars: at a point, or band-limited.
+//! The classification of voxels of scalars in pre-shading: at a point, or band-limited.
 
 use super::{ControlPoint, TransferFunction};
 use crate::error::Error;
 use voxsplat_volume::names::named;
 
-/// How pre-shading classifies a voxel of scalars.
+/// The classification of a voxel of scalars in pre-shading.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[non_exhaustive]
 pub enum Classification {
-    /// [`Self::Point`] if two control points at one value make a step, otherwise [`Self::BandLimited`].
+    /// The choice of the library: [`Self::Point`] if two control points at one value make a step, otherwise
+    /// [`Self::BandLimited`].
     #[default]
     Auto,
-    /// Colour and extinction are those of the sample. Where a transfer function is steep, the classified voxels change
-    /// faster than a lattice can hold, and smooth surfaces show rings.
+    /// Colour and extinction at the value of the sample. Where a transfer function is steep, the classified voxels
+    /// change faster than a lattice can hold, and smooth surfaces show rings.
     Point,
-    /// Colour and extinction are the mean over the values that occur around the voxel, see
+    /// Mean colour and extinction over the values that occur around the voxel, see
     /// [`TransferFunction::with_classification`].
     BandLimited,
 }
@@ -21,7 +23,7 @@ pub enum Classification {
 named!("classification", Classification { Auto: "auto", Point: "point", BandLimited: "band-limited" });
 
 impl TransferFunction {
-    /// Returns the same function with a way to classify voxels in pre-shading; [`Classification::Auto`] without it.
+    /// Returns the function with a classification of voxels in pre-shading; [`Classification::Auto`] without it.
     ///
     /// Band-limited, the emission of a voxel with value f is the mean of its means over two boxes of values:
     ///
@@ -38,7 +40,7 @@ impl TransferFunction {
         Self { classification, ..self }
     }
 
-    /// Returns the way to classify voxels in pre-shading.
+    /// Returns the classification of voxels in pre-shading.
     #[must_use]
     pub fn classification(&self) -> Classification {
         self.classification
@@ -57,7 +59,7 @@ impl TransferFunction {
         }
     }
 
-    /// Whether the classification of a voxel depends on the next voxels.
+    /// Returns whether the classification of a voxel depends on the next voxels.
     pub(crate) fn depends_on_neighbours(&self) -> bool {
         self.is_band_limited() || !self.gradient.is_empty()
     }
@@ -73,7 +75,7 @@ impl TransferFunction {
     }
 }
 
-/// Emission: colour times optical depth, and optical depth, of a slab one unit distance thick.
+/// The emission of a slab one unit distance thick: colour times optical depth, and optical depth.
 type Emission = [f64; 4];
 
 /// A node of [`Pieces`]: the begin of a piece, in which emission is `emission` + `slope` t + `bend` t^2, t from 0 to 1.
@@ -94,7 +96,7 @@ pub(crate) struct Node {
 #[derive(Debug, Clone)]
 pub(crate) struct Pieces {
     nodes: Vec<Node>,
-    /// For each cell of places and for the end, the number of nodes in the cells before.
+    /// The number of nodes in the cells before, for each cell of places and for the end.
     before: Vec<u32>,
     first: f64,
     cells_per_unit: f64,
@@ -102,23 +104,24 @@ pub(crate) struct Pieces {
     visible: [f64; 2],
 }
 
-/// The error of a parabola over its own emission and 1/1024 of the largest emission. 2^-20.
+/// The largest error of a parabola, as a share of its own emission and of 1/1024 of the largest emission: 2^-20.
 const TOLERANCE: f64 = 1.0 / 1_048_576.0;
-/// The most halvings of a segment between control points.
+/// The largest number of halvings of a segment between control points.
 const HALVINGS: u32 = 14;
 
-/// A number for each channel.
+/// Collects a number for each channel.
 fn each(channel: impl FnMut(usize) -> f64) -> Emission {
     [0, 1, 2, 3].map(channel)
 }
 
-/// The slope and the bend of the parabola through an emission at the begin, in the middle and at the end of a piece.
+/// Returns the slope and the bend of the parabola through an emission at the begin, in the middle and at the end of a
+/// piece.
 fn parabola([a, m, b]: [Emission; 3]) -> [Emission; 2] {
     [each(|c| 4.0 * m[c] - 3.0 * a[c] - b[c]), each(|c| 2.0 * (a[c] - 2.0 * m[c] + b[c]))]
 }
 
 impl Pieces {
-    /// The pieces of a function of places, given the place of each value: an ascending map.
+    /// Makes the pieces of a function of places, given the place of each value: an ascending map.
     pub(crate) fn new(transfer: &TransferFunction, place: impl Fn(f64) -> f64) -> Self {
         let knots = transfer.knots();
         let most = TransferFunction::extinction(transfer.max_opacity(), 1.0);
@@ -169,7 +172,7 @@ impl Pieces {
         pieces
     }
 
-    /// The number of the cell of a place: it does not descend with the place.
+    /// Returns the number of the cell of a place, which does not descend with the place.
     fn cell(&self, place: f64) -> usize {
         (((place - self.first) * self.cells_per_unit) as usize).min(self.before.len() - 2)
     }
@@ -178,19 +181,19 @@ impl Pieces {
         &self.nodes
     }
 
-    /// The number of nodes that are not above a place.
+    /// Returns the number of nodes that are not above a place.
     fn below(&self, place: f64) -> usize {
         let cell = self.cell(place);
         let [first, end] = [cell, cell + 1].map(|cell| self.before[cell] as usize);
         first + self.nodes[first..end].partition_point(|node| node.place <= place)
     }
 
-    /// Whether nothing between two places is visible.
+    /// Returns whether no place between two is visible.
     pub(crate) fn is_clear(&self, [low, high]: [f64; 2]) -> bool {
         high < self.visible[0] || low > self.visible[1]
     }
 
-    /// The mean emission between two places of a piece, given the number of nodes that are not above them.
+    /// Returns the mean emission between two places of a piece, given the number of nodes that are not above them.
     fn within(&self, below: usize, low: f64, high: f64) -> Emission {
         let node = &self.nodes[below.max(1) - 1];
         let inverse = if below > 0 { node.inverse } else { 0.0 };
@@ -199,8 +202,8 @@ impl Pieces {
         each(|c| node.emission[c] + of_slope * node.slope[c] + of_bend * node.bend[c])
     }
 
-    /// The mean emission between two places with the numbers of nodes that are not above them; of equal places the
-    /// emission there.
+    /// Returns the mean emission between two places, given the numbers of nodes that are not above them; if the places
+    /// are equal, the emission there.
     fn mean(&self, (low, from): (f64, usize), (high, to): (f64, usize)) -> Emission {
         if from == to {
             return self.within(from, low, high);
@@ -214,8 +217,8 @@ impl Pieces {
         })
     }
 
-    /// The band-limited emission of a voxel, given its place, those of the lowest and of the highest of its neighbours,
-    /// and the length of its gradient.
+    /// Returns the band-limited emission of a voxel, given its place, the places of the lowest and of the highest of
+    /// its neighbours, and the length of its gradient.
     pub(crate) fn emission(&self, place: f64, [lowest, highest]: [f64; 2], rise: f64) -> Emission {
         let low = (place - rise).max(lowest).min(place);
         let high = (place + rise).min(highest).max(place);

@@ -1,4 +1,4 @@
-//! Colours as users write them: red, green and blue from 0 to 1, in display space.
+//! Colours in the spellings of users: red, green and blue from 0 to 1, in display space.
 
 use voxsplat_volume::names::nearest;
 
@@ -21,7 +21,7 @@ fn short_hex(text: &str) -> Option<[f64; 3]> {
     digits(text, 3).map(|rgb| [8, 4, 0].map(|shift| f64::from(rgb >> shift & 0xf) / 15.0))
 }
 
-/// The names of CSS, each with its digits.
+/// Returns the names of CSS, each with its digits.
 fn names() -> impl Iterator<Item = (&'static str, &'static str)> {
     NAMES.lines().filter_map(|line| line.split_once(' '))
 }
@@ -32,7 +32,7 @@ fn named(name: &str) -> Option<[f64; 3]> {
     u32::from_str_radix(rgb, 16).ok().map(packed)
 }
 
-/// Parses a colour as users write it: `#rrggbb`, `#rgb`, a name of CSS in any case, or `r,g,b` in 0..1.
+/// Parses a colour in a spelling of users: `#rrggbb`, `#rgb`, a name of CSS in any case, or `r,g,b` in 0..1.
 pub(crate) fn parse(text: &str) -> Option<[f64; 3]> {
     let lower = text.trim().to_lowercase();
     hex(&lower).or_else(|| short_hex(&lower)).or_else(|| named(&lower)).or_else(|| channels(&lower))
@@ -44,14 +44,14 @@ pub(crate) fn tip(text: &str) -> String {
     near.map(|name| format!("; a similar colour exists: {name}")).unwrap_or_default()
 }
 
-/// The colour of `r,g,b`, each in 0..1.
+/// Parses the colour `r,g,b`, each in 0..1.
 fn channels(text: &str) -> Option<[f64; 3]> {
     let channels: Option<Vec<f64>> = text.split(',').map(|channel| channel.trim().parse().ok()).collect();
     let color: [f64; 3] = channels?.try_into().ok()?;
     color.iter().all(|c| (0.0..=1.0).contains(c)).then_some(color)
 }
 
-/// The colour of a hue, a saturation and a value in 0..1 (Smith 1978, "Color gamut transform pairs").
+/// Returns the colour of a hue, a saturation and a value in 0..1 (Smith 1978, "Color gamut transform pairs").
 pub(crate) fn hsv([hue, saturation, value]: [f64; 3]) -> [f64; 3] {
     [5.0, 3.0, 1.0].map(|n: f64| {
         let k = (n + 6.0 * hue) % 6.0;

@@ -14,10 +14,10 @@ use crate::volume::Grid;
 const SCHEMA: &str = "https://raw.githubusercontent.com/slicer/slicer/main/Modules/Loadable/VolumeRendering/Resources/\
                       Schema/volume-property-schema-v1.0.0.json#";
 
-/// The writer of a format: a text of a function for the volume on a grid.
+/// The writer of a format: returns the text of a function for the volume on a grid.
 type Writer = fn(&TransferFunction, &Grid) -> String;
 
-/// The writer for the extension of a path.
+/// Returns the writer for the extension of a path.
 fn writer(path: &Path) -> Result<Writer> {
     let name = path.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
     let writers: [(&str, Writer); 3] = [
@@ -93,8 +93,8 @@ impl TransferFunction {
         format!("{:#}\n", json!({"@schema": SCHEMA, "volumeProperties": [property]}))
     }
 
-    /// Gradient opacity over differences of a mean spacing. Slicer requires points: without gradient opacity they are
-    /// two of opacity 1.
+    /// Returns gradient opacity over differences of a mean spacing. Slicer requires points: without gradient opacity
+    /// they are two of opacity 1.
     fn gradient_for_slicer(&self, grid: &Grid) -> Vec<GradientPoint> {
         let plain = [0.0, 255.0].map(|magnitude| GradientPoint { magnitude, opacity: 1.0 });
         let spacing = grid.mean_spacing();

@@ -10,15 +10,15 @@ use crate::volume::Volume;
 pub struct GradientPoint {
     /// The length of the scalar's gradient: value per world unit, 0 or more.
     pub magnitude: f64,
-    /// The share of extinction that is kept, 0 to 1.
+    /// The share of extinction that is kept at a gradient of this magnitude, 0 to 1.
     pub opacity: f64,
 }
 
 impl TransferFunction {
-    /// Returns the same function with gradient opacity, piecewise linear in the length of the gradient and constant
-    /// beyond its ends: it multiplies extinction (Levoy 1988, "Display of surfaces from volume data"; VTK's gradient
-    /// opacity in the limit of short steps). Flat regions, such as the inside of organs, fade and surfaces stay.
-    /// Without points, extinction stays as it is. Projections of intensity ignore gradient opacity.
+    /// Returns the function with gradient opacity, piecewise linear in the length of the gradient and constant beyond
+    /// its ends: it multiplies extinction (Levoy 1988, "Display of surfaces from volume data"; VTK's gradient opacity
+    /// in the limit of short steps). Flat regions, such as the inside of organs, fade and surfaces stay. Without
+    /// points, extinction stays as it is. Projections of intensity ignore gradient opacity.
     ///
     /// ```
     /// use voxsplat::transfer::{ControlPoint, GradientPoint, TransferFunction};
@@ -65,8 +65,8 @@ impl TransferFunction {
         share(&self.gradient, magnitude, |p| (p.magnitude, p.opacity))
     }
 
-    /// Gradient opacity for shaders and their twins, whose gradients are `scale` times as long: pairs of magnitude and
-    /// share.
+    /// Returns gradient opacity for shaders and their twins, whose gradients are `scale` times as long: pairs of
+    /// magnitude and share.
     pub(crate) fn scaled_gradient_opacity(&self, scale: f64) -> Vec<[f32; 2]> {
         let scaled = |p: &GradientPoint| [(p.magnitude * scale).min(1e36) as f32, p.opacity as f32];
         self.gradient.iter().map(scaled).collect()
@@ -87,18 +87,19 @@ pub(crate) struct Resolution {
 }
 
 impl Resolution {
-    /// The share of the distance of a value from the base: 64 times the rounding of f32. 2^-18.
+    /// The share of a value's distance from the base that is the resolution: 64 times the rounding of f32. 2^-18.
     pub(crate) const OF_DISTANCE: f64 = 1.0 / 262_144.0;
-    /// The share of the largest distance of values from the base, if it is within the extent of the transfer function:
-    /// half floats hold it to 11 bits if the largest distance stays in their range. 2^-28.
+    /// The share of the largest distance of values from the base that is the resolution, if that distance is within the
+    /// extent of the transfer function: half floats hold it to 11 bits if the largest distance stays in their range.
+    /// 2^-28.
     const OF_ALL: f64 = Self::OF_DISTANCE / 1024.0;
     /// The least share of the extent of the transfer function that counts as the largest distance. 2^-32.
     const LEAST: f64 = 1.0 / 4_294_967_296.0;
 
-    /// Takes every difference for a surface.
+    /// The resolution by which every difference is a surface.
     pub(crate) const NONE: Self = Self { of_distance: 0.0, faintest: 0.0 };
 
-    /// The resolution of the values of a volume.
+    /// Finds the resolution of the values of a volume.
     ///
     /// # Errors
     /// [`Error::Input`](crate::Error::Input) if the samples cannot be read.
@@ -109,18 +110,18 @@ impl Resolution {
         Ok(Self { of_distance: Self::OF_DISTANCE, faintest })
     }
 
-    /// The part of the resolution that does not depend on the value.
+    /// Returns the part of the resolution that does not depend on the value.
     pub(crate) fn faintest(&self) -> f64 {
         self.faintest
     }
 
-    /// The largest central difference that counts half as a surface, at a distance of the value from the base.
+    /// Returns the largest central difference that counts half as a surface, at a distance of the value from the base.
     fn at(&self, distance: f64) -> f64 {
         self.of_distance * distance.abs() + self.faintest
     }
 
-    /// The weight of a surface at a distance of its value from the base, given its central differences along the axes
-    /// of the lattice: g^4 / (g^4 + 1) with g the largest difference over the resolution. It is steep, so that
+    /// Returns the weight of a surface at a distance of its value from the base, given its central differences along
+    /// the axes of the lattice: g^4 / (g^4 + 1) with g the largest difference over the resolution. It is steep, so that
     /// quadrature along a ray meets a surface or none.
     pub(crate) fn share(&self, differences: [f64; 3], distance: f64) -> f64 {
         let largest = differences.iter().fold(0.0_f64, |largest, d| largest.max(d.abs()));
@@ -131,18 +132,18 @@ impl Resolution {
         g / (g + 1.0)
     }
 
-    /// The differences of a voxel, or 0 if their weight as a surface is less than half.
+    /// Returns the differences of a voxel, or 0 if their weight as a surface is less than half.
     pub(crate) fn resolved(&self, differences: [f64; 3], distance: f64) -> [f64; 3] {
         if self.share(differences, distance) < 0.5 { [0.0; 3] } else { differences }
     }
 }
 
-/// The share of extinction at a magnitude, by pairs of [`TransferFunction::scaled_gradient_opacity`].
+/// Returns the share of extinction at a magnitude, by pairs of [`TransferFunction::scaled_gradient_opacity`].
 pub(crate) fn scaled_share(points: &[[f32; 2]], magnitude: f32) -> f32 {
     share(points, magnitude.into(), |pair| pair.map(f64::from).into()) as f32
 }
 
-/// The share at a magnitude, by points that `pair` splits into magnitude and share; 1 without points.
+/// Returns the share at a magnitude, by points that `pair` splits into magnitude and share; 1 without points.
 fn share<T>(points: &[T], magnitude: f64, pair: impl Fn(&T) -> (f64, f64)) -> f64 {
     if points.is_empty() {
         return 1.0;

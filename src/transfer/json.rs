@@ -22,7 +22,8 @@ use voxsplat_volume::files::{self, fault};
 /// The largest file that is read, in bytes: 1 KiB for each of [`TransferFunction::MAX_POINTS`].
 const MAX_BYTES: u64 = 4 << 20;
 
-/// The file. Points stay text until each is parsed by itself, so that an error can name the point and its line.
+/// The document in a file. Points stay text until each is parsed by itself, so that an error can name the point and its
+/// line.
 #[derive(Deserialize)]
 #[serde(
     deny_unknown_fields,
@@ -47,7 +48,7 @@ struct Point {
     opacity: f64,
 }
 
-/// Red, green and blue of a colour in either notation.
+/// Reads red, green and blue of a colour in either notation.
 fn channels(color: &Value) -> Option<[f64; 3]> {
     color.as_str().map_or_else(|| Deserialize::deserialize(color).ok(), color::parse)
 }

@@ -23,7 +23,7 @@ pub(super) fn merged(colors: &[(f64, [f64; 3])], opacities: &[(f64, [f64; 1])]) 
     points
 }
 
-/// The values of a line just below a place, and from there on.
+/// Returns the values of a line just below a place, and from there on.
 fn sides<const N: usize>(line: &[(f64, [f64; N])], at: f64) -> [[f64; N]; 2] {
     let (first, beyond) = (line.partition_point(|p| p.0 < at), line.partition_point(|p| p.0 <= at));
     if first < beyond {

@@ -17,6 +17,7 @@ pub use self::classification::Classification;
 pub(crate) use self::classification::{Node, Pieces};
 pub use self::gradient::GradientPoint;
 pub(crate) use self::gradient::{Resolution, scaled_share};
+#[doc(hidden)]
 pub use self::import::Imported;
 pub use self::window::Window;
 use crate::error::{Error, Result};
@@ -24,11 +25,11 @@ use crate::error::{Error, Result};
 /// A control point of a transfer function.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ControlPoint {
-    /// The scalar value.
+    /// The scalar value of the point.
     pub value: f64,
-    /// Red, green and blue in 0..1, in display space: they are composited and written without conversion.
+    /// Red, green and blue of the point in 0..1, in display space: they are composited and written without conversion.
     pub color: [f64; 3],
-    /// Opacity in 0..1 of a slab one unit distance thick.
+    /// The opacity in 0..1 of a slab one unit distance thick.
     pub opacity: f64,
 }
 
@@ -50,8 +51,8 @@ impl ControlPoint {
     }
 }
 
-/// The points on both sides of a value, at least one point, and the place of the value between them, 0 to 1. Beyond the
-/// ends both are the outermost point; of several points at one value the last holds from there on.
+/// Returns the points on both sides of a value, at least one point, and the place of the value between them, 0 to 1.
+/// Beyond the ends both are the outermost point; of several points at one value the last holds from there on.
 fn segment<T>(points: &[T], value: f64, at: impl Fn(&T) -> f64) -> (&T, &T, f64) {
     let above = points.partition_point(|p| at(p) <= value);
     let (a, b) = (&points[above.saturating_sub(1)], &points[above.min(points.len() - 1)]);
@@ -118,7 +119,7 @@ impl TransferFunction {
         Err(Error::Transfer(format!("unit_distance {unit} is not a positive length")))
     }
 
-    /// The error about too few or too many points.
+    /// Returns the error about too few or too many points.
     fn wrong_count(count: usize) -> Error {
         Error::Transfer(format!("{count} control points, expected 1 to {}", Self::MAX_POINTS))
     }
@@ -157,7 +158,7 @@ impl TransferFunction {
         -(-opacity.min(Self::MAX_OPACITY)).ln_1p() / unit
     }
 
-    /// The unit distance for a volume whose smallest spacing is `min_spacing`, in world units.
+    /// Returns the unit distance for a volume whose smallest spacing is `min_spacing`, in world units.
     #[must_use]
     pub(crate) fn unit_or(&self, min_spacing: f64) -> f64 {
         self.unit_distance.unwrap_or(min_spacing)
@@ -194,7 +195,7 @@ impl TransferFunction {
         p.iter().find(|q| self.sample(q.value).1 <= 0.0).unwrap_or(&p[0]).value
     }
 
-    /// The base value below all visible values; `None` if the first value is visible.
+    /// Returns the base value below all visible values; `None` if the first value is visible.
     fn base_below(&self) -> Option<f64> {
         let p = &self.points;
         let end = p.iter().take_while(|q| q.opacity <= 0.0).count().checked_sub(1)?;
@@ -210,15 +211,15 @@ impl TransferFunction {
         Some(value - gap.unwrap_or(0.5))
     }
 
-    /// The function mirrored at 0: it maps a value as this one maps its opposite. (At a step itself the other side
-    /// holds.)
+    /// Returns the function mirrored at 0: it maps a value as this one maps its opposite. (At a step itself the other
+    /// side holds.)
     #[must_use]
     pub(crate) fn mirrored(&self) -> Self {
         let points = self.points.iter().rev().map(|p| ControlPoint { value: -p.value, ..*p }).collect();
         Self { points, ..self.clone() }
     }
 
-    /// Whether no value of a range has opacity. Both ends are included, and either may be infinite.
+    /// Returns whether no value of a range has opacity. Both ends are included, and either may be infinite.
     #[must_use]
     pub(crate) fn is_invisible(&self, [low, high]: [f64; 2]) -> bool {
         let ends = [low, high].map(|v| self.sample(v.clamp(f64::MIN, f64::MAX)).1);
@@ -226,8 +227,8 @@ impl TransferFunction {
         ends.into_iter().chain(inside).all(|opacity| opacity <= 0.0)
     }
 
-    /// The largest range of values without opacity around `value`, both ends included; an end may be infinite. `None`:
-    /// the value has opacity. If opacity jumps at an end, the range ends half way to the jump.
+    /// Returns the largest range of values without opacity around `value`, both ends included; an end may be infinite.
+    /// `None`: the value has opacity. If opacity jumps at an end, the range ends half way to the jump.
     #[must_use]
     pub(crate) fn invisible_around(&self, value: f64) -> Option<[f64; 2]> {
         if !self.is_invisible([value; 2]) {
@@ -236,7 +237,7 @@ impl TransferFunction {
         Some([-self.mirrored().invisible_up_to(-value), self.invisible_up_to(value)])
     }
 
-    /// The upper end of the values without opacity from `value` on, which has none.
+    /// Returns the upper end of the values without opacity from `value` on, which has no opacity.
     fn invisible_up_to(&self, value: f64) -> f64 {
         let p = &self.points;
         let Some(visible) = p.iter().position(|q| q.value > value && q.opacity > 0.0) else { return f64::INFINITY };
@@ -247,8 +248,8 @@ impl TransferFunction {
         }
     }
 
-    /// The ranges of values whose opacity is at least `least`, which is over 0: ascending and apart. Both ends are
-    /// included, and either may be infinite.
+    /// Returns the ranges of values whose opacity is at least `least`, which is over 0: ascending and apart. Both ends
+    /// are included, and either may be infinite.
     pub(crate) fn values_over(&self, least: f64) -> Vec<[f64; 2]> {
         let over = |p: &ControlPoint| p.opacity >= least;
         let [first, last] = [self.points[0], self.points[self.points.len() - 1]];
@@ -278,7 +279,7 @@ impl TransferFunction {
         ranges
     }
 
-    /// The control points without redundant ones at the ends: beyond the outermost the function is constant.
+    /// Returns the control points without redundant ones at the ends: beyond the outermost the function is constant.
     pub(crate) fn knots(&self) -> &[ControlPoint] {
         let alike =
             |a: &ControlPoint, b: &ControlPoint| a.opacity == b.opacity && (a.color == b.color || a.opacity <= 0.0);
@@ -296,21 +297,22 @@ impl TransferFunction {
         points
     }
 
-    /// The distance from the base to the farthest of the [`Self::knots`], or `other` if none is apart from the base.
+    /// Returns the distance from the base to the farthest of the [`Self::knots`], or `other` if none is apart from the
+    /// base.
     pub(crate) fn extent_or(&self, other: f64) -> f64 {
         let base = self.base();
         let extent = self.knots().iter().map(|p| (p.value - base).abs()).fold(0.0, f64::max);
         if extent > 0.0 { extent } else { other }
     }
 
-    /// The largest opacity of any point.
+    /// Returns the largest opacity of any point.
     #[must_use]
     pub(crate) fn max_opacity(&self) -> f64 {
         self.points.iter().map(|p| p.opacity).fold(0.0, f64::max)
     }
 
-    /// The premultiplied pixel of the value that a projection keeps, relative to the base; its hue is `depth`, 0 to 1,
-    /// if there is one.
+    /// Returns the premultiplied pixel of the value that a projection keeps, relative to the base; its hue is `depth`,
+    /// 0 to 1, if there is one.
     pub(crate) fn projected(&self, value: f64, depth: Option<f64>) -> [f64; 4] {
         let most = self.max_opacity();
         let (mut color, opacity) = self.sample(self.base() + value);
@@ -325,7 +327,7 @@ impl TransferFunction {
         [r, g, b, alpha]
     }
 
-    /// The largest value of each channel of the colours.
+    /// Returns the largest value of each channel of the colours.
     pub(crate) fn brightest(&self) -> [f64; 3] {
         std::array::from_fn(|channel| self.points.iter().map(|p| p.color[channel]).fold(0.0, f64::max))
     }

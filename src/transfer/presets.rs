@@ -10,17 +10,19 @@ use crate::transfer::color;
 use crate::volume::{Statistics, Volume};
 use voxsplat_volume::names::named;
 
-/// A named way to make a transfer function from the values of a volume.
+/// A preset: a named method that makes a transfer function from the values of a volume.
 #[derive(Debug, Clone, Copy)]
+#[non_exhaustive]
 pub struct Preset {
-    /// The name on the command line.
+    /// The name of the preset on the command line.
     pub name: &'static str,
-    /// The data and the picture that it is for, in a few words.
+    /// The data that the preset suits and the picture, in a few words.
     pub description: &'static str,
-    /// The material of the lit surfaces that it shows; `None`: it shows translucent matter, without light.
+    /// The material of the lit surfaces that the preset shows; `None`: it shows translucent matter, without light.
     pub material: Option<Material>,
     ramp: Ramp,
-    /// Gradient opacity: gradients in ranges of the tissue per voxel, and the share of extinction that stays.
+    /// The gradient opacity of the preset: gradients in ranges of the tissue per voxel, and the share of extinction
+    /// that stays.
     gradient: &'static [(f64, f64)],
 }
 
@@ -37,19 +39,20 @@ enum Ramp {
 
 /// The material fields of [`Lighting`].
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct Material {
-    /// [`Lighting::ambient`].
+    /// The share of ambient light, [`Lighting::ambient`].
     pub ambient: f64,
-    /// [`Lighting::diffuse`].
+    /// The share of diffuse light, [`Lighting::diffuse`].
     pub diffuse: f64,
-    /// [`Lighting::specular`].
+    /// The strength of the highlight, [`Lighting::specular`].
     pub specular: f64,
-    /// [`Lighting::shininess`].
+    /// The exponent of the highlight, [`Lighting::shininess`].
     pub shininess: f64,
 }
 
 impl Material {
-    /// Returns these lights on this material.
+    /// Returns the lighting with this material.
     #[must_use]
     pub fn lit(self, lighting: Lighting) -> Lighting {
         let Self { ambient, diffuse, specular, shininess } = self;
@@ -57,19 +60,19 @@ impl Material {
     }
 }
 
-/// A preset without light.
+/// Makes a preset without light.
 const fn preset_of(name: &'static str, description: &'static str, ramp: Ramp) -> Preset {
     Preset { name, description, material: None, ramp, gradient: &[] }
 }
 
 impl Preset {
-    /// The same preset with lit surfaces.
+    /// Returns the preset with lit surfaces of this material.
     const fn lit(self, ambient: f64, diffuse: f64, specular: f64, shininess: f64) -> Self {
         Self { material: Some(Material { ambient, diffuse, specular, shininess }), ..self }
     }
 }
 
-/// Every preset.
+/// All presets.
 pub const PRESETS: &[Preset] = &[
     preset_of("ct-bone", "CT: opaque bone in clear flesh", CT_BONE).lit(0.4, 0.8, 0.2, 24.0),
     preset_of("ct-skin", "CT: the opaque outside, skin or scales", CT_SKIN).lit(0.45, 0.9, 0.12, 12.0),
@@ -106,7 +109,7 @@ const GRAY: fn(f64) -> colorous::Color = |f| colorous::GREYS.eval_continuous(1.0
 const VIRIDIS: fn(f64) -> colorous::Color = |f| colorous::VIRIDIS.eval_continuous(f);
 const INFERNO: fn(f64) -> colorous::Color = |f| colorous::INFERNO.eval_continuous(f);
 
-/// Trabecular bone starts near 150 HU, cortical bone lies from 500 to 1900 HU.
+/// Bone in CT. Trabecular bone starts near 150 HU, cortical bone lies from 500 to 1900 HU.
 const CT_BONE: Ramp = Ramp::Points(&[
     (|l| l.hu(150.0, between(l.object, l.bright, 0.75)), 0xa0_6c48, 0.0),
     (|l| l.hu(280.0, l.bright), 0xd8_b088, 0.12),
@@ -114,14 +117,14 @@ const CT_BONE: Ramp = Ramp::Points(&[
     (|l| l.hu(1600.0, l.top), 0xff_f8ec, 0.6),
 ]);
 
-/// Skin begins half way from air at -1000 HU to fat at -100 HU and to water.
+/// Skin in CT, which begins half way from air at -1000 HU to fat at -100 HU and to water.
 const CT_SKIN: Ramp = Ramp::Points(&[
     (|l| l.hu(-500.0, between(l.background, l.object, 0.35)), 0xa8_6a50, 0.0),
     (|l| l.hu(-200.0, between(l.background, l.object, 0.9)), 0xdc_a084, 0.5),
     (|l| l.hu(1000.0, l.bright), 0xf0_c0a0, 0.8),
 ]);
 
-/// Above fat, which ends at -50 HU. Muscle and organs have 20 to 80 HU, bone has 200 HU and more.
+/// Muscle in CT, above fat, which ends at -50 HU. Muscle and organs have 20 to 80 HU, bone has 200 HU and more.
 const CT_MUSCLE: Ramp = Ramp::Points(&[
     (|l| l.hu(-30.0, l.object), 0x3a_140e, 0.0),
     (|l| l.hu(20.0, between(l.object, l.bright, 0.3)), 0x8c_3a2c, 0.12),
@@ -130,7 +133,7 @@ const CT_MUSCLE: Ramp = Ramp::Points(&[
     (|l| l.hu(1000.0, l.top), 0xff_faf0, 0.8),
 ]);
 
-/// Fat has -120 HU and more, muscle and organs have 20 to 80 HU, bone has 200 HU and more.
+/// Soft tissue in CT. Fat has -120 HU and more, muscle and organs have 20 to 80 HU, bone has 200 HU and more.
 const CT_SOFT_TISSUE: Ramp = Ramp::Points(&[
     (|l| l.hu(-300.0, between(l.background, l.bright, 0.15)), 0x6a_2c1a, 0.0),
     (|l| l.hu(-100.0, between(l.background, l.bright, 0.35)), 0xd0_8c68, 0.06),
@@ -139,7 +142,7 @@ const CT_SOFT_TISSUE: Ramp = Ramp::Points(&[
     (|l| l.hu(1500.0, l.top), 0xff_faf0, 0.6),
 ]);
 
-/// Lungs have -900 to -700 HU. Their vessels and their surface mix with lung: a band below fat at -120 HU.
+/// Lungs in CT, with -900 to -700 HU. Their vessels and their surface mix with lung: a band below fat at -120 HU.
 const CT_LUNG: Ramp = Ramp::Points(&[
     (|l| l.hu(-940.0, between(l.background, l.object, 0.0)), 0x48_6088, 0.0),
     (|l| l.hu(-860.0, between(l.background, l.object, 0.1)), 0x68_86b4, 0.004),
@@ -150,7 +153,7 @@ const CT_LUNG: Ramp = Ramp::Points(&[
     (|l| l.hu(-140.0, between(l.background, l.object, 1.0)), 0xff_f0e8, 0.0),
 ]);
 
-/// Blood with contrast agent has 150 to 500 HU; calcium, stents and bone have more.
+/// Angiograms. Blood with contrast agent has 150 to 500 HU; calcium, stents and bone have more.
 const ANGIOGRAPHY: Ramp = Ramp::Points(&[
     (|l| l.hu(120.0, between(l.vessel, l.top, 0.0)), 0x50_060a, 0.0),
     (|l| l.hu(200.0, between(l.vessel, l.top, 0.06)), 0xb4_1c18, 0.15),
@@ -206,7 +209,7 @@ const FLUORESCENCE: Ramp = Ramp::Points(&[
 const GRAYSCALE: Ramp = Ramp::Points(&[(|l| l.background, 0x00_0000, 0.0), (|l| l.high, 0xff_ffff, 0.2)]);
 
 impl Ramp {
-    /// The control points for the values of a volume.
+    /// Returns the control points for the values of a volume.
     fn points(self, levels: &Levels) -> Vec<ControlPoint> {
         match self {
             Self::Points(rows) => {
@@ -230,6 +233,7 @@ impl Ramp {
 
 /// The values at which a preset places its points.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[non_exhaustive]
 pub enum PresetValues {
     /// Absolute values if the file states Hounsfield units or statistics, or if the values look like Hounsfield units;
     /// otherwise fitted.
@@ -237,13 +241,13 @@ pub enum PresetValues {
     Auto,
     /// Absolute values: Hounsfield units for presets of CT and for angiography, and scores of statistics from 3 on.
     Absolute,
-    /// Fitted to the histogram.
+    /// Values fitted to the histogram.
     Fitted,
 }
 
 named!("preset_values", PresetValues { Auto: "auto", Absolute: "absolute", Fitted: "fitted" });
 
-/// Steps between the control points of a colour map.
+/// The number of steps between the control points of a colour map.
 const MAP_STEPS: u32 = 16;
 
 /// Fits the preset `name` to a volume with these statistics.
@@ -285,7 +289,7 @@ pub fn find(name: &str) -> Result<&'static Preset> {
     })
 }
 
-/// Units of statistics that lie about 0: Student's t, z scores and correlations.
+/// The units of statistics that lie about 0: Student's t, z scores and correlations.
 pub(crate) const STATISTICS: [&str; 3] = ["t", "z", "r"];
 
 impl TransferFunction {
@@ -299,8 +303,8 @@ impl TransferFunction {
     }
 }
 
-/// Whether values look like Hounsfield units: a hundredth of the voxels or more are air or lung, far below 0, and bone
-/// or contrast agent is far above it. Values far outside the range of scanners are another quantity.
+/// Returns whether values look like Hounsfield units: a hundredth of the voxels or more are air or lung, far below 0,
+/// and bone or contrast agent is far above it. Values far outside the range of scanners are another quantity.
 pub(crate) fn is_hounsfield(s: &Statistics) -> bool {
     let has_air = s.min < -200.0 && s.fraction_above(-200.0) <= 0.99;
     has_air && s.max > 300.0 && s.min >= -10_000.0 && s.max <= 100_000.0
@@ -330,7 +334,7 @@ struct Levels {
 }
 
 impl Levels {
-    /// The levels of values, which may be Hounsfield units or scores; `None` if all values are the same.
+    /// Finds the levels of values, which may be Hounsfield units or scores; `None` if all values are the same.
     fn new(s: &Statistics, hounsfield: bool, scores: bool) -> Option<Self> {
         let object = s.otsu(f64::NEG_INFINITY)?;
         let background = s.background()?.limit.min(object);
@@ -352,30 +356,30 @@ impl Levels {
         Some(Self { hounsfield, background, object, vessel, bright, top, high, significant, strongest })
     }
 
-    /// A value in Hounsfield units if the volume has them, and another value otherwise.
+    /// Returns a value in Hounsfield units if the volume has them, and another value otherwise.
     fn hu(&self, hounsfield: f64, other: f64) -> f64 {
         if self.hounsfield { hounsfield } else { other }
     }
 
-    /// The range of values from the background to bone: gradients of surfaces scale with it.
+    /// Returns the range of values from the background to bone: gradients of surfaces scale with it.
     fn tissue(&self) -> f64 {
         self.hu(1700.0, self.bright - self.background)
     }
 }
 
-/// The distance from 0 above which a statistic is more than noise, and the distance of the strongest ones; `None` if
-/// all values are the same. Noise is below `score` if the values are scores.
+/// Returns the distance from 0 above which a statistic is more than noise, and the distance of the strongest ones;
+/// `None` if all values are the same. Noise is below `score` if the values are scores.
 pub(crate) fn significance(statistics: &Statistics, score: Option<f64>) -> Option<[f64; 2]> {
     let Levels { significant, strongest, .. } = Levels::new(statistics, false, false)?;
     Some([score.map_or(significant, |score| score.min(0.75 * strongest)), strongest])
 }
 
-/// The range of values of the foreground, up to its 99.5th percentile; `None` if all values are the same.
+/// Returns the range of values of the foreground, up to its 99.5th percentile; `None` if all values are the same.
 pub(super) fn foreground(statistics: &Statistics) -> Option<[f64; 2]> {
     Levels::new(statistics, false, false).map(|levels| [levels.background, levels.high])
 }
 
-/// Linear interpolation from `a` (f = 0) to `b` (f = 1).
+/// Interpolates linearly from `a` (f = 0) to `b` (f = 1).
 pub(super) fn between(a: f64, b: f64, f: f64) -> f64 {
     let width = b - a;
     // Between the ends of the range of f64 the width overflows.

@@ -4,7 +4,7 @@ use super::Resolution;
 use super::TransferFunction;
 use crate::volume::{RowCoding, ToF64, Volume};
 
-/// The largest distance of the values of a range from a value.
+/// Returns the largest distance of the values of a range from a value.
 fn farthest([lowest, highest]: [f64; 2], value: f64) -> f64 {
     (highest - value).abs().max((lowest - value).abs())
 }
@@ -13,8 +13,8 @@ fn farthest([lowest, highest]: [f64; 2], value: f64) -> f64 {
 /// because shaders take differences over 64 for jumps.
 const LEAST_EDITED: f64 = 0.125;
 
-/// How values become the scalars of shaders: relative to the transfer function's base, times a power of two that brings
-/// the farthest relevant control point to between 1 and 2. Data in any unit give the same scalars.
+/// The map from values to the scalars of shaders: relative to the transfer function's base, times a power of two that
+/// brings the farthest relevant control point to between 1 and 2. Data in any unit give the same scalars.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Reduction {
     base: f64,
@@ -26,13 +26,13 @@ impl Reduction {
     /// these at the same place.
     pub(crate) const LIMIT: f64 = (1_u128 << 64) as f64;
 
-    /// The reduction of values that are at most `largest` from the base.
+    /// Returns the reduction of values that are at most `largest` from the base.
     pub(crate) fn new(transfer: &TransferFunction, largest: f64) -> Self {
         Self::around(transfer.base(), transfer.extent_or(largest))
     }
 
-    /// The reduction for a function that others replace, given the lowest and the highest value: its base is so far
-    /// below the visible values that it serves functions that show lower values too.
+    /// Returns the reduction for a function that others replace, given the lowest and the highest value: its base is so
+    /// far below the visible values that it serves functions that show lower values too.
     pub(crate) fn for_edits(transfer: &TransferFunction, range: [f64; 2]) -> Self {
         let base = transfer.base();
         let extent = transfer.extent_or(farthest(range, base));
@@ -41,8 +41,8 @@ impl Reduction {
         Self::around(base, 2.0 * extent)
     }
 
-    /// Whether scalars serve a function: their base is invisible, and its points are about as far from it as shaders
-    /// expect.
+    /// Returns whether the scalars serve a function: their base is invisible, and its points are about as far from it
+    /// as shaders expect.
     pub(crate) fn serves(&self, transfer: &TransferFunction, range: [f64; 2]) -> bool {
         let base = transfer.base();
         let extent = transfer.extent_or(farthest(range, base));
@@ -50,46 +50,46 @@ impl Reduction {
         transfer.is_invisible([self.base.min(base), self.base.max(base)]) && (LEAST_EDITED..=2.0).contains(&reach)
     }
 
-    /// The reduction of values of this extent around a base.
+    /// Returns the reduction of values of this extent around a base.
     fn around(base: f64, extent: f64) -> Self {
         let exponent = extent.clamp(f64::MIN_POSITIVE, f64::MAX).log2().floor();
         Self { base, factor: (-exponent).clamp(-1020.0, 1020.0).exp2() }
     }
 
-    /// The value of a scalar of 0.
+    /// Returns the value of a scalar of 0.
     pub(crate) fn base(&self) -> f64 {
         self.base
     }
 
-    /// Scalars for each unit of value.
+    /// Returns the number of scalars for each unit of value.
     pub(crate) fn factor(&self) -> f64 {
         self.factor
     }
 
-    /// The value of a scalar.
+    /// Returns the value of a scalar.
     pub(crate) fn value(&self, scalar: f32) -> f64 {
         self.base + f64::from(scalar) / self.factor
     }
 
-    /// The scalar of a value.
+    /// Returns the scalar of a value.
     #[inline]
     pub(crate) fn scalar(&self, value: f64) -> f32 {
         self.length(value - self.base) as f32
     }
 
-    /// The resolution of a scalar of 0. At least 2^-64, so that no scalar over it leaves the range of f32.
+    /// Returns the resolution of a scalar of 0. At least 2^-64, so that no scalar over it leaves the range of f32.
     pub(crate) fn faintest(&self, resolution: &Resolution) -> f32 {
         self.length(resolution.faintest()).max(Self::LIMIT.recip()) as f32
     }
 
-    /// A difference of values in units of scalars.
+    /// Converts a difference of values to units of scalars.
     #[inline]
     pub(crate) fn length(&self, difference: f64) -> f64 {
         (difference * self.factor).clamp(-Self::LIMIT, Self::LIMIT)
     }
 }
 
-/// Samples as scalars.
+/// The map from samples to scalars.
 pub(crate) struct Relative {
     slope: f64,
     intercept: f64,
@@ -102,7 +102,7 @@ impl Relative {
         Self { slope, intercept, reduction }
     }
 
-    /// Values as scalars.
+    /// Makes the map from values to scalars.
     pub(crate) fn of_values(reduction: Reduction) -> Self {
         Self { slope: 1.0, intercept: 0.0, reduction }
     }

@@ -4,12 +4,12 @@ use super::{ControlPoint, GradientPoint, TransferFunction, presets};
 use crate::error::{Error, Result};
 use crate::volume::Statistics;
 
-/// A range of values by its middle and its extent, as radiologists state it.
+/// A window: a range of values by its middle and its extent, as radiologists state it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Window {
-    /// The value in the middle.
+    /// The value in the middle of the window.
     pub level: f64,
-    /// The difference of its ends.
+    /// The width of the window: the difference of its ends.
     pub width: f64,
 }
 
@@ -21,7 +21,7 @@ impl Window {
         Some(Self { level: f64::midpoint(low, high), width: high - low }).filter(|window| window.ends().is_ok())
     }
 
-    /// Returns the lowest and the highest value.
+    /// Returns the lowest and the highest value of the window.
     ///
     /// # Errors
     /// [`Error::Setting`] if the width is not over 0, or if the ends are not finite and apart.
@@ -63,14 +63,14 @@ impl TransferFunction {
         Self { points: self.points.iter().map(point).collect(), ..self.clone() }.with_steeper_gradients(grown)
     }
 
-    /// The same function with the magnitudes of its gradient opacity multiplied by a factor.
+    /// Returns the function with the magnitudes of its gradient opacity multiplied by a factor.
     pub(super) fn with_steeper_gradients(self, times: f64) -> Result<Self> {
         let steeper = |p: &GradientPoint| GradientPoint { magnitude: p.magnitude * times, ..*p };
         let gradient = self.gradient.iter().map(steeper).collect();
         self.with_gradient_opacity(gradient)
     }
 
-    /// Returns the same function with opacities for slabs `unit_distance` thick, in world units.
+    /// Returns the function with opacities for slabs `unit_distance` thick, in world units.
     ///
     /// # Errors
     /// [`Error::Transfer`] if the distance is not a positive length.

@@ -1,6 +1,7 @@
 //! Pictures in bricks are the whole picture, at cuts as elsewhere.
 
 use glam::{DAffine3, DMat3, DVec3};
+use voxsplat::Frame;
 use voxsplat::bricks::{Brick, Chunks, Partial, Plan, brick, merge};
 use voxsplat::camera::{Camera, ProjectionKind, View};
 use voxsplat::clip::{Clip, Plane};
@@ -60,7 +61,7 @@ fn parts(plan: &Plan, layers: &Layers) -> Vec<Partial> {
 /// The whole picture by the settings of a plan.
 fn whole(plan: &Plan, layers: &Layers) -> Image {
     let scene = renderer().prepare_layers(layers, plan.settings()).unwrap();
-    renderer().render(&scene, plan.camera(), plan.settings()).unwrap().image
+    renderer().render(&scene, &Frame::new(plan.camera(), plan.settings())).unwrap().image
 }
 
 /// The merged picture, and the largest difference of a channel from the whole one.

@@ -1,6 +1,7 @@
 //! Shared parts of the tests: one device, volumes, and the only calls of the library that make cameras and pictures.
 
 use std::sync::{Arc, Mutex, PoisonError, Weak};
+use voxsplat::Frame;
 
 use glam::DVec3;
 use voxsplat::camera::{Camera, ProjectionKind, View};
@@ -144,7 +145,7 @@ pub(crate) fn draw(scene: &Scene, camera: &Camera, settings: &Settings) -> Rende
 }
 
 pub(crate) fn draw_on(renderer: &Renderer, scene: &Scene, camera: &Camera, settings: &Settings) -> Result<Rendered> {
-    renderer.render(scene, camera, settings)
+    renderer.render(scene, &Frame::new(camera, settings))
 }
 
 /// Prepares a volume and renders it.

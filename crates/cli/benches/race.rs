@@ -53,7 +53,8 @@ use voxsplat::settings::{Painter, QuadsSettings, Shading};
 use voxsplat::transfer::ControlPoint;
 use voxsplat::volume::SampleType;
 use voxsplat::{
-    Background, Camera, Image, LoadOptions, Renderer, RendererOptions, Settings, TransferFunction, View, Volume, load,
+    Background, Camera, Frame, Image, LoadOptions, Renderer, RendererOptions, Settings, TransferFunction, View, Volume,
+    load,
 };
 
 #[derive(Deserialize)]
@@ -294,7 +295,7 @@ fn child(race: &Race<'_>, curve: &[[f64; 5]], painter: &str) -> Outcome {
     for frame in 0..options.frames {
         let camera = scene.camera(picture.kind, &volume, AZIMUTH + 10.0 * frame as f64, options.size)?;
         let start = Instant::now();
-        let image = renderer.render(&prepared, &camera, &settings)?.image;
+        let image = renderer.render(&prepared, &Frame::new(&camera, &settings))?.image;
         times.push(start.elapsed().as_secs_f64());
         first.get_or_insert(image);
         if times.len() > 1 && times.iter().sum::<f64>() > PATIENCE {

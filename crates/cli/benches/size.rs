@@ -32,7 +32,7 @@ use voxsplat::lighting::Lighting;
 use voxsplat::renderer::adapters;
 use voxsplat::transfer::ControlPoint;
 use voxsplat::volume::SampleType;
-use voxsplat::{Camera, LoadOptions, Renderer, RendererOptions, Settings, TransferFunction, View, load};
+use voxsplat::{Camera, Frame, LoadOptions, Renderer, RendererOptions, Settings, TransferFunction, View, load};
 
 /// Value, colour and opacity over a 64th of the volume's edge.
 const CURVE: [(f64, [f64; 3], f64); 6] = [
@@ -179,7 +179,7 @@ impl Scene {
             };
             let camera = Camera::new(&view, volume.grid(), self.size)?;
             let start = Instant::now();
-            let stats = renderer.render(&scene, &camera, &settings)?.stats;
+            let stats = renderer.render(&scene, &Frame::new(&camera, &settings))?.stats;
             times.push(start.elapsed().as_secs_f64());
             first.get_or_insert(stats);
         }

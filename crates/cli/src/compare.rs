@@ -1,4 +1,4 @@
-//! `voxsplat compare`.
+//! The command `voxsplat compare`.
 
 use serde::Serialize;
 use voxsplat::image::{self, Background, Comparison, Image};
@@ -23,7 +23,7 @@ struct Verdict {
     exceeded: Vec<String>,
 }
 
-/// As of `diff`, 1 means that the pictures differ, and 2 that they cannot be compared.
+/// Compares two pictures. The exit code is that of `diff`: 1 if the pictures differ, 2 if they cannot be compared.
 pub(crate) fn run(args: &CompareArgs) -> Result<(), Failure> {
     let exceeded = compared(args).map_err(|failure| Failure { code: 2, ..failure })?;
     if exceeded.is_empty() {
@@ -32,7 +32,7 @@ pub(crate) fn run(args: &CompareArgs) -> Result<(), Failure> {
     fail(format!("{} and {} differ {}", args.a.display(), args.b.display(), exceeded.join("; ")))
 }
 
-/// Compares, prints and returns the limits that the pictures exceed.
+/// Compares two pictures, prints the result and returns the limits that they exceed.
 fn compared(args: &CompareArgs) -> Result<Vec<String>, Failure> {
     if let Some(path) = &args.difference {
         Image::check_output(path).map_err(|e| Failure::usage(format!("{e:#}")))?;

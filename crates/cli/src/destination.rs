@@ -14,7 +14,7 @@ pub(crate) const STREAM: &str = "-";
 /// The destination of a picture.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) enum Destination {
-    /// Standard output, as PNG.
+    /// Standard output, which gets a PNG.
     Stdout,
     /// A file, in the format of its extension.
     File(PathBuf),
@@ -41,7 +41,7 @@ impl Destination {
         Ok(())
     }
 
-    /// Whether it keeps the values of a picture, not only the colours that a screen shows.
+    /// Returns whether the destination keeps the values of a picture, not only the colours that a screen shows.
     pub(crate) fn keeps_values(&self) -> bool {
         match self {
             Self::Stdout => false,

@@ -1,4 +1,4 @@
-//! `voxsplat devices`.
+//! The command `voxsplat devices`.
 
 use serde::Serialize;
 use voxsplat::adapter::AdapterInfo;
@@ -9,7 +9,8 @@ use super::failure::Failure;
 use super::output;
 use super::report::{self, Choices, NO_FILES};
 
-/// The adapters, best first: `--adapter '#N'` chooses the one at place N. Then the processor, for `--painter cpu`.
+/// The printed list of adapters, best first: `--adapter '#N'` chooses the one at place N. Then the processor, for
+/// `--painter cpu`.
 #[derive(Serialize)]
 struct Listed {
     adapters: Vec<AdapterInfo>,

@@ -1,12 +1,13 @@
 //! Pictures by the renderer, and the notes in their files.
 
+use voxsplat::Frame;
 use voxsplat::accuracy::{Chosen, Estimate, choose};
-use voxsplat::appearance::{self, command_line, options_of};
 use voxsplat::camera::Camera;
 use voxsplat::engine::{Engine, EngineScene};
 use voxsplat::figure::Figure;
 use voxsplat::image::{Image, Note};
 use voxsplat::layers::Layers;
+use voxsplat::program::{self, command_line, options_of};
 use voxsplat::settings::Settings;
 use voxsplat::solids::Solids;
 use voxsplat::stats::Stats;
@@ -17,7 +18,7 @@ use super::failure::Failure;
 use super::job::RenderJob;
 use super::output;
 
-/// A scene, and the layers and settings that it was prepared with.
+/// A scene, with the layers and settings that it was prepared with.
 pub(crate) struct Prepared {
     layers: Layers,
     settings: Settings,
@@ -29,7 +30,7 @@ impl Prepared {
         Self { layers: layers.clone(), settings: settings.clone(), scene }
     }
 
-    /// Whether a picture of other settings can be made of the scene.
+    /// Returns whether a picture of these layers and settings can be made of the scene.
     pub(crate) fn serves(&self, layers: &Layers, settings: &Settings) -> bool {
         let of = |s: &Settings| (s.model, s.shading, s.lighting.is_some(), s.kernel, s.sharpness, s.level);
         self.layers == *layers && of(&self.settings) == of(settings)
@@ -38,7 +39,7 @@ impl Prepared {
 
 /// Returns an estimate as a sentence.
 pub(crate) fn in_words(estimate: &Estimate) -> String {
-    let Estimate { pixels, error, interval: [low, high], rms, max } = estimate;
+    let Estimate { pixels, error, interval: [low, high], rms, max, .. } = estimate;
     if *pixels == 0 {
         return "no traced pixel shows anything, in the picture or in truth: there is no error to estimate".to_owned();
     }
@@ -48,7 +49,7 @@ pub(crate) fn in_words(estimate: &Estimate) -> String {
     )
 }
 
-/// A picture, its settings, the error that traced pixels estimate, and statistics unless the reference traced it.
+/// A drawn picture, its settings, the error that traced pixels estimate, and statistics unless the reference traced it.
 type Drawn = (Image, Settings, Option<Estimate>, Option<Stats>);
 
 /// Draws the picture of a job, by its settings or by the cheapest ones that keep its error, which a note names. Returns
@@ -67,10 +68,10 @@ pub(crate) fn draw(
             None => Prepared::new(layers, &job.settings, engine.prepare_layers(layers, &job.settings)?),
         };
         let scene = &prepared.scene;
-        let rendered = engine.render_region(scene, camera, &job.settings, job.region, solids)?;
+        let rendered = engine.render(scene, &Frame::new(camera, &job.settings).region(job.region).solids(solids))?;
         return Ok(((rendered.image, job.settings.clone(), None, Some(rendered.stats)), Some(prepared)));
     };
-    let Chosen { settings, rendered, estimate, keeps, traced, tried } =
+    let Chosen { settings, rendered, estimate, keeps, traced, tried, .. } =
         choose(engine, layers, camera, &job.settings, max_error, job.accuracy.sample)?;
     let options = command_line(&options_of(&settings));
     let options = if options.is_empty() { "the defaults".to_owned() } else { options };
@@ -94,7 +95,7 @@ pub(crate) fn draw(
 
 /// Returns the notes in the file of a picture: program, settings, error, title and caption.
 pub(crate) fn notes(settings: &Settings, figure: &Figure, of_errors: Option<Note>) -> Vec<Note> {
-    let mut notes = appearance::notes(settings);
+    let mut notes = program::notes(settings);
     notes.extend(of_errors);
     let texts = [("Title", &figure.title), ("Description", &figure.caption)];
     notes.extend(texts.into_iter().filter_map(|(name, text)| Some(Note { name, text: text.clone()? })));

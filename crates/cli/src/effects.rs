@@ -35,7 +35,7 @@ const fn idle(options: &'static str, holds: fn(&Given<'_>) -> bool, because: &'s
     Rule { options, holds, kind: Kind::Noted(because) }
 }
 
-/// Options that always have an effect, or that `clap` (`conflicts_with`), the library (`Settings::validate`,
+/// The options that always have an effect, or that `clap` (`conflicts_with`), the library (`Settings::validate`,
 /// `formats::load`) or `session::say_choice` refuse or note.
 #[cfg(test)]
 const FREE: &str = "help quiet json dims type offset axis-order spacing replace-nan complex channel time pyramid \
@@ -48,7 +48,7 @@ const IS_ONE_FILE: &str = "because the volume is one file: only folders and TIFF
 const IS_NO_DICOM: &str = "because only folders of DICOM files hold series";
 const QUADS: &str = "tune:sheets tune:accumulate tune:sheet-thickness tune:precision tune:table-error";
 
-/// The rules, by groups of options. Of several rules for an option the first that holds counts.
+/// The rules, by groups of options. If several rules apply to an option, the first counts.
 const RULES: &[Rule] = &[
     // Input.
     idle("endian", |given| given.is("type", "u8") || given.is("type", "i8"), "because the samples are single bytes"),
@@ -179,20 +179,20 @@ const RULES: &[Rule] = &[
     refused("part resume", is_film, " needs a file for each frame, such as -o frames/{frame}.png"),
 ];
 
-/// Rays on the CPU know neither painters nor devices.
+/// Returns whether the reference makes the picture: rays on the CPU depend neither on painters nor on devices.
 fn is_traced(given: &Given<'_>) -> bool {
     given.has("reference")
 }
 
 const BY_REFERENCE: &str = "because --reference integrates rays on the CPU";
 
-/// Whether `--units` names the unit of a quantity without the option that shows it.
+/// Returns whether `--units` names the unit of a quantity without the option that shows it.
 fn lacks(given: &Given<'_>, quantity: &str, option: &str) -> bool {
     let prefix = format!("{quantity}=");
     given.text("units").split(',').any(|pair| pair.trim_start().starts_with(&prefix)) && !given.has(option)
 }
 
-/// Returns notes on the options of a command that have no effect. A scene has two lines: its picture's, and the
+/// Returns notes on the options of a command that have no effect. A scene has two lines: the picture's line and the
 /// program's.
 ///
 /// Refuses options that contradict others, all at once.

@@ -10,29 +10,29 @@ use super::tune;
 /// The failure of a command: the lines that report it, and the exit code.
 #[derive(Debug)]
 pub(crate) struct Failure {
-    /// 1 if the work failed, 2 if the arguments are wrong.
+    /// The exit code: 1 if the work failed, 2 if the arguments are wrong.
     pub(crate) code: u8,
     pub(crate) messages: Vec<String>,
 }
 
 impl Failure {
-    /// Wrong arguments.
+    /// Makes the failure of wrong arguments.
     pub(crate) fn usage(message: impl Into<String>) -> Self {
         Self { code: 2, messages: vec![message.into()] }
     }
 
-    /// Work that failed.
+    /// Makes the failure of work that failed.
     pub(crate) fn failed(message: impl Into<String>) -> Self {
         Self { code: 1, messages: vec![message.into()] }
     }
 }
 
-/// Refuses arguments.
+/// Returns the failure of wrong arguments as an error.
 pub(crate) fn refuse<T>(message: impl Into<String>) -> Result<T, Failure> {
     Err(Failure::usage(message))
 }
 
-/// Reports work that failed.
+/// Returns the failure of work as an error.
 pub(crate) fn fail<T>(message: impl Into<String>) -> Result<T, Failure> {
     Err(Failure::failed(message))
 }
@@ -54,8 +54,8 @@ impl From<InputError> for Failure {
     }
 }
 
-/// Returns an error in one line: message, causes and way out, with the options of the command line for the fields of
-/// the library.
+/// Returns an error in one line: message, causes and remedy, with the options of the command line for the fields of the
+/// library.
 fn in_flags(error: &Error) -> String {
     let mut message = match error {
         Error::Setting { name, reason } => format!("{}: {reason}", flag(name)),
@@ -102,7 +102,7 @@ fn flag(setting: &str) -> String {
     }
 }
 
-/// Returns the sample types, as `--type` takes them.
+/// Returns the names of the sample types for `--type`.
 fn sample_types() -> String {
     SampleType::ALL.map(SampleType::name).join("|")
 }

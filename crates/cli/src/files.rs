@@ -9,8 +9,8 @@ use std::path::{Path, PathBuf};
 
 use clap::builder::ValueHint;
 use clap::{ArgMatches, Command};
-use voxsplat::appearance::MAP;
 use voxsplat::formats::data_files;
+use voxsplat::program::MAP;
 
 use super::destination::STREAM;
 use super::failure::{Failure, refuse};
@@ -33,7 +33,7 @@ enum Identity {
 }
 
 impl Identity {
-    /// The identity of a regular file, or of the file that would be created; `None` for folders and devices.
+    /// Returns the identity of a regular file, or of the file that would be created; `None` for folders and devices.
     fn of(path: &Path) -> Option<Self> {
         match path.metadata() {
             Ok(meta) if !meta.is_file() => None,
@@ -94,14 +94,14 @@ impl Files {
         }
     }
 
-    /// Adds the inputs alone.
+    /// Adds only the inputs that the arguments of a command name.
     pub(crate) fn add_inputs(&mut self, command: &Command, matches: &ArgMatches) {
         let mut files = Self::default();
         files.add(command, matches);
         self.sources.append(&mut files.sources);
     }
 
-    /// Refuses outputs that are an input or each other.
+    /// Refuses outputs that equal an input or each other.
     pub(crate) fn check(&mut self) -> Result<(), Failure> {
         // Headers are read only if there is something to overwrite.
         let replaces = self.outputs.iter().any(|output| output.path.is_file());

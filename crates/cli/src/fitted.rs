@@ -2,7 +2,8 @@
 
 use std::path::Path;
 
-use voxsplat::appearance::{Choice, FittedTransfer, GUESS, TransferChoice, TransferRequest};
+use voxsplat::appearance::Choice;
+use voxsplat::program::{FittedTransfer, GUESS, TransferChoice, TransferRequest};
 use voxsplat::transfer::presets::{Material, Preset};
 use voxsplat::transfer::{Imported, TransferFunction};
 use voxsplat::volume::{Statistics, Volume};
@@ -14,15 +15,15 @@ use super::stages::Stages;
 /// The transfer function of a job.
 pub(crate) struct Fitted {
     pub(crate) transfer: TransferFunction,
-    /// The preset that it is.
+    /// The preset of the transfer function, if it has one.
     pub(crate) preset: Option<&'static Preset>,
-    /// The material of the surfaces that it shows, by its preset or its built-in volume.
+    /// The material of the surfaces that the transfer function shows, by its preset or its built-in volume.
     pub(crate) material: Option<Material>,
-    /// Whether there is none, because values are labels.
+    /// Whether values are labels, which have no transfer function.
     pub(crate) labels: bool,
     /// Whether the volume has the colour of the first channel.
     pub(crate) is_channel: bool,
-    /// Notes for the user.
+    /// The notes on the transfer function for the user.
     pub(crate) notes: Vec<String>,
 }
 
@@ -32,13 +33,13 @@ impl Fitted {
         Self { transfer, preset, material, labels, is_channel: false, notes }
     }
 
-    /// A clear transfer function, for layers that have their own.
+    /// Makes a clear transfer function, for layers that have their own.
     pub(crate) fn clear() -> Result<Self, Failure> {
         Ok(Self::new(FittedTransfer::clear()?, Vec::new()))
     }
 }
 
-/// Returns the transfer function of a job, or none if its values may be labels and are.
+/// Returns the transfer function of a job; `None` if its values may be labels and are.
 pub(crate) fn transfer(
     source: &Path,
     requested: &TransferRequest,
@@ -79,7 +80,7 @@ pub(crate) fn transfer(
     Ok(Fitted { is_channel: under == Some(Choice::Channel), ..Fitted::new(fitted, notes) })
 }
 
-/// Returns notes on what the file of a transfer function leaves open.
+/// Returns notes on the properties that the file of a transfer function leaves open.
 fn notes_on(imported: &Imported, transfer: &TransferFunction, windowed: bool, volume: &Volume) -> Vec<String> {
     let mut notes: Vec<String> = imported.notes.iter().map(|note| format!("note: transfer function: {note}")).collect();
     if let (true, Some(unit)) = (imported.mean_spacing, transfer.unit_distance()) {

@@ -5,8 +5,8 @@ use std::path::Path;
 use clap::parser::ValueSource;
 use clap::{ArgMatches, Command};
 use serde_json::{Map, Value};
-use voxsplat::appearance::LABELS;
 use voxsplat::formats::{Format, data_files, is_zarr, read_json};
+use voxsplat::program::LABELS;
 
 /// The largest file of key frames that is read, bytes.
 pub(crate) const MAX_KEY_FRAMES: u64 = 64 << 20;
@@ -22,13 +22,13 @@ impl Given<'_> {
         self.command.get_name() == command
     }
 
-    /// The identifier of an option, if the command has it.
+    /// Returns the identifier of an option, if the command has it.
     fn id(&self, option: &str) -> Option<&str> {
         let found = self.command.get_arguments().find(|arg| arg.get_long() == Some(option));
         found.map(|arg| arg.get_id().as_str())
     }
 
-    /// The lines that give an option.
+    /// Returns the command lines that give an option.
     fn giving<'b>(&'b self, id: &'b str) -> impl Iterator<Item = &'b ArgMatches> {
         self.lines.iter().copied().filter(move |line| {
             line.try_contains_id(id).is_ok() && line.value_source(id) == Some(ValueSource::CommandLine)
@@ -39,19 +39,19 @@ impl Given<'_> {
         self.id(option).is_some_and(|id| self.giving(id).next().is_some())
     }
 
-    /// Whether an option is given; `tune:KEY` is a key of `--tune`.
+    /// Returns whether an option is given; `tune:KEY` is a key of `--tune`.
     pub(crate) fn sets(&self, option: &str) -> bool {
         option.strip_prefix("tune:").map_or_else(|| self.has(option), |key| self.tuned(key).is_some())
     }
 
-    /// The values of an option or its default.
+    /// Returns the values of an option or its default.
     fn values(&self, id: &str) -> Vec<String> {
         let line = self.giving(id).next().or(self.lines.first().copied());
         let raw = line.and_then(|line| line.try_get_raw(id).ok().flatten());
         raw.into_iter().flatten().map(|value| value.to_string_lossy().into_owned()).collect()
     }
 
-    /// The last value of an option or its default; empty without.
+    /// Returns the last value of an option or its default; empty without.
     pub(crate) fn text(&self, option: &str) -> String {
         self.id(option).and_then(|id| self.values(id).pop()).unwrap_or_default()
     }
@@ -64,7 +64,7 @@ impl Given<'_> {
         self.id(option).is_some_and(|id| self.values(id).iter().all(|value| holds(value)))
     }
 
-    /// The value that `--tune` gives to a key.
+    /// Returns the value that `--tune` gives to a key.
     pub(crate) fn tuned(&self, key: &str) -> Option<String> {
         let texts = self.id("tune").filter(|id| self.giving(id).next().is_some()).map(|id| self.values(id));
         let pairs = texts?.join(",");
@@ -72,36 +72,36 @@ impl Given<'_> {
         pairs.find_map(|(name, value)| (name.trim() == key).then(|| value.trim().to_owned()))
     }
 
-    /// The volume as it was given.
+    /// Returns the volume in the spelling of the command line.
     pub(crate) fn source(&self) -> String {
         self.values("source").pop().unwrap_or_default()
     }
 
-    /// Whether a key frame sets this, and so all of them do.
+    /// Returns whether a key frame sets the value `name`, and so all of them do.
     pub(crate) fn keys_set(&self, name: &str) -> bool {
         let keys = || read_json::<Vec<Map<String, Value>>>(Path::new(&self.text("key-frames")), MAX_KEY_FRAMES);
         self.has("key-frames") && keys().is_ok_and(|keys| keys.iter().any(|key| key.contains_key(name)))
     }
 
-    /// Whether the volume is a file outside of folders whose files belong together, or built in.
+    /// Returns whether the volume is a file outside of folders whose files belong together, or built in.
     pub(crate) fn reads_one_file(&self) -> bool {
         let source = self.source();
         let path = Path::new(&source);
         source.starts_with("demo:") || (path.is_file() && !path.parent().is_some_and(is_zarr))
     }
 
-    /// Whether the volume is built in, or a file that has the name of another format than DICOM.
+    /// Returns whether the volume is built in, or a file that has the name of another format than DICOM.
     pub(crate) fn reads_no_dicom_file(&self) -> bool {
         let source = self.source();
         self.reads_one_file() && (source.starts_with("demo:") || Format::of_name(Path::new(&source)).is_some())
     }
 
-    /// Whether the volume is a TIFF file by its name.
+    /// Returns whether the volume is a TIFF file by its name.
     pub(crate) fn reads_tiff(&self) -> bool {
         is_tiff(Path::new(&self.source()))
     }
 
-    /// Whether the volume is a Zarr or a folder of TIFF files. DICOM files do not go with TIFF files.
+    /// Returns whether the volume is a Zarr or a folder of TIFF files. DICOM files do not go with TIFF files.
     pub(crate) fn reads_no_dicom(&self) -> bool {
         let source = self.source();
         let path = Path::new(&source);
@@ -116,7 +116,7 @@ fn is_tiff(file: &Path) -> bool {
     extension.is_some_and(|extension| ["tif", "tiff", "lsm"].iter().any(|end| extension.eq_ignore_ascii_case(end)))
 }
 
-/// Whether the picture is an `.exr`.
+/// Returns whether the picture is an `.exr`.
 pub(crate) fn keeps_values(given: &Given<'_>) -> bool {
     !given.is_for("pareto") && given.text("output").to_lowercase().ends_with(".exr")
 }
@@ -133,7 +133,7 @@ pub(crate) fn is_parallel(given: &Given<'_>) -> bool {
     given.is("projection", "orthographic")
 }
 
-/// Whether the size of the picture is given in the world, so that nothing is fitted.
+/// Returns whether the size of the picture is given in the world, so that nothing is fitted.
 pub(crate) fn is_sized(given: &Given<'_>) -> bool {
     given.has("view-height") || given.has("distance")
 }

@@ -1,10 +1,10 @@
 //! A histogram in text.
 
-/// Width, in characters.
+/// The width of the histogram, in characters.
 const COLUMNS: usize = 64;
-/// Height, in characters.
+/// The height of the histogram, in characters.
 const ROWS: usize = 5;
-/// Bars of 0 to 8 eighths of a character.
+/// The bars of 0 to 8 eighths of a character.
 const BLOCKS: [char; 9] = [' ', '▁', '▂', '▃', '▄', '▅', '▆', '▇', '█'];
 
 /// Draws counts as bars. Heights are logarithmic: a background of millions of voxels would flatten all other bars.
@@ -32,7 +32,7 @@ pub(crate) fn draw(counts: &[u64]) -> String {
         .collect()
 }
 
-/// Labels under the left and the right end of the bars.
+/// Returns a line of labels under the left and the right end of the bars.
 pub(crate) fn axis(left: &str, right: &str) -> String {
     let width = COLUMNS.saturating_sub(left.chars().count());
     format!("  {left}{right:>width$}\n")

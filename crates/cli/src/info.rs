@@ -1,12 +1,13 @@
-//! `voxsplat info`.
+//! The command `voxsplat info`.
 
 use std::path::Path;
 
 use glam::DVec3;
 use serde::Serialize;
-use voxsplat::appearance::{GUESS, LABELS, LabelLooks, ValueMeaning, suggest};
+use voxsplat::appearance::suggest;
 use voxsplat::error::{Error, Hint};
 use voxsplat::formats::{self, LoadOptions, PyramidLevel, Series};
+use voxsplat::program::{GUESS, LABELS, LabelLooks, ValueMeaning};
 use voxsplat::transfer::presets::PresetValues;
 use voxsplat::volume::{Channel, Grid, Statistics, Volume};
 use voxsplat_volume::names::{percent, readable};
@@ -32,22 +33,22 @@ struct Info {
     slope: f64,
     intercept: f64,
     spacing: [f64; 3],
-    /// World length of the volume along each lattice axis, between its outer faces.
+    /// The world length of the volume along each lattice axis, between its outer faces.
     extent: [f64; 3],
     center: [f64; 3],
     /// The unit of world lengths; `None` if it is not known.
     length_unit: Option<String>,
     /// The unit of values; `None` if the file does not state it.
     value_unit: Option<String>,
-    /// `None` if the file does not state it.
+    /// The orientation of the lattice in the patient; `None` if the file does not state it.
     orientation: Option<Orientation>,
     min: f64,
     max: f64,
     mean: f64,
     std_dev: f64,
-    /// Counts in equal bins over min..max.
+    /// The counts in equal bins over min..max.
     histogram: Vec<u64>,
-    /// Largest value of the background, and its share of the voxels; `None` if all values are the same.
+    /// The largest value of the background, and its share of the voxels; `None` if all values are the same.
     background: Option<[f64; 2]>,
     /// The suggested preset, or labels; `None` for a built-in volume, which has a transfer function of its own, and if
     /// no preset fits.
@@ -62,31 +63,31 @@ struct Info {
     intent: Option<String>,
     /// The number of time points of the file.
     times: u32,
-    /// The time point that is described.
+    /// The described time point.
     time: u32,
     /// The number of levels of the file's pyramid.
     levels: u32,
-    /// The level that is described.
+    /// The described level of the pyramid.
     level: u32,
     /// The number of channels of the file.
     channels: u32,
-    /// The channel that is described.
+    /// The described channel.
     channel: u32,
     /// The names, colours and windows that the file states for its channels.
     labels: Vec<Label>,
     /// Properties of the file that the volume could not keep.
     notes: Vec<String>,
-    /// `None` if the volume needs a transfer function that the user must write.
+    /// The command line that renders the volume; `None` if it needs a transfer function that the user must write.
     command: Option<String>,
 }
 
-/// The labels of a volume.
+/// The labels of a volume, as JSON.
 #[derive(Serialize)]
 struct Labels {
     labels: Vec<Listed>,
 }
 
-/// The series of a folder.
+/// The series of a folder, as JSON.
 #[derive(Serialize)]
 struct Several {
     source: String,
@@ -97,7 +98,7 @@ struct Several {
 #[derive(Serialize)]
 struct Label {
     name: Option<String>,
-    /// As #rrggbb.
+    /// The colour of the channel as #rrggbb.
     color: Option<String>,
     window: Option<[f64; 2]>,
 }
@@ -105,7 +106,7 @@ struct Label {
 /// The directions of the lattice axes in the patient.
 #[derive(Serialize)]
 struct Orientation {
-    /// One letter per lattice axis: Left, Right, Posterior, Anterior, Superior or Inferior.
+    /// The letters of the lattice axes, one per axis: Left, Right, Posterior, Anterior, Superior or Inferior.
     axes: String,
     /// The largest angle between a lattice axis and the patient axis of its letter, degrees.
     oblique: f64,
@@ -117,7 +118,7 @@ impl Label {
         Self { name: channel.name.clone(), color, window: channel.window }
     }
 
-    /// Returns the stated ones of name, colour and window.
+    /// Returns name, colour and window of the channel as text, if they are stated.
     fn text(&self) -> String {
         let window = self.window.map(|[low, high]| format!("{} to {}", readable(low), readable(high)));
         [self.name.clone(), self.color.clone(), window].into_iter().flatten().collect::<Vec<_>>().join(" ")
@@ -183,7 +184,7 @@ pub(crate) fn run(args: &InfoArgs, options: &[OptionValues]) -> Result<(), Failu
 /// The largest number of labels that are listed without a note: grey values of 8 bits are fewer.
 const MANY: usize = 256;
 
-/// Loads the volume. If it is one of several series and none is requested, prints these and returns `None`.
+/// Loads the volume. If it is one of several series and none is requested, prints the series and returns `None`.
 fn loaded(args: &InfoArgs, load: &LoadOptions) -> Result<Option<Volume>, Failure> {
     let source = &args.input.source;
     let read = {
@@ -203,7 +204,7 @@ fn loaded(args: &InfoArgs, load: &LoadOptions) -> Result<Option<Volume>, Failure
     }
 }
 
-/// The last characters of an identifier that a table shows.
+/// The number of last characters of an identifier that a table shows.
 const SHOWN_OF_UID: usize = 12;
 
 /// Returns a table of series, and the option that chooses one of them.

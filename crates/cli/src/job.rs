@@ -3,14 +3,13 @@
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
-use voxsplat::appearance::{
-    ChannelChoice, ClipSpec, Frame, LightRequest, OpenChoices, TransferChoice, TransferRequest, Values,
-};
+use voxsplat::appearance::Framing;
 use voxsplat::camera::{Camera, ProjectionKind, View};
 use voxsplat::figure::{Figure, LegendEntry};
 use voxsplat::formats::LoadOptions;
 use voxsplat::image::{Background, Region, check_writable};
 use voxsplat::layers::Layers;
+use voxsplat::program::{ChannelChoice, ClipSpec, LightRequest, OpenChoices, TransferChoice, TransferRequest, Values};
 use voxsplat::settings::{Painter, Response, Settings};
 use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::{Grid, Units};
@@ -25,7 +24,7 @@ use super::solids::SolidsJob;
 use super::transfer::transfer;
 use super::tune::Tuning;
 
-/// What makes a picture.
+/// The maker of a picture.
 #[derive(Debug, Clone)]
 pub(crate) enum Maker {
     /// A graphics adapter or the processor, by the painter.
@@ -46,10 +45,10 @@ pub(crate) struct RenderJob {
     pub(crate) solids: SolidsJob,
     pub(crate) channels: Vec<ChannelChoice>,
     pub(crate) view: View,
-    pub(crate) frame: Frame,
+    pub(crate) frame: Framing,
     /// Width and height of the picture, pixels.
     pub(crate) size: [u32; 2],
-    /// The part of it to render.
+    /// The part of the picture to render.
     pub(crate) region: Region,
     pub(crate) settings: Settings,
     /// The values of `--clip`, which enter the settings once the volume is known.
@@ -67,7 +66,7 @@ pub(crate) struct RenderJob {
 /// Choices that the arguments leave open.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Choices {
-    /// The choices of the library.
+    /// The open choices that the library makes.
     pub(crate) open: OpenChoices,
     /// Whether the picture is framed beside the figure's colour bar and texts.
     pub(crate) space: bool,
@@ -78,7 +77,7 @@ pub(crate) struct Choices {
 pub(crate) struct Studio {
     /// Whether an option requests studio light.
     pub(crate) requested: bool,
-    /// Whether it follows the eye in a turntable.
+    /// Whether the light follows the eye in a turntable.
     pub(crate) follows: bool,
 }
 
@@ -93,7 +92,7 @@ pub(crate) struct Outputs {
 }
 
 impl Outputs {
-    /// The files.
+    /// Returns the paths of all files that the job writes.
     pub(crate) fn files(&self) -> Vec<PathBuf> {
         let picture = match &self.picture {
             Destination::Stdout => None,
@@ -111,7 +110,7 @@ pub(crate) struct FigureJob {
     pub(crate) drawn: Figure,
     /// Whether the figure names labels or channels, once they are known.
     pub(crate) legend: bool,
-    /// Units in place of the ones of the file.
+    /// The units in place of the units of the file.
     pub(crate) units: Units,
 }
 
@@ -120,12 +119,12 @@ pub(crate) struct FigureJob {
 pub(crate) struct Accuracy {
     pub(crate) max_error: Option<f64>,
     pub(crate) verify: bool,
-    /// Number of pixels to trace for either.
+    /// The number of pixels to trace for the bound or its check.
     pub(crate) sample: u32,
 }
 
 impl RenderJob {
-    /// A picture that goes where its arguments say.
+    /// Makes the job of a picture whose destination the arguments name.
     pub(crate) fn new(mut args: RenderArgs) -> Result<Self, Failure> {
         args.input.check_one_time()?;
         let Some(output) = args.output.take() else {
@@ -138,7 +137,7 @@ impl RenderJob {
         Self::with_output(args, output)
     }
 
-    /// A picture that goes to `output`.
+    /// Makes the job of a picture with the destination `output`.
     pub(crate) fn with_output(args: RenderArgs, output: Destination) -> Result<Self, Failure> {
         let view = view(&args.view, args.size)?;
         let tuning = Tuning::new(&args.model.tune).map_err(Failure::usage)?;
@@ -181,7 +180,7 @@ impl RenderJob {
             layers,
             solids: SolidsJob::new(&args.solids)?,
             channels: args.input.channel,
-            frame: args.view.frame.unwrap_or_else(|| Frame::suited_to(&view, args.view.in_series)),
+            frame: args.view.frame.unwrap_or_else(|| Framing::suited_to(&view, args.view.in_series)),
             view,
             size: args.size,
             region,
@@ -219,7 +218,7 @@ pub(crate) const NO_LEGEND: &str = "--legend names labels and channels, and ther
 /// Returns the figure on a picture, and its units.
 pub(crate) fn figure(args: &FigureArgs, size: [u32; 2], settings: &Settings) -> Result<(Figure, Units), Failure> {
     let FigureArgs { scale_bar, axes, colour_bar: color_bar, legend: names, title, caption, units } = args.clone();
-    let figure = Figure { scale_bar, axes, color_bar, legend: Vec::new(), title, caption };
+    let figure = Figure { scale_bar, axes, color_bar, title, caption, ..Figure::default() };
     figure.validate(size, settings.model)?;
     if names {
         // One name is enough to check the size of the picture, before the others are known.

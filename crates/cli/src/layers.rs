@@ -2,10 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-use voxsplat::appearance::{LabelLooks, Overlay, OverlaySpec, Overlays, PlacedOverlay, UsedColors};
 use voxsplat::error::{Error, Hint};
 use voxsplat::formats::{self, LoadOptions};
 use voxsplat::layers::{Fit, Label, LabelCount, LabelSelection, Layer, Layers, count_labels, on_lattice};
+use voxsplat::program::{LabelLooks, Overlay, OverlaySpec, Overlays, PlacedOverlay, UsedColors};
 use voxsplat::volume::Volume;
 use voxsplat_volume::names::{percent, readable};
 
@@ -16,7 +16,7 @@ use super::output;
 /// The layers of a job beside its volume, or in place of its values.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct LayersJob {
-    /// Whether the volume is one of labels.
+    /// Whether the volume is a volume of labels.
     pub(crate) alone: bool,
     labels: Option<PathBuf>,
     pub(crate) looks: LabelLooks,
@@ -37,12 +37,12 @@ impl LayersJob {
         Ok(Self { alone, labels: labels.clone(), looks, mask, overlays })
     }
 
-    /// Whether only the values of the volume are drawn.
+    /// Returns whether only the values of the volume are drawn.
     pub(crate) fn is_plain(&self) -> bool {
         !self.has_labels() && self.mask.is_none() && self.overlays.is_empty()
     }
 
-    /// Whether labels are drawn.
+    /// Returns whether labels are drawn.
     pub(crate) fn has_labels(&self) -> bool {
         self.alone || self.labels.is_some()
     }
@@ -104,7 +104,7 @@ pub(crate) fn read(path: &Path) -> Result<Vec<Volume>, Failure> {
     with_others(of(Some(0))?, of)
 }
 
-/// Returns all volumes of labels of a file from the first. `of` reads a channel.
+/// Returns all volumes of labels of a file, beginning with the first. `of` reads a channel.
 pub(crate) fn with_others(
     first: Volume,
     of: impl Fn(Option<u32>) -> Result<Volume, Failure>,
@@ -139,12 +139,12 @@ pub(crate) fn placed(
     Ok((placed, note))
 }
 
-/// The numbers of voxels of a lattice in words.
+/// Writes the numbers of voxels of a lattice in words.
 fn by(dims: [u32; 3]) -> String {
     dims.map(|d| d.to_string()).join(" x ")
 }
 
-/// Returns the note on the way in which a file was put onto the lattice of the picture, if it has another one.
+/// Returns the note on the way in which a file was put onto the lattice of the picture, if it has another lattice.
 fn note_on_fit(option: &str, path: &Path, fit: Fit, dims: [u32; 3]) -> Option<String> {
     let another = |how: &str, outside: f64, voxels: &str| {
         let out = if outside == 0.0 { "none".to_owned() } else { percent(outside) };
@@ -163,7 +163,7 @@ fn note_on_fit(option: &str, path: &Path, fit: Fit, dims: [u32; 3]) -> Option<St
     Some(format!("note: --{option} {}: {text}", path.display()))
 }
 
-/// Loads the overlays of a job over a volume, in colours other than the ones of its channels.
+/// Loads the overlays of a job over a volume, in colours that its channels do not use.
 pub(crate) fn overlays(specs: &[OverlaySpec], base: &Volume, channels: usize) -> Result<Option<Overlays>, Failure> {
     if specs.is_empty() {
         return Ok(None);
@@ -204,7 +204,7 @@ pub(crate) fn notes_on(overlays: &Overlays, base: &Volume) -> Vec<String> {
     notes
 }
 
-/// The labels of a volume as `info` lists them.
+/// A label of a volume in the list of `info`.
 #[derive(serde::Serialize)]
 pub(crate) struct Listed {
     #[serde(flatten)]
@@ -212,11 +212,11 @@ pub(crate) struct Listed {
     name: String,
     color: String,
     opacity: f64,
-    /// Cubic world units.
+    /// The volume of the label in cubic world units.
     volume: f64,
 }
 
-/// Lists the labels of volumes on one lattice. The voxels without a label are those of the first.
+/// Lists the labels of volumes on one lattice. The voxels without a label are counted in the first volume.
 pub(crate) fn list(volumes: &[Volume], looks: &LabelLooks) -> Result<Vec<Listed>, Failure> {
     let mut all = Vec::new();
     for (n, volume) in volumes.iter().enumerate() {
@@ -233,7 +233,7 @@ pub(crate) fn list(volumes: &[Volume], looks: &LabelLooks) -> Result<Vec<Listed>
     Ok(all)
 }
 
-/// Units of length in metres, with the least volume that is written in cubes of each.
+/// The units of length in metres, with the least volume that is written in cubes of each.
 const LENGTHS: [(&str, f64, f64); 5] =
     [("nm", 1e-9, 0.0), ("µm", 1e-6, 1e-3), ("mm", 1e-3, 1e-3), ("cm", 1e-2, 1.0), ("m", 1.0, 1.0)];
 
@@ -265,7 +265,7 @@ fn in_cubes(volume: f64, unit: Option<&str>) -> String {
 pub(crate) fn print(listed: &[Listed], unit: Option<&str>) -> Result<(), Failure> {
     let header = format!("{:>12}  {:<7} {:>7} {:>12} {:>16}  name\n", "label", "colour", "opacity", "voxels", "volume");
     let line = |listed: &Listed| {
-        let Listed { count: LabelCount { label, voxels }, name, color, opacity, volume } = listed;
+        let Listed { count: LabelCount { label, voxels, .. }, name, color, opacity, volume } = listed;
         let volume = in_cubes(*volume, unit);
         format!("{label:>12}  {color:<7} {opacity:>7} {voxels:>12} {volume:>16}  {name}").trim_end().to_owned() + "\n"
     };

@@ -1,11 +1,11 @@
-//! `voxsplat completions` and `voxsplat man`: both from the definitions of the arguments.
+//! The commands `voxsplat completions` and `voxsplat man`, made from the definitions of the arguments.
 
 use clap::builder::{PossibleValuesParser, ValueHint};
 use clap::{Arg, Command};
 use clap_complete::Shell;
 use clap_mangen::Man;
 use serde::Serialize;
-use voxsplat::appearance::LABELS;
+use voxsplat::program::LABELS;
 use voxsplat::transfer::presets::PRESETS;
 use voxsplat::volume::{Endian, SampleType};
 
@@ -13,7 +13,7 @@ use super::failure::{Failure, refuse};
 use super::report::{self, Choices, NO_FILES};
 use super::{args, output};
 
-/// Values that shells complete, of options that take other values too.
+/// The values that shells complete for options that take other values too.
 const VALUES: [(&str, &[&str]); 11] = [
     ("axis-order", &["zyx", "xyz"]),
     ("background", &["black", "white", "transparent"]),

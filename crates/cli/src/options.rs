@@ -6,7 +6,7 @@ use std::path::Path;
 use clap::builder::ValueHint;
 use clap::parser::ValueSource;
 use clap::{Arg, ArgMatches, Command};
-use voxsplat::appearance::{self, MAP};
+use voxsplat::program::{self, MAP};
 
 use super::args;
 
@@ -30,7 +30,7 @@ pub(crate) fn quoted(text: &OsStr) -> String {
         _ => format!("\\x{byte:02x}"),
     };
     let bytes = || text.as_encoded_bytes().iter().map(byte).collect::<String>();
-    text.to_str().map_or_else(|| format!("$'{}'", bytes()), appearance::quoted)
+    text.to_str().map_or_else(|| format!("$'{}'", bytes()), program::quoted)
 }
 
 /// Returns the words behind a command: its input, and its options but for some. `path` writes paths.
@@ -57,7 +57,7 @@ pub(crate) fn words(
     words
 }
 
-/// The name of a file or a folder, with the data set behind it; of a colour map in a file, with its prefix.
+/// Returns the name of a file or a folder, with the data set behind it; for a colour map in a file, with its prefix.
 pub(crate) fn file_name(path: &str) -> String {
     if let Some(map) = path.strip_prefix(MAP) {
         return format!("{MAP}{}", file_name(map));
@@ -76,7 +76,7 @@ pub(crate) fn file_name(path: &str) -> String {
 #[cfg(test)]
 mod tests {
     use clap::Parser;
-    use voxsplat::appearance::options_of;
+    use voxsplat::program::options_of;
     use voxsplat::settings::{Model, Settings};
 
     use super::super::args::{Args, Command};

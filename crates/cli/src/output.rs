@@ -16,7 +16,7 @@ pub(crate) fn be_json() {
     JSON.store(true, Ordering::Relaxed);
 }
 
-/// Whether the result is one JSON object.
+/// Returns whether the result is one JSON object.
 pub(crate) fn is_json() -> bool {
     JSON.load(Ordering::Relaxed)
 }
@@ -26,7 +26,7 @@ pub(crate) fn be_quiet() {
     QUIET.store(true, Ordering::Relaxed);
 }
 
-/// Whether only results and errors are printed.
+/// Returns whether only results and errors are printed.
 pub(crate) fn is_quiet() -> bool {
     QUIET.load(Ordering::Relaxed)
 }
@@ -51,7 +51,7 @@ pub(crate) fn print_json(value: &impl serde::Serialize) -> Result<(), Failure> {
     print(&(text + "\n"))
 }
 
-/// The most characters of a message: two paths of the longest names, and some words.
+/// The largest number of characters of a message: two paths of the longest names, and some words.
 const MAX_MESSAGE: usize = 10_000;
 
 /// Writes a note of one line to stderr, unless `--quiet` is given.

@@ -38,7 +38,7 @@ pub(crate) fn spelled<T: FromStr<Err: Into<Error>>>(text: &str) -> Result<Spelle
     Ok(Spelled { text: text.to_owned(), value: library(text)? })
 }
 
-/// The message of an error without the setting's name.
+/// Returns the message of an error without the setting's name.
 pub(crate) fn reason(error: Error) -> String {
     match error {
         Error::Setting { reason, .. } | Error::Transfer(reason) => reason,
@@ -121,7 +121,7 @@ pub(crate) fn part(text: &str) -> Result<[u32; 2], String> {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum TimeArg {
     One(u32),
-    /// The first and the last.
+    /// A range of time points: the first and the last.
     Range(u32, u32),
     All,
 }
@@ -145,7 +145,7 @@ impl fmt::Display for TimeArg {
     }
 }
 
-/// The first and the last of `N` or `FIRST-LAST`.
+/// Parses the first and the last number of `N` or `FIRST-LAST`.
 fn ends(text: &str) -> Option<(u32, u32)> {
     let number = |text: &str| text.trim().parse::<u32>().ok().filter(|number| *number < u32::MAX);
     let (first, last) = text.split_once('-').unwrap_or((text, text));

@@ -1,4 +1,4 @@
-//! Progress on stderr, if stderr is a terminal and notes are wanted.
+//! Progress on stderr, if stderr is a terminal and notes are printed.
 
 use std::cell::RefCell;
 use std::collections::VecDeque;
@@ -10,7 +10,7 @@ use indicatif::{HumanDuration, ProgressBar, ProgressStyle};
 
 use super::output::is_quiet;
 
-/// Steps of the bar.
+/// The number of steps of the bar.
 const STEPS: u64 = 1000;
 
 /// A bar or spinner that disappears when it is dropped.
@@ -66,14 +66,14 @@ pub(crate) fn reporter() -> voxsplat::progress::Progress {
     })
 }
 
-/// The steps whose mean time stands for that of the steps that are left.
+/// The number of last steps whose mean time predicts the time of the remaining steps.
 const RECENT: usize = 12;
 
 /// A bar for steps of unlike times, with the current step.
 pub(crate) struct Remaining {
     bar: Progress,
     steps: usize,
-    /// When the last steps began, the oldest first, with the steps that were done then.
+    /// The times at which the last steps began, the oldest first, with the numbers of steps that were done then.
     begun: RefCell<VecDeque<(Instant, usize)>>,
 }
 
@@ -106,7 +106,7 @@ impl Remaining {
     }
 }
 
-/// The time of the steps that are left if each takes the mean time of the last ones; `None` before one is done.
+/// Returns the time of the remaining steps if each takes the mean time of the last ones; `None` before one is done.
 fn time_left(begun: &VecDeque<(Instant, usize)>, steps: usize) -> Option<Duration> {
     let (&(first, before), &(now, done)) = (begun.front()?, begun.back()?);
     let recent = done.checked_sub(before).filter(|&recent| recent > 0)?;

@@ -1,15 +1,15 @@
-//! `voxsplat render`.
+//! The command `voxsplat render`.
 
 use std::path::PathBuf;
 
 use serde::Serialize;
 use voxsplat::accuracy::{Estimate, Truth};
-use voxsplat::appearance::PlacedOverlay;
 use voxsplat::camera::Camera;
 use voxsplat::clip::Clip;
 use voxsplat::demos;
 use voxsplat::image::Image;
 use voxsplat::layers::Layers;
+use voxsplat::program::PlacedOverlay;
 use voxsplat::settings::Settings;
 use voxsplat::stats::{StageTime, Stats};
 
@@ -75,7 +75,7 @@ pub(crate) fn run(jobs: Vec<RenderJob>) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Prints the requested statistics of a finished picture, and holds it to its bound.
+/// Prints the requested statistics of a finished picture, and checks its bound.
 fn report(
     job: &RenderJob,
     layers: &Layers,
@@ -137,10 +137,10 @@ struct RenderStats {
 /// Errors of a picture by traced pixels.
 #[derive(Serialize, Default, Clone, Copy)]
 pub(crate) struct Errors {
-    /// By the pixels that chose the settings.
+    /// The error by the pixels that chose the settings.
     #[serde(skip_serializing_if = "Option::is_none")]
     estimate: Option<Estimate>,
-    /// By other pixels.
+    /// The error by other pixels than the ones that chose the settings.
     #[serde(skip_serializing_if = "Option::is_none")]
     verified: Option<Estimate>,
 }

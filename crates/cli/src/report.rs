@@ -3,8 +3,9 @@
 use std::path::Path;
 
 use serde::Serialize;
-use voxsplat::appearance::{Frame, LABELS};
+use voxsplat::appearance::Framing;
 use voxsplat::camera::{ProjectionKind, View};
+use voxsplat::program::LABELS;
 use voxsplat::settings::Settings;
 use voxsplat::transfer::{Classification, TransferFunction};
 
@@ -13,7 +14,7 @@ use super::fitted::Fitted;
 use super::job::RenderJob;
 use super::output;
 
-/// The object. The keys of `result` are the command's own.
+/// The JSON object of a command. The keys of `result` are the command's own.
 #[derive(Serialize)]
 struct Report<C, R> {
     /// The version of the program.
@@ -30,16 +31,16 @@ struct Report<C, R> {
 pub(crate) struct Choices {
     /// The preset or `labels`; `None`: a file, a colour map, or the transfer function of a built-in volume.
     pub(crate) preset: Option<&'static str>,
-    /// How voxels of values are classified; `None`: there are none, or the transfer function is not known.
+    /// The classification of voxels of values; `None`: there are none, or the transfer function is not known.
     pub(crate) classification: Option<Classification>,
     #[serde(flatten)]
     pub(crate) look: Option<Look>,
 }
 
-/// Light, kernel, view and painter.
+/// The look of a picture: light, kernel, view and painter.
 #[derive(Serialize)]
 pub(crate) struct Look {
-    /// The lights as `--light` takes them; none: unlit.
+    /// The lights in the spelling of `--light`; none: unlit.
     light: Vec<String>,
     sharpness: f64,
     kernel: String,
@@ -53,7 +54,7 @@ pub(crate) struct Look {
 /// The view, with angles in degrees.
 #[derive(Serialize)]
 struct ViewChoice {
-    /// `None` if a direction replaces azimuth and elevation.
+    /// The azimuth; `None` if a direction replaces azimuth and elevation.
     azimuth: Option<f64>,
     elevation: Option<f64>,
     direction: Option<[f64; 3]>,
@@ -63,15 +64,15 @@ struct ViewChoice {
     frame: &'static str,
 }
 
-/// How pictures classify voxels of values; `None`: they do not.
+/// Returns the classification of voxels of values by pictures; `None`: they classify no voxels.
 pub(crate) fn classification(transfer: &TransferFunction, settings: &Settings) -> Option<Classification> {
     let way = if transfer.is_band_limited() { Classification::BandLimited } else { Classification::Point };
     Some(way).filter(|_| !settings.is_post_shaded())
 }
 
 impl Choices {
-    /// The choices of a job that is complete. `settings` drew its picture, `fitted` is its transfer function if it is
-    /// known.
+    /// Returns the choices of a job that is complete. `settings` drew its picture, `fitted` is its transfer function if
+    /// it is known.
     pub(crate) fn of(
         job: &RenderJob,
         settings: &Settings,
@@ -98,7 +99,7 @@ impl Look {
     pub(crate) fn new(
         settings: &Settings,
         light: Vec<String>,
-        (view, frame): (&View, Frame),
+        (view, frame): (&View, Framing),
         painter: Option<&'static str>,
     ) -> Self {
         let turned = |angle: f64| view.direction.is_none().then_some(angle);

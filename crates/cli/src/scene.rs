@@ -9,9 +9,9 @@ use std::path::Path;
 use clap::builder::ValueHint;
 use clap::{Arg, ArgAction, ArgMatches, Command, FromArgMatches};
 use serde_json::{Map, Value};
-use voxsplat::appearance::MAP;
 use voxsplat::error::InputError;
 use voxsplat::formats::read_json;
+use voxsplat::program::MAP;
 
 use super::args::{Args, RenderArgs};
 use super::destination::STREAM;
@@ -28,13 +28,13 @@ const MAX_BYTES: u64 = 16 << 20;
 /// The key of several pictures.
 const OUTPUTS: &str = "outputs";
 
-/// Options, besides the input's, that pictures of one volume and one device share.
+/// The options, besides the input's, that pictures of one volume and one device share.
 const SHARED: [&str; 5] = ["adapter", "reference", "units", "save-scene", "overlay"];
 /// The option whose values of a scene and of the command line are joined: later pairs win.
 const TUNE: &str = "tune";
 
-/// Returns the pictures of a command line: one, or the pictures of a scene. `job` makes each of its arguments. The
-/// command is `render` or a relative of it, and the words of a scene are options of `render`.
+/// Returns the pictures of a command line: one, or the pictures of a scene. `job` makes a job of each picture's
+/// arguments. The command is `render` or a relative of it, and the words of a scene are options of `render`.
 pub(crate) fn jobs(
     args: RenderArgs,
     (own, matches): (&Command, &ArgMatches),
@@ -90,7 +90,7 @@ pub(crate) fn jobs(
     Ok(jobs)
 }
 
-/// Makes a job with the scene that it writes.
+/// Makes a job together with the scene that it writes.
 fn with_scene(
     args: RenderArgs,
     options: Vec<OptionValues>,

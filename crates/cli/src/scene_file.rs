@@ -1,11 +1,11 @@
-//! Scene files that are written: the options of a picture by their names, as JSON.
+//! Written scene files: the options of a picture by their names, as JSON.
 
 use std::ffi::{OsStr, OsString};
 use std::path::{Component, Path, PathBuf};
 
 use serde_json::Value;
-use voxsplat::appearance::{LABELS, OverlaySpec, TransferChoice};
 use voxsplat::image::{check_writable, write_file};
+use voxsplat::program::{LABELS, OverlaySpec, TransferChoice};
 use voxsplat::transfer::TransferFunction;
 
 use super::failure::{Failure, refuse};
@@ -17,12 +17,12 @@ use super::options::OptionValues;
 pub(crate) const VOLUME: &str = "volume";
 /// The key of the version that wrote the scene.
 pub(crate) const VERSION: &str = "voxsplat";
-/// Options of a run, which do not change the picture.
+/// The options of a run, which do not change the picture.
 const OF_A_RUN: [&str; 7] = ["output", "save-scene", "save-transfer", "stats", "json", "quiet", "help"];
-/// Options that make the transfer function.
+/// The options that make the transfer function.
 pub(crate) const OF_TRANSFER: [&str; 4] = ["transfer", "window", "gradient-opacity", "classification"];
 
-/// Options that name files, which may have labels or a colour behind them.
+/// The options that name files, which may have labels or a colour behind them.
 const OF_FILES: [&str; 5] = ["labels", "label-table", "mask", "mesh", "depth"];
 /// The option that names files with looks behind them.
 const OVERLAY: &str = "overlay";
@@ -34,13 +34,13 @@ pub(crate) struct SceneFile {
     options: Vec<OptionValues>,
 }
 
-/// Whether a path names a scene, not a volume.
+/// Returns whether a path names a scene, not a volume.
 pub(crate) fn is_scene(path: &Path) -> bool {
     path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("json"))
 }
 
 impl SceneFile {
-    /// A scene to be written to a file that can be written, and that `render` takes for a scene.
+    /// Makes a scene for a file that can be written, and that `render` takes for a scene.
     pub(crate) fn new(path: PathBuf, options: Vec<OptionValues>) -> Result<Self, Failure> {
         if !is_scene(&path) {
             return refuse(format!("--save-scene: {path:?}, expected a name that ends in .json"));

@@ -1,12 +1,10 @@
 //! A volume in memory and a device, for one picture after another.
 
 use std::path::{Path, PathBuf};
+use voxsplat::Frame;
 
 use voxsplat::accuracy::Estimate;
-use voxsplat::appearance::{
-    Choice, ChoiceContext, ClipSpec, Frame, Loaded, Overlays, PlacedOverlay, TransferChoice, load_channels,
-    place_studio,
-};
+use voxsplat::appearance::{Choice, Framing};
 use voxsplat::camera::{Camera, Hull, View};
 use voxsplat::clip::Clip;
 use voxsplat::demos;
@@ -15,6 +13,9 @@ use voxsplat::figure::{Figure, LegendEntry, Shown};
 use voxsplat::formats::{LoadOptions, PyramidLevel, TimeSeries};
 use voxsplat::image::{DepthMap, Image, Note};
 use voxsplat::layers::{Layer, Layers};
+use voxsplat::program::{
+    ChoiceContext, ClipSpec, Loaded, Overlays, PlacedOverlay, TransferChoice, load_channels, place_studio,
+};
 use voxsplat::reference::Reference;
 use voxsplat::renderer::RendererOptions;
 use voxsplat::settings::{Model, Settings};
@@ -36,33 +37,33 @@ use super::{layers, output};
 /// The state that pictures of one volume share.
 pub(crate) struct Session {
     pub(crate) volume: Volume,
-    /// `None` if the reference makes the pictures.
+    /// The engine that makes the pictures; `None` if the reference does.
     engine: Option<Engine>,
     /// The scene of the last picture.
     prepared: Option<Prepared>,
-    /// The hull that the last picture was fitted to.
-    framed: Held<(Frame, Clip, Layers), Option<Hull>>,
-    /// The hull that all pictures are fitted to, if it was found before them; `Some(None)` if nothing is visible.
+    /// The hull to which the last picture was fitted.
+    framed: Held<(Framing, Clip, Layers), Option<Hull>>,
+    /// The hull to which all pictures are fitted, if it was found before them; `Some(None)` if no voxel is visible.
     steady: Option<Option<Hull>>,
-    /// Layers in place of the volume's values, if it has several channels.
+    /// The layers in place of the volume's values, if it has several channels.
     channels: Vec<Layer>,
-    /// Further labels of its file, which overlap with its own.
+    /// Further labels of the volume's file, which overlap with its own.
     more: Vec<Volume>,
-    /// Volumes of labels on its lattice, by their files.
+    /// The volumes of labels on the volume's lattice, by their files.
     labels: Vec<(PathBuf, Vec<Volume>)>,
-    /// Meshes of the last job.
+    /// The meshes of the last job.
     solids: HeldSolids,
-    /// Overlays on the lattice of the pictures.
+    /// The overlays on the lattice of the pictures.
     pub(crate) overlays: Option<Overlays>,
     /// The last legend.
     legend: Held<(Layers, Clip), Vec<LegendEntry>>,
     /// The least and the largest value of the first volume, once a colour bar needs them.
     values: Option<[f64; 2]>,
-    /// Notes that have been printed.
+    /// The notes that have been printed.
     said: Vec<String>,
 }
 
-/// The last value, with the key that it belongs to.
+/// The last value, with its key.
 type Held<K, V> = Option<(K, V)>;
 
 /// Returns the held value, or makes another if the key has changed.
@@ -81,45 +82,45 @@ fn held<K: PartialEq, V: Clone>(
     Ok(last.insert((key, value)).1.clone())
 }
 
-/// A picture, with its settings and measurements.
+/// A finished picture, with its settings and measurements.
 pub(crate) struct Drawing {
-    /// As rendered, without figure.
+    /// The picture as rendered, without figure.
     pub(crate) image: Image,
-    /// With the figure, if there is one.
+    /// The picture with the figure, if there is one.
     drawn: Option<Image>,
     pub(crate) camera: Camera,
     pub(crate) settings: Settings,
     pub(crate) notes: Vec<Note>,
     pub(crate) estimate: Option<Estimate>,
-    /// Statistics of the renderer; `None` if the reference made the picture.
+    /// The statistics of the renderer; `None` if the reference made the picture.
     pub(crate) stats: Option<Stats>,
     /// The surfaces in the picture.
     pub(crate) solids: Option<Solids>,
 }
 
 impl Drawing {
-    /// The name of the painter.
+    /// Returns the name of the painter that drew the picture.
     pub(crate) fn painter(&self) -> &'static str {
         self.stats.as_ref().map_or("reference", |stats| stats.painter.name())
     }
 
-    /// The picture as it is written.
+    /// Returns the picture with its figure, as it is written to a file.
     pub(crate) fn image(&self) -> &Image {
         self.drawn.as_ref().unwrap_or(&self.image)
     }
 }
 
-/// Notes that `--pyramid` has no effect, if the volume has one level.
+/// Prints a note that `--pyramid` has no effect, if the volume has one level.
 pub(crate) fn say_level(volume: &Volume, options: &LoadOptions) {
     if volume.contents().levels <= 1 && matches!(options.level, PyramidLevel::At(level) if level > 0) {
         output::say("note: --pyramid has no effect because the volume has one level");
     }
 }
 
-/// The note on a picture that shows nothing.
+/// The note on an empty picture.
 const EMPTY: &str = "note: the picture is empty because nothing in view is visible; see --transfer, --clip and --mask";
 
-/// Notes which time point and which level of a file are used, if no option requests them.
+/// Prints a note on the time point and the level of a file that are used, if no option requests them.
 pub(crate) fn say_choice(volume: &Volume, options: &LoadOptions) {
     let Contents { times, level, levels, notes, .. } = volume.contents();
     notes.iter().for_each(|note| output::say(&format!("note: {note}")));
@@ -153,7 +154,7 @@ impl Session {
             };
             let device = adapter.map(|adapter| {
                 let (opening, settings) = (&mut opening, &job.settings);
-                let options = RendererOptions { adapter, progress: progress::reporter() };
+                let options = RendererOptions { adapter, progress: progress::reporter(), ..RendererOptions::default() };
                 scope.spawn(move || opening.time("device", || Engine::open(&options, settings)))
             });
             let mut read = || {
@@ -207,7 +208,7 @@ impl Session {
 
     /// Prints the notes of a job, and completes it with the view, the light and the sharpness that suit it.
     ///
-    /// Refuses options that the volume has nothing for.
+    /// Refuses options for which the volume has no content.
     pub(crate) fn complete(&mut self, job: &mut RenderJob, fitted: &Fitted) -> Result<(), Failure> {
         let has_labels = fitted.labels || job.layers.has_labels();
         if !self.channels.is_empty() && (job.figure.drawn.color_bar || job.output.transfer.is_some()) {
@@ -251,7 +252,7 @@ impl Session {
         Ok(())
     }
 
-    /// Replaces the samples by the ones of another time point.
+    /// Replaces the samples by the samples of another time point.
     pub(crate) fn go_to(&mut self, series: &mut TimeSeries, time: u32) -> Result<(), Failure> {
         let Contents { channel, time: now, .. } = *self.volume.contents();
         if time == now {
@@ -284,7 +285,7 @@ impl Session {
     ) -> Result<(), Failure> {
         let progress = Remaining::new("times", times.len());
         let mut around: Option<Hull> = None;
-        for (done, &time) in times.iter().enumerate().filter(|_| job.frame != Frame::Volume) {
+        for (done, &time) in times.iter().enumerate().filter(|_| job.frame != Framing::Volume) {
             progress.at(done, &format!("framing {} of {} time points", done + 1, times.len()));
             self.go_to(series, time)?;
             let layers = self.layers(job, fitted, &mut Stages::default())?;
@@ -435,7 +436,8 @@ impl Session {
                 None => Prepared::new(layers, settings, engine.prepare_layers(layers, settings)?),
             };
             let solids = solids.as_ref().map(|solids| &solids.depths);
-            let depths = engine.depths(&prepared.scene, camera, settings, job.region, solids)?;
+            let depths =
+                engine.depths(&prepared.scene, &Frame::new(camera, settings).region(job.region).before(solids))?;
             self.prepared = Some(prepared);
             Ok(Some(match solids {
                 Some(solids) => depths.nearest(&solids.part(job.region)?)?,
@@ -473,7 +475,7 @@ impl Session {
     }
 }
 
-/// Returns the transfer function of a job, or none if the values of its volume are labels.
+/// Returns the transfer function of a job; `None` if the values of its volume are labels.
 fn fitted(job: &RenderJob, volume: &Volume, channels: &[Layer], stages: &mut Stages) -> Result<Fitted, Failure> {
     if !channels.is_empty() {
         return Fitted::clear();
@@ -481,7 +483,7 @@ fn fitted(job: &RenderJob, volume: &Volume, channels: &[Layer], stages: &mut Sta
     transfer(&job.source, &job.transfer, volume, may_be_labels(job), job.layers.overlays.len(), stages)
 }
 
-/// Whether a job leaves the meaning of values open, and requests nothing that labels lack.
+/// Returns whether a job leaves the meaning of values open, and requests nothing that labels lack.
 fn may_be_labels(job: &RenderJob) -> bool {
     let for_values = job.figure.drawn.color_bar || job.output.transfer.is_some();
     let is_alone = job.channels.is_empty() && !job.layers.has_labels();
@@ -508,7 +510,7 @@ fn note_on(choice: &Choice, follows: bool) -> String {
 }
 
 /// Returns the note on a frame beside the parts of a figure, with the option that undoes it.
-fn note_on_space(figure: &Figure, frame: Frame) -> String {
+fn note_on_space(figure: &Figure, frame: Framing) -> String {
     let parts =
         [(figure.title.is_some(), "title"), (figure.caption.is_some(), "caption"), (figure.color_bar, "colour bar")];
     let parts: Vec<&str> = parts.into_iter().filter_map(|(drawn, name)| drawn.then_some(name)).collect();

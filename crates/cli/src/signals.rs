@@ -31,7 +31,7 @@ pub(crate) fn watch() {
     let _closed = started.recv();
 }
 
-/// The signals that this process ignores, bit n - 1 for signal n; `None` if the system does not tell.
+/// Returns the signals that this process ignores, bit n - 1 for signal n; `None` if the system does not tell.
 #[cfg(unix)]
 fn ignored() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;

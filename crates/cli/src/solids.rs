@@ -25,7 +25,7 @@ impl SolidsJob {
     }
 }
 
-/// Meshes that have been read, and the job that they belong to.
+/// Meshes that have been read, with the job to which they belong.
 #[derive(Default)]
 pub(crate) struct HeldSolids {
     job: SolidsJob,
@@ -51,12 +51,12 @@ impl HeldSolids {
         Ok(true)
     }
 
-    /// The hull of some matter and the meshes.
+    /// Returns the hull of some matter and the meshes.
     pub(crate) fn around(&self, hull: Hull) -> Hull {
         self.meshes.iter().fold(hull, |hull, solid| hull.with_mesh(&solid.mesh))
     }
 
-    /// The surfaces as a camera sees them; `None` without any.
+    /// Returns the surfaces as a camera sees them; `None` without any.
     pub(crate) fn seen(&self, camera: &Camera, lighting: Option<&Lighting>) -> Result<Option<Solids>, Failure> {
         let loaded = self.job.depth.as_ref().map(|path| Ok::<_, Failure>((path, Solids::load(path)?))).transpose()?;
         if let Some((path, solids)) = &loaded

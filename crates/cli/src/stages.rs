@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use voxsplat::stats::{Clock, StageTime};
 
-/// Host times of the stages, in the order in which they ran.
+/// The host times of the stages, in the order in which they ran.
 #[derive(Default)]
 pub(crate) struct Stages(pub(crate) Vec<StageTime>);
 
@@ -16,7 +16,7 @@ impl Stages {
         result
     }
 
-    /// The stages of both, one after the other.
+    /// Appends the stages of a later part of the work.
     pub(crate) fn append(&mut self, mut later: Self) {
         self.0.append(&mut later.0);
     }

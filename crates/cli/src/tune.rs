@@ -63,7 +63,7 @@ pub(crate) struct Tuning {
     /// Read larger volumes (MiB) brick by brick from their file, if the file is uncompressed
     #[arg(long, value_name = "MIB, 0 or more", default_value = "4", value_parser = mebibytes, help_heading = ANY)]
     pub(crate) stream_over: u64,
-    /// Whether a knob of quads is given.
+    /// Whether any knob of quads is given.
     #[arg(skip)]
     chooses_quads: bool,
 }
@@ -77,7 +77,7 @@ fn on_or_off(text: &str) -> Result<bool, String> {
     }
 }
 
-/// Parses bytes, from mebibytes.
+/// Parses a number of mebibytes to bytes.
 fn mebibytes(text: &str) -> Result<u64, String> {
     whole::<u64, 0, { u64::MAX }>(text).map(|mebibytes| mebibytes.saturating_mul(1 << 20))
 }
@@ -105,7 +105,7 @@ pub(crate) fn tune(text: &str) -> Result<TuneArg, String> {
     text.split(',').map(pair).collect::<Result<_, _>>().map(TuneArg)
 }
 
-/// Whether there is a knob of a key.
+/// Returns whether there is a knob of a key.
 pub(crate) fn has(key: &str) -> bool {
     args::option(&Tuning::command(), key).is_some()
 }
@@ -128,7 +128,15 @@ impl Tuning {
         match requested {
             PainterArg::Auto if !self.chooses_quads => Painter::Auto,
             PainterArg::Auto | PainterArg::Quads => {
-                Painter::Quads(QuadsSettings { sheets, accumulation, sheet_thickness, precision, table_error })
+                let default = QuadsSettings::default();
+                Painter::Quads(QuadsSettings {
+                    sheets,
+                    accumulation,
+                    sheet_thickness,
+                    precision,
+                    table_error,
+                    ..default
+                })
             }
             PainterArg::Tiles => Painter::Tiles,
             PainterArg::Cpu => Painter::Cpu,
@@ -143,7 +151,7 @@ pub(crate) fn pairs_without(args: &[TuneArg], keys: &[&str]) -> Option<String> {
     (!pairs.is_empty()).then(|| pairs.join(","))
 }
 
-/// Characters in a line of help, as in other help.
+/// The number of characters in a line of help, as in other help.
 const WIDTH: usize = 100;
 
 /// Returns the help of all knobs, by painter.

@@ -1,4 +1,4 @@
-//! `voxsplat turntable`: many views of one volume, as pictures or as a film.
+//! The command `voxsplat turntable`: many views of one volume, as pictures or as a film.
 
 use std::cell::RefCell;
 use std::io::{BufWriter, ErrorKind, Stdout, Write, stdout};
@@ -9,11 +9,12 @@ use std::time::Instant;
 
 use clap::{ArgMatches, Command};
 use serde::{Deserialize, Serialize};
-use voxsplat::appearance::{Frame, TransferChoice, command_line};
+use voxsplat::appearance::Framing;
 use voxsplat::camera::View;
 use voxsplat::film::{Film, FilmFile, Format};
 use voxsplat::formats::{TimeSeries, read_json};
 use voxsplat::image::{Image, Note};
+use voxsplat::program::{TransferChoice, command_line};
 
 use super::args::{RenderArgs, TurntableArgs};
 use super::destination::{Destination, STREAM};
@@ -40,7 +41,7 @@ const FRAMES: u32 = 36;
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct KeyFrame {
-    /// The first frame is 0.
+    /// The number of the frame, from 0.
     frame: u32,
     azimuth: Option<f64>,
     elevation: Option<f64>,
@@ -51,18 +52,18 @@ struct KeyFrame {
 /// The destination of frames.
 #[derive(Debug)]
 enum FilmTarget {
-    /// A file for each, by a name with a place for the number.
+    /// A file for each frame, by a name with a place for the number.
     Files(String),
-    /// One file.
+    /// A film in one file.
     Film(PathBuf, Format),
-    /// Standard output.
+    /// A film on standard output.
     Stream(Format),
 }
 
-/// The change of the view.
+/// The course of the view over the frames.
 #[derive(Debug)]
 enum Course {
-    /// A turn by degrees.
+    /// A turn of the eye, in degrees.
     Turn(f64),
     /// Key frames in the order of frames.
     Keys(Vec<KeyFrame>),
@@ -101,12 +102,12 @@ pub(crate) struct TurntableJob {
     command: String,
 }
 
-/// Totals of a run.
+/// The totals of a run.
 #[derive(Serialize)]
 struct Totals {
     frames: usize,
     size: [u32; 2],
-    /// From the start to the last byte.
+    /// The seconds from the start to the last byte.
     seconds: f64,
     seconds_per_frame: f64,
 }
@@ -124,7 +125,7 @@ impl Totals {
 }
 
 impl FilmTarget {
-    /// A destination that can be written to, as far as is known before the work.
+    /// Returns a destination that can be written to, as far as is known before the work.
     fn checked(path: &Path, format: Option<Format>, line: (&Command, &ArgMatches)) -> Result<Self, Failure> {
         if path.as_os_str().is_empty() {
             return refuse("--output is missing: DIR/{frame}.png, FILE.gif, FILE.html or -");
@@ -167,7 +168,7 @@ impl FilmTarget {
 }
 
 impl FilmTarget {
-    /// The files of some frames.
+    /// Returns the files of some frames.
     fn files(&self, wanted: &[u32], frames: u32) -> Vec<PathBuf> {
         match self {
             Self::Files(name) => wanted.iter().map(|&frame| numbered(name, frame, frames).into()).collect(),
@@ -177,7 +178,7 @@ impl FilmTarget {
     }
 }
 
-/// Whether a name is of a video, which other programs encode.
+/// Returns whether a name is of a video, which other programs encode.
 fn is_video(path: &Path) -> bool {
     let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
     ["mp4", "m4v", "mov", "mkv", "webm", "avi", "mpg", "mpeg", "wmv", "ogv"].contains(&extension.as_str())
@@ -257,7 +258,7 @@ fn views_of(base: &View, keys: &[KeyFrame], frames: u32) -> Vec<View> {
     (0..frames).map(view).collect()
 }
 
-/// A frame on its way to its file.
+/// A finished frame on its way to its file.
 struct Done {
     frame: u32,
     image: Image,
@@ -276,7 +277,7 @@ impl TurntableJob {
         (end(part - 1)..end(part)).filter(|&frame| !exists(frame)).collect()
     }
 
-    /// The title of a page: the file, and the caption or else the title of the figure.
+    /// Returns the title of a page: the file, and the caption or else the title of the figure.
     fn title(&self) -> String {
         let file = file_name(&self.first.source.to_string_lossy());
         let text = self.first.figure.drawn.caption.as_ref().or(self.first.figure.drawn.title.as_ref());
@@ -364,7 +365,7 @@ fn spread(times: &Range<u32>, frames: u32) -> Vec<u32> {
     (0..frames).map(|frame| times.start + (u64::from(frame) * count / u64::from(frames)) as u32).collect()
 }
 
-/// Notes what all time points have in common.
+/// Prints notes on the properties that all time points share.
 fn say_times(job: &RenderJob, times: &Range<u32>) {
     let is_fitted = match &job.transfer.choice {
         TransferChoice::Labels => false,
@@ -372,7 +373,7 @@ fn say_times(job: &RenderJob, times: &Range<u32>) {
         TransferChoice::Preset(_) | TransferChoice::Suggested => true,
     };
     let fitted = is_fitted.then_some("the transfer function of the first");
-    let framed = (job.frame != Frame::Volume).then_some("one framing for all (disable: --frame volume)");
+    let framed = (job.frame != Framing::Volume).then_some("one framing for all (disable: --frame volume)");
     let shared: Vec<&str> = fitted.into_iter().chain(framed).collect();
     if !shared.is_empty() {
         let (first, last) = (times.start, times.end - 1);
@@ -462,7 +463,7 @@ fn write(job: &TurntableJob, frames: Receiver<Done>, size: [u32; 2], count: u32)
     Ok(())
 }
 
-/// Standard output, which keeps its first error: encoders tell it in words of their own.
+/// Standard output, which keeps its first error: encoders report it in words of their own.
 struct Watched<'a> {
     out: Stdout,
     fault: &'a RefCell<Option<std::io::Error>>,

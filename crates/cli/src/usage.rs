@@ -1,19 +1,19 @@
-//! Errors of command lines: a line for each error, with our option for a word of another program.
+//! Errors of command lines: a line for each error, with the program's option for a word of another program.
 
 use std::ffi::OsString;
 use std::path::Path;
 
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Arg, Command};
-use voxsplat::appearance::ForeignWords;
+use voxsplat::program::ForeignWords;
 use voxsplat_volume::names::{is_near, nearest};
 
 use super::args;
 use super::destination::STREAM;
 use super::tune;
 
-/// Returns our option for a word of another program or of an earlier version, if the command has all options that the
-/// text names.
+/// Returns the program's option for a word of another program or of an earlier version, if the command has all options
+/// that the text names.
 fn own_words(command: &Command, word: &str) -> Option<String> {
     let of_table = ForeignWords::of(word).map(|row| row.option.to_owned()).filter(|text| !text.is_empty());
     let text = of_table.or_else(|| tune::has(word).then(|| format!("--tune {word}=VALUE")))?;
@@ -21,7 +21,7 @@ fn own_words(command: &Command, word: &str) -> Option<String> {
     is_known.then_some(text)
 }
 
-/// Whether a command line requests the list of knobs: `--tune help` of a command that has the option.
+/// Returns whether a command line requests the list of knobs: `--tune help` of a command that has the option.
 pub(crate) fn requests_knobs(words: &[OsString]) -> bool {
     let program = args::built();
     let command = words.get(1).and_then(|word| program.find_subcommand(word));
@@ -30,12 +30,12 @@ pub(crate) fn requests_knobs(words: &[OsString]) -> bool {
     requests && command.is_some_and(|command| args::option(command, "tune").is_some())
 }
 
-/// The options that a text names.
+/// Returns the options that a text names.
 fn named_in(text: &str) -> impl Iterator<Item = &str> {
     text.split([' ', ',', ';']).filter_map(|word| word.strip_prefix("--"))
 }
 
-/// The most errors of a command line that are reported.
+/// The largest number of errors of a command line that are reported.
 const MOST_ERRORS: usize = 8;
 
 /// Returns the errors of a command line, each in a line. The parser stops at the first error, so each option is parsed
@@ -92,7 +92,7 @@ fn parted_numbers(
     Some(format!("unexpected argument '{}' found{tip} (see --help)", numbers[1]))
 }
 
-/// The words that stand for an option.
+/// Returns the words that stand for an option.
 fn spellings(arg: &Arg) -> Vec<String> {
     let aliases = arg.get_all_aliases().unwrap_or_default();
     let long = arg.get_long().into_iter().chain(aliases).map(|name| format!("--{name}"));

@@ -4,14 +4,14 @@ use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// The result of this crate.
+/// The result type of this crate.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
 /// Faults of a file or a volume.
 ///
 /// `{}` gives the message alone: one line without a trailing full stop. The cause, if there is one, is
-/// [`source`](std::error::Error::source); the message does not repeat it. `{:#}` gives message, cause and way out in
-/// one line.
+/// [`source`](std::error::Error::source); the message does not repeat it. `{:#}` gives message, cause and remedy in one
+/// line.
 ///
 /// ```
 /// use voxsplat_volume::formats::{LoadOptions, load};
@@ -25,16 +25,16 @@ pub type Result<T, E = Error> = std::result::Result<T, E>;
 pub enum Error {
     /// A file could not be opened or read.
     Read {
-        /// The file.
+        /// The path of the file.
         path: PathBuf,
         /// The error of the operating system.
         source: io::Error,
     },
     /// A file is malformed, truncated, inconsistent or uses a feature that is not read.
     Format {
-        /// The file.
+        /// The path of the file.
         path: PathBuf,
-        /// The fault.
+        /// The fault of the file.
         reason: String,
         /// The remedy, if there is one.
         hint: Option<Hint>,
@@ -43,9 +43,9 @@ pub enum Error {
     Volume(String),
     /// A volume with samples that are NaN or infinite.
     NonFinite {
-        /// How many samples are NaN or infinite.
+        /// Number of samples that are NaN or infinite.
         count: u64,
-        /// Lattice point (x, y, z) of the first of them.
+        /// The lattice point (x, y, z) of the first sample that is NaN or infinite.
         first: [u32; 3],
     },
     /// A setting or an option out of its range, or at odds with another one.
@@ -55,11 +55,11 @@ pub enum Error {
         /// The given value and the accepted values.
         reason: String,
     },
-    /// There is no host memory for a volume or a picture.
+    /// A lack of host memory for a volume or a picture.
     Memory {
         /// The purpose of the memory.
         what: String,
-        /// Bytes requested.
+        /// The requested bytes.
         bytes: u64,
     },
 }
@@ -115,7 +115,7 @@ macro_rules! refuse {
 }
 pub(crate) use refuse;
 
-/// As [`refuse!`], if a condition holds: `refuse_if!(n > 3, path, "has {n} axes")`.
+/// Returns from a function as [`refuse!`] does, if a condition holds: `refuse_if!(n > 3, path, "has {n} axes")`.
 macro_rules! refuse_if {
     ($condition:expr, $($refusal:tt)+) => {
         if $condition {
@@ -136,7 +136,7 @@ impl Damage {
 
 /// The file that an error is about.
 pub(crate) trait Subject {
-    /// An [`Error::Format`] about this file.
+    /// Makes an [`Error::Format`] about this file.
     fn error(&self, reason: impl Into<String>) -> Error;
 }
 
@@ -147,23 +147,23 @@ impl Subject for Path {
 }
 
 impl Error {
-    /// An [`Error::Format`] without a hint.
+    /// Makes an [`Error::Format`] without a hint.
     #[must_use]
     pub fn format(path: &Path, reason: impl Into<String>) -> Self {
         Self::Format { path: path.to_owned(), reason: reason.into(), hint: None }
     }
 
-    /// An [`Error::Read`], for `map_err`.
+    /// Makes an [`Error::Read`], for `map_err`.
     pub(crate) fn read(path: &Path) -> impl Fn(io::Error) -> Self {
         |source| Self::Read { path: path.to_owned(), source }
     }
 
-    /// An [`Error::Setting`].
+    /// Makes an [`Error::Setting`].
     pub(crate) fn setting(name: &'static str, reason: impl Into<String>) -> Self {
         Self::Setting { name, reason: reason.into() }
     }
 
-    /// A failed read as [`Error::Format`] if the content is at fault, otherwise as [`Error::Read`].
+    /// Converts a failed read to [`Error::Format`] if the content is at fault, otherwise to [`Error::Read`].
     pub(crate) fn of_content(path: &Path, source: io::Error) -> Self {
         use io::ErrorKind::{InvalidData, InvalidInput, Other, UnexpectedEof};
         match source.kind() {
@@ -172,7 +172,7 @@ impl Error {
         }
     }
 
-    /// The same error, with a hint if it is an [`Error::Format`].
+    /// Adds a hint to the error if it is an [`Error::Format`].
     #[must_use]
     pub fn hinted(mut self, way_out: Hint) -> Self {
         if let Self::Format { hint, .. } = &mut self {
@@ -181,7 +181,7 @@ impl Error {
         self
     }
 
-    /// The remedy, if the message does not state it.
+    /// Returns the remedy, if the message does not state it.
     #[must_use]
     pub fn hint(&self) -> Option<Hint> {
         match self {
@@ -217,7 +217,7 @@ impl fmt::Display for Error {
     }
 }
 
-/// The most characters of a reason that are shown.
+/// The largest number of characters of a reason that are shown.
 const MAX_REASON: usize = 400;
 
 /// A reason in one line of bearable length. It may quote what a user wrote or a file holds, of any length and with any

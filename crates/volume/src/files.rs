@@ -1,4 +1,4 @@
-//! Files that are read: regular files, and whatever standard input is.
+//! Files that are read: regular files, and standard input of any kind.
 
 use std::fs::{File, Metadata};
 use std::io::{IsTerminal, Read};
@@ -38,7 +38,7 @@ pub fn open(path: &Path) -> Result<(File, Option<u64>)> {
 /// Reads the whole content of a file that [`open`] accepts, of at most `most` bytes.
 ///
 /// # Errors
-/// As [`open`]; [`Error::Format`] if there are more than `most` bytes.
+/// The errors of [`open`]; [`Error::Format`] if there are more than `most` bytes.
 pub fn read(path: &Path, most: u64) -> Result<Vec<u8>> {
     let (file, _) = open(path)?;
     let mut bytes = Vec::new();
@@ -116,7 +116,7 @@ fn special(_: &Metadata) -> &'static str {
     "device"
 }
 
-/// Standard input.
+/// Opens standard input.
 fn stream() -> std::io::Result<File> {
     #[cfg(unix)]
     let owned = std::os::fd::AsFd::as_fd(&std::io::stdin()).try_clone_to_owned();
@@ -127,7 +127,7 @@ fn stream() -> std::io::Result<File> {
     owned.map(File::from)
 }
 
-/// Standard input, if it is the file that `meta` describes.
+/// Opens standard input, if it is the file that `meta` describes.
 #[cfg(unix)]
 fn standard_input(meta: &Metadata) -> Option<File> {
     use std::os::unix::fs::MetadataExt;

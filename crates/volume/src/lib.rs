@@ -1,12 +1,12 @@
 //! Volumes for [voxsplat](https://docs.rs/voxsplat): samples on a lattice, and readers of their files. Needs no GPU.
 //!
 //! [`formats`] reads files, [`volume`] holds samples and their lattice, [`demos`] has built-in volumes, [`meshes`]
-//! reads surfaces. The rest is what the renderer shares with them: [`memory`] (allocation that can fail), [`files`]
-//! (what may be opened), [`names`] (spellings in messages) and [`vector`].
+//! reads surfaces. Modules without documentation are shared with the renderer: any release may change them.
 //!
 //! Features, all on by default: `dicom` (with JPEG), `hdf5` (HDF5 and NetCDF), `jpeg2000` (in DICOM), `tiff`, `vtk` and
 //! `zarr`.
 
+#![cfg_attr(docsrs, feature(doc_cfg))]
 #![cfg_attr(
     not(all(feature = "dicom", feature = "tiff", feature = "vtk", feature = "zarr")),
     allow(dead_code, reason = "readers share what some of them alone use")
@@ -14,13 +14,23 @@
 
 pub mod demos;
 mod error;
+#[doc(hidden)]
 pub mod files;
 pub mod formats;
+#[doc(hidden)]
 pub mod memory;
 pub mod meshes;
+#[doc(hidden)]
 pub mod names;
+#[doc(hidden)]
 pub mod parallel;
+#[doc(hidden)]
 pub mod vector;
 pub mod volume;
 
 pub use error::{Error, Hint, Line, Result};
+
+/// Compiles the examples of the package's page.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -1,5 +1,4 @@
-//! Fallible allocation, for sizes that come from files or settings: an error instead of an abort. The memory that there
-//! is.
+//! Fallible allocation, for sizes that come from files or settings: an error instead of an abort. The available memory.
 
 use std::path::Path;
 
@@ -8,7 +7,7 @@ use bytemuck::allocation::try_zeroed_vec;
 
 use crate::error::{Error, Result};
 
-/// An empty vector with room for `count` elements. `what` names them in the error.
+/// Returns an empty vector with room for `count` elements. `what` names them in the error.
 pub fn reserved<T>(count: u64, what: impl FnOnce() -> String) -> Result<Vec<T>> {
     let mut elements = Vec::new();
     match usize::try_from(count).map(|count| elements.try_reserve_exact(count)) {
@@ -17,8 +16,8 @@ pub fn reserved<T>(count: u64, what: impl FnOnce() -> String) -> Result<Vec<T>> 
     }
 }
 
-/// A vector of `count` zeros. The system provides pages when they are written to, so the missing samples of a short
-/// file cost no time.
+/// Makes a vector of `count` zeros. The system provides pages when they are written to, so the missing samples of a
+/// short file cost no time.
 pub fn zeroed<T: Zeroable>(count: u64, what: impl FnOnce() -> String) -> Result<Vec<T>> {
     let fits = |count: &usize| count.checked_mul(size_of::<T>()).is_some_and(|bytes| bytes <= isize::MAX as usize);
     let elements = usize::try_from(count).ok().filter(fits).and_then(|count| try_zeroed_vec(count).ok());
@@ -36,7 +35,7 @@ pub fn check(bytes: u64, what: impl FnOnce() -> String) -> Result<()> {
     reserved::<u8>(bytes, what).map(drop)
 }
 
-/// The purpose of memory for the samples of a file, for messages.
+/// Returns the purpose of memory for the samples of a file, for messages.
 pub fn samples_in(path: &Path) -> String {
     format!("the samples of {}", path.display())
 }
@@ -44,9 +43,9 @@ pub fn samples_in(path: &Path) -> String {
 /// The memory that a process can still get.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Available {
-    /// Bytes.
+    /// The number of bytes that the process can still get.
     pub bytes: u64,
-    /// What limits it, for messages.
+    /// The name of the limit, for messages.
     pub limit: &'static str,
 }
 
@@ -57,7 +56,7 @@ pub fn available() -> Option<Available> {
     available_in(Path::new("/"))
 }
 
-/// The same by the files of a system below `root`.
+/// Returns the memory that this process can still get, by the files of a system below `root`.
 fn available_in(root: &Path) -> Option<Available> {
     let read = |path: &str| std::fs::read_to_string(root.join(path)).ok();
     let of = |bytes: Option<u64>, limit| bytes.map(|bytes| Available { bytes, limit });
@@ -98,7 +97,7 @@ fn available_in(root: &Path) -> Option<Available> {
     all.into_iter().flatten().min_by_key(|available| available.bytes)
 }
 
-/// The first number behind a name at the beginning of a line.
+/// Returns the first number behind a name at the beginning of a line.
 fn field(text: &str, name: &str) -> Option<u64> {
     let rest = text.lines().find_map(|line| line.strip_prefix(name))?;
     rest.split_whitespace().next()?.parse().ok()

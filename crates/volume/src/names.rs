@@ -1,13 +1,14 @@
-//! One spelling per enum: messages, JSON and the command line all use it.
+//! The spellings of enums, one each: messages, JSON and the command line all use it.
 
 use strsim::osa_distance;
 
-/// A number of things whose plural ends in s: 1 slice, 2 slices.
+/// Returns a number of things whose plural ends in s: 1 slice, 2 slices.
 pub fn counted(count: u64, thing: &str) -> String {
     format!("{count} {thing}{}", if count == 1 { "" } else { "s" })
 }
 
-/// A number as people write it: up to four digits after the point, and powers of ten if it is very small or very large.
+/// Returns a number as people write it: up to four digits after the point, and powers of ten if it is very small or
+/// very large.
 #[must_use]
 pub fn readable(value: f64) -> String {
     let trimmed = |text: &str| match text.contains('.') {
@@ -25,8 +26,8 @@ pub fn readable(value: f64) -> String {
     }
 }
 
-/// A share, 0 to 1, in percent with one digit after the point. A share that would round to none or to all of something
-/// is named by its bound.
+/// Returns a share, 0 to 1, in percent with one digit after the point. A share that would round to none or to all is
+/// named by its bound.
 #[must_use]
 pub fn percent(share: f64) -> String {
     match 100.0 * share {
@@ -37,13 +38,13 @@ pub fn percent(share: f64) -> String {
     }
 }
 
-/// A text as HTML.
+/// Returns a text as HTML.
 #[must_use]
 pub fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
-/// Whether a word is so near to a name that it counts as its misspelling: one letter in four may be wrong.
+/// Returns whether a word is so near to a name that it counts as its misspelling: one letter in four may be wrong.
 #[must_use]
 pub fn is_near(word: &str, name: &str) -> bool {
     distance(word, name).is_some()
@@ -74,7 +75,7 @@ macro_rules! spelled {
             /// Every variant, in the order in which help and messages list them.
             pub const ALL: [Self; [$($name),+].len()] = [$(Self::$variant),+];
 
-            /// The spelling of the variant in messages, in JSON and on the command line.
+            /// Returns the spelling of the variant in messages, in JSON and on the command line.
             #[must_use]
             pub fn name(self) -> &'static str {
                 match self {
@@ -97,8 +98,9 @@ macro_rules! spelled {
     };
 }
 
-/// As `spelled!`, `Deserialize` and `FromStr`: it accepts exactly the names, and its error is about the given setting.
-/// Where it is called, `Error` is an error with a variant `Setting { name, reason }`.
+/// Names the variants of an enum as `spelled!` does, and adds `Deserialize` and `FromStr`, which accept exactly the
+/// names, with an error about the given setting. Where it is called, `Error` is an error with a variant `Setting {
+/// name, reason }`.
 #[macro_export]
 macro_rules! named {
     ($setting:literal, $type:ident { $($variant:ident: $name:literal),+ $(,)? }) => {
@@ -126,7 +128,7 @@ macro_rules! named {
 
 pub use crate::{named, spelled};
 
-/// Names in a sentence: "a", "a or b", "a, b or c".
+/// Returns names in a sentence: "a", "a or b", "a, b or c".
 pub fn listed(names: &[&str]) -> String {
     match names {
         [] => String::new(),

@@ -1,4 +1,4 @@
-//! Work on all cores, compiled once: a loop of rayon's is some 2,500 lines of LLVM for each type of sample, and such
+//! Loops on all cores, compiled once: a loop of rayon's is some 2,500 lines of LLVM for each type of sample, and such
 //! loops were a sixth of the lines of this crate.
 
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};

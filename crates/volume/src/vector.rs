@@ -1,18 +1,18 @@
-//! Lengths of vectors whose squares f64 does not hold.
+//! The lengths of vectors whose squares f64 does not hold.
 
 use glam::DVec3;
 
 /// The lengths between which squares neither overflow nor underflow.
 const SAFE: std::ops::Range<f64> = 1e-150..1e150;
 
-/// The length of a finite vector.
+/// Returns the length of a finite vector.
 pub fn length(vector: DVec3) -> f64 {
     let length = vector.length();
     let largest = vector.abs().max_element();
     if SAFE.contains(&length) || largest == 0.0 { length } else { (vector / largest).length() * largest }
 }
 
-/// The direction of a finite vector over 0, of length 1.
+/// Returns the direction, of length 1, of a finite vector that is not 0.
 pub fn unit(vector: DVec3) -> DVec3 {
     if SAFE.contains(&vector.length()) { vector.normalize() } else { (vector / vector.abs().max_element()).normalize() }
 }

@@ -25,9 +25,9 @@ pub struct Hull {
     origin: DVec3,
     /// Voxels that include the corners of the hull.
     points: Arc<[DVec3]>,
-    /// The reach beyond these voxels of kernels, and of voxels between inspected rows.
+    /// The reach beyond `points`, in world units, of kernels and of voxels between inspected rows.
     reach: f64,
-    /// Whether it counts as if it were rotated around an axis.
+    /// Whether the hull counts as if it were rotated around an axis.
     turned: bool,
 }
 
@@ -69,7 +69,7 @@ impl Hull {
         Self::of_values(volume, &transfer.values_over(VISIBLE * most), clip)
     }
 
-    /// The hull of the voxels with values in some ranges, which ascend and are apart.
+    /// Returns the hull of the voxels with values in some ranges, which ascend and are apart.
     pub(crate) fn of_values(volume: &Volume, ranges: &[[f64; 2]], clip: &Clip) -> Result<Option<Self>> {
         let grid = volume.grid();
         let to_world = grid.centered().to_world();
@@ -81,7 +81,7 @@ impl Hull {
         Ok((!hull.points.is_empty()).then_some(hull))
     }
 
-    /// The hull of both hulls, with all points.
+    /// Returns the hull of both hulls, with all points.
     pub(crate) fn and(&self, other: &Self) -> Self {
         let offset = other.origin - self.origin;
         let points = self.points.iter().copied().chain(other.points.iter().map(|&point| point + offset)).collect();
@@ -120,16 +120,16 @@ impl Hull {
         self.joined(&Self { points: outermost(points).into(), ..self.clone() })
     }
 
-    /// Returns the same hull, to be fitted as seen from the direction of the view: it fills the picture, and every view
-    /// has its own target and scale.
+    /// Returns the hull, to be fitted as seen from the direction of the view: it fills the picture, and every view has
+    /// its own target and scale.
     #[must_use]
     pub fn from_one_side(self) -> Self {
         Self { turned: false, ..self }
     }
 
-    /// The point in the middle of a picture with the unit vector `top` upwards. Each of `shifts` is a vector and two
-    /// directions in which the extents of the hull must be equal: the point moves by the vector for each unit of half
-    /// the difference of the extents.
+    /// Returns the point in the middle of a picture with the unit vector `top` upwards. Each of `shifts` is a vector
+    /// and two directions in which the extents of the hull must be equal: the point moves by the vector for each unit
+    /// of half the difference of the extents.
     pub(crate) fn target(&self, up: DVec3, top: DVec3, shifts: [[DVec3; 3]; 3]) -> DVec3 {
         if self.turned {
             return self.center(up, top);
@@ -140,9 +140,9 @@ impl Hull {
         })
     }
 
-    /// The point on the axis of the hull along the unit vector `up` that is in the middle of a picture with the unit
-    /// vector `top` upwards. The axis goes through the centre of a small circle around the hull (Badoiu and Clarkson
-    /// 2003, "Smaller core-sets for balls").
+    /// Returns the point on the axis of the hull along the unit vector `up` that is in the middle of a picture with the
+    /// unit vector `top` upwards. The axis goes through the centre of a small circle around the hull (Badoiu and
+    /// Clarkson 2003, "Smaller core-sets for balls").
     fn center(&self, up: DVec3, top: DVec3) -> DVec3 {
         let heights = || self.points.iter().map(|point| point.dot(up));
         let (least, most) = (heights().fold(f64::INFINITY, f64::min), heights().fold(f64::NEG_INFINITY, f64::max));
@@ -169,8 +169,8 @@ impl Hull {
         if lean > LEAST_LEAN { middle + up * ((above - below) / 2.0 / lean) } else { middle }
     }
 
-    /// The extent from a target in a direction, times the length of `direction`; rotated around the unit vector `up`
-    /// through the target unless the hull is [`Self::from_one_side`].
+    /// Returns the extent from a target in a direction, times the length of `direction`; rotated around the unit vector
+    /// `up` through the target unless the hull is [`Self::from_one_side`].
     pub(crate) fn extent(&self, target: DVec3, up: DVec3, direction: DVec3) -> f64 {
         let (along, across) = (direction.dot(up), direction.reject_from_normalized(up).length());
         let offset = self.origin - target;
@@ -185,8 +185,8 @@ impl Hull {
     }
 }
 
-/// The outermost of many points: the first and the last along each axis in each of 64 x 64 columns. At most 1/64 of the
-/// extent is lost, and mostly nothing, because the columns of another axis keep the points at the sides.
+/// Returns the outermost of many points: the first and the last along each axis in each of 64 x 64 columns. At most
+/// 1/64 of the extent is lost, and mostly nothing, because the columns of another axis keep the points at the sides.
 fn outermost(points: Vec<DVec3>) -> Vec<DVec3> {
     const COLUMNS: usize = 64;
     if points.len() <= MOST_POINTS {

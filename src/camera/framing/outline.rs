@@ -16,7 +16,7 @@ const ROWS: usize = 128;
 /// Columns and rows of voxels in a plane of a volume.
 type Places = Vec<[i64; 2]>;
 
-/// The steps between the rows along y and the planes along z that [`outline`] inspects: 128 to 256 of each.
+/// Returns the steps between the rows along y and the planes along z that [`outline`] inspects: 128 to 256 of each.
 pub(super) fn outline_steps(volume: &Volume) -> [usize; 2] {
     let [_, height, depth] = volume.grid().dims().map(|d| d as usize);
     [height, depth].map(|d| (d / ROWS).max(1))
@@ -54,14 +54,14 @@ pub(super) fn outline(volume: &Volume, ranges: &[[f64; 2]], sides: &[Side]) -> R
     Ok(planes.into_iter().zip(places).flat_map(|(z, places)| places.into_iter().map(point(z))).collect())
 }
 
-/// Every n-th number below a count, and the last.
+/// Returns every n-th number below a count, and the last.
 fn every(n: usize, count: usize) -> impl Iterator<Item = usize> {
     let last = count - 1;
     (0..last).step_by(n).chain([last])
 }
 
-/// The voxels of a row on the inner side of all `sides`. `first` is the place of the first voxel, from the middle of
-/// the lattice.
+/// Returns the voxels of a row on the inner side of all `sides`. `first` is the place of the first voxel, from the
+/// middle of the lattice.
 fn columns(sides: &[Side], first: DVec3, width: usize) -> Range<usize> {
     let (mut low, mut high) = (0.0_f64, width as f64 - 1.0);
     for (gradient, value) in sides {
@@ -78,7 +78,7 @@ fn columns(sides: &[Side], first: DVec3, width: usize) -> Range<usize> {
     low.ceil() as usize..((high.floor() + 1.0) as usize).max(low.ceil() as usize)
 }
 
-/// The corners of the convex hull of the visible samples of a plane, in every n-th row and in its columns.
+/// Returns the corners of the convex hull of the visible samples of a plane, in every n-th row and in its columns.
 fn hull<T: ToF64>(
     samples: &[T],
     [width, rows]: [usize; 2],

@@ -24,7 +24,7 @@ struct SampleStages {
 }
 
 impl SampleStages {
-    /// The stages for samples, made now if there are none.
+    /// Returns the stages for samples, made now if there are none.
     fn of(pipelines: &Cache, context: &Context, sampled: &Sampled) -> Result<Arc<Self>> {
         let key = sampled.input_key();
         pipelines.get_or_make(key, || Ok(Self::new(context, key)))
@@ -39,16 +39,16 @@ impl SampleStages {
     }
 }
 
-/// Visible voxels of samples in shadows to be.
+/// Visible voxels of samples that are to get shares of light.
 pub(crate) struct UnlitSamples<'a> {
     pub(crate) sampled: &'a Sampled,
-    /// Whether nothing else needs the shares that they hold: their memory serves again.
+    /// Whether nothing else needs the shares that the voxels hold: their memory is used again.
     pub(crate) over: bool,
     pub(crate) dims: [usize; 3],
     pub(crate) clip: &'a [Side],
 }
 
-/// Like [`run`](super::run), of samples in place of lists of splats.
+/// Finds the light that arrives at voxels of samples, as [`run`](super::run) does at lists of splats.
 pub(crate) fn run_on_samples(
     context: &Context,
     pipelines: &Cache,
@@ -58,7 +58,7 @@ pub(crate) fn run_on_samples(
     held: Option<Buffers>,
     progress: &Progress,
 ) -> Result<Option<(Sampled, Buffers)>> {
-    /// Bytes of the shares of a voxel.
+    /// The number of bytes of the shares of a voxel.
     const EACH: u64 = 8;
     let lights = planned(plans, lights);
     let largest = unlit.sampled.counts().max().map(|count| u64::from(count) * EACH);
@@ -100,8 +100,8 @@ pub(crate) fn run_on_samples(
 }
 
 impl Job<'_> {
-    /// Records a stage over all samples, with the buffer that it writes for the samples of a buffer, given its number,
-    /// and `others` that it reads.
+    /// Records a stage over all samples. `written` returns the buffer that it writes for a buffer of samples, given the
+    /// number of the latter; `others` are further buffers that it reads.
     fn each_dispatch(
         &self,
         recorder: &mut Recorder<'_>,

@@ -6,18 +6,18 @@ use super::canvas::Canvas;
 use super::path::Path;
 use crate::camera::Camera;
 
-/// An end of an axis.
+/// An end of an axis of the world.
 #[derive(Debug, PartialEq)]
 pub(super) struct End {
-    /// Its name; `None` if the name would lie on other names.
+    /// The name of the end; `None` if the name would lie on other names.
     pub(super) name: Option<&'static str>,
-    /// Whether a line leads to it.
+    /// Whether a line leads to the end.
     pub(super) line: bool,
     /// The axis of the world, 0 to 2.
     axis: usize,
-    /// Its place, right and up: of length 1 if it lies in the picture's plane.
+    /// The place of the end, right and up: of length 1 if it lies in the picture's plane.
     pub(super) place: DVec2,
-    /// Its distance behind that plane; negative in front of it.
+    /// The distance of the end behind the picture's plane; negative in front of it.
     depth: f64,
 }
 
@@ -28,10 +28,10 @@ const WORLD: [[&str; 2]; 3] = [["X", "−X"], ["Y", "−Y"], ["Z", "−Z"]];
 /// An axis with ends closer to the middle than this is seen along its length: only its near end has a name.
 const ALONG: f64 = 0.4;
 
-/// Red, green and blue, of one luminance that shows on black and on white.
+/// The colours of the axes: red, green and blue, of one luminance that is visible on black and on white.
 const COLORS: [[f64; 3]; 3] = [[0.87, 0.26, 0.24], [0.16, 0.57, 0.26], [0.24, 0.46, 0.93]];
 
-/// The ends of the axes, the farthest first.
+/// Returns the ends of the axes, the farthest first.
 pub(super) fn ends(camera: &Camera, is_patient: bool) -> Vec<End> {
     let [right, up, forward] = [camera.right, camera.up, camera.forward].map(DVec3::normalize_or_zero);
     let end = |axis: usize, positive: bool| {
@@ -49,7 +49,7 @@ pub(super) fn ends(camera: &Camera, is_patient: bool) -> Vec<End> {
     ends
 }
 
-/// The side of the square of the axes.
+/// Returns the side of the square of the axes.
 pub(super) fn room(em: f64) -> f64 {
     6.0 * em
 }
@@ -81,7 +81,7 @@ mod tests {
     use crate::camera::View;
     use crate::volume::Grid;
 
-    /// The names, each with its place in whole numbers: right, up.
+    /// Returns the names, each with its place in whole numbers: right, up.
     fn names(view: View, is_patient: bool) -> Vec<(&'static str, [i32; 2])> {
         let grid = Grid::axis_parallel([2; 3], [1.0; 3]).unwrap();
         let ends = ends(&Camera::new(&view, &grid, [64, 64]).unwrap(), is_patient);

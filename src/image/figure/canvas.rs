@@ -18,7 +18,7 @@ pub(super) struct Canvas {
     pub(super) em: f64,
     /// The colour of letters and lines.
     pub(super) ink: [f64; 3],
-    /// The colour around them.
+    /// The colour of the halo around letters and lines.
     halo: [f64; 3],
 }
 

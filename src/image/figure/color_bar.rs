@@ -9,7 +9,7 @@ use super::path::Path;
 use crate::error::{Error, Result};
 use crate::transfer::{ControlPoint, TransferFunction};
 
-/// The values of a bar.
+/// The values of a colour bar.
 #[derive(Clone, Copy)]
 pub(super) struct Values<'a> {
     pub(super) transfer: &'a TransferFunction,
@@ -17,8 +17,8 @@ pub(super) struct Values<'a> {
     pub(super) data: Option<[f64; 2]>,
 }
 
-/// The range of values of a bar: from the first to the last control point, without clear ones at the ends, and without
-/// values beyond the data's.
+/// Returns the range of values of a bar: from the first to the last control point, without clear ones at the ends, and
+/// without values beyond the data's.
 fn range(transfer: &TransferFunction, values: Option<[f64; 2]>) -> Result<[f64; 2]> {
     let points = transfer.points();
     let clear = |p: &&ControlPoint| p.opacity <= 0.0;
@@ -33,7 +33,7 @@ fn range(transfer: &TransferFunction, values: Option<[f64; 2]>) -> Result<[f64; 
     range.ok_or_else(|| Error::setting("color_bar", reason))
 }
 
-/// The height of a bar in an area of a height: the unit is above it, and the label of the curve below.
+/// Returns the height of a bar in an area of a height: the unit is above it, and the label of the curve below.
 pub(super) fn room(height: f64, em: f64) -> f64 {
     height - 3.0 * em
 }
@@ -72,7 +72,7 @@ impl Layout {
     }
 }
 
-/// The left end of a bar that is drawn in an area, with a little space beside it.
+/// Returns the left end of a bar that is drawn in an area, with a little space beside it.
 pub(super) fn left_end(font: &Font, values: Values<'_>, em: f64, area: [DVec2; 2]) -> Result<f64> {
     let layout = Layout::new(font, values, em, area)?;
     let text = if layout.wide > 0.0 { font.width(&curve_text(layout.densest), CURVE_TEXT * em) } else { 0.0 };
@@ -83,7 +83,7 @@ pub(super) fn left_end(font: &Font, values: Values<'_>, em: f64, area: [DVec2; 2
 const TEXT: f64 = 0.9;
 const CURVE_TEXT: f64 = 0.8;
 
-/// The label of a curve with a largest opacity.
+/// Returns the label of a curve with a largest opacity.
 fn curve_text(densest: f64) -> String {
     // Two digits, without a last 0.
     let number = label(densest, (densest / 10.0).min(0.1));

@@ -10,7 +10,7 @@ use super::path::Path;
 pub(super) struct Font {
     units_per_em: f64,
     capitals: f64,
-    /// Advance in units of the font, and contours as they stand in the file.
+    /// The advance of each character in units of the font, and its contours in the text of the file.
     glyphs: HashMap<char, (f64, &'static str)>,
 }
 
@@ -29,17 +29,17 @@ impl Font {
         Self { units_per_em: header.x, capitals: header.y, glyphs: lines.filter_map(glyph).collect() }
     }
 
-    /// The first character that the font lacks.
+    /// Returns the first character that the font lacks.
     pub(super) fn lacks(&self, text: &str) -> Option<char> {
         text.chars().find(|c| *c != '\n' && !self.glyphs.contains_key(c))
     }
 
-    /// The height of capital letters, as a share of the font's size.
+    /// Returns the height of capital letters, as a share of the font's size.
     pub(super) fn capitals(&self) -> f64 {
         self.capitals / self.units_per_em
     }
 
-    /// The width of a line of text at a size in pixels.
+    /// Returns the width of a line of text at a size in pixels.
     pub(super) fn width(&self, text: &str, size: f64) -> f64 {
         text.chars().map(|c| self.advance(c, size)).sum()
     }
@@ -52,7 +52,7 @@ impl Font {
         size / self.units_per_em
     }
 
-    /// The outlines of a line of text at a size in pixels, which begins at `origin` on its baseline.
+    /// Returns the outlines of a line of text at a size in pixels, which begins at `origin` on its baseline.
     pub(super) fn text(&self, text: &str, size: f64, mut origin: DVec2) -> Path {
         let mut path = Path::default();
         let scale = DVec2::new(self.scale(size), -self.scale(size));

@@ -13,7 +13,7 @@ use crate::layers::LegendEntry;
 const TEXT: f64 = 0.9;
 const LINE: f64 = 1.35;
 const PATCH: f64 = 0.9;
-/// From the left edge of a patch to its name, and from a name to the next column.
+/// The distance from the left edge of a patch to its name, and from a name to the next column, in sizes of letters.
 const INDENT: f64 = 1.4;
 const GAP: f64 = 1.0;
 /// The largest width of a name; longer names are cut.

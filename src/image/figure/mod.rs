@@ -5,7 +5,7 @@
 //!
 //! ```no_run
 //! use voxsplat::figure::{Figure, Shown};
-//! # use voxsplat::{Background, Camera, Renderer, RendererOptions, Settings, TransferFunction, View, load};
+//! # use voxsplat::{Background, Camera, Frame, Renderer, RendererOptions, Settings, TransferFunction, View, load};
 //! # fn main() -> voxsplat::Result<()> {
 //! # let volume = load("scan.nii.gz", &Default::default())?;
 //! # let transfer = TransferFunction::preset("ct-bone", &volume)?;
@@ -13,7 +13,7 @@
 //! # let renderer = Renderer::new(&RendererOptions::default())?;
 //! # let scene = renderer.prepare(&volume, &transfer, &settings)?;
 //! # let camera = Camera::new(&View::default(), volume.grid(), [512, 512])?;
-//! let rendered = renderer.render(&scene, &camera, &settings)?;
+//! let rendered = renderer.render(&scene, &Frame::new(&camera, &settings))?;
 //! let figure = Figure { scale_bar: true, axes: true, title: Some("A head".to_owned()), ..Figure::default() };
 //! let shown = Shown { volume: &volume, transfer: &transfer, values: None, camera: &camera, model: settings.model };
 //! let background = Background::default();
@@ -43,7 +43,9 @@ use crate::settings::Model;
 use crate::transfer::TransferFunction;
 use crate::volume::Volume;
 
-/// The annotations that are drawn on a picture; by default none.
+/// Annotations to be drawn on a picture; none by default.
+///
+/// End a literal with `..Figure::default()`: a minor release may add fields.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Figure {
     /// A bar of a round length (1, 2 or 5 times a power of ten) at the lower right, in the unit of
@@ -62,18 +64,21 @@ pub struct Figure {
     /// [`Layers::legend`](crate::layers::Layers::legend)), in columns over at most half of the picture. If there is no
     /// room for all, the last line counts the missing entries. Colours are unlit. X-rays have no legend.
     pub legend: Vec<LegendEntry>,
-    /// Text above, in at most 3 lines.
+    /// The text above the picture, in at most 3 lines.
     pub title: Option<String>,
-    /// Text below, in at most 6 lines.
+    /// The text below the picture, in at most 6 lines.
     pub caption: Option<String>,
+    /// Makes literals that name all fields impossible.
+    #[doc(hidden)]
+    pub non_exhaustive: (),
 }
 
-/// The content of a picture.
+/// The content of the picture that a figure annotates.
 #[derive(Debug, Clone, Copy)]
 pub struct Shown<'a> {
-    /// The volume.
+    /// The volume of the picture.
     pub volume: &'a Volume,
-    /// Its transfer function.
+    /// The transfer function of the volume.
     pub transfer: &'a TransferFunction,
     /// The least and the largest value of the data ([`Volume::value_range`]), beyond which a colour bar does not reach;
     /// `None`: the bar spans the transfer function.
@@ -90,7 +95,7 @@ const LEAST_SIDE: u32 = 128;
 const EM: f64 = 0.035;
 /// The smallest legible size of letters, pixels.
 const LEAST_EM: f64 = 11.0;
-/// Space between the edge of the picture and a figure, in sizes of letters.
+/// The space between the edge of the picture and a figure, in sizes of letters.
 const MARGIN: f64 = 0.8;
 /// The least height of a colour bar, in sizes of letters.
 const LEAST_BAR: f64 = 3.0;
@@ -104,7 +109,7 @@ const LINE: f64 = 1.3;
 /// The reason to refuse a part of a figure that does not fit.
 const NO_ROOM: &str = "there is no room for it: choose a larger picture, or shorter texts";
 
-/// The title or the caption, in lines.
+/// The title or the caption, broken into lines.
 struct Text {
     lines: Vec<String>,
     /// The size of letters, pixels.
@@ -151,7 +156,7 @@ impl Text {
 /// The places of the parts of a figure, pixels.
 struct Places {
     font: Font,
-    /// The size of letters.
+    /// The size of letters, pixels.
     em: f64,
     /// Width and height of the picture.
     size: [f64; 2],
@@ -164,7 +169,7 @@ struct Places {
 }
 
 impl Figure {
-    /// Returns whether nothing is drawn.
+    /// Returns whether the figure has nothing to draw.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         *self == Self::default()
@@ -217,7 +222,7 @@ impl Figure {
         Ok(Places { font, em, size, title, caption, low, area })
     }
 
-    /// The area of a legend: left of a colour bar, and above axes.
+    /// Returns the area of a legend: left of a colour bar, and above axes.
     fn legend_area(&self, places: &Places) -> [DVec2; 2] {
         let [least, most] = places.area;
         let right = places.size[0] * if self.color_bar { 0.6 } else { 1.0 } - MARGIN * places.em;
@@ -259,9 +264,8 @@ impl Figure {
         self.draw_region(image, Region { x: 0, y: 0, width, height }, background, shown)
     }
 
-    /// Draws the part of the figure in a region that
-    /// [`Renderer::render_region`](crate::renderer::Renderer::render_region) made: the same bytes as in the whole
-    /// picture.
+    /// Draws the part of the figure on the picture of a [`Frame::region`](crate::Frame::region): the same bytes as in
+    /// the whole picture.
     ///
     /// # Errors
     /// The errors of [`Self::draw`], and [`Error::Setting`] if the region reaches beyond the picture.
@@ -332,10 +336,10 @@ mod tests {
     fn everything() -> Figure {
         let (title, caption) = (Some("A title".to_owned()), Some("Two\nlines".to_owned()));
         let legend = vec![LegendEntry { name: "bone".to_owned(), color: [240, 230, 200] }];
-        Figure { scale_bar: true, axes: true, color_bar: true, legend, title, caption }
+        Figure { scale_bar: true, axes: true, color_bar: true, legend, title, caption, ..Figure::default() }
     }
 
-    /// A grey picture with a figure on it.
+    /// Draws a figure on a grey picture.
     fn drawn(figure: &Figure, view: &View, background: Background, region: Region) -> Result<Image> {
         let (volume, transfer) = (volume(), transfer());
         let camera = Camera::new(view, volume.grid(), [WHOLE.width, WHOLE.height])?;

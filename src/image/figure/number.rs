@@ -1,6 +1,6 @@
-//! Round numbers, and numbers as people read them.
+//! Round numbers, and numbers in a form that people read.
 
-/// 1, 2 and 5 times the powers of ten around a number over 0, ascending.
+/// Returns 1, 2 and 5 times the powers of ten around a number over 0, ascending.
 fn rounds(around: f64) -> impl DoubleEndedIterator<Item = f64> {
     let exponent = around.log10().floor() as i32;
     let rounds = (exponent - 1..=exponent + 1).flat_map(|e| [1, 2, 5].map(|digit| (digit, e)));
@@ -9,15 +9,16 @@ fn rounds(around: f64) -> impl DoubleEndedIterator<Item = f64> {
     values.collect::<Vec<f64>>().into_iter()
 }
 
-/// What counts as no difference: logarithms and quotients are rounded.
+/// The relative difference that does not count: logarithms and quotients are rounded.
 const SLACK: f64 = 1e-9;
 
-/// The largest round number that is no larger than `most`, which is over 0.
+/// Returns the largest round number that is no larger than `most`, which is over 0.
 pub(super) fn round_below(most: f64) -> f64 {
     rounds(most).rev().find(|&value| value <= most * (1.0 + SLACK)).unwrap_or(most)
 }
 
-/// A round step, and its multiples from `low` to a larger `high`: at least two, and if that goes no more than `most`.
+/// Returns a round step, and its multiples from `low` to a larger `high`: at least two, and no more than `most` if
+/// possible.
 pub(super) fn ticks([low, high]: [f64; 2], most: usize) -> (f64, Vec<f64>) {
     let multiples = |step: f64| {
         let first = (low / step - SLACK).ceil();
@@ -31,7 +32,7 @@ pub(super) fn ticks([low, high]: [f64; 2], most: usize) -> (f64, Vec<f64>) {
     few.unwrap_or((high - low, vec![low, high]))
 }
 
-/// A multiple of a step, with the digits that the step needs.
+/// Writes a multiple of a step with the digits that the step needs.
 pub(super) fn label(value: f64, step: f64) -> String {
     let value = if value.abs() < step / 2.0 { 0.0 } else { value };
     let places = -(step * (1.0 + 1e-12)).log10().floor() as i32;

@@ -11,13 +11,13 @@ pub(super) struct Path {
 
 /// The share of each pixel of a box that a shape covers, row by row.
 pub(super) struct Coverage {
-    /// The pixel at the top left.
+    /// The pixel at the top left of the box.
     pub(super) origin: [i64; 2],
     pub(super) width: usize,
     pub(super) shares: Vec<f32>,
 }
 
-/// Corners of the polygon that approximates a disc.
+/// The number of corners of the polygon that approximates a disc.
 const CORNERS: u32 = 24;
 
 impl Path {
@@ -29,7 +29,7 @@ impl Path {
         Self::polygon(vec![least, DVec2::new(least.x, most.y), most, DVec2::new(most.x, least.y)])
     }
 
-    /// A line through points, `width` wide, with round ends.
+    /// Makes a line through points, `width` wide, with round ends.
     pub(super) fn line(points: &[DVec2], width: f64) -> Self {
         let mut line = Self::default();
         line.stroke(points, width / 2.0);
@@ -58,7 +58,7 @@ impl Path {
         self.polygons.push(polygon);
     }
 
-    /// The places within `radius` of the edges.
+    /// Returns the places within `radius` of the edges, as a shape.
     pub(super) fn outline(&self, radius: f64) -> Self {
         let mut outline = Self::default();
         for polygon in &self.polygons {
@@ -68,7 +68,7 @@ impl Path {
         outline
     }
 
-    /// The corners of the bounding box; `None` if the shape is empty.
+    /// Returns the corners of the bounding box; `None` if the shape is empty.
     pub(super) fn bounds(&self) -> Option<[DVec2; 2]> {
         let corners = || self.polygons.iter().flatten().copied();
         Some([corners().reduce(DVec2::min)?, corners().reduce(DVec2::max)?])

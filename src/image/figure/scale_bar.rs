@@ -8,19 +8,19 @@ use super::number::{label, round_below};
 use super::path::Path;
 use crate::error::{Error, Result};
 
-/// A length with its label.
+/// The length of a scale bar, with its label.
 #[derive(Debug, PartialEq)]
 pub(super) struct Bar {
-    /// Pixels, not rounded.
+    /// The length of the bar in pixels, not rounded.
     pub(super) pixels: f64,
     pub(super) text: String,
 }
 
-/// Units of length that are converted for shorter numbers: 1000 of each are the next.
+/// The units of length that are converted for shorter numbers: 1000 of each are the next.
 const METRIC: [&str; 5] = ["nm", "µm", "mm", "m", "km"];
 
 impl Bar {
-    /// The largest round length of at most `most` pixels.
+    /// Finds the largest round length of at most `most` pixels.
     pub(super) fn new(shown: &Shown<'_>, most: f64) -> Result<Self> {
         let pixel = shown.camera.pixel_size();
         if !(pixel.is_finite() && pixel > 0.0) {
@@ -38,7 +38,7 @@ impl Bar {
     }
 }
 
-/// A round length with its unit.
+/// Returns a round length with its unit.
 fn with_unit(length: f64, unit: &str) -> String {
     let named = match unit {
         "um" | "micron" | "microns" | "μm" => "µm",
@@ -56,7 +56,7 @@ fn with_unit(length: f64, unit: &str) -> String {
     }
 }
 
-/// The height of the bar with its text.
+/// Returns the height of the bar with its text.
 pub(super) fn height(em: f64) -> f64 {
     1.6 * em
 }

@@ -64,7 +64,7 @@ pub struct Film<W: Write> {
 }
 
 enum Sink<W: Write> {
-    /// Frames wait in a temporary file until their palette is known.
+    /// A GIF, whose frames wait in a temporary file until their palette is known.
     Gif {
         out: W,
         waiting: BufWriter<File>,
@@ -206,7 +206,7 @@ impl<W: Write> Sink<W> {
     }
 }
 
-/// A file without a name, for frames.
+/// Opens a file without a name, for frames.
 fn temporary() -> Result<File> {
     tempfile::tempfile().map_err(|source| {
         let folder = std::env::temp_dir();
@@ -214,18 +214,18 @@ fn temporary() -> Result<File> {
     })
 }
 
-/// The error of an encoder or the system.
+/// Returns the error of an encoder or the system.
 fn failed(error: IoError) -> Error {
     Error::Image(format!("the film cannot be written: {error}"))
 }
 
-/// The planes of luma and chroma of RGB bytes.
+/// Returns the planes of luma and chroma of RGB bytes.
 fn planes(rgb: &[u8]) -> Vec<u8> {
     let yuv: Vec<[u8; 3]> = rgb.as_chunks().0.iter().copied().map(yuv).collect();
     (0..3).flat_map(|plane| yuv.iter().map(move |pixel| pixel[plane])).collect()
 }
 
-/// Luma and chroma of a colour, limited range (ITU-R BT.601).
+/// Returns the luma and the chroma of a colour, limited range (ITU-R BT.601).
 fn yuv(rgb: [u8; 3]) -> [u8; 3] {
     let [r, g, b] = rgb.map(|c| f32::from(c) / 255.0);
     let luma = 0.299 * r + 0.587 * g + 0.114 * b;
@@ -234,6 +234,7 @@ fn yuv(rgb: [u8; 3]) -> [u8; 3] {
 }
 
 /// A film in a file, which appears whole or not at all.
+#[doc(hidden)]
 pub struct FilmFile {
     /// The film, which waits in a temporary file.
     pub film: Film<File>,
@@ -297,7 +298,7 @@ mod tests {
         bytes
     }
 
-    /// The root of the mean square of differences of channels, 0 to 255.
+    /// Returns the root mean square of the differences of channels, 0 to 255.
     fn off(frame: &Image, pixels: &[u8]) -> f64 {
         let rgba = frame.to_rgba8(Background::default());
         let rgb = rgba.chunks_exact(4).flat_map(|p| &p[..3]);
@@ -358,7 +359,7 @@ mod tests {
         }
     }
 
-    /// The files of the frames of a page.
+    /// Returns the files of the frames of a page.
     fn files_of(page: &str) -> Vec<Vec<u8>> {
         let listed = page.split("const frames = [\n").nth(1).unwrap().split("];").next().unwrap();
         let decoded = |text: &str| base64::Engine::decode(&base64::engine::general_purpose::STANDARD, text).unwrap();

@@ -22,10 +22,10 @@ const QUALITY: u8 = 95;
 pub(super) struct Page<W> {
     out: W,
     size: [u32; 2],
-    /// Milliseconds per frame when the page plays.
+    /// The milliseconds per frame when the page plays.
     delay: u32,
     pub(super) title: String,
-    /// Whether its head has been written.
+    /// Whether the head of the page has been written.
     begun: bool,
 }
 

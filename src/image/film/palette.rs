@@ -1,13 +1,13 @@
 //! A palette of 256 colours for many frames: Heckbert 1982, "Color image quantization for frame buffer display".
 
-/// Bits of a channel in the histogram.
+/// The number of bits of a channel in the histogram.
 const BITS: u32 = 5;
-/// Cells of a histogram.
+/// The number of cells of a histogram.
 const CELLS: usize = 1 << (3 * BITS);
-/// Colours of a palette.
+/// The number of colours of a palette.
 const COLORS: usize = 256;
 
-/// Thresholds of Bayer's ordered dither, 0 to 15.
+/// The thresholds of Bayer's ordered dither, 0 to 15.
 const PATTERN: [[i16; 4]; 4] = [[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]];
 
 /// The number of pixels of each colour, and the sums of their channels.
@@ -19,7 +19,7 @@ impl Default for Histogram {
     }
 }
 
-/// The cell of a colour.
+/// Returns the cell of a colour.
 fn cell(rgb: [u8; 3]) -> usize {
     rgb.into_iter().fold(0, |cell, c| cell << BITS | usize::from(c) >> (8 - BITS))
 }
@@ -67,9 +67,9 @@ impl Histogram {
 struct ColorBox {
     cells: Vec<(f64, [f64; 3])>,
     mean: [f64; 3],
-    /// The channel that varies most.
+    /// The channel that varies most within the box.
     axis: usize,
-    /// The sum of its squared differences from the mean.
+    /// The sum of squared differences of channel `axis` from its mean.
     spread: f64,
 }
 
@@ -83,26 +83,27 @@ impl ColorBox {
         Self { cells, mean, axis, spread }
     }
 
-    /// The colours below the mean, and the others.
+    /// Splits the box into the colours below the mean, and all others.
     fn halves(&self) -> [Self; 2] {
         let (low, high) = self.cells.iter().partition(|(_, color)| color[self.axis] < self.mean[self.axis]);
         [Self::new(low), Self::new(high)]
     }
 }
 
-/// Colours, and the nearest colour to each cell.
+/// A palette: colours, and the nearest colour to each cell.
 pub(super) struct Palette {
     colors: Vec<[u8; 3]>,
     nearest: Vec<u8>,
 }
 
 impl Palette {
-    /// Red, green and blue of each colour.
+    /// Returns red, green and blue of each colour.
     pub(super) fn bytes(&self) -> Vec<u8> {
         self.colors.concat()
     }
 
-    /// The colours of pixels in rows of `width`, with an ordered dither, which stays still where the picture does.
+    /// Returns the palette's colours for pixels in rows of `width`, with an ordered dither, which stays still where the
+    /// picture does.
     pub(super) fn indices(&self, pixels: &[u8], width: usize) -> Vec<u8> {
         let (pixels, _) = pixels.as_chunks::<3>();
         let index = |(i, rgb): (usize, &[u8; 3])| {

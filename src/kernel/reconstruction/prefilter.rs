@@ -16,7 +16,7 @@ use voxsplat_volume::memory::reserved;
 const LEAST: f64 = 0.05;
 /// The largest deviation from 1 of the response of kernel and filter together, at restored frequencies.
 const ACCURACY: f64 = 5e-3;
-/// The highest degree of the polynomial.
+/// The highest degree of the polynomial that approximates the filter.
 const MAX_DEGREE: usize = 24;
 /// The margin around the spectrum of the kernel, so that rounding and the faces of the lattice stay within the span.
 const MARGIN: f64 = 0.01;
@@ -46,14 +46,14 @@ pub struct Prefilter {
     coefficients: Vec<f64>,
 }
 
-/// The inverse of a response, bent to 0 if it is large.
+/// Returns the inverse of a response, bent to 0 if it would be large.
 fn inverse(b: f64) -> f64 {
     let u = b / LEAST;
     if u >= 1.0 { 1.0 / b } else { u.max(-1.0) * (2.0 - u * u).max(1.0) / LEAST }
 }
 
 impl Prefilter {
-    /// Refuses a kernel that is too large.
+    /// Refuses a kernel that is too large to be undone.
     ///
     /// # Errors
     /// [`Error::Setting`] that names the sharpness.
@@ -122,7 +122,7 @@ impl Prefilter {
         chebyshev(degree + 1, |x| function(f64::midpoint(low, high) + (high - low) / 2.0 * x))
     }
 
-    /// The factor of the filter at a frequency where the kernel's response is `b`.
+    /// Returns the factor of the filter at a frequency where the kernel's response is `b`.
     fn gain_at(&self, b: f64) -> f64 {
         self.sum(&self.coefficients, b)
     }
@@ -135,7 +135,7 @@ impl Prefilter {
         coefficients.first().copied().unwrap_or(0.0) + x * first - second
     }
 
-    /// The kernel's response to a frequency (radians a voxel) at the lattice points.
+    /// Returns the kernel's response to a frequency (radians a voxel) at the lattice points.
     fn response(&self, frequency: [f64; 3]) -> f64 {
         let cosines = frequency.map(|w| -> Vec<f64> {
             (0..=self.reach).map(|i| if i == 0 { 1.0 } else { 2.0 * (i as f64 * w).cos() }).collect()
@@ -152,13 +152,13 @@ impl Prefilter {
         sum
     }
 
-    /// The factor of the filter at a frequency (radians a voxel).
+    /// Returns the factor of the filter at a frequency (radians a voxel).
     #[must_use]
     pub fn gain(&self, frequency: [f64; 3]) -> f64 {
         self.gain_at(self.response(frequency))
     }
 
-    /// The kernel's responses to the frequencies of a grid.
+    /// Returns the kernel's responses to the frequencies of a grid.
     fn spectrum(&self) -> Vec<f64> {
         let w = |i: usize| i as f64 * PI / FREQUENCIES as f64;
         let all = (0..=FREQUENCIES).flat_map(|i| (0..=i).flat_map(move |j| (0..=j).map(move |k| [i, j, k])));
@@ -326,7 +326,7 @@ fn add_up<T: Real>(rows: &[&[T]], sum: &mut [T]) {
 mod tests {
     use super::*;
 
-    /// Values in 0..1 without order (splitmix64).
+    /// Returns values in 0..1 without order (splitmix64).
     fn noise(count: usize) -> Vec<f64> {
         let of = |index: usize| {
             let z = (index as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
@@ -342,7 +342,7 @@ mod tests {
         (0..memory.samples().len()).map(|index| memory.value(index)).collect()
     }
 
-    /// The sum of kernels at each lattice point, coefficients repeated beyond the faces.
+    /// Returns the sum of kernels at each lattice point, coefficients repeated beyond the faces.
     fn at_lattice_points(kernel: &Kernel, dims: [usize; 3], coefficients: &[f64]) -> Vec<f64> {
         let reach = kernel.radius().ceil() as i64;
         let range = || -reach..=reach;

@@ -33,8 +33,8 @@ impl Reconstruction {
         }
     }
 
-    /// Sums weights times a wave (radians a voxel) at each of `places`^3 points between samples, x fastest. Returns
-    /// real and imaginary parts.
+    /// Sums the weights of samples times a wave (radians a voxel) at each of `places`^3 points between samples, x
+    /// fastest. Returns real and imaginary parts.
     #[must_use]
     pub fn waves(&self, frequency: [f64; 3], places: u32) -> Vec<[f64; 2]> {
         let along =
@@ -44,18 +44,18 @@ impl Reconstruction {
             .collect()
     }
 
-    /// The offsets of samples along an axis from a place, one of `places` between samples.
+    /// Returns the offsets of samples along an axis from a place, one of `places` between samples.
     fn offsets(&self, place: u32, places: u32) -> impl Iterator<Item = f64> + Clone + use<> {
         let reach = i64::from(self.reach);
         (1 - reach..=reach).map(move |i| i as f64 - (f64::from(place) + 0.5) / f64::from(places))
     }
 
-    /// A wave along an axis at the samples around a place: real and imaginary parts.
+    /// Returns a wave along an axis at the samples around a place: real and imaginary parts.
     fn along(&self, frequency: f64, place: u32, places: u32) -> Vec<[f64; 2]> {
         self.offsets(place, places).map(|offset| [(offset * frequency).cos(), (offset * frequency).sin()]).collect()
     }
 
-    /// The places between samples, x fastest, with the weights of the samples around them.
+    /// Returns the places between samples, x fastest, with the weights of the samples around them.
     fn points(&self, places: u32) -> impl Iterator<Item = ([u32; 3], Vec<f64>)> {
         let all = (0..places).flat_map(move |k| (0..places).flat_map(move |j| (0..places).map(move |i| [i, j, k])));
         all.map(move |at| {
@@ -71,7 +71,7 @@ impl Reconstruction {
     /// Returns the root mean square of the noise of the field over the noise of the samples, if it is white.
     #[must_use]
     pub fn noise(&self) -> f64 {
-        /// Frequencies along an axis, and places between samples.
+        /// The number of frequencies along an axis, and of places between samples.
         const FREQUENCIES: u32 = 8;
         const PLACES: u32 = 4;
         let w = |i: u32| (f64::from(i) + 0.5) * PI / f64::from(FREQUENCIES);

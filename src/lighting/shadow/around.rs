@@ -20,25 +20,25 @@ use crate::error::Result;
 /// The variance of the filter as a share of the kernel's, at which the errors of single voxels are least.
 const SHARE: f64 = 1.1;
 
-/// The weight of the sum of weights among squared distances.
+/// The weight of the weights' sum among the squared distances that a fit minimises.
 const PINNED: f64 = 900.0;
 
-/// A ray to neighbours.
+/// A ray from a voxel towards one of its neighbours.
 pub(super) struct Ray {
-    /// To the next point: columns, rows and planes.
+    /// The step to the next point of the ray: columns, rows and planes.
     pub(super) step: [i32; 3],
-    /// The factor of its light.
+    /// The factor of the ray's light.
     pub(super) share: f32,
-    /// The weights of the points, the voxel's own first.
+    /// The weights of the ray's points, the voxel's own first.
     pub(super) weights: Vec<f32>,
 }
 
-/// The weights of the filter of the field along each axis, the middle one first.
+/// Returns the weights of the filter of the field along each axis, the middle one first.
 pub(super) fn filter_of(lattice: &ShadowLattice) -> Vec<f64> {
     filter(SHARE * lattice.kernel.variance())
 }
 
-/// The rays from a voxel if occluders from the bias to `radius` count (voxels), through a field filtered with
+/// Returns the rays from a voxel if occluders from the bias to `radius` count (voxels), through a field filtered with
 /// `weights`.
 pub(super) fn rays(
     lattice: &ShadowLattice,
@@ -84,7 +84,7 @@ struct RowSum<'a> {
     field: &'a Field,
     filtered: &'a Field,
     rays: &'a [Ray],
-    /// The row, as y and z.
+    /// The y and the z of the row.
     at: [usize; 2],
     out: &'a mut [AtomicU16],
 }
@@ -134,8 +134,8 @@ impl pulp::WithSimd for RowSum<'_> {
     }
 }
 
-/// The weights of the points of a ray from a lattice point along `step`, the point itself first, between two distances
-/// in voxels, in units of the divisor of kernels, for a field filtered with `filter`.
+/// Returns the weights of the points of a ray from a lattice point along `step`, the point itself first, between two
+/// distances in voxels, in units of the divisor of kernels, for a field filtered with `filter`.
 fn weights_along(response: &Response, filter: &[f64], step: [f64; 3], between: [f64; 2]) -> Vec<f64> {
     let step = DVec3::from_array(step);
     let along = step.normalize();

@@ -27,7 +27,7 @@ pub(super) const LANES: usize = 32;
 pub(crate) struct Medium<T> {
     dims: [usize; 3],
     values: Vec<T>,
-    /// The number of blocks along the axes, and whether each has a voxel that was set.
+    /// The number of blocks along the axes; `occupied` tells whether each block has a voxel that was set.
     blocks: [usize; 3],
     occupied: Vec<bool>,
     arch: Arch,
@@ -46,7 +46,7 @@ impl<T: Real> Medium<T> {
         Ok(Self { dims, values, blocks, occupied: vec![false; blocks.iter().product()], arch: Arch::new() })
     }
 
-    /// The index at which a row begins, its padding included.
+    /// Returns the index at which a row begins, its padding included.
     fn row(&self, y: usize, z: usize) -> usize {
         (self.dims[0] + 2 * LANES) * (y + self.dims[1] * z)
     }
@@ -62,7 +62,7 @@ impl<T: Real> Medium<T> {
         self.values[self.row(y, z) + LANES + x]
     }
 
-    /// Whether a block between two points is occupied, both points included; they may lie outside.
+    /// Returns whether any block between two points, both included, is occupied; the points may lie outside.
     fn is_occupied(&self, low: [i32; 3], high: [i32; 3]) -> bool {
         let range = |axis: usize| -> Range<usize> {
             let last = self.dims[axis] as i32 - 1;
@@ -86,13 +86,14 @@ impl<T: Real> Medium<T> {
     }
 }
 
-/// Rows of voxels side by side.
+/// Rows of voxels side by side whose light is to be found.
 pub(crate) struct ShadowBlock<'a> {
     /// The lattice point of the first voxel.
     pub(crate) start: [usize; 3],
     /// Number of rows along y.
     pub(crate) down: usize,
-    /// For each row, y before z, a bit for each voxel whose light is wanted; the lowest bit is the first voxel's.
+    /// A bit for each voxel whose light is wanted, in a number for each row, y before z; the lowest bit is the first
+    /// voxel's.
     pub(crate) wanted: &'a [u32],
 }
 
@@ -226,16 +227,16 @@ impl<T: Real> Ray<T> {
 
 /// The rays from voxels towards the lights.
 pub(crate) struct Caster<T> {
-    /// For each light, then for the ambient light.
+    /// The rays of each light, then of the ambient light.
     rays: [LightRays<T>; MAX_CASTING + 1],
     strength: f64,
 }
 
 /// The rays towards a light.
 enum LightRays<T> {
-    /// In the same directions from every voxel; none: the full light arrives.
+    /// Rays in the same directions from every voxel; none: the full light arrives.
     Along(Vec<Ray<T>>),
-    /// To a place.
+    /// Rays to a place.
     To(Converging),
 }
 
@@ -325,7 +326,7 @@ mod tests {
 
     const DIMS: [usize; 3] = [19, 14, 11];
 
-    /// A number from 0 to 1 of a lattice point, without order.
+    /// Returns a number from 0 to 1 for a lattice point, without order.
     fn noise(index: usize) -> f64 {
         ((index as f64 * 12.9898).sin() * 43_758.545_3).rem_euclid(1.0)
     }

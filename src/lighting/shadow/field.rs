@@ -18,14 +18,14 @@ pub(crate) const CLIPPED: f32 = 1e-30;
 
 /// Extinctions in a box, x fastest, with zeros at both ends of a row.
 pub(super) struct Field {
-    /// Voxels along x, y and z.
+    /// Numbers of voxels along x, y and z.
     pub(super) size: [usize; 3],
-    /// Zeros at either end of a row.
+    /// The number of zeros at either end of a row.
     pad: usize,
     values: Vec<f32>,
-    /// For each row, y before z: the columns between the first and the last that are not 0.
+    /// The columns between the first and the last that are not 0, for each row, y before z.
     filled: Vec<Range<u32>>,
-    /// For each row, a bit for each block of columns that are not all 0.
+    /// A bit for each block of columns that are not all 0, in a number for each row.
     blocks: Vec<u64>,
     spare: Arc<Spare>,
 }
@@ -36,15 +36,15 @@ pub(super) struct Shares {
     spare: Arc<Spare>,
 }
 
-/// Memory of fields and of light that were dropped, for the next ones: to get it from the system again costs as much as
-/// a sweep.
+/// The memory of dropped fields and light, kept for later ones: to get it from the system again costs as much as a
+/// sweep.
 #[derive(Default)]
 struct Spare {
     fields: Mutex<Vec<Vec<f32>>>,
     shares: Mutex<Vec<Vec<AtomicU16>>>,
 }
 
-/// As many zeros, in spare memory if there is some.
+/// Returns `count` zeros, in spare memory if there is enough.
 fn zeros<T: Zeroable + Send>(
     spare: &Mutex<Vec<Vec<T>>>,
     count: usize,
@@ -65,7 +65,7 @@ fn zeros<T: Zeroable + Send>(
     }
 }
 
-/// Keeps memory for the next ones.
+/// Returns the memory of `values` to the spare memory.
 fn give_back<T>(spare: &Mutex<Vec<Vec<T>>>, values: &mut Vec<T>) {
     spare.lock().unwrap_or_else(PoisonError::into_inner).push(std::mem::take(values));
 }
@@ -86,7 +86,7 @@ impl Drop for Shares {
 #[derive(Clone, Copy)]
 pub(super) struct Planes {
     pub(super) planes: usize,
-    /// Rows of a plane.
+    /// The number of rows of a plane.
     pub(super) rows: usize,
     pub(super) columns: usize,
     /// Whether the first rows of all planes come first, in place of all rows of the first plane.
@@ -94,7 +94,7 @@ pub(super) struct Planes {
 }
 
 impl Planes {
-    /// The planes of a box across y (1) or z (2).
+    /// Returns the planes of a box across y (1) or z (2).
     pub(super) fn across(axis: usize, [columns, ny, nz]: [usize; 3]) -> Self {
         if axis == 1 {
             Self { planes: ny, rows: nz, columns, is_inner: true }
@@ -103,12 +103,12 @@ impl Planes {
         }
     }
 
-    /// The number of a row of the field.
+    /// Returns the number in the field of a row of a plane.
     pub(super) fn row(&self, plane: usize, row: usize) -> usize {
         if self.is_inner { plane + row * self.planes } else { row + plane * self.rows }
     }
 
-    /// The plane and the row of a row of the field.
+    /// Returns the plane of a row of the field, and the row's number in it.
     fn place(&self, number: usize) -> [usize; 2] {
         if self.is_inner {
             [number % self.planes, number / self.planes]
@@ -117,14 +117,14 @@ impl Planes {
         }
     }
 
-    /// The number of the row that lies some planes and rows beside another one, if there is one.
+    /// Returns the number of the row that lies `planes` and `rows` beside a row, if there is one.
     pub(super) fn beside(&self, [plane, row]: [usize; 2], [planes, rows]: [i32; 2]) -> Option<usize> {
         let plane = plane.checked_add_signed(planes as isize).filter(|&plane| plane < self.planes)?;
         let row = row.checked_add_signed(rows as isize).filter(|&row| row < self.rows)?;
         Some(self.row(plane, row))
     }
 
-    /// Hands out the rows of an array, each with its number in the plane: by plane.
+    /// Splits an array into its rows, each with its number in the plane: plane by plane.
     pub(super) fn split<'a, T>(&self, values: &'a mut [T], pitch: usize) -> Vec<Vec<(usize, &'a mut [T])>> {
         let mut planes: Vec<Vec<(usize, &'a mut [T])>> = (0..self.planes).map(|_| Vec::new()).collect();
         for (number, row) in values.chunks_exact_mut(pitch).enumerate() {
@@ -136,7 +136,7 @@ impl Planes {
 }
 
 impl Field {
-    /// An empty field.
+    /// Allocates an empty field.
     ///
     /// # Errors
     /// [`Error::Memory`](crate::Error::Memory) if 4 bytes for each voxel cannot be allocated.
@@ -144,7 +144,7 @@ impl Field {
         Self::beside(&Arc::default(), size, pad)
     }
 
-    /// An empty field that shares spare memory with another one.
+    /// Allocates an empty field that shares spare memory with another one.
     fn beside(spare: &Arc<Spare>, size: [usize; 3], pad: usize) -> Result<Self> {
         let count = (size[0] + 2 * pad) * size[1] * size[2];
         let values = zeros(&spare.fields, count, || "the occluders of light".to_owned())?;
@@ -153,7 +153,7 @@ impl Field {
         Ok(Self { size, pad, values, filled, blocks, spare: Arc::clone(spare) })
     }
 
-    /// No light at any voxel.
+    /// Allocates shares without light at any voxel.
     pub(super) fn dark(&self) -> Result<Shares> {
         let what = || "the light in the volume".to_owned();
         let values = zeros(&self.spare.shares, self.size.iter().product(), what)?;
@@ -164,7 +164,7 @@ impl Field {
         self.size[0] + 2 * self.pad
     }
 
-    /// Lets `fill` write the rows, given their y and z, except for a margin around all.
+    /// Calls `fill` to write the rows, given their y and z, except for a margin around all.
     pub(super) fn fill(&mut self, margin: usize, fill: impl Fn([usize; 2], &mut [f32]) + Sync) {
         let ([nx, ny, nz], pitch, pad, block) = (self.size, self.pitch(), self.pad, self.block());
         let within = |n: usize, count: usize| n >= margin && n + margin < count;
@@ -181,18 +181,18 @@ impl Field {
         });
     }
 
-    /// The columns of a row that are not 0, and some between them.
+    /// Returns the columns of a row between the first and the last that are not 0.
     pub(super) fn filled(&self, row: usize) -> Range<usize> {
         let Range { start, end } = self.filled[row];
         start as usize..end as usize
     }
 
-    /// Columns of a block.
+    /// Returns the number of columns of a block.
     fn block(&self) -> usize {
         self.size[0].div_ceil(64).max(LANES)
     }
 
-    /// Runs of blocks of columns that are not all 0 in some rows, the first of them first.
+    /// Returns the runs of blocks of columns that are not all 0 in some of `rows`, in ascending order.
     pub(super) fn runs(&self, rows: impl Iterator<Item = usize>) -> impl Iterator<Item = Range<usize>> {
         let (block, columns) = (self.block(), self.size[0]);
         let mut bits = rows.fold(0, |bits, row| bits | self.blocks[row]);
@@ -204,15 +204,15 @@ impl Field {
         })
     }
 
-    /// A row from a column on, which may lie outside by the padding.
+    /// Returns a row from a column on, which may lie outside by the padding.
     pub(super) fn from(&self, row: usize, column: isize) -> &[f32] {
         let start = (row * self.pitch() + self.pad).wrapping_add_signed(column);
         &self.values[start..(row + 1) * self.pitch()]
     }
 
-    /// The field with x and z changed for y and x: rows along y, in planes across x.
+    /// Returns the field with y, z and x in place of x, y and z: rows along y, in planes across x.
     pub(super) fn turned(&self) -> Result<Self> {
-        /// Planes that are read together, from one cache line.
+        /// The number of planes that are read together, from one cache line.
         const TOGETHER: usize = 16;
         let [nx, ny, nz] = self.size;
         let mut turned = Self::beside(&self.spare, [ny, nz, nx], self.pad)?;
@@ -243,7 +243,7 @@ impl Field {
         Ok(turned)
     }
 
-    /// The field filtered with symmetric weights, the middle one first: across planes, and within planes along both
+    /// Filters the field with symmetric weights, the middle one first: across planes, and within planes along both
     /// axes.
     pub(super) fn filtered(&self, planes: Planes, [across, within]: [&[f32]; 2]) -> Result<Self> {
         let mut filtered = Self::beside(&self.spare, self.size, self.pad)?;
@@ -310,19 +310,19 @@ impl Field {
     }
 }
 
-/// A bit for each block of a row that is not all 0.
+/// Returns a bit for each block of a row: 1 unless the block is all 0.
 fn bits(row: &[f32], block: usize) -> u64 {
     // A sum has no branches, so it is a vector.
     let is_filled = |block: &[f32]| block.iter().map(|value| u32::from(*value != 0.0)).sum::<u32>() > 0;
     row.chunks(block).enumerate().fold(0, |bits, (i, block)| bits | u64::from(is_filled(block)) << i)
 }
 
-/// Adds a weighted row to another.
+/// Adds a row times `weight` to a sum.
 fn add(sum: &mut [f32], row: &[f32], weight: f32) {
     sum.iter_mut().zip(row).for_each(|(sum, value)| *sum += weight * value);
 }
 
-/// The smallest range that holds two ranges.
+/// Returns the smallest range that contains two ranges.
 pub(super) fn hull(a: Range<usize>, b: Range<usize>) -> Range<usize> {
     match (a.is_empty(), b.is_empty()) {
         (true, _) => b,
@@ -331,9 +331,9 @@ pub(super) fn hull(a: Range<usize>, b: Range<usize>) -> Range<usize> {
     }
 }
 
-/// Adds planes across x, of rows along y, to rows along x, as [`Field::turned`] turned them.
+/// Adds planes across x, with rows along y as [`Field::turned`] makes them, to rows along x.
 pub(super) fn turned_back(turned: &[AtomicU16], [nx, ny, nz]: [usize; 3], out: &[AtomicU16]) {
-    /// Rows that are written together.
+    /// The number of rows that are written together.
     const TOGETHER: usize = 32;
     out.par_chunks(nx * ny).enumerate().for_each(|(z, plane)| {
         for first in (0..ny).step_by(TOGETHER) {

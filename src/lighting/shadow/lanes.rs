@@ -6,15 +6,15 @@ use pulp::Simd;
 
 use super::DARK;
 
-/// Vectors that are summed together: as many as hide the time that a sum takes.
+/// The number of vectors that are summed together: enough to hide the latency of a sum.
 const VECTORS: usize = 4;
 
-/// A number of each of some voxels of a row.
+/// A number for each of several voxels of a row.
 #[derive(Clone, Copy)]
 pub(super) struct Lanes<S: Simd>([S::f32s; VECTORS]);
 
 impl<S: Simd> Lanes<S> {
-    /// The number of voxels.
+    /// The number of voxels side by side.
     pub(super) const COUNT: usize = VECTORS * S::F32_LANES;
 
     #[inline(always)]
@@ -22,7 +22,7 @@ impl<S: Simd> Lanes<S> {
         Self([simd.splat_f32s(value); VECTORS])
     }
 
-    /// The first numbers of a slice, which has as many.
+    /// Loads the first [`Self::COUNT`] numbers of a slice.
     #[inline(always)]
     pub(super) fn load(values: &[f32]) -> Self {
         let (vectors, _) = S::as_simd_f32s(&values[..Self::COUNT]);
@@ -35,7 +35,7 @@ impl<S: Simd> Lanes<S> {
         vectors.copy_from_slice(&self.0);
     }
 
-    /// These numbers and others times a factor. Products are rounded, so the sums are the same on every machine.
+    /// Adds other numbers times a factor. Products are rounded, so the sums are the same on every machine.
     #[inline(always)]
     pub(super) fn plus(mut self, simd: S, factor: f32, others: Self) -> Self {
         let factor = simd.splat_f32s(factor);
@@ -54,7 +54,7 @@ impl<S: Simd> Lanes<S> {
         self
     }
 
-    /// exp(-x) for x from 0 to [`DARK`], to 3e-4: the 16th power of a series.
+    /// Returns exp(-x) for x from 0 to [`DARK`], to 3e-4: the 16th power of a series.
     #[inline(always)]
     pub(super) fn transmitted(mut self, simd: S) -> Self {
         let (zero, dark) = (simd.splat_f32s(0.0), simd.splat_f32s(DARK as f32));

@@ -8,7 +8,7 @@ use super::sweep::{Direction, NearPlace, Pyramid, parallel_planes};
 use super::{Bundle, LightRays, LitBox, ShadowLattice, around, axes_across, strict_across};
 use crate::lighting::Casting;
 
-/// Rows and terms of [`LightPlans::table`].
+/// The numbers of rows and terms of [`LightPlans::table`].
 #[cfg(test)]
 pub(crate) const TABLE: [u32; 2] = [super::response::ROWS, super::response::TERMS];
 
@@ -20,9 +20,9 @@ pub(crate) struct LightPlans {
 
 /// The stages that find a light.
 pub(crate) enum LightPlan {
-    /// All light arrives everywhere.
+    /// No stages, because all light arrives everywhere.
     Full,
-    /// Sweeps along directions, whose light is added.
+    /// Sweeps along directions, whose light is added up.
     Parallel(Vec<SweepPlan>),
     /// Sweeps towards a place, each for other voxels.
     Converging(Vec<ConvergingPlan>),
@@ -36,14 +36,15 @@ pub(crate) struct SweepPlan {
     pub(crate) axes: [usize; 3],
     /// Whether the light lies at the end of the last plane.
     pub(crate) ahead: bool,
-    /// The nearest planes, which are not taken from the sweep.
+    /// The number of nearest planes that are not taken from the sweep.
     pub(crate) near: usize,
     /// The weights of neighbours.
     pub(crate) stencil: Stencil,
-    /// For each plane, the nearest to the light first, the places of its first row and column among the rays of each
-    /// direction: whole parts and fractions.
+    /// The places of each plane's first row and column among the rays of each direction, the plane nearest to the light
+    /// first: whole parts and fractions.
     pub(crate) places: Vec<Vec<[(i64, f32); 2]>>,
-    /// For each direction the factor of sums of planes, the factor of all, and the light that an unshadowed voxel gets.
+    /// The factor of sums of planes, the factor of all, and the light that an unshadowed voxel gets, for each
+    /// direction.
     pub(crate) factors: Vec<[f32; 3]>,
 }
 
@@ -53,85 +54,85 @@ pub(crate) struct ConvergingPlan {
     pub(crate) axes: [usize; 3],
     /// Whether the place lies towards the end of the last plane.
     pub(crate) ahead: bool,
-    /// The planes from the end of the light on that rays do not pass.
+    /// The number of planes, from the end of the light on, that rays do not pass.
     pub(crate) skipped: usize,
-    /// Rows and columns of rays.
+    /// The numbers of rows and columns of rays.
     pub(crate) size: [usize; 2],
-    /// The place, in planes, rows and columns of the box.
+    /// The place of the light, in planes, rows and columns of the box.
     pub(crate) place: [f32; 3],
-    /// The world vectors of a step to the next plane, row and column, in the unit that extinctions are per.
+    /// The world vectors of a step to the next plane, row and column, in the unit of extinctions.
     pub(crate) to_world: [[f32; 3]; 3],
     /// Whether rays that run as much along rows, or columns, as along planes are left to another axis.
     pub(crate) strict: [bool; 2],
-    /// The row and the column from which places are counted, near the light: numbers stay small.
+    /// The row and the column near the light from which places are counted, so that numbers stay small.
     pub(crate) origin: [f32; 2],
-    /// For each plane from the light: the factor of distances from `origin` among the rays, the row and the column of
-    /// `origin` among the rays, and the weight of the plane; then the distance of rays in the plane, the row and the
-    /// column of the first ray from `origin`, and 0.
+    /// The maps of each plane from the light on: the factor of distances from `origin` among the rays, the row and the
+    /// column of `origin` among the rays, and the weight of the plane; then the distance of rays in the plane, the row
+    /// and the column of the first ray from `origin`, and 0.
     pub(crate) planes: Vec<[[f32; 4]; 2]>,
 }
 
 /// The stencils of rays to a place.
 pub(crate) struct NearPlan {
-    /// Slopes from 0 to 1: of rows 0 to 1, of columns -1 to 1.
+    /// The number of steps of slopes from 0 to 1: slopes of rows are 0 to 1, of columns -1 to 1.
     pub(crate) steps: usize,
-    /// Voxels fewer planes than this from the place add up sections of kernels.
+    /// The number of planes from the place within which voxels add up sections of kernels.
     pub(crate) direct: f32,
-    /// All stencils, one after the other.
+    /// The rows and weights of all stencils, one after the other.
     pub(crate) stencil: Stencil,
-    /// For each stencil, and once more at the end, the first row and the first weight.
+    /// The first row and the first weight of each stencil, and once more at the end.
     pub(crate) firsts: Vec<[u32; 2]>,
 }
 
-/// Weights of neighbours, row by row.
+/// The weights of a voxel's neighbours, row by row.
 pub(crate) struct Stencil {
-    /// Planes towards the light, rows, the first column, and the number of weights.
+    /// The planes towards the light, the rows, the first column and the number of weights of each row of neighbours.
     pub(crate) rows: Vec<[i32; 4]>,
     pub(crate) weights: Vec<f32>,
 }
 
-/// Weighted sums along rays.
+/// Weighted sums along the rays to neighbours.
 pub(crate) struct AroundPlan {
     /// The weights of the filter of the field, along each axis.
     pub(crate) filter: Vec<f32>,
-    /// For each ray the step to its next point along x, y and z, and the number of points.
+    /// The step to the next point of each ray along x, y and z, and the number of points.
     pub(crate) rays: Vec<[i32; 4]>,
-    /// For each ray the factor of its light.
+    /// The factor of each ray's light.
     pub(crate) shares: Vec<f32>,
     /// The weights of the points, ray after ray.
     pub(crate) weights: Vec<f32>,
 }
 
 impl LightPlans {
-    /// Plans for a box of voxels of a lattice: its first lattice point, and its size. `None` if all kernels on each ray
-    /// are summed, which only the host does.
+    /// Plans lights on a box of voxels of a lattice, given by its first lattice point and its size. `None` if all
+    /// kernels on each ray are summed, which only the host does.
     pub(crate) fn new(casting: &Casting, lattice: &ShadowLattice, bounds: [[usize; 3]; 2]) -> Option<Self> {
         let mut lit = LitBox::new(casting, lattice, bounds);
         let response = lit.response.take()?;
         Some(Self { lit, response })
     }
 
-    /// The first lattice point of the box with the voxels around it whose kernels absorb light too.
+    /// Returns the first lattice point of the box with the voxels around it whose kernels absorb light too.
     pub(crate) fn low(&self) -> [i64; 3] {
         self.lit.low
     }
 
-    /// The size of that box.
+    /// Returns the size of the box with the voxels around it whose kernels absorb light too.
     pub(crate) fn dims(&self) -> [usize; 3] {
         self.lit.lattice.dims
     }
 
-    /// The weights of the filters of sweeps across planes and within planes, the middle one first.
+    /// Returns the weights of the filters of sweeps across planes and within planes, the middle one first.
     pub(crate) fn filters(&self) -> [Vec<f32>; 2] {
         [&self.response.across, &self.response.within].map(|weights| weights.iter().map(|&w| w as f32).collect())
     }
 
-    /// The factor of the shadows of a light.
+    /// Returns the factor of the shadows of a light.
     pub(crate) fn strength(&self, light: usize) -> f32 {
         self.lit.strength(light)
     }
 
-    /// The plan of a light, of the ambient light for [`MAX_CASTING`](super::MAX_CASTING).
+    /// Returns the plan of a light, or for [`MAX_CASTING`](super::MAX_CASTING) of the ambient light.
     pub(crate) fn light(&self, light: usize) -> LightPlan {
         match self.lit.rays(light) {
             None => LightPlan::Full,
@@ -165,7 +166,7 @@ impl LightPlans {
         }
     }
 
-    /// The sweep across an axis to a lattice point of the box; `None`: its rays pass no voxel.
+    /// Plans the sweep across an axis to a lattice point of the box; `None`: its rays pass no voxel.
     fn converging(&self, place: DVec3, axis: usize, ahead: bool) -> Option<ConvergingPlan> {
         let lattice = &self.lit.lattice;
         let axes = axes_across(axis);
@@ -197,27 +198,27 @@ impl LightPlans {
         })
     }
 
-    /// The nearest planes to a voxel that are not taken from sweeps to a place.
+    /// Returns the number of nearest planes to a voxel that are not taken from sweeps to a place.
     pub(crate) fn near_planes(&self) -> usize {
         Response::planes(self.lit.bias(), 1.0)
     }
 
-    /// The bias in voxels of the lattice.
+    /// Returns the shadow bias in voxels of the lattice.
     pub(crate) fn bias(&self) -> f32 {
         self.lit.bias() as f32
     }
 
-    /// The radius of kernels, their integral in units of the divisor, and the inverse of the divisor.
+    /// Returns the radius of kernels, their integral in units of the divisor, and the inverse of the divisor.
     pub(crate) fn kernel(&self) -> [f32; 3] {
         [self.response.radius(), self.response.integral, self.response.divisor.recip()].map(|v| v as f32)
     }
 
-    /// The coefficients of the sections of kernels.
+    /// Returns the coefficients of the sections of kernels.
     pub(crate) fn table(&self) -> &[f32] {
         self.response.table.coefficients()
     }
 
-    /// The stencils of rays to a place: the same for the same [`Self::near_key`].
+    /// Returns the stencils of rays to a place, which are equal for equal [`Self::near_key`]s.
     pub(crate) fn near_place(&self) -> NearPlan {
         let near = NearPlace::new(&self.response, self.lit.bias());
         let mut firsts = vec![[0; 2]];
@@ -230,7 +231,7 @@ impl LightPlans {
         NearPlan { steps: near.steps, direct: near.direct as f32, stencil, firsts }
     }
 
-    /// The kernel, the divisor and the bias.
+    /// Returns a text of the kernel, the divisor and the bias, on which [`Self::near_place`] depends.
     pub(crate) fn near_key(&self) -> String {
         format!("{:?} {} {}", self.lit.lattice.kernel, self.response.divisor, self.lit.bias())
     }
@@ -260,7 +261,7 @@ impl Stencil {
 }
 
 impl AroundPlan {
-    /// The most planes between a voxel and a point of its rays.
+    /// Returns the largest number of planes between a voxel and a point of its rays.
     pub(crate) fn halo(&self) -> usize {
         self.rays.iter().fold(0, |most, ray| most.max(ray[3].max(1) - 1)) as usize
     }

@@ -3,15 +3,15 @@
 use crate::kernel::{FootprintTable, Kernel};
 use glam::DVec3;
 
-/// The rows of the table of footprints, and their terms: its error is below 1e-5 of a footprint's peak for kernels that
-/// sweeps serve.
+/// The number of rows of the table of footprints. With [`TERMS`] terms its error is below 1e-5 of a footprint's peak
+/// for kernels that sweeps serve.
 pub(super) const ROWS: u32 = 512;
 pub(super) const TERMS: u32 = 12;
 
-/// Weights of a stencil below this share of the integral of a kernel are left out.
+/// The share of the integral of a kernel below which weights of a stencil are left out.
 const FAINT: f64 = 2e-3;
 
-/// Samples of a voxel of [`Response::within`].
+/// The number of samples per voxel of [`Response::within`].
 const SAMPLES: usize = 64;
 
 /// The variance of the quadratic B-spline by which sweeps read planes.
@@ -28,27 +28,27 @@ pub(super) struct Response {
     pub(super) divisor: f64,
     /// The integral of a kernel in units of the divisor.
     pub(super) integral: f64,
-    /// Weights of the filter across planes and within planes, the middle one first.
+    /// The weights of the filter across planes, and in `within` of the filter within planes, the middle one first.
     pub(super) across: Vec<f64>,
     pub(super) within: Vec<f64>,
     /// The response within a plane along one axis, at distances of 1/64 of a voxel from 0 on.
     response: Vec<f64>,
 }
 
-/// Weights of neighbours in one row of the lattice, from a voxel that is lit.
+/// The weights of neighbours in one row of the lattice, counted from the lit voxel.
 pub(super) struct StencilRow {
-    /// Planes towards the light, and rows.
+    /// The number of planes towards the light, and of rows, from the lit voxel.
     pub(super) offset: [i32; 2],
-    /// The first column.
+    /// The first column, counted from the lit voxel.
     pub(super) column: i32,
     pub(super) weights: Vec<f32>,
 }
 
-/// The largest variance of a filter of three weights none of which is negative and of which the middle one is the
-/// largest.
+/// The largest variance of a filter of three weights that are not negative, with the largest in the middle.
 const WIDEST: f64 = 2.0 / 3.0;
 
-/// Symmetric weights of a variance (voxels^2), the middle one first: filters of three weights, one after the other.
+/// Returns symmetric weights of a variance (voxels^2), the middle one first: filters of three weights, one after the
+/// other.
 pub(super) fn filter(variance: f64) -> Vec<f64> {
     let times = (variance / WIDEST).ceil().max(1.0);
     let (side, middle) = (variance / times / 2.0, 1.0 - variance / times);
@@ -60,27 +60,27 @@ pub(super) fn filter(variance: f64) -> Vec<f64> {
     weights
 }
 
-/// The quadratic B-spline.
+/// Returns the quadratic B-spline.
 fn spline(x: f64) -> f64 {
     let x = x.abs();
     if x < 0.5 { 0.75 - x * x } else { 0.5 * (1.5 - x).max(0.0).powi(2) }
 }
 
-/// The weights of a quadratic B-spline for the nearest point and its neighbours, given the place relative to it, -1/2
-/// to 1/2.
+/// Returns the weights of a quadratic B-spline for the nearest point and its neighbours, given the place relative to
+/// it, -1/2 to 1/2.
 pub(super) fn spline_weights(x: f32) -> [f32; 3] {
     [0.5 * (0.5 - x) * (0.5 - x), 0.75 - x * x, 0.5 * (0.5 + x) * (0.5 + x)]
 }
 
-/// The weights of the Catmull-Rom spline (Catmull and Rom 1974, "A class of local interpolating splines") for the two
-/// points on either side of a place, given its distance from the second, 0 to 1.
+/// Returns the weights of the Catmull-Rom spline (Catmull and Rom 1974, "A class of local interpolating splines") for
+/// the two points on either side of a place, given its distance from the second, 0 to 1.
 pub(super) fn catmull_rom(f: f32) -> [f32; 4] {
     let (f2, f3) = (f * f, f * f * f);
     [-0.5 * f + f2 - 0.5 * f3, 1.0 - 2.5 * f2 + 1.5 * f3, 0.5 * f + 2.0 * f2 - 1.5 * f3, -0.5 * f2 + 0.5 * f3]
 }
 
 impl Response {
-    /// The response for sums of kernels with a divisor; `None` if the kernel is narrower than a sweep can be.
+    /// Returns the response for sums of kernels with a divisor; `None` if the kernel is narrower than a sweep can be.
     pub(super) fn new(kernel: &Kernel, divisor: f64) -> Option<Self> {
         let variance = kernel.variance();
         if variance < SPLINE_VARIANCE {
@@ -117,7 +117,7 @@ impl Response {
         Some(Self { kernel: *kernel, table, divisor, integral: kernel.integral() / divisor, across, within, response })
     }
 
-    /// Voxels by which the filters widen a field.
+    /// Returns the number of voxels by which the filters widen a field.
     pub(super) fn margin(&self) -> usize {
         self.across.len().max(self.within.len()) - 1
     }
@@ -126,23 +126,23 @@ impl Response {
         self.kernel.radius()
     }
 
-    /// The least number of planes from a voxel beyond which sweeps serve, given the bias in voxels.
+    /// Returns the least number of planes from a voxel beyond which sweeps serve, given the bias in voxels.
     pub(super) fn planes(bias: f64, length: f64) -> usize {
         (bias / length).round() as usize + 1
     }
 
-    /// The most rows or columns between a voxel and its neighbours in a stencil.
+    /// Returns the largest number of rows or columns between a voxel and its neighbours in a stencil.
     pub(super) fn reach(&self, bias: f64) -> usize {
         let planes = Self::planes(bias, 1.0) + self.across.len();
         planes + (3.0_f64.sqrt() * self.kernel.radius()).ceil() as usize + self.within.len() + 4
     }
 
-    /// The most columns beyond a row that stencils read, given the bias in voxels.
+    /// Returns the largest number of columns beyond a row that stencils read, given the bias in voxels.
     pub(super) fn pad(&self, bias: f64) -> usize {
         self.reach(bias) + (3.0 * self.kernel.radius()).ceil() as usize + 2
     }
 
-    /// The response within a plane at a distance along one axis.
+    /// Returns the response within a plane at a distance along one axis.
     fn within(&self, y: f64) -> f64 {
         let at = y.abs() * SAMPLES as f64;
         let (below, part) = (at as usize, at.fract());
@@ -150,15 +150,15 @@ impl Response {
         value(below) + part * (value(below + 1) - value(below))
     }
 
-    /// The section of a kernel along the ray from a lattice point in the unit direction `along` between two distances,
-    /// in units of the divisor, given the offset of the kernel.
+    /// Returns the section of a kernel along the ray from a lattice point in the unit direction `along` between two
+    /// distances, in units of the divisor, given the offset of the kernel.
     pub(super) fn section(&self, offset: DVec3, along: DVec3, between: [f64; 2]) -> f64 {
         let t = offset.dot(along);
         let r2 = offset.length_squared() - t * t;
         self.table.section(self.kernel.radius(), r2, between[0] - t, between[1] - t) / self.divisor
     }
 
-    /// The weights of the voxels near a voxel that is lit: the section of each kernel between two distances, less the
+    /// Returns the weights of the voxels near a lit voxel: the section of each kernel between two distances, less the
     /// response of a sweep that adds up the planes beyond `far`; `None`: no sweep. `slopes` are rows and columns a
     /// plane towards the light.
     pub(super) fn stencil(&self, slopes: [f64; 2], between: [f64; 2], far: Option<usize>) -> Vec<StencilRow> {

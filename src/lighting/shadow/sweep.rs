@@ -5,8 +5,8 @@
 //! its place in the buffer: each plane of the volume is read into the buffer once, and the buffer is read at the voxels
 //! of a plane once. Nothing diffuses from plane to plane, as in sweeps that resample the sum (Kniss et al. 2003). The
 //! depth of a voxel is the sum of the planes beyond the nearest few, and an exact sum over its neighbours less the
-//! response of the sweep to them ([`Response`]). A voxel costs 15 multiply-adds and those of its neighbours, wherever
-//! it lies.
+//! response of the sweep to them ([`Response`]). A voxel costs 15 multiply-adds and the multiply-adds of its
+//! neighbours, wherever it lies.
 
 mod buffer;
 mod converging;
@@ -27,26 +27,26 @@ use crate::error::Result;
 pub(super) use self::converging::{Converging, NearPlace, Pyramid};
 pub(super) use self::parallel::{Direction, parallel_planes};
 
-/// Rows of a band.
+/// The number of rows of a band.
 const BAND: usize = 32;
 
 /// The optical depth beyond which the neighbours of a vector of voxels do not count: about 1 of 255 of the light
 /// arrives at most, at all of them. Shaders decide for each voxel, by a larger FAINT.
 const FAINT: f32 = 5.5;
 
-/// Places of the buffer beyond those that are read.
+/// The number of places of the buffer beyond the places that are read.
 const MARGIN: f64 = 4.0;
 
 /// The extinctions of a box, ready for sweeps across an axis.
 pub(super) struct Swept<'a> {
     pub(super) field: &'a Field,
     pub(super) planes: Planes,
-    /// The field as [`filtered`] filters it.
+    /// The field, filtered by [`filtered`].
     pub(super) filtered: &'a Field,
     pub(super) response: &'a Response,
 }
 
-/// The places of a plane's rows, or columns, in the buffer, and of the buffer's in the plane: factor and summand.
+/// The map between the rows, or columns, of a plane and places of the buffer, in both directions: factor and summand.
 #[derive(Clone, Copy)]
 pub(super) struct Map {
     pub(super) into: [f64; 2],
@@ -55,15 +55,15 @@ pub(super) struct Map {
 
 /// Rays of one direction, or to one place.
 struct Rays {
-    /// Whether they are parallel: columns are then only shifted in the buffer, by shifts of whole 65536ths.
+    /// Whether rays are parallel: columns are then only shifted in the buffer, by shifts of whole 65536ths.
     is_sheared: bool,
-    /// Places of a row of the buffer.
+    /// The number of places of a row of the buffer.
     width: usize,
-    /// For each plane, the nearest to the light first: of rows, and of columns.
+    /// The maps of the rows and the columns of each plane, the nearest to the light first.
     maps: Vec<[Map; 2]>,
     /// The weight of each plane.
     weights: Vec<f32>,
-    /// For each plane, the distance of rows' places from those by which they are handed to bands.
+    /// The distance, for each plane, of rows' places from the places by which rows are handed to bands.
     drifts: Vec<f64>,
 }
 
@@ -72,21 +72,21 @@ struct Sweep<'a, L> {
     swept: &'a Swept<'a>,
     /// Whether the light lies at the end of the last plane.
     ahead: bool,
-    /// The nearest planes, which are not taken from the sweep.
+    /// The number of nearest planes that are not taken from the sweep.
     near: usize,
     rays: Vec<Rays>,
-    /// The rows' places by which they are handed to bands, for each plane, and how many there are.
+    /// The places by which rows are handed to bands, for each plane, and the number of places.
     places: (Vec<Map>, usize),
     light: L,
 }
 
-/// What becomes of the sums of planes.
+/// The conversion of sums of planes to light at voxels.
 trait Light: Sync {
-    /// The columns of a row that this light reaches.
+    /// Returns the columns of a row that the light reaches.
     fn within(&self, columns: Range<usize>, at: [usize; 2]) -> Range<usize>;
 
-    /// Takes the light that arrives at some columns of a row of the planes, given a row of sums of planes for each of
-    /// the rays, to the voxels of the row.
+    /// Stores the light that arrives at some columns of a row of the planes, given a row of sums of planes for each of
+    /// the rays, at the voxels of the row.
     fn arrive<S: pulp::Simd>(
         &self,
         simd: S,
@@ -97,7 +97,7 @@ trait Light: Sync {
     );
 }
 
-/// The field that sweeps add up.
+/// Filters a field for sweeps, which add it up.
 pub(super) fn filtered(field: &Field, planes: Planes, response: &Response) -> Result<Field> {
     let weights = [&response.across, &response.within].map(|w| w.iter().map(|&w| w as f32).collect::<Vec<_>>());
     field.filtered(planes, [&weights[0], &weights[1]])
@@ -113,15 +113,15 @@ impl<L: Light> Sweep<'_, L> {
         });
     }
 
-    /// The plane of a number, counted from the light.
+    /// Returns the plane with a number counted from the light.
     fn plane(&self, number: usize) -> usize {
         let skipped = self.swept.planes.planes - self.places.0.len();
         if self.ahead { self.swept.planes.planes - 1 - skipped - number } else { skipped + number }
     }
 }
 
-/// Rows that are lit together, [`BAND`] in each plane, beside each other along the rays, so that their buffers stay in
-/// a cache. A type so that the sweep is compiled for the widest vectors of the machine.
+/// A band: rows that are lit together, [`BAND`] in each plane, beside each other along the rays, so that their buffers
+/// stay in a cache. A type so that the sweep is compiled for the widest vectors of the machine.
 struct Band<'a, L> {
     sweep: &'a Sweep<'a, L>,
     /// The first place of the band.
@@ -131,10 +131,10 @@ struct Band<'a, L> {
     out: &'a [AtomicU16],
 }
 
-/// Memory of a band.
+/// The memory of a band.
 #[derive(Default)]
 struct Scratch {
-    /// For each of the rays.
+    /// The buffers of all rays.
     buffers: Vec<Buffer>,
     sums: Vec<Vec<f32>>,
 }
@@ -185,7 +185,7 @@ impl<L: Light> pulp::WithSimd for Band<'_, L> {
     }
 }
 
-/// The whole number nearest to a number of 0 to 65535.
+/// Rounds a number from 0 to 65535 to the nearest whole number.
 #[inline(always)]
 pub(super) fn nearest(value: f32) -> u16 {
     (value + 8_388_608.0).to_bits() as u16

@@ -28,18 +28,19 @@ pub(super) struct Consumer {
 pub(super) struct Bound<'a> {
     consumer: &'a Consumer,
     steps: Steps,
-    /// `None`: a brick keeps its frame.
+    /// The bindings that make the frame a picture; `None`: a brick keeps its frame.
     resolve: Option<wgpu::BindGroup>,
     workgroups: [u32; 2],
 }
 
 /// The bindings of the stage that reads sheets.
 struct Steps {
-    /// Parameters of each step: one for each batch, and one more if a sheet of the last batch waits for its neighbour.
+    /// The parameters of each step: one for each batch, and one more if a sheet of the last batch waits for its
+    /// neighbour.
     uniforms: DynamicUniforms,
     /// The pixels that each step reaches.
     areas: Vec<Area>,
-    /// For even and for odd batches.
+    /// The bindings for even and for odd batches.
     groups: [wgpu::BindGroup; 2],
 }
 
@@ -66,7 +67,8 @@ impl Consumer {
         Self { feed, sheets_per_pass: key.sheets_per_pass, sheets, resolve }
     }
 
-    /// Binds the sheets and the pixels of a region. `reached` are the pixels of each batch, none if it has no splats.
+    /// Binds the sheets and the pixels of a region. `reached` has the pixels that each batch reaches; it is empty for a
+    /// batch without splats.
     pub(super) fn bind(
         &self,
         context: &Context,

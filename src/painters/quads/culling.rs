@@ -1,4 +1,4 @@
-//! The bricks that a picture can show, and the pixels that they reach.
+//! The bricks that a picture may show, and the pixels that they reach.
 
 use std::ops::Range;
 
@@ -13,7 +13,7 @@ use crate::image::Region;
 use crate::splats::brick::BrickSplats;
 
 impl Plan<'_> {
-    /// The splats of a store whose bricks reach into a region, as runs of consecutive splats.
+    /// Returns the splats of a store whose bricks reach into a region, as runs of consecutive splats.
     pub(crate) fn in_view(&self, store: &Store, region: Region) -> Vec<Range<u32>> {
         let mut runs: Vec<Range<u32>> = Vec::new();
         for (_, next) in self.bricks_in_view(std::slice::from_ref(store), region) {
@@ -25,7 +25,7 @@ impl Plan<'_> {
         runs
     }
 
-    /// For each batch of sheets, the pixels of a region that its splats can touch; the others are empty.
+    /// Returns the pixels of a region that the splats of each batch of sheets can touch; all other pixels stay empty.
     pub(crate) fn covered(&self, stores: &[Store], region: Region, sheets_per_batch: u32) -> Vec<Area> {
         let extent = [region.width, region.height];
         let whole = Area { low: [0, 0], high: extent };
@@ -67,7 +67,7 @@ impl Plan<'_> {
         areas
     }
 
-    /// About how many pixels quads cover in a region, over all batches of sheets.
+    /// Estimates the number of pixels that quads cover in a region, over all batches of sheets.
     pub(crate) fn fragments(&self, stores: &[Store], region: Region, sheets_per_batch: u32) -> f64 {
         let view = self.view;
         let (scale, _) = view.camera.pixels();
@@ -90,7 +90,7 @@ impl Plan<'_> {
         fragments.sum()
     }
 
-    /// The bricks whose kernels reach into a region, and their splats in their store.
+    /// Returns the bricks whose kernels reach into a region, with the numbers of their splats in their store.
     fn bricks_in_view<'s>(
         &self,
         stores: &'s [Store],
@@ -105,7 +105,7 @@ impl Plan<'_> {
         })
     }
 
-    /// The planes that bound the space that a region shows.
+    /// Returns the planes that bound the space that a region shows.
     fn sides(&self, region: Region) -> Vec<Side> {
         if !self.view.savings.view {
             return Vec::new();
@@ -117,14 +117,14 @@ impl Plan<'_> {
         sides
     }
 
-    /// The middle of the box around a brick's splats, from the middle of the lattice.
+    /// Returns the middle of the box around a brick's splats, from the middle of the lattice.
     fn center(&self, brick: &BrickSplats) -> DVec3 {
         let [low, high] = brick.bounds.map(|point| DVec3::from_array(point.map(f64::from)));
         let lattice = DVec3::from_array(self.view.grid.dims().map(f64::from)) + f64::from(2 * self.padding);
         (low + high - lattice) / 2.0 + self.view.first()
     }
 
-    /// Half the range of the linear function `gradient . x` over the kernels of a brick's splats.
+    /// Returns half the range of the linear function `gradient . x` over the kernels of a brick's splats.
     fn half_range(&self, brick: &BrickSplats, gradient: DVec3) -> f64 {
         let [low, high] = brick.bounds.map(|point| DVec3::from_array(point.map(f64::from)));
         gradient.abs().dot((high - low - 1.0) / 2.0) + self.view.max_radius() * gradient.length()

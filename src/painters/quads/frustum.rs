@@ -4,7 +4,7 @@ use crate::camera::clip::{Side, corners};
 use crate::gpu::view::ViewGeometry;
 use crate::image::Region;
 
-/// The planes that bound the space that a region shows.
+/// Returns the planes that bound the space that a region shows.
 pub(super) fn sides(view: &ViewGeometry, region: Region) -> Vec<Side> {
     let (scale, origin) = view.camera.pixels();
     let plane = |axis: usize, pixel: f64| origin[axis] + pixel * scale[axis];
@@ -26,8 +26,8 @@ pub(super) fn sides(view: &ViewGeometry, region: Region) -> Vec<Side> {
     sides
 }
 
-/// The least and the largest view depth of the part of a volume that the picture shows; `None` if there is no such
-/// part.
+/// Returns the least and the largest view depth of the part of a volume that the picture shows; `None` if there is no
+/// such part.
 pub(super) fn visible_depths(view: &ViewGeometry) -> Option<[f64; 2]> {
     let [width, height] = view.camera.size;
     let mut planes = sides(view, Region { x: 0, y: 0, width, height });

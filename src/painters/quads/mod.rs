@@ -1,5 +1,53 @@
 //! The painter `quads`: each batch of sheets is one render pass of instanced quads that feed all of its sheets at once,
 //! followed by compute passes that bring its sheets into the frame.
+//!
+//! # Sheets
+//!
+//! Sheets are parallel to the image, and `sheet_thickness` voxels thick along the central ray. They are thinner for
+//! oblique rays of a wide field of view and for post-shaded narrow kernels (`thickness` in `plan.rs`). A *batch* is the
+//! sheets that one pass feeds. Splats are sorted by batch, so a batch is one range of instances. The planes between
+//! sheets cut each kernel, and each fragment adds the section of the kernel in each sheet, as optical depth. The depths
+//! of all sheets add up to the depth of whole footprints: alpha is exact for every thickness. The error of colours
+//! comes from the order of matter within a sheet, and falls as the square of the thickness.
+//!
+//! # Stages
+//!
+//! - `sort` (`sort.rs`) sorts splats by batch of sheets: a stable counting sort without atomics.
+//! - `terminate` (`terminate.rs`) finds opaque tiles of the frame, and the splats of a batch that these tiles hide.
+//! - `splat` (`splat.rs`) draws instanced quads: a fragment adds the sections of its kernel to all sheets of the batch.
+//! - `composite` (`composite.rs`) composites the sheets of a batch into the frame, front to back.
+//! - `shade` (`composite.rs`, its steps in `shade.rs`) is for post-shading: it classifies, lights and composites sheets
+//!   of scalars, or keeps their maximum or sum.
+//! - `resolve` (`composite.rs`) turns the frame into premultiplied RGBA.
+//!
+//! Bricks of splats outside the view are neither sorted nor drawn (`culling.rs`).
+//!
+//! # Footprints
+//!
+//! The footprint table (`kernel/footprint.rs`) holds the running line integral t (a_0 + a_1 q + a_2 q^2 + ...) with q =
+//! 1 - t^2/c^2, where c is half the chord of the ray in the kernel's ball: rows of coefficients over c^2/R^2. The
+//! factor t and the clamp of t to c contain the singularity; the rest is analytic. 256 rows of 8 coefficients (8 KiB)
+//! err by 5e-6 of the footprint's peak. Rays are evaluated in lattice coordinates, so one table serves both projections
+//! and every grid.
+//!
+//! # Post-shading
+//!
+//! Splats add means of the scalar over sheets and, if there is light, gradients: central differences of the samples,
+//! the same for both painters. A sheet is classified along the parabola through its mean and the means of its
+//! neighbours, so shading is one sheet behind splatting.
+//!
+//! # Precision
+//!
+//! - Sheets are f32 if the adapter blends f32. Half floats lose 3e-4 of alpha if sums are rounded to the nearest, and
+//!   up to 4e-3 if they are truncated (docs/measurements/2026-11-21-accuracy.md). Vulkan permits both; Mesa's software
+//!   rasteriser truncates, and Mesa's drivers configure AMD's GPUs to truncate. Sheets of half floats are at most 4
+//!   voxels thick, also in an X-ray.
+//! - Sheets hold optical depth times a power of two such that a sheet of the densest material holds about 256: f16
+//!   neither overflows nor underflows, whatever the units.
+//! - Depths are measured from the middle of the lattice, and places in the image from the *home ray*, the ray of the
+//!   picture nearest to that middle. So neither a distant eye nor a volume far off the axis causes cancellation.
+//! - A quad is 3/64 pixel larger than its kernel on every side, because Vulkan lets rasterisers snap corners to 1/16
+//!   pixel.
 
 mod composite;
 mod culling;
@@ -31,49 +79,49 @@ use crate::settings::Precision;
 /// The contents of sheets, and their use.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(crate) enum Feed {
-    /// Emission and optical depth, composited.
+    /// Emission and optical depth, to be composited.
     Colors,
-    /// Optical depth of the one sheet of an X-ray.
+    /// Optical depth in the one sheet of an X-ray.
     Depth,
-    /// Means of the scalar, classified and composited.
+    /// Means of the scalar, to be classified and composited.
     Scalars,
-    /// Means of the scalar and of its gradient, classified, lit and composited.
+    /// Means of the scalar and of its gradient, to be classified, lit and composited.
     LitScalars,
     /// Means of the scalar; one scalar of each ray is classified, the largest or the mean.
     Projection,
 }
 
-/// The specialisation of the pipelines.
+/// The key of the painter's pipelines: their specialisation.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 pub(crate) struct QuadsKey {
     feed: Feed,
     precision: Precision,
     sheets_per_pass: u32,
-    /// Opaque pixels hide splats.
+    /// Whether opaque pixels hide splats.
     terminates: bool,
-    /// Override constants of all shaders.
+    /// The override constants of all shaders.
     constants: Vec<Constant>,
 }
 
 impl QuadsKey {
-    /// Bytes of a pixel in all sheets that are held.
+    /// Returns the bytes of a pixel in all sheets that are held.
     fn sheet_bytes(&self) -> u32 {
         self.layers() * self.feed.texel_bytes(self.precision) * self.batches_held()
     }
 
-    /// Batches whose sheets are held at a time: shading looks back.
+    /// Returns the number of batches whose sheets are held at a time: shading looks back.
     fn batches_held(&self) -> u32 {
         if self.feed.is_scalar() { 2 } else { 1 }
     }
 
-    /// Layers of a batch.
+    /// Returns the number of layers of a batch.
     fn layers(&self) -> u32 {
         self.sheets_per_pass / self.feed.sheets_per_layer()
     }
 }
 
 impl Feed {
-    /// The format of a layer of sheets.
+    /// Returns the format of a layer of sheets.
     fn format(self, precision: Precision) -> wgpu::TextureFormat {
         match (self, precision) {
             (Self::Depth, Precision::F16) => wgpu::TextureFormat::R16Float,
@@ -83,22 +131,22 @@ impl Feed {
         }
     }
 
-    /// Bytes of a pixel of a layer.
+    /// Returns the bytes of a pixel of a layer.
     fn texel_bytes(self, precision: Precision) -> u32 {
         self.format(precision).block_copy_size(None).unwrap_or(16)
     }
 
-    /// Whether sheets hold scalars.
+    /// Returns whether sheets hold scalars.
     fn is_scalar(self) -> bool {
         matches!(self, Self::Scalars | Self::LitScalars | Self::Projection)
     }
 
-    /// Sheets that share a layer, a channel each.
+    /// Returns the number of sheets that share a layer, a channel each.
     fn sheets_per_layer(self) -> u32 {
         if matches!(self, Self::Scalars | Self::Projection) { 4 } else { 1 }
     }
 
-    /// How many sheets a batch may have. Shading looks at the last three of the batch before.
+    /// Returns the possible numbers of sheets of a batch. Shading looks at the last three of the batch before.
     fn batch_sizes(self) -> &'static [u32] {
         if self.is_scalar() { &[8, 4] } else { &[8, 4, 1] }
     }
@@ -114,7 +162,7 @@ struct Inputs<'a> {
     solids: &'a wgpu::Buffer,
 }
 
-/// The pipelines of the painter.
+/// The pipelines of the painter `quads`.
 pub(crate) struct Quads {
     key: QuadsKey,
     sorter: Sorter,
@@ -123,16 +171,16 @@ pub(crate) struct Quads {
     consumer: Consumer,
 }
 
-/// Counts of a picture.
+/// The counts of a picture for its statistics.
 #[derive(Debug, Clone, Copy, Default)]
 struct Drawn {
-    /// Splats in bricks in view.
+    /// Number of splats in bricks in view.
     sorted: u64,
-    /// Render passes, one per batch that is not empty.
+    /// Number of render passes, one per batch that is not empty.
     passes: u64,
-    /// Quads, one per splat and batch.
+    /// Number of quads, one per splat and batch.
     quads: u64,
-    /// Quads that were not drawn because opaque pixels hide them.
+    /// Number of quads that were not drawn because opaque pixels hide them.
     terminated: u64,
 }
 

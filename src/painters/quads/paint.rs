@@ -1,4 +1,4 @@
-//! A picture by quads: what it needs, its precision and its sheets a pass, and its regions.
+//! A picture by quads: the needs of the painter, its precision, its sheets a pass, and its regions.
 
 use std::sync::Arc;
 
@@ -16,7 +16,7 @@ use crate::settings::budget::too_much;
 use crate::settings::{Accumulation, Model, Precision};
 use crate::stats::{PainterStats, QuadsStats};
 
-/// The painter draws every picture.
+/// The painter `quads`, which draws every picture.
 pub(crate) const ROOM: Room = Room {
     refusal: |_, _| None,
     reach: super::plan::reach,
@@ -27,22 +27,22 @@ pub(crate) const ROOM: Room = Room {
     begin: |job, _| Ok(Begun::Ready(Box::new(Picture::new(job)?))),
 };
 
-/// A picture in progress.
+/// A picture by quads in progress.
 struct Picture<'a> {
     job: Job<'a>,
     plan: Plan<'a>,
     key: QuadsKey,
     table: FootprintTable,
     footprint: wgpu::TextureView,
-    /// See [`QuadsStats::fragments`].
+    /// The pixels that quads cover; see [`QuadsStats::fragments`].
     fragments: f64,
     drawn: Drawn,
-    /// Parts of the picture that were painted.
+    /// Number of parts of the picture that were painted.
     parts: u32,
 }
 
-/// Pieces per voxel in which sheets of scalars are classified. On the demos of 32^3 voxels, eight err by 0 to 3 % less
-/// (rms), four by 1 to 10 % more.
+/// The number of pieces per voxel in which sheets of scalars are classified. On the demos of 32^3 voxels, eight err by
+/// 0 to 3 % less (rms), four by 1 to 10 % more.
 const PIECES: f64 = 6.0;
 
 impl<'a> Picture<'a> {
@@ -107,7 +107,7 @@ impl Painting for Picture<'_> {
         self.pipelines().map(|_| ())
     }
 
-    /// The whole region: a splat is hidden if all that it covers is opaque, within the part or not.
+    /// Paints the whole region: a splat is hidden if all pixels that it covers are opaque, within the part or not.
     fn paint(&mut self, recorder: &mut Recorder<'_>, region: Region, _part: Region) -> Result<wgpu::Buffer> {
         let quads = self.pipelines()?;
         let Job { context, pipelines, stores, post, .. } = self.job;
@@ -148,9 +148,9 @@ impl Painting for Picture<'_> {
     }
 }
 
-/// The requested precision, or f32 wherever the adapter blends it, whatever the model, the thickness and the growth:
-/// half floats lose small contributions to a large sum, and some hardware cuts them off. `None` if f32 is requested and
-/// the adapter does not blend it.
+/// Returns the requested precision, or f32 wherever the adapter blends it, whatever the model, the thickness and the
+/// growth: half floats lose small contributions to a large sum, and some hardware cuts them off. `None` if f32 is
+/// requested and the adapter does not blend it.
 fn precision(requested: Option<Precision>, blends_f32: bool) -> Option<Precision> {
     match (requested, blends_f32) {
         (Some(Precision::F32), false) => None,
@@ -160,15 +160,15 @@ fn precision(requested: Option<Precision>, blends_f32: bool) -> Option<Precision
     }
 }
 
-/// How many sheets a pass can feed within the adapter's attachments, the most first.
+/// Returns the numbers of sheets that a pass can feed within the adapter's attachments, the largest first.
 fn batch_sizes(context: &Context, feed: Feed, precision: Precision) -> impl Iterator<Item = u32> {
     let bytes = context.limits.max_color_attachment_bytes_per_sample;
     let layers = context.limits.max_color_attachments.min(bytes / feed.texel_bytes(precision));
     feed.batch_sizes().iter().copied().filter(move |&n| n <= layers * feed.sheets_per_layer())
 }
 
-/// The number of sheets that one pass feeds: the most that the adapter's attachments hold, up to 4: blending takes the
-/// time.
+/// Returns the number of sheets that one pass feeds: the most that the adapter's attachments hold, up to 4: blending
+/// takes the time.
 fn sheets_per_pass(context: &Context, feed: Feed, precision: Precision) -> Result<u32> {
     if feed == Feed::Depth {
         return Ok(1);

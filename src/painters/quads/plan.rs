@@ -17,12 +17,12 @@ use crate::settings::{Level, Model, Precision, Settings, Sheets};
 pub(crate) struct Target<'a> {
     pub(crate) plan: &'a Plan<'a>,
     pub(crate) region: Region,
-    /// [`Plan::frame`] of the region.
+    /// The uniforms of the region, [`Plan::frame`].
     pub(crate) frame: &'a wgpu::Buffer,
 }
 
 impl Target<'_> {
-    /// Width and height of the buffers that the region is rendered in.
+    /// Returns the width and the height of the buffers that the region is rendered in.
     pub(crate) fn extent(&self) -> [u32; 2] {
         [self.region.width, self.region.height]
     }
@@ -33,55 +33,56 @@ impl Target<'_> {
 #[derive(Debug, Clone)]
 pub(crate) struct Plan<'a> {
     pub(super) view: &'a ViewGeometry,
-    /// Lattice axis of axis-aligned sheets.
+    /// The lattice axis of axis-aligned sheets.
     pub(crate) axis: Option<usize>,
-    /// Layers of the lattice beyond the faces of the volume.
+    /// The number of layers of the lattice beyond the faces of the volume.
     pub(super) padding: u32,
-    /// View depth at which the first sheet begins.
+    /// The view depth at which the first sheet begins.
     pub(super) sheet_origin: f64,
-    /// World thickness of a sheet.
+    /// The thickness of a sheet, in world units.
     pub(super) sheet_step: f64,
     pub(super) sheets: u32,
     section_scale: f64,
     sheet_scale: f64,
     kernel: Kernel,
-    /// See shaders/common/frame.wgsl.
+    /// The model in the form of shaders/common/frame.wgsl.
     model: [f32; 4],
-    /// Cells may stand for voxels of scalars.
+    /// Whether cells may stand for voxels of scalars.
     takes_cells: bool,
 }
 
-/// The value of a sheet filled with the densest material, about: sheets are scaled to it. An f16 sheet then resolves
-/// contributions 2e6 times smaller before they turn subnormal, and holds 250 times more (oblique perspective rays,
-/// `Normalization::Peak`) before it overflows, whatever the units of the scene.
+/// The approximate value of a sheet filled with the densest material: sheets are scaled to it. An f16 sheet then
+/// resolves contributions 2e6 times smaller before they turn subnormal, and holds 250 times more (oblique perspective
+/// rays, `Normalization::Peak`) before it overflows, whatever the units of the scene.
 const SHEET_FULL: f64 = 256.0;
 
 /// The number of sheets from which on the sheets beyond the picture are left out: the kernels of stretched lattices may
 /// reach far beyond it, before and behind.
 const MANY_SHEETS: u32 = 4096;
 
-/// Pixels by which a quad is grown on every side. Rasterisers snap corners to 1/16 pixel at the coarsest (Vulkan's
-/// least `subPixelPrecisionBits` is 4), so by up to 1/32; the rest covers the rounding before it.
+/// The number of pixels by which a quad is grown on every side. Rasterisers snap corners to 1/16 pixel at the coarsest
+/// (Vulkan's least `subPixelPrecisionBits` is 4), so by up to 1/32; the rest covers the rounding before it.
 const QUAD_PAD: f64 = 3.0 / 64.0;
 
 /// The largest thickness of a sheet of half floats, in voxels. Kernels beyond it would be lost beside the sum: a voxel
 /// of path adds 12.6 kernels, and of the 810 of 64 voxels rounding to the nearest loses 0.3 %, cutting off 12 %.
 const F16_THICKNESS: f64 = 4.0;
 
-/// How many times as long as the central ray an oblique ray may be in a sheet before sheets become thinner: pre-shaded
-/// and post-shaded. Classification magnifies differences within a sheet.
+/// The largest ratio of an oblique ray's length in a sheet to the central ray's before sheets become thinner:
+/// pre-shaded and post-shaded. Classification magnifies differences within a sheet.
 const MAX_STRETCH: [f64; 2] = [2.0, 1.25];
 
 /// The radius in voxels of kernels that a sheet of scalars a voxel thick resolves. Narrower ones take thinner sheets.
 const RESOLVED_RADIUS: f64 = 2.0;
 
-/// Sheets that a kernel may reach where sheets become thinner for oblique rays: in a field of view of 170 degrees the
-/// farthest kernels have grown 12 times as much as the nearest, which decide the thickness, and would reach 600.
+/// The largest number of sheets that a kernel may reach where sheets become thinner for oblique rays: in a field of
+/// view of 170 degrees the farthest kernels have grown 12 times as much as the nearest, which decide the thickness, and
+/// would reach 600.
 const MOST_REACHED: f64 = 128.0;
 
-/// The thickness of the sheets of a picture in voxels, in its middle and before kernels grow: the requested one, unless
-/// the picture would suffer. The one sheet of an X-ray in f32 is infinite. `growths` belong to the nearest and the
-/// farthest kernel.
+/// Returns the thickness of the sheets of a picture in voxels, in its middle and before kernels grow: the requested
+/// one, unless the picture would suffer. The one sheet of an X-ray in f32 is infinite. `growths` belong to the nearest
+/// and the farthest kernel.
 fn thickness(camera: &Camera, growths: [f64; 2], settings: &Settings, precision: Precision) -> f64 {
     let post = settings.is_post_shaded();
     let thickness = match settings.model {
@@ -102,7 +103,7 @@ fn thickness(camera: &Camera, growths: [f64; 2], settings: &Settings, precision:
     }
 }
 
-/// The length of the longest ray of the picture per unit of view depth.
+/// Returns the length of the longest ray of the picture per unit of view depth.
 fn largest_stretch(camera: &Camera) -> f64 {
     match camera.projection {
         Projection::Orthographic { .. } => 1.0,
@@ -113,8 +114,8 @@ fn largest_stretch(camera: &Camera) -> f64 {
     }
 }
 
-/// The image-aligned sheets across a volume: the view depth at which the first begins, their thickness and their
-/// number.
+/// Returns the image-aligned sheets across a volume: the view depth at which the first begins, their thickness and
+/// their number.
 fn image_aligned(view: &ViewGeometry, settings: &Settings, precision: Precision) -> (f64, f64, u32) {
     let depth_per_voxel = view.gradients[2];
     let reach = if view.post_shaded {
@@ -147,7 +148,7 @@ fn image_aligned(view: &ViewGeometry, settings: &Settings, precision: Precision)
     (origin + first * step, step, count)
 }
 
-/// See [`Room::reach`](crate::painters::painter::Room::reach).
+/// Returns the reach of sheets and of voxels beyond cuts; see [`Room::reach`](crate::painters::painter::Room::reach).
 pub(super) fn reach(view: &ViewGeometry, settings: &Settings) -> [f64; 2] {
     // The one sheet of an X-ray is cut where bricks are.
     let sheet = match settings.model {
@@ -160,12 +161,12 @@ pub(super) fn reach(view: &ViewGeometry, settings: &Settings) -> [f64; 2] {
     [0.5 * sheet, 0.5 * sheet + around + view.max_radius()]
 }
 
-/// See [`ScalarNeed::influence`]: two voxels may take part at opposite ends of three sheets of this length.
+/// Returns [`ScalarNeed::influence`]: two voxels may take part at opposite ends of three sheets of this length.
 fn influence(view: &ViewGeometry, sheet: f64) -> f64 {
     2.0 * view.max_radius() + 3.0 * sheet
 }
 
-/// The longest lattice length of a ray of the picture per unit of view depth.
+/// Returns the longest lattice length of a ray of the picture per unit of view depth.
 fn longest_ray(view: &ViewGeometry) -> f64 {
     let (scale, origin) = view.camera.pixels();
     let rotation = view.grid.to_lattice().matrix3;
@@ -181,8 +182,8 @@ fn longest_ray(view: &ViewGeometry) -> f64 {
     longest
 }
 
-/// The lattice axis of axis-aligned sheets: the normal of its voxel planes, the gradient of its lattice coordinate, is
-/// nearest to the view direction.
+/// Returns the lattice axis of axis-aligned sheets: the normal of its voxel planes, the gradient of its lattice
+/// coordinate, is nearest to the view direction.
 fn sheet_axis(view: &ViewGeometry) -> usize {
     let to_lattice = view.grid.to_lattice().matrix3;
     let rows = to_lattice.transpose();
@@ -227,7 +228,7 @@ impl<'a> Plan<'a> {
         plan
     }
 
-    /// How far splats of scalars must reach in this picture: not at all if voxels are classified.
+    /// Returns how far splats of scalars must reach in this picture: not at all if voxels are classified.
     pub(crate) fn scalar_need(&self) -> ScalarNeed {
         let view = self.view;
         if !view.post_shaded {
@@ -244,19 +245,19 @@ impl<'a> Plan<'a> {
         }
     }
 
-    /// View depth of the first plane of a sheet.
+    /// Returns the view depth of the first plane of a sheet.
     pub(crate) fn sheet_depth(&self, sheet: u32) -> f64 {
         self.sheet_origin + f64::from(sheet) * self.sheet_step
     }
 
-    /// The parameters of the batch that begins with sheet `first`.
+    /// Returns the parameters of the batch that begins with sheet `first`.
     pub(crate) fn batch(&self, first: u32) -> Batch {
         let from = if self.axis.is_some() { 0 } else { first };
         Batch { depth: self.sheet_depth(from) as f32, first_sheet: first }
     }
 
-    /// Side of a tile of early splat termination in pixels, a power of two from 4 on: about half the span of a splat in
-    /// the middle of the volume.
+    /// Returns the side of a tile of early splat termination in pixels, a power of two from 4 on: about half the span
+    /// of a splat in the middle of the volume.
     fn tile_size(&self) -> u32 {
         let view = self.view;
         let depth = if view.is_perspective() { view.eye_depth.max(self.sheet_step) } else { 1.0 };
@@ -265,19 +266,20 @@ impl<'a> Plan<'a> {
         (half / 2.0).log2().floor().exp2().clamp(4.0, f64::from(Camera::MAX_SIZE)) as u32
     }
 
-    /// Tiles across and down a region.
+    /// Returns the numbers of tiles across and down a region.
     pub(crate) fn tiles(&self, region: Region) -> [u32; 2] {
         [region.width, region.height].map(|side| side.div_ceil(self.tile_size()))
     }
 
-    /// The most batches of `sheets` that one kernel can reach into.
+    /// Returns the largest number of batches of `sheets` sheets that one kernel can reach into.
     pub(crate) fn batches_per_splat(&self, sheets: u32) -> u64 {
         let extent = 2.0 * self.view.max_radius() * self.view.gradients[2].length() / self.sheet_step;
         // One more than fits exactly, and one for rounding at the planes.
         (extent / f64::from(sheets)).ceil() as u64 + 2
     }
 
-    /// The home ray in plane coordinates: of the rays of the picture, the one nearest to the middle of the lattice.
+    /// Returns the home ray in plane coordinates: of the rays of the picture, the one nearest to the middle of the
+    /// lattice.
     fn home(&self) -> DVec2 {
         let view = self.view;
         let (scale, origin) = view.camera.pixels();
@@ -291,7 +293,7 @@ impl<'a> Plan<'a> {
         middle.clamp(corner.min(opposite), corner.max(opposite))
     }
 
-    /// The uniforms of a frame that renders `region`.
+    /// Returns the uniforms of a frame that renders `region`.
     pub(crate) fn frame(&self, region: Region) -> Frame {
         let view = self.view;
         let home = self.home();
@@ -388,7 +390,7 @@ mod tests {
 
     const REGION: Region = Region { x: 3, y: 5, width: 24, height: 20 };
 
-    /// The frame of a lattice in some unit and around some origin.
+    /// Returns the frame of a lattice in some unit and around some origin.
     fn frame(projection: ProjectionKind, unit: f64, origin: f64) -> Frame {
         let matrix = DMat3::from_diagonal(DVec3::new(1.1, 0.9, 2.3)) * unit;
         let to_world = glam::DAffine3::from_mat3_translation(matrix, DVec3::splat(origin));

@@ -19,8 +19,8 @@ pub(super) const SLOTS: [Binding; 10] = {
     [Uniform, DynamicUniform, Uniform, sheets, sheets, transfer, Write, light, Sampler, Read]
 };
 
-/// A step for each batch, whose last sheet waits for its neighbour, and one for the last sheet of all. A step takes the
-/// pixels that its batch or the batch before reaches, or `whole` regions of this size.
+/// Returns a step for each batch, whose last sheet waits for its neighbour, and one for the last sheet of all. A step
+/// covers the pixels that its batch or the batch before reaches, or the whole region of the size `whole`.
 pub(super) fn steps(
     plan: &Plan<'_>,
     post: &PostShading,

@@ -14,9 +14,10 @@ use crate::gpu::shaders;
 use crate::gpu::stage::{Constant, Stage, for_each};
 use crate::gpu::store::Store;
 
-/// The least splats that one invocation sorts.
+/// The least number of splats that one invocation sorts.
 const MIN_BLOCK: u64 = 64;
-/// Counters (blocks times batches) beyond which blocks grow instead: the scan stays cheap beside the splats.
+/// The number of counters (blocks times batches) beyond which blocks grow instead: the scan stays cheap beside the
+/// splats.
 const MAX_COUNTERS: u64 = 1 << 22;
 
 /// The pipelines of the sort.
@@ -31,25 +32,25 @@ pub(crate) struct Sorter {
 pub(crate) struct Piece<'a> {
     store: &'a Store,
     splats: wgpu::Buffer,
-    /// First splat, a multiple of the alignment of storage bindings.
+    /// The first splat of the run, a multiple of the alignment of storage bindings.
     first: u32,
     count: u32,
 }
 
 impl<'a> Piece<'a> {
-    /// The splats as a binding.
+    /// Binds the splats of the piece.
     pub(crate) fn splats(&self) -> wgpu::BindingResource<'_> {
         let stride = self.store.stride;
         buffer_range(&self.splats, u64::from(self.first) * stride, u64::from(self.count) * stride)
     }
 
-    /// The part of a run of the store's splats that is in the piece, counted from its first.
+    /// Returns the part of a run of the store's splats that is in the piece, counted from the piece's first splat.
     fn part(&self, run: &Range<u32>) -> Option<Range<u32>> {
         let (start, end) = (run.start.max(self.first), run.end.min(self.first + self.count));
         (start < end).then(|| start - self.first..end - self.first)
     }
 
-    /// The lattice points at which the bricks of the splats begin.
+    /// Binds the lattice points at which the bricks of the splats begin.
     pub(crate) fn origins(&self) -> wgpu::BindingResource<'a> {
         self.store.origins.as_entire_binding()
     }
@@ -58,16 +59,16 @@ impl<'a> Piece<'a> {
 /// A piece sorted on its own, small enough that its entries fit into one binding.
 pub(crate) struct Span<'a> {
     pub(crate) piece: Piece<'a>,
-    /// Splats in bricks in view.
+    /// Number of splats in bricks in view.
     pub(crate) sorted: u32,
-    /// Indices of splats in the piece, by batch.
+    /// The indices of splats in the piece, by batch.
     pub(crate) entries: wgpu::Buffer,
     /// The start of each batch in `entries`; one more ends the last.
     pub(crate) starts: Vec<u32>,
 }
 
 impl Span<'_> {
-    /// The places of a batch's entries.
+    /// Returns the places of a batch's entries.
     pub(crate) fn batch(&self, batch: u32) -> Range<u32> {
         let batch = batch as usize;
         self.starts[batch]..self.starts[batch + 1]
@@ -170,7 +171,8 @@ impl Sorter {
     }
 }
 
-/// Runs of splats in the blocks that one invocation sorts each, given by their first splat and the one after the last.
+/// Splits runs of splats into the blocks that one invocation sorts each, given by their first splat and the one after
+/// the last.
 fn blocks(runs: &[Range<u32>], batches: u32) -> Vec<[u32; 2]> {
     let sorted: u64 = runs.iter().map(|run| run.len() as u64).sum();
     let block = sorted.div_ceil((MAX_COUNTERS / u64::from(batches.max(1))).max(1)).max(MIN_BLOCK) as u32;

@@ -20,32 +20,32 @@ pub(super) struct Splatting {
     sheets_per_pass: u32,
     layout: wgpu::BindGroupLayout,
     pipeline: wgpu::RenderPipeline,
-    /// Clears parts of sheets; not of scalars, which shading reads beyond these parts.
+    /// The pipeline that clears parts of sheets; not of scalars, which shading reads beyond these parts.
     wipe: Option<wgpu::RenderPipeline>,
 }
 
-/// The sheets of a batch: a layer each.
+/// The sheets of a batch, as layers of a texture.
 pub(super) struct SheetTextures {
     targets: Vec<wgpu::TextureView>,
-    /// All layers.
+    /// The view of all layers.
     pub(super) all: wgpu::TextureView,
 }
 
-/// The stage bound to a region.
+/// The stage that splats, bound to a region.
 pub(super) struct Splats<'a> {
     stage: &'a Splatting,
     extent: [u32; 2],
     batches: DynamicUniforms,
     groups: Vec<wgpu::BindGroup>,
-    /// The most pixels that a quad covers.
+    /// The largest number of pixels that a quad covers.
     quad_pixels: u64,
 }
 
-/// Quads of one render pass on software drivers, which keep the triangles of a pass in memory.
+/// The number of quads of one render pass on software drivers, which keep the triangles of a pass in memory.
 const SOFTWARE_PASS: u32 = 1 << 18;
 
 impl QuadsKey {
-    /// The fragment stage.
+    /// Returns the name of the fragment stage.
     fn entry(&self) -> String {
         match self.feed {
             Feed::Colors | Feed::LitScalars => format!("feed_{}", self.sheets_per_pass),
@@ -218,7 +218,8 @@ impl Splats<'_> {
     }
 }
 
-/// The entries of a batch as runs of a span, given by its index, in passes of at most `most` quads each.
+/// Splits the entries of a batch into passes of at most `most` quads each, as runs of entries of spans, each with the
+/// span's index.
 fn passes(spans: &[Span<'_>], batch: u32, most: u32) -> Vec<Vec<(usize, Range<u32>)>> {
     let mut passes: Vec<Vec<(usize, Range<u32>)>> = vec![Vec::new()];
     let mut held = 0;
@@ -239,7 +240,7 @@ fn passes(spans: &[Span<'_>], batch: u32, most: u32) -> Vec<Vec<(usize, Range<u3
     passes
 }
 
-/// The footprint table as a texture: one row of texels per row of the table, four coefficients each.
+/// Returns the footprint table as a texture: one row of texels per row of the table, four coefficients each.
 pub(crate) fn footprint_texture(context: &Context, table: &FootprintTable) -> wgpu::TextureView {
     context.float_texture("splat.footprint", [table.terms() / 4, table.rows()], table.coefficients())
 }

@@ -10,18 +10,18 @@ use crate::gpu::recorder::Recorder;
 use crate::gpu::shaders;
 use crate::gpu::stage::{Constant, DynamicUniforms, Stage, for_each};
 
-/// Entries that one invocation tests; RUN in shaders/terminate.wgsl.
+/// The number of entries that one invocation tests; RUN in shaders/terminate.wgsl.
 pub(crate) const RUN: u64 = 16;
-/// Bytes of `Tally` in shaders/terminate.wgsl.
+/// The bytes of `Tally` in shaders/terminate.wgsl.
 const TALLY: u64 = 8;
 
-/// The pipelines.
+/// The pipelines that mark hidden splats.
 pub(super) struct Terminator {
     tile: Stage,
     mark: Stage,
 }
 
-/// The stage bound to a region.
+/// The stage that marks hidden splats, bound to a region.
 pub(super) struct Termination<'a> {
     stage: &'a Terminator,
     batches: DynamicUniforms,

@@ -14,46 +14,46 @@ use crate::volume::Grid;
 /// sqrt(1 - a^2) < 2.5 if a < 0.6.
 const MAX_LEAN: f64 = 0.599;
 
-/// How much smaller than its largest component a component of a ray's unit vector may be for the ray to be marched
-/// along that axis too; BLEND in shaders/common/rays.wgsl. Marches along two axes give colours that differ by up to
-/// 1e-2 (3e-2 post-shaded), so they are mixed by shares that change smoothly over two degrees on either side of a tie:
-/// a degree changes a share by 0.4 at most.
+/// The difference from its largest component up to which a component of a ray's unit vector has the ray marched along
+/// that axis too; BLEND in shaders/common/rays.wgsl. Marches along two axes give colours that differ by up to 1e-2
+/// (3e-2 post-shaded), so they are mixed by shares that change smoothly over two degrees on either side of a tie: a
+/// degree changes a share by 0.4 at most.
 const BLEND: f64 = 0.05;
 
 /// The largest component across of a ray's unit vector in which m has a share.
 const LARGEST_LEAN: f64 = 0.733;
 
-/// The axes across each axis.
+/// The two axes across each axis.
 const ACROSS: [[usize; 2]; 3] = [[1, 2], [0, 2], [0, 1]];
 
 /// A principal viewing axis, called m: the lattice axis that rays run along most closely.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct PrincipalAxis {
-    /// Numbers of the lattice axes a, b and m. a is the first of the two across along which parallel rays lean little
-    /// enough (see `MAX_LEAN`). Rays through one eye have as a the axis along which they lean less.
+    /// The numbers of the lattice axes a, b and m. Of the two axes across m, a is the first along which parallel rays
+    /// lean little enough (see `MAX_LEAN`); for rays through one eye, the axis along which they lean less.
     pub(super) axes: [usize; 3],
     /// The largest component along a of the unit vectors of rays.
     pub(super) lean: f64,
     /// Whether rays run against m.
     pub(super) flipped: bool,
-    /// Unit vector of a ray in (a, b, m), its component along m positive; of rays through one eye, of a ray in the
-    /// middle of those that run along m.
+    /// The unit vector of a ray in (a, b, m), its component along m positive; for rays through one eye, of a ray in the
+    /// middle of the rays along m.
     pub(super) direction: DVec3,
-    /// Rays through one eye: plane coordinates of that ray at unit depth, see `Camera::pixels`.
+    /// The plane coordinates at unit depth of the ray `direction`, if rays go through one eye; see `Camera::pixels`.
     pub(super) middle: DVec2,
-    /// The least and the largest place in the picture of the rays that run along m, in halves of its width and height
-    /// from its middle, y upwards. Parallel rays: without ends.
+    /// The least and the largest place in the picture of the rays along m, in halves of its width and height from its
+    /// middle, y upwards. Infinite for parallel rays.
     part: [DVec2; 2],
-    /// World length per lattice length along that ray.
+    /// The world length per lattice length along the ray `direction`.
     pub(super) stretch: f64,
-    /// The share of this axis in a picture of parallel rays. Rays through one eye have shares of their own, and this
-    /// is 1.
+    /// The share of this axis in a picture of parallel rays; 1 for rays through one eye, which have shares of their
+    /// own.
     pub(super) share: f64,
 }
 
 impl PrincipalAxis {
-    /// The axes of a picture, each with a share in it: the one that parallel rays run along most closely, and near a
-    /// tie the others; of rays through one eye every axis and direction that has a share in some ray.
+    /// Returns the axes of a picture, each with a share in it: for parallel rays the axis that they run along most
+    /// closely, and near a tie the others; for rays through one eye every axis and direction with a share in any ray.
     pub(super) fn all(camera: &Camera, grid: &Grid) -> Vec<Self> {
         let to_lattice = grid.to_lattice().matrix3;
         let Some(lens) = Lens::new(camera, grid) else {
@@ -90,7 +90,7 @@ impl PrincipalAxis {
         axes.collect()
     }
 
-    /// The part of the picture's area in whose rays the axis may have a share, from 0 to 1.
+    /// Returns the part of the picture's area in whose rays the axis may have a share, from 0 to 1.
     pub(super) fn covered(&self, camera: &Camera, grid: &Grid) -> f64 {
         let Some(lens) = Lens::new(camera, grid) else { return 1.0 };
         let part = lens.part(self.axes[2], self.flipped);
@@ -99,7 +99,7 @@ impl PrincipalAxis {
         corners.map(|(p, q)| p.perp_dot(*q)).sum::<f64>().abs() / 8.0
     }
 
-    /// Whether the axis may have a share in rays of a region of a picture of this size.
+    /// Returns whether the axis may have a share in rays of a region of a picture of this size.
     pub(super) fn is_in(&self, region: Region, size: [u32; 2]) -> bool {
         let place = |x: u32, y: u32| DVec2::new(f64::from(x), f64::from(y));
         let [low, high] = self.part_of(size);
@@ -107,14 +107,15 @@ impl PrincipalAxis {
         low.cmple(end).all() && high.cmpge(place(region.x, region.y)).all()
     }
 
-    /// [`Self::part`] of a picture of this size, in pixels from its upper left corner.
+    /// Returns [`Self::part`] of a picture of this size, in pixels from its upper left corner.
     pub(super) fn part_of(&self, size: [u32; 2]) -> [DVec2; 2] {
         let half = DVec2::from_array(size.map(f64::from)) / 2.0;
         let [low, high] = self.part;
         [DVec2::new(low.x, -high.y), DVec2::new(high.x, -low.y)].map(|end| (end + 1.0) * half)
     }
 
-    /// The axis m and the axes across it for rays around one, given as a lattice vector and its world length.
+    /// Makes the axis m, with the axes across it, for rays around one ray, given as a lattice vector and its world
+    /// length.
     fn along([a, b]: [usize; 2], m: usize, flipped: bool, ray: DVec3, world: f64, lean: f64) -> Self {
         let unit = ray.normalize();
         Self {
@@ -129,22 +130,22 @@ impl PrincipalAxis {
         }
     }
 
-    /// How many voxels rays move along a and b from plane to plane.
+    /// Returns the voxels by which rays move along a and b from plane to plane.
     pub(super) fn shear(&self) -> DVec2 {
         DVec2::new(self.direction.x, self.direction.y) / self.direction.z
     }
 
-    /// World distance between two voxel planes along a ray.
+    /// Returns the world distance between two voxel planes along a ray.
     pub(super) fn slab(&self) -> f64 {
         self.stretch / self.direction.z
     }
 
-    /// The same distance in voxels.
+    /// Returns the distance in voxels between two voxel planes along a ray.
     pub(super) fn slab_voxels(&self) -> f64 {
         1.0 / self.direction.z
     }
 
-    /// A vector along the axes of the lattice as one along a, b and m, m in the direction of rays.
+    /// Converts a vector along the axes of the lattice to one along a, b and m, m in the direction of rays.
     pub(super) fn ordered(&self, v: DVec3) -> DVec3 {
         let [a, b, m] = self.axes;
         DVec3::new(v[a], v[b], if self.flipped { -v[m] } else { v[m] })
@@ -160,7 +161,8 @@ struct Lens {
     forward: DVec3,
 }
 
-/// See [`Room::families`](crate::painters::painter::Room::families): the rays along each principal axis.
+/// Returns the families of rays, one along each principal axis; see
+/// [`Room::families`](crate::painters::painter::Room::families).
 pub(super) fn families(view: &ViewGeometry) -> Vec<FamilyShare<'_>> {
     let camera = &view.camera;
     let to_lattice = view.grid.to_lattice().matrix3;
@@ -180,7 +182,7 @@ pub(super) fn families(view: &ViewGeometry) -> Vec<FamilyShare<'_>> {
 }
 
 impl Lens {
-    /// `None` if rays are parallel.
+    /// Returns the rays of a camera; `None` if they are parallel.
     fn new(camera: &Camera, grid: &Grid) -> Option<Self> {
         let Projection::Perspective { tan_half_fov, .. } = camera.projection else { return None };
         let to_lattice = grid.to_lattice().matrix3;
@@ -189,13 +191,13 @@ impl Lens {
         Some(Self { aspect, tan_half_fov, right, up, forward: to_lattice * camera.forward })
     }
 
-    /// The direction of the ray through a place of the picture, in halves of its width and height.
+    /// Returns the direction of the ray through a place of the picture, in halves of its width and height.
     fn ray(&self, place: DVec2) -> DVec3 {
         self.forward + self.right * place.x + self.up * place.y
     }
 
-    /// The part of the picture in whose rays m has a share in this direction: no other component is larger by more than
-    /// the blend. The part is cut by straight lines, which leave too much of it rather than too little.
+    /// Returns the part of the picture in whose rays m has a share in this direction: no other component is larger by
+    /// more than the blend. The part is cut by straight lines, which leave too much of it rather than too little.
     fn part(&self, m: usize, flipped: bool) -> Vec<DVec2> {
         let sign = if flipped { -1.0 } else { 1.0 };
         let mut part = vec![DVec2::NEG_ONE, DVec2::new(1.0, -1.0), DVec2::ONE, DVec2::new(-1.0, 1.0)];
@@ -208,9 +210,10 @@ impl Lens {
         part
     }
 
-    /// The largest component along an axis across m of the unit vectors of rays in which m has a share.
+    /// Returns the largest component along an axis across m of the unit vectors of rays in which m has a share.
     fn lean(&self, axis: usize, m: usize, flipped: bool) -> f64 {
-        /// Places along each side of the part: no maximum lies within, as the axis itself is outside.
+        /// The number of places along each side of the part: no maximum lies within, because the axis itself is
+        /// outside.
         const STEPS: usize = 16;
         let part = self.part(m, flipped);
         let side = |i: usize| {
@@ -223,8 +226,8 @@ impl Lens {
     }
 }
 
-/// The share of axis m in the colour of a ray: 1 if the ray runs along m most closely by far, and smoothly less down to
-/// 0. The shares of a ray add up to 1. `share_of` in shaders/common/rays.wgsl is the same.
+/// Returns the share of axis m in the colour of a ray: 1 if the ray runs along m most closely by far, and smoothly less
+/// down to 0. The shares of a ray add up to 1. `share_of` in shaders/common/rays.wgsl is the same.
 fn share(m: usize, ray: DVec3) -> f64 {
     let unit = ray.normalize().abs();
     let lead = |m: usize| unit[m] - unit[(m + 1) % 3].max(unit[(m + 2) % 3]);
@@ -232,13 +235,13 @@ fn share(m: usize, ray: DVec3) -> f64 {
     shares[m] / shares.iter().sum::<f64>()
 }
 
-/// 0 up to `low`, 1 from `high` on, smooth between.
+/// Returns 0 up to `low`, 1 from `high` on, and smooth values between.
 fn smoothstep(low: f64, high: f64, value: f64) -> f64 {
     let t = ((value - low) / (high - low)).clamp(0.0, 1.0);
     t * t * (3.0 - 2.0 * t)
 }
 
-/// Values along a, b and m as values along the axes of the lattice.
+/// Converts values along a, b and m to values along the axes of the lattice.
 pub(super) fn unordered<T: Copy + Default>(axes: [usize; 3], values: [T; 3]) -> [T; 3] {
     let mut result = [T::default(); 3];
     for (axis, value) in axes.into_iter().zip(values) {
@@ -247,8 +250,8 @@ pub(super) fn unordered<T: Copy + Default>(axes: [usize; 3], values: [T; 3]) -> 
     result
 }
 
-/// The part of a convex polygon in which a linear function is not negative (Sutherland and Hodgman 1974, "Reentrant
-/// polygon clipping").
+/// Returns the part of a convex polygon in which a linear function is not negative (Sutherland and Hodgman 1974,
+/// "Reentrant polygon clipping").
 fn clipped(polygon: &[DVec2], value: impl Fn(DVec2) -> f64) -> Vec<DVec2> {
     let mut kept = Vec::with_capacity(polygon.len() + 1);
     for (i, &p) in polygon.iter().enumerate() {

@@ -13,12 +13,12 @@ use crate::gpu::recorder::Recorder;
 use crate::gpu::shaders;
 use crate::gpu::stage::{Constant, Stage};
 
-/// The resources that rays are marched with, besides the volume.
+/// The resources, besides the volume, with which rays are marched.
 pub(super) struct Targets<'a> {
     /// The uniforms of the rays, and the parts of kernels that they gather.
     pub(super) rays: &'a wgpu::Buffer,
     pub(super) sections: &'a wgpu::Buffer,
-    /// Of several layers, the state of the rays behind the layers so far.
+    /// The state of the rays behind the layers so far, if there are several.
     pub(super) state: Option<&'a wgpu::Buffer>,
     /// The picture, to which every ray of a pixel adds.
     pub(super) pixels: &'a wgpu::Buffer,
@@ -29,12 +29,12 @@ pub(super) struct Targets<'a> {
     pub(super) solids: &'a wgpu::Buffer,
 }
 
-/// The stage that finds runs.
+/// Returns the stage that finds runs.
 pub(super) fn skip(context: &Context, constants: &[Constant]) -> Stage {
     Stage::new(context, shaders::SKIP, ("skip", "skip"), &[Uniform, Read, Write], constants)
 }
 
-/// The stage that marches the rays of a picture.
+/// Returns the stage that marches the rays of a picture.
 pub(super) fn gather(context: &Context, key: &TilesKey) -> Stage {
     let is_layered = key.rays == RayKind::Layered;
     let entry = if is_layered { "layer" } else { "gather" };

@@ -21,15 +21,17 @@ use crate::stats::TilesStats;
 /// texel and some 800 operations, where a fragment has 150 and blends up to 8 sheets. Most planes of most rays are
 /// skipped: an H100 takes 7 ms for 10^9 of them and 0.7 s for 10^8 fragments.
 const PLANE_WORK: u64 = 1;
-/// The same for scalars: two slabs with three moments each, classified in pieces.
+/// The work of [`PLANE_TEXELS`] texels of a plane of a ray of scalars: two slabs with three moments each, classified in
+/// pieces.
 const SCALAR_PLANE_WORK: u64 = 3;
-/// The texels of a plane that rays along m read by the default kernel: 5 rows of 3.
+/// The number of texels of a plane that rays along m read by the default kernel: 5 rows of 3.
 const PLANE_TEXELS: u64 = 15;
-/// The work of a plane that clipping cuts, in planes: its kernels are also summed up to the cut, each by its section.
+/// The work of a plane that clipping cuts, in planes: the sums of its kernels up to the cut are added, each by its
+/// section.
 const CUT_WORK: u64 = 3;
 
-/// Optical depth of a voxel from which on parts of kernels are parabolas. Fitted by lines they err by 0.13 of 255 (rms)
-/// there, and by 0.9 at 2.3.
+/// The optical depth of a voxel from which on parts of kernels are parabolas. Fitted by lines they err by 0.13 of 255
+/// (rms) there, and by 0.9 at 2.3.
 const DENSE: f64 = 0.7;
 
 /// The least bytes of a pixel, which limit the regions of a picture and so the number of rays that march at a time.
@@ -44,7 +46,7 @@ const MAX_SCALAR: f64 = 4096.0;
 /// by half (a maximum of gaussian:0.25,0.5 by 0.26, rms).
 const MIN_SCALAR_RADIUS: f64 = 1.0;
 
-/// The rounding of radii at a limit.
+/// The tolerance for rounding of radii at a limit.
 const ROUNDING: f64 = 1.0 + 1e-6;
 
 pub(super) fn refusal(view: &ViewGeometry, settings: &Settings) -> Option<String> {
@@ -62,7 +64,7 @@ pub(super) fn refusal(view: &ViewGeometry, settings: &Settings) -> Option<String
     None
 }
 
-/// See [`Room::reach`](crate::painters::painter::Room::reach).
+/// Returns the reach of slabs and of voxels beyond cuts; see [`Room::reach`](crate::painters::painter::Room::reach).
 pub(super) fn reach(view: &ViewGeometry, settings: &Settings) -> [f64; 2] {
     // The planes whose kernels have parts in a slab; as `REACH` of the shaders.
     let planes = match view.max_radius() / ROUNDING {
@@ -80,10 +82,10 @@ pub(super) fn reach(view: &ViewGeometry, settings: &Settings) -> [f64; 2] {
     [1.0, along.max(across) + influence]
 }
 
-/// A place is classified by the means of its slab and of the two beside it. A slab is half a voxel plane thick, along a
-/// ray at most sqrt(3) / 2 voxels, so three are at most 2.6 voxels. They count as 3: the parts of kernels in slabs are
-/// fitted, and a fit fades a little later than its kernel. The need does not depend on the direction, so that a turn
-/// needs no other splats.
+/// Returns how far the scalars of a scene must reach. A place is classified by the means of its slab and of the two
+/// beside it. A slab is half a voxel plane thick, along a ray at most sqrt(3) / 2 voxels, so three are at most 2.6
+/// voxels. They count as 3: the parts of kernels in slabs are fitted, and a fit fades a little later than its kernel.
+/// The need does not depend on the direction, so that a turn needs no other splats.
 pub(super) fn need(view: &ViewGeometry, settings: &Settings, _weights: Weights) -> ScalarNeed {
     if !settings.is_post_shaded() {
         return ScalarNeed::NONE;
@@ -92,17 +94,18 @@ pub(super) fn need(view: &ViewGeometry, settings: &Settings, _weights: Weights) 
     ScalarNeed { samples: true, ..need }
 }
 
-/// How long three slabs of scalars count.
+/// The assumed length of three slabs of scalars, in voxels.
 const SLABS: f64 = 3.0;
 
-/// See [`ScalarNeed::influence`].
+/// Returns [`ScalarNeed::influence`] for three slabs.
 fn influence(view: &ViewGeometry) -> f64 {
     2.0 * view.max_radius() + SLABS
 }
 
-/// A slab counts if a kernel of a visible scalar may reach it. Two slabs belong to the voxel that is nearest to the ray
-/// in their plane: along each axis they reach a voxel beyond it at most, half for rounding and half for a lean of 1. So
-/// a voxel that is more than the radius and one away along an axis does not reach them.
+/// Returns the rule by which splats mark macrocells. A slab counts if a kernel of a visible scalar may reach it. Two
+/// slabs belong to the voxel that is nearest to the ray in their plane: along each axis they reach a voxel beyond it at
+/// most, half for rounding and half for a lean of 1. So a voxel that is more than the radius and one away along an axis
+/// does not reach them.
 fn marking(job: &Job<'_>) -> Marking {
     let Job { view, settings, post, magnification, .. } = job;
     // Macrocells are numbered in the whole lattice with its copies beyond the faces.
@@ -131,10 +134,10 @@ fn marking(job: &Job<'_>) -> Marking {
     Marking { reach: reach.next_multiple_of(CELL), invisible, offset }
 }
 
-/// A picture in progress.
+/// A picture by rays in progress.
 pub(super) struct Picture<'a> {
     pub(super) job: Job<'a>,
-    /// The kernel: along parallel rays as it has grown.
+    /// The reconstruction kernel, along parallel rays with its growth.
     kernel: Kernel,
     footprint: Footprint,
     kind: SlabKind,
@@ -143,24 +146,24 @@ pub(super) struct Picture<'a> {
     /// The samples that are packed in place of lists of splats.
     samples: Option<Samples>,
     pub(super) lighting: layout::Lighting,
-    /// The axes of the picture, the one with the largest share first.
+    /// The principal axes of the picture, the one with the largest share first.
     pub(super) axes: Vec<PackedAxis>,
     /// The parts of kernels that rays along each axis gather; empty before the first region.
     pub(super) sections: Vec<Arc<wgpu::Buffer>>,
     packed: Option<Vec<Arc<Packed>>>,
-    /// The rays of the regions so far.
+    /// The statistics of the rays of all regions so far.
     drawn: TilesStats,
 }
 
-/// A principal axis that rays are marched along, and the volume as these rays read it.
+/// A principal axis along which rays are marched, and the packing of the volume that these rays read.
 pub(super) struct PackedAxis {
     pub(super) axis: PrincipalAxis,
     packing: Packing,
 }
 
 impl<'a> Picture<'a> {
-    /// An error is the reason for a refusal: the volume does not fit into a texture, or the kernel's footprint is no
-    /// polynomial.
+    /// Plans a picture. An error is the reason for a refusal: the volume does not fit into a texture, or the kernel's
+    /// footprint is no polynomial.
     pub(super) fn new(job: Job<'a>) -> std::result::Result<Self, String> {
         let Job { context, view, settings, stores, post, .. } = job;
         if settings.is_post_shaded() && job.weights.max > MAX_SCALAR {
@@ -240,7 +243,7 @@ impl<'a> Picture<'a> {
         }
     }
 
-    /// Texels of a row that reach a ray.
+    /// Returns the number of texels of a row that reach a ray.
     fn row_texels(&self) -> u32 {
         // A ball of the lattice reaches as far along a row.
         let along_row = |axis: &PackedAxis| self.largest_radius() / (1.0 - axis.axis.lean.powi(2)).sqrt();
@@ -250,7 +253,7 @@ impl<'a> Picture<'a> {
         texels.floor().clamp(2.0, 6.0) as u32 + 1
     }
 
-    /// Planes to either side whose kernels have parts in a slab.
+    /// Returns the number of planes, to either side, whose kernels have parts in a slab.
     fn reach(&self) -> u32 {
         match self.largest_radius() / ROUNDING {
             radius if radius <= 2.0 => 2,
@@ -259,7 +262,7 @@ impl<'a> Picture<'a> {
         }
     }
 
-    /// The radius of the largest kernels, in voxels.
+    /// Returns the radius of the largest kernels, in voxels.
     fn largest_radius(&self) -> f64 {
         self.job.view.depth_growth().1 * self.kernel.radius()
     }
@@ -272,12 +275,12 @@ impl<'a> Picture<'a> {
         }
     }
 
-    /// Whether the picture has other layers.
+    /// Returns whether the picture has several layers.
     pub(super) fn is_layered(&self) -> bool {
         self.job.view.fade.is_some()
     }
 
-    /// Whether rays run along m so closely that they meet all planes at the same place.
+    /// Returns whether rays run along m so closely that they meet all planes at the same place.
     fn is_straight(&self, PackedAxis { axis, .. }: &PackedAxis) -> bool {
         let planes = self.job.view.grid.dims()[axis.axes[2]];
         !self.job.view.is_perspective()
@@ -285,7 +288,7 @@ impl<'a> Picture<'a> {
             && axis.shear().abs().max_element() * f64::from(planes) < STRAIGHT
     }
 
-    /// The splats as each axis reads them: packed for an earlier picture of the scene, or now.
+    /// Returns the packed splats for each axis: packed for an earlier picture of the scene, or now.
     fn pack(&self, recorder: &mut Recorder<'_>, pipelines: &Tiles) -> Result<Vec<Arc<Packed>>> {
         let Job { view, settings, stores, weights, .. } = self.job;
         let light = view.splat_light(settings);
@@ -332,32 +335,33 @@ impl<'a> Picture<'a> {
         Ok(packed)
     }
 
-    /// The inputs of the rays along an axis.
+    /// Returns the inputs of the rays along an axis.
     pub(super) fn setup<'s>(&'s self, axis: &'s PackedAxis) -> RaySetup<'s> {
         let PackedAxis { axis, packing, .. } = axis;
         let (job, footprint) = (&self.job, &self.footprint);
         RaySetup { job, axis, packing: *packing, kernel: self.kernel, footprint }
     }
 
-    /// The pipelines of the picture.
+    /// Returns the pipelines of the picture.
     pub(super) fn pipelines(&self) -> Result<Arc<Tiles>> {
         let key = self.key();
         self.job.pipelines.get_or_make(key.clone(), || Tiles::new(self.job.context, &key))
     }
 }
 
-/// The volumes that were packed for the last picture of the same splats.
+/// Returns the volumes that were packed for the last picture of the same splats.
 fn kept_volumes(job: &Job<'_>) -> Result<Arc<Mutex<Vec<Arc<Packed>>>>> {
     job.kept.get_or_make((), || Ok(Mutex::default()))
 }
 
 impl Picture<'_> {
-    /// Whether nothing can show.
+    /// Returns whether no matter can be visible.
     pub(super) fn is_empty(&self) -> bool {
         self.axes.is_empty() || self.job.splats() == 0 && !self.job.base_shows()
     }
 
-    /// See [`Painting::pixel_bytes`](crate::painters::painter::Painting::pixel_bytes).
+    /// Returns the bytes on the device for each pixel; see
+    /// [`Painting::pixel_bytes`](crate::painters::painter::Painting::pixel_bytes).
     pub(super) fn pixel_bytes(&self) -> u32 {
         // The runs of a tile, two words each, count two and a half times: a binding holds at least half of the bytes of
         // a part of a picture, and tiles may extend beyond the part.
@@ -366,7 +370,7 @@ impl Picture<'_> {
         self.axes.iter().map(per_pixel).fold(MIN_PIXEL_BYTES, u32::max)
     }
 
-    /// The work of a pixel in fragments of splats, averaged over the picture.
+    /// Returns the work of a pixel in fragments of splats, averaged over the picture.
     pub(super) fn pixel_work(&self) -> u64 {
         let Job { view, .. } = self.job;
         let is_cut = self.job.is_cut() && self.job.post.is_none();
@@ -385,8 +389,8 @@ impl Picture<'_> {
         (work / u128::from(PLANE_TEXELS * pixels as u64)) as u64
     }
 
-    /// The planes that a ray of an axis marches through at most: of a layer, those between the growths at which its
-    /// share begins and ends, and those whose kernels reach them.
+    /// Returns the largest number of planes that a ray of an axis marches through: in a layer, the planes between the
+    /// growths at which its share begins and ends, and the planes whose kernels reach them.
     fn planes_of_layer(&self, PackedAxis { axis, packing, .. }: &PackedAxis) -> u64 {
         let (view, planes) = (&self.job.view, u64::from(packing.dims[2]));
         let Some(fade) = view.fade else { return planes };
@@ -421,7 +425,7 @@ impl Picture<'_> {
         self.footprint.error
     }
 
-    /// The painter's part of the picture's statistics.
+    /// Returns the painter's part of the picture's statistics.
     pub(super) fn stats(&self) -> TilesStats {
         let per_plane = if self.job.post.is_some() { 2 } else { 1 };
         let (slabs, slab_thickness) = self.axes.first().map_or((0, 0.0), |PackedAxis { axis, packing, .. }| {

@@ -1,5 +1,5 @@
-//! Kernels as rays evaluate them: the footprint as a polynomial, and its parts in the slabs around a kernel as linear
-//! or quadratic functions.
+//! Kernels in the form that rays evaluate: the footprint as a polynomial, and its parts in the slabs around a kernel as
+//! linear or quadratic functions.
 
 use std::sync::Arc;
 
@@ -13,7 +13,7 @@ use crate::gpu::context::Context;
 use crate::gpu::layout;
 use crate::kernel::{Kernel, footprint_polynomial, section};
 
-/// Terms of the footprint's polynomial: the first of these that is accurate enough.
+/// The numbers of terms of the footprint's polynomial, of which the first that is accurate enough is used.
 const TERMS: [usize; 2] = [6, 8];
 /// The largest error of the polynomial, as a fraction of the footprint's peak: 1/80 of a step of 8-bit colour.
 const FOOTPRINT_ERROR: f64 = 5e-5;
@@ -25,12 +25,12 @@ const LARGEST_SHEAR: f64 = 1.55;
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Footprint {
     pub(super) coefficients: Vec<f64>,
-    /// Its largest error, as a fraction of the footprint's peak.
+    /// The largest error of the polynomial, as a fraction of the footprint's peak.
     pub(super) error: f64,
 }
 
 impl Footprint {
-    /// `None` if the largest number of terms is not accurate enough.
+    /// Fits the footprint of a kernel; `None` if the largest number of terms is not accurate enough.
     pub(super) fn new(kernel: &Kernel) -> Option<Self> {
         let fits = TERMS.map(|terms| footprint_polynomial(kernel, terms));
         let (coefficients, error) = fits.into_iter().find(|(_, error)| *error <= FOOTPRINT_ERROR)?;
@@ -47,15 +47,15 @@ impl Footprint {
 pub(super) enum SlabKind {
     /// Colours, in slabs a plane thick: x + y s.
     Colors,
-    /// Colours of dense material, which shows small errors of parts: x + y s + z s^2.
+    /// Colours of dense material, in which small errors of parts are visible: x + y s + z s^2.
     DenseColors,
     /// Scalars, in slabs half a plane thick: x + y s + z s^2.
     Scalars,
 }
 
 impl SlabKind {
-    /// The places where slabs begin and end along m, from the kernel's plane: four near slabs, then far ones. Of
-    /// scalars the foremost of four is first, of colours the one next to the kernel's own, as in
+    /// Returns the places where slabs begin and end along m, from the kernel's plane: four near slabs, then far ones.
+    /// For scalars the foremost of four is first, for colours the one next to the kernel's own, as in
     /// shaders/common/rays.wgsl.
     fn slabs(self) -> Vec<[f64; 2]> {
         let scalars = [-2.0, -1.5, -1.0, -0.5, -4.0, -3.5, -3.0, -2.5].map(|low| [low, low + 0.5]);
@@ -63,7 +63,7 @@ impl SlabKind {
         if self == Self::Scalars { scalars.to_vec() } else { colors.to_vec() }
     }
 
-    /// The number of powers of s that are fitted.
+    /// Returns the number of powers of s that are fitted.
     fn terms(self) -> usize {
         match self {
             Self::Colors => 2,
@@ -81,8 +81,8 @@ type NearAndFar = [layout::Section; 2];
 pub(super) struct Sections(pub(super) [[[layout::Section; layout::SECTIONS]; layout::SECTION_POWERS]; 2]);
 
 impl Sections {
-    /// The parts for the rays along an axis, on the device. Through one eye they depend on the kernel and its growth
-    /// alone, take 2 ms to fit, and are kept for growths up to the next eighth of an octave.
+    /// Returns the parts for the rays along an axis, on the device. For rays through one eye they depend on the kernel
+    /// and its growth alone, take 2 ms to fit, and are kept for growths up to the next eighth of an octave.
     pub(super) fn on_device(
         (context, made): (&Context, &Cache),
         (kernel, kind): (&Kernel, SlabKind),
@@ -102,7 +102,7 @@ impl Sections {
         made.get_or_make((format!("{kernel:?}"), kind, most.to_bits()), make)
     }
 
-    /// `most` is the largest growth of rays through one eye.
+    /// Fits the parts for the rays along an axis. `most` is the largest growth of rays through one eye.
     pub(super) fn new(kernel: &Kernel, camera: &Camera, axis: &PrincipalAxis, kind: SlabKind, most: f64) -> Self {
         const NONE: layout::Section = [[0.0; 4]; 3];
         let table = |growth: f64| -> [NearAndFar; layout::SECTIONS] {
@@ -136,9 +136,9 @@ impl Sections {
     }
 }
 
-/// An entry of the table of sections: the parts along every ray whose shear has this length, its lean, with s in units
-/// of the lean. In this unit the coefficients change smoothly towards rays along m, which meet all kernels of a plane
-/// at s = 0.
+/// Fits an entry of the table of sections: the parts along every ray whose shear has this length, its lean, with s in
+/// units of the lean. In this unit the coefficients change smoothly towards rays along m, which meet all kernels of a
+/// plane at s = 0.
 fn section_step(step: usize, kernel: &Kernel, kind: SlabKind) -> NearAndFar {
     // Rays along m have no fit over s. They get the entry of a lean of 1e-3. Its linear terms are below 4e-4 of the
     // footprint, because s is at most twice the lean, and 0 is their limit.
@@ -148,16 +148,17 @@ fn section_step(step: usize, kernel: &Kernel, kind: SlabKind) -> NearAndFar {
     both.map(|[x, y, z]| [x, y.map(|c| c * lean), z.map(|c| c * lean * lean)])
 }
 
-/// The parts of a kernel in the slabs before its centre, as fractions of its footprint: x + y s, or x + y s + z
-/// s^2. s is the place of its centre along the ray, from where the ray meets its plane; lengths are in
-/// voxels. The fit is by least squares over all places of the plane in which a ray meets the kernel.
+/// Fits the parts of a kernel in the slabs before its centre, as fractions of its footprint: x + y s, or x + y s + z
+/// s^2. s is the place of its centre along the ray, from where the ray meets its plane; lengths are in voxels. The fit
+/// is by least squares over all places of the plane in which a ray meets the kernel.
 ///
 /// A slab of colours is a plane thick and has its plane in the middle. A slab of scalars is half a plane thick and lies
 /// between two planes or half planes.
 ///
 /// Returned are x, y and z, each for up to four near slabs, and for up to four far ones.
 fn sections(kernel: &Kernel, direction: DVec3, kind: SlabKind) -> NearAndFar {
-    /// Places along each side of the square around the ray. More of them change the fractions by less than 1e-3.
+    /// The number of places along each side of the square around the ray. More of them change the fractions by less
+    /// than 1e-3.
     const SIDE: i32 = 25;
     let radius = kernel.radius();
     let reach = radius / direction.z;
@@ -205,7 +206,8 @@ fn sections(kernel: &Kernel, direction: DVec3, kind: SlabKind) -> NearAndFar {
 mod tests {
     use super::*;
 
-    /// Root mean square error of the parts, of the footprint's peak, over the square in which rays meet a plane.
+    /// Returns the root mean square error of the parts, of the footprint's peak, over the square in which rays meet a
+    /// plane.
     fn rms_of_parts(kernel: &Kernel, direction: DVec3, kind: SlabKind) -> f64 {
         let slabs = kind.slabs();
         let fits = sections(kernel, direction, kind).map(|half| half.map(|row| row.map(f64::from)));

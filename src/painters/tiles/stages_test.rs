@@ -34,7 +34,7 @@ fn context() -> Context {
     Context::new(Some(&adapter())).unwrap()
 }
 
-/// The words of the voxels of a packed box, x fastest, and of the layers of zeros behind them.
+/// Reads the words of the voxels of a packed box, x fastest, and of the layers of zeros behind them.
 fn read_volume(context: &Context, packed: &Packed) -> Vec<[u32; 2]> {
     let source = "@group(0) @binding(0) var texels: texture_3d<u32>;
         @group(0) @binding(1) var<storage, read_write> words: array<vec2u>;
@@ -72,14 +72,14 @@ const DIMS: [u32; 3] = [45, 38, 20];
 /// Colours without light.
 const PLAIN: Voxel = Voxel::Color { lights: 0, shadows: false };
 
-/// Lattice points of some splats: a ball, a few voxels by themselves, and nothing between.
+/// Returns the lattice points of some splats: a ball, a few voxels by themselves, and no points between.
 fn points() -> BTreeSet<[u32; 3]> {
     let all = (0..DIMS[2]).flat_map(|z| (0..DIMS[1]).flat_map(move |y| (0..DIMS[0]).map(move |x| [x, y, z])));
     let ball = |[x, y, z]: [u32; 3]| x.abs_diff(14).pow(2) + y.abs_diff(20).pow(2) + z.abs_diff(6).pow(2) < 30;
     all.filter(|&p| ball(p) || [[43, 3, 18], [32, 31, 3], [33, 31, 3], [31, 32, 19]].contains(&p)).collect()
 }
 
-/// A store of the points, brick after brick; `words` returns the words of a splat after its place.
+/// Makes a store of the points, brick after brick; `words` returns the words of a splat after its place.
 fn store<const N: usize>(context: &Context, words: impl Fn([u32; 3]) -> [u32; N]) -> Store {
     let (mut splats, mut bricks): (Vec<u32>, Vec<BrickSplats>) = (Vec::new(), Vec::new());
     // In the order of the lattice, x fastest.
@@ -105,7 +105,7 @@ fn store<const N: usize>(context: &Context, words: impl Fn([u32; 3]) -> [u32; N]
     Store::new(context, (Splats::Listed(buffer), None), 4 * (N as u64 + 1), count, bricks).unwrap()
 }
 
-/// The override constants of the packing of voxels under a light.
+/// Returns the override constants of the packing of voxels under a light.
 fn constants(voxel: Voxel, light: &SplatLight) -> Vec<Constant> {
     let (lights, shadows) = match voxel {
         Voxel::Color { lights, shadows } => (lights, shadows),
@@ -121,7 +121,7 @@ fn constants(voxel: Voxel, light: &SplatLight) -> Vec<Constant> {
     ]
 }
 
-/// So many lights; `points`: the last one is at a place.
+/// Returns this number of lights; with `points`, the last one is at a place.
 fn light(lights: u32, perspective: bool, points: bool) -> SplatLight {
     let lighting = Lighting {
         right: [0.9, 0.1, -0.2],
@@ -140,7 +140,7 @@ fn light(lights: u32, perspective: bool, points: bool) -> SplatLight {
     SplatLight { lighting, lights, points, to_eye: ToEye { perspective, eye: [20.0, 3.0, -60.0], view } }
 }
 
-/// The packing of splats as rays along these axes read it.
+/// Returns the packing of splats for rays along these axes.
 fn packing(context: &Context, stores: &[Store], axes: [usize; 3], voxel: Voxel) -> Packing {
     Packing::new(context, boxes(stores), (DIMS, false), None, axes, (voxel, marking(voxel))).unwrap()
 }
@@ -173,7 +173,7 @@ fn a_scan_of_512_fits_into_the_textures_of_every_gpu() {
     }
 }
 
-/// The words of the voxel at (a, b, plane), of a scalar the first one, where rays look for it.
+/// Returns the words of the voxel at (a, b, plane), for a scalar the first word, at the place that rays read.
 fn voxel_words(packing: Packing, voxels: &[[u32; 2]], place: [u32; 3]) -> [u32; 2] {
     let steps = packing.steps();
     let [x, y, z] = [0, 1, 2].map(|axis| (0..3).map(|i| place[i] * steps[i][axis] as u32).sum::<u32>());
@@ -186,7 +186,7 @@ fn halves(words: [u32; 2]) -> [f64; 4] {
     [half(words[0]), half(words[0] >> 16), half(words[1]), half(words[1] >> 16)]
 }
 
-/// Every (a, b, plane) of the box with its lattice point.
+/// Returns every (a, b, plane) of the box with its lattice point.
 fn places(packing: Packing) -> impl Iterator<Item = ([u32; 3], [u32; 3])> {
     let Packing { axes, low, dims, .. } = packing;
     let [na, nb, nm] = dims;
@@ -200,7 +200,7 @@ fn places(packing: Packing) -> impl Iterator<Item = ([u32; 3], [u32; 3])> {
 
 const ORDERS: [[usize; 3]; 6] = [[0, 1, 2], [1, 0, 2], [0, 2, 1], [2, 0, 1], [1, 2, 0], [2, 1, 0]];
 
-/// A splat whose words tell points apart.
+/// Returns words of a splat that tell points apart.
 fn words_of(point: [u32; 3]) -> [u32; 3] {
     let [x, y, z] = point;
     let density = 0.01 + 0.03 * f64::from(x) + 0.001 * f64::from(y * z);
@@ -245,7 +245,7 @@ fn voxels_are_packed_where_rays_look_for_them() {
     assert_eq!(volume.iter().filter(|&&voxel| voxel != [0, 0]).count(), shown.len());
 }
 
-/// A colour differs from that of its twin by a step of 11 bits at most, of its density: colours are up to that.
+/// A colour differs from its twin's by a step of 11 bits at most, of its density: colours are up to that.
 #[test]
 fn colors_are_lit_as_by_the_twin() {
     let context = context();
@@ -276,14 +276,15 @@ fn colors_are_lit_as_by_the_twin() {
     }
 }
 
-/// Colours mark their cells, scalars the cells around them; macrocells begin before the lattice.
+/// Returns a rule of marking: colours mark their cells, scalars the cells around them; macrocells begin before the
+/// lattice.
 fn marking(voxel: Voxel) -> Marking {
     let own = Marking { offset: [1, 2, 3], ..Marking::OWN };
     if matches!(voxel, Voxel::Color { .. }) { own } else { Marking { reach: 2, invisible: [-4.0, 2.5], ..own } }
 }
 
-/// Asserts that the cells that rays along these axes find marked are those with splats, of scalars those near visible
-/// ones.
+/// Asserts that the marked cells, as rays along these axes find them, are the cells with splats, for scalars the cells
+/// near visible ones.
 fn assert_marks(context: &Context, packed: &Packed, packing: Packing) {
     let Packing { voxel, axes, low, .. } = packing;
     let Marking { reach, invisible: [least, largest], offset } = marking(voxel);
@@ -326,7 +327,7 @@ fn scalar_of([x, y, z]: [u32; 3]) -> f32 {
     0.25 * x as f32 - 0.5 * y as f32 + 0.125 * (z * z) as f32
 }
 
-/// From large to small, with either sign, and 0 in some places.
+/// Returns gradients from large to small, with either sign, and 0 in some places.
 fn gradient_of([x, y, z]: [u32; 3]) -> [f32; 3] {
     let size = (0.5 * f64::from((x + y + z) % 20) - 8.0).exp2() as f32;
     [(x % 5) as f32 - 2.0, 1.0 - (y % 3) as f32, 0.37 * (z % 4) as f32 - 0.37].map(|c| c * size)
@@ -376,7 +377,7 @@ fn scalars_keep_their_bits_and_gradients_half_of_them() {
 // ---------------------------------------------------------------------------------------------------------------------
 // skip
 
-/// The runs of each tile.
+/// Returns the runs of each tile.
 fn runs(context: &Context, packed: &Packed, uniforms: &layout::Rays, perspective: bool) -> Vec<Vec<[u32; 2]>> {
     let skip = skip(context, &[("PERSPECTIVE", perspective.into())]);
     let rays = context.upload("test.rays", bytemuck::bytes_of(uniforms), wgpu::BufferUsages::UNIFORM).unwrap();
@@ -389,7 +390,8 @@ fn runs(context: &Context, packed: &Packed, uniforms: &layout::Rays, perspective
     runs.chunks(uniforms.run_slots as usize).map(of_tile).collect()
 }
 
-/// Where a ray meets a plane, both from the first of the packed volume; nothing if it is not marched along this axis.
+/// Returns the map from a plane to the point where a ray meets it, both from the first of the packed volume; `None` if
+/// the ray is not marched along this axis.
 fn line(uniforms: &layout::Rays, perspective: bool, [x, y]: [u32; 2]) -> Option<impl Fn(f64) -> DVec2> {
     let v2 = |v: [f32; 2]| DVec2::from_array(v.map(f64::from));
     let v3 = |v: [f32; 3]| DVec3::from_array(v.map(f64::from));

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use super::CellSize;
 
-/// Cells to either side of a voxel that it is shared among.
+/// The number of cells, to either side of a voxel, that share it.
 pub(super) const REACH: usize = 3;
 
 /// The weights by which voxels are shared among cells along an axis.
@@ -13,14 +13,14 @@ pub(crate) struct Filter {
     size: [usize; 2],
     /// The first voxel with a weight in the first cell; negative because that cell lies beyond the face.
     first: i64,
-    /// The weights of that voxel and of those behind it, for as many cells as lie differently between voxels: the
-    /// divisor of `size`. The first voxel of cell c is that number of whole voxels behind that c cells are.
+    /// The weights of the voxels from `first` on, for as many cells as lie differently between voxels: the divisor of
+    /// `size`. The first voxel of cell c is that number of whole voxels behind that c cells are.
     weights: Vec<Vec<f32>>,
 }
 
 impl Filter {
-    /// A filter of cells. `beyond` cells lie before the face, and `before` voxels between the end of these cells and
-    /// the face. Cells are blurred by the weights `blur`, from the middle one on.
+    /// Makes the filter of cells. `beyond` cells lie before the face, and `before` voxels between the end of these
+    /// cells and the face. Cells are blurred by the weights `blur`, from the middle one on.
     pub(crate) fn new(size: CellSize, before: f64, blur: &[f64], beyond: usize) -> Self {
         let fraction = size.fraction().map(|n| n as usize);
         let size = size.voxels();
@@ -44,30 +44,30 @@ impl Filter {
         Self { size: fraction, first, weights }
     }
 
-    /// Voxels along a cell as a fraction, the first voxel with a weight in the first cell, and the weights of the
-    /// voxels from there on, for each cell that lies differently between voxels.
+    /// Returns the voxels along a cell as a fraction, the first voxel with a weight in the first cell, and the weights
+    /// of the voxels from there on, for each cell that lies differently between voxels.
     pub(crate) fn parts(&self) -> ([usize; 2], i64, &[Vec<f32>]) {
         (self.size, self.first, &self.weights)
     }
 
-    /// The first voxel with a weight in a cell.
+    /// Returns the first voxel with a weight in a cell.
     fn first(&self, cell: i64) -> i64 {
         let [over, under] = self.size.map(|n| n as i64);
         self.first + (cell * over).div_euclid(under)
     }
 
-    /// The weights of the voxels from there on.
+    /// Returns the weights of voxels in a cell, from the first voxel with a weight on.
     fn weights(&self, cell: i64) -> &[f32] {
         &self.weights[cell.rem_euclid(self.weights.len() as i64) as usize]
     }
 
-    /// The voxels with weights in the cells from `cell` to before `end`.
+    /// Returns the voxels with weights in the cells from `cell` to before `end`.
     pub(crate) fn voxels(&self, cell: i64, end: i64) -> Range<i64> {
         self.first(cell)..self.first(end - 1) + self.weights[0].len() as i64
     }
 
-    /// For each cell, the first voxel with a weight in it and the weights from there on. The axis has `count` voxels,
-    /// which go on beyond the faces as copies.
+    /// Returns for each cell the first voxel with a weight in it and the weights from there on. The axis has `count`
+    /// voxels, which go on beyond the faces as copies.
     pub(crate) fn taken(&self, cells: Range<i64>, count: usize) -> Vec<(usize, Vec<f32>)> {
         let of_cell = |cell: i64| {
             let voxels = self.voxels(cell, cell + 1);
@@ -80,8 +80,8 @@ impl Filter {
         cells.map(of_cell).collect()
     }
 
-    /// The voxels that each cell stands for and `more` to either side, of an axis of `count` voxels; the outermost
-    /// voxel if they lie beyond a face.
+    /// Returns the voxels that each cell stands for and `more` to either side, of an axis of `count` voxels; the
+    /// outermost voxel if they lie beyond a face.
     pub(crate) fn blocks(&self, cells: Range<i64>, more: i64, count: usize) -> Vec<Range<usize>> {
         let inside = |voxel: i64| voxel.clamp(0, count as i64 - 1) as usize;
         let block = |cell: i64| {
@@ -93,7 +93,7 @@ impl Filter {
         cells.map(block).collect()
     }
 
-    /// The cells in which some of these voxels have weights.
+    /// Returns the cells in which any of these voxels have weights.
     pub(crate) fn around(&self, voxels: Range<i64>) -> Range<i64> {
         let [over, under] = self.size.map(|n| n as i64);
         // The first cell that begins at this voxel or behind it.
@@ -103,7 +103,7 @@ impl Filter {
     }
 }
 
-/// The weight of the node at distance `x` in the polynomial through the six nodes around a point.
+/// Returns the weight of the node at distance `x` in the polynomial through the six nodes around a point.
 fn lagrange(x: f64) -> f64 {
     let node = x.ceil();
     let at = node - x;
@@ -113,7 +113,7 @@ fn lagrange(x: f64) -> f64 {
     (-2..=3).map(f64::from).filter(|&other| other != node).map(|other| (at - other) / (node - other)).product()
 }
 
-/// The share of a wave along an axis that cells keep, given its frequency in radians per cell.
+/// Returns the share of a wave along an axis that cells keep, given its frequency in radians per cell.
 pub(crate) fn response(cells: CellSize, frequency: f64) -> f64 {
     // More voxels to a cell change nothing.
     let cells = cells.min(CellSize::of_level(3));

@@ -7,20 +7,20 @@ use crate::settings::MAX_LEVEL;
 /// voxels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(crate) struct CellSize {
-    /// Half voxels along a cell.
+    /// The number of half voxels along a cell.
     halves: u32,
 }
 
 impl CellSize {
     pub(crate) const VOXEL: Self = Self { halves: 2 };
 
-    /// The number of sizes.
+    /// The number of sizes of cells.
     pub(crate) const COUNT: usize = 2 * MAX_LEVEL as usize + 1;
 
-    /// The size of the largest level.
+    /// The size of the cells of the largest level.
     pub(crate) const LARGEST: Self = Self::of_level(MAX_LEVEL);
 
-    /// All sizes, from the voxels on.
+    /// Returns all sizes, from the voxels on.
     pub(crate) fn all() -> impl Iterator<Item = Self> {
         std::iter::successors(Some(Self::VOXEL), |size| (*size < Self::LARGEST).then(|| size.next()))
     }
@@ -29,44 +29,44 @@ impl CellSize {
         Self { halves: 2 << level }
     }
 
-    /// The next larger size.
+    /// Returns the next larger size.
     pub(crate) const fn next(self) -> Self {
         let halves = if self.is_whole() { self.halves / 2 * 3 } else { self.halves / 3 * 4 };
         Self { halves }
     }
 
-    /// The largest size of a whole level that is no larger.
+    /// Returns the largest size of a whole level that is no larger.
     pub(crate) const fn whole(self) -> Self {
         Self::of_level(self.halves.ilog2() - 1)
     }
 
-    /// Whether its level is a whole number.
+    /// Returns whether the level of the size is a whole number.
     const fn is_whole(self) -> bool {
         self.halves.is_power_of_two()
     }
 
-    /// Its number among all sizes, from the voxels on.
+    /// Returns the number of the size among all sizes, from the voxels on.
     pub(crate) const fn number(self) -> usize {
         2 * (self.halves.ilog2() as usize - 1) + !self.is_whole() as usize
     }
 
-    /// Voxels along a cell.
+    /// Returns the number of voxels along a cell.
     pub(crate) fn voxels(self) -> f64 {
         f64::from(self.halves) / 2.0
     }
 
-    /// The same as a fraction in lowest terms.
+    /// Returns the number of voxels along a cell as a fraction in lowest terms.
     pub(crate) const fn fraction(self) -> [u32; 2] {
         if self.halves.is_multiple_of(2) { [self.halves / 2, 1] } else { [self.halves, 2] }
     }
 
-    /// The cells that cover so many voxels.
+    /// Returns the number of cells that cover `voxels` voxels.
     pub(crate) fn cells(self, voxels: u32) -> u32 {
         let [over, under] = self.fraction();
         (u64::from(voxels) * u64::from(under)).div_ceil(u64::from(over)) as u32
     }
 
-    /// Its level: a whole number and perhaps a half.
+    /// Returns the level of the size: a whole number and perhaps a half.
     pub(crate) fn level(self) -> f32 {
         self.number() as f32 / 2.0
     }

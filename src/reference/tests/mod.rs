@@ -17,7 +17,8 @@ fn point(value: f64, color: [f64; 3], opacity: f64) -> ControlPoint {
     ControlPoint { value, color, opacity }
 }
 
-/// Values 0, 1 and 2 are air, red-ish of opacity 0.4 and blue-ish of opacity 0.7 per unit.
+/// Returns a transfer function in which values 0, 1 and 2 are air, red-ish of opacity 0.4 and blue-ish of opacity 0.7
+/// per unit.
 fn tones() -> TransferFunction {
     let (red, blue) = ([0.9, 0.3, 0.1], [0.2, 0.4, 0.8]);
     TransferFunction::new(
@@ -40,7 +41,7 @@ fn prepared(volume: &Volume, kernel: &Kernel) -> Reference {
     Reference::new(volume, &tones(), &Settings { kernel: *kernel, ..Settings::default() }).unwrap()
 }
 
-/// erf by its Maclaurin series (Abramowitz and Stegun 7.1.5), for |x| up to about 3.
+/// Returns erf by its Maclaurin series (Abramowitz and Stegun 7.1.5), for |x| up to about 3.
 fn erf(x: f64) -> f64 {
     let mut term = x;
     let mut sum = x;
@@ -53,7 +54,7 @@ fn erf(x: f64) -> f64 {
 
 const PI: f64 = std::f64::consts::PI;
 
-/// Line integral of the Gaussian of sigma 1 cut at 2, at distance r from its centre.
+/// Returns the line integral of the Gaussian of sigma 1 cut at 2, at distance r from its centre.
 fn footprint(r: f64) -> f64 {
     let c2 = 4.0 - r * r;
     if c2 <= 0.0 { 0.0 } else { (-r * r / 2.0).exp() * (2.0 * PI).sqrt() * erf((c2 / 2.0).sqrt()) }
@@ -193,7 +194,7 @@ fn settings(kernel: Kernel, model: Model, shading: Shading) -> Settings {
     Settings { kernel, model, shading, ..Settings::default() }
 }
 
-/// A transfer function through (value, opacity) points, red from 0 to 1 over them.
+/// Makes a transfer function through (value, opacity) points, red from 0 to 1 over them.
 fn ramp(points: &[(f64, f64)], unit: f64) -> TransferFunction {
     let last = (points.len() - 1).max(1) as f64;
     let points = points.iter().enumerate().map(|(i, &(v, o))| point(v, [i as f64 / last, 0.5, 0.25], o)).collect();
@@ -213,7 +214,7 @@ fn floats(grid: Grid, f: impl Fn(DVec3) -> f64) -> Volume {
     Volume::new(grid, Samples::F64(samples)).unwrap()
 }
 
-/// Bumpy values from about -1 to 1 on a sheared anisotropic grid.
+/// Returns a volume of bumpy values from about -1 to 1 on a sheared anisotropic grid.
 fn bumps() -> Volume {
     let matrix = DMat3::from_cols(DVec3::new(0.5, 0.1, 0.0), DVec3::new(-0.1, 0.8, 0.2), DVec3::new(0.0, 0.3, 1.2));
     let grid = Grid::new([5, 6, 4], DAffine3::from_mat3_translation(matrix, DVec3::new(1.0, 2.0, -3.0))).unwrap();
@@ -279,7 +280,7 @@ fn xray_adds_optical_depth() {
     assert_close(got.rgba(), [expected; 4], 1e-10, "two voxels");
 }
 
-/// Red rises with x, y and z in the lattice; the middle voxel alone is visible.
+/// Returns a volume and a function whose red rises with x, y and z in the lattice; the middle voxel alone is visible.
 fn hill(matrix: DMat3) -> (Volume, TransferFunction, DVec3) {
     let grid = Grid::new([3, 3, 3], DAffine3::from_mat3(matrix)).unwrap();
     let volume = floats(grid, |p| p.dot(DVec3::new(1.0, 10.0, 100.0)));

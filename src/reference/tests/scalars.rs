@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// The fields of post-shading as the definition has them, sum by sum.
+/// The fields of post-shading by their definition, sum by sum.
 struct Plain<'a> {
     volume: &'a Volume,
     kernel: Kernel,
@@ -20,7 +20,7 @@ impl Plain<'_> {
         self.volume.in_memory().unwrap().value((x + d[0] * (y + d[1] * z)) as usize)
     }
 
-    /// f, and its gradient in the world.
+    /// Returns f, and its gradient in the world.
     fn at(&self, world: DVec3) -> (f64, DVec3) {
         let grid = self.volume.grid();
         let x = grid.to_lattice().transform_point3(world);
@@ -51,7 +51,7 @@ impl Plain<'_> {
         (f, grid.to_lattice().matrix3.transpose() * g)
     }
 
-    /// Where a ray is inside the box, as a world length from its origin. `first` is where it starts.
+    /// Returns the part of a ray inside the box, as world lengths from its origin. The ray starts at `first`.
     fn span(&self, origin: DVec3, direction: DVec3, first: f64) -> Option<(f64, f64)> {
         let grid = self.volume.grid();
         let (o, d) = (grid.to_lattice().transform_point3(origin), grid.to_lattice().transform_vector3(direction));
@@ -63,7 +63,7 @@ impl Plain<'_> {
         (from < to).then_some((from, to))
     }
 
-    /// The midpoint rule of `steps` steps.
+    /// Composites by the midpoint rule of `steps` steps.
     fn composite(
         &self,
         transfer: &TransferFunction,

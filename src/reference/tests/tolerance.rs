@@ -1,4 +1,4 @@
-//! Pictures with a tolerance against exact ones, and rays that leave out what cannot show against rays that do not.
+//! Pictures with a tolerance against exact ones, and rays that skip invisible parts against rays that do not.
 
 use super::*;
 
@@ -8,7 +8,7 @@ fn demo(name: &str, size: u32) -> (Volume, TransferFunction) {
     (volume, crate::appearance::demos::demo_transfer(name).unwrap())
 }
 
-/// The same opacities of slabs so many times thinner.
+/// Returns the transfer function with the same opacities for slabs `times` times thinner.
 fn denser(transfer: &TransferFunction, volume: &Volume, times: f64) -> TransferFunction {
     let unit = transfer.unit_or(volume.grid().min_spacing());
     TransferFunction::new(transfer.points().to_vec(), Some(unit / times)).unwrap()
@@ -19,14 +19,14 @@ fn lit() -> Option<Lighting> {
     Some(Lighting { lights, ambient: 0.4, ..Lighting::default() })
 }
 
-/// A view whose kernels have their own size, and one of so few pixels that they grow.
+/// Returns a view whose kernels have their own size, or with `grown` one of so few pixels that they grow.
 fn camera(volume: &Volume, projection: ProjectionKind, grown: bool) -> Camera {
     let size = if grown { 16 } else { 200 };
     let view = View { azimuth: 33.0, elevation: 21.0, projection, ..View::default() };
     Camera::new(&view, volume.grid(), [size; 2]).unwrap()
 }
 
-/// Some of its pixels, all over the picture.
+/// Returns `count` pixels of a camera's picture, spread all over it.
 fn pixels(camera: &Camera, count: u32) -> Vec<[u32; 2]> {
     let [width, height] = camera.size;
     // The golden section scatters them.

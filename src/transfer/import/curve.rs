@@ -16,17 +16,17 @@ pub(super) struct Node<const N: usize> {
     pub(super) value: [f64; N],
     /// The place between this point and the next, 0 to 1, at which the value is half way.
     pub(super) midpoint: f64,
-    /// 0 is a straight line, 1 nearly a step at the midpoint.
+    /// The sharpness of the course to the next point: 0 is a straight line, 1 nearly a step at the midpoint.
     pub(super) sharpness: f64,
 }
 
 impl<const N: usize> Node<N> {
-    /// A point with a straight line to the next.
+    /// Makes a point with a straight line to the next.
     pub(super) fn plain(at: f64, value: [f64; N]) -> Self {
         Self { at, value, midpoint: 0.5, sharpness: 0.0 }
     }
 
-    /// The share of the next point in the value at the share `s` of the way (`vtkPiecewiseFunction::GetTable`).
+    /// Returns the share of the next point in the value at the share `s` of the way (`vtkPiecewiseFunction::GetTable`).
     fn share(&self, s: f64) -> f64 {
         let middle = self.midpoint.clamp(1e-5, 1.0 - 1e-5);
         let s = if s < middle { 0.5 * s / middle } else { 0.5 + 0.5 * (s - middle) / (1.0 - middle) };
@@ -42,7 +42,7 @@ impl<const N: usize> Node<N> {
 }
 
 impl Node<3> {
-    /// Points of colour from (value, red, green, blue), with straight lines between them.
+    /// Makes points of colour from (value, red, green, blue), with straight lines between them.
     pub(super) fn colors(rows: &[[f64; 4]]) -> Vec<Self> {
         rows.iter().map(|&[at, r, g, b]| Self::plain(at, [r, g, b])).collect()
     }
@@ -51,12 +51,12 @@ impl Node<3> {
 /// A line through points, values ascending; two points at one value are a step.
 type Line<const N: usize> = Vec<(f64, [f64; N])>;
 
-/// The line of a curve of opacities.
+/// Returns the line of a curve of opacities.
 pub(super) fn opacities(nodes: Vec<Node<1>>) -> Line<1> {
     line(nodes, false, |a, b, s| [(1.0 - s) * a[0] + s * b[0]])
 }
 
-/// The line of a curve of colours.
+/// Returns the line of a curve of colours.
 pub(super) fn colors(nodes: Vec<Node<3>>, space: Space) -> Line<3> {
     line(nodes, space == Space::Step, |a, b, s| space.between(a, b, s))
 }
@@ -85,7 +85,7 @@ fn line<const N: usize>(
     line
 }
 
-/// Gives `out` the points within a stretch of a curve that a line needs.
+/// Adds to `out` the points within a stretch of a curve that a line needs.
 fn halve<const N: usize>(
     curve: &impl Fn(f64) -> [f64; N],
     [from, to]: [f64; 2],

@@ -39,13 +39,14 @@ const MAX_BYTES: u64 = 4 << 20;
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct Imported {
-    /// The function. If it fits itself to data, its values are places in a window, 0 to 1.
+    /// The transfer function. If it fits itself to data, its values are places in a window, 0 to 1.
     pub transfer: TransferFunction,
-    /// Whether the file states no values of data: a colour map.
+    /// Whether the function fits itself to data, because the file states no values: a colour map.
     pub fits: bool,
-    /// Whether its opacities are for slabs as thick as the mean spacing, because the file states no thickness.
+    /// Whether the function's opacities are for slabs as thick as the mean spacing, because the file states no
+    /// thickness.
     pub mean_spacing: bool,
-    /// Whether the magnitudes of its gradient opacity are differences over a mean spacing, as in VTK.
+    /// Whether the magnitudes of the function's gradient opacity are differences over a mean spacing, as in VTK.
     pub gradient_of_spacing: bool,
     /// Ambient, diffuse and specular share and shininess of light from the eye, if the file requests light.
     pub material: Option<[f64; 4]>,
@@ -183,7 +184,7 @@ impl Content {
     }
 }
 
-/// The error of a file that is not as expected.
+/// Returns the error of a file that is not as expected.
 fn fault(reason: impl Into<String>) -> Error {
     Error::Transfer(reason.into())
 }
@@ -196,7 +197,7 @@ struct Found {
     /// Whether values belong to data; otherwise they are places in a window.
     placed: bool,
     unit_distance: Option<f64>,
-    /// Magnitudes are differences over a mean spacing, as in VTK.
+    /// The points of gradient opacity; magnitudes are differences over a mean spacing, as in VTK.
     gradient: Vec<GradientPoint>,
     material: Option<[f64; 4]>,
     notes: Vec<String>,
@@ -231,7 +232,7 @@ impl Found {
     }
 }
 
-/// The requested one of several named items, or the only one.
+/// Returns the requested one of several named items, or the only one.
 fn chosen<T>(
     items: impl IntoIterator<Item = T>,
     name: impl Fn(&T) -> Option<&str>,
@@ -253,22 +254,22 @@ fn chosen<T>(
     }
 }
 
-/// The list under a key of a JSON object; empty if there is none.
+/// Returns the list under a key of a JSON object; empty if there is none.
 fn list<'a>(value: &'a Value, key: &str) -> &'a [Value] {
     value.get(key).and_then(Value::as_array).map(Vec::as_slice).unwrap_or_default()
 }
 
-/// A finite number of a JSON value.
+/// Reads a finite number from a JSON value.
 fn number(value: &Value) -> Result<f64> {
     value.as_f64().filter(|n| n.is_finite()).ok_or_else(|| fault(format!("{value}, expected a number")))
 }
 
-/// A finite number of a text.
+/// Reads a finite number from a text.
 fn parsed(text: &str) -> Option<f64> {
     text.trim().parse().ok().filter(|n: &f64| n.is_finite())
 }
 
-/// The numbers of a JSON array, at least one.
+/// Reads the numbers of a JSON array, at least one.
 fn numbers(value: &Value) -> Result<Vec<f64>> {
     match value.as_array() {
         Some(array) if !array.is_empty() => array.iter().map(number).collect(),
@@ -276,7 +277,7 @@ fn numbers(value: &Value) -> Result<Vec<f64>> {
     }
 }
 
-/// Numbers in groups of `N`, at least one group.
+/// Splits numbers into groups of `N`, at least one group.
 fn groups<const N: usize>(numbers: &[f64], what: &str) -> Result<Vec<[f64; N]>> {
     let (groups, rest) = numbers.as_chunks::<N>();
     if groups.is_empty() || !rest.is_empty() {
@@ -285,7 +286,7 @@ fn groups<const N: usize>(numbers: &[f64], what: &str) -> Result<Vec<[f64; N]>> 
     Ok(groups.to_vec())
 }
 
-/// Whether opacities state nothing: all are 1.
+/// Returns whether opacities have no effect, because all are 1.
 fn opaque(opacities: &[(f64, [f64; 1])]) -> bool {
     opacities.iter().all(|(_, [opacity])| *opacity >= 1.0)
 }

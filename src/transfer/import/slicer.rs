@@ -9,7 +9,7 @@ use super::{Found, chosen, fault, groups, list, number, numbers, opaque, parsed}
 use crate::error::Result;
 use crate::transfer::GradientPoint;
 
-/// Ambient, diffuse and specular share and shininess, as presets and `.vp.json` name them.
+/// The names of ambient, diffuse and specular share and shininess in presets and `.vp.json`.
 const MATERIAL: [&str; 4] = ["ambient", "diffuse", "specular", "specularPower"];
 
 /// Reads a `.vp`: interpolation, shade, diffuse, ambient, specular, power, opacities, gradient opacities and colours,
@@ -106,13 +106,13 @@ pub(super) fn json(value: &Value, name: Option<&str>) -> Result<Found> {
     Ok(found)
 }
 
-/// A point with its midpoint and sharpness.
+/// Reads a point with its midpoint and sharpness.
 fn node<const N: usize>(point: &Value, value: [f64; N]) -> Result<Node<N>> {
     let or = |key: &str, default: f64| point.get(key).map_or(Ok(default), number);
     Ok(Node { at: number(&point["x"])?, value, midpoint: or("midpoint", 0.5)?, sharpness: or("sharpness", 0.0)? })
 }
 
-/// Opacities over gradients; none if all are 1.
+/// Reads opacities over gradients; no points if all are 1.
 fn gradient_points(nodes: Vec<Node<1>>) -> Vec<GradientPoint> {
     let point = |(magnitude, [opacity]): (f64, [f64; 1])| GradientPoint { magnitude, opacity };
     let line = opacities(nodes);

@@ -6,20 +6,20 @@ use super::fault;
 use crate::error::Result;
 use crate::transfer::color::{from_linear, hsv, to_linear};
 
-/// A space in which colours between two points are interpolated.
+/// A colour space in which colours between two points are interpolated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Space {
     Rgb,
-    /// Hue, saturation and value; with `wrap` hues take the shorter way around.
+    /// HSV: hue, saturation and value; with `wrap` hues take the shorter way around.
     Hsv {
         wrap: bool,
     },
     /// CIE L*a*b* for a white of (0.9505, 1, 1.089).
     Lab,
-    /// Moreland 2009, "Diverging color maps for scientific visualization": polar Lab, through white if both ends are
-    /// saturated and differ in hue.
+    /// Polar Lab, through white if both ends are saturated and differ in hue (Moreland 2009, "Diverging color maps for
+    /// scientific visualization").
     Diverging,
-    /// The colour of the upper point from the lower one on.
+    /// No interpolation: the colour of the upper point from the lower one on.
     Step,
 }
 
@@ -117,7 +117,7 @@ fn lab_to_rgb([l, a, b]: [f64; 3]) -> [f64; 3] {
     rgb.map(|c| c.max(0.0) / most)
 }
 
-/// Magnitude, saturation and hue: polar coordinates of Lab.
+/// Converts red, green and blue to magnitude, saturation and hue: polar coordinates of Lab.
 fn rgb_to_msh(rgb: [f64; 3]) -> [f64; 3] {
     let [l, a, b] = rgb_to_lab(rgb);
     let m = (l * l + a * a + b * b).sqrt();
@@ -152,7 +152,7 @@ fn diverging(a: [f64; 3], b: [f64; 3], s: f64) -> [f64; 3] {
     msh_to_rgb(mixed(a, b, s))
 }
 
-/// The hue of an end without saturation, of magnitude `to`, given the saturated colour at the other end.
+/// Returns the hue of an end without saturation, of magnitude `to`, given the saturated colour at the other end.
 fn spun([m, s, h]: [f64; 3], to: f64) -> f64 {
     if m >= to - 0.1 {
         return h;

@@ -8,7 +8,7 @@ use super::lines::merged;
 use crate::error::{Error, Result};
 use crate::transfer::color;
 
-/// Maps of `colorous`, whose own greys are not linear.
+/// The maps of `colorous`, whose own greys are not linear.
 const COLOROUS: [(&str, colorous::Gradient); 6] = [
     ("viridis", colorous::VIRIDIS),
     ("inferno", colorous::INFERNO),
@@ -21,19 +21,19 @@ const COLOROUS: [(&str, colorous::Gradient); 6] = [
 /// A line for each map: its name, a blank, and hexadecimal digits of its colours.
 const TABLES: &str = include_str!("tables.txt");
 
-/// Steps between the colours of a map of `colorous`.
+/// The number of steps between the colours of a map of `colorous`.
 const STEPS: u32 = 64;
 
-/// Steps of the ramp of opacity.
+/// The number of steps of the ramp of opacity.
 const RAMP_STEPS: u32 = 16;
 
-/// The opacity at the upper end.
+/// The opacity at the upper end of a map.
 const RAMP_TOP: f64 = 0.1;
 
-/// Colours in the order of values, without opacities.
+/// A colour map: colours in the order of values, without opacities.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ColorMap {
-    /// Values ascending, the first and the last apart.
+    /// The values, ascending, the first and the last apart, with their colours.
     colors: Vec<(f64, [f64; 3])>,
 }
 
@@ -60,17 +60,17 @@ impl ColorMap {
     }
 }
 
-/// The numbers from 0 to 1 at equal distances.
+/// Returns the numbers from 0 to 1 at equal distances.
 fn evenly(steps: u32) -> impl Iterator<Item = f64> {
     (0..=steps).map(move |step| f64::from(step) / f64::from(steps))
 }
 
-/// A colour of `colorous` as red, green and blue in 0..1.
+/// Returns a colour of `colorous` as red, green and blue in 0..1.
 pub(super) fn rgb(colorous::Color { r, g, b }: colorous::Color) -> [f64; 3] {
     [r, g, b].map(|channel| f64::from(channel) / 255.0)
 }
 
-/// The name and the digits of each map of the tables.
+/// Returns the name and the digits of each map of the tables.
 fn tables() -> impl Iterator<Item = (&'static str, &'static str)> {
     TABLES.lines().filter_map(|line| line.split_once(' '))
 }

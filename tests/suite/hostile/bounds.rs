@@ -158,7 +158,7 @@ pub(crate) fn bound(
         PainterStats::Quads(q) => (FOOTPRINT, q.sheet_thickness, 1.0),
         // A slab passes the deficit of a fit on to the next slab: two slabs mix.
         PainterStats::Tiles(t) => (PACKED, t.slab_thickness, 2.0),
-        PainterStats::Cpu(_) => panic!("the host engine draws post-shaded pictures"),
+        other => panic!("{other:?}: no bound"),
     };
     if settings.model == Model::Xray {
         let alpha = alpha + settings.termination;

@@ -1,6 +1,7 @@
 //! Band-limited classification: smooth surfaces have no rings, thin matter keeps its brightness, and the engines agree.
 
 use glam::DVec3;
+use voxsplat::Frame;
 use voxsplat::camera::{Camera, View};
 use voxsplat::demos::demo_transfer;
 use voxsplat::engine::Engine;
@@ -104,7 +105,7 @@ fn drawn(volume: &Volume, transfer: &TransferFunction, camera: &Camera, settings
     let settings = Settings { painter: Painter::Cpu, level: Level::At(0), ..settings.clone() };
     let engine = Engine::open(&RendererOptions::default(), &settings).unwrap();
     let scene = engine.prepare_layers(&Layers::of_volume(volume, transfer), &settings).unwrap();
-    engine.render(&scene, camera, &settings).unwrap().image
+    engine.render(&scene, &Frame::new(camera, &settings)).unwrap().image
 }
 
 /// A preset at absolute values.

@@ -192,7 +192,7 @@ fn disjoint_boxes_composited_are_the_whole() {
     }
 }
 
-/// GUIDE.md has the figures.
+/// docs/guide/views.md has the figures.
 #[test]
 fn halves_of_magnified_folds_are_the_whole_with_a_ray_for_each_pixel() {
     let (volume, transfer) = demo("marschner-lobb", 20);

@@ -1,10 +1,10 @@
 //! Overlays on lattices of their own: against layers on one lattice, the f64 reference and media on their own lattices.
 
 use glam::{DAffine3, DMat3, DVec3};
-use voxsplat::appearance::{Overlay, OverlaySpec, Overlays, UsedColors};
 use voxsplat::camera::{Camera, View};
 use voxsplat::image::Image;
 use voxsplat::layers::{Fit, Lattice, Layer, Layers};
+use voxsplat::program::{Overlay, OverlaySpec, Overlays, UsedColors};
 use voxsplat::reference::Reference;
 use voxsplat::settings::Settings;
 use voxsplat::transfer::TransferFunction;

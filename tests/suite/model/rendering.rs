@@ -1,6 +1,7 @@
 //! Pictures against the f64 reference, and changes that must not alter a picture.
 
 use glam::{DAffine3, DMat3, DQuat, DVec3};
+use voxsplat::Frame;
 use voxsplat::camera::{Camera, ProjectionKind, View};
 use voxsplat::image::Region;
 use voxsplat::kernel::{Kernel, Normalization};
@@ -309,7 +310,7 @@ fn a_region_has_the_bytes_of_the_whole_picture() {
         let whole = draw(&scene, &camera, &settings);
         for (x, y, width, height) in [(0, 0, 200, 170), (61, 83, 40, 30), (199, 0, 1, 170), (90, 70, 1, 1)] {
             let region = Region { x, y, width, height };
-            let part = renderer().render_region(&scene, &camera, &settings, region).unwrap();
+            let part = renderer().render(&scene, &Frame::new(&camera, &settings).region(region)).unwrap();
             assert_eq!((part.image.width(), part.image.height()), (width, height));
             for (i, pixel) in (0..).zip(part.image.pixels()) {
                 let index = (y + i / width) * 200 + x + i % width;
@@ -318,7 +319,8 @@ fn a_region_has_the_bytes_of_the_whole_picture() {
             }
         }
         let beyond = Region { x: 180, y: 0, width: 21, height: 1 };
-        let refused = renderer().render_region(&scene, &camera, &settings, beyond).err().unwrap().to_string();
+        let refused =
+            renderer().render(&scene, &Frame::new(&camera, &settings).region(beyond)).err().unwrap().to_string();
         assert!(refused.starts_with("region: 21 x 1 pixels at (180, 0) are no part of"), "{refused}");
     }
 }

@@ -1,9 +1,10 @@
 //! Solids: matter behind them is cut ray by ray, and depths of matter come back.
 
 use glam::DVec3;
+use voxsplat::Frame;
 use voxsplat::camera::Camera;
 use voxsplat::clip::{Clip, Plane};
-use voxsplat::image::{DepthMap, Image, Region};
+use voxsplat::image::{DepthMap, Image};
 use voxsplat::kernel::Kernel;
 use voxsplat::layers::Layers;
 use voxsplat::lighting::{Light, Lighting};
@@ -13,11 +14,6 @@ use voxsplat::volume::Grid;
 
 use crate::support::{PROJECTIONS, camera, demo, engines, full, new_renderer, prepare_on, with_quads, with_tiles};
 use crate::truth::truth;
-
-fn whole(camera: &Camera) -> Region {
-    let [width, height] = camera.size;
-    Region { x: 0, y: 0, width, height }
-}
 
 /// The depths of a plane in the pixels of some columns.
 fn depths_of_plane(camera: &Camera, point: DVec3, normal: DVec3, columns: std::ops::Range<u32>) -> DepthMap {
@@ -93,7 +89,7 @@ fn cut_by_plane(most: usize, step: usize) {
             let engine = if settings.painter == Painter::Cpu { &host } else { &device };
             let scene = engine.prepare_layers(&Layers::of_volume(volume, transfer), &settings).unwrap();
             let draw = |settings: &Settings, solids: Option<&Solids>| {
-                engine.render_region(&scene, &seen, settings, whole(&seen), solids).unwrap().image
+                engine.render(&scene, &Frame::new(&seen, settings).solids(solids)).unwrap().image
             };
             let cut = draw(&settings, Some(&solids));
             let uncut = draw(&settings, None);
@@ -128,10 +124,10 @@ fn rays_that_end_at_their_depth_keep_half_of_their_light() {
             let settings = Settings { shading, termination: 0.0, ..settings.clone() };
             let engine = if settings.painter == Painter::Cpu { &host } else { &device };
             let scene = engine.prepare_layers(&Layers::of_volume(&volume, &transfer), &settings).unwrap();
-            let depths = engine.depths(&scene, &seen, &settings, whole(&seen), None).unwrap();
+            let depths = engine.depths(&scene, &Frame::new(&seen, &settings)).unwrap();
             let alpha = |image: &Image| image.pixels().iter().map(|pixel| pixel[3]).collect::<Vec<f32>>();
             let draw =
-                |solids: Option<&Solids>| engine.render_region(&scene, &seen, &settings, whole(&seen), solids).unwrap();
+                |solids: Option<&Solids>| engine.render(&scene, &Frame::new(&seen, &settings).solids(solids)).unwrap();
             let all = alpha(&draw(None).image);
             let painter = settings.painter;
             let before = draw(Some(&Solids { depths: depths.clone(), image: None }));
@@ -182,7 +178,7 @@ fn a_plane_half_through_a_ball_changes_only_pixels_behind_it() {
         let scene = engine.prepare_layers(&Layers::of_volume(&volume, &transfer), &settings).unwrap();
         let solids = Solids::of_meshes(&[solid], &seen, None).unwrap();
         let draw =
-            |solids: Option<&Solids>| engine.render_region(&scene, &seen, &settings, whole(&seen), solids).unwrap();
+            |solids: Option<&Solids>| engine.render(&scene, &Frame::new(&seen, &settings).solids(solids)).unwrap();
         let (picture, without) = (draw(Some(&solids)).image, draw(None).image);
         // The edge of the plane lies on the line between the columns 31 and 32.
         let beside = largest(&picture, &without, |x| x < 32);
@@ -206,11 +202,11 @@ fn pictures_without_depths_are_refused() {
     let axis = with_quads(&Settings::default(), |quads| quads.sheets = Sheets::Axis);
     for settings in [Settings { model: Model::Xray, ..Settings::default() }, axis] {
         let scene = prepare_on(&renderer, &volume, &transfer, &settings).unwrap();
-        let error = renderer.depths(&scene, &seen, &settings, whole(&seen), None).unwrap_err().to_string();
+        let error = renderer.depths(&scene, &Frame::new(&seen, &settings)).unwrap_err().to_string();
         assert!(error.contains("has depths"), "{error}");
     }
     let scene = prepare_on(&renderer, &volume, &transfer, &Settings::default()).unwrap();
     let small = DepthMap::new(2, 2, vec![1.0; 4]).unwrap();
-    let error = renderer.render_before(&scene, &seen, &Settings::default(), whole(&seen), &small).unwrap_err();
+    let error = renderer.render(&scene, &Frame::new(&seen, &Settings::default()).before(&small)).unwrap_err();
     assert!(error.to_string().contains("2 x 2 pixels, expected 16 x 16"), "{error}");
 }

@@ -2,8 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use voxsplat::appearance::{ValueMeaning, suggest};
+use voxsplat::appearance::suggest;
 use voxsplat::formats::{LoadOptions, load};
+use voxsplat::program::ValueMeaning;
 use voxsplat::transfer::presets::PresetValues;
 use voxsplat::volume::{Contents, Origin, Statistics, Units, Volume};
 

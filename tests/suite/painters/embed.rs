@@ -1,5 +1,6 @@
 //! Rendering on the caller's device, and into the caller's texture.
 
+use voxsplat::Frame;
 use voxsplat::camera::{ProjectionKind, View};
 use voxsplat::error::Error;
 use voxsplat::image::Image;
@@ -84,10 +85,10 @@ fn a_texture_of_the_caller_gets_the_picture() {
         let view = View { azimuth: 30.0, projection: ProjectionKind::Perspective { fov: 40.0 }, ..View::default() };
         let camera = look(&view, &volume, [64, 48]);
         let scene = host.renderer.prepare(&volume, &transfer, &settings).unwrap();
-        let image = host.renderer.render(&scene, &camera, &settings).unwrap().image;
+        let image = host.renderer.render(&scene, &Frame::new(&camera, &settings)).unwrap().image;
         let render_into = |format| {
             let texture = host.texture(camera.size, format);
-            let stats = host.renderer.render_into(&scene, &camera, &settings, &texture).unwrap();
+            let stats = host.renderer.render_into(&scene, &Frame::new(&camera, &settings), &texture).unwrap();
             assert!(stats.pixels_covered > 0);
             host.read(&texture)
         };
@@ -102,10 +103,10 @@ fn a_texture_of_the_caller_gets_the_picture() {
             assert!(error < 1.2 / 255.0, "{format:?}: {error}");
         }
         // A scene of another device is refused, and so is a texture of another size.
-        let other = renderer.render(&scene, &camera, &settings);
+        let other = renderer.render(&scene, &Frame::new(&camera, &settings));
         assert!(matches!(other, Err(Error::Setting { name: "scene", .. })));
         let small = host.texture([64, 47], wgpu::TextureFormat::Rgba8Unorm);
-        let refused = host.renderer.render_into(&scene, &camera, &settings, &small);
+        let refused = host.renderer.render_into(&scene, &Frame::new(&camera, &settings), &small);
         assert!(matches!(refused, Err(Error::Setting { name: "target", .. })));
     }
 }
@@ -117,12 +118,12 @@ fn a_device_without_features_draws_all_the_same() {
     let settings = Settings::default();
     let camera = look(&View::default(), &volume, [32; 2]);
     let scene = host.renderer.prepare(&volume, &transfer, &settings).unwrap();
-    let rendered = host.renderer.render(&scene, &camera, &settings).unwrap();
+    let rendered = host.renderer.render(&scene, &Frame::new(&camera, &settings)).unwrap();
     assert!(rendered.image.pixels().iter().any(|p| p[3] > 0.5));
-    let quads = host.renderer.render(&scene, &camera, &with_quads(&settings, |_| ())).unwrap().stats;
+    let quads = host.renderer.render(&scene, &Frame::new(&camera, &with_quads(&settings, |_| ()))).unwrap().stats;
     assert!(quads.painter_reason.contains("half floats"), "{}", quads.painter_reason);
     let f32_sheets = with_quads(&settings, |q| q.precision = Some(voxsplat::settings::Precision::F32));
-    assert!(matches!(host.renderer.render(&scene, &camera, &f32_sheets), Err(Error::Unsupported { .. })));
+    assert!(matches!(host.renderer.render(&scene, &Frame::new(&camera, &f32_sheets)), Err(Error::Unsupported { .. })));
 }
 
 #[test]

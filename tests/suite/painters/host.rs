@@ -12,7 +12,7 @@ use voxsplat::reference::Reference;
 use voxsplat::settings::{Interslice, Model, Painter, Settings, Shading};
 use voxsplat::transfer::{GradientPoint, TransferFunction};
 use voxsplat::volume::{Grid, Samples, Volume};
-use voxsplat::{Camera, Renderer};
+use voxsplat::{Camera, Frame, Renderer};
 
 use glam::DVec3;
 
@@ -36,7 +36,7 @@ fn pre() -> Settings {
 fn drawn(layers: &Layers, camera: &Camera, settings: &Settings) -> Image {
     let host = HostRenderer::new(&Progress::default());
     let scene = host.prepare_layers(layers, settings).unwrap();
-    host.render(&scene, camera, settings).unwrap().image
+    host.render(&scene, &Frame::new(camera, settings)).unwrap().image
 }
 
 /// The root mean square of the errors of a picture in steps of 1 of 255, at every seventh pixel of every seventh row
@@ -219,7 +219,7 @@ fn a_scene_of_another_shading_is_refused() {
         (Settings { model: Model::Mip, attenuation: 1.0, ..pre() }, "prepared for another shading"),
         (Settings { lighting: headlight(), ..pre() }, "prepared without light"),
     ] {
-        let error = host.render(&scene, &camera, &settings).err().unwrap().to_string();
+        let error = host.render(&scene, &Frame::new(&camera, &settings)).err().unwrap().to_string();
         assert!(error.contains(words), "{error}");
     }
 }
@@ -264,7 +264,7 @@ fn parts_and_threads_change_no_byte() {
         let host = HostRenderer::new(&Progress::default());
         let scene = host.prepare_layers(&layers, &settings).unwrap();
         let region = Region { x: 13, y: 31, width: 50, height: 37 };
-        let part = host.render_region(&scene, &camera, &settings, region).unwrap();
+        let part = host.render(&scene, &Frame::new(&camera, &settings).region(region)).unwrap();
         assert!(part.image == whole.part(region).unwrap());
         assert_eq!(part.stats.painter.name(), "cpu");
     }
@@ -284,6 +284,6 @@ fn what_the_host_does_not_draw_is_refused_in_words() {
     let renderer: &Renderer = &renderer();
     let scene = renderer.prepare(&volume, &transfer, &post()).unwrap();
     let camera = camera(0.0, ProjectionKind::Orthographic, &volume, 16);
-    let error = renderer.render(&scene, &camera, &post()).err().unwrap().to_string();
+    let error = renderer.render(&scene, &Frame::new(&camera, &post())).err().unwrap().to_string();
     assert!(error.contains("cpu draws on no device"), "{error}");
 }

@@ -2,6 +2,7 @@
 //! up by them, and they are the same on software.
 
 use glam::DVec3;
+use voxsplat::Frame;
 use voxsplat::camera::{Camera, ProjectionKind};
 use voxsplat::clip::{Clip, Plane};
 use voxsplat::error::Error;
@@ -44,7 +45,7 @@ fn listed_and_sampled() -> [(Volume, TransferFunction); 2] {
 /// Draws a frame into a texture.
 fn frame(host: &Host, scene: &Scene, camera: &Camera, settings: &Settings) -> Stats {
     let texture = host.texture(camera.size, wgpu::TextureFormat::Rgba8Unorm);
-    host.renderer.render_into(scene, camera, settings, &texture).unwrap()
+    host.renderer.render_into(scene, &Frame::new(camera, settings), &texture).unwrap()
 }
 
 #[test]

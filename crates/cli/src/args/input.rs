@@ -2,15 +2,16 @@
 
 use std::path::PathBuf;
 
-use voxsplat::appearance::{ChannelChoice, pyramid_level};
+use voxsplat::appearance::pyramid_level;
 use voxsplat::camera::View;
 use voxsplat::formats::{AxisOrder, ComplexPart, FORMATS, Format, LoadOptions, MissingSlices, PyramidLevel};
+use voxsplat::program::ChannelChoice;
 use voxsplat::volume::{Endian, SampleType};
 
 use crate::failure::{Failure, refuse};
 use crate::parse::{self, TimeArg, one_of};
 
-/// The help of the volume: formats as the library lists them.
+/// Returns the help of the volume: formats as the library lists them.
 fn volume_help() -> String {
     let format = |format: &Format| match format.feature.filter(|_| !format.is_built()) {
         Some(feature) => format!("{} ({}; this build lacks --features {feature})", format.name, format.description),
@@ -84,7 +85,7 @@ pub(crate) struct InputArgs {
 }
 
 impl InputArgs {
-    /// The options of a picture: of a pyramid they choose the level that its pixels need.
+    /// Returns the options that load the volume for a picture: of a pyramid they choose the level that its pixels need.
     pub(crate) fn options_for(&self, view: &View, size: [u32; 2]) -> LoadOptions {
         let options = self.options();
         let level = if self.pyramid.is_some() { options.level } else { pyramid_level(view, size) };

@@ -2,9 +2,9 @@
 
 use std::path::PathBuf;
 
-use voxsplat::appearance::{ClipSpec, GradientSpec, LabelSpec, LightSpec, OcclusionSpec, ShadowSpec};
 use voxsplat::kernel::Kernel;
 use voxsplat::lighting::Normals;
+use voxsplat::program::{ClipSpec, GradientSpec, LabelSpec, LightSpec, OcclusionSpec, ShadowSpec};
 use voxsplat::settings::{Level, Model, Response, Shading};
 use voxsplat::transfer::maps;
 use voxsplat::transfer::presets::{PRESETS, PresetValues};
@@ -13,7 +13,7 @@ use voxsplat::transfer::{Classification, Window};
 use crate::parse::{self, Spelled, one_of};
 use crate::tune::{TuneArg, tune};
 
-/// The help of `--transfer`: presets and colour maps as the library lists them.
+/// Returns the help of `--transfer`: presets and colour maps as the library lists them.
 fn transfer_help() -> String {
     let presets: Vec<&str> = PRESETS.iter().map(|preset| preset.name).collect();
     format!(

@@ -2,7 +2,7 @@
 
 use clap::ValueEnum;
 use glam::DVec3;
-use voxsplat::appearance::Frame;
+use voxsplat::appearance::Framing;
 
 use crate::parse::{self, one_of};
 
@@ -54,8 +54,8 @@ pub(crate) struct ViewArgs {
     ///
     /// [default: view for one picture, visible for a series (turntable, pareto, plan, a scene with several outputs),
     /// both beside these parts of a figure; volume with --target, --view-height or --distance]
-    #[arg(long, value_name = "WHAT", value_parser = one_of(Frame::ALL, Frame::name))]
-    pub(crate) frame: Option<Frame>,
+    #[arg(long, value_name = "WHAT", value_parser = one_of(Framing::ALL, Framing::name))]
+    pub(crate) frame: Option<Framing>,
     /// Margin around the framed region: a fraction of the picture on each side, 0 to under 0.5 [default: 0.02]
     #[arg(long, value_name = "FRACTION", value_parser = parse::tolerance)]
     pub(crate) margin: Option<f64>,
@@ -71,14 +71,14 @@ pub(crate) struct ViewArgs {
 }
 
 impl ViewArgs {
-    /// Whether no option sets the framed region or its size.
+    /// Returns whether no option sets the framed region or its size.
     pub(crate) fn fits_by_default(&self) -> bool {
         let Self { target, zoom, frame, margin, view_height, distance, .. } = self;
         let given = [margin, view_height, distance].into_iter().any(Option::is_some);
         !given && target.is_none() && frame.is_none() && *zoom == 1.0
     }
 
-    /// Whether no option sets the viewing direction or the up direction.
+    /// Returns whether no option sets the viewing direction or the up direction.
     pub(crate) fn says_no_side(&self) -> bool {
         let Self { azimuth, elevation, roll, up, direction, .. } = self;
         azimuth.is_none() && elevation.is_none() && *roll == 0.0 && up.is_none() && direction.is_none()

@@ -1,4 +1,4 @@
-//! `voxsplat brick`.
+//! The command `voxsplat brick`.
 
 use serde::Serialize;
 use voxsplat::bricks::{self, Partial};
@@ -14,7 +14,7 @@ use crate::session::Session;
 use crate::stages::Stages;
 use crate::{progress, report};
 
-/// The bricks of a partial picture.
+/// The bricks of a partial picture, as JSON.
 #[derive(Serialize)]
 struct Bricks {
     bricks: Vec<usize>,
@@ -36,7 +36,8 @@ pub(crate) fn run(args: &BrickArgs) -> Result<(), Failure> {
             session.layers(&job, &fitted, &mut Stages::default())?
         }
     };
-    let options = RendererOptions { adapter: args.adapter.clone(), progress: progress::reporter() };
+    let options =
+        RendererOptions { adapter: args.adapter.clone(), progress: progress::reporter(), ..RendererOptions::default() };
     let renderer = silenced(|| Renderer::new(&options))?;
     let draw = |number: usize| -> Result<Partial, Failure> {
         let slice = layers.part(&plan.brick(number)?.held)?;

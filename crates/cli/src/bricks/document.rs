@@ -20,15 +20,15 @@ use crate::report::Choices;
 /// The largest plan that is read, in bytes.
 const MAX_BYTES: u64 = 256 << 20;
 
-/// The file.
+/// The document in the file of a plan.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Document {
-    /// The version that wrote it.
+    /// The version of the program that wrote the plan.
     voxsplat: String,
-    /// The volume: a path from the root, or a built-in volume.
+    /// The path of the volume from the root, or the name of a built-in volume.
     volume: String,
-    /// The options of `voxsplat render`.
+    /// The options of `voxsplat render` that the layers need.
     options: Vec<String>,
     /// The look of the picture: see [`report`](crate::report).
     #[serde(default)]
@@ -81,7 +81,7 @@ pub(super) fn load(path: &Path) -> Result<(Plan, RenderJob, Value), Failure> {
     }
 }
 
-/// The destination of the whole picture, which `merge` decides: one that keeps every value.
+/// Returns the destination of the whole picture, which `merge` decides: one that keeps every value.
 pub(super) fn picture() -> Destination {
     Destination::File(PathBuf::from("merged.exr"))
 }

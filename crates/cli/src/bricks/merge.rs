@@ -1,4 +1,4 @@
-//! `voxsplat merge`.
+//! The command `voxsplat merge`.
 
 use serde::Serialize;
 use voxsplat::bricks::{Partial, merge};
@@ -12,7 +12,7 @@ use crate::draw::notes;
 use crate::failure::{Failure, refuse};
 use crate::report;
 
-/// The number of bricks.
+/// The number of merged bricks, as JSON.
 #[derive(Serialize)]
 struct Bricks {
     bricks: usize,

@@ -1,4 +1,4 @@
-//! `voxsplat plan`.
+//! The command `voxsplat plan`.
 
 use std::ffi::OsString;
 use std::path::Path;
@@ -19,7 +19,7 @@ use crate::session::Session;
 use crate::stages::Stages;
 use crate::{output, scene};
 
-/// Options of the command alone.
+/// The options of the command alone.
 const OWN: [&str; 4] = ["grid", "output", "json", "quiet"];
 
 /// A plan in numbers.

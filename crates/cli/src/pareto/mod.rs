@@ -1,4 +1,4 @@
-//! `voxsplat pareto`: speed against error of many settings, as a report.
+//! The command `voxsplat pareto`: speed against error of many settings, as a report.
 
 mod date;
 mod page;
@@ -16,7 +16,7 @@ use flate2::Crc;
 use glam::DQuat;
 use serde::{Deserialize, Serialize};
 use voxsplat::accuracy::Sample;
-use voxsplat::appearance::{ClipSpec, Frame, TransferChoice, command_line, options_of};
+use voxsplat::appearance::Framing;
 use voxsplat::camera::{Camera, View};
 use voxsplat::engine::{Engine, EngineScene};
 use voxsplat::figure::{Figure, Shown};
@@ -24,12 +24,13 @@ use voxsplat::formats::{LoadOptions, read_json};
 use voxsplat::image::{Background, Image, check_writable, compare, difference_picture, write_file};
 use voxsplat::kernel::Kernel;
 use voxsplat::layers::Layers;
+use voxsplat::program::{ClipSpec, TransferChoice, command_line, options_of};
 use voxsplat::reference::Reference;
 use voxsplat::renderer::Rendered;
 use voxsplat::settings::{Painter, Response, Settings};
 use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::{Statistics, Volume};
-use voxsplat::{Error, RendererOptions, formats};
+use voxsplat::{Error, Frame, RendererOptions, formats};
 
 use super::args::ParetoArgs;
 use super::draw::with_units;
@@ -52,7 +53,7 @@ use plot::{Marker, Point, plot};
 pub(crate) use study::variants;
 use study::{Errors, Measurement, Variant, front, telling};
 
-/// The subject of a study: an interrupted run continues only if all of it is the same.
+/// The subject of a study: an interrupted run continues only if every part of it is the same.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Subject {
     /// The arguments of `voxsplat render` that make the picture, with names of files for their paths.
@@ -68,7 +69,7 @@ struct Subject {
     version: String,
 }
 
-/// Everything that a run keeps.
+/// The measurements and facts that a run keeps for the next.
 #[derive(Debug, Serialize, Deserialize)]
 struct Kept {
     #[serde(flatten)]
@@ -85,7 +86,7 @@ struct Kept {
 struct State {
     /// The number of all settings.
     all: usize,
-    /// Settings that were measured in fewer frames than requested.
+    /// The number of settings that were measured in fewer frames than requested.
     short: usize,
     /// The seconds that are left; `None` at the end.
     left: Option<f64>,
@@ -99,29 +100,29 @@ struct Front<'a> {
     front: Vec<&'a Measurement>,
 }
 
-/// Another renderer's picture of the same scene.
+/// A picture of the same scene by another renderer.
 #[derive(Debug, Deserialize)]
 struct Rival {
     name: String,
-    /// Seconds of a frame.
+    /// The seconds of a frame.
     seconds: f64,
-    /// Error against the renderer's own truth, of 1.
+    /// The error against the renderer's own truth, of 1.
     rms: f64,
 }
 
-/// Options of `voxsplat pareto` alone, and options that a study varies.
+/// The options of `voxsplat pareto` alone, and the options that a study varies.
 const OWN: &str = "output views repeats patience seconds rivals resume json quiet shading kernel level tune";
 
 /// The error of the truth: a tenth of the error of the most exact pictures.
 const TOLERANCE: f64 = 1e-6;
 
-/// Degrees by which the eye turns before a frame is timed: a turntable does not draw the same frame twice.
+/// The angle in degrees by which the eye turns before a frame is timed: a turntable does not draw the same frame twice.
 const TURN: f64 = 3.0;
 
 /// The largest JSON file that is read, in bytes.
 const MAX_JSON: u64 = 64 << 20;
 
-/// Keys of `--tune` that a study varies or measures by.
+/// The keys of `--tune` that a study varies or measures by.
 const STUDIED: &str =
     "sheets accumulate sheet-thickness precision table-error resolution interslice termination sample";
 
@@ -131,7 +132,7 @@ const GOLDEN_ANGLE: f64 = 137.507_764_050_037_85;
 /// The elevations of the views after the first, degrees, in turn.
 const ELEVATIONS: [f64; 5] = [25.0, -35.0, 55.0, -15.0, 0.0];
 
-/// Returns the time since the start of a study: the clock of the machine, or of a test.
+/// A clock that returns the time since the start of a study: the machine's, or a test's.
 pub(crate) type Clock<'a> = &'a dyn Fn() -> Duration;
 
 /// Runs a study, whose times are all read from `clock`.
@@ -166,7 +167,7 @@ pub(crate) fn run(args: &ParetoArgs, line: (&Command, &ArgMatches), clock: Clock
         (with_units(&volume, &units), fitted.transfer, preset)
     };
     settings.clip = ClipSpec::intersection(&args.model.clip, &volume)?;
-    let frame = args.view.frame.unwrap_or_else(|| Frame::suited_to(&first, true));
+    let frame = args.view.frame.unwrap_or_else(|| Framing::suited_to(&first, true));
     let around = frame.hull(&Layers::of_volume(&volume, &transfer), &settings.clip)?;
     let first = View { around, ..first };
     let turned = (1..args.views).zip(ELEVATIONS.iter().cycle()).map(|(i, &elevation)| {
@@ -281,8 +282,8 @@ fn kept(args: &ParetoArgs, subject: Subject) -> Result<Kept, Failure> {
     Ok(Kept { subject, date: today(), unmeasured: Vec::new(), measurements })
 }
 
-/// The properties that a scene was prepared for: the processor, post-shading, and the kernel that samples were filtered
-/// for.
+/// The properties for which a scene was prepared: the processor, post-shading, and the kernel for which samples were
+/// filtered.
 type Prepared = (bool, bool, Option<Kernel>);
 
 /// Opens the device whose painters a study measures; `None` if none was requested and none can be opened.
@@ -300,13 +301,13 @@ fn device(options: &RendererOptions) -> Result<Option<Engine>, Failure> {
 /// A study under way.
 struct Run<'a> {
     args: &'a ParetoArgs,
-    /// `None` if none can be opened.
+    /// The device whose painters are measured; `None` if none can be opened.
     device: Option<Engine>,
     host: Engine,
     volume: &'a Volume,
     transfer: &'a TransferFunction,
     cameras: Vec<Camera>,
-    /// The pixels that are compared.
+    /// The pixels that are compared with the truth.
     sample: Sample,
     variants: Vec<Variant>,
     plan: Plan,
@@ -398,7 +399,7 @@ impl Run<'_> {
         (false, missing.div_ceil(measured.views.max(1)))
     }
 
-    /// Whether the budget of time has ended a row before its last view.
+    /// Returns whether the budget of time has ended a row before its last view.
     fn is_cut(&self, measured: &Measurement) -> bool {
         measured.refused.is_none() && measured.views < self.args.views && measured.first <= self.args.patience
     }
@@ -475,11 +476,11 @@ impl Run<'_> {
             None => engine.prepare_layers(&Layers::of_volume(self.volume, self.transfer), settings)?,
         };
         let (_, scene) = self.scene.insert((prepared, scene));
-        engine.render(scene, camera, settings)
+        engine.render(scene, &Frame::new(camera, settings))
     }
 
-    /// The true sampled pixels of each view, by the reference. They are traced at most once for a model, and kept for
-    /// an interrupted run.
+    /// Returns the true sampled pixels of each view, by the reference. They are traced at most once for a model, and
+    /// kept for an interrupted run.
     fn truth(&mut self, index: usize) -> Result<Vec<Image>, Failure> {
         let variant = self.variants[index].clone();
         if let Some((_, truth)) = self.truths.iter().find(|(model, _)| *model == variant.model) {
@@ -626,20 +627,20 @@ impl Run<'_> {
     }
 }
 
-/// Whether a measurement is of a variant.
+/// Returns whether a measurement is of a variant.
 fn is_of(measured: &Measurement, variant: &Variant) -> bool {
     (&measured.model, &measured.name) == (&variant.model, &variant.name)
 }
 
 type ErrorOf = fn(&Errors) -> f64;
 
-/// The errors that are plotted: the name of the file and of the axis.
+/// The plotted errors: the name of the file and of the axis, and the error.
 const ERRORS: [(&str, &str, ErrorOf); 2] = [
     ("rms", "rms error of covered pixels", |errors| errors.rms),
     ("p999", "error that 99.9 % of covered pixels keep", |errors| errors.p999),
 ];
 
-/// The points of a plot. Points of the front are numbered as in the tables.
+/// Returns the points of a plot. Points of the front are numbered as in the tables.
 fn points(measurements: &[Measurement], error: ErrorOf, rivals: &[Rival]) -> Vec<Point> {
     let front = front(measurements, error);
     let own = measurements.iter().enumerate().filter_map(|(index, m)| {

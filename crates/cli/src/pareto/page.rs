@@ -13,17 +13,17 @@ pub(crate) const GAIN: f64 = 50.0;
 
 /// The content of the page.
 pub(crate) struct Report<'a> {
-    /// The name of the file.
+    /// The name of the volume's file.
     pub(crate) name: &'a str,
     pub(crate) caption: Option<&'a str>,
     pub(crate) volume: &'a Volume,
     pub(crate) kept: &'a Kept,
     pub(crate) state: &'a State,
-    /// Indices of measurements, fastest first.
+    /// The indices of the best measurements, fastest first.
     pub(crate) front: &'a [usize],
-    /// The command of each measurement.
+    /// The command line of each measurement.
     pub(crate) commands: &'a [String],
-    /// SVG.
+    /// The plots as SVG.
     pub(crate) plots: &'a [String],
     pub(crate) pictures: &'a [Pictures],
 }
@@ -31,7 +31,7 @@ pub(crate) struct Report<'a> {
 /// A picture of the first view, and its difference from the truth at the sampled pixels, as PNG.
 pub(crate) type Shots = [Vec<u8>; 2];
 
-/// Pictures of a variant.
+/// The pictures of a variant on the page.
 pub(crate) struct Pictures {
     pub(crate) title: &'static str,
     pub(crate) variant: Variant,
@@ -50,7 +50,7 @@ tr.front{background:#eef5fb}code{background:#f3f3f3;padding:.1em .3em;overflow-w
 dl{display:grid;grid-template-columns:max-content 1fr;gap:.1em 1em}dt{color:#555}dd{margin:0}\
 .progress{background:#fff6e0;padding:.5em .8em}.wide{overflow-x:auto}";
 
-/// Returns the page.
+/// Writes the report as an HTML page.
 pub(crate) fn page(report: &Report<'_>) -> String {
     let caption = report.caption.map(|caption| format!(": {caption}")).unwrap_or_default();
     let name = escaped(&format!("{}{caption}", report.name));
@@ -88,7 +88,7 @@ pub(crate) fn page(report: &Report<'_>) -> String {
     html
 }
 
-/// The progress of a study that goes on, or the part that is missing at its end.
+/// Returns the progress of a study that goes on, or the part that is missing at its end.
 fn progress(report: &Report<'_>) -> String {
     let State { all, left, rest, .. } = report.state;
     let missing = report.state.missing(report.kept);
@@ -106,7 +106,7 @@ fn progress(report: &Report<'_>) -> String {
     format!("<p class=\"progress\">{} <code>{}</code></p>\n", escaped(&text), escaped(rest))
 }
 
-/// The settings without a measurement, by model.
+/// Returns the settings without a measurement, by model.
 fn unmeasured(kept: &Kept) -> String {
     let mut models: Vec<&str> = kept.unmeasured.iter().map(|[model, _]| model.as_str()).collect();
     models.dedup();
@@ -144,7 +144,7 @@ fn facts(report: &Report<'_>) -> String {
     format!("<dl>\n{rows}</dl>\n")
 }
 
-/// The name of a column, and its text for a measurement.
+/// A column of a table: its name, and its text for a measurement.
 type Column = (&'static str, fn(&Measurement) -> String);
 
 /// The columns of numbers of a table.

@@ -9,25 +9,26 @@ use super::study::Variant;
 /// A piece of work on a variant, by its index.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Task {
-    /// Draw its views, compare them with the truth, and time them once: a row of the report.
+    /// Draws the views of a variant, compares them with the truth, and times them once: a row of the report.
     Row(usize),
-    /// Time its views once more.
+    /// Times the views of a variant once more.
     Round(usize),
 }
 
 /// A kind of work whose pieces take about as long.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Kind {
-    /// Trace the truth of a model.
+    /// Traces the truth of a model.
     Truth { post: bool },
-    /// Prepare a scene, draw all views and compare them.
+    /// Prepares a scene, draws all views and compares them.
     Errors { painter: Discriminant<Painter>, post: bool },
-    /// Time the views of a variant.
+    /// Times the views of a variant.
     Frames { variant: usize, painter: Discriminant<Painter>, post: bool },
 }
 
 impl Kind {
-    /// Whether pieces of another kind tell its time, if none of its own do: from the most similar kind on.
+    /// Returns whether the time of another kind of work predicts the time of this kind, if no piece of this kind is
+    /// done: `likeness` counts from the most similar kind on.
     fn is_like(self, other: Self, likeness: u32) -> bool {
         match (self, other) {
             _ if likeness == 0 => self == other,
@@ -41,12 +42,12 @@ impl Kind {
     }
 }
 
-/// The work of a study.
+/// The plan of a study: the work that is done, and the expected time of the rest.
 #[derive(Debug)]
 pub(crate) struct Plan {
-    /// For each variant, whether it is post-shaded, its painter, and the index of the first of its model.
+    /// Whether each variant is post-shaded, its painter, and the index of the first variant of its model.
     variants: Vec<(bool, Discriminant<Painter>, usize)>,
-    /// Seconds for all work; `None` without a limit.
+    /// The seconds for all work; `None` without a limit.
     budget: Option<f64>,
     /// The seconds of each piece of work that is done.
     done: Vec<(Kind, f64)>,
@@ -75,18 +76,18 @@ impl Plan {
         rows.chain((0..most).flat_map(of_round)).collect()
     }
 
-    /// Returns the kind of tracing the truth of a variant.
+    /// Returns the kind of work that traces the truth of a variant.
     pub(crate) fn truth(&self, variant: usize) -> Kind {
         Kind::Truth { post: self.variants[variant].0 }
     }
 
-    /// Returns the kind of measuring the errors of a variant.
+    /// Returns the kind of work that measures the errors of a variant.
     pub(crate) fn errors(&self, variant: usize) -> Kind {
         let (post, painter, _) = self.variants[variant];
         Kind::Errors { painter, post }
     }
 
-    /// Returns the kind of timing a variant.
+    /// Returns the kind of work that times a variant.
     pub(crate) fn frames(&self, variant: usize) -> Kind {
         let (post, painter, _) = self.variants[variant];
         Kind::Frames { variant, painter, post }
@@ -131,12 +132,12 @@ impl Plan {
         kinds.into_iter().filter_map(|kind| self.expected(kind)).sum()
     }
 
-    /// Whether the budget is used up, `elapsed` seconds after the start.
+    /// Returns whether the budget is used up, `elapsed` seconds after the start.
     pub(crate) fn is_over(&self, elapsed: f64) -> bool {
         self.budget.is_some_and(|budget| elapsed >= budget)
     }
 
-    /// Whether a task is expected to end within the budget, `elapsed` seconds after the start.
+    /// Returns whether a task is expected to end within the budget, `elapsed` seconds after the start.
     pub(crate) fn fits(&self, task: Task, elapsed: f64) -> bool {
         self.budget.is_none_or(|budget| elapsed + self.seconds(&[task]) < budget)
     }

@@ -5,13 +5,13 @@ use voxsplat_volume::names::escaped;
 /// A picture in a plot of speed against error.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Point {
-    /// The name of its series in the legend. Each series has a colour.
+    /// The name of the point's series in the legend. Each series has a colour.
     pub(crate) series: String,
-    /// Text beside the point.
+    /// The text beside the point.
     pub(crate) label: Option<String>,
-    /// Seconds of a frame, over 0.
+    /// The seconds of a frame, over 0.
     pub(crate) seconds: f64,
-    /// Error of the picture; 0 lies on the lower edge.
+    /// The error of the picture; 0 lies on the lower edge.
     pub(crate) error: f64,
     /// Whether the point is on the front of its series, which a line joins.
     pub(crate) front: bool,
@@ -118,13 +118,13 @@ fn range(numbers: impl Iterator<Item = f64>) -> Option<[f64; 2]> {
     (high > 0.0).then(|| [low / 1.6, high * 1.6])
 }
 
-/// The place of a number in a logarithmic range: 0 at its lower end, 1 at its upper end.
+/// Returns the place of a number in a logarithmic range: 0 at its lower end, 1 at its upper end.
 fn fraction(number: f64, [low, high]: [f64; 2]) -> f64 {
     (number / low).ln() / (high / low).ln()
 }
 
-/// Numbers of one digit in a range, each with its label and the grey of its line. Powers of ten have labels, and in a
-/// short range 2 and 5 times as much.
+/// Returns numbers of one digit in a range, each with its label and the grey of its line. Powers of ten have labels,
+/// and in a short range 2 and 5 times as much.
 fn ticks([low, high]: [f64; 2]) -> Vec<(f64, String, &'static str)> {
     let is_short = high / low < 100.0;
     let powers = low.log10().floor() as i32..=high.log10().floor() as i32;

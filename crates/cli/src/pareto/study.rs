@@ -6,21 +6,21 @@ use voxsplat::settings::{
     Accumulation, Interslice, Level, Model, Painter, Precision, QuadsSettings, Settings, Shading, Sheets,
 };
 
-/// Settings to draw a picture by.
+/// The settings of a picture in a study.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Variant {
-    /// Shading and kernel. Variants of the same model have the same truth.
+    /// The shading and the kernel in words. Variants of the same model have the same truth.
     pub(crate) model: String,
-    /// The rest of the settings. Names differ within a model.
+    /// The remaining settings in words. Names differ within a model.
     pub(crate) name: String,
     pub(crate) settings: Settings,
 }
 
-/// A row of the grid of a study: the name of a variant, the base settings that it is for, and its change of them. The
-/// first word of the name is the painter.
+/// A row of the grid of a study: the name of a variant, the condition on the base settings, and the change of these
+/// settings. The first word of the name is the painter.
 type Row = (&'static str, fn(&Settings) -> bool, fn(&mut Settings));
 
-/// The grid of a study: what trades speed for accuracy and leaves the picture as it is.
+/// The grid of a study: settings that trade speed for accuracy and leave the picture as it is.
 const GRID: [Row; 17] = [
     ("cpu", any, |s| s.painter = Painter::Cpu),
     ("tiles", any, |_| {}),
@@ -49,7 +49,7 @@ fn is_pre_shaded(settings: &Settings) -> bool {
     !settings.is_post_shaded()
 }
 
-/// An X-ray has one sheet.
+/// Returns whether pictures have several sheets: an X-ray has one.
 fn has_sheets(settings: &Settings) -> bool {
     settings.model != Model::Xray
 }
@@ -68,8 +68,8 @@ fn quads(change: fn(&mut QuadsSettings)) -> Painter {
 /// picture, for the other shading, each with the other kind of kernel too.
 pub(crate) fn variants(base: &Settings) -> Vec<Variant> {
     let other_kernel = match base.kernel {
-        Kernel::Gaussian { .. } => Kernel::KAISER_BESSEL,
         Kernel::KaiserBessel { .. } => Kernel::default(),
+        _ => Kernel::KAISER_BESSEL,
     };
     let other_shading = match base.shading {
         Shading::Pre => Shading::Post,
@@ -111,6 +111,7 @@ fn of_model(base: &Settings) -> Vec<Variant> {
     let kernel = match base.kernel {
         Kernel::Gaussian { sigma, radius } => format!("Gaussian of sigma {sigma} and radius {radius}"),
         Kernel::KaiserBessel { radius, alpha } => format!("Kaiser-Bessel of radius {radius} and alpha {alpha}"),
+        other => format!("{other:?}"),
     };
     let model = match base.model {
         Model::Composite => format!("{}-shaded, {kernel}", base.shading),
@@ -131,13 +132,13 @@ fn of_model(base: &Settings) -> Vec<Variant> {
 /// [`Comparison`](voxsplat::image::Comparison).
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub(crate) struct Errors {
-    /// Largest error of any channel of any pixel.
+    /// The largest error of any channel of any pixel.
     pub(crate) max: f64,
-    /// Error of any channel that 99.9 % of the covered pixels keep.
+    /// The error of any channel that 99.9 % of the covered pixels keep.
     pub(crate) p999: f64,
-    /// Root mean square over the channels of covered pixels.
+    /// The root mean square error over the channels of covered pixels.
     pub(crate) rms: f64,
-    /// Least peak signal-to-noise ratio, dB; 0 if all views are exact.
+    /// The least peak signal-to-noise ratio, dB; 0 if all views are exact.
     pub(crate) psnr: f64,
     /// Largest error of alpha.
     pub(crate) alpha: f64,
@@ -148,19 +149,19 @@ pub(crate) struct Errors {
 /// The times and errors of a variant.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Measurement {
-    /// [`Variant::model`].
+    /// The model of the variant, [`Variant::model`].
     pub(crate) model: String,
-    /// [`Variant::name`].
+    /// The name of the variant, [`Variant::name`].
     pub(crate) name: String,
-    /// The reason that it cannot be drawn; `None` if it can.
+    /// The reason why the variant cannot be drawn; `None` if it can.
     pub(crate) refused: Option<String>,
-    /// The painter that drew it.
+    /// The painter that drew the variant.
     pub(crate) painter: String,
-    /// Number of views that were drawn: all, or only the first if that took long.
+    /// The number of views that were drawn: all, or only the first if that took long.
     pub(crate) views: u32,
-    /// Seconds to prepare the volume and draw the first frame.
+    /// The seconds to prepare the volume and draw the first frame.
     pub(crate) first: f64,
-    /// Seconds of the timed frames.
+    /// The seconds of the timed frames.
     pub(crate) frames: Vec<f64>,
     pub(crate) errors: Errors,
 }
@@ -175,8 +176,8 @@ impl Measurement {
 }
 
 /// Returns the Pareto front of each model: the measurements for which no other is at least as fast and at least as
-/// exact by `error`, and better in one of the two. The result has indices, model by model, fastest first. Of equal
-/// measurements the first counts.
+/// exact by `error`, and better in one of the two. The result has indices, model by model, fastest first. If
+/// measurements are equal, the first counts.
 pub(crate) fn front(measurements: &[Measurement], error: fn(&Errors) -> f64) -> Vec<usize> {
     let model_of = |m: &Measurement| measurements.iter().position(|other| other.model == m.model);
     let timed = |(index, m): (usize, &Measurement)| Some((model_of(m)?, m.seconds()?, error(&m.errors), index));

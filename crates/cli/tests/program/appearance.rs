@@ -3,9 +3,10 @@
 use std::fs;
 use std::path::Path;
 
-use voxsplat::appearance::{Choice, Values, load_channels};
+use voxsplat::appearance::Choice;
 use voxsplat::image::{Background, Image};
-use voxsplat::{Appearance, LoadOptions, load};
+use voxsplat::program::{Values, load_channels};
+use voxsplat::{Appearance, Frame, LoadOptions, load};
 
 use crate::adapter::adapter;
 use crate::cli::{folder, volume_file, voxsplat};
@@ -35,7 +36,7 @@ fn the_library_draws_channels_as_the_program_does() {
     let look = Appearance::for_loaded(&source, &loaded).unwrap();
     assert!(look.choices.iter().any(|choice| choice.to_string() == "studio light because channels show surfaces"));
     let scene = renderer().prepare_layers(&look.layers, &look.settings).unwrap();
-    let rendered = renderer().render(&scene, &look.camera([48, 48]).unwrap(), &look.settings).unwrap();
+    let rendered = renderer().render(&scene, &Frame::new(&look.camera([48, 48]).unwrap(), &look.settings)).unwrap();
     rendered.image.save(dir.path().join("library.png"), Background::default()).unwrap();
     let [program, library] = ["program.png", "library.png"].map(|name| Image::load(dir.path().join(name)).unwrap());
     assert!(program == library && program.pixels().iter().any(|pixel| pixel[2] > 0.0));
@@ -50,7 +51,7 @@ fn choices(folder: &Path, source: &str) -> Vec<Choice> {
     let volume = load(&named, &LoadOptions::default()).unwrap();
     let look = Appearance::for_file(&named, &volume).unwrap();
     let scene = renderer().prepare_layers(&look.layers, &look.settings).unwrap();
-    let rendered = renderer().render(&scene, &look.camera([48, 48]).unwrap(), &look.settings).unwrap();
+    let rendered = renderer().render(&scene, &Frame::new(&look.camera([48, 48]).unwrap(), &look.settings)).unwrap();
     rendered.image.save(folder.join("library.png"), Background::default()).unwrap();
     let [program, library] =
         ["program.png", "library.png"].map(|name| Image::load(folder.join(name)).unwrap().pixels().to_vec());

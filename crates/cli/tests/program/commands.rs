@@ -149,29 +149,35 @@ fn run(dir: &Path, arguments: &[String]) {
     assert!(output.status.success(), "voxsplat {}: {said}", arguments.join(" "));
 }
 
-fn all_run(document: &str) {
+/// Runs the commands of a document, of which there are at least `least`.
+fn all_run(document: &str, least: usize) {
     let dir = folder();
     lay_out(dir.path());
     let commands = commands(document);
-    assert!(commands.len() > 10, "only {} commands found", commands.len());
+    assert!(commands.len() >= least, "only {} commands found", commands.len());
     for command in commands {
-        // A study of minutes, with tests of its own.
-        if command[0] != "pareto" {
-            run(dir.path(), &small(&command));
-        }
+        run(dir.path(), &small(&command));
     }
 }
 
-#[test]
-#[ignore = "slow: 30 pictures"]
-fn the_commands_of_the_readme_run() {
-    all_run(include_str!("../../../../README.md"));
+/// The chapters of the guide, one after the other.
+fn guide() -> String {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/guide");
+    let mut chapters: Vec<_> = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
+    chapters.sort();
+    chapters.iter().map(|chapter| fs::read_to_string(chapter).unwrap()).collect()
 }
 
 #[test]
-#[ignore = "slow: 20 pictures"]
+#[ignore = "slow: 5 pictures"]
+fn the_commands_of_the_readme_run() {
+    all_run(include_str!("../../../../README.md"), 5);
+}
+
+#[test]
+#[ignore = "slow: 50 pictures"]
 fn the_commands_of_the_guide_run() {
-    all_run(include_str!("../../../../GUIDE.md"));
+    all_run(&guide(), 50);
 }
 
 #[test]

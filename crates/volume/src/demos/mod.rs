@@ -17,25 +17,25 @@ mod nautilus;
 /// A built-in volume.
 #[derive(Debug, Clone, Copy)]
 pub struct Demo {
-    /// Its name, as in `demo:NAME`.
+    /// The name of the built-in volume, as in `demo:NAME`.
     pub name: &'static str,
-    /// A description in one line.
+    /// The description of the built-in volume in one line.
     pub description: &'static str,
-    /// Voxels along its longest axis, if none are requested.
+    /// The number of voxels along the longest axis, if none is requested.
     pub default_size: u32,
-    /// Its sides, the longest 1.
+    /// The proportions of the sides, the longest 1.
     proportions: [f64; 3],
     make: fn([u32; 3]) -> Samples,
 }
 
 impl Demo {
-    /// Voxels along x, y and z, if the longest axis has `size`.
+    /// Returns the numbers of voxels along x, y and z, if the longest axis has `size`.
     fn dims(&self, size: u32) -> [u32; 3] {
         self.proportions.map(|side| ((side * f64::from(size)).round() as u32).max(2))
     }
 }
 
-/// Voxels along the longest axis: one has no extent, and 1024^3 samples of f32 are 4 GiB.
+/// The numbers of voxels along the longest axis: one has no extent, and 1024^3 samples of f32 are 4 GiB.
 const SIZES: std::ops::RangeInclusive<u32> = 2..=1024;
 
 static DEMOS: [Demo; 6] = [
@@ -57,19 +57,19 @@ static DEMOS: [Demo; 6] = [
     cube("shell", "a soft shell around a soft core with a narrow peak in the transfer function, f32 in 0..1", shell),
 ];
 
-/// A built-in volume with as many voxels along each axis.
+/// Describes a built-in volume with as many voxels along each axis.
 const fn cube(name: &'static str, description: &'static str, make: fn([u32; 3]) -> Samples) -> Demo {
     Demo { name, description, default_size: 128, proportions: [1.0; 3], make }
 }
 
-/// The built-in volumes.
+/// Returns the built-in volumes.
 #[must_use]
 pub fn demos() -> &'static [Demo] {
     &DEMOS
 }
 
-/// The built-in volume `name` with `size` voxels along its longest axis, 1 world unit apart, centred on the world's
-/// origin. All are cubes except `nautilus`.
+/// Makes the built-in volume `name` with `size` voxels along its longest axis, 1 world unit apart, centred on the
+/// world's origin. All are cubes except `nautilus`.
 ///
 /// ```
 /// let volume = voxsplat_volume::demos::volume("sphere", 32)?;
@@ -83,12 +83,12 @@ pub fn volume(name: &str, size: u32) -> Result<Volume> {
     spaced(name, Some(size), [1.0; 3])
 }
 
-/// What follows `demo:` in a source; `None` if the source is a file.
+/// Returns the text behind `demo:` in a source; `None` if the source is a file.
 pub fn name_in(source: &Path) -> Option<&str> {
     source.to_str()?.strip_prefix("demo:")
 }
 
-/// The built-in volume `NAME` or `NAME:SIZE`, its voxels 1 world unit apart unless a spacing is given.
+/// Makes the built-in volume `NAME` or `NAME:SIZE`, its voxels 1 world unit apart unless a spacing is given.
 pub fn parsed(name_and_size: &str, spacing: Option<[f64; 3]>) -> Result<Volume> {
     let spacing = spacing.unwrap_or([1.0; 3]);
     let Some((name, size)) = name_and_size.split_once(':') else {
@@ -118,7 +118,7 @@ fn spaced(name: &str, size: Option<u32>, spacing: [f64; 3]) -> Result<Volume> {
     Volume::new(grid, (demo.make)(dims))
 }
 
-/// Samples a field over the cube [-1, 1]^3 at the centres of size^3 cells, x fastest.
+/// Returns samples a field over the cube [-1, 1]^3 at the centres of size^3 cells, x fastest.
 pub fn sampled<T: Send>(size: u32, field: impl Fn(DVec3) -> T + Sync) -> Vec<T> {
     let at = |i: u32| (f64::from(i) + 0.5) / f64::from(size) * 2.0 - 1.0;
     (0..size)
@@ -130,8 +130,8 @@ pub fn sampled<T: Send>(size: u32, field: impl Fn(DVec3) -> T + Sync) -> Vec<T> 
         .collect()
 }
 
-/// Marschner and Lobb, "An evaluation of reconstruction filters for volume rendering" (1994), equation 2, with
-/// f_M = 6 and alpha = 0.25, at a point of the cube [-1, 1]^3.
+/// Returns the signal of Marschner and Lobb, "An evaluation of reconstruction filters for volume rendering" (1994),
+/// equation 2, with f_M = 6 and alpha = 0.25, at a point of the cube [-1, 1]^3.
 pub fn marschner_lobb_at(p: DVec3) -> f64 {
     let (frequency, alpha) = (6.0, 0.25);
     let rho = (2.0 * PI * frequency * (PI * p.x.hypot(p.y) / 2.0).cos()).cos();
@@ -153,9 +153,9 @@ fn sphere([size, ..]: [u32; 3]) -> Samples {
     }))
 }
 
-/// Ellipsoids of the 3-D Shepp-Logan phantom (Kak and Slaney, "Principles of Computerized Tomographic Imaging", table
-/// 3.1 extended to 3-D by Schabel), with Toft's contrast ("The Radon Transform", 1996, table B.3):
-/// density, half axes, centre, turn about z in degrees.
+/// The ellipsoids of the 3-D Shepp-Logan phantom (Kak and Slaney, "Principles of Computerized Tomographic Imaging",
+/// table 3.1 extended to 3-D by Schabel), with Toft's contrast ("The Radon Transform", 1996, table B.3): density, half
+/// axes, centre, turn about z in degrees.
 const ELLIPSOIDS: [(f64, [f64; 3], [f64; 3], f64); 10] = [
     (1.0, [0.69, 0.92, 0.81], [0.0, 0.0, 0.0], 0.0),
     (-0.8, [0.6624, 0.874, 0.78], [0.0, -0.0184, 0.0], 0.0),
@@ -169,13 +169,13 @@ const ELLIPSOIDS: [(f64, [f64; 3], [f64; 3], f64); 10] = [
     (0.1, [0.023, 0.046, 0.02], [0.06, -0.605, 0.0], 0.0),
 ];
 
-/// A point or a direction in the coordinates in which an ellipsoid is the unit ball around the origin.
+/// Returns a point or a direction in the coordinates in which an ellipsoid is the unit ball around the origin.
 fn unit_ball((_, axes, _, turn): &(f64, [f64; 3], [f64; 3], f64), d: DVec3) -> DVec3 {
     let (sin, cos) = turn.to_radians().sin_cos();
     DVec3::new(cos * d.x + sin * d.y, cos * d.y - sin * d.x, d.z) / DVec3::from_array(*axes)
 }
 
-/// The 3-D Shepp-Logan head at a point of the cube [-1, 1]^3.
+/// Returns the density of the 3-D Shepp-Logan head at a point of the cube [-1, 1]^3.
 pub fn shepp_logan_at(p: DVec3) -> f64 {
     let inside = |ellipsoid: &(f64, [f64; 3], [f64; 3], f64)| {
         let (density, _, center, _) = *ellipsoid;
@@ -186,7 +186,7 @@ pub fn shepp_logan_at(p: DVec3) -> f64 {
     if sum < 1e-9 { 0.0 } else { sum }
 }
 
-/// Its integral from `origin` over `length` along a unit vector.
+/// Returns the integral of the 3-D Shepp-Logan head from `origin` over `length` along a unit vector.
 pub fn shepp_logan_chord(origin: DVec3, direction: DVec3, length: f64) -> f64 {
     let chord = |ellipsoid: &(f64, [f64; 3], [f64; 3], f64)| {
         let (density, _, center, _) = *ellipsoid;
@@ -200,7 +200,8 @@ pub fn shepp_logan_chord(origin: DVec3, direction: DVec3, length: f64) -> f64 {
     ELLIPSOIDS.iter().map(chord).sum()
 }
 
-/// Steele, Lea and Flood, "Fast splittable pseudorandom number generators" (2014): splitmix64.
+/// A generator of random numbers: splitmix64 (Steele, Lea and Flood 2014, "Fast splittable pseudorandom number
+/// generators").
 struct Random(u64);
 
 impl Random {
@@ -211,7 +212,7 @@ impl Random {
         z ^ (z >> 31)
     }
 
-    /// Uniform in -1..1.
+    /// Returns a number with uniform distribution in -1..1.
     fn symmetric(&mut self) -> f64 {
         (self.next() >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
     }
@@ -221,7 +222,7 @@ impl Random {
     }
 }
 
-/// A tree of tapering tubes with soft walls, grown upwards from the bottom and kept inside the volume.
+/// Draws a tree of tapering tubes with soft walls, grown upwards from the bottom and kept inside the volume.
 ///
 /// Seed, lengths, radii and bends are chosen for a tree that fills the volume and stays sparse.
 fn vessels(size: u32) -> Samples {

@@ -16,13 +16,13 @@ pub(super) const PROPORTIONS: [f64; 3] = [1.0, EXTENT[1] / EXTENT[0], EXTENT[2] 
 const EXTENT: [f64; 3] = [1.56, 0.48, 1.19];
 const CORNER: [f64; 3] = [-0.56, -0.045, -0.745];
 
-/// Values of the materials, of 255.
+/// The values of the materials, of 255.
 const SHELL: f64 = 118.0;
 const NACRE: f64 = 141.0;
 const SIPHUNCLE: f64 = 180.0;
 const PIGMENT: f64 = 236.0;
 
-/// Growth of the radius per turn: 3.2 in adult Nautilus pompilius.
+/// The growth of the radius per turn: 3.2 in adult Nautilus pompilius.
 const EXPANSION: f64 = 3.2;
 /// The angle of the spiral at the aperture, radians from +x towards +z.
 const APERTURE: f64 = 0.35;
@@ -43,11 +43,11 @@ const HALF_WIDTH: f64 = 0.41;
 /// A turn of the spiral that passes through the plane at a place (x, z).
 #[derive(Clone, Copy)]
 struct Turn {
-    /// Its angle.
+    /// The angle of the turn at the place.
     theta: f64,
-    /// The radius of its outer edge there.
+    /// The radius of the turn's outer edge at the place.
     outer: f64,
-    /// The place along its cross-section: -1 at the inner edge of the tube, 1 at the outer edge.
+    /// The place along the turn's cross-section: -1 at the inner edge of the tube, 1 at the outer edge.
     along: f64,
 }
 
@@ -92,7 +92,7 @@ impl Column {
         Self { radius, turns: turns.collect() }
     }
 
-    /// The value at a distance from the cut; samples are `spacing` apart.
+    /// Returns the value at a distance from the cut; samples are `spacing` apart.
     fn value(&self, y: f64, spacing: f64) -> f64 {
         // Ramps of two to four voxels, so that gradients are smooth.
         let (edge, soft) = (1.3 * spacing, 1.9 * spacing);
@@ -132,7 +132,7 @@ impl Column {
 }
 
 impl Turn {
-    /// The angle from the lip to a place of the cross-section, negative within the shell: the lip is a wave.
+    /// Returns the angle from the lip to a place of the cross-section, negative within the shell: the lip is a wave.
     fn angle_to_lip(&self, across: f64, along: f64) -> f64 {
         let (a, b) = (across * across, along * along);
         // (b - a) / (a + b) is the cosine of twice the angle around the tube.
@@ -140,7 +140,7 @@ impl Turn {
         self.theta + 0.16 * (1.0 - a) + wave - APERTURE
     }
 
-    /// The value of the wall at a depth, 0 outside to 1 inside, and an angle around the tube.
+    /// Returns the value of the wall at a depth, 0 outside to 1 inside, and an angle around the tube.
     fn wall_value(&self, depth: f64, side: f64, place: f64) -> f64 {
         let theta = self.theta;
         let gloss = 0.5 + 0.5 * (6.0 * theta + 2.2 * side.sin() + 8.0 * place).sin();
@@ -152,7 +152,8 @@ impl Turn {
         base + (PIGMENT - base) * pigment
     }
 
-    /// The value within the wall: septa, and the siphuncle, a tube through their middle that the cut leaves whole.
+    /// Returns the value within the wall: septa, and the siphuncle, a tube through their middle that the cut leaves
+    /// whole.
     fn chamber_value(&self, radius: f64, place: f64, kept: f64, spacing: f64) -> f64 {
         let (edge, place) = (1.3 * spacing, place.min(1.0));
         // Septa stand at whole numbers.
@@ -179,7 +180,7 @@ impl Turn {
     }
 }
 
-/// A cubic that rises from 0 at `low` to 1 at `high`, or falls if `low` is above `high`; constant beyond.
+/// Returns a cubic that rises from 0 at `low` to 1 at `high`, or falls if `low` is above `high`; constant beyond.
 fn step(low: f64, high: f64, at: f64) -> f64 {
     let t = ((at - low) / (high - low)).clamp(0.0, 1.0);
     t * t * (3.0 - 2.0 * t)

@@ -20,7 +20,7 @@ use super::selection::{Role, chosen, colours, picked};
 use crate::error::{Result, Subject, refuse, refuse_if};
 use crate::volume::{Endian, Origin, SampleType, Segment, Units, Volume};
 
-/// Attributes that are kept; a header has further ones, such as the history of its file.
+/// The attributes that are kept; a header has further ones, such as the history of its file.
 const KEPT: [&str; 14] = [
     "BRICK_FLOAT_FACS",
     "BRICK_LABS",
@@ -38,7 +38,7 @@ const KEPT: [&str; 14] = [
     "VALUE_LABEL_DTABLE",
 ];
 
-/// The most labels that a header may name.
+/// The largest number of labels that a header may name.
 const MAX_LABELS: usize = 1 << 16;
 
 /// The types of samples by their codes, and the number of samples in a voxel.
@@ -58,7 +58,7 @@ struct Header {
     attributes: HashMap<String, String>,
 }
 
-/// Whether these are the first bytes of a header.
+/// Returns whether these are the first bytes of a header of AFNI.
 pub(super) fn is_afni(head: &[u8]) -> bool {
     let text = String::from_utf8_lossy(head.get(..80).unwrap_or(head));
     let Some((name, value)) = text.trim_start().split_once('=') else { return false };
@@ -66,12 +66,12 @@ pub(super) fn is_afni(head: &[u8]) -> bool {
     name.trim_end() == "type" && kinds.iter().any(|kind| value.trim_start().starts_with(kind))
 }
 
-/// The header of a file of samples, if there is one.
+/// Returns the header of a file of samples, if there is one.
 pub(super) fn header_of(image: &Path) -> Option<PathBuf> {
     existing(image, &[".HEAD", ".head"]).filter(|_| has_extension(image, &["brik"]))
 }
 
-/// The file with the samples of a header.
+/// Returns the file with the samples of a header.
 pub(super) fn named_files(input: Input) -> Result<Vec<PathBuf>> {
     Ok(vec![image_file(input.path())?])
 }
@@ -162,13 +162,13 @@ impl Header {
         Ok(Self { path: input.path().to_owned(), attributes })
     }
 
-    /// The text of an attribute, without its quotation mark and its ending.
+    /// Returns the text of an attribute, without its quotation mark and its ending.
     fn text(&self, name: &str) -> Option<&str> {
         let text = self.attributes.get(name)?.trim();
         Some(text.strip_prefix('\'').unwrap_or(text).trim_end_matches('~').trim())
     }
 
-    /// The numbers of an attribute, at least `least`.
+    /// Returns the numbers of an attribute, at least `least`.
     fn numbers<T: FromStr>(&self, name: &str, least: usize) -> Result<Vec<T>> {
         let numbers = self.numbers_if_there(name)?.unwrap_or_default();
         refuse_if!(numbers.len() < least, self.path, "its header has no {name} of {least} numbers");
@@ -184,7 +184,8 @@ impl Header {
         text.split_ascii_whitespace().map(number).collect::<Result<Vec<T>>>().map(Some)
     }
 
-    /// The position of the lattice, by its matrix, or else by the axis of the patient that each of its axes follows.
+    /// Returns the position of the lattice, by its matrix, or else by the axis of the patient that each of its axes
+    /// follows.
     fn placement(&self) -> Result<Placement> {
         if let Some(m) = self.numbers_if_there::<f64>("IJK_TO_DICOM_REAL")? {
             refuse_if!(m.len() < 12, self.path, "IJK_TO_DICOM_REAL has {} numbers, expected 12", m.len());
@@ -203,7 +204,7 @@ impl Header {
         Ok(Placement { directions, spacing: [1.0; 3], origin, oriented: true })
     }
 
-    /// The type of the samples, and the number of samples in a voxel: of each sub-brick, or one of all.
+    /// Returns the type of the samples and the number of samples in a voxel, for each sub-brick or once for all.
     fn types(&self, count: i64) -> Result<Vec<(SampleType, i64)>> {
         let codes: Vec<i64> = self.numbers("BRICK_TYPES", 1)?;
         let is_whole = codes.len() == 1 || codes.len() as i64 == count;
@@ -228,7 +229,7 @@ impl Header {
         }
     }
 
-    /// The factor of a sub-brick; 0 means that there is none.
+    /// Returns the factor of a sub-brick; 0 means that there is none.
     fn slope(&self, time: usize) -> Result<f64> {
         let factors: Vec<f64> = self.numbers_if_there("BRICK_FLOAT_FACS")?.unwrap_or_default();
         let factor = factors.get(time).copied().unwrap_or(0.0);
@@ -236,7 +237,8 @@ impl Header {
         Ok(if factor == 0.0 { 1.0 } else { factor })
     }
 
-    /// The code of the statistic that a sub-brick is, as of NIfTI's intent, and its parameters; 0 if it is none.
+    /// Returns the code of a sub-brick's statistic, as in NIfTI's intent, and its parameters; 0 if the sub-brick is no
+    /// statistic.
     fn statistic(&self, time: usize) -> Result<(i32, Vec<f64>)> {
         let numbers: Vec<f64> = self.numbers_if_there("BRICK_STATAUX")?.unwrap_or_default();
         // Entries of a number of a sub-brick, a code, the number of parameters and these.
@@ -251,7 +253,7 @@ impl Header {
         Ok((0, Vec::new()))
     }
 
-    /// The labels that the header names; `None` if the values are none.
+    /// Returns the labels that the header names; `None` if the values are no labels.
     fn segments(&self) -> Option<Vec<Segment>> {
         let is_integer = self.attributes.get("INT_CMAP").is_some_and(|text| ["1", "2"].contains(&text.trim()));
         let Some(table) = self.text("VALUE_LABEL_DTABLE") else { return is_integer.then(Vec::new) };

@@ -1,4 +1,4 @@
-//! Complex samples: one number of each is the value of a voxel.
+//! Complex samples: one of the two numbers, or their absolute value or phase, is the value of a voxel.
 
 use std::path::Path;
 
@@ -26,7 +26,8 @@ pub enum ComplexPart {
 
 named!("complex", ComplexPart { Abs: "abs", Real: "real", Imag: "imag", Phase: "phase" });
 
-/// The role of the two numbers of a complex sample, which [`part`] reduces to one. An error if no part is requested.
+/// Returns the role of the two numbers of a complex sample, which [`part`] reduces to one. An error if no part is
+/// requested.
 pub(super) fn role(path: &Path, options: &LoadOptions) -> Result<Role> {
     match options.complex {
         Some(_) => Ok(Role::Space),
@@ -34,7 +35,7 @@ pub(super) fn role(path: &Path, options: &LoadOptions) -> Result<Role> {
     }
 }
 
-/// The requested part of complex samples, whose real and imaginary parts follow one another.
+/// Returns the requested part of complex samples, whose real and imaginary parts follow one another.
 pub(super) fn part(stored: Stored, path: &Path, options: &LoadOptions) -> Result<Stored> {
     let Some(part) = options.complex else { return Ok(stored) };
     let samples = match stored.into_samples()? {

@@ -1,4 +1,4 @@
-//! Lattices whose axes have names and coordinates: NetCDF, and Zarr as OME and xarray write it
+//! Lattices whose axes have names and coordinates: NetCDF, and Zarr written by OME and xarray
 //! (<https://cfconventions.org>, chapters 4 and 5).
 
 use glam::DVec3;
@@ -12,29 +12,29 @@ pub(super) struct Axis {
     pub(super) size: u64,
     pub(super) role: Role,
     pub(super) unit: Option<String>,
-    /// `None` if no coordinates are stated.
+    /// The steps between coordinates; `None` if no coordinates are stated.
     pub(super) steps: Option<Steps>,
-    /// The axis of the world along it, 0 for x; `None` if its description does not tell.
+    /// The axis of the world along the axis of samples, 0 for x; `None` if its description does not state it.
     world: Option<usize>,
-    /// Whether its coordinates grow downwards, as depths and pressures do.
+    /// Whether the coordinates grow downwards, as depths and pressures do.
     is_down: bool,
 }
 
-/// The coordinates along an axis.
+/// The distances of the coordinates along an axis.
 pub(super) enum Steps {
-    /// The first one, and the distance to the next; negative if they descend.
+    /// Even steps: the first coordinate, and the distance to the next; negative if they descend.
     Even { first: f64, step: f64 },
-    /// The smallest and the largest distance of neighbours.
+    /// Uneven steps: the smallest and the largest distance of neighbours.
     Uneven { least: f64, most: f64, descending: bool },
 }
 
 impl Axis {
-    /// An axis whose name is all that is known.
+    /// Makes an axis of which only the name is known.
     pub(super) fn named(name: &str, size: u64) -> Self {
         Self::described(name, size, &|_| None, || None)
     }
 
-    /// An axis with the attributes of its coordinates, which are read if it is an axis of space.
+    /// Makes an axis with the attributes of its coordinates, which are read if it is an axis of space.
     pub(super) fn described(
         name: &str,
         size: u64,
@@ -61,7 +61,7 @@ impl Axis {
         }
     }
 
-    /// 1 if the world's coordinates grow along the axis, else -1.
+    /// Returns 1 if the world's coordinates grow along the axis, else -1.
     fn sign(&self) -> f64 {
         let descends = match self.steps {
             Some(Steps::Even { step, .. }) => step < 0.0,
@@ -73,7 +73,7 @@ impl Axis {
 }
 
 impl Steps {
-    /// The steps between some coordinates; even if all are the same within a thousandth.
+    /// Returns the steps between some coordinates; even if all are the same within a thousandth.
     fn of(values: &[f64]) -> Option<Self> {
         let ([first, .., last], count) = (values, values.len()) else { return None };
         let step = (last - first) / (count - 1) as f64;
@@ -88,7 +88,7 @@ impl Steps {
     }
 }
 
-/// The role of an axis by its name in lower case.
+/// Returns the role of an axis by its name in lower case.
 fn role_of_name(name: &str) -> Role {
     match name {
         "t" | "time" => Role::Time,
@@ -97,7 +97,7 @@ fn role_of_name(name: &str) -> Role {
     }
 }
 
-/// The axis of the world that a word names: the letter or the name of an axis, a standard name, or a unit.
+/// Returns the axis of the world that a word names: the letter or the name of an axis, a standard name, or a unit.
 fn world_of(word: &str) -> Option<usize> {
     let words: [&[&str]; 3] = [
         &[
@@ -134,8 +134,9 @@ fn world_of(word: &str) -> Option<usize> {
     words.iter().position(|words| words.contains(&word))
 }
 
-/// The axes of space, each with the axis of the world along it, x first. Axes that do not tell theirs get what is left,
-/// the fastest first. Of more than three, axes of one sample do not count. Files have the slowest axis first.
+/// Returns the axes of space, each with the axis of the world along it, x first. Axes whose world axis is not stated
+/// get the remaining ones, the fastest first. If there are more than three, axes of one sample do not count. Files have
+/// the slowest axis first.
 pub(super) fn space(axes: &[Axis]) -> Vec<(usize, usize)> {
     let mut space: Vec<usize> = (0..axes.len()).rev().filter(|&axis| axes[axis].role == Role::Space).collect();
     while let Some(single) = space.iter().position(|&axis| axes[axis].size == 1).filter(|_| space.len() > 3) {
@@ -151,8 +152,8 @@ pub(super) fn space(axes: &[Axis]) -> Vec<(usize, usize)> {
     placed
 }
 
-/// The position of the lattice with these axes of space, the unit of lengths, and a note if the coordinates give no
-/// position: they are unequally spaced, in unlike units, or missing along some axes.
+/// Returns the position of the lattice with these axes of space, the unit of lengths, and a note if the coordinates
+/// give no position: they are unequally spaced, in unlike units, or missing along some axes.
 pub(super) fn placement(axes: &[Axis], space: &[(usize, usize)]) -> (Placement, Option<String>, Option<String>) {
     let mut placement = Placement::axis_parallel([1.0; 3]);
     let left = (0..3).filter(|n| space.iter().all(|(_, world)| world != n));
@@ -198,7 +199,7 @@ pub(super) fn placement(axes: &[Axis], space: &[(usize, usize)]) -> (Placement, 
     (placement, unit, None)
 }
 
-/// Units of length by their names, and their metres.
+/// The units of length by their names, and their metres.
 const LENGTHS: [(&[&str], f64); 7] = [
     (&["Å", "angstrom"], 1e-10),
     (&["nm", "nanometer", "nanometre"], 1e-9),
@@ -209,7 +210,7 @@ const LENGTHS: [(&[&str], f64); 7] = [
     (&["km", "kilometer", "kilometre"], 1e3),
 ];
 
-/// The number of one unit in another; `None` if they differ and are not both lengths.
+/// Returns the number of one unit in another; `None` if they differ and are not both lengths.
 fn factor(unit: &Option<String>, other: &Option<String>) -> Option<f64> {
     let metres = |unit: &Option<String>| {
         let name = unit.as_deref()?;
@@ -223,7 +224,7 @@ fn factor(unit: &Option<String>, other: &Option<String>) -> Option<f64> {
 mod tests {
     use super::*;
 
-    /// An axis of space with attributes and coordinates.
+    /// Makes an axis of space with attributes and coordinates.
     fn axis(name: &str, attributes: &[(&str, &str)], coordinates: &[f64]) -> Axis {
         let attribute = |name: &str| Some(attributes.iter().find(|(key, _)| *key == name)?.1.to_owned());
         let values = (!coordinates.is_empty()).then(|| coordinates.to_vec());

@@ -1,4 +1,4 @@
-//! Samples from the bytes of one or more files, at the width they have there.
+//! Samples from the bytes of one or more files, in the width of their type there.
 
 use std::path::Path;
 
@@ -12,7 +12,7 @@ use crate::volume::{Endian, FileSamples, Number, SampleType, Samples, Stored, wi
 /// The encoding of samples in a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Layout {
-    /// Binary, in this byte order.
+    /// Binary numbers in a byte order.
     Binary(Endian),
     /// Decimal numbers separated by blanks.
     Text,
@@ -40,7 +40,7 @@ impl Kind {
         }
     }
 
-    /// Bytes of a sample.
+    /// Returns the bytes of a sample.
     pub(super) fn size(self) -> usize {
         match self {
             Self::Whole(sample_type) => sample_type.size(),
@@ -48,7 +48,7 @@ impl Kind {
         }
     }
 
-    /// The kind with NumPy's letter and number of bytes, such as i2.
+    /// Returns the kind with NumPy's letter and number of bytes, such as i2.
     pub(super) fn of_numpy(letters: &str) -> Option<Self> {
         let named = |known: &SampleType| letters == format!("{}{}", &known.name()[..1], known.size());
         match letters {
@@ -104,12 +104,12 @@ pub(super) fn read_samples(
     Ok(samples_of!(kind, &path, T => read::<T>(parts, n_parts, pick, layout)?).into())
 }
 
-/// As [`read_samples`], from one file.
+/// Reads picked samples from one file, as [`read_samples`] does from several.
 pub(super) fn read_all(input: Input, pick: &Pick, kind: impl Into<Kind>, layout: Layout) -> Result<Stored> {
     read_samples(&mut std::iter::once(Ok(input)), 1, pick, kind, layout)
 }
 
-/// Samples of a piece of work.
+/// The number of samples of a piece of work.
 const CHUNK: usize = 1 << 16;
 
 /// Reorders samples from z fastest to x fastest.
@@ -118,7 +118,7 @@ pub(super) fn x_fastest(samples: &Samples, dims: [u32; 3], path: &Path) -> Resul
     reordered(samples, dims, [ny * nz, nz, 1], path)
 }
 
-/// Reorders samples to x fastest; along each axis they are a stride apart.
+/// Reorders samples to x fastest, from an order in which neighbours along each axis are a stride apart.
 pub(super) fn reordered(samples: &Samples, dims: [u32; 3], strides: [usize; 3], path: &Path) -> Result<Samples> {
     let ([nx, ny, _], [sx, sy, sz]) = (dims.map(|d| d as usize), strides);
     with_samples!(samples, from => {
@@ -131,7 +131,7 @@ pub(super) fn reordered(samples: &Samples, dims: [u32; 3], strides: [usize; 3], 
     })
 }
 
-/// The numbers of 16-bit floating point with these bits.
+/// Converts the bits of 16-bit floating point to numbers.
 pub(super) fn of_halves(halves: &[u16], path: &Path) -> Result<Vec<f32>> {
     let mut floats = zeroed(halves.len() as u64, || samples_in(path))?;
     for_each_chunk(&mut floats, CHUNK, |number, chunk| {
@@ -141,7 +141,7 @@ pub(super) fn of_halves(halves: &[u16], path: &Path) -> Result<Vec<f32>> {
     Ok(floats)
 }
 
-/// Reads straight into the vector that becomes the volume, without a second copy.
+/// Reads picked samples straight into the vector that becomes the volume, without a second copy.
 pub(super) fn read<T: Number>(parts: Parts<'_>, n_parts: usize, pick: &Pick, layout: Layout) -> Result<Vec<T>> {
     let mut samples: Vec<T> = Vec::new();
     let (count, share) = (pick.len(), pick.all / n_parts.max(1) as u64);

@@ -8,24 +8,24 @@ use crate::names::counted;
 /// The files of metadata that make a folder an array or a group of Zarr.
 pub(super) const METADATA: [&str; 3] = ["zarr.json", ".zarray", ".zgroup"];
 
-/// Whether a folder has the metadata of Zarr: an array or a group.
+/// Returns whether a folder has the metadata of Zarr: an array or a group.
 #[must_use]
 pub fn is_zarr(folder: &Path) -> bool {
     METADATA.iter().any(|name| folder.join(name).is_file())
 }
 
-/// The folder of a file of Zarr's metadata.
+/// Returns the folder of a file of Zarr's metadata.
 pub(super) fn zarr_folder_of(file: &Path) -> Option<&Path> {
     let name = file.file_name()?.to_str()?;
     (METADATA.contains(&name) || name == ".zattrs").then(|| file.parent()).flatten()
 }
 
-/// The most folders that are searched for volumes, and the most that a text lists.
+/// The largest number of folders that are searched for volumes, and the largest number that a text lists.
 const MOST_SEARCHED: usize = 256;
 const MOST_LISTED: usize = 4;
 
-/// A sentence about the volumes in a folder and in the folders below it, as on a disc of DICOM; `None` if there are
-/// none. Links to folders are not followed.
+/// Returns a sentence about the volumes in a folder and in the folders below it, as on a disc of DICOM; `None` if there
+/// are none. Links to folders are not followed.
 pub(super) fn volumes_below(top: &Path) -> Option<String> {
     let (mut found, mut folders, mut searched, mut others) = (Vec::new(), vec![top.to_owned()], 0, 0);
     while let Some(folder) = folders.pop().filter(|_| searched < MOST_SEARCHED) {
@@ -59,7 +59,7 @@ pub(super) fn volumes_below(top: &Path) -> Option<String> {
     (!found.is_empty()).then(|| format!("give one of the folders in it: {}{more}", found.join(", ")))
 }
 
-/// A series in a few words.
+/// Describes a series in a few words.
 fn described(series: &Series) -> String {
     let Series { modality, description, files, .. } = series;
     format!("{modality} {description:?} of {}", counted((*files).into(), "file"))

@@ -16,8 +16,8 @@ use crate::memory::{reserved, samples_in};
 /// The first bytes of every gzip stream (RFC 1952).
 const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
 
-/// Deflate expands at most 1032 to 1 (zlib's technical notes, <https://zlib.net/zlib_tech.html>). It bounds what a
-/// compressed file can hold, so a header that claims more is refused before memory is reserved.
+/// The largest expansion of deflate: 1032 to 1 (zlib's technical notes, <https://zlib.net/zlib_tech.html>). It bounds
+/// what a compressed file can hold, so a header that claims more is refused before memory is reserved.
 pub(super) const MAX_EXPANSION: u64 = 1032;
 
 /// The largest expansion of bzip2: a block of 900 kB, in which 5 bytes stand for 259, has 32 bytes or more.
@@ -29,7 +29,7 @@ const BZIP2_MARKS: [[u8; 6]; 2] = [[0x31, 0x41, 0x59, 0x26, 0x53, 0x59], [0x17, 
 /// The longest header line that is read, in bytes: a longer line is not text.
 const MAX_LINE: u64 = 1 << 20;
 
-/// The most bytes of all lines of a header and the names after it: 65 535 names of 400 characters.
+/// The largest number of bytes of all lines of a header and the names after it: 65 535 names of 400 characters.
 const MAX_HEADER: u64 = 32 << 20;
 
 /// The bytes that a line costs besides its characters: lines are kept in strings, and strings in tables.
@@ -46,7 +46,8 @@ pub(super) struct Unpacked {
 }
 
 impl Unpacked {
-    /// The file of a stream of at most `most` bytes. If it is not there yet, `reader` opens the stream to fill it.
+    /// Returns the file of a stream of at most `most` bytes. If it does not exist yet, `reader` opens the stream to
+    /// fill it.
     fn file(&self, path: &Path, at: u64, most: u64, reader: impl FnOnce() -> Option<Box<dyn BufRead>>) -> Option<File> {
         let mut streams = self.streams.lock().unwrap_or_else(PoisonError::into_inner);
         let held = streams.entry((path.to_owned(), at)).or_insert_with(|| {
@@ -63,13 +64,13 @@ impl Unpacked {
     }
 }
 
-/// A stream of bytes with the file it belongs to.
+/// A stream of bytes with the file to which it belongs.
 pub(super) struct Input {
     path: PathBuf,
     reader: Box<dyn BufRead>,
     /// The file, if it holds the bytes left as they are.
     plain: Option<Arc<File>>,
-    /// Upper bound on the bytes left; `None` for streams.
+    /// An upper bound on the bytes left; `None` for streams.
     left: Option<u64>,
     /// The bytes of `plain` behind the stream.
     behind: u64,
@@ -80,13 +81,13 @@ pub(super) struct Input {
 }
 
 impl Input {
-    /// Opens a file and decompresses it if it begins as gzip or bzip2 does. What it decompresses is kept in `unpacked`,
-    /// if that is given, or taken from there.
+    /// Opens a file and decompresses it if it begins as gzip or bzip2 does. The decompressed stream is kept in
+    /// `unpacked`, if that is given, or taken from there.
     pub(super) fn open(path: &Path, unpacked: Option<Arc<Unpacked>>) -> Result<Self> {
         Self { unpacked, ..Self::open_plain(path)? }.unpacked_if_marked()
     }
 
-    /// The decompressed streams that are kept, for other files of the same volume.
+    /// Returns the decompressed streams that are kept, for other files of the same volume.
     pub(super) fn unpacked(&self) -> Option<Arc<Unpacked>> {
         self.unpacked.clone()
     }
@@ -114,8 +115,8 @@ impl Input {
         })
     }
 
-    /// The `size` bytes from byte `at` of an uncompressed file, as a file of the name `path`. Clones of `file` share
-    /// one place to read at, so only the last part is read.
+    /// Opens the `size` bytes from byte `at` of an uncompressed file, as a file of the name `path`. Clones of `file`
+    /// share one place to read at, so only the last part is read.
     pub(super) fn part(path: PathBuf, file: &File, at: u64, size: u64) -> Result<Self> {
         let opened = || -> io::Result<(File, u64)> {
             let mut file = file.try_clone()?;
@@ -139,7 +140,7 @@ impl Input {
         })
     }
 
-    /// The same stream, with the decompressed streams of `unpacked`.
+    /// Returns the stream, with the decompressed streams of `unpacked`.
     pub(super) fn keeping(self, unpacked: Option<Arc<Unpacked>>) -> Self {
         Self { unpacked, ..self }
     }
@@ -148,22 +149,23 @@ impl Input {
         &self.path
     }
 
-    /// An [`Error::Format`] about this file.
+    /// Makes an [`Error::Format`] about this file.
     pub(super) fn error(&self, reason: impl Into<String>) -> Error {
         Error::format(&self.path, reason)
     }
 
-    /// Upper bound on the bytes left; `None` if there is none.
+    /// Returns an upper bound on the bytes left; `None` if there is none.
     pub(super) fn at_most(&self) -> Option<u64> {
         self.left
     }
 
-    /// The number of bytes left; `None` if it is unknown, for example in a compressed file.
+    /// Returns the number of bytes left; `None` if it is unknown, for example in a compressed file.
     pub(super) fn exactly_left(&self) -> Option<u64> {
         self.left.filter(|_| self.plain.is_some())
     }
 
-    /// The file and the offset in it at which the remaining bytes begin; `None` if they are not stored as they are.
+    /// Returns the file and the offset in it at which the remaining bytes begin; `None` if they are not stored as they
+    /// are.
     pub(super) fn plain_file(&self) -> Result<Option<(File, u64)>> {
         let (Some(file), Some(left)) = (&self.plain, self.left) else { return Ok(None) };
         let length = file.metadata().map_err(Error::read(&self.path))?.len();
@@ -172,7 +174,7 @@ impl Input {
         Ok(Some((file.try_clone().map_err(Error::read(&self.path))?, offset)))
     }
 
-    /// The next `n` bytes, or fewer at the end of the file, without consuming them.
+    /// Returns the next `n` bytes, or fewer at the end of the file, without consuming them.
     pub(super) fn peek(&mut self, n: usize) -> Result<Vec<u8>> {
         let mut head = Vec::new();
         (&mut self.reader).take(n as u64).read_to_end(&mut head).map_err(|e| self.io_error(e))?;
@@ -294,7 +296,7 @@ impl Input {
         self.left = self.left.map(|left| left.saturating_sub(n));
     }
 
-    /// Whether there are no more bytes.
+    /// Returns whether no bytes are left.
     pub(super) fn is_at_end(&mut self) -> Result<bool> {
         self.reader.fill_buf().map(<[u8]>::is_empty).map_err(|e| self.io_error(e))
     }
@@ -330,7 +332,7 @@ impl Input {
         Ok(())
     }
 
-    /// The next line without LF or CRLF; `None` at the end of the file. Bytes that are not UTF-8 become U+FFFD.
+    /// Reads the next line without LF or CRLF; `None` at the end of the file. Bytes that are not UTF-8 become U+FFFD.
     pub(super) fn line(&mut self) -> Result<Option<String>> {
         let mut line = Vec::new();
         (&mut self.reader).take(MAX_LINE).read_until(b'\n', &mut line).map_err(|e| self.io_error(e))?;
@@ -357,8 +359,8 @@ impl Input {
         Ok(passed)
     }
 
-    /// The text between the next `<` and the `>` after it; `None` at the end of the file. A comment ends with its own
-    /// mark.
+    /// Reads the text between the next `<` and the `>` after it; `None` at the end of the file. A comment ends with its
+    /// own mark.
     pub(super) fn tag(&mut self) -> Result<Option<String>> {
         self.skip_past(b'<')?;
         let mut tag = Vec::new();
@@ -378,7 +380,7 @@ impl Input {
         }
     }
 
-    /// The next `n` bytes; an error if there are fewer.
+    /// Reads the next `n` bytes; an error if there are fewer.
     pub(super) fn bytes(&mut self, n: usize) -> Result<Vec<u8>> {
         let mut bytes = Vec::new();
         self.append(n as u64, &mut bytes)?;
@@ -386,7 +388,8 @@ impl Input {
         Ok(bytes)
     }
 
-    /// Appends the next `n` bytes, or fewer at the end of the file. A vector grows with what is there.
+    /// Appends the next `n` bytes to `bytes`, or fewer at the end of the file. The vector grows with the bytes that
+    /// exist.
     pub(super) fn append(&mut self, n: u64, bytes: &mut Vec<u8>) -> Result<()> {
         let before = bytes.len();
         match (&mut self.reader).take(n).read_to_end(bytes) {
@@ -429,8 +432,8 @@ impl Input {
         }
     }
 
-    /// Reads the next token between blanks and commas; false at the end of the file. Tokens are cut at 64 bytes: no
-    /// number of a sample type needs more.
+    /// Reads the next token between blanks and commas; returns false at the end of the file. Tokens are cut at 64
+    /// bytes: no number of a sample type needs more.
     pub(super) fn token(&mut self, token: &mut String) -> Result<bool> {
         let is_blank = |c: &u8| c.is_ascii_whitespace() || *c == b',';
         token.clear();
@@ -462,24 +465,25 @@ impl Input {
     }
 }
 
-/// The most bytes that `packed` bytes expand to. 64 KiB are added for the headers of short streams.
+/// Returns the largest number of bytes to which `packed` bytes expand. 64 KiB are added for the headers of short
+/// streams.
 fn expanded(packed: Option<u64>, expansion: u64) -> u64 {
     packed.map_or(u64::MAX, |n| n.saturating_mul(expansion).saturating_add(1 << 16))
 }
 
-/// Bytes that a reader reads at a time.
+/// The number of bytes that a reader reads at a time.
 const BUFFER: usize = 1 << 16;
 
-/// A reader with a buffer.
+/// Adds a buffer to a reader.
 pub(super) fn buffered(reader: impl Read + 'static) -> Box<dyn BufRead> {
     Box::new(BufReader::with_capacity(BUFFER, reader))
 }
 
-/// Reads bytes from digits of 4 bits, which are hexadecimal, or of 6 bits, which are base64.
+/// A reader of bytes from digits of 4 bits, which are hexadecimal, or of 6 bits, which are base64.
 struct Digits {
     digits: Box<dyn BufRead>,
     width: u32,
-    /// Bits of digits that are no byte yet, and their number.
+    /// The bits of digits that are no byte yet; `count` is their number.
     bits: u32,
     held: u32,
 }

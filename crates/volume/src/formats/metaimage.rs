@@ -21,7 +21,7 @@ use crate::volume::{Endian, Origin, SampleType, Units, Volume};
 const FIRST_FIELDS: [&str; 9] =
     ["objecttype", "ndims", "comment", "objectsubtype", "name", "id", "binarydata", "dimsize", "elementtype"];
 
-/// Whether these are the first bytes of a MetaImage header.
+/// Returns whether these are the first bytes of a MetaImage header.
 pub(super) fn is_metaimage(head: &[u8]) -> bool {
     let line = head.split(|&c| c == b'\n').next().unwrap_or_default();
     let Some(equals) = line.iter().position(|&c| c == b'=') else { return false };
@@ -88,13 +88,13 @@ pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
     Ok(placement.volume(grid, samples)?.with_rescale(slope, intercept)?.with_units(units).with_contents(contents))
 }
 
-/// The data files that the header names which begins here.
+/// Returns the data files that the header that begins here names.
 pub(super) fn named_files(mut input: Input) -> Result<Vec<PathBuf>> {
     let header = read_header(&mut input)?;
     Ok(data_files(&header, &mut input)?.unwrap_or_default())
 }
 
-/// Reads up to and including the line ElementDataFile, which is the last.
+/// Reads the header up to and including the line ElementDataFile, which is the last.
 fn read_header(input: &mut Input) -> Result<TextHeader> {
     let mut header = TextHeader::new(input, "MetaImage");
     while let Some(line) = input.line()? {
@@ -139,7 +139,7 @@ fn sample_type(header: &TextHeader) -> Result<SampleType> {
     known.ok_or_else(|| header.error(format!("ElementType {name:?} is not read: expected one number per sample")))
 }
 
-/// The position of a lattice of `n` axes. A 2-D image lies in the plane z = 0.
+/// Returns the position of a lattice of `n` axes. A 2-D image lies in the plane z = 0.
 fn placement(header: &TextHeader, n: usize) -> Result<Placement> {
     let stated = |names: &[&str], n: usize| -> Result<Option<Vec<f64>>> {
         let text = names.iter().find_map(|name| header.get([*name]));
@@ -160,7 +160,7 @@ fn placement(header: &TextHeader, n: usize) -> Result<Placement> {
     Ok(placement)
 }
 
-/// The data files; `None` if the samples follow the header.
+/// Returns the data files; `None` if the samples follow the header.
 fn data_files(header: &TextHeader, input: &mut Input) -> Result<Option<Vec<PathBuf>>> {
     let text = header.required("ElementDataFile")?;
     refuse_if!(text.is_empty(), header, "ElementDataFile is empty: expected a file name or LOCAL");

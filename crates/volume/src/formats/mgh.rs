@@ -13,19 +13,19 @@ use super::selection::{Role, picked};
 use crate::error::{Result, refuse, refuse_if};
 use crate::volume::{Endian, MAX_DIM, SampleType, Units, Volume};
 
-/// The place of the first sample.
+/// The place of the first sample in a file, bytes.
 const HEADER_SIZE: usize = 284;
 
 /// The first and the last code of a sample type.
 const TYPES: std::ops::RangeInclusive<i64> = 0..=10;
 
-/// Numbers are in big-endian order.
+/// Reads bytes as numbers in big-endian order.
 fn fields(bytes: &[u8]) -> Fields<'_> {
     Fields { bytes, endian: Endian::Big }
 }
 
-/// Whether these are the first bytes of an MGH file. It has no magic but its version 1, so all other numbers have to be
-/// plausible. The bytes above the version state an intent since FreeSurfer 7.4.
+/// Returns whether these are the first bytes of an MGH file. It has no magic but its version 1, so all other numbers
+/// have to be plausible. The bytes above the version state an intent since FreeSurfer 7.4.
 pub(super) fn is_mgh(head: &[u8]) -> bool {
     let header = fields(head);
     let is_size = |at: usize| (1..=i64::from(MAX_DIM)).contains(&header.int(at, 4));
@@ -68,8 +68,8 @@ fn sample_type(header: &Fields<'_>, input: &Input) -> Result<SampleType> {
     })
 }
 
-/// The position of the lattice. Without its flag the header states none: then the section is coronal, its first axis
-/// runs from right to left, and the centre is the origin. This is FreeSurfer's fallback; nibabel transposes its
+/// Returns the position of the lattice. Without its flag the header states none: then the section is coronal, its first
+/// axis runs from right to left, and the centre is the origin. This is FreeSurfer's fallback; nibabel transposes its
 /// directions.
 fn placement(header: &Fields<'_>, sizes: [i64; 3]) -> Placement {
     let triple = |at: usize| DVec3::from_array(std::array::from_fn(|i| header.float(at + 4 * i, 4)));
@@ -89,7 +89,7 @@ mod tests {
     use crate::formats::load;
     use crate::volume::Samples;
 
-    /// A file of two frames of 3 x 2 x 1 samples.
+    /// Makes a file of two frames of 3 x 2 x 1 samples.
     fn file(kind: i32, samples: &[u8]) -> Vec<u8> {
         let mut bytes = [1, 3, 2, 1, 2, kind, 0].map(i32::to_be_bytes).concat();
         bytes.extend(1_i16.to_be_bytes());

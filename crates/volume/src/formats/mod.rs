@@ -63,7 +63,7 @@ pub use crate::files::{read_json, read_text};
 use crate::names::{counted, named};
 use crate::volume::{Endian, SampleType, Volume};
 
-/// The level of a pyramid to read: of a file that holds the same volume at several resolutions.
+/// The level to read of a pyramid, which is a file that holds the same volume at several resolutions.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum PyramidLevel {
     /// The level of this number; 0 is the finest.
@@ -77,12 +77,12 @@ pub enum PyramidLevel {
 /// The treatment of a DICOM series that lacks slices between others, or whose slices are unequally spaced.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum MissingSlices {
-    /// It is an error that names the places.
+    /// An error that names the places.
     #[default]
     Refuse,
-    /// Slices at equal distances are interpolated linearly between their neighbours, and a note of
-    /// [`Contents`](crate::volume::Contents) states it. Slices that are there keep their values, unless slices are
-    /// unequally spaced: then the new ones lie about the least distance apart.
+    /// Linear interpolation of slices at equal distances between their neighbours, which a note of
+    /// [`Contents`](crate::volume::Contents) states. Existing slices keep their values, unless slices are unequally
+    /// spaced: then the new ones lie about the least distance apart.
     Interpolate,
 }
 
@@ -91,28 +91,31 @@ named!("missing_slices", MissingSlices { Refuse: "refuse", Interpolate: "interpo
 /// The order in which the axes of an array index its samples; the last axis is the fastest, as in C.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum AxisOrder {
-    /// Indexed (z, y, x): x is the fastest.
+    /// An array indexed (z, y, x): x is the fastest.
     #[default]
     Zyx,
-    /// Indexed (x, y, z): z is the fastest, unless an array of NumPy is in Fortran order.
+    /// An array indexed (x, y, z): z is the fastest, unless an array of NumPy is in Fortran order.
     Xyz,
 }
 
 named!("axis_order", AxisOrder { Zyx: "zyx", Xyz: "xyz" });
 
 /// Facts about a file that its header lacks, and choices among its volumes. By default the header decides.
+///
+/// End a literal with `..LoadOptions::default()`: a minor release may add fields.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LoadOptions {
-    /// Samples along x, y and z of a file without a header; x is fastest unless `axis_order` says otherwise.
+    /// The number of samples along x, y and z of a file without a header; x is fastest unless `axis_order` states
+    /// otherwise.
     pub dims: Option<[u32; 3]>,
     /// The sample type of a file without a header.
     pub sample_type: Option<SampleType>,
-    /// World distance between samples along each axis. It replaces the spacing of a header, whose directions and origin
-    /// stay.
+    /// The world distance between samples along each axis. It replaces the spacing of a header, whose directions and
+    /// origin stay.
     pub spacing: Option<[f64; 3]>,
     /// The byte order of a file without a header; `None` is little-endian.
     pub endian: Option<Endian>,
-    /// Bytes before the first sample of a file without a header.
+    /// The number of bytes before the first sample of a file without a header.
     pub offset: u64,
     /// The order of the axes of an array of NumPy, or of a file without a header; `None` is (z, y, x), and a note of
     /// [`Contents`](crate::volume::Contents) if the array looks otherwise.
@@ -122,8 +125,8 @@ pub struct LoadOptions {
     pub replace_nan: Option<f64>,
     /// The point in time of a file that holds several, counted from 0; `None` is the first.
     pub time: Option<u32>,
-    /// The channel of a file that holds several, counted from 0; without it such a file is an error. Which there are
-    /// [`Volume::contents`] tells, of any one of them.
+    /// The channel of a file that holds several, counted from 0; without it such a file is an error. The
+    /// [`Volume::contents`] of any channel state the number of channels.
     pub channel: Option<u32>,
     /// The series of a file or folder that holds several, counted from 1: of DICOM in the order of their numbers, as
     /// [`list_series`] lists them, of TIFF in the order of the file.
@@ -137,6 +140,9 @@ pub struct LoadOptions {
     /// The largest volume, in bytes of samples, that is always read into memory; 4 MiB by default. A larger one stays
     /// in its file if its samples are uncompressed and in one piece there, and is read brick by brick.
     pub stream_over: u64,
+    /// Makes literals that name all fields impossible.
+    #[doc(hidden)]
+    pub non_exhaustive: (),
 }
 
 impl Default for LoadOptions {
@@ -156,6 +162,7 @@ impl Default for LoadOptions {
             complex: None,
             level: PyramidLevel::At(0),
             stream_over: 4 << 20,
+            non_exhaustive: (),
         }
     }
 }
@@ -187,7 +194,7 @@ pub fn load(source: impl AsRef<Path>, options: &LoadOptions) -> Result<Volume> {
     load_from(source.as_ref(), options, None)
 }
 
-/// As [`load`]; decompressed streams are kept in `unpacked`, if that is given, and read from there.
+/// Loads a volume as [`load`] does; decompressed streams are kept in `unpacked`, if that is given, and read from there.
 fn load_from(source: &Path, options: &LoadOptions, unpacked: Option<&Arc<Unpacked>>) -> Result<Volume> {
     if let Some(spacing) = options.spacing {
         check_spacing(spacing)?;
@@ -222,7 +229,7 @@ fn load_from(source: &Path, options: &LoadOptions, unpacked: Option<&Arc<Unpacke
     Ok(volume)
 }
 
-/// The file and the data set of `FILE:SET`, if there is such a file and none of the whole name.
+/// Returns the file and the data set of `FILE:SET`, if there is such a file and none of the whole name.
 fn with_inside(source: &Path) -> Option<(PathBuf, String)> {
     let (file, inside) = source.to_str()?.rsplit_once(':')?;
     (!inside.is_empty() && !source.exists() && Path::new(file).is_file()).then(|| (file.into(), inside.to_owned()))
@@ -287,7 +294,7 @@ fn load_folder(folder: &Path, options: &LoadOptions) -> Result<Volume> {
     format.read_folder(folder, &files, options)
 }
 
-/// The files of a folder that are sections of a volume, by their formats.
+/// Returns the files of a folder that are sections of a volume, by their formats.
 fn parts_of_folder(folder: &Path) -> Result<Vec<(&'static Format, Vec<PathBuf>)>> {
     let mut parts: Vec<(&Format, Vec<PathBuf>)> = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(Error::read(folder))? {
@@ -308,8 +315,8 @@ fn parts_of_folder(folder: &Path) -> Result<Vec<(&'static Format, Vec<PathBuf>)>
     Ok(parts)
 }
 
-/// The files besides `source` that a volume is read from: the data files that its header names, the slices in its
-/// folder, the files of a Zarr. Samples are not read, and a source that cannot be read has no such files.
+/// Returns the files besides `source` from which a volume is read: the data files that its header names, the slices in
+/// its folder, the files of a Zarr. Samples are not read, and a source that cannot be read has no such files.
 ///
 /// A program that writes files can thus tell that it would overwrite its input.
 #[must_use]
@@ -333,7 +340,7 @@ pub fn data_files(source: &Path) -> Vec<PathBuf> {
     parts.into_iter().flat_map(|(_, files)| files).collect()
 }
 
-/// The files of a folder and of the folders in it. Links to folders are not followed.
+/// Returns the files of a folder and of the folders in it. Links to folders are not followed.
 fn files_within(folder: &Path) -> Vec<PathBuf> {
     let (mut files, mut folders) = (Vec::new(), vec![folder.to_owned()]);
     while let Some(folder) = folders.pop() {
@@ -347,8 +354,8 @@ fn files_within(folder: &Path) -> Vec<PathBuf> {
     files
 }
 
-/// A key that sorts names with numbers as people do: runs of digits are numbers, and 9 goes before 10. Names that
-/// differ in leading zeros and capitals alone keep one order.
+/// Returns a key that sorts names with numbers as people do: runs of digits are numbers, and 9 goes before 10. Names
+/// that differ in leading zeros and capitals alone keep one order.
 fn natural(name: &str) -> (Vec<(String, usize, String)>, String) {
     let run = |run: &[u8]| {
         let text = String::from_utf8_lossy(run);
@@ -433,13 +440,13 @@ fn read_raw(mut input: Input, head: &[u8], options: &LoadOptions) -> Result<Volu
     Ok(placement.volume(grid, stored)?.with_contents(contents))
 }
 
-/// What three numbers in a name say about bare samples; empty without.
+/// Returns a remark on bare samples if a name contains three numbers; otherwise empty.
 fn maybe_named(path: &Path) -> String {
     let said = |[x, y, z]: [u32; 3]| format!("; its name may mean {x} x {y} x {z} samples");
     raw_name::maybe_dims(path).map(said).unwrap_or_default()
 }
 
-/// The error about a file of no known format.
+/// Returns the error about a file of no known format.
 fn unknown(input: &Input, head: &[u8]) -> Error {
     let others: [(&[u8], &str); 3] = [(b"<?xml", "XML"), (b"\x89PNG", "PNG"), (b"PK\x03\x04", "ZIP")];
     if let Some((_, name)) = others.iter().find(|(magic, _)| head.starts_with(magic)) {

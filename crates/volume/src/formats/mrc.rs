@@ -19,18 +19,19 @@ use crate::error::{Result, refuse, refuse_if};
 use crate::memory::{reserved, samples_in};
 use crate::volume::{Endian, SampleType, Samples, Stored, Units, Volume};
 
-/// Bytes of the header, without its extension.
+/// The number of bytes of the header, without its extension.
 const HEADER_SIZE: usize = 1024;
 
-/// The greatest number of bytes of an extended header.
+/// The largest number of bytes of an extended header.
 const MAX_EXTENDED: i64 = 1 << 30;
 
-/// Whether these are the first bytes of an MRC file: "MAP" at word 53. Old writers left out the blank after it.
+/// Returns whether these are the first bytes of an MRC file: "MAP" at word 53. Old writers left out the blank after it.
 pub(super) fn is_mrc(head: &[u8]) -> bool {
     head.get(208..212).is_some_and(|word| matches!(word, b"MAP " | b"MAP\0")) && endian(head).is_some()
 }
 
-/// The byte order that the machine stamp states or, if it is damaged, the order that gives a valid mode and axes.
+/// Returns the byte order that the machine stamp states or, if it is damaged, the order that gives a valid mode and
+/// axes.
 fn endian(head: &[u8]) -> Option<Endian> {
     let plausible = |endian: &Endian| {
         let f = Fields { bytes: head, endian: *endian };
@@ -83,7 +84,7 @@ pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
 /// The mode of samples of 4 bits; each row begins at a byte.
 const NIBBLES: i64 = 101;
 
-/// The type of the samples, and their number in a voxel.
+/// Returns the type of the samples, and their number in a voxel.
 fn kind(header: &Fields<'_>, input: &Input) -> Result<(Kind, i64)> {
     let sample_type = match header.int(12, 4) {
         0 if header.int(152, 4) == IMOD_STAMP && header.int(156, 4) & 1 == 0 => SampleType::U8,
@@ -104,7 +105,7 @@ fn kind(header: &Fields<'_>, input: &Input) -> Result<(Kind, i64)> {
 /// The mark of IMOD, which says in the lowest bit of the next word whether bytes are signed.
 const IMOD_STAMP: i64 = 1_146_047_817;
 
-/// The position of the lattice, and its unit.
+/// Returns the position of the lattice, and its unit.
 fn placement(header: &Fields<'_>, input: &Input) -> Result<(Placement, Units)> {
     let stated = [64, 68, 72].map(|at| header.int(at, 4));
     // The axis of the cell along columns, rows and sections. All three are 0 in files of before 2000.
@@ -129,8 +130,8 @@ fn placement(header: &Fields<'_>, input: &Input) -> Result<(Placement, Units)> {
     Ok((Placement { directions, spacing, origin, oriented: false }, Units { length: unit, value: None }))
 }
 
-/// Unit vectors along the edges of a cell with these angles in degrees: the first along x, the second in the plane of x
-/// and y. Angles of 0 are right ones.
+/// Returns unit vectors along the edges of a cell with these angles in degrees: the first along x, the second in the
+/// plane of x and y. Angles of 0 are right ones.
 fn edges(angles: [f64; 3]) -> [DVec3; 3] {
     if angles.iter().all(|angle| [0.0, 90.0].contains(angle)) {
         return DVec3::AXES;
@@ -142,7 +143,7 @@ fn edges(angles: [f64; 3]) -> [DVec3; 3] {
     [DVec3::X, b, DVec3::new(x, y, (1.0 - x * x - y * y).sqrt())]
 }
 
-/// The samples of 4 bits of one of several volumes, the low half of each byte first.
+/// Reads samples of 4 bits of one of several volumes, the low half of each byte first.
 fn nibbles(mut input: Input, dims: [u32; 3], time: u32, path: &Path) -> Result<Stored> {
     let row = dims[0] as usize;
     let bytes = row.div_ceil(2);

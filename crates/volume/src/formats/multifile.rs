@@ -1,4 +1,4 @@
-//! Volumes in several files: how NRRD and MetaImage headers name them.
+//! Volumes in several files, as NRRD and MetaImage headers name them.
 
 use std::path::{Path, PathBuf};
 
@@ -9,19 +9,19 @@ use super::text_header::TextHeader;
 use crate::error::{Result, Subject, refuse, refuse_if};
 use crate::volume::{MAX_DIM, SampleType, Stored};
 
-/// The most data files of a volume: files hold slices, and no axis has more samples.
+/// The largest number of data files of a volume: files hold slices, and no axis has more samples.
 const MAX_FILES: usize = MAX_DIM as usize;
 
 /// The longest name of a data file, in bytes: no path is longer on macOS, and a message can show it.
 const MAX_NAME: usize = 1024;
 
-/// Whether the field that names data files announces a list of them behind the header.
+/// Returns whether the field that names data files announces a list of them behind the header.
 pub(super) fn announces_list(text: &str) -> bool {
     text.split_ascii_whitespace().next() == Some("LIST")
 }
 
-/// The data files that a header names in a field of this text: files listed on the lines behind the header, files of a
-/// pattern `PATTERN FIRST LAST STEP` such as `slice%03d.raw 1 60 1`, or the one file of any other text.
+/// Returns the data files that a header names in a field of this text: files listed on the lines behind the header,
+/// files of a pattern `PATTERN FIRST LAST STEP` such as `slice%03d.raw 1 60 1`, or the one file of any other text.
 ///
 /// Up to `max_numbers` numbers at the end of the text belong to the pattern; all after the third are ignored.
 pub(super) fn data_files(header: &Path, text: &str, max_numbers: usize, input: &mut Input) -> Result<Vec<PathBuf>> {
@@ -74,7 +74,7 @@ fn check_name(header: &Path, name: &str) -> Result<()> {
     refuse!(header, "names the data file {reason}")
 }
 
-/// The names of a pattern; `None` if the text is a plain file name.
+/// Returns the names of a pattern; `None` if the text is a plain file name.
 fn numbered(header: &Path, text: &str, max_numbers: usize) -> Result<Option<Vec<String>>> {
     let words: Vec<&str> = text.split_ascii_whitespace().collect();
     // The pattern may contain blanks, so the numbers are read from the end.
@@ -96,7 +96,7 @@ fn numbered(header: &Path, text: &str, max_numbers: usize) -> Result<Option<Vec<
     }
 }
 
-/// `printf` with one integer: %d, %i or %u with an optional width up to 32, zero-padded or not.
+/// Formats one integer as `printf` does: %d, %i or %u with an optional width up to 32, zero-padded or not.
 fn with_number(pattern: &str, number: i128) -> Option<String> {
     let (before, rest) = pattern.split_once('%')?;
     let kind = rest.find(['d', 'i', 'u'])?;

@@ -21,20 +21,20 @@ use crate::volume::{Endian, Volume};
 /// The first bytes of a .npy file.
 pub(super) const MAGIC: &[u8] = b"\x93NUMPY";
 
-/// The longest header that is read, in bytes. One with a plain type and three sizes has under 200.
+/// The largest length of a header that is read, in bytes. A header with a plain type and three sizes has under 200.
 const MAX_HEADER: usize = 1 << 16;
 
-/// The fields of the header.
+/// The fields of a header of NumPy.
 #[derive(Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct NpyHeader {
-    /// The type's string, such as `<i2`.
+    /// The string of the type, such as `<i2`.
     descr: String,
     fortran_order: bool,
     pub(super) shape: Vec<i64>,
 }
 
-/// Reads the volume of a header that begins here.
+/// Reads the volume of a header at the start of `input`.
 pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
     let path = input.path().to_owned();
     let text = header_text(&mut input)?;
@@ -98,7 +98,7 @@ pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
 }
 
 impl NpyHeader {
-    /// The type of the samples, or of the parts of complex ones; `None` if they are no numbers.
+    /// Returns the type of the samples, or of the parts of complex ones; `None` if they are no numbers.
     pub(super) fn kind(&self) -> Option<Kind> {
         Kind::of_numpy(match self.descr.get(1..)? {
             "c8" => "f4",
@@ -111,13 +111,13 @@ impl NpyHeader {
         matches!(self.descr.get(1..), Some("c8" | "c16"))
     }
 
-    /// The shape as Python writes it.
+    /// Returns the shape as Python writes it.
     pub(super) fn shape_text(&self) -> String {
         let sizes: Vec<String> = self.shape.iter().map(i64::to_string).collect();
         format!("({}{})", sizes.join(", "), if sizes.len() == 1 { "," } else { "" })
     }
 
-    /// Why the array may not be in the default order (z, y, x), if there is a sign of that.
+    /// Returns why the array may not be in the default order (z, y, x), if there is a sign of that.
     fn other_order(&self, dims: [u32; 3]) -> Option<&'static str> {
         match () {
             () if self.fortran_order => Some("it is in Fortran order, as arrays of nibabel are"),
@@ -127,17 +127,17 @@ impl NpyHeader {
     }
 }
 
-/// Whether the axes of a lattice look as if their order is reversed: a square section is not along x and y.
+/// Returns whether the axes of a lattice look as if their order is reversed: a square section is not along x and y.
 pub(super) fn looks_reversed([x, y, z]: [u32; 3]) -> bool {
     y == z && x > 1 && x <= y / 2
 }
 
-/// The header that begins here; `None` if it does not describe an array of one type.
+/// Reads the header at the start of `input`; `None` if it does not describe an array of one type.
 pub(super) fn header(mut input: Input) -> Result<Option<NpyHeader>> {
     Ok(parse(&header_text(&mut input)?))
 }
 
-/// The text of the header that begins here.
+/// Reads the text of the header at the start of `input`.
 fn header_text(input: &mut Input) -> Result<String> {
     let start = input.bytes(8)?;
     let (magic, version) = start.split_at(6);

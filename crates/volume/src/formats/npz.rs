@@ -9,16 +9,16 @@ use super::zip::{Archive, MAGIC, Member};
 use crate::error::{Hint, Result, refuse};
 use crate::volume::Volume;
 
-/// The most arrays whose headers are read.
+/// The largest number of arrays whose headers are read.
 const MAX_ARRAYS: usize = 4096;
 
-/// The most arrays that an error lists.
+/// The largest number of arrays that an error lists.
 const MAX_LISTED: usize = 12;
 
 /// The ending of the names of arrays in an archive.
 const ENDING: &str = ".npy";
 
-/// Whether these are the first bytes of an archive whose first member is an array.
+/// Returns whether a file with these first bytes is an archive whose first member is an array.
 pub(super) fn is_npz(head: &[u8]) -> bool {
     let Some(length) = head.get(26..28).filter(|_| head.starts_with(MAGIC)) else { return false };
     let name = head.get(30..30 + usize::from(length[0]) + 256 * usize::from(length[1]));
@@ -28,7 +28,7 @@ pub(super) fn is_npz(head: &[u8]) -> bool {
 /// An array of an archive.
 struct Array<'a> {
     member: &'a Member,
-    /// `None` if the header is not read, as of Python's objects.
+    /// The header of the array; `None` if it is not read, as of Python's objects.
     header: Option<NpyHeader>,
 }
 
@@ -37,7 +37,7 @@ impl Array<'_> {
         self.member.name.strip_suffix(ENDING).unwrap_or(&self.member.name)
     }
 
-    /// The number of axes of several samples; 0 if the samples are no numbers.
+    /// Returns the number of axes of several samples; 0 if the samples are no numbers.
     fn axes(&self) -> usize {
         let header = self.header.as_ref().filter(|header| header.kind().is_some());
         header.map_or(0, |header| header.shape.iter().filter(|&&size| size > 1).count())
@@ -49,7 +49,7 @@ impl Array<'_> {
     }
 }
 
-/// Reads the array of a name, or the only one that is a volume, or else a plane.
+/// Reads the array with the name `inside`; without a name the only volume of the archive, or else the only plane.
 pub(super) fn read(input: Input, inside: Option<&str>, options: &LoadOptions) -> Result<Volume> {
     let archive = Archive::open(&input)?;
     let members = archive.members.iter().filter(|member| member.name.ends_with(ENDING)).take(MAX_ARRAYS);
@@ -98,15 +98,15 @@ mod tests {
     use crate::formats::{AxisOrder, TimeSeries, load};
     use crate::volume::Samples;
 
-    /// An array of bytes: 0, 1, 2 ..
+    /// Makes an array of bytes: 0, 1, 2 ..
     fn array(shape: &str, count: u8, fortran: &str) -> Vec<u8> {
         let header = format!("{{'descr': '|u1', 'fortran_order': {fortran}, 'shape': {shape}, }}");
         let length = (header.len() as u16).to_le_bytes();
         [b"\x93NUMPY\x01\0", &length[..], header.as_bytes(), &(0..count).collect::<Vec<u8>>()].concat()
     }
 
-    /// An archive of members, deflated or stored. Their headers have the sizes of ZIP64, as NumPy writes them; the
-    /// directory too, if `wide`.
+    /// Makes an archive of members, deflated or stored. Their headers have the sizes of ZIP64, as NumPy writes them;
+    /// the directory too, if `wide`.
     fn archive(members: &[(&str, Vec<u8>, bool)], wide: bool) -> Vec<u8> {
         let (mut file, mut directory) = (Vec::new(), Vec::new());
         for (name, content, is_deflated) in members {

@@ -2,25 +2,25 @@
 
 use std::path::{Path, PathBuf};
 
-/// Whether a file has one of these extensions in lower case, .gz and .bz2 after it aside.
+/// Returns whether a file has one of these extensions in lower case, .gz and .bz2 after it aside.
 pub(super) fn has_extension(path: &Path, extensions: &[&str]) -> bool {
     let extension = uncompressed(path).extension().map(|e| e.to_ascii_lowercase());
     extension.is_some_and(|extension| extensions.iter().any(|known| *known == extension))
 }
 
-/// The first existing file with the name of `path` and one of the extensions.
+/// Returns the first existing file with the name of `path` and one of the extensions.
 pub(super) fn existing(path: &Path, extensions: &[&str]) -> Option<PathBuf> {
     extensions.iter().map(|extension| with_extension(path, extension)).find(|file| file.is_file())
 }
 
-/// The path with its extension, and .gz or .bz2 after it, replaced.
+/// Returns the path with its extension, and .gz or .bz2 after it, replaced.
 pub(super) fn with_extension(path: &Path, extension: &str) -> PathBuf {
     let mut name = uncompressed(path).with_extension("").into_os_string();
     name.push(extension);
     name.into()
 }
 
-/// The path without the extension .gz or .bz2.
+/// Returns the path without the extension .gz or .bz2.
 fn uncompressed(path: &Path) -> PathBuf {
     let is_packed = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gz") || e.eq_ignore_ascii_case("bz2"));
     if is_packed { path.with_extension("") } else { path.to_owned() }

@@ -22,53 +22,53 @@ use crate::memory::{reserved, samples_in, zeroed};
 use crate::names::counted;
 use crate::volume::{Endian, MAX_DIM, Origin, SampleType, Samples, Stored, Units, Volume};
 
-/// The columns of the table that are read; other columns follow.
+/// The number of columns of the table that are read; other columns follow.
 const COLUMNS: usize = 30;
 
-/// The most lines of the table.
+/// The largest number of lines of the table.
 const MAX_LINES: usize = 1 << 22;
 
-/// A header: the fields of its first part, and the table.
+/// A header of Philips: the fields of its first part, and the table.
 struct Header {
     path: PathBuf,
     fields: HashMap<String, String>,
     sections: Vec<Section>,
 }
 
-/// A line of the table.
+/// A line of the table, which describes a section of a volume.
 #[derive(Clone, Copy)]
 struct Section {
-    /// The number in the stack, counted from 1.
+    /// The number of the section in the stack, counted from 1.
     number: u32,
     slope: f64,
     intercept: f64,
     stack: Stack,
 }
 
-/// Properties that all sections share.
+/// The properties that all sections share.
 #[derive(Clone, Copy, PartialEq)]
 struct Stack {
     bits: i64,
     size: [i64; 2],
-    /// Thickness, gap, and the distances of samples along x and y.
+    /// The thickness, the gap, and the distances of samples along x and y.
     lengths: [f64; 4],
-    /// 1 is transverse, 2 sagittal, 3 coronal.
+    /// The orientation of sections: 1 is transverse, 2 sagittal, 3 coronal.
     orientation: i64,
 }
 
-/// Whether these are the first bytes of a header.
+/// Returns whether a file with these first bytes is a header of Philips.
 pub(super) fn is_parrec(head: &[u8]) -> bool {
     let text = String::from_utf8_lossy(head.get(..80).unwrap_or(head));
     let title = text.trim_start_matches('\u{feff}').trim_start().strip_prefix('#');
     title.is_some_and(|title| title.trim_start_matches([' ', '=']).starts_with("DATA DESCRIPTION FILE"))
 }
 
-/// The header of a file of samples, if there is one.
+/// Returns the header of a file of samples, if there is one.
 pub(super) fn header_of(image: &Path) -> Option<PathBuf> {
     existing(image, &[".PAR", ".par"]).filter(|_| has_extension(image, &["rec"]))
 }
 
-/// The file with the samples of a header.
+/// Returns the file with the samples of a header.
 pub(super) fn named_files(input: Input) -> Result<Vec<PathBuf>> {
     Ok(vec![image_file(input.path())?])
 }
@@ -80,7 +80,7 @@ fn image_file(header: &Path) -> Result<PathBuf> {
     })
 }
 
-/// Reads the volume of a header that begins here.
+/// Reads the volume of a header at the start of `input`.
 pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
     let header = Header::read(&mut input)?;
     let path = &header.path;
@@ -122,14 +122,14 @@ pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
     finished(mapped(&samples.into_samples()?, maps, section as usize, path)?.into(), 1.0, 0.0)
 }
 
-/// The samples of a volume whose sections follow one another in the file.
+/// Returns the samples of a volume whose sections follow one another in the file.
 fn piece(mut data: Input, first: u64, count: u64, sample_type: SampleType) -> Result<Stored> {
     data.skip(first.saturating_mul(sample_type.size() as u64))?;
     read_all(data, &Pick::all(count), sample_type, Layout::Binary(Endian::Little))
 }
 
-/// The samples of a volume whose sections lie at these places of the file, in any order. `section` is the number of
-/// samples in a section.
+/// Returns the samples of a volume whose sections lie at these places of the file, in any order. `section` is the
+/// number of samples in a section.
 fn gathered(mut data: Input, places: &[usize], section: u64, sample_type: SampleType) -> Result<Stored> {
     let path = data.path().to_owned();
     let size = section * sample_type.size() as u64;
@@ -162,7 +162,7 @@ fn data_error(path: &Path, needed: u64, there: u64) -> Error {
     path.error(format!("is cut short, or its header claims too much: sections need {needed} bytes, {there} are there"))
 }
 
-/// The values of sections of `section` samples by their slopes and intercepts.
+/// Returns the values of sections of `section` samples by their slopes and intercepts.
 fn mapped(samples: &Samples, maps: impl Iterator<Item = (f64, f64)>, section: usize, path: &Path) -> Result<Samples> {
     let mut values = reserved(samples.len() as u64, || samples_in(path))?;
     for (z, (slope, intercept)) in maps.enumerate() {
@@ -205,7 +205,8 @@ impl Header {
         Ok(Self { path: input.path().to_owned(), fields, sections })
     }
 
-    /// The three numbers of a field: along the directions of anterior to posterior, foot to head, right to left.
+    /// Returns the three numbers of a field: along the directions of anterior to posterior, foot to head, right to
+    /// left.
     fn triple(&self, name: &str) -> Result<[f64; 3]> {
         let text = self.fields.get(name).map_or("", String::as_str);
         let numbers: Vec<f64> = text.split_ascii_whitespace().map_while(|word| word.parse().ok()).collect();
@@ -213,7 +214,7 @@ impl Header {
         numbers.try_into().map_err(|_| unread())
     }
 
-    /// The properties of all sections.
+    /// Returns the properties of all sections.
     fn stack(&self) -> Result<Stack> {
         let stack = self.sections[0].stack;
         if let Some(n) = self.sections.iter().position(|section| section.stack != stack) {
@@ -225,7 +226,7 @@ impl Header {
         Ok(stack)
     }
 
-    /// The places of the sections of each volume, and the number of sections of volumes that are not whole.
+    /// Returns the places of the sections of each volume, and the number of sections of volumes that are not whole.
     fn volumes(&self) -> Result<(Vec<Vec<usize>>, usize)> {
         let named = self.fields.get("max. number of slices/locations").and_then(|text| text.parse().ok());
         let most = self.sections.iter().map(|section| section.number).max().unwrap_or(0);
@@ -244,7 +245,7 @@ impl Header {
         Ok(((0..whole).map(volume).collect(), self.sections.len() - whole * count as usize))
     }
 
-    /// The position of the stack.
+    /// Returns the position of the stack.
     fn placement(&self, stack: &Stack, sizes: [i64; 3]) -> Result<Placement> {
         // Axes to the back, to the head and to the left, as the header has them.
         let [back, up, left] = DVec3::AXES;
@@ -320,7 +321,7 @@ mod tests {
         .    Angulation midslice(ap,fh,rl)[degr]:   0 90 0\n\
         .    Off Centre midslice(ap,fh,rl) [mm] :   10 20 30\n# === IMAGE INFORMATION\n";
 
-    /// A line of the table.
+    /// Returns a line of the table.
     fn line(section: &str, slope: &str) -> String {
         let before = format!("{section} 1 1 1 0 2 0 16 62 2 1 -1.5 {slope} 4e-3 1070 1860 0 0 0 0 0 0 4 1 0 2 0 2");
         format!("{before} 0.5 0.25 30 0 0\n")

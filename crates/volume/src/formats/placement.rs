@@ -7,7 +7,7 @@ use glam::{DAffine3, DMat3, DVec3};
 use crate::error::{Error, Hint, Result, Subject, refuse};
 use crate::volume::{Grid, MAX_DIM, Stored, Volume};
 
-/// Factors from RAS, the world of NIfTI and FreeSurfer, to LPS, the world of DICOM.
+/// The factors from RAS, the world of NIfTI and FreeSurfer, to LPS, the world of DICOM.
 pub(super) const RAS_TO_LPS: DVec3 = DVec3::new(-1.0, -1.0, 1.0);
 
 /// The position of a lattice in the world: neighbouring samples along axis a are `spacing[a] * directions[a]` apart.
@@ -24,12 +24,12 @@ pub(super) struct Placement {
 }
 
 impl Placement {
-    /// Lattice axes along the world axes, the first sample at the origin.
+    /// Returns a position with lattice axes along the world axes and the first sample at the origin.
     pub(super) fn axis_parallel(spacing: [f64; 3]) -> Self {
         Self { directions: [DVec3::X, DVec3::Y, DVec3::Z], spacing, origin: DVec3::ZERO, oriented: false }
     }
 
-    /// The same position in a world whose axes are reversed if their component of `flip` is -1.
+    /// Returns the position in a world whose axes are reversed if their component of `flip` is -1.
     ///
     /// (-1, -1, 1) takes the RAS of NIfTI (x to the right, y to the front) to the LPS of DICOM, and back.
     pub(super) fn flipped(mut self, flip: DVec3) -> Self {
@@ -39,14 +39,14 @@ impl Placement {
         self
     }
 
-    /// The volume of samples on a grid made by [`Placement::grid`].
+    /// Returns a volume of samples on a grid made by [`Placement::grid`].
     pub(super) fn volume(&self, grid: Grid, stored: Stored) -> Result<Volume> {
         let volume = Volume::of(grid, stored)?;
         Ok(if self.oriented { volume.with_orientation_known() } else { volume })
     }
 
-    /// The grid of a lattice with these sizes, fastest first, at this position; axes that are not there have one
-    /// sample. A given `spacing` replaces the header's.
+    /// Returns the grid of a lattice with these sizes, fastest first, at this position; axes that are not there have
+    /// one sample. A given `spacing` replaces the header's.
     ///
     /// An axis of one sample without a spacing gets the spacing of the first axis: a picture states no thickness.
     /// Readers make the grid before they read samples, so a header with a singular grid is refused at once.
@@ -73,7 +73,7 @@ impl Placement {
     }
 }
 
-/// The dimensions of a lattice, each checked to be in the range that a grid accepts; missing ones are 1.
+/// Returns the dimensions of a lattice, each checked to be in the range that a grid accepts; missing ones are 1.
 pub(super) fn lattice(path: &Path, sizes: &[i64]) -> Result<[u32; 3]> {
     let mut dims = [1; 3];
     for (axis, (dim, size)) in dims.iter_mut().zip(sizes).enumerate() {
@@ -85,8 +85,8 @@ pub(super) fn lattice(path: &Path, sizes: &[i64]) -> Result<[u32; 3]> {
     Ok(dims)
 }
 
-/// The spacings of a header, with lengths in place of some that are none: `length` has the length of an axis by its
-/// number and the header's. A note says so, unless a spacing is given.
+/// Returns the spacings of a header, with lengths in place of some that are none: `length` has the length of an axis by
+/// its number and the header's. A note says so, unless a spacing is given.
 pub(super) fn lengths(
     spacing: [f64; 3],
     given: Option<[f64; 3]>,
@@ -103,13 +103,13 @@ pub(super) fn lengths(
     })
 }
 
-/// A name of a file in one line of bearable length; `None` if it is empty.
+/// Returns the name of a file as one line of at most 80 characters; `None` if it is empty.
 pub(super) fn plain_name(text: &str) -> Option<String> {
     let name: String = text.trim().chars().filter(|c| !c.is_control()).take(80).collect();
     (!name.is_empty()).then_some(name)
 }
 
-/// A unit as a header names it; `None` if that is no name.
+/// Returns a unit as a header names it; `None` if the text is no name.
 pub(super) fn named_unit(text: &str) -> Option<String> {
     let name = text.trim_matches(|c: char| c.is_whitespace() || c == '"');
     let is_name = (1..=16).contains(&name.chars().count()) && !name.contains(|c: char| c.is_control() || c == '?');

@@ -14,7 +14,8 @@ pub(super) struct Stated {
     pub(super) endian: Option<Endian>,
 }
 
-/// The name without extensions of bare samples, in small letters; `None` if it has another one.
+/// Returns the name of a file without the extensions of bare samples, in small letters; `None` if it has another
+/// extension.
 fn stem(path: &Path) -> Option<String> {
     let name = path.file_name()?.to_str()?.to_ascii_lowercase();
     let name = name.strip_suffix(".gz").or_else(|| name.strip_suffix(".bz2")).unwrap_or(&name);

@@ -1,4 +1,4 @@
-//! The formats that are read: a row for each.
+//! The formats that are read: a row of a table for each.
 
 use std::path::{Path, PathBuf};
 
@@ -7,35 +7,36 @@ use super::{LoadOptions, Series, afni, metaimage, mgh, mrc, nifti, npy, npz, nrr
 use crate::error::{Error, Result, Subject};
 use crate::volume::{Endian, Volume};
 
-/// Reads the volume of a file that begins here, or the data set of that name in it.
+/// A reader of the volume of a file at the start of its input, or of the data set with the given name in the file.
 type Read = fn(Input, Option<&str>, &LoadOptions) -> Result<Volume>;
-/// Reads a folder, or these files of it.
+/// A reader of a folder, or of the given files in it.
 type ReadFolder = fn(&Path, &[PathBuf], &LoadOptions) -> Result<Volume>;
-/// Lists the series in these files of a folder.
+/// A function that lists the series in the given files of a folder.
 type ListSeries = fn(&Path, &[PathBuf]) -> Result<Vec<Series>>;
-/// The files that a header names besides its own.
+/// A function that returns the files that a header names besides its own.
 type DataFiles = fn(Input) -> Result<Vec<PathBuf>>;
-/// The header of a file of samples, if that is its extension and there is one.
+/// A function that returns the header of a file of samples, if that is the extension of the file and there is a header.
 type HeaderOf = fn(&Path) -> Option<PathBuf>;
 
 /// A format of files or folders.
 ///
 /// The first bytes of a file decide on its format, otherwise the extension.
 #[derive(Debug)]
+#[doc(hidden)]
 pub struct Format {
-    /// Its name in messages.
+    /// The name of the format in messages.
     pub name: &'static str,
-    /// What its files are called and hold, for lists of formats.
+    /// The names and the content of files of the format, for lists of formats.
     pub description: &'static str,
-    /// Extensions of its files in lower case, without the point.
+    /// The extensions of files of the format in lower case, without the point.
     pub extensions: &'static [&'static str],
-    /// The feature of this crate that its reader needs, if it needs one.
+    /// The feature of this crate that the reader of the format needs, if it needs one.
     pub feature: Option<&'static str>,
     /// Whether a file may hold several data sets: `FILE:SET`.
     pub(super) has_sets: bool,
-    /// Whether it does not state the order of its axes.
+    /// Whether files of the format do not state the order of their axes.
     pub(super) is_array: bool,
-    /// Whether a folder may hold files of it that are sections of one volume.
+    /// Whether a folder may hold files of the format that are sections of one volume.
     pub(super) has_sections: bool,
     begins: fn(&[u8]) -> bool,
     read: Option<Read>,
@@ -45,7 +46,7 @@ pub struct Format {
     header_of: Option<HeaderOf>,
 }
 
-/// The defaults of a row: one volume in a file, no folder, no data beside the header.
+/// The defaults of a row of the table: one volume in a file, no folder, no data beside the header.
 const PLAIN: Format = Format {
     name: "",
     description: "",
@@ -62,7 +63,7 @@ const PLAIN: Format = Format {
     header_of: None,
 };
 
-/// A reader that is there if a feature is on.
+/// Makes an optional reader, which is there if a feature is on.
 macro_rules! built {
     ($feature:literal, $type:ty, $reader:expr) => {{
         #[cfg(feature = $feature)]
@@ -73,7 +74,7 @@ macro_rules! built {
     }};
 }
 
-/// Zarr, whose folders are known by the files of metadata in them, and whose archives are known by their names.
+/// The format Zarr: its folders are known by the files of metadata in them, its archives by their names.
 pub(super) const ZARR: Format = Format {
     name: "Zarr",
     description: "folders of Zarr 2 and 3, and of OME-Zarr; .zarr.zip, .ozx, FILE:FOLDER",
@@ -85,7 +86,8 @@ pub(super) const ZARR: Format = Format {
     ..PLAIN
 };
 
-/// The formats, in the order in which the first bytes of a file are held against them.
+/// The formats, in the order in which the first bytes of a file are compared with them.
+#[doc(hidden)]
 pub static FORMATS: [Format; 16] = [
     // Its first 128 bytes are free: they may be the beginning of another format, such as TIFF.
     Format {
@@ -245,15 +247,15 @@ pub static FORMATS: [Format; 16] = [
     ZARR,
 ];
 
-/// Whether a file begins as DICOM does: by a mark behind a preamble, by the mark alone, or by elements.
+/// Returns whether a file begins as DICOM does: by a mark behind a preamble, by the mark alone, or by elements.
 fn is_dicom(head: &[u8]) -> bool {
     head.get(128..132) == Some(b"DICM") || head.starts_with(b"DICM\x02\0") || begins_with_elements(head)
 }
 
-/// The elements by which a DICOM file without a mark is known.
+/// The number of elements by which a DICOM file without a mark is known.
 const ELEMENTS: usize = 3;
 
-/// Whether the first bytes are elements of DICOM: in the groups 2 and 8, in ascending order, of even lengths.
+/// Returns whether the first bytes are elements of DICOM: in the groups 2 and 8, in ascending order, of even lengths.
 fn begins_with_elements(head: &[u8]) -> bool {
     let endian = if head.starts_with(&[0, 8]) { Endian::Big } else { Endian::Little };
     let (mut at, mut last) = (0, 0);
@@ -278,12 +280,12 @@ fn begins_with_elements(head: &[u8]) -> bool {
 }
 
 impl Format {
-    /// The format that the first bytes of a file belong to.
+    /// Returns the format that the first bytes of a file belong to.
     pub(super) fn of_content(head: &[u8]) -> Option<&'static Self> {
         FORMATS.iter().find(|format| (format.begins)(head))
     }
 
-    /// The format that the name of a file promises; `None` of DICOM, whose files have any name.
+    /// Returns the format that the name of a file promises; `None` of DICOM, whose files have any name.
     #[must_use]
     pub fn of_name(path: &Path) -> Option<&'static Self> {
         // The extension decides, so a lossy conversion to UTF-8 suffices.
@@ -293,33 +295,34 @@ impl Format {
         FORMATS.iter().find(|format| format.extensions.contains(&extension))
     }
 
-    /// The header of a file of samples, if that is its extension and there is one.
+    /// Returns the header of a file of samples, if that is its extension and there is one.
     pub(super) fn header_of(image: &Path) -> Option<PathBuf> {
         FORMATS.iter().filter_map(|format| format.header_of).find_map(|header_of| header_of(image))
     }
 
-    /// Whether a file of this format may have that name: one of its extensions, if it has any.
+    /// Returns whether a file of this format may have the name: with one of the extensions of the format, if it has
+    /// any.
     pub(super) fn allows_name(&self, path: &Path) -> bool {
         self.extensions.is_empty() || Self::of_name(path).is_some_and(|named| named.name == self.name)
     }
 
-    /// Whether this build has its reader.
+    /// Returns whether this build has the reader of the format.
     #[must_use]
     pub fn is_built(&self) -> bool {
         self.read.is_some() || self.read_folder.is_some()
     }
 
-    /// Reads the volume of a file, or the data set of that name in it.
+    /// Reads the volume of a file, or the data set of the name `inside` in it.
     pub(super) fn read(&self, input: Input, inside: Option<&str>, options: &LoadOptions) -> Result<Volume> {
         self.read.ok_or_else(|| self.absent(input.path()))?(input, inside, options)
     }
 
-    /// Reads a folder, or these files of it.
+    /// Reads a folder, or the given files in it.
     pub(super) fn read_folder(&self, folder: &Path, files: &[PathBuf], options: &LoadOptions) -> Result<Volume> {
         self.read_folder.ok_or_else(|| self.absent(folder))?(folder, files, options)
     }
 
-    /// The files that a header names besides its own.
+    /// Returns the files that a header names besides its own.
     pub(super) fn data_files(&self, input: Input) -> Result<Vec<PathBuf>> {
         self.data_files.map_or(Ok(Vec::new()), |named| named(input))
     }

@@ -24,19 +24,20 @@ pub(super) struct Pick {
     first: u64,
     pub(super) step: u64,
     pub(super) run: u64,
-    /// The number of runs along each axis beyond, and the samples from one to the next; fastest first.
+    /// The number of runs along each slower axis, and the number of samples from one run to the next; fastest first.
     beyond: Vec<[u64; 2]>,
-    /// All samples of the file.
+    /// The number of all samples of the file.
     pub(super) all: u64,
 }
 
 impl Pick {
-    /// All of `count` samples.
+    /// Picks all of `count` samples.
     pub(super) fn all(count: u64) -> Self {
         Self { first: 0, step: 1, run: count, beyond: Vec::new(), all: count }
     }
 
-    /// The samples at the chosen indices of some axes and at all of the others; the fastest axis is the first.
+    /// Picks the samples at the chosen indices of some axes and at all indices of the others; the fastest axis is the
+    /// first.
     fn of(axes: &[(u64, Option<u64>)]) -> Option<Self> {
         // No number below exceeds the number of all samples.
         let all = axes.iter().try_fold(1_u64, |all, (size, _)| all.checked_mul(*size))?;
@@ -56,7 +57,7 @@ impl Pick {
         Some(pick)
     }
 
-    /// The number of samples.
+    /// Returns the number of picked samples.
     pub(super) fn len(&self) -> u64 {
         self.run * self.runs()
     }
@@ -65,7 +66,7 @@ impl Pick {
         self.beyond.iter().map(|[size, _]| size).product()
     }
 
-    /// The place of the first sample of a run.
+    /// Returns the place in the file of the first sample of a run.
     pub(super) fn start(&self, mut run: u64) -> u64 {
         let mut start = self.first;
         for [size, stride] in &self.beyond {
@@ -75,24 +76,24 @@ impl Pick {
         start
     }
 
-    /// The place of a sample.
+    /// Returns the place in the file of a picked sample.
     pub(super) fn place(&self, sample: u64) -> u64 {
         self.start(sample / self.run) + sample % self.run * self.step
     }
 
-    /// The place behind the last sample.
+    /// Returns the place in the file behind the last picked sample.
     pub(super) fn end(&self) -> u64 {
         self.start(self.runs().saturating_sub(1)) + (self.run - 1) * self.step + 1
     }
 
-    /// The place of the first sample, if the others follow it without gaps.
+    /// Returns the place of the first picked sample, if the others follow it without gaps.
     pub(super) fn in_one_piece(&self) -> Option<u64> {
         (self.step == 1 && self.beyond.is_empty()).then_some(self.first)
     }
 }
 
-/// The channel and the point in time that the options request. The default is the first point in time; of several
-/// channels one must be chosen.
+/// Returns the channel and the point in time that the options request. The default is the first point in time; of
+/// several channels one must be chosen.
 pub(super) fn chosen(path: &Path, options: &LoadOptions, channels: u64, times: u64) -> Result<Contents> {
     let number = |name: &str, found: u64| match u32::try_from(found) {
         Ok(found) if found > 0 => Ok(found),
@@ -114,7 +115,7 @@ pub(super) fn chosen(path: &Path, options: &LoadOptions, channels: u64, times: u
     Ok(Contents { time, times, channel, channels, ..Contents::default() })
 }
 
-/// The samples of a volume in a file with these axes, the fastest first, and what else the file holds.
+/// Picks the samples of a volume in a file with these axes, the fastest first, and describes the content of the file.
 pub(super) fn picked(path: &Path, axes: &[(Role, i64)], options: &LoadOptions) -> Result<(Pick, Contents)> {
     let (indices, contents) = indices(path, axes, options)?;
     let size = |(_, size): &(Role, i64)| u64::try_from(*size).unwrap_or(0).max(1);
@@ -123,8 +124,8 @@ pub(super) fn picked(path: &Path, axes: &[(Role, i64)], options: &LoadOptions) -
     Ok((pick, contents))
 }
 
-/// The index along each of these axes, the fastest first, of the chosen channel and point in time, and what else the
-/// file holds; `None` for axes of space. Several axes of one role count as one.
+/// Returns the index of the chosen channel and point in time along each of these axes, the fastest first, and the
+/// content of the file; `None` for axes of space. Several axes of one role count as one.
 pub(super) fn indices(
     path: &Path,
     axes: &[(Role, i64)],
@@ -148,10 +149,10 @@ pub(super) fn indices(
     Ok((axes.iter().map(index).collect(), contents))
 }
 
-/// The most series that a message lists.
+/// The largest number of series that a message lists.
 const MOST_LISTED: usize = 20;
 
-/// The series that is requested, counted from 1, or the only one. The error about several lists them in `words`.
+/// Returns the requested series, counted from 1, or the only one. The error about several series lists them in `words`.
 pub(super) fn one_of<T>(path: &Path, series: Option<u32>, all: Vec<T>, words: impl Fn(&T) -> String) -> Result<T> {
     let count = all.len();
     if series.is_none() && count > 1 {
@@ -170,8 +171,9 @@ pub(super) fn one_of<T>(path: &Path, series: Option<u32>, all: Vec<T>, words: im
     })
 }
 
-/// The roles of four axes of unknown meaning, the fastest first: channels if the fastest has at most four samples and
-/// all others more, else points in time along the slowest. Of five axes the two slowest are channels and time.
+/// Guesses the roles of four axes of unknown meaning, the fastest first: channels if the fastest has at most four
+/// samples and all others more, else points in time along the slowest. Of five axes the two slowest are channels and
+/// time.
 pub(super) fn guessed(sizes: &[i64]) -> Axes {
     let few = 2..=4;
     let roles: &[Role] = match sizes {
@@ -186,8 +188,8 @@ pub(super) fn guessed(sizes: &[i64]) -> Axes {
     sizes.iter().enumerate().map(|(axis, &size)| (role(axis), size)).collect()
 }
 
-/// As [`guessed`], if the first axis is x: channels if the last has at most four samples and all others more, else
-/// points in time along the fourth axis, and channels along the fifth.
+/// Guesses the roles of axes of unknown meaning, of which x is the first: channels if the last has at most four samples
+/// and all others more, else points in time along the fourth axis, and channels along the fifth.
 pub(super) fn guessed_xyz(sizes: &[i64]) -> Axes {
     let few = 2..=4;
     let is_short = |c: &i64, others: &[i64]| few.contains(c) && others.iter().all(|size| size > few.end());
@@ -201,7 +203,7 @@ pub(super) fn guessed_xyz(sizes: &[i64]) -> Axes {
     sizes.iter().enumerate().map(|(axis, &size)| (role(axis), size)).collect()
 }
 
-/// The labels of channels that are colours: red, green and blue, and opacity if there are four.
+/// Returns the labels of channels that are colours: red, green and blue, and opacity if there are four.
 pub(super) fn colours(channels: u32) -> Vec<Channel> {
     let names = [("red", [255, 0, 0]), ("green", [0, 255, 0]), ("blue", [0, 0, 255]), ("alpha", [255; 3])];
     let label =
@@ -209,12 +211,12 @@ pub(super) fn colours(channels: u32) -> Vec<Channel> {
     names.get(..channels as usize).unwrap_or_default().iter().map(label).collect()
 }
 
-/// The labels of channels of bytes, which are colours by the custom of VTK and ITK if there are three or four.
+/// Returns the labels of channels of bytes, which are colours by the custom of VTK and ITK if there are three or four.
 pub(super) fn colours_of_bytes(channels: u32) -> Vec<Channel> {
     if channels == 3 || channels == 4 { colours(channels) } else { Vec::new() }
 }
 
-/// The choice that a text of metadata names. The first choice is the default.
+/// Returns the choice that a text of metadata names. The first choice is the default.
 pub(super) fn choice<T: Copy, const N: usize>(
     file: &Path,
     name: &str,
@@ -228,12 +230,12 @@ pub(super) fn choice<T: Copy, const N: usize>(
     }
 }
 
-/// A size as axes have it; the largest if it is larger.
+/// Returns a size of an axis as i64; the largest i64 if it is larger.
 pub(super) fn sized(size: u64) -> i64 {
     i64::try_from(size).unwrap_or(i64::MAX)
 }
 
-/// The sizes of the axes of space.
+/// Returns the sizes of the axes of space.
 pub(super) fn spatial(axes: &[(Role, i64)]) -> Vec<i64> {
     axes.iter().filter(|(role, _)| *role == Role::Space).map(|(_, size)| *size).collect()
 }

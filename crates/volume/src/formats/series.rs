@@ -7,18 +7,18 @@ use serde::Serialize;
 use super::{is_zarr, parts_of_folder};
 use crate::error::Result;
 
-/// A series of DICOM, as its files state it. Texts are empty if they state none.
+/// A series of a folder of DICOM files, as the files state it. Texts are empty if the files state none.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Series {
     /// The number by which [`LoadOptions::series`](super::LoadOptions::series) chooses it.
     pub number: u32,
-    /// Such as CT, MR or SEG.
+    /// The modality of the series, such as CT, MR or SEG.
     pub modality: String,
-    /// The description.
+    /// The description of the series.
     pub description: String,
-    /// The number of files.
+    /// The number of files of the series.
     pub files: u32,
-    /// Samples along each axis; `None` if the slices are of no volume.
+    /// The number of samples along each axis; `None` if the slices do not make a volume.
     pub dims: Option<[u32; 3]>,
     /// The number of points in time.
     pub times: u32,
@@ -26,7 +26,7 @@ pub struct Series {
     pub spacing: Option<[f64; 3]>,
     /// The date of the series, the acquisition or the study: YYYYMMDD.
     pub date: Option<String>,
-    /// The identifier.
+    /// The unique identifier of the series.
     pub uid: String,
 }
 

@@ -1,5 +1,6 @@
 //! SLC, the volumes of VolVis (Avila et al. 1994): a header of text with a picture, then planes of bytes, each of which
-/// may be compressed by runs. VTK reads it with vtkSLCReader, and writes none.
+//! may be compressed by runs. VTK reads it with vtkSLCReader, and writes none.
+
 use std::io::{self, BufRead, Read};
 
 use super::LoadOptions;
@@ -13,21 +14,21 @@ use crate::volume::{Endian, Origin, SampleType, Units, Volume};
 /// The first word of a file.
 const MAGIC: &str = "11111";
 
-/// The most bytes that a run of two makes.
+/// The largest number of bytes that a byte of a run makes: two bytes make at most 127.
 const MAX_EXPANSION: u64 = 64;
 
 /// The names of the units of length, by their codes.
 const LENGTHS: [&str; 4] = ["m", "mm", "µm", "ft"];
 
-/// Modalities in the terms of DICOM, by the codes of the origin of values.
+/// The modalities in the terms of DICOM, by the codes of the origin of values.
 const MODALITIES: [Option<&str>; 3] = [Some("GM"), Some("MR"), Some("CT")];
 
-/// Whether these are the first bytes of an SLC file.
+/// Returns whether a file with these first bytes is an SLC file.
 pub(super) fn is_slc(head: &[u8]) -> bool {
     head.strip_prefix(MAGIC.as_bytes()).and_then(<[u8]>::first).is_some_and(u8::is_ascii_whitespace)
 }
 
-/// Reads the volume of a file that begins here.
+/// Reads the volume of a file at the start of `input`.
 pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
     let path = input.path().to_owned();
     let magic = word(&mut input)?;
@@ -57,7 +58,7 @@ pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
     Ok(placement.volume(grid, samples)?.with_units(units).with_contents(contents))
 }
 
-/// The next numbers of a header, between blanks.
+/// Reads the next numbers of a header, between blanks.
 fn numbers<T: std::str::FromStr, const N: usize>(input: &mut Input, what: &str) -> Result<[T; N]> {
     let mut numbers = Vec::new();
     for _ in 0..N {
@@ -68,10 +69,10 @@ fn numbers<T: std::str::FromStr, const N: usize>(input: &mut Input, what: &str) 
     numbers.try_into().map_err(|_| input.error("has no header"))
 }
 
-/// The longest word of a header.
+/// The length of the longest word of a header.
 const LONGEST_WORD: usize = 32;
 
-/// The next word of a header. `X` ends it without a blank: bytes follow.
+/// Reads the next word of a header. `X` ends it without a blank: bytes follow.
 fn word(input: &mut Input) -> Result<String> {
     let mut word = String::new();
     while word.len() < LONGEST_WORD {
@@ -92,7 +93,7 @@ fn word(input: &mut Input) -> Result<String> {
 /// ends a plane.
 struct Planes {
     reader: Box<dyn BufRead>,
-    /// The samples of a plane.
+    /// The number of samples of a plane.
     plane: u64,
     /// The samples of the last plane.
     samples: io::Cursor<Vec<u8>>,

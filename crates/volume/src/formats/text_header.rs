@@ -16,17 +16,17 @@ pub(super) struct TextHeader {
 }
 
 impl TextHeader {
-    /// A header without fields at the beginning of a file.
+    /// Makes a header without fields for a text at the beginning of a file.
     pub(super) fn new(input: &Input, format: &'static str) -> Self {
         Self { path: input.path().to_owned(), format, fields: HashMap::new() }
     }
 
-    /// An [`Error::Format`] about this header.
+    /// Returns an [`Error::Format`] about this header.
     pub(super) fn error(&self, reason: impl Into<String>) -> Error {
         self.path.error(reason)
     }
 
-    /// Adds a field; an error if the header has it already.
+    /// Adds a field; fails if the header has it already.
     pub(super) fn insert(&mut self, name: &str, value: &str) -> Result<()> {
         match self.fields.insert(name.to_owned(), value.to_owned()) {
             Some(first) => Err(self.error(format!("field {name:?} is given twice: {first:?} and {value:?}"))),
@@ -34,27 +34,27 @@ impl TextHeader {
         }
     }
 
-    /// The text of the first of these fields that the header has: some fields have several names.
+    /// Returns the text of the first of these fields that the header has: some fields have several names.
     pub(super) fn get<const N: usize>(&self, names: [&str; N]) -> Option<&str> {
         names.iter().find_map(|name| self.fields.get(&name.to_ascii_lowercase())).map(String::as_str)
     }
 
-    /// The text of a mandatory field.
+    /// Returns the text of a mandatory field.
     pub(super) fn required(&self, name: &str) -> Result<&str> {
         self.get([name]).ok_or_else(|| self.error(format!("the {} header has no field {name:?}", self.format)))
     }
 
-    /// The number of a field, if the header has it.
+    /// Returns the number of a field, if the header has it.
     pub(super) fn number<T: FromStr>(&self, name: &str) -> Result<Option<T>> {
         self.get([name]).map(|text| self.parsed(name, text)).transpose()
     }
 
-    /// The number that a text is.
+    /// Parses the text of a field as a number.
     pub(super) fn parsed<T: FromStr>(&self, name: &str, text: &str) -> Result<T> {
         text.trim().parse().map_err(|_| self.error(format!("{name}: {text:?} is not a number that fits")))
     }
 
-    /// The `n` numbers in a text, separated by blanks.
+    /// Parses the text of a field as `n` numbers, separated by blanks.
     pub(super) fn list<T: FromStr>(&self, name: &str, text: &str, n: usize) -> Result<Vec<T>> {
         let list = text.split_ascii_whitespace().map(|word| self.parsed(name, word)).collect::<Result<Vec<T>>>()?;
         refuse_if!(list.len() != n, self, "{name}: {text:?}, expected {n} numbers");

@@ -33,31 +33,31 @@ pub struct TimeSeries {
 }
 
 impl TimeSeries {
-    /// The series of a source that [`load`](super::load) accepts; `time` of the options is ignored. Nothing is
+    /// Makes the series of a source that [`load`](super::load) accepts; `time` of the options is ignored. Nothing is
     /// read yet.
     #[must_use]
     pub fn new(source: impl AsRef<Path>, options: &LoadOptions) -> Self {
         Self { source: source.as_ref().to_owned(), options: *options, unpacked: Arc::default() }
     }
 
-    /// The volume at a point in time, counted from 0.
+    /// Reads the volume at a point in time, counted from 0.
     ///
     /// # Errors
-    /// As [`load`](super::load); [`Error::Setting`](crate::error::Error::Setting) if the source has no such point in
-    /// time.
+    /// The errors of [`load`](super::load); [`Error::Setting`](crate::error::Error::Setting) if the source has no such
+    /// point in time.
     pub fn volume(&mut self, time: u32) -> Result<Volume> {
         self.read(&LoadOptions { time: Some(time), ..self.options })
     }
 
-    /// A channel at a point in time, both counted from 0.
+    /// Reads a channel at a point in time, both counted from 0.
     ///
     /// # Errors
-    /// As [`Self::volume`]; [`Error::Setting`](crate::error::Error::Setting) if there is no such channel.
+    /// The errors of [`Self::volume`]; [`Error::Setting`](crate::error::Error::Setting) if there is no such channel.
     pub fn channel(&mut self, time: u32, channel: u32) -> Result<Volume> {
         self.read(&LoadOptions { time: Some(time), channel: Some(channel), ..self.options })
     }
 
-    /// Readers of one temporary file share its position, so there is one at a time.
+    /// Reads a volume of the series. Readers of one temporary file share its position, so there is one at a time.
     fn read(&mut self, options: &LoadOptions) -> Result<Volume> {
         load_from(&self.source, options, Some(&self.unpacked))
     }

@@ -6,17 +6,17 @@
 use super::input::Input;
 use crate::error::Result;
 
-/// A tag: `<name attribute="value">`.
+/// A tag of XML: `<name attribute="value">`.
 #[derive(Debug, PartialEq)]
 pub(super) struct Tag {
-    /// With a slash before it in a closing tag.
+    /// The name of the tag, with a slash before it in a closing tag.
     pub(super) name: String,
     attributes: Vec<(String, String)>,
 }
 
 impl Tag {
-    /// The next tag of a stream, its text skipped; `None` at the end of the file. Comments, declarations and processing
-    /// instructions are skipped too.
+    /// Reads the next tag of a stream and skips the text before it; `None` at the end of the file. Comments,
+    /// declarations and processing instructions are skipped too.
     pub(super) fn next(input: &mut Input) -> Result<Option<Self>> {
         while let Some(text) = input.tag()? {
             if let Some(tag) = Self::parse(&text) {
@@ -26,7 +26,7 @@ impl Tag {
         Ok(None)
     }
 
-    /// The tags of a text.
+    /// Returns the tags of a text.
     pub(super) fn all(text: &str) -> impl Iterator<Item = Self> {
         text.split('<').skip(1).filter_map(|piece| Self::parse(piece.split_once('>')?.0))
     }
@@ -50,13 +50,13 @@ impl Tag {
         Some(Self { name: name.to_owned(), attributes })
     }
 
-    /// The value of an attribute.
+    /// Returns the value of an attribute.
     pub(super) fn get(&self, name: &str) -> Option<&str> {
         self.attributes.iter().find(|(key, _)| key == name).map(|(_, value)| value.as_str())
     }
 }
 
-/// Text with its entities replaced. Entities that no header needs stay as they are.
+/// Returns a text with its entities replaced. Entities that no header needs stay as they are.
 fn unescaped(text: &str) -> String {
     let entities = [("&lt;", "<"), ("&gt;", ">"), ("&quot;", "\""), ("&apos;", "'"), ("&amp;", "&")];
     entities.iter().fold(text.to_owned(), |text, (entity, character)| text.replace(entity, character))

@@ -20,16 +20,16 @@ use crate::volume::Endian;
 /// The first bytes of an archive: the header of its first member.
 pub(super) const MAGIC: &[u8] = b"PK\x03\x04";
 
-/// Bytes of the record at the end of an archive, without its comment of at most 65 535 bytes.
+/// The number of bytes of the record at the end of an archive, without its comment of at most 65 535 bytes.
 const END: usize = 22;
 
-/// Bytes of the locator that precedes `END` in ZIP64.
+/// The number of bytes of the locator that precedes `END` in ZIP64.
 const LOCATOR: u64 = 20;
 
-/// Bytes of the header before the name of a member.
+/// The number of bytes of the header before the name of a member.
 const LOCAL: usize = 30;
 
-/// Bytes of an entry of the directory before its name.
+/// The number of bytes of an entry of the directory before its name.
 const ENTRY: usize = 46;
 
 /// The largest directory that is read, in bytes: 65 535 members with names of 200 characters.
@@ -48,15 +48,15 @@ pub(super) struct Member {
     flags: i64,
     method: i64,
     crc: u32,
-    /// Bytes in the archive, and bytes that they expand to.
+    /// The number of bytes in the archive; `size` is the number of bytes that they expand to.
     packed: u64,
     pub(super) size: u64,
-    /// The place of the header before the bytes.
+    /// The place in the archive of the header before the bytes.
     at: u64,
 }
 
 impl Archive {
-    /// Reads the directory of the archive that begins here.
+    /// Opens the archive at the start of `input` and reads its directory.
     pub(super) fn open(input: &Input) -> Result<Self> {
         let path = input.path().to_owned();
         let Some((file, _)) = input.plain_file()? else {
@@ -71,8 +71,8 @@ impl Archive {
         Ok(Self { path, file, members })
     }
 
-    /// The bytes of a member, decompressed. They end in an error if their checksum is wrong, unless they are stored.
-    /// What is decompressed is kept in `unpacked`, if that is given.
+    /// Opens a member, decompressed. Its bytes end in an error if their checksum is wrong, unless they are stored.
+    /// Decompressed bytes are kept in `unpacked`, if that is given.
     pub(super) fn member(&self, member: &Member, unpacked: Option<Arc<Unpacked>>) -> Result<Input> {
         let Member { name, packed, size, .. } = member;
         let mut path = self.path.clone().into_os_string();
@@ -96,7 +96,7 @@ impl Archive {
         }
     }
 
-    /// The place of the bytes of a member, behind its header.
+    /// Returns the place of the bytes of a member, behind its header.
     fn place(&self, member: &Member, path: &Path) -> Result<u64> {
         let at = member.at;
         let header = read_at(path, &self.file, at, LOCAL)?;
@@ -106,21 +106,21 @@ impl Archive {
         Ok(at.saturating_add(LOCAL as u64 + fields.uint(26, 2) + fields.uint(28, 2)))
     }
 
-    /// The place and the number of the bytes of a member; `None` if they are compressed.
+    /// Returns the place and the number of the bytes of a member; `None` if they are compressed.
     #[cfg_attr(not(feature = "zarr"), expect(dead_code, reason = "for chunks of Zarr"))]
     pub(super) fn stored(&self, member: &Member, path: &Path) -> Result<Option<(u64, u64)>> {
         let is_stored = member.method == 0 && member.packed == member.size;
         is_stored.then(|| Ok((self.place(member, path)?, member.size))).transpose()
     }
 
-    /// The archive itself, whose place to read at may be anywhere.
+    /// Returns the file of the archive, whose place to read at may be anywhere.
     #[cfg_attr(not(feature = "zarr"), expect(dead_code, reason = "for chunks of Zarr"))]
     pub(super) fn file(&self) -> &File {
         &self.file
     }
 }
 
-/// The number of members, and the place and the size of the directory.
+/// Returns the number of members, and the place and the size of the directory.
 fn directory(path: &Path, file: &File, length: u64) -> Result<(u64, u64, u64)> {
     let tail_size = length.min((END + usize::from(u16::MAX)) as u64);
     let tail = read_at(path, file, length - tail_size, tail_size as usize)?;
@@ -152,7 +152,7 @@ fn directory(path: &Path, file: &File, length: u64) -> Result<(u64, u64, u64)> {
     Ok((count, at, size))
 }
 
-/// The members that a directory lists; `None` if it is damaged.
+/// Returns the members that a directory lists; `None` if it is damaged.
 fn members(mut bytes: &[u8]) -> Option<Vec<Member>> {
     let mut members = Vec::new();
     while !bytes.is_empty() {
@@ -178,7 +178,7 @@ fn members(mut bytes: &[u8]) -> Option<Vec<Member>> {
     Some(members)
 }
 
-/// The extra field of ZIP64; empty if there is none.
+/// Returns the extra field of ZIP64; empty if there is none.
 fn zip64(mut extra: &[u8]) -> &[u8] {
     while let Some((head, rest)) = extra.split_first_chunk::<4>() {
         let [id, size] = [&head[..2], &head[2..]].map(|bytes| Endian::Little.number(bytes));
@@ -191,7 +191,7 @@ fn zip64(mut extra: &[u8]) -> &[u8] {
     &[]
 }
 
-/// The `size` bytes from byte `at` of a file.
+/// Reads the `size` bytes from byte `at` of a file.
 fn read_at(path: &Path, mut file: &File, at: u64, size: usize) -> Result<Vec<u8>> {
     let mut bytes = Vec::new();
     let read = file.seek(SeekFrom::Start(at)).and_then(|_| file.take(size as u64).read_to_end(&mut bytes));
@@ -200,10 +200,10 @@ fn read_at(path: &Path, mut file: &File, at: u64, size: usize) -> Result<Vec<u8>
     Ok(bytes)
 }
 
-/// A decompressed member, which ends in an error if its checksum is not `crc`.
+/// A reader of a decompressed member that ends in an error if the checksum is not `crc`.
 struct Checked<R> {
     reader: R,
-    /// Bytes that are not read yet.
+    /// The number of bytes that are not read yet.
     left: u64,
     sum: Crc,
     crc: u32,

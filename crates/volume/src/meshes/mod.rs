@@ -19,9 +19,9 @@ const MAX_BYTES: u64 = 4 << 30;
 pub struct Mesh {
     /// The places of the vertices, world units.
     pub vertices: Vec<[f32; 3]>,
-    /// The vertices of each triangle, as indices.
+    /// The indices of the vertices of each triangle.
     pub triangles: Vec<[u32; 3]>,
-    /// Red, green and blue of each vertex, sRGB; none if the file has no colours.
+    /// The red, green and blue of each vertex, sRGB; none if the file has no colours.
     pub colors: Vec<[u8; 3]>,
     /// The patient space that the file states, as 3D Slicer does.
     pub space: Option<Space>,
@@ -30,14 +30,14 @@ pub struct Mesh {
 /// A patient space: the directions of its axes. Both are in millimetres.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Space {
-    /// Left, posterior, superior: the space of DICOM and of [`Grid`](crate::volume::Grid).
+    /// The space of DICOM and of [`Grid`](crate::volume::Grid): left, posterior, superior.
     Lps,
-    /// Right, anterior, superior: the space of NIfTI.
+    /// The space of NIfTI: right, anterior, superior.
     Ras,
 }
 
 impl Space {
-    /// The space that a comment states, such as `SPACE=LPS`.
+    /// Returns the space that a comment states, such as `SPACE=LPS`.
     fn of_comment(text: &str) -> Option<Self> {
         let (_, name) = text.split_once("SPACE=")?;
         match name.get(..3)? {
@@ -105,7 +105,7 @@ impl Mesh {
         Ok(self)
     }
 
-    /// Returns the same mesh in the patient space [`Space::Lps`]. A mesh that states no space is taken as it is.
+    /// Returns the mesh in the patient space [`Space::Lps`]. A mesh that states no space is returned as it is.
     #[must_use]
     pub fn into_lps(mut self) -> Self {
         if self.space == Some(Space::Ras) {
@@ -129,7 +129,7 @@ impl Mesh {
     }
 }
 
-/// The number of a vertex of a file whose numbers begin at 0.
+/// Returns the index of the vertex with this number in a file whose numbers begin at 0.
 pub(crate) fn index(path: &Path, number: f64) -> Result<u32> {
     refuse_if!(!(0.0..4e9).contains(&number) || number.fract() != 0.0, path, "has {number} as the number of a vertex");
     Ok(number as u32)
@@ -139,7 +139,7 @@ pub(crate) fn index(path: &Path, number: f64) -> Result<u32> {
 pub(crate) mod tests {
     use super::*;
 
-    /// A unit square in two triangles, at a height.
+    /// Makes a unit square of two triangles, at a height.
     pub(crate) fn square() -> Mesh {
         Mesh {
             vertices: vec![[0.0, 0.0, 0.5], [1.0, 0.0, 0.5], [1.0, 1.0, 0.5], [0.0, 1.0, 0.5]],
@@ -181,7 +181,7 @@ pub(crate) mod tests {
         assert_eq!((stl.triangles.len(), stl.place(stl.triangles[1][2])), (2, DVec3::new(0.0, 1.0, 0.5)));
     }
 
-    /// The square as a binary PLY with this byte order.
+    /// Returns the square as a binary PLY with this byte order.
     fn binary_ply(order: &str, number: fn(f32) -> [u8; 4], whole: fn(i32) -> [u8; 4]) -> Vec<u8> {
         let mut bytes = format!(
             "ply\r\nformat binary_{order}_endian 1.0\r\nelement face 1\r\nproperty list uchar int vertex_index\r\n\
@@ -213,7 +213,7 @@ pub(crate) mod tests {
         assert!(refusal("a.ply", &little[..little.len() - 1]).contains("cut short"));
     }
 
-    /// Files by VTK, which tests/data/meshes/make.py writes.
+    /// Loads files by VTK, which tests/data/meshes/make.py writes.
     #[test]
     fn meshes_of_another_program_have_their_places() {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/meshes");

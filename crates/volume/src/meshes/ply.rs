@@ -13,7 +13,7 @@ struct Property {
     kind: SampleType,
 }
 
-/// A kind of thing of a file, such as a vertex, and how many there are.
+/// A kind of element of a file, such as a vertex, and the number of its elements.
 struct Element {
     name: String,
     count: u64,
@@ -123,7 +123,7 @@ fn header<'a>(path: &Path, bytes: &'a [u8], mesh: &mut Mesh) -> Result<(Vec<Elem
 }
 
 impl Numbers<'_> {
-    /// The next number.
+    /// Reads the next number.
     fn next(&mut self, path: &Path, kind: SampleType) -> Result<f64> {
         match self {
             Self::Text(words) => {

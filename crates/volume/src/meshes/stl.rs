@@ -6,18 +6,18 @@ use std::path::Path;
 use super::{Mesh, Space};
 use crate::error::{Result, Subject, refuse, refuse_if};
 
-/// Bytes before the number of triangles, and before the first triangle.
+/// The number of bytes before the number of triangles, and before the first triangle.
 const HEADER: usize = 80;
 pub(super) const BEFORE: usize = 84;
-/// Bytes of a triangle: a normal, three places, and two bytes of no meaning.
+/// The number of bytes of a triangle: a normal, three places, and two bytes without meaning.
 const TRIANGLE: usize = 50;
 
-/// The number of triangles that a binary file states.
+/// Returns the number of triangles that a binary file states.
 fn stated(bytes: &[u8]) -> Option<usize> {
     bytes.get(HEADER..)?.first_chunk().map(|count| u32::from_le_bytes(*count) as usize)
 }
 
-/// Whether a file has the length that a binary file of its triangles has.
+/// Returns whether a file has the length that its number of triangles needs in binary.
 fn is_whole(bytes: &[u8]) -> bool {
     stated(bytes).is_some_and(|count| bytes.len() == BEFORE + TRIANGLE * count)
 }
@@ -27,7 +27,7 @@ fn is_text(bytes: &[u8]) -> bool {
     !is_whole(bytes) && bytes.starts_with(b"solid") && !bytes[..bytes.len().min(HEADER)].contains(&0)
 }
 
-/// Whether the bytes can be an STL file.
+/// Returns whether the bytes can be an STL file.
 pub(super) fn is_stl(bytes: &[u8]) -> bool {
     is_text(bytes) || is_whole(bytes)
 }

@@ -1,4 +1,4 @@
-//! A volume brick by brick. The range of a brick decides whether it is visible; only visible bricks are read again.
+//! The bricks of a volume. The range of a brick decides whether it is visible; only visible bricks are read again.
 
 use std::ops::Range;
 
@@ -7,19 +7,20 @@ use crate::error::{Error, Result};
 use crate::memory::reserved;
 use crate::parallel::try_map;
 
-/// Voxels along the edge of a brick.
+/// The number of voxels along the edge of a brick.
 pub const EDGE: usize = 32;
 
-/// Bytes of samples read at a time; more if one row of bricks per thread has more.
+/// The number of bytes of samples read at a time; more if one row of bricks per thread has more.
 const READ: usize = 8 << 20;
 
 /// The encoding in which a consumer of bricks wants their samples.
+#[doc(hidden)]
 pub trait RowCoding: Sync {
     /// Appends encoded samples.
     fn append<T: Number>(&self, samples: &[T], bytes: &mut Vec<u8>);
 }
 
-/// No encoding, for passes that need ranges alone.
+/// The absence of an encoding, for passes that need ranges alone.
 impl RowCoding for () {
     fn append<T: Number>(&self, _: &[T], _: &mut Vec<u8>) {}
 }
@@ -31,17 +32,18 @@ pub type Brick = ([u32; 3], Vec<u8>);
 type Row<B> = (Vec<[f64; 2]>, Vec<Option<B>>);
 
 /// The samples of a row of bricks along x, with the halo in y and z as far as the volume reaches.
+#[doc(hidden)]
 pub struct Strip {
     dims: [usize; 3],
     halo: usize,
-    /// Per z, the samples of the rows `rows`.
+    /// The samples of the rows `rows` of each plane, along z.
     planes: Vec<Samples>,
     planes_from: usize,
     rows: Range<usize>,
 }
 
 impl Volume {
-    /// The number of bricks along each axis. The last brick of an axis may be cut short.
+    /// Returns the number of bricks along each axis. The last brick of an axis may be cut short.
     pub fn bricks(&self) -> [u32; 3] {
         self.grid().dims().map(|d| d.div_ceil(EDGE as u32))
     }
@@ -95,8 +97,9 @@ impl Volume {
         Ok(())
     }
 
-    /// The least and the largest finite sample of each brick and of the voxels next to it, on which the classification
-    /// of its own depends, as stored, x fastest; ∞ and -∞ if there is none. The first call reads every sample.
+    /// Returns the least and the largest finite sample, as stored, of each brick and of the voxels next to it, on which
+    /// the classification of its own voxels depends, x fastest; ∞ and -∞ if there is none. The first call reads every
+    /// sample.
     pub fn ranges(&self) -> Result<&[[f64; 2]]> {
         if self.known_ranges().is_none() {
             self.for_each_brick::<(), Error>(&|_, _| false, 0, &(), &|_| Ok(()), &mut |_| Ok(()))?;
@@ -104,7 +107,7 @@ impl Volume {
         Ok(self.known_ranges().unwrap_or_default())
     }
 
-    /// The least and the largest finite value. The first call reads every sample, as [`Self::ranges`] does.
+    /// Returns the least and the largest finite value. The first call reads every sample, as [`Self::ranges`] does.
     ///
     /// # Errors
     /// [`Error::Read`] and [`Error::Memory`] if samples left in a file cannot be read.
@@ -115,7 +118,7 @@ impl Volume {
         Ok(values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| [low.min(value), high.max(value)]))
     }
 
-    /// The largest distance of the volume's values from `value`. The first call reads every sample, as
+    /// Returns the largest distance of the volume's values from `value`. The first call reads every sample, as
     /// [`Self::ranges`] does.
     pub fn farthest_from(&self, value: f64) -> Result<f64> {
         let (slope, intercept) = self.rescale();
@@ -160,14 +163,14 @@ impl Volume {
     }
 }
 
-/// The voxel of an axis of `n` voxels that is nearest to `place`.
+/// Returns the voxel of an axis of `n` voxels that is nearest to `place`.
 fn clamped(place: i64, n: usize) -> usize {
     place.clamp(0, n as i64 - 1) as usize
 }
 
 impl Strip {
-    /// The least and the largest finite sample of each brick and of the voxels next to it, as stored: ∞ and -∞ if there
-    /// is none. The halo holds those next to it along y and z.
+    /// Returns the least and the largest finite sample of each brick and of the voxels next to it, as stored: ∞ and -∞
+    /// if there is none. The halo holds the voxels next to it along y and z.
     fn ranges(&self, y: usize, z: usize) -> Vec<[f64; 2]> {
         let [nx, _, _] = self.dims;
         let mut ranges = vec![[f64::INFINITY, f64::NEG_INFINITY]; nx.div_ceil(EDGE)];
@@ -199,8 +202,8 @@ impl Strip {
         ranges
     }
 
-    /// The encoded samples, with the halo, of the brick whose first voxel is at `at`. Outside the volume its outermost
-    /// voxels are repeated.
+    /// Returns the encoded samples, with the halo, of the brick whose first voxel is at `at`. Outside the volume its
+    /// outermost voxels are repeated.
     pub fn brick(&self, at: [i64; 3], coding: &impl RowCoding) -> Vec<u8> {
         let [nx, ny, nz] = self.dims;
         let edge = EDGE + 2 * self.halo;

@@ -1,4 +1,4 @@
-//! Counts of samples by value: the statistics of a volume that is read in parts.
+//! Histograms of samples that are read in parts, from which the statistics of a volume follow.
 
 use std::ops::Range;
 
@@ -8,9 +8,10 @@ use super::{ToF64, Volume, with_samples};
 use crate::error::Result;
 use crate::parallel::try_map;
 
-/// The most bins: one per value of 8 and 16 bit samples.
+/// The largest number of bins: one per value of 8 and 16 bit samples.
 const MAX_BINS: usize = 65_536;
-/// The fewest samples per task. A task owns up to 512 KiB of bins, so small tasks would mostly clear and add bins.
+/// The least number of samples per task. A task owns up to 512 KiB of bins, so small tasks would mostly clear and add
+/// bins.
 const MIN_CHUNK: usize = 1 << 20;
 
 /// Counts of samples before rescaling. Counts of the parts of a volume add up to the counts of the volume: in the same
@@ -46,16 +47,16 @@ pub struct Counts {
     binned: Option<Binned>,
 }
 
-/// Samples in bins.
+/// The numbers of samples in bins.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Binned {
     bins: Bins,
     counts: Vec<u64>,
-    /// Of bins of one value each, the counts have the moments.
+    /// The moments of the samples; `None` for bins of one value each, whose counts have them.
     moments: Option<Moments>,
 }
 
-/// Bins of samples that are multiplied by `scale`.
+/// The bins of samples that are multiplied by `scale`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 struct Bins {
     /// The value at which the first bin begins, or its only value.
@@ -67,7 +68,7 @@ struct Bins {
     is_exact: bool,
 }
 
-/// Mean of samples, and the sum of the squares of their distances from it.
+/// The mean of samples, and the sum of the squares of their distances from it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 struct Moments {
     count: u64,
@@ -79,13 +80,13 @@ struct Moments {
 #[derive(Debug, Clone)]
 pub(super) struct Occupied {
     pub(super) bins: Vec<u64>,
-    /// Bin i counts the values nearest to `(first + i * step) / scale`.
+    /// The value of the first bin times `scale`: bin i counts the values nearest to `(first + i * step) / scale`.
     pub(super) first: f64,
     pub(super) step: f64,
     pub(super) scale: f64,
-    /// Times `scale`.
+    /// The mean of the samples times `scale`.
     pub(super) mean: f64,
-    /// The sum of squared distances from the mean, times the square of `scale`.
+    /// The sum of squared distances of the samples from their mean, times the square of `scale`.
     pub(super) squares: f64,
 }
 
@@ -96,7 +97,8 @@ impl Default for Occupied {
     }
 }
 
-/// A power of two that scales values of a range so that f64 holds their squares and sums; 1 for values of usual size.
+/// Returns a power of two that scales values of a range so that f64 holds their squares and sums; 1 for values of usual
+/// size.
 pub(super) fn scale_for(min: f64, max: f64) -> f64 {
     let largest = min.abs().max(max.abs());
     if largest == 0.0 || !largest.is_finite() || (1e-100..1e100).contains(&largest) {
@@ -106,7 +108,7 @@ pub(super) fn scale_for(min: f64, max: f64) -> f64 {
 }
 
 impl Bins {
-    /// The bins of a range: one per integer if they are few.
+    /// Returns the bins of a range: one per integer if they are few.
     fn of_range([least, largest]: [f64; 2], integers: bool) -> Self {
         let scale = scale_for(least, largest);
         let [least, range] = [least * scale, largest * scale - least * scale];
@@ -115,7 +117,7 @@ impl Bins {
         Self { least, step, len, scale, is_exact }
     }
 
-    /// Counts the finite of some samples.
+    /// Counts the finite samples of a slice.
     fn count<T: ToF64>(self, samples: &[T], into: &mut Binned) {
         let finite = || samples.iter().map(|v| v.to_f64()).filter(|v| v.is_finite()).map(|v| v * self.scale);
         let bin = |v: f64| (((v - self.least) / self.step) as usize).min(self.len - 1);
@@ -136,7 +138,8 @@ impl Bins {
 }
 
 impl Moments {
-    /// The moments of both (Chan, Golub and LeVeque 1983, "Algorithms for computing the sample variance").
+    /// Returns the moments of two sets of samples together (Chan, Golub and LeVeque 1983, "Algorithms for computing the
+    /// sample variance").
     fn plus(self, other: Self) -> Self {
         let count = self.count + other.count;
         let share = other.count as f64 / count.max(1) as f64;
@@ -151,7 +154,7 @@ impl Binned {
         Self { bins, counts: vec![0; bins.len], moments: None }
     }
 
-    /// The counts of both; `None` if they are in other bins.
+    /// Returns the counts of two sets of samples together; `None` if they are in different bins.
     fn plus(mut self, other: &Self) -> Option<Self> {
         self.counts.iter_mut().zip(&other.counts).for_each(|(count, more)| *count += more);
         self.moments = match (self.moments, other.moments) {
@@ -187,13 +190,14 @@ impl Counts {
         Self::binned(volume, bins, self.range)
     }
 
-    /// Whether all samples are in bins. Otherwise their range is known, and [`Self::refined`] counts them.
+    /// Returns whether all samples are in bins. Otherwise their range is known, and [`Self::refined`] counts them.
     #[must_use]
     pub fn is_complete(&self) -> bool {
         self.binned.is_some()
     }
 
-    /// Returns the counts of both. They are not complete unless both are, in bins of the same range.
+    /// Returns the counts of two sets of samples together. They are not complete unless both are, in bins of the same
+    /// range.
     #[must_use]
     pub fn plus(self, other: Self) -> Self {
         let range = match (self.range, other.range) {
@@ -205,13 +209,14 @@ impl Counts {
         Self { range, count, non_finite, binned }
     }
 
-    /// The number of finite samples.
+    /// Returns the number of finite samples.
     #[must_use]
     pub fn count(&self) -> u64 {
         self.count
     }
 
-    /// The bins from the smallest to the largest sample; `None` if the counts are not complete or there is no sample.
+    /// Returns the bins from the smallest to the largest sample; `None` if the counts are not complete or there is no
+    /// sample.
     pub(super) fn occupied(&self) -> Option<Occupied> {
         let ([least, largest], Binned { bins, counts, moments }) = (self.range?, self.binned.as_ref()?);
         let &Bins { step, scale, is_exact, .. } = bins;
@@ -263,8 +268,8 @@ impl Counts {
         })
     }
 
-    /// The counts of all parts of a volume. Parts depend on the length alone and are added in order, so all machines
-    /// compute the same figures.
+    /// Returns the counts of all parts of a volume. Parts depend on the length alone and are added in order, so all
+    /// machines compute the same figures.
     fn summed(volume: &Volume, of: impl Fn(Range<usize>) -> Result<Self> + Sync) -> Result<Self> {
         let len = volume.grid().len() as usize;
         let part = MIN_CHUNK.max(len.div_ceil(64));
@@ -273,7 +278,7 @@ impl Counts {
     }
 }
 
-/// The pieces of a range of samples that are in memory at a time.
+/// Returns the pieces of a range of samples that are in memory at a time.
 fn pieces(range: Range<usize>) -> impl Iterator<Item = Range<usize>> {
     let end = range.end;
     range.step_by(MIN_CHUNK).map(move |start| start..end.min(start + MIN_CHUNK))

@@ -26,11 +26,11 @@ const FLATTEST: f64 = 0.1;
 /// The distances of samples whose cubes, and thus the inverse of the grid, f64 holds.
 const LENGTHS: std::ops::RangeInclusive<f64> = 1e-100..=1e100;
 
-/// The most samples along an axis. Up to here, f32 lattice coordinates resolve 1/256 of a voxel.
+/// The largest number of samples along an axis. Up to here, f32 lattice coordinates resolve 1/256 of a voxel.
 pub const MAX_DIM: u32 = 65_535;
 
 impl Grid {
-    /// A grid of `dims` samples along x, y and z. Lattice point p lies at `to_world * p`.
+    /// Makes a grid of `dims` samples along x, y and z. Lattice point p lies at `to_world * p`.
     ///
     /// # Errors
     /// [`Error::Volume`] if a dimension is 0 or over [`MAX_DIM`], a distance of samples is outside 1e-100 to 1e100, or
@@ -70,52 +70,53 @@ impl Grid {
         Ok(Self { dims, to_world, to_lattice: to_world.inverse() })
     }
 
-    /// A grid along the world axes with the given spacing (world length per voxel); its first sample is at the origin.
+    /// Makes a grid along the world axes with the given spacing (world length per voxel); its first sample is at the
+    /// origin.
     ///
     /// # Errors
-    /// As [`Grid::new`].
+    /// The errors of [`Grid::new`].
     pub fn axis_parallel(dims: [u32; 3], spacing: [f64; 3]) -> Result<Self> {
         Self::new(dims, DAffine3::from_mat3(DMat3::from_diagonal(DVec3::from_array(spacing))))
     }
 
-    /// Samples along each lattice axis.
+    /// Returns the number of samples along each lattice axis.
     #[must_use]
     pub fn dims(&self) -> [u32; 3] {
         self.dims
     }
 
-    /// The number of samples.
+    /// Returns the number of samples.
     #[must_use]
     pub fn len(&self) -> u64 {
         self.dims.iter().map(|&d| u64::from(d)).product()
     }
 
-    /// Always false: a grid has at least one sample.
+    /// Returns false: a grid has at least one sample.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         false
     }
 
-    /// The map from lattice to world coordinates.
+    /// Returns the map from lattice to world coordinates.
     #[must_use]
     pub fn to_world(&self) -> DAffine3 {
         self.to_world
     }
 
-    /// The map from world to lattice coordinates.
+    /// Returns the map from world to lattice coordinates.
     #[must_use]
     pub fn to_lattice(&self) -> DAffine3 {
         self.to_lattice
     }
 
-    /// World distance between neighbouring samples along each lattice axis.
+    /// Returns the world distance between neighbouring samples along each lattice axis.
     #[must_use]
     pub fn spacing(&self) -> [f64; 3] {
         let m = self.to_world.matrix3;
         [m.x_axis, m.y_axis, m.z_axis].map(length)
     }
 
-    /// The lattice of a box of these lattice points, given by their numbers along each axis.
+    /// Returns the lattice of a box of lattice points, given by their numbers along each axis.
     ///
     /// # Errors
     /// [`Error::Volume`] if a range is empty.
@@ -126,27 +127,27 @@ impl Grid {
         Self::new(std::array::from_fn(|axis| ranges[axis].end.saturating_sub(ranges[axis].start)), to_world)
     }
 
-    /// The smallest of the three spacings: the default unit distance of opacities.
+    /// Returns the smallest of the three spacings: the default unit distance of opacities.
     #[must_use]
     pub fn min_spacing(&self) -> f64 {
         let [x, y, z] = self.spacing();
         x.min(y).min(z)
     }
 
-    /// The mean of the three spacings.
+    /// Returns the mean of the three spacings.
     #[must_use]
     pub fn mean_spacing(&self) -> f64 {
         self.spacing().iter().sum::<f64>() / 3.0
     }
 
-    /// The world position of the centre of the lattice.
+    /// Returns the world position of the centre of the lattice.
     #[must_use]
     pub fn center(&self) -> DVec3 {
         self.to_world.transform_point3(self.middle())
     }
 
-    /// The world length that painters use as 1: a power of two within a factor of two of the middle one of the three
-    /// spacings.
+    /// Returns the world length that painters use as 1: a power of two within a factor of two of the middle one of the
+    /// three spacings.
     pub fn unit(&self) -> f64 {
         let [x, y, z] = self.spacing();
         let middle = x.max(y).min(x.min(y).max(z));
@@ -154,13 +155,13 @@ impl Grid {
         f64::from_bits(middle.to_bits() & 0x7ff0_0000_0000_0000)
     }
 
-    /// The same lattice in a world that begins in its middle and is measured in [`Self::unit`]. Neither the file's unit
-    /// of length nor its origin then reaches a number of f32; as the unit is a power of two, nothing is rounded.
+    /// Returns the lattice in a world that begins in its middle and is measured in [`Self::unit`]. Neither the file's
+    /// unit of length nor its origin then reaches a number of f32; as the unit is a power of two, nothing is rounded.
     pub fn local(&self) -> Self {
         Self::around_origin(self.dims, self.to_world.matrix3 * (1.0 / self.unit()))
     }
 
-    /// The same lattice in a world that begins in its middle.
+    /// Returns the lattice in a world that begins in its middle.
     pub fn centered(&self) -> Self {
         Self::around_origin(self.dims, self.to_world.matrix3)
     }
@@ -171,19 +172,20 @@ impl Grid {
         Self { dims, to_world, to_lattice: to_world.inverse() }
     }
 
-    /// The lattice point in the middle.
+    /// Returns the lattice point in the middle of the lattice.
     fn middle(&self) -> DVec3 {
         DVec3::from_array(self.dims.map(|d| f64::from(d - 1))) / 2.0
     }
 
-    /// The eight world corners of the box that lies `margin` voxels outside the outermost samples. Bit a of a corner's
-    /// index says whether it lies at the far end of lattice axis a.
+    /// Returns the eight world corners of the box that lies `margin` voxels outside the outermost samples. Bit a of a
+    /// corner's index says whether it lies at the far end of lattice axis a.
     #[must_use]
     pub fn corners(&self, margin: f64) -> [DVec3; 8] {
         self.corners_from_center(margin).map(|corner| self.center() + corner)
     }
 
-    /// The corners relative to the centre of the lattice, so that a distant origin costs no precision.
+    /// Returns the eight corners of the box `margin` voxels outside the outermost samples, relative to the centre of
+    /// the lattice, so that a distant origin costs no precision.
     pub fn corners_from_center(&self, margin: f64) -> [DVec3; 8] {
         let half = self.middle() + margin;
         std::array::from_fn(|c| {

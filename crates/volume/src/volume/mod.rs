@@ -48,16 +48,17 @@ macro_rules! with_samples {
         }
     };
 }
+#[doc(hidden)]
 pub use crate::with_samples;
 
 impl Samples {
-    /// The number of samples.
+    /// Returns the number of samples.
     #[must_use]
     pub fn len(&self) -> usize {
         with_samples!(self, s => s.len())
     }
 
-    /// Whether there are none.
+    /// Returns whether there are no samples.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.len() == 0
@@ -82,9 +83,9 @@ pub struct Volume {
 /// The units that a file states, as it writes them.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Units {
-    /// Of world lengths, such as mm.
+    /// The unit of world lengths, such as mm.
     pub length: Option<String>,
-    /// Of values, such as HU.
+    /// The unit of values, such as HU.
     pub value: Option<String>,
 }
 
@@ -95,7 +96,7 @@ pub struct Contents {
     pub channel: u32,
     /// The number of channels.
     pub channels: u32,
-    /// Names, colours and windows of the channels, in their order; empty if the file states none.
+    /// The names, colours and windows of the channels, in their order; empty if the file states none.
     pub labels: Vec<Channel>,
     /// The point in time that the volume is of, counted from 0.
     pub time: u32,
@@ -126,17 +127,18 @@ const LONGEST_NAME: usize = 80;
 
 /// The method that made the values of a file, as the file states it.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
+#[doc(hidden)]
 pub struct Origin {
     /// A modality in the terms of DICOM (PS3.3, C.7.3.1.1.1), such as CT, MR, PT, or GM for microscopy.
     pub modality: Option<String>,
-    /// Names of the protocol, the sequence or the content.
+    /// The names of the protocol, the sequence or the content.
     pub description: Option<String>,
     /// The meaning of the values, such as "t statistic with 12 degrees of freedom".
     pub intent: Option<String>,
 }
 
 impl Origin {
-    /// An origin of a modality and descriptions; empty texts state nothing.
+    /// Returns the origin with a modality and descriptions; empty texts state nothing.
     pub(crate) fn of<'a>(modality: Option<&str>, descriptions: impl IntoIterator<Item = &'a str>) -> Self {
         let plain = |text: &str| {
             let plain: String = text.trim().chars().filter(|c| !c.is_control()).take(LONGEST_NAME).collect();
@@ -153,20 +155,20 @@ impl Origin {
 pub struct Segment {
     /// The channel that has this label: labels of one channel do not overlap.
     pub channel: u32,
-    /// The value.
+    /// The value of the label.
     pub label: i64,
     /// The name of the labelled structure.
     pub name: Option<String>,
-    /// Red, green and blue, sRGB.
+    /// The red, green and blue of the label, sRGB.
     pub color: Option<[u8; 3]>,
 }
 
 /// A channel that a file describes.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Channel {
-    /// Such as the name of a dye.
+    /// The name of the channel, such as the name of a dye.
     pub name: Option<String>,
-    /// Red, green and blue, sRGB.
+    /// The red, green and blue of the channel, sRGB.
     pub color: Option<[u8; 3]>,
     /// The range of values to show.
     pub window: Option<[f64; 2]>,
@@ -190,6 +192,7 @@ impl Data {
 
 /// A volume with all its samples in memory.
 #[derive(Debug)]
+#[doc(hidden)]
 pub struct InMemory {
     samples: Arc<Samples>,
     slope: f64,
@@ -197,13 +200,13 @@ pub struct InMemory {
 }
 
 impl InMemory {
-    /// The samples as stored.
+    /// Returns the samples as stored.
     #[must_use]
     pub fn samples(&self) -> &Samples {
         &self.samples
     }
 
-    /// The value of sample `index` (x fastest), in f64.
+    /// Returns the value of sample `index` (x fastest), in f64.
     ///
     /// # Panics
     /// If `index` is not under the number of samples.
@@ -222,18 +225,18 @@ fn check_count(grid: &Grid, count: usize) -> Result<()> {
     Err(Error::Volume(format!("{count} samples for a lattice of {x} x {y} x {z} = {}", grid.len())))
 }
 
-/// Volumes are equal if they share the same samples on the same grid, such as clones.
+/// Compares volumes, which are equal if they share the same samples on the same grid, such as clones.
 impl PartialEq for Volume {
     fn eq(&self, other: &Self) -> bool {
         Arc::ptr_eq(&self.data, &other.data) && self.grid == other.grid && self.rescale() == other.rescale()
     }
 }
 
-/// Samples read at a time by a pass over a whole volume: 4 Mi, at most 32 MiB.
+/// The number of samples read at a time by a pass over a whole volume: 4 Mi, at most 32 MiB.
 const PASS: usize = 1 << 22;
 
 impl Volume {
-    /// A volume of a copy of `samples`, x fastest, then y, then z, on a lattice along the world axes.
+    /// Makes a volume of a copy of `samples`, x fastest, then y, then z, on a lattice along the world axes.
     ///
     /// `dims` are the numbers of samples along x, y and z. `spacing` is the world distance between neighbouring samples
     /// along each of them, in any unit of length. The first sample lies at the world's origin; [`Volume::with_grid`]
@@ -259,7 +262,7 @@ impl Volume {
         Self::new(grid, T::collected(stored::copied(samples)?))
     }
 
-    /// A volume of `samples` on `grid`, x fastest, then y, then z. Values are the samples themselves.
+    /// Makes a volume of `samples` on `grid`, x fastest, then y, then z. Values are the samples themselves.
     ///
     /// # Errors
     /// [`Error::Volume`] if the grid has another number of samples.
@@ -273,7 +276,8 @@ impl Volume {
         Ok(Self { grid, data, slope: 1.0, intercept: 0.0, oriented: false, units, contents })
     }
 
-    /// The same samples read as `slope * sample + intercept` (NIfTI's scl_slope and scl_inter, DICOM's rescale).
+    /// Returns the volume with its samples read as `slope * sample + intercept` (NIfTI's scl_slope and scl_inter,
+    /// DICOM's rescale).
     ///
     /// # Errors
     /// [`Error::Volume`] if either number is not finite or the slope is 0.
@@ -285,28 +289,28 @@ impl Volume {
         Ok(self)
     }
 
-    /// The same volume, with its world declared to be patient space (see [`Grid`]).
+    /// Returns the volume with its world declared to be patient space (see [`Grid`]).
     #[must_use]
     pub fn with_orientation_known(mut self) -> Self {
         self.oriented = true;
         self
     }
 
-    /// The same volume, with other units.
+    /// Returns the volume with other units.
     #[must_use]
     pub fn with_units(mut self, units: Units) -> Self {
         self.units = units;
         self
     }
 
-    /// The same volume, with other contents of its file.
+    /// Returns the volume with other contents of its file.
     #[must_use]
     pub fn with_contents(mut self, contents: Contents) -> Self {
         self.contents = Arc::new(contents);
         self
     }
 
-    /// The same volume on another grid of the same dimensions.
+    /// Returns the volume on another grid of the same dimensions.
     ///
     /// # Errors
     /// [`Error::Volume`] if the dimensions differ.
@@ -319,7 +323,7 @@ impl Volume {
         Ok(self)
     }
 
-    /// The same volume with `value` in place of every value that is NaN or infinite.
+    /// Returns the volume with `value` in place of every value that is NaN or infinite.
     ///
     /// # Errors
     /// [`Error::Setting`] if the type of the samples has no finite number for `value`; [`Error::Read`] and
@@ -344,26 +348,26 @@ impl Volume {
         Ok(self)
     }
 
-    /// The lattice and its position in the world.
+    /// Returns the lattice and its position in the world.
     #[must_use]
     pub fn grid(&self) -> &Grid {
         &self.grid
     }
 
-    /// The type of the samples.
+    /// Returns the type of the samples.
     #[must_use]
     pub fn sample_type(&self) -> SampleType {
         self.data.stored.sample_type()
     }
 
-    /// Whether the samples are still in their file.
+    /// Returns whether the samples are still in their file.
     #[must_use]
     pub fn is_streamed(&self) -> bool {
         matches!(self.data.stored, Stored::File(_))
     }
 
-    /// A copy of the voxels of a box, given by their numbers along x, y and z, on their place in the world. Of samples
-    /// in a file only the rows of the box are read.
+    /// Copies the voxels of a box, given by their numbers along x, y and z, on their place in the world. Of samples in
+    /// a file only the rows of the box are read.
     ///
     /// # Errors
     /// [`Error::Volume`] if a range is empty or ends beyond the volume; [`Error::Read`] and [`Error::Memory`].
@@ -386,12 +390,12 @@ impl Volume {
         Ok(part)
     }
 
-    /// A copy of a range of the samples, x fastest, as stored.
+    /// Copies a range of the samples, x fastest, as stored.
     pub fn read(&self, range: Range<usize>) -> Result<Samples> {
         self.data.stored.read(range)
     }
 
-    /// The samples, x fastest, if they are in memory; `None` if they are still in their file.
+    /// Returns the samples, x fastest, if they are in memory; `None` if they are still in their file.
     #[must_use]
     pub fn held(&self) -> Option<&Samples> {
         match &self.data.stored {
@@ -400,7 +404,7 @@ impl Volume {
         }
     }
 
-    /// All samples in memory. Samples in a file are read, at every call.
+    /// Returns the volume with all samples in memory. Samples in a file are read, at every call.
     ///
     /// # Errors
     /// [`Error::Read`] and [`Error::Memory`] if samples in a file cannot be read.
@@ -408,7 +412,7 @@ impl Volume {
         Ok(InMemory { samples: self.shared_samples()?, slope: self.slope, intercept: self.intercept })
     }
 
-    /// All samples as stored, shared if they are in memory, or read.
+    /// Returns all samples as stored, shared if they are in memory, or read.
     pub fn shared_samples(&self) -> Result<Arc<Samples>> {
         match &self.data.stored {
             Stored::Memory(samples) => Ok(Arc::clone(samples)),
@@ -416,7 +420,7 @@ impl Volume {
         }
     }
 
-    /// The same volume with its samples in memory, unless they have more than `bytes` bytes.
+    /// Reads the samples into memory, unless they have more than `bytes` bytes, and returns the volume.
     pub(crate) fn loaded(mut self, bytes: u64) -> Result<Self> {
         if self.grid.len().saturating_mul(self.sample_type().size() as u64) <= bytes
             && let Stored::File(_) = &self.data.stored
@@ -427,7 +431,7 @@ impl Volume {
         Ok(self)
     }
 
-    /// The ranges of the bricks, x fastest; `None` before the first pass over the samples.
+    /// Returns the ranges of the bricks, x fastest; `None` before the first pass over the samples.
     fn known_ranges(&self) -> Option<&[[f64; 2]]> {
         self.data.ranges.get().map(Vec::as_slice)
     }
@@ -436,46 +440,47 @@ impl Volume {
         self.data.ranges.get_or_init(|| ranges);
     }
 
-    /// (slope, intercept): value = slope * sample + intercept.
+    /// Returns the slope and the intercept of values: value = slope * sample + intercept.
     #[must_use]
     pub fn rescale(&self) -> (f64, f64) {
         (self.slope, self.intercept)
     }
 
-    /// Whether the file stated the directions of its axes in patient space.
+    /// Returns whether the file stated the directions of its axes in patient space.
     #[must_use]
     pub fn is_oriented(&self) -> bool {
         self.oriented
     }
 
-    /// The units that the file states.
+    /// Returns the units that the file states.
     #[must_use]
     pub fn units(&self) -> &Units {
         &self.units
     }
 
-    /// The contents of the volume's file.
+    /// Returns the contents of the volume's file.
     #[must_use]
     pub fn contents(&self) -> &Contents {
         &self.contents
     }
 
-    /// The unit of world lengths: the stated unit, or millimetres in patient space, the unit of DICOM.
+    /// Returns the unit of world lengths: the stated unit, or millimetres in patient space, the unit of DICOM.
     #[must_use]
     pub fn length_unit(&self) -> Option<&str> {
         self.units.length.as_deref().or(self.oriented.then_some("mm"))
     }
 
-    /// The unit of values, if it is stated.
+    /// Returns the unit of values, if it is stated.
     #[must_use]
     pub fn value_unit(&self) -> Option<&str> {
         self.units.value.as_deref()
     }
 
-    /// The number of samples that are NaN or infinite: nothing is drawn of them.
+    /// Returns the number of samples that are NaN or infinite: nothing is drawn of them.
     ///
     /// # Errors
-    /// [`Error::NonFinite`] if all samples are; [`Error::Read`] and [`Error::Memory`] as of [`Self::check_finite`].
+    /// [`Error::NonFinite`] if all samples are; [`Error::Read`] and [`Error::Memory`] for the reasons of
+    /// [`Self::check_finite`].
     pub fn gaps(&self) -> Result<u64> {
         match self.check_finite() {
             Err(Error::NonFinite { count, .. }) if count < self.grid.len() => Ok(count),

@@ -23,13 +23,14 @@ pub enum SampleType {
 }
 
 impl SampleType {
-    /// Bytes per sample.
+    /// Returns the number of bytes per sample.
     #[must_use]
     pub fn size(self) -> usize {
         with_type!(self, T => size_of::<T>())
     }
 
-    /// The least and the largest number of an integer type of at most 16 bits: so few that a table has them all.
+    /// Returns the least and the largest number of an integer type of at most 16 bits: so few that a table has them
+    /// all.
     pub fn few(self) -> Option<[i32; 2]> {
         match self {
             Self::U8 => Some([0, i32::from(u8::MAX)]),
@@ -40,7 +41,7 @@ impl SampleType {
         }
     }
 
-    /// The number that as many bytes as [`Self::size`] stand for. Whole numbers over 2^53 are rounded.
+    /// Returns the number that [`Self::size`] bytes stand for. Whole numbers over 2^53 are rounded.
     pub(crate) fn number(self, bytes: &[u8], endian: Endian) -> f64 {
         let bits = endian.number(bytes);
         match self {
@@ -54,13 +55,13 @@ impl SampleType {
         }
     }
 
-    /// Whether numbers of this type can be NaN or infinite.
+    /// Returns whether numbers of this type can be NaN or infinite.
     #[must_use]
     pub fn is_float(self) -> bool {
         matches!(self, Self::F32 | Self::F64)
     }
 
-    /// The type with a common name, in any case; runs of blanks count as one.
+    /// Returns the type with a common name, in any case; runs of blanks count as one.
     ///
     /// Accepts names of C, NumPy and the NRRD format ("unsigned short int", "uint16_t", "ushort"). Plain "long" is
     /// not accepted: depending on the writer it has 32 or 64 bits.
@@ -105,10 +106,10 @@ impl FromStr for SampleType {
 /// The byte order of samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Endian {
-    /// Least significant byte first, as in nearly every file.
+    /// The least significant byte first, as in nearly every file.
     #[default]
     Little,
-    /// Most significant byte first.
+    /// The most significant byte first.
     Big,
 }
 
@@ -116,7 +117,7 @@ impl Endian {
     /// The byte order of this machine.
     pub const NATIVE: Self = if cfg!(target_endian = "big") { Self::Big } else { Self::Little };
 
-    /// The whole number, without sign, that up to 8 bytes stand for.
+    /// Returns the whole number, without sign, that up to 8 bytes stand for.
     pub(crate) fn number(self, bytes: &[u8]) -> u64 {
         let more = |number: u64, byte: &u8| number << 8 | u64::from(*byte);
         match self {
@@ -145,7 +146,7 @@ impl FromStr for Endian {
 ///
 /// Sealed: files hold these ten types, and the device classifies them.
 pub trait Sample: Number {
-    /// The type as a value.
+    /// The type of samples as a value.
     const TYPE: SampleType;
 }
 
@@ -153,19 +154,21 @@ mod number {
     use super::Samples;
 
     /// Conversion to f64: 64-bit integers beyond 2^53 are rounded, all other numbers are exact.
+    #[doc(hidden)]
     pub trait ToF64: Copy + Send + Sync {
-        /// The number in f64.
+        /// Returns the number in f64.
         fn to_f64(self) -> f64;
     }
 
     /// The operations on a sample type that the library needs; not part of the interface.
+    #[doc(hidden)]
     pub trait Number: bytemuck::Pod + ToF64 {
-        /// The same number from the other byte order.
+        /// Returns the number with its bytes in the reverse order.
         #[must_use]
         fn swap(self) -> Self;
         /// Parses a decimal number; `None` if the text is not a number of this type.
         fn parse(text: &str) -> Option<Self>;
-        /// The samples as [`Samples`].
+        /// Returns the samples as [`Samples`].
         fn collected(samples: Vec<Self>) -> Samples;
     }
 }

@@ -4,9 +4,9 @@ use super::Volume;
 use super::counts::{Counts, Occupied, scale_for};
 use crate::error::Result;
 
-/// The most bins of [`Statistics::histogram`]: as many as a page or a terminal can show.
+/// The largest number of bins of [`Statistics::histogram`]: as many as a page or a terminal can show.
 const SHOWN_BINS: usize = 256;
-/// Thresholds ignore values over this quantile: a few very bright voxels would stretch the classes.
+/// The quantile over which values do not count for thresholds: a few very bright voxels would stretch the classes.
 const NOT_OUTLIERS: f64 = 0.9995;
 
 /// The distribution of a volume's values, after rescaling. NaN and infinite samples are only counted.
@@ -16,15 +16,15 @@ pub struct Statistics {
     pub min: f64,
     /// The largest value.
     pub max: f64,
-    /// The mean.
+    /// The mean of the values.
     pub mean: f64,
-    /// The standard deviation of the population.
+    /// The standard deviation of the values, taken as the whole population.
     pub std_dev: f64,
     /// The number of finite samples.
     pub count: u64,
     /// The number of NaN and infinite samples.
     pub non_finite: u64,
-    /// Bin i counts the values nearest to `(first + i * step) / scale`.
+    /// The numbers of samples in bins: bin i counts the values nearest to `(first + i * step) / scale`.
     bins: Vec<u64>,
     first: f64,
     step: f64,
@@ -33,6 +33,7 @@ pub struct Statistics {
 
 /// The background: the darker class of values, taken to be the air or void around an object.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[doc(hidden)]
 pub struct BackgroundEstimate {
     /// The largest value that is still background.
     pub limit: f64,
@@ -88,7 +89,8 @@ impl Statistics {
         bin.min(self.bins.len().saturating_sub(1))
     }
 
-    /// Counts in equal bins over min..max: 256 bins, or one per value if there are fewer values.
+    /// Returns the numbers of samples in equal bins over min..max: 256 bins, or one per value if there are fewer
+    /// values.
     #[must_use]
     pub fn histogram(&self) -> Vec<u64> {
         let len = self.bins.len().min(SHOWN_BINS);
@@ -99,14 +101,15 @@ impl Statistics {
         shown
     }
 
-    /// The value below which a share `q` (0..1) of the samples lies. It is exact for 8 and 16 bit samples, and to
-    /// 1/65536 of the range for others.
+    /// Returns the value below which a share `q` (0..1) of the samples lies. It is exact for 8 and 16 bit samples, and
+    /// to 1/65536 of the range for others.
     #[must_use]
     pub fn quantile(&self, q: f64) -> f64 {
         self.quantile_above(f64::NEG_INFINITY, q)
     }
 
-    /// As [`Self::quantile`], but of the samples over `limit` only.
+    /// Returns the value below which a share `q` (0..1) of the samples over `limit` lies, as exact as
+    /// [`Self::quantile`].
     #[must_use]
     pub fn quantile_above(&self, limit: f64, q: f64) -> f64 {
         let start = self.first_above(limit);
@@ -122,13 +125,13 @@ impl Statistics {
         self.max
     }
 
-    /// The share of the samples over `limit`, 0..1.
+    /// Returns the share of the samples over `limit`, 0..1.
     #[must_use]
     pub fn fraction_above(&self, limit: f64) -> f64 {
         self.bins[self.first_above(limit)..].iter().sum::<u64>() as f64 / self.count.max(1) as f64
     }
 
-    /// The first bin with a value over `limit`.
+    /// Returns the first bin with a value over `limit`.
     fn first_above(&self, limit: f64) -> usize {
         if self.bins.is_empty() || limit < self.min {
             return 0;
@@ -137,8 +140,9 @@ impl Statistics {
         if self.value_of(bin) > limit { bin } else { (bin + 1).min(self.bins.len()) }
     }
 
-    /// The threshold that splits the values over `above` into two classes with the largest variance between them (Otsu
-    /// 1979, "A threshold selection method from gray-level histograms"). `f64::NEG_INFINITY` includes all values.
+    /// Returns the threshold that splits the values over `above` into two classes with the largest variance between
+    /// them (Otsu 1979, "A threshold selection method from gray-level histograms"). `f64::NEG_INFINITY` includes all
+    /// values.
     ///
     /// Outliers do not count, unless all other values are the same: a few bright voxels alone are a class.
     ///
@@ -151,7 +155,7 @@ impl Statistics {
         self.split(start, end).or_else(everything)
     }
 
-    /// The threshold between the two classes of the values of some bins.
+    /// Returns the threshold between the two classes of the values of some bins.
     fn split(&self, start: usize, end: usize) -> Option<f64> {
         let bins = self.bins.get(start..end)?;
         let total: f64 = bins.iter().map(|&n| n as f64).sum();
@@ -172,8 +176,8 @@ impl Statistics {
         (best > 0.0).then(|| self.value_of(start + (from + to) / 2))
     }
 
-    /// The background: all values below the foot of the highest peak in the darker of Otsu's two classes. The foot is
-    /// the bin farthest below the line from the peak to the threshold (Zack, Rogers and Latt 1977, the triangle
+    /// Returns the background: all values below the foot of the highest peak in the darker of Otsu's two classes. The
+    /// foot is the bin farthest below the line from the peak to the threshold (Zack, Rogers and Latt 1977, the triangle
     /// method).
     ///
     /// `None` if all values are the same. A bright background is not recognised.

@@ -30,7 +30,7 @@ impl From<Samples> for Stored {
 pub(crate) struct FileSamples {
     pub(crate) file: File,
     pub(crate) path: PathBuf,
-    /// Bytes before the first sample.
+    /// The number of bytes before the first sample.
     pub(crate) offset: u64,
     pub(crate) count: usize,
     pub(crate) sample_type: SampleType,
@@ -39,7 +39,7 @@ pub(crate) struct FileSamples {
     pub(crate) replacement: Option<f64>,
 }
 
-/// Bytes that one thread reads or checks at a time.
+/// The number of bytes that one thread reads or checks at a time.
 const PIECE: usize = 1 << 20;
 
 impl Stored {
@@ -57,7 +57,7 @@ impl Stored {
         }
     }
 
-    /// A copy of a range of the samples.
+    /// Copies a range of the samples.
     pub(crate) fn read(&self, range: Range<usize>) -> Result<Samples> {
         match self {
             Self::Memory(samples) => samples.slice(range),
@@ -65,7 +65,7 @@ impl Stored {
         }
     }
 
-    /// All samples, in memory.
+    /// Returns all samples, in memory.
     pub(crate) fn into_samples(self) -> Result<Samples> {
         match self {
             Self::Memory(samples) => Ok(Arc::unwrap_or_clone(samples)),
@@ -132,7 +132,7 @@ fn read_exact_at(file: &File, mut bytes: &mut [u8], mut offset: u64) -> std::io:
     Ok(())
 }
 
-/// A copy of samples.
+/// Copies samples.
 pub(super) fn copied<T: Copy>(samples: &[T]) -> Result<Vec<T>> {
     let mut copy = reserved(samples.len() as u64, || "the samples of a volume".to_owned())?;
     copy.extend_from_slice(samples);
@@ -140,7 +140,7 @@ pub(super) fn copied<T: Copy>(samples: &[T]) -> Result<Vec<T>> {
 }
 
 impl Samples {
-    /// The type of the samples.
+    /// Returns the type of the samples.
     #[must_use]
     pub fn sample_type(&self) -> SampleType {
         fn type_of<T: Sample>(_: &[T]) -> SampleType {
@@ -149,12 +149,12 @@ impl Samples {
         with_samples!(self, s => type_of(s))
     }
 
-    /// A copy of a range.
+    /// Copies a range of the samples.
     fn slice(&self, range: Range<usize>) -> Result<Self> {
         with_samples!(self, s => Ok(Number::collected(copied(&s[range])?)))
     }
 
-    /// A copy of some columns of rows of `row` samples, with memory for `most` samples.
+    /// Copies some columns of rows of `row` samples, with memory for `most` samples.
     pub(super) fn cropped(&self, row: usize, columns: &Range<usize>, most: u64) -> Result<Self> {
         with_samples!(self, s => {
             let mut copy = reserved(most, || "a part of a volume".to_owned())?;
@@ -178,7 +178,7 @@ impl Samples {
         extend!(U8 I8 U16 I16 U32 I32 U64 I64 F32 F64);
     }
 
-    /// The number of NaN and infinite samples, and the index of the first.
+    /// Returns the number of NaN and infinite samples, and the index of the first.
     pub(crate) fn non_finite(&self) -> (usize, Option<usize>) {
         fn count<T: Copy + Sync>(s: &[T], is_finite: impl Fn(T) -> bool + Sync) -> (usize, Option<usize>) {
             // A fold over whole pieces vectorises. Samples are counted one by one only if a piece fails.
@@ -204,7 +204,7 @@ impl Samples {
         }
     }
 
-    /// Sample `index` as stored, in f64; 64-bit integers beyond 2^53 are rounded.
+    /// Returns sample `index` as stored, in f64; 64-bit integers beyond 2^53 are rounded.
     ///
     /// # Panics
     /// If `index` is not under the number of samples.

@@ -1,6 +1,6 @@
 //! Rays from voxels to a light at a place: each has its own direction and end.
 //!
-//! The sections of the kernels that it meets are looked up in a table of footprints.
+//! The sections of the kernels that a ray meets are looked up in a table of footprints.
 
 use std::ops::RangeInclusive;
 
@@ -17,7 +17,7 @@ pub(super) struct Converging {
     place: DVec3,
     table: FootprintTable,
     radius: f64,
-    /// Voxels.
+    /// The shadow bias, voxels.
     bias: f64,
     to_world: DMat3,
     /// The factor of sections, per world unit that a voxel along the ray is long.
@@ -27,16 +27,17 @@ pub(super) struct Converging {
 /// The ray from a voxel to the place.
 struct Path {
     from: [i32; 3],
-    /// Its unit direction, and its length in voxels.
+    /// The unit direction of the ray; `distance` is its length in voxels.
     along: DVec3,
     distance: f64,
-    /// The axis of its largest component, the others, and the direction of planes along it.
+    /// The axis of the direction's largest component; `across` are the other axes, `ahead` is the sense of planes, 1 or
+    /// -1.
     main: usize,
     across: [usize; 2],
     ahead: i32,
-    /// Voxels of the ray from one plane to the next.
+    /// The length in voxels of the ray from one plane to the next.
     step: f64,
-    /// The half width of the ellipse in a plane in which the ray meets kernels, at most.
+    /// The largest half width of the ellipse in a plane in which the ray meets kernels.
     wide: f64,
     /// The planes of the kernels that the ray meets, counted from the voxel's plane.
     planes: RangeInclusive<i32>,

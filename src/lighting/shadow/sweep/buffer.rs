@@ -6,23 +6,23 @@ use super::{BAND, Rays, Swept};
 use crate::lighting::shadow::field::{Planes, hull};
 use crate::lighting::shadow::response::{catmull_rom, spline_weights};
 
-/// Zeros at either end of a line.
+/// The number of zeros at either end of a line.
 const ENDS: usize = 8;
 
-/// Sums of extinctions at the places of some rows of the buffer.
+/// The sums of extinctions at the places of some rows of the buffer.
 #[derive(Default)]
 pub(super) struct Buffer {
     /// The first place of the band.
     band: usize,
-    /// The first row that is held.
+    /// The number of the first row of `sums`.
     first: i64,
     sums: Vec<f32>,
-    /// For each row, the places that are not 0.
+    /// The places of each row that are not 0.
     filled: Vec<Range<usize>>,
     width: usize,
     /// A row of the plane that is added, or of the buffer that is read.
     line: Vec<f32>,
-    /// For each place of a row whose rays converge, the weights and the nearest column of a plane.
+    /// The weights and the nearest column of a plane for each place of a row whose rays converge.
     table: Vec<([f32; 3], i32)>,
 }
 
@@ -41,15 +41,15 @@ impl Buffer {
         self.line.resize(columns.max(self.width) + 2 * ENDS, 0.0);
     }
 
-    /// The rows that are read at a plane and at those after it: for a place its own row, the one before it and two
-    /// after it.
+    /// Returns the rows that are read at a plane and at the planes after it: for a place its own row, one row before it
+    /// and two after it.
     fn rows(&self, rays: &Rays, number: usize) -> Range<i64> {
         let [own, last] = [rays.drifts[number], rays.drifts[rays.drifts.len() - 1]];
         let start = (self.band as f64 + own.min(last)).floor() as i64 - 1;
         start..((self.band + BAND) as f64 + own.max(last)).ceil() as i64 + 2
     }
 
-    /// Adds a plane, given its number from the light and its number.
+    /// Adds plane number `plane`, which has `number` counted from the light.
     #[inline(always)]
     pub(super) fn add(&mut self, swept: &Swept<'_>, rays: &Rays, number: usize, plane: usize) {
         let Planes { rows, .. } = swept.planes;

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use super::{FAINT, Light, MARGIN, Map, Rays, Sweep, Swept, nearest};
 use crate::lighting::shadow::response::{Response, StencilRow};
 
-/// Rays to a place.
+/// The light of rays to a place.
 struct To<'a> {
     swept: &'a Swept<'a>,
     rays: &'a Converging<'a>,
@@ -18,9 +18,9 @@ struct To<'a> {
 
 /// The rays of a light at a place that run mainly along an axis.
 pub(in crate::lighting::shadow) struct Converging<'a> {
-    /// The place, in planes, rows and columns from the first voxel.
+    /// The place of the light, in planes, rows and columns from the first voxel.
     pub(in crate::lighting::shadow) place: DVec3,
-    /// The world vectors of a step to the next plane, row and column, in the unit that extinctions are per.
+    /// The world vectors of a step to the next plane, row and column, in the unit of extinctions.
     pub(in crate::lighting::shadow) to_world: DMat3,
     /// Whether rays that run as much along rows, or columns, as along planes are left to another axis.
     pub(in crate::lighting::shadow) strict: [bool; 2],
@@ -29,11 +29,11 @@ pub(in crate::lighting::shadow) struct Converging<'a> {
 
 /// The stencils of rays to a place, for slopes of rows 0 to 1 and of columns -1 to 1.
 pub(in crate::lighting::shadow) struct NearPlace {
-    /// Slopes from 0 to 1.
+    /// The number of steps of slopes from 0 to 1.
     pub(in crate::lighting::shadow) steps: usize,
     pub(in crate::lighting::shadow) stencils: Vec<Vec<StencilRow>>,
     bias: f64,
-    /// Voxels fewer planes than this from the place are summed without a sweep.
+    /// The number of planes from the place within which voxels are summed without a sweep.
     pub(in crate::lighting::shadow) direct: f64,
 }
 
@@ -49,7 +49,7 @@ impl NearPlace {
         Self { steps, stencils: stencils.collect(), bias, direct: response.reach(bias) as f64 }
     }
 
-    /// The stencil of the nearest slopes.
+    /// Returns the stencil of the nearest slopes.
     fn stencil(&self, [row, column]: [f64; 2]) -> &[StencilRow] {
         let number = |slope: f64, from: f64| ((slope - from) * self.steps as f64).round() as usize;
         &self.stencils[number(row.abs(), 0.0) * (2 * self.steps + 1) + number(column, -1.0)]
@@ -58,19 +58,19 @@ impl NearPlace {
 
 /// The rays to a place through the planes on one side of it.
 pub(in crate::lighting::shadow) struct Pyramid {
-    /// The planes nearest to the end of the light that they do not pass.
+    /// The number of planes, nearest to the end of the light, that the rays do not pass.
     pub(in crate::lighting::shadow) skipped: usize,
-    /// The distances of the others from the place in planes, the nearest first.
+    /// The distances of the remaining planes from the place in planes, the nearest first.
     pub(in crate::lighting::shadow) distances: Vec<f64>,
-    /// Rows and columns of rays.
+    /// The numbers of rows and columns of rays.
     pub(in crate::lighting::shadow) size: [usize; 2],
     /// The row and the column of the place, and the least slopes.
     ranges: [(f64, f64); 2],
 }
 
 impl Pyramid {
-    /// The rays to a place (planes, rows, columns) through a box of planes, rows and columns; `None`: they pass no
-    /// voxel.
+    /// Returns the rays to a place (planes, rows, columns) through a box of planes, rows and columns; `None`: they pass
+    /// no voxel.
     pub(in crate::lighting::shadow) fn new(
         place: DVec3,
         [count, rows, columns]: [usize; 3],
@@ -95,7 +95,7 @@ impl Pyramid {
         Some(Self { skipped, distances, size, ranges: ranges.map(|(at, least, _)| (at, least)) })
     }
 
-    /// The places of the rows and columns of a plane at a distance.
+    /// Returns the maps of the rows and columns of a plane at a distance.
     pub(in crate::lighting::shadow) fn maps(&self, distance: f64) -> [Map; 2] {
         let farthest = self.distances[self.distances.len() - 1];
         self.ranges.map(|(at, least)| {
@@ -107,7 +107,7 @@ impl Pyramid {
         })
     }
 
-    /// The weight of a plane at a distance.
+    /// Returns the weight of a plane at a distance.
     pub(in crate::lighting::shadow) fn weight(distance: f64) -> f32 {
         (distance + 0.5).clamp(0.0, 1.0) as f32
     }
@@ -132,7 +132,7 @@ impl Swept<'_> {
 }
 
 impl To<'_> {
-    /// From a voxel to the place: planes, rows and columns.
+    /// Returns the vector from a voxel to the place: planes, rows and columns.
     fn path(&self, [plane, row, column]: [usize; 3]) -> DVec3 {
         let path = self.rays.place - DVec3::new(plane as f64, row as f64, column as f64);
         if self.ahead { path } else { DVec3::new(-path.x, path.y, path.z) }
@@ -140,7 +140,7 @@ impl To<'_> {
 }
 
 impl Light for To<'_> {
-    /// Those from which the place lies mainly across planes.
+    /// Returns the columns from which the place lies mainly across planes.
     fn within(&self, columns: Range<usize>, [plane, row]: [usize; 2]) -> Range<usize> {
         let path = self.path([plane, row, 0]);
         let [strict_rows, strict_columns] = self.rays.strict;

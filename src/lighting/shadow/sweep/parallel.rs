@@ -10,45 +10,46 @@ use crate::lighting::shadow::field::LANES;
 use crate::lighting::shadow::lanes::Lanes;
 use crate::lighting::shadow::response::{Response, StencilRow};
 
-/// Bytes of the buffers of a band, which stay in a cache.
+/// The largest number of bytes of the buffers of a band, so that they stay in a cache.
 const BUFFERS: usize = 1280 << 10;
 
-/// A direction of light.
+/// A direction of parallel light.
 #[derive(Clone, Copy)]
 pub(in crate::lighting::shadow) struct Direction {
-    /// Planes, rows and columns; unit length.
+    /// The direction towards the light, in planes, rows and columns; unit length.
     pub(in crate::lighting::shadow) along: DVec3,
     /// The length of a voxel along the direction, per unit of extinction.
     pub(in crate::lighting::shadow) scale: f64,
-    /// What a voxel gets if all light arrives.
+    /// The light that an unshadowed voxel gets, of 65535.
     pub(in crate::lighting::shadow) share: u16,
 }
 
-/// Parallel rays of some directions.
+/// The light of parallel rays of several directions.
 struct Along<'a> {
     swept: &'a Swept<'a>,
     near: &'a Near,
-    /// For each direction the factor of sums of planes, that of all, and the light that an unshadowed voxel gets.
+    /// The factor of sums of planes, the factor of all, and the light that an unshadowed voxel gets, for each
+    /// direction.
     factors: Vec<[f32; 3]>,
 }
 
-/// The sums of the neighbours of voxels.
+/// The stencil of the nearest neighbours of voxels towards the light.
 pub(in crate::lighting::shadow) struct Near {
     /// Whether the light lies at the end of the last plane.
     pub(in crate::lighting::shadow) ahead: bool,
-    /// The nearest planes, which are not taken from sweeps.
+    /// The number of nearest planes that are not taken from sweeps.
     pub(in crate::lighting::shadow) planes: usize,
     pub(in crate::lighting::shadow) stencil: Vec<StencilRow>,
 }
 
-/// The length of a unit direction between two planes, and the rows and the columns that it passes.
+/// Returns the length of a unit direction between two planes, and the rows and the columns that it passes.
 fn slopes(along: DVec3) -> (f64, [f64; 2]) {
     let length = 1.0 / along.x.abs();
     (length, [along.y * length, along.z * length])
 }
 
 impl Response {
-    /// The neighbours of voxels towards a direction (planes, rows, columns; unit length).
+    /// Returns the stencil of neighbours towards a direction (planes, rows, columns; unit length).
     pub(in crate::lighting::shadow) fn near(&self, along: DVec3, bias: f64) -> Near {
         let (length, slopes) = slopes(along);
         let planes = Self::planes(bias, length);
@@ -58,15 +59,15 @@ impl Response {
 }
 
 impl Direction {
-    /// The factor of sums of planes, the factor of all, and the light that an unshadowed voxel gets.
+    /// Returns the factor of sums of planes, the factor of all, and the light that an unshadowed voxel gets.
     pub(in crate::lighting::shadow) fn factors(&self, response: &Response) -> [f32; 3] {
         let (length, _) = slopes(self.along);
         [(length * response.integral) as f32, self.scale as f32, f32::from(self.share)]
     }
 }
 
-/// The places of the first row and column of each plane among the rays of a direction, the plane nearest to the light
-/// first.
+/// Returns the places of the first row and column of each plane among the rays of a direction, the plane nearest to the
+/// light first.
 pub(in crate::lighting::shadow) fn parallel_planes(
     direction: &Direction,
     [planes, rows, columns]: [usize; 3],
@@ -106,8 +107,8 @@ impl Swept<'_> {
     }
 }
 
-/// The places of rows, or columns, that a direction shifts by a slope from plane to plane, for each plane, and the
-/// number of places.
+/// Returns the maps of rows, or columns, that a direction shifts by a slope from plane to plane, for each plane, and
+/// the number of places.
 fn sheared(slope: f64, count: usize, planes: usize) -> (Vec<Map>, usize) {
     let shift = MARGIN + (-slope * (planes - 1) as f64).max(0.0);
     let maps = (0..planes).map(|i| {

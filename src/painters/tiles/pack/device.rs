@@ -1,4 +1,4 @@
-//! The stages, of lists of splats and of samples. See shaders/pack.wgsl, shaders/pack_samples.wgsl and
+//! The stages that pack lists of splats, and samples. See shaders/pack.wgsl, shaders/pack_samples.wgsl and
 //! shaders/pack_scalars.wgsl.
 
 use std::ops::Range;
@@ -16,10 +16,10 @@ use crate::gpu::splat::{SplatLight, ToEye};
 use crate::gpu::stage::{Stage, for_each};
 use crate::gpu::store::Store;
 
-/// Splats that a workgroup packs: 32 for each invocation.
+/// The number of splats that a workgroup packs: 32 for each invocation.
 const RUN: u32 = 2048;
 
-/// The splats of stores as the stage of lists reads them.
+/// The splats of stores, in the form that the stage of lists reads.
 #[derive(Debug)]
 pub(super) struct Runs {
     /// Runs of at most [`RUN`] splats.
@@ -27,7 +27,7 @@ pub(super) struct Runs {
     parts: Vec<Part>,
 }
 
-/// The splats of a store.
+/// The runs of the splats of a store.
 #[derive(Debug)]
 struct Part {
     /// The number of the store.
@@ -56,7 +56,7 @@ impl Runs {
     }
 }
 
-/// The runs of splats of a store: neighbouring bricks are one run.
+/// Returns the runs of splats of a store: neighbouring bricks are one run.
 fn joined(store: &Store) -> Vec<Range<u32>> {
     let mut runs: Vec<Range<u32>> = Vec::new();
     for (_, run) in store.all_runs().filter(|(_, run)| !run.is_empty()) {
@@ -69,7 +69,7 @@ fn joined(store: &Store) -> Vec<Range<u32>> {
 }
 
 impl Packing {
-    /// The parameters of shaders, without splats.
+    /// Returns the parameters of shaders, without splats.
     fn parameters(&self, light: &SplatLight, scale: f32) -> Pack {
         let ToEye { eye, view: [view_x, view_y, view_z], .. } = light.to_eye;
         Pack {
@@ -92,7 +92,7 @@ impl Packing {
         }
     }
 
-    /// Fills the box of voxels and the marks of macrocells with samples. `clears`: the box holds other voxels.
+    /// Fills the box of voxels and the marks of macrocells with samples. `clears` if the box holds other voxels.
     pub(super) fn fill_from_samples(
         &self,
         recorder: &mut Recorder<'_>,

@@ -24,102 +24,104 @@ use crate::painters::painter::Job;
 use crate::painters::tiles::axis::unordered;
 use crate::splats::brick::PAGE;
 
-/// The packed data of a voxel.
+/// The data that a packed voxel holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub(super) enum Voxel {
     /// Colour and density of classified voxels. The colours are lit already, by this number of lights, with or without
     /// shadows.
     Color { lights: u32, shadows: bool },
-    /// The scalar.
+    /// The scalar of a voxel.
     #[default]
     Scalar,
-    /// The scalar and its gradient.
+    /// The scalar of a voxel, and its gradient.
     Gradient,
 }
 
 impl Voxel {
-    /// Bytes of a voxel.
+    /// Returns the bytes of a voxel.
     fn bytes(self) -> u64 {
         if self == Self::Scalar { 4 } else { 8 }
     }
 
-    /// Whether its colour depends on light.
+    /// Returns whether a voxel's colour depends on light.
     pub(super) fn is_lit(self) -> bool {
         matches!(self, Self::Color { lights: 1.., .. })
     }
 
-    /// The binding of the texture that rays read.
+    /// Returns the binding of the texture that rays read.
     pub(super) fn binding(self) -> Binding {
         Binding::IntegerTexture(wgpu::TextureViewDimension::D3)
     }
 
-    /// The format of that texture.
+    /// Returns the format of the texture that rays read.
     pub(super) fn format(self) -> wgpu::TextureFormat {
         if self == Self::Scalar { wgpu::TextureFormat::R32Uint } else { wgpu::TextureFormat::Rg32Uint }
     }
 }
 
-/// How voxels lie in the texture.
+/// The layout of voxels in the texture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(super) enum Layout {
     /// A texel for each voxel of the box in a texture of three dimensions. Rays along every axis read the same texture,
     /// and the stage stores in it voxel by voxel: on a GPU a copy of a gigabyte from a buffer to a texture takes 25 ms,
     /// its allocation 60 ms, and all rays of a frame 2 to 7 ms (measured; docs/measurements/2026-11-25-gpu.md).
     Box,
-    /// The pages of such a box that have splats: see [`pages`]. For large boxes that are nearly empty.
+    /// The pages with splats of a box: see [`pages`]. For large boxes that are nearly empty.
     Pages,
 }
 
-/// The most bytes of a packed volume. The box around visible voxels is packed whole; much of it may be empty.
+/// The largest number of bytes of a packed volume. The box around visible voxels is packed whole; much of it may be
+/// empty.
 const MAX_BYTES: u64 = 4 << 30;
-/// The most macrocells along an axis of which a workgroup keeps the marks: `marked` in shaders/skip.wgsl.
+/// The largest number of macrocells along an axis of which a workgroup keeps the marks: `marked` in shaders/skip.wgsl.
 const MARKED: u32 = 2048;
-/// The most bytes of a packed volume over those of the voxels that a picture needs: it serves other pictures too.
+/// The largest ratio of the bytes of a packed volume to the bytes of the voxels that a picture needs: it serves other
+/// pictures too.
 pub(super) const MOST_UNSEEN: u64 = 2;
-/// Macrocells before the first lattice point: more than splats reach.
+/// The number of macrocells before the first lattice point: more than splats reach.
 const BEFORE: u32 = 4;
 /// The largest density after scaling: a power of two with room below 65504, the largest f16.
 const F16_HEADROOM: f64 = 16_384.0;
 /// The largest factor that densities are scaled by, a power of two: products with it stay in the range of f32.
 const MAX_SCALE: f64 = (1_u128 << 100) as f64;
 
-/// Which splats mark which macrocells.
+/// The rule by which splats mark macrocells.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Marking {
-    /// Voxels along each axis within which a splat marks macrocells.
+    /// The number of voxels along each axis within which a splat marks macrocells.
     pub(super) reach: u32,
     /// The least and the largest scalar that mark nothing; none if the first is larger.
     pub(super) invisible: [f32; 2],
-    /// Voxels along each axis from the first voxel of a macrocell of the whole lattice to the first lattice point, less
-    /// than a macrocell.
+    /// The number of voxels along each axis from the first voxel of a macrocell of the whole lattice to the first
+    /// lattice point, less than a macrocell.
     pub(super) offset: [u32; 3],
 }
 
 impl Marking {
-    /// A splat marks its macrocell.
+    /// The rule that a splat marks its own macrocell only.
     pub(super) const OWN: Self = Self { reach: 0, invisible: [f32::MAX, f32::MIN], offset: [0; 3] };
 }
 
-/// Where the voxels of a volume are in the texture.
+/// The places of the voxels of a volume in the texture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Packing {
     pub(super) voxel: Voxel,
     pub(super) layout: Layout,
-    /// Numbers of the lattice axes a, b and m.
+    /// The numbers of the lattice axes a, b and m.
     pub(super) axes: [usize; 3],
-    /// First lattice point of the box along a, b and m.
+    /// The first lattice point of the box along a, b and m.
     pub(super) low: [u32; 3],
-    /// Lattice points of the box along a, b and m.
+    /// The number of lattice points of the box along a, b and m.
     pub(super) dims: [u32; 3],
-    /// Pages along each axis of the texture, x, y and z; none of other layouts.
+    /// The number of pages along each axis of the texture, x, y and z; 0 for other layouts.
     pub(super) atlas: [u32; 3],
     pub(super) marking: Marking,
 }
 
 impl Packing {
-    /// The packing of the hull of these boxes of splats, or if `whole`, of the lattice of this many points; `None` if
-    /// it does not fit into a texture, or its marks or its table of pages into a binding. `pages` is the number of
-    /// pages that have splats; `None`: the box is packed as a whole.
+    /// Returns the packing of the hull of these boxes of splats, or if `whole`, of the lattice of this many points;
+    /// `None` if it does not fit into a texture, or its marks or its table of pages into a binding. `pages` is the
+    /// number of pages that have splats; `None`: the box is packed as a whole.
     pub(super) fn new(
         context: &Context,
         boxes: impl Iterator<Item = [[u32; 3]; 2]>,
@@ -153,24 +155,25 @@ impl Packing {
         (fits && packing.voxel_bytes() <= MAX_BYTES).then_some(packing)
     }
 
-    /// The packing of the voxels as they are stored: along the axes of the lattice, for rays along every axis.
+    /// Returns the packing of the voxels in memory: along the axes of the lattice, for rays along every axis.
     pub(super) fn stored(self) -> Self {
         let [low, dims] = [self.low, self.dims].map(|values| unordered(self.axes, values));
         Self { axes: [0, 1, 2], low, dims, ..self }
     }
 
-    /// The steps along a, b and m in a box of voxels.
+    /// Returns the steps along a, b and m in a box of voxels.
     pub(super) fn steps(&self) -> [[i32; 3]; 3] {
         self.axes.map(|axis| [0, 1, 2].map(|along| i32::from(along == axis)))
     }
 
-    /// Whether the textures are the same, whichever scalars mark macrocells.
+    /// Returns whether the textures are alike, whichever scalars mark macrocells.
     fn is_in_box_of(&self, other: &Self) -> bool {
         let marking = Marking { invisible: other.marking.invisible, ..self.marking };
         Self { marking, ..*self } == *other
     }
 
-    /// The packing of these voxels in the box of another one, if that has room for them and is not much larger.
+    /// Returns the packing of these voxels in the box of another packing, if that has room for them and is not much
+    /// larger.
     pub(super) fn in_box_of(&self, other: &Self) -> Option<Self> {
         let [low, dims] = [other.low, other.dims].map(|values| self.axes.map(|axis| values[axis]));
         let is_box = self.layout == Layout::Box;
@@ -181,12 +184,12 @@ impl Packing {
         fits.then_some(moved)
     }
 
-    /// Whether there is no voxel in the box.
+    /// Returns whether the box has no voxel.
     pub(super) fn is_empty(&self) -> bool {
         self.dims.contains(&0)
     }
 
-    /// Bytes of the texture of voxels.
+    /// Returns the bytes of the texture of voxels.
     fn voxel_bytes(&self) -> u64 {
         match self.layout {
             Layout::Box => self.box_texels().map(u64::from).into_iter().product::<u64>() * self.voxel.bytes(),
@@ -197,18 +200,18 @@ impl Packing {
         }
     }
 
-    /// Texels of a box along a, b and m: a layer of zeros lies behind the voxels of each axis.
+    /// Returns the numbers of texels of a box along a, b and m: a layer of zeros lies behind the voxels of each axis.
     fn box_texels(&self) -> [u32; 3] {
         self.dims.map(|n| n + 1)
     }
 
-    /// Bytes of the textures of voxels and of macrocells.
+    /// Returns the bytes of the textures of voxels and of macrocells.
     pub(super) fn bytes(&self) -> u64 {
         self.voxel_bytes() + self.mark_bytes()
     }
 
-    /// The macrocells that splats may mark: the first along a, b and m, and their numbers. They are numbered from
-    /// [`BEFORE`] before the one with the first lattice point.
+    /// Returns the macrocells that splats may mark: the first along a, b and m, and their numbers. They are numbered
+    /// from [`BEFORE`] before the one with the first lattice point.
     fn marked(&self) -> [[u32; 3]; 2] {
         let Marking { reach, offset, .. } = self.marking;
         let place = |i: usize, place: u32| place + offset[self.axes[i]] + BEFORE * MACROCELL;
@@ -218,35 +221,36 @@ impl Packing {
         [low, [0, 1, 2].map(count)]
     }
 
-    /// Macrocells along a, b and m.
+    /// Returns the number of macrocells along a, b and m.
     pub(super) fn macrocells(&self) -> [u32; 3] {
         self.marked()[1]
     }
 
-    /// Macrocells in the buffer of marks from one along a, b and m to the next.
+    /// Returns the steps, in macrocells of the buffer of marks, along a, b and m.
     pub(super) fn mark_steps(&self) -> [u32; 3] {
         let [nx, ny, _] = unordered(self.axes, self.macrocells());
         self.axes.map(|axis| [1, nx, nx * ny][axis])
     }
 
-    /// The bit in the number of a cell of its place along a, b and m.
+    /// Returns the bits of the place along a, b and m in the number of a cell.
     pub(super) fn mark_bits(&self) -> [u32; 3] {
         self.axes.map(|axis| 1 << axis)
     }
 
-    /// Bytes of the buffer of marks.
+    /// Returns the bytes of the buffer of marks.
     fn mark_bytes(&self) -> u64 {
         self.macrocells().into_iter().map(u64::from).product::<u64>().next_multiple_of(4)
     }
 
-    /// Voxels along a, b and m from the first voxel of the first macrocell to the first of the box.
+    /// Returns the number of voxels along a, b and m from the first voxel of the first macrocell to the first voxel of
+    /// the box.
     pub(super) fn mark_shift(&self) -> [u32; 3] {
         let [low, _] = self.marked();
         let place = |i: usize| self.low[i] + self.marking.offset[self.axes[i]] + BEFORE * MACROCELL;
         [0, 1, 2].map(|i| place(i) - MACROCELL * low[i])
     }
 
-    /// The texture of the voxels and the buffer of marks.
+    /// Allocates the texture of the voxels and the buffer of marks.
     fn targets(&self, context: &Context) -> Result<(wgpu::Texture, wgpu::Buffer)> {
         let usage = wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::TEXTURE_BINDING;
         let size = match self.layout {
@@ -259,22 +263,22 @@ impl Packing {
     }
 }
 
-/// The boxes around the splats of bricks.
+/// Returns the boxes around the splats of bricks.
 pub(super) fn boxes(stores: &[Store]) -> impl Iterator<Item = [[u32; 3]; 2]> {
     stores.iter().flat_map(Store::runs).map(|(brick, _)| brick.bounds)
 }
 
-/// The splats of stores.
+/// The identity of the splats of stores.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Source {
-    /// [`Store::id`] of the first store.
+    /// The [`Store::id`] of the first store.
     id: u64,
-    /// [`Store::places`] of the first store.
+    /// The [`Store::places`] of the first store.
     places: u64,
 }
 
 impl Source {
-    /// `None` if there are no splats. Samples have scalars everywhere.
+    /// Returns the source of a picture; `None` if there are no splats. Samples have scalars everywhere.
     pub(super) fn of(job: &Job<'_>) -> Option<Self> {
         let listed = job.stores.first().map(|store| Self { id: store.id, places: store.places });
         listed.or_else(|| job.scalars.map(|&(_, id)| Self { id, places: id }))
@@ -283,12 +287,12 @@ impl Source {
 
 /// The samples that a picture packs in place of lists of splats.
 pub(super) enum Samples {
-    /// Classified on the way.
+    /// Samples of voxels, which are classified on the way.
     Voxels(Arc<Sampled>),
     Scalars(Arc<SampledScalars>),
 }
 
-/// How the stage that packs them reads samples.
+/// The form in which the stage that packs samples reads them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(super) enum SamplesKey {
     Voxels(SampledKey),
@@ -296,7 +300,7 @@ pub(super) enum SamplesKey {
 }
 
 impl Samples {
-    /// The samples of a picture whose voxels lie in a box; `None`: it packs lists.
+    /// Returns the samples of a picture; `None`: it packs lists of splats.
     pub(super) fn of(job: &Job<'_>, voxel: Voxel) -> Option<Self> {
         match voxel {
             Voxel::Color { .. } => Sampled::of(job.stores).map(Self::Voxels),
@@ -313,25 +317,25 @@ impl Samples {
 }
 
 impl Packed {
-    /// Bytes of the volumes that the axes of a picture read, which may be the same.
+    /// Returns the bytes of the volumes that the axes of a picture read, each counted once.
     pub(super) fn bytes_of(packed: &[Arc<Self>]) -> u64 {
         let is_first = |&(i, volume): &(usize, &Arc<Self>)| !packed[..i].iter().any(|other| Arc::ptr_eq(other, volume));
         packed.iter().enumerate().filter(is_first).map(|(_, volume)| volume.bytes).sum()
     }
 
-    /// Whether it is packed like this and holds splats at the places of these.
+    /// Returns whether the volume is packed like `packing` and holds splats at the places of `source`.
     pub(super) fn serves(&self, packing: Packing, source: Option<Source>) -> bool {
         packing.stored() == self.packing && self.has_places_of(source)
     }
 
-    /// Whether these splats can be packed over its own: of lists, and into pages, the stage writes the places of splats
-    /// only, otherwise the `whole` texture is written.
+    /// Returns whether the splats of `source` can be packed over the volume's own: from lists, and into pages, the
+    /// stage writes the places of splats only, otherwise the `whole` texture is written.
     pub(super) fn has_room_for(&self, packing: Packing, source: Option<Source>, whole: bool) -> bool {
         let is_written = whole && packing.layout != Layout::Pages;
         self.serves(packing, source) || is_written && packing.stored().is_in_box_of(&self.packing)
     }
 
-    /// Whether its splats are at the places of these.
+    /// Returns whether the volume's splats are at the places of `source`.
     fn has_places_of(&self, source: Option<Source>) -> bool {
         self.source.map(|source| source.places) == source.map(|source| source.places)
     }
@@ -341,32 +345,32 @@ impl Packed {
 #[derive(Debug)]
 pub(crate) struct Packed {
     pub(super) packing: Packing,
-    /// The splats.
+    /// The splats of which the volume is packed.
     pub(super) source: Option<Source>,
     pub(super) volume: wgpu::TextureView,
     /// The marks of macrocells: see shaders/common/packing.wgsl.
     pub(super) marks: wgpu::Buffer,
-    /// The places of pages in the texture; empty of a box.
+    /// The places of pages in the texture; empty for a box.
     pub(super) pages: wgpu::Buffer,
     /// The factor that densities, or scalars with gradients, were multiplied by: a power of two.
     pub(super) scale: f64,
-    /// Bytes on the device.
+    /// The bytes of the volume on the device.
     pub(super) bytes: u64,
     /// The light on the voxels; `None`: their colours do not depend on light.
     pub(super) light: Option<SplatLight>,
-    /// The splats as the stage of lists reads them; `None` of samples.
+    /// The splats in the form that the stage of lists reads; `None` for samples.
     runs: Option<Runs>,
 }
 
 /// The stages that pack on the device.
 pub(super) struct Packer {
     voxels: Stage,
-    /// Makes the table of pages; `None`: other layouts have none.
+    /// The stage that makes the table of pages; `None`: other layouts have none.
     pages: Option<Stage>,
 }
 
 impl Packer {
-    /// Stages that pack lists of splats, or samples in their place.
+    /// Makes the stages that pack lists of splats, or samples in their place.
     pub(super) fn new(
         context: &Context,
         constants: &[Constant],
@@ -381,7 +385,7 @@ impl Packer {
     }
 }
 
-/// The stage that packs lists.
+/// Makes the stage that packs lists of splats.
 fn stage(context: &Context, constants: &[Constant], voxel: Voxel) -> Stage {
     let shader = if voxel == Voxel::Scalar { shaders::PACK_SCALARS } else { shaders::PACK_VECTORS };
     let voxels = Binding::StorageTexture(voxel.format(), wgpu::TextureViewDimension::D3);
@@ -389,7 +393,7 @@ fn stage(context: &Context, constants: &[Constant], voxel: Voxel) -> Stage {
     Stage::new(context, shader, ("pack", "voxels"), &slots, constants)
 }
 
-/// The stage that packs samples.
+/// Makes the stage that packs samples.
 fn stage_of_samples(context: &Context, constants: &[Constant], voxel: Voxel, key: SamplesKey) -> Stage {
     let texels = Binding::StorageTexture(voxel.format(), wgpu::TextureViewDimension::D3);
     let (shader, entry, slots, own) = match key {

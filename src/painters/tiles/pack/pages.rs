@@ -17,20 +17,20 @@ use crate::volume::BRICK_EDGE as EDGE;
 
 /// The least factor by which pages take less memory than their box.
 const SAVES: u64 = 4;
-/// Pages along an edge of a brick.
+/// The number of pages along an edge of a brick.
 const PER_BRICK: u32 = EDGE as u32 / PAGE;
 
-/// The number of pages of a brick with splats.
+/// Returns the number of a brick's pages with splats.
 fn count(brick: &BrickSplats) -> u64 {
     brick.pages.iter().map(|word| u64::from(word.count_ones())).sum()
 }
 
-/// The number of pages with splats; `None`: some splats are those of a coarser level.
+/// Returns the number of pages with splats; `None`: some splats are of a coarser level.
 pub(in crate::painters::tiles) fn occupied(stores: &[Store]) -> Option<u64> {
     stores.iter().flat_map(|store| &store.bricks).map(|brick| (brick.level == 0).then(|| count(brick))).sum()
 }
 
-/// Pages along each axis of a texture that holds so many, and one more without splats.
+/// Returns the numbers of pages along each axis of a texture of `occupied` pages, and one more without splats.
 pub(super) fn atlas(occupied: u64) -> [u32; 3] {
     let pages = occupied + 1;
     let across = (pages as f64).cbrt().ceil().max(1.0) as u64;
@@ -38,30 +38,31 @@ pub(super) fn atlas(occupied: u64) -> [u32; 3] {
     [across, down, pages.div_ceil(across * down)].map(|n| u32::try_from(n).unwrap_or(u32::MAX))
 }
 
-/// Whether pages of so many bytes are worth their look-ups in place of a box.
+/// Returns whether `pages` bytes of pages are worth their look-ups in place of `whole_box` bytes.
 pub(super) fn are_worth_it(context: &Context, pages: u64, whole_box: u64) -> bool {
     whole_box >= context.savings.paged_bytes && SAVES.saturating_mul(pages) <= whole_box
 }
 
 impl Packing {
-    /// Pages along x, y and z of the table. The last one of each axis is empty: it stands for places behind the box.
+    /// Returns the numbers of pages along x, y and z of the table. The last one of each axis is empty: it stands for
+    /// places behind the box.
     pub(super) fn table_dims(&self) -> [u32; 3] {
         unordered(self.axes, self.dims.map(|n| n / PAGE + 1))
     }
 
-    /// The steps along x, y and z in the table.
+    /// Returns the steps along x, y and z in the table.
     pub(in crate::painters::tiles) fn table_steps(&self) -> [u32; 3] {
         let [nx, ny, _] = self.table_dims();
         [1, nx, nx * ny]
     }
 
-    /// Bytes of the table; of other layouts 0.
+    /// Returns the bytes of the table of pages; 0 for other layouts.
     pub(super) fn table_bytes(&self) -> u64 {
         let words: u64 = self.table_dims().map(u64::from).into_iter().product();
         if self.layout == Layout::Pages { 4 * words } else { 0 }
     }
 
-    /// The places in the texture of the pages of the box as it is stored.
+    /// Makes the table of the places in the texture of the pages of the box.
     pub(super) fn page_table(
         &self,
         recorder: &mut Recorder<'_>,
@@ -92,7 +93,7 @@ impl Packing {
     }
 }
 
-/// The stage that makes tables of pages.
+/// Returns the stage that makes tables of pages.
 pub(super) fn stage(context: &Context) -> Stage {
     Stage::new(context, shaders::PAGE_TABLE, ("pack", "places_of_pages"), &[Uniform, Read, Write], &[])
 }

@@ -1,4 +1,4 @@
-//! The rays of a picture: where they meet the voxel planes. See shaders/common/rays.wgsl.
+//! The rays of a picture: the places at which they meet the voxel planes. See shaders/common/rays.wgsl.
 
 mod parallel;
 mod perspective;
@@ -23,8 +23,8 @@ use crate::settings::response::Response;
 /// the largest stays in the range of f32.
 const MAX_DENSITY_SCALE: f64 = 1e30;
 
-/// Pieces per voxel in which slabs of scalars are classified. Slabs are thin: on the demos of 32^3 voxels, three err as
-/// eight do, to 1 % (rms; vessels 7 %).
+/// The number of pieces per voxel in which slabs of scalars are classified. Slabs are thin: on the demos of 32^3
+/// voxels, three err as eight do, to 1 % (rms; vessels 7 %).
 const PIECES: f64 = 3.0;
 
 /// The brightness of an X-ray that shows depth: optical depth over alpha is never more.
@@ -35,33 +35,33 @@ pub(super) struct RaySetup<'a> {
     pub(super) job: &'a Job<'a>,
     pub(super) axis: &'a PrincipalAxis,
     pub(super) packing: Packing,
-    /// The kernel; along parallel rays as it has grown.
+    /// The reconstruction kernel, along parallel rays with its growth.
     pub(super) kernel: Kernel,
     pub(super) footprint: &'a Footprint,
 }
 
-/// Optical depth of the densest voxel over the longest edge of a voxel: the same in every view, so that nothing that
-/// depends on it changes while a volume turns.
+/// Returns the optical depth of the densest voxel over the longest edge of a voxel: the same in every view, so that
+/// nothing that depends on it changes while a volume turns.
 pub(super) fn max_depth(job: &Job<'_>) -> f64 {
     let [x, y, z] = job.view.grid.spacing();
     job.weights.max * x.max(y).max(z) / job.weights.unit
 }
 
 impl RaySetup<'_> {
-    /// A world point as (a, b, plane).
+    /// Converts a world point to (a, b, plane).
     fn placed(&self, world: DVec3) -> DVec3 {
         self.numbered(self.job.view.grid.to_lattice().transform_point3(world))
     }
 
-    /// The same of a place in the lattice. Voxels are numbered from one in the middle of the whole lattice, whatever
-    /// part of it is packed: so the rays of a brick are those of the whole picture, to the bit. Planes are numbered
-    /// front to back.
+    /// Converts a place in the lattice to (a, b, plane). Voxels are numbered from one in the middle of the whole
+    /// lattice, whatever part of it is packed: so the rays of a brick are the rays of the whole picture, to the bit.
+    /// Planes are numbered front to back.
     fn numbered(&self, place: DVec3) -> DVec3 {
         let middle = self.job.view.grid.dims().map(|count| f64::from(count / 2));
         self.axis.ordered(place - DVec3::from_array(middle))
     }
 
-    /// The first voxel of the packed box along a and b, and its first plane.
+    /// Returns the first voxel of the packed box along a and b, and its first plane.
     fn first(&self) -> DVec3 {
         let Self { job, axis, packing, .. } = self;
         let [a, b, m] = packing.low;
@@ -70,7 +70,8 @@ impl RaySetup<'_> {
         self.numbered(job.view.first() + low - f64::from(job.padding))
     }
 
-    /// Planes from the first plane of the foremost macrocells to the first plane of the packed box.
+    /// Returns the number of planes from the first plane of the foremost macrocells to the first plane of the packed
+    /// box.
     fn lead(&self) -> i32 {
         let Self { axis, packing, .. } = self;
         let before = packing.mark_shift()[2];
@@ -78,7 +79,7 @@ impl RaySetup<'_> {
         (if axis.flipped { behind } else { before }) as i32
     }
 
-    /// The least and the largest (a, b, plane) that a brick owns.
+    /// Returns the least and the largest (a, b, plane) that a brick owns.
     fn owned(&self) -> [DVec3; 2] {
         let open = DVec3::splat(Held::OPEN);
         let Some(held) = self.job.view.held else { return [-open, open] };
@@ -86,7 +87,7 @@ impl RaySetup<'_> {
         [a.min(b), a.max(b)]
     }
 
-    /// From (a, b, plane) to the lattice.
+    /// Returns the map from (a, b, plane) to the lattice.
     fn map_to_lattice(&self) -> DAffine3 {
         let place = |p: DVec3| self.placed(self.job.view.grid.to_world().transform_point3(p));
         let zero = place(DVec3::ZERO);
@@ -94,7 +95,7 @@ impl RaySetup<'_> {
         DAffine3::from_mat3_translation(DMat3::from_cols(x, y, z), zero).inverse()
     }
 
-    /// The planes that cut rays, as linear functions of (a, b, plane).
+    /// Returns the planes that cut rays, as linear functions of (a, b, plane).
     fn clip_planes(&self) -> layout::ClipPlanes {
         let to_lattice = self.map_to_lattice();
         let origin = to_lattice.translation - half(&self.job.view.grid);
@@ -104,7 +105,7 @@ impl RaySetup<'_> {
         layout::clip_planes(self.job.view.clip.iter().map(plane))
     }
 
-    /// The depth of a place (a, b, plane): `view_depth` in shaders/common/rays.wgsl.
+    /// Returns the depth as a linear function of (a, b, plane): `view_depth` in shaders/common/rays.wgsl.
     fn view_depth(&self) -> [f32; 4] {
         let (view, to_lattice) = (self.job.view, self.map_to_lattice());
         let [scale, offset] = view.depth_of_z();
@@ -113,7 +114,7 @@ impl RaySetup<'_> {
         (across.extend(view.gradients[2].dot(from_middle)) * scale + DVec4::W * offset).as_vec4().to_array()
     }
 
-    /// The box of visible matter, as its least and largest (a, b, plane).
+    /// Returns the box of visible matter, as its least and largest (a, b, plane).
     fn bounds(&self) -> [DVec3; 2] {
         let view = self.job.view;
         let ends = [-view.faces, view.faces].map(|end| half(&view.grid) + end);
@@ -121,7 +122,8 @@ impl RaySetup<'_> {
         [a.min(b), a.max(b)]
     }
 
-    /// The share of a place (a, b, plane) in the depth of the box: `model` in shaders/common/rays.wgsl.
+    /// Returns the share in the depth of the box as a linear function of (a, b, plane): `model` in
+    /// shaders/common/rays.wgsl.
     fn depth(&self) -> [f32; 4] {
         let (view, grid) = (self.job.view, &self.job.view.grid);
         let gradient = grid.to_world().matrix3.transpose() * view.camera.forward;
@@ -130,14 +132,14 @@ impl RaySetup<'_> {
         across.extend(0.5 - across.dot(middle)).as_vec4().to_array()
     }
 
-    /// Plane coordinates (see shaders/common/frame.wgsl) of a point of the image, given in pixels from its top left
-    /// corner.
+    /// Returns the plane coordinates (see shaders/common/frame.wgsl) of a point of the image, given in pixels from its
+    /// top left corner.
     fn plane(&self, p: DVec2) -> DVec2 {
         let [width, height] = self.job.view.camera.size.map(f64::from);
         DVec2::new(p.x - width / 2.0, height / 2.0 - p.y) * self.pixel()
     }
 
-    /// The size of a pixel in plane coordinates.
+    /// Returns the size of a pixel in plane coordinates.
     fn pixel(&self) -> f64 {
         let camera = &self.job.view.camera;
         let half_height = match camera.projection {
@@ -147,7 +149,7 @@ impl RaySetup<'_> {
         2.0 * half_height / f64::from(camera.size[1])
     }
 
-    /// The uniforms that do not depend on the projection; 0 where they do.
+    /// Returns the uniforms that do not depend on the projection; all others are 0.
     fn uniforms(&self, region: Region) -> layout::Rays {
         let Self { job, axis, packing, kernel, footprint, .. } = self;
         let Job { view, settings, weights, post, .. } = **job;
@@ -226,8 +228,8 @@ impl RaySetup<'_> {
         }
     }
 
-    /// The rays of the pixels of a region; those around the pixels of its `part` are marched. The bytes of these pixels
-    /// do not depend on the others.
+    /// Returns the rays of the pixels of a region; the rays around the pixels of its `part` are marched. The bytes of
+    /// these pixels do not depend on the others.
     pub(super) fn rays(&self, region: Region, part: Region) -> layout::Rays {
         let tile = |end: [u32; 2]| [end[0] - region.x, end[1] - region.y];
         let uniforms = layout::Rays {

@@ -5,7 +5,7 @@ use glam::DVec2;
 use super::{FIRST_PIXEL, RaySetup, f2, f3};
 use crate::gpu::layout;
 
-/// The rays of pixels, numbered from the first pixel of the picture.
+/// Returns the rays of pixels, numbered from the first pixel of the picture.
 pub(super) fn rays(setup: &RaySetup<'_>, common: layout::Rays) -> layout::Rays {
     let [origin, step_x, step_y] = pixels_at(setup, FIRST_PIXEL);
     let radius = setup.kernel.radius();
@@ -26,7 +26,7 @@ pub(super) fn rays(setup: &RaySetup<'_>, common: layout::Rays) -> layout::Rays {
     }
 }
 
-/// Where the ray of a pixel meets plane 0, and the steps to its neighbours' in x and y.
+/// Returns the point at which the ray of a pixel meets plane 0, and the steps to its neighbours' points in x and y.
 fn pixels_at(setup: &RaySetup<'_>, pixel: DVec2) -> [DVec2; 3] {
     let shear = setup.axis.shear();
     let base = |p: DVec2| {
@@ -38,7 +38,8 @@ fn pixels_at(setup: &RaySetup<'_>, pixel: DVec2) -> [DVec2; 3] {
     [first, base(pixel + DVec2::X) - first, base(pixel + DVec2::Y) - first]
 }
 
-/// The distance along a and b, from where a ray meets a plane, within which the kernels that reach it are centred.
+/// Returns the distance along a and b, from where a ray meets a plane, within which the kernels that reach it are
+/// centred.
 fn footprint_half(radius: f64, shear: DVec2) -> DVec2 {
     radius * (DVec2::ONE + shear * shear).map(f64::sqrt)
 }

@@ -5,7 +5,8 @@ use glam::{DVec2, DVec3};
 use super::{FIRST_PIXEL, RaySetup, f2, f3};
 use crate::gpu::layout;
 
-/// The rays of pixels, numbered from the first pixel of the picture. The eye is at a distance from the camera's target.
+/// Returns the rays of pixels, numbered from the first pixel of the picture. The eye is at a distance from the camera's
+/// target.
 pub(super) fn rays(setup: &RaySetup<'_>, distance: f64, common: layout::Rays) -> layout::Rays {
     let (view, axis) = (setup.job.view, setup.axis);
     let (camera, grid) = (&view.camera, &view.grid);

@@ -23,8 +23,8 @@ const MAX_VALUE: u64 = 4096;
 /// The longest value of [`LONG`], in bytes.
 const MAX_LONG: u64 = 1 << 20;
 
-/// The values that may be longer than others: the tables of palettes, whole and in segments, and the offsets and the
-/// slices of frames.
+/// The tags whose values may be longer than others: the tables of palettes, whole and in segments, and the offsets and
+/// the slices of frames.
 const LONG: [u32; 8] = [
     0x0028_1201,
     0x0028_1202,
@@ -39,19 +39,19 @@ const LONG: [u32; 8] = [
 /// The elements of the private groups of Siemens that may hold a CSA header: (0029,xx10), of about 12 kB.
 const CSA_GROUP: u32 = 0x0029;
 
-/// The most that a compressed file is read for, in bytes: pixels have under 4 GiB.
+/// The largest number of bytes that are read from a compressed file: pixels have under 4 GiB.
 const MAX_UNPACKED: u64 = 5 << 30;
 
 /// The deepest sequence within sequences: real ones have under 10.
 const MAX_DEPTH: usize = 32;
 
-/// The most fragments of a file.
+/// The largest number of fragments of a file.
 const MAX_FRAGMENTS: usize = 1 << 20;
 
-/// The most frames of a file: a segmentation has one for each segment in each slice.
+/// The largest number of frames of a file: a segmentation has one for each segment in each slice.
 pub(super) const MAX_FRAMES: usize = 1 << 20;
 
-/// The most segments of a file: their numbers have 16 bits.
+/// The largest number of segments of a file: their numbers have 16 bits.
 const MAX_SEGMENTS: usize = 1 << 16;
 
 /// The transfer syntax whose elements are deflated.
@@ -60,9 +60,9 @@ const DEFLATED: &str = "1.2.840.10008.1.2.1.99";
 /// The length of an element that ends at a mark.
 const UNDEFINED: u32 = u32::MAX;
 
-/// The sequences that are read, in files without types too: those of all frames and of each frame, and inside them
-/// positions, orientations, spacings, maps to values, indices of time, delays of triggers, echoes, diffusion, types of
-/// frames and segments. Sequences of makers may have values of the same names that mean something else.
+/// The sequences that are read, in files without types too: the sequences of all frames and of each frame, and inside
+/// them positions, orientations, spacings, maps to values, indices of time, delays of triggers, echoes, diffusion,
+/// types of frames and segments. Sequences of makers may have values of the same names with another meaning.
 const SEQUENCES: [u32; 15] = [
     SHARED,
     PER_FRAME,
@@ -81,25 +81,25 @@ const SEQUENCES: [u32; 15] = [
     0x0062_000a,
 ];
 
-/// Sequences whose items describe the whole file, if they are at its top: the detectors of nuclear medicine, the
+/// The sequences whose items describe the whole file, if they are at its top: the detectors of nuclear medicine, the
 /// regions of ultrasound and maps to real-world values. Their first items count.
 const OF_FILE: [u32; 3] = [DETECTORS, REGIONS, REAL_WORLD];
 const DETECTORS: u32 = 0x0054_0022;
 const REGIONS: u32 = 0x0018_6011;
 const REAL_WORLD: u32 = 0x0040_9096;
 
-/// The sequences of all frames, of each frame, and of the segments of a segmentation.
+/// The tags of the sequences of all frames, of each frame, and of the segments of a segmentation.
 const SHARED: u32 = 0x5200_9229;
 const PER_FRAME: u32 = 0x5200_9230;
 const SEGMENTS: u32 = 0x0062_0002;
 
-/// The longest value of a tag that is kept, in bytes.
+/// Returns the longest value of a tag that is kept, in bytes.
 fn longest(tag: u32) -> u64 {
     let is_csa = tag >> 16 == CSA_GROUP && tag & 0xff == 0x10;
     if LONG.contains(&tag) || is_csa { MAX_LONG } else { MAX_VALUE }
 }
 
-/// Values by tag: group and element in one number.
+/// The values of elements by tag: group and element in one number.
 pub(super) type Values = HashMap<u32, Vec<u8>>;
 
 /// The elements of a file, without its pixels.
@@ -117,11 +117,12 @@ pub(super) struct Dataset {
     pub(super) segments: Vec<Values>,
     /// Whether the pixels are floating point.
     pub(super) is_float: bool,
-    /// Whether the pixels stand in words of 16 bits, whatever their size.
+    /// Whether the pixels are stored in words of 16 bits, whatever their size.
     pub(super) in_words: bool,
-    /// The offset of the pixels in what [`Self::open`] returns, and their length unless they are in fragments.
+    /// The offset of the pixels in the bytes that [`Self::open`] returns, and their length unless they are in
+    /// fragments.
     pub(super) pixels: Option<(u64, Option<u64>)>,
-    /// The offsets and the lengths of fragments there.
+    /// The offsets and the lengths of fragments in the bytes that [`Self::open`] returns.
     pub(super) fragments: Vec<[u64; 2]>,
     /// The first item before the fragments: the offsets of frames, or nothing.
     pub(super) frame_table: Vec<u8>,
@@ -129,7 +130,7 @@ pub(super) struct Dataset {
     unpacked: Option<Vec<u8>>,
 }
 
-/// Bytes to read at any place.
+/// A source of bytes that are read at any place.
 pub(super) trait Bytes: Read + Seek {}
 
 impl<T: Read + Seek> Bytes for T {}
@@ -145,12 +146,12 @@ impl Dataset {
         Ok(reader.set)
     }
 
-    /// An error about this file.
+    /// Makes an error about this file.
     pub(super) fn error(&self, reason: impl Into<String>) -> Error {
         self.path.error(reason)
     }
 
-    /// The name of this file, without its folder.
+    /// Returns the name of this file, without its folder.
     pub(super) fn name(&self) -> String {
         self.path.file_name().unwrap_or_default().to_string_lossy().into_owned()
     }
@@ -163,30 +164,30 @@ impl Dataset {
         })
     }
 
-    /// Whether a frame has this value, or all frames share it: not the whole file alone.
+    /// Returns whether a frame has a value of this tag, or all frames share one: not the whole file alone.
     pub(super) fn is_of_frames(&self, frame: usize, tag: u32) -> bool {
         self.shared.contains_key(&tag) || self.frames.get(frame).is_some_and(|values| values.contains_key(&tag))
     }
 
-    /// The bytes of a value of a maker: of `element` in the block of `group` that the maker's name reserves.
+    /// Returns the bytes of a value of a maker: of `element` in the block of `group` that the maker's name reserves.
     pub(super) fn private(&self, group: u32, maker: &str, element: u32) -> Option<&[u8]> {
         let is_maker = |block: &u32| self.value(group << 16 | block).is_some_and(|name| trimmed(name) == maker);
         let block = (0x10..=0xff).find(is_maker)?;
         self.value(group << 16 | block << 8 | element)
     }
 
-    /// The text of a value, of a frame if it has one of its own.
+    /// Returns the text of a value, of the frame if it has a value of its own.
     pub(super) fn frame_text(&self, frame: usize, tag: u32) -> Option<String> {
         self.bytes(frame, tag).map(trimmed)
     }
 
-    /// The bytes of a value, of a frame if it has one of its own.
+    /// Returns the bytes of a value, of the frame if it has a value of its own.
     fn bytes(&self, frame: usize, tag: u32) -> Option<&[u8]> {
         let of_frame = self.frames.get(frame).and_then(|values| values.get(&tag));
         of_frame.or_else(|| self.shared.get(&tag)).or_else(|| self.values.get(&tag)).map(Vec::as_slice)
     }
 
-    /// The bytes of a value of the whole file.
+    /// Returns the bytes of a value of the whole file.
     pub(super) fn value(&self, tag: u32) -> Option<&[u8]> {
         self.values.get(&tag).map(Vec::as_slice)
     }
@@ -195,62 +196,63 @@ impl Dataset {
         trimmed(self.value(tag).unwrap_or_default())
     }
 
-    /// A binary number of 16 bits.
+    /// Returns a binary number of 16 bits.
     pub(super) fn u16(&self, tag: u32) -> Option<u16> {
         self.words(tag)?.next()
     }
 
-    /// Binary numbers of 16 bits.
+    /// Returns the binary numbers of 16 bits of a value.
     pub(super) fn words(&self, tag: u32) -> Option<impl Iterator<Item = u16>> {
         Some(self.words_of(self.value(tag)?))
     }
 
-    /// Binary numbers of 16 bits in the bytes of a value.
+    /// Returns the binary numbers of 16 bits in the bytes of a value.
     pub(super) fn words_of(&self, bytes: &[u8]) -> impl Iterator<Item = u16> {
         bytes.chunks_exact(2).map(|bytes| self.endian.number(bytes) as u16)
     }
 
-    /// A binary number of 16 bits, of a frame if it has one of its own.
+    /// Returns a binary number of 16 bits, of the frame if it has a value of its own.
     pub(super) fn frame_u16(&self, frame: usize, tag: u32) -> Option<u16> {
         self.words_of(self.bytes(frame, tag)?).next()
     }
 
-    /// A binary whole number of 32 bits, of a frame if it has one of its own.
+    /// Returns a binary whole number of 32 bits, of the frame if it has a value of its own.
     pub(super) fn u32(&self, frame: usize, tag: u32) -> Option<u32> {
         self.bytes(frame, tag)?.get(..4).map(|bytes| self.endian.number(bytes) as u32)
     }
 
-    /// A binary number of 64-bit floating point, of a frame if it has one of its own; `None` if it is not finite.
+    /// Returns a binary number of 64-bit floating point, of the frame if it has a value of its own; `None` if it is not
+    /// finite.
     pub(super) fn f64(&self, frame: usize, tag: u32) -> Option<f64> {
         let bytes = self.bytes(frame, tag)?.get(..8)?;
         Some(f64::from_bits(self.endian.number(bytes))).filter(|number| number.is_finite())
     }
 
-    /// Decimal numbers separated by backslashes; `None` if there are not `N`, or one is not finite.
+    /// Returns `N` decimal numbers separated by backslashes; `None` if there are not `N`, or one is not finite.
     pub(super) fn numbers<const N: usize>(&self, frame: usize, tag: u32) -> Option<[f64; N]> {
         decimals(self.bytes(frame, tag)?)?.try_into().ok()
     }
 
-    /// As [`Self::numbers`], of the whole file and of any number.
+    /// Returns any number of decimal numbers, of the whole file, read as by [`Self::numbers`].
     pub(super) fn list(&self, tag: u32) -> Option<Vec<f64>> {
         decimals(self.value(tag)?)
     }
 }
 
-/// A text without the padding that makes its length even; in Latin-1 if it is not in UTF-8.
+/// Returns a text without the padding that makes its length even; in Latin-1 if it is not in UTF-8.
 pub(super) fn trimmed(bytes: &[u8]) -> String {
     let latin = || bytes.iter().copied().map(char::from).collect();
     let text = str::from_utf8(bytes).map_or_else(|_| latin(), str::to_owned);
     text.trim_matches(['\0', ' ']).to_owned()
 }
 
-/// Decimal numbers separated by backslashes; `None` if one is not finite.
+/// Reads decimal numbers separated by backslashes; `None` if one is not finite.
 pub(super) fn decimals(bytes: &[u8]) -> Option<Vec<f64>> {
     let number = |word: &[u8]| trimmed(word).parse::<f64>().ok().filter(|n| n.is_finite());
     bytes.split(|byte| *byte == b'\\').map(number).collect()
 }
 
-/// The part of a file that an element belongs to.
+/// The part of a file to which an element belongs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Place {
     Top,
@@ -271,20 +273,20 @@ const ITEM: u32 = 0xfffe_e000;
 const ITEM_END: u32 = 0xfffe_e00d;
 const SEQUENCE_END: u32 = 0xfffe_e0dd;
 
-/// The pixels: whole numbers, and floating point of 32 and 64 bits.
+/// The tags of the pixels: whole numbers, and floating point of 32 and 64 bits.
 const PIXELS: u32 = 0x7fe0_0010;
 const FLOATS: u32 = 0x7fe0_0008;
 const DOUBLES: u32 = 0x7fe0_0009;
 
-/// Reads elements one after the other. Places are counted in bytes from the end of the file, or of a compressed one
-/// from the farthest that it can have.
+/// A reader of elements one after the other. Places are counted in bytes from the end of the file, or of a compressed
+/// one from the farthest that it can have.
 struct Reader {
     input: Input,
-    /// The length of the file.
+    /// The length of the file in bytes.
     length: u64,
     /// Whether elements have types.
     explicit: bool,
-    /// Whether an element has shown that.
+    /// Whether an element has shown whether elements have types.
     is_sure: bool,
     /// The group of the next element, if it has been read.
     group: Option<[u8; 2]>,
@@ -332,7 +334,7 @@ impl Reader {
         self.elements(0, Place::Top, 0)
     }
 
-    /// The bytes that the pixels of all frames need, uncompressed.
+    /// Returns the bytes that the pixels of all frames need, uncompressed.
     fn needed(&self) -> u64 {
         let number = |tag: u32| u64::from(self.set.u16(tag).unwrap_or(1));
         let frames = self.set.numbers(0, super::FRAMES).map_or(1, |[frames]| frames as u64);
@@ -340,7 +342,7 @@ impl Reader {
         bits.into_iter().fold(frames, u64::saturating_mul).div_ceil(8)
     }
 
-    /// Keeps the pixels of a compressed file: no more than the file says that they need.
+    /// Keeps the pixels of a compressed file: no more than the file states that they need.
     fn unpack(&mut self, length: u64) -> Result<u64> {
         let most = length.min(self.needed());
         let mut bytes = reserved(most, || samples_in(&self.set.path))?;
@@ -469,7 +471,7 @@ impl Reader {
         Ok(())
     }
 
-    /// The length of the item or the fragment that begins here; `None` at the end of the sequence.
+    /// Returns the length of the item or the fragment that begins here; `None` at the end of the sequence.
     fn next_item(&mut self, what: &str) -> Result<Option<u32>> {
         let (group, element, length) = (self.u16()?, self.u16()?, self.u32()?);
         match u32::from(group) << 16 | u32::from(element) {
@@ -479,7 +481,7 @@ impl Reader {
         }
     }
 
-    /// The type and the length of an element whose tag has been read.
+    /// Returns the type and the length of an element whose tag has been read.
     fn rest_of_header(&mut self, group: u16) -> Result<([u8; 2], u32)> {
         if group == 0xfffe {
             return Ok(([0; 2], self.u32()?));
@@ -501,22 +503,22 @@ impl Reader {
         Ok((kind, if long.contains(&&kind) { self.u32()? } else { self.set.endian.number(&four[2..]) as u32 }))
     }
 
-    /// The bytes to the end of the file.
+    /// Returns the bytes to the end of the file.
     fn left(&self) -> u64 {
         self.input.at_most().unwrap_or(0)
     }
 
-    /// The offset in the file.
+    /// Returns the offset in the file.
     fn place(&self) -> u64 {
         self.length.saturating_sub(self.left())
     }
 
-    /// The end of an element or item of this length that begins here.
+    /// Returns the end of an element or item of this length that begins here.
     fn end_of(&self, length: u32) -> u64 {
         if length == UNDEFINED { 0 } else { self.left().saturating_sub(length.into()) }
     }
 
-    /// Whether there are no more bytes.
+    /// Returns whether no bytes are left.
     fn is_at_end(&mut self) -> Result<bool> {
         Ok(self.group.is_none() && self.input.is_at_end()?)
     }

@@ -38,7 +38,7 @@ const SYNTAXES: [(&str, &str, Option<Codec>); 12] = [
 /// The remedy for compressed pixels that are not read.
 pub(super) const DECOMPRESS: &str = "decompress it first, by gdcmconv --raw or by decompress of pydicom";
 
-/// The name of a transfer syntax of compressed pixels, and the codec that reads it.
+/// Returns the name of a transfer syntax of compressed pixels, and the codec that reads it.
 pub(super) fn syntax_of(uid: &str) -> Option<(&'static str, Option<Codec>)> {
     SYNTAXES.iter().find(|(known, ..)| *known == uid).map(|(_, name, codec)| (*name, *codec))
 }
@@ -50,14 +50,14 @@ pub(super) struct Frames {
     firsts: Vec<usize>,
 }
 
-/// The size of a frame.
+/// The size of a compressed frame.
 #[derive(Clone, Copy)]
 pub(super) struct Size {
     pub(super) columns: usize,
     pub(super) rows: usize,
-    /// The samples of a pixel.
+    /// The number of samples of a pixel.
     pub(super) samples: usize,
-    /// Bytes of a sample.
+    /// The number of bytes of a sample.
     pub(super) bytes: usize,
     /// Whether three samples are red, green and blue as they are stored, not luma and chroma.
     pub(super) is_rgb: bool,
@@ -129,8 +129,8 @@ impl Frames {
     }
 }
 
-/// Run lengths as in PackBits, of the highest bytes of the first sample of all pixels, then of the next ones, then of
-/// the next sample (PS3.5, G).
+/// Decompresses run lengths as in PackBits, of the highest bytes of the first sample of all pixels, then of the next
+/// ones, then of the next sample (PS3.5, G).
 fn unpack_rle(packed: &[u8], size: Size, pixels: &mut Vec<u64>) -> io::Result<()> {
     let word = |n: usize| {
         let bytes = packed.get(4 * n..4 * n + 4).ok_or_else(|| Damage.error("its header is cut short"))?;

@@ -68,10 +68,10 @@ const FRAME_OFFSETS: u32 = 0x3004_000c;
 /// The SOP class of a directory file, DICOMDIR.
 const DIRECTORY: &str = "1.2.840.10008.1.3.10";
 
-/// One section of a volume.
+/// A slice of a volume.
 #[derive(Clone)]
 struct Slice {
-    /// Among the files.
+    /// The index of the slice's file.
     file: usize,
     frame: usize,
     /// The tile of the frame, if it is a mosaic.
@@ -79,7 +79,7 @@ struct Slice {
     position: DVec3,
     slope: f64,
     intercept: f64,
-    /// The next slice that is there and its weight, if this slice is missing; the slice before has the rest.
+    /// The next slice that exists and its weight, if this slice is missing; the slice before has the rest.
     behind: Option<(Box<Self>, f64)>,
 }
 

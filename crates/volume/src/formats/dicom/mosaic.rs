@@ -11,11 +11,11 @@ use crate::volume::Endian;
 const NUMBERS: (u32, &str, u32) = (0x0019, "SIEMENS MR HEADER", 0x0a);
 const CSA: (u32, &str, u32) = (0x0029, "SIEMENS CSA HEADER", 0x10);
 
-/// The bytes of the description of an element of a CSA header, and of an item.
+/// The number of bytes of the description of an element of a CSA header, and of an item.
 const CSA_ELEMENT: usize = 84;
 const CSA_ITEM: usize = 16;
 
-/// The tiles of a picture.
+/// The tiles of a picture that is a mosaic.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Mosaic {
     /// The number of tiles that are slices.
@@ -27,7 +27,7 @@ pub(super) struct Mosaic {
 }
 
 impl Mosaic {
-    /// The mosaic that a picture of this many columns and rows is; `None` if it is none.
+    /// Returns the mosaic of a picture of this many columns and rows; `None` if it is no mosaic.
     pub(super) fn of(set: &Dataset, [columns, rows]: [u16; 2], normal: DVec3) -> Result<Option<Self>> {
         let (group, maker, element) = NUMBERS;
         let stated = set.private(group, maker, element).and_then(|bytes| set.words_of(bytes).next());
@@ -51,14 +51,14 @@ impl Mosaic {
         Ok(Some(Self { tiles, across, is_reversed }))
     }
 
-    /// The place of the first tile from the position of the picture. Siemens states the corner that a picture of the
-    /// size of the mosaic would have around the middle of a slice.
+    /// Returns the place of the first tile from the position of the picture. Siemens states the corner that a picture
+    /// of the size of the mosaic would have around the middle of a slice.
     pub(super) fn first_tile([columns, rows]: [u16; 2], across: u16, steps: [DVec3; 2]) -> DVec3 {
         let beyond = |size: u16| f64::from(size - size / across) / 2.0;
         steps[0] * beyond(columns) + steps[1] * beyond(rows)
     }
 
-    /// The samples of a tile of a picture with this many columns.
+    /// Returns the samples of a tile of a picture with this many columns.
     pub(super) fn cut(self, picture: &[i64], columns: usize, tile: usize) -> Vec<i64> {
         let across = usize::from(self.across);
         let (width, height) = (columns / across, picture.len() / columns / across);
@@ -68,12 +68,12 @@ impl Mosaic {
     }
 }
 
-/// Whether a file says that it is a mosaic.
+/// Returns whether a file states that it is a mosaic.
 pub(super) fn is_named(set: &Dataset) -> bool {
     set.text(IMAGE_TYPE).split('\\').any(|word| word.trim() == "MOSAIC")
 }
 
-/// The values of an element of a CSA header, which is binary and little-endian
+/// Returns the values of an element of a CSA header, which is binary and little-endian
 /// (<https://nipy.org/nibabel/dicom/siemens_csa.html>); `None` if it is not there or the header is damaged.
 fn csa_values(bytes: &[u8], name: &str) -> Option<Vec<String>> {
     let word = |at: usize| Some(Endian::Little.number(bytes.get(at..at.checked_add(4)?)?) as usize);

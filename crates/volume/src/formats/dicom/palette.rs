@@ -4,14 +4,14 @@ use super::dataset::Dataset;
 use crate::error::{Result, refuse, refuse_if};
 use crate::volume::Endian;
 
-/// The descriptor, the table and the segmented table of red. Green and blue follow by one and two.
+/// The tags of the descriptor, the table and the segmented table of red. Green and blue follow by one and two.
 const DESCRIPTOR: u32 = 0x0028_1101;
 const TABLE: u32 = 0x0028_1201;
 const SEGMENTS: u32 = 0x0028_1221;
 
 /// The colours of a channel by pixel.
 pub(super) struct Table {
-    /// The pixel that the first entry is for.
+    /// The pixel of the first entry.
     first: i64,
     entries: Vec<u16>,
 }
@@ -47,7 +47,7 @@ impl Table {
         self.entries.iter_mut().for_each(|entry| *entry >>= bits);
     }
 
-    /// The colour of a pixel. Pixels outside of the table have its first or its last entry.
+    /// Returns the colour of a pixel. Pixels outside of the table have its first or its last entry.
     pub(super) fn at(&self, pixel: i64) -> i64 {
         let last = self.entries.len().saturating_sub(1) as i64;
         let entry = pixel.saturating_sub(self.first).clamp(0, last);
@@ -55,7 +55,7 @@ impl Table {
     }
 }
 
-/// Bytes of an entry, 1 or 2.
+/// Returns the bytes of an entry, 1 or 2.
 pub(super) fn bytes_of_entries(set: &Dataset) -> Result<u32> {
     let Some((count, _)) = described(set, 0) else { refuse!(set, "is in a palette of colours without a descriptor") };
     let stated = set.words(DESCRIPTOR).and_then(|mut words| words.nth(2)).unwrap_or(0);
@@ -71,14 +71,14 @@ pub(super) fn bytes_of_entries(set: &Dataset) -> Result<u32> {
     }
 }
 
-/// The number of entries of a channel, and the pixel that the first is for.
+/// Returns the number of entries of a channel, and the pixel of the first.
 fn described(set: &Dataset, channel: u32) -> Option<(usize, u16)> {
     let mut words = set.words(DESCRIPTOR + channel)?;
     let (count, first) = (words.next()?, words.next()?);
     Some((if count == 0 { 1 << 16 } else { count.into() }, first))
 }
 
-/// The entries of a table, or its segments. Entries of 8 bits are pairs in words.
+/// Returns the entries of a table, or its segments. Entries of 8 bits are pairs in words.
 fn words(set: &Dataset, tag: u32, table: &[u8], bytes: u32) -> Vec<u16> {
     match (bytes, set.endian) {
         (1, Endian::Little) => table.iter().map(|byte| u16::from(*byte)).collect(),
@@ -87,7 +87,7 @@ fn words(set: &Dataset, tag: u32, table: &[u8], bytes: u32) -> Vec<u16> {
     }
 }
 
-/// Appends up to `count` entries that segments stand for: listed ones, ramps, and repetitions of segments before.
+/// Appends up to `count` entries that segments represent: listed ones, ramps, and repetitions of segments before.
 fn expand(packed: &[u16], bytes: u32, count: usize, entries: &mut Vec<u16>) -> Result<(), &'static str> {
     const SHORT: &str = "segments are cut short";
     /// Appends a segment that is no repetition, and returns the place behind it.

@@ -12,7 +12,7 @@ use crate::error::{Error, Result, Subject, refuse, refuse_if};
 use crate::memory::{reserved, samples_in};
 use crate::volume::Endian;
 
-/// The compressed frames of each file; `None` if its frames are uncompressed.
+/// Returns the compressed frames of each file; `None` if its frames are uncompressed.
 pub(super) fn pixels_in(
     source: &Path,
     sets: &[Dataset],
@@ -26,7 +26,8 @@ pub(super) fn pixels_in(
     sets.iter().zip(is_used).map(frames).collect()
 }
 
-/// The compressed frames of a file, also those at other points in time; `None` if they are uncompressed, and all there.
+/// Returns the compressed frames of a file, also of other points in time; `None` if they are uncompressed, and all
+/// there.
 pub(super) fn frames_in(set: &Dataset, frame_bits: u64) -> Result<Option<Frames>> {
     let frames = set.numbers(0, FRAMES).map_or(1, |[frames]| frames as usize);
     match (syntax_of(&set.syntax), set.pixels) {
@@ -47,12 +48,13 @@ pub(super) fn frames_in(set: &Dataset, frame_bits: u64) -> Result<Option<Frames>
     }
 }
 
-/// The bits before the first of a frame in its first byte: single bits follow one another over the ends of frames.
+/// Returns the number of bits before the first bit of a frame in its first byte: single bits follow one another over
+/// the ends of frames.
 pub(super) fn bits_before(frame: usize, plane: &Plane) -> usize {
     (frame as u64 * plane.frame_bits() % 8) as usize
 }
 
-/// The bytes of an uncompressed frame.
+/// Returns the bytes of an uncompressed frame.
 pub(super) fn bytes_of(set: &Dataset, frame: usize, plane: &Plane) -> Result<Vec<u8>> {
     let first = frame as u64 * plane.frame_bits();
     let (start, end) = (first / 8, (first + plane.frame_bits()).div_ceil(8));
@@ -78,7 +80,7 @@ pub(super) fn bytes_of(set: &Dataset, frame: usize, plane: &Plane) -> Result<Vec
     Ok(bytes)
 }
 
-/// The samples of a channel of a frame as stored: bits beside them are masked, and the sign is extended.
+/// Returns the samples of a channel of a frame as stored: bits beside them are masked, and the sign is extended.
 /// [`Pixels::number`](super::plane::Pixels::number) makes numbers of them.
 pub(super) fn pixels_of(
     set: &Dataset,

@@ -15,13 +15,13 @@ const BITS_STORED: u32 = 0x0028_0101;
 const HIGH_BIT: u32 = 0x0028_0102;
 const SIGNED: u32 = 0x0028_0103;
 
-/// Elements that state distances of pixels if there is no `PixelSpacing`, with notes; the most reliable first.
+/// The elements that state distances of pixels if there is no `PixelSpacing`, with notes; the most reliable first.
 const OTHER_SPACINGS: [(u32, &str); 3] = [
     (0x0018_1164, "the file states no PixelSpacing: using its ImagerPixelSpacing, as measured at the detector"),
     (0x3002_0011, "the file states no PixelSpacing: using its ImagePlanePixelSpacing"),
     (0x0018_2010, "the file states no PixelSpacing: using its NominalScannedPixelSpacing"),
 ];
-/// The note about pixels whose distances nothing states.
+/// The note about pixels whose distances no element states.
 const NO_SPACING: &str = "the file states no pixel spacing: pixels are taken to be 1 apart unless a spacing is given";
 
 /// The distances of pixels in the first region of an ultrasound image, along x and y, and their units: 3 is cm (PS3.3,
@@ -29,7 +29,7 @@ const NO_SPACING: &str = "the file states no pixel spacing: pixels are taken to 
 const REGION_DELTAS: [u32; 2] = [0x0018_602c, 0x0018_602e];
 const REGION_UNITS: [u32; 2] = [0x0018_6024, 0x0018_6026];
 
-/// The properties that all slices share.
+/// The properties that all slices of a volume share.
 pub(super) struct Plane {
     pub(super) columns: u16,
     pub(super) rows: u16,
@@ -37,13 +37,13 @@ pub(super) struct Plane {
     pub(super) colors: Colors,
     /// Whether each colour has a plane of its own in a frame.
     pub(super) planar: bool,
-    /// Bytes of a sample in the volume.
+    /// The number of bytes of a sample in the volume.
     pub(super) bytes: u32,
-    /// Directions of rows and columns.
+    /// The directions of rows and columns.
     pub(super) directions: [DVec3; 2],
-    /// Distances between columns and between rows.
+    /// The distances between columns and between rows.
     pub(super) spacing: [f64; 2],
-    /// A note if `PixelSpacing` does not state the spacing.
+    /// The note on the spacing, if `PixelSpacing` does not state it.
     pub(super) spacing_note: Option<&'static str>,
     /// The tiles of a frame that are slices of their own.
     pub(super) mosaic: Option<Mosaic>,
@@ -52,7 +52,7 @@ pub(super) struct Plane {
 /// The bits of a pixel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Pixels {
-    /// Bits of a sample: 1, 8, 16 or 32, and 64 of floating point.
+    /// The number of bits of a sample: 1, 8, 16 or 32, and 64 of floating point.
     pub(super) allocated: u32,
     pub(super) stored: u32,
     pub(super) high: u32,
@@ -68,14 +68,14 @@ pub(super) enum Colors {
     Rgb,
     /// Luma and the differences of blue and red, of 8 bits (PS3.3, C.7.6.3.1.2).
     Ybr,
-    /// Two of luma, and the differences that both pixels have, of 8 bits.
+    /// Luma of two pixels, and the differences that both share, of 8 bits.
     Ybr422,
     /// An index into tables of red, green and blue.
     Palette,
 }
 
 impl Colors {
-    /// The samples of a pixel in the file.
+    /// Returns the number of samples of a pixel in the file.
     pub(super) fn stored(self) -> usize {
         match self {
             Self::Grey | Self::Palette => 1,
@@ -84,14 +84,14 @@ impl Colors {
         }
     }
 
-    /// The samples of a pixel in the volume.
+    /// Returns the number of samples of a pixel in the volume.
     pub(super) fn channels(self) -> u32 {
         if self == Self::Grey { 1 } else { 3 }
     }
 }
 
 impl Pixels {
-    /// The number that a sample as stored stands for: floating point is stored as its bits.
+    /// Returns the number of a sample as stored: floating point is stored as its bits.
     pub(super) fn number(self, sample: i64) -> f64 {
         match (self.is_float, self.allocated) {
             (false, _) => sample as f64,
@@ -155,25 +155,25 @@ impl Plane {
         Ok(Self { columns, rows, pixels, colors, planar, bytes, directions, spacing, spacing_note, mosaic })
     }
 
-    /// The normal of the plane.
+    /// Returns the normal of the plane.
     pub(super) fn normal(&self) -> DVec3 {
         self.directions[0].cross(self.directions[1])
     }
 
-    /// The columns and the rows of a slice: a frame, or a tile of it.
+    /// Returns the columns and the rows of a slice: a frame, or a tile of it.
     pub(super) fn size(&self) -> [u16; 2] {
         let across = self.mosaic.map_or(1, |mosaic| mosaic.across);
         [self.columns / across, self.rows / across]
     }
 
-    /// The bits of an uncompressed frame.
+    /// Returns the number of bits of an uncompressed frame.
     pub(super) fn frame_bits(&self) -> u64 {
         let samples = u64::from(self.columns) * u64::from(self.rows) * self.colors.stored() as u64;
         samples * u64::from(self.pixels.allocated)
     }
 }
 
-/// The distances of rows and of columns of a frame, with a note if `PixelSpacing` does not state them.
+/// Returns the distances of rows and of columns of a frame, with a note if `PixelSpacing` does not state them.
 fn spacing_of(set: &Dataset, frame: usize) -> ([f64; 2], Option<&'static str>) {
     if let Some(spacing) = set.numbers(frame, PIXEL_SPACING) {
         return (spacing, None);

@@ -20,7 +20,7 @@ use crate::formats::{LoadOptions, selection};
 use crate::memory::{reserved, samples_in, zeroed};
 use crate::volume::{MAX_DIM, Origin, Samples, Segment, Volume};
 
-/// Segmentation Storage and Label Map Segmentation Storage.
+/// The classes Segmentation Storage and Label Map Segmentation Storage.
 const CLASSES: [&str; 2] = ["1.2.840.10008.5.1.4.1.1.66.4", "1.2.840.10008.5.1.4.1.1.66.7"];
 
 const KIND: u32 = 0x0062_0001;
@@ -30,29 +30,29 @@ const NUMBER_OF_FRAME: u32 = 0x0062_000b;
 const DISPLAY_COLOR: u32 = 0x0062_000d;
 const LARGEST_FRACTION: u32 = 0x0062_000e;
 
-/// The most voxels of a lattice whose frames lie far apart. A file must fill a larger one to a 64th.
+/// The largest number of voxels of a lattice whose frames lie far apart. A file must fill a larger one to a 64th.
 const MAX_SPARSE: u64 = 1 << 30;
 
 /// The meaning of the samples of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Kind {
-    /// Voxels of at least this value belong to the segment of the frame.
+    /// Masks: voxels of at least this value belong to the segment of the frame.
     Mask { least: i64 },
-    /// Labels.
+    /// Samples that are labels.
     Labels,
 }
 
-/// A frame and its place.
+/// A frame of a segmentation and its place.
 struct Marks {
     frame: usize,
-    /// The number of its segment; 0 if its samples are labels.
+    /// The number of the frame's segment; 0 if its samples are labels.
     segment: u16,
     position: DVec3,
     /// The slice of the lattice.
     slice: u64,
 }
 
-/// Whether a file is a segmentation.
+/// Returns whether a file is a segmentation.
 pub(super) fn is_one(set: &Dataset) -> bool {
     CLASSES.contains(&set.text(SOP_CLASS).as_str())
 }
@@ -100,14 +100,14 @@ pub(super) fn read(source: &Path, sets: &[Dataset], copies: Option<String>, opti
     Ok(placement.volume(grid, samples.into())?.with_contents(contents))
 }
 
-/// The number of slices, their distance and the number of points in time, which is one.
+/// Returns the number of slices, their distance and the number of points in time, which is one.
 pub(super) fn lattice_of(set: &Dataset, plane: &Plane) -> Result<(u64, f64, u32)> {
     let mut frames = frames_of(set, plane, kind_of(set)?)?;
     let step = stacked(set, &mut frames, plane.normal())?;
     Ok((frames.last().map_or(0, |frame| frame.slice + 1), step.length(), 1))
 }
 
-/// The meaning of the samples.
+/// Returns the meaning of the samples of all frames.
 fn kind_of(set: &Dataset) -> Result<Kind> {
     Ok(match set.text(KIND).as_str() {
         "BINARY" => Kind::Mask { least: 1 },
@@ -120,7 +120,7 @@ fn kind_of(set: &Dataset) -> Result<Kind> {
     })
 }
 
-/// The frames of a file, in the order of their places along the normal.
+/// Returns the frames of a file, in the order of their places along the normal.
 fn frames_of(set: &Dataset, plane: &Plane, kind: Kind) -> Result<Vec<Marks>> {
     let [count] = set.numbers(0, FRAMES).unwrap_or([1.0]);
     refuse_if!(!(1.0..=MAX_FRAMES as f64).contains(&count), set, "has {count} frames");
@@ -151,7 +151,7 @@ fn frames_of(set: &Dataset, plane: &Plane, kind: Kind) -> Result<Vec<Marks>> {
     Ok(frames)
 }
 
-/// Numbers the slices of sorted frames, and returns the way from one slice to the next.
+/// Numbers the slices of sorted frames, and returns the vector from one slice to the next.
 fn stacked(set: &Dataset, frames: &mut [Marks], normal: DVec3) -> Result<DVec3> {
     let (Some(first), Some(last)) = (frames.first(), frames.last()) else { refuse!(set, "has no frames") };
     let (first, way) = (first.position, last.position - first.position);
@@ -180,10 +180,10 @@ fn stacked(set: &Dataset, frames: &mut [Marks], normal: DVec3) -> Result<DVec3> 
     Ok(way)
 }
 
-/// Labels that do not overlap.
+/// A layer of labels that do not overlap.
 struct Layer {
     labels: Vec<u16>,
-    /// The numbers of the segments in it.
+    /// The numbers of the segments in the layer.
     segments: Vec<u16>,
 }
 
@@ -241,7 +241,7 @@ fn layered(set: &Dataset, plane: &Plane, kind: Kind, mut frames: Vec<Marks>, vox
     Ok(layers)
 }
 
-/// Runs of marked voxels.
+/// Runs of marked voxels, and the run under way.
 struct Runs {
     all: Vec<Range<usize>>,
     /// The first voxel of the run that has not ended.
@@ -249,7 +249,7 @@ struct Runs {
 }
 
 impl Runs {
-    /// Adds the next voxel; voxels that are left out are like the one before.
+    /// Adds the next voxel; skipped voxels are like the one before.
     fn add(&mut self, voxel: usize, is_marked: bool) {
         match (self.open, is_marked) {
             (None, true) => self.open = Some(voxel),
@@ -275,7 +275,7 @@ impl Runs {
     }
 }
 
-/// The names and the colours of the segments.
+/// Returns the names and the colours of the segments.
 fn described(set: &Dataset, layers: &[Layer]) -> Result<Vec<Segment>> {
     let mut tables = Vec::new();
     if set.text(PHOTOMETRIC) == "PALETTE COLOR" {
@@ -302,8 +302,8 @@ fn described(set: &Dataset, layers: &[Layer]) -> Result<Vec<Segment>> {
     Ok(set.segments.iter().filter_map(segment).collect())
 }
 
-/// The sRGB colour of a `CIELab` colour in words (PS3.3, C.10.7.1.1). Its white is the white of sRGB, as DCMTK and
-/// highdicom write it.
+/// Returns the sRGB colour of a `CIELab` colour in words (PS3.3, C.10.7.1.1). Its white is the white of sRGB, as DCMTK
+/// and highdicom write it.
 fn srgb(lab: [u16; 3]) -> [u8; 3] {
     let [lightness, a, b] = lab.map(|word| f64::from(word) / 65_535.0);
     let (lightness, a, b) = (100.0 * lightness, 255.0 * a - 128.0, 255.0 * b - 128.0);

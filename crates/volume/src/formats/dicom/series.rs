@@ -16,7 +16,7 @@ use crate::formats::Series;
 use crate::formats::placement::plain_name;
 use crate::names::counted;
 
-/// The files of each series, in the order of their numbers.
+/// Groups files by series, in the order of their numbers.
 fn by_series(sets: Vec<Dataset>) -> Vec<Vec<Dataset>> {
     let mut all: Vec<(i64, String, Vec<Dataset>)> = Vec::new();
     for set in sets {
@@ -30,7 +30,7 @@ fn by_series(sets: Vec<Dataset>) -> Vec<Vec<Dataset>> {
     all.into_iter().map(|(.., sets)| sets).collect()
 }
 
-/// The files of a series without localizers, if there are others.
+/// Returns the files of a series without localizers, if there are others.
 fn without_localizers(mut sets: Vec<Dataset>) -> Vec<Dataset> {
     let localizer = |set: &Dataset| set.text(IMAGE_TYPE).split('\\').any(|word| word.trim() == "LOCALIZER");
     if !sets.iter().all(localizer) {
@@ -39,7 +39,7 @@ fn without_localizers(mut sets: Vec<Dataset>) -> Vec<Dataset> {
     sets
 }
 
-/// The files of a series without copies of others, and a note if there are copies.
+/// Returns the files of a series without copies of others, and a note if there are copies.
 ///
 /// A copy has the identifier, the number and the position of its original: identifiers alone are equal in files that a
 /// tool has made anonymous.
@@ -66,10 +66,10 @@ pub(super) fn without_copies(sets: Vec<Dataset>) -> (Vec<Dataset>, Option<String
     (kept, note)
 }
 
-/// The most series that an error lists.
+/// The largest number of series that an error lists.
 const MOST_LISTED: usize = 4;
 
-/// The files of one series.
+/// Returns the files of one series: the requested one, or the only one.
 pub(super) fn chosen(source: &Path, sets: Vec<Dataset>, series: Option<u32>) -> Result<Vec<Dataset>> {
     let mut all = by_series(sets);
     let listed = || {
@@ -125,7 +125,7 @@ pub(in crate::formats) fn series(source: &Path, files: &[PathBuf]) -> Result<Vec
     Ok(by_series(sets).into_iter().enumerate().map(described).collect())
 }
 
-/// The samples of a series along each axis, their distances, and the number of points in time.
+/// Returns the samples of a series along each axis, their distances, and the number of points in time.
 fn lattice_of(source: &Path, sets: &[Dataset]) -> Result<([u32; 3], [f64; 3], u32)> {
     let Some(first) = sets.first() else { refuse!(source, "is DICOM without pixels") };
     let plane = Plane::of(first, 0)?;

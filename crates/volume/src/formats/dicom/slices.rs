@@ -1,4 +1,4 @@
-//! The slices of a volume in the order of their positions, and the lattice that they make.
+//! The slices of a volume in the order of their positions, and their lattice.
 
 use std::path::Path;
 
@@ -23,19 +23,20 @@ const DOSE_SCALING: u32 = 0x3004_000e;
 /// The beginning of the SOP classes of secondary captures.
 const SECONDARY_CAPTURE: &str = "1.2.840.10008.5.1.4.1.1.7";
 
-/// The distance of slices that a file states, or their thickness. Nuclear medicine gives it a sign (PS3.3, C.8.4.15).
+/// Returns the distance of slices that a file states, or their thickness. Nuclear medicine gives it a sign (PS3.3,
+/// C.8.4.15).
 fn stated_gap(set: &Dataset) -> Option<f64> {
     let stated = |tag| set.numbers::<1>(0, tag).map(|[length]| length).filter(|length| *length != 0.0);
     let gap = stated(BETWEEN_SLICES).or(stated(SLICE_THICKNESS))?;
     Some(if set.text(MODALITY) == "NM" { gap } else { gap.abs() })
 }
 
-/// The distance of slices that the file of a single slice states, or its thickness, or 1.
+/// Returns the distance of slices that the file of a single slice states, or its thickness, or 1.
 pub(super) fn single_gap(set: &Dataset) -> f64 {
     stated_gap(set).map_or(1.0, f64::abs)
 }
 
-/// A note if slices follow one another at a distance that the file does not state.
+/// Returns a note if slices follow one another at a distance that the file does not state.
 pub(super) fn gap_note(set: &Dataset, plane: &Plane, slices: usize) -> Option<&'static str> {
     let is_whole = plane.mosaic.is_none() && set.numbers(0, FRAMES).is_none_or(|[frames]| frames == 1.0);
     let has_places = set.value(FRAME_OFFSETS).is_some_and(|offsets| !offsets.is_empty())
@@ -46,8 +47,8 @@ pub(super) fn gap_note(set: &Dataset, plane: &Plane, slices: usize) -> Option<&'
         .then_some("the file states no distance of slices: they are taken to be 1 apart unless a spacing is given")
 }
 
-/// The places of the frames of a dose along the normal of their plane, from the position of the file (PS3.3,
-/// C.8.8.3.2); `None` if it states none.
+/// Returns the places of the frames of a dose along the normal of their plane, from the position of the file (PS3.3,
+/// C.8.8.3.2); `None` if the file states no places.
 fn dose_offsets(set: &Dataset, normal: DVec3, frames: usize) -> Result<Option<Vec<f64>>> {
     if frames == 1 || set.value(FRAME_OFFSETS).is_none_or(<[u8]>::is_empty) {
         return Ok(None);
@@ -65,8 +66,8 @@ fn dose_offsets(set: &Dataset, normal: DVec3, frames: usize) -> Result<Option<Ve
     Ok(Some(offsets))
 }
 
-/// The places of the frames of a file along the normal of their plane, from the position of the file: 0 if each frame
-/// has a position, or all share one.
+/// Returns the places of the frames of a file along the normal of their plane, from the position of the file: 0 if each
+/// frame has a position, or all share one.
 fn frame_offsets(set: &Dataset, normal: DVec3, frames: usize) -> Result<Vec<f64>> {
     if let Some(offsets) = dose_offsets(set, normal, frames)? {
         return Ok(offsets);
@@ -82,7 +83,8 @@ fn frame_offsets(set: &Dataset, normal: DVec3, frames: usize) -> Result<Vec<f64>
     Ok((0..frames).map(|frame| step * number(frame)).collect())
 }
 
-/// The slope and the intercept of the samples of a frame. Real-world values count if the rescale changes nothing.
+/// Returns the slope and the intercept of the samples of a frame. Real-world values count if the rescale changes
+/// nothing.
 fn map_of(set: &Dataset, frame: usize) -> [f64; 2] {
     let [slope] = set.numbers(frame, SLOPE).or_else(|| set.numbers(0, DOSE_SCALING)).unwrap_or([1.0]);
     let [intercept] = set.numbers(frame, INTERCEPT).unwrap_or([0.0]);
@@ -93,7 +95,7 @@ fn map_of(set: &Dataset, frame: usize) -> [f64; 2] {
     }
 }
 
-/// The slices along the normal of their plane.
+/// Returns the slices sorted along the normal of their plane.
 pub(super) fn sorted(source: &Path, sets: &[Dataset], plane: &Plane) -> Result<Vec<Slice>> {
     let normal = plane.normal();
     let mut slices = Vec::new();
@@ -143,18 +145,18 @@ pub(super) fn sorted(source: &Path, sets: &[Dataset], plane: &Plane) -> Result<V
 /// The least distance of slices that are not at one position, world units.
 pub(super) const APART: f64 = 1e-4;
 
-/// The name of the file that a slice is in.
+/// Returns the name of the file that contains a slice.
 pub(super) fn name_of(sets: &[Dataset], slice: &Slice) -> String {
     sets.get(slice.file).map(Dataset::name).unwrap_or_default()
 }
 
-/// The number of slices missing in a gap, from the usual distance of slices.
+/// Returns the number of slices missing in a gap, from the usual distance of slices.
 fn missing_in(gap: f64, usual: f64) -> u64 {
     let times = (gap / usual).round();
     if times >= 2.0 && (gap / usual - times).abs() < 0.05 { times as u64 - 1 } else { 0 }
 }
 
-/// A sentence about the slices that are missing between two; `None` if there are none.
+/// Returns a sentence about the slices that are missing between two; `None` if there are none.
 fn missing(sets: &[Dataset], pair: &[Slice], normal: DVec3, usual: f64) -> Option<String> {
     let [before, after] = pair else { return None };
     let way = after.position - before.position;
@@ -172,7 +174,8 @@ fn missing(sets: &[Dataset], pair: &[Slice], normal: DVec3, usual: f64) -> Optio
     Some(format!("{count} {are} missing between {before} and {after}, {at}"))
 }
 
-/// The distances of neighbouring slices along the normal of their plane, and the usual one; `None` of one slice.
+/// Returns the distances of neighbouring slices along the normal of their plane, and the usual distance; `None` for one
+/// slice.
 pub(super) fn gaps(slices: &[Slice], normal: DVec3) -> Option<(Vec<f64>, f64)> {
     let gap = |pair: &[Slice]| (pair[1].position - pair[0].position).dot(normal);
     let gaps: Vec<f64> = slices.windows(2).map(gap).collect();
@@ -182,16 +185,16 @@ pub(super) fn gaps(slices: &[Slice], normal: DVec3) -> Option<(Vec<f64>, f64)> {
     Some((gaps, usual))
 }
 
-/// Whether a gap differs from the usual distance of slices by more than positions are rounded.
+/// Returns whether a gap differs from the usual distance of slices by more than the rounding of positions.
 fn is_uneven(gap: f64, usual: f64) -> bool {
     (gap / usual - 1.0).abs() > 0.02
 }
 
-/// Slices, and notes about them.
+/// Slices, with notes about them.
 type Noted = (Vec<Slice>, Vec<String>);
 
-/// Adds interpolated slices in place of missing ones, or interpolates unequally spaced slices at equal distances, and
-/// returns notes about it.
+/// Interpolates slices in place of missing ones, or unequally spaced slices at equal distances, and returns notes about
+/// it.
 pub(super) fn completed(source: &Path, sets: &[Dataset], slices: Vec<Slice>, normal: DVec3) -> Result<Noted> {
     let Some((gaps, usual)) = gaps(&slices, normal).filter(|(_, usual)| *usual >= APART) else {
         return Ok((slices, Vec::new()));
@@ -213,13 +216,13 @@ pub(super) fn completed(source: &Path, sets: &[Dataset], slices: Vec<Slice>, nor
     Ok((all, notes))
 }
 
-/// The slice at a share of the way from one slice to the next.
+/// Interpolates the slice at a share of the way from one slice to the next.
 fn between(before: &Slice, after: &Slice, share: f64) -> Slice {
     let position = before.position.lerp(after.position, share);
     Slice { position, behind: Some((Box::new(after.clone()), share)), ..before.clone() }
 }
 
-/// The most slices that unequally spaced ones become, for each of them.
+/// The largest ratio of the number of interpolated slices to the number of unequally spaced ones.
 const MOST_EVENED: f64 = 16.0;
 
 /// Interpolates slices at equal distances, of about the least gap, and returns a note about it.
@@ -247,7 +250,7 @@ fn evened(source: &Path, slices: &[Slice], gaps: &[f64]) -> Result<Noted> {
     Ok((all, vec![note]))
 }
 
-/// The position of the lattice, if the slices are the same distance apart.
+/// Returns the position of the lattice, if the slices are the same distance apart.
 pub(super) fn placed(source: &Path, sets: &[Dataset], slices: &[Slice], plane: &Plane) -> Result<Placement> {
     let ([along_rows, along_columns], normal) = (plane.directions, plane.normal());
     let (Some(first), Some(last)) = (slices.first(), slices.last()) else { refuse!(source, "has no slices") };

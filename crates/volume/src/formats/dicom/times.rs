@@ -16,7 +16,7 @@ enum Written {
     Decimal,
     Whole,
     Float,
-    /// HHMMSS.FFFFFF, on a date that another tag states.
+    /// A time HHMMSS.FFFFFF, on a date that another tag states.
     Time(u32),
     /// The number of the file, and of the frame in it.
     Number,
@@ -48,7 +48,7 @@ const KINDS: [(&str, &[(u32, Written)]); 5] = [
 /// The place of the b-value among [`KINDS`], which makers also write in groups of their own.
 const B_VALUE: usize = 1;
 
-/// The type of an image, and of a frame: magnitude and phase may stand in one series.
+/// The tags of the type of an image, and of a frame: magnitude and phase may be in one series.
 const TYPES: [u32; 2] = [0x0008_9007, IMAGE_TYPE];
 
 /// The kind of a slice: numbers as in [`KINDS`], negative infinity if they are not stated, and the type.
@@ -61,7 +61,7 @@ type There = Vec<(Kind, Slice)>;
 /// The volumes at the points in time, and notes about their differences.
 type Volumes = (Vec<Vec<Slice>>, Vec<String>);
 
-/// Slices along the normal of their plane, parted into points in time: as many as there are slices at each position.
+/// Splits slices along the normal of their plane into points in time: as many as there are slices at each position.
 pub(super) fn in_times(source: &Path, sets: &[Dataset], slices: Vec<Slice>) -> Result<Volumes> {
     let mut positions: Vec<Vec<Slice>> = Vec::new();
     for slice in slices {
@@ -107,8 +107,8 @@ pub(super) fn in_times(source: &Path, sets: &[Dataset], slices: Vec<Slice>) -> R
     Ok((volumes, notes))
 }
 
-/// Sorts the slices of each position so that the first ones make a volume, and so on. Returns the tag that tells them
-/// apart, besides their kinds; `None` if nothing does.
+/// Sorts the slices of each position so that the first ones make a volume, and so on. Returns the tag that
+/// distinguishes them, besides their kinds; `None` if no tag does.
 fn told_apart(sets: &[Dataset], positions: &mut [There]) -> Option<Option<u32>> {
     // A time alone, if each volume then is of one kind, or the kind and a time.
     for by_kind in [false, true] {
@@ -124,7 +124,7 @@ fn told_apart(sets: &[Dataset], positions: &mut [There]) -> Option<Option<u32>> 
     tags.find(|tag| is_sorted_by(sets, positions, false, Some(*tag))).map(|(tag, _)| Some(tag))
 }
 
-/// Sorts the slices of each position by their kind, a tag or both, and returns whether that tells them apart.
+/// Sorts the slices of each position by their kind, a tag or both, and returns whether that distinguishes them.
 fn is_sorted_by(sets: &[Dataset], positions: &mut [There], by_kind: bool, tag: Option<(u32, Written)>) -> bool {
     let order = |(a_kind, a): &(Kind, Slice), (b_kind, b): &(Kind, Slice)| {
         let by_tag = tag.map_or(Some(Ordering::Equal), |tag| key_of(sets, a, tag)?.partial_cmp(&key_of(sets, b, tag)?));
@@ -136,14 +136,14 @@ fn is_sorted_by(sets: &[Dataset], positions: &mut [There], by_kind: bool, tag: O
     })
 }
 
-/// Whether the first slices of all positions are of one kind, and the second ones, and so on.
+/// Returns whether the first slices of all positions are of one kind, and the second ones, and so on.
 fn is_of_one_kind(positions: &[There]) -> bool {
     let kinds = |there: &There| there.iter().map(|(kind, _)| kind.clone()).collect::<Vec<Kind>>();
     let first = positions.first().map(kinds).unwrap_or_default();
     positions.iter().all(|there| there.iter().zip(&first).all(|((kind, _), first)| kind == first))
 }
 
-/// The most values that a note lists.
+/// The largest number of values that a note lists.
 const MOST_LISTED: usize = 8;
 
 /// Notes on the differences between volumes of these kinds.
@@ -165,7 +165,7 @@ fn differences(kinds: &[Kind]) -> Vec<String> {
     notes
 }
 
-/// The kind of a slice.
+/// Returns the kind of a slice.
 fn kind_of(sets: &[Dataset], slice: &Slice) -> Kind {
     let number =
         |tags: &[(u32, Written)]| tags.iter().find_map(|tag| key_of(sets, slice, *tag)).map(|[_, number]| number);
@@ -176,7 +176,7 @@ fn kind_of(sets: &[Dataset], slice: &Slice) -> Kind {
     Kind(numbers.map(|number| number.unwrap_or(f64::NEG_INFINITY)), name.unwrap_or_default())
 }
 
-/// The b-value in the private groups of Siemens, GE, Philips and United Imaging, in s/mm^2.
+/// Returns the b-value in the private groups of Siemens, GE, Philips and United Imaging, in s/mm^2.
 fn makers_b_value(set: &Dataset) -> Option<f64> {
     let decimal = |bytes: &[u8]| decimals(bytes)?.first().copied();
     let siemens = || decimal(set.private(0x0019, "SIEMENS MR HEADER", 0x0c)?);
@@ -191,7 +191,7 @@ fn makers_b_value(set: &Dataset) -> Option<f64> {
     siemens().or_else(ge).or_else(philips).or_else(united).filter(|value: &f64| value.is_finite())
 }
 
-/// The time of a slice by a tag, as a key to compare: a date, then a number.
+/// Returns the time of a slice by a tag, as a key to compare: a date, then a number.
 fn key_of(sets: &[Dataset], slice: &Slice, (tag, written): (u32, Written)) -> Option<[f64; 2]> {
     let set = sets.get(slice.file)?;
     let decimal = |tag: u32| set.numbers::<1>(slice.frame, tag).map(|[number]| number);

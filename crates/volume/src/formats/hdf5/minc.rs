@@ -17,7 +17,7 @@ use crate::formats::selection::{Axes, Role, indices, sized};
 use crate::memory::{reserved, samples_in};
 use crate::volume::{Samples, ToF64, Units, Volume, with_samples};
 
-/// The most axes, the slowest ones, along which ranges may differ.
+/// The largest number of axes, the slowest ones, along which ranges may differ.
 const MAX_SCALED: usize = 2;
 
 /// The axes of space by the ends of their names, with their default directions in RAS.
@@ -25,7 +25,7 @@ const SPACE: [(&str, DVec3); 3] = [("xspace", DVec3::X), ("yspace", DVec3::Y), (
 
 /// The image of a file with the variables that describe it.
 pub(super) struct Image<'a> {
-    /// The group of the image, and its path.
+    /// The group of the image; `path` is its path.
     group: &'a NcGroup,
     path: &'static str,
     variable: &'a NcVariable,
@@ -33,7 +33,7 @@ pub(super) struct Image<'a> {
     axes: &'a NcGroup,
 }
 
-/// The image of a file of MINC, unless another data set of it is requested.
+/// Returns the image of a file of MINC, unless another data set of it is requested.
 pub(super) fn image<'a>(root: &'a NcGroup, inside: Option<&str>) -> Option<Image<'a>> {
     let (group, path, axes) = match root.group("minc-2.0") {
         Some(_) => (root.group("minc-2.0/image/0")?, "/minc-2.0/image/0", root.group("minc-2.0/dimensions")?),
@@ -55,7 +55,7 @@ struct Axis<'a> {
     name: String,
     size: u64,
     role: Role,
-    /// The direction along it in RAS, with its default.
+    /// The direction along the axis in RAS, with its default.
     direction: DVec3,
     attributes: &'a [NcAttribute],
 }
@@ -123,7 +123,7 @@ pub(super) fn read(file: &NcFile, image: &Image<'_>, path: &Path, options: &Load
     }
 }
 
-/// The axes of an image, the slowest first.
+/// Returns the axes of an image, the slowest first.
 fn axes<'a>(image: &Image<'a>, path: &Path) -> Result<Vec<Axis<'a>>> {
     let dimensions = &image.variable.dimensions;
     // HDF5 has no names of axes of its own.
@@ -160,7 +160,7 @@ fn axes<'a>(image: &Image<'a>, path: &Path) -> Result<Vec<Axis<'a>>> {
     }
 }
 
-/// The position of a lattice with these axes of space, the fastest first.
+/// Returns the position of a lattice with these axes of space, the fastest first.
 fn placement(axes: [&Axis<'_>; 3]) -> Placement {
     let step = |axis: &Axis<'_>| axis.number("step").unwrap_or(1.0);
     let origin = axes.iter().map(|axis| axis.direction * axis.number("start").unwrap_or(0.0)).sum();
@@ -169,7 +169,7 @@ fn placement(axes: [&Axis<'_>; 3]) -> Placement {
     Placement { directions, spacing, origin, oriented: true }.flipped(RAS_TO_LPS)
 }
 
-/// The integers that stand for the ends of the range of values; `None` for floats.
+/// Returns the integers that represent the ends of the range of values; `None` for floats.
 fn valid_range(samples: &Samples, attributes: &[NcAttribute], path: &Path) -> Result<Option<[f64; 2]>> {
     let [least, most] = match samples {
         Samples::F32(_) | Samples::F64(_) => return Ok(None),
@@ -194,7 +194,7 @@ fn valid_range(samples: &Samples, attributes: &[NcAttribute], path: &Path) -> Re
     Ok(Some(stated))
 }
 
-/// The sizes of `image-min` or `image-max`, and its numbers; `default` if it is not there.
+/// Returns the sizes of `image-min` or `image-max`, and its numbers; `default` if it does not exist.
 fn extents(file: &NcFile, image: &Image<'_>, name: &str, default: f64, path: &Path) -> Result<(Vec<u64>, Vec<f64>)> {
     let Some(found) = variable(image.group, name) else { return Ok((Vec::new(), vec![default])) };
     let sizes: Vec<u64> = found.dimensions.iter().map(|axis| axis.size).collect();
@@ -207,8 +207,8 @@ fn extents(file: &NcFile, image: &Image<'_>, name: &str, default: f64, path: &Pa
     Ok((sizes, numbers))
 }
 
-/// The values of samples, equal shares of which have these slopes and intercepts in turn. Integers beyond the range are
-/// clipped.
+/// Converts samples to values; equal shares of the samples have these slopes and intercepts in turn. Integers beyond
+/// the range are clipped.
 fn mapped(samples: &Samples, maps: &[(f64, f64)], [least, most]: [f64; 2], path: &Path) -> Result<Samples> {
     let share = (samples.len() / maps.len().max(1)).max(1);
     with_samples!(samples, s => {

@@ -29,7 +29,7 @@ use crate::error::{Error, Hint, Result, Subject, refuse, refuse_if};
 use crate::memory::{reserved, samples_in};
 use crate::volume::{MAX_DIM, Samples, ToF64, Units, Volume, with_samples};
 
-/// The most data sets of a file, and the deepest groups.
+/// The largest number of data sets of a file, and the deepest groups.
 const MAX_SETS: usize = 4096;
 const MAX_DEPTH: usize = 32;
 
@@ -39,14 +39,14 @@ const MAX_CHUNK: usize = 1 << 30;
 /// The default fill values of NetCDF for floating point.
 const NOT_WRITTEN: [f64; 2] = [9.969_209_968_386_869e36, 9.969_21e36_f32 as f64];
 
-/// A data set, and the groups it is in, the innermost first.
+/// A data set, and the groups that contain it, the innermost first.
 struct Set<'a> {
     path: String,
     variable: &'a NcVariable,
     groups: Vec<(String, &'a NcGroup)>,
 }
 
-/// Reads the volume of a data set, or of the only one.
+/// Reads the volume of a data set, which is named or the only one.
 pub(super) fn read(input: &Input, inside: Option<&str>, options: &LoadOptions) -> Result<Volume> {
     let path = input.path();
     let Some((file, _)) = input.plain_file()? else {
@@ -118,7 +118,7 @@ pub(super) fn read(input: &Input, inside: Option<&str>, options: &LoadOptions) -
     volume.with_rescale(slope, intercept).map_err(|error| input.error(format!("{}: {error}", set.path)))
 }
 
-/// Refuses groups that a link leads back to, and too many: the crate follows each of them, without end. The result is
+/// Refuses groups to which a link leads back, and too many groups: the crate follows each of them, without end. Returns
 /// the paths of data sets of 16-bit floats.
 fn check_groups(path: &Path, root: &Group) -> Result<Vec<String>> {
     let groups_in = |group: &Group| group.groups().unwrap_or_default();
@@ -143,14 +143,14 @@ fn check_groups(path: &Path, root: &Group) -> Result<Vec<String>> {
     Ok(halves)
 }
 
-/// The paths of the data sets of 16-bit floats in a group of this path.
+/// Returns the paths of the data sets of 16-bit floats in a group of this path.
 fn halves_in(group: &Group, path: &str) -> Vec<String> {
     let is_half = |set: &&Dataset| matches!(set.dtype(), Datatype::FloatingPoint { size: 2, .. });
     let name = |set: &Dataset| format!("{path}{}", set.name().rsplit('/').next().unwrap_or_default());
     group.datasets().unwrap_or_default().iter().filter(is_half).map(name).take(MAX_SETS).collect()
 }
 
-/// Notes the data sets of a group and of those in it.
+/// Collects the data sets of a group and of the groups in it.
 fn collect<'a>(group: &'a NcGroup, path: &str, outer: &[(String, &'a NcGroup)], sets: &mut Vec<Set<'a>>) {
     let mut groups = vec![(path.to_owned(), group)];
     groups.extend_from_slice(outer);
@@ -167,7 +167,7 @@ fn collect<'a>(group: &'a NcGroup, path: &str, outer: &[(String, &'a NcGroup)], 
     }
 }
 
-/// The data set of that path, or the only one that is a volume, or else a plane.
+/// Returns the data set of the path `inside`, or the only one that is a volume, or else a plane.
 fn one_of<'a, 'b>(path: &Path, sets: &'b [Set<'a>], inside: Option<&str>) -> Result<&'b Set<'a>> {
     let axes = |set: &Set<'_>| set.variable.dimensions.iter().filter(|axis| axis.size > 1).count();
     let numeric = |set: &&Set<'_>| is_numeric(&set.variable.dtype) && !set.variable.is_coordinate_variable();
@@ -205,7 +205,7 @@ fn is_numeric(kind: &NcType) -> bool {
     }
 }
 
-/// The axes of a data set, the slowest first.
+/// Returns the axes of a data set, the slowest first.
 fn axes(file: &NcFile, set: &Set<'_>) -> Vec<Axis> {
     let named = |axis: &NcDimension| {
         let coordinate = set.groups.iter().find_map(|(path, group)| {
@@ -237,8 +237,8 @@ fn axes(file: &NcFile, set: &Set<'_>) -> Vec<Axis> {
     axes
 }
 
-/// The samples from one index of an array to the next, along each axis of its lattice; the array's last axis is the
-/// fastest.
+/// Returns the number of samples from one index of an array to the next, along each axis of its lattice; the array's
+/// last axis is the fastest.
 fn strides(axes: &[Axis], space: &[(usize, usize)]) -> [usize; 3] {
     let behind = |axis: usize| space.iter().filter(move |(other, _)| *other > axis);
     let mut strides = [0; 3];
@@ -278,7 +278,7 @@ fn without_fill(mut samples: Samples, attributes: &[NcAttribute], path: &Path) -
     Ok(samples)
 }
 
-/// A vector of `count` values.
+/// Collects `count` values into a vector, or returns an error if there is no memory.
 fn filled<T>(count: usize, values: impl Iterator<Item = T>, path: &Path) -> Result<Vec<T>> {
     let mut all = reserved(count as u64, || samples_in(path))?;
     all.extend(values);

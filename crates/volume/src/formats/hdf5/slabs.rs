@@ -10,20 +10,20 @@ use crate::error::{Result, Subject, refuse, refuse_if};
 use crate::memory::{reserved, samples_in};
 use crate::volume::{Number, Samples};
 
-/// The most bytes that are read at once, unless one index of the slowest axis has more.
+/// The largest number of bytes that are read at once, unless one index of the slowest axis has more.
 pub(super) const SLAB: u64 = 64 << 20;
 
-/// The attribute of a name.
+/// Returns the attribute of a name.
 pub(super) fn attribute<'a>(attributes: &'a [NcAttribute], name: &str) -> Option<&'a NcAttribute> {
     attributes.iter().find(|attribute| attribute.name == name)
 }
 
-/// The text of an attribute.
+/// Returns the text of an attribute.
 pub(super) fn text(attributes: &[NcAttribute], name: &str) -> Option<String> {
     attribute(attributes, name)?.value.as_string()
 }
 
-/// How the samples of a data set are read.
+/// A data set whose samples are read slab by slab.
 pub(super) struct Slabs<'a> {
     pub(super) file: &'a NcFile,
     /// The path of the data set.
@@ -131,7 +131,7 @@ impl<T: NcReadable> H5Type for OfEnum<T> {
     }
 }
 
-/// The type of the numbers of an enumeration; other types are their own.
+/// Returns the type of the numbers of an enumeration; any other type is returned as it is.
 fn base(kind: &Datatype) -> &Datatype {
     match kind {
         Datatype::Enum { base, .. } => base,
@@ -150,7 +150,7 @@ const FILTERS: [(&str, &str); 7] = [
     ("filter id 32015", "Zstandard"),
 ];
 
-/// The words for an error of the crates, behind the name of a file or a data set.
+/// Returns an error of the crates in words that follow the name of a file or a data set.
 pub(super) fn words(error: impl Into<netcdf_reader::Error>) -> String {
     let error = error.into();
     let netcdf_reader::Error::Hdf5(cause) = &error else {

@@ -15,7 +15,7 @@ const ARRAYS: [(&str, f64); 2] = [("PointData", 0.0), ("CellData", 0.5)];
 /// The image of a file of VTK.
 pub(super) struct Image<'a>(&'a NcGroup);
 
-/// The image of a file; `None` if it is no file of VTK, an error if it is another object of VTK.
+/// Returns the image of a file; `None` if it is no file of VTK, an error if it is another object of VTK.
 pub(super) fn image<'a>(root: &'a NcGroup, path: &Path) -> Result<Option<Image<'a>>> {
     let Some(group) = root.group("VTKHDF") else { return Ok(None) };
     match text(&group.attributes, "Type").as_deref() {
@@ -25,7 +25,7 @@ pub(super) fn image<'a>(root: &'a NcGroup, path: &Path) -> Result<Option<Image<'
 }
 
 impl Image<'_> {
-    /// The path of the array that is named as the active scalars.
+    /// Returns the path of the array that is named as the active scalars.
     pub(super) fn active(&self) -> Option<String> {
         let of = |(name, _): &(&str, f64)| {
             let scalars = text(&self.0.group(name)?.attributes, "Scalars")?;
@@ -34,7 +34,7 @@ impl Image<'_> {
         ARRAYS.iter().find_map(of)
     }
 
-    /// The position of the lattice of the array of that path; `None` if it is no array of the image.
+    /// Returns the position of the lattice of the array with the path `set`; `None` if it is no array of the image.
     pub(super) fn placement(&self, set: &str, path: &Path) -> Result<Option<Placement>> {
         let is_in = |(name, _): &&(&str, f64)| set.starts_with(&format!("/VTKHDF/{name}/"));
         let Some((_, place)) = ARRAYS.iter().find(is_in) else { return Ok(None) };
@@ -48,7 +48,7 @@ impl Image<'_> {
         Ok(Some(Placement { directions, spacing, origin, oriented: false }))
     }
 
-    /// The numbers of an attribute, or the usual ones if it is not stated.
+    /// Returns the numbers of an attribute, or the usual ones if it is not stated.
     fn numbers<const N: usize>(&self, name: &str, usual: [f64; N], path: &Path) -> Result<[f64; N]> {
         let Some(stated) = attribute(&self.0.attributes, name) else { return Ok(usual) };
         let numbers = stated.value.as_f64_vec().and_then(|numbers| <[f64; N]>::try_from(numbers).ok());

@@ -5,7 +5,7 @@ use crate::formats::fields::Fields;
 use crate::formats::input::Input;
 use crate::volume::Endian;
 
-/// Bytes of a file that [`is_nifti`] and [`is_analyze`] need: the longer header, NIfTI-2's.
+/// The number of bytes of a file that [`is_nifti`] and [`is_analyze`] need: the longer header, NIfTI-2's.
 pub(in crate::formats) const HEADER_SIZE: usize = NIFTI2_SIZE;
 
 const NIFTI1_SIZE: usize = 348;
@@ -18,7 +18,7 @@ const NIFTI2_TAIL: &[u8] = b"\0\r\n\x1a\n";
 pub(super) struct Header {
     pub(super) is_nifti2: bool,
     pub(super) endian: Endian,
-    /// Bytes of the header itself.
+    /// The number of bytes of the header itself.
     pub(super) size: usize,
     /// Whether the samples are in the same file ("n+1") or in a second one ("ni1").
     pub(super) single_file: bool,
@@ -28,11 +28,11 @@ pub(super) struct Header {
     pub(super) vox_offset: f64,
     pub(super) scl_slope: f64,
     pub(super) scl_inter: f64,
-    /// What lengths are in: its lowest three bits.
+    /// The units of lengths, in the lowest three bits.
     pub(super) xyzt_units: u8,
-    /// What values are.
+    /// The code of the meaning of values.
     pub(super) intent_code: i32,
-    /// `intent_p1` to `intent_p3`: parameters of the distribution of a statistic.
+    /// The fields `intent_p1` to `intent_p3`: parameters of the distribution of a statistic.
     pub(super) intent_p: [f64; 3],
     pub(super) intent_name: String,
     pub(super) descrip: String,
@@ -40,14 +40,14 @@ pub(super) struct Header {
     pub(super) dim_info: u8,
     pub(super) qform_code: i32,
     pub(super) sform_code: i32,
-    /// `quatern_b`, `quatern_c`, `quatern_d`.
+    /// The fields `quatern_b`, `quatern_c`, `quatern_d`.
     pub(super) quatern: [f64; 3],
     pub(super) qoffset: [f64; 3],
-    /// `srow_x`, `srow_y`, `srow_z`.
+    /// The fields `srow_x`, `srow_y`, `srow_z`.
     pub(super) srow: [[f64; 4]; 3],
 }
 
-/// Version, byte order and whether the samples are in the same file, from the first bytes of a file.
+/// Returns version, byte order and whether the samples are in the same file, from the first bytes of a file.
 fn recognise(head: &[u8]) -> Option<(bool, Endian, bool)> {
     [Endian::Little, Endian::Big].into_iter().find_map(|endian| {
         let is_nifti2 = match endian.number(head.get(..4)?) as usize {
@@ -64,12 +64,12 @@ fn recognise(head: &[u8]) -> Option<(bool, Endian, bool)> {
     })
 }
 
-/// Whether these are the first bytes of a NIfTI header.
+/// Returns whether these are the first bytes of a NIfTI header.
 pub(in crate::formats) fn is_nifti(head: &[u8]) -> bool {
     recognise(head).is_some()
 }
 
-/// Whether these are the first bytes of an ANALYZE 7.5 header: NIfTI-1's layout without its magic.
+/// Returns whether these are the first bytes of an ANALYZE 7.5 header: NIfTI-1's layout without its magic.
 pub(in crate::formats) fn is_analyze(head: &[u8]) -> bool {
     let is_size = |endian: Endian| endian.number(&head[..4]) as usize == NIFTI1_SIZE;
     head.len() >= NIFTI1_SIZE && (is_size(Endian::Little) || is_size(Endian::Big))
@@ -119,7 +119,7 @@ impl Header {
         })
     }
 
-    /// World distance between samples. The sform has its own, all other placements use this.
+    /// Returns the world distance between samples. The sform has its own, all other placements use this.
     pub(super) fn spacing(&self) -> [f64; 3] {
         [self.pixdim[1], self.pixdim[2], self.pixdim[3]]
     }

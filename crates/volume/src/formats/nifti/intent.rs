@@ -2,10 +2,10 @@
 
 use crate::names::readable;
 
-/// Codes of labels: of any table, and of NeuroNames.
+/// The codes of labels: of any table, and of NeuroNames.
 const LABELS: [i32; 2] = [1002, 1003];
 
-/// Codes with their meaning, the first codes those of statistics.
+/// The meanings of codes, the first of which are codes of statistics.
 const MEANINGS: [(i32, &str); 46] = [
     (2, "correlation coefficient"),
     (3, "t statistic"),
@@ -55,12 +55,12 @@ const MEANINGS: [(i32, &str); 46] = [
     (2018, "field of TOPUP"),
 ];
 
-/// Whether values of this code are labels.
+/// Returns whether values of this code are labels.
 pub(in crate::formats) fn are_labels(code: i32) -> bool {
     LABELS.contains(&code)
 }
 
-/// The short name of a statistic, as a unit of values.
+/// Returns the short name of a statistic, as a unit of values.
 pub(in crate::formats) fn unit(code: i32) -> Option<&'static str> {
     match code {
         2 => Some("r"),
@@ -72,7 +72,7 @@ pub(in crate::formats) fn unit(code: i32) -> Option<&'static str> {
     }
 }
 
-/// The meaning of a code with the parameters of its distribution; `None` if the code states nothing.
+/// Returns the meaning of a code with the parameters of its distribution; `None` if the code states nothing.
 pub(in crate::formats) fn meaning(code: i32, parameters: &[f64]) -> Option<String> {
     let name = match MEANINGS.iter().find(|(known, _)| *known == code) {
         Some((_, name)) => *name,

@@ -26,7 +26,7 @@ use super::{LoadOptions, complex};
 use crate::error::{Result, refuse, refuse_if};
 use crate::volume::{Origin, SampleType, Units, Volume};
 
-/// Reads the volume of a header that begins here.
+/// Reads the volume of a header at the start of `input`.
 pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
     let header = Header::read(&mut input)?;
     let path = input.path().to_owned();
@@ -83,13 +83,13 @@ pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
     Ok(placement.volume(grid, samples)?.with_rescale(slope, intercept)?.with_units(units).with_contents(contents))
 }
 
-/// MR if the header has axes of frequency or phase, or an echo time as dcm2niix writes it.
+/// Returns MR if the header has axes of frequency or phase, or an echo time as dcm2niix writes it.
 fn modality(header: &Header) -> Option<&'static str> {
     let has_echo = header.descrip.split(';').any(|field| field.trim_start().starts_with("TE="));
     (header.dim_info & 0b1111 != 0 || has_echo).then_some("MR")
 }
 
-/// The file with the samples of the header which begins here, if it is another one.
+/// Returns the file with the samples of the header at the start of `input`, if it is another file.
 pub(super) fn named_files(mut input: Input) -> Result<Vec<PathBuf>> {
     let header = Header::read(&mut input)?;
     if header.single_file { Ok(Vec::new()) } else { Ok(vec![image_file(input.path(), &input)?]) }
@@ -118,7 +118,7 @@ const DATATYPES: [(i16, SampleType, i64); 14] = [
 /// The codes of complex numbers.
 const COMPLEX: [i16; 2] = [32, 1792];
 
-/// The type of the samples, and the number of them in a voxel.
+/// Returns the type of the samples, and the number of them in a voxel.
 fn sample_type(header: &Header, input: &Input) -> Result<(SampleType, i64)> {
     if let Some((_, sample_type, in_voxel)) = DATATYPES.iter().find(|(code, ..)| *code == header.datatype) {
         return Ok((*sample_type, *in_voxel));
@@ -132,7 +132,7 @@ fn sample_type(header: &Header, input: &Input) -> Result<(SampleType, i64)> {
     refuse!(input, "its samples are {refused}: convert it to integers or floats, one number per voxel")
 }
 
-/// The axes of the samples: colours are beside each other, the fourth axis is time and the fifth has channels.
+/// Returns the axes of the samples: colours are beside each other, the fourth axis is time and the fifth has channels.
 fn axes(header: &Header, input: &Input, colours: i64) -> Result<Axes> {
     let n = header.dim[0];
     refuse_if!(!(1..=7).contains(&n), input, "dim[0] is {n}, expected 1 to 7 axes");
@@ -152,7 +152,7 @@ fn axes(header: &Header, input: &Input, colours: i64) -> Result<Axes> {
     Ok(axes)
 }
 
-/// The map from stored numbers to values. A slope that is 0 or not finite means that there is none.
+/// Returns the map from stored numbers to values. A slope that is 0 or not finite means that there is none.
 fn rescale(header: &Header, input: &Input) -> Result<(f64, f64)> {
     let (slope, intercept) = (header.scl_slope, header.scl_inter);
     if slope == 0.0 || !slope.is_finite() {
@@ -162,8 +162,8 @@ fn rescale(header: &Header, input: &Input) -> Result<(f64, f64)> {
     Ok((slope, intercept))
 }
 
-/// The position of the lattice: the sform if it has a code, else the qform if it has one. Otherwise the lattice is
-/// centred on the origin and its first axis runs from right to left. This is nibabel's order and its fallback. As in
+/// Returns the position of the lattice: the sform if it has a code, else the qform if it has one. Otherwise the lattice
+/// is centred on the origin and its first axis runs from right to left. This is nibabel's order and its fallback. As in
 /// ITK, an sform whose columns do not span space counts as none: some programs leave it zero.
 fn placement(
     header: &Header,
@@ -211,10 +211,10 @@ fn placement(
     Ok(ras.flipped(RAS_TO_LPS))
 }
 
-/// The least volume of the unit vectors along the axes of an sform: below, rounding makes them.
+/// The least volume of the unit vectors along the axes of an sform; a smaller volume is an effect of rounding.
 const FLATTEST: f64 = 1e-6;
 
-/// The rotation of the unit quaternion (a, b, c, d). The file does not store a, which is not negative.
+/// Returns the rotation of the unit quaternion (a, b, c, d). The file does not store a, which is not negative.
 fn rotation(header: &Header, input: &Input) -> Result<DMat3> {
     let [b, c, d] = header.quatern;
     let a2 = 1.0 - (b * b + c * c + d * d);
@@ -227,7 +227,7 @@ fn rotation(header: &Header, input: &Input) -> Result<DMat3> {
     Ok(DMat3::from_quat(DQuat::from_xyzw(b, c, d, a).normalize()))
 }
 
-/// The file with the samples of a pair, from the name of its header.
+/// Returns the file with the samples of a pair, from the name of its header.
 fn image_file(header: &Path, input: &Input) -> Result<PathBuf> {
     existing(header, &[".img", ".img.gz", ".IMG", ".IMG.GZ"]).ok_or_else(|| {
         let expected = with_extension(header, ".img");
@@ -235,7 +235,7 @@ fn image_file(header: &Path, input: &Input) -> Result<PathBuf> {
     })
 }
 
-/// The header of the pair that an image file belongs to, if there is one.
+/// Returns the header of the pair that an image file belongs to, if there is one.
 pub(super) fn header_of(image: &Path) -> Option<PathBuf> {
     existing(image, &[".hdr", ".hdr.gz", ".HDR"]).filter(|_| has_extension(image, &["img"]))
 }

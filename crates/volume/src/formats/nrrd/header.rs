@@ -12,24 +12,24 @@ use crate::formats::selection::{Axes, Role};
 use crate::formats::text_header::TextHeader;
 use crate::volume::{Origin, SampleType, Segment};
 
-/// The most axes: Teem's limit, NRRD_DIM_MAX.
+/// The largest number of axes: Teem's limit, NRRD_DIM_MAX.
 const MAX_AXES: usize = 16;
 
-/// A header, and what its fields mean.
+/// A header of NRRD with the meaning of its fields.
 pub(super) struct Header {
     /// The fields, whose names keep the blanks between their words.
     pub(super) text: TextHeader,
     /// The modality that an application states among its keys.
     modality: Option<String>,
-    /// Labels by their numbers in the file, if it is a segmentation of 3D Slicer.
+    /// The labels by their numbers in the file, if it is a segmentation of 3D Slicer.
     segments: BTreeMap<u32, Segment>,
-    /// Samples along each axis, fastest first, as stated; not yet checked to be positive.
+    /// The number of samples along each axis, fastest first, as stated; not yet checked to be positive.
     pub(super) sizes: Vec<i64>,
-    /// World distance between samples, one per axis.
+    /// The world distances between samples, one per axis.
     pub(super) spacings: Option<Vec<f64>>,
-    /// World vectors between samples, one per axis; `None` for an axis that is not spatial.
+    /// The world vectors between samples, one per axis; `None` for an axis that is not spatial.
     pub(super) directions: Option<Vec<Option<DVec3>>>,
-    /// World position of the first sample.
+    /// The world position of the first sample.
     pub(super) origin: Option<DVec3>,
     /// The axis along time, if the header's space has time and directions say which axis that is.
     time_axis: Option<usize>,
@@ -40,7 +40,7 @@ pub(super) struct Header {
 }
 
 impl Header {
-    /// Reads up to the blank line before attached data, the end of a detached header, or its list of files.
+    /// Reads a header up to the blank line before attached data, the end of a detached header, or its list of files.
     pub(super) fn read(input: &mut Input) -> Result<Self> {
         let magic = input.line()?.unwrap_or_default();
         let version = magic.trim_end().strip_prefix("NRRD000");
@@ -128,17 +128,17 @@ impl Header {
         Ok(Self { text, modality, segments, sizes, spacings, directions, origin, time_axis, indexed, patient_flip })
     }
 
-    /// The labels of a segmentation of 3D Slicer.
+    /// Returns the labels of a segmentation of 3D Slicer.
     pub(super) fn segments(&self) -> Option<Vec<Segment>> {
         (!self.segments.is_empty()).then(|| self.segments.values().cloned().collect())
     }
 
-    /// The origin of the values, as the header states it.
+    /// Returns the origin of the values, as the header states it.
     pub(super) fn origin_of_values(&self) -> Origin {
         Origin::of(self.modality.as_deref(), self.text.get(["content"]))
     }
 
-    /// Whether an axis is spatial: it has a direction or, in a header without directions, a spatial kind.
+    /// Returns whether an axis is spatial: it has a direction or, in a header without directions, a spatial kind.
     pub(super) fn is_spatial(&self, axis: usize) -> bool {
         if let Some(directions) = &self.directions {
             return directions.get(axis).is_some_and(Option::is_some);
@@ -146,18 +146,19 @@ impl Header {
         self.kind(axis).is_none_or(|kind| matches!(kind.as_str(), "domain" | "space"))
     }
 
-    /// What an axis is, if that is stated.
+    /// Returns the kind of an axis, if it is stated.
     pub(super) fn kind(&self, axis: usize) -> Option<String> {
         let kind = self.text.get(["kinds"])?.split_ascii_whitespace().nth(axis)?.to_ascii_lowercase();
         (kind != "none" && kind != "???").then_some(kind)
     }
 
-    /// Whether an axis is of one of these kinds.
+    /// Returns whether an axis is of one of these kinds.
     pub(super) fn is_kind(&self, axis: usize, kinds: &[&str]) -> bool {
         self.kind(axis).is_some_and(|kind| kinds.contains(&kind.as_str()))
     }
 
-    /// Whether the channels are colours: their axis is of such a kind, or has four bytes of the kind for any four.
+    /// Returns whether the channels are colours: their axis is of such a kind, or has four bytes of the kind for any
+    /// four.
     pub(super) fn has_colors(&self, sample_type: SampleType, axes: &Axes) -> bool {
         let mut channels = (0..).zip(axes).filter(|(_, (role, size))| *role == Role::Channel && *size > 1);
         let (Some((axis, (_, size))), None) = (channels.next(), channels.next()) else { return false };
@@ -170,8 +171,8 @@ impl Header {
         self.is_kind(axis, names)
     }
 
-    /// Whether an axis runs along time: its kind, its label or the space says so, or its index has a type, as in the
-    /// sequences of 3D Slicer.
+    /// Returns whether an axis runs along time: its kind, its label or the space says so, or its index has a type, as
+    /// in the sequences of 3D Slicer.
     pub(super) fn is_time(&self, axis: usize) -> bool {
         let kind = self.kind(axis);
         if self.time_axis == Some(axis) || kind.as_deref() == Some("time") {
@@ -212,10 +213,10 @@ fn vectors(header: &TextHeader, text: &str, n: usize, has_time: bool) -> Result<
     if vectors.len() == n { Ok(vectors) } else { Err(bad()) }
 }
 
-/// The most segments that a file may name.
+/// The largest number of segments that a file may name.
 const MOST_SEGMENTS: usize = 1 << 16;
 
-/// What metadata of 3D Slicer say of a segment, such as `Segment3_Color` and `0.9 0.3 0.1`. Segments that overlap lie
+/// Adds a statement of 3D Slicer about a segment, such as `Segment3_Color` and `0.9 0.3 0.1`. Segments that overlap lie
 /// in layers, the channels of the file; before they had layers, each was a channel of its own, with the label 1.
 fn describe(segments: &mut BTreeMap<u32, Segment>, name: &str, value: &str) {
     let Some((number, what)) = name.strip_prefix("Segment").and_then(|rest| rest.split_once('_')) else { return };
@@ -239,7 +240,7 @@ fn describe(segments: &mut BTreeMap<u32, Segment>, name: &str, value: &str) {
     }
 }
 
-/// A field's name in lower case. Old spellings without a blank become the new ones.
+/// Returns the name of a field in lower case. Old spellings without a blank become the new ones.
 fn canonical(name: &str) -> String {
     let name = name.trim().to_ascii_lowercase();
     match name.as_str() {

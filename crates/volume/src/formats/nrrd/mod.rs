@@ -20,7 +20,7 @@ use super::{LoadOptions, complex};
 use crate::error::{Result, refuse, refuse_if};
 use crate::volume::{Endian, SampleType, Units, Volume};
 
-/// The `encoding:` of the samples.
+/// The encoding of the samples, as the field `encoding` states it.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Encoding {
     Raw,
@@ -30,7 +30,7 @@ enum Encoding {
     Hex,
 }
 
-/// Reads the volume of a header that begins here.
+/// Reads the volume of a header at the start of `input`.
 pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
     let header = Header::read(&mut input)?;
     let (text, path) = (&header.text, &header.text.path);
@@ -74,19 +74,19 @@ pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
     Ok(placement.volume(grid, samples)?.with_units(units(text, axes)).with_contents(contents))
 }
 
-/// The data files that the header names which begins here.
+/// Returns the data files that the header at the start of `input` names.
 pub(super) fn named_files(mut input: Input) -> Result<Vec<PathBuf>> {
     let header = Header::read(&mut input)?;
     Ok(data_files(&header.text, &mut input)?.unwrap_or_default())
 }
 
-/// The data files that the header names; `None` if the samples follow the header.
+/// Returns the data files that the header names; `None` if the samples follow the header.
 fn data_files(header: &TextHeader, input: &mut Input) -> Result<Option<Vec<PathBuf>>> {
     let named = header.get(["data file"]).map(|text| multifile::data_files(&header.path, text, 4, input));
     named.transpose()
 }
 
-/// The units that the header states. A unit of length counts if all three axes have it.
+/// Returns the units that the header states. A unit of length counts if all three axes have it.
 fn units(header: &TextHeader, axes: [usize; 3]) -> Units {
     // Quoted, one for each axis; of the space, or of the samples.
     let quoted = |name: &str, of: [usize; 3]| {
@@ -130,7 +130,7 @@ fn layout(header: &TextHeader, sample_type: SampleType, encoding: Encoding) -> R
     }
 }
 
-/// The three spatial axes, fastest first, and the roles of all axes.
+/// Returns the three spatial axes, fastest first, and the roles of all axes.
 fn spatial_axes(header: &Header) -> Result<([usize; 3], Axes)> {
     let mut axes: Vec<usize> = (0..header.sizes.len()).collect();
     while axes.len() > 3 {
@@ -167,7 +167,7 @@ fn spatial_axes(header: &Header) -> Result<([usize; 3], Axes)> {
     refuse!(header.text, "axes of sizes {sizes}{kinds} are not volumes: expected three axes of space")
 }
 
-/// The position of the lattice. Without directions its axes are the world axes.
+/// Returns the position of the lattice. Without directions its axes are the world axes.
 fn placement(header: &Header, axes: [usize; 3]) -> Result<Placement> {
     let origin = header.origin.unwrap_or_default();
     let Some(directions) = &header.directions else {
@@ -186,10 +186,11 @@ fn placement(header: &Header, axes: [usize; 3]) -> Result<Placement> {
     Ok(placement.flipped(header.patient_flip.unwrap_or(DVec3::ONE)))
 }
 
-/// The most bytes before the last samples of a stream, which are kept in memory until its end.
+/// The largest number of bytes before the last samples of a stream, which are kept in memory until its end.
 const MAX_BEFORE: u64 = 64 << 20;
 
-/// The lines and the bytes before the samples of each data file; no number of bytes if the samples are the last ones.
+/// Returns the numbers of lines and of bytes before the samples of each data file; no number of bytes if the samples
+/// are the last bytes of the file.
 fn skips(header: &TextHeader, encoding: Encoding) -> Result<(u64, Option<u64>)> {
     let lines = header.number::<i64>("line skip")?.unwrap_or(0);
     let lines = u64::try_from(lines).map_err(|_| header.error(format!("line skip: {lines} is negative")))?;
@@ -202,7 +203,7 @@ fn skips(header: &TextHeader, encoding: Encoding) -> Result<(u64, Option<u64>)> 
     }
 }
 
-/// Moves to the first of samples of `total` bytes. Lines are skipped before decompression, bytes after it.
+/// Skips to the first sample of data of `total` bytes. Lines are skipped before decompression, bytes after it.
 fn at_samples(mut input: Input, encoding: Encoding, (lines, bytes): (u64, Option<u64>), total: u64) -> Result<Input> {
     input.skip_lines(lines)?;
     // Bzip2 can hold far more than anyone writes before samples.

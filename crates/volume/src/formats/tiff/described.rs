@@ -6,7 +6,7 @@ use crate::volume::Channel;
 /// A series of pages that are one image, and the facts that the file states about it.
 #[derive(Debug, Default)]
 pub(super) struct Described {
-    /// The numbers of its pages among the pages of the file, in the order of `axes`.
+    /// The numbers of the series' pages among the pages of the file, in the order of `axes`.
     pub(super) pages: Vec<usize>,
     /// The axes of pages, the fastest first.
     pub(super) axes: Axes,
@@ -15,19 +15,19 @@ pub(super) struct Described {
     pub(super) together: bool,
     pub(super) spacing: Option<[f64; 3]>,
     pub(super) unit: Option<String>,
-    /// Whether it is of microscopy.
+    /// Whether the image is of microscopy.
     pub(super) is_microscopy: bool,
     pub(super) name: Option<String>,
 }
 
 impl Described {
-    /// Pages that are sections one behind the other.
+    /// Describes pages that are sections one behind the other.
     pub(super) fn sections(pages: Vec<usize>) -> Self {
         let axes = vec![(Role::Space, pages.len() as i64)];
         Self { pages, axes, ..Self::default() }
     }
 
-    /// The number of sections of its pages.
+    /// Returns the number of sections that the pages are.
     pub(super) fn depth(&self) -> i64 {
         self.axes.iter().filter(|(role, _)| *role == Role::Space).fold(1, |all, (_, size)| all.saturating_mul(*size))
     }

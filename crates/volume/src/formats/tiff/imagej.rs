@@ -10,12 +10,12 @@ use crate::formats::placement::named_unit;
 use crate::formats::selection::Role;
 use crate::names::counted;
 
-/// Whether a description is of ImageJ.
+/// Returns whether a description is of ImageJ.
 pub(super) fn is_imagej(text: &str) -> bool {
     text.starts_with("ImageJ=")
 }
 
-/// The series of all `pages` of a file. A pixel has the lengths `resolution` along x and y.
+/// Describes the series of all `pages` of a file. A pixel has the lengths `resolution` along x and y.
 pub(super) fn described(text: &str, resolution: [Option<f64>; 2], pages: usize, path: &Path) -> Result<Described> {
     let get = |name: &str| text.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix('='));
     let count = |name: &str| get(name).and_then(|text| text.trim().parse::<i64>().ok()).unwrap_or(1);

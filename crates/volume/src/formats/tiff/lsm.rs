@@ -6,17 +6,17 @@ use crate::formats::fields::Fields;
 use crate::formats::selection::Role;
 use crate::volume::Endian;
 
-/// The private tag.
+/// The private tag of Zeiss.
 pub(super) const TAG: u16 = 34412;
 
-/// The first bytes of the structure, of LSM 1.3 and later ones.
+/// The first four bytes of the structure, of LSM 1.3 and of later versions.
 const MAGICS: [u64; 2] = [0x0300_494C, 0x0400_494C];
 
-/// A micrometre in metres.
+/// The length of a micrometre in metres.
 const MICROMETRE: f64 = 1e-6;
 
-/// The series of all `pages` of a file with this content of the tag, of pixels with that many samples. `None` if the
-/// tag is of another kind.
+/// Describes the series of all `pages` of a file with this content of the tag, of pixels with that many samples. `None`
+/// if the tag is of another kind.
 pub(super) fn described(info: &[u8], pages: usize, samples: u16) -> Option<Described> {
     let fields = Fields { bytes: info, endian: Endian::Little };
     if !MAGICS.contains(&fields.uint(0, 4)) {

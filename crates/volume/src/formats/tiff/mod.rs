@@ -40,10 +40,10 @@ const MAX_VALUE: usize = 16 << 20;
 /// The largest strip or tile, in bytes.
 const MAX_STRIP: usize = 1 << 30;
 
-/// The most kinds of pages that are listed as series.
+/// The largest number of kinds of pages that are listed as series.
 const MAX_KINDS: usize = 64;
 
-/// Reads the volume of a file.
+/// Reads the volume of a file of TIFF.
 pub(super) fn read(input: Input, options: &LoadOptions) -> Result<Volume> {
     if input.plain_file()?.is_none() {
         refuse!(input, "is a TIFF file in a stream or in gzip: write it to a file, decompressed");
@@ -53,7 +53,7 @@ pub(super) fn read(input: Input, options: &LoadOptions) -> Result<Volume> {
     read_stacks(&path, &stack, std::slice::from_ref(&path), &stack.described.axes, options)
 }
 
-/// Reads the volume whose sections are in these files.
+/// Reads the volume whose sections are in the given files of TIFF.
 pub(super) fn read_files(folder: &Path, files: &[PathBuf], options: &LoadOptions) -> Result<Volume> {
     let Some(first) = files.first() else { refuse!(folder, "has no TIFF files") };
     let stack = Stack::open(first, None)?;
@@ -111,7 +111,7 @@ fn read_stacks(
     Ok(placement.volume(grid, stored)?.with_units(units).with_contents(contents))
 }
 
-/// The samples that are picked from the pages of the files, each of `page` samples.
+/// Decodes the samples that are picked from the pages of the files, each of `page` samples.
 fn decoded<T: Number>(path: &Path, files: &[PathBuf], pick: &Pick, page: u64, series: Option<u32>) -> Result<Vec<T>> {
     let count = pick.len();
     let mut samples: Vec<T> = zeroed(count, || samples_in(path))?;
@@ -154,27 +154,27 @@ fn decoded<T: Number>(path: &Path, files: &[PathBuf], pick: &Pick, page: u64, se
     Ok(samples)
 }
 
-/// The directories of a series of a file.
+/// A series of a file of TIFF.
 struct Stack {
     path: PathBuf,
     decoder: Decoder<View>,
-    /// The first page: the others are of its size and type.
+    /// The first page of the series: the others are of its size and type.
     page: Page,
     endian: Endian,
-    /// The directories of pages, in their order; directories of previews and of other series are left out.
+    /// The numbers of the pages' directories, in their order; directories of previews and of other series are left out.
     pages: Vec<usize>,
-    /// Where samples begin and end if all of them are uncompressed and in one piece.
+    /// The first byte of the samples and the byte after the last, if all of them are uncompressed and in one piece.
     plain: Option<[u64; 2]>,
     /// Whether a palette only shows grey values, as the look-up tables of ImageJ do.
     has_look_up_table: bool,
     described: Described,
 }
 
-/// The page of a directory.
+/// A directory of a file of TIFF and its page.
 struct Directory {
     number: usize,
     page: Result<Page>,
-    /// The description, if it begins a series.
+    /// The description of the page, if it begins a series.
     text: Option<String>,
 }
 
@@ -251,7 +251,7 @@ impl Stack {
         Ok(Self { path: path.to_owned(), decoder, page, endian, pages: numbers, plain, has_look_up_table, described })
     }
 
-    /// The sections of a file that has nothing else.
+    /// Returns the number of sections of a file that has neither channels nor points in time.
     fn sections(&self) -> Result<i64> {
         let axes = &self.described.axes;
         if axes.iter().any(|(role, size)| *role != Role::Space && *size != 1) {
@@ -262,12 +262,12 @@ impl Stack {
     }
 }
 
-/// The description of the directory that the decoder is at.
+/// Returns the description of the directory that the decoder is at.
 fn description(decoder: &mut Decoder<View>) -> Option<String> {
     decoder.find_tag(Tag::ImageDescription).ok().flatten()?.into_string().ok()
 }
 
-/// The directories of pages; directories of previews are left out.
+/// Returns the directories of pages; directories of previews are left out.
 fn directories(decoder: &mut Decoder<View>, path: &Path, length: u64) -> Result<Vec<Directory>> {
     let (mut all, mut seen, mut number, mut chunks) = (Vec::new(), HashSet::new(), 0, 0_u64);
     loop {
@@ -297,7 +297,8 @@ fn directories(decoder: &mut Decoder<View>, path: &Path, length: u64) -> Result<
     }
 }
 
-/// The series of a file without a description of all: those of tifffile, or pages of one size and type each.
+/// Returns the series of a file without a description of all: the series of tifffile, or pages of one size and type
+/// each.
 fn undescribed(directories: &[Directory]) -> Vec<Described> {
     if directories.first().is_some_and(|first| first.text.is_some()) {
         let numbers: Vec<usize> = (0..directories.len()).collect();
@@ -322,7 +323,7 @@ fn undescribed(directories: &[Directory]) -> Vec<Described> {
     groups.into_iter().map(|(_, pages)| Described::sections(pages)).collect()
 }
 
-/// A series in words: its name and its size.
+/// Describes a series in words: its name and its size.
 fn words(described: &Described, directories: &[Directory]) -> String {
     let page = described.pages.first().and_then(|number| directories.get(*number)?.page.as_ref().ok());
     let size = match (page, described.depth()) {
@@ -336,7 +337,7 @@ fn words(described: &Described, directories: &[Directory]) -> String {
     described.name.as_ref().map_or(size.clone(), |name| format!("{name:?} of {size}"))
 }
 
-/// A length from a resolution, which is a number of pixels in it.
+/// Returns the length of a pixel by a resolution, which is the number of pixels in a unit of length.
 fn per_unit(value: Value) -> Option<f64> {
     let Value::Rational(pixels, units) = value else { return None };
     Some(f64::from(units) / f64::from(pixels)).filter(|length| length.is_finite() && *length > 0.0)

@@ -11,14 +11,14 @@ use crate::formats::xml::Tag;
 use crate::names::counted;
 use crate::volume::Channel;
 
-/// The most channels whose names are kept.
+/// The largest number of channels whose names are kept.
 const MAX_LABELS: usize = 4096;
 
-/// Units of length in micrometres, as OME-XML names them.
+/// The units of length in micrometres, as OME-XML names them.
 const LENGTHS: [(&str, f64); 8] =
     [("pm", 1e-6), ("Å", 1e-4), ("nm", 1e-3), ("µm", 1.0), ("mm", 1e3), ("cm", 1e4), ("dm", 1e5), ("m", 1e6)];
 
-/// An image, as its tags state it.
+/// An image of a file, as the tags of OME-XML state it.
 struct Image {
     name: Option<String>,
     pixels: Tag,
@@ -31,13 +31,13 @@ struct Image {
 struct Planes {
     /// The number of the first directory.
     directory: Option<usize>,
-    /// The first plane by its section, channel and point in time.
+    /// The section, the channel and the point in time of the first plane.
     first: [i64; 3],
     count: Option<usize>,
 }
 
-/// The series of a file, one for each image; `None` if a text is not of OME. `pages` are the numbers of directories of
-/// pages, and `samples` returns the number of samples in a pixel of a page.
+/// Describes the series of a file, one for each image; `None` if a text is not of OME. `pages` are the numbers of
+/// directories of pages, and `samples` returns the number of samples in a pixel of a page.
 pub(super) fn described(
     text: &str,
     pages: &[usize],
@@ -106,7 +106,7 @@ fn channel(tag: &Tag) -> Channel {
 }
 
 impl Image {
-    /// The facts about an image whose pixels have that many samples, without its pages.
+    /// Describes an image whose pixels have that many samples, without its pages.
     fn described(&self, samples: i64, path: &Path) -> Result<Described> {
         let tag = &self.pixels;
         let count = |name: &str| tag.get(name).and_then(|text| text.parse::<i64>().ok()).unwrap_or(1).max(1);
@@ -146,8 +146,8 @@ impl Image {
         Ok(Described { spacing, unit: Some("µm".to_owned()), ..described })
     }
 
-    /// The pages of the planes in the order of the axes; `None` if the tags do not place each plane in a page. Planes
-    /// without a directory begin at the page `next`.
+    /// Returns the pages of the planes in the order of the axes; `None` if the tags do not place each plane in a page.
+    /// Planes without a directory begin at the page `next`.
     fn placed(&self, axes: &Axes, count: usize, samples: i64, (pages, next): (&[usize], usize)) -> Option<Vec<usize>> {
         let mut placed = vec![None; count];
         for planes in &self.planes {

@@ -1,4 +1,4 @@
-//! The pages of a file: what their directories state, and their samples.
+//! The pages of a file of TIFF: the statements of their directories, and their samples.
 
 use std::path::Path;
 
@@ -14,13 +14,13 @@ use crate::formats::placement::lattice;
 use crate::memory::{samples_in, zeroed};
 use crate::volume::Number;
 
-/// No codec expands more: LZW makes at most 4096 bytes of 12 bits.
+/// The largest number of bytes that a codec makes of one: LZW makes at most 4096 bytes of 12 bits.
 pub(super) const MAX_EXPANSION: u64 = 2731;
 
 /// The order of the bits of a byte, a tag that the crate has no name for.
 const FILL_ORDER: Tag = Tag::Unknown(266);
 
-/// The most bytes that a codec makes of one. A page that claims more is refused.
+/// Returns the largest number of bytes that a codec makes of one. A page that claims more is refused.
 fn expansion(compression: u32) -> u64 {
     match compression {
         1 => 1,
@@ -31,46 +31,46 @@ fn expansion(compression: u32) -> u64 {
     }
 }
 
-/// The properties of a page.
+/// The properties of a page of TIFF.
 pub(super) struct Page {
     pub(super) size: [u32; 2],
-    /// The sections of a page that is a volume; 1 of other pages.
+    /// The number of sections of a page that is a volume; 1 for other pages.
     pub(super) depth: u32,
     pub(super) kind: Kind,
-    /// The numbers of a pixel.
+    /// The number of samples of a pixel.
     pub(super) samples: u16,
-    /// Whether they are in planes behind one another.
+    /// Whether the samples of a pixel are in planes behind one another.
     pub(super) planar: bool,
-    /// Whether they are colours.
+    /// Whether the samples of a pixel are colours.
     pub(super) coloured: bool,
-    /// Whether they are numbers of a palette.
+    /// Whether samples are numbers of a palette.
     pub(super) indexed: bool,
-    /// Whether pairs of them are complex numbers.
+    /// Whether pairs of samples are complex numbers.
     pub(super) complex: bool,
-    /// The first byte and the byte after the last, if they are uncompressed and in one piece.
+    /// The first byte of the samples and the byte after the last, if they are uncompressed and in one piece.
     pub(super) plain: Option<[u64; 2]>,
-    /// The most bytes that its codec makes of one.
+    /// The largest number of bytes that the codec of the page makes of one.
     pub(super) expansion: u64,
-    /// The number of its strips or tiles.
+    /// The number of strips or tiles of the page.
     pub(super) chunks: u64,
-    /// The bits of a sample, if it has less than a byte, and whether the first one is the lowest of a byte.
+    /// The number of bits of a sample, if it has less than a byte, and whether the first sample is in the lowest bits.
     packed: Option<(u32, bool)>,
-    /// The tiles, if they have several sections: their size, and their number along each axis.
+    /// The size of tiles and their number along each axis, if they have several sections.
     tiles: Option<[[usize; 3]; 2]>,
 }
 
 impl Page {
-    /// The number of pixels of a section.
+    /// Returns the number of pixels of a section of the page.
     pub(super) fn area(&self) -> u64 {
         u64::from(self.size[0]) * u64::from(self.size[1])
     }
 
-    /// The number of samples.
+    /// Returns the number of samples of the page.
     pub(super) fn len(&self) -> u64 {
         self.area().saturating_mul(self.samples.into()).saturating_mul(self.depth.into())
     }
 
-    /// The number of bytes without compression.
+    /// Returns the number of bytes of the page without compression.
     fn bytes(&self) -> u64 {
         match self.packed {
             None => self.len().saturating_mul(self.kind.size() as u64),
@@ -78,12 +78,12 @@ impl Page {
         }
     }
 
-    /// The bytes of a row of samples of less than a byte.
+    /// Returns the number of bytes of a row of samples of less than a byte.
     fn packed_row(&self, bits: u32) -> u64 {
         (u64::from(self.size[0]) * u64::from(self.samples) * u64::from(bits)).div_ceil(8)
     }
 
-    /// The size and the type, which all pages of a series share.
+    /// Describes the size and the type of the page, which all pages of a series share.
     pub(super) fn described(&self) -> String {
         let ([x, y], kind) = (self.size, self.kind.name());
         let size = if self.depth == 1 { format!("{x} x {y}") } else { format!("{x} x {y} x {}", self.depth) };
@@ -94,7 +94,7 @@ impl Page {
         }
     }
 
-    /// Refuses pages that need more bytes than those `held` in the file become by an expansion.
+    /// Refuses pages that need more bytes than an expansion can make of those `held` in the file.
     pub(super) fn check_length(&self, path: &Path, pages: u64, held: u64, expansion: u64) -> Result<()> {
         let needed = self.bytes().saturating_mul(pages);
         if needed <= held.saturating_mul(expansion) {
@@ -109,8 +109,8 @@ impl Page {
         refuse!(path, "is cut short, or its header claims too much: {size} samples need {needed} bytes, {there}")
     }
 
-    /// The page of the directory that the decoder is at, in a file of `length` bytes. Where the crate could not decode
-    /// the page, or would change its samples, the directory gets other entries.
+    /// Reads the properties of the page whose directory the decoder is at, in a file of `length` bytes. Where the crate
+    /// could not decode the page, or would change its samples, the directory gets other entries.
     pub(super) fn of(decoder: &mut Decoder<View>, path: &Path, length: u64) -> Result<Self> {
         let failed = |error| failed(path, error);
         let place = decoder.ifd_pointer().map_or(0, |pointer| pointer.0);
@@ -257,7 +257,7 @@ impl Page {
     }
 }
 
-/// The crate's error as one of ours: of the file, or of the content.
+/// Returns an error of the crate `tiff` as one of ours: of the file, or of the content.
 pub(super) fn failed(path: &Path, error: TiffError) -> Error {
     match error {
         TiffError::IoError(source) if source.kind() == std::io::ErrorKind::UnexpectedEof => {

@@ -6,13 +6,13 @@ use serde_json::Value;
 use super::described::Described;
 use crate::formats::selection::{Axes, Role, sized};
 
-/// Whether a description is of tifffile: a page with it begins a series.
+/// Returns whether a description is of tifffile: a page with it begins a series.
 pub(super) fn is_shaped(text: &str) -> bool {
     text.starts_with("{\"shape\":")
 }
 
-/// The series of these pages, each of `samples` numbers. A description that contradicts the pages, as after an edit of
-/// the file, is ignored.
+/// Describes the series of these pages, each of `samples` numbers. A description that contradicts the pages, as after
+/// an edit of the file, is ignored.
 pub(super) fn described(text: &str, pages: Vec<usize>, samples: u64) -> Described {
     let stated = serde_json::from_str::<Value>(text).ok().and_then(|stated| {
         let sizes: Vec<u64> = stated["shape"].as_array()?.iter().map(Value::as_u64).collect::<Option<_>>()?;
@@ -35,7 +35,7 @@ pub(super) fn described(text: &str, pages: Vec<usize>, samples: u64) -> Describe
     }
 }
 
-/// The axes of pages, the fastest first, of axes with these letters. `None` if they are not those of so many pages.
+/// Returns the axes of pages, the fastest first, by the letters of all axes. `None` if so many pages do not fill them.
 fn named(letters: &str, sizes: &[u64], pages: u64) -> Option<Axes> {
     let mut left = pages;
     let mut all: Vec<(char, u64)> = letters.chars().zip(sizes.iter().copied()).collect();
@@ -66,7 +66,7 @@ fn named(letters: &str, sizes: &[u64], pages: u64) -> Option<Axes> {
     (left == 1).then_some(axes)
 }
 
-/// The axes of pages of a shape without letters: sections, then channels if three axes are left, then time.
+/// Returns the axes of pages by a shape without letters: sections, then channels if three axes are left, then time.
 fn unnamed(sizes: &[u64], pages: u64) -> Option<Axes> {
     let mut count = 1;
     let beyond: Vec<u64> = sizes

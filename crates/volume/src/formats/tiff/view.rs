@@ -7,48 +7,48 @@ use std::io::{self, BufReader, Read, Seek, SeekFrom};
 
 use crate::volume::Endian;
 
-/// The most entries of a directory: what the count of classic TIFF can state.
+/// The largest number of entries of a directory that the count of classic TIFF can state.
 const MAX_ENTRIES: u64 = 65_535;
 
-/// The tags of pages that are volumes.
+/// The tag of the width of pages. This and the next ones are the tags of pages that are volumes.
 const WIDTH: u16 = 256;
 const LENGTH: u16 = 257;
 const ROWS_PER_STRIP: u16 = 278;
 const TILE_WIDTH: u16 = 322;
 const TILE_LENGTH: u16 = 323;
-/// The sections of a page and of a tile, tags of SGI.
+/// The tag of SGI with the number of sections of a page; the next one has that of a tile.
 const IMAGE_DEPTH: u16 = 32997;
 const TILE_DEPTH: u16 = 32998;
 
-/// A page that is a volume, of which the crate sees the sections as rows below each other.
+/// A page that is a volume, whose sections the crate sees as rows below each other.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Folded {
-    /// Columns, rows and sections.
+    /// The numbers of columns, rows and sections.
     pub(super) size: [u32; 3],
-    /// The size of a tile, and the tiles along each axis, unless the page is in strips. The crate sees a tile with
-    /// several sections as a higher one.
+    /// The size of a tile, and the number of tiles along each axis, unless the page is in strips. The crate sees a tile
+    /// with several sections as a higher one.
     pub(super) tiles: Option<[[u32; 3]; 2]>,
 }
 
-/// An entry of a directory.
+/// An entry of a directory of TIFF.
 struct Entry {
     tag: u16,
-    /// Where its type begins.
+    /// The place in the file where the type of the entry begins.
     place: u64,
-    /// Its number, if it is a single whole one.
+    /// The number of the entry, if it is a single whole one.
     value: Option<u32>,
 }
 
-/// A file, and the bytes that replace its own.
+/// A file of TIFF, and the bytes that replace its own.
 pub(super) struct View {
     file: BufReader<File>,
     endian: Endian,
-    /// Whether it is BigTIFF, whose numbers are wider.
+    /// Whether the file is BigTIFF, whose numbers are wider.
     big: bool,
     at: u64,
-    /// Bytes by their places. None overlap.
+    /// The replacing bytes by their places. They do not overlap.
     replaced: BTreeMap<u64, Vec<u8>>,
-    /// Pages that are volumes, by the places of their directories.
+    /// The pages that are volumes, by the places of their directories.
     folded: BTreeMap<u64, Folded>,
 }
 
@@ -68,7 +68,7 @@ impl View {
         self.endian
     }
 
-    /// The page of the directory at a place, if it is a volume.
+    /// Returns the page of the directory at a place, if the page is a volume.
     pub(super) fn folded(&self, directory: u64) -> Option<Folded> {
         self.folded.get(&directory).copied()
     }
@@ -95,7 +95,7 @@ impl View {
         Ok(())
     }
 
-    /// The entries of the directory at a place, behind which it leaves the file.
+    /// Reads the entries of the directory at a place. The file is left behind them.
     fn entries(&mut self, directory: u64) -> io::Result<Vec<Entry>> {
         let (count_size, wide) = if self.big { (8, 8) } else { (2, 4) };
         self.seek(SeekFrom::Start(directory))?;
@@ -148,7 +148,7 @@ impl View {
         Ok(self.endian.number(&bytes[..size]))
     }
 
-    /// A number in `size` bytes.
+    /// Returns a number in `size` bytes, in the byte order of the file.
     fn written(&self, number: u32, size: usize) -> Vec<u8> {
         let mut bytes = u64::from(number).to_le_bytes()[..size].to_vec();
         if self.endian == Endian::Big {
@@ -180,8 +180,8 @@ impl Seek for View {
     }
 }
 
-/// The volume that a page is, and the numbers of its tags with which the crate sees the sections as rows. `None` if it
-/// is a page of one section, or no whole number of strips has a section.
+/// Returns the volume that a page is, and the numbers of its tags with which the crate sees the sections as rows.
+/// `None` if it is a page of one section, or no whole number of strips has a section.
 fn folded(entries: &[Entry]) -> Option<(Folded, Vec<(u16, u32)>)> {
     let get = |tag: u16| entries.iter().find(|entry| entry.tag == tag).and_then(|entry| entry.value);
     let depth = get(IMAGE_DEPTH).filter(|depth| *depth > 1)?;

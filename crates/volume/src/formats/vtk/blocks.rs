@@ -7,17 +7,18 @@ use flate2::bufread::ZlibDecoder;
 use crate::error::{Damage, Result, refuse, refuse_if};
 use crate::formats::input::{Input, MAX_EXPANSION, buffered};
 
-/// The codec of blocks.
+/// The codec of compressed blocks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Codec {
     Zlib,
     Lz4,
 }
 
-/// The most blocks of an array. VTK writes blocks of 32 KiB and more: this is half a terabyte.
+/// The largest number of blocks of an array. VTK writes blocks of 32 KiB and more: this is half a terabyte.
 const MAX_BLOCKS: u64 = 1 << 24;
 
-/// Reads the table of blocks that begins here, of numbers that `number` reads. What is left is decompressed.
+/// Reads the table of blocks at the start of `input`, of numbers that `number` reads. The rest of `input` is
+/// decompressed.
 pub(super) fn decompressed(
     mut input: Input,
     codec: Codec,
@@ -41,11 +42,11 @@ pub(super) fn decompressed(
     Ok(input)
 }
 
-/// Reads the bytes of blocks.
+/// A reader of the bytes of compressed blocks.
 struct Blocks {
     packed: Box<dyn BufRead>,
     codec: Codec,
-    /// Compressed and decompressed bytes of each block to come.
+    /// The numbers of compressed and of decompressed bytes of each block to come.
     sizes: std::vec::IntoIter<[u64; 2]>,
     block: io::Cursor<Vec<u8>>,
 }

@@ -15,8 +15,8 @@ use crate::formats::selection::choice;
 use crate::formats::xml::Tag;
 use crate::volume::{Endian, SampleType};
 
-/// Reads the volume of an array of a file that begins here. Without a name it is the array that is named as the active
-/// scalars, else the first, of points, else of cells.
+/// Reads the volume of an array of a file at the start of `input`. Without a name it is the array that is named as the
+/// active scalars, else the first, of points, else of cells.
 pub(in crate::formats) fn read(mut input: Input, options: &LoadOptions, wanted: Wanted<'_>) -> Result<Found> {
     let Some(file) = tag(&mut input, "VTKFile")? else {
         refuse!(input, "is not a VTK file: it has no tag VTKFile");
@@ -36,7 +36,7 @@ pub(in crate::formats) fn read(mut input: Input, options: &LoadOptions, wanted: 
     image_lattice.read(&array, input, layout, options)
 }
 
-/// The next tag of this name.
+/// Reads up to the next tag of this name.
 pub(super) fn tag(input: &mut Input, name: &str) -> Result<Option<Tag>> {
     while let Some(tag) = Tag::next(input)? {
         if tag.name == name {
@@ -46,7 +46,7 @@ pub(super) fn tag(input: &mut Input, name: &str) -> Result<Option<Tag>> {
     Ok(None)
 }
 
-/// The numbers of an attribute, or the usual ones if it is not stated.
+/// Returns the numbers of an attribute, or the usual ones if it is not stated.
 fn stated<T: FromStr + Copy, const N: usize>(image: &Tag, file: &Path, name: &str, usual: [T; N]) -> Result<[T; N]> {
     let Some(text) = image.get(name) else { return Ok(usual) };
     numbers(text).ok_or_else(|| file.error(format!("{name} is {text:?}, expected {N} numbers")))
@@ -64,14 +64,14 @@ fn image_lattice(image: &Tag, file: &Path) -> Result<ImageLattice> {
     })
 }
 
-/// The place of an array's samples.
+/// The place of an array's samples in the file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Place {
-    /// Decimal numbers after the tag.
+    /// After the tag, as decimal numbers.
     Text,
-    /// In base64 after the tag.
+    /// After the tag, in base64.
     Inline,
-    /// So many bytes or characters behind the XML.
+    /// Behind the XML, after `offset` bytes, or characters of base64.
     Appended { offset: u64, base64: bool },
 }
 
@@ -147,7 +147,7 @@ pub(super) fn place(tag: &Tag, input: &Input) -> Result<Place> {
     }
 }
 
-/// The encoding of arrays.
+/// The encoding of the arrays of a file.
 pub(super) struct Coding {
     endian: Endian,
     /// Whether the numbers before an array have 8 bytes rather than 4.

@@ -9,7 +9,7 @@ use crate::formats::decode::{Layout, skip};
 use crate::formats::input::Input;
 use crate::volume::{Endian, SampleType};
 
-/// Reads the volume of an array of a header that begins here.
+/// Reads the volume of an array of a header at the start of `input`.
 pub(in crate::formats) fn read(input: Input, options: &LoadOptions, wanted: Wanted<'_>) -> Result<Found> {
     let mut reader = Reader::open(input)?;
     match reader.find(wanted)? {
@@ -18,7 +18,7 @@ pub(in crate::formats) fn read(input: Input, options: &LoadOptions, wanted: Want
     }
 }
 
-/// The next line that is not blank: VTK skips blank lines.
+/// Reads the next line that is not blank: VTK skips blank lines.
 fn word_line(input: &mut Input) -> Result<String> {
     while let Some(line) = input.line()? {
         if !line.trim().is_empty() {
@@ -32,7 +32,7 @@ struct Reader {
     input: Input,
     layout: Layout,
     lattice: ImageLattice,
-    /// What the arrays to come belong to, and their number.
+    /// The places (points or cells) that the arrays to come belong to, and their number.
     of: Option<(At, u64)>,
     /// The names of arrays that were skipped.
     names: Vec<String>,
@@ -95,7 +95,7 @@ impl Reader {
         Ok(None)
     }
 
-    /// The array that a line begins, or `None` if it is skipped.
+    /// Returns the array that a line begins, or `None` if it is skipped.
     fn array(
         &mut self,
         keyword: &str,

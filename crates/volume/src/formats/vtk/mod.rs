@@ -15,25 +15,25 @@ use super::selection::{Role, colours_of_bytes, picked, sized};
 use crate::error::{Result, Subject, refuse, refuse_if};
 use crate::volume::{SampleType, Volume};
 
-/// The array of a file that is read.
+/// The array of a file that is to be read.
 #[derive(Clone, Copy)]
 pub(super) enum Wanted<'a> {
-    /// The active one, or the first with one number per sample.
+    /// The active array, or the first, with one number per sample.
     Scalars,
-    /// The active one, or the first, with any number of numbers per sample.
+    /// The active array, or the first, with any number of numbers per sample.
     Any,
-    /// The one of this name.
+    /// The array of this name.
     Named(&'a str),
 }
 
 /// The result of reading an array.
 pub(super) enum Found {
     Volume(Box<Volume>),
-    /// There is no such array, but arrays of these names.
+    /// The names of the arrays of a file that does not have the wanted one.
     Others(Vec<String>),
 }
 
-/// A reader of a format.
+/// A reader of one of the formats of images.
 type ReadArray = fn(Input, &LoadOptions, Wanted<'_>) -> Result<Found>;
 
 /// Reads the volume of the array `inside`; without a name, of an array with one number per sample, or else with
@@ -55,7 +55,7 @@ pub(super) fn read(input: Input, inside: Option<&str>, options: &LoadOptions, re
     }
 }
 
-/// The most arrays whose names are kept.
+/// The largest number of arrays whose names are kept.
 const MOST_NAMES: usize = 100;
 
 /// Adds the name of an array that is not read.
@@ -74,11 +74,11 @@ enum At {
 struct Array {
     at: At,
     sample_type: SampleType,
-    /// The numbers of each sample.
+    /// The number of numbers of each sample.
     components: u64,
 }
 
-/// The lattice of an image.
+/// The lattice of an image of VTK.
 struct ImageLattice {
     /// The first and the last point along each axis.
     extent: [[i64; 2]; 3],
@@ -89,7 +89,7 @@ struct ImageLattice {
 }
 
 impl ImageLattice {
-    /// The samples along each axis, and their position. A sample of a cell is at its centre.
+    /// Returns the number of samples along each axis, and their position. A sample of a cell is at its centre.
     fn placed(&self, at: At) -> ([i64; 3], Placement) {
         let (mut sizes, mut origin) = ([1; 3], self.origin);
         for (axis, [first, last]) in self.extent.into_iter().enumerate() {
@@ -106,7 +106,7 @@ impl ImageLattice {
         (sizes, Placement { directions: self.directions, spacing: self.spacing, origin, oriented: false })
     }
 
-    /// Reads the volume of an array whose first sample begins here.
+    /// Reads the volume of an array whose first sample is at the start of `input`.
     fn read(&self, array: &Array, input: Input, layout: Layout, options: &LoadOptions) -> Result<Found> {
         let path = input.path().to_owned();
         let (sizes, placement) = self.placed(array.at);

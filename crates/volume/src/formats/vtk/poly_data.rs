@@ -50,7 +50,7 @@ pub(crate) fn read(path: &Path) -> Result<Mesh> {
     Ok(mesh)
 }
 
-/// The `count` numbers of the first array of a section that `matches`.
+/// Reads the `count` numbers of the first array of a section that `matches`.
 fn array(path: &Path, section: &str, matches: &dyn Fn(&Tag) -> bool, count: u64) -> Result<Vec<f64>> {
     if count == 0 {
         return Ok(Vec::new());

@@ -8,14 +8,14 @@ use flate2::bufread::ZlibDecoder;
 use super::content::zstd;
 use crate::error::{Damage, refuse, refuse_if};
 
-/// Bytes of the header.
+/// The number of bytes of the header.
 const HEADER: usize = 16;
 
-/// The most parts of a block, and the fewest bytes of a part over the size of an element.
+/// The largest number of parts of a block, and the least number of bytes of a part.
 const MAX_SPLITS: usize = 16;
 const MIN_PART: usize = 128;
 
-/// The content of a container that has at most `most` bytes.
+/// Decompresses the content of a container, at most `most` bytes.
 pub(super) fn decompressed(bytes: &[u8], most: usize) -> io::Result<Vec<u8>> {
     let cut = || Damage.error("Blosc: cut short");
     let number = |at: usize| {
@@ -68,7 +68,7 @@ pub(super) fn decompressed(bytes: &[u8], most: usize) -> io::Result<Vec<u8>> {
     Ok(content)
 }
 
-/// Appends the content of a part by the compressor of this number, of at most `most` bytes.
+/// Appends the content of a part, at most `most` bytes, by the compressor of this number.
 fn append(compressor: u8, part: &[u8], most: usize, out: &mut Vec<u8>) -> io::Result<()> {
     match compressor {
         0 => blosclz(part, most, out)?,
@@ -84,7 +84,7 @@ fn append(compressor: u8, part: &[u8], most: usize, out: &mut Vec<u8>) -> io::Re
     Ok(())
 }
 
-/// BloscLZ, a kind of FastLZ: runs of literals, and matches up to 8191 + 65535 bytes back.
+/// Decompresses BloscLZ, a kind of FastLZ: runs of literals, and matches up to 8191 + 65535 bytes back.
 fn blosclz(packed: &[u8], most: usize, out: &mut Vec<u8>) -> io::Result<()> {
     const NEAR: usize = 8191;
     let start = out.len();
@@ -129,8 +129,8 @@ fn blosclz(packed: &[u8], most: usize, out: &mut Vec<u8>) -> io::Result<()> {
     Ok(())
 }
 
-/// Bytes by elements, from all first bytes of elements, then all second bytes, and so on. Bytes behind the last whole
-/// element stay.
+/// Returns bytes by elements, from all first bytes of elements, then all second bytes, and so on. Bytes behind the last
+/// whole element stay.
 pub(super) fn unshuffled(bytes: &[u8], element: usize) -> Vec<u8> {
     let count = bytes.len() / element;
     let mut out = bytes.to_vec();
@@ -140,8 +140,8 @@ pub(super) fn unshuffled(bytes: &[u8], element: usize) -> Vec<u8> {
     out
 }
 
-/// Bytes by elements, from the lowest bits of all elements, then the next bits, and so on. A number of elements that is
-/// no multiple of 8 is returned unchanged.
+/// Returns bytes by elements, from the lowest bits of all elements, then the next bits, and so on. A number of elements
+/// that is no multiple of 8 is returned unchanged.
 fn bits_unshuffled(bytes: Vec<u8>, element: usize) -> Vec<u8> {
     let count = bytes.len() / element;
     if count == 0 || !count.is_multiple_of(8) {

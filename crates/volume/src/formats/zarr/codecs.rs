@@ -15,29 +15,29 @@ use crate::error::{Damage, Result, Subject, refuse, refuse_if};
 use crate::formats::selection::choice;
 use crate::volume::{Endian, Number};
 
-/// From bytes to bytes.
+/// A codec from bytes to bytes.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Packing {
     Gzip,
     Zlib,
     Zstd,
-    /// The length in four bytes, then a block.
+    /// A block of LZ4 behind its length in four bytes.
     Lz4,
     Blosc,
     /// A checksum in the last four bytes.
     Crc32c,
-    /// Bytes of elements of this size.
+    /// A shuffle of the bytes of elements of this size.
     Shuffle(usize),
 }
 
-/// From samples to bytes.
+/// A codec from samples to bytes.
 #[derive(Debug, Clone, PartialEq)]
 enum Writing {
     Plain(Endian),
     Shards(Box<Shards>),
 }
 
-/// Chunks within a chunk.
+/// The chunks within a chunk.
 #[derive(Debug, Clone, PartialEq)]
 struct Shards {
     shape: Vec<u64>,
@@ -49,20 +49,20 @@ struct Shards {
 /// The codecs of a chunk, from samples to bytes.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Chain {
-    /// Permutations in the order of encoding: for each axis behind one, the axis before it.
+    /// The permutations of axes, in the order of encoding: for each axis after a permutation, the axis before it.
     transposed: Vec<Vec<usize>>,
     writing: Writing,
     packings: Vec<Packing>,
 }
 
-/// The deepest shards within shards.
+/// The largest depth of shards within shards.
 const MAX_DEPTH: usize = 4;
 
-/// The most codecs of a chain.
+/// The largest number of codecs of a chain.
 const MAX_CODECS: usize = 16;
 
 impl Chain {
-    /// The chain of Zarr 2: an order, a byte order, filters and a compressor.
+    /// Returns the chain of codecs of Zarr 2: an order, a byte order, filters and a compressor.
     pub(super) fn of_v2(file: &Path, axes: usize, fortran: bool, endian: Endian, codecs: &[&Value]) -> Result<Self> {
         let transposed = if fortran { vec![(0..axes).rev().collect()] } else { Vec::new() };
         let packing = |codec: &&Value| Packing::of(file, codec["id"].as_str().unwrap_or_default(), codec);
@@ -70,7 +70,7 @@ impl Chain {
         Ok(Self { transposed, writing: Writing::Plain(endian), packings })
     }
 
-    /// The chain of Zarr 3 for chunks of this shape.
+    /// Returns the chain of codecs of Zarr 3 for chunks of this shape.
     pub(super) fn of_v3(file: &Path, codecs: &Value, shape: &[u64], depth: usize) -> Result<Self> {
         let list = codecs.as_array().filter(|list| list.len() <= MAX_CODECS && depth <= MAX_DEPTH);
         let Some(list) = list else { refuse!(file, "its codecs are no list of bearable length") };
@@ -116,7 +116,7 @@ impl Chain {
         Ok(Self { transposed, writing, packings })
     }
 
-    /// Reads the part `want` of a chunk of this shape to where `target` has it.
+    /// Reads the part `want` of a chunk of this shape to its place in `target`.
     pub(super) fn read<T: Number>(
         &self,
         bytes: &Bytes<'_>,
@@ -148,7 +148,7 @@ impl Chain {
         }
     }
 
-    /// The unpacked bytes; about `most` at most.
+    /// Returns the unpacked bytes, about `most` at most.
     fn unpacked(&self, bytes: &Bytes<'_>, most: u64) -> io::Result<Vec<u8>> {
         // Checksums and incompressible content take a little more.
         let most = usize::try_from(most.saturating_add(most >> 3).saturating_add(1024)).unwrap_or(usize::MAX);
@@ -159,7 +159,7 @@ impl Chain {
         Ok(content)
     }
 
-    /// The packed length of this many bytes; an error if a codec makes it vary.
+    /// Returns the packed length of this many bytes; fails if a codec makes it vary.
     fn fixed_length(&self, bytes: u64) -> io::Result<u64> {
         self.packings.iter().try_fold(bytes, |length, packing| match packing {
             Packing::Crc32c => Ok(length + 4),
@@ -246,7 +246,7 @@ impl<T: Number> ChunkTarget<'_, T> {
     }
 }
 
-/// The samples from one index to the next along each axis; the last is the fastest.
+/// Returns the number of samples from one index to the next along each axis; the last is the fastest.
 pub(super) fn strides_of(shape: &[u64]) -> Vec<usize> {
     let mut strides = vec![1; shape.len()];
     for axis in (1..shape.len()).rev() {
@@ -258,7 +258,7 @@ pub(super) fn strides_of(shape: &[u64]) -> Vec<usize> {
 /// The indices of a chunk, the wanted part of it, and the place of this part in the whole wanted region.
 pub(super) type Part = (Vec<u64>, Vec<Range<u64>>, Vec<u64>);
 
-/// The chunks of this shape that have part of `want`.
+/// Returns the chunks of this shape that have part of `want`.
 pub(super) fn parts(want: &[Range<u64>], shape: &[u64]) -> impl Iterator<Item = Part> {
     let first: Vec<u64> = want.iter().zip(shape).map(|(range, size)| range.start / size).collect();
     let counts: Vec<u64> =
@@ -301,7 +301,7 @@ impl Packing {
         })
     }
 
-    /// The unpacked bytes; `most` at most.
+    /// Unpacks bytes by one codec, to `most` at most.
     fn undone(&self, bytes: &[u8], most: usize) -> io::Result<Vec<u8>> {
         let mut content = Vec::new();
         match self {
@@ -331,7 +331,7 @@ impl Packing {
     }
 }
 
-/// The checksum of Castagnoli.
+/// Returns the checksum of Castagnoli.
 fn crc32c(bytes: &[u8]) -> u32 {
     let table: [u32; 256] = std::array::from_fn(|n| {
         (0..8).fold(n as u32, |sum, _| if sum & 1 == 1 { sum >> 1 ^ 0x82F6_3B78 } else { sum >> 1 })

@@ -1,4 +1,4 @@
-//! Parts of the files of a Zarr: values of JSON, and frames of Zstandard.
+//! Readers of parts of the files of a Zarr: values of JSON, and frames of Zstandard.
 
 use std::io::{self, Read};
 
@@ -6,13 +6,13 @@ use serde_json::Value;
 
 use crate::error::Damage;
 
-/// A list of whole numbers; empty if it is none.
+/// Returns the whole numbers of a list; none if the value is no such list.
 pub(super) fn numbers(value: &Value) -> Vec<u64> {
     let numbers = value.as_array().and_then(|list| list.iter().map(Value::as_u64).collect());
     numbers.unwrap_or_default()
 }
 
-/// The content of frames of Zstandard, of at most `most` bytes.
+/// Decompresses frames of Zstandard, to at most `most` bytes.
 pub(super) fn zstd(mut bytes: &[u8], most: usize) -> io::Result<Vec<u8>> {
     let mut content = Vec::new();
     while !bytes.is_empty() && content.len() < most {

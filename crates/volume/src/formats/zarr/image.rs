@@ -14,24 +14,24 @@ use crate::formats::placement::{named_unit, plain_name};
 use crate::formats::selection::Role;
 use crate::volume::{Channel, Segment};
 
-/// The most levels of a pyramid.
+/// The largest number of levels of a pyramid.
 const MAX_LEVELS: usize = 64;
 
-/// The most channels and labels that are described.
+/// The largest number of channels and labels that are described.
 const MAX_LABELS: usize = 4096;
 
-/// The value of a key among the attributes of OME, or among all attributes.
+/// Returns the value of a key among the attributes of OME, or among all attributes.
 pub(super) fn first_of<'a>(node: &'a Node, key: &str) -> Option<&'a Value> {
     [&node.attributes["ome"][key], &node.attributes[key]].into_iter().find(|value| !value.is_null())
 }
 
-/// The first pyramid of attributes: of OME-Zarr 0.5 and later, or of the versions before.
+/// Returns the first pyramid of attributes: of OME-Zarr 0.5 and later, or of the versions before.
 pub(super) fn pyramid(attributes: &Value) -> Option<&Value> {
     [&attributes["ome"]["multiscales"][0], &attributes["multiscales"][0]].into_iter().find(|value| value.is_object())
 }
 
-/// The axes of an image without their sizes: objects since OME-Zarr 0.4, in coordinate systems since 0.6, names in 0.3,
-/// and all five before.
+/// Returns the axes of an image without their sizes: objects since OME-Zarr 0.4, in coordinate systems since 0.6, names
+/// in 0.3, and all five before.
 pub(super) fn axes_of_image(folder: &Path, image: &Value) -> Result<Vec<Axis>> {
     let systems = image["coordinateSystems"].as_array().map(Vec::as_slice).unwrap_or_default();
     // The levels lie in one system, from which transformations lead to the others.
@@ -71,7 +71,7 @@ pub(super) fn axes_of_image(folder: &Path, image: &Value) -> Result<Vec<Axis>> {
     Ok(axes)
 }
 
-/// The levels of a pyramid, the finest first.
+/// Returns the levels of a pyramid, the finest first.
 pub(super) fn levels(store: &Store, folder: &Path, image: &Value, axes: usize) -> Result<Vec<Level>> {
     let list = image["datasets"].as_array().map(Vec::as_slice).unwrap_or_default();
     refuse_if!(list.is_empty() || list.len() > MAX_LEVELS, folder, "has a pyramid of {} levels", list.len());
@@ -104,8 +104,8 @@ pub(super) fn levels(store: &Store, folder: &Path, image: &Value, axes: usize) -
     Ok(levels)
 }
 
-/// The number of samples of a finer level for each sample of a coarser one: a whole number, if a rounded share of the
-/// finer size makes the coarser one.
+/// Returns the number of samples of a finer level for each sample of a coarser one: a whole number, if a rounded share
+/// of the finer size makes the coarser one.
 fn reduction(fine: u64, coarse: u64) -> f64 {
     let ratio = fine as f64 / coarse.max(1) as f64;
     let whole = ratio.round().max(1.0) as u64;
@@ -143,7 +143,7 @@ impl Level {
     }
 }
 
-/// The names, colours and windows of the image's channels.
+/// Returns the names, colours and windows of the image's channels.
 pub(super) fn labels(node: &Node) -> Vec<Channel> {
     let list = first_of(node, "omero").and_then(|omero| omero["channels"].as_array());
     let label = |value: &Value| {
@@ -161,7 +161,7 @@ pub(super) fn labels(node: &Node) -> Vec<Channel> {
     list.into_iter().flatten().take(MAX_LABELS).map(label).collect()
 }
 
-/// The colours and the names of labels, if the image is one of labels.
+/// Returns the colours and the names of labels, if the image is an image of labels.
 pub(super) fn segments(node: &Node) -> Option<Vec<Segment>> {
     let image = first_of(node, "image-label")?;
     let of = |list: &'static str| image[list].as_array().map(Vec::as_slice).unwrap_or_default().iter().take(MAX_LABELS);
@@ -182,7 +182,7 @@ pub(super) fn segments(node: &Node) -> Option<Vec<Segment>> {
     Some(segments)
 }
 
-/// The number of the requested level.
+/// Returns the number of the requested level.
 pub(super) fn chosen_level(folder: &Path, levels: &[Level], axes: &[Axis], asked: PyramidLevel) -> Result<usize> {
     let steps = |level: &Level| -> Vec<f64> {
         let of = level.scale.iter().zip(axes).filter(|(_, axis)| axis.role == Role::Space);

@@ -15,26 +15,27 @@ use crate::memory::{reserved, samples_in, zeroed};
 use crate::parallel::try_map;
 use crate::volume::{Contents, Endian, Number, Samples, Units, Volume, with_type};
 
-/// The most chunks that are looked for.
+/// The largest number of chunks that are looked for.
 const MAX_CHUNKS: u64 = 1 << 22;
 
-/// The most bytes of chunks that are decompressed at once.
+/// The largest number of bytes of chunks that are decompressed at once.
 const AT_ONCE: u64 = 1 << 28;
 
-/// The most bytes of a file of chunks that an archive compresses: incompressible chunks, and the index of a shard.
+/// The largest number of bytes of a file of chunks that an archive compresses: incompressible chunks, and the index of
+/// a shard.
 const MAX_PACKED: u64 = 2 * MAX_CHUNK;
 
 /// A level of a pyramid, or an array alone.
 pub(super) struct Level {
     pub(super) folder: PathBuf,
     pub(super) array: Array,
-    /// For each axis of the array, the distance between samples and the place of the first.
+    /// The distance between samples along each axis of the array, and the place of the first sample.
     pub(super) scale: Vec<f64>,
     pub(super) translation: Vec<f64>,
 }
 
 impl Level {
-    /// An array alone.
+    /// Makes the level that an array alone is.
     pub(super) fn alone(folder: PathBuf, array: Array) -> Self {
         let axes = array.shape.len();
         Self { folder, array, scale: vec![1.0; axes], translation: vec![0.0; axes] }
@@ -83,7 +84,8 @@ impl Level {
         Ok(volume.with_units(Units { length, value: None }).with_contents(contents))
     }
 
-    /// The part `want` of the array, placed by strides: samples from one index of an axis to the next.
+    /// Reads the part `want` of the array, placed by strides: the numbers of samples from one index of an axis to the
+    /// next.
     pub(super) fn stored(&self, store: &Store, want: &[Range<u64>], strides: &[usize]) -> Result<Samples> {
         let Self { folder, array, .. } = self;
         Ok(match array.kind {
@@ -94,7 +96,7 @@ impl Level {
         })
     }
 
-    /// The samples of [`Self::stored`], where `fill` stands for chunks that are not there.
+    /// Reads the samples of [`Self::stored`], where `fill` stands for chunks that are not there.
     fn samples<T: Number>(&self, store: &Store, want: &[Range<u64>], strides: &[usize], fill: T) -> Result<Vec<T>> {
         let Self { folder, array, .. } = self;
         let count = want.iter().fold(1_u64, |count, range| count.saturating_mul(range.end - range.start));
@@ -126,7 +128,7 @@ impl Level {
         }
     }
 
-    /// A part of a chunk; `None` if the chunk is not there and would hold zeros.
+    /// Reads a part of a chunk; `None` if the chunk is not there and would hold zeros.
     fn chunk<T: Number>(&self, store: &Store, path: &Path, inner: &[Range<u64>], fill: T) -> Result<Option<Vec<T>>> {
         let shape: Vec<u64> = inner.iter().map(|range| range.end - range.start).collect();
         let count: u64 = shape.iter().product();

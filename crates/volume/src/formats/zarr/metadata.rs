@@ -12,19 +12,19 @@ use crate::formats::decode::Kind;
 use crate::formats::selection::choice;
 use crate::volume::{Endian, Number, SampleType, with_type};
 
-/// The longest file of metadata that is read, in bytes.
+/// The largest length of a file of metadata that is read, in bytes.
 const MAX_JSON: u64 = 16 << 20;
 
-/// The most axes of an array.
+/// The largest number of axes of an array.
 const MAX_AXES: usize = 16;
 
-/// The most bytes of a chunk, decompressed.
+/// The largest number of bytes of a chunk, decompressed.
 pub(super) const MAX_CHUNK: u64 = 1 << 30;
 
 /// A folder of Zarr.
 pub(super) struct Node {
     pub(super) folder: PathBuf,
-    /// `None` if it is a group.
+    /// The array that the folder holds; `None` if it is a group.
     pub(super) array: Option<Array>,
     pub(super) attributes: Value,
 }
@@ -36,14 +36,14 @@ pub(super) struct Array {
     pub(super) kind: Kind,
     pub(super) chain: Chain,
     fill: Value,
-    /// Before the numbers of a chunk, and between them.
+    /// The text before the numbers of a chunk in the name of its file; `separator` is between them.
     prefix: &'static str,
     separator: char,
-    /// The names of its axes, if they are stated.
+    /// The names of the axes, if they are stated.
     pub(super) names: Vec<String>,
 }
 
-/// The JSON of a file; `None` if there is no such file.
+/// Reads the JSON of a file; `None` if there is no such file.
 fn json(store: &Store, path: &Path) -> Result<Option<Value>> {
     let Some(bytes) = store.open(path, MAX_JSON)? else { return Ok(None) };
     let length = bytes.len();
@@ -78,7 +78,7 @@ impl Node {
     }
 }
 
-/// The names of axes in a list; an axis without a name has an empty one.
+/// Returns the names of axes in a list; an axis without a name has an empty one.
 fn names(value: &Value) -> Vec<String> {
     let names = value.as_array().map(Vec::as_slice).unwrap_or_default();
     names.iter().map(|name| name.as_str().unwrap_or_default().to_owned()).collect()
@@ -145,7 +145,7 @@ impl Array {
         Ok(self)
     }
 
-    /// The file of a chunk.
+    /// Returns the path of the file of a chunk.
     pub(super) fn file(&self, folder: &Path, chunk: &[u64]) -> PathBuf {
         let numbers: Vec<String> = chunk.iter().map(u64::to_string).collect();
         let separator = self.separator.to_string();
@@ -153,13 +153,13 @@ impl Array {
         folder.join(if self.prefix.is_empty() { numbers } else { format!("{}{separator}{numbers}", self.prefix) })
     }
 
-    /// The value of chunks that are not there: a number of the array's type, of which 16-bit floating point is read as
-    /// its bits; 0 if it is not stated.
+    /// Returns the value of chunks that are not there: a number of the array's type; 0 if it is not stated. 16-bit
+    /// floating point is read as its bits.
     pub(super) fn fill<T: Number>(&self) -> T {
         self.stated_fill().unwrap_or(T::zeroed())
     }
 
-    /// The stated value of chunks that are not there; `None` if none is stated or it is no number of this type.
+    /// Returns the stated value of chunks that are not there; `None` if none is stated or it is no number of this type.
     fn stated_fill<T: Number>(&self) -> Option<T> {
         let text = match &self.fill {
             Value::Bool(value) => u8::from(*value).to_string(),
@@ -181,7 +181,7 @@ impl Array {
     }
 }
 
-/// The shape of an array and the shape of its chunks.
+/// Returns the shape of an array and the shape of its chunks.
 fn shapes(file: &Path, shape: &Value, chunks: &Value) -> Result<(Vec<u64>, Vec<u64>)> {
     let (shape, chunks) = (numbers(shape), numbers(chunks));
     let fits = (1..=MAX_AXES).contains(&shape.len()) && shape.len() == chunks.len() && !chunks.contains(&0);

@@ -30,10 +30,10 @@ use super::selection::{Role, guessed, sized};
 use crate::error::{Error, Hint, Result, Subject, refuse};
 use crate::volume::{Contents, MAX_DIM, ToF64, Units, Volume, with_samples};
 
-/// The most folders of a group that are looked into for arrays.
+/// The largest number of folders of a group that are searched for arrays.
 const MAX_FOLDERS: usize = 4096;
 
-/// Reads the volume of a folder.
+/// Reads the volume of a folder of Zarr.
 pub(super) fn read(folder: &Path, options: &LoadOptions) -> Result<Volume> {
     read_from(&Store::Folder, folder, options)
 }
@@ -101,7 +101,7 @@ fn of_array(store: &Store, folder: PathBuf, array: Array, attributes: &Value, op
     volume.with_units(units).with_rescale(slope, intercept).map_err(|error| level.folder.error(error.to_string()))
 }
 
-/// The only array of a group that is a volume, or else a plane, such as the variable of a data set of xarray.
+/// Returns the only array of a group that is a volume, or else a plane, such as the variable of a data set of xarray.
 fn only_array(store: &Store, group: &Node) -> Result<Node> {
     let folders = store.folders(&group.folder).into_iter().take(MAX_FOLDERS);
     let mut arrays: Vec<Node> = folders.filter_map(|folder| Node::read(store, &folder).ok()).collect();
@@ -121,12 +121,12 @@ fn only_array(store: &Store, group: &Node) -> Result<Node> {
     arrays.pop().ok_or_else(|| no_image(store, group))
 }
 
-/// The name of a folder, for messages.
+/// Returns the name of a folder, for messages.
 fn name_of(folder: &Path) -> Option<String> {
     plain_name(&folder.file_name()?.to_string_lossy())
 }
 
-/// The error about a group that is no image.
+/// Returns the error about a group that is no image.
 fn no_image(store: &Store, node: &Node) -> Error {
     if first_of(node, "plate").is_some() {
         let reason = "is a plate with many images: give the folder of one, such as PLATE/A/1/0";
@@ -141,8 +141,8 @@ fn no_image(store: &Store, node: &Node) -> Error {
     node.folder.error(format!("is a group of Zarr without an image{found}"))
 }
 
-/// The axes of an array by their names, and by the arrays of coordinates that have these names and lie beside it;
-/// without names, roles are guessed.
+/// Returns the axes of an array by their names, and by the arrays of coordinates that have these names and lie beside
+/// it; without names, roles are guessed.
 fn axes_of_array(store: &Store, folder: &Path, array: &Array) -> Result<Vec<Axis>> {
     if array.names.len() == array.shape.len() && array.names.iter().any(|name| !name.is_empty()) {
         let named = |(name, &size): (&String, &u64)| {

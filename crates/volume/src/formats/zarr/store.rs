@@ -1,4 +1,4 @@
-//! The files of a Zarr: in a folder, or in an archive of ZIP, as .zarr.zip and .ozx
+//! The files of a Zarr: in a folder, or in a ZIP archive, as .zarr.zip and .ozx
 //! (<https://ngff.openmicroscopy.org/rfc/9>).
 
 use std::borrow::Cow;
@@ -28,7 +28,8 @@ pub(super) struct Packed {
 }
 
 impl Store {
-    /// The store of an archive, and the folders in it that may be the Zarr: the top, or all folders there.
+    /// Opens the store of an archive, and returns the folders in it that may be the Zarr: the top, or all folders
+    /// there.
     pub(super) fn archive(input: &Input) -> Result<(Self, Vec<PathBuf>)> {
         let (archive, path) = (Archive::open(input)?, input.path().to_owned());
         let members = archive.members.iter().enumerate().map(|(n, member)| (member.name.clone(), n)).collect();
@@ -37,7 +38,7 @@ impl Store {
         Ok((store, folders))
     }
 
-    /// Whether a folder has the metadata of Zarr.
+    /// Returns whether a folder has the metadata of Zarr.
     pub(super) fn is_zarr(&self, folder: &Path) -> bool {
         METADATA.iter().any(|name| self.has(&folder.join(name)))
     }
@@ -49,7 +50,7 @@ impl Store {
         }
     }
 
-    /// The folders in a folder that have the metadata of Zarr, in the order of their names.
+    /// Returns the folders in a folder that have the metadata of Zarr, in the order of their names.
     pub(super) fn folders(&self, folder: &Path) -> Vec<PathBuf> {
         let mut folders: Vec<PathBuf> = match self {
             Self::Folder => {
@@ -69,7 +70,7 @@ impl Store {
         folders
     }
 
-    /// The bytes of a file, of which at most `most` may be compressed; `None` if there is no such file.
+    /// Opens a file, of which at most `most` bytes may be compressed; `None` if there is no such file.
     pub(super) fn open(&self, path: &Path, most: u64) -> Result<Option<Bytes<'_>>> {
         let packed = match self {
             Self::Archive(packed) => packed,
@@ -97,12 +98,12 @@ impl Store {
 }
 
 impl Packed {
-    /// The archive, which has one place to read at.
+    /// Locks the archive, which has one place to read at.
     fn lock(&self) -> MutexGuard<'_, Archive> {
         self.archive.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The name in the archive of a path; empty for the archive itself, `None` if it is elsewhere.
+    /// Returns the name in the archive of a path; empty for the archive itself, `None` if it is elsewhere.
     fn name(&self, path: &Path) -> Option<String> {
         let parts = path.strip_prefix(&self.path).ok()?.components().map(|part| match part {
             Component::Normal(name) => name.to_str(),
@@ -116,10 +117,10 @@ impl Packed {
     }
 }
 
-/// Bytes in a file, in an archive, or in memory.
+/// The bytes of a file: in a file, in an archive, or in memory.
 pub(super) enum Bytes<'a> {
     File(File, u64),
-    /// The place of a member, and its length.
+    /// An archive, the place of a member in it, and the length of the member.
     Member(&'a Packed, u64, u64),
     Memory(Cow<'a, [u8]>),
 }
@@ -132,7 +133,7 @@ impl Bytes<'_> {
         }
     }
 
-    /// The `length` bytes at an offset.
+    /// Reads the `length` bytes at an offset.
     pub(super) fn range(&self, offset: u64, length: u64) -> io::Result<Vec<u8>> {
         let end = offset.checked_add(length).filter(|end| *end <= self.len());
         let end = end.ok_or_else(|| Damage.error(format!("{length} bytes at {offset}, behind the end")))?;
@@ -144,7 +145,7 @@ impl Bytes<'_> {
     }
 }
 
-/// The `length` bytes at an offset of a file.
+/// Reads the `length` bytes at an offset of a file.
 fn part(mut file: &File, offset: u64, length: u64) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     file.seek(SeekFrom::Start(offset))?;

@@ -5,7 +5,7 @@ use std::slice;
 use super::*;
 use crate::formats::MissingSlices;
 
-/// A mosaic of five slices of 2 x 1 pixels in 3 x 3 tiles; slice n has the values `start + n`.
+/// Makes a mosaic of five slices of 2 x 1 pixels in 3 x 3 tiles; slice n has the values `start + n`.
 fn mosaic(start: u16) -> File {
     let tile = |x: usize, y: usize| if 3 * y + x / 2 < 5 { start + (3 * y + x / 2) as u16 } else { 0 };
     let samples: Vec<u16> = (0..18).map(|n| tile(n % 6, n / 6)).collect();
@@ -18,7 +18,7 @@ fn mosaic(start: u16) -> File {
         .text(0x0028_0030, "DS", "4\\2")
 }
 
-/// A CSA header of the second or the first kind with one element before these.
+/// Makes a CSA header of the second or the first kind with one element before these.
 fn csa(is_second: bool, elements: &[(&str, &[&str])]) -> Vec<u8> {
     let mut out = if is_second { b"SV10\x04\x03\x02\x01".to_vec() } else { Vec::new() };
     out.extend([(elements.len() as u32 + 1).to_le_bytes(), 77_u32.to_le_bytes()].concat());

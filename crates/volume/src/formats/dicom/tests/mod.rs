@@ -1,4 +1,4 @@
-//! Files as scanners write them, made here: lattices, series and values.
+//! Files as scanners write them, made by the tests: lattices, series and values.
 
 mod lattices;
 mod series;
@@ -13,7 +13,7 @@ use tempfile::TempDir;
 use crate::formats::{LoadOptions, load};
 use crate::volume::Volume;
 
-/// A file: elements by tag, with their types.
+/// A DICOM file of a test: elements by tag, with their types.
 #[derive(Clone, Default)]
 struct File(BTreeMap<u32, (&'static str, Vec<u8>)>);
 
@@ -47,7 +47,7 @@ impl File {
         self.bytes(tag, "FD", &number.to_le_bytes())
     }
 
-    /// A sequence of items.
+    /// Adds a sequence of items.
     fn items(self, tag: u32, items: &[Self]) -> Self {
         let item = |item: &Self| {
             let elements = item.elements(Coding::Explicit);
@@ -56,7 +56,7 @@ impl File {
         self.bytes(tag, "SQ", &items.iter().flat_map(item).collect::<Vec<u8>>())
     }
 
-    /// A grey picture of 16 bits with unit spacing; its frames are as many as the samples fill.
+    /// Adds a grey picture of 16 bits with unit spacing; its frames are as many as the samples fill.
     fn picture(self, [columns, rows]: [u16; 2], samples: &[u16]) -> Self {
         let frames = samples.len() / usize::from(columns) / usize::from(rows);
         let file = if frames > 1 { self.text(0x0028_0008, "IS", &frames.to_string()) } else { self };
@@ -72,7 +72,7 @@ impl File {
             .bytes(0x7fe0_0010, "OW", &samples.iter().flat_map(|sample| sample.to_le_bytes()).collect::<Vec<u8>>())
     }
 
-    /// A transverse picture at this position.
+    /// Makes the picture transverse, at this position.
     fn at(self, [x, y, z]: [f64; 3]) -> Self {
         self.text(0x0020_0032, "DS", &format!("{x}\\{y}\\{z}")).text(0x0020_0037, "DS", "1\\0\\0\\0\\1\\0")
     }
@@ -113,7 +113,7 @@ impl File {
     }
 }
 
-/// A folder of these files, in their order: 00.dcm, 01.dcm and so on.
+/// Makes a folder of these files, in their order: 00.dcm, 01.dcm and so on.
 fn folder(files: &[File]) -> TempDir {
     let folder = tempfile::tempdir().unwrap();
     fill(folder.path(), files);
@@ -139,13 +139,13 @@ fn error(source: &Path) -> String {
     load(source, &LoadOptions::default()).unwrap_err().to_string()
 }
 
-/// All values, x fastest.
+/// Returns all values of a volume, x fastest.
 fn values(volume: &Volume) -> Vec<f64> {
     let in_memory = volume.in_memory().unwrap();
     (0..in_memory.samples().len()).map(|n| in_memory.value(n)).collect()
 }
 
-/// The steps from one sample to the next along each axis, and the place of the first sample.
+/// Returns the steps from one sample to the next along each axis, and the place of the first sample.
 fn lattice(volume: &Volume) -> [[f64; 3]; 4] {
     let affine = volume.grid().to_world();
     let [x, y, z] = DVec3::AXES.map(|axis| affine.transform_vector3(axis).to_array());

@@ -5,7 +5,7 @@ use std::fs::create_dir;
 use super::*;
 use crate::formats::list_series;
 
-/// A slice of one pixel, its number, and further elements.
+/// Makes a slice of one pixel, with its number.
 fn slice(z: u16, value: u16, number: u16) -> File {
     let file = File::default().at([0.0, 0.0, f64::from(z)]).picture([1, 1], &[value]);
     file.text(0x0020_0013, "IS", &number.to_string()).text(0x0020_0012, "IS", "1")
