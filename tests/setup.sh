@@ -83,6 +83,46 @@ setup_install() {
     rm -f "$setup_log"
 }
 
+# The oldest version that the Python package supports.
+setup_python_works() {
+    "$1" -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' >/dev/null 2>&1
+}
+
+# Ends a script that needs Python with a line that begins with its name $1; in CI (CI is set) as a failure.
+setup_skip() {
+    [ -z "${CI:-}" ] || setup_fail "$*: CI may not skip this"
+    echo "$1: skipped: $2" >&2
+    exit 0
+}
+
+# Makes the virtual environment $2 with the pinned packages of the list $3, unless it is there. A script of the name $1
+# is skipped if the machine cannot have Python 3.11.
+setup_venv() {
+    if cmp -s "$3" "$2/$(basename "$3")" && setup_python_works "$2/bin/python"; then return; fi
+    setup_python=
+    for setup_name in python3 python3.14 python3.13 python3.12 python3.11; do
+        if setup_python_works "$setup_name"; then setup_python=$setup_name && break; fi
+    done
+    if [ -z "$setup_python" ]; then
+        command -v apt-get >/dev/null 2>&1 || setup_skip "$1" "there is no Python 3.11 with venv, and no apt-get"
+        (setup_install python3-venv) || setup_skip "$1" "apt-get could not install python3-venv"
+        setup_python=python3
+        setup_python_works python3 || setup_skip "$1" "$(python3 --version 2>&1) is older than 3.11"
+    fi
+    rm -rf "$2"
+    "$setup_python" -m venv "$2"
+    setup_pip "$1" "$2" "$3"
+}
+
+# Installs the pinned packages of the list $3 into the virtual environment $2, unless they are there.
+setup_pip() {
+    if cmp -s "$3" "$2/$(basename "$3")"; then return; fi
+    echo "$1: installing the packages of $3" >&2
+    "$2/bin/python" -m pip install --quiet --disable-pip-version-check --requirement "$3" ||
+        setup_skip "$1" "pip could not install the packages of $3"
+    cp "$3" "$2/"
+}
+
 # rustup adds its directory to the PATH of new shells only.
 if ! command -v cargo >/dev/null 2>&1 && [ -f "${CARGO_HOME:-$HOME/.cargo}/env" ]; then
     # shellcheck source=/dev/null

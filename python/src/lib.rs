@@ -1,6 +1,6 @@
 //! The native module of the Python package `voxsplat`: volumes of arrays and files, renderers, scenes and pictures.
 //!
-//! `voxsplat/__init__.py` and `voxsplat/convert.py` are the interface of the package. This module takes their checked
+//! `voxsplat/functions.py` and `voxsplat/convert.py` are the interface of the package. This module takes their checked
 //! values, calls the library without the interpreter's lock, and turns errors into Python's.
 
 mod bricks;

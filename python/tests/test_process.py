@@ -26,9 +26,11 @@ def python(code: str, **options: Any) -> subprocess.CompletedProcess[str]:
 def test_an_import_loads_little_and_opens_no_device() -> None:
     code = """
 import os, sys
+import voxsplat
+assert "numpy" not in sys.modules and "render" in dir(voxsplat)
 import numpy
 before, tasks = set(sys.modules), len(os.listdir("/proc/self/task"))
-import voxsplat
+voxsplat.render
 new = {name for name in set(sys.modules) - before if name.split(".")[0] not in ("numpy", "voxsplat")}
 print(sorted(name for name in new if name.split(".")[0] not in sys.stdlib_module_names))
 print(len(new), len(os.listdir("/proc/self/task")) - tasks)
@@ -42,6 +44,13 @@ assert "libvulkan" not in open("/proc/self/maps").read(), "a driver was loaded"
     # Of the standard library: json, dataclasses and a few more.
     assert modules < 30
     assert threads == 0
+
+
+def test_names_are_imported_when_they_are_used() -> None:
+    assert all(getattr(vs, name) is not None for name in vs.__all__)
+    assert set(vs.__all__) <= set(dir(vs))
+    with pytest.raises(AttributeError, match="has no attribute 'rendr'"):
+        vs.rendr
 
 
 def test_without_a_driver_the_processor_draws_and_a_painter_of_devices_says_what_to_install() -> None:

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import ast
+import dataclasses
+import inspect
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 import voxsplat
+from voxsplat.renderer import FACTS
 
 CONFIG = Path(__file__).parents[1] / "pyproject.toml"
 INSTALLED = Path(voxsplat.__file__).parent
@@ -43,6 +47,14 @@ def test_stubs_name_what_the_native_module_has() -> None:
 @pytest.mark.slow
 def test_stubs_describe_the_native_module() -> None:
     run("mypy.stubtest", "voxsplat._native", "--mypy-config-file", str(CONFIG))
+
+
+def test_help_describes_every_option() -> None:
+    fields = {field.name for kind in (voxsplat.View, voxsplat.Settings) for field in dataclasses.fields(kind)}
+    facts = set(FACTS)
+    for function, options in ((voxsplat.render, fields | facts), (voxsplat.plan, fields | facts), (voxsplat.info, facts)):
+        described = set(re.split(r", |\n", "\n".join(re.findall(r"^[a-z]\w*(?:, \w+)*$", function.__doc__, re.MULTILINE))))
+        assert options | set(inspect.signature(function).parameters) - {"options"} <= described, function.__name__
 
 
 @pytest.mark.slow

@@ -19,19 +19,18 @@ unknown options), `MemoryError`, `OSError` (files) and `DeviceError` (no graphic
 
 from __future__ import annotations
 
-import json
-from collections.abc import Sequence
-from typing import Any
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
-from . import _native
 from ._native import DeviceError, __version__
-from .bricks import Brick, Partial, Plan, brick, chunk_sizes, merge
-from .convert import in_world, matrix_of
-from .image import Image
-from .progress import Progress, Reported
-from .renderer import FACTS, Renderer, Scene, Volume, kept_renderer, native_volume
-from .settings import SIZE, Settings, View, as_texts, checked, field_names, pixels, refuse_unknown, single, split
-from .warning import VolumeWarning
+
+if TYPE_CHECKING:
+    from .bricks import Brick, Partial, Plan, brick, merge
+    from .functions import adapters, colour_maps, from_napari, info, plan, presets, render
+    from .image import Image
+    from .renderer import Renderer, Scene, Volume
+    from .settings import Settings, View
+    from .warning import VolumeWarning
 
 __all__ = [
     "Brick",
@@ -60,226 +59,28 @@ __all__ = [
 # The documentation of pyclasses lives in the package.
 DeviceError.__module__ = "voxsplat"
 
+# The modules of the other names. They are imported when a name is used, because the command needs none of them and
+# NumPy takes ten times as long to import as the program to start.
+_MODULES = {
+    "bricks": ("Brick", "Partial", "Plan", "brick", "merge"),
+    "functions": ("adapters", "colour_maps", "from_napari", "info", "plan", "presets", "render"),
+    "image": ("Image",),
+    "renderer": ("Renderer", "Scene", "Volume"),
+    "settings": ("Settings", "View"),
+    "warning": ("VolumeWarning",),
+}
 
-def render(
-    volume: Any,
-    transfer: Any = None,
-    *,
-    size: tuple[int, int] = SIZE,
-    azimuth: float | None = None,
-    elevation: float | None = None,
-    light: str | bool | Sequence[Any] | None = None,
-    shading: str = "pre",
-    model: str = "composite",
-    kernel: str | None = None,
-    sharpness: float | None = None,
-    spacing: Sequence[float] | None = None,
-    labels: Any = None,
-    mask: Any = None,
-    overlays: Any = (),
-    meshes: Any = None,
-    depth: Any = None,
-    background: str = "black",
-    region: tuple[int, int, int, int] | None = None,
-    adapter: str | None = None,
-    executor: Any = None,
-    progress: Progress = None,
-    **options: Any,
-) -> Image:
-    """Render a picture of a volume.
+if not TYPE_CHECKING:
 
-    Parameters
-    ----------
-    volume
-        An array of axes (z, y, x), an image of another package, or a path: see `Volume`.
-    transfer
-        A preset, a file, ``"map:NAME"``, ``"labels"``, a dictionary or points: see `Settings`. By default the preset
-        that suits the volume.
-    size
-        (width, height), 1 to 32768 pixels.
-    azimuth, elevation
-        The side of the volume, degrees: see `View`.
-    light, shading, model, kernel, sharpness
-        See `Settings`. By default surfaces are in studio light at sharpness 0.5.
-    spacing
-        World lengths between samples, in the order of the shape.
-    labels
-        Labels to draw too: an array of integers of the volume's shape and axes, or an image or a file, of which each
-        voxel gets the nearest label. Label 0 is clear. `Settings.label` and `Settings.label_table` have their looks.
-    mask
-        Shows the volume only where an array of the volume's shape, an image or a file is not 0. With an empty mask the
-        picture is empty, and there is a `VolumeWarning`.
-    overlays
-        A volume to draw over the volume, or a list of them, each in its own lattice and place: an array, an image or a
-        file, or a tuple (volume, look) or (volume, look, (low, high)). A look is ``"two-sided"``, ``"hot"``, a colour,
-        ``"labels"`` or a transfer function by name; None chooses what suits the values. Without `transfer` the volume
-        becomes grey and translucent.
-    meshes
-        Opaque surfaces in the picture, which hide the matter behind them: a mesh or several, each maybe with a colour,
-        ``mesh`` or ``(mesh, "gold")``. A mesh is a path (PLY, STL, OBJ, VTP), a mesh of pyvista or trimesh, or two
-        arrays (vertices, triangles), in the world of the volume: (x, y, z), for patients LPS.
-    depth
-        A depth buffer of the surfaces of another program, (height, width): matter behind it is hidden. A depth is a
-        distance along the view, from the eye or, along parallel rays, from the plane through the target; NaN and
-        infinity are no surface. `Renderer.depths` is its counterpart.
-    background
-        Behind PNGs of the picture: ``"#rrggbb"``, a name of CSS or ``"transparent"``. The array has none.
-    region
-        (x, y, width, height) of a part of the picture, whose pixels are the ones of the whole picture.
-    adapter
-        A part of the name of the graphics adapter, or ``"#1"``, its index in `adapters`.
-    executor
-        Draws the picture in bricks, by an object with ``submit`` or ``map`` such as
-        `concurrent.futures.ProcessPoolExecutor`: see `voxsplat.dask.render`, whose parameters are options then.
-    progress
-        A callback of (stage, fraction), or True for a bar.
-    **options
-        Further fields of `View`, `Settings` and `Volume`.
+    def __getattr__(name: str) -> Any:
+        """Import a public name when it is used (PEP 562)."""
+        for module, names in _MODULES.items():
+            if name in names:
+                value = getattr(import_module(f".{module}", __name__), name)
+                globals()[name] = value
+                return value
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
-    Raises
-    ------
-    ValueError
-        Shapes, types, settings out of range, and volumes that cannot be drawn, such as NaN alone.
-    TypeError
-        Objects that are no volume, and unknown options.
-    MemoryError, OSError, DeviceError
-        No memory on the host or the device; a file that cannot be read; no adapter, with what to install.
-    """
-    options |= {"azimuth": azimuth, "elevation": elevation, "light": light, "shading": shading, "model": model}
-    options = single(options | {"kernel": kernel, "sharpness": sharpness})
-    if spacing is not None:
-        options["spacing"] = spacing
-    if executor is not None:
-        if region is not None:
-            raise ValueError("region: a picture in bricks is drawn whole")
-        refused = [("labels", labels), ("mask", mask), ("overlays", overlays), ("meshes", meshes), ("depth", depth)]
-        for name, given in refused:
-            if given is not None and not (isinstance(given, (list, tuple)) and not given):
-                raise ValueError(f"{name}: it is refused in bricks")
-        from .engines import Executor
-        from .large import Large
-
-        options |= {"size": pixels(size), "adapter": adapter, "background": background}
-        with Reported(progress) as report:
-            return Large(Executor(executor), volume, transfer, report, **options).picture(report)
-    known = field_names(View, Settings) | FACTS | (render.__kwdefaults__ or {}).keys()
-    refuse_unknown(options, known, "render, View, Settings or Volume")
-    parts = split(options, View, Settings)
-    view, settings = View(**parts[0]), Settings(transfer=transfer, **parts[1])
-    # Before a long conversion.
-    _native.check(checked(view), as_texts(settings), pixels(size))
-    renderer = kept_renderer(adapter)
-    scene = renderer.prepare(
-        volume,
-        settings=settings,
-        view=view,
-        labels=labels,
-        mask=mask,
-        overlays=overlays,
-        size=size,
-        progress=progress,
-        **options,
-    )
-    return renderer.render(
-        scene, size=size, background=background, region=region, meshes=meshes, depth=depth, progress=progress
-    )
-
-
-def plan(
-    volume: Any,
-    grid: Sequence[Any],
-    *,
-    transfer: Any = None,
-    size: tuple[int, int] = SIZE,
-    shape: Sequence[int] | None = None,
-    affine: Any = None,
-    counts: _native.Counts | None = None,
-    **options: Any,
-) -> Plan:
-    """Plan a picture in bricks, which `brick` draws of slices of the samples, on any machine, and `merge` merges.
-
-    Parameters
-    ----------
-    volume
-        The volume, as for `render`; or an overview: an array with fewer samples of the same type in the same place,
-        such as a coarse level of a pyramid or every 8th sample. The transfer function, the frame, the light and the
-        memory of bricks are chosen by it.
-    grid
-        Numbers of chunks along (z, y, x), or three sequences of sizes of chunks in voxels, such as ``darr.chunks``.
-    transfer, size
-        See `render`.
-    shape, affine
-        Of the volume itself, if `volume` is an overview: its shape (z, y, x), and 4 x 4 numbers from its (x, y, z)
-        indices to `space`, by default the one of the overview: RAS if it is oriented, otherwise the world.
-    counts
-        Of all samples, if `volume` is an overview: presets and ranges are chosen by them, instead of by its samples.
-    **options
-        Further fields of `View`, `Settings` and, of the overview, `Volume`. A ray is drawn for each pixel. Light that
-        is not given has no shadows; shadows, occlusion, labels and channels are refused.
-
-    Raises
-    ------
-    ValueError
-        Settings out of range, and pictures that cannot be drawn in bricks.
-    """
-    if shape is not None and (affine is None or len(shape) != 3):
-        raise ValueError("shape: expected three numbers (z, y, x), with an affine of the volume")
-    known = field_names(View, Settings) | FACTS | (plan.__kwdefaults__ or {}).keys()
-    refuse_unknown(options, known, "plan, View, Settings or Volume")
-    if shape is None:
-        if affine is not None:
-            options["affine"] = affine
-    else:
-        affine = matrix_of(affine)
-        space = options.get("space")
-        if isinstance(volume, Volume):
-            options.pop("space", None)
-        clip = options.get("clip") or []
-        if any(str(one).startswith("voxels:") for one in ([clip] if isinstance(clip, str) else clip)):
-            raise ValueError("clip: voxels of an overview are not those of the volume, give a box: box:X0,X1,Y0,Y1,Z0,Z1")
-    parts = split(options, View, Settings)
-    view, settings = View(**parts[0]), Settings(transfer=transfer, **parts[1])
-    size = pixels(size)
-    _native.check(checked(view), as_texts(settings), size)
-    overview = native_volume(volume, options)
-    rows = None
-    if shape is not None:
-        space = space or ("RAS" if overview.info()["oriented"] else "world")
-        rows = tuple(tuple(row) for row in in_world(affine, space)[:3].tolist())
-    whole = tuple(int(n) for n in (overview.info()["shape"] if shape is None else shape))
-    z, y, x = chunk_sizes(grid, whole)
-    texts = as_texts(settings)
-    return Plan(_native.Plan(overview, texts, checked(view), size, whole[::-1], rows, counts, (x, y, z)))
-
-
-def info(volume: Any, **facts: Any) -> dict[str, Any]:
-    """Return lattice, values, and the preset that suits them: see `Volume` for the parameters. Reads all samples."""
-    return native_volume(volume, facts).info()
-
-
-def presets() -> dict[str, str]:
-    """Return the presets of transfer functions, with the data that each is for."""
-    return dict(_native.presets())
-
-
-def colour_maps() -> list[str]:
-    """Return the names of the colour maps, for ``transfer="map:NAME"``."""
-    return _native.colour_maps()
-
-
-def adapters() -> list[dict[str, str]]:
-    """Return the graphics adapters, best first. ``adapter="#1"`` chooses the second."""
-    return list(json.loads(_native.adapters()))
-
-
-def from_napari(viewer: Any, *, size: tuple[int, int] | None = None, **options: Any) -> Image:
-    """Render the selected or first visible image layer of a napari viewer without a display.
-
-    Takes the camera (angles, centre, zoom), the scale and the translation of the layer, its contrast limits, its colour
-    map, and its rendering: mip, minip, average and attenuated_mip are projections of intensity, all others are
-    composites. `size` is (width, height), by default the canvas; `options` are those of `render`.
-    """
-    from ._napari import scene_of
-
-    volume, found, canvas = scene_of(viewer, None if size is None else pixels(size))
-    return render(volume, **({"size": size or canvas} | found | options))
+    def __dir__() -> list[str]:
+        """Return the names of the package, also those that are not imported yet."""
+        return sorted({*globals(), *__all__})

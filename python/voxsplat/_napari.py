@@ -55,7 +55,7 @@ def _layer(viewer: Any) -> Any:
 
 
 def _canvas(viewer: Any) -> tuple[int, int]:
-    """Return the width and the height of the canvas of a viewer, if it has a window."""
+    """Return the width and the height of the canvas of a viewer; the default size without a window."""
     window = getattr(viewer, "window", None)
     canvas = getattr(getattr(window, "_qt_viewer", None), "canvas", None)
     if canvas is None:

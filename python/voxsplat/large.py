@@ -104,7 +104,7 @@ class Large:
 
     def _plan(self, options: dict[str, Any]) -> Plan:
         """Cut the volume until every brick fits into memory."""
-        from . import plan
+        from .functions import plan
 
         source = self.source
         whole: dict[str, Any] = {}

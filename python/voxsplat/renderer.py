@@ -56,8 +56,19 @@ class Volume:
         In the terms of DICOM: ``"CT"``, ``"MR"``, ``"PT"``; it decides on the preset.
     replace_nan
         Replaces NaN and infinite samples, of which nothing is drawn otherwise.
-    time, channel, dims, dtype, endian, offset, series, missing_slices, complex, pyramid
-        Of files, as the options of the command; spacing is then in the order (z, y, x) as well.
+    time, channel
+        Numbers of the time point and of the channel of a file that has several, from 0.
+    series
+        The number of the series of a folder of DICOM or of a TIFF, from 1.
+    missing_slices
+        Of a series of DICOM that lacks slices: ``"refuse"`` (the default) or ``"interpolate"``.
+    complex
+        The part of complex samples of a file: ``"abs"``, ``"real"``, ``"imag"`` or ``"phase"`` (radians).
+    pyramid
+        The level of a pyramid, 0 (the finest) and up; by default the level that suits the picture.
+    dims, dtype, endian, offset
+        Of a file of bare samples: numbers of samples along (x, y, z), their type such as ``"uint16"``, ``"little"``
+        (the default) or ``"big"``, and the bytes before the first sample.
     """
 
     def __init__(self, data: Any, **facts: Any) -> None:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import functools
+import inspect
 import json
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, TypeVar
 
@@ -17,6 +18,7 @@ __all__ = [
     "View",
     "as_texts",
     "checked",
+    "documented",
     "field_names",
     "pixels",
     "refuse_unknown",
@@ -27,6 +29,7 @@ __all__ = [
 
 SIZE = (1024, 1024)
 _Kind = TypeVar("_Kind")
+_Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
 def refuse_unknown(given: Iterable[str], known: Iterable[str], of: str) -> None:
@@ -55,43 +58,90 @@ def _hinting(kind: type[_Kind]) -> type[_Kind]:
     return kind
 
 
+def _parameters(of: Any) -> dict[str, str]:
+    """Return the parameters that a docstring describes, each with its description, indented as there."""
+    doc = inspect.cleandoc(of.__doc__ or "")
+    _, _, section = doc.partition("Parameters\n----------\n")
+    section = section.partition("\n\n")[0]
+    found: dict[str, str] = {}
+    names = ""
+    for line in section.splitlines():
+        if line.startswith(" "):
+            found[names] += line + "\n"
+        else:
+            names = line
+            found[names] = ""
+    return found
+
+
+def documented(*kinds: type[Any]) -> Callable[[_Function], _Function]:
+    """Return a decorator that adds the parameters of classes to a docstring, for options that a function passes on."""
+
+    def add(function: _Function) -> _Function:
+        doc = inspect.cleandoc(function.__doc__ or "")
+        head, options, tail = doc.partition("**options\n")
+        own = {name for names in _parameters(function) for name in names.split(", ")}
+        rows = {names: text for kind in kinds for names, text in _parameters(kind).items() if names not in own | {"data"}}
+        if options:
+            function.__doc__ = head + "".join(f"{names}\n{text}" for names, text in rows.items()) + options + tail
+        return function
+
+    return add
+
+
 @_hinting
 @dataclass(frozen=True, kw_only=True)
 class View:
-    """The place of the eye. Angles are in degrees, lengths in the unit of the volume's world.
+    """The place of the eye.
 
     A view without `azimuth`, `elevation`, `roll`, `up` and `direction` shows the side that suits the volume: the front
     of an oriented volume, otherwise azimuth 30 and elevation 20.
+
+    Parameters
+    ----------
+    azimuth
+        Degrees by which the eye turns about `up`, from the front towards world +x.
+    elevation
+        Degrees by which the eye rises towards `up`.
+    roll
+        Degrees by which the camera turns about its axis, counter-clockwise.
+    up
+        World direction (x, y, z) that is up in the picture; (0, 0, 1) by default.
+    direction
+        World direction from the eye to the target, in place of azimuth and elevation.
+    target
+        World point (x, y, z) in the middle of the picture.
+    projection
+        ``"orthographic"`` or ``"perspective"``.
+    fov
+        Vertical field of view of a perspective in degrees, over 0 and under 180; 30 by default.
+    zoom
+        Magnification, over 0.
+    frame
+        What is fitted: visible voxels at one size for every azimuth (``"visible"``, the default of a series), as
+        large as the view permits (``"view"``, the default of `render`), or the box (``"volume"``, the default with
+        `target`, `view_height` or `distance`).
+    margin
+        Free fraction of the picture at each side, 0 to under 0.5; 0.02 by default.
+    view_height
+        World height that the picture spans at the target, in the unit of the volume.
+    distance
+        World distance from the eye to the target, in the unit of the volume; in perspective.
     """
 
     azimuth: float | None = None
-    """Turns the eye about `up`, from the front towards world +x."""
     elevation: float | None = None
-    """Raises the eye towards `up`."""
     roll: float = 0.0
-    """Turns the camera about its axis, counter-clockwise."""
     up: Sequence[float] | None = None
-    """World direction (x, y, z) that is up in the picture; (0, 0, 1) by default."""
     direction: Sequence[float] | None = None
-    """World direction from the eye to the target, in place of azimuth and elevation."""
     target: Sequence[float] | None = None
-    """World point (x, y, z) in the middle of the picture."""
     projection: str = "orthographic"
-    """``"orthographic"`` or ``"perspective"``."""
     fov: float | None = None
-    """Vertical field of view of a perspective, over 0 and under 180; 30 by default."""
     zoom: float = 1.0
-    """Magnification, over 0."""
     frame: str | None = None
-    """What is fitted: visible voxels at one size for every azimuth (``"visible"``, the default of a series), as large
-    as the view permits (``"view"``, the default of `render`), or the box (``"volume"``, the default with `target`,
-    `view_height` or `distance`)."""
     margin: float | None = None
-    """Free fraction of the picture at each side, 0 to under 0.5; 0.02 by default."""
     view_height: float | None = None
-    """World height that the picture spans at the target."""
     distance: float | None = None
-    """World distance from the eye to the target, in perspective."""
 
 
 @_hinting
@@ -100,70 +150,101 @@ class Settings:
     """The appearance of a picture. Fields that are None are chosen for the volume.
 
     Texts are spelled as options of the command ``voxsplat render``; its guide describes their effects.
+
+    Parameters
+    ----------
+    transfer
+        A preset (see `presets`), a file of a transfer function, ``"map:NAME"``, ``"labels"``, a dictionary such as
+        ``{"points": [{"value": 0, "color": "#ffffff", "opacity": 0}, ..]}``, or a sequence of (value, colour,
+        opacity); opacities belong to slabs as thick as the smallest spacing.
+    window
+        (level, width): the values that the transfer function spans.
+    transfer_values
+        Whether a preset uses ``"absolute"`` values or is ``"fitted"``; ``"auto"``.
+    gradient_opacity
+        Pairs (magnitude, factor of the opacity), magnitudes in values per world unit, or ``"off"``.
+    classification
+        How pre-shading classifies values: ``"point"``, at each voxel; ``"band-limited"``, as the mean over the
+        values around it, without rings on smooth surfaces; ``"auto"``: point for a transfer function with steps.
+        None: what the transfer function says, or auto.
+    model
+        ``"composite"``, ``"xray"``, ``"mip"``, ``"minip"`` or ``"average"``.
+    response
+        Of an X-ray: ``"absorption"``, ``"depth"``, ``"window[:LOW,HIGH]"`` or ``"film[:EXPOSURE,GAMMA]"``.
+    depth_coded
+        Whether colours of mip and minip encode depth.
+    attenuation
+        Of mip: dims distant values by up to exp(-attenuation), 0 to 20.
+    shading
+        ``"pre"`` (fast) or ``"post"`` (sharp).
+    light
+        ``"studio"``, ``"studio:eye"``, ``"headlight"``, ``"AZ,EL"``, ``"@X,Y,Z"``, (azimuth, elevation), False
+        (off), or a list of up to 4.
+    material
+        (ambient, diffuse, specular, shininess): three of 0 to 1, and 1 to 1000.
+    shadows
+        True, False, a strength of 0 to 1, or ``"exact"``.
+    light_size
+        Angular size of lights at (azimuth, elevation), 0 to 90 degrees.
+    occlusion
+        Radius of ambient occlusion in voxels, or False.
+    normals
+        Normals of voxels in pre-shaded light: ``"gradient"``, or ``"tensor"`` (the default), the dominant axis of
+        gradients around a voxel, which has no specks on thin layers in noise.
+    shadow_bias
+        Occluders closer than this many voxels are ignored, 0 to 16.
+    clip
+        Parts to keep: ``"R"`` (a side of the patient), ``"voxels:10:20,:,40:"`` (x, y, z),
+        ``"box:X0,X1,Y0,Y1,Z0,Z1"``, ``"NX,NY,NZ[,D]"``, or a list of them; up to 8 planes.
+    kernel
+        ``"gaussian[:SIGMA,RADIUS]"`` or ``"kaiser-bessel[:RADIUS,ALPHA]"``, lengths in voxels.
+    sharpness
+        The share of the kernel's blur that is undone, 0 to 1.
+    level
+        Cells of 2^level voxels replace voxels, 0 to 12; ``"auto"`` may choose cells between two levels.
+    painter
+        ``"auto"``, ``"tiles"``, ``"quads"``, or ``"cpu"``: rays on the processor, without a graphics driver.
+    sheet_thickness
+        Of quads: thickness of a sheet in voxels, 0.05 to 64; 1 by default.
+    termination
+        Light below which rays end, 0 to under 1. No channel of the picture changes by more.
+    antialiasing
+        Whether kernels grow if voxels are closer together than pixels.
+    label
+        Looks of labels: ``{3: "red", "liver": 0.2, "1,4,7-9": "off"}`` or texts such as ``"all:0.2"``. A look is an
+        opacity of 0 to 1, ``"x0.5"`` (a factor of it), ``"on"``, ``"off"`` or a colour; later looks change earlier
+        ones.
+    label_table
+        A file with names, colours and opacities of labels.
     """
 
     transfer: Any = None
-    """A preset (see `presets`), a file of a transfer function, ``"map:NAME"``, ``"labels"``, a dictionary such as
-    ``{"points": [{"value": 0, "color": "#ffffff", "opacity": 0}, ..]}``, or a sequence of (value, colour, opacity);
-    opacities belong to slabs as thick as the smallest spacing."""
     window: Sequence[float] | None = None
-    """(level, width): the values that the transfer function spans."""
     transfer_values: str = "auto"
-    """Whether a preset uses ``"absolute"`` values or is ``"fitted"``; ``"auto"``."""
     gradient_opacity: str | Sequence[tuple[float, float]] | None = None
-    """Pairs (magnitude, factor of the opacity), magnitudes in values per world unit, or ``"off"``."""
     classification: str | None = None
-    """How pre-shading classifies values: ``"point"``, at each voxel; ``"band-limited"``, as the mean over the values
-    around it, without rings on smooth surfaces; ``"auto"``: point for a transfer function with steps. None: what the
-    transfer function says, or auto."""
     model: str = "composite"
-    """``"composite"``, ``"xray"``, ``"mip"``, ``"minip"`` or ``"average"``."""
     response: str = "absorption"
-    """Of an X-ray: ``"absorption"``, ``"depth"``, ``"window[:LOW,HIGH]"`` or ``"film[:EXPOSURE,GAMMA]"``."""
     depth_coded: bool = False
-    """Whether colours of mip and minip encode depth."""
     attenuation: float = 0.0
-    """Of mip: dims distant values by up to exp(-attenuation), 0 to 20."""
     shading: str = "pre"
-    """``"pre"`` (fast) or ``"post"`` (sharp)."""
     light: str | bool | Sequence[Any] | None = None
-    """``"studio"``, ``"studio:eye"``, ``"headlight"``, ``"AZ,EL"``, ``"@X,Y,Z"``, (azimuth, elevation), False (off),
-    or a list of up to 4."""
     material: Sequence[float] | None = None
-    """(ambient, diffuse, specular, shininess): three of 0 to 1, and 1 to 1000."""
     shadows: str | bool | float | None = None
-    """True, False, a strength of 0 to 1, or ``"exact"``."""
     light_size: float | None = None
-    """Angular size of lights at (azimuth, elevation), 0 to 90 degrees."""
     occlusion: str | float | bool | None = None
-    """Radius of ambient occlusion in voxels, or False."""
     normals: str | None = None
-    """Normals of voxels in pre-shaded light: ``"gradient"``, or ``"tensor"`` (the default), the dominant axis of
-    gradients around a voxel, which has no specks on thin layers in noise."""
     shadow_bias: float | None = None
-    """Occluders closer than this many voxels are ignored, 0 to 16."""
     clip: str | Sequence[Any] | None = None
-    """Parts to keep: ``"R"`` (a side of the patient), ``"voxels:10:20,:,40:"`` (x, y, z), ``"box:X0,X1,Y0,Y1,Z0,Z1"``,
-    ``"NX,NY,NZ[,D]"``, or a list of them; up to 8 planes."""
     kernel: str | None = None
-    """``"gaussian[:SIGMA,RADIUS]"`` or ``"kaiser-bessel[:RADIUS,ALPHA]"``, lengths in voxels."""
     sharpness: float | None = None
-    """The share of the kernel's blur that is undone, 0 to 1."""
     level: str | int = "auto"
-    """Cells of 2^level voxels replace voxels, 0 to 12; ``"auto"`` may choose cells between two levels."""
     painter: str = "auto"
-    """``"auto"``, ``"tiles"``, ``"quads"``, or ``"cpu"``: rays on the processor, without a graphics driver."""
     sheet_thickness: float | None = None
-    """Of quads: thickness of a sheet in voxels, 0.05 to 64; 1 by default."""
     termination: float = 1e-3
-    """Light below which rays end, 0 to under 1. No channel of the picture changes by more."""
     antialiasing: bool = True
-    """Whether kernels grow if voxels are closer together than pixels."""
     label: Mapping[Any, Any] | str | Sequence[str] | None = None
-    """Looks of labels: ``{3: "red", "liver": 0.2, "1,4,7-9": "off"}`` or texts such as ``"all:0.2"``. A look is an
-    opacity of 0 to 1, ``"x0.5"`` (a factor of it), ``"on"``, ``"off"`` or a colour; later looks change earlier ones."""
     label_table: str | os.PathLike[str] | None = None
-    """A file with names, colours and opacities of labels."""
 
 
 def split(options: dict[str, Any], *kinds: type) -> list[dict[str, Any]]:

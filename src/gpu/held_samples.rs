@@ -61,7 +61,7 @@ impl BrickSet {
 }
 
 /// Returns whether holding `count` of `all` bricks is worthwhile: all bricks take at least `paged_bytes`, and they are
-/// [`SAVES`] times as many or exceed [`HeldSamples::MOST`].
+/// `SAVES` times as many or exceed [`HeldSamples::MOST`].
 fn saves([count, all]: [u64; 2], brick_bytes: u64, paged_bytes: u64) -> bool {
     /// The least factor by which a set takes less memory than all bricks.
     const SAVES: u64 = 4;

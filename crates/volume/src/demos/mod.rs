@@ -118,7 +118,7 @@ fn spaced(name: &str, size: Option<u32>, spacing: [f64; 3]) -> Result<Volume> {
     Volume::new(grid, (demo.make)(dims))
 }
 
-/// Returns samples a field over the cube [-1, 1]^3 at the centres of size^3 cells, x fastest.
+/// Samples a field over the cube [-1, 1]^3 at the centres of size^3 cells, x fastest.
 pub fn sampled<T: Send>(size: u32, field: impl Fn(DVec3) -> T + Sync) -> Vec<T> {
     let at = |i: u32| (f64::from(i) + 0.5) / f64::from(size) * 2.0 - 1.0;
     (0..size)
