@@ -25,9 +25,11 @@ for crate in voxsplat voxsplat-cli voxsplat-volume; do
     for file in README.md LICENSE-MIT LICENSE-APACHE; do
         [ -s "$work/crates/$crate-$version/$file" ] || setup_fail "$crate lacks $file"
     done
+    # It lies in the folder of the workspace, and is none of it.
+    printf '\n[workspace]\n' >>"$work/crates/$crate-$version/Cargo.toml"
 done
-# As from crates.io, with the archives in place of what is not published.
-cargo install --quiet --locked --path "$work/crates/voxsplat-cli-$version" --root "$work/install" \
+# As from crates.io, with the archives in place of what is not published: its lock file has other sources then.
+cargo install --quiet --path "$work/crates/voxsplat-cli-$version" --root "$work/install" \
     --target-dir "$work/target" \
     --config "patch.crates-io.voxsplat.path=\"$work/crates/voxsplat-$version\"" \
     --config "patch.crates-io.voxsplat-volume.path=\"$work/crates/voxsplat-volume-$version\""

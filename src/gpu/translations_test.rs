@@ -1,5 +1,5 @@
-//! Every shader with every set of its override constants, as the back ends of wgpu translate it: to SPIR-V for Vulkan,
-//! to MSL for Metal and to HLSL for DX12. No device is needed. `spirv-val` judges the SPIR-V if it is installed.
+//! Every shader with the values of any three of its override constants together, as the back ends of wgpu translate it:
+//! to SPIR-V for Vulkan, to MSL for Metal and to HLSL for DX12. No device is needed. `spirv-val` judges the SPIR-V if it is installed.
 
 use std::collections::BTreeSet;
 use std::io::Write;
@@ -78,6 +78,25 @@ fn sets(shader: &str, entry: &str, module: &Module) -> Vec<PipelineConstants> {
         let all = sets.iter().flat_map(|set| values(shader, entry, &name).iter().map(move |&value| with(set, value)));
         all.filter(happens).collect()
     })
+}
+
+/// Returns some of the sets, in which the values of any three constants are together if they are in one of all sets.
+/// All sets are thousands for a shader with many constants, and a translation fails by few of them.
+fn covering(sets: Vec<PipelineConstants>) -> Vec<PipelineConstants> {
+    let mut covered = BTreeSet::new();
+    let is_new = |set: &PipelineConstants| {
+        let mut values: Vec<_> = set.iter().map(|(name, value)| (name.clone(), value.to_bits())).collect();
+        values.sort();
+        let before = covered.len();
+        for (third, c) in values.iter().enumerate() {
+            for (second, b) in values[..=third].iter().enumerate() {
+                covered.extend(values[..=second].iter().map(|a| [a.clone(), b.clone(), c.clone()]));
+            }
+        }
+        // A set without constants covers nothing.
+        values.is_empty() || covered.len() > before
+    };
+    sets.into_iter().filter(is_new).collect()
 }
 
 /// Returns whether the constants of a set go together: only composites are lit, only lit pictures have gradients, and
@@ -163,8 +182,8 @@ fn every_entry_point_is_translated() {
 }
 
 #[test]
-#[ignore = "slow: every set of override constants in three languages"]
-fn every_shader_with_every_set_of_overrides_is_translated() {
+#[ignore = "slow: many sets of override constants in three languages"]
+fn every_shader_with_every_three_overrides_is_translated() {
     translate(usize::MAX, 200);
 }
 
@@ -177,7 +196,7 @@ fn translate(most: usize, least: usize) {
         let module = naga::front::wgsl::parse_str(&source).unwrap_or_else(|e| panic!("{}: {e}", shader.name));
         for entry in 0..module.entry_points.len() {
             let reached = reached(&module, entry);
-            let sets = sets(shader.name, &module.entry_points[entry].name, &reached);
+            let sets = covering(sets(shader.name, &module.entry_points[entry].name, &reached));
             jobs.extend(sets.into_iter().take(most).map(|set| (shader.name, reached.clone(), set)));
         }
     }
