@@ -1,5 +1,6 @@
 //! Every shader with the values of any three of its override constants together, as the back ends of wgpu translate it:
-//! to SPIR-V for Vulkan, to MSL for Metal and to HLSL for DX12. No device is needed. `spirv-val` judges the SPIR-V if it is installed.
+//! to SPIR-V for Vulkan, to MSL for Metal and to HLSL for DX12. No device is needed. `spirv-val` judges the SPIR-V if
+//! it is installed.
 
 use std::collections::BTreeSet;
 use std::io::Write;

@@ -67,11 +67,15 @@ fn anchors(text: &str) -> BTreeSet<String> {
     headings.map(|(_, line)| anchor(line.trim_start_matches('#').trim())).collect()
 }
 
-/// The targets of links and pictures in a line, without addresses.
+/// The address of files in documents that are read elsewhere too, such as the page of the Python package.
+const REPOSITORY: &str = "https://github.com/voxsplat/voxsplat/blob/main/";
+
+/// The targets of links and pictures in a line, without addresses of others.
 fn targets(line: &str) -> Vec<&str> {
     let links = line.split("](").skip(1).filter_map(|rest| rest.split_once(')'));
     let pictures = line.split(" src=\"").skip(1).filter_map(|rest| rest.split_once('"'));
-    links.chain(pictures).map(|(target, _)| target).filter(|target| !target.contains(['<', '>', ' ', ':'])).collect()
+    let is_ours = |target: &&str| !target.contains(['<', '>', ' ', ':']) || target.starts_with(REPOSITORY);
+    links.chain(pictures).map(|(target, _)| target).filter(is_ours).collect()
 }
 
 #[test]
@@ -107,7 +111,11 @@ fn links_lead_to_files_and_headings() {
         for (number, line) in prose(text) {
             for target in targets(line) {
                 let (file, anchor) = target.split_once('#').unwrap_or((target, ""));
-                let led = if file.is_empty() { path.clone() } else { path.parent().unwrap().join(file) };
+                let led = match file.strip_prefix(REPOSITORY) {
+                    Some(file) => root().join(file),
+                    None if file.is_empty() => path.clone(),
+                    None => path.parent().unwrap().join(file),
+                };
                 let is_there =
                     led.exists() && (anchor.is_empty() || anchors(&fs::read_to_string(&led).unwrap()).contains(anchor));
                 links += 1;
@@ -124,6 +132,7 @@ fn links_lead_to_files_and_headings() {
 #[test]
 fn links_are_found() {
     let line = "[a](b.md#c-d), ![p](../p.png) and <img src=\"q.png\" width=\"3\">; `x[i](y z)`, [w](https://w.org)";
+    assert_eq!(targets(&format!("[a]({REPOSITORY}b.md)")), [format!("{REPOSITORY}b.md")]);
     assert_eq!(targets(line), ["b.md#c-d", "../p.png", "q.png"]);
     let text = "# A, `b`: c\n\n```sh\n# no heading\n```\n\n## Not --this\n";
     assert_eq!(anchors(text), ["a-b-c", "not---this"].map(str::to_owned).into());
