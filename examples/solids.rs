@@ -7,7 +7,6 @@
 use std::f64::consts::TAU;
 
 use voxsplat::glam::DVec3;
-use voxsplat::image::Region;
 use voxsplat::solids::{Mesh, Solid, Solids};
 use voxsplat::{Appearance, Background, Frame, Renderer, RendererOptions, demos};
 

@@ -18,7 +18,7 @@ mod quality;
 
 use common::{Arguments, Outcome, Report};
 use quality::{Method, Quality, Signal, measure};
-use voxsplat::adapter::{AdapterInfo, AdapterKind};
+use voxsplat::host::HostRenderer;
 use voxsplat::kernel::Kernel;
 use voxsplat::settings::Shading;
 
@@ -57,6 +57,5 @@ fn main() -> Outcome {
         let errors = [field.rms, field.max, rays.rms, rays.max, ripple, blur].map(|number| format!("{number:.5}"));
         report.line(format_args!("| {method} | {} | {half_nyquist:.3} | {noise:.3} |", errors.join(" | ")));
     }
-    let none = || "none".to_owned();
-    report.finish(&AdapterInfo { name: none(), backend: none(), kind: AdapterKind::Other, driver: none() })
+    report.finish(&HostRenderer::adapter())
 }

@@ -114,6 +114,9 @@ impl Projection {
 }
 
 /// A camera: an orthonormal frame at a target, and a projection. World coordinates, f64.
+///
+/// [`Camera::new`] makes cameras of views. End a literal with the camera that it changes: a minor release may add
+/// fields.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Camera {
     /// The world point in the middle of the picture.
@@ -128,6 +131,10 @@ pub struct Camera {
     pub projection: Projection,
     /// Width and height of the picture, pixels.
     pub size: [u32; 2],
+    /// Makes literals that name all fields impossible.
+    #[doc(hidden)]
+    #[serde(skip)]
+    pub non_exhaustive: (),
 }
 
 /// The largest distance of eye and target from the volume, in voxels: f32 holds it and its inverse.
@@ -197,7 +204,7 @@ impl Camera {
                 Projection::Perspective { tan_half_fov: tan / view.zoom, distance }
             }
         };
-        Ok(Self { target: middle + shift, right, up, forward, projection, size })
+        Ok(Self { target: middle + shift, right, up, forward, projection, size, non_exhaustive: () })
     }
 
     /// Refuses a camera with numbers that are not finite or a wrong size.
