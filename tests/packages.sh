@@ -43,7 +43,7 @@ say "2 of 4: the wheel"
 PATH=$work/tools/bin:$PATH
 maturin build --quiet --release --locked --zig --compatibility manylinux_2_28 --manifest-path python/Cargo.toml \
     --target-dir "$work/target" --out "$work/dist"
-maturin sdist --quiet --manifest-path python/Cargo.toml --out "$work/dist"
+maturin sdist --manifest-path python/Cargo.toml --out "$work/dist"
 if find "$work/dist" -name '*.whl' -size +12000k | grep .; then setup_fail "the wheel has over 12 MB"; fi
 
 # Installs a package in a fresh environment, and tries it without a driver.
