@@ -202,7 +202,7 @@ const LINES: [(&str, usize); 28] = [
     ("accuracy", 360),
     ("appearance", 2065),
     ("bricks", 887),
-    ("camera", 744),
+    ("camera", 747),
     ("crates/cli", 5923),
     ("crates/volume", 12058),
     ("engine", 145),
