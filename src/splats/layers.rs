@@ -389,15 +389,12 @@ impl Classifier<'_> {
             range = [range[0].min(a).min(b), range[1].max(a).max(b)];
             *difference = f64::from(b) - f64::from(a);
         }
-        let range = [f64::from(range[0]), f64::from(range[1])];
+        let range = range.map(f64::from);
         if pieces.is_clear(range) {
             return [0.0; 4];
         }
-        let [x, y, z] = differences;
-        let rise = 0.5 * (x * x + y * y + z * z).sqrt();
-        let [r, g, b, depth] = pieces.emission(f64::from(own), range, rise);
-        let scaled = |channel: f64| (channel * layer.unit) as f32;
-        [scaled(r), scaled(g), scaled(b), scaled(depth)]
+        let rise = || 0.5 * differences.iter().map(|d| d * d).sum::<f64>().sqrt();
+        pieces.emission(f64::from(own), range, rise()).map(|channel| (channel * layer.unit) as f32)
     }
 
     fn emission(&self, part: &Part<'_>, index: usize) -> Emission {
@@ -413,7 +410,7 @@ impl Classifier<'_> {
         let differences = [1, edge, edge * edge].map(|step| 0.5 * (scalars[index + step] - scalars[index - step]));
         let gradient = gradient_of(&self.gradients, differences, layer.resolution(scalars[index]));
         let share = scaled_share(&layer.thinning, steepness_of(gradient));
-        [r * share, g * share, b * share, density * share]
+        [r, g, b, density].map(|channel| channel * share)
     }
 
     /// Returns the normals of a layer in a row of its brick, of any length.

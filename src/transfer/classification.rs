@@ -104,16 +104,14 @@ pub(crate) struct Pieces {
     visible: [f64; 2],
 }
 
-/// The largest error of a parabola, as a share of its own emission and of 1/1024 of the largest emission: 2^-17, so
-/// alpha errs by less than 3e-6. There are half as many parabolas as at 2^-20.
-const TOLERANCE: f64 = 1.0 / 131_072.0;
+/// The largest error of a parabola, as a share of its own emission and of 1/1024 of the largest emission: 2^-20.
+const TOLERANCE: f64 = 1.0 / 1_048_576.0;
 /// The largest number of halvings of a segment between control points.
 const HALVINGS: u32 = 14;
 
-/// Collects a number for each channel. `array::map` is a call here, in the innermost loop of classification.
-#[inline(always)]
-fn each(channel: impl Fn(usize) -> f64) -> Emission {
-    [channel(0), channel(1), channel(2), channel(3)]
+/// Collects a number for each channel.
+fn each(channel: impl FnMut(usize) -> f64) -> Emission {
+    [0, 1, 2, 3].map(channel)
 }
 
 /// Returns the slope and the bend of the parabola through an emission at the begin, in the middle and at the end of a
@@ -186,7 +184,7 @@ impl Pieces {
     /// Returns the number of nodes that are not above a place.
     fn below(&self, place: f64) -> usize {
         let cell = self.cell(place);
-        let (first, end) = (self.before[cell] as usize, self.before[cell + 1] as usize);
+        let [first, end] = [cell, cell + 1].map(|cell| self.before[cell] as usize);
         first + self.nodes[first..end].partition_point(|node| node.place <= place)
     }
 
@@ -199,8 +197,8 @@ impl Pieces {
     fn within(&self, below: usize, low: f64, high: f64) -> Emission {
         let node = &self.nodes[below.max(1) - 1];
         let inverse = if below > 0 { node.inverse } else { 0.0 };
-        let (s, t) = ((low - node.place) * inverse, (high - node.place) * inverse);
-        let (of_slope, of_bend) = ((s + t) / 2.0, (s * s + s * t + t * t) / 3.0);
+        let [s, t] = [low, high].map(|place| (place - node.place) * inverse);
+        let [of_slope, of_bend] = [(s + t) / 2.0, (s * s + s * t + t * t) / 3.0];
         each(|c| node.emission[c] + of_slope * node.slope[c] + of_bend * node.bend[c])
     }
 
@@ -227,8 +225,8 @@ impl Pieces {
         if self.is_clear([low, high]) {
             return [0.0; 4];
         }
-        let (from, at, to) = (self.below(low), self.below(place), self.below(high));
-        let (below, above) = (self.mean((low, from), (place, at)), self.mean((place, at), (high, to)));
+        let [low, place, high] = [low, place, high].map(|place| (place, self.below(place)));
+        let (below, above) = (self.mean(low, place), self.mean(place, high));
         each(|c| (below[c] + above[c]) / 2.0)
     }
 }
