@@ -8,6 +8,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use voxsplat::bricks::{self, Chunks};
 use voxsplat::camera::Camera;
+use voxsplat::error::Error;
 use voxsplat::image::Background;
 use voxsplat::layers::Layers;
 use voxsplat::program::notes;
@@ -90,7 +91,13 @@ impl Plan {
             view.around = look.view.frame.hull(&look.layers, &look.settings.clip)?;
             let camera = Camera::new(&view, &grid, size)?;
             let chunks = Chunks::new(dims, chunks)?;
-            Ok((bricks::Plan::new(&look.layers, &grid, &chunks, &camera, &look.settings)?, look.choices))
+            let plan = bricks::Plan::new(&look.layers, &grid, &chunks, &camera, &look.settings)?;
+            if plan.transfer().is_none() {
+                let reason = "labels and channels are drawn in bricks by the command alone (voxsplat plan, brick and \
+                              merge): give a preset, such as \"grayscale\", to draw them as values";
+                return Err(Error::Setting { name: "transfer", reason: reason.to_owned() });
+            }
+            Ok((plan, look.choices))
         });
         let (plan, choices) = planned.map_err(|fault| raised(&fault))?;
         Ok(Self { plan: Arc::new(plan), choices })
@@ -132,7 +139,7 @@ impl Plan {
 impl Plan {
     /// Returns the layers of a slice of the volume.
     pub(crate) fn slice(plan: &bricks::Plan, volume: &voxsplat::Volume) -> voxsplat::error::Result<Layers> {
-        let missing = || voxsplat::error::Error::Setting {
+        let missing = || Error::Setting {
             name: "plan",
             reason: "it is of labels or channels, whose bricks the command draws: voxsplat brick".to_owned(),
         };

@@ -19,6 +19,10 @@ create_exception!(
 pub(crate) fn raised(error: &Error) -> PyErr {
     let mut message = match error {
         Error::Setting { name, reason } => format!("{}: {reason}", keyword(name)),
+        Error::TooLarge { bytes, available, limit, remedies } => {
+            let remedies = remedies.iter().map(|option| keyword_of(option)).collect();
+            Error::TooLarge { bytes: *bytes, available: *available, limit, remedies }.to_string()
+        }
         other => other.to_string(),
     };
     let causes = std::iter::successors(error.source(), |&cause| cause.source());
@@ -27,7 +31,7 @@ pub(crate) fn raised(error: &Error) -> PyErr {
         message += &format!(": {}", remedy(hint));
     }
     match error {
-        Error::Memory { .. } | Error::OutOfMemory(_) => PyMemoryError::new_err(message),
+        Error::Memory { .. } | Error::OutOfMemory(_) | Error::TooLarge { .. } => PyMemoryError::new_err(message),
         Error::NoAdapter(_) | Error::Unsupported { .. } | Error::Device { .. } => DeviceError::new_err(message),
         Error::Input(InputError::Read { path, source }) | Error::Write { path, source } => {
             system(source, &path.display().to_string(), message)
@@ -61,6 +65,16 @@ fn keyword(setting: &str) -> String {
         "lighting" => "light".to_owned(),
         "axis_order" => "axes".to_owned(),
         other => other.replace('-', "_"),
+    }
+}
+
+/// Returns an option of the command with its value, such as `--light off`, as a keyword of the package.
+fn keyword_of(option: &str) -> String {
+    let option = option.strip_prefix("--").unwrap_or(option);
+    match option.split_once(' ') {
+        Some((name, value)) if value.parse::<f64>().is_ok() => format!("{}={value}", keyword(name)),
+        Some((name, value)) => format!("{}={value:?}", keyword(name)),
+        None => format!("{}=True", keyword(option)),
     }
 }
 

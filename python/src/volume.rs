@@ -1,18 +1,18 @@
 //! Volumes: arrays of NumPy, and files.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use numpy::ndarray::{ArrayView3, Axis, Slice};
 use numpy::{Element, PyArrayDyn, PyArrayMethods, PyUntypedArray, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use rayon::prelude::*;
-use voxsplat::appearance::suggest;
 use voxsplat::error::{Error, Result};
 use voxsplat::formats::{self, LoadOptions, MissingSlices, PyramidLevel};
 use voxsplat::glam::{DAffine3, DMat3, DVec3};
 use voxsplat::layers::on_lattice;
-use voxsplat::program::{ChannelChoice, Loaded, Values, load_channels};
+use voxsplat::program::{ChannelChoice, LABELS, Loaded, ValueMeaning, Values, load_channels};
+use voxsplat::transfer::presets::PresetValues;
 use voxsplat::volume::{Contents, Grid, Origin, Sample, Statistics, Units};
 use voxsplat_volume::memory::zeroed;
 
@@ -169,7 +169,19 @@ impl Source {
     fn describe(&self) -> Result<serde_json::Value> {
         let volume = self.read()?;
         let statistics = Statistics::of(&volume)?;
-        let suggestion = suggest(&volume, &statistics);
+        let source = match self {
+            Self::Memory(_) => Path::new(""),
+            Self::File { path, .. } => path.as_path(),
+        };
+        let meaning = ValueMeaning::find(source, &volume, true, PresetValues::Auto, || Ok(statistics.clone()));
+        let (transfer, reason, is_guess) = match meaning {
+            Ok(ValueMeaning::BuiltIn(_)) => (None, "a built-in volume has its own transfer function".to_owned(), false),
+            Ok(ValueMeaning::Labels { reason }) => (Some(LABELS), reason, false),
+            Ok(ValueMeaning::Values { preset, reason, is_guess, .. }) => (Some(preset.name), reason, is_guess),
+            // No preset fits values that are all the same.
+            Err(Error::Transfer(reason)) => (None, reason, false),
+            Err(fault) => return Err(fault),
+        };
         let grid = volume.grid();
         let ([nx, ny, nz], [dx, dy, dz], Contents { channels, times, levels, .. }) =
             (grid.dims(), grid.spacing(), volume.contents());
@@ -193,9 +205,9 @@ impl Source {
             "max": statistics.max,
             "mean": statistics.mean,
             "std": statistics.std_dev,
-            "transfer": suggestion.name,
-            "reason": suggestion.reason,
-            "is_guess": suggestion.is_guess,
+            "transfer": transfer,
+            "reason": reason,
+            "is_guess": is_guess,
         }))
     }
 }

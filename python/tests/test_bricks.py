@@ -83,6 +83,14 @@ def test_overviews_plan_what_the_volume_shows() -> None:
         assert difference(merged, whole) < 1e-5
 
 
+def test_labels_are_refused_when_they_are_planned() -> None:
+    mask = (samples() > 40).astype(np.uint8)
+    with pytest.raises(ValueError, match="transfer: labels and channels are drawn in bricks by the command alone"):
+        vs.plan(mask, (1, 1, 2), size=SIZE)
+    plan = vs.plan(mask, (1, 1, 2), size=SIZE, transfer="grayscale")
+    assert len(drawn(plan, mask)) == 2
+
+
 def test_what_does_not_fit_is_refused() -> None:
     array = samples()
     plan, other = (vs.plan(array, (1, 1, 3), size=SIZE, light=False, azimuth=turn) for turn in (0, 10))

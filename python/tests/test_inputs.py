@@ -230,6 +230,32 @@ def test_masks_are_drawn() -> None:
     assert np.array_equal(vs.render(mask, size=32), vs.render(mask.astype(np.uint8), size=32))
 
 
+def test_info_says_what_a_picture_makes_of_the_values() -> None:
+    mask = (samples() > 40).astype(np.uint8)
+    facts = vs.info(mask)
+    assert (facts["transfer"], facts["is_guess"]) == ("labels", False)
+    assert any(facts["reason"] in choice for choice in vs.render(mask, size=8).choices)
+    facts = vs.info(samples(), modality="CT")
+    assert any(f"preset {facts['transfer']}" in choice for choice in vs.render(samples(), size=8, modality="CT").choices)
+    assert vs.info("demo:sphere:8")["transfer"] is None
+
+
+@pytest.mark.parametrize(
+    "options, message",
+    [
+        ({"azimuth": "x"}, r"azimuth: 'x', expected float \| None"),
+        ({"shading": None}, "shading: None, expected str"),
+        ({"light": 3}, "light: 3, expected a text, .azimuth, elevation."),
+        ({"clip": 3}, "clip: 3, expected a text or a list of texts"),
+        ({"window": 3}, "window: 3, expected 2 numbers"),
+        ({"material": "x"}, "material: 'x', expected 4 numbers"),
+    ],
+)
+def test_errors_of_types_name_the_option(options: dict[str, Any], message: str) -> None:
+    with pytest.raises((TypeError, ValueError), match=message):
+        vs.render(samples(), size=8, **options)
+
+
 def test_memory_may_lie_in_any_order() -> None:
     # More than a block along each axis, and no multiple of one.
     array = np.random.default_rng(3).integers(0, 100, (37, 70, 41), dtype=np.uint16)

@@ -82,5 +82,5 @@ if not TYPE_CHECKING:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
     def __dir__() -> list[str]:
-        """Return the names of the package, also those that are not imported yet."""
-        return sorted({*globals(), *__all__})
+        """Return the public names, also those that are not imported yet, and the names of modules."""
+        return sorted({*__all__, "dask", *(name for name in globals() if name.startswith("__"))})

@@ -27,10 +27,14 @@ import uuid
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
-import distributed
 import numpy as np
-from dask.base import annotate
-from dask.delayed import delayed
+
+try:
+    import distributed
+    from dask.base import annotate
+    from dask.delayed import delayed
+except ImportError as fault:
+    raise ImportError("voxsplat.dask needs Dask and distributed: pip install 'voxsplat[dask]'") from fault
 
 from .engines import Engine, Executor, Join, Report, Task, byte_count
 from .image import Image

@@ -17,6 +17,7 @@ from .settings import (
     Settings,
     View,
     as_texts,
+    check,
     checked,
     documented,
     field_names,
@@ -131,7 +132,7 @@ def render(
     parts = split(options, View, Settings)
     view, settings = View(**parts[0]), Settings(transfer=transfer, **parts[1])
     # Before a long conversion.
-    _native.check(checked(view), as_texts(settings), pixels(size))
+    check(view, settings, pixels(size))
     renderer = kept_renderer(adapter)
     scene = renderer.prepare(
         volume,
@@ -207,7 +208,7 @@ def plan(
     parts = split(options, View, Settings)
     view, settings = View(**parts[0]), Settings(transfer=transfer, **parts[1])
     size = pixels(size)
-    _native.check(checked(view), as_texts(settings), size)
+    check(view, settings, size)
     overview = native_volume(volume, options)
     rows = None
     if shape is not None:
@@ -236,7 +237,8 @@ def info(volume: Any, **options: Any) -> dict[str, Any]:
         ``shape`` and ``spacing`` in the order (z, y, x), ``affine`` from (x, y, z) indices to the world, ``length_unit``
         and ``value_unit``, ``oriented`` (whether sides of a patient are known), ``sample_type``, ``min``, ``max``,
         ``mean`` and ``std`` of the samples, the numbers of ``channels``, ``times`` and ``levels`` of the file, and
-        ``transfer``, the preset that suits the values, with its ``reason`` and ``is_guess``.
+        ``transfer``, ``"labels"`` or the preset that suits the values (None of a built-in volume, and if none fits), with
+        its ``reason`` and ``is_guess``.
 
     Raises
     ------

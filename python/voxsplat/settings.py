@@ -6,6 +6,7 @@ import functools
 import inspect
 import json
 import os
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, TypeVar
@@ -17,6 +18,7 @@ __all__ = [
     "Settings",
     "View",
     "as_texts",
+    "check",
     "checked",
     "documented",
     "field_names",
@@ -286,7 +288,10 @@ def checked(view: View) -> View:
 def _vector(name: str, values: Sequence[float] | None, count: int = 3) -> tuple[float, ...] | None:
     if values is None:
         return None
-    vector = tuple(float(value) for value in values)
+    try:
+        vector = tuple(float(value) for value in values)
+    except (TypeError, ValueError):
+        vector = ()
     if len(vector) != count:
         raise ValueError(f"{name}: {values!r}, expected {count} numbers")
     return vector
@@ -310,10 +315,33 @@ def as_texts(settings: Settings) -> Settings:
         material=_vector("material", settings.material, 4),
         shadows=None if shadows is None else str(shadows),
         occlusion=None if occlusion is None else "off" if occlusion is False else str(occlusion),
-        clip=[] if settings.clip is None else [settings.clip] if isinstance(settings.clip, str) else list(settings.clip),
+        clip=_clips(settings.clip),
         level=str(settings.level),
         label=_labels(settings.label),
     )
+
+
+def check(view: View, settings: Settings, size: tuple[int, int]) -> None:
+    """Raise ValueError or TypeError for a view and settings that no volume can be drawn with."""
+    try:
+        _native.check(checked(view), as_texts(settings), size)
+    except TypeError as fault:
+        # The native module names the field alone.
+        found = re.search(r"field \w+\.(\w+)", str(fault))
+        if found is None:
+            raise
+        (name,) = found.groups()
+        owner = view if name in field_names(View) else settings
+        expected = type(owner).__annotations__[name]
+        raise TypeError(f"{name}: {getattr(owner, name)!r}, expected {expected}") from fault
+
+
+def _clips(clip: str | Sequence[Any] | None) -> list[Any]:
+    if clip is None or isinstance(clip, str):
+        return [] if clip is None else [clip]
+    if not isinstance(clip, Iterable):
+        raise ValueError(f"clip: {clip!r}, expected a text or a list of texts")
+    return list(clip)
 
 
 def _labels(label: Mapping[Any, Any] | str | Sequence[str] | None) -> list[str]:
@@ -357,7 +385,10 @@ def _lights(light: Any) -> list[str]:
         return ["studio" if light else "off"]
     if isinstance(light, str):
         return [light]
+    if not isinstance(light, Iterable):
+        raise ValueError(f"light: {light!r}, expected a text, (azimuth, elevation), False, or a list of them")
     # A pair of angles, or several lights.
+    light = list(light)
     if len(light) == 2 and all(isinstance(number, (int, float)) for number in light):
         return [f"{light[0]},{light[1]}"]
     return [text for one in light for text in _lights(one)]

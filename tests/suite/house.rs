@@ -219,7 +219,7 @@ const LINES: [(&str, usize); 28] = [
     ("painters", 3264),
     ("prepare", 2335),
     ("progress", 34),
-    ("python", 1433),
+    ("python", 1463),
     ("reference", 2122),
     ("renderer", 400),
     ("settings", 476),
