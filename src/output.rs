@@ -106,6 +106,7 @@ impl Unfinished {
             names.push(file.path().to_owned());
             Ok(file)
         })?;
+        keep_permissions(file.as_file(), target);
         let written = write(file.as_file_mut());
         self.with(|names| {
             names.retain(|name| name != file.path());
@@ -155,6 +156,14 @@ fn unnamed(directory: &Path) -> Option<File> {
     Path::new("/proc/self/fd").is_dir().then_some(file)
 }
 
+/// Gives a new file the permissions of the file that it will replace, so that a private picture stays private. File
+/// systems without permissions refuse, which changes nothing.
+fn keep_permissions(file: &File, replaced: &Path) {
+    if let Ok(metadata) = replaced.metadata() {
+        drop(file.set_permissions(metadata.permissions()));
+    }
+}
+
 /// Writes a file that gets the name `path` when it is complete.
 ///
 /// # Errors
@@ -165,6 +174,7 @@ pub(crate) fn write_atomically(path: &Path, write: impl Fn(&mut File) -> io::Res
     let target = target(path)?;
     #[cfg(target_os = "linux")]
     if let Some(mut file) = unnamed(directory_of(&target)) {
+        keep_permissions(&file, &target);
         write(&mut file).map_err(failed)?;
         // File systems without links fail here, and succeed with a temporary name.
         if UNFINISHED.name(&file, &target).is_ok() {
@@ -219,6 +229,18 @@ mod tests {
             let error = write(b"ne", true).unwrap_err();
             assert!(format!("{error:#}").ends_with("out.txt: disk full"), "{error:#}");
             assert_eq!(std::fs::read(path).unwrap(), b"old");
+        });
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_file_keeps_the_permissions_of_the_one_that_it_replaces() {
+        use std::os::unix::fs::PermissionsExt;
+        both_ways(|path, write| {
+            write(b"public", false).unwrap();
+            std::fs::set_permissions(path, std::fs::Permissions::from_mode(0o600)).unwrap();
+            write(b"private", false).unwrap();
+            assert_eq!(path.metadata().unwrap().permissions().mode() & 0o777, 0o600);
         });
     }
 

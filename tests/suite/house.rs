@@ -215,7 +215,7 @@ const LINES: [(&str, usize); 28] = [
     ("layers", 1201),
     ("lib", 65),
     ("lighting", 2428),
-    ("output", 130),
+    ("output", 137),
     ("painters", 3264),
     ("prepare", 2335),
     ("progress", 34),
