@@ -459,7 +459,7 @@ impl HostRenderer {
             let pixels = image.pixels_mut().par_iter_mut();
             pixels.for_each(|pixel| *pixel = shown(pixel.map(f64::from)).map(|channel| channel as f32));
         }
-        stages.push(StageTime::host("shot", seconds));
+        stages.push(StageTime::host("frame", seconds));
         let noise = (settings.sharpness > 0.0).then(|| settings.reconstruction()).transpose()?;
         let Misfit { data, noise: of_noise } = held.misfit;
         Ok(Rendered {
