@@ -1,4 +1,4 @@
-"""Hooks of MkDocs (mkdocs.yml): the documents are written for the Markdown of GitHub, which differs in three points."""
+"""Hooks of MkDocs (.ci/mkdocs.yml): the documents are written for the Markdown of GitHub, which differs in three points."""
 
 from __future__ import annotations
 

@@ -13,5 +13,5 @@ setup_driver=no
 
 venv=target/site/venv
 setup_venv site "$venv" docs/requirements.txt
-PYTHONDONTWRITEBYTECODE=1 "$venv/bin/mkdocs" build --strict "$@"
+PYTHONDONTWRITEBYTECODE=1 "$venv/bin/mkdocs" build --strict --config-file .ci/mkdocs.yml "$@"
 echo "site: target/site/html/index.html" >&2

@@ -77,7 +77,11 @@ impl<'a> Frame<'a> {
         self.camera.validate()?;
         self.settings.validate()?;
         self.region.check_within(self.camera.size)?;
-        self.depths().map_or(Ok(()), |depths| depths.check(self.camera))
+        match self.surfaces {
+            Surfaces::None => Ok(()),
+            Surfaces::Depths(depths) => depths.check(self.camera),
+            Surfaces::Solids(solids) => solids.check(self.camera),
+        }
     }
 
     /// Returns the depths of the surfaces.
@@ -89,13 +93,14 @@ impl<'a> Frame<'a> {
         }
     }
 
-    /// Makes the picture by `draw`, which draws the matter of a region of the picture before depths.
+    /// Makes the picture, once it is checked, by `draw`, which draws the matter of a region of the picture before
+    /// depths.
     pub(crate) fn drawn(&self, draw: impl Fn(Region, Option<&DepthMap>) -> Result<Rendered>) -> Result<Rendered> {
+        self.check()?;
         match self.surfaces {
             Surfaces::None => draw(self.region, None),
             Surfaces::Depths(depths) => draw(self.region, Some(depths)),
             Surfaces::Solids(solids) => solids.in_picture(
-                self.camera,
                 self.region,
                 |reached| draw(reached, Some(&solids.depths)),
                 || draw(self.region, None),

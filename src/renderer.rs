@@ -241,6 +241,8 @@ impl Renderer {
     pub fn depths(&self, scene: &Scene, frame: &Frame<'_>) -> Result<DepthMap> {
         let Frame { camera, settings, region: wanted, .. } = *frame;
         settings.check_depths()?;
+        frame.check()?;
+        check_scale(camera)?;
         let depths = Depths { solids: frame.depths(), halves: true };
         let Rendered { image, .. } = self.shot(scene, Shot { wanted, depths, ..Shot::whole(camera, settings) })?;
         let unit = scene.grid().unit();
@@ -249,13 +251,7 @@ impl Renderer {
 
     /// Renders a part of a picture of a whole volume and reads it back.
     fn shot(&self, scene: &Scene, shot: Shot<'_>) -> Result<Rendered> {
-        let Shot { camera, wanted, depths, .. } = shot;
-        camera.validate()?;
-        wanted.check_within(camera.size)?;
-        depths.solids.map_or(Ok(()), |solids| solids.check(camera))?;
-        if depths.halves {
-            check_scale(camera)?;
-        }
+        let Shot { wanted, .. } = shot;
         check_whole(scene)?;
         let mut image = Image::transparent(wanted.width, wanted.height)?;
         let recorder = Recorder::timed(&self.context);

@@ -1,6 +1,6 @@
 #!/bin/sh
 # Makes the packages as a release does, and tries them outside of the repository: the crates from their archives, the
-# wheel and its source archive in fresh environments of Python, the image of the Dockerfile if a container runtime runs.
+# wheel and its source archive in fresh environments of Python, the image if a container runtime runs.
 # Takes 20 minutes on two cores, so .ci/run leaves it to the workflows. Everything lies in target/packages.
 set -eu
 cd "$(dirname "$0")/.."
@@ -62,7 +62,7 @@ try "$work"/dist/*.tar.gz
 
 say "4 of 4: the image"
 if docker info >/dev/null 2>&1; then
-    docker build --quiet --tag voxsplat:packages .
+    docker build --quiet --tag voxsplat:packages --file examples/docker/Dockerfile .
     docker run --rm --user "$(id -u)" --volume "$work:/data" voxsplat:packages \
         render demo:sphere:32 -o image.png --size 64
     [ -s "$work/image.png" ] || setup_fail "the image rendered nothing"

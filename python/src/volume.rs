@@ -11,7 +11,7 @@ use voxsplat::error::{Error, Result};
 use voxsplat::formats::{self, LoadOptions, MissingSlices, PyramidLevel};
 use voxsplat::glam::{DAffine3, DMat3, DVec3};
 use voxsplat::layers::on_lattice;
-use voxsplat::program::{ChannelChoice, LABELS, Loaded, ValueMeaning, Values, load_channels};
+use voxsplat::program::{ChannelChoice, Loaded, ValueMeaning, Values, load_channels};
 use voxsplat::transfer::presets::PresetValues;
 use voxsplat::volume::{Contents, Grid, Origin, Sample, Statistics, Units};
 use voxsplat_volume::memory::zeroed;
@@ -174,10 +174,8 @@ impl Source {
             Self::File { path, .. } => path.as_path(),
         };
         let meaning = ValueMeaning::find(source, &volume, true, PresetValues::Auto, || Ok(statistics.clone()));
-        let (transfer, reason, is_guess) = match meaning {
-            Ok(ValueMeaning::BuiltIn(_)) => (None, "a built-in volume has its own transfer function".to_owned(), false),
-            Ok(ValueMeaning::Labels { reason }) => (Some(LABELS), reason, false),
-            Ok(ValueMeaning::Values { preset, reason, is_guess, .. }) => (Some(preset.name), reason, is_guess),
+        let (transfer, reason, is_guess) = match meaning.map(ValueMeaning::look) {
+            Ok(look) => look,
             // No preset fits values that are all the same.
             Err(Error::Transfer(reason)) => (None, reason, false),
             Err(fault) => return Err(fault),

@@ -82,5 +82,5 @@ if not TYPE_CHECKING:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
     def __dir__() -> list[str]:
-        """Return the public names, also those that are not imported yet, and the names of modules."""
-        return sorted({*__all__, "dask", *(name for name in globals() if name.startswith("__"))})
+        """Return the public names, also those that are not imported yet."""
+        return sorted({*__all__, *(name for name in globals() if name.startswith("__"))})

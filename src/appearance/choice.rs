@@ -64,6 +64,22 @@ impl ValueMeaning {
     }
 }
 
+impl ValueMeaning {
+    /// Returns the name of the look that suits the values ([`LABELS`] or a preset; `None` of a built-in volume, which
+    /// has a look of its own), the reason, and whether it is a guess.
+    #[must_use]
+    pub fn look(self) -> (Option<&'static str>, String, bool) {
+        match self {
+            Self::BuiltIn(_) => (None, "a built-in volume has its own transfer function".to_owned(), false),
+            Self::Labels { reason } => (Some(LABELS), reason, false),
+            Self::Values { preset, reason, is_guess, .. } => (Some(preset.name), reason, is_guess),
+        }
+    }
+}
+
+/// The name of the transfer function that takes the values for labels.
+pub const LABELS: &str = "labels";
+
 /// The words after a preset that the values decided.
 pub const GUESS: &str = ", a guess from the histogram,";
 

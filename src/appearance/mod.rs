@@ -21,14 +21,14 @@ pub mod demos;
 #[doc(hidden)]
 pub mod program {
     pub use super::channels::{ChannelChoice, ChannelLook, Loaded, Values, load_channels};
-    pub use super::choice::{GUESS, ValueMeaning};
+    pub use super::choice::{GUESS, LABELS, ValueMeaning};
     pub use super::clip::ClipSpec;
     pub use super::foreign::ForeignWords;
     pub use super::labels::{LabelLooks, LabelSpec};
     pub use super::light::{LightPlace, LightRequest, LightSpec, OcclusionSpec, ShadowSpec, place_studio};
     pub use super::options::{command_line, notes, options_of, quoted};
     pub use super::overlay::{HOT, Overlay, OverlayLook, OverlaySpec, Overlays, PlacedOverlay, TWO_SIDED, UsedColors};
-    pub use super::transfer::{FittedTransfer, GradientSpec, LABELS, MAP, TransferChoice, TransferRequest};
+    pub use super::transfer::{FittedTransfer, GradientSpec, MAP, TransferChoice, TransferRequest};
     pub use super::{ChoiceContext, OpenChoices};
 }
 

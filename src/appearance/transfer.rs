@@ -4,7 +4,7 @@ use std::path::Path;
 use std::str::FromStr;
 
 use super::channels::Values;
-use super::choice::{Choice, ValueMeaning};
+use super::choice::{Choice, LABELS, ValueMeaning};
 use super::demos;
 use crate::error::{Error, Result};
 use crate::layers::Layers;
@@ -14,9 +14,6 @@ use crate::transfer::maps::{self, ColorMap};
 use crate::transfer::presets::{self, Material, PRESETS, Preset, PresetValues};
 use crate::transfer::{Classification, ControlPoint, GradientPoint, Imported, TransferFunction, Window};
 use crate::volume::{Statistics, Volume};
-
-/// The name of the transfer function that takes the values for labels.
-pub const LABELS: &str = "labels";
 
 /// The prefix of colour maps in the name of a transfer function.
 pub const MAP: &str = "map:";

@@ -48,6 +48,7 @@ mod blending;
 mod colors;
 mod field;
 mod filter;
+mod kept;
 mod lanes;
 mod lattice;
 mod level;
@@ -59,16 +60,14 @@ mod project;
 mod rays;
 mod rule;
 mod scalars;
+mod shot;
 mod table;
 mod voxels;
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Mutex, PoisonError};
 
-use glam::{DAffine3, DVec3};
 use rayon::prelude::*;
 
-use self::arriving::Falling;
-use self::blend::Blend;
 use self::blending::Colors;
 use self::colors::Halves;
 use self::level::Level;
@@ -77,24 +76,20 @@ use self::march::{Matter, Picture, TILE, Work};
 use self::post::Post;
 use self::project::{Extreme, Projection};
 use self::scalars::{Reconstructed, Scalars};
+use self::shot::{Depths, Shot, places_of_light};
 use self::voxels::Colored;
-use crate::camera::{Camera, Growth};
 use crate::error::{Error, Result};
 use crate::frame::Frame;
 use crate::image::{DepthMap, Image, Region};
-use crate::kernel::{Kernel, Misfit};
+use crate::kernel::Misfit;
 use crate::layers::Layers;
-use crate::lighting::shadow::ShadowLattice;
 use crate::progress::Progress;
-use crate::settings::{Interslice, Level as Cells, Model, Settings};
+use crate::settings::{Interslice, Model, Settings};
 use crate::stats::adapter::{AdapterInfo, AdapterKind};
 use crate::stats::{CpuStats, PainterStats, Rendered, StageTime, Stats, on_host};
 use crate::transfer::Resolution;
 use crate::volume::Grid;
 use voxsplat_volume::memory::available;
-
-/// The largest growth of kernels of perspective pictures: growth by the last rounding does not count.
-const NO_GROWTH: f64 = 1.0 + 1e-9;
 
 /// The renderer of the host engine.
 #[derive(Debug, Clone)]
@@ -117,144 +112,12 @@ enum Content {
     Colored(Box<Colored>),
 }
 
-/// The camera, the settings and the lattice of a picture.
-struct Shot<'a> {
-    camera: &'a Camera,
-    settings: &'a Settings,
-    grid: &'a Grid,
-    region: Region,
-    /// The growths of the kernels whose fields are blended, ascending.
-    growths: Vec<f64>,
-    /// The level of the blended fields; `lattice` is the lattice of its cells.
-    level: Level,
-    lattice: Grid,
-    /// The kernel without growth.
-    kernel: Kernel,
-    /// The ratio of the sums of kernels to their means.
-    density: f64,
-    depths: Depths<'a>,
-}
-
-/// The depths that a picture reads and writes.
-#[derive(Debug, Clone, Copy, Default)]
-struct Depths<'a> {
-    /// The depths at which rays end; see [`Picture::solids`].
-    solids: Option<&'a DepthMap>,
-    /// Whether pixels are half depths; see [`Picture::halves`].
-    halves: bool,
-}
-
-impl Shot<'_> {
-    /// Returns the kernels whose fields are blended.
-    fn kernels(&self) -> Vec<Kernel> {
-        self.growths.iter().map(|growth| self.level.kernel(&self.kernel, *growth)).collect()
-    }
-
-    /// Returns the blend of the fields in `made`, one for each growth.
-    fn blend<'a, V, F>(&self, made: &'a [Arc<V>], field: impl Fn(&'a V) -> &'a F) -> Blend<'a, F> {
-        let Self { camera, grid, .. } = *self;
-        let levels = self.growths.iter().zip(made).map(|(growth, made)| (*growth, field(made))).collect();
-        Blend::new(levels, camera.growth(grid), camera, &self.lattice.to_world())
-    }
-
-    /// Returns the size of cells in voxels, and the voxel at cell 0 along each axis.
-    fn to_voxels(&self) -> [f32; 2] {
-        let first = self.grid.to_lattice().transform_point3(self.lattice.to_world().translation);
-        [self.level.size() as f32, first.x as f32]
-    }
-
-    /// Returns the sides of unclipped matter; see [`Picture::sides`].
-    fn sides(&self) -> Vec<(DVec3, f64)> {
-        let Self { settings, grid, level, lattice, .. } = self;
-        let middle = DVec3::from_array(grid.dims().map(|d| (f64::from(d) - 1.0) / 2.0));
-        let to_voxels = grid.to_lattice() * lattice.to_world();
-        let side = |(gradient, value): (DVec3, f64)| {
-            (to_voxels.matrix3.transpose() * gradient, value + gradient.dot(to_voxels.translation - middle))
-        };
-        let mut sides: Vec<(DVec3, f64)> = settings.clip.sides(grid).into_iter().map(side).collect();
-        // Cells reach beyond the volume, where scalars end.
-        if settings.is_post_shaded() && *level != Level(0) {
-            sides.extend((0..3).flat_map(|axis| {
-                let voxels = f64::from(grid.dims()[axis]);
-                let faces = [(1.0, 0.5 + middle[axis]), (-1.0, voxels - 0.5 - middle[axis])];
-                faces.map(|(sign, value)| side((sign * DVec3::AXES[axis], value)))
-            }));
-        }
-        sides
-    }
-
-    /// Returns the gradient of depth and the depth at point 0; see [`Projection::depth`].
-    fn depth_in_box(&self) -> (DVec3, f64) {
-        let Self { camera, grid, lattice, .. } = self;
-        let in_voxels = grid.to_world().matrix3.transpose() * camera.forward;
-        let dims = DVec3::from_array(grid.dims().map(f64::from));
-        let gradient = in_voxels / in_voxels.abs().dot(dims);
-        let to_voxels = grid.to_lattice() * lattice.to_world();
-        let at_zero = 0.5 + gradient.dot(to_voxels.translation - (dims - 1.0) / 2.0);
-        (to_voxels.matrix3.transpose() * gradient, at_zero)
-    }
-
-    /// Returns the light that casts shadows, if there is one; `unit` is the world length of the unit of extinctions.
-    fn falling(&self, unit: f64) -> Option<Falling> {
-        let Self { settings, grid, kernel, .. } = *self;
-        let casting = settings.casting()?;
-        let lattice = ShadowLattice::new(grid, kernel, settings.normalization.divisor(&kernel), unit, 1.0);
-        Some(Falling { casting, lattice, clip: settings.clip.sides(grid) })
-    }
-}
-
 /// The memory and the voxels that a scene holds, for the statistics of a picture.
 struct Held {
     bytes: u64,
     misfit: Misfit,
     /// Number of voxels that may be visible.
     voxels: u64,
-}
-
-/// Returns the map from the points of a lattice of cells to the places of a [`Shader`] of a volume.
-fn places_of_light(grid: &Grid, lattice: &Grid) -> DAffine3 {
-    let to_places = DAffine3::from_scale(DVec3::splat(1.0 / grid.unit()));
-    to_places * DAffine3::from_translation(-grid.center()) * lattice.to_world()
-}
-
-/// The values made for the last picture, with their keys.
-struct Kept<K, V>(Mutex<Vec<(K, Arc<V>)>>);
-
-impl<K, V> Default for Kept<K, V> {
-    fn default() -> Self {
-        Self(Mutex::default())
-    }
-}
-
-impl<K: PartialEq, V> Kept<K, V> {
-    /// Returns the values for keys: held values, or new ones of `make` after all other values are dropped.
-    fn get_or_make(&self, keys: Vec<K>, make: impl Fn(&K) -> Result<V>) -> Result<Vec<Arc<V>>> {
-        let mut held = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        held.retain(|(key, _)| keys.contains(key));
-        let mut values = Vec::with_capacity(keys.len());
-        for key in keys {
-            let value = match held.iter().find(|(of, _)| *of == key) {
-                Some((_, value)) => Arc::clone(value),
-                None => {
-                    let made = Arc::new(make(&key)?);
-                    held.push((key, Arc::clone(&made)));
-                    made
-                }
-            };
-            values.push(value);
-        }
-        Ok(values)
-    }
-
-    /// Returns the sum of `number` over all values.
-    fn sum(&self, number: impl Fn(&V) -> u64) -> u64 {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).iter().map(|(_, value)| number(value)).sum()
-    }
-
-    /// Returns the number of values held.
-    fn count(&self) -> usize {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).len()
-    }
 }
 
 impl HostRenderer {
@@ -327,6 +190,7 @@ impl HostRenderer {
     /// The errors of [`Self::render`], and [`Error::Setting`] if there are no depths ([`Settings::has_depths`]).
     pub fn depths(&self, scene: &HostScene, frame: &Frame<'_>) -> Result<DepthMap> {
         frame.settings.check_depths()?;
+        frame.check()?;
         let depths = Depths { solids: frame.depths(), halves: true };
         let image = self.shot(scene, frame, frame.region, depths)?.image;
         let depth = |&[depth, has_depth, ..]: &[f32; 4]| if has_depth > 0.5 { depth } else { f32::INFINITY };
@@ -335,25 +199,11 @@ impl HostRenderer {
 
     /// Renders the matter of a region of a picture, or its depths.
     fn shot(&self, scene: &HostScene, frame: &Frame<'_>, region: Region, depths: Depths<'_>) -> Result<Rendered> {
-        frame.check()?;
         let Frame { camera, settings, .. } = *frame;
         let grid = scene.grid();
         camera.check_scale(grid)?;
         check_drawn(settings)?;
-        let kernel = settings.reconstruction_kernel();
-        let (growths, level) = growths(camera, grid, settings, &kernel);
-        let shot = Shot {
-            camera,
-            settings,
-            grid,
-            region,
-            growths,
-            level,
-            lattice: level.grid(grid)?,
-            kernel,
-            density: settings.normalization.density(&kernel),
-            depths,
-        };
+        let shot = Shot::new(frame, grid, region, depths)?;
         scene.check_memory(&shot)?;
         match (&scene.0, settings.is_post_shaded()) {
             (Content::Scalars(scalars), true) => self.render_scalars(scalars, &shot),
@@ -600,24 +450,6 @@ fn check_memory(field: u64, light: u64, held: u64) -> Result<()> {
     }
     remedies.push("--painter tiles".to_owned());
     Err(Error::TooLarge { bytes: field + light, available: available.bytes, limit: available.limit, remedies })
-}
-
-/// Returns the growths of the kernels whose fields a picture needs, and the level of their lattice.
-fn growths(camera: &Camera, grid: &Grid, settings: &Settings, kernel: &Kernel) -> (Vec<f64>, Level) {
-    let growth = if settings.antialiasing { camera.growth(grid) } else { Growth::NONE };
-    let depths = camera.eye().map_or([0.0; 2], |eye| {
-        let to_center = (grid.center() - eye).dot(camera.forward);
-        let depths = grid.corners_from_center(0.5).map(|corner| to_center + corner.dot(camera.forward));
-        [depths.into_iter().fold(f64::INFINITY, f64::min).max(0.0), depths.into_iter().fold(0.0, f64::max)]
-    });
-    let requested = if let Cells::At(level) = settings.level { Some(level) } else { None };
-    let least = requested.map_or(0.0, |level| Level(level).least());
-    let [smallest, largest] = depths.map(|depth| growth.at(depth).max(least));
-    let level = Level::new(kernel, smallest, requested);
-    if camera.eye().is_none() || largest <= NO_GROWTH {
-        return (vec![largest], level);
-    }
-    (blend::levels(smallest, largest, level.most(kernel)), level)
 }
 
 /// Returns an error about a picture that this engine does not draw.

@@ -7,9 +7,10 @@ use glam::{DMat3, DVec3};
 
 use super::arriving::{ArrivingLight, Falling};
 use super::field::{Field, padding};
+use super::kept::Kept;
 use super::level::Level;
+use super::shot::Shot;
 use super::table::Table;
-use super::{Kept, Shot};
 use crate::camera::clip::is_inside;
 use crate::error::Result;
 use crate::kernel::{Kernel, SplineFilter};

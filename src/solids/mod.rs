@@ -131,7 +131,7 @@ impl Solids {
     }
 
     /// Refuses surfaces of another size than the pictures of a camera.
-    fn check(&self, camera: &Camera) -> Result<()> {
+    pub(crate) fn check(&self, camera: &Camera) -> Result<()> {
         self.depths.check(camera)?;
         match &self.image {
             Some(image) if [image.width(), image.height()] != self.depths.size() => {
@@ -162,14 +162,10 @@ impl Solids {
     /// matter: matter behind the edge of a surface is visible too.
     pub(crate) fn in_picture(
         &self,
-        camera: &Camera,
         region: Region,
         before: impl Fn(Region) -> Result<Rendered>,
         all: impl Fn() -> Result<Rendered>,
     ) -> Result<Rendered> {
-        camera.validate()?;
-        region.check_within(camera.size)?;
-        self.check(camera)?;
         let Some(reached) = self.depths.reached(region) else { return all() };
         let before = before(reached)?;
         if reached == region && self.covers(region) {

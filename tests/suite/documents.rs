@@ -149,7 +149,7 @@ fn the_first_documents_are_short() {
 
 #[test]
 fn the_contents_of_the_guide_name_every_chapter() {
-    let (contents, site) = (read("docs/guide/index.md"), read("mkdocs.yml"));
+    let (contents, site) = (read("docs/guide/index.md"), read(".ci/mkdocs.yml"));
     for entry in fs::read_dir(root().join("docs/guide")).unwrap() {
         let name = entry.unwrap().file_name().into_string().unwrap();
         let is_named = name == "index.md" || contents.contains(&format!("]({name})"));

@@ -7,7 +7,7 @@ use serde::Serialize;
 use voxsplat::appearance::suggest;
 use voxsplat::error::{Error, Hint};
 use voxsplat::formats::{self, LoadOptions, PyramidLevel, Series};
-use voxsplat::program::{GUESS, LABELS, LabelLooks, ValueMeaning};
+use voxsplat::program::{GUESS, LabelLooks, ValueMeaning};
 use voxsplat::transfer::presets::PresetValues;
 use voxsplat::volume::{Channel, Grid, Statistics, Volume};
 use voxsplat_volume::names::{percent, readable};
@@ -246,15 +246,10 @@ impl Info {
     fn new(source: &Path, options: &[OptionValues], volume: &Volume, statistics: &Statistics) -> Result<Self, Failure> {
         let grid = volume.grid();
         let (slope, intercept) = volume.rescale();
-        let mut guess = false;
         let meaning = ValueMeaning::find(source, volume, true, PresetValues::Auto, || Ok(statistics.clone()));
-        let (preset, reason, fits) = match meaning {
-            Ok(ValueMeaning::BuiltIn(_)) => (None, "a built-in volume has its own transfer function".to_owned(), true),
-            Ok(ValueMeaning::Labels { reason }) => (Some(LABELS), reason, true),
-            Ok(ValueMeaning::Values { preset, reason, is_guess, .. }) => {
-                guess = is_guess;
-                (Some(preset.name), reason, true)
-            }
+        let fits = meaning.is_ok();
+        let (preset, reason, guess) = match meaning.map(ValueMeaning::look) {
+            Ok(look) => look,
             Err(Error::Transfer(_)) => {
                 let reason = suggest(volume, statistics).reason;
                 (None, format!("no preset fits: {reason}; write one, and give --transfer FILE.json"), false)

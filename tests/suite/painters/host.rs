@@ -267,6 +267,8 @@ fn parts_and_threads_change_no_byte() {
         let part = host.render(&scene, &Frame::new(&camera, &settings).region(region)).unwrap();
         assert!(part.image == whole.part(region).unwrap());
         assert_eq!(part.stats.painter.name(), "cpu");
+        // Stages have the names of the device's, by which programs find their times.
+        assert!(part.stats.seconds("frame").is_some(), "{:?}", part.stats.stages);
     }
 }
 

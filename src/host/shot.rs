@@ -1,0 +1,139 @@
+//! A picture that rays are marched for: its kernels and the lattice of its fields.
+
+use std::sync::Arc;
+
+use glam::{DAffine3, DVec3};
+
+use super::arriving::Falling;
+use super::blend::{self, Blend};
+use super::level::Level;
+use crate::camera::{Camera, Growth};
+use crate::error::Result;
+use crate::frame::Frame;
+use crate::image::{DepthMap, Region};
+use crate::kernel::Kernel;
+use crate::lighting::shadow::ShadowLattice;
+use crate::settings::{Level as Cells, Settings};
+use crate::volume::Grid;
+
+/// The largest growth of kernels of perspective pictures: growth by the last rounding does not count.
+const NO_GROWTH: f64 = 1.0 + 1e-9;
+
+/// The camera, the settings and the lattice of a picture.
+pub(super) struct Shot<'a> {
+    pub(super) camera: &'a Camera,
+    pub(super) settings: &'a Settings,
+    pub(super) grid: &'a Grid,
+    pub(super) region: Region,
+    /// The growths of the kernels whose fields are blended, ascending.
+    pub(super) growths: Vec<f64>,
+    /// The level of the blended fields; `lattice` is the lattice of its cells.
+    pub(super) level: Level,
+    pub(super) lattice: Grid,
+    /// The kernel without growth.
+    pub(super) kernel: Kernel,
+    /// The ratio of the sums of kernels to their means.
+    pub(super) density: f64,
+    pub(super) depths: Depths<'a>,
+}
+
+/// The depths that a picture reads and writes.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Depths<'a> {
+    /// The depths at which rays end; see [`Picture::solids`].
+    pub(super) solids: Option<&'a DepthMap>,
+    /// Whether pixels are half depths; see [`Picture::halves`].
+    pub(super) halves: bool,
+}
+
+impl<'a> Shot<'a> {
+    /// Plans the picture of the matter of a region of a frame.
+    pub(super) fn new(frame: &Frame<'a>, grid: &'a Grid, region: Region, depths: Depths<'a>) -> Result<Self> {
+        let Frame { camera, settings, .. } = *frame;
+        let kernel = settings.reconstruction_kernel();
+        let (growths, level) = growths(camera, grid, settings, &kernel);
+        let (lattice, density) = (level.grid(grid)?, settings.normalization.density(&kernel));
+        Ok(Self { camera, settings, grid, region, growths, level, lattice, kernel, density, depths })
+    }
+
+    /// Returns the kernels whose fields are blended.
+    pub(super) fn kernels(&self) -> Vec<Kernel> {
+        self.growths.iter().map(|growth| self.level.kernel(&self.kernel, *growth)).collect()
+    }
+
+    /// Returns the blend of the fields in `made`, one for each growth.
+    pub(super) fn blend<'b, V, F>(&self, made: &'b [Arc<V>], field: impl Fn(&'b V) -> &'b F) -> Blend<'b, F> {
+        let Self { camera, grid, .. } = *self;
+        let levels = self.growths.iter().zip(made).map(|(growth, made)| (*growth, field(made))).collect();
+        Blend::new(levels, camera.growth(grid), camera, &self.lattice.to_world())
+    }
+
+    /// Returns the size of cells in voxels, and the voxel at cell 0 along each axis.
+    pub(super) fn to_voxels(&self) -> [f32; 2] {
+        let first = self.grid.to_lattice().transform_point3(self.lattice.to_world().translation);
+        [self.level.size() as f32, first.x as f32]
+    }
+
+    /// Returns the sides of unclipped matter; see [`Picture::sides`].
+    pub(super) fn sides(&self) -> Vec<(DVec3, f64)> {
+        let Self { settings, grid, level, lattice, .. } = self;
+        let middle = DVec3::from_array(grid.dims().map(|d| (f64::from(d) - 1.0) / 2.0));
+        let to_voxels = grid.to_lattice() * lattice.to_world();
+        let side = |(gradient, value): (DVec3, f64)| {
+            (to_voxels.matrix3.transpose() * gradient, value + gradient.dot(to_voxels.translation - middle))
+        };
+        let mut sides: Vec<(DVec3, f64)> = settings.clip.sides(grid).into_iter().map(side).collect();
+        // Cells reach beyond the volume, where scalars end.
+        if settings.is_post_shaded() && *level != Level(0) {
+            sides.extend((0..3).flat_map(|axis| {
+                let voxels = f64::from(grid.dims()[axis]);
+                let faces = [(1.0, 0.5 + middle[axis]), (-1.0, voxels - 0.5 - middle[axis])];
+                faces.map(|(sign, value)| side((sign * DVec3::AXES[axis], value)))
+            }));
+        }
+        sides
+    }
+
+    /// Returns the gradient of depth and the depth at point 0; see [`Projection::depth`].
+    pub(super) fn depth_in_box(&self) -> (DVec3, f64) {
+        let Self { camera, grid, lattice, .. } = self;
+        let in_voxels = grid.to_world().matrix3.transpose() * camera.forward;
+        let dims = DVec3::from_array(grid.dims().map(f64::from));
+        let gradient = in_voxels / in_voxels.abs().dot(dims);
+        let to_voxels = grid.to_lattice() * lattice.to_world();
+        let at_zero = 0.5 + gradient.dot(to_voxels.translation - (dims - 1.0) / 2.0);
+        (to_voxels.matrix3.transpose() * gradient, at_zero)
+    }
+
+    /// Returns the light that casts shadows, if there is one; `unit` is the world length of the unit of extinctions.
+    pub(super) fn falling(&self, unit: f64) -> Option<Falling> {
+        let Self { settings, grid, kernel, .. } = *self;
+        let casting = settings.casting()?;
+        let lattice = ShadowLattice::new(grid, kernel, settings.normalization.divisor(&kernel), unit, 1.0);
+        Some(Falling { casting, lattice, clip: settings.clip.sides(grid) })
+    }
+}
+
+/// Returns the map from the points of a lattice of cells to the places of a [`Shader`] of a volume.
+pub(super) fn places_of_light(grid: &Grid, lattice: &Grid) -> DAffine3 {
+    let to_places = DAffine3::from_scale(DVec3::splat(1.0 / grid.unit()));
+    to_places * DAffine3::from_translation(-grid.center()) * lattice.to_world()
+}
+
+/// Returns the growths of the kernels whose fields a picture needs, and the level of their lattice.
+fn growths(camera: &Camera, grid: &Grid, settings: &Settings, kernel: &Kernel) -> (Vec<f64>, Level) {
+    let growth = if settings.antialiasing { camera.growth(grid) } else { Growth::NONE };
+    let depths = camera.eye().map_or([0.0; 2], |eye| {
+        let to_center = (grid.center() - eye).dot(camera.forward);
+        let depths = grid.corners_from_center(0.5).map(|corner| to_center + corner.dot(camera.forward));
+        [depths.into_iter().fold(f64::INFINITY, f64::min).max(0.0), depths.into_iter().fold(0.0, f64::max)]
+    });
+    let requested = if let Cells::At(level) = settings.level { Some(level) } else { None };
+    let least = requested.map_or(0.0, |level| Level(level).least());
+    let [smallest, largest] = depths.map(|depth| growth.at(depth).max(least));
+    let level = Level::new(kernel, smallest, requested);
+    if camera.eye().is_none() || largest <= NO_GROWTH {
+        return (vec![largest], level);
+    }
+    (blend::levels(smallest, largest, level.most(kernel)), level)
+}
