@@ -8,9 +8,22 @@ fn nearest_voxel(point: vec3i) -> vec3i {
     return clamp(point, vec3i(0), vec3i(scalars.dims) - 1);
 }
 
-// Half the difference of the voxels `on` and `back` steps from sample number `i`.
-fn difference(i: u32, on: i32, back: i32, step: u32) -> f32 {
-    return 0.5 * scalar_at(u32(i32(i) + on * i32(step))) - 0.5 * scalar_at(u32(i32(i) + back * i32(step)));
+// Half the difference of the voxels `on` and `back` numbers from sample number `i`.
+fn half_difference(i: i32, on: i32, back: i32) -> f32 {
+    return 0.5 * scalar_at(u32(i + on)) - 0.5 * scalar_at(u32(i + back));
+}
+
+// The slope at sample number `i` along an axis, with the slopes to either side along another. The voxels to either side
+// lie these numbers on and back: 0 at a face.
+fn line(i: i32, own: vec2i, across: vec2i) -> f32 {
+    let sides = half_difference(i + across.x, own.x, own.y) + half_difference(i + across.y, own.x, own.y);
+    return half_difference(i, own.x, own.y) + 0.25 * sides;
+}
+
+// A component of a gradient: slopes, smoothed along the other two axes by 1, 4, 1 over 6; see src/kernel/derivative.rs.
+fn component(i: i32, own: vec2i, across: vec2i, down: vec2i) -> f32 {
+    let sides = line(i + down.x, own, across) + line(i + down.y, own, across);
+    return 4.0 / 9.0 * (line(i, own, across) + 0.25 * sides);
 }
 
 @compute @workgroup_size(WORKGROUP)
@@ -43,11 +56,11 @@ fn texels(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) gro
         return;
     }
     let on = nearest_voxel(wanted + 1) - point;
-    let edge = EDGE + 2u * HALO;
-    let gradient = vec3f(
-        difference(i, on.x, back.x, 1u),
-        difference(i, on.y, back.y, edge),
-        difference(i, on.z, back.z, edge * edge),
-    );
+    let edge = i32(EDGE + 2u * HALO);
+    let x = vec2i(on.x, back.x);
+    let y = vec2i(on.y, back.y) * edge;
+    let z = vec2i(on.z, back.z) * edge * edge;
+    let own = i32(i);
+    let gradient = vec3f(component(own, x, y, z), component(own, y, z, x), component(own, z, x, y));
     store_scalar(place, gradient, scalar);
 }

@@ -19,6 +19,10 @@ struct CellTexels {
     rows: u32,
     // Cells of a row of the box.
     across: u32,
+    // In gradients, the weight of the slopes to either side along each of the other axes, over that of the own slope,
+    // and that of the own slope.
+    beside: f32,
+    own: f32,
 }
 
 @group(0) @binding(0) var<uniform> part: CellTexels;
@@ -53,17 +57,33 @@ fn difference(i: u32, step: u32) -> f32 {
     return cell_at(i + step) - cell_at(i - step);
 }
 
-// A component of the gradient of a cell, of cells with this step between them.
+// The slope at a cell along the axis along which cells have this step.
 fn slope(i: u32, step: u32) -> f32 {
     let differences = vec3f(difference(i, step), difference(i, 2u * step), difference(i, 3u * step));
     return dot(part.differences, differences);
+}
+
+// The slope at a cell with the slopes to either side along another axis.
+fn line(i: u32, step: u32, across: u32) -> f32 {
+    return slope(i, step) + part.beside * (slope(i - across, step) + slope(i + across, step));
+}
+
+// A component of the gradient of a cell: slopes, smoothed along the other two axes.
+fn component(i: u32, step: u32, across: u32, down: u32) -> f32 {
+    let sides = line(i - down, step, across) + line(i + down, step, across);
+    return part.own * (line(i, step, across) + part.beside * sides);
 }
 
 // The gradient of a cell; 0 where all voxels around it are equal: negative weights would leave a remainder of farther
 // ones, and light shows the direction of the smallest gradient.
 fn cell_gradient(i: u32) -> vec3f {
     if RANGES && cells[3u * i + 1u] != cells[3u * i + 2u] {
-        return vec3f(slope(i, 1u), slope(i, part.dims.x), slope(i, part.dims.x * part.dims.y));
+        let steps = vec3u(1u, part.dims.x, part.dims.x * part.dims.y);
+        return vec3f(
+            component(i, steps.x, steps.y, steps.z),
+            component(i, steps.y, steps.z, steps.x),
+            component(i, steps.z, steps.x, steps.y),
+        );
     }
     return vec3f(0.0);
 }

@@ -153,7 +153,8 @@ shared! {
         first_row: u32,
         rows: u32,
         across: u32,
-        _pad: [u32; 2],
+        beside: f32,
+        own: f32,
     }
 
     /// Parameters of the conversion of scalars to extinctions; shaders/field_of_cells.wgsl.

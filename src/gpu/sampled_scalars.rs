@@ -16,6 +16,7 @@ use super::samples::Input;
 use super::scalar_cells::{BoundSamples, CellFilters, ScalarCells};
 use super::stage::{Constant, Stage, for_each};
 use crate::error::Result;
+use crate::kernel::Slopes;
 use crate::splats::gradients::FAR;
 use crate::transfer::scalars::Reduction;
 use crate::volume::{BRICK_EDGE as EDGE, SampleType};
@@ -142,14 +143,12 @@ impl SampledScalars {
 
     /// Returns the cells; of a lattice of voxels, cells of one voxel each.
     pub(super) fn as_cells(&self, context: &Context, pipelines: &Cache) -> Result<Cow<'_, ScalarCells>> {
-        /// The weights of differences of cells 1, 2 and 3 to either side: voxels use the nearest.
-        const BESIDE: [f32; 3] = [0.5, 0.0, 0.0];
         if let Some(cells) = &self.cells {
             return Ok(Cow::Borrowed(cells));
         }
         let own = [vec![1.0]];
         let axes = [(0, own.as_slice()); 3];
-        let filters = CellFilters { dims: self.dims, size: [1; 2], axes, beside: 1, differences: BESIDE };
+        let filters = CellFilters { dims: self.dims, size: [1; 2], axes, beside: 1, slopes: Slopes::of_cells(1.0) };
         ScalarCells::new(context, pipelines, self.key.of_cells(), self.dims, &filters).map(Cow::Owned)
     }
 

@@ -15,6 +15,7 @@ use super::recorder::{Recorder, max_work};
 use super::shaders;
 use super::stage::{Constant, Stage, for_each};
 use crate::error::{Error, Result};
+use crate::kernel::Slopes;
 use crate::volume::BRICK_EDGE as EDGE;
 
 /// The stage in [`Stats::stages`](crate::stats::Stats::stages).
@@ -37,8 +38,7 @@ pub(crate) struct CellFilters<'a> {
     pub(crate) axes: [(i64, &'a [Vec<f32>]); 3],
     /// Voxels to either side of a cell that its gradients depend on although its kernel does not.
     pub(crate) beside: i64,
-    /// The weights of the differences of cells 1, 2 and 3 to either side in gradients.
-    pub(crate) differences: [f32; 3],
+    pub(crate) slopes: Slopes,
 }
 
 /// The cells of a lattice, which shaders make of samples.
@@ -47,7 +47,7 @@ pub(crate) struct ScalarCells {
     stages: Arc<Stages>,
     size: [i64; 2],
     axes: [Axis; 3],
-    differences: [f32; 3],
+    slopes: Slopes,
     /// Whether cells have gradients.
     gradients: bool,
 }
@@ -109,7 +109,7 @@ impl ScalarCells {
         voxels: [u32; 3],
         filters: &CellFilters<'_>,
     ) -> Result<Self> {
-        let CellFilters { size, axes, beside, differences, .. } = *filters;
+        let CellFilters { size, axes, beside, slopes, .. } = *filters;
         let over = size[0] as i64;
         let axis = |axis: usize| {
             let (first, weights) = axes[axis];
@@ -125,7 +125,7 @@ impl ScalarCells {
             stages: pipelines.get_or_make(constants.clone(), || Ok(Stages::new(context, &constants)))?,
             size: size.map(|n| n as i64),
             axes: [axis(0)?, axis(1)?, axis(2)?],
-            differences,
+            slopes,
             gradients,
         })
     }
@@ -232,11 +232,12 @@ impl ScalarCells {
                 first_plane: part.planes.start,
                 first: [first(0, 0), first(1, part.rows.start), first(2, part.planes.start)],
                 planes: part.planes.len() as u32,
-                differences: self.differences,
+                differences: self.slopes.differences,
                 first_row: part.rows.start,
                 rows: part.rows.len() as u32,
                 across: dims[0],
-                ..CellTexels::zeroed()
+                beside: self.slopes.beside,
+                own: self.slopes.own,
             };
             let uniform = wgpu::BufferUsages::UNIFORM;
             let parameters = context.upload("cells.texels", bytemuck::bytes_of(&parameters), uniform)?;
@@ -340,7 +341,7 @@ mod tests {
             size: [3, 2],
             axes: [(-2, weights.as_slice()), (-3, weights.as_slice()), (-1, weights.as_slice())],
             beside: 1,
-            differences: [0.5, 0.0, 0.0],
+            slopes: Slopes::of_cells(1.5),
         };
         let constants = vec![("SAMPLE_TYPE", 0), ("RANGES", 1), ("HALO", 1)];
         let key = (constants, true);

@@ -8,79 +8,110 @@ use super::field::Field;
 use super::lanes::{Channels, Lanes, Order, WIDTH, added_up, load, weighted};
 use super::lattice::Area;
 use super::rays::Axes;
+use crate::kernel;
 
 /// The number of channels of a point of a plane.
 pub(super) const CHANNELS: usize = 4;
+
+/// The weight of the points to either side by which gradients are smoothed.
+const BESIDE: f32 = kernel::BESIDE as f32;
 
 /// A plane of channels side by side, and the memory in which it is made.
 #[derive(Default)]
 pub(super) struct Plane {
     scalars: Vec<f32>,
+    /// The scalars smoothed along the axis, and in `along` the central differences along it.
+    smooth: Vec<f32>,
     along: Vec<f32>,
-    /// The memory for the rows of a level.
+    /// The memory for the rows of a level, or for lines across rows.
     pub(super) rows: Vec<f32>,
     pub(super) channels: Vec<f32>,
     /// The number of points from row to row.
     stride: usize,
 }
 
-/// Returns the scalar at a plane and the central difference across it, by coefficients at five planes.
+/// Returns at a plane the scalar, the scalar smoothed along the axis by 1, 4, 1 over 6, and the central difference, by
+/// coefficients at five planes.
 #[inline(always)]
-fn whole([z, b, m, a, y]: [f32; 5]) -> (f32, f32) {
-    let scalar = (b + a).mul_add(1.0 / 6.0, m * (4.0 / 6.0));
-    (scalar, (y - z).mul_add(1.0 / 12.0, (a - b) * (4.0 / 12.0)))
+fn whole([z, b, m, a, y]: [f32; 5]) -> [f32; 3] {
+    let (beside, far) = (b + a, z + y);
+    let scalar = beside.mul_add(1.0 / 6.0, m * (4.0 / 6.0));
+    let smooth = far.mul_add(1.0 / 36.0, beside.mul_add(8.0 / 36.0, m * (18.0 / 36.0)));
+    [scalar, smooth, (y - z).mul_add(1.0 / 12.0, (a - b) * (4.0 / 12.0))]
 }
 
-/// Returns the scalar half way between two planes and the central difference there, by coefficients at six planes.
+/// Returns the same half way between two planes, by coefficients at six planes.
 #[inline(always)]
-fn half([x, z, b, a, y, w]: [f32; 6]) -> (f32, f32) {
-    let scalar = (z + y).mul_add(1.0 / 48.0, (b + a) * (23.0 / 48.0));
-    let far = (y - z).mul_add(23.0, w - x);
-    (scalar, far.mul_add(1.0 / 96.0, (a - b) * (22.0 / 96.0)))
+fn half([x, z, b, a, y, w]: [f32; 6]) -> [f32; 3] {
+    let (beside, far) = (b + a, z + y);
+    let scalar = far.mul_add(1.0 / 48.0, beside * (23.0 / 48.0));
+    let smooth = (x + w).mul_add(1.0 / 288.0, far.mul_add(27.0 / 288.0, beside * (116.0 / 288.0)));
+    let difference = (y - z).mul_add(23.0, w - x);
+    [scalar, smooth, difference.mul_add(1.0 / 96.0, (a - b) * (22.0 / 96.0))]
 }
 
-/// Sums rows of coefficients at a plane: weights 1, 4, 1 over 6; and central differences along the axis.
+/// Sums rows of coefficients at a plane, by [`whole`] or [`half`]; without `differs` the scalars alone.
 #[inline(always)]
-fn sum_whole(planes: [&[f32]; 5], step: usize, scalars: &mut [f32], along: &mut [f32], differs: bool) {
+fn sum<const PLANES: usize>(
+    planes: [&[f32]; PLANES],
+    step: usize,
+    [scalars, smooth, along]: [&mut [f32]; 3],
+    differs: bool,
+    at_point: impl Fn([f32; PLANES]) -> [f32; 3],
+) {
     let count = scalars.len();
+    let (smooth, along) = (&mut smooth[..count], &mut along[..count]);
     if step == 1 {
-        let [z, b, m, a, y] = planes.map(|plane| &plane[..count]);
+        let planes = planes.map(|plane| &plane[..count]);
         for x in 0..count {
-            let (scalar, difference) = whole([z[x], b[x], m[x], a[x], y[x]]);
+            let mut point = [0.0; PLANES];
+            for plane in 0..PLANES {
+                point[plane] = planes[plane][x];
+            }
+            let [scalar, smoothed, difference] = at_point(point);
             scalars[x] = scalar;
             if differs {
+                smooth[x] = smoothed;
                 along[x] = difference;
             }
         }
     } else {
         for x in 0..count {
-            let [z, b, m, a, y] = planes;
-            let at = x * step;
-            (scalars[x], along[x]) = whole([z[at], b[at], m[at], a[at], y[at]]);
+            let mut point = [0.0; PLANES];
+            for plane in 0..PLANES {
+                point[plane] = planes[plane][x * step];
+            }
+            [scalars[x], smooth[x], along[x]] = at_point(point);
         }
     }
 }
 
-/// Sums planes half way between planes: weights 1, 23, 23, 1 over 48; and central differences along the axis.
+/// Smooths the middle one of three rows, with the rows beside it.
 #[inline(always)]
-fn sum_half(planes: [&[f32]; 6], step: usize, scalars: &mut [f32], along: &mut [f32], differs: bool) {
-    let count = scalars.len();
-    if step == 1 {
-        let [p, z, b, a, y, w] = planes.map(|plane| &plane[..count]);
-        for x in 0..count {
-            let (scalar, difference) = half([p[x], z[x], b[x], a[x], y[x], w[x]]);
-            scalars[x] = scalar;
-            if differs {
-                along[x] = difference;
-            }
-        }
-    } else {
-        for x in 0..count {
-            let [p, z, b, a, y, w] = planes;
-            let at = x * step;
-            (scalars[x], along[x]) = half([p[at], z[at], b[at], a[at], y[at], w[at]]);
-        }
+fn smooth_across([before, middle, behind]: [&[f32]; 3], to: &mut [f32]) {
+    let count = to.len();
+    let (before, middle, behind) = (&before[..count], &middle[..count], &behind[..count]);
+    for x in 0..count {
+        to[x] = (before[x] + behind[x]).mul_add(BESIDE, middle[x] * (1.0 - 2.0 * BESIDE));
     }
+}
+
+/// Writes the central differences across three rows.
+#[inline(always)]
+fn slope_across([before, _, behind]: [&[f32]; 3], to: &mut [f32]) {
+    let count = to.len();
+    let (before, behind) = (&before[..count], &behind[..count]);
+    for x in 0..count {
+        to[x] = 0.5 * (behind[x] - before[x]);
+    }
+}
+
+/// Returns the numbers of a row from `x` on, smoothed along the row.
+#[inline(always)]
+fn smooth_along<S: Simd>(simd: S, row: &[f32], x: usize) -> S::f32s {
+    let sides = simd.add_f32s(load(simd, &row[x - 1..]), load(simd, &row[x + 1..]));
+    let own = simd.mul_f32s(simd.splat_f32s(1.0 - 2.0 * BESIDE), load(simd, &row[x..]));
+    simd.mul_add_f32s(simd.splat_f32s(BESIDE), sides, own)
 }
 
 impl Plane {
@@ -113,37 +144,40 @@ impl Plane {
         let room = stride * (height + 1);
         if self.scalars.len() < room {
             self.scalars.resize(room, 0.0);
+            self.smooth.resize(room, 0.0);
             self.along.resize(room, 0.0);
         }
-        if self.rows.len() < 3 * stride {
-            self.rows.resize(3 * stride, 0.0);
+        if self.rows.len() < 4 * stride {
+            self.rows.resize(4 * stride, 0.0);
         }
         let rows = blend.levels[0].1.lattice.rows(axes, area, number.div_euclid(2) - 2);
         let z = number as f64 / 2.0;
         let [first, last] = blend.needed(along, [area.low, area.high], z);
-        let (weights, parts) = self.rows[..3 * stride].split_at_mut(stride);
-        let (part_scalars, part_along) = parts.split_at_mut(stride);
+        let (weights, parts) = self.rows[..4 * stride].split_at_mut(stride);
+        let (part_scalars, parts) = parts.split_at_mut(stride);
+        let (part_smooth, part_along) = parts.split_at_mut(stride);
         for row in 0..height {
             let scalars = &mut self.scalars[row * stride..][..width];
+            let smooth = &mut self.smooth[row * stride..][..width];
             let slopes = &mut self.along[row * stride..][..width];
             for level in first..=last {
-                let coefficients = blend.levels[level].1.coefficients();
-                let (to, to_slopes) = if first == last {
-                    (&mut *scalars, &mut *slopes)
+                let to = if first == last {
+                    [&mut *scalars, &mut *smooth, &mut *slopes]
                 } else {
-                    (&mut part_scalars[..width], &mut part_along[..width])
+                    [&mut part_scalars[..width], &mut part_smooth[..width], &mut part_along[..width]]
                 };
-                let planes @ [p, z0, b, a, y, _] = rows.of(coefficients, row);
+                let planes @ [p, z0, b, a, y, _] = rows.of(blend.levels[level].1.coefficients(), row);
                 if number % 2 == 0 {
-                    sum_whole([p, z0, b, a, y], rows.step, to, to_slopes, differs);
+                    sum([p, z0, b, a, y], rows.step, to, differs, whole);
                 } else {
-                    sum_half(planes, rows.step, to, to_slopes, differs);
+                    sum(planes, rows.step, to, differs, half);
                 }
                 if first < last {
                     let from = [area.low[0] as f64, (area.low[1] + row as isize) as f64, z];
                     blend.weights(along, level, from, &mut weights[..width]);
                     blend_row(weights, part_scalars, scalars, level == first);
                     if differs {
+                        blend_row(weights, part_smooth, smooth, level == first);
                         blend_row(weights, part_along, slopes, level == first);
                     }
                 }
@@ -151,17 +185,21 @@ impl Plane {
         }
         let halve = simd.splat_f32s(0.5);
         for row in 1..height - 1 {
+            let start = row * stride;
+            if differs {
+                let lines = [&self.smooth[start - stride..], &self.smooth[start..], &self.smooth[start + stride..]];
+                smooth_across(lines, &mut weights[..width]);
+                slope_across(lines, &mut part_scalars[..width]);
+                let lines = [&self.along[start - stride..], &self.along[start..], &self.along[start + stride..]];
+                smooth_across(lines, &mut part_smooth[..width]);
+            }
             for x in (1..width - 1).step_by(WIDTH) {
-                let at = row * stride + x;
+                let at = start + x;
                 let scalar = load(simd, &self.scalars[at..]);
                 let channels = if differs {
-                    let right = load(simd, &self.scalars[at + 1..]);
-                    let left = load(simd, &self.scalars[at - 1..]);
-                    let behind = load(simd, &self.scalars[at + stride..]);
-                    let before = load(simd, &self.scalars[at - stride..]);
-                    let a = simd.mul_f32s(simd.sub_f32s(right, left), halve);
-                    let b = simd.mul_f32s(simd.sub_f32s(behind, before), halve);
-                    [scalar, a, b, load(simd, &self.along[at..])]
+                    let a = simd.sub_f32s(load(simd, &weights[x + 1..]), load(simd, &weights[x - 1..]));
+                    let (b, along) = (smooth_along(simd, part_scalars, x), smooth_along(simd, part_smooth, x));
+                    [scalar, simd.mul_f32s(a, halve), b, along]
                 } else {
                     [scalar; CHANNELS]
                 };

@@ -13,7 +13,7 @@ use super::shot::Shot;
 use super::table::Table;
 use crate::camera::clip::is_inside;
 use crate::error::Result;
-use crate::kernel::{Kernel, SplineFilter};
+use crate::kernel::{Kernel, Slopes, SplineFilter};
 use crate::lighting::shadow::field::CLIPPED;
 use crate::progress::Progress;
 use crate::settings::Settings;
@@ -140,7 +140,7 @@ struct Extinctions<'a> {
     field: Option<&'a Field>,
     /// The points of gradient opacity; see [`super::post::Post::gradient_opacity`].
     gradient_opacity: &'a [[f32; 2]],
-    /// The map from central differences to gradients in the world.
+    /// The map from gradients along the lattice axes to gradients in the world.
     to_world: DMat3,
 }
 
@@ -167,23 +167,20 @@ impl Extinctions<'_> {
         }
         let own = self.scalars(y, z)?;
         let thins = !self.gradient_opacity.is_empty();
-        let beside = if thins {
-            Some([self.scalars(y - 1, z)?, self.scalars(y + 1, z)?, self.scalars(y, z - 1)?, self.scalars(y, z + 1)?])
-        } else {
-            None
-        };
+        let mut rows = Vec::new();
+        for step in (0..9).filter(|_| thins) {
+            rows.push(self.scalars(y + step % 3 - 1, z + step / 3 - 1)?);
+        }
+        let slopes = Slopes::of_cells(1.0);
         let middle = DVec3::new(nx as f64 - 1.0, ny as f64 - 1.0, nz as f64 - 1.0) / 2.0;
         for x in runs.into_iter().flat_map(|first| first..(first + RUN).min(nx)) {
             let mut extinction = self.scene.table.extinction(own[x]);
-            if let Some([before_y, behind_y, before_z, behind_z]) = &beside
-                && extinction > 0.0
-            {
-                let differences = DVec3::new(
-                    f64::from(own[(x + 1).min(nx - 1)] - own[x.saturating_sub(1)]),
-                    f64::from(behind_y[x] - before_y[x]),
-                    f64::from(behind_z[x] - before_z[x]),
-                );
-                let gradient = self.to_world * differences / 2.0;
+            if thins && extinction > 0.0 {
+                let mut around = [0.0; 27];
+                for (place, row) in around.chunks_exact_mut(3).zip(&rows) {
+                    place.copy_from_slice(&[row[x.saturating_sub(1)], row[x], row[(x + 1).min(nx - 1)]]);
+                }
+                let gradient = self.to_world * DVec3::from_array(slopes.gradient(&around, 13, 3).map(f64::from));
                 extinction *= scaled_share(self.gradient_opacity, gradient.length() as f32);
             }
             let point = DVec3::new(x as f64, y as f64, z as f64) - middle;

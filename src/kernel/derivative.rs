@@ -3,6 +3,13 @@
 /// The distance in voxels, to either side, up to which the normal of a scalar depends on others.
 pub(crate) const NORMAL_REACH: usize = 2;
 
+/// The weight of the voxels to either side by which slopes of post-shading are smoothed along the other two axes.
+///
+/// Slopes by central differences are those of f + f'' / 6 along their own axis, and so smoothed those of f + (Laplacian
+/// of f) / 6, up to the fourth derivative: gradients keep their direction. `component` in shaders/pack_scalars.wgsl has
+/// the same weight.
+pub(crate) const BESIDE: f64 = 1.0 / 6.0;
+
 /// A pair of filters of one axis. The slopes of a field are the filter `slope` along an axis and `smooth` along the
 /// other two.
 pub(crate) struct DerivativeFilter {
@@ -92,6 +99,57 @@ impl DerivativeFilter {
     }
 }
 
+/// The filter of the gradients of places of a lattice: slopes of voxels along an axis, smoothed along the other two.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Slopes {
+    /// The weights of the differences of places 1, 2 and 3 to either side along an axis.
+    pub(crate) differences: [f32; 3],
+    /// The weight of the slopes to either side along each of the other axes, over that of the own slope. The weights of
+    /// voxels are powers of 2 up to `own`, so that all orders of their sums round alike.
+    pub(crate) beside: f32,
+    /// The weight of the own slope.
+    pub(crate) own: f32,
+}
+
+impl Slopes {
+    /// Returns the filter of cells that have this number of voxels along each axis. Its slopes are the central
+    /// differences of voxels up to the fifth derivative, and it smooths as much as [`BESIDE`].
+    pub(crate) fn of_cells(voxels: f64) -> Self {
+        let square = voxels.powi(-2);
+        let nodes = [1.0, 4.0, 9.0];
+        let differences = nodes.map(|node: f64| {
+            let others = nodes.into_iter().filter(|&other| other != node);
+            let weight = others.map(|other| (square - other) / (node - other)).product::<f64>();
+            (weight / (2.0 * node.sqrt())) as f32
+        });
+        let beside = square * BESIDE;
+        let own = 1.0 - 2.0 * beside;
+        Self { differences, beside: (beside / own) as f32, own: (own * own) as f32 }
+    }
+
+    /// Returns the distance of the farthest places on which gradients depend.
+    pub(crate) fn reach(&self) -> usize {
+        self.differences.iter().rposition(|&weight| weight != 0.0).map_or(0, |last| last + 1)
+    }
+
+    /// Returns the gradient at place number `at` of a cube of `edge` places a side, x fastest. It is zero where all
+    /// places around are equal, so that no light falls there.
+    pub(crate) fn gradient(&self, scalars: &[f32], at: usize, edge: usize) -> [f32; 3] {
+        let weights = &self.differences[..self.reach()];
+        let slope = |at: usize, step: usize| -> f32 {
+            // Multiplied first: no difference of numbers overflows.
+            let difference = |n: usize, weight: f32| weight * scalars[at + n * step] - weight * scalars[at - n * step];
+            (1..).zip(weights).map(|(n, &weight)| difference(n, weight)).sum()
+        };
+        let steps = [1, edge, edge * edge];
+        [0, 1, 2].map(|axis| {
+            let [step, across, down] = [0, 1, 2].map(|n| steps[(axis + n) % 3]);
+            let line = |at| slope(at, step) + self.beside * (slope(at - across, step) + slope(at + across, step));
+            self.own * (line(at) + self.beside * (line(at - down) + line(at + down)))
+        })
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -138,6 +196,34 @@ mod tests {
             }
         }
         largest
+    }
+
+    #[test]
+    fn slopes_of_cells_keep_the_direction_of_an_edge_and_are_those_of_voxels() {
+        // An edge as steep as a kernel makes it: a Gaussian of the deviation 1.2.
+        let normal = glam::Vec3::new(0.3, 0.5, 0.81).normalize();
+        let edge = 9;
+        let cube = |size: f32| -> Vec<f32> {
+            let place = |i: usize| [i % edge, i / edge % edge, i / (edge * edge)].map(|c| (c as f32 - 4.0) * size);
+            (0..edge.pow(3)).map(|i| (1.0 + (-1.4 * normal.dot(place(i).into())).exp()).recip()).collect()
+        };
+        let middle = 4 * (1 + edge + edge * edge);
+        let of_voxels = glam::Vec3::from(Slopes::of_cells(1.0).gradient(&cube(1.0), middle, edge));
+        let central = glam::Vec3::from(Slopes { differences: [0.5, 0.0, 0.0], beside: 0.0, own: 1.0 }.gradient(
+            &cube(1.0),
+            middle,
+            edge,
+        ));
+        let [angle, of_central] = [of_voxels, central].map(|g| g.angle_between(normal).to_degrees());
+        println!("{angle} and {of_central} degrees");
+        assert!(angle < 0.2 && of_central > 1.0, "{angle} and {of_central} degrees");
+        for size in [1.5, 2.0] {
+            let of_cells = Slopes::of_cells(f64::from(size)).gradient(&cube(size), middle, edge);
+            let change = (glam::Vec3::from(of_cells) / size - of_voxels).length() / of_voxels.length();
+            assert!(change < 0.1, "{size}: {change}");
+        }
+        let flat = Slopes::of_cells(1.5).gradient(&vec![0.3; edge.pow(3)], middle, edge);
+        assert_eq!(flat, [0.0; 3]);
     }
 
     #[test]

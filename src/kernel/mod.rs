@@ -9,7 +9,7 @@ pub(crate) mod quadrature;
 mod real;
 mod spline;
 
-pub(crate) use derivative::{DerivativeFilter, NORMAL_REACH};
+pub(crate) use derivative::{BESIDE, DerivativeFilter, NORMAL_REACH, Slopes};
 pub(crate) use footprint::{FootprintTable, footprint_polynomial, section, section_by};
 pub(crate) use real::Real;
 pub(crate) use spline::{Misfit, SplineFilter};

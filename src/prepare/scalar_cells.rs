@@ -17,7 +17,7 @@ use voxsplat_volume::memory::reserved;
 use super::cells::{CellSize, Filter, LEAST_DEVIATION, growth_of_wide, response};
 use crate::error::Result;
 use crate::gpu::scalar_cells::CellFilters;
-use crate::kernel::Kernel;
+use crate::kernel::{Kernel, Slopes};
 use crate::settings::MAX_LEVEL;
 use crate::transfer::TransferFunction;
 use crate::transfer::scalars::Relative;
@@ -143,17 +143,6 @@ pub(crate) fn right_growth(kernel: &Kernel, cells: CellSize) -> f64 {
     growth_of_wide(kernel, 1.0, cells, finer).max(least_growth(kernel, cells))
 }
 
-/// Returns the weights of the differences of cells 1, 2 and 3 to either side in the gradients of cells: sums of these
-/// are the central differences of voxels, up to the fifth derivative.
-pub(crate) fn differences(cells: CellSize) -> [f64; 3] {
-    let square = cells.voxels().powi(-2);
-    let nodes = [1.0, 4.0, 9.0];
-    nodes.map(|node: f64| {
-        let others = nodes.into_iter().filter(|&other| other != node);
-        others.map(|other| (square - other) / (node - other)).product::<f64>() / (2.0 * node.sqrt())
-    })
-}
-
 /// Returns the weights along each axis, from the middle one on, by which [`KERNEL`] is blurred to a grown kernel: by
 /// least squares over frequencies along an axis and both kinds of diagonals.
 fn blur(kernel: &Kernel, growth: f64, cells: CellSize) -> [f64; 4] {
@@ -244,15 +233,15 @@ impl Filters {
         Self { axes: before.map(|before| Filter::new(cells, before, blur, 0)), beside: 1 }
     }
 
-    /// Returns the filters in the form that the device reads, for a lattice of `dims` cells with these weights of
-    /// differences in gradients.
-    pub(crate) fn on_device(&self, dims: [u32; 3], differences: [f32; 3]) -> CellFilters<'_> {
+    /// Returns the filters in the form that the device reads, for a lattice of `dims` cells with this filter of
+    /// gradients.
+    pub(crate) fn on_device(&self, dims: [u32; 3], slopes: Slopes) -> CellFilters<'_> {
         let (size, ..) = self.axes[0].parts();
         let axes = self.axes.each_ref().map(|axis| {
             let (_, first, weights) = axis.parts();
             (first, weights)
         });
-        CellFilters { dims, size, axes, beside: self.beside, differences }
+        CellFilters { dims, size, axes, beside: self.beside, slopes }
     }
 
     /// Returns the hull of the cells in which any of these voxels of an axis have weights.

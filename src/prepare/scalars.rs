@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::cells::CellSize;
 use super::levels::{Cut, ScalarNeed};
-use super::scalar_cells::{Coarse, Filters, differences};
+use super::scalar_cells::{Coarse, Filters};
 use crate::error::{Error, Result};
 use crate::gpu::cache::Cache;
 use crate::gpu::context::Context;
@@ -16,7 +16,7 @@ use crate::gpu::sampled_scalars::SampledScalars;
 use crate::gpu::samples::{Bricks, Input};
 use crate::gpu::savings::Savings;
 use crate::gpu::store::{Drawable, StoreBuilder};
-use crate::kernel::{Kernel, Normalization};
+use crate::kernel::{Kernel, Normalization, Slopes};
 use crate::progress::Progress;
 use crate::settings::budget::{MAX_GROWTH, MAX_PLACES, too_much};
 use crate::splats::brick::MadeBrick;
@@ -167,8 +167,8 @@ struct ScalarLattice {
     level: u32,
     /// The filters that make cells; `None`: the lattice is the lattice of the voxels.
     filters: Option<Filters>,
-    /// The weights of the differences of places 1, 2 and 3 to either side in gradients.
-    differences: [f32; 3],
+    /// The filter of gradients.
+    slopes: Slopes,
     /// The number of cells around a brick that are searched for voxels that can be visible, or that gradients depend
     /// on.
     halo: usize,
@@ -198,15 +198,15 @@ impl ScalarLattice {
         };
         // Cells that have a lattice of their own are of level 0 in it.
         let cells = coarse.map_or(CellSize::of_level(level), |coarse| coarse.cells);
-        let differences = differences(cells).map(|weight| weight as f32);
+        let slopes = Slopes::of_cells(cells.voxels());
         let padding = need.cut.map_or(need.padding, |cut| cut.padding(level).min(need.padding >> level));
         let dims = grid.dims().map(|d| cells.cells(d) as usize);
         let extended = dims.map(|d| d + 2 * padding as usize);
         Self {
             level,
             filters,
-            differences,
-            halo: if *lit { halo.max(reach_of(differences)) } else { halo },
+            slopes,
+            halo: if *lit { halo.max(slopes.reach()) } else { halo },
             dims,
             padding: padding as usize,
             origin: need.padding - (padding << level),
@@ -282,7 +282,7 @@ impl<'a> Emission<'a> {
             return Ok(Samples::Outgrown);
         }
         let dims = lattice.dims.map(|n| n as u32);
-        let filters = lattice.filters.as_ref().map(|filters| filters.on_device(dims, lattice.differences));
+        let filters = lattice.filters.as_ref().map(|filters| filters.on_device(dims, lattice.slopes));
         let part = (lattice.padding as u32, bounds);
         let made = SampledScalars::new((&input, pipelines), &reduction, held, part, (filters.as_ref(), lit))?;
         let bricks = |bytes| Bricks { all: self.active.len() as u32, uploaded: shown as u32, bytes };
@@ -435,7 +435,7 @@ impl<'a> Emission<'a> {
             let mut bits = 0;
             for (x, &scalar) in scalars[start..][..count].iter().enumerate().filter(|(x, _)| kept >> x & 1 == 1) {
                 let slopes = lit && !flat.get(x + EDGE * (y + EDGE * z)).is_some_and(|&flat| flat);
-                let gradient = || central_differences(scalars, start + x, edge, lattice.differences);
+                let gradient = || lattice.slopes.gradient(scalars, start + x, edge);
                 let gradient = if slopes { gradient() } else { [0.0; 3] };
                 let cell = [0, 1, 2].map(|axis| first[axis] + [x, y, z][axis] as i64);
                 let count = self.count(lattice, cell);
@@ -454,20 +454,4 @@ impl<'a> Emission<'a> {
         })?;
         Ok(MadeBrick { brick: made.brick.of_level(lattice.level, lattice.origin), copies, ..made })
     }
-}
-
-/// Returns the distance of the farthest places on which gradients depend.
-fn reach_of(weights: [f32; 3]) -> usize {
-    weights.iter().rposition(|&weight| weight != 0.0).map_or(0, |last| last + 1)
-}
-
-/// Returns the gradient at a place of a brick of `edge` places a side: weighted sums of the differences of places to
-/// either side along x, y and z. It is zero where all are equal, so that no light falls there.
-fn central_differences(scalars: &[f32], at: usize, edge: usize, weights: [f32; 3]) -> [f32; 3] {
-    let weights = &weights[..reach_of(weights)];
-    [1, edge, edge * edge].map(|step| {
-        // Multiplied first: no difference of numbers overflows.
-        let difference = |n: usize, weight: f32| weight * scalars[at + n * step] - weight * scalars[at - n * step];
-        (1..).zip(weights).map(|(n, &weight)| difference(n, weight)).sum()
-    })
 }

@@ -188,7 +188,7 @@ impl VoxelValues {
     /// Returns the weights of a voxel for a viewer.
     fn classify(&self, point: [usize; 3], viewer: Viewer, visibility: &Visibility) -> Weights {
         if self.repeats {
-            return self.media.first_scalar(point, self.differs);
+            return self.media.first_scalar(point.map(|p| p as i64), self.differs);
         }
         let (mut color, tau, normal) = self.media.voxel(point, self.lighting.is_some());
         if tau <= 0.0 {
@@ -243,8 +243,8 @@ impl Bricks {
         last: &mut Option<(usize, Option<&'a Brick>)>,
     ) -> Weights {
         let inside: [i64; 3] = std::array::from_fn(|axis| point[axis].clamp(0, splats.dims[axis] as i64 - 1));
-        if !splats.repeats && inside != point {
-            return CLEAR;
+        if inside != point {
+            return if splats.repeats { splats.media.first_scalar(point, splats.differs) } else { CLEAR };
         }
         let voxel = inside.map(|p| p as usize);
         let number = brick_of(splats.dims, voxel);
@@ -256,12 +256,7 @@ impl Bricks {
                 brick
             }
         };
-        let mut weights = brick.map_or(CLEAR, |brick| brick[in_brick(voxel)]);
-        // Beyond an edge all neighbours across it have the same value.
-        for axis in (0..3).filter(|&axis| inside[axis] != point[axis]) {
-            weights[axis + 1] = 0.0;
-        }
-        weights
+        brick.map_or(CLEAR, |brick| brick[in_brick(voxel)])
     }
 
     /// Classifies the brick that holds a voxel.

@@ -184,14 +184,34 @@ impl Media {
         [medium.scalar(self.index(point)) - medium.base, x, y, z]
     }
 
-    /// Returns the scalar and the differences of the first medium; without `differs` the differences are 0.
-    pub(super) fn first_scalar(&self, point: [usize; 3], differs: bool) -> [f64; 4] {
-        self.scalar(&self.media[0], point.map(|p| p as i64), differs)
+    /// Returns the scalar of the first medium at a point, which may lie beyond the edge, and its gradient along the
+    /// lattice axes; without `differs` the gradient is 0.
+    pub(super) fn first_scalar(&self, point: [i64; 3], differs: bool) -> [f64; 4] {
+        let medium = &self.media[0];
+        if differs { self.slopes(medium, point) } else { self.scalar(medium, point, false) }
+    }
+
+    /// Returns the scalar and the gradient along the lattice axes: half the differences of neighbours along an axis,
+    /// in post-shading smoothed along the other two.
+    fn slopes(&self, medium: &Medium, point: [i64; 3]) -> [f64; 4] {
+        if self.is_pre_shaded {
+            return self.scalar(medium, point, true);
+        }
+        let mut sums = self.scalar(medium, point, false);
+        for beside in (0..27).map(|i| [i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1]) {
+            let smooth = |axis: usize| if beside[axis] == 0 { 4.0 / 6.0 } else { 1.0 / 6.0 };
+            let place = [0, 1, 2].map(|axis| point[axis] + beside[axis]);
+            let [_, differences @ ..] = self.scalar(medium, place, true);
+            for axis in (0..3).filter(|&axis| beside[axis] == 0) {
+                sums[axis + 1] += smooth((axis + 1) % 3) * smooth((axis + 2) % 3) * differences[axis];
+            }
+        }
+        sums
     }
 
     /// Returns the world gradient of the scalar of a medium at a voxel; 0 if its differences are only rounding.
     fn gradient(&self, medium: &Medium, point: [i64; 3]) -> DVec3 {
-        let [distance, differences @ ..] = self.scalar(medium, point, true);
+        let [distance, differences @ ..] = self.slopes(medium, point);
         self.to_world * DVec3::from_array(medium.resolution.resolved(differences, distance))
     }
 

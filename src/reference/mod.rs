@@ -24,7 +24,8 @@
 //!
 //! With gradient opacity ([`TransferFunction::gradient_opacity`]) tau_j is multiplied by the share for the length of
 //! the gradient by central differences, (f_(j+1) - f_(j-1)) / 2 along each lattice axis; post-shaded, tau is multiplied
-//! by the share for the length of the reconstructed gradient.
+//! by the share for the length of the reconstructed gradient, and of matter that casts shadows by that of the gradient
+//! of the voxel.
 //!
 //! **X-ray.** The same tau; the pixel is [`Response::pixel`] of its integral, by default (alpha, alpha, alpha, alpha).
 //!
@@ -37,8 +38,12 @@
 //! f = b + sum of (f_j - b)        tau = extinction of f        e = colour of f times tau        C, alpha as above
 //! ```
 //!
-//! Lit, the colour is shaded with the gradient reconstructed from the central differences of the extended lattice, for
-//! an eye back along the ray, and with the light that arrives at voxels as in pre-shading, trilinear between them.
+//! Lit, the colour is shaded with a gradient, for an eye back along the ray, and with the light that arrives at voxels
+//! as in pre-shading, trilinear between them. The gradient is reconstructed from gradients at the points of the
+//! extended lattice: (f_(j+1) - f_(j-1)) / 2 along each axis, smoothed along the other two by
+//! (f_(j-1) + 4 f_j + f_(j+1)) / 6.
+//! A central difference is the slope of f + f'' / 6 along its axis, up to the fourth derivative, and with the smoothing
+//! all three are slopes of f + (Laplacian of f) / 6: the gradient keeps its direction.
 //!
 //! **Maximum intensity.** With m the largest f on the ray's part in the box, alpha is the opacity of m over the largest
 //! opacity of the transfer function, and the pixel's colour is the colour of m times alpha. The pixel of a ray that

@@ -75,11 +75,11 @@ impl TransferFunction {
 
 /// The size below which slopes of a scalar along the axes are rounding, and no surface.
 ///
-/// A slope is a central difference of the samples, (f_(j+1) - f_(j-1)) / 2 along an axis of the lattice, or the
-/// filtered slope of a normal. Painters hold the distance of samples from the base of the transfer function in f32.
-/// Slopes below a share of that distance are therefore noise, and the direction of their sum is arbitrary. Light does
-/// not depend either on slopes far below the smallest that the transfer function distinguishes, because half floats and
-/// fitted kernels do not hold them.
+/// A slope is a central difference of the samples, (f_(j+1) - f_(j-1)) / 2 along an axis of the lattice (post-shaded,
+/// smoothed across), or the filtered slope of a normal. Painters hold the distance of samples from the base of the
+/// transfer function in f32. Slopes below a share of that distance are therefore noise, and the direction of their sum
+/// is arbitrary. Light does not depend either on slopes far below the smallest that the transfer function
+/// distinguishes, because half floats and fitted kernels do not hold them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Resolution {
     of_distance: f64,

@@ -32,8 +32,8 @@
 //!
 //! # Post-shading
 //!
-//! Splats add means of the scalar over sheets and, if there is light, gradients: central differences of the samples,
-//! the same for both painters. A sheet is classified along the parabola through its mean and the means of its
+//! Splats add means of the scalar over sheets and, if there is light, gradients: smoothed central differences of the
+//! samples, the same for both painters. A sheet is classified along the parabola through its mean and the means of its
 //! neighbours, so shading is one sheet behind splatting.
 //!
 //! # Precision

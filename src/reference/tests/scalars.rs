@@ -208,7 +208,7 @@ fn a_narrow_peak_is_found() {
 }
 
 #[test]
-fn gradients_are_central_differences_of_the_field() {
+fn gradients_are_smoothed_central_differences_of_the_field() {
     let volume = bumps();
     let plain = plain(&volume, Kernel::default(), 0.3);
     let lit = Settings {
@@ -218,7 +218,7 @@ fn gradients_are_central_differences_of_the_field() {
     let transfer = ramp(&[(0.3, 0.0), (1.0, 1.0)], 1.0);
     let splats = VoxelValues::new(&Layers::of_volume(&volume, &transfer), &lit).unwrap();
     let bricks = Bricks::new(&splats, Viewer::Towards(DVec3::X));
-    // What the walk adds up at a point, against f one voxel ahead and behind.
+    // What the walk adds up at a point, against f one voxel ahead and behind, smoothed across by 1, 4, 1 over 6.
     let to_world = volume.grid().to_world();
     let x = DVec3::new(2.2, 2.7, 1.6);
     let mut sums = [0.0; 4];
@@ -236,8 +236,10 @@ fn gradients_are_central_differences_of_the_field() {
     let f = |lattice: DVec3| plain.at(to_world.transform_point3(lattice)).0;
     assert!((sums[0] + 0.3 - f(x)).abs() < 1e-13);
     for (axis, got) in sums[1..].iter().enumerate() {
-        let step = DVec3::AXES[axis];
-        let expected = (f(x + step) - f(x - step)) / 2.0;
+        let [step, across, down] = [0, 1, 2].map(|n| DVec3::AXES[(axis + n) % 3]);
+        let difference = |x: DVec3| (f(x + step) - f(x - step)) / 2.0;
+        let line = |x: DVec3| (difference(x - across) + 4.0 * difference(x) + difference(x + across)) / 6.0;
+        let expected = (line(x - down) + 4.0 * line(x) + line(x + down)) / 6.0;
         assert!((got - expected).abs() < 1e-13, "axis {axis}: {got} is not {expected}");
     }
 }

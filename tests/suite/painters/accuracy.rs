@@ -16,7 +16,7 @@ fn chosen_settings_keep_the_bound() {
     let camera = camera(33.0, PERSPECTIVE, &volume, 64);
     let lit = Settings { lighting: headlight(), ..Settings::default() };
     let post = Settings { shading: Shading::Post, ..lit.clone() };
-    for (settings, bound) in [(&lit, 3e-2), (&lit, 3e-3), (&lit, 3e-4), (&lit, 1e-4), (&post, 1e-2)] {
+    for (settings, bound) in [(&lit, 3e-2), (&lit, 3e-3), (&lit, 3e-4), (&lit, 1e-4), (&post, 2e-2)] {
         let chosen = choose(&device, &Layers::of_volume(&volume, &transfer), &camera, settings, bound, 4096).unwrap();
         assert!(chosen.keeps && chosen.estimate.error <= bound, "{bound}: {:?}", chosen.estimate);
         assert!(chosen.tried.len() <= MOST_PICTURES, "{bound}: {:?}", chosen.tried);
@@ -27,7 +27,7 @@ fn chosen_settings_keep_the_bound() {
         // The content stays, and the settings reproduce the picture.
         assert_eq!((chosen.settings.shading, &chosen.settings.lighting), (settings.shading, &settings.lighting));
         let again = draw(&prepare(&volume, &transfer, &chosen.settings), &camera, &chosen.settings);
-        assert_eq!(again.image, chosen.rendered.image);
+        assert!(!chosen.traced && again.image == chosen.rendered.image, "{bound}: {:?}", chosen.estimate);
         assert_eq!(chosen.tried.last().unwrap().settings, chosen.settings);
     }
 }
