@@ -155,6 +155,9 @@ impl Renderer {
     /// [`Self::render`] if the device fails or is too small.
     pub fn prepare(&self, volume: &Volume, transfer: &TransferFunction, settings: &Settings) -> Result<Scene> {
         settings.validate()?;
+        if settings.is_post_shaded() && settings.model == Model::Composite && !transfer.isosurfaces().is_empty() {
+            return Err(Error::setting("painter", "isosurfaces are drawn by cpu"));
+        }
         let mirrored = settings.mirrored(volume, transfer)?;
         let (volume, transfer) = mirrored.as_ref().map_or((volume, transfer), |(volume, transfer)| (volume, transfer));
         let volume = finite(volume, transfer, settings.model)?;

@@ -9,8 +9,8 @@ use voxsplat::error::{Error, Result};
 use voxsplat::glam::DVec3;
 use voxsplat::layers::{LabelSelection, Layer, Layers};
 use voxsplat::program::{
-    ChoiceContext, ClipSpec, LabelLooks, LightRequest, Loaded, OpenChoices, Overlay, OverlaySpec, Overlays,
-    TransferRequest, UsedColors, place_studio,
+    ChoiceContext, ClipSpec, IsosurfaceSpec, LabelLooks, LightRequest, Loaded, OpenChoices, Overlay, OverlaySpec,
+    Overlays, TransferRequest, UsedColors, place_studio,
 };
 use voxsplat::settings::{Painter, QuadsSettings, Settings};
 use voxsplat::transfer::Window;
@@ -44,6 +44,7 @@ pub(crate) struct SettingsFields {
     window: Option<[f64; 2]>,
     transfer_values: String,
     gradient_opacity: Option<String>,
+    iso: Vec<String>,
     classification: Option<String>,
     normals: Option<String>,
     model: String,
@@ -184,7 +185,7 @@ impl SettingsFields {
             normals: self.normals.as_deref().map(str::parse).transpose()?,
         };
         let kernel = self.kernel.as_deref().map(str::parse).transpose()?;
-        let settings = Settings {
+        let mut settings = Settings {
             model: self.model.parse()?,
             response: self.response.parse()?,
             depth_coded: self.depth_coded,
@@ -199,12 +200,15 @@ impl SettingsFields {
             painter: self.painter()?,
             ..Settings::default()
         };
+        let isosurfaces = self.iso.iter().map(|text| text.parse()).collect::<Result<Vec<IsosurfaceSpec>>>()?;
+        IsosurfaceSpec::settle(&isosurfaces, &mut settings)?;
         settings.validate()?;
         let window = self.window.map(|[level, width]| Window { level, width });
         window.map(|window| window.ends()).transpose()?;
         let gradient = self.gradient_opacity.as_deref().map(str::parse).transpose()?;
         let mut transfer =
             TransferRequest::new(self.transfer.as_deref(), window, self.transfer_values.parse()?, gradient)?;
+        transfer.isosurfaces = IsosurfaceSpec::points(&isosurfaces);
         transfer.classification = self.classification.as_deref().map(str::parse).transpose()?;
         Ok(Request {
             transfer,

@@ -29,6 +29,8 @@ from conftest import REPOSITORY, command, samples
          "--azimuth -30 --elevation 15 --projection perspective --fov 40"),
         ({"shading": "post", "painter": "cpu", "light": "headlight", "size": 64},
          "--shading post --painter cpu --light headlight --size 64"),
+        ({"iso": [20, (60, "red", 0.4), "70:blue"], "size": 64}, "--iso 20 --iso 60:red:0.4 --iso 70:blue --size 64"),
+        ({"iso": 30.5, "transfer": "viridis", "size": 64}, "--iso 30.5 --transfer viridis --size 64"),
         ({"transfer": "viridis", "size": 80, "sharpness": 1, "shading": "post", "clip": "R", "background": "white"},
          "--transfer viridis --size 80 --sharpness 1 --shading post --clip R --background white"),
         ({"transfer": "map:magma", "size": 80, "model": "mip", "attenuation": 2, "frame": "view", "direction": (1, 2, -1)},

@@ -104,10 +104,11 @@ def _look(layer: Any) -> dict[str, Any]:
     model = models.get(rendering, "composite")
     options: dict[str, Any] = {"model": model, "light": False}
     if rendering == "iso":
-        threshold = (float(layer.iso_threshold) - low) / (high - low)
-        opacities = 0.9 * (places >= min(threshold, places[-1]))
-        options["light"] = "headlight"
-    elif model == "composite":
+        threshold = float(layer.iso_threshold)
+        color = colors[np.abs(places - (threshold - low) / (high - low)).argmin(), :3]
+        channels = np.clip(np.round(255 * color), 0, 255).astype(int)
+        return options | {"iso": [(threshold, "#{:02x}{:02x}{:02x}".format(*channels))], "light": "headlight"}
+    if model == "composite":
         opacities = _OPACITY * float(layer.opacity) * places
     else:
         # Colours alone show the values; below the limits nothing is shown.

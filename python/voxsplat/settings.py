@@ -165,6 +165,9 @@ class Settings:
         Whether a preset uses ``"absolute"`` values or is ``"fitted"``; ``"auto"``.
     gradient_opacity
         Pairs (magnitude, factor of the opacity), magnitudes in values per world unit, or ``"off"``.
+    iso
+        Isosurfaces: a value, or a list of values, (value, colour) and (value, colour, opacity). They are post-shaded by
+        the processor; without `transfer` nothing else is shown.
     classification
         How pre-shading classifies values: ``"point"``, at each voxel; ``"band-limited"``, as the mean over the
         values around it, without rings on smooth surfaces; ``"auto"``: point for a transfer function with steps.
@@ -224,6 +227,7 @@ class Settings:
     window: Sequence[float] | None = None
     transfer_values: str = "auto"
     gradient_opacity: str | Sequence[tuple[float, float]] | None = None
+    iso: float | str | Sequence[Any] | None = None
     classification: str | None = None
     model: str = "composite"
     response: str = "absorption"
@@ -311,6 +315,7 @@ def as_texts(settings: Settings) -> Settings:
         transfer=_transfer(settings.transfer),
         window=_vector("window", settings.window, 2),
         gradient_opacity=gradient,
+        iso=_isosurfaces(settings.iso),
         light=_lights(settings.light),
         material=_vector("material", settings.material, 4),
         shadows=None if shadows is None else str(shadows),
@@ -334,6 +339,15 @@ def check(view: View, settings: Settings, size: tuple[int, int]) -> None:
         owner = view if name in field_names(View) else settings
         expected = type(owner).__annotations__[name]
         raise TypeError(f"{name}: {getattr(owner, name)!r}, expected {expected}") from fault
+
+
+def _isosurfaces(iso: float | str | Sequence[Any] | None) -> list[str]:
+    if iso is None:
+        return []
+    surfaces = iso if isinstance(iso, Iterable) and not isinstance(iso, str) else [iso]
+    parts = ([surface] if isinstance(surface, str) or not isinstance(surface, Iterable) else surface
+             for surface in surfaces)
+    return [":".join(str(part) for part in surface) for surface in parts]
 
 
 def _clips(clip: str | Sequence[Any] | None) -> list[Any]:

@@ -3,7 +3,7 @@
 /// Words of other programs and of earlier versions; the text that names options of the command; the text that names
 /// keywords of the Python package. An empty text: there is no such option. The programs are VTK, pyvista and ParaView,
 /// matplotlib, 3D Slicer, niivue, MRIcroGL, napari, Blender, ffmpeg and ImageMagick.
-const FOREIGN: [[&str; 3]; 43] = [
+const FOREIGN: [[&str; 3]; 44] = [
     [
         "preset tf transfer-function opacity-transfer-function lut opacity alpha alpha-coef color-transfer-function",
         "--transfer PRESET or FILE",
@@ -15,7 +15,12 @@ const FOREIGN: [[&str; 3]; 43] = [
         "transfer=\"map:NAME\"",
     ],
     [
-        "threshold iso isovalue isosurface contour cal-min cal-max clim vmin vmax color-range range min max",
+        "isovalue isosurface contour contours surface",
+        "--iso VALUE[:COLOUR[:OPACITY]]",
+        "iso=VALUE or [(VALUE, COLOUR, OPACITY), ..]",
+    ],
+    [
+        "threshold cal-min cal-max clim vmin vmax color-range range min max",
         "--window LEVEL,WIDTH, from LEVEL - WIDTH/2 to LEVEL + WIDTH/2",
         "window=(LEVEL, WIDTH), from LEVEL - WIDTH/2 to LEVEL + WIDTH/2",
     ],

@@ -7,6 +7,7 @@ mod channels;
 mod choice;
 mod clip;
 mod foreign;
+mod isosurface;
 mod labels;
 mod light;
 mod options;
@@ -24,6 +25,7 @@ pub mod program {
     pub use super::choice::{GUESS, LABELS, ValueMeaning};
     pub use super::clip::ClipSpec;
     pub use super::foreign::ForeignWords;
+    pub use super::isosurface::IsosurfaceSpec;
     pub use super::labels::{LabelLooks, LabelSpec};
     pub use super::light::{LightPlace, LightRequest, LightSpec, OcclusionSpec, ShadowSpec, place_studio};
     pub use super::options::{command_line, notes, options_of, quoted};

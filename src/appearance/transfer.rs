@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use super::channels::Values;
 use super::choice::{Choice, LABELS, ValueMeaning};
-use super::demos;
+use super::{demos, isosurface};
 use crate::error::{Error, Result};
 use crate::layers::Layers;
 use crate::settings::Settings;
@@ -73,6 +73,8 @@ pub struct TransferRequest {
     pub gradient: Option<GradientSpec>,
     /// A replacement for the transfer function's classification of voxels in pre-shading.
     pub classification: Option<Classification>,
+    /// Isosurfaces beside the transfer function, or alone if no other is requested.
+    pub isosurfaces: Vec<ControlPoint>,
 }
 
 /// A transfer function fitted to a volume.
@@ -156,6 +158,7 @@ impl TransferRequest {
             by_window: window.is_some() && name.is_none(),
             gradient,
             classification: None,
+            isosurfaces: Vec::new(),
         })
     }
 
@@ -164,23 +167,27 @@ impl TransferRequest {
     pub fn values(&self) -> Values {
         match (&self.choice, self.window.filter(|_| self.by_window)) {
             (_, Some(window)) => Values::Window(window),
-            (TransferChoice::Suggested, None) => Values::Open,
+            (TransferChoice::Suggested, None) if self.isosurfaces.is_empty() => Values::Open,
             (TransferChoice::Labels, None) => Values::Labels,
-            (TransferChoice::Preset(_) | TransferChoice::Given(_), None) => Values::Transfer,
+            (TransferChoice::Suggested | TransferChoice::Preset(_) | TransferChoice::Given(_), None) => {
+                Values::Transfer
+            }
         }
     }
 
     /// Returns whether values may be taken for labels: nothing is requested that labels lack.
     #[must_use]
     pub fn may_be_labels(&self, settings: &Settings) -> bool {
-        self.gradient.is_none() && self.classification.is_none() && Layers::check_settings(settings).is_ok()
+        let asks = self.gradient.is_some() || self.classification.is_some() || !self.isosurfaces.is_empty();
+        !asks && Layers::check_settings(settings).is_ok()
     }
 
     /// Returns whether [`Self::fit`] may need statistics: of presets, and of files that are stretched over the values.
     #[must_use]
     pub fn needs_statistics(&self) -> bool {
         match &self.choice {
-            TransferChoice::Suggested | TransferChoice::Preset(_) => true,
+            TransferChoice::Suggested => self.isosurfaces.is_empty(),
+            TransferChoice::Preset(_) => true,
             TransferChoice::Given(imported) => imported.fits && self.window.is_none(),
             TransferChoice::Labels => false,
         }
@@ -217,6 +224,10 @@ impl TransferRequest {
                     || fitted(PresetValues::Absolute)? != fitted(PresetValues::Fitted)?;
                 FittedTransfer { values_matter, ..FittedTransfer::new(fitted(self.values)?, Some(preset)) }
             }
+            TransferChoice::Suggested if !self.isosurfaces.is_empty() => {
+                let transfer = TransferFunction::of_isosurfaces(&self.isosurfaces)?;
+                return Ok(FittedTransfer { material: isosurface::material()?, ..FittedTransfer::new(transfer, None) });
+            }
             TransferChoice::Suggested => {
                 match ValueMeaning::find(source, volume, may_be_labels, self.values, statistics)? {
                     ValueMeaning::Values { transfer, preset, reason, is_guess } => {
@@ -239,6 +250,10 @@ impl TransferRequest {
         }
         if let Some(classification) = self.classification {
             fitted.transfer = fitted.transfer.with_classification(classification);
+        }
+        if !self.isosurfaces.is_empty() {
+            fitted.transfer = fitted.transfer.with_isosurfaces(&self.isosurfaces)?;
+            fitted.material = fitted.material.or(isosurface::material()?);
         }
         Ok(fitted)
     }

@@ -86,20 +86,12 @@ impl ArrivingLight {
         self.shares[at[0] + self.dims[0] * (at[1] + self.dims[1] * at[2])]
     }
 
-    /// Returns the shares at places of a plane across an axis, linear between voxels. The places along the first two of
-    /// the lattice axes `axes` are `at`, along the third `plane`.
+    /// Returns the shares at places, given along the lattice axes `axes`, linear between voxels.
     #[inline(always)]
-    pub(super) fn at<S: Simd>(
-        &self,
-        simd: S,
-        order: &Order,
-        axes: [usize; 3],
-        at: [Lanes<S>; 2],
-        plane: f32,
-    ) -> [Lanes<S>; 4] {
+    pub(super) fn at<S: Simd>(&self, simd: S, order: &Order, axes: [usize; 3], at: [Lanes<S>; 3]) -> [Lanes<S>; 4] {
         let steps = [1, self.dims[0], self.dims[0] * self.dims[1]];
-        let (mut firsts, mut fractions) = ([[0; RAYS]; 2], [[0.0; RAYS]; 2]);
-        for axis in 0..2 {
+        let (mut firsts, mut fractions) = ([[0; RAYS]; 3], [[0.0; RAYS]; 3]);
+        for axis in 0..3 {
             let last = self.dims[axes[axis]] - 1;
             let place = at[axis].sub(simd, Lanes::all(simd, self.low[axes[axis]] as f32));
             let place = place.max(simd, Lanes::all(simd, 0.0)).min(simd, Lanes::all(simd, last as f32));
@@ -107,23 +99,19 @@ impl ArrivingLight {
             fractions[axis] = place.sub(simd, first).to_array();
             firsts[axis] = first.indices(simd);
         }
-        let last = self.dims[axes[2]] - 1;
-        let plane = (plane - self.low[axes[2]] as f32).clamp(0.0, last as f32);
-        let first_plane = (plane as usize).min(last.saturating_sub(1));
-        let beyond = plane - first_plane as f32;
         // A lattice of one plane has no neighbour; its weight is 0.
         let mut next = [0; 3];
         for axis in 0..3 {
             next[axis] = if self.dims[axes[axis]] > 1 { steps[axes[axis]] } else { 0 };
         }
-        let start = first_plane * steps[axes[2]];
         let mut channels = Channels::new(simd);
         for vector in 0..channels.0.len() {
             let rays = order.pair(vector);
             let mut first = [0; 2];
             for side in 0..2 {
-                let [a, b] = [firsts[0][rays[side]] as usize, firsts[1][rays[side]] as usize];
-                first[side] = start + a * steps[axes[0]] + b * steps[axes[1]];
+                for axis in 0..3 {
+                    first[side] += firsts[axis][rays[side]] as usize * steps[axes[axis]];
+                }
             }
             let mut sum = simd.splat_f32s(0.0);
             for corner in 0..8 {
@@ -131,10 +119,10 @@ impl ArrivingLight {
                 let offset = i * next[0] + j * next[1] + k * next[2];
                 let mut weights = [0.0; 2];
                 for side in 0..2 {
-                    let [a, b] = [fractions[0][rays[side]], fractions[1][rays[side]]];
+                    let [a, b, c] = [fractions[0][rays[side]], fractions[1][rays[side]], fractions[2][rays[side]]];
                     let a = if i == 1 { a } else { 1.0 - a };
                     let b = if j == 1 { b } else { 1.0 - b };
-                    weights[side] = a * b * if k == 1 { beyond } else { 1.0 - beyond };
+                    weights[side] = a * b * if k == 1 { c } else { 1.0 - c };
                 }
                 let (one, other) = (&self.shares[first[0] + offset], &self.shares[first[1] + offset]);
                 let mut shares = [0.0_f32; 8];

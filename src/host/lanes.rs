@@ -58,6 +58,16 @@ impl<S: Simd> Mask<S> {
     pub(super) fn and(self, simd: S, other: Self) -> Self {
         Self([simd.and_m32s(self.0[0], other.0[0]), simd.and_m32s(self.0[1], other.0[1])])
     }
+
+    #[inline(always)]
+    pub(super) fn or(self, simd: S, other: Self) -> Self {
+        Self([simd.or_m32s(self.0[0], other.0[0]), simd.or_m32s(self.0[1], other.0[1])])
+    }
+
+    #[inline(always)]
+    pub(super) fn not(self, simd: S) -> Self {
+        Self([simd.not_m32s(self.0[0]), simd.not_m32s(self.0[1])])
+    }
 }
 
 /// Operations on vectors, one by one.

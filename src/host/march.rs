@@ -305,7 +305,8 @@ impl Tile<'_> {
                             rays[group].ends[0].max(simd, Lanes::all(simd, z - half)).to_array(),
                             rays[group].ends[1].min(simd, Lanes::all(simd, z + half)).to_array(),
                         ];
-                        note_halves(&mut halves[group], before.to_array(), left.to_array(), ends);
+                        let surfaces = rule.half(&states[group]).map_or([f32::INFINITY; RAYS], Lanes::to_array);
+                        note_halves(&mut halves[group], before.to_array(), left.to_array(), ends, surfaces);
                     }
                 }
             }
@@ -340,10 +341,18 @@ impl Tile<'_> {
 }
 
 /// Notes for each ray the plane at which half of its light is left, in a slab between `ends` whose matter lowers the
-/// transmittance from `before` to `after`.
-fn note_halves(halves: &mut [f32; RAYS], before: [f32; RAYS], after: [f32; RAYS], ends: [[f32; RAYS]; 2]) {
+/// transmittance from `before` to `after`; `surfaces` are the planes of isosurfaces that did so.
+fn note_halves(
+    halves: &mut [f32; RAYS],
+    before: [f32; RAYS],
+    after: [f32; RAYS],
+    ends: [[f32; RAYS]; 2],
+    surfaces: [f32; RAYS],
+) {
     for ray in 0..RAYS {
-        if halves[ray].is_nan() && after[ray] < 0.5 {
+        if halves[ray].is_nan() && surfaces[ray].is_finite() {
+            halves[ray] = surfaces[ray];
+        } else if halves[ray].is_nan() && after[ray] < 0.5 {
             let (before, after) = (f64::from(before[ray]), f64::from(after[ray].max(f32::MIN_POSITIVE)));
             let share = libm::log(2.0 * before) / libm::log(before / after);
             let [low, high] = ends.map(|end| f64::from(end[ray]));

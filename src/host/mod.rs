@@ -73,7 +73,7 @@ use self::colors::Halves;
 use self::level::Level;
 use self::light::Shader;
 use self::march::{Matter, Picture, TILE, Work};
-use self::post::Post;
+use self::post::{Post, Surface};
 use self::project::{Extreme, Projection};
 use self::scalars::{Reconstructed, Scalars};
 use self::shot::{Depths, Shot, places_of_light};
@@ -253,9 +253,11 @@ impl HostRenderer {
                 Some(light?)
             }
         };
+        let surfaces = Surface::of(&scene.transfer, &scene.reduction);
         let matter = Matter::Post(Post {
             blend,
             table: &scene.table,
+            surfaces: &surfaces,
             shader: shader.as_ref(),
             arriving: arriving.as_deref(),
             gradient_opacity: &gradient_opacity,

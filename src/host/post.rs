@@ -10,14 +10,16 @@ use pulp::Simd;
 use super::arriving::ArrivingLight;
 use super::blend::{Along, Blend};
 use super::field::Field;
-use super::lanes::{Lanes, Order, three};
+use super::lanes::{Lanes, Mask, Order, three};
 use super::lattice::{Area, Reach};
 use super::light::{Shader, Shine, Vector, dot};
 use super::plane::{CHANNELS, Plane};
 use super::rays::{Axes, Rays};
 use super::rule::{RECENT, Rule};
 use super::table::{Classified, Table};
-use crate::transfer::scaled_share;
+use crate::lighting::shadow::SURFACE_BIAS;
+use crate::transfer::scalars::Reduction;
+use crate::transfer::{ControlPoint, TransferFunction, scaled_share};
 
 /// The optical depth of a slab that may be neglected, and the like amount of colour.
 const LEAST_BEND: f32 = 2e-4;
@@ -27,6 +29,7 @@ pub(super) struct Post<'a> {
     pub(super) blend: Blend<'a, Field>,
     pub(super) table: &'a Table,
     pub(super) shader: Option<&'a Shader>,
+    pub(super) surfaces: &'a [Surface],
     /// The light that arrives at voxels; `None`: all light does.
     pub(super) arriving: Option<&'a ArrivingLight>,
     /// The points of gradient opacity: pairs of the length of a gradient of scalars in the world, and the share of
@@ -36,6 +39,28 @@ pub(super) struct Post<'a> {
     pub(super) to_places: DAffine3,
     /// The size of the lattice's cells in voxels, and the voxel at cell 0: `arriving` holds the light at voxels.
     pub(super) to_voxels: [f32; 2],
+}
+
+/// An isosurface.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Surface {
+    /// The scalar at the surface.
+    scalar: f32,
+    color: [f32; 3],
+    /// The share of light that passes the surface.
+    passes: f32,
+}
+
+impl Surface {
+    /// Returns the isosurfaces of a transfer function, in scalars, ascending.
+    pub(super) fn of(transfer: &TransferFunction, reduction: &Reduction) -> Vec<Self> {
+        let surface = |p: &ControlPoint| Self {
+            scalar: reduction.scalar(p.value),
+            color: p.color.map(|c| c as f32),
+            passes: (1.0 - p.opacity.min(TransferFunction::MAX_OPACITY)) as f32,
+        };
+        transfer.isosurfaces().iter().map(surface).collect()
+    }
 }
 
 /// The state of a group of rays under way.
@@ -52,6 +77,8 @@ pub(super) struct State<S: Simd> {
     classified: Option<Classified<S>>,
     /// The number of the last sample.
     last: isize,
+    /// The plane of the isosurface that let less than half of the light pass, beyond all planes if none did.
+    half: Lanes<S>,
 }
 
 /// The classification and the light of slabs.
@@ -111,7 +138,14 @@ impl<'a, S: Simd> Shading<'a, S> {
             state.classified = None;
             return false;
         }
-        let (shine, share) = self.light(simd, &state.differences[number % RECENT], rays, z, s1);
+        if !self.post.surfaces.is_empty() {
+            self.composite_surfaces(simd, state, rays, (number, z), [first, s1, last]);
+            if table.is_clear {
+                state.classified = None;
+                return true;
+            }
+        }
+        let (shine, share) = self.light(simd, &state.differences[number % RECENT], rays, (z, None), s1);
         // Cut pieces begin or end at other scalars.
         let is_cut = Lanes::all(simd, z - 0.25).less(simd, ends[0]).any(simd)
             || ends[1].less(simd, Lanes::all(simd, z + 0.25)).any(simd);
@@ -148,6 +182,100 @@ impl<'a, S: Simd> Shading<'a, S> {
         true
     }
 
+    /// Composites the isosurfaces that rays meet in the slab around half plane number `number`, at `z`, given the
+    /// scalars at its beginning, middle and end.
+    #[inline(always)]
+    fn composite_surfaces(
+        &self,
+        simd: S,
+        state: &mut State<S>,
+        rays: &Rays<S>,
+        (number, z): (usize, f32),
+        scalars: [Lanes<S>; 3],
+    ) {
+        let all = |value: f32| Lanes::all(simd, value);
+        let surfaces = self.post.surfaces;
+        // Rays that rise meet the lowest surface first.
+        for half in 0..2 {
+            let (from, to) = (scalars[half], scalars[half + 1]);
+            for order in 0..2 * surfaces.len() {
+                let rises = order < surfaces.len();
+                let surface = if rises { surfaces[order] } else { surfaces[2 * surfaces.len() - 1 - order] };
+                let scalar = all(surface.scalar);
+                let (below, above) = if rises { (from, to) } else { (to, from) };
+                let meets = above.less(simd, scalar).not(simd).and(simd, below.less(simd, scalar));
+                if meets.any(simd) {
+                    let root = self.root(simd, scalars, half, scalar);
+                    self.composite_surface(simd, state, rays, (number, z), (surface, rises, meets, root));
+                }
+            }
+        }
+    }
+
+    /// Returns the place in a half of a slab, from -1 to 1 over the slab, where the parabola through its scalars is a
+    /// scalar: the place on the chord, and two of Newton's steps.
+    #[inline(always)]
+    fn root(&self, simd: S, [first, middle, last]: [Lanes<S>; 3], half: usize, scalar: Lanes<S>) -> Lanes<S> {
+        let all = |value: f32| Lanes::all(simd, value);
+        let (from, to) = if half == 0 { (first, middle) } else { (middle, last) };
+        let least = all(1e-36);
+        let low = all(half as f32 - 1.0);
+        let high = all(half as f32);
+        let over = |number: Lanes<S>, by: Lanes<S>| {
+            let size = by.abs(simd).max(simd, least);
+            let sign = all(-1.0).or(simd, by.less(simd, all(0.0)), all(1.0));
+            number.mul(simd, sign).div(simd, size)
+        };
+        let mut place = over(scalar.sub(simd, from), to.sub(simd, from)).add(simd, low);
+        let slope = last.sub(simd, first).mul(simd, all(0.5));
+        let bend = first.add(simd, last).mul(simd, all(0.5)).sub(simd, middle);
+        for _ in 0..2 {
+            let value = place.fma(simd, bend, slope).fma(simd, place, middle).sub(simd, scalar);
+            let rise = place.mul(simd, all(2.0)).fma(simd, bend, slope);
+            place = place.sub(simd, over(value, rise)).max(simd, low).min(simd, high);
+        }
+        place
+    }
+
+    /// Composites an isosurface where rays meet it, at a place of a slab from -1 to 1.
+    #[inline(always)]
+    fn composite_surface(
+        &self,
+        simd: S,
+        state: &mut State<S>,
+        rays: &Rays<S>,
+        (number, z): (usize, f32),
+        (surface, rises, meets, place): (Surface, bool, Mask<S>, Lanes<S>),
+    ) {
+        let all = |value: f32| Lanes::all(simd, value);
+        let plane = place.fma(simd, all(0.25), all(z));
+        let is_cut = plane.less(simd, rays.ends[0]).or(simd, rays.ends[1].less(simd, plane));
+        let meets = meets.and(simd, is_cut.not(simd));
+        // Samples are half a plane apart, slabs as thick.
+        let beyond = place.mul(simd, all(0.5));
+        let [before, own, behind] = [number + RECENT - 1, number, number + 1].map(|n| &state.differences[n % RECENT]);
+        let is_before = place.less(simd, all(0.0));
+        let differences: Vector<S> = three!(axis => {
+            let rise = own[axis].sub(simd, before[axis]).or(simd, is_before, behind[axis].sub(simd, own[axis]));
+            beyond.fma(simd, rise, own[axis])
+        });
+        let ahead = all(if rises { -SURFACE_BIAS } else { SURFACE_BIAS });
+        let (shine, _) = self.light(simd, &differences, rays, (z, Some(ahead)), all(surface.scalar));
+        let passes = all(surface.passes).or(simd, meets, all(1.0));
+        let passed = state.transmittance.mul(simd, passes);
+        let absorbed = state.transmittance.sub(simd, passed);
+        for channel in 0..3 {
+            let mut color = all(surface.color[channel]);
+            if let Some(shine) = &shine {
+                color = shine.lit(simd, channel, color);
+            }
+            state.color[channel] = color.fma(simd, absorbed, state.color[channel]);
+        }
+        let halves = meets.and(simd, passed.less(simd, all(0.5)));
+        state.half = state.half.min(simd, plane).or(simd, halves, state.half);
+        state.transmittance = passed;
+    }
+
     /// Returns the length, in the unit of extinctions, of the part of a quarter of a plane within the ends of rays.
     #[inline(always)]
     fn length(&self, simd: S, rays: &Rays<S>, from: f32, share: Lanes<S>) -> Lanes<S> {
@@ -167,14 +295,15 @@ impl<'a, S: Simd> Shading<'a, S> {
         (table.classified(simd, &self.order, start), table.classified(simd, &self.order, stop))
     }
 
-    /// Returns the light on a slab, and the share of its extinction by gradient opacity.
+    /// Returns the light on a slab at `z`, and the share of its extinction by gradient opacity. The light arrives
+    /// `ahead` points of the lattice along the gradient.
     #[inline(always)]
     fn light(
         &self,
         simd: S,
         differences: &Vector<S>,
         rays: &Rays<S>,
-        z: f32,
+        (z, ahead): (f32, Option<Lanes<S>>),
         scalar: Lanes<S>,
     ) -> (Option<Shine<S>>, Lanes<S>) {
         let points = self.post.gradient_opacity;
@@ -197,12 +326,20 @@ impl<'a, S: Simd> Shading<'a, S> {
         let [at_a, at_b] = rays.at(simd, Lanes::all(simd, z));
         let mut kept = None;
         if let Some(arriving) = self.post.arriving {
-            let plane = if self.axes.is_flipped { (self.axes.size[2] - 1) as f32 - z } else { z };
+            let mut at = [at_a, at_b, Lanes::all(simd, z)];
+            if let Some(ahead) = ahead {
+                let square = dot(simd, differences, differences).max(simd, Lanes::all(simd, 1e-36));
+                let share = ahead.div(simd, square.sqrt(simd));
+                at = three!(axis => share.fma(simd, differences[axis], at[axis]));
+            }
+            let [a, b, mut plane] = at;
+            if self.axes.is_flipped {
+                plane = Lanes::all(simd, (self.axes.size[2] - 1) as f32).sub(simd, plane);
+            }
             let [factor, voxel] = self.post.to_voxels;
             let (size, first) = (Lanes::all(simd, factor), Lanes::all(simd, voxel));
-            let at = [at_a.fma(simd, size, first), at_b.fma(simd, size, first)];
-            let plane = plane * factor + voxel;
-            kept = Some(arriving.at(simd, &self.order, self.axes.axes, at, plane));
+            let at = three!(axis => [a, b, plane][axis].fma(simd, size, first));
+            kept = Some(arriving.at(simd, &self.order, self.axes.axes, at));
         }
         let mut place = [Lanes::all(simd, 0.0); 3];
         if shader.has_places() {
@@ -252,6 +389,7 @@ impl<S: Simd> Rule<S> for Shading<'_, S> {
             end: zero,
             classified: None,
             last: isize::MIN / 2,
+            half: Lanes::all(simd, f32::INFINITY),
         }
     }
 
@@ -297,6 +435,11 @@ impl<S: Simd> Rule<S> for Shading<'_, S> {
     #[inline(always)]
     fn left(&self, _: S, state: &State<S>) -> Lanes<S> {
         state.transmittance
+    }
+
+    #[inline(always)]
+    fn half(&self, state: &State<S>) -> Option<Lanes<S>> {
+        Some(state.half)
     }
 
     #[inline(always)]

@@ -35,6 +35,13 @@ pub(super) trait Rule<S: Simd> {
     /// Adds the slab around a sample at plane z; `shows`: it may have visible matter. Returns whether it had any.
     fn slab(&self, simd: S, state: &mut Self::State, rays: &Rays<S>, sample: (usize, f32), shows: bool) -> bool;
 
+    /// Returns the planes of the isosurfaces that let less than half of the light pass, infinite where none did; `None`
+    /// if there are none.
+    #[inline(always)]
+    fn half(&self, _: &Self::State) -> Option<Lanes<S>> {
+        None
+    }
+
     /// Returns the transmittance of the rays.
     fn left(&self, simd: S, state: &Self::State) -> Lanes<S>;
 

@@ -127,7 +127,9 @@ impl Scalars {
     ) -> Result<Arc<ArrivingLight>> {
         let mut made = self.light.get_or_make(vec![falling], |falling| {
             let to_world = self.volume.grid().to_lattice().matrix3.transpose();
-            let matter = Extinctions { scene: self, field, gradient_opacity, to_world };
+            let unit = self.transfer.unit_or(self.volume.grid().min_spacing());
+            let surfaces = CastingSurfaces { transfer: &self.transfer, reduction: &self.reduction, unit };
+            let matter = Extinctions { scene: self, field, gradient_opacity, to_world, surfaces };
             ArrivingLight::new([[0; 3], self.dims()], &|place, row| matter.row(falling, place, row), falling, progress)
         })?;
         Ok(made.swap_remove(0))
@@ -142,6 +144,23 @@ struct Extinctions<'a> {
     gradient_opacity: &'a [[f32; 2]],
     /// The map from gradients along the lattice axes to gradients in the world.
     to_world: DMat3,
+    surfaces: CastingSurfaces<'a>,
+}
+
+/// The isosurfaces of matter that casts shadows.
+struct CastingSurfaces<'a> {
+    transfer: &'a TransferFunction,
+    reduction: &'a Reduction,
+    /// The length of the unit of extinctions, in world units.
+    unit: f64,
+}
+
+impl CastingSurfaces<'_> {
+    /// Returns the extinction of a voxel by its scalar and the length of its gradient per voxel and in the world.
+    fn casting(&self, scalar: f32, gradient: [f64; 2]) -> f32 {
+        let steepness = gradient.map(|length| length / self.reduction.factor());
+        (self.transfer.casting_surfaces(self.reduction.value(scalar), steepness) * self.unit) as f32
+    }
 }
 
 impl Extinctions<'_> {
@@ -167,21 +186,27 @@ impl Extinctions<'_> {
         }
         let own = self.scalars(y, z)?;
         let thins = !self.gradient_opacity.is_empty();
+        let has_surfaces = !self.surfaces.transfer.isosurfaces().is_empty();
         let mut rows = Vec::new();
-        for step in (0..9).filter(|_| thins) {
+        for step in (0..9).filter(|_| thins || has_surfaces) {
             rows.push(self.scalars(y + step % 3 - 1, z + step / 3 - 1)?);
         }
         let slopes = Slopes::of_cells(1.0);
         let middle = DVec3::new(nx as f64 - 1.0, ny as f64 - 1.0, nz as f64 - 1.0) / 2.0;
         for x in runs.into_iter().flat_map(|first| first..(first + RUN).min(nx)) {
             let mut extinction = self.scene.table.extinction(own[x]);
-            if thins && extinction > 0.0 {
+            if has_surfaces || thins && extinction > 0.0 {
                 let mut around = [0.0; 27];
                 for (place, row) in around.chunks_exact_mut(3).zip(&rows) {
                     place.copy_from_slice(&[row[x.saturating_sub(1)], row[x], row[(x + 1).min(nx - 1)]]);
                 }
-                let gradient = self.to_world * DVec3::from_array(slopes.gradient(&around, 13, 3).map(f64::from));
-                extinction *= scaled_share(self.gradient_opacity, gradient.length() as f32);
+                let gradient = DVec3::from_array(slopes.gradient(&around, 13, 3).map(f64::from));
+                let per_voxel = gradient.length();
+                let gradient = self.to_world * gradient;
+                if thins {
+                    extinction *= scaled_share(self.gradient_opacity, gradient.length() as f32);
+                }
+                extinction += self.surfaces.casting(own[x], [per_voxel, gradient.length()]);
             }
             let point = DVec3::new(x as f64, y as f64, z as f64) - middle;
             let casts = falling.clip.is_empty() || is_inside(&falling.clip, point);

@@ -25,6 +25,8 @@ pub(super) struct Table {
     lookup: [f32; 2],
     /// The range of invisible scalars around 0, ends included; empty if the first is larger.
     pub(super) invisible: [f32; 2],
+    /// Whether the function is clear but for isosurfaces.
+    pub(super) is_clear: bool,
 }
 
 /// The place among the bins of a scalar of each ray.
@@ -66,7 +68,8 @@ impl Table {
     pub(super) fn new(transfer: &TransferFunction, reduction: &Reduction) -> Self {
         let Bins { mut rows, lookup, invisible } = Bins::new(transfer, reduction, VisibleValues::Opaque);
         let (integrals, values) = (rows.swap_remove(1), rows.swap_remove(0));
-        Self { bends: bends(&values), values, integrals, lookup, invisible }
+        let is_clear = values.iter().all(|value| value[3] <= 0.0);
+        Self { bends: bends(&values), values, integrals, lookup, invisible, is_clear }
     }
 
     /// Returns whether no scalar of a range is visible.

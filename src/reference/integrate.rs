@@ -5,8 +5,9 @@ use glam::{DAffine3, DMat3, DVec3};
 use super::profile::{Range, Scalar, Series};
 use super::ray::{LatticeRay, Weights};
 use super::walk::{Block, Piece, Visitor};
+use crate::lighting::shadow::SURFACE_BIAS;
 use crate::lighting::{Lighting, Visibility};
-use crate::transfer::{Resolution, TransferFunction};
+use crate::transfer::{ControlPoint, Resolution, TransferFunction};
 use crate::volume::Grid;
 
 /// The largest optical depth of a step: it resolves the exponential as well as the kernel.
@@ -29,6 +30,9 @@ const MAX_LEVEL: u32 = 26;
 const FLOOR: f64 = 1.0 / 1024.0;
 /// The spread of a polynomial, as a fraction of its size, that is only rounding.
 const ROUNDING: f64 = 1e-13;
+/// The distance of the field from an isosurface within which it may jump across it at rims of kernels, over the jump of
+/// a kernel whose voxel has the surface's value.
+const JUMPS: f64 = 4.0;
 /// The relative error of maxima that are attenuated by depth.
 const FADED: f64 = 1e-10;
 
@@ -193,6 +197,8 @@ pub(super) struct FieldClassifier {
     resolution: Resolution,
     /// The values, ascending, between which opacity is linear, and so extinction analytic.
     kinks: Vec<f64>,
+    /// The isosurfaces, values ascending.
+    surfaces: Vec<ControlPoint>,
     lighting: Option<Lighting>,
     /// The map from the lattice to the world of the lights.
     grid: DAffine3,
@@ -223,6 +229,7 @@ impl FieldClassifier {
             base: transfer.base(),
             resolution,
             kinks,
+            surfaces: transfer.isosurfaces(),
             lighting: lighting.map(|lighting| lighting.seen_from(grid.center())),
             grid: grid.centered().to_world(),
             to_world: grid.to_lattice().matrix3.transpose(),
@@ -252,7 +259,7 @@ impl FieldClassifier {
     /// distance of the scalar from the base, its differences along the lattice axes, and the light that arrives.
     fn lit(
         &self,
-        (mut color, opacity): ([f64; 3], f64),
+        (color, opacity): ([f64; 3], f64),
         distance: f64,
         differences: [f64; 3],
         place: DVec3,
@@ -263,10 +270,24 @@ impl FieldClassifier {
         if tau <= 0.0 {
             return [0.0; 4];
         }
-        let gradient = self.to_world * DVec3::from_array(differences);
         if !self.transfer.gradient_opacity().is_empty() {
-            tau *= self.transfer.gradient_share(gradient.length());
+            tau *= self.transfer.gradient_share((self.to_world * DVec3::from_array(differences)).length());
         }
+        let color = self.shaded(color, distance, differences, place, to_eye, visibility);
+        [tau, tau * color[0], tau * color[1], tau * color[2]]
+    }
+
+    /// Returns a colour in the light.
+    fn shaded(
+        &self,
+        mut color: [f64; 3],
+        distance: f64,
+        differences: [f64; 3],
+        place: DVec3,
+        to_eye: DVec3,
+        visibility: impl FnOnce() -> Visibility,
+    ) -> [f64; 3] {
+        let gradient = self.to_world * DVec3::from_array(differences);
         if let Some(lighting) = &self.lighting {
             let place = self.grid.transform_point3(place);
             let (surface, visibility) = (self.resolution.share(differences, distance), visibility());
@@ -274,7 +295,7 @@ impl FieldClassifier {
             let plain = lighting.shade_without_surface(color, &visibility);
             color = std::array::from_fn(|c| surface * lit[c] + (1.0 - surface) * plain[c]);
         }
-        [tau, tau * color[0], tau * color[1], tau * color[2]]
+        color
     }
 }
 
@@ -294,6 +315,8 @@ pub(super) struct Classified<'a> {
     /// The kernel's divisor N.
     pub(super) divisor: f64,
     pub(super) accuracy: &'a Accuracy,
+    /// For each isosurface whether the scalar was above it at the last place; empty before the first.
+    pub(super) above: Vec<bool>,
 }
 
 /// A part of a block, in x from -1 to 1 over the block.
@@ -310,7 +333,13 @@ struct Stretch {
 
 impl Visitor for Classified<'_> {
     fn block(&mut self, block: &Block<'_>) -> Option<bool> {
-        self.is_clear(block.range()).then_some(true)
+        let [low, high] = block.range();
+        let above = self.sides_of(f64::midpoint(low, high));
+        let passes = self.above.iter().zip(&above).any(|(before, after)| before != after);
+        (!passes && self.is_clear([low, high])).then(|| {
+            self.above = above;
+            true
+        })
     }
 
     fn piece(&mut self, &Piece { series, middle, half, from, to }: &Piece<'_>) -> bool {
@@ -336,7 +365,7 @@ impl Classified<'_> {
         let range = stretch.scalar.range(a, b);
         let [low, high] = [range.middle - range.spread, range.middle + range.spread];
         if self.is_clear([low, high]) {
-            return true;
+            return self.pass(stretch, a, b);
         }
         let mut cuts = Vec::new();
         let base = self.classifier.base;
@@ -375,8 +404,54 @@ impl Classified<'_> {
         self.classifier.transfer.sample(self.value(sum)).1
     }
 
+    /// Returns for each isosurface whether a sum is above it. Within the jumps of the field at the rims of kernels the
+    /// last answer stays, so that a surface is met once and not before and behind each of them.
+    fn sides_of(&self, sum: f64) -> Vec<bool> {
+        let value = self.value(sum);
+        let base = self.classifier.base;
+        let side = |(number, surface): (usize, &ControlPoint)| {
+            let jumps = JUMPS * self.accuracy.rim / self.divisor * (surface.value - base).abs();
+            match self.above.get(number) {
+                Some(&before) if (value - surface.value).abs() <= jumps => before,
+                _ => value > surface.value,
+            }
+        };
+        self.classifier.surfaces.iter().enumerate().map(side).collect()
+    }
+
+    /// Composites the isosurfaces between the last place and the part from a to b, in which none lies. Returns whether
+    /// more may be visible.
+    fn pass(&mut self, stretch: &Stretch, a: f64, b: f64) -> bool {
+        if self.classifier.surfaces.is_empty() || a >= b {
+            return true;
+        }
+        let above = self.sides_of(stretch.scalar.at(f64::midpoint(a, b)));
+        let before = std::mem::replace(&mut self.above, above.clone());
+        let mut passed: Vec<usize> = (0..before.len()).filter(|&i| before[i] != above[i]).collect();
+        if passed.first().is_some_and(|&i| before[i]) {
+            passed.reverse();
+        }
+        for i in passed {
+            let ControlPoint { color, opacity, .. } = self.classifier.surfaces[i];
+            let optical_depth = TransferFunction::extinction(opacity, 1.0);
+            let [scalar, differences @ ..] = stretch.series.at(a);
+            let place = self.ray.origin + self.ray.direction * (stretch.middle + stretch.half * a);
+            let (distance, differences) = (scalar / self.divisor, differences.map(|d| d / self.divisor));
+            let normal = DVec3::from_array(differences).normalize_or_zero();
+            let ahead = f64::from(if above[i] { -SURFACE_BIAS } else { SURFACE_BIAS });
+            let lit = || (self.arriving)(place + ahead * normal);
+            let color = self.classifier.shaded(color, distance, differences, place, self.to_eye, lit);
+            let alpha = -(-optical_depth).exp_m1();
+            self.sum.append(&RayIntegral { color: color.map(|c| c * alpha), optical_depth });
+        }
+        !self.accuracy.is_opaque(&self.sum)
+    }
+
     /// Adds a part without kinks.
     fn smooth(&mut self, stretch: &Stretch, a: f64, b: f64) -> bool {
+        if !self.pass(stretch, a, b) {
+            return false;
+        }
         if a >= b || self.opacity(stretch.scalar.at(f64::midpoint(a, b))) <= 0.0 {
             return true;
         }

@@ -273,10 +273,20 @@ impl Media {
         }
     }
 
-    /// Returns the extinction of a voxel, per world unit.
+    /// Returns the extinction of a voxel, per world unit; in post-shading with that of the isosurfaces near it.
     pub(super) fn tau(&self, point: [usize; 3]) -> f64 {
         let point = point.map(|p| p as i64);
-        self.media.iter().map(|medium| self.absorbed(medium, point).1).sum()
+        let tau = self.media.iter().map(|medium| self.absorbed(medium, point).1).sum::<f64>();
+        match self.plain().filter(|_| !self.is_pre_shaded) {
+            Some(transfer) => {
+                let medium = &self.media[0];
+                let [_, slopes @ ..] = self.slopes(medium, point);
+                let slopes = DVec3::from_array(slopes);
+                let steepness = [slopes.length(), (self.to_world * slopes).length()];
+                tau + transfer.casting_surfaces(medium.scalar(self.index(point)), steepness)
+            }
+            None => tau,
+        }
     }
 
     /// Returns colour, extinction, and a normal of any length of a voxel.

@@ -550,8 +550,18 @@ impl PixelRays<'_> {
             Method::PostShaded(classifier) => {
                 let (arriving, to_eye) = (&|place: DVec3| reference.visibility(place), -direction);
                 let sides = classifier.sides(to_eye);
-                let mut classified =
-                    Classified { sum, classifier, ray, arriving, to_eye, sides, measure, divisor, accuracy };
+                let mut classified = Classified {
+                    sum,
+                    classifier,
+                    ray,
+                    arriving,
+                    to_eye,
+                    sides,
+                    measure,
+                    divisor,
+                    accuracy,
+                    above: Vec::new(),
+                };
                 self.visit(ray, scratch, &mut classified);
                 classified.sum
             }

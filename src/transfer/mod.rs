@@ -6,6 +6,7 @@ pub(crate) mod color;
 mod export;
 mod gradient;
 mod import;
+mod isosurface;
 mod json;
 mod lines;
 pub mod maps;
@@ -62,7 +63,8 @@ fn segment<T>(points: &[T], value: f64, at: impl Fn(&T) -> f64) -> (&T, &T, f64)
 
 /// A piecewise linear map from scalar values to colour and opacity, constant beyond its ends.
 ///
-/// Two points at the same value make a step; at the value itself the later point holds.
+/// Two points at the same value make a step; at the value itself the later point holds. Points between others at the
+/// same value are [isosurfaces](TransferFunction::isosurfaces).
 #[derive(Debug, Clone, PartialEq)]
 pub struct TransferFunction {
     points: Vec<ControlPoint>,
@@ -249,7 +251,7 @@ impl TransferFunction {
     }
 
     /// Returns the ranges of values whose opacity is at least `least`, which is over 0: ascending and apart. Both ends
-    /// are included, and either may be infinite.
+    /// are included, and either may be infinite. All values above the lowest isosurface count.
     pub(crate) fn values_over(&self, least: f64) -> Vec<[f64; 2]> {
         let over = |p: &ControlPoint| p.opacity >= least;
         let [first, last] = [self.points[0], self.points[self.points.len() - 1]];
@@ -266,7 +268,8 @@ impl TransferFunction {
                 (false, false) => None,
             }
         });
-        let above = over(&last).then_some([last.value, f64::INFINITY]);
+        let inside = self.isosurfaces().first().map(|surface| [surface.value, f64::INFINITY]);
+        let above = over(&last).then_some([last.value, f64::INFINITY]).or(inside);
         let mut ranges: Vec<[f64; 2]> = Vec::new();
         for [low, high] in below.into_iter().chain(between).chain(above) {
             match ranges.last_mut() {
@@ -389,7 +392,8 @@ mod tests {
         // At a step, the later point holds.
         let steps = [(0.0, 1.0), (1.0, 1.0), (1.0, 0.0), (2.0, 0.0), (2.0, 1.0), (3.0, 1.0), (3.0, 0.0)];
         assert_eq!(over(&steps, 0.5), [[low, 1.0_f64.next_down()], [2.0, 3.0_f64.next_down()]]);
-        assert_eq!(over(&[(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (1.0, 0.0)], 0.5), [[0.0; 2]; 0]);
+        // All values above an isosurface.
+        assert_eq!(over(&[(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (1.0, 0.0)], 0.5), [[1.0, high]]);
     }
 
     #[test]

@@ -200,36 +200,36 @@ fn rooms_need_only_those_below_them() {
 /// one that grows says why in the message of its commit.
 const LINES: [(&str, usize); 28] = [
     ("accuracy", 360),
-    ("appearance", 2075),
+    ("appearance", 2158),
     ("bricks", 887),
     ("camera", 747),
-    ("crates/cli", 5918),
+    ("crates/cli", 5935),
     ("crates/volume", 12058),
     ("engine", 145),
     ("error", 144),
     ("frame", 67),
-    ("gpu", 5368),
-    ("host", 3668),
+    ("gpu", 5367),
+    ("host", 3826),
     ("image", 1755),
     ("kernel", 977),
     ("layers", 1201),
     ("lib", 65),
-    ("lighting", 2428),
+    ("lighting", 2429),
     ("output", 137),
     ("painters", 3264),
     ("prepare", 2317),
     ("progress", 34),
-    ("python", 1461),
-    ("reference", 2134),
-    ("renderer", 396),
+    ("python", 1465),
+    ("reference", 2217),
+    ("renderer", 399),
     ("settings", 476),
     ("solids", 442),
     ("splats", 731),
     ("stats", 344),
-    ("transfer", 1940),
+    ("transfer", 1986),
 ];
 /// The same of all shaders, and the number of their files.
-const SHADERS: [usize; 2] = [4436, 79];
+const SHADERS: [usize; 2] = [4458, 79];
 
 /// The lines of a source that have code.
 fn lines(source: &str) -> usize {

@@ -66,6 +66,7 @@ mod painters {
     mod f32_limits;
     mod golden;
     mod host;
+    mod isosurfaces;
     mod plumbing;
     mod savings;
     pub(crate) mod tiles;

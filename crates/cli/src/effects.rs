@@ -109,7 +109,10 @@ const RULES: &[Rule] = &[
     idle("frame", |given| given.has("target") && is_sized(given), "because --target and the size place the picture"),
     idle("margin", is_sized, "because --view-height or --distance sets the size"),
     // Model.
-    refused("window gradient-opacity classification", shows_labels, " is for values, not for labels"),
+    refused("window gradient-opacity classification iso", shows_labels, " is for values, not for labels"),
+    refused("iso", |given| given.is_for("pareto"), ": a study compares painters, and isosurfaces have one alone"),
+    refused("iso", |given| given.is_for("plan"), ": bricks are drawn by a device, isosurfaces by the processor"),
+    refused("shading", |given| given.has("iso") && given.is("shading", "pre"), " pre: --iso is post-shaded"),
     idle("normals", is_post_shaded, "because post-shading lights the gradient of the field"),
     idle("normals", shows_labels, "because labels have normals of their own"),
     idle(

@@ -9,7 +9,9 @@ use voxsplat::figure::{Figure, LegendEntry};
 use voxsplat::formats::LoadOptions;
 use voxsplat::image::{Background, Region, check_writable};
 use voxsplat::layers::Layers;
-use voxsplat::program::{ChannelChoice, ClipSpec, LightRequest, OpenChoices, TransferChoice, TransferRequest, Values};
+use voxsplat::program::{
+    ChannelChoice, ClipSpec, IsosurfaceSpec, LightRequest, OpenChoices, TransferChoice, TransferRequest, Values,
+};
 use voxsplat::settings::{Painter, Response, Settings};
 use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::{Grid, Units};
@@ -230,7 +232,7 @@ pub(crate) fn figure(args: &FigureArgs, size: [u32; 2], settings: &Settings) -> 
 
 /// Returns the settings of a picture.
 pub(crate) fn settings(model: &ModelArgs, tuning: &Tuning, painter: Painter, view: &View) -> Result<Settings, Failure> {
-    let settings = Settings {
+    let mut settings = Settings {
         model: model.model,
         response: model.response,
         depth_coded: model.depth_coded,
@@ -247,6 +249,7 @@ pub(crate) fn settings(model: &ModelArgs, tuning: &Tuning, painter: Painter, vie
         painter,
         ..Settings::default()
     };
+    IsosurfaceSpec::settle(&model.iso, &mut settings)?;
     settings.validate()?;
     Ok(settings)
 }

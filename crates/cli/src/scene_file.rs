@@ -6,6 +6,7 @@ use std::path::{Component, Path, PathBuf};
 use serde_json::Value;
 use voxsplat::image::{check_writable, write_file};
 use voxsplat::program::{LABELS, OverlaySpec, TransferChoice};
+use voxsplat::settings::Shading;
 use voxsplat::transfer::TransferFunction;
 
 use super::failure::{Failure, refuse};
@@ -20,7 +21,7 @@ pub(crate) const VERSION: &str = "voxsplat";
 /// The options of a run, which do not change the picture.
 const OF_A_RUN: [&str; 7] = ["output", "save-scene", "save-transfer", "stats", "json", "quiet", "help"];
 /// The options that make the transfer function.
-pub(crate) const OF_TRANSFER: [&str; 4] = ["transfer", "window", "gradient-opacity", "classification"];
+pub(crate) const OF_TRANSFER: [&str; 5] = ["transfer", "window", "gradient-opacity", "classification", "iso"];
 
 /// The options that name files, which may have labels or a colour behind them.
 const OF_FILES: [&str; 5] = ["labels", "label-table", "mask", "mesh", "depth"];
@@ -90,6 +91,13 @@ impl SceneFile {
                 _ => Value::Array(values),
             };
             fields.push((name.clone(), value.to_string()));
+        }
+        // The transfer function holds the isosurfaces, and the option that is left out the rest.
+        let is_given = |name: &str| self.options.iter().any(|(given, _)| given == name);
+        if inlined && is_given("iso") {
+            let settled = [("shading", Shading::Post.name()), ("painter", "cpu")];
+            let settled = settled.into_iter().filter(|(name, _)| !is_given(name));
+            fields.extend(settled.map(|(name, value)| (name.to_owned(), Value::from(value).to_string())));
         }
         let fields: Vec<String> = fields.iter().map(|(name, value)| format!("  \"{name}\": {value}")).collect();
         Ok(write_file(&self.path, format!("{{\n{}\n}}\n", fields.join(",\n")).as_bytes())?)

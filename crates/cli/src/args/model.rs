@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use voxsplat::kernel::Kernel;
 use voxsplat::lighting::Normals;
-use voxsplat::program::{ClipSpec, GradientSpec, LabelSpec, LightSpec, OcclusionSpec, ShadowSpec};
+use voxsplat::program::{ClipSpec, GradientSpec, IsosurfaceSpec, LabelSpec, LightSpec, OcclusionSpec, ShadowSpec};
 use voxsplat::settings::{Level, Model, Response, Shading};
 use voxsplat::transfer::maps;
 use voxsplat::transfer::presets::{PRESETS, PresetValues};
@@ -54,6 +54,14 @@ pub(crate) struct ModelArgs {
     /// function's]
     #[arg(long, value_name = "M:O,M:O,..|off", value_parser = parse::library::<GradientSpec>)]
     pub(crate) gradient_opacity: Option<GradientSpec>,
+    /// Show the isosurface of a value, in a colour and with an opacity over 0 to 1: alone, or within what --transfer
+    /// shows; repeatable
+    ///
+    /// The surface has no thickness, and its opacity is the same from all directions. The picture is post-shaded, by
+    /// the processor. [default: a colour of the library, opacity 1]
+    #[arg(long, value_name = "VALUE[:COLOUR[:OPACITY]]", value_parser = parse::library::<IsosurfaceSpec>,
+        allow_hyphen_values = true)]
+    pub(crate) iso: Vec<IsosurfaceSpec>,
     /// How pre-shading classifies the values of a volume: at each voxel (point), or as the mean over the values around
     /// it (band-limited), by which smooth surfaces have no rings
     ///

@@ -17,6 +17,7 @@ mod bricks;
 mod cli;
 mod commands;
 mod hostile;
+mod isosurfaces;
 mod overlays;
 mod results;
 mod scenes;
