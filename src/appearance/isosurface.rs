@@ -5,11 +5,12 @@ use std::str::FromStr;
 use crate::error::{Error, Result};
 use crate::settings::parse::finite;
 use crate::settings::{Model, Painter, Settings, Shading};
-use crate::transfer::presets::{self, Material};
+use crate::transfer::presets::Material;
 use crate::transfer::{ControlPoint, color};
 
-/// The preset whose material isosurfaces have.
-const MATERIAL: &str = "ct-bone";
+/// The material of isosurfaces. They are opaque where matter is soft, so they get less light than presets: their
+/// brightest sides keep their colours in studio light.
+pub(super) const MATERIAL: Material = Material { ambient: 0.25, diffuse: 0.5, specular: 0.2, shininess: 30.0 };
 /// The colours of isosurfaces that state none, in turn.
 const COLORS: [[f64; 3]; 5] =
     [[0.88, 0.82, 0.70], [0.85, 0.48, 0.36], [0.42, 0.62, 0.80], [0.56, 0.74, 0.44], [0.72, 0.53, 0.78]];
@@ -76,11 +77,6 @@ impl IsosurfaceSpec {
         settings.painter = Painter::Cpu;
         Ok(())
     }
-}
-
-/// Returns the material of isosurfaces.
-pub(super) fn material() -> Result<Option<Material>> {
-    Ok(presets::find(MATERIAL)?.material)
 }
 
 #[cfg(test)]

@@ -226,7 +226,10 @@ impl TransferRequest {
             }
             TransferChoice::Suggested if !self.isosurfaces.is_empty() => {
                 let transfer = TransferFunction::of_isosurfaces(&self.isosurfaces)?;
-                return Ok(FittedTransfer { material: isosurface::material()?, ..FittedTransfer::new(transfer, None) });
+                return Ok(FittedTransfer {
+                    material: Some(isosurface::MATERIAL),
+                    ..FittedTransfer::new(transfer, None)
+                });
             }
             TransferChoice::Suggested => {
                 match ValueMeaning::find(source, volume, may_be_labels, self.values, statistics)? {
@@ -253,7 +256,7 @@ impl TransferRequest {
         }
         if !self.isosurfaces.is_empty() {
             fitted.transfer = fitted.transfer.with_isosurfaces(&self.isosurfaces)?;
-            fitted.material = fitted.material.or(isosurface::material()?);
+            fitted.material = fitted.material.or(Some(isosurface::MATERIAL));
         }
         Ok(fitted)
     }

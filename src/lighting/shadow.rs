@@ -46,7 +46,7 @@ use crate::volume::Grid;
 const DARK: f64 = 16.0;
 /// The distance in lattice points, before an isosurface, of the place whose light it gets. The surface casts shadows as
 /// voxels up to a point to either side of it, and does not lie in its own shadow.
-pub(crate) const SURFACE_BIAS: f32 = 1.5;
+pub(crate) const SURFACE_BIAS: f32 = 3.0;
 
 /// A callback that sweeps across an axis: it gets the swept field, the axes of its planes, rows and columns, and the
 /// light to be set.

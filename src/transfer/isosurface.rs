@@ -65,6 +65,18 @@ impl TransferFunction {
             .map(|transfer| transfer.with_classification(self.classification))
     }
 
+    /// Returns the function without these of its isosurfaces. [`Self::with_isosurfaces`] adds them again.
+    #[must_use]
+    #[doc(hidden)]
+    pub fn without_isosurfaces(mut self, isosurfaces: &[ControlPoint]) -> Self {
+        for surface in isosurfaces {
+            if let Some(at) = self.points.windows(3).position(|w| w[0].value == w[2].value && w[1] == *surface) {
+                self.points.drain(at + 1..at + 3);
+            }
+        }
+        self
+    }
+
     /// Returns the extinction per world unit of isosurfaces in a voxel that casts a shadow, given its value and the
     /// length of its gradient in values per voxel and per world unit. Each surface is a tent as wide as the change of
     /// values over a voxel to either side, so rays lose as much in voxels as at the surface.

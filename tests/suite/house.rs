@@ -226,7 +226,7 @@ const LINES: [(&str, usize); 28] = [
     ("solids", 442),
     ("splats", 731),
     ("stats", 344),
-    ("transfer", 1986),
+    ("transfer", 1996),
 ];
 /// The same of all shaders, and the number of their files.
 const SHADERS: [usize; 2] = [4458, 79];

@@ -5,8 +5,7 @@ use std::path::{Component, Path, PathBuf};
 
 use serde_json::Value;
 use voxsplat::image::{check_writable, write_file};
-use voxsplat::program::{LABELS, OverlaySpec, TransferChoice};
-use voxsplat::settings::Shading;
+use voxsplat::program::{IsosurfaceSpec, LABELS, OverlaySpec, TransferChoice};
 use voxsplat::transfer::TransferFunction;
 
 use super::failure::{Failure, refuse};
@@ -21,7 +20,7 @@ pub(crate) const VERSION: &str = "voxsplat";
 /// The options of a run, which do not change the picture.
 const OF_A_RUN: [&str; 7] = ["output", "save-scene", "save-transfer", "stats", "json", "quiet", "help"];
 /// The options that make the transfer function.
-pub(crate) const OF_TRANSFER: [&str; 5] = ["transfer", "window", "gradient-opacity", "classification", "iso"];
+pub(crate) const OF_TRANSFER: [&str; 4] = ["transfer", "window", "gradient-opacity", "classification"];
 
 /// The options that name files, which may have labels or a colour behind them.
 const OF_FILES: [&str; 5] = ["labels", "label-table", "mask", "mesh", "depth"];
@@ -69,7 +68,14 @@ impl SceneFile {
             fields.push((OF_TRANSFER[0].to_owned(), Value::from(LABELS).to_string()));
         }
         match fitted.preset {
-            _ if inlined => fields.push((OF_TRANSFER[0].to_owned(), indented(&fitted.transfer))),
+            _ if inlined => {
+                // The option adds its isosurfaces again.
+                let isosurfaces = self.options.iter().filter(|(name, _)| name == "iso").flat_map(|(_, values)| values);
+                let specs = isosurfaces.map(|value| text(value)?.parse().map_err(Failure::from));
+                let isosurfaces = IsosurfaceSpec::points(&specs.collect::<Result<Vec<_>, Failure>>()?);
+                let transfer = fitted.transfer.clone().without_isosurfaces(&isosurfaces);
+                fields.push((OF_TRANSFER[0].to_owned(), indented(&transfer)));
+            }
             Some(preset) => fields.push((OF_TRANSFER[0].to_owned(), Value::from(preset.name).to_string())),
             None => {}
         }
@@ -91,13 +97,6 @@ impl SceneFile {
                 _ => Value::Array(values),
             };
             fields.push((name.clone(), value.to_string()));
-        }
-        // The transfer function holds the isosurfaces, and the option that is left out the rest.
-        let is_given = |name: &str| self.options.iter().any(|(given, _)| given == name);
-        if inlined && is_given("iso") {
-            let settled = [("shading", Shading::Post.name()), ("painter", "cpu")];
-            let settled = settled.into_iter().filter(|(name, _)| !is_given(name));
-            fields.extend(settled.map(|(name, value)| (name.to_owned(), Value::from(value).to_string())));
         }
         let fields: Vec<String> = fields.iter().map(|(name, value)| format!("  \"{name}\": {value}")).collect();
         Ok(write_file(&self.path, format!("{{\n{}\n}}\n", fields.join(",\n")).as_bytes())?)
