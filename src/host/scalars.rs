@@ -14,11 +14,12 @@ use super::table::Table;
 use crate::camera::clip::is_inside;
 use crate::error::Result;
 use crate::kernel::{Kernel, Slopes, SplineFilter};
+use crate::lighting::shadow::SURFACE_BIAS;
 use crate::lighting::shadow::field::CLIPPED;
 use crate::progress::Progress;
 use crate::settings::Settings;
 use crate::transfer::scalars::{Reduction, Relative};
-use crate::transfer::{Resolution, TransferFunction, scaled_share};
+use crate::transfer::{ControlPoint, Resolution, TransferFunction, isosurface, scaled_share};
 use crate::volume::{ToF64, Volume, with_samples};
 
 /// Number of voxels of a row that are lit together or not at all.
@@ -128,7 +129,7 @@ impl Scalars {
         let mut made = self.light.get_or_make(vec![falling], |falling| {
             let to_world = self.volume.grid().to_lattice().matrix3.transpose();
             let unit = self.transfer.unit_or(self.volume.grid().min_spacing());
-            let surfaces = CastingSurfaces { transfer: &self.transfer, reduction: &self.reduction, unit };
+            let surfaces = CastingSurfaces { surfaces: self.transfer.isosurfaces(), reduction: &self.reduction, unit };
             let matter = Extinctions { scene: self, field, gradient_opacity, to_world, surfaces };
             ArrivingLight::new([[0; 3], self.dims()], &|place, row| matter.row(falling, place, row), falling, progress)
         })?;
@@ -149,7 +150,7 @@ struct Extinctions<'a> {
 
 /// The isosurfaces of matter that casts shadows.
 struct CastingSurfaces<'a> {
-    transfer: &'a TransferFunction,
+    surfaces: Vec<ControlPoint>,
     reduction: &'a Reduction,
     /// The length of the unit of extinctions, in world units.
     unit: f64,
@@ -159,7 +160,7 @@ impl CastingSurfaces<'_> {
     /// Returns the extinction of a voxel by its scalar and the length of its gradient per voxel and in the world.
     fn casting(&self, scalar: f32, gradient: [f64; 2]) -> f32 {
         let steepness = gradient.map(|length| length / self.reduction.factor());
-        (self.transfer.casting_surfaces(self.reduction.value(scalar), steepness) * self.unit) as f32
+        (isosurface::casting(&self.surfaces, self.reduction.value(scalar), steepness) * self.unit) as f32
     }
 }
 
@@ -175,9 +176,12 @@ impl Extinctions<'_> {
     fn row(&self, falling: &Falling, [y, z]: [usize; 2], row: &mut [f32]) -> Result<()> {
         let [nx, ny, nz] = self.scene.dims();
         let [y, z] = [y as isize, z as isize];
+        let has_surfaces = !self.surfaces.surfaces.is_empty();
+        // The light on an isosurface is that before it, between voxels.
+        let reach = if has_surfaces { SURFACE_BIAS as isize + 2 } else { 3 };
         let is_lit = |first: usize| {
-            let low = [first as isize - 3, y - 3, z - 3];
-            let high = [(first + RUN) as isize + 2, y + 3, z + 3];
+            let low = [first as isize - reach, y - reach, z - reach];
+            let high = [(first + RUN) as isize - 1 + reach, y + reach, z + reach];
             self.field.is_none_or(|field| field.any(low, high, |range| !self.scene.table.is_invisible(range)))
         };
         let runs: Vec<usize> = (0..nx).step_by(RUN).filter(|&first| is_lit(first)).collect();
@@ -186,7 +190,6 @@ impl Extinctions<'_> {
         }
         let own = self.scalars(y, z)?;
         let thins = !self.gradient_opacity.is_empty();
-        let has_surfaces = !self.surfaces.transfer.isosurfaces().is_empty();
         let mut rows = Vec::new();
         for step in (0..9).filter(|_| thins || has_surfaces) {
             rows.push(self.scalars(y + step % 3 - 1, z + step / 3 - 1)?);

@@ -91,6 +91,14 @@ fn shows(settings: &Settings) -> VisibleValues {
     }
 }
 
+/// Refuses a function of a post-shaded composite that painters of a device do not draw.
+pub(crate) fn check_isosurfaces(transfer: &TransferFunction) -> Result<()> {
+    if transfer.isosurfaces().is_empty() {
+        return Ok(());
+    }
+    Err(Error::setting("painter", "isosurfaces are drawn by cpu"))
+}
+
 impl Scene {
     fn new(context: &Context, content: Content, grid: Grid, weights: Weights, seconds: f64) -> Self {
         let seconds = AtomicU64::new(seconds.to_bits());
@@ -168,6 +176,9 @@ impl Scene {
         }
         match &mut self.content {
             Content::Scalars(scalars) => {
+                if scalars.model == Model::Composite {
+                    check_isosurfaces(transfer)?;
+                }
                 let mirrored = (scalars.model == Model::Minip).then(|| transfer.mirrored());
                 scalars.set_transfer(mirrored.unwrap_or_else(|| transfer.clone()))?;
                 let largest = scalars.volume.farthest_from(scalars.reduction.base())?;

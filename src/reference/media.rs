@@ -9,7 +9,7 @@ use crate::error::{Error, Result};
 use crate::layers::{Layer, Layers, Look, Matter, look_of, luminance};
 use crate::lighting::Normals;
 use crate::settings::Settings;
-use crate::transfer::{Resolution, TransferFunction};
+use crate::transfer::{ControlPoint, Resolution, TransferFunction, isosurface};
 use crate::volume::{Samples, Volume};
 
 /// Number of voxels to either side whose extinctions make the normal of a voxel, if samples jump.
@@ -89,6 +89,8 @@ pub(super) struct Media {
     media: Vec<Medium>,
     /// Whether voxels are classified, and not the reconstructed field.
     is_pre_shaded: bool,
+    /// The isosurfaces of post-shading.
+    surfaces: Vec<ControlPoint>,
     normals: Normals,
     /// The map from gradients along the lattice axes to gradients in the world.
     to_world: DMat3,
@@ -131,6 +133,7 @@ impl Media {
             dims: layers.grid().dims().map(|d| d as usize),
             media: layers.all().iter().map(medium).collect::<Result<_>>()?,
             is_pre_shaded: !settings.is_post_shaded(),
+            surfaces: layers.plain().filter(|_| settings.is_post_shaded()).map_or(Vec::new(), |(_, t)| t.isosurfaces()),
             normals: settings.normals().unwrap_or_default(),
             to_world: layers.grid().to_lattice().matrix3.transpose(),
         })
@@ -277,16 +280,14 @@ impl Media {
     pub(super) fn tau(&self, point: [usize; 3]) -> f64 {
         let point = point.map(|p| p as i64);
         let tau = self.media.iter().map(|medium| self.absorbed(medium, point).1).sum::<f64>();
-        match self.plain().filter(|_| !self.is_pre_shaded) {
-            Some(transfer) => {
-                let medium = &self.media[0];
-                let [_, slopes @ ..] = self.slopes(medium, point);
-                let slopes = DVec3::from_array(slopes);
-                let steepness = [slopes.length(), (self.to_world * slopes).length()];
-                tau + transfer.casting_surfaces(medium.scalar(self.index(point)), steepness)
-            }
-            None => tau,
+        if self.surfaces.is_empty() {
+            return tau;
         }
+        let medium = &self.media[0];
+        let [_, slopes @ ..] = self.slopes(medium, point);
+        let slopes = DVec3::from_array(slopes);
+        let steepness = [slopes.length(), (self.to_world * slopes).length()];
+        tau + isosurface::casting(&self.surfaces, medium.scalar(self.index(point)), steepness)
     }
 
     /// Returns colour, extinction, and a normal of any length of a voxel.

@@ -76,18 +76,20 @@ impl TransferFunction {
         }
         self
     }
+}
 
-    /// Returns the extinction per world unit of isosurfaces in a voxel that casts a shadow, given its value and the
-    /// length of its gradient in values per voxel and per world unit. Each surface is a tent as wide as the change of
-    /// values over a voxel to either side, so rays lose as much in voxels as at the surface.
-    pub(crate) fn casting_surfaces(&self, value: f64, [per_voxel, per_unit]: [f64; 2]) -> f64 {
-        if per_voxel <= 0.0 {
-            return 0.0;
-        }
-        let tent = |surface: &ControlPoint| {
-            let share = 1.0 - (value - surface.value).abs() / per_voxel;
-            Self::extinction(surface.opacity, 1.0) * share.max(0.0)
-        };
-        self.isosurfaces().iter().map(tent).sum::<f64>() * per_unit / per_voxel
+/// Returns the extinction per world unit of isosurfaces in a voxel that casts a shadow, given its value and the length
+/// of its gradient in values per voxel and per world unit.
+///
+/// Each surface is a tent as wide as the change of values over a voxel to either side, so rays lose as much in voxels
+/// as at the surface.
+pub(crate) fn casting(surfaces: &[ControlPoint], value: f64, [per_voxel, per_unit]: [f64; 2]) -> f64 {
+    if per_voxel <= 0.0 {
+        return 0.0;
     }
+    let tent = |surface: &ControlPoint| {
+        let share = 1.0 - (value - surface.value).abs() / per_voxel;
+        TransferFunction::extinction(surface.opacity, 1.0) * share.max(0.0)
+    };
+    surfaces.iter().map(tent).sum::<f64>() * per_unit / per_voxel
 }

@@ -6,7 +6,7 @@ pub(crate) mod color;
 mod export;
 mod gradient;
 mod import;
-mod isosurface;
+pub(crate) mod isosurface;
 mod json;
 mod lines;
 pub mod maps;

@@ -147,7 +147,7 @@ pub(crate) fn shows_intensity(given: &Given<'_>) -> bool {
 }
 
 pub(crate) fn is_post_shaded(given: &Given<'_>) -> bool {
-    given.is("model", "composite") && given.is("shading", "post")
+    given.is("model", "composite") && (given.is("shading", "post") || given.has("iso"))
 }
 
 pub(crate) fn is_lit(given: &Given<'_>) -> bool {

@@ -181,3 +181,18 @@ fn depths_are_roots_of_the_field_and_of_the_solid() {
         }
     }
 }
+
+#[test]
+fn painters_of_a_device_refuse_isosurfaces() {
+    let [device, _] = engines();
+    let (volume, plain) = demo("marschner-lobb", 16);
+    let transfer = TransferFunction::of_isosurfaces(&[surface(0.5, [1.0; 3], 1.0)]).unwrap();
+    let settings = Settings { painter: Painter::Tiles, ..settings() };
+    let layers = Layers::of_volume(&volume, &transfer);
+    let error = device.prepare_layers(&layers, &settings).err().unwrap().to_string();
+    assert!(error.contains("isosurfaces are drawn by cpu"), "{error}");
+    let Engine::Device(renderer) = device else { panic!("a device") };
+    let mut scene = renderer.prepare(&volume, &plain, &settings).unwrap();
+    let error = renderer.set_transfer(&mut scene, &transfer).unwrap_err().to_string();
+    assert!(error.contains("isosurfaces are drawn by cpu"), "{error}");
+}
