@@ -25,7 +25,6 @@ use crate::painters::painter::{Begun, Depths, Job, Room};
 use crate::prepare::lattice::Lattice;
 use crate::prepare::levels::ScalarNeed;
 pub use crate::prepare::scene::Scene;
-use crate::prepare::scene::check_isosurfaces;
 use crate::progress::Progress;
 pub use crate::settings::RendererOptions;
 use crate::settings::budget::MAX_FRAGMENTS;
@@ -156,9 +155,6 @@ impl Renderer {
     /// [`Self::render`] if the device fails or is too small.
     pub fn prepare(&self, volume: &Volume, transfer: &TransferFunction, settings: &Settings) -> Result<Scene> {
         settings.validate()?;
-        if settings.is_post_shaded() && settings.model == Model::Composite {
-            check_isosurfaces(transfer)?;
-        }
         let mirrored = settings.mirrored(volume, transfer)?;
         let (volume, transfer) = mirrored.as_ref().map_or((volume, transfer), |(volume, transfer)| (volume, transfer));
         let volume = finite(volume, transfer, settings.model)?;

@@ -190,10 +190,8 @@ impl Extinctions<'_> {
         }
         let own = self.scalars(y, z)?;
         let thins = !self.gradient_opacity.is_empty();
-        let mut rows = Vec::new();
-        for step in (0..9).filter(|_| thins || has_surfaces) {
-            rows.push(self.scalars(y + step % 3 - 1, z + step / 3 - 1)?);
-        }
+        let beside = (0..9).filter(|_| thins || has_surfaces).map(|n| [y + n % 3 - 1, z + n / 3 - 1]);
+        let rows = beside.map(|[y, z]| self.scalars(y, z)).collect::<Result<Vec<_>>>()?;
         let slopes = Slopes::of_cells(1.0);
         let middle = DVec3::new(nx as f64 - 1.0, ny as f64 - 1.0, nz as f64 - 1.0) / 2.0;
         for x in runs.into_iter().flat_map(|first| first..(first + RUN).min(nx)) {
@@ -204,12 +202,11 @@ impl Extinctions<'_> {
                     place.copy_from_slice(&[row[x.saturating_sub(1)], row[x], row[(x + 1).min(nx - 1)]]);
                 }
                 let gradient = DVec3::from_array(slopes.gradient(&around, 13, 3).map(f64::from));
-                let per_voxel = gradient.length();
-                let gradient = self.to_world * gradient;
+                let [per_voxel, per_unit] = [gradient.length(), (self.to_world * gradient).length()];
                 if thins {
-                    extinction *= scaled_share(self.gradient_opacity, gradient.length() as f32);
+                    extinction *= scaled_share(self.gradient_opacity, per_unit as f32);
                 }
-                extinction += self.surfaces.casting(own[x], [per_voxel, gradient.length()]);
+                extinction += self.surfaces.casting(own[x], [per_voxel, per_unit]);
             }
             let point = DVec3::new(x as f64, y as f64, z as f64) - middle;
             let casts = falling.clip.is_empty() || is_inside(&falling.clip, point);

@@ -91,12 +91,12 @@ fn shows(settings: &Settings) -> VisibleValues {
     }
 }
 
-/// Refuses a function of a post-shaded composite that painters of a device do not draw.
-pub(crate) fn check_isosurfaces(transfer: &TransferFunction) -> Result<()> {
-    if transfer.isosurfaces().is_empty() {
-        return Ok(());
+/// Refuses a function of post-shading that painters of a device do not draw.
+fn check_isosurfaces(transfer: &TransferFunction, model: Model) -> Result<()> {
+    if model == Model::Composite && !transfer.isosurfaces().is_empty() {
+        return Err(Error::setting("painter", "isosurfaces are drawn by cpu"));
     }
-    Err(Error::setting("painter", "isosurfaces are drawn by cpu"))
+    Ok(())
 }
 
 impl Scene {
@@ -135,6 +135,7 @@ impl Scene {
         settings: &Settings,
         progress: &Progress,
     ) -> Result<Self> {
+        check_isosurfaces(transfer, settings.model)?;
         let shows = shows(settings);
         if settings.prefilter()?.is_some() {
             let layers = Layers::of_volume(volume, transfer);
@@ -176,9 +177,7 @@ impl Scene {
         }
         match &mut self.content {
             Content::Scalars(scalars) => {
-                if scalars.model == Model::Composite {
-                    check_isosurfaces(transfer)?;
-                }
+                check_isosurfaces(transfer, scalars.model)?;
                 let mirrored = (scalars.model == Model::Minip).then(|| transfer.mirrored());
                 scalars.set_transfer(mirrored.unwrap_or_else(|| transfer.clone()))?;
                 let largest = scalars.volume.farthest_from(scalars.reduction.base())?;
