@@ -11,17 +11,21 @@ use voxsplat::appearance::Framing;
 use voxsplat::camera::{Camera, Hull};
 use voxsplat::engine::EngineScene;
 use voxsplat::error::Result;
-use voxsplat::image::{Background, Region};
-use voxsplat::program::{OverlaySpec, place_studio};
+use voxsplat::figure::{Figure, Shown, Slices};
+use voxsplat::glam::DVec3;
+use voxsplat::image::{Background, Ground, Region, SectionPlane};
+use voxsplat::program::{FittedTransfer, OverlaySpec, place_studio};
 use voxsplat::settings::Settings;
+use voxsplat::solids::Solids;
+use voxsplat::stats::Rendered;
 
 use crate::bricks::{Partial, Plan};
 use crate::error::{internal, raised};
 use crate::image::Image;
 use crate::request::{Beside, Look, SettingsFields, ViewFields, ViewRequest};
-use crate::solids::{Mesh, Requested};
+use crate::solids::{Mesh, Requested, planes_of};
 use crate::volume::Volume;
-use crate::worker::{Device, discard};
+use crate::worker::{Device, Engines, discard};
 
 /// An overlay: its volume, its name, its look and its range.
 type OverlayFields<'a> = (PyRef<'a, Volume>, String, Option<String>, Option<String>);
@@ -49,9 +53,17 @@ struct Prepared {
     scene: EngineScene,
     /// The hulls to which pictures were fitted.
     hulls: Mutex<Vec<(Framing, Option<Hull>)>>,
+    /// The look of sections, once there was one.
+    ground: Mutex<Option<Ground>>,
 }
 
 impl Prepared {
+    fn ground(&self) -> Result<Ground> {
+        let mut ground = self.ground.lock().unwrap_or_else(PoisonError::into_inner);
+        let found = ground.map_or_else(|| self.look.ground(), Ok)?;
+        Ok(*ground.insert(found))
+    }
+
     fn hull(&self, frame: Framing) -> Result<Option<Hull>> {
         let mut hulls = self.hulls.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((_, hull)) = hulls.iter().find(|(of, _)| *of == frame) {
@@ -81,8 +93,8 @@ impl Shot {
     }
 
     /// Returns the camera and the settings of the picture, which is fitted to its solids too.
-    fn seen(&self, solids: &Requested) -> Result<(Camera, Settings)> {
-        let Look { layers, view: chosen, settings, follows, .. } = &self.prepared.look;
+    fn seen(&self, solids: &Requested, planes: &[SectionPlane]) -> Result<(Camera, Settings)> {
+        let Look { layers, view: chosen, settings, follows, volume, .. } = &self.prepared.look;
         let ViewRequest { mut view, frame, is_open } = self.view.clone().unwrap_or_else(|| chosen.clone());
         if is_open {
             (view.azimuth, view.elevation) = (chosen.view.azimuth, chosen.view.elevation);
@@ -91,8 +103,23 @@ impl Shot {
         if let Some(lighting) = settings.lighting.as_mut().filter(|_| *follows) {
             place_studio(lighting, &view)?;
         }
-        view.around = self.prepared.hull(frame)?.map(|hull| solids.around(hull));
+        view.around = self.prepared.hull(frame)?.map(|hull| solids.around(hull, planes, volume));
         Ok((Camera::new(&view, layers.grid(), self.size)?, settings))
+    }
+
+    /// Renders the picture with its solids. Returns its camera and settings too.
+    fn drawn(&self, engines: &mut Engines<'_>, solids: Requested) -> Result<(Rendered, Camera, Settings)> {
+        let Look { layers, volume, .. } = &self.prepared.look;
+        let planes = solids.planes(volume)?;
+        let (camera, settings) = self.seen(&solids, &planes)?;
+        let cuts = match planes.is_empty() {
+            true => None,
+            false => Solids::of_planes(&planes, layers, self.prepared.ground()?, &camera)?,
+        };
+        let solids = solids.seen(cuts, &camera, settings.lighting.as_ref())?;
+        let frame = Frame::new(&camera, &settings).region(self.region).solids(solids.as_ref());
+        let rendered = engines.suited(&settings)?.render(&self.prepared.scene, &frame)?;
+        Ok((rendered, camera, settings))
     }
 }
 
@@ -132,7 +159,7 @@ impl Renderer {
             let mut look = request.look(&source, &beside, view, size)?;
             let scene = engines.suited(&look.settings)?.prepare_layers(&look.layers, &look.settings)?;
             let (choices, hidden) = (std::mem::take(&mut look.choices), std::mem::take(&mut look.hidden));
-            Ok((Prepared { look, scene, hulls: Mutex::default() }, choices, hidden))
+            Ok((Prepared { look, scene, hulls: Mutex::default(), ground: Mutex::default() }, choices, hidden))
         })?;
         Ok(Scene { prepared: Some(Arc::new(prepared)), choices, hidden })
     }
@@ -149,19 +176,51 @@ impl Renderer {
         background: &str,
         meshes: Vec<PyRef<'_, Mesh>>,
         depth: Option<PyReadonlyArray2<'_, f32>>,
+        planes: Vec<String>,
         progress: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Image> {
         let background: Background = background.parse().map_err(|fault| raised(&fault))?;
         let choices = scene.choices.clone();
-        let (shot, solids) = (Shot::new(scene, view, size, region)?, Requested::new(&meshes, depth)?);
+        let (shot, solids) = (Shot::new(scene, view, size, region)?, Requested::new(&meshes, depth, &planes)?);
         let (rendered, settings) = self.device.run(py, progress, move |engines| {
-            let (camera, settings) = shot.seen(&solids)?;
-            let solids = solids.seen(&camera, settings.lighting.as_ref())?;
-            let engine = engines.suited(&settings)?;
-            let rendered = engine.render(
-                &shot.prepared.scene,
-                &Frame::new(&camera, &settings).region(shot.region).solids(solids.as_ref()),
-            )?;
+            let (rendered, _, settings) = shot.drawn(engines, solids)?;
+            Ok((rendered, settings))
+        })?;
+        Image::new(rendered, &settings, background, choices)
+    }
+
+    /// Draws a figure of sections beside a picture of a scene; `size` is of the figure.
+    #[expect(clippy::too_many_arguments, reason = "keywords of Python")]
+    fn slices(
+        &self,
+        py: Python<'_>,
+        scene: &Scene,
+        size: [u32; 2],
+        planes: Vec<String>,
+        at: Option<[f64; 3]>,
+        background: &str,
+        title: Option<String>,
+        caption: Option<String>,
+        progress: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Image> {
+        let background: Background = background.parse().map_err(|fault| raised(&fault))?;
+        let choices = scene.choices.clone();
+        let (specs, at) = (planes_of(&planes)?, at.map(DVec3::from_array));
+        let texts = Figure { title, caption, ..Figure::default() };
+        let panels = Slices::panels(size, specs.len(), &texts).map_err(|fault| raised(&fault))?;
+        let panel = panels.last().map_or(size, |panel| [panel.width, panel.height]);
+        let shot = Shot::new(scene, None, panel, None)?;
+        let (rendered, settings) = self.device.run(py, progress, move |engines| {
+            let Look { layers, volume, .. } = &shot.prepared.look;
+            let setting = if at.is_some() { "at" } else { "planes" };
+            let planes = specs.iter().map(|plane| plane.plane(volume, at, setting)).collect::<Result<Vec<_>>>()?;
+            let (mut rendered, camera, settings) = shot.drawn(engines, Requested::default())?;
+            let ground = shot.prepared.ground()?;
+            let slices = Slices { layers, ground, planes: &planes, size, texts: &texts };
+            // Sections have no colour bar.
+            let transfer = &FittedTransfer::clear()?.transfer;
+            let shown = Shown { volume, transfer, values: None, camera: &camera, model: settings.model };
+            rendered.image = slices.draw(&rendered.image, background, &shown)?;
             Ok((rendered, settings))
         })?;
         Image::new(rendered, &settings, background, choices)
@@ -179,7 +238,7 @@ impl Renderer {
     ) -> PyResult<Bound<'py, PyArray2<f32>>> {
         let shot = Shot::new(scene, view, size, region)?;
         let depths = self.device.run(py, progress, move |engines| {
-            let (camera, settings) = shot.seen(&Requested::default())?;
+            let (camera, settings) = shot.seen(&Requested::default(), &[])?;
             engines.suited(&settings)?.depths(&shot.prepared.scene, &Frame::new(&camera, &settings).region(shot.region))
         })?;
         let [width, height] = depths.size().map(|side| side as usize);

@@ -7,6 +7,7 @@ use voxsplat::appearance::{Choice, Framing, demos, pyramid_level};
 use voxsplat::camera::{Camera, ProjectionKind, View};
 use voxsplat::error::{Error, Result};
 use voxsplat::glam::DVec3;
+use voxsplat::image::Ground;
 use voxsplat::layers::{LabelSelection, Layer, Layers};
 use voxsplat::program::{
     ChoiceContext, ClipSpec, IsosurfaceSpec, LabelLooks, LightRequest, Loaded, OpenChoices, Overlay, OverlaySpec,
@@ -14,7 +15,7 @@ use voxsplat::program::{
 };
 use voxsplat::settings::{Painter, QuadsSettings, Settings};
 use voxsplat::transfer::Window;
-use voxsplat::volume::{Counts, Grid, Statistics};
+use voxsplat::volume::{Counts, Grid, Statistics, Volume};
 
 use crate::error::raised;
 use crate::volume::Source;
@@ -117,6 +118,10 @@ pub(crate) struct Look {
     pub(crate) settings: Settings,
     /// Whether light follows the eye.
     pub(crate) follows: bool,
+    /// The volume, which sections cut.
+    pub(crate) volume: Volume,
+    /// The requested transfer function and the number of channels, by which sections have a look.
+    ground: (TransferRequest, usize),
     /// The choices of the library in words.
     pub(crate) choices: Vec<String>,
     /// The reasons why layers are invisible and looks of labels have no effect.
@@ -250,6 +255,14 @@ impl SettingsFields {
     }
 }
 
+impl Look {
+    /// Returns the look of the volume in sections.
+    pub(crate) fn ground(&self) -> Result<Ground> {
+        let (transfer, channels) = &self.ground;
+        transfer.ground(&self.volume, *channels)
+    }
+}
+
 impl Request {
     /// Returns whether the library chooses the light.
     pub(crate) fn has_open_light(&self) -> bool {
@@ -312,8 +325,9 @@ impl Request {
         } else {
             (channels, None, false)
         };
+        let several = if material.is_none() && !is_labels { base.len() } else { 1 };
         let channels = base.iter().any(|layer| layer.entry().is_some());
-        let placed = |source: &Option<Source>, option| -> Result<Option<voxsplat::Volume>> {
+        let placed = |source: &Option<Source>, option| -> Result<Option<Volume>> {
             source.as_ref().map(|source| source.on_lattice(&volume, option)).transpose()
         };
         let (mask, over) = (placed(mask, "mask")?, placed(over, "labels")?);
@@ -350,6 +364,7 @@ impl Request {
         }
         choices.extend(made.iter().map(Choice::to_string));
         let follows = self.light.follows();
-        Ok(Look { layers, view, settings: self.settings, follows, choices, hidden })
+        let ground = (self.transfer, several);
+        Ok(Look { layers, view, settings: self.settings, follows, volume, ground, choices, hidden })
     }
 }

@@ -6,9 +6,11 @@ use numpy::{PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
 use voxsplat::camera::{Camera, Hull};
 use voxsplat::error::Result;
-use voxsplat::image::DepthMap;
+use voxsplat::image::{DepthMap, SectionPlane};
 use voxsplat::lighting::Lighting;
+use voxsplat::program::PlaneSpec;
 use voxsplat::solids::{MeshSpec, Solid, Solids};
+use voxsplat::volume::Volume;
 
 use crate::error::raised;
 
@@ -54,31 +56,52 @@ impl Mesh {
     }
 }
 
+/// Reads the texts of planes.
+pub(crate) fn planes_of(texts: &[String]) -> PyResult<Vec<PlaneSpec>> {
+    texts.iter().map(|text| text.parse()).collect::<Result<_>>().map_err(|fault| raised(&fault))
+}
+
 /// The solids that a picture requests.
 #[derive(Default)]
 pub(crate) struct Requested {
     meshes: Vec<Solid>,
     depths: Option<DepthMap>,
+    planes: Vec<PlaneSpec>,
 }
 
 impl Requested {
-    pub(crate) fn new(meshes: &[PyRef<'_, Mesh>], depth: Option<PyReadonlyArray2<'_, f32>>) -> PyResult<Self> {
+    pub(crate) fn new(
+        meshes: &[PyRef<'_, Mesh>],
+        depth: Option<PyReadonlyArray2<'_, f32>>,
+        planes: &[String],
+    ) -> PyResult<Self> {
         let meshes = meshes.iter().map(|mesh| mesh.solid.clone()).collect();
         let depths = depth.map(|depth| {
             let [height, width] = [0, 1].map(|axis| depth.as_array().shape()[axis] as u32);
             DepthMap::new(width, height, depth.to_vec()?).map_err(|fault| raised(&fault))
         });
-        Ok(Self { meshes, depths: depths.transpose()? })
+        Ok(Self { meshes, depths: depths.transpose()?, planes: planes_of(planes)? })
     }
 
-    /// Returns the hull of some matter and the meshes.
-    pub(crate) fn around(&self, hull: Hull) -> Hull {
-        self.meshes.iter().fold(hull, |hull, solid| hull.with_mesh(&solid.mesh))
+    /// Returns the planes through a volume.
+    pub(crate) fn planes(&self, volume: &Volume) -> Result<Vec<SectionPlane>> {
+        self.planes.iter().map(|plane| plane.plane(volume, None, "planes")).collect()
     }
 
-    /// Returns the surfaces as a camera sees them; `None` without any.
-    pub(crate) fn seen(self, camera: &Camera, lighting: Option<&Lighting>) -> Result<Option<Solids>> {
+    /// Returns the hull of some matter, the meshes and planes.
+    pub(crate) fn around(&self, hull: Hull, planes: &[SectionPlane], volume: &Volume) -> Hull {
+        let hull = self.meshes.iter().fold(hull, |hull, solid| hull.with_mesh(&solid.mesh));
+        hull.with_points(planes.iter().flat_map(|plane| plane.outline(volume.grid())))
+    }
+
+    /// Returns the surfaces as a camera sees them, with planes as drawn; `None` without any.
+    pub(crate) fn seen(
+        self,
+        planes: Option<Solids>,
+        camera: &Camera,
+        lighting: Option<&Lighting>,
+    ) -> Result<Option<Solids>> {
         let others = self.depths.map(|depths| Solids { depths, image: None });
-        Solids::seen(&self.meshes, others, camera, lighting)
+        Solids::seen(&self.meshes, planes.into_iter().chain(others), camera, lighting)
     }
 }

@@ -62,6 +62,18 @@ class Renderer:
         background: str,
         meshes: list[Mesh],
         depth: NDArray[np.float32] | None,
+        planes: list[str],
+        progress: Callable[[str, float], object] | None,
+    ) -> Image: ...
+    def slices(
+        self,
+        scene: Scene,
+        size: tuple[int, int],
+        planes: list[str],
+        at: tuple[float, ...] | None,
+        background: str,
+        title: str | None,
+        caption: str | None,
         progress: Callable[[str, float], object] | None,
     ) -> Image: ...
     def depths(

@@ -11,7 +11,7 @@ from .bricks import Plan, chunk_sizes
 from .convert import in_world, matrix_of
 from .image import Image
 from .progress import Progress, Reported
-from .renderer import FACTS, Volume, kept_renderer, native_volume
+from .renderer import FACTS, PLANES, Volume, kept_renderer, native_volume
 from .settings import (
     SIZE,
     Settings,
@@ -47,6 +47,7 @@ def render(
     overlays: Any = (),
     meshes: Any = None,
     depth: Any = None,
+    planes: str | Sequence[str] = (),
     background: str = "black",
     region: tuple[int, int, int, int] | None = None,
     adapter: str | None = None,
@@ -87,6 +88,10 @@ def render(
         A depth buffer of the surfaces of another program, (height, width): matter behind it is hidden. A depth is a
         distance along the view, from the eye or, along parallel rays, from the plane through the target; NaN and
         infinity are no surface. `Renderer.depths` is its counterpart.
+    planes
+        Opaque planes with the section of the volume on them: ``"axial"``, ``"coronal"`` or ``"sagittal"`` (or ``"xy"``,
+        ``"xz"``, ``"yz"``), each maybe with a place along its axis such as ``"axial:12.5"``; or a normal and a place as
+        of ``clip``, ``"NX,NY,NZ,D"``. One or a list.
     background
         Behind PNGs of the picture: ``"#rrggbb"``, a name of CSS or ``"transparent"``. The array has none.
     region
@@ -117,7 +122,7 @@ def render(
     if executor is not None:
         if region is not None:
             raise ValueError("region: a picture in bricks is drawn whole")
-        refused = [("labels", labels), ("mask", mask), ("overlays", overlays), ("meshes", meshes), ("depth", depth)]
+        refused = [("labels", labels), ("mask", mask), ("overlays", overlays), ("meshes", meshes), ("depth", depth), ("planes", planes)]
         for name, given in refused:
             if given is not None and not (isinstance(given, (list, tuple)) and not given):
                 raise ValueError(f"{name}: it is refused in bricks")
@@ -146,7 +151,89 @@ def render(
         **options,
     )
     return renderer.render(
-        scene, size=size, background=background, region=region, meshes=meshes, depth=depth, progress=progress
+        scene,
+        size=size,
+        background=background,
+        region=region,
+        meshes=meshes,
+        depth=depth,
+        planes=planes,
+        progress=progress,
+    )
+
+
+@documented(View, Settings, Volume)
+def slices(
+    volume: Any,
+    transfer: Any = None,
+    *,
+    at: Sequence[float] | None = None,
+    planes: str | Sequence[str] = PLANES,
+    size: tuple[int, int] = SIZE,
+    title: str | None = None,
+    caption: str | None = None,
+    labels: Any = None,
+    mask: Any = None,
+    overlays: Any = (),
+    background: str = "black",
+    adapter: str | None = None,
+    progress: Progress = None,
+    **options: Any,
+) -> Image:
+    """Draw a figure of sections of a volume beside its picture.
+
+    Sections show values in grey over `window`, or over the foreground, with the colours of visible matter over them;
+    colour maps keep their colours. All sections have one scale, a scale bar, and the letters of the patient. An axial
+    section is seen from the feet, a coronal one from the front and a sagittal one from the left.
+
+    Parameters
+    ----------
+    volume, transfer, labels, mask, overlays
+        As for `render`.
+    at
+        World point (x, y, z), for patients LPS, through which the planes go; the middle of the volume by default.
+    planes
+        Planes of the sections, as for `render`, one panel each.
+    size
+        (width, height) of the whole figure, pixels: panels have sides of 128 or more.
+    title, caption
+        Texts above and below the figure.
+    background, adapter, progress
+        As for `render`.
+    **options
+        Further fields of `View`, `Settings` and `Volume`, for the picture beside the sections.
+
+    Raises
+    ------
+    ValueError
+        As `render`, and planes that miss the volume, and panels that are too small.
+    """
+    known = field_names(View, Settings) | FACTS | (slices.__kwdefaults__ or {}).keys()
+    refuse_unknown(options, known, "slices, View, Settings or Volume")
+    parts = split(options, View, Settings)
+    view, settings = View(**parts[0]), Settings(transfer=transfer, **parts[1])
+    check(view, settings, pixels(size))
+    renderer = kept_renderer(adapter)
+    scene = renderer.prepare(
+        volume,
+        settings=settings,
+        view=view,
+        labels=labels,
+        mask=mask,
+        overlays=overlays,
+        size=size,
+        progress=progress,
+        **options,
+    )
+    return renderer.slices(
+        scene,
+        at=at,
+        planes=planes,
+        size=size,
+        title=title,
+        caption=caption,
+        background=background,
+        progress=progress,
     )
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import os
 import threading
+from collections.abc import Sequence
 from dataclasses import replace
 from types import TracebackType
 from typing import Any
@@ -20,7 +22,10 @@ from .progress import Progress, Reported
 from .settings import SIZE, Settings, View, as_texts, checked, field_names, pixels, refuse_unknown, split, whole_numbers
 from .warning import warn
 
-__all__ = ["FACTS", "Renderer", "Scene", "Volume", "kept_renderer", "native_volume"]
+__all__ = ["FACTS", "PLANES", "Renderer", "Scene", "Volume", "kept_renderer", "native_volume"]
+
+# The planes of a figure of slices.
+PLANES = ("axial", "coronal", "sagittal")
 
 # The names of the facts about a volume.
 FACTS = frozenset(volume_of.__kwdefaults__ or {})
@@ -151,6 +156,7 @@ class Renderer:
         background: str = "black",
         meshes: Any = None,
         depth: Any = None,
+        planes: str | Sequence[str] = (),
         progress: Progress = None,
         **changes: Any,
     ) -> Image:
@@ -159,13 +165,34 @@ class Renderer:
         Without a view the picture has the view that the scene was prepared with. `changes` are fields of `View`.
         `region` is (x, y, width, height), a part of the picture with the same pixels.
 
-        `meshes` are opaque surfaces in the picture, and `depth` is a depth buffer that hides matter behind it: see
-        `voxsplat.render`.
+        `meshes` and `planes` are opaque surfaces in the picture, and `depth` is a depth buffer that hides matter behind
+        it: see `voxsplat.render`.
         """
         given, part = _part(view, region, changes)
-        solids = (meshes_of(meshes), depth_of(depth))
+        solids = (meshes_of(meshes), depth_of(depth), listed_planes(planes))
         with Reported(progress) as report:
             image = self._native.render(scene._native, given, pixels(size), part, background, *solids, report)
+        return Image(image)
+
+    def slices(
+        self,
+        scene: Scene,
+        *,
+        at: Sequence[float] | None = None,
+        planes: str | Sequence[str] = PLANES,
+        size: tuple[int, int] = SIZE,
+        title: str | None = None,
+        caption: str | None = None,
+        background: str = "black",
+        progress: Progress = None,
+    ) -> Image:
+        """Draw a figure of sections of a scene beside its picture, with the view of `prepare`: see `voxsplat.slices`."""
+        point = None if at is None else tuple(float(number) for number in at)
+        if point is not None and (len(point) != 3 or not all(map(math.isfinite, point))):
+            raise ValueError(f"at: {at!r}, expected three finite numbers (x, y, z)")
+        with Reported(progress) as report:
+            texts = (background, title, caption)
+            image = self._native.slices(scene._native, pixels(size), listed_planes(planes), point, *texts, report)
         return Image(image)
 
     def depths(
@@ -198,6 +225,11 @@ class Renderer:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+
+def listed_planes(planes: str | Sequence[str]) -> list[str]:
+    """Return the texts of planes."""
+    return [planes] if isinstance(planes, str) else [str(plane) for plane in planes]
 
 
 def _part(view: View | None, region: tuple[int, int, int, int] | None, changes: dict[str, Any]) -> tuple[Any, Any]:

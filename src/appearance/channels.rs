@@ -71,6 +71,9 @@ pub enum Values {
     Transfer,
 }
 
+/// The width of the blocks of a small picture, in pixels: kernels are wider than voxels, so means are not seen.
+const BLOCK: f64 = 1.4;
+
 /// The contents of a file that are drawn.
 #[derive(Debug, Clone)]
 pub struct Loaded {
@@ -87,6 +90,25 @@ pub struct Loaded {
 impl From<Volume> for Loaded {
     fn from(volume: Volume) -> Self {
         Self { volume, layers: Vec::new(), labels: Vec::new(), channels: Vec::new() }
+    }
+}
+
+impl Loaded {
+    /// Returns the contents for a small picture of `size` pixels, width and height: the means of blocks of voxels about
+    /// as wide as a pixel of a picture that the volume fills.
+    ///
+    /// # Errors
+    /// The errors of [`Volume::reduced`].
+    pub fn reduced(self, size: [u32; 2]) -> Result<Self> {
+        let grid = self.volume.grid();
+        let extents = [0, 1, 2].map(|axis| grid.spacing()[axis] * f64::from(grid.dims()[axis]));
+        let block = BLOCK * extents.into_iter().fold(0.0, f64::max) / f64::from(size[0].max(size[1]));
+        let factors = grid.spacing().map(|spacing| (block / spacing).round().max(1.0) as u32);
+        if factors == [1; 3] || !self.labels.is_empty() {
+            return Ok(self);
+        }
+        let layers = self.layers.iter().map(|layer| layer.reduced(factors)).collect::<Result<_>>()?;
+        Ok(Self { volume: self.volume.reduced(factors)?, layers, ..self })
     }
 }
 

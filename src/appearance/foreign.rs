@@ -26,9 +26,9 @@ const FOREIGN: [[&str; 3]; 44] = [
     ],
     ["level-width ww wl wc contrast contrast-limits brightness", "--window LEVEL,WIDTH", "window=(LEVEL, WIDTH)"],
     [
-        "slice slices slab cut cutplane clip-plane-depth section slice-type mosaic",
-        "there are no slices; --clip cuts the volume",
-        "there are no slices; clip= cuts the volume",
+        "slice slices slab cut cutplane clip-plane-depth section slice-type mosaic orthoslice",
+        "voxsplat slice draws sections, --plane draws one in the volume, --clip cuts the volume",
+        "voxsplat.slices draws sections, planes= draws them in the volume, clip= cuts the volume",
     ],
     [
         "crop roi bounds extract subset voi",

@@ -3,7 +3,7 @@
 pub mod clip;
 pub(crate) mod framing;
 
-use glam::{DMat3, DQuat, DVec3};
+use glam::{DMat3, DQuat, DVec2, DVec3};
 
 pub use crate::camera::framing::Hull;
 use crate::error::{Error, Result};
@@ -304,6 +304,20 @@ impl Camera {
         };
         let scale = 2.0 * half / h;
         ([scale, -scale], [-half * w / h, half])
+    }
+
+    /// Returns the view coordinates of a place: right, up, and the depth from the eye or from the target's plane.
+    pub(crate) fn seen(&self, place: DVec3) -> DVec3 {
+        let from = place - self.eye().unwrap_or(self.target);
+        DVec3::new(from.dot(self.right), from.dot(self.up), from.dot(self.forward))
+    }
+
+    /// Returns the place of view coordinates in the picture, in pixels from its top left. In perspective their depth
+    /// is over 0.
+    pub(crate) fn pixel_of(&self, seen: DVec3) -> DVec2 {
+        let (step, start) = self.pixels();
+        let scale = if self.projection.eye_distance().is_some() { 1.0 / seen.z } else { 1.0 };
+        DVec2::new((seen.x * scale - start[0]) / step[0], (seen.y * scale - start[1]) / step[1])
     }
 
     /// Returns the image coordinates (sx, sy) of a pixel's centre; see [`Projection`].

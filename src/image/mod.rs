@@ -9,6 +9,7 @@ mod compare;
 mod depth;
 mod file;
 mod region;
+mod section;
 
 pub use background::Background;
 pub use compare::{Comparison, compare, difference_picture};
@@ -21,6 +22,7 @@ pub(crate) use file::check_exr;
 #[cfg(feature = "film")]
 pub(crate) use file::png_encoder;
 pub use region::Region;
+pub use section::{Ground, SectionPlane, section};
 
 pub use crate::output::{abandon_unfinished, check_writable, write_file};
 

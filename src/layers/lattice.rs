@@ -247,7 +247,7 @@ fn share_outside(samples: &Samples, from: &Grid, to: &Grid, counts: impl Fn(f64)
 const TIE: f64 = 1e-6;
 
 /// Returns the nearest sample at each place of another lattice, and 0 outside.
-fn nearest<T: Number>(samples: &[T], map: &DAffine3, from: [u32; 3], to: [u32; 3]) -> Result<Samples> {
+pub(crate) fn nearest<T: Number>(samples: &[T], map: &DAffine3, from: [u32; 3], to: [u32; 3]) -> Result<Samples> {
     let [nx, ny, nz] = to.map(|d| d as usize);
     let [fx, fy, _] = from.map(|d| d as usize);
     let count = nx as u64 * ny as u64 * nz as u64;

@@ -21,8 +21,10 @@ use std::sync::Arc;
 
 pub use self::labels::{LabelChange, LabelCount, LabelSelection, Labels, count_labels};
 pub(crate) use self::labels::{Look, look_of};
+pub(crate) use self::lattice::nearest as nearest_samples;
 pub use self::lattice::{Fit, Lattice, on_lattice};
 pub use self::recognise::recognised;
+pub(crate) use self::resample::values as resampled;
 pub use self::table::Label;
 use crate::camera::clip::Clip;
 use crate::camera::framing::Hull;
@@ -234,6 +236,11 @@ impl Layer {
         Ok(layer)
     }
 
+    /// Returns the layer with the means of blocks of voxels: see [`Volume::reduced`]. Not for labels.
+    pub(crate) fn reduced(&self, factors: [u32; 3]) -> Result<Self> {
+        self.replaced(&mut |volume| Ok(volume.reduced(factors)?))
+    }
+
     /// Replaces each volume of the layer, the mask too, by the result of `other`.
     fn replaced(&self, other: &mut impl FnMut(&Volume) -> Result<Volume>) -> Result<Self> {
         let mut layer = self.clone();
@@ -314,7 +321,7 @@ pub(crate) fn finite<'a>(volume: &'a Volume, transfer: &TransferFunction, model:
     })
 }
 
-fn without_gaps(volume: &Volume, absent: impl FnOnce() -> Result<f64>) -> Result<Cow<'_, Volume>> {
+pub(crate) fn without_gaps(volume: &Volume, absent: impl FnOnce() -> Result<f64>) -> Result<Cow<'_, Volume>> {
     match volume.check_finite() {
         Ok(()) => Ok(Cow::Borrowed(volume)),
         Err(InputError::NonFinite { .. }) => Ok(Cow::Owned(volume.clone().with_non_finite_replaced(absent()?)?)),

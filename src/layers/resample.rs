@@ -1,5 +1,8 @@
 //! Values between the samples of a volume, for a lattice in another place.
 
+use std::borrow::Cow;
+use std::ops::Range;
+
 use glam::{DAffine3, DMat3, DVec3};
 use rayon::prelude::*;
 
@@ -23,7 +26,9 @@ const LINES: usize = 64;
 ///
 /// Lattices that share their points share their values. Otherwise a cubic spline through the samples is evaluated; a
 /// voxel that spans several samples gets the mean of places spread evenly over it.
-pub(super) fn values(volume: &Volume, map: &DAffine3, to: [u32; 3], absent: f32) -> Result<Vec<f32>> {
+pub(crate) fn values(volume: &Volume, map: &DAffine3, to: [u32; 3], absent: f32) -> Result<Vec<f32>> {
+    let (volume, low) = &reached(volume, map, to)?;
+    let map = &(DAffine3::from_translation(-*low) * *map);
     let dims = volume.grid().dims().map(|d| d as usize);
     let [nx, ny, nz] = to.map(|d| d as usize);
     let what = || "a volume on the lattice of another one".to_owned();
@@ -70,6 +75,28 @@ pub(super) fn values(volume: &Volume, map: &DAffine3, to: [u32; 3], absent: f32)
         }
     });
     Ok(placed)
+}
+
+/// Returns the part of a volume on which the values at the places of a lattice depend, and its first voxel. Of a plane
+/// through a volume it is thin.
+fn reached<'a>(volume: &'a Volume, map: &DAffine3, to: [u32; 3]) -> Result<(Cow<'a, Volume>, DVec3)> {
+    let dims = volume.grid().dims();
+    let last = DVec3::from_array(to.map(f64::from)) - 1.0;
+    let corner = |c: usize| {
+        let side = |axis: usize| if c >> axis & 1 == 1 { last[axis] + 0.5 } else { -0.5 };
+        map.transform_point3(DVec3::from_array(std::array::from_fn(side)))
+    };
+    let corners: [DVec3; 8] = std::array::from_fn(corner);
+    let (low, high) = corners.iter().fold((corners[0], corners[0]), |(low, high), c| (low.min(*c), high.max(*c)));
+    let reach = HORIZON as f64 + 2.0;
+    // Casts saturate; a lattice beside the volume keeps a voxel of it.
+    let ranges: [Range<u32>; 3] = std::array::from_fn(|axis| {
+        let start = ((low[axis] - reach).floor() as u32).min(dims[axis] - 1);
+        start..((high[axis] + reach).ceil() as u32).clamp(start + 1, dims[axis])
+    });
+    let first = DVec3::from_array([0, 1, 2].map(|axis| f64::from(ranges[axis].start)));
+    let is_whole = (0..3).all(|axis| ranges[axis] == (0..dims[axis]));
+    Ok((if is_whole { Cow::Borrowed(volume) } else { Cow::Owned(volume.part(ranges)?) }, first))
 }
 
 /// Returns the offsets from a voxel, in samples, of the places whose values are averaged: one unless the voxel spans

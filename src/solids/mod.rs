@@ -3,6 +3,7 @@
 
 mod normals;
 mod raster;
+mod section;
 
 use std::path::{Path, PathBuf};
 
@@ -79,28 +80,25 @@ impl Solids {
         raster::draw(solids, camera, lighting.unwrap_or(&headlight))
     }
 
-    /// Returns the surfaces of a picture: meshes as a camera sees them ([`Self::of_meshes`]), and the surfaces of
-    /// another renderer. `None` without any.
+    /// Returns the surfaces of a picture: meshes as a camera sees them ([`Self::of_meshes`]), and other surfaces, such
+    /// as [`Self::of_planes`] or the ones of another renderer. `None` without any.
     ///
     /// # Errors
     /// The errors of [`Self::of_meshes`], and [`Error::Setting`] if the sizes differ.
     pub fn seen(
         meshes: &[Solid],
-        others: Option<Self>,
+        others: impl IntoIterator<Item = Self>,
         camera: &Camera,
         lighting: Option<&Lighting>,
     ) -> Result<Option<Self>> {
-        if let Some(others) = &others {
-            others.check(camera)?;
-        }
-        if meshes.is_empty() {
-            return Ok(others);
-        }
-        let drawn = Self::of_meshes(meshes, camera, lighting)?;
-        Ok(Some(match others {
-            Some(others) => drawn.and(others)?,
-            None => drawn,
-        }))
+        let drawn = (!meshes.is_empty()).then(|| Self::of_meshes(meshes, camera, lighting)).transpose()?;
+        others.into_iter().try_fold(drawn, |all, other| {
+            other.check(camera)?;
+            Ok(Some(match all {
+                Some(all) => all.and(other)?,
+                None => other,
+            }))
+        })
     }
 
     /// Returns the nearer surface of two in each pixel. A surface that covers a part of a pixel shows the other one

@@ -102,7 +102,7 @@ impl Scene<'_> {
     /// Returns the parts of a triangle before the eye: none, one or two triangles.
     fn projected(&self, of: [u32; 2]) -> Vec<Projected> {
         let mesh = &self.solids[of[0] as usize].mesh;
-        let places = mesh.triangles[of[1] as usize].map(|vertex| self.seen(mesh.place(vertex)));
+        let places = mesh.triangles[of[1] as usize].map(|vertex| self.camera.seen(mesh.place(vertex)));
         let near = match self.camera.projection {
             Projection::Orthographic { .. } => f64::NEG_INFINITY,
             Projection::Perspective { distance, .. } => NEAR * distance.abs(),
@@ -125,17 +125,8 @@ impl Scene<'_> {
         (1..corners.len().saturating_sub(1)).map(triangle).collect()
     }
 
-    /// Returns the view coordinates of a place: right, up, and its depth.
-    fn seen(&self, place: DVec3) -> DVec3 {
-        let from = place - self.camera.eye().unwrap_or(self.camera.target);
-        DVec3::new(from.dot(self.camera.right), from.dot(self.camera.up), from.dot(self.camera.forward))
-    }
-
     fn corner(&self, seen: DVec3, shares: DVec3) -> Corner {
-        let (step, start) = self.camera.pixels();
-        let scale = if self.is_perspective() { 1.0 / seen.z } else { 1.0 };
-        let pixel = DVec2::new((seen.x * scale - start[0]) / step[0], (seen.y * scale - start[1]) / step[1]);
-        Corner { pixel, depth: seen.z, shares }
+        Corner { pixel: self.camera.pixel_of(seen), depth: seen.z, shares }
     }
 
     fn is_perspective(&self) -> bool {

@@ -53,6 +53,7 @@ mod model {
     mod projections;
     mod reconstruction;
     mod rendering;
+    mod sections;
     mod sharpness;
     mod solids;
     mod suggestions;

@@ -41,7 +41,7 @@ const fn idle(options: &'static str, holds: fn(&Given<'_>) -> bool, because: &'s
 const FREE: &str = "help quiet json dims type offset axis-order spacing replace-nan complex channel time pyramid \
                     output size up target projection view-height transfer transfer-values model response \
                     depth-coded attenuation light clip kernel sharpness labels mask tune tune:normalization \
-                    tune:antialiasing views repeats patience seconds rivals frames turn key-frames grid";
+                    tune:antialiasing views repeats patience seconds rivals frames turn key-frames grid at planes each";
 
 const BY_KEYS: &str = "because key frames set it";
 const IS_ONE_FILE: &str = "because the volume is one file: only folders and TIFF hold series";
@@ -64,6 +64,15 @@ const RULES: &[Rule] = &[
         ": films have no alpha, expected a colour",
     ),
     refused("save-scene verify", |given| given.is_for("turntable"), " is for a picture, not for a turntable"),
+    refused(
+        "region save-scene save-transfer stats verify labels mask overlay mesh depth reference max-error channel time",
+        |given| given.is_for("sheet"),
+        " is for a picture of one volume, not for a sheet of many",
+    ),
+    refused("output", |given| given.is_for("sheet") && keeps_values(given), ": a contact sheet is a .png"),
+    refused("region save-scene", |given| given.is_for("slice"), " is for a picture, not for a figure of slices"),
+    refused("output", |given| given.is_for("slice") && keeps_values(given), ": a figure of slices is a .png"),
+    refused("depth", |given| given.is_for("slice"), ": a depth buffer is of one picture, not of a figure of slices"),
     refused("save-transfer colour-bar", shows_labels, " is for transfer functions, not for labels"),
     refused("stats", |given| given.is_for("turntable") && given.is("output", "-"), ": standard output takes the film"),
     // Bricks.
@@ -157,9 +166,9 @@ const RULES: &[Rule] = &[
         " needs --labels FILE or --transfer labels",
     ),
     // Solids.
-    refused("mesh depth", |given| given.is_for("plan"), ": a picture in bricks has no solids"),
+    refused("mesh plane depth", |given| given.is_for("plan"), ": a picture in bricks has no solids"),
     refused(
-        "mesh depth",
+        "mesh plane depth",
         |given| given.has("reference") || given.has("max-error") || given.has("verify"),
         ": the reference draws no solids, so leave out --reference, --max-error and --verify",
     ),

@@ -16,7 +16,7 @@ use super::destination::STREAM;
 use super::failure::{Failure, refuse};
 
 /// The arguments that name outputs. All others that take a path name inputs.
-const OUTPUTS: [&str; 4] = ["output", "save_scene", "save_transfer", "difference"];
+const OUTPUTS: [&str; 5] = ["output", "save_scene", "save_transfer", "difference", "each"];
 
 /// The files that a study writes into its folder, apart from the truths.
 pub(crate) const STUDY_FILES: [&str; 5] = ["pareto.json", "pareto.csv", "time-rms.svg", "time-p999.svg", "report.html"];

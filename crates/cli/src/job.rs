@@ -22,6 +22,7 @@ use super::failure::{Failure, refuse};
 use super::layers::LayersJob;
 use super::parse::TimeArg;
 use super::scene_file::SceneFile;
+use super::sections::Sections;
 use super::solids::SolidsJob;
 use super::transfer::transfer;
 use super::tune::Tuning;
@@ -62,6 +63,10 @@ pub(crate) struct RenderJob {
     pub(crate) maker: Maker,
     pub(crate) output: Outputs,
     pub(crate) figure: FigureJob,
+    /// Whether means of blocks of voxels are drawn, blocks about as wide as a pixel.
+    pub(crate) reduced: bool,
+    /// The sections around the picture.
+    pub(crate) sections: Option<Sections>,
     pub(crate) accuracy: Accuracy,
 }
 
@@ -208,6 +213,8 @@ impl RenderJob {
                 stats: args.stats,
             },
             figure: FigureJob { drawn: figure, legend, units },
+            reduced: false,
+            sections: None,
             accuracy: Accuracy { max_error: args.max_error, verify: args.verify, sample: tuning.sample },
         })
     }

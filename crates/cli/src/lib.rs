@@ -32,8 +32,11 @@ mod render;
 mod report;
 mod scene;
 mod scene_file;
+mod sections;
 mod session;
+mod sheet;
 mod signals;
+mod slice;
 mod solids;
 mod stages;
 mod transfer;
@@ -97,6 +100,8 @@ fn run(args: args::Args, matches: &clap::ArgMatches) -> Result<(), Failure> {
     files.check()?;
     match args.command {
         args::Command::Render(args) => render::run(scene::jobs(*args, line, job::RenderJob::new)?),
+        args::Command::Slice(args) => render::run(slice::jobs(*args, line)?),
+        args::Command::Sheet(args) => sheet::run(*args, line),
         args::Command::Turntable(args) => turntable::run(turntable::TurntableJob::new(*args, line)?),
         args::Command::Pareto(args) => {
             let start = Instant::now();

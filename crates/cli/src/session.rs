@@ -11,7 +11,7 @@ use voxsplat::demos;
 use voxsplat::engine::Engine;
 use voxsplat::figure::{Figure, LegendEntry, Shown};
 use voxsplat::formats::{LoadOptions, PyramidLevel, TimeSeries};
-use voxsplat::image::{DepthMap, Image, Note};
+use voxsplat::image::{DepthMap, Ground, Image, Note};
 use voxsplat::layers::{Layer, Layers};
 use voxsplat::program::{
     ChoiceContext, ClipSpec, Loaded, Overlays, PlacedOverlay, TransferChoice, load_channels, place_studio,
@@ -21,7 +21,7 @@ use voxsplat::renderer::RendererOptions;
 use voxsplat::settings::{Model, Settings};
 use voxsplat::solids::Solids;
 use voxsplat::stats::Stats;
-use voxsplat::transfer::TransferFunction;
+use voxsplat::transfer::{TransferFunction, Window};
 use voxsplat::volume::{Contents, Units, Volume};
 use voxsplat_volume::names::readable;
 
@@ -59,6 +59,8 @@ pub(crate) struct Session {
     legend: Held<(Layers, Clip), Vec<LegendEntry>>,
     /// The least and the largest value of the first volume, once a colour bar needs them.
     values: Option<[f64; 2]>,
+    /// The look of the volume in sections.
+    ground: Held<(Layers, Option<Window>), Ground>,
     /// The notes that have been printed.
     said: Vec<String>,
 }
@@ -159,8 +161,13 @@ impl Session {
             });
             let mut read = || {
                 let load = || load_channels(&job.source, &job.load, &job.channels, job.transfer.values());
-                let Loaded { volume, layers, labels, channels } = stages.time("load", load)?;
-                let mut fitted = fitted(job, &volume, &layers, stages)?;
+                let loaded = stages.time("load", load)?;
+                let mut fitted = fitted(job, &loaded.volume, &loaded.layers, stages)?;
+                let loaded = match job.reduced && !fitted.labels {
+                    true => stages.time("reduce", || loaded.reduced(job.size))?,
+                    false => loaded,
+                };
+                let Loaded { volume, layers, labels, channels } = loaded;
                 if !channels.is_empty() {
                     let channels: Vec<String> = channels.iter().map(|look| format!("--channel {look}")).collect();
                     fitted.notes.push(format!("note: using {} (draw one: --channel N)", channels.join(", ")));
@@ -192,6 +199,7 @@ impl Session {
             overlays,
             legend: None,
             values: None,
+            ground: None,
             said: Vec::new(),
         };
         session.values(&job.figure.drawn)?;
@@ -295,7 +303,7 @@ impl Session {
                 (all, hull) => all.or(hull),
             };
         }
-        self.solids.read(&job.solids, self.volume.grid())?;
+        self.solids.read(&job.solids, &self.volume)?;
         self.steady = Some(around.map(|hull| self.solids.around(hull)));
         Ok(())
     }
@@ -345,7 +353,7 @@ impl Session {
         transfer: &TransferFunction,
         stages: &mut Stages,
     ) -> Result<Camera, Failure> {
-        if self.solids.read(&job.solids, self.volume.grid())? {
+        if self.solids.read(&job.solids, &self.volume)? {
             self.framed = None;
         }
         let solids = &self.solids;
@@ -377,10 +385,14 @@ impl Session {
         transfer: &TransferFunction,
         stages: &mut Stages,
     ) -> Result<Drawing, Failure> {
+        if let Some(sections) = &job.sections {
+            sections.planes(&self.volume)?;
+        }
         let camera = self.camera(job, layers, transfer, stages)?;
         let figure = self.figure(job, layers)?;
         let values = self.values(&figure)?;
-        let solids = self.solids.seen(&camera, job.settings.lighting.as_ref())?;
+        let ground = self.ground(job, layers)?;
+        let solids = self.solids.seen(&camera, job.settings.lighting.as_ref(), (layers, ground))?;
         let (image, settings, estimate, stats) = match &self.engine {
             Some(engine) => {
                 let prepared = self.prepared.take().filter(|prepared| prepared.serves(layers, &job.settings));
@@ -402,7 +414,8 @@ impl Session {
             self.say(EMPTY.to_owned());
         }
         let estimated = estimate.map(|e| Note { name: "Estimated error", text: in_words(&e) });
-        let notes = notes(&settings, &figure, estimated);
+        let texts = job.sections.as_ref().map_or(&figure, |sections| &sections.texts);
+        let notes = notes(&settings, texts, estimated);
         let mut volume = with_units(&self.volume, &job.figure.units);
         let mut transfer = transfer;
         if let Some(PlacedOverlay { transfer: Some(own), volume: of, .. }) = self.bar() {
@@ -412,7 +425,12 @@ impl Session {
         }
         let shown = Shown { volume: &volume, transfer, values, camera: &camera, model: job.settings.model };
         let draw = || figure.draw_region(&image, job.region, job.output.background, &shown);
-        let drawn = if figure.is_empty() { None } else { Some(stages.time("figure", draw)?) };
+        let mut drawn = if figure.is_empty() { None } else { Some(stages.time("figure", draw)?) };
+        if let Some(sections) = &job.sections {
+            let (picture, background) = (drawn.as_ref().unwrap_or(&image), job.output.background);
+            let around = || sections.draw(picture, (layers, ground), background, &shown);
+            drawn = Some(stages.time("slices", around)?);
+        }
         Ok(Drawing { image, drawn, camera, settings, notes, estimate, stats, solids })
     }
 
@@ -444,6 +462,15 @@ impl Session {
                 None => depths,
             }))
         })
+    }
+
+    /// Returns the look of the volume in the sections of a job.
+    fn ground(&mut self, job: &RenderJob, layers: &Layers) -> Result<Ground, Failure> {
+        if job.sections.is_none() && job.solids.planes.is_empty() {
+            return Ok(Ground::Colors);
+        }
+        let (volume, channels) = (&self.volume, self.channels.len());
+        held(&mut self.ground, (layers.clone(), job.transfer.window), |_| Ok(job.transfer.ground(volume, channels)?))
     }
 
     /// Returns the overlay whose values a colour bar shows: the first one with values.

@@ -115,8 +115,16 @@ impl Hull {
     /// Returns the hull of this hull and a mesh in the world.
     #[must_use]
     pub fn with_mesh(&self, mesh: &Mesh) -> Self {
-        let points: Vec<DVec3> =
-            (0..mesh.vertices.len() as u32).map(|vertex| mesh.place(vertex) - self.origin).collect();
+        self.with_points((0..mesh.vertices.len() as u32).map(|vertex| mesh.place(vertex)))
+    }
+
+    /// Returns the hull of this hull and points of the world.
+    #[must_use]
+    pub fn with_points(&self, points: impl IntoIterator<Item = DVec3>) -> Self {
+        let points: Vec<DVec3> = points.into_iter().map(|point| point - self.origin).collect();
+        if points.is_empty() {
+            return self.clone();
+        }
         self.joined(&Self { points: outermost(points).into(), ..self.clone() })
     }
 

@@ -29,7 +29,7 @@ const WORLD: [[&str; 2]; 3] = [["X", "−X"], ["Y", "−Y"], ["Z", "−Z"]];
 const ALONG: f64 = 0.4;
 
 /// The colours of the axes: red, green and blue, of one luminance that is visible on black and on white.
-const COLORS: [[f64; 3]; 3] = [[0.87, 0.26, 0.24], [0.16, 0.57, 0.26], [0.24, 0.46, 0.93]];
+pub(super) const COLORS: [[f64; 3]; 3] = [[0.87, 0.26, 0.24], [0.16, 0.57, 0.26], [0.24, 0.46, 0.93]];
 
 /// Returns the ends of the axes, the farthest first.
 pub(super) fn ends(camera: &Camera, is_patient: bool) -> Vec<End> {

@@ -54,7 +54,7 @@ fn arranged(font: &Font, entries: &[LegendEntry], em: f64, [width, height]: [f64
 }
 
 /// Cuts a name to a width.
-fn cut(font: &Font, name: &str, size: f64, most: f64) -> String {
+pub(super) fn cut(font: &Font, name: &str, size: f64, most: f64) -> String {
     if font.width(name, size) <= most {
         return name.to_owned();
     }

@@ -30,11 +30,15 @@ mod legend;
 mod number;
 mod path;
 mod scale_bar;
+mod sheet;
+mod slices;
 
 use glam::DVec2;
 
 use self::canvas::Canvas;
 use self::font::Font;
+pub use self::sheet::ContactSheet;
+pub use self::slices::Slices;
 use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::image::{Background, Image, Region};

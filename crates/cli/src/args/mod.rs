@@ -7,6 +7,8 @@ mod inspect;
 mod model;
 mod pareto;
 mod render;
+mod sheet;
+mod slice;
 mod solids;
 mod turntable;
 mod view;
@@ -20,6 +22,8 @@ pub(crate) use self::inspect::{CompareArgs, InfoArgs};
 pub(crate) use self::model::{LayerArgs, ModelArgs};
 pub(crate) use self::pareto::ParetoArgs;
 pub(crate) use self::render::{RenderArgs, StatsFormat};
+pub(crate) use self::sheet::SheetArgs;
+pub(crate) use self::slice::SliceArgs;
 pub(crate) use self::solids::SolidArgs;
 pub(crate) use self::turntable::TurntableArgs;
 pub(crate) use self::view::{ProjectionArg, ViewArgs};
@@ -45,7 +49,9 @@ const MAIN_EXAMPLES: &str = "\
 Examples:
   voxsplat render demo:nautilus -o nautilus.png
   voxsplat info scan.nii.gz
+  voxsplat slice scan.nii.gz -o slices.png
   voxsplat render scan.nii.gz -o scan.png --transfer ct-bone --azimuth 30
+  voxsplat sheet scans -o sheet.png
   voxsplat pareto scan.nii.gz -o speed-against-error
 
 Exit codes: 0 done, 1 failed (compare: the pictures differ; --verify: --max-error is exceeded), \
@@ -56,6 +62,10 @@ number for a signal. Output has no colours, with NO_COLOR and without.";
 pub(crate) enum Command {
     /// Render a volume to a picture
     Render(Box<RenderArgs>),
+    /// Draw a figure of slices: sections of a volume beside its picture
+    Slice(Box<SliceArgs>),
+    /// Draw a contact sheet: a small picture of each volume in a folder
+    Sheet(Box<SheetArgs>),
     /// Render a turning volume: one picture or film frame per view
     Turntable(Box<TurntableArgs>),
     /// Measure the speed and the error of many settings
@@ -94,12 +104,15 @@ const TEXTS: [&str; 4] = ["stats", "title", "caption", "adapter"];
 /// Returns the definition of the program's arguments. `-h` shows the options of [`BASIC`] and the ones of a command
 /// alone. Values may begin with a dash, as negative numbers do.
 pub(crate) fn command() -> clap::Command {
-    let own = [Some("Turntable"), Some("Measurement"), Some("Bricks")];
+    let own = [Some("Slices"), Some("Sheet"), Some("Turntable"), Some("Measurement"), Some("Bricks")];
     let is_basic = |arg: &Arg| arg.get_long().is_none_or(|long| BASIC.split(' ').any(|basic| basic == long));
     Args::command().mut_subcommands(|command| {
-        let has_many = ["render", "turntable", "pareto", "plan"].contains(&command.get_name());
+        let has_many = ["render", "slice", "sheet", "turntable", "pareto", "plan"].contains(&command.get_name());
+        let is_sheet = command.get_name() == "sheet";
         let written = match command.get_name() {
             "plan" => Some("Plan to write: .json"),
+            "sheet" => Some("Contact sheet to write: .png, or - for a PNG on standard output"),
+            "slice" => Some("Figure to write: .png, or - for a PNG on standard output"),
             "turntable" => {
                 Some("Film or pictures to write: .gif, .apng, .y4m, .html, DIR/{frame}.png or - (see below)")
             }
@@ -110,6 +123,9 @@ pub(crate) fn command() -> clap::Command {
                 Some(written) => arg.help(written).long_help(written),
                 None => arg,
             };
+            // A contact sheet has small pictures.
+            let is_small = is_sheet && arg.get_long() == Some("size");
+            let arg = if is_small { arg.default_value("256x256") } else { arg };
             let is_hidden = has_many && !is_basic(&arg) && !own.contains(&arg.get_help_heading());
             let is_value = arg.get_long().is_some_and(|long| !TEXTS.contains(&long))
                 && arg.get_action().takes_values()

@@ -2,6 +2,10 @@
 
 use std::path::PathBuf;
 
+use voxsplat::program::PlaneSpec;
+
+use crate::parse;
+
 /// Opaque surfaces in a picture.
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Solids")]
@@ -13,6 +17,13 @@ pub(crate) struct SolidArgs {
     /// Slicer writes it, is turned to LPS, the world of patients. Repeat the option for several meshes.
     #[arg(long, value_name = "FILE[:COLOUR]")]
     pub(crate) mesh: Vec<PathBuf>,
+    /// Draw a plane with the section of the volume on it: axial, coronal, sagittal (or xy, xz, yz), each maybe with a
+    /// place along its axis such as axial:12.5; or NX,NY,NZ, NX,NY,NZ,D or NX,NY,NZ,X,Y,Z as --clip
+    ///
+    /// The plane is opaque and unlit, and hides the matter behind it. Its look is as in the command slice. Repeat the
+    /// option for several planes; with --clip a plane fills the cut.
+    #[arg(long, value_name = "PLANE", value_parser = parse::library::<PlaneSpec>)]
+    pub(crate) plane: Vec<PlaneSpec>,
     /// Hide the matter behind the surfaces of another renderer: an .exr of the size of the picture with a channel of
     /// depths (Z, depth or Depth.V)
     ///

@@ -55,7 +55,9 @@ fn small(command: &[String]) -> Vec<String> {
             *word = format!("{}:16", word.rsplit_once(':').unwrap().0);
         }
     }
-    let draws = matches!(small[0].as_str(), "render" | "turntable");
+    let draws = matches!(small[0].as_str(), "render" | "turntable" | "slice" | "sheet");
+    // A figure of slices has up to four panels.
+    let side = if small[0] == "slice" { "512" } else { "128" };
     let value = |small: &[String], name: &str| small.iter().position(|word| word == name).map(|at| at + 1);
     if let Some(at) = value(&small, "--frames") {
         small[at] = "8".to_owned();
@@ -66,8 +68,8 @@ fn small(command: &[String]) -> Vec<String> {
     }
     match small.iter().position(|word| word == "--size") {
         _ if small.iter().any(|word| word == "--region") => (),
-        Some(at) => small[at + 1] = if draws { "128" } else { "16" }.to_owned(),
-        None if draws => small.extend(["--size", "128"].map(str::to_owned)),
+        Some(at) => small[at + 1] = if draws { side } else { "16" }.to_owned(),
+        None if draws => small.extend(["--size", side].map(str::to_owned)),
         None => (),
     }
     if draws {
@@ -123,6 +125,10 @@ fn lay_out(dir: &Path) {
     }
     for name in ["t1", "zmap", "atlas", "ct", "pet"] {
         fs::copy(dir.join("head.nii.gz"), dir.join(format!("{name}.nii.gz"))).unwrap();
+    }
+    fs::create_dir(dir.join("scans")).unwrap();
+    for name in ["head.nii.gz", "ct.nrrd"] {
+        fs::copy(dir.join(name), dir.join("scans").join(name)).unwrap();
     }
     let key_frames = r#"[{"frame": 0, "azimuth": 0, "elevation": 10, "zoom": 1}, {"frame": 7, "azimuth": 90}]"#;
     fs::write(dir.join("path.json"), key_frames).unwrap();

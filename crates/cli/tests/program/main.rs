@@ -22,6 +22,8 @@ mod overlays;
 mod results;
 mod scenes;
 mod segmentations;
+mod sheets;
+mod slices;
 mod solids;
 #[allow(dead_code, reason = "the tests of the library use more of it")]
 #[path = "../../../../tests/suite/support.rs"]

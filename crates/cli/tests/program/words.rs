@@ -180,7 +180,7 @@ fn errors_of_a_command_line_come_together_and_name_what_was_typed() {
         ("render scna.nii.gz -o a.png --azimuth left", &["cannot read scna.nii.gz: ", "expected a finite number"]),
         ("turntable scna.nii.gz", &["cannot read scna.nii.gz: ", "--output is missing"]),
         ("render a.nii --threshold 200", &["cannot read a.nii: ", "'--threshold' found: --window"]),
-        ("render a.nii --slice 3", &["cannot read a.nii: ", "'--slice' found: there are no slices; --clip"]),
+        ("render a.nii --slice 3", &["cannot read a.nii: ", "'--slice' found: voxsplat slice draws sections, --plane"]),
         ("render demo:sphere:8 -o a.png --clip voxels:0:9,:,:", &["--clip: voxels 0:9 along x"]),
         (
             "render demo:sphere:8 -o a.png --labels demo:sphere:8 --label all:x2",
@@ -467,8 +467,9 @@ fn short_help_lists_few_options_and_long_help_all() {
     assert!((15..=25).contains(&brief), "-h lists {brief} options");
     // The last ones are --overlay, --mesh and --depth: no other option draws a second volume of values, or a surface.
     // --json is an option of every command, as --quiet is. No other option than --complex chooses a number of complex
-    // samples. --classification and --normals change how voxels are classified and lit. --iso draws surfaces.
-    assert!((50..=75).contains(&all), "--help lists {all} options");
+    // samples. --classification and --normals change how voxels are classified and lit. --iso draws surfaces,
+    // --plane sections.
+    assert!((50..=76).contains(&all), "--help lists {all} options");
 }
 
 /// The help of every command, short and long, at a width of the terminal.

@@ -45,7 +45,7 @@ use std::sync::Arc;
 
 pub use complex::ComplexPart;
 use decode::{Layout, read_all, x_fastest};
-pub use folder::is_zarr;
+pub use folder::{is_zarr, volumes_in};
 use folder::{volumes_below, zarr_folder_of};
 use input::{Input, Unpacked};
 use placement::{Placement, check_spacing};

@@ -3,6 +3,7 @@
 mod bricks;
 mod counts;
 mod grid;
+mod reduce;
 mod sample_type;
 mod statistics;
 mod stored;
