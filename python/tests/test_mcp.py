@@ -202,6 +202,18 @@ def test_a_sheet_has_the_pictures_below_their_titles(folder: Path) -> None:
     assert (pixels[160:, 200:] == 0).all()
 
 
+def test_titles_of_a_sheet_fit(folder: Path) -> None:
+    points = [[20, "black", 0.0], [60, "gold", 0.5], [80, "#123456", 0.9]]
+    views = [{"transfer": points, "azimuth": 30}, {"labels": "labels-of-a-long-name-日本-without-a-space.npy"}]
+    (folder / "labels.npy").rename(folder / views[1]["labels"])
+    for size in (128, 400, [900, 128], [128, 900]):
+        options = {"size": size, "painter": "cpu"}
+        _, text = picture_of(called(folder, "compare_views", volume="two.npz:a", views=views, options=options))
+        first, second, *_ = text.splitlines()
+        assert first == "1: transfer [[20, black, 0.0], [60, gold, 0.5], [80, #123456, 0.9]], azimuth 30"
+        assert second.startswith("2: labels labels-of-")
+
+
 def test_volumes_are_described_with_their_box(folder: Path) -> None:
     found = called(folder, "describe_volume", volume="two.npz:a", spacing=[2, 1, 0.5]).structured_content
     assert found == voxsplat.info(f"{folder}/two.npz:a", spacing=(2, 1, 0.5)) | {"box": found["box"], "warnings": []}
@@ -274,6 +286,7 @@ def test_other_files_outside_of_the_folders_are_refused(
     ("render", {"size": [1, 99999999999]}, "size: "),
     ("render", {"size": 0}, "size: "),
     ("render", {"overlays": [[]]}, "overlays: "),
+    ("render", {"label": {"1": {"color": "red"}}}, "label: "),
     ("render", {"overlays": [["labels.npy", "hot", 3]]}, "overlays: "),
     ("render", {"volume": "scan.nii:/../../../etc/passwd"}, "no data set"),
     ("render", {"meshes": ["table.ctbl"]}, "table.ctbl"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import json
+import textwrap
 import warnings
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_type_hints
@@ -63,6 +64,12 @@ _OWN: dict[str, tuple[Any, Any, str]] = {
         "A preset of list_presets, map:NAME of a colour map, labels, a file of a transfer function, or points "
         "[[value, colour, opacity], ..] with values in the range of describe_volume, a colour such as #ffe0c0 or gold, "
         "and the opacity of a voxel, 0 to 1. By default the preset that suits the volume.",
+    ),
+    "label": (
+        str | dict[str, str | float | bool] | list[str] | None,
+        None,
+        'Looks of labels by numbers or names: {"3": "red", "liver": 0.2, "1,4,7-9": "off"} or "all:0.2". A look is an '
+        'opacity of 0 to 1, "x0.5" (a factor of it), "on", "off" or a colour; later looks change earlier ones.',
     ),
     "label_table": (str | None, None, "A file with names, colours and opacities of labels."),
     "labels": (str | None, None, "Path of a volume of labels (a segmentation) to draw too. Label 0 is clear."),
@@ -157,8 +164,13 @@ def _line(fault: BaseException) -> str:
 
 def _titles(views: list[dict[str, Any]]) -> list[str]:
     """Return the number and the options of each view."""
-    texts = [json.dumps(view, ensure_ascii=False, separators=(", ", " "))[1:-1].replace('"', "") for view in views]
-    return [f"{number}: {text[:60]}" for number, text in enumerate(texts, 1)]
+    texts = [json.dumps(view, separators=(", ", " "))[1:-1].replace('"', "") for view in views]
+    return [f"{number}: {text}" for number, text in enumerate(texts, 1)]
+
+
+def _broken(title: str, width: int) -> str:
+    """Return the part of a title that fits above a picture of a width in pixels, in three lines."""
+    return "\n".join(textwrap.wrap(title, min(36, width // 9))[:3])
 
 
 def _answer(title: str, image: Picture, notes: list[str], warned: list[str]) -> list[Image | str]:
@@ -337,7 +349,7 @@ class _Tools:
 
                 pictures.append(voxsplat.render(path, progress=labelled, **asked))
             notes = [note for picture in pictures for note in picture.choices]
-            titled = [(picture._native, title) for picture, title in zip(pictures, titles, strict=True)]
+            titled = [(one._native, _broken(title, width)) for one, title in zip(pictures, titles, strict=True)]
             return voxsplat.Image(_native.Image.sheet(titled, columns)), notes
 
         (image, notes), warned = await self._worked(context, drawn)
