@@ -70,7 +70,8 @@ fn small(command: &[String]) -> Vec<String> {
         None if draws => small.extend(["--size", "128"].map(str::to_owned)),
         None => (),
     }
-    if draws {
+    // The processor draws isosurfaces, without an adapter.
+    if draws && !small.iter().any(|word| word == "--iso") {
         small.extend(["--adapter".to_owned(), adapter()]);
     }
     small
