@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Awaitable, Callable
@@ -348,21 +349,29 @@ def test_cancelled_work_ends(folder: Path, monkeypatch: pytest.MonkeyPatch) -> N
     assert ended == [True]
 
 
-def test_only_the_protocol_is_on_standard_output(folder: Path) -> None:
-    def message(number: int | None, method: str, **parameters: Any) -> str:
-        words = {"jsonrpc": "2.0", "method": method, "params": parameters}
-        return json.dumps(words | ({"id": number} if number else {}))
+def message(number: int | None, method: str, **parameters: Any) -> str:
+    """Return a line of the protocol."""
+    words = {"jsonrpc": "2.0", "method": method, "params": parameters}
+    return json.dumps(words | ({"id": number} if number else {})) + "\n"
 
-    hello = {"protocolVersion": "2025-06-18", "capabilities": {}, "clientInfo": {"name": "test", "version": "1"}}
-    lines = [message(1, "initialize", **hello), message(None, "notifications/initialized")]
+
+HELLO = {"protocolVersion": "2025-06-18", "capabilities": {}, "clientInfo": {"name": "test", "version": "1"}}
+
+
+def started(folder: Path, *lines: str) -> subprocess.Popen[str]:
+    """Start a server, and write lines to it."""
+    words, pipe = [sys.executable, "-m", "voxsplat.mcp", str(folder)], subprocess.PIPE
+    server = subprocess.Popen(words, stdin=pipe, stdout=pipe, stderr=pipe, text=True)
+    server.stdin.write("".join(lines))
+    server.stdin.flush()
+    return server
+
+
+def test_only_the_protocol_is_on_standard_output(folder: Path) -> None:
+    lines = [message(1, "initialize", **HELLO), message(None, "notifications/initialized")]
     for number, words in enumerate(({"volume": "scan.nii", **SMALL}, {"volume": "broken.nii"}), 2):
         lines.append(message(number, "tools/call", name="render", arguments=words))
-    server = subprocess.Popen(
-        [sys.executable, "-m", "voxsplat.mcp", folder], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE, text=True,
-    )
-    server.stdin.write("\n".join([*lines, "no JSON"]) + "\n")
-    server.stdin.flush()
+    server = started(folder, *lines, "no JSON\n")
     answers: dict[int, Any] = {}
     while len(answers) < 3:
         answer = json.loads(server.stdout.readline())
@@ -373,6 +382,16 @@ def test_only_the_protocol_is_on_standard_output(folder: Path) -> None:
     assert (server.returncode, rest) == (0, ""), said
     assert "Traceback" not in said
     assert answers[2]["content"][0]["type"] == "image" and answers[3]["isError"]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+def test_an_interrupt_ends_the_server(folder: Path) -> None:
+    with started(folder, message(1, "initialize", **HELLO)) as server:
+        server.stdout.readline()
+        server.send_signal(signal.SIGINT)
+        # Its input is still open.
+        assert server.wait(timeout=600) == -signal.SIGINT
+        assert server.stderr.read() == ""
 
 
 def run(*words: object, code: str = "from voxsplat.mcp import main; import sys; sys.exit(main())") -> tuple[int, str]:

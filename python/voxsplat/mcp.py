@@ -9,6 +9,7 @@ by links, nor by the data files that headers name. They write nothing.
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
 
 from ._native import __version__
@@ -28,6 +29,8 @@ def main() -> int:
         folders = Folders(parser.parse_args().folders)
     except ValueError as fault:
         parser.error(str(fault))
+    # Ctrl-C ends the process at once: the SDK would wait for the next line of its input. Nothing is written.
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
     try:
         from .tools import make_server
     except ModuleNotFoundError as fault:
