@@ -88,6 +88,8 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
         wrap_pyfunction!(command, module)?,
         wrap_pyfunction!(hint, module)?,
         wrap_pyfunction!(request::check, module)?,
+        wrap_pyfunction!(volume::data_files, module)?,
+        wrap_pyfunction!(volume::format_of, module)?,
         wrap_pyfunction!(counts::needs_counts, module)?,
         wrap_pyfunction!(bricks::even_chunks, module)?,
     ] {

@@ -1,5 +1,6 @@
 //! Volumes: arrays of NumPy, and files.
 
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 use numpy::ndarray::{ArrayView3, Axis, Slice};
@@ -208,6 +209,18 @@ impl Source {
             "is_guess": is_guess,
         }))
     }
+}
+
+/// Returns the files besides `path` from which a volume is read, such as data files that its header names.
+#[pyfunction]
+pub(crate) fn data_files(py: Python<'_>, path: PathBuf) -> Vec<OsString> {
+    py.detach(|| formats::data_files(&path)).into_iter().map(PathBuf::into_os_string).collect()
+}
+
+/// Returns the name of the format of a file or a folder that may be a volume, without reading samples.
+#[pyfunction]
+pub(crate) fn format_of(py: Python<'_>, path: PathBuf) -> Option<&'static str> {
+    py.detach(|| formats::format_of(&path))
 }
 
 /// Returns the map of three rows of four numbers.

@@ -29,6 +29,9 @@ def main() -> None:
     assert run(script, "--version") == version
     assert run(sys.executable, "-m", "voxsplat", "--version") == version
     assert "cpu" in run(script, "devices", "--json")
+    # The server needs its extra for more.
+    assert run(script.with_stem("voxsplat-mcp"), "--version") == f"voxsplat-mcp {voxsplat.__version__}\n"
+    assert Path(voxsplat.__file__).with_name("SKILL.md").is_file()
     with tempfile.TemporaryDirectory() as folder:
         samples, files = Path(folder, "samples.npy"), [Path(folder, name) for name in ("a.png", "b.png", "c.png")]
         z, y, x = np.mgrid[-1:1:32j, -1:1:32j, -1:1:32j]

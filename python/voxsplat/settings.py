@@ -22,6 +22,7 @@ __all__ = [
     "checked",
     "documented",
     "field_names",
+    "parameter_texts",
     "pixels",
     "refuse_unknown",
     "single",
@@ -60,7 +61,7 @@ def _hinting(kind: type[_Kind]) -> type[_Kind]:
     return kind
 
 
-def _parameters(of: Any) -> dict[str, str]:
+def parameter_texts(of: Any) -> dict[str, str]:
     """Return the parameters that a docstring describes, each with its description, indented as there."""
     doc = inspect.cleandoc(of.__doc__ or "")
     _, _, section = doc.partition("Parameters\n----------\n")
@@ -82,8 +83,9 @@ def documented(*kinds: type[Any]) -> Callable[[_Function], _Function]:
     def add(function: _Function) -> _Function:
         doc = inspect.cleandoc(function.__doc__ or "")
         head, options, tail = doc.partition("**options\n")
-        own = {name for names in _parameters(function) for name in names.split(", ")}
-        rows = {names: text for kind in kinds for names, text in _parameters(kind).items() if names not in own | {"data"}}
+        own = {name for names in parameter_texts(function) for name in names.split(", ")}
+        rows = {names: text for kind in kinds for names, text in parameter_texts(kind).items()
+                if names not in own | {"data"}}
         if options:
             function.__doc__ = head + "".join(f"{names}\n{text}" for names, text in rows.items()) + options + tail
         return function

@@ -1,5 +1,5 @@
-//! Every command that the README and the guide show in a block of `sh` does what it says: it is run, on small volumes
-//! and small pictures, in a folder with files of the names that the commands take.
+//! Every command that the README, the guide and the documents for agents show in a block of `sh` does what it says: it
+//! is run, on small volumes and small pictures, in a folder with files of the names that the commands take.
 
 use std::fs;
 use std::io::Write;
@@ -72,7 +72,8 @@ fn small(command: &[String]) -> Vec<String> {
         None if draws => small.extend(["--size", side].map(str::to_owned)),
         None => (),
     }
-    if draws {
+    // The processor draws isosurfaces, without an adapter.
+    if draws && !small.iter().any(|word| word == "--iso") {
         small.extend(["--adapter".to_owned(), adapter()]);
     }
     small
@@ -178,6 +179,13 @@ fn guide() -> String {
 #[ignore = "slow: 5 pictures"]
 fn the_commands_of_the_readme_run() {
     all_run(include_str!("../../../../README.md"), 5);
+}
+
+#[test]
+#[ignore = "slow: 15 pictures"]
+fn the_commands_for_agents_run() {
+    all_run(include_str!("../../../../python/voxsplat/SKILL.md"), 10);
+    all_run(include_str!("../../../../docs/llms.txt"), 10);
 }
 
 #[test]

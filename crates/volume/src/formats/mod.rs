@@ -340,6 +340,24 @@ pub fn data_files(source: &Path) -> Vec<PathBuf> {
     parts.into_iter().flat_map(|(_, files)| files).collect()
 }
 
+/// Returns the name of the format of a file or a folder that [`load`] may read: by the first bytes, otherwise by the
+/// name. Samples are not read.
+///
+/// A program can thus list the volumes in a folder.
+#[must_use]
+pub fn format_of(source: &Path) -> Option<&'static str> {
+    if is_zarr(source) {
+        return Some(ZARR.name);
+    }
+    if source.is_dir() {
+        let parts = parts_of_folder(source).ok()?;
+        return parts.first().filter(|_| parts.len() == 1).map(|(format, _)| format.name);
+    }
+    let head = Input::open(source, None).and_then(|mut input| input.peek(nifti::HEADER_SIZE)).ok()?;
+    let format = Format::of_content(&head).or_else(|| Format::of_name(source)).map(|format| format.name);
+    format.or_else(|| raw_name::stated(source).map(|_| "bare samples"))
+}
+
 /// Returns the files of a folder and of the folders in it. Links to folders are not followed.
 fn files_within(folder: &Path) -> Vec<PathBuf> {
     let (mut files, mut folders) = (Vec::new(), vec![folder.to_owned()]);
