@@ -26,7 +26,7 @@ from ._native import DeviceError, __version__
 
 if TYPE_CHECKING:
     from .bricks import Brick, Partial, Plan, brick, merge
-    from .functions import adapters, colour_maps, from_napari, info, plan, presets, render
+    from .functions import adapters, colour_maps, from_napari, info, plan, presets, render, view
     from .image import Image
     from .renderer import Renderer, Scene, Volume
     from .settings import Settings, View
@@ -54,6 +54,7 @@ __all__ = [
     "plan",
     "presets",
     "render",
+    "view",
 ]
 
 # The documentation of pyclasses lives in the package.
@@ -63,7 +64,7 @@ DeviceError.__module__ = "voxsplat"
 # NumPy takes ten times as long to import as the program to start.
 _MODULES = {
     "bricks": ("Brick", "Partial", "Plan", "brick", "merge"),
-    "functions": ("adapters", "colour_maps", "from_napari", "info", "plan", "presets", "render"),
+    "functions": ("adapters", "colour_maps", "from_napari", "info", "plan", "presets", "render", "view"),
     "image": ("Image",),
     "renderer": ("Renderer", "Scene", "Volume"),
     "settings": ("Settings", "View"),
