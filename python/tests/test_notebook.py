@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import base64
 import contextlib
-import io
 import os
+import secrets
 import shutil
 import socket
 import subprocess
@@ -234,19 +234,34 @@ def test_a_program_ends_while_a_picture_is_drawn(scan: Path) -> None:
     assert (done.returncode, done.stdout, done.stderr) == (0, "5.0\n", "")
 
 
+def write(path: Path, code: str) -> None:
+    """Write a notebook of one cell."""
+    import nbformat
+
+    kernel = {"name": "python3", "display_name": "Python 3", "language": "python"}
+    cells = [nbformat.v4.new_code_cell(code)]
+    nbformat.write(nbformat.v4.new_notebook(cells=cells, metadata={"kernelspec": kernel}), path)
+
+
+def surroundings(folder: Path) -> dict[str, str]:
+    """The environment of programs of Jupyter, with their settings in a folder and the package of the tests."""
+    names = ("HOME", "IPYTHONDIR", "JUPYTER_CONFIG_DIR", "JUPYTER_DATA_DIR", "JUPYTER_RUNTIME_DIR")
+    return os.environ | {name: str(folder / "home") for name in names} | {"PYTHONPATH": str(Path(vs.__file__).parents[1])}
+
+
 @contextlib.contextmanager
 def jupyter(folder: Path) -> Iterator[str]:
-    """A JupyterLab on this machine, with files and settings in a folder: yields its address."""
+    """A JupyterLab on this machine, with files and settings in a folder: yields the address of its notebook."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    home = {name: str(folder / "home") for name in ("HOME", "IPYTHONDIR", "JUPYTER_CONFIG_DIR", "JUPYTER_DATA_DIR")}
     options = [f"--ServerApp.root_dir={folder}", f"--ServerApp.port={port}", "--ServerApp.port_retries=0"]
-    options += ["--IdentityProvider.token=", "--LabApp.news_url=None", "--LabApp.extension_manager=readonly"]
+    token = secrets.token_hex()
+    options += [f"--IdentityProvider.token={token}", "--LabApp.news_url=None", "--LabApp.extension_manager=readonly"]
     words = [sys.executable, "-m", "jupyterlab", "--no-browser", "--allow-root", *options]
-    with open(folder / "log", "w") as log, subprocess.Popen(words, env=os.environ | home, stdout=log, stderr=log) as server:
+    with open(folder / "log", "w") as log, subprocess.Popen(words, env=surroundings(folder), stdout=log, stderr=log) as server:
         try:
-            yield f"http://127.0.0.1:{port}"
+            yield f"http://127.0.0.1:{port}/lab/tree/view.ipynb?token={token}"
         finally:
             server.terminate()
 
@@ -254,13 +269,10 @@ def jupyter(folder: Path) -> Iterator[str]:
 @contextlib.contextmanager
 def notebook(folder: Path, code: str) -> Iterator[Any]:
     """A page of Chromium that has run a notebook of one cell."""
-    import nbformat
     from playwright.sync_api import sync_playwright
 
-    nbformat.write(nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(code)], metadata={
-        "kernelspec": {"name": "python3", "display_name": "Python 3", "language": "python"},
-    }), folder / "view.ipynb")
-    chromium = shutil.which("chromium")
+    write(folder / "view.ipynb", code)
+    chromium = shutil.which("chromium") or shutil.which("google-chrome")
     flags = ["--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-component-update"]
     with jupyter(folder) as address, sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium, args=[*flags, "--disable-sync"])
@@ -269,7 +281,7 @@ def notebook(folder: Path, code: str) -> Iterator[Any]:
         # The server takes seconds to start.
         for _ in range(100):
             with contextlib.suppress(Exception):
-                page.goto(f"{address}/lab/tree/view.ipynb")
+                page.goto(address)
                 break
             time.sleep(0.3)
         page.locator(".jp-Cell .cm-content").first.click()
@@ -278,3 +290,81 @@ def notebook(folder: Path, code: str) -> Iterator[Any]:
         page.wait_for_selector(".voxsplat img")
         yield page
         browser.close()
+
+
+class Page:
+    """The widget in a page, with the mouse on it."""
+
+    def __init__(self, page: Any) -> None:
+        self.page, self.picture = page, page.locator(".voxsplat img")
+        # Widths of the pictures that came.
+        page.evaluate("""() => {
+            window.widths = [];
+            const picture = document.querySelector(".voxsplat img");
+            picture.addEventListener("load", () => widths.push(picture.naturalWidth));
+        }""")
+
+    def point(self, x: float, y: float) -> None:
+        box = self.picture.bounding_box()
+        self.page.mouse.move(box["x"] + x, box["y"] + y)
+
+    def rest(self, png: bytes) -> None:
+        """Wait until the page shows a picture, byte by byte."""
+        self.page.wait_for_function("""async (expected) => {
+            const bytes = await (await fetch(document.querySelector(".voxsplat img").src)).arrayBuffer();
+            return btoa(String.fromCharCode(...new Uint8Array(bytes))) === expected;
+        }""", arg=base64.b64encode(png).decode(), polling=100)
+
+
+@pytest.mark.slow
+def test_volumes_turn_in_a_browser(scan: Path, tmp_path: Path) -> None:
+    options: dict[str, Any] = {"size": (200, 160), "frame": "visible", "painter": "cpu", "light": False}
+
+    def png(**look: Any) -> bytes:
+        return vs.render(scan, **(options | {"azimuth": 0, "elevation": 0} | look)).to_png()
+
+    code = f"import voxsplat\nwidget = voxsplat.view({str(scan)!r}, size=(200, 160), light=False)\nwidget"
+    with notebook(tmp_path, code) as page:
+        view = Page(page)
+        view.rest(png())
+        before = view.picture.screenshot()
+        # The width of the picture is half a turn, and matter in front follows the mouse.
+        view.point(50, 80)
+        page.mouse.down()
+        for x in range(60, 101, 10):
+            view.point(x, 80)
+        page.wait_for_function("widths.some((width) => width < 200)")
+        view.rest(png(azimuth=-45))
+        view.point(100, 100)
+        page.mouse.up()
+        view.rest(png(azimuth=-45, elevation=18))
+        assert view.picture.screenshot() != before
+        page.mouse.wheel(0, -100)
+        view.rest(png(azimuth=-45, elevation=18, zoom=1.001**100))
+        page.locator(".voxsplat select").select_option("map:viridis")
+        view.rest(png(azimuth=-45, elevation=18, zoom=1.001**100, transfer="map:viridis"))
+        view.picture.dblclick()
+        view.rest(png())
+        view.picture.press("ArrowLeft")
+        view.rest(png(azimuth=15))
+        # The other cell sets values, and reads the ones of the user.
+        page.locator(".jp-Cell .cm-content").last.click()
+        page.keyboard.type("widget.elevation = widget.azimuth + 5; widget.window = (50, 40)")
+        page.keyboard.press("Shift+Enter")
+        view.rest(png(azimuth=15, elevation=20, window=(50, 40)))
+        page.locator(".voxsplat input").first.press("ArrowRight")
+        level = page.locator(".voxsplat input").first.input_value()
+        view.rest(png(azimuth=15, elevation=20, window=(float(level), 40)))
+        assert page.locator(".voxsplat [role=alert]").inner_text() == ""
+
+
+@pytest.mark.slow
+def test_exports_show_the_picture(scan: Path, tmp_path: Path) -> None:
+    write(tmp_path / "view.ipynb", f"import voxsplat\nvoxsplat.view({str(scan)!r}, size=64, light=False)")
+    export = [sys.executable, "-m", "nbconvert", "--execute", "--to", "html", "--output", "view.html"]
+    for stored in ("True", "False"):
+        words = [*export, f"--ExecutePreprocessor.store_widget_state={stored}", tmp_path / "view.ipynb"]
+        subprocess.run(words, env=surroundings(tmp_path), check=True, capture_output=True, timeout=600)
+        png = vs.render(scan, size=64, light=False, frame="visible", painter="cpu").to_png()
+        page = (tmp_path / "view.html").read_text().replace("\\/", "/")
+        assert base64.b64encode(png).decode() in page.replace("\n", "")

@@ -169,9 +169,8 @@ function render({ model, el }) {
   model.on("msg:custom", heard);
   adopt();
   drawn();
-  if (!model.get("_picture").byteLength) {
-    request({}, false);
-  }
+  // The kernel draws the picture if there is none yet, and prepares for moving ones.
+  request({}, false);
   return () => {
     clearTimeout(timer);
     model.off("change:_picture", drawn);
