@@ -1,5 +1,6 @@
-// The front end of `voxsplat.notebook.Viewer`. A message to the kernel has the values that the user changed, and `moving`
-// while they change. The kernel answers a moving view with a small PNG, and a still one with the trait `_picture`.
+// The front end of `voxsplat.notebook.Viewer`. A message to the kernel has the values that the user changed, and
+// `moving` while they change. The kernel answers a moving view with a small PNG, and a still one with the trait
+// `_picture`.
 
 // Milliseconds without a change after which a view is still.
 const REST = 250;
@@ -90,8 +91,9 @@ function render({ model, el }) {
   // The width of the picture is half a turn: matter in front follows the pointer.
   picture.addEventListener("pointermove", (event) => {
     if (grabbed && event.isPrimary) {
-      const [x, y] = [event.clientX - grabbed.x, event.clientY - grabbed.y].map((way) => (180 * way) / picture.clientWidth);
-      turn(grabbed.azimuth - x, grabbed.elevation + y, true);
+      const degrees = 180 / picture.clientWidth;
+      const [x, y] = [event.clientX - grabbed.x, event.clientY - grabbed.y];
+      turn(grabbed.azimuth - degrees * x, grabbed.elevation + degrees * y, true);
     }
   });
   for (const name of ["pointerup", "pointercancel"]) {

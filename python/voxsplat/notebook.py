@@ -51,8 +51,8 @@ def _name(transfer: Any, _: Any = None) -> str:
 class Viewer(anywidget.AnyWidget):
     """A volume that turns when it is dragged: see `voxsplat.view`.
 
-    `azimuth`, `elevation`, `zoom`, `transfer`, `window` and `time` are what the user chose, and setting them changes the
-    picture. A value that cannot be drawn raises `ValueError`, and a value of a wrong type `traitlets.TraitError`.
+    `azimuth`, `elevation`, `zoom`, `transfer`, `window` and `time` are the values that the user chose. Setting them
+    changes the picture. A value without a picture raises `ValueError`, and a wrong type `traitlets.TraitError`.
     """
 
     _esm = Path(__file__).with_suffix(".js")
@@ -99,7 +99,7 @@ class Viewer(anywidget.AnyWidget):
         self._preparing = threading.RLock()
         self._kept: tuple[Any, dict[str, Scene]] = (None, {})
         self._drawn: tuple[Any, Image] | None = None
-        self._scale = 1.0
+        self._scale, self._level = 1.0, self._settings.level
         self._requesting = threading.Lock()
         self._wanted: str | None = None
         self._is_working = self._is_hearing = False
@@ -196,7 +196,7 @@ class Viewer(anywidget.AnyWidget):
         if kind == "still":
             return prepare(settings)
         # Pre-shaded light, and kernels that grow, depend on the view: each turn would filter all voxels again.
-        settings = replace(settings, antialiasing=False)
+        settings = replace(settings, antialiasing=False, level=self._level)
         if kind == "quick":
             settings = replace(settings, shadows=False, occlusion=False)
         try:
@@ -232,6 +232,9 @@ class Viewer(anywidget.AnyWidget):
                     if name in content:
                         value = content[name]
                         setattr(self, name, self._transfer_of(value) if name == "transfer" else value)
+        except traitlets.TraitError as fault:
+            self.send({"error": str(fault)})
+            return
         finally:
             self._is_hearing = False
         self._request("moving" if content.get("moving") else "still")
@@ -242,6 +245,7 @@ class Viewer(anywidget.AnyWidget):
         return name or (None if isinstance(given, str) else given)
 
     def _change(self, _: Any) -> None:
+        """Draw the values that Python or another widget has set."""
         if not self._is_hearing:
             self._request("still")
 
@@ -255,6 +259,7 @@ class Viewer(anywidget.AnyWidget):
                 threading.Thread(target=self._work, name="voxsplat.view").start()
 
     def _work(self) -> None:
+        """Draw requested pictures until there is no request."""
         while True:
             with self._requesting:
                 wanted, self._wanted = self._wanted, None
@@ -295,8 +300,23 @@ class Viewer(anywidget.AnyWidget):
         """Make the scene of the next moving pictures while the volume rests, with its shadows."""
         with self._preparing:
             scenes = self._scenes()
-            if "draft" not in scenes:
-                draft = self._scene("draft", self._overtake)
-                self._picture_of(draft, _LEAST, self._overtake)
-                scenes["draft"] = draft
-                scenes.pop("quick", None)
+            if "draft" in scenes:
+                return
+            if "quick" not in scenes:
+                scenes["quick"] = self._quick()
+            draft = self._scene("draft", self._overtake)
+            self._picture_of(draft, _LEAST, self._overtake)
+            scenes["draft"] = draft
+            scenes.pop("quick")
+
+    def _quick(self) -> Scene:
+        """Return a scene of moving pictures without shadows. Chooses the level of moving pictures."""
+        quick = self._scene("quick", self._overtake)
+        self._picture_of(quick, _LEAST, self._overtake)
+        began = time.perf_counter()
+        self._picture_of(quick, _LEAST, self._overtake)
+        # Time grows with the number of voxels too.
+        if self._level != "auto" or time.perf_counter() - began < _SECONDS:
+            return quick
+        self._level = 1
+        return self._scene("quick", self._overtake)
