@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import contextlib
 import re
 import threading
 import time
@@ -99,7 +100,7 @@ class Viewer(anywidget.AnyWidget):
         self._preparing = threading.RLock()
         self._kept: tuple[Any, dict[str, Scene]] = (None, {})
         self._drawn: tuple[Any, Image] | None = None
-        self._scale, self._level = 1.0, self._settings.level
+        self._scale, self._level = 0.5, self._settings.level
         self._requesting = threading.Lock()
         self._wanted: str | None = None
         self._is_working = self._is_hearing = False
@@ -196,14 +197,14 @@ class Viewer(anywidget.AnyWidget):
         if kind == "still":
             return prepare(settings)
         # Pre-shaded light, and kernels that grow, depend on the view: each turn would filter all voxels again.
-        settings = replace(settings, antialiasing=False, level=self._level)
+        settings = replace(settings, antialiasing=False)
         if kind == "quick":
             settings = replace(settings, shadows=False, occlusion=False)
-        try:
-            return prepare(replace(settings, shading="post"))
-        except ValueError:
-            # Labels, channels and X-rays are pre-shaded.
-            return prepare(settings)
+        # X-rays are pre-shaded, and labels and channels have no cells either.
+        for shading in ("post", "pre"):
+            with contextlib.suppress(ValueError):
+                return prepare(replace(settings, shading=shading, level=self._level))
+        return prepare(settings)
 
     def _still(self, progress: Progress) -> Image:
         """Return the picture of the values now."""
