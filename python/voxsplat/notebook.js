@@ -66,7 +66,10 @@ function render({ model, el }) {
     clearTimeout(timer);
     timer = moving ? setTimeout(() => request({}, false), REST) : 0;
     send();
-    controls.forEach((update) => update());
+    // Drags change no control.
+    if (!grabbed) {
+      controls.forEach((update) => update());
+    }
   }
   // Takes the kernel's values, unless the user has newer ones.
   function adopt() {
