@@ -4,7 +4,7 @@
 # Skipped with a line if the machine cannot have Python 3.11 or later, but never in CI (CI is set).
 # Arguments go to pytest: sh tests/python.sh -k masks
 # With --slow as the first argument slow tests run too, with the packages of requirements-slow.txt: clusters of Dask,
-# MPI, napari and mypy.
+# MPI, napari, JupyterLab in Chromium, which apt installs, and mypy.
 set -eu
 cd "$(dirname "$0")/.."
 # shellcheck source=tests/setup.sh
@@ -15,6 +15,7 @@ setup_venv python "$venv" python/tests/requirements.txt
 if [ "${1:-}" = --slow ]; then
     shift
     setup_pip python "$venv" python/tests/requirements-slow.txt
+    if ! command -v chromium >/dev/null && ! command -v google-chrome >/dev/null; then setup_install chromium; fi
     export VOXSPLAT_SLOW_TESTS=1
 fi
 

@@ -52,7 +52,8 @@ def test_stubs_describe_the_native_module() -> None:
 def test_help_describes_every_option() -> None:
     fields = {field.name for kind in (voxsplat.View, voxsplat.Settings) for field in dataclasses.fields(kind)}
     facts = set(FACTS)
-    for function, options in ((voxsplat.render, fields | facts), (voxsplat.plan, fields | facts), (voxsplat.info, facts)):
+    functions = (voxsplat.render, voxsplat.plan, voxsplat.view)
+    for function, options in (*((function, fields | facts) for function in functions), (voxsplat.info, facts)):
         described = set(re.split(r", |\n", "\n".join(re.findall(r"^[a-z]\w*(?:, \w+)*$", function.__doc__, re.MULTILINE))))
         assert options | set(inspect.signature(function).parameters) - {"options"} <= described, function.__name__
 

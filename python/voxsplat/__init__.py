@@ -26,7 +26,7 @@ from ._native import DeviceError, __version__
 
 if TYPE_CHECKING:
     from .bricks import Brick, Partial, Plan, brick, merge
-    from .functions import adapters, colour_maps, from_napari, info, plan, presets, render, slices
+    from .functions import adapters, colour_maps, from_napari, info, plan, presets, render, slices, view
     from .image import Image
     from .renderer import Renderer, Scene, Volume
     from .settings import Settings, View
@@ -55,6 +55,7 @@ __all__ = [
     "presets",
     "render",
     "slices",
+    "view",
 ]
 
 # The documentation of pyclasses lives in the package.
@@ -64,7 +65,7 @@ DeviceError.__module__ = "voxsplat"
 # NumPy takes ten times as long to import as the program to start.
 _MODULES = {
     "bricks": ("Brick", "Partial", "Plan", "brick", "merge"),
-    "functions": ("adapters", "colour_maps", "from_napari", "info", "plan", "presets", "render", "slices"),
+    "functions": ("adapters", "colour_maps", "from_napari", "info", "plan", "presets", "render", "slices", "view"),
     "image": ("Image",),
     "renderer": ("Renderer", "Scene", "Volume"),
     "settings": ("Settings", "View"),

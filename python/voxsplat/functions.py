@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from . import _native
 from .bricks import Plan, chunk_sizes
@@ -26,6 +26,9 @@ from .settings import (
     single,
     split,
 )
+
+if TYPE_CHECKING:
+    from .notebook import Viewer
 
 
 @documented(View, Settings, Volume)
@@ -361,3 +364,45 @@ def from_napari(viewer: Any, *, size: tuple[int, int] | None = None, **options: 
 
     volume, found, canvas = scene_of(viewer, None if size is None else pixels(size))
     return render(volume, **({"size": size or canvas} | found | options))
+
+
+@documented(View, Settings, Volume)
+def view(volume: Any, transfer: Any = None, *, size: tuple[int, int] = (512, 512), **options: Any) -> Viewer:
+    """Show a volume in a notebook: a widget in which it turns when it is dragged. Needs ``voxsplat[notebook]``.
+
+    The wheel zooms, arrow keys turn, and a double click resets. Below the picture are sliders for level, width and time
+    point, and the transfer functions. The processor draws: small pictures while the view moves, and full ones when it
+    rests. Without a front end, as in exported notebooks, the widget is a PNG.
+
+    Parameters
+    ----------
+    volume
+        See `Volume`. Paths of files with time points have a slider for them.
+    transfer
+        See `render`.
+    size
+        (width, height) of the picture, pixels.
+    labels, mask, overlays, meshes, background
+        See `render`.
+    adapter
+        A graphics adapter that draws instead of the processor: see `render`.
+    **options
+        Further fields of `View`, `Settings` and `Volume`, but not `direction`. Volumes keep their size while they turn:
+        the default of `frame` is ``"visible"``. Studio light stands around the first view.
+
+    Returns
+    -------
+    Viewer
+        A widget. ``azimuth``, ``elevation``, ``zoom``, ``transfer``, ``window`` and ``time`` can be read and set,
+        ``image()`` is the full picture, and ``options()`` are its options for `render`.
+
+    Raises
+    ------
+    ImportError
+        anywidget is missing.
+    ValueError, TypeError, OSError
+        As `render`.
+    """
+    from .notebook import Viewer
+
+    return Viewer(volume, transfer, size, options)

@@ -279,10 +279,10 @@ def pixels(size: Any) -> tuple[int, int]:
     return width, height
 
 
-def single(options: dict[str, Any]) -> dict[str, Any]:
+def single(options: dict[str, Any], frame: str = "view") -> dict[str, Any]:
     """Return the options of one picture: it is as large as its view permits, unless an option frames or places it."""
     is_placed = any(options.get(name) is not None for name in ("frame", "target", "view_height", "distance"))
-    return options if is_placed else options | {"frame": "view"}
+    return options if is_placed else options | {"frame": frame}
 
 
 def checked(view: View) -> View:
