@@ -8,11 +8,11 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::PyBytes;
-use voxsplat::figure::{Figure, Shown};
+use voxsplat::Rendered;
+use voxsplat::figure::ContactSheet;
 use voxsplat::image::{Background, Note};
-use voxsplat::program::{self, FittedTransfer};
-use voxsplat::settings::{Model, Settings};
-use voxsplat::{Camera, Rendered, View};
+use voxsplat::program;
+use voxsplat::settings::Settings;
 
 use crate::error::{from_json, internal, raised};
 
@@ -50,18 +50,6 @@ impl Image {
         Self { image, stats: "{}".to_owned(), background, notes, choices, array: PyOnceLock::new() }
     }
 
-    /// Draws a title on a copy of a picture, over its background.
-    fn titled(&self, title: &str) -> voxsplat::Result<voxsplat::Image> {
-        // A title is in the same place for every volume.
-        let volume = voxsplat::Volume::from_slice([1; 3], [1.0; 3], &[0_u8])?;
-        let transfer = FittedTransfer::clear()?.transfer;
-        let camera = Camera::new(&View::default(), volume.grid(), [self.image.width(), self.image.height()])?;
-        let shown =
-            Shown { volume: &volume, transfer: &transfer, values: None, camera: &camera, model: Model::Composite };
-        let figure = Figure { title: Some(title.to_owned()), ..Figure::default() };
-        figure.draw(&self.image, self.background, &shown)
-    }
-
     fn behind(&self, background: Option<&str>) -> PyResult<Background> {
         background.map_or(Ok(self.background), str::parse).map_err(|fault| raised(&fault))
     }
@@ -69,28 +57,16 @@ impl Image {
 
 #[pymethods]
 impl Image {
-    /// Makes one picture of pictures of one size, in rows of `columns`, each with a title of its own.
+    /// Makes a contact sheet of pictures of one size, each with its name.
     #[staticmethod]
-    fn sheet(pictures: Vec<(PyRef<'_, Self>, String)>, columns: u32) -> PyResult<Self> {
-        let same_size =
-            |(first, _): &&(PyRef<'_, Self>, String)| pictures.iter().all(|(p, _)| p.size() == first.size());
-        let Some((first, _)) = pictures.first().filter(same_size) else {
-            return Err(PyValueError::new_err("a sheet needs pictures of one size"));
+    fn sheet(pictures: Vec<(PyRef<'_, Self>, String)>) -> PyResult<Self> {
+        let Some((first, _)) = pictures.first() else {
+            return Err(PyValueError::new_err("a sheet needs pictures"));
         };
-        let ((width, height), columns) = (first.size(), columns.max(1));
-        let rows = (pictures.len() as u32).div_ceil(columns);
         let drawn = || {
-            let mut sheet = voxsplat::Image::transparent(width * columns, height * rows)?;
-            for ((picture, title), number) in pictures.iter().zip(0..) {
-                let titled = picture.titled(title)?;
-                let left = (number % columns * width) as usize;
-                let top = (number / columns * height) as usize;
-                for (line, row) in titled.pixels().chunks_exact(width as usize).zip(top..) {
-                    let start = row * (width * columns) as usize + left;
-                    sheet.pixels_mut()[start..start + line.len()].copy_from_slice(line);
-                }
-            }
-            Ok(sheet)
+            let mut sheet = ContactSheet::new(pictures.len(), first.size().into())?;
+            pictures.iter().try_for_each(|(picture, name)| sheet.add(&picture.image, name))?;
+            sheet.finish(first.background)
         };
         let sheet = drawn().map_err(|fault| raised(&fault))?;
         Ok(Self::merged(sheet, Vec::new(), first.background, Vec::new()))

@@ -81,6 +81,7 @@ _OWN: dict[str, tuple[Any, Any, str]] = {
         "hot, a colour, labels or a transfer function; null chooses.",
     ),
     "meshes": (list[str | tuple[str, str]], [], "Opaque surfaces (PLY, STL, OBJ, VTP): paths, or [path, colour]."),
+    "planes": (list[str], [], "Opaque planes with the section of the volume: axial, coronal, sagittal, axial:12.5."),
     "size": (int | list[int], [768, 768], f"[width, height] in pixels, or one number for both: 1 to {_MOST_PIXELS}."),
     "background": (str, "black", "Colour behind the picture: #rrggbb, a name of CSS or transparent."),
     "spacing": (list[float] | None, None, "World lengths between samples, z, y, x, in place of those of the file."),
@@ -166,11 +167,6 @@ def _titles(views: list[dict[str, Any]]) -> list[str]:
     """Return the number and the options of each view."""
     texts = [json.dumps(view, separators=(", ", " "))[1:-1].replace('"', "") for view in views]
     return [f"{number}: {text}" for number, text in enumerate(texts, 1)]
-
-
-def _broken(title: str, width: int) -> str:
-    """Return the part of a title that fits above a picture of a width in pixels, in three lines."""
-    return "\n".join(textwrap.wrap(title, min(36, width // 9))[:3])
 
 
 def _answer(title: str, image: Picture, notes: list[str], warned: list[str]) -> list[Image | str]:
@@ -323,8 +319,8 @@ class _Tools:
             raise ValueError(f"views: {len(views)} views, expected 1 to {_MOST_VIEWS}")
         default: dict[str, Any] = {"size": 384}
         if not any(name in one for one in (options, *views) for name in ("target", "view_height", "distance")):
-            # One scale, and room for a title.
-            default |= {"frame": "visible", "margin": 0.09}
+            # One scale.
+            default |= {"frame": "visible"}
         all_given = [default | options | view for view in views]
         for given in all_given:
             refuse_unknown(given, _OPTIONS, "render")
@@ -333,12 +329,9 @@ class _Tools:
         if len(sizes) > 1:
             raise ValueError(f"size: views of {len(sizes)} sizes, expected one in options")
         ((width, height),) = sizes
-        # About as wide as high.
-        columns = min(len(views), max(1, round((len(views) * height / width) ** 0.5 + 0.4)))
-        rows = -(-len(views) // columns)
-        if max(width * columns, height * rows) > _MOST_PIXELS:
-            every = f"{columns} x {rows} pictures of {width} x {height}"
-            raise ValueError(f"size: {every} are over {_MOST_PIXELS} pixels a side")
+        if len(views) * width * height > _MOST_PIXELS**2:
+            every = f"{len(views)} pictures of {width} x {height}"
+            raise ValueError(f"size: {every} have over {_MOST_PIXELS} x {_MOST_PIXELS} pixels")
         titles = _titles(views)
 
         def drawn(report: _Report) -> tuple[Picture, list[str]]:
@@ -349,8 +342,8 @@ class _Tools:
 
                 pictures.append(voxsplat.render(path, progress=labelled, **asked))
             notes = [note for picture in pictures for note in picture.choices]
-            titled = [(one._native, _broken(title, width)) for one, title in zip(pictures, titles, strict=True)]
-            return voxsplat.Image(_native.Image.sheet(titled, columns)), notes
+            named = [(one._native, title) for one, title in zip(pictures, titles, strict=True)]
+            return voxsplat.Image(_native.Image.sheet(named)), notes
 
         (image, notes), warned = await self._worked(context, drawn)
         return _answer("\n".join([*titles, f"{volume}: {len(views)} pictures, by rows"]), image, notes, warned)
@@ -370,9 +363,8 @@ class _Tools:
     ) -> list[Image | str]:
         """Draw cross-sections of a volume beside its picture, at one scale, to see where a structure lies."""
         path, asked = self.folders.volume("volume", volume), self._checked(options)
-        draw: Any = getattr(voxsplat, "slices")
         asked |= {"at": at, "planes": planes}
-        image, warned = await self._worked(context, lambda report: draw(path, progress=report, **asked))
+        image, warned = await self._worked(context, lambda report: voxsplat.slices(path, progress=report, **asked))
         return _answer(volume, image, image.choices, warned)
 
 

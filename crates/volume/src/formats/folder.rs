@@ -2,9 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use super::input::Input;
-use super::readers::Format;
-use super::{Series, data_files, natural, nifti, parts_of_folder};
+use super::readers::{DICOM, Format};
+use super::{Series, data_files, format_of, natural, parts_of_folder};
 use crate::error::{Error, Result};
 use crate::names::counted;
 
@@ -38,14 +37,12 @@ pub fn volumes_in(folder: &Path) -> Result<Vec<PathBuf>> {
         if entry.file_name().to_string_lossy().starts_with('.') {
             continue;
         }
-        if is_folder && (is_zarr(&path) || parts_of_folder(&path).is_ok_and(|parts| !parts.is_empty())) {
-            found.push(path);
+        if is_folder {
+            found.extend(format_of(&path).map(|_| path));
         } else if path.is_file() {
-            let head = Input::open(&path, None).and_then(|mut input| input.peek(nifti::HEADER_SIZE));
             // A file that cannot be opened is reported when it is read.
-            let content = head.ok().and_then(|head| Format::of_content(&head));
-            match content.or_else(|| Format::of_name(&path)) {
-                Some(format) if format.list_series.is_some() => slices = true,
+            match format_of(&path).or_else(|| Format::of_name(&path).map(|format| format.name)) {
+                Some(DICOM) => slices = true,
                 Some(_) => {
                     samples.extend(data_files(&path).into_iter().filter(|file| *file != path));
                     found.push(path);

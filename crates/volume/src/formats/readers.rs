@@ -74,6 +74,9 @@ macro_rules! built {
     }};
 }
 
+/// The name of the format whose slices are files of their own.
+pub(super) const DICOM: &str = "DICOM";
+
 /// The format Zarr: its folders are known by the files of metadata in them, its archives by their names.
 pub(super) const ZARR: Format = Format {
     name: "Zarr",
@@ -91,7 +94,7 @@ pub(super) const ZARR: Format = Format {
 pub static FORMATS: [Format; 16] = [
     // Its first 128 bytes are free: they may be the beginning of another format, such as TIFF.
     Format {
-        name: "DICOM",
+        name: DICOM,
         description: "a file or a folder of slices, or a segmentation; all but lossy JPEG of 12 bits",
         feature: Some("dicom"),
         begins: is_dicom,
