@@ -213,6 +213,7 @@ def slices(
     """
     known = field_names(View, Settings) | FACTS | (slices.__kwdefaults__ or {}).keys()
     refuse_unknown(options, known, "slices, View, Settings or Volume")
+    options = single(options)
     parts = split(options, View, Settings)
     view, settings = View(**parts[0]), Settings(transfer=transfer, **parts[1])
     check(view, settings, pixels(size))

@@ -23,6 +23,8 @@ use super::{output, scene};
 #[derive(Serialize)]
 struct Drawn {
     version: &'static str,
+    /// Each volume has choices of its own.
+    choices: serde_json::Map<String, serde_json::Value>,
     /// The volumes that were drawn.
     volumes: Vec<PathBuf>,
     /// The volumes that could not be drawn.
@@ -99,7 +101,8 @@ pub(crate) fn run(args: SheetArgs, line: (&Command, &ArgMatches)) -> Result<(), 
     }
     let (bad, all) = (failed.len(), volumes.len());
     if output::is_json() {
-        output::print_json(&Drawn { version: env!("CARGO_PKG_VERSION"), volumes: drawn, failed, outputs })?;
+        let (version, choices) = (env!("CARGO_PKG_VERSION"), serde_json::Map::new());
+        output::print_json(&Drawn { version, choices, volumes: drawn, failed, outputs })?;
     }
     if bad > 0 { fail(format!("{bad} of {all} volumes cannot be drawn")) } else { Ok(()) }
 }

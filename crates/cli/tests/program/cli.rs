@@ -75,7 +75,7 @@ pub(crate) fn ramp(dir: &Path) -> String {
 #[test]
 fn wrong_arguments_are_one_line_and_exit_2() {
     refused("paint", 2, "unrecognized subcommand 'paint'");
-    refused("", 2, "a command is missing, expected render, turntable, ");
+    refused("", 2, "a command is missing, expected render, slice, sheet, turntable, ");
     refused("render", 2, "not provided");
     refused("render demo:sphere", 2, "--output");
     refused("render demo:sphere -o a.png --azimut 3", 2, "'--azimuth'");

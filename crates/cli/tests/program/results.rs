@@ -125,6 +125,8 @@ fn every_command_prints_its_result_as_json() {
         ("completions bash".to_owned(), 0),
         ("man".to_owned(), 0),
         (format!("render {ball} -o e.png --max-error 0.1 --verify {draws}"), 1),
+        (format!("slice demo:nautilus:12 -o slices.png --size 300 {draws}"), 1),
+        ("sheet demo:nautilus:12 -o sheet.png --size 32".to_owned(), 1),
     ];
     let mut found = std::collections::BTreeMap::new();
     for (line, files) in &lines {

@@ -41,7 +41,7 @@ fn a_figure_has_the_picture_and_a_section_for_each_plane() {
     assert!(bright(&off) < bright(&figure) * 4 / 5, "{} {}", bright(&off), bright(&figure));
     // A scene draws a figure, and texts are the whole figure's.
     assert!(voxsplat(dir, "render demo:sphere:24 -o a.png --size 8 --save-scene s.json").status.success());
-    let texts = drawn(dir, "texts.png", "slice s.json --size 400 --title Ball --caption 'Three planes'");
+    let texts = drawn(dir, "texts.png", "slice s.json --size 400 --title Ball --caption Planes");
     assert_eq!([texts.width(), texts.height()], [400, 400]);
     // Labels and overlays lie over the sections.
     let plain = drawn(dir, "plain.png", "slice demo:vessels:16 --size 300");
