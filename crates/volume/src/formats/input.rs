@@ -140,6 +140,14 @@ impl Input {
         })
     }
 
+    /// Makes the stream of bytes in memory, as a file of the name `path`.
+    #[cfg(feature = "remote")]
+    pub(super) fn of_bytes(path: &Path, bytes: Vec<u8>) -> Self {
+        let left = Some(bytes.len() as u64);
+        let reader = Box::new(io::Cursor::new(bytes));
+        Self { path: path.to_owned(), reader, plain: None, left, behind: 0, header_left: MAX_HEADER, unpacked: None }
+    }
+
     /// Returns the stream, with the decompressed streams of `unpacked`.
     pub(super) fn keeping(self, unpacked: Option<Arc<Unpacked>>) -> Self {
         Self { unpacked, ..self }
