@@ -212,6 +212,11 @@ impl Input {
         self.decompressed_once(MAX_BZIP2_EXPANSION, |reader| buffered(MultiBzDecoder::new(reader)))
     }
 
+    /// Returns the stream, whose bytes are not found in its file again.
+    pub(super) fn streamed(self) -> Self {
+        Self { plain: None, ..self }
+    }
+
     /// Lowers the bound on the bytes left, if their number is unknown.
     pub(super) fn limit(&mut self, most: u64) {
         if self.plain.is_none() {

@@ -63,7 +63,7 @@ pub(crate) use vtk::poly_data::read as read_poly_data;
 use crate::demos;
 use crate::error::{Error, Hint, Result, Subject, refuse, refuse_if};
 use crate::files::remote::registered;
-pub use crate::files::remote::{FetchOptions, FetchProgress, is_url, without_credentials};
+pub use crate::files::remote::{CAN_FETCH, FetchOptions, FetchProgress, is_url, without_credentials};
 pub use crate::files::{read_json, read_text};
 use crate::names::{counted, named};
 use crate::volume::{Endian, SampleType, Volume};

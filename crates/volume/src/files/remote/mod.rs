@@ -20,12 +20,16 @@ use std::path::Path;
 use std::time::Duration;
 
 pub use address::{is_url, without_credentials};
-#[cfg(feature = "remote")]
+#[cfg(all(feature = "remote", feature = "zarr"))]
 pub(crate) use client::{check_limit, is_denied, report, size};
 #[cfg(feature = "remote")]
 pub(crate) use file::RemoteFile;
 
 use crate::error::Result;
+
+/// Whether this build fetches files at urls.
+#[doc(hidden)]
+pub const CAN_FETCH: bool = cfg!(feature = "remote");
 
 /// The number of requests at once.
 pub(crate) const CONNECTIONS: usize = 16;
@@ -94,7 +98,11 @@ pub(crate) fn registered<'a>(source: &'a Path, options: &FetchOptions) -> Result
 /// [`Error::Read`](crate::Error::Read) if the file cannot be fetched; [`Error::Format`](crate::Error::Format) if it is
 /// larger than the limit, or this build cannot fetch.
 pub(crate) fn open(path: &Path) -> Result<(File, u64)> {
-    client::download(path)
+    let text = path.to_string_lossy();
+    match without_credentials(&text) == text {
+        true => client::download(path),
+        false => client::download(&client::register(path, &FetchOptions::default())?),
+    }
 }
 
 /// What a build without the feature does with urls.

@@ -149,11 +149,14 @@ impl Chain {
     }
 
     /// Returns the shape of the chunks in the shards that these chunks are, if each can be read alone.
-    pub(super) fn inner(&self) -> Option<&[u64]> {
-        match &self.writing {
-            Writing::Shards(shards) if self.packings.is_empty() && self.transposed.is_empty() => Some(&shards.shape),
-            _ => None,
+    pub(super) fn inner(&self) -> Option<Vec<u64>> {
+        let Writing::Shards(shards) = &self.writing else { return None };
+        let mut shape = shards.shape.clone();
+        for order in self.transposed.iter().rev() {
+            let size = |axis: usize| order.iter().position(|of| *of == axis).map_or(1, |n| shape[n]);
+            shape = (0..shape.len()).map(size).collect();
         }
+        self.packings.is_empty().then_some(shape)
     }
 
     /// Returns the unpacked bytes, about `most` at most.

@@ -138,7 +138,7 @@ impl Level {
         let count = want.iter().fold(1_u64, |count, range| count.saturating_mul(range.end - range.start));
         // Chunks in shards at a url are fetched alone, by threads that wait.
         let is_fetched = store.is_fetched();
-        let unit = array.chain.inner().filter(|_| is_fetched).unwrap_or(&array.chunks);
+        let unit = &*array.chain.inner().filter(|_| is_fetched).unwrap_or(array.chunks.clone());
         let counts = want.iter().zip(unit).map(|(range, size)| range.end.div_ceil(*size) - range.start / size);
         let chunks = counts.fold(1, u64::saturating_mul);
         refuse_if!(chunks > MAX_CHUNKS, folder, "is in {chunks} chunks, expected at most {MAX_CHUNKS}");
@@ -184,15 +184,7 @@ impl Level {
                 target.place(bytemuck::cast_slice(&region), Endian::NATIVE, &shape, &all);
             }
             done += batch.len();
-            #[cfg(feature = "remote")]
-            if is_fetched {
-                remote::report(folder, done as f64 / total as f64);
-            }
-        }
-        #[cfg(feature = "remote")]
-        if found == 0 && total > 0 && is_fetched && remote::is_denied(folder) {
-            let source = std::io::Error::new(ErrorKind::PermissionDenied, "HTTP 403 Forbidden, of every chunk");
-            return Err(Error::read(folder)(source));
+            store.report(folder, [done, found, total])?;
         }
         Ok(samples)
     }

@@ -81,6 +81,23 @@ impl Store {
         }
     }
 
+    /// Reports how many chunks are read of all, and how many of them were there.
+    ///
+    /// # Errors
+    /// [`Error::Read`] if all are missing because a server denies access to them.
+    pub(super) fn report(&self, folder: &Path, [done, found, total]: [usize; 3]) -> Result<()> {
+        #[cfg(feature = "remote")]
+        if self.is_fetched() {
+            remote::report(folder, done as f64 / total as f64);
+            if found == 0 && done == total && remote::is_denied(folder) {
+                let reason = "HTTP 403 Forbidden, for every chunk";
+                return Err(Error::read(folder)(io::Error::new(io::ErrorKind::PermissionDenied, reason)));
+            }
+        }
+        let _ = (folder, done, found, total);
+        Ok(())
+    }
+
     /// Returns the length of a file, 0 if there is none; `None` if it is unknown.
     #[cfg(feature = "remote")]
     pub(super) fn size(&self, file: &Path) -> Result<Option<u64>> {
