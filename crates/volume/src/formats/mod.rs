@@ -183,7 +183,7 @@ impl Default for LoadOptions {
 /// `demo:NAME[:SIZE]` (see [`demos`]).
 ///
 /// With the feature `remote` a source may be a url: `https://..`, `http://..`, or `s3://BUCKET/KEY` with the variables of
-/// the environment that AWS names. Files are fetched whole. Of Zarr, which may be an archive, only the needed chunks are.
+/// the environment that AWS names. Files are fetched whole, of Zarr and its archives only the needed chunks.
 ///
 /// [`FORMATS`] lists the formats. Of a file with
 /// several points in time or channels `time` and `channel` choose one; [`Volume::contents`] tells how many there are. A
