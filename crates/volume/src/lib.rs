@@ -3,8 +3,8 @@
 //! [`formats`] reads files, [`volume`] holds samples and their lattice, [`demos`] has built-in volumes, [`meshes`]
 //! reads surfaces. Modules without documentation are shared with the renderer: any release may change them.
 //!
-//! Features, on by default: `dicom` (with JPEG), `hdf5` (HDF5 and NetCDF), `jpeg2000` (in DICOM), `tiff`, `vtk` and
-//! `zarr`. `remote` is off by default: sources at urls.
+//! Features, all on by default: `dicom` (with JPEG), `hdf5` (HDF5 and NetCDF), `jpeg2000` (in DICOM), `tiff`, `vtk` and
+//! `zarr`. One more is off by default: `remote`, for sources at urls.
 
 #![cfg_attr(docsrs, feature(doc_cfg))]
 #![cfg_attr(

@@ -74,7 +74,7 @@ fn a_clip_and_a_region_fetch_the_chunks_they_need_and_draw_the_same_bytes() {
     let url = format!("{}/p.zarr", server.url);
     std::fs::write(dir.path().join("t.json"), TRANSFER).unwrap();
     let read = |name: &str| std::fs::read(dir.path().join(name)).unwrap();
-    let mut draw = |options: &str, name: &str| {
+    let draw = |options: &str, name: &str| {
         let line = format!("render {url} --light off --painter cpu --size 64 -o {name} {options}");
         let output = voxsplat(dir.path(), &line);
         assert!(output.status.success(), "{}", complaint(&output));
@@ -83,7 +83,7 @@ fn a_clip_and_a_region_fetch_the_chunks_they_need_and_draw_the_same_bytes() {
     let view = "--frame volume --azimuth 0 --elevation 0 --transfer t.json";
     let (all, _) = draw(view, "all.png");
     assert_eq!(all, 64);
-    for clip in ["--clip voxels::20,:20,:20", "--clip 1,1,1,-60"] {
+    for clip in ["--clip voxels::20,:20,:20", "--clip -1,-1,-1,-60"] {
         // A preset depends on all values, so all chunks are fetched.
         let (whole, said) = draw(&format!("--transfer grayscale {clip}"), "whole.png");
         assert!(whole == 64 && said.contains("note: fetching all chunks because the transfer function"), "{said}");

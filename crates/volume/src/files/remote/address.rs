@@ -3,6 +3,9 @@
 use std::borrow::Cow;
 use std::path::Path;
 
+#[cfg(feature = "remote")]
+use super::s3::{Signer, encoded, endpoint};
+
 /// The beginnings of urls that are read.
 const SCHEMES: [&str; 3] = ["https://", "http://", "s3://"];
 
@@ -49,7 +52,7 @@ pub(super) struct Address {
     query: String,
     /// The value of the header `Authorization`.
     pub(super) authorization: Option<String>,
-    pub(super) signer: Option<super::s3::Signer>,
+    pub(super) signer: Option<Signer>,
 }
 
 #[cfg(feature = "remote")]
@@ -65,7 +68,7 @@ impl Address {
         }
         let (path, query, base, signer) = match scheme.as_str() {
             // Names of objects may have any character.
-            "s3" => (path, "", super::s3::endpoint(host, variable), super::s3::Signer::of(variable)?),
+            "s3" => (path, "", endpoint(host, variable), Signer::of(variable)?),
             _ => {
                 let (path, query) = path.split_at(path.find('?').unwrap_or(path.len()));
                 (path, query, format!("{scheme}://{host}"), None)
@@ -103,14 +106,6 @@ impl Address {
         let host = self.base.split_once("://").map_or("", |(_, rest)| rest);
         ["localhost", "127.", "[::1]"].iter().any(|local| host.starts_with(local))
     }
-}
-
-/// Encodes all bytes by percent signs but letters, digits, `-._~` and the kept ones.
-#[cfg(feature = "remote")]
-pub(super) fn encoded(text: &str, kept: &[u8]) -> String {
-    let is_plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-._~".contains(&byte) || kept.contains(&byte);
-    let encode = |byte: u8| if is_plain(byte) { char::from(byte).to_string() } else { format!("%{byte:02X}") };
-    text.bytes().map(encode).collect()
 }
 
 /// Decodes the bytes that are encoded by percent signs.

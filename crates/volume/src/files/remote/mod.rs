@@ -1,11 +1,11 @@
 //! Files at urls, of http, https and S3: whole, or by ranges of bytes.
 //!
-//! A url that a user gives is registered: [`registered`] returns its path without credentials, by which all readers know
-//! the file, the files in it and the files beside it. So no error shows a password or a token.
+//! A url that a user gives is registered: [`registered`] returns its path without credentials, by which all readers
+//! know the file, the files in it and the files beside it. So no error shows a password or a token.
 //!
 //! The client is `ureq`, which blocks, with a signature for S3 here: 19 packages, and 66 s of one processor in a cold
-//! build alone. `object_store` needs 97 packages, an asynchronous runtime and 255 s; `ureq` with `rusty-s3` needs 64 and
-//! 157 s.
+//! build alone. `object_store` needs 97 packages, an asynchronous runtime and 255 s; `ureq` with `rusty-s3` needs 64
+//! packages and 157 s.
 
 mod address;
 #[cfg(feature = "remote")]

@@ -385,10 +385,9 @@ mod tests {
             }
         }
         assert_eq!(seen, [1; 25]);
-        let halves: Vec<Part> = units(&[3..8], &[6], &[2]).collect();
-        assert_eq!(
-            halves,
-            [(vec![0], vec![3..4], vec![0]), (vec![0], vec![4..6], vec![1]), (vec![1], vec![0..2], vec![3])]
-        );
+        // Chunks of 6 in pieces of 2: the order is that of the chunks.
+        let pieces = units(&[3..8, 0..1], &[6, 1], &[2, 1]);
+        let pieces: Vec<_> = pieces.map(|(chunk, inner, at)| (chunk[0], inner[0].clone(), at[0])).collect();
+        assert_eq!(pieces, [(0, 3..4, 0), (0, 4..6, 1), (1, 0..2, 3)]);
     }
 }
