@@ -7,6 +7,7 @@ use pyo3::exceptions::{PyKeyboardInterrupt, PyMemoryError, PyOSError, PyRuntimeE
 use pyo3::prelude::*;
 use pyo3::{IntoPyObjectExt, create_exception};
 use voxsplat::error::{Error, Hint, InputError};
+use voxsplat::formats::without_credentials;
 
 create_exception!(
     voxsplat,
@@ -30,6 +31,7 @@ pub(crate) fn raised(error: &Error) -> PyErr {
     if let Some(hint) = error.hint() {
         message += &format!(": {}", remedy(hint));
     }
+    let message = without_credentials(&message).into_owned();
     match error {
         Error::Memory { .. } | Error::OutOfMemory(_) | Error::TooLarge { .. } => PyMemoryError::new_err(message),
         Error::NoAdapter(_) | Error::Unsupported { .. } | Error::Device { .. } => DeviceError::new_err(message),
@@ -80,6 +82,7 @@ fn keyword_of(option: &str) -> String {
 
 fn remedy(hint: Hint) -> String {
     match hint {
+        Hint::RaiseFetchLimit => "read a coarser level with pyramid=, or more with fetch_limit=".to_owned(),
         Hint::GiveDims => "give dims=(x, y, z) too".to_owned(),
         Hint::GiveSampleType => "give dtype= too".to_owned(),
         Hint::GiveDimsAndSampleType => "for bare samples give dims=(x, y, z) and dtype=".to_owned(),

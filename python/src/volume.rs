@@ -9,7 +9,7 @@ use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use rayon::prelude::*;
 use voxsplat::error::{Error, Result};
-use voxsplat::formats::{self, LoadOptions, MissingSlices, PyramidLevel};
+use voxsplat::formats::{self, FetchOptions, LoadOptions, MissingSlices, PyramidLevel, is_url};
 use voxsplat::glam::{DAffine3, DMat3, DVec3};
 use voxsplat::layers::on_lattice;
 use voxsplat::program::{ChannelChoice, Loaded, ValueMeaning, Values, load_channels};
@@ -66,6 +66,7 @@ struct FileFacts {
     missing_slices: String,
     complex: Option<String>,
     pyramid: Option<u32>,
+    fetch_limit: Option<u64>,
 }
 
 #[pymethods]
@@ -97,6 +98,10 @@ impl Volume {
                 missing_slices: facts.missing_slices.parse::<MissingSlices>()?,
                 complex: facts.complex.as_deref().map(str::parse).transpose()?,
                 level: level.map_or(LoadOptions::default().level, PyramidLevel::At),
+                fetch: FetchOptions {
+                    limit: facts.fetch_limit.unwrap_or(FetchOptions::default().limit),
+                    ..FetchOptions::default()
+                },
                 ..LoadOptions::default()
             };
             Ok::<_, voxsplat::error::InputError>(Source::File { path, options, level })
@@ -168,7 +173,13 @@ impl Source {
     }
 
     fn describe(&self) -> Result<serde_json::Value> {
-        let volume = self.read()?;
+        let volume = match self {
+            // A level of a pyramid that is fetched quickly.
+            Self::File { path, options, level: None } if is_url(path) => {
+                formats::load(path, &LoadOptions { level: PyramidLevel::Pixels(256.0), ..*options })?
+            }
+            _ => self.read()?,
+        };
         let statistics = Statistics::of(&volume)?;
         let source = match self {
             Self::Memory(_) => Path::new(""),

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import warnings
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from threading import Thread
 from types import SimpleNamespace
 from typing import Any
 
@@ -50,6 +53,18 @@ def test_one_scan_by_many_roads_is_one_picture(scan: Path, expected: np.ndarray)
     assert np.array_equal(picture(xarray.DataArray(array, dims=("z", "y", "x")), **placed), expected)
     turned = xarray.DataArray(array, dims=("z", "y", "x")).transpose("x", "z", "y")
     assert np.array_equal(picture(turned, **placed), expected)
+    handler = partial(SimpleHTTPRequestHandler, directory=str(scan.parent))
+    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        Thread(target=server.serve_forever, daemon=True).start()
+        url = f"http://user:secret@127.0.0.1:{server.server_port}/"
+        assert np.array_equal(picture(f"{url}{scan.name}?token=secret"), expected)
+        assert vs.info(f"{url}{scan.name}?token=secret") == vs.info(scan)
+        with pytest.raises(OSError, match="HTTP 404 Not Found") as missing:
+            vs.info(f"{url}missing.nrrd?token=secret")
+        with pytest.raises(ValueError, match="over the limit of 10 bytes: .* fetch_limit=") as large:
+            vs.Volume(f"{url}{scan.name}?token=secret", fetch_limit=10).info()
+        assert not any("secret" in str(raised.value) for raised in (missing, large))
+        server.shutdown()
     # These packages hold directions apart from the spacing: the last digits of the affine may differ.
     grid = pyvista.ImageData(dimensions=(40, 30, 20), spacing=(1, 1.25, 2), origin=tuple(LPS[:3, 3]))
     grid.direction_matrix = LPS[:3, :3] / np.array([1, 1.25, 2])

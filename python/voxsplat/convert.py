@@ -39,6 +39,7 @@ def volume_of(
     missing_slices: str = "refuse",
     complex: str | None = None,
     pyramid: int | None = None,
+    fetch_limit: int | None = None,
 ) -> _native.Volume:
     """Return the volume of an array, an image of another package, or a file. See `voxsplat.Volume`."""
     if isinstance(data, _native.Volume):
@@ -64,10 +65,11 @@ def volume_of(
                 "missing_slices": missing_slices,
                 "complex": complex,
                 "pyramid": pyramid,
+                "fetch_limit": fetch_limit,
             },
         )
     given = {"time": time, "channel": channel, "dims": dims, "dtype": dtype, "endian": endian, "series": series}
-    given |= {"offset": offset or None, "complex": complex, "pyramid": pyramid}
+    given |= {"offset": offset or None, "complex": complex, "pyramid": pyramid, "fetch_limit": fetch_limit}
     given["missing_slices"] = None if missing_slices == "refuse" else missing_slices
     _refuse(given, "for files, and the volume is an array: index it")
     array, axes, facts = located(

@@ -38,7 +38,7 @@ class Volume:
     ----------
     data
         An array of three axes, or an object that has one: ndarray, xarray, Zarr, Dask (computed), DLPack, nibabel,
-        SimpleITK, pyvista; or a path, a folder of slices, ``"demo:NAME"``. Types are bool, every integer type and every
+        SimpleITK, pyvista; or a path, a folder of slices, ``"demo:NAME"``, a url (https, http, s3). Types are bool, every integer type and every
         real type. The samples are copied once, at their width, whatever the order of the axes in memory; float16 and
         foreign byte orders are converted.
     spacing
@@ -71,6 +71,8 @@ class Volume:
         The part of complex samples of a file: ``"abs"``, ``"real"``, ``"imag"`` or ``"phase"`` (radians).
     pyramid
         The level of a pyramid, 0 (the finest) and up; by default the level that suits the picture.
+    fetch_limit
+        The largest number of bytes that are fetched of a url: 1 GiB by default.
     dims, dtype, endian, offset
         Of a file of bare samples: numbers of samples along (x, y, z), their type such as ``"uint16"``, ``"little"``
         (the default) or ``"big"``, and the bytes before the first sample.
@@ -80,7 +82,7 @@ class Volume:
         self._native: _native.Volume = native_volume(data, facts)
 
     def info(self) -> dict[str, Any]:
-        """Return lattice, values, and the preset that suits them. Reads all samples."""
+        """Return lattice, values, and the preset that suits them. Reads all samples, of a url those of a coarse level."""
         return self._native.info()
 
     def __repr__(self) -> str:

@@ -12,6 +12,7 @@ mod labels;
 mod light;
 mod options;
 mod overlay;
+mod part;
 mod section;
 mod suggestion;
 mod transfer;
@@ -31,6 +32,7 @@ pub mod program {
     pub use super::light::{LightPlace, LightRequest, LightSpec, OcclusionSpec, ShadowSpec, place_studio};
     pub use super::options::{command_line, notes, options_of, quoted};
     pub use super::overlay::{HOT, Overlay, OverlayLook, OverlaySpec, Overlays, PlacedOverlay, TWO_SIDED, UsedColors};
+    pub use super::part::needed_part;
     pub use super::section::PlaneSpec;
     pub use super::transfer::{FittedTransfer, GradientSpec, MAP, TransferChoice, TransferRequest};
     pub use super::{ChoiceContext, OpenChoices};

@@ -11,7 +11,7 @@ use super::choice::Choice;
 use super::suggestion::suggest;
 use super::transfer::{FittedTransfer, TransferChoice, TransferRequest};
 use crate::error::{Error, Result};
-use crate::formats::LoadOptions;
+use crate::formats::{LoadOptions, is_url};
 use crate::layers::{Fit, Labels, Lattice, Layer, Layers, LegendEntry, count_labels, recognised};
 use crate::transfer::presets::{self, PresetValues};
 use crate::transfer::{ControlPoint, GradientPoint, TransferFunction, Window, color};
@@ -128,7 +128,9 @@ impl OverlaySpec {
         let mut ends = std::iter::once(end).chain(colons.iter().rev().copied());
         // Without such a file the first colon ends it, except the colon of a drive.
         let is_drive = |at: usize| at == 1 && all[2..].starts_with(['\\', '/']);
-        let first = || colons.iter().copied().find(|&at| !is_drive(at));
+        // Colons of a url stand behind the scheme, in the host and before the look.
+        let path = if is_url(Path::new(all)) { all[..end].rfind('/').unwrap_or(0) } else { 0 };
+        let first = || colons.iter().copied().find(|&at| !is_drive(at) && at >= path);
         let at = ends.find(|&at| is_volume(&all[..at])).or_else(first).unwrap_or(end);
         (PathBuf::from(&all[..at]), &all[at..])
     }

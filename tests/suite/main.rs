@@ -29,8 +29,10 @@ mod formats {
     pub(crate) mod fixtures;
     mod lying_headers;
     mod peers;
+    mod remote;
     mod reported;
     mod segmentations;
+    pub(crate) mod server;
     mod streaming;
     mod transfer_files;
     mod zarr;

@@ -3,7 +3,10 @@
 //! An option is refused if it contradicts another one, and noted in one line if it is harmless. A unit test takes all
 //! options from `clap` and fails for an option that neither [`RULES`] nor [`FREE`] names.
 
+use std::path::Path;
+
 use clap::{ArgMatches, Command};
+use voxsplat::formats::is_url;
 
 use super::failure::Failure;
 use super::given::{
@@ -55,6 +58,7 @@ const RULES: &[Rule] = &[
     idle("series", |given| given.reads_one_file() && !given.reads_tiff(), IS_ONE_FILE),
     idle("missing-slices", |given| given.reads_no_dicom_file(), "because only DICOM has slices of its own"),
     idle("series missing-slices", |given| given.reads_no_dicom(), IS_NO_DICOM),
+    idle("fetch-limit", |given| !is_url(Path::new(&given.source())), "because the volume is at no url"),
     idle("tune:stream-over", |given| given.source().starts_with("demo:"), "because the volume is built in"),
     // Output.
     idle("background", keeps_values, "because an .exr keeps alpha"),

@@ -79,6 +79,10 @@ fn in_flags(error: &Error) -> String {
             Hint::InterpolateSlices => "interpolate them with --missing-slices interpolate".to_owned(),
             Hint::ChooseChannel => "choose one with --channel N".to_owned(),
             Hint::ChooseComplexPart => "choose a part with --complex abs, real, imag or phase".to_owned(),
+            Hint::RaiseFetchLimit => {
+                "read a coarser level with --pyramid, less with --clip and --transfer FILE, or more with --fetch-limit"
+                    .to_owned()
+            }
             Hint::ChooseDataset => "give one as FILE:NAME".to_owned(),
             other => other.to_string(),
         };

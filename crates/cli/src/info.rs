@@ -6,7 +6,7 @@ use glam::DVec3;
 use serde::Serialize;
 use voxsplat::appearance::suggest;
 use voxsplat::error::{Error, Hint};
-use voxsplat::formats::{self, LoadOptions, PyramidLevel, Series};
+use voxsplat::formats::{self, LoadOptions, PyramidLevel, Series, is_url};
 use voxsplat::program::{GUESS, LabelLooks, ValueMeaning};
 use voxsplat::transfer::presets::PresetValues;
 use voxsplat::volume::{Channel, Grid, Statistics, Volume};
@@ -166,8 +166,9 @@ pub(crate) fn run(args: &InfoArgs, options: &[OptionValues]) -> Result<(), Failu
         let load = args.input.options();
         // A file of several channels is described by its first.
         let channel = load.channel.or(Some(0));
-        // A level of a pyramid that is read quickly.
-        let level = if args.input.pyramid.is_none() { PyramidLevel::Pixels(512.0) } else { load.level };
+        // A level of a pyramid that is read quickly, by a network less than by a disk.
+        let pixels = if is_url(&args.input.source) { 256.0 } else { 512.0 };
+        let level = if args.input.pyramid.is_none() { PyramidLevel::Pixels(pixels) } else { load.level };
         let Some(volume) = loaded(args, &LoadOptions { channel, level, ..load })? else { return Ok(()) };
         say_level(&volume, &load);
         let _progress = Progress::spinner("reading");

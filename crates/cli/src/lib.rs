@@ -27,6 +27,7 @@ mod options;
 mod output;
 mod pareto;
 mod parse;
+mod part;
 mod progress;
 mod render;
 mod report;

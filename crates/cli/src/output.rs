@@ -3,6 +3,8 @@
 use std::io::{self, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use voxsplat::formats::without_credentials;
+
 use super::failure::{Failure, fail};
 
 /// Whether only results and errors are printed.
@@ -31,9 +33,9 @@ pub(crate) fn is_quiet() -> bool {
     QUIET.load(Ordering::Relaxed)
 }
 
-/// Writes a result to stdout. A closed pipe, as from `| head`, is not a failure.
+/// Writes a result to stdout, without the credentials of urls. A closed pipe, as from `| head`, is not a failure.
 pub(crate) fn print(text: &str) -> Result<(), Failure> {
-    print_bytes(text.as_bytes())
+    print_bytes(without_credentials(text).as_bytes())
 }
 
 /// Writes bytes to stdout.
@@ -61,8 +63,9 @@ pub(crate) fn say(message: &str) {
     }
 }
 
-/// Writes one line to stderr. A failure to do so is ignored: it cannot be reported.
+/// Writes one line to stderr, without the credentials of urls. A failure to do so is ignored: it cannot be reported.
 pub(crate) fn complain(message: &str) {
+    let message = without_credentials(message);
     let words: Vec<&str> = message.split_whitespace().collect();
     let mut line = words.join(" ");
     // It may quote an argument of any length. The end states the expected value.

@@ -207,6 +207,19 @@ pub(crate) fn whole<T: TryFrom<u64>, const MIN: u64, const MAX: u64>(text: &str)
     expect(number.and_then(|number: u64| T::try_from(number).ok()), &format!("a whole number{range}"))
 }
 
+/// Parses a number of bytes, with a unit of 1024 bytes, of 1024 of these, and so on.
+pub(crate) fn bytes(text: &str) -> Result<u64, String> {
+    let parsed = || {
+        let number = text.trim().trim_end_matches(['B', 'b', 'i']);
+        let power = number.chars().last().and_then(|unit| "KMGT".find(unit.to_ascii_uppercase()));
+        let digits = if power.is_some() { &number[..number.len() - 1] } else { number };
+        let unit = power.map_or(1, |power| 1_u64 << (10 * (power + 1)));
+        let bytes = digits.trim().parse::<f64>().ok()? * unit as f64;
+        (bytes.is_finite() && bytes >= 0.0).then_some(bytes as u64)
+    };
+    expect(parsed(), "a number of bytes such as 500M, 2G or 1.5T")
+}
+
 /// Parses a finite number over 0.
 pub(crate) fn positive(text: &str) -> Result<f64, String> {
     expect(number(text).ok().filter(|&n| n > 0.0), &format!("a number over 0{}", unit(text)))
@@ -260,6 +273,16 @@ mod tests {
         assert_eq!(units("value=HU"), Ok(Units { length: None, ..both }));
         for bad in ["", "mm", "length=", "length=mm,width=3", "=mm"] {
             assert!(units(bad).unwrap_err().starts_with("expected length=UNIT"), "{bad}");
+        }
+    }
+
+    #[test]
+    fn numbers_of_bytes() {
+        for (text, given) in [("7", 7), ("2K", 2048), ("1.5 GiB", 3 << 29), ("3mb", 3 << 20), ("1T", 1 << 40)] {
+            assert_eq!(bytes(text), Ok(given));
+        }
+        for bad in ["", "G", "-1", "nan", "1E", "1X", "inf"] {
+            assert!(bytes(bad).unwrap_err().starts_with("expected a number of bytes"), "{bad}");
         }
     }
 

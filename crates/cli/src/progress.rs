@@ -6,9 +6,12 @@ use std::io::{IsTerminal, stderr};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use indicatif::{HumanDuration, ProgressBar, ProgressStyle};
+use indicatif::{HumanBytes, HumanDuration, ProgressBar, ProgressStyle};
 
 use super::output::is_quiet;
+
+/// The template of a spinner.
+const SPINNER: &str = "{spinner} {msg} {elapsed}";
 
 /// The number of steps of the bar.
 const STEPS: u64 = 1000;
@@ -32,7 +35,11 @@ impl Progress {
 
     /// Shows work of unknown length.
     pub(crate) fn spinner(what: &'static str) -> Self {
-        Self::new(ProgressBar::new_spinner(), "{spinner} {msg} {elapsed}", what)
+        let spinner = Self::new(ProgressBar::new_spinner(), SPINNER, what);
+        if what == "reading" {
+            *READING.lock().unwrap_or_else(PoisonError::into_inner) = Some(spinner.0.clone());
+        }
+        spinner
     }
 
     /// Shows the progress of work that reports it.
@@ -45,8 +52,26 @@ impl Progress {
     }
 }
 
+/// The spinner of a volume that is read, which becomes a bar while the volume is fetched.
+static READING: Mutex<Option<ProgressBar>> = Mutex::new(None);
+
+/// Shows the bytes that were fetched of a volume, and the fraction that is done.
+pub(crate) fn fetched(bytes: u64, fraction: f64) {
+    let reading = READING.lock().unwrap_or_else(PoisonError::into_inner);
+    let Some(bar) = &*reading else { return };
+    let is_done = fraction >= 1.0;
+    let template = if is_done { SPINNER } else { "{spinner} {msg:16} {wide_bar} {percent:>3} % {elapsed}" };
+    if let Ok(style) = ProgressStyle::with_template(template) {
+        bar.set_style(style);
+    }
+    bar.set_length(STEPS);
+    bar.set_position((fraction.clamp(0.0, 1.0) * STEPS as f64) as u64);
+    bar.set_message(if is_done { "reading".to_owned() } else { format!("fetching {}", HumanBytes(bytes)) });
+}
+
 impl Drop for Progress {
     fn drop(&mut self) {
+        READING.lock().unwrap_or_else(PoisonError::into_inner).take_if(|bar| bar.prefix() == self.0.prefix());
         self.0.finish_and_clear();
     }
 }

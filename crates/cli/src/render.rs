@@ -20,6 +20,7 @@ use super::failure::{Failure, fail};
 use super::fitted::Fitted;
 use super::job::{Outputs, RenderJob};
 use super::output;
+use super::part;
 use super::report::{self, Choices};
 use super::session::{Drawing, Session};
 use super::stages::Stages;
@@ -42,7 +43,11 @@ pub(crate) fn run(jobs: Vec<RenderJob>) -> Result<(), Failure> {
     // Commands that end in a pipe are not a newcomer's.
     let is_file = |job: &RenderJob| matches!(job.output.picture, Destination::File(_));
     let built_in = jobs.iter().any(|job| is_file(job) && demos::name_in(&job.source).is_some());
+    let is_one = jobs.len() == 1;
     for mut job in jobs {
+        if is_one {
+            job.load = part::options(&job)?;
+        }
         let mut stages = Stages::default();
         let (session, fitted) = match &mut shared {
             Some(session) => {

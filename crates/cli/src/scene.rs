@@ -10,7 +10,7 @@ use clap::builder::ValueHint;
 use clap::{Arg, ArgAction, ArgMatches, Command, FromArgMatches};
 use serde_json::{Map, Value};
 use voxsplat::error::InputError;
-use voxsplat::formats::read_json;
+use voxsplat::formats::{is_url, read_json};
 use voxsplat::program::MAP;
 
 use super::args::{Args, RenderArgs};
@@ -225,6 +225,6 @@ fn found(folder: &Path, text: &str, is_path: bool) -> OsString {
         return value;
     }
     let file = folder.join(text.split('#').next().unwrap_or_default());
-    let stays = text == STREAM || text.starts_with("demo:");
+    let stays = text == STREAM || text.starts_with("demo:") || is_url(Path::new(text));
     if !stays && (is_path || file.is_file()) { folder.join(text).into() } else { text.into() }
 }

@@ -4,6 +4,7 @@ use std::ffi::{OsStr, OsString};
 use std::path::{Component, Path, PathBuf};
 
 use serde_json::Value;
+use voxsplat::formats::without_credentials;
 use voxsplat::image::{check_writable, write_file};
 use voxsplat::program::{IsosurfaceSpec, LABELS, OverlaySpec, TransferChoice};
 use voxsplat::transfer::TransferFunction;
@@ -99,7 +100,9 @@ impl SceneFile {
             fields.push((name.clone(), value.to_string()));
         }
         let fields: Vec<String> = fields.iter().map(|(name, value)| format!("  \"{name}\": {value}")).collect();
-        Ok(write_file(&self.path, format!("{{\n{}\n}}\n", fields.join(",\n")).as_bytes())?)
+        // Passwords and tokens are no part of a scene.
+        let scene = format!("{{\n{}\n}}\n", fields.join(",\n"));
+        Ok(write_file(&self.path, without_credentials(&scene).as_bytes())?)
     }
 }
 

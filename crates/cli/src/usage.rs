@@ -5,6 +5,7 @@ use std::path::Path;
 
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Arg, Command};
+use voxsplat::formats::is_url;
 use voxsplat::program::ForeignWords;
 use voxsplat_volume::names::{is_near, nearest};
 
@@ -197,7 +198,13 @@ pub(crate) fn missing_input(words: &[OsString]) -> Option<String> {
     let is_number = text.split(',').all(|part| part.parse::<f64>().is_ok());
     let looks_like_file = text.contains(['.', '/', '\\']) && !is_number;
     let is_there = source.exists() || text.rsplit_once(':').is_some_and(|(file, _)| Path::new(file).exists());
-    if !looks_like_file || is_there || text.starts_with("demo:") || *source == Path::new(STREAM) || name == "compare" {
+    if !looks_like_file
+        || is_there
+        || is_url(source)
+        || text.starts_with("demo:")
+        || *source == Path::new(STREAM)
+        || name == "compare"
+    {
         return None;
     }
     let reason = std::fs::metadata(source).err()?;

@@ -88,6 +88,8 @@ pub enum Hint {
     ChooseDataset,
     /// The samples are complex: choose one number of each.
     ChooseComplexPart,
+    /// The volume at a url is larger than the limit: raise it, or read a coarser level or a part.
+    RaiseFetchLimit,
 }
 
 impl fmt::Display for Hint {
@@ -103,6 +105,7 @@ impl fmt::Display for Hint {
             Self::ChooseChannel => "set LoadOptions::channel",
             Self::ChooseDataset => "load FILE:NAME",
             Self::ChooseComplexPart => "set LoadOptions::complex",
+            Self::RaiseFetchLimit => "set FetchOptions::limit, or a coarser LoadOptions::level",
         })
     }
 }

@@ -4,7 +4,7 @@
 //! reads surfaces. Modules without documentation are shared with the renderer: any release may change them.
 //!
 //! Features, all on by default: `dicom` (with JPEG), `hdf5` (HDF5 and NetCDF), `jpeg2000` (in DICOM), `tiff`, `vtk` and
-//! `zarr`.
+//! `zarr`. One more is off by default: `remote`, for sources at urls.
 
 #![cfg_attr(docsrs, feature(doc_cfg))]
 #![cfg_attr(

@@ -1,7 +1,7 @@
 //! Loops on all cores, compiled once: a loop of rayon's is some 2,500 lines of LLVM for each type of sample, and such
 //! loops were a sixth of the lines of this crate.
 
-use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering::Relaxed};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use rayon::prelude::*;
@@ -22,6 +22,36 @@ pub fn for_each_chunk<T: Send>(elements: &mut [T], size: usize, work: impl Fn(us
 /// # Errors
 /// An error of `make`. It is not called again after the first error.
 pub fn try_map<R: Send, E: Send>(count: usize, make: impl Fn(usize) -> Result<R, E> + Sync) -> Result<Vec<R>, E> {
+    try_map_by(&for_each, count, make)
+}
+
+/// Returns the results of [`try_map`] by threads of its own, as work that waits for other machines needs.
+///
+/// # Errors
+/// The error of [`try_map`].
+pub fn try_map_in<R: Send, E: Send>(
+    threads: usize,
+    count: usize,
+    make: impl Fn(usize) -> Result<R, E> + Sync,
+) -> Result<Vec<R>, E> {
+    let on_threads = |count: usize, work: &(dyn Fn(usize) + Sync)| {
+        let next = AtomicUsize::new(0);
+        let numbers = || std::iter::repeat_with(|| next.fetch_add(1, Relaxed)).take_while(|number| *number < count);
+        std::thread::scope(|scope| {
+            (0..threads.min(count)).for_each(|_| drop(scope.spawn(|| numbers().for_each(work))))
+        });
+    };
+    try_map_by(&on_threads, count, make)
+}
+
+/// A loop that calls a function with each number below a count.
+type Loop<'a> = &'a dyn Fn(usize, &(dyn Fn(usize) + Sync));
+
+fn try_map_by<R: Send, E: Send>(
+    for_each: Loop<'_>,
+    count: usize,
+    make: impl Fn(usize) -> Result<R, E> + Sync,
+) -> Result<Vec<R>, E> {
     let results: Vec<Mutex<Option<Result<R, E>>>> = (0..count).map(|_| Mutex::new(None)).collect();
     let failed = AtomicBool::new(false);
     for_each(count, &|number| {
@@ -48,6 +78,11 @@ mod tests {
         assert_eq!(try_map(1000, |n| Ok::<_, ()>(2 * n)).unwrap(), (0..1000).map(|n| 2 * n).collect::<Vec<_>>());
         assert_eq!(try_map(1000, |n| if n == 700 { Err(n) } else { Ok(n) }), Err(700));
         assert_eq!(try_map(0, Err::<(), _>), Ok(Vec::<()>::new()));
+        assert_eq!(try_map_in(3, 100, |n| Ok::<_, ()>(2 * n)).unwrap(), (0..100).map(|n| 2 * n).collect::<Vec<_>>());
+        assert_eq!(try_map_in(3, 100, |n| if n == 70 { Err(n) } else { Ok(n) }), Err(70));
+        // Work that waits for other work needs as many threads.
+        let together = std::sync::Barrier::new(16);
+        assert_eq!(try_map_in(16, 32, |_| Ok::<_, ()>(together.wait().is_leader())).unwrap().len(), 32);
     }
 
     #[test]

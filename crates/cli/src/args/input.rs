@@ -4,12 +4,16 @@ use std::path::PathBuf;
 
 use voxsplat::appearance::pyramid_level;
 use voxsplat::camera::View;
-use voxsplat::formats::{AxisOrder, ComplexPart, FORMATS, Format, LoadOptions, MissingSlices, PyramidLevel};
+use voxsplat::formats::{
+    AxisOrder, CAN_FETCH, ComplexPart, FORMATS, FetchOptions, FetchProgress, Format, LoadOptions, MissingSlices,
+    PyramidLevel,
+};
 use voxsplat::program::ChannelChoice;
 use voxsplat::volume::{Endian, SampleType};
 
 use crate::failure::{Failure, refuse};
 use crate::parse::{self, TimeArg, one_of};
+use crate::progress;
 
 /// Returns the help of the volume: formats as the library lists them.
 fn volume_help() -> String {
@@ -18,9 +22,12 @@ fn volume_help() -> String {
         None => format!("{} ({})", format.name, format.description),
     };
     let formats: Vec<String> = FORMATS.iter().map(format).collect();
+    let lacks = if CAN_FETCH { "" } else { " (this build lacks --features remote)" };
     format!(
-        "A volume: a file, a folder of slices, - for standard input, or a built-in volume, demo:NAME[:SIZE] with SIZE \
-         in voxels along each axis. render and turntable also take a scene, FILE.json.\n\n\
+        "A volume: a file, a folder of slices, - for standard input, a url{lacks}, or a built-in volume, \
+         demo:NAME[:SIZE] with SIZE in voxels along each axis. render and turntable also take a scene, FILE.json.\n\n\
+         Urls begin with https://, http:// or s3://BUCKET/. S3 is read as the variables AWS_ACCESS_KEY_ID, \
+         AWS_SECRET_ACCESS_KEY, AWS_SESSION_TOKEN, AWS_REGION and AWS_ENDPOINT_URL state, anonymously without keys.\n\n\
          Formats: {}; raw samples.",
         formats.join("; ")
     )
@@ -30,7 +37,7 @@ fn volume_help() -> String {
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Input")]
 pub(crate) struct InputArgs {
-    /// A volume: a file, a folder of slices, - for standard input, or demo:NAME[:SIZE]
+    /// A volume: a file, a folder of slices, a url, - for standard input, or demo:NAME[:SIZE]
     #[arg(value_name = "VOLUME", long_help = volume_help())]
     pub(crate) source: PathBuf,
     /// Raw files: number of samples along x (fastest, see --axis-order), y and z
@@ -82,6 +89,9 @@ pub(crate) struct InputArgs {
     /// than pixels]
     #[arg(long, value_name = "N", value_parser = parse::whole::<u32, 0, { u64::MAX }>)]
     pub(crate) pyramid: Option<u32>,
+    /// Volumes at urls: refuse to fetch more than SIZE bytes; K, M, G or T behind it stands for KiB, MiB, GiB or TiB
+    #[arg(long, value_name = "SIZE", default_value = "1G", value_parser = parse::bytes)]
+    pub(crate) fetch_limit: u64,
 }
 
 impl InputArgs {
@@ -115,6 +125,11 @@ impl InputArgs {
             missing_slices: self.missing_slices,
             complex: self.complex,
             level: self.pyramid.map_or(LoadOptions::default().level, PyramidLevel::At),
+            fetch: FetchOptions {
+                limit: self.fetch_limit,
+                progress: Some(FetchProgress(progress::fetched)),
+                ..FetchOptions::default()
+            },
             ..LoadOptions::default()
         }
     }

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use serde_json::value::RawValue;
 use voxsplat::bricks::Plan;
+use voxsplat::formats::without_credentials;
 use voxsplat::image::write_file;
 use voxsplat_volume::files::{fault, read_text};
 
@@ -60,7 +61,8 @@ pub(super) fn save(
         plan: RawValue::from_string(plan.to_json()?.trim_end().to_owned()).map_err(failed)?,
     };
     let text = serde_json::to_string_pretty(&document).map_err(failed)?;
-    Ok(write_file(path, (text + "\n").as_bytes())?)
+    // Passwords and tokens are no part of a plan.
+    Ok(write_file(path, (without_credentials(&text).into_owned() + "\n").as_bytes())?)
 }
 
 /// Reads a plan, the job of its whole picture, and the choices in it.

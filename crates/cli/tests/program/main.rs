@@ -19,9 +19,13 @@ mod commands;
 mod hostile;
 mod isosurfaces;
 mod overlays;
+mod remote;
 mod results;
 mod scenes;
 mod segmentations;
+#[allow(dead_code, reason = "the tests of the library use more of it")]
+#[path = "../../../../tests/suite/formats/server.rs"]
+mod server;
 mod sheets;
 mod slices;
 mod solids;

@@ -140,6 +140,14 @@ impl Input {
         })
     }
 
+    /// Makes the stream of bytes in memory, as a file of the name `path`.
+    #[cfg(feature = "remote")]
+    pub(super) fn of_bytes(path: &Path, bytes: Vec<u8>) -> Self {
+        let left = Some(bytes.len() as u64);
+        let reader = Box::new(io::Cursor::new(bytes));
+        Self { path: path.to_owned(), reader, plain: None, left, behind: 0, header_left: MAX_HEADER, unpacked: None }
+    }
+
     /// Returns the stream, with the decompressed streams of `unpacked`.
     pub(super) fn keeping(self, unpacked: Option<Arc<Unpacked>>) -> Self {
         Self { unpacked, ..self }
@@ -202,6 +210,11 @@ impl Input {
     /// Decompresses the bzip2 stream that begins here. Several streams count as one, as pbzip2 writes them.
     pub(super) fn bunzip2(self) -> Self {
         self.decompressed_once(MAX_BZIP2_EXPANSION, |reader| buffered(MultiBzDecoder::new(reader)))
+    }
+
+    /// Returns the stream, whose bytes are not found in its file again.
+    pub(super) fn streamed(self) -> Self {
+        Self { plain: None, ..self }
     }
 
     /// Lowers the bound on the bytes left, if their number is unknown.

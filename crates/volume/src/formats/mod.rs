@@ -20,8 +20,10 @@ mod nifti;
 mod npy;
 mod npz;
 mod nrrd;
+mod origin;
 mod pair;
 mod parrec;
+mod part;
 mod placement;
 mod raw_name;
 mod readers;
@@ -48,6 +50,7 @@ use decode::{Layout, read_all, x_fastest};
 pub use folder::{is_zarr, volumes_in};
 use folder::{volumes_below, zarr_folder_of};
 use input::{Input, Unpacked};
+pub use part::LatticePart;
 use placement::{Placement, check_spacing};
 use readers::ZARR;
 pub use readers::{FORMATS, Format};
@@ -59,6 +62,8 @@ pub(crate) use vtk::poly_data::read as read_poly_data;
 
 use crate::demos;
 use crate::error::{Error, Hint, Result, Subject, refuse, refuse_if};
+use crate::files::remote::registered;
+pub use crate::files::remote::{CAN_FETCH, FetchOptions, FetchProgress, is_url, without_credentials};
 pub use crate::files::{read_json, read_text};
 use crate::names::{counted, named};
 use crate::volume::{Endian, SampleType, Volume};
@@ -140,6 +145,11 @@ pub struct LoadOptions {
     /// The largest volume, in bytes of samples, that is always read into memory; 4 MiB by default. A larger one stays
     /// in its file if its samples are uncompressed and in one piece there, and is read brick by brick.
     pub stream_over: u64,
+    /// The part of the lattice that is needed; `None` is all of it. Of Zarr only the chunks that touch it are read. The
+    /// samples of other chunks have the fill value.
+    pub part: Option<LatticePart>,
+    /// The conditions of fetching a source at a url.
+    pub fetch: FetchOptions,
     /// Makes literals that name all fields impossible.
     #[doc(hidden)]
     pub non_exhaustive: (),
@@ -162,6 +172,8 @@ impl Default for LoadOptions {
             complex: None,
             level: PyramidLevel::At(0),
             stream_over: 4 << 20,
+            part: None,
+            fetch: FetchOptions::default(),
             non_exhaustive: (),
         }
     }
@@ -169,6 +181,9 @@ impl Default for LoadOptions {
 
 /// Loads a volume: a file of one of the formats below, a file of bare samples, or the built-in volume
 /// `demo:NAME[:SIZE]` (see [`demos`]).
+///
+/// With the feature `remote` a source may be a url: `https://..`, `http://..`, or `s3://BUCKET/KEY` with the variables of
+/// the environment that AWS names. Files are fetched whole, of Zarr and its archives only the needed chunks.
 ///
 /// [`FORMATS`] lists the formats. Of a file with
 /// several points in time or channels `time` and `channel` choose one; [`Volume::contents`] tells how many there are. A
@@ -196,6 +211,7 @@ pub fn load(source: impl AsRef<Path>, options: &LoadOptions) -> Result<Volume> {
 
 /// Loads a volume as [`load`] does; decompressed streams are kept in `unpacked`, if that is given, and read from there.
 fn load_from(source: &Path, options: &LoadOptions, unpacked: Option<&Arc<Unpacked>>) -> Result<Volume> {
+    let source = &*registered(source, &options.fetch)?;
     if let Some(spacing) = options.spacing {
         check_spacing(spacing)?;
     }
@@ -232,7 +248,14 @@ fn load_from(source: &Path, options: &LoadOptions, unpacked: Option<&Arc<Unpacke
 /// Returns the file and the data set of `FILE:SET`, if there is such a file and none of the whole name.
 fn with_inside(source: &Path) -> Option<(PathBuf, String)> {
     let (file, inside) = source.to_str()?.rsplit_once(':')?;
-    (!inside.is_empty() && !source.exists() && Path::new(file).is_file()).then(|| (file.into(), inside.to_owned()))
+    let path = Path::new(file);
+    // The colon of a url may stand before a port: a file has a path behind the host.
+    let is_at_url = || {
+        let has_sets = Format::of_name(path).is_some_and(|format| format.has_sets);
+        has_sets && is_url(path) && path.components().count() > 2
+    };
+    let is_set = !inside.is_empty() && !source.exists() && (path.is_file() || is_at_url());
+    is_set.then(|| (file.into(), inside.to_owned()))
 }
 
 fn load_file(
@@ -243,6 +266,20 @@ fn load_file(
 ) -> Result<Volume> {
     if path.is_dir() {
         return load_folder(path, options);
+    }
+    #[cfg(all(feature = "remote", feature = "zarr"))]
+    if is_url(path) {
+        match Format::of_name(path) {
+            Some(format) if format.name == ZARR.name => {
+                refuse_raw_options(path, options, "a Zarr file", false)?;
+                return zarr::read_archive_at(path, inside, options);
+            }
+            None if let Some(folder) = zarr::folder_at(path)? => {
+                refuse_raw_options(path, options, "a folder", false)?;
+                return ZARR.read_folder(folder, &[], options);
+            }
+            _ => {}
+        }
     }
     if let Some(folder) = zarr_folder_of(path) {
         return load_folder(folder, options);

@@ -3,8 +3,7 @@
 //!
 //! The crate `zip` is not used: its readers borrow the archive, so a stored member could not stay in its file.
 
-use std::fs::File;
-use std::io::{Read, Seek, SeekFrom};
+use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -13,6 +12,7 @@ use flate2::bufread::DeflateDecoder;
 
 use super::fields::Fields;
 use super::input::{Input, MAX_EXPANSION, Unpacked, buffered};
+use super::origin::Origin;
 use super::placement::plain_name;
 use crate::error::{Damage, Error, Result, Subject, refuse, refuse_if};
 use crate::volume::Endian;
@@ -38,7 +38,7 @@ const MAX_DIRECTORY: u64 = 16 << 20;
 /// An archive with its directory.
 pub(super) struct Archive {
     path: PathBuf,
-    file: File,
+    pub(super) origin: Origin,
     pub(super) members: Vec<Member>,
 }
 
@@ -49,7 +49,7 @@ pub(super) struct Member {
     method: i64,
     crc: u32,
     /// The number of bytes in the archive; `size` is the number of bytes that they expand to.
-    packed: u64,
+    pub(super) packed: u64,
     pub(super) size: u64,
     /// The place in the archive of the header before the bytes.
     at: u64,
@@ -62,13 +62,17 @@ impl Archive {
         let Some((file, _)) = input.plain_file()? else {
             refuse!(input, "is an archive in a stream or in gzip: write it to a file, decompressed");
         };
-        let length = file.metadata().map_err(Error::read(&path))?.len();
-        let (count, at, size) = directory(&path, &file, length)?;
+        Self::at(path, Origin::File(Arc::new(file)))
+    }
+
+    /// Reads the directory of an archive.
+    pub(super) fn at(path: PathBuf, origin: Origin) -> Result<Self> {
+        let (count, at, size) = directory(&path, &origin)?;
         refuse_if!(size > MAX_DIRECTORY, path, "has a directory of {size} bytes, expected at most {MAX_DIRECTORY}");
-        let bytes = read_at(&path, &file, at, size as usize)?;
+        let bytes = read_at(&path, &origin, at, size)?;
         let members = members(&bytes).filter(|members| members.len() as u64 == count);
         let members = members.ok_or_else(|| path.error("is damaged: its directory does not list its members"))?;
-        Ok(Self { path, file, members })
+        Ok(Self { path, origin, members })
     }
 
     /// Opens a member, decompressed. Its bytes end in an error if their checksum is wrong, unless they are stored.
@@ -79,7 +83,11 @@ impl Archive {
         path.push(format!(":{}", plain_name(name.strip_suffix(".npy").unwrap_or(name)).unwrap_or_default()));
         let path = PathBuf::from(path);
         let at = self.place(member, &path)?;
-        let input = Input::part(path, &self.file, at, *packed)?.keeping(unpacked);
+        let input = match &self.origin {
+            Origin::File(file) => Input::part(path, file, at, *packed)?.keeping(unpacked),
+            #[cfg(feature = "remote")]
+            Origin::Url(_) => Input::of_bytes(&path, read_at(&path, &self.origin, at, *packed)?),
+        };
         match member.method {
             0 if packed == size => Ok(input),
             0 => refuse!(input, "is damaged: {packed} stored bytes cannot be {size}"),
@@ -99,7 +107,7 @@ impl Archive {
     /// Returns the place of the bytes of a member, behind its header.
     fn place(&self, member: &Member, path: &Path) -> Result<u64> {
         let at = member.at;
-        let header = read_at(path, &self.file, at, LOCAL)?;
+        let header = read_at(path, &self.origin, at, LOCAL as u64)?;
         refuse_if!(!header.starts_with(MAGIC), path, "is damaged: the directory leads to no member at byte {at}");
         refuse_if!(member.flags & 1 != 0, path, "is encrypted");
         let fields = Fields { bytes: &header, endian: Endian::Little };
@@ -112,18 +120,12 @@ impl Archive {
         let is_stored = member.method == 0 && member.packed == member.size;
         is_stored.then(|| Ok((self.place(member, path)?, member.size))).transpose()
     }
-
-    /// Returns the file of the archive, whose place to read at may be anywhere.
-    #[cfg_attr(not(feature = "zarr"), expect(dead_code, reason = "for chunks of Zarr"))]
-    pub(super) fn file(&self) -> &File {
-        &self.file
-    }
 }
 
 /// Returns the number of members, and the place and the size of the directory.
-fn directory(path: &Path, file: &File, length: u64) -> Result<(u64, u64, u64)> {
-    let tail_size = length.min((END + usize::from(u16::MAX)) as u64);
-    let tail = read_at(path, file, length - tail_size, tail_size as usize)?;
+fn directory(path: &Path, origin: &Origin) -> Result<(u64, u64, u64)> {
+    let tail = origin.edge(false, (END + usize::from(u16::MAX)) as u64);
+    let (tail, length) = tail.map_err(|source| Error::of_content(path, source))?;
     let ends = |at: &usize| {
         let fields = Fields { bytes: &tail[*at..], endian: Endian::Little };
         tail[*at..].starts_with(b"PK\x05\x06") && at + END + fields.uint(20, 2) as usize == tail.len()
@@ -133,15 +135,15 @@ fn directory(path: &Path, file: &File, length: u64) -> Result<(u64, u64, u64)> {
     };
     let fields = Fields { bytes: &tail[end..], endian: Endian::Little };
     let (mut count, mut size, mut at) = (fields.uint(10, 2), fields.uint(12, 4), fields.uint(16, 4));
-    let mut ends_at = length - tail_size + end as u64;
+    let mut ends_at = length - tail.len() as u64 + end as u64;
     if count == 0xffff || size == 0xffff_ffff || at == 0xffff_ffff {
         let locator = match ends_at.checked_sub(LOCATOR) {
-            Some(before) => read_at(path, file, before, LOCATOR as usize)?,
+            Some(before) => read_at(path, origin, before, LOCATOR)?,
             None => Vec::new(),
         };
         if locator.starts_with(b"PK\x06\x07") {
             ends_at = Fields { bytes: &locator, endian: Endian::Little }.uint(8, 8);
-            let record = read_at(path, file, ends_at, 56)?;
+            let record = read_at(path, origin, ends_at, 56)?;
             refuse_if!(!record.starts_with(b"PK\x06\x06"), path, "is damaged: its record of ZIP64 is missing");
             let fields = Fields { bytes: &record, endian: Endian::Little };
             (count, size, at) = (fields.uint(32, 8), fields.uint(40, 8), fields.uint(48, 8));
@@ -191,13 +193,12 @@ fn zip64(mut extra: &[u8]) -> &[u8] {
     &[]
 }
 
-/// Reads the `size` bytes from byte `at` of a file.
-fn read_at(path: &Path, mut file: &File, at: u64, size: usize) -> Result<Vec<u8>> {
-    let mut bytes = Vec::new();
-    let read = file.seek(SeekFrom::Start(at)).and_then(|_| file.take(size as u64).read_to_end(&mut bytes));
-    read.map_err(Error::read(path))?;
-    refuse_if!(bytes.len() < size, path, "is cut short: {size} bytes from byte {at} are not there");
-    Ok(bytes)
+/// Reads the `size` bytes from byte `at` of an archive.
+fn read_at(path: &Path, origin: &Origin, at: u64, size: u64) -> Result<Vec<u8>> {
+    origin.range(at, size).map_err(|source| match source.kind() {
+        io::ErrorKind::InvalidData => path.error(format!("is cut short: {size} bytes from byte {at} are not there")),
+        _ => Error::read(path)(source),
+    })
 }
 
 /// A reader of a decompressed member that ends in an error if the checksum is not `crc`.
@@ -210,7 +211,7 @@ struct Checked<R> {
 }
 
 impl<R: Read> Read for Checked<R> {
-    fn read(&mut self, out: &mut [u8]) -> std::io::Result<usize> {
+    fn read(&mut self, out: &mut [u8]) -> io::Result<usize> {
         let room = out.len().min(usize::try_from(self.left).unwrap_or(usize::MAX));
         let read = self.reader.read(&mut out[..room])?;
         self.sum.update(&out[..read]);

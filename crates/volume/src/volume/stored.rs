@@ -9,6 +9,7 @@ use rayon::prelude::*;
 
 use super::{Endian, Number, Sample, SampleType, Samples, ToF64, with_samples, with_type};
 use crate::error::{Error, Result};
+use crate::files::read_exact_at;
 use crate::memory::reserved;
 use crate::parallel::for_each_chunk;
 
@@ -111,25 +112,6 @@ impl FileSamples {
             None => Ok(numbers),
         }
     }
-}
-
-#[cfg(unix)]
-fn read_exact_at(file: &File, bytes: &mut [u8], offset: u64) -> std::io::Result<()> {
-    std::os::unix::fs::FileExt::read_exact_at(file, bytes, offset)
-}
-
-#[cfg(windows)]
-fn read_exact_at(file: &File, mut bytes: &mut [u8], mut offset: u64) -> std::io::Result<()> {
-    while !bytes.is_empty() {
-        match std::os::windows::fs::FileExt::seek_read(file, bytes, offset)? {
-            0 => return Err(std::io::ErrorKind::UnexpectedEof.into()),
-            n => {
-                bytes = &mut bytes[n..];
-                offset += n as u64;
-            }
-        }
-    }
-    Ok(())
 }
 
 /// Copies samples.

@@ -13,6 +13,7 @@ use std::path::{Path, PathBuf};
 use flate2::bufread::DeflateDecoder;
 
 use crate::error::{Error, Result, Subject, refuse, refuse_if};
+use crate::files::remote::is_url;
 use crate::formats::input::{Input, MAX_EXPANSION, buffered};
 use crate::memory::{reserved, samples_in};
 use crate::volume::Endian;
@@ -138,6 +139,10 @@ impl<T: Read + Seek> Bytes for T {}
 impl Dataset {
     pub(super) fn read(path: &Path) -> Result<Self> {
         let mut input = Input::open_data(path, None)?.unpacked_if_marked()?;
+        if is_url(path) {
+            // The fetched file has no name by which it is opened again.
+            input = input.streamed();
+        }
         input.limit(MAX_UNPACKED);
         let set = Self { path: path.to_owned(), ..Self::default() };
         let length = input.at_most().unwrap_or(0);

@@ -148,11 +148,22 @@ impl Chain {
         }
     }
 
+    /// Returns the shape of the chunks in the shards that these chunks are, if each can be read alone.
+    pub(super) fn inner(&self) -> Option<Vec<u64>> {
+        let Writing::Shards(shards) = &self.writing else { return None };
+        let mut shape = shards.shape.clone();
+        for order in self.transposed.iter().rev() {
+            let size = |axis: usize| order.iter().position(|of| *of == axis).map_or(1, |n| shape[n]);
+            shape = (0..shape.len()).map(size).collect();
+        }
+        self.packings.is_empty().then_some(shape)
+    }
+
     /// Returns the unpacked bytes, about `most` at most.
     fn unpacked(&self, bytes: &Bytes<'_>, most: u64) -> io::Result<Vec<u8>> {
         // Checksums and incompressible content take a little more.
         let most = usize::try_from(most.saturating_add(most >> 3).saturating_add(1024)).unwrap_or(usize::MAX);
-        let mut content = bytes.range(0, bytes.len())?;
+        let mut content = bytes.all((most as u64).saturating_mul(2))?;
         for packing in &self.packings {
             content = packing.undone(&content, most)?;
         }
@@ -179,8 +190,7 @@ impl Shards {
         let chunks: Vec<u64> = shape.iter().zip(&self.shape).map(|(outer, inner)| outer / inner).collect();
         let count = chunks.iter().fold(1, |n: u64, size| n.saturating_mul(*size));
         let length = self.index.fixed_length(count.saturating_mul(16))?;
-        let start = bytes.len().checked_sub(length).ok_or_else(|| Damage.error("a shard without an index"))?;
-        let index = bytes.range(if self.index_first { 0 } else { start }, length)?;
+        let index = bytes.edge(self.index_first, length)?;
         // The file has the index, so it is no larger than the file.
         let mut entries = vec![0_u64; (count * 2) as usize];
         let index_shape: Vec<u64> = chunks.iter().copied().chain([2]).collect();
@@ -259,7 +269,7 @@ pub(super) fn strides_of(shape: &[u64]) -> Vec<usize> {
 pub(super) type Part = (Vec<u64>, Vec<Range<u64>>, Vec<u64>);
 
 /// Returns the chunks of this shape that have part of `want`.
-pub(super) fn parts(want: &[Range<u64>], shape: &[u64]) -> impl Iterator<Item = Part> {
+pub(super) fn parts(want: &[Range<u64>], shape: &[u64]) -> impl Iterator<Item = Part> + use<> {
     let first: Vec<u64> = want.iter().zip(shape).map(|(range, size)| range.start / size).collect();
     let counts: Vec<u64> =
         want.iter().zip(shape).zip(&first).map(|((range, size), first)| range.end.div_ceil(*size) - first).collect();
@@ -278,6 +288,17 @@ pub(super) fn parts(want: &[Range<u64>], shape: &[u64]) -> impl Iterator<Item = 
             at.push(from - want[axis].start);
         }
         (chunk, inner, at)
+    })
+}
+
+/// Returns the parts of chunks that are chunks of the shape `unit` in them, of one chunk after the other.
+pub(super) fn units(want: &[Range<u64>], chunks: &[u64], unit: &[u64]) -> impl Iterator<Item = Part> + use<> {
+    let unit = unit.to_vec();
+    parts(want, chunks).flat_map(move |(chunk, inner, at)| {
+        parts(&inner, &unit).map(move |(_, part, offset)| {
+            let range = |n: usize| inner[n].start + offset[n]..inner[n].start + offset[n] + part[n].end - part[n].start;
+            (chunk.clone(), (0..at.len()).map(range).collect(), at.iter().zip(&offset).map(|(a, b)| a + b).collect())
+        })
     })
 }
 
@@ -364,5 +385,9 @@ mod tests {
             }
         }
         assert_eq!(seen, [1; 25]);
+        // Chunks of 6 in pieces of 2: the order is that of the chunks.
+        let pieces = units(&[3..8, 0..1], &[6, 1], &[2, 1]);
+        let pieces: Vec<_> = pieces.map(|(chunk, inner, at)| (chunk[0], inner[0].clone(), at[0])).collect();
+        assert_eq!(pieces, [(0, 3..4, 0), (0, 4..6, 1), (1, 0..2, 3)]);
     }
 }

@@ -6,14 +6,11 @@ use serde_json::Value;
 
 use super::codecs::Chain;
 use super::content::numbers;
-use super::store::Store;
+use super::store::{MAX_METADATA, Store};
 use crate::error::{Error, Result, Subject, refuse, refuse_if};
 use crate::formats::decode::Kind;
 use crate::formats::selection::choice;
 use crate::volume::{Endian, Number, SampleType, with_type};
-
-/// The largest length of a file of metadata that is read, in bytes.
-const MAX_JSON: u64 = 16 << 20;
 
 /// The largest number of axes of an array.
 const MAX_AXES: usize = 16;
@@ -45,10 +42,8 @@ pub(super) struct Array {
 
 /// Reads the JSON of a file; `None` if there is no such file.
 fn json(store: &Store, path: &Path) -> Result<Option<Value>> {
-    let Some(bytes) = store.open(path, MAX_JSON)? else { return Ok(None) };
-    let length = bytes.len();
-    refuse_if!(length > MAX_JSON, path, "is too large: expected at most {MAX_JSON} bytes");
-    let bytes = bytes.range(0, length).map_err(|source| Error::of_content(path, source))?;
+    let Some(bytes) = store.open(path, MAX_METADATA)? else { return Ok(None) };
+    let bytes = bytes.all(MAX_METADATA).map_err(|source| Error::of_content(path, source))?;
     serde_json::from_slice(&bytes).map(Some).map_err(|error| path.error(error.to_string()))
 }
 

@@ -21,13 +21,22 @@ use serde_json::Value;
 use self::image::{axes_of_image, chosen_level, first_of, labels, levels, pyramid, segments};
 use self::level::Level;
 use self::metadata::{Array, Node};
+#[cfg(feature = "remote")]
+use self::store::MAX_METADATA;
 use self::store::Store;
 use super::LoadOptions;
 use super::coordinates::Axis;
+#[cfg(feature = "remote")]
+use super::folder::{METADATA, zarr_folder_of};
 use super::input::Input;
+#[cfg(feature = "remote")]
+use super::origin::Origin;
 use super::placement::{named_unit, plain_name};
 use super::selection::{Role, guessed, sized};
+use super::zip::Archive;
 use crate::error::{Error, Hint, Result, Subject, refuse};
+#[cfg(feature = "remote")]
+use crate::files::remote::RemoteFile;
 use crate::volume::{Contents, MAX_DIM, ToF64, Units, Volume, with_samples};
 
 /// The largest number of folders of a group that are searched for arrays.
@@ -35,26 +44,54 @@ const MAX_FOLDERS: usize = 4096;
 
 /// Reads the volume of a folder of Zarr.
 pub(super) fn read(folder: &Path, options: &LoadOptions) -> Result<Volume> {
-    read_from(&Store::Folder, folder, options)
+    read_from(&Store::of_folder(folder), folder, options)
+}
+
+/// Returns the folder of Zarr that a url is, or is a file of metadata of.
+///
+/// # Errors
+/// [`Error::Read`] if the server cannot be asked.
+#[cfg(feature = "remote")]
+pub(super) fn folder_at(url: &Path) -> Result<Option<&Path>> {
+    if let Some(folder) = zarr_folder_of(url) {
+        return Ok(Some(folder));
+    }
+    for name in METADATA {
+        if Store::of_folder(url).open(&url.join(name), MAX_METADATA)?.is_some() {
+            return Ok(Some(url));
+        }
+    }
+    Ok(None)
+}
+
+/// Reads the volume of an archive at a url, or of a folder in it, without fetching all of it.
+#[cfg(feature = "remote")]
+pub(super) fn read_archive_at(url: &Path, inside: Option<&str>, options: &LoadOptions) -> Result<Volume> {
+    let file = RemoteFile::new(url).map_err(Error::read(url))?;
+    read_members(url, Archive::at(url.to_owned(), Origin::Url(file.into()))?, inside, options)
 }
 
 /// Reads the volume of an archive, or of a folder in it.
 pub(super) fn read_archive(input: &Input, inside: Option<&str>, options: &LoadOptions) -> Result<Volume> {
-    let (store, tops) = Store::archive(input)?;
+    read_members(input.path(), Archive::open(input)?, inside, options)
+}
+
+fn read_members(path: &Path, archive: Archive, inside: Option<&str>, options: &LoadOptions) -> Result<Volume> {
+    let (store, tops) = Store::archive(path, archive)?;
     let folder = match (inside, &tops[..]) {
         (None, [top]) => top.clone(),
-        (None, []) => refuse!(input, "is a ZIP file without a Zarr: unpack it"),
+        (None, []) => refuse!(path, "is a ZIP file without a Zarr: unpack it"),
         (None, several) => {
             let names: Vec<String> = several.iter().take(12).filter_map(|folder| name_of(folder)).collect();
             let reason = format!("is a ZIP file with several folders of Zarr: {}", names.join(", "));
-            return Err(input.error(reason).hinted(Hint::ChooseDataset));
+            return Err(path.error(reason).hinted(Hint::ChooseDataset));
         }
         (Some(inside), _) => {
             let name = Path::new(inside.trim_matches('/'));
             let is_inside = name.components().all(|part| matches!(part, Component::Normal(_)));
-            let all = std::iter::once(input.path()).chain(tops.iter().map(PathBuf::as_path));
+            let all = std::iter::once(path).chain(tops.iter().map(PathBuf::as_path));
             let found = all.map(|top| top.join(name)).find(|folder| is_inside && store.is_zarr(folder));
-            found.ok_or_else(|| input.error(format!("has no array or group of Zarr named {inside:?}")))?
+            found.ok_or_else(|| path.error(format!("has no array or group of Zarr named {inside:?}")))?
         }
     };
     read_from(&store, &folder, options)
@@ -155,7 +192,7 @@ fn axes_of_array(store: &Store, folder: &Path, array: &Array) -> Result<Vec<Axis
                 (node.attributes, node.array.map(|array| Level::alone(node.folder, array)))
             });
             Axis::described(name, size, &|key| attributes[key].as_str().map(str::to_owned), || {
-                let values = level?.stored(store, std::slice::from_ref(&(0..size)), &[1]).ok()?;
+                let values = level?.stored(store, std::slice::from_ref(&(0..size)), &[1], &|_, _| true).ok()?;
                 Some(with_samples!(&values, v => v.iter().map(|value| value.to_f64()).collect()))
             })
         };

@@ -1,4 +1,7 @@
-//! Files that are read: regular files, and standard input of any kind.
+//! Files that are read: regular files, files at urls, and standard input of any kind.
+
+mod positional;
+pub(crate) mod remote;
 
 use std::fs::{File, Metadata};
 use std::io::{IsTerminal, Read};
@@ -6,10 +9,12 @@ use std::path::Path;
 
 use serde::de::DeserializeOwned;
 
+pub(crate) use positional::read_exact_at;
+
 use crate::error::{Error, Result, Subject, refuse_if};
 
 /// Opens a regular file, or standard input if `path` is `-` or leads there. The second value is the length of the file
-/// in bytes; `None` if standard input is a stream.
+/// in bytes; `None` if standard input is a stream. A file at a url is fetched first.
 ///
 /// Other files are refused before they are opened: to open a pipe waits for its other end, and to open a device can
 /// start it.
@@ -21,6 +26,9 @@ pub fn open(path: &Path) -> Result<(File, Option<u64>)> {
     if path == Path::new("-") {
         refuse_if!(std::io::stdin().is_terminal(), path, "standard input is a terminal, expected a pipe or a file");
         return Ok((stream().map_err(Error::read(path))?, None));
+    }
+    if remote::is_url(path) {
+        return remote::open(path).map(|(file, length)| (file, Some(length)));
     }
     let meta = std::fs::metadata(path).map_err(Error::read(path))?;
     if !meta.is_file() {
