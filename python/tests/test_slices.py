@@ -27,7 +27,6 @@ def test_slices_are_the_command_s(scan: Path, tmp_path: Path, options: dict[str,
     figure = vs.slices(scan, **options)
     expected = np.asarray(PIL.Image.open(tmp_path / "command.png").convert("RGB"))
     assert np.array_equal(figure.rgba8()[..., :3], expected)
-    assert figure.choices
 
 
 def test_planes_in_a_picture_are_the_command_s(scan: Path, tmp_path: Path) -> None:

@@ -59,6 +59,9 @@ fn reason_for_all(job: &RenderJob) -> Option<&'static str> {
     if !job.layers.is_plain() || !job.layers.overlays.is_empty() || job.channels.len() > 1 {
         return Some("labels, masks, overlays and several channels depend on all values");
     }
+    if job.sections.is_some() || !job.solids.planes.is_empty() {
+        return Some("sections show matter beside the clip too");
+    }
     job.figure.drawn.color_bar.then_some("the colour bar shows the range of all values")
 }
 
