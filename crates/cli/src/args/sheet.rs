@@ -5,7 +5,8 @@ use std::path::PathBuf;
 use super::render::RenderArgs;
 
 const SHEET_EXAMPLES: &str = "\
-The folder takes the place of VOLUME; a file there gives its picture alone. --size is of one picture. All other options of render apply to each picture.
+The folder takes the place of VOLUME; a file there gives its picture alone. --size is of one picture. \
+All other options of render apply to each picture.
 
 Examples:
   voxsplat sheet scans -o sheet.png

@@ -23,8 +23,8 @@ pub(super) fn zarr_folder_of(file: &Path) -> Option<&Path> {
 }
 
 /// Returns the volumes in a folder, in the order of their names: files of a known format, folders of Zarr, and folders
-/// of slices; the folder itself if it holds slices of DICOM. Files of samples beside a header, hidden files and links to
-/// folders are left out. Samples are not read.
+/// of slices; the folder itself if it holds slices of DICOM. Files of samples beside a header, hidden files and links
+/// to folders are left out. Samples are not read.
 ///
 /// # Errors
 /// [`Error::Read`] if the folder cannot be read.
