@@ -28,6 +28,7 @@ pub(crate) struct Volume {
 
 /// The samples of a volume.
 #[derive(Debug, Clone)]
+#[expect(clippy::large_enum_variant, reason = "there is one for each volume")]
 pub(crate) enum Source {
     Memory(voxsplat::Volume),
     File { path: PathBuf, options: LoadOptions, level: Option<u32> },

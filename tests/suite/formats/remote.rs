@@ -161,6 +161,9 @@ fn no_chunk_is_fetched_for_the_lattice_alone() {
     assert!(requests.iter().all(|request| !request.path().contains("/c/")), "{requests:?}");
 }
 
+/// An answer in place of a file; `None` for the file.
+type Fault = fn(&Request, Vec<u8>) -> Option<Answer>;
+
 /// A server of the folders of Zarr whose first answers to a chunk are others.
 fn failing(first: impl Fn(&Request, Vec<u8>) -> Option<Answer> + Send + Sync + 'static) -> Server {
     let folder = data("zarr");
@@ -175,7 +178,7 @@ fn failing(first: impl Fn(&Request, Vec<u8>) -> Option<Answer> + Send + Sync + '
 #[test]
 fn requests_that_fail_for_a_while_are_made_again() {
     let expected = samples(&load(data("zarr/v3-u16.zarr"), &quick()).unwrap());
-    let faults: [fn(&Request, Vec<u8>) -> Option<Answer>; 7] = [
+    let faults: [Fault; 7] = [
         |request, _| (request.before < 2).then_some(Answer::Status(500, "", "")),
         |request, _| (request.before < 2).then_some(Answer::Status(503, "Retry-After: 1000\r\n", "")),
         |request, _| (request.before < 1).then_some(Answer::Status(429, "", "")),
@@ -197,7 +200,7 @@ fn requests_that_fail_for_a_while_are_made_again() {
 fn failures_are_one_line_without_credentials() {
     let fetch = FetchOptions { attempts: 2, timeout: Duration::from_millis(100), ..quick().fetch };
     let options = LoadOptions { fetch, ..quick() };
-    let cases: [(fn(&Request, Vec<u8>) -> Option<Answer>, &str); 7] = [
+    let cases: [(Fault, &str); 7] = [
         (|_, _| Some(Answer::Status(500, "", "secret")), "HTTP 500 Internal Server Error, after 2 attempts"),
         (|_, _| Some(Answer::Status(401, "", "secret")), "HTTP 401 Unauthorized"),
         (|_, _| Some(Answer::Status(403, "", "<Code>ExpiredToken</Code>")), "HTTP 403 Forbidden"),
