@@ -448,7 +448,13 @@ impl Client {
             ureq::Error::Io(error) => match error.kind() {
                 io::ErrorKind::TimedOut | io::ErrorKind::WouldBlock => self.late(),
                 io::ErrorKind::ConnectionRefused => last(error.kind(), "the server refuses connections"),
-                _ => broken(format!("the connection ends early: {error}")),
+                io::ErrorKind::ConnectionReset
+                | io::ErrorKind::ConnectionAborted
+                | io::ErrorKind::BrokenPipe
+                | io::ErrorKind::UnexpectedEof
+                | io::ErrorKind::Interrupted => broken(format!("the connection ends early: {error}")),
+                // An unknown host, or a server that does not speak TLS: another attempt has the same end.
+                kind => last(kind, &format!("there is no connection: {error}")),
             },
             ureq::Error::Protocol(error) => broken(format!("the answer is no HTTP: {error}")),
             ureq::Error::HostNotFound => last(io::ErrorKind::HostUnreachable, "there is no such host"),
