@@ -38,10 +38,10 @@
 //! are made of them. `wgpu` appears only in `Renderer::from_device` and `Renderer::render_into`, with the feature
 //! `gpu`.
 //!
-//! Features, on by default but for the last: `gpu` is the device engine and pictures in bricks, without which nothing
-//! needs wgpu and the processor draws; `film` writes films; `dicom`, `hdf5` (HDF5 and NetCDF), `jpeg2000` (in DICOM),
-//! `tiff`, `vtk` and `zarr` are readers; `remote` reads files at urls. The program `voxsplat` is a package of its own,
-//! `crates/cli`.
+//! Features, all on by default: `gpu` is the device engine and pictures in bricks, without which nothing needs wgpu and
+//! the processor draws; `film` writes films; `dicom`, `hdf5` (HDF5 and NetCDF), `jpeg2000` (in DICOM), `tiff`,
+//! `vtk` and `zarr` are readers. `remote`, off by default, reads files at urls. The program `voxsplat` is a package of
+//! its own, `crates/cli`.
 
 #![cfg_attr(docsrs, feature(doc_cfg))]
 #![cfg_attr(

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::Image;
 use crate::camera::{Camera, Projection, View};
-use crate::error::{Error, Result};
+use crate::error::{Error, InputError, Result};
 use crate::layers::{
     Layer, Layers, Matter, absent_value, look_of, luminance, nearest_samples, resampled, without_gaps,
 };
@@ -80,7 +80,7 @@ const LINE: f64 = 1.5;
 type Colored = (DVec3, f64);
 
 /// Returns the section through the target of a camera of parallel rays, in the plane of its picture: opaque inside the
-/// box of the voxels, clear outside.
+/// box of the voxels, clear outside and in voxels of the first layer without a finite value.
 ///
 /// A pixel has the value of a cubic spline through the samples, or the mean if it spans several samples; values are
 /// classified after that. Labels and masks are those of the nearest voxel. Isosurfaces are lines.
@@ -98,8 +98,9 @@ pub fn section(layers: &Layers, camera: &Camera, ground: Ground) -> Result<Image
     let mut all = layers.all().iter();
     let first = all.next().map(|layer| plane.ground(layer, ground)).transpose()?.unwrap_or_default();
     let others = all.map(|layer| plane.colored(layer)).collect::<Result<Vec<_>>>()?;
+    let gaps = plane.gaps(layers.volume())?;
     let draw = |(index, pixel): (usize, &mut [f32; 4])| {
-        if !plane.is_inside(index) {
+        if !plane.is_inside(index) || gaps.as_ref().is_some_and(|gaps| gaps[index]) {
             return;
         }
         let color = others.iter().fold(first[index], |behind, layer| {
@@ -242,6 +243,18 @@ impl Plane {
         let absent = absent_value(transfer);
         let volume = without_gaps(volume, || Ok(absent))?;
         resampled(&volume, &self.map, [self.size[0], self.size[1], 1], absent as f32)
+    }
+
+    /// Returns the pixels whose nearest voxel has no finite value; `None` if all values are finite.
+    fn gaps(&self, volume: &Volume) -> Result<Option<Vec<bool>>> {
+        match volume.check_finite() {
+            Ok(()) => Ok(None),
+            Err(InputError::NonFinite { .. }) => {
+                let samples = self.nearest(volume)?;
+                Ok(Some((0..self.len()).map(|index| !samples.raw(index).is_finite()).collect()))
+            }
+            Err(error) => Err(error.into()),
+        }
     }
 
     /// Returns the stored sample of the nearest voxel in each pixel.

@@ -268,8 +268,7 @@ impl TransferFunction {
                 (false, false) => None,
             }
         });
-        let inside = self.isosurfaces().first().map(|surface| [surface.value, f64::INFINITY]);
-        let above = over(&last).then_some([last.value, f64::INFINITY]).or(inside);
+        let above = over(&last).then_some([last.value, f64::INFINITY]);
         let mut ranges: Vec<[f64; 2]> = Vec::new();
         for [low, high] in below.into_iter().chain(between).chain(above) {
             match ranges.last_mut() {
@@ -279,6 +278,13 @@ impl TransferFunction {
             }
         }
         ranges.retain(|[low, high]| low <= high);
+        if let Some(lowest) = self.isosurfaces().first().map(|surface| surface.value) {
+            ranges.retain(|[low, _]| *low < lowest);
+            match ranges.last_mut() {
+                Some(before) if before[1] >= lowest => before[1] = f64::INFINITY,
+                _ => ranges.push([lowest, f64::INFINITY]),
+            }
+        }
         ranges
     }
 
@@ -394,6 +400,8 @@ mod tests {
         assert_eq!(over(&steps, 0.5), [[low, 1.0_f64.next_down()], [2.0, 3.0_f64.next_down()]]);
         // All values above an isosurface.
         assert_eq!(over(&[(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (1.0, 0.0)], 0.5), [[1.0, high]]);
+        let two = [(1.0, 0.0), (1.0, 1.0), (1.0, 0.0), (2.0, 0.0), (2.0, 1.0), (2.0, 0.0)];
+        assert_eq!(over(&two, 0.5), [[1.0, high]]);
     }
 
     #[test]

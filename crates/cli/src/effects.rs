@@ -125,6 +125,11 @@ const RULES: &[Rule] = &[
     refused("window gradient-opacity classification iso", shows_labels, " is for values, not for labels"),
     refused("iso", |given| given.is_for("pareto"), ": a study compares painters, and isosurfaces have one alone"),
     refused("iso", |given| given.is_for("plan"), ": bricks are drawn by a device, isosurfaces by the processor"),
+    refused(
+        "labels mask overlay",
+        |given| given.has("iso"),
+        " is drawn voxel by voxel, and --iso is post-shaded: leave out either",
+    ),
     refused("shading", |given| given.has("iso") && given.is("shading", "pre"), " pre: --iso is post-shaded"),
     idle("normals", is_post_shaded, "because post-shading lights the gradient of the field"),
     idle("normals", shows_labels, "because labels have normals of their own"),

@@ -9,6 +9,7 @@ use clap::builder::{PossibleValuesParser, TypedValueParser};
 use glam::DVec3;
 use voxsplat::error::Error;
 use voxsplat::image::Region;
+use voxsplat::program::PlaneSpec;
 use voxsplat::transfer::Window;
 use voxsplat::volume::Units;
 
@@ -238,6 +239,17 @@ pub(crate) fn decibels(text: &str) -> Result<f64, String> {
 /// Parses a share, 0 to 1.
 pub(crate) fn share(text: &str) -> Result<f64, String> {
     expect(number(text).ok().filter(|share| (0.0..=1.0).contains(share)), "a number from 0 to 1")
+}
+
+/// Planes that one option gives.
+#[derive(Debug, Clone)]
+pub(crate) struct Planes(pub(crate) Vec<PlaneSpec>);
+
+/// Parses a plane, or several names of planes parted by commas: a normal has commas of its own.
+pub(crate) fn planes(text: &str) -> Result<Planes, String> {
+    let one = |text: &str| library::<PlaneSpec>(text);
+    let several = || text.split(',').map(one).collect();
+    one(text).map(|plane| vec![plane]).or_else(|_| several()).map(Planes)
 }
 
 #[cfg(test)]

@@ -2,6 +2,7 @@
 
 use clap::{ArgMatches, Command};
 use voxsplat::figure::{Figure, Slices};
+use voxsplat::program::PlaneSpec;
 
 use super::args::SliceArgs;
 use super::failure::{Failure, refuse};
@@ -12,6 +13,7 @@ use super::sections::Sections;
 /// Returns the picture of a command line, with its sections.
 pub(crate) fn jobs(args: SliceArgs, line: (&Command, &ArgMatches)) -> Result<Vec<RenderJob>, Failure> {
     let SliceArgs { render: args, at, planes } = args;
+    let planes: Vec<PlaneSpec> = planes.into_iter().flat_map(|planes| planes.0).collect();
     let jobs = scene::jobs(args, line, |mut args| {
         let (size, title, caption) = (args.size, args.figure.title.take(), args.figure.caption.take());
         let texts = Figure { title, caption, ..Figure::default() };

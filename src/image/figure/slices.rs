@@ -126,7 +126,11 @@ impl Slices<'_> {
             let of_panel = Shown { camera, ..*shown };
             let foot = corner + span - DVec2::splat(MARGIN * em);
             scale_bar::draw(&mut canvas, &of_panel, foot, 0.28 * span.x)?;
-            canvas.write(&place(&planes[number], shown, pixel), em, corner + DVec2::new(MARGIN, 1.1) * em, 0.0);
+            let text = place(&planes[number], shown, pixel);
+            // Below the letter in the middle, if there is no room beside it.
+            let is_wide = canvas.font.width(&text, em) > span.x / 2.0 - 2.0 * em;
+            let top = if is_wide { 2.4 } else { 1.1 };
+            canvas.write(&text, em, corner + DVec2::new(MARGIN, top) * em, 0.0);
         }
         let corner = DVec2::new(f64::from(last.x), f64::from(last.y));
         for plane in planes {

@@ -3,7 +3,7 @@
 
 use glam::{DAffine3, DMat3, DVec3};
 use voxsplat::camera::{Camera, View};
-use voxsplat::image::{Ground, SectionPlane, section};
+use voxsplat::image::{Ground, Image, SectionPlane, section};
 use voxsplat::layers::{Labels, Layer, Layers};
 use voxsplat::solids::Solids;
 use voxsplat::transfer::{ControlPoint, TransferFunction};
@@ -94,6 +94,11 @@ fn labels_of_a_section_are_whole_and_visible_matter_tints_its_grey() {
     let [grey, over] = [&base, &layers].map(|layers| section(layers, &camera, Ground::Grey([-20.0, 20.0])).unwrap());
     assert!(grey.pixels().iter().all(|pixel| pixel[0] == pixel[1]));
     assert!(over.pixels().iter().any(|pixel| pixel[0] != pixel[1]));
+    // Voxels without a value are clear.
+    let gap = of_world(|place| if place.x > grid().center().x { f32::NAN } else { 1.0 });
+    let holed = section(&Layers::of_volume(&gap, &clear()), &camera, Ground::Grey([-20.0, 20.0])).unwrap();
+    let clears = |image: &Image| image.pixels().iter().filter(|pixel| pixel[3] == 0.0).count();
+    assert!(clears(&holed) > clears(&grey) + 500, "{} {}", clears(&holed), clears(&grey));
     // Opaque matter has the hue of its colour, and the grey of its value.
     let red = ControlPoint { value: 0.0, color: [0.5, 0.0, 0.0], opacity: 1.0 };
     let red = TransferFunction::new(vec![red], None).unwrap();

@@ -1,10 +1,8 @@
 //! A figure of sections.
 
-use glam::DVec3;
-use voxsplat::program::PlaneSpec;
-
 use super::render::RenderArgs;
-use crate::parse;
+use crate::parse::{self, Planes};
+use glam::DVec3;
 
 const SLICE_EXAMPLES: &str = "\
 All options of render apply to the picture beside the sections; title and caption belong to the whole figure.
@@ -28,8 +26,9 @@ pub(crate) struct SliceArgs {
     /// Point of the world through which the planes go, for patients in LPS [default: the middle of the volume]
     #[arg(long, value_name = "X,Y,Z", value_parser = parse::vector, help_heading = "Slices")]
     pub(crate) at: Option<DVec3>,
-    /// Planes: axial, coronal, sagittal (or xy, xz, yz), each maybe with a place along its axis such as axial:12.5
-    #[arg(long, value_name = "PLANE,..", value_delimiter = ',', default_value = "axial,coronal,sagittal",
-        value_parser = parse::library::<PlaneSpec>, help_heading = "Slices")]
-    pub(crate) planes: Vec<PlaneSpec>,
+    /// Planes: axial, coronal, sagittal (or xy, xz, yz), each maybe with a place along its axis such as axial:12.5; or
+    /// one plane as of --plane. Repeat the option for more
+    #[arg(long, value_name = "PLANE,..", default_value = "axial,coronal,sagittal", value_parser = parse::planes,
+        help_heading = "Slices")]
+    pub(crate) planes: Vec<Planes>,
 }

@@ -53,6 +53,7 @@ fn what_draws_no_isosurfaces_says_so() {
         ("--iso 1 --model mip", "--iso: model mip has no surfaces"),
         ("--iso 1 --painter tiles", "--painter: isosurfaces are drawn by cpu"),
         ("--iso 1 --transfer labels", "--iso is for values, not for labels"),
+        ("--iso 1 --mask a.nrrd", "--mask is drawn voxel by voxel, and --iso is post-shaded"),
         ("--isovalue 1", "--iso VALUE"),
     ] {
         let output = voxsplat(dir, &format!("render demo:nautilus:16 -o a.png {options}"));

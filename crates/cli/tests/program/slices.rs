@@ -45,7 +45,7 @@ fn a_figure_has_the_picture_and_a_section_for_each_plane() {
     assert_eq!([texts.width(), texts.height()], [400, 400]);
     // Labels and overlays lie over the sections.
     let plain = drawn(dir, "plain.png", "slice demo:vessels:16 --size 300");
-    let over = drawn(dir, "over.png", "slice demo:vessels:16 --size 300 --overlay demo:sphere:16@:red");
+    let over = drawn(dir, "over.png", "slice demo:vessels:16 --size 300 --overlay demo:sphere:16:red");
     let red = |image: &Image| part(image, [0, 0, 140, 140]).iter().filter(|p| p[0] > p[1] + 0.3).count();
     assert!(red(&over) > red(&plain) + 100, "{} {}", red(&over), red(&plain));
 }
@@ -58,6 +58,8 @@ fn a_plane_hides_the_matter_behind_it() {
     let plain = drawn(dir, "plain.png", look);
     let plane = drawn(dir, "plane.png", &format!("{look} --plane coronal:0"));
     assert!(plane.pixels().iter().filter(|pixel| pixel[3] > 0.99).count() > 1000 && plain != plane);
+    let cut = drawn(dir, "cut.png", "slice demo:sphere:24 --size 300 --planes 1,1,0 --planes xy:2,xz");
+    assert_eq!([cut.width(), cut.height()], [300, 300]);
     // A plane by its normal is the same plane, and one behind the volume's front half shows that half before it.
     assert!(drawn(dir, "normal.png", &format!("{look} --plane 0,1,0,0")) == plane);
     let film = voxsplat(dir, "turntable demo:sphere:12 --size 32 --frames 2 --plane xy -o film.gif");

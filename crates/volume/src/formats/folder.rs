@@ -2,9 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::readers::{DICOM, Format};
-use super::{Series, data_files, format_of, natural, parts_of_folder};
-use crate::error::{Error, Result};
+use super::{Series, natural, parts_of_folder};
 use crate::names::counted;
 
 /// The files of metadata that make a folder an array or a group of Zarr.
@@ -20,41 +18,6 @@ pub fn is_zarr(folder: &Path) -> bool {
 pub(super) fn zarr_folder_of(file: &Path) -> Option<&Path> {
     let name = file.file_name()?.to_str()?;
     (METADATA.contains(&name) || name == ".zattrs").then(|| file.parent()).flatten()
-}
-
-/// Returns the volumes in a folder, in the order of their names: files of a known format, folders of Zarr, and folders
-/// of slices; the folder itself if it holds slices of DICOM. Files of samples beside a header, hidden files and links
-/// to folders are left out. Samples are not read.
-///
-/// # Errors
-/// [`Error::Read`] if the folder cannot be read.
-pub fn volumes_in(folder: &Path) -> Result<Vec<PathBuf>> {
-    let (mut found, mut samples, mut slices) = (Vec::new(), Vec::new(), false);
-    for entry in std::fs::read_dir(folder).map_err(Error::read(folder))? {
-        let entry = entry.map_err(Error::read(folder))?;
-        let path = entry.path();
-        let is_folder = entry.file_type().is_ok_and(|kind| kind.is_dir());
-        if entry.file_name().to_string_lossy().starts_with('.') {
-            continue;
-        }
-        if is_folder {
-            found.extend(format_of(&path).map(|_| path));
-        } else if path.is_file() {
-            // A file that cannot be opened is reported when it is read.
-            match format_of(&path).or_else(|| Format::of_name(&path).map(|format| format.name)) {
-                Some(DICOM) => slices = true,
-                Some(_) => {
-                    samples.extend(data_files(&path).into_iter().filter(|file| *file != path));
-                    found.push(path);
-                }
-                None => {}
-            }
-        }
-    }
-    found.retain(|path| !samples.contains(path));
-    found.extend(slices.then(|| folder.to_owned()));
-    found.sort_by_cached_key(|path| natural(&path.to_string_lossy()));
-    Ok(found)
 }
 
 /// The largest number of folders that are searched for volumes, and the largest number that a text lists.

@@ -47,12 +47,12 @@ use std::sync::Arc;
 
 pub use complex::ComplexPart;
 use decode::{Layout, read_all, x_fastest};
-pub use folder::{is_zarr, volumes_in};
+pub use folder::is_zarr;
 use folder::{volumes_below, zarr_folder_of};
 use input::{Input, Unpacked};
 pub use part::LatticePart;
 use placement::{Placement, check_spacing};
-use readers::ZARR;
+use readers::{DICOM, ZARR};
 pub use readers::{FORMATS, Format};
 use selection::{Pick, chosen};
 pub use series::{Series, list_series};
@@ -393,6 +393,41 @@ pub fn format_of(source: &Path) -> Option<&'static str> {
     let head = Input::open(source, None).and_then(|mut input| input.peek(nifti::HEADER_SIZE)).ok()?;
     let format = Format::of_content(&head).or_else(|| Format::of_name(source)).map(|format| format.name);
     format.or_else(|| raw_name::stated(source).map(|_| "bare samples"))
+}
+
+/// Returns the volumes in a folder, in the order of their names: files of a known format, folders of Zarr, and folders
+/// of slices; the folder itself if it holds slices of DICOM. Files of samples beside a header, hidden files and links
+/// to folders are left out. Samples are not read.
+///
+/// # Errors
+/// [`Error::Read`] if the folder cannot be read.
+pub fn volumes_in(folder: &Path) -> Result<Vec<PathBuf>> {
+    let (mut found, mut samples, mut slices) = (Vec::new(), Vec::new(), false);
+    for entry in std::fs::read_dir(folder).map_err(Error::read(folder))? {
+        let entry = entry.map_err(Error::read(folder))?;
+        let path = entry.path();
+        let is_folder = entry.file_type().is_ok_and(|kind| kind.is_dir());
+        if entry.file_name().to_string_lossy().starts_with('.') {
+            continue;
+        }
+        if is_folder {
+            found.extend(format_of(&path).map(|_| path));
+        } else if path.is_file() {
+            // A file that cannot be opened is reported when it is read.
+            match format_of(&path).or_else(|| Format::of_name(&path).map(|format| format.name)) {
+                Some(DICOM) => slices = true,
+                Some(_) => {
+                    samples.extend(data_files(&path).into_iter().filter(|file| *file != path));
+                    found.push(path);
+                }
+                None => {}
+            }
+        }
+    }
+    found.retain(|path| !samples.contains(path));
+    found.extend(slices.then(|| folder.to_owned()));
+    found.sort_by_cached_key(|path| natural(&path.to_string_lossy()));
+    Ok(found)
 }
 
 /// Returns the files of a folder and of the folders in it. Links to folders are not followed.
