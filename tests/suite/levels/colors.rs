@@ -229,6 +229,7 @@ fn pictures_do_not_pop_while_levels_move_through_the_volume() {
 }
 
 #[test]
+#[ignore = "slow: truths post-shaded; the test before shows it pre-shaded"]
 fn post_shaded_pictures_do_not_pop_while_levels_move_through_the_volume() {
     let worst = worst_changes(&Settings { shading: Shading::Post, ..with_tiles(&auto()) });
     assert!(worst.iter().all(|worst| 255.0 * worst < 1.5), "{worst:?}");
