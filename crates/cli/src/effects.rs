@@ -41,9 +41,9 @@ const fn idle(options: &'static str, holds: fn(&Given<'_>) -> bool, because: &'s
 /// The options that always have an effect, or that `clap` (`conflicts_with`), the library (`Settings::validate`,
 /// `formats::load`) or `session::say_choice` refuse or note.
 #[cfg(test)]
-const FREE: &str = "help quiet json dims type offset axis-order spacing replace-nan complex channel time pyramid \
-                    output size up target projection view-height transfer transfer-values model response \
-                    depth-coded attenuation light clip kernel sharpness labels mask tune tune:normalization \
+const FREE: &str = "help quiet json dims type offset axis-order spacing replace-nan complex pyramid \
+                    size up target projection view-height transfer transfer-values model response \
+                    depth-coded attenuation light clip kernel sharpness tune tune:normalization \
                     tune:antialiasing views repeats patience seconds rivals frames turn key-frames grid at planes each";
 
 const BY_KEYS: &str = "because key frames set it";
@@ -249,7 +249,7 @@ mod tests {
         let program = args::built();
         let mut known: Vec<String> =
             Tuning::command().get_arguments().filter_map(|arg| Some(format!("tune:{}", arg.get_long()?))).collect();
-        for name in ["render", "turntable", "pareto", "plan"] {
+        for name in ["render", "slice", "sheet", "turntable", "pareto", "plan"] {
             let arguments = program.find_subcommand(name).unwrap().get_arguments();
             known.extend(arguments.filter_map(|arg| arg.get_long().map(str::to_owned)));
         }
