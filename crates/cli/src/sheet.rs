@@ -12,7 +12,7 @@ use voxsplat::settings::Painter;
 use super::args::SheetArgs;
 use super::destination::Destination;
 use super::failure::{Failure, fail, refuse};
-use super::job::RenderJob;
+use super::job::{Maker, RenderJob};
 use super::progress::Remaining;
 use super::scene_file::is_scene;
 use super::session::Session;
@@ -46,7 +46,7 @@ pub(crate) fn run(args: SheetArgs, line: (&Command, &ArgMatches)) -> Result<(), 
     let Some(mut job) = jobs.pop() else { return Ok(()) };
     job.reduced = true;
     // A device would take longer to open than a small picture to draw.
-    if job.settings.painter == Painter::Auto {
+    if job.settings.painter == Painter::Auto && matches!(job.maker, Maker::Engine { adapter: None }) {
         job.settings.painter = Painter::Cpu;
     }
     let is_folder = folder.is_dir() && !is_zarr(&folder);
