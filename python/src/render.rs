@@ -14,7 +14,7 @@ use voxsplat::error::Result;
 use voxsplat::figure::{Figure, Shown, Slices};
 use voxsplat::glam::DVec3;
 use voxsplat::image::{Background, Ground, Region, SectionPlane};
-use voxsplat::program::{FittedTransfer, OverlaySpec, place_studio};
+use voxsplat::program::{FittedTransfer, OverlaySpec, PlaneSpec, place_studio};
 use voxsplat::settings::Settings;
 use voxsplat::solids::Solids;
 use voxsplat::stats::Rendered;
@@ -212,8 +212,7 @@ impl Renderer {
         let shot = Shot::new(scene, None, panel, None)?;
         let (rendered, settings) = self.device.run(py, progress, move |engines| {
             let Look { layers, volume, .. } = &shot.prepared.look;
-            let setting = if at.is_some() { "at" } else { "planes" };
-            let planes = specs.iter().map(|plane| plane.plane(volume, at, setting)).collect::<Result<Vec<_>>>()?;
+            let planes = PlaneSpec::planes(&specs, volume, at)?;
             let (mut rendered, camera, settings) = shot.drawn(engines, Requested::default())?;
             let ground = shot.prepared.ground()?;
             let slices = Slices { layers, ground, planes: &planes, size, texts: &texts };

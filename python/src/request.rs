@@ -325,7 +325,7 @@ impl Request {
         } else {
             (channels, None, false)
         };
-        let several = if material.is_none() && !is_labels { base.len() } else { 1 };
+        let several = if is_labels { 1 } else { base.len() };
         let channels = base.iter().any(|layer| layer.entry().is_some());
         let placed = |source: &Option<Source>, option| -> Result<Option<Volume>> {
             source.as_ref().map(|source| source.on_lattice(&volume, option)).transpose()

@@ -85,7 +85,7 @@ impl Requested {
 
     /// Returns the planes through a volume.
     pub(crate) fn planes(&self, volume: &Volume) -> Result<Vec<SectionPlane>> {
-        self.planes.iter().map(|plane| plane.plane(volume, None, "planes")).collect()
+        PlaneSpec::planes(&self.planes, volume, None)
     }
 
     /// Returns the hull of some matter, the meshes and planes.

@@ -11,7 +11,7 @@ from .bricks import Plan, chunk_sizes
 from .convert import in_world, matrix_of
 from .image import Image
 from .progress import Progress, Reported
-from .renderer import FACTS, PLANES, Volume, kept_renderer, native_volume
+from .renderer import FACTS, PLANES, Renderer, Scene, Volume, kept_renderer, native_volume
 from .settings import (
     SIZE,
     Settings,
@@ -92,7 +92,7 @@ def render(
         distance along the view, from the eye or, along parallel rays, from the plane through the target; NaN and
         infinity are no surface. `Renderer.depths` is its counterpart.
     planes
-        Opaque planes with the section of the volume on them: ``"axial"``, ``"coronal"`` or ``"sagittal"`` (or ``"xy"``,
+        Planes with the section of the volume on them, clear where it is black: ``"axial"``, ``"coronal"`` or ``"sagittal"`` (or ``"xy"``,
         ``"xz"``, ``"yz"``), each maybe with a place along its axis such as ``"axial:12.5"``; or a normal and a place as
         of ``clip``, ``"NX,NY,NZ,D"``. One or a list.
     background
@@ -125,7 +125,8 @@ def render(
     if executor is not None:
         if region is not None:
             raise ValueError("region: a picture in bricks is drawn whole")
-        refused = [("labels", labels), ("mask", mask), ("overlays", overlays), ("meshes", meshes), ("depth", depth), ("planes", planes)]
+        refused = [("labels", labels), ("mask", mask), ("overlays", overlays)]
+        refused += [("meshes", meshes), ("depth", depth), ("planes", planes)]
         for name, given in refused:
             if given is not None and not (isinstance(given, (list, tuple)) and not given):
                 raise ValueError(f"{name}: it is refused in bricks")
@@ -135,24 +136,8 @@ def render(
         options |= {"size": pixels(size), "adapter": adapter, "background": background}
         with Reported(progress) as report:
             return Large(Executor(executor), volume, transfer, report, **options).picture(report)
-    known = field_names(View, Settings) | FACTS | (render.__kwdefaults__ or {}).keys()
-    refuse_unknown(options, known, "render, View, Settings or Volume")
-    parts = split(options, View, Settings)
-    view, settings = View(**parts[0]), Settings(transfer=transfer, **parts[1])
-    # Before a long conversion.
-    check(view, settings, pixels(size))
-    renderer = kept_renderer(adapter)
-    scene = renderer.prepare(
-        volume,
-        settings=settings,
-        view=view,
-        labels=labels,
-        mask=mask,
-        overlays=overlays,
-        size=size,
-        progress=progress,
-        **options,
-    )
+    beside = {"labels": labels, "mask": mask, "overlays": overlays, "size": size, "progress": progress}
+    renderer, scene = _prepared(render, volume, transfer, adapter, beside, options)
     return renderer.render(
         scene,
         size=size,
@@ -163,6 +148,20 @@ def render(
         planes=planes,
         progress=progress,
     )
+
+
+def _prepared(
+    function: Any, volume: Any, transfer: Any, adapter: str | None, beside: dict[str, Any], options: dict[str, Any]
+) -> tuple[Renderer, Scene]:
+    """Return a renderer and a scene for the keywords and further options of a function."""
+    known = field_names(View, Settings) | FACTS | (function.__kwdefaults__ or {}).keys()
+    refuse_unknown(options, known, f"{function.__name__}, View, Settings or Volume")
+    parts = split(options, View, Settings)
+    view, settings = View(**parts[0]), Settings(transfer=transfer, **parts[1])
+    # Before a long conversion.
+    check(view, settings, pixels(beside["size"]))
+    renderer = kept_renderer(adapter)
+    return renderer, renderer.prepare(volume, settings=settings, view=view, **beside, **options)
 
 
 @documented(View, Settings, Volume)
@@ -185,8 +184,8 @@ def slices(
 ) -> Image:
     """Draw a figure of sections of a volume beside its picture.
 
-    Sections show values in grey over `window`, or over the foreground, with the colours of visible matter over them;
-    colour maps keep their colours. All sections have one scale, a scale bar, and the letters of the patient. An axial
+    Sections show values in grey over `window`, or over the foreground, tinted where the transfer function shows
+    matter; colour maps keep their colours. `clip` and `mask` cut the picture alone. All sections have one scale, a scale bar, and the letters of the patient. An axial
     section is seen from the feet, a coronal one from the front and a sagittal one from the left.
 
     Parameters
@@ -211,24 +210,8 @@ def slices(
     ValueError
         As `render`, and planes that miss the volume, and panels that are too small.
     """
-    known = field_names(View, Settings) | FACTS | (slices.__kwdefaults__ or {}).keys()
-    refuse_unknown(options, known, "slices, View, Settings or Volume")
-    options = single(options)
-    parts = split(options, View, Settings)
-    view, settings = View(**parts[0]), Settings(transfer=transfer, **parts[1])
-    check(view, settings, pixels(size))
-    renderer = kept_renderer(adapter)
-    scene = renderer.prepare(
-        volume,
-        settings=settings,
-        view=view,
-        labels=labels,
-        mask=mask,
-        overlays=overlays,
-        size=size,
-        progress=progress,
-        **options,
-    )
+    beside = {"labels": labels, "mask": mask, "overlays": overlays, "size": size, "progress": progress}
+    renderer, scene = _prepared(slices, volume, transfer, adapter, beside, single(options))
     return renderer.slices(
         scene,
         at=at,

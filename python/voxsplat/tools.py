@@ -81,7 +81,7 @@ _OWN: dict[str, tuple[Any, Any, str]] = {
         "hot, a colour, labels or a transfer function; null chooses.",
     ),
     "meshes": (list[str | tuple[str, str]], [], "Opaque surfaces (PLY, STL, OBJ, VTP): paths, or [path, colour]."),
-    "planes": (list[str], [], "Opaque planes with the section of the volume: axial, coronal, sagittal, axial:12.5."),
+    "planes": (list[str], [], "Planes with the section of the volume: axial, coronal, sagittal, axial:12.5."),
     "size": (int | list[int], [768, 768], f"[width, height] in pixels, or one number for both: 1 to {_MOST_PIXELS}."),
     "background": (str, "black", "Colour behind the picture: #rrggbb, a name of CSS or transparent."),
     "spacing": (list[float] | None, None, "World lengths between samples, z, y, x, in place of those of the file."),

@@ -160,7 +160,13 @@ const CHANNELS: &str = "fluorescence";
 /// The preset whose material overlays have over a volume without one.
 const OVERLAYS: &str = "activation";
 
-impl ChoiceContext<'_> {
+impl<'a> ChoiceContext<'a> {
+    /// Makes the context of translucent matter of a volume that is drawn alone.
+    #[must_use]
+    pub fn of(volume: &'a Volume) -> Self {
+        Self { volume, view: None, material: None, channels: false, labels: false, overlays: false, plain: true }
+    }
+
     /// Makes the open choices in `view` and `settings`, and returns the choices made.
     ///
     /// # Errors
@@ -230,15 +236,7 @@ impl Appearance {
     /// The errors of [`ValueMeaning::find`].
     pub fn for_file(source: impl AsRef<Path>, volume: &Volume) -> Result<Self> {
         let meaning = ValueMeaning::find(&source, volume, true, PresetValues::Auto, || Ok(Statistics::of(volume)?))?;
-        let alone = ChoiceContext {
-            volume,
-            view: None,
-            material: None,
-            channels: false,
-            labels: false,
-            overlays: false,
-            plain: true,
-        };
+        let alone = ChoiceContext::of(volume);
         match meaning {
             ValueMeaning::Labels { reason } => {
                 let layers = Layers::new(Layer::labels(volume, &Labels::stated(volume))?);
@@ -268,9 +266,7 @@ impl Appearance {
         let Some(first) = layers.next() else { return Self::for_file(source, volume) };
         let layers = layers.try_fold(Layers::new(first), Layers::with)?;
         let channels = !channels.is_empty();
-        let context =
-            ChoiceContext { volume, view: None, material: None, channels, labels: false, overlays: false, plain: true };
-        Self::new(layers, context, None)
+        Self::new(layers, ChoiceContext { channels, ..ChoiceContext::of(volume) }, None)
     }
 
     /// Chooses the appearance of a volume with a preset.
@@ -281,16 +277,7 @@ impl Appearance {
     pub fn for_preset(name: &str, volume: &Volume) -> Result<Self> {
         let layers = Layers::of_volume(volume, &TransferFunction::preset(name, volume)?);
         let material = presets::find(name)?.material;
-        let context = ChoiceContext {
-            volume,
-            view: None,
-            material,
-            channels: false,
-            labels: false,
-            overlays: false,
-            plain: true,
-        };
-        Self::new(layers, context, None)
+        Self::new(layers, ChoiceContext { material, ..ChoiceContext::of(volume) }, None)
     }
 
     fn new(layers: Layers, context: ChoiceContext<'_>, chosen: Option<Choice>) -> Result<Self> {

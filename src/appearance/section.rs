@@ -42,16 +42,18 @@ const NAMED: [(&str, &str, DVec3, DVec3, DVec3); 3] = [
 ];
 
 impl PlaneSpec {
-    /// Returns the planes of a figure: axial, coronal and sagittal.
-    #[must_use]
-    pub fn all() -> Vec<Self> {
-        let plane = |(name, _, _, forward, up)| Self { name, forward, up, place: Place::Middle };
-        NAMED.into_iter().map(plane).collect()
+    /// Returns the planes of a figure of sections of a volume. See [`Self::plane`].
+    ///
+    /// # Errors
+    /// [`Error::Setting`] if a plane misses the box of the voxels.
+    pub fn planes(specs: &[Self], volume: &Volume, at: Option<DVec3>) -> Result<Vec<SectionPlane>> {
+        let setting = if at.is_some() { "at" } else { "planes" };
+        specs.iter().map(|plane| plane.plane(volume, at, setting)).collect()
     }
 
-    /// Returns the plane of a lattice. A plane without a place of its own goes through `at`, or through the middle of
-    /// the lattice. The names of planes are a patient's only if the world is. `setting` is the name of
-    /// the setting in errors.
+    /// Returns the plane through a volume. A plane without a place of its own goes through `at`, or through the middle
+    /// of the lattice. The names of planes are a patient's only if the world is. `setting` is the setting that errors
+    /// name.
     ///
     /// # Errors
     /// [`Error::Setting`] if the plane misses the box of the voxels.

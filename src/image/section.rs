@@ -6,9 +6,7 @@ use rayon::prelude::*;
 use super::Image;
 use crate::camera::{Camera, Projection, View};
 use crate::error::{Error, InputError, Result};
-use crate::layers::{
-    Layer, Layers, Matter, absent_value, look_of, luminance, nearest_samples, resampled, without_gaps,
-};
+use crate::layers::{Layer, Layers, Matter, absent_value, look_of, luminance, nearest_samples, resampled};
 use crate::transfer::TransferFunction;
 use crate::volume::{Grid, Samples, Volume, with_samples};
 
@@ -240,9 +238,7 @@ impl Plane {
 
     /// Returns the value of a volume in each pixel.
     fn values(&self, volume: &Volume, transfer: &TransferFunction) -> Result<Vec<f32>> {
-        let absent = absent_value(transfer);
-        let volume = without_gaps(volume, || Ok(absent))?;
-        resampled(&volume, &self.map, [self.size[0], self.size[1], 1], absent as f32)
+        resampled(volume, &self.map, [self.size[0], self.size[1], 1], absent_value(transfer) as f32)
     }
 
     /// Returns the pixels whose nearest voxel has no finite value; `None` if all values are finite.

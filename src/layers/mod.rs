@@ -321,7 +321,7 @@ pub(crate) fn finite<'a>(volume: &'a Volume, transfer: &TransferFunction, model:
     })
 }
 
-pub(crate) fn without_gaps(volume: &Volume, absent: impl FnOnce() -> Result<f64>) -> Result<Cow<'_, Volume>> {
+fn without_gaps(volume: &Volume, absent: impl FnOnce() -> Result<f64>) -> Result<Cow<'_, Volume>> {
     match volume.check_finite() {
         Ok(()) => Ok(Cow::Borrowed(volume)),
         Err(InputError::NonFinite { .. }) => Ok(Cow::Owned(volume.clone().with_non_finite_replaced(absent()?)?)),

@@ -22,7 +22,7 @@ const SHARED: f64 = 1e-6;
 const LINES: usize = 64;
 
 /// Returns the value of a volume at each place of a lattice of `to` points, which `map` maps to the volume's lattice;
-/// `absent` outside.
+/// `absent` outside, and in place of NaN and infinite samples.
 ///
 /// Lattices that share their points share their values. Otherwise a cubic spline through the samples is evaluated; a
 /// voxel that spans several samples gets the mean of places spread evenly over it.
@@ -40,6 +40,8 @@ pub(crate) fn values(volume: &Volume, map: &DAffine3, to: [u32; 3], absent: f32)
     (0..stored.len())
         .into_par_iter()
         .map(|i| (slope * stored.raw(i) + intercept) as f32)
+        // A spline spreads a gap over the volume.
+        .map(|value| if value.is_finite() { value } else { absent })
         .collect_into_vec(&mut samples);
     let is_shared = map.matrix3.abs_diff_eq(DMat3::IDENTITY, SHARED / nx.max(ny).max(nz) as f64)
         && map.translation.abs_diff_eq(map.translation.round(), SHARED);

@@ -35,17 +35,8 @@ pub(crate) fn options(job: &RenderJob) -> Result<LoadOptions, Failure> {
         // The sharpest that may be chosen reaches farthest.
         settings.sharpness = settings.sharpness.max(1.0);
     }
-    let context = ChoiceContext {
-        volume: &volume,
-        view: None,
-        material: None,
-        channels: false,
-        labels: false,
-        overlays: false,
-        plain: true,
-    };
     let side = OpenChoices { side: job.choices.open.side, light: false, material: false, sharpness: false };
-    context.make_choices(side, &mut view, &mut settings)?;
+    ChoiceContext::of(&volume).make_choices(side, &mut view, &mut settings)?;
     let camera = Camera::new(&view, volume.grid(), job.size)?;
     let region = Some(job.region).filter(|_| is_part && beside.is_none());
     Ok(LoadOptions { part: Some(needed_part(volume.grid(), &camera, region, &settings)?), ..job.load })

@@ -24,8 +24,7 @@ pub(crate) struct Sections {
 impl Sections {
     /// Returns the planes of the figure.
     pub(crate) fn planes(&self, volume: &Volume) -> Result<Vec<SectionPlane>, Failure> {
-        let setting = if self.at.is_some() { "at" } else { "planes" };
-        Ok(self.planes.iter().map(|plane| plane.plane(volume, self.at, setting)).collect::<Result<_, _>>()?)
+        Ok(PlaneSpec::planes(&self.planes, volume, self.at)?)
     }
 
     /// Draws the figure around a picture.

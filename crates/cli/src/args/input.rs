@@ -25,7 +25,8 @@ fn volume_help() -> String {
     let lacks = if CAN_FETCH { "" } else { " (this build lacks --features remote)" };
     format!(
         "A volume: a file, a folder of slices, - for standard input, a url{lacks}, or a built-in volume, \
-         demo:NAME[:SIZE] with SIZE in voxels along each axis. render and turntable also take a scene, FILE.json.\n\n\
+         demo:NAME[:SIZE] with SIZE in voxels along each axis. render, slice and turntable also take a scene, \
+         FILE.json.\n\n\
          Urls begin with https://, http:// or s3://BUCKET/. S3 is read as the variables AWS_ACCESS_KEY_ID, \
          AWS_SECRET_ACCESS_KEY, AWS_SESSION_TOKEN, AWS_REGION and AWS_ENDPOINT_URL state, anonymously without keys.\n\n\
          Formats: {}; raw samples.",

@@ -1,8 +1,9 @@
 //! A figure of sections.
 
+use glam::DVec3;
+
 use super::render::RenderArgs;
 use crate::parse::{self, Planes};
-use glam::DVec3;
 
 const SLICE_EXAMPLES: &str = "\
 All options of render apply to the picture beside the sections; title and caption belong to the whole figure.
@@ -15,9 +16,9 @@ Examples:
 
 /// Draw a figure of slices: sections of a volume beside its picture.
 ///
-/// Sections show values in grey over --window, or over the foreground, with the colours of visible matter over them;
-/// colour maps keep their colours. All sections have one scale. An axial section is seen from the feet, a coronal one
-/// from the front and a sagittal one from the left.
+/// Sections show values in grey over --window, or over the foreground, tinted where the transfer function shows matter;
+/// colour maps keep their colours. --clip and --mask cut the picture alone. All sections have one scale. An axial
+/// section is seen from the feet, a coronal one from the front and a sagittal one from the left.
 #[derive(Debug, clap::Args)]
 #[command(after_help = SLICE_EXAMPLES)]
 pub(crate) struct SliceArgs {

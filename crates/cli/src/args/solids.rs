@@ -20,8 +20,8 @@ pub(crate) struct SolidArgs {
     /// Draw a plane with the section of the volume on it: axial, coronal, sagittal (or xy, xz, yz), each maybe with a
     /// place along its axis such as axial:12.5; or NX,NY,NZ, NX,NY,NZ,D or NX,NY,NZ,X,Y,Z as --clip
     ///
-    /// The plane is opaque and unlit, and hides the matter behind it. Its look is as in the command slice. Repeat the
-    /// option for several planes; with --clip a plane fills the cut.
+    /// The plane is unlit, and hides the matter behind it, but is clear where its section is black. Its look is as in
+    /// the command slice. Repeat the option for several planes; with --clip a plane fills the cut.
     #[arg(long, value_name = "PLANE", value_parser = parse::library::<PlaneSpec>)]
     pub(crate) plane: Vec<PlaneSpec>,
     /// Hide the matter behind the surfaces of another renderer: an .exr of the size of the picture with a channel of

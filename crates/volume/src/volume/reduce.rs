@@ -55,3 +55,26 @@ impl Volume {
         Ok(reduced)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn blocks_have_their_means_and_places() {
+        let samples: Vec<f32> = (0..30).map(|i| if i == 5 || i == 9 { f32::NAN } else { i as f32 }).collect();
+        let volume = Volume::from_slice([5, 3, 2], [1.0, 2.0, 4.0], &samples).unwrap().with_rescale(2.0, 1.0).unwrap();
+        let reduced = volume.reduced([2, 3, 1]).unwrap();
+        assert_eq!((reduced.grid().dims(), reduced.grid().spacing()), ([3, 1, 2], [2.0, 6.0, 4.0]));
+        // The middle of the first block: of the places 0 and 1 along x, and 0 to 4 along y.
+        assert_eq!(reduced.grid().to_world().translation, DVec3::new(0.5, 2.0, 0.0));
+        let values: Vec<f64> = (0..6).map(|i| reduced.in_memory().unwrap().value(i)).collect();
+        let mean = |all: &[f64]| 2.0 * all.iter().sum::<f64>() / all.len() as f64 + 1.0;
+        let first = mean(&[0.0, 1.0, 6.0, 10.0, 11.0]);
+        let last = mean(&[19.0, 24.0, 29.0]);
+        assert!((values[0] - first).abs() < 1e-5 && (values[5] - last).abs() < 1e-5, "{values:?}");
+        // Gaps do not count; the third column of the first plane has 4 and 14.
+        assert!((values[2] - mean(&[4.0, 14.0])).abs() < 1e-5);
+        assert_eq!(volume.reduced([1; 3]).unwrap().in_memory().unwrap().value(7), 15.0);
+    }
+}

@@ -9,6 +9,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant, SystemTime};
 
 use ureq::http::{HeaderMap, StatusCode};
+use ureq::tls::{Certificate, PemItem, RootCerts, TlsConfig, parse_pem};
 use ureq::{Agent, Proxy};
 
 use super::address::{Address, without_credentials};
@@ -261,9 +262,18 @@ fn pause(attempt: u32, wanted: Duration, first: Duration) -> Duration {
     first.saturating_mul(1 << (attempt - 1).min(6)).max(wanted).min(first.saturating_mul(64))
 }
 
+/// Returns the certificates of the file that `SSL_CERT_FILE` names, as of a proxy that opens connections.
+fn certificates() -> Option<Vec<Certificate<'static>>> {
+    let bytes = std::fs::read(std::env::var_os("SSL_CERT_FILE")?).ok()?;
+    let certificate = |item| if let Ok(PemItem::Certificate(certificate)) = item { Some(certificate) } else { None };
+    let all: Vec<Certificate<'static>> = parse_pem(&bytes).filter_map(certificate).collect();
+    (!all.is_empty()).then_some(all)
+}
+
 impl Client {
     fn new(address: Address, options: &FetchOptions) -> Self {
         let timeout = Some(options.timeout);
+        let tls = TlsConfig::builder().root_certs(certificates().map_or(RootCerts::WebPki, RootCerts::from)).build();
         let is_signed = address.signer.is_some();
         let agent = Agent::config_builder()
             .http_status_as_error(false)
@@ -276,6 +286,7 @@ impl Client {
             // A signature is for one host.
             .max_redirects(if is_signed { 0 } else { 10 })
             .max_redirects_will_error(false)
+            .tls_config(tls)
             .proxy(Proxy::try_from_env().filter(|_| !address.is_local()))
             .user_agent(concat!("voxsplat/", env!("CARGO_PKG_VERSION")))
             .build()
@@ -453,8 +464,8 @@ impl Client {
                 | io::ErrorKind::BrokenPipe
                 | io::ErrorKind::UnexpectedEof
                 | io::ErrorKind::Interrupted => broken(format!("the connection ends early: {error}")),
-                // An unknown host, or a server that does not speak TLS: another attempt has the same end.
-                kind => last(kind, &format!("there is no connection: {error}")),
+                // An unknown host, or no TLS with its server: another attempt has the same end.
+                _ => last(io::ErrorKind::NotConnected, &format!("there is no connection: {error}")),
             },
             ureq::Error::Protocol(error) => broken(format!("the answer is no HTTP: {error}")),
             ureq::Error::HostNotFound => last(io::ErrorKind::HostUnreachable, "there is no such host"),
