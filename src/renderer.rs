@@ -201,6 +201,9 @@ impl Renderer {
     }
 
     fn prepared(&self, layers: &Layers, settings: &Settings) -> Result<Scene> {
+        if settings.model == Model::Composite && layers.isosurfaces()?.is_some() {
+            return Err(Error::setting("painter", "isosurfaces in classified voxels are drawn by cpu"));
+        }
         let scene = Scene::of_splats(&self.context, layers, settings.normals());
         if settings.level == Level::At(0) {
             scene.classify(&self.context, &self.pipelines, settings, &self.progress)?;

@@ -286,7 +286,7 @@ impl Request {
         let Beside { labels: over, mask, overlays, whole } = beside;
         let plain = over.is_none() && mask.is_none() && overlays.is_empty();
         if !plain {
-            Layers::check_settings(&self.settings)?;
+            self.transfer.settle_layers(&mut self.settings)?;
         }
         let Loaded { volume, layers: channels, labels, channels: looks } =
             source.load(self.transfer.values(), pyramid_level(&view.view, size))?;

@@ -611,7 +611,8 @@ impl FittedTransfer {
         statistics: &Statistics,
         overlays: usize,
     ) -> Result<(Self, Option<Choice>)> {
-        if self.labels || !matches!(request.choice, TransferChoice::Suggested) {
+        let is_suggested = matches!(request.choice, TransferChoice::Suggested) && request.isosurfaces.is_empty();
+        if self.labels || !is_suggested {
             return Ok((self, None));
         }
         if self.preset.is_some_and(|preset| preset.name == CHANNELS) {

@@ -8,8 +8,8 @@ use super::choice::{Choice, LABELS, ValueMeaning};
 use super::{demos, isosurface};
 use crate::error::{Error, Result};
 use crate::layers::Layers;
-use crate::settings::Settings;
 use crate::settings::parse::{expect, finite};
+use crate::settings::{Settings, Shading};
 use crate::transfer::maps::{self, ColorMap};
 use crate::transfer::presets::{self, Material, PRESETS, Preset, PresetValues};
 use crate::transfer::{Classification, ControlPoint, GradientPoint, Imported, TransferFunction, Window};
@@ -173,6 +173,18 @@ impl TransferRequest {
                 Values::Transfer
             }
         }
+    }
+
+    /// Makes settings of pictures of several layers: the layers are classified voxel by voxel, and isosurfaces in them
+    /// stay surfaces.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] if the settings are for one volume alone.
+    pub fn settle_layers(&self, settings: &mut Settings) -> Result<()> {
+        if !self.isosurfaces.is_empty() {
+            settings.shading = Shading::Pre;
+        }
+        Layers::check_settings(settings)
     }
 
     /// Returns whether values may be taken for labels: nothing is requested that labels lack.

@@ -4,10 +4,11 @@ use pulp::Simd;
 
 use super::blend::{Along, Blend};
 use super::colors::{ColorField, Halves, from_half};
-use super::lanes::{Lanes, three};
+use super::lanes::{Lanes, Mask, three};
 use super::lattice::{Area, Reach};
 use super::light::Vector;
 use super::plane::{CHANNELS, Plane};
+use super::post::Met;
 use super::rays::{Axes, Rays};
 use super::rule::{RECENT, Rule};
 
@@ -94,7 +95,7 @@ impl Colors<'_> {
 }
 
 /// The state of a group of rays under way.
-#[derive(Clone, Copy)]
+#[derive(Clone)]
 pub(super) struct State<S: Simd> {
     color: Vector<S>,
     depth: Lanes<S>,
@@ -103,6 +104,10 @@ pub(super) struct State<S: Simd> {
     samples: [[Lanes<S>; CHANNELS]; RECENT],
     /// The numbers of the last two samples.
     last: [isize; 2],
+    /// The isosurfaces on the way. Those that are composited lie beyond all planes.
+    met: Vec<Met<S>>,
+    /// The plane of the isosurface that let less than half of the light pass, beyond all planes if none did.
+    half: Lanes<S>,
 }
 
 /// The compositing of the rays of a tile.
@@ -111,69 +116,68 @@ pub(super) struct Blending<'a, S: Simd> {
     axes: Axes,
     along: Along,
     zero: Lanes<S>,
+    /// The isosurfaces that the rays of each group meet; empty without isosurfaces.
+    met: Vec<Vec<Met<S>>>,
 }
 
 impl<'a, S: Simd> Blending<'a, S> {
     #[inline(always)]
-    pub(super) fn new(simd: S, colors: &'a Colors<'a>, axes: &Axes) -> Self {
-        Self { colors, axes: *axes, along: colors.blend.along(axes), zero: Lanes::all(simd, 0.0) }
+    pub(super) fn new(simd: S, colors: &'a Colors<'a>, axes: &Axes, met: Vec<Vec<Met<S>>>) -> Self {
+        Self { colors, axes: *axes, along: colors.blend.along(axes), zero: Lanes::all(simd, 0.0), met }
     }
-}
 
-impl<S: Simd> Rule<S> for Blending<'_, S> {
-    type State = State<S>;
-
-    const BEHIND: usize = 1;
-    const STEP: f64 = 1.0;
-    const AROUND: [isize; 2] = [0, 0];
-
+    /// Composites a slab around plane z and the isosurfaces before its end. Returns whether there is anything.
     #[inline(always)]
-    fn start(&self, simd: S) -> State<S> {
-        let zero = self.zero;
-        State {
-            color: [zero; 3],
-            depth: zero,
-            transmittance: Lanes::all(simd, 1.0),
-            samples: [[zero; CHANNELS]; RECENT],
-            last: [isize::MIN / 2; 2],
+    fn between_surfaces(&self, simd: S, state: &mut State<S>, rays: &Rays<S>, (number, z): (usize, f32)) -> bool {
+        let (mut from, high) = (Lanes::all(simd, z - 0.5), Lanes::all(simd, z + 0.5));
+        let mut meets = false;
+        for index in 0..state.met.len() {
+            let plane = state.met[index].plane;
+            let is_here = plane.less(simd, high);
+            if is_here.any(simd) {
+                let to = plane.max(simd, from).or(simd, is_here, from);
+                self.part(simd, state, rays, (number, z), [from, to]);
+                meets = true;
+                self.surface(simd, state, index, is_here);
+                from = to;
+            }
         }
+        self.part(simd, state, rays, (number, z), [from, high]) || meets
     }
 
+    /// Composites an isosurface for some rays.
     #[inline(always)]
-    fn make(&self, _: S, plane: &mut Plane, area: &Area, number: usize) {
-        let before = self.colors.reach().beyond as isize;
-        make(plane, (&self.colors.blend, &self.along), (&self.axes, area), number as isize - before);
+    fn surface(&self, simd: S, state: &mut State<S>, index: usize, is_here: Mask<S>) {
+        let all = |value: f32| Lanes::all(simd, value);
+        let Met { plane, color, passes, depth } = state.met[index];
+        let passed = state.transmittance.mul(simd, passes.or(simd, is_here, all(1.0)));
+        let absorbed = state.transmittance.sub(simd, passed);
+        state.color = three!(channel => color[channel].fma(simd, absorbed, state.color[channel]));
+        state.depth = state.depth.add(simd, depth.or(simd, is_here, self.zero));
+        state.transmittance = passed;
+        let halves = is_here.and(simd, passed.less(simd, all(0.5)));
+        state.half = state.half.min(simd, plane).or(simd, halves, state.half);
+        state.met[index].plane = all(f32::INFINITY).or(simd, is_here, plane);
     }
 
+    /// Composites the part of the slab around plane z between two places, in which colour is linear in optical depth, as
+    /// `advance` in shaders/common/march.wgsl does. Returns whether it has visible matter.
     #[inline(always)]
-    fn sampled(&self, state: &mut State<S>, number: usize, channels: [Lanes<S>; CHANNELS]) {
-        if state.last[0] < number as isize - 1 {
-            state.samples[(number + RECENT - 1) % RECENT] = [self.zero; CHANNELS];
-        }
-        state.samples[number % RECENT] = channels;
-        state.last = [number as isize, state.last[0]];
-    }
-
-    #[inline(always)]
-    fn passed(&self, _: S, state: &mut State<S>, number: usize) {
-        if state.last[0] >= number as isize - 1 {
-            state.samples[number % RECENT] = [self.zero; CHANNELS];
-        }
-    }
-
-    /// Composites a slab, in which colour is linear in optical depth, as `advance` in shaders/common/march.wgsl does.
-    #[inline(always)]
-    fn slab(&self, simd: S, state: &mut State<S>, rays: &Rays<S>, (number, z): (usize, f32), _: bool) -> bool {
-        if !state.last.contains(&(number as isize)) {
-            return false;
-        }
+    fn part(
+        &self,
+        simd: S,
+        state: &mut State<S>,
+        rays: &Rays<S>,
+        (number, z): (usize, f32),
+        [low, high]: [Lanes<S>; 2],
+    ) -> bool {
         let zero = self.zero;
         let before = state.samples[(number + RECENT - 1) % RECENT];
         let mut own = state.samples[number % RECENT];
         let behind = state.samples[(number + 1) % RECENT];
         let mut length = rays.length;
-        let (low, high) = (Lanes::all(simd, z - 0.5), Lanes::all(simd, z + 0.5));
-        if low.less(simd, rays.ends[0]).any(simd) || rays.ends[1].less(simd, high).any(simd) {
+        let is_part = !state.met.is_empty();
+        if is_part || low.less(simd, rays.ends[0]).any(simd) || rays.ends[1].less(simd, high).any(simd) {
             // The part that counts, by the parabola at its middle.
             let first = rays.ends[0].max(simd, low).min(simd, high);
             let last = rays.ends[1].min(simd, high).max(simd, low);
@@ -216,10 +220,70 @@ impl<S: Simd> Rule<S> for Blending<'_, S> {
         state.transmittance = passed;
         true
     }
+}
+
+impl<S: Simd> Rule<S> for Blending<'_, S> {
+    type State = State<S>;
+
+    const BEHIND: usize = 1;
+    const STEP: f64 = 1.0;
+    const AROUND: [isize; 2] = [0, 0];
+
+    #[inline(always)]
+    fn start(&self, simd: S, group: usize) -> State<S> {
+        let zero = self.zero;
+        State {
+            color: [zero; 3],
+            depth: zero,
+            transmittance: Lanes::all(simd, 1.0),
+            samples: [[zero; CHANNELS]; RECENT],
+            last: [isize::MIN / 2; 2],
+            met: self.met.get(group).cloned().unwrap_or_default(),
+            half: Lanes::all(simd, f32::INFINITY),
+        }
+    }
+
+    #[inline(always)]
+    fn make(&self, _: S, plane: &mut Plane, area: &Area, number: usize) {
+        let before = self.colors.reach().beyond as isize;
+        make(plane, (&self.colors.blend, &self.along), (&self.axes, area), number as isize - before);
+    }
+
+    #[inline(always)]
+    fn sampled(&self, state: &mut State<S>, number: usize, channels: [Lanes<S>; CHANNELS]) {
+        if state.last[0] < number as isize - 1 {
+            state.samples[(number + RECENT - 1) % RECENT] = [self.zero; CHANNELS];
+        }
+        state.samples[number % RECENT] = channels;
+        state.last = [number as isize, state.last[0]];
+    }
+
+    #[inline(always)]
+    fn passed(&self, _: S, state: &mut State<S>, number: usize) {
+        if state.last[0] >= number as isize - 1 {
+            state.samples[number % RECENT] = [self.zero; CHANNELS];
+        }
+    }
+
+    #[inline(always)]
+    fn slab(&self, simd: S, state: &mut State<S>, rays: &Rays<S>, (number, z): (usize, f32), _: bool) -> bool {
+        if !state.last.contains(&(number as isize)) {
+            return false;
+        }
+        if !state.met.is_empty() {
+            return self.between_surfaces(simd, state, rays, (number, z));
+        }
+        self.part(simd, state, rays, (number, z), [Lanes::all(simd, z - 0.5), Lanes::all(simd, z + 0.5)])
+    }
 
     #[inline(always)]
     fn left(&self, _: S, state: &State<S>) -> Lanes<S> {
         state.transmittance
+    }
+
+    #[inline(always)]
+    fn half(&self, state: &State<S>) -> Option<Lanes<S>> {
+        Some(state.half)
     }
 
     /// Returns the colours and the alpha; for an X-ray the optical depth four times.
@@ -227,6 +291,11 @@ impl<S: Simd> Rule<S> for Blending<'_, S> {
     fn pixel(&self, simd: S, state: &State<S>, _: &Rays<S>) -> [Lanes<S>; 4] {
         if self.colors.is_xray {
             return [state.depth; 4];
+        }
+        let mut state = state.clone();
+        for index in 0..state.met.len() {
+            let is_left = state.met[index].plane.less(simd, Lanes::all(simd, f32::INFINITY));
+            self.surface(simd, &mut state, index, is_left);
         }
         let [r, g, b] = state.color;
         [r, g, b, Lanes::all(simd, 1.0).sub(simd, state.depth.exp_neg(simd))]

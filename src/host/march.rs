@@ -43,6 +43,8 @@ pub(super) struct Picture<'a> {
     pub(super) solids: Option<&'a DepthMap>,
     /// Whether pixels are the depth at which a ray has lost half of its light, and 1; 0 if a ray keeps more.
     pub(super) halves: bool,
+    /// The isosurfaces in matter that is classified voxel by voxel.
+    pub(super) surfaces: Option<&'a Self>,
 }
 
 /// The matter along rays, by the kind of picture.
@@ -82,7 +84,9 @@ impl Picture<'_> {
     fn shows(&self, low: [isize; 3], high: [isize; 3]) -> bool {
         match &self.matter {
             Matter::Post(post) => post.shows(low, high),
-            Matter::Colors(colors) => colors.shows(low, high),
+            Matter::Colors(colors) => {
+                colors.shows(low, high) || self.surfaces.is_some_and(|surfaces| surfaces.shows(low, high))
+            }
             // All scalars matter, if only because they are not the largest.
             Matter::Projection(_) => true,
         }
@@ -148,8 +152,8 @@ struct Course {
 }
 
 impl Course {
-    fn new(tile: &Tile<'_>, step: f64, groups: &[Numbers], is_alive: &[bool]) -> Self {
-        let Tile { picture, axes, corners, .. } = tile;
+    fn new(tile: &Tile<'_>, picture: &Picture<'_>, step: f64, groups: &[Numbers], is_alive: &[bool]) -> Self {
+        let Tile { axes, corners, .. } = tile;
         let (reach, before, _) = picture.extent();
         let count = ((axes.size[2] as f64 - 1.0 + 2.0 * before) / step) as usize + 1;
         let z_of = |number: usize| number as f64 * step - before;
@@ -211,19 +215,39 @@ impl WithSimd for Tile<'_> {
         let axes = self.axes;
         match &self.picture.matter {
             Matter::Post(post) => {
-                let shading = Shading::new(simd, post, &self.picture.to_lattice, &axes);
-                self.march(simd, &shading)
+                let shading = Shading::new(simd, post, &self.picture.to_lattice, &axes, false);
+                self.paint(simd, &shading)
             }
-            Matter::Colors(colors) => self.march(simd, &Blending::new(simd, colors, &axes)),
-            Matter::Projection(projection) => self.march(simd, &Projecting::new(simd, projection, &axes)),
+            Matter::Colors(colors) => {
+                let (mut met, mut work) = (Vec::new(), Work::default());
+                if let Some(picture) = self.picture.surfaces
+                    && let Matter::Post(post) = &picture.matter
+                {
+                    let shading = Shading::new(simd, post, &picture.to_lattice, &axes, true);
+                    let marched = self.march(simd, picture, &shading);
+                    met.extend(marched.states.into_iter().map(|state| state.met));
+                    work = marched.work;
+                }
+                work.and(self.paint(simd, &Blending::new(simd, colors, &axes, met)))
+            }
+            Matter::Projection(projection) => self.paint(simd, &Projecting::new(simd, projection, &axes)),
         }
     }
 }
 
+/// The groups of rays of a tile at their ends.
+struct Marched<S: Simd, R: Rule<S>> {
+    rays: Vec<Rays<S>>,
+    states: Vec<R::State>,
+    /// The planes at which rays have lost half of their light, if the picture shows them.
+    halves: Vec<[f32; RAYS]>,
+    work: Work,
+}
+
 impl Tile<'_> {
     /// Returns the numbers of the rays of all groups.
-    fn groups(&self) -> Vec<Numbers> {
-        let Self { picture, axes, beam, place, side, .. } = self;
+    fn groups(&self, picture: &Picture<'_>) -> Vec<Numbers> {
+        let Self { axes, beam, place, side, .. } = self;
         let across = side / GROUP;
         let (_, before, is_boxed) = picture.extent();
         let planes = [-before, (axes.size[2] - 1) as f64 + before];
@@ -232,11 +256,12 @@ impl Tile<'_> {
         (0..across * across).map(|group| Numbers::new(beam, axes, &bounds, picture.unit, place(group))).collect()
     }
 
+    /// Takes the rays of all groups through a picture.
     #[inline(always)]
-    fn march<S: Simd, R: Rule<S>>(self, simd: S, rule: &R) -> Work {
-        let numbers = self.groups();
+    fn march<S: Simd, R: Rule<S>>(&self, simd: S, picture: &Picture<'_>, rule: &R) -> Marched<S, R> {
+        let numbers = self.groups(picture);
         let is_alive: Vec<bool> = numbers.iter().map(Numbers::is_alive).collect();
-        let course = Course::new(&self, R::STEP, &numbers, &is_alive);
+        let course = Course::new(self, picture, R::STEP, &numbers, &is_alive);
         let mut rays: Vec<Rays<S>> = Vec::with_capacity(numbers.len());
         let mut alive: Vec<usize> = Vec::with_capacity(numbers.len());
         for (group, numbers) in numbers.iter().enumerate() {
@@ -246,11 +271,14 @@ impl Tile<'_> {
             }
         }
         let order = Order::new(simd);
-        let (reach, ..) = self.picture.extent();
-        let mut states = vec![rule.start(simd); rays.len()];
+        let (reach, ..) = picture.extent();
+        let mut states = Vec::with_capacity(rays.len());
+        for group in 0..rays.len() {
+            states.push(rule.start(simd, group));
+        }
         let count = course.areas.len();
         let mut plane = Plane::default();
-        let mut halves = vec![[f32::NAN; RAYS]; if self.picture.halves { rays.len() } else { 0 }];
+        let mut halves = vec![[f32::NAN; RAYS]; if picture.halves { rays.len() } else { 0 }];
         let mut work = Work::default();
         for number in 0..count + R::BEHIND {
             if alive.is_empty() {
@@ -298,8 +326,8 @@ impl Tile<'_> {
                 if rule.slab(simd, &mut states[group], &rays[group], (slab, z), shows) {
                     work.slabs += RAYS as u64;
                     let left = rule.left(simd, &states[group]);
-                    has_ended |= left.largest(simd) < self.picture.termination;
-                    if self.picture.halves {
+                    has_ended |= left.largest(simd) < picture.termination;
+                    if picture.halves {
                         let half = 0.5 * R::STEP as f32;
                         let ends = [
                             rays[group].ends[0].max(simd, Lanes::all(simd, z - half)).to_array(),
@@ -313,7 +341,7 @@ impl Tile<'_> {
             if has_ended {
                 let mut left = 0;
                 for index in 0..alive.len() {
-                    if rule.left(simd, &states[alive[index]]).largest(simd) >= self.picture.termination {
+                    if rule.left(simd, &states[alive[index]]).largest(simd) >= picture.termination {
                         alive[left] = alive[index];
                         left += 1;
                     }
@@ -321,6 +349,13 @@ impl Tile<'_> {
                 alive.truncate(left);
             }
         }
+        Marched { rays, states, halves, work }
+    }
+
+    /// Paints the pixels.
+    #[inline(always)]
+    fn paint<S: Simd, R: Rule<S>>(self, simd: S, rule: &R) -> Work {
+        let Marched { rays, states, halves, work } = self.march(simd, self.picture, rule);
         let across = self.side / GROUP;
         for (group, state) in states.iter().enumerate() {
             let [r, g, b, a] = rule.pixel(simd, state, &rays[group]);

@@ -71,13 +71,12 @@ use rayon::prelude::*;
 use self::blending::Colors;
 use self::colors::Halves;
 use self::level::Level;
-use self::light::Shader;
 use self::march::{Matter, Picture, TILE, Work};
-use self::post::{Post, Surface};
 use self::project::{Extreme, Projection};
 use self::scalars::{Reconstructed, Scalars};
-use self::shot::{Depths, Shot, places_of_light};
+use self::shot::{Depths, Shot};
 use self::voxels::Colored;
+use crate::camera::clip::Side;
 use crate::error::{Error, Result};
 use crate::frame::Frame;
 use crate::image::{DepthMap, Image, Region};
@@ -87,7 +86,6 @@ use crate::progress::Progress;
 use crate::settings::{Interslice, Model, Settings};
 use crate::stats::adapter::{AdapterInfo, AdapterKind};
 use crate::stats::{CpuStats, PainterStats, Rendered, StageTime, Stats, on_host};
-use crate::transfer::Resolution;
 use crate::volume::Grid;
 use voxsplat_volume::memory::available;
 
@@ -215,14 +213,10 @@ impl HostRenderer {
     /// Renders a picture of scalars that are classified along rays, or of their projection.
     fn render_scalars(&self, scene: &Scalars, shot: &Shot<'_>) -> Result<Rendered> {
         let Shot { settings, grid, .. } = *shot;
-        if settings.sharpens() != scene.sharpened {
-            return Err(Settings::not_prepared("sharpness", "for another sharpness or kernel"));
-        }
         let (reconstructed, seconds) = on_host(|| scene.reconstructed(shot, &self.progress));
         let reconstructed = reconstructed?;
         let mut stages = vec![StageTime::host("filter", seconds)];
         let Reconstructed { field, filter } = reconstructed[0].as_ref();
-        let blend = shot.blend(&reconstructed, |reconstructed| &reconstructed.field);
         let bytes = reconstructed.iter().map(|reconstructed| reconstructed.field.bytes()).sum();
         let unit = scene.transfer.unit_or(grid.min_spacing());
         let held = Held { bytes, misfit: filter.misfit(), voxels: grid.len() };
@@ -234,65 +228,64 @@ impl HostRenderer {
                 if value.is_finite() { scene.transfer.projected(value * factor, depth) } else { [0.0; 4] }
             };
             let attenuation = settings.attenuation as f32;
+            let blend = shot.blend(&reconstructed, |reconstructed| &reconstructed.field);
             let matter = Matter::Projection(Projection { blend, extreme, depth: shot.depth_in_box(), attenuation });
-            return self.painted(shot, (matter, unit), stages, &held, Some(&shown));
+            return self.painted(shot, (matter, unit), None, (stages, &held), Some(&shown));
         }
-        // Of a jump, splines leave a slope in uniform matter beside it: no surface.
-        let of_misfit = if scene.is_uniform { 2.0 * filter.misfit().data } else { 0.0 };
-        let of_distance = of_misfit.max(Resolution::OF_DISTANCE) as f32;
-        let resolution = [of_distance, scene.reduction.faintest(&scene.resolution)];
-        let shader = settings.lighting.as_ref();
-        let shader = shader.map(|lighting| Shader::new(lighting, grid.center(), grid.unit(), resolution));
-        let gradient_opacity = scene.transfer.scaled_gradient_opacity(scene.reduction.factor());
         let near = Some(field).filter(|_| shot.level == Level(0));
         let arriving = match shot.falling(unit) {
             None => None,
             Some(falling) => {
-                let (light, seconds) = on_host(|| scene.arriving(near, &gradient_opacity, falling, &self.progress));
+                let (light, seconds) = on_host(|| scene.arriving(near, falling, &self.progress));
                 stages.push(StageTime::host("shadows", seconds));
                 Some(light?)
             }
         };
-        let surfaces = Surface::of(&scene.transfer, &scene.reduction);
-        let matter = Matter::Post(Post {
-            blend,
-            table: &scene.table,
-            surfaces: &surfaces,
-            shader: shader.as_ref(),
-            arriving: arriving.as_deref(),
-            gradient_opacity: &gradient_opacity,
-            to_places: places_of_light(grid, &shot.lattice),
-            to_voxels: shot.to_voxels(),
-        });
-        self.painted(shot, (matter, unit), stages, &held, None)
+        let matter = Matter::Post(scene.post(shot, &reconstructed, arriving.as_deref()));
+        self.painted(shot, (matter, unit), None, (stages, &held), None)
     }
 
     /// Renders a picture of voxels that are classified before they are reconstructed.
     fn render_colors(&self, scene: &Colored, shot: &Shot<'_>) -> Result<Rendered> {
-        let (filtered, seconds) = on_host(|| scene.filtered(shot, &self.progress));
-        let filtered = filtered?;
+        let along_rays = shot.settings.along_rays();
+        let of_surfaces = Shot { settings: &along_rays, ..shot.clone() };
+        let (made, seconds) = on_host(|| {
+            let surfaces = scene.surfaces.as_deref();
+            let fields = surfaces.map(|surfaces| surfaces.reconstructed(&of_surfaces, &self.progress)).transpose()?;
+            let near = fields.as_ref().map(|made| &made[0].field).filter(|_| shot.level == Level(0));
+            let arriving = scene.arriving(shot, near, &self.progress)?;
+            Ok::<_, Error>((scene.filtered(shot, arriving.as_deref(), &self.progress)?, surfaces.zip(fields), arriving))
+        });
+        let (filtered, surfaces, arriving) = made?;
         let stages = vec![StageTime::host("filter", seconds)];
         let blend = shot.blend(&filtered, |filtered| &filtered.field);
-        let bytes = filtered.iter().map(|filtered| filtered.field.bytes()).sum::<u64>() + scene.bytes();
+        let of_fields = surfaces.iter().flat_map(|(_, fields)| fields).map(|made| made.field.bytes());
+        let bytes =
+            filtered.iter().map(|filtered| filtered.field.bytes()).chain(of_fields).sum::<u64>() + scene.bytes();
+        let surfaces = surfaces.as_ref();
+        let surfaces = surfaces.map(|(scene, fields)| scene.post(&of_surfaces, fields, arriving.as_deref()));
         let held = Held { bytes, misfit: filtered[0].filter.misfit(), voxels: scene.count() };
         let is_xray = shot.settings.model == Model::Xray;
         let response = |[depth, ..]: [f64; 4]| shot.settings.response.pixel(depth);
         let matter = (Matter::Colors(Colors { blend, is_xray }), scene.unit * scene.scale);
-        self.painted(shot, matter, stages, &held, is_xray.then_some(&response))
+        let surfaces = surfaces.map(|post| (Matter::Post(post), of_surfaces.sides()));
+        self.painted(shot, matter, surfaces, (stages, &held), is_xray.then_some(&response))
     }
 
-    /// Paints matter; `unit` is the world length of the unit of extinctions, and `shown` makes pixels of the results of
-    /// rays.
+    /// Paints matter, and isosurfaces in it with their sides; `unit` is the world length of the unit of extinctions,
+    /// and `shown` makes pixels of the results of rays.
     fn painted(
         &self,
         shot: &Shot<'_>,
         (matter, unit): (Matter<'_>, f64),
-        mut stages: Vec<StageTime>,
-        held: &Held,
+        surfaces: Option<(Matter<'_>, Vec<Side>)>,
+        (mut stages, held): (Vec<StageTime>, &Held),
         shown: Option<&(dyn Fn([f64; 4]) -> [f64; 4] + Sync)>,
     ) -> Result<Rendered> {
         let Shot { camera, settings, grid, region, density, .. } = *shot;
         let (lattice, sides) = (&shot.lattice, shot.sides());
+        let (surfaces, of_surfaces) = surfaces.unzip();
+        let of_surfaces = of_surfaces.unwrap_or_default();
         let picture = Picture {
             matter,
             dims: lattice.dims().map(|d| d as usize),
@@ -303,7 +296,10 @@ impl HostRenderer {
             termination: settings.termination as f32,
             solids: shot.depths.solids,
             halves: shot.depths.halves,
+            surfaces: None,
         };
+        let surfaces = surfaces.map(|matter| Picture { matter, sides: &of_surfaces, ..picture });
+        let picture = Picture { surfaces: surfaces.as_ref(), ..picture };
         let mut image = Image::transparent(region.width, region.height)?;
         let (work, seconds) = on_host(|| self.paint(&picture, region, &mut image));
         let work = work?;
@@ -424,8 +420,11 @@ impl HostScene {
                 (count * size_of::<f32>() as u64, held)
             }
             Content::Colored(colored) => {
+                let of_surfaces = colored.surfaces.as_ref();
                 let held = colored.field.sum(|made| made.field.bytes()) + light(colored.light.count());
-                (count * size_of::<Halves>() as u64, held)
+                let held = held + of_surfaces.map_or(0, |scene| scene.field.sum(|made| made.field.bytes()));
+                let bytes = size_of::<Halves>() + of_surfaces.map_or(0, |_| size_of::<f32>());
+                (count * bytes as u64, held)
             }
         };
         check_memory(fields, light(usize::from(shot.settings.casting().is_some())), held)

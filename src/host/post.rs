@@ -28,13 +28,13 @@ const LEAST_BEND: f32 = 2e-4;
 pub(super) struct Post<'a> {
     pub(super) blend: Blend<'a, Field>,
     pub(super) table: &'a Table,
-    pub(super) shader: Option<&'a Shader>,
-    pub(super) surfaces: &'a [Surface],
+    pub(super) shader: Option<Shader>,
+    pub(super) surfaces: Vec<Surface>,
     /// The light that arrives at voxels; `None`: all light does.
     pub(super) arriving: Option<&'a ArrivingLight>,
     /// The points of gradient opacity: pairs of the length of a gradient of scalars in the world, and the share of
     /// extinction.
-    pub(super) gradient_opacity: &'a [[f32; 2]],
+    pub(super) gradient_opacity: Vec<[f32; 2]>,
     /// The map from the lattice to places for the shader.
     pub(super) to_places: DAffine3,
     /// The size of the lattice's cells in voxels, and the voxel at cell 0: `arriving` holds the light at voxels.
@@ -47,8 +47,21 @@ pub(super) struct Surface {
     /// The scalar at the surface.
     scalar: f32,
     color: [f32; 3],
-    /// The share of light that passes the surface.
+    /// The share of light that passes the surface, and its optical depth.
     passes: f32,
+    depth: f32,
+}
+
+/// An isosurface where rays of a group meet it.
+#[derive(Clone, Copy)]
+pub(super) struct Met<S: Simd> {
+    /// The plane of each ray; beyond all planes for rays that do not meet it.
+    pub(super) plane: Lanes<S>,
+    /// The colour in the light.
+    pub(super) color: Vector<S>,
+    /// The share of light that passes, and the optical depth: 1 and 0 for rays that do not meet it.
+    pub(super) passes: Lanes<S>,
+    pub(super) depth: Lanes<S>,
 }
 
 impl Surface {
@@ -58,13 +71,14 @@ impl Surface {
             scalar: reduction.scalar(p.value),
             color: p.color.map(|c| c as f32),
             passes: (1.0 - p.opacity.min(TransferFunction::MAX_OPACITY)) as f32,
+            depth: TransferFunction::extinction(p.opacity, 1.0) as f32,
         };
         transfer.isosurfaces().iter().map(surface).collect()
     }
 }
 
 /// The state of a group of rays under way.
-#[derive(Clone, Copy)]
+#[derive(Clone)]
 pub(super) struct State<S: Simd> {
     color: Vector<S>,
     transmittance: Lanes<S>,
@@ -79,6 +93,8 @@ pub(super) struct State<S: Simd> {
     last: isize,
     /// The plane of the isosurface that let less than half of the light pass, beyond all planes if none did.
     half: Lanes<S>,
+    /// The isosurfaces that were met, front to back along each ray.
+    pub(super) met: Vec<Met<S>>,
 }
 
 /// The classification and the light of slabs.
@@ -91,11 +107,13 @@ pub(super) struct Shading<'a, S: Simd> {
     gradient: [[Lanes<S>; 3]; 3],
     /// The map from the planes to places for the shader: rows of three factors and a sum.
     places: [[Lanes<S>; 4]; 3],
+    /// Whether states keep the isosurfaces that were met.
+    keeps: bool,
 }
 
 impl<'a, S: Simd> Shading<'a, S> {
     #[inline(always)]
-    pub(super) fn new(simd: S, post: &'a Post<'a>, to_lattice: &DAffine3, axes: &Axes) -> Self {
+    pub(super) fn new(simd: S, post: &'a Post<'a>, to_lattice: &DAffine3, axes: &Axes, keeps: bool) -> Self {
         let (frame, origin) = axes.frame();
         let gradient = (to_lattice.matrix3.transpose() * frame).to_cols_array_2d();
         let map = post.to_places * DAffine3::from_mat3_translation(frame, origin);
@@ -110,6 +128,7 @@ impl<'a, S: Simd> Shading<'a, S> {
                 let [a, b, m] = three!(column => Lanes::all(simd, factors[column][row] as f32));
                 [a, b, m, Lanes::all(simd, sums[row] as f32)]
             }),
+            keeps,
         }
     }
 
@@ -194,7 +213,7 @@ impl<'a, S: Simd> Shading<'a, S> {
         scalars: [Lanes<S>; 3],
     ) {
         let all = |value: f32| Lanes::all(simd, value);
-        let surfaces = self.post.surfaces;
+        let surfaces = &self.post.surfaces;
         // Rays that rise meet the lowest surface first.
         for half in 0..2 {
             let (from, to) = (scalars[half], scalars[half + 1]);
@@ -264,12 +283,15 @@ impl<'a, S: Simd> Shading<'a, S> {
         let passes = all(surface.passes).or(simd, meets, all(1.0));
         let passed = state.transmittance.mul(simd, passes);
         let absorbed = state.transmittance.sub(simd, passed);
-        for channel in 0..3 {
-            let mut color = all(surface.color[channel]);
-            if let Some(shine) = &shine {
-                color = shine.lit(simd, channel, color);
-            }
-            state.color[channel] = color.fma(simd, absorbed, state.color[channel]);
+        let mut colors: Vector<S> = three!(channel => all(surface.color[channel]));
+        if let Some(shine) = &shine {
+            colors = three!(channel => shine.lit(simd, channel, colors[channel]));
+        }
+        state.color = three!(channel => colors[channel].fma(simd, absorbed, state.color[channel]));
+        if self.keeps {
+            let depth = all(surface.depth).or(simd, meets, all(0.0));
+            let at = plane.or(simd, meets, all(f32::INFINITY));
+            state.met.push(Met { plane: at, color: colors, passes, depth });
         }
         let halves = meets.and(simd, passed.less(simd, all(0.5)));
         state.half = state.half.min(simd, plane).or(simd, halves, state.half);
@@ -306,8 +328,8 @@ impl<'a, S: Simd> Shading<'a, S> {
         (z, ahead): (f32, Option<Lanes<S>>),
         scalar: Lanes<S>,
     ) -> (Option<Shine<S>>, Lanes<S>) {
-        let points = self.post.gradient_opacity;
-        let shader = self.post.shader;
+        let points = &self.post.gradient_opacity;
+        let shader = &self.post.shader;
         if shader.is_none() && points.is_empty() {
             return (None, Lanes::all(simd, 1.0));
         }
@@ -379,7 +401,7 @@ impl<S: Simd> Rule<S> for Shading<'_, S> {
     const AROUND: [isize; 2] = [-2, 1];
 
     #[inline(always)]
-    fn start(&self, simd: S) -> State<S> {
+    fn start(&self, simd: S, _: usize) -> State<S> {
         let zero = Lanes::all(simd, 0.0);
         State {
             color: [zero; 3],
@@ -390,6 +412,7 @@ impl<S: Simd> Rule<S> for Shading<'_, S> {
             classified: None,
             last: isize::MIN / 2,
             half: Lanes::all(simd, f32::INFINITY),
+            met: Vec::new(),
         }
     }
 

@@ -100,7 +100,7 @@ impl<S: Simd> Rule<S> for Projecting<'_, S> {
     const AROUND: [isize; 2] = [0, 0];
 
     #[inline(always)]
-    fn start(&self, simd: S) -> State<S> {
+    fn start(&self, simd: S, _: usize) -> State<S> {
         let zero = Lanes::all(simd, 0.0);
         let least = if self.projection.extreme == Extreme::Mean { 0.0 } else { f32::NEG_INFINITY };
         State { scalars: [zero; RECENT], value: Lanes::all(simd, least), planes: zero, last: isize::MIN / 2 }

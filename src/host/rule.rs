@@ -12,7 +12,7 @@ pub(super) const RECENT: usize = 4;
 
 /// A rule that turns the samples of a group of rays into pixels. Slabs lie around samples.
 pub(super) trait Rule<S: Simd> {
-    type State: Copy;
+    type State: Clone;
 
     /// The number of samples behind its own on which a slab depends.
     const BEHIND: usize;
@@ -21,7 +21,8 @@ pub(super) trait Rule<S: Simd> {
     /// The range of neighbours to whose slabs a sample matters, from first to last.
     const AROUND: [isize; 2];
 
-    fn start(&self, simd: S) -> Self::State;
+    /// Returns the state of a group of rays, given its number in the tile.
+    fn start(&self, simd: S, group: usize) -> Self::State;
 
     /// Makes the plane of a sample.
     fn make(&self, simd: S, plane: &mut Plane, area: &Area, number: usize);

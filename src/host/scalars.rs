@@ -9,7 +9,9 @@ use super::arriving::{ArrivingLight, Falling};
 use super::field::{Field, padding};
 use super::kept::Kept;
 use super::level::Level;
-use super::shot::Shot;
+use super::light::Shader;
+use super::post::{Post, Surface};
+use super::shot::{Shot, places_of_light};
 use super::table::Table;
 use crate::camera::clip::is_inside;
 use crate::error::Result;
@@ -80,7 +82,13 @@ impl Scalars {
     }
 
     /// Returns the fields of the kernels of a picture.
+    ///
+    /// # Errors
+    /// [`Error::Setting`](crate::Error::Setting) if the scene was prepared for another sharpness.
     pub(super) fn reconstructed(&self, shot: &Shot<'_>, progress: &Progress) -> Result<Vec<Arc<Reconstructed>>> {
+        if shot.settings.sharpens() != self.sharpened {
+            return Err(Settings::not_prepared("sharpness", "for another sharpness or kernel"));
+        }
         let (kernels, level) = (shot.kernels(), shot.level);
         let pad = padding(&kernels);
         let key = |kernel: Kernel| (kernel, level, pad);
@@ -101,6 +109,31 @@ impl Scalars {
         })
     }
 
+    /// Returns the classification along the rays of a picture.
+    pub(super) fn post<'a>(
+        &'a self,
+        shot: &Shot<'_>,
+        reconstructed: &'a [Arc<Reconstructed>],
+        arriving: Option<&'a ArrivingLight>,
+    ) -> Post<'a> {
+        let Shot { grid, settings, .. } = *shot;
+        // Of a jump, splines leave a slope in uniform matter beside it: no surface.
+        let of_misfit = if self.is_uniform { 2.0 * reconstructed[0].filter.misfit().data } else { 0.0 };
+        let of_distance = of_misfit.max(Resolution::OF_DISTANCE) as f32;
+        let resolution = [of_distance, self.reduction.faintest(&self.resolution)];
+        let shader = settings.lighting.as_ref();
+        Post {
+            blend: shot.blend(reconstructed, |reconstructed| &reconstructed.field),
+            table: &self.table,
+            shader: shader.map(|lighting| Shader::new(lighting, grid.center(), grid.unit(), resolution)),
+            surfaces: Surface::of(&self.transfer, &self.reduction),
+            arriving,
+            gradient_opacity: self.transfer.scaled_gradient_opacity(self.reduction.factor()),
+            to_places: places_of_light(grid, &shot.lattice),
+            to_voxels: shot.to_voxels(),
+        }
+    }
+
     fn dims(&self) -> [usize; 3] {
         self.volume.grid().dims().map(|d| d as usize)
     }
@@ -118,19 +151,24 @@ impl Scalars {
         Ok(with_samples!(&samples, s => s.iter().map(|v| relative.to(v.to_f64())).collect()))
     }
 
+    /// Returns the matter that casts shadows, with extinctions in a unit of length; with a field, voxels far from its
+    /// visible matter are left out.
+    pub(super) fn occluders<'a>(&'a self, field: Option<&'a Field>, unit: f64) -> Extinctions<'a> {
+        let gradient_opacity = self.transfer.scaled_gradient_opacity(self.reduction.factor());
+        let to_world = self.volume.grid().to_lattice().matrix3.transpose();
+        let surfaces = CastingSurfaces { surfaces: self.transfer.isosurfaces(), reduction: &self.reduction, unit };
+        Extinctions { scene: self, field, gradient_opacity, to_world, surfaces }
+    }
+
     /// Returns the light that arrives at the voxels; with a field, voxels far from its visible matter are left out.
     pub(super) fn arriving(
         &self,
         field: Option<&Field>,
-        gradient_opacity: &[[f32; 2]],
         falling: Falling,
         progress: &Progress,
     ) -> Result<Arc<ArrivingLight>> {
         let mut made = self.light.get_or_make(vec![falling], |falling| {
-            let to_world = self.volume.grid().to_lattice().matrix3.transpose();
-            let unit = self.transfer.unit_or(self.volume.grid().min_spacing());
-            let surfaces = CastingSurfaces { surfaces: self.transfer.isosurfaces(), reduction: &self.reduction, unit };
-            let matter = Extinctions { scene: self, field, gradient_opacity, to_world, surfaces };
+            let matter = self.occluders(field, self.transfer.unit_or(self.volume.grid().min_spacing()));
             ArrivingLight::new([[0; 3], self.dims()], &|place, row| matter.row(falling, place, row), falling, progress)
         })?;
         Ok(made.swap_remove(0))
@@ -138,11 +176,11 @@ impl Scalars {
 }
 
 /// The extinctions of a scene's matter, for shadows.
-struct Extinctions<'a> {
+pub(super) struct Extinctions<'a> {
     scene: &'a Scalars,
     field: Option<&'a Field>,
     /// The points of gradient opacity; see [`super::post::Post::gradient_opacity`].
-    gradient_opacity: &'a [[f32; 2]],
+    gradient_opacity: Vec<[f32; 2]>,
     /// The map from gradients along the lattice axes to gradients in the world.
     to_world: DMat3,
     surfaces: CastingSurfaces<'a>,
@@ -173,7 +211,7 @@ impl Extinctions<'_> {
     }
 
     /// Writes the extinctions of a row: 0 where no visible matter is near.
-    fn row(&self, falling: &Falling, [y, z]: [usize; 2], row: &mut [f32]) -> Result<()> {
+    pub(super) fn row(&self, falling: &Falling, [y, z]: [usize; 2], row: &mut [f32]) -> Result<()> {
         let [nx, ny, nz] = self.scene.dims();
         let [y, z] = [y as isize, z as isize];
         let has_surfaces = !self.surfaces.surfaces.is_empty();
@@ -204,7 +242,7 @@ impl Extinctions<'_> {
                 let gradient = DVec3::from_array(slopes.gradient(&around, 13, 3).map(f64::from));
                 let [per_voxel, per_unit] = [gradient.length(), (self.to_world * gradient).length()];
                 if thins {
-                    extinction *= scaled_share(self.gradient_opacity, per_unit as f32);
+                    extinction *= scaled_share(&self.gradient_opacity, per_unit as f32);
                 }
                 extinction += self.surfaces.casting(own[x], [per_voxel, per_unit]);
             }

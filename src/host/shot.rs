@@ -20,6 +20,7 @@ use crate::volume::Grid;
 const NO_GROWTH: f64 = 1.0 + 1e-9;
 
 /// The camera, the settings and the lattice of a picture.
+#[derive(Clone)]
 pub(super) struct Shot<'a> {
     pub(super) camera: &'a Camera,
     pub(super) settings: &'a Settings,

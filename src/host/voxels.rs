@@ -8,11 +8,12 @@ use pulp::{Simd, WithSimd};
 
 use super::arriving::{ArrivingLight, Falling};
 use super::colors::{ColorField, Voxels};
-use super::field::padding;
+use super::field::{Field, padding};
 use super::kept::Kept;
 use super::lanes::{Lanes, dispatch, three};
 use super::level::Level;
 use super::light::{Shader, Vector, unit};
+use super::scalars::Scalars;
 use super::shot::{Shot, places_of_light};
 use crate::camera::clip::is_inside;
 use crate::error::Result;
@@ -21,7 +22,7 @@ use crate::layers::Layers;
 use crate::lighting::shadow::field::CLIPPED;
 use crate::lighting::{Lighting, Normals};
 use crate::progress::Progress;
-use crate::settings::Settings;
+use crate::settings::{Model, Settings};
 use crate::splats::brick::MadeBrick;
 use crate::splats::layers::{Classifier, LeftOut};
 use crate::splats::words::{SplatRun, appearances, unpacked};
@@ -44,6 +45,8 @@ pub(super) struct Colored {
     pub(super) unit: f64,
     /// The factor that brings extinctions into the range of f16.
     pub(super) scale: f64,
+    /// The layer with isosurfaces.
+    pub(super) surfaces: Option<Box<Scalars>>,
     pub(super) field: Kept<Key, Filtered>,
     pub(super) light: Kept<Falling, ArrivingLight>,
 }
@@ -80,6 +83,12 @@ impl Colored {
     pub(super) fn new(layers: &Layers, settings: &Settings, progress: &Progress) -> Result<Self> {
         let normals = settings.normals();
         let layers = layers.finite()?;
+        let surfaces = match layers.isosurfaces()?.filter(|_| settings.model == Model::Composite) {
+            None => None,
+            Some((_, volume, transfer)) => {
+                Some(Box::new(Scalars::new(volume, &transfer, &settings.along_rays(), progress)?))
+            }
+        };
         let classifier = Classifier::new(&layers, normals, LeftOut { voxels: true, bricks: true })?;
         let [_, down, deep] = classifier.counts;
         let mut bricks = Vec::new();
@@ -101,6 +110,7 @@ impl Colored {
             normals,
             unit: layers.unit(),
             scale: exponent.exp2(),
+            surfaces,
             field: Kept::default(),
             light: Kept::default(),
         })
@@ -120,8 +130,11 @@ impl Colored {
         self.bricks.iter().map(|made| u64::from(made.splats.count())).sum()
     }
 
-    /// Returns the box of the visible voxels: its first voxel, and its size.
+    /// Returns the box of the visible voxels, with isosurfaces of all voxels: its first voxel, and its size.
     fn bounds(&self) -> [[usize; 3]; 2] {
+        if self.surfaces.is_some() {
+            return [[0; 3], self.grid.dims().map(|d| d as usize)];
+        }
         let (mut low, mut high) = ([usize::MAX; 3], [0; 3]);
         for [first, last] in self.bricks.iter().map(|made| made.brick.bounds) {
             for axis in 0..3 {
@@ -132,12 +145,16 @@ impl Colored {
         if self.bricks.is_empty() { [[0; 3], [1; 3]] } else { [low, [0, 1, 2].map(|axis| high[axis] - low[axis])] }
     }
 
-    /// Returns the fields of the kernels of a picture.
-    pub(super) fn filtered(&self, shot: &Shot<'_>, progress: &Progress) -> Result<Vec<Arc<Filtered>>> {
+    /// Returns the fields of the kernels of a picture in the light that arrives.
+    pub(super) fn filtered(
+        &self,
+        shot: &Shot<'_>,
+        arriving: Option<&ArrivingLight>,
+        progress: &Progress,
+    ) -> Result<Vec<Arc<Filtered>>> {
         let Shot { camera, settings, .. } = *shot;
         settings.check_normals(self.normals)?;
         let falling = shot.falling(self.unit);
-        let arriving = falling.clone().map(|falling| self.arriving(falling, progress)).transpose()?;
         let to_eye = match camera.eye() {
             None => ToEye::Parallel(-camera.forward),
             Some(eye) => ToEye::At((eye - self.grid.center()) / self.grid.unit()),
@@ -150,12 +167,7 @@ impl Colored {
         self.field.get_or_make(kernels.into_iter().map(key).collect(), |key| {
             let shader = key.light.as_ref().map(|(lighting, to_eye)| {
                 let shader = Shader::new(lighting, self.grid.center(), self.grid.unit(), [0.0; 2]);
-                Light {
-                    shader,
-                    to_eye: *to_eye,
-                    to_places: places_of_light(&self.grid, &self.grid),
-                    arriving: arriving.as_deref(),
-                }
+                Light { shader, to_eye: *to_eye, to_places: places_of_light(&self.grid, &self.grid), arriving }
             });
             let filter = SplineFilter::new(&key.kernel)?;
             let [nx, ny, nz] = self.grid.dims().map(|d| d as usize);
@@ -187,25 +199,36 @@ impl Colored {
         bricks.iter().flat_map(move |made| made.splats.runs(y % EDGE + EDGE * (z % EDGE), made.brick.origin[0]))
     }
 
-    /// Returns the light that arrives at the voxels.
-    fn arriving(&self, falling: Falling, progress: &Progress) -> Result<Arc<ArrivingLight>> {
+    /// Returns the light that arrives at the voxels, if it casts shadows; `near` is the field of the isosurfaces.
+    pub(super) fn arriving(
+        &self,
+        shot: &Shot<'_>,
+        near: Option<&Field>,
+        progress: &Progress,
+    ) -> Result<Option<Arc<ArrivingLight>>> {
+        let Some(falling) = shot.falling(self.unit) else { return Ok(None) };
         let (dims, [low, size]) = (self.grid.dims().map(|d| d as usize), self.bounds());
         let middle = DVec3::from_array(dims.map(|d| (d as f64 - 1.0) / 2.0));
         let mut made = self.light.get_or_make(vec![falling], |falling| {
+            let surfaces = self.surfaces.as_ref().map(|surfaces| surfaces.occluders(near, self.unit));
             let row = |[y, z]: [usize; 2], row: &mut [f32]| {
+                if let Some(surfaces) = &surfaces {
+                    surfaces.row(falling, [y, z], row)?;
+                }
                 for (run, count) in self.runs(y, z) {
                     let (_, densities) = appearances(&run.column(0), &run.column(1));
                     for (&x, density) in run.xs[..count].iter().zip(densities) {
                         let point = DVec3::new(f64::from(x), y as f64, z as f64) - middle;
                         let casts = falling.clip.is_empty() || is_inside(&falling.clip, point);
-                        row[x as usize - low[0]] = if casts { density.max(CLIPPED) } else { CLIPPED };
+                        let extinction = &mut row[x as usize - low[0]];
+                        *extinction = if casts { (*extinction + density).max(CLIPPED) } else { CLIPPED };
                     }
                 }
                 Ok(())
             };
             ArrivingLight::new([low, size], &row, falling, progress)
         })?;
-        Ok(made.swap_remove(0))
+        Ok(Some(made.swap_remove(0)))
     }
 }
 

@@ -367,6 +367,24 @@ impl Layers {
         Ok(self)
     }
 
+    /// Returns the number of the layer with isosurfaces, its volume, and a function of its isosurfaces alone; `None` if
+    /// no layer has any.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] if several layers have isosurfaces, or one that has a mask or colours of its own.
+    pub(crate) fn isosurfaces(&self) -> Result<Option<(usize, &Volume, TransferFunction)>> {
+        let surfaces = |layer: &Layer| layer.transfer().map_or(Vec::new(), TransferFunction::isosurfaces);
+        let mut all = self.layers.iter().enumerate().map(|(number, layer)| (number, layer, surfaces(layer)));
+        let mut all = all.by_ref().filter(|(.., surfaces)| !surfaces.is_empty());
+        let Some((number, layer, surfaces)) = all.next() else { return Ok(None) };
+        match (&layer.matter, &layer.mask, all.next()) {
+            (Matter::Scalars { volume, .. }, None, None) => {
+                Ok(Some((number, volume, TransferFunction::of_isosurfaces(&surfaces)?)))
+            }
+            _ => Err(Error::setting("iso", "isosurfaces are of one layer of values without a mask")),
+        }
+    }
+
     /// Returns the layers on a lattice.
     ///
     /// # Errors

@@ -86,6 +86,12 @@ impl RayIntegral {
         Self { color, optical_depth }
     }
 
+    /// Returns the integral of this part and one behind it.
+    pub(super) fn before(mut self, behind: &Self) -> Self {
+        self.append(behind);
+        self
+    }
+
     /// Adds a part behind this one.
     fn append(&mut self, behind: &Self) {
         let transmittance = (-self.optical_depth).exp();
@@ -127,10 +133,15 @@ impl Accuracy {
     }
 }
 
+/// An isosurface that a ray meets: the place on the ray in voxels, and what the surface adds.
+pub(super) type Met = (f64, RayIntegral);
+
 /// The integral of splats with extinction and emission.
 #[derive(Debug)]
 pub(super) struct Emission<'a> {
     pub(super) sum: RayIntegral,
+    /// The isosurfaces that are still ahead, front to back.
+    pub(super) met: &'a [Met],
     /// The world units per voxel along the ray, over the kernel's divisor N.
     pub(super) measure: f64,
     pub(super) accuracy: &'a Accuracy,
@@ -139,6 +150,9 @@ pub(super) struct Emission<'a> {
 impl Visitor for Emission<'_> {
     /// Adds a block as if no chord began or ended in it, if that is exact enough.
     fn block(&mut self, block: &Block<'_>) -> Option<bool> {
+        if self.met.first().is_some_and(|&(place, _)| place < block.middle + block.half) {
+            return None;
+        }
         let Accuracy { tolerance, rim, .. } = *self.accuracy;
         let jumps = block.unevenness(rim) * (2.0 * block.half * self.measure).powi(2);
         let error = UNEVENNESS * jumps * (-self.sum.optical_depth).exp();
@@ -148,15 +162,32 @@ impl Visitor for Emission<'_> {
         })
     }
 
-    fn piece(&mut self, &Piece { series, half, from, to, .. }: &Piece<'_>) -> bool {
+    fn piece(&mut self, &Piece { series, middle, half, from, to }: &Piece<'_>) -> bool {
         let measure = self.measure;
-        // At the rim of a kernel the sum is only rounding, which dense material magnifies: keep extinction from falling
-        // below 0 and colours from exceeding white.
-        self.add(to - from, half, |x| {
-            let [tau, emission @ ..] = series.at(from + x).map(|w| (w * measure).max(0.0));
-            let [red, green, blue] = emission.map(|e| e.min(tau));
-            [tau, red, green, blue]
-        })
+        let matter = |emission: &mut Self, from: f64, to: f64| {
+            // At the rim of a kernel the sum is only rounding, which dense material magnifies: keep extinction from
+            // falling below 0 and colours from exceeding white.
+            emission.add(to - from, half, |x| {
+                let [tau, emission @ ..] = series.at(from + x).map(|w| (w * measure).max(0.0));
+                let [red, green, blue] = emission.map(|e| e.min(tau));
+                [tau, red, green, blue]
+            })
+        };
+        let mut begin = from;
+        while let Some((&(place, surface), behind)) = self.met.split_first()
+            && place < middle + half * to
+        {
+            let at = ((place - middle) / half).clamp(begin, to);
+            if at > begin && !matter(self, begin, at) {
+                return false;
+            }
+            self.sum.append(&surface);
+            (self.met, begin) = (behind, at);
+            if self.accuracy.is_opaque(&self.sum) {
+                return false;
+            }
+        }
+        begin >= to || matter(self, begin, to)
     }
 }
 
@@ -317,6 +348,8 @@ pub(super) struct Classified<'a> {
     pub(super) accuracy: &'a Accuracy,
     /// For each isosurface whether the scalar was above it at the last place; empty before the first.
     pub(super) above: Vec<bool>,
+    /// The isosurfaces that were met, front to back.
+    pub(super) met: Vec<Met>,
 }
 
 /// A part of a block, in x from -1 to 1 over the block.
@@ -442,7 +475,9 @@ impl Classified<'_> {
             let lit = || (self.arriving)(place + ahead * normal);
             let color = self.classifier.shaded(color, distance, differences, place, self.to_eye, lit);
             let alpha = -(-optical_depth).exp_m1();
-            self.sum.append(&RayIntegral { color: color.map(|c| c * alpha), optical_depth });
+            let surface = RayIntegral { color: color.map(|c| c * alpha), optical_depth };
+            self.met.push((stretch.middle + stretch.half * a, surface));
+            self.sum.append(&surface);
         }
         !self.accuracy.is_opaque(&self.sum)
     }

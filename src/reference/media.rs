@@ -89,8 +89,8 @@ pub(super) struct Media {
     media: Vec<Medium>,
     /// Whether voxels are classified, and not the reconstructed field.
     is_pre_shaded: bool,
-    /// The isosurfaces of post-shading.
-    surfaces: Vec<ControlPoint>,
+    /// The isosurfaces, and the number of their medium.
+    surfaces: (usize, Vec<ControlPoint>),
     normals: Normals,
     /// The map from gradients along the lattice axes to gradients in the world.
     to_world: DMat3,
@@ -133,7 +133,7 @@ impl Media {
             dims: layers.grid().dims().map(|d| d as usize),
             media: layers.all().iter().map(medium).collect::<Result<_>>()?,
             is_pre_shaded: !settings.is_post_shaded(),
-            surfaces: layers.plain().filter(|_| settings.is_post_shaded()).map_or(Vec::new(), |(_, t)| t.isosurfaces()),
+            surfaces: layers.isosurfaces()?.map(|(number, _, t)| (number, t.isosurfaces())).unwrap_or_default(),
             normals: settings.normals().unwrap_or_default(),
             to_world: layers.grid().to_lattice().matrix3.transpose(),
         })
@@ -197,9 +197,11 @@ impl Media {
     /// Returns the scalar and the gradient along the lattice axes: half the differences of neighbours along an axis,
     /// in post-shading smoothed along the other two.
     fn slopes(&self, medium: &Medium, point: [i64; 3]) -> [f64; 4] {
-        if self.is_pre_shaded {
-            return self.scalar(medium, point, true);
-        }
+        if self.is_pre_shaded { self.scalar(medium, point, true) } else { self.smooth_slopes(medium, point) }
+    }
+
+    /// Returns the scalar and half the differences of neighbours along each axis, smoothed along the other two.
+    fn smooth_slopes(&self, medium: &Medium, point: [i64; 3]) -> [f64; 4] {
         let mut sums = self.scalar(medium, point, false);
         for beside in (0..27).map(|i| [i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1]) {
             let smooth = |axis: usize| if beside[axis] == 0 { 4.0 / 6.0 } else { 1.0 / 6.0 };
@@ -276,18 +278,19 @@ impl Media {
         }
     }
 
-    /// Returns the extinction of a voxel, per world unit; in post-shading with that of the isosurfaces near it.
+    /// Returns the extinction of a voxel, per world unit, with that of the isosurfaces near it.
     pub(super) fn tau(&self, point: [usize; 3]) -> f64 {
         let point = point.map(|p| p as i64);
         let tau = self.media.iter().map(|medium| self.absorbed(medium, point).1).sum::<f64>();
-        if self.surfaces.is_empty() {
+        let (number, surfaces) = &self.surfaces;
+        if surfaces.is_empty() {
             return tau;
         }
-        let medium = &self.media[0];
-        let [_, slopes @ ..] = self.slopes(medium, point);
+        let medium = &self.media[*number];
+        let [_, slopes @ ..] = self.smooth_slopes(medium, point);
         let slopes = DVec3::from_array(slopes);
         let steepness = [slopes.length(), (self.to_world * slopes).length()];
-        tau + isosurface::casting(&self.surfaces, medium.scalar(self.index(point)), steepness)
+        tau + isosurface::casting(surfaces, medium.scalar(self.index(point)), steepness)
     }
 
     /// Returns colour, extinction, and a normal of any length of a voxel.

@@ -45,6 +45,10 @@
 //! A central difference is the slope of f + f'' / 6 along its axis, up to the fourth derivative, and with the smoothing
 //! all three are slopes of f + (Laplacian of f) / 6: the gradient keeps its direction.
 //!
+//! **Isosurfaces** ([`TransferFunction::isosurfaces`]) lie where this f passes their value, post-shaded and pre-shaded
+//! alike; pre-shaded, the matter between them is that of voxels. Each multiplies what is behind it by 1 - opacity. Its
+//! colour is lit with the gradient there, and with the light that arrives 3 voxels before it along the gradient.
+//!
 //! **Maximum intensity.** With m the largest f on the ray's part in the box, alpha is the opacity of m over the largest
 //! opacity of the transfer function, and the pixel's colour is the colour of m times alpha. The pixel of a ray that
 //! misses the box is clear.
@@ -114,7 +118,7 @@ use crate::transfer::{Resolution, TransferFunction};
 use crate::volume::{Grid, Volume};
 use cells::Map;
 use classify::{Bricks, VoxelValues};
-use integrate::{Accuracy, Classified, Emission, Fade, FieldClassifier, Maximum};
+use integrate::{Accuracy, Classified, Emission, Fade, FieldClassifier, Maximum, Met};
 use profile::Profile;
 use ray::{LatticeRay, Viewer};
 use walk::{Scratch, Sight, Sizes, Visitor, Walk};
@@ -155,6 +159,8 @@ pub struct Reference {
     method: Method,
     /// The half-spaces that are not cut away.
     clip: Vec<Side>,
+    /// The isosurfaces of a pre-shaded composite, as a scene of scalars.
+    surfaces: Option<Box<Self>>,
     /// The field that light passes, and the lights, if light is found at every point.
     light: Option<Box<(Self, Casting)>>,
     progress: Progress,
@@ -204,6 +210,11 @@ impl Reference {
             Layers::check_settings(settings)?;
             layers = Cow::Owned(layers.finite()?);
         }
+        let is_pre_shaded = settings.model == Model::Composite && !settings.is_post_shaded();
+        let surfaces = match layers.isosurfaces()?.filter(|_| is_pre_shaded) {
+            None => None,
+            Some((_, volume, transfer)) => Some(Box::new(Self::new(volume, &transfer, &settings.along_rays())?)),
+        };
         let settings = &Settings { kernel: settings.reconstruction_kernel(), ..settings.clone() };
         let (grid, kernel) = (layers.grid(), settings.kernel);
         let method = match (settings.model, layers.plain()) {
@@ -234,6 +245,7 @@ impl Reference {
             attenuation: settings.attenuation,
             method,
             clip: settings.clip.sides(grid),
+            surfaces,
             light: None,
             progress: Progress::default(),
         };
@@ -282,6 +294,7 @@ impl Reference {
         let beyond = self.longest * (self.longest + 2.0 * self.kernel.radius());
         self.profile = Profile::new(&self.kernel, beyond, KERNEL_ERROR.max(KERNEL_SHARE * tolerance));
         self.accuracy = Accuracy { tolerance, steps: STEPS[which], ..self.accuracy };
+        self.surfaces = self.surfaces.map(|surfaces| Box::new(surfaces.with_tolerance(tolerance)));
         self
     }
 
@@ -447,7 +460,9 @@ impl Reference {
     fn rays(&self, eye: Option<DVec3>, direction: DVec3, sizes: Sizes, many: bool) -> PixelRays<'_> {
         let viewer = eye.map_or(Viewer::Towards(-direction), Viewer::At);
         let bricks = self.bricks.clone().unwrap_or_else(|| Arc::new(Bricks::new(&self.splats, viewer)));
-        PixelRays { reference: self, sizes, forward: direction, bricks, map: if many { self.map(sizes) } else { None } }
+        let surfaces = self.surfaces.as_ref().map(|surfaces| Box::new(surfaces.rays(eye, direction, sizes, many)));
+        let map = if many { self.map(sizes) } else { None };
+        PixelRays { reference: self, sizes, forward: direction, bricks, map, surfaces }
     }
 
     /// Returns bounds of the field around each place.
@@ -488,6 +503,8 @@ struct PixelRays<'a> {
     forward: DVec3,
     bricks: Arc<Bricks>,
     map: Option<Map>,
+    /// The rays through the isosurfaces of a pre-shaded composite.
+    surfaces: Option<Box<Self>>,
 }
 
 impl PixelRays<'_> {
@@ -529,41 +546,65 @@ impl PixelRays<'_> {
         }
     }
 
+    /// Integrates a classified field along a ray in the light that arrives. Returns the integral, and the isosurfaces
+    /// that the ray meets.
+    fn classified(
+        &self,
+        classifier: &FieldClassifier,
+        ray: LatticeRay,
+        to_eye: DVec3,
+        arriving: &dyn Fn(DVec3) -> Visibility,
+        scratch: &mut Scratch,
+    ) -> (RayIntegral, Vec<Met>) {
+        let Reference { divisor, accuracy, .. } = self.reference;
+        let mut classified = Classified {
+            sum: RayIntegral::default(),
+            classifier,
+            ray,
+            arriving,
+            to_eye,
+            sides: classifier.sides(to_eye),
+            measure: 1.0 / ray.voxels_per_unit,
+            divisor: *divisor,
+            accuracy,
+            above: Vec::new(),
+            met: Vec::new(),
+        };
+        self.visit(ray, scratch, &mut classified);
+        (classified.sum, classified.met)
+    }
+
+    /// Returns the isosurfaces of a pre-shaded composite that a ray meets, front to back.
+    fn met(&self, origin: DVec3, direction: DVec3, two_sided: bool, scratch: &mut Scratch) -> Vec<Met> {
+        let Some(surfaces) = &self.surfaces else { return Vec::new() };
+        let Method::PostShaded(classifier) = &surfaces.reference.method else { return Vec::new() };
+        let ray = surfaces.reference.lattice_ray(origin, direction, two_sided, &self.sizes);
+        // Light passes all matter.
+        let arriving = |place: DVec3| self.reference.visibility(place);
+        ray.map_or(Vec::new(), |ray| surfaces.classified(classifier, ray, -direction, &arriving, scratch).1)
+    }
+
     fn trace(&self, origin: DVec3, direction: DVec3, two_sided: bool, scratch: &mut Scratch) -> RayIntegral {
         let reference = self.reference;
+        let met = self.met(origin, direction, two_sided, scratch);
         let Some(ray) = reference.lattice_ray(origin, direction, two_sided, &self.sizes) else {
-            return RayIntegral::default();
+            return met.iter().fold(RayIntegral::default(), |sum, (_, surface)| sum.before(surface));
         };
-        let measure = 1.0 / ray.voxels_per_unit;
-        let (accuracy, divisor, sum) = (&reference.accuracy, reference.divisor, RayIntegral::default());
+        let measure = 1.0 / (ray.voxels_per_unit * reference.divisor);
         match &reference.method {
             Method::PreShaded => {
-                let mut emission = Emission { sum, measure: measure / divisor, accuracy };
+                let sum = RayIntegral::default();
+                let mut emission = Emission { sum, met: &met, measure, accuracy: &reference.accuracy };
                 self.visit(ray, scratch, &mut emission);
-                emission.sum
+                emission.met.iter().fold(emission.sum, |sum, (_, surface)| sum.before(surface))
             }
             Method::Xray(response) => {
-                let optical_depth = self.integral(ray) * measure / divisor;
+                let optical_depth = self.integral(ray) * measure;
                 let [red, green, blue, _] = response.pixel(optical_depth);
                 RayIntegral { color: [red, green, blue], optical_depth }
             }
             Method::PostShaded(classifier) => {
-                let (arriving, to_eye) = (&|place: DVec3| reference.visibility(place), -direction);
-                let sides = classifier.sides(to_eye);
-                let mut classified = Classified {
-                    sum,
-                    classifier,
-                    ray,
-                    arriving,
-                    to_eye,
-                    sides,
-                    measure,
-                    divisor,
-                    accuracy,
-                    above: Vec::new(),
-                };
-                self.visit(ray, scratch, &mut classified);
-                classified.sum
+                self.classified(classifier, ray, -direction, &|place| reference.visibility(place), scratch).0
             }
             Method::Maximum(transfer) => {
                 let fade = reference.fade(self.forward, &ray);

@@ -486,6 +486,11 @@ impl Settings {
         }
     }
 
+    /// Returns the settings of the isosurfaces in a picture: those of a scalar that is classified along rays.
+    pub(crate) fn along_rays(&self) -> Self {
+        Self { shading: Shading::Post, ..self.clone() }
+    }
+
     /// Returns the volume and the transfer function mirrored at 0, whose maximum is the requested minimum; `None`: no
     /// minimum is requested.
     pub(crate) fn mirrored(

@@ -8,9 +8,9 @@ impl TransferFunction {
     pub const MAX_ISOSURFACES: usize = 16;
 
     /// Returns the isosurfaces, values ascending: the visible points that lie between two others at the same value. A
-    /// picture that classifies along rays shows each as a surface without thickness, where the reconstructed scalar
-    /// passes its value. Its opacity is that of the surface, from all directions, and not of a slab. Pictures that
-    /// classify voxels leave isosurfaces out, and painters of a graphics device refuse them.
+    /// composite shows each as a surface without thickness, where the reconstructed scalar passes its value. Its opacity
+    /// is that of the surface, from all directions, and not of a slab. Other models leave isosurfaces out, and painters
+    /// of a graphics device refuse them.
     ///
     /// ```
     /// use voxsplat::transfer::{ControlPoint, TransferFunction};

@@ -70,6 +70,7 @@ mod painters {
     mod golden;
     mod host;
     mod isosurfaces;
+    mod isosurfaces_in_layers;
     mod plumbing;
     mod savings;
     pub(crate) mod tiles;

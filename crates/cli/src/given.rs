@@ -147,7 +147,8 @@ pub(crate) fn shows_intensity(given: &Given<'_>) -> bool {
 }
 
 pub(crate) fn is_post_shaded(given: &Given<'_>) -> bool {
-    given.is("model", "composite") && (given.is("shading", "post") || given.has("iso"))
+    let is_alone = !given.has("overlay") && !given.has("labels");
+    given.is("model", "composite") && (given.is("shading", "post") || given.has("iso") && is_alone)
 }
 
 pub(crate) fn is_lit(given: &Given<'_>) -> bool {

@@ -8,7 +8,6 @@ use voxsplat::camera::{Camera, ProjectionKind, View};
 use voxsplat::figure::{Figure, LegendEntry};
 use voxsplat::formats::LoadOptions;
 use voxsplat::image::{Background, Region, check_writable};
-use voxsplat::layers::Layers;
 use voxsplat::program::{
     ChannelChoice, ClipSpec, IsosurfaceSpec, LightRequest, OpenChoices, TransferChoice, TransferRequest, Values,
 };
@@ -148,7 +147,7 @@ impl RenderJob {
     pub(crate) fn with_output(args: RenderArgs, output: Destination) -> Result<Self, Failure> {
         let view = view(&args.view, args.size)?;
         let tuning = Tuning::new(&args.model.tune).map_err(Failure::usage)?;
-        let settings = settings(&args.model, &tuning, tuning.painter(args.painter), &view)?;
+        let mut settings = settings(&args.model, &tuning, tuning.painter(args.painter), &view)?;
         if settings.response == Response::Depth && !output.keeps_values() {
             return refuse("--response depth is for an .exr: a .png holds 0 to 1, window shows it");
         }
@@ -169,7 +168,7 @@ impl RenderJob {
             return refuse(NO_LEGEND);
         }
         if !layers.is_plain() {
-            Layers::check_settings(&settings)?;
+            transfer.settle_layers(&mut settings)?;
         }
         let requested = light(&args.model, &tuning);
         if !args.reference && settings.painter == Painter::Cpu && args.adapter.is_some() {

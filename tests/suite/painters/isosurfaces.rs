@@ -14,13 +14,13 @@ use voxsplat::volume::Volume;
 
 use crate::support::{PROJECTIONS, demo, engines, headlight};
 
-const SIZE: u32 = 72;
+pub(super) const SIZE: u32 = 72;
 
-fn surface(value: f64, color: [f64; 3], opacity: f64) -> ControlPoint {
+pub(super) fn surface(value: f64, color: [f64; 3], opacity: f64) -> ControlPoint {
     ControlPoint { value, color, opacity }
 }
 
-fn settings() -> Settings {
+pub(super) fn settings() -> Settings {
     Settings {
         shading: Shading::Post,
         painter: Painter::Cpu,

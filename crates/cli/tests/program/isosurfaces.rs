@@ -53,7 +53,11 @@ fn what_draws_no_isosurfaces_says_so() {
         ("--iso 1 --model mip", "--iso: model mip has no surfaces"),
         ("--iso 1 --painter tiles", "--painter: isosurfaces are drawn by cpu"),
         ("--iso 1 --transfer labels", "--iso is for values, not for labels"),
-        ("--iso 1 --mask a.nrrd", "--mask is drawn voxel by voxel, and --iso is post-shaded"),
+        ("--iso 1 --mask a.nrrd", "--mask shows voxels, and --iso surfaces between them: leave out either"),
+        (
+            "--iso 1 --labels a.nrrd --shading post",
+            "--shading post: labels and overlays in --iso are drawn voxel by voxel",
+        ),
         ("--isovalue 1", "--iso VALUE"),
     ] {
         let output = voxsplat(dir, &format!("render demo:nautilus:16 -o a.png {options}"));

@@ -40,6 +40,22 @@ fn drawn(dir: &Path, options: &str) -> (Image, String) {
 }
 
 #[test]
+fn a_map_shows_within_an_isosurface() {
+    let dir = folder();
+    let dir = dir.path();
+    head_and_map(dir);
+    let hot = |opacity: &str| {
+        let line = format!("head.nrrd --iso 60:#4060ff:{opacity} --overlay map.nrrd --size 48 --light headlight");
+        let (image, said) = drawn(dir, &line);
+        assert!(!said.contains("grey and translucent"), "{said}");
+        assert!(image.pixels().iter().filter(|p| p[2] > 0.1 && p[2] > p[0]).count() > 100, "no surface");
+        image.pixels().iter().filter(|p| p[0] > 0.3 && p[0] > p[2] + 0.1).count()
+    };
+    let [glass, wall] = ["0.2", "1"].map(hot);
+    assert!(glass > 15 && wall == 0, "{glass} and {wall} hot pixels");
+}
+
+#[test]
 fn a_map_lies_over_a_head_in_two_colours() {
     let dir = folder();
     let dir = dir.path();
