@@ -355,7 +355,7 @@ impl Request {
             channels,
             labels: is_labels || over.is_some(),
             overlays: !overlays.is_empty(),
-            plain,
+            plain: plain || !self.transfer.isosurfaces.is_empty(),
         };
         let open = OpenChoices { side: view.is_open, ..self.open };
         let made = context.make_choices(open, &mut view.view, &mut self.settings)?;

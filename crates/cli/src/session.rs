@@ -245,7 +245,7 @@ impl Session {
             channels: self.channels.iter().any(|layer| layer.entry().is_some()),
             labels: has_labels,
             overlays: self.overlays.is_some(),
-            plain: job.layers.is_plain(),
+            plain: job.layers.is_plain() || !job.transfer.isosurfaces.is_empty(),
         };
         let choices = context.make_choices(job.choices.open, &mut job.view, &mut job.settings)?;
         // Studio light that was requested stands around the view.
