@@ -18,6 +18,8 @@ use super::given::{
 struct Rule {
     /// The long names of the options, parted by blanks; `tune:KEY` for a key of `--tune`.
     options: &'static str,
+    /// The command that the rule is for; `None`: all commands.
+    command: Option<&'static str>,
     holds: fn(&Given<'_>) -> bool,
     kind: Kind,
 }
@@ -31,11 +33,16 @@ enum Kind {
 }
 
 const fn refused(options: &'static str, holds: fn(&Given<'_>) -> bool, text: &'static str) -> Rule {
-    Rule { options, holds, kind: Kind::Refused(text) }
+    Rule { options, command: None, holds, kind: Kind::Refused(text) }
+}
+
+/// Makes the rule of options that a command lacks: its help leaves them out.
+const fn not_for(command: &'static str, options: &'static str, text: &'static str) -> Rule {
+    Rule { options, command: Some(command), holds: |_| true, kind: Kind::Refused(text) }
 }
 
 const fn idle(options: &'static str, holds: fn(&Given<'_>) -> bool, because: &'static str) -> Rule {
-    Rule { options, holds, kind: Kind::Noted(because) }
+    Rule { options, command: None, holds, kind: Kind::Noted(because) }
 }
 
 /// The options that always have an effect, or that `clap` (`conflicts_with`), the library (`Settings::validate`,
@@ -67,32 +74,28 @@ const RULES: &[Rule] = &[
         |given| is_film(given) && given.is("background", "transparent"),
         ": films have no alpha, expected a colour",
     ),
-    refused("save-scene verify", |given| given.is_for("turntable"), " is for a picture, not for a turntable"),
-    refused(
+    not_for("turntable", "save-scene verify", " is for a picture, not for a turntable"),
+    not_for(
+        "sheet",
         "region save-scene save-transfer stats verify labels mask overlay mesh depth reference max-error channel time",
-        |given| given.is_for("sheet"),
         " is for a picture of one volume, not for a sheet of many",
     ),
     refused("output", |given| given.is_for("sheet") && keeps_values(given), ": a contact sheet is a .png"),
-    refused("region save-scene", |given| given.is_for("slice"), " is for a picture, not for a figure of slices"),
+    not_for("slice", "region save-scene", " is for a picture, not for a figure of slices"),
     refused("output", |given| given.is_for("slice") && keeps_values(given), ": a figure of slices is a .png"),
-    refused("depth", |given| given.is_for("slice"), ": a depth buffer is of one picture, not of a figure of slices"),
+    not_for("slice", "depth", ": a depth buffer is of one picture, not of a figure of slices"),
     refused("save-transfer colour-bar", shows_labels, " is for transfer functions, not for labels"),
     refused("stats", |given| given.is_for("turntable") && given.is("output", "-"), ": standard output takes the film"),
     // Bricks.
-    refused(
+    not_for(
+        "plan",
         "region reference max-error verify stats save-scene save-transfer",
-        |given| given.is_for("plan"),
         " is for a picture, not for a plan of bricks",
     ),
-    refused(
-        "scale-bar axes colour-bar legend title caption units",
-        |given| given.is_for("plan"),
-        ": a picture in bricks has no figure",
-    ),
-    refused("background", |given| given.is_for("plan"), " is for merge, which writes the picture"),
-    refused("overlay", |given| given.is_for("plan"), ": bricks are of one volume"),
-    refused("adapter", |given| given.is_for("plan"), " is for brick, which draws"),
+    not_for("plan", "scale-bar axes colour-bar legend title caption units", ": a picture in bricks has no figure"),
+    not_for("plan", "background", " is for merge, which writes the picture"),
+    not_for("plan", "overlay", ": bricks are of one volume"),
+    not_for("plan", "adapter", " is for brick, which draws"),
     // Figure.
     refused(
         "scale-bar axes colour-bar legend title caption",
@@ -104,7 +107,7 @@ const RULES: &[Rule] = &[
         |given| given.has("depth-coded"),
         " shows the colours of values; with --depth-coded colours show depths",
     ),
-    refused("legend", |given| given.is_for("pareto"), ": a study is of one volume of values"),
+    not_for("pareto", "legend", ": a study is of one volume of values"),
     refused("units", |given| lacks(given, "length", "scale-bar"), " length=.. needs --scale-bar"),
     refused("units", |given| lacks(given, "value", "colour-bar"), " value=.. needs --colour-bar"),
     // View.
@@ -112,7 +115,7 @@ const RULES: &[Rule] = &[
     idle("elevation", |given| given.keys_set("elevation"), BY_KEYS),
     idle("roll", |given| given.keys_set("roll"), BY_KEYS),
     idle("zoom", |given| given.keys_set("zoom"), BY_KEYS),
-    refused("direction", |given| given.is_for("turntable"), ": a turntable turns the azimuth"),
+    not_for("turntable", "direction", ": a turntable turns the azimuth"),
     refused("fov distance", is_parallel, " needs --projection perspective"),
     refused(
         "fov",
@@ -123,8 +126,8 @@ const RULES: &[Rule] = &[
     idle("margin", is_sized, "because --view-height or --distance sets the size"),
     // Model.
     refused("window gradient-opacity classification iso", shows_labels, " is for values, not for labels"),
-    refused("iso", |given| given.is_for("pareto"), ": a study compares painters, and isosurfaces have one alone"),
-    refused("iso", |given| given.is_for("plan"), ": bricks are drawn by a device, isosurfaces by the processor"),
+    not_for("pareto", "iso", ": a study compares painters, and isosurfaces have one alone"),
+    not_for("plan", "iso", ": bricks are drawn by a device, isosurfaces by the processor"),
     refused("mask", |given| given.has("iso"), " shows voxels, and --iso surfaces between them: leave out either"),
     refused(
         "shading",
@@ -176,17 +179,17 @@ const RULES: &[Rule] = &[
         " needs --labels FILE or --transfer labels",
     ),
     // Solids.
-    refused("mesh plane depth", |given| given.is_for("plan"), ": a picture in bricks has no solids"),
+    not_for("plan", "mesh plane depth", ": a picture in bricks has no solids"),
     refused(
         "mesh plane depth",
         |given| given.has("reference") || given.has("max-error") || given.has("verify"),
         ": the reference draws no solids, so leave out --reference, --max-error and --verify",
     ),
-    refused("depth", |given| given.is_for("turntable"), ": a depth buffer is of one view"),
+    not_for("turntable", "depth", ": a depth buffer is of one view"),
     // Painters and devices.
     refused(QUADS, |given| given.is("painter", "tiles"), " is a knob of quads, not of tiles"),
     refused(QUADS, |given| given.is("painter", "cpu"), " is a knob of quads, not of cpu"),
-    refused(QUADS, |given| given.is_for("pareto"), ": a study varies the painters and their knobs"),
+    not_for("pareto", QUADS, ": a study varies the painters and their knobs"),
     idle("level painter adapter tune:interslice tune:termination", is_traced, BY_REFERENCE),
     idle(QUADS, is_traced, BY_REFERENCE),
     idle("tune:sheet-thickness", |given| given.is("model", "xray"), "because an X-ray has one sheet"),
@@ -214,6 +217,11 @@ fn lacks(given: &Given<'_>, quantity: &str, option: &str) -> bool {
     given.text("units").split(',').any(|pair| pair.trim_start().starts_with(&prefix)) && !given.has(option)
 }
 
+/// Returns whether a command refuses an option in any case.
+pub(crate) fn refuses(command: &str, option: &str) -> bool {
+    RULES.iter().any(|rule| rule.command == Some(command) && rule.options.split(' ').any(|name| name == option))
+}
+
 /// Returns notes on the options of a command that have no effect. A scene has two lines: the picture's line and the
 /// program's.
 ///
@@ -221,7 +229,10 @@ fn lacks(given: &Given<'_>, quantity: &str, option: &str) -> bool {
 pub(crate) fn noted(command: &Command, lines: Vec<&ArgMatches>) -> Result<Vec<String>, Failure> {
     let given = &Given { command, lines };
     let (mut refusals, mut notes, mut seen) = (Vec::new(), Vec::new(), Vec::new());
-    for Rule { options, holds, kind } in RULES {
+    for Rule { options, command, holds, kind } in RULES {
+        if command.is_some_and(|command| !given.is_for(command)) {
+            continue;
+        }
         for option in options.split(' ').filter(|option| given.sets(option)) {
             if seen.contains(&option) || !holds(given) {
                 continue;

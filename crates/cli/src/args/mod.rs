@@ -16,6 +16,8 @@ mod view;
 use clap::builder::ValueHint;
 use clap::{Arg, CommandFactory, Parser, Subcommand};
 
+use crate::effects;
+
 pub(crate) use self::bricks::{BrickArgs, MergeArgs, PlanArgs};
 pub(crate) use self::figure::FigureArgs;
 pub(crate) use self::inspect::{CompareArgs, InfoArgs};
@@ -102,13 +104,14 @@ const BASIC: &str = "output size background stats channel time azimuth elevation
 const TEXTS: [&str; 4] = ["stats", "title", "caption", "adapter"];
 
 /// Returns the definition of the program's arguments. `-h` shows the options of [`BASIC`] and the ones of a command
-/// alone. Values may begin with a dash, as negative numbers do.
+/// alone. Help leaves out what a command refuses. Values may begin with a dash, as negative numbers do.
 pub(crate) fn command() -> clap::Command {
     let own = [Some("Slices"), Some("Sheet"), Some("Turntable"), Some("Measurement"), Some("Bricks")];
     let is_basic = |arg: &Arg| arg.get_long().is_none_or(|long| BASIC.split(' ').any(|basic| basic == long));
     Args::command().mut_subcommands(|command| {
         let has_many = ["render", "slice", "sheet", "turntable", "pareto", "plan"].contains(&command.get_name());
         let is_sheet = command.get_name() == "sheet";
+        let name = command.get_name().to_owned();
         let written = match command.get_name() {
             "plan" => Some("Plan to write: .json"),
             "sheet" => Some("Contact sheet to write: .png, or - for a PNG on standard output"),
@@ -130,7 +133,8 @@ pub(crate) fn command() -> clap::Command {
             let is_value = arg.get_long().is_some_and(|long| !TEXTS.contains(&long))
                 && arg.get_action().takes_values()
                 && arg.get_value_hint() != ValueHint::AnyPath;
-            arg.hide_short_help(is_hidden).allow_hyphen_values(is_value)
+            let is_refused = arg.get_long().is_some_and(|long| effects::refuses(&name, long));
+            arg.hide(is_refused).hide_short_help(is_hidden).allow_hyphen_values(is_value)
         })
     })
 }
