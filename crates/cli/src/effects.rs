@@ -1,7 +1,7 @@
 //! Options that have no effect beside others: one table for command lines and scene files.
 //!
 //! An option is refused if it contradicts another one, and noted in one line if it is harmless. A unit test takes all
-//! options from `clap` and fails for an option that neither [`RULES`] nor [`FREE`] names.
+//! options from `clap` and fails for an option that neither [`RULES`] nor [`FREE`] nor [`LACKING`] names.
 
 use std::path::Path;
 
@@ -13,13 +13,12 @@ use super::given::{
     Given, casts, is_film, is_frames, is_lit, is_parallel, is_post_shaded, is_sized, keeps_values, occludes,
     shows_intensity, shows_labels,
 };
+use super::lacking::{LACKING, QUADS};
 
 /// A condition that takes the effect from options.
 struct Rule {
     /// The long names of the options, parted by blanks; `tune:KEY` for a key of `--tune`.
     options: &'static str,
-    /// The command that the rule is for; `None`: all commands.
-    command: Option<&'static str>,
     holds: fn(&Given<'_>) -> bool,
     kind: Kind,
 }
@@ -33,16 +32,11 @@ enum Kind {
 }
 
 const fn refused(options: &'static str, holds: fn(&Given<'_>) -> bool, text: &'static str) -> Rule {
-    Rule { options, command: None, holds, kind: Kind::Refused(text) }
-}
-
-/// Makes the rule of options that a command lacks: its help leaves them out.
-const fn not_for(command: &'static str, options: &'static str, text: &'static str) -> Rule {
-    Rule { options, command: Some(command), holds: |_| true, kind: Kind::Refused(text) }
+    Rule { options, holds, kind: Kind::Refused(text) }
 }
 
 const fn idle(options: &'static str, holds: fn(&Given<'_>) -> bool, because: &'static str) -> Rule {
-    Rule { options, command: None, holds, kind: Kind::Noted(because) }
+    Rule { options, holds, kind: Kind::Noted(because) }
 }
 
 /// The options that always have an effect, or that `clap` (`conflicts_with`), the library (`Settings::validate`,
@@ -56,7 +50,6 @@ const FREE: &str = "help quiet json dims type offset axis-order spacing replace-
 const BY_KEYS: &str = "because key frames set it";
 const IS_ONE_FILE: &str = "because the volume is one file: only folders and TIFF hold series";
 const IS_NO_DICOM: &str = "because only folders of DICOM files hold series";
-const QUADS: &str = "tune:sheets tune:accumulate tune:sheet-thickness tune:precision tune:table-error";
 
 /// The rules, by groups of options. If several rules apply to an option, the first counts.
 const RULES: &[Rule] = &[
@@ -74,28 +67,11 @@ const RULES: &[Rule] = &[
         |given| is_film(given) && given.is("background", "transparent"),
         ": films have no alpha, expected a colour",
     ),
-    not_for("turntable", "save-scene verify", " is for a picture, not for a turntable"),
-    not_for(
-        "sheet",
-        "region save-scene save-transfer stats verify labels mask overlay mesh depth reference max-error channel time",
-        " is for a picture of one volume, not for a sheet of many",
-    ),
     refused("output", |given| given.is_for("sheet") && keeps_values(given), ": a contact sheet is a .png"),
-    not_for("slice", "region save-scene", " is for a picture, not for a figure of slices"),
     refused("output", |given| given.is_for("slice") && keeps_values(given), ": a figure of slices is a .png"),
-    not_for("slice", "depth", ": a depth buffer is of one picture, not of a figure of slices"),
     refused("save-transfer colour-bar", shows_labels, " is for transfer functions, not for labels"),
     refused("stats", |given| given.is_for("turntable") && given.is("output", "-"), ": standard output takes the film"),
     // Bricks.
-    not_for(
-        "plan",
-        "region reference max-error verify stats save-scene save-transfer",
-        " is for a picture, not for a plan of bricks",
-    ),
-    not_for("plan", "scale-bar axes colour-bar legend title caption units", ": a picture in bricks has no figure"),
-    not_for("plan", "background", " is for merge, which writes the picture"),
-    not_for("plan", "overlay", ": bricks are of one volume"),
-    not_for("plan", "adapter", " is for brick, which draws"),
     // Figure.
     refused(
         "scale-bar axes colour-bar legend title caption",
@@ -107,7 +83,6 @@ const RULES: &[Rule] = &[
         |given| given.has("depth-coded"),
         " shows the colours of values; with --depth-coded colours show depths",
     ),
-    not_for("pareto", "legend", ": a study is of one volume of values"),
     refused("units", |given| lacks(given, "length", "scale-bar"), " length=.. needs --scale-bar"),
     refused("units", |given| lacks(given, "value", "colour-bar"), " value=.. needs --colour-bar"),
     // View.
@@ -115,7 +90,6 @@ const RULES: &[Rule] = &[
     idle("elevation", |given| given.keys_set("elevation"), BY_KEYS),
     idle("roll", |given| given.keys_set("roll"), BY_KEYS),
     idle("zoom", |given| given.keys_set("zoom"), BY_KEYS),
-    not_for("turntable", "direction", ": a turntable turns the azimuth"),
     refused("fov distance", is_parallel, " needs --projection perspective"),
     refused(
         "fov",
@@ -126,8 +100,6 @@ const RULES: &[Rule] = &[
     idle("margin", is_sized, "because --view-height or --distance sets the size"),
     // Model.
     refused("window gradient-opacity classification iso", shows_labels, " is for values, not for labels"),
-    not_for("pareto", "iso", ": a study compares painters, and isosurfaces have one alone"),
-    not_for("plan", "iso", ": bricks are drawn by a device, isosurfaces by the processor"),
     refused("mask", |given| given.has("iso"), " shows voxels, and --iso surfaces between them: leave out either"),
     refused(
         "shading",
@@ -179,17 +151,14 @@ const RULES: &[Rule] = &[
         " needs --labels FILE or --transfer labels",
     ),
     // Solids.
-    not_for("plan", "mesh plane depth", ": a picture in bricks has no solids"),
     refused(
         "mesh plane depth",
         |given| given.has("reference") || given.has("max-error") || given.has("verify"),
         ": the reference draws no solids, so leave out --reference, --max-error and --verify",
     ),
-    not_for("turntable", "depth", ": a depth buffer is of one view"),
     // Painters and devices.
     refused(QUADS, |given| given.is("painter", "tiles"), " is a knob of quads, not of tiles"),
     refused(QUADS, |given| given.is("painter", "cpu"), " is a knob of quads, not of cpu"),
-    not_for("pareto", QUADS, ": a study varies the painters and their knobs"),
     idle("level painter adapter tune:interslice tune:termination", is_traced, BY_REFERENCE),
     idle(QUADS, is_traced, BY_REFERENCE),
     idle("tune:sheet-thickness", |given| given.is("model", "xray"), "because an X-ray has one sheet"),
@@ -217,11 +186,6 @@ fn lacks(given: &Given<'_>, quantity: &str, option: &str) -> bool {
     given.text("units").split(',').any(|pair| pair.trim_start().starts_with(&prefix)) && !given.has(option)
 }
 
-/// Returns whether a command refuses an option in any case.
-pub(crate) fn refuses(command: &str, option: &str) -> bool {
-    RULES.iter().any(|rule| rule.command == Some(command) && rule.options.split(' ').any(|name| name == option))
-}
-
 /// Returns notes on the options of a command that have no effect. A scene has two lines: the picture's line and the
 /// program's.
 ///
@@ -229,10 +193,13 @@ pub(crate) fn refuses(command: &str, option: &str) -> bool {
 pub(crate) fn noted(command: &Command, lines: Vec<&ArgMatches>) -> Result<Vec<String>, Failure> {
     let given = &Given { command, lines };
     let (mut refusals, mut notes, mut seen) = (Vec::new(), Vec::new(), Vec::new());
-    for Rule { options, command, holds, kind } in RULES {
-        if command.is_some_and(|command| !given.is_for(command)) {
-            continue;
+    for &(_, options, text) in LACKING.iter().filter(|(name, ..)| given.is_for(name)) {
+        for option in options.split(' ').filter(|option| given.sets(option)) {
+            seen.push(option);
+            refusals.push(format!("--{}{text}", option.replace(':', " ")));
         }
+    }
+    for Rule { options, holds, kind } in RULES {
         for option in options.split(' ').filter(|option| given.sets(option)) {
             if seen.contains(&option) || !holds(given) {
                 continue;
@@ -265,7 +232,8 @@ mod tests {
             let arguments = program.find_subcommand(name).unwrap().get_arguments();
             known.extend(arguments.filter_map(|arg| arg.get_long().map(str::to_owned)));
         }
-        let ruled = || RULES.iter().flat_map(|rule| rule.options.split(' '));
+        let options = RULES.iter().map(|rule| rule.options).chain(LACKING.iter().map(|&(_, options, _)| options));
+        let ruled = || options.clone().flat_map(|options| options.split(' '));
         for option in &known {
             let is_free = FREE.split(' ').any(|free| free == option);
             assert_ne!(is_free, ruled().any(|ruled| ruled == option), "--{option}");
@@ -279,9 +247,11 @@ mod tests {
     fn rules_name_options_that_exist() {
         let program = args::built();
         let turntable = program.find_subcommand("turntable").unwrap();
-        let words = RULES.iter().flat_map(|rule| match rule.kind {
-            Kind::Refused(text) | Kind::Noted(text) => text.split([' ', ',', ':', ';', ')']),
+        let of_rules = RULES.iter().map(|rule| match rule.kind {
+            Kind::Refused(text) | Kind::Noted(text) => text,
         });
+        let all = of_rules.chain(LACKING.iter().map(|&(_, _, text)| text));
+        let words = all.flat_map(|text| text.split([' ', ',', ':', ';', ')']));
         for word in words.filter_map(|word| word.strip_prefix("--")) {
             assert!(args::option(turntable, word).is_some(), "--{word}");
         }

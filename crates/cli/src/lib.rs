@@ -21,6 +21,7 @@ mod given;
 mod histogram;
 mod info;
 mod job;
+mod lacking;
 mod layers;
 mod manual;
 mod options;

@@ -16,7 +16,7 @@ mod view;
 use clap::builder::ValueHint;
 use clap::{Arg, CommandFactory, Parser, Subcommand};
 
-use crate::effects;
+use crate::lacking::lacks;
 
 pub(crate) use self::bricks::{BrickArgs, MergeArgs, PlanArgs};
 pub(crate) use self::figure::FigureArgs;
@@ -133,7 +133,7 @@ pub(crate) fn command() -> clap::Command {
             let is_value = arg.get_long().is_some_and(|long| !TEXTS.contains(&long))
                 && arg.get_action().takes_values()
                 && arg.get_value_hint() != ValueHint::AnyPath;
-            let is_refused = arg.get_long().is_some_and(|long| effects::refuses(&name, long));
+            let is_refused = arg.get_long().is_some_and(|long| lacks(&name, long));
             arg.hide(is_refused).hide_short_help(is_hidden).allow_hyphen_values(is_value)
         })
     })
