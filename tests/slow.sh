@@ -3,7 +3,7 @@
 # documentation, and the golden pictures on further Vulkan drivers, if VOXSPLAT_TEST_DRIVERS names them as
 # tests/drivers.sh does: "NAME=ICD.json NAME=ICD.json".
 # With --part N/M it runs every M-th of the slow tests of the crates, from number N on, and those of the Python package
-# if N is 0: 0/4, 1/4, 2/4 and 3/4 run all.
+# if N is 0: 0/8 to 7/8 run all.
 set -eu
 cd "$(dirname "$0")/.."
 # shellcheck source=tests/setup.sh

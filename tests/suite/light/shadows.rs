@@ -124,7 +124,7 @@ fn both_painters_show_lights_at_places() {
 /// lights at places, along axes and diagonals, in lattices of any shape, and in labels with a larger bias.
 #[test]
 fn sweeps_are_near_exact_sums() {
-    compare_sweeps(5);
+    compare_sweeps(11);
 }
 
 #[test]
@@ -201,6 +201,17 @@ fn compare_sweeps(step: usize) {
 /// from picture to picture sweeps change as exact sums do.
 #[test]
 fn turning_lights_make_no_step() {
+    turn_lights(&[(45.0, 10.0)]);
+}
+
+#[test]
+#[ignore = "slow: exact shadows of 18 lights"]
+fn turning_lights_of_any_size_make_no_step() {
+    turn_lights(&[(0.0, 0.0), (45.0, 0.0), (0.0, 10.0)]);
+}
+
+/// Turns lights by a few degrees around middles, each with its size.
+fn turn_lights(lights: &[(f64, f64)]) {
     let (volume, transfer) = demo("vessels", 48);
     let view = look(&View::default(), &volume, [96; 2]);
     let picture = |degrees: f64, size: f64, exact_shadows: bool| {
@@ -210,7 +221,7 @@ fn turning_lights_make_no_step() {
         let lighting = Some(Lighting { lights, shadows: 1.0, exact_shadows, ..Lighting::default() });
         render(&volume, &transfer, &view, &Settings { lighting, level: Level::At(0), ..Settings::default() })
     };
-    for (middle, size) in [(0.0, 0.0), (45.0, 0.0), (0.0, 10.0), (45.0, 10.0)] {
+    for &(middle, size) in lights {
         let turns = [-2.0, -1.0, -0.1, 0.1, 1.0, 2.0].map(|by| middle + by);
         let shown = turns.map(|degrees| [false, true].map(|exact| picture(degrees, size, exact)));
         for (turn, pair) in turns.iter().skip(1).zip(shown.windows(2)) {
@@ -224,7 +235,7 @@ fn turning_lights_make_no_step() {
 
 #[test]
 fn lights_at_places_shine_on_small_lattices() {
-    shine_on_lattices(8);
+    shine_on_lattices(4);
 }
 
 #[test]
@@ -371,24 +382,32 @@ fn light_is_kept_while_the_eye_moves() {
 /// A scene keeps its occluders for lights that turn: across each axis, and until the shadows change otherwise.
 #[test]
 fn turned_lights_shine_as_on_a_new_scene() {
+    turn_scene(Shading::Pre);
+}
+
+#[test]
+#[ignore = "slow: eighteen post-shaded pictures"]
+fn turned_lights_shine_along_rays_as_on_a_new_scene() {
+    turn_scene(Shading::Post);
+}
+
+fn turn_scene(shading: Shading) {
     let (volume, transfer) = demo("vessels", 24);
     let camera = camera(20.0, PROJECTIONS[0], &volume, 32);
     let studio = |towards: DVec3| Lighting::studio(towards, DVec3::Z);
     let lights = [DVec3::Y, DVec3::new(1.0, 0.3, 0.2), DVec3::new(0.2, 0.1, 1.0), DVec3::NEG_X].map(studio);
     let wider = Lighting { occlusion: Some(4.0), shadow_bias: 2.5, ..lights[1].clone() };
     let without_shadows = Lighting::default();
-    for shading in [Shading::Pre, Shading::Post] {
-        let settings = |lighting: &Lighting| {
-            let lighting = Some(lighting.clone());
-            Settings { lighting, shading, level: Level::At(0), ..full() }
-        };
-        let scene = prepare(&volume, &transfer, &settings(&lights[0]));
-        for lighting in lights.iter().chain([&without_shadows, &lights[0], &lights[1], &wider, &lights[2]]) {
-            let settings = settings(lighting);
-            let new = prepare(&volume, &transfer, &settings);
-            let [turned, new] = [&scene, &new].map(|scene| draw(scene, &camera, &settings).image);
-            assert_eq!(turned.pixels(), new.pixels(), "{shading:?}");
-        }
+    let settings = |lighting: &Lighting| {
+        let lighting = Some(lighting.clone());
+        Settings { lighting, shading, level: Level::At(0), ..full() }
+    };
+    let scene = prepare(&volume, &transfer, &settings(&lights[0]));
+    for lighting in lights.iter().chain([&without_shadows, &lights[0], &lights[1], &wider, &lights[2]]) {
+        let settings = settings(lighting);
+        let new = prepare(&volume, &transfer, &settings);
+        let [turned, new] = [&scene, &new].map(|scene| draw(scene, &camera, &settings).image);
+        assert_eq!(turned.pixels(), new.pixels(), "{shading:?}");
     }
 }
 

@@ -40,14 +40,14 @@ fn both_painters_thin_out_what_the_reference_thins_out() {
 }
 
 #[test]
+#[ignore = "slow: cells beside voxels"]
 fn cells_are_thinned_out_as_their_voxels_are() {
-    thin_cells(&[(Shading::Pre, headlight())]);
-}
-
-#[test]
-#[ignore = "slow: post-shaded cells beside voxels"]
-fn cells_of_every_shading_are_thinned_out_as_their_voxels_are() {
-    thin_cells(&[(Shading::Pre, None), (Shading::Post, None), (Shading::Post, headlight())]);
+    thin_cells(&[
+        (Shading::Pre, headlight()),
+        (Shading::Pre, None),
+        (Shading::Post, None),
+        (Shading::Post, headlight()),
+    ]);
 }
 
 /// Gradient opacity applies to voxels before they become cells.
