@@ -68,7 +68,7 @@ fn cells_of_every_size_err_by_less_than_a_step_beside_voxels() {
 }
 
 /// Compares cells of levels that belong to growths of kernels, seen from the first `sides` of three sides.
-fn compare_cells(growths: &[(f64, f64)], sides: usize) {
+fn compare_cells(growths: &[(f64, f32)], sides: usize) {
     let views = [
         View { azimuth: 30.0, elevation: 20.0, ..View::default() },
         View::default(),

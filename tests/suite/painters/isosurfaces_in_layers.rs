@@ -1,7 +1,8 @@
 //! Isosurfaces of one layer among the voxels of others.
 
 use voxsplat::Frame;
-use voxsplat::camera::{Camera, View};
+use voxsplat::camera::{Camera, ProjectionKind, View};
+use voxsplat::glam::DVec3;
 use voxsplat::image::Image;
 use voxsplat::layers::{Layer, Layers};
 use voxsplat::lighting::Lighting;
@@ -19,7 +20,7 @@ fn pre_shaded() -> Settings {
     Settings { shading: Shading::Pre, ..settings() }
 }
 
-fn view(projection: voxsplat::camera::ProjectionKind) -> View {
+fn view(projection: ProjectionKind) -> View {
     View { azimuth: 33.0, elevation: 20.0, projection, ..View::default() }
 }
 
@@ -57,7 +58,7 @@ fn pictures_are_those_of_the_reference() {
     let (volume, fuzzy) = volumes(0.4);
     let glass = [surface(0.5, [0.4, 0.6, 0.9], 0.35)];
     let nested = [surface(0.7, [0.2, 0.4, 0.9], 1.0), surface(0.35, [0.9, 0.8, 0.2], 0.4)];
-    let shadowed = Lighting { shadows: 0.7, ..Lighting::studio(voxsplat::glam::DVec3::Y, voxsplat::glam::DVec3::Z) };
+    let shadowed = Lighting { shadows: 0.7, ..Lighting::studio(DVec3::Y, DVec3::Z) };
     for projection in PROJECTIONS {
         let camera = Camera::new(&view(projection), volume.grid(), [SIZE; 2]).unwrap();
         for (name, surfaces, lighting, bounds) in [
