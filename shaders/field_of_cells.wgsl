@@ -13,6 +13,8 @@ struct Occluders {
     low: vec3u,
     // The place of scalars among their bins.
     lookup: vec2f,
+    // Local units in the unit that extinctions are per.
+    per_unit: f32,
 }
 
 @group(0) @binding(2) var<uniform> light_box: LightBox;
@@ -20,6 +22,17 @@ struct Occluders {
 // See common/transfer.wgsl.
 @group(0) @binding(4) var transfer: texture_storage_2d<rgba32float, read>;
 @group(0) @binding(5) var<uniform> occluders: Occluders;
+
+// The extinction of isosurfaces in a cell with a gradient, per local unit: `casting` of the host.
+fn casting_surfaces(scalar: f32, gradient: vec3f, local: vec3f) -> f32 {
+    let per_cell = max(length(gradient), 1e-18);
+    var depth = 0.0;
+    for (var number = 0u; number < ISOSURFACES; number++) {
+        let share = 1.0 - abs(scalar - surface_scalar(number)) / per_cell;
+        depth += surface_texel(number).a * max(share, 0.0);
+    }
+    return depth * length(local) / per_cell;
+}
 
 @compute @workgroup_size(WORKGROUP)
 fn field_of_cells(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
@@ -32,7 +45,10 @@ fn field_of_cells(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgro
     let local = occluders.gradient_x * gradient.x + occluders.gradient_y * gradient.y
         + occluders.gradient_z * gradient.z;
     let share = gradient_share(local, occluders.gradient_lookup);
-    let density = classified(cell_at(i), occluders.lookup).value.a * share;
+    var density = classified(cell_at(i), occluders.lookup).value.a * share;
+    if ISOSURFACES > 0u {
+        density += casting_surfaces(cell_at(i), gradient, local) / occluders.per_unit;
+    }
     let point = place_in_box(index) + occluders.low;
     field[index_in_box(point)] = occluder(density, point);
 }

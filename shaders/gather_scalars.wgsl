@@ -39,6 +39,12 @@ override MAXIMUM: bool = false;
 // The mean scalar of a ray is classified.
 override MEAN: bool = false;
 
+// The distance in lattice points, before an isosurface, of the place whose light it gets: as on the host.
+const SURFACE_BIAS: f32 = 3.0;
+
+// With isosurfaces: the scalar in the middle of the slab before.
+var<private> middle_scalar: f32;
+
 // Composites the slab that waits in `ray`, now that the slab behind it is known. Its middle is `middle` planes from
 // plane 0. `before` is the slab composited last. The slab is invisible if it does not lie at a marked place.
 fn advance(
@@ -52,7 +58,11 @@ fn advance(
     let part = part_inside(geometry, middle);
     var composited = Before(unmarked(part), before.end);
     let so_far = *ray;
-    if is_marked && part.x < part.y {
+    let counts = is_marked && part.x < part.y;
+    if ISOSURFACES > 0u && (counts || before.kind == CLASSIFIED) {
+        meet_surfaces(ray, before.kind, behind, geometry, middle);
+    }
+    if counts {
         if MAXIMUM {
             update_maximum(ray, behind, geometry, part, middle);
         } else if MEAN {
@@ -108,9 +118,20 @@ fn place_on(geometry: RayGeometry, plane: f32) -> vec3f {
     return rays.to_lattice * vec4f(geometry.base + geometry.shear * plane, plane, 1.0);
 }
 
-// The shares of light that arrive on a ray `plane` planes from plane 0.
-fn kept_on(geometry: RayGeometry, plane: f32) -> vec4f {
-    return kept_at(rays.to_light * vec4f(geometry.base + geometry.shear * plane, plane, 1.0));
+// The shares of light that arrive `plane` planes from plane 0 on a ray, and so far `beside` it in (a, b, plane).
+fn kept_on(geometry: RayGeometry, plane: f32, beside: vec3f) -> vec4f {
+    return kept_at(rays.to_light * vec4f(vec3f(geometry.base + geometry.shear * plane, plane) + beside, 1.0));
+}
+
+// The gradient of a slab in view coordinates, given the sums of gradients along the axes of the lattice.
+fn gradient_of(g: vec3f) -> vec3f {
+    return rays.gradient_x * g.x + rays.gradient_y * g.y + rays.gradient_z * g.z;
+}
+
+// The light on matter of a scalar with these sums of gradients, `plane` planes from plane 0.
+fn light_at(g: vec3f, scalar: f32, geometry: RayGeometry, plane: f32, kept: vec4f) -> Shine {
+    let surface = reconstructed_share(g * mean_scale(geometry), scalar, lighting.faintest);
+    return light_on(gradient_of(g), surface, place_on(geometry, plane), geometry.to_eye, kept);
 }
 
 fn classify_slab(
@@ -129,12 +150,8 @@ fn classify_slab(
     var share = 1.0;
     if LIGHTS > 0u {
         let g = (*ray).slab.xyz;
-        let gradient = rays.gradient_x * g.x + rays.gradient_y * g.y + rays.gradient_z * g.z;
-        let of_means = gradient * mean_scale(geometry);
-        let differences = g * mean_scale(geometry);
-        let surface = reconstructed_share(differences, means.y, lighting.faintest);
-        light = light_on(gradient, surface, place_on(geometry, middle), geometry.to_eye, kept_on(geometry, middle));
-        share = gradient_share(of_means, rays.gradient_lookup);
+        light = light_at(g, means.y, geometry, middle, kept_on(geometry, middle, vec3f(0.0)));
+        share = gradient_share(gradient_of(g) * mean_scale(geometry), rays.gradient_lookup);
     }
     let step = (part.y - part.x) / f32(rays.samples);
     if LAYERED {
@@ -149,6 +166,83 @@ fn classify_slab(
         (*ray).color = half_depth(so_far.color, so_far.depth, (*ray).depth, depths);
     }
     return composited;
+}
+
+// Composites the isosurfaces that a ray meets between the middle of the slab before and the middle of the slab that
+// waits. Each half has a parabola through the scalars at both middles and at the border of the slabs. A parabola
+// begins with the scalar at which the last one ended, so a surface is met once.
+fn meet_surfaces(
+    ray: ptr<function, RayState>,
+    kind: u32,
+    behind: vec4f,
+    geometry: RayGeometry,
+    middle: f32,
+) {
+    let means = means_of(*ray, behind, geometry);
+    let p = parabola(means);
+    var first = means.x - p.z / 12.0;
+    first = select(first, clamp(first, rays.invisible.x, rays.invisible.y), kind == INVISIBLE);
+    first = select(first, middle_scalar, kind == CLASSIFIED);
+    let last = p.x;
+    middle_scalar = last;
+    // The parabola through the middles that has the means of both slabs.
+    let border = 2.0 * (first + last) - 1.5 * (means.x + means.y);
+    for (var i = 0u; i < 2u * ISOSURFACES; i++) {
+        let is_second = i >= ISOSURFACES;
+        let ends = select(vec2f(first, border), vec2f(border, last), is_second);
+        let rises = ends.x < ends.y;
+        // A ray that rises meets the lowest surface first.
+        let order = select(i, i - ISOSURFACES, is_second);
+        let number = select(ISOSURFACES - order - 1u, order, rises);
+        let scalar = surface_scalar(number);
+        if scalar <= min(ends.x, ends.y) || scalar > max(ends.x, ends.y) {
+            continue;
+        }
+        // From -1 to 1: the place on the chord, and two of Newton's steps.
+        let low = select(-1.0, 0.0, is_second);
+        let slope = 0.5 * (last - first);
+        let bend = 0.5 * (first + last) - border;
+        var place = low + (scalar - ends.x) / (ends.y - ends.x);
+        for (var step = 0u; step < 2u; step++) {
+            let rise = slope + 2.0 * bend * place;
+            let off = border + (slope + bend * place) * place - scalar;
+            place = clamp(place - off / select(rise, 1e30, abs(rise) < 1e-30), low, low + 1.0);
+        }
+        let plane = middle + 0.25 * (place - 1.0);
+        if plane >= geometry.inside.x && plane <= geometry.inside.y {
+            let g = mix((*ray).before, (*ray).slab, 0.5 * place + 0.5).xyz;
+            add_surface(ray, g, geometry, number, plane, select(SURFACE_BIAS, -SURFACE_BIAS, rises));
+        }
+    }
+}
+
+// Composites an isosurface with these sums of gradients, `plane` planes from plane 0, in the light `ahead` lattice
+// points along the gradient.
+fn add_surface(
+    ray: ptr<function, RayState>,
+    g: vec3f,
+    geometry: RayGeometry,
+    number: u32,
+    plane: f32,
+    ahead: f32,
+) {
+    var surface = surface_texel(number);
+    if LIGHTS > 0u {
+        let differences = g * mean_scale(geometry);
+        let beside = differences * (ahead * inverseSqrt(max(dot(differences, differences), 1e-36)));
+        // The map to the lattice only swaps axes, and turns them.
+        let axes = mat3x3f(rays.to_lattice[0], rays.to_lattice[1], rays.to_lattice[2]);
+        let kept = kept_on(geometry, plane, beside * axes);
+        surface = vec4f(lit(surface.rgb, light_at(g, surface_scalar(number), geometry, plane, kept)), surface.a);
+    }
+    if LAYERED {
+        surface.a *= layer_share(geometry, plane);
+    }
+    let so_far = *ray;
+    add_sample(ray, surface.rgb, surface.a);
+    if HALF_DEPTH {
+        (*ray).color = half_depth(so_far.color, so_far.depth, (*ray).depth, vec2f(depth_of(geometry, plane)));
+    }
 }
 
 alias Marched = RayState;
@@ -250,7 +344,11 @@ fn composite(ray: ptr<function, RayState>, slabs: ptr<function, Slabs>, geometry
 // The planes of a run whose slabs a ray composites: the first, and the plane after the last.
 fn counting_planes(run: vec2i, geometry: RayGeometry) -> vec2i {
     // Slabs beyond the reach of packed planes are empty.
-    let ends = clamp(run - rays.lead, vec2i(-REACH), vec2i(rays.voxels.z + REACH)) + rays.first.z;
+    var ends = clamp(run - rays.lead, vec2i(-REACH), vec2i(rays.voxels.z + REACH)) + rays.first.z;
+    if ISOSURFACES > 0u {
+        // The surfaces behind the middle of the last slab.
+        ends.y++;
+    }
     // The slabs of a plane begin half a plane before it. The slab before the first that a brick owns ends where the
     // first begins.
     let first = max(geometry.inside.x, geometry.owned.x);

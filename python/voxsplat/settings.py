@@ -168,8 +168,8 @@ class Settings:
     gradient_opacity
         Pairs (magnitude, factor of the opacity), magnitudes in values per world unit, or ``"off"``.
     iso
-        Isosurfaces: a value, or a list of values, (value, colour) and (value, colour, opacity). The processor draws
-        them; without `transfer` nothing else is shown but labels and overlays.
+        Isosurfaces: a value, or a list of values, (value, colour) and (value, colour, opacity). They are post-shaded,
+        but the processor draws them among voxels of labels and overlays; without `transfer` nothing else is shown.
     classification
         How pre-shading classifies values: ``"point"``, at each voxel; ``"band-limited"``, as the mean over the
         values around it, without rings on smooth surfaces; ``"auto"``: point for a transfer function with steps.

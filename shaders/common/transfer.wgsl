@@ -99,6 +99,22 @@ fn gradient_share(gradient: vec3f, lookup: f32) -> f32 {
     return mix(bin.x, bin.y, min(fract(place), 1.0));
 }
 
+// Isosurfaces, scalars ascending, two texels each: colour and optical depth, and the scalar (x).
+const SURFACES: u32 = 3u;
+
+// The number of isosurfaces; without any the row is missing.
+override ISOSURFACES: u32 = 0u;
+
+// The scalar of an isosurface.
+fn surface_scalar(number: u32) -> f32 {
+    return textureLoad(transfer, vec2u(2u * number + 1u, SURFACES)).x;
+}
+
+// The colour and the optical depth of an isosurface.
+fn surface_texel(number: u32) -> vec4f {
+    return textureLoad(transfer, vec2u(2u * number, SURFACES));
+}
+
 // The transfer function at a scalar.
 struct Classified {
     scalar: f32,

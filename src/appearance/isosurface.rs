@@ -58,7 +58,7 @@ impl IsosurfaceSpec {
         specs.iter().map(point).collect()
     }
 
-    /// Makes settings of pictures with isosurfaces: they classify along rays, and the processor draws them.
+    /// Makes settings of pictures with isosurfaces, which classify along rays.
     ///
     /// # Errors
     /// [`Error::Setting`] if there are isosurfaces and the model is not the composite one, or a painter is requested
@@ -71,10 +71,9 @@ impl IsosurfaceSpec {
             return Err(Error::setting("iso", format!("model {} has no surfaces", settings.model)));
         }
         settings.shading = Shading::Post;
-        if !matches!(settings.painter, Painter::Auto | Painter::Cpu) {
-            return Err(Error::setting("painter", "isosurfaces are drawn by cpu"));
+        if matches!(settings.painter, Painter::Quads(_)) {
+            return Err(Error::setting("painter", "quads draws no isosurfaces: use tiles or cpu"));
         }
-        settings.painter = Painter::Cpu;
         Ok(())
     }
 }

@@ -9,7 +9,7 @@ use super::{demos, isosurface};
 use crate::error::{Error, Result};
 use crate::layers::Layers;
 use crate::settings::parse::{expect, finite};
-use crate::settings::{Settings, Shading};
+use crate::settings::{Painter, Settings, Shading};
 use crate::transfer::maps::{self, ColorMap};
 use crate::transfer::presets::{self, Material, PRESETS, Preset, PresetValues};
 use crate::transfer::{Classification, ControlPoint, GradientPoint, Imported, TransferFunction, Window};
@@ -176,13 +176,16 @@ impl TransferRequest {
     }
 
     /// Makes settings of pictures of several layers: the layers are classified voxel by voxel, and isosurfaces in them
-    /// stay surfaces.
+    /// stay surfaces, which the processor draws.
     ///
     /// # Errors
     /// [`Error::Setting`] if the settings are for one volume alone.
     pub fn settle_layers(&self, settings: &mut Settings) -> Result<()> {
         if !self.isosurfaces.is_empty() {
             settings.shading = Shading::Pre;
+            if settings.painter == Painter::Auto {
+                settings.painter = Painter::Cpu;
+            }
         }
         Layers::check_settings(settings)
     }

@@ -168,7 +168,8 @@ shared! {
         low: [u32; 3],
         _pad_low: u32,
         lookup: [f32; 2],
-        _pad: [u32; 2],
+        per_unit: f32,
+        _pad: u32,
     }
 
     /// A box of voxels; shaders/common/voxel_box.wgsl.

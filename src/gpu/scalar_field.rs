@@ -20,9 +20,11 @@ pub(crate) struct ScalarField<'a> {
     pub(crate) table: &'a TransferTable,
     /// The lattice of the scalars.
     pub(crate) grid: &'a Grid,
+    /// The length of the unit of extinctions, in world units.
+    pub(crate) unit: f64,
 }
 
-/// The stage that makes the field, with gradients or without, by the key.
+/// The stage that makes the field. The key: whether cells have gradients, gradient opacity, and the isosurfaces.
 struct FieldStage(Stage);
 
 impl ScalarField<'_> {
@@ -40,14 +42,15 @@ impl ScalarField<'_> {
         [light_box, field]: [&wgpu::Buffer; 2],
     ) -> Result<()> {
         use Binding::{Read, ReadTexture, Uniform, Write};
-        let Self { scalars, table, grid } = self;
+        let Self { scalars, table, grid, unit } = self;
         let context = recorder.context;
         let cells = scalars.as_cells(context, pipelines)?;
-        let thins = cells.has_gradients();
-        let stage = pipelines.get_or_make(thins, || {
+        let key @ (has_gradients, thins, surfaces) = (cells.has_gradients(), table.thins, table.surfaces);
+        let stage = pipelines.get_or_make(key, || {
             let transfer = ReadTexture(wgpu::TextureFormat::Rgba32Float);
             let slots = [Uniform, Read, Uniform, Write, transfer, Uniform];
-            let constants = [("RANGES", thins.into()), ("GRADIENT_OPACITY", thins.into())];
+            let constants =
+                [("RANGES", has_gradients.into()), ("GRADIENT_OPACITY", thins.into()), ("ISOSURFACES", surfaces)];
             let entry = ("classify", "field_of_cells");
             Ok(FieldStage(Stage::new(context, shaders::FIELD_OF_CELLS, entry, &slots, &constants)))
         })?;
@@ -61,6 +64,7 @@ impl ScalarField<'_> {
             gradient_z,
             low: scalars.bounds[0],
             lookup: table.lookup,
+            per_unit: (grid.unit() / unit) as f32,
             ..Occluders::zeroed()
         };
         let uniform = wgpu::BufferUsages::UNIFORM;

@@ -54,7 +54,7 @@ impl Choice {
         Self { kind, reason }
     }
 
-    /// Chooses the fallback for a painter that refused: quads, which draws every picture. An error if the painter was
+    /// Chooses the fallback for a painter that refused: quads, which refuses only isosurfaces. An error if the painter was
     /// requested.
     pub(crate) fn instead(context: &Context, settings: &Settings, reason: String) -> Result<Self> {
         match settings.painter {

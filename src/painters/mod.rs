@@ -12,7 +12,7 @@
 //! `ROOM` also states whether the painter draws cells of several levels in one picture (`layers`). `Renderer::render`
 //! then calls the `Painting` to make its pipelines and to paint each region into a buffer of pixels.
 //!
-//! `quads` draws every picture. `tiles` refuses some (see `Painter::Tiles` in `settings/mod.rs`). `Painter::Auto` uses
+//! `quads` refuses isosurfaces alone, `tiles` more (see `Painter::Tiles` in `settings/mod.rs`). `Painter::Auto` uses
 //! `tiles` unless it refuses: this follows a prediction (docs/algorithms.md, "Painters on GPUs") that an H100 bore out.
 //! The choice depends only on the adapter, the settings, the view and the volume, so the same input gives the same
 //! bytes. `Stats::painter_reason` states the reason.

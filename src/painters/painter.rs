@@ -90,6 +90,11 @@ impl Job<'_> {
         self.post.is_some_and(|post| post.table.invisible[0] > post.table.invisible[1])
     }
 
+    /// Returns the number of isosurfaces.
+    pub(crate) fn isosurfaces(&self) -> u32 {
+        self.post.map_or(0, |post| post.table.surfaces)
+    }
+
     /// Returns whether clipping planes or solids cut rays.
     pub(crate) fn is_cut(&self) -> bool {
         !self.view.clip.is_empty() || self.depths.solids.is_some()

@@ -26,8 +26,9 @@ use crate::gpu::transfer::TransferTable;
 use crate::lighting::MAX_CASTING;
 use crate::lighting::shadow::plan::LightPlans;
 use crate::progress::Progress;
-use crate::transfer::TransferFunction;
+use crate::transfer::isosurface::casting;
 use crate::transfer::scalars::Reduction;
+use crate::transfer::{ControlPoint, TransferFunction};
 use crate::volume::Grid;
 use voxsplat_volume::memory::reserved;
 
@@ -41,24 +42,23 @@ pub(crate) struct LitScalars<'a> {
     pub(crate) reduction: &'a Reduction,
     /// The transfer function for shaders.
     pub(crate) table: &'a TransferTable,
+    /// The length of the unit of extinctions, in world units.
+    pub(crate) unit: f64,
+    pub(crate) surfaces: Vec<ControlPoint>,
 }
 
 impl LitScalars<'_> {
     /// Returns the density of a splat of a scalar, given its words without the place: extinction times the unit
     /// distance.
     pub(super) fn density(&self, words: &[u32]) -> f32 {
-        let Self { grid, transfer, reduction, .. } = self;
-        let (_, opacity) = transfer.sample(reduction.value(f32::from_bits(words[0])));
-        let density = TransferFunction::extinction(opacity, 1.0);
-        let share = match words {
-            &[_, low, high] if density > 0.0 && !transfer.gradient_opacity().is_empty() => {
-                let gradient = DVec3::from_array(unpacked_gradient([low, high]).map(f64::from));
-                let world = grid.to_lattice().matrix3.transpose() * gradient;
-                transfer.gradient_share(world.length() / reduction.factor())
-            }
-            _ => 1.0,
-        };
-        (density * share) as f32
+        let Self { grid, transfer, reduction, unit, surfaces, .. } = self;
+        let value = reduction.value(f32::from_bits(words[0]));
+        let density = TransferFunction::extinction(transfer.sample(value).1, 1.0);
+        let &[_, low, high] = words else { return density as f32 };
+        let gradient = DVec3::from_array(unpacked_gradient([low, high]).map(f64::from));
+        let world = grid.to_lattice().matrix3.transpose() * gradient;
+        let lengths = [gradient, world].map(|gradient| gradient.length() / reduction.factor());
+        (density * transfer.gradient_share(lengths[1]) + casting(surfaces, value, lengths) * unit) as f32
     }
 }
 
@@ -79,7 +79,7 @@ impl FallenLight {
         shadows: &Shadows,
         progress: &Progress,
     ) -> Result<Self> {
-        let LitScalars { grid, table, .. } = *scalars;
+        let &LitScalars { grid, table, unit, .. } = scalars;
         let is_turned = held.is_some();
         let kept = held.filter(|(of, _)| of.without_lights() == shadows.without_lights());
         let kept = kept.and_then(|(of, held)| Some((of, Arc::into_inner(held)?.kept?)));
@@ -96,7 +96,7 @@ impl FallenLight {
                 Samples::Held(drawable) => {
                     made = drawable;
                     let Some((scalars, _)) = &made.scalars else { return on_host() };
-                    let field = ScalarField { scalars, table, grid };
+                    let field = ScalarField { scalars, table, grid, unit };
                     let bounds = field.bounds();
                     (None, None, Some(field), bounds)
                 }

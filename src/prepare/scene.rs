@@ -91,14 +91,6 @@ fn shows(settings: &Settings) -> VisibleValues {
     }
 }
 
-/// Refuses a function of post-shading that painters of a device do not draw.
-fn check_isosurfaces(transfer: &TransferFunction, model: Model) -> Result<()> {
-    if model == Model::Composite && !transfer.isosurfaces().is_empty() {
-        return Err(Error::setting("painter", "isosurfaces are drawn by cpu"));
-    }
-    Ok(())
-}
-
 impl Scene {
     fn new(context: &Context, content: Content, grid: Grid, weights: Weights, seconds: f64) -> Self {
         let seconds = AtomicU64::new(seconds.to_bits());
@@ -135,7 +127,6 @@ impl Scene {
         settings: &Settings,
         progress: &Progress,
     ) -> Result<Self> {
-        check_isosurfaces(transfer, settings.model)?;
         let shows = shows(settings);
         if settings.prefilter()?.is_some() {
             let layers = Layers::of_volume(volume, transfer);
@@ -177,7 +168,6 @@ impl Scene {
         }
         match &mut self.content {
             Content::Scalars(scalars) => {
-                check_isosurfaces(transfer, scalars.model)?;
                 let mirrored = (scalars.model == Model::Minip).then(|| transfer.mirrored());
                 scalars.set_transfer(mirrored.unwrap_or_else(|| transfer.clone()))?;
                 let largest = scalars.volume.farthest_from(scalars.reduction.base())?;
@@ -329,7 +319,8 @@ impl Scene {
             Content::Splats(voxels) => self.weights.max / voxels.layers.unit(),
             Content::Scalars(scalars) if settings.model == Model::Composite => {
                 let unit = scalars.transfer.unit_or(self.grid.min_spacing());
-                TransferFunction::extinction(scalars.transfer.max_opacity(), unit)
+                let matter = scalars.transfer.clone().without_isosurfaces(&scalars.transfer.isosurfaces());
+                TransferFunction::extinction(matter.max_opacity(), unit)
             }
             Content::Scalars(_) => 0.0,
         };
@@ -543,20 +534,22 @@ impl Scene {
         let shadows = Shadows { casting, lattice: lattice_of_light, clip };
         let (light, seconds) = scalars.light.get_or_make(shadows.clone(), PartialEq::eq, |held| {
             context.guarded("casting shadows", || {
-                // All light on a place that may show lies between voxels so near.
-                let thins = !scalars.transfer.gradient_opacity().is_empty();
+                // All light on a place that may show lies between voxels so near. The light on an isosurface is the
+                // light before it.
+                let surfaces = transfer.isosurfaces();
+                let ahead = if surfaces.is_empty() { 0.0 } else { f64::from(shadow::SURFACE_BIAS) };
                 let coarse = coarse.map(|(cells, _)| cells);
                 let of_cells = EmissionKey {
                     kernel,
                     normalization,
-                    need: ScalarNeed { influence: kernel.radius() + 2.0, zeros: true, ..ScalarNeed::NONE },
-                    lit: thins,
+                    need: ScalarNeed { influence: kernel.radius() + 2.0 + ahead, zeros: true, ..ScalarNeed::NONE },
+                    lit: !(transfer.gradient_opacity().is_empty() && surfaces.is_empty()),
                     coarse,
                     whole: false,
                     reduction: *reduction,
                 };
                 let of = (context, pipelines);
-                let lit = LitScalars { grid: &grid, transfer, reduction, table: &table };
+                let lit = LitScalars { grid: &grid, transfer, reduction, table: &table, unit, surfaces };
                 let sample = || scalars.sampled(of, (&of_cells, true), progress);
                 let list = || scalars.emit(of, (&of_cells, true), progress);
                 FallenLight::new(of, held, &lit, (sample, list), &shadows, progress).map(Arc::new)

@@ -225,8 +225,8 @@ fn device_keeps_the_light_that_stays() {
     assert!(Arc::new(made).stores.iter().all(|store| store.stride == 16));
 }
 
-/// The matter of scalars that casts shadows is the same from samples on the device as from lists on the host, but for
-/// the table of the device: a function is linear within each of its 1600 bins.
+/// The matter of scalars that casts shadows, isosurfaces too, is the same from samples on the device as from lists on
+/// the host, but for the table of the device: a function is linear within each of its 1600 bins.
 #[test]
 fn device_finds_the_occluders_of_the_host() {
     let context = Context::new(Some(&adapter())).unwrap();
@@ -239,15 +239,19 @@ fn device_finds_the_occluders_of_the_host() {
         Some((Coarse::new(&kernel, growth, Some(size)), growth))
     };
     let [(_, noise, _), (_, balls, faint), _] = bodies().try_into().unwrap();
+    let surface = |value, opacity| ControlPoint { value, color: [1.0; 3], opacity };
+    let surfaces = [surface(110.0, 0.7), surface(140.0, 0.2)];
     // Cells are about the mean of noise.
     for (name, volume, transfer) in [("noise", noise, opaque(105.0, 0.9)), ("balls", balls, faint)] {
         let (volume, transfer) = (&volume, &transfer);
         let thinned = transfer.clone().with_gradient_opacity(vec![steep(1.0, 0.2), steep(12.0, 1.0)]).unwrap();
+        let thinned = thinned.with_isosurfaces(&surfaces).unwrap();
         for (transfer, coarse) in [transfer, &thinned]
             .into_iter()
             .flat_map(|of| [None, cells(CellSize::VOXEL.next()), cells(CellSize::of_level(1))].map(|c| (of, c)))
         {
             let thins = !transfer.gradient_opacity().is_empty();
+            let unit = 1.3;
             let grid = coarse.map_or(*volume.grid(), |(cells, _)| cells.grid(volume.grid()).unwrap());
             let of_cells = coarse.map_or(kernel, |(cells, growth)| cells.kernel(&kernel, growth));
             let shadows = Shadows {
@@ -272,7 +276,7 @@ fn device_finds_the_occluders_of_the_host() {
             let Samples::Held(Drawable { scalars: Some((scalars, _)), .. }) = sampled else { panic!("{name}") };
             let resolution = Resolution::new(transfer, volume).unwrap();
             let table = TransferTable::new(&context, transfer, &reduction, VisibleValues::Opaque, &resolution);
-            let of = ScalarField { scalars: &scalars, table: &table, grid: &grid };
+            let of = ScalarField { scalars: &scalars, table: &table, grid: &grid, unit };
             let listed = emission.emit(&context, &progress).unwrap();
             // The box of the lists lies within the box of the samples.
             let plans = LightPlans::new(&shadows.casting, &shadows.lattice, of.bounds()).unwrap();
@@ -299,7 +303,8 @@ fn device_finds_the_occluders_of_the_host() {
             let field: Vec<f32> = field.values(&context, "test").unwrap();
             let largest = TransferFunction::extinction(transfer.max_opacity(), 1.0) as f32;
             let (mut worst, mut matter) = (0.0_f32, 0);
-            let scalars = LitScalars { grid: &grid, transfer, reduction: &reduction, table: &table };
+            let surfaces = transfer.isosurfaces();
+            let scalars = LitScalars { grid: &grid, transfer, reduction: &reduction, table: &table, unit, surfaces };
             let read = ListedSplats::read(&context, &listed.stores).unwrap();
             for (point, words) in read.splats().flatten() {
                 let expected = if shadows.casts(point) { scalars.density(words) } else { 0.0 };

@@ -100,7 +100,7 @@ pub enum Painter {
     /// same bytes; [`Stats::painter_reason`](crate::stats::Stats::painter_reason) states the reason.
     #[default]
     Auto,
-    /// Instanced quads that the rasteriser adds up in sheets. Draws every picture.
+    /// Instanced quads that the rasteriser adds up in sheets. Draws every picture without isosurfaces.
     Quads(QuadsSettings),
     /// A ray for each pixel, which gathers the kernels that it meets, plane by plane, in compute shaders. Draws all
     /// models, shadings and projections, but not:

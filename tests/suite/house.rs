@@ -200,24 +200,24 @@ fn rooms_need_only_those_below_them() {
 /// one that grows says why in the message of its commit.
 const LINES: [(&str, usize); 28] = [
     ("accuracy", 360),
-    ("appearance", 2330),
+    ("appearance", 2332),
     ("bricks", 887),
     ("camera", 762),
-    ("crates/cli", 6345),
+    ("crates/cli", 6357),
     ("crates/volume", 13277),
     ("engine", 145),
     ("error", 144),
     ("frame", 67),
-    ("gpu", 5367),
-    ("host", 3979),
+    ("gpu", 5382),
+    ("host", 3980),
     ("image", 2203),
     ("kernel", 977),
     ("layers", 1241),
     ("lib", 65),
     ("lighting", 2429),
     ("output", 137),
-    ("painters", 3264),
-    ("prepare", 2325),
+    ("painters", 3274),
+    ("prepare", 2318),
     ("progress", 34),
     ("python", 1586),
     ("reference", 2276),
@@ -229,7 +229,7 @@ const LINES: [(&str, usize); 28] = [
     ("transfer", 2002),
 ];
 /// The same of all shaders, and the number of their files.
-const SHADERS: [usize; 2] = [4458, 79];
+const SHADERS: [usize; 2] = [4557, 79];
 
 /// The lines of a source that have code.
 fn lines(source: &str) -> usize {

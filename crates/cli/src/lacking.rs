@@ -16,7 +16,7 @@ pub(crate) const LACKING: &[(&str, &str, &str)] = &[
     ("turntable", "direction", ": a turntable turns the azimuth"),
     ("turntable", "depth", ": a depth buffer is of one view"),
     ("pareto", "legend", ": a study is of one volume of values"),
-    ("pareto", "iso", ": a study compares painters, and isosurfaces have one alone"),
+    ("pareto", "iso", ": a study compares painters, and quads draws no isosurfaces"),
     ("pareto", QUADS, ": a study varies the painters and their knobs"),
     (
         "plan",
@@ -27,7 +27,7 @@ pub(crate) const LACKING: &[(&str, &str, &str)] = &[
     ("plan", "background", " is for merge, which writes the picture"),
     ("plan", "overlay", ": bricks are of one volume"),
     ("plan", "adapter", " is for brick, which draws"),
-    ("plan", "iso", ": bricks are drawn by a device, isosurfaces by the processor"),
+    ("plan", "iso", ": bricks have no isosurfaces"),
     ("plan", "mesh plane depth", ": a picture in bricks has no solids"),
 ];
 

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::plan::{Plan, Target};
 use super::splat::footprint_texture;
 use super::{Drawn, Feed, Inputs, Quads, QuadsKey};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::gpu::context::Context;
 use crate::gpu::recorder::Recorder;
 use crate::gpu::scan::Scan;
@@ -16,7 +16,7 @@ use crate::settings::budget::too_much;
 use crate::settings::{Accumulation, Model, Precision};
 use crate::stats::{PainterStats, QuadsStats};
 
-/// The painter `quads`, which draws every picture.
+/// The painter `quads`, which draws every picture without isosurfaces.
 pub(crate) const ROOM: Room = Room {
     refusal: |_, _| None,
     reach: super::plan::reach,
@@ -48,6 +48,9 @@ const PIECES: f64 = 6.0;
 impl<'a> Picture<'a> {
     fn new(job: Job<'a>) -> Result<Self> {
         let Job { context, view, settings, .. } = job;
+        if job.isosurfaces() > 0 {
+            return Err(Error::setting("painter", "quads draws no isosurfaces: use tiles or cpu"));
+        }
         let knobs = settings.quads();
         let feed = match settings.model {
             Model::Xray => Feed::Depth,

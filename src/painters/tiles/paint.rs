@@ -166,12 +166,15 @@ impl<'a> Picture<'a> {
     /// footprint is no polynomial.
     pub(super) fn new(job: Job<'a>) -> std::result::Result<Self, String> {
         let Job { context, view, settings, stores, post, .. } = job;
-        if settings.is_post_shaded() && job.weights.max > MAX_SCALAR {
+        if settings.is_post_shaded() && job.weights.max > MAX_SCALAR && job.isosurfaces() == 0 {
             return Err(
                 "tiles does not draw values far beyond all visible ones: parts of kernels are fitted, and a small \
                  part of such a value would show"
                     .to_owned(),
             );
+        }
+        if view.held.is_some() && job.isosurfaces() > 0 {
+            return Err("bricks have no isosurfaces".to_owned());
         }
         let kernel = settings.kernel.grown(view.parallel_growth());
         let footprint = Footprint::new(&kernel)
@@ -229,6 +232,7 @@ impl<'a> Picture<'a> {
             ("TERMS", self.footprint.terms()),
             ("TEXELS", self.row_texels()),
             ("REACH", self.reach()),
+            ("ISOSURFACES", self.job.isosurfaces()),
             ("STRAIGHT", (rays == RayKind::Straight).into()),
             ("LAYERED", (rays == RayKind::Layered).into()),
             ("PAGED", (self.layout == Layout::Pages).into()),

@@ -57,8 +57,8 @@ pub(crate) struct ModelArgs {
     /// Show the isosurface of a value, in a colour and with an opacity over 0 to 1: alone, or within what --transfer
     /// shows; repeatable
     ///
-    /// The surface has no thickness, and its opacity is the same from all directions. The picture is post-shaded, with
-    /// --overlay and --labels pre-shaded, by the processor. [default: a colour of the library, opacity 1]
+    /// The surface has no thickness, and its opacity is the same from all directions. The picture is post-shaded, but
+    /// with --overlay and --labels pre-shaded, by the processor. [default: a colour of the library, opacity 1]
     #[arg(long, value_name = "VALUE[:COLOUR[:OPACITY]]", value_parser = parse::library::<IsosurfaceSpec>,
         allow_hyphen_values = true)]
     pub(crate) iso: Vec<IsosurfaceSpec>,

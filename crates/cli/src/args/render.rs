@@ -86,8 +86,8 @@ pub(crate) struct RenderArgs {
     #[command(flatten)]
     pub(crate) solids: SolidArgs,
 
-    /// Draw by rays on the processor (cpu), or splats on a device: by quads, which draws every picture, or by tiles,
-    /// which is faster and refuses some. auto is cpu without a GPU; on a GPU it is tiles, or quads if tiles refuses. A
+    /// Draw by rays on the processor (cpu), or splats on a device: by quads, which refuses --iso alone, or by tiles,
+    /// which is faster and refuses more. auto is cpu without a GPU; on a GPU it is tiles, or quads if tiles refuses. A
     /// knob of quads (--tune help) chooses quads
     #[arg(long, value_name = "PAINTER", default_value = "auto", help_heading = "Device")]
     pub(crate) painter: PainterArg,

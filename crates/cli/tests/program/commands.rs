@@ -72,8 +72,7 @@ fn small(command: &[String]) -> Vec<String> {
         None if draws => small.extend(["--size", side].map(str::to_owned)),
         None => (),
     }
-    // The processor draws isosurfaces, without an adapter.
-    if draws && !small.iter().any(|word| word == "--iso") {
+    if draws {
         small.extend(["--adapter".to_owned(), adapter()]);
     }
     small

@@ -51,7 +51,7 @@ fn what_draws_no_isosurfaces_says_so() {
         ("--iso 1:red:0", "opacities over 0 to 1"),
         ("--iso 1 --shading pre", "--shading pre: --iso is post-shaded"),
         ("--iso 1 --model mip", "--iso: model mip has no surfaces"),
-        ("--iso 1 --painter tiles", "--painter: isosurfaces are drawn by cpu"),
+        ("--iso 1 --painter quads", "--painter: quads draws no isosurfaces: use tiles or cpu"),
         ("--iso 1 --transfer labels", "--iso is for values, not for labels"),
         ("--iso 1 --mask a.nrrd", "--mask shows voxels, and --iso surfaces between them: leave out either"),
         (
