@@ -72,7 +72,9 @@ fn small(command: &[String]) -> Vec<String> {
         None if draws => small.extend(["--size", side].map(str::to_owned)),
         None => (),
     }
-    if draws {
+    // The processor draws isosurfaces among overlays, without an adapter.
+    let by_processor = ["--iso", "--overlay"].iter().all(|option| small.iter().any(|word| word == option));
+    if draws && !by_processor {
         small.extend(["--adapter".to_owned(), adapter()]);
     }
     small
