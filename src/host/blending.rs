@@ -160,8 +160,8 @@ impl<'a, S: Simd> Blending<'a, S> {
         state.met[index].plane = all(f32::INFINITY).or(simd, is_here, plane);
     }
 
-    /// Composites the part of the slab around plane z between two places, in which colour is linear in optical depth, as
-    /// `advance` in shaders/common/march.wgsl does. Returns whether it has visible matter.
+    /// Composites the part of the slab around plane z between two places, in which colour is linear in optical depth,
+    /// as `advance` in shaders/common/march.wgsl does. Returns whether it has visible matter.
     #[inline(always)]
     fn part(
         &self,

@@ -54,8 +54,8 @@ impl Choice {
         Self { kind, reason }
     }
 
-    /// Chooses the fallback for a painter that refused: quads, which refuses only isosurfaces. An error if the painter was
-    /// requested.
+    /// Chooses the fallback for a painter that refused: quads, which refuses only isosurfaces. An error if the painter
+    /// was requested.
     pub(crate) fn instead(context: &Context, settings: &Settings, reason: String) -> Result<Self> {
         match settings.painter {
             Painter::Auto => Ok(Self::with_precision(context, PainterKind::Quads, reason)),

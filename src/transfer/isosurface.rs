@@ -8,9 +8,9 @@ impl TransferFunction {
     pub const MAX_ISOSURFACES: usize = 16;
 
     /// Returns the isosurfaces, values ascending: the visible points that lie between two others at the same value. A
-    /// composite shows each as a surface without thickness, where the reconstructed scalar passes its value. Its opacity
-    /// is that of the surface, from all directions, and not of a slab. Other models leave isosurfaces out. The painter
-    /// `quads` refuses them, and `tiles` draws them in post-shading alone.
+    /// composite shows each as a surface without thickness, where the reconstructed scalar passes its value. Its
+    /// opacity is that of the surface, from all directions, and not of a slab. Other models leave isosurfaces out. The
+    /// painter `quads` refuses them, and `tiles` draws them in post-shading alone.
     ///
     /// ```
     /// use voxsplat::transfer::{ControlPoint, TransferFunction};

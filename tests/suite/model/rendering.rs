@@ -9,8 +9,8 @@ use voxsplat::settings::{Level, Precision, Settings, Shading};
 use voxsplat::volume::{Grid, Samples, Volume};
 
 use crate::support::{
-    PERSPECTIVE, PROJECTIONS, by_quads, camera, demo, draw, errors, exact_quads, headlight, look, picture, prepare,
-    render, renderer, thick, transfer, with_quads, with_tiles,
+    PERSPECTIVE, PROJECTIONS, by_quads, camera, demo, draw, draw_on, errors, exact_quads, headlight, look, picture,
+    prepare, render, renderer, thick, transfer, with_quads, with_tiles,
 };
 use crate::truth::truth;
 
@@ -165,16 +165,19 @@ fn threads_share_a_renderer_and_a_scene() {
     let cameras = [20.0, 110.0].map(|azimuth| camera(azimuth, ProjectionKind::Orthographic, &volume, 40));
     let jobs: Vec<_> = pictures.flat_map(|(settings, scene)| cameras.map(|camera| (settings, scene, camera))).collect();
     let alone: Vec<_> = jobs.iter().map(|(settings, scene, camera)| draw(scene, camera, settings).image).collect();
+    // `draw` would give a thread the device of another test.
+    let renderer = renderer();
     std::thread::scope(|scope| {
         for first in 0..4 {
-            let (jobs, alone) = (&jobs, &alone);
+            let (jobs, alone, renderer) = (&jobs, &alone, &renderer);
             // Each starts with another picture. Rays take turns at volumes that are packed along two axes.
             let rays = (0..ROUNDS).flat_map(|round| [4 + (first + round) % 2, 6 + (first + round) % 2]);
             let numbers: Vec<usize> = (first * 2..jobs.len()).chain(0..first * 2).chain(rays).collect();
             scope.spawn(move || {
                 for number in numbers {
                     let (settings, scene, camera) = &jobs[number];
-                    assert!(draw(scene, camera, settings).image == alone[number], "picture {number}");
+                    let drawn = draw_on(renderer, scene, camera, settings).unwrap();
+                    assert!(drawn.image == alone[number], "picture {number}");
                 }
             });
         }
