@@ -1,11 +1,9 @@
-// The front end of `voxsplat.notebook.Viewer`. A message to the kernel has the values that the user changed, its number,
-// and `moving` while they change. The kernel answers a moving view with a small PNG, and a still one with the trait
-// `_picture`. An answer has the number of the newest message that it answers.
+// The front end of `voxsplat.notebook.Viewer`. A message to the kernel has the values that the user changed, and
+// `moving` while they change. The kernel answers a moving view with a small PNG, and a still one with the trait
+// `_picture`.
 
 // Milliseconds without a change after which a view is still.
 const REST = 250;
-// The number of moving pictures under way: the kernel draws one while the page gets another.
-const AHEAD = 2;
 // Magnification of a unit of the wheel; a notch has about 100.
 const WHEEL = 1.001;
 // Degrees that an arrow key turns.
@@ -41,10 +39,8 @@ function render({ model, el }) {
   const view = {};
   let changed = {};
   let wanted = null;
-  // The numbers of the last message and of the last answer, and whether the last message requested a moving picture.
-  let sent = 0;
-  let answered = 0;
-  let moves = false;
+  // The picture that was requested and has not come: "moving", "still" or null.
+  let awaited = null;
   let grabbed = null;
   let timer = 0;
   const controls = [];
@@ -54,13 +50,12 @@ function render({ model, el }) {
     picture.src = URL.createObjectURL(new Blob([bytes], { type: "image/png" }));
     URL.revokeObjectURL(last);
   }
-  // Values wait for the moving pictures that are under way, so that no messages queue up. They overtake a still one.
+  // Values wait for the moving picture that is under way, so that no messages queue up. They overtake a still one.
   function send() {
-    if (wanted && (!moves || sent - answered < AHEAD)) {
-      moves = wanted === "moving";
+    if (wanted && awaited !== "moving") {
+      awaited = wanted;
       wanted = null;
-      sent += 1;
-      model.send({ ...changed, moving: moves, number: sent });
+      model.send({ ...changed, moving: awaited === "moving" });
       changed = {};
     }
   }
@@ -78,7 +73,7 @@ function render({ model, el }) {
   }
   // Takes the kernel's values, unless the user has newer ones.
   function adopt() {
-    if (!grabbed && !wanted && sent === answered) {
+    if (!grabbed && !wanted && !awaited) {
       for (const name of ["azimuth", "elevation", "zoom", "window", "time", "transfer"]) {
         view[name] = model.get(name);
       }
@@ -166,9 +161,8 @@ function render({ model, el }) {
   function drawn() {
     show(model.get("_picture"));
   }
-  function heard({ error, moving, number }, buffers) {
-    // Another view of the widget may have sent more messages.
-    answered = Math.min(Math.max(answered, number), sent);
+  function heard({ error, moving }, buffers) {
+    awaited = null;
     fault.textContent = error ?? "";
     if (moving) {
       show(buffers[0]);

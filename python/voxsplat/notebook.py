@@ -103,8 +103,6 @@ class Viewer(anywidget.AnyWidget):
         self._scale, self._level = 0.5, self._settings.level
         self._requesting = threading.Lock()
         self._wanted: str | None = None
-        # The number of the last message of the front end.
-        self._number = 0
         self._is_working = self._is_hearing = False
         info = native_volume(*self._source()).info()
         window = self._settings.window
@@ -229,7 +227,6 @@ class Viewer(anywidget.AnyWidget):
     def _hear(self, _: Any, content: dict[str, Any], __: Any) -> None:
         """Take the values of a message of the front end, and draw them."""
         self._is_hearing = True
-        number = content.get("number", 0)
         try:
             with self.hold_sync():
                 for name in _CHANGED:
@@ -237,11 +234,11 @@ class Viewer(anywidget.AnyWidget):
                         value = content[name]
                         setattr(self, name, self._transfer_of(value) if name == "transfer" else value)
         except traitlets.TraitError as fault:
-            self.send({"error": str(fault), "number": number})
+            self.send({"error": str(fault)})
             return
         finally:
             self._is_hearing = False
-        self._request("moving" if content.get("moving") else "still", number)
+        self._request("moving" if content.get("moving") else "still")
 
     def _transfer_of(self, name: str) -> Any:
         """Return the transfer function of a name of the front end. The empty one is the given one, or the default."""
@@ -253,11 +250,10 @@ class Viewer(anywidget.AnyWidget):
         if not self._is_hearing:
             self._request("still")
 
-    def _request(self, wanted: str, number: int = 0) -> None:
+    def _request(self, wanted: str) -> None:
         """Request a picture of the values now, in place of requested ones that are not drawn."""
         with self._requesting:
             self._wanted = wanted
-            self._number = number or self._number
             if not self._is_working:
                 self._is_working = True
                 # Ends with the last request, so that it keeps no interpreter from ending.
@@ -268,27 +264,26 @@ class Viewer(anywidget.AnyWidget):
         while True:
             with self._requesting:
                 wanted, self._wanted = self._wanted, None
-                number = self._number
                 if wanted is None:
                     self._is_working = False
                     return
             try:
-                self._draw(wanted, number)
+                self._draw(wanted)
             except _Overtaken:
                 pass
             except Exception as fault:
-                self.send({"error": str(fault), "number": number})
+                self.send({"error": str(fault)})
 
     def _overtake(self, *_: Any) -> None:
         """End the work on a picture if a newer one is requested: a callback for progress."""
         if self._wanted is not None:
             raise _Overtaken
 
-    def _draw(self, wanted: str, number: int) -> None:
-        """Draw a requested picture and send it, as the answer to the messages up to a number."""
+    def _draw(self, wanted: str) -> None:
+        """Draw a requested picture and send it."""
         if wanted == "still":
             self._picture = self._still(self._overtake).to_png()
-            self.send({"number": number})
+            self.send({})
             self._make_draft()
             return
         with self._preparing:
@@ -300,7 +295,7 @@ class Viewer(anywidget.AnyWidget):
         # Time grows with the number of pixels.
         factor = (_SECONDS / (time.perf_counter() - began)) ** 0.5
         self._scale = min(max(self._scale * min(max(factor, 0.5), 2.0), _LEAST), 1.0)
-        self.send({"moving": True, "number": number}, [png])
+        self.send({"moving": True}, [png])
 
     def _make_draft(self) -> None:
         """Make the scene of the next moving pictures while the volume rests, with its shadows."""
