@@ -86,7 +86,7 @@ pub(crate) struct RenderArgs {
     #[command(flatten)]
     pub(crate) solids: SolidArgs,
 
-    /// Draw by rays on the processor (cpu), or splats on a device: by quads, which refuses --iso alone, or by tiles,
+    /// Draw by rays on the processor (cpu), or splats on a device: by quads, which draws all but --iso, or by tiles,
     /// which is faster and refuses more. auto is cpu without a GPU; on a GPU it is tiles, or quads if tiles refuses. A
     /// knob of quads (--tune help) chooses quads
     #[arg(long, value_name = "PAINTER", default_value = "auto", help_heading = "Device")]
