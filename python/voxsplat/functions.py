@@ -92,9 +92,9 @@ def render(
         distance along the view, from the eye or, along parallel rays, from the plane through the target; NaN and
         infinity are no surface. `Renderer.depths` is its counterpart.
     planes
-        Planes with the section of the volume on them, clear where it is black: ``"axial"``, ``"coronal"`` or ``"sagittal"`` (or ``"xy"``,
-        ``"xz"``, ``"yz"``), each maybe with a place along its axis such as ``"axial:12.5"``; or a normal and a place as
-        of ``clip``, ``"NX,NY,NZ,D"``. One or a list.
+        Planes with the section of the volume on them, clear where it is black: ``"axial"``, ``"coronal"`` or
+        ``"sagittal"`` (or ``"xy"``, ``"xz"``, ``"yz"``), each maybe with a place along its axis such as
+        ``"axial:12.5"``; or a normal and a place as of ``clip``, ``"NX,NY,NZ,D"``. One or a list.
     background
         Behind PNGs of the picture: ``"#rrggbb"``, a name of CSS or ``"transparent"``. The array has none.
     region
@@ -185,8 +185,9 @@ def slices(
     """Draw a figure of sections of a volume beside its picture.
 
     Sections show values in grey over `window`, or over the foreground, tinted where the transfer function shows
-    matter; colour maps keep their colours. `clip` and `mask` cut the picture alone. All sections have one scale, a scale bar, and the letters of the patient. An axial
-    section is seen from the feet, a coronal one from the front and a sagittal one from the left.
+    matter; colour maps keep their colours. `clip` and `mask` cut the picture alone. All sections have one scale, a
+    scale bar, and the letters of the patient. An axial section is seen from the feet, a coronal one from the front and
+    a sagittal one from the left.
 
     Parameters
     ----------

@@ -71,7 +71,6 @@ const RULES: &[Rule] = &[
     refused("output", |given| given.is_for("slice") && keeps_values(given), ": a figure of slices is a .png"),
     refused("save-transfer colour-bar", shows_labels, " is for transfer functions, not for labels"),
     refused("stats", |given| given.is_for("turntable") && given.is("output", "-"), ": standard output takes the film"),
-    // Bricks.
     // Figure.
     refused(
         "scale-bar axes colour-bar legend title caption",
