@@ -201,7 +201,7 @@ impl Renderer {
     }
 
     fn prepared(&self, layers: &Layers, settings: &Settings) -> Result<Scene> {
-        if settings.model == Model::Composite && layers.isosurfaces()?.is_some() {
+        if layers.isosurfaces(settings.model)?.is_some() {
             return Err(Error::setting("painter", "isosurfaces in classified voxels are drawn by cpu"));
         }
         let scene = Scene::of_splats(&self.context, layers, settings.normals());

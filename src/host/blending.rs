@@ -4,7 +4,7 @@ use pulp::Simd;
 
 use super::blend::{Along, Blend};
 use super::colors::{ColorField, Halves, from_half};
-use super::lanes::{Lanes, Mask, three};
+use super::lanes::{Lanes, three};
 use super::lattice::{Area, Reach};
 use super::light::Vector;
 use super::plane::{CHANNELS, Plane};
@@ -132,32 +132,25 @@ impl<'a, S: Simd> Blending<'a, S> {
         let (mut from, high) = (Lanes::all(simd, z - 0.5), Lanes::all(simd, z + 0.5));
         let mut meets = false;
         for index in 0..state.met.len() {
-            let plane = state.met[index].plane;
-            let is_here = plane.less(simd, high);
+            let all = state.met[index];
+            let is_here = all.plane.less(simd, high);
             if is_here.any(simd) {
-                let to = plane.max(simd, from).or(simd, is_here, from);
+                let to = all.plane.max(simd, from).or(simd, is_here, from);
                 self.part(simd, state, rays, (number, z), [from, to]);
-                meets = true;
-                self.surface(simd, state, index, is_here);
-                from = to;
+                let beyond = Lanes::all(simd, f32::INFINITY);
+                let here = Met {
+                    plane: all.plane.or(simd, is_here, beyond),
+                    color: all.color,
+                    passes: all.passes.or(simd, is_here, Lanes::all(simd, 1.0)),
+                    depth: all.depth.or(simd, is_here, self.zero),
+                };
+                here.composite(simd, &mut state.color, &mut state.transmittance, &mut state.half);
+                state.depth = state.depth.add(simd, here.depth);
+                state.met[index].plane = beyond.or(simd, is_here, all.plane);
+                (from, meets) = (to, true);
             }
         }
         self.part(simd, state, rays, (number, z), [from, high]) || meets
-    }
-
-    /// Composites an isosurface for some rays.
-    #[inline(always)]
-    fn surface(&self, simd: S, state: &mut State<S>, index: usize, is_here: Mask<S>) {
-        let all = |value: f32| Lanes::all(simd, value);
-        let Met { plane, color, passes, depth } = state.met[index];
-        let passed = state.transmittance.mul(simd, passes.or(simd, is_here, all(1.0)));
-        let absorbed = state.transmittance.sub(simd, passed);
-        state.color = three!(channel => color[channel].fma(simd, absorbed, state.color[channel]));
-        state.depth = state.depth.add(simd, depth.or(simd, is_here, self.zero));
-        state.transmittance = passed;
-        let halves = is_here.and(simd, passed.less(simd, all(0.5)));
-        state.half = state.half.min(simd, plane).or(simd, halves, state.half);
-        state.met[index].plane = all(f32::INFINITY).or(simd, is_here, plane);
     }
 
     /// Composites the part of the slab around plane z between two places, in which colour is linear in optical depth,
@@ -291,11 +284,6 @@ impl<S: Simd> Rule<S> for Blending<'_, S> {
     fn pixel(&self, simd: S, state: &State<S>, _: &Rays<S>) -> [Lanes<S>; 4] {
         if self.colors.is_xray {
             return [state.depth; 4];
-        }
-        let mut state = state.clone();
-        for index in 0..state.met.len() {
-            let is_left = state.met[index].plane.less(simd, Lanes::all(simd, f32::INFINITY));
-            self.surface(simd, &mut state, index, is_left);
         }
         let [r, g, b] = state.color;
         [r, g, b, Lanes::all(simd, 1.0).sub(simd, state.depth.exp_neg(simd))]

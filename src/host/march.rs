@@ -43,7 +43,7 @@ pub(super) struct Picture<'a> {
     pub(super) solids: Option<&'a DepthMap>,
     /// Whether pixels are the depth at which a ray has lost half of its light, and 1; 0 if a ray keeps more.
     pub(super) halves: bool,
-    /// The isosurfaces in matter that is classified voxel by voxel.
+    /// The isosurfaces in matter that is classified voxel by voxel: rays find them first.
     pub(super) surfaces: Option<&'a Self>,
 }
 

@@ -15,8 +15,9 @@
 //!   of several kernels, where voxels are smaller than pixels.
 //! - *Rays.* `rays.rs`, `plane.rs` and `march.rs` take tiles of rays from plane to plane. Each of `blending.rs`,
 //!   `post.rs` and `project.rs` is a rule (`rule.rs`) for their samples: compositing of colours, classification along
-//!   rays, projections of intensity. `table.rs` is the transfer function as rays read it (by `transfer/bins.rs`),
-//!   `lanes.rs` has sixteen rays in vectors.
+//!   rays, projections of intensity. Of isosurfaces among classified voxels, rays find the surfaces by `post.rs` first,
+//!   and `blending.rs` composites the voxels between them. `table.rs` is the transfer function as rays read it (by
+//!   `transfer/bins.rs`), `lanes.rs` has sixteen rays in vectors.
 //! - *Light.* `light.rs` lights samples, and `arriving.rs` finds the shares of light under shadows and occlusion, by
 //!   `lighting/shadow.rs`: `sweep.rs` with `sweep/parallel.rs` (along directions), `converging.rs` (towards a place)
 //!   and `buffer.rs`; `response.rs`, `field.rs` and `lanes.rs`; `around.rs` (occlusion); `exact.rs` (exact sums).

@@ -64,6 +64,21 @@ pub(super) struct Met<S: Simd> {
     pub(super) depth: Lanes<S>,
 }
 
+impl<S: Simd> Met<S> {
+    /// Composites the surface: the colour, the transmittance, and the plane of the surface that let less than half of
+    /// the light pass.
+    #[inline(always)]
+    pub(super) fn composite(&self, simd: S, color: &mut Vector<S>, left: &mut Lanes<S>, half: &mut Lanes<S>) {
+        let passed = left.mul(simd, self.passes);
+        let absorbed = left.sub(simd, passed);
+        *color = three!(channel => self.color[channel].fma(simd, absorbed, color[channel]));
+        let halves = passed.less(simd, Lanes::all(simd, 0.5));
+        // Rays that do not meet the surface have it beyond all planes.
+        *half = half.min(simd, self.plane).or(simd, halves, *half);
+        *left = passed;
+    }
+}
+
 impl Surface {
     /// Returns the isosurfaces of a transfer function, in scalars, ascending.
     pub(super) fn of(transfer: &TransferFunction, reduction: &Reduction) -> Vec<Self> {
@@ -280,22 +295,20 @@ impl<'a, S: Simd> Shading<'a, S> {
         });
         let ahead = all(if rises { -SURFACE_BIAS } else { SURFACE_BIAS });
         let (shine, _) = self.light(simd, &differences, rays, (z, Some(ahead)), all(surface.scalar));
-        let passes = all(surface.passes).or(simd, meets, all(1.0));
-        let passed = state.transmittance.mul(simd, passes);
-        let absorbed = state.transmittance.sub(simd, passed);
-        let mut colors: Vector<S> = three!(channel => all(surface.color[channel]));
+        let mut color: Vector<S> = three!(channel => all(surface.color[channel]));
         if let Some(shine) = &shine {
-            colors = three!(channel => shine.lit(simd, channel, colors[channel]));
+            color = three!(channel => shine.lit(simd, channel, color[channel]));
         }
-        state.color = three!(channel => colors[channel].fma(simd, absorbed, state.color[channel]));
+        let met = Met {
+            plane: plane.or(simd, meets, all(f32::INFINITY)),
+            color,
+            passes: all(surface.passes).or(simd, meets, all(1.0)),
+            depth: all(surface.depth).or(simd, meets, all(0.0)),
+        };
+        met.composite(simd, &mut state.color, &mut state.transmittance, &mut state.half);
         if self.keeps {
-            let depth = all(surface.depth).or(simd, meets, all(0.0));
-            let at = plane.or(simd, meets, all(f32::INFINITY));
-            state.met.push(Met { plane: at, color: colors, passes, depth });
+            state.met.push(met);
         }
-        let halves = meets.and(simd, passed.less(simd, all(0.5)));
-        state.half = state.half.min(simd, plane).or(simd, halves, state.half);
-        state.transmittance = passed;
     }
 
     /// Returns the length, in the unit of extinctions, of the part of a quarter of a plane within the ends of rays.

@@ -22,7 +22,7 @@ use crate::layers::Layers;
 use crate::lighting::shadow::field::CLIPPED;
 use crate::lighting::{Lighting, Normals};
 use crate::progress::Progress;
-use crate::settings::{Model, Settings};
+use crate::settings::Settings;
 use crate::splats::brick::MadeBrick;
 use crate::splats::layers::{Classifier, LeftOut};
 use crate::splats::words::{SplatRun, appearances, unpacked};
@@ -83,7 +83,7 @@ impl Colored {
     pub(super) fn new(layers: &Layers, settings: &Settings, progress: &Progress) -> Result<Self> {
         let normals = settings.normals();
         let layers = layers.finite()?;
-        let surfaces = match layers.isosurfaces()?.filter(|_| settings.model == Model::Composite) {
+        let surfaces = match layers.isosurfaces(settings.model)? {
             None => None,
             Some((_, volume, transfer)) => {
                 Some(Box::new(Scalars::new(volume, &transfer, &settings.along_rays(), progress)?))

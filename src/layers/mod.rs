@@ -368,14 +368,17 @@ impl Layers {
     }
 
     /// Returns the number of the layer with isosurfaces, its volume, and a function of its isosurfaces alone; `None` if
-    /// no layer has any.
+    /// no layer has any, and for models that leave them out.
     ///
     /// # Errors
     /// [`Error::Setting`] if several layers have isosurfaces, or one that has a mask or colours of its own.
-    pub(crate) fn isosurfaces(&self) -> Result<Option<(usize, &Volume, TransferFunction)>> {
+    pub(crate) fn isosurfaces(&self, model: Model) -> Result<Option<(usize, &Volume, TransferFunction)>> {
+        if model != Model::Composite {
+            return Ok(None);
+        }
         let surfaces = |layer: &Layer| layer.transfer().map_or(Vec::new(), TransferFunction::isosurfaces);
-        let mut all = self.layers.iter().enumerate().map(|(number, layer)| (number, layer, surfaces(layer)));
-        let mut all = all.by_ref().filter(|(.., surfaces)| !surfaces.is_empty());
+        let all = self.layers.iter().enumerate().map(|(number, layer)| (number, layer, surfaces(layer)));
+        let mut all = all.filter(|(.., surfaces)| !surfaces.is_empty());
         let Some((number, layer, surfaces)) = all.next() else { return Ok(None) };
         match (&layer.matter, &layer.mask, all.next()) {
             (Matter::Scalars { volume, .. }, None, None) => {

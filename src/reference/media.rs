@@ -133,7 +133,10 @@ impl Media {
             dims: layers.grid().dims().map(|d| d as usize),
             media: layers.all().iter().map(medium).collect::<Result<_>>()?,
             is_pre_shaded: !settings.is_post_shaded(),
-            surfaces: layers.isosurfaces()?.map(|(number, _, t)| (number, t.isosurfaces())).unwrap_or_default(),
+            surfaces: layers
+                .isosurfaces(settings.model)?
+                .map(|(number, _, t)| (number, t.isosurfaces()))
+                .unwrap_or_default(),
             normals: settings.normals().unwrap_or_default(),
             to_world: layers.grid().to_lattice().matrix3.transpose(),
         })
@@ -154,7 +157,7 @@ impl Media {
 
     /// Returns the number that decides whether a voxel may be visible: its value, or its extinction.
     pub(super) fn number(&self, index: usize) -> f64 {
-        if self.by_value().is_some() { self.media[0].scalar(index) } else { self.tau(self.point(index)) }
+        if self.by_value().is_some() { self.media[0].scalar(index) } else { self.splatted(self.point(index)) }
     }
 
     /// Returns whether voxels with numbers in a range may be visible.
@@ -278,14 +281,20 @@ impl Media {
         }
     }
 
-    /// Returns the extinction of a voxel, per world unit, with that of the isosurfaces near it.
-    pub(super) fn tau(&self, point: [usize; 3]) -> f64 {
+    /// Returns the extinction of a voxel, per world unit, without isosurfaces.
+    fn splatted(&self, point: [usize; 3]) -> f64 {
         let point = point.map(|p| p as i64);
-        let tau = self.media.iter().map(|medium| self.absorbed(medium, point).1).sum::<f64>();
+        self.media.iter().map(|medium| self.absorbed(medium, point).1).sum()
+    }
+
+    /// Returns the extinction of a voxel that casts shadows, per world unit, with that of the isosurfaces near it.
+    pub(super) fn tau(&self, point: [usize; 3]) -> f64 {
+        let tau = self.splatted(point);
         let (number, surfaces) = &self.surfaces;
         if surfaces.is_empty() {
             return tau;
         }
+        let point = point.map(|p| p as i64);
         let medium = &self.media[*number];
         let [_, slopes @ ..] = self.smooth_slopes(medium, point);
         let slopes = DVec3::from_array(slopes);

@@ -108,9 +108,7 @@ use crate::error::{Error, Result};
 use crate::image::{Image, Region};
 use crate::kernel::Kernel;
 use crate::layers::{Layers, finite};
-#[cfg(doc)]
-use crate::lighting::Lighting;
-use crate::lighting::{Casting, Visibility};
+use crate::lighting::{Casting, Lighting, Visibility};
 use crate::progress::Progress;
 use crate::settings::budget::{MAX_BLOCKS, MAX_CHORDS, MAX_RAY_CHORDS, too_much};
 use crate::settings::{Model, Response, Settings};
@@ -210,10 +208,15 @@ impl Reference {
             Layers::check_settings(settings)?;
             layers = Cow::Owned(layers.finite()?);
         }
-        let is_pre_shaded = settings.model == Model::Composite && !settings.is_post_shaded();
-        let surfaces = match layers.isosurfaces()?.filter(|_| is_pre_shaded) {
+        let surfaces = match layers.isosurfaces(settings.model)?.filter(|_| !settings.is_post_shaded()) {
             None => None,
-            Some((_, volume, transfer)) => Some(Box::new(Self::new(volume, &transfer, &settings.along_rays())?)),
+            Some((_, volume, transfer)) => {
+                // The light that arrives is that of the whole scene.
+                let open = |lighting: &Lighting| Lighting { shadows: 0.0, occlusion: None, ..lighting.clone() };
+                let lighting = settings.lighting.as_ref().map(open);
+                let settings = Settings { lighting, ..settings.along_rays() };
+                Some(Box::new(Self::new(volume, &transfer, &settings)?))
+            }
         };
         let settings = &Settings { kernel: settings.reconstruction_kernel(), ..settings.clone() };
         let (grid, kernel) = (layers.grid(), settings.kernel);

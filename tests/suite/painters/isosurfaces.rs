@@ -60,12 +60,17 @@ fn errors(
     [0, 1].map(|number| {
         let settings = Settings { painter: PAINTERS[number], ..settings.clone() };
         let image = picture(&engines[number], volume, transfer, view, &settings);
-        let shown = truth.pixels().iter().zip(image.pixels()).filter(|(p, q)| p[3] > 0.0 || q[3] > 0.0);
-        let largest = |(p, q): (&[f32; 4], &[f32; 4])| (0..4).map(|c| 255.0 * (p[c] - q[c]).abs()).fold(0.0, f32::max);
-        let mut differences: Vec<f32> = shown.map(largest).collect();
-        differences.sort_unstable_by(f32::total_cmp);
-        differences
+        differences(&truth, &image)
     })
+}
+
+/// Returns the differences of visible pixels, of 255 and ascending.
+pub(super) fn differences(a: &Image, b: &Image) -> Vec<f32> {
+    let shown = a.pixels().iter().zip(b.pixels()).filter(|(p, q)| p[3] > 0.0 || q[3] > 0.0);
+    let largest = |(p, q): (&[f32; 4], &[f32; 4])| (0..4).map(|c| 255.0 * (p[c] - q[c]).abs()).fold(0.0, f32::max);
+    let mut all: Vec<f32> = shown.map(largest).collect();
+    all.sort_unstable_by(f32::total_cmp);
+    all
 }
 
 #[test]

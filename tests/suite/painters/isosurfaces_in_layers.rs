@@ -7,11 +7,11 @@ use voxsplat::image::Image;
 use voxsplat::layers::{Layer, Layers};
 use voxsplat::lighting::Lighting;
 use voxsplat::reference::Reference;
-use voxsplat::settings::{Settings, Shading};
+use voxsplat::settings::{Model, Settings, Shading};
 use voxsplat::transfer::{ControlPoint, TransferFunction};
 use voxsplat::volume::Volume;
 
-use super::isosurfaces::{settings, surface};
+use super::isosurfaces::{differences, settings, surface};
 use crate::support::{PROJECTIONS, demo, engines, headlight};
 
 const SIZE: u32 = 48;
@@ -42,15 +42,6 @@ fn render(layers: &Layers, camera: &Camera, settings: &Settings) -> Image {
     let [_, host] = engines();
     let scene = host.prepare_layers(layers, settings).unwrap();
     host.render(&scene, &Frame::new(camera, settings)).unwrap().image
-}
-
-/// Returns the differences of visible pixels, of 255 and ascending.
-fn differences(a: &Image, b: &Image) -> Vec<f32> {
-    let shown = a.pixels().iter().zip(b.pixels()).filter(|(p, q)| p[3] > 0.0 || q[3] > 0.0);
-    let difference = |(p, q): (&[f32; 4], &[f32; 4])| (0..4).map(|c| 255.0 * (p[c] - q[c]).abs()).fold(0.0, f32::max);
-    let mut all: Vec<f32> = shown.map(difference).collect();
-    all.sort_unstable_by(f32::total_cmp);
-    all
 }
 
 #[test]
@@ -136,4 +127,7 @@ fn surfaces_of_masked_layers_and_of_several_are_refused() {
     let error = host.prepare_layers(&twice, &pre_shaded()).err().unwrap().to_string();
     assert_eq!(error, "iso: isosurfaces are of one layer of values without a mask");
     assert_eq!(Reference::of_layers(&twice, &pre_shaded()).unwrap_err().to_string(), error);
+    // An X-ray has no surfaces.
+    let xray = Settings { model: Model::Xray, ..pre_shaded() };
+    assert!(host.prepare_layers(&twice, &xray).is_ok() && Reference::of_layers(&twice, &xray).is_ok());
 }
