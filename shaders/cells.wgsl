@@ -1,7 +1,7 @@
 // cells: sums along z to the cells of a box as splats, brick by brick, like classify.wgsl. `count` counts the cells
 // that are kept, each invocation in a row of a brick, a scan turns the counts into places, and `emit` writes the splats
 // there, an invocation each.
-// uses: common/appearance, common/dispatch
+// uses: common/dispatch, common/words
 
 // Cells along the side of a brick.
 const EDGE: u32 = 32u;

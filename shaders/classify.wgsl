@@ -1,7 +1,7 @@
 // classify: voxels to splats, brick by brick. Each invocation owns a row of a brick. `count` counts the visible voxels
 // of the row, a scan turns the counts into places, `emit` writes the splats there. There are no atomics: splats have
 // the order of the bricks, and within a brick the order of the lattice, whatever the scheduling.
-// uses: common/appearance, common/classified, common/dispatch
+// uses: common/classified, common/dispatch, common/words
 
 // Whether voxels that show nothing become splats too.
 override KEEP_INVISIBLE: bool = false;

@@ -1,6 +1,6 @@
 // field_of_cells: scalars of cells to their extinctions, in the box of voxels that casts shadows. An invocation for
 // each cell of a part of the box. Voxels are cells too.
-// uses: common/cell_texels, common/casting, common/dispatch, common/transfer
+// uses: common/casting, common/cell_texels, common/dispatch, common/transfer
 
 struct Occluders {
     // Gradients of the lattice coordinates, per local unit.

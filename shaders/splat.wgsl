@@ -2,8 +2,8 @@
 // the sheet planes of the batch. It adds (colour, 1) times density times section to each sheet of the batch. If splats
 // are scalars, it adds the scalar times the mean of the kernel over the sheet instead, four sheets to a target. If they
 // are lit, it adds (gradient, scalar) times that mean, a sheet to a target.
-// uses: common/absorbed, common/bounds, common/clip_view, common/frame, common/lit_splat
-// uses: common/owned_view, common/splat
+// uses: common/absorbed, common/bounds, common/frame, common/lit_splat, common/ray_parts
+// uses: common/ray_parts, common/splat
 
 // Texels of a row of the footprint table, four coefficients each: 1 to 4.
 override TEXELS: u32 = 2u;

@@ -1,5 +1,8 @@
 //! The engine that makes pictures: a graphics device, or the processor.
 
+#[cfg(feature = "gpu")]
+use std::sync::Arc;
+
 use crate::error::{Error, Result};
 use crate::frame::Frame;
 use crate::host::{HostRenderer, HostScene};
@@ -17,7 +20,7 @@ use crate::stats::adapter::AdapterInfo;
 pub enum Engine {
     /// A graphics device, which draws splats; with the feature `gpu`.
     #[cfg(feature = "gpu")]
-    Device(Box<Renderer>),
+    Device(Arc<Renderer>),
     /// The processor, which marches rays.
     Host(HostRenderer),
 }
@@ -68,7 +71,7 @@ impl Engine {
     /// Opens a device.
     #[cfg(feature = "gpu")]
     fn device(options: &RendererOptions) -> Result<Self> {
-        Ok(Self::Device(Box::new(silenced(|| Renderer::new(options))?)))
+        Ok(Self::Device(Arc::new(silenced(|| Renderer::new(options))?)))
     }
 
     #[cfg(not(feature = "gpu"))]
@@ -83,12 +86,12 @@ impl Engine {
         if settings.is_post_shaded() && settings.interslice == Interslice::Mean {
             return Self::device(options);
         }
-        if !may_have_gpu() {
+        if !Self::may_have_gpu() {
             return host("there is no GPU");
         }
         match silenced(|| Renderer::new(options)) {
             Ok(renderer) if renderer.adapter().is_software() => host("no adapter is a GPU"),
-            Ok(renderer) => Ok(Self::Device(Box::new(renderer))),
+            Ok(renderer) => Ok(Self::Device(Arc::new(renderer))),
             Err(Error::NoAdapter(_)) => host("no adapter can be opened"),
             Err(error) => Err(error),
         }
@@ -181,6 +184,26 @@ impl Engine {
 }
 
 #[cfg(feature = "gpu")]
+impl Engine {
+    /// Returns whether a GPU may be there, found without loading a driver where the system shows GPUs.
+    pub(crate) fn may_have_gpu() -> bool {
+        #[cfg(any(target_os = "linux", target_os = "freebsd"))]
+        {
+            let has = |folder: &str, start: &str| {
+                let files = std::fs::read_dir(folder).into_iter().flatten().flatten();
+                files.into_iter().any(|file| file.file_name().to_string_lossy().starts_with(start))
+            };
+            let mut names = ["VK_DRIVER_FILES", "VK_ICD_FILENAMES"].into_iter();
+            names.any(|name| std::env::var_os(name).is_some())
+                || GPUS.into_iter().any(|(folder, start)| has(folder, start))
+        }
+        // Elsewhere only the driver tells.
+        #[cfg(not(any(target_os = "linux", target_os = "freebsd")))]
+        true
+    }
+}
+
+#[cfg(feature = "gpu")]
 fn of_another_engine() -> Error {
     Error::setting("scene", "another engine prepared it")
 }
@@ -189,20 +212,3 @@ fn of_another_engine() -> Error {
 #[cfg(all(feature = "gpu", any(target_os = "linux", target_os = "freebsd")))]
 const GPUS: [(&str, &str); 5] =
     [("/dev/dri", "renderD"), ("/dev", "nvidia"), ("/dev", "dxg"), ("/dev", "kgsl-"), ("/dev", "mali")];
-
-/// Returns whether a GPU may be there, found without loading a driver.
-#[cfg(all(feature = "gpu", any(target_os = "linux", target_os = "freebsd")))]
-fn may_have_gpu() -> bool {
-    let has = |folder: &str, start: &str| {
-        let files = std::fs::read_dir(folder).into_iter().flatten().flatten();
-        files.into_iter().any(|file| file.file_name().to_string_lossy().starts_with(start))
-    };
-    let is_named = ["VK_DRIVER_FILES", "VK_ICD_FILENAMES"].into_iter().any(|name| std::env::var_os(name).is_some());
-    is_named || GPUS.into_iter().any(|(folder, start)| has(folder, start))
-}
-
-/// Returns whether a GPU may be there: only its driver tells.
-#[cfg(all(feature = "gpu", not(any(target_os = "linux", target_os = "freebsd"))))]
-fn may_have_gpu() -> bool {
-    true
-}

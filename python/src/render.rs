@@ -257,7 +257,7 @@ impl Renderer {
         let (plan, source) = (Arc::clone(&plan.plan), slice.source());
         let part = self.device.run(py, progress, move |engines| {
             let layers = Plan::slice(&plan, &source.samples()?)?;
-            Ok(voxsplat::bricks::brick(engines.device()?, &plan, number, &layers)?.0)
+            Ok(voxsplat::bricks::brick(engines.suited(plan.settings())?, &plan, number, &layers)?.0)
         })?;
         Ok(Partial::new(part))
     }

@@ -9,11 +9,11 @@ use std::time::{Duration, Instant};
 
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use voxsplat::RendererOptions;
 use voxsplat::engine::Engine;
 use voxsplat::error::Error;
 use voxsplat::progress::Progress;
 use voxsplat::settings::{Painter, Settings};
-use voxsplat::{Renderer, RendererOptions};
 
 use crate::error::{DeviceError, internal, raised};
 
@@ -122,14 +122,6 @@ impl Engines<'_> {
             self.open.prefers_host = Some(is_host);
         }
         Ok(self.open.slot(is_host).insert(engine))
-    }
-
-    /// Returns the device, for pictures that the processor does not make.
-    pub(crate) fn device(&mut self) -> Result<&Renderer, Error> {
-        match self.suited(&Settings { painter: Painter::Tiles, ..Settings::default() })? {
-            Engine::Device(renderer) => Ok(renderer),
-            Engine::Host(_) => Err(Error::NoAdapter("a device is needed".to_owned())),
-        }
     }
 }
 

@@ -18,7 +18,7 @@ import zarr
 from conftest import samples
 from test_bricks import difference
 
-OPTIONS = {"size": (100, 80), "light": "headlight", "azimuth": 35, "termination": 0.0}
+OPTIONS = {"painter": "tiles", "size": (100, 80), "light": "headlight", "azimuth": 35, "termination": 0.0}
 # Seconds after which a test has failed, so that nothing hangs; no test needs a part of it.
 LIMIT = 600
 
@@ -45,7 +45,7 @@ def limited(call) -> object:
 
 @pytest.fixture(scope="module", name="whole")
 def whole_picture() -> vs.Image:
-    return vs.render(samples(np.uint8), painter="tiles", spacing=(2, 1, 1), **OPTIONS)
+    return vs.render(samples(np.uint8), spacing=(2, 1, 1), **OPTIONS)
 
 
 def store(path: Path, array: np.ndarray) -> zarr.Array:

@@ -1,7 +1,7 @@
 // The box of voxels of the painter `tiles`: each voxel has a texel of its own along the axes of the lattice, and behind
 // the box lies a layer of zeros along each axis. Some devices cannot read storage textures of one or two channels
 // (Direct3D 12), so the texture is sampled. The stage declares `page_table`.
-// uses: common/pages, common/packing, common/ray_geometry
+// uses: common/packing, common/pages, common/ray_geometry
 
 @group(0) @binding(1) var volume: texture_3d<u32>;
 

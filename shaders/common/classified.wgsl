@@ -1,5 +1,5 @@
 // The samples of bricks, classified by a transfer function, and their gradients.
-// uses: common/normal, common/resolution, common/samples
+// uses: common/resolution, common/samples, common/words
 
 // Whether splats get normals.
 override LIT: bool = false;

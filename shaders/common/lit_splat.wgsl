@@ -1,5 +1,5 @@
 // The light on a stored splat.
-// uses: common/lighting, common/normal
+// uses: common/lighting, common/words
 
 // The colour of a splat with a packed world gradient, if the shares `kept` of each light arrive. `point` is
 // its place in the lattice, `to_eye` the unit vector from there to the eye, in view coordinates.

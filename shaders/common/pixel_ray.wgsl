@@ -1,5 +1,5 @@
 // The ray of a pixel of the painter `quads`, and its unclipped part inside the box of the volume.
-// uses: common/clip_view, common/owned_view
+// uses: common/ray_parts
 
 override PERSPECTIVE: bool = false;
 

@@ -1,5 +1,5 @@
 // The voxels of bricks of samples, and which of them are visible. An invocation for each voxel.
-// uses: common/appearance, common/classified
+// uses: common/classified, common/words
 
 // The place of a brick whose samples are not in the buffer.
 const ABSENT: u32 = 4294967295u;

@@ -17,7 +17,7 @@
 //                         fraction, so rounded to 1.5e-5 of itself. Density is extinction times the unit distance,
 //                         -ln(1 - opacity): a pure number. The density of cells may be a little below 0
 //     color               13 bits of red, then 14 of green, then the 5 low bits of blue
-//     normal              the direction of the world gradient (see common/normal.wgsl)
+//     normal              the direction of the world gradient (see common/words.wgsl)
 //
 // If there are shadows or occlusion it takes two more:
 //
@@ -26,7 +26,7 @@
 //
 // `origins` are the lattice points at which the bricks of the store begin (xyz), 32^3 places each, and their level (w):
 // a place is a cell of 2^level voxels a side, which represents them by one kernel in its middle.
-// uses: common/appearance
+// uses: common/words
 
 // Splats are scalars, not classified voxels.
 override SCALARS: bool = false;

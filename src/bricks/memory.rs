@@ -2,7 +2,9 @@
 
 use std::ops::Range;
 
+use crate::camera::Camera;
 use crate::error::Result;
+use crate::host::needs;
 use crate::layers::Layers;
 use crate::prepare::bytes_of_voxels;
 use crate::settings::{Level, Painter, Settings};
@@ -12,6 +14,9 @@ use crate::volume::Grid;
 /// are measured; see docs/measurements/2026-11-25-bricks.md.
 const PROGRAM: f64 = 112.0 * 1048576.0;
 
+/// The bytes of the program alone.
+const PROGRAM_ALONE: f64 = 20.0 * 1048576.0;
+
 /// The number of bytes of further families of rays: half of the pipelines that they may need, for some need none.
 const FAMILIES: f64 = 17.0 * 1048576.0;
 
@@ -20,10 +25,13 @@ const STRIDE: [u32; 3] = [4, 8, 8];
 
 /// A prediction of the memory of bricks.
 pub(super) struct Memory {
-    /// The number of bytes of each voxel of a slice: its sample, and its filtered sample.
+    /// The number of bytes of the program.
+    program: f64,
+    /// The number of bytes of each voxel of a slice: its sample, its filtered sample, and by the processor its
+    /// coefficient.
     voxel: f64,
     /// The number of bytes of each voxel of the box around the visible ones: the packed texture of the painter tiles
-    /// and its margins.
+    /// and its margins, or coefficients.
     boxed: f64,
     /// The number of bytes of each visible voxel: its splat, and the memory that making and drawing splats takes
     /// beside.
@@ -37,21 +45,26 @@ pub(super) struct Memory {
 
 impl Memory {
     /// Samples the voxels of an overview of a volume on `grid`. Several layers count as visible everywhere.
-    pub(super) fn new(layers: &Layers, grid: &Grid, settings: &Settings) -> Result<Self> {
+    pub(super) fn new(layers: &Layers, grid: &Grid, camera: &Camera, settings: &Settings) -> Result<Self> {
         let (post, lit) = (settings.is_post_shaded(), settings.lighting.is_some());
         let level = if let Level::At(level) = settings.level { level } else { 0 };
-        let is_gathered = !matches!(settings.painter, Painter::Quads(_));
-        let [boxed, splat] = match level {
+        let [of_fields, boxed, splat] = match (settings.painter, level) {
+            (Painter::Cpu, _) => needs(camera, grid, settings).bytes(post),
             // Cells take the place of voxels once they are made.
-            1 if is_gathered && !post => [3.5, 0.0],
-            2.. if is_gathered && !post => [2.0, 0.0],
-            _ => bytes_of_voxels(settings.painter, post, lit),
+            (Painter::Auto | Painter::Tiles, 1) if !post => [0.0, 3.5, 0.0],
+            (Painter::Auto | Painter::Tiles, 2..) if !post => [0.0, 2.0, 0.0],
+            (painter, _) => {
+                let [boxed, splat] = bytes_of_voxels(painter, post, lit);
+                [0.0, boxed, splat]
+            }
         };
+        let program = if settings.painter == Painter::Cpu { PROGRAM_ALONE } else { PROGRAM };
         // Filtered samples are f32. Noise that the filter makes visible is not known here.
-        let voxel = layers.sample_bytes() as f64 + if settings.sharpens().is_some() { 4.0 } else { 0.0 };
+        let filtered = if settings.sharpens().is_some() { 4.0 } else { 0.0 };
+        let voxel = layers.sample_bytes() as f64 + filtered + of_fields;
         let coarser = |axis: usize| f64::from(grid.dims()[axis]) / f64::from(layers.grid().dims()[axis]);
         let steps = std::array::from_fn(|axis| f64::from(STRIDE[axis]) * coarser(axis));
-        Ok(Self { voxel, boxed, splat, sampled: sampled(layers)?, steps })
+        Ok(Self { program, voxel, boxed, splat, sampled: sampled(layers)?, steps })
     }
 
     /// Returns the bytes that drawing a slice takes, by one family of rays or by several.
@@ -59,7 +72,7 @@ impl Memory {
         let voxels: f64 = held.iter().map(|range| range.len() as f64).product();
         let (boxed, visible) = self.visible(held).unwrap_or((voxels, voxels));
         let of_voxels = voxels * self.voxel + boxed * self.boxed + visible * self.splat;
-        (PROGRAM + if has_families { FAMILIES } else { 0.0 } + of_voxels) as u64
+        (self.program + if has_families { FAMILIES } else { 0.0 } + of_voxels) as u64
     }
 
     /// Returns the number of voxels of the box around the visible voxels of a slice, and the number of visible voxels.

@@ -7,7 +7,7 @@
 //!
 //! ```no_run
 //! use voxsplat::bricks::{Chunks, Plan, brick};
-//! use voxsplat::{Appearance, Renderer, RendererOptions, load};
+//! use voxsplat::{Appearance, Engine, RendererOptions, load};
 //!
 //! # fn main() -> voxsplat::Result<()> {
 //! let volume = load("scan.nrrd", &Default::default())?;
@@ -15,11 +15,11 @@
 //! let chunks = Chunks::even(volume.grid().dims(), [2, 2, 2])?;
 //! let settings = Plan::settings_for(&look.settings);
 //! let plan = Plan::new(&look.layers, volume.grid(), &chunks, &look.camera([1024, 1024])?, &settings)?;
-//! let renderer = Renderer::new(&RendererOptions::default())?;
+//! let engine = Engine::open(&RendererOptions::default(), plan.settings())?;
 //! let mut merged = None;
 //! for (number, next) in plan.bricks().iter().enumerate() {
 //!     // On any machine: a slice of the samples, and the plan as JSON.
-//!     let (part, _) = brick(&renderer, &plan, number, &look.layers.part(&next.held)?)?;
+//!     let (part, _) = brick(&engine, &plan, number, &look.layers.part(&next.held)?)?;
 //!     merged = Some(match merged {
 //!         None => part,
 //!         Some(front) => voxsplat::bricks::Partial::over(&front, &part)?,
@@ -40,8 +40,8 @@
 //! # Limits
 //!
 //! [`Plan::new`] refuses light with shadows or occlusion, axis-aligned sheets, levels whose cells cuts would divide,
-//! and levels of scalars: their pictures need matter of other bricks, or have sheets or cells that no brick owns. A ray
-//! is marched for each pixel. Each brick ends its own opaque rays, so matter behind other bricks is drawn although it
+//! and levels of scalars by a device: their pictures need matter of other bricks, or have sheets or cells that no brick
+//! owns. A ray is marched for each pixel. Each brick ends its own opaque rays, so matter behind other bricks is drawn although it
 //! is hidden.
 
 mod file;

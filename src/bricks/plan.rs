@@ -10,9 +10,12 @@ use super::grid::{Chunks, owned};
 use super::memory::Memory;
 use super::partial::{Look, Partial, Values, named};
 use crate::camera::Camera;
+use crate::engine::Engine;
 use crate::error::{Error, Result};
+use crate::frame::Frame;
 use crate::gpu::savings::Savings;
 use crate::gpu::view::{Held, ViewGeometry};
+use crate::host::{HostRenderer, Needs, is_uniform, needs};
 use crate::image::{Image, Region};
 use crate::layers::Layers;
 use crate::painters::choice::PainterKind;
@@ -42,8 +45,9 @@ pub struct Brick {
     pub held: [Range<u32>; 3],
     /// The order of the brick: along every ray the keys of the bricks that the ray meets ascend.
     pub key: i64,
-    /// The predicted bytes of memory of a process that draws the brick on software Vulkan, without its picture: 16
-    /// bytes a pixel and family of rays. A brick without visible voxels takes some 30 MB less.
+    /// The predicted bytes of memory of a process that draws the brick by the processor or on software Vulkan, without
+    /// its picture: 16 bytes a pixel and family of rays. On software Vulkan a brick without visible voxels takes some
+    /// 30 MB less.
     pub bytes: u64,
 }
 
@@ -58,6 +62,8 @@ pub struct Plan {
     brightest: [f64; 3],
     /// The reach of slabs and sheets beyond cuts.
     beyond: f64,
+    /// Whether the lit matter of the volume is uniform, as of a mask.
+    is_uniform: bool,
     bricks: Vec<Brick>,
     id: u64,
 }
@@ -74,6 +80,8 @@ struct Document {
     transfer: Option<Value>,
     brightest: [f64; 3],
     beyond: f64,
+    #[serde(default)]
+    is_uniform: bool,
     bricks: Vec<Brick>,
 }
 
@@ -88,7 +96,8 @@ impl Plan {
         settings
     }
 
-    /// Plans a picture of a volume on `grid` in bricks. The painter is fixed, with a ray for each pixel.
+    /// Plans a picture of a volume on `grid` in bricks. The painter is fixed: [`Painter::Auto`] is the processor unless
+    /// this machine may have a GPU. It draws with a ray for each pixel.
     ///
     /// `overview` has the look of the picture: the volume, or one volume with fewer samples of the same type in the
     /// same place, such as a coarse level of a pyramid. One of 256 of its samples is read, to predict the memory of
@@ -114,20 +123,28 @@ impl Plan {
             return Err(Error::setting("grid", format!("chunks of {:?} voxels for {:?}", chunks.dims(), grid.dims())));
         }
         check(settings)?;
-        let level = level(layers, grid, chunks, camera, settings)?;
-        let settings = Settings { level: Level::At(level), ..settings.clone() };
-        let (view, drawn) = drawn(grid, camera, &settings, level)?;
-        let painter = painter(&view, &drawn)?;
-        let kind = if matches!(painter, Painter::Quads(_)) { PainterKind::Quads } else { PainterKind::Tiles };
-        let settings = Settings { painter, ..settings };
-        // In cells; those at the ends of a slice lack voxels beyond.
-        let [beyond, reach] = (kind.room().reach)(&view, &Settings { painter, ..drawn });
-        let incomplete = if level > 0 { INCOMPLETE } else { 0 };
-        let cells = beyond.max(reach).ceil() as u32 + incomplete;
-        let halo = (cells << level) + normals_reach(layers, &settings) + filter_reach(&settings);
-        let beyond = beyond * f64::from(level).exp2();
+        let is_by_host = match settings.painter {
+            Painter::Cpu => true,
+            Painter::Auto => !Engine::may_have_gpu(),
+            _ => false,
+        };
+        let (settings, beyond, reach) = if is_by_host {
+            let settings = Settings { painter: Painter::Cpu, ..settings.clone() };
+            let Needs { level, reach, .. } = host_needs(grid, chunks, camera, &settings)?;
+            (Settings { level: Level::At(level), ..settings }, 0.0, reach)
+        } else {
+            of_device(layers, grid, chunks, camera, settings)?
+        };
+        let level = if let Level::At(level) = settings.level { level } else { 0 };
+        let halo = reach + normals_reach(layers, &settings) + filter_reach(&settings);
+        let is_uniform = match layers.plain() {
+            Some((volume, transfer)) if settings.is_post_shaded() && settings.lighting.is_some() => {
+                is_uniform(volume, transfer)?
+            }
+            _ => false,
+        };
         let transfer = layers.plain().map(|(_, transfer)| transfer.clone());
-        let brightest = match (painter, settings.lighting.is_some() || settings.is_post_shaded()) {
+        let brightest = match (settings.painter, settings.lighting.is_some() || settings.is_post_shaded()) {
             (Painter::Tiles, false) => layers.brightest(),
             _ => [1.0; 3],
         };
@@ -143,10 +160,11 @@ impl Plan {
             Brick { voxels, held, key, bytes: 0 }
         });
         let bricks = bricks.collect();
-        let memory = Memory::new(layers, grid, &settings)?;
-        let mut plan = Self { grid: *grid, camera: *camera, settings, transfer, brightest, beyond, bricks, id: 0 };
+        let memory = Memory::new(layers, grid, camera, &settings)?;
+        let (grid, camera) = (*grid, *camera);
+        let mut plan = Self { grid, camera, settings, transfer, brightest, beyond, is_uniform, bricks, id: 0 };
         // A few pixels show which families of rays a brick has.
-        let step = (camera.size[0].min(camera.size[1]) / 16).max(1);
+        let step = (plan.camera.size[0].min(plan.camera.size[1]) / 16).max(1);
         let families = |brick: &Brick| plan.families_of(plan.held(brick), step).into_iter().filter(|seen| *seen);
         let bytes = plan.bricks.iter().map(|brick| memory.of(&brick.held, families(brick).count() > 1));
         let bytes: Vec<u64> = bytes.collect();
@@ -163,7 +181,8 @@ impl Plan {
         let document: Document = serde_json::from_str(text).map_err(|e| {
             refused(format!("line {} column {}: {}", e.line(), e.column(), voxsplat_volume::files::fault(&e)))
         })?;
-        let Document { format, dims, to_world, camera, settings, transfer, brightest, beyond, bricks } = document;
+        let Document { format, dims, to_world, camera, settings, transfer, .. } = document;
+        let Document { brightest, beyond, is_uniform, bricks, .. } = document;
         if format != FORMAT {
             return Err(refused(format!("{format:?}, expected {FORMAT:?}: plan again with this program")));
         }
@@ -184,7 +203,7 @@ impl Plan {
                 return Err(refused(format!("a brick of {voxels:?} in {held:?}, expected parts of {dims:?} voxels")));
             }
         }
-        Ok(Self { grid, camera, settings, transfer, brightest, beyond, bricks, id: 0 }.identified())
+        Ok(Self { grid, camera, settings, transfer, brightest, beyond, is_uniform, bricks, id: 0 }.identified())
     }
 
     /// Returns the plan as JSON. [`Self::from_json`] reads the same plan back.
@@ -203,6 +222,7 @@ impl Plan {
             transfer: transfer.transpose().map_err(failed)?,
             brightest: self.brightest,
             beyond: self.beyond,
+            is_uniform: self.is_uniform,
             bricks: self.bricks.clone(),
         };
         serde_json::to_string_pretty(&document).map(|text| text + "\n").map_err(failed)
@@ -279,7 +299,7 @@ impl Plan {
         };
         let look = Look { settings: &self.settings, brightest: self.brightest, transfer: transfer.as_ref() };
         let view = self.view();
-        merged.picture(&look, &self.camera, &(self.painter().room().families)(&view))
+        merged.picture(&look, &self.camera, &self.shares(&view))
     }
 
     /// Returns the view of the whole lattice.
@@ -288,13 +308,17 @@ impl Plan {
         ViewGeometry::new(&self.camera, &self.grid, &settings, Savings::default())
     }
 
-    fn painter(&self) -> PainterKind {
-        if matches!(self.settings.painter, Painter::Quads(_)) { PainterKind::Quads } else { PainterKind::Tiles }
+    /// Returns the share of each family of rays in pixels.
+    fn shares<'a>(&self, view: &'a ViewGeometry) -> Vec<FamilyShare<'a>> {
+        match self.settings.painter {
+            Painter::Cpu => vec![Box::new(|_| 1.0)],
+            _ => (kind(self.settings.painter).room().families)(view),
+        }
     }
 
     /// Returns the number of families of rays.
     pub(super) fn families(&self) -> usize {
-        (self.painter().room().families)(&self.view()).len()
+        self.shares(&self.view()).len()
     }
 
     /// Returns the part of the lattice that a scene of a brick holds, for the first family of rays.
@@ -307,7 +331,7 @@ impl Plan {
     /// Returns for each family of rays whether it has a share in pixels, `step` pixels apart, that a brick reaches.
     fn families_of(&self, held: Held, step: u32) -> Vec<bool> {
         let whole = self.view();
-        let families = (self.painter().room().families)(&whole);
+        let families = self.shares(&whole);
         let Some(bounds) = self.view().of_held(Some(held)).projected_bounds() else {
             return vec![false; families.len()];
         };
@@ -335,12 +359,13 @@ impl Plan {
 }
 
 /// Draws a brick of a plan, by its place in [`Plan::bricks`], of the slice of all layers that [`Brick::held`] names.
-/// The place of the slice in the world is that of the plan, whatever its own grid says.
+/// The place of the slice in the world is that of the plan, whatever its own grid says. [`Engine::open`] opens an engine
+/// for [`Plan::settings`].
 ///
 /// # Errors
-/// [`Error::Setting`] if there is no such brick or the slice has other dimensions, and the errors of
-/// [`Renderer::prepare_layers`] and [`Renderer::render`].
-pub fn brick(renderer: &Renderer, plan: &Plan, number: usize, slice: &Layers) -> Result<(Partial, Stats)> {
+/// [`Error::Setting`] if there is no such brick, the slice has other dimensions or the painter of the plan is of another
+/// engine, and the errors of [`Engine::prepare_layers`] and [`Engine::render`].
+pub fn brick(engine: &Engine, plan: &Plan, number: usize, slice: &Layers) -> Result<(Partial, Stats)> {
     let brick = plan.brick(number)?;
     let grid = plan.grid.part(&brick.held)?;
     if slice.grid().dims() != grid.dims() {
@@ -348,10 +373,51 @@ pub fn brick(renderer: &Renderer, plan: &Plan, number: usize, slice: &Layers) ->
         let reason = format!("a slice of {found:?} voxels, expected {expected:?}: {:?}", brick.held);
         return Err(Error::setting("brick", reason));
     }
+    let slice = slice.on_grid(&grid)?;
+    let (families, stats) = match (engine, plan.settings.painter) {
+        (Engine::Host(renderer), Painter::Cpu) => by_host(renderer, plan, brick, &slice)?,
+        (Engine::Device(renderer), Painter::Tiles | Painter::Quads(_)) => by_device(renderer, plan, brick, &slice)?,
+        _ => return Err(Error::setting("painter", "it is of another engine: open the engine for the plan's settings")),
+    };
+    // A brick that reaches no pixel has one without matter.
+    let nowhere = Region { x: 0, y: 0, width: 1, height: 1 };
+    let region = families.iter().flatten().map(|(region, _)| *region).reduce(Region::around).unwrap_or(nowhere);
+    let in_region = |part: &Option<(Region, Image)>| {
+        let mut family = Image::transparent(region.width, region.height)?;
+        part.iter().for_each(|(of, image)| family.put(image, [of.x - region.x, of.y - region.y]));
+        Ok(family)
+    };
+    let families = families.iter().map(in_region).collect::<Result<Vec<Image>>>()?;
+    let values = Values::of_model(plan.settings.model);
+    let part = Partial { plan: plan.id, bricks: number..number + 1, values, size: plan.camera.size, region, families };
+    Ok((part, stats))
+}
+
+/// The part of a picture that each family of rays of a brick reaches, with its values; `None`: the family reaches none.
+type Families = Vec<Option<(Region, Image)>>;
+
+/// Draws a brick by the processor.
+fn by_host(renderer: &HostRenderer, plan: &Plan, brick: &Brick, slice: &Layers) -> Result<(Families, Stats)> {
+    let first = [0, 1, 2].map(|axis| brick.held[axis].start);
+    let owned = owned(&plan.grid, &brick.voxels, Held::OPEN);
+    let scene = renderer.prepare_layers(slice, &plan.settings)?.within(plan.grid, first, owned, plan.is_uniform);
+    let rendered = renderer.render(&scene, &Frame::new(&plan.camera, &plan.settings))?;
+    let has_matter = rendered.image.pixels().iter().map(|pixel| *pixel != [0.0; 4]);
+    let width = plan.camera.size[0] as usize;
+    let reached = has_matter.enumerate().filter(|(_, has_matter)| *has_matter).map(|(number, _)| {
+        let [x, y] = [number % width, number / width].map(|place| place as u32);
+        Region { x, y, width: 1, height: 1 }
+    });
+    let part = reached.reduce(Region::around).map(|region| Ok::<_, Error>((region, rendered.image.part(region)?)));
+    Ok((vec![part.transpose()?], rendered.stats))
+}
+
+/// Draws a brick by a device.
+fn by_device(renderer: &Renderer, plan: &Plan, brick: &Brick, slice: &Layers) -> Result<(Families, Stats)> {
     let held = plan.held(brick);
     let seen = plan.families_of(held, 1);
     let first = seen.iter().position(|&seen| seen).unwrap_or(0);
-    let mut scene = renderer.prepare_layers(&slice.on_grid(&grid)?, &plan.settings)?.within(plan.grid, held);
+    let mut scene = renderer.prepare_layers(slice, &plan.settings)?.within(plan.grid, held);
     scene = scene.by_family(first);
     let (part, mut stats) = renderer.render_partial(&scene, &plan.camera, &plan.settings)?;
     let mut parts = vec![None; seen.len()];
@@ -362,18 +428,7 @@ pub fn brick(renderer: &Renderer, plan: &Plan, number: usize, slice: &Layers) ->
         parts[family] = part;
         stats.stages.extend(next.stages);
     }
-    // A brick that reaches no pixel has one without matter.
-    let nowhere = Region { x: 0, y: 0, width: 1, height: 1 };
-    let region = parts.iter().flatten().map(|(region, _)| *region).reduce(Region::around).unwrap_or(nowhere);
-    let in_region = |part: &Option<(Region, Image)>| {
-        let mut family = Image::transparent(region.width, region.height)?;
-        part.iter().for_each(|(of, image)| family.put(image, [of.x - region.x, of.y - region.y]));
-        Ok(family)
-    };
-    let families = parts.iter().map(in_region).collect::<Result<Vec<Image>>>()?;
-    let values = Values::of_model(plan.settings.model);
-    let part = Partial { plan: plan.id, bricks: number..number + 1, values, size: plan.camera.size, region, families };
-    Ok((part, stats))
+    Ok((parts, stats))
 }
 
 /// Refuses settings whose pictures cannot be made in bricks.
@@ -388,18 +443,53 @@ fn check(settings: &Settings) -> Result<()> {
     Ok(())
 }
 
-/// Returns the level of all bricks. The cuts lie between cells of this level.
+/// Returns what bricks that the processor draws need.
+fn host_needs(grid: &Grid, chunks: &Chunks, camera: &Camera, settings: &Settings) -> Result<Needs> {
+    let most = chunks.level();
+    let mut found = needs(camera, grid, settings);
+    if found.level > most && settings.level == Level::Auto {
+        // A finer level, whose kernels grow: as far as filters follow them.
+        found = needs(camera, grid, &Settings { level: Level::At(most), ..settings.clone() });
+    }
+    if found.level <= most { Ok(found) } else { Err(beyond_chunks(found.level, most)) }
+}
+
+/// The error of a level whose cells chunks divide.
+fn beyond_chunks(level: u32, most: u32) -> Error {
+    Error::setting(
+        "level",
+        format!("{level}: bricks begin between cells of level {most} at most: expected up to {most}"),
+    )
+}
+
+/// Returns the settings of bricks that a device draws, with their painter and level, the reach of slabs and sheets beyond
+/// cuts, and the largest distance in voxels of the samples that they need.
+fn of_device(
+    layers: &Layers,
+    grid: &Grid,
+    chunks: &Chunks,
+    camera: &Camera,
+    settings: &Settings,
+) -> Result<(Settings, f64, u32)> {
+    let level = level(layers, grid, chunks, camera, settings)?;
+    let settings = Settings { level: Level::At(level), ..settings.clone() };
+    let (view, drawn) = drawn(grid, camera, &settings, level)?;
+    let painter = painter(&view, &drawn)?;
+    // In cells; those at the ends of a slice lack voxels beyond.
+    let [beyond, reach] = (kind(painter).room().reach)(&view, &Settings { painter, ..drawn });
+    let incomplete = if level > 0 { INCOMPLETE } else { 0 };
+    let cells = beyond.max(reach).ceil() as u32 + incomplete;
+    Ok((Settings { painter, ..settings }, beyond * f64::from(level).exp2(), cells << level))
+}
+
+/// Returns the level of all bricks that a device draws. The cuts lie between cells of this level.
 fn level(layers: &Layers, grid: &Grid, chunks: &Chunks, camera: &Camera, settings: &Settings) -> Result<u32> {
     let takes_cells = settings.takes_cells() && layers.plain().is_some();
     match settings.level {
         Level::At(level) if level > 0 && !takes_cells => {
             Err(Error::setting("level", format!("{level}: bricks of scalars are drawn of voxels: expected auto or 0")))
         }
-        Level::At(level) if level > chunks.level() => {
-            let most = chunks.level();
-            let reason = format!("{level}: bricks begin between cells of level {most} at most: expected up to {most}");
-            Err(Error::setting("level", reason))
-        }
+        Level::At(level) if level > chunks.level() => Err(beyond_chunks(level, chunks.level())),
         Level::At(level) => Ok(level),
         Level::Auto if !takes_cells => Ok(0),
         Level::Auto => {
@@ -429,12 +519,16 @@ fn drawn(grid: &Grid, camera: &Camera, settings: &Settings, level: u32) -> Resul
     Ok((ViewGeometry::of_cells(camera, &cells, &settings, Savings::default(), grown, None), settings))
 }
 
-/// Returns the painter of all bricks.
+/// Returns the painter of a device.
+fn kind(painter: Painter) -> PainterKind {
+    if matches!(painter, Painter::Quads(_)) { PainterKind::Quads } else { PainterKind::Tiles }
+}
+
+/// Returns the painter of all bricks that a device draws.
 fn painter(view: &ViewGeometry, settings: &Settings) -> Result<Painter> {
     let refusal = || (PainterKind::Tiles.room().refusal)(view, settings);
     match settings.painter {
         quads @ Painter::Quads(_) => Ok(quads),
-        Painter::Cpu => Err(Error::setting("painter", "cpu draws no bricks: use tiles or quads")),
         Painter::Auto if refusal().is_some() => Ok(Painter::Quads(QuadsSettings::default())),
         _ => match refusal() {
             Some(reason) => Err(Error::setting("painter", reason)),

@@ -64,18 +64,17 @@ macro_rules! files {
 
 /// All files, and their texts.
 static FILES: &[(&str, &str)] = &files! {
-    "around", "box_light", "cell_rows", "cells", "classify", "coarsen", "common/absorbed", "common/appearance",
-    "common/arriving", "common/bounds", "common/box", "common/casting", "common/cell_texels", "common/classified",
-    "common/clip", "common/clip_view", "common/dispatch", "common/frame", "common/half_depth", "common/light_box",
-    "common/light_volume", "common/lighting", "common/lit_splat", "common/march_parabola", "common/march_planes",
-    "common/marking", "common/normal", "common/owned", "common/owned_view", "common/packing", "common/paged",
-    "common/pages", "common/pixel_ray", "common/plane", "common/ray_geometry", "common/rays", "common/rays_of_sweep",
-    "common/resolution", "common/response", "common/sampled", "common/samples", "common/scalar_sums",
-    "common/scalar_texels", "common/scalars", "common/splat", "common/splines", "common/sweep", "common/transfer",
-    "common/voxel_box", "composite", "converging", "extents", "field_of_cells", "filter", "gather", "gather_scalars",
-    "kept", "lit_rows", "lit_splats", "normals", "occluders", "pack", "pack_cells", "pack_samples", "pack_scalars",
-    "packed/scalars", "packed/vectors", "page_table", "present", "resolve", "scalar_sums", "scan", "shade",
-    "shadows_of_samples", "skip", "sort", "splat", "sweep", "terminate",
+    "around", "box_light", "cell_rows", "cells", "classify", "coarsen", "common/absorbed", "common/arriving",
+    "common/bounds", "common/box", "common/casting", "common/cell_texels", "common/classified", "common/clip",
+    "common/dispatch", "common/frame", "common/half_depth", "common/light_box", "common/light_volume",
+    "common/lighting", "common/lit_splat", "common/march_parabola", "common/marking", "common/owned", "common/packing",
+    "common/paged", "common/pages", "common/pixel_ray", "common/plane", "common/ray_geometry", "common/ray_parts",
+    "common/rays", "common/rays_of_sweep", "common/resolution", "common/response", "common/sampled", "common/samples",
+    "common/scalar_sums", "common/scalar_texels", "common/scalars", "common/splat", "common/sweep", "common/transfer",
+    "common/voxel_box", "common/words", "composite", "converging", "extents", "field_of_cells", "filter", "gather",
+    "gather_scalars", "kept", "lit_rows", "lit_splats", "normals", "occluders", "pack", "pack_cells", "pack_samples",
+    "pack_scalars", "packed/scalars", "packed/vectors", "page_table", "present", "resolve", "scalar_sums", "scan",
+    "shade", "shadows_of_samples", "skip", "sort", "splat", "sweep", "terminate",
 };
 
 macro_rules! shaders {

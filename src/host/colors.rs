@@ -116,17 +116,18 @@ pub(super) struct ColorField {
 }
 
 impl ColorField {
-    /// Filters voxels, which `plane` puts into empty planes.
+    /// Filters the voxels of the part of a lattice of `dims` points from point `first` on, which `plane` puts into empty
+    /// planes.
     ///
     /// # Errors
     /// [`Error::Memory`](crate::Error::Memory) if the coefficients cannot be allocated.
     pub(super) fn new(
-        (dims, pad): ([usize; 3], usize),
+        (dims, first, pad): ([usize; 3], [isize; 3], usize),
         filter: &SplineFilter,
         plane: &(dyn Fn(usize, &mut Voxels) + Sync),
         progress: &Progress,
     ) -> Result<Self> {
-        let lattice = Padded::new(dims, pad);
+        let lattice = Padded::new(dims, pad, first);
         let (area, cells) = (lattice.area(), lattice.cells());
         // Zeros that nothing is written over take no memory.
         let mut coefficients: Vec<Halves> =

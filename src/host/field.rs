@@ -43,19 +43,20 @@ pub(super) struct Field {
 }
 
 impl Field {
-    /// Filters scalars; `planes` returns the scalars of a range of planes.
+    /// Filters the scalars of the part of a lattice of `dims` points from point `first` on; `planes` returns the scalars
+    /// of a range of planes.
     ///
     /// # Errors
     /// The errors of `planes`, and [`Error::Memory`](crate::Error::Memory) if 4 bytes for each coefficient cannot be
     /// allocated.
     pub(super) fn new(
-        dims: [usize; 3],
+        (dims, first): ([usize; 3], [isize; 3]),
         planes: &(dyn Fn(Range<usize>) -> Result<Vec<f32>> + Sync),
         filter: &SplineFilter,
         pad: usize,
         progress: &Progress,
     ) -> Result<Self> {
-        let lattice = Padded::new(dims, pad);
+        let lattice = Padded::new(dims, pad, first);
         let plane = lattice.area();
         let mut coefficients: Vec<f32> = zeroed(lattice.count() as u64, || "the coefficients of a volume".to_owned())?;
         let filter = &RowFilter::new(filter);

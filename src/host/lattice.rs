@@ -23,8 +23,14 @@ pub(super) struct Area {
 
 impl Area {
     /// Returns the points that rays between four corners read from plane to plane; `None` if they pass the field. Rays
-    /// are pairs of the place in plane 0 and the step from plane to plane, along a and b.
-    pub(super) fn new(corners: &[[[f64; 2]; 2]; 4], planes: [f64; 2], size: [usize; 3], reach: Reach) -> Option<Self> {
+    /// are pairs of the place in plane 0 and the step from plane to plane, along a and b; `ends` are the first and the
+    /// last point of the field along a and b.
+    pub(super) fn new(
+        corners: &[[[f64; 2]; 2]; 4],
+        planes: [f64; 2],
+        ends: [[f64; 2]; 2],
+        reach: Reach,
+    ) -> Option<Self> {
         let Reach { beyond, around } = reach;
         let mut area = Self { low: [0; 2], high: [0; 2] };
         for axis in 0..2 {
@@ -37,12 +43,12 @@ impl Area {
                     high = high.max(place);
                 }
             }
-            let last = (size[axis] - 1) as f64 + beyond;
-            if high < -beyond || low > last {
+            let [first, last] = [ends[axis][0] - beyond, ends[axis][1] + beyond];
+            if high < first || low > last {
                 return None;
             }
-            area.low[axis] = low.clamp(-beyond, last).floor() as isize - 1 - around;
-            area.high[axis] = high.clamp(-beyond, last).floor() as isize + 2 + around;
+            area.low[axis] = low.clamp(first, last).floor() as isize - 1 - around;
+            area.high[axis] = high.clamp(first, last).floor() as isize + 2 + around;
         }
         Some(area)
     }
@@ -52,13 +58,15 @@ impl Area {
     }
 }
 
-/// The box of points with coefficients, x fastest: the points of a lattice, and some beyond its faces. Points farther
-/// than all of them count as the farthest.
+/// The box of points with coefficients, x fastest: the points of a lattice or of a part of it, and some beyond its
+/// faces. Points farther than all of them count as the farthest.
 #[derive(Clone, Copy)]
 pub(super) struct Padded {
     pub(super) size: [usize; 3],
     /// Number of points beyond each face.
     pub(super) pad: usize,
+    /// The point of the lattice at the low corner of the part.
+    first: [isize; 3],
 }
 
 /// Rows of coefficients along axis a of a tile, at planes one after the other.
@@ -84,8 +92,14 @@ impl<const PLANES: usize> Rows<PLANES> {
 }
 
 impl Padded {
-    pub(super) fn new(dims: [usize; 3], pad: usize) -> Self {
-        Self { size: dims.map(|d| d + 2 * pad), pad }
+    /// Makes the box of the part of a lattice of `dims` points from point `first` on.
+    pub(super) fn new(dims: [usize; 3], pad: usize, first: [isize; 3]) -> Self {
+        Self { size: dims.map(|d| d + 2 * pad), pad, first }
+    }
+
+    /// Returns the number of a point of the lattice along an axis, counted from the first point of the box.
+    fn place(&self, axis: usize, point: isize) -> isize {
+        point - self.first[axis] + self.pad as isize
     }
 
     /// Returns the number of points of a plane across z.
@@ -106,7 +120,7 @@ impl Padded {
     /// Returns the place of a point of the lattice.
     fn index(&self, point: [isize; 3]) -> usize {
         let steps = [1, self.size[0], self.area()];
-        let place = |axis: usize| (point[axis] + self.pad as isize).clamp(0, self.size[axis] as isize - 1) as usize;
+        let place = |axis: usize| self.place(axis, point[axis]).clamp(0, self.size[axis] as isize - 1) as usize;
         (0..3).map(|axis| place(axis) * steps[axis]).sum()
     }
 
@@ -131,8 +145,8 @@ impl Padded {
         let cells = self.cells();
         let (mut first, mut last) = ([0; 3], [0; 3]);
         for axis in 0..3 {
-            first[axis] = ((low[axis] + self.pad as isize).max(0) as usize / CELL).min(cells[axis] - 1);
-            last[axis] = ((high[axis] + self.pad as isize).max(0) as usize / CELL).min(cells[axis] - 1);
+            let cell = |point: isize| (self.place(axis, point).max(0) as usize / CELL).min(cells[axis] - 1);
+            (first[axis], last[axis]) = (cell(low[axis]), cell(high[axis]));
         }
         for z in first[2]..=last[2] {
             for y in first[1]..=last[1] {

@@ -46,13 +46,17 @@ impl Level {
         f64::from(self.0).exp2()
     }
 
+    /// Converts a place along an axis from numbers of voxels to numbers of cells.
+    pub(super) fn cells_of(self, place: f64) -> f64 {
+        (place - FIRST * (self.size() - 1.0)) / self.size()
+    }
+
     /// Returns the lattice of the cells, [`SPREAD`] cells of each level beyond the faces included.
     pub(super) fn grid(self, grid: &Grid) -> Result<Grid> {
         let (mut dims, mut to_voxels) = (grid.dims(), DAffine3::IDENTITY);
-        let first = DVec3::splat(0.5 - 2.0 * SPREAD as f64);
         for _ in 0..self.0 {
             dims = dims.map(|d| d.div_ceil(2) + 2 * SPREAD as u32);
-            to_voxels *= DAffine3::from_mat3_translation(DMat3::from_diagonal(DVec3::splat(2.0)), first);
+            to_voxels *= DAffine3::from_mat3_translation(DMat3::from_diagonal(DVec3::splat(2.0)), DVec3::splat(FIRST));
         }
         Ok(Grid::new(dims, grid.to_world() * to_voxels)?)
     }
@@ -72,6 +76,9 @@ impl Level {
 /// Number of cells of each level beyond the faces: voxels at the faces spread into them, and scalars at the faces
 /// repeat.
 const SPREAD: usize = 1;
+
+/// The place of the first cell of twice the size, in numbers of the points that it is made of.
+const FIRST: f64 = 0.5 - 2.0 * SPREAD as f64;
 
 /// Values over a lattice, x fastest, and the number of its points along each axis.
 pub(super) type Cells<const N: usize> = ([usize; 3], Vec<[f32; N]>);

@@ -30,6 +30,10 @@ pub(super) struct Picture<'a> {
     pub(super) matter: Matter<'a>,
     /// The numbers of points of the lattice.
     pub(super) dims: [usize; 3],
+    /// The first and the last point of the field along each axis.
+    pub(super) held: [[f64; 2]; 3],
+    /// The slabs of a partial picture; see [`Bounds::owned`].
+    pub(super) owned: Option<[DVec3; 2]>,
     pub(super) camera: &'a Camera,
     /// The map from the world to the lattice.
     pub(super) to_lattice: DAffine3,
@@ -157,10 +161,17 @@ impl Course {
         let (reach, before, _) = picture.extent();
         let count = ((axes.size[2] as f64 - 1.0 + 2.0 * before) / step) as usize + 1;
         let z_of = |number: usize| number as f64 * step - before;
+        let held = [picture.held[axes.axes[0]], picture.held[axes.axes[1]]];
         let mut areas = Vec::with_capacity(count);
         for number in 0..count {
-            areas.push(Area::new(corners, [z_of(number); 2], axes.size, reach));
+            areas.push(Area::new(corners, [z_of(number); 2], held, reach));
         }
+        // Slabs before the first that counts lead to it.
+        let ends = groups.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], numbers| {
+            let [first, last] = numbers.ends();
+            [low.min(first), high.max(last)]
+        });
+        let ends = [ends[0] - 3.0 * step, ends[1] + step];
         let shows = |area: &Area, z: [f64; 2]| {
             let low = [area.low[0], area.low[1], z[0].floor() as isize - 1];
             let high = [area.high[0], area.high[1], z[1].floor() as isize + 2];
@@ -169,7 +180,8 @@ impl Course {
         };
         let mut may_show = vec![false; count];
         for (number, area) in areas.iter().enumerate() {
-            may_show[number] = area.as_ref().is_some_and(|area| shows(area, [z_of(number); 2]));
+            let z = z_of(number);
+            may_show[number] = ends[0] < z && z < ends[1] && area.as_ref().is_some_and(|area| shows(area, [z; 2]));
         }
         let blocks = count.div_ceil(BLOCK);
         let corners_of: Vec<[[[f64; 2]; 2]; 4]> = groups.iter().map(Numbers::corners).collect();
@@ -181,7 +193,7 @@ impl Course {
             }
             let z = [z_of(BLOCK * block), z_of(BLOCK * (block + 1))];
             for group in (0..groups.len()).filter(|&group| is_alive[group]) {
-                let area = Area::new(&corners_of[group], z, axes.size, reach);
+                let area = Area::new(&corners_of[group], z, held, reach);
                 course.groups[group * blocks + block] = area.is_some_and(|area| shows(&area, [z[0] - 1.0, z[1]]));
             }
         }
@@ -246,12 +258,13 @@ struct Marched<S: Simd, R: Rule<S>> {
 
 impl Tile<'_> {
     /// Returns the numbers of the rays of all groups.
-    fn groups(&self, picture: &Picture<'_>) -> Vec<Numbers> {
+    fn groups(&self, picture: &Picture<'_>, step: f64) -> Vec<Numbers> {
         let Self { axes, beam, place, side, .. } = self;
         let across = side / GROUP;
         let (_, before, is_boxed) = picture.extent();
         let planes = [-before, (axes.size[2] - 1) as f64 + before];
-        let bounds = Bounds { planes, is_boxed, sides: picture.sides, solids: picture.solids };
+        let Picture { sides, solids, owned, .. } = *picture;
+        let bounds = Bounds { planes, is_boxed, sides, solids, owned, step };
         let place = |group: usize| [place[0] + group % across * GROUP, place[1] + group / across * GROUP];
         (0..across * across).map(|group| Numbers::new(beam, axes, &bounds, picture.unit, place(group))).collect()
     }
@@ -259,7 +272,7 @@ impl Tile<'_> {
     /// Takes the rays of all groups through a picture.
     #[inline(always)]
     fn march<S: Simd, R: Rule<S>>(&self, simd: S, picture: &Picture<'_>, rule: &R) -> Marched<S, R> {
-        let numbers = self.groups(picture);
+        let numbers = self.groups(picture, R::STEP);
         let is_alive: Vec<bool> = numbers.iter().map(Numbers::is_alive).collect();
         let course = Course::new(self, picture, R::STEP, &numbers, &is_alive);
         let mut rays: Vec<Rays<S>> = Vec::with_capacity(numbers.len());

@@ -65,8 +65,14 @@ mod shot;
 mod table;
 mod voxels;
 
+#[cfg(feature = "gpu")]
+pub(crate) use self::scalars::is_uniform;
+#[cfg(feature = "gpu")]
+pub(crate) use self::shot::{Needs, needs};
+
 use std::sync::{Mutex, PoisonError};
 
+use glam::DVec3;
 use rayon::prelude::*;
 
 use self::blending::Colors;
@@ -75,7 +81,7 @@ use self::level::Level;
 use self::march::{Matter, Picture, TILE, Work};
 use self::project::{Extreme, Projection};
 use self::scalars::{Reconstructed, Scalars};
-use self::shot::{Depths, Shot};
+use self::shot::{Depths, OwnedPart, Shot};
 use self::voxels::Colored;
 use crate::camera::clip::Side;
 use crate::error::{Error, Result};
@@ -102,7 +108,11 @@ pub struct HostRenderer {
 
 /// A scene that a [`HostRenderer`] has prepared.
 #[doc(hidden)]
-pub struct HostScene(Content);
+pub struct HostScene {
+    content: Content,
+    /// The part of a larger lattice of which partial pictures are made; `None`: whole pictures.
+    part: Option<OwnedPart>,
+}
 
 enum Content {
     /// Scalars that are classified along rays.
@@ -163,13 +173,13 @@ impl HostRenderer {
         check_drawn(settings)?;
         if !settings.is_post_shaded() {
             let colored = Colored::new(layers, settings, &self.progress)?;
-            return Ok(HostScene(Content::Colored(Box::new(colored))));
+            return Ok(HostScene { content: Content::Colored(Box::new(colored)), part: None });
         }
         let Some((volume, transfer)) = layers.plain() else {
             return Err(refused("draws one volume alone if it classifies along rays: --shading pre"));
         };
         let scalars = Scalars::new(volume, transfer, settings, &self.progress)?;
-        Ok(HostScene(Content::Scalars(Box::new(scalars))))
+        Ok(HostScene { content: Content::Scalars(Box::new(scalars)), part: None })
     }
 
     /// Renders a picture of a scene.
@@ -196,15 +206,15 @@ impl HostRenderer {
         DepthMap::new(image.width(), image.height(), image.pixels().iter().map(depth).collect())
     }
 
-    /// Renders the matter of a region of a picture, or its depths.
+    /// Renders the matter of a region of a picture, or its depths; of a part of a lattice, the values of the part.
     fn shot(&self, scene: &HostScene, frame: &Frame<'_>, region: Region, depths: Depths<'_>) -> Result<Rendered> {
         let Frame { camera, settings, .. } = *frame;
         let grid = scene.grid();
         camera.check_scale(grid)?;
         check_drawn(settings)?;
-        let shot = Shot::new(frame, grid, region, depths)?;
+        let shot = Shot::new(frame, (grid, scene.part.as_ref()), region, depths)?;
         scene.check_memory(&shot)?;
-        match (&scene.0, settings.is_post_shaded()) {
+        match (&scene.content, settings.is_post_shaded()) {
             (Content::Scalars(scalars), true) => self.render_scalars(scalars, &shot),
             (Content::Colored(colored), false) => self.render_colors(colored, &shot),
             _ => Err(Settings::not_prepared("shading", "for another shading or model")),
@@ -223,10 +233,16 @@ impl HostRenderer {
         let held = Held { bytes, misfit: filter.misfit(), voxels: grid.len() };
         if let Some(extreme) = extreme(settings.model) {
             let factor = shot.density / scene.reduction.factor();
-            let shown = |[value, second, ..]: [f64; 4]| {
-                let value = if extreme == Extreme::Mean { value / second } else { value };
-                let depth = settings.depth_coded.then_some(second);
-                if value.is_finite() { scene.transfer.projected(value * factor, depth) } else { [0.0; 4] }
+            // Of a minimum, partial pictures have the value over the base of the mirrored transfer function.
+            let of_mirrored = -scene.transfer.base() - scene.transfer.mirrored().base();
+            let shown = |[value, second, ..]: [f64; 4]| match (extreme, shot.part) {
+                (Extreme::Mean, _) if second <= 0.0 => [0.0; 4],
+                _ if !value.is_finite() => [0.0; 4],
+                (Extreme::Mean, None) => scene.transfer.projected(value / second * factor, None),
+                (_, None) => scene.transfer.projected(value * factor, settings.depth_coded.then_some(second)),
+                (Extreme::Mean, Some(_)) => [value * factor, second, 0.0, 1.0],
+                (Extreme::Largest, Some(_)) => [value * factor, 1.0, second, 1.0],
+                (Extreme::Smallest, Some(_)) => [of_mirrored - value * factor, 1.0, second, 1.0],
             };
             let attenuation = settings.attenuation as f32;
             let blend = shot.blend(&reconstructed, |reconstructed| &reconstructed.field);
@@ -243,7 +259,7 @@ impl HostRenderer {
             }
         };
         let matter = Matter::Post(scene.post(shot, &reconstructed, arriving.as_deref()));
-        self.painted(shot, (matter, unit), None, (stages, &held), None)
+        self.painted(shot, (matter, unit), None, (stages, &held), shot.part.map(|_| &emission as _))
     }
 
     /// Renders a picture of voxels that are classified before they are reconstructed.
@@ -267,10 +283,14 @@ impl HostRenderer {
         let surfaces = surfaces.map(|(scene, fields)| scene.post(&of_surfaces, fields, arriving.as_deref()));
         let held = Held { bytes, misfit: filtered[0].filter.misfit(), voxels: scene.count() };
         let is_xray = shot.settings.model == Model::Xray;
-        let response = |[depth, ..]: [f64; 4]| shot.settings.response.pixel(depth);
+        let response = |[depth, ..]: [f64; 4]| match shot.part {
+            None => shot.settings.response.pixel(depth),
+            Some(_) => [0.0, 0.0, 0.0, depth],
+        };
+        let shown: Option<&Shown<'_>> = if is_xray { Some(&response) } else { shot.part.map(|_| &emission as _) };
         let matter = (Matter::Colors(Colors { blend, is_xray }), scene.unit * scene.scale);
         let surfaces = surfaces.map(|post| (Matter::Post(post), of_surfaces.sides()));
-        self.painted(shot, matter, surfaces, (stages, &held), is_xray.then_some(&response))
+        self.painted(shot, matter, surfaces, (stages, &held), shown)
     }
 
     /// Paints matter, and isosurfaces in it with their sides; `unit` is the world length of the unit of extinctions,
@@ -281,7 +301,7 @@ impl HostRenderer {
         (matter, unit): (Matter<'_>, f64),
         surfaces: Option<(Matter<'_>, Vec<Side>)>,
         (mut stages, held): (Vec<StageTime>, &Held),
-        shown: Option<&(dyn Fn([f64; 4]) -> [f64; 4] + Sync)>,
+        shown: Option<&Shown<'_>>,
     ) -> Result<Rendered> {
         let Shot { camera, settings, grid, region, density, .. } = *shot;
         let (lattice, sides) = (&shot.lattice, shot.sides());
@@ -290,6 +310,8 @@ impl HostRenderer {
         let picture = Picture {
             matter,
             dims: lattice.dims().map(|d| d as usize),
+            held: shot.held()?,
+            owned: shot.owned(),
             camera,
             to_lattice: lattice.to_lattice(),
             unit: unit / density,
@@ -389,6 +411,15 @@ impl HostRenderer {
     }
 }
 
+/// A callback that makes a pixel of the result of a ray.
+type Shown<'a> = dyn Fn([f64; 4]) -> [f64; 4] + Sync + 'a;
+
+/// Returns the emission and the optical depth of a pixel with an alpha.
+fn emission([r, g, b, alpha]: [f64; 4]) -> [f64; 4] {
+    // Alphas are f32: the largest below 1 has a depth of 16.6.
+    [r, g, b, -libm::log1p(-alpha.min(1.0 - f64::from(f32::EPSILON) / 2.0))]
+}
+
 /// Returns the scalar that pixels of a projection of intensity show; `None` for other models.
 fn extreme(model: Model) -> Option<Extreme> {
     match model {
@@ -403,19 +434,32 @@ impl HostScene {
     /// Returns the lattice of the samples.
     #[must_use]
     pub fn grid(&self) -> &Grid {
-        match &self.0 {
+        match &self.content {
             Content::Scalars(scalars) => scalars.volume.grid(),
             Content::Colored(colored) => colored.grid(),
         }
+    }
+
+    /// Makes the scene one of a part of a larger lattice, whose voxels begin at `first` in `whole`. Its pictures are
+    /// partial: the values of the slabs with their middles between the places in `owned`, in numbers of voxels.
+    /// `is_uniform`: the lit matter of the larger volume is uniform, as of a mask.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn within(mut self, whole: Grid, first: [u32; 3], owned: [DVec3; 2], is_uniform: bool) -> Self {
+        if let Content::Scalars(scalars) = &mut self.content {
+            scalars.is_uniform = is_uniform;
+        }
+        self.part = Some(OwnedPart { grid: whole, held: *self.grid(), first, owned });
+        self
     }
 
     /// Refuses a picture that needs more memory than is left, before any is allocated. The scene's own memory counts as
     /// left.
     fn check_memory(&self, shot: &Shot<'_>) -> Result<()> {
         let kernels = shot.kernels();
-        let count = field::count(shot.lattice.dims(), field::padding(&kernels)) * kernels.len() as u64;
+        let dims = shot.level.grid(self.grid())?.dims();
+        let count = field::count(dims, field::padding(&kernels)) * kernels.len() as u64;
         let light = |lights: usize| lights as u64 * arriving::BYTES * self.grid().len();
-        let (fields, held) = match &self.0 {
+        let (fields, held) = match &self.content {
             Content::Scalars(scalars) => {
                 let held = scalars.field.sum(|made| made.field.bytes()) + light(scalars.light.count());
                 (count * size_of::<f32>() as u64, held)

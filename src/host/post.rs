@@ -180,9 +180,11 @@ impl<'a, S: Simd> Shading<'a, S> {
             }
         }
         let (shine, share) = self.light(simd, &state.differences[number % RECENT], rays, (z, None), s1);
-        // Cut pieces begin or end at other scalars.
-        let is_cut = Lanes::all(simd, z - 0.25).less(simd, ends[0]).any(simd)
-            || ends[1].less(simd, Lanes::all(simd, z + 0.25)).any(simd);
+        // Cut pieces begin or end at other scalars. Rays that end before the slab have none of it.
+        let cuts =
+            Lanes::all(simd, z - 0.25).less(simd, ends[0]).or(simd, ends[1].less(simd, Lanes::all(simd, z + 0.25)));
+        let is_cut = cuts.and(simd, inside).any(simd);
+        let share = share.or(simd, inside, Lanes::all(simd, 0.0));
         let apart = high.sub(simd, low).largest(simd);
         let range = [low.smallest(simd), high.largest(simd)];
         if !is_cut && table.bend(range, apart) * rays.longest <= LEAST_BEND {

@@ -172,6 +172,11 @@ pub(super) struct Bounds<'a> {
     pub(super) sides: &'a [(DVec3, f64)],
     /// The depths at which rays end.
     pub(super) solids: Option<&'a DepthMap>,
+    /// The least and the largest place, in the lattice, of the middles of the slabs that count; slabs that one plane
+    /// parts count behind it.
+    pub(super) owned: Option<[DVec3; 2]>,
+    /// The distance in planes from the middle of a slab to the next.
+    pub(super) step: f64,
 }
 
 /// Cuts a ray where `value + slope z` is negative.
@@ -210,7 +215,31 @@ impl Bounds<'_> {
                 ends = cut(ends, gradient.dot(start) + value, gradient.dot(step));
             }
         }
+        if let Some(owned) = self.owned {
+            let slabs = self.owned_slabs(axes, line, owned);
+            ends = [ends[0].max(slabs[0]), ends[1].min(slabs[1])];
+        }
         if ends[0] < ends[1] { ends } else { [1e9, -1e9] }
+    }
+
+    /// Returns the ends of the slabs whose middles lie between two corners of a box of the lattice. Boxes that share a
+    /// plane share the arithmetic at it, so each slab is in one of them.
+    fn owned_slabs(&self, axes: &Axes, line: &Line, [low, high]: [DVec3; 2]) -> [f64; 2] {
+        let [a, b, m] = axes.axes;
+        let last = (axes.size[2] - 1) as f64;
+        let mut planes = if axes.is_flipped { [last - high[m], last - low[m]] } else { [low[m], high[m]] };
+        for (number, axis) in [a, b].into_iter().enumerate() {
+            let (start, step) = (line.start[number], line.step[number]);
+            if step == 0.0 {
+                if start < low[axis] || start >= high[axis] {
+                    return [f64::INFINITY, f64::NEG_INFINITY];
+                }
+                continue;
+            }
+            let [first, second] = [(low[axis] - start) / step, (high[axis] - start) / step];
+            planes = [planes[0].max(first.min(second)), planes[1].min(first.max(second))];
+        }
+        planes.map(|plane| self.planes[0] + (((plane - self.planes[0]) / self.step).ceil() - 0.5) * self.step)
     }
 }
 
@@ -235,8 +264,17 @@ impl Numbers {
 
     /// Returns whether any ray of the group crosses matter that counts.
     pub(super) fn is_alive(&self) -> bool {
+        let [first, last] = self.ends();
+        first < last
+    }
+
+    /// Returns the first and the last plane between which matter counts for any ray of the group.
+    pub(super) fn ends(&self) -> [f64; 2] {
         let [.., first, last, _, _, _] = &self.0;
-        first.iter().zip(last).any(|(first, last)| first < last)
+        let counted = first.iter().zip(last).filter(|(first, last)| first < last);
+        counted.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], (&first, &last)| {
+            [low.min(f64::from(first)), high.max(f64::from(last))]
+        })
     }
 
     /// Returns the rays at the corners: along a and b, the place in plane 0 and the step from plane to plane.

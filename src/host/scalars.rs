@@ -95,7 +95,7 @@ impl Scalars {
         self.field.get_or_make(kernels.into_iter().map(key).collect(), |(kernel, level, pad)| {
             let filter = SplineFilter::new(kernel)?;
             let field = if *level == Level(0) {
-                Field::new(self.dims(), &|planes| self.planes(planes), &filter, *pad, progress)?
+                Field::new((self.dims(), shot.first()), &|planes| self.planes(planes), &filter, *pad, progress)?
             } else {
                 let plane = |plane: usize| Ok(self.planes(plane..plane + 1)?.into_iter().map(|v| [v]).collect());
                 let (dims, cells) = level.cells(self.dims(), &plane, true)?;
@@ -103,7 +103,7 @@ impl Scalars {
                     let area = dims[0] * dims[1];
                     Ok(cells[planes.start * area..planes.end * area].as_flattened().to_vec())
                 };
-                Field::new(dims, &planes, &filter, *pad, progress)?
+                Field::new((dims, shot.first()), &planes, &filter, *pad, progress)?
             };
             Ok(Reconstructed { field, filter })
         })
@@ -256,7 +256,7 @@ impl Extinctions<'_> {
 
 /// Returns whether most visible samples equal the next along x. Inspects at most a million samples, in rows spread over
 /// the volume. In scans a few in a hundred do, in scans of 8 bits one in five.
-fn is_uniform(volume: &Volume, transfer: &TransferFunction) -> Result<bool> {
+pub(crate) fn is_uniform(volume: &Volume, transfer: &TransferFunction) -> Result<bool> {
     const SAMPLES: usize = 1 << 20;
     let [nx, ny, nz] = volume.grid().dims().map(|d| d as usize);
     let (slope, intercept) = volume.rescale();

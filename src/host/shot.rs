@@ -19,12 +19,26 @@ use crate::volume::Grid;
 /// The largest growth of kernels of perspective pictures: growth by the last rounding does not count.
 const NO_GROWTH: f64 = 1.0 + 1e-9;
 
+/// A part of a lattice whose partial picture is made.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct OwnedPart {
+    /// The whole lattice, and the lattice of the scene's voxels in it.
+    pub(super) grid: Grid,
+    pub(super) held: Grid,
+    /// The first voxel of the scene in it.
+    pub(super) first: [u32; 3],
+    /// The least and the largest place of the slabs of the partial picture, in numbers of voxels.
+    pub(super) owned: [DVec3; 2],
+}
+
 /// The camera, the settings and the lattice of a picture.
 #[derive(Clone)]
 pub(super) struct Shot<'a> {
     pub(super) camera: &'a Camera,
     pub(super) settings: &'a Settings,
+    /// The lattice of all voxels; `part` is the part of it that a partial picture shows.
     pub(super) grid: &'a Grid,
+    pub(super) part: Option<&'a OwnedPart>,
     pub(super) region: Region,
     /// The growths of the kernels whose fields are blended, ascending.
     pub(super) growths: Vec<f64>,
@@ -49,12 +63,36 @@ pub(super) struct Depths<'a> {
 
 impl<'a> Shot<'a> {
     /// Plans the picture of the matter of a region of a frame.
-    pub(super) fn new(frame: &Frame<'a>, grid: &'a Grid, region: Region, depths: Depths<'a>) -> Result<Self> {
+    pub(super) fn new(
+        frame: &Frame<'a>,
+        (grid, part): (&'a Grid, Option<&'a OwnedPart>),
+        region: Region,
+        depths: Depths<'a>,
+    ) -> Result<Self> {
         let Frame { camera, settings, .. } = *frame;
+        let grid = part.map_or(grid, |part| &part.grid);
         let kernel = settings.reconstruction_kernel();
         let (growths, level) = growths(camera, grid, settings, &kernel);
         let (lattice, density) = (level.grid(grid)?, settings.normalization.density(&kernel));
-        Ok(Self { camera, settings, grid, region, growths, level, lattice, kernel, density, depths })
+        Ok(Self { camera, settings, grid, part, region, growths, level, lattice, kernel, density, depths })
+    }
+
+    /// Returns the point of the lattice at the first point of the scene.
+    pub(super) fn first(&self) -> [isize; 3] {
+        self.part.map_or([0; 3], |part| part.first.map(|voxel| (voxel >> self.level.0) as isize))
+    }
+
+    /// Returns the first and the last point of the scene along each axis of the lattice.
+    pub(super) fn held(&self) -> Result<[[f64; 2]; 3]> {
+        let lattice = self.part.map_or(Ok(self.lattice), |part| self.level.grid(&part.held))?;
+        let first = self.first();
+        Ok([0, 1, 2].map(|axis| [0, lattice.dims()[axis] as isize - 1].map(|end| (first[axis] + end) as f64)))
+    }
+
+    /// Returns the least and the largest place of the slabs of a partial picture.
+    pub(super) fn owned(&self) -> Option<[DVec3; 2]> {
+        let to_cells = |place: DVec3| DVec3::from_array(place.to_array().map(|place| self.level.cells_of(place)));
+        self.part.map(|part| part.owned.map(to_cells))
     }
 
     /// Returns the kernels whose fields are blended.
@@ -119,6 +157,39 @@ impl<'a> Shot<'a> {
 pub(super) fn places_of_light(grid: &Grid, lattice: &Grid) -> DAffine3 {
     let to_places = DAffine3::from_scale(DVec3::splat(1.0 / grid.unit()));
     to_places * DAffine3::from_translation(-grid.center()) * lattice.to_world()
+}
+
+/// What a picture needs of a volume.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Needs {
+    /// The level of its cells.
+    pub(crate) level: u32,
+    /// The largest distance in voxels of the samples of which slabs are made.
+    pub(crate) reach: u32,
+    /// The number of fields that are blended.
+    fields: usize,
+}
+
+impl Needs {
+    /// Returns the bytes of each voxel, of each voxel of the box around the visible ones, and of each visible voxel.
+    pub(crate) fn bytes(self, is_post: bool) -> [f64; 3] {
+        let voxels_of_cell = f64::from(3 * self.level).exp2();
+        let of_fields = self.fields as f64 / voxels_of_cell;
+        // Cells of two voxels are made of all voxels at once.
+        let of_cells = |bytes: f64| if self.level > 0 { bytes / 8.0 } else { 0.0 };
+        // Fields of scalars reach 8 points beyond each face.
+        if is_post { [5.0 * of_fields + of_cells(4.0), 0.0, 0.0] } else { [of_cells(16.0), 8.0 * of_fields, 12.0] }
+    }
+}
+
+/// Returns what a picture needs.
+pub(crate) fn needs(camera: &Camera, grid: &Grid, settings: &Settings) -> Needs {
+    let kernel = settings.reconstruction_kernel();
+    let (growths, level) = growths(camera, grid, settings, &kernel);
+    let cells = growths.iter().map(|growth| level.kernel(&kernel, *growth).radius().ceil()).fold(0.0, f64::max);
+    // Filters reach as far as kernels, splines 2 points farther; slabs read the next samples, of leaning rays 3 points
+    // away, and their differences. Cells are made of cells a point beyond their own voxels.
+    Needs { level: level.0, reach: (cells as u32 + 8) << level.0, fields: growths.len() }
 }
 
 /// Returns the growths of the kernels whose fields a picture needs, and the level of their lattice.

@@ -173,7 +173,7 @@ impl Colored {
             let [nx, ny, nz] = self.grid.dims().map(|d| d as usize);
             let fill = |z: usize, out: &mut Voxels| dispatch(Filling { colored: self, light: shader.as_ref(), z, out });
             let field = if key.level == Level(0) {
-                ColorField::new(([nx, ny, nz], key.pad), &filter, &fill, progress)?
+                ColorField::new(([nx, ny, nz], shot.first(), key.pad), &filter, &fill, progress)?
             } else {
                 let plane = |z: usize| {
                     let mut voxels = Voxels::new([nx, ny], 0)?;
@@ -187,7 +187,7 @@ impl Colored {
                         shown.for_each(|(column, cell)| out.put(row, column, *cell));
                     }
                 };
-                ColorField::new((dims, key.pad), &filter, &fill, progress)?
+                ColorField::new((dims, shot.first(), key.pad), &filter, &fill, progress)?
             };
             Ok(Filtered { field, filter })
         })

@@ -1,15 +1,16 @@
 //! Pictures in bricks are the whole picture, at cuts as elsewhere.
 
 use glam::{DAffine3, DMat3, DVec3};
-use voxsplat::Frame;
 use voxsplat::bricks::{Brick, Chunks, Partial, Plan, brick, merge};
 use voxsplat::camera::{Camera, ProjectionKind, View};
 use voxsplat::clip::{Clip, Plane};
+use voxsplat::host::HostRenderer;
 use voxsplat::image::Image;
 use voxsplat::layers::{Labels, Layer, Layers};
 use voxsplat::settings::{Level, Model, Painter, QuadsSettings, Response, Settings, Shading, Sheets};
 use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::{Grid, Samples, Volume};
+use voxsplat::{Engine, Frame};
 
 use crate::support::{PERSPECTIVE, demo, renderer, two_lights};
 
@@ -37,6 +38,18 @@ fn tiles(settings: &Settings) -> Settings {
     Settings { painter: Painter::Tiles, ..settings.clone() }
 }
 
+fn cpu(settings: &Settings) -> Settings {
+    Settings { painter: Painter::Cpu, ..settings.clone() }
+}
+
+/// The engine of a plan.
+fn engine(plan: &Plan) -> Engine {
+    match plan.settings().painter {
+        Painter::Cpu => Engine::Host(HostRenderer::new(&Default::default())),
+        _ => Engine::Device(renderer()),
+    }
+}
+
 /// The same samples on another lattice.
 fn on(volume: &Volume, axes: DMat3) -> Volume {
     let grid = Grid::new(volume.grid().dims(), DAffine3::from_mat3_translation(axes, DVec3::new(50.0, -3.0, 7.0)));
@@ -53,15 +66,16 @@ fn sheared(volume: &Volume) -> Volume {
 fn parts(plan: &Plan, layers: &Layers) -> Vec<Partial> {
     let draw = |number: usize| {
         let slice = layers.part(&plan.bricks()[number].held).unwrap();
-        brick(&renderer(), plan, number, &slice).unwrap().0
+        brick(&engine(plan), plan, number, &slice).unwrap().0
     };
     (0..plan.bricks().len()).map(draw).collect()
 }
 
 /// The whole picture by the settings of a plan.
 fn whole(plan: &Plan, layers: &Layers) -> Image {
-    let scene = renderer().prepare_layers(layers, plan.settings()).unwrap();
-    renderer().render(&scene, &Frame::new(plan.camera(), plan.settings())).unwrap().image
+    let engine = engine(plan);
+    let scene = engine.prepare_layers(layers, plan.settings()).unwrap();
+    engine.render(&scene, &Frame::new(plan.camera(), plan.settings())).unwrap().image
 }
 
 /// The merged picture, and the largest difference of a channel from the whole one.
@@ -131,6 +145,12 @@ fn models_by_parallel_sheets_are_the_whole() {
 }
 
 #[test]
+fn models_by_the_processor_are_the_whole() {
+    assert_eq!(differing(ProjectionKind::Orthographic, cpu, 1), [""; 0]);
+    assert_eq!(differing(PERSPECTIVE, cpu, 1), [""; 0]);
+}
+
+#[test]
 #[ignore = "slow: 44 pictures in bricks"]
 fn every_model_by_every_painter_is_the_whole() {
     for projection in [ProjectionKind::Orthographic, PERSPECTIVE] {
@@ -165,7 +185,7 @@ fn there_is_no_seam_at_cuts() {
     for (azimuth, elevation) in [(0.0, 0.0), (30.0, 20.0)] {
         let chunks = Chunks::new([32; 3], [vec![11, 21], vec![16, 16], vec![5, 18, 9]]).unwrap();
         let camera = seen(&volume, azimuth, elevation, ProjectionKind::Orthographic, 64);
-        for settings in [tiles(&exact()), quads(&exact())] {
+        for settings in [tiles(&exact()), quads(&exact()), cpu(&exact())] {
             let plan = Plan::new(&layers, layers.grid(), &chunks, &camera, &settings).unwrap();
             let parts = parts(&plan, &layers);
             let cuts = at_cuts(&plan, &parts);
@@ -199,10 +219,15 @@ fn unusual_scenes_are_the_whole() {
         ("along a face", &along, tiles(&exact())),
         ("along a face, quads", &along, quads(&post)),
         ("clipped", &oblique, tiles(&Settings { clip: clip.clone(), ..exact() })),
-        ("clipped, post", &oblique, quads(&Settings { clip, ..post.clone() })),
+        ("clipped, post", &oblique, quads(&Settings { clip: clip.clone(), ..post.clone() })),
         ("grown kernels", &small, tiles(&exact())),
-        ("the eye inside", &inside, exact()),
-        ("the eye inside, post", &inside, post),
+        ("the eye inside", &inside, quads(&exact())),
+        ("the eye inside, post", &inside, quads(&post)),
+        ("along a face, cpu", &along, cpu(&post)),
+        ("clipped, cpu", &oblique, cpu(&Settings { clip: clip.clone(), ..post.clone() })),
+        ("grown kernels, cpu", &small, cpu(&exact())),
+        ("the eye inside, cpu", &inside, cpu(&exact())),
+        ("the eye inside, post, cpu", &inside, cpu(&post)),
     ] {
         let apart = apart(&layers, &chunks, camera, &settings);
         println!("{name}: {apart:.1e}");
@@ -224,7 +249,8 @@ fn slabs_at_ties_have_one_owner() {
     let direction = Some(DVec3::new(1.0, 0.0, 2.0));
     let view = View { direction, up: DVec3::Y, view_height, ..View::default() };
     let camera = Camera::new(&view, volume.grid(), [SIDE; 2]).unwrap();
-    for settings in [tiles(&exact()), quads(&exact()), tiles(&Settings { shading: Shading::Post, ..exact() })] {
+    let post = Settings { shading: Shading::Post, ..exact() };
+    for settings in [tiles(&exact()), quads(&exact()), tiles(&post), cpu(&exact()), cpu(&post)] {
         let apart = apart(&layers, &chunks, &camera, &settings);
         println!("{apart:.1e}");
         assert!(apart < LIMIT, "{apart:e}");
@@ -242,6 +268,8 @@ fn cells_are_the_whole() {
         (1, PERSPECTIVE, tiles(&lit), 70),
         (2, PERSPECTIVE, tiles(&exact()), 36),
         (1, ProjectionKind::Orthographic, quads(&lit), 36),
+        (1, ProjectionKind::Orthographic, cpu(&lit), 36),
+        (2, PERSPECTIVE, cpu(&Settings { shading: Shading::Post, ..lit.clone() }), 36),
     ] {
         let camera = seen(&volume, 33.0, 25.0, projection, size);
         let apart = apart(&layers, &chunks, &camera, &Settings { level: Level::At(level), ..settings });
@@ -250,8 +278,10 @@ fn cells_are_the_whole() {
     }
     // Small pictures have cells by themselves.
     let camera = seen(&volume, 33.0, 25.0, ProjectionKind::Orthographic, 16);
-    let plan = Plan::new(&layers, layers.grid(), &chunks, &camera, &exact()).unwrap();
-    assert!(matches!(plan.settings().level, Level::At(1..)), "{:?}", plan.settings().level);
+    for settings in [tiles(&exact()), cpu(&exact())] {
+        let plan = Plan::new(&layers, layers.grid(), &chunks, &camera, &settings).unwrap();
+        assert!(matches!(plan.settings().level, Level::At(1..)), "{:?}", plan.settings());
+    }
 }
 
 /// A plan by an overview draws slices of the volume.
@@ -289,7 +319,8 @@ fn labels_and_channels_are_the_whole() {
     let layers = Layers::of_volume(&scan, &transfer).with(Layer::labels(&labels, &Labels::default()).unwrap()).unwrap();
     let chunks = Chunks::even([24; 3], [2, 2, 2]).unwrap();
     let camera = seen(&scan, 30.0, 20.0, ProjectionKind::Orthographic, 40);
-    for settings in [tiles(&exact()), tiles(&Settings { lighting: two_lights(), ..exact() })] {
+    let lit = Settings { lighting: two_lights(), ..exact() };
+    for settings in [tiles(&exact()), tiles(&lit), cpu(&lit)] {
         let apart = apart(&layers, &chunks, &camera, &settings);
         assert!(apart < LIMIT, "{apart:e}");
     }
@@ -313,7 +344,7 @@ fn wider(plan: &Plan, by: i64) -> Plan {
 /// The partial picture of one brick of a plan in all pixels of all families.
 fn drawn_alone(plan: &Plan, number: usize, layers: &Layers) -> Vec<[f32; 4]> {
     let slice = layers.part(&plan.bricks()[number].held).unwrap();
-    let (part, _) = brick(&renderer(), plan, number, &slice).unwrap();
+    let (part, _) = brick(&engine(plan), plan, number, &slice).unwrap();
     let [width, height] = plan.camera().size;
     let region = part.region();
     let at = |family: usize, x: u32, y: u32| {
@@ -347,7 +378,7 @@ fn compare_halos(projections: &[ProjectionKind], step: usize) {
     for &projection in projections {
         let camera = seen(&volume, 33.0, 25.0, projection, 90);
         let models = models().into_iter().step_by(step);
-        for ((name, settings), painter) in models.flat_map(|of| [tiles, quads].map(|by| (of.clone(), by))) {
+        for ((name, settings), painter) in models.flat_map(|of| [tiles, quads, cpu].map(|by| (of.clone(), by))) {
             let plan = Plan::new(&layers, layers.grid(), &chunks, &camera, &painter(&settings)).unwrap();
             let middle = plan.bricks().iter().position(|brick| brick.voxels == [15..27, 16..27, 14..27]).unwrap();
             let planned = drawn_alone(&plan, middle, &layers);
@@ -418,13 +449,11 @@ fn random_scene(seed: u64) -> (String, f64) {
     let camera = Camera::new(&view, volume.grid(), [14 + random.below(10) as u32, 18]).unwrap();
     let models = models();
     let (model, settings) = &models[random.below(models.len())];
-    let settings = if random.below(2) == 0 { tiles(settings) } else { quads(settings) };
+    let settings = [tiles, quads, cpu][random.below(3)](settings);
     let layers = Layers::of_volume(&volume, &transfer);
     // Tiles refuses kernels that have grown to the size of pixels, and an eye among the voxels.
-    let auto = || {
-        Plan::new(&layers, layers.grid(), &chunks, &camera, &Settings { painter: Painter::Auto, ..settings.clone() })
-    };
-    let plan = Plan::new(&layers, layers.grid(), &chunks, &camera, &settings).or_else(|_| auto()).unwrap();
+    let by_quads = || Plan::new(&layers, layers.grid(), &chunks, &camera, &quads(&settings));
+    let plan = Plan::new(&layers, layers.grid(), &chunks, &camera, &settings).or_else(|_| by_quads()).unwrap();
     let merged = merge(&plan, parts(&plan, &layers)).unwrap();
     let apart = difference(&merged, &whole(&plan, &layers)).into_iter().fold(0.0, f64::max);
     let apart = apart / limit_of(&settings);
@@ -575,7 +604,7 @@ fn pictures_that_bricks_cannot_make_are_refused() {
     let level = |level| Settings { level: Level::At(level), ..exact() };
     assert!(refused(level(4)).starts_with("level: 4: bricks begin between cells of level 3 at most"));
     let post = Settings { shading: Shading::Post, ..level(1) };
-    assert!(refused(post).starts_with("level: 1: bricks of scalars are drawn of voxels"));
+    assert!(refused(tiles(&post)).starts_with("level: 1: bricks of scalars are drawn of voxels"));
     let axis = QuadsSettings { sheets: Sheets::Axis, ..QuadsSettings::default() };
     assert!(refused(Settings { painter: Painter::Quads(axis), ..exact() }).starts_with("sheets: no brick owns"));
     let error = Chunks::even([16; 3], [2, 17, 1]).unwrap_err().to_string();
@@ -584,7 +613,11 @@ fn pictures_that_bricks_cannot_make_are_refused() {
     assert_eq!(error, "grid: chunks of [8, 7] voxels along y, expected sizes over 0 that sum to 16");
     let plan = Plan::new(&layers, layers.grid(), &chunks, &camera, &tiles(&exact())).unwrap();
     let slice = layers.part(&[0..16, 0..16, 0..9]).unwrap();
-    let error = brick(&renderer(), &plan, 3, &slice).unwrap_err().to_string();
+    let error = brick(&engine(&plan), &plan, 3, &slice).unwrap_err().to_string();
     assert!(error.starts_with("brick: a slice of [16, 16, 9] voxels, expected [16, 16, 16]: "), "{error}");
-    assert_eq!(brick(&renderer(), &plan, 8, &layers).unwrap_err().to_string(), "brick: 8, expected 0 to 7");
+    assert_eq!(brick(&engine(&plan), &plan, 8, &layers).unwrap_err().to_string(), "brick: 8, expected 0 to 7");
+    let by_cpu = Plan::new(&layers, layers.grid(), &chunks, &camera, &cpu(&exact())).unwrap();
+    let slice = layers.part(&by_cpu.bricks()[0].held).unwrap();
+    let error = brick(&engine(&plan), &by_cpu, 0, &slice).unwrap_err().to_string();
+    assert_eq!(error, "painter: it is of another engine: open the engine for the plan's settings");
 }

@@ -62,7 +62,7 @@ pub(crate) fn new_renderer() -> Renderer {
 pub(crate) fn engines() -> [Engine; 2] {
     let cpu = Settings { painter: Painter::Cpu, ..Settings::default() };
     let host = Engine::open(&RendererOptions::default(), &cpu).unwrap();
-    [Engine::Device(Box::new(new_renderer())), host]
+    [Engine::Device(Arc::new(new_renderer())), host]
 }
 
 pub(crate) fn demo(name: &str, size: u32) -> (Volume, TransferFunction) {

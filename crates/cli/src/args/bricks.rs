@@ -37,7 +37,7 @@ Examples:
 
 /// Draw a brick of a plan, or bricks in a row: a partial picture.
 ///
-/// Bricks in a row are drawn one after the other with one device, and composited. Reads only the samples of a brick at
+/// Bricks in a row are drawn one after the other with one engine, and composited. Reads only the samples of a brick at
 /// a time from files of uncompressed samples in one piece, and otherwise the volume.
 #[derive(Debug, clap::Args)]
 #[command(after_help = BRICK_EXAMPLES)]
@@ -50,7 +50,8 @@ pub(crate) struct BrickArgs {
     /// Partial picture to write: an OpenEXR with four channels
     #[arg(short, long, value_name = "FILE")]
     pub(crate) output: PathBuf,
-    /// Use the adapter whose name contains NAME, or #N of `voxsplat devices` [default: the best adapter]
+    /// Use the adapter whose name contains NAME, or #N of `voxsplat devices` [default: the best adapter, or the
+    /// processor for a plan by `cpu`]
     #[arg(long, value_name = "NAME")]
     pub(crate) adapter: Option<String>,
 }

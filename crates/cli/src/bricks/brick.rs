@@ -2,9 +2,10 @@
 
 use serde::Serialize;
 use voxsplat::bricks::{self, Partial};
+use voxsplat::engine::Engine;
 use voxsplat::formats::load;
 use voxsplat::layers::Layers;
-use voxsplat::renderer::{Renderer, RendererOptions, silenced};
+use voxsplat::settings::RendererOptions;
 
 use super::{check_output, document};
 use crate::args::BrickArgs;
@@ -38,10 +39,10 @@ pub(crate) fn run(args: &BrickArgs) -> Result<(), Failure> {
     };
     let options =
         RendererOptions { adapter: args.adapter.clone(), progress: progress::reporter(), ..RendererOptions::default() };
-    let renderer = silenced(|| Renderer::new(&options))?;
+    let engine = Engine::open(&options, plan.settings())?;
     let draw = |number: usize| -> Result<Partial, Failure> {
         let slice = layers.part(&plan.brick(number)?.held)?;
-        Ok(bricks::brick(&renderer, &plan, number, &slice)?.0)
+        Ok(bricks::brick(&engine, &plan, number, &slice)?.0)
     };
     let first = draw(*args.bricks.start())?;
     let mut others = args.bricks.clone().skip(1);

@@ -6,7 +6,7 @@ use std::path::Path;
 use clap::{ArgMatches, Command};
 use serde::Serialize;
 use voxsplat::bricks::{Chunks, Plan};
-use voxsplat::settings::Level;
+use voxsplat::settings::{Level, Painter};
 
 use super::{check_output, document};
 use crate::args::PlanArgs;
@@ -82,9 +82,15 @@ pub(crate) fn run(args: PlanArgs, line: (&Command, &ArgMatches)) -> Result<(), F
         let bricks = plan.bricks().len();
         let most = plan.bricks().iter().map(|brick| brick.bytes).max().unwrap_or_default();
         let level = if let Level::At(level) = plan.settings().level { level } else { 0 };
+        let painter = match plan.settings().painter {
+            Painter::Cpu => "cpu",
+            Painter::Quads(_) => "quads",
+            _ => "tiles",
+        };
         let (last, megabytes) = (bricks - 1, most as f64 / 1e6);
         output::say(&format!(
-            "planned {bricks} bricks, numbers 0 to {last}, at --level {level}, of up to {megabytes:.0} MB"
+            "planned {bricks} bricks, numbers 0 to {last}, by --painter {painter} at --level {level}, of up to \
+             {megabytes:.0} MB"
         ));
         report::print(choices, [&path], Planned { bricks, level, brick_bytes: most })?;
     }

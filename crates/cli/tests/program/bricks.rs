@@ -11,7 +11,8 @@ use crate::cli::folder;
 fn voxsplat(dir: &Path, arguments: &str) -> Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_voxsplat"));
     command.current_dir(dir).args(arguments.split_whitespace());
-    if arguments.starts_with("brick") || arguments.starts_with("render") {
+    let draws = arguments.starts_with("brick") || arguments.starts_with("render");
+    if draws && !arguments.contains("cpu") {
         command.args(["--adapter", &adapter()]);
     }
     command.output().unwrap()
@@ -34,18 +35,20 @@ fn refused(dir: &Path, arguments: &str, code: i32, words: &str) {
 }
 
 const LOOK: &str = "demo:vessels:20 --azimuth 30 --light off --size 40 --tune termination=0";
+const TILES: &str = "demo:vessels:20 --azimuth 30 --light off --size 40 --tune termination=0 --painter tiles";
 
 #[test]
 fn three_commands_make_the_picture_of_render() {
     let dir = folder();
     let dir = dir.path();
-    let said = run(dir, &format!("plan {LOOK} --grid 1x2x2 -o plan.json"));
-    assert!(said.contains("planned 4 bricks, numbers 0 to 3, at --level 0, of up to "), "{said}");
+    let said = run(dir, &format!("plan {TILES} --grid 1x2x2 -o plan.json"));
+    let planned = "planned 4 bricks, numbers 0 to 3, by --painter tiles at --level 0, of up to ";
+    assert!(said.contains(planned), "{said}");
     (0..4).for_each(|n| drop(run(dir, &format!("brick plan.json {n} -o part-{n}.exr"))));
     run(dir, "merge plan.json part-3.exr part-1.exr part-0.exr part-2.exr -o merged.exr");
     run(dir, "merge plan.json part-0.exr part-1.exr part-2.exr part-3.exr -o merged.png --background white");
     // Plans have one size for every azimuth.
-    run(dir, &format!("render {LOOK} --painter tiles --level 0 --frame visible -o whole.exr"));
+    run(dir, &format!("render {TILES} --level 0 --frame visible -o whole.exr"));
     let [merged, whole] = ["merged.exr", "whole.exr"].map(|name| Image::load(dir.join(name)).unwrap());
     let apart = compare(&merged, &whole, 0.0).unwrap().max_channel;
     assert!(apart.iter().all(|&channel| channel < 1e-5), "{apart:?}");
@@ -63,7 +66,7 @@ fn three_commands_make_the_picture_of_render() {
     refused(dir, "brick plan.json 0 -o part.png", 2, "--output: part.png: expected the extension .exr");
     refused(
         dir,
-        &format!("plan {LOOK} --grid 1x2x2 -o plan.png"),
+        &format!("plan {TILES} --grid 1x2x2 -o plan.png"),
         2,
         "--output: plan.png: expected the extension .json",
     );
@@ -74,9 +77,31 @@ fn three_commands_make_the_picture_of_render() {
     let whole = std::fs::read(dir.join("part-0.exr")).unwrap();
     std::fs::write(dir.join("part-0.exr"), &whole[..whole.len() / 2]).unwrap();
     refused(dir, "merge plan.json part-0.exr -o a.png", 1, "part-0.exr: ");
-    run(dir, &format!("plan {LOOK} --grid 1x2x2 -o other.json --zoom 1.1"));
+    run(dir, &format!("plan {TILES} --grid 1x2x2 -o other.json --zoom 1.1"));
     refused(dir, "merge other.json part-1.exr -o a.png", 1, "part-1.exr: brick 1 belongs to another plan");
     assert!(!dir.join("a.png").exists() && !dir.join("part-4.exr").exists());
+}
+
+#[test]
+fn the_processor_draws_bricks() {
+    let dir = folder();
+    let dir = dir.path();
+    let look = format!("{LOOK} --shading post --painter cpu");
+    let said = run(dir, &format!("plan {look} --grid 1x2x2 -o cpu.json"));
+    assert!(said.contains("by --painter cpu at --level 0"), "{said}");
+    run(dir, "brick cpu.json 0-1 -o cpu-0.exr");
+    run(dir, "brick cpu.json 2-3 -o cpu-1.exr");
+    run(dir, "merge cpu.json cpu-0.exr cpu-1.exr -o merged.exr");
+    run(dir, &format!("render {look} --level 0 --frame visible -o whole.exr"));
+    let [merged, whole] = ["merged.exr", "whole.exr"].map(|name| Image::load(dir.join(name)).unwrap());
+    let apart = compare(&merged, &whole, 0.0).unwrap().max_channel;
+    assert!(whole.pixels().iter().any(|pixel| pixel[3] > 0.5) && apart.iter().all(|&c| c < 1e-5), "{apart:?}");
+    refused(
+        dir,
+        "brick cpu.json 0 -o a.exr --adapter nosuch",
+        2,
+        "--adapter: \"nosuch\": an adapter draws by quads or",
+    );
 }
 
 #[test]
@@ -86,11 +111,11 @@ fn labels_are_drawn_in_bricks() {
     let header = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 16 16 16\nencoding: raw\nspacings: 1 1 1\n\n";
     let labels: Vec<u8> = (0..16 * 16 * 16_u32).map(|i| (i % 16 / 6 + i / 256 / 6) as u8).collect();
     std::fs::write(dir.join("labels.nrrd"), [header.as_bytes(), &labels].concat()).unwrap();
-    let look = "labels.nrrd --transfer labels --light off --azimuth 30 --size 32 --tune termination=0";
+    let look = "labels.nrrd --transfer labels --light off --azimuth 30 --size 32 --tune termination=0 --painter tiles";
     run(dir, &format!("plan {look} --grid 2x1x1 -o plan.json"));
     (0..2).for_each(|n| drop(run(dir, &format!("brick plan.json {n} -o {n}.exr"))));
     run(dir, "merge plan.json 0.exr 1.exr -o merged.exr");
-    run(dir, &format!("render {look} --painter tiles --frame visible -o whole.exr"));
+    run(dir, &format!("render {look} --frame visible -o whole.exr"));
     let [merged, whole] = ["merged.exr", "whole.exr"].map(|name| Image::load(dir.join(name)).unwrap());
     let apart = compare(&merged, &whole, 0.0).unwrap().max_channel;
     assert!(whole.pixels().iter().any(|pixel| pixel[3] > 0.5) && apart.iter().all(|&c| c < 1e-5), "{apart:?}");
