@@ -125,7 +125,7 @@ impl Plan {
         let incomplete = if level > 0 { INCOMPLETE } else { 0 };
         let cells = beyond.max(reach).ceil() as u32 + incomplete;
         let halo = (cells << level) + normals_reach(layers, &settings) + filter_reach(&settings);
-        let beyond = beyond * f64::from(level).exp2();
+        let beyond = beyond * libm::exp2(f64::from(level));
         let transfer = layers.plain().map(|(_, transfer)| transfer.clone());
         let brightest = match (painter, settings.lighting.is_some() || settings.is_post_shaded()) {
             (Painter::Tiles, false) => layers.brightest(),
