@@ -4,6 +4,8 @@
 //!
 //! `voxsplat render VOLUME --mesh FILE:COLOUR` draws meshes of files.
 
+#![allow(clippy::disallowed_methods, reason = "the last bit of a place shows nowhere")]
+
 use std::f64::consts::TAU;
 
 use voxsplat::glam::DVec3;

@@ -44,6 +44,7 @@
 //! its own, `crates/cli`.
 
 #![cfg_attr(docsrs, feature(doc_cfg))]
+#![cfg_attr(test, allow(clippy::disallowed_methods, reason = "tests allow more than the last bit"))]
 #![cfg_attr(
     not(feature = "gpu"),
     allow(dead_code, unused_imports, reason = "what only the device engine reads is compiled without it too")

@@ -8,6 +8,7 @@
 //! with slices three voxels apart, and lit by a headlight. Each cell has the root mean square of the difference from
 //! the shading of the true normals, of 255, and the same without its mean over the 8 x 8 voxels around each pixel.
 
+#![allow(clippy::disallowed_methods, reason = "measurements allow more than the last bit")]
 #![allow(clippy::print_stdout, reason = "printing its table is what this program is for")]
 
 mod ball;

@@ -10,6 +10,7 @@
 //! Blur is a variance along an axis, voxels^2. Half Nyquist is the remaining share of waves four samples long. Noise
 //! is the noise of the field over the noise of the samples.
 
+#![allow(clippy::disallowed_methods, reason = "measurements allow more than the last bit")]
 #![allow(clippy::print_stdout, reason = "printing its table is what this program is for")]
 
 #[path = "../common/mod.rs"]

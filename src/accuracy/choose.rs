@@ -152,7 +152,7 @@ fn traced(tracer: &mut Tracer) -> Result<Option<(Image, Estimate)>> {
 
 /// Cuts a number over 0 off after its second digit, because people read and copy it.
 fn rounded_down(number: f64) -> f64 {
-    let unit = 10_f64.powi(number.log10().floor() as i32 - 1);
+    let unit = 10_f64.powi(libm::log10(number).floor() as i32 - 1);
     // Parsing its decimal digits gives exactly the number that they mean.
     format!("{:.1e}", (number / unit).floor() * unit).parse().unwrap_or(number)
 }
@@ -283,7 +283,7 @@ fn thickness(so_far: &[(f64, f64)], bound: f64) -> Option<f64> {
     let &(last, error) = so_far.last()?;
     // Errors grow as a power of the thickness: composites as the square, projections of intensity more slowly.
     let power = match so_far {
-        [.., (before, error_before), _] => (error_before / error).ln() / (before / last).ln(),
+        [.., (before, error_before), _] => libm::log(error_before / error) / libm::log(before / last),
         _ => SQUARE,
     };
     // Near the share of the error that sheets do not change, the power falls to 0.
@@ -291,7 +291,7 @@ fn thickness(so_far: &[(f64, f64)], bound: f64) -> Option<f64> {
         return None;
     }
     let [least, most] = THINNER.map(|factor| factor * last);
-    let predicted = last * (AIM * bound / error).powf(power.min(SQUARE).recip());
+    let predicted = last * libm::pow(AIM * bound / error, power.min(SQUARE).recip());
     Some(rounded_down(predicted.clamp(least, most)).max(THINNEST))
 }
 

@@ -134,7 +134,7 @@ impl Estimate {
         let beyond: Vec<f64> = errors.iter().filter(|&&e| e > threshold).map(|e| e - threshold).collect();
         let excesses = beyond.len().max(1) as f64;
         let mean = beyond.iter().sum::<f64>() / excesses;
-        let steps = (excesses / count.max(1) as f64 / (1.0 - FRACTION)).ln().max(0.0);
+        let steps = libm::log(excesses / count.max(1) as f64 / (1.0 - FRACTION)).max(0.0);
         let tail = (threshold + mean * steps).min(max.max(1.0));
         let sampled = if count >= 1000 { percentile(&mut errors, FRACTION) } else { 0.0 };
         let error = if max.is_finite() { tail.max(sampled) } else { max };

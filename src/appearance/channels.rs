@@ -247,7 +247,7 @@ fn opacity(volume: &Volume, statistics: &Statistics, window: &Window, depth: f64
         ((value - low) / (high - low)).clamp(0.0, 1.0)
     };
     let mean = (0..STEPS).map(|step| share(step).powi(2)).sum::<f64>() / f64::from(STEPS);
-    let length = (statistics.fraction_above(low) * volume.grid().len() as f64).cbrt();
+    let length = libm::cbrt(statistics.fraction_above(low) * volume.grid().len() as f64);
     Ok(CHANNEL_OPACITY.min(depth / (mean * length).max(f64::MIN_POSITIVE)))
 }
 

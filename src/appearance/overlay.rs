@@ -638,7 +638,7 @@ fn dimmed(transfer: &TransferFunction, volume: &Volume, statistics: &Statistics)
     let at = |share: f64| low + share * (high - low);
     // A ray through the visible voxels is as long as the edge of a cube of them.
     let voxels = statistics.fraction_above(at(1.0)) * volume.grid().len() as f64;
-    let inside = (1.0 - (-INSIDE / voxels.cbrt().max(1.0)).exp()).min(SHELL);
+    let inside = (1.0 - libm::exp(-INSIDE / libm::cbrt(voxels).max(1.0))).min(SHELL);
     let point = |value: f64, grey: f64, opacity: f64| ControlPoint { value, color: [grey; 3], opacity };
     let [dark, bright] = GREY;
     let end = transfer.range()[1].max(at(2.0));

@@ -48,7 +48,7 @@ impl Values {
         let sums: [f64; 4] = std::array::from_fn(|i| f[i] + b[i]);
         let merged = match self {
             Self::Emission => {
-                let passed = (-f[3]).exp();
+                let passed = libm::exp(-f[3]);
                 [f[0] + passed * b[0], f[1] + passed * b[1], f[2] + passed * b[2], sums[3]]
             }
             Self::Largest => {
@@ -201,7 +201,7 @@ impl Look<'_> {
             Values::Emission if self.settings.model == Model::Xray => self.settings.response.pixel(d.max(0.0)),
             Values::Emission => {
                 // Colours of cells and of fitted slabs may be slightly negative.
-                let alpha = -(-d.max(0.0)).exp_m1();
+                let alpha = -libm::expm1(-d.max(0.0));
                 let [red, green, blue] = self.brightest.map(|most| most * alpha);
                 [a.clamp(0.0, red), b.clamp(0.0, green), c.clamp(0.0, blue), alpha]
             }

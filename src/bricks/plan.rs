@@ -479,7 +479,7 @@ fn of_device(
     let [beyond, reach] = (kind(painter).room().reach)(&view, &Settings { painter, ..drawn });
     let incomplete = if level > 0 { INCOMPLETE } else { 0 };
     let cells = beyond.max(reach).ceil() as u32 + incomplete;
-    Ok((Settings { painter, ..settings }, beyond * f64::from(level).exp2(), cells << level))
+    Ok((Settings { painter, ..settings }, beyond * libm::exp2(f64::from(level)), cells << level))
 }
 
 /// Returns the level of all bricks that a device draws. The cuts lie between cells of this level.

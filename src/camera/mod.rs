@@ -3,12 +3,12 @@
 pub mod clip;
 pub(crate) mod framing;
 
-use glam::{DMat3, DQuat, DVec2, DVec3};
+use glam::{DMat3, DVec2, DVec3};
 
 pub use crate::camera::framing::Hull;
 use crate::error::{Error, Result};
 use crate::volume::Grid;
-use voxsplat_volume::vector::unit;
+use voxsplat_volume::vector::{rotation, unit};
 
 /// The projection of a picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -169,7 +169,7 @@ impl Camera {
         let aspect = f64::from(size[0]) / f64::from(size[1]);
         let (tan, towards) = match view.projection {
             ProjectionKind::Orthographic => (1.0, DVec3::ZERO),
-            ProjectionKind::Perspective { fov } => ((fov.to_radians() / 2.0).tan(), -forward),
+            ProjectionKind::Perspective { fov } => (libm::tan(fov.to_radians() / 2.0), -forward),
         };
         // A place p from the target is inside a side of the picture if p . limit(side) is at most half the height of
         // the picture, or in perspective the distance of the eye.
@@ -458,12 +458,12 @@ impl View {
                 // The front looks along +y, or if `up` is y itself along -z, the custom of y-up worlds.
                 let seed = if world_up.dot(DVec3::Y).abs() < 0.999 { DVec3::Y } else { DVec3::NEG_Z };
                 let front = seed.reject_from_normalized(world_up).normalize();
-                let turned = DQuat::from_axis_angle(world_up, self.azimuth.to_radians()) * front;
+                let turned = rotation(world_up, self.azimuth.to_radians()) * front;
                 let right = turned.cross(world_up);
-                (DQuat::from_axis_angle(right, -self.elevation.to_radians()) * turned, right)
+                (rotation(right, -self.elevation.to_radians()) * turned, right)
             }
         };
-        let roll = DQuat::from_axis_angle(-forward, self.roll.to_radians());
+        let roll = rotation(-forward, self.roll.to_radians());
         let right = roll * right;
         Ok(DMat3::from_cols(right, right.cross(forward), -forward))
     }

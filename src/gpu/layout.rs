@@ -33,7 +33,7 @@ pub(crate) fn packed_gradient(gradient: [f32; 3]) -> [u32; 2] {
     if exponent == 0 {
         return [0; 2];
     }
-    let scale = f64::from(BITS - (exponent as i32 - 127)).exp2();
+    let scale = libm::exp2(f64::from(BITS - (exponent as i32 - 127)));
     let step = |c: f32| (f64::from(c) * scale).round().clamp(-LARGEST, LARGEST) as i32 as u32 & 0x3ffff;
     let [x, y, z] = gradient.map(step);
     [x | y << 18, y >> 14 | z << 4 | exponent << 22]

@@ -164,7 +164,7 @@ impl ViewGeometry {
             post_shaded: settings.is_post_shaded(),
             held: None,
             opaque_depth: if settings.model == Model::Composite && settings.termination > 0.0 {
-                -settings.termination.ln()
+                -libm::log(settings.termination)
             } else {
                 f64::INFINITY
             },

@@ -25,9 +25,9 @@ impl Level {
     /// nearby.
     pub(super) fn new(kernel: &Kernel, smallest: f64, requested: Option<u32>) -> Self {
         let most = Self(0).most(kernel);
-        let fine = requested.map_or((smallest / LEAST_GROWTH).log2().floor(), f64::from);
+        let fine = requested.map_or(libm::log2(smallest / LEAST_GROWTH).floor(), f64::from);
         // No filter follows wider kernels.
-        let coarse = (smallest / most / (1.0 + 1e-9)).log2().ceil();
+        let coarse = libm::log2(smallest / most / (1.0 + 1e-9)).ceil();
         Self(fine.max(coarse).clamp(0.0, 100.0) as u32)
     }
 
@@ -43,7 +43,7 @@ impl Level {
 
     /// Returns the number of voxels along the edge of a cell.
     pub(super) fn size(self) -> f64 {
-        f64::from(self.0).exp2()
+        libm::exp2(f64::from(self.0))
     }
 
     /// Converts a place along an axis from numbers of voxels to numbers of cells.

@@ -27,9 +27,11 @@
 //!
 //! # The same bytes
 //!
-//! Pictures have the same bytes with any vectors and any number of threads: along rays the order of all sums is fixed,
-//! and numbers are added, multiplied, divided and rooted only. Cameras, kernels and tables of transfer functions still
-//! call exponentials and sines of the system's C library, whose last bit may differ between machines.
+//! Pictures have the same bytes on every machine, with any vectors and any number of threads. The order of all sums is
+//! fixed, and IEEE 754 rounds sums, products, quotients and roots in one way. The crate `libm` computes exponentials,
+//! logarithms and sines in Rust. Functions of std call the system's C library, whose last bit differs between machines,
+//! so `.clippy.toml` disallows them; the reference and tests call them. Colour maps of `colorous` are tables and
+//! polynomials, rounded to 8 bits.
 //!
 //! Loops over many voxels are types for `pulp`, such as `Band` in `lighting/shadow/sweep.rs`: they are compiled for
 //! AVX2 too, and the machine decides as the program runs. Each row is the work of one thread

@@ -173,7 +173,7 @@ pub(crate) struct Needs {
 impl Needs {
     /// Returns the bytes of each voxel, of each voxel of the box around the visible ones, and of each visible voxel.
     pub(crate) fn bytes(self, is_post: bool) -> [f64; 3] {
-        let voxels_of_cell = f64::from(3 * self.level).exp2();
+        let voxels_of_cell = libm::exp2(f64::from(3 * self.level));
         let of_fields = self.fields as f64 / voxels_of_cell;
         // Cells of two voxels are made of all voxels at once.
         let of_cells = |bytes: f64| if self.level > 0 { bytes / 8.0 } else { 0.0 };

@@ -101,7 +101,7 @@ impl Colored {
             progress.report("classifying", rows.len() as f64 / (down * deep) as f64);
             progress.check()
         })?;
-        let exponent = (LARGEST / layers.max_density().max(1e-30)).log2().floor();
+        let exponent = libm::log2(LARGEST / layers.max_density().max(1e-30)).floor();
         Ok(Self {
             grid: *layers.volume().grid(),
             bricks,
@@ -109,7 +109,7 @@ impl Colored {
             down,
             normals,
             unit: layers.unit(),
-            scale: exponent.exp2(),
+            scale: libm::exp2(exponent),
             surfaces,
             field: Kept::default(),
             light: Kept::default(),

@@ -113,7 +113,7 @@ pub fn compare(a: &Image, b: &Image, tolerance: f64) -> Result<Comparison> {
         covered,
         rms_covered: (squares_covered / (4 * covered.max(1)) as f64).sqrt(),
         p999: percentile(&mut differences, 0.999),
-        psnr: -20.0 * rms.log10(),
+        psnr: -20.0 * libm::log10(rms),
         tolerance,
         outliers,
         outlier_fraction: outliers as f64 / a.pixels().len() as f64,

@@ -50,7 +50,7 @@ impl SectionPlane {
             .collect();
         let middle = crossings.iter().sum::<DVec3>() / crossings.len().max(1) as f64;
         let (right, up) = forward.any_orthonormal_pair();
-        let angle = |place: &DVec3| (*place - middle).dot(up).atan2((*place - middle).dot(right));
+        let angle = |place: &DVec3| libm::atan2((*place - middle).dot(up), (*place - middle).dot(right));
         crossings.sort_by(|a, b| angle(a).total_cmp(&angle(b)));
         crossings
     }
@@ -190,7 +190,7 @@ impl Plane {
             ([x.saturating_sub(1), (x + 1).min(width - 1)], [y.saturating_sub(1), (y + 1).min(height - 1)]);
         let across = slope([at(left, y), at(right, y)], right - left);
         let down = slope([at(x, top), at(x, bottom)], bottom - top);
-        let distance = (at(x, y) - level).abs() / across.hypot(down);
+        let distance = (at(x, y) - level).abs() / libm::hypot(across, down);
         if distance.is_nan() { 0.0 } else { (LINE / 2.0 + 0.5 - distance).clamp(0.0, 1.0) }
     }
 

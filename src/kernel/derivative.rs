@@ -32,7 +32,7 @@ impl DerivativeFilter {
 
     /// Makes the derivative of a Gaussian of a standard deviation in voxels, cut off after `reach` voxels.
     pub(crate) fn gaussian(deviation: f64, reach: usize) -> Self {
-        let gauss: Vec<f64> = (0..=reach).map(|k| (-0.5 * (k as f64 / deviation).powi(2)).exp()).collect();
+        let gauss: Vec<f64> = (0..=reach).map(|k| libm::exp(-0.5 * (k as f64 / deviation).powi(2))).collect();
         let sum = gauss[0] + 2.0 * gauss[1..].iter().sum::<f64>();
         let moment: f64 = gauss.iter().enumerate().map(|(k, g)| 2.0 * (k * k) as f64 * g).sum();
         Self {

@@ -214,7 +214,7 @@ fn mean_to(kernel: &Kernel, s: f64, q: f64) -> f64 {
 /// differences.
 fn fit(terms: usize, f: impl Fn(f64) -> f64) -> Vec<f64> {
     let nodes: Vec<f64> = (0..terms)
-        .map(|i| 0.5 - 0.5 * ((2 * i + 1) as f64 / (2 * terms) as f64 * std::f64::consts::PI).cos())
+        .map(|i| 0.5 - 0.5 * libm::cos((2 * i + 1) as f64 / (2 * terms) as f64 * std::f64::consts::PI))
         .collect();
     let mut differences: Vec<f64> = nodes.iter().map(|&q| f(q)).collect();
     for order in 1..terms {

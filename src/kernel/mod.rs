@@ -127,7 +127,7 @@ impl Kernel {
     #[must_use]
     pub(crate) fn continued(&self, rho2: f64) -> f64 {
         match *self {
-            Self::Gaussian { sigma, .. } => (-rho2 / (2.0 * sigma * sigma)).exp(),
+            Self::Gaussian { sigma, .. } => libm::exp(-rho2 / (2.0 * sigma * sigma)),
             Self::KaiserBessel { radius, alpha } => {
                 let y = 1.0 - rho2 / (radius * radius);
                 y * y * bessel_i2_over_z2(alpha * alpha * y) / bessel_i2_over_z2(alpha * alpha)

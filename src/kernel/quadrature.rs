@@ -26,9 +26,9 @@ pub(crate) fn integrate(a: f64, b: f64, panels: u32, f: impl Fn(f64) -> f64) -> 
 /// [-1, 1] at the zeros of the Chebyshev polynomial T_terms.
 pub(crate) fn chebyshev(terms: usize, function: impl Fn(f64) -> f64) -> Vec<f64> {
     let angle = |node: usize| PI * (node as f64 + 0.5) / terms as f64;
-    let values: Vec<f64> = (0..terms).map(|node| function(angle(node).cos())).collect();
+    let values: Vec<f64> = (0..terms).map(|node| function(libm::cos(angle(node)))).collect();
     let coefficient = |m: usize| {
-        let sum: f64 = values.iter().enumerate().map(|(node, v)| v * (m as f64 * angle(node)).cos()).sum();
+        let sum: f64 = values.iter().enumerate().map(|(node, v)| v * libm::cos(m as f64 * angle(node))).sum();
         sum * if m == 0 { 1.0 } else { 2.0 } / terms as f64
     };
     (0..terms).map(coefficient).collect()

@@ -79,13 +79,13 @@ impl Light {
             return Origin::Directions(vec![towards]);
         }
         let (across, down) = towards.any_orthonormal_pair();
-        let narrowest = (self.size.to_radians() / 2.0).cos();
+        let narrowest = libm::cos(self.size.to_radians() / 2.0);
         let golden = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
         let direction = |i: u32| {
             // Parts of a spherical cap of equal height have equal areas.
             let cosine = 1.0 - (1.0 - narrowest) * (f64::from(i) + 0.5) / f64::from(Self::DIRECTIONS);
             let sine = (1.0 - cosine * cosine).sqrt();
-            let (y, x) = (golden * f64::from(i)).sin_cos();
+            let (y, x) = libm::sincos(golden * f64::from(i));
             towards * cosine + (across * x + down * y) * sine
         };
         Origin::Directions((0..Self::DIRECTIONS).map(direction).collect())
@@ -263,11 +263,11 @@ impl Casting {
         for (share, origin) in visibility.lights.iter_mut().zip(&self.lights).filter(|(_, o)| !o.is_none()) {
             let mean = match origin {
                 Origin::Directions(towards) => {
-                    towards.iter().map(|&t| (-depth(t, f64::INFINITY)).exp()).sum::<f64>() / towards.len() as f64
+                    towards.iter().map(|&t| libm::exp(-depth(t, f64::INFINITY))).sum::<f64>() / towards.len() as f64
                 }
                 &Origin::Point(place) => {
                     let distance = place.distance(point);
-                    (-depth((place - point).normalize_or_zero(), distance)).exp()
+                    libm::exp(-depth((place - point).normalize_or_zero(), distance))
                 }
             };
             *share = 1.0 - self.strength * (1.0 - mean);
@@ -476,7 +476,7 @@ impl Lighting {
                 let highlight = if self.shininess.fract() == 0.0 {
                     highlight.powi(self.shininess as i32)
                 } else {
-                    highlight.powf(self.shininess)
+                    libm::pow(highlight, self.shininess)
                 };
                 for (channel, intensity) in light.color.iter().enumerate() {
                     diffuse[channel] += intensity * kept * cosine;

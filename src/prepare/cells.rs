@@ -72,7 +72,7 @@ pub(crate) fn level_of(kernel: &Kernel, growth: f64, grid: &Grid, depth: f64) ->
 /// are wide beside cells smooth the ringing. Measured on noise, boxes, specks, balls, shells and tubes:
 /// docs/measurements/2026-11-23-levels.md.
 pub(crate) fn right_growth(kernel: &Kernel, size: CellSize, depth: f64) -> f64 {
-    let denser = (depth * size.voxels() / THIN).max(1.0).powf(DENSER);
+    let denser = libm::pow((depth * size.voxels() / THIN).max(1.0), DENSER);
     let finer = CellSize::all().take_while(|finer| *finer < size).last().unwrap_or(CellSize::VOXEL);
     growth_of_wide(kernel, denser, size, finer).max(least_growth(kernel, size) * denser)
 }

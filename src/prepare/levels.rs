@@ -62,11 +62,11 @@ impl Cut {
         if coarsest == 0 {
             return None;
         }
-        let finest = cut.level_after((nearest - margin) / BLEND.exp2()).min(coarsest);
+        let finest = cut.level_after((nearest - margin) / libm::exp2(BLEND)).min(coarsest);
         cut.levels = [finest, coarsest];
         if cut.slope == DVec3::ZERO && finest == coarsest {
             // One cut serves all these growths, and all reaches that round up to the same whole number of cells.
-            let size = f64::from(coarsest).exp2();
+            let size = libm::exp2(f64::from(coarsest));
             cut.reach = [((beside + view.radius * cut.most) / size).ceil() * size, 0.0];
             (cut.constant, cut.most) = (cut.full(coarsest), cut.full(coarsest));
         }
@@ -75,13 +75,13 @@ impl Cut {
 
     /// Returns the coarsest level that has a share at some growth.
     fn level_after(&self, growth: f64) -> u32 {
-        let level = (growth / self.first).log2().floor() + 1.0;
+        let level = libm::log2(growth / self.first).floor() + 1.0;
         level.clamp(0.0, f64::from(MAX_LEVEL)) as u32
     }
 
     /// Returns the growth from which on finer levels have no share.
     fn full(&self, level: u32) -> f64 {
-        self.first * (f64::from(level) - 1.0 + BLEND).exp2()
+        self.first * libm::exp2(f64::from(level) - 1.0 + BLEND)
     }
 
     fn growth(&self, p: DVec3) -> f64 {
@@ -93,7 +93,7 @@ impl Cut {
         if level == 0 {
             return 1.0;
         }
-        (1.0 + (growth / self.full(level)).log2() / BLEND).clamp(0.0, 1.0)
+        (1.0 + libm::log2(growth / self.full(level)) / BLEND).clamp(0.0, 1.0)
     }
 
     /// Returns the share of a cell of a level in the picture, 0 to 1.
@@ -108,7 +108,7 @@ impl Cut {
     /// Returns whether any cell of a brick may have a share, given the first cell and the number of cells along an edge
     /// of the brick.
     pub(crate) fn takes_part(&self, level: u32, first: [i64; 3], edge: usize) -> bool {
-        let size = f64::from(level).exp2();
+        let size = libm::exp2(f64::from(level));
         let center = middle(level, first) + 0.5 * size * (edge as f64 - 1.0);
         let spread = 0.5 * size * edge as f64 * self.slope.abs().element_sum();
         let growth = self.growth(center);
@@ -129,7 +129,7 @@ impl Cut {
 
     /// Returns the number of cells of a level beyond each face that may reach the volume.
     pub(crate) fn padding(&self, level: u32) -> u32 {
-        let size = f64::from(level).exp2();
+        let size = libm::exp2(f64::from(level));
         // Beyond this growth there are coarser cells only.
         let coarser = if level < self.levels[1] { self.full(level + 1) } else { f64::INFINITY };
         let most = self.most.min(coarser + size * self.slope.abs().element_sum());
@@ -190,7 +190,7 @@ impl ScalarNeed {
         Self {
             padding: cut.layers(),
             // A cell is visible because of voxels no farther than this from its middle.
-            influence: self.influence + f64::from(cut.levels[1] + 1).exp2(),
+            influence: self.influence + libm::exp2(f64::from(cut.levels[1] + 1)),
             cut: Some(cut),
             ..self
         }
@@ -199,7 +199,7 @@ impl ScalarNeed {
 
 /// Returns the lattice point in the middle of a cell of a level.
 fn middle(level: u32, cell: [i64; 3]) -> DVec3 {
-    let size = f64::from(level).exp2();
+    let size = libm::exp2(f64::from(level));
     DVec3::from_array(cell.map(|c| size * (c as f64 + 0.5) - 0.5))
 }
 

@@ -65,7 +65,7 @@ impl Coarse {
         };
         let cells = cells.unwrap_or_else(largest);
         let least = least_growth(kernel, CellSize::VOXEL);
-        let steps = |growth: f64| STEPS * growth.log2();
+        let steps = |growth: f64| STEPS * libm::log2(growth);
         let step = steps(1.0001 * growth / cells.voxels()).floor();
         // The least kernel serves coarser cells too; finer cells have the least kernel of the next level.
         let (first, last) = (steps(least).floor(), steps(2.0 * least).floor());
@@ -91,7 +91,7 @@ impl Coarse {
 
     /// Returns the growth, in cells, for which cells are blurred.
     fn blurred(self) -> Option<f64> {
-        self.step.map(|step| (f64::from(step) / STEPS).exp2())
+        self.step.map(|step| libm::exp2(f64::from(step) / STEPS))
     }
 
     /// Returns the kernel of cells, in cells, given the kernel of voxels and its growth.
@@ -159,10 +159,10 @@ fn blur(kernel: &Kernel, growth: f64, cells: CellSize) -> [f64; 4] {
         for axes in [1.0, 2.0, 3.0_f64] {
             // The frequency along each axis, and the factor that the weights of one axis should have.
             let along = frequency / axes.sqrt();
-            let factor = ratio.powf(axes.recip());
-            let importance = (axes * cell * factor.max(0.05).powf(axes - 1.0)).powi(2);
+            let factor = libm::pow(ratio, axes.recip());
+            let importance = (axes * cell * libm::pow(factor.max(0.05), axes - 1.0)).powi(2);
             let kept = response(cells, along);
-            let waves = DVec3::new(1.0, 2.0, 3.0).map(|n| 2.0 * (n * along).cos() - 2.0) * kept;
+            let waves = DVec3::new(1.0, 2.0, 3.0).map(|n| 2.0 * libm::cos(n * along) - 2.0) * kept;
             squares += DMat3::from_cols(waves * waves.x, waves * waves.y, waves * waves.z) * importance;
             wanted += waves * (importance * (factor - kept));
         }
@@ -179,7 +179,7 @@ fn transform(kernel: &Kernel, frequency: f64) -> f64 {
     for shell in 0..SHELLS {
         let r = kernel.radius() * (f64::from(shell) + 0.5) / f64::from(SHELLS);
         let area = kernel.value(r * r) * r * r;
-        sum += area * (frequency * r).sin() / (frequency * r);
+        sum += area * libm::sin(frequency * r) / (frequency * r);
         whole += area;
     }
     sum / whole

@@ -365,7 +365,7 @@ impl<'a> Emission<'a> {
     /// Returns whether an active brick of the volume has voxels within the influence of this brick.
     fn is_near(&self, lattice: &ScalarLattice, brick: [usize; 3]) -> bool {
         let [across, down, deep] = self.volume.bricks().map(|n| n as usize);
-        let reach = (self.key.need.influence / f64::from(lattice.level).exp2()).ceil() as i64;
+        let reach = (self.key.need.influence / libm::exp2(f64::from(lattice.level))).ceil() as i64;
         let start = lattice.first(brick);
         let bricks = |axis: usize, n: usize| {
             let at = |place: i64| place.div_euclid(EDGE as i64).clamp(0, n as i64 - 1) as usize;
@@ -409,7 +409,7 @@ impl<'a> Emission<'a> {
         match self.key.need.cut {
             None => 1.0,
             Some(cut) if cut.reaches(lattice.level, cell, self.volume.grid().dims()) => {
-                f64::from(3 * lattice.level).exp2() * cut.part(lattice.level, cell)
+                libm::exp2(f64::from(3 * lattice.level)) * cut.part(lattice.level, cell)
             }
             Some(_) => 0.0,
         }
@@ -426,7 +426,7 @@ impl<'a> Emission<'a> {
         let first = lattice.first(brick);
         let edge = EDGE + 2 * halo;
         // Cells are 2^level voxels apart, and gradients are per voxel.
-        let steepness = (-f64::from(lattice.level)).exp2();
+        let steepness = libm::exp2(-f64::from(lattice.level));
         let mut copies = 0;
         let (origin, dims) = (brick.map(|b| (b * EDGE) as u32), lattice.extended.map(|n| n as u32));
         let made = MadeBrick::of_rows(origin, dims, self.key.words() - 1, |[y, z], count, words| {

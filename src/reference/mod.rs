@@ -82,6 +82,11 @@
 //! The reference shares no code with the painters but the samples, transfer functions and lighting, and the sums of
 //! shadows, in f64 here, which a test holds against the integrals of [`Reference::ray`].
 
+#![allow(
+    clippy::disallowed_methods,
+    reason = "tolerances are far above the last bit, and std's exponentials are faster"
+)]
+
 mod cells;
 mod classify;
 mod emission;

@@ -77,7 +77,7 @@ impl Response {
             Self::Film { exposure, gamma } => {
                 let steepness = steepness(gamma);
                 let fog = passed(0.0, exposure, gamma);
-                (4, [steepness, steepness * exposure.ln(), fog, 1.0 / (1.0 - fog)])
+                (4, [steepness, steepness * libm::log(exposure), fog, 1.0 / (1.0 - fog)])
             }
         };
         (kind, curve.map(|c| c as f32))
@@ -86,7 +86,7 @@ impl Response {
     /// Returns the pixel of an optical depth: premultiplied red, green, blue and alpha.
     #[must_use]
     pub fn pixel(&self, depth: f64) -> [f64; 4] {
-        let absorbed = -(-depth).exp_m1();
+        let absorbed = -libm::expm1(-depth);
         match *self {
             Self::Absorption => [absorbed; 4],
             Self::Depth => [depth, depth, depth, absorbed],
@@ -107,8 +107,8 @@ fn steepness(gamma: f64) -> f64 {
 
 /// Returns the share of light that passes film behind an optical depth.
 fn passed(depth: f64, exposure: f64, gamma: f64) -> f64 {
-    let density = DENSITY / (1.0 + (steepness(gamma) * (depth - exposure.ln())).exp());
-    (-LN_10 * density).exp()
+    let density = DENSITY / (1.0 + libm::exp(steepness(gamma) * (depth - libm::log(exposure))));
+    libm::exp(-LN_10 * density)
 }
 
 /// Writes the spelling of `--response`.

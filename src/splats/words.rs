@@ -15,7 +15,7 @@ pub(crate) fn density(opacity: f32) -> f32 {
     if a < 0.1 {
         return a * (1.0 + a * (1.0 / 2.0 + a * (1.0 / 3.0 + a * (1.0 / 4.0 + a * (1.0 / 5.0 + a * (1.0 / 6.0))))));
     }
-    -(1.0 - a).ln()
+    -libm::logf(1.0 - a)
 }
 
 /// Rounds a number of 0 to 2^22 to the nearest whole number, the even one of two: the sum has no bits for a fraction.

@@ -357,7 +357,7 @@ impl Stats {
             writeln!(f, "sharpness    {}: noise {noise:.2} of that of the samples", self.sharpness)?;
         }
         let [finest, coarsest] = self.levels;
-        let [small, large] = self.levels.map(|level| level.floor().exp2() * (1.0 + level.fract()));
+        let [small, large] = self.levels.map(|level| libm::exp2f(level.floor()) * (1.0 + level.fract()));
         if coarsest > finest {
             writeln!(f, "levels       {finest} to {coarsest}: cells of {small}^3 to {large}^3 voxels")?;
         } else if finest > 0.0 {

@@ -61,12 +61,12 @@ pub(crate) fn hsv([hue, saturation, value]: [f64; 3]) -> [f64; 3] {
 
 /// Converts a display value from 0 to 1 to the intensity of its light (sRGB, IEC 61966-2-1).
 pub(crate) fn to_linear(value: f64) -> f64 {
-    if value <= 0.040_45 { value / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }
+    if value <= 0.040_45 { value / 12.92 } else { libm::pow((value + 0.055) / 1.055, 2.4) }
 }
 
 /// Converts an intensity of light from 0 to 1 to its display value: the inverse of [`to_linear`].
 pub(crate) fn from_linear(light: f64) -> f64 {
-    if light <= 0.003_130_8 { light * 12.92 } else { 1.055 * light.powf(1.0 / 2.4) - 0.055 }
+    if light <= 0.003_130_8 { light * 12.92 } else { 1.055 * libm::pow(light, 1.0 / 2.4) - 0.055 }
 }
 
 /// Returns the relative luminance of a colour in display space, 0 to 1 (ITU-R BT.709).

@@ -157,7 +157,7 @@ impl TransferFunction {
     /// opacity) / unit.
     #[must_use]
     pub fn extinction(opacity: f64, unit: f64) -> f64 {
-        -(-opacity.min(Self::MAX_OPACITY)).ln_1p() / unit
+        -libm::log1p(-opacity.min(Self::MAX_OPACITY)) / unit
     }
 
     /// Returns the unit distance for a volume whose smallest spacing is `min_spacing`, in world units.

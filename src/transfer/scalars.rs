@@ -52,8 +52,8 @@ impl Reduction {
 
     /// Returns the reduction of values of this extent around a base.
     fn around(base: f64, extent: f64) -> Self {
-        let exponent = extent.clamp(f64::MIN_POSITIVE, f64::MAX).log2().floor();
-        Self { base, factor: (-exponent).clamp(-1020.0, 1020.0).exp2() }
+        let exponent = libm::log2(extent.clamp(f64::MIN_POSITIVE, f64::MAX)).floor();
+        Self { base, factor: libm::exp2((-exponent).clamp(-1020.0, 1020.0)) }
     }
 
     /// Returns the value of a scalar of 0.

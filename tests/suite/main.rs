@@ -1,5 +1,6 @@
 //! The integration tests, one binary: wgpu is linked once.
 
+#![allow(clippy::disallowed_methods, reason = "tests allow more than the last bit")]
 #![allow(
     clippy::unwrap_used,
     clippy::expect_used,

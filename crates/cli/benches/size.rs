@@ -13,6 +13,7 @@
 //! of its own: `classify` and `pack` of its first picture, the median of the frames after the first, and the peak
 //! resident memory. The second table has larger pictures of 256^3 voxels.
 
+#![allow(clippy::disallowed_methods, reason = "measurements allow more than the last bit")]
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "printing its table is what this program is for")]
 
 #[path = "../../../benches/common/mod.rs"]

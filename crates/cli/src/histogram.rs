@@ -17,7 +17,7 @@ pub(crate) fn draw(counts: &[u64]) -> String {
     } else {
         (0..COLUMNS).map(|c| counts.get(c * counts.len() / COLUMNS).copied().unwrap_or(0)).collect()
     };
-    let height = |n: u64| (n as f64).ln_1p();
+    let height = |n: u64| libm::log1p(n as f64);
     let tallest = columns.iter().map(|&n| height(n)).fold(f64::MIN_POSITIVE, f64::max);
     let eighths: Vec<usize> = columns
         .iter()

@@ -136,7 +136,7 @@ impl Orientation {
             let (along, names) = named
                 .into_iter()
                 .fold((0.0, "??"), |best: (f64, &str), next| if next.0.abs() > best.0.abs() { next } else { best });
-            oblique = oblique.max(along.abs().clamp(0.0, 1.0).acos().to_degrees());
+            oblique = oblique.max(libm::acos(along.abs().clamp(0.0, 1.0)).to_degrees());
             &names[if along < 0.0 { 1..2 } else { 0..1 }]
         });
         Self { axes: letters.join("-"), oblique }

@@ -246,7 +246,7 @@ fn in_cubes(volume: f64, unit: Option<&str>) -> String {
     };
     let digits = |value: f64| match value.abs() {
         size if (1e-3..1e9).contains(&size) => {
-            let places = (3.0 - size.log10().floor()).max(0.0) as usize;
+            let places = (3.0 - libm::log10(size).floor()).max(0.0) as usize;
             readable(format!("{value:.places$}").parse().unwrap_or(value))
         }
         _ => readable(value),

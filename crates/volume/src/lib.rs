@@ -7,6 +7,7 @@
 //! `zarr`. One more is off by default: `remote`, for sources at urls.
 
 #![cfg_attr(docsrs, feature(doc_cfg))]
+#![cfg_attr(test, allow(clippy::disallowed_methods, reason = "tests allow more than the last bit"))]
 #![cfg_attr(
     not(all(feature = "dicom", feature = "tiff", feature = "vtk", feature = "zarr")),
     allow(dead_code, reason = "readers share what some of them alone use")

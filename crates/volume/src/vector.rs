@@ -1,6 +1,6 @@
-//! The lengths of vectors whose squares f64 does not hold.
+//! The lengths of vectors whose squares f64 does not hold, and rotations with the same bits on every machine.
 
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 
 /// The lengths between which squares neither overflow nor underflow.
 const SAFE: std::ops::Range<f64> = 1e-150..1e150;
@@ -15,6 +15,12 @@ pub fn length(vector: DVec3) -> f64 {
 /// Returns the direction, of length 1, of a finite vector that is not 0.
 pub fn unit(vector: DVec3) -> DVec3 {
     if SAFE.contains(&vector.length()) { vector.normalize() } else { (vector / vector.abs().max_element()).normalize() }
+}
+
+/// Returns the rotation by an angle in radians around an axis of length 1.
+pub fn rotation(axis: DVec3, angle: f64) -> DQuat {
+    let (sine, cosine) = libm::sincos(angle / 2.0);
+    DQuat::from_vec4((axis * sine).extend(cosine))
 }
 
 #[cfg(test)]

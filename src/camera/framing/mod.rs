@@ -107,7 +107,7 @@ impl Hull {
             let height = (2.0 * f64::from(n) + 1.0) / f64::from(DIRECTIONS) - 1.0;
             let turn = f64::from(n) * GOLDEN_ANGLE;
             let across = (1.0 - height * height).sqrt();
-            DVec3::new(across * turn.cos(), across * turn.sin(), height)
+            DVec3::new(across * libm::cos(turn), across * libm::sin(turn), height)
         };
         Self { points: (0..DIRECTIONS).filter_map(|n| farthest(direction(n))).collect(), ..both }
     }

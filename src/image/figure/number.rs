@@ -2,7 +2,7 @@
 
 /// Returns 1, 2 and 5 times the powers of ten around a number over 0, ascending.
 fn rounds(around: f64) -> impl DoubleEndedIterator<Item = f64> {
-    let exponent = around.log10().floor() as i32;
+    let exponent = libm::log10(around).floor() as i32;
     let rounds = (exponent - 1..=exponent + 1).flat_map(|e| [1, 2, 5].map(|digit| (digit, e)));
     // As a decimal number is read, so that 1e-3 is 0.001 to the last bit.
     let values = rounds.map(|(digit, e)| format!("{digit}e{e}").parse().unwrap_or(0.0));
@@ -35,9 +35,9 @@ pub(super) fn ticks([low, high]: [f64; 2], most: usize) -> (f64, Vec<f64>) {
 /// Writes a multiple of a step with the digits that the step needs.
 pub(super) fn label(value: f64, step: f64) -> String {
     let value = if value.abs() < step / 2.0 { 0.0 } else { value };
-    let places = -(step * (1.0 + 1e-12)).log10().floor() as i32;
+    let places = -libm::log10(step * (1.0 + 1e-12)).floor() as i32;
     let text = if value != 0.0 && (places > 4 || value.abs() >= 1e6) {
-        let digits = (places + value.abs().log10().floor() as i32).clamp(0, 15) as usize;
+        let digits = (places + libm::log10(value.abs()).floor() as i32).clamp(0, 15) as usize;
         format!("{value:.digits$e}")
     } else {
         format!("{value:.*}", places.max(0) as usize)

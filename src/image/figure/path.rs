@@ -38,7 +38,10 @@ impl Path {
 
     /// Adds the places within `radius` of a line through points. Where parts overlap, edges get a little darker.
     fn stroke(&mut self, points: &[DVec2], radius: f64) {
-        let corner = |i| radius * DVec2::from_angle(std::f64::consts::TAU * f64::from(i) / f64::from(CORNERS));
+        let corner = |i| {
+            let (sine, cosine) = libm::sincos(std::f64::consts::TAU * f64::from(i) / f64::from(CORNERS));
+            radius * DVec2::new(cosine, sine)
+        };
         for &center in points {
             self.add((0..CORNERS).map(|i| center + corner(i)).collect());
         }

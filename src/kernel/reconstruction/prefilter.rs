@@ -138,7 +138,7 @@ impl Prefilter {
     /// Returns the kernel's response to a frequency (radians a voxel) at the lattice points.
     fn response(&self, frequency: [f64; 3]) -> f64 {
         let cosines = frequency.map(|w| -> Vec<f64> {
-            (0..=self.reach).map(|i| if i == 0 { 1.0 } else { 2.0 * (i as f64 * w).cos() }).collect()
+            (0..=self.reach).map(|i| if i == 0 { 1.0 } else { 2.0 * libm::cos(i as f64 * w) }).collect()
         });
         let [x, y, z] = &cosines;
         let mut sum = 0.0;
@@ -191,7 +191,7 @@ impl Prefilter {
         if !largest.is_finite() {
             return Err(Error::volume("values are further apart than a number can hold"));
         }
-        let unit = largest.clamp(f64::MIN_POSITIVE, f64::MAX).log2().floor().clamp(-1000.0, 1000.0).exp2();
+        let unit = libm::exp2(libm::log2(largest.clamp(f64::MIN_POSITIVE, f64::MAX)).floor().clamp(-1000.0, 1000.0));
         let [nx, ny, nz] = volume.grid().dims().map(|d| d as usize);
         let size = nx * ny;
         let mut result: Vec<T> = reserved(volume.grid().len(), || "filtered samples".to_owned())?;

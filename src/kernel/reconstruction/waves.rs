@@ -52,7 +52,9 @@ impl Reconstruction {
 
     /// Returns a wave along an axis at the samples around a place: real and imaginary parts.
     fn along(&self, frequency: f64, place: u32, places: u32) -> Vec<[f64; 2]> {
-        self.offsets(place, places).map(|offset| [(offset * frequency).cos(), (offset * frequency).sin()]).collect()
+        self.offsets(place, places)
+            .map(|offset| [libm::cos(offset * frequency), libm::sin(offset * frequency)])
+            .collect()
     }
 
     /// Returns the places between samples, x fastest, with the weights of the samples around them.

@@ -275,7 +275,7 @@ impl<T: Real> Caster<T> {
         let mut shares = vec![[[1.0; N]; MAX_CASTING + 1]; block.wanted.len()];
         let (mut depths, mut means) = (Vec::new(), Vec::new());
         // Cells of a level may absorb a little less than nothing.
-        let share = |depth: f64| if depth < DARK { (-depth.max(0.0)).exp() } else { 0.0 };
+        let share = |depth: f64| if depth < DARK { libm::exp(-depth.max(0.0)) } else { 0.0 };
         for (number, rays) in self.rays.iter().enumerate() {
             means.clear();
             means.resize(block.wanted.len(), [0.0; N]);

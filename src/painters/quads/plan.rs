@@ -205,7 +205,7 @@ impl<'a> Plan<'a> {
         // A sheet of scalars holds their mean.
         let length = if view.post_shaded { 1.0 } else { sheet_step };
         let full = weights.max / weights.unit * length * settings.kernel.integral() / divisor;
-        let sheet_scale = if full > 0.0 { (SHEET_FULL / full).log2().floor().exp2() } else { 1.0 };
+        let sheet_scale = if full > 0.0 { libm::exp2(libm::log2(SHEET_FULL / full).floor()) } else { 1.0 };
         let mut plan = Self {
             view,
             axis,
@@ -263,7 +263,7 @@ impl<'a> Plan<'a> {
         let depth = if view.is_perspective() { view.eye_depth.max(self.sheet_step) } else { 1.0 };
         let across = view.gradients[0].length().max(view.gradients[1].length());
         let half = view.radius * view.growth.at(view.eye_depth) * across / (view.camera.pixels().0[0] * depth);
-        (half / 2.0).log2().floor().exp2().clamp(4.0, f64::from(Camera::MAX_SIZE)) as u32
+        libm::exp2(libm::log2(half / 2.0).floor()).clamp(4.0, f64::from(Camera::MAX_SIZE)) as u32
     }
 
     /// Returns the numbers of tiles across and down a region.

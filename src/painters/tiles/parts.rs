@@ -91,7 +91,7 @@ impl Sections {
         most: f64,
     ) -> Result<Arc<wgpu::Buffer>> {
         const STEPS: f64 = 8.0;
-        let most = if most > 1.0 { ((most.log2() * STEPS).ceil() / STEPS).exp2() } else { 1.0 };
+        let most = if most > 1.0 { libm::exp2((libm::log2(most) * STEPS).ceil() / STEPS) } else { 1.0 };
         let make = || {
             let tables = layout::Tables { sections: Self::new(kernel, camera, axis, kind, most).0 };
             context.upload("gather.sections", bytemuck::bytes_of(&tables), wgpu::BufferUsages::UNIFORM)

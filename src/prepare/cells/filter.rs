@@ -122,7 +122,7 @@ pub(crate) fn response(cells: CellSize, frequency: f64) -> f64 {
     // The cells that lie differently between voxels.
     let of_cell = |cell: u32| {
         let places = (-reach..=reach).map(|voxel| (voxel as f64 + 0.5) / size - 0.5 - f64::from(cell));
-        places.map(|place| lagrange(place) * (frequency * place).cos()).sum::<f64>()
+        places.map(|place| lagrange(place) * libm::cos(frequency * place)).sum::<f64>()
     };
     (0..under).map(of_cell).sum::<f64>() / (size * f64::from(under))
 }

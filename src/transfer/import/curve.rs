@@ -34,7 +34,7 @@ impl<const N: usize> Node<N> {
             return s;
         }
         let steep = 1.0 + 10.0 * self.sharpness;
-        let s = if s < 0.5 { 0.5 * (2.0 * s).powf(steep) } else { 1.0 - 0.5 * (2.0 * (1.0 - s)).powf(steep) };
+        let s = if s < 0.5 { 0.5 * libm::pow(2.0 * s, steep) } else { 1.0 - 0.5 * libm::pow(2.0 * (1.0 - s), steep) };
         // A cubic with the same slope at both ends.
         let (ss, sss) = (s * s, s * s * s);
         (3.0 * ss - 2.0 * sss + (2.0 * sss - 3.0 * ss + s) * (1.0 - self.sharpness)).clamp(0.0, 1.0)

@@ -95,7 +95,7 @@ fn rgb_to_lab(rgb: [f64; 3]) -> [f64; 3] {
     ];
     let root = |c: usize| {
         let share = xyz[c] / WHITE[c];
-        if share > 0.008_856 { share.cbrt() } else { 7.787 * share + 16.0 / 116.0 }
+        if share > 0.008_856 { libm::cbrt(share) } else { 7.787 * share + 16.0 / 116.0 }
     };
     let [x, y, z] = [root(0), root(1), root(2)];
     [116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)]
@@ -121,12 +121,12 @@ fn lab_to_rgb([l, a, b]: [f64; 3]) -> [f64; 3] {
 fn rgb_to_msh(rgb: [f64; 3]) -> [f64; 3] {
     let [l, a, b] = rgb_to_lab(rgb);
     let m = (l * l + a * a + b * b).sqrt();
-    let s = if m > 0.001 { (l / m).clamp(-1.0, 1.0).acos() } else { 0.0 };
-    [m, s, if s > 0.001 { b.atan2(a) } else { 0.0 }]
+    let s = if m > 0.001 { libm::acos((l / m).clamp(-1.0, 1.0)) } else { 0.0 };
+    [m, s, if s > 0.001 { libm::atan2(b, a) } else { 0.0 }]
 }
 
 fn msh_to_rgb([m, s, h]: [f64; 3]) -> [f64; 3] {
-    lab_to_rgb([m * s.cos(), m * s.sin() * h.cos(), m * s.sin() * h.sin()])
+    lab_to_rgb([m * libm::cos(s), m * libm::sin(s) * libm::cos(h), m * libm::sin(s) * libm::sin(h)])
 }
 
 /// The smallest saturation at which a hue counts.
@@ -157,7 +157,7 @@ fn spun([m, s, h]: [f64; 3], to: f64) -> f64 {
     if m >= to - 0.1 {
         return h;
     }
-    let spin = s * (to * to - m * m).sqrt() / (m * s.sin());
+    let spin = s * (to * to - m * m).sqrt() / (m * libm::sin(s));
     if h > -0.3 * PI { h + spin } else { h - spin }
 }
 

@@ -9,15 +9,15 @@ use voxsplat::layers::{Layer, Layers};
 use voxsplat::lighting::{Light, Lighting};
 use voxsplat::progress::Progress;
 use voxsplat::reference::Reference;
-use voxsplat::settings::{Interslice, Model, Painter, Settings, Shading};
-use voxsplat::transfer::{GradientPoint, TransferFunction};
+use voxsplat::settings::{Interslice, Model, Painter, Response, Settings, Shading};
+use voxsplat::transfer::{GradientPoint, TransferFunction, maps};
 use voxsplat::volume::{Grid, Samples, Volume};
-use voxsplat::{Camera, Frame, Renderer};
+use voxsplat::{Appearance, Camera, Frame, Renderer};
 
 use glam::DVec3;
 
 use crate::model::layers::{labels, scenes};
-use crate::support::{PROJECTIONS, camera, demo, headlight, look, renderer, transfer, two_lights};
+use crate::support::{PERSPECTIVE, PROJECTIONS, camera, demo, headlight, look, renderer, transfer, two_lights};
 
 /// Soft matter: post-shaded pictures of it err least.
 fn soft() -> TransferFunction {
@@ -270,6 +270,59 @@ fn parts_and_threads_change_no_byte() {
         // Stages have the names of the device's, by which programs find their times.
         assert!(part.stats.seconds("frame").is_some(), "{:?}", part.stats.stages);
     }
+}
+
+/// The hash FNV-1a of the numbers of a picture.
+fn hash(image: &Image) -> u64 {
+    let numbers = image.pixels().as_flattened().iter().map(|number| u64::from(number.to_bits()));
+    numbers.fold(0xcbf2_9ce4_8422_2325, |hash, bits| (hash ^ bits).wrapping_mul(0x100_0000_01b3))
+}
+
+#[test]
+fn pictures_have_the_same_bytes_on_every_machine() {
+    let (volume, _) = demo("marschner-lobb", 32);
+    let of = |transfer: &TransferFunction| Layers::of_volume(&volume, transfer);
+    let of_soft = of(&soft());
+    let side = |projection| camera(33.0, projection, &volume, 64);
+    let [parallel, perspective] = PROJECTIONS.map(side);
+    let studio = Some(Lighting::studio(perspective.forward, perspective.up));
+    let place = Light::at(volume.grid().center() + DVec3::new(20.0, -10.0, 30.0));
+    let place = Some(Lighting { lights: vec![place], shadows: 0.8, ..Lighting::default() });
+    let film = Response::Film { exposure: 10.0, gamma: 2.0 };
+    let map = maps::find("turbo").and_then(|map| map.transfer()).unwrap();
+    let labelled = &scenes()[1];
+    let side_of_labels = camera(33.0, PERSPECTIVE, &labels(), 64);
+    // All choices of the program.
+    let nautilus = demo("nautilus", 48).0;
+    let chosen = Appearance::for_file("demo:nautilus:48", &nautilus).unwrap();
+    let chosen_settings = Settings { painter: Painter::Cpu, ..chosen.settings.clone() };
+    let cpu = || Settings { painter: Painter::Cpu, ..Settings::default() };
+    let pictures = [
+        ("post-shaded, two lights", &of_soft, perspective, Settings { lighting: two_lights(), ..post() }),
+        ("pre-shaded, studio light", &of_soft, perspective, Settings { lighting: studio, ..pre() }),
+        ("a light at a place, shadows", &of_soft, parallel, Settings { lighting: place, ..pre() }),
+        ("an X-ray on film", &of_soft, parallel, Settings { model: Model::Xray, response: film, ..cpu() }),
+        ("maxima by depth", &of_soft, perspective, Settings { model: Model::Mip, depth_coded: true, ..cpu() }),
+        ("a colour map, sharpened", &of(&map), parallel, Settings { sharpness: 1.0, ..cpu() }),
+        ("labels over scalars", labelled, side_of_labels, Settings { lighting: two_lights(), ..pre() }),
+        ("a nautilus", &chosen.layers, chosen.camera([64; 2]).unwrap(), chosen_settings),
+    ];
+    let hashes: [u64; 8] = [
+        0xad32_8b8e_1613_5405,
+        0x3d54_8e8e_3f78_8c92,
+        0xd5ce_e94c_573b_78a0,
+        0xb113_8be9_cf97_76b9,
+        0xa99b_037e_6e5c_ebf3,
+        0x1db4_94bd_af2e_063f,
+        0x228f_1e68_ca26_92f2,
+        0x8c6a_b8a9_af33_5288,
+    ];
+    let mut others = Vec::new();
+    for ((name, layers, camera, settings), expected) in pictures.into_iter().zip(hashes) {
+        let found = hash(&drawn(layers, &camera, &settings));
+        others.extend((found != expected).then(|| format!("{name}: {found:#018x}")));
+    }
+    assert!(others.is_empty(), "if a change means to change these pictures, take over the new hashes: {others:#?}");
 }
 
 #[test]

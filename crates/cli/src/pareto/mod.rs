@@ -13,7 +13,6 @@ use std::time::Duration;
 
 use clap::{ArgMatches, Command};
 use flate2::Crc;
-use glam::DQuat;
 use serde::{Deserialize, Serialize};
 use voxsplat::accuracy::Sample;
 use voxsplat::appearance::Framing;
@@ -31,6 +30,7 @@ use voxsplat::settings::{Painter, Response, Settings};
 use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::{Statistics, Volume};
 use voxsplat::{Error, Frame, RendererOptions, formats};
+use voxsplat_volume::vector::rotation;
 
 use super::args::ParetoArgs;
 use super::draw::with_units;
@@ -529,7 +529,7 @@ impl Run<'_> {
             let camera = self.cameras[view];
             // A frame that is not timed, then one of another angle.
             self.draw(&camera, &variant.settings)?;
-            let turn = DQuat::from_axis_angle(camera.up, TURN.to_radians());
+            let turn = rotation(camera.up, TURN.to_radians());
             let turned = Camera { forward: turn * camera.forward, right: turn * camera.right, ..camera };
             let start = self.elapsed();
             self.draw(&turned, &variant.settings)?;

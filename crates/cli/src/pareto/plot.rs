@@ -120,14 +120,14 @@ fn range(numbers: impl Iterator<Item = f64>) -> Option<[f64; 2]> {
 
 /// Returns the place of a number in a logarithmic range: 0 at its lower end, 1 at its upper end.
 fn fraction(number: f64, [low, high]: [f64; 2]) -> f64 {
-    (number / low).ln() / (high / low).ln()
+    libm::log(number / low) / libm::log(high / low)
 }
 
 /// Returns numbers of one digit in a range, each with its label and the grey of its line. Powers of ten have labels,
 /// and in a short range 2 and 5 times as much.
 fn ticks([low, high]: [f64; 2]) -> Vec<(f64, String, &'static str)> {
     let is_short = high / low < 100.0;
-    let powers = low.log10().floor() as i32..=high.log10().floor() as i32;
+    let powers = libm::log10(low).floor() as i32..=libm::log10(high).floor() as i32;
     let tick = |(power, digit): (i32, u8)| {
         let number = f64::from(digit) * 10_f64.powi(power);
         let label = match power {

@@ -1,5 +1,6 @@
 //! The tests that run the program, one binary.
 
+#![allow(clippy::disallowed_methods, reason = "tests allow more than the last bit")]
 #![allow(
     clippy::unwrap_used,
     clippy::expect_used,

@@ -134,13 +134,14 @@ pub fn sampled<T: Send>(size: u32, field: impl Fn(DVec3) -> T + Sync) -> Vec<T> 
 /// equation 2, with f_M = 6 and alpha = 0.25, at a point of the cube [-1, 1]^3.
 pub fn marschner_lobb_at(p: DVec3) -> f64 {
     let (frequency, alpha) = (6.0, 0.25);
-    let rho = (2.0 * PI * frequency * (PI * p.x.hypot(p.y) / 2.0).cos()).cos();
-    (1.0 - (PI * p.z / 2.0).sin() + alpha * (1.0 + rho)) / (2.0 * (1.0 + alpha))
+    let rho = libm::cos(2.0 * PI * frequency * libm::cos(PI * libm::hypot(p.x, p.y) / 2.0));
+    (1.0 - libm::sin(PI * p.z / 2.0) + alpha * (1.0 + rho)) / (2.0 * (1.0 + alpha))
 }
 
 fn shell([size, ..]: [u32; 3]) -> Samples {
     Samples::F32(sampled(size, |p| {
-        let value = (-((p.length() - 0.65) / 0.1).powi(2)).exp() + 0.9 * (-p.length_squared() / (0.18 * 0.18)).exp();
+        let value =
+            libm::exp(-((p.length() - 0.65) / 0.1).powi(2)) + 0.9 * libm::exp(-p.length_squared() / (0.18 * 0.18));
         if value < 1e-6 { 0.0 } else { value.min(1.0) as f32 }
     }))
 }
@@ -171,7 +172,7 @@ const ELLIPSOIDS: [(f64, [f64; 3], [f64; 3], f64); 10] = [
 
 /// Returns a point or a direction in the coordinates in which an ellipsoid is the unit ball around the origin.
 fn unit_ball((_, axes, _, turn): &(f64, [f64; 3], [f64; 3], f64), d: DVec3) -> DVec3 {
-    let (sin, cos) = turn.to_radians().sin_cos();
+    let (sin, cos) = libm::sincos(turn.to_radians());
     DVec3::new(cos * d.x + sin * d.y, cos * d.y - sin * d.x, d.z) / DVec3::from_array(*axes)
 }
 
@@ -267,7 +268,7 @@ fn stamp(samples: &mut [u8], size: u32, center: DVec3, radius: f64) {
         for y in range(center.y) {
             for x in range(center.x) {
                 let d2 = (DVec3::new(x as f64, y as f64, z as f64) - center).length_squared();
-                let value = (255.0 * (-d2 / (radius * radius) * std::f64::consts::LN_2).exp()) as u8;
+                let value = (255.0 * libm::exp(-d2 / (radius * radius) * std::f64::consts::LN_2)) as u8;
                 let sample = &mut samples[(z * size as usize + y) * size as usize + x];
                 *sample = value.max(*sample);
             }

@@ -40,16 +40,16 @@ pub(super) fn part(stored: Stored, path: &Path, options: &LoadOptions) -> Result
     let Some(part) = options.complex else { return Ok(stored) };
     let samples = match stored.into_samples()? {
         Samples::F32(pairs) => of_pairs(&pairs, path, |[re, im]: [f32; 2]| match part {
-            ComplexPart::Abs => re.hypot(im),
+            ComplexPart::Abs => libm::hypotf(re, im),
             ComplexPart::Real => re,
             ComplexPart::Imag => im,
-            ComplexPart::Phase => im.atan2(re),
+            ComplexPart::Phase => libm::atan2f(im, re),
         })?,
         Samples::F64(pairs) => of_pairs(&pairs, path, |[re, im]: [f64; 2]| match part {
-            ComplexPart::Abs => re.hypot(im),
+            ComplexPart::Abs => libm::hypot(re, im),
             ComplexPart::Real => re,
             ComplexPart::Imag => im,
-            ComplexPart::Phase => im.atan2(re),
+            ComplexPart::Phase => libm::atan2(im, re),
         })?,
         _ => refuse!(path, "has complex numbers of integers, which are not read"),
     };

@@ -137,8 +137,8 @@ fn edges(angles: [f64; 3]) -> [DVec3; 3] {
         return DVec3::AXES;
     }
     let [alpha, beta, gamma] = angles.map(f64::to_radians);
-    let b = DVec3::new(gamma.cos(), gamma.sin(), 0.0);
-    let (x, y) = (beta.cos(), (alpha.cos() - beta.cos() * gamma.cos()) / gamma.sin());
+    let b = DVec3::new(libm::cos(gamma), libm::sin(gamma), 0.0);
+    let (x, y) = (libm::cos(beta), (libm::cos(alpha) - libm::cos(beta) * libm::cos(gamma)) / libm::sin(gamma));
     // Angles of no cell give NaN here, which the grid refuses.
     [DVec3::X, b, DVec3::new(x, y, (1.0 - x * x - y * y).sqrt())]
 }

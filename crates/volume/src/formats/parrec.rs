@@ -9,7 +9,7 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 
 use super::LoadOptions;
 use super::decode::{Layout, read_all};
@@ -20,6 +20,7 @@ use super::selection::{Pick, chosen};
 use crate::error::{Error, Result, Subject, refuse, refuse_if};
 use crate::memory::{reserved, samples_in, zeroed};
 use crate::names::counted;
+use crate::vector::rotation;
 use crate::volume::{Endian, MAX_DIM, Origin, SampleType, Samples, Stored, Units, Volume};
 
 /// The number of columns of the table that are read; other columns follow.
@@ -257,7 +258,7 @@ impl Header {
         };
         let [angles, center] = ["angulation midslice(ap,fh,rl)[degr]", "off centre midslice(ap,fh,rl) [mm]"];
         let [x, y, z] = self.triple(angles)?.map(f64::to_radians);
-        let turn = DMat3::from_rotation_z(z) * DMat3::from_rotation_x(x) * DMat3::from_rotation_y(y);
+        let turn = rotation(DVec3::Z, z) * rotation(DVec3::X, x) * rotation(DVec3::Y, y);
         let center = DVec3::from_array(self.triple(center)?);
         let [thickness, gap, dx, dy] = stack.lengths;
         let spacing = [dx, dy, thickness + gap];

@@ -104,7 +104,7 @@ pub(super) fn scale_for(min: f64, max: f64) -> f64 {
     if largest == 0.0 || !largest.is_finite() || (1e-100..1e100).contains(&largest) {
         return 1.0;
     }
-    (-largest.log2().floor().clamp(-1000.0, 1000.0)).exp2()
+    libm::exp2(-libm::log2(largest).floor().clamp(-1000.0, 1000.0))
 }
 
 impl Bins {

@@ -56,9 +56,9 @@ impl Grid {
         // the area that the two span.
         let area = [x.cross(y), y.cross(z), z.cross(x)].map(DVec3::length).into_iter().fold(0.0, f64::max);
         let sine = (x.dot(y.cross(z)) / area).abs();
-        if !to_world.is_finite() || !sine.is_finite() || sine < FLATTEST.to_radians().sin() {
+        if !to_world.is_finite() || !sine.is_finite() || sine < libm::sin(FLATTEST.to_radians()) {
             let flat = if sine.is_finite() && sine > 0.0 {
-                let degrees = sine.min(1.0).asin().to_degrees();
+                let degrees = libm::asin(sine.min(1.0)).to_degrees();
                 format!("one is {degrees:.2e} degrees from the plane of the others, expected {FLATTEST} or more, ")
             } else {
                 String::new()

@@ -203,7 +203,7 @@ impl Light for To<'_> {
                 }
             };
             // Stencils have weights below 0: no more than all light arrives.
-            out[column].store(nearest(65_535.0 * (-depth.max(0.0)).exp() as f32), Ordering::Relaxed);
+            out[column].store(nearest(65_535.0 * libm::exp(-depth.max(0.0)) as f32), Ordering::Relaxed);
         }
     }
 }

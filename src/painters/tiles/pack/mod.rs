@@ -431,7 +431,7 @@ impl Packing {
     ) -> Result<Packed> {
         let scale = match self.voxel {
             Voxel::Scalar => 1.0,
-            _ => (F16_HEADROOM / max_weight.max(f64::MIN_POSITIVE)).log2().floor().exp2().min(MAX_SCALE),
+            _ => libm::exp2(libm::log2(F16_HEADROOM / max_weight.max(f64::MIN_POSITIVE)).floor()).min(MAX_SCALE),
         };
         // Voxels of others that show nothing now.
         let clears = over.as_ref().is_some_and(|over| !over.has_places_of(source));

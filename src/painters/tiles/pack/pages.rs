@@ -33,7 +33,7 @@ pub(in crate::painters::tiles) fn occupied(stores: &[Store]) -> Option<u64> {
 /// Returns the numbers of pages along each axis of a texture of `occupied` pages, and one more without splats.
 pub(super) fn atlas(occupied: u64) -> [u32; 3] {
     let pages = occupied + 1;
-    let across = (pages as f64).cbrt().ceil().max(1.0) as u64;
+    let across = libm::cbrt(pages as f64).ceil().max(1.0) as u64;
     let down = (pages.div_ceil(across) as f64).sqrt().ceil().max(1.0) as u64;
     [across, down, pages.div_ceil(across * down)].map(|n| u32::try_from(n).unwrap_or(u32::MAX))
 }

@@ -313,7 +313,7 @@ fn srgb(lab: [u16; 3]) -> [u8; 3] {
     let rows = [[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [0.0557, -0.2040, 1.0570]];
     rows.map(|row| {
         let share: f64 = row.iter().zip(xyz).map(|(factor, part)| factor * part).sum();
-        let share = if share > 0.003_130_8 { 1.055 * share.powf(1.0 / 2.4) - 0.055 } else { 12.92 * share };
+        let share = if share > 0.003_130_8 { 1.055 * libm::pow(share, 1.0 / 2.4) - 0.055 } else { 12.92 * share };
         (255.0 * share).round().clamp(0.0, 255.0) as u8
     })
 }
