@@ -17,6 +17,7 @@
 mod common;
 
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::Instant;
 
 use common::{Arguments, Outcome, Report, median, own_or_suggested};
@@ -203,7 +204,7 @@ fn main() -> Outcome {
         files.sort();
     }
     let mut report = Report::new("bound", &arguments);
-    let engine = Engine::Device(Box::new(Renderer::new(&RendererOptions::default())?));
+    let engine = Engine::Device(Arc::new(Renderer::new(&RendererOptions::default())?));
     report.line("| seed | scene | E | estimated / E | error | error / E | frame, ms | x cheapest | tried | |");
     report.line("|---|---|---|---|---|---|---|---|---|---|");
     let mut rows = Vec::new();

@@ -187,9 +187,8 @@ pub(super) fn named(bricks: &Range<usize>) -> String {
 /// The settings, colours and transfer function that turn the values of merged bricks into pixels.
 pub(super) struct Look<'a> {
     pub(super) settings: &'a Settings,
-    /// The largest of each channel of the colours.
-    pub(super) brightest: [f64; 3],
-    /// The largest value of each channel of the colours.
+    /// The largest of each channel of the colours, to which they are clamped.
+    pub(super) brightest: Option<[f64; 3]>,
     pub(super) transfer: Option<&'a TransferFunction>,
 }
 
@@ -200,9 +199,10 @@ impl Look<'_> {
         match values {
             Values::Emission if self.settings.model == Model::Xray => self.settings.response.pixel(d.max(0.0)),
             Values::Emission => {
-                // Colours of cells and of fitted slabs may be slightly negative.
                 let alpha = -libm::expm1(-d.max(0.0));
-                let [red, green, blue] = self.brightest.map(|most| most * alpha);
+                let Some(brightest) = self.brightest else { return [a, b, c, alpha] };
+                // Colours of cells and of fitted slabs may be slightly negative.
+                let [red, green, blue] = brightest.map(|most| most * alpha);
                 [a.clamp(0.0, red), b.clamp(0.0, green), c.clamp(0.0, blue), alpha]
             }
             // Rays beside the box show nothing; rays through skipped space alone have the base.

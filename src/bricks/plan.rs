@@ -59,7 +59,8 @@ pub struct Plan {
     settings: Settings,
     /// The transfer function, if the picture has one layer of scalars.
     transfer: Option<TransferFunction>,
-    brightest: [f64; 3],
+    /// The largest of each channel of the colours, to which a device clamps them.
+    brightest: Option<[f64; 3]>,
     /// The reach of slabs and sheets beyond cuts.
     beyond: f64,
     /// Whether the lit matter of the volume is uniform, as of a mask.
@@ -78,7 +79,7 @@ struct Document {
     camera: Camera,
     settings: Settings,
     transfer: Option<Value>,
-    brightest: [f64; 3],
+    brightest: Option<[f64; 3]>,
     beyond: f64,
     #[serde(default)]
     is_uniform: bool,
@@ -145,8 +146,9 @@ impl Plan {
         };
         let transfer = layers.plain().map(|(_, transfer)| transfer.clone());
         let brightest = match (settings.painter, settings.lighting.is_some() || settings.is_post_shaded()) {
-            (Painter::Tiles, false) => layers.brightest(),
-            _ => [1.0; 3],
+            (Painter::Cpu, _) => None,
+            (Painter::Tiles, false) => Some(layers.brightest()),
+            _ => Some([1.0; 3]),
         };
         let bricks = chunks.in_order(grid, camera).into_iter().map(|(brick, key)| {
             let voxels = chunks.voxels(brick);

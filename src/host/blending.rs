@@ -205,10 +205,13 @@ impl<'a, S: Simd> Blending<'a, S> {
         let denominator = depth.fma(simd, depth.fma(simd, all(2.0), all(6.0)), all(12.0));
         let bend = left.mul(simd, all(0.5)).div(simd, denominator).mul(simd, length);
         let change = behind[3].sub(simd, before[3]).mul(simd, rays.length);
+        // Splines of sharp edges swing below 0: what has no depth has no colour.
+        let shows = zero.less(simd, depth);
         state.color = three!(channel => {
             let differs = behind[channel].sub(simd, before[channel]).mul(simd, depth);
             let bent = own[channel].mul(simd, change).sub(simd, differs);
-            own[channel].fma(simd, mean, bend.fma(simd, bent, state.color[channel]))
+            let color = own[channel].fma(simd, mean, bend.fma(simd, bent, state.color[channel]));
+            color.or(simd, shows, state.color[channel])
         });
         state.transmittance = passed;
         true

@@ -180,19 +180,31 @@ impl<'a, S: Simd> Shading<'a, S> {
             }
         }
         let (shine, share) = self.light(simd, &state.differences[number % RECENT], rays, (z, None), s1);
-        // Cut pieces begin or end at other scalars. Rays that end before the slab have none of it.
+        // Rays that begin or end within the slab have a part of it.
         let cuts =
             Lanes::all(simd, z - 0.25).less(simd, ends[0]).or(simd, ends[1].less(simd, Lanes::all(simd, z + 0.25)));
         let is_cut = cuts.and(simd, inside).any(simd);
         let share = share.or(simd, inside, Lanes::all(simd, 0.0));
         let apart = high.sub(simd, low).largest(simd);
         let range = [low.smallest(simd), high.largest(simd)];
-        if !is_cut && table.bend(range, apart) * rays.longest <= LEAST_BEND {
+        if table.bend(range, apart) * rays.longest <= LEAST_BEND {
             // The function is nearly linear: its mean is the function at the mean of the parabola through the three.
-            let mean = s1.fma(simd, Lanes::all(simd, 4.0), first.add(simd, last));
-            let mean = table.value(simd, &self.order, mean.mul(simd, Lanes::all(simd, 1.0 / 6.0)));
-            let length = rays.length.mul(simd, Lanes::all(simd, 0.5)).mul(simd, share);
-            composite(simd, state, &mean, length, shine.as_ref());
+            let (mut mean, mut part) = (Lanes::all(simd, 1.0 / 3.0), [Lanes::all(simd, 0.0), Lanes::all(simd, 0.5)]);
+            if is_cut {
+                let [from, to] = ends.map(|end| {
+                    let place = end.sub(simd, Lanes::all(simd, z)).mul(simd, Lanes::all(simd, 4.0));
+                    place.max(simd, Lanes::all(simd, -1.0)).min(simd, Lanes::all(simd, 1.0))
+                });
+                let sum = from.add(simd, to);
+                mean = sum.fma(simd, sum, Lanes::all(simd, 0.0).sub(simd, from.mul(simd, to)));
+                mean = mean.mul(simd, Lanes::all(simd, 1.0 / 3.0));
+                part = [sum.mul(simd, Lanes::all(simd, 0.5)), to.sub(simd, from).mul(simd, Lanes::all(simd, 0.25))];
+            }
+            let slope = last.sub(simd, first).mul(simd, Lanes::all(simd, 0.5));
+            let bend = first.add(simd, last).fma(simd, Lanes::all(simd, 0.5), Lanes::all(simd, 0.0).sub(simd, s1));
+            let mean = mean.fma(simd, bend, part[0].fma(simd, slope, s1));
+            let mean = table.value(simd, &self.order, mean);
+            composite(simd, state, &mean, rays.length.mul(simd, part[1]).mul(simd, share), shine.as_ref());
             state.classified = None;
             return true;
         }

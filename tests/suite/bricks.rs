@@ -269,7 +269,8 @@ fn cells_are_the_whole() {
         (2, PERSPECTIVE, tiles(&exact()), 36),
         (1, ProjectionKind::Orthographic, quads(&lit), 36),
         (1, ProjectionKind::Orthographic, cpu(&lit), 36),
-        (2, PERSPECTIVE, cpu(&Settings { shading: Shading::Post, ..lit.clone() }), 36),
+        (2, PERSPECTIVE, cpu(&exact()), 36),
+        (1, PERSPECTIVE, cpu(&Settings { shading: Shading::Post, ..lit.clone() }), 70),
     ] {
         let camera = seen(&volume, 33.0, 25.0, projection, size);
         let apart = apart(&layers, &chunks, &camera, &Settings { level: Level::At(level), ..settings });
