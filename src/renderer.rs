@@ -20,7 +20,7 @@ use crate::gpu::store::Drawable;
 use crate::gpu::view::ViewGeometry;
 use crate::image::{DepthMap, Image, Region, check_scale};
 use crate::layers::{Layers, absent_value, finite};
-use crate::painters::choice::Choice;
+use crate::painters::choice::PainterChoice;
 use crate::painters::painter::{Begun, Depths, Job, Room};
 use crate::prepare::lattice::Lattice;
 use crate::prepare::levels::ScalarNeed;
@@ -80,7 +80,7 @@ impl<'a> Shot<'a> {
 }
 
 /// A layer of a picture: its lattice and its splats. Most pictures have one.
-struct Layer {
+struct PictureLayer {
     lattice: Lattice,
     need: ScalarNeed,
     /// The classification and the light of scalars.
@@ -364,24 +364,24 @@ impl Renderer {
         let before = context.traffic();
         camera.check_scale(scene.grid())?;
         let voxels = self.view(scene, camera, settings);
-        let mut choice = Choice::new(context, settings)?;
+        let mut choice = PainterChoice::new(context, settings)?;
         let mut seconds = scene.take_seconds();
         let mut layers;
         let mut painting = loop {
             let room = choice.kind.room();
             let lattices = scene.lattices(&voxels, settings, camera, room.layers)?;
             if let Some(reason) = lattices.iter().find_map(|of| (room.refusal)(&of.view, &of.settings)) {
-                choice = Choice::instead(context, settings, reason)?;
+                choice = PainterChoice::instead(context, settings, reason)?;
                 continue;
             }
             scene.check_memory(context, &lattices, settings)?;
             scene.keep_levels(&lattices);
             let layer = |lattice| self.layer(scene, &room, lattice, &mut seconds);
-            layers = lattices.into_iter().map(layer).collect::<Result<Vec<Layer>>>()?;
+            layers = lattices.into_iter().map(layer).collect::<Result<Vec<PictureLayer>>>()?;
             let mut jobs: Vec<Job<'_>> = layers.iter().map(|layer| self.job(layer, depths, most_fragments)).collect();
             match (room.begin)(jobs.remove(0), jobs)? {
                 Begun::Ready(painting) => break painting,
-                Begun::Refused(reason) => choice = Choice::instead(context, settings, reason)?,
+                Begun::Refused(reason) => choice = PainterChoice::instead(context, settings, reason)?,
             }
         };
         let (nearest, farthest) = (&layers[0], &layers[layers.len() - 1]);
@@ -461,18 +461,18 @@ impl Renderer {
     }
 
     /// Makes a layer of a picture for a painter. Adds the seconds that this took.
-    fn layer(&self, scene: &Scene, room: &Room, lattice: Lattice, seconds: &mut f64) -> Result<Layer> {
+    fn layer(&self, scene: &Scene, room: &Room, lattice: Lattice, seconds: &mut f64) -> Result<PictureLayer> {
         let need = (room.need)(&lattice.view, &lattice.settings, lattice.weights);
         let (drawable, took) = scene.drawable(&self.context, &self.pipelines, &lattice, need, &self.progress)?;
         *seconds += took;
         let (post, took) = scene.post_shading(&self.context, &self.pipelines, &lattice, &self.progress)?;
         *seconds += took;
         let magnification = scene.magnification(&lattice, &drawable);
-        Ok(Layer { lattice, need, post, magnification, drawable })
+        Ok(PictureLayer { lattice, need, post, magnification, drawable })
     }
 
-    fn job<'a>(&'a self, layer: &'a Layer, depths: Depths<'a>, most_fragments: f64) -> Job<'a> {
-        let Layer { lattice, need, post, magnification, drawable } = layer;
+    fn job<'a>(&'a self, layer: &'a PictureLayer, depths: Depths<'a>, most_fragments: f64) -> Job<'a> {
+        let PictureLayer { lattice, need, post, magnification, drawable } = layer;
         Job {
             context: &self.context,
             pipelines: &self.pipelines,

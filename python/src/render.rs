@@ -22,7 +22,7 @@ use voxsplat::stats::Rendered;
 use crate::bricks::{Partial, Plan};
 use crate::error::{internal, raised};
 use crate::image::Image;
-use crate::request::{Beside, Look, SettingsFields, ViewFields, ViewRequest};
+use crate::request::{Beside, SettingsFields, ViewFields, ViewRequest, VolumeLook};
 use crate::solids::{Mesh, Requested, planes_of};
 use crate::volume::Volume;
 use crate::worker::{Device, Engines, discard};
@@ -40,7 +40,7 @@ pub(crate) struct Renderer {
 #[pyclass(frozen, module = "voxsplat")]
 pub(crate) struct Scene {
     /// The prepared volume; `None` in a forked process that drops it.
-    prepared: Option<Arc<Prepared>>,
+    prepared: Option<Arc<PreparedVolume>>,
     #[pyo3(get)]
     choices: Vec<String>,
     /// The reasons why layers are invisible.
@@ -48,8 +48,8 @@ pub(crate) struct Scene {
     hidden: Vec<String>,
 }
 
-struct Prepared {
-    look: Look,
+struct PreparedVolume {
+    look: VolumeLook,
     scene: EngineScene,
     /// The hulls to which pictures were fitted.
     hulls: Mutex<Vec<(Framing, Option<Hull>)>>,
@@ -57,7 +57,7 @@ struct Prepared {
     ground: Mutex<Option<Ground>>,
 }
 
-impl Prepared {
+impl PreparedVolume {
     fn ground(&self) -> Result<Ground> {
         let mut ground = self.ground.lock().unwrap_or_else(PoisonError::into_inner);
         let found = ground.map_or_else(|| self.look.ground(), Ok)?;
@@ -77,7 +77,7 @@ impl Prepared {
 
 /// A part of a picture of a scene.
 struct Shot {
-    prepared: Arc<Prepared>,
+    prepared: Arc<PreparedVolume>,
     view: Option<ViewRequest>,
     size: [u32; 2],
     region: Region,
@@ -94,7 +94,7 @@ impl Shot {
 
     /// Returns the camera and the settings of the picture, which is fitted to its solids too.
     fn seen(&self, solids: &Requested, planes: &[SectionPlane]) -> Result<(Camera, Settings)> {
-        let Look { layers, view: chosen, settings, follows, volume, .. } = &self.prepared.look;
+        let VolumeLook { layers, view: chosen, settings, follows, volume, .. } = &self.prepared.look;
         let ViewRequest { mut view, frame, is_open } = self.view.clone().unwrap_or_else(|| chosen.clone());
         if is_open {
             (view.azimuth, view.elevation) = (chosen.view.azimuth, chosen.view.elevation);
@@ -109,7 +109,7 @@ impl Shot {
 
     /// Renders the picture with its solids. Returns its camera and settings too.
     fn drawn(&self, engines: &mut Engines<'_>, solids: Requested) -> Result<(Rendered, Camera, Settings)> {
-        let Look { layers, volume, .. } = &self.prepared.look;
+        let VolumeLook { layers, volume, .. } = &self.prepared.look;
         let planes = solids.planes(volume)?;
         let (camera, settings) = self.seen(&solids, &planes)?;
         let cuts = match planes.is_empty() {
@@ -159,7 +159,7 @@ impl Renderer {
             let mut look = request.look(&source, &beside, view, size)?;
             let scene = engines.suited(&look.settings)?.prepare_layers(&look.layers, &look.settings)?;
             let (choices, hidden) = (std::mem::take(&mut look.choices), std::mem::take(&mut look.hidden));
-            Ok((Prepared { look, scene, hulls: Mutex::default(), ground: Mutex::default() }, choices, hidden))
+            Ok((PreparedVolume { look, scene, hulls: Mutex::default(), ground: Mutex::default() }, choices, hidden))
         })?;
         Ok(Scene { prepared: Some(Arc::new(prepared)), choices, hidden })
     }
@@ -211,7 +211,7 @@ impl Renderer {
         let panel = panels.last().map_or(size, |panel| [panel.width, panel.height]);
         let shot = Shot::new(scene, None, panel, None)?;
         let (rendered, settings) = self.device.run(py, progress, move |engines| {
-            let Look { layers, volume, .. } = &shot.prepared.look;
+            let VolumeLook { layers, volume, .. } = &shot.prepared.look;
             let planes = PlaneSpec::planes(&specs, volume, at)?;
             let (mut rendered, camera, settings) = shot.drawn(engines, Requested::default())?;
             let ground = shot.prepared.ground()?;

@@ -111,7 +111,7 @@ pub(crate) struct Whole {
 }
 
 /// The look of a volume.
-pub(crate) struct Look {
+pub(crate) struct VolumeLook {
     pub(crate) layers: Layers,
     /// The view that the request or the library chose.
     pub(crate) view: ViewRequest,
@@ -255,7 +255,7 @@ impl SettingsFields {
     }
 }
 
-impl Look {
+impl VolumeLook {
     /// Returns the look of the volume in sections.
     pub(crate) fn ground(&self) -> Result<Ground> {
         let (transfer, channels) = &self.ground;
@@ -281,7 +281,7 @@ impl Request {
         beside: &Beside,
         mut view: ViewRequest,
         size: [u32; 2],
-    ) -> Result<Look> {
+    ) -> Result<VolumeLook> {
         let path = source.path();
         let Beside { labels: over, mask, overlays, whole } = beside;
         let plain = over.is_none() && mask.is_none() && overlays.is_empty();
@@ -365,6 +365,6 @@ impl Request {
         choices.extend(made.iter().map(Choice::to_string));
         let follows = self.light.follows();
         let ground = (self.transfer, several);
-        Ok(Look { layers, view, settings: self.settings, follows, volume, ground, choices, hidden })
+        Ok(VolumeLook { layers, view, settings: self.settings, follows, volume, ground, choices, hidden })
     }
 }

@@ -128,10 +128,10 @@ impl Engines<'_> {
 /// A message from a thread that works.
 enum Event<T> {
     Progress(&'static str, f64),
-    Done(Result<T, Failure>),
+    Done(Result<T, WorkFailure>),
 }
 
-enum Failure {
+enum WorkFailure {
     Library(Error),
     Panic(String),
 }
@@ -178,7 +178,7 @@ impl Device {
             let result = result.unwrap_or_else(|panic| {
                 // The device may be in the middle of something.
                 drop(std::mem::take(&mut *locked(&device.engines)));
-                Err(Failure::Panic(text_of(panic.as_ref())))
+                Err(WorkFailure::Panic(text_of(panic.as_ref())))
             });
             drop(locked(&device.current).take());
             // Nobody may wait any more.
@@ -194,8 +194,8 @@ impl Device {
                     progress.map(|progress| progress.call1((stage, done))).transpose()?;
                 }
                 Ok(Event::Done(Ok(value))) => return Ok(value),
-                Ok(Event::Done(Err(Failure::Library(error)))) => return Err(raised(&error)),
-                Ok(Event::Done(Err(Failure::Panic(message)))) => return Err(internal(&message)),
+                Ok(Event::Done(Err(WorkFailure::Library(error)))) => return Err(raised(&error)),
+                Ok(Event::Done(Err(WorkFailure::Panic(message)))) => return Err(internal(&message)),
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => return Err(internal("a thread ended without a result")),
             }
@@ -211,11 +211,11 @@ impl Device {
         events: &Sender<Event<T>>,
         abandoned: Arc<AtomicBool>,
         work: impl FnOnce(&mut Engines<'_>) -> Result<T, Error>,
-    ) -> Result<T, Failure> {
+    ) -> Result<T, WorkFailure> {
         // Earlier work ends first.
         let mut open = locked(&self.engines);
         if abandoned.load(Ordering::Relaxed) {
-            return Err(Failure::Library(Error::Cancelled));
+            return Err(WorkFailure::Library(Error::Cancelled));
         }
         let (events, mut last) = (events.clone(), None::<(&str, Instant)>);
         let report = move |stage: &'static str, done: f64| {
@@ -228,7 +228,7 @@ impl Device {
         *locked(&self.current) = Some(Current { abandoned, report: Box::new(report) });
         let default = RendererOptions::default();
         let options = RendererOptions { adapter: self.adapter.clone(), progress: self.progress(), ..default };
-        work(&mut Engines { open: &mut open, options }).map_err(Failure::Library)
+        work(&mut Engines { open: &mut open, options }).map_err(WorkFailure::Library)
     }
 
     /// Returns the callback for the progress of the work that runs.

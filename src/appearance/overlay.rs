@@ -376,7 +376,7 @@ impl Overlays {
 }
 
 /// The meaning of the values of an overlay.
-enum Kind {
+enum OverlayKind {
     TwoSided {
         score: Option<f64>,
     },
@@ -436,9 +436,9 @@ impl Overlay {
                 let (kind, reason) = kind(&volume, &statistics()?)?;
                 (kind, Some(reason))
             }
-            RequestedLook::TwoSided => (Kind::TwoSided { score: None }, None),
-            RequestedLook::Hot => (Kind::Hot, None),
-            RequestedLook::Color(_) => (Kind::Scan, None),
+            RequestedLook::TwoSided => (OverlayKind::TwoSided { score: None }, None),
+            RequestedLook::Hot => (OverlayKind::Hot, None),
+            RequestedLook::Color(_) => (OverlayKind::Scan, None),
         };
         let statistics = statistics()?;
         let [low, high] = spec.range;
@@ -459,7 +459,7 @@ impl Overlay {
         };
         let over = |range: [f64; 2]| format!("{name} over {}", readable(range[0]));
         let (text, range, transfer, entries) = match kind {
-            Kind::TwoSided { score } => {
+            OverlayKind::TwoSided { score } => {
                 let range = range(&|| Ok(presets::significance(&statistics, score)))?;
                 if range[0] <= 0.0 {
                     return refused(format!("{} has no value over a threshold of 0", file.display()));
@@ -469,12 +469,12 @@ impl Overlay {
                 let under = format!("{name} under {}", readable(-range[0]));
                 (TWO_SIDED.to_owned(), range, transfer, vec![(over(range), hot[1]), (under, cold[1])])
             }
-            Kind::Hot => {
+            OverlayKind::Hot => {
                 let range = range(&|| Ok(uptake(&statistics)))?;
                 let hot = used.ramp();
                 (HOT.to_owned(), range, solid(range, hot, None)?, vec![(over(range), hot[1])])
             }
-            Kind::Scan => {
+            OverlayKind::Scan => {
                 let range = range(&|| scan_range(&volume, &statistics))?;
                 let color = match spec.look {
                     RequestedLook::Color(color) => color,
@@ -523,12 +523,12 @@ fn transfer_color(transfer: &TransferFunction) -> [f64; 3] {
 }
 
 /// Returns the meaning of the values of a volume, and the reason.
-fn kind(volume: &Volume, statistics: &Statistics) -> Result<(Kind, String)> {
+fn kind(volume: &Volume, statistics: &Statistics) -> Result<(OverlayKind, String)> {
     let suggestion = suggest(volume, statistics);
     let unit = volume.value_unit();
     if suggestion.name == "activation" && !suggestion.is_guess {
         let score = unit.filter(|unit| ["t", "z"].contains(unit)).map(|_| SCORE);
-        return Ok((Kind::TwoSided { score }, suggestion.reason));
+        return Ok((OverlayKind::TwoSided { score }, suggestion.reason));
     }
     let &Statistics { min, max, .. } = statistics;
     let [least, largest] = [min, max].map(readable);
@@ -537,10 +537,10 @@ fn kind(volume: &Volume, statistics: &Statistics) -> Result<(Kind, String)> {
     let has_sides = -min > ONE_SIDE * width && max > ONE_SIDE * width;
     if suggestion.name == "activation" || (is_centred && has_sides && suggestion.name != "ct-bone") {
         let reason = format!("values from {least} to {largest} lie on both sides of 0");
-        return Ok((Kind::TwoSided { score: None }, reason));
+        return Ok((OverlayKind::TwoSided { score: None }, reason));
     }
     if suggestion.name == "pet" {
-        return Ok((Kind::Hot, suggestion.reason));
+        return Ok((OverlayKind::Hot, suggestion.reason));
     }
     let is_microscopy = suggestion.name == "fluorescence" && !volume.sample_type().is_float();
     if min >= 0.0
@@ -549,9 +549,9 @@ fn kind(volume: &Volume, statistics: &Statistics) -> Result<(Kind, String)> {
         && statistics.fraction_above(low) <= FEW
         && (volume.sample_type().is_float() || volume.contents().origin.intent.is_some())
     {
-        return Ok((Kind::Hot, format!("most values from {least} to {largest} are near {least}")));
+        return Ok((OverlayKind::Hot, format!("most values from {least} to {largest} are near {least}")));
     }
-    Ok((Kind::Scan, suggestion.reason))
+    Ok((OverlayKind::Scan, suggestion.reason))
 }
 
 /// Returns the threshold and the end of a one-sided map.

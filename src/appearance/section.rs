@@ -17,12 +17,12 @@ pub struct PlaneSpec {
     name: &'static str,
     forward: DVec3,
     up: DVec3,
-    place: Place,
+    place: PlanePlace,
 }
 
 /// The place of a plane.
 #[derive(Debug, Clone, PartialEq)]
-enum Place {
+enum PlanePlace {
     /// The middle of the volume.
     Middle,
     /// The points p of p . normal = distance.
@@ -60,9 +60,9 @@ impl PlaneSpec {
     pub fn plane(&self, volume: &Volume, at: Option<DVec3>, setting: &'static str) -> Result<SectionPlane> {
         let grid = volume.grid();
         let point = match self.place {
-            Place::Middle => at.unwrap_or_else(|| grid.center()),
-            Place::Through(point) => point,
-            Place::Distance { normal, distance } => {
+            PlanePlace::Middle => at.unwrap_or_else(|| grid.center()),
+            PlanePlace::Through(point) => point,
+            PlanePlace::Distance { normal, distance } => {
                 let off = (distance - grid.center().dot(normal)) / normal.length_squared();
                 grid.center() + off * normal
             }
@@ -94,15 +94,15 @@ impl FromStr for PlaneSpec {
         let (name, along) = text.split_once(':').map_or((text, None), |(name, along)| (name, Some(along)));
         let named = NAMED.iter().find(|(patient, world, ..)| name == *patient || name == *world);
         let along = along.map(finite);
-        let oblique = |normal: DVec3, place: Place| {
+        let oblique = |normal: DVec3, place: PlanePlace| {
             let up = if normal.cross(DVec3::Z).length() > 1e-3 * normal.length() { DVec3::Z } else { DVec3::NEG_Y };
             (normal.length() > 0.0).then_some(Self { name: "", forward: -normal, up, place })
         };
         let plane = match (named, along) {
             (Some((patient, _, normal, forward, up)), along) => {
                 let place = match along {
-                    None => Some(Place::Middle),
-                    Some(distance) => distance.map(|[distance]| Place::Distance { normal: *normal, distance }),
+                    None => Some(PlanePlace::Middle),
+                    Some(distance) => distance.map(|[distance]| PlanePlace::Distance { normal: *normal, distance }),
                 };
                 place.map(|place| Self { name: patient, forward: *forward, up: *up, place })
             }
@@ -110,12 +110,12 @@ impl FromStr for PlaneSpec {
             (None, None) => {
                 let distance = |[x, y, z, d]: [f64; 4]| {
                     let normal = DVec3::new(x, y, z);
-                    oblique(normal, Place::Distance { normal, distance: d })
+                    oblique(normal, PlanePlace::Distance { normal, distance: d })
                 };
                 let through = |[x, y, z, px, py, pz]: [f64; 6]| {
-                    oblique(DVec3::new(x, y, z), Place::Through(DVec3::new(px, py, pz)))
+                    oblique(DVec3::new(x, y, z), PlanePlace::Through(DVec3::new(px, py, pz)))
                 };
-                let middle = finite(text).and_then(|[x, y, z]| oblique(DVec3::new(x, y, z), Place::Middle));
+                let middle = finite(text).and_then(|[x, y, z]| oblique(DVec3::new(x, y, z), PlanePlace::Middle));
                 middle.or_else(|| finite(text).and_then(distance)).or_else(|| finite(text).and_then(through))
             }
         };

@@ -46,7 +46,7 @@ const BRAIN: f64 = 1.75;
 /// units), otherwise by its values. Bounds are rules of thumb.
 #[must_use]
 pub fn suggest(volume: &Volume, statistics: &Statistics) -> Suggestion {
-    let shape = Shape::of(statistics);
+    let shape = HistogramShape::of(statistics);
     let found = |(name, reason), is_guess| Suggestion { name, reason, is_guess };
     let constant = || ("grayscale", format!("all values are {}", readable(statistics.min)));
     let Some(shape) = shape else { return found(constant(), false) };
@@ -64,7 +64,7 @@ const WORDS: [(&str, &[&str]); 3] = [
 const ANGIOGRAMS: [&str; 3] = ["cta", "mra", "tof"];
 
 /// Returns the preset for the method that the file states.
-fn stated(volume: &Volume, shape: &Shape) -> Option<(&'static str, String)> {
+fn stated(volume: &Volume, shape: &HistogramShape) -> Option<(&'static str, String)> {
     let origin = &volume.contents().origin;
     if let Some(unit) = volume.value_unit().filter(|unit| STATISTICS.contains(unit)) {
         return Some(("activation", format!("the file says that its values are statistics ({unit})")));
@@ -94,7 +94,7 @@ fn stated(volume: &Volume, shape: &Shape) -> Option<(&'static str, String)> {
 }
 
 /// Returns the preset that the shape of the histogram suits.
-fn guessed(volume: &Volume, statistics: &Statistics, shape: &Shape) -> (&'static str, String) {
+fn guessed(volume: &Volume, statistics: &Statistics, shape: &HistogramShape) -> (&'static str, String) {
     let &Statistics { min, max, mean, std_dev, .. } = statistics;
     let [least, largest] = [min, max].map(readable);
     if is_hounsfield(statistics) {
@@ -110,7 +110,7 @@ fn guessed(volume: &Volume, statistics: &Statistics, shape: &Shape) -> (&'static
     }
     let spacing = volume.grid().min_spacing();
     let is_coarse = oriented && unit.is_none_or(|unit| unit == "mm") && spacing >= COARSE;
-    let Shape { spread, top, bright, .. } = *shape;
+    let HistogramShape { spread, top, bright, .. } = *shape;
     let far = format!("{} of the foreground are up to {top:.1} times as bright as most of it", percent(bright));
     if is_coarse && shape.is_hot {
         return ("pet", format!("few and far brighter voxels of {spacing:.1} mm, as uptake in PET"));
@@ -160,7 +160,7 @@ fn guessed(volume: &Volume, statistics: &Statistics, shape: &Shape) -> (&'static
 
 /// The shape of a histogram. Brightness counts from the least value, in multiples of the tissue: the middle of the
 /// shortest range with a quarter of the brighter foreground.
-struct Shape {
+struct HistogramShape {
     /// The least value.
     floor: f64,
     /// The share of the voxels over the background.
@@ -183,7 +183,7 @@ struct Shape {
     is_hot: bool,
 }
 
-impl Shape {
+impl HistogramShape {
     /// Finds the shape of a histogram; `None` if all values are the same.
     fn of(statistics: &Statistics) -> Option<Self> {
         let object = statistics.otsu(f64::NEG_INFINITY)?;

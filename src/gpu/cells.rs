@@ -199,7 +199,7 @@ pub(crate) fn run(
         points: light.is_some_and(|light| light.points),
         perspective: light.is_some_and(|light| light.to_eye.perspective),
     };
-    let job = Job {
+    let job = CellJob {
         context,
         progress,
         lattice,
@@ -237,7 +237,7 @@ impl Source<'_> {
 }
 
 /// The state that all boxes of cells share.
-struct Job<'a> {
+struct CellJob<'a> {
     context: &'a Context,
     progress: &'a Progress,
     lattice: &'a CellLattice<'a>,
@@ -284,7 +284,7 @@ impl Values {
     }
 }
 
-impl Job<'_> {
+impl CellJob<'_> {
     fn run(&self, source: &Source<'_>, before: Option<Drawable>) -> Result<Drawable> {
         let Self { context, lattice, .. } = self;
         let most = MOST.min(context.largest_buffer());

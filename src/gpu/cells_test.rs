@@ -71,7 +71,7 @@ impl<'a> Subject<'a> {
     fn normals(&self) -> Option<(Vec<wgpu::Buffer>, u64)> {
         let kept = self.kept.0.lock().unwrap();
         let (visible, normals) = kept.as_ref().unwrap();
-        let kept_voxels::Normals::Kept(normals) = normals else { return None };
+        let kept_voxels::KeptNormals::Kept(normals) = normals else { return None };
         Some((normals.clone(), visible.iter().map(|part| u64::from(part.count)).sum()))
     }
 }

@@ -52,7 +52,7 @@ impl Classifier {
     /// The samples of visible bricks are on the device a batch at a time.
     pub(crate) fn run(&self, scan: &Scan, input: &Input<'_>) -> Result<Drawable> {
         let context = input.context;
-        let job = Job { context, scan, stages: self, input, points: input.points_on_device()? };
+        let job = ClassifyJob { context, scan, stages: self, input, points: input.points_on_device()? };
         let mut stores = StoreBuilder::new(context, STRIDE, JOINED);
         let bricks = input.batches(&mut |batch| job.run(batch, &mut stores))?;
         Ok(Drawable { bricks, ..stores.finish()? })
@@ -61,7 +61,7 @@ impl Classifier {
     /// Finds the visible voxels of bricks that are held, buffer of samples by buffer of samples.
     pub(super) fn visible(&self, scan: &Scan, input: &Input<'_>, held: &HeldBricks) -> Result<Vec<VisibleVoxels>> {
         let context = input.context;
-        let job = Job { context, scan, stages: self, input, points: input.points_on_device()? };
+        let job = ClassifyJob { context, scan, stages: self, input, points: input.points_on_device()? };
         let mut recorder = Recorder::untimed(context);
         let ranges = input.volume.ranges()?;
         let shows = |batch: &BrickBatch| {
@@ -142,7 +142,7 @@ pub(super) struct VisibleVoxels {
 pub(crate) const STRIDE: u64 = size_of::<Splat>() as u64;
 
 /// The state that all batches of a volume share.
-struct Job<'a> {
+struct ClassifyJob<'a> {
     context: &'a Context,
     scan: &'a Scan,
     stages: &'a Classifier,
@@ -150,7 +150,7 @@ struct Job<'a> {
     points: wgpu::Buffer,
 }
 
-impl Job<'_> {
+impl ClassifyJob<'_> {
     /// Adds the visible voxels of a batch, then waits, so that the batch leaves the device.
     fn run(&self, batch: &BrickBatch, stores: &mut StoreBuilder<'_, DevicePart>) -> Result<()> {
         let record = |pass: &mut ComputePass<'_>, first, rows: &Rows| self.record(batch, pass, first, rows);

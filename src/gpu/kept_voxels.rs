@@ -23,10 +23,10 @@ pub(super) const FOUND: u64 = 16;
 
 /// The visible voxels of a volume and their normals on the device, for all lights and levels.
 #[derive(Default)]
-pub(crate) struct KeptVoxels(pub(super) Mutex<Option<(Arc<Vec<VisibleVoxels>>, Normals)>>);
+pub(crate) struct KeptVoxels(pub(super) Mutex<Option<(Arc<Vec<VisibleVoxels>>, KeptNormals)>>);
 
 /// The packed normals of visible voxels, 4 bytes each.
-pub(super) enum Normals {
+pub(super) enum KeptNormals {
     /// No normals, because there was no light yet.
     Unlit,
     /// The normals for each buffer of samples.
@@ -65,14 +65,14 @@ impl KeptVoxels {
             Some(kept) => kept,
             None => {
                 let scan = Scan::of(pipelines, input.context)?;
-                (Arc::new(Classifier::of(pipelines, input)?.visible(&scan, input, held)?), Normals::Unlit)
+                (Arc::new(Classifier::of(pipelines, input)?.visible(&scan, input, held)?), KeptNormals::Unlit)
             }
         };
-        if is_lit && matches!(normals, Normals::Unlit) {
-            normals = Normals::find(pipelines, input, held, &visible)?;
+        if is_lit && matches!(normals, KeptNormals::Unlit) {
+            normals = KeptNormals::find(pipelines, input, held, &visible)?;
         }
         let result = match &normals {
-            Normals::Kept(normals) if is_lit => work(&visible, Some(normals)),
+            KeptNormals::Kept(normals) if is_lit => work(&visible, Some(normals)),
             _ => work(&visible, None),
         }?;
         *lock() = Some((visible, normals));
@@ -80,7 +80,7 @@ impl KeptVoxels {
     }
 }
 
-impl Normals {
+impl KeptNormals {
     /// Finds the normals of visible voxels, if there is room for them.
     fn find(pipelines: &Cache, input: &Input<'_>, held: &HeldBricks, visible: &[VisibleVoxels]) -> Result<Self> {
         let context = input.context;

@@ -5,7 +5,7 @@ use super::context::Context;
 use super::recorder::{ComputePass, Readback, Recorder};
 use super::samples::ROWS;
 use super::scan::Scan;
-use super::store::{Part, Splats, StoreBuilder};
+use super::store::{Splats, StoreBuilder, StorePart};
 use crate::error::Result;
 use crate::splats::brick::BrickSplats;
 
@@ -121,7 +121,7 @@ pub(super) fn collect(
     counted.emit(context, stores, origins, record)
 }
 
-impl Part for DevicePart {
+impl StorePart for DevicePart {
     fn join(context: &Context, parts: Vec<Self>, stride: u64, count: u32) -> Result<(Splats, Option<wgpu::Buffer>)> {
         if let [part] = parts.as_slice() {
             return Ok((Splats::Listed(part.splats.clone()), Some(part.origins.clone())));

@@ -79,7 +79,7 @@ pub(crate) struct Dispatch<'a> {
 }
 
 /// A store of consecutive batches of a buffer of samples.
-struct Part {
+struct SampledBatches {
     of: Arc<Sampled>,
     /// The number of the buffer of samples.
     buffer: usize,
@@ -160,7 +160,7 @@ impl Sampled {
     pub(crate) fn of(stores: &[Store]) -> Option<Arc<Self>> {
         let of = |store: &Store| -> Option<Arc<Self>> {
             let source: Arc<dyn Any + Send + Sync> = store.unlisted()?;
-            Some(Arc::clone(&source.downcast_ref::<Part>()?.of))
+            Some(Arc::clone(&source.downcast_ref::<SampledBatches>()?.of))
         };
         let first = of(stores.first()?)?;
         stores.iter().all(|store| of(store).is_some_and(|other| Arc::ptr_eq(&first, &other))).then_some(first)
@@ -236,17 +236,17 @@ impl Sampled {
     }
 
     /// Splits the splats into stores, each of which could be listed in one buffer.
-    fn parts(this: &Arc<Self>, context: &Context) -> Vec<Part> {
+    fn parts(this: &Arc<Self>, context: &Context) -> Vec<SampledBatches> {
         let bindable = context.largest_buffer() / this.stride();
         let most = u32::try_from(bindable).unwrap_or(u32::MAX).min(JOINED);
-        let mut parts: Vec<Part> = Vec::new();
+        let mut parts: Vec<SampledBatches> = Vec::new();
         for (buffer, (of, visible)) in this.held.buffers.iter().zip(&*this.visible).enumerate() {
             for (number, batch) in of.batches.iter().enumerate() {
                 let place = |brick: usize| visible.bricks.get(brick).map_or(visible.count, |brick| brick.first);
                 let first = place(batch.before);
                 let count = place(batch.before + batch.origins.len()) - first;
                 // Of this buffer, and batches that follow one another but for empty ones.
-                let has_room = |part: &&mut Part| {
+                let has_room = |part: &&mut SampledBatches| {
                     let bricks = (number + 1 - part.batches.start) * BATCH;
                     part.buffer == buffer && part.count + count <= most && bricks <= MAX_BRICKS
                 };
@@ -258,7 +258,7 @@ impl Sampled {
                     }
                     None => {
                         let batches = number..number + 1;
-                        parts.push(Part { of: Arc::clone(this), buffer, batches, first, count });
+                        parts.push(SampledBatches { of: Arc::clone(this), buffer, batches, first, count });
                     }
                 }
             }
@@ -267,7 +267,7 @@ impl Sampled {
     }
 }
 
-impl Part {
+impl SampledBatches {
     fn batches(&self) -> impl Iterator<Item = &BrickBatch> {
         self.of.held.buffers[self.buffer].batches[self.batches.clone()].iter()
     }
@@ -291,7 +291,7 @@ impl Part {
     }
 }
 
-impl Unlisted for Part {
+impl Unlisted for SampledBatches {
     fn list(&self, context: &Context) -> Result<wgpu::Buffer> {
         let Sampled { classifier, key, points, parameters, visible, kept, .. } = &*self.of;
         let VisibleVoxels { places, seen, .. } = &visible[self.buffer];

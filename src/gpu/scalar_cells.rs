@@ -44,9 +44,9 @@ pub(crate) struct CellFilters<'a> {
 /// The cells of a lattice, which shaders make of samples.
 #[derive(Clone)]
 pub(crate) struct ScalarCells {
-    stages: Arc<Stages>,
+    stages: Arc<SumStages>,
     size: [i64; 2],
-    axes: [Axis; 3],
+    axes: [AxisWeights; 3],
     slopes: Slopes,
     /// Whether cells have gradients.
     gradients: bool,
@@ -54,7 +54,7 @@ pub(crate) struct ScalarCells {
 
 /// The weights of voxels in cells along an axis.
 #[derive(Clone)]
-struct Axis {
+struct AxisWeights {
     /// Number of voxels of the volume.
     voxels: u32,
     /// The first voxel with a weight in cell 0; `taps` is the number of voxels with weights in a cell.
@@ -76,20 +76,20 @@ pub(super) struct BoundSamples<'a> {
 }
 
 /// The stages that sum scalars.
-struct Stages {
+struct SumStages {
     along_x: Stage,
     along_axis: Stage,
 }
 
 /// A part of a box of texels.
-struct Part {
+struct TexelPart {
     rows: Range<u32>,
     planes: Range<u32>,
     /// The cells on which the part depends, along each axis.
     cells: [Range<i64>; 3],
 }
 
-impl Stages {
+impl SumStages {
     fn new(context: &Context, constants: &[Constant]) -> Self {
         use Binding::{Read, Uniform, Write};
         let slots = [Uniform, Read, Uniform, Read, Write];
@@ -119,10 +119,10 @@ impl ScalarCells {
             let block = if before < 0 { 0..0 } else { before..taps - before };
             let usage = wgpu::BufferUsages::STORAGE;
             let on_device = context.upload("cells.weights", bytemuck::cast_slice(&weights.concat()), usage)?;
-            Ok::<_, Error>(Axis { voxels: voxels[axis], first, taps, block, weights: on_device })
+            Ok::<_, Error>(AxisWeights { voxels: voxels[axis], first, taps, block, weights: on_device })
         };
         Ok(Self {
-            stages: pipelines.get_or_make(constants.clone(), || Ok(Stages::new(context, &constants)))?,
+            stages: pipelines.get_or_make(constants.clone(), || Ok(SumStages::new(context, &constants)))?,
             size: size.map(|n| n as i64),
             axes: [axis(0)?, axis(1)?, axis(2)?],
             slopes,
@@ -143,7 +143,7 @@ impl ScalarCells {
 
     /// Returns the voxels with weights in these cells; voxels beyond the faces are copies of the outermost ones.
     fn voxels(&self, axis: usize, cells: &Range<i64>) -> Range<i64> {
-        let Axis { voxels, taps, .. } = self.axes[axis];
+        let AxisWeights { voxels, taps, .. } = self.axes[axis];
         let inside = |voxel: i64| voxel.clamp(0, i64::from(voxels) - 1);
         inside(self.low(axis, cells.start))..inside(self.low(axis, cells.end - 1) + taps - 1) + 1
     }
@@ -157,13 +157,13 @@ impl ScalarCells {
     }
 
     /// Returns the part of a box, which begins at cell `low`, with these rows and planes.
-    fn part(&self, low: [i64; 3], across: u32, rows: Range<u32>, planes: Range<u32>) -> Part {
+    fn part(&self, low: [i64; 3], across: u32, rows: Range<u32>, planes: Range<u32>) -> TexelPart {
         let cells = [self.cells(low[0], &(0..across)), self.cells(low[1], &rows), self.cells(low[2], &planes)];
-        Part { rows, planes, cells }
+        TexelPart { rows, planes, cells }
     }
 
     /// Returns the numbers of sums of a part along x, along x and y, and along all axes.
-    fn sums(&self, part: &Part) -> [u64; 3] {
+    fn sums(&self, part: &TexelPart) -> [u64; 3] {
         let cells = |axis: usize| (part.cells[axis].end - part.cells[axis].start) as u64;
         let voxels = |axis: usize| self.voxels(axis, &part.cells[axis]).count() as u64;
         [cells(0) * voxels(1) * voxels(2), cells(0) * cells(1) * voxels(2), cells(0) * cells(1) * cells(2)]
@@ -175,9 +175,9 @@ impl ScalarCells {
     }
 
     /// Splits a box into parts, with buffers of at most `bytes` and dispatches of at most this work.
-    fn parts(&self, [bytes, most_work]: [u64; 2], low: [i64; 3], [across, rows, planes]: [u32; 3]) -> Vec<Part> {
+    fn parts(&self, [bytes, most_work]: [u64; 2], low: [i64; 3], [across, rows, planes]: [u32; 3]) -> Vec<TexelPart> {
         let most = bytes / (4 * self.each());
-        let fits = |part: &Part| {
+        let fits = |part: &TexelPart| {
             let allowed = |(sums, work): (u64, u64)| sums <= most && sums * work <= most_work;
             self.sums(part).into_iter().zip(self.work()).all(allowed)
         };
@@ -189,7 +189,7 @@ impl ScalarCells {
             let of_planes = |planes: Range<u32>| {
                 ranges(rows, size[0]).map(move |rows| self.part(low, across, rows, planes.clone()))
             };
-            let parts: Vec<Part> = ranges(planes, size[1]).flat_map(of_planes).collect();
+            let parts: Vec<TexelPart> = ranges(planes, size[1]).flat_map(of_planes).collect();
             if size.iter().all(|&n| n <= 1) || parts.iter().all(fits) {
                 return parts;
             }
@@ -250,7 +250,7 @@ impl ScalarCells {
     }
 
     /// Returns the parameters of the sums of a part along an axis.
-    fn parameters(&self, axis: usize, part: &Part) -> ScalarSums {
+    fn parameters(&self, axis: usize, part: &TexelPart) -> ScalarSums {
         let cells = |axis: usize| part.cells[axis].clone().count() as u32;
         let voxels = [0, 1, 2].map(|axis| self.voxels(axis, &part.cells[axis]));
         let counts = [0, 1, 2].map(|axis| voxels[axis].clone().count() as u32);
@@ -279,7 +279,7 @@ impl ScalarCells {
         &self,
         recorder: &mut Recorder<'_>,
         axis: usize,
-        part: &Part,
+        part: &TexelPart,
         [values, sums]: [&wgpu::Buffer; 2],
     ) -> Result<()> {
         let context = recorder.context;
@@ -298,7 +298,7 @@ impl ScalarCells {
         &self,
         recorder: &mut Recorder<'_>,
         samples: &BoundSamples<'_>,
-        part: &Part,
+        part: &TexelPart,
         sums: &wgpu::Buffer,
     ) -> Result<()> {
         let context = recorder.context;

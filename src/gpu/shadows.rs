@@ -53,7 +53,7 @@ pub(crate) const STRIDE: u64 = 4 * SHADED_WORDS as u64;
 
 /// The stages of sweeps along directions and of occlusion, and the stages that keep their light at splats. In
 /// [`Stats::stages`](crate::stats::Stats::stages) all stages of shadows are part of `classify`.
-struct Stages {
+struct ShadowStages {
     across: Stage,
     within: Stage,
     march: Stage,
@@ -64,7 +64,7 @@ struct Stages {
 }
 
 /// The stage that makes the field of splats; for the key `true`, of splats with shares of light.
-struct FieldStage(Stage);
+struct SplatFieldStage(Stage);
 
 /// The stages of sweeps to a place.
 struct PlaceStages {
@@ -88,7 +88,7 @@ fn stage(context: &Context, of: Shader, entry: &str, slots: &[Binding], constant
 /// The constants of stages whose splats have shares of light.
 const SHADOWS: [Constant; 1] = [("SHADOWS", 1)];
 
-impl Stages {
+impl ShadowStages {
     fn new(context: &Context) -> Result<Self> {
         use Binding::{DynamicUniform, Read, Uniform, Write};
         let filters = || {
@@ -111,7 +111,7 @@ impl Stages {
     }
 }
 
-impl FieldStage {
+impl SplatFieldStage {
     fn new(context: &Context, has_light: bool) -> Self {
         use Binding::{Read, Uniform, Write};
         let constants = if has_light { SHADOWS.as_slice() } else { &[] };
@@ -160,12 +160,12 @@ impl Buffers {
 }
 
 /// Buffers of a device by their names, made when they are needed.
-struct Scratch<'a> {
+struct ScratchBuffers<'a> {
     context: &'a Context,
     held: RefCell<Vec<(&'static str, wgpu::Buffer)>>,
 }
 
-impl Scratch<'_> {
+impl ScratchBuffers<'_> {
     /// Returns the buffer of this name, with at least `values` numbers.
     fn get(&self, name: &'static str, values: usize) -> Result<wgpu::Buffer> {
         let bytes = 4 * values as u64;
@@ -182,7 +182,7 @@ impl Scratch<'_> {
 }
 
 /// The planes of a sweep on the device.
-struct Shape {
+struct SweepShape {
     /// Numbers of planes, rows and columns.
     dims: [usize; 3],
     /// Numbers of rows and columns of rays, for each direction.
@@ -194,7 +194,7 @@ struct Shape {
     filtered: usize,
 }
 
-impl Shape {
+impl SweepShape {
     fn of_sweep(plan: &SweepPlan, dims: [usize; 3]) -> Self {
         let dims = plan.axes.map(|axis| dims[axis]);
         Self::of_rays(dims, [dims[1] + 3, dims[2] + 3], plan.factors.len())
@@ -252,12 +252,12 @@ impl NearPlaces {
 }
 
 /// The shadows of all lights on a box of voxels.
-struct Job<'a> {
+struct ShadowJob<'a> {
     context: &'a Context,
     pipelines: &'a Cache,
-    stages: Arc<Stages>,
+    stages: Arc<ShadowStages>,
     plans: &'a LightPlans,
-    scratch: Scratch<'a>,
+    scratch: ScratchBuffers<'a>,
     /// The extinctions of the voxels; `shares` are the shares of the light that arrives at them.
     field: wgpu::Buffer,
     shares: wgpu::Buffer,
@@ -282,7 +282,7 @@ pub(crate) fn run(
         return Ok(None);
     }
     let is_filled = held.is_some();
-    let job = Job::new(context, pipelines, plans, held)?;
+    let job = ShadowJob::new(context, pipelines, plans, held)?;
     let mut recorder = Recorder::untimed(context);
     if !is_filled {
         job.fill(&mut recorder, unlit)?;
@@ -330,7 +330,7 @@ pub(crate) fn run_on_box(
         return Ok(None);
     }
     let is_filled = held.is_some();
-    let job = Job::new(context, pipelines, plans, held.map(|held| held.buffers))?;
+    let job = ShadowJob::new(context, pipelines, plans, held.map(|held| held.buffers))?;
     let stages = pipelines.get_or_make((), || Ok(BoxStages::new(context)))?;
     let kept = job.scratch.get("shadows.kept", 2 * voxels)?;
     let mut recorder = Recorder::untimed(context);
@@ -374,15 +374,15 @@ fn fits<'a>(
     let longest = dims.into_iter().fold(0, |sum, n| sum.max(n + MOST_PLANES + 4 * ENDS)) as u64;
     let voxels = dims.iter().try_fold(4_u64, |bytes, &n| bytes.checked_mul(n as u64));
     let fits = |values: usize| (4 * values as u64) <= bindable;
-    let has_room = |shape: &Shape| {
+    let has_room = |shape: &SweepShape| {
         let longest = shape.rays.into_iter().max().unwrap_or(0) as u64;
         longest <= most_groups && fits(shape.planes()) && fits(shape.together * shape.sums())
     };
     let serves = |plan: &LightPlan| match plan {
         LightPlan::Full => true,
-        LightPlan::Parallel(sweeps) => sweeps.iter().all(|sweep| has_room(&Shape::of_sweep(sweep, dims))),
-        LightPlan::Converging(sweeps) => sweeps.iter().all(|sweep| has_room(&Shape::of_converging(sweep, dims))),
-        LightPlan::Around(around) => has_room(&Shape::of_around(around, dims)),
+        LightPlan::Parallel(sweeps) => sweeps.iter().all(|sweep| has_room(&SweepShape::of_sweep(sweep, dims))),
+        LightPlan::Converging(sweeps) => sweeps.iter().all(|sweep| has_room(&SweepShape::of_converging(sweep, dims))),
+        LightPlan::Around(around) => has_room(&SweepShape::of_around(around, dims)),
     };
     longest <= most_groups && voxels.is_some_and(|bytes| bytes <= bindable) && bytes <= bindable && lights.all(serves)
 }
@@ -390,11 +390,11 @@ fn fits<'a>(
 /// A callback that keeps the found light of a plan.
 type Keep<'a> = dyn FnMut(&mut Recorder<'_>, usize, &LightPlan) -> Result<()> + 'a;
 
-impl<'a> Job<'a> {
+impl<'a> ShadowJob<'a> {
     fn new(context: &'a Context, pipelines: &'a Cache, plans: &'a LightPlans, held: Option<Buffers>) -> Result<Self> {
-        let stages = pipelines.get_or_make((), || Stages::new(context))?;
+        let stages = pipelines.get_or_make((), || ShadowStages::new(context))?;
         let voxels: usize = plans.dims().iter().product();
-        let scratch = Scratch { context, held: RefCell::new(held.map_or_else(Vec::new, |Buffers(held)| held)) };
+        let scratch = ScratchBuffers { context, held: RefCell::new(held.map_or_else(Vec::new, |Buffers(held)| held)) };
         let upload = |weights: &Vec<f32>| {
             context.upload("shadows.filter", bytemuck::cast_slice(weights), wgpu::BufferUsages::STORAGE)
         };
@@ -494,7 +494,7 @@ impl<'a> Job<'a> {
             let parameters = self.uniform(&LightBox { count, each, ..self.casting(unlit.dims, unlit.clip) })?;
             let buffers = [&parameters, &store.on_device(context)?, &store.origins, &self.field];
             let has_light = store.stride == STRIDE;
-            let stage = self.pipelines.get_or_make(has_light, || Ok(FieldStage::new(context, has_light)))?;
+            let stage = self.pipelines.get_or_make(has_light, || Ok(SplatFieldStage::new(context, has_light)))?;
             stage.0.run(
                 recorder,
                 &buffers.map(wgpu::Buffer::as_entire_binding),
@@ -537,7 +537,7 @@ impl<'a> Job<'a> {
     }
 
     /// Splits a sweep across planes along these lattice axes into parts, without the planes that it skips.
-    fn parts(&self, shape: &Shape, axes: [usize; 3], skipped: usize, common: Sweep) -> Vec<Sweep> {
+    fn parts(&self, shape: &SweepShape, axes: [usize; 3], skipped: usize, common: Sweep) -> Vec<Sweep> {
         let [nx, ny, _] = self.plans.dims();
         let steps = axes.map(|axis| [1, nx, nx * ny][axis] as u32);
         let firsts = (skipped..shape.dims[0]).step_by(shape.together);
@@ -562,9 +562,9 @@ impl<'a> Job<'a> {
     fn filter(
         &self,
         uniforms: &DynamicUniforms,
-        shape: &Shape,
+        shape: &SweepShape,
         [across, within]: [&wgpu::Buffer; 2],
-    ) -> Result<Filter<'_>> {
+    ) -> Result<PlaneFilter<'_>> {
         let context = self.context;
         let [half, planes] = ["shadows.across", "shadows.planes"].map(|name| self.scratch.get(name, shape.planes()));
         let (half, planes) = (half?, planes?);
@@ -574,7 +574,7 @@ impl<'a> Job<'a> {
         };
         let across = bind(&self.stages.across, [across, &self.field, &half]);
         let within = bind(&self.stages.within, [within, &half, &planes]);
-        Ok(Filter { stages: &self.stages, across, within, planes })
+        Ok(PlaneFilter { stages: &self.stages, across, within, planes })
     }
 
     fn upload(&self, label: &str, values: &[impl bytemuck::NoUninit]) -> Result<wgpu::Buffer> {
@@ -584,7 +584,7 @@ impl<'a> Job<'a> {
     /// Records the light along directions that go together.
     fn sweep(&self, recorder: &mut Recorder<'_>, plan: &SweepPlan, adds: bool) -> Result<()> {
         let context = self.context;
-        let shape = Shape::of_sweep(plan, self.plans.dims());
+        let shape = SweepShape::of_sweep(plan, self.plans.dims());
         let common =
             Sweep { before: plan.near as u32 + 1, ahead: plan.ahead.into(), adds: adds.into(), ..Sweep::zeroed() };
         let parts = self.parts(&shape, plan.axes, 0, common);
@@ -628,7 +628,7 @@ impl<'a> Job<'a> {
     }
 
     /// Returns the buffers of the sums of the rays of a part, and of their sums at the last plane of the part before.
-    fn sums(&self, shape: &Shape) -> Result<[wgpu::Buffer; 2]> {
+    fn sums(&self, shape: &SweepShape) -> Result<[wgpu::Buffer; 2]> {
         let sums = self.scratch.get("shadows.sums", shape.together * shape.sums())?;
         Ok([sums, self.scratch.get("shadows.carried", shape.sums())?])
     }
@@ -643,7 +643,7 @@ impl<'a> Job<'a> {
     fn converging(&self, recorder: &mut Recorder<'_>, plan: &ConvergingPlan, near: &NearPlaces) -> Result<()> {
         let context = self.context;
         let stages = self.pipelines.get_or_make((), || Ok(PlaceStages::new(context)))?;
-        let shape = Shape::of_converging(plan, self.plans.dims());
+        let shape = SweepShape::of_converging(plan, self.plans.dims());
         let common = Sweep { before: self.plans.near_planes() as u32 + 1, ahead: plan.ahead.into(), ..Sweep::zeroed() };
         let parts = self.parts(&shape, plan.axes, plan.skipped, common);
         let uniforms = DynamicUniforms::new(context, "shadows.sweep", &parts)?;
@@ -692,7 +692,7 @@ impl<'a> Job<'a> {
     fn around(&self, recorder: &mut Recorder<'_>, plan: &AroundPlan) -> Result<()> {
         let context = self.context;
         let axes = [2, 1, 0];
-        let shape = Shape::of_around(plan, self.plans.dims());
+        let shape = SweepShape::of_around(plan, self.plans.dims());
         let parts = self.parts(&shape, axes, 0, Sweep { before: plan.halo() as u32, ..Sweep::zeroed() });
         let uniforms = DynamicUniforms::new(context, "shadows.around", &parts)?;
         let weights = self.upload("shadows.filter", &plan.filter)?;
@@ -718,7 +718,7 @@ impl<'a> Job<'a> {
 /// The passes of the parts of a sweep.
 struct Passes<'a> {
     uniforms: &'a DynamicUniforms,
-    filter: &'a Filter<'a>,
+    filter: &'a PlaneFilter<'a>,
     march: (&'a Stage, &'a wgpu::BindGroup),
     arrive: (&'a Stage, &'a wgpu::BindGroup),
     /// The sums of the rays of a part, and their sums at the last plane of the part before.
@@ -750,15 +750,15 @@ impl Passes<'_> {
 }
 
 /// The filters of the planes of parts.
-struct Filter<'a> {
-    stages: &'a Stages,
+struct PlaneFilter<'a> {
+    stages: &'a ShadowStages,
     across: wgpu::BindGroup,
     within: wgpu::BindGroup,
     /// The filtered planes of a part.
     planes: wgpu::Buffer,
 }
 
-impl Filter<'_> {
+impl PlaneFilter<'_> {
     fn record(&self, pass: &mut ComputePass<'_>, offset: u32, part: &Sweep) {
         let [_, rows, columns] = part.dims.map(|n| n + 2 * ENDS as u32);
         let across = groups_across(part, columns, part.filtered, rows);

@@ -205,13 +205,13 @@ impl Store {
 }
 
 /// Splats to be joined into a store.
-pub(crate) trait Part: Sized {
+pub(crate) trait StorePart: Sized {
     /// Joins parts into `count` splats of `stride` bytes each. Also returns the origins of their bricks if the device
     /// has them.
     fn join(context: &Context, parts: Vec<Self>, stride: u64, count: u32) -> Result<(Splats, Option<wgpu::Buffer>)>;
 }
 
-impl Part for HostBrick {
+impl StorePart for HostBrick {
     fn join(context: &Context, parts: Vec<Self>, stride: u64, count: u32) -> Result<(Splats, Option<wgpu::Buffer>)> {
         Ok((Splats::Listed(upload(context, &parts, stride, count)?), None))
     }
@@ -265,7 +265,7 @@ pub(crate) struct StoreBuilder<'a, P> {
     made: Drawable,
 }
 
-impl<'a, P: Part> StoreBuilder<'a, P> {
+impl<'a, P: StorePart> StoreBuilder<'a, P> {
     /// Builds stores of at most `limit` splats of `stride` bytes, or as many as the adapter binds.
     pub(crate) fn new(context: &'a Context, stride: u64, limit: u32) -> Self {
         let bindable = context.largest_buffer() / stride;

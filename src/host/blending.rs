@@ -5,7 +5,7 @@ use pulp::Simd;
 use super::blend::{Along, Blend};
 use super::colors::{ColorField, Halves, from_half};
 use super::lanes::{Lanes, three};
-use super::lattice::{Area, Reach};
+use super::lattice::{PlaneArea, Reach};
 use super::light::Vector;
 use super::plane::{CHANNELS, Plane};
 use super::post::Met;
@@ -17,7 +17,7 @@ use super::rule::{RECENT, Rule};
 fn make(
     plane: &mut Plane,
     (blend, along): (&Blend<'_, ColorField>, &Along),
-    (axes, area): (&Axes, &Area),
+    (axes, area): (&Axes, &PlaneArea),
     number: isize,
 ) {
     let [width, height] = area.size();
@@ -96,7 +96,7 @@ impl Colors<'_> {
 
 /// The state of a group of rays under way.
 #[derive(Clone)]
-pub(super) struct State<S: Simd> {
+pub(super) struct ColorState<S: Simd> {
     color: Vector<S>,
     depth: Lanes<S>,
     transmittance: Lanes<S>,
@@ -128,7 +128,7 @@ impl<'a, S: Simd> Blending<'a, S> {
 
     /// Composites a slab around plane z and the isosurfaces before its end. Returns whether there is anything.
     #[inline(always)]
-    fn between_surfaces(&self, simd: S, state: &mut State<S>, rays: &Rays<S>, (number, z): (usize, f32)) -> bool {
+    fn between_surfaces(&self, simd: S, state: &mut ColorState<S>, rays: &Rays<S>, (number, z): (usize, f32)) -> bool {
         let (mut from, high) = (Lanes::all(simd, z - 0.5), Lanes::all(simd, z + 0.5));
         let mut meets = false;
         for index in 0..state.met.len() {
@@ -159,7 +159,7 @@ impl<'a, S: Simd> Blending<'a, S> {
     fn part(
         &self,
         simd: S,
-        state: &mut State<S>,
+        state: &mut ColorState<S>,
         rays: &Rays<S>,
         (number, z): (usize, f32),
         [low, high]: [Lanes<S>; 2],
@@ -219,16 +219,16 @@ impl<'a, S: Simd> Blending<'a, S> {
 }
 
 impl<S: Simd> Rule<S> for Blending<'_, S> {
-    type State = State<S>;
+    type State = ColorState<S>;
 
     const BEHIND: usize = 1;
     const STEP: f64 = 1.0;
     const AROUND: [isize; 2] = [0, 0];
 
     #[inline(always)]
-    fn start(&self, simd: S, group: usize) -> State<S> {
+    fn start(&self, simd: S, group: usize) -> ColorState<S> {
         let zero = self.zero;
-        State {
+        ColorState {
             color: [zero; 3],
             depth: zero,
             transmittance: Lanes::all(simd, 1.0),
@@ -240,13 +240,13 @@ impl<S: Simd> Rule<S> for Blending<'_, S> {
     }
 
     #[inline(always)]
-    fn make(&self, _: S, plane: &mut Plane, area: &Area, number: usize) {
+    fn make(&self, _: S, plane: &mut Plane, area: &PlaneArea, number: usize) {
         let before = self.colors.reach().beyond as isize;
         make(plane, (&self.colors.blend, &self.along), (&self.axes, area), number as isize - before);
     }
 
     #[inline(always)]
-    fn sampled(&self, state: &mut State<S>, number: usize, channels: [Lanes<S>; CHANNELS]) {
+    fn sampled(&self, state: &mut ColorState<S>, number: usize, channels: [Lanes<S>; CHANNELS]) {
         if state.last[0] < number as isize - 1 {
             state.samples[(number + RECENT - 1) % RECENT] = [self.zero; CHANNELS];
         }
@@ -255,14 +255,14 @@ impl<S: Simd> Rule<S> for Blending<'_, S> {
     }
 
     #[inline(always)]
-    fn passed(&self, _: S, state: &mut State<S>, number: usize) {
+    fn passed(&self, _: S, state: &mut ColorState<S>, number: usize) {
         if state.last[0] >= number as isize - 1 {
             state.samples[number % RECENT] = [self.zero; CHANNELS];
         }
     }
 
     #[inline(always)]
-    fn slab(&self, simd: S, state: &mut State<S>, rays: &Rays<S>, (number, z): (usize, f32), _: bool) -> bool {
+    fn slab(&self, simd: S, state: &mut ColorState<S>, rays: &Rays<S>, (number, z): (usize, f32), _: bool) -> bool {
         if !state.last.contains(&(number as isize)) {
             return false;
         }
@@ -273,18 +273,18 @@ impl<S: Simd> Rule<S> for Blending<'_, S> {
     }
 
     #[inline(always)]
-    fn left(&self, _: S, state: &State<S>) -> Lanes<S> {
+    fn left(&self, _: S, state: &ColorState<S>) -> Lanes<S> {
         state.transmittance
     }
 
     #[inline(always)]
-    fn half(&self, state: &State<S>) -> Option<Lanes<S>> {
+    fn half(&self, state: &ColorState<S>) -> Option<Lanes<S>> {
         Some(state.half)
     }
 
     /// Returns the colours and the alpha; for an X-ray the optical depth four times.
     #[inline(always)]
-    fn pixel(&self, simd: S, state: &State<S>, _: &Rays<S>) -> [Lanes<S>; 4] {
+    fn pixel(&self, simd: S, state: &ColorState<S>, _: &Rays<S>) -> [Lanes<S>; 4] {
         if self.colors.is_xray {
             return [state.depth; 4];
         }

@@ -37,7 +37,7 @@ fn half(value: f32) -> u16 {
 }
 
 /// Planes of voxels of four channels, side by side in rows: the input of the filter.
-pub(super) struct Voxels {
+pub(super) struct VoxelPlanes {
     /// The count of numbers of a row of one channel, with the margins.
     width: usize,
     margin: usize,
@@ -46,7 +46,7 @@ pub(super) struct Voxels {
     extents: Vec<[usize; 2]>,
 }
 
-impl Voxels {
+impl VoxelPlanes {
     const EMPTY: [usize; 2] = [usize::MAX, 0];
 
     pub(super) fn new([nx, ny]: [usize; 2], margin: usize) -> Result<Self> {
@@ -124,7 +124,7 @@ impl ColorField {
     pub(super) fn new(
         (dims, first, pad): ([usize; 3], [isize; 3], usize),
         filter: &SplineFilter,
-        plane: &(dyn Fn(usize, &mut Voxels) + Sync),
+        plane: &(dyn Fn(usize, &mut VoxelPlanes) + Sync),
         progress: &Progress,
     ) -> Result<Self> {
         let lattice = Padded::new(dims, pad, first);
@@ -142,7 +142,7 @@ impl ColorField {
             progress.check()?;
             // The planes of voxels around a plane, at the remainder of their number.
             let kept = 2 * reach + 1;
-            let make = |_| Voxels::new([dims[0], dims[1]], 2 * reach);
+            let make = |_| VoxelPlanes::new([dims[0], dims[1]], 2 * reach);
             let mut planes = (0..kept).map(make).collect::<Result<Vec<_>>>()?;
             let width = planes[0].width;
             let pair = |_| Ok((planes_of(width, dims[1])?, vec![false; dims[1]]));
@@ -167,7 +167,7 @@ impl ColorField {
                 let shows = &mut shows[number / CELL * cells[0] * cells[1]..][..cells[0] * cells[1]];
                 let at = z.rem_euclid(kept as isize) as usize;
                 let (planes, pairs, across) = (&planes, &mut pairs, cells[0]);
-                dispatch(Filtering { filter: &filter, lattice, planes, at, pairs, coefficients, shows, across });
+                dispatch(PlaneFiltering { filter: &filter, lattice, planes, at, pairs, coefficients, shows, across });
             }
             let done = done.fetch_add(1, Ordering::Relaxed) + 1;
             progress.report("filtering", done as f64 / all as f64);
@@ -198,11 +198,11 @@ impl ColorField {
 }
 
 /// The filter of a plane.
-struct Filtering<'a> {
+struct PlaneFiltering<'a> {
     filter: &'a RowFilter,
     lattice: Padded,
     /// The planes of voxels around the filtered plane; number `at` is the plane itself.
-    planes: &'a [Voxels],
+    planes: &'a [VoxelPlanes],
     at: usize,
     /// Sums of the planes at each distance before and behind the filtered plane, and whether each row has voxels.
     pairs: &'a mut [(Vec<f32>, Vec<bool>)],
@@ -212,7 +212,7 @@ struct Filtering<'a> {
     across: usize,
 }
 
-impl WithSimd for Filtering<'_> {
+impl WithSimd for PlaneFiltering<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -220,7 +220,7 @@ impl WithSimd for Filtering<'_> {
         let Self { filter, lattice, planes, at, pairs, coefficients, shows, across } = self;
         let (pad, padded) = (lattice.pad, lattice.size);
         let (reach, kept) = (filter.reach, planes.len());
-        let Voxels { width, margin, .. } = planes[0];
+        let VoxelPlanes { width, margin, .. } = planes[0];
         let ny = planes[0].extents.len();
         for (number, (sums, has)) in pairs.iter_mut().enumerate() {
             let [before, behind] = [(at + kept - number - 1) % kept, (at + number + 1) % kept].map(|at| &planes[at]);
@@ -238,7 +238,7 @@ impl WithSimd for Filtering<'_> {
         for row in 0..ny + 2 * reach {
             let y = row as isize - reach as isize;
             let rows = (y - reach as isize).max(0) as usize..((y + reach as isize + 1).min(ny as isize)) as usize;
-            let mut extent = Voxels::EMPTY;
+            let mut extent = VoxelPlanes::EMPTY;
             for voxels in planes {
                 for row in rows.clone() {
                     let [first, last] = voxels.extents[row];

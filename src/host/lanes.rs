@@ -46,9 +46,9 @@ pub(super) struct Lanes<S: Simd>([S::f32s; VECTORS]);
 
 /// A truth value for each of sixteen rays.
 #[derive(Clone, Copy)]
-pub(super) struct Mask<S: Simd>([S::m32s; VECTORS]);
+pub(super) struct LaneMask<S: Simd>([S::m32s; VECTORS]);
 
-impl<S: Simd> Mask<S> {
+impl<S: Simd> LaneMask<S> {
     #[inline(always)]
     pub(super) fn any(self, simd: S) -> bool {
         simd.first_true_m32s(simd.or_m32s(self.0[0], self.0[1])) < WIDTH
@@ -121,13 +121,13 @@ impl<S: Simd> Lanes<S> {
     }
 
     #[inline(always)]
-    pub(super) fn less(self, simd: S, other: Self) -> Mask<S> {
-        Mask([simd.less_than_f32s(self.0[0], other.0[0]), simd.less_than_f32s(self.0[1], other.0[1])])
+    pub(super) fn less(self, simd: S, other: Self) -> LaneMask<S> {
+        LaneMask([simd.less_than_f32s(self.0[0], other.0[0]), simd.less_than_f32s(self.0[1], other.0[1])])
     }
 
     /// Returns these numbers where the mask is true, and `other` elsewhere.
     #[inline(always)]
-    pub(super) fn or(self, simd: S, mask: Mask<S>, other: Self) -> Self {
+    pub(super) fn or(self, simd: S, mask: LaneMask<S>, other: Self) -> Self {
         Self([simd.select_f32s(mask.0[0], self.0[0], other.0[0]), simd.select_f32s(mask.0[1], self.0[1], other.0[1])])
     }
 

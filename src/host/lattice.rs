@@ -16,12 +16,12 @@ pub(super) struct Reach {
 
 /// The part of a plane that rays read: first and last points.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Area {
+pub(super) struct PlaneArea {
     pub(super) low: [isize; 2],
     pub(super) high: [isize; 2],
 }
 
-impl Area {
+impl PlaneArea {
     /// Returns the points that rays between four corners read from plane to plane; `None` if they pass the field. Rays
     /// are pairs of the place in plane 0 and the step from plane to plane, along a and b; `ends` are the first and the
     /// last point of the field along a and b.
@@ -70,7 +70,7 @@ pub(super) struct Padded {
 }
 
 /// Rows of coefficients along axis a of a tile, at planes one after the other.
-pub(super) struct Rows<const PLANES: usize> {
+pub(super) struct TileRows<const PLANES: usize> {
     /// The first coefficient of the first row in each plane.
     starts: [usize; PLANES],
     /// The distance in memory from coefficient to coefficient along a.
@@ -79,7 +79,7 @@ pub(super) struct Rows<const PLANES: usize> {
     across: usize,
 }
 
-impl<const PLANES: usize> Rows<PLANES> {
+impl<const PLANES: usize> TileRows<PLANES> {
     /// Returns row number `row` of each plane, from its first coefficient on.
     #[inline(always)]
     pub(super) fn of<'a, T>(&self, coefficients: &'a [T], row: usize) -> [&'a [T]; PLANES] {
@@ -125,7 +125,7 @@ impl Padded {
     }
 
     /// Returns the rows of an area in planes from number `first` on.
-    pub(super) fn rows<const PLANES: usize>(&self, axes: &Axes, area: &Area, first: isize) -> Rows<PLANES> {
+    pub(super) fn rows<const PLANES: usize>(&self, axes: &Axes, area: &PlaneArea, first: isize) -> TileRows<PLANES> {
         let mut starts = [0; PLANES];
         for (offset, start) in starts.iter_mut().enumerate() {
             let mut point = [0; 3];
@@ -135,7 +135,7 @@ impl Padded {
             *start = self.index(point);
         }
         let steps = [1, self.size[0], self.area()];
-        Rows { starts, step: steps[axes.axes[0]], across: steps[axes.axes[1]] }
+        TileRows { starts, step: steps[axes.axes[0]], across: steps[axes.axes[1]] }
     }
 
     /// Returns whether `holds` accepts the value of any cell that meets a box of the lattice, ends included. `values`

@@ -10,7 +10,7 @@ pub(super) type Vector<S> = [Lanes<S>; 3];
 
 /// The place of a light.
 #[derive(Clone, Copy)]
-enum Place {
+enum LightPosition {
     Eye,
     Towards([f32; 3]),
     At([f32; 3]),
@@ -22,7 +22,7 @@ pub(super) struct Shader {
     diffuse: f32,
     specular: f32,
     shininess: f32,
-    lights: Vec<(Place, [f32; 3])>,
+    lights: Vec<(LightPosition, [f32; 3])>,
     /// The share of the distance of a scalar from the base that counts as rounding, and the resolution of the base.
     pub(super) resolution: [f32; 2],
 }
@@ -55,9 +55,9 @@ impl Shader {
     /// smallest spacing, `unit`.
     pub(super) fn new(lighting: &Lighting, center: glam::DVec3, unit: f64, resolution: [f32; 2]) -> Self {
         let place = |source: &Source| match source {
-            Source::Eye => Place::Eye,
-            Source::Direction(towards) => Place::Towards(towards.normalize().as_vec3().to_array()),
-            Source::Point(place) => Place::At(((*place - center) / unit).as_vec3().to_array()),
+            Source::Eye => LightPosition::Eye,
+            Source::Direction(towards) => LightPosition::Towards(towards.normalize().as_vec3().to_array()),
+            Source::Point(place) => LightPosition::At(((*place - center) / unit).as_vec3().to_array()),
         };
         let lights = lighting.lights.iter().map(|light| (place(&light.source), light.color.map(|c| c as f32)));
         Self {
@@ -72,7 +72,7 @@ impl Shader {
 
     /// Returns whether some light is at a place, so that places of surfaces matter.
     pub(super) fn has_places(&self) -> bool {
-        self.lights.iter().any(|(place, _)| matches!(place, Place::At(_)))
+        self.lights.iter().any(|(place, _)| matches!(place, LightPosition::At(_)))
     }
 
     /// Returns the share of surfaces where the largest of the central differences along the axes of the lattice is
@@ -123,10 +123,10 @@ impl Shader {
             };
             lost = lost.add(simd, one.sub(simd, arrives));
             let (cosine, highlight) = match light {
-                Place::Eye => (cosine_of_eye, cosine_of_eye),
-                Place::Towards(_) | Place::At(_) => {
+                LightPosition::Eye => (cosine_of_eye, cosine_of_eye),
+                LightPosition::Towards(_) | LightPosition::At(_) => {
                     let towards = match light {
-                        Place::At(at) => {
+                        LightPosition::At(at) => {
                             let way = three!(axis => Lanes::all(simd, at[axis]).sub(simd, place[axis]));
                             let square = dot(simd, &way, &way);
                             let towards = unit(simd, &way);
@@ -134,8 +134,8 @@ impl Shader {
                             let is_there = square.less(simd, Lanes::all(simd, 1e-20));
                             three!(axis => to_eye[axis].or(simd, is_there, towards[axis]))
                         }
-                        Place::Towards(towards) => three!(axis => Lanes::all(simd, towards[axis])),
-                        Place::Eye => *to_eye,
+                        LightPosition::Towards(towards) => three!(axis => Lanes::all(simd, towards[axis])),
+                        LightPosition::Eye => *to_eye,
                     };
                     let cosine = dot(simd, &normal, &towards);
                     let between: Vector<S> = three!(axis => to_eye[axis].add(simd, towards[axis]));

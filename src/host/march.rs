@@ -9,11 +9,11 @@ use pulp::{Simd, WithSimd};
 
 use super::blending::{Blending, Colors};
 use super::lanes::{Lanes, Order, RAYS, dispatch};
-use super::lattice::{Area, Reach};
+use super::lattice::{PlaneArea, Reach};
 use super::plane::Plane;
-use super::post::{Post, Shading};
+use super::post::{Post, SlabShading};
 use super::project::{Projecting, Projection};
-use super::rays::{Axes, Beam, Bounds, GROUP, Numbers, Rays};
+use super::rays::{Axes, Beam, Bounds, GROUP, RayNumbers, Rays};
 use super::rule::Rule;
 use crate::camera::Camera;
 use crate::image::DepthMap;
@@ -27,7 +27,7 @@ const LEAST_STEP: f64 = 0.5;
 
 /// A picture of a field.
 pub(super) struct Picture<'a> {
-    pub(super) matter: Matter<'a>,
+    pub(super) matter: RayMatter<'a>,
     /// The numbers of points of the lattice.
     pub(super) dims: [usize; 3],
     /// The first and the last point of the field along each axis.
@@ -52,7 +52,7 @@ pub(super) struct Picture<'a> {
 }
 
 /// The matter along rays, by the kind of picture.
-pub(super) enum Matter<'a> {
+pub(super) enum RayMatter<'a> {
     Post(Post<'a>),
     Colors(Colors<'a>),
     Projection(Projection<'a>),
@@ -78,21 +78,21 @@ impl Picture<'_> {
     /// and whether rays end at the faces.
     fn extent(&self) -> (Reach, f64, bool) {
         match &self.matter {
-            Matter::Post(_) => (Post::REACH, 0.5, true),
-            Matter::Projection(_) => (Projection::REACH, 0.5, true),
-            Matter::Colors(colors) => (colors.reach(), colors.reach().beyond, false),
+            RayMatter::Post(_) => (Post::REACH, 0.5, true),
+            RayMatter::Projection(_) => (Projection::REACH, 0.5, true),
+            RayMatter::Colors(colors) => (colors.reach(), colors.reach().beyond, false),
         }
     }
 
     /// Returns whether matter may be visible between two points of the lattice, ends included.
     fn shows(&self, low: [isize; 3], high: [isize; 3]) -> bool {
         match &self.matter {
-            Matter::Post(post) => post.shows(low, high),
-            Matter::Colors(colors) => {
+            RayMatter::Post(post) => post.shows(low, high),
+            RayMatter::Colors(colors) => {
                 colors.shows(low, high) || self.surfaces.is_some_and(|surfaces| surfaces.shows(low, high))
             }
             // All scalars matter, if only because they are not the largest.
-            Matter::Projection(_) => true,
+            RayMatter::Projection(_) => true,
         }
     }
 
@@ -137,7 +137,7 @@ struct Tile<'a> {
     beam: Beam,
     place: [usize; 2],
     side: usize,
-    /// The rays at the corners of the tile, see [`Area::new`].
+    /// The rays at the corners of the tile, see [`PlaneArea::new`].
     corners: [[[f64; 2]; 2]; 4],
     out: &'a mut [[f32; 4]],
 }
@@ -147,7 +147,7 @@ struct Course {
     /// The plane of sample 0.
     first: f64,
     /// The part of each plane that rays read.
-    areas: Vec<Option<Area>>,
+    areas: Vec<Option<PlaneArea>>,
     /// Whether matter may be visible around each sample.
     may_show: Vec<bool>,
     /// Whether matter may be visible to each group in each block of [`BLOCK`] samples.
@@ -156,7 +156,7 @@ struct Course {
 }
 
 impl Course {
-    fn new(tile: &Tile<'_>, picture: &Picture<'_>, step: f64, groups: &[Numbers], is_alive: &[bool]) -> Self {
+    fn new(tile: &Tile<'_>, picture: &Picture<'_>, step: f64, groups: &[RayNumbers], is_alive: &[bool]) -> Self {
         let Tile { axes, corners, .. } = tile;
         let (reach, before, _) = picture.extent();
         let count = ((axes.size[2] as f64 - 1.0 + 2.0 * before) / step) as usize + 1;
@@ -164,7 +164,7 @@ impl Course {
         let held = [picture.held[axes.axes[0]], picture.held[axes.axes[1]]];
         let mut areas = Vec::with_capacity(count);
         for number in 0..count {
-            areas.push(Area::new(corners, [z_of(number); 2], held, reach));
+            areas.push(PlaneArea::new(corners, [z_of(number); 2], held, reach));
         }
         // Slabs before the first that counts lead to it.
         let ends = groups.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], numbers| {
@@ -172,7 +172,7 @@ impl Course {
             [low.min(first), high.max(last)]
         });
         let ends = [ends[0] - 3.0 * step, ends[1] + step];
-        let shows = |area: &Area, z: [f64; 2]| {
+        let shows = |area: &PlaneArea, z: [f64; 2]| {
             let low = [area.low[0], area.low[1], z[0].floor() as isize - 1];
             let high = [area.high[0], area.high[1], z[1].floor() as isize + 2];
             let [low, high] = axes.of_box(low, high);
@@ -184,7 +184,7 @@ impl Course {
             may_show[number] = ends[0] < z && z < ends[1] && area.as_ref().is_some_and(|area| shows(area, [z; 2]));
         }
         let blocks = count.div_ceil(BLOCK);
-        let corners_of: Vec<[[[f64; 2]; 2]; 4]> = groups.iter().map(Numbers::corners).collect();
+        let corners_of: Vec<[[[f64; 2]; 2]; 4]> = groups.iter().map(RayNumbers::corners).collect();
         let mut course = Self { first: -before, areas, may_show, groups: vec![false; groups.len() * blocks], blocks };
         for block in 0..blocks {
             let numbers = BLOCK * block..(BLOCK * (block + 1)).min(count);
@@ -193,7 +193,7 @@ impl Course {
             }
             let z = [z_of(BLOCK * block), z_of(BLOCK * (block + 1))];
             for group in (0..groups.len()).filter(|&group| is_alive[group]) {
-                let area = Area::new(&corners_of[group], z, held, reach);
+                let area = PlaneArea::new(&corners_of[group], z, held, reach);
                 course.groups[group * blocks + block] = area.is_some_and(|area| shows(&area, [z[0] - 1.0, z[1]]));
             }
         }
@@ -226,23 +226,23 @@ impl WithSimd for Tile<'_> {
     fn with_simd<S: Simd>(self, simd: S) -> Work {
         let axes = self.axes;
         match &self.picture.matter {
-            Matter::Post(post) => {
-                let shading = Shading::new(simd, post, &self.picture.to_lattice, &axes, false);
+            RayMatter::Post(post) => {
+                let shading = SlabShading::new(simd, post, &self.picture.to_lattice, &axes, false);
                 self.paint(simd, &shading)
             }
-            Matter::Colors(colors) => {
+            RayMatter::Colors(colors) => {
                 let (mut met, mut work) = (Vec::new(), Work::default());
                 if let Some(picture) = self.picture.surfaces
-                    && let Matter::Post(post) = &picture.matter
+                    && let RayMatter::Post(post) = &picture.matter
                 {
-                    let shading = Shading::new(simd, post, &picture.to_lattice, &axes, true);
+                    let shading = SlabShading::new(simd, post, &picture.to_lattice, &axes, true);
                     let marched = self.march(simd, picture, &shading);
                     met.extend(marched.states.into_iter().map(|state| state.met));
                     work = marched.work;
                 }
                 work.and(self.paint(simd, &Blending::new(simd, colors, &axes, met)))
             }
-            Matter::Projection(projection) => self.paint(simd, &Projecting::new(simd, projection, &axes)),
+            RayMatter::Projection(projection) => self.paint(simd, &Projecting::new(simd, projection, &axes)),
         }
     }
 }
@@ -258,7 +258,7 @@ struct Marched<S: Simd, R: Rule<S>> {
 
 impl Tile<'_> {
     /// Returns the numbers of the rays of all groups.
-    fn groups(&self, picture: &Picture<'_>, step: f64) -> Vec<Numbers> {
+    fn groups(&self, picture: &Picture<'_>, step: f64) -> Vec<RayNumbers> {
         let Self { axes, beam, place, side, .. } = self;
         let across = side / GROUP;
         let (_, before, is_boxed) = picture.extent();
@@ -266,14 +266,14 @@ impl Tile<'_> {
         let Picture { sides, solids, owned, .. } = *picture;
         let bounds = Bounds { planes, is_boxed, sides, solids, owned, step };
         let place = |group: usize| [place[0] + group % across * GROUP, place[1] + group / across * GROUP];
-        (0..across * across).map(|group| Numbers::new(beam, axes, &bounds, picture.unit, place(group))).collect()
+        (0..across * across).map(|group| RayNumbers::new(beam, axes, &bounds, picture.unit, place(group))).collect()
     }
 
     /// Takes the rays of all groups through a picture.
     #[inline(always)]
     fn march<S: Simd, R: Rule<S>>(&self, simd: S, picture: &Picture<'_>, rule: &R) -> Marched<S, R> {
         let numbers = self.groups(picture, R::STEP);
-        let is_alive: Vec<bool> = numbers.iter().map(Numbers::is_alive).collect();
+        let is_alive: Vec<bool> = numbers.iter().map(RayNumbers::is_alive).collect();
         let course = Course::new(self, picture, R::STEP, &numbers, &is_alive);
         let mut rays: Vec<Rays<S>> = Vec::with_capacity(numbers.len());
         let mut alive: Vec<usize> = Vec::with_capacity(numbers.len());

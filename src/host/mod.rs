@@ -80,7 +80,7 @@ use rayon::prelude::*;
 use self::blending::Colors;
 use self::colors::Halves;
 use self::level::Level;
-use self::march::{Matter, Picture, TILE, Work};
+use self::march::{Picture, RayMatter, TILE, Work};
 use self::project::{Extreme, Projection};
 use self::scalars::{Reconstructed, Scalars};
 use self::shot::{Depths, OwnedPart, Shot};
@@ -111,12 +111,12 @@ pub struct HostRenderer {
 /// A scene that a [`HostRenderer`] has prepared.
 #[doc(hidden)]
 pub struct HostScene {
-    content: Content,
+    content: HostContent,
     /// The part of a larger lattice of which partial pictures are made; `None`: whole pictures.
     part: Option<OwnedPart>,
 }
 
-enum Content {
+enum HostContent {
     /// Scalars that are classified along rays.
     Scalars(Box<Scalars>),
     /// Voxels that are classified before they are reconstructed.
@@ -124,7 +124,7 @@ enum Content {
 }
 
 /// The memory and the voxels that a scene holds, for the statistics of a picture.
-struct Held {
+struct HeldMemory {
     bytes: u64,
     misfit: Misfit,
     /// Number of voxels that may be visible.
@@ -175,13 +175,13 @@ impl HostRenderer {
         check_drawn(settings)?;
         if !settings.is_post_shaded() {
             let colored = Colored::new(layers, settings, &self.progress)?;
-            return Ok(HostScene { content: Content::Colored(Box::new(colored)), part: None });
+            return Ok(HostScene { content: HostContent::Colored(Box::new(colored)), part: None });
         }
         let Some((volume, transfer)) = layers.plain() else {
             return Err(refused("draws one volume alone if it classifies along rays: --shading pre"));
         };
         let scalars = Scalars::new(volume, transfer, settings, &self.progress)?;
-        Ok(HostScene { content: Content::Scalars(Box::new(scalars)), part: None })
+        Ok(HostScene { content: HostContent::Scalars(Box::new(scalars)), part: None })
     }
 
     /// Renders a picture of a scene.
@@ -217,8 +217,8 @@ impl HostRenderer {
         let shot = Shot::new(frame, (grid, scene.part.as_ref()), region, depths)?;
         scene.check_memory(&shot)?;
         match (&scene.content, settings.is_post_shaded()) {
-            (Content::Scalars(scalars), true) => self.render_scalars(scalars, &shot),
-            (Content::Colored(colored), false) => self.render_colors(colored, &shot),
+            (HostContent::Scalars(scalars), true) => self.render_scalars(scalars, &shot),
+            (HostContent::Colored(colored), false) => self.render_colors(colored, &shot),
             _ => Err(Settings::not_prepared("shading", "for another shading or model")),
         }
     }
@@ -232,7 +232,7 @@ impl HostRenderer {
         let Reconstructed { field, filter } = reconstructed[0].as_ref();
         let bytes = reconstructed.iter().map(|reconstructed| reconstructed.field.bytes()).sum();
         let unit = scene.transfer.unit_or(grid.min_spacing());
-        let held = Held { bytes, misfit: filter.misfit(), voxels: grid.len() };
+        let held = HeldMemory { bytes, misfit: filter.misfit(), voxels: grid.len() };
         if let Some(extreme) = extreme(settings.model) {
             let factor = shot.density / scene.reduction.factor();
             // Of a minimum, partial pictures have the value over the base of the mirrored transfer function.
@@ -248,7 +248,7 @@ impl HostRenderer {
             };
             let attenuation = settings.attenuation as f32;
             let blend = shot.blend(&reconstructed, |reconstructed| &reconstructed.field);
-            let matter = Matter::Projection(Projection { blend, extreme, depth: shot.depth_in_box(), attenuation });
+            let matter = RayMatter::Projection(Projection { blend, extreme, depth: shot.depth_in_box(), attenuation });
             return self.painted(shot, (matter, unit), None, (stages, &held), Some(&shown));
         }
         let near = Some(field).filter(|_| shot.level == Level(0));
@@ -260,7 +260,7 @@ impl HostRenderer {
                 Some(light?)
             }
         };
-        let matter = Matter::Post(scene.post(shot, &reconstructed, arriving.as_deref()));
+        let matter = RayMatter::Post(scene.post(shot, &reconstructed, arriving.as_deref()));
         self.painted(shot, (matter, unit), None, (stages, &held), shot.part.map(|_| &emission as _))
     }
 
@@ -283,15 +283,15 @@ impl HostRenderer {
             filtered.iter().map(|filtered| filtered.field.bytes()).chain(of_fields).sum::<u64>() + scene.bytes();
         let surfaces = surfaces.as_ref();
         let surfaces = surfaces.map(|(scene, fields)| scene.post(&of_surfaces, fields, arriving.as_deref()));
-        let held = Held { bytes, misfit: filtered[0].filter.misfit(), voxels: scene.count() };
+        let held = HeldMemory { bytes, misfit: filtered[0].filter.misfit(), voxels: scene.count() };
         let is_xray = shot.settings.model == Model::Xray;
         let response = |[depth, ..]: [f64; 4]| match shot.part {
             None => shot.settings.response.pixel(depth),
             Some(_) => [0.0, 0.0, 0.0, depth],
         };
         let shown: Option<&Shown<'_>> = if is_xray { Some(&response) } else { shot.part.map(|_| &emission as _) };
-        let matter = (Matter::Colors(Colors { blend, is_xray }), scene.unit * scene.scale);
-        let surfaces = surfaces.map(|post| (Matter::Post(post), of_surfaces.sides()));
+        let matter = (RayMatter::Colors(Colors { blend, is_xray }), scene.unit * scene.scale);
+        let surfaces = surfaces.map(|post| (RayMatter::Post(post), of_surfaces.sides()));
         self.painted(shot, matter, surfaces, (stages, &held), shown)
     }
 
@@ -300,9 +300,9 @@ impl HostRenderer {
     fn painted(
         &self,
         shot: &Shot<'_>,
-        (matter, unit): (Matter<'_>, f64),
-        surfaces: Option<(Matter<'_>, Vec<Side>)>,
-        (mut stages, held): (Vec<StageTime>, &Held),
+        (matter, unit): (RayMatter<'_>, f64),
+        surfaces: Option<(RayMatter<'_>, Vec<Side>)>,
+        (mut stages, held): (Vec<StageTime>, &HeldMemory),
         shown: Option<&Shown<'_>>,
     ) -> Result<Rendered> {
         let Shot { camera, settings, grid, region, density, .. } = *shot;
@@ -437,8 +437,8 @@ impl HostScene {
     #[must_use]
     pub fn grid(&self) -> &Grid {
         match &self.content {
-            Content::Scalars(scalars) => scalars.volume.grid(),
-            Content::Colored(colored) => colored.grid(),
+            HostContent::Scalars(scalars) => scalars.volume.grid(),
+            HostContent::Colored(colored) => colored.grid(),
         }
     }
 
@@ -447,7 +447,7 @@ impl HostScene {
     /// `is_uniform`: the lit matter of the larger volume is uniform, as of a mask.
     #[cfg(feature = "gpu")]
     pub(crate) fn within(mut self, whole: Grid, first: [u32; 3], owned: [DVec3; 2], is_uniform: bool) -> Self {
-        if let Content::Scalars(scalars) = &mut self.content {
+        if let HostContent::Scalars(scalars) = &mut self.content {
             scalars.is_uniform = is_uniform;
         }
         self.part = Some(OwnedPart { grid: whole, held: *self.grid(), first, owned });
@@ -462,11 +462,11 @@ impl HostScene {
         let count = field::count(dims, field::padding(&kernels)) * kernels.len() as u64;
         let light = |lights: usize| lights as u64 * arriving::BYTES * self.grid().len();
         let (fields, held) = match &self.content {
-            Content::Scalars(scalars) => {
+            HostContent::Scalars(scalars) => {
                 let held = scalars.field.sum(|made| made.field.bytes()) + light(scalars.light.count());
                 (count * size_of::<f32>() as u64, held)
             }
-            Content::Colored(colored) => {
+            HostContent::Colored(colored) => {
                 let of_surfaces = colored.surfaces.as_ref();
                 let held = colored.field.sum(|made| made.field.bytes()) + light(colored.light.count());
                 let held = held + of_surfaces.map_or(0, |scene| scene.field.sum(|made| made.field.bytes()));

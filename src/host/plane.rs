@@ -6,7 +6,7 @@ use pulp::Simd;
 use super::blend::{Along, Blend, blend_row};
 use super::field::Field;
 use super::lanes::{Channels, Lanes, Order, WIDTH, added_up, load, weighted};
-use super::lattice::Area;
+use super::lattice::PlaneArea;
 use super::rays::Axes;
 use crate::kernel;
 
@@ -116,7 +116,7 @@ fn smooth_along<S: Simd>(simd: S, row: &[f32], x: usize) -> S::f32s {
 
 impl Plane {
     /// Makes room for an area. Returns the number of points from row to row.
-    pub(super) fn resize(&mut self, area: &Area) -> usize {
+    pub(super) fn resize(&mut self, area: &PlaneArea) -> usize {
         let [width, height] = area.size();
         // Vectors reach beyond the end of a row.
         self.stride = width.next_multiple_of(WIDTH) + WIDTH;
@@ -135,7 +135,7 @@ impl Plane {
         simd: S,
         order: &Order,
         (blend, along): (&Blend<'_, Field>, &Along),
-        (axes, area): (&Axes, &Area),
+        (axes, area): (&Axes, &PlaneArea),
         number: isize,
         differs: bool,
     ) {

@@ -10,8 +10,8 @@ use pulp::Simd;
 use super::arriving::ArrivingLight;
 use super::blend::{Along, Blend};
 use super::field::Field;
-use super::lanes::{Lanes, Mask, Order, three};
-use super::lattice::{Area, Reach};
+use super::lanes::{LaneMask, Lanes, Order, three};
+use super::lattice::{PlaneArea, Reach};
 use super::light::{Shader, Shine, Vector, dot};
 use super::plane::{CHANNELS, Plane};
 use super::rays::{Axes, Rays};
@@ -94,7 +94,7 @@ impl Surface {
 
 /// The state of a group of rays under way.
 #[derive(Clone)]
-pub(super) struct State<S: Simd> {
+pub(super) struct PostState<S: Simd> {
     color: Vector<S>,
     transmittance: Lanes<S>,
     /// The scalars of the last four samples, and in `differences` their central differences; sample n is at n modulo 4.
@@ -113,7 +113,7 @@ pub(super) struct State<S: Simd> {
 }
 
 /// The classification and the light of slabs.
-pub(super) struct Shading<'a, S: Simd> {
+pub(super) struct SlabShading<'a, S: Simd> {
     post: &'a Post<'a>,
     axes: Axes,
     along: Along,
@@ -126,7 +126,7 @@ pub(super) struct Shading<'a, S: Simd> {
     keeps: bool,
 }
 
-impl<'a, S: Simd> Shading<'a, S> {
+impl<'a, S: Simd> SlabShading<'a, S> {
     #[inline(always)]
     pub(super) fn new(simd: S, post: &'a Post<'a>, to_lattice: &DAffine3, axes: &Axes, keeps: bool) -> Self {
         let (frame, origin) = axes.frame();
@@ -149,7 +149,7 @@ impl<'a, S: Simd> Shading<'a, S> {
 
     /// Composites the slab around half plane number `number`, at `z`. Returns whether visible matter was found.
     #[inline(always)]
-    fn composite_slab(&self, simd: S, state: &mut State<S>, rays: &Rays<S>, number: usize, z: f32) -> bool {
+    fn composite_slab(&self, simd: S, state: &mut PostState<S>, rays: &Rays<S>, number: usize, z: f32) -> bool {
         let table = self.post.table;
         let before = number + RECENT - 1;
         let s0 = state.scalars[before % RECENT];
@@ -236,7 +236,7 @@ impl<'a, S: Simd> Shading<'a, S> {
     fn composite_surfaces(
         &self,
         simd: S,
-        state: &mut State<S>,
+        state: &mut PostState<S>,
         rays: &Rays<S>,
         (number, z): (usize, f32),
         scalars: [Lanes<S>; 3],
@@ -290,10 +290,10 @@ impl<'a, S: Simd> Shading<'a, S> {
     fn composite_surface(
         &self,
         simd: S,
-        state: &mut State<S>,
+        state: &mut PostState<S>,
         rays: &Rays<S>,
         (number, z): (usize, f32),
-        (surface, rises, meets, place): (Surface, bool, Mask<S>, Lanes<S>),
+        (surface, rises, meets, place): (Surface, bool, LaneMask<S>, Lanes<S>),
     ) {
         let all = |value: f32| Lanes::all(simd, value);
         let plane = place.fma(simd, all(0.25), all(z));
@@ -405,7 +405,13 @@ impl<'a, S: Simd> Shading<'a, S> {
 
 /// Composites a piece of matter with these means of colour times extinction, and extinction.
 #[inline(always)]
-fn composite<S: Simd>(simd: S, state: &mut State<S>, mean: &[Lanes<S>; 4], length: Lanes<S>, shine: Option<&Shine<S>>) {
+fn composite<S: Simd>(
+    simd: S,
+    state: &mut PostState<S>,
+    mean: &[Lanes<S>; 4],
+    length: Lanes<S>,
+    shine: Option<&Shine<S>>,
+) {
     let extinction = mean[3].max(simd, Lanes::all(simd, 0.0));
     let passed = state.transmittance.mul(simd, extinction.mul(simd, length).exp_neg(simd));
     let absorbed = state.transmittance.sub(simd, passed);
@@ -420,17 +426,17 @@ fn composite<S: Simd>(simd: S, state: &mut State<S>, mean: &[Lanes<S>; 4], lengt
     state.transmittance = passed;
 }
 
-impl<S: Simd> Rule<S> for Shading<'_, S> {
-    type State = State<S>;
+impl<S: Simd> Rule<S> for SlabShading<'_, S> {
+    type State = PostState<S>;
 
     const BEHIND: usize = 2;
     const STEP: f64 = 0.5;
     const AROUND: [isize; 2] = [-2, 1];
 
     #[inline(always)]
-    fn start(&self, simd: S, _: usize) -> State<S> {
+    fn start(&self, simd: S, _: usize) -> PostState<S> {
         let zero = Lanes::all(simd, 0.0);
-        State {
+        PostState {
             color: [zero; 3],
             transmittance: Lanes::all(simd, 1.0),
             scalars: [zero; RECENT],
@@ -444,7 +450,7 @@ impl<S: Simd> Rule<S> for Shading<'_, S> {
     }
 
     #[inline(always)]
-    fn make(&self, simd: S, plane: &mut Plane, area: &Area, number: usize) {
+    fn make(&self, simd: S, plane: &mut Plane, area: &PlaneArea, number: usize) {
         let Post { blend, shader, gradient_opacity, .. } = self.post;
         let differs = shader.is_some() || !gradient_opacity.is_empty();
         // Number 0 lies half a plane before the first.
@@ -452,7 +458,7 @@ impl<S: Simd> Rule<S> for Shading<'_, S> {
     }
 
     #[inline(always)]
-    fn sampled(&self, state: &mut State<S>, number: usize, [scalar, a, b, m]: [Lanes<S>; CHANNELS]) {
+    fn sampled(&self, state: &mut PostState<S>, number: usize, [scalar, a, b, m]: [Lanes<S>; CHANNELS]) {
         if state.last == number as isize - 1 {
             state.scalars[number % RECENT] = scalar;
             state.differences[number % RECENT] = [a, b, m];
@@ -466,7 +472,7 @@ impl<S: Simd> Rule<S> for Shading<'_, S> {
     }
 
     #[inline(always)]
-    fn passed(&self, _: S, state: &mut State<S>, number: usize) {
+    fn passed(&self, _: S, state: &mut PostState<S>, number: usize) {
         if state.last >= number as isize - 2 {
             state.scalars[number % RECENT] = state.scalars[(number + RECENT - 1) % RECENT];
             state.differences[number % RECENT] = state.differences[(number + RECENT - 1) % RECENT];
@@ -474,7 +480,7 @@ impl<S: Simd> Rule<S> for Shading<'_, S> {
     }
 
     #[inline(always)]
-    fn slab(&self, simd: S, state: &mut State<S>, rays: &Rays<S>, (number, z): (usize, f32), shows: bool) -> bool {
+    fn slab(&self, simd: S, state: &mut PostState<S>, rays: &Rays<S>, (number, z): (usize, f32), shows: bool) -> bool {
         if !shows || state.last < number as isize {
             state.classified = None;
             return false;
@@ -483,17 +489,17 @@ impl<S: Simd> Rule<S> for Shading<'_, S> {
     }
 
     #[inline(always)]
-    fn left(&self, _: S, state: &State<S>) -> Lanes<S> {
+    fn left(&self, _: S, state: &PostState<S>) -> Lanes<S> {
         state.transmittance
     }
 
     #[inline(always)]
-    fn half(&self, state: &State<S>) -> Option<Lanes<S>> {
+    fn half(&self, state: &PostState<S>) -> Option<Lanes<S>> {
         Some(state.half)
     }
 
     #[inline(always)]
-    fn pixel(&self, simd: S, state: &State<S>, _: &Rays<S>) -> [Lanes<S>; 4] {
+    fn pixel(&self, simd: S, state: &PostState<S>, _: &Rays<S>) -> [Lanes<S>; 4] {
         let [r, g, b] = state.color;
         [r, g, b, Lanes::all(simd, 1.0).sub(simd, state.transmittance)]
     }

@@ -6,7 +6,7 @@ use pulp::Simd;
 use super::blend::{Along, Blend};
 use super::field::Field;
 use super::lanes::{Lanes, Order, three};
-use super::lattice::{Area, Reach};
+use super::lattice::{PlaneArea, Reach};
 use super::plane::{CHANNELS, Plane};
 use super::rays::{Axes, Rays};
 use super::rule::{RECENT, Rule};
@@ -38,7 +38,7 @@ impl Projection<'_> {
 
 /// The state of a group of rays under way.
 #[derive(Clone, Copy)]
-pub(super) struct State<S: Simd> {
+pub(super) struct ProjectedState<S: Simd> {
     /// The scalars of the last samples; sample n is at n modulo 4.
     scalars: [Lanes<S>; RECENT],
     /// The extreme scalar, or the sum of the scalars.
@@ -93,28 +93,28 @@ impl<'a, S: Simd> Projecting<'a, S> {
 }
 
 impl<S: Simd> Rule<S> for Projecting<'_, S> {
-    type State = State<S>;
+    type State = ProjectedState<S>;
 
     const BEHIND: usize = 1;
     const STEP: f64 = 0.5;
     const AROUND: [isize; 2] = [0, 0];
 
     #[inline(always)]
-    fn start(&self, simd: S, _: usize) -> State<S> {
+    fn start(&self, simd: S, _: usize) -> ProjectedState<S> {
         let zero = Lanes::all(simd, 0.0);
         let least = if self.projection.extreme == Extreme::Mean { 0.0 } else { f32::NEG_INFINITY };
-        State { scalars: [zero; RECENT], value: Lanes::all(simd, least), planes: zero, last: isize::MIN / 2 }
+        ProjectedState { scalars: [zero; RECENT], value: Lanes::all(simd, least), planes: zero, last: isize::MIN / 2 }
     }
 
     #[inline(always)]
-    fn make(&self, simd: S, plane: &mut Plane, area: &Area, number: usize) {
+    fn make(&self, simd: S, plane: &mut Plane, area: &PlaneArea, number: usize) {
         // Number 0 lies half a plane before the first.
         let blend = (&self.projection.blend, &self.along);
         plane.make_scalars(simd, &self.order, blend, (&self.axes, area), number as isize - 1, false);
     }
 
     #[inline(always)]
-    fn sampled(&self, state: &mut State<S>, number: usize, [scalar, ..]: [Lanes<S>; CHANNELS]) {
+    fn sampled(&self, state: &mut ProjectedState<S>, number: usize, [scalar, ..]: [Lanes<S>; CHANNELS]) {
         if state.last < number as isize - 1 {
             state.scalars = [scalar; RECENT];
         }
@@ -123,12 +123,12 @@ impl<S: Simd> Rule<S> for Projecting<'_, S> {
     }
 
     #[inline(always)]
-    fn passed(&self, _: S, state: &mut State<S>, number: usize) {
+    fn passed(&self, _: S, state: &mut ProjectedState<S>, number: usize) {
         state.scalars[number % RECENT] = state.scalars[(number + RECENT - 1) % RECENT];
     }
 
     #[inline(always)]
-    fn slab(&self, simd: S, state: &mut State<S>, rays: &Rays<S>, (number, z): (usize, f32), _: bool) -> bool {
+    fn slab(&self, simd: S, state: &mut ProjectedState<S>, rays: &Rays<S>, (number, z): (usize, f32), _: bool) -> bool {
         if state.last < number as isize {
             return false;
         }
@@ -169,13 +169,13 @@ impl<S: Simd> Rule<S> for Projecting<'_, S> {
     }
 
     #[inline(always)]
-    fn left(&self, simd: S, _: &State<S>) -> Lanes<S> {
+    fn left(&self, simd: S, _: &ProjectedState<S>) -> Lanes<S> {
         Lanes::all(simd, 1.0)
     }
 
     /// Returns the extreme or the sum of the scalars, and its depth or the number of planes that were added up.
     #[inline(always)]
-    fn pixel(&self, simd: S, state: &State<S>, rays: &Rays<S>) -> [Lanes<S>; 4] {
+    fn pixel(&self, simd: S, state: &ProjectedState<S>, rays: &Rays<S>) -> [Lanes<S>; 4] {
         let zero = Lanes::all(simd, 0.0);
         let planes =
             if self.projection.extreme == Extreme::Mean { state.planes } else { self.depth(simd, rays, state.planes) };

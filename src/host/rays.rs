@@ -72,7 +72,7 @@ impl Axes {
 
 /// A ray over the planes of an axis: the place in a plane is `start + z step` at plane z.
 #[derive(Clone, Copy)]
-pub(super) struct Line {
+pub(super) struct AxisRay {
     start: [f64; 2],
     step: [f64; 2],
     /// The length from plane to plane, in world units.
@@ -84,7 +84,7 @@ pub(super) struct Line {
     direction: DVec3,
 }
 
-impl Line {
+impl AxisRay {
     /// Returns along a and b the place in plane 0 and the step from plane to plane.
     pub(super) fn along(&self) -> [[f64; 2]; 2] {
         [0, 1].map(|axis| [self.start[axis], self.step[axis]])
@@ -146,11 +146,11 @@ impl Beam {
     }
 
     /// Returns the ray of a pixel.
-    pub(super) fn line(&self, x: f64, y: f64) -> Line {
+    pub(super) fn line(&self, x: f64, y: f64) -> AxisRay {
         let (o, d, world) = (self.origin.at(x, y), self.direction.at(x, y), self.in_world.at(x, y));
         let (inverse, length) = (1.0 / d.z, world.length());
         let step = [d.x * inverse, d.y * inverse];
-        Line {
+        AxisRay {
             start: [o.x - step[0] * o.z, o.y - step[1] * o.z],
             step,
             length: length * inverse,
@@ -193,7 +193,7 @@ fn cut(ends: [f64; 2], value: f64, slope: f64) -> [f64; 2] {
 
 impl Bounds<'_> {
     /// Returns the planes between which the ray of a pixel counts.
-    fn ends(&self, axes: &Axes, line: &Line, [x, y]: [usize; 2]) -> [f64; 2] {
+    fn ends(&self, axes: &Axes, line: &AxisRay, [x, y]: [usize; 2]) -> [f64; 2] {
         let mut ends = [self.planes[0].max(line.first), self.planes[1]];
         if let Some(solids) = self.solids {
             let [width, height] = solids.size().map(|size| size as usize);
@@ -224,7 +224,7 @@ impl Bounds<'_> {
 
     /// Returns the ends of the slabs whose middles lie between two corners of a box of the lattice. Boxes that share a
     /// plane share the arithmetic at it, so each slab is in one of them.
-    fn owned_slabs(&self, axes: &Axes, line: &Line, [low, high]: [DVec3; 2]) -> [f64; 2] {
+    fn owned_slabs(&self, axes: &Axes, line: &AxisRay, [low, high]: [DVec3; 2]) -> [f64; 2] {
         let [a, b, m] = axes.axes;
         let last = (axes.size[2] - 1) as f64;
         let mut planes = if axes.is_flipped { [last - high[m], last - low[m]] } else { [low[m], high[m]] };
@@ -244,16 +244,16 @@ impl Bounds<'_> {
 }
 
 /// The numbers of the rays of a group, in the order of [`Rays::new`].
-pub(super) struct Numbers([[f32; RAYS]; 10]);
+pub(super) struct RayNumbers([[f32; RAYS]; 10]);
 
-impl Numbers {
+impl RayNumbers {
     /// Makes the rays of the group of pixels from (x, y) on. `unit` is the world length of the unit of extinctions.
     pub(super) fn new(beam: &Beam, axes: &Axes, bounds: &Bounds<'_>, unit: f64, [x, y]: [usize; 2]) -> Self {
         let mut numbers = [[0.0; RAYS]; 10];
         for ray in 0..RAYS {
             let pixel = [x + ray % GROUP, y + ray / GROUP];
             let line = beam.line(pixel[0] as f64, pixel[1] as f64);
-            let (Line { start, step, length, direction, .. }, ends) = (line, bounds.ends(axes, &line, pixel));
+            let (AxisRay { start, step, length, direction, .. }, ends) = (line, bounds.ends(axes, &line, pixel));
             let all = [start[0], start[1], step[0], step[1], length / unit, ends[0], ends[1]];
             for (number, value) in all.into_iter().chain((-direction).to_array()).enumerate() {
                 numbers[number][ray] = value as f32;
@@ -299,7 +299,7 @@ pub(super) struct Rays<S: Simd> {
 
 impl<S: Simd> Rays<S> {
     #[inline(always)]
-    pub(super) fn new(simd: S, numbers: &Numbers) -> Self {
+    pub(super) fn new(simd: S, numbers: &RayNumbers) -> Self {
         let number = |index: usize| Lanes::<S>::from_array(numbers.0[index]);
         let length = number(4);
         Self {

@@ -3,7 +3,7 @@
 use pulp::Simd;
 
 use super::lanes::Lanes;
-use super::lattice::Area;
+use super::lattice::PlaneArea;
 use super::plane::{CHANNELS, Plane};
 use super::rays::Rays;
 
@@ -25,7 +25,7 @@ pub(super) trait Rule<S: Simd> {
     fn start(&self, simd: S, group: usize) -> Self::State;
 
     /// Makes the plane of a sample.
-    fn make(&self, simd: S, plane: &mut Plane, area: &Area, number: usize);
+    fn make(&self, simd: S, plane: &mut Plane, area: &PlaneArea, number: usize);
 
     /// Stores the channels of a sample.
     fn sampled(&self, state: &mut Self::State, number: usize, channels: [Lanes<S>; CHANNELS]);

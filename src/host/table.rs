@@ -30,7 +30,7 @@ pub(super) struct Table {
 }
 
 /// The place among the bins of a scalar of each ray.
-struct Place<S: Simd> {
+struct BinPlace<S: Simd> {
     place: Lanes<S>,
     bins: [u32; RAYS],
     /// The distance of the place from the beginning of its bin.
@@ -107,13 +107,13 @@ impl Table {
     }
 
     #[inline(always)]
-    fn place<S: Simd>(&self, simd: S, scalar: Lanes<S>) -> Place<S> {
+    fn place<S: Simd>(&self, simd: S, scalar: Lanes<S>) -> BinPlace<S> {
         let [low, scale] = self.lookup;
         let from_low = scalar.sub(simd, Lanes::all(simd, low));
         let place = from_low.fma(simd, Lanes::all(simd, scale), Lanes::all(simd, OUTER_BINS as f32));
         let last = Lanes::all(simd, (BINS - 1) as f32);
         let bin = place.max(simd, Lanes::all(simd, 0.0)).min(simd, last).floor(simd);
-        Place { place, bins: bin.indices(simd), beyond: place.sub(simd, bin).to_array() }
+        BinPlace { place, bins: bin.indices(simd), beyond: place.sub(simd, bin).to_array() }
     }
 
     /// Returns for two rays the function at the beginning of their bins, its rise over them, and the places in them.
@@ -134,7 +134,7 @@ impl Table {
     /// Returns the function at a scalar of each ray.
     #[inline(always)]
     pub(super) fn value<S: Simd>(&self, simd: S, order: &Order, scalar: Lanes<S>) -> [Lanes<S>; 4] {
-        let Place { bins, beyond, .. } = self.place(simd, scalar);
+        let BinPlace { bins, beyond, .. } = self.place(simd, scalar);
         let mut values = Channels::new(simd);
         for vector in 0..values.0.len() {
             let [value, rise, beyond] = self.in_bins(simd, order.pair(vector), &bins, &beyond);
@@ -146,7 +146,7 @@ impl Table {
     /// Returns the function at a scalar of each ray, and its integral.
     #[inline(always)]
     pub(super) fn classified<S: Simd>(&self, simd: S, order: &Order, scalar: Lanes<S>) -> Classified<S> {
-        let Place { place, bins, beyond } = self.place(simd, scalar);
+        let BinPlace { place, bins, beyond } = self.place(simd, scalar);
         let half = simd.splat_f32s(0.5);
         let (mut values, mut integrals) = (Channels::new(simd), Channels::new(simd));
         for vector in 0..values.0.len() {

@@ -7,7 +7,7 @@ use glam::{DAffine3, DVec3};
 use pulp::{Simd, WithSimd};
 
 use super::arriving::{ArrivingLight, Falling};
-use super::colors::{ColorField, Voxels};
+use super::colors::{ColorField, VoxelPlanes};
 use super::field::{Field, padding};
 use super::kept::Kept;
 use super::lanes::{Lanes, dispatch, three};
@@ -24,7 +24,7 @@ use crate::lighting::{Lighting, Normals};
 use crate::progress::Progress;
 use crate::settings::Settings;
 use crate::splats::brick::MadeBrick;
-use crate::splats::layers::{Classifier, LeftOut};
+use crate::splats::layers::{LayerClassifier, LeftOut};
 use crate::splats::words::{SplatRun, appearances, unpacked};
 use crate::volume::{BRICK_EDGE as EDGE, Grid};
 
@@ -58,13 +58,13 @@ pub(super) struct Key {
     level: Level,
     /// The number of points around the lattice.
     pad: usize,
-    light: Option<(Lighting, ToEye)>,
+    light: Option<(Lighting, EyeDirections)>,
     falling: Option<Falling>,
 }
 
 /// The directions from voxels to the eye: unit vectors in the world, or a place in the units of the shader.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum ToEye {
+enum EyeDirections {
     Parallel(DVec3),
     At(DVec3),
 }
@@ -89,7 +89,7 @@ impl Colored {
                 Some(Box::new(Scalars::new(volume, &transfer, &settings.along_rays(), progress)?))
             }
         };
-        let classifier = Classifier::new(&layers, normals, LeftOut { voxels: true, bricks: true })?;
+        let classifier = LayerClassifier::new(&layers, normals, LeftOut { voxels: true, bricks: true })?;
         let [_, down, deep] = classifier.counts;
         let mut bricks = Vec::new();
         let mut rows = Vec::with_capacity(down * deep);
@@ -156,8 +156,8 @@ impl Colored {
         settings.check_normals(self.normals)?;
         let falling = shot.falling(self.unit);
         let to_eye = match camera.eye() {
-            None => ToEye::Parallel(-camera.forward),
-            Some(eye) => ToEye::At((eye - self.grid.center()) / self.grid.unit()),
+            None => EyeDirections::Parallel(-camera.forward),
+            Some(eye) => EyeDirections::At((eye - self.grid.center()) / self.grid.unit()),
         };
         let light = settings.lighting.clone().map(|lighting| (lighting, to_eye));
         let kernels = shot.kernels();
@@ -167,21 +167,22 @@ impl Colored {
         self.field.get_or_make(kernels.into_iter().map(key).collect(), |key| {
             let shader = key.light.as_ref().map(|(lighting, to_eye)| {
                 let shader = Shader::new(lighting, self.grid.center(), self.grid.unit(), [0.0; 2]);
-                Light { shader, to_eye: *to_eye, to_places: places_of_light(&self.grid, &self.grid), arriving }
+                VoxelLight { shader, to_eye: *to_eye, to_places: places_of_light(&self.grid, &self.grid), arriving }
             });
             let filter = SplineFilter::new(&key.kernel)?;
             let [nx, ny, nz] = self.grid.dims().map(|d| d as usize);
-            let fill = |z: usize, out: &mut Voxels| dispatch(Filling { colored: self, light: shader.as_ref(), z, out });
+            let fill =
+                |z: usize, out: &mut VoxelPlanes| dispatch(Filling { colored: self, light: shader.as_ref(), z, out });
             let field = if key.level == Level(0) {
                 ColorField::new(([nx, ny, nz], shot.first(), key.pad), &filter, &fill, progress)?
             } else {
                 let plane = |z: usize| {
-                    let mut voxels = Voxels::new([nx, ny], 0)?;
+                    let mut voxels = VoxelPlanes::new([nx, ny], 0)?;
                     fill(z, &mut voxels);
                     Ok(voxels.plane(nx))
                 };
                 let (dims, cells) = key.level.cells([nx, ny, nz], &plane, false)?;
-                let fill = |z: usize, out: &mut Voxels| {
+                let fill = |z: usize, out: &mut VoxelPlanes| {
                     for (row, cells) in cells[dims[0] * dims[1] * z..].chunks_exact(dims[0]).take(dims[1]).enumerate() {
                         let shown = cells.iter().enumerate().filter(|(_, cell)| **cell != [0.0; 4]);
                         shown.for_each(|(column, cell)| out.put(row, column, *cell));
@@ -233,20 +234,20 @@ impl Colored {
 }
 
 /// The light on the voxels of a field of colours.
-struct Light<'a> {
+struct VoxelLight<'a> {
     shader: Shader,
-    to_eye: ToEye,
+    to_eye: EyeDirections,
     /// The map from the lattice to places for the shader.
     to_places: DAffine3,
     arriving: Option<&'a ArrivingLight>,
 }
 
-/// A task that puts the visible voxels of a plane into [`Voxels`].
+/// A task that puts the visible voxels of a plane into [`VoxelPlanes`].
 struct Filling<'a> {
     colored: &'a Colored,
-    light: Option<&'a Light<'a>>,
+    light: Option<&'a VoxelLight<'a>>,
     z: usize,
-    out: &'a mut Voxels,
+    out: &'a mut VoxelPlanes,
 }
 
 impl WithSimd for Filling<'_> {
@@ -275,7 +276,7 @@ impl WithSimd for Filling<'_> {
     }
 }
 
-impl Light<'_> {
+impl VoxelLight<'_> {
     /// Returns the colours of a run of splats under this light.
     #[inline(always)]
     fn lit<S: Simd>(&self, simd: S, run: &SplatRun<'_>, [y, z]: [usize; 2], colors: Vector<S>) -> Vector<S> {
@@ -293,11 +294,11 @@ impl Light<'_> {
             xs.fma(simd, Lanes::all(simd, step[axis] as f32), Lanes::all(simd, start[axis] as f32))
         });
         let to_eye = match self.to_eye {
-            ToEye::Parallel(towards) => {
+            EyeDirections::Parallel(towards) => {
                 let towards = towards.to_array();
                 three!(axis => Lanes::all(simd, towards[axis] as f32))
             }
-            ToEye::At(eye) => {
+            EyeDirections::At(eye) => {
                 let eye = eye.to_array();
                 unit(simd, &three!(axis => Lanes::all(simd, eye[axis] as f32).sub(simd, place[axis])))
             }

@@ -55,7 +55,7 @@ pub enum LabelChange {
 
 /// The look of voxels with a label.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Look {
+pub(crate) struct LabelLook {
     pub(crate) label: i64,
     pub(crate) color: [f64; 3],
     pub(crate) opacity: f64,
@@ -141,10 +141,10 @@ impl Labels {
     }
 
     /// Returns the looks and the names of the labels of a volume.
-    pub(super) fn looks(&self, counts: &[LabelCount]) -> (Vec<Look>, Vec<String>) {
+    pub(super) fn looks(&self, counts: &[LabelCount]) -> (Vec<LabelLook>, Vec<String>) {
         let look = |count: &LabelCount| {
             let Label { color, opacity, name } = self.label(count.label);
-            (Look { label: count.label, color, opacity: OPAQUE * opacity }, name)
+            (LabelLook { label: count.label, color, opacity: OPAQUE * opacity }, name)
         };
         counts.iter().map(look).unzip()
     }
@@ -201,7 +201,7 @@ impl std::str::FromStr for LabelSelection {
 const LARGEST_LABEL: f64 = 9_007_199_254_740_992.0;
 
 /// Finds the look of a value, given the looks of all labels in ascending order.
-pub(crate) fn look_of(looks: &[Look], value: f64) -> Option<&Look> {
+pub(crate) fn look_of(looks: &[LabelLook], value: f64) -> Option<&LabelLook> {
     looks.binary_search_by_key(&(value as i64), |look| look.label).ok().map(|at| &looks[at])
 }
 

@@ -20,7 +20,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 pub use self::labels::{LabelChange, LabelCount, LabelSelection, Labels, count_labels};
-pub(crate) use self::labels::{Look, look_of};
+pub(crate) use self::labels::{LabelLook, look_of};
 pub(crate) use self::lattice::nearest as nearest_samples;
 pub use self::lattice::{Fit, Lattice, on_lattice};
 pub use self::recognise::recognised;
@@ -67,7 +67,7 @@ pub(crate) enum Matter {
     /// Numbers of labels, with a look and a name for each.
     Labels {
         volume: Volume,
-        looks: Arc<[Look]>,
+        looks: Arc<[LabelLook]>,
         names: Arc<[String]>,
     },
     Colors(Box<Colors>),
@@ -484,7 +484,7 @@ impl Layers {
     #[must_use]
     pub fn hidden(&self) -> Vec<&'static str> {
         let is_masked = |layer: &Layer| layer.mask.as_ref().is_some_and(|mask| mask.shown.is_empty());
-        let is_clear = |look: &Look| look.label == 0 && look.opacity <= 0.0;
+        let is_clear = |look: &LabelLook| look.label == 0 && look.opacity <= 0.0;
         let is_blank =
             |layer: &Layer| matches!(&layer.matter, Matter::Labels { looks, .. } if looks.iter().all(is_clear));
         let any = |test: &dyn Fn(&Layer) -> bool| self.layers.iter().any(test);

@@ -45,7 +45,7 @@ pub(crate) fn values(volume: &Volume, map: &DAffine3, to: [u32; 3], absent: f32)
         .collect_into_vec(&mut samples);
     let is_shared = map.matrix3.abs_diff_eq(DMat3::IDENTITY, SHARED / nx.max(ny).max(nz) as f64)
         && map.translation.abs_diff_eq(map.translation.round(), SHARED);
-    let field = Field::new(samples, dims, is_shared);
+    let field = SplineSamples::new(samples, dims, is_shared);
     let places = if is_shared { vec![DVec3::ZERO] } else { places(&map.matrix3) };
     let [fx, fy, fz] = dims.map(|d| d as f64);
     let end = DVec3::new(fx, fy, fz) - 0.5;
@@ -115,14 +115,14 @@ fn places(matrix: &DMat3) -> Vec<DVec3> {
 }
 
 /// Samples, or the coefficients of the spline through them.
-struct Field {
+struct SplineSamples {
     numbers: Vec<f32>,
     dims: [usize; 3],
     /// Whether `numbers` are samples, because the lattices share their points.
     is_shared: bool,
 }
 
-impl Field {
+impl SplineSamples {
     fn new(mut numbers: Vec<f32>, dims: [usize; 3], is_shared: bool) -> Self {
         if !is_shared {
             prefilter(&mut numbers, dims);

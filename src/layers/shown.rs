@@ -5,14 +5,14 @@ use std::ops::Range;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::{Look, Mask};
+use super::{LabelLook, Mask};
 use crate::camera::clip::{Clip, is_inside};
 use crate::error::Result;
 use crate::volume::Volume;
 
 /// Returns for each look whether one of its voxels is visible: it is not clear, and the middle of the voxel is neither
 /// masked nor clipped.
-pub(super) fn labels(volume: &Volume, looks: &[Look], mask: Option<&Mask>, clip: &Clip) -> Result<Vec<bool>> {
+pub(super) fn labels(volume: &Volume, looks: &[LabelLook], mask: Option<&Mask>, clip: &Clip) -> Result<Vec<bool>> {
     if mask.is_none() && clip.is_empty() {
         return Ok(looks.iter().map(|look| look.opacity > 0.0).collect());
     }

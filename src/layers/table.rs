@@ -34,7 +34,7 @@ pub(super) fn load(path: &Path) -> Result<BTreeMap<i64, Label>> {
 fn parse(text: &str) -> Result<BTreeMap<i64, Label>, String> {
     let text = text.trim_start_matches('\u{feff}');
     let lines = || text.lines().enumerate().filter(|(_, l)| !l.trim().is_empty() && !l.trim_start().starts_with('#'));
-    let columns = lines().next().and_then(|(_, line)| Columns::of(line));
+    let columns = lines().next().and_then(|(_, line)| TableColumns::of(line));
     let row = |line: &str| columns.as_ref().map_or_else(|| row(line), |columns| columns.row(line));
     let rows = lines().skip(usize::from(columns.is_some())).map(|(number, line)| {
         row(line).ok_or_else(|| {
@@ -84,7 +84,7 @@ fn row(line: &str) -> Option<Row> {
 }
 
 /// The places of the columns of a table that names them: .csv of 3D Slicer, .tsv of BIDS.
-struct Columns {
+struct TableColumns {
     separator: char,
     label: usize,
     name: usize,
@@ -93,7 +93,7 @@ struct Columns {
     opacity: Option<usize>,
 }
 
-impl Columns {
+impl TableColumns {
     fn of(line: &str) -> Option<Self> {
         let separator = if line.contains('\t') { '\t' } else { ',' };
         let names: Vec<String> = cells(line, separator).map(str::to_ascii_lowercase).collect();

@@ -69,14 +69,14 @@ impl Light {
 
     /// Returns the origin of the light for shadows: no direction if it is at the eye; for a light with a size, unit
     /// world directions spread evenly over its disc (Vogel 1979, "A better way to construct the sunflower head").
-    fn origin(&self) -> Origin {
+    fn origin(&self) -> LightOrigin {
         let towards = match self.source {
-            Source::Eye => return Origin::default(),
-            Source::Point(place) => return Origin::Point(place),
+            Source::Eye => return LightOrigin::default(),
+            Source::Point(place) => return LightOrigin::Point(place),
             Source::Direction(towards) => towards.normalize(),
         };
         if self.size <= 0.0 {
-            return Origin::Directions(vec![towards]);
+            return LightOrigin::Directions(vec![towards]);
         }
         let (across, down) = towards.any_orthonormal_pair();
         let narrowest = libm::cos(self.size.to_radians() / 2.0);
@@ -88,7 +88,7 @@ impl Light {
             let (y, x) = libm::sincos(golden * f64::from(i));
             towards * cosine + (across * x + down * y) * sine
         };
-        Origin::Directions((0..Self::DIRECTIONS).map(direction).collect())
+        LightOrigin::Directions((0..Self::DIRECTIONS).map(direction).collect())
     }
 }
 
@@ -197,20 +197,20 @@ impl Visibility {
 
 /// The origin of a light that casts shadows.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) enum Origin {
+pub(crate) enum LightOrigin {
     /// World directions towards the light, unit length; none: the light casts no shadows.
     Directions(Vec<DVec3>),
     /// A place in the world.
     Point(DVec3),
 }
 
-impl Default for Origin {
+impl Default for LightOrigin {
     fn default() -> Self {
         Self::Directions(Vec::new())
     }
 }
 
-impl Origin {
+impl LightOrigin {
     fn is_none(&self) -> bool {
         matches!(self, Self::Directions(towards) if towards.is_empty())
     }
@@ -220,7 +220,7 @@ impl Origin {
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Casting {
     /// The origins of the lights.
-    lights: [Origin; MAX_CASTING],
+    lights: [LightOrigin; MAX_CASTING],
     strength: f64,
     /// The shadow bias, voxels.
     bias: f64,
@@ -238,7 +238,7 @@ impl Casting {
 
     /// Returns the shadows of one light alone, or for [`MAX_CASTING`] the occlusion of ambient light.
     pub(crate) fn only(&self, light: usize) -> Self {
-        let mut lights: [Origin; MAX_CASTING] = Default::default();
+        let mut lights: [LightOrigin; MAX_CASTING] = Default::default();
         if let Some(origin) = self.lights.get(light) {
             lights[light] = origin.clone();
             return Self { lights, occlusion: None, ..*self };
@@ -262,10 +262,10 @@ impl Casting {
         let mut visibility = Visibility { ambient, ..Visibility::FULL };
         for (share, origin) in visibility.lights.iter_mut().zip(&self.lights).filter(|(_, o)| !o.is_none()) {
             let mean = match origin {
-                Origin::Directions(towards) => {
+                LightOrigin::Directions(towards) => {
                     towards.iter().map(|&t| libm::exp(-depth(t, f64::INFINITY))).sum::<f64>() / towards.len() as f64
                 }
-                &Origin::Point(place) => {
+                &LightOrigin::Point(place) => {
                     let distance = place.distance(point);
                     libm::exp(-depth((place - point).normalize_or_zero(), distance))
                 }
@@ -383,7 +383,7 @@ impl Lighting {
 
     /// Returns the lights that cast shadows; `None` if there are no shadows and no occlusion.
     pub(crate) fn casting(&self) -> Option<Casting> {
-        let mut lights: [Origin; MAX_CASTING] = Default::default();
+        let mut lights: [LightOrigin; MAX_CASTING] = Default::default();
         if self.shadows > 0.0 {
             lights.iter_mut().zip(&self.lights).for_each(|(origin, light)| *origin = light.origin());
         }

@@ -34,10 +34,10 @@ use glam::{DAffine3, DMat3, DVec3};
 use rayon::prelude::*;
 
 use self::exact::{Caster, Medium, ShadowBlock};
-use self::field::{Field, Planes, turned_back};
-use self::response::Response;
+use self::field::{ExtinctionBox, RowPlanes, turned_back};
+use self::response::SweepResponse;
 use self::sweep::{Converging, Direction, NearPlace, Swept};
-use super::{Casting, MAX_CASTING, Origin};
+use super::{Casting, LightOrigin, MAX_CASTING};
 use crate::error::Result;
 use crate::kernel::Kernel;
 use crate::volume::Grid;
@@ -104,7 +104,7 @@ struct LitBox {
     /// The lattice of the box.
     lattice: ShadowLattice,
     /// The response of sweeps; `None`: light is found by exact sums.
-    response: Option<Response>,
+    response: Option<SweepResponse>,
     /// The number of voxels around the lit ones, on each side.
     margin: usize,
 }
@@ -141,9 +141,9 @@ fn strict_across(axis: usize) -> [bool; 2] {
 impl LitBox {
     /// Makes a box of `size` voxels from `low` on.
     fn new(casting: &Casting, lattice: &ShadowLattice, [low, size]: [[usize; 3]; 2]) -> Self {
-        let response = Response::new(&lattice.kernel, lattice.divisor).filter(|_| !casting.exact);
+        let response = SweepResponse::new(&lattice.kernel, lattice.divisor).filter(|_| !casting.exact);
         // Kernels absorb light around the box too.
-        let margin = response.as_ref().map_or(0, Response::margin);
+        let margin = response.as_ref().map_or(0, SweepResponse::margin);
         let low = low.map(|n| n as i64 - margin as i64);
         let shift = DAffine3::from_translation(-DVec3::from_array(low.map(|n| n as f64)));
         let dims = size.map(|n| n + 2 * margin);
@@ -174,8 +174,8 @@ impl LitBox {
         }
         Some(match self.casting.lights.get(light) {
             None => LightRays::Around,
-            Some(Origin::Directions(towards)) => LightRays::Parallel(self.bundles(towards)),
-            Some(&Origin::Point(place)) => {
+            Some(LightOrigin::Directions(towards)) => LightRays::Parallel(self.bundles(towards)),
+            Some(&LightOrigin::Point(place)) => {
                 let middle = DVec3::from_array(self.lattice.dims.map(|n| (n - 1) as f64 / 2.0));
                 let towards = self.lattice.to_lattice.transform_point3(place) - middle;
                 if towards.length() > DISTANT {
@@ -220,7 +220,7 @@ impl LitBox {
 /// The light that arrives at the voxels of a box.
 pub(crate) struct Arrival {
     lit: LitBox,
-    field: Field,
+    field: ExtinctionBox,
 }
 
 /// The share of a light that arrives at each voxel of the box of an [`Arrival`].
@@ -257,9 +257,9 @@ impl Arrival {
         let lit = LitBox::new(casting, lattice, bounds);
         let (dims, low, margin) = (lit.lattice.dims, lit.low, lit.margin);
         // No row of rays or of neighbours is read beyond its zeros.
-        let beside = |response: &Response| response.pad(lit.bias()).max(response.pad(lit.radius()).min(dims[0]));
+        let beside = |response: &SweepResponse| response.pad(lit.bias()).max(response.pad(lit.radius()).min(dims[0]));
         let pad = field::LANES + lit.response.as_ref().map_or(0, beside);
-        let mut field = Field::new(dims, pad)?;
+        let mut field = ExtinctionBox::new(dims, pad)?;
         field.fill(margin, |[y, z], row| {
             fill([y as i64 + low[1], z as i64 + low[2]].map(|n| n as usize), row);
         });
@@ -292,12 +292,12 @@ impl Arrival {
     }
 
     /// Prepares the planes across an axis and calls `sweeps` with them.
-    fn across(&self, axis: usize, response: &Response, out: &[AtomicU16], sweeps: &mut Sweeps<'_>) -> Result<()> {
+    fn across(&self, axis: usize, response: &SweepResponse, out: &[AtomicU16], sweeps: &mut Sweeps<'_>) -> Result<()> {
         let [nx, ny, nz] = self.lit.lattice.dims;
         let axes = axes_across(axis);
         let planes = match axis {
-            0 => Planes::across(2, [ny, nz, nx]),
-            _ => Planes::across(axis, [nx, ny, nz]),
+            0 => RowPlanes::across(2, [ny, nz, nx]),
+            _ => RowPlanes::across(axis, [nx, ny, nz]),
         };
         // Across x, its rows lie along y.
         let turned = (axis == 0).then(|| self.field.turned()).transpose()?;
@@ -316,7 +316,7 @@ impl Arrival {
     /// Returns the mean light of bundles.
     fn along(
         &self,
-        response: &Response,
+        response: &SweepResponse,
         bundles: &[Bundle],
         bias: f64,
         report: &(dyn Fn(f64) + Sync),
@@ -343,7 +343,7 @@ impl Arrival {
     /// Returns the light from a place in the world.
     fn towards_place(
         &self,
-        response: &Response,
+        response: &SweepResponse,
         place: DVec3,
         bias: f64,
         report: &(dyn Fn(f64) + Sync),

@@ -23,12 +23,12 @@ impl PainterKind {
 }
 
 /// A painter and the reason for it.
-pub(crate) struct Choice {
+pub(crate) struct PainterChoice {
     pub(crate) kind: PainterKind,
     pub(crate) reason: String,
 }
 
-impl Choice {
+impl PainterChoice {
     /// Chooses the painter of a picture; the painter may still refuse it.
     ///
     /// # Errors

@@ -43,7 +43,7 @@ pub(crate) fn classified(
     progress: &Progress,
 ) -> Result<Drawable> {
     let left_out = LeftOut { voxels: context.savings.voxels, bricks: context.savings.bricks };
-    let classifier = layers::Classifier::new(layers, normals, left_out)?;
+    let classifier = layers::LayerClassifier::new(layers, normals, left_out)?;
     let mut stores = StoreBuilder::new(context, classify::STRIDE, u32::MAX);
     let row = |j: usize, k: usize| classifier.row([j, k]);
     let doing = (progress, "classifying");
@@ -52,15 +52,15 @@ pub(crate) fn classified(
 }
 
 /// The last value made, with its key.
-pub(super) struct Held<K, V>(Mutex<Option<(K, Arc<V>)>>);
+pub(super) struct LastValue<K, V>(Mutex<Option<(K, Arc<V>)>>);
 
-impl<K, V> Default for Held<K, V> {
+impl<K, V> Default for LastValue<K, V> {
     fn default() -> Self {
         Self(Mutex::default())
     }
 }
 
-impl<K, V> Held<K, V> {
+impl<K, V> LastValue<K, V> {
     /// Returns the held value if its key serves, otherwise the value that `make` makes for `key`, given the held one.
     /// Also returns the seconds that making it took, 0 for a held value.
     pub(super) fn get_or_make(
@@ -112,7 +112,7 @@ pub(super) struct PreShaded {
     /// The kind of the splats' normals; `None`: splats have no normals.
     pub(super) normals: Option<Normals>,
     /// The visible voxels, with the shadows on them.
-    pub(super) classified: Held<ClassifiedKey, Drawable>,
+    pub(super) classified: LastValue<ClassifiedKey, Drawable>,
     /// The occluders of shadows.
     occluders: Occluders,
     /// The samples on the device, held from the first picture on unless a list of splats takes less memory: then from
@@ -123,7 +123,7 @@ pub(super) struct PreShaded {
     /// The visible voxels among the samples on the device, and their normals.
     visible: KeptVoxels,
     /// The cells of each size.
-    pub(super) cells: [Held<CellsKey, Drawable>; CellSize::COUNT],
+    pub(super) cells: [LastValue<CellsKey, Drawable>; CellSize::COUNT],
 }
 
 /// A volume prepared for post-shading.
@@ -142,9 +142,9 @@ pub(super) struct PostShaded {
     /// The tables by which scalars are classified, and whether the volume has plateaus.
     pub(super) kept: Cache,
     /// The light that arrives in the volume.
-    pub(super) light: Held<Shadows, FallenLight>,
+    pub(super) light: LastValue<Shadows, FallenLight>,
     /// The splats for each size of cells.
-    pub(super) emitted: [Held<EmissionKey, Drawable>; CellSize::COUNT],
+    pub(super) emitted: [LastValue<EmissionKey, Drawable>; CellSize::COUNT],
     /// The samples on the device, held from the first picture on unless a list of splats takes less memory.
     pub(super) samples: HeldSamples,
     /// Whether the splats serve other transfer functions too.
@@ -233,12 +233,12 @@ impl PreShaded {
         Self {
             layers,
             normals,
-            classified: Held::default(),
+            classified: LastValue::default(),
             occluders: Occluders::default(),
             samples: HeldSamples::default(),
             edits: 0,
             visible: KeptVoxels::default(),
-            cells: std::array::from_fn(|_| Held::default()),
+            cells: std::array::from_fn(|_| LastValue::default()),
         }
     }
 
@@ -255,7 +255,7 @@ impl PreShaded {
         self.classified.keep_if(|before| Sampled::of(&before.stores).is_some());
         self.occluders.clear();
         self.visible.clear();
-        self.cells.iter().for_each(Held::clear);
+        self.cells.iter().for_each(LastValue::clear);
         self.edits += 1;
         Ok(())
     }

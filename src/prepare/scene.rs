@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use glam::DAffine3;
 
 use super::cells::{self, CellSize};
-use super::drawable::{Held as Kept, PostShaded, PreShaded};
+use super::drawable::{LastValue, PostShaded, PreShaded};
 use super::lattice::Lattice;
 use super::levels::ScalarNeed;
 use super::light_volume::{self, FallenLight, LitScalars};
@@ -152,8 +152,8 @@ impl Scene {
             model: settings.model,
             shows,
             kept: Cache::default(),
-            light: Kept::default(),
-            emitted: std::array::from_fn(|_| Kept::default()),
+            light: LastValue::default(),
+            emitted: std::array::from_fn(|_| LastValue::default()),
             samples: HeldSamples::default(),
             whole: false,
         };

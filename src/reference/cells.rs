@@ -73,7 +73,7 @@ impl Cells {
 
     /// Returns a bound for each place: `bound` of the range of the values whose kernels, of support radius `reach`,
     /// cover the place.
-    pub(super) fn map(&self, reach: f64, bound: impl Fn([f64; 2]) -> f64 + Sync) -> Map {
+    pub(super) fn map(&self, reach: f64, bound: impl Fn([f64; 2]) -> f64 + Sync) -> BoundMap {
         // A place is up to half a step from the place of its lookup.
         let around = ((reach + 0.5 * STEP + 0.5).floor() / EDGE as f64).ceil() as usize;
         let mut ranges = self.ranges.clone();
@@ -90,18 +90,18 @@ impl Cells {
                 .collect();
             stride *= count;
         }
-        Map { counts: self.counts, bounds: ranges.into_par_iter().map(&bound).collect() }
+        BoundMap { counts: self.counts, bounds: ranges.into_par_iter().map(&bound).collect() }
     }
 }
 
 /// A bound of the visible field in each cell of places.
 #[derive(Debug)]
-pub(super) struct Map {
+pub(super) struct BoundMap {
     counts: [usize; 3],
     bounds: Vec<f64>,
 }
 
-impl Map {
+impl BoundMap {
     fn at(&self, point: DVec3) -> f64 {
         // Only kernels that cover the edge cover places beyond it.
         let cell = |axis: usize| {

@@ -31,7 +31,7 @@ pub(super) struct VoxelValues {
     media: Media,
     lighting: Option<Lighting>,
     /// The occluders of light; `None` if the full light arrives everywhere.
-    shadows: Option<Shadows>,
+    shadows: Option<BrickShadows>,
     /// Whether weights are scalars, and the samples at the edge are repeated beyond it: post-shading and projections
     /// of intensity.
     repeats: bool,
@@ -43,14 +43,14 @@ pub(super) struct VoxelValues {
 }
 
 /// The occluders of light, and the light that arrives at voxels.
-struct Shadows {
+struct BrickShadows {
     medium: Medium<f64>,
     caster: Caster<f64>,
     /// The light that arrives at voxels, brick by brick, once it is needed.
     bricks: Vec<OnceLock<Vec<Shares<EDGE>>>>,
 }
 
-impl Shadows {
+impl BrickShadows {
     /// Returns the light that arrives at the voxels of the brick that begins at a lattice point, row by row.
     fn shares(&self, start: [usize; 3]) -> Vec<Shares<EDGE>> {
         let block = ShadowBlock { start, down: EDGE, wanted: &[u32::MAX; EDGE * EDGE] };
@@ -84,9 +84,9 @@ fn no_bricks<T>(dims: [usize; 3]) -> Vec<OnceLock<T>> {
     (0..brick_counts(dims).iter().product()).map(|_| OnceLock::new()).collect()
 }
 
-impl std::fmt::Debug for Shadows {
+impl std::fmt::Debug for BrickShadows {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str("Shadows")
+        f.write_str("BrickShadows")
     }
 }
 
@@ -134,7 +134,8 @@ impl VoxelValues {
             }
             let divisor = settings.normalization.divisor(&settings.kernel);
             let lattice = ShadowLattice::new(grid, settings.kernel, divisor, 1.0, 1.0);
-            splats.shadows = Some(Shadows { caster: Caster::new(&casting, &lattice), medium, bricks: no_bricks(dims) });
+            splats.shadows =
+                Some(BrickShadows { caster: Caster::new(&casting, &lattice), medium, bricks: no_bricks(dims) });
         }
         Ok(splats)
     }
@@ -221,7 +222,7 @@ impl VoxelValues {
 
 /// The voxels classified for one viewer, brick by brick; `None` for a brick of clear voxels.
 #[derive(Debug)]
-pub(super) struct Bricks {
+pub(super) struct ClassifiedBricks {
     viewer: Viewer,
     bricks: Vec<OnceLock<Option<Brick>>>,
 }
@@ -229,7 +230,7 @@ pub(super) struct Bricks {
 /// The weights of the voxels of a brick, x fastest.
 pub(super) type Brick = Box<[Weights; EDGE * EDGE * EDGE]>;
 
-impl Bricks {
+impl ClassifiedBricks {
     pub(super) fn new(splats: &VoxelValues, viewer: Viewer) -> Self {
         Self { viewer, bricks: no_bricks(splats.dims) }
     }
@@ -297,7 +298,7 @@ mod tests {
         let transfer = transfer.with_classification(Classification::Point);
         let splats = VoxelValues::new(&Layers::of_volume(&volume, &transfer), &Settings::default()).unwrap();
         assert_eq!(splats.bounds(2), Some([[0, 6], [0, 10], [0, 12]]));
-        let bricks = Bricks::new(&splats, Viewer::Towards(DVec3::X));
+        let bricks = ClassifiedBricks::new(&splats, Viewer::Towards(DVec3::X));
         let mut last = None;
         for (index, &value) in values.iter().enumerate() {
             let weights = bricks.get(&splats, [index % 7, index / 7 % 11, index / 77].map(|p| p as i64), &mut last);

@@ -2,9 +2,9 @@
 
 use glam::{DAffine3, DMat3, DVec3};
 
-use super::profile::{Range, Scalar, Series};
+use super::profile::{Chebyshev, Range, Scalar};
 use super::ray::{LatticeRay, Weights};
-use super::walk::{Block, Piece, Visitor};
+use super::walk::{Block, RayPiece, Visitor};
 use crate::lighting::shadow::SURFACE_BIAS;
 use crate::lighting::{Lighting, Visibility};
 use crate::transfer::{ControlPoint, Resolution, TransferFunction};
@@ -138,7 +138,7 @@ pub(super) type Met = (f64, RayIntegral);
 
 /// The integral of splats with extinction and emission.
 #[derive(Debug)]
-pub(super) struct Emission<'a> {
+pub(super) struct EmissionIntegral<'a> {
     pub(super) sum: RayIntegral,
     /// The isosurfaces that are still ahead, front to back.
     pub(super) met: &'a [Met],
@@ -147,7 +147,7 @@ pub(super) struct Emission<'a> {
     pub(super) accuracy: &'a Accuracy,
 }
 
-impl Visitor for Emission<'_> {
+impl Visitor for EmissionIntegral<'_> {
     /// Adds a block as if no chord began or ended in it, if that is exact enough.
     fn block(&mut self, block: &Block<'_>) -> Option<bool> {
         if self.met.first().is_some_and(|&(place, _)| place < block.middle + block.half) {
@@ -162,7 +162,7 @@ impl Visitor for Emission<'_> {
         })
     }
 
-    fn piece(&mut self, &Piece { series, middle, half, from, to }: &Piece<'_>) -> bool {
+    fn piece(&mut self, &RayPiece { series, middle, half, from, to }: &RayPiece<'_>) -> bool {
         let measure = self.measure;
         let matter = |emission: &mut Self, from: f64, to: f64| {
             // At the rim of a kernel the sum is only rounding, which dense material magnifies: keep extinction from
@@ -191,7 +191,7 @@ impl Visitor for Emission<'_> {
     }
 }
 
-impl Emission<'_> {
+impl EmissionIntegral<'_> {
     /// Adds a stretch of `length`, in halves of its block, given extinction and emission at places in it, per voxel.
     fn add(&mut self, length: f64, half: f64, field: impl Fn(f64) -> Weights) -> bool {
         let parts = (length / 2.0 * self.accuracy.steps).ceil();
@@ -331,7 +331,7 @@ impl FieldClassifier {
 }
 
 /// The integral of a reconstructed and classified scalar field.
-pub(super) struct Classified<'a> {
+pub(super) struct ClassifiedIntegral<'a> {
     pub(super) sum: RayIntegral,
     pub(super) classifier: &'a FieldClassifier,
     pub(super) ray: LatticeRay,
@@ -355,7 +355,7 @@ pub(super) struct Classified<'a> {
 /// A part of a block, in x from -1 to 1 over the block.
 struct Stretch {
     /// The scalar and its differences as polynomials.
-    series: Series,
+    series: Chebyshev,
     scalar: Scalar,
     /// The numbers whose sign tells the sides of light.
     sides: Vec<Scalar>,
@@ -364,7 +364,7 @@ struct Stretch {
     half: f64,
 }
 
-impl Visitor for Classified<'_> {
+impl Visitor for ClassifiedIntegral<'_> {
     fn block(&mut self, block: &Block<'_>) -> Option<bool> {
         let [low, high] = block.range();
         let above = self.sides_of(f64::midpoint(low, high));
@@ -375,7 +375,7 @@ impl Visitor for Classified<'_> {
         })
     }
 
-    fn piece(&mut self, &Piece { series, middle, half, from, to }: &Piece<'_>) -> bool {
+    fn piece(&mut self, &RayPiece { series, middle, half, from, to }: &RayPiece<'_>) -> bool {
         let stretch = Stretch {
             series: *series,
             scalar: series.combined(&[1.0, 0.0, 0.0, 0.0]),
@@ -387,7 +387,7 @@ impl Visitor for Classified<'_> {
     }
 }
 
-impl Classified<'_> {
+impl ClassifiedIntegral<'_> {
     fn value(&self, sum: f64) -> f64 {
         self.classifier.base + sum / self.divisor
     }
@@ -569,18 +569,18 @@ pub(super) struct Maximum {
     /// The place of the largest sum on the ray, in voxels.
     pub(super) place: f64,
     /// The attenuation of sums over 0.
-    pub(super) fade: Fade,
+    pub(super) fade: Attenuation,
 }
 
 /// The attenuation of sums by depth: the factor exp(-(start + slope p)) at p voxels along the ray.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Fade {
+pub(super) struct Attenuation {
     pub(super) start: f64,
     /// The rise of the attenuation per voxel, at least 0.
     pub(super) slope: f64,
 }
 
-impl Fade {
+impl Attenuation {
     /// Attenuates a sum at a place.
     fn apply(self, sum: f64, place: f64) -> f64 {
         if sum > 0.0 { sum * (-(self.start + self.slope * place)).exp() } else { sum }
@@ -594,7 +594,7 @@ impl Visitor for Maximum {
         self.largest.is_some_and(|largest| most < largest).then_some(true)
     }
 
-    fn piece(&mut self, &Piece { series, middle, half, from, to }: &Piece<'_>) -> bool {
+    fn piece(&mut self, &RayPiece { series, middle, half, from, to }: &RayPiece<'_>) -> bool {
         self.search(&series.combined(&[1.0, 0.0, 0.0, 0.0]), &|x| middle + half * x, from, to);
         true
     }

@@ -6,7 +6,7 @@ use glam::{DMat3, DVec3};
 
 use super::emission;
 use crate::error::{Error, Result};
-use crate::layers::{Layer, Layers, Look, Matter, look_of, luminance};
+use crate::layers::{LabelLook, Layer, Layers, Matter, look_of, luminance};
 use crate::lighting::Normals;
 use crate::settings::Settings;
 use crate::transfer::{ControlPoint, Resolution, TransferFunction, isosurface};
@@ -43,12 +43,12 @@ impl SampleValues {
 
 enum Optics {
     Transfer(TransferFunction),
-    Labels(Arc<[Look]>),
+    Labels(Arc<[LabelLook]>),
     /// The transfer function of alpha or luminance, the channels beside red, and their largest value.
     Colors(TransferFunction, Vec<SampleValues>, f64),
 }
 
-struct Medium {
+struct SampledMedium {
     values: SampleValues,
     optics: Optics,
     unit: f64,
@@ -61,7 +61,7 @@ struct Medium {
     most: f64,
 }
 
-impl Medium {
+impl SampledMedium {
     /// Returns red, green and blue, or the value three times.
     fn channels(&self, index: usize) -> [f64; 3] {
         let red = self.values.at(index);
@@ -86,7 +86,7 @@ impl Medium {
 /// The media of a lattice, at least one.
 pub(super) struct Media {
     dims: [usize; 3],
-    media: Vec<Medium>,
+    media: Vec<SampledMedium>,
     /// Whether voxels are classified, and not the reconstructed field.
     is_pre_shaded: bool,
     /// The isosurfaces, and the number of their medium.
@@ -127,7 +127,7 @@ impl Media {
                 _ => (0.0, Resolution::NONE),
             };
             let (values, mask) = (SampleValues::new(layer.volume())?, mask.transpose()?);
-            Ok(Medium { values, optics, unit, base, resolution, mask, most })
+            Ok(SampledMedium { values, optics, unit, base, resolution, mask, most })
         };
         Ok(Self {
             dims: layers.grid().dims().map(|d| d as usize),
@@ -145,7 +145,7 @@ impl Media {
     /// Returns the transfer function, if there is only one medium, of scalars and without a mask.
     pub(super) fn plain(&self) -> Option<&TransferFunction> {
         match self.media.as_slice() {
-            [Medium { optics: Optics::Transfer(transfer), mask: None, .. }] => Some(transfer),
+            [SampledMedium { optics: Optics::Transfer(transfer), mask: None, .. }] => Some(transfer),
             _ => None,
         }
     }
@@ -179,7 +179,7 @@ impl Media {
 
     /// Returns the scalar of a medium at a voxel less the base, and half the differences of its neighbours along the
     /// lattice axes. A neighbour beyond the edge has the value at the edge.
-    fn scalar(&self, medium: &Medium, point: [i64; 3], differs: bool) -> [f64; 4] {
+    fn scalar(&self, medium: &SampledMedium, point: [i64; 3], differs: bool) -> [f64; 4] {
         // Halved first, so that no difference of numbers overflows.
         let half = |axis: usize, step: i64| {
             let mut beside = point;
@@ -199,12 +199,12 @@ impl Media {
 
     /// Returns the scalar and the gradient along the lattice axes: half the differences of neighbours along an axis,
     /// in post-shading smoothed along the other two.
-    fn slopes(&self, medium: &Medium, point: [i64; 3]) -> [f64; 4] {
+    fn slopes(&self, medium: &SampledMedium, point: [i64; 3]) -> [f64; 4] {
         if self.is_pre_shaded { self.scalar(medium, point, true) } else { self.smooth_slopes(medium, point) }
     }
 
     /// Returns the scalar and half the differences of neighbours along each axis, smoothed along the other two.
-    fn smooth_slopes(&self, medium: &Medium, point: [i64; 3]) -> [f64; 4] {
+    fn smooth_slopes(&self, medium: &SampledMedium, point: [i64; 3]) -> [f64; 4] {
         let mut sums = self.scalar(medium, point, false);
         for beside in (0..27).map(|i| [i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1]) {
             let smooth = |axis: usize| if beside[axis] == 0 { 4.0 / 6.0 } else { 1.0 / 6.0 };
@@ -218,18 +218,18 @@ impl Media {
     }
 
     /// Returns the world gradient of the scalar of a medium at a voxel; 0 if its differences are only rounding.
-    fn gradient(&self, medium: &Medium, point: [i64; 3]) -> DVec3 {
+    fn gradient(&self, medium: &SampledMedium, point: [i64; 3]) -> DVec3 {
         let [distance, differences @ ..] = self.slopes(medium, point);
         self.to_world * DVec3::from_array(medium.resolution.resolved(differences, distance))
     }
 
     /// Returns whether the mask of a medium hides a voxel.
-    fn is_hidden(medium: &Medium, index: usize) -> bool {
+    fn is_hidden(medium: &SampledMedium, index: usize) -> bool {
         medium.mask.as_ref().is_some_and(|(values, shown)| !shown.contains(&(values.at(index) as i64)))
     }
 
     /// Returns colour and extinction of a medium by the value of a voxel alone, before gradient opacity.
-    fn flat(&self, medium: &Medium, index: usize) -> ([f64; 3], f64) {
+    fn flat(&self, medium: &SampledMedium, index: usize) -> ([f64; 3], f64) {
         if Self::is_hidden(medium, index) {
             return ([0.0; 3], 0.0);
         }
@@ -246,7 +246,7 @@ impl Media {
     }
 
     /// Returns colour and extinction of a medium by the values around a voxel, before gradient opacity.
-    fn band_limited(&self, medium: &Medium, transfer: &TransferFunction, point: [i64; 3]) -> ([f64; 3], f64) {
+    fn band_limited(&self, medium: &SampledMedium, transfer: &TransferFunction, point: [i64; 3]) -> ([f64; 3], f64) {
         let index = self.index(point);
         if Self::is_hidden(medium, index) {
             return ([0.0; 3], 0.0);
@@ -266,7 +266,7 @@ impl Media {
         ([r, g, b].map(|channel| if tau > 0.0 { channel / tau } else { 0.0 }), tau)
     }
 
-    fn absorbed(&self, medium: &Medium, point: [i64; 3]) -> ([f64; 3], f64) {
+    fn absorbed(&self, medium: &SampledMedium, point: [i64; 3]) -> ([f64; 3], f64) {
         let (color, tau) = match &medium.optics {
             Optics::Transfer(transfer) if self.is_pre_shaded && transfer.is_band_limited() => {
                 self.band_limited(medium, transfer, point)
@@ -320,7 +320,7 @@ impl Media {
     }
 
     /// Returns the world gradient of a scalar by the filter of normals; 0 if its slopes are only rounding.
-    fn scalar_normal(&self, medium: &Medium, point: [i64; 3]) -> DVec3 {
+    fn scalar_normal(&self, medium: &SampledMedium, point: [i64; 3]) -> DVec3 {
         let slope = |axis: usize| {
             let [across, down] = [(axis + 1) % 3, (axis + 2) % 3];
             let mut sum = 0.0;
@@ -342,7 +342,7 @@ impl Media {
 
     /// Returns a vector along the dominant axis of the structure tensor at a voxel, on the side of its gradient: the
     /// 8th power of the tensor, times the gradient.
-    fn tensor_normal(&self, medium: &Medium, point: [i64; 3]) -> DVec3 {
+    fn tensor_normal(&self, medium: &SampledMedium, point: [i64; 3]) -> DVec3 {
         let own = self.scalar_normal(medium, point);
         if own == DVec3::ZERO {
             return own;
@@ -366,7 +366,7 @@ impl Media {
         tensor * (own / largest)
     }
 
-    fn normal(&self, medium: &Medium, point: [i64; 3]) -> DVec3 {
+    fn normal(&self, medium: &SampledMedium, point: [i64; 3]) -> DVec3 {
         if !matches!(medium.optics, Optics::Labels(_)) && medium.mask.is_none() {
             return match self.normals {
                 Normals::Gradient => self.scalar_normal(medium, point),

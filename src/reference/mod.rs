@@ -119,9 +119,9 @@ use crate::settings::budget::{MAX_BLOCKS, MAX_CHORDS, MAX_RAY_CHORDS, too_much};
 use crate::settings::{Model, Response, Settings};
 use crate::transfer::{Resolution, TransferFunction};
 use crate::volume::{Grid, Volume};
-use cells::Map;
-use classify::{Bricks, VoxelValues};
-use integrate::{Accuracy, Classified, Emission, Fade, FieldClassifier, Maximum, Met};
+use cells::BoundMap;
+use classify::{ClassifiedBricks, VoxelValues};
+use integrate::{Accuracy, Attenuation, ClassifiedIntegral, EmissionIntegral, FieldClassifier, Maximum, Met};
 use profile::Profile;
 use ray::{LatticeRay, Viewer};
 use walk::{Scratch, Sight, Sizes, Visitor, Walk};
@@ -148,7 +148,7 @@ pub struct Reference {
     center: DVec3,
     splats: VoxelValues,
     /// The voxels classified for all pictures; `None` if weights depend on the viewer.
-    bricks: Option<Arc<Bricks>>,
+    bricks: Option<Arc<ClassifiedBricks>>,
     kernel: Kernel,
     /// The standard deviation of the kernel, voxels: the length over which it changes.
     deviation: f64,
@@ -236,7 +236,7 @@ impl Reference {
         };
         let splats = VoxelValues::new(&layers, settings)?;
         // The viewer does not matter.
-        let bricks = || Arc::new(Bricks::new(&splats, Viewer::Towards(DVec3::Z)));
+        let bricks = || Arc::new(ClassifiedBricks::new(&splats, Viewer::Towards(DVec3::Z)));
         let reference = Self {
             grid: grid.centered(),
             center: grid.center(),
@@ -439,12 +439,12 @@ impl Reference {
     }
 
     /// Returns the attenuation of a maximum along a ray.
-    fn fade(&self, forward: DVec3, ray: &LatticeRay) -> Fade {
+    fn fade(&self, forward: DVec3, ray: &LatticeRay) -> Attenuation {
         if self.attenuation <= 0.0 {
-            return Fade::default();
+            return Attenuation::default();
         }
         let [start, next] = [0.0, 1.0].map(|place| self.depth(forward, ray.origin + ray.direction * place));
-        Fade { start: self.attenuation * start, slope: (self.attenuation * (next - start)).max(0.0) }
+        Attenuation { start: self.attenuation * start, slope: (self.attenuation * (next - start)).max(0.0) }
     }
 
     /// Returns the pixel of a projection from a sum of splats, coded by its depth if there is one.
@@ -467,14 +467,14 @@ impl Reference {
     /// Makes rays from an eye, or parallel rays in a direction. `many` rays skip empty space.
     fn rays(&self, eye: Option<DVec3>, direction: DVec3, sizes: Sizes, many: bool) -> PixelRays<'_> {
         let viewer = eye.map_or(Viewer::Towards(-direction), Viewer::At);
-        let bricks = self.bricks.clone().unwrap_or_else(|| Arc::new(Bricks::new(&self.splats, viewer)));
+        let bricks = self.bricks.clone().unwrap_or_else(|| Arc::new(ClassifiedBricks::new(&self.splats, viewer)));
         let surfaces = self.surfaces.as_ref().map(|surfaces| Box::new(surfaces.rays(eye, direction, sizes, many)));
         let map = if many { self.map(sizes) } else { None };
         PixelRays { reference: self, sizes, forward: direction, bricks, map, surfaces }
     }
 
     /// Returns bounds of the field around each place.
-    fn map(&self, sizes: Sizes) -> Option<Map> {
+    fn map(&self, sizes: Sizes) -> Option<BoundMap> {
         let map = |most: &(dyn Fn([f64; 2]) -> f64 + Sync)| Some(self.splats.cells.map(sizes.reach, most));
         let shown = |shows: &(dyn Fn([f64; 2]) -> bool + Sync)| map(&|range| f64::from(u8::from(shows(range))));
         // Bounds of sums of kernels, given the range of the values that they sum up.
@@ -509,8 +509,8 @@ struct PixelRays<'a> {
     sizes: Sizes,
     /// The direction of the view.
     forward: DVec3,
-    bricks: Arc<Bricks>,
-    map: Option<Map>,
+    bricks: Arc<ClassifiedBricks>,
+    map: Option<BoundMap>,
     /// The rays through the isosurfaces of a pre-shaded composite.
     surfaces: Option<Box<Self>>,
 }
@@ -565,7 +565,7 @@ impl PixelRays<'_> {
         scratch: &mut Scratch,
     ) -> (RayIntegral, Vec<Met>) {
         let Reference { divisor, accuracy, .. } = self.reference;
-        let mut classified = Classified {
+        let mut classified = ClassifiedIntegral {
             sum: RayIntegral::default(),
             classifier,
             ray,
@@ -602,7 +602,7 @@ impl PixelRays<'_> {
         match &reference.method {
             Method::PreShaded => {
                 let sum = RayIntegral::default();
-                let mut emission = Emission { sum, met: &met, measure, accuracy: &reference.accuracy };
+                let mut emission = EmissionIntegral { sum, met: &met, measure, accuracy: &reference.accuracy };
                 self.visit(ray, scratch, &mut emission);
                 emission.met.iter().fold(emission.sum, |sum, (_, surface)| sum.before(surface))
             }

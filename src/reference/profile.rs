@@ -117,30 +117,30 @@ fn interpolate(terms: usize, f: impl Fn(f64) -> f64) -> Vec<f64> {
     sum
 }
 
-/// The number of terms of a [`Series`], and of the nodes that it is made from.
+/// The number of terms of a [`Chebyshev`] series, and of the nodes that make it.
 pub(super) const SERIES: usize = 8;
 
 /// A sum of splats along a stretch of a ray: a polynomial of degree 7 in x from -1 to 1 for each weight, as a series of
 /// Chebyshev polynomials.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Series(pub(super) [Weights; SERIES]);
+pub(super) struct Chebyshev(pub(super) [Weights; SERIES]);
 
 /// The nodes of a series, and the matrix that makes a series of values at them.
-pub(super) struct Rule {
+pub(super) struct SeriesRule {
     pub(super) nodes: [f64; SERIES],
     /// The contribution of the value at each node to each term.
     pub(super) terms: [[f64; SERIES]; SERIES],
 }
 
 /// The rule of interpolation at the zeros of T_8.
-pub(super) static RULE: LazyLock<Rule> = LazyLock::new(|| {
+pub(super) static RULE: LazyLock<SeriesRule> = LazyLock::new(|| {
     let nodes = std::array::from_fn(|k| (PI * (k as f64 + 0.5) / SERIES as f64).cos());
     let share = |m: usize| if m == 0 { 1.0 } else { 2.0 } / SERIES as f64;
     let terms = nodes.map(|x| {
         let values = polynomials(x);
         std::array::from_fn(|m| share(m) * values[m])
     });
-    Rule { nodes, terms }
+    SeriesRule { nodes, terms }
 });
 
 /// Returns the first Chebyshev polynomials at x.
@@ -154,7 +154,7 @@ fn polynomials(x: f64) -> [f64; SERIES] {
     p
 }
 
-impl Series {
+impl Chebyshev {
     /// Returns the series that meets `values` (of each weight, at each node) at the nodes of [`RULE`].
     pub(super) fn through(values: &[[f64; SERIES]; 4]) -> Self {
         let mut series = Self::default();
@@ -300,7 +300,7 @@ mod tests {
     #[test]
     fn a_series_is_its_polynomial_and_knows_its_bounds() {
         let f = |x: f64| [x.powi(7) - 2.0 * x + 0.5, x * x, 1.0, -x.powi(5)];
-        let series = Series::through(&std::array::from_fn(|c| RULE.nodes.map(|x| f(x)[c])));
+        let series = Chebyshev::through(&std::array::from_fn(|c| RULE.nodes.map(|x| f(x)[c])));
         let scalar = series.combined(&[1.0, 0.0, 0.0, 0.0]);
         for i in 0..200 {
             let x = f64::from(i) / 100.0 - 1.0;

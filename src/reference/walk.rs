@@ -2,8 +2,8 @@
 
 use glam::DVec3;
 
-use super::classify::{Brick, Bricks, VoxelValues};
-use super::profile::{Profile, RULE, SERIES, Series};
+use super::classify::{Brick, ClassifiedBricks, VoxelValues};
+use super::profile::{Chebyshev, Profile, RULE, SERIES};
 use super::ray::{LatticeRay, Weights};
 use crate::camera::{Camera, Growth};
 use crate::kernel::quadrature::{self, integrate};
@@ -170,7 +170,7 @@ impl<'a> Walk<'a> {
     /// infinity after the last plane.
     pub(super) fn plane(
         &mut self,
-        bricks: &'a Bricks,
+        bricks: &'a ClassifiedBricks,
         last: &mut Option<(usize, Option<&'a Brick>)>,
         mut add: impl FnMut(Chord),
     ) -> f64 {
@@ -269,16 +269,16 @@ pub(super) struct Block<'a> {
     /// Whether any chord covers the whole block.
     filled: bool,
     /// The sum of the chords that cover the whole block.
-    whole: Series,
+    whole: Chebyshev,
     /// The chords that begin or end in the block.
     ends: &'a [Chord],
 }
 
 /// A part of a ray on which the sum of splats is one polynomial.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Piece<'a> {
+pub(super) struct RayPiece<'a> {
     /// The sum of splats on the piece, in x.
-    pub(super) series: &'a Series,
+    pub(super) series: &'a Chebyshev,
     /// The place on the ray where x is 0; `half` is the number of voxels per unit of x.
     pub(super) middle: f64,
     pub(super) half: f64,
@@ -293,14 +293,14 @@ pub(super) trait Visitor {
     fn block(&mut self, block: &Block<'_>) -> Option<bool>;
 
     /// Adds a piece, and returns whether more may be visible behind it.
-    fn piece(&mut self, piece: &Piece<'_>) -> bool;
+    fn piece(&mut self, piece: &RayPiece<'_>) -> bool;
 }
 
 /// The scene that rays visit.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sight<'a> {
     pub(super) splats: &'a VoxelValues,
-    pub(super) bricks: &'a Bricks,
+    pub(super) bricks: &'a ClassifiedBricks,
     pub(super) profile: &'a Profile,
     pub(super) sizes: Sizes,
     /// The standard deviation of the smallest kernel, and in `longest` the length of the longest block, voxels.
@@ -389,7 +389,7 @@ impl<'a> Sight<'a> {
                         middle: begin(visited) + half,
                         half,
                         filled: slot.whole > 0,
-                        whole: Series::through(&slot.values),
+                        whole: Chebyshev::through(&slot.values),
                         ends: &slot.ends,
                     };
                     if !visit(&block, cuts) {
@@ -409,7 +409,7 @@ impl<'a> Sight<'a> {
 /// Visits the gap between two positions on a ray, unless it is only rounding.
 fn gap(from: f64, to: f64, visitor: &mut impl Visitor) -> bool {
     let (middle, half) = (f64::midpoint(from, to), (to - from) / 2.0);
-    to - from <= GAP || visitor.piece(&Piece { series: &Series::default(), middle, half, from: -1.0, to: 1.0 })
+    to - from <= GAP || visitor.piece(&RayPiece { series: &Chebyshev::default(), middle, half, from: -1.0, to: 1.0 })
 }
 
 impl Block<'_> {
@@ -458,7 +458,7 @@ impl Block<'_> {
         let (middle, half, mut from) = (self.middle, self.half, -1.0);
         for &(to, index, begins) in &*places {
             if to - from > SAME {
-                if !visitor.piece(&Piece { series: &sum, middle, half, from, to }) {
+                if !visitor.piece(&RayPiece { series: &sum, middle, half, from, to }) {
                     return false;
                 }
                 from = to;
@@ -468,7 +468,7 @@ impl Block<'_> {
             sum.add(terms, &self.ends[index].weights.map(|w| sign * w));
             inside = if begins { inside + 1 } else { inside - 1 };
             if inside == 0 {
-                sum = Series::default();
+                sum = Chebyshev::default();
             }
         }
         true
@@ -476,7 +476,7 @@ impl Block<'_> {
 
     /// Returns a series with the same moments, up to the cubic, as the sum over splats. It lacks the jumps where chords
     /// begin and end, but its integrals with smooth functions are the same.
-    pub(super) fn smooth(&self) -> Series {
+    pub(super) fn smooth(&self) -> Chebyshev {
         let mut sum = self.whole;
         for chord in self.ends {
             let from = self.place(chord.enter).max(-1.0);

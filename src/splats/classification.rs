@@ -1,7 +1,7 @@
 //! The emission and absorption of voxels, by a transfer function or by the looks of labels.
 
 use super::words::density;
-use crate::layers::{Look, look_of};
+use crate::layers::{LabelLook, look_of};
 use crate::transfer::TransferFunction;
 use crate::volume::{Number, Volume};
 
@@ -15,7 +15,7 @@ type Appearance = [f32; 4];
 #[derive(Clone, Copy)]
 pub(crate) enum ColorSource<'a> {
     Transfer(&'a TransferFunction),
-    Labels(&'a [Look]),
+    Labels(&'a [LabelLook]),
 }
 
 impl ColorSource<'_> {
@@ -32,7 +32,7 @@ impl ColorSource<'_> {
 }
 
 /// A classifier of samples.
-pub(crate) struct Classification<'a> {
+pub(crate) struct SampleClassifier<'a> {
     looks: ColorSource<'a>,
     slope: f64,
     intercept: f64,
@@ -42,7 +42,7 @@ pub(crate) struct Classification<'a> {
     table: Vec<Appearance>,
 }
 
-impl<'a> Classification<'a> {
+impl<'a> SampleClassifier<'a> {
     pub(crate) fn new(volume: &Volume, looks: ColorSource<'a>, unit: f64) -> Self {
         let (slope, intercept) = volume.rescale();
         let mut classification = Self { looks, slope, intercept, unit: unit as f32, table: Vec::new() };

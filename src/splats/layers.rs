@@ -4,7 +4,7 @@
 use std::cell::OnceCell;
 
 use super::brick::MadeBrick;
-use super::classification::{Classification, ColorSource, Emission};
+use super::classification::{ColorSource, Emission, SampleClassifier};
 use super::gradients::{RowVectors, gradient_of, gradients, steepness_of, tensor_normals};
 use super::words::{packed_appearance, packed_normal, resolution_at};
 use crate::error::Result;
@@ -30,7 +30,7 @@ struct Painted<'a> {
     volumes: Vec<&'a Volume>,
     /// The value of white, if voxels have colours.
     white: Option<f64>,
-    classification: Classification<'a>,
+    classification: SampleClassifier<'a>,
     scalars: Option<Relative>,
     /// The emission of scalars, if classification is band-limited.
     pieces: Option<Pieces>,
@@ -90,8 +90,8 @@ impl<'a> Painted<'a> {
         Ok(Self {
             classification: match white {
                 // Values are luminance or alpha.
-                Some(_) => Classification::of_values(looks, unit),
-                None => Classification::new(volume, looks, unit),
+                Some(_) => SampleClassifier::of_values(looks, unit),
+                None => SampleClassifier::new(volume, looks, unit),
             },
             volumes,
             white,
@@ -219,7 +219,7 @@ impl RowCoding for Mask {
 }
 
 /// A classifier of layers, which makes splats of their visible voxels, brick by brick.
-pub(crate) struct Classifier<'a> {
+pub(crate) struct LayerClassifier<'a> {
     layers: Vec<Painted<'a>>,
     dims: [u32; 3],
     /// The number of bricks along each axis.
@@ -243,7 +243,7 @@ pub(crate) struct LeftOut {
     pub(crate) bricks: bool,
 }
 
-impl<'a> Classifier<'a> {
+impl<'a> LayerClassifier<'a> {
     /// Prepares the classification of layers, with these normals if there is light.
     ///
     /// # Errors
@@ -271,7 +271,7 @@ impl<'a> Classifier<'a> {
     }
 }
 
-impl Classifier<'_> {
+impl LayerClassifier<'_> {
     /// Makes the bricks with splats along x, with these numbers in y and z.
     ///
     /// # Errors
@@ -438,6 +438,6 @@ struct Part<'a> {
     scalars: Vec<f32>,
     /// The mask: 1 where it shows the voxel, otherwise 0; empty without a mask.
     shares: Vec<u8>,
-    /// The gradients in the brick, found when needed; see [`Classifier::gradients`].
+    /// The gradients in the brick, found when needed; see [`LayerClassifier::gradients`].
     gradients: OnceCell<Option<[Vec<f32>; 3]>>,
 }

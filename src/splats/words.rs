@@ -120,14 +120,14 @@ impl SplatRun<'_> {
 }
 
 /// Unpacked normals of splats.
-pub(crate) struct Normals {
+pub(crate) struct UnpackedNormals {
     /// The octahedral coordinates of the normals.
     pub(crate) places: [Lanes; 2],
     /// The weights of the normals: 1, or 0 for "no direction".
     pub(crate) weights: Lanes,
 }
 
-impl Normals {
+impl UnpackedNormals {
     /// Returns vectors of any length along the normals.
     #[inline(always)]
     pub(crate) fn directions(&self) -> Vectors {
@@ -144,7 +144,7 @@ impl Normals {
 
 /// Unpacks the words of normals.
 #[inline(always)]
-pub(crate) fn unpacked(words: &[u32; LANES]) -> Normals {
+pub(crate) fn unpacked(words: &[u32; LANES]) -> UnpackedNormals {
     let (mut px, mut py, mut weights) = (Lanes::default(), Lanes::default(), Lanes::default());
     for i in 0..LANES {
         let half = |bits: u32| (((bits << 16) as i32 >> 16) as f32 / 32767.0).max(-1.0);
@@ -152,5 +152,5 @@ pub(crate) fn unpacked(words: &[u32; LANES]) -> Normals {
         py[i] = half(words[i] >> 16);
         weights[i] = if words[i] == NO_NORMAL { 0.0 } else { 1.0 };
     }
-    Normals { places: [px, py], weights }
+    UnpackedNormals { places: [px, py], weights }
 }

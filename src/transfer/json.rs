@@ -29,7 +29,7 @@ const MAX_BYTES: u64 = 4 << 20;
     deny_unknown_fields,
     expecting = "an object with the keys `points`, `unit_distance`, `gradient_opacity` and `classification`"
 )]
-struct Document<'a> {
+struct FunctionDocument<'a> {
     #[serde(default)]
     unit_distance: Option<f64>,
     #[serde(borrow)]
@@ -42,7 +42,7 @@ struct Document<'a> {
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields, expecting = "an object with the keys `value`, `color` and `opacity`")]
-struct Point {
+struct FunctionPoint {
     value: f64,
     color: Value,
     opacity: f64,
@@ -60,7 +60,7 @@ impl TransferFunction {
     /// [`Error::Transfer`] for malformed JSON, missing or unknown keys, wrong colours, and all that
     /// [`TransferFunction::new`] refuses. The message names the line and, inside a point, the point.
     pub fn from_json(text: &str) -> Result<Self> {
-        let document: Document<'_> = serde_json::from_str(text)
+        let document: FunctionDocument<'_> = serde_json::from_str(text)
             .map_err(|e| Error::Transfer(format!("line {} column {}: {}", e.line(), e.column(), fault(&e))))?;
         if document.points.len() > Self::MAX_POINTS {
             return Err(Self::wrong_count(document.points.len()));
@@ -74,7 +74,7 @@ impl TransferFunction {
             line += text[passed..start].bytes().filter(|&b| b == b'\n').count();
             passed = start;
             let error = |line: usize, reason: &str| Error::Transfer(format!("point {number} (line {line}): {reason}"));
-            let Point { value, color, opacity } =
+            let FunctionPoint { value, color, opacity } =
                 serde_json::from_str(raw.get()).map_err(|e| error(line + e.line() - 1, &fault(&e)))?;
             let color = channels(&color).ok_or_else(|| {
                 let expected = "expected \"#rrggbb\", a colour name of CSS or [red, green, blue] from 0 to 1";

@@ -1,5 +1,5 @@
-//! The structure of the crates: no files of a crate import each other in a circle, rooms import only lower rooms, and
-//! no room grows unnoticed.
+//! The structure of the crates: no files of a crate import each other in a circle, rooms import only lower rooms, no
+//! room grows unnoticed, and few names belong to several types.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -231,6 +231,9 @@ const LINES: [(&str, usize); 28] = [
 /// The same of all shaders, and the number of their files.
 const SHADERS: [usize; 2] = [4557, 79];
 
+/// The folders of the crates.
+const CRATES: [&str; 4] = ["", "crates/cli", "crates/volume", "python"];
+
 /// The lines of a source that have code.
 fn lines(source: &str) -> usize {
     code(source).lines().filter(|line| !line.trim().is_empty()).count()
@@ -239,7 +242,7 @@ fn lines(source: &str) -> usize {
 #[test]
 fn rooms_do_not_grow() {
     let mut rooms: BTreeMap<String, usize> = BTreeMap::new();
-    for crate_ in ["", "crates/cli", "crates/volume", "python"] {
+    for crate_ in CRATES {
         let mut found = BTreeMap::new();
         modules(&root().join(crate_).join("src"), &[], &mut found);
         for (module, source) in found {
@@ -274,6 +277,37 @@ fn texts(folder: &Path, found: &mut Vec<String>) {
             found.push(fs::read_to_string(path).unwrap());
         }
     }
+}
+
+/// The most names that several types have: a reader must guess which of the types such a name means.
+const SHARED_NAMES: usize = 26;
+
+/// The name of the type that a line without indentation defines.
+fn defined(line: &str) -> Option<&str> {
+    let line = match line.strip_prefix("pub(") {
+        Some(rest) => rest.split_once(") ")?.1,
+        None => line.strip_prefix("pub ").unwrap_or(line),
+    };
+    let name = ["struct ", "enum ", "trait "].iter().find_map(|keyword| line.strip_prefix(keyword))?;
+    name.split(|c: char| !c.is_alphanumeric()).next()
+}
+
+#[test]
+fn few_names_of_types_are_defined_twice() {
+    let mut places = BTreeMap::<String, Vec<String>>::new();
+    for crate_ in CRATES {
+        let mut found = BTreeMap::new();
+        modules(&root().join(crate_).join("src"), &[], &mut found);
+        for (module, source) in &found {
+            for name in source.lines().filter_map(defined) {
+                let path: Vec<&str> = [crate_].into_iter().chain(module.iter().map(String::as_str)).collect();
+                places.entry(name.to_owned()).or_default().push(path.join("::"));
+            }
+        }
+    }
+    places.retain(|_, places| places.len() > 1);
+    println!("{} names of several types", places.len());
+    assert!(places.len() <= SHARED_NAMES, "{} names have several types: {places:#?}", places.len());
 }
 
 #[test]

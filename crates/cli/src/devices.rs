@@ -12,7 +12,7 @@ use super::report::{self, Choices, NO_FILES};
 /// The printed list of adapters, best first: `--adapter '#N'` chooses the one at place N. Then the processor, for
 /// `--painter cpu`.
 #[derive(Serialize)]
-struct Listed {
+struct AdapterList {
     adapters: Vec<AdapterInfo>,
     cpu: AdapterInfo,
 }
@@ -26,7 +26,7 @@ pub(crate) fn run() -> Result<(), Failure> {
         output::say(&format!("note: {error}"));
     }
     if output::is_json() {
-        return report::print(Choices::default(), NO_FILES, Listed { adapters, cpu: HostRenderer::adapter() });
+        return report::print(Choices::default(), NO_FILES, AdapterList { adapters, cpu: HostRenderer::adapter() });
     }
     let width = adapters.iter().map(|a| a.name.chars().count()).max().unwrap_or(0);
     let line = |(index, a): (usize, &AdapterInfo)| {

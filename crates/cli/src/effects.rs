@@ -16,27 +16,27 @@ use super::given::{
 use super::lacking::{LACKING, QUADS};
 
 /// A condition that takes the effect from options.
-struct Rule {
+struct EffectRule {
     /// The long names of the options, parted by blanks; `tune:KEY` for a key of `--tune`.
     options: &'static str,
     holds: fn(&Given<'_>) -> bool,
-    kind: Kind,
+    kind: Consequence,
 }
 
 /// The consequence of a rule. The text follows the name of the option.
-enum Kind {
+enum Consequence {
     /// The option contradicts others.
     Refused(&'static str),
     /// The option is harmless.
     Noted(&'static str),
 }
 
-const fn refused(options: &'static str, holds: fn(&Given<'_>) -> bool, text: &'static str) -> Rule {
-    Rule { options, holds, kind: Kind::Refused(text) }
+const fn refused(options: &'static str, holds: fn(&Given<'_>) -> bool, text: &'static str) -> EffectRule {
+    EffectRule { options, holds, kind: Consequence::Refused(text) }
 }
 
-const fn idle(options: &'static str, holds: fn(&Given<'_>) -> bool, because: &'static str) -> Rule {
-    Rule { options, holds, kind: Kind::Noted(because) }
+const fn idle(options: &'static str, holds: fn(&Given<'_>) -> bool, because: &'static str) -> EffectRule {
+    EffectRule { options, holds, kind: Consequence::Noted(because) }
 }
 
 /// The options that always have an effect, or that `clap` (`conflicts_with`), the library (`Settings::validate`,
@@ -52,7 +52,7 @@ const IS_ONE_FILE: &str = "because the volume is one file: only folders and TIFF
 const IS_NO_DICOM: &str = "because only folders of DICOM files hold series";
 
 /// The rules, by groups of options. If several rules apply to an option, the first counts.
-const RULES: &[Rule] = &[
+const RULES: &[EffectRule] = &[
     // Input.
     idle("endian", |given| given.is("type", "u8") || given.is("type", "i8"), "because the samples are single bytes"),
     idle("series", |given| given.reads_one_file() && !given.reads_tiff(), IS_ONE_FILE),
@@ -198,7 +198,7 @@ pub(crate) fn noted(command: &Command, lines: Vec<&ArgMatches>) -> Result<Vec<St
             refusals.push(format!("--{}{text}", option.replace(':', " ")));
         }
     }
-    for Rule { options, holds, kind } in RULES {
+    for EffectRule { options, holds, kind } in RULES {
         for option in options.split(' ').filter(|option| given.sets(option)) {
             if seen.contains(&option) || !holds(given) {
                 continue;
@@ -206,8 +206,8 @@ pub(crate) fn noted(command: &Command, lines: Vec<&ArgMatches>) -> Result<Vec<St
             seen.push(option);
             let option = option.replace(':', " ");
             match kind {
-                Kind::Refused(text) => refusals.push(format!("--{option}{text}")),
-                Kind::Noted(because) => notes.push(format!("note: --{option} has no effect {because}")),
+                Consequence::Refused(text) => refusals.push(format!("--{option}{text}")),
+                Consequence::Noted(because) => notes.push(format!("note: --{option} has no effect {because}")),
             }
         }
     }
@@ -247,7 +247,7 @@ mod tests {
         let program = args::built();
         let turntable = program.find_subcommand("turntable").unwrap();
         let of_rules = RULES.iter().map(|rule| match rule.kind {
-            Kind::Refused(text) | Kind::Noted(text) => text,
+            Consequence::Refused(text) | Consequence::Noted(text) => text,
         });
         let all = of_rules.chain(LACKING.iter().map(|&(_, _, text)| text));
         let words = all.flat_map(|text| text.split([' ', ',', ':', ';', ')']));

@@ -16,7 +16,7 @@ use super::args::InfoArgs;
 use super::failure::Failure;
 use super::layers::Listed;
 use super::options::{OptionValues, quoted};
-use super::progress::Progress;
+use super::progress::ProgressLine;
 use super::report::{self, Choices, NO_FILES};
 use super::session::say_level;
 use super::{histogram, layers, output};
@@ -74,7 +74,7 @@ struct Info {
     /// The described channel.
     channel: u32,
     /// The names, colours and windows that the file states for its channels.
-    labels: Vec<Label>,
+    labels: Vec<ChannelLabel>,
     /// Properties of the file that the volume could not keep.
     notes: Vec<String>,
     /// The command line that renders the volume; `None` if it needs a transfer function that the user must write.
@@ -83,7 +83,7 @@ struct Info {
 
 /// The labels of a volume, as JSON.
 #[derive(Serialize)]
-struct Labels {
+struct LabelList {
     labels: Vec<Listed>,
 }
 
@@ -96,7 +96,7 @@ struct Several {
 
 /// The name, colour and window that the file states for a channel.
 #[derive(Serialize)]
-struct Label {
+struct ChannelLabel {
     name: Option<String>,
     /// The colour of the channel as #rrggbb.
     color: Option<String>,
@@ -112,7 +112,7 @@ struct Orientation {
     oblique: f64,
 }
 
-impl Label {
+impl ChannelLabel {
     fn of(channel: &Channel) -> Self {
         let color = channel.color.map(|[r, g, b]| format!("#{r:02x}{g:02x}{b:02x}"));
         Self { name: channel.name.clone(), color, window: channel.window }
@@ -158,7 +158,7 @@ pub(crate) fn run(args: &InfoArgs, options: &[OptionValues]) -> Result<(), Failu
             output::say("note: so many labels may be grey values, which info describes without --labels");
         }
         return match output::is_json() {
-            true => report::print(Choices::default(), NO_FILES, Labels { labels: listed }),
+            true => report::print(Choices::default(), NO_FILES, LabelList { labels: listed }),
             false => layers::print(&listed, unit.as_deref()),
         };
     }
@@ -171,7 +171,7 @@ pub(crate) fn run(args: &InfoArgs, options: &[OptionValues]) -> Result<(), Failu
         let level = if args.input.pyramid.is_none() { PyramidLevel::Pixels(pixels) } else { load.level };
         let Some(volume) = loaded(args, &LoadOptions { channel, level, ..load })? else { return Ok(()) };
         say_level(&volume, &load);
-        let _progress = Progress::spinner("reading");
+        let _progress = ProgressLine::spinner("reading");
         let statistics = Statistics::of(&volume)?;
         (volume, statistics)
     };
@@ -189,7 +189,7 @@ const MANY: usize = 256;
 fn loaded(args: &InfoArgs, load: &LoadOptions) -> Result<Option<Volume>, Failure> {
     let source = &args.input.source;
     let read = {
-        let _progress = Progress::spinner("reading");
+        let _progress = ProgressLine::spinner("reading");
         formats::load(source, load)
     };
     match read {
@@ -290,7 +290,7 @@ impl Info {
             level: contents.level,
             channels: contents.channels,
             channel: contents.channel,
-            labels: contents.labels.iter().map(Label::of).collect(),
+            labels: contents.labels.iter().map(ChannelLabel::of).collect(),
             notes: contents.notes.clone(),
             command: fits.then(|| command(source, options, preset)),
         })

@@ -66,7 +66,7 @@ pub(crate) struct RenderJob {
     pub(crate) reduced: bool,
     /// The sections around the picture.
     pub(crate) sections: Option<Sections>,
-    pub(crate) accuracy: Accuracy,
+    pub(crate) accuracy: ErrorBound,
 }
 
 /// Choices that the arguments leave open.
@@ -122,7 +122,7 @@ pub(crate) struct FigureJob {
 
 /// The bound on the error of a picture, and its check.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Accuracy {
+pub(crate) struct ErrorBound {
     pub(crate) max_error: Option<f64>,
     pub(crate) verify: bool,
     /// The number of pixels to trace for the bound or its check.
@@ -214,7 +214,7 @@ impl RenderJob {
             figure: FigureJob { drawn: figure, legend, units },
             reduced: false,
             sections: None,
-            accuracy: Accuracy { max_error: args.max_error, verify: args.verify, sample: tuning.sample },
+            accuracy: ErrorBound { max_error: args.max_error, verify: args.verify, sample: tuning.sample },
         })
     }
 }

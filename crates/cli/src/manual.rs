@@ -44,14 +44,14 @@ const WITH_FILES: &str = "transfer";
 
 /// The text of a script or a page.
 #[derive(Serialize)]
-struct Text {
+struct ManualText {
     text: String,
 }
 
 fn print(text: Vec<u8>) -> Result<(), Failure> {
     if output::is_json() {
         let text = String::from_utf8_lossy(&text).into_owned();
-        return report::print(Choices::default(), NO_FILES, Text { text });
+        return report::print(Choices::default(), NO_FILES, ManualText { text });
     }
     output::print_bytes(&text)
 }

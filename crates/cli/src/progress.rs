@@ -17,9 +17,9 @@ const SPINNER: &str = "{spinner} {msg} {elapsed}";
 const STEPS: u64 = 1000;
 
 /// A bar or spinner that disappears when it is dropped.
-pub(crate) struct Progress(ProgressBar);
+pub(crate) struct ProgressLine(ProgressBar);
 
-impl Progress {
+impl ProgressLine {
     fn new(bar: ProgressBar, template: &str, what: &'static str) -> Self {
         if is_quiet() || !stderr().is_terminal() {
             return Self(ProgressBar::hidden());
@@ -69,7 +69,7 @@ pub(crate) fn fetched(bytes: u64, fraction: f64) {
     bar.set_message(if is_done { "reading".to_owned() } else { format!("fetching {}", HumanBytes(bytes)) });
 }
 
-impl Drop for Progress {
+impl Drop for ProgressLine {
     fn drop(&mut self) {
         READING.lock().unwrap_or_else(PoisonError::into_inner).take_if(|bar| bar.prefix() == self.0.prefix());
         self.0.finish_and_clear();
@@ -78,7 +78,7 @@ impl Drop for Progress {
 
 /// Returns the callback for the progress of the library: one bar at a time, for the current work.
 pub(crate) fn reporter() -> voxsplat::progress::Progress {
-    let shown: Mutex<Option<(&'static str, Progress)>> = Mutex::new(None);
+    let shown: Mutex<Option<(&'static str, ProgressLine)>> = Mutex::new(None);
     voxsplat::progress::Progress::new(move |doing, fraction| {
         let mut shown = shown.lock().unwrap_or_else(PoisonError::into_inner);
         if fraction >= 1.0 {
@@ -86,7 +86,7 @@ pub(crate) fn reporter() -> voxsplat::progress::Progress {
             return;
         }
         let current = shown.take().filter(|(what, _)| *what == doing);
-        let (_, bar) = shown.insert(current.unwrap_or_else(|| (doing, Progress::bar(doing))));
+        let (_, bar) = shown.insert(current.unwrap_or_else(|| (doing, ProgressLine::bar(doing))));
         bar.0.set_position((fraction.max(0.0) * STEPS as f64) as u64);
     })
 }
@@ -96,7 +96,7 @@ const RECENT: usize = 12;
 
 /// A bar for steps of unlike times, with the current step.
 pub(crate) struct Remaining {
-    bar: Progress,
+    bar: ProgressLine,
     steps: usize,
     /// The times at which the last steps began, the oldest first, with the numbers of steps that were done then.
     begun: RefCell<VecDeque<(Instant, usize)>>,
@@ -107,7 +107,7 @@ impl Remaining {
     pub(crate) fn new(what: &'static str, steps: usize) -> Self {
         let bar = ProgressBar::new(steps as u64);
         let template = "{spinner} {prefix} {wide_bar} {pos}/{len} {elapsed}{msg}";
-        let bar = Progress::new(bar, template, what);
+        let bar = ProgressLine::new(bar, template, what);
         bar.0.set_message("");
         Self { bar, steps, begun: RefCell::default() }
     }

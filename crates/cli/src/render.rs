@@ -101,7 +101,7 @@ fn report(
             overlays,
             stages: stages.0,
         };
-        return print_stats(result, Errors::default(), job.output.stats, &stats, |stats| {
+        return print_stats(result, TracedErrors::default(), job.output.stats, &stats, |stats| {
             let times: String = stats
                 .stages
                 .iter()
@@ -119,7 +119,7 @@ fn report(
     let verified = job.accuracy.verify.then(|| verify(&image, layers, &camera, &settings, job)).transpose()?;
     let broken = verified.filter(|verified| job.accuracy.max_error.is_some_and(|bound| verified.interval[0] > bound));
     let result = (choices(&settings, stats.painter.name()), job.output.files());
-    let errors = Errors { estimate, verified };
+    let errors = TracedErrors { estimate, verified };
     let stats = RenderStats { stats, overlays, errors };
     print_stats(result, errors, job.output.stats, &stats, RenderStats::to_text)?;
     match (broken, job.accuracy.max_error) {
@@ -136,12 +136,12 @@ struct RenderStats {
     #[serde(skip_serializing_if = "Vec::is_empty")]
     overlays: Vec<PlacedOverlay>,
     #[serde(flatten)]
-    errors: Errors,
+    errors: TracedErrors,
 }
 
 /// Errors of a picture by traced pixels.
 #[derive(Serialize, Default, Clone, Copy)]
-pub(crate) struct Errors {
+pub(crate) struct TracedErrors {
     /// The error by the pixels that chose the settings.
     #[serde(skip_serializing_if = "Option::is_none")]
     estimate: Option<Estimate>,
@@ -182,7 +182,7 @@ fn verify(
 #[derive(Serialize)]
 struct Measured<'a, S> {
     #[serde(flatten)]
-    errors: Errors,
+    errors: TracedErrors,
     #[serde(skip_serializing_if = "Option::is_none")]
     stats: Option<&'a S>,
 }
@@ -190,7 +190,7 @@ struct Measured<'a, S> {
 /// Prints statistics if they are requested; with `--json` choices, files and errors too.
 pub(crate) fn print_stats<S: Serialize>(
     (choices, files): (Choices, Vec<PathBuf>),
-    errors: Errors,
+    errors: TracedErrors,
     format: Option<StatsFormat>,
     stats: &S,
     table: impl FnOnce(&S) -> String,

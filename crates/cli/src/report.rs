@@ -16,7 +16,7 @@ use super::output;
 
 /// The JSON object of a command. The keys of `result` are the command's own.
 #[derive(Serialize)]
-struct Report<C, R> {
+struct CommandReport<C, R> {
     /// The version of the program.
     version: &'static str,
     choices: C,
@@ -34,12 +34,12 @@ pub(crate) struct Choices {
     /// The classification of voxels of values; `None`: there are none, or the transfer function is not known.
     pub(crate) classification: Option<Classification>,
     #[serde(flatten)]
-    pub(crate) look: Option<Look>,
+    pub(crate) look: Option<PictureLook>,
 }
 
 /// The look of a picture: light, kernel, view and painter.
 #[derive(Serialize)]
-pub(crate) struct Look {
+pub(crate) struct PictureLook {
     /// The lights in the spelling of `--light`; none: unlit.
     light: Vec<String>,
     sharpness: f64,
@@ -90,12 +90,12 @@ impl Choices {
             classification: fitted
                 .filter(|fitted| !fitted.labels)
                 .and_then(|fitted| classification(&fitted.transfer, settings)),
-            look: Some(Look::new(settings, light, (&job.view, job.frame), painter)),
+            look: Some(PictureLook::new(settings, light, (&job.view, job.frame), painter)),
         }
     }
 }
 
-impl Look {
+impl PictureLook {
     pub(crate) fn new(
         settings: &Settings,
         light: Vec<String>,
@@ -141,7 +141,7 @@ pub(crate) fn print<P: AsRef<Path>>(
         return Ok(());
     }
     let outputs = outputs.into_iter().map(|path| path.as_ref().to_string_lossy().into_owned()).collect();
-    output::print_json(&Report { version: env!("CARGO_PKG_VERSION"), choices, outputs, result })
+    output::print_json(&CommandReport { version: env!("CARGO_PKG_VERSION"), choices, outputs, result })
 }
 
 /// The files of a command that writes none.

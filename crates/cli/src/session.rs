@@ -29,7 +29,7 @@ use super::draw::{Prepared, draw, in_words, notes, with_units};
 use super::failure::{Failure, fail, refuse};
 use super::fitted::{Fitted, transfer};
 use super::job::{Maker, NO_LEGEND, RenderJob};
-use super::progress::{self, Progress, Remaining};
+use super::progress::{self, ProgressLine, Remaining};
 use super::solids::HeldSolids;
 use super::stages::Stages;
 use super::{layers, output};
@@ -147,7 +147,7 @@ impl Session {
         if matches!(job.maker, Maker::Engine { .. }) {
             Engine::check_memory()?;
         }
-        let progress = Progress::spinner("reading");
+        let progress = ProgressLine::spinner("reading");
         // Opening the driver takes about as long as reading a small volume, so both run at once.
         let (read, opened) = std::thread::scope(|scope| {
             let adapter = match &job.maker {

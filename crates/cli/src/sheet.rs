@@ -21,7 +21,7 @@ use super::{output, scene};
 
 /// The result of a sheet as JSON.
 #[derive(Serialize)]
-struct Drawn {
+struct SheetReport {
     version: &'static str,
     /// Each volume has choices of its own.
     choices: serde_json::Map<String, serde_json::Value>,
@@ -102,7 +102,7 @@ pub(crate) fn run(args: SheetArgs, line: (&Command, &ArgMatches)) -> Result<(), 
     let (bad, all) = (failed.len(), volumes.len());
     if output::is_json() {
         let (version, choices) = (env!("CARGO_PKG_VERSION"), serde_json::Map::new());
-        output::print_json(&Drawn { version, choices, volumes: drawn, failed, outputs })?;
+        output::print_json(&SheetReport { version, choices, volumes: drawn, failed, outputs })?;
     }
     if bad > 0 { fail(format!("{bad} of {all} volumes cannot be drawn")) } else { Ok(()) }
 }

@@ -25,7 +25,7 @@ use super::job::RenderJob;
 use super::options::{file_name, quoted, words};
 use super::parse::TimeArg;
 use super::progress::Remaining;
-use super::render::{Errors, print_stats};
+use super::render::{TracedErrors, print_stats};
 use super::report::Choices;
 use super::session::Session;
 use super::stages::Stages;
@@ -62,14 +62,14 @@ enum FilmTarget {
 
 /// The course of the view over the frames.
 #[derive(Debug)]
-enum Course {
+enum ViewCourse {
     /// A turn of the eye, in degrees.
     Turn(f64),
     /// Key frames in the order of frames.
     Keys(Vec<KeyFrame>),
 }
 
-impl Course {
+impl ViewCourse {
     /// Returns the views of frames, beginning with the first.
     fn views(&self, first: &View, frames: u32) -> Vec<View> {
         match self {
@@ -88,7 +88,7 @@ impl Course {
 pub(crate) struct TurntableJob {
     /// The first frame, without a destination of its own.
     first: RenderJob,
-    course: Course,
+    course: ViewCourse,
     /// The number of frames, unless it depends on the file.
     frames: Option<u32>,
     /// The time points that frames go through, if there are several.
@@ -217,8 +217,8 @@ impl TurntableJob {
             Some(_) => None,
         });
         let course = match &key_frames {
-            Some(path) => Course::Keys(read_key_frames(path)?),
-            None => Course::Turn(turn),
+            Some(path) => ViewCourse::Keys(read_key_frames(path)?),
+            None => ViewCourse::Turn(turn),
         };
         let command = format!("voxsplat turntable {}", command_line(&words(line, &[], file_name)));
         let part = part.unwrap_or([1, 1]);
@@ -306,7 +306,7 @@ pub(crate) fn run(job: TurntableJob) -> Result<(), Failure> {
         let files = files.into_iter().chain(first.output.transfer.clone().filter(|_| frames > 0)).collect();
         print_stats(
             (choices, files),
-            Errors::default(),
+            TracedErrors::default(),
             first.output.stats,
             &Totals::new(frames, size, start),
             Totals::to_text,

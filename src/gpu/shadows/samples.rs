@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::{Buffers, Job, fits, planned, stage};
+use super::{Buffers, ShadowJob, fits, planned, stage};
 use crate::camera::clip::Side;
 use crate::error::Result;
 use crate::gpu::cache::Cache;
@@ -66,7 +66,7 @@ pub(crate) fn run_on_samples(
         return Ok(None);
     }
     let is_filled = held.is_some();
-    let job = Job::new(context, pipelines, plans, held)?;
+    let job = ShadowJob::new(context, pipelines, plans, held)?;
     let stages = SampleStages::of(pipelines, context, unlit.sampled)?;
     let mut recorder = Recorder::untimed(context);
     if !is_filled {
@@ -99,7 +99,7 @@ pub(crate) fn run_on_samples(
     Ok(Some((unlit.sampled.under(kept), job.buffers())))
 }
 
-impl Job<'_> {
+impl ShadowJob<'_> {
     /// Records a stage over all samples. `written` returns the buffer that it writes for a buffer of samples, given the
     /// number of the latter; `others` are further buffers that it reads.
     fn each_dispatch(

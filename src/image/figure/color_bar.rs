@@ -39,7 +39,7 @@ pub(super) fn room(height: f64, em: f64) -> f64 {
 }
 
 /// The places of a bar and its labels.
-struct Layout {
+struct BarLayout {
     range: [f64; 2],
     labels: Vec<(f64, String)>,
     /// The edges of the bar, and its height, pixels.
@@ -53,7 +53,7 @@ struct Layout {
     densest: f64,
 }
 
-impl Layout {
+impl BarLayout {
     /// Places a bar with its labels at the right of the area between two corners, in the middle of its height.
     fn new(font: &Font, values: Values<'_>, em: f64, [least, most]: [DVec2; 2]) -> Result<Self> {
         let Values { transfer, data } = values;
@@ -74,7 +74,7 @@ impl Layout {
 
 /// Returns the left end of a bar that is drawn in an area, with a little space beside it.
 pub(super) fn left_end(font: &Font, values: Values<'_>, em: f64, area: [DVec2; 2]) -> Result<f64> {
-    let layout = Layout::new(font, values, em, area)?;
+    let layout = BarLayout::new(font, values, em, area)?;
     let text = if layout.wide > 0.0 { font.width(&curve_text(layout.densest), CURVE_TEXT * em) } else { 0.0 };
     Ok((layout.left - layout.wide).min(area[1].x - text) - 0.5 * em)
 }
@@ -94,8 +94,8 @@ fn curve_text(densest: f64) -> String {
 pub(super) fn draw(canvas: &mut Canvas, values: Values<'_>, unit: Option<&str>, area: [DVec2; 2]) -> Result<()> {
     let transfer = values.transfer;
     let (em, [_, most]) = (canvas.em, area);
-    let Layout { range: [low, high], labels, left, right, top, tall, wide, densest } =
-        Layout::new(&canvas.font, values, em, area)?;
+    let BarLayout { range: [low, high], labels, left, right, top, tall, wide, densest } =
+        BarLayout::new(&canvas.font, values, em, area)?;
 
     // The curve of opacity, to the left; the largest opacity is as far from the bar as the panel is wide.
     let rows = tall as u32;

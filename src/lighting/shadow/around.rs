@@ -10,9 +10,9 @@ use glam::DVec3;
 use pulp::Arch;
 use rayon::prelude::*;
 
-use super::field::{Field, LANES, Planes, Shares};
-use super::lanes::Lanes;
-use super::response::{Response, filter};
+use super::field::{ExtinctionBox, LANES, RowPlanes, Shares};
+use super::lanes::RowLanes;
+use super::response::{SweepResponse, filter};
 use super::sweep::nearest;
 use super::{ShadowLattice, all_around};
 use crate::error::Result;
@@ -42,7 +42,7 @@ pub(super) fn filter_of(lattice: &ShadowLattice) -> Vec<f64> {
 /// `weights`.
 pub(super) fn rays(
     lattice: &ShadowLattice,
-    response: &Response,
+    response: &SweepResponse,
     weights: &[f64],
     [bias, radius]: [f64; 2],
 ) -> Vec<Ray> {
@@ -59,12 +59,12 @@ pub(super) fn rays(
 /// Returns the light that arrives at each voxel of a field from all around, 65535 for all of it, if occluders from the
 /// bias to `radius` count (voxels).
 pub(super) fn arriving(
-    field: &Field,
+    field: &ExtinctionBox,
     lattice: &ShadowLattice,
-    response: &Response,
+    response: &SweepResponse,
     [bias, radius]: [f64; 2],
 ) -> Result<Shares> {
-    let planes = Planes::across(2, field.size);
+    let planes = RowPlanes::across(2, field.size);
     let weights = filter_of(lattice);
     let single: Vec<f32> = weights.iter().map(|&w| w as f32).collect();
     let filtered = field.filtered(planes, [&single, &single])?;
@@ -81,8 +81,8 @@ pub(super) fn arriving(
 
 /// The light of a row of voxels, as a type so that it is compiled for the widest vectors of the machine.
 struct RowSum<'a> {
-    field: &'a Field,
-    filtered: &'a Field,
+    field: &'a ExtinctionBox,
+    filtered: &'a ExtinctionBox,
     rays: &'a [Ray],
     /// The y and the z of the row.
     at: [usize; 2],
@@ -95,7 +95,7 @@ impl pulp::WithSimd for RowSum<'_> {
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(self, simd: S) {
         let Self { field, filtered, rays, at, out } = self;
-        let planes = Planes::across(2, field.size);
+        let planes = RowPlanes::across(2, field.size);
         let row = planes.row(at[1], at[0]);
         // The points of all rays in the field, ray after ray: the values for all columns, and the weights.
         let mut points = Vec::with_capacity(256);
@@ -113,20 +113,20 @@ impl pulp::WithSimd for RowSum<'_> {
         }
         let mut lights = [0.0; LANES];
         let runs = field.runs(std::iter::once(row));
-        for (start, end) in runs.flat_map(|run| run.clone().step_by(Lanes::<S>::COUNT).map(move |at| (at, run.end))) {
-            let mut light = Lanes::new(simd, 0.0);
+        for (start, end) in runs.flat_map(|run| run.clone().step_by(RowLanes::<S>::COUNT).map(move |i| (i, run.end))) {
+            let mut light = RowLanes::new(simd, 0.0);
             let mut first = 0;
             for (share, end) in ends {
-                let mut sums = Lanes::new(simd, 0.0);
+                let mut sums = RowLanes::new(simd, 0.0);
                 for (values, weight) in &points[first..end] {
-                    sums = sums.plus(simd, *weight, Lanes::load(&values[start..]));
+                    sums = sums.plus(simd, *weight, RowLanes::load(&values[start..]));
                 }
                 light = light.plus(simd, share, sums.transmitted(simd));
                 first = end;
             }
             light.store(&mut lights);
             let count = end - start;
-            for (out, light) in out[start..].iter_mut().zip(&lights).take(count.min(Lanes::<S>::COUNT)) {
+            for (out, light) in out[start..].iter_mut().zip(&lights).take(count.min(RowLanes::<S>::COUNT)) {
                 // Half of the surroundings of a point on a plane lie behind the plane.
                 *out.get_mut() = nearest((2.0 * light).min(1.0) * 65_535.0);
             }
@@ -136,7 +136,7 @@ impl pulp::WithSimd for RowSum<'_> {
 
 /// Returns the weights of the points of a ray from a lattice point along `step`, the point itself first, between two
 /// distances in voxels, in units of the divisor of kernels, for a field filtered with `filter`.
-fn weights_along(response: &Response, filter: &[f64], step: [f64; 3], between: [f64; 2]) -> Vec<f64> {
+fn weights_along(response: &SweepResponse, filter: &[f64], step: [f64; 3], between: [f64; 2]) -> Vec<f64> {
     let step = DVec3::from_array(step);
     let along = step.normalize();
     let reach = filter.len() as i32 - 1;

@@ -7,11 +7,11 @@ use std::ops::Range;
 use glam::DVec3;
 use pulp::Arch;
 
-use self::converging::Converging;
+use self::converging::PlaceRays;
 use super::{DARK, ShadowLattice, Shares, all_around};
 use crate::error::Result;
 use crate::kernel::{Kernel, Real, section_by};
-use crate::lighting::{Casting, MAX_CASTING, Origin};
+use crate::lighting::{Casting, LightOrigin, MAX_CASTING};
 use voxsplat_volume::memory::reserved;
 
 /// Number of planes of the lattice that are summed between two checks for darkness.
@@ -78,7 +78,7 @@ impl<T: Real> Medium<T> {
 
     /// Sums the optical depths of rows of `N` voxels side by side. Depths above [`DARK`] are not exact; unwanted voxels
     /// get an arbitrary depth above it.
-    fn depths<const N: usize>(&self, ray: &Ray<T>, block: &ShadowBlock<'_>, depths: &mut Vec<[T; N]>) {
+    fn depths<const N: usize>(&self, ray: &RayTaps<T>, block: &ShadowBlock<'_>, depths: &mut Vec<[T; N]>) {
         depths.clear();
         let begin = |bits: u32, i: usize| if bits >> i & 1 != 0 { T::default() } else { T::from_f64(f64::INFINITY) };
         depths.extend(block.wanted.iter().map(|&bits| std::array::from_fn(|i| begin(bits, i))));
@@ -100,7 +100,7 @@ pub(crate) struct ShadowBlock<'a> {
 /// The sum along a ray, as a type so that it is compiled for the widest vectors of the machine.
 struct RaySum<'a, T, const N: usize> {
     medium: &'a Medium<T>,
-    ray: &'a Ray<T>,
+    ray: &'a RayTaps<T>,
     block: &'a ShadowBlock<'a>,
     depths: &'a mut [[T; N]],
 }
@@ -159,7 +159,7 @@ impl<T: Real, const N: usize> pulp::WithSimd for RaySum<'_, T, N> {
 }
 
 /// The offsets and weights of a direction, nearest first.
-struct Ray<T> {
+struct RayTaps<T> {
     taps: Vec<([i32; 3], T)>,
     chunks: Vec<Chunk>,
     /// The weight of the ray in the mean over the rays of a light.
@@ -173,7 +173,7 @@ struct Chunk {
     high: [i32; 3],
 }
 
-impl<T: Real> Ray<T> {
+impl<T: Real> RayTaps<T> {
     /// Makes the ray along the unit lattice direction `along`, between two distances in voxels, in a lattice of `dims`
     /// points. Weights are sections times `scale`.
     fn new(kernel: &Kernel, dims: [usize; 3], along: DVec3, between: [f64; 2], scale: f64, share: f64) -> Self {
@@ -228,16 +228,16 @@ impl<T: Real> Ray<T> {
 /// The rays from voxels towards the lights.
 pub(crate) struct Caster<T> {
     /// The rays of each light, then of the ambient light.
-    rays: [LightRays<T>; MAX_CASTING + 1],
+    rays: [ExactRays<T>; MAX_CASTING + 1],
     strength: f64,
 }
 
 /// The rays towards a light.
-enum LightRays<T> {
+enum ExactRays<T> {
     /// Rays in the same directions from every voxel; none: the full light arrives.
-    Along(Vec<Ray<T>>),
+    Along(Vec<RayTaps<T>>),
     /// Rays to a place.
-    To(Converging),
+    To(PlaceRays),
 }
 
 impl<T: Real> Caster<T> {
@@ -247,25 +247,25 @@ impl<T: Real> Caster<T> {
         let bias = casting.bias / voxels;
         let ray = |along: DVec3, reach: f64, share: f64| {
             let between = [bias.min(reach), reach];
-            Ray::new(kernel, *dims, along, between, (*to_world * along).length() / unit / divisor, share)
+            RayTaps::new(kernel, *dims, along, between, (*to_world * along).length() / unit / divisor, share)
         };
         let to_lattice = to_world.inverse();
-        let mut rays = [const { LightRays::Along(Vec::new()) }; MAX_CASTING + 1];
+        let mut rays = [const { ExactRays::Along(Vec::new()) }; MAX_CASTING + 1];
         for (rays, origin) in rays.iter_mut().zip(&casting.lights) {
             *rays = match origin {
-                Origin::Directions(towards) => {
+                LightOrigin::Directions(towards) => {
                     let share = 1.0 / towards.len().max(1) as f64;
                     let ray = |&towards: &DVec3| ray((to_lattice * towards).normalize(), far, share);
-                    LightRays::Along(towards.iter().map(ray).collect())
+                    ExactRays::Along(towards.iter().map(ray).collect())
                 }
-                &Origin::Point(place) => {
-                    LightRays::To(Converging::new(lattice.to_lattice.transform_point3(place), lattice, bias))
+                &LightOrigin::Point(place) => {
+                    ExactRays::To(PlaceRays::new(lattice.to_lattice.transform_point3(place), lattice, bias))
                 }
             };
         }
         if let Some(radius) = casting.occlusion {
             let around = all_around().map(|(along, share)| ray(along, radius / voxels, share));
-            rays[MAX_CASTING] = LightRays::Along(around.collect());
+            rays[MAX_CASTING] = ExactRays::Along(around.collect());
         }
         Self { rays, strength: casting.strength }
     }
@@ -280,8 +280,8 @@ impl<T: Real> Caster<T> {
             means.clear();
             means.resize(block.wanted.len(), [0.0; N]);
             match rays {
-                LightRays::Along(rays) if rays.is_empty() => continue,
-                LightRays::Along(rays) => {
+                ExactRays::Along(rays) if rays.is_empty() => continue,
+                ExactRays::Along(rays) => {
                     for ray in rays {
                         medium.depths::<N>(ray, block, &mut depths);
                         for (mean, depth) in means.as_flattened_mut().iter_mut().zip(depths.as_flattened()) {
@@ -289,7 +289,7 @@ impl<T: Real> Caster<T> {
                         }
                     }
                 }
-                LightRays::To(place) => {
+                ExactRays::To(place) => {
                     let [x, y, z] = block.start;
                     let wanted = (0..block.wanted.len()).flat_map(|row| (0..N).map(move |i| (row, i)));
                     let voxel = |&(row, i): &(usize, usize)| [x + i, y + row % block.down, z + row / block.down];
@@ -333,7 +333,7 @@ mod tests {
 
     fn towards(lights: [DVec3; MAX_CASTING]) -> Casting {
         Casting {
-            lights: lights.map(|light| Origin::Directions(vec![light])),
+            lights: lights.map(|light| LightOrigin::Directions(vec![light])),
             strength: 1.0,
             bias: 0.0,
             occlusion: None,
@@ -391,7 +391,7 @@ mod tests {
             for (light, bias) in [([-3.0, 16.0, 4.5], 0.0), ([8.2, 6.0, 4.1], 0.5)] {
                 let light = grid.to_world().transform_point3(DVec3::from_array(light));
                 let mut casting = Casting { bias, ..towards(lights) };
-                casting.lights[0] = Origin::Point(light);
+                casting.lights[0] = LightOrigin::Point(light);
                 let exact = row::<_, 19>(&Caster::new(&casting, &lattice), &media.0, [0, 6, 4]);
                 let rounded = row::<_, 19>(&Caster::new(&casting, &lattice), &media.1, [0, 6, 4]);
                 for (x, share) in [exact, rounded].iter().flat_map(|shares| shares[0].iter().enumerate()) {

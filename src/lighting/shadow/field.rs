@@ -17,7 +17,7 @@ pub(super) const LANES: usize = 32;
 pub(crate) const CLIPPED: f32 = 1e-30;
 
 /// Extinctions in a box, x fastest, with zeros at both ends of a row.
-pub(super) struct Field {
+pub(super) struct ExtinctionBox {
     /// Numbers of voxels along x, y and z.
     pub(super) size: [usize; 3],
     /// The number of zeros at either end of a row.
@@ -70,7 +70,7 @@ fn give_back<T>(spare: &Mutex<Vec<Vec<T>>>, values: &mut Vec<T>) {
     spare.lock().unwrap_or_else(PoisonError::into_inner).push(std::mem::take(values));
 }
 
-impl Drop for Field {
+impl Drop for ExtinctionBox {
     fn drop(&mut self) {
         give_back(&self.spare.fields, &mut self.values);
     }
@@ -84,7 +84,7 @@ impl Drop for Shares {
 
 /// The rows of a field as planes across an axis other than x.
 #[derive(Clone, Copy)]
-pub(super) struct Planes {
+pub(super) struct RowPlanes {
     pub(super) planes: usize,
     /// The number of rows of a plane.
     pub(super) rows: usize,
@@ -93,7 +93,7 @@ pub(super) struct Planes {
     is_inner: bool,
 }
 
-impl Planes {
+impl RowPlanes {
     /// Returns the planes of a box across y (1) or z (2).
     pub(super) fn across(axis: usize, [columns, ny, nz]: [usize; 3]) -> Self {
         if axis == 1 {
@@ -135,7 +135,7 @@ impl Planes {
     }
 }
 
-impl Field {
+impl ExtinctionBox {
     /// Allocates an empty field.
     ///
     /// # Errors
@@ -245,7 +245,7 @@ impl Field {
 
     /// Filters the field with symmetric weights, the middle one first: across planes, and within planes along both
     /// axes.
-    pub(super) fn filtered(&self, planes: Planes, [across, within]: [&[f32]; 2]) -> Result<Self> {
+    pub(super) fn filtered(&self, planes: RowPlanes, [across, within]: [&[f32]; 2]) -> Result<Self> {
         let mut filtered = Self::beside(&self.spare, self.size, self.pad)?;
         let block = self.block();
         let (pitch, reach) = (self.pitch(), within.len() - 1);
@@ -331,7 +331,7 @@ pub(super) fn hull(a: Range<usize>, b: Range<usize>) -> Range<usize> {
     }
 }
 
-/// Adds planes across x, with rows along y as [`Field::turned`] makes them, to rows along x.
+/// Adds planes across x, with rows along y as [`ExtinctionBox::turned`] makes them, to rows along x.
 pub(super) fn turned_back(turned: &[AtomicU16], [nx, ny, nz]: [usize; 3], out: &[AtomicU16]) {
     /// The number of rows that are written together.
     const TOGETHER: usize = 32;

@@ -11,9 +11,9 @@ const VECTORS: usize = 4;
 
 /// A number for each of several voxels of a row.
 #[derive(Clone, Copy)]
-pub(super) struct Lanes<S: Simd>([S::f32s; VECTORS]);
+pub(super) struct RowLanes<S: Simd>([S::f32s; VECTORS]);
 
-impl<S: Simd> Lanes<S> {
+impl<S: Simd> RowLanes<S> {
     /// The number of voxels side by side.
     pub(super) const COUNT: usize = VECTORS * S::F32_LANES;
 

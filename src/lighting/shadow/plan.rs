@@ -3,7 +3,7 @@
 
 use glam::DVec3;
 
-use super::response::{Response, StencilRow};
+use super::response::{StencilRow, SweepResponse};
 use super::sweep::{Direction, NearPlace, Pyramid, parallel_planes};
 use super::{Bundle, LightRays, LitBox, ShadowLattice, around, axes_across, strict_across};
 use crate::lighting::Casting;
@@ -15,7 +15,7 @@ pub(crate) const TABLE: [u32; 2] = [super::response::ROWS, super::response::TERM
 /// The plans of lights on a box of voxels.
 pub(crate) struct LightPlans {
     lit: LitBox,
-    response: Response,
+    response: SweepResponse,
 }
 
 /// The stages that find a light.
@@ -200,7 +200,7 @@ impl LightPlans {
 
     /// Returns the number of nearest planes to a voxel that are not taken from sweeps to a place.
     pub(crate) fn near_planes(&self) -> usize {
-        Response::planes(self.lit.bias(), 1.0)
+        SweepResponse::planes(self.lit.bias(), 1.0)
     }
 
     /// Returns the shadow bias in voxels of the lattice.

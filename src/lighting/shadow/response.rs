@@ -11,7 +11,7 @@ pub(super) const TERMS: u32 = 12;
 /// The share of the integral of a kernel below which weights of a stencil are left out.
 const FAINT: f64 = 2e-3;
 
-/// The number of samples per voxel of [`Response::within`].
+/// The number of samples per voxel of [`SweepResponse::within`].
 const SAMPLES: usize = 64;
 
 /// The variance of the quadratic B-spline by which sweeps read planes.
@@ -22,7 +22,7 @@ const SPLINE_VARIANCE: f64 = 0.25;
 /// A sweep filters extinctions along the three axes of the lattice, reads each plane across its main axis by a
 /// quadratic B-spline at the places of its rays, adds planes up, and reads the sum by Catmull-Rom splines. So a voxel's
 /// kernel is replaced by a product of the filters and the splines, which has the kernel's integral and its variance.
-pub(super) struct Response {
+pub(super) struct SweepResponse {
     kernel: Kernel,
     pub(super) table: FootprintTable,
     pub(super) divisor: f64,
@@ -79,7 +79,7 @@ pub(super) fn catmull_rom(f: f32) -> [f32; 4] {
     [-0.5 * f + f2 - 0.5 * f3, 1.0 - 2.5 * f2 + 1.5 * f3, 0.5 * f + 2.0 * f2 - 1.5 * f3, -0.5 * f2 + 0.5 * f3]
 }
 
-impl Response {
+impl SweepResponse {
     /// Returns the response for sums of kernels with a divisor; `None` if the kernel is narrower than a sweep can be.
     pub(super) fn new(kernel: &Kernel, divisor: f64) -> Option<Self> {
         let variance = kernel.variance();
@@ -241,7 +241,7 @@ mod tests {
     #[test]
     fn a_sweep_replaces_kernels_by_the_same_integral_and_variance() {
         for kernel in KERNELS {
-            let response = Response::new(&kernel, kernel.integral()).unwrap();
+            let response = SweepResponse::new(&kernel, kernel.integral()).unwrap();
             let places = (-20 * SAMPLES as i32..=20 * SAMPLES as i32).map(|i| f64::from(i) / SAMPLES as f64);
             let moment =
                 |power: i32| places.clone().map(|y| response.within(y) * y.powi(power)).sum::<f64>() / SAMPLES as f64;
@@ -250,18 +250,18 @@ mod tests {
             assert!((moment(2) - variance).abs() < 0.01 * variance, "{kernel:?} {} {variance}", moment(2));
         }
         let narrow = Kernel::Gaussian { sigma: 0.3, radius: 1.0 };
-        assert!(Response::new(&narrow, narrow.integral()).is_none());
+        assert!(SweepResponse::new(&narrow, narrow.integral()).is_none());
     }
 
     /// In uniform matter a stencil and the planes that it leaves to the sweep absorb as much as all sections.
     #[test]
     fn stencils_absorb_as_much_as_sections() {
         for kernel in KERNELS {
-            let response = Response::new(&kernel, kernel.integral()).unwrap();
+            let response = SweepResponse::new(&kernel, kernel.integral()).unwrap();
             // Not along an axis, where a Gaussian's kernels line up and absorb 5 % less.
             for (slopes, bias) in [([0.31, -0.72], 1.5), ([-0.93, 0.88], 0.0), ([0.47, 0.13], 4.0)] {
                 let length = DVec3::new(1.0, slopes[0], slopes[1]).length();
-                let near = Response::planes(bias, length);
+                let near = SweepResponse::planes(bias, length);
                 let sum =
                     |rows: &[StencilRow]| rows.iter().flat_map(|row| &row.weights).map(|w| f64::from(*w)).sum::<f64>();
                 let last = 40.0;

@@ -5,7 +5,7 @@
 //! its place in the buffer: each plane of the volume is read into the buffer once, and the buffer is read at the voxels
 //! of a plane once. Nothing diffuses from plane to plane, as in sweeps that resample the sum (Kniss et al. 2003). The
 //! depth of a voxel is the sum of the planes beyond the nearest few, and an exact sum over its neighbours less the
-//! response of the sweep to them ([`Response`]). A voxel costs 15 multiply-adds and the multiply-adds of its
+//! response of the sweep to them ([`SweepResponse`]). A voxel costs 15 multiply-adds and the multiply-adds of its
 //! neighbours, wherever it lies.
 
 mod buffer;
@@ -19,9 +19,9 @@ use pulp::Arch;
 use rayon::prelude::*;
 
 use self::buffer::Buffer;
-use super::field::{Field, Planes};
-use super::lanes::Lanes;
-use super::response::Response;
+use super::field::{ExtinctionBox, RowPlanes};
+use super::lanes::RowLanes;
+use super::response::SweepResponse;
 use crate::error::Result;
 
 pub(super) use self::converging::{Converging, NearPlace, Pyramid};
@@ -39,11 +39,11 @@ const MARGIN: f64 = 4.0;
 
 /// The extinctions of a box, ready for sweeps across an axis.
 pub(super) struct Swept<'a> {
-    pub(super) field: &'a Field,
-    pub(super) planes: Planes,
+    pub(super) field: &'a ExtinctionBox,
+    pub(super) planes: RowPlanes,
     /// The field, filtered by [`filtered`].
-    pub(super) filtered: &'a Field,
-    pub(super) response: &'a Response,
+    pub(super) filtered: &'a ExtinctionBox,
+    pub(super) response: &'a SweepResponse,
 }
 
 /// The map between the rows, or columns, of a plane and places of the buffer, in both directions: factor and summand.
@@ -54,7 +54,7 @@ pub(super) struct Map {
 }
 
 /// Rays of one direction, or to one place.
-struct Rays {
+struct RaySet {
     /// Whether rays are parallel: columns are then only shifted in the buffer, by shifts of whole 65536ths.
     is_sheared: bool,
     /// The number of places of a row of the buffer.
@@ -74,14 +74,14 @@ struct Sweep<'a, L> {
     ahead: bool,
     /// The number of nearest planes that are not taken from the sweep.
     near: usize,
-    rays: Vec<Rays>,
+    rays: Vec<RaySet>,
     /// The places by which rows are handed to bands, for each plane, and the number of places.
     places: (Vec<Map>, usize),
     light: L,
 }
 
 /// The conversion of sums of planes to light at voxels.
-trait Light: Sync {
+trait SweepLight: Sync {
     /// Returns the columns of a row that the light reaches.
     fn within(&self, columns: Range<usize>, at: [usize; 2]) -> Range<usize>;
 
@@ -98,17 +98,17 @@ trait Light: Sync {
 }
 
 /// Filters a field for sweeps, which add it up.
-pub(super) fn filtered(field: &Field, planes: Planes, response: &Response) -> Result<Field> {
+pub(super) fn filtered(field: &ExtinctionBox, planes: RowPlanes, response: &SweepResponse) -> Result<ExtinctionBox> {
     let weights = [&response.across, &response.within].map(|w| w.iter().map(|&w| w as f32).collect::<Vec<_>>());
     field.filtered(planes, [&weights[0], &weights[1]])
 }
 
-impl<L: Light> Sweep<'_, L> {
+impl<L: SweepLight> Sweep<'_, L> {
     /// Sweeps all bands.
     fn run(&self, out: &[AtomicU16]) {
         let arch = Arch::new();
         let bands = (0..self.places.1.div_ceil(BAND)).into_par_iter();
-        bands.for_each_init(Scratch::default, |scratch, band| {
+        bands.for_each_init(BandScratch::default, |scratch, band| {
             arch.dispatch(Band { sweep: self, first: band * BAND, scratch, out });
         });
     }
@@ -126,32 +126,32 @@ struct Band<'a, L> {
     sweep: &'a Sweep<'a, L>,
     /// The first place of the band.
     first: usize,
-    scratch: &'a mut Scratch,
+    scratch: &'a mut BandScratch,
     /// The light of each voxel. No two bands write to the same voxel: it is atomic because their rows lie mixed.
     out: &'a [AtomicU16],
 }
 
 /// The memory of a band.
 #[derive(Default)]
-struct Scratch {
+struct BandScratch {
     /// The buffers of all rays.
     buffers: Vec<Buffer>,
     sums: Vec<Vec<f32>>,
 }
 
-impl<L: Light> pulp::WithSimd for Band<'_, L> {
+impl<L: SweepLight> pulp::WithSimd for Band<'_, L> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: pulp::Simd>(self, simd: S) {
-        let Self { sweep, first, scratch: Scratch { buffers, sums }, out } = self;
+        let Self { sweep, first, scratch: BandScratch { buffers, sums }, out } = self;
         let Sweep { swept, rays, light, .. } = sweep;
-        let Planes { rows, columns, .. } = swept.planes;
+        let RowPlanes { rows, columns, .. } = swept.planes;
         buffers.resize_with(rays.len(), Buffer::default);
         sums.resize_with(rays.len(), Vec::new);
         for ((buffer, sums), rays) in buffers.iter_mut().zip(sums.iter_mut()).zip(rays) {
             buffer.clear(rays, first, columns);
-            sums.resize(columns + Lanes::<S>::COUNT, 0.0);
+            sums.resize(columns + RowLanes::<S>::COUNT, 0.0);
         }
         let mut added = 0;
         for (number, places) in sweep.places.0.iter().enumerate() {

@@ -27,14 +27,14 @@ pub(super) struct Consumer {
 /// A consumer bound to a region.
 pub(super) struct Bound<'a> {
     consumer: &'a Consumer,
-    steps: Steps,
+    steps: SheetSteps,
     /// The bindings that make the frame a picture; `None`: a brick keeps its frame.
     resolve: Option<wgpu::BindGroup>,
     workgroups: [u32; 2],
 }
 
 /// The bindings of the stage that reads sheets.
-struct Steps {
+struct SheetSteps {
     /// The parameters of each step: one for each batch, and one more if a sheet of the last batch waits for its
     /// neighbour.
     uniforms: DynamicUniforms,
@@ -94,7 +94,7 @@ impl Consumer {
             let sheets = texture_view(&sheets[0].all);
             let group = [frame.clone(), sheets, pixels.as_entire_binding(), uniforms.binding()];
             let group = self.sheets.bind(context, &group);
-            Steps { uniforms, areas: reached.to_vec(), groups: [group.clone(), group] }
+            SheetSteps { uniforms, areas: reached.to_vec(), groups: [group.clone(), group] }
         };
         let resolve = match self.feed {
             Feed::Projection => Some(steps.groups[0].clone()),
@@ -113,7 +113,7 @@ impl Consumer {
         sheets: &[SheetTextures],
         pixels: &wgpu::Buffer,
         reached: &[Area],
-    ) -> Result<Steps> {
+    ) -> Result<SheetSteps> {
         // Pixels that neither batch reaches hold the base. They are shaded only if the base shows or counts.
         let [low, high] = post.table.invisible;
         let whole = (low > high || self.feed == Feed::Projection).then_some(target.extent());
@@ -140,14 +140,14 @@ impl Consumer {
             self.sheets.bind(context, &resources)
         });
         let areas = parameters.iter().map(|&Shade { low, high, .. }| Area { low, high }).collect();
-        Ok(Steps { uniforms, areas, groups })
+        Ok(SheetSteps { uniforms, areas, groups })
     }
 }
 
 impl Bound<'_> {
     /// Brings a batch into the frame after it was splatted. Shading is one sheet behind.
     pub(super) fn batch(&self, recorder: &mut Recorder<'_>, batch: u32) {
-        let Steps { uniforms, areas, groups } = &self.steps;
+        let SheetSteps { uniforms, areas, groups } = &self.steps;
         let workgroups = areas[batch as usize].size().map(|side| side.div_ceil(8));
         if workgroups[0] > 0 && workgroups[1] > 0 {
             let group = &groups[batch as usize % 2];

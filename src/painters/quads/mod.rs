@@ -173,7 +173,7 @@ pub(crate) struct Quads {
 
 /// The counts of a picture for its statistics.
 #[derive(Debug, Clone, Copy, Default)]
-struct Drawn {
+struct QuadCounts {
     /// Number of splats in bricks in view.
     sorted: u64,
     /// Number of render passes, one per batch that is not empty.
@@ -203,7 +203,7 @@ impl Quads {
         inputs: &Inputs<'_>,
         spans: &[Span<'_>],
         covered: &[Area],
-        drawn: &mut Drawn,
+        drawn: &mut QuadCounts,
     ) -> Result<wgpu::Buffer> {
         let context = recorder.context;
         drawn.sorted += spans.iter().map(|s| u64::from(s.sorted)).sum::<u64>();

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::plan::{Plan, Target};
 use super::splat::footprint_texture;
-use super::{Drawn, Feed, Inputs, Quads, QuadsKey};
+use super::{Feed, Inputs, QuadCounts, Quads, QuadsKey};
 use crate::error::{Error, Result};
 use crate::gpu::context::Context;
 use crate::gpu::recorder::Recorder;
@@ -24,11 +24,11 @@ pub(crate) const ROOM: Room = Room {
     // The need is the same in both precisions.
     need: |view, settings, weights| Plan::new(view, settings, weights, Precision::F32).scalar_need(),
     layers: false,
-    begin: |job, _| Ok(Begun::Ready(Box::new(Picture::new(job)?))),
+    begin: |job, _| Ok(Begun::Ready(Box::new(QuadsPicture::new(job)?))),
 };
 
 /// A picture by quads in progress.
-struct Picture<'a> {
+struct QuadsPicture<'a> {
     job: Job<'a>,
     plan: Plan<'a>,
     key: QuadsKey,
@@ -36,7 +36,7 @@ struct Picture<'a> {
     footprint: wgpu::TextureView,
     /// The pixels that quads cover; see [`QuadsStats::fragments`].
     fragments: f64,
-    drawn: Drawn,
+    drawn: QuadCounts,
     /// Number of parts of the picture that were painted.
     parts: u32,
 }
@@ -45,7 +45,7 @@ struct Picture<'a> {
 /// 0 to 3 % less (rms), four by 1 to 10 % more.
 const PIECES: f64 = 6.0;
 
-impl<'a> Picture<'a> {
+impl<'a> QuadsPicture<'a> {
     fn new(job: Job<'a>) -> Result<Self> {
         let Job { context, view, settings, .. } = job;
         if job.isosurfaces() > 0 {
@@ -87,7 +87,7 @@ impl<'a> Picture<'a> {
             return Err(too_much(&what, view.max_growth()));
         }
         let footprint = footprint_texture(context, &table);
-        Ok(Self { job, plan, key, table, footprint, fragments, drawn: Drawn::default(), parts: 0 })
+        Ok(Self { job, plan, key, table, footprint, fragments, drawn: QuadCounts::default(), parts: 0 })
     }
 
     fn pipelines(&self) -> Result<Arc<Quads>> {
@@ -96,7 +96,7 @@ impl<'a> Picture<'a> {
     }
 }
 
-impl Painting for Picture<'_> {
+impl Painting for QuadsPicture<'_> {
     fn is_empty(&self) -> bool {
         // Post-shading draws even without splats: the base value itself may be visible.
         (self.job.splats() == 0 && !self.key.feed.is_scalar()) || self.plan.sheets == 0
@@ -131,7 +131,7 @@ impl Painting for Picture<'_> {
 
     fn stats(&self) -> PainterStats {
         let knobs = self.job.settings.quads();
-        let Drawn { sorted, passes, quads, terminated } = self.drawn;
+        let QuadCounts { sorted, passes, quads, terminated } = self.drawn;
         let (sheets, per_pass) = (self.plan.sheets, self.key.sheets_per_pass);
         PainterStats::Quads(QuadsStats {
             alignment: knobs.sheets,

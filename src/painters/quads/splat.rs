@@ -32,7 +32,7 @@ pub(super) struct SheetTextures {
 }
 
 /// The stage that splats, bound to a region.
-pub(super) struct Splats<'a> {
+pub(super) struct RegionSplatting<'a> {
     stage: &'a Splatting,
     extent: [u32; 2],
     batches: DynamicUniforms,
@@ -134,7 +134,7 @@ impl Splatting {
         inputs: &Inputs<'_>,
         spans: &[Span<'_>],
         batches: u32,
-    ) -> Result<Splats<'_>> {
+    ) -> Result<RegionSplatting<'_>> {
         let parameters: Vec<_> = (0..batches).map(|b| target.plan.batch(b * self.sheets_per_pass)).collect();
         let batches = DynamicUniforms::new(context, "splat.batches", &parameters)?;
         let lighting =
@@ -157,11 +157,11 @@ impl Splatting {
         let extent = target.extent();
         let pixels = extent.into_iter().map(f64::from).product();
         let quad_pixels = target.plan.view.splat_pixels().min(pixels) as u64;
-        Ok(Splats { stage: self, extent, batches, groups, quad_pixels })
+        Ok(RegionSplatting { stage: self, extent, batches, groups, quad_pixels })
     }
 }
 
-impl Splats<'_> {
+impl RegionSplatting<'_> {
     /// Draws the entries of a batch into its sheets, after clearing the area that they reach.
     pub(super) fn record(
         &self,

@@ -14,7 +14,7 @@ use crate::gpu::shaders;
 use crate::gpu::stage::{Constant, Stage};
 
 /// The resources, besides the volume, with which rays are marched.
-pub(super) struct Targets<'a> {
+pub(super) struct MarchTargets<'a> {
     /// The uniforms of the rays, and the parts of kernels that they gather.
     pub(super) rays: &'a wgpu::Buffer,
     pub(super) sections: &'a wgpu::Buffer,
@@ -56,7 +56,7 @@ pub(super) fn march(
     [skip, gather]: [&Stage; 2],
     packed: &Packed,
     uniforms: &layout::Rays,
-    Targets { rays, sections, state, pixels, lighting, post, solids }: Targets<'_>,
+    MarchTargets { rays, sections, state, pixels, lighting, post, solids }: MarchTargets<'_>,
 ) -> Result<()> {
     let runs = find_runs(recorder, skip, packed, uniforms, rays)?;
     let mut resources = vec![rays.as_entire_binding(), texture_view(&packed.volume), runs.as_entire_binding()];

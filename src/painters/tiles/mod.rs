@@ -81,9 +81,9 @@ pub(crate) use layers::ROOM;
 use std::sync::Arc;
 
 use axis::PrincipalAxis;
-use march::{Targets, march};
-use pack::{Layout, Packed, Packer, SamplesKey, Voxel};
-use paint::Picture;
+use march::{MarchTargets, march};
+use pack::{Packed, Packer, SamplesKey, TextureLayout, Voxel};
+use paint::TilesPicture;
 
 use crate::error::Result;
 use crate::gpu::context::Context;
@@ -118,7 +118,7 @@ enum RayKind {
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 pub(crate) struct TilesKey {
     voxel: Voxel,
-    layout: Layout,
+    layout: TextureLayout,
     rays: RayKind,
     /// The samples that are packed in place of lists of splats.
     samples: Option<SamplesKey>,
@@ -147,12 +147,12 @@ impl Tiles {
     fn draw(
         &self,
         recorder: &mut Recorder<'_>,
-        picture: &Picture<'_>,
+        picture: &TilesPicture<'_>,
         packed: &[Arc<Packed>],
-        canvas: &mut Canvas,
+        canvas: &mut RegionPixels,
     ) -> Result<TilesStats> {
         let context = recorder.context;
-        let Canvas { region, part, .. } = *canvas;
+        let RegionPixels { region, part, .. } = *canvas;
         let Job { view, .. } = picture.job;
         let uniform = wgpu::BufferUsages::UNIFORM;
         let lighting = context.upload("gather.lighting", bytemuck::bytes_of(&picture.lighting), uniform)?;
@@ -165,9 +165,9 @@ impl Tiles {
             rays.density_scale /= packed.scale as f32;
             let on_device = context.upload("rays", bytemuck::bytes_of(&rays), uniform)?;
             let state = if picture.is_layered() { Some(canvas.before(context, &axis.axis)?) } else { None };
-            let Canvas { pixels, solids, .. } = &*canvas;
+            let RegionPixels { pixels, solids, .. } = &*canvas;
             let (lighting, post, state) = (&lighting, picture.job.post, state.as_ref());
-            let targets = Targets { rays: &on_device, sections, state, pixels, lighting, post, solids };
+            let targets = MarchTargets { rays: &on_device, sections, state, pixels, lighting, post, solids };
             march(recorder, [&self.skip, &self.gather], packed, &rays, targets)?;
             drawn.rays += region.area();
             drawn.marches += 1;
@@ -177,7 +177,7 @@ impl Tiles {
 }
 
 /// The pixels of a region while rays add to them.
-struct Canvas {
+struct RegionPixels {
     region: Region,
     /// The part of the region whose pixels must be right.
     part: Region,
@@ -189,7 +189,7 @@ struct Canvas {
     before: Vec<([usize; 3], bool, wgpu::Buffer)>,
 }
 
-impl Canvas {
+impl RegionPixels {
     /// Makes the canvas of a region, without colour.
     fn new(job: &Job<'_>, region: Region, part: Region) -> Result<Self> {
         let pixels = job.context.pixels("tiles.pixels", [region.width, region.height])?;

@@ -3,10 +3,10 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::axis::PrincipalAxis;
-use super::pack::{self, Layout, Marking, Packed, Packing, Samples, Source, Voxel};
-use super::parts::{Footprint, Sections, SlabKind};
+use super::pack::{self, Marking, Packed, Packing, Samples, Source, TextureLayout, Voxel};
+use super::parts::{Footprint, KernelSections, SlabKind};
 use super::rays::{RaySetup, max_depth};
-use super::{Canvas, MAX_RADIUS, MAX_STRAIGHT_RADIUS, RayKind, STRAIGHT, Tiles, TilesKey};
+use super::{MAX_RADIUS, MAX_STRAIGHT_RADIUS, RayKind, RegionPixels, STRAIGHT, Tiles, TilesKey};
 use crate::error::Result;
 use crate::gpu::layout::{self, CELL, MACROCELL, TILE};
 use crate::gpu::recorder::Recorder;
@@ -135,14 +135,14 @@ fn marking(job: &Job<'_>) -> Marking {
 }
 
 /// A picture by rays in progress.
-pub(super) struct Picture<'a> {
+pub(super) struct TilesPicture<'a> {
     pub(super) job: Job<'a>,
     /// The reconstruction kernel, along parallel rays with its growth.
     kernel: Kernel,
     footprint: Footprint,
     kind: SlabKind,
     voxel: Voxel,
-    layout: Layout,
+    layout: TextureLayout,
     /// The samples that are packed in place of lists of splats.
     samples: Option<Samples>,
     pub(super) lighting: layout::Lighting,
@@ -161,7 +161,7 @@ pub(super) struct PackedAxis {
     packing: Packing,
 }
 
-impl<'a> Picture<'a> {
+impl<'a> TilesPicture<'a> {
     /// Plans a picture. An error is the reason for a refusal: the volume does not fit into a texture, or the kernel's
     /// footprint is no polynomial.
     pub(super) fn new(job: Job<'a>) -> std::result::Result<Self, String> {
@@ -207,7 +207,7 @@ impl<'a> Picture<'a> {
         };
         let packings: Option<Vec<Packing>> = axes.iter().map(pack).collect();
         let packings = packings.ok_or("tiles packs the volume into a texture, and this volume does not fit")?;
-        let layout = packings.first().map_or(Layout::Box, |packing| packing.layout);
+        let layout = packings.first().map_or(TextureLayout::Box, |packing| packing.layout);
         let dense = max_depth(&job) > DENSE;
         let kind = match post {
             Some(_) => SlabKind::Scalars,
@@ -235,7 +235,7 @@ impl<'a> Picture<'a> {
             ("ISOSURFACES", self.job.isosurfaces()),
             ("STRAIGHT", (rays == RayKind::Straight).into()),
             ("LAYERED", (rays == RayKind::Layered).into()),
-            ("PAGED", (self.layout == Layout::Pages).into()),
+            ("PAGED", (self.layout == TextureLayout::Pages).into()),
             ("ONE_WORD", (self.voxel == Voxel::Scalar).into()),
         ]);
         TilesKey {
@@ -358,7 +358,7 @@ fn kept_volumes(job: &Job<'_>) -> Result<Arc<Mutex<Vec<Arc<Packed>>>>> {
     job.kept.get_or_make((), || Ok(Mutex::default()))
 }
 
-impl Picture<'_> {
+impl TilesPicture<'_> {
     /// Returns whether no matter can be visible.
     pub(super) fn is_empty(&self) -> bool {
         self.axes.is_empty() || self.job.splats() == 0 && !self.job.base_shows()
@@ -405,13 +405,13 @@ impl Picture<'_> {
     }
 
     /// Paints a region behind the layers that have been painted.
-    pub(super) fn paint(&mut self, recorder: &mut Recorder<'_>, canvas: &mut Canvas) -> Result<()> {
+    pub(super) fn paint(&mut self, recorder: &mut Recorder<'_>, canvas: &mut RegionPixels) -> Result<()> {
         let pipelines = self.pipelines()?;
         if self.sections.is_empty() {
             let Job { context, pipelines, view, .. } = self.job;
             let (most, of) = (view.depth_growth().1, (&self.kernel, self.kind));
             let sections =
-                |axis: &PackedAxis| Sections::on_device((context, pipelines), of, &view.camera, &axis.axis, most);
+                |axis: &PackedAxis| KernelSections::on_device((context, pipelines), of, &view.camera, &axis.axis, most);
             self.sections = self.axes.iter().map(sections).collect::<Result<_>>()?;
         }
         let packed = match self.packed.take() {

@@ -78,9 +78,9 @@ type NearAndFar = [layout::Section; 2];
 /// The parts of kernels in slabs for every ray of a picture: [`layout::Tables::sections`]. Parts of kernels that
 /// grow with their depth are parabolas in their growth less 1, through the least kernel, the largest and one between.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Sections(pub(super) [[[layout::Section; layout::SECTIONS]; layout::SECTION_POWERS]; 2]);
+pub(super) struct KernelSections(pub(super) [[[layout::Section; layout::SECTIONS]; layout::SECTION_POWERS]; 2]);
 
-impl Sections {
+impl KernelSections {
     /// Returns the parts for the rays along an axis, on the device. For rays through one eye they depend on the kernel
     /// and its growth alone, take 2 ms to fit, and are kept for growths up to the next eighth of an octave.
     pub(super) fn on_device(

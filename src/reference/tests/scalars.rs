@@ -217,7 +217,7 @@ fn gradients_are_smoothed_central_differences_of_the_field() {
     };
     let transfer = ramp(&[(0.3, 0.0), (1.0, 1.0)], 1.0);
     let splats = VoxelValues::new(&Layers::of_volume(&volume, &transfer), &lit).unwrap();
-    let bricks = Bricks::new(&splats, Viewer::Towards(DVec3::X));
+    let bricks = ClassifiedBricks::new(&splats, Viewer::Towards(DVec3::X));
     // What the walk adds up at a point, against f one voxel ahead and behind, smoothed across by 1, 4, 1 over 6.
     let to_world = volume.grid().to_world();
     let x = DVec3::new(2.2, 2.7, 1.6);

@@ -1,6 +1,6 @@
 //! Curves between points, approximated by straight lines between more points.
 
-use super::space::Space;
+use super::space::ColorSpace;
 use crate::transfer::TransferFunction;
 
 /// The largest distance of a straight line from the curve in a channel: a quarter of an 8-bit step.
@@ -11,7 +11,7 @@ const HALVINGS: u32 = 12;
 
 /// A point of a curve, with the course of the curve to the next point in VTK's terms.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Node<const N: usize> {
+pub(super) struct VtkNode<const N: usize> {
     pub(super) at: f64,
     pub(super) value: [f64; N],
     /// The place between this point and the next, 0 to 1, at which the value is half way.
@@ -20,7 +20,7 @@ pub(super) struct Node<const N: usize> {
     pub(super) sharpness: f64,
 }
 
-impl<const N: usize> Node<N> {
+impl<const N: usize> VtkNode<N> {
     /// Makes a point with a straight line to the next.
     pub(super) fn plain(at: f64, value: [f64; N]) -> Self {
         Self { at, value, midpoint: 0.5, sharpness: 0.0 }
@@ -41,7 +41,7 @@ impl<const N: usize> Node<N> {
     }
 }
 
-impl Node<3> {
+impl VtkNode<3> {
     /// Makes points of colour from (value, red, green, blue), with straight lines between them.
     pub(super) fn colors(rows: &[[f64; 4]]) -> Vec<Self> {
         rows.iter().map(|&[at, r, g, b]| Self::plain(at, [r, g, b])).collect()
@@ -52,17 +52,17 @@ impl Node<3> {
 type Line<const N: usize> = Vec<(f64, [f64; N])>;
 
 /// Returns the line of a curve of opacities.
-pub(super) fn opacities(nodes: Vec<Node<1>>) -> Line<1> {
+pub(super) fn opacities(nodes: Vec<VtkNode<1>>) -> Line<1> {
     line(nodes, false, |a, b, s| [(1.0 - s) * a[0] + s * b[0]])
 }
 
 /// Returns the line of a curve of colours.
-pub(super) fn colors(nodes: Vec<Node<3>>, space: Space) -> Line<3> {
-    line(nodes, space == Space::Step, |a, b, s| space.between(a, b, s))
+pub(super) fn colors(nodes: Vec<VtkNode<3>>, space: ColorSpace) -> Line<3> {
+    line(nodes, space == ColorSpace::Step, |a, b, s| space.between(a, b, s))
 }
 
 fn line<const N: usize>(
-    mut nodes: Vec<Node<N>>,
+    mut nodes: Vec<VtkNode<N>>,
     steps: bool,
     between: impl Fn([f64; N], [f64; N], f64) -> [f64; N],
 ) -> Line<N> {
@@ -113,13 +113,16 @@ mod tests {
 
     #[test]
     fn curves_take_the_points_that_they_need() {
-        let node = |at, value, sharpness| Node { at, value: [value], midpoint: 0.25, sharpness };
-        assert_eq!(opacities(vec![Node::plain(4.0, [1.0]), Node::plain(0.0, [0.0])]), [(0.0, [0.0]), (4.0, [1.0])]);
+        let node = |at, value, sharpness| VtkNode { at, value: [value], midpoint: 0.25, sharpness };
+        assert_eq!(
+            opacities(vec![VtkNode::plain(4.0, [1.0]), VtkNode::plain(0.0, [0.0])]),
+            [(0.0, [0.0]), (4.0, [1.0])]
+        );
         for sharpness in [0.5, 1.0] {
             let curved = opacities(vec![node(0.0, 0.0, sharpness), node(4.0, 1.0, 0.0)]);
             assert!((8..80).contains(&curved.len()) && curved.is_sorted_by(|a, b| a.0 <= b.0), "{curved:?}");
         }
-        let steps = colors(vec![Node::plain(0.0, [0.1; 3]), Node::plain(1.0, [0.2; 3])], Space::Step);
+        let steps = colors(vec![VtkNode::plain(0.0, [0.1; 3]), VtkNode::plain(1.0, [0.2; 3])], ColorSpace::Step);
         assert_eq!(steps, [(0.0, [0.1; 3]), (0.0, [0.2; 3]), (1.0, [0.2; 3])]);
         // A line that is too long for a function gets no further points.
         let many = (0..20_000).map(|i| node(f64::from(i), f64::from(i % 2), 0.5)).collect();

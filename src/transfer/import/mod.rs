@@ -69,9 +69,9 @@ impl Imported {
     /// # Errors
     /// [`Error::Transfer`] as [`Self::load`].
     pub fn parse(text: &str, name: Option<&str>) -> Result<Self> {
-        match Content::read(text, name)? {
-            Content::Own(transfer) => Ok(Self::plain(transfer, false)),
-            Content::Foreign(found) => found.imported(),
+        match FileContent::read(text, name)? {
+            FileContent::Own(transfer) => Ok(Self::plain(transfer, false)),
+            FileContent::Foreign(found) => found.imported(),
         }
     }
 
@@ -116,9 +116,9 @@ impl ColorMap {
     /// The errors of [`Imported::load`].
     pub fn load(path: impl AsRef<Path>) -> Result<Self> {
         with_file(path.as_ref(), |text, name| {
-            let colors = match Content::read(text, name)? {
-                Content::Own(transfer) => transfer.points().iter().map(|p| (p.value, p.color)).collect(),
-                Content::Foreign(found) => found.colors.ok_or_else(|| fault("it has opacities and no colours"))?,
+            let colors = match FileContent::read(text, name)? {
+                FileContent::Own(transfer) => transfer.points().iter().map(|p| (p.value, p.color)).collect(),
+                FileContent::Foreign(found) => found.colors.ok_or_else(|| fault("it has opacities and no colours"))?,
             };
             Self::new(colors)
         })
@@ -133,14 +133,14 @@ fn with_file<T>(path: &Path, read: impl FnOnce(&str, Option<&str>) -> Result<T>)
 }
 
 /// The content of a file.
-enum Content {
+enum FileContent {
     /// A function in the JSON of this library.
     Own(TransferFunction),
     /// A function of another program.
-    Foreign(Found),
+    Foreign(ForeignFunction),
 }
 
-impl Content {
+impl FileContent {
     fn read(text: &str, name: Option<&str>) -> Result<Self> {
         let trimmed = text.trim_start_matches('\u{feff}').trim_start();
         // Refuses a name for a file of one function.
@@ -191,7 +191,7 @@ fn fault(reason: impl Into<String>) -> Error {
 
 /// Colours and opacities as a file states them.
 #[derive(Debug, Default)]
-struct Found {
+struct ForeignFunction {
     colors: Option<Vec<(f64, [f64; 3])>>,
     opacities: Option<Vec<(f64, [f64; 1])>>,
     /// Whether values belong to data; otherwise they are places in a window.
@@ -203,7 +203,7 @@ struct Found {
     notes: Vec<String>,
 }
 
-impl Found {
+impl ForeignFunction {
     fn imported(self) -> Result<Imported> {
         let Self { colors, opacities, placed, unit_distance, gradient, material, mut notes } = self;
         let has_opacities = opacities.is_some();

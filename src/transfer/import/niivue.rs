@@ -2,11 +2,11 @@
 
 use serde_json::Value;
 
-use super::{Found, fault, list, number, numbers, opaque};
+use super::{ForeignFunction, fault, list, number, numbers, opaque};
 use crate::error::Result;
 
 /// Reads a map of niivue: bytes of red, green, blue and alpha at intensities from 0 to 255, which may stand for values.
-pub(super) fn niivue(map: &Value) -> Result<Found> {
+pub(super) fn niivue(map: &Value) -> Result<ForeignFunction> {
     let channel = |key: &str| map.get(key).map(numbers).transpose().map_err(|e| fault(format!("{key}: {e}")));
     let stated = |key: &str| channel(key)?.ok_or_else(|| fault(format!("{key} is missing")));
     let (red, green, blue) = (stated("R")?, stated("G")?, stated("B")?);
@@ -25,16 +25,16 @@ pub(super) fn niivue(map: &Value) -> Result<Found> {
     let value = |place: f64| range.map_or(place / 255.0, |(low, high)| low + (high - low) * place / 255.0);
     let colors = (0..count).map(|i| (value(places[i]), [red[i], green[i], blue[i]].map(|c| c / 255.0)));
     let opacities = alpha.map(|alpha| (0..count).map(|i| (value(places[i]), [alpha[i] / 255.0])).collect::<Vec<_>>());
-    Ok(Found {
+    Ok(ForeignFunction {
         colors: Some(colors.collect()),
         opacities: opacities.filter(|opacities| !opaque(opacities)),
         placed: range.is_some(),
-        ..Found::default()
+        ..ForeignFunction::default()
     })
 }
 
 /// Reads a map of napari: colours with or without alpha at places from 0 to 1, mixed or as steps.
-pub(super) fn napari(map: &Value) -> Result<Found> {
+pub(super) fn napari(map: &Value) -> Result<ForeignFunction> {
     let rows = list(map, "colors").iter().map(numbers).collect::<Result<Vec<_>>>()?;
     if rows.is_empty() || rows.iter().any(|row| row.len() != 3 && row.len() != 4) {
         return Err(fault("colors: expected rows of 3 or 4 numbers"));
@@ -56,5 +56,5 @@ pub(super) fn napari(map: &Value) -> Result<Found> {
         }
     }
     let opacities = Some(opacities).filter(|opacities| !opaque(opacities));
-    Ok(Found { colors: Some(colors), opacities, ..Found::default() })
+    Ok(ForeignFunction { colors: Some(colors), opacities, ..ForeignFunction::default() })
 }

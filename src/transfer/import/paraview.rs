@@ -3,30 +3,30 @@
 use roxmltree::Document;
 use serde_json::Value;
 
-use super::curve::{Node, colors, opacities};
-use super::space::Space;
-use super::{Found, chosen, fault, groups, number, numbers, parsed};
+use super::curve::{VtkNode, colors, opacities};
+use super::space::ColorSpace;
+use super::{ForeignFunction, chosen, fault, groups, number, numbers, parsed};
 use crate::error::Result;
 
 const OF_LABELS: &str = "its colours are for labels, not for values";
 
 /// Reads a preset file: an object, or an array of objects.
-pub(super) fn json(value: &Value, name: Option<&str>) -> Result<Found> {
+pub(super) fn json(value: &Value, name: Option<&str>) -> Result<ForeignFunction> {
     let presets = value.as_array().map_or(std::slice::from_ref(value), Vec::as_slice);
     let objects = presets.iter().filter(|preset| preset.is_object());
     let preset = chosen(objects, |preset| preset.get("Name").and_then(Value::as_str), name)?;
     let is_on = |key: &str| preset.get(key).is_some_and(|on| on.as_bool().unwrap_or(on.as_f64() == Some(1.0)));
-    let mut found = Found::default();
+    let mut found = ForeignFunction::default();
     if let Some(points) = preset.get("RGBPoints") {
         let name = preset.get("ColorSpace").and_then(Value::as_str).unwrap_or("RGB");
-        let space = Space::named(name, is_on("HSVWrap"), &mut found.notes)?;
-        found.colors = Some(colors(Node::colors(&groups(&numbers(points)?, "RGBPoints")?), space));
+        let space = ColorSpace::named(name, is_on("HSVWrap"), &mut found.notes)?;
+        found.colors = Some(colors(VtkNode::colors(&groups(&numbers(points)?, "RGBPoints")?), space));
     } else if preset.get("IndexedColors").is_some() {
         return Err(fault(OF_LABELS));
     }
     if let Some(points) = preset.get("Points") {
         let nodes = groups::<4>(&numbers(points)?, "Points")?.into_iter();
-        let node = |[at, opacity, midpoint, sharpness]: [f64; 4]| Node { at, value: [opacity], midpoint, sharpness };
+        let node = |[at, opacity, midpoint, sharpness]: [f64; 4]| VtkNode { at, value: [opacity], midpoint, sharpness };
         found.opacities = Some(opacities(nodes.map(node).collect()));
         found.placed = true;
     }
@@ -38,20 +38,20 @@ pub(super) fn json(value: &Value, name: Option<&str>) -> Result<Found> {
 }
 
 /// Reads a file of `ColorMap` elements. Their opacities are not used, as in ParaView.
-pub(super) fn xml(document: &Document<'_>, name: Option<&str>) -> Result<Found> {
+pub(super) fn xml(document: &Document<'_>, name: Option<&str>) -> Result<ForeignFunction> {
     let maps = document.descendants().filter(|node| node.has_tag_name("ColorMap"));
     let map = chosen(maps, |map| map.attribute("name"), name)?;
     if map.attribute("indexedLookup").is_some_and(|indexed| indexed == "1" || indexed == "true") {
         return Err(fault(OF_LABELS));
     }
-    let mut found = Found::default();
-    let space = Space::named(map.attribute("space").unwrap_or("RGB"), false, &mut found.notes)?;
+    let mut found = ForeignFunction::default();
+    let space = ColorSpace::named(map.attribute("space").unwrap_or("RGB"), false, &mut found.notes)?;
     let points = map.children().filter(|node| node.has_tag_name("Point")).map(|point| {
         let number = |name: &str| {
             let text = point.attribute(name).unwrap_or_default();
             parsed(text).ok_or_else(|| fault(format!("a point has {name}={text:?}, expected a number")))
         };
-        Ok(Node::plain(number("x")?, [number("r")?, number("g")?, number("b")?]))
+        Ok(VtkNode::plain(number("x")?, [number("r")?, number("g")?, number("b")?]))
     });
     let nodes = points.collect::<Result<Vec<_>>>()?;
     if nodes.is_empty() {

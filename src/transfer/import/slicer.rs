@@ -3,9 +3,9 @@
 use roxmltree::Document;
 use serde_json::Value;
 
-use super::curve::{Node, colors, opacities};
-use super::space::Space;
-use super::{Found, chosen, fault, groups, list, number, numbers, opaque, parsed};
+use super::curve::{VtkNode, colors, opacities};
+use super::space::ColorSpace;
+use super::{ForeignFunction, chosen, fault, groups, list, number, numbers, opaque, parsed};
 use crate::error::Result;
 use crate::transfer::GradientPoint;
 
@@ -14,7 +14,7 @@ const MATERIAL: [&str; 4] = ["ambient", "diffuse", "specular", "specularPower"];
 
 /// Reads a `.vp`: interpolation, shade, diffuse, ambient, specular, power, opacities, gradient opacities and colours,
 /// a line each.
-pub(super) fn lines(text: &str) -> Result<Found> {
+pub(super) fn lines(text: &str) -> Result<ForeignFunction> {
     let lines: Vec<&str> = text.lines().map(str::trim).filter(|line| !line.is_empty()).collect();
     let &[_, shade, diffuse, ambient, specular, power, opacities, gradient, colors, ..] = lines.as_slice() else {
         return Err(fault(format!("{} lines of numbers, expected the 9 of a volume property", lines.len())));
@@ -23,7 +23,7 @@ pub(super) fn lines(text: &str) -> Result<Found> {
 }
 
 /// Reads a file of `VolumeProperty` elements.
-pub(super) fn presets(document: &Document<'_>, name: Option<&str>) -> Result<Found> {
+pub(super) fn presets(document: &Document<'_>, name: Option<&str>) -> Result<ForeignFunction> {
     let elements = document.descendants().filter(|node| node.has_tag_name("VolumeProperty"));
     let element = chosen(elements, |element| element.attribute("name"), name)?;
     let text = |key: &str| element.attribute(key).unwrap_or_default();
@@ -31,27 +31,27 @@ pub(super) fn presets(document: &Document<'_>, name: Option<&str>) -> Result<Fou
 }
 
 /// Reads a property by its texts: shade, material, and the points of opacity, gradient opacity and colour.
-fn property(shade: &str, material: [&str; 4], [opacity, gradient, color]: [&str; 3]) -> Result<Found> {
-    let plain = |[at, value]: [f64; 2]| Node::plain(at, [value]);
-    let nodes = |text: &str, what: &str| -> Result<Vec<Node<1>>> {
+fn property(shade: &str, material: [&str; 4], [opacity, gradient, color]: [&str; 3]) -> Result<ForeignFunction> {
+    let plain = |[at, value]: [f64; 2]| VtkNode::plain(at, [value]);
+    let nodes = |text: &str, what: &str| -> Result<Vec<VtkNode<1>>> {
         Ok(groups(&counted(text)?, what)?.into_iter().map(plain).collect())
     };
     let gradient = if gradient.is_empty() { Vec::new() } else { nodes(gradient, "gradient opacity")? };
     let opacity = nodes(opacity, "scalar opacity")?;
-    let color = Node::colors(&groups(&counted(color)?, "colour transfer")?);
+    let color = VtkNode::colors(&groups(&counted(color)?, "colour transfer")?);
     let material = match material.map(parsed) {
         [Some(ambient), Some(diffuse), Some(specular), Some(power)] if shade == "1" => {
             Some([ambient, diffuse, specular, power])
         }
         _ => None,
     };
-    Ok(Found {
-        colors: Some(colors(color, Space::Rgb)),
+    Ok(ForeignFunction {
+        colors: Some(colors(color, ColorSpace::Rgb)),
         opacities: Some(opacities(opacity)),
         placed: true,
         gradient: gradient_points(gradient),
         material,
-        ..Found::default()
+        ..ForeignFunction::default()
     })
 }
 
@@ -67,19 +67,19 @@ fn counted(text: &str) -> Result<Vec<f64>> {
 }
 
 /// Reads a `.vp.json`: the first component of a property.
-pub(super) fn json(value: &Value, name: Option<&str>) -> Result<Found> {
+pub(super) fn json(value: &Value, name: Option<&str>) -> Result<ForeignFunction> {
     let properties = list(value, "volumeProperties");
     let property = chosen(properties, |property| property.get("name").and_then(Value::as_str), name)?;
     let components = list(property, "components");
     let component = components.first().ok_or_else(|| fault("its volume property has no components"))?;
     let is_on = |key: &str| component.get(key).and_then(Value::as_bool) == Some(true);
-    let mut found = Found { placed: true, ..Found::default() };
+    let mut found = ForeignFunction { placed: true, ..ForeignFunction::default() };
 
     if let Some(function) =
         component.get("rgbTransferFunction").filter(|f| f.get("points").is_some_and(Value::is_array))
     {
         let space = function.get("colorSpace").and_then(Value::as_str).unwrap_or("RGB");
-        let space = Space::named(space, false, &mut found.notes)?;
+        let space = ColorSpace::named(space, false, &mut found.notes)?;
         let nodes = list(function, "points").iter().map(|point| {
             let color = groups::<3>(&numbers(&point["color"])?, "color")?;
             node(point, color[0])
@@ -107,13 +107,13 @@ pub(super) fn json(value: &Value, name: Option<&str>) -> Result<Found> {
 }
 
 /// Reads a point with its midpoint and sharpness.
-fn node<const N: usize>(point: &Value, value: [f64; N]) -> Result<Node<N>> {
+fn node<const N: usize>(point: &Value, value: [f64; N]) -> Result<VtkNode<N>> {
     let or = |key: &str, default: f64| point.get(key).map_or(Ok(default), number);
-    Ok(Node { at: number(&point["x"])?, value, midpoint: or("midpoint", 0.5)?, sharpness: or("sharpness", 0.0)? })
+    Ok(VtkNode { at: number(&point["x"])?, value, midpoint: or("midpoint", 0.5)?, sharpness: or("sharpness", 0.0)? })
 }
 
 /// Reads opacities over gradients; no points if all are 1.
-fn gradient_points(nodes: Vec<Node<1>>) -> Vec<GradientPoint> {
+fn gradient_points(nodes: Vec<VtkNode<1>>) -> Vec<GradientPoint> {
     let point = |(magnitude, [opacity]): (f64, [f64; 1])| GradientPoint { magnitude, opacity };
     let line = opacities(nodes);
     if opaque(&line) { Vec::new() } else { line.into_iter().map(point).collect() }

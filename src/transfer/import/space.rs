@@ -8,7 +8,7 @@ use crate::transfer::color::{from_linear, hsv, to_linear};
 
 /// A colour space in which colours between two points are interpolated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Space {
+pub(super) enum ColorSpace {
     Rgb,
     /// HSV: hue, saturation and value; with `wrap` hues take the shorter way around.
     Hsv {
@@ -23,7 +23,7 @@ pub(super) enum Space {
     Step,
 }
 
-impl Space {
+impl ColorSpace {
     /// Finds the space with a name of ParaView. Adds a note if colours differ from the named space.
     pub(super) fn named(name: &str, wrap: bool, notes: &mut Vec<String>) -> Result<Self> {
         Ok(match name.to_lowercase().as_str() {
@@ -168,7 +168,13 @@ mod tests {
     #[test]
     fn spaces_keep_their_ends() {
         let colors = [[0.23, 0.3, 0.75], [0.7, 0.02, 0.15], [0.5; 3], [1.0, 1.0, 0.0], [0.0; 3], [0.2, 0.9, 0.4]];
-        let spaces = [Space::Rgb, Space::Hsv { wrap: false }, Space::Hsv { wrap: true }, Space::Lab, Space::Diverging];
+        let spaces = [
+            ColorSpace::Rgb,
+            ColorSpace::Hsv { wrap: false },
+            ColorSpace::Hsv { wrap: true },
+            ColorSpace::Lab,
+            ColorSpace::Diverging,
+        ];
         for space in spaces {
             for a in colors {
                 for b in colors {

@@ -17,7 +17,7 @@ use crate::{progress, report};
 
 /// The bricks of a partial picture, as JSON.
 #[derive(Serialize)]
-struct Bricks {
+struct PartialBricks {
     bricks: Vec<usize>,
 }
 
@@ -48,5 +48,5 @@ pub(crate) fn run(args: &BrickArgs) -> Result<(), Failure> {
     let mut others = args.bricks.clone().skip(1);
     let part = others.try_fold(first, |front, number| Ok::<_, Failure>(front.over(&draw(number)?)?))?;
     part.save(&args.output)?;
-    report::print(choices, [&args.output], Bricks { bricks: args.bricks.clone().collect() })
+    report::print(choices, [&args.output], PartialBricks { bricks: args.bricks.clone().collect() })
 }

@@ -24,7 +24,7 @@ const MAX_BYTES: u64 = 256 << 20;
 /// The document in the file of a plan.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Document {
+struct PlanDocument {
     /// The version of the program that wrote the plan.
     voxsplat: String,
     /// The path of the volume from the root, or the name of a built-in volume.
@@ -53,7 +53,7 @@ pub(super) fn save(
         return fail(format!("{}: its name is not Unicode, as JSON is", volume.display()));
     };
     let failed = |e: serde_json::Error| Failure::failed(format!("{}: {e}", path.display()));
-    let document = Document {
+    let document = PlanDocument {
         voxsplat: env!("CARGO_PKG_VERSION").to_owned(),
         volume: volume.to_owned(),
         options,
@@ -69,7 +69,7 @@ pub(super) fn save(
 pub(super) fn load(path: &Path) -> Result<(Plan, RenderJob, Value), Failure> {
     let text = read_text(path, MAX_BYTES)?;
     let no_plan = |reason: String| Failure::failed(format!("{}: no plan: {reason}", path.display()));
-    let Document { volume, options, choices, plan, .. } = serde_json::from_str(&text)
+    let PlanDocument { volume, options, choices, plan, .. } = serde_json::from_str(&text)
         .map_err(|e| no_plan(format!("line {} column {}: {}", e.line(), e.column(), fault(&e))))?;
     let plan = Plan::from_json(plan.get()).map_err(|e| no_plan(e.to_string()))?;
     let mut words: Vec<OsString> = ["voxsplat", "render"].map(OsString::from).to_vec();

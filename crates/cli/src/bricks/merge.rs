@@ -14,7 +14,7 @@ use crate::report;
 
 /// The number of merged bricks, as JSON.
 #[derive(Serialize)]
-struct Bricks {
+struct MergedBricks {
     bricks: usize,
 }
 
@@ -28,5 +28,5 @@ pub(crate) fn run(args: &MergeArgs) -> Result<(), Failure> {
     let mut notes = notes(plan.settings(), &job.figure.drawn, None);
     notes.push(Note { name: "Bricks", text: plan.bricks().len().to_string() });
     output.write(&merge(&plan, parts)?, None, args.background, &notes)?;
-    report::print(choices, [&args.output], Bricks { bricks: plan.bricks().len() })
+    report::print(choices, [&args.output], MergedBricks { bricks: plan.bricks().len() })
 }

@@ -41,8 +41,8 @@ use super::fitted::transfer;
 use super::job::{figure, settings, view};
 use super::options::{file_name, words};
 use super::output;
-use super::progress::{Progress, Remaining};
-use super::report::{self, Choices, Look};
+use super::progress::{ProgressLine, Remaining};
+use super::report::{self, Choices, PictureLook};
 use super::session::say_choice;
 use super::stages::Stages;
 use super::transfer::transfer as requested_transfer;
@@ -55,7 +55,7 @@ use study::{Errors, Measurement, Variant, front, telling};
 
 /// The subject of a study: an interrupted run continues only if every part of it is the same.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-struct Subject {
+struct StudySubject {
     /// The arguments of `voxsplat render` that make the picture, with names of files for their paths.
     command: String,
     volume: [u32; 3],
@@ -71,9 +71,9 @@ struct Subject {
 
 /// The measurements and facts that a run keeps for the next.
 #[derive(Debug, Serialize, Deserialize)]
-struct Kept {
+struct KeptStudy {
     #[serde(flatten)]
-    subject: Subject,
+    subject: StudySubject,
     /// The day of the last measurement.
     date: String,
     /// The settings without a measurement, as model and name.
@@ -158,7 +158,7 @@ pub(crate) fn run(args: &ParetoArgs, line: (&Command, &ArgMatches), clock: Clock
     let rivals: Vec<Rival> = args.rivals.as_deref().map_or(Ok(Vec::new()), |path| read_json(path, MAX_JSON))?;
     let load = LoadOptions { stream_over: tuning.stream_over, ..args.input.options_for(&first, args.size) };
     let (volume, transfer, preset) = {
-        let _progress = Progress::spinner("reading");
+        let _progress = ProgressLine::spinner("reading");
         let volume = formats::load(&args.input.source, &load)?;
         say_choice(&volume, &load);
         let fitted = transfer(&args.input.source, &requested, &volume, false, 0, &mut Stages::default())?;
@@ -184,7 +184,7 @@ pub(crate) fn run(args: &ParetoArgs, line: (&Command, &ArgMatches), clock: Clock
     let tune = pairs_without(&args.model.tune, &STUDIED.split(' ').collect::<Vec<_>>());
     base.extend(tune.into_iter().flat_map(|pairs| ["--tune".to_owned(), pairs]));
     let adapter = device.as_ref().unwrap_or(&host).adapter();
-    let subject = Subject {
+    let subject = StudySubject {
         command: command_line(&base),
         volume: volume.grid().dims(),
         content: content(&volume, &transfer)?,
@@ -224,7 +224,7 @@ pub(crate) fn run(args: &ParetoArgs, line: (&Command, &ArgMatches), clock: Clock
     let front = run.measure()?;
     if output::is_json() {
         let light = args.model.light.iter().map(|light| light.text.clone()).collect();
-        let look = Look::new(&settings, light, (&first, frame), None);
+        let look = PictureLook::new(&settings, light, (&first, frame), None);
         let choices =
             Choices { preset, classification: report::classification(&transfer, &settings), look: Some(look) };
         let files = STUDY_FILES.iter().map(|name| args.output.join(name)).filter(|path| path.is_file());
@@ -264,10 +264,10 @@ fn make_directory(path: &Path) -> Result<(), Failure> {
 }
 
 /// Returns the measurements of earlier runs of the same command, if this one resumes them.
-fn kept(args: &ParetoArgs, subject: Subject) -> Result<Kept, Failure> {
+fn kept(args: &ParetoArgs, subject: StudySubject) -> Result<KeptStudy, Failure> {
     let numbers = args.output.join("pareto.json");
     let measurements = if args.resume && numbers.exists() {
-        let found: Kept = read_json(&numbers, MAX_JSON)?;
+        let found: KeptStudy = read_json(&numbers, MAX_JSON)?;
         if found.subject != subject {
             return fail(format!(
                 "{}: it is of another command, of other data, of another adapter or of another version: \
@@ -279,7 +279,7 @@ fn kept(args: &ParetoArgs, subject: Subject) -> Result<Kept, Failure> {
     } else {
         Vec::new()
     };
-    Ok(Kept { subject, date: today(), unmeasured: Vec::new(), measurements })
+    Ok(KeptStudy { subject, date: today(), unmeasured: Vec::new(), measurements })
 }
 
 /// The properties for which a scene was prepared: the processor, post-shading, and the kernel for which samples were
@@ -317,7 +317,7 @@ struct Run<'a> {
     rivals: Vec<Rival>,
     /// The figure on the pictures of the page.
     figure: Figure,
-    kept: Kept,
+    kept: KeptStudy,
     /// The scene of the last picture.
     scene: Option<(Prepared, EngineScene)>,
     /// The true sampled pixels of each view, by model.
@@ -696,7 +696,7 @@ fn csv(measurements: &[Measurement], front: &[usize], commands: &[String]) -> St
 }
 
 /// Returns the front as a table, and the part of the study that is missing.
-fn summary(kept: &Kept, front: &[usize], state: &State, page: &Path, rest: &str) -> String {
+fn summary(kept: &KeptStudy, front: &[usize], state: &State, page: &Path, rest: &str) -> String {
     let mut text = format!("{:>3}  {:>10}  {:>9}  {:>9}  way\n", "", "frame, ms", "rms", "99.9 %");
     for (number, m) in front.iter().filter_map(|&index| kept.measurements.get(index)).enumerate() {
         let milliseconds = m.seconds().unwrap_or(f64::NAN) * 1e3;
@@ -714,7 +714,7 @@ fn summary(kept: &Kept, front: &[usize], state: &State, page: &Path, rest: &str)
 impl State {
     /// Returns the part of a study that the budget of time has left out, as a sentence without its end; `None` if
     /// nothing is missing.
-    fn missing(&self, kept: &Kept) -> Option<String> {
+    fn missing(&self, kept: &KeptStudy) -> Option<String> {
         let unmeasured = kept.unmeasured.len();
         let rows = (unmeasured > 0).then(|| format!("{unmeasured} of {} settings are not measured", self.all));
         let short = (self.short > 0).then(|| format!("{} are measured in fewer frames than requested", self.short));

@@ -6,7 +6,7 @@ use voxsplat::Volume;
 use voxsplat_volume::names::escaped;
 
 use super::study::{Measurement, Variant};
-use super::{Kept, State};
+use super::{KeptStudy, State};
 
 /// The factor that makes differences visible.
 pub(crate) const GAIN: f64 = 50.0;
@@ -17,7 +17,7 @@ pub(crate) struct Report<'a> {
     pub(crate) name: &'a str,
     pub(crate) caption: Option<&'a str>,
     pub(crate) volume: &'a Volume,
-    pub(crate) kept: &'a Kept,
+    pub(crate) kept: &'a KeptStudy,
     pub(crate) state: &'a State,
     /// The indices of the best measurements, fastest first.
     pub(crate) front: &'a [usize],
@@ -107,7 +107,7 @@ fn progress(report: &Report<'_>) -> String {
 }
 
 /// Returns the settings without a measurement, by model.
-fn unmeasured(kept: &Kept) -> String {
+fn unmeasured(kept: &KeptStudy) -> String {
     let mut models: Vec<&str> = kept.unmeasured.iter().map(|[model, _]| model.as_str()).collect();
     models.dedup();
     if models.is_empty() {

@@ -17,7 +17,7 @@ pub(crate) enum Task {
 
 /// A kind of work whose pieces take about as long.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Kind {
+pub(crate) enum WorkKind {
     /// Traces the truth of a model.
     Truth { post: bool },
     /// Prepares a scene, draws all views and compares them.
@@ -26,7 +26,7 @@ pub(crate) enum Kind {
     Frames { variant: usize, painter: Discriminant<Painter>, post: bool },
 }
 
-impl Kind {
+impl WorkKind {
     /// Returns whether the time of another kind of work predicts the time of this kind, if no piece of this kind is
     /// done: `likeness` counts from the most similar kind on.
     fn is_like(self, other: Self, likeness: u32) -> bool {
@@ -50,7 +50,7 @@ pub(crate) struct Plan {
     /// The seconds for all work; `None` without a limit.
     budget: Option<f64>,
     /// The seconds of each piece of work that is done.
-    done: Vec<(Kind, f64)>,
+    done: Vec<(WorkKind, f64)>,
     /// The models whose truth is traced, by the index of their first variant.
     traced: Vec<usize>,
 }
@@ -77,24 +77,24 @@ impl Plan {
     }
 
     /// Returns the kind of work that traces the truth of a variant.
-    pub(crate) fn truth(&self, variant: usize) -> Kind {
-        Kind::Truth { post: self.variants[variant].0 }
+    pub(crate) fn truth(&self, variant: usize) -> WorkKind {
+        WorkKind::Truth { post: self.variants[variant].0 }
     }
 
     /// Returns the kind of work that measures the errors of a variant.
-    pub(crate) fn errors(&self, variant: usize) -> Kind {
+    pub(crate) fn errors(&self, variant: usize) -> WorkKind {
         let (post, painter, _) = self.variants[variant];
-        Kind::Errors { painter, post }
+        WorkKind::Errors { painter, post }
     }
 
     /// Returns the kind of work that times a variant.
-    pub(crate) fn frames(&self, variant: usize) -> Kind {
+    pub(crate) fn frames(&self, variant: usize) -> WorkKind {
         let (post, painter, _) = self.variants[variant];
-        Kind::Frames { variant, painter, post }
+        WorkKind::Frames { variant, painter, post }
     }
 
     /// Notes that a piece of work took some seconds.
-    pub(crate) fn took(&mut self, kind: Kind, seconds: f64) {
+    pub(crate) fn took(&mut self, kind: WorkKind, seconds: f64) {
         self.done.push((kind, seconds));
     }
 
@@ -105,7 +105,7 @@ impl Plan {
 
     /// Returns the seconds that a piece of work is expected to take: the mean of its kind, or else of similar kinds;
     /// `None` before the first.
-    fn expected(&self, kind: Kind) -> Option<f64> {
+    fn expected(&self, kind: WorkKind) -> Option<f64> {
         (0..3).find_map(|likeness| {
             let alike: Vec<f64> =
                 self.done.iter().filter(|(of, _)| kind.is_like(*of, likeness)).map(|(_, seconds)| *seconds).collect();

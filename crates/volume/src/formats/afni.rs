@@ -53,7 +53,7 @@ const TYPES: [(i64, SampleType, i64); 6] = [
 ];
 
 /// The attributes of a header by their names.
-struct Header {
+struct AfniHeader {
     path: PathBuf,
     attributes: HashMap<String, String>,
 }
@@ -85,7 +85,7 @@ fn image_file(header: &Path) -> Result<PathBuf> {
 
 /// Reads the volume of a header that begins here.
 pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
-    let header = Header::read(&mut input)?;
+    let header = AfniHeader::read(&mut input)?;
     let path = &header.path;
     let rank: Vec<i64> = header.numbers("DATASET_RANK", 2)?;
     refuse_if!(rank[0] != 3, path, "DATASET_RANK begins with {}, expected 3 axes", rank[0]);
@@ -122,7 +122,7 @@ pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
     Ok(placement.volume(grid, samples)?.with_rescale(slope, 0.0)?.with_units(units).with_contents(contents))
 }
 
-impl Header {
+impl AfniHeader {
     fn read(input: &mut Input) -> Result<Self> {
         let is_header = is_afni(&input.peek(80)?);
         refuse_if!(!is_header, input, "is not an AFNI header: it does not begin with the type of an attribute");

@@ -26,13 +26,13 @@ pub(super) fn is_npz(head: &[u8]) -> bool {
 }
 
 /// An array of an archive.
-struct Array<'a> {
+struct ArchiveArray<'a> {
     member: &'a Member,
     /// The header of the array; `None` if it is not read, as of Python's objects.
     header: Option<NpyHeader>,
 }
 
-impl Array<'_> {
+impl ArchiveArray<'_> {
     fn name(&self) -> &str {
         self.member.name.strip_suffix(ENDING).unwrap_or(&self.member.name)
     }
@@ -64,10 +64,10 @@ pub(super) fn read(input: Input, inside: Option<&str>, options: &LoadOptions) ->
         }
     }
     // Of headers nothing is kept: to keep a member is to decompress all of it.
-    let array = |member| Ok(Array { member, header: npy::header(archive.member(member, None)?)? });
-    let arrays = members.map(array).collect::<Result<Vec<Array<'_>>>>()?;
+    let array = |member| Ok(ArchiveArray { member, header: npy::header(archive.member(member, None)?)? });
+    let arrays = members.map(array).collect::<Result<Vec<ArchiveArray<'_>>>>()?;
     let of = |least: usize| arrays.iter().filter(|array| array.axes() >= least).collect::<Vec<_>>();
-    let listed = |arrays: &[&Array<'_>]| {
+    let listed = |arrays: &[&ArchiveArray<'_>]| {
         let mut texts: Vec<String> = arrays.iter().take(MAX_LISTED).map(|array| array.text()).collect();
         texts.extend((arrays.len() > MAX_LISTED).then(|| format!("{} more", arrays.len() - MAX_LISTED)));
         texts.join(", ")

@@ -11,13 +11,13 @@ use crate::files::remote::RemoteFile;
 
 /// A file whose bytes are read at any place, by any number of threads.
 #[derive(Clone)]
-pub(super) enum Origin {
+pub(super) enum FileOrigin {
     File(Arc<File>),
     #[cfg(feature = "remote")]
     Url(Arc<RemoteFile>),
 }
 
-impl Origin {
+impl FileOrigin {
     /// Returns whether the bytes are fetched from a url.
     #[cfg_attr(not(feature = "zarr"), expect(dead_code, reason = "for chunks of Zarr"))]
     pub(super) fn is_fetched(&self) -> bool {

@@ -30,7 +30,7 @@ const COLUMNS: usize = 30;
 const MAX_LINES: usize = 1 << 22;
 
 /// A header of Philips: the fields of its first part, and the table.
-struct Header {
+struct ParHeader {
     path: PathBuf,
     fields: HashMap<String, String>,
     sections: Vec<Section>,
@@ -43,12 +43,12 @@ struct Section {
     number: u32,
     slope: f64,
     intercept: f64,
-    stack: Stack,
+    stack: SectionStack,
 }
 
 /// The properties that all sections share.
 #[derive(Clone, Copy, PartialEq)]
-struct Stack {
+struct SectionStack {
     bits: i64,
     size: [i64; 2],
     /// The thickness, the gap, and the distances of samples along x and y.
@@ -83,7 +83,7 @@ fn image_file(header: &Path) -> Result<PathBuf> {
 
 /// Reads the volume of a header at the start of `input`.
 pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
-    let header = Header::read(&mut input)?;
+    let header = ParHeader::read(&mut input)?;
     let path = &header.path;
     let stack = header.stack()?;
     let (volumes, left_out) = header.volumes()?;
@@ -178,7 +178,7 @@ fn mapped(samples: &Samples, maps: impl Iterator<Item = (f64, f64)>, section: us
     Ok(Samples::F32(values))
 }
 
-impl Header {
+impl ParHeader {
     fn read(input: &mut Input) -> Result<Self> {
         let is_header = is_parrec(&input.peek(80)?);
         refuse_if!(!is_header, input, "is not a Philips header: it does not begin with DATA DESCRIPTION FILE");
@@ -216,7 +216,7 @@ impl Header {
     }
 
     /// Returns the properties of all sections.
-    fn stack(&self) -> Result<Stack> {
+    fn stack(&self) -> Result<SectionStack> {
         let stack = self.sections[0].stack;
         if let Some(n) = self.sections.iter().position(|section| section.stack != stack) {
             let what = "the size, the spacing or the orientation";
@@ -247,7 +247,7 @@ impl Header {
     }
 
     /// Returns the position of the stack.
-    fn placement(&self, stack: &Stack, sizes: [i64; 3]) -> Result<Placement> {
+    fn placement(&self, stack: &SectionStack, sizes: [i64; 3]) -> Result<Placement> {
         // Axes to the back, to the head and to the left, as the header has them.
         let [back, up, left] = DVec3::AXES;
         let directions = match stack.orientation {
@@ -300,7 +300,7 @@ impl Section {
             number: index,
             slope: real(12)?,
             intercept: real(11)?,
-            stack: Stack {
+            stack: SectionStack {
                 bits: whole(7)?,
                 size: [whole(9)?, whole(10)?],
                 lengths: [real(22)?, real(23)?, real(28)?, real(29)?],

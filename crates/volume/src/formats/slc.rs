@@ -49,7 +49,7 @@ pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
     input.skip(bytes)?;
     if compression == 1 {
         let plane = u64::from(grid.dims()[0]) * u64::from(grid.dims()[1]);
-        input.decompress(MAX_EXPANSION, |reader| buffered(Planes { reader, plane, samples: io::Cursor::default() }));
+        input.decompress(MAX_EXPANSION, |reader| buffered(SlcPlanes { reader, plane, samples: io::Cursor::default() }));
     }
     let samples = read_all(input, &Pick::all(grid.len()), SampleType::U8, Layout::Binary(Endian::NATIVE))?;
     let mut contents = chosen(&path, options, 1, 1)?;
@@ -91,7 +91,7 @@ fn word(input: &mut Input) -> Result<String> {
 /// Planes that are compressed one by one: the number of their bytes, X, and runs. The first byte of a
 /// run has its length, and in its highest bit whether a value for each sample follows, or one for all. A length of 0
 /// ends a plane.
-struct Planes {
+struct SlcPlanes {
     reader: Box<dyn BufRead>,
     /// The number of samples of a plane.
     plane: u64,
@@ -99,7 +99,7 @@ struct Planes {
     samples: io::Cursor<Vec<u8>>,
 }
 
-impl Planes {
+impl SlcPlanes {
     /// Decompresses the next plane, if there is one.
     fn advance(&mut self) -> io::Result<()> {
         let mut head = Vec::new();
@@ -131,7 +131,7 @@ impl Planes {
     }
 }
 
-impl Read for Planes {
+impl Read for SlcPlanes {
     fn read(&mut self, out: &mut [u8]) -> io::Result<usize> {
         if self.samples.position() == self.samples.get_ref().len() as u64 {
             self.advance()?;

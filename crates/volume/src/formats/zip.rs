@@ -12,7 +12,7 @@ use flate2::bufread::DeflateDecoder;
 
 use super::fields::Fields;
 use super::input::{Input, MAX_EXPANSION, Unpacked, buffered};
-use super::origin::Origin;
+use super::origin::FileOrigin;
 use super::placement::plain_name;
 use crate::error::{Damage, Error, Result, Subject, refuse, refuse_if};
 use crate::volume::Endian;
@@ -38,7 +38,7 @@ const MAX_DIRECTORY: u64 = 16 << 20;
 /// An archive with its directory.
 pub(super) struct Archive {
     path: PathBuf,
-    pub(super) origin: Origin,
+    pub(super) origin: FileOrigin,
     pub(super) members: Vec<Member>,
 }
 
@@ -62,11 +62,11 @@ impl Archive {
         let Some((file, _)) = input.plain_file()? else {
             refuse!(input, "is an archive in a stream or in gzip: write it to a file, decompressed");
         };
-        Self::at(path, Origin::File(Arc::new(file)))
+        Self::at(path, FileOrigin::File(Arc::new(file)))
     }
 
     /// Reads the directory of an archive.
-    pub(super) fn at(path: PathBuf, origin: Origin) -> Result<Self> {
+    pub(super) fn at(path: PathBuf, origin: FileOrigin) -> Result<Self> {
         let (count, at, size) = directory(&path, &origin)?;
         refuse_if!(size > MAX_DIRECTORY, path, "has a directory of {size} bytes, expected at most {MAX_DIRECTORY}");
         let bytes = read_at(&path, &origin, at, size)?;
@@ -84,9 +84,9 @@ impl Archive {
         let path = PathBuf::from(path);
         let at = self.place(member, &path)?;
         let input = match &self.origin {
-            Origin::File(file) => Input::part(path, file, at, *packed)?.keeping(unpacked),
+            FileOrigin::File(file) => Input::part(path, file, at, *packed)?.keeping(unpacked),
             #[cfg(feature = "remote")]
-            Origin::Url(_) => Input::of_bytes(&path, read_at(&path, &self.origin, at, *packed)?),
+            FileOrigin::Url(_) => Input::of_bytes(&path, read_at(&path, &self.origin, at, *packed)?),
         };
         match member.method {
             0 if packed == size => Ok(input),
@@ -123,7 +123,7 @@ impl Archive {
 }
 
 /// Returns the number of members, and the place and the size of the directory.
-fn directory(path: &Path, origin: &Origin) -> Result<(u64, u64, u64)> {
+fn directory(path: &Path, origin: &FileOrigin) -> Result<(u64, u64, u64)> {
     let tail = origin.edge(false, (END + usize::from(u16::MAX)) as u64);
     let (tail, length) = tail.map_err(|source| Error::of_content(path, source))?;
     let ends = |at: &usize| {
@@ -194,7 +194,7 @@ fn zip64(mut extra: &[u8]) -> &[u8] {
 }
 
 /// Reads the `size` bytes from byte `at` of an archive.
-fn read_at(path: &Path, origin: &Origin, at: u64, size: u64) -> Result<Vec<u8>> {
+fn read_at(path: &Path, origin: &FileOrigin, at: u64, size: u64) -> Result<Vec<u8>> {
     origin.range(at, size).map_err(|source| match source.kind() {
         io::ErrorKind::InvalidData => path.error(format!("is cut short: {size} bytes from byte {at} are not there")),
         _ => Error::read(path)(source),

@@ -50,7 +50,7 @@ pub struct Counts {
 /// The numbers of samples in bins.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Binned {
-    bins: Bins,
+    bins: SampleBins,
     counts: Vec<u64>,
     /// The moments of the samples; `None` for bins of one value each, whose counts have them.
     moments: Option<Moments>,
@@ -58,7 +58,7 @@ struct Binned {
 
 /// The bins of samples that are multiplied by `scale`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-struct Bins {
+struct SampleBins {
     /// The value at which the first bin begins, or its only value.
     least: f64,
     step: f64,
@@ -107,7 +107,7 @@ pub(super) fn scale_for(min: f64, max: f64) -> f64 {
     libm::exp2(-libm::log2(largest).floor().clamp(-1000.0, 1000.0))
 }
 
-impl Bins {
+impl SampleBins {
     /// Returns the bins of a range: one per integer if they are few.
     fn of_range([least, largest]: [f64; 2], integers: bool) -> Self {
         let scale = scale_for(least, largest);
@@ -150,7 +150,7 @@ impl Moments {
 }
 
 impl Binned {
-    fn empty(bins: Bins) -> Self {
+    fn empty(bins: SampleBins) -> Self {
         Self { bins, counts: vec![0; bins.len], moments: None }
     }
 
@@ -175,7 +175,7 @@ impl Counts {
     /// a file cannot be read.
     pub fn of(volume: &Volume) -> Result<Self> {
         match volume.sample_type().few() {
-            Some(range) => Self::binned(volume, Bins::of_range(range.map(f64::from), true), None),
+            Some(range) => Self::binned(volume, SampleBins::of_range(range.map(f64::from), true), None),
             None => Self::summed(volume, |part| Self::ranged(volume, part)),
         }
     }
@@ -186,7 +186,7 @@ impl Counts {
     /// The errors of [`Self::of`].
     pub fn refined(&self, volume: &Volume) -> Result<Self> {
         // Without a finite sample there is nothing to count.
-        let bins = Bins::of_range(self.range.unwrap_or_default(), !volume.sample_type().is_float());
+        let bins = SampleBins::of_range(self.range.unwrap_or_default(), !volume.sample_type().is_float());
         Self::binned(volume, bins, self.range)
     }
 
@@ -219,7 +219,7 @@ impl Counts {
     /// sample.
     pub(super) fn occupied(&self) -> Option<Occupied> {
         let ([least, largest], Binned { bins, counts, moments }) = (self.range?, self.binned.as_ref()?);
-        let &Bins { step, scale, is_exact, .. } = bins;
+        let &SampleBins { step, scale, is_exact, .. } = bins;
         if !is_exact {
             let Moments { mean, squares, .. } = (*moments)?;
             let first = bins.least + step / 2.0;
@@ -237,7 +237,7 @@ impl Counts {
     }
 
     /// Counts samples in bins, whose range may be known.
-    fn binned(volume: &Volume, bins: Bins, known: Option<[f64; 2]>) -> Result<Self> {
+    fn binned(volume: &Volume, bins: SampleBins, known: Option<[f64; 2]>) -> Result<Self> {
         Self::summed(volume, |part| {
             let mut binned = Binned::empty(bins);
             let count = |before: Self, range: Range<usize>| {

@@ -13,7 +13,7 @@ use crate::kernel::{FootprintTable, Real};
 const ERROR: f64 = 1e-6;
 
 /// Rays to a place in the lattice.
-pub(super) struct Converging {
+pub(super) struct PlaceRays {
     place: DVec3,
     table: FootprintTable,
     radius: f64,
@@ -25,7 +25,7 @@ pub(super) struct Converging {
 }
 
 /// The ray from a voxel to the place.
-struct Path {
+struct VoxelRay {
     from: [i32; 3],
     /// The unit direction of the ray; `distance` is its length in voxels.
     along: DVec3,
@@ -45,7 +45,7 @@ struct Path {
     scale: f64,
 }
 
-impl Converging {
+impl PlaceRays {
     pub(super) fn new(place: DVec3, lattice: &ShadowLattice, bias: f64) -> Self {
         let ShadowLattice { kernel, divisor, to_world, unit, .. } = *lattice;
         let table = FootprintTable::new(&kernel, ERROR);
@@ -55,7 +55,7 @@ impl Converging {
     }
 
     /// Returns the ray from a voxel; `None` if nothing on it can occlude light.
-    fn path(&self, dims: [usize; 3], from: [usize; 3]) -> Option<Path> {
+    fn path(&self, dims: [usize; 3], from: [usize; 3]) -> Option<VoxelRay> {
         let path = self.place - DVec3::from_array(from.map(|p| p as f64));
         let distance = path.length();
         if distance <= self.bias {
@@ -68,7 +68,7 @@ impl Converging {
         let cosine = d[main].abs();
         let wide = self.radius / cosine;
         let last = (distance * cosine + self.radius).min(room as f64).floor() as i32;
-        Some(Path {
+        Some(VoxelRay {
             from: from.map(|p| p as i32),
             along,
             distance,
@@ -83,7 +83,7 @@ impl Converging {
     }
 
     /// Sums the sections of the kernels of some planes.
-    fn sum<T: Real>(&self, medium: &Medium<T>, path: &Path, planes: RangeInclusive<i32>) -> f64 {
+    fn sum<T: Real>(&self, medium: &Medium<T>, path: &VoxelRay, planes: RangeInclusive<i32>) -> f64 {
         let [low, high] = path.around(&planes);
         if planes.is_empty() || !medium.is_occupied(low, high) {
             return 0.0;
@@ -131,7 +131,7 @@ impl Converging {
     }
 }
 
-impl Path {
+impl VoxelRay {
     /// Returns the ends of a box around the kernels of some planes that the ray meets.
     fn around(&self, planes: &RangeInclusive<i32>) -> [[i32; 3]; 2] {
         let ends = [*planes.start(), *planes.end()].map(|n| f64::from(n) * self.step);

@@ -2,8 +2,8 @@
 
 use std::ops::Range;
 
-use super::{BAND, Rays, Swept};
-use crate::lighting::shadow::field::{Planes, hull};
+use super::{BAND, RaySet, Swept};
+use crate::lighting::shadow::field::{RowPlanes, hull};
 use crate::lighting::shadow::response::{catmull_rom, spline_weights};
 
 /// The number of zeros at either end of a line.
@@ -28,7 +28,7 @@ pub(super) struct Buffer {
 
 impl Buffer {
     /// Makes a buffer of 0 for a band, and lines of `columns`.
-    pub(super) fn clear(&mut self, rays: &Rays, band: usize, columns: usize) {
+    pub(super) fn clear(&mut self, rays: &RaySet, band: usize, columns: usize) {
         self.band = band;
         self.width = rays.width;
         let rows = self.rows(rays, 0);
@@ -43,7 +43,7 @@ impl Buffer {
 
     /// Returns the rows that are read at a plane and at the planes after it: for a place its own row, one row before it
     /// and two after it.
-    fn rows(&self, rays: &Rays, number: usize) -> Range<i64> {
+    fn rows(&self, rays: &RaySet, number: usize) -> Range<i64> {
         let [own, last] = [rays.drifts[number], rays.drifts[rays.drifts.len() - 1]];
         let start = (self.band as f64 + own.min(last)).floor() as i64 - 1;
         start..((self.band + BAND) as f64 + own.max(last)).ceil() as i64 + 2
@@ -51,8 +51,8 @@ impl Buffer {
 
     /// Adds plane number `plane`, which has `number` counted from the light.
     #[inline(always)]
-    pub(super) fn add(&mut self, swept: &Swept<'_>, rays: &Rays, number: usize, plane: usize) {
-        let Planes { rows, .. } = swept.planes;
+    pub(super) fn add(&mut self, swept: &Swept<'_>, rays: &RaySet, number: usize, plane: usize) {
+        let RowPlanes { rows, .. } = swept.planes;
         let [rows_map, columns_map] = rays.maps[number];
         let weight = rays.weights[number];
         let width = self.width;
@@ -120,7 +120,7 @@ impl Buffer {
 
     /// Reads the sums at the wanted columns of a row.
     #[inline(always)]
-    pub(super) fn read(&mut self, rays: &Rays, number: usize, row: usize, wanted: Range<usize>, depths: &mut [f32]) {
+    pub(super) fn read(&mut self, rays: &RaySet, number: usize, row: usize, wanted: Range<usize>, depths: &mut [f32]) {
         let [rows, columns] = rays.maps[number];
         let at = rows.into[0] * row as f64 + rows.into[1];
         // Rows belong to the band but for rounding.

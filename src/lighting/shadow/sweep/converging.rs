@@ -6,8 +6,8 @@ use std::sync::atomic::{AtomicU16, Ordering};
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
-use super::{FAINT, Light, MARGIN, Map, Rays, Sweep, Swept, nearest};
-use crate::lighting::shadow::response::{Response, StencilRow};
+use super::{FAINT, MARGIN, Map, RaySet, Sweep, SweepLight, Swept, nearest};
+use crate::lighting::shadow::response::{StencilRow, SweepResponse};
 
 /// The light of rays to a place.
 struct To<'a> {
@@ -38,8 +38,8 @@ pub(in crate::lighting::shadow) struct NearPlace {
 }
 
 impl NearPlace {
-    pub(in crate::lighting::shadow) fn new(response: &Response, bias: f64) -> Self {
-        let near = Response::planes(bias, 1.0);
+    pub(in crate::lighting::shadow) fn new(response: &SweepResponse, bias: f64) -> Self {
+        let near = SweepResponse::planes(bias, 1.0);
         // 32 for the default kernel; wider kernels change less.
         let steps = (64.0 / response.radius()).clamp(4.0, 32.0) as usize;
         let stencils = (0..(steps + 1) * (2 * steps + 1)).into_par_iter().map(|number| {
@@ -121,10 +121,10 @@ impl Swept<'_> {
         let maps: Vec<_> = pyramid.distances.iter().map(|&distance| pyramid.maps(distance)).collect();
         let places = maps.iter().map(|[rows, _]| *rows).collect();
         let weights = pyramid.distances.iter().map(|&distance| Pyramid::weight(distance)).collect();
-        let near = Response::planes(rays.near.bias, 1.0);
+        let near = SweepResponse::planes(rays.near.bias, 1.0);
         let drifts = vec![0.0; maps.len()];
         let size = pyramid.size;
-        let scaled = Rays { is_sheared: false, width: size[1], maps, weights, drifts };
+        let scaled = RaySet { is_sheared: false, width: size[1], maps, weights, drifts };
         let light = To { swept: self, rays, ahead };
         let sweep = Sweep { swept: self, ahead, near, rays: vec![scaled], places: (places, size[0]), light };
         sweep.run(out);
@@ -139,7 +139,7 @@ impl To<'_> {
     }
 }
 
-impl Light for To<'_> {
+impl SweepLight for To<'_> {
     /// Returns the columns from which the place lies mainly across planes.
     fn within(&self, columns: Range<usize>, [plane, row]: [usize; 2]) -> Range<usize> {
         let path = self.path([plane, row, 0]);

@@ -5,10 +5,10 @@ use std::sync::atomic::{AtomicU16, Ordering};
 
 use glam::DVec3;
 
-use super::{BAND, FAINT, Light, MARGIN, Map, Rays, Sweep, Swept, nearest};
+use super::{BAND, FAINT, MARGIN, Map, RaySet, Sweep, SweepLight, Swept, nearest};
 use crate::lighting::shadow::field::LANES;
-use crate::lighting::shadow::lanes::Lanes;
-use crate::lighting::shadow::response::{Response, StencilRow};
+use crate::lighting::shadow::lanes::RowLanes;
+use crate::lighting::shadow::response::{StencilRow, SweepResponse};
 
 /// The largest number of bytes of the buffers of a band, so that they stay in a cache.
 const BUFFERS: usize = 1280 << 10;
@@ -25,7 +25,7 @@ pub(in crate::lighting::shadow) struct Direction {
 }
 
 /// The light of parallel rays of several directions.
-struct Along<'a> {
+struct ParallelLight<'a> {
     swept: &'a Swept<'a>,
     near: &'a Near,
     /// The factor of sums of planes, the factor of all, and the light that an unshadowed voxel gets, for each
@@ -48,7 +48,7 @@ fn slopes(along: DVec3) -> (f64, [f64; 2]) {
     (length, [along.y * length, along.z * length])
 }
 
-impl Response {
+impl SweepResponse {
     /// Returns the stencil of neighbours towards a direction (planes, rows, columns; unit length).
     pub(in crate::lighting::shadow) fn near(&self, along: DVec3, bias: f64) -> Near {
         let (length, slopes) = slopes(along);
@@ -60,7 +60,7 @@ impl Response {
 
 impl Direction {
     /// Returns the factor of sums of planes, the factor of all, and the light that an unshadowed voxel gets.
-    pub(in crate::lighting::shadow) fn factors(&self, response: &Response) -> [f32; 3] {
+    pub(in crate::lighting::shadow) fn factors(&self, response: &SweepResponse) -> [f32; 3] {
         let (length, _) = slopes(self.along);
         [(length * response.integral) as f32, self.scale as f32, f32::from(self.share)]
     }
@@ -95,10 +95,10 @@ impl Swept<'_> {
                 let (rows, _) = sheared(slopes[0], self.planes.rows, count);
                 let drifts = rows.iter().zip(&places).map(|(row, place)| row.into[1] - place.into[1]).collect();
                 let maps = rows.into_iter().zip(columns).map(|(row, column)| [row, column]).collect();
-                Rays { is_sheared: true, width, maps, weights: vec![1.0; count], drifts }
+                RaySet { is_sheared: true, width, maps, weights: vec![1.0; count], drifts }
             });
             let factors = directions.iter().map(|direction| direction.factors(self.response));
-            let light = Along { swept: self, near, factors: factors.collect() };
+            let light = ParallelLight { swept: self, near, factors: factors.collect() };
             let rays = rays.collect();
             let sweep =
                 Sweep { swept: self, ahead: near.ahead, near: near.planes, rays, places: (places, rows), light };
@@ -119,7 +119,7 @@ fn sheared(slope: f64, count: usize, planes: usize) -> (Vec<Map>, usize) {
     (maps.collect(), count + (slope.abs() * (planes - 1) as f64).ceil() as usize + 2 * MARGIN as usize)
 }
 
-impl Light for Along<'_> {
+impl SweepLight for ParallelLight<'_> {
     fn within(&self, columns: Range<usize>, _: [usize; 2]) -> Range<usize> {
         columns
     }
@@ -135,25 +135,25 @@ impl Light for Along<'_> {
     ) {
         let source = self.swept.planes.row(at[0], at[1]);
         let mut light = [0.0; LANES];
-        for start in columns.clone().step_by(Lanes::<S>::COUNT) {
+        for start in columns.clone().step_by(RowLanes::<S>::COUNT) {
             let own = self.swept.field.from(source, start as isize);
             // Where hardly any light is left, the neighbours do not matter.
             let is_lit = self.factors.iter().zip(sums).any(|([planes, all, _], sums)| {
                 let faint = FAINT / (planes * all);
-                let lit = own.iter().zip(&sums[start..start + Lanes::<S>::COUNT]);
+                let lit = own.iter().zip(&sums[start..start + RowLanes::<S>::COUNT]);
                 lit.map(|(own, &sum)| u32::from((*own > 0.0) & (sum < faint))).sum::<u32>() > 0
             });
-            let mut near = Lanes::new(simd, 0.0);
+            let mut near = RowLanes::new(simd, 0.0);
             if is_lit {
                 near = self.near.add(simd, self.swept, at, start, near);
             }
-            let mut sum = Lanes::new(simd, 0.0);
+            let mut sum = RowLanes::new(simd, 0.0);
             for (&[planes, all, share], sums) in self.factors.iter().zip(sums) {
-                let depth = near.plus(simd, planes, Lanes::load(&sums[start..])).times(simd, all);
+                let depth = near.plus(simd, planes, RowLanes::load(&sums[start..])).times(simd, all);
                 sum = sum.plus(simd, share, depth.transmitted(simd));
             }
             sum.store(&mut light);
-            for (out, light) in out[start..columns.end].iter().zip(&light[..Lanes::<S>::COUNT]) {
+            for (out, light) in out[start..columns.end].iter().zip(&light[..RowLanes::<S>::COUNT]) {
                 out.store(out.load(Ordering::Relaxed) + nearest(*light), Ordering::Relaxed);
             }
         }
@@ -169,8 +169,8 @@ impl Near {
         swept: &Swept<'_>,
         at: [usize; 2],
         start: usize,
-        mut sums: Lanes<S>,
-    ) -> Lanes<S> {
+        mut sums: RowLanes<S>,
+    ) -> RowLanes<S> {
         let (field, of) = (swept.field, swept.planes);
         for StencilRow { offset: [ahead, down], column, weights } in &self.stencil {
             let planes = if self.ahead { *ahead } else { -*ahead };
@@ -179,13 +179,13 @@ impl Near {
             let first = start as isize + *column as isize;
             if filled.is_empty()
                 || filled.end as isize <= first
-                || filled.start as isize >= first + (Lanes::<S>::COUNT + weights.len()) as isize
+                || filled.start as isize >= first + (RowLanes::<S>::COUNT + weights.len()) as isize
             {
                 continue;
             }
             let values = field.from(source, first);
             for (i, &weight) in weights.iter().enumerate() {
-                sums = sums.plus(simd, weight, Lanes::load(&values[i..]));
+                sums = sums.plus(simd, weight, RowLanes::load(&values[i..]));
             }
         }
         sums

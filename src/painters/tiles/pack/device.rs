@@ -24,12 +24,12 @@ const RUN: u32 = 2048;
 pub(super) struct Runs {
     /// Runs of at most [`RUN`] splats.
     runs: wgpu::Buffer,
-    parts: Vec<Part>,
+    parts: Vec<StoreRuns>,
 }
 
 /// The runs of the splats of a store.
 #[derive(Debug)]
-struct Part {
+struct StoreRuns {
     /// The number of the store.
     store: usize,
     runs: Range<u32>,
@@ -38,7 +38,7 @@ struct Part {
 
 impl Runs {
     pub(super) fn new(context: &Context, stores: &[Store]) -> Result<Self> {
-        let (mut runs, mut parts): (Vec<[u32; 2]>, Vec<Part>) = (Vec::new(), Vec::new());
+        let (mut runs, mut parts): (Vec<[u32; 2]>, Vec<StoreRuns>) = (Vec::new(), Vec::new());
         for (store, of_store) in stores.iter().enumerate() {
             let first = runs.len() as u32;
             for Range { start, end } in joined(of_store) {
@@ -48,7 +48,7 @@ impl Runs {
             }
             let splats = runs[first as usize..].iter().map(|[first, end]| u64::from(end - first)).sum();
             if splats > 0 {
-                parts.push(Part { store, runs: first..runs.len() as u32, splats });
+                parts.push(StoreRuns { store, runs: first..runs.len() as u32, splats });
             }
         }
         let runs = context.upload("pack.runs", bytemuck::cast_slice(&runs), wgpu::BufferUsages::STORAGE)?;
@@ -155,7 +155,7 @@ impl Packing {
         let common = self.parameters(light, scale);
         recorder.clear(marks, self.mark_bytes());
         let lighting = context.upload("pack.lighting", bytemuck::bytes_of(&light.lighting), uniform)?;
-        for Part { store, runs: part, splats } in parts {
+        for StoreRuns { store, runs: part, splats } in parts {
             let store = &stores[*store];
             let parameters = Pack { first_run: part.start, run_count: part.len() as u32, ..common };
             let parameters = context.upload("pack.parameters", bytemuck::bytes_of(&parameters), uniform)?;

@@ -61,7 +61,7 @@ impl Voxel {
 
 /// The layout of voxels in the texture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub(super) enum Layout {
+pub(super) enum TextureLayout {
     /// A texel for each voxel of the box in a texture of three dimensions. Rays along every axis read the same texture,
     /// and the stage stores in it voxel by voxel: on a GPU a copy of a gigabyte from a buffer to a texture takes 25 ms,
     /// its allocation 60 ms, and all rays of a frame 2 to 7 ms (measured; docs/measurements/2026-11-25-gpu.md).
@@ -106,7 +106,7 @@ impl Marking {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Packing {
     pub(super) voxel: Voxel,
-    pub(super) layout: Layout,
+    pub(super) layout: TextureLayout,
     /// The numbers of the lattice axes a, b and m.
     pub(super) axes: [usize; 3],
     /// The first lattice point of the box along a, b and m.
@@ -141,14 +141,14 @@ impl Packing {
         let (low, high) = if whole { ([0; 3], lattice) } else { (low, high) };
         let low = axes.map(|axis| low[axis]);
         let dims: [u32; 3] = std::array::from_fn(|i| high[axes[i]].saturating_sub(low[i]));
-        let packing = Self { voxel, layout: Layout::Box, axes, low, dims, atlas: [0; 3], marking };
-        let paged = |count| Self { layout: Layout::Pages, atlas: pages::atlas(count), ..packing };
+        let packing = Self { voxel, layout: TextureLayout::Box, axes, low, dims, atlas: [0; 3], marking };
+        let paged = |count| Self { layout: TextureLayout::Pages, atlas: pages::atlas(count), ..packing };
         let in_pages = pages.filter(|_| !whole).map(paged);
         let deep = context.limits.max_texture_dimension_3d;
         let is_texture = packing.box_texels().iter().all(|&n| n <= deep);
         let saves = |of: &Self| !is_texture || pages::are_worth_it(context, of.voxel_bytes(), packing.voxel_bytes());
         let packing = in_pages.filter(saves).unwrap_or(packing);
-        let fits = (is_texture || packing.layout == Layout::Pages)
+        let fits = (is_texture || packing.layout == TextureLayout::Pages)
             && packing.atlas.iter().all(|&n| n <= deep / PAGE)
             && packing.macrocells().iter().all(|&n| n <= deep.min(MARKED))
             && packing.mark_bytes().max(packing.table_bytes()) <= context.largest_buffer();
@@ -176,7 +176,7 @@ impl Packing {
     /// larger.
     pub(super) fn in_box_of(&self, other: &Self) -> Option<Self> {
         let [low, dims] = [other.low, other.dims].map(|values| self.axes.map(|axis| values[axis]));
-        let is_box = self.layout == Layout::Box;
+        let is_box = self.layout == TextureLayout::Box;
         let has_room =
             is_box && (0..3).all(|i| low[i] <= self.low[i] && self.low[i] + self.dims[i] <= low[i] + dims[i]);
         let moved = Self { low, dims, ..*self };
@@ -192,8 +192,8 @@ impl Packing {
     /// Returns the bytes of the texture of voxels.
     fn voxel_bytes(&self) -> u64 {
         match self.layout {
-            Layout::Box => self.box_texels().map(u64::from).into_iter().product::<u64>() * self.voxel.bytes(),
-            Layout::Pages => {
+            TextureLayout::Box => self.box_texels().map(u64::from).into_iter().product::<u64>() * self.voxel.bytes(),
+            TextureLayout::Pages => {
                 let texels: u64 = self.atlas.map(|n| u64::from(n * PAGE)).into_iter().product();
                 texels * self.voxel.bytes() + self.table_bytes()
             }
@@ -254,8 +254,8 @@ impl Packing {
     fn targets(&self, context: &Context) -> Result<(wgpu::Texture, wgpu::Buffer)> {
         let usage = wgpu::TextureUsages::STORAGE_BINDING | wgpu::TextureUsages::TEXTURE_BINDING;
         let size = match self.layout {
-            Layout::Box => self.box_texels(),
-            Layout::Pages => self.atlas.map(|n| n * PAGE),
+            TextureLayout::Box => self.box_texels(),
+            TextureLayout::Pages => self.atlas.map(|n| n * PAGE),
         };
         let volume = context.texture("pack.volume", self.voxel.format(), size, wgpu::TextureDimension::D3, usage);
         let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC | wgpu::BufferUsages::COPY_DST;
@@ -331,7 +331,7 @@ impl Packed {
     /// Returns whether the splats of `source` can be packed over the volume's own: from lists, and into pages, the
     /// stage writes the places of splats only, otherwise the `whole` texture is written.
     pub(super) fn has_room_for(&self, packing: Packing, source: Option<Source>, whole: bool) -> bool {
-        let is_written = whole && packing.layout != Layout::Pages;
+        let is_written = whole && packing.layout != TextureLayout::Pages;
         self.serves(packing, source) || is_written && packing.stored().is_in_box_of(&self.packing)
     }
 
@@ -374,14 +374,14 @@ impl Packer {
     pub(super) fn new(
         context: &Context,
         constants: &[Constant],
-        (voxel, layout): (Voxel, Layout),
+        (voxel, layout): (Voxel, TextureLayout),
         samples: Option<SamplesKey>,
     ) -> Self {
         let voxels = match samples {
             Some(key) => stage_of_samples(context, constants, voxel, key),
             None => stage(context, constants, voxel),
         };
-        Self { voxels, pages: (layout == Layout::Pages).then(|| pages::stage(context)) }
+        Self { voxels, pages: (layout == TextureLayout::Pages).then(|| pages::stage(context)) }
     }
 }
 

@@ -2,7 +2,7 @@
 //! pages only, and a table says where each page of the box is in it. Brick pools of volume renderers are the same
 //! (Crassin et al. 2009, "GigaVoxels"). See shaders/common/pages.wgsl.
 
-use super::{Layout, Packing};
+use super::{Packing, TextureLayout};
 use crate::error::Result;
 use crate::gpu::context::Context;
 use crate::gpu::layout::{PageTable, PagedBrick};
@@ -59,7 +59,7 @@ impl Packing {
     /// Returns the bytes of the table of pages; 0 for other layouts.
     pub(super) fn table_bytes(&self) -> u64 {
         let words: u64 = self.table_dims().map(u64::from).into_iter().product();
-        if self.layout == Layout::Pages { 4 * words } else { 0 }
+        if self.layout == TextureLayout::Pages { 4 * words } else { 0 }
     }
 
     /// Makes the table of the places in the texture of the pages of the box.

@@ -29,7 +29,7 @@ const MAX_FILES: usize = 2;
 
 /// The part of a file to request.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Part {
+pub(super) enum RequestPart {
     All,
     /// The bytes from an offset to the end.
     From(u64),
@@ -39,7 +39,7 @@ pub(super) enum Part {
     Last(u64),
 }
 
-impl Part {
+impl RequestPart {
     fn header(self) -> Option<String> {
         match self {
             Self::All => None,
@@ -52,7 +52,7 @@ impl Part {
 
 /// Bytes of a file from an offset on, and the length of the file.
 #[derive(Debug)]
-pub(super) struct Piece {
+pub(super) struct FilePiece {
     pub(super) start: u64,
     pub(super) bytes: Vec<u8>,
     pub(super) total: u64,
@@ -167,7 +167,7 @@ pub(crate) fn size(path: &Path) -> io::Result<Option<u64>> {
     let client = client(path)?;
     let url = client.address.url(&path.to_string_lossy());
     let total =
-        client.again(|| Ok(client.open("HEAD", &url, Part::All, None)?.map_or(Some(0), |(head, _)| head.total)));
+        client.again(|| Ok(client.open("HEAD", &url, RequestPart::All, None)?.map_or(Some(0), |(head, _)| head.total)));
     match total {
         // A signature may be for reading alone, and S3 denies to tell of missing files without a reason.
         Err(error) if error.kind() == io::ErrorKind::PermissionDenied => Ok(None),
@@ -187,7 +187,7 @@ pub(crate) fn download(path: &Path) -> Result<(File, u64)> {
     let status = client.again(|| {
         // What is there already is kept if the rest must be of the same file.
         let resumed = state.clone().filter(|_| written > 0);
-        let part = if resumed.is_some() { Part::From(written) } else { Part::All };
+        let part = if resumed.is_some() { RequestPart::From(written) } else { RequestPart::All };
         let condition = resumed.map(|state| ("if-range", state)).or(kept.clone().map(|state| ("if-none-match", state)));
         let Some((head, body)) = client.open("GET", &url, part, condition)? else {
             let denied = client.denied.load(Relaxed);
@@ -319,11 +319,11 @@ impl Client {
 
     /// Fetches a part of a file, of at most `most` bytes; `None` if there is no such file. A server that ignores
     /// requests of ranges sends the whole file.
-    pub(super) fn get(&self, path: &Path, part: Part, most: u64) -> io::Result<Option<Piece>> {
+    pub(super) fn get(&self, path: &Path, part: RequestPart, most: u64) -> io::Result<Option<FilePiece>> {
         let url = self.address.url(&path.to_string_lossy());
         self.again(|| {
             let Some((head, body)) = self.open("GET", &url, part, None)? else { return Ok(None) };
-            let ignored = part != Part::All && head.status == StatusCode::OK;
+            let ignored = part != RequestPart::All && head.status == StatusCode::OK;
             let most = if ignored { MAX_IGNORED } else { most };
             if head.length.is_some_and(|length| length > most) {
                 let length = in_bytes(head.length.unwrap_or_default());
@@ -341,14 +341,14 @@ impl Client {
             let (start, end) = (head.start, head.start + bytes.len() as u64);
             let total = head.total.unwrap_or(end);
             let is_part = match part {
-                Part::All | Part::From(_) => true,
-                Part::At(at, length) => start == at && end - start <= length,
-                Part::Last(length) => end == total && end - start <= length,
+                RequestPart::All | RequestPart::From(_) => true,
+                RequestPart::At(at, length) => start == at && end - start <= length,
+                RequestPart::Last(length) => end == total && end - start <= length,
             };
             if !is_part && !ignored {
                 return Err(Fault(fault(io::ErrorKind::Unsupported, "the server sends another range"), None));
             }
-            Ok(Some(Piece { start, bytes, total }))
+            Ok(Some(FilePiece { start, bytes, total }))
         })
     }
 
@@ -357,7 +357,7 @@ impl Client {
         &self,
         method: &str,
         url: &str,
-        part: Part,
+        part: RequestPart,
         condition: Option<(&str, String)>,
     ) -> Result<Option<(Head, impl Read + use<>)>, Fault> {
         let mut request = if method == "HEAD" { self.agent.head(url) } else { self.agent.get(url) };

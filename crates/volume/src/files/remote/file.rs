@@ -4,7 +4,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use super::client::{Client, Part, Piece, client};
+use super::client::{Client, FilePiece, RequestPart, client};
 use crate::error::Damage;
 
 /// A file at a url of which ranges are fetched. Its beginning or end, and the whole of a file whose server ignores
@@ -12,24 +12,24 @@ use crate::error::Damage;
 pub(crate) struct RemoteFile {
     path: PathBuf,
     client: Arc<Client>,
-    held: Mutex<Held>,
+    held: Mutex<HeldPiece>,
 }
 
-enum Held {
+enum HeldPiece {
     Nothing,
     /// There is no such file.
     Absent,
-    Piece(Piece),
+    Piece(FilePiece),
 }
 
 impl RemoteFile {
     pub(crate) fn new(path: &Path) -> io::Result<Self> {
-        Ok(Self { path: path.to_owned(), client: client(path)?, held: Mutex::new(Held::Nothing) })
+        Ok(Self { path: path.to_owned(), client: client(path)?, held: Mutex::new(HeldPiece::Nothing) })
     }
 
     /// Fetches the whole file, of at most `most` bytes; the kind of the error is `NotFound` if there is none.
     pub(crate) fn all(&self, most: u64) -> io::Result<Vec<u8>> {
-        self.client.get(&self.path, Part::All, most)?.map(|piece| piece.bytes).ok_or_else(absent)
+        self.client.get(&self.path, RequestPart::All, most)?.map(|piece| piece.bytes).ok_or_else(absent)
     }
 
     /// Returns the first or the last `length` bytes, or fewer if the file is shorter, and the length of the file. The
@@ -37,11 +37,11 @@ impl RemoteFile {
     pub(crate) fn edge(&self, first: bool, length: u64) -> io::Result<(Vec<u8>, u64)> {
         // Whoever needs the same bytes waits for them.
         let mut held = self.held.lock().unwrap_or_else(PoisonError::into_inner);
-        if matches!(*held, Held::Nothing) {
-            let part = if first { Part::At(0, length) } else { Part::Last(length) };
-            *held = self.client.get(&self.path, part, length)?.map_or(Held::Absent, Held::Piece);
+        if matches!(*held, HeldPiece::Nothing) {
+            let part = if first { RequestPart::At(0, length) } else { RequestPart::Last(length) };
+            *held = self.client.get(&self.path, part, length)?.map_or(HeldPiece::Absent, HeldPiece::Piece);
         }
-        let Held::Piece(piece) = &*held else { return Err(absent()) };
+        let HeldPiece::Piece(piece) = &*held else { return Err(absent()) };
         let length = length.min(piece.total);
         let bytes = piece.part(if first { 0 } else { piece.total - length }, length);
         Ok((bytes.ok_or_else(|| Damage.error("cut short"))?, piece.total))
@@ -53,16 +53,16 @@ impl RemoteFile {
             return Ok(Vec::new());
         }
         let held = || match &*self.held.lock().unwrap_or_else(PoisonError::into_inner) {
-            Held::Piece(piece) => piece.part(offset, length),
+            HeldPiece::Piece(piece) => piece.part(offset, length),
             _ => None,
         };
         if let Some(bytes) = held() {
             return Ok(bytes);
         }
-        let piece = self.client.get(&self.path, Part::At(offset, length), length)?.ok_or_else(absent)?;
+        let piece = self.client.get(&self.path, RequestPart::At(offset, length), length)?.ok_or_else(absent)?;
         let bytes = piece.part(offset, length).ok_or_else(|| Damage.error("cut short"))?;
         if piece.start == 0 && piece.bytes.len() as u64 == piece.total {
-            *self.held.lock().unwrap_or_else(PoisonError::into_inner) = Held::Piece(piece);
+            *self.held.lock().unwrap_or_else(PoisonError::into_inner) = HeldPiece::Piece(piece);
         }
         Ok(bytes)
     }
@@ -73,7 +73,7 @@ fn absent() -> io::Error {
     io::ErrorKind::NotFound.into()
 }
 
-impl Piece {
+impl FilePiece {
     /// Returns the `length` bytes at an offset of the file, if they are there.
     fn part(&self, offset: u64, length: u64) -> Option<Vec<u8>> {
         let from = usize::try_from(offset.checked_sub(self.start)?).ok()?;

@@ -132,9 +132,9 @@ pub(super) struct Dataset {
 }
 
 /// A source of bytes that are read at any place.
-pub(super) trait Bytes: Read + Seek {}
+pub(super) trait ByteSource: Read + Seek {}
 
-impl<T: Read + Seek> Bytes for T {}
+impl<T: Read + Seek> ByteSource for T {}
 
 impl Dataset {
     pub(super) fn read(path: &Path) -> Result<Self> {
@@ -146,7 +146,7 @@ impl Dataset {
         input.limit(MAX_UNPACKED);
         let set = Self { path: path.to_owned(), ..Self::default() };
         let length = input.at_most().unwrap_or(0);
-        let mut reader = Reader { input, length, explicit: true, is_sure: false, group: None, set };
+        let mut reader = ElementReader { input, length, explicit: true, is_sure: false, group: None, set };
         reader.run()?;
         Ok(reader.set)
     }
@@ -162,7 +162,7 @@ impl Dataset {
     }
 
     /// Opens the file, or the decompressed pixels of a compressed file.
-    pub(super) fn open(&self) -> io::Result<Box<dyn Bytes + '_>> {
+    pub(super) fn open(&self) -> io::Result<Box<dyn ByteSource + '_>> {
         Ok(match &self.unpacked {
             Some(bytes) => Box::new(Cursor::new(bytes.as_slice())),
             None => Box::new(File::open(&self.path)?),
@@ -285,7 +285,7 @@ const DOUBLES: u32 = 0x7fe0_0009;
 
 /// A reader of elements one after the other. Places are counted in bytes from the end of the file, or of a compressed
 /// one from the farthest that it can have.
-struct Reader {
+struct ElementReader {
     input: Input,
     /// The length of the file in bytes.
     length: u64,
@@ -298,7 +298,7 @@ struct Reader {
     set: Dataset,
 }
 
-impl Reader {
+impl ElementReader {
     fn run(&mut self) -> Result<()> {
         // The preamble and the mark behind it may be missing.
         let head = self.input.peek(132)?;

@@ -10,13 +10,13 @@ const TABLE: u32 = 0x0028_1201;
 const SEGMENTS: u32 = 0x0028_1221;
 
 /// The colours of a channel by pixel.
-pub(super) struct Table {
+pub(super) struct PaletteTable {
     /// The pixel of the first entry.
     first: i64,
     entries: Vec<u16>,
 }
 
-impl Table {
+impl PaletteTable {
     /// Reads the table of a channel: 0 is red, 1 green, 2 blue.
     pub(super) fn of(set: &Dataset, channel: usize, signed: bool) -> Result<Self> {
         let channel = channel as u32;

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use super::dataset::Dataset;
 use super::encapsulated::{DECOMPRESS, Frames, Size, syntax_of};
-use super::palette::Table;
+use super::palette::PaletteTable;
 use super::plane::{Colors, Plane};
 use super::{FRAMES, PHOTOMETRIC, Slice};
 use crate::error::{Error, Result, Subject, refuse, refuse_if};
@@ -134,7 +134,7 @@ pub(super) fn pixels_of(
             of[channel].round().clamp(0.0, 255.0) as i64
         })),
         Colors::Palette => {
-            let table = Table::of(set, channel, pixels.signed)?;
+            let table = PaletteTable::of(set, channel, pixels.signed)?;
             values.extend((0..area).map(|pixel| table.at(sample(pixel, 0))));
         }
         Colors::Grey | Colors::Rgb => values.extend((0..area).map(|pixel| sample(pixel, channel))),

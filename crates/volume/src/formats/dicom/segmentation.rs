@@ -9,7 +9,7 @@ use std::path::Path;
 use glam::DVec3;
 
 use super::dataset::{Dataset, MAX_FRAMES, Values, trimmed};
-use super::palette::{self, Table};
+use super::palette::{self, PaletteTable};
 use super::pixels::{bits_before, bytes_of, frames_in, pixels_of};
 use super::plane::{Colors, Plane};
 use super::slices::{APART, BETWEEN_SLICES, single_gap};
@@ -35,7 +35,7 @@ const MAX_SPARSE: u64 = 1 << 30;
 
 /// The meaning of the samples of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Kind {
+enum Meaning {
     /// Masks: voxels of at least this value belong to the segment of the frame.
     Mask { least: i64 },
     /// Samples that are labels.
@@ -82,13 +82,13 @@ pub(super) fn read(source: &Path, sets: &[Dataset], copies: Option<String>, opti
     let mut layers = layered(set, &plane, kind, frames, voxels)?;
     let mut contents = selection::chosen(source, options, layers.len() as u64, 1)?;
     contents.notes.extend(copies);
-    if let (Kind::Mask { least }, "FRACTIONAL") = (kind, set.text(KIND).as_str()) {
+    if let (Meaning::Mask { least }, "FRACTIONAL") = (kind, set.text(KIND).as_str()) {
         let note = format!("voxels belong to a fractional segment from half of its maximum on, {least}");
         contents.notes.push(note);
     }
     contents.origin = Origin::of(Some("SEG"), [set.text(SERIES_DESCRIPTION).as_str()]);
     contents.segments = Some(described(set, &layers)?);
-    let Layer { labels, segments } = layers.swap_remove(contents.channel as usize);
+    let LabelMap { labels, segments } = layers.swap_remove(contents.channel as usize);
     let samples = match segments.iter().all(|number| u8::try_from(*number).is_ok()) {
         false => Samples::U16(labels),
         true => {
@@ -108,20 +108,20 @@ pub(super) fn lattice_of(set: &Dataset, plane: &Plane) -> Result<(u64, f64, u32)
 }
 
 /// Returns the meaning of the samples of all frames.
-fn kind_of(set: &Dataset) -> Result<Kind> {
+fn kind_of(set: &Dataset) -> Result<Meaning> {
     Ok(match set.text(KIND).as_str() {
-        "BINARY" => Kind::Mask { least: 1 },
+        "BINARY" => Meaning::Mask { least: 1 },
         "FRACTIONAL" => {
             let most = set.u16(LARGEST_FRACTION).filter(|most| *most > 0).unwrap_or(255);
-            Kind::Mask { least: i64::from(most.div_ceil(2)) }
+            Meaning::Mask { least: i64::from(most.div_ceil(2)) }
         }
-        "LABELMAP" => Kind::Labels,
+        "LABELMAP" => Meaning::Labels,
         kind => refuse!(set, "is a segmentation of the kind {kind:?}: expected BINARY, FRACTIONAL or LABELMAP"),
     })
 }
 
 /// Returns the frames of a file, in the order of their places along the normal.
-fn frames_of(set: &Dataset, plane: &Plane, kind: Kind) -> Result<Vec<Marks>> {
+fn frames_of(set: &Dataset, plane: &Plane, kind: Meaning) -> Result<Vec<Marks>> {
     let [count] = set.numbers(0, FRAMES).unwrap_or([1.0]);
     refuse_if!(!(1.0..=MAX_FRAMES as f64).contains(&count), set, "has {count} frames");
     let only = match &set.segments[..] {
@@ -140,8 +140,8 @@ fn frames_of(set: &Dataset, plane: &Plane, kind: Kind) -> Result<Vec<Marks>> {
             refuse!(set, "frame {of_frame} of {count} has no position: only segmentations of volumes are read");
         };
         let segment = match (kind, set.frame_u16(frame, NUMBER_OF_FRAME).or(only)) {
-            (Kind::Labels, _) => 0,
-            (Kind::Mask { .. }, Some(number)) if number > 0 => number,
+            (Meaning::Labels, _) => 0,
+            (Meaning::Mask { .. }, Some(number)) if number > 0 => number,
             _ => refuse!(set, "frame {of_frame} of {count} states no segment"),
         };
         frames.push(Marks { frame, segment, position, slice: 0 });
@@ -181,29 +181,29 @@ fn stacked(set: &Dataset, frames: &mut [Marks], normal: DVec3) -> Result<DVec3> 
 }
 
 /// A layer of labels that do not overlap.
-struct Layer {
+struct LabelMap {
     labels: Vec<u16>,
     /// The numbers of the segments in the layer.
     segments: Vec<u16>,
 }
 
 /// Distributes the segments over layers: each lies in the first one where it overlaps with no other.
-fn layered(set: &Dataset, plane: &Plane, kind: Kind, mut frames: Vec<Marks>, voxels: u64) -> Result<Vec<Layer>> {
+fn layered(set: &Dataset, plane: &Plane, kind: Meaning, mut frames: Vec<Marks>, voxels: u64) -> Result<Vec<LabelMap>> {
     let compressed = frames_in(set, plane.frame_bits())?;
     let area = usize::from(plane.columns) * usize::from(plane.rows);
     let what = || samples_in(&set.path);
-    let new = || Ok(Layer { labels: zeroed(voxels, what)?, segments: Vec::new() });
+    let new = || Ok(LabelMap { labels: zeroed(voxels, what)?, segments: Vec::new() });
     let samples = |frame: &Marks| pixels_of(set, compressed.as_ref(), frame.frame, plane, 0);
     let place = |frame: &Marks| frame.slice as usize * area..(frame.slice as usize + 1) * area;
     frames.sort_by_key(|frame| (frame.segment, frame.slice));
-    let mut layers: Vec<Layer> = Vec::new();
+    let mut layers: Vec<LabelMap> = Vec::new();
     for frames in frames.chunk_by(|a, b| a.segment == b.segment) {
         if let Some(pair) = frames.windows(2).find(|pair| pair[0].slice == pair[1].slice) {
             let [a, b] = [&pair[0], &pair[1]].map(|frame| frame.frame + 1);
-            let of = if kind == Kind::Labels { "labels".to_owned() } else { format!("segment {}", pair[0].segment) };
+            let of = if kind == Meaning::Labels { "labels".to_owned() } else { format!("segment {}", pair[0].segment) };
             refuse!(set, "has two frames of {of} at one position: {a} and {b}");
         }
-        let Kind::Mask { least } = kind else {
+        let Meaning::Mask { least } = kind else {
             let mut layer = new()?;
             for frame in frames {
                 let labels = &mut layer.labels[place(frame)];
@@ -212,7 +212,7 @@ fn layered(set: &Dataset, plane: &Plane, kind: Kind, mut frames: Vec<Marks>, vox
             layer.segments.extend(layer.labels.iter().max());
             return Ok(vec![layer]);
         };
-        let mut runs = Runs { all: Vec::new(), open: None };
+        let mut runs = VoxelRuns { all: Vec::new(), open: None };
         for frame in frames {
             // A frame has at most a run for every other voxel.
             runs.all.try_reserve(area / 2 + 1).map_err(|_| Error::Memory { what: what(), bytes: 8 * area as u64 })?;
@@ -229,7 +229,8 @@ fn layered(set: &Dataset, plane: &Plane, kind: Kind, mut frames: Vec<Marks>, vox
             }
             runs.add(start + area, false);
         }
-        let is_free = |layer: &Layer| !runs.all.iter().any(|run| layer.labels[run.clone()].iter().any(|of| *of != 0));
+        let is_free =
+            |layer: &LabelMap| !runs.all.iter().any(|run| layer.labels[run.clone()].iter().any(|of| *of != 0));
         let at = layers.iter().position(is_free).unwrap_or(layers.len());
         if at == layers.len() {
             layers.push(new()?);
@@ -242,13 +243,13 @@ fn layered(set: &Dataset, plane: &Plane, kind: Kind, mut frames: Vec<Marks>, vox
 }
 
 /// Runs of marked voxels, and the run under way.
-struct Runs {
+struct VoxelRuns {
     all: Vec<Range<usize>>,
     /// The first voxel of the run that has not ended.
     open: Option<usize>,
 }
 
-impl Runs {
+impl VoxelRuns {
     /// Adds the next voxel; skipped voxels are like the one before.
     fn add(&mut self, voxel: usize, is_marked: bool) {
         match (self.open, is_marked) {
@@ -276,11 +277,11 @@ impl Runs {
 }
 
 /// Returns the names and the colours of the segments.
-fn described(set: &Dataset, layers: &[Layer]) -> Result<Vec<Segment>> {
+fn described(set: &Dataset, layers: &[LabelMap]) -> Result<Vec<Segment>> {
     let mut tables = Vec::new();
     if set.text(PHOTOMETRIC) == "PALETTE COLOR" {
         let shift = 8 * (palette::bytes_of_entries(set)? - 1);
-        tables = (0..3).map(|channel| Table::of(set, channel, false)).collect::<Result<Vec<_>>>()?;
+        tables = (0..3).map(|channel| PaletteTable::of(set, channel, false)).collect::<Result<Vec<_>>>()?;
         tables.iter_mut().for_each(|table| table.shift(shift));
     }
     let segment = |values: &Values| {

@@ -53,10 +53,10 @@ const TYPES: [u32; 2] = [0x0008_9007, IMAGE_TYPE];
 
 /// The kind of a slice: numbers as in [`KINDS`], negative infinity if they are not stated, and the type.
 #[derive(Clone, PartialEq, PartialOrd)]
-struct Kind([f64; KINDS.len()], String);
+struct SliceKind([f64; KINDS.len()], String);
 
 /// The slices at one position, with their kinds.
-type There = Vec<(Kind, Slice)>;
+type There = Vec<(SliceKind, Slice)>;
 
 /// The volumes at the points in time, and notes about their differences.
 type Volumes = (Vec<Vec<Slice>>, Vec<String>);
@@ -95,7 +95,7 @@ pub(super) fn in_times(source: &Path, sets: &[Dataset], slices: Vec<Slice>) -> R
         let what = if times == 2 { "two slices".to_owned() } else { format!("{times} slices") };
         refuse!(source, "has {what} at one position: {examples}, and no number, time or kind tells them apart");
     };
-    let first: Vec<Kind> = positions.first().into_iter().flatten().map(|(kind, _)| kind.clone()).collect();
+    let first: Vec<SliceKind> = positions.first().into_iter().flatten().map(|(kind, _)| kind.clone()).collect();
     let mut notes = differences(&first);
     if notes.is_empty() && by == Some(INSTANCE) {
         notes.push("time points are in the order of InstanceNumber, because no time tells them apart".to_owned());
@@ -126,7 +126,7 @@ fn told_apart(sets: &[Dataset], positions: &mut [There]) -> Option<Option<u32>> 
 
 /// Sorts the slices of each position by their kind, a tag or both, and returns whether that distinguishes them.
 fn is_sorted_by(sets: &[Dataset], positions: &mut [There], by_kind: bool, tag: Option<(u32, Written)>) -> bool {
-    let order = |(a_kind, a): &(Kind, Slice), (b_kind, b): &(Kind, Slice)| {
+    let order = |(a_kind, a): &(SliceKind, Slice), (b_kind, b): &(SliceKind, Slice)| {
         let by_tag = tag.map_or(Some(Ordering::Equal), |tag| key_of(sets, a, tag)?.partial_cmp(&key_of(sets, b, tag)?));
         if by_kind { Some(a_kind.partial_cmp(b_kind)?.then(by_tag?)) } else { by_tag }
     };
@@ -138,7 +138,7 @@ fn is_sorted_by(sets: &[Dataset], positions: &mut [There], by_kind: bool, tag: O
 
 /// Returns whether the first slices of all positions are of one kind, and the second ones, and so on.
 fn is_of_one_kind(positions: &[There]) -> bool {
-    let kinds = |there: &There| there.iter().map(|(kind, _)| kind.clone()).collect::<Vec<Kind>>();
+    let kinds = |there: &There| there.iter().map(|(kind, _)| kind.clone()).collect::<Vec<SliceKind>>();
     let first = positions.first().map(kinds).unwrap_or_default();
     positions.iter().all(|there| there.iter().zip(&first).all(|((kind, _), first)| kind == first))
 }
@@ -147,7 +147,7 @@ fn is_of_one_kind(positions: &[There]) -> bool {
 const MOST_LISTED: usize = 8;
 
 /// Notes on the differences between volumes of these kinds.
-fn differences(kinds: &[Kind]) -> Vec<String> {
+fn differences(kinds: &[SliceKind]) -> Vec<String> {
     let mut notes = Vec::new();
     let mut compare = |name: &str, mut values: Vec<String>| {
         if values.windows(2).any(|pair| pair[0] != pair[1]) {
@@ -159,21 +159,21 @@ fn differences(kinds: &[Kind]) -> Vec<String> {
     };
     for (n, (name, _)) in KINDS.iter().enumerate() {
         let written = |value: f64| if value.is_finite() { readable(value) } else { "none".to_owned() };
-        compare(name, kinds.iter().map(|Kind(numbers, _)| written(numbers[n])).collect());
+        compare(name, kinds.iter().map(|SliceKind(numbers, _)| written(numbers[n])).collect());
     }
-    compare("ImageType", kinds.iter().map(|Kind(_, name)| plain_name(name).unwrap_or_default()).collect());
+    compare("ImageType", kinds.iter().map(|SliceKind(_, name)| plain_name(name).unwrap_or_default()).collect());
     notes
 }
 
 /// Returns the kind of a slice.
-fn kind_of(sets: &[Dataset], slice: &Slice) -> Kind {
+fn kind_of(sets: &[Dataset], slice: &Slice) -> SliceKind {
     let number =
         |tags: &[(u32, Written)]| tags.iter().find_map(|tag| key_of(sets, slice, *tag)).map(|[_, number]| number);
     let mut numbers = KINDS.map(|(_, tags)| number(tags));
     let set = sets.get(slice.file);
     numbers[B_VALUE] = numbers[B_VALUE].or_else(|| makers_b_value(set?));
     let name = set.and_then(|set| TYPES.iter().find_map(|tag| set.frame_text(slice.frame, *tag)));
-    Kind(numbers.map(|number| number.unwrap_or(f64::NEG_INFINITY)), name.unwrap_or_default())
+    SliceKind(numbers.map(|number| number.unwrap_or(f64::NEG_INFINITY)), name.unwrap_or_default())
 }
 
 /// Returns the b-value in the private groups of Siemens, GE, Philips and United Imaging, in s/mm^2.

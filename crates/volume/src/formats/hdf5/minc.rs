@@ -51,7 +51,7 @@ fn variable<'a>(group: &'a NcGroup, name: &str) -> Option<&'a NcVariable> {
 }
 
 /// An axis of an image.
-struct Axis<'a> {
+struct ImageAxis<'a> {
     name: String,
     size: u64,
     role: Role,
@@ -60,7 +60,7 @@ struct Axis<'a> {
     attributes: &'a [NcAttribute],
 }
 
-impl Axis<'_> {
+impl ImageAxis<'_> {
     fn number(&self, name: &str) -> Option<f64> {
         attribute(self.attributes, name)?.value.as_f64()
     }
@@ -70,14 +70,14 @@ impl Axis<'_> {
 pub(super) fn read(file: &NcFile, image: &Image<'_>, path: &Path, options: &LoadOptions) -> Result<Volume> {
     let axes = axes(image, path)?;
     // The slowest axis comes first in the file.
-    let space: Vec<&Axis<'_>> = axes.iter().rev().filter(|axis| axis.role == Role::Space).collect();
+    let space: Vec<&ImageAxis<'_>> = axes.iter().rev().filter(|axis| axis.role == Role::Space).collect();
     let sizes: Vec<i64> = space.iter().map(|axis| sized(axis.size)).collect();
     let [x, y, z] = space[..] else { refuse!(path, "has {} axes of space, expected 3", space.len()) };
     let placement = placement([x, y, z]);
     let grid = placement.grid(path, &sizes, options.spacing)?;
     let all: Axes = axes.iter().rev().map(|axis| (axis.role, sized(axis.size))).collect();
     let (indices, contents) = indices(path, &all, options)?;
-    let selected = |(axis, index): (&Axis<'_>, Option<u64>)| index.map_or(0..axis.size, |index| index..index + 1);
+    let selected = |(axis, index): (&ImageAxis<'_>, Option<u64>)| index.map_or(0..axis.size, |index| index..index + 1);
     let ranges: Vec<_> = axes.iter().zip(indices.into_iter().rev()).map(selected).collect();
     let element = |range: &std::ops::Range<u64>| NcSliceInfoElem::Slice { start: range.start, end: range.end, step: 1 };
     let name = format!("{}/image", image.path);
@@ -124,7 +124,7 @@ pub(super) fn read(file: &NcFile, image: &Image<'_>, path: &Path, options: &Load
 }
 
 /// Returns the axes of an image, the slowest first.
-fn axes<'a>(image: &Image<'a>, path: &Path) -> Result<Vec<Axis<'a>>> {
+fn axes<'a>(image: &Image<'a>, path: &Path) -> Result<Vec<ImageAxis<'a>>> {
     let dimensions = &image.variable.dimensions;
     // HDF5 has no names of axes of its own.
     let order = text(&image.variable.attributes, "dimorder").filter(|_| !image.path.is_empty());
@@ -149,11 +149,11 @@ fn axes<'a>(image: &Image<'a>, path: &Path) -> Result<Vec<Axis<'a>>> {
         let cosines = attribute(attributes, "direction_cosines").and_then(|cosines| cosines.value.as_f64_vec());
         let direction =
             cosines.and_then(|cosines| <[f64; 3]>::try_from(cosines).ok()).map_or(default, DVec3::from_array);
-        Ok(Axis { name, size, role, direction, attributes })
+        Ok(ImageAxis { name, size, role, direction, attributes })
     };
     let axes = named.into_iter().zip(dimensions.iter().map(|axis| axis.size)).map(axis);
     let axes = axes.collect::<Result<Vec<_>>>()?;
-    let is_twice = |axis: &Axis<'_>| axes.iter().filter(|other| other.name == axis.name).count() > 1;
+    let is_twice = |axis: &ImageAxis<'_>| axes.iter().filter(|other| other.name == axis.name).count() > 1;
     match axes.iter().find(|axis| is_twice(axis)) {
         Some(axis) => refuse!(path, "has the axis {} twice", axis.name),
         None => Ok(axes),
@@ -161,8 +161,8 @@ fn axes<'a>(image: &Image<'a>, path: &Path) -> Result<Vec<Axis<'a>>> {
 }
 
 /// Returns the position of a lattice with these axes of space, the fastest first.
-fn placement(axes: [&Axis<'_>; 3]) -> Placement {
-    let step = |axis: &Axis<'_>| axis.number("step").unwrap_or(1.0);
+fn placement(axes: [&ImageAxis<'_>; 3]) -> Placement {
+    let step = |axis: &ImageAxis<'_>| axis.number("step").unwrap_or(1.0);
     let origin = axes.iter().map(|axis| axis.direction * axis.number("start").unwrap_or(0.0)).sum();
     let directions = axes.map(|axis| if step(axis) < 0.0 { -axis.direction } else { axis.direction });
     let spacing = axes.map(|axis| step(axis).abs());

@@ -15,7 +15,7 @@ const NIFTI2_SIZE: usize = 540;
 const NIFTI2_TAIL: &[u8] = b"\0\r\n\x1a\n";
 
 /// The fields that a scalar volume needs; names are those of `nifti1.h`.
-pub(super) struct Header {
+pub(super) struct NiftiHeader {
     pub(super) is_nifti2: bool,
     pub(super) endian: Endian,
     /// The number of bytes of the header itself.
@@ -75,7 +75,7 @@ pub(in crate::formats) fn is_analyze(head: &[u8]) -> bool {
     head.len() >= NIFTI1_SIZE && (is_size(Endian::Little) || is_size(Endian::Big))
 }
 
-impl Header {
+impl NiftiHeader {
     /// Reads exactly the header's bytes.
     pub(super) fn read(input: &mut Input) -> Result<Self> {
         let head = input.peek(NIFTI2_SIZE)?;

@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DQuat, DVec3};
 
-use self::header::Header;
+use self::header::NiftiHeader;
 pub(super) use self::header::{HEADER_SIZE, is_analyze, is_nifti};
 use super::decode::{Layout, read_all};
 use super::input::Input;
@@ -28,7 +28,7 @@ use crate::volume::{Origin, SampleType, Units, Volume};
 
 /// Reads the volume of a header at the start of `input`.
 pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
-    let header = Header::read(&mut input)?;
+    let header = NiftiHeader::read(&mut input)?;
     let path = input.path().to_owned();
     let (sample_type, in_voxel) = sample_type(&header, &input)?;
     let is_complex = COMPLEX.contains(&header.datatype);
@@ -84,14 +84,14 @@ pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
 }
 
 /// Returns MR if the header has axes of frequency or phase, or an echo time as dcm2niix writes it.
-fn modality(header: &Header) -> Option<&'static str> {
+fn modality(header: &NiftiHeader) -> Option<&'static str> {
     let has_echo = header.descrip.split(';').any(|field| field.trim_start().starts_with("TE="));
     (header.dim_info & 0b1111 != 0 || has_echo).then_some("MR")
 }
 
 /// Returns the file with the samples of the header at the start of `input`, if it is another file.
 pub(super) fn named_files(mut input: Input) -> Result<Vec<PathBuf>> {
-    let header = Header::read(&mut input)?;
+    let header = NiftiHeader::read(&mut input)?;
     if header.single_file { Ok(Vec::new()) } else { Ok(vec![image_file(input.path(), &input)?]) }
 }
 
@@ -119,7 +119,7 @@ const DATATYPES: [(i16, SampleType, i64); 14] = [
 const COMPLEX: [i16; 2] = [32, 1792];
 
 /// Returns the type of the samples, and the number of them in a voxel.
-fn sample_type(header: &Header, input: &Input) -> Result<(SampleType, i64)> {
+fn sample_type(header: &NiftiHeader, input: &Input) -> Result<(SampleType, i64)> {
     if let Some((_, sample_type, in_voxel)) = DATATYPES.iter().find(|(code, ..)| *code == header.datatype) {
         return Ok((*sample_type, *in_voxel));
     }
@@ -133,7 +133,7 @@ fn sample_type(header: &Header, input: &Input) -> Result<(SampleType, i64)> {
 }
 
 /// Returns the axes of the samples: colours are beside each other, the fourth axis is time and the fifth has channels.
-fn axes(header: &Header, input: &Input, colours: i64) -> Result<Axes> {
+fn axes(header: &NiftiHeader, input: &Input, colours: i64) -> Result<Axes> {
     let n = header.dim[0];
     refuse_if!(!(1..=7).contains(&n), input, "dim[0] is {n}, expected 1 to 7 axes");
     let mut axes = vec![(Role::Channel, colours)];
@@ -153,7 +153,7 @@ fn axes(header: &Header, input: &Input, colours: i64) -> Result<Axes> {
 }
 
 /// Returns the map from stored numbers to values. A slope that is 0 or not finite means that there is none.
-fn rescale(header: &Header, input: &Input) -> Result<(f64, f64)> {
+fn rescale(header: &NiftiHeader, input: &Input) -> Result<(f64, f64)> {
     let (slope, intercept) = (header.scl_slope, header.scl_inter);
     if slope == 0.0 || !slope.is_finite() {
         return Ok((1.0, 0.0));
@@ -166,7 +166,7 @@ fn rescale(header: &Header, input: &Input) -> Result<(f64, f64)> {
 /// is centred on the origin and its first axis runs from right to left. This is nibabel's order and its fallback. As in
 /// ITK, an sform whose columns do not span space counts as none: some programs leave it zero.
 fn placement(
-    header: &Header,
+    header: &NiftiHeader,
     input: &Input,
     sizes: &[i64],
     given: Option<[f64; 3]>,
@@ -215,7 +215,7 @@ fn placement(
 const FLATTEST: f64 = 1e-6;
 
 /// Returns the rotation of the unit quaternion (a, b, c, d). The file does not store a, which is not negative.
-fn rotation(header: &Header, input: &Input) -> Result<DMat3> {
+fn rotation(header: &NiftiHeader, input: &Input) -> Result<DMat3> {
     let [b, c, d] = header.quatern;
     let a2 = 1.0 - (b * b + c * c + d * d);
     // In a half turn a is 0, and rounding of b, c and d can make a^2 negative. nibabel allows three units of rounding.

@@ -16,7 +16,7 @@ use crate::volume::{Origin, SampleType, Segment};
 const MAX_AXES: usize = 16;
 
 /// A header of NRRD with the meaning of its fields.
-pub(super) struct Header {
+pub(super) struct NrrdHeader {
     /// The fields, whose names keep the blanks between their words.
     pub(super) text: TextHeader,
     /// The modality that an application states among its keys.
@@ -39,7 +39,7 @@ pub(super) struct Header {
     pub(super) patient_flip: Option<DVec3>,
 }
 
-impl Header {
+impl NrrdHeader {
     /// Reads a header up to the blank line before attached data, the end of a detached header, or its list of files.
     pub(super) fn read(input: &mut Input) -> Result<Self> {
         let magic = input.line()?.unwrap_or_default();

@@ -9,7 +9,7 @@ use std::path::PathBuf;
 
 use glam::DVec3;
 
-use self::header::Header;
+use self::header::NrrdHeader;
 use super::decode::Layout;
 use super::input::{Input, MAX_EXPANSION};
 use super::multifile::{self, read_shares};
@@ -32,7 +32,7 @@ enum Encoding {
 
 /// Reads the volume of a header at the start of `input`.
 pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
-    let header = Header::read(&mut input)?;
+    let header = NrrdHeader::read(&mut input)?;
     let (text, path) = (&header.text, &header.text.path);
     let sample_type = sample_type(text)?;
     let encoding = encoding(text)?;
@@ -76,7 +76,7 @@ pub(super) fn read(mut input: Input, options: &LoadOptions) -> Result<Volume> {
 
 /// Returns the data files that the header at the start of `input` names.
 pub(super) fn named_files(mut input: Input) -> Result<Vec<PathBuf>> {
-    let header = Header::read(&mut input)?;
+    let header = NrrdHeader::read(&mut input)?;
     Ok(data_files(&header.text, &mut input)?.unwrap_or_default())
 }
 
@@ -131,7 +131,7 @@ fn layout(header: &TextHeader, sample_type: SampleType, encoding: Encoding) -> R
 }
 
 /// Returns the three spatial axes, fastest first, and the roles of all axes.
-fn spatial_axes(header: &Header) -> Result<([usize; 3], Axes)> {
+fn spatial_axes(header: &NrrdHeader) -> Result<([usize; 3], Axes)> {
     let mut axes: Vec<usize> = (0..header.sizes.len()).collect();
     while axes.len() > 3 {
         let single = |&&a: &&usize| header.sizes[a] == 1;
@@ -168,7 +168,7 @@ fn spatial_axes(header: &Header) -> Result<([usize; 3], Axes)> {
 }
 
 /// Returns the position of the lattice. Without directions its axes are the world axes.
-fn placement(header: &Header, axes: [usize; 3]) -> Result<Placement> {
+fn placement(header: &NrrdHeader, axes: [usize; 3]) -> Result<Placement> {
     let origin = header.origin.unwrap_or_default();
     let Some(directions) = &header.directions else {
         let spacing = header.spacings.as_ref().map_or([1.0; 3], |all| axes.map(|a| all[a]));

@@ -22,8 +22,8 @@ use tiff::decoder::{Decoder, Limits};
 use tiff::tags::Tag;
 
 use self::described::Described;
-use self::page::{MAX_EXPANSION, Page, failed};
-use self::view::View;
+use self::page::{MAX_EXPANSION, TiffPage, failed};
+use self::view::PatchedFile;
 use super::LoadOptions;
 use super::complex;
 use super::decode::{Kind, Layout, read_all, samples_of};
@@ -74,7 +74,7 @@ fn read_stacks(
     pages: &[(Role, i64)],
     options: &LoadOptions,
 ) -> Result<Volume> {
-    let Page { kind, samples, planar, depth, .. } = stack.page;
+    let TiffPage { kind, samples, planar, depth, .. } = stack.page;
     let [width, height] = stack.page.size.map(i64::from);
     let of_pages = pages.iter().filter(|(role, _)| *role == Role::Space).map(|(_, size)| *size);
     let sections = of_pages.fold(i64::from(depth), i64::saturating_mul);
@@ -157,9 +157,9 @@ fn decoded<T: Number>(path: &Path, files: &[PathBuf], pick: &Pick, page: u64, se
 /// A series of a file of TIFF.
 struct Stack {
     path: PathBuf,
-    decoder: Decoder<View>,
+    decoder: Decoder<PatchedFile>,
     /// The first page of the series: the others are of its size and type.
-    page: Page,
+    page: TiffPage,
     endian: Endian,
     /// The numbers of the pages' directories, in their order; directories of previews and of other series are left out.
     pages: Vec<usize>,
@@ -173,7 +173,7 @@ struct Stack {
 /// A directory of a file of TIFF and its page.
 struct Directory {
     number: usize,
-    page: Result<Page>,
+    page: Result<TiffPage>,
     /// The description of the page, if it begins a series.
     text: Option<String>,
 }
@@ -190,7 +190,7 @@ impl Stack {
         limits.decoding_buffer_size = MAX_VALUE.min(limit);
         limits.intermediate_buffer_size = MAX_STRIP.min(limit);
         limits.ifd_value_size = MAX_VALUE.min(limit);
-        let view = View::new(file).map_err(Error::read(path))?;
+        let view = PatchedFile::new(file).map_err(Error::read(path))?;
         let endian = view.endian();
         let decoder = Decoder::new(view).map_err(|error| failed(path, error))?;
         let mut decoder = decoder.with_limits(limits);
@@ -203,7 +203,7 @@ impl Stack {
         let mut directories = directories(&mut decoder, path, length)?;
         let has_look_up_table = imagej::is_imagej(&text);
         let samples = |number: usize| {
-            let page: Option<&Page> = directories.get(number).and_then(|directory| directory.page.as_ref().ok());
+            let page: Option<&TiffPage> = directories.get(number).and_then(|directory| directory.page.as_ref().ok());
             page.map_or(1, |page| page.samples)
         };
         let numbers: Vec<usize> = directories.iter().map(|directory| directory.number).collect();
@@ -263,19 +263,19 @@ impl Stack {
 }
 
 /// Returns the description of the directory that the decoder is at.
-fn description(decoder: &mut Decoder<View>) -> Option<String> {
+fn description(decoder: &mut Decoder<PatchedFile>) -> Option<String> {
     decoder.find_tag(Tag::ImageDescription).ok().flatten()?.into_string().ok()
 }
 
 /// Returns the directories of pages; directories of previews are left out.
-fn directories(decoder: &mut Decoder<View>, path: &Path, length: u64) -> Result<Vec<Directory>> {
+fn directories(decoder: &mut Decoder<PatchedFile>, path: &Path, length: u64) -> Result<Vec<Directory>> {
     let (mut all, mut seen, mut number, mut chunks) = (Vec::new(), HashSet::new(), 0, 0_u64);
     loop {
         let is_preview = decoder.find_tag_unsigned::<u32>(Tag::NewSubfileType).ok().flatten().unwrap_or(0) & 1 == 1;
         // The first page is one in any case.
         if number == 0 || !is_preview {
             let text = description(decoder).filter(|text| shaped::is_shaped(text));
-            let page = Page::of(decoder, path, length);
+            let page = TiffPage::of(decoder, path, length);
             if let Ok(page) = &page {
                 chunks = chunks.saturating_add(page.chunks);
             }
@@ -305,14 +305,14 @@ fn undescribed(directories: &[Directory]) -> Vec<Described> {
         let runs = numbers.chunk_by(|_, next| directories[*next].text.is_none());
         let described = |run: &[usize]| {
             let Directory { page, text, .. } = &directories[run[0]];
-            let samples = page.as_ref().map_or(0, Page::len);
+            let samples = page.as_ref().map_or(0, TiffPage::len);
             shaped::described(text.as_deref().unwrap_or_default(), run.to_vec(), samples)
         };
         return runs.map(described).collect();
     }
     let mut groups: Vec<(String, Vec<usize>)> = Vec::new();
     for (number, Directory { page, .. }) in directories.iter().enumerate() {
-        let key = page.as_ref().map_or_else(Error::to_string, Page::described);
+        let key = page.as_ref().map_or_else(Error::to_string, TiffPage::described);
         match groups.iter().position(|(of, _)| *of == key) {
             Some(group) => groups[group].1.push(number),
             // Beyond some kinds of pages it is no stack.

@@ -24,11 +24,11 @@ struct Image {
     pixels: Tag,
     labels: Vec<Channel>,
     /// The tags TiffData, which place planes in the file.
-    planes: Vec<Planes>,
+    planes: Vec<PlaneRun>,
 }
 
 /// A run of planes in consecutive directories.
-struct Planes {
+struct PlaneRun {
     /// The number of the first directory.
     directory: Option<usize>,
     /// The section, the channel and the point in time of the first plane.
@@ -85,7 +85,7 @@ fn images(text: &str) -> Vec<Image> {
             ("TiffData", Some(image)) => {
                 let number = |name: &str| tag.get(name).and_then(|text| text.parse::<usize>().ok());
                 let first = ["FirstZ", "FirstC", "FirstT"].map(|name| number(name).unwrap_or(0) as i64);
-                image.planes.push(Planes { directory: number("IFD"), first, count: number("PlaneCount") });
+                image.planes.push(PlaneRun { directory: number("IFD"), first, count: number("PlaneCount") });
             }
             _ => {}
         }

@@ -6,7 +6,7 @@ use tiff::decoder::Decoder;
 use tiff::tags::Tag;
 use tiff::{TiffError, TiffUnsupportedError};
 
-use super::view::View;
+use super::view::PatchedFile;
 use crate::error::{Error, Result, Subject, refuse, refuse_if};
 use crate::formats::decode::Kind;
 use crate::formats::input;
@@ -32,7 +32,7 @@ fn expansion(compression: u32) -> u64 {
 }
 
 /// The properties of a page of TIFF.
-pub(super) struct Page {
+pub(super) struct TiffPage {
     pub(super) size: [u32; 2],
     /// The number of sections of a page that is a volume; 1 for other pages.
     pub(super) depth: u32,
@@ -59,7 +59,7 @@ pub(super) struct Page {
     tiles: Option<[[usize; 3]; 2]>,
 }
 
-impl Page {
+impl TiffPage {
     /// Returns the number of pixels of a section of the page.
     pub(super) fn area(&self) -> u64 {
         u64::from(self.size[0]) * u64::from(self.size[1])
@@ -111,7 +111,7 @@ impl Page {
 
     /// Reads the properties of the page whose directory the decoder is at, in a file of `length` bytes. Where the crate
     /// could not decode the page, or would change its samples, the directory gets other entries.
-    pub(super) fn of(decoder: &mut Decoder<View>, path: &Path, length: u64) -> Result<Self> {
+    pub(super) fn of(decoder: &mut Decoder<PatchedFile>, path: &Path, length: u64) -> Result<Self> {
         let failed = |error| failed(path, error);
         let place = decoder.ifd_pointer().map_or(0, |pointer| pointer.0);
         let folded = decoder.inner().folded(place);
@@ -210,7 +210,7 @@ impl Page {
     /// after plane.
     pub(super) fn read<T: Number>(
         &self,
-        decoder: &mut Decoder<View>,
+        decoder: &mut Decoder<PatchedFile>,
         directory: usize,
         path: &Path,
         samples: &mut [T],

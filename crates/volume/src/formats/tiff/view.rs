@@ -40,7 +40,7 @@ struct Entry {
 }
 
 /// A file of TIFF, and the bytes that replace its own.
-pub(super) struct View {
+pub(super) struct PatchedFile {
     file: BufReader<File>,
     endian: Endian,
     /// Whether the file is BigTIFF, whose numbers are wider.
@@ -52,7 +52,7 @@ pub(super) struct View {
     folded: BTreeMap<u64, Folded>,
 }
 
-impl View {
+impl PatchedFile {
     pub(super) fn new(file: File) -> io::Result<Self> {
         let file = BufReader::new(file);
         let (replaced, folded) = (BTreeMap::new(), BTreeMap::new());
@@ -158,7 +158,7 @@ impl View {
     }
 }
 
-impl Read for View {
+impl Read for PatchedFile {
     fn read(&mut self, out: &mut [u8]) -> io::Result<usize> {
         let read = self.file.read(out)?;
         let (start, end) = (self.at, self.at + read as u64);
@@ -173,7 +173,7 @@ impl Read for View {
     }
 }
 
-impl Seek for View {
+impl Seek for PatchedFile {
     fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
         self.at = self.file.seek(to)?;
         Ok(self.at)

@@ -9,7 +9,7 @@ use crate::formats::input::{Input, MAX_EXPANSION, buffered};
 
 /// The codec of compressed blocks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Codec {
+pub(super) enum BlockCodec {
     Zlib,
     Lz4,
 }
@@ -21,7 +21,7 @@ const MAX_BLOCKS: u64 = 1 << 24;
 /// decompressed.
 pub(super) fn decompressed(
     mut input: Input,
-    codec: Codec,
+    codec: BlockCodec,
     mut number: impl FnMut(&mut Input) -> Result<u64>,
 ) -> Result<Input> {
     let (count, size, last) = (number(&mut input)?, number(&mut input)?, number(&mut input)?);
@@ -45,7 +45,7 @@ pub(super) fn decompressed(
 /// A reader of the bytes of compressed blocks.
 struct Blocks {
     packed: Box<dyn BufRead>,
-    codec: Codec,
+    codec: BlockCodec,
     /// The numbers of compressed and of decompressed bytes of each block to come.
     sizes: std::vec::IntoIter<[u64; 2]>,
     block: io::Cursor<Vec<u8>>,
@@ -62,11 +62,11 @@ impl Blocks {
         let mut block = std::mem::take(&mut self.block).into_inner();
         block.clear();
         match self.codec {
-            Codec::Zlib => {
+            BlockCodec::Zlib => {
                 // One byte more shows a block that is too long.
                 ZlibDecoder::new(bytes.as_slice()).take(size.saturating_add(1)).read_to_end(&mut block)?;
             }
-            Codec::Lz4 => {
+            BlockCodec::Lz4 => {
                 let length = usize::try_from(size).map_err(|_| Damage.error(format!("a block of {size} bytes")))?;
                 block.try_reserve_exact(length).map_err(|_| io::ErrorKind::OutOfMemory)?;
                 block.resize(length, 0);

@@ -5,8 +5,8 @@ use std::str::FromStr;
 
 use glam::DVec3;
 
-use super::blocks::{Codec, decompressed};
-use super::{Array, At, Found, ImageLattice, Wanted, note_name, numbers};
+use super::blocks::{BlockCodec, decompressed};
+use super::{At, Found, ImageLattice, SampleArray, Wanted, note_name, numbers};
 use crate::error::{Result, Subject, refuse, refuse_if};
 use crate::formats::LoadOptions;
 use crate::formats::decode::Layout;
@@ -66,7 +66,7 @@ fn image_lattice(image: &Tag, file: &Path) -> Result<ImageLattice> {
 
 /// The place of an array's samples in the file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Place {
+pub(super) enum ArrayPlace {
     /// After the tag, as decimal numbers.
     Text,
     /// After the tag, in base64.
@@ -81,7 +81,7 @@ fn find(
     whole: Option<&str>,
     wanted: Wanted<'_>,
     names: &mut Vec<String>,
-) -> Result<Option<(Array, Place)>> {
+) -> Result<Option<(SampleArray, ArrayPlace)>> {
     let (mut at, mut active) = (None, None);
     let same = |a: &str, b: &str| a.split_ascii_whitespace().eq(b.split_ascii_whitespace());
     let mut appended = None;
@@ -115,9 +115,9 @@ fn find(
                 let Some(sample_type) = SampleType::from_name(name) else {
                     refuse!(input, "has an array of type {name:?}, which is not read");
                 };
-                let array = Array { at, sample_type, components };
+                let array = SampleArray { at, sample_type, components };
                 match place(&tag, input)? {
-                    Place::Appended { offset, .. } => appended = Some((array, offset)),
+                    ArrayPlace::Appended { offset, .. } => appended = Some((array, offset)),
                     place => return Ok(Some((array, place))),
                 }
             }
@@ -125,7 +125,7 @@ fn find(
                 let Some((array, offset)) = appended.take() else { break };
                 let encodings = [("base64", true), ("raw", false)];
                 let base64 = choice(input.path(), "encoding", tag.get("encoding"), encodings)?;
-                return Ok(Some((array, Place::Appended { offset, base64 })));
+                return Ok(Some((array, ArrayPlace::Appended { offset, base64 })));
             }
             _ => {}
         }
@@ -134,14 +134,14 @@ fn find(
     Ok(None)
 }
 
-pub(super) fn place(tag: &Tag, input: &Input) -> Result<Place> {
+pub(super) fn place(tag: &Tag, input: &Input) -> Result<ArrayPlace> {
     match tag.get("format") {
-        Some("ascii") => Ok(Place::Text),
-        Some("binary") => Ok(Place::Inline),
+        Some("ascii") => Ok(ArrayPlace::Text),
+        Some("binary") => Ok(ArrayPlace::Inline),
         Some("appended") => {
             let text = tag.get("offset").unwrap_or_default();
             let offset = text.parse().map_err(|_| input.error(format!("offset is {text:?}, expected a number")))?;
-            Ok(Place::Appended { offset, base64: false })
+            Ok(ArrayPlace::Appended { offset, base64: false })
         }
         other => Err(input.error(format!("has an array in the format {:?}", other.unwrap_or_default()))),
     }
@@ -152,7 +152,7 @@ pub(super) struct Coding {
     endian: Endian,
     /// Whether the numbers before an array have 8 bytes rather than 4.
     wide: bool,
-    codec: Option<Codec>,
+    codec: Option<BlockCodec>,
 }
 
 impl Coding {
@@ -164,8 +164,8 @@ impl Coding {
         let wide = choice(input.path(), "header_type", file.get("header_type"), numbers)?;
         let codec = match file.get("compressor") {
             None | Some("") => None,
-            Some("vtkZLibDataCompressor") => Some(Codec::Zlib),
-            Some("vtkLZ4DataCompressor") => Some(Codec::Lz4),
+            Some("vtkZLibDataCompressor") => Some(BlockCodec::Zlib),
+            Some("vtkLZ4DataCompressor") => Some(BlockCodec::Lz4),
             Some(other) => {
                 refuse!(
                     input,
@@ -177,11 +177,11 @@ impl Coding {
     }
 
     /// Moves from the end of a tag to the first sample.
-    pub(super) fn at_samples(&self, mut input: Input, place: Place) -> Result<(Input, Layout)> {
+    pub(super) fn at_samples(&self, mut input: Input, place: ArrayPlace) -> Result<(Input, Layout)> {
         let is_base64 = match place {
-            Place::Text => return Ok((input, Layout::Text)),
-            Place::Inline => true,
-            Place::Appended { offset, base64 } => {
+            ArrayPlace::Text => return Ok((input, Layout::Text)),
+            ArrayPlace::Inline => true,
+            ArrayPlace::Appended { offset, base64 } => {
                 input.skip_past(b'_')?;
                 input.skip(offset)?;
                 base64

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::{Array, At, Found, ImageLattice, Wanted, note_name, numbers};
+use super::{At, Found, ImageLattice, SampleArray, Wanted, note_name, numbers};
 use crate::error::{Error, Result, Subject, refuse, refuse_if};
 use crate::formats::LoadOptions;
 use crate::formats::decode::{Layout, skip};
@@ -56,7 +56,7 @@ impl Reader {
     }
 
     /// Reads up to the first sample of the array.
-    fn find(&mut self, wanted: Wanted<'_>) -> Result<Option<Array>> {
+    fn find(&mut self, wanted: Wanted<'_>) -> Result<Option<SampleArray>> {
         while let Some(line) = self.input.line()? {
             let line = line.trim();
             let words: Vec<&str> = line.split_ascii_whitespace().collect();
@@ -102,7 +102,7 @@ impl Reader {
         line: &[&str],
         wanted: Wanted<'_>,
         bad: impl Fn() -> Error,
-    ) -> Result<Option<Array>> {
+    ) -> Result<Option<SampleArray>> {
         let words = line.get(1..).unwrap_or_default();
         let is_field = !["SCALARS", "COLOR_SCALARS", "VECTORS", "NORMALS"].contains(&keyword);
         let (kind, components, tuples) = match (keyword, words) {
@@ -133,7 +133,7 @@ impl Reader {
         };
         let at = self.of.filter(|(_, count)| tuples == *count && !is_fraction && is_wanted);
         if let Some((at, _)) = at {
-            return Ok(Some(Array { at, sample_type: self.sample_type(kind)?, components }));
+            return Ok(Some(SampleArray { at, sample_type: self.sample_type(kind)?, components }));
         }
         let size = if self.layout == Layout::Text { 1 } else { self.sample_type(kind)?.size() };
         if self.of.is_some_and(|(_, count)| tuples == count) {

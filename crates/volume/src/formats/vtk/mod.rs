@@ -71,7 +71,7 @@ enum At {
 }
 
 /// An array of samples.
-struct Array {
+struct SampleArray {
     at: At,
     sample_type: SampleType,
     /// The number of numbers of each sample.
@@ -107,7 +107,7 @@ impl ImageLattice {
     }
 
     /// Reads the volume of an array whose first sample is at the start of `input`.
-    fn read(&self, array: &Array, input: Input, layout: Layout, options: &LoadOptions) -> Result<Found> {
+    fn read(&self, array: &SampleArray, input: Input, layout: Layout, options: &LoadOptions) -> Result<Found> {
         let path = input.path().to_owned();
         let (sizes, placement) = self.placed(array.at);
         let grid = placement.grid(&path, &sizes, options.spacing)?;

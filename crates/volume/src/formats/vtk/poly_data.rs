@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::image_data::{Coding, Place, place, tag};
+use super::image_data::{ArrayPlace, Coding, place, tag};
 use crate::error::{Result, Subject, refuse, refuse_if};
 use crate::formats::decode::Layout;
 use crate::formats::input::Input;
@@ -71,12 +71,12 @@ fn array(path: &Path, section: &str, matches: &dyn Fn(&Tag) -> bool, count: u64)
         refuse!(path, "has an array of type {name:?}, which is not read");
     };
     let place = match place(&array, &input)? {
-        Place::Appended { offset, .. } => {
+        ArrayPlace::Appended { offset, .. } => {
             let Some(appended) = tag(&mut input, "AppendedData")? else {
                 refuse!(path, "is cut short: it has no appended data")
             };
             let base64 = choice(path, "encoding", appended.get("encoding"), [("base64", true), ("raw", false)])?;
-            Place::Appended { offset, base64 }
+            ArrayPlace::Appended { offset, base64 }
         }
         place => place,
     };

@@ -17,7 +17,7 @@ use crate::volume::{Endian, Number};
 
 /// A codec from bytes to bytes.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) enum Packing {
+pub(super) enum ByteCodec {
     Gzip,
     Zlib,
     Zstd,
@@ -52,7 +52,7 @@ pub(super) struct Chain {
     /// The permutations of axes, in the order of encoding: for each axis after a permutation, the axis before it.
     transposed: Vec<Vec<usize>>,
     writing: Writing,
-    packings: Vec<Packing>,
+    packings: Vec<ByteCodec>,
 }
 
 /// The largest depth of shards within shards.
@@ -65,7 +65,7 @@ impl Chain {
     /// Returns the chain of codecs of Zarr 2: an order, a byte order, filters and a compressor.
     pub(super) fn of_v2(file: &Path, axes: usize, fortran: bool, endian: Endian, codecs: &[&Value]) -> Result<Self> {
         let transposed = if fortran { vec![(0..axes).rev().collect()] } else { Vec::new() };
-        let packing = |codec: &&Value| Packing::of(file, codec["id"].as_str().unwrap_or_default(), codec);
+        let packing = |codec: &&Value| ByteCodec::of(file, codec["id"].as_str().unwrap_or_default(), codec);
         let packings = codecs.iter().map(packing).collect::<Result<_>>()?;
         Ok(Self { transposed, writing: Writing::Plain(endian), packings })
     }
@@ -106,7 +106,7 @@ impl Chain {
                         index_first: choice(file, "index_location", options["index_location"].as_str(), places)?,
                     })));
                 }
-                other if writing.is_some() => packings.push(Packing::of(file, other, options)?),
+                other if writing.is_some() => packings.push(ByteCodec::of(file, other, options)?),
                 other => refuse!(file, "the codec {other:?} is not read"),
             }
         }
@@ -173,8 +173,8 @@ impl Chain {
     /// Returns the packed length of this many bytes; fails if a codec makes it vary.
     fn fixed_length(&self, bytes: u64) -> io::Result<u64> {
         self.packings.iter().try_fold(bytes, |length, packing| match packing {
-            Packing::Crc32c => Ok(length + 4),
-            Packing::Shuffle(_) => Ok(length),
+            ByteCodec::Crc32c => Ok(length + 4),
+            ByteCodec::Shuffle(_) => Ok(length),
             _ => Err(Damage.error("the index of a shard is compressed")),
         })
     }
@@ -302,7 +302,7 @@ pub(super) fn units(want: &[Range<u64>], chunks: &[u64], unit: &[u64]) -> impl I
     })
 }
 
-impl Packing {
+impl ByteCodec {
     fn of(file: &Path, name: &str, options: &Value) -> Result<Self> {
         Ok(match name.strip_prefix("numcodecs.").unwrap_or(name) {
             "gzip" => Self::Gzip,

@@ -5,7 +5,7 @@ use std::path::{Component, Path};
 use serde_json::Value;
 
 use super::level::Level;
-use super::metadata::Node;
+use super::metadata::ZarrNode;
 use super::store::Store;
 use crate::error::{Error, Result, Subject, refuse, refuse_if};
 use crate::formats::PyramidLevel;
@@ -21,7 +21,7 @@ const MAX_LEVELS: usize = 64;
 const MAX_LABELS: usize = 4096;
 
 /// Returns the value of a key among the attributes of OME, or among all attributes.
-pub(super) fn first_of<'a>(node: &'a Node, key: &str) -> Option<&'a Value> {
+pub(super) fn first_of<'a>(node: &'a ZarrNode, key: &str) -> Option<&'a Value> {
     [&node.attributes["ome"][key], &node.attributes[key]].into_iter().find(|value| !value.is_null())
 }
 
@@ -81,7 +81,7 @@ pub(super) fn levels(store: &Store, folder: &Path, image: &Value, axes: usize) -
         if !Path::new(name).components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir)) {
             refuse!(folder, "has a dataset at {name:?}, outside of its folder");
         }
-        let node = Node::read(store, &folder.join(name))?;
+        let node = ZarrNode::read(store, &folder.join(name))?;
         let Some(array) = node.array else { refuse!(node.folder, "is no array") };
         refuse_if!(array.shape.len() != axes, node.folder, "has {} axes, but its image has {axes}", array.shape.len());
         let mut level = Level { folder: node.folder, array, scale: vec![1.0; axes], translation: vec![0.0; axes] };
@@ -144,7 +144,7 @@ impl Level {
 }
 
 /// Returns the names, colours and windows of the image's channels.
-pub(super) fn labels(node: &Node) -> Vec<Channel> {
+pub(super) fn labels(node: &ZarrNode) -> Vec<Channel> {
     let list = first_of(node, "omero").and_then(|omero| omero["channels"].as_array());
     let label = |value: &Value| {
         let color = value["color"].as_str().and_then(|text| u32::from_str_radix(text.trim_start_matches('#'), 16).ok());
@@ -162,7 +162,7 @@ pub(super) fn labels(node: &Node) -> Vec<Channel> {
 }
 
 /// Returns the colours and the names of labels, if the image is an image of labels.
-pub(super) fn segments(node: &Node) -> Option<Vec<Segment>> {
+pub(super) fn segments(node: &ZarrNode) -> Option<Vec<Segment>> {
     let image = first_of(node, "image-label")?;
     let of = |list: &'static str| image[list].as_array().map(Vec::as_slice).unwrap_or_default().iter().take(MAX_LABELS);
     let label = |value: &Value| value["label-value"].as_f64().map(|label| label as i64);

@@ -19,7 +19,7 @@ const MAX_AXES: usize = 16;
 pub(super) const MAX_CHUNK: u64 = 1 << 30;
 
 /// A folder of Zarr.
-pub(super) struct Node {
+pub(super) struct ZarrNode {
     pub(super) folder: PathBuf,
     /// The array that the folder holds; `None` if it is a group.
     pub(super) array: Option<Array>,
@@ -47,7 +47,7 @@ fn json(store: &Store, path: &Path) -> Result<Option<Value>> {
     serde_json::from_slice(&bytes).map(Some).map_err(|error| path.error(error.to_string()))
 }
 
-impl Node {
+impl ZarrNode {
     pub(super) fn read(store: &Store, folder: &Path) -> Result<Self> {
         let folder = folder.to_owned();
         let file = folder.join("zarr.json");

@@ -20,7 +20,7 @@ use serde_json::Value;
 
 use self::image::{axes_of_image, chosen_level, first_of, labels, levels, pyramid, segments};
 use self::level::Level;
-use self::metadata::{Array, Node};
+use self::metadata::{Array, ZarrNode};
 #[cfg(feature = "remote")]
 use self::store::MAX_METADATA;
 use self::store::Store;
@@ -30,7 +30,7 @@ use super::coordinates::Axis;
 use super::folder::{METADATA, zarr_folder_of};
 use super::input::Input;
 #[cfg(feature = "remote")]
-use super::origin::Origin;
+use super::origin::FileOrigin;
 use super::placement::{named_unit, plain_name};
 use super::selection::{Role, guessed, sized};
 use super::zip::Archive;
@@ -68,7 +68,7 @@ pub(super) fn folder_at(url: &Path) -> Result<Option<&Path>> {
 #[cfg(feature = "remote")]
 pub(super) fn read_archive_at(url: &Path, inside: Option<&str>, options: &LoadOptions) -> Result<Volume> {
     let file = RemoteFile::new(url).map_err(Error::read(url))?;
-    read_members(url, Archive::at(url.to_owned(), Origin::Url(file.into()))?, inside, options)
+    read_members(url, Archive::at(url.to_owned(), FileOrigin::Url(file.into()))?, inside, options)
 }
 
 /// Reads the volume of an archive, or of a folder in it.
@@ -98,7 +98,7 @@ fn read_members(path: &Path, archive: Archive, inside: Option<&str>, options: &L
 }
 
 fn read_from(store: &Store, folder: &Path, options: &LoadOptions) -> Result<Volume> {
-    let mut node = Node::read(store, folder)?;
+    let mut node = ZarrNode::read(store, folder)?;
     // Bio-Formats puts images in folders with numbers.
     if node.array.is_none() && pyramid(&node.attributes).is_none() && first_of(&node, "bioformats2raw.layout").is_some()
     {
@@ -106,7 +106,7 @@ fn read_from(store: &Store, folder: &Path, options: &LoadOptions) -> Result<Volu
         let Some(index) = series.checked_sub(1).filter(|n| store.is_zarr(&folder.join(n.to_string()))) else {
             return Err(Error::setting("series", format!("{series}, but {} has no such image", folder.display())));
         };
-        node = Node::read(store, &folder.join(index.to_string()))?;
+        node = ZarrNode::read(store, &folder.join(index.to_string()))?;
     }
     if node.array.is_none() && pyramid(&node.attributes).is_none() {
         node = only_array(store, &node)?;
@@ -139,15 +139,15 @@ fn of_array(store: &Store, folder: PathBuf, array: Array, attributes: &Value, op
 }
 
 /// Returns the only array of a group that is a volume, or else a plane, such as the variable of a data set of xarray.
-fn only_array(store: &Store, group: &Node) -> Result<Node> {
+fn only_array(store: &Store, group: &ZarrNode) -> Result<ZarrNode> {
     let folders = store.folders(&group.folder).into_iter().take(MAX_FOLDERS);
-    let mut arrays: Vec<Node> = folders.filter_map(|folder| Node::read(store, &folder).ok()).collect();
-    let shape = |node: &Node| node.array.as_ref().map(|array| array.shape.clone()).unwrap_or_default();
-    let axes = |node: &Node| shape(node).into_iter().filter(|size| *size > 1).count();
+    let mut arrays: Vec<ZarrNode> = folders.filter_map(|folder| ZarrNode::read(store, &folder).ok()).collect();
+    let shape = |node: &ZarrNode| node.array.as_ref().map(|array| array.shape.clone()).unwrap_or_default();
+    let axes = |node: &ZarrNode| shape(node).into_iter().filter(|size| *size > 1).count();
     let least = if arrays.iter().any(|node| axes(node) >= 3) { 3 } else { 2 };
     arrays.retain(|node| axes(node) >= least);
     if arrays.len() > 1 {
-        let line = |node: &Node| {
+        let line = |node: &ZarrNode| {
             let sizes: Vec<String> = shape(node).iter().map(u64::to_string).collect();
             format!("{} of {}", name_of(&node.folder).unwrap_or_default(), sizes.join(" x "))
         };
@@ -164,7 +164,7 @@ fn name_of(folder: &Path) -> Option<String> {
 }
 
 /// Returns the error about a group that is no image.
-fn no_image(store: &Store, node: &Node) -> Error {
+fn no_image(store: &Store, node: &ZarrNode) -> Error {
     if first_of(node, "plate").is_some() {
         let reason = "is a plate with many images: give the folder of one, such as PLATE/A/1/0";
         return Error::format(&node.folder, reason);
@@ -186,7 +186,7 @@ fn axes_of_array(store: &Store, folder: &Path, array: &Array) -> Result<Vec<Axis
             let is_name = Path::new(name).components().all(|part| matches!(part, Component::Normal(_)));
             let beside =
                 folder.parent().filter(|_| is_name && size <= u64::from(MAX_DIM)).map(|parent| parent.join(name));
-            let node = beside.and_then(|beside| Node::read(store, &beside).ok());
+            let node = beside.and_then(|beside| ZarrNode::read(store, &beside).ok());
             let node = node.filter(|node| node.array.as_ref().is_some_and(|array| array.shape == [size]));
             let (attributes, level) = node.map_or((Value::Null, None), |node| {
                 (node.attributes, node.array.map(|array| Level::alone(node.folder, array)))

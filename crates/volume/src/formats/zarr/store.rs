@@ -12,7 +12,7 @@ use crate::files;
 #[cfg(feature = "remote")]
 use crate::files::remote::{self, RemoteFile};
 use crate::formats::folder::METADATA;
-use crate::formats::origin::Origin;
+use crate::formats::origin::FileOrigin;
 use crate::formats::zip::Archive;
 
 /// The largest length of a file of metadata that is read, in bytes.
@@ -21,13 +21,13 @@ pub(super) const MAX_METADATA: u64 = 16 << 20;
 /// The place of the files of a Zarr. Paths into an archive begin with its own path.
 pub(super) enum Store {
     Folder,
-    Archive(Packed),
+    Archive(ZarrArchive),
     #[cfg(feature = "remote")]
     Url(Fetched),
 }
 
 /// An archive and the numbers of its members by their names.
-pub(super) struct Packed {
+pub(super) struct ZarrArchive {
     path: PathBuf,
     archive: Archive,
     members: HashMap<String, usize>,
@@ -114,7 +114,7 @@ impl Store {
     pub(super) fn archive(path: &Path, archive: Archive) -> Result<(Self, Vec<PathBuf>)> {
         let path = path.to_owned();
         let members = archive.members.iter().enumerate().map(|(n, member)| (member.name.clone(), n)).collect();
-        let store = Self::Archive(Packed { path: path.clone(), archive, members, reading: Mutex::default() });
+        let store = Self::Archive(ZarrArchive { path: path.clone(), archive, members, reading: Mutex::default() });
         let folders = if store.is_zarr(&path) { vec![path] } else { store.folders(&path) };
         Ok((store, folders))
     }
@@ -165,7 +165,7 @@ impl Store {
                     Err(Error::Read { source, .. }) if source.kind() == io::ErrorKind::NotFound => Ok(None),
                     Err(error) => Err(error),
                     Ok((_, None)) => refuse!(path, "is not a regular file"),
-                    Ok((file, Some(length))) => Ok(Some(Bytes::At(Origin::File(Arc::new(file)), 0, length))),
+                    Ok((file, Some(length))) => Ok(Some(Bytes::At(FileOrigin::File(Arc::new(file)), 0, length))),
                 };
             }
             #[cfg(feature = "remote")]
@@ -221,7 +221,7 @@ fn is_metadata(path: &Path) -> bool {
     METADATA.contains(&name) || [".zattrs", ".zmetadata"].contains(&name)
 }
 
-impl Packed {
+impl ZarrArchive {
     /// Returns the name in the archive of a path; empty for the archive itself, `None` if it is elsewhere.
     fn name(&self, path: &Path) -> Option<String> {
         let parts = path.strip_prefix(&self.path).ok()?.components().map(|part| match part {
@@ -239,7 +239,7 @@ impl Packed {
 /// The bytes of a file: a part of a file, at a url, or in memory.
 pub(super) enum Bytes<'a> {
     /// A file, the offset of the bytes in it, and their number.
-    At(Origin, u64, u64),
+    At(FileOrigin, u64, u64),
     /// The kind of an error of reading is `NotFound` if there is no such file.
     #[cfg(feature = "remote")]
     Url(Arc<RemoteFile>),
