@@ -26,7 +26,8 @@ fn splat_color(density_blue: u32, color: u32) -> vec3f {
     return vec3f(vec3u(color & 0x1fffu, (color >> 13u) & 0x3fffu, blue)) / COLOR_STEPS;
 }
 
-// A direction has 32 bits: octahedral coordinates (Meyer et al. 2010, "On floating-point normal vectors"), 16 bits each.
+// A direction has 32 bits: octahedral coordinates (Meyer et al. 2010, "On floating-point normal vectors"), 16 bits
+// each.
 
 // The bits for "no direction": -32768 twice, which pack2x16snorm never makes (it clamps to -32767).
 const NO_NORMAL: u32 = 0x80008000u;

@@ -361,12 +361,12 @@ impl Plan {
 }
 
 /// Draws a brick of a plan, by its place in [`Plan::bricks`], of the slice of all layers that [`Brick::held`] names.
-/// The place of the slice in the world is that of the plan, whatever its own grid says. [`Engine::open`] opens an engine
-/// for [`Plan::settings`].
+/// The place of the slice in the world is that of the plan, whatever its own grid says. [`Engine::open`] opens an
+/// engine for [`Plan::settings`].
 ///
 /// # Errors
-/// [`Error::Setting`] if there is no such brick, the slice has other dimensions or the painter of the plan is of another
-/// engine, and the errors of [`Engine::prepare_layers`] and [`Engine::render`].
+/// [`Error::Setting`] if there is no such brick, the slice has other dimensions or the painter of the plan is of
+/// another engine, and the errors of [`Engine::prepare_layers`] and [`Engine::render`].
 pub fn brick(engine: &Engine, plan: &Plan, number: usize, slice: &Layers) -> Result<(Partial, Stats)> {
     let brick = plan.brick(number)?;
     let grid = plan.grid.part(&brick.held)?;
@@ -464,8 +464,8 @@ fn beyond_chunks(level: u32, most: u32) -> Error {
     )
 }
 
-/// Returns the settings of bricks that a device draws, with their painter and level, the reach of slabs and sheets beyond
-/// cuts, and the largest distance in voxels of the samples that they need.
+/// Returns the settings of bricks that a device draws, with their painter and level, the reach of slabs and sheets
+/// beyond cuts, and the largest distance in voxels of the samples that they need.
 fn of_device(
     layers: &Layers,
     grid: &Grid,

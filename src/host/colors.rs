@@ -116,8 +116,8 @@ pub(super) struct ColorField {
 }
 
 impl ColorField {
-    /// Filters the voxels of the part of a lattice of `dims` points from point `first` on, which `plane` puts into empty
-    /// planes.
+    /// Filters the voxels of the part of a lattice of `dims` points from point `first` on, which `plane` puts into
+    /// empty planes.
     ///
     /// # Errors
     /// [`Error::Memory`](crate::Error::Memory) if the coefficients cannot be allocated.

@@ -43,8 +43,8 @@ pub(super) struct Field {
 }
 
 impl Field {
-    /// Filters the scalars of the part of a lattice of `dims` points from point `first` on; `planes` returns the scalars
-    /// of a range of planes.
+    /// Filters the scalars of the part of a lattice of `dims` points from point `first` on; `planes` returns the
+    /// scalars of a range of planes.
     ///
     /// # Errors
     /// The errors of `planes`, and [`Error::Memory`](crate::Error::Memory) if 4 bytes for each coefficient cannot be

@@ -279,7 +279,7 @@ fn cells_are_the_whole() {
     }
     // Small pictures have cells by themselves.
     let camera = seen(&volume, 33.0, 25.0, ProjectionKind::Orthographic, 16);
-    for settings in [tiles(&exact()), cpu(&exact())] {
+    for settings in [quads(&exact()), cpu(&exact())] {
         let plan = Plan::new(&layers, layers.grid(), &chunks, &camera, &settings).unwrap();
         assert!(matches!(plan.settings().level, Level::At(1..)), "{:?}", plan.settings());
     }
