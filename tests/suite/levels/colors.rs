@@ -235,25 +235,27 @@ fn layers_of_every_kernel_model_and_lattice_follow_the_reference() {
 
 #[test]
 fn pictures_do_not_pop_while_levels_move_through_the_volume() {
-    let worst = worst_changes(&with_tiles(&auto()));
+    let worst = worst_changes(&with_tiles(&auto()), 5);
     assert!(worst.iter().all(|worst| 255.0 * worst < 1.5), "{worst:?}");
 }
 
 #[test]
-#[ignore = "slow: truths post-shaded; the test before shows it pre-shaded"]
-fn post_shaded_pictures_do_not_pop_while_levels_move_through_the_volume() {
-    let worst = worst_changes(&Settings { shading: Shading::Post, ..with_tiles(&auto()) });
+#[ignore = "slow: 12 steps of truths, pre- and post-shaded; the test before has 5 steps pre-shaded"]
+fn pictures_of_both_shadings_do_not_pop_while_levels_move_through_the_volume() {
+    let mut worst = worst_changes(&with_tiles(&auto()), 12);
+    worst.extend(worst_changes(&Settings { shading: Shading::Post, ..with_tiles(&auto()) }, 12));
     assert!(worst.iter().all(|worst| 255.0 * worst < 1.5), "{worst:?}");
 }
 
-/// The largest change of a channel of each volume, beyond the change of the reference, while levels move through it.
-fn worst_changes(settings: &Settings) -> Vec<f32> {
+/// The largest change of a channel of each volume, beyond the change of the reference, while levels move through it in
+/// `steps` steps.
+fn worst_changes(settings: &Settings, steps: u32) -> Vec<f32> {
     let mut all = Vec::new();
     for (name, volume) in volumes(48) {
         let scene = prepare_on(&renderer(), &volume, &tones(0.1), settings).unwrap();
         let mut before: Option<(Image, Image)> = None;
         let mut worst = 0.0_f32;
-        for step in 0..12 {
+        for step in 0..steps {
             let camera = look(&deep(70.0 + 0.5 * f64::from(step)), &volume, [32; 2]);
             let got = draw_on(&renderer(), &scene, &camera, settings).unwrap();
             assert!(got.stats.levels[0] < got.stats.levels[1], "{:?}", got.stats.levels);

@@ -75,6 +75,17 @@ pub(super) fn differences(a: &Image, b: &Image) -> Vec<f32> {
 
 #[test]
 fn pictures_are_those_of_the_reference() {
+    compare_pictures(3);
+}
+
+#[test]
+#[ignore = "slow: ten pictures by the reference; the test before has four"]
+fn pictures_of_every_look_are_those_of_the_reference() {
+    compare_pictures(1);
+}
+
+/// Compares every `step`-th of ten pictures.
+fn compare_pictures(step: usize) {
     let (volume, _) = demo("marschner-lobb", 32);
     let opaque = [surface(0.5, [0.9, 0.8, 0.6], 1.0)];
     // Nested surfaces, given in any order, and matter between them.
@@ -86,25 +97,25 @@ fn pictures_are_those_of_the_reference() {
     let open = Clip::default();
     let cut = Clip::new(vec![Plane::new(DVec3::new(0.3, -0.9, 0.2), -0.1).unwrap()]).unwrap();
     let engines = engines();
-    for projection in PROJECTIONS {
+    let looks = [
+        ("unlit", clear(&opaque), None, &open, [[0.05, 0.1], [0.05, 0.1]]),
+        ("lit", clear(&opaque), headlight(), &open, [[2.5, 18.0], [1.0, 6.0]]),
+        ("nested, cut", clear(&nested), headlight(), &cut, [[2.5, 20.0], [1.0, 10.0]]),
+        ("in fog", fog.with_isosurfaces(&nested).unwrap(), headlight(), &open, [[4.5, 22.0], [1.5, 12.0]]),
+        ("shadowed", clear(&nested), Some(shadowed), &open, [[3.5, 24.0], [3.0, 18.0]]),
+    ];
+    let all = PROJECTIONS.into_iter().flat_map(|projection| looks.iter().map(move |look| (projection, look)));
+    for (projection, (name, transfer, lighting, clip, bounds)) in all.step_by(step) {
         let view = View { azimuth: 33.0, elevation: 20.0, projection, ..View::default() };
-        for (name, transfer, lighting, clip, bounds) in [
-            ("unlit", clear(&opaque), None, &open, [[0.05, 0.1], [0.05, 0.1]]),
-            ("lit", clear(&opaque), headlight(), &open, [[2.5, 18.0], [1.0, 6.0]]),
-            ("nested, cut", clear(&nested), headlight(), &cut, [[2.5, 20.0], [1.0, 10.0]]),
-            ("in fog", fog.clone().with_isosurfaces(&nested).unwrap(), headlight(), &open, [[4.5, 22.0], [1.5, 12.0]]),
-            ("shadowed", clear(&nested), Some(shadowed.clone()), &open, [[3.5, 24.0], [3.0, 18.0]]),
-        ] {
-            let settings = Settings { lighting, clip: clip.clone(), ..settings() };
-            let errors = errors(&engines, &volume, &transfer, &view, &settings);
-            for ((errors, painter), bounds) in errors.iter().zip(PAINTERS).zip(bounds) {
-                let at = |share: f64| errors[((errors.len() - 1) as f64 * share) as usize];
-                let ([half, most], count) = ([at(0.5), at(0.97)], errors.len());
-                let name = format!("{name}, {painter:?}, {projection:?}");
-                println!("{name}: {count} pixels, half within {half:.2}, 97 % within {most:.2} of 255");
-                // Rays that touch a surface, and those that enter the box at one, meet it or miss it.
-                assert!(count > 200 && half < bounds[0] && most < bounds[1], "{name}: {half}, {most}");
-            }
+        let settings = Settings { lighting: lighting.clone(), clip: (*clip).clone(), ..settings() };
+        let errors = errors(&engines, &volume, transfer, &view, &settings);
+        for ((errors, painter), bounds) in errors.iter().zip(PAINTERS).zip(bounds) {
+            let at = |share: f64| errors[((errors.len() - 1) as f64 * share) as usize];
+            let ([half, most], count) = ([at(0.5), at(0.97)], errors.len());
+            let name = format!("{name}, {painter:?}, {projection:?}");
+            println!("{name}: {count} pixels, half within {half:.2}, 97 % within {most:.2} of 255");
+            // Rays that touch a surface, and those that enter the box at one, meet it or miss it.
+            assert!(count > 200 && half < bounds[0] && most < bounds[1], "{name}: {half}, {most}");
         }
     }
 }
@@ -184,14 +195,30 @@ fn solid(inside: impl Fn(DVec3) -> f64) -> (Volume, Vec<f32>) {
 
 #[test]
 fn depths_are_roots_of_the_field_and_of_the_solid() {
+    compare_depths(3);
+}
+
+#[test]
+#[ignore = "slow: eight sets of depths; the test before has three"]
+fn depths_of_every_solid_are_roots_of_the_field_and_of_the_solid() {
+    compare_depths(1);
+}
+
+/// Compares every `step`-th of eight sets of depths.
+fn compare_depths(step: usize) {
     let sphere = |p: DVec3| 22.3 - p.length();
     let torus = |p: DVec3| 8.2 - DVec3::new(p.truncate().length() - 20.4, p.z, 0.0).length();
     let engines = engines();
+    let mut set = 0;
     for (name, inside, chord, most) in
         [("sphere", &sphere as &dyn Fn(DVec3) -> f64, 20.0, 0.1), ("torus", &torus, 8.0, 0.2)]
     {
         let (volume, values) = solid(inside);
         for (number, projection) in [0, 1].into_iter().flat_map(|number| PROJECTIONS.map(|of| (number, of))) {
+            set += 1;
+            if (set - 1) % step > 0 {
+                continue;
+            }
             let (engine, reach) = (&engines[number], [3, 4][number]);
             let kernel = Kernel::Gaussian { sigma: 1.0, radius: reach as f64 };
             let settings = Settings { painter: PAINTERS[number], kernel, ..settings() };

@@ -257,7 +257,7 @@ fn assert_transfers_send_tables((volume, first): &(Volume, TransferFunction)) {
 /// bytes if it is packed from lists, and if it is packed over another transfer function's.
 #[test]
 fn voxels_packed_from_samples_are_those_packed_from_lists() {
-    compare_voxels(5);
+    compare_voxels(11);
 }
 
 #[test]
