@@ -31,6 +31,9 @@ pub(super) struct OwnedPart {
     pub(super) owned: [DVec3; 2],
 }
 
+/// Steps of growths of kernels between 0 and 1.
+const STEPS: f64 = 16_777_216.0;
+
 /// The camera, the settings and the lattice of a picture.
 #[derive(Clone)]
 pub(super) struct Shot<'a> {
@@ -202,10 +205,30 @@ fn growths(camera: &Camera, grid: &Grid, settings: &Settings, kernel: &Kernel) -
     });
     let requested = if let Cells::At(level) = settings.level { Some(level) } else { None };
     let least = requested.map_or(0.0, |level| Level(level).least());
-    let [smallest, largest] = depths.map(|depth| growth.at(depth).max(least));
+    // Views of a turning volume differ in the last bit, and share a field.
+    let [smallest, largest] = depths.map(|depth| (growth.at(depth).max(least) * STEPS).round() / STEPS);
     let level = Level::new(kernel, smallest, requested);
     if camera.eye().is_none() || largest <= NO_GROWTH {
         return (vec![largest], level);
     }
     (blend::levels(smallest, largest, level.most(kernel)), level)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::View;
+
+    #[test]
+    fn views_of_a_turning_volume_share_fields() {
+        let grid = Grid::new([40, 30, 20], DAffine3::from_scale(DVec3::splat(0.7))).unwrap();
+        let (settings, kernel) = (Settings::default(), Kernel::default());
+        let growths_of = |azimuth: f64| {
+            let view = View { azimuth, elevation: 17.0, view_height: Some(60.0), ..View::default() };
+            growths(&Camera::new(&view, &grid, [32; 2]).unwrap(), &grid, &settings, &kernel)
+        };
+        let first = growths_of(0.0);
+        assert!(first.0[0] > 2.0, "{first:?}");
+        assert!((1..100).all(|step| growths_of(3.7 * f64::from(step)) == first));
+    }
 }
