@@ -15,7 +15,7 @@ use crate::volume::Grid;
 const PROGRAM: f64 = 112.0 * 1048576.0;
 
 /// The bytes of the program alone.
-const PROGRAM_ALONE: f64 = 20.0 * 1048576.0;
+const PROGRAM_ALONE: f64 = 28.0 * 1048576.0;
 
 /// The number of bytes of further families of rays: half of the pipelines that they may need, for some need none.
 const FAMILIES: f64 = 17.0 * 1048576.0;
