@@ -3,7 +3,7 @@
 use std::borrow::Borrow;
 
 use super::partial::{Partial, named};
-use super::plan::Plan;
+use super::plan::{Plan, of_another_plan};
 use crate::error::{Error, Result};
 use crate::image::Image;
 
@@ -18,8 +18,7 @@ pub fn merge<P: Borrow<Partial>>(plan: &Plan, parts: impl IntoIterator<Item = P>
     let mut next = 0;
     for part in &parts {
         if part.plan != plan.id() {
-            let reason = format!("{} belongs to another plan: draw it by this one", named(&part.bricks));
-            return Err(Error::setting("parts", reason));
+            return Err(of_another_plan(part));
         }
         match part.bricks.start {
             start if start > next => {

@@ -15,7 +15,7 @@ use crate::error::{Error, Result};
 use crate::frame::Frame;
 use crate::gpu::savings::Savings;
 use crate::gpu::view::{Held, ViewGeometry};
-use crate::host::{HostRenderer, Needs, is_uniform, needs};
+use crate::host::{HostRenderer, Needs, check_drawn, is_uniform, needs};
 use crate::image::{Image, Region};
 use crate::layers::Layers;
 use crate::painters::choice::PainterKind;
@@ -126,17 +126,17 @@ impl Plan {
         check(settings)?;
         let is_by_host = match settings.painter {
             Painter::Cpu => true,
-            Painter::Auto => !Engine::may_have_gpu(),
+            Painter::Auto => !Engine::may_have_gpu() && check_drawn(settings).is_ok(),
             _ => false,
         };
-        let (settings, beyond, reach) = if is_by_host {
+        let (settings, level, beyond, reach) = if is_by_host {
+            check_drawn(settings)?;
             let settings = Settings { painter: Painter::Cpu, ..settings.clone() };
-            let Needs { level, reach, .. } = host_needs(grid, chunks, camera, &settings)?;
-            (Settings { level: Level::At(level), ..settings }, 0.0, reach)
+            let (level, Needs { level: number, reach, .. }) = host_needs(layers, grid, chunks, camera, &settings)?;
+            (Settings { level, ..settings }, number, 0.0, reach)
         } else {
             of_device(layers, grid, chunks, camera, settings)?
         };
-        let level = if let Level::At(level) = settings.level { level } else { 0 };
         let halo = reach + normals_reach(layers, &settings) + filter_reach(&settings);
         let is_uniform = match layers.plain() {
             Some((volume, transfer)) if settings.is_post_shaded() && settings.lighting.is_some() => {
@@ -356,7 +356,7 @@ impl Plan {
         if part.plan == self.id && fits {
             return Ok(());
         }
-        Err(Error::setting("parts", format!("{} belongs to another plan: draw it by this one", named(&part.bricks))))
+        Err(of_another_plan(part))
     }
 }
 
@@ -433,6 +433,12 @@ fn by_device(renderer: &Renderer, plan: &Plan, brick: &Brick, slice: &Layers) ->
     Ok((parts, stats))
 }
 
+/// The error of a partial picture of another plan.
+pub(super) fn of_another_plan(part: &Partial) -> Error {
+    let belongs = if part.bricks.len() == 1 { "belongs" } else { "belong" };
+    Error::setting("parts", format!("{} {belongs} to another plan: draw it by this one", named(&part.bricks)))
+}
+
 /// Refuses settings whose pictures cannot be made in bricks.
 fn check(settings: &Settings) -> Result<()> {
     if settings.casting().is_some() {
@@ -445,15 +451,34 @@ fn check(settings: &Settings) -> Result<()> {
     Ok(())
 }
 
-/// Returns what bricks that the processor draws need.
-fn host_needs(grid: &Grid, chunks: &Chunks, camera: &Camera, settings: &Settings) -> Result<Needs> {
+/// Returns the level and the needs of bricks that the processor draws.
+fn host_needs(
+    layers: &Layers,
+    grid: &Grid,
+    chunks: &Chunks,
+    camera: &Camera,
+    settings: &Settings,
+) -> Result<(Level, Needs)> {
     let most = chunks.level();
-    let mut found = needs(camera, grid, settings);
-    if found.level > most && settings.level == Level::Auto {
-        // A finer level, whose kernels grow: as far as filters follow them.
-        found = needs(camera, grid, &Settings { level: Level::At(most), ..settings.clone() });
+    let found = needs(camera, grid, settings);
+    match settings.level {
+        level if found.level <= most => Ok((level, found)),
+        Level::At(level) => Err(beyond_chunks(level, most)),
+        Level::Auto => {
+            // A finer level, whose kernels grow: as far as filters follow them.
+            let finer = needs(camera, grid, &Settings { level: Level::At(most), ..settings.clone() });
+            // Of labels, masks and several layers no level can be requested.
+            if finer.level <= most && layers.plain().is_some() {
+                return Ok((Level::At(most), finer));
+            }
+            let reason = format!(
+                "so small a picture has cells of level {}, and these bricks begin between cells of level {most} at \
+                 most: use fewer bricks, or sizes that a power of two divides",
+                found.level
+            );
+            Err(Error::setting("grid", reason))
+        }
     }
-    if found.level <= most { Ok(found) } else { Err(beyond_chunks(found.level, most)) }
 }
 
 /// The error of a level whose cells chunks divide.
@@ -464,7 +489,7 @@ fn beyond_chunks(level: u32, most: u32) -> Error {
     )
 }
 
-/// Returns the settings of bricks that a device draws, with their painter and level, the reach of slabs and sheets
+/// Returns the settings of bricks that a device draws, with their painter, their level, the reach of slabs and sheets
 /// beyond cuts, and the largest distance in voxels of the samples that they need.
 fn of_device(
     layers: &Layers,
@@ -472,7 +497,7 @@ fn of_device(
     chunks: &Chunks,
     camera: &Camera,
     settings: &Settings,
-) -> Result<(Settings, f64, u32)> {
+) -> Result<(Settings, u32, f64, u32)> {
     let level = level(layers, grid, chunks, camera, settings)?;
     let settings = Settings { level: Level::At(level), ..settings.clone() };
     let (view, drawn) = drawn(grid, camera, &settings, level)?;
@@ -481,7 +506,7 @@ fn of_device(
     let [beyond, reach] = (kind(painter).room().reach)(&view, &Settings { painter, ..drawn });
     let incomplete = if level > 0 { INCOMPLETE } else { 0 };
     let cells = beyond.max(reach).ceil() as u32 + incomplete;
-    Ok((Settings { painter, ..settings }, beyond * libm::exp2(f64::from(level)), cells << level))
+    Ok((Settings { painter, ..settings }, level, beyond * libm::exp2(f64::from(level)), cells << level))
 }
 
 /// Returns the level of all bricks that a device draws. The cuts lie between cells of this level.

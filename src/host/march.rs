@@ -166,12 +166,12 @@ impl Course {
         for number in 0..count {
             areas.push(PlaneArea::new(corners, [z_of(number); 2], held, reach));
         }
-        // Slabs before the first that counts lead to it.
+        // Slabs before the first that counts lead to it, and the sample behind the last shapes it.
         let ends = groups.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], numbers| {
             let [first, last] = numbers.ends();
             [low.min(first), high.max(last)]
         });
-        let ends = [ends[0] - 3.0 * step, ends[1] + step];
+        let ends = [ends[0] - 3.0 * step, ends[1] + 2.0 * step];
         let shows = |area: &PlaneArea, z: [f64; 2]| {
             let low = [area.low[0], area.low[1], z[0].floor() as isize - 1];
             let high = [area.high[0], area.high[1], z[1].floor() as isize + 2];

@@ -480,7 +480,7 @@ impl HostScene {
 }
 
 /// Refuses settings of pictures that this engine does not draw.
-fn check_drawn(settings: &Settings) -> Result<()> {
+pub(crate) fn check_drawn(settings: &Settings) -> Result<()> {
     if settings.is_post_shaded() && settings.interslice == Interslice::Mean {
         return Err(refused("classifies between samples: leave out interslice=mean"));
     }

@@ -239,7 +239,12 @@ impl Bounds<'_> {
             let [first, second] = [(low[axis] - start) / step, (high[axis] - start) / step];
             planes = [planes[0].max(first.min(second)), planes[1].min(first.max(second))];
         }
-        planes.map(|plane| self.planes[0] + (((plane - self.planes[0]) / self.step).ceil() - 0.5) * self.step)
+        // The slab of the eye, whose middle may lie behind it, is of the box that the eye is in.
+        if planes[1] <= line.first {
+            return [f64::INFINITY, f64::NEG_INFINITY];
+        }
+        let end = |plane: f64| self.planes[0] + (((plane - self.planes[0]) / self.step).ceil() - 0.5) * self.step;
+        [if planes[0] <= line.first { f64::NEG_INFINITY } else { end(planes[0]) }, end(planes[1])]
     }
 }
 

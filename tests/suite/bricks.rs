@@ -213,7 +213,8 @@ fn unusual_scenes_are_the_whole() {
     let clip = Clip::new(vec![plane(DVec3::new(0.5, 0.7, -0.4)), plane(DVec3::X)]).unwrap();
     let small = seen(&volume, 30.0, 10.0, ProjectionKind::Orthographic, 20);
     let inside = View { distance: Some(0.2), projection: ProjectionKind::Perspective { fov: 90.0 }, ..View::default() };
-    let inside = Camera::new(&inside, volume.grid(), [40; 2]).unwrap();
+    let beside = View { distance: Some(0.01), ..inside.clone() };
+    let [inside, beside] = [inside, beside].map(|view| Camera::new(&view, volume.grid(), [40; 2]).unwrap());
     let post = Settings { shading: Shading::Post, ..exact() };
     for (name, camera, settings) in [
         ("along a face", &along, tiles(&exact())),
@@ -228,10 +229,30 @@ fn unusual_scenes_are_the_whole() {
         ("grown kernels, cpu", &small, cpu(&exact())),
         ("the eye inside, cpu", &inside, cpu(&exact())),
         ("the eye inside, post, cpu", &inside, cpu(&post)),
+        ("the eye beside a cut, cpu", &beside, cpu(&exact())),
+        ("the eye beside a cut, post, cpu", &beside, cpu(&post)),
     ] {
         let apart = apart(&layers, &chunks, camera, &settings);
         println!("{name}: {apart:.1e}");
         assert!(apart < LIMIT, "{name}: {apart:e}");
+    }
+}
+
+/// A ray that ends within its last slab still reads the sample behind it, whose matter is of no ray of the tile.
+#[test]
+fn clipped_matter_by_the_processor_is_the_whole() {
+    let (volume, transfer) = demo("marschner-lobb", 40);
+    let layers = Layers::of_volume(&volume, &transfer);
+    let chunks = Chunks::even([40; 3], [2; 3]).unwrap();
+    let plane = Plane::through(volume.grid().center(), DVec3::new(1.0, 0.3, 0.2)).unwrap();
+    let clipped = Settings { clip: Clip::new(vec![plane]).unwrap(), ..exact() };
+    for (azimuth, elevation) in [(97.0, 66.0), (96.0, 60.0), (41.06, -56.23), (-178.85, 66.83)] {
+        let camera = seen(&volume, azimuth, elevation, ProjectionKind::Orthographic, 128);
+        for settings in [cpu(&clipped), cpu(&Settings { model: Model::Xray, ..clipped.clone() })] {
+            let apart = apart(&layers, &chunks, &camera, &settings);
+            println!("{azimuth}, {:?}: {apart:.1e}", settings.model);
+            assert!(apart < LIMIT, "{azimuth}, {:?}: {apart:e}", settings.model);
+        }
     }
 }
 

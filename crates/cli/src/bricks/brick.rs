@@ -5,11 +5,11 @@ use voxsplat::bricks::{self, Partial};
 use voxsplat::engine::Engine;
 use voxsplat::formats::load;
 use voxsplat::layers::Layers;
-use voxsplat::settings::RendererOptions;
+use voxsplat::settings::{Painter, RendererOptions};
 
 use super::{check_output, document};
 use crate::args::BrickArgs;
-use crate::failure::Failure;
+use crate::failure::{Failure, refuse};
 use crate::job::Maker;
 use crate::session::Session;
 use crate::stages::Stages;
@@ -39,6 +39,9 @@ pub(crate) fn run(args: &BrickArgs) -> Result<(), Failure> {
     };
     let options =
         RendererOptions { adapter: args.adapter.clone(), progress: progress::reporter(), ..RendererOptions::default() };
+    if args.adapter.is_some() && plan.settings().painter == Painter::Cpu {
+        return refuse("--adapter: the plan is for the processor: plan with --painter tiles, or leave out --adapter");
+    }
     let engine = Engine::open(&options, plan.settings())?;
     let draw = |number: usize| -> Result<Partial, Failure> {
         let slice = layers.part(&plan.brick(number)?.held)?;

@@ -26,7 +26,8 @@ const OWN: [&str; 4] = ["grid", "output", "json", "quiet"];
 #[derive(Serialize)]
 struct Planned {
     bricks: usize,
-    level: u32,
+    /// A number, or "auto".
+    level: String,
     /// The memory of the largest brick.
     brick_bytes: u64,
 }
@@ -81,7 +82,10 @@ pub(crate) fn run(args: PlanArgs, line: (&Command, &ArgMatches)) -> Result<(), F
         document::save(&path, &plan, &job.source, options.clone(), &choices)?;
         let bricks = plan.bricks().len();
         let most = plan.bricks().iter().map(|brick| brick.bytes).max().unwrap_or_default();
-        let level = if let Level::At(level) = plan.settings().level { level } else { 0 };
+        let level = match plan.settings().level {
+            Level::At(level) => level.to_string(),
+            _ => "auto".to_owned(),
+        };
         let painter = match plan.settings().painter {
             Painter::Cpu => "cpu",
             Painter::Quads(_) => "quads",

@@ -88,20 +88,20 @@ fn the_processor_draws_bricks() {
     let dir = dir.path();
     let look = format!("{LOOK} --shading post --painter cpu");
     let said = run(dir, &format!("plan {look} --grid 1x2x2 -o cpu.json"));
-    assert!(said.contains("by --painter cpu at --level 0"), "{said}");
+    assert!(said.contains("by --painter cpu at --level auto"), "{said}");
     run(dir, "brick cpu.json 0-1 -o cpu-0.exr");
     run(dir, "brick cpu.json 2-3 -o cpu-1.exr");
     run(dir, "merge cpu.json cpu-0.exr cpu-1.exr -o merged.exr");
-    run(dir, &format!("render {look} --level 0 --frame visible -o whole.exr"));
+    run(dir, &format!("render {look} --frame visible -o whole.exr"));
     let [merged, whole] = ["merged.exr", "whole.exr"].map(|name| Image::load(dir.join(name)).unwrap());
     let apart = compare(&merged, &whole, 0.0).unwrap().max_channel;
     assert!(whole.pixels().iter().any(|pixel| pixel[3] > 0.5) && apart.iter().all(|&c| c < 1e-5), "{apart:?}");
-    refused(
-        dir,
-        "brick cpu.json 0 -o a.exr --adapter nosuch",
-        2,
-        "--adapter: \"nosuch\": an adapter draws by quads or",
-    );
+    refused(dir, "brick cpu.json 0 -o a.exr --adapter nosuch", 2, "--adapter: the plan is for the processor");
+    let small = "demo:nautilus:40 --light off --azimuth 30 --size 90 --zoom 0.05 --painter cpu";
+    let reason = "--grid: so small a picture has cells of level 2, and these bricks begin between cells of level";
+    refused(dir, &format!("plan {small} -q --grid 3x1x1 -o a.json"), 2, reason);
+    let mean = "demo:vessels:20 --shading post --light off --tune interslice=mean --painter cpu";
+    refused(dir, &format!("plan {mean} -q --grid 1x1x2 -o a.json"), 2, "cpu classifies between samples");
 }
 
 #[test]
