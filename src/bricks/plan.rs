@@ -402,7 +402,10 @@ type Families = Vec<Option<(Region, Image)>>;
 fn by_host(renderer: &HostRenderer, plan: &Plan, brick: &Brick, slice: &Layers) -> Result<(Families, Stats)> {
     let first = [0, 1, 2].map(|axis| brick.held[axis].start);
     let owned = owned(&plan.grid, &brick.voxels, Held::OPEN);
-    let scene = renderer.prepare_layers(slice, &plan.settings)?.within(plan.grid, first, owned, plan.is_uniform);
+    let eye = plan.camera.eye().map(|eye| plan.grid.to_lattice().transform_point3(eye));
+    let has_eye = eye.is_some_and(|eye| owned[0].cmple(eye).all() && eye.cmplt(owned[1]).all());
+    let scene = renderer.prepare_layers(slice, &plan.settings)?;
+    let scene = scene.within((plan.grid, first), (owned, has_eye), plan.is_uniform);
     let rendered = renderer.render(&scene, &Frame::new(&plan.camera, &plan.settings))?;
     let has_matter = rendered.image.pixels().iter().map(|pixel| *pixel != [0.0; 4]);
     let width = plan.camera.size[0] as usize;

@@ -33,7 +33,7 @@ pub(super) struct Picture<'a> {
     /// The first and the last point of the field along each axis.
     pub(super) held: [[f64; 2]; 3],
     /// The slabs of a partial picture; see [`Bounds::owned`].
-    pub(super) owned: Option<[DVec3; 2]>,
+    pub(super) owned: Option<([DVec3; 2], bool)>,
     pub(super) camera: &'a Camera,
     /// The map from the world to the lattice.
     pub(super) to_lattice: DAffine3,

@@ -444,14 +444,19 @@ impl HostScene {
     }
 
     /// Makes the scene one of a part of a larger lattice, whose voxels begin at `first` in `whole`. Its pictures are
-    /// partial: the values of the slabs with their middles between the places in `owned`, in numbers of voxels.
-    /// `is_uniform`: the lit matter of the larger volume is uniform, as of a mask.
+    /// partial: the values of the slabs with their middles between the places in `owned`, in numbers of voxels, and with
+    /// `has_eye` also of the slab of the eye. `is_uniform`: the lit matter of the larger volume is uniform, as of a mask.
     #[cfg(feature = "gpu")]
-    pub(crate) fn within(mut self, whole: Grid, first: [u32; 3], owned: [DVec3; 2], is_uniform: bool) -> Self {
+    pub(crate) fn within(
+        mut self,
+        (whole, first): (Grid, [u32; 3]),
+        (owned, has_eye): ([DVec3; 2], bool),
+        is_uniform: bool,
+    ) -> Self {
         if let HostContent::Scalars(scalars) = &mut self.content {
             scalars.is_uniform = is_uniform;
         }
-        self.part = Some(OwnedPart { grid: whole, held: *self.grid(), first, owned });
+        self.part = Some(OwnedPart { grid: whole, held: *self.grid(), first, owned, has_eye });
         self
     }
 

@@ -173,8 +173,8 @@ pub(super) struct Bounds<'a> {
     /// The depths at which rays end.
     pub(super) solids: Option<&'a DepthMap>,
     /// The least and the largest place, in the lattice, of the middles of the slabs that count; slabs that one plane
-    /// parts count behind it.
-    pub(super) owned: Option<[DVec3; 2]>,
+    /// parts count behind it. And whether the eye lies among them.
+    pub(super) owned: Option<([DVec3; 2], bool)>,
     /// The distance in planes from the middle of a slab to the next.
     pub(super) step: f64,
 }
@@ -224,7 +224,7 @@ impl Bounds<'_> {
 
     /// Returns the ends of the slabs whose middles lie between two corners of a box of the lattice. Boxes that share a
     /// plane share the arithmetic at it, so each slab is in one of them.
-    fn owned_slabs(&self, axes: &Axes, line: &AxisRay, [low, high]: [DVec3; 2]) -> [f64; 2] {
+    fn owned_slabs(&self, axes: &Axes, line: &AxisRay, ([low, high], has_eye): ([DVec3; 2], bool)) -> [f64; 2] {
         let [a, b, m] = axes.axes;
         let last = (axes.size[2] - 1) as f64;
         let mut planes = if axes.is_flipped { [last - high[m], last - low[m]] } else { [low[m], high[m]] };
@@ -239,12 +239,13 @@ impl Bounds<'_> {
             let [first, second] = [(low[axis] - start) / step, (high[axis] - start) / step];
             planes = [planes[0].max(first.min(second)), planes[1].min(first.max(second))];
         }
-        // The slab of the eye, whose middle may lie behind it, is of the box that the eye is in.
-        if planes[1] <= line.first {
-            return [f64::INFINITY, f64::NEG_INFINITY];
-        }
         let end = |plane: f64| self.planes[0] + (((plane - self.planes[0]) / self.step).ceil() - 0.5) * self.step;
-        [if planes[0] <= line.first { f64::NEG_INFINITY } else { end(planes[0]) }, end(planes[1])]
+        // The slab of the eye, whose middle may lie behind it, is of the box that the eye is in.
+        if has_eye {
+            [f64::NEG_INFINITY, end(planes[1].max(line.first))]
+        } else {
+            [end(planes[0].max(line.first)), end(planes[1])]
+        }
     }
 }
 

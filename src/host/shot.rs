@@ -29,6 +29,8 @@ pub(super) struct OwnedPart {
     pub(super) first: [u32; 3],
     /// The least and the largest place of the slabs of the partial picture, in numbers of voxels.
     pub(super) owned: [DVec3; 2],
+    /// Whether the eye lies between them.
+    pub(super) has_eye: bool,
 }
 
 /// Steps of growths of kernels between 0 and 1.
@@ -92,10 +94,10 @@ impl<'a> Shot<'a> {
         Ok([0, 1, 2].map(|axis| [0, lattice.dims()[axis] as isize - 1].map(|end| (first[axis] + end) as f64)))
     }
 
-    /// Returns the least and the largest place of the slabs of a partial picture.
-    pub(super) fn owned(&self) -> Option<[DVec3; 2]> {
+    /// Returns the least and the largest place of the slabs of a partial picture, and whether the eye lies between them.
+    pub(super) fn owned(&self) -> Option<([DVec3; 2], bool)> {
         let to_cells = |place: DVec3| DVec3::from_array(place.to_array().map(|place| self.level.cells_of(place)));
-        self.part.map(|part| part.owned.map(to_cells))
+        self.part.map(|part| (part.owned.map(to_cells), part.has_eye))
     }
 
     /// Returns the kernels whose fields are blended.
