@@ -444,8 +444,9 @@ impl HostScene {
     }
 
     /// Makes the scene one of a part of a larger lattice, whose voxels begin at `first` in `whole`. Its pictures are
-    /// partial: the values of the slabs with their middles between the places in `owned`, in numbers of voxels, and with
-    /// `has_eye` also of the slab of the eye. `is_uniform`: the lit matter of the larger volume is uniform, as of a mask.
+    /// partial: the values of the slabs with their middles between the places in `owned`, in numbers of voxels, and
+    /// with `has_eye` also of the slab of the eye. `is_uniform`: the lit matter of the larger volume is uniform, as of
+    /// a mask.
     #[cfg(feature = "gpu")]
     pub(crate) fn within(
         mut self,

@@ -94,7 +94,8 @@ impl<'a> Shot<'a> {
         Ok([0, 1, 2].map(|axis| [0, lattice.dims()[axis] as isize - 1].map(|end| (first[axis] + end) as f64)))
     }
 
-    /// Returns the least and the largest place of the slabs of a partial picture, and whether the eye lies between them.
+    /// Returns the least and the largest place of the slabs of a partial picture, and whether the eye lies between
+    /// them.
     pub(super) fn owned(&self) -> Option<([DVec3; 2], bool)> {
         let to_cells = |place: DVec3| DVec3::from_array(place.to_array().map(|place| self.level.cells_of(place)));
         self.part.map(|part| (part.owned.map(to_cells), part.has_eye))
