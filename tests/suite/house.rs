@@ -203,7 +203,7 @@ const LINES: [(&str, usize); 28] = [
     ("appearance", 2332),
     ("bricks", 995),
     ("camera", 762),
-    ("crates/cli", 6370),
+    ("crates/cli", 6372),
     ("crates/volume", 13286),
     ("engine", 151),
     ("error", 144),

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use clap::{ArgMatches, Command};
 use serde::Serialize;
+use serde_json::Value;
 use voxsplat::bricks::{Chunks, Plan};
 use voxsplat::settings::{Level, Painter};
 
@@ -27,7 +28,7 @@ const OWN: [&str; 4] = ["grid", "output", "json", "quiet"];
 struct Planned {
     bricks: usize,
     /// A number, or "auto".
-    level: String,
+    level: Value,
     /// The memory of the largest brick.
     brick_bytes: u64,
 }
@@ -83,8 +84,8 @@ pub(crate) fn run(args: PlanArgs, line: (&Command, &ArgMatches)) -> Result<(), F
         let bricks = plan.bricks().len();
         let most = plan.bricks().iter().map(|brick| brick.bytes).max().unwrap_or_default();
         let level = match plan.settings().level {
-            Level::At(level) => level.to_string(),
-            _ => "auto".to_owned(),
+            Level::At(level) => Value::from(level),
+            _ => Value::from("auto"),
         };
         let painter = match plan.settings().painter {
             Painter::Cpu => "cpu",
@@ -92,8 +93,9 @@ pub(crate) fn run(args: PlanArgs, line: (&Command, &ArgMatches)) -> Result<(), F
             _ => "tiles",
         };
         let (last, megabytes) = (bricks - 1, most as f64 / 1e6);
+        let printed = level.as_str().map_or_else(|| level.to_string(), str::to_owned);
         output::say(&format!(
-            "planned {bricks} bricks, numbers 0 to {last}, by --painter {painter} at --level {level}, of up to \
+            "planned {bricks} bricks, numbers 0 to {last}, by --painter {painter} at --level {printed}, of up to \
              {megabytes:.0} MB"
         ));
         report::print(choices, [&path], Planned { bricks, level, brick_bytes: most })?;
