@@ -5,7 +5,7 @@ use pulp::Simd;
 use super::blend::{Along, Blend};
 use super::colors::{ColorField, Halves, from_half};
 use super::lanes::{Lanes, three};
-use super::lattice::{PlaneArea, Reach};
+use super::lattice::{CELL, PlaneArea, Reach, TileRows};
 use super::light::Vector;
 use super::plane::{CHANNELS, Plane};
 use super::post::Met;
@@ -20,27 +20,28 @@ fn make(
     (axes, area): (&Axes, &PlaneArea),
     number: isize,
 ) {
+    let rows = blend.levels[0].1.lattice.rows(axes, area, number - 1);
     let [width, height] = area.size();
-    let stride = plane.resize(area);
+    let segments = rows.segments(width);
+    let stride = plane.resize([CELL * segments, height], rows.skipped);
     if plane.rows.len() < (CHANNELS + 1) * stride {
         plane.rows.resize((CHANNELS + 1) * stride, 0.0);
     }
-    let rows = blend.levels[0].1.lattice.rows(axes, area, number - 1);
     let [first, last] = blend.needed(along, [area.low, area.high], number as f64);
     let (weights, part) = plane.rows.split_at_mut(stride);
     for row in 0..height {
-        let channels = &mut plane.channels[CHANNELS * row * stride..][..CHANNELS * width];
+        let channels = &mut plane.channels[CHANNELS * row * stride..][..CHANNELS * CELL * segments];
         for level in first..=last {
-            let planes = rows.of(blend.levels[level].1.coefficients(), row);
+            let coefficients = blend.levels[level].1.coefficients();
             if first == last {
-                sum_planes(planes, rows.step, channels);
+                sum_planes(&rows, coefficients, row, channels);
                 continue;
             }
-            sum_planes(planes, rows.step, &mut part[..CHANNELS * width]);
-            let from = [area.low[0] as f64, (area.low[1] + row as isize) as f64, number as f64];
-            blend.weights(along, level, from, &mut weights[..width]);
+            sum_planes(&rows, coefficients, row, &mut part[..CHANNELS * CELL * segments]);
+            let low = [area.low[0] - rows.skipped as isize, area.low[1] + row as isize, number];
+            blend.weights(along, level, low.map(|point| point as f64), &mut weights[..CELL * segments]);
             let (channels, part) = (channels.as_chunks_mut::<CHANNELS>().0, part.as_chunks::<CHANNELS>().0);
-            for x in 0..width {
+            for x in 0..CELL * segments {
                 for channel in 0..CHANNELS {
                     let before = if level == first { 0.0 } else { channels[x][channel] };
                     channels[x][channel] = weights[x].mul_add(part[x][channel], before);
@@ -50,27 +51,28 @@ fn make(
     }
 }
 
-/// Sums the rows of three planes, whose points lie `step` apart, with weights 1, 4, 1 over 6.
+/// Sums a row of three planes with weights 1, 4, 1 over 6.
 #[inline(always)]
-fn sum_planes([b, m, a]: [&[Halves]; 3], step: usize, channels: &mut [f32]) {
-    let count = channels.len();
-    let width = count / CHANNELS;
-    if step == 1 {
-        let (b, m, a) = (b[..width].as_flattened(), m[..width].as_flattened(), a[..width].as_flattened());
-        let (b, m, a) = (&b[..count], &m[..count], &a[..count]);
-        for x in 0..count {
-            let sum = from_half(b[x]) + from_half(a[x]);
-            channels[x] = sum.mul_add(1.0 / 6.0, from_half(m[x]) * (4.0 / 6.0));
+fn sum_planes(rows: &TileRows<3>, coefficients: &[Halves], row: usize, channels: &mut [f32]) {
+    let (channels, _) = channels.as_chunks_mut::<{ CHANNELS * CELL }>();
+    if rows.are_lines() {
+        for segment in 0..channels.len() {
+            sum_segment(rows.lines(coefficients, row, segment), &mut channels[segment]);
         }
     } else {
-        let (channels, _) = channels.as_chunks_mut::<CHANNELS>();
-        for x in 0..width {
-            let at = x * step;
-            for channel in 0..CHANNELS {
-                let sum = from_half(b[at][channel]) + from_half(a[at][channel]);
-                channels[x][channel] = sum.mul_add(1.0 / 6.0, from_half(m[at][channel]) * (4.0 / 6.0));
-            }
+        for segment in 0..channels.len() {
+            let [b, m, a] = rows.columns(coefficients, row, segment);
+            sum_segment([&b, &m, &a], &mut channels[segment]);
         }
+    }
+}
+
+#[inline(always)]
+fn sum_segment([b, m, a]: [&[Halves]; 3], channels: &mut [f32; CHANNELS * CELL]) {
+    let (b, m, a) = (b[..CELL].as_flattened(), m[..CELL].as_flattened(), a[..CELL].as_flattened());
+    for x in 0..CHANNELS * CELL {
+        let sum = from_half(b[x]) + from_half(a[x]);
+        channels[x] = sum.mul_add(1.0 / 6.0, from_half(m[x]) * (4.0 / 6.0));
     }
 }
 

@@ -14,23 +14,26 @@ impl<K, V> Default for Kept<K, V> {
 }
 
 impl<K: PartialEq, V> Kept<K, V> {
-    /// Returns the values for keys: held values, or new ones of `make` after all other values are dropped.
-    pub(super) fn get_or_make(&self, keys: Vec<K>, make: impl Fn(&K) -> Result<V>) -> Result<Vec<Arc<V>>> {
+    /// Returns the values for keys: held values, and new ones. All other held values are dropped first; `make` gets the
+    /// keys of the values to make, and those of the dropped values that nothing else holds.
+    pub(super) fn get_or_make(
+        &self,
+        keys: &[K],
+        make: impl FnOnce(&[K], Vec<V>) -> Result<Vec<V>>,
+    ) -> Result<Vec<Arc<V>>>
+    where
+        K: Clone,
+    {
         let mut held = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        held.retain(|(key, _)| keys.contains(key));
-        let mut values = Vec::with_capacity(keys.len());
-        for key in keys {
-            let value = match held.iter().find(|(of, _)| *of == key) {
-                Some((_, value)) => Arc::clone(value),
-                None => {
-                    let made = Arc::new(make(&key)?);
-                    held.push((key, Arc::clone(&made)));
-                    made
-                }
-            };
-            values.push(value);
+        let dropped = held.extract_if(.., |(key, _)| !keys.contains(key));
+        let spare = dropped.filter_map(|(_, value)| Arc::into_inner(value)).collect();
+        let missing: Vec<K> = keys.iter().filter(|key| held.iter().all(|(of, _)| of != *key)).cloned().collect();
+        if !missing.is_empty() {
+            let made = make(&missing, spare)?;
+            held.extend(missing.into_iter().zip(made.into_iter().map(Arc::new)));
         }
-        Ok(values)
+        let of = |key: &K| held.iter().find(|(of, _)| of == key).map(|(_, value)| Arc::clone(value));
+        Ok(keys.iter().filter_map(of).collect())
     }
 
     /// Returns the sum of `number` over all values.

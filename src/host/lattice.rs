@@ -4,6 +4,8 @@ use super::rays::Axes;
 
 /// Lattice points along the edge of a cell.
 pub(super) const CELL: usize = 8;
+/// Lattice points of a cell.
+pub(super) const CELL_POINTS: usize = CELL * CELL * CELL;
 
 /// The reach of the rays of a tile around their places.
 #[derive(Clone, Copy)]
@@ -58,84 +60,122 @@ impl PlaneArea {
     }
 }
 
-/// The box of points with coefficients, x fastest: the points of a lattice or of a part of it, and some beyond its
-/// faces. Points farther than all of them count as the farthest.
+/// The box of points with coefficients: the points of a lattice or of a part of it, and some beyond its faces, in whole
+/// cells. Points farther than all of them count as the farthest.
+///
+/// The points of a cell follow each other, x fastest, and so do the cells: all rays find what is near in memory near.
 #[derive(Clone, Copy)]
 pub(super) struct Padded {
     pub(super) size: [usize; 3],
-    /// Number of points beyond each face.
+    /// Number of points before each face.
     pub(super) pad: usize,
     /// The point of the lattice at the low corner of the part.
     first: [isize; 3],
 }
 
-/// Rows of coefficients along axis a of a tile, at planes one after the other.
+/// Rows of coefficients along axis a of a tile, at planes one after the other, in segments: the points of a cell.
 pub(super) struct TileRows<const PLANES: usize> {
-    /// The first coefficient of the first row in each plane.
-    starts: [usize; PLANES],
-    /// The distance in memory from coefficient to coefficient along a.
-    pub(super) step: usize,
-    /// The distance in memory from row to row.
-    across: usize,
+    /// The places in memory of the planes.
+    planes: [usize; PLANES],
+    /// The first point along a and b.
+    low: [usize; 2],
+    /// The distances in memory along a and b: from point to point of a cell, and from cell to cell.
+    steps: [[usize; 2]; 2],
+    /// Number of points before the area in its first segments.
+    pub(super) skipped: usize,
 }
 
 impl<const PLANES: usize> TileRows<PLANES> {
-    /// Returns row number `row` of each plane, from its first coefficient on.
+    /// Returns the place in memory of a segment, without that of the plane.
     #[inline(always)]
-    pub(super) fn of<'a, T>(&self, coefficients: &'a [T], row: usize) -> [&'a [T]; PLANES] {
-        let mut rows = [coefficients; PLANES];
+    fn place(&self, row: usize, segment: usize) -> usize {
+        let [[_, to_cell], [across, to_row]] = self.steps;
+        let row = self.low[1] + row;
+        (self.low[0] / CELL + segment) * to_cell + row % CELL * across + row / CELL * to_row
+    }
+
+    /// Returns whether the points of a segment follow each other in memory.
+    pub(super) fn are_lines(&self) -> bool {
+        self.steps[0][0] == 1
+    }
+
+    /// Returns segment number `segment` of row number `row` of each plane, where points follow each other in memory.
+    #[inline(always)]
+    pub(super) fn lines<'a, T>(&self, values: &'a [T], row: usize, segment: usize) -> [&'a [T]; PLANES] {
+        let place = self.place(row, segment);
+        let mut lines = [values; PLANES];
         for plane in 0..PLANES {
-            rows[plane] = &coefficients[self.starts[plane] + row * self.across..];
+            lines[plane] = &values[self.planes[plane] + place..][..CELL];
         }
-        rows
+        lines
+    }
+
+    /// Returns segment number `segment` of row number `row` of each plane, where points lie a row of a cell apart.
+    #[inline(always)]
+    pub(super) fn columns<T: Copy>(&self, values: &[T], row: usize, segment: usize) -> [[T; CELL]; PLANES] {
+        let place = self.place(row, segment);
+        let mut columns = [[values[0]; CELL]; PLANES];
+        for plane in 0..PLANES {
+            let column = &values[self.planes[plane] + place..][..CELL * (CELL - 1) + 1];
+            for point in 0..CELL {
+                columns[plane][point] = column[CELL * point];
+            }
+        }
+        columns
+    }
+
+    /// Returns the number of segments of a row of `width` points.
+    pub(super) fn segments(&self, width: usize) -> usize {
+        (self.skipped + width).div_ceil(CELL)
     }
 }
 
 impl Padded {
     /// Makes the box of the part of a lattice of `dims` points from point `first` on.
     pub(super) fn new(dims: [usize; 3], pad: usize, first: [isize; 3]) -> Self {
-        Self { size: dims.map(|d| d + 2 * pad), pad, first }
+        Self { size: dims.map(|d| (d + 2 * pad).next_multiple_of(CELL)), pad, first }
     }
 
     /// Returns the number of a point of the lattice along an axis, counted from the first point of the box.
-    fn place(&self, axis: usize, point: isize) -> isize {
-        point - self.first[axis] + self.pad as isize
-    }
-
-    /// Returns the number of points of a plane across z.
-    pub(super) fn area(&self) -> usize {
-        self.size[0] * self.size[1]
+    fn place(&self, axis: usize, point: isize) -> usize {
+        (point - self.first[axis] + self.pad as isize).clamp(0, self.size[axis] as isize - 1) as usize
     }
 
     /// Returns the number of all points.
     pub(super) fn count(&self) -> usize {
-        self.area() * self.size[2]
+        self.size.iter().product()
     }
 
     /// Returns the number of cells along each axis.
     pub(super) fn cells(&self) -> [usize; 3] {
-        self.size.map(|size| size.div_ceil(CELL))
+        self.size.map(|size| size / CELL)
     }
 
-    /// Returns the place of a point of the lattice.
-    fn index(&self, point: [isize; 3]) -> usize {
-        let steps = [1, self.size[0], self.area()];
-        let place = |axis: usize| self.place(axis, point[axis]).clamp(0, self.size[axis] as isize - 1) as usize;
-        (0..3).map(|axis| place(axis) * steps[axis]).sum()
+    /// Returns the distances in memory along each axis: from point to point of a cell, and from cell to cell.
+    fn steps(&self) -> [[usize; 2]; 3] {
+        let [across, down, _] = self.cells();
+        let cells = [1, across, across * down];
+        [0, 1, 2].map(|axis| [CELL.pow(axis as u32), CELL_POINTS * cells[axis]])
+    }
+
+    /// Returns the place in memory of a point of the box.
+    #[inline(always)]
+    pub(super) fn index(&self, point: [usize; 3]) -> usize {
+        let steps = self.steps();
+        (0..3).map(|axis| point[axis] % CELL * steps[axis][0] + point[axis] / CELL * steps[axis][1]).sum()
     }
 
     /// Returns the rows of an area in planes from number `first` on.
     pub(super) fn rows<const PLANES: usize>(&self, axes: &Axes, area: &PlaneArea, first: isize) -> TileRows<PLANES> {
-        let mut starts = [0; PLANES];
-        for (offset, start) in starts.iter_mut().enumerate() {
-            let mut point = [0; 3];
-            point[axes.axes[0]] = area.low[0];
-            point[axes.axes[1]] = area.low[1];
-            point[axes.axes[2]] = axes.plane(first + offset as isize);
-            *start = self.index(point);
+        let steps = self.steps();
+        let [a, b, m] = axes.axes;
+        let low = [self.place(a, area.low[0]), self.place(b, area.low[1])];
+        let mut planes = [0; PLANES];
+        for (offset, plane) in planes.iter_mut().enumerate() {
+            let place = self.place(m, axes.plane(first + offset as isize));
+            *plane = place % CELL * steps[m][0] + place / CELL * steps[m][1];
         }
-        let steps = [1, self.size[0], self.area()];
-        TileRows { starts, step: steps[axes.axes[0]], across: steps[axes.axes[1]] }
+        TileRows { planes, low, steps: [steps[a], steps[b]], skipped: low[0] % CELL }
     }
 
     /// Returns whether `holds` accepts the value of any cell that meets a box of the lattice, ends included. `values`
@@ -145,8 +185,7 @@ impl Padded {
         let cells = self.cells();
         let (mut first, mut last) = ([0; 3], [0; 3]);
         for axis in 0..3 {
-            let cell = |point: isize| (self.place(axis, point).max(0) as usize / CELL).min(cells[axis] - 1);
-            (first[axis], last[axis]) = (cell(low[axis]), cell(high[axis]));
+            (first[axis], last[axis]) = (self.place(axis, low[axis]) / CELL, self.place(axis, high[axis]) / CELL);
         }
         for z in first[2]..=last[2] {
             for y in first[1]..=last[1] {

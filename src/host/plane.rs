@@ -6,7 +6,7 @@ use pulp::Simd;
 use super::blend::{Along, Blend, blend_row};
 use super::field::Field;
 use super::lanes::{Channels, Lanes, Order, WIDTH, added_up, load, weighted};
-use super::lattice::PlaneArea;
+use super::lattice::{CELL, PlaneArea, TileRows};
 use super::rays::Axes;
 use crate::kernel;
 
@@ -28,6 +28,8 @@ pub(super) struct Plane {
     pub(super) channels: Vec<f32>,
     /// The number of points from row to row.
     stride: usize,
+    /// The number of points of each row before those of the area.
+    skipped: usize,
 }
 
 /// Returns at a plane the scalar, the scalar smoothed along the axis by 1, 4, 1 over 6, and the central difference, by
@@ -50,38 +52,47 @@ fn half([x, z, b, a, y, w]: [f32; 6]) -> [f32; 3] {
     [scalar, smooth, difference.mul_add(1.0 / 96.0, (a - b) * (22.0 / 96.0))]
 }
 
-/// Sums rows of coefficients at a plane, by [`whole`] or [`half`]; without `differs` the scalars alone.
+/// Sums a row of coefficients at a plane, by [`whole`] or [`half`]; without `differs` the scalars alone.
 #[inline(always)]
 fn sum<const PLANES: usize>(
-    planes: [&[f32]; PLANES],
-    step: usize,
+    rows: &TileRows<PLANES>,
+    (coefficients, row): (&[f32], usize),
     [scalars, smooth, along]: [&mut [f32]; 3],
     differs: bool,
     at_point: impl Fn([f32; PLANES]) -> [f32; 3],
 ) {
+    let [scalars, smooth, along] = [scalars, smooth, along].map(|row| row.as_chunks_mut::<CELL>().0);
     let count = scalars.len();
     let (smooth, along) = (&mut smooth[..count], &mut along[..count]);
-    if step == 1 {
-        let planes = planes.map(|plane| &plane[..count]);
-        for x in 0..count {
-            let mut point = [0.0; PLANES];
-            for plane in 0..PLANES {
-                point[plane] = planes[plane][x];
-            }
-            let [scalar, smoothed, difference] = at_point(point);
-            scalars[x] = scalar;
-            if differs {
-                smooth[x] = smoothed;
-                along[x] = difference;
-            }
+    for segment in 0..count {
+        let to = [&mut scalars[segment], &mut smooth[segment], &mut along[segment]];
+        if rows.are_lines() {
+            sum_segment(rows.lines(coefficients, row, segment), to, differs, &at_point);
+        } else {
+            let columns = rows.columns(coefficients, row, segment);
+            sum_segment(columns.each_ref().map(|column| &column[..]), to, differs, &at_point);
         }
-    } else {
-        for x in 0..count {
-            let mut point = [0.0; PLANES];
-            for plane in 0..PLANES {
-                point[plane] = planes[plane][x * step];
-            }
-            [scalars[x], smooth[x], along[x]] = at_point(point);
+    }
+}
+
+#[inline(always)]
+fn sum_segment<const PLANES: usize>(
+    planes: [&[f32]; PLANES],
+    [scalars, smooth, along]: [&mut [f32; CELL]; 3],
+    differs: bool,
+    at_point: &impl Fn([f32; PLANES]) -> [f32; 3],
+) {
+    let planes = planes.map(|plane| &plane[..CELL]);
+    for x in 0..CELL {
+        let mut point = [0.0; PLANES];
+        for plane in 0..PLANES {
+            point[plane] = planes[plane][x];
+        }
+        let [scalar, smoothed, difference] = at_point(point);
+        scalars[x] = scalar;
+        if differs {
+            smooth[x] = smoothed;
+            along[x] = difference;
         }
     }
 }
@@ -115,9 +126,10 @@ fn smooth_along<S: Simd>(simd: S, row: &[f32], x: usize) -> S::f32s {
 }
 
 impl Plane {
-    /// Makes room for an area. Returns the number of points from row to row.
-    pub(super) fn resize(&mut self, area: &PlaneArea) -> usize {
-        let [width, height] = area.size();
+    /// Makes room for rows. Rays count their points after the first `skipped` ones. Returns the number of points from
+    /// row to row.
+    pub(super) fn resize(&mut self, [width, height]: [usize; 2], skipped: usize) -> usize {
+        self.skipped = skipped;
         // Vectors reach beyond the end of a row.
         self.stride = width.next_multiple_of(WIDTH) + WIDTH;
         let numbers = CHANNELS * self.stride * (height + 1);
@@ -139,8 +151,13 @@ impl Plane {
         number: isize,
         differs: bool,
     ) {
+        let (half_way, at_plane) = (number % 2 != 0, number.div_euclid(2));
+        let lattice = blend.levels[0].1.lattice;
+        let rows_of_half: TileRows<6> = lattice.rows(axes, area, at_plane - 2);
+        let rows_of_whole: TileRows<5> = lattice.rows(axes, area, at_plane - 2);
         let [width, height] = area.size();
-        let stride = self.resize(area);
+        let (width, skipped) = (CELL * rows_of_half.segments(width), rows_of_half.skipped);
+        let stride = self.resize([width, height], skipped);
         let room = stride * (height + 1);
         if self.scalars.len() < room {
             self.scalars.resize(room, 0.0);
@@ -150,7 +167,6 @@ impl Plane {
         if self.rows.len() < 4 * stride {
             self.rows.resize(4 * stride, 0.0);
         }
-        let rows = blend.levels[0].1.lattice.rows(axes, area, number.div_euclid(2) - 2);
         let z = number as f64 / 2.0;
         let [first, last] = blend.needed(along, [area.low, area.high], z);
         let (weights, parts) = self.rows[..4 * stride].split_at_mut(stride);
@@ -166,15 +182,15 @@ impl Plane {
                 } else {
                     [&mut part_scalars[..width], &mut part_smooth[..width], &mut part_along[..width]]
                 };
-                let planes @ [p, z0, b, a, y, _] = rows.of(blend.levels[level].1.coefficients(), row);
-                if number % 2 == 0 {
-                    sum([p, z0, b, a, y], rows.step, to, differs, whole);
+                let from = (blend.levels[level].1.coefficients(), row);
+                if half_way {
+                    sum(&rows_of_half, from, to, differs, half);
                 } else {
-                    sum(planes, rows.step, to, differs, half);
+                    sum(&rows_of_whole, from, to, differs, whole);
                 }
                 if first < last {
-                    let from = [area.low[0] as f64, (area.low[1] + row as isize) as f64, z];
-                    blend.weights(along, level, from, &mut weights[..width]);
+                    let low = [area.low[0] - skipped as isize, area.low[1] + row as isize].map(|point| point as f64);
+                    blend.weights(along, level, [low[0], low[1], z], &mut weights[..width]);
                     blend_row(weights, part_scalars, scalars, level == first);
                     if differs {
                         blend_row(weights, part_smooth, smooth, level == first);
@@ -224,7 +240,7 @@ impl Plane {
             let [one, other] = order.pair(vector);
             let mut parts = [simd.splat_f32s(0.0); 2];
             for (part, ray) in [one, other].into_iter().enumerate() {
-                let at = offset[ray] as usize;
+                let at = offset[ray] as usize + CHANNELS * self.skipped;
                 let row = |number: usize| at + number * stride;
                 parts[part] = weighted(
                     simd,

@@ -91,21 +91,22 @@ impl Scalars {
         }
         let (kernels, level) = (shot.kernels(), shot.level);
         let pad = padding(&kernels);
-        let key = |kernel: Kernel| (kernel, level, pad);
-        self.field.get_or_make(kernels.into_iter().map(key).collect(), |(kernel, level, pad)| {
-            let filter = SplineFilter::new(kernel)?;
-            let field = if *level == Level(0) {
-                Field::new((self.dims(), shot.first()), &|planes| self.planes(planes), &filter, *pad, progress)?
+        let keys: Vec<_> = kernels.into_iter().map(|kernel| (kernel, level, pad)).collect();
+        self.field.get_or_make(&keys, |keys, _| {
+            let filters = keys.iter().map(|(kernel, ..)| SplineFilter::new(kernel)).collect::<Result<Vec<_>>>()?;
+            let dims = self.dims();
+            let fields = if level == Level(0) {
+                Field::new((dims, shot.first(), pad), &filters, &|planes| self.planes(planes), progress)?
             } else {
                 let plane = |plane: usize| Ok(self.planes(plane..plane + 1)?.into_iter().map(|v| [v]).collect());
-                let (dims, cells) = level.cells(self.dims(), &plane, true)?;
+                let (dims, cells) = level.cells(dims, &plane, true)?;
                 let planes = |planes: Range<usize>| {
                     let area = dims[0] * dims[1];
                     Ok(cells[planes.start * area..planes.end * area].as_flattened().to_vec())
                 };
-                Field::new((dims, shot.first()), &planes, &filter, *pad, progress)?
+                Field::new((dims, shot.first(), pad), &filters, &planes, progress)?
             };
-            Ok(Reconstructed { field, filter })
+            Ok(fields.into_iter().zip(filters).map(|(field, filter)| Reconstructed { field, filter }).collect())
         })
     }
 
@@ -167,9 +168,11 @@ impl Scalars {
         falling: Falling,
         progress: &Progress,
     ) -> Result<Arc<ArrivingLight>> {
-        let mut made = self.light.get_or_make(vec![falling], |falling| {
+        let mut made = self.light.get_or_make(&[falling], |falling, _| {
+            let falling = &falling[0];
             let matter = self.occluders(field, self.transfer.unit_or(self.volume.grid().min_spacing()));
-            ArrivingLight::new([[0; 3], self.dims()], &|place, row| matter.row(falling, place, row), falling, progress)
+            let rows = |place: [usize; 2], row: &mut [f32]| matter.row(falling, place, row);
+            Ok(vec![ArrivingLight::new([[0; 3], self.dims()], &rows, falling, progress)?])
         })?;
         Ok(made.swap_remove(0))
     }

@@ -7,12 +7,15 @@ use glam::{DAffine3, DVec3};
 use pulp::{Simd, WithSimd};
 
 use super::arriving::{ArrivingLight, Falling};
-use super::colors::{ColorField, VoxelPlanes};
+use super::colors::ColorField;
 use super::field::{Field, padding};
+use super::filter::{Rows, SampleRow};
 use super::kept::Kept;
 use super::lanes::{Lanes, dispatch, three};
+use super::lattice::Padded;
 use super::level::Level;
 use super::light::{Shader, Vector, unit};
+use super::plane::CHANNELS;
 use super::scalars::Scalars;
 use super::shot::{Shot, places_of_light};
 use crate::camera::clip::is_inside;
@@ -164,33 +167,24 @@ impl Colored {
         let pad = padding(&kernels);
         let level = shot.level;
         let key = |kernel: Kernel| Key { kernel, level, pad, light: light.clone(), falling: falling.clone() };
-        self.field.get_or_make(kernels.into_iter().map(key).collect(), |key| {
-            let shader = key.light.as_ref().map(|(lighting, to_eye)| {
+        let keys: Vec<Key> = kernels.into_iter().map(key).collect();
+        self.field.get_or_make(&keys, |keys, spare| {
+            let light = light.as_ref().map(|(lighting, to_eye)| {
                 let shader = Shader::new(lighting, self.grid.center(), self.grid.unit(), [0.0; 2]);
                 VoxelLight { shader, to_eye: *to_eye, to_places: places_of_light(&self.grid, &self.grid), arriving }
             });
-            let filter = SplineFilter::new(&key.kernel)?;
-            let [nx, ny, nz] = self.grid.dims().map(|d| d as usize);
-            let fill =
-                |z: usize, out: &mut VoxelPlanes| dispatch(Filling { colored: self, light: shader.as_ref(), z, out });
-            let field = if key.level == Level(0) {
-                ColorField::new(([nx, ny, nz], shot.first(), key.pad), &filter, &fill, progress)?
+            let filters = keys.iter().map(|key| SplineFilter::new(&key.kernel)).collect::<Result<Vec<_>>>()?;
+            let voxels = LitVoxels { colored: self, light };
+            let spare = spare.into_iter().map(|made| made.field).collect();
+            let dims = self.grid.dims().map(|d| d as usize);
+            let fields = if level == Level(0) {
+                ColorField::new(Padded::new(dims, pad, shot.first()), &filters, &voxels, spare, progress)?
             } else {
-                let plane = |z: usize| {
-                    let mut voxels = VoxelPlanes::new([nx, ny], 0)?;
-                    fill(z, &mut voxels);
-                    Ok(voxels.plane(nx))
-                };
-                let (dims, cells) = key.level.cells([nx, ny, nz], &plane, false)?;
-                let fill = |z: usize, out: &mut VoxelPlanes| {
-                    for (row, cells) in cells[dims[0] * dims[1] * z..].chunks_exact(dims[0]).take(dims[1]).enumerate() {
-                        let shown = cells.iter().enumerate().filter(|(_, cell)| **cell != [0.0; 4]);
-                        shown.for_each(|(column, cell)| out.put(row, column, *cell));
-                    }
-                };
-                ColorField::new((dims, shot.first(), key.pad), &filter, &fill, progress)?
+                let (dims, cells) = level.cells(dims, &|z| voxels.plane(z), false)?;
+                let lattice = Padded::new(dims, pad, shot.first());
+                ColorField::new(lattice, &filters, &ColorCells { dims, cells }, spare, progress)?
             };
-            Ok(Filtered { field, filter })
+            Ok(fields.into_iter().zip(filters).map(|(field, filter)| Filtered { field, filter }).collect())
         })
     }
 
@@ -210,13 +204,19 @@ impl Colored {
         let Some(falling) = shot.falling(self.unit) else { return Ok(None) };
         let (dims, [low, size]) = (self.grid.dims().map(|d| d as usize), self.bounds());
         let middle = DVec3::from_array(dims.map(|d| (d as f64 - 1.0) / 2.0));
-        let mut made = self.light.get_or_make(vec![falling], |falling| {
+        let mut made = self.light.get_or_make(&[falling], |falling, _| {
+            let falling = &falling[0];
             let surfaces = self.surfaces.as_ref().map(|surfaces| surfaces.occluders(near, self.unit));
             let row = |[y, z]: [usize; 2], row: &mut [f32]| {
                 if let Some(surfaces) = &surfaces {
                     surfaces.row(falling, [y, z], row)?;
                 }
+                let mut is_fresh = surfaces.is_none();
                 for (run, count) in self.runs(y, z) {
+                    // Pages that are read before they are written are mapped twice, the second time on all cores.
+                    if std::mem::take(&mut is_fresh) {
+                        row.fill(0.0);
+                    }
                     let (_, densities) = appearances(&run.column(0), &run.column(1));
                     for (&x, density) in run.xs[..count].iter().zip(densities) {
                         let point = DVec3::new(f64::from(x), y as f64, z as f64) - middle;
@@ -227,7 +227,7 @@ impl Colored {
                 }
                 Ok(())
             };
-            ArrivingLight::new([low, size], &row, falling, progress)
+            Ok(vec![ArrivingLight::new([low, size], &row, falling, progress)?])
         })?;
         Ok(Some(made.swap_remove(0)))
     }
@@ -242,12 +242,73 @@ struct VoxelLight<'a> {
     arriving: Option<&'a ArrivingLight>,
 }
 
-/// A task that puts the visible voxels of a plane into [`VoxelPlanes`].
+/// The visible voxels of a scene under a light.
+struct LitVoxels<'a> {
+    colored: &'a Colored,
+    light: Option<VoxelLight<'a>>,
+}
+
+impl LitVoxels<'_> {
+    /// Returns the voxels of a plane, x fastest.
+    fn plane(&self, z: usize) -> Result<Vec<[f32; CHANNELS]>> {
+        let [nx, ny, _] = self.colored.grid.dims().map(|d| d as usize);
+        let mut row = SampleRow::new(&Padded::new([nx, 1, 1], 0, [0; 3]))?;
+        let mut voxels = Vec::with_capacity(nx * ny);
+        for y in 0..ny {
+            row.clear();
+            self.row(&(), [y, z].map(|place| place as isize), &mut row);
+            voxels.extend((0..nx).map(|x| row.get(x)));
+        }
+        Ok(voxels)
+    }
+}
+
+impl Rows<CHANNELS> for LitVoxels<'_> {
+    type Slab = ();
+
+    fn slab(&self, _: Range<isize>) -> Result<()> {
+        Ok(())
+    }
+
+    fn row(&self, (): &(), place: [isize; 2], out: &mut SampleRow<CHANNELS>) {
+        let [_, ny, nz] = self.colored.grid.dims().map(|d| d as isize);
+        if (0..ny).contains(&place[0]) && (0..nz).contains(&place[1]) {
+            let place = place.map(|place| place as usize);
+            dispatch(Filling { colored: self.colored, light: self.light.as_ref(), place, out });
+        }
+    }
+}
+
+/// Cells of several voxels.
+struct ColorCells {
+    dims: [usize; 3],
+    cells: Vec<[f32; CHANNELS]>,
+}
+
+impl Rows<CHANNELS> for ColorCells {
+    type Slab = ();
+
+    fn slab(&self, _: Range<isize>) -> Result<()> {
+        Ok(())
+    }
+
+    fn row(&self, (): &(), [y, z]: [isize; 2], out: &mut SampleRow<CHANNELS>) {
+        let [nx, ny, nz] = self.dims;
+        if (0..ny as isize).contains(&y) && (0..nz as isize).contains(&z) {
+            let cells = &self.cells[nx * (y as usize + ny * z as usize)..][..nx];
+            let shown = cells.iter().enumerate().filter(|(_, cell)| **cell != [0.0; CHANNELS]);
+            shown.for_each(|(x, cell)| out.put(x, *cell));
+        }
+    }
+}
+
+/// A task that puts the visible voxels of a row into a [`SampleRow`].
 struct Filling<'a> {
     colored: &'a Colored,
     light: Option<&'a VoxelLight<'a>>,
-    z: usize,
-    out: &'a mut VoxelPlanes,
+    /// The y and z of the row.
+    place: [usize; 2],
+    out: &'a mut SampleRow<CHANNELS>,
 }
 
 impl WithSimd for Filling<'_> {
@@ -255,23 +316,18 @@ impl WithSimd for Filling<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Self { colored, light, z, out } = self;
+        let Self { colored, light, place: [y, z], out } = self;
         let scale = Lanes::<S>::all(simd, colored.scale as f32);
-        for y in 0..colored.grid.dims()[1] as usize {
-            for (run, count) in colored.runs(y, z) {
-                let (colors, densities) = appearances(&run.column(0), &run.column(1));
-                let [r, g, b] = colors;
-                let mut colors = [Lanes::from_array(r), Lanes::from_array(g), Lanes::from_array(b)];
-                if let Some(light) = light {
-                    colors = light.lit(simd, &run, [y, z], colors);
-                }
-                let density = Lanes::from_array(densities).mul(simd, scale);
-                let [r, g, b] = three!(channel => colors[channel].mul(simd, density).to_array());
-                let density = density.to_array();
-                for i in 0..count {
-                    out.put(y, run.xs[i] as usize, [r[i], g[i], b[i], density[i]]);
-                }
+        for (run, count) in colored.runs(y, z) {
+            let (colors, densities) = appearances(&run.column(0), &run.column(1));
+            let [r, g, b] = colors;
+            let mut colors = [Lanes::from_array(r), Lanes::from_array(g), Lanes::from_array(b)];
+            if let Some(light) = light {
+                colors = light.lit(simd, &run, [y, z], colors);
             }
+            let density = Lanes::from_array(densities).mul(simd, scale);
+            let [r, g, b] = three!(channel => colors[channel].mul(simd, density).to_array());
+            out.put_run(&run.xs, count, [r, g, b, density.to_array()]);
         }
     }
 }

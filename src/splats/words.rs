@@ -108,12 +108,22 @@ impl SplatRun<'_> {
     /// Returns word number `index` of each splat; 0 beyond the last.
     #[inline(always)]
     pub(crate) fn column(&self, index: usize) -> [u32; LANES] {
+        match self.each {
+            2 => self.column_of::<2>(index),
+            _ => self.column_of::<3>(index),
+        }
+    }
+
+    #[inline(always)]
+    fn column_of<const EACH: usize>(&self, index: usize) -> [u32; LANES] {
+        let (splats, _) = self.words.as_chunks::<EACH>();
         let mut column = [0; LANES];
-        for (place, word) in column.iter_mut().enumerate() {
-            let at = place * self.each + index;
-            if at < self.words.len() {
-                *word = self.words[at];
+        if let Some(splats) = splats.first_chunk::<LANES>() {
+            for place in 0..LANES {
+                column[place] = splats[place][index];
             }
+        } else {
+            column.iter_mut().zip(splats).for_each(|(word, splat)| *word = splat[index]);
         }
         column
     }

@@ -292,9 +292,11 @@ impl ExtinctionBox {
                             let from = &plane_sum[source * pitch..][self.pad + range.start..];
                             add(&mut row_sum[self.pad + range.start..self.pad + range.end], from, weight);
                         }
+                        let sum = &mut out[self.pad + wide.start..self.pad + wide.end];
+                        // Pages that are read before they are written are mapped twice, the second time on all cores.
+                        sum.fill(0.0);
                         for &(o, weight) in &within {
-                            let from = &row_sum[(self.pad + wide.start).wrapping_add_signed(o)..];
-                            add(&mut out[self.pad + wide.start..self.pad + wide.end], from, weight);
+                            add(sum, &row_sum[(self.pad + wide.start).wrapping_add_signed(o)..], weight);
                         }
                         let bits = bits(&out[self.pad..self.pad + self.size[0]], block);
                         (planes.row(plane, row), wide.start as u32..wide.end as u32, bits)

@@ -308,14 +308,14 @@ fn pictures_have_the_same_bytes_on_every_machine() {
         ("a nautilus", &chosen.layers, chosen.camera([64; 2]).unwrap(), chosen_settings),
     ];
     let hashes: [u64; 8] = [
-        0x6213_ea44_a92b_a26c,
-        0x6622_c31c_c26c_55ba,
-        0x9dfa_9cc0_d513_aa75,
+        0x8a82_2412_0906_2bfd,
+        0x418a_f233_2e09_8e9e,
+        0x9ae0_fd53_fe9d_734b,
         0xb113_8be9_cf97_76b9,
-        0xa99b_037e_6e5c_ebf3,
-        0xd477_7ebb_6bb6_b350,
-        0x3428_5be1_d29e_33d6,
-        0xdea8_252f_2298_e8d5,
+        0x0028_7c3e_1a45_95a3,
+        0xe25b_969a_736f_ff0d,
+        0x3152_7bb3_351f_4315,
+        0x95e7_e62d_8e8d_7b29,
     ];
     let mut others = Vec::new();
     for ((name, layers, camera, settings), expected) in pictures.into_iter().zip(hashes) {
