@@ -211,12 +211,7 @@ impl Colored {
                 if let Some(surfaces) = &surfaces {
                     surfaces.row(falling, [y, z], row)?;
                 }
-                let mut is_fresh = surfaces.is_none();
                 for (run, count) in self.runs(y, z) {
-                    // Pages that are read before they are written are mapped twice, the second time on all cores.
-                    if std::mem::take(&mut is_fresh) {
-                        row.fill(0.0);
-                    }
                     let (_, densities) = appearances(&run.column(0), &run.column(1));
                     for (&x, density) in run.xs[..count].iter().zip(densities) {
                         let point = DVec3::new(f64::from(x), y as f64, z as f64) - middle;

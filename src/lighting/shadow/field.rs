@@ -57,12 +57,18 @@ fn zeros<T: Zeroable + Send>(
     match spare {
         Some(mut values) => {
             values.truncate(count);
-            values.par_chunks_mut(1 << 16).for_each(|values| values.fill_with(T::zeroed));
+            clear(&mut values);
             values.resize_with(count, T::zeroed);
             Ok(values)
         }
         None => Ok(zeroed(count as u64, what)?),
     }
+}
+
+/// Writes zeros. A page of zeros of the system that is read before it is written is mapped twice, the second time on all
+/// cores.
+fn clear<T: Zeroable + Send>(values: &mut [T]) {
+    values.par_chunks_mut(1 << 16).for_each(|values| values.fill_with(T::zeroed));
 }
 
 /// Returns the memory of `values` to the spare memory.
@@ -156,7 +162,8 @@ impl ExtinctionBox {
     /// Allocates shares without light at any voxel.
     pub(super) fn dark(&self) -> Result<Shares> {
         let what = || "the light in the volume".to_owned();
-        let values = zeros(&self.spare.shares, self.size.iter().product(), what)?;
+        let mut values = zeros(&self.spare.shares, self.size.iter().product(), what)?;
+        clear(&mut values);
         Ok(Shares { values, spare: Arc::clone(&self.spare) })
     }
 
@@ -169,16 +176,23 @@ impl ExtinctionBox {
         let ([nx, ny, nz], pitch, pad, block) = (self.size, self.pitch(), self.pad, self.block());
         let within = |n: usize, count: usize| n >= margin && n + margin < count;
         let rows = self.values.par_chunks_mut(pitch).zip(&mut self.filled).zip(&mut self.blocks).enumerate();
-        rows.map(|(row, of)| ([row % ny, row / ny], of)).for_each(|([y, z], ((row, filled), blocks))| {
-            if within(y, ny) && within(z, nz) {
-                let row = &mut row[pad..pad + nx];
-                fill([y, z], &mut row[margin..nx - margin]);
-                let first = row.iter().position(|value| *value > 0.0).unwrap_or(0);
-                let end = row.iter().rposition(|value| *value > 0.0).map_or(0, |last| last + 1);
-                *filled = first as u32..end as u32;
-                *blocks = bits(row, block);
-            }
-        });
+        let rows = rows.map(|(row, of)| ([row % ny, row / ny], of));
+        let rows = rows.filter(|([y, z], _)| within(*y, ny) && within(*z, nz));
+        rows.for_each_init(
+            || vec![0.0; nx],
+            |line, ([y, z], ((row, filled), blocks))| {
+                line.fill(0.0);
+                fill([y, z], &mut line[margin..nx - margin]);
+                let first = line.iter().position(|value| *value > 0.0).unwrap_or(0);
+                let end = line.iter().rposition(|value| *value > 0.0).map_or(0, |last| last + 1);
+                if first < end {
+                    row.fill(0.0);
+                    row[pad..pad + nx].copy_from_slice(line);
+                    *filled = first as u32..end as u32;
+                    *blocks = bits(line, block);
+                }
+            },
+        );
     }
 
     /// Returns the columns of a row between the first and the last that are not 0.
@@ -292,9 +306,8 @@ impl ExtinctionBox {
                             let from = &plane_sum[source * pitch..][self.pad + range.start..];
                             add(&mut row_sum[self.pad + range.start..self.pad + range.end], from, weight);
                         }
+                        out.fill(0.0);
                         let sum = &mut out[self.pad + wide.start..self.pad + wide.end];
-                        // Pages that are read before they are written are mapped twice, the second time on all cores.
-                        sum.fill(0.0);
                         for &(o, weight) in &within {
                             add(sum, &row_sum[(self.pad + wide.start).wrapping_add_signed(o)..], weight);
                         }
