@@ -68,8 +68,8 @@ fn sum_planes(rows: &TileRows<3>, coefficients: &[Halves], row: usize, channels:
 }
 
 #[inline(always)]
-fn sum_segment([b, m, a]: [&[Halves]; 3], channels: &mut [f32; CHANNELS * CELL]) {
-    let (b, m, a) = (b[..CELL].as_flattened(), m[..CELL].as_flattened(), a[..CELL].as_flattened());
+fn sum_segment([b, m, a]: [&[Halves; CELL]; 3], channels: &mut [f32; CHANNELS * CELL]) {
+    let (b, m, a) = (b.as_flattened(), m.as_flattened(), a.as_flattened());
     for x in 0..CHANNELS * CELL {
         let sum = from_half(b[x]) + from_half(a[x]);
         channels[x] = sum.mul_add(1.0 / 6.0, from_half(m[x]) * (4.0 / 6.0));

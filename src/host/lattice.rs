@@ -101,24 +101,27 @@ impl<const PLANES: usize> TileRows<PLANES> {
 
     /// Returns segment number `segment` of row number `row` of each plane, where points follow each other in memory.
     #[inline(always)]
-    pub(super) fn lines<'a, T>(&self, values: &'a [T], row: usize, segment: usize) -> [&'a [T]; PLANES] {
+    pub(super) fn lines<'a, T>(&self, values: &'a [T], row: usize, segment: usize) -> [&'a [T; CELL]; PLANES] {
+        let (lines, _) = values.as_chunks::<CELL>();
         let place = self.place(row, segment);
-        let mut lines = [values; PLANES];
+        let mut of_planes = [&lines[0]; PLANES];
         for plane in 0..PLANES {
-            lines[plane] = &values[self.planes[plane] + place..][..CELL];
+            of_planes[plane] = &lines[(self.planes[plane] + place) / CELL];
         }
-        lines
+        of_planes
     }
 
     /// Returns segment number `segment` of row number `row` of each plane, where points lie a row of a cell apart.
     #[inline(always)]
     pub(super) fn columns<T: Copy>(&self, values: &[T], row: usize, segment: usize) -> [[T; CELL]; PLANES] {
+        let (squares, _) = values.as_chunks::<{ CELL * CELL }>();
         let place = self.place(row, segment);
-        let mut columns = [[values[0]; CELL]; PLANES];
+        let mut columns = [[squares[0][0]; CELL]; PLANES];
         for plane in 0..PLANES {
-            let column = &values[self.planes[plane] + place..][..CELL * (CELL - 1) + 1];
+            let at = self.planes[plane] + place;
+            let square = &squares[at / (CELL * CELL)];
             for point in 0..CELL {
-                columns[plane][point] = column[CELL * point];
+                columns[plane][point] = square[at % CELL + CELL * point];
             }
         }
         columns

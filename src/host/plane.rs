@@ -70,19 +70,18 @@ fn sum<const PLANES: usize>(
             sum_segment(rows.lines(coefficients, row, segment), to, differs, &at_point);
         } else {
             let columns = rows.columns(coefficients, row, segment);
-            sum_segment(columns.each_ref().map(|column| &column[..]), to, differs, &at_point);
+            sum_segment(columns.each_ref(), to, differs, &at_point);
         }
     }
 }
 
 #[inline(always)]
 fn sum_segment<const PLANES: usize>(
-    planes: [&[f32]; PLANES],
+    planes: [&[f32; CELL]; PLANES],
     [scalars, smooth, along]: [&mut [f32; CELL]; 3],
     differs: bool,
     at_point: &impl Fn([f32; PLANES]) -> [f32; 3],
 ) {
-    let planes = planes.map(|plane| &plane[..CELL]);
     for x in 0..CELL {
         let mut point = [0.0; PLANES];
         for plane in 0..PLANES {
@@ -155,8 +154,8 @@ impl Plane {
         let lattice = blend.levels[0].1.lattice;
         let rows_of_half: TileRows<6> = lattice.rows(axes, area, at_plane - 2);
         let rows_of_whole: TileRows<5> = lattice.rows(axes, area, at_plane - 2);
-        let [width, height] = area.size();
-        let (width, skipped) = (CELL * rows_of_half.segments(width), rows_of_half.skipped);
+        let [own_width, height] = area.size();
+        let (width, skipped) = (CELL * rows_of_half.segments(own_width), rows_of_half.skipped);
         let stride = self.resize([width, height], skipped);
         let room = stride * (height + 1);
         if self.scalars.len() < room {
@@ -201,15 +200,15 @@ impl Plane {
         }
         let halve = simd.splat_f32s(0.5);
         for row in 1..height - 1 {
-            let start = row * stride;
+            let start = row * stride + skipped;
             if differs {
                 let lines = [&self.smooth[start - stride..], &self.smooth[start..], &self.smooth[start + stride..]];
-                smooth_across(lines, &mut weights[..width]);
-                slope_across(lines, &mut part_scalars[..width]);
+                smooth_across(lines, &mut weights[..own_width]);
+                slope_across(lines, &mut part_scalars[..own_width]);
                 let lines = [&self.along[start - stride..], &self.along[start..], &self.along[start + stride..]];
-                smooth_across(lines, &mut part_smooth[..width]);
+                smooth_across(lines, &mut part_smooth[..own_width]);
             }
-            for x in (1..width - 1).step_by(WIDTH) {
+            for x in (1..own_width - 1).step_by(WIDTH) {
                 let at = start + x;
                 let scalar = load(simd, &self.scalars[at..]);
                 let channels = if differs {
