@@ -35,13 +35,15 @@ pub(super) struct ArrivingLight {
     low: [usize; 3],
     dims: [usize; 3],
     shares: Vec<[u16; 4]>,
+    /// The occlusion of ambient light, which turning lights leave as it is.
+    occlusion: Falling,
 }
 
 impl ArrivingLight {
     /// Finds the light that arrives at the voxels of a box around all visible ones: its first voxel, and its size.
     /// `row` writes the extinctions of a row of the box, given its y and z in the lattice:
     /// [`CLIPPED`](crate::lighting::shadow::field::CLIPPED) where matter casts no shadows, 0 where no visible matter is
-    /// near.
+    /// near. `before` is the light of the same voxels under other lights.
     ///
     /// # Errors
     /// [`Error::Memory`] if [`BYTES`] for each voxel cannot be allocated; the errors of `row`.
@@ -49,9 +51,12 @@ impl ArrivingLight {
         [low, dims]: [[usize; 3]; 2],
         row: &Rows<'_>,
         falling: &Falling,
+        before: Option<Self>,
         progress: &Progress,
     ) -> Result<Self> {
         let count = dims.iter().product::<usize>();
+        let occlusion = Falling { casting: falling.casting.only(MAX_CASTING), ..falling.clone() };
+        let before = before.filter(|before| before.occlusion == occlusion && (before.low, before.dims) == (low, dims));
         let failed = Mutex::new(None::<Error>);
         let arrival = Arrival::new(&falling.casting, &falling.lattice, [low, dims], |place, out| {
             if let Err(error) = row(place, out) {
@@ -61,9 +66,19 @@ impl ArrivingLight {
         if let Some(error) = failed.into_inner().unwrap_or_else(PoisonError::into_inner) {
             return Err(error);
         }
-        let mut shares: Vec<[u16; 4]> = reserved(count as u64, || "the light in the volume".to_owned())?;
-        shares.resize(count, [u16::MAX; 4]);
-        for light in 0..=MAX_CASTING {
+        let lights = if before.is_some() { 0..=MAX_CASTING - 1 } else { 0..=MAX_CASTING };
+        let mut shares = match before {
+            Some(Self { mut shares, .. }) => {
+                shares.par_iter_mut().for_each(|shares| shares[..MAX_CASTING].fill(u16::MAX));
+                shares
+            }
+            None => {
+                let mut shares: Vec<[u16; 4]> = reserved(count as u64, || "the light in the volume".to_owned())?;
+                shares.resize(count, [u16::MAX; 4]);
+                shares
+            }
+        };
+        for light in lights {
             let done = |part: f64| (light as f64 + part) / (MAX_CASTING + 1) as f64;
             progress.check()?;
             let arriving = arrival.shares(light, &|part| progress.report("casting shadows", done(part)))?;
@@ -73,7 +88,7 @@ impl ArrivingLight {
                 shares.iter_mut().enumerate().for_each(|(x, shares)| shares[light] = share(x));
             });
         }
-        Ok(Self { low, dims, shares })
+        Ok(Self { low, dims, shares, occlusion })
     }
 
     /// Returns the shares of light at a voxel.

@@ -1,12 +1,11 @@
 //! Fields of colours times extinctions, and of extinctions, as coefficients of cubic B-splines.
 
-use super::filter::{Coefficient, Coefficients, Rows, filtered};
+use super::filter::{Coefficient, Coefficients, RowSource, filtered};
 use super::lattice::{CELL, Padded};
 use super::plane::CHANNELS;
 use crate::error::Result;
 use crate::kernel::SplineFilter;
 use crate::progress::Progress;
-use crate::splats::words::nearest_half;
 
 /// A coefficient: four f16.
 pub(super) type Halves = [u16; CHANNELS];
@@ -23,7 +22,10 @@ pub(super) fn from_half(half: u16) -> f32 {
 /// Returns the f16 nearest to a number; numbers under the least normal f16 become 0, which loops decode faster.
 #[inline(always)]
 fn half(value: f32) -> u16 {
-    if value.abs() < 6.103_515_6e-5 { 0 } else { nearest_half(value) as u16 }
+    const LEAST: u32 = (112 + 1) << 23;
+    let (size, sign) = (value.to_bits() & 0x7fff_ffff, value.to_bits() >> 16 & 0x8000);
+    let nearest = (size + 0x1000).wrapping_sub(112 << 23) >> 13 | sign;
+    (if size < LEAST { 0 } else { nearest }) as u16
 }
 
 impl Coefficient<CHANNELS> for Halves {
@@ -60,7 +62,7 @@ impl ColorField {
     pub(super) fn new(
         lattice: Padded,
         filters: &[SplineFilter],
-        rows: &impl Rows<CHANNELS>,
+        rows: &impl RowSource<CHANNELS>,
         spare: Vec<Self>,
         progress: &Progress,
     ) -> Result<Vec<Self>> {

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use super::filter::{Rows, SampleRow, filtered};
+use super::filter::{RowSource, SampleRow, filtered};
 use super::lattice::{CELL, CELL_POINTS, Padded};
 use crate::error::Result;
 use crate::kernel::{Kernel, SplineFilter};
@@ -43,7 +43,7 @@ struct RepeatedScalars<'a> {
     planes: &'a ReadPlanes<'a>,
 }
 
-impl Rows<1> for RepeatedScalars<'_> {
+impl RowSource<1> for RepeatedScalars<'_> {
     /// The scalars of planes, and the number of the first plane.
     type Slab = (Vec<f32>, usize);
 

@@ -21,11 +21,13 @@ const MAX_REACH: usize = 8;
 const PLANES: usize = 2 * CELL;
 /// The largest number of cells of a row that are filtered together.
 const CELLS: usize = 16;
+/// Number of rows that are read of each plane at a time: voxels of rows follow each other in memory.
+const ROWS: usize = 4;
 
 /// The samples of as many columns as are filtered together, with a cell more on either side.
-type Line = [[f32; WIDTH]; CELLS + 2];
+type SampleLine = [[f32; WIDTH]; CELLS + 2];
 /// The lines of a plane around a row: of the row itself, then of both rows at each distance, added up.
-type Pairs = [Line; MAX_REACH + 1];
+type Pairs = [SampleLine; MAX_REACH + 1];
 
 /// A row of the samples of a padded lattice, `N` channels one after the other, with a cell more on either side.
 pub(super) struct SampleRow<const N: usize> {
@@ -108,7 +110,7 @@ impl SampleRow<1> {
 }
 
 /// The samples of a lattice, and of the points beyond its faces.
-pub(super) trait Rows<const N: usize>: Sync {
+pub(super) trait RowSource<const N: usize>: Sync {
     /// What is read for a slab.
     type Slab: Send;
 
@@ -139,20 +141,13 @@ pub(super) struct Coefficients<T> {
     pub(super) shows: Vec<bool>,
 }
 
-impl<T: Zeroable + Send> Coefficients<T> {
-    /// Makes zeros, in `spare` memory if there is some of that size.
-    fn zeros(lattice: &Padded, spare: Option<Self>) -> Result<Self> {
+impl<T: Zeroable> Coefficients<T> {
+    /// Makes zeros, or takes `spare` memory of that size, whose cells that show are to be cleared.
+    fn new(lattice: &Padded, spare: Option<Self>) -> Result<Self> {
         // Zeros that nothing is written over take no memory.
         let values = || zeroed(lattice.count() as u64, || "the coefficients of a volume".to_owned());
         match spare {
-            Some(Self { mut values, mut shows }) if values.len() == lattice.count() => {
-                values.par_chunks_exact_mut(CELL_POINTS).zip(&mut shows).for_each(|(cell, shows)| {
-                    if std::mem::take(shows) {
-                        cell.fill_with(T::zeroed);
-                    }
-                });
-                Ok(Self { values, shows })
-            }
+            Some(spare) if spare.values.len() == lattice.count() => Ok(spare),
             _ => Ok(Self { values: values()?, shows: vec![false; lattice.cells().iter().product()] }),
         }
     }
@@ -162,7 +157,7 @@ impl<T: Zeroable + Send> Coefficients<T> {
 ///
 /// # Errors
 /// The errors of `rows`, and [`Error::Memory`](crate::Error::Memory) if the coefficients cannot be allocated.
-pub(super) fn filtered<const N: usize, T: Coefficient<N>, R: Rows<N>>(
+pub(super) fn filtered<const N: usize, T: Coefficient<N>, R: RowSource<N>>(
     lattice: &Padded,
     filters: &[SplineFilter],
     rows: &R,
@@ -171,17 +166,17 @@ pub(super) fn filtered<const N: usize, T: Coefficient<N>, R: Rows<N>>(
 ) -> Result<Vec<Coefficients<T>>> {
     let mut fields = Vec::with_capacity(filters.len());
     for _ in filters {
-        fields.push(Coefficients::zeros(lattice, spare.pop())?);
+        fields.push(Coefficients::new(lattice, spare.pop())?);
     }
     drop(spare);
     let filters: Vec<RowFilter> = filters.iter().map(RowFilter::new).collect();
     let reach = filters.iter().map(|filter| filter.reach).max().unwrap_or_default();
     let [across, down, deep] = lattice.cells();
-    let mut slabs: Vec<Vec<Part<'_, T>>> = (0..(deep * CELL).div_ceil(PLANES)).map(|_| Vec::new()).collect();
+    let mut slabs: Vec<Vec<SlabPart<'_, T>>> = (0..(deep * CELL).div_ceil(PLANES)).map(|_| Vec::new()).collect();
     for field in &mut fields {
         let cells = PLANES / CELL * across * down;
         let parts = field.values.chunks_mut(cells * CELL_POINTS).zip(field.shows.chunks_mut(cells));
-        slabs.iter_mut().zip(parts).for_each(|(slab, (values, shows))| slab.push(Part { values, shows }));
+        slabs.iter_mut().zip(parts).for_each(|(slab, (values, shows))| slab.push(SlabPart { values, shows }));
     }
     let (done, all) = (AtomicUsize::new(0), slabs.len());
     let of_rows = |n: usize, count: usize| n as isize - (lattice.pad + count) as isize;
@@ -197,14 +192,15 @@ pub(super) fn filtered<const N: usize, T: Coefficient<N>, R: Rows<N>>(
             };
             let low = of_rows(first, reach);
             let slab = rows.slab(low..low + planes as isize)?;
-            for y in 0..lattice.size[1] + 2 * reach {
-                for plane in 0..planes {
+            let count = lattice.size[1] + 2 * reach;
+            for read in (0..count).step_by(ROWS).map(|y| y..(y + ROWS).min(count)) {
+                for (plane, y) in (0..planes).flat_map(|plane| read.clone().map(move |y| (plane, y))) {
                     let row = around.row(plane, y);
                     row.clear();
                     rows.row(&slab, [of_rows(y, reach), low + plane as isize], row);
                 }
-                // The row in the middle of the last ones.
-                if let Some(row) = y.checked_sub(2 * reach) {
+                // The rows in the middle of those that were read.
+                for row in read.filter_map(|y| y.checked_sub(2 * reach)) {
                     dispatch(RowFiltering { filters: &filters, lattice, around, planes, row, parts });
                 }
             }
@@ -217,7 +213,7 @@ pub(super) fn filtered<const N: usize, T: Coefficient<N>, R: Rows<N>>(
 }
 
 /// The coefficients of a slab.
-struct Part<'a, T> {
+struct SlabPart<'a, T> {
     values: &'a mut [T],
     shows: &'a mut [bool],
 }
@@ -233,7 +229,7 @@ struct RowFilter {
 /// The samples around a row of the planes of a slab and of the planes around it, and memory for filters.
 struct Around<const N: usize> {
     reach: usize,
-    /// The rows of each plane, each at its number modulo the count of the rows around one.
+    /// The last rows of each plane, each at its number modulo their count.
     rows: Vec<Vec<SampleRow<N>>>,
     /// Whether some row of a plane, and some plane around a plane, has samples in each cell.
     has: Vec<Vec<bool>>,
@@ -246,7 +242,7 @@ struct Around<const N: usize> {
 impl<const N: usize> Around<N> {
     fn new(lattice: &Padded, reach: usize) -> Result<Self> {
         let planes = PLANES + 2 * reach;
-        let rows = |_| (0..2 * reach + 1).map(|_| SampleRow::new(lattice)).collect::<Result<Vec<_>>>();
+        let rows = |_| (0..2 * reach + ROWS).map(|_| SampleRow::new(lattice)).collect::<Result<Vec<_>>>();
         let pairs = |_| {
             let mut pairs = reserved(planes as u64, || "planes of samples".to_owned())?;
             pairs.resize(planes, Pairs::zeroed());
@@ -265,8 +261,9 @@ impl<const N: usize> Around<N> {
 
     /// Returns row number `y` of a plane.
     fn row(&mut self, plane: usize, y: usize) -> &mut SampleRow<N> {
-        let count = 2 * self.reach + 1;
-        &mut self.rows[plane][y % count]
+        let rows = &mut self.rows[plane];
+        let count = rows.len();
+        &mut rows[y % count]
     }
 }
 
@@ -279,7 +276,7 @@ struct RowFiltering<'a, 'b, const N: usize, T> {
     planes: usize,
     /// The number of the row in the lattice.
     row: usize,
-    parts: &'a mut [Part<'b, T>],
+    parts: &'a mut [SlabPart<'b, T>],
 }
 
 impl<const N: usize, T: Coefficient<N>> WithSimd for RowFiltering<'_, '_, N, T> {
@@ -290,6 +287,9 @@ impl<const N: usize, T: Coefficient<N>> WithSimd for RowFiltering<'_, '_, N, T> 
         let Self { filters, lattice, around, planes, row, parts } = self;
         let Around { reach, rows, has, shows, pairs, sums } = around;
         let reach = *reach;
+        if row % CELL == 0 {
+            parts.iter_mut().for_each(|part| part.clear(lattice, row));
+        }
         shows.fill(false);
         for plane in 0..planes {
             has[plane].fill(false);
@@ -371,7 +371,20 @@ fn store<S: Simd>(_: S, vector: S::f32s, out: &mut [f32; WIDTH]) {
     vectors[0] = vector;
 }
 
-impl<T> Part<'_, T> {
+impl<T: Zeroable> SlabPart<'_, T> {
+    /// Clears the cells whose first row this is.
+    fn clear(&mut self, lattice: &Padded, row: usize) {
+        let [across, down, _] = lattice.cells();
+        for layer in 0..self.shows.len() / (across * down) {
+            let first = lattice.index([0, row, CELL * layer]) / CELL_POINTS;
+            for cell in first..first + across {
+                if std::mem::take(&mut self.shows[cell]) {
+                    self.values[CELL_POINTS * cell..][..CELL_POINTS].fill_with(T::zeroed);
+                }
+            }
+        }
+    }
+
     /// Writes a row of coefficients from a cell on: those of `cells` cells that are not all 0.
     #[inline(always)]
     fn write<const N: usize>(

@@ -168,11 +168,11 @@ impl Scalars {
         falling: Falling,
         progress: &Progress,
     ) -> Result<Arc<ArrivingLight>> {
-        let mut made = self.light.get_or_make(&[falling], |falling, _| {
+        let mut made = self.light.get_or_make(&[falling], |falling, mut before| {
             let falling = &falling[0];
             let matter = self.occluders(field, self.transfer.unit_or(self.volume.grid().min_spacing()));
             let rows = |place: [usize; 2], row: &mut [f32]| matter.row(falling, place, row);
-            Ok(vec![ArrivingLight::new([[0; 3], self.dims()], &rows, falling, progress)?])
+            Ok(vec![ArrivingLight::new([[0; 3], self.dims()], &rows, falling, before.pop(), progress)?])
         })?;
         Ok(made.swap_remove(0))
     }

@@ -9,7 +9,7 @@ use pulp::{Simd, WithSimd};
 use super::arriving::{ArrivingLight, Falling};
 use super::colors::ColorField;
 use super::field::{Field, padding};
-use super::filter::{Rows, SampleRow};
+use super::filter::{RowSource, SampleRow};
 use super::kept::Kept;
 use super::lanes::{Lanes, dispatch, three};
 use super::lattice::Padded;
@@ -204,7 +204,7 @@ impl Colored {
         let Some(falling) = shot.falling(self.unit) else { return Ok(None) };
         let (dims, [low, size]) = (self.grid.dims().map(|d| d as usize), self.bounds());
         let middle = DVec3::from_array(dims.map(|d| (d as f64 - 1.0) / 2.0));
-        let mut made = self.light.get_or_make(&[falling], |falling, _| {
+        let mut made = self.light.get_or_make(&[falling], |falling, mut before| {
             let falling = &falling[0];
             let surfaces = self.surfaces.as_ref().map(|surfaces| surfaces.occluders(near, self.unit));
             let row = |[y, z]: [usize; 2], row: &mut [f32]| {
@@ -222,7 +222,7 @@ impl Colored {
                 }
                 Ok(())
             };
-            Ok(vec![ArrivingLight::new([low, size], &row, falling, progress)?])
+            Ok(vec![ArrivingLight::new([low, size], &row, falling, before.pop(), progress)?])
         })?;
         Ok(Some(made.swap_remove(0)))
     }
@@ -258,7 +258,7 @@ impl LitVoxels<'_> {
     }
 }
 
-impl Rows<CHANNELS> for LitVoxels<'_> {
+impl RowSource<CHANNELS> for LitVoxels<'_> {
     type Slab = ();
 
     fn slab(&self, _: Range<isize>) -> Result<()> {
@@ -280,7 +280,7 @@ struct ColorCells {
     cells: Vec<[f32; CHANNELS]>,
 }
 
-impl Rows<CHANNELS> for ColorCells {
+impl RowSource<CHANNELS> for ColorCells {
     type Slab = ();
 
     fn slab(&self, _: Range<isize>) -> Result<()> {

@@ -24,17 +24,6 @@ fn nearest(value: f32) -> u32 {
     (value + 8_388_608.0).to_bits() & 0x7f_ffff
 }
 
-/// Returns the bits of the f16 nearest to a number: `rounded` in shaders/common/packing.wgsl, then pack2x16float.
-#[inline(always)]
-pub(crate) fn nearest_half(value: f32) -> u32 {
-    let bits = value.to_bits().wrapping_add(0x1000) & 0xffff_e000;
-    let size = bits & 0x7fff_ffff;
-    // Less than the least normal f16: in steps of 2^-24, which is the last bit of 1/2.
-    let small = (f32::from_bits(size) + 0.5).to_bits().wrapping_sub(0x3f00_0000);
-    let normal = size.wrapping_sub(0x3800_0000) >> 13;
-    bits >> 16 & 0x8000 | if size < 0x3880_0000 { small } else { normal }
-}
-
 /// Packs colour and density into the words density_blue and color.
 pub(crate) fn packed_appearance(color: [f32; 3], density: f32) -> [u32; 2] {
     let [r, g, b] = [0, 1, 2].map(|c| nearest(color[c].clamp(0.0, 1.0) * COLOR_STEPS[c]));

@@ -272,6 +272,30 @@ fn parts_and_threads_change_no_byte() {
     }
 }
 
+/// Pictures of one scene reuse fields, their memory, and the occlusion of ambient light.
+#[test]
+fn what_is_kept_for_the_next_picture_changes_no_byte() {
+    let (volume, transfer) = demo("vessels", 40);
+    let layers = Layers::of_volume(&volume, &transfer);
+    for settings in [pre(), post()] {
+        let host = HostRenderer::new(&Progress::default());
+        let studio = |camera: &Camera| Some(Lighting::studio(camera.forward, camera.up));
+        let lit =
+            |camera: &Camera| Settings { lighting: studio(camera), kernel: Kernel::default(), ..settings.clone() };
+        // Kernels grow in the first picture, and shrink in the next ones.
+        let cameras = [(10.0, 90.0), (10.0, 40.0), (55.0, 40.0), (100.0, 60.0)].map(|(azimuth, view_height)| {
+            let view = View { azimuth, view_height: Some(view_height), ..View::default() };
+            Camera::new(&view, volume.grid(), [64; 2]).unwrap()
+        });
+        let scene = host.prepare_layers(&layers, &lit(&cameras[0])).unwrap();
+        for camera in &cameras {
+            let settings = lit(camera);
+            let next = host.render(&scene, &Frame::new(camera, &settings)).unwrap().image;
+            assert!(next == drawn(&layers, camera, &settings), "{}", settings.shading.name());
+        }
+    }
+}
+
 /// The hash FNV-1a of the numbers of a picture.
 fn hash(image: &Image) -> u64 {
     let numbers = image.pixels().as_flattened().iter().map(|number| u64::from(number.to_bits()));
