@@ -203,17 +203,17 @@ impl<'a, S: Simd> Blending<'a, S> {
         let series = one.sub(simd, depth.mul(simd, all(0.5)).mul(simd, series));
         let is_thin = depth.less(simd, all(0.06));
         let mean = left.sub(simd, passed).div(simd, depth.max(simd, all(1e-30)));
-        let mean = left.mul(simd, series).or(simd, is_thin, mean).mul(simd, length);
+        let mean = left.mul(simd, series).or(simd, is_thin, mean);
+        let (absorbed, mean) = (mean.mul(simd, depth), mean.mul(simd, length));
         let denominator = depth.fma(simd, depth.fma(simd, all(2.0), all(6.0)), all(12.0));
         let bend = left.mul(simd, all(0.5)).div(simd, denominator).mul(simd, length);
         let change = behind[3].sub(simd, before[3]).mul(simd, rays.length);
-        // Splines of sharp edges swing below 0: what has no depth has no colour.
-        let shows = zero.less(simd, depth);
+        // Splines of sharp edges swing below 0 and over 1: colours of matter are within both.
         state.color = three!(channel => {
             let differs = behind[channel].sub(simd, before[channel]).mul(simd, depth);
             let bent = own[channel].mul(simd, change).sub(simd, differs);
-            let color = own[channel].fma(simd, mean, bend.fma(simd, bent, state.color[channel]));
-            color.or(simd, shows, state.color[channel])
+            let color = own[channel].fma(simd, mean, bend.mul(simd, bent));
+            state.color[channel].add(simd, color.max(simd, zero).min(simd, absorbed))
         });
         state.transmittance = passed;
         true

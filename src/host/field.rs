@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use super::filter::{RowSource, SampleRow, filtered};
+use super::filter::{Coefficients, RowSource, SampleRow, filtered};
 use super::lattice::{CELL, CELL_POINTS, Padded};
 use crate::error::Result;
 use crate::kernel::{Kernel, SplineFilter};
@@ -29,7 +29,7 @@ pub(super) fn count(dims: [u32; 3], pad: usize) -> u64 {
 /// The coefficients of a field of scalars over a lattice.
 pub(super) struct Field {
     pub(super) lattice: Padded,
-    coefficients: Vec<f32>,
+    coefficients: Coefficients<f32>,
     /// The range of the coefficients of each cell.
     ranges: Vec<[f32; 2]>,
 }
@@ -61,7 +61,7 @@ impl RowSource<1> for RepeatedScalars<'_> {
 
 impl Field {
     /// Filters the scalars of the part of a lattice of `dims` points from point `first` on by several filters, with
-    /// `pad` coefficients beyond each face.
+    /// `pad` coefficients beyond each face. Reuses the memory of `spare`.
     ///
     /// # Errors
     /// The errors of `planes`, and [`Error::Memory`](crate::Error::Memory) if 4 bytes for each coefficient cannot be
@@ -70,29 +70,31 @@ impl Field {
         (dims, first, pad): ([usize; 3], [isize; 3], usize),
         filters: &[SplineFilter],
         planes: &ReadPlanes<'_>,
+        spare: Vec<Self>,
         progress: &Progress,
     ) -> Result<Vec<Self>> {
         let lattice = Padded::new(dims, pad, first);
-        let fields = filtered(&lattice, filters, &RepeatedScalars { dims, planes }, Vec::new(), progress)?;
+        let spare = spare.into_iter().map(|field| field.coefficients).collect();
+        let fields = filtered(&lattice, filters, &RepeatedScalars { dims, planes }, spare, progress)?;
         let range = |cell: &[f32]| {
             let [low, high] = [f32::min, f32::max].map(|extreme| cell[1..].iter().copied().fold(cell[0], extreme));
             [low, high]
         };
-        let field = |coefficients: Vec<f32>| {
-            let ranges = coefficients.par_chunks_exact(CELL_POINTS).map(range).collect();
+        let field = |coefficients: Coefficients<f32>| {
+            let ranges = coefficients.values.par_chunks_exact(CELL_POINTS).map(range).collect();
             Self { lattice, coefficients, ranges }
         };
-        Ok(fields.into_iter().map(|made| field(made.values)).collect())
+        Ok(fields.into_iter().map(field).collect())
     }
 
     /// Returns the bytes of memory of the field.
     pub(super) fn bytes(&self) -> u64 {
-        size_of_val(self.coefficients.as_slice()) as u64
+        size_of_val(self.coefficients.values.as_slice()) as u64
     }
 
     /// Returns the coefficients, in the order of [`Padded`].
     pub(super) fn coefficients(&self) -> &[f32] {
-        &self.coefficients
+        &self.coefficients.values
     }
 
     /// Returns whether `holds` accepts the range of the coefficients of any cell that meets a box, ends included. The

@@ -14,8 +14,8 @@ impl<K, V> Default for Kept<K, V> {
 }
 
 impl<K: PartialEq, V> Kept<K, V> {
-    /// Returns the values for keys: held values, and new ones. All other held values are dropped first; `make` gets the
-    /// keys of the values to make, and those of the dropped values that nothing else holds.
+    /// Returns the values for keys: held values, and new ones. No other value is held any more: `make` gets the keys of
+    /// the values to make, and the other values, whose memory it may use.
     pub(super) fn get_or_make(
         &self,
         keys: &[K],

@@ -92,11 +92,12 @@ impl Scalars {
         let (kernels, level) = (shot.kernels(), shot.level);
         let pad = padding(&kernels);
         let keys: Vec<_> = kernels.into_iter().map(|kernel| (kernel, level, pad)).collect();
-        self.field.get_or_make(&keys, |keys, _| {
+        self.field.get_or_make(&keys, |keys, spare| {
             let filters = keys.iter().map(|(kernel, ..)| SplineFilter::new(kernel)).collect::<Result<Vec<_>>>()?;
+            let spare = spare.into_iter().map(|made| made.field).collect();
             let dims = self.dims();
             let fields = if level == Level(0) {
-                Field::new((dims, shot.first(), pad), &filters, &|planes| self.planes(planes), progress)?
+                Field::new((dims, shot.first(), pad), &filters, &|planes| self.planes(planes), spare, progress)?
             } else {
                 let plane = |plane: usize| Ok(self.planes(plane..plane + 1)?.into_iter().map(|v| [v]).collect());
                 let (dims, cells) = level.cells(dims, &plane, true)?;
@@ -104,7 +105,7 @@ impl Scalars {
                     let area = dims[0] * dims[1];
                     Ok(cells[planes.start * area..planes.end * area].as_flattened().to_vec())
                 };
-                Field::new((dims, shot.first(), pad), &filters, &planes, progress)?
+                Field::new((dims, shot.first(), pad), &filters, &planes, spare, progress)?
             };
             Ok(fields.into_iter().zip(filters).map(|(field, filter)| Reconstructed { field, filter }).collect())
         })

@@ -103,6 +103,11 @@ pub(crate) fn with_tiles(settings: &Settings) -> Settings {
     Settings { painter: Painter::Tiles, ..settings.clone() }
 }
 
+/// The painter of the processor, with cells where kernels have grown beyond its filters.
+pub(crate) fn with_cpu(settings: &Settings) -> Settings {
+    Settings { painter: Painter::Cpu, level: Level::Auto, ..settings.clone() }
+}
+
 /// Quads with sheets of another thickness.
 pub(crate) fn thick(settings: &Settings, sheet_thickness: f64) -> Settings {
     with_quads(settings, |q| q.sheet_thickness = sheet_thickness)

@@ -5,6 +5,7 @@
 //! |---|---|---|---|
 //! | X-ray, pre-shaded, `quads` | [`FOOTPRINT`] | the same + order | sections of a kernel add up to its footprint |
 //! | the same, `tiles` | [`PACKED`] | the same + order | voxels and colours are packed in half floats |
+//! | the same, `cpu` | the misfit for noise | the same + order | splines leave out a share of a voxel's kernel |
 //! | post-shaded | 1 | 1 | a surface may fall on either side of a pixel; hence root mean squares |
 //! | maximum | 1 | 1 | [`MAXIMUM`] bounds the scalar; a root mean square bounds the rest |
 //!
@@ -14,10 +15,14 @@
 
 use std::fmt;
 
+use voxsplat::Frame;
 use voxsplat::camera::{Camera, Projection};
 use voxsplat::error::Error;
+use voxsplat::host::HostRenderer;
 use voxsplat::image::Image;
 use voxsplat::kernel::{Kernel, Normalization};
+use voxsplat::layers::Layers;
+use voxsplat::progress::Progress;
 use voxsplat::renderer::Rendered;
 use voxsplat::settings::{Model, Painter, Settings, Sheets};
 use voxsplat::stats::PainterStats;
@@ -53,6 +58,10 @@ pub(crate) const NARROW_MAXIMUM: f64 = 0.2;
 /// Root mean square of the differences that errors of the scalar do not explain, in pixels that touch the volume or a
 /// step.
 pub(crate) const UNEXPLAINED: f64 = 3e-2;
+
+/// The largest width of a pixel over its distance of pictures with a bound by `cpu`: where pixels are wider, kernels grow
+/// beyond the filters of splines, which follow them as far as 8 voxels, within some 20 voxels.
+pub(crate) const WIDEST_PIXEL: f64 = 0.2;
 
 /// The largest difference of a picture from the truth.
 #[derive(Debug, Clone, Copy)]
@@ -154,15 +163,29 @@ pub(crate) fn bound(
         let rms = (CLASSIFIED * slope.max(1.0)).min(stepped);
         return Bound { alpha: 1.0, color: 1.0, rms: rms + settings.termination };
     }
+    let unit = transfer.unit_distance().unwrap_or_else(|| volume.grid().min_spacing());
+    let opacity = transfer.points().iter().map(|p| p.opacity).fold(0.0, f64::max);
+    let extinction = TransferFunction::extinction(opacity, unit) * overshoot(settings.kernel, settings.normalization);
+    let spacing = volume.grid().spacing().into_iter().fold(0.0, f64::max);
     let (alpha, slab, mixed) = match &rendered.stats.painter {
         PainterStats::Quads(q) => (FOOTPRINT, q.sheet_thickness, 1.0),
         // A slab passes the deficit of a fit on to the next slab: two slabs mix.
         PainterStats::Tiles(t) => (PACKED, t.slab_thickness, 2.0),
+        // A share of the optical depth of a voxel: at the rim of dense matter, of any alpha.
+        PainterStats::Cpu(cpu) => ((cpu.misfit[1] * (extinction * spacing).max(1.0)).min(1.0), spacing, 1.0),
         other => panic!("{other:?}: no bound"),
     };
+    let is_cpu = settings.painter == Painter::Cpu;
+    if let Projection::Perspective { tan_half_fov, .. } = camera.projection
+        && is_cpu
+        && 2.0 * tan_half_fov / f64::from(camera.size[1]) > WIDEST_PIXEL
+    {
+        return Bound { alpha: 1.0, color: 1.0, rms: NARROW_STEPPED };
+    }
+    let rms = |bound: f64| if is_cpu { bound.min(NARROW_STEPPED) } else { bound };
     if settings.model == Model::Xray {
         let alpha = alpha + settings.termination;
-        return Bound { alpha, color: alpha, rms: alpha };
+        return Bound { alpha, color: alpha, rms: rms(alpha) };
     }
     let slant = match camera.projection {
         Projection::Orthographic { .. } => 1.0,
@@ -171,9 +194,6 @@ pub(crate) fn bound(
             (1.0 + tan_half_fov.powi(2) * (1.0 + aspect * aspect)).sqrt()
         }
     };
-    let unit = transfer.unit_distance().unwrap_or_else(|| volume.grid().min_spacing());
-    let opacity = transfer.points().iter().map(|p| p.opacity).fold(0.0, f64::max);
-    let extinction = TransferFunction::extinction(opacity, unit) * overshoot(settings.kernel, settings.normalization);
     let range = |c: usize| {
         let seen = transfer.points().iter().map(|p| p.color[c]);
         seen.clone().fold(0.0, f64::max) - seen.fold(1.0, f64::min)
@@ -187,7 +207,7 @@ pub(crate) fn bound(
     let order = if whole { 1.0 } else { order(mixed * slant * slab * extinction) };
     let alpha = alpha + settings.termination;
     let color = alpha + light + range * order;
-    Bound { alpha, color, rms: color }
+    Bound { alpha, color, rms: rms(color) }
 }
 
 /// The largest scalar of each ray, by the reference; `None`: it is the base or less.
@@ -295,8 +315,15 @@ pub(crate) fn measured(
     settings: &Settings,
 ) -> Result<Outcome, String> {
     let start = std::time::Instant::now();
-    let rendered = prepare_on(&renderer(), volume, transfer, settings)
-        .and_then(|scene| draw_on(&renderer(), &scene, camera, settings));
+    let rendered = match settings.painter {
+        Painter::Cpu => {
+            let host = HostRenderer::new(&Progress::default());
+            host.prepare_layers(&Layers::of_volume(volume, transfer), settings)
+                .and_then(|scene| host.render(&scene, &Frame::new(camera, settings)))
+        }
+        _ => prepare_on(&renderer(), volume, transfer, settings)
+            .and_then(|scene| draw_on(&renderer(), &scene, camera, settings)),
+    };
     let seconds = start.elapsed().as_secs_f64();
     let rendered = match rendered {
         Err(e @ (Error::Setting { .. } | Error::Unsupported { .. } | Error::Transfer(_) | Error::Input(_))) => {

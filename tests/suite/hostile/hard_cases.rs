@@ -1,4 +1,4 @@
-//! Hard cases, one row each: both painters draw them in every model, and differ from the reference within the bounds of
+//! Hard cases, one row each: all painters draw them in every model, and differ from the reference within the bounds of
 //! `bounds.rs`. `cargo test --test suite hard_cases:: -- --include-ignored --nocapture` prints the errors.
 
 use glam::{DAffine3, DMat3, DVec3};
@@ -12,7 +12,7 @@ use voxsplat::volume::{Grid, Samples, Volume};
 
 use crate::hostile::bounds::{Bound, Measured, Outcome, measured};
 use crate::support::{
-    demo, errors, exact_quads, headlight, look, prepare_on, render, renderer, thick, transfer, with_tiles,
+    demo, errors, exact_quads, headlight, look, prepare_on, render, renderer, thick, transfer, with_cpu, with_tiles,
 };
 
 /// A scene that is hard; its name states the reason.
@@ -39,13 +39,14 @@ fn models(base: &Settings) -> [(&'static str, Settings); 7] {
     ]
 }
 
-/// Checks the bounds of each case, with `quads` by its settings and with `tiles`, in all models that `wanted` names.
+/// Checks the bounds of each case, with `quads` by its settings, with `tiles` and with `cpu`, in all models that
+/// `wanted` names.
 fn hold(cases: Vec<Case>, wanted: &[&str]) {
     let mut failures = Vec::new();
     for Case { name, volume, transfer, view, size, settings } in cases {
         let camera = look(&view, &volume, size);
         for (model, quads) in models(&settings).into_iter().filter(|(model, _)| wanted.contains(model)) {
-            for settings in [with_tiles(&quads), quads] {
+            for settings in [with_cpu(&quads), with_tiles(&quads), quads] {
                 let row = match measured(&volume, &transfer, &camera, &settings) {
                     Ok(Outcome::Drawn(m, _)) if m.worst() <= 1.0 => m.to_string(),
                     Ok(Outcome::Drawn(m, _)) => {

@@ -1,4 +1,4 @@
-//! Scenes from a seed: volume, lattice, view, transfer function and settings. Both painters draw each scene, and differ
+//! Scenes from a seed: volume, lattice, view, transfer function and settings. All painters draw each scene, and differ
 //! from the reference within the bounds of `bounds.rs`.
 //!
 //! `VOXSPLAT_RANDOM_SEEDS=0..999 cargo test --test suite random:: -- --nocapture` draws a thousand scenes and prints a
@@ -20,7 +20,7 @@ use voxsplat::volume::{Grid, Samples, Volume};
 
 use crate::hostile::bounds::{Measured, Outcome, measured};
 use crate::support::{
-    draw_on, errors, headlight, prepare_on, renderer, rms_covered, two_lights, with_quads, with_tiles,
+    draw_on, errors, headlight, prepare_on, renderer, rms_covered, two_lights, with_cpu, with_quads, with_tiles,
 };
 
 /// Steele, Lea and Flood 2014, "Fast splittable pseudorandom number generators": a seed gives the same scene on every
@@ -358,7 +358,7 @@ impl Scene {
             };
         }
         let mut drawn = Vec::new();
-        for settings in [&self.quads, &self.tiles] {
+        for settings in [&self.quads, &self.tiles, &with_cpu(&self.tiles)] {
             match measured(&self.volume, &self.transfer, &camera, settings)? {
                 Outcome::Drawn(m, image) => drawn.push((m, image)),
                 Outcome::Refused(reason) => println!("refused: {reason}"),
@@ -369,7 +369,7 @@ impl Scene {
                 return Err(format!("{m}, worst at {:?}", m.pixel));
             }
         }
-        if let [(a, first), (b, second)] = drawn.as_slice() {
+        if let [(a, first), (b, second), ..] = drawn.as_slice() {
             let (color, alpha) = errors(first, second);
             if color > a.bound.color + b.bound.color || alpha > a.bound.alpha + b.bound.alpha {
                 return Err(format!("the painters differ by {color:.1e} and {alpha:.1e} of alpha"));
