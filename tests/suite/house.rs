@@ -209,7 +209,7 @@ const LINES: [(&str, usize); 28] = [
     ("error", 144),
     ("frame", 67),
     ("gpu", 5381),
-    ("host", 4340),
+    ("host", 4343),
     ("image", 2206),
     ("kernel", 979),
     ("layers", 1244),

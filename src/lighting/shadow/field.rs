@@ -65,8 +65,7 @@ fn zeros<T: Zeroable + Send>(
     }
 }
 
-/// Writes zeros. A page of zeros of the system that is read before it is written is mapped twice, the second time on all
-/// cores.
+/// Writes zeros. A page of the system that is read before it is written is mapped twice, the second time on all cores.
 fn clear<T: Zeroable + Send>(values: &mut [T]) {
     values.par_chunks_mut(1 << 16).for_each(|values| values.fill_with(T::zeroed));
 }

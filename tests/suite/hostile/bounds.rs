@@ -59,8 +59,8 @@ pub(crate) const NARROW_MAXIMUM: f64 = 0.2;
 /// step.
 pub(crate) const UNEXPLAINED: f64 = 3e-2;
 
-/// The largest width of a pixel over its distance of pictures with a bound by `cpu`: where pixels are wider, kernels grow
-/// beyond the filters of splines, which follow them as far as 8 voxels, within some 20 voxels.
+/// The largest width of a pixel over its distance of pictures with a bound by `cpu`. Where pixels are wider, kernels
+/// grow beyond the filters of splines, which follow them as far as 8 voxels, within some 20 voxels.
 pub(crate) const WIDEST_PIXEL: f64 = 0.2;
 
 /// The largest difference of a picture from the truth.
