@@ -152,15 +152,17 @@ pub(crate) fn bound(
     settings: &Settings,
     rendered: &Rendered,
 ) -> Bound {
+    // Splines do not follow kernels much narrower than voxels.
+    let misfit = if let PainterStats::Cpu(cpu) = &rendered.stats.painter { cpu.misfit[0] } else { 0.0 };
     if matches!(settings.model, Model::Mip | Model::Minip) {
         // Gaussians are truncated, and their sums have narrow dips between the rims: minima lie there.
         let rms = if settings.model == Model::Minip { 2.0 * UNEXPLAINED } else { UNEXPLAINED };
-        return Bound { alpha: 1.0, color: 1.0, rms };
+        return Bound { alpha: 1.0, color: 1.0, rms: rms + misfit };
     }
     if settings.is_post_shaded() {
         let slope = slope(transfer, range_of(volume, transfer), volume.grid().min_spacing());
         let stepped = if settings.kernel.radius() < 2.0 { NARROW_STEPPED } else { STEPPED };
-        let rms = (CLASSIFIED * slope.max(1.0)).min(stepped);
+        let rms = ((CLASSIFIED + misfit) * slope.max(1.0)).min(stepped);
         return Bound { alpha: 1.0, color: 1.0, rms: rms + settings.termination };
     }
     let unit = transfer.unit_distance().unwrap_or_else(|| volume.grid().min_spacing());
