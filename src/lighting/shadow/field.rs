@@ -44,25 +44,13 @@ struct Spare {
     shares: Mutex<Vec<Vec<AtomicU16>>>,
 }
 
-/// Returns `count` zeros, in spare memory if there is enough.
-fn zeros<T: Zeroable + Send>(
-    spare: &Mutex<Vec<Vec<T>>>,
-    count: usize,
-    what: impl FnOnce() -> String,
-) -> Result<Vec<T>> {
-    let spare = {
-        let mut spare = spare.lock().unwrap_or_else(PoisonError::into_inner);
-        spare.iter().position(|values| values.capacity() >= count).map(|fit| spare.swap_remove(fit))
-    };
-    match spare {
-        Some(mut values) => {
-            values.truncate(count);
-            clear(&mut values);
-            values.resize_with(count, T::zeroed);
-            Ok(values)
-        }
-        None => Ok(zeroed(count as u64, what)?),
-    }
+/// Returns `count` numbers of spare memory, if there is enough.
+fn spared<T: Zeroable>(spare: &Mutex<Vec<Vec<T>>>, count: usize) -> Option<Vec<T>> {
+    let mut spare = spare.lock().unwrap_or_else(PoisonError::into_inner);
+    let fit = spare.iter().position(|values| values.capacity() >= count)?;
+    let mut values = spare.swap_remove(fit);
+    values.resize_with(count, T::zeroed);
+    Some(values)
 }
 
 /// Writes zeros. A page of the system that is read before it is written is mapped twice, the second time on all cores.
@@ -152,7 +140,13 @@ impl ExtinctionBox {
     /// Allocates an empty field that shares spare memory with another one.
     fn beside(spare: &Arc<Spare>, size: [usize; 3], pad: usize) -> Result<Self> {
         let count = (size[0] + 2 * pad) * size[1] * size[2];
-        let values = zeros(&spare.fields, count, || "the occluders of light".to_owned())?;
+        let values = match spared(&spare.fields, count) {
+            Some(mut values) => {
+                clear(&mut values);
+                values
+            }
+            None => zeroed(count as u64, || "the occluders of light".to_owned())?,
+        };
         let filled = vec![0..0; size[1] * size[2]];
         let blocks = vec![0; size[1] * size[2]];
         Ok(Self { size, pad, values, filled, blocks, spare: Arc::clone(spare) })
@@ -160,8 +154,11 @@ impl ExtinctionBox {
 
     /// Allocates shares without light at any voxel.
     pub(super) fn dark(&self) -> Result<Shares> {
-        let what = || "the light in the volume".to_owned();
-        let mut values = zeros(&self.spare.shares, self.size.iter().product(), what)?;
+        let count = self.size.iter().product();
+        let mut values = match spared(&self.spare.shares, count) {
+            Some(values) => values,
+            None => zeroed(count as u64, || "the light in the volume".to_owned())?,
+        };
         clear(&mut values);
         Ok(Shares { values, spare: Arc::clone(&self.spare) })
     }

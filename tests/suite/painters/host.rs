@@ -282,11 +282,12 @@ fn what_is_kept_for_the_next_picture_changes_no_byte() {
         let studio = |camera: &Camera| Some(Lighting::studio(camera.forward, camera.up));
         let lit =
             |camera: &Camera| Settings { lighting: studio(camera), kernel: Kernel::default(), ..settings.clone() };
-        // Kernels grow in the first picture, and shrink in the next ones.
-        let cameras = [(10.0, 90.0), (10.0, 40.0), (55.0, 40.0), (100.0, 60.0)].map(|(azimuth, view_height)| {
-            let view = View { azimuth, view_height: Some(view_height), ..View::default() };
-            Camera::new(&view, volume.grid(), [64; 2]).unwrap()
-        });
+        // Kernels shrink and grow.
+        let cameras =
+            [(10.0, 90.0), (10.0, 40.0), (55.0, 40.0), (100.0, 60.0), (150.0, 90.0)].map(|(azimuth, view_height)| {
+                let view = View { azimuth, view_height: Some(view_height), ..View::default() };
+                Camera::new(&view, volume.grid(), [64; 2]).unwrap()
+            });
         let scene = host.prepare_layers(&layers, &lit(&cameras[0])).unwrap();
         for camera in &cameras {
             let settings = lit(camera);
