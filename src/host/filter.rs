@@ -12,11 +12,9 @@ use voxsplat_volume::memory::{reserved, zeroed};
 use super::lanes::{WIDTH, dispatch, load};
 use super::lattice::{CELL, CELL_POINTS, Padded};
 use crate::error::Result;
-use crate::kernel::SplineFilter;
+use crate::kernel::{MAX_REACH, SplineFilter};
 use crate::progress::Progress;
 
-/// The largest reach of a filter.
-const MAX_REACH: usize = 8;
 /// Number of planes of a slab, of which a thread makes the coefficients at a time: whole cells.
 const PLANES: usize = 2 * CELL;
 /// The largest number of cells of a row that are filtered together.

@@ -235,7 +235,7 @@ impl HostRenderer {
         let unit = scene.transfer.unit_or(grid.min_spacing());
         let held = HeldMemory { bytes, misfit: filter.misfit(), voxels: grid.len() };
         if let Some(extreme) = extreme(settings.model) {
-            let factor = shot.density / scene.reduction.factor();
+            let factor = scene.reduction.factor().recip();
             // Of a minimum, partial pictures have the value over the base of the mirrored transfer function.
             let of_mirrored = -scene.transfer.base() - scene.transfer.mirrored().base();
             let shown = |[value, second, ..]: [f64; 4]| match (extreme, shot.part) {
@@ -291,7 +291,7 @@ impl HostRenderer {
             Some(_) => [0.0, 0.0, 0.0, depth],
         };
         let shown: Option<&Shown<'_>> = if is_xray { Some(&response) } else { shot.part.map(|_| &emission as _) };
-        let matter = (RayMatter::Colors(Colors { blend, is_xray }), scene.unit * scene.scale);
+        let matter = (RayMatter::Colors(Colors { blend, is_xray }), scene.unit * scene.scale / shot.density);
         let surfaces = surfaces.map(|post| (RayMatter::Post(post), of_surfaces.sides()));
         self.painted(shot, matter, surfaces, (stages, &held), shown)
     }
@@ -306,7 +306,7 @@ impl HostRenderer {
         (mut stages, held): (Vec<StageTime>, &HeldMemory),
         shown: Option<&Shown<'_>>,
     ) -> Result<Rendered> {
-        let Shot { camera, settings, grid, region, density, .. } = *shot;
+        let Shot { camera, settings, grid, region, .. } = *shot;
         let (lattice, sides) = (&shot.lattice, shot.sides());
         let (surfaces, of_surfaces) = surfaces.unzip();
         let of_surfaces = of_surfaces.unwrap_or_default();
@@ -317,7 +317,7 @@ impl HostRenderer {
             owned: shot.owned(),
             camera,
             to_lattice: lattice.to_lattice(),
-            unit: unit / density,
+            unit,
             sides: &sides,
             termination: settings.termination as f32,
             solids: shot.depths.solids,

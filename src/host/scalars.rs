@@ -38,8 +38,9 @@ pub(super) struct Scalars {
     pub(super) sharpened: Option<(Kernel, f64)>,
     /// Whether most of the visible matter is uniform, as of a mask.
     pub(super) is_uniform: bool,
-    /// The fields of kernels of a level; the last number of a key is the number of points around the lattice.
-    pub(super) field: Kept<(Kernel, Level, usize), Reconstructed>,
+    /// The fields of kernels of a level. The last numbers of a key are the number of points around the lattice and the
+    /// ratio of sums of kernels to their means.
+    pub(super) field: Kept<(Kernel, Level, usize, f64), Reconstructed>,
     /// The light that arrives under the last light with shadows.
     pub(super) light: Kept<Falling, ArrivingLight>,
 }
@@ -91,9 +92,12 @@ impl Scalars {
         }
         let (kernels, level) = (shot.kernels(), shot.level);
         let pad = padding(&kernels);
-        let keys: Vec<_> = kernels.into_iter().map(|kernel| (kernel, level, pad)).collect();
+        let keys: Vec<_> = kernels.into_iter().map(|kernel| (kernel, level, pad, shot.density)).collect();
         self.field.get_or_make(&keys, |keys, spare| {
-            let filters = keys.iter().map(|(kernel, ..)| SplineFilter::new(kernel)).collect::<Result<Vec<_>>>()?;
+            let filter = |(kernel, .., density): &(Kernel, Level, usize, f64)| {
+                SplineFilter::new(kernel).map(|filter| filter.times(*density))
+            };
+            let filters = keys.iter().map(filter).collect::<Result<Vec<_>>>()?;
             let spare = spare.into_iter().map(|made| made.field).collect();
             let dims = self.dims();
             let fields = if level == Level(0) {

@@ -12,7 +12,7 @@ mod spline;
 pub(crate) use derivative::{BESIDE, DerivativeFilter, NORMAL_REACH, Slopes};
 pub(crate) use footprint::{FootprintTable, footprint_polynomial, section, section_by};
 pub(crate) use real::Real;
-pub(crate) use spline::{Misfit, SplineFilter};
+pub(crate) use spline::{MAX_REACH, Misfit, SplineFilter};
 
 use std::f64::consts::PI;
 use std::fmt;

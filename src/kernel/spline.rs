@@ -14,6 +14,9 @@ use super::Kernel;
 use super::quadrature::{NODES, integrate};
 use crate::error::{Error, Result};
 
+/// The largest reach of a filter.
+pub(crate) const MAX_REACH: usize = 8;
+
 /// A filter from samples to the coefficients of cubic B-splines, for a kernel over its integral.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct SplineFilter {
@@ -109,8 +112,8 @@ fn frequencies() -> Vec<[f64; 2]> {
 }
 
 impl SplineFilter {
-    /// The largest support radius of a kernel, voxels.
-    pub(crate) const MAX_RADIUS: f64 = 8.0;
+    /// The largest support radius of a kernel, voxels: splines reach 2 voxels beyond the farthest weight.
+    pub(crate) const MAX_RADIUS: f64 = MAX_REACH as f64 + 2.0;
 
     /// Fits the filter of a kernel.
     ///
@@ -123,7 +126,7 @@ impl SplineFilter {
             return Err(Error::setting("kernel", reason));
         }
         // Splines reach 2 voxels themselves; narrow kernels need negative weights around.
-        let reach = (radius.min(Self::MAX_RADIUS).ceil() as usize).max(2);
+        let reach = (radius.ceil() as usize).clamp(2, MAX_REACH);
         // Of wide kernels even reaches alone: fewer forms of the filter are compiled.
         let reach = if reach > 4 { reach.next_multiple_of(2) } else { reach };
         let count = classes(reach);
@@ -219,6 +222,12 @@ impl SplineFilter {
 
     pub(crate) fn misfit(&self) -> Misfit {
         self.misfit
+    }
+
+    /// Returns the filter for a kernel over its integral, times `factor`.
+    pub(crate) fn times(mut self, factor: f64) -> Self {
+        self.weights.iter_mut().for_each(|weight| *weight *= factor);
+        self
     }
 }
 

@@ -59,9 +59,10 @@ pub(crate) const NARROW_MAXIMUM: f64 = 0.2;
 /// step.
 pub(crate) const UNEXPLAINED: f64 = 3e-2;
 
-/// The largest width of a pixel over its distance of pictures with a bound by `cpu`. Where pixels are wider, kernels
-/// grow beyond the filters of splines, which follow them as far as 8 voxels, within some 20 voxels.
-pub(crate) const WIDEST_PIXEL: f64 = 0.2;
+/// The largest width of a pixel over its distance of pictures with a bound by `cpu`. Where pixels are wider, samples of
+/// a ray lie voxels apart, and within some 25 voxels kernels grow beyond the filters of splines, which follow them as far
+/// as 10 voxels.
+pub(crate) const WIDEST_PIXEL: f64 = 0.15;
 
 /// The largest difference of a picture from the truth.
 #[derive(Debug, Clone, Copy)]
@@ -131,6 +132,14 @@ fn slope(transfer: &TransferFunction, range: f64, voxel: f64) -> f64 {
     slope
 }
 
+/// The share of its extinction that a kernel gains or loses because `cpu` grows it by the depth of the place that is
+/// reached, not by its own: a quarter of the change of the growth over the kernel's radius.
+fn deepening(volume: &Volume, camera: &Camera, settings: &Settings, growth: f64) -> f64 {
+    let Some(eye) = camera.eye().filter(|_| growth > 1.0) else { return 0.0 };
+    let spacing = volume.grid().spacing().into_iter().fold(0.0, f64::max);
+    0.25 * settings.kernel.radius() * growth * spacing / (volume.grid().center() - eye).length()
+}
+
 /// Least and largest finite value of a volume.
 fn data_range(volume: &Volume) -> [f64; 2] {
     let memory = volume.in_memory().unwrap();
@@ -152,6 +161,13 @@ pub(crate) fn bound(
     settings: &Settings,
     rendered: &Rendered,
 ) -> Bound {
+    let is_cpu = settings.painter == Painter::Cpu;
+    if let Projection::Perspective { tan_half_fov, .. } = camera.projection
+        && is_cpu
+        && 2.0 * tan_half_fov / f64::from(camera.size[1]) > WIDEST_PIXEL
+    {
+        return Bound { alpha: 1.0, color: 1.0, rms: NARROW_STEPPED };
+    }
     // Splines do not follow kernels much narrower than voxels.
     let misfit = if let PainterStats::Cpu(cpu) = &rendered.stats.painter { cpu.misfit[0] } else { 0.0 };
     if matches!(settings.model, Model::Mip | Model::Minip) {
@@ -174,16 +190,12 @@ pub(crate) fn bound(
         // A slab passes the deficit of a fit on to the next slab: two slabs mix.
         PainterStats::Tiles(t) => (PACKED, t.slab_thickness, 2.0),
         // A share of the optical depth of a voxel: at the rim of dense matter, of any alpha.
-        PainterStats::Cpu(cpu) => ((cpu.misfit[1] * (extinction * spacing).max(1.0)).min(1.0), spacing, 1.0),
+        PainterStats::Cpu(cpu) => {
+            let share = cpu.misfit[1] + deepening(volume, camera, settings, rendered.stats.kernel_growth);
+            ((share * (extinction * spacing).max(1.0)).min(1.0), spacing, 1.0)
+        }
         other => panic!("{other:?}: no bound"),
     };
-    let is_cpu = settings.painter == Painter::Cpu;
-    if let Projection::Perspective { tan_half_fov, .. } = camera.projection
-        && is_cpu
-        && 2.0 * tan_half_fov / f64::from(camera.size[1]) > WIDEST_PIXEL
-    {
-        return Bound { alpha: 1.0, color: 1.0, rms: NARROW_STEPPED };
-    }
     let rms = |bound: f64| if is_cpu { bound.min(NARROW_STEPPED) } else { bound };
     if settings.model == Model::Xray {
         let alpha = alpha + settings.termination;
