@@ -67,10 +67,9 @@ fn on_device(brick: &HostBrick, stride: u64, number: u32) -> Result<Vec<u32>> {
     let words = stride as usize / 4;
     let mut splats = reserved(u64::from(brick.count()) * words as u64, || "splats of a brick".to_owned())?;
     for (at, &row) in brick.rows.iter().enumerate().filter(|(_, row)| row.bits != 0) {
-        let mut values = brick.words(row, 0).chunks_exact(brick.each);
-        for x in places(row.bits) {
+        for (splat, x) in places(row.bits).enumerate() {
             splats.push(place([x, at % EDGE, at / EDGE].map(|place| place as u32), number));
-            splats.extend_from_slice(values.next().unwrap_or_default());
+            splats.extend(brick.words(row, splat));
             splats.resize(splats.len().next_multiple_of(words), 0);
         }
     }

@@ -87,8 +87,8 @@ impl Shader {
         fourth.div(simd, fourth.add(simd, Lanes::all(simd, 1.0)))
     }
 
-    /// Returns the light on surfaces across gradients of the world. `kept` are the shares of the lights and of ambient
-    /// light that arrive; `None` if all light does.
+    /// Returns the light on surfaces across gradients of the world, whose lengths are between 1e-15 and 1e15 or 0.
+    /// `kept` are the shares of the lights and of ambient light that arrive; `None` if all light does.
     #[inline(always)]
     pub(super) fn shine<S: Simd>(
         &self,
@@ -100,15 +100,12 @@ impl Shader {
         kept: Option<&[Lanes<S>; 4]>,
     ) -> Shine<S> {
         let (zero, one) = (Lanes::all(simd, 0.0), Lanes::all(simd, 1.0));
-        // Divided by its largest component first: squares of large and of small numbers leave the range of f32.
-        let largest = gradient[0].abs(simd).max(simd, gradient[1].abs(simd)).max(simd, gradient[2].abs(simd));
-        let largest = largest.max(simd, Lanes::all(simd, 1e-36));
-        let inverse = one.div(simd, largest);
-        let direction = unit(simd, &three!(axis => gradient[axis].mul(simd, inverse)));
-        let facing = dot(simd, &direction, to_eye);
-        let side = Lanes::all(simd, -1.0).or(simd, facing.less(simd, zero), one);
-        let normal = three!(axis => direction[axis].mul(simd, side));
+        let square = dot(simd, gradient, gradient).max(simd, Lanes::all(simd, 1e-30));
+        let inverse = one.div(simd, square.sqrt(simd));
+        let facing = dot(simd, gradient, to_eye).mul(simd, inverse);
         let cosine_of_eye = facing.abs(simd);
+        // The normal is the gradient times this: it faces the eye.
+        let to_normal = zero.sub(simd, inverse).or(simd, facing.less(simd, zero), inverse);
         let ambient_kept = match kept {
             Some(kept) => kept[3],
             None => one,
@@ -137,10 +134,10 @@ impl Shader {
                         LightPosition::Towards(towards) => three!(axis => Lanes::all(simd, towards[axis])),
                         LightPosition::Eye => *to_eye,
                     };
-                    let cosine = dot(simd, &normal, &towards);
+                    let cosine = dot(simd, gradient, &towards).mul(simd, to_normal);
                     let between: Vector<S> = three!(axis => to_eye[axis].add(simd, towards[axis]));
                     let half_way = unit(simd, &between);
-                    let highlight = dot(simd, &normal, &half_way).max(simd, zero);
+                    let highlight = dot(simd, gradient, &half_way).mul(simd, to_normal).max(simd, zero);
                     (cosine, zero.or(simd, cosine.less(simd, Lanes::all(simd, f32::MIN_POSITIVE)), highlight))
                 }
             };

@@ -118,8 +118,9 @@ pub(super) struct SlabShading<'a, S: Simd> {
     axes: Axes,
     along: Along,
     order: Order,
-    /// The map from differences along a, b and the planes to gradients in the world.
+    /// The map from differences along a, b and the planes to gradients in the world over `steepest`.
     gradient: [[Lanes<S>; 3]; 3],
+    steepest: f32,
     /// The map from the planes to places for the shader: rows of three factors and a sum.
     places: [[Lanes<S>; 4]; 3],
     /// Whether states keep the isosurfaces that were met.
@@ -131,6 +132,7 @@ impl<'a, S: Simd> SlabShading<'a, S> {
     pub(super) fn new(simd: S, post: &'a Post<'a>, to_lattice: &DAffine3, axes: &Axes, keeps: bool) -> Self {
         let (frame, origin) = axes.frame();
         let gradient = (to_lattice.matrix3.transpose() * frame).to_cols_array_2d();
+        let steepest = gradient.as_flattened().iter().fold(f64::MIN_POSITIVE, |most, factor| most.max(factor.abs()));
         let map = post.to_places * DAffine3::from_mat3_translation(frame, origin);
         let (factors, sums) = (map.matrix3.to_cols_array_2d(), map.translation.to_array());
         Self {
@@ -138,7 +140,8 @@ impl<'a, S: Simd> SlabShading<'a, S> {
             axes: *axes,
             along: post.blend.along(axes),
             order: Order::new(simd),
-            gradient: three!(row => three!(column => Lanes::all(simd, gradient[column][row] as f32))),
+            gradient: three!(row => three!(column => Lanes::all(simd, (gradient[column][row] / steepest) as f32))),
+            steepest: steepest as f32,
             places: three!(row => {
                 let [a, b, m] = three!(column => Lanes::all(simd, factors[column][row] as f32));
                 [a, b, m, Lanes::all(simd, sums[row] as f32)]
@@ -360,18 +363,21 @@ impl<'a, S: Simd> SlabShading<'a, S> {
         if shader.is_none() && points.is_empty() {
             return (None, Lanes::all(simd, 1.0));
         }
+        let largest = differences[0].abs(simd).max(simd, differences[1].abs(simd)).max(simd, differences[2].abs(simd));
+        // Over the largest: squares of large and of small numbers leave the range of f32.
+        let inverse = Lanes::all(simd, 1.0).div(simd, largest.max(simd, Lanes::all(simd, 1e-36)));
+        let scaled: Vector<S> = three!(axis => differences[axis].mul(simd, inverse));
         let gradient: Vector<S> = three!(axis => {
             let [a, b, m] = self.gradient[axis];
-            a.fma(simd, differences[0], b.fma(simd, differences[1], m.mul(simd, differences[2])))
+            a.fma(simd, scaled[0], b.fma(simd, scaled[1], m.mul(simd, scaled[2])))
         });
         let share = if points.is_empty() {
             Lanes::all(simd, 1.0)
         } else {
-            let length = dot(simd, &gradient, &gradient).sqrt(simd).to_array();
-            Lanes::from_array(length.map(|length| scaled_share(points, length)))
+            let length = dot(simd, &gradient, &gradient).sqrt(simd).mul(simd, largest).to_array();
+            Lanes::from_array(length.map(|length| scaled_share(points, length * self.steepest)))
         };
         let Some(shader) = shader else { return (None, share) };
-        let largest = differences[0].abs(simd).max(simd, differences[1].abs(simd)).max(simd, differences[2].abs(simd));
         let [at_a, at_b] = rays.at(simd, Lanes::all(simd, z));
         let mut kept = None;
         if let Some(arriving) = self.post.arriving {

@@ -14,9 +14,9 @@ pub(crate) struct HostBrick {
     pub(crate) rows: Arc<Vec<Row>>,
     /// The number of words of a splat without its place.
     pub(crate) each: usize,
-    /// The words of the splats, splat after splat. Rows with equal words share them: the inside of a label takes hardly
-    /// any memory.
-    pub(crate) words: Arc<Vec<u32>>,
+    /// The words of the splats, row after row: the first word of all splats of a row, then the second. Rows with equal
+    /// words share them: the inside of a label takes hardly any memory.
+    words: Arc<Vec<u32>>,
 }
 
 /// A row of a brick along x.
@@ -102,8 +102,20 @@ impl BrickSplats {
 }
 
 impl HostBrick {
-    /// Makes the splats of a brick, of `each` words without the place, given the bits of the places of each row.
+    /// Makes the splats of a brick, of `each` words without the place, splat after splat, given the bits of the places
+    /// of each row.
     pub(crate) fn new(bits: &[u32], each: usize, mut words: Vec<u32>) -> Self {
+        let mut rest = words.as_mut_slice();
+        let mut splats = Vec::new();
+        for count in bits.iter().map(|bits| bits.count_ones() as usize) {
+            let (row, behind) = rest.split_at_mut(count * each);
+            splats.clear();
+            splats.extend_from_slice(row);
+            for (splat, words) in splats.chunks_exact(each).enumerate() {
+                words.iter().enumerate().for_each(|(index, word)| row[index * count + splat] = *word);
+            }
+            rest = behind;
+        }
         let mut first = 0;
         let held = share(bits.iter().map(|bits| bits.count_ones()), each, &mut words);
         let row = |(&bits, held): (&u32, u32)| {
@@ -115,9 +127,10 @@ impl HostBrick {
         Self { rows, each, words: Arc::new(words) }
     }
 
-    /// Returns the words of the splats of a row from one of its splats on, and of some that follow.
-    pub(crate) fn words(&self, row: Row, splat: u32) -> &[u32] {
-        &self.words[(row.held + splat) as usize * self.each..]
+    /// Returns the words of splat number `splat` of a row.
+    pub(crate) fn words(&self, row: Row, splat: usize) -> impl Iterator<Item = u32> {
+        let words = &self.words[row.held as usize * self.each + splat..];
+        words.iter().copied().step_by(row.bits.count_ones() as usize).take(self.each)
     }
 
     pub(crate) fn count(&self) -> u32 {
@@ -127,12 +140,14 @@ impl HostBrick {
     /// Returns the splats of row number `number` in runs, each with its number of splats. The first place of the row is
     /// at `x` in the lattice.
     pub(crate) fn runs(&self, number: usize, x: u32) -> impl Iterator<Item = (SplatRun<'_>, usize)> {
-        let (each, row) = (self.each, self.rows[number]);
+        let row = self.rows[number];
+        let each_column = row.bits.count_ones() as usize;
+        let words = &self.words[row.held as usize * self.each..];
         let mut xs = places(row.bits).map(move |place| x + place as u32);
-        self.words(row, 0).chunks(each * LANES).map_while(move |words| {
-            let mut run = SplatRun { xs: [x; LANES], each, words };
+        (0..each_column).step_by(LANES).map(move |first| {
+            let mut run = SplatRun { xs: [x; LANES], each_column, words: &words[first..] };
             let count = run.xs.iter_mut().zip(&mut xs).map(|(to, x)| *to = x).count();
-            (count > 0).then_some((run, count))
+            (run, count)
         })
     }
 

@@ -87,33 +87,22 @@ pub(crate) fn appearances(density_blue: &[u32; LANES], color: &[u32; LANES]) -> 
 pub(crate) struct SplatRun<'a> {
     /// The lattice points of the splats along x; arbitrary beyond the last.
     pub(crate) xs: [u32; LANES],
-    /// The number of words of a splat without its place.
-    pub(crate) each: usize,
-    /// The words of the splats and of some that follow.
+    /// The number of splats of the row: a column has a word of each.
+    pub(crate) each_column: usize,
+    /// The words of the first column from the first splat on, and all that follow.
     pub(crate) words: &'a [u32],
 }
 
 impl SplatRun<'_> {
-    /// Returns word number `index` of each splat; 0 beyond the last.
+    /// Returns word number `index` of each splat; arbitrary words beyond the last.
     #[inline(always)]
     pub(crate) fn column(&self, index: usize) -> [u32; LANES] {
-        match self.each {
-            2 => self.column_of::<2>(index),
-            _ => self.column_of::<3>(index),
+        let words = &self.words[index * self.each_column..];
+        if let Some(words) = words.first_chunk() {
+            return *words;
         }
-    }
-
-    #[inline(always)]
-    fn column_of<const EACH: usize>(&self, index: usize) -> [u32; LANES] {
-        let (splats, _) = self.words.as_chunks::<EACH>();
         let mut column = [0; LANES];
-        if let Some(splats) = splats.first_chunk::<LANES>() {
-            for place in 0..LANES {
-                column[place] = splats[place][index];
-            }
-        } else {
-            column.iter_mut().zip(splats).for_each(|(word, splat)| *word = splat[index]);
-        }
+        column[..words.len()].copy_from_slice(words);
         column
     }
 }
