@@ -356,7 +356,7 @@ mod tests {
         let odd = |row: usize, of: usize| u32::from(row == of);
         let words: Vec<u32> = (0..EDGE).flat_map(|row| [7 + odd(row, 3), 8, 9, 10]).collect();
         let brick = HostBrick::new(&bits, 2, words.clone());
-        assert_eq!((brick.words.len(), brick.count()), (12, 2 * EDGE as u32));
+        assert_eq!((brick.bytes() - 12 * (EDGE * EDGE) as u64, brick.count()), (4 * 12, 2 * EDGE as u32));
         // The device gets all words of all splats.
         let splats = on_device(&brick, 12, 0).unwrap();
         assert_eq!(splats.len(), 2 * EDGE * 3);

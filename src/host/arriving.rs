@@ -9,7 +9,8 @@ use voxsplat_volume::memory::reserved;
 use super::lanes::{Channels, Lanes, Order, RAYS, twice_four};
 use crate::camera::clip::Side;
 use crate::error::{Error, Result};
-use crate::lighting::shadow::{Arrival, ShadowLattice};
+use crate::kernel::Kernel;
+use crate::lighting::shadow::{Arrival, Reusable, ShadowLattice};
 use crate::lighting::{Casting, MAX_CASTING};
 use crate::progress::Progress;
 
@@ -23,6 +24,8 @@ pub(super) struct Falling {
     pub(super) lattice: ShadowLattice,
     /// The sides of unclipped matter; clipped matter casts no shadows.
     pub(super) clip: Vec<Side>,
+    /// The kernel of the field near whose visible matter voxels are lit; `None` if all visible voxels are.
+    pub(super) near: Option<Kernel>,
 }
 
 /// A callback that writes the extinctions of a row of a box, given its y and z in the lattice.
@@ -37,6 +40,7 @@ pub(super) struct ArrivingLight {
     shares: Vec<[u16; 4]>,
     /// The occlusion of ambient light, which turning lights leave as it is.
     occlusion: Falling,
+    reusable: Reusable,
 }
 
 impl ArrivingLight {
@@ -56,9 +60,14 @@ impl ArrivingLight {
     ) -> Result<Self> {
         let count = dims.iter().product::<usize>();
         let occlusion = Falling { casting: falling.casting.only(MAX_CASTING), ..falling.clone() };
-        let before = before.filter(|before| before.occlusion == occlusion && (before.low, before.dims) == (low, dims));
+        let (is_first, mut reusable, mut occluded) = (before.is_none(), Reusable::default(), None);
+        if let Some(before) = before {
+            reusable = before.reusable;
+            let is_same = before.occlusion == occlusion && (before.low, before.dims) == (low, dims);
+            occluded = is_same.then_some(before.shares);
+        }
         let failed = Mutex::new(None::<Error>);
-        let arrival = Arrival::new(&falling.casting, &falling.lattice, [low, dims], |place, out| {
+        let arrival = Arrival::new(&falling.casting, &falling.lattice, [low, dims], &mut reusable, |place, out| {
             if let Err(error) = row(place, out) {
                 failed.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
             }
@@ -66,9 +75,9 @@ impl ArrivingLight {
         if let Some(error) = failed.into_inner().unwrap_or_else(PoisonError::into_inner) {
             return Err(error);
         }
-        let lights = if before.is_some() { 0..=MAX_CASTING - 1 } else { 0..=MAX_CASTING };
-        let mut shares = match before {
-            Some(Self { mut shares, .. }) => {
+        let lights = if occluded.is_some() { 0..=MAX_CASTING - 1 } else { 0..=MAX_CASTING };
+        let mut shares = match occluded {
+            Some(mut shares) => {
                 shares.par_iter_mut().for_each(|shares| shares[..MAX_CASTING].fill(u16::MAX));
                 shares
             }
@@ -88,7 +97,12 @@ impl ArrivingLight {
                 shares.iter_mut().enumerate().for_each(|(x, shares)| shares[light] = share(x));
             });
         }
-        Ok(Self { low, dims, shares, occlusion })
+        drop(arrival);
+        // Single pictures have fields in that memory; for later ones, it and the fields are needed at once anyway.
+        if is_first {
+            reusable.free();
+        }
+        Ok(Self { low, dims, shares, occlusion, reusable })
     }
 
     /// Returns the shares of light at a voxel.

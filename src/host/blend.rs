@@ -21,7 +21,8 @@ pub(super) struct Along([f64; 4]);
 /// Returns the growths of the fields between two growths: powers of the square root of 2, the same for every camera, up
 /// to `most`.
 pub(super) fn levels(smallest: f64, largest: f64, most: f64) -> Vec<f64> {
-    let level = |number: i32| std::f64::consts::SQRT_2.powi(number);
+    // Whole powers of 2 are exact: a kernel of 4.000000000000001 voxels would take a filter of the next size.
+    let level = |number: i32| libm::exp2(f64::from(number / 2)) * [1.0, std::f64::consts::SQRT_2][number as usize % 2];
     let first = (0..).take_while(|&number| level(number) <= smallest.max(1.0)).last().unwrap_or(0);
     let mut growths = vec![level(first)];
     for number in first + 1.. {

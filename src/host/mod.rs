@@ -253,7 +253,7 @@ impl HostRenderer {
             return self.painted(shot, (matter, unit), None, (stages, &held), Some(&shown));
         }
         let near = Some(field).filter(|_| shot.level == Level(0));
-        let arriving = match shot.falling(unit) {
+        let arriving = match shot.falling(unit, true) {
             None => None,
             Some(falling) => {
                 let (light, seconds) = on_host(|| scene.arriving(near, falling, &self.progress));

@@ -150,12 +150,14 @@ impl<'a> Shot<'a> {
         (to_voxels.matrix3.transpose() * gradient, at_zero)
     }
 
-    /// Returns the light that casts shadows, if there is one; `unit` is the world length of the unit of extinctions.
-    pub(super) fn falling(&self, unit: f64) -> Option<Falling> {
+    /// Returns the light that casts shadows, if there is one. `unit` is the world length of the unit of extinctions;
+    /// with fields of scalars, voxels of level 0 are lit near visible matter alone.
+    pub(super) fn falling(&self, unit: f64, has_scalars: bool) -> Option<Falling> {
         let Self { settings, grid, kernel, .. } = *self;
         let casting = settings.casting()?;
         let lattice = ShadowLattice::new(grid, kernel, settings.normalization.divisor(&kernel), unit, 1.0);
-        Some(Falling { casting, lattice, clip: settings.clip.sides(grid) })
+        let near = (has_scalars && self.level == Level(0)).then(|| self.kernels()[0]);
+        Some(Falling { casting, lattice, clip: settings.clip.sides(grid), near })
     }
 }
 

@@ -50,6 +50,7 @@ pub(super) struct Colored {
     pub(super) scale: f64,
     /// The layer with isosurfaces.
     pub(super) surfaces: Option<Box<Scalars>>,
+    filters: Kept<Kernel, SplineFilter>,
     pub(super) field: Kept<Key, Filtered>,
     pub(super) light: Kept<Falling, ArrivingLight>,
 }
@@ -114,6 +115,7 @@ impl Colored {
             unit: layers.unit(),
             scale: libm::exp2(exponent),
             surfaces,
+            filters: Kept::default(),
             field: Kept::default(),
             light: Kept::default(),
         })
@@ -157,7 +159,7 @@ impl Colored {
     ) -> Result<Vec<Arc<Filtered>>> {
         let Shot { camera, settings, .. } = *shot;
         settings.check_normals(self.normals)?;
-        let falling = shot.falling(self.unit);
+        let falling = shot.falling(self.unit, self.surfaces.is_some());
         let to_eye = match camera.eye() {
             None => EyeDirections::Parallel(-camera.forward),
             Some(eye) => EyeDirections::At((eye - self.grid.center()) / self.grid.unit()),
@@ -173,7 +175,10 @@ impl Colored {
                 let shader = Shader::new(lighting, self.grid.center(), self.grid.unit(), [0.0; 2]);
                 VoxelLight { shader, to_eye: *to_eye, to_places: places_of_light(&self.grid, &self.grid), arriving }
             });
-            let filters = keys.iter().map(|key| SplineFilter::new(&key.kernel)).collect::<Result<Vec<_>>>()?;
+            let kernels: Vec<Kernel> = keys.iter().map(|key| key.kernel).collect();
+            let filters =
+                self.filters.get_or_make(&kernels, |kernels, _| kernels.iter().map(SplineFilter::new).collect())?;
+            let filters: Vec<SplineFilter> = filters.iter().map(|filter| filter.as_ref().clone()).collect();
             let voxels = LitVoxels { colored: self, light };
             let spare = spare.into_iter().map(|made| made.field).collect();
             let dims = self.grid.dims().map(|d| d as usize);
@@ -201,7 +206,7 @@ impl Colored {
         near: Option<&Field>,
         progress: &Progress,
     ) -> Result<Option<Arc<ArrivingLight>>> {
-        let Some(falling) = shot.falling(self.unit) else { return Ok(None) };
+        let Some(falling) = shot.falling(self.unit, self.surfaces.is_some()) else { return Ok(None) };
         let (dims, [low, size]) = (self.grid.dims().map(|d| d as usize), self.bounds());
         let middle = DVec3::from_array(dims.map(|d| (d as f64 - 1.0) / 2.0));
         let mut made = self.light.get_or_make(&[falling], |falling, mut before| {

@@ -28,13 +28,14 @@ pub(crate) mod plan;
 mod response;
 mod sweep;
 
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU16, AtomicUsize, Ordering};
 
 use glam::{DAffine3, DMat3, DVec3};
 use rayon::prelude::*;
 
 use self::exact::{Caster, Medium, ShadowBlock};
-use self::field::{ExtinctionBox, RowPlanes, turned_back};
+use self::field::{ExtinctionBox, RowPlanes, Spare, turned_back};
 use self::response::SweepResponse;
 use self::sweep::{Converging, Direction, NearPlace, Swept};
 use super::{Casting, LightOrigin, MAX_CASTING};
@@ -104,7 +105,7 @@ struct LitBox {
     /// The lattice of the box.
     lattice: ShadowLattice,
     /// The response of sweeps; `None`: light is found by exact sums.
-    response: Option<SweepResponse>,
+    response: Option<Arc<SweepResponse>>,
     /// The number of voxels around the lit ones, on each side.
     margin: usize,
 }
@@ -140,10 +141,15 @@ fn strict_across(axis: usize) -> [bool; 2] {
 
 impl LitBox {
     /// Makes a box of `size` voxels from `low` on.
-    fn new(casting: &Casting, lattice: &ShadowLattice, [low, size]: [[usize; 3]; 2]) -> Self {
-        let response = SweepResponse::new(&lattice.kernel, lattice.divisor).filter(|_| !casting.exact);
+    fn new(
+        casting: &Casting,
+        lattice: &ShadowLattice,
+        [low, size]: [[usize; 3]; 2],
+        response: Option<Arc<SweepResponse>>,
+    ) -> Self {
+        let response = response.filter(|_| !casting.exact);
         // Kernels absorb light around the box too.
-        let margin = response.as_ref().map_or(0, SweepResponse::margin);
+        let margin = response.as_ref().map_or(0, |response| response.margin());
         let low = low.map(|n| n as i64 - margin as i64);
         let shift = DAffine3::from_translation(-DVec3::from_array(low.map(|n| n as f64)));
         let dims = size.map(|n| n + 2 * margin);
@@ -217,6 +223,32 @@ impl LitBox {
     }
 }
 
+/// What the light of a picture leaves for the next one: memory, and the response of sweeps.
+#[derive(Default)]
+pub(crate) struct Reusable {
+    /// The kernel and the divisor of the response.
+    of: Option<(Kernel, f64)>,
+    response: Option<Arc<SweepResponse>>,
+    spare: Arc<Spare>,
+}
+
+impl Reusable {
+    /// Frees the memory.
+    pub(crate) fn free(&mut self) {
+        self.spare = Arc::default();
+    }
+
+    /// Returns the response for a lattice.
+    fn response(&mut self, lattice: &ShadowLattice) -> Option<Arc<SweepResponse>> {
+        let of = Some((lattice.kernel, lattice.divisor));
+        if self.of != of {
+            self.response = SweepResponse::new(&lattice.kernel, lattice.divisor).map(Arc::new);
+            self.of = of;
+        }
+        self.response.clone()
+    }
+}
+
 /// The light that arrives at the voxels of a box.
 pub(crate) struct Arrival {
     lit: LitBox,
@@ -244,7 +276,7 @@ impl Arriving<'_> {
 impl Arrival {
     /// Makes the field of the occluders in a box of voxels, given by its first lattice point and its size. `fill` gets
     /// the y and z of a row, and writes its extinctions, 0 for voxels that are not lit and [`CLIPPED`](field::CLIPPED)
-    /// for voxels that cast no shadow.
+    /// for voxels that cast no shadow. `reusable` is left by earlier light.
     ///
     /// # Errors
     /// [`Error::Memory`](crate::Error::Memory) if 4 bytes for each voxel cannot be allocated.
@@ -252,14 +284,15 @@ impl Arrival {
         casting: &Casting,
         lattice: &ShadowLattice,
         bounds: [[usize; 3]; 2],
+        reusable: &mut Reusable,
         fill: impl Fn([usize; 2], &mut [f32]) + Sync,
     ) -> Result<Self> {
-        let lit = LitBox::new(casting, lattice, bounds);
+        let lit = LitBox::new(casting, lattice, bounds, reusable.response(lattice));
         let (dims, low, margin) = (lit.lattice.dims, lit.low, lit.margin);
         // No row of rays or of neighbours is read beyond its zeros.
         let beside = |response: &SweepResponse| response.pad(lit.bias()).max(response.pad(lit.radius()).min(dims[0]));
-        let pad = field::LANES + lit.response.as_ref().map_or(0, beside);
-        let mut field = ExtinctionBox::new(dims, pad)?;
+        let pad = field::LANES + lit.response.as_deref().map_or(0, beside);
+        let mut field = ExtinctionBox::new(&reusable.spare, dims, pad)?;
         field.fill(margin, |[y, z], row| {
             fill([y as i64 + low[1], z as i64 + low[2]].map(|n| n as usize), row);
         });
@@ -453,7 +486,8 @@ mod tests {
                     let lighting =
                         Lighting { lights: lights.clone(), shadows: 1.0, exact_shadows, ..Lighting::default() };
                     let casting = lighting.casting().unwrap();
-                    let arrival = Arrival::new(&casting, &lattice, [[0; 3], dims], |[y, z], row| {
+                    let kept = &mut Reusable::default();
+                    let arrival = Arrival::new(&casting, &lattice, [[0; 3], dims], kept, |[y, z], row| {
                         row.iter_mut().enumerate().for_each(|(x, value)| *value = tau(x, y, z).max(field::CLIPPED));
                     });
                     let arrival = arrival.unwrap();

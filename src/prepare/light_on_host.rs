@@ -9,8 +9,8 @@ use crate::gpu::layout::{BRICK_SHIFT, LIT_WORDS};
 use crate::gpu::shadows::STRIDE;
 use crate::gpu::store::Store;
 use crate::lighting::MAX_CASTING;
-use crate::lighting::shadow::Arrival;
 use crate::lighting::shadow::field::CLIPPED;
+use crate::lighting::shadow::{Arrival, Reusable};
 use crate::progress::Progress;
 use voxsplat_volume::memory::{reserved, zeroed};
 
@@ -57,7 +57,8 @@ impl<'a> ListedSplats<'a> {
         for (point, words) in self.splats().flatten() {
             field[number(point)] = if shadows.casts(point) { density(words).max(CLIPPED) } else { CLIPPED };
         }
-        let arrival = Arrival::new(&shadows.casting, &shadows.lattice, self.bounds, |[y, z], row| {
+        let reusable = &mut Reusable::default();
+        let arrival = Arrival::new(&shadows.casting, &shadows.lattice, self.bounds, reusable, |[y, z], row| {
             let first = number([low[0], y, z]);
             row.copy_from_slice(&field[first..first + row.len()]);
         })?;

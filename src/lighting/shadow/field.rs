@@ -39,7 +39,7 @@ pub(super) struct Shares {
 /// The memory of dropped fields and light, kept for later ones: to get it from the system again costs as much as a
 /// sweep.
 #[derive(Default)]
-struct Spare {
+pub(super) struct Spare {
     fields: Mutex<Vec<Vec<f32>>>,
     shares: Mutex<Vec<Vec<AtomicU16>>>,
 }
@@ -129,16 +129,11 @@ impl RowPlanes {
 }
 
 impl ExtinctionBox {
-    /// Allocates an empty field.
+    /// Allocates an empty field in spare memory, or in new.
     ///
     /// # Errors
     /// [`Error::Memory`](crate::Error::Memory) if 4 bytes for each voxel cannot be allocated.
-    pub(super) fn new(size: [usize; 3], pad: usize) -> Result<Self> {
-        Self::beside(&Arc::default(), size, pad)
-    }
-
-    /// Allocates an empty field that shares spare memory with another one.
-    fn beside(spare: &Arc<Spare>, size: [usize; 3], pad: usize) -> Result<Self> {
+    pub(super) fn new(spare: &Arc<Spare>, size: [usize; 3], pad: usize) -> Result<Self> {
         let count = (size[0] + 2 * pad) * size[1] * size[2];
         let values = match spared(&spare.fields, count) {
             Some(mut values) => {
@@ -225,7 +220,7 @@ impl ExtinctionBox {
         /// The number of planes that are read together, from one cache line.
         const TOGETHER: usize = 16;
         let [nx, ny, nz] = self.size;
-        let mut turned = Self::beside(&self.spare, [ny, nz, nx], self.pad)?;
+        let mut turned = Self::new(&self.spare, [ny, nz, nx], self.pad)?;
         let (pitch, block) = (turned.pitch(), turned.block());
         let planes = turned.values.par_chunks_mut(TOGETHER * nz * pitch);
         let filled = turned.filled.par_chunks_mut(TOGETHER * nz);
@@ -256,7 +251,7 @@ impl ExtinctionBox {
     /// Filters the field with symmetric weights, the middle one first: across planes, and within planes along both
     /// axes.
     pub(super) fn filtered(&self, planes: RowPlanes, [across, within]: [&[f32]; 2]) -> Result<Self> {
-        let mut filtered = Self::beside(&self.spare, self.size, self.pad)?;
+        let mut filtered = Self::new(&self.spare, self.size, self.pad)?;
         let block = self.block();
         let (pitch, reach) = (self.pitch(), within.len() - 1);
         let near = |at: usize, offset: isize, count: usize| at.checked_add_signed(offset).filter(|&n| n < count);

@@ -1,6 +1,8 @@
 //! The preparations of shadows as numbers for the stages of a device (`gpu/shadows.rs`): the same responses, stencils,
 //! directions and weights as on the host.
 
+use std::sync::Arc;
+
 use glam::DVec3;
 
 use super::response::{StencilRow, SweepResponse};
@@ -15,7 +17,7 @@ pub(crate) const TABLE: [u32; 2] = [super::response::ROWS, super::response::TERM
 /// The plans of lights on a box of voxels.
 pub(crate) struct LightPlans {
     lit: LitBox,
-    response: SweepResponse,
+    response: Arc<SweepResponse>,
 }
 
 /// The stages that find a light.
@@ -107,7 +109,8 @@ impl LightPlans {
     /// Plans lights on a box of voxels of a lattice, given by its first lattice point and its size. `None` if all
     /// kernels on each ray are summed, which only the host does.
     pub(crate) fn new(casting: &Casting, lattice: &ShadowLattice, bounds: [[usize; 3]; 2]) -> Option<Self> {
-        let mut lit = LitBox::new(casting, lattice, bounds);
+        let response = SweepResponse::new(&lattice.kernel, lattice.divisor).map(Arc::new);
+        let mut lit = LitBox::new(casting, lattice, bounds, response);
         let response = lit.response.take()?;
         Some(Self { lit, response })
     }
