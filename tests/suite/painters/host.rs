@@ -4,7 +4,7 @@ use voxsplat::camera::{ProjectionKind, View};
 use voxsplat::clip::{Clip, Plane};
 use voxsplat::host::HostRenderer;
 use voxsplat::image::{Image, Region};
-use voxsplat::kernel::Kernel;
+use voxsplat::kernel::{Kernel, Normalization};
 use voxsplat::layers::{Layer, Layers};
 use voxsplat::lighting::{Light, Lighting};
 use voxsplat::progress::Progress;
@@ -74,10 +74,20 @@ fn pictures_of_the_host_are_the_reference() {
     let jumping = Settings { kernel: Kernel::default(), ..post() };
     // Minima and means show faint values too.
     let visible = transfer(&[(0.0, [0.2, 0.4, 1.0], 0.1), (1.0, [1.0; 3], 0.4)], None);
+    // Sums of kernels that are not divided by their integral are 15 times as far from the base as samples.
+    let dense = transfer(&[(0.15, [0.2, 0.4, 1.0], 0.0), (12.0, [1.0; 3], 0.1)], None);
     let mut too_far = Vec::new();
     let pictures = [
         ("unlit", &soft, post(), 0.12),
         ("unlit, the default kernel", &soft, jumping.clone(), 0.9),
+        (
+            "scalars over the integral of the kernel",
+            &dense,
+            Settings { normalization: Normalization::Peak, ..post() },
+            0.2,
+        ),
+        ("the same, pre-shaded", &soft, Settings { normalization: Normalization::Peak, ..pre() }, 0.5),
+        ("means of them", &dense, Settings { normalization: Normalization::Peak, model: Model::Average, ..pre() }, 0.2),
         ("headlight", &soft, Settings { lighting: headlight(), ..post() }, 1.4),
         ("headlight, the default kernel", &soft, Settings { lighting: headlight(), ..jumping }, 2.7),
         ("two lights", &soft, Settings { lighting: two_lights(), ..post() }, 2.2),
