@@ -98,7 +98,7 @@ impl ArrivingLight {
             });
         }
         drop(arrival);
-        // Single pictures have fields in that memory; for later ones, it and the fields are needed at once anyway.
+        // The fields of a single picture take the place of that memory. Later pictures need both at once anyway.
         if is_first {
             reusable.free();
         }

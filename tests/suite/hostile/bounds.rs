@@ -60,8 +60,8 @@ pub(crate) const NARROW_MAXIMUM: f64 = 0.2;
 pub(crate) const UNEXPLAINED: f64 = 3e-2;
 
 /// The largest width of a pixel over its distance of pictures with a bound by `cpu`. Where pixels are wider, samples of
-/// a ray lie voxels apart, and within some 25 voxels kernels grow beyond the filters of splines, which follow them as far
-/// as 10 voxels.
+/// a ray lie voxels apart, and within some 25 voxels kernels grow beyond the filters of splines, which follow them as
+/// far as 10 voxels.
 pub(crate) const WIDEST_PIXEL: f64 = 0.15;
 
 /// The largest difference of a picture from the truth.
