@@ -80,12 +80,7 @@ fn pictures_of_the_host_are_the_reference() {
     let pictures = [
         ("unlit", &soft, post(), 0.12),
         ("unlit, the default kernel", &soft, jumping.clone(), 0.9),
-        (
-            "scalars over the integral of the kernel",
-            &dense,
-            Settings { normalization: Normalization::Peak, ..post() },
-            0.2,
-        ),
+        ("sums of kernels, not divided", &dense, Settings { normalization: Normalization::Peak, ..post() }, 0.2),
         ("the same, pre-shaded", &soft, Settings { normalization: Normalization::Peak, ..pre() }, 0.5),
         ("means of them", &dense, Settings { normalization: Normalization::Peak, model: Model::Average, ..pre() }, 0.2),
         ("headlight", &soft, Settings { lighting: headlight(), ..post() }, 1.4),
