@@ -412,8 +412,8 @@ fn compare_halos(projections: &[ProjectionKind], step: usize) {
             let (more, fewer) = (apart(40), apart(-20));
             let of = format!("{projection:?} {name} {:?}", plan.settings().painter);
             println!("{of}: {more:.1e}, without a halo {fewer:.1e}");
-            // Sums of noise differ by rounding, 1.3e-5 is measured. Halos that lack 1 to 3 points differ by 3e-6, so the
-            // halo is not too narrow.
+            // Sums of noise differ by rounding: 1.3e-5 is measured. Halos that lack 1 to 3 points differ by 3e-6, so
+            // the halo is not too narrow.
             let limit = if settings.model == Model::Average { 2.0 * LIMIT } else { LIMIT };
             assert!(more < limit, "{of}: {more:e}");
             assert!(fewer > 1e-3, "{of}: {fewer:e}");
