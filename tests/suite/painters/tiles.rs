@@ -215,7 +215,7 @@ fn scalars_of_kernels_that_grew_err_about_as_little_as_by_quads() {
                 let [ours, by_quads] = [ours, by_quads].map(|got| rms_covered(&got.image, &expected));
                 // Parts of kernels are fits, and sheets of quads exact means; a slab is lit by the gradient in its
                 // middle, a sheet by one gradient in each half.
-                let share = if settings.lighting.is_some() { 3.0 } else { 1.8 };
+                let share = if settings.lighting.is_some() { 3.5 } else { 1.8 };
                 println!("{name} {projection:?} {azimuth} {growth:.2}: {ours:.1e}, quads {by_quads:.1e}");
                 assert!(ours < share * by_quads, "{name} {projection:?} {azimuth}: {ours:e} {by_quads:e}");
             }
