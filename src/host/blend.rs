@@ -1,5 +1,7 @@
 //! Fields of kernels of several sizes, blended where kernels grow with depth.
 
+use std::ops::Range;
+
 use glam::{DAffine3, DVec3};
 
 use super::rays::Axes;
@@ -50,6 +52,12 @@ impl<'a, F> Blend<'a, F> {
         Along([self.at_origin + self.gradient.dot(origin), a, b, m])
     }
 
+    /// Returns the least growth at places in a plane.
+    pub(super) fn least(&self, along: &Along, places: [[f64; 2]; 4], plane: f64) -> f64 {
+        let least = places.into_iter().map(|[a, b]| along.at(a, b, plane)).fold(f64::INFINITY, f64::min);
+        least.clamp(self.levels[0].0, self.levels[self.levels.len() - 1].0)
+    }
+
     /// Returns the first and the last level that a plane needs between two points.
     pub(super) fn needed(&self, along: &Along, area: [[isize; 2]; 2], plane: f64) -> [usize; 2] {
         let last = self.levels.len() - 1;
@@ -68,16 +76,24 @@ impl<'a, F> Blend<'a, F> {
         [below, above.max(below)]
     }
 
-    /// Computes the weights of a level at points of a row: linear in the variance of kernels.
+    /// Computes the weights of a level at points of a row, given its first place: linear in the variance of kernels.
     #[inline(always)]
-    pub(super) fn weights(&self, along: &Along, level: usize, [a, b, plane]: [f64; 3], weights: &mut [f32]) {
+    pub(super) fn weights(
+        &self,
+        along: &Along,
+        level: usize,
+        [a, b, plane]: [f64; 3],
+        points: Range<usize>,
+        weights: &mut [f32],
+    ) {
         let square = |level: usize| (self.levels[level].0 * self.levels[level].0) as f32;
         let own = square(level);
         let below = if level > 0 { square(level - 1) } else { -1e30 };
         let above = if level + 1 < self.levels.len() { square(level + 1) } else { 1e30 };
         let (rise, fall) = (1.0 / (own - below), 1.0 / (above - own));
         let (start, step) = (along.at(a, b, plane) as f32, along.0[1] as f32);
-        for x in 0..weights.len() {
+        let weights = &mut weights[..points.end];
+        for x in points {
             let growth = (x as f32).mul_add(step, start);
             let square = growth * growth;
             weights[x] = (1.0 + (square - own) * rise).min(1.0 - (square - own) * fall).max(0.0);

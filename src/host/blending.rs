@@ -1,47 +1,55 @@
 //! Pre-shading along rays: colours times extinctions, and extinctions, are composited.
 
+use std::ops::Range;
+
 use pulp::Simd;
 
 use super::blend::{Along, Blend};
 use super::colors::{ColorField, Halves, from_half};
 use super::lanes::{Lanes, three};
-use super::lattice::{CELL, PlaneArea, Reach, TileRows};
+use super::lattice::{CELL, PlaneArea, Reach, ReadPoints, TileRows};
 use super::light::Vector;
 use super::plane::{CHANNELS, Plane};
 use super::post::Met;
 use super::rays::{Axes, Rays};
 use super::rule::{RECENT, Rule};
 
-/// Sums planes of coefficients at plane `number` of a tile: weights 1, 4, 1 over 6.
+/// Sums planes of coefficients at the points of plane `number` of a tile that rays read: weights 1, 4, 1 over 6.
 #[inline(always)]
 fn make(
     plane: &mut Plane,
     (blend, along): (&Blend<'_, ColorField>, &Along),
-    (axes, area): (&Axes, &PlaneArea),
+    (axes, area, read): (&Axes, &PlaneArea, &ReadPoints),
     number: isize,
 ) {
     let rows = blend.levels[0].1.lattice.rows(axes, area, number - 1);
     let [width, height] = area.size();
-    let segments = rows.segments(width);
-    let stride = plane.resize([CELL * segments, height], rows.skipped);
+    let stride = plane.resize([CELL * rows.segments(&(0..width)).end, height], rows.skipped);
     if plane.rows.len() < (CHANNELS + 1) * stride {
         plane.rows.resize((CHANNELS + 1) * stride, 0.0);
     }
     let [first, last] = blend.needed(along, [area.low, area.high], number as f64);
     let (weights, part) = plane.rows.split_at_mut(stride);
     for row in 0..height {
-        let channels = &mut plane.channels[CHANNELS * row * stride..][..CHANNELS * CELL * segments];
+        let points = read.of(area, row);
+        if points.is_empty() {
+            continue;
+        }
+        let segments = rows.segments(&points);
+        let points = CELL * segments.start..CELL * segments.end;
+        let channels = &mut plane.channels[CHANNELS * row * stride..][..CHANNELS * points.end];
         for level in first..=last {
-            let coefficients = blend.levels[level].1.coefficients();
+            let from = (blend.levels[level].1.coefficients(), row, segments.clone());
             if first == last {
-                sum_planes(&rows, coefficients, row, channels);
+                sum_planes(&rows, from, channels);
                 continue;
             }
-            sum_planes(&rows, coefficients, row, &mut part[..CHANNELS * CELL * segments]);
+            sum_planes(&rows, from, &mut part[..CHANNELS * points.end]);
             let low = [area.low[0] - rows.skipped as isize, area.low[1] + row as isize, number];
-            blend.weights(along, level, low.map(|point| point as f64), &mut weights[..CELL * segments]);
+            blend.weights(along, level, low.map(|point| point as f64), points.clone(), weights);
             let (channels, part) = (channels.as_chunks_mut::<CHANNELS>().0, part.as_chunks::<CHANNELS>().0);
-            for x in 0..CELL * segments {
+            let (channels, part) = (&mut channels[..points.end], &part[..points.end]);
+            for x in points.clone() {
                 for channel in 0..CHANNELS {
                     let before = if level == first { 0.0 } else { channels[x][channel] };
                     channels[x][channel] = weights[x].mul_add(part[x][channel], before);
@@ -51,16 +59,20 @@ fn make(
     }
 }
 
-/// Sums a row of three planes with weights 1, 4, 1 over 6.
+/// Sums segments of a row of three planes with weights 1, 4, 1 over 6.
 #[inline(always)]
-fn sum_planes(rows: &TileRows<3>, coefficients: &[Halves], row: usize, channels: &mut [f32]) {
+fn sum_planes(
+    rows: &TileRows<3>,
+    (coefficients, row, segments): (&[Halves], usize, Range<usize>),
+    channels: &mut [f32],
+) {
     let (channels, _) = channels.as_chunks_mut::<{ CHANNELS * CELL }>();
     if rows.are_lines() {
-        for segment in 0..channels.len() {
+        for segment in segments {
             sum_segment(rows.lines(coefficients, row, segment), &mut channels[segment]);
         }
     } else {
-        for segment in 0..channels.len() {
+        for segment in segments {
             let [b, m, a] = rows.columns(coefficients, row, segment);
             sum_segment([&b, &m, &a], &mut channels[segment]);
         }
@@ -87,7 +99,7 @@ impl Colors<'_> {
     /// Returns the reach of rays: splines reach 2 voxels, coefficients as far as the filter.
     pub(super) fn reach(&self) -> Reach {
         let reach = self.blend.levels.iter().map(|(_, field)| field.filter_reach()).max().unwrap_or_default();
-        Reach { beyond: (reach + 2) as f64, around: 0 }
+        Reach { beyond: (reach + 2) as f64, around: 0, margin: 0.0 }
     }
 
     /// Returns whether a coefficient in a box of the lattice, ends included, is not 0.
@@ -242,9 +254,9 @@ impl<S: Simd> Rule<S> for Blending<'_, S> {
     }
 
     #[inline(always)]
-    fn make(&self, _: S, plane: &mut Plane, area: &PlaneArea, number: usize) {
+    fn make(&self, _: S, plane: &mut Plane, (area, read): (&PlaneArea, &ReadPoints), number: usize) {
         let before = self.colors.reach().beyond as isize;
-        make(plane, (&self.colors.blend, &self.along), (&self.axes, area), number as isize - before);
+        make(plane, (&self.colors.blend, &self.along), (&self.axes, area, read), number as isize - before);
     }
 
     #[inline(always)]

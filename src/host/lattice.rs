@@ -1,5 +1,7 @@
 //! The box of the coefficients of a field, and the parts of it that rays read.
 
+use std::ops::Range;
+
 use super::rays::Axes;
 
 /// Lattice points along the edge of a cell.
@@ -14,6 +16,8 @@ pub(super) struct Reach {
     pub(super) beyond: f64,
     /// Number of points around the 4 x 4 points of a ray.
     pub(super) around: isize,
+    /// The distance by which places may be off: those of rays are rounded.
+    pub(super) margin: f64,
 }
 
 /// The part of a plane that rays read: first and last points.
@@ -33,8 +37,19 @@ impl PlaneArea {
         ends: [[f64; 2]; 2],
         reach: Reach,
     ) -> Option<Self> {
-        let Reach { beyond, around } = reach;
-        let mut area = Self { low: [0; 2], high: [0; 2] };
+        let (area, passes) = Self::within(corners, planes, ends, reach);
+        (!passes).then_some(area)
+    }
+
+    /// Returns the points that rays read at places moved into the reach of the field, and whether all pass the field.
+    pub(super) fn within(
+        corners: &[[[f64; 2]; 2]; 4],
+        planes: [f64; 2],
+        ends: [[f64; 2]; 2],
+        reach: Reach,
+    ) -> (Self, bool) {
+        let Reach { beyond, around, margin } = reach;
+        let (mut area, mut passes) = (Self { low: [0; 2], high: [0; 2] }, false);
         for axis in 0..2 {
             let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
             for corner in corners {
@@ -46,17 +61,50 @@ impl PlaneArea {
                 }
             }
             let [first, last] = [ends[axis][0] - beyond, ends[axis][1] + beyond];
-            if high < first || low > last {
-                return None;
-            }
-            area.low[axis] = low.clamp(first, last).floor() as isize - 1 - around;
-            area.high[axis] = high.clamp(first, last).floor() as isize + 2 + around;
+            passes |= high < first || low > last;
+            area.low[axis] = (low - margin).clamp(first, last).floor() as isize - 1 - around;
+            area.high[axis] = (high + margin).clamp(first, last).floor() as isize + 2 + around;
         }
-        Some(area)
+        (area, passes)
     }
 
     pub(super) fn size(&self) -> [usize; 2] {
         [0, 1].map(|axis| (self.high[axis] - self.low[axis] + 1) as usize)
+    }
+}
+
+/// The points that groups of rays read in a few planes, row by row: from the first to the last in a row.
+#[derive(Default)]
+pub(super) struct ReadPoints {
+    /// The first row.
+    first: isize,
+    /// The first point of each row, and the last one.
+    rows: Vec<[isize; 2]>,
+}
+
+impl ReadPoints {
+    /// Returns the points of the areas of groups.
+    pub(super) fn new(areas: impl Iterator<Item = PlaneArea> + Clone) -> Self {
+        let none = [isize::MAX, isize::MIN];
+        let [first, last] =
+            areas.clone().fold(none, |ends, area| [ends[0].min(area.low[1]), ends[1].max(area.high[1])]);
+        if first > last {
+            return Self::default();
+        }
+        let mut rows = vec![none; (last - first + 1) as usize];
+        for PlaneArea { low, high } in areas {
+            for row in &mut rows[(low[1] - first) as usize..=(high[1] - first) as usize] {
+                *row = [row[0].min(low[0]), row[1].max(high[0])];
+            }
+        }
+        Self { first, rows }
+    }
+
+    /// Returns the points of a row of an area, counted from the first of the area.
+    pub(super) fn of(&self, area: &PlaneArea, row: usize) -> Range<usize> {
+        let row = usize::try_from(area.low[1] + row as isize - self.first).ok().and_then(|row| self.rows.get(row));
+        let [first, last] = row.map_or([0, -1], |row| [row[0].max(area.low[0]), row[1].min(area.high[0])]);
+        if first > last { 0..0 } else { (first - area.low[0]) as usize..(last + 1 - area.low[0]) as usize }
     }
 }
 
@@ -127,9 +175,9 @@ impl<const PLANES: usize> TileRows<PLANES> {
         columns
     }
 
-    /// Returns the number of segments of a row of `width` points.
-    pub(super) fn segments(&self, width: usize) -> usize {
-        (self.skipped + width).div_ceil(CELL)
+    /// Returns the segments of a row with the given points of it.
+    pub(super) fn segments(&self, points: &Range<usize>) -> Range<usize> {
+        (self.skipped + points.start) / CELL..(self.skipped + points.end).div_ceil(CELL)
     }
 }
 

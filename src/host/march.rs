@@ -7,9 +7,10 @@
 use glam::{DAffine3, DVec3};
 use pulp::{Simd, WithSimd};
 
+use super::between::{DELAY, PlaneSamples, is_apart};
 use super::blending::{Blending, Colors};
 use super::lanes::{Lanes, Order, RAYS, dispatch};
-use super::lattice::{PlaneArea, Reach};
+use super::lattice::{PlaneArea, Reach, ReadPoints};
 use super::plane::Plane;
 use super::post::{Post, SlabShading};
 use super::project::{Projecting, Projection};
@@ -22,6 +23,8 @@ use crate::image::DepthMap;
 pub(super) const TILE: usize = 32;
 /// The number of samples of a block; a group knows for each block whether matter may be visible.
 const BLOCK: usize = 8;
+/// The distance by which places of rays may be off between the corners of their group, in points.
+const MARGIN: f64 = 1.0 / 16.0;
 /// The least share of a ray's largest step among the axes of the lattice that its step along the principal axis has.
 const LEAST_STEP: f64 = 0.5;
 
@@ -153,6 +156,8 @@ struct Course {
     /// Whether matter may be visible to each group in each block of [`BLOCK`] samples.
     groups: Vec<bool>,
     blocks: usize,
+    /// The part of the planes of each block that each group reads, block after block; `None` far from visible matter.
+    read: Vec<Option<PlaneArea>>,
 }
 
 impl Course {
@@ -184,20 +189,36 @@ impl Course {
             may_show[number] = ends[0] < z && z < ends[1] && area.as_ref().is_some_and(|area| shows(area, [z; 2]));
         }
         let blocks = count.div_ceil(BLOCK);
-        let corners_of: Vec<[[[f64; 2]; 2]; 4]> = groups.iter().map(RayNumbers::corners).collect();
-        let mut course = Self { first: -before, areas, may_show, groups: vec![false; groups.len() * blocks], blocks };
+        let corners: Vec<[[[f64; 2]; 2]; 4]> = groups.iter().map(RayNumbers::corners).collect();
+        let mut visible = vec![false; groups.len() * blocks];
+        let mut read = vec![None; groups.len() * blocks];
+        let within = Reach { margin: MARGIN, ..reach };
         for block in 0..blocks {
-            let numbers = BLOCK * block..(BLOCK * (block + 1)).min(count);
-            if !course.may_show[numbers].contains(&true) {
+            let numbers = |before: usize, behind: usize| {
+                BLOCK * block.saturating_sub(before)..(BLOCK * (block + 1 + behind)).min(count)
+            };
+            // Samples count for slabs in the next blocks.
+            if !may_show[numbers(1, 1)].contains(&true) {
                 continue;
             }
+            let is_visible = may_show[numbers(0, 0)].contains(&true);
             let z = [z_of(BLOCK * block), z_of(BLOCK * (block + 1))];
             for group in (0..groups.len()).filter(|&group| is_alive[group]) {
-                let area = PlaneArea::new(&corners_of[group], z, held, reach);
-                course.groups[group * blocks + block] = area.is_some_and(|area| shows(&area, [z[0] - 1.0, z[1]]));
+                let (area, passes) = PlaneArea::within(&corners[group], z, held, within);
+                visible[group * blocks + block] = is_visible && !passes && shows(&area, [z[0] - 1.0, z[1]]);
+                read[block * groups.len() + group] = Some(area);
             }
         }
-        course
+        Self { first: -before, areas, may_show, groups: visible, blocks, read }
+    }
+
+    /// Returns the points that some groups read in a block.
+    fn read(&self, groups: &[usize], block: usize) -> ReadPoints {
+        let blocks = block.saturating_sub(1)..(block + 2).min(self.blocks);
+        let count = self.groups.len() / self.blocks;
+        let areas = &self.read[block * count..][..count];
+        let is_read = |group: &&usize| self.groups[*group * self.blocks..][blocks.clone()].contains(&true);
+        ReadPoints::new(groups.iter().filter(is_read).filter_map(|&group| areas[group]))
     }
 
     /// Returns whether matter may be visible within a distance of a sample.
@@ -216,6 +237,13 @@ impl Course {
     #[inline(always)]
     fn shows(&self, group: usize, number: isize) -> bool {
         number >= 0 && self.groups[group * self.blocks + (number as usize / BLOCK).min(self.blocks - 1)]
+    }
+
+    /// Returns whether matter may be visible to a group around any of three neighbours of a sample.
+    #[inline(always)]
+    fn shows_near(&self, group: usize, number: usize, around: [isize; 3]) -> bool {
+        let [first, middle, last] = around.map(|offset| number as isize + offset);
+        self.shows(group, first) || self.shows(group, middle) || self.shows(group, last)
     }
 }
 
@@ -290,28 +318,45 @@ impl Tile<'_> {
             states.push(rule.start(simd, group));
         }
         let count = course.areas.len();
-        let mut plane = Plane::default();
+        let (mut plane, mut read) = (Plane::default(), ReadPoints::default());
         let mut halves = vec![[f32::NAN; RAYS]; if picture.halves { rays.len() } else { 0 }];
         let mut work = Work::default();
-        for number in 0..count + R::BEHIND {
+        // Interpolated samples need those behind them.
+        let delay = if rule.interpolates() { DELAY } else { 0 };
+        let mut at_planes = vec![PlaneSamples::new(simd); if delay > 0 { rays.len() } else { 0 }];
+        let around = [R::AROUND[0] - delay as isize, 0, R::AROUND[1] + delay as isize];
+        let mut is_taken = vec![true; count];
+        for number in (0..count).filter(|&number| delay > 0 && !is_apart(number, count)) {
+            let z = number as f64 * R::STEP + course.first;
+            // Not of the part of the field that is held: a brick is drawn as a part of the whole.
+            let corners = self.corners.map(|corner| [0, 1].map(|axis| corner[axis][0] + corner[axis][1] * z));
+            is_taken[number] = !rule.is_smooth(corners, z);
+        }
+        for number in 0..count + R::BEHIND + delay {
             if alive.is_empty() {
                 break;
             }
             let z = number as f64 * R::STEP + course.first;
-            let area = if number < count && course.near(number, R::BEHIND) { course.areas[number] } else { None };
+            let is_near = number < count && is_taken[number] && course.near(number, R::BEHIND + delay);
+            let area = if is_near { course.areas[number] } else { None };
+            if number % BLOCK == 0 && number < count {
+                read = course.read(&alive, number / BLOCK);
+            }
             if let Some(area) = area {
-                rule.make(simd, &mut plane, &area, number);
+                rule.make(simd, &mut plane, (&area, &read), number);
                 let [width, height] = area.size();
                 let low = [Lanes::all(simd, area.low[0] as f32 + 1.0), Lanes::all(simd, area.low[1] as f32 + 1.0)];
                 // Rays outside of the area are outside of the field.
-                let around = reach.around as f32;
-                let most = [width, height].map(|points| points as f32 - 3.001 - around);
+                let most = [width, height].map(|points| points as f32 - 3.001 - reach.around as f32);
                 let most = [Lanes::all(simd, most[0]), Lanes::all(simd, most[1])];
-                let least = Lanes::all(simd, around);
+                let least = Lanes::all(simd, reach.around as f32);
                 for &group in &alive {
-                    let sample = number as isize;
-                    if !course.shows(group, sample + R::AROUND[0]) && !course.shows(group, sample + R::AROUND[1]) {
-                        rule.passed(simd, &mut states[group], number);
+                    if !course.shows_near(group, number, around) {
+                        if delay == 0 {
+                            rule.passed(simd, &mut states[group], number);
+                        } else {
+                            at_planes[group].passed(number);
+                        }
                         continue;
                     }
                     work.samples += RAYS as u64;
@@ -319,15 +364,34 @@ impl Tile<'_> {
                     let a = a.sub(simd, low[0]).max(simd, least).min(simd, most[0]);
                     let b = b.sub(simd, low[1]).max(simd, least).min(simd, most[1]);
                     let channels = plane.at(simd, &order, [a, b]);
-                    rule.sampled(&mut states[group], number, channels);
+                    if delay == 0 {
+                        rule.sampled(&mut states[group], number, channels);
+                    } else {
+                        at_planes[group].sampled(number, channels);
+                    }
                 }
-            } else {
+            } else if delay == 0 {
                 for &group in &alive {
                     rule.passed(simd, &mut states[group], number);
                 }
+            } else if number % 2 == 1 {
+                for &group in &alive {
+                    at_planes[group].passed(number);
+                }
+            }
+            if delay > 0 && number >= delay {
+                let number = number - delay;
+                let has_area = number < count && course.near(number, R::BEHIND) && course.areas[number].is_some();
+                for &group in &alive {
+                    if has_area && course.shows_near(group, number, [R::AROUND[0], R::AROUND[1], R::AROUND[1]]) {
+                        rule.sampled(&mut states[group], number, at_planes[group].at(simd, number, is_taken[number]));
+                    } else {
+                        rule.passed(simd, &mut states[group], number);
+                    }
+                }
             }
             // The slab whose last sample this is.
-            let Some(slab) = number.checked_sub(R::BEHIND) else { continue };
+            let Some(slab) = number.checked_sub(R::BEHIND + delay) else { continue };
             if !course.near(slab, 1) {
                 continue;
             }

@@ -14,7 +14,8 @@
 //! - *Fields.* `filter.rs` leads from samples to coefficients of B-splines. `field.rs` and `colors.rs` are fields of
 //!   coefficients, `lattice.rs` is their box and what rays read of it. `level.rs` and `blend.rs` have cells, and fields
 //!   of several kernels, where voxels are smaller than pixels.
-//! - *Rays.* `rays.rs`, `plane.rs` and `march.rs` take tiles of rays from plane to plane. Each of `blending.rs`,
+//! - *Rays.* `rays.rs`, `plane.rs` and `march.rs` take tiles of rays from plane to plane; `between.rs` interpolates
+//!   samples of scalars half way between planes where kernels are wide. Each of `blending.rs`,
 //!   `post.rs` and `project.rs` is a rule (`rule.rs`) for their samples: compositing of colours, classification along
 //!   rays, projections of intensity. Of isosurfaces among classified voxels, rays find the surfaces by `post.rs` first,
 //!   and `blending.rs` composites the voxels between them. `table.rs` is the transfer function as rays read it (by
@@ -47,6 +48,7 @@
 )]
 
 mod arriving;
+mod between;
 mod blend;
 mod blending;
 mod colors;
@@ -249,7 +251,9 @@ impl HostRenderer {
             };
             let attenuation = settings.attenuation as f32;
             let blend = shot.blend(&reconstructed, |reconstructed| &reconstructed.field);
-            let matter = RayMatter::Projection(Projection { blend, extreme, depth: shot.depth_in_box(), attenuation });
+            let (depth, wide) = (shot.depth_in_box(), shot.wide());
+            let projection = Projection { blend, extreme, depth, attenuation, wide };
+            let matter = RayMatter::Projection(projection);
             return self.painted(shot, (matter, unit), None, (stages, &held), Some(&shown));
         }
         let near = Some(field).filter(|_| shot.level == Level(0));

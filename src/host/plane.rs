@@ -1,12 +1,14 @@
 //! Planes of coefficients, summed along the principal axis for the rays of a tile, which each read 4 x 4 points of
 //! them.
 
+use std::ops::Range;
+
 use pulp::Simd;
 
 use super::blend::{Along, Blend, blend_row};
 use super::field::Field;
 use super::lanes::{Channels, Lanes, Order, WIDTH, added_up, load, weighted};
-use super::lattice::{CELL, PlaneArea, TileRows};
+use super::lattice::{CELL, PlaneArea, ReadPoints, TileRows};
 use super::rays::Axes;
 use crate::kernel;
 
@@ -52,19 +54,19 @@ fn half([x, z, b, a, y, w]: [f32; 6]) -> [f32; 3] {
     [scalar, smooth, difference.mul_add(1.0 / 96.0, (a - b) * (22.0 / 96.0))]
 }
 
-/// Sums a row of coefficients at a plane, by [`whole`] or [`half`]; without `differs` the scalars alone.
+/// Sums segments of a row of coefficients at a plane, by [`whole`] or [`half`]; without `differs` the scalars alone.
 #[inline(always)]
 fn sum<const PLANES: usize>(
     rows: &TileRows<PLANES>,
-    (coefficients, row): (&[f32], usize),
+    (coefficients, row, segments): (&[f32], usize, Range<usize>),
     [scalars, smooth, along]: [&mut [f32]; 3],
     differs: bool,
     at_point: impl Fn([f32; PLANES]) -> [f32; 3],
 ) {
     let [scalars, smooth, along] = [scalars, smooth, along].map(|row| row.as_chunks_mut::<CELL>().0);
-    let count = scalars.len();
-    let (smooth, along) = (&mut smooth[..count], &mut along[..count]);
-    for segment in 0..count {
+    let end = segments.end;
+    let (scalars, smooth, along) = (&mut scalars[..end], &mut smooth[..end], &mut along[..end]);
+    for segment in segments {
         let to = [&mut scalars[segment], &mut smooth[segment], &mut along[segment]];
         if rows.are_lines() {
             sum_segment(rows.lines(coefficients, row, segment), to, differs, &at_point);
@@ -135,18 +137,22 @@ impl Plane {
         if self.channels.len() < numbers {
             self.channels.resize(numbers, 0.0);
         }
+        // Tests see points that are read but not made.
+        if cfg!(debug_assertions) {
+            self.channels.fill(f32::NAN);
+        }
         self.stride
     }
 
-    /// Makes half plane `number` of scalars: the scalar, and if requested its central differences along a, b and the
-    /// axis. Even half planes lie at planes.
+    /// Makes the points of half plane `number` of scalars that rays read: the scalar, and if requested its central
+    /// differences along a, b and the axis. Even half planes lie at planes.
     #[inline(always)]
     pub(super) fn make_scalars<S: Simd>(
         &mut self,
         simd: S,
         order: &Order,
         (blend, along): (&Blend<'_, Field>, &Along),
-        (axes, area): (&Axes, &PlaneArea),
+        (axes, area, read): (&Axes, &PlaneArea, &ReadPoints),
         number: isize,
         differs: bool,
     ) {
@@ -155,7 +161,7 @@ impl Plane {
         let rows_of_half: TileRows<6> = lattice.rows(axes, area, at_plane - 2);
         let rows_of_whole: TileRows<5> = lattice.rows(axes, area, at_plane - 2);
         let [own_width, height] = area.size();
-        let (width, skipped) = (CELL * rows_of_half.segments(own_width), rows_of_half.skipped);
+        let (width, skipped) = (CELL * rows_of_half.segments(&(0..own_width)).end, rows_of_half.skipped);
         let stride = self.resize([width, height], skipped);
         let room = stride * (height + 1);
         if self.scalars.len() < room {
@@ -172,6 +178,12 @@ impl Plane {
         let (part_scalars, parts) = parts.split_at_mut(stride);
         let (part_smooth, part_along) = parts.split_at_mut(stride);
         for row in 0..height {
+            let points = read.of(area, row);
+            if points.is_empty() {
+                continue;
+            }
+            let segments = rows_of_half.segments(&points);
+            let points = CELL * segments.start..CELL * segments.end;
             let scalars = &mut self.scalars[row * stride..][..width];
             let smooth = &mut self.smooth[row * stride..][..width];
             let slopes = &mut self.along[row * stride..][..width];
@@ -181,7 +193,7 @@ impl Plane {
                 } else {
                     [&mut part_scalars[..width], &mut part_smooth[..width], &mut part_along[..width]]
                 };
-                let from = (blend.levels[level].1.coefficients(), row);
+                let from = (blend.levels[level].1.coefficients(), row, segments.clone());
                 if half_way {
                     sum(&rows_of_half, from, to, differs, half);
                 } else {
@@ -189,26 +201,35 @@ impl Plane {
                 }
                 if first < last {
                     let low = [area.low[0] - skipped as isize, area.low[1] + row as isize].map(|point| point as f64);
-                    blend.weights(along, level, [low[0], low[1], z], &mut weights[..width]);
-                    blend_row(weights, part_scalars, scalars, level == first);
+                    blend.weights(along, level, [low[0], low[1], z], points.clone(), weights);
+                    let weights = &weights[points.clone()];
+                    blend_row(weights, &part_scalars[points.clone()], &mut scalars[points.clone()], level == first);
                     if differs {
-                        blend_row(weights, part_smooth, smooth, level == first);
-                        blend_row(weights, part_along, slopes, level == first);
+                        blend_row(weights, &part_smooth[points.clone()], &mut smooth[points.clone()], level == first);
+                        blend_row(weights, &part_along[points.clone()], &mut slopes[points.clone()], level == first);
                     }
                 }
             }
         }
         let halve = simd.splat_f32s(0.5);
         for row in 1..height - 1 {
+            let points = read.of(area, row);
+            // Their outermost points are there for the differences.
+            let points = points.start + 1..points.end.saturating_sub(1);
+            if points.is_empty() {
+                continue;
+            }
             let start = row * stride + skipped;
             if differs {
-                let lines = [&self.smooth[start - stride..], &self.smooth[start..], &self.smooth[start + stride..]];
-                smooth_across(lines, &mut weights[..own_width]);
-                slope_across(lines, &mut part_scalars[..own_width]);
-                let lines = [&self.along[start - stride..], &self.along[start..], &self.along[start + stride..]];
-                smooth_across(lines, &mut part_smooth[..own_width]);
+                let (from, to) = (points.start - 1, points.end + 1);
+                let [before, own, behind] = [start - stride + from, start + from, start + stride + from];
+                let lines = [&self.smooth[before..], &self.smooth[own..], &self.smooth[behind..]];
+                smooth_across(lines, &mut weights[from..to]);
+                slope_across(lines, &mut part_scalars[from..to]);
+                let lines = [&self.along[before..], &self.along[own..], &self.along[behind..]];
+                smooth_across(lines, &mut part_smooth[from..to]);
             }
-            for x in (1..own_width - 1).step_by(WIDTH) {
+            for x in points.step_by(WIDTH) {
                 let at = start + x;
                 let scalar = load(simd, &self.scalars[at..]);
                 let channels = if differs {

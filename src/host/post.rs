@@ -1,8 +1,8 @@
 //! Post-shading along rays: scalars are reconstructed, then classified and lit.
 //!
-//! Samples lie at half planes. Slabs around them are classified: at the mean of the parabola through the scalar if the
-//! transfer function is nearly linear there, else in two pieces along which the scalar is linear and the function is
-//! integrated exactly.
+//! Samples lie at half planes; those of wide kernels are interpolated between planes (`between.rs`). Slabs around them
+//! are classified: at the mean of the parabola through the scalar if the transfer function is nearly linear there, else
+//! in two pieces along which the scalar is linear and the function is integrated exactly.
 
 use glam::DAffine3;
 use pulp::Simd;
@@ -11,7 +11,7 @@ use super::arriving::ArrivingLight;
 use super::blend::{Along, Blend};
 use super::field::Field;
 use super::lanes::{LaneMask, Lanes, Order, three};
-use super::lattice::{PlaneArea, Reach};
+use super::lattice::{PlaneArea, Reach, ReadPoints};
 use super::light::{Shader, Shine, Vector, dot};
 use super::plane::{CHANNELS, Plane};
 use super::rays::{Axes, Rays};
@@ -39,6 +39,8 @@ pub(super) struct Post<'a> {
     pub(super) to_places: DAffine3,
     /// The size of the lattice's cells in voxels, and the voxel at cell 0: `arriving` holds the light at voxels.
     pub(super) to_voxels: [f32; 2],
+    /// The growth of kernels from which samples half way between planes are interpolated.
+    pub(super) wide: f64,
 }
 
 /// An isosurface.
@@ -440,6 +442,16 @@ impl<S: Simd> Rule<S> for SlabShading<'_, S> {
     const AROUND: [isize; 2] = [-2, 1];
 
     #[inline(always)]
+    fn interpolates(&self) -> bool {
+        self.post.blend.levels.iter().any(|(growth, _)| *growth >= self.post.wide)
+    }
+
+    #[inline(always)]
+    fn is_smooth(&self, corners: [[f64; 2]; 4], plane: f64) -> bool {
+        self.post.blend.least(&self.along, corners, plane) >= self.post.wide
+    }
+
+    #[inline(always)]
     fn start(&self, simd: S, _: usize) -> PostState<S> {
         let zero = Lanes::all(simd, 0.0);
         PostState {
@@ -456,11 +468,12 @@ impl<S: Simd> Rule<S> for SlabShading<'_, S> {
     }
 
     #[inline(always)]
-    fn make(&self, simd: S, plane: &mut Plane, area: &PlaneArea, number: usize) {
+    fn make(&self, simd: S, plane: &mut Plane, (area, read): (&PlaneArea, &ReadPoints), number: usize) {
         let Post { blend, shader, gradient_opacity, .. } = self.post;
         let differs = shader.is_some() || !gradient_opacity.is_empty();
         // Number 0 lies half a plane before the first.
-        plane.make_scalars(simd, &self.order, (blend, &self.along), (&self.axes, area), number as isize - 1, differs);
+        let (blend, tile) = ((blend, &self.along), (&self.axes, area, read));
+        plane.make_scalars(simd, &self.order, blend, tile, number as isize - 1, differs);
     }
 
     #[inline(always)]
@@ -513,7 +526,7 @@ impl<S: Simd> Rule<S> for SlabShading<'_, S> {
 
 impl Post<'_> {
     /// The reach of rays: they end half a voxel beyond the faces; central differences take one more point.
-    pub(super) const REACH: Reach = Reach { beyond: 1.0, around: 1 };
+    pub(super) const REACH: Reach = Reach { beyond: 1.0, around: 1, margin: 0.0 };
 
     /// Returns whether a scalar between two points of the lattice, ends included, may be visible.
     pub(super) fn shows(&self, low: [isize; 3], high: [isize; 3]) -> bool {

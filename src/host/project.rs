@@ -6,7 +6,7 @@ use pulp::Simd;
 use super::blend::{Along, Blend};
 use super::field::Field;
 use super::lanes::{Lanes, Order, three};
-use super::lattice::{PlaneArea, Reach};
+use super::lattice::{PlaneArea, Reach, ReadPoints};
 use super::plane::{CHANNELS, Plane};
 use super::rays::{Axes, Rays};
 use super::rule::{RECENT, Rule};
@@ -28,12 +28,14 @@ pub(super) struct Projection<'a> {
     pub(super) depth: (DVec3, f64),
     /// The attenuation with depth; see [`Settings::attenuation`](crate::settings::Settings::attenuation).
     pub(super) attenuation: f32,
+    /// The growth of kernels from which samples half way between planes are interpolated.
+    pub(super) wide: f64,
 }
 
 impl Projection<'_> {
     /// The reach of rays: they end half a voxel beyond the faces; planes of scalars are made without their outermost
     /// points.
-    pub(super) const REACH: Reach = Reach { beyond: 1.0, around: 1 };
+    pub(super) const REACH: Reach = Reach { beyond: 1.0, around: 1, margin: 0.0 };
 }
 
 /// The state of a group of rays under way.
@@ -100,6 +102,16 @@ impl<S: Simd> Rule<S> for Projecting<'_, S> {
     const AROUND: [isize; 2] = [0, 0];
 
     #[inline(always)]
+    fn interpolates(&self) -> bool {
+        self.projection.blend.levels.iter().any(|(growth, _)| *growth >= self.projection.wide)
+    }
+
+    #[inline(always)]
+    fn is_smooth(&self, corners: [[f64; 2]; 4], plane: f64) -> bool {
+        self.projection.blend.least(&self.along, corners, plane) >= self.projection.wide
+    }
+
+    #[inline(always)]
     fn start(&self, simd: S, _: usize) -> ProjectedState<S> {
         let zero = Lanes::all(simd, 0.0);
         let least = if self.projection.extreme == Extreme::Mean { 0.0 } else { f32::NEG_INFINITY };
@@ -107,10 +119,10 @@ impl<S: Simd> Rule<S> for Projecting<'_, S> {
     }
 
     #[inline(always)]
-    fn make(&self, simd: S, plane: &mut Plane, area: &PlaneArea, number: usize) {
+    fn make(&self, simd: S, plane: &mut Plane, (area, read): (&PlaneArea, &ReadPoints), number: usize) {
         // Number 0 lies half a plane before the first.
         let blend = (&self.projection.blend, &self.along);
-        plane.make_scalars(simd, &self.order, blend, (&self.axes, area), number as isize - 1, false);
+        plane.make_scalars(simd, &self.order, blend, (&self.axes, area, read), number as isize - 1, false);
     }
 
     #[inline(always)]

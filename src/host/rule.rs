@@ -3,7 +3,7 @@
 use pulp::Simd;
 
 use super::lanes::Lanes;
-use super::lattice::PlaneArea;
+use super::lattice::{PlaneArea, ReadPoints};
 use super::plane::{CHANNELS, Plane};
 use super::rays::Rays;
 
@@ -24,8 +24,20 @@ pub(super) trait Rule<S: Simd> {
     /// Returns the state of a group of rays, given its number in the tile.
     fn start(&self, simd: S, group: usize) -> Self::State;
 
-    /// Makes the plane of a sample.
-    fn make(&self, simd: S, plane: &mut Plane, area: &PlaneArea, number: usize);
+    /// Returns whether samples half way between planes are interpolated where kernels are wide.
+    #[inline(always)]
+    fn interpolates(&self) -> bool {
+        false
+    }
+
+    /// Returns whether kernels are wide between the corners of a tile in a plane.
+    #[inline(always)]
+    fn is_smooth(&self, _: [[f64; 2]; 4], _: f64) -> bool {
+        false
+    }
+
+    /// Makes the points of an area that rays read, in the plane of a sample.
+    fn make(&self, simd: S, plane: &mut Plane, area: (&PlaneArea, &ReadPoints), number: usize);
 
     /// Stores the channels of a sample.
     fn sampled(&self, state: &mut Self::State, number: usize, channels: [Lanes<S>; CHANNELS]);

@@ -33,6 +33,10 @@ pub(super) struct OwnedPart {
     pub(super) has_eye: bool,
 }
 
+/// The growth of kernels, in steps of their lattice, from which fields are so smooth that a cubic between planes takes
+/// the place of their samples there.
+const WIDE: f64 = 1.5;
+
 /// Steps of growths of kernels between 0 and 1.
 const STEPS: f64 = 16_777_216.0;
 
@@ -111,6 +115,11 @@ impl<'a> Shot<'a> {
         let Self { camera, grid, .. } = *self;
         let levels = self.growths.iter().zip(made).map(|(growth, made)| (*growth, field(made))).collect();
         Blend::new(levels, camera.growth(grid), camera, &self.lattice.to_world())
+    }
+
+    /// Returns the growth of kernels from which samples half way between planes are interpolated.
+    pub(super) fn wide(&self) -> f64 {
+        WIDE * self.level.size()
     }
 
     /// Returns the size of cells in voxels, and the voxel at cell 0 along each axis.
@@ -195,9 +204,11 @@ pub(crate) fn needs(camera: &Camera, grid: &Grid, settings: &Settings) -> Needs 
     let kernel = settings.reconstruction_kernel();
     let (growths, level) = growths(camera, grid, settings, &kernel);
     let cells = growths.iter().map(|growth| level.kernel(&kernel, *growth).radius().ceil()).fold(0.0, f64::max);
-    // Filters reach as far as kernels, splines 2 points farther; slabs read the next samples, of leaning rays 3 points
-    // away, and their differences. Cells are made of cells a point beyond their own voxels.
-    Needs { level: level.0, reach: (cells as u32 + 8) << level.0, fields: growths.len() }
+    // Filters reach as far as kernels, splines 2 points farther; slabs read the next samples, of leaning rays 3 or 6
+    // points away, and their differences. Cells are made of cells a point beyond their own voxels.
+    let is_wide = growths.iter().any(|&growth| growth >= WIDE * level.size());
+    let samples = if settings.is_post_shaded() && is_wide { 6 } else { 3 };
+    Needs { level: level.0, reach: (cells as u32 + 5 + samples) << level.0, fields: growths.len() }
 }
 
 /// Returns the growths of the kernels whose fields a picture needs, and the level of their lattice.

@@ -174,7 +174,7 @@ pub enum PainterStats {
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 #[non_exhaustive]
 pub struct CpuStats {
-    /// Number of samples of rays at planes of the lattice and half way between them.
+    /// Number of samples of rays at planes of the lattice and half way between them. Interpolated ones do not count.
     pub samples: u64,
     /// Number of slabs of rays that were classified.
     pub slabs: u64,

@@ -10,6 +10,7 @@ use voxsplat::lighting::{Light, Lighting};
 use voxsplat::progress::Progress;
 use voxsplat::reference::Reference;
 use voxsplat::settings::{Interslice, Model, Painter, Response, Settings, Shading};
+use voxsplat::stats::PainterStats;
 use voxsplat::transfer::{GradientPoint, TransferFunction, maps};
 use voxsplat::volume::{Grid, Samples, Volume};
 use voxsplat::{Appearance, Camera, Frame, Renderer};
@@ -178,6 +179,33 @@ fn voxels_smaller_than_pixels_are_drawn() {
         }
     }
     assert!(too_far.is_empty(), "{too_far:#?}");
+}
+
+#[test]
+fn samples_between_planes_of_wide_kernels_are_interpolated() {
+    let (volume, _) = demo("marschner-lobb", 32);
+    let layers = Layers::of_volume(&volume, &soft());
+    let host = HostRenderer::new(&Progress::default());
+    for (settings, most) in [
+        (post(), 0.05),
+        (Settings { lighting: headlight(), ..post() }, 0.4),
+        (Settings { model: Model::Mip, ..post() }, 0.4),
+        (Settings { model: Model::Average, ..post() }, 0.05),
+    ] {
+        let scene = host.prepare_layers(&layers, &settings).unwrap();
+        // 1.48 to 2.4 voxels to a pixel.
+        let samples = [38.5, 39.5, 52.0, 62.0].map(|height| {
+            let view = View { azimuth: 30.0, elevation: 20.0, view_height: Some(height), ..View::default() };
+            let camera = look(&view, &volume, [26; 2]);
+            let error = error(&layers, &camera, &settings);
+            println!("{:?}, {height}: {error:.3}", settings.model);
+            assert!(error < most, "{:?}, {height}: {error} of 255", settings.model);
+            let stats = host.render(&scene, &Frame::new(&camera, &settings)).unwrap().stats;
+            let PainterStats::Cpu(stats) = stats.painter else { panic!("{:?}", stats.painter) };
+            stats.samples as f64
+        });
+        assert!(samples[1] < 0.7 * samples[0], "{:?}: {samples:?}", settings.model);
+    }
 }
 
 /// A rod seen end-on: near voxels are larger than pixels, and many of the farthest fall into one.
