@@ -11,6 +11,8 @@ use crate::camera::Growth;
 /// Fields of kernels at several growths, ascending.
 pub(super) struct Blend<'a, F> {
     pub(super) levels: Vec<(f64, &'a F)>,
+    /// The growth of kernels from which samples half way between planes are interpolated.
+    wide: f64,
     /// The growth at point 0 of the lattice; `gradient` is its gradient there. Kernels never grow less than 1.
     at_origin: f64,
     gradient: DVec3,
@@ -38,11 +40,17 @@ pub(super) fn levels(smallest: f64, largest: f64, most: f64) -> Vec<f64> {
 
 impl<'a, F> Blend<'a, F> {
     /// Makes the blend of fields for a camera. `to_world` is the map from the lattice.
-    pub(super) fn new(levels: Vec<(f64, &'a F)>, growth: Growth, camera: &Camera, to_world: &DAffine3) -> Self {
+    pub(super) fn new(
+        levels: Vec<(f64, &'a F)>,
+        wide: f64,
+        growth: Growth,
+        camera: &Camera,
+        to_world: &DAffine3,
+    ) -> Self {
         let eye = camera.eye().unwrap_or(DVec3::ZERO);
         let gradient = to_world.matrix3.transpose() * (camera.forward * growth.slope);
         let depth = (to_world.translation - eye).dot(camera.forward);
-        Self { levels, at_origin: growth.constant + growth.slope * depth, gradient }
+        Self { levels, wide, at_origin: growth.constant + growth.slope * depth, gradient }
     }
 
     /// Returns the growth in the axes of a tile.
@@ -52,10 +60,15 @@ impl<'a, F> Blend<'a, F> {
         Along([self.at_origin + self.gradient.dot(origin), a, b, m])
     }
 
-    /// Returns the least growth at places in a plane.
-    pub(super) fn least(&self, along: &Along, places: [[f64; 2]; 4], plane: f64) -> f64 {
+    /// Returns whether kernels are wide somewhere.
+    pub(super) fn has_wide(&self) -> bool {
+        self.levels.iter().any(|(growth, _)| *growth >= self.wide)
+    }
+
+    /// Returns whether kernels are wide between places in a plane.
+    pub(super) fn are_wide(&self, along: &Along, places: [[f64; 2]; 4], plane: f64) -> bool {
         let least = places.into_iter().map(|[a, b]| along.at(a, b, plane)).fold(f64::INFINITY, f64::min);
-        least.clamp(self.levels[0].0, self.levels[self.levels.len() - 1].0)
+        least.clamp(self.levels[0].0, self.levels[self.levels.len() - 1].0) >= self.wide
     }
 
     /// Returns the first and the last level that a plane needs between two points.

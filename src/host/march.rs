@@ -322,15 +322,18 @@ impl Tile<'_> {
         let mut halves = vec![[f32::NAN; RAYS]; if picture.halves { rays.len() } else { 0 }];
         let mut work = Work::default();
         // Interpolated samples need those behind them.
-        let delay = if rule.interpolates() { DELAY } else { 0 };
+        let interpolated = rule.scalars().filter(|(blend, _)| blend.has_wide());
+        let delay = if interpolated.is_some() { DELAY } else { 0 };
         let mut at_planes = vec![PlaneSamples::new(simd); if delay > 0 { rays.len() } else { 0 }];
         let around = [R::AROUND[0] - delay as isize, 0, R::AROUND[1] + delay as isize];
         let mut is_taken = vec![true; count];
-        for number in (0..count).filter(|&number| delay > 0 && !is_apart(number, count)) {
-            let z = number as f64 * R::STEP + course.first;
-            // Not of the part of the field that is held: a brick is drawn as a part of the whole.
-            let corners = self.corners.map(|corner| [0, 1].map(|axis| corner[axis][0] + corner[axis][1] * z));
-            is_taken[number] = !rule.is_smooth(corners, z);
+        if let Some((blend, along)) = interpolated {
+            for number in (0..count).filter(|&number| !is_apart(number, count)) {
+                let z = number as f64 * R::STEP + course.first;
+                // Not of the part of the field that is held: a brick is drawn as a part of the whole.
+                let corners = self.corners.map(|corner| [0, 1].map(|axis| corner[axis][0] + corner[axis][1] * z));
+                is_taken[number] = !blend.are_wide(along, corners, z);
+            }
         }
         for number in 0..count + R::BEHIND + delay {
             if alive.is_empty() {

@@ -251,9 +251,7 @@ impl HostRenderer {
             };
             let attenuation = settings.attenuation as f32;
             let blend = shot.blend(&reconstructed, |reconstructed| &reconstructed.field);
-            let (depth, wide) = (shot.depth_in_box(), shot.wide());
-            let projection = Projection { blend, extreme, depth, attenuation, wide };
-            let matter = RayMatter::Projection(projection);
+            let matter = RayMatter::Projection(Projection { blend, extreme, depth: shot.depth_in_box(), attenuation });
             return self.painted(shot, (matter, unit), None, (stages, &held), Some(&shown));
         }
         let near = Some(field).filter(|_| shot.level == Level(0));

@@ -39,8 +39,6 @@ pub(super) struct Post<'a> {
     pub(super) to_places: DAffine3,
     /// The size of the lattice's cells in voxels, and the voxel at cell 0: `arriving` holds the light at voxels.
     pub(super) to_voxels: [f32; 2],
-    /// The growth of kernels from which samples half way between planes are interpolated.
-    pub(super) wide: f64,
 }
 
 /// An isosurface.
@@ -442,13 +440,8 @@ impl<S: Simd> Rule<S> for SlabShading<'_, S> {
     const AROUND: [isize; 2] = [-2, 1];
 
     #[inline(always)]
-    fn interpolates(&self) -> bool {
-        self.post.blend.levels.iter().any(|(growth, _)| *growth >= self.post.wide)
-    }
-
-    #[inline(always)]
-    fn is_smooth(&self, corners: [[f64; 2]; 4], plane: f64) -> bool {
-        self.post.blend.least(&self.along, corners, plane) >= self.post.wide
+    fn scalars(&self) -> Option<(&Blend<'_, Field>, &Along)> {
+        Some((&self.post.blend, &self.along))
     }
 
     #[inline(always)]

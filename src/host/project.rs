@@ -28,8 +28,6 @@ pub(super) struct Projection<'a> {
     pub(super) depth: (DVec3, f64),
     /// The attenuation with depth; see [`Settings::attenuation`](crate::settings::Settings::attenuation).
     pub(super) attenuation: f32,
-    /// The growth of kernels from which samples half way between planes are interpolated.
-    pub(super) wide: f64,
 }
 
 impl Projection<'_> {
@@ -102,13 +100,8 @@ impl<S: Simd> Rule<S> for Projecting<'_, S> {
     const AROUND: [isize; 2] = [0, 0];
 
     #[inline(always)]
-    fn interpolates(&self) -> bool {
-        self.projection.blend.levels.iter().any(|(growth, _)| *growth >= self.projection.wide)
-    }
-
-    #[inline(always)]
-    fn is_smooth(&self, corners: [[f64; 2]; 4], plane: f64) -> bool {
-        self.projection.blend.least(&self.along, corners, plane) >= self.projection.wide
+    fn scalars(&self) -> Option<(&Blend<'_, Field>, &Along)> {
+        Some((&self.projection.blend, &self.along))
     }
 
     #[inline(always)]

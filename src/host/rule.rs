@@ -2,6 +2,8 @@
 
 use pulp::Simd;
 
+use super::blend::{Along, Blend};
+use super::field::Field;
 use super::lanes::Lanes;
 use super::lattice::{PlaneArea, ReadPoints};
 use super::plane::{CHANNELS, Plane};
@@ -24,16 +26,10 @@ pub(super) trait Rule<S: Simd> {
     /// Returns the state of a group of rays, given its number in the tile.
     fn start(&self, simd: S, group: usize) -> Self::State;
 
-    /// Returns whether samples half way between planes are interpolated where kernels are wide.
+    /// Returns the fields whose samples between planes are interpolated where kernels are wide; `None`: of no field.
     #[inline(always)]
-    fn interpolates(&self) -> bool {
-        false
-    }
-
-    /// Returns whether kernels are wide between the corners of a tile in a plane.
-    #[inline(always)]
-    fn is_smooth(&self, _: [[f64; 2]; 4], _: f64) -> bool {
-        false
+    fn scalars(&self) -> Option<(&Blend<'_, Field>, &Along)> {
+        None
     }
 
     /// Makes the points of an area that rays read, in the plane of a sample.

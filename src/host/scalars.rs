@@ -137,7 +137,6 @@ impl Scalars {
             gradient_opacity: self.transfer.scaled_gradient_opacity(self.reduction.factor()),
             to_places: places_of_light(grid, &shot.lattice),
             to_voxels: shot.to_voxels(),
-            wide: shot.wide(),
         }
     }
 

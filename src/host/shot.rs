@@ -114,12 +114,7 @@ impl<'a> Shot<'a> {
     pub(super) fn blend<'b, V, F>(&self, made: &'b [Arc<V>], field: impl Fn(&'b V) -> &'b F) -> Blend<'b, F> {
         let Self { camera, grid, .. } = *self;
         let levels = self.growths.iter().zip(made).map(|(growth, made)| (*growth, field(made))).collect();
-        Blend::new(levels, camera.growth(grid), camera, &self.lattice.to_world())
-    }
-
-    /// Returns the growth of kernels from which samples half way between planes are interpolated.
-    pub(super) fn wide(&self) -> f64 {
-        WIDE * self.level.size()
+        Blend::new(levels, WIDE * self.level.size(), camera.growth(grid), camera, &self.lattice.to_world())
     }
 
     /// Returns the size of cells in voxels, and the voxel at cell 0 along each axis.
