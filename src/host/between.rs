@@ -25,6 +25,13 @@ pub(super) fn is_apart(number: usize, count: usize) -> bool {
     number % 2 == 1 || number < DELAY || number + DELAY >= count
 }
 
+/// Returns the value half way between the second and the third of four samples, by the cubic through them.
+#[inline(always)]
+pub(super) fn half_way<S: Simd>(simd: S, [first, before, behind, last]: [Lanes<S>; 4]) -> Lanes<S> {
+    let inner = before.add(simd, behind).mul(simd, Lanes::all(simd, 9.0));
+    inner.sub(simd, first.add(simd, last)).mul(simd, Lanes::all(simd, 1.0 / 16.0))
+}
+
 impl<S: Simd> PlaneSamples<S> {
     #[inline(always)]
     pub(super) fn new(simd: S) -> Self {
@@ -52,12 +59,10 @@ impl<S: Simd> PlaneSamples<S> {
     pub(super) fn at(&self, simd: S, number: usize, was_taken: bool) -> [Lanes<S>; CHANNELS] {
         let mut channels = self.samples[number % KEPT];
         if !was_taken {
-            let near = |offset: usize| &self.samples[(number + KEPT + offset - 3) % KEPT];
-            let (first, before, behind, last) = (near(0), near(2), near(4), near(6));
+            let [first, before, behind, last] = [3, 1, KEPT - 1, KEPT - 3].map(|back| (number + KEPT - back) % KEPT);
             for channel in 0..CHANNELS {
-                let inner = before[channel].add(simd, behind[channel]).mul(simd, Lanes::all(simd, 9.0));
-                let outer = first[channel].add(simd, last[channel]);
-                channels[channel] = inner.sub(simd, outer).mul(simd, Lanes::all(simd, 1.0 / 16.0));
+                let of = |sample: usize| self.samples[sample][channel];
+                channels[channel] = half_way(simd, [of(first), of(before), of(behind), of(last)]);
             }
         }
         channels

@@ -99,7 +99,7 @@ impl Colors<'_> {
     /// Returns the reach of rays: splines reach 2 voxels, coefficients as far as the filter.
     pub(super) fn reach(&self) -> Reach {
         let reach = self.blend.levels.iter().map(|(_, field)| field.filter_reach()).max().unwrap_or_default();
-        Reach { beyond: (reach + 2) as f64, around: 0, margin: 0.0 }
+        Reach { beyond: (reach + 2) as f64, around: 0 }
     }
 
     /// Returns whether a coefficient in a box of the lattice, ends included, is not 0.

@@ -16,8 +16,6 @@ pub(super) struct Reach {
     pub(super) beyond: f64,
     /// Number of points around the 4 x 4 points of a ray.
     pub(super) around: isize,
-    /// The distance by which places may be off: those of rays are rounded.
-    pub(super) margin: f64,
 }
 
 /// The part of a plane that rays read: first and last points.
@@ -37,18 +35,20 @@ impl PlaneArea {
         ends: [[f64; 2]; 2],
         reach: Reach,
     ) -> Option<Self> {
-        let (area, passes) = Self::within(corners, planes, ends, reach);
+        let (area, passes) = Self::within(corners, planes, ends, reach, 0.0);
         (!passes).then_some(area)
     }
 
     /// Returns the points that rays read at places moved into the reach of the field, and whether all pass the field.
+    /// Places may be off by `margin`.
     pub(super) fn within(
         corners: &[[[f64; 2]; 2]; 4],
         planes: [f64; 2],
         ends: [[f64; 2]; 2],
         reach: Reach,
+        margin: f64,
     ) -> (Self, bool) {
-        let Reach { beyond, around, margin } = reach;
+        let Reach { beyond, around } = reach;
         let (mut area, mut passes) = (Self { low: [0; 2], high: [0; 2] }, false);
         for axis in 0..2 {
             let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);

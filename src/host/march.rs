@@ -192,19 +192,19 @@ impl Course {
         let corners: Vec<[[[f64; 2]; 2]; 4]> = groups.iter().map(RayNumbers::corners).collect();
         let mut visible = vec![false; groups.len() * blocks];
         let mut read = vec![None; groups.len() * blocks];
-        let within = Reach { margin: MARGIN, ..reach };
         for block in 0..blocks {
-            let numbers = |before: usize, behind: usize| {
-                BLOCK * block.saturating_sub(before)..(BLOCK * (block + 1 + behind)).min(count)
+            let shows_within = |blocks: usize| {
+                may_show[BLOCK * block.saturating_sub(blocks)..(BLOCK * (block + 1 + blocks)).min(count)]
+                    .contains(&true)
             };
             // Samples count for slabs in the next blocks.
-            if !may_show[numbers(1, 1)].contains(&true) {
+            if !shows_within(1) {
                 continue;
             }
-            let is_visible = may_show[numbers(0, 0)].contains(&true);
+            let is_visible = shows_within(0);
             let z = [z_of(BLOCK * block), z_of(BLOCK * (block + 1))];
             for group in (0..groups.len()).filter(|&group| is_alive[group]) {
-                let (area, passes) = PlaneArea::within(&corners[group], z, held, within);
+                let (area, passes) = PlaneArea::within(&corners[group], z, held, reach, MARGIN);
                 visible[group * blocks + block] = is_visible && !passes && shows(&area, [z[0] - 1.0, z[1]]);
                 read[block * groups.len() + group] = Some(area);
             }
@@ -239,11 +239,12 @@ impl Course {
         number >= 0 && self.groups[group * self.blocks + (number as usize / BLOCK).min(self.blocks - 1)]
     }
 
-    /// Returns whether matter may be visible to a group around any of three neighbours of a sample.
+    /// Returns whether matter may be visible to a group around a sample and its neighbours between two offsets, each
+    /// less than a block.
     #[inline(always)]
-    fn shows_near(&self, group: usize, number: usize, around: [isize; 3]) -> bool {
-        let [first, middle, last] = around.map(|offset| number as isize + offset);
-        self.shows(group, first) || self.shows(group, middle) || self.shows(group, last)
+    fn shows_near(&self, group: usize, number: usize, around: [isize; 2]) -> bool {
+        let [first, last] = around.map(|offset| number as isize + offset);
+        self.shows(group, first) || self.shows(group, number as isize) || self.shows(group, last)
     }
 }
 
@@ -325,7 +326,7 @@ impl Tile<'_> {
         let interpolated = rule.scalars().filter(|(blend, _)| blend.has_wide());
         let delay = if interpolated.is_some() { DELAY } else { 0 };
         let mut at_planes = vec![PlaneSamples::new(simd); if delay > 0 { rays.len() } else { 0 }];
-        let around = [R::AROUND[0] - delay as isize, 0, R::AROUND[1] + delay as isize];
+        let around = [R::AROUND[0] - delay as isize, R::AROUND[1] + delay as isize];
         let mut is_taken = vec![true; count];
         if let Some((blend, along)) = interpolated {
             for number in (0..count).filter(|&number| !is_apart(number, count)) {
@@ -386,7 +387,7 @@ impl Tile<'_> {
                 let number = number - delay;
                 let has_area = number < count && course.near(number, R::BEHIND) && course.areas[number].is_some();
                 for &group in &alive {
-                    if has_area && course.shows_near(group, number, [R::AROUND[0], R::AROUND[1], R::AROUND[1]]) {
+                    if has_area && course.shows_near(group, number, R::AROUND) {
                         rule.sampled(&mut states[group], number, at_planes[group].at(simd, number, is_taken[number]));
                     } else {
                         rule.passed(simd, &mut states[group], number);

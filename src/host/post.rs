@@ -8,6 +8,7 @@ use glam::DAffine3;
 use pulp::Simd;
 
 use super::arriving::ArrivingLight;
+use super::between::half_way;
 use super::blend::{Along, Blend};
 use super::field::Field;
 use super::lanes::{LaneMask, Lanes, Order, three};
@@ -159,10 +160,8 @@ impl<'a, S: Simd> SlabShading<'a, S> {
         let s1 = state.scalars[(before + 1) % RECENT];
         let s2 = state.scalars[(before + 2) % RECENT];
         let s3 = state.scalars[(before + 3) % RECENT];
-        // The scalar half way to the next sample, by the cubic through four.
-        let outer = s0.add(simd, s3);
-        let last =
-            s1.add(simd, s2).mul(simd, Lanes::all(simd, 9.0)).sub(simd, outer).mul(simd, Lanes::all(simd, 1.0 / 16.0));
+        // The scalar half way to the next sample.
+        let last = half_way(simd, [s0, s1, s2, s3]);
         let first = state.end;
         let (low, high) = (first.min(simd, s1).min(simd, last), first.max(simd, s1).max(simd, last));
         let ends = rays.ends;
@@ -519,7 +518,7 @@ impl<S: Simd> Rule<S> for SlabShading<'_, S> {
 
 impl Post<'_> {
     /// The reach of rays: they end half a voxel beyond the faces; central differences take one more point.
-    pub(super) const REACH: Reach = Reach { beyond: 1.0, around: 1, margin: 0.0 };
+    pub(super) const REACH: Reach = Reach { beyond: 1.0, around: 1 };
 
     /// Returns whether a scalar between two points of the lattice, ends included, may be visible.
     pub(super) fn shows(&self, low: [isize; 3], high: [isize; 3]) -> bool {

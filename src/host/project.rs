@@ -33,7 +33,7 @@ pub(super) struct Projection<'a> {
 impl Projection<'_> {
     /// The reach of rays: they end half a voxel beyond the faces; planes of scalars are made without their outermost
     /// points.
-    pub(super) const REACH: Reach = Reach { beyond: 1.0, around: 1, margin: 0.0 };
+    pub(super) const REACH: Reach = Reach { beyond: 1.0, around: 1 };
 }
 
 /// The state of a group of rays under way.

@@ -26,7 +26,7 @@ pub(super) trait Rule<S: Simd> {
     /// Returns the state of a group of rays, given its number in the tile.
     fn start(&self, simd: S, group: usize) -> Self::State;
 
-    /// Returns the fields whose samples between planes are interpolated where kernels are wide; `None`: of no field.
+    /// Returns the fields of samples that may be interpolated between planes, where kernels are wide; `None`: none may.
     #[inline(always)]
     fn scalars(&self) -> Option<(&Blend<'_, Field>, &Along)> {
         None
