@@ -28,6 +28,7 @@ fn make(
     if plane.rows.len() < (CHANNELS + 1) * stride {
         plane.rows.resize((CHANNELS + 1) * stride, 0.0);
     }
+    plane.note_filled(height);
     let [first, last] = blend.needed(along, [area.low, area.high], number as f64);
     let (weights, part) = plane.rows.split_at_mut(stride);
     for row in 0..height {
@@ -38,13 +39,15 @@ fn make(
         let segments = rows.segments(&points);
         let points = CELL * segments.start..CELL * segments.end;
         let channels = &mut plane.channels[CHANNELS * row * stride..][..CHANNELS * points.end];
+        let filled = &mut plane.filled[row * (stride / CELL)..][..segments.end];
+        filled[segments.clone()].fill(false);
         for level in first..=last {
             let from = (blend.levels[level].1.coefficients(), row, segments.clone());
             if first == last {
-                sum_planes(&rows, from, channels);
+                sum_planes(&rows, from, (channels, filled));
                 continue;
             }
-            sum_planes(&rows, from, &mut part[..CHANNELS * points.end]);
+            sum_planes(&rows, from, (&mut part[..CHANNELS * points.end], filled));
             let low = [area.low[0] - rows.skipped as isize, area.low[1] + row as isize, number];
             blend.weights(along, level, low.map(|point| point as f64), points.clone(), weights);
             let (channels, part) = (channels.as_chunks_mut::<CHANNELS>().0, part.as_chunks::<CHANNELS>().0);
@@ -59,33 +62,36 @@ fn make(
     }
 }
 
-/// Sums segments of a row of three planes with weights 1, 4, 1 over 6.
+/// Sums segments of a row of three planes with weights 1, 4, 1 over 6. Notes which have coefficients that are not 0.
 #[inline(always)]
 fn sum_planes(
     rows: &TileRows<3>,
     (coefficients, row, segments): (&[Halves], usize, Range<usize>),
-    channels: &mut [f32],
+    (channels, filled): (&mut [f32], &mut [bool]),
 ) {
     let (channels, _) = channels.as_chunks_mut::<{ CHANNELS * CELL }>();
     if rows.are_lines() {
         for segment in segments {
-            sum_segment(rows.lines(coefficients, row, segment), &mut channels[segment]);
+            filled[segment] |= sum_segment(rows.lines(coefficients, row, segment), &mut channels[segment]);
         }
     } else {
         for segment in segments {
             let [b, m, a] = rows.columns(coefficients, row, segment);
-            sum_segment([&b, &m, &a], &mut channels[segment]);
+            filled[segment] |= sum_segment([&b, &m, &a], &mut channels[segment]);
         }
     }
 }
 
 #[inline(always)]
-fn sum_segment([b, m, a]: [&[Halves; CELL]; 3], channels: &mut [f32; CHANNELS * CELL]) {
+fn sum_segment([b, m, a]: [&[Halves; CELL]; 3], channels: &mut [f32; CHANNELS * CELL]) -> bool {
     let (b, m, a) = (b.as_flattened(), m.as_flattened(), a.as_flattened());
+    let mut bits = 0;
     for x in 0..CHANNELS * CELL {
         let sum = from_half(b[x]) + from_half(a[x]);
         channels[x] = sum.mul_add(1.0 / 6.0, from_half(m[x]) * (4.0 / 6.0));
+        bits |= b[x] | m[x] | a[x];
     }
+    bits != 0
 }
 
 /// The fields of a pre-shaded picture, and its kind.

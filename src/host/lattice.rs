@@ -25,41 +25,31 @@ pub(super) struct PlaneArea {
     pub(super) high: [isize; 2],
 }
 
-impl PlaneArea {
-    /// Returns the points that rays between four corners read from plane to plane; `None` if they pass the field. Rays
-    /// are pairs of the place in plane 0 and the step from plane to plane, along a and b; `ends` are the first and the
-    /// last point of the field along a and b.
-    pub(super) fn new(
-        corners: &[[[f64; 2]; 2]; 4],
-        planes: [f64; 2],
-        ends: [[f64; 2]; 2],
-        reach: Reach,
-    ) -> Option<Self> {
-        let (area, passes) = Self::within(corners, planes, ends, reach, 0.0);
-        (!passes).then_some(area)
-    }
+/// The least and the largest place of rays in a few planes, along a and b.
+pub(super) type Places = [[f64; 2]; 2];
 
+/// Returns the places between four rays in a plane. Rays are pairs of the place in plane 0 and the step from plane to
+/// plane, along a and b.
+pub(super) fn places(corners: &[[[f64; 2]; 2]; 4], plane: f64) -> Places {
+    let mut places = [[f64::INFINITY, f64::NEG_INFINITY]; 2];
+    for corner in corners {
+        for axis in 0..2 {
+            let [start, step] = corner[axis];
+            let place = start + step * plane;
+            places[axis] = [places[axis][0].min(place), places[axis][1].max(place)];
+        }
+    }
+    places
+}
+
+impl PlaneArea {
     /// Returns the points that rays read at places moved into the reach of the field, and whether all pass the field.
-    /// Places may be off by `margin`.
-    pub(super) fn within(
-        corners: &[[[f64; 2]; 2]; 4],
-        planes: [f64; 2],
-        ends: [[f64; 2]; 2],
-        reach: Reach,
-        margin: f64,
-    ) -> (Self, bool) {
+    /// `ends` are the first and the last point of the field along a and b. Places may be off by `margin`.
+    pub(super) fn around(places: Places, ends: [[f64; 2]; 2], reach: Reach, margin: f64) -> (Self, bool) {
         let Reach { beyond, around } = reach;
         let (mut area, mut passes) = (Self { low: [0; 2], high: [0; 2] }, false);
         for axis in 0..2 {
-            let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
-            for corner in corners {
-                let [start, step] = corner[axis];
-                for z in planes {
-                    let place = start + step * z;
-                    low = low.min(place);
-                    high = high.max(place);
-                }
-            }
+            let [low, high] = places[axis];
             let [first, last] = [ends[axis][0] - beyond, ends[axis][1] + beyond];
             passes |= high < first || low > last;
             area.low[axis] = (low - margin).clamp(first, last).floor() as isize - 1 - around;

@@ -10,7 +10,7 @@ use pulp::{Simd, WithSimd};
 use super::between::{DELAY, PlaneSamples, is_apart};
 use super::blending::{Blending, Colors};
 use super::lanes::{Lanes, Order, RAYS, dispatch};
-use super::lattice::{PlaneArea, Reach, ReadPoints};
+use super::lattice::{Places, PlaneArea, Reach, ReadPoints, places};
 use super::plane::Plane;
 use super::post::{Post, SlabShading};
 use super::project::{Projecting, Projection};
@@ -140,7 +140,7 @@ struct Tile<'a> {
     beam: Beam,
     place: [usize; 2],
     side: usize,
-    /// The rays at the corners of the tile, see [`PlaneArea::new`].
+    /// The rays at the corners of the tile, see [`places`].
     corners: [[[f64; 2]; 2]; 4],
     out: &'a mut [[f32; 4]],
 }
@@ -169,7 +169,8 @@ impl Course {
         let held = [picture.held[axes.axes[0]], picture.held[axes.axes[1]]];
         let mut areas = Vec::with_capacity(count);
         for number in 0..count {
-            areas.push(PlaneArea::new(corners, [z_of(number); 2], held, reach));
+            let (area, passes) = PlaneArea::around(places(corners, z_of(number)), held, reach, 0.0);
+            areas.push((!passes).then_some(area));
         }
         // Slabs before the first that counts lead to it, and the sample behind the last shapes it.
         let ends = groups.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], numbers| {
@@ -192,6 +193,8 @@ impl Course {
         let corners: Vec<[[[f64; 2]; 2]; 4]> = groups.iter().map(RayNumbers::corners).collect();
         let mut visible = vec![false; groups.len() * blocks];
         let mut read = vec![None; groups.len() * blocks];
+        // The places of groups where the last block ended.
+        let mut ended: Vec<Option<Places>> = vec![None; groups.len()];
         for block in 0..blocks {
             let shows_within = |blocks: usize| {
                 may_show[BLOCK * block.saturating_sub(blocks)..(BLOCK * (block + 1 + blocks)).min(count)]
@@ -199,14 +202,19 @@ impl Course {
             };
             // Samples count for slabs in the next blocks.
             if !shows_within(1) {
+                ended.fill(None);
                 continue;
             }
             let is_visible = shows_within(0);
             let z = [z_of(BLOCK * block), z_of(BLOCK * (block + 1))];
             for group in (0..groups.len()).filter(|&group| is_alive[group]) {
-                let (area, passes) = PlaneArea::within(&corners[group], z, held, reach, MARGIN);
+                let begin = ended[group].unwrap_or_else(|| places(&corners[group], z[0]));
+                let end = places(&corners[group], z[1]);
+                let hull = [0, 1].map(|axis| [begin[axis][0].min(end[axis][0]), begin[axis][1].max(end[axis][1])]);
+                let (area, passes) = PlaneArea::around(hull, held, reach, MARGIN);
                 visible[group * blocks + block] = is_visible && !passes && shows(&area, [z[0] - 1.0, z[1]]);
                 read[block * groups.len() + group] = Some(area);
+                ended[group] = Some(end);
             }
         }
         Self { first: -before, areas, may_show, groups: visible, blocks, read }

@@ -32,6 +32,8 @@ pub(super) struct Plane {
     stride: usize,
     /// The number of points of each row before those of the area.
     skipped: usize,
+    /// Whether each segment of each row has numbers that are not 0; empty if all segments may have.
+    pub(super) filled: Vec<bool>,
 }
 
 /// Returns at a plane the scalar, the scalar smoothed along the axis by 1, 4, 1 over 6, and the central difference, by
@@ -141,7 +143,23 @@ impl Plane {
         if cfg!(debug_assertions) {
             self.channels.fill(f32::NAN);
         }
+        self.filled.clear();
         self.stride
+    }
+
+    /// Makes room to note for `rows` rows which of their segments are filled. Those that are not made count as empty, or
+    /// as filled in tests.
+    pub(super) fn note_filled(&mut self, rows: usize) {
+        self.filled.resize(self.stride / CELL * rows, cfg!(debug_assertions));
+    }
+
+    /// Returns whether all channels are 0 at the points that rays read, given the first of them along a and b and by
+    /// how much the last ray's points lie behind the first's.
+    #[inline(always)]
+    fn is_clear(&self, [a, b]: [usize; 2], spans: [usize; 2]) -> bool {
+        let (first, last) = ((self.skipped + a) / CELL, (self.skipped + a + spans[0] + 3) / CELL);
+        let rows = self.filled.chunks_exact((self.stride / CELL).max(1)).skip(b).take(spans[1] + 4);
+        !self.filled.is_empty() && rows.into_iter().all(|row| !row[first..=last].contains(&true))
     }
 
     /// Makes the points of half plane `number` of scalars that rays read: the scalar, and if requested its central
@@ -249,8 +267,25 @@ impl Plane {
     pub(super) fn at<S: Simd>(&self, simd: S, order: &Order, [a, b]: [Lanes<S>; 2]) -> [Lanes<S>; CHANNELS] {
         let stride = CHANNELS * self.stride;
         let (first_a, first_b) = (a.floor(simd), b.floor(simd));
-        let [along0, along1, along2, along3] = spline(simd, a.sub(simd, first_a));
-        let [across0, across1, across2, across3] = spline(simd, b.sub(simd, first_b));
+        let low = [first_a.smallest(simd), first_b.smallest(simd)];
+        let first = [low[0] as usize, low[1] as usize];
+        let spans = [first_a.largest(simd) as usize - first[0], first_b.largest(simd) as usize - first[1]];
+        if self.is_clear(first, spans) {
+            return [Lanes::all(simd, 0.0); CHANNELS];
+        }
+        let along = spline(simd, a.sub(simd, first_a));
+        let across = spline(simd, b.sub(simd, first_b));
+        if spans[0].max(spans[1]) < 2 {
+            let rows = shifted(simd, across, first_b.sub(simd, Lanes::all(simd, low[1])));
+            let rows = &rows[..spans[1] + 4];
+            if spans[0] == 0 {
+                return self.shared(simd, first, &along, rows);
+            }
+            let columns = shifted(simd, along, first_a.sub(simd, Lanes::all(simd, low[0])));
+            return self.shared(simd, first, &columns, rows);
+        }
+        let [along0, along1, along2, along3] = along;
+        let [across0, across1, across2, across3] = across;
         let along = [along0.to_array(), along1.to_array(), along2.to_array(), along3.to_array()];
         let across = [across0.to_array(), across1.to_array(), across2.to_array(), across3.to_array()];
         let offset = first_b.fma(simd, Lanes::all(simd, stride as f32), first_a.mul(simd, Lanes::all(simd, 4.0)));
@@ -278,6 +313,47 @@ impl Plane {
         }
         channels.apart(simd)
     }
+
+    /// Returns the channels by the weights of all rays for the same few points, from point `first` on.
+    #[inline(always)]
+    fn shared<S: Simd, const COLUMNS: usize>(
+        &self,
+        simd: S,
+        first: [usize; 2],
+        along: &[Lanes<S>; COLUMNS],
+        across: &[Lanes<S>],
+    ) -> [Lanes<S>; CHANNELS] {
+        let mut channels = [Lanes::all(simd, 0.0); CHANNELS];
+        for (row, weight) in across.iter().enumerate() {
+            let at = CHANNELS * ((first[1] + row) * self.stride + first[0] + self.skipped);
+            let points = &self.channels[at..at + CHANNELS * COLUMNS];
+            let mut sums = [Lanes::all(simd, 0.0); CHANNELS];
+            for column in 0..COLUMNS {
+                for channel in 0..CHANNELS {
+                    let point = Lanes::all(simd, points[CHANNELS * column + channel]);
+                    sums[channel] = along[column].fma(simd, point, sums[channel]);
+                }
+            }
+            for channel in 0..CHANNELS {
+                channels[channel] = sums[channel].fma(simd, *weight, channels[channel]);
+            }
+        }
+        channels
+    }
+}
+
+/// Returns the weights of five points by those of four, of which the first is point `shift`, 0 or 1.
+#[inline(always)]
+fn shifted<S: Simd>(simd: S, [s, t, u, v]: [Lanes<S>; 4], shift: Lanes<S>) -> [Lanes<S>; 5] {
+    let zero = Lanes::all(simd, 0.0);
+    let is_first = shift.less(simd, Lanes::all(simd, 0.5));
+    [
+        s.or(simd, is_first, zero),
+        t.or(simd, is_first, s),
+        u.or(simd, is_first, t),
+        v.or(simd, is_first, u),
+        zero.or(simd, is_first, v),
+    ]
 }
 
 /// Returns the weights of cubic B-splines at a fraction of the way from the second to the third of four points.

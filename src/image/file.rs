@@ -8,6 +8,7 @@ use exr::image::SpecificChannels;
 use exr::image::write::WritableImage;
 use exr::meta::attribute::AttributeValue;
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Rgba};
+use rayon::prelude::*;
 
 use super::{Background, Image};
 use voxsplat_volume::files;
@@ -82,7 +83,7 @@ impl Image {
         let path = path.as_ref();
         let format = format_of(path)?;
         if format == ImageFormat::Png
-            && let Some(bad) = self.pixels.iter().position(|p| p.iter().any(|v| !v.is_finite()))
+            && let Some(bad) = self.pixels.par_iter().position_first(|p| p.iter().any(|v| !v.is_finite()))
         {
             let (x, y) = (bad % self.width as usize, bad / self.width as usize);
             let reason = format!("pixel ({x}, {y}) is {:?}: only .exr holds such values", self.pixels[bad]);

@@ -229,6 +229,22 @@ fn near_matter_before_matter_far_away_is_sharp() {
     }
 }
 
+/// The rays of a group then read the same few points.
+#[test]
+fn voxels_larger_than_groups_of_pixels_are_drawn() {
+    let (volume, _) = demo("marschner-lobb", 24);
+    let layers = Layers::of_volume(&volume, &soft());
+    for (zoom, projection) in [3.0, 5.0, 9.0].into_iter().flat_map(|zoom| PROJECTIONS.map(|of| (zoom, of))) {
+        let view = View { azimuth: 33.0, elevation: 21.0, zoom, projection, ..View::default() };
+        let camera = look(&view, &volume, [64; 2]);
+        for (settings, most) in [(pre(), 0.1), (Settings { lighting: headlight(), ..post() }, 0.15)] {
+            let error = error(&layers, &camera, &settings);
+            println!("{zoom} {projection:?} {:?}: {error:.3} of 255", settings.shading);
+            assert!(error < most, "{zoom} {projection:?} {:?}: {error} of 255", settings.shading);
+        }
+    }
+}
+
 #[test]
 fn a_volume_far_smaller_than_a_pixel_is_a_picture() {
     let (volume, transfer) = demo("shell", 24);
@@ -343,6 +359,7 @@ fn pictures_have_the_same_bytes_on_every_machine() {
     let of_soft = of(&soft());
     let side = |projection| camera(33.0, projection, &volume, 64);
     let [parallel, perspective] = PROJECTIONS.map(side);
+    let close = look(&View { azimuth: 33.0, zoom: 5.0, projection: PERSPECTIVE, ..View::default() }, &volume, [64; 2]);
     let studio = Some(Lighting::studio(perspective.forward, perspective.up));
     let place = Light::at(volume.grid().center() + DVec3::new(20.0, -10.0, 30.0));
     let place = Some(Lighting { lights: vec![place], shadows: 0.8, ..Lighting::default() });
@@ -364,8 +381,10 @@ fn pictures_have_the_same_bytes_on_every_machine() {
         ("a colour map, sharpened", &of(&map), parallel, Settings { sharpness: 1.0, ..cpu() }),
         ("labels over scalars", labelled, side_of_labels, Settings { lighting: two_lights(), ..pre() }),
         ("a nautilus", &chosen.layers, chosen.camera([64; 2]).unwrap(), chosen_settings),
+        ("post-shaded, close", &of_soft, close, Settings { lighting: headlight(), ..post() }),
+        ("pre-shaded, close", &of_soft, close, Settings { lighting: headlight(), ..pre() }),
     ];
-    let hashes: [u64; 8] = [
+    let hashes: [u64; 10] = [
         0xb575_764d_9ebd_652a,
         0x69f7_5060_48bb_6fd2,
         0x26f5_78ea_a303_eb1b,
@@ -374,6 +393,8 @@ fn pictures_have_the_same_bytes_on_every_machine() {
         0x8b0f_0e76_2324_aba8,
         0xff9d_187b_551f_3e92,
         0x4c47_3777_45ef_b738,
+        0xeaaf_7332_b61a_b3f2,
+        0x4cef_82db_01c1_68f1,
     ];
     let mut others = Vec::new();
     for ((name, layers, camera, settings), expected) in pictures.into_iter().zip(hashes) {
