@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use crate::camera::Camera;
 use crate::error::Result;
-use crate::host::needs;
+use crate::host::{BYTES_OF_LIGHT, needs};
 use crate::layers::Layers;
 use crate::prepare::bytes_of_voxels;
 use crate::settings::{Level, Painter, Settings};
@@ -49,7 +49,11 @@ impl Memory {
         let (post, lit) = (settings.is_post_shaded(), settings.lighting.is_some());
         let level = if let Level::At(level) = settings.level { level } else { 0 };
         let [of_fields, boxed, splat] = match (settings.painter, level) {
-            (Painter::Cpu, _) => needs(camera, grid, settings).bytes(post),
+            (Painter::Cpu, _) => {
+                let [of_fields, boxed, splat] = needs(camera, grid, settings).bytes(post);
+                let light = if settings.casting().is_some() { BYTES_OF_LIGHT as f64 } else { 0.0 };
+                if post { [of_fields + light, boxed, splat] } else { [of_fields, boxed + light, splat] }
+            }
             // Cells take the place of voxels once they are made.
             (Painter::Auto | Painter::Tiles, 1) if !post => [0.0, 3.5, 0.0],
             (Painter::Auto | Painter::Tiles, 2..) if !post => [0.0, 2.0, 0.0],

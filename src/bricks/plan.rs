@@ -18,6 +18,7 @@ use crate::gpu::view::{Held, ViewGeometry};
 use crate::host::{HostRenderer, Needs, check_drawn, is_uniform, needs};
 use crate::image::{Image, Region};
 use crate::layers::Layers;
+use crate::lighting::shadow::occlusion_reach;
 use crate::painters::choice::PainterKind;
 use crate::painters::painter::FamilyShare;
 use crate::prepare::cells::{self, CellSize};
@@ -87,12 +88,13 @@ struct Document {
 }
 
 impl Plan {
-    /// Returns `settings` with light that [`Self::new`] accepts: without shadows and occlusion.
+    /// Returns `settings` with light that [`Self::new`] accepts: without shadows, and on a device without occlusion.
     #[must_use]
     pub fn settings_for(settings: &Settings) -> Settings {
-        let mut settings = settings.clone();
+        let (mut settings, by_host) = (settings.clone(), is_by_host(settings));
         if let Some(lighting) = &mut settings.lighting {
-            (lighting.shadows, lighting.occlusion) = (0.0, None);
+            lighting.shadows = 0.0;
+            lighting.occlusion = lighting.occlusion.filter(|_| by_host);
         }
         settings
     }
@@ -106,8 +108,8 @@ impl Plan {
     ///
     /// # Errors
     /// [`Error::Setting`] if `chunks` belong to another lattice, a setting is out of range, or the picture cannot be
-    /// made in bricks: light with shadows or occlusion, axis-aligned sheets, a level whose cells the cuts divide or
-    /// that scalars have. [`Error::Camera`] if the camera is not finite.
+    /// made in bricks: light with shadows, by a device with occlusion, axis-aligned sheets, a level whose cells the cuts
+    /// divide or that scalars have. [`Error::Camera`] if the camera is not finite.
     pub fn new(overview: &Layers, grid: &Grid, chunks: &Chunks, camera: &Camera, settings: &Settings) -> Result<Self> {
         let layers = overview;
         camera.validate()?;
@@ -123,13 +125,9 @@ impl Plan {
         if chunks.dims() != grid.dims() {
             return Err(Error::setting("grid", format!("chunks of {:?} voxels for {:?}", chunks.dims(), grid.dims())));
         }
-        check(settings)?;
-        let is_by_host = match settings.painter {
-            Painter::Cpu => true,
-            Painter::Auto => !Engine::may_have_gpu() && check_drawn(settings).is_ok(),
-            _ => false,
-        };
-        let (settings, level, beyond, reach) = if is_by_host {
+        let by_host = is_by_host(settings);
+        let occlusion = check(settings, by_host)?;
+        let (settings, level, beyond, reach) = if by_host {
             check_drawn(settings)?;
             let settings = Settings { painter: Painter::Cpu, ..settings.clone() };
             let (level, Needs { level: number, reach, .. }) = host_needs(layers, grid, chunks, camera, &settings)?;
@@ -137,7 +135,7 @@ impl Plan {
         } else {
             of_device(layers, grid, chunks, camera, settings)?
         };
-        let halo = reach + normals_reach(layers, &settings) + filter_reach(&settings);
+        let halo = reach + normals_reach(layers, &settings).max(occlusion) + filter_reach(&settings);
         let is_uniform = match layers.plain() {
             Some((volume, transfer)) if settings.is_post_shaded() && settings.lighting.is_some() => {
                 is_uniform(volume, transfer)?
@@ -191,7 +189,7 @@ impl Plan {
         let grid = Grid::new(dims, to_world)?;
         camera.validate()?;
         settings.validate()?;
-        check(&settings)?;
+        check(&settings, settings.painter == Painter::Cpu)?;
         let transfer = transfer.map(|value| TransferFunction::from_json(&value.to_string())).transpose()?;
         for Brick { voxels, held, .. } in &bricks {
             let fits = |axis: usize| {
@@ -442,16 +440,31 @@ pub(super) fn of_another_plan(part: &Partial) -> Error {
     Error::setting("parts", format!("{} {belongs} to another plan: draw it by this one", named(&part.bricks)))
 }
 
-/// Refuses settings whose pictures cannot be made in bricks.
-fn check(settings: &Settings) -> Result<()> {
-    if settings.casting().is_some() {
-        let reason = "shadows and occlusion need the matter of other bricks: expected light without them";
-        return Err(Error::setting("lighting", reason));
+/// Returns whether the processor draws the bricks of a plan.
+fn is_by_host(settings: &Settings) -> bool {
+    match settings.painter {
+        Painter::Cpu => true,
+        Painter::Auto => !Engine::may_have_gpu() && check_drawn(settings).is_ok(),
+        Painter::Tiles | Painter::Quads(_) => false,
     }
+}
+
+/// Refuses settings whose pictures cannot be made in bricks. Returns the distance in voxels of the farthest voxels on
+/// which the occlusion of a voxel depends, 0 without occlusion.
+fn check(settings: &Settings, by_host: bool) -> Result<u32> {
     if settings.quads().sheets == Sheets::Axis {
         return Err(Error::setting("sheets", "no brick owns an axis-aligned sheet: expected image"));
     }
-    Ok(())
+    let Some(casting) = settings.casting() else { return Ok(0) };
+    let Some(radius) = casting.occlusion_alone() else {
+        let reason = "shadows need the matter of other bricks: expected light without them";
+        return Err(Error::setting("lighting", reason));
+    };
+    if !by_host {
+        let reason = "a device draws bricks without occlusion: expected light without it, or --painter cpu";
+        return Err(Error::setting("lighting", reason));
+    }
+    Ok(occlusion_reach(&settings.reconstruction_kernel(), radius))
 }
 
 /// Returns the level and the needs of bricks that the processor draws.

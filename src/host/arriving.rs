@@ -2,6 +2,7 @@
 
 use std::sync::{Mutex, PoisonError};
 
+use glam::DVec3;
 use pulp::Simd;
 use rayon::prelude::*;
 use voxsplat_volume::memory::reserved;
@@ -15,17 +16,27 @@ use crate::lighting::{Casting, MAX_CASTING};
 use crate::progress::Progress;
 
 /// The bytes of shadows for each voxel: its shares, its extinction, and sums of sweeps.
-pub(super) const BYTES: u64 = 20;
+pub(crate) const BYTES: u64 = 20;
 
 /// The light that falls on a field and casts shadows.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Falling {
     pub(super) casting: Casting,
     pub(super) lattice: ShadowLattice,
+    /// The point of the lattice at the first voxel of the scene.
+    pub(super) first: [u32; 3],
     /// The sides of unclipped matter; clipped matter casts no shadows.
     pub(super) clip: Vec<Side>,
     /// The kernel of the field near whose visible matter voxels are lit; `None` if all visible voxels are.
     pub(super) near: Option<Kernel>,
+}
+
+impl Falling {
+    /// Returns the place of a voxel of the scene, from the middle of the lattice.
+    pub(super) fn place(&self, voxel: [usize; 3]) -> DVec3 {
+        let place = |axis: usize| f64::from(self.first[axis]) + voxel[axis] as f64;
+        DVec3::from_array([0, 1, 2].map(|axis| place(axis) - (self.lattice.dims[axis] as f64 - 1.0) / 2.0))
+    }
 }
 
 /// A callback that writes the extinctions of a row of a box, given its y and z in the lattice.
@@ -115,14 +126,15 @@ impl ArrivingLight {
         self.shares[at[0] + self.dims[0] * (at[1] + self.dims[1] * at[2])]
     }
 
-    /// Returns the shares at places, given along the lattice axes `axes`, linear between voxels.
+    /// Returns the shares at places of the lattice, given along the lattice axes `axes`, linear between voxels.
     #[inline(always)]
     pub(super) fn at<S: Simd>(&self, simd: S, order: &Order, axes: [usize; 3], at: [Lanes<S>; 3]) -> [Lanes<S>; 4] {
         let steps = [1, self.dims[0], self.dims[0] * self.dims[1]];
         let (mut firsts, mut fractions) = ([[0; RAYS]; 3], [[0.0; RAYS]; 3]);
         for axis in 0..3 {
             let last = self.dims[axes[axis]] - 1;
-            let place = at[axis].sub(simd, Lanes::all(simd, self.low[axes[axis]] as f32));
+            let low = self.low[axes[axis]] as f32 + self.occlusion.first[axes[axis]] as f32;
+            let place = at[axis].sub(simd, Lanes::all(simd, low));
             let place = place.max(simd, Lanes::all(simd, 0.0)).min(simd, Lanes::all(simd, last as f32));
             let first = place.floor(simd).min(simd, Lanes::all(simd, last.saturating_sub(1) as f32));
             fractions[axis] = place.sub(simd, first).to_array();

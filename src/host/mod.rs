@@ -71,6 +71,8 @@ mod table;
 mod voxels;
 
 #[cfg(feature = "gpu")]
+pub(crate) use self::arriving::BYTES as BYTES_OF_LIGHT;
+#[cfg(feature = "gpu")]
 pub(crate) use self::scalars::is_uniform;
 #[cfg(feature = "gpu")]
 pub(crate) use self::shot::{Needs, needs};

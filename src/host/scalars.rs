@@ -220,14 +220,15 @@ impl Extinctions<'_> {
 
     /// Writes the extinctions of a row: 0 where no visible matter is near.
     pub(super) fn row(&self, falling: &Falling, [y, z]: [usize; 2], row: &mut [f32]) -> Result<()> {
-        let [nx, ny, nz] = self.scene.dims();
-        let [y, z] = [y as isize, z as isize];
+        let [nx, ..] = self.scene.dims();
+        let ([row_y, row_z], [y, z]) = ([y, z], [y as isize, z as isize]);
         let has_surfaces = !self.surfaces.surfaces.is_empty();
         // The light on an isosurface is that before it, between voxels.
         let reach = if has_surfaces { SURFACE_BIAS as isize + 2 } else { 3 };
         let is_lit = |first: usize| {
-            let low = [first as isize - reach, y - reach, z - reach];
-            let high = [(first + RUN) as isize - 1 + reach, y + reach, z + reach];
+            let low = [first as isize, y, z].map(|point| point - reach);
+            let high = [(first + RUN) as isize - 1, y, z].map(|point| point + reach);
+            let [low, high] = [low, high].map(|end| [0, 1, 2].map(|axis| end[axis] + falling.first[axis] as isize));
             self.field.is_none_or(|field| field.any(low, high, |range| !self.scene.table.is_invisible(range)))
         };
         let runs: Vec<usize> = (0..nx).step_by(RUN).filter(|&first| is_lit(first)).collect();
@@ -239,7 +240,6 @@ impl Extinctions<'_> {
         let beside = (0..9).filter(|_| thins || has_surfaces).map(|n| [y + n % 3 - 1, z + n / 3 - 1]);
         let rows = beside.map(|[y, z]| self.scalars(y, z)).collect::<Result<Vec<_>>>()?;
         let slopes = Slopes::of_cells(1.0);
-        let middle = DVec3::new(nx as f64 - 1.0, ny as f64 - 1.0, nz as f64 - 1.0) / 2.0;
         for x in runs.into_iter().flat_map(|first| first..(first + RUN).min(nx)) {
             let mut extinction = self.scene.table.extinction(own[x]);
             if has_surfaces || thins && extinction > 0.0 {
@@ -254,8 +254,7 @@ impl Extinctions<'_> {
                 }
                 extinction += self.surfaces.casting(own[x], [per_voxel, per_unit]);
             }
-            let point = DVec3::new(x as f64, y as f64, z as f64) - middle;
-            let casts = falling.clip.is_empty() || is_inside(&falling.clip, point);
+            let casts = falling.clip.is_empty() || is_inside(&falling.clip, falling.place([x, row_y, row_z]));
             row[x] = if casts { extinction.max(CLIPPED) } else { CLIPPED };
         }
         Ok(())

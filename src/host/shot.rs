@@ -161,7 +161,8 @@ impl<'a> Shot<'a> {
         let casting = settings.casting()?;
         let lattice = ShadowLattice::new(grid, kernel, settings.normalization.divisor(&kernel), unit, 1.0);
         let near = (has_scalars && self.level == Level(0)).then(|| self.kernels()[0]);
-        Some(Falling { casting, lattice, clip: settings.clip.sides(grid), near })
+        let first = self.part.map_or([0; 3], |part| part.first);
+        Some(Falling { casting, lattice, first, clip: settings.clip.sides(grid), near })
     }
 }
 

@@ -207,8 +207,7 @@ impl Colored {
         progress: &Progress,
     ) -> Result<Option<Arc<ArrivingLight>>> {
         let Some(falling) = shot.falling(self.unit, self.surfaces.is_some()) else { return Ok(None) };
-        let (dims, [low, size]) = (self.grid.dims().map(|d| d as usize), self.bounds());
-        let middle = DVec3::from_array(dims.map(|d| (d as f64 - 1.0) / 2.0));
+        let [low, size] = self.bounds();
         let mut made = self.light.get_or_make(&[falling], |falling, mut before| {
             let falling = &falling[0];
             let surfaces = self.surfaces.as_ref().map(|surfaces| surfaces.occluders(near, self.unit));
@@ -219,8 +218,8 @@ impl Colored {
                 for (run, count) in self.runs(y, z) {
                     let (_, densities) = appearances(&run.column(0), &run.column(1));
                     for (&x, density) in run.xs[..count].iter().zip(densities) {
-                        let point = DVec3::new(f64::from(x), y as f64, z as f64) - middle;
-                        let casts = falling.clip.is_empty() || is_inside(&falling.clip, point);
+                        let casts =
+                            falling.clip.is_empty() || is_inside(&falling.clip, falling.place([x as usize, y, z]));
                         let extinction = &mut row[x as usize - low[0]];
                         *extinction = if casts { (*extinction + density).max(CLIPPED) } else { CLIPPED };
                     }

@@ -236,6 +236,11 @@ impl Casting {
         self.lights.get(light).map_or(self.occlusion.is_some(), |origin| !origin.is_none())
     }
 
+    /// Returns the radius of occlusion in voxels, 0 without; `None`: lights cast shadows.
+    pub(crate) fn occlusion_alone(&self) -> Option<f64> {
+        (0..MAX_CASTING).all(|light| !self.casts(light)).then_some(self.occlusion.unwrap_or(0.0))
+    }
+
     /// Returns the shadows of one light alone, or for [`MAX_CASTING`] the occlusion of ambient light.
     pub(crate) fn only(&self, light: usize) -> Self {
         let mut lights: [LightOrigin; MAX_CASTING] = Default::default();

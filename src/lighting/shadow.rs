@@ -97,6 +97,11 @@ impl ShadowLattice {
     }
 }
 
+/// Returns the distance in voxels of the farthest voxels on which the occlusion of a voxel depends.
+pub(crate) fn occlusion_reach(kernel: &Kernel, radius: f64) -> u32 {
+    (radius + kernel.radius()).ceil() as u32 + around::filter_of(kernel).len() as u32
+}
+
 /// A box of voxels that are lit, with the voxels around it whose kernels absorb light too.
 struct LitBox {
     casting: Casting,

@@ -7,6 +7,7 @@ use voxsplat::clip::{Clip, Plane};
 use voxsplat::host::HostRenderer;
 use voxsplat::image::Image;
 use voxsplat::layers::{Labels, Layer, Layers};
+use voxsplat::lighting::Lighting;
 use voxsplat::settings::{Level, Model, Painter, QuadsSettings, Response, Settings, Shading, Sheets};
 use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::{Grid, Samples, Volume};
@@ -100,6 +101,12 @@ fn seen(volume: &Volume, azimuth: f64, elevation: f64, projection: ProjectionKin
     Camera::new(&view, volume.grid(), [size; 2]).unwrap()
 }
 
+/// The settings with light that voxels within 3 voxels occlude.
+fn occluded(settings: &Settings) -> Settings {
+    let lighting = two_lights().map(|lighting| Lighting { occlusion: Some(3.0), ambient: 0.7, ..lighting });
+    Settings { lighting, ..settings.clone() }
+}
+
 /// The models and shadings.
 fn models() -> Vec<(&'static str, Settings)> {
     let base = exact();
@@ -120,6 +127,13 @@ fn models() -> Vec<(&'static str, Settings)> {
     ]
 }
 
+/// The same, and what the processor alone draws in bricks.
+fn models_of_host() -> Vec<(&'static str, Settings)> {
+    let post = Settings { shading: Shading::Post, ..exact() };
+    let more = [("occluded", occluded(&exact())), ("post occluded", occluded(&post))];
+    models().into_iter().chain(more).collect()
+}
+
 /// Every `step`th model by a painter through a projection: the names of the models that differ from the whole picture.
 fn differing(projection: ProjectionKind, painter: fn(&Settings) -> Settings, step: usize) -> Vec<String> {
     let (volume, transfer) = demo("marschner-lobb", 24);
@@ -131,7 +145,8 @@ fn differing(projection: ProjectionKind, painter: fn(&Settings) -> Settings, ste
         println!("{projection:?} {name}: {apart:.1e}");
         (apart > limit_of(&settings)).then(|| format!("{projection:?} {name}: {apart:.1e}"))
     };
-    models().into_iter().step_by(step).filter_map(apart).collect()
+    let models = if painter(&exact()).painter == Painter::Cpu { models_of_host() } else { models() };
+    models.into_iter().step_by(step).filter_map(apart).collect()
 }
 
 #[test]
@@ -246,12 +261,14 @@ fn clipped_matter_by_the_processor_is_the_whole() {
     let chunks = Chunks::even([40; 3], [2; 3]).unwrap();
     let plane = Plane::through(volume.grid().center(), DVec3::new(1.0, 0.3, 0.2)).unwrap();
     let clipped = Settings { clip: Clip::new(vec![plane]).unwrap(), ..exact() };
+    let post = Settings { shading: Shading::Post, ..clipped.clone() };
     for (azimuth, elevation) in [(97.0, 66.0), (96.0, 60.0), (41.06, -56.23), (-178.85, 66.83)] {
         let camera = seen(&volume, azimuth, elevation, ProjectionKind::Orthographic, 128);
-        for settings in [cpu(&clipped), cpu(&Settings { model: Model::Xray, ..clipped.clone() })] {
+        let xray = Settings { model: Model::Xray, ..clipped.clone() };
+        for settings in [cpu(&clipped), cpu(&xray), cpu(&occluded(&clipped)), cpu(&occluded(&post))] {
             let apart = apart(&layers, &chunks, &camera, &settings);
-            println!("{azimuth}, {:?}: {apart:.1e}", settings.model);
-            assert!(apart < LIMIT, "{azimuth}, {:?}: {apart:e}", settings.model);
+            println!("{azimuth}, {:?} {:?}: {apart:.1e}", settings.model, settings.shading);
+            assert!(apart < LIMIT, "{azimuth}, {:?} {:?}: {apart:e}", settings.model, settings.shading);
         }
     }
 }
@@ -399,8 +416,10 @@ fn compare_halos(projections: &[ProjectionKind], step: usize) {
     let chunks = Chunks::new([44; 3], [vec![15, 12, 17], vec![16, 11, 17], vec![14, 13, 17]]).unwrap();
     for &projection in projections {
         let camera = seen(&volume, 33.0, 25.0, projection, 90);
-        let models = models().into_iter().step_by(step);
-        for ((name, settings), painter) in models.flat_map(|of| [tiles, quads, cpu].map(|by| (of.clone(), by))) {
+        let painters: [fn(&Settings) -> Settings; 3] = [tiles, quads, cpu];
+        let by_all = models().into_iter().step_by(step).flat_map(|of| painters.map(|by| (of.clone(), by)));
+        let of_host = models_of_host().into_iter().skip(models().len()).map(|of| (of, painters[2]));
+        for ((name, settings), painter) in by_all.chain(of_host) {
             let plan = Plan::new(&layers, layers.grid(), &chunks, &camera, &painter(&settings)).unwrap();
             let middle = plan.bricks().iter().position(|brick| brick.voxels == [15..27, 16..27, 14..27]).unwrap();
             let planned = drawn_alone(&plan, middle, &layers);
@@ -472,9 +491,14 @@ fn random_scene(seed: u64) -> (String, f64) {
     let distance = (random.below(8) == 0).then_some(2.0);
     let view = View { direction: Some(direction), projection, distance, ..View::default() };
     let camera = Camera::new(&view, volume.grid(), [14 + random.below(10) as u32, 18]).unwrap();
-    let models = models();
-    let (model, settings) = &models[random.below(models.len())];
-    let settings = [tiles, quads, cpu][random.below(3)](settings);
+    let (models, more) = (models(), models_of_host());
+    let model = random.below(models.len());
+    let painter = [tiles, quads, cpu][random.below(3)];
+    // The models of before, so that seeds keep their scenes, and of the processor every fourth scene occluded.
+    let is_by_host = painter(&exact()).painter == Painter::Cpu;
+    let number = if is_by_host && seed.is_multiple_of(4) { models.len() + model % 2 } else { model };
+    let (model, settings) = &more[number];
+    let settings = painter(settings);
     let layers = Layers::of_volume(&volume, &transfer);
     // Tiles refuses kernels that have grown to the size of pixels, and an eye among the voxels.
     let by_quads = || Plan::new(&layers, layers.grid(), &chunks, &camera, &quads(&settings));
@@ -624,8 +648,12 @@ fn pictures_that_bricks_cannot_make_are_refused() {
         |settings: Settings| Plan::new(&layers, layers.grid(), &chunks, &camera, &settings).unwrap_err().to_string();
     let mut lit = Settings { lighting: two_lights(), ..exact() };
     lit.lighting.as_mut().unwrap().shadows = 1.0;
-    assert!(refused(lit.clone()).starts_with("lighting: shadows and occlusion need the matter of other bricks"));
+    assert!(refused(lit.clone()).starts_with("lighting: shadows need the matter of other bricks"));
     assert!(Plan::new(&layers, layers.grid(), &chunks, &camera, &Plan::settings_for(&lit)).is_ok());
+    let occluded = occluded(&exact());
+    assert!(refused(tiles(&occluded)).starts_with("lighting: a device draws bricks without occlusion"));
+    assert_eq!(Plan::settings_for(&cpu(&occluded)), cpu(&occluded));
+    assert_eq!(Plan::settings_for(&tiles(&occluded)).lighting.unwrap().occlusion, None);
     let level = |level| Settings { level: Level::At(level), ..exact() };
     assert!(refused(level(4)).starts_with("level: 4: bricks begin between cells of level 3 at most"));
     let post = Settings { shading: Shading::Post, ..level(1) };

@@ -16,6 +16,7 @@ use super::response::{SweepResponse, filter};
 use super::sweep::nearest;
 use super::{ShadowLattice, all_around};
 use crate::error::Result;
+use crate::kernel::Kernel;
 
 /// The variance of the filter as a share of the kernel's, at which the errors of single voxels are least.
 const SHARE: f64 = 1.1;
@@ -34,8 +35,8 @@ pub(super) struct Ray {
 }
 
 /// Returns the weights of the filter of the field along each axis, the middle one first.
-pub(super) fn filter_of(lattice: &ShadowLattice) -> Vec<f64> {
-    filter(SHARE * lattice.kernel.variance())
+pub(super) fn filter_of(kernel: &Kernel) -> Vec<f64> {
+    filter(SHARE * kernel.variance())
 }
 
 /// Returns the rays from a voxel if occluders from the bias to `radius` count (voxels), through a field filtered with
@@ -65,7 +66,7 @@ pub(super) fn arriving(
     [bias, radius]: [f64; 2],
 ) -> Result<Shares> {
     let planes = RowPlanes::across(2, field.size);
-    let weights = filter_of(lattice);
+    let weights = filter_of(&lattice.kernel);
     let single: Vec<f32> = weights.iter().map(|&w| w as f32).collect();
     let filtered = field.filtered(planes, [&single, &single])?;
     let rays = rays(lattice, response, &weights, [bias, radius]);

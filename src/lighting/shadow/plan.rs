@@ -241,7 +241,7 @@ impl LightPlans {
 
     fn around(&self) -> AroundPlan {
         let lattice = &self.lit.lattice;
-        let filter = around::filter_of(lattice);
+        let filter = around::filter_of(&lattice.kernel);
         let rays = around::rays(lattice, &self.response, &filter, [self.lit.bias(), self.lit.radius()]);
         AroundPlan {
             filter: filter.iter().map(|&w| w as f32).collect(),
