@@ -41,8 +41,8 @@
 //!
 //! [`Plan::new`] refuses light with shadows, by a device also with occlusion, axis-aligned sheets, levels whose cells
 //! cuts would divide, and levels of scalars by a device: their pictures need matter of other bricks, or have sheets or
-//! cells that no brick owns. A ray is marched for each pixel. Each brick ends its own opaque rays, so matter behind other bricks is drawn
-//! although it is hidden.
+//! cells that no brick owns. A ray is marched for each pixel. Each brick ends its own opaque rays, so matter behind
+//! other bricks is drawn although it is hidden.
 
 mod file;
 mod grid;

@@ -108,8 +108,8 @@ impl Plan {
     ///
     /// # Errors
     /// [`Error::Setting`] if `chunks` belong to another lattice, a setting is out of range, or the picture cannot be
-    /// made in bricks: light with shadows, by a device with occlusion, axis-aligned sheets, a level whose cells the cuts
-    /// divide or that scalars have. [`Error::Camera`] if the camera is not finite.
+    /// made in bricks: light with shadows, by a device with occlusion, axis-aligned sheets, a level whose cells the
+    /// cuts divide or that scalars have. [`Error::Camera`] if the camera is not finite.
     pub fn new(overview: &Layers, grid: &Grid, chunks: &Chunks, camera: &Camera, settings: &Settings) -> Result<Self> {
         let layers = overview;
         camera.validate()?;

@@ -147,8 +147,8 @@ impl Plane {
         self.stride
     }
 
-    /// Makes room to note for `rows` rows which of their segments are filled. Those that are not made count as empty, or
-    /// as filled in tests.
+    /// Makes room to note whether each segment of `rows` rows is filled. Segments that are not made count as empty; in
+    /// debug builds as filled, so that tests see one that is read.
     pub(super) fn note_filled(&mut self, rows: usize) {
         self.filled.resize(self.stride / CELL * rows, cfg!(debug_assertions));
     }
