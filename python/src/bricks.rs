@@ -80,11 +80,8 @@ impl Plan {
             let mut look = request.look(&source, &beside, view, size)?;
             let grid = grid.unwrap_or(*look.layers.grid());
             if has_open_light {
-                let settings = bricks::Plan::settings_for(&look.settings);
-                if settings != look.settings {
-                    look.choices
-                        .push("light without shadows because shadows need the matter of other bricks".to_owned());
-                }
+                let (settings, choice) = bricks::Plan::settings_for(&look.settings);
+                look.choices.extend(choice.map(str::to_owned));
                 look.settings = settings;
             }
             let mut view = look.view.view;

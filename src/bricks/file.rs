@@ -15,7 +15,7 @@ use exr::prelude::{Encoding, LayerAttributes, ReadChannels, ReadLayers, Writable
 use super::partial::{Partial, Values};
 use super::plan::Plan;
 use crate::error::{Error, Result};
-use crate::image::{Image, Region, check_exr};
+use crate::image::{Image, Note, Region, check_exr, exr_with_notes};
 use crate::output::write_atomically;
 use voxsplat_volume::files;
 
@@ -65,18 +65,14 @@ impl Partial {
         let mut attributes = LayerAttributes::named("part");
         attributes.layer_position = Vec2(x as i32, y as i32);
         let families = self.families().to_string();
-        for (name, text) in [(PLAN, format!("{:016x}", self.plan)), (BRICKS, self.bricks_text()), (FAMILIES, families)]
-        {
-            attributes.other.insert(Text::from(name), AttributeValue::Text(Text::from(text.as_str())));
-        }
+        let notes = [(PLAN, format!("{:016x}", self.plan)), (BRICKS, self.bricks_text()), (FAMILIES, families)];
+        let notes = notes.map(|(name, text)| Note { name, text });
         let size = Vec2(width as usize, height as usize);
         let layer = Layer::new(size, attributes, Encoding::FAST_LOSSLESS, AnyChannels::sort(channels));
         let mut image = ExrImage::from_layer(layer);
         let whole = self.size.map(|side| side as usize);
         image.attributes.display_window = IntegerBounds::new((0, 0), (whole[0], whole[1]));
-        let mut file = Cursor::new(Vec::new());
-        image.write().to_buffered(&mut file).map_err(io::Error::other)?;
-        Ok(file.into_inner())
+        exr_with_notes(image, &notes, |image, file| image.write().to_buffered(file))
     }
 
     fn bricks_text(&self) -> String {

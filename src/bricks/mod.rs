@@ -13,7 +13,7 @@
 //! let volume = load("scan.nrrd", &Default::default())?;
 //! let look = Appearance::for_file("scan.nrrd", &volume)?;
 //! let chunks = Chunks::even(volume.grid().dims(), [2, 2, 2])?;
-//! let settings = Plan::settings_for(&look.settings);
+//! let (settings, _) = Plan::settings_for(&look.settings);
 //! let plan = Plan::new(&look.layers, volume.grid(), &chunks, &look.camera([1024, 1024])?, &settings)?;
 //! let engine = Engine::open(&RendererOptions::default(), plan.settings())?;
 //! let mut merged = None;

@@ -88,15 +88,23 @@ struct Document {
 }
 
 impl Plan {
-    /// Returns `settings` with light that [`Self::new`] accepts: without shadows, and on a device without occlusion.
+    /// Returns `settings` with light that [`Self::new`] accepts: without shadows, and on a device without occlusion. And
+    /// the choice in words, if they differ.
     #[must_use]
-    pub fn settings_for(settings: &Settings) -> Settings {
-        let (mut settings, by_host) = (settings.clone(), is_by_host(settings));
-        if let Some(lighting) = &mut settings.lighting {
+    pub fn settings_for(settings: &Settings) -> (Settings, Option<&'static str>) {
+        let (mut chosen, by_host) = (settings.clone(), is_by_host(settings));
+        if let Some(lighting) = &mut chosen.lighting {
             lighting.shadows = 0.0;
             lighting.occlusion = lighting.occlusion.filter(|_| by_host);
         }
-        settings
+        let has_occlusion = |of: &Settings| of.lighting.as_ref().is_some_and(|lighting| lighting.occlusion.is_some());
+        let choice = if has_occlusion(settings) != has_occlusion(&chosen) {
+            "light without shadows and occlusion because a device has one brick alone"
+        } else {
+            "light without shadows because other bricks would cast them"
+        };
+        let differs = *settings != chosen;
+        (chosen, differs.then_some(choice))
     }
 
     /// Plans a picture of a volume on `grid` in bricks. The painter is fixed: [`Painter::Auto`] is the processor unless
@@ -457,12 +465,10 @@ fn check(settings: &Settings, by_host: bool) -> Result<u32> {
     }
     let Some(casting) = settings.casting() else { return Ok(0) };
     let Some(radius) = casting.occlusion_alone() else {
-        let reason = "shadows need the matter of other bricks: expected light without them";
-        return Err(Error::setting("lighting", reason));
+        return Err(Error::setting("shadows", "other bricks would cast them: expected off"));
     };
     if !by_host {
-        let reason = "a device draws bricks without occlusion: expected light without it, or --painter cpu";
-        return Err(Error::setting("lighting", reason));
+        return Err(Error::setting("occlusion", "a device draws bricks without it: expected off, or --painter cpu"));
     }
     Ok(occlusion_reach(&settings.reconstruction_kernel(), radius))
 }

@@ -157,12 +157,12 @@ impl Colored {
         arriving: Option<&ArrivingLight>,
         progress: &Progress,
     ) -> Result<Vec<Arc<Filtered>>> {
-        let Shot { camera, settings, .. } = *shot;
+        let Shot { camera, settings, grid, .. } = *shot;
         settings.check_normals(self.normals)?;
         let falling = shot.falling(self.unit, self.surfaces.is_some());
         let to_eye = match camera.eye() {
             None => EyeDirections::Parallel(-camera.forward),
-            Some(eye) => EyeDirections::At((eye - self.grid.center()) / self.grid.unit()),
+            Some(eye) => EyeDirections::At((eye - grid.center()) / grid.unit()),
         };
         let light = settings.lighting.clone().map(|lighting| (lighting, to_eye));
         let kernels = shot.kernels();
@@ -172,8 +172,9 @@ impl Colored {
         let keys: Vec<Key> = kernels.into_iter().map(key).collect();
         self.field.get_or_make(&keys, |keys, spare| {
             let light = light.as_ref().map(|(lighting, to_eye)| {
-                let shader = Shader::new(lighting, self.grid.center(), self.grid.unit(), [0.0; 2]);
-                VoxelLight { shader, to_eye: *to_eye, to_places: places_of_light(&self.grid, &self.grid), arriving }
+                let shader = Shader::new(lighting, grid.center(), grid.unit(), [0.0; 2]);
+                let first = shot.part.map_or([0; 3], |part| part.first);
+                VoxelLight { shader, to_eye: *to_eye, to_places: places_of_light(grid, grid), first, arriving }
             });
             let kernels: Vec<Kernel> = keys.iter().map(|key| key.kernel).collect();
             let filters =
@@ -238,6 +239,8 @@ struct VoxelLight<'a> {
     to_eye: EyeDirections,
     /// The map from the lattice to places for the shader.
     to_places: DAffine3,
+    /// The point of the lattice at the first voxel of the scene: parts of a lattice get the light of the whole.
+    first: [u32; 3],
     arriving: Option<&'a ArrivingLight>,
 }
 
@@ -340,10 +343,11 @@ impl VoxelLight<'_> {
         let normal = [Lanes::from_array(nx), Lanes::from_array(ny), Lanes::from_array(nz)];
         let mut xs = [0.0_f32; 16];
         for i in 0..16 {
-            xs[i] = run.xs[i] as i32 as f32;
+            xs[i] = (run.xs[i] + self.first[0]) as i32 as f32;
         }
         let xs = Lanes::<S>::from_array(xs);
-        let start = self.to_places.transform_point3(DVec3::new(0.0, y as f64, z as f64)).to_array();
+        let [first_y, first_z] = [self.first[1], self.first[2]].map(f64::from);
+        let start = self.to_places.transform_point3(DVec3::new(0.0, first_y + y as f64, first_z + z as f64)).to_array();
         let step = self.to_places.matrix3.x_axis.to_array();
         let place: Vector<S> = three!(axis => {
             xs.fma(simd, Lanes::all(simd, step[axis] as f32), Lanes::all(simd, start[axis] as f32))

@@ -192,7 +192,7 @@ impl Image {
 }
 
 /// Encodes an EXR with notes as its attributes.
-pub(super) fn exr_with_notes<C>(
+pub(crate) fn exr_with_notes<C>(
     mut image: exr::image::Image<exr::image::Layer<C>>,
     notes: &[Note],
     write: impl FnOnce(&exr::image::Image<exr::image::Layer<C>>, &mut Cursor<Vec<u8>>) -> exr::error::UnitResult,

@@ -18,7 +18,7 @@ pub use depth::DepthMap;
 pub(crate) use depth::check_scale;
 #[doc(hidden)]
 pub use file::Note;
-pub(crate) use file::check_exr;
+pub(crate) use file::{check_exr, exr_with_notes};
 #[cfg(feature = "film")]
 pub(crate) use file::png_encoder;
 pub use region::Region;

@@ -623,6 +623,7 @@ fn plans_and_parts_survive_their_files() {
     for part in &parts {
         part.save(&path).unwrap();
         assert_eq!(&Partial::load(&path, &plan).unwrap(), part);
+        assert_eq!(part.to_exr().unwrap(), std::fs::read(&path).unwrap());
     }
     let whole = std::fs::read(&path).unwrap();
     for end in [0, 10, 300, whole.len() / 2, whole.len() - 1] {
@@ -648,12 +649,13 @@ fn pictures_that_bricks_cannot_make_are_refused() {
         |settings: Settings| Plan::new(&layers, layers.grid(), &chunks, &camera, &settings).unwrap_err().to_string();
     let mut lit = Settings { lighting: two_lights(), ..exact() };
     lit.lighting.as_mut().unwrap().shadows = 1.0;
-    assert!(refused(lit.clone()).starts_with("lighting: shadows need the matter of other bricks"));
-    assert!(Plan::new(&layers, layers.grid(), &chunks, &camera, &Plan::settings_for(&lit)).is_ok());
+    assert_eq!(refused(lit.clone()), "shadows: other bricks would cast them: expected off");
+    assert!(Plan::new(&layers, layers.grid(), &chunks, &camera, &Plan::settings_for(&lit).0).is_ok());
     let occluded = occluded(&exact());
-    assert!(refused(tiles(&occluded)).starts_with("lighting: a device draws bricks without occlusion"));
-    assert_eq!(Plan::settings_for(&cpu(&occluded)), cpu(&occluded));
-    assert_eq!(Plan::settings_for(&tiles(&occluded)).lighting.unwrap().occlusion, None);
+    assert!(refused(tiles(&occluded)).starts_with("occlusion: a device draws bricks without it"));
+    assert_eq!(Plan::settings_for(&cpu(&occluded)), (cpu(&occluded), None));
+    let (settings, choice) = Plan::settings_for(&tiles(&occluded));
+    assert!(settings.lighting.unwrap().occlusion.is_none() && choice.unwrap().contains("and occlusion"), "{choice:?}");
     let level = |level| Settings { level: Level::At(level), ..exact() };
     assert!(refused(level(4)).starts_with("level: 4: bricks begin between cells of level 3 at most"));
     let post = Settings { shading: Shading::Post, ..level(1) };

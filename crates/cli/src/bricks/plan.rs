@@ -71,10 +71,10 @@ pub(crate) fn run(args: PlanArgs, line: (&Command, &ArgMatches)) -> Result<(), F
         let camera = session.camera(&job, &layers, &fitted.transfer, &mut Stages::default())?;
         let mut settings = job.settings.clone();
         if job.choices.open.light {
-            settings = Plan::settings_for(&settings);
-            if settings != job.settings {
-                let reason = "shadows need the matter of other bricks";
-                output::say(&format!("note: using light without shadows because {reason} (disable: --light off)"));
+            let choice;
+            (settings, choice) = Plan::settings_for(&settings);
+            if let Some(choice) = choice {
+                output::say(&format!("note: using {choice} (disable: --light off)"));
             }
         }
         let chunks = Chunks::even(layers.grid().dims(), grid)?;

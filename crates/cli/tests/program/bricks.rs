@@ -126,10 +126,11 @@ fn pictures_that_bricks_cannot_make_are_refused() {
     let dir = folder();
     let dir = dir.path();
     let plan = |options: &str| format!("plan demo:vessels:20 -q --grid 1x1x2 -o plan.json {options}");
-    let shadows = "shadows need the matter of other bricks: expected light without them";
-    refused(dir, &plan("--light 40,30 --shadows on"), 2, &format!("--light: {shadows}"));
+    let shadows = "--shadows: other bricks would cast them: expected off";
+    refused(dir, &plan("--light 40,30 --shadows on"), 2, shadows);
+    refused(dir, &plan("--light studio"), 2, shadows);
     let occlusion = plan("--light 40,30 --occlusion 4 --painter tiles");
-    refused(dir, &occlusion, 2, "--light: a device draws bricks without occlusion: expected light without it");
+    refused(dir, &occlusion, 2, "--occlusion: a device draws bricks without it: expected off, or --painter cpu");
     refused(dir, &plan("--light off --scale-bar"), 2, "--scale-bar: a picture in bricks has no figure");
     refused(dir, &plan("--light off --reference"), 2, "--reference is for a picture, not for a plan of bricks");
     refused(dir, &plan("--light off --level 2"), 2, "--level: 2: bricks begin between cells of level 1 at most");
