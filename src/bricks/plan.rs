@@ -88,8 +88,8 @@ struct Document {
 }
 
 impl Plan {
-    /// Returns `settings` with light that [`Self::new`] accepts: without shadows, and on a device without occlusion. And
-    /// the choice in words, if they differ.
+    /// Returns `settings` with light that [`Self::new`] accepts: without shadows, and on a device without occlusion.
+    /// Returns also the choice in words, if they differ.
     #[must_use]
     pub fn settings_for(settings: &Settings) -> (Settings, Option<&'static str>) {
         let (mut chosen, by_host) = (settings.clone(), is_by_host(settings));
