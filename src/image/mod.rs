@@ -18,9 +18,9 @@ pub use depth::DepthMap;
 pub(crate) use depth::check_scale;
 #[doc(hidden)]
 pub use file::Note;
-pub(crate) use file::{check_exr, exr_with_notes};
 #[cfg(feature = "film")]
 pub(crate) use file::png_encoder;
+pub(crate) use file::{check_exr, exr_with_notes};
 pub use region::Region;
 pub use section::{Ground, SectionPlane, section};
 

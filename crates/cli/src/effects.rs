@@ -123,7 +123,7 @@ const RULES: &[EffectRule] = &[
     refused(
         "material shadows light-size occlusion normals tune:shadow-bias",
         |given| !is_lit(given),
-        " needs a --light",
+        " needs --light, such as --light studio",
     ),
     refused(
         "shadows",

@@ -793,9 +793,9 @@ fn what_has_no_orientation_is_seen_from_an_oblique_side_unless_a_side_is_asked_f
 #[test]
 fn lights_that_cannot_be_are_refused() {
     for (arguments, reason) in [
-        ("--shadows on", "--shadows needs a --light"),
-        ("--occlusion 4", "--occlusion needs a --light"),
-        ("--light-size 4", "--light-size needs a --light"),
+        ("--shadows on", "--shadows needs --light, such as --light studio"),
+        ("--occlusion 4", "--occlusion needs --light, such as --light studio"),
+        ("--light-size 4", "--light-size needs --light, such as --light studio"),
         ("--light headlight --shadows on", "a headlight casts none"),
         ("--light 20,30 --light-size 4", "--light-size shows in shadows alone"),
         ("--light studio --light headlight", "expected no other light beside it"),

@@ -158,7 +158,7 @@ fn contradictions_are_refused_all_at_once() {
     for (options, reasons) in [
         ("--model mip --shading pre", &["--shading pre: projections of intensity"][..]),
         ("--projection perspective --fov 30 --view-height 5 --distance 9", &["--fov: --view-height and --distance"]),
-        ("--shadows on --material 0,1,0,1", &["--shadows needs a --light", "--material needs a --light"]),
+        ("--shadows on --material 0,1,0,1", &["--shadows needs --light", "--material needs --light"]),
         ("--painter tiles --tune sheets=axis,precision=f16", &["--tune sheets is a knob of quads", "precision is a"]),
         ("--painter cpu --tune table-error=0.01", &["--tune table-error is a knob of quads, not of cpu"]),
         ("--label 1:on --window 1,2 --transfer gray", &["--label needs"]),
