@@ -86,9 +86,14 @@ impl<'a> Shot<'a> {
         Ok(Self { camera, settings, grid, part, region, growths, level, lattice, kernel, density, depths })
     }
 
+    /// Returns the voxel of the lattice at the first voxel of the scene.
+    pub(super) fn first_voxel(&self) -> [u32; 3] {
+        self.part.map_or([0; 3], |part| part.first)
+    }
+
     /// Returns the point of the lattice at the first point of the scene.
     pub(super) fn first(&self) -> [isize; 3] {
-        self.part.map_or([0; 3], |part| part.first.map(|voxel| (voxel >> self.level.0) as isize))
+        self.first_voxel().map(|voxel| (voxel >> self.level.0) as isize)
     }
 
     /// Returns the first and the last point of the scene along each axis of the lattice.
@@ -161,8 +166,7 @@ impl<'a> Shot<'a> {
         let casting = settings.casting()?;
         let lattice = ShadowLattice::new(grid, kernel, settings.normalization.divisor(&kernel), unit, 1.0);
         let near = (has_scalars && self.level == Level(0)).then(|| self.kernels()[0]);
-        let first = self.part.map_or([0; 3], |part| part.first);
-        Some(Falling { casting, lattice, first, clip: settings.clip.sides(grid), near })
+        Some(Falling { casting, lattice, first: self.first_voxel(), clip: settings.clip.sides(grid), near })
     }
 }
 

@@ -173,7 +173,7 @@ impl Colored {
         self.field.get_or_make(&keys, |keys, spare| {
             let light = light.as_ref().map(|(lighting, to_eye)| {
                 let shader = Shader::new(lighting, grid.center(), grid.unit(), [0.0; 2]);
-                let first = shot.part.map_or([0; 3], |part| part.first);
+                let first = shot.first_voxel();
                 VoxelLight { shader, to_eye: *to_eye, to_places: places_of_light(grid, grid), first, arriving }
             });
             let kernels: Vec<Kernel> = keys.iter().map(|key| key.kernel).collect();
