@@ -99,9 +99,9 @@ impl Plan {
         }
         let has_occlusion = |of: &Settings| of.lighting.as_ref().is_some_and(|lighting| lighting.occlusion.is_some());
         let choice = if has_occlusion(settings) != has_occlusion(&chosen) {
-            "light without shadows and occlusion because a device has one brick alone"
+            "light without shadows and occlusion because they need the matter of other bricks"
         } else {
-            "light without shadows because other bricks would cast them"
+            "light without shadows because they need the matter of other bricks"
         };
         let differs = *settings != chosen;
         (chosen, differs.then_some(choice))

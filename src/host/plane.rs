@@ -157,9 +157,12 @@ impl Plane {
     /// how much the last ray's points lie behind the first's.
     #[inline(always)]
     fn is_clear(&self, [a, b]: [usize; 2], spans: [usize; 2]) -> bool {
+        if self.filled.is_empty() {
+            return false;
+        }
         let (first, last) = ((self.skipped + a) / CELL, (self.skipped + a + spans[0] + 3) / CELL);
-        let rows = self.filled.chunks_exact((self.stride / CELL).max(1)).skip(b).take(spans[1] + 4);
-        !self.filled.is_empty() && rows.into_iter().all(|row| !row[first..=last].contains(&true))
+        let mut rows = self.filled.chunks_exact(self.stride / CELL).skip(b).take(spans[1] + 4);
+        rows.all(|row| !row[first..=last].contains(&true))
     }
 
     /// Makes the points of half plane `number` of scalars that rays read: the scalar, and if requested its central

@@ -218,10 +218,10 @@ impl Extinctions<'_> {
         self.scene.scalars(row * nx..(row + 1) * nx)
     }
 
-    /// Writes the extinctions of a row: 0 where no visible matter is near.
-    pub(super) fn row(&self, falling: &Falling, [y, z]: [usize; 2], row: &mut [f32]) -> Result<()> {
+    /// Writes the extinctions of a row, given its y and z: 0 where no visible matter is near.
+    pub(super) fn row(&self, falling: &Falling, at: [usize; 2], row: &mut [f32]) -> Result<()> {
         let [nx, ..] = self.scene.dims();
-        let ([row_y, row_z], [y, z]) = ([y, z], [y as isize, z as isize]);
+        let [y, z] = at.map(|place| place as isize);
         let has_surfaces = !self.surfaces.surfaces.is_empty();
         // The light on an isosurface is that before it, between voxels.
         let reach = if has_surfaces { SURFACE_BIAS as isize + 2 } else { 3 };
@@ -254,7 +254,7 @@ impl Extinctions<'_> {
                 }
                 extinction += self.surfaces.casting(own[x], [per_voxel, per_unit]);
             }
-            let casts = falling.clip.is_empty() || is_inside(&falling.clip, falling.place([x, row_y, row_z]));
+            let casts = falling.clip.is_empty() || is_inside(&falling.clip, falling.place([x, at[0], at[1]]));
             row[x] = if casts { extinction.max(CLIPPED) } else { CLIPPED };
         }
         Ok(())
