@@ -44,6 +44,7 @@
 //! cells that no brick owns. A ray is marched for each pixel. Each brick ends its own opaque rays, so matter behind
 //! other bricks is drawn although it is hidden.
 
+mod draw;
 mod file;
 mod grid;
 mod memory;
@@ -51,9 +52,10 @@ mod merge;
 mod partial;
 mod plan;
 
+pub use draw::brick;
 pub use grid::Chunks;
 pub use merge::merge;
 pub use partial::Partial;
 #[doc(hidden)]
 pub use partial::Values;
-pub use plan::{Brick, Plan, brick};
+pub use plan::{Brick, Plan};

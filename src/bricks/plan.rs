@@ -12,19 +12,16 @@ use super::partial::{Look, Partial, Values, named};
 use crate::camera::Camera;
 use crate::engine::Engine;
 use crate::error::{Error, Result};
-use crate::frame::Frame;
 use crate::gpu::savings::Savings;
 use crate::gpu::view::{Held, ViewGeometry};
-use crate::host::{HostRenderer, Needs, check_drawn, is_uniform, needs};
-use crate::image::{Image, Region};
+use crate::host::{Needs, check_drawn, is_uniform, needs};
+use crate::image::Image;
 use crate::layers::Layers;
 use crate::lighting::shadow::occlusion_reach;
 use crate::painters::choice::PainterKind;
 use crate::painters::painter::FamilyShare;
 use crate::prepare::cells::{self, CellSize};
-use crate::renderer::Renderer;
 use crate::settings::{Level, Model, Painter, QuadsSettings, Settings, Sheets};
-use crate::stats::Stats;
 use crate::transfer::TransferFunction;
 use crate::volume::Grid;
 
@@ -65,7 +62,7 @@ pub struct Plan {
     /// The reach of slabs and sheets beyond cuts.
     beyond: f64,
     /// Whether the lit matter of the volume is uniform, as of a mask.
-    is_uniform: bool,
+    pub(super) is_uniform: bool,
     bricks: Vec<Brick>,
     id: u64,
 }
@@ -330,14 +327,14 @@ impl Plan {
     }
 
     /// Returns the part of the lattice that a scene of a brick holds, for the first family of rays.
-    fn held(&self, Brick { voxels, held, .. }: &Brick) -> Held {
+    pub(super) fn held(&self, Brick { voxels, held, .. }: &Brick) -> Held {
         let first = [0, 1, 2].map(|axis| held[axis].start);
         let dims = [0, 1, 2].map(|axis| held[axis].len() as u32);
         Held { first, dims, owned: owned(&self.grid, voxels, Held::OPEN), family: 0, beyond: self.beyond }
     }
 
     /// Returns for each family of rays whether it has a share in pixels, `step` pixels apart, that a brick reaches.
-    fn families_of(&self, held: Held, step: u32) -> Vec<bool> {
+    pub(super) fn families_of(&self, held: Held, step: u32) -> Vec<bool> {
         let whole = self.view();
         let families = self.shares(&whole);
         let Some(bounds) = self.view().of_held(Some(held)).projected_bounds() else {
@@ -364,82 +361,6 @@ impl Plan {
         }
         Err(of_another_plan(part))
     }
-}
-
-/// Draws a brick of a plan, by its place in [`Plan::bricks`], of the slice of all layers that [`Brick::held`] names.
-/// The place of the slice in the world is that of the plan, whatever its own grid says. [`Engine::open`] opens an
-/// engine for [`Plan::settings`].
-///
-/// # Errors
-/// [`Error::Setting`] if there is no such brick, the slice has other dimensions or the painter of the plan is of
-/// another engine, and the errors of [`Engine::prepare_layers`] and [`Engine::render`].
-pub fn brick(engine: &Engine, plan: &Plan, number: usize, slice: &Layers) -> Result<(Partial, Stats)> {
-    let brick = plan.brick(number)?;
-    let grid = plan.grid.part(&brick.held)?;
-    if slice.grid().dims() != grid.dims() {
-        let (found, expected) = (slice.grid().dims(), grid.dims());
-        let reason = format!("a slice of {found:?} voxels, expected {expected:?}: {:?}", brick.held);
-        return Err(Error::setting("brick", reason));
-    }
-    let slice = slice.on_grid(&grid)?;
-    let (families, stats) = match (engine, plan.settings.painter) {
-        (Engine::Host(renderer), Painter::Cpu) => by_host(renderer, plan, brick, &slice)?,
-        (Engine::Device(renderer), Painter::Tiles | Painter::Quads(_)) => by_device(renderer, plan, brick, &slice)?,
-        _ => return Err(Error::setting("painter", "it is of another engine: open the engine for the plan's settings")),
-    };
-    // A brick that reaches no pixel has one without matter.
-    let nowhere = Region { x: 0, y: 0, width: 1, height: 1 };
-    let region = families.iter().flatten().map(|(region, _)| *region).reduce(Region::around).unwrap_or(nowhere);
-    let in_region = |part: &Option<(Region, Image)>| {
-        let mut family = Image::transparent(region.width, region.height)?;
-        part.iter().for_each(|(of, image)| family.put(image, [of.x - region.x, of.y - region.y]));
-        Ok(family)
-    };
-    let families = families.iter().map(in_region).collect::<Result<Vec<Image>>>()?;
-    let values = Values::of_model(plan.settings.model);
-    let part = Partial { plan: plan.id, bricks: number..number + 1, values, size: plan.camera.size, region, families };
-    Ok((part, stats))
-}
-
-/// The part of a picture that each family of rays of a brick reaches, with its values; `None`: the family reaches none.
-type Families = Vec<Option<(Region, Image)>>;
-
-/// Draws a brick by the processor.
-fn by_host(renderer: &HostRenderer, plan: &Plan, brick: &Brick, slice: &Layers) -> Result<(Families, Stats)> {
-    let first = [0, 1, 2].map(|axis| brick.held[axis].start);
-    let owned = owned(&plan.grid, &brick.voxels, Held::OPEN);
-    let eye = plan.camera.eye().map(|eye| plan.grid.to_lattice().transform_point3(eye));
-    let has_eye = eye.is_some_and(|eye| owned[0].cmple(eye).all() && eye.cmplt(owned[1]).all());
-    let scene = renderer.prepare_layers(slice, &plan.settings)?;
-    let scene = scene.within((plan.grid, first), (owned, has_eye), plan.is_uniform);
-    let rendered = renderer.render(&scene, &Frame::new(&plan.camera, &plan.settings))?;
-    let has_matter = rendered.image.pixels().iter().map(|pixel| *pixel != [0.0; 4]);
-    let width = plan.camera.size[0] as usize;
-    let reached = has_matter.enumerate().filter(|(_, has_matter)| *has_matter).map(|(number, _)| {
-        let [x, y] = [number % width, number / width].map(|place| place as u32);
-        Region { x, y, width: 1, height: 1 }
-    });
-    let part = reached.reduce(Region::around).map(|region| Ok::<_, Error>((region, rendered.image.part(region)?)));
-    Ok((vec![part.transpose()?], rendered.stats))
-}
-
-/// Draws a brick by a device.
-fn by_device(renderer: &Renderer, plan: &Plan, brick: &Brick, slice: &Layers) -> Result<(Families, Stats)> {
-    let held = plan.held(brick);
-    let seen = plan.families_of(held, 1);
-    let first = seen.iter().position(|&seen| seen).unwrap_or(0);
-    let mut scene = renderer.prepare_layers(slice, &plan.settings)?.within(plan.grid, held);
-    scene = scene.by_family(first);
-    let (part, mut stats) = renderer.render_partial(&scene, &plan.camera, &plan.settings)?;
-    let mut parts = vec![None; seen.len()];
-    parts[first] = part;
-    for family in (first + 1..seen.len()).filter(|&family| seen[family]) {
-        scene = scene.by_family(family);
-        let (part, next) = renderer.render_partial(&scene, &plan.camera, &plan.settings)?;
-        parts[family] = part;
-        stats.stages.extend(next.stages);
-    }
-    Ok((parts, stats))
 }
 
 /// The error of a partial picture of another plan.
