@@ -79,6 +79,7 @@ pub mod solids;
 mod splats;
 pub mod stats;
 pub mod transfer;
+mod vectors;
 
 #[doc(hidden)]
 pub use appearance::program;

@@ -1,7 +1,7 @@
 //! Plans of pictures in bricks, and partial pictures.
 
 use std::ops::Range;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -12,6 +12,7 @@ use voxsplat::error::Error;
 use voxsplat::image::Background;
 use voxsplat::layers::Layers;
 use voxsplat::program::notes;
+use voxsplat::progress::Progress;
 use voxsplat::volume::Grid;
 
 use crate::counts::Counts;
@@ -33,6 +34,12 @@ pub(crate) struct Plan {
 #[pyclass(frozen, module = "voxsplat._native")]
 pub(crate) struct Partial {
     part: bricks::Partial,
+}
+
+/// The light that enters a brick.
+#[pyclass(frozen, module = "voxsplat._native", name = "IncomingLight")]
+pub(crate) struct BrickLight {
+    pub(crate) light: bricks::IncomingLight,
 }
 
 /// Returns the sizes of `counts` chunks of `dims` voxels, both along x, y and z.
@@ -124,6 +131,45 @@ impl Plan {
         self.plan.camera().size.into()
     }
 
+    /// Sweeps the light through the whole volume; returns the light that enters each brick, or an empty list. `slice`
+    /// gets the voxels of a slice along z, y and x, and returns its samples; `progress` gets a name and the part that
+    /// is done.
+    fn sweep_light(&self, py: Python<'_>, slice: Py<PyAny>, progress: Option<Py<PyAny>>) -> PyResult<Vec<BrickLight>> {
+        check_process()?;
+        let failed = Mutex::new(None::<PyErr>);
+        // An exception of Python ends the sweep, and is raised then.
+        let kept = |error: PyErr| {
+            failed.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
+            Error::Cancelled
+        };
+        let slice_of = |held: &[Range<u32>; 3]| {
+            let source = Python::attach(|py| {
+                py.check_signals()?;
+                let volume = slice.bind(py).call1((voxels(held),))?;
+                Ok::<_, PyErr>(volume.cast::<Volume>()?.get().source())
+            });
+            Self::slice(&self.plan, &source.map_err(kept)?.samples()?)
+        };
+        let report = Progress::new(move |stage, fraction| {
+            if let Some(progress) = &progress {
+                // An exception here is printed, as one of other callbacks without a caller.
+                Python::attach(|py| drop(progress.call1(py, (stage, fraction)).map_err(|error| error.print(py))));
+            }
+        });
+        let swept = py.detach(|| bricks::sweep_light(&self.plan, slice_of, &report));
+        if let Some(error) = failed.into_inner().unwrap_or_else(PoisonError::into_inner) {
+            return Err(error);
+        }
+        let swept = swept.map_err(|fault| raised(&fault))?;
+        Ok(swept.into_iter().map(|light| BrickLight { light }).collect())
+    }
+
+    /// Returns whether bricks need the light that enters them.
+    #[getter]
+    fn casts_shadows(&self) -> bool {
+        self.plan.casts_shadows()
+    }
+
     /// Merges the partial pictures of all bricks into the picture.
     fn merge(&self, py: Python<'_>, parts: Vec<Py<Partial>>, background: &str) -> PyResult<Image> {
         let background: Background = background.parse().map_err(|fault| raised(&fault))?;
@@ -141,6 +187,28 @@ impl Plan {
             reason: "it is of labels or channels, whose bricks the command draws: voxsplat brick".to_owned(),
         };
         Ok(Layers::of_volume(volume, plan.transfer().ok_or_else(missing)?))
+    }
+}
+
+#[pymethods]
+impl BrickLight {
+    /// Reads the light from the bytes of its OpenEXR file.
+    #[staticmethod]
+    fn from_bytes(py: Python<'_>, bytes: &[u8]) -> PyResult<Self> {
+        let light = py.detach(|| bricks::IncomingLight::from_exr(bytes)).map_err(|fault| raised(&fault))?;
+        Ok(Self { light })
+    }
+
+    /// Returns the bytes of the OpenEXR file of this light.
+    fn to_bytes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
+        let bytes = py.detach(|| self.light.to_exr()).map_err(|fault| PyValueError::new_err(fault.to_string()))?;
+        Ok(PyBytes::new(py, &bytes))
+    }
+
+    /// Returns the number of the brick.
+    #[getter]
+    fn brick(&self) -> usize {
+        self.light.brick()
     }
 }
 

@@ -80,6 +80,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<solids::Mesh>()?;
     module.add_class::<bricks::Plan>()?;
     module.add_class::<bricks::Partial>()?;
+    module.add_class::<bricks::BrickLight>()?;
     module.add_class::<counts::Counts>()?;
     for function in [
         wrap_pyfunction!(presets, module)?,

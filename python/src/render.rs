@@ -19,7 +19,7 @@ use voxsplat::settings::Settings;
 use voxsplat::solids::Solids;
 use voxsplat::stats::Rendered;
 
-use crate::bricks::{Partial, Plan};
+use crate::bricks::{BrickLight, Partial, Plan};
 use crate::error::{internal, raised};
 use crate::image::Image;
 use crate::request::{Beside, SettingsFields, ViewFields, ViewRequest, VolumeLook};
@@ -245,19 +245,21 @@ impl Renderer {
         Ok(array.map_err(|fault| internal(&fault.to_string()))?.into_pyarray(py))
     }
 
-    /// Draws a brick of a plan, given the slice of the samples that it needs.
+    /// Draws a brick of a plan, given the slice of the samples that it needs, and the light that enters it.
     fn brick(
         &self,
         py: Python<'_>,
         plan: &Plan,
         number: usize,
         slice: &Volume,
+        light: Option<&BrickLight>,
         progress: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Partial> {
-        let (plan, source) = (Arc::clone(&plan.plan), slice.source());
+        let (plan, source, light) = (Arc::clone(&plan.plan), slice.source(), light.map(|light| light.light.clone()));
         let part = self.device.run(py, progress, move |engines| {
             let layers = Plan::slice(&plan, &source.samples()?)?;
-            Ok(voxsplat::bricks::brick(engines.suited(plan.settings())?, &plan, number, &layers)?.0)
+            let engine = engines.suited(plan.settings())?;
+            Ok(voxsplat::bricks::brick(engine, &plan, number, &layers, light.as_ref())?.0)
         })?;
         Ok(Partial::new(part))
     }

@@ -50,8 +50,41 @@ def test_merged_pictures_are_whole_pictures(options: dict, painter: str) -> None
 def test_light_that_is_not_given_has_no_shadows() -> None:
     plan = vs.plan(samples(), (1, 1, 2), size=SIZE, transfer="ct-bone")
     assert any("without shadows" in choice for choice in plan.choices)
-    with pytest.raises(ValueError, match="shadows"):
-        vs.plan(samples(), (1, 1, 2), size=SIZE, light="studio")
+    assert not plan.casts_shadows and vs.sweep_light(plan, samples()) == []
+    with pytest.raises(ValueError, match="shadows: a device draws bricks without them"):
+        vs.plan(samples(), (1, 1, 2), size=SIZE, light="studio", painter="tiles")
+
+
+def test_shadows_fall_from_brick_to_brick() -> None:
+    array = np.zeros((60, 40, 44), np.uint8)
+    array[40:48, 8:30, 10:34] = 200
+    array[6:10, 4:36, 4:40] = 120
+    options = EXACT | {"painter": "cpu", "size": SIZE, "light": (0, 80), "shadows": 1.0, "azimuth": 20, "elevation": 50}
+    options |= {"transfer": "grayscale", "frame": "visible"}
+    plan = vs.plan(array, (2, 1, 2), **options)
+    seen: list[str] = []
+    light = vs.sweep_light(plan, array, progress=lambda stage, _: seen.append(stage))
+    assert plan.casts_shadows and [one.brick for one in light] == [0, 1, 2, 3] and "sweeping light" in seen
+    light = pickle.loads(pickle.dumps(light))
+    parts = [vs.brick(plan, brick, array[brick.held], light=light[brick.number]) for brick in plan.bricks]
+    whole = vs.render(array, **options)
+    assert difference(vs.merge(plan, parts), whole) < 1e-5
+    assert difference(vs.render(array, **options | {"shadows": 0.0}), whole) > 0.1
+    with pytest.raises(ValueError, match="the light that enters brick 0 is missing"):
+        vs.brick(plan, 0, array[plan.bricks[0].held])
+    with pytest.raises(ValueError, match="it enters brick 1"):
+        vs.brick(plan, 0, array[plan.bricks[0].held], light=light[1])
+    with pytest.raises(ZeroDivisionError):
+        vs.sweep_light(plan, _Failing())
+    with pytest.raises(ValueError, match="a slice of"):
+        vs.sweep_light(plan, array[:9])
+
+
+class _Failing:
+    """Samples that cannot be read."""
+
+    def __getitem__(self, _: object) -> np.ndarray:
+        raise ZeroDivisionError
 
 
 def test_plans_and_parts_travel() -> None:

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any
 from ._native import DeviceError, __version__
 
 if TYPE_CHECKING:
-    from .bricks import Brick, Partial, Plan, brick, merge
+    from .bricks import Brick, IncomingLight, Partial, Plan, brick, merge, sweep_light
     from .functions import adapters, colour_maps, from_napari, info, plan, presets, render, slices, view
     from .image import Image
     from .renderer import Renderer, Scene, Volume
@@ -36,6 +36,7 @@ __all__ = [
     "Brick",
     "DeviceError",
     "Image",
+    "IncomingLight",
     "Partial",
     "Plan",
     "Renderer",
@@ -55,6 +56,7 @@ __all__ = [
     "presets",
     "render",
     "slices",
+    "sweep_light",
     "view",
 ]
 
@@ -64,7 +66,7 @@ DeviceError.__module__ = "voxsplat"
 # The modules of the other names. They are imported when a name is used, because the command needs none of them and
 # NumPy takes ten times as long to import as the program to start.
 _MODULES = {
-    "bricks": ("Brick", "Partial", "Plan", "brick", "merge"),
+    "bricks": ("Brick", "IncomingLight", "Partial", "Plan", "brick", "merge", "sweep_light"),
     "functions": ("adapters", "colour_maps", "from_napari", "info", "plan", "presets", "render", "slices", "view"),
     "image": ("Image",),
     "renderer": ("Renderer", "Scene", "Volume"),

@@ -4,8 +4,14 @@
     parts = [voxsplat.brick(plan, b, volume[b.held]) for b in plan.bricks]
     image = voxsplat.merge(plan, parts)
 
-A plan knows no engine: any executor may draw the bricks, in any order, on any machine. Plans and partial pictures can be
-pickled. `voxsplat.dask` does all of it for Dask arrays and Zarr stores.
+A plan knows no engine: any executor may draw the bricks, in any order, on any machine. Plans, light and partial pictures
+can be pickled. `voxsplat.dask` does all of it for Dask arrays and Zarr stores, without shadows.
+
+Shadows fall from brick to brick. If the light of a plan casts shadows, it is swept once through the whole volume:
+
+    plan = voxsplat.plan(volume, grid=(2, 2, 2), light="studio")
+    light = voxsplat.sweep_light(plan, volume)
+    parts = [voxsplat.brick(plan, b, volume[b.held], light=light[b.number]) for b in plan.bricks]
 """
 
 from __future__ import annotations
@@ -22,7 +28,7 @@ from .image import Image
 from .progress import Reported
 from .renderer import kept_renderer
 
-__all__ = ["Brick", "Partial", "Plan", "brick", "merge"]
+__all__ = ["Brick", "IncomingLight", "Partial", "Plan", "brick", "merge", "sweep_light"]
 
 Slices: TypeAlias = tuple[slice, slice, slice]
 
@@ -75,6 +81,11 @@ class Plan:
         """The choices that were left open, with their reasons."""
         return self._native.choices
 
+    @property
+    def casts_shadows(self) -> bool:
+        """Whether bricks need the light that enters them: see `voxsplat.sweep_light`."""
+        return self._native.casts_shadows
+
     def __reduce__(self) -> tuple[Callable[[str, list[str]], Plan], tuple[str, list[str]]]:
         return _plan_of, (self.to_json(), self.choices)
 
@@ -115,11 +126,62 @@ class Partial:
         return f"<voxsplat.Partial of bricks {numbers.start} to {numbers.stop - 1}>"
 
 
+class IncomingLight:
+    """The light that enters a brick, under shadows of other bricks. See `voxsplat.sweep_light`."""
+
+    def __init__(self, native: _native.IncomingLight) -> None:
+        self._native = native
+
+    @classmethod
+    def from_bytes(cls, data: bytes) -> IncomingLight:
+        """Read the light from the bytes of its OpenEXR file."""
+        return cls(_native.IncomingLight.from_bytes(data))
+
+    def to_bytes(self) -> bytes:
+        """Return the bytes of an OpenEXR file, as the command ``voxsplat plan`` writes it."""
+        return self._native.to_bytes()
+
+    @property
+    def brick(self) -> int:
+        """The number of the brick in the order of the plan."""
+        return self._native.brick
+
+    def __reduce__(self) -> tuple[Callable[[bytes], IncomingLight], tuple[bytes]]:
+        return IncomingLight.from_bytes, (self.to_bytes(),)
+
+    def __repr__(self) -> str:
+        return f"<voxsplat.IncomingLight of brick {self.brick}>"
+
+
+def sweep_light(
+    plan: Plan,
+    samples: Any,
+    *,
+    replace_nan: float | None = None,
+    slope: float = 1.0,
+    intercept: float = 0.0,
+    progress: Any = None,
+) -> list[IncomingLight]:
+    """Sweep the light of a plan once through the whole volume: the light that enters each brick, in the plan's order.
+
+    `samples` are those of the volume, axes (z, y, x): ``samples[slices]`` is read for one slab of planes after another,
+    of about as many voxels as the largest brick has. Returns an empty list if no light casts shadows. `replace_nan`,
+    `slope` and `intercept` are those of the volume.
+    """
+
+    def sliced(voxels: Sequence[tuple[int, int]]) -> _native.Volume:
+        return native_slice(samples[_slices(voxels)], slope=slope, intercept=intercept, replace_nan=replace_nan)
+
+    with Reported(progress) as report:
+        return [IncomingLight(light) for light in plan._native.sweep_light(sliced, report)]
+
+
 def brick(
     plan: Plan,
     which: Brick | int,
     samples: Any,
     *,
+    light: IncomingLight | None = None,
     replace_nan: float | None = None,
     slope: float = 1.0,
     intercept: float = 0.0,
@@ -128,12 +190,14 @@ def brick(
 ) -> Partial:
     """Draw a brick of a plan, given the samples of its slice: ``array[brick.held]``, axes (z, y, x).
 
-    `replace_nan`, `slope` and `intercept` are those of the volume. Raises ValueError if the slice has another shape.
+    `light` is the light that enters the brick, by `sweep_light`, if the plan casts shadows. `replace_nan`, `slope` and
+    `intercept` are those of the volume. Raises ValueError if the slice has another shape or the light is missing.
     """
     number = which.number if isinstance(which, Brick) else int(which)
     volume = native_slice(samples, slope=slope, intercept=intercept, replace_nan=replace_nan)
     with Reported(progress) as report:
-        return Partial(kept_renderer(adapter)._native.brick(plan._native, number, volume, report))
+        incoming = light._native if light is not None else None
+        return Partial(kept_renderer(adapter)._native.brick(plan._native, number, volume, incoming, report))
 
 
 def merge(plan: Plan, parts: Iterable[Partial], background: str = "black") -> Image:

@@ -258,7 +258,8 @@ def plan(
         Of all samples, if `volume` is an overview: presets and ranges are chosen by them, instead of by its samples.
     **options
         Further fields of `View`, `Settings` and, of the overview, `Volume`. A ray is drawn for each pixel. Light that
-        is not given has no shadows; shadows, labels and channels are refused, and occlusion on a device.
+        is not given has no shadows, and given ones need `sweep_light`. Labels and channels are refused, and on a device
+        shadows and occlusion.
 
     Raises
     ------

@@ -117,6 +117,8 @@ class Large:
                 pass
             grid = [grouped(chunks, count) for chunks, count in zip(source.chunks, counts, strict=True)]
             made = plan(self.overview, grid, transfer=self.transfer, size=self.size, **whole, **options)
+            if made.casts_shadows:
+                raise ValueError("shadows: no task sweeps the light through all bricks: expected 0 (see voxsplat.sweep_light)")
             held = max(made.bricks, key=self._needed)
             needed = self._needed(held) + 3 * 16 * made.size[0] * made.size[1]
             if needed <= self.memory:

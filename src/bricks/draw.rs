@@ -1,6 +1,7 @@
 //! The partial picture of a brick, by the processor or by a device.
 
 use super::grid::owned;
+use super::light::IncomingLight;
 use super::partial::{Partial, Values};
 use super::plan::{Brick, Plan};
 use crate::engine::Engine;
@@ -10,18 +11,27 @@ use crate::gpu::view::Held;
 use crate::host::HostRenderer;
 use crate::image::{Image, Region};
 use crate::layers::Layers;
+use crate::lighting::shadow::incoming::Incoming;
 use crate::renderer::Renderer;
 use crate::settings::Painter;
 use crate::stats::Stats;
 
 /// Draws a brick of a plan, by its place in [`Plan::bricks`], of the slice of all layers that [`Brick::held`] names.
 /// The place of the slice in the world is that of the plan, whatever its own grid says. [`Engine::open`] opens an
-/// engine for [`Plan::settings`].
+/// engine for [`Plan::settings`]. `light` is the light that enters the brick, by [`sweep_light`](super::sweep_light) if
+/// [`Plan::casts_shadows`], and otherwise `None`.
 ///
 /// # Errors
-/// [`Error::Setting`] if there is no such brick, the slice has other dimensions or the painter of the plan is of
-/// another engine, and the errors of [`Engine::prepare_layers`] and [`Engine::render`].
-pub fn brick(engine: &Engine, plan: &Plan, number: usize, slice: &Layers) -> Result<(Partial, Stats)> {
+/// [`Error::Setting`] if there is no such brick, the slice has other dimensions, the painter of the plan is of another
+/// engine, the light is missing or enters another brick, and the errors of [`Engine::prepare_layers`] and
+/// [`Engine::render`].
+pub fn brick(
+    engine: &Engine,
+    plan: &Plan,
+    number: usize,
+    slice: &Layers,
+    light: Option<&IncomingLight>,
+) -> Result<(Partial, Stats)> {
     let brick = plan.brick(number)?;
     let grid = plan.grid().part(&brick.held)?;
     if slice.grid().dims() != grid.dims() {
@@ -30,8 +40,16 @@ pub fn brick(engine: &Engine, plan: &Plan, number: usize, slice: &Layers) -> Res
         return Err(Error::setting("brick", reason));
     }
     let slice = slice.on_grid(&grid)?;
+    let light = match light {
+        Some(light) => Some(light.of(plan, number, brick)?),
+        None if plan.casts_shadows() => {
+            let reason = format!("the light that enters brick {number} is missing: other bricks cast shadows on it");
+            return Err(Error::setting("light", reason));
+        }
+        None => None,
+    };
     let (families, stats) = match (engine, plan.settings().painter) {
-        (Engine::Host(renderer), Painter::Cpu) => by_host(renderer, plan, brick, &slice)?,
+        (Engine::Host(renderer), Painter::Cpu) => by_host(renderer, plan, brick, &slice, light)?,
         (Engine::Device(renderer), Painter::Tiles | Painter::Quads(_)) => by_device(renderer, plan, brick, &slice)?,
         _ => return Err(Error::setting("painter", "it is of another engine: open the engine for the plan's settings")),
     };
@@ -54,13 +72,19 @@ pub fn brick(engine: &Engine, plan: &Plan, number: usize, slice: &Layers) -> Res
 type Families = Vec<Option<(Region, Image)>>;
 
 /// Draws a brick by the processor.
-fn by_host(renderer: &HostRenderer, plan: &Plan, brick: &Brick, slice: &Layers) -> Result<(Families, Stats)> {
+fn by_host(
+    renderer: &HostRenderer,
+    plan: &Plan,
+    brick: &Brick,
+    slice: &Layers,
+    light: Option<Incoming>,
+) -> Result<(Families, Stats)> {
     let first = [0, 1, 2].map(|axis| brick.held[axis].start);
     let owned = owned(plan.grid(), &brick.voxels, Held::OPEN);
     let eye = plan.camera().eye().map(|eye| plan.grid().to_lattice().transform_point3(eye));
     let has_eye = eye.is_some_and(|eye| owned[0].cmple(eye).all() && eye.cmplt(owned[1]).all());
     let scene = renderer.prepare_layers(slice, plan.settings())?;
-    let scene = scene.within((*plan.grid(), first), (owned, has_eye), plan.is_uniform);
+    let scene = scene.within((*plan.grid(), first), (owned, has_eye), plan.is_uniform).entered_by(light);
     let rendered = renderer.render(&scene, &Frame::new(plan.camera(), plan.settings()))?;
     let has_matter = rendered.image.pixels().iter().map(|pixel| *pixel != [0.0; 4]);
     let width = plan.camera().size[0] as usize;

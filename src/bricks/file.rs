@@ -36,6 +36,34 @@ fn channel(values: Values, family: usize, number: usize) -> String {
 /// The largest file that is read, in bytes.
 const MAX_BYTES: u64 = 32 << 30;
 
+/// The picture of a file with one part.
+type OnePart = ExrImage<Layer<AnyChannels<FlatSamples>>>;
+
+/// Reads an OpenEXR file; `expected` is the error of a file of another format.
+pub(super) fn read_exr(path: &Path, expected: &str) -> Result<Vec<u8>> {
+    let bytes = files::read(path, MAX_BYTES)?;
+    if !bytes.starts_with(&exr::meta::magic_number::BYTES) {
+        return Err(Error::format(path, expected));
+    }
+    check_exr(path, &bytes)?;
+    Ok(bytes)
+}
+
+/// Decodes the bytes of a file with one part; the error is the reason.
+pub(super) fn decoded_layer(bytes: &[u8]) -> std::result::Result<OnePart, String> {
+    let read = exr::prelude::read().no_deep_data().largest_resolution_level().all_channels().first_valid_layer();
+    let image = read.all_attributes().from_buffered(Cursor::new(bytes));
+    image.map_err(|e| format!("it cannot be decoded: {e}"))
+}
+
+/// Returns an attribute of a part.
+pub(super) fn text_of(layer: &Layer<AnyChannels<FlatSamples>>, name: &str) -> Option<String> {
+    match layer.attributes.other.get(&Text::from(name)) {
+        Some(AttributeValue::Text(text)) => Some(text.to_string()),
+        _ => None,
+    }
+}
+
 impl Partial {
     /// Writes the partial picture as an OpenEXR file. The file appears whole or not at all.
     ///
@@ -85,11 +113,7 @@ impl Partial {
     /// [`Error::Input`] if the file cannot be read, is damaged, no partial picture, or belongs to another plan.
     pub fn load(path: impl AsRef<Path>, plan: &Plan) -> Result<Self> {
         let path = path.as_ref();
-        let bytes = files::read(path, MAX_BYTES)?;
-        if !bytes.starts_with(&exr::meta::magic_number::BYTES) {
-            return Err(Error::format(path, "no partial picture: expected OpenEXR that voxsplat brick wrote"));
-        }
-        check_exr(path, &bytes)?;
+        let bytes = read_exr(path, "no partial picture: expected OpenEXR that voxsplat brick wrote")?;
         let part = Self::decoded(&bytes).and_then(|part| plan.check_part(&part).map(|()| part));
         part.map_err(|error| match error {
             Error::Setting { reason, .. } => Error::format(path, reason),
@@ -108,16 +132,9 @@ impl Partial {
 
     fn decoded(bytes: &[u8]) -> Result<Self> {
         let refused = |reason: &str| Error::setting("parts", format!("no partial picture: {reason}"));
-        let read = exr::prelude::read().no_deep_data().largest_resolution_level().all_channels().first_valid_layer();
-        let image = read
-            .all_attributes()
-            .from_buffered(Cursor::new(bytes))
-            .map_err(|e| refused(&format!("it cannot be decoded: {e}")))?;
+        let image = decoded_layer(bytes).map_err(|reason| refused(&reason))?;
         let layer = image.layer_data;
-        let text = |name: &str| match layer.attributes.other.get(&Text::from(name)) {
-            Some(AttributeValue::Text(text)) => Some(text.to_string()),
-            _ => None,
-        };
+        let text = |name: &str| text_of(&layer, name);
         let id = text(PLAN).and_then(|text| u64::from_str_radix(&text, 16).ok());
         let bricks = text(BRICKS).and_then(|text| {
             let (first, end) = text.split_once(':')?;

@@ -2,8 +2,8 @@
 //!
 //! A volume that one machine cannot hold is cut into bricks. A [`Plan`] holds all facts of the whole: lattice, camera,
 //! settings, transfer function and the bricks in order. [`brick`] draws one brick of a slice of the samples, the brick
-//! with its halo; bricks need nothing of each other. [`Partial::over`] composites neighbours in order, in any tree, and
-//! [`Plan::picture`] classifies and displays the result.
+//! with its halo; bricks need nothing of each other but shadows. [`Partial::over`] composites neighbours in order, in
+//! any tree, and [`Plan::picture`] classifies and displays the result.
 //!
 //! ```no_run
 //! use voxsplat::bricks::{Chunks, Plan, brick};
@@ -19,7 +19,7 @@
 //! let mut merged = None;
 //! for (number, next) in plan.bricks().iter().enumerate() {
 //!     // On any machine: a slice of the samples, and the plan as JSON.
-//!     let (part, _) = brick(&engine, &plan, number, &look.layers.part(&next.held)?)?;
+//!     let (part, _) = brick(&engine, &plan, number, &look.layers.part(&next.held)?, None)?;
 //!     merged = Some(match merged {
 //!         None => part,
 //!         Some(front) => voxsplat::bricks::Partial::over(&front, &part)?,
@@ -37,16 +37,23 @@
 //! middle. All bricks place slabs and cuts by the same numbers of the whole lattice, and hold the voxels around the
 //! cuts, their halo. So the merged picture differs from the whole one by the rounding of f32, at cuts as elsewhere.
 //!
+//! # Shadows
+//!
+//! Other bricks cast shadows on a brick. [`sweep_light`] sweeps the light once through the whole volume, slab after
+//! slab away from it, and returns the light that enters each brick ([`IncomingLight`]). Then [`brick`] draws the
+//! shadows of the whole picture. The sweep costs about as much as preparing all slabs, and runs on one machine.
+//!
 //! # Limits
 //!
-//! [`Plan::new`] refuses light with shadows, by a device also with occlusion, axis-aligned sheets, levels whose cells
-//! cuts would divide, and levels of scalars by a device: their pictures need matter of other bricks, or have sheets or
-//! cells that no brick owns. A ray is marched for each pixel. Each brick ends its own opaque rays, so matter behind
-//! other bricks is drawn although it is hidden.
+//! [`Plan::new`] refuses light with shadows or occlusion by a device, shadows of lights at places and exact shadows,
+//! axis-aligned sheets, levels whose cells cuts would divide, and levels of scalars by a device: their pictures need
+//! matter of other bricks, or have sheets or cells that no brick owns. A ray is marched for each pixel. Each brick ends
+//! its own opaque rays, so matter behind other bricks is drawn although it is hidden.
 
 mod draw;
 mod file;
 mod grid;
+mod light;
 mod memory;
 mod merge;
 mod partial;
@@ -54,6 +61,7 @@ mod plan;
 
 pub use draw::brick;
 pub use grid::Chunks;
+pub use light::{IncomingLight, sweep_light};
 pub use merge::merge;
 pub use partial::Partial;
 #[doc(hidden)]

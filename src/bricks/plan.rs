@@ -17,7 +17,7 @@ use crate::gpu::view::{Held, ViewGeometry};
 use crate::host::{Needs, check_drawn, is_uniform, needs};
 use crate::image::Image;
 use crate::layers::Layers;
-use crate::lighting::shadow::occlusion_reach;
+use crate::lighting::shadow::{occlusion_reach, passing};
 use crate::painters::choice::PainterKind;
 use crate::painters::painter::FamilyShare;
 use crate::prepare::cells::{self, CellSize};
@@ -33,6 +33,9 @@ const INCOMPLETE: u32 = 4;
 
 /// Voxels to either side that the smoothed normals of labels and masks depend on.
 const SMOOTHED_REACH: u32 = 4;
+
+/// Voxels to either side on which the extinction of a voxel may depend: gradients, masks, and visible matter nearby.
+const SHAPED: u32 = 4;
 
 /// A brick of a plan.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -85,8 +88,8 @@ struct Document {
 }
 
 impl Plan {
-    /// Returns `settings` with light that [`Self::new`] accepts: without shadows, and on a device without occlusion.
-    /// Returns also the choice in words, if they differ.
+    /// Returns `settings` with light that needs no sweep and that [`Self::new`] accepts: without shadows, and on a
+    /// device without occlusion. Returns also the choice in words, if they differ.
     #[must_use]
     pub fn settings_for(settings: &Settings) -> (Settings, Option<&'static str>) {
         let (mut chosen, by_host) = (settings.clone(), is_by_host(settings));
@@ -113,8 +116,9 @@ impl Plan {
     ///
     /// # Errors
     /// [`Error::Setting`] if `chunks` belong to another lattice, a setting is out of range, or the picture cannot be
-    /// made in bricks: light with shadows, by a device with occlusion, axis-aligned sheets, a level whose cells the
-    /// cuts divide or that scalars have. [`Error::Camera`] if the camera is not finite.
+    /// made in bricks: light with shadows or occlusion by a device, shadows of a light at a place, exact shadows,
+    /// axis-aligned sheets, a level whose cells the cuts divide or that scalars have. [`Error::Camera`] if the camera
+    /// is not finite.
     pub fn new(overview: &Layers, grid: &Grid, chunks: &Chunks, camera: &Camera, settings: &Settings) -> Result<Self> {
         let layers = overview;
         camera.validate()?;
@@ -131,7 +135,7 @@ impl Plan {
             return Err(Error::setting("grid", format!("chunks of {:?} voxels for {:?}", chunks.dims(), grid.dims())));
         }
         let by_host = is_by_host(settings);
-        let occlusion = check(settings, by_host)?;
+        let of_light = check(settings, by_host)?;
         let (settings, level, beyond, reach) = if by_host {
             check_drawn(settings)?;
             let settings = Settings { painter: Painter::Cpu, ..settings.clone() };
@@ -140,7 +144,7 @@ impl Plan {
         } else {
             of_device(layers, grid, chunks, camera, settings)?
         };
-        let halo = reach + normals_reach(layers, &settings).max(occlusion) + filter_reach(&settings);
+        let halo = reach + normals_reach(layers, &settings).max(of_light) + filter_reach(&settings);
         let is_uniform = match layers.plain() {
             Some((volume, transfer)) if settings.is_post_shaded() && settings.lighting.is_some() => {
                 is_uniform(volume, transfer)?
@@ -307,6 +311,28 @@ impl Plan {
         merged.picture(&look, &self.camera, &self.shares(&view))
     }
 
+    /// Returns whether lights cast shadows, so that bricks need the light that enters them:
+    /// [`sweep_light`](super::sweep_light).
+    #[must_use]
+    pub fn casts_shadows(&self) -> bool {
+        self.settings.casting().is_some_and(|casting| casting.casts_shadows())
+    }
+
+    /// Returns the distance in voxels of the farthest samples on which the extinction of a voxel depends.
+    pub(super) fn shaping(&self) -> u32 {
+        SHAPED + filter_reach(&self.settings)
+    }
+
+    /// Returns the voxels of a brick's slice whose extinctions do not depend on voxels beside the slice.
+    pub(super) fn shaped(&self, Brick { held, .. }: &Brick) -> [Range<u32>; 3] {
+        let dims = self.grid.dims();
+        std::array::from_fn(|axis| {
+            let Range { start, end } = held[axis];
+            let low = if start == 0 { 0 } else { start + self.shaping() };
+            low..if end == dims[axis] { end } else { end.saturating_sub(self.shaping()) }
+        })
+    }
+
     /// Returns the view of the whole lattice.
     fn view(&self) -> ViewGeometry {
         let settings = Settings { kernel: self.settings.reconstruction_kernel(), ..self.settings.clone() };
@@ -379,19 +405,34 @@ fn is_by_host(settings: &Settings) -> bool {
 }
 
 /// Refuses settings whose pictures cannot be made in bricks. Returns the distance in voxels of the farthest voxels on
-/// which the occlusion of a voxel depends, 0 without occlusion.
+/// which the shadows and the occlusion at a voxel depend, 0 without.
 fn check(settings: &Settings, by_host: bool) -> Result<u32> {
     if settings.quads().sheets == Sheets::Axis {
         return Err(Error::setting("sheets", "no brick owns an axis-aligned sheet: expected image"));
     }
     let Some(casting) = settings.casting() else { return Ok(0) };
-    let Some(radius) = casting.occlusion_alone() else {
-        return Err(Error::setting("shadows", "other bricks would cast them: expected off"));
-    };
+    let kernel = settings.reconstruction_kernel();
+    let refused = |reason| Err(Error::setting("shadows", reason));
+    let mut reach = casting.occlusion().map_or(0, |radius| occlusion_reach(&kernel, radius));
+    if casting.casts_shadows() {
+        if !by_host {
+            return refused("a device draws bricks without them: expected off, or --painter cpu");
+        }
+        if casting.is_exact() {
+            return refused("bricks have no exact ones: expected on, off or a strength");
+        }
+        if casting.has_places() {
+            return refused("a light at a place casts none in bricks: expected off, or lights from directions");
+        }
+        match passing::reach(&kernel, casting.bias()) {
+            Some(of_shadows) => reach = reach.max(of_shadows + SHAPED),
+            None => return refused("the kernel is too narrow to sweep light through bricks: expected off"),
+        }
+    }
     if !by_host {
         return Err(Error::setting("occlusion", "a device draws bricks without it: expected off, or --painter cpu"));
     }
-    Ok(occlusion_reach(&settings.reconstruction_kernel(), radius))
+    Ok(reach)
 }
 
 /// Returns the level and the needs of bricks that the processor draws.

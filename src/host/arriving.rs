@@ -11,6 +11,7 @@ use super::lanes::{Channels, Lanes, Order, RAYS, twice_four};
 use crate::camera::clip::Side;
 use crate::error::{Error, Result};
 use crate::kernel::Kernel;
+use crate::lighting::shadow::incoming::Incoming;
 use crate::lighting::shadow::{Arrival, Reusable, ShadowLattice};
 use crate::lighting::{Casting, MAX_CASTING};
 use crate::progress::Progress;
@@ -23,8 +24,6 @@ pub(crate) const BYTES: u64 = 20;
 pub(super) struct Falling {
     pub(super) casting: Casting,
     pub(super) lattice: ShadowLattice,
-    /// The point of the lattice at the first voxel of the scene.
-    pub(super) first: [u32; 3],
     /// The sides of unclipped matter; clipped matter casts no shadows.
     pub(super) clip: Vec<Side>,
     /// The kernel of the field near whose visible matter voxels are lit; `None` if all visible voxels are.
@@ -34,13 +33,38 @@ pub(super) struct Falling {
 impl Falling {
     /// Returns the place of a voxel of the scene, from the middle of the lattice.
     pub(super) fn place(&self, voxel: [usize; 3]) -> DVec3 {
-        let place = |axis: usize| f64::from(self.first[axis]) + voxel[axis] as f64;
+        let place = |axis: usize| f64::from(self.lattice.first[axis]) + voxel[axis] as f64;
         DVec3::from_array([0, 1, 2].map(|axis| place(axis) - (self.lattice.dims[axis] as f64 - 1.0) / 2.0))
     }
 }
 
 /// A callback that writes the extinctions of a row of a box, given its y and z in the lattice.
-pub(super) type Rows<'a> = dyn Fn([usize; 2], &mut [f32]) -> Result<()> + Sync + 'a;
+type Rows<'a> = dyn Fn([usize; 2], &mut [f32]) -> Result<()> + Sync + 'a;
+
+/// The matter of a scene that casts shadows.
+pub(super) struct Casters<'a> {
+    /// The first voxel of the box around all visible voxels, and its size.
+    pub(super) bounds: [[usize; 3]; 2],
+    /// Writes the extinctions of a row of the box: [`CLIPPED`](crate::lighting::shadow::field::CLIPPED) where matter
+    /// casts no shadows, 0 where no visible matter is near.
+    pub(super) row: Box<Rows<'a>>,
+}
+
+impl Casters<'_> {
+    /// Returns the light on them.
+    pub(super) fn arrival(&self, falling: &Falling, reusable: &mut Reusable) -> Result<Arrival> {
+        let failed = Mutex::new(None::<Error>);
+        let arrival = Arrival::new(&falling.casting, &falling.lattice, self.bounds, reusable, |place, out| {
+            if let Err(error) = (self.row)(place, out) {
+                failed.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
+            }
+        })?;
+        match failed.into_inner().unwrap_or_else(PoisonError::into_inner) {
+            Some(error) => Err(error),
+            None => Ok(arrival),
+        }
+    }
+}
 
 /// The shares of three lights and of ambient light at each voxel of a box, x fastest. Beyond the box, the shares are
 /// the ones at its faces.
@@ -55,20 +79,19 @@ pub(super) struct ArrivingLight {
 }
 
 impl ArrivingLight {
-    /// Finds the light that arrives at the voxels of a box around all visible ones: its first voxel, and its size.
-    /// `row` writes the extinctions of a row of the box, given its y and z in the lattice:
-    /// [`CLIPPED`](crate::lighting::shadow::field::CLIPPED) where matter casts no shadows, 0 where no visible matter is
-    /// near. `before` is the light of the same voxels under other lights.
+    /// Finds the light that arrives at the voxels of a box around all visible ones. `incoming` is the light that enters
+    /// a part of a lattice, and `before` the light of the same voxels under other lights.
     ///
     /// # Errors
-    /// [`Error::Memory`] if [`BYTES`] for each voxel cannot be allocated; the errors of `row`.
+    /// [`Error::Memory`] if [`BYTES`] for each voxel cannot be allocated; the errors of the rows.
     pub(super) fn new(
-        [low, dims]: [[usize; 3]; 2],
-        row: &Rows<'_>,
+        casters: &Casters<'_>,
         falling: &Falling,
+        incoming: Option<&Incoming>,
         before: Option<Self>,
         progress: &Progress,
     ) -> Result<Self> {
+        let [low, dims] = casters.bounds;
         let count = dims.iter().product::<usize>();
         let occlusion = Falling { casting: falling.casting.only(MAX_CASTING), ..falling.clone() };
         let (is_first, mut reusable, mut occluded) = (before.is_none(), Reusable::default(), None);
@@ -77,15 +100,7 @@ impl ArrivingLight {
             let is_same = before.occlusion == occlusion && (before.low, before.dims) == (low, dims);
             occluded = is_same.then_some(before.shares);
         }
-        let failed = Mutex::new(None::<Error>);
-        let arrival = Arrival::new(&falling.casting, &falling.lattice, [low, dims], &mut reusable, |place, out| {
-            if let Err(error) = row(place, out) {
-                failed.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
-            }
-        })?;
-        if let Some(error) = failed.into_inner().unwrap_or_else(PoisonError::into_inner) {
-            return Err(error);
-        }
+        let arrival = casters.arrival(falling, &mut reusable)?.entered_by(incoming.cloned());
         let lights = if occluded.is_some() { 0..=MAX_CASTING - 1 } else { 0..=MAX_CASTING };
         let mut shares = match occluded {
             Some(mut shares) => {
@@ -133,7 +148,7 @@ impl ArrivingLight {
         let (mut firsts, mut fractions) = ([[0; RAYS]; 3], [[0.0; RAYS]; 3]);
         for axis in 0..3 {
             let last = self.dims[axes[axis]] - 1;
-            let low = self.low[axes[axis]] as f32 + self.occlusion.first[axes[axis]] as f32;
+            let low = self.low[axes[axis]] as f32 + self.occlusion.lattice.first[axes[axis]] as f32;
             let place = at[axis].sub(simd, Lanes::all(simd, low));
             let place = place.max(simd, Lanes::all(simd, 0.0)).min(simd, Lanes::all(simd, last as f32));
             let first = place.floor(simd).min(simd, Lanes::all(simd, last.saturating_sub(1) as f32));

@@ -9,11 +9,12 @@ use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 use voxsplat_volume::memory::{reserved, zeroed};
 
-use super::lanes::{WIDTH, dispatch, load};
+use super::lanes::{WIDTH, load};
 use super::lattice::{CELL, CELL_POINTS, Padded};
 use crate::error::Result;
 use crate::kernel::{MAX_REACH, SplineFilter};
 use crate::progress::Progress;
+use crate::vectors::dispatch;
 
 /// Number of planes of a slab, of which a thread makes the coefficients at a time: whole cells.
 const PLANES: usize = 2 * CELL;

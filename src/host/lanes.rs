@@ -5,40 +5,14 @@
 //!
 //! There are no closures around vectors here: a closure is not compiled for the vectors of the machine.
 
-use std::sync::LazyLock;
-
 use bytemuck::cast;
-use pulp::{Simd, WithSimd};
+use pulp::Simd;
 
 /// The number of rays side by side.
 pub(super) const RAYS: usize = 16;
 /// The count of numbers of a vector. Machines with other vectors compute with the same count.
 pub(super) const WIDTH: usize = 8;
 const VECTORS: usize = RAYS / WIDTH;
-
-/// Whether the machine has AVX2 and fused products, and no test requests portable code.
-static HAS_AVX2: LazyLock<bool> = LazyLock::new(|| {
-    let is_lowered = std::env::var_os("VOXSPLAT_TEST_VECTORS").is_some_and(|level| level == "portable");
-    #[cfg(target_arch = "x86_64")]
-    let has = pulp::x86::V3::try_new().is_some();
-    #[cfg(not(target_arch = "x86_64"))]
-    let has = false;
-    has && !is_lowered
-});
-
-/// Names the vectors that this machine computes with.
-pub(super) fn vector_level() -> &'static str {
-    if *HAS_AVX2 { "AVX2" } else { "portable" }
-}
-
-/// Runs a task compiled for the vectors of this machine.
-pub(super) fn dispatch<T: WithSimd>(task: T) -> T::Output {
-    #[cfg(target_arch = "x86_64")]
-    if *HAS_AVX2 && let Some(simd) = pulp::x86::V3::try_new() {
-        return Simd::vectorize(simd, task);
-    }
-    Simd::vectorize(pulp::Scalar256b, task)
-}
 
 /// A number for each of sixteen rays.
 #[derive(Clone, Copy)]
@@ -359,7 +333,10 @@ pub(super) use three;
 mod tests {
     use std::array::from_fn;
 
+    use pulp::WithSimd;
+
     use super::*;
+    use crate::vectors::dispatch;
 
     struct Functions;
 

@@ -9,7 +9,7 @@ use pulp::{Simd, WithSimd};
 
 use super::between::{DELAY, PlaneSamples, is_apart};
 use super::blending::{Blending, Colors};
-use super::lanes::{Lanes, Order, RAYS, dispatch};
+use super::lanes::{Lanes, Order, RAYS};
 use super::lattice::{Places, PlaneArea, Reach, ReadPoints, places};
 use super::plane::Plane;
 use super::post::{Post, SlabShading};
@@ -18,6 +18,7 @@ use super::rays::{Axes, Beam, Bounds, GROUP, RayNumbers, Rays};
 use super::rule::Rule;
 use crate::camera::Camera;
 use crate::image::DepthMap;
+use crate::vectors::dispatch;
 
 /// The number of pixels along the side of the largest tile.
 pub(super) const TILE: usize = 32;

@@ -77,6 +77,7 @@ pub(crate) use self::scalars::is_uniform;
 #[cfg(feature = "gpu")]
 pub(crate) use self::shot::{Needs, needs};
 
+use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
 use glam::DVec3;
@@ -96,10 +97,14 @@ use crate::frame::Frame;
 use crate::image::{DepthMap, Image, Region};
 use crate::kernel::Misfit;
 use crate::layers::Layers;
+use crate::lighting::shadow::Reusable;
+use crate::lighting::shadow::incoming::Incoming;
+use crate::lighting::shadow::passing::{LightPass, Way};
 use crate::progress::Progress;
 use crate::settings::{Interslice, Model, Settings};
 use crate::stats::adapter::{AdapterInfo, AdapterKind};
 use crate::stats::{CpuStats, PainterStats, Rendered, StageTime, Stats, on_host};
+use crate::vectors::vector_level;
 use crate::volume::Grid;
 use voxsplat_volume::memory::available;
 
@@ -165,7 +170,7 @@ impl HostRenderer {
             name: "CPU".to_owned(),
             backend: "host".to_owned(),
             kind: AdapterKind::Cpu,
-            driver: format!("{} vectors, {threads} threads", lanes::vector_level()),
+            driver: format!("{} vectors, {threads} threads", vector_level()),
         }
     }
 
@@ -211,6 +216,37 @@ impl HostRenderer {
         let image = self.shot(scene, frame, frame.region, depths)?.image;
         let depth = |&[depth, has_depth, ..]: &[f32; 4]| if has_depth > 0.5 { depth } else { f32::INFINITY };
         DepthMap::new(image.width(), image.height(), image.pixels().iter().map(depth).collect())
+    }
+
+    /// Passes the light of a picture through some planes of a part of a lattice, on its way to other parts.
+    ///
+    /// # Errors
+    /// The errors of [`Self::render`].
+    pub(crate) fn pass(
+        &self,
+        scene: &HostScene,
+        frame: &Frame<'_>,
+        (way, own): (Way, &Range<i64>),
+        light: &mut LightPass,
+    ) -> Result<()> {
+        let shot = Shot::new(frame, (scene.grid(), scene.part.as_ref()), frame.region, Depths::default())?;
+        let mut reusable = Reusable::default();
+        match &scene.content {
+            HostContent::Scalars(scalars) => {
+                let unit = scalars.transfer.unit_or(shot.grid.min_spacing());
+                let Some(falling) = shot.falling(unit, true) else { return Ok(()) };
+                let made = match shot.level {
+                    Level(0) => scalars.reconstructed(&shot, &self.progress)?,
+                    _ => Vec::new(),
+                };
+                let near = made.first().map(|made| &made.field);
+                scalars.casters(near, &falling).arrival(&falling, &mut reusable)?.pass(way, own, light)
+            }
+            HostContent::Colored(colored) => {
+                let Some(falling) = shot.falling(colored.unit, false) else { return Ok(()) };
+                colored.casters(None, &falling).arrival(&falling, &mut reusable)?.pass(way, own, light)
+            }
+        }
     }
 
     /// Renders the matter of a region of a picture, or its depths; of a part of a lattice, the values of the part.
@@ -260,7 +296,7 @@ impl HostRenderer {
         let arriving = match shot.falling(unit, true) {
             None => None,
             Some(falling) => {
-                let (light, seconds) = on_host(|| scene.arriving(near, falling, &self.progress));
+                let (light, seconds) = on_host(|| scene.arriving(near, falling, shot.incoming(), &self.progress));
                 stages.push(StageTime::host("shadows", seconds));
                 Some(light?)
             }
@@ -451,7 +487,6 @@ impl HostScene {
     /// partial: the values of the slabs with their middles between the places in `owned`, in numbers of voxels, and
     /// with `has_eye` also of the slab of the eye. `is_uniform`: the lit matter of the larger volume is uniform, as of
     /// a mask.
-    #[cfg(feature = "gpu")]
     pub(crate) fn within(
         mut self,
         (whole, first): (Grid, [u32; 3]),
@@ -461,7 +496,14 @@ impl HostScene {
         if let HostContent::Scalars(scalars) = &mut self.content {
             scalars.is_uniform = is_uniform;
         }
-        self.part = Some(OwnedPart { grid: whole, held: *self.grid(), first, owned, has_eye });
+        let held = *self.grid();
+        self.part = Some(OwnedPart { grid: whole, held, first, owned, has_eye, incoming: None });
+        self
+    }
+
+    /// Sets the light that enters the part of a lattice, from matter beside it.
+    pub(crate) fn entered_by(mut self, incoming: Option<Incoming>) -> Self {
+        self.part = self.part.map(|part| OwnedPart { incoming, ..part });
         self
     }
 

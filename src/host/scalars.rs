@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use glam::{DMat3, DVec3};
 
-use super::arriving::{ArrivingLight, Falling};
+use super::arriving::{ArrivingLight, Casters, Falling};
 use super::field::{Field, padding};
 use super::kept::Kept;
 use super::level::Level;
@@ -18,6 +18,7 @@ use crate::error::Result;
 use crate::kernel::{Kernel, Slopes, SplineFilter};
 use crate::lighting::shadow::SURFACE_BIAS;
 use crate::lighting::shadow::field::CLIPPED;
+use crate::lighting::shadow::incoming::Incoming;
 use crate::progress::Progress;
 use crate::settings::Settings;
 use crate::transfer::scalars::{Reduction, Relative};
@@ -166,18 +167,24 @@ impl Scalars {
         Extinctions { scene: self, field, gradient_opacity, to_world, surfaces }
     }
 
+    /// Returns the matter that casts shadows; with a field, voxels far from its visible matter are left out.
+    pub(super) fn casters<'a>(&'a self, field: Option<&'a Field>, falling: &'a Falling) -> Casters<'a> {
+        let matter = self.occluders(field, self.transfer.unit_or(self.volume.grid().min_spacing()));
+        let row = move |place: [usize; 2], row: &mut [f32]| matter.row(falling, place, row);
+        Casters { bounds: [[0; 3], self.dims()], row: Box::new(row) }
+    }
+
     /// Returns the light that arrives at the voxels; with a field, voxels far from its visible matter are left out.
     pub(super) fn arriving(
         &self,
         field: Option<&Field>,
         falling: Falling,
+        incoming: Option<&Incoming>,
         progress: &Progress,
     ) -> Result<Arc<ArrivingLight>> {
         let mut made = self.light.get_or_make(&[falling], |falling, mut before| {
-            let falling = &falling[0];
-            let matter = self.occluders(field, self.transfer.unit_or(self.volume.grid().min_spacing()));
-            let rows = |place: [usize; 2], row: &mut [f32]| matter.row(falling, place, row);
-            Ok(vec![ArrivingLight::new([[0; 3], self.dims()], &rows, falling, before.pop(), progress)?])
+            let casters = self.casters(field, &falling[0]);
+            Ok(vec![ArrivingLight::new(&casters, &falling[0], incoming, before.pop(), progress)?])
         })?;
         Ok(made.swap_remove(0))
     }
@@ -225,13 +232,18 @@ impl Extinctions<'_> {
         let has_surfaces = !self.surfaces.surfaces.is_empty();
         // The light on an isosurface is that before it, between voxels.
         let reach = if has_surfaces { SURFACE_BIAS as isize + 2 } else { 3 };
-        let is_lit = |first: usize| {
-            let low = [first as isize, y, z].map(|point| point - reach);
-            let high = [(first + RUN) as isize - 1, y, z].map(|point| point + reach);
-            let [low, high] = [low, high].map(|end| [0, 1, 2].map(|axis| end[axis] + falling.first[axis] as isize));
+        let is_lit = |run: &Range<usize>| {
+            let low = [run.start as isize, y, z].map(|point| point - reach);
+            let high = [run.end as isize - 1, y, z].map(|point| point + reach);
+            let [low, high] =
+                [low, high].map(|end| [0, 1, 2].map(|axis| end[axis] + falling.lattice.first[axis] as isize));
             self.field.is_none_or(|field| field.any(low, high, |range| !self.scene.table.is_invisible(range)))
         };
-        let runs: Vec<usize> = (0..nx).step_by(RUN).filter(|&first| is_lit(first)).collect();
+        // Runs begin at the same voxels in a part of a lattice as in the whole.
+        let before = falling.lattice.first[0] as usize % RUN;
+        let ends =
+            (0..nx + before).step_by(RUN).map(|start| [start, start + RUN].map(|end| end.saturating_sub(before)));
+        let runs: Vec<_> = ends.map(|[start, end]| start..end.min(nx)).filter(is_lit).collect();
         if runs.is_empty() {
             return Ok(());
         }
@@ -240,7 +252,7 @@ impl Extinctions<'_> {
         let beside = (0..9).filter(|_| thins || has_surfaces).map(|n| [y + n % 3 - 1, z + n / 3 - 1]);
         let rows = beside.map(|[y, z]| self.scalars(y, z)).collect::<Result<Vec<_>>>()?;
         let slopes = Slopes::of_cells(1.0);
-        for x in runs.into_iter().flat_map(|first| first..(first + RUN).min(nx)) {
+        for x in runs.into_iter().flatten() {
             let mut extinction = self.scene.table.extinction(own[x]);
             if has_surfaces || thins && extinction > 0.0 {
                 let mut around = [0.0; 27];

@@ -13,6 +13,7 @@ use crate::frame::Frame;
 use crate::image::{DepthMap, Region};
 use crate::kernel::Kernel;
 use crate::lighting::shadow::ShadowLattice;
+use crate::lighting::shadow::incoming::Incoming;
 use crate::settings::{Level as Cells, Settings};
 use crate::volume::Grid;
 
@@ -20,7 +21,7 @@ use crate::volume::Grid;
 const NO_GROWTH: f64 = 1.0 + 1e-9;
 
 /// A part of a lattice whose partial picture is made.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub(super) struct OwnedPart {
     /// The whole lattice, and the lattice of the scene's voxels in it.
     pub(super) grid: Grid,
@@ -31,6 +32,8 @@ pub(super) struct OwnedPart {
     pub(super) owned: [DVec3; 2],
     /// Whether the eye lies between them.
     pub(super) has_eye: bool,
+    /// The light that enters the part; `None`: no light of the picture casts shadows.
+    pub(super) incoming: Option<Incoming>,
 }
 
 /// The growth of kernels, in steps of their lattice, from which fields are so smooth that a cubic between planes takes
@@ -159,14 +162,20 @@ impl<'a> Shot<'a> {
         (to_voxels.matrix3.transpose() * gradient, at_zero)
     }
 
+    /// Returns the light that enters the part of the lattice, if there is one.
+    pub(super) fn incoming(&self) -> Option<&Incoming> {
+        self.part.and_then(|part| part.incoming.as_ref())
+    }
+
     /// Returns the light that casts shadows, if there is one. `unit` is the world length of the unit of extinctions;
     /// with fields of scalars, voxels of level 0 are lit near visible matter alone.
     pub(super) fn falling(&self, unit: f64, has_scalars: bool) -> Option<Falling> {
         let Self { settings, grid, kernel, .. } = *self;
         let casting = settings.casting()?;
         let lattice = ShadowLattice::new(grid, kernel, settings.normalization.divisor(&kernel), unit, 1.0);
+        let lattice = ShadowLattice { first: self.first_voxel(), ..lattice };
         let near = (has_scalars && self.level == Level(0)).then(|| self.kernels()[0]);
-        Some(Falling { casting, lattice, first: self.first_voxel(), clip: settings.clip.sides(grid), near })
+        Some(Falling { casting, lattice, clip: settings.clip.sides(grid), near })
     }
 }
 

@@ -6,12 +6,12 @@ use std::sync::Arc;
 use glam::{DAffine3, DVec3};
 use pulp::{Simd, WithSimd};
 
-use super::arriving::{ArrivingLight, Falling};
+use super::arriving::{ArrivingLight, Casters, Falling};
 use super::colors::ColorField;
 use super::field::{Field, padding};
 use super::filter::{RowSource, SampleRow};
 use super::kept::Kept;
-use super::lanes::{Lanes, dispatch, three};
+use super::lanes::{Lanes, three};
 use super::lattice::Padded;
 use super::level::Level;
 use super::light::{Shader, Vector, unit};
@@ -29,6 +29,7 @@ use crate::settings::Settings;
 use crate::splats::brick::MadeBrick;
 use crate::splats::layers::{LayerClassifier, LeftOut};
 use crate::splats::words::{SplatRun, appearances, unpacked};
+use crate::vectors::dispatch;
 use crate::volume::{BRICK_EDGE as EDGE, Grid};
 
 /// The largest extinction of a voxel as a coefficient: f16 of a millionth of it are still exact.
@@ -208,28 +209,32 @@ impl Colored {
         progress: &Progress,
     ) -> Result<Option<Arc<ArrivingLight>>> {
         let Some(falling) = shot.falling(self.unit, self.surfaces.is_some()) else { return Ok(None) };
-        let [low, size] = self.bounds();
         let mut made = self.light.get_or_make(&[falling], |falling, mut before| {
-            let falling = &falling[0];
-            let surfaces = self.surfaces.as_ref().map(|surfaces| surfaces.occluders(near, self.unit));
-            let row = |[y, z]: [usize; 2], row: &mut [f32]| {
-                if let Some(surfaces) = &surfaces {
-                    surfaces.row(falling, [y, z], row)?;
-                }
-                for (run, count) in self.runs(y, z) {
-                    let (_, densities) = appearances(&run.column(0), &run.column(1));
-                    for (&x, density) in run.xs[..count].iter().zip(densities) {
-                        let casts =
-                            falling.clip.is_empty() || is_inside(&falling.clip, falling.place([x as usize, y, z]));
-                        let extinction = &mut row[x as usize - low[0]];
-                        *extinction = if casts { (*extinction + density).max(CLIPPED) } else { CLIPPED };
-                    }
-                }
-                Ok(())
-            };
-            Ok(vec![ArrivingLight::new([low, size], &row, falling, before.pop(), progress)?])
+            let casters = self.casters(near, &falling[0]);
+            Ok(vec![ArrivingLight::new(&casters, &falling[0], shot.incoming(), before.pop(), progress)?])
         })?;
         Ok(Some(made.swap_remove(0)))
+    }
+
+    /// Returns the matter that casts shadows; `near` is the field of the isosurfaces.
+    pub(super) fn casters<'a>(&'a self, near: Option<&'a Field>, falling: &'a Falling) -> Casters<'a> {
+        let bounds = self.bounds();
+        let surfaces = self.surfaces.as_ref().map(|surfaces| surfaces.occluders(near, self.unit));
+        let row = move |[y, z]: [usize; 2], row: &mut [f32]| {
+            if let Some(surfaces) = &surfaces {
+                surfaces.row(falling, [y, z], row)?;
+            }
+            for (run, count) in self.runs(y, z) {
+                let (_, densities) = appearances(&run.column(0), &run.column(1));
+                for (&x, density) in run.xs[..count].iter().zip(densities) {
+                    let casts = falling.clip.is_empty() || is_inside(&falling.clip, falling.place([x as usize, y, z]));
+                    let extinction = &mut row[x as usize - bounds[0][0]];
+                    *extinction = if casts { (*extinction + density).max(CLIPPED) } else { CLIPPED };
+                }
+            }
+            Ok(())
+        };
+        Casters { bounds, row: Box::new(row) }
     }
 }
 

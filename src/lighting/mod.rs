@@ -236,9 +236,19 @@ impl Casting {
         self.lights.get(light).map_or(self.occlusion.is_some(), |origin| !origin.is_none())
     }
 
-    /// Returns the radius of occlusion in voxels, 0 without; `None`: lights cast shadows.
-    pub(crate) fn occlusion_alone(&self) -> Option<f64> {
-        (0..MAX_CASTING).all(|light| !self.casts(light)).then_some(self.occlusion.unwrap_or(0.0))
+    /// Returns whether a light casts shadows.
+    pub(crate) fn casts_shadows(&self) -> bool {
+        (0..MAX_CASTING).any(|light| self.casts(light))
+    }
+
+    /// Returns the radius of occlusion, voxels.
+    pub(crate) fn occlusion(&self) -> Option<f64> {
+        self.occlusion
+    }
+
+    /// Returns whether a light at a place casts shadows.
+    pub(crate) fn has_places(&self) -> bool {
+        self.lights.iter().any(|origin| matches!(origin, LightOrigin::Point(_)))
     }
 
     /// Returns the shadows of one light alone, or for [`MAX_CASTING`] the occlusion of ambient light.

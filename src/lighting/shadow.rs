@@ -23,7 +23,9 @@
 mod around;
 pub(crate) mod exact;
 pub(crate) mod field;
+pub(crate) mod incoming;
 mod lanes;
+pub(crate) mod passing;
 pub(crate) mod plan;
 mod response;
 mod sweep;
@@ -36,6 +38,7 @@ use rayon::prelude::*;
 
 use self::exact::{Caster, Medium, ShadowBlock};
 use self::field::{ExtinctionBox, RowPlanes, Spare, turned_back};
+use self::incoming::{Entering, Incoming};
 use self::response::SweepResponse;
 use self::sweep::{Converging, Direction, NearPlace, Swept};
 use super::{Casting, LightOrigin, MAX_CASTING};
@@ -71,6 +74,8 @@ pub(crate) struct ShadowLattice {
     /// The divisor of sums of kernels.
     pub(crate) divisor: f64,
     pub(crate) dims: [usize; 3],
+    /// The point of the lattice at the first voxel of a scene, which may be of a part of the lattice.
+    pub(crate) first: [u32; 3],
     /// The map from the world of lights to the lattice.
     pub(crate) to_lattice: DAffine3,
     /// The map from the lattice to the world, which may be measured in any unit.
@@ -89,6 +94,7 @@ impl ShadowLattice {
             kernel,
             divisor,
             dims: grid.dims().map(|n| n as usize),
+            first: [0; 3],
             to_lattice: grid.to_lattice(),
             to_world: grid.local().to_world().matrix3,
             unit: unit / grid.unit(),
@@ -105,7 +111,9 @@ pub(crate) fn occlusion_reach(kernel: &Kernel, radius: f64) -> u32 {
 /// A box of voxels that are lit, with the voxels around it whose kernels absorb light too.
 struct LitBox {
     casting: Casting,
-    /// The first lattice point of the box, the voxels around it included.
+    /// The first lattice point of the box, the voxels around it included; counted from the first voxel of the scene.
+    in_scene: [i64; 3],
+    /// The same, counted from the first point of the lattice.
     low: [i64; 3],
     /// The lattice of the box.
     lattice: ShadowLattice,
@@ -155,11 +163,12 @@ impl LitBox {
         let response = response.filter(|_| !casting.exact);
         // Kernels absorb light around the box too.
         let margin = response.as_ref().map_or(0, |response| response.margin());
-        let low = low.map(|n| n as i64 - margin as i64);
+        let in_scene = low.map(|n| n as i64 - margin as i64);
+        let low = [0, 1, 2].map(|axis| in_scene[axis] + i64::from(lattice.first[axis]));
         let shift = DAffine3::from_translation(-DVec3::from_array(low.map(|n| n as f64)));
         let dims = size.map(|n| n + 2 * margin);
         let lattice = ShadowLattice { dims, to_lattice: shift * lattice.to_lattice, ..lattice.clone() };
-        Self { casting: casting.clone(), low, lattice, response, margin }
+        Self { casting: casting.clone(), in_scene, low, lattice, response, margin }
     }
 
     /// Returns the bias in voxels of the lattice.
@@ -204,8 +213,7 @@ impl LitBox {
         let count = towards.len();
         // Whole numbers whose sum is all of the light.
         let part = |i: usize| ((i + 1) * 65_535 / count - i * 65_535 / count) as u16;
-        let directions: Vec<(DVec3, u16)> =
-            towards.iter().enumerate().map(|(i, &d)| ((to_lattice * d).normalize(), part(i))).collect();
+        let directions: Vec<(DVec3, usize)> = towards.iter().map(|&d| (to_lattice * d).normalize()).zip(0..).collect();
         let middle = directions.iter().map(|(along, _)| *along).sum::<DVec3>().normalize_or_zero();
         // The directions of a narrow light go together, whatever their own main axes.
         let is_narrow = count > 1 && directions.iter().all(|(along, _)| along.dot(middle) > NARROW);
@@ -213,9 +221,9 @@ impl LitBox {
         let mut bundles = Vec::new();
         for axis in 0..3 {
             let seen = |along: DVec3| DVec3::from_array(axes_across(axis).map(|axis| along[axis]));
-            let mine = directions.iter().filter(|(along, _)| main(*along) == axis).map(|&(along, share)| {
+            let mine = directions.iter().filter(|(along, _)| main(*along) == axis).map(|&(along, number)| {
                 let scale = (self.lattice.to_world * along).length() / self.lattice.unit;
-                Direction { along: seen(along), scale, share }
+                Direction { along: seen(along), scale, share: part(number), number }
             });
             let mine: Vec<_> = mine.collect();
             // Those that do not go together have their own neighbours.
@@ -258,6 +266,8 @@ impl Reusable {
 pub(crate) struct Arrival {
     lit: LitBox,
     field: ExtinctionBox,
+    /// The light that enters the box, if it belongs to a part of a lattice.
+    incoming: Option<Incoming>,
 }
 
 /// The share of a light that arrives at each voxel of the box of an [`Arrival`].
@@ -293,7 +303,7 @@ impl Arrival {
         fill: impl Fn([usize; 2], &mut [f32]) + Sync,
     ) -> Result<Self> {
         let lit = LitBox::new(casting, lattice, bounds, reusable.response(lattice));
-        let (dims, low, margin) = (lit.lattice.dims, lit.low, lit.margin);
+        let (dims, low, margin) = (lit.lattice.dims, lit.in_scene, lit.margin);
         // No row of rays or of neighbours is read beyond its zeros.
         let beside = |response: &SweepResponse| response.pad(lit.bias()).max(response.pad(lit.radius()).min(dims[0]));
         let pad = field::LANES + lit.response.as_deref().map_or(0, beside);
@@ -301,12 +311,17 @@ impl Arrival {
         field.fill(margin, |[y, z], row| {
             fill([y as i64 + low[1], z as i64 + low[2]].map(|n| n as usize), row);
         });
-        Ok(Self { lit, field })
+        Ok(Self { lit, field, incoming: None })
+    }
+
+    /// Sets the light that enters the box, if it belongs to a part of a lattice.
+    pub(crate) fn entered_by(self, incoming: Option<Incoming>) -> Self {
+        Self { incoming, ..self }
     }
 
     /// Returns the number of a lattice point of the box.
     fn index(&self, point: [usize; 3]) -> usize {
-        let [x, y, z] = [0, 1, 2].map(|axis| (point[axis] as i64 - self.lit.low[axis]) as usize);
+        let [x, y, z] = [0, 1, 2].map(|axis| (point[axis] as i64 - self.lit.in_scene[axis]) as usize);
         x + self.lit.lattice.dims[0] * (y + self.lit.lattice.dims[1] * z)
     }
 
@@ -323,7 +338,7 @@ impl Arrival {
         let bias = self.lit.bias();
         let shares = match rays {
             LightRays::Around => around::arriving(&self.field, lattice, response, [bias, self.lit.radius()])?,
-            LightRays::Parallel(bundles) => self.along(response, &bundles, bias, report)?,
+            LightRays::Parallel(bundles) => self.along(response, (light, &bundles), bias, report)?,
             LightRays::To(place) => self.towards_place(response, place, bias, report)?,
         };
         Ok(arriving(shares, self.lit.strength(light)))
@@ -340,7 +355,8 @@ impl Arrival {
         // Across x, its rows lie along y.
         let turned = (axis == 0).then(|| self.field.turned()).transpose()?;
         let field = turned.as_ref().unwrap_or(&self.field);
-        let swept = Swept { field, planes, filtered: &sweep::filtered(field, planes, response)?, response };
+        let first = axes.map(|axis| self.lit.low[axis]);
+        let swept = Swept { field, planes, first, filtered: &sweep::filtered(field, planes, response)?, response };
         if axis == 0 {
             let light = self.field.dark()?;
             sweeps(&swept, axes, &light.values)?;
@@ -355,7 +371,7 @@ impl Arrival {
     fn along(
         &self,
         response: &SweepResponse,
-        bundles: &[Bundle],
+        (light, bundles): (usize, &[Bundle]),
         bias: f64,
         report: &(dyn Fn(f64) + Sync),
     ) -> Result<field::Shares> {
@@ -366,9 +382,10 @@ impl Arrival {
             if mine().next().is_none() {
                 continue;
             }
-            self.across(axis, response, &shares.values, &mut |swept, _, out| {
+            self.across(axis, response, &shares.values, &mut |swept, axes, out| {
+                let entering = self.incoming.as_ref().map(|incoming| Entering { incoming, light, axes });
                 for Bundle { towards, directions, .. } in mine() {
-                    swept.add_parallel(&response.near(*towards, bias), directions, out);
+                    swept.add_parallel(&response.near(*towards, bias), directions, entering.as_ref(), out);
                     done += 1;
                     report(f64::from(done) / bundles.len() as f64);
                 }

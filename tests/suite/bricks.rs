@@ -1,13 +1,14 @@
 //! Pictures in bricks are the whole picture, at cuts as elsewhere.
 
 use glam::{DAffine3, DMat3, DVec3};
-use voxsplat::bricks::{Brick, Chunks, Partial, Plan, brick, merge};
+use voxsplat::bricks::{Brick, Chunks, IncomingLight, Partial, Plan, brick, merge, sweep_light};
 use voxsplat::camera::{Camera, ProjectionKind, View};
 use voxsplat::clip::{Clip, Plane};
 use voxsplat::host::HostRenderer;
 use voxsplat::image::Image;
+use voxsplat::kernel::Kernel;
 use voxsplat::layers::{Labels, Layer, Layers};
-use voxsplat::lighting::Lighting;
+use voxsplat::lighting::{Light, Lighting};
 use voxsplat::settings::{Level, Model, Painter, QuadsSettings, Response, Settings, Shading, Sheets};
 use voxsplat::transfer::TransferFunction;
 use voxsplat::volume::{Grid, Samples, Volume};
@@ -63,11 +64,17 @@ fn sheared(volume: &Volume) -> Volume {
     on(volume, DMat3::from_cols(DVec3::new(1.0, 0.2, 0.0), DVec3::new(0.3, 1.0, 0.1), DVec3::new(0.0, -0.4, 2.5)))
 }
 
+/// The light that enters the bricks of a plan; none if no light casts shadows.
+fn swept(plan: &Plan, layers: &Layers) -> Vec<IncomingLight> {
+    sweep_light(plan, |held| layers.part(held), &Default::default()).unwrap()
+}
+
 /// The parts of a plan, in order.
 fn parts(plan: &Plan, layers: &Layers) -> Vec<Partial> {
+    let light = swept(plan, layers);
     let draw = |number: usize| {
         let slice = layers.part(&plan.bricks()[number].held).unwrap();
-        brick(&engine(plan), plan, number, &slice).unwrap().0
+        brick(&engine(plan), plan, number, &slice, light.get(number)).unwrap().0
     };
     (0..plan.bricks().len()).map(draw).collect()
 }
@@ -107,6 +114,14 @@ fn occluded(settings: &Settings) -> Settings {
     Settings { lighting, ..settings.clone() }
 }
 
+/// The settings with light from a direction and from a disc that casts shadows, and that voxels occlude.
+fn shadowed(settings: &Settings) -> Settings {
+    let disc = Light { size: 25.0, ..Light::directional(DVec3::new(-0.2, 0.4, 1.0)) };
+    let lights = vec![Light::directional(DVec3::new(1.0, -0.3, 0.8)), disc];
+    let lighting = Lighting { shadows: 0.9, occlusion: Some(3.0), lights, ..Lighting::default() };
+    Settings { lighting: Some(lighting), ..settings.clone() }
+}
+
 /// The models and shadings.
 fn models() -> Vec<(&'static str, Settings)> {
     let base = exact();
@@ -130,7 +145,12 @@ fn models() -> Vec<(&'static str, Settings)> {
 /// The same, and what the processor alone draws in bricks.
 fn models_of_host() -> Vec<(&'static str, Settings)> {
     let post = Settings { shading: Shading::Post, ..exact() };
-    let more = [("occluded", occluded(&exact())), ("post occluded", occluded(&post))];
+    let more = [
+        ("occluded", occluded(&exact())),
+        ("post occluded", occluded(&post)),
+        ("shadowed", shadowed(&exact())),
+        ("post shadowed", shadowed(&post)),
+    ];
     models().into_iter().chain(more).collect()
 }
 
@@ -265,10 +285,36 @@ fn clipped_matter_by_the_processor_is_the_whole() {
     for (azimuth, elevation) in [(97.0, 66.0), (96.0, 60.0), (41.06, -56.23), (-178.85, 66.83)] {
         let camera = seen(&volume, azimuth, elevation, ProjectionKind::Orthographic, 128);
         let xray = Settings { model: Model::Xray, ..clipped.clone() };
-        for settings in [cpu(&clipped), cpu(&xray), cpu(&occluded(&clipped)), cpu(&occluded(&post))] {
+        for settings in [cpu(&clipped), cpu(&xray), cpu(&shadowed(&clipped)), cpu(&shadowed(&post))] {
             let apart = apart(&layers, &chunks, &camera, &settings);
             println!("{azimuth}, {:?} {:?}: {apart:.1e}", settings.model, settings.shading);
             assert!(apart < LIMIT, "{azimuth}, {:?} {:?}: {apart:e}", settings.model, settings.shading);
+        }
+    }
+}
+
+/// A plate casts its shadow through bricks without matter on a floor, from above and obliquely.
+#[test]
+fn shadows_fall_through_empty_bricks() {
+    let dims = [44, 40, 150];
+    let solid = |i: u32| {
+        let [x, y, z] = [i % dims[0], i / dims[0] % dims[1], i / dims[0] / dims[1]];
+        let is_plate = (128..134).contains(&z) && (10..30).contains(&x) && (8..31).contains(&y);
+        if is_plate || (9..13).contains(&z) { 200 } else { 0 }
+    };
+    let values: Vec<u8> = (0..dims.iter().product()).map(solid).collect();
+    let volume = Volume::from_slice(dims, [1.0; 3], &values).unwrap();
+    let transfer = TransferFunction::new(demo("vessels", 8).1.points().to_vec(), None).unwrap();
+    let layers = Layers::of_volume(&volume, &transfer);
+    let chunks = Chunks::even(dims, [1, 1, 5]).unwrap();
+    let camera = seen(&volume, 20.0, 40.0, ProjectionKind::Orthographic, 60);
+    for towards in [DVec3::Z, DVec3::new(0.05, 0.1, 1.0)] {
+        let lighting = Lighting { shadows: 1.0, lights: vec![Light::directional(towards)], ..Lighting::default() };
+        for shading in [Shading::Pre, Shading::Post] {
+            let settings = Settings { shading, lighting: Some(lighting.clone()), ..cpu(&exact()) };
+            let apart = apart(&layers, &chunks, &camera, &settings);
+            println!("{towards} {shading:?}: {apart:.1e}");
+            assert!(apart < LIMIT, "{towards} {shading:?}: {apart:e}");
         }
     }
 }
@@ -309,6 +355,8 @@ fn cells_are_the_whole() {
         (1, ProjectionKind::Orthographic, cpu(&lit), 36),
         (2, PERSPECTIVE, cpu(&exact()), 36),
         (1, PERSPECTIVE, cpu(&Settings { shading: Shading::Post, ..lit.clone() }), 70),
+        (1, PERSPECTIVE, cpu(&Settings { shading: Shading::Post, ..shadowed(&exact()) }), 70),
+        (2, ProjectionKind::Orthographic, cpu(&shadowed(&exact())), 36),
     ] {
         let camera = seen(&volume, 33.0, 25.0, projection, size);
         let apart = apart(&layers, &chunks, &camera, &Settings { level: Level::At(level), ..settings });
@@ -383,7 +431,7 @@ fn wider(plan: &Plan, by: i64) -> Plan {
 /// The partial picture of one brick of a plan in all pixels of all families.
 fn drawn_alone(plan: &Plan, number: usize, layers: &Layers) -> Vec<[f32; 4]> {
     let slice = layers.part(&plan.bricks()[number].held).unwrap();
-    let (part, _) = brick(&engine(plan), plan, number, &slice).unwrap();
+    let (part, _) = brick(&engine(plan), plan, number, &slice, swept(plan, layers).get(number)).unwrap();
     let [width, height] = plan.camera().size;
     let region = part.region();
     let at = |family: usize, x: u32, y: u32| {
@@ -494,9 +542,10 @@ fn random_scene(seed: u64) -> (String, f64) {
     let (models, more) = (models(), models_of_host());
     let model = random.below(models.len());
     let painter = [tiles, quads, cpu][random.below(3)];
-    // The models of before, so that seeds keep their scenes, and of the processor every fourth scene occluded.
+    // The models of before, so that seeds keep their scenes, and of the processor every fourth scene occluded or
+    // shadowed.
     let is_by_host = painter(&exact()).painter == Painter::Cpu;
-    let number = if is_by_host && seed.is_multiple_of(4) { models.len() + model % 2 } else { model };
+    let number = if is_by_host && seed.is_multiple_of(4) { models.len() + model % 4 } else { model };
     let (model, settings) = &more[number];
     let settings = painter(settings);
     let layers = Layers::of_volume(&volume, &transfer);
@@ -631,6 +680,30 @@ fn plans_and_parts_survive_their_files() {
         let error = format!("{:#}", Partial::load(&path, &plan).unwrap_err());
         assert!(error.contains("part.exr") && !error.contains('\n'), "{end}: {error}");
     }
+    let shadows = Settings { lighting: shadowed(&exact()).lighting, ..cpu(plan.settings()) };
+    let (volume, transfer) = demo("vessels", 64);
+    let layers = Layers::of_volume(&volume, &transfer);
+    let chunks = Chunks::even([64; 3], [1, 1, 2]).unwrap();
+    let lit = Plan::new(&layers, layers.grid(), &chunks, plan.camera(), &shadows).unwrap();
+    let light = swept(&lit, &layers);
+    let dark = folder.path().join("light.exr");
+    for (number, light) in light.iter().enumerate() {
+        light.save(&dark).unwrap();
+        assert_eq!(&IncomingLight::load(&dark, &lit, number).unwrap(), light);
+        assert_eq!(&IncomingLight::from_exr(&std::fs::read(&dark).unwrap()).unwrap(), light);
+    }
+    let lengths = light.iter().map(|light| light.to_exr().unwrap().len());
+    assert!(lengths.max() > Some(10_000), "no light");
+    let error = format!("{:#}", IncomingLight::load(&dark, &lit, 0).unwrap_err());
+    assert!(error.ends_with("it enters brick 1 of a plan, expected brick 0 of this plan"), "{error}");
+    let saved = std::fs::read(&dark).unwrap();
+    for end in [0, 10, 300, saved.len() / 2, saved.len() - 1] {
+        std::fs::write(&dark, &saved[..end]).unwrap();
+        let error = format!("{:#}", IncomingLight::load(&dark, &lit, 1).unwrap_err());
+        assert!(error.contains("light.exr") && !error.contains('\n'), "{end}: {error}");
+    }
+    let error = format!("{:#}", IncomingLight::load(&path, &lit, 1).unwrap_err());
+    assert!(error.contains("part.exr"), "{error}");
     // Another picture, and no EXR.
     Image::transparent(4, 4).unwrap().save(&path, Default::default()).unwrap();
     let error = Partial::load(&path, &plan).unwrap_err().to_string();
@@ -649,7 +722,18 @@ fn pictures_that_bricks_cannot_make_are_refused() {
         |settings: Settings| Plan::new(&layers, layers.grid(), &chunks, &camera, &settings).unwrap_err().to_string();
     let mut lit = Settings { lighting: two_lights(), ..exact() };
     lit.lighting.as_mut().unwrap().shadows = 1.0;
-    assert_eq!(refused(lit.clone()), "shadows: other bricks would cast them: expected off");
+    let devices = "shadows: a device draws bricks without them: expected off, or --painter cpu";
+    assert_eq!(refused(tiles(&lit)), devices);
+    let with = |change: &dyn Fn(&mut Lighting)| {
+        let mut lit = cpu(&lit);
+        lit.lighting.as_mut().map(change);
+        refused(lit)
+    };
+    assert!(with(&|lighting| lighting.exact_shadows = true).starts_with("shadows: bricks have no exact ones"));
+    let place = Light::at(DVec3::new(50.0, 0.0, 0.0));
+    assert!(with(&|lighting| lighting.lights = vec![place]).starts_with("shadows: a light at a place casts"));
+    let narrow = Kernel::Gaussian { sigma: 0.4, radius: 1.0 };
+    assert!(refused(Settings { kernel: narrow, ..cpu(&lit) }).starts_with("shadows: the kernel is too narrow"));
     assert!(Plan::new(&layers, layers.grid(), &chunks, &camera, &Plan::settings_for(&lit).0).is_ok());
     let occluded = occluded(&exact());
     assert!(refused(tiles(&occluded)).starts_with("occlusion: a device draws bricks without it"));
@@ -668,11 +752,20 @@ fn pictures_that_bricks_cannot_make_are_refused() {
     assert_eq!(error, "grid: chunks of [8, 7] voxels along y, expected sizes over 0 that sum to 16");
     let plan = Plan::new(&layers, layers.grid(), &chunks, &camera, &tiles(&exact())).unwrap();
     let slice = layers.part(&[0..16, 0..16, 0..9]).unwrap();
-    let error = brick(&engine(&plan), &plan, 3, &slice).unwrap_err().to_string();
+    let error = brick(&engine(&plan), &plan, 3, &slice, None).unwrap_err().to_string();
     assert!(error.starts_with("brick: a slice of [16, 16, 9] voxels, expected [16, 16, 16]: "), "{error}");
-    assert_eq!(brick(&engine(&plan), &plan, 8, &layers).unwrap_err().to_string(), "brick: 8, expected 0 to 7");
+    let error = brick(&engine(&plan), &plan, 8, &layers, None).unwrap_err().to_string();
+    assert_eq!(error, "brick: 8, expected 0 to 7");
     let by_cpu = Plan::new(&layers, layers.grid(), &chunks, &camera, &cpu(&exact())).unwrap();
     let slice = layers.part(&by_cpu.bricks()[0].held).unwrap();
-    let error = brick(&engine(&plan), &by_cpu, 0, &slice).unwrap_err().to_string();
+    let error = brick(&engine(&plan), &by_cpu, 0, &slice, None).unwrap_err().to_string();
     assert_eq!(error, "painter: it is of another engine: open the engine for the plan's settings");
+    let lit = Plan::new(&layers, layers.grid(), &chunks, &camera, &cpu(&lit)).unwrap();
+    let slice = layers.part(&lit.bricks()[0].held).unwrap();
+    let error = |light| brick(&engine(&lit), &lit, 0, &slice, light).unwrap_err().to_string();
+    assert_eq!(error(None), "light: the light that enters brick 0 is missing: other bricks cast shadows on it");
+    let light = swept(&lit, &layers);
+    assert_eq!(error(Some(&light[1])), "light: it enters brick 1 of a plan, expected brick 0 of this plan");
+    let short = sweep_light(&lit, |_| layers.part(&[0..16, 0..16, 0..9]), &Default::default());
+    assert!(short.unwrap_err().to_string().starts_with("light: a slice of [16, 16, 9] voxels, expected "));
 }

@@ -170,8 +170,8 @@ fn the_rooms_of_the_library_have_no_circle() {
     let mut found = BTreeMap::new();
     modules(&root().join("src"), &[], &mut found);
     let rooms = between_rooms(&arrows(&found));
-    // 24 rooms on 2026-11-29 (frame: the picture that both engines are asked for): a new room has a reason.
-    assert!((10..=24).contains(&rooms.len()), "{:?}", rooms.keys());
+    // 25 rooms on 2026-11-30 (vectors: those of the processor, for rays and for light): a new room has a reason.
+    assert!((10..=25).contains(&rooms.len()), "{:?}", rooms.keys());
     assert_eq!(circles(&rooms), Vec::<Vec<String>>::new());
 }
 
@@ -198,28 +198,28 @@ fn rooms_need_only_those_below_them() {
 
 /// The most lines of code of each room: without comments, blanks and tests. A room that shrinks takes its new number;
 /// one that grows says why in the message of its commit.
-const LINES: [(&str, usize); 28] = [
+const LINES: [(&str, usize); 29] = [
     ("accuracy", 360),
     ("appearance", 2332),
-    ("bricks", 1023),
+    ("bricks", 1249),
     ("camera", 762),
-    ("crates/cli", 6372),
+    ("crates/cli", 6386),
     ("crates/volume", 13286),
     ("engine", 151),
     ("error", 144),
     ("frame", 67),
     ("gpu", 5380),
-    ("host", 4662),
+    ("host", 4709),
     ("image", 2207),
     ("kernel", 984),
     ("layers", 1244),
     ("lib", 66),
-    ("lighting", 2470),
+    ("lighting", 2853),
     ("output", 137),
     ("painters", 3274),
     ("prepare", 2319),
     ("progress", 34),
-    ("python", 1580),
+    ("python", 1637),
     ("reference", 2290),
     ("renderer", 399),
     ("settings", 479),
@@ -227,6 +227,7 @@ const LINES: [(&str, usize); 28] = [
     ("splats", 736),
     ("stats", 344),
     ("transfer", 2002),
+    ("vectors", 20),
 ];
 /// The same of all shaders, and the number of their files.
 const SHADERS: [usize; 2] = [4557, 75];

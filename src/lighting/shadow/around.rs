@@ -7,7 +7,6 @@
 use std::sync::atomic::AtomicU16;
 
 use glam::DVec3;
-use pulp::Arch;
 use rayon::prelude::*;
 
 use super::field::{ExtinctionBox, LANES, RowPlanes, Shares};
@@ -17,6 +16,7 @@ use super::sweep::nearest;
 use super::{ShadowLattice, all_around};
 use crate::error::Result;
 use crate::kernel::Kernel;
+use crate::vectors::dispatch;
 
 /// The variance of the filter as a share of the kernel's, at which the errors of single voxels are least.
 const SHARE: f64 = 1.1;
@@ -72,10 +72,9 @@ pub(super) fn arriving(
     let rays = rays(lattice, response, &weights, [bias, radius]);
     let [nx, ny, _] = field.size;
     let mut out = field.dark()?;
-    let arch = Arch::new();
     let rows = out.values.par_chunks_mut(nx).enumerate().filter(|(row, _)| !field.filled(*row).is_empty());
     rows.for_each(|(row, out)| {
-        arch.dispatch(RowSum { field, filtered: &filtered, rays: &rays, at: [row % ny, row / ny], out });
+        dispatch(RowSum { field, filtered: &filtered, rays: &rays, at: [row % ny, row / ny], out });
     });
     Ok(out)
 }

@@ -4,14 +4,13 @@ mod converging;
 
 use std::ops::Range;
 
-use glam::DVec3;
-use pulp::Arch;
-
 use self::converging::PlaceRays;
 use super::{DARK, ShadowLattice, Shares, all_around};
 use crate::error::Result;
 use crate::kernel::{Kernel, Real, section_by};
 use crate::lighting::{Casting, LightOrigin, MAX_CASTING};
+use crate::vectors::dispatch;
+use glam::DVec3;
 use voxsplat_volume::memory::reserved;
 
 /// Number of planes of the lattice that are summed between two checks for darkness.
@@ -30,7 +29,6 @@ pub(crate) struct Medium<T> {
     /// The number of blocks along the axes; `occupied` tells whether each block has a voxel that was set.
     blocks: [usize; 3],
     occupied: Vec<bool>,
-    arch: Arch,
 }
 
 impl<T: Real> Medium<T> {
@@ -43,7 +41,7 @@ impl<T: Real> Medium<T> {
         let mut values = reserved(count as u64, || "the occluders of light".to_owned())?;
         values.resize(count, T::default());
         let blocks = dims.map(|n| n.div_ceil(BLOCK));
-        Ok(Self { dims, values, blocks, occupied: vec![false; blocks.iter().product()], arch: Arch::new() })
+        Ok(Self { dims, values, blocks, occupied: vec![false; blocks.iter().product()] })
     }
 
     /// Returns the index at which a row begins, its padding included.
@@ -82,7 +80,7 @@ impl<T: Real> Medium<T> {
         depths.clear();
         let begin = |bits: u32, i: usize| if bits >> i & 1 != 0 { T::default() } else { T::from_f64(f64::INFINITY) };
         depths.extend(block.wanted.iter().map(|&bits| std::array::from_fn(|i| begin(bits, i))));
-        self.arch.dispatch(RaySum { medium: self, ray, block, depths });
+        dispatch(RaySum { medium: self, ray, block, depths });
     }
 }
 
@@ -355,6 +353,7 @@ mod tests {
             kernel,
             divisor: Normalization::Unit.divisor(&kernel),
             dims,
+            first: [0; 3],
             to_lattice: DAffine3::from_mat3(to_world.inverse()),
             to_world,
             unit,

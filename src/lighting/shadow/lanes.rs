@@ -54,6 +54,16 @@ impl<S: Simd> RowLanes<S> {
         self
     }
 
+    /// Returns these numbers where `others` are below a limit, and 0 elsewhere.
+    #[inline(always)]
+    pub(super) fn below(mut self, simd: S, others: Self, limit: f32) -> Self {
+        let (zero, limit) = (simd.splat_f32s(0.0), simd.splat_f32s(limit));
+        for i in 0..VECTORS {
+            self.0[i] = simd.select_f32s(simd.less_than_f32s(others.0[i], limit), self.0[i], zero);
+        }
+        self
+    }
+
     /// Returns exp(-x) for x from 0 to [`DARK`], to 3e-4: the 16th power of a series.
     #[inline(always)]
     pub(super) fn transmitted(mut self, simd: S) -> Self {

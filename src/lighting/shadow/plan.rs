@@ -155,8 +155,9 @@ impl LightPlans {
         let near = self.response.near(*towards, self.lit.bias());
         let axes = axes_across(*axis);
         let [planes, rows, columns] = axes.map(|axis| self.lit.lattice.dims[axis]);
+        let first = self.lit.low[*axis];
         let whole = |place: f64| (place.floor() as i64, (place - place.floor()) as f32);
-        let of_direction = |direction: &Direction| parallel_planes(direction, [planes, rows, columns]);
+        let of_direction = |direction: &Direction| parallel_planes(direction, [planes, rows, columns], first);
         let maps: Vec<Vec<[f64; 2]>> = directions.iter().map(of_direction).collect();
         let places = (0..planes).map(|plane| maps.iter().map(|places| places[plane].map(whole)).collect());
         SweepPlan {

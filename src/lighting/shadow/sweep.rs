@@ -15,14 +15,16 @@ mod parallel;
 use std::ops::Range;
 use std::sync::atomic::AtomicU16;
 
-use pulp::Arch;
 use rayon::prelude::*;
 
 use self::buffer::Buffer;
+pub(super) use self::buffer::Scratch;
 use super::field::{ExtinctionBox, RowPlanes};
+use super::incoming::{PointRanges, RayDepths};
 use super::lanes::RowLanes;
 use super::response::SweepResponse;
 use crate::error::Result;
+use crate::vectors::dispatch;
 
 pub(super) use self::converging::{Converging, NearPlace, Pyramid};
 pub(super) use self::parallel::{Direction, parallel_planes};
@@ -41,6 +43,8 @@ const MARGIN: f64 = 4.0;
 pub(super) struct Swept<'a> {
     pub(super) field: &'a ExtinctionBox,
     pub(super) planes: RowPlanes,
+    /// The plane, the row and the column of the first voxel in the lattice.
+    pub(super) first: [i64; 3],
     /// The field, filtered by [`filtered`].
     pub(super) filtered: &'a ExtinctionBox,
     pub(super) response: &'a SweepResponse,
@@ -54,17 +58,22 @@ pub(super) struct Map {
 }
 
 /// Rays of one direction, or to one place.
-struct RaySet {
-    /// Whether rays are parallel: columns are then only shifted in the buffer, by shifts of whole 65536ths.
-    is_sheared: bool,
+pub(super) struct RaySet<'a> {
+    /// The row and the column of the first place among all rays of a direction; `None`: the rays converge. Parallel
+    /// rays only shift columns in the buffer, by whole 65536ths.
+    pub(super) origin: Option<[i64; 2]>,
     /// The number of places of a row of the buffer.
-    width: usize,
+    pub(super) width: usize,
     /// The maps of the rows and the columns of each plane, the nearest to the light first.
     maps: Vec<[Map; 2]>,
     /// The weight of each plane.
     weights: Vec<f32>,
     /// The distance, for each plane, of rows' places from the places by which rows are handed to bands.
     drifts: Vec<f64>,
+    /// The sums of rays that enter a part of a lattice, and the planes, rows and columns that this part adds; `None`:
+    /// the lattice is whole.
+    incoming: Option<&'a RayDepths>,
+    window: Option<PointRanges>,
 }
 
 /// Rays that are swept together, so that each plane is read once for all.
@@ -74,7 +83,7 @@ struct Sweep<'a, L> {
     ahead: bool,
     /// The number of nearest planes that are not taken from the sweep.
     near: usize,
-    rays: Vec<RaySet>,
+    rays: Vec<RaySet<'a>>,
     /// The places by which rows are handed to bands, for each plane, and the number of places.
     places: (Vec<Map>, usize),
     light: L,
@@ -106,10 +115,9 @@ pub(super) fn filtered(field: &ExtinctionBox, planes: RowPlanes, response: &Swee
 impl<L: SweepLight> Sweep<'_, L> {
     /// Sweeps all bands.
     fn run(&self, out: &[AtomicU16]) {
-        let arch = Arch::new();
         let bands = (0..self.places.1.div_ceil(BAND)).into_par_iter();
         bands.for_each_init(BandScratch::default, |scratch, band| {
-            arch.dispatch(Band { sweep: self, first: band * BAND, scratch, out });
+            dispatch(Band { sweep: self, first: band * BAND, scratch, out });
         });
     }
 
@@ -185,8 +193,11 @@ impl<L: SweepLight> pulp::WithSimd for Band<'_, L> {
     }
 }
 
+/// Sums with this number are whole, and the last bits of their representation are those of the other number.
+const WHOLE: f32 = 8_388_608.0;
+
 /// Rounds a number from 0 to 65535 to the nearest whole number.
 #[inline(always)]
 pub(super) fn nearest(value: f32) -> u16 {
-    (value + 8_388_608.0).to_bits() as u16
+    (value + WHOLE).to_bits() as u16
 }

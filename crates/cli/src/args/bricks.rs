@@ -19,7 +19,8 @@ Examples:
 
 /// Plan a picture in bricks, which many machines can draw.
 ///
-/// Writes the facts of the whole picture as JSON: camera, settings, transfer function, and the bricks front to back.
+/// Writes the facts of the whole picture as JSON: camera, settings, transfer function, and the bricks front to back. If
+/// lights cast shadows, it also writes the light that enters each brick beside the plan, as plan.light-0.exr and so on.
 #[derive(Debug, clap::Args)]
 #[command(after_help = PLAN_EXAMPLES)]
 pub(crate) struct PlanArgs {
@@ -38,7 +39,8 @@ Examples:
 /// Draw a brick of a plan, or bricks in a row: a partial picture.
 ///
 /// Bricks in a row are drawn one after the other with one engine, and composited. Reads only the samples of a brick at
-/// a time from files of uncompressed samples in one piece, and otherwise the volume.
+/// a time from files of uncompressed samples in one piece, and otherwise the volume. The light that enters a brick is
+/// beside the plan, if there is one.
 #[derive(Debug, clap::Args)]
 #[command(after_help = BRICK_EXAMPLES)]
 pub(crate) struct BrickArgs {

@@ -1,7 +1,7 @@
 //! The command `voxsplat brick`.
 
 use serde::Serialize;
-use voxsplat::bricks::{self, Partial};
+use voxsplat::bricks::{self, IncomingLight, Partial};
 use voxsplat::engine::Engine;
 use voxsplat::formats::load;
 use voxsplat::layers::Layers;
@@ -45,7 +45,9 @@ pub(crate) fn run(args: &BrickArgs) -> Result<(), Failure> {
     let engine = Engine::open(&options, plan.settings())?;
     let draw = |number: usize| -> Result<Partial, Failure> {
         let slice = layers.part(&plan.brick(number)?.held)?;
-        Ok(bricks::brick(&engine, &plan, number, &slice)?.0)
+        let light = |number: usize| IncomingLight::load(document::light(&args.plan, number), &plan, number);
+        let light = plan.casts_shadows().then(|| light(number)).transpose()?;
+        Ok(bricks::brick(&engine, &plan, number, &slice, light.as_ref())?.0)
     };
     let first = draw(*args.bricks.start())?;
     let mut others = args.bricks.clone().skip(1);

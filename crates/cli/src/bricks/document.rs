@@ -65,6 +65,11 @@ pub(super) fn save(
     Ok(write_file(path, (without_credentials(&text).into_owned() + "\n").as_bytes())?)
 }
 
+/// Returns the path of the light that enters a brick of the plan in a file: beside it, `plan.light-3.exr`.
+pub(super) fn light(plan: &Path, brick: usize) -> PathBuf {
+    plan.with_extension(format!("light-{brick}.exr"))
+}
+
 /// Reads a plan, the job of its whole picture, and the choices in it.
 pub(super) fn load(path: &Path) -> Result<(Plan, RenderJob, Value), Failure> {
     let text = read_text(path, MAX_BYTES)?;

@@ -6,7 +6,7 @@ use std::path::Path;
 use clap::{ArgMatches, Command};
 use serde::Serialize;
 use serde_json::Value;
-use voxsplat::bricks::{Chunks, Plan};
+use voxsplat::bricks::{Chunks, Plan, sweep_light};
 use voxsplat::settings::{Level, Painter};
 
 use super::{check_output, document};
@@ -18,7 +18,7 @@ use crate::report::{self, Choices};
 use crate::scene_file::is_scene;
 use crate::session::Session;
 use crate::stages::Stages;
-use crate::{output, scene};
+use crate::{output, progress, scene};
 
 /// The options of the command alone.
 const OWN: [&str; 4] = ["grid", "output", "json", "quiet"];
@@ -74,12 +74,17 @@ pub(crate) fn run(args: PlanArgs, line: (&Command, &ArgMatches)) -> Result<(), F
             let choice;
             (settings, choice) = Plan::settings_for(&settings);
             if let Some(choice) = choice {
-                output::say(&format!("note: using {choice} (disable: --light off)"));
+                output::say(&format!("note: using {choice} (disable: --light off, with shadows: --light studio)"));
             }
         }
         let chunks = Chunks::even(layers.grid().dims(), grid)?;
         let plan = Plan::new(&layers, layers.grid(), &chunks, &camera, &settings)?;
         let choices = Choices::of(&job, plan.settings(), Some(&fitted), None);
+        let mut paths = vec![path.clone()];
+        for light in sweep_light(&plan, |held| layers.part(held), &progress::reporter())? {
+            paths.push(document::light(&path, light.brick()));
+            light.save(&paths[paths.len() - 1])?;
+        }
         document::save(&path, &plan, &job.source, options.clone(), &choices)?;
         let bricks = plan.bricks().len();
         let most = plan.bricks().iter().map(|brick| brick.bytes).max().unwrap_or_default();
@@ -92,13 +97,17 @@ pub(crate) fn run(args: PlanArgs, line: (&Command, &ArgMatches)) -> Result<(), F
             Painter::Quads(_) => "quads",
             _ => "tiles",
         };
+        if paths.len() > 1 {
+            let pattern = document::light(&path, 0);
+            output::say(&format!("swept the light: keep {} and the others beside the plan", pattern.display()));
+        }
         let (last, megabytes) = (bricks - 1, most as f64 / 1e6);
         let printed = level.as_str().map_or_else(|| level.to_string(), str::to_owned);
         output::say(&format!(
             "planned {bricks} bricks, numbers 0 to {last}, by --painter {painter} at --level {printed}, of up to \
              {megabytes:.0} MB"
         ));
-        report::print(choices, [&path], Planned { bricks, level, brick_bytes: most })?;
+        report::print(choices, &paths, Planned { bricks, level, brick_bytes: most })?;
     }
     Ok(())
 }

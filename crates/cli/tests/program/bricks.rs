@@ -122,13 +122,40 @@ fn labels_are_drawn_in_bricks() {
 }
 
 #[test]
+fn shadows_fall_from_brick_to_brick() {
+    let dir = folder();
+    let dir = dir.path();
+    let look = "demo:vessels:48 --light studio --azimuth 30 --size 48 --tune termination=0 --painter cpu";
+    let said = run(dir, &format!("plan {look} --grid 2x1x2 -o plan.json"));
+    assert!(said.contains("swept the light: keep plan.light-0.exr and the others beside the plan"), "{said}");
+    (0..4).for_each(|n| drop(run(dir, &format!("brick plan.json {n} -o {n}.exr"))));
+    run(dir, "merge plan.json 0.exr 1.exr 2.exr 3.exr -o merged.exr");
+    run(dir, &format!("render {look} --frame visible -o whole.exr"));
+    run(dir, &format!("render {look} --shadows off --frame visible -o bright.exr"));
+    let [merged, whole, bright] =
+        ["merged.exr", "whole.exr", "bright.exr"].map(|name| Image::load(dir.join(name)).unwrap());
+    let apart = |a: &Image| compare(a, &whole, 0.0).unwrap().max_channel;
+    assert!(apart(&merged).iter().all(|&c| c < 1e-5), "{:?}", apart(&merged));
+    assert!(apart(&bright).iter().any(|&c| c > 0.1), "{:?}", apart(&bright));
+    // The light of another brick, and none.
+    std::fs::copy(dir.join("plan.light-1.exr"), dir.join("plan.light-0.exr")).unwrap();
+    let foreign = "plan.light-0.exr: it enters brick 1 of a plan, expected brick 0 of this plan";
+    refused(dir, "brick plan.json 0 -o a.exr", 1, foreign);
+    std::fs::remove_file(dir.join("plan.light-0.exr")).unwrap();
+    refused(dir, "brick plan.json 0-1 -o a.exr", 1, "plan.light-0.exr: ");
+    assert!(!dir.join("a.exr").exists());
+}
+
+#[test]
 fn pictures_that_bricks_cannot_make_are_refused() {
     let dir = folder();
     let dir = dir.path();
     let plan = |options: &str| format!("plan demo:vessels:20 -q --grid 1x1x2 -o plan.json {options}");
-    let shadows = "--shadows: other bricks would cast them: expected off";
-    refused(dir, &plan("--light 40,30 --shadows on"), 2, shadows);
-    refused(dir, &plan("--light studio"), 2, shadows);
+    let shadows = "--shadows: a device draws bricks without them: expected off, or --painter cpu";
+    refused(dir, &plan("--light 40,30 --shadows on --painter tiles"), 2, shadows);
+    refused(dir, &plan("--light studio --painter quads"), 2, shadows);
+    let exact = "--shadows: bricks have no exact ones: expected on, off or a strength";
+    refused(dir, &plan("--light 40,30 --shadows exact --painter cpu"), 2, exact);
     let occlusion = plan("--light 40,30 --occlusion 4 --painter tiles");
     refused(dir, &occlusion, 2, "--occlusion: a device draws bricks without it: expected off, or --painter cpu");
     refused(dir, &plan("--light off --scale-bar"), 2, "--scale-bar: a picture in bricks has no figure");

@@ -124,7 +124,7 @@ impl Swept<'_> {
         let near = SweepResponse::planes(rays.near.bias, 1.0);
         let drifts = vec![0.0; maps.len()];
         let size = pyramid.size;
-        let scaled = RaySet { is_sheared: false, width: size[1], maps, weights, drifts };
+        let scaled = RaySet { origin: None, width: size[1], maps, weights, drifts, incoming: None, window: None };
         let light = To { swept: self, rays, ahead };
         let sweep = Sweep { swept: self, ahead, near, rays: vec![scaled], places: (places, size[0]), light };
         sweep.run(out);

@@ -5,8 +5,10 @@ use std::sync::atomic::{AtomicU16, Ordering};
 
 use glam::DVec3;
 
-use super::{BAND, FAINT, MARGIN, Map, RaySet, Sweep, SweepLight, Swept, nearest};
-use crate::lighting::shadow::field::LANES;
+use super::buffer::nearest_place;
+use super::{BAND, FAINT, MARGIN, Map, RaySet, Sweep, SweepLight, Swept, WHOLE};
+use crate::lighting::shadow::field::{LANES, RowPlanes};
+use crate::lighting::shadow::incoming::{Entering, PointRanges};
 use crate::lighting::shadow::lanes::RowLanes;
 use crate::lighting::shadow::response::{StencilRow, SweepResponse};
 
@@ -22,6 +24,8 @@ pub(in crate::lighting::shadow) struct Direction {
     pub(in crate::lighting::shadow) scale: f64,
     /// The light that an unshadowed voxel gets, of 65535.
     pub(in crate::lighting::shadow) share: u16,
+    /// The number of the direction among those of its light.
+    pub(in crate::lighting::shadow) number: usize,
 }
 
 /// The light of parallel rays of several directions.
@@ -59,6 +63,57 @@ impl SweepResponse {
 }
 
 impl Direction {
+    /// Returns the number of the plane that is nearest to the light, counted away from the light; `first` is the number
+    /// of the first of `planes` planes in the lattice.
+    fn nearest(&self, first: i64, planes: usize) -> i64 {
+        if self.is_ahead() { 1 - first - planes as i64 } else { first }
+    }
+
+    /// Returns the rays through a box, given the numbers of its first plane, row and column in the lattice.
+    pub(in crate::lighting::shadow) fn rays(&self, of: RowPlanes, first: [i64; 3]) -> RaySet<'static> {
+        let (_, slopes) = slopes(self.along);
+        let (count, nearest) = (of.planes, self.nearest(first[0], of.planes));
+        let (rows, _, row) = sheared(slopes[0], nearest, of.rows, count);
+        let (columns, width, column) = sheared(slopes[1], nearest, of.columns, count);
+        let maps = rows.into_iter().zip(columns).map(|(row, column)| [row, column]).collect();
+        let origin = Some([first[1] + row, first[2] + column]);
+        let (weights, drifts) = (vec![1.0; count], vec![0.0; count]);
+        RaySet { origin, width, maps, weights, drifts, incoming: None, window: None }
+    }
+
+    /// Returns whether the light lies at the end of the last plane.
+    pub(in crate::lighting::shadow) fn is_ahead(&self) -> bool {
+        self.along.x > 0.0
+    }
+
+    /// Returns the rows and the columns of the rays that pass a box of planes, and of rows and columns.
+    pub(in crate::lighting::shadow) fn places_in(&self, planes: &Range<i64>, of: [Range<i64>; 2]) -> [Range<i64>; 2] {
+        let ends = [planes.start, planes.end - 1].map(|plane| if self.is_ahead() { -plane } else { plane });
+        let (_, slopes) = slopes(self.along);
+        [0, 1].map(|k| {
+            let [one, other] = ends.map(|plane| moved(slopes[k], plane));
+            let low = of[k].start as f64 + one.min(other);
+            low.floor() as i64 - 1..(of[k].end as f64 + one.max(other)).ceil() as i64 + 1
+        })
+    }
+
+    /// Returns the columns of a row of rays that enter a window of planes, rows and columns at a plane.
+    pub(in crate::lighting::shadow) fn entering(&self, window: &PointRanges, plane: i64, row: i64) -> [Range<i64>; 2] {
+        let (_, slopes) = slopes(self.along);
+        let within = |plane: i64| {
+            let away = if self.is_ahead() { -plane } else { plane };
+            let nearest = nearest_place(row as f64 - moved(slopes[0], away)) as i64;
+            let shift = nearest_place(-moved(slopes[1], away)) as i64;
+            let is_within = window[0].contains(&plane) && window[1].contains(&nearest);
+            is_within.then(|| window[2].start - shift..window[2].end - shift)
+        };
+        let Some(now) = within(plane) else { return [0..0, 0..0] };
+        match within(if self.is_ahead() { plane + 1 } else { plane - 1 }) {
+            None => [now, 0..0],
+            Some(before) => [now.start..now.end.min(before.start), now.start.max(before.end)..now.end],
+        }
+    }
+
     /// Returns the factor of sums of planes, the factor of all, and the light that an unshadowed voxel gets.
     pub(in crate::lighting::shadow) fn factors(&self, response: &SweepResponse) -> [f32; 3] {
         let (length, _) = slopes(self.along);
@@ -66,20 +121,29 @@ impl Direction {
     }
 }
 
-/// Returns the places of the first row and column of each plane among the rays of a direction, the plane nearest to the
-/// light first.
+/// Returns the places of the first row and column of each plane of a box among the rays of a direction, the plane
+/// nearest to the light first. `first` is the number of the box's first plane in the lattice.
 pub(in crate::lighting::shadow) fn parallel_planes(
     direction: &Direction,
     [planes, rows, columns]: [usize; 3],
+    first: i64,
 ) -> Vec<[f64; 2]> {
     let (_, [down, right]) = slopes(direction.along);
-    let [rows, columns] = [(down, rows), (right, columns)].map(|(slope, count)| sheared(slope, count, planes).0);
+    let first = direction.nearest(first, planes);
+    let [rows, columns] = [(down, rows), (right, columns)].map(|(slope, count)| sheared(slope, first, count, planes).0);
     rows.iter().zip(&columns).map(|(row, column)| [row.into[1], column.into[1]]).collect()
 }
 
 impl Swept<'_> {
-    /// Adds the light from some directions to each voxel, given the neighbours towards about these directions.
-    pub(in crate::lighting::shadow) fn add_parallel(&self, near: &Near, directions: &[Direction], out: &[AtomicU16]) {
+    /// Adds the light from some directions to each voxel, given the neighbours towards about these directions, and the
+    /// light that enters a part of a lattice.
+    pub(in crate::lighting::shadow) fn add_parallel(
+        &self,
+        near: &Near,
+        directions: &[Direction],
+        entering: Option<&Entering<'_>>,
+        out: &[AtomicU16],
+    ) {
         let count = self.planes.planes;
         let mut directions = directions.to_vec();
         // Neighbours drift apart the least.
@@ -87,15 +151,15 @@ impl Swept<'_> {
         let columns = self.planes.columns + 2 * MARGIN as usize + count;
         let together = (BUFFERS / (4 * 2 * BAND * columns)).max(1);
         for directions in directions.chunks(directions.len().div_ceil(directions.len().div_ceil(together))) {
-            let slopes: Vec<_> = directions.iter().map(|direction| slopes(direction.along)).collect();
-            let middle = slopes.iter().map(|(_, slopes)| slopes[0]).sum::<f64>() / slopes.len() as f64;
-            let (places, rows) = sheared(middle, self.planes.rows, count);
-            let rays = slopes.iter().map(|(_, slopes)| {
-                let (columns, width) = sheared(slopes[1], self.planes.columns, count);
-                let (rows, _) = sheared(slopes[0], self.planes.rows, count);
-                let drifts = rows.iter().zip(&places).map(|(row, place)| row.into[1] - place.into[1]).collect();
-                let maps = rows.into_iter().zip(columns).map(|(row, column)| [row, column]).collect();
-                RaySet { is_sheared: true, width, maps, weights: vec![1.0; count], drifts }
+            let middle = directions.iter().map(|direction| slopes(direction.along).1[0]).sum::<f64>();
+            let nearest = directions[0].nearest(self.first[0], count);
+            let (places, rows, _) = sheared(middle / directions.len() as f64, nearest, self.planes.rows, count);
+            let rays = directions.iter().map(|direction| {
+                let rays = direction.rays(self.planes, self.first);
+                let drifts = rays.maps.iter().zip(&places).map(|([row, _], place)| row.into[1] - place.into[1]);
+                let incoming = entering.and_then(|entering| entering.depths(direction.number));
+                let window = entering.map(|entering| entering.window(self.first));
+                RaySet { drifts: drifts.collect(), incoming, window, ..rays }
             });
             let factors = directions.iter().map(|direction| direction.factors(self.response));
             let light = ParallelLight { swept: self, near, factors: factors.collect() };
@@ -107,16 +171,23 @@ impl Swept<'_> {
     }
 }
 
-/// Returns the maps of rows, or columns, that a direction shifts by a slope from plane to plane, for each plane, and
-/// the number of places.
-fn sheared(slope: f64, count: usize, planes: usize) -> (Vec<Map>, usize) {
-    let shift = MARGIN + (-slope * (planes - 1) as f64).max(0.0);
-    let maps = (0..planes).map(|i| {
-        // Whole parts stay whole: sums with whole numbers are exact.
-        let at = ((shift + slope * i as f64) * 65_536.0).round() / 65_536.0;
+/// Returns the place, among rays that move by a slope from plane to plane, of row 0 or column 0 of a plane, given its
+/// number away from the light: in whole 65536ths, so that whole parts stay whole. Parts of a lattice share its rays.
+pub(super) fn moved(slope: f64, plane: i64) -> f64 {
+    (slope * plane as f64 * 65_536.0).round() / 65_536.0
+}
+
+/// Returns the maps of rows, or columns, that a direction shifts by a slope from plane to plane, for each plane, the
+/// number of places, and the place of the first among all rays. `nearest` is the number of the nearest plane.
+fn sheared(slope: f64, nearest: i64, count: usize, planes: usize) -> (Vec<Map>, usize, i64) {
+    let place = |number: usize| moved(slope, nearest + number as i64);
+    let first = (place(0).min(place(planes - 1)) - MARGIN).floor();
+    let maps = (0..planes).map(|number| {
+        let at = place(number) - first;
         Map { into: [1.0, at], back: [1.0, -at] }
     });
-    (maps.collect(), count + (slope.abs() * (planes - 1) as f64).ceil() as usize + 2 * MARGIN as usize)
+    let width = count + (slope.abs() * (planes - 1) as f64).ceil() as usize + 2 * MARGIN as usize + 1;
+    (maps.collect(), width, first as i64)
 }
 
 impl SweepLight for ParallelLight<'_> {
@@ -147,14 +218,17 @@ impl SweepLight for ParallelLight<'_> {
             if is_lit {
                 near = self.near.add(simd, self.swept, at, start, near);
             }
-            let mut sum = RowLanes::new(simd, 0.0);
+            // The light of each direction is rounded, so it is the same however many directions go together.
+            let mut sum = RowLanes::new(simd, WHOLE);
             for (&[planes, all, share], sums) in self.factors.iter().zip(sums) {
-                let depth = near.plus(simd, planes, RowLanes::load(&sums[start..])).times(simd, all);
+                let far = RowLanes::load(&sums[start..]);
+                let near = near.below(simd, far, FAINT / (planes * all));
+                let depth = near.plus(simd, planes, far).times(simd, all);
                 sum = sum.plus(simd, share, depth.transmitted(simd));
             }
             sum.store(&mut light);
             for (out, light) in out[start..columns.end].iter().zip(&light[..RowLanes::<S>::COUNT]) {
-                out.store(out.load(Ordering::Relaxed) + nearest(*light), Ordering::Relaxed);
+                out.store(out.load(Ordering::Relaxed) + light.to_bits() as u16, Ordering::Relaxed);
             }
         }
     }
