@@ -2,7 +2,8 @@
 //!
 //! The data window is the box of pixels that the bricks reach, the display window the whole picture. The channels are
 //! [`Values::channels`]. Attributes: `voxsplat.plan`, the plan's number in hexadecimal, `voxsplat.bricks`, the first
-//! brick and the number after the last, as `FIRST:END`, and `voxsplat.families`, the number of families of rays.
+//! brick and the number after the last, as `FIRST:END`, `voxsplat.families`, the number of families of rays, and
+//! `voxsplat.checksum` of the other attributes and all values.
 
 use std::io::{self, Cursor, Write};
 use std::path::Path;
@@ -23,6 +24,7 @@ use voxsplat_volume::files;
 const PLAN: &str = "voxsplat.plan";
 const BRICKS: &str = "voxsplat.bricks";
 const FAMILIES: &str = "voxsplat.families";
+pub(super) const CHECKSUM: &str = "voxsplat.checksum";
 
 /// The largest number of families of rays: one for each axis of the lattice.
 const MOST_FAMILIES: usize = 3;
@@ -39,14 +41,32 @@ const MAX_BYTES: u64 = 32 << 30;
 /// The picture of a file with one part.
 type OnePart = ExrImage<Layer<AnyChannels<FlatSamples>>>;
 
-/// Reads an OpenEXR file; `expected` is the error of a file of another format.
-pub(super) fn read_exr(path: &Path, expected: &str) -> Result<Vec<u8>> {
+/// Returns a hash of texts and values, FNV-1a.
+pub(super) fn checksum<'a>(texts: impl IntoIterator<Item = &'a str>, values: impl Iterator<Item = f32>) -> String {
+    let bytes = texts.into_iter().flat_map(|text| text.bytes().map(u32::from).chain([u32::MAX]));
+    // Zeros of either sign are equal.
+    let words = bytes.chain(values.map(|value| (value + 0.0).to_bits())).map(u64::from);
+    let hash = words.fold(0xcbf2_9ce4_8422_2325, |hash: u64, word| (hash ^ word).wrapping_mul(0x0100_0000_01b3));
+    format!("{hash:016x}")
+}
+
+/// Writes an OpenEXR file, which appears whole or not at all.
+pub(super) fn write_exr(path: &Path, encoded: io::Result<Vec<u8>>) -> Result<()> {
+    let encoded = encoded.map_err(|source| Error::Write { path: path.to_owned(), source })?;
+    write_atomically(path, |file| file.write_all(&encoded))
+}
+
+/// Reads an OpenEXR file and decodes it; `expected` is the error of a file of another format.
+pub(super) fn read_exr<T>(path: &Path, expected: &str, decoded: impl FnOnce(&[u8]) -> Result<T>) -> Result<T> {
     let bytes = files::read(path, MAX_BYTES)?;
     if !bytes.starts_with(&exr::meta::magic_number::BYTES) {
         return Err(Error::format(path, expected));
     }
     check_exr(path, &bytes)?;
-    Ok(bytes)
+    decoded(&bytes).map_err(|error| match error {
+        Error::Setting { reason, .. } => Error::format(path, reason),
+        error => Error::format(path, error.to_string()),
+    })
 }
 
 /// Decodes the bytes of a file with one part; the error is the reason.
@@ -70,9 +90,7 @@ impl Partial {
     /// # Errors
     /// [`Error::Output`] and [`Error::Write`] if it cannot be written.
     pub fn save(&self, path: impl AsRef<Path>) -> Result<()> {
-        let path = path.as_ref();
-        let encoded = self.to_exr().map_err(|source| Error::Write { path: path.to_owned(), source })?;
-        write_atomically(path, |file| file.write_all(&encoded))
+        write_exr(path.as_ref(), self.to_exr())
     }
 
     /// Returns the bytes of the OpenEXR file.
@@ -93,7 +111,12 @@ impl Partial {
         let mut attributes = LayerAttributes::named("part");
         attributes.layer_position = Vec2(x as i32, y as i32);
         let families = self.families().to_string();
-        let notes = [(PLAN, format!("{:016x}", self.plan)), (BRICKS, self.bricks_text()), (FAMILIES, families)];
+        let notes = [
+            (PLAN, format!("{:016x}", self.plan)),
+            (BRICKS, self.bricks_text()),
+            (FAMILIES, families),
+            (CHECKSUM, self.checksum()),
+        ];
         let notes = notes.map(|(name, text)| Note { name, text });
         let size = Vec2(width as usize, height as usize);
         let layer = Layer::new(size, attributes, Encoding::FAST_LOSSLESS, AnyChannels::sort(channels));
@@ -101,6 +124,15 @@ impl Partial {
         let whole = self.size.map(|side| side as usize);
         image.attributes.display_window = IntegerBounds::new((0, 0), (whole[0], whole[1]));
         exr_with_notes(image, &notes, |image, file| image.write().to_buffered(file))
+    }
+
+    /// Returns the checksum of all that a file holds.
+    fn checksum(&self) -> String {
+        let Region { x, y, width, height } = self.region;
+        let [of, families] = [self.plan, self.families() as u64].map(|number| number.to_string());
+        let place = format!("{x} {y} {width} {height} {:?} {:?}", self.size, self.values);
+        let values = (0..self.families()).flat_map(|family| self.pixels(family).as_flattened().iter().copied());
+        checksum([&of, &families, &place, &self.bricks_text()].map(String::as_str), values)
     }
 
     fn bricks_text(&self) -> String {
@@ -113,12 +145,8 @@ impl Partial {
     /// [`Error::Input`] if the file cannot be read, is damaged, no partial picture, or belongs to another plan.
     pub fn load(path: impl AsRef<Path>, plan: &Plan) -> Result<Self> {
         let path = path.as_ref();
-        let bytes = read_exr(path, "no partial picture: expected OpenEXR that voxsplat brick wrote")?;
-        let part = Self::decoded(&bytes).and_then(|part| plan.check_part(&part).map(|()| part));
-        part.map_err(|error| match error {
-            Error::Setting { reason, .. } => Error::format(path, reason),
-            error => Error::format(path, error.to_string()),
-        })
+        let expected = "no partial picture: expected OpenEXR that voxsplat brick wrote";
+        read_exr(path, expected, |bytes| Self::decoded(bytes).and_then(|part| plan.check_part(&part).map(|()| part)))
     }
 
     /// Reads a partial picture from the bytes of its OpenEXR file.
@@ -184,6 +212,9 @@ impl Partial {
                 pixels.pixels_mut().iter_mut().zip(samples).for_each(|(pixel, value)| pixel[number] = *value);
             }
             part.families.push(pixels);
+        }
+        if text(CHECKSUM) != Some(part.checksum()) {
+            return Err(refused("it is damaged, its checksum differs: draw it again, or copy the file again"));
         }
         Ok(part)
     }

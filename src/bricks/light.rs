@@ -1,6 +1,6 @@
 //! The light that enters bricks whose matter casts shadows on each other.
 
-use std::io::{self, Write};
+use std::io;
 use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
@@ -10,7 +10,7 @@ use exr::math::Vec2;
 use exr::prelude::{Encoding, LayerAttributes, WritableImage};
 use glam::DVec3;
 
-use super::file::{decoded_layer, read_exr, text_of};
+use super::file::{CHECKSUM, checksum, decoded_layer, read_exr, text_of, write_exr};
 use super::plan::{Brick, Plan};
 use crate::camera::Camera;
 use crate::error::{Error, Result};
@@ -22,13 +22,15 @@ use crate::lighting::Casting;
 use crate::lighting::shadow::ShadowLattice;
 use crate::lighting::shadow::incoming::{Incoming, RayDepths};
 use crate::lighting::shadow::passing::{LightPass, OPEN, margin, window};
-use crate::output::write_atomically;
 use crate::progress::Progress;
 
 /// The names of the attributes of files.
 const PLAN: &str = "voxsplat.plan";
 const BRICK: &str = "voxsplat.brick";
 const RAYS: &str = "voxsplat.rays";
+
+/// The voxels of slabs that need no less memory: they take some 300 MB.
+const SLAB: u64 = 1 << 24;
 
 /// The light that enters a brick: along each ray of each light that casts shadows, the extinctions that it has passed.
 /// [`sweep_light`] finds it for all bricks of a plan.
@@ -43,8 +45,9 @@ pub struct IncomingLight {
 /// `slice` returns the slice of all layers in a box of voxels. Returns the light that enters each brick, in the order
 /// of [`Plan::bricks`]; none if the plan has no light that casts shadows ([`Plan::casts_shadows`]).
 ///
-/// A slab has no more voxels than the largest brick, but as many planes as its halo at least. Each ray of the whole
-/// lattice takes 4 bytes of memory, and each ray that enters a brick 4 more.
+/// A slab has about as many voxels as the largest brick, 16 million voxels, or three times the planes of a halo,
+/// whichever is the most. Each ray of the whole lattice takes 4 bytes of memory, and each ray that enters a brick 4
+/// more.
 ///
 /// # Errors
 /// The errors of `slice`, [`Error::Setting`] if it returns another number of voxels, [`Error::Input`] if samples cannot
@@ -68,8 +71,9 @@ pub fn sweep_light(
         let count = dims[way.axis];
         let area: u64 = grid.len() / u64::from(count);
         let planes = largest.unwrap_or(0) / area;
+        let planes = planes.max(SLAB / area).min(u64::from(count)) as u32;
         // Thinner slabs would be mostly halo.
-        let step = (planes.min(u64::from(count)) as u32).saturating_sub(2 * halo).max(halo);
+        let step = planes.saturating_sub(2 * halo).max(halo);
         let slabs = count.div_ceil(step);
         for slab in 0..slabs {
             progress.check()?;
@@ -111,7 +115,8 @@ impl IncomingLight {
     /// Returns the light for the scene of a brick of a plan.
     pub(super) fn of(&self, plan: &Plan, number: usize, brick: &Brick) -> Result<Incoming> {
         if self.plan != plan.id() || self.brick != number {
-            let reason = format!("it enters brick {} of a plan, expected brick {number} of this plan", self.brick);
+            let plan = if self.plan == plan.id() { "this" } else { "another" };
+            let reason = format!("it enters brick {} of {plan} plan, expected brick {number} of this plan", self.brick);
             return Err(Error::setting("light", reason));
         }
         let window = window(&plan.shaped(brick), plan.grid().dims(), &plan.settings().reconstruction_kernel());
@@ -123,9 +128,7 @@ impl IncomingLight {
     /// # Errors
     /// [`Error::Output`] and [`Error::Write`] if it cannot be written.
     pub fn save(&self, path: impl AsRef<Path>) -> Result<()> {
-        let path = path.as_ref();
-        let encoded = self.to_exr().map_err(|source| Error::Write { path: path.to_owned(), source })?;
-        write_atomically(path, |file| file.write_all(&encoded))
+        write_exr(path.as_ref(), self.to_exr())
     }
 
     /// Returns the bytes of the OpenEXR file: the sums of all rays, one after the other in the pixels of channel `tau`.
@@ -142,9 +145,11 @@ impl IncomingLight {
         };
         let rays = self.rays.iter().map(of_rays).collect::<Vec<_>>().join(" ");
         let notes = [(PLAN, format!("{:016x}", self.plan)), (BRICK, self.brick.to_string()), (RAYS, rays)];
-        let notes = notes.map(|(name, text)| Note { name, text });
+        let sum = checksum(notes.each_ref().map(|(_, text)| text.as_str()), sums.iter().copied());
+        let [plan, brick, rays] = notes;
+        let notes = [plan, brick, rays, (CHECKSUM, sum)].map(|(name, text)| Note { name, text });
         let channels = AnyChannels::sort([AnyChannel::new("tau", FlatSamples::F32(sums))].into_iter().collect());
-        let layer = Layer::new(size, LayerAttributes::named("light"), Encoding::SMALL_FAST_LOSSLESS, channels);
+        let layer = Layer::new(size, LayerAttributes::named("light"), Encoding::FAST_LOSSLESS, channels);
         exr_with_notes(ExrImage::from_layer(layer), &notes, |image, file| image.write().to_buffered(file))
     }
 
@@ -153,13 +158,9 @@ impl IncomingLight {
     /// # Errors
     /// [`Error::Input`] if the file cannot be read, is damaged, no light, or belongs to another plan or brick.
     pub fn load(path: impl AsRef<Path>, plan: &Plan, brick: usize) -> Result<Self> {
-        let path = path.as_ref();
-        let bytes = read_exr(path, "no light: expected OpenEXR that voxsplat plan wrote")?;
-        let light = Self::decoded(&bytes).and_then(|light| light.of(plan, brick, plan.brick(brick)?).map(|_| light));
-        light.map_err(|error| match error {
-            Error::Setting { reason, .. } => Error::format(path, reason),
-            error => Error::format(path, error.to_string()),
-        })
+        let of_brick = |light: Self| light.of(plan, brick, plan.brick(brick)?).map(|_| light);
+        let expected = "no light: expected OpenEXR that voxsplat plan wrote";
+        read_exr(path.as_ref(), expected, |bytes| Self::decoded(bytes).and_then(of_brick))
     }
 
     /// Reads the light from the bytes of its OpenEXR file.
@@ -179,14 +180,15 @@ impl IncomingLight {
         let plan = text(PLAN).and_then(|text| u64::from_str_radix(&text, 16).ok());
         let brick = text(BRICK).and_then(|text| text.parse().ok());
         let (Some(plan), Some(brick), Some(rays)) = (plan, brick, text(RAYS)) else {
-            return Err(refused("it names no plan: write it with voxsplat plan"));
+            return Err(refused("expected a file that voxsplat plan wrote"));
         };
         let channel = layer.channel_data.list.iter().find(|channel| channel.name == *"tau");
         let Some(FlatSamples::F32(sums)) = channel.map(|channel| &channel.sample_data) else {
             return Err(refused("it has no channel tau of 32-bit floats"));
         };
-        if sums.iter().any(|sum| !sum.is_finite()) {
-            return Err(refused("channel tau has a value that is not finite"));
+        let notes = [PLAN, BRICK, RAYS].map(|name| text(name).unwrap_or_default());
+        if text(CHECKSUM) != Some(checksum(notes.each_ref().map(String::as_str), sums.iter().copied())) {
+            return Err(refused("it is damaged, its checksum differs: plan again, or copy the file again"));
         }
         let mut left = sums.as_slice();
         let mut of_rays = |text: &str| {

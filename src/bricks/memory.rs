@@ -41,6 +41,8 @@ pub(super) struct Memory {
     sampled: Option<(Vec<bool>, [usize; 3])>,
     /// Voxels of the volume between sampled ones.
     steps: [f64; 3],
+    /// The number of bytes of the light that enters, for each voxel of the largest face of a slice.
+    face: f64,
 }
 
 impl Memory {
@@ -68,7 +70,9 @@ impl Memory {
         let voxel = layers.sample_bytes() as f64 + filtered + of_fields;
         let coarser = |axis: usize| f64::from(grid.dims()[axis]) / f64::from(layers.grid().dims()[axis]);
         let steps = std::array::from_fn(|axis| f64::from(STRIDE[axis]) * coarser(axis));
-        Ok(Self { program, voxel, boxed, splat, sampled: sampled(layers)?, steps })
+        // The rays of a direction pass about twice the face, and the sums of a ray are decoded beside the file.
+        let face = settings.casting().map_or(0.0, |casting| 2.0 * 2.0 * 4.0 * casting.directions() as f64);
+        Ok(Self { program, voxel, boxed, splat, sampled: sampled(layers)?, steps, face })
     }
 
     /// Returns the bytes that drawing a slice takes, by one family of rays or by several.
@@ -76,7 +80,8 @@ impl Memory {
         let voxels: f64 = held.iter().map(|range| range.len() as f64).product();
         let (boxed, visible) = self.visible(held).unwrap_or((voxels, voxels));
         let of_voxels = voxels * self.voxel + boxed * self.boxed + visible * self.splat;
-        (self.program + if has_families { FAMILIES } else { 0.0 } + of_voxels) as u64
+        let face = voxels / held.iter().map(|range| range.len() as f64).fold(f64::INFINITY, f64::min).max(1.0);
+        (self.program + if has_families { FAMILIES } else { 0.0 } + of_voxels + face * self.face) as u64
     }
 
     /// Returns the number of voxels of the box around the visible voxels of a slice, and the number of visible voxels.

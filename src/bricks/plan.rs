@@ -426,7 +426,11 @@ fn check(settings: &Settings, by_host: bool) -> Result<u32> {
         }
         match passing::reach(&kernel, casting.bias()) {
             Some(of_shadows) => reach = reach.max(of_shadows + SHAPED),
-            None => return refused("the kernel is too narrow to sweep light through bricks: expected off"),
+            None => {
+                return refused(
+                    "the kernel is too narrow to sweep light through bricks: expected off, or a wider kernel",
+                );
+            }
         }
     }
     if !by_host {

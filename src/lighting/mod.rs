@@ -241,6 +241,12 @@ impl Casting {
         (0..MAX_CASTING).any(|light| self.casts(light))
     }
 
+    /// Returns the number of directions of all lights that cast shadows.
+    pub(crate) fn directions(&self) -> usize {
+        let of = |origin: &LightOrigin| if let LightOrigin::Directions(towards) = origin { towards.len() } else { 0 };
+        self.lights.iter().map(of).sum()
+    }
+
     /// Returns the radius of occlusion, voxels.
     pub(crate) fn occlusion(&self) -> Option<f64> {
         self.occlusion

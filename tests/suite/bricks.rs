@@ -695,8 +695,20 @@ fn plans_and_parts_survive_their_files() {
     let lengths = light.iter().map(|light| light.to_exr().unwrap().len());
     assert!(lengths.max() > Some(10_000), "no light");
     let error = format!("{:#}", IncomingLight::load(&dark, &lit, 0).unwrap_err());
-    assert!(error.ends_with("it enters brick 1 of a plan, expected brick 0 of this plan"), "{error}");
+    assert!(error.ends_with("it enters brick 1 of this plan, expected brick 0 of this plan"), "{error}");
     let saved = std::fs::read(&dark).unwrap();
+    // A changed bit changes the picture or is refused; most bits are values.
+    for (file, is_refused) in [
+        (&saved, (|bytes: &[u8]| IncomingLight::from_exr(bytes).is_err()) as fn(&[u8]) -> bool),
+        (&whole, |bytes: &[u8]| Partial::from_exr(bytes).is_err()),
+    ] {
+        let refused = (1..=20).filter(|part| {
+            let mut bytes = file.clone();
+            bytes[file.len() * part / 21] ^= 1;
+            is_refused(&bytes)
+        });
+        assert!(refused.count() >= 18);
+    }
     for end in [0, 10, 300, saved.len() / 2, saved.len() - 1] {
         std::fs::write(&dark, &saved[..end]).unwrap();
         let error = format!("{:#}", IncomingLight::load(&dark, &lit, 1).unwrap_err());
@@ -765,7 +777,7 @@ fn pictures_that_bricks_cannot_make_are_refused() {
     let error = |light| brick(&engine(&lit), &lit, 0, &slice, light).unwrap_err().to_string();
     assert_eq!(error(None), "light: the light that enters brick 0 is missing: other bricks cast shadows on it");
     let light = swept(&lit, &layers);
-    assert_eq!(error(Some(&light[1])), "light: it enters brick 1 of a plan, expected brick 0 of this plan");
+    assert_eq!(error(Some(&light[1])), "light: it enters brick 1 of this plan, expected brick 0 of this plan");
     let short = sweep_light(&lit, |_| layers.part(&[0..16, 0..16, 0..9]), &Default::default());
     assert!(short.unwrap_err().to_string().starts_with("light: a slice of [16, 16, 9] voxels, expected "));
 }

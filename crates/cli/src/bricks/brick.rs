@@ -1,7 +1,7 @@
 //! The command `voxsplat brick`.
 
 use serde::Serialize;
-use voxsplat::bricks::{self, IncomingLight, Partial};
+use voxsplat::bricks::{self, Partial};
 use voxsplat::engine::Engine;
 use voxsplat::formats::load;
 use voxsplat::layers::Layers;
@@ -25,6 +25,10 @@ pub(crate) fn run(args: &BrickArgs) -> Result<(), Failure> {
     check_output(&args.output, "exr")?;
     let (plan, mut job, choices) = document::load(&args.plan)?;
     plan.brick(*args.bricks.end())?;
+    let output = args.output.canonicalize().ok();
+    if output.is_some() && args.bricks.clone().any(|n| document::light(&args.plan, n).canonicalize().ok() == output) {
+        return refuse(format!("--output: {}: it is the light that enters the brick", args.output.display()));
+    }
     let layers = match plan.transfer() {
         // Samples in one piece of a file stay there, and only slices are read.
         Some(transfer) => {
@@ -45,8 +49,7 @@ pub(crate) fn run(args: &BrickArgs) -> Result<(), Failure> {
     let engine = Engine::open(&options, plan.settings())?;
     let draw = |number: usize| -> Result<Partial, Failure> {
         let slice = layers.part(&plan.brick(number)?.held)?;
-        let light = |number: usize| IncomingLight::load(document::light(&args.plan, number), &plan, number);
-        let light = plan.casts_shadows().then(|| light(number)).transpose()?;
+        let light = if plan.casts_shadows() { Some(document::load_light(&args.plan, &plan, number)?) } else { None };
         Ok(bricks::brick(&engine, &plan, number, &slice, light.as_ref())?.0)
     };
     let first = draw(*args.bricks.start())?;

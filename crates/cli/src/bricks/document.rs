@@ -7,7 +7,7 @@ use clap::FromArgMatches;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use serde_json::value::RawValue;
-use voxsplat::bricks::Plan;
+use voxsplat::bricks::{IncomingLight, Plan};
 use voxsplat::formats::without_credentials;
 use voxsplat::image::write_file;
 use voxsplat_volume::files::{fault, read_text};
@@ -68,6 +68,15 @@ pub(super) fn save(
 /// Returns the path of the light that enters a brick of the plan in a file: beside it, `plan.light-3.exr`.
 pub(super) fn light(plan: &Path, brick: usize) -> PathBuf {
     plan.with_extension(format!("light-{brick}.exr"))
+}
+
+/// Loads the light that enters a brick of a plan.
+pub(super) fn load_light(path: &Path, plan: &Plan, brick: usize) -> Result<IncomingLight, Failure> {
+    let light = light(path, brick);
+    if !light.exists() {
+        return fail(format!("{}: missing: voxsplat plan wrote it beside the plan, copy it there", light.display()));
+    }
+    Ok(IncomingLight::load(light, plan, brick)?)
 }
 
 /// Reads a plan, the job of its whole picture, and the choices in it.

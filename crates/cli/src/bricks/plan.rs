@@ -79,11 +79,18 @@ pub(crate) fn run(args: PlanArgs, line: (&Command, &ArgMatches)) -> Result<(), F
         }
         let chunks = Chunks::even(layers.grid().dims(), grid)?;
         let plan = Plan::new(&layers, layers.grid(), &chunks, &camera, &settings)?;
-        let choices = Choices::of(&job, plan.settings(), Some(&fitted), None);
-        let mut paths = vec![path.clone()];
+        let painter = match plan.settings().painter {
+            Painter::Cpu => "cpu",
+            Painter::Quads(_) => "quads",
+            _ => "tiles",
+        };
+        let choices = Choices::of(&job, plan.settings(), Some(&fitted), Some(painter));
+        let (mut paths, mut bytes) = (vec![path.clone()], 0);
         for light in sweep_light(&plan, |held| layers.part(held), &progress::reporter())? {
-            paths.push(document::light(&path, light.brick()));
-            light.save(&paths[paths.len() - 1])?;
+            let of_brick = document::light(&path, light.brick());
+            light.save(&of_brick)?;
+            bytes += of_brick.metadata().map_or(0, |file| file.len());
+            paths.push(of_brick);
         }
         document::save(&path, &plan, &job.source, options.clone(), &choices)?;
         let bricks = plan.bricks().len();
@@ -92,14 +99,10 @@ pub(crate) fn run(args: PlanArgs, line: (&Command, &ArgMatches)) -> Result<(), F
             Level::At(level) => Value::from(level),
             _ => Value::from("auto"),
         };
-        let painter = match plan.settings().painter {
-            Painter::Cpu => "cpu",
-            Painter::Quads(_) => "quads",
-            _ => "tiles",
-        };
         if paths.len() > 1 {
-            let pattern = document::light(&path, 0);
-            output::say(&format!("swept the light: keep {} and the others beside the plan", pattern.display()));
+            let (first, megabytes) = (document::light(&path, 0), bytes as f64 / 1e6);
+            let first = first.display();
+            output::say(&format!("swept the light: keep {first} and the others, {megabytes:.0} MB, beside the plan"));
         }
         let (last, megabytes) = (bricks - 1, most as f64 / 1e6);
         let printed = level.as_str().map_or_else(|| level.to_string(), str::to_owned);

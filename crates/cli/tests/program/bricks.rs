@@ -127,7 +127,7 @@ fn shadows_fall_from_brick_to_brick() {
     let dir = dir.path();
     let look = "demo:vessels:48 --light studio --azimuth 30 --size 48 --tune termination=0 --painter cpu";
     let said = run(dir, &format!("plan {look} --grid 2x1x2 -o plan.json"));
-    assert!(said.contains("swept the light: keep plan.light-0.exr and the others beside the plan"), "{said}");
+    assert!(said.contains("swept the light: keep plan.light-0.exr and the others, "), "{said}");
     (0..4).for_each(|n| drop(run(dir, &format!("brick plan.json {n} -o {n}.exr"))));
     run(dir, "merge plan.json 0.exr 1.exr 2.exr 3.exr -o merged.exr");
     run(dir, &format!("render {look} --frame visible -o whole.exr"));
@@ -139,10 +139,13 @@ fn shadows_fall_from_brick_to_brick() {
     assert!(apart(&bright).iter().any(|&c| c > 0.1), "{:?}", apart(&bright));
     // The light of another brick, and none.
     std::fs::copy(dir.join("plan.light-1.exr"), dir.join("plan.light-0.exr")).unwrap();
-    let foreign = "plan.light-0.exr: it enters brick 1 of a plan, expected brick 0 of this plan";
+    let foreign = "plan.light-0.exr: it enters brick 1 of this plan, expected brick 0 of this plan";
     refused(dir, "brick plan.json 0 -o a.exr", 1, foreign);
     std::fs::remove_file(dir.join("plan.light-0.exr")).unwrap();
-    refused(dir, "brick plan.json 0-1 -o a.exr", 1, "plan.light-0.exr: ");
+    let missing = "plan.light-0.exr: missing: voxsplat plan wrote it beside the plan, copy it there";
+    refused(dir, "brick plan.json 0-1 -o a.exr", 1, missing);
+    let light = "--output: plan.light-1.exr: it is the light that enters the brick";
+    refused(dir, "brick plan.json 1 -o plan.light-1.exr", 2, light);
     assert!(!dir.join("a.exr").exists());
 }
 
