@@ -6,6 +6,9 @@ use pulp::Simd;
 
 use super::DARK;
 
+/// Sums with this number are whole, and the last 16 bits of their representations are those of the other number.
+pub(super) const WHOLE: f32 = 8_388_608.0;
+
 /// The number of vectors that are summed together: enough to hide the latency of a sum.
 const VECTORS: usize = 4;
 
@@ -50,6 +53,19 @@ impl<S: Simd> RowLanes<S> {
         let factor = simd.splat_f32s(factor);
         for i in 0..VECTORS {
             self.0[i] = simd.mul_f32s(factor, self.0[i]);
+        }
+        self
+    }
+
+    /// Adds other numbers from 0 to 65535 times a factor, each rounded to a whole number. The last 16 bits of the
+    /// representations of these numbers are sums, whatever the order.
+    #[inline(always)]
+    pub(super) fn plus_whole(mut self, simd: S, factor: f32, others: Self) -> Self {
+        let (factor, whole) = (simd.splat_f32s(factor), simd.splat_f32s(WHOLE));
+        for i in 0..VECTORS {
+            let rounded = simd.add_f32s(simd.mul_f32s(factor, others.0[i]), whole);
+            let bits = [self.0[i], rounded].map(|value| simd.transmute_u32s_f32s(value));
+            self.0[i] = simd.transmute_f32s_u32s(simd.add_u32s(bits[0], bits[1]));
         }
         self
     }

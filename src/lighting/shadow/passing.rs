@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::incoming::{PointRanges, RayDepths, common};
 use super::response::SweepResponse;
-use super::sweep::{Direction, RaySet, Scratch, Swept};
+use super::sweep::{Direction, RaySet, RowScratch, Swept};
 use super::{Arrival, LightRays, LitBox, ShadowLattice, axes_across};
 use crate::error::Result;
 use crate::kernel::Kernel;
@@ -187,7 +187,7 @@ impl Passing {
         let own = &common(own, planes);
         let windows: Vec<PointRanges> = windows.iter().map(|window| axes.map(|axis| window[axis].clone())).collect();
         let rays = &direction.rays(swept.planes, swept.first);
-        rows.par_iter_mut().enumerate().for_each_init(Scratch::default, |scratch, (number, row)| {
+        rows.par_iter_mut().enumerate().for_each_init(RowScratch::default, |scratch, (number, row)| {
             scratch.resize(swept.planes.columns, rays.width);
             let place = [first[0] + number as i64, first[1]];
             dispatch(RowPass { swept, own, windows: &windows, entries, direction, rays, place, row, scratch });
@@ -208,7 +208,7 @@ struct RowPass<'a> {
     /// The number of the row, and its first column.
     place: [i64; 2],
     row: &'a mut PassingRow,
-    scratch: &'a mut Scratch,
+    scratch: &'a mut RowScratch,
 }
 
 impl pulp::WithSimd for RowPass<'_> {

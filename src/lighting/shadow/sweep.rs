@@ -18,10 +18,10 @@ use std::sync::atomic::AtomicU16;
 use rayon::prelude::*;
 
 use self::buffer::Buffer;
-pub(super) use self::buffer::Scratch;
+pub(super) use self::buffer::RowScratch;
 use super::field::{ExtinctionBox, RowPlanes};
 use super::incoming::{PointRanges, RayDepths};
-use super::lanes::RowLanes;
+use super::lanes::{RowLanes, WHOLE};
 use super::response::SweepResponse;
 use crate::error::Result;
 use crate::vectors::dispatch;
@@ -192,9 +192,6 @@ impl<L: SweepLight> pulp::WithSimd for Band<'_, L> {
         }
     }
 }
-
-/// Sums with this number are whole, and the last bits of their representation are those of the other number.
-const WHOLE: f32 = 8_388_608.0;
 
 /// Rounds a number from 0 to 65535 to the nearest whole number.
 #[inline(always)]

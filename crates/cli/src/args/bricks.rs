@@ -9,9 +9,10 @@ use super::render::RenderArgs;
 use crate::parse;
 
 const PLAN_EXAMPLES: &str = "\
-All options of render that make a picture apply: see voxsplat render --help. If lights cast shadows (--light studio,
---shadows), the light that enters each brick is written beside the plan, as plan.light-0.exr and so on: keep the files
-together. Shadows need --painter cpu, and lights from directions.
+All options of render that make a picture apply: see voxsplat render --help.
+
+If lights cast shadows (--light studio, --shadows), the light that enters each brick is written beside the plan, as \
+plan.light-0.exr and so on: keep the files together. Shadows need --painter cpu, and lights from directions.
 
 Examples:
   voxsplat plan ct.nrrd --grid 2x2x2 -o plan.json --transfer ct-bone --azimuth 30

@@ -125,11 +125,11 @@ fn labels_are_drawn_in_bricks() {
 fn shadows_fall_from_brick_to_brick() {
     let dir = folder();
     let dir = dir.path();
-    let look = "demo:vessels:48 --light studio --azimuth 30 --size 48 --tune termination=0 --painter cpu";
-    let said = run(dir, &format!("plan {look} --grid 2x1x2 -o plan.json"));
-    assert!(said.contains("swept the light: keep plan.light-0.exr and the others, "), "{said}");
-    (0..4).for_each(|n| drop(run(dir, &format!("brick plan.json {n} -o {n}.exr"))));
-    run(dir, "merge plan.json 0.exr 1.exr 2.exr 3.exr -o merged.exr");
+    let look = "demo:vessels:80 --light studio --azimuth 30 --size 100 --tune termination=0 --painter cpu";
+    let said = run(dir, &format!("plan {look} --grid 4x1x1 -o cpu.json"));
+    assert!(said.contains("swept the light: keep cpu.light-0.exr and the others, "), "{said}");
+    (0..4).for_each(|n| drop(run(dir, &format!("brick cpu.json {n} -o {n}.exr"))));
+    run(dir, "merge cpu.json 0.exr 1.exr 2.exr 3.exr -o merged.exr");
     run(dir, &format!("render {look} --frame visible -o whole.exr"));
     run(dir, &format!("render {look} --shadows off --frame visible -o bright.exr"));
     let [merged, whole, bright] =
@@ -138,14 +138,14 @@ fn shadows_fall_from_brick_to_brick() {
     assert!(apart(&merged).iter().all(|&c| c < 1e-5), "{:?}", apart(&merged));
     assert!(apart(&bright).iter().any(|&c| c > 0.1), "{:?}", apart(&bright));
     // The light of another brick, and none.
-    std::fs::copy(dir.join("plan.light-1.exr"), dir.join("plan.light-0.exr")).unwrap();
-    let foreign = "plan.light-0.exr: it enters brick 1 of this plan, expected brick 0 of this plan";
-    refused(dir, "brick plan.json 0 -o a.exr", 1, foreign);
-    std::fs::remove_file(dir.join("plan.light-0.exr")).unwrap();
-    let missing = "plan.light-0.exr: missing: voxsplat plan wrote it beside the plan, copy it there";
-    refused(dir, "brick plan.json 0-1 -o a.exr", 1, missing);
-    let light = "--output: plan.light-1.exr: it is the light that enters the brick";
-    refused(dir, "brick plan.json 1 -o plan.light-1.exr", 2, light);
+    std::fs::copy(dir.join("cpu.light-1.exr"), dir.join("cpu.light-0.exr")).unwrap();
+    let foreign = "cpu.light-0.exr: it enters brick 1 of this plan, expected brick 0 of this plan";
+    refused(dir, "brick cpu.json 0 -o a.exr", 1, foreign);
+    std::fs::remove_file(dir.join("cpu.light-0.exr")).unwrap();
+    let missing = "cpu.light-0.exr: missing: voxsplat plan wrote it beside the plan, copy it there";
+    refused(dir, "brick cpu.json 0-1 -o a.exr", 1, missing);
+    let light = "--output: cpu.light-1.exr: it is the light that enters the brick";
+    refused(dir, "brick cpu.json 1 -o cpu.light-1.exr", 2, light);
     assert!(!dir.join("a.exr").exists());
 }
 

@@ -29,12 +29,12 @@ pub(super) struct Buffer {
     /// The places of each row that are not 0.
     filled: Vec<Range<usize>>,
     width: usize,
-    scratch: Scratch,
+    scratch: RowScratch,
 }
 
 /// The memory for adding a row of a plane, and for reading a row of a buffer.
 #[derive(Default)]
-pub(in crate::lighting::shadow) struct Scratch {
+pub(in crate::lighting::shadow) struct RowScratch {
     /// A row of the plane that is added, or of the buffer that is read.
     line: Vec<f32>,
     /// The weights and the nearest column of a plane for each place of a row whose rays converge.
@@ -130,7 +130,7 @@ pub(in crate::lighting::shadow) fn nearest_place(place: f64) -> f64 {
     (place + 0.5).floor()
 }
 
-impl Scratch {
+impl RowScratch {
     /// Allocates lines of `columns` and of `width` places.
     pub(in crate::lighting::shadow) fn resize(&mut self, columns: usize, width: usize) {
         self.line.resize(columns.max(width) + 2 * ENDS, 0.0);

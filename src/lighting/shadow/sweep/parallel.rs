@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicU16, Ordering};
 use glam::DVec3;
 
 use super::buffer::nearest_place;
-use super::{BAND, FAINT, MARGIN, Map, RaySet, Sweep, SweepLight, Swept, WHOLE};
+use super::{BAND, FAINT, MARGIN, Map, RaySet, Sweep, SweepLight, Swept};
 use crate::lighting::shadow::field::{LANES, RowPlanes};
 use crate::lighting::shadow::incoming::{Entering, PointRanges};
 use crate::lighting::shadow::lanes::RowLanes;
@@ -219,12 +219,12 @@ impl SweepLight for ParallelLight<'_> {
                 near = self.near.add(simd, self.swept, at, start, near);
             }
             // The light of each direction is rounded, so it is the same however many directions go together.
-            let mut sum = RowLanes::new(simd, WHOLE);
+            let mut sum = RowLanes::new(simd, 0.0);
             for (&[planes, all, share], sums) in self.factors.iter().zip(sums) {
                 let far = RowLanes::load(&sums[start..]);
                 let near = near.below(simd, far, FAINT / (planes * all));
                 let depth = near.plus(simd, planes, far).times(simd, all);
-                sum = sum.plus(simd, share, depth.transmitted(simd));
+                sum = sum.plus_whole(simd, share, depth.transmitted(simd));
             }
             sum.store(&mut light);
             for (out, light) in out[start..columns.end].iter().zip(&light[..RowLanes::<S>::COUNT]) {
