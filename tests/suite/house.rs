@@ -214,7 +214,7 @@ const LINES: [(&str, usize); 29] = [
     ("kernel", 984),
     ("layers", 1244),
     ("lib", 67),
-    ("lighting", 2857),
+    ("lighting", 2867),
     ("output", 137),
     ("painters", 3274),
     ("prepare", 2319),
