@@ -77,7 +77,7 @@ def test_shadows_fall_from_brick_to_brick() -> None:
     with pytest.raises(ZeroDivisionError):
         vs.sweep_light(plan, _Failing())
     with pytest.raises(ValueError, match="a slice of"):
-        vs.sweep_light(plan, array[:9])
+        vs.sweep_light(plan, array[:, :, :9])
 
 
 class _Failing:
