@@ -1,7 +1,7 @@
 //! Plans of pictures in bricks, and partial pictures.
 
 use std::ops::Range;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -12,7 +12,6 @@ use voxsplat::error::Error;
 use voxsplat::image::Background;
 use voxsplat::layers::Layers;
 use voxsplat::program::notes;
-use voxsplat::progress::Progress;
 use voxsplat::volume::Grid;
 
 use crate::counts::Counts;
@@ -50,9 +49,9 @@ pub(crate) fn even_chunks(dims: [u32; 3], counts: [i64; 3]) -> PyResult<[Vec<u32
 }
 
 /// The voxels of a brick or of its slice, along z, y and x: the first, and the one after the last.
-type Voxels = [(u32, u32); 3];
+pub(crate) type Voxels = [(u32, u32); 3];
 
-fn voxels(ranges: &[Range<u32>; 3]) -> Voxels {
+pub(crate) fn voxels(ranges: &[Range<u32>; 3]) -> Voxels {
     [2, 1, 0].map(|axis| (ranges[axis].start, ranges[axis].end))
 }
 
@@ -129,39 +128,6 @@ impl Plan {
     #[getter]
     fn size(&self) -> (u32, u32) {
         self.plan.camera().size.into()
-    }
-
-    /// Sweeps the light through the whole volume; returns the light that enters each brick, or an empty list. `slice`
-    /// gets the voxels of a slice along z, y and x, and returns its samples; `progress` gets a name and the part that
-    /// is done.
-    fn sweep_light(&self, py: Python<'_>, slice: Py<PyAny>, progress: Option<Py<PyAny>>) -> PyResult<Vec<BrickLight>> {
-        check_process()?;
-        let failed = Mutex::new(None::<PyErr>);
-        // An exception of Python ends the sweep, and is raised then.
-        let kept = |error: PyErr| {
-            failed.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error);
-            Error::Cancelled
-        };
-        let slice_of = |held: &[Range<u32>; 3]| {
-            let source = Python::attach(|py| {
-                py.check_signals()?;
-                let volume = slice.bind(py).call1((voxels(held),))?;
-                Ok::<_, PyErr>(volume.cast::<Volume>()?.get().source())
-            });
-            Self::slice(&self.plan, &source.map_err(kept)?.samples()?)
-        };
-        let report = Progress::new(move |stage, fraction| {
-            if let Some(progress) = &progress {
-                // An exception here is printed, as one of other callbacks without a caller.
-                Python::attach(|py| drop(progress.call1(py, (stage, fraction)).map_err(|error| error.print(py))));
-            }
-        });
-        let swept = py.detach(|| bricks::sweep_light(&self.plan, slice_of, &report));
-        if let Some(error) = failed.into_inner().unwrap_or_else(PoisonError::into_inner) {
-            return Err(error);
-        }
-        let swept = swept.map_err(|fault| raised(&fault))?;
-        Ok(swept.into_iter().map(|light| BrickLight { light }).collect())
     }
 
     /// Returns whether bricks need the light that enters them.

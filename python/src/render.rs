@@ -1,5 +1,6 @@
 //! Renderers and scenes.
 
+use std::ops::Range;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 use voxsplat::Frame;
@@ -10,7 +11,7 @@ use pyo3::prelude::*;
 use voxsplat::appearance::Framing;
 use voxsplat::camera::{Camera, Hull};
 use voxsplat::engine::EngineScene;
-use voxsplat::error::Result;
+use voxsplat::error::{Error, Result};
 use voxsplat::figure::{Figure, Shown, Slices};
 use voxsplat::glam::DVec3;
 use voxsplat::image::{Background, Ground, Region, SectionPlane};
@@ -19,7 +20,7 @@ use voxsplat::settings::Settings;
 use voxsplat::solids::Solids;
 use voxsplat::stats::Rendered;
 
-use crate::bricks::{BrickLight, Partial, Plan};
+use crate::bricks::{BrickLight, Partial, Plan, voxels};
 use crate::error::{internal, raised};
 use crate::image::Image;
 use crate::request::{Beside, SettingsFields, ViewFields, ViewRequest, VolumeLook};
@@ -262,6 +263,38 @@ impl Renderer {
             Ok(voxsplat::bricks::brick(engine, &plan, number, &layers, light.as_ref())?.0)
         })?;
         Ok(Partial::new(part))
+    }
+
+    /// Sweeps the light of a plan through the whole volume; returns the light that enters each brick, or an empty list.
+    /// `slice` gets the voxels of a slice along z, y and x, and returns its samples.
+    fn sweep_light(
+        &self,
+        py: Python<'_>,
+        plan: &Plan,
+        slice: Py<PyAny>,
+        progress: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Vec<BrickLight>> {
+        let (plan, failed) = (Arc::clone(&plan.plan), Arc::new(Mutex::new(None::<PyErr>)));
+        let raising = Arc::clone(&failed);
+        let swept = self.device.run(py, progress, move |engines| {
+            let slice_of = |held: &[Range<u32>; 3]| {
+                let source = Python::attach(|py| {
+                    let volume = slice.bind(py).call1((voxels(held),))?;
+                    Ok(volume.cast::<Volume>()?.get().source())
+                });
+                // An exception of Python ends the sweep, and is raised then.
+                let source = source.map_err(|error| {
+                    *raising.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
+                    Error::Cancelled
+                });
+                Plan::slice(&plan, &source?.samples()?)
+            };
+            voxsplat::bricks::sweep_light(&plan, slice_of, engines.progress())
+        });
+        match failed.lock().unwrap_or_else(PoisonError::into_inner).take() {
+            Some(error) => Err(error),
+            None => Ok(swept?.into_iter().map(|light| BrickLight { light }).collect()),
+        }
     }
 
     fn close(&self) {

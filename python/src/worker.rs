@@ -108,6 +108,11 @@ pub(crate) struct Engines<'a> {
 }
 
 impl Engines<'_> {
+    /// Returns the callback for the progress of the work.
+    pub(crate) fn progress(&self) -> &Progress {
+        &self.options.progress
+    }
+
     /// Returns the engine for pictures with these settings. Opens it if it is not open.
     pub(crate) fn suited(&mut self, settings: &Settings) -> Result<&Engine, Error> {
         let is_host = match settings.painter {

@@ -94,6 +94,12 @@ class Renderer:
         light: IncomingLight | None,
         progress: Callable[[str, float], object] | None,
     ) -> Partial: ...
+    def sweep_light(
+        self,
+        plan: Plan,
+        slice: Callable[[list[tuple[int, int]]], Volume],
+        progress: Callable[[str, float], object] | None,
+    ) -> list[IncomingLight]: ...
     def close(self) -> None: ...
 
 @final
@@ -120,11 +126,6 @@ class Plan:
     def choices(self) -> list[str]: ...
     @property
     def casts_shadows(self) -> bool: ...
-    def sweep_light(
-        self,
-        slice: Callable[[list[tuple[int, int]]], Volume],
-        progress: Callable[[str, float], object] | None,
-    ) -> list[IncomingLight]: ...
     def merge(self, parts: list[Partial], background: str) -> Image: ...
 
 @final

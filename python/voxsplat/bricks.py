@@ -165,7 +165,7 @@ def sweep_light(
     """Sweep the light of a plan once through the whole volume: the light that enters each brick, in the plan's order.
 
     `samples` are those of the volume, axes (z, y, x): ``samples[slices]`` is read for one slab of planes after another,
-    of about as many voxels as the largest brick has. Returns an empty list if no light casts shadows. `replace_nan`,
+    of 16 million voxels or about as many as the largest brick has. Returns an empty list if no light casts shadows. `replace_nan`,
     `slope` and `intercept` are those of the volume.
     """
 
@@ -173,7 +173,8 @@ def sweep_light(
         return native_slice(samples[_slices(voxels)], slope=slope, intercept=intercept, replace_nan=replace_nan)
 
     with Reported(progress) as report:
-        return [IncomingLight(light) for light in plan._native.sweep_light(sliced, report)]
+        swept = kept_renderer(None)._native.sweep_light(plan._native, sliced, report)
+        return [IncomingLight(light) for light in swept]
 
 
 def brick(

@@ -13,6 +13,7 @@ use exr::math::Vec2;
 use exr::meta::attribute::{AttributeValue, IntegerBounds, Text};
 use exr::prelude::{Encoding, LayerAttributes, ReadChannels, ReadLayers, WritableImage};
 
+use super::hash::fnv1a;
 use super::partial::{Partial, Values};
 use super::plan::Plan;
 use crate::error::{Error, Result};
@@ -41,13 +42,12 @@ const MAX_BYTES: u64 = 32 << 30;
 /// The picture of a file with one part.
 type OnePart = ExrImage<Layer<AnyChannels<FlatSamples>>>;
 
-/// Returns a hash of texts and values, FNV-1a.
+/// Returns a hash of texts and values.
 pub(super) fn checksum<'a>(texts: impl IntoIterator<Item = &'a str>, values: impl Iterator<Item = f32>) -> String {
     let bytes = texts.into_iter().flat_map(|text| text.bytes().map(u32::from).chain([u32::MAX]));
     // Zeros of either sign are equal.
     let words = bytes.chain(values.map(|value| (value + 0.0).to_bits())).map(u64::from);
-    let hash = words.fold(0xcbf2_9ce4_8422_2325, |hash: u64, word| (hash ^ word).wrapping_mul(0x0100_0000_01b3));
-    format!("{hash:016x}")
+    format!("{:016x}", fnv1a(words))
 }
 
 /// Writes an OpenEXR file, which appears whole or not at all.

@@ -32,6 +32,9 @@ const RAYS: &str = "voxsplat.rays";
 /// The voxels of slabs that need no less memory: they take some 300 MB.
 const SLAB: u64 = 1 << 24;
 
+/// The largest number in the description of rays.
+const MOST: usize = 1 << 31;
+
 /// The light that enters a brick: along each ray of each light that casts shadows, the extinctions that it has passed.
 /// [`sweep_light`] finds it for all bricks of a plan.
 #[derive(Debug, Clone, PartialEq)]
@@ -102,7 +105,7 @@ pub fn sweep_light(
     }
     progress.report("sweeping light", 1.0);
     let of_brick = |(brick, rays)| IncomingLight { plan: plan.id(), brick, rays: Arc::new(rays) };
-    Ok(light.finish().into_iter().enumerate().map(of_brick).collect())
+    Ok(light.finish()?.into_iter().enumerate().map(of_brick).collect())
 }
 
 impl IncomingLight {
@@ -176,18 +179,14 @@ impl IncomingLight {
         let refused = |reason: &str| Error::setting("light", format!("no light: {reason}"));
         let image = decoded_layer(bytes).map_err(|reason| refused(&reason))?;
         let layer = image.layer_data;
-        let text = |name: &str| text_of(&layer, name);
-        let plan = text(PLAN).and_then(|text| u64::from_str_radix(&text, 16).ok());
-        let brick = text(BRICK).and_then(|text| text.parse().ok());
-        let (Some(plan), Some(brick), Some(rays)) = (plan, brick, text(RAYS)) else {
+        let [Some(plan), Some(brick), Some(rays)] = &[PLAN, BRICK, RAYS].map(|name| text_of(&layer, name)) else {
             return Err(refused("expected a file that voxsplat plan wrote"));
         };
         let channel = layer.channel_data.list.iter().find(|channel| channel.name == *"tau");
         let Some(FlatSamples::F32(sums)) = channel.map(|channel| &channel.sample_data) else {
             return Err(refused("it has no channel tau of 32-bit floats"));
         };
-        let notes = [PLAN, BRICK, RAYS].map(|name| text(name).unwrap_or_default());
-        if text(CHECKSUM) != Some(checksum(notes.each_ref().map(String::as_str), sums.iter().copied())) {
+        if text_of(&layer, CHECKSUM) != Some(checksum([plan, brick, rays].map(String::as_str), sums.iter().copied())) {
             return Err(refused("it is damaged, its checksum differs: plan again, or copy the file again"));
         }
         let mut left = sums.as_slice();
@@ -204,10 +203,10 @@ impl IncomingLight {
             Some(RayDepths { of: [light?, direction?], first, width, sums: sums.to_vec() })
         };
         let rays = rays.split_whitespace().map(&mut of_rays).collect::<Option<Vec<_>>>();
-        let rays = rays.ok_or_else(|| refused("its rays are damaged: sweep the light again"))?;
+        let (plan, brick) = (u64::from_str_radix(plan, 16), brick.parse());
+        let (Ok(plan), Ok(brick), Some(rays)) = (plan, brick, rays) else {
+            return Err(refused("its attributes are damaged: plan again"));
+        };
         Ok(Self { plan, brick, rays: Arc::new(rays) })
     }
 }
-
-/// The largest number in the description of rays.
-const MOST: usize = 1 << 31;

@@ -53,9 +53,11 @@
 mod draw;
 mod file;
 mod grid;
+mod hash;
 mod light;
 mod memory;
 mod merge;
+mod needs;
 mod partial;
 mod plan;
 

@@ -66,6 +66,7 @@ mod project;
 mod rays;
 mod rule;
 mod scalars;
+mod scene;
 mod shot;
 mod table;
 mod voxels;
@@ -80,16 +81,17 @@ pub(crate) use self::shot::{Needs, needs};
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
-use glam::DVec3;
 use rayon::prelude::*;
 
 use self::blending::Colors;
-use self::colors::Halves;
 use self::level::Level;
 use self::march::{Picture, RayMatter, TILE, Work};
 use self::project::{Extreme, Projection};
 use self::scalars::{Reconstructed, Scalars};
-use self::shot::{Depths, OwnedPart, Shot};
+use self::scene::HostContent;
+#[doc(hidden)]
+pub use self::scene::HostScene;
+use self::shot::{Depths, Shot};
 use self::voxels::Colored;
 use crate::camera::clip::Side;
 use crate::error::{Error, Result};
@@ -98,15 +100,12 @@ use crate::image::{DepthMap, Image, Region};
 use crate::kernel::Misfit;
 use crate::layers::Layers;
 use crate::lighting::shadow::Reusable;
-use crate::lighting::shadow::incoming::Incoming;
 use crate::lighting::shadow::passing::{LightPass, Way};
 use crate::progress::Progress;
 use crate::settings::{Interslice, Model, Settings};
 use crate::stats::adapter::{AdapterInfo, AdapterKind};
 use crate::stats::{CpuStats, PainterStats, Rendered, StageTime, Stats, on_host};
 use crate::vectors::vector_level;
-use crate::volume::Grid;
-use voxsplat_volume::memory::available;
 
 /// The renderer of the host engine.
 #[derive(Debug, Clone)]
@@ -116,21 +115,6 @@ pub struct HostRenderer {
     progress: Progress,
     /// The reason why the host engine makes the pictures.
     reason: &'static str,
-}
-
-/// A scene that a [`HostRenderer`] has prepared.
-#[doc(hidden)]
-pub struct HostScene {
-    content: HostContent,
-    /// The part of a larger lattice of which partial pictures are made; `None`: whole pictures.
-    part: Option<OwnedPart>,
-}
-
-enum HostContent {
-    /// Scalars that are classified along rays.
-    Scalars(Box<Scalars>),
-    /// Voxels that are classified before they are reconstructed.
-    Colored(Box<Colored>),
 }
 
 /// The memory and the voxels that a scene holds, for the statistics of a picture.
@@ -235,8 +219,10 @@ impl HostRenderer {
             HostContent::Scalars(scalars) => {
                 let unit = scalars.transfer.unit_or(shot.grid.min_spacing());
                 let Some(falling) = shot.falling(unit, true) else { return Ok(()) };
+                // Visible matter is near by the field of the least kernel.
+                let least = Shot { growths: shot.growths[..1].to_vec(), ..shot.clone() };
                 let made = match shot.level {
-                    Level(0) => scalars.reconstructed(&shot, &self.progress)?,
+                    Level(0) => scalars.reconstructed(&least, &self.progress)?,
                     _ => Vec::new(),
                 };
                 let near = made.first().map(|made| &made.field);
@@ -473,84 +459,12 @@ fn extreme(model: Model) -> Option<Extreme> {
     }
 }
 
-impl HostScene {
-    /// Returns the lattice of the samples.
-    #[must_use]
-    pub fn grid(&self) -> &Grid {
-        match &self.content {
-            HostContent::Scalars(scalars) => scalars.volume.grid(),
-            HostContent::Colored(colored) => colored.grid(),
-        }
-    }
-
-    /// Makes the scene one of a part of a larger lattice, whose voxels begin at `first` in `whole`. Its pictures are
-    /// partial: the values of the slabs with their middles between the places in `owned`, in numbers of voxels, and
-    /// with `has_eye` also of the slab of the eye. `is_uniform`: the lit matter of the larger volume is uniform, as of
-    /// a mask.
-    pub(crate) fn within(
-        mut self,
-        (whole, first): (Grid, [u32; 3]),
-        (owned, has_eye): ([DVec3; 2], bool),
-        is_uniform: bool,
-    ) -> Self {
-        if let HostContent::Scalars(scalars) = &mut self.content {
-            scalars.is_uniform = is_uniform;
-        }
-        let held = *self.grid();
-        self.part = Some(OwnedPart { grid: whole, held, first, owned, has_eye, incoming: None });
-        self
-    }
-
-    /// Sets the light that enters the part of a lattice, from matter beside it.
-    pub(crate) fn entered_by(mut self, incoming: Option<Incoming>) -> Self {
-        self.part = self.part.map(|part| OwnedPart { incoming, ..part });
-        self
-    }
-
-    /// Refuses a picture that needs more memory than is left, before any is allocated. The scene's own memory counts as
-    /// left.
-    fn check_memory(&self, shot: &Shot<'_>) -> Result<()> {
-        let kernels = shot.kernels();
-        let dims = shot.level.grid(self.grid())?.dims();
-        let count = field::count(dims, field::padding(&kernels)) * kernels.len() as u64;
-        let light = |lights: usize| lights as u64 * arriving::BYTES * self.grid().len();
-        let (fields, held) = match &self.content {
-            HostContent::Scalars(scalars) => {
-                let held = scalars.field.sum(|made| made.field.bytes()) + light(scalars.light.count());
-                (count * size_of::<f32>() as u64, held)
-            }
-            HostContent::Colored(colored) => {
-                let of_surfaces = colored.surfaces.as_ref();
-                let held = colored.field.sum(|made| made.field.bytes()) + light(colored.light.count());
-                let held = held + of_surfaces.map_or(0, |scene| scene.field.sum(|made| made.field.bytes()));
-                let bytes = size_of::<Halves>() + of_surfaces.map_or(0, |_| size_of::<f32>());
-                (count * bytes as u64, held)
-            }
-        };
-        check_memory(fields, light(usize::from(shot.settings.casting().is_some())), held)
-    }
-}
-
 /// Refuses settings of pictures that this engine does not draw.
 pub(crate) fn check_drawn(settings: &Settings) -> Result<()> {
     if settings.is_post_shaded() && settings.interslice == Interslice::Mean {
         return Err(refused("classifies between samples: leave out interslice=mean"));
     }
     Ok(())
-}
-
-/// Refuses a field and a light of more bytes than the memory that is left and the bytes `held` for them.
-fn check_memory(field: u64, light: u64, held: u64) -> Result<()> {
-    let Some(available) = available() else { return Ok(()) };
-    if field + light <= available.bytes + held {
-        return Ok(());
-    }
-    let mut remedies = Vec::new();
-    if field <= available.bytes + held {
-        remedies.push("--light off".to_owned());
-    }
-    remedies.push("--painter tiles".to_owned());
-    Err(Error::TooLarge { bytes: field + light, available: available.bytes, limit: available.limit, remedies })
 }
 
 /// Returns an error about a picture that this engine does not draw.

@@ -52,6 +52,9 @@ const DARK: f64 = 16.0;
 /// voxels up to a point to either side of it, and does not lie in its own shadow.
 pub(crate) const SURFACE_BIAS: f32 = 3.0;
 
+/// A callback that gets a field as planes across an axis, and the axes of its planes, rows and columns.
+type TakesPlanes<'a> = dyn FnMut(&Swept<'_>, [usize; 3]) -> Result<()> + 'a;
+
 /// A callback that sweeps across an axis: it gets the swept field, the axes of its planes, rows and columns, and the
 /// light to be set.
 type Sweeps<'a> = dyn FnMut(&Swept<'_>, [usize; 3], &[AtomicU16]) -> Result<()> + 'a;
@@ -344,8 +347,8 @@ impl Arrival {
         Ok(arriving(shares, self.lit.strength(light)))
     }
 
-    /// Prepares the planes across an axis and calls `sweeps` with them.
-    fn across(&self, axis: usize, response: &SweepResponse, out: &[AtomicU16], sweeps: &mut Sweeps<'_>) -> Result<()> {
+    /// Prepares the planes across an axis and calls `take` with them and the axes of planes, rows and columns.
+    fn planes(&self, axis: usize, response: &SweepResponse, take: &mut TakesPlanes<'_>) -> Result<()> {
         let [nx, ny, nz] = self.lit.lattice.dims;
         let axes = axes_across(axis);
         let planes = match axis {
@@ -356,14 +359,17 @@ impl Arrival {
         let turned = (axis == 0).then(|| self.field.turned()).transpose()?;
         let field = turned.as_ref().unwrap_or(&self.field);
         let first = axes.map(|axis| self.lit.low[axis]);
-        let swept = Swept { field, planes, first, filtered: &sweep::filtered(field, planes, response)?, response };
-        if axis == 0 {
-            let light = self.field.dark()?;
-            sweeps(&swept, axes, &light.values)?;
-            turned_back(&light.values, [nx, ny, nz], out);
-        } else {
-            sweeps(&swept, axes, out)?;
+        take(&Swept { field, planes, first, filtered: &sweep::filtered(field, planes, response)?, response }, axes)
+    }
+
+    /// Prepares the planes across an axis and calls `sweeps` with them.
+    fn across(&self, axis: usize, response: &SweepResponse, out: &[AtomicU16], sweeps: &mut Sweeps<'_>) -> Result<()> {
+        if axis != 0 {
+            return self.planes(axis, response, &mut |swept, axes| sweeps(swept, axes, out));
         }
+        let light = self.field.dark()?;
+        self.planes(axis, response, &mut |swept, axes| sweeps(swept, axes, &light.values))?;
+        turned_back(&light.values, self.lit.lattice.dims, out);
         Ok(())
     }
 

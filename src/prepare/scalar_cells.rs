@@ -11,7 +11,7 @@
 use std::ops::Range;
 
 use glam::{DMat3, DVec3};
-use pulp::{Arch, NullaryFnOnce};
+use pulp::NullaryFnOnce;
 use voxsplat_volume::memory::reserved;
 
 use super::cells::{CellSize, Filter, LEAST_DEVIATION, growth_of_wide, response};
@@ -21,6 +21,7 @@ use crate::kernel::{Kernel, Slopes};
 use crate::settings::MAX_LEVEL;
 use crate::transfer::TransferFunction;
 use crate::transfer::scalars::Relative;
+use crate::vectors::dispatch;
 use crate::volume::{BRICK_EDGE as EDGE, Grid, ToF64, Volume, with_samples};
 
 /// The least kernel of cells; the largest is one of [`STEPS`] larger, and rays gather kernels of a radius of 2. It is
@@ -342,7 +343,7 @@ fn filled<T: Copy>(count: usize, value: T) -> Result<Vec<T>> {
 /// Adds values times a weight to sums.
 fn add(sums: &mut [f32], weight: f32, values: &[f32]) {
     if weight != 0.0 {
-        Arch::new().dispatch(Sum { sums, weight, values });
+        dispatch(Sum { sums, weight, values });
     }
 }
 

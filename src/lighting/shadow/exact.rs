@@ -4,13 +4,14 @@ mod converging;
 
 use std::ops::Range;
 
+use glam::DVec3;
+
 use self::converging::PlaceRays;
 use super::{DARK, ShadowLattice, Shares, all_around};
 use crate::error::Result;
 use crate::kernel::{Kernel, Real, section_by};
 use crate::lighting::{Casting, LightOrigin, MAX_CASTING};
 use crate::vectors::dispatch;
-use glam::DVec3;
 use voxsplat_volume::memory::reserved;
 
 /// Number of planes of the lattice that are summed between two checks for darkness.

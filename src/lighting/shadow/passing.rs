@@ -47,6 +47,11 @@ pub(crate) fn window(known: &[Range<u32>; 3], dims: [u32; 3], kernel: &Kernel) -
     })
 }
 
+/// Returns the sums of rays that have passed nothing.
+fn sums_of(count: u64) -> Result<Vec<f32>> {
+    Ok(zeroed(count, || "the light on its way".to_owned())?)
+}
+
 /// A direction of light on its way through a lattice.
 struct Passing {
     light: usize,
@@ -102,9 +107,7 @@ impl LightPass {
                 };
                 let [rows, columns] = rays_in(&wide);
                 let entered: Vec<_> = windows.iter().map(rays_in).collect();
-                let sums = |columns: &Range<i64>| {
-                    Ok(zeroed((columns.end - columns.start).max(0) as u64, || "the light on its way".to_owned())?)
-                };
+                let sums = |columns: &Range<i64>| sums_of((columns.end - columns.start).max(0) as u64);
                 let row = |row: i64| {
                     let enters = |[rows, columns]: &[Range<i64>; 2]| match rows.contains(&row) {
                         true => sums(columns),
@@ -137,7 +140,10 @@ impl LightPass {
     }
 
     /// Returns the light that enters each window.
-    pub(crate) fn finish(self) -> Vec<Vec<RayDepths>> {
+    ///
+    /// # Errors
+    /// [`Error::Memory`](crate::Error::Memory) if 4 bytes for each ray that enters cannot be allocated.
+    pub(crate) fn finish(self) -> Result<Vec<Vec<RayDepths>>> {
         let mut all: Vec<Vec<RayDepths>> = self.windows.iter().map(|_| Vec::new()).collect();
         for (Passing { light, direction, first, rows, .. }, entries) in self.passing.into_iter().zip(self.entries) {
             for (number, [_, columns]) in entries.into_iter().enumerate() {
@@ -145,7 +151,7 @@ impl LightPass {
                 let shaded: Vec<_> = of_window.filter(|(sums, _)| sums.iter().any(|&sum| sum != 0.0)).collect();
                 let (Some((_, low)), Some((_, high))) = (shaded.first(), shaded.last()) else { continue };
                 let width = (columns.end - columns.start) as usize;
-                let mut sums = vec![0.0; width * (high - low + 1) as usize];
+                let mut sums = sums_of(width as u64 * (high - low + 1) as u64)?;
                 for (row, place) in &shaded {
                     sums[width * (place - low) as usize..][..width].copy_from_slice(row);
                 }
@@ -157,7 +163,7 @@ impl LightPass {
                 });
             }
         }
-        all
+        Ok(all)
     }
 }
 
@@ -169,7 +175,7 @@ impl Arrival {
     pub(crate) fn pass(&self, way: Way, own: &Range<i64>, pass: &mut LightPass) -> Result<()> {
         let Some(response) = &self.lit.response else { return Ok(()) };
         let LightPass { windows, entries, passing } = pass;
-        self.across(way.axis, response, &self.field.dark()?.values, &mut |swept, axes, _| {
+        self.planes(way.axis, response, &mut |swept, axes| {
             for (passing, entries) in passing.iter_mut().zip(&*entries) {
                 if passing.axes == axes && passing.direction.is_ahead() == way.ahead {
                     passing.pass(swept, own, windows, entries);
@@ -331,7 +337,8 @@ mod tests {
                 }
             }
             let mut lost = 0;
-            for (((rays, window), held), owned) in pass.finish().into_iter().zip(windows).zip(held).zip(owned) {
+            for (((rays, window), held), owned) in pass.finish().unwrap().into_iter().zip(windows).zip(held).zip(owned)
+            {
                 let incoming = Incoming { window, rays: Arc::new(rays) };
                 let arrival = arrival(&casting, &lattice, &held);
                 let alone = arrival.shares(0, &|_| ()).unwrap().unwrap();

@@ -22,8 +22,7 @@ Examples:
 
 /// Plan a picture in bricks, which many machines can draw.
 ///
-/// Writes the facts of the whole picture as JSON: camera, settings, transfer function, and the bricks front to back. If
-/// lights cast shadows, it also writes the light that enters each brick beside the plan, as plan.light-0.exr and so on.
+/// Writes the facts of the whole picture as JSON: camera, settings, transfer function, and the bricks front to back.
 #[derive(Debug, clap::Args)]
 #[command(after_help = PLAN_EXAMPLES)]
 pub(crate) struct PlanArgs {

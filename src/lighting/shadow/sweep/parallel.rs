@@ -173,7 +173,7 @@ impl Swept<'_> {
 
 /// Returns the place, among rays that move by a slope from plane to plane, of row 0 or column 0 of a plane, given its
 /// number away from the light: in whole 65536ths, so that whole parts stay whole. Parts of a lattice share its rays.
-pub(super) fn moved(slope: f64, plane: i64) -> f64 {
+fn moved(slope: f64, plane: i64) -> f64 {
     (slope * plane as f64 * 65_536.0).round() / 65_536.0
 }
 
