@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use glam::{DAffine3, DVec3};
 
+use super::lattice::CELL;
 use super::rays::Axes;
 use crate::camera::Camera;
 use crate::camera::Growth;
@@ -13,9 +14,37 @@ pub(super) struct Blend<'a, F> {
     pub(super) levels: Vec<(f64, &'a F)>,
     /// The growth of kernels from which samples half way between planes are interpolated.
     wide: f64,
-    /// The growth at point 0 of the lattice; `gradient` is its gradient there. Kernels never grow less than 1.
+    growth: LatticeGrowth,
+}
+
+/// The growth of kernels over a lattice, linear from point to point. Kernels never grow less than 1.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct LatticeGrowth {
     at_origin: f64,
     gradient: DVec3,
+}
+
+impl LatticeGrowth {
+    /// Makes the growth over a lattice. `to_world` is the map from the lattice.
+    pub(super) fn new(growth: Growth, camera: &Camera, to_world: &DAffine3) -> Self {
+        let eye = camera.eye().unwrap_or(DVec3::ZERO);
+        let gradient = to_world.matrix3.transpose() * (camera.forward * growth.slope);
+        let depth = (to_world.translation - eye).dot(camera.forward);
+        Self { at_origin: growth.constant + growth.slope * depth, gradient }
+    }
+
+    /// Returns whether each cell, given by the place of its middle, has points in a plane, or in the next, at which a
+    /// field has a weight if fields of `growths` are blended.
+    pub(super) fn served(&self, growths: &[f64], number: usize, middles: impl Iterator<Item = DVec3>) -> Vec<bool> {
+        // A point more for the next planes, and one for rounding.
+        let within = self.gradient.abs().element_sum() * (CELL as f64 / 2.0 + 2.0);
+        let is_served = |middle: DVec3| {
+            let growth = self.at_origin + self.gradient.dot(middle);
+            let is_behind = number == 0 || growth + within > growths[number - 1];
+            is_behind && growths.get(number + 1).is_none_or(|next| growth - within < *next)
+        };
+        middles.map(is_served).collect()
+    }
 }
 
 /// The growth in the axes of a tile: at point 0, and its steps along a, b and the planes.
@@ -39,25 +68,17 @@ pub(super) fn levels(smallest: f64, largest: f64, most: f64) -> Vec<f64> {
 }
 
 impl<'a, F> Blend<'a, F> {
-    /// Makes the blend of fields for a camera. `to_world` is the map from the lattice.
-    pub(super) fn new(
-        levels: Vec<(f64, &'a F)>,
-        wide: f64,
-        growth: Growth,
-        camera: &Camera,
-        to_world: &DAffine3,
-    ) -> Self {
-        let eye = camera.eye().unwrap_or(DVec3::ZERO);
-        let gradient = to_world.matrix3.transpose() * (camera.forward * growth.slope);
-        let depth = (to_world.translation - eye).dot(camera.forward);
-        Self { levels, wide, at_origin: growth.constant + growth.slope * depth, gradient }
+    /// Makes the blend of fields.
+    pub(super) fn new(levels: Vec<(f64, &'a F)>, wide: f64, growth: LatticeGrowth) -> Self {
+        Self { levels, wide, growth }
     }
 
     /// Returns the growth in the axes of a tile.
     pub(super) fn along(&self, axes: &Axes) -> Along {
         let (frame, origin) = axes.frame();
-        let [a, b, m] = (frame.transpose() * self.gradient).to_array();
-        Along([self.at_origin + self.gradient.dot(origin), a, b, m])
+        let LatticeGrowth { at_origin, gradient } = self.growth;
+        let [a, b, m] = (frame.transpose() * gradient).to_array();
+        Along([at_origin + gradient.dot(origin), a, b, m])
     }
 
     /// Returns whether kernels are wide somewhere.

@@ -1,7 +1,7 @@
 //! Fields of colours times extinctions, and of extinctions, as coefficients of cubic B-splines.
 
 use super::filter::{Coefficient, Coefficients, RowSource, filtered};
-use super::lattice::{CELL, Padded};
+use super::lattice::{CELL, CELL_POINTS, Padded};
 use super::plane::CHANNELS;
 use crate::error::Result;
 use crate::kernel::SplineFilter;
@@ -55,7 +55,8 @@ pub(super) struct ColorField {
 }
 
 impl ColorField {
-    /// Filters the voxels of a lattice by several filters. Reuses the memory of `spare`.
+    /// Filters the voxels of a lattice by several filters, each where its field serves; without `served` everywhere.
+    /// Reuses the memory of `spare`.
     ///
     /// # Errors
     /// The errors of `rows`, and [`Error::Memory`](crate::Error::Memory) if the coefficients cannot be allocated.
@@ -63,19 +64,20 @@ impl ColorField {
         lattice: Padded,
         filters: &[SplineFilter],
         rows: &impl RowSource<CHANNELS>,
-        spare: Vec<Self>,
+        (spare, served): (Vec<Self>, Option<&[Vec<bool>]>),
         progress: &Progress,
     ) -> Result<Vec<Self>> {
         let spare = spare.into_iter().map(|field| field.coefficients).collect();
-        let fields = filtered(&lattice, filters, rows, spare, progress)?.into_iter().zip(filters);
+        let fields = filtered(&lattice, filters, rows, (spare, served), progress)?;
         let field =
             |(coefficients, filter): (_, &SplineFilter)| Self { lattice, coefficients, filter_reach: filter.reach() };
-        Ok(fields.map(field).collect())
+        Ok(fields.into_iter().zip(filters).map(field).collect())
     }
 
-    /// Returns the bytes of memory of the field.
+    /// Returns the bytes of memory of the cells that have coefficients.
     pub(super) fn bytes(&self) -> u64 {
-        size_of_val(self.coefficients.values.as_slice()) as u64
+        let cells = self.coefficients.shows.iter().filter(|shows| **shows).count();
+        (cells * CELL_POINTS * size_of::<Halves>()) as u64
     }
 
     /// Returns whether a coefficient in a box, ends included, is not 0.

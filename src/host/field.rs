@@ -75,7 +75,7 @@ impl Field {
     ) -> Result<Vec<Self>> {
         let lattice = Padded::new(dims, pad, first);
         let spare = spare.into_iter().map(|field| field.coefficients).collect();
-        let fields = filtered(&lattice, filters, &RepeatedScalars { dims, planes }, spare, progress)?;
+        let fields = filtered(&lattice, filters, &RepeatedScalars { dims, planes }, (spare, None), progress)?;
         let range = |cell: &[f32]| {
             let [low, high] = [f32::min, f32::max].map(|extreme| cell[1..].iter().copied().fold(cell[0], extreme));
             [low, high]

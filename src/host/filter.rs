@@ -37,13 +37,16 @@ pub(super) struct SampleRow<const N: usize> {
     values: Vec<f32>,
     /// Whether there are samples in each cell of the row.
     has: Vec<bool>,
+    /// Whether samples are needed in each cell of the row.
+    wanted: Vec<bool>,
 }
 
 impl<const N: usize> SampleRow<N> {
     pub(super) fn new(lattice: &Padded) -> Result<Self> {
         let width = lattice.size[0] + 2 * CELL;
         let values = zeroed((N * width) as u64, || "a row of samples".to_owned())?;
-        Ok(Self { width, first: CELL + lattice.pad, values, has: vec![false; width / CELL] })
+        let cells = width / CELL;
+        Ok(Self { width, first: CELL + lattice.pad, values, has: vec![false; cells], wanted: vec![true; cells] })
     }
 
     pub(super) fn clear(&mut self) {
@@ -54,6 +57,13 @@ impl<const N: usize> SampleRow<N> {
                 }
             }
         }
+    }
+
+    /// Returns whether samples are needed in a cell between two points of the lattice.
+    #[inline(always)]
+    pub(super) fn wants(&self, first: u32, last: u32) -> bool {
+        let [first, last] = [first, last].map(|x| (self.first + x as usize) / CELL);
+        self.wanted[first..=last].contains(&true)
     }
 
     /// Puts a sample at a point of the lattice.
@@ -152,7 +162,24 @@ impl<T: Zeroable> Coefficients<T> {
     }
 }
 
-/// Filters the samples of a lattice by several filters. Reuses the memory of `spare`.
+/// Returns, for each row of cells of a range of layers, whether a filter makes each cell or a cell beside it, with a cell
+/// more on either side.
+fn near(made: &[Vec<bool>], [across, down, _]: [usize; 3], layers: &Range<usize>) -> Vec<Vec<bool>> {
+    let near = |row: usize| {
+        let mut near = vec![false; across + 2];
+        for (made, layer) in made.iter().flat_map(|made| layers.clone().map(move |layer| (made, layer))) {
+            let made = &made[across * (row + down * layer)..][..across];
+            for cell in (0..across).filter(|&cell| made[cell]) {
+                near[cell..cell + 3].fill(true);
+            }
+        }
+        near
+    };
+    (0..down).map(near).collect()
+}
+
+/// Filters the samples of a lattice by several filters: the cells that are `made` of each, without it all. Reuses the
+/// memory of `spare`.
 ///
 /// # Errors
 /// The errors of `rows`, and [`Error::Memory`](crate::Error::Memory) if the coefficients cannot be allocated.
@@ -160,7 +187,7 @@ pub(super) fn filtered<const N: usize, T: Coefficient<N>, R: RowSource<N>>(
     lattice: &Padded,
     filters: &[SplineFilter],
     rows: &R,
-    mut spare: Vec<Coefficients<T>>,
+    (mut spare, made): (Vec<Coefficients<T>>, Option<&[Vec<bool>]>),
     progress: &Progress,
 ) -> Result<Vec<Coefficients<T>>> {
     let mut fields = Vec::with_capacity(filters.len());
@@ -172,10 +199,13 @@ pub(super) fn filtered<const N: usize, T: Coefficient<N>, R: RowSource<N>>(
     let reach = filters.iter().map(|filter| filter.reach).max().unwrap_or_default();
     let [across, down, deep] = lattice.cells();
     let mut slabs: Vec<Vec<SlabPart<'_, T>>> = (0..(deep * CELL).div_ceil(PLANES)).map(|_| Vec::new()).collect();
-    for field in &mut fields {
+    for (number, field) in fields.iter_mut().enumerate() {
         let cells = PLANES / CELL * across * down;
         let parts = field.values.chunks_mut(cells * CELL_POINTS).zip(field.shows.chunks_mut(cells));
-        slabs.iter_mut().zip(parts).for_each(|(slab, (values, shows))| slab.push(SlabPart { values, shows }));
+        for (slab, (values, shows)) in parts.enumerate() {
+            let made = made.map(|made| &made[number][cells * slab..][..shows.len()]);
+            slabs[slab].push(SlabPart { values, shows, made });
+        }
     }
     let (done, all) = (AtomicUsize::new(0), slabs.len());
     let of_rows = |n: usize, count: usize| n as isize - (lattice.pad + count) as isize;
@@ -190,12 +220,25 @@ pub(super) fn filtered<const N: usize, T: Coefficient<N>, R: RowSource<N>>(
                 None => scratch.insert(Around::new(lattice, reach)?),
             };
             let low = of_rows(first, reach);
+            let layers = first / CELL..((first + PLANES) / CELL).min(deep);
+            let near = made.map(|made| near(made, [across, down, deep], &layers));
             let slab = rows.slab(low..low + planes as isize)?;
             let count = lattice.size[1] + 2 * reach;
             for read in (0..count).step_by(ROWS).map(|y| y..(y + ROWS).min(count)) {
                 for (plane, y) in (0..planes).flat_map(|plane| read.clone().map(move |y| (plane, y))) {
                     let row = around.row(plane, y);
                     row.clear();
+                    if let Some(near) = &near {
+                        // The rows of cells whose coefficients depend on the row.
+                        let [first, last] = [y.saturating_sub(2 * reach), y].map(|y| (y / CELL).min(down - 1));
+                        row.wanted.fill(false);
+                        for near in &near[first..=last] {
+                            row.wanted.iter_mut().zip(near).for_each(|(wanted, near)| *wanted |= near);
+                        }
+                        if !row.wanted.contains(&true) {
+                            continue;
+                        }
+                    }
                     rows.row(&slab, [of_rows(y, reach), low + plane as isize], row);
                 }
                 // The rows in the middle of those that were read.
@@ -215,6 +258,8 @@ pub(super) fn filtered<const N: usize, T: Coefficient<N>, R: RowSource<N>>(
 struct SlabPart<'a, T> {
     values: &'a mut [T],
     shows: &'a mut [bool],
+    /// Whether each cell is made; `None`: all are.
+    made: Option<&'a [bool]>,
 }
 
 /// The weights of a filter, by the distance across rows and along them.
@@ -233,6 +278,8 @@ struct Around<const N: usize> {
     /// Whether some row of a plane, and some plane around a plane, has samples in each cell.
     has: Vec<Vec<bool>>,
     shows: Vec<bool>,
+    /// Whether each cell of the row gets coefficients.
+    gets: Vec<bool>,
     /// For each channel the lines of each plane.
     pairs: Vec<Vec<Pairs>>,
     sums: Pairs,
@@ -253,6 +300,7 @@ impl<const N: usize> Around<N> {
             rows: (0..planes).map(rows).collect::<Result<_>>()?,
             has: vec![vec![false; cells]; planes],
             shows: vec![false; cells],
+            gets: vec![false; cells - 2],
             pairs: (0..N).map(pairs).collect::<Result<_>>()?,
             sums: Pairs::zeroed(),
         })
@@ -284,7 +332,7 @@ impl<const N: usize, T: Coefficient<N>> WithSimd for RowFiltering<'_, '_, N, T> 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let Self { filters, lattice, around, planes, row, parts } = self;
-        let Around { reach, rows, has, shows, pairs, sums } = around;
+        let Around { reach, rows, has, shows, gets, pairs, sums } = around;
         let reach = *reach;
         if row % CELL == 0 {
             parts.iter_mut().for_each(|part| part.clear(lattice, row));
@@ -301,17 +349,21 @@ impl<const N: usize, T: Coefficient<N>> WithSimd for RowFiltering<'_, '_, N, T> 
                 *shows |= has;
             }
         }
-        // Cells beside samples get coefficients, too: filters reach a cell at most.
         let cells = lattice.cells()[0];
-        let is_near = |cell: usize| shows[cell] || shows[cell + 1] || shows[cell + 2];
+        let layers = (planes - 2 * reach) / CELL;
+        // Cells beside samples get coefficients, too: filters reach a cell at most.
+        for cell in 0..cells {
+            let makes = |part: &SlabPart<'_, T>| (0..layers).any(|layer| part.makes(lattice, [row, layer], [cell, 1]));
+            gets[cell] = (shows[cell] || shows[cell + 1] || shows[cell + 2]) && parts.iter().any(makes);
+        }
         let mut next = 0;
         while next < cells {
-            if !is_near(next) {
+            if !gets[next] {
                 next += 1;
                 continue;
             }
             let first = next;
-            while next < cells && next - first < CELLS && is_near(next) {
+            while next < cells && next - first < CELLS && gets[next] {
                 next += 1;
             }
             let lines = next - first + 2;
@@ -320,6 +372,9 @@ impl<const N: usize, T: Coefficient<N>> WithSimd for RowFiltering<'_, '_, N, T> 
             }
             for plane in reach..planes - reach {
                 for (filter, part) in filters.iter().zip(parts.iter_mut()) {
+                    if !part.makes(lattice, [row, (plane - reach) / CELL], [first, next - first]) {
+                        continue;
+                    }
                     let window = plane - filter.reach..plane + filter.reach + 1;
                     let has_any = |has: &Vec<bool>| has[first..first + lines].contains(&true);
                     if !has[window.clone()].iter().any(has_any) {
@@ -371,6 +426,13 @@ fn store<S: Simd>(_: S, vector: S::f32s, out: &mut [f32; WIDTH]) {
 }
 
 impl<T: Zeroable> SlabPart<'_, T> {
+    /// Returns whether one of `count` cells from `first` on is made, given a row of points and a layer of cells.
+    #[inline(always)]
+    fn makes(&self, lattice: &Padded, [row, layer]: [usize; 2], [first, count]: [usize; 2]) -> bool {
+        let [across, down, _] = lattice.cells();
+        self.made.is_none_or(|made| made[first + across * (row / CELL + down * layer)..][..count].contains(&true))
+    }
+
     /// Clears the cells whose first row this is.
     fn clear(&mut self, lattice: &Padded, row: usize) {
         let [across, down, _] = lattice.cells();
@@ -396,13 +458,16 @@ impl<T: Zeroable> SlabPart<'_, T> {
         T: Coefficient<N>,
     {
         for cell in 0..cells {
+            let at = lattice.index([CELL * (first + cell), row, plane]);
+            if self.made.is_some_and(|made| !made[at / CELL_POINTS]) {
+                continue;
+            }
             let mut of_cell = [&[0.0; CELL]; N];
             for channel in 0..N {
                 of_cell[channel] = &channels[channel].as_chunks().0[cell];
             }
             let values = T::of(of_cell);
             if values != [T::zeroed(); CELL] {
-                let at = lattice.index([CELL * (first + cell), row, plane]);
                 self.values[at..at + CELL].copy_from_slice(&values);
                 self.shows[at / CELL_POINTS] = true;
             }

@@ -2,6 +2,8 @@
 
 use std::ops::Range;
 
+use glam::DVec3;
+
 use super::rays::Axes;
 
 /// Lattice points along the edge of a cell.
@@ -180,6 +182,17 @@ impl Padded {
     /// Returns the number of a point of the lattice along an axis, counted from the first point of the box.
     fn place(&self, axis: usize, point: isize) -> usize {
         (point - self.first[axis] + self.pad as isize).clamp(0, self.size[axis] as isize - 1) as usize
+    }
+
+    /// Returns the places of the middles of all cells among the points of the lattice, in their order.
+    pub(super) fn middles(&self) -> impl Iterator<Item = DVec3> + use<> {
+        let Self { pad, first, .. } = *self;
+        let [across, down, deep] = self.cells();
+        let middle = move |axis: usize, cell: usize| {
+            (CELL * cell) as f64 + (CELL as f64 - 1.0) / 2.0 - pad as f64 + first[axis] as f64
+        };
+        let rows = (0..deep).flat_map(move |z| (0..down).map(move |y| [y, z]));
+        rows.flat_map(move |[y, z]| (0..across).map(move |x| DVec3::new(middle(0, x), middle(1, y), middle(2, z))))
     }
 
     /// Returns the number of all points.

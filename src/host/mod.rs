@@ -4,9 +4,9 @@
 //! depends on the kernel alone, and a sample of the field then takes 64 coefficients, whatever the kernel, the view and
 //! the projection. [`HostRenderer`] draws composites and projections of scalars ([`Shading::Post`]), and composites and
 //! X-rays of classified voxels ([`Shading::Pre`]), which may have several layers. Where voxels are smaller than pixels,
-//! kernels grow: of perspective pictures the fields of some sizes are blended. A scene of a part of a lattice makes
-//! partial pictures, for `src/bricks`. [`Settings::painter`] has no effect; `voxsplat render --painter cpu` requests
-//! this engine.
+//! kernels grow: of perspective pictures the fields of some sizes are blended. Fields of lit voxels, which serve one
+//! view, have coefficients only where they have weights. A scene of a part of a lattice makes partial pictures, for
+//! `src/bricks`. [`Settings::painter`] has no effect; `voxsplat render --painter cpu` requests this engine.
 //!
 //! # Files
 //!

@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::colors::Halves;
 use super::scalars::Scalars;
-use super::shot::{OwnedPart, Shot};
+use super::shot::{OwnedPart, Shot, fields_of_cell};
 use super::voxels::Colored;
 use super::{arriving, field};
 use crate::error::{Error, Result};
@@ -66,7 +66,8 @@ impl HostScene {
     pub(super) fn check_memory(&self, shot: &Shot<'_>) -> Result<()> {
         let kernels = shot.kernels();
         let dims = shot.level.grid(self.grid())?.dims();
-        let count = field::count(dims, field::padding(&kernels)) * kernels.len() as u64;
+        let fields = fields_of_cell(shot.settings, kernels.len());
+        let count = field::count(dims, field::padding(&kernels)) * fields as u64;
         let light = |lights: usize| lights as u64 * arriving::BYTES * self.grid().len();
         let (fields, held) = match &self.content {
             HostContent::Scalars(scalars) => {

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glam::{DAffine3, DVec3};
 
 use super::arriving::Falling;
-use super::blend::{self, Blend};
+use super::blend::{self, Blend, LatticeGrowth};
 use super::level::Level;
 use crate::camera::{Camera, Growth};
 use crate::error::Result;
@@ -120,9 +120,14 @@ impl<'a> Shot<'a> {
 
     /// Returns the blend of the fields in `made`, one for each growth.
     pub(super) fn blend<'b, V, F>(&self, made: &'b [Arc<V>], field: impl Fn(&'b V) -> &'b F) -> Blend<'b, F> {
-        let Self { camera, grid, .. } = *self;
         let levels = self.growths.iter().zip(made).map(|(growth, made)| (*growth, field(made))).collect();
-        Blend::new(levels, WIDE * self.level.size(), camera.growth(grid), camera, &self.lattice.to_world())
+        Blend::new(levels, WIDE * self.level.size(), self.growth())
+    }
+
+    /// Returns the growth of kernels over the lattice.
+    pub(super) fn growth(&self) -> LatticeGrowth {
+        let Self { camera, grid, .. } = *self;
+        LatticeGrowth::new(camera.growth(grid), camera, &self.lattice.to_world())
     }
 
     /// Returns the size of cells in voxels, and the voxel at cell 0 along each axis.
@@ -192,7 +197,7 @@ pub(crate) struct Needs {
     pub(crate) level: u32,
     /// The largest distance in voxels of the samples of which slabs are made.
     pub(crate) reach: u32,
-    /// The number of fields that are blended.
+    /// The number of fields that have coefficients in the same cell.
     fields: usize,
 }
 
@@ -217,7 +222,15 @@ pub(crate) fn needs(camera: &Camera, grid: &Grid, settings: &Settings) -> Needs 
     // points away, and their differences. Cells are made of cells a point beyond their own voxels.
     let is_wide = growths.iter().any(|&growth| growth >= WIDE * level.size());
     let samples = if settings.is_post_shaded() && is_wide { 6 } else { 3 };
-    Needs { level: level.0, reach: (cells as u32 + 5 + samples) << level.0, fields: growths.len() }
+    let fields = fields_of_cell(settings, growths.len());
+    Needs { level: level.0, reach: (cells as u32 + 5 + samples) << level.0, fields }
+}
+
+/// Returns the number of fields that have coefficients in the same cell, of `count` that are blended. Fields of lit
+/// voxels have them where they have weights: two in a point, and three in a cell across which kernels do not double.
+pub(super) fn fields_of_cell(settings: &Settings, count: usize) -> usize {
+    let is_served = settings.lighting.is_some() && !settings.is_post_shaded();
+    if is_served { count.min(3) } else { count }
 }
 
 /// Returns the growths of the kernels whose fields a picture needs, and the level of their lattice.

@@ -7,6 +7,7 @@ use glam::{DAffine3, DVec3};
 use pulp::{Simd, WithSimd};
 
 use super::arriving::{ArrivingLight, Casters, Falling};
+use super::blend::LatticeGrowth;
 use super::colors::ColorField;
 use super::field::{Field, padding};
 use super::filter::{RowSource, SampleRow};
@@ -65,6 +66,9 @@ pub(super) struct Key {
     pad: usize,
     light: Option<(Lighting, EyeDirections)>,
     falling: Option<Falling>,
+    /// The growth by which the fields of several kernels are blended: each has coefficients only where it has a weight.
+    /// `None`: everywhere, because there is one kernel, or the field serves other views too.
+    growth: Option<LatticeGrowth>,
 }
 
 /// The directions from voxels to the eye: unit vectors in the world, or a place in the units of the shader.
@@ -169,9 +173,10 @@ impl Colored {
         let kernels = shot.kernels();
         let pad = padding(&kernels);
         let level = shot.level;
-        let key = |kernel: Kernel| Key { kernel, level, pad, light: light.clone(), falling: falling.clone() };
-        let keys: Vec<Key> = kernels.into_iter().map(key).collect();
-        self.field.get_or_make(&keys, |keys, spare| {
+        let growth = (light.is_some() && kernels.len() > 1).then(|| shot.growth());
+        let key = |kernel: Kernel| Key { kernel, level, pad, light: light.clone(), falling: falling.clone(), growth };
+        let all: Vec<Key> = kernels.into_iter().map(key).collect();
+        self.field.get_or_make(&all, |keys, spare| {
             let light = light.as_ref().map(|(lighting, to_eye)| {
                 let shader = Shader::new(lighting, grid.center(), grid.unit(), [0.0; 2]);
                 let first = shot.first_voxel();
@@ -184,12 +189,18 @@ impl Colored {
             let voxels = LitVoxels { colored: self, light };
             let spare = spare.into_iter().map(|made| made.field).collect();
             let dims = self.grid.dims().map(|d| d as usize);
+            let served = |lattice: &Padded| {
+                let growth = growth?;
+                let numbers = (0..all.len()).filter(|&number| keys.contains(&all[number]));
+                Some(numbers.map(|number| growth.served(&shot.growths, number, lattice.middles())).collect::<Vec<_>>())
+            };
             let fields = if level == Level(0) {
-                ColorField::new(Padded::new(dims, pad, shot.first()), &filters, &voxels, spare, progress)?
+                let lattice = Padded::new(dims, pad, shot.first());
+                ColorField::new(lattice, &filters, &voxels, (spare, served(&lattice).as_deref()), progress)?
             } else {
                 let (dims, cells) = level.cells(dims, &|z| voxels.plane(z), false)?;
-                let lattice = Padded::new(dims, pad, shot.first());
-                ColorField::new(lattice, &filters, &ColorCells { dims, cells }, spare, progress)?
+                let (lattice, cells) = (Padded::new(dims, pad, shot.first()), ColorCells { dims, cells });
+                ColorField::new(lattice, &filters, &cells, (spare, served(&lattice).as_deref()), progress)?
             };
             Ok(fields.into_iter().zip(filters).map(|(field, filter)| Filtered { field, filter }).collect())
         })
@@ -326,6 +337,9 @@ impl WithSimd for Filling<'_> {
         let Self { colored, light, place: [y, z], out } = self;
         let scale = Lanes::<S>::all(simd, colored.scale as f32);
         for (run, count) in colored.runs(y, z) {
+            if !out.wants(run.xs[0], run.xs[count - 1]) {
+                continue;
+            }
             let (colors, densities) = appearances(&run.column(0), &run.column(1));
             let [r, g, b] = colors;
             let mut colors = [Lanes::from_array(r), Lanes::from_array(g), Lanes::from_array(b)];

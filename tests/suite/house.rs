@@ -209,7 +209,7 @@ const LINES: [(&str, usize); 29] = [
     ("error", 144),
     ("frame", 67),
     ("gpu", 5380),
-    ("host", 4719),
+    ("host", 4818),
     ("image", 2207),
     ("kernel", 984),
     ("layers", 1244),

@@ -154,6 +154,34 @@ fn every_side_and_every_lattice_is_drawn() {
     assert!(too_far.is_empty(), "{too_far:#?}");
 }
 
+/// A light that changes no colour draws the bytes of the picture without light. Fields of lit voxels have coefficients
+/// only where they have weights, of unlit ones everywhere.
+#[test]
+fn fields_of_lit_voxels_have_coefficients_where_they_have_weights() {
+    let (volume, _) = demo("marschner-lobb", 64);
+    let layers = Layers::of_volume(&volume, &soft());
+    let flat = Lighting { ambient: 1.0, diffuse: 0.0, specular: 0.0, ..Lighting::default() };
+    let lit = Settings { lighting: Some(flat), kernel: Kernel::default(), ..pre() };
+    let unlit = Settings { lighting: None, ..lit.clone() };
+    let host = HostRenderer::new(&Progress::default());
+    // Views from afar, from near by, and from within the volume.
+    for (azimuth, fov, size, distance) in [(0.0, 60.0, 20, 150.0), (40.0, 90.0, 24, 60.0), (71.0, 120.0, 30, 12.0)] {
+        let projection = ProjectionKind::Perspective { fov };
+        let view = View { azimuth, elevation: 17.0, projection, distance: Some(distance), ..View::default() };
+        let camera = Camera::new(&view, volume.grid(), [size; 2]).unwrap();
+        let [(lit, bytes), (unlit, all)] = [&lit, &unlit].map(|settings| {
+            let scene = host.prepare_layers(&layers, settings).unwrap();
+            let rendered = host.render(&scene, &Frame::new(&camera, settings)).unwrap();
+            let PainterStats::Cpu(stats) = rendered.stats.painter else { panic!("another painter") };
+            (rendered.image, stats.field_bytes)
+        });
+        println!("{azimuth}: {bytes} of {all} bytes");
+        assert!(lit.pixels() == unlit.pixels(), "{azimuth}");
+        // Lit voxels have normals, a quarter of their bytes, and from afar nearly all cells have two fields.
+        assert!(distance > 100.0 || bytes < all, "{azimuth}: {bytes} of {all} bytes");
+    }
+}
+
 #[test]
 fn voxels_smaller_than_pixels_are_drawn() {
     let (volume, _) = demo("marschner-lobb", 32);
