@@ -162,8 +162,8 @@ impl<T: Zeroable> Coefficients<T> {
     }
 }
 
-/// Returns, for each row of cells of a range of layers, whether a filter makes each cell or a cell beside it, with a cell
-/// more on either side.
+/// Returns, for each row of cells of a range of layers, whether a filter makes each cell or a cell beside it. Rows have
+/// a cell more on either side.
 fn near(made: &[Vec<bool>], [across, down, _]: [usize; 3], layers: &Range<usize>) -> Vec<Vec<bool>> {
     let near = |row: usize| {
         let mut near = vec![false; across + 2];
