@@ -66,20 +66,20 @@ impl HostScene {
     pub(super) fn check_memory(&self, shot: &Shot<'_>) -> Result<()> {
         let kernels = shot.kernels();
         let dims = shot.level.grid(self.grid())?.dims();
-        let fields = fields_of_cell(shot.settings, kernels.len());
-        let count = field::count(dims, field::padding(&kernels)) * fields as u64;
+        let points = field::count(dims, field::padding(&kernels));
+        let scalars = points * (kernels.len() * size_of::<f32>()) as u64;
         let light = |lights: usize| lights as u64 * arriving::BYTES * self.grid().len();
         let (fields, held) = match &self.content {
-            HostContent::Scalars(scalars) => {
-                let held = scalars.field.sum(|made| made.field.bytes()) + light(scalars.light.count());
-                (count * size_of::<f32>() as u64, held)
+            HostContent::Scalars(scene) => {
+                let held = scene.field.sum(|made| made.field.bytes()) + light(scene.light.count());
+                (scalars, held)
             }
             HostContent::Colored(colored) => {
                 let of_surfaces = colored.surfaces.as_ref();
                 let held = colored.field.sum(|made| made.field.bytes()) + light(colored.light.count());
                 let held = held + of_surfaces.map_or(0, |scene| scene.field.sum(|made| made.field.bytes()));
-                let bytes = size_of::<Halves>() + of_surfaces.map_or(0, |_| size_of::<f32>());
-                (count * bytes as u64, held)
+                let colors = points * (fields_of_cell(shot.settings, kernels.len()) * size_of::<Halves>()) as u64;
+                (colors + of_surfaces.map_or(0, |_| scalars), held)
             }
         };
         check_memory(fields, light(usize::from(shot.settings.casting().is_some())), held)
